@@ -5,20 +5,22 @@
 
 use std::time::Duration;
 
-use polepair_capture::{Decoder, Event, Judge, Rules};
+use polepair_capture::{CaptureDecoder, DecodedFrame, ProtocolDetector, Rules};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::drives;
 use polepair_core::error::WireError;
-use polepair_core::explain::{Addressing, Context, Cut, Direction, Field, Sink};
+use polepair_core::explain::{
+    Context, Direction, EncodeOptions, ExplainSink, Field, FrameBoundary,
+};
 use polepair_core::medium::{Frame, MediumKind, STREAM_UNIT_MAX};
 use polepair_core::profile::{Access, ParameterId, Profile};
 use polepair_core::proto::{self, HostOptions};
 use polepair_core::station::{AxisIndex, LineEvent, Ticket};
 use polepair_core::time::Instant;
-use polepair_serve::bench::{self, Bench, Reply};
-use polepair_serve::message::{ClientMessage, Refused, StopOrder};
-use polepair_sim::host::{self, Spoken};
-use polepair_sim::node::Node;
+use polepair_serve::bench::{self, Bench, PendingReply};
+use polepair_serve::message::{ClientMessage, GatewayError, StopRequest};
+use polepair_sim::host::{self, HostProtocol};
+use polepair_sim::node::SimNode;
 use polepair_sim::rack::RackDrive;
 
 /// A target: its name, its body, and inputs to begin with.
@@ -109,7 +111,7 @@ const AXIS: AxisIndex = AxisIndex(0);
 /// Takes what explaining says and checks that fields lie within the frame.
 struct Checked(usize);
 
-impl Sink for Checked {
+impl ExplainSink for Checked {
     fn kind(&mut self, _: &str) {}
     fn axis(&mut self, _: u32) {}
     fn field(&mut self, field: Field<'_>) {
@@ -142,12 +144,12 @@ pub fn deframe(data: &[u8]) {
         while !rest.is_empty() {
             let context = Context { direction, ..Context::default() };
             dissector.explain(rest, &context, &mut Checked(rest.len()));
-            rest = match dissector.cut(rest, direction, ended) {
-                Cut::Frame(n) | Cut::Broken(n) | Cut::Skip(n) => {
+            rest = match dissector.find_frame(rest, direction, ended) {
+                FrameBoundary::Frame(n) | FrameBoundary::Corrupt(n) | FrameBoundary::Skip(n) => {
                     assert!((1..=rest.len()).contains(&n), "{n} of {}", rest.len());
                     &rest[n..]
                 }
-                Cut::More => break,
+                FrameBoundary::Incomplete => break,
             };
         }
     }
@@ -168,7 +170,7 @@ pub fn can(data: &[u8]) {
             ..Context::default()
         };
         dissector.explain(bytes, &context, &mut Checked(bytes.len()));
-        let _ = dissector.claims(id, extended);
+        let _ = dissector.claims_id(id, extended);
     }
 }
 
@@ -177,16 +179,16 @@ pub fn text(data: &[u8]) {
     let Some((dissector, bytes)) = choose(data, proto::dissectors()) else { return };
     let Ok(said) = std::str::from_utf8(bytes) else { return };
     let mut out = [0; 600];
-    if let Ok(encoded) = dissector.encode(said, &Addressing::default(), &mut out) {
+    if let Ok(encoded) = dissector.encode(said, &EncodeOptions::default(), &mut out) {
         assert!(encoded.len <= out.len());
     }
-    let _ = dissector.code(said.len() as u32);
+    let _ = dissector.code_meaning(said.len() as u32);
 }
 
 /// Everything serial that has a host, with a product that speaks it.
-fn pairs() -> Vec<(Spoken, &'static Profile)> {
+fn pairs() -> Vec<(HostProtocol, &'static Profile)> {
     let serial = host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial);
-    let with = |spoken: Spoken| {
+    let with = |spoken: HostProtocol| {
         let product = drives::profiles().iter().find(|p| p.protocol == spoken.profile);
         product.map(|profile| (spoken, *profile))
     };
@@ -195,10 +197,10 @@ fn pairs() -> Vec<(Spoken, &'static Profile)> {
 
 /// Lets a node speak and time pass, at most so long.
 fn run(
-    node: &mut dyn Node,
+    node: &mut dyn SimNode,
     now: &mut Instant,
     end: Instant,
-    mut done: impl FnMut(&mut dyn Node) -> bool,
+    mut done: impl FnMut(&mut dyn SimNode) -> bool,
 ) {
     let mut buffer = [0; STREAM_UNIT_MAX];
     for step in 0.. {
@@ -218,12 +220,14 @@ pub fn host_input(data: &[u8]) {
     let Some(((spoken, profile), bytes)) = choose(data, &pairs()) else { return };
     let options = HostOptions::new(0);
     let axes = [(profile, spoken.first_address)];
-    let Some(mut node) = host::lane(spoken.name, spoken.medium, options, &axes) else { return };
+    let Some(mut node) = host::host_lane(spoken.name, spoken.medium, options, &axes) else {
+        return;
+    };
     let mut now = Instant::ZERO;
     let readable = profile.parameters.iter().position(|p| p.access != Access::Write);
     let id = ParameterId(readable.unwrap_or(0) as u16);
     let lane = node.axes().expect("a lane");
-    lane.read(now, Ticket(1), AXIS, id).expect("a readable parameter");
+    lane.read_parameter(now, Ticket(1), AXIS, id).expect("a readable parameter");
     let soon = now.plus_ms(1);
     run(&mut *node, &mut now, soon, |_| false);
     for piece in bytes.chunks(1 + bytes.len() % 7) {
@@ -255,19 +259,19 @@ pub fn device_input(data: &[u8]) {
 
 /// Reads a capture, in pieces, judged and not.
 pub fn capture(data: &[u8]) {
-    let mut judge = Judge::new();
+    let mut judge = ProtocolDetector::new();
     judge.feed(data);
     let (_, judged) = judge.decide();
-    for mut decoder in [judged, Decoder::new(Rules::default())] {
+    for mut decoder in [judged, CaptureDecoder::new(Rules::default())] {
         let mut bytes = 0;
-        let mut count = |event: &Event<'_>| bytes += event.bytes.len();
+        let mut count = |event: &DecodedFrame<'_>| bytes += event.bytes.len();
         for piece in data.chunks(1 + data.len() % 31) {
             decoder.feed(piece, &mut count);
         }
         decoder.finish(&mut count);
         let packed = data.starts_with(&[0x1F, 0x8B]) || data.get(2..4) == Some(&[0x2F, 0xFD]);
         assert!(packed || bytes <= data.len(), "more came out than went in");
-        assert!(decoder.tally().damage.len() as u64 <= decoder.tally().damaged);
+        assert!(decoder.statistics().damage.len() as u64 <= decoder.statistics().damaged);
     }
 }
 
@@ -300,7 +304,7 @@ pub fn setup(data: &[u8]) {
 
 /// What a host may be told in [`session`]: its requests are kept until they end.
 struct Spoke {
-    node: Box<dyn Node>,
+    node: Box<dyn SimNode>,
     profile: &'static Profile,
     now: Instant,
     open: Vec<Ticket>,
@@ -382,8 +386,8 @@ impl Spoke {
             Command { target: value, velocity: value, torque: value, ..Command::new(verb) };
         let axes = self.node.axes().expect("a lane");
         let taken = match what {
-            0 => axes.read(now, ticket, AXIS, id),
-            1 => axes.write(now, ticket, AXIS, id, i64::from(which), false),
+            0 => axes.read_parameter(now, ticket, AXIS, id),
+            1 => axes.write_parameter(now, ticket, AXIS, id, i64::from(which), false),
             _ => axes.command(now, ticket, AXIS, command),
         };
         if taken.is_ok() {
@@ -395,7 +399,7 @@ impl Spoke {
 /// A whole session: requests, bytes, time, and a wire that goes away and comes back, in any order. Every
 /// request that was taken ends once, and nothing else ends.
 pub fn session(data: &[u8]) {
-    let with = |spoken: Spoken| {
+    let with = |spoken: HostProtocol| {
         let product = drives::profiles().iter().find(|p| p.protocol == spoken.profile);
         product.map(|profile| (spoken, *profile))
     };
@@ -403,7 +407,7 @@ pub fn session(data: &[u8]) {
     let Some(((spoken, profile), rest)) = choose(data, &hosts) else { return };
     let Some((timed, rest)) = choose(rest, &[0, spoken.baud]) else { return };
     let axes = [(profile, spoken.first_address)];
-    let node = host::lane(spoken.name, spoken.medium, HostOptions::new(timed), &axes);
+    let node = host::host_lane(spoken.name, spoken.medium, HostOptions::new(timed), &axes);
     let Some(node) = node else { return };
     let (now, open, said) = (Instant::ZERO, Vec::new(), Vec::new());
     let mut spoke = Spoke { node, profile, now, open, said };
@@ -414,7 +418,7 @@ pub fn session(data: &[u8]) {
                 requests += 1;
                 spoke.ask(requests, what % 8, which);
             }
-            3 => spoke.node.axes().expect("a lane").arm(AXIS, which % 2 == 1),
+            3 => spoke.node.axes().expect("a lane").set_armed(AXIS, which % 2 == 1),
             5 if which == 0 => {
                 let again = spoke.said.clone();
                 spoke.hear(&again);
@@ -442,12 +446,12 @@ pub fn session(data: &[u8]) {
 }
 
 /// Waits until it was answered.
-fn heard<T>(bench: &Bench, mut reply: Reply<T>) -> Result<T, Refused> {
+fn heard<T>(bench: &Bench, mut reply: PendingReply<T>) -> Result<T, GatewayError> {
     for _ in 0..3_000 {
-        if let Some(answer) = reply.take() {
+        if let Some(answer) = reply.try_recv() {
             return answer;
         }
-        bench.pass(Duration::from_millis(10));
+        bench.advance_time(Duration::from_millis(10));
     }
     panic!("no answer within thirty seconds");
 }
@@ -466,13 +470,13 @@ pub fn gateway(data: &[u8]) {
         serde_json::from_str::<ClientMessage>(&text).expect("and is read again");
     }
     let urls = ["sim:tmcl?axes=2&time=virtual".to_owned()];
-    let bench = Bench::open(&urls, bench::Options::default()).expect("a bench");
+    let bench = Bench::open(&urls, bench::BenchOptions::default()).expect("a bench");
     let session = "fuzz".into();
     let (mut channels, mut watched) = (Vec::new(), None);
     for message in said {
         match message {
             ClientMessage::Lease { axis, act, epoch } => {
-                let _ = heard(&bench, bench.lease(axis, &session, act, epoch));
+                let _ = heard(&bench, bench.request_lease(axis, &session, act, epoch));
             }
             ClientMessage::Command { axis, mut command } => {
                 command.issued_ms += bench.now_ms();
@@ -484,28 +488,30 @@ pub fn gateway(data: &[u8]) {
                 );
             }
             ClientMessage::Stop { axes, reason } => {
-                let _ = heard(&bench, bench.stop(&session, &StopOrder { axes, reason }));
+                let _ = heard(&bench, bench.stop(&session, &StopRequest { axes, reason }));
             }
             ClientMessage::Dismiss { axis, dismiss } => {
                 let _ = heard(&bench, bench.dismiss(axis, &session, dismiss));
             }
             ClientMessage::Release => {
-                let _ = heard(&bench, bench.release(&session, bench.locks()));
+                let _ = heard(&bench, bench.release(&session, bench.lock_count()));
             }
             ClientMessage::Subscribe { axis, signal, parameter, hz, .. } => {
                 channels.extend(bench.subscribe(axis, signal.as_deref(), parameter.as_deref(), hz));
             }
-            ClientMessage::Frames { filter, .. } => watched = bench.frames(filter.as_deref()).ok(),
-            ClientMessage::Explain { n } => drop(bench.explain(n)),
+            ClientMessage::Frames { filter, .. } => {
+                watched = bench.subscribe_frames(filter.as_deref()).ok()
+            }
+            ClientMessage::Explain { n } => drop(bench.explain_frame(n)),
             ClientMessage::Unsubscribe { .. } | ClientMessage::Ping { .. } => {}
         }
-        bench.pass(Duration::from_millis(20));
+        bench.advance_time(Duration::from_millis(20));
         for channel in &mut channels {
-            channel.take(&mut Vec::new());
+            channel.drain_into(&mut Vec::new());
         }
-        watched.iter_mut().for_each(|frames| drop(frames.take(100)));
+        watched.iter_mut().for_each(|frames| drop(frames.drain(100)));
     }
-    let everything = StopOrder { axes: None, reason: String::new() };
+    let everything = StopRequest { axes: None, reason: String::new() };
     heard(&bench, bench.stop(&session, &everything)).expect("it is stopped");
     for axis in 0..2 {
         let truth = bench.truth(axis).expect("a motor");

@@ -32,7 +32,7 @@ fn run(limit: f64) -> Vec<Sample> {
     servo.max_current = limit;
     servo.set_limits(Limits::trapezoid(1e4, RAMP_RAD_PER_S2));
     servo.enable(&motor);
-    servo.go(Goal::Velocity(SPEED_RAD_PER_S));
+    servo.set_goal(Goal::Velocity(SPEED_RAD_PER_S));
     let sample = |tick: u32| {
         let time = f64::from(tick) * TICK_S;
         let load = if time < LOAD_AT_S { 0.0 } else { -LOAD_NM };

@@ -1,6 +1,6 @@
 // The page's words in the language that is chosen now.
 
-import type { Refused } from "./live/message";
+import type { GatewayError } from "./live/message";
 import { preferences } from "./state.svelte";
 import { type Given, type Key, KNOWN, LANGUAGES, say } from "./words";
 
@@ -15,7 +15,7 @@ export function known(word: string): string {
 }
 
 /** A refusal for people: the server's words, or the page's where the server said nothing. */
-export function refusal(refused: Refused): Refused {
+export function refusal(refused: GatewayError): GatewayError {
   if (refused.code !== "page.unreachable") return refused;
   return { ...refused, message: t("unreachable"), hint: t("unreachable_hint") };
 }

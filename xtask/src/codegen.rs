@@ -3,9 +3,9 @@
 //! A profile whose family is its protocol's own word, and no folder of drives, is the generic one and
 //! lands beside the protocol instead. Generated files are committed and never edited.
 
-use polepair_core::plan::{Operand, Plan, Step, Test};
+use polepair_core::plan::{Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, Ask, Certainty, Fault, Parameter, ParameterId, Persistence, Profile, Scale,
+    Access, Certainty, Fault, IdentityQuery, Parameter, ParameterId, Persistence, Profile, Scale,
     SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
@@ -16,12 +16,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 /// Everything that generation may do wrong, as text for people.
-pub type Result<T> = std::result::Result<T, String>;
+pub type CodegenResult<T> = std::result::Result<T, String>;
 
 /// Writes the generated files; with `check` only tells which are stale.
-pub fn run(root: &Path, check: bool) -> Result<()> {
+pub fn run(root: &Path, check: bool) -> CodegenResult<()> {
     let mut stale = Vec::new();
-    for (path, text) in generated(root)? {
+    for (path, text) in generated_files(root)? {
         if std::fs::read_to_string(&path).is_ok_and(|old| old == text) {
             continue;
         }
@@ -43,7 +43,7 @@ pub fn run(root: &Path, check: bool) -> Result<()> {
 }
 
 /// Every generated file with the text it should have.
-fn generated(root: &Path) -> Result<BTreeMap<PathBuf, String>> {
+fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
     let mut families: BTreeMap<PathBuf, Vec<&'static Profile>> = BTreeMap::new();
     for file in profile_files(&root.join("profiles"))? {
         let profile = polepair::profile::load(&file).map_err(|e| e.to_string())?;
@@ -57,18 +57,18 @@ fn generated(root: &Path) -> Result<BTreeMap<PathBuf, String>> {
         }
         for profile in &profiles {
             let page = root.join("docs/drives").join(profile.name).with_extension("md");
-            files.insert(page, crate::pages::page(profile));
+            files.insert(page, crate::pages::drive_page(profile));
         }
-        files.insert(path, formatted(&rust(&profiles))?);
+        files.insert(path, format_source(&rust_source(&profiles))?);
     }
-    files.insert(root.join("docs/protocols/tml-language.md"), crate::language::page());
+    files.insert(root.join("docs/protocols/tml-language.md"), crate::language::language_page());
     Ok(files)
 }
 
-fn profile_files(folder: &Path) -> Result<Vec<PathBuf>> {
+fn profile_files(folder: &Path) -> CodegenResult<Vec<PathBuf>> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Ok(Vec::new()) };
     let paths = entries.map(|entry| entry.map(|e| e.path()).map_err(|e| e.to_string()));
-    let mut paths = paths.collect::<Result<Vec<_>>>()?;
+    let mut paths = paths.collect::<CodegenResult<Vec<_>>>()?;
     paths.retain(|path| path.extension().is_some_and(|e| e == "toml"));
     paths.sort();
     Ok(paths)
@@ -84,7 +84,7 @@ fn destination(root: &Path, profile: &Profile) -> PathBuf {
 }
 
 /// What `rustfmt` makes of the text, with the workspace's settings.
-fn formatted(text: &str) -> Result<String> {
+fn format_source(text: &str) -> CodegenResult<String> {
     let failed = |e: std::io::Error| format!("rustfmt: {e}");
     let mut child = Command::new("rustfmt")
         .args(["--edition", "2024", "--config-path"])
@@ -105,13 +105,13 @@ fn formatted(text: &str) -> Result<String> {
 }
 
 /// The profiles of one family as one Rust file.
-fn rust(profiles: &[&'static Profile]) -> String {
+fn rust_source(profiles: &[&'static Profile]) -> String {
     let mut file =
-        Emitter { text: HEAD.to_owned(), tables: BTreeMap::new(), last: BTreeMap::new() };
+        Emitter { text: HEAD.to_owned(), tables: BTreeMap::new(), last_tables: BTreeMap::new() };
     let mut names = Vec::new();
     for profile in profiles {
-        let constant = constant(profile.name);
-        file.profile(&constant, profile);
+        let constant = constant_name(profile.name);
+        file.emit_profile(&constant, profile);
         names.push(format!("&{constant}"));
     }
     let (count, list) = (names.len(), names.join(", "));
@@ -124,7 +124,7 @@ fn rust(profiles: &[&'static Profile]) -> String {
         file.text = file.text.replacen("\n};\n\n", &format!("\n}};\n\n{MAPPED}"), 1);
     }
     let body = file.text.split_once("\n\n").map_or("", |(_, body)| body);
-    let imports = imports(body);
+    let imports = import_lines(body);
     file.text.replacen("IMPORTS", &imports, 1)
 }
 
@@ -168,20 +168,20 @@ const fn scaled(mut mapped: Parameter, unit: Unit, scale: Scale) -> Parameter {
 ";
 
 /// Only what the text uses: an unused import would be a warning.
-fn imports(body: &str) -> String {
+fn import_lines(body: &str) -> String {
     let modules: [(&str, &[&str]); 4] = [
         ("axis", &["Verb"]),
-        ("plan", &["Argument", "Compare", "Operand", "Plan", "Step", "Test"]),
+        ("plan", &["Argument", "Compare", "Operand", "ParameterTest", "Plan", "Step"]),
         (
             "profile",
             &[
                 "Access",
-                "Ask",
                 "AxisKind",
                 "Certainty",
                 "Encoding",
                 "Fault",
                 "Identity",
+                "IdentityQuery",
                 "Parameter",
                 "ParameterId",
                 "Persistence",
@@ -198,7 +198,7 @@ fn imports(body: &str) -> String {
     ];
     let mut lines = String::new();
     for (module, names) in modules {
-        let used: Vec<&str> = names.iter().copied().filter(|name| uses(body, name)).collect();
+        let used: Vec<&str> = names.iter().copied().filter(|name| uses_name(body, name)).collect();
         if !used.is_empty() {
             let _ = writeln!(lines, "use crate::{module}::{{{}}};", used.join(", "));
         }
@@ -207,12 +207,12 @@ fn imports(body: &str) -> String {
 }
 
 /// Whether a name stands in the code as a word, outside texts.
-fn uses(body: &str, name: &str) -> bool {
+fn uses_name(body: &str, name: &str) -> bool {
     let code: String = body.split('"').step_by(2).collect();
     code.split(|c: char| !c.is_alphanumeric() && c != '_').any(|word| word == name)
 }
 
-fn constant(name: &str) -> String {
+fn constant_name(name: &str) -> String {
     let upper = name.to_uppercase().replace(['-', '.'], "_");
     if upper.starts_with(|c: char| c.is_ascii_digit()) { format!("P_{upper}") } else { upper }
 }
@@ -222,48 +222,53 @@ struct Emitter {
     /// Tables that are there already, by what they say: products of a family share them.
     tables: BTreeMap<String, String>,
     /// The last table of each kind that stands there row by row: what the next is compared with.
-    last: BTreeMap<String, (String, Vec<String>)>,
+    last_tables: BTreeMap<String, (String, Vec<String>)>,
 }
 
 impl Emitter {
-    fn profile(&mut self, constant: &str, p: &'static Profile) {
-        let rows: Vec<String> = p.parameters.iter().map(|it| parameter(p, it)).collect();
+    fn emit_profile(&mut self, constant: &str, p: &'static Profile) {
+        let rows: Vec<String> = p.parameters.iter().map(|it| parameter_row(p, it)).collect();
         let parameters = self.table(constant, "PARAMETERS", "Parameter", &rows);
-        let rows: Vec<String> = p.faults.iter().map(fault).collect();
+        let rows: Vec<String> = p.faults.iter().map(fault_row).collect();
         let faults = self.table(constant, "FAULTS", "Fault", &rows);
-        let rows: Vec<String> = p.signals.iter().map(signal).collect();
+        let rows: Vec<String> = p.signals.iter().map(signal_row).collect();
         let signals = self.table(constant, "SIGNALS", "SignalSource", &rows);
-        let rows: Vec<String> = p.plans.iter().map(plan).collect();
+        let rows: Vec<String> = p.plans.iter().map(plan_row).collect();
         let plans = self.table(constant, "PLANS", "Plan", &rows);
         let watchdog = match p.watchdog {
             Watchdog::None => "Watchdog::None".to_owned(),
             Watchdog::Fixed { after_ms } => format!("Watchdog::Fixed {{ after_ms: {after_ms} }}"),
             Watchdog::Configurable { parameter, on_can } => {
-                let on_can = on_can.map_or("None".to_owned(), |it| format!("Some({})", id(it)));
-                let parameter = id(parameter);
+                let on_can =
+                    on_can.map_or("None".to_owned(), |it| format!("Some({})", parameter_id(it)));
+                let parameter = parameter_id(parameter);
                 format!("Watchdog::Configurable {{ parameter: {parameter}, on_can: {on_can} }}")
             }
             Watchdog::Heartbeat { consumer, reaction } => {
-                let (consumer, reaction) = (id(consumer), id(reaction));
+                let (consumer, reaction) = (parameter_id(consumer), parameter_id(reaction));
                 format!("Watchdog::Heartbeat {{ consumer: {consumer}, reaction: {reaction} }}")
             }
         };
         let identity = p.identity.map_or("None".to_owned(), |it| {
-            let ask = match it.ask {
-                Ask::Parameter(parameter) => format!("Ask::Parameter({})", id(parameter)),
-                Ask::Text(text) => format!("Ask::Text({text:?})"),
+            let query = match it.query {
+                IdentityQuery::Parameter(parameter) => {
+                    format!("IdentityQuery::Parameter({})", parameter_id(parameter))
+                }
+                IdentityQuery::Text(text) => format!("IdentityQuery::Text({text:?})"),
             };
-            let (bits, equals, firmware) = (mask(it.mask), mask(it.equals), mask(it.firmware));
+            let (bits, equals, firmware) =
+                (mask_literal(it.mask), mask_literal(it.equals), mask_literal(it.firmware));
             format!(
-                "Some(Identity {{ ask: {ask}, mask: {bits}, equals: {equals}, \
+                "Some(Identity {{ query: {query}, mask: {bits}, equals: {equals}, \
                  firmware: {firmware} }})"
             )
         });
-        let ids =
-            |ids: &[ParameterId]| ids.iter().map(|it| id(*it)).collect::<Vec<String>>().join(", ");
-        let (reach, optional) = (ids(p.reach), ids(p.optional));
+        let ids = |ids: &[ParameterId]| {
+            ids.iter().map(|it| parameter_id(*it)).collect::<Vec<String>>().join(", ")
+        };
+        let (link_settings, optional) = (ids(p.link_settings), ids(p.optional));
         let ram = p.ram.map_or("None".to_owned(), |mode| {
-            let (parameter, ram, flash) = (id(mode.parameter), mode.ram, mode.flash);
+            let (parameter, ram, flash) = (parameter_id(mode.parameter), mode.ram, mode.flash);
             format!("Some(RamMode {{ parameter: {parameter}, ram: {ram}, flash: {flash} }})")
         });
         let _ = write!(
@@ -271,7 +276,7 @@ impl Emitter {
             "/// {title}.\npub static {constant}: Profile = Profile {{ name: {:?}, family: {:?}, \
              protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, \
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
-             identity: {identity}, ram: {ram}, reach: &[{reach}], \
+             identity: {identity}, ram: {ram}, link_settings: &[{link_settings}], \
              optional: &[{optional}], \
              watchdog: {watchdog}, reply_timeout_ms: {}, caution: {:?} }};\n\n",
             p.name,
@@ -299,8 +304,8 @@ impl Emitter {
         let name = format!("{constant}_{what}");
         let count = rows.len();
         let head = format!("static {name}: [{kind}; {count}] = ");
-        let patched = self.last.get(what).and_then(|(base, old)| {
-            let rows = patch(base, old, rows)?;
+        let patched = self.last_tables.get(what).and_then(|(base, old)| {
+            let rows = patch_table(base, old, rows)?;
             Some((base.clone(), rows))
         });
         if let Some((base, rows)) = patched {
@@ -308,7 +313,7 @@ impl Emitter {
             let _ = write!(self.text, "{head}{rows};\n\n");
         } else {
             let _ = write!(self.text, "{head}[\n{body},\n];\n\n");
-            self.last.insert(what.to_owned(), (name.clone(), rows.to_vec()));
+            self.last_tables.insert(what.to_owned(), (name.clone(), rows.to_vec()));
         }
         self.tables.insert(key, name.clone());
         format!("&{name}")
@@ -325,7 +330,7 @@ impl Emitter {
 }
 
 /// A table as another one with some rows replaced; `None` when that would not be shorter.
-fn patch(base: &str, old: &[String], new: &[String]) -> Option<String> {
+fn patch_table(base: &str, old: &[String], new: &[String]) -> Option<String> {
     let other: Vec<usize> = (0..new.len()).filter(|n| old.get(*n) != Some(&new[*n])).collect();
     if old.len() != new.len() || other.len() * 2 > new.len() {
         return None;
@@ -334,14 +339,14 @@ fn patch(base: &str, old: &[String], new: &[String]) -> Option<String> {
     Some(format!("{{\nlet mut rows = {base}_ROWS;\n{rows}rows\n}}"))
 }
 
-fn id(parameter: ParameterId) -> String {
+fn parameter_id(parameter: ParameterId) -> String {
     format!("ParameterId({})", parameter.0)
 }
 
 /// One parameter; what is as in `P` is left out.
-fn parameter(profile: &Profile, p: &Parameter) -> String {
+fn parameter_row(profile: &Profile, p: &Parameter) -> String {
     if is_mapped(p) {
-        return mapped(p);
+        return mapped_row(p);
     }
     let mut row = format!("Parameter {{ name: {:?}, ", p.name);
     for (key, text) in [("symbol", p.symbol), ("about", p.about), ("section", p.section)] {
@@ -360,7 +365,7 @@ fn parameter(profile: &Profile, p: &Parameter) -> String {
     let _ = write!(row, "index: {index}, encoding: Encoding::{:?}, ", p.encoding);
     let _ = write!(row, "unit: Unit::{:?}, min: {}, max: {}, ", p.unit, p.min, p.max);
     if p.scale != Scale::ONE {
-        let _ = write!(row, "scale: {}, ", scale(p.scale));
+        let _ = write!(row, "scale: {}, ", scale_expr(p.scale));
     }
     if let Some(default) = p.default {
         let _ = write!(row, "default: Some({default}), ");
@@ -390,24 +395,24 @@ fn is_mapped(p: &Parameter) -> bool {
         && (p.space, p.default) == (0, None)
 }
 
-fn mapped(p: &Parameter) -> String {
+fn mapped_row(p: &Parameter) -> String {
     let row = format!("mapped({:?}, {:#06x}, Encoding::{:?})", p.name, p.index, p.encoding);
     if p.scale == Scale::ONE && p.unit == Unit::None {
         return row;
     }
-    format!("scaled({row}, Unit::{:?}, {})", p.unit, scale(p.scale))
+    format!("scaled({row}, Unit::{:?}, {})", p.unit, scale_expr(p.scale))
 }
 
-fn scale(scale: Scale) -> String {
+fn scale_expr(scale: Scale) -> String {
     let part = |it: Option<ParameterId>| match it {
-        Some(it) => format!("Some({})", id(it)),
+        Some(it) => format!("Some({})", parameter_id(it)),
         None => "None".to_owned(),
     };
     let Scale { factor, times, over } = scale;
     format!("Scale {{ factor: {factor:?}, times: {}, over: {} }}", part(times), part(over))
 }
 
-fn fault(f: &Fault) -> String {
+fn fault_row(f: &Fault) -> String {
     format!(
         "Fault {{ code: {:#x}, name: {:?}, text: {:?}, cause: {:?}, remedy: {:?}, \
          severity: Severity::{:?} }}",
@@ -415,24 +420,24 @@ fn fault(f: &Fault) -> String {
     )
 }
 
-fn signal(s: &SignalSource) -> String {
+fn signal_row(s: &SignalSource) -> String {
     format!(
         "SignalSource {{ signal: Signal::{:?}, parameter: {}, mask: {}, equals: {:?}, \
          values: &{:?} }}",
         s.signal,
-        id(s.parameter),
-        mask(s.mask),
+        parameter_id(s.parameter),
+        mask_literal(s.mask),
         s.equals,
         s.values
     )
 }
 
-fn mask(mask: i64) -> String {
+fn mask_literal(mask: i64) -> String {
     if mask < 0 { mask.to_string() } else { format!("{mask:#x}") }
 }
 
-fn plan(p: &Plan) -> String {
-    let steps = |steps: &[Step]| steps.iter().map(step).collect::<Vec<_>>().join(", ");
+fn plan_row(p: &Plan) -> String {
+    let steps = |steps: &[Step]| steps.iter().map(step_expr).collect::<Vec<_>>().join(", ");
     format!(
         "Plan {{ verb: Verb::{:?}, source: {:?}, steps: &[{}], undo: &[{}] }}",
         p.verb,
@@ -442,61 +447,66 @@ fn plan(p: &Plan) -> String {
     )
 }
 
-fn step(step: &Step) -> String {
+fn step_expr(step: &Step) -> String {
     match *step {
-        Step::Write(to, what) => format!("Step::Write({}, {})", id(to), operand(what)),
-        Step::Ensure(to, raw) => format!("Step::Ensure({}, {raw})", id(to)),
-        Step::Read(from) => format!("Step::Read({})", id(from)),
+        Step::Write(to, what) => {
+            format!("Step::Write({}, {})", parameter_id(to), operand_expr(what))
+        }
+        Step::Ensure(to, raw) => format!("Step::Ensure({}, {raw})", parameter_id(to)),
+        Step::Read(from) => format!("Step::Read({})", parameter_id(from)),
         Step::Copy { from, to } => {
-            format!("Step::Copy {{ from: {}, to: {} }}", id(from), id(to))
+            format!("Step::Copy {{ from: {}, to: {} }}", parameter_id(from), parameter_id(to))
         }
         Step::Require { read, test: t, hint } => {
-            let (read, t) = (id(read), test(t));
+            let (read, t) = (parameter_id(read), test_expr(t));
             format!("Step::Require {{ read: {read}, test: {t}, hint: {hint:?} }}")
         }
         Step::Skip { read, test: t, count } => {
-            let (read, t) = (id(read), test(t));
+            let (read, t) = (parameter_id(read), test_expr(t));
             format!("Step::Skip {{ read: {read}, test: {t}, count: {count} }}")
         }
-        Step::Without { read, count } => {
-            format!("Step::Without {{ read: {}, count: {count} }}", id(read))
+        Step::SkipIfMissing { read, count } => {
+            format!("Step::SkipIfMissing {{ read: {}, count: {count} }}", parameter_id(read))
         }
         Step::NoFault { read, mask: m } => {
-            format!("Step::NoFault {{ read: {}, mask: {} }}", id(read), mask(m))
+            format!("Step::NoFault {{ read: {}, mask: {} }}", parameter_id(read), mask_literal(m))
         }
         Step::Until { read, test: t, within_ms } => {
-            let (read, t) = (id(read), test(t));
+            let (read, t) = (parameter_id(read), test_expr(t));
             format!("Step::Until {{ read: {read}, test: {t}, within_ms: {within_ms} }}")
         }
         Step::Send { function, index, operand: what, like } => {
-            let (what, like) = (operand(what), like.map(id));
+            let (what, like) = (operand_expr(what), like.map(parameter_id));
             let like = like.map_or("None".to_owned(), |it| format!("Some({it})"));
             format!(
                 "Step::Send {{ function: {function:#x}, index: {index:#x}, operand: {what}, \
                  like: {like} }}"
             )
         }
-        Step::Keep(what) => format!("Step::Keep({})", id(what)),
+        Step::Store(what) => format!("Step::Store({})", parameter_id(what)),
         Step::Wait { ms } => format!("Step::Wait {{ ms: {ms} }}"),
     }
 }
 
-fn test(t: Test) -> String {
+fn test_expr(t: ParameterTest) -> String {
     let (compare, value) = (t.compare, t.value);
-    format!("Test {{ mask: {}, compare: Compare::{compare:?}, value: {value} }}", mask(t.mask))
+    format!(
+        "ParameterTest {{ mask: {}, compare: Compare::{compare:?}, value: {value} }}",
+        mask_literal(t.mask)
+    )
 }
 
-fn operand(operand: Operand) -> String {
+fn operand_expr(operand: Operand) -> String {
     match operand {
-        Operand::Is(raw) => format!("Operand::Is({raw})"),
+        Operand::Constant(raw) => format!("Operand::Constant({raw})"),
         Operand::Argument(what) => format!("Operand::Argument(Argument::{what:?})"),
-        Operand::Given(what) => format!("Operand::Given(Argument::{what:?})"),
+        Operand::OptionalArgument(what) => format!("Operand::OptionalArgument(Argument::{what:?})"),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{patch, run, rust};
+    use super::{patch_table, run, rust_source};
     use std::path::Path;
 
     #[test]
@@ -524,17 +534,17 @@ mod tests {
     fn every_kind_of_entry_is_printed() {
         let text = include_str!("../tests/every_kind.toml");
         let profile = polepair::profile::parse("every_kind.toml", text).unwrap();
-        let rust = rust(&[profile]);
+        let rust = rust_source(&[profile]);
         syn::parse_file(&rust).unwrap();
         for piece in [
             "pub static EVERY_KIND: Profile",
             "scale: Scale { factor: 0.5, times: Some(ParameterId(1)), over: None }",
             "values: &[(0, \"off\"), (1, \"on\")]",
-            "Step::Write(ParameterId(0), Operand::Given(Argument::Velocity))",
-            "Test { mask: 0x80, compare: Compare::Equal, value: 128 }, within_ms: 60000",
-            "Step::Send { function: 0x1, index: 0x2, operand: Operand::Is(-3), like: Some(",
+            "Step::Write(ParameterId(0), Operand::OptionalArgument(Argument::Velocity))",
+            "ParameterTest { mask: 0x80, compare: Compare::Equal, value: 128 }, within_ms: 60000",
+            "Step::Send { function: 0x1, index: 0x2, operand: Operand::Constant(-3), like: Some(",
             "Watchdog::Configurable { parameter: ParameterId(1), on_can: None }",
-            "reach: &[ParameterId(1)]",
+            "link_settings: &[ParameterId(1)]",
             "optional: &[ParameterId(0)]",
         ] {
             assert!(rust.contains(piece), "{piece}\n{rust}");
@@ -544,10 +554,10 @@ mod tests {
     #[test]
     fn a_table_like_another_tells_only_the_rows_that_differ() {
         let rows = |words: &str| words.split(' ').map(str::to_owned).collect::<Vec<_>>();
-        let patched = patch("BASE", &rows("a b c"), &rows("a x c"));
+        let patched = patch_table("BASE", &rows("a b c"), &rows("a x c"));
         let text = "{\nlet mut rows = BASE_ROWS;\nrows[1] = x;\nrows\n}";
         assert_eq!(patched.as_deref(), Some(text));
-        assert_eq!(patch("BASE", &rows("a b c"), &rows("x y c")), None, "mostly different");
-        assert_eq!(patch("BASE", &rows("a b c"), &rows("a b")), None, "of another length");
+        assert_eq!(patch_table("BASE", &rows("a b c"), &rows("x y c")), None, "mostly different");
+        assert_eq!(patch_table("BASE", &rows("a b c"), &rows("a b")), None, "of another length");
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Whether these words of `swarm` mean the gateway.
-pub fn is_meant(words: &[&str]) -> bool {
+pub fn is_requested(words: &[&str]) -> bool {
     words.windows(2).any(|pair| match pair {
         ["--on", "gateway"] => true,
         ["--replay", which] => which.starts_with("gateway:"),

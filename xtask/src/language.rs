@@ -2,7 +2,9 @@
 
 use std::fmt::Write as _;
 
-use polepair_core::proto::tml::instruction::{Category, Certainty, Form, Piece, forms, registers};
+use polepair_core::proto::tml::instruction::{
+    Category, CodingCertainty, Form, FormPiece, forms, registers,
+};
 
 const HEAD: &str = "\
 # The TML language
@@ -44,7 +46,7 @@ firmware F514L and FA00G (CanDecoderWeb), *decompiler* is a public decompiler of
 ";
 
 /// The page.
-pub fn page() -> String {
+pub fn language_page() -> String {
     let mut out = HEAD.to_owned();
     for category in Category::ALL {
         let name = category.name();
@@ -52,19 +54,19 @@ pub fn page() -> String {
         let _ = write!(out, "\n## {heading}\n\n");
         out.push_str("| text | opcode | words | what it does | certainty | source |\n");
         out.push_str("|---|---|---|---|---|---|\n");
-        forms().filter(|form| form.category == category).for_each(|form| row(form, &mut out));
+        forms().filter(|form| form.category == category).for_each(|form| write_row(form, &mut out));
     }
     out.push_str("\n## Registers\n\n");
     out.push_str("`polepair explain tml MER 0x0008` tells a value's bits.\n\n");
     out.push_str("| register | what it is for | bits |\n|---|---|---|\n");
     for register in registers() {
-        let bits: Vec<String> = register.bits.iter().map(bit).collect();
+        let bits: Vec<String> = register.bits.iter().map(bit_text).collect();
         let _ = writeln!(out, "| {} | {} | {} |", register.name, register.about, bits.join("; "));
     }
     out
 }
 
-fn bit(bits: &polepair_core::proto::tml::instruction::Bits) -> String {
+fn bit_text(bits: &polepair_core::proto::tml::instruction::RegisterField) -> String {
     let place = match bits.high == bits.low {
         true => bits.low.to_string(),
         false => format!("{}-{}", bits.high, bits.low),
@@ -77,84 +79,84 @@ fn bit(bits: &polepair_core::proto::tml::instruction::Bits) -> String {
     format!("{place} {meaning}").trim_end().to_owned()
 }
 
-fn row(form: &Form, out: &mut String) {
+fn write_row(form: &Form, out: &mut String) {
     let opcode = match form.certainty {
-        Certainty::Unknown => String::new(),
-        _ => format!("{:04X}{}", form.opcode, operands(form)),
+        CodingCertainty::Unknown => String::new(),
+        _ => format!("{:04X}{}", form.opcode, opcode_operands(form)),
     };
     let also = if form.alias { " (read only)" } else { "" };
-    let fixed: Vec<String> = form.fixed.iter().map(|word| format!("{word:04X}")).collect();
+    let fixed: Vec<String> = form.fixed_words.iter().map(|word| format!("{word:04X}")).collect();
     let words = match fixed.is_empty() {
-        true => form.words.to_string(),
-        false => format!("{}: {}", form.words, fixed.join(" ")),
+        true => form.word_count.to_string(),
+        false => format!("{}: {}", form.word_count, fixed.join(" ")),
     };
-    let text = text(form);
+    let text = form_text(form);
     let (about, certainty, source) = (form.about, form.certainty.name(), form.source.name());
     let _ =
         writeln!(out, "| `{text}`{also} | {opcode} | {words} | {about} | {certainty} | {source} |");
 }
 
 /// What stands in the opcode beside the category.
-fn operands(form: &Form) -> String {
+fn opcode_operands(form: &Form) -> String {
     let mut parts = String::new();
     for piece in form.pieces {
         parts.push_str(match piece {
-            Piece::Near16 | Piece::Near32 => " + a",
-            Piece::Count(..) | Piece::Counter => " + n",
-            Piece::Memory => " + memory × 4",
-            Piece::MemoryHigh => " + memory × 20",
-            Piece::Step => " + 80 without +",
-            Piece::Condition => " + condition",
-            Piece::FromAxis | Piece::AxisNumber => " + axis",
-            Piece::Inner(_) => " + its words",
+            FormPiece::Near16 | FormPiece::Near32 => " + a",
+            FormPiece::Count(..) | FormPiece::Counter => " + n",
+            FormPiece::Memory => " + memory × 4",
+            FormPiece::MemoryHigh => " + memory × 20",
+            FormPiece::Step => " + 80 without +",
+            FormPiece::Condition => " + condition",
+            FormPiece::FromAxis | FormPiece::AxisNumber => " + axis",
+            FormPiece::Inner(_) => " + its words",
             _ => "",
         });
     }
     parts
 }
 
-fn text(form: &Form) -> String {
+fn form_text(form: &Form) -> String {
     let mut text = String::new();
     let mut word = false;
     for piece in form.pieces {
-        let part = operand(*piece);
-        let from = matches!(piece, Piece::From(_) | Piece::FromAxis);
-        if from || (word && !matches!(piece, Piece::Sign(_) | Piece::Lines(_))) {
+        let part = operand_text(*piece);
+        let from = matches!(piece, FormPiece::From(_) | FormPiece::FromAxis);
+        if from || (word && !matches!(piece, FormPiece::Sign(_) | FormPiece::Lines(_))) {
             text.push(' ');
         }
         text.push_str(part);
-        word = matches!(piece, Piece::Word(_));
+        word = matches!(piece, FormPiece::Word(_));
     }
     text.replace("  ", " ")
 }
 
-const fn operand(piece: Piece) -> &'static str {
+const fn operand_text(piece: FormPiece) -> &'static str {
     match piece {
-        Piece::Word(text) | Piece::Sign(text) => text,
-        Piece::Near16 | Piece::Var16(_) => "V16",
-        Piece::Near32 | Piece::Var32(_) => "V32",
-        Piece::Far16(_) => "V16 beyond",
-        Piece::Far32(_) => "V32 beyond",
-        Piece::Pointer(_) => "P",
-        Piece::Step => "[+]",
-        Piece::Memory | Piece::MemoryHigh => "pm/dm/spi",
-        Piece::Number(_) | Piece::Narrow(_) => "value16",
-        Piece::Hex(_) => "word",
-        Piece::Target(_) => "address",
-        Piece::Long(_) | Piece::Wide(_) => "value32",
-        Piece::Fixed(_) => "fixed",
-        Piece::High(_) => "value16",
-        Piece::Count(..) => "n",
-        Piece::Counter => "counter",
-        Piece::Condition => "LT/LEQ/EQ/NEQ/GT/GEQ",
-        Piece::Point => "position, velocity, time",
-        Piece::Lines(_) => "(lines)",
-        Piece::Line(_) => "line",
-        Piece::Groups(_) => "(groups)",
-        Piece::Axis(_) => "axis",
-        Piece::From(_) | Piece::FromAxis => "FROM axis",
-        Piece::AxisNumber => "axis",
-        Piece::Version(_) => "version",
-        Piece::Inner(_) => "instruction",
+        FormPiece::Word(text) | FormPiece::Sign(text) => text,
+        FormPiece::Near16 | FormPiece::Var16(_) => "V16",
+        FormPiece::Near32 | FormPiece::Var32(_) => "V32",
+        FormPiece::Far16(_) => "V16 beyond",
+        FormPiece::Far32(_) => "V32 beyond",
+        FormPiece::Pointer(_) => "P",
+        FormPiece::Step => "[+]",
+        FormPiece::Memory | FormPiece::MemoryHigh => "pm/dm/spi",
+        FormPiece::Number(_) | FormPiece::Narrow(_) => "value16",
+        FormPiece::Hex(_) => "word",
+        FormPiece::Target(_) => "address",
+        FormPiece::Long(_) | FormPiece::Wide(_) => "value32",
+        FormPiece::Fixed(_) => "fixed",
+        FormPiece::High(_) => "value16",
+        FormPiece::Count(..) => "n",
+        FormPiece::Counter => "counter",
+        FormPiece::Condition => "LT/LEQ/EQ/NEQ/GT/GEQ",
+        FormPiece::Point => "position, velocity, time",
+        FormPiece::Lines(_) => "(lines)",
+        FormPiece::Line(_) => "line",
+        FormPiece::Groups(_) => "(groups)",
+        FormPiece::Axis(_) => "axis",
+        FormPiece::From(_) | FormPiece::FromAxis => "FROM axis",
+        FormPiece::AxisNumber => "axis",
+        FormPiece::Version(_) => "version",
+        FormPiece::Inner(_) => "instruction",
     }
 }

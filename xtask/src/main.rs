@@ -31,7 +31,7 @@ fn main() -> ExitCode {
             println!("{}", swarm::HELP);
             Ok(())
         }
-        ["swarm", rest @ ..] if gateway::is_meant(rest) => gateway::run(&root(), rest),
+        ["swarm", rest @ ..] if gateway::is_requested(rest) => gateway::run(&root(), rest),
         ["swarm", "--debug", rest @ ..] => swarm::run(rest),
         ["swarm", rest @ ..] if cfg!(debug_assertions) => in_release(rest),
         ["swarm", rest @ ..] => swarm::run(rest),

@@ -2,14 +2,14 @@
 
 use std::fmt::Write as _;
 
-use polepair_core::plan::{Argument, Compare, Operand, Plan, Step, Test};
+use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
     Access, Certainty, Encoding, Fault, Parameter, ParameterId, Persistence, Profile, Severity,
     Watchdog,
 };
 
 /// The page of a profile.
-pub fn page(profile: &Profile) -> String {
+pub fn drive_page(profile: &Profile) -> String {
     let mut out = String::new();
     let mut add = |text: String| {
         out.push_str(&text);
@@ -22,7 +22,7 @@ pub fn page(profile: &Profile) -> String {
         profile.name, profile.family, profile.protocol, profile.source
     ));
     add(format!("{}\n", profile.caution));
-    add(format!("**When the link dies:** {}.\n", watchdog(profile)));
+    add(format!("**When the link dies:** {}.\n", watchdog_text(profile)));
     add("## Verbs\n\nWhat each verb sends, step by step.\n".to_owned());
     profile.plans.iter().for_each(|plan| add(plan_text(profile, plan)));
     add("## Faults and warnings\n".to_owned());
@@ -37,7 +37,7 @@ pub fn page(profile: &Profile) -> String {
         .to_owned());
     let shown = profile.parameters.iter().filter(|p| is_shown(p));
     shown.for_each(|parameter| add(parameter_row(parameter)));
-    add(remainder(profile) + &mapped(profile));
+    add(remainder_text(profile) + &memory_map_text(profile));
     out
 }
 
@@ -55,7 +55,7 @@ fn is_mapped(parameter: &Parameter) -> bool {
 }
 
 /// What only a memory map tells, by type.
-fn mapped(profile: &Profile) -> String {
+fn memory_map_text(profile: &Profile) -> String {
     let types = [
         (Encoding::I16, "INT, signed 16 bits"),
         (Encoding::U16, "UINT, unsigned 16 bits"),
@@ -79,7 +79,7 @@ fn mapped(profile: &Profile) -> String {
     )
 }
 
-fn remainder(profile: &Profile) -> String {
+fn remainder_text(profile: &Profile) -> String {
     let undocumented =
         profile.parameters.iter().filter(|p| p.certainty == Certainty::Undocumented).count();
     let repeated =
@@ -94,7 +94,7 @@ fn remainder(profile: &Profile) -> String {
     text
 }
 
-fn watchdog(profile: &Profile) -> String {
+fn watchdog_text(profile: &Profile) -> String {
     match profile.watchdog {
         Watchdog::None => "the drive goes on with what it was last told. Use moves that end by \
                            themselves, or wire a stop"
@@ -102,16 +102,16 @@ fn watchdog(profile: &Profile) -> String {
         Watchdog::Fixed { after_ms } => format!("the drive stops after {after_ms} ms"),
         Watchdog::Configurable { parameter, on_can } => {
             let on_can = on_can.map_or_else(String::new, |on_can| {
-                format!(" on a serial line, in `{}` on CAN", name(profile, on_can))
+                format!(" on a serial line, in `{}` on CAN", parameter_name(profile, on_can))
             });
-            let parameter = name(profile, parameter);
+            let parameter = parameter_name(profile, parameter);
             format!("the drive stops after the time in `{parameter}`{on_can}; 0 is never")
         }
         Watchdog::Heartbeat { consumer, reaction } => format!(
             "the drive does what `{}` says when the heartbeat in `{}` stays out; with 0 in either \
              it goes on",
-            name(profile, reaction),
-            name(profile, consumer)
+            parameter_name(profile, reaction),
+            parameter_name(profile, consumer)
         ),
     }
 }
@@ -129,7 +129,7 @@ fn plan_text(profile: &Profile, plan: &Plan) -> String {
 }
 
 fn step_text(profile: &Profile, step: Step) -> String {
-    let name = |id| name(profile, id);
+    let name = |id| parameter_name(profile, id);
     match step {
         Step::Write(id, operand) => format!("write {} = {}", name(id), operand_text(operand)),
         Step::Ensure(id, raw) => format!("make sure that {} = {raw}", name(id)),
@@ -141,7 +141,7 @@ fn step_text(profile: &Profile, step: Step) -> String {
         Step::Skip { read, test, count } => {
             format!("leave out the next {count} if {}", test_text(&name(read), test))
         }
-        Step::Without { read, count } => {
+        Step::SkipIfMissing { read, count } => {
             format!("leave out the next {count} if the drive has no {}", name(read))
         }
         Step::NoFault { read, .. } => format!("go on only if {} shows no fault", name(read)),
@@ -152,12 +152,12 @@ fn step_text(profile: &Profile, step: Step) -> String {
         Step::Send { function, index, operand, .. } => {
             format!("send {function} {index} {}", operand_text(operand))
         }
-        Step::Keep(id) => format!("have {} kept over power-off", name(id)),
+        Step::Store(id) => format!("have {} kept over power-off", name(id)),
         Step::Wait { ms } => format!("wait {ms} ms"),
     }
 }
 
-fn test_text(name: &str, test: Test) -> String {
+fn test_text(name: &str, test: ParameterTest) -> String {
     let masked = match test.mask {
         -1 => name.to_owned(),
         mask => format!("{name} & {mask:#x}"),
@@ -184,13 +184,13 @@ fn operand_text(operand: Operand) -> String {
         Argument::Period => "period",
     };
     match operand {
-        Operand::Is(raw) => raw.to_string(),
+        Operand::Constant(raw) => raw.to_string(),
         Operand::Argument(argument) => format!("the {}", word(argument)),
-        Operand::Given(argument) => format!("the {}, if given", word(argument)),
+        Operand::OptionalArgument(argument) => format!("the {}, if given", word(argument)),
     }
 }
 
-fn name(profile: &Profile, id: ParameterId) -> String {
+fn parameter_name(profile: &Profile, id: ParameterId) -> String {
     match profile.parameter(id) {
         Some(p) if p.symbol.is_empty() => format!("`{}`", p.name),
         Some(p) => format!("`{}` ({})", p.name, p.symbol),

@@ -30,7 +30,7 @@ pub fn run() -> Result<(), String> {
 }
 
 fn draw(text: &str) -> String {
-    let lines = shown(text);
+    let lines = visible_lines(text);
     let width = LEFT * 2.0 + COLUMNS as f64 * CHARACTER;
     let height = TOP + lines.len() as f64 * LINE;
     let mut svg = format!(
@@ -52,7 +52,7 @@ fn draw(text: &str) -> String {
     svg
 }
 
-fn shown(text: &str) -> Vec<String> {
+fn visible_lines(text: &str) -> Vec<String> {
     let all: Vec<String> = text.lines().map(|line| line.trim_end_matches('\r').into()).collect();
     if all.len() <= HEAD + TAIL + 1 {
         return all;
@@ -104,7 +104,7 @@ fn colour(code: &str) -> Option<&'static str> {
 
 #[cfg(test)]
 mod tests {
-    use super::{COLUMNS, HEAD, TAIL, draw, shown, spans};
+    use super::{COLUMNS, HEAD, TAIL, draw, spans, visible_lines};
 
     #[test]
     fn colours_become_spans_and_markup_is_escaped() {
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn long_output_keeps_its_ends() {
         let text: String = (0..200).map(|n| format!("line {n}\r\n")).collect();
-        let lines = shown(&text);
+        let lines = visible_lines(&text);
         assert_eq!(lines.len(), HEAD + 1 + TAIL);
         assert_eq!((lines[0].as_str(), lines[HEAD + TAIL].as_str()), ("line 0", "line 199"));
         assert!(lines[HEAD].contains("148 lines"));

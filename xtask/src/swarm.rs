@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use polepair_core::medium::MediumKind;
-use polepair_sim::swarm::{self, Report};
+use polepair_sim::swarm::{self, WorldReport};
 
 /// What `swarm --help` prints.
 pub const HELP: &str = "\
@@ -43,7 +43,7 @@ const NAMED_MAX: usize = 20;
 /// `--seeds N --from S --jobs J --on serial|can`, on both if it is left out; `--replay can:S` tells
 /// everything about one seed.
 #[derive(Clone, Copy, Debug)]
-struct Order {
+struct SwarmOptions {
     seeds: u64,
     from: u64,
     jobs: u64,
@@ -60,13 +60,13 @@ pub fn run(words: &[&str]) -> Result<(), String> {
     if let ["--replay", which] = words {
         return replay(which);
     }
-    let order = parse(words)?;
+    let order = parse_options(words)?;
     let mut told = Vec::new();
     for (medium, name) in MEDIA.into_iter().filter(|(m, _)| order.on.is_none_or(|on| on == *m)) {
         let begun = Instant::now();
-        let (total, broken) = live(order, medium);
+        let (total, broken) = run_seeds(order, medium);
         let took = begun.elapsed().as_secs_f64();
-        print(&total, order, medium, took);
+        print_totals(&total, order, medium, took);
         let lines = broken.iter().take(NAMED_MAX).map(|report| {
             let told: Vec<_> = report.violations.iter().map(|v| format!("  {v}")).collect();
             let again = format!("replay: cargo xtask swarm --replay {name}:{}", report.seed);
@@ -92,9 +92,9 @@ fn replay(which: &str) -> Result<(), String> {
     if told.is_empty() { Ok(()) } else { Err(told.join("\n")) }
 }
 
-fn parse(words: &[&str]) -> Result<Order, String> {
+fn parse_options(words: &[&str]) -> Result<SwarmOptions, String> {
     let jobs = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
-    let mut order = Order { seeds: 8_000, from: 1, jobs, on: None };
+    let mut order = SwarmOptions { seeds: 8_000, from: 1, jobs, on: None };
     for pair in words.chunks(2) {
         let [key, value] = pair else { return Err(format!("{} needs a number", pair[0])) };
         if *key == "--on" {
@@ -114,9 +114,9 @@ fn parse(words: &[&str]) -> Result<Order, String> {
     Ok(order)
 }
 
-fn live(order: Order, medium: MediumKind) -> (Report, Vec<Report>) {
+fn run_seeds(order: SwarmOptions, medium: MediumKind) -> (WorldReport, Vec<WorldReport>) {
     let next = AtomicU64::new(0);
-    let sum = Mutex::new((Report::default(), Vec::new()));
+    let sum = Mutex::new((WorldReport::default(), Vec::new()));
     std::thread::scope(|scope| {
         for _ in 0..order.jobs {
             scope.spawn(|| {
@@ -140,8 +140,8 @@ fn live(order: Order, medium: MediumKind) -> (Report, Vec<Report>) {
     (total, broken)
 }
 
-fn print(total: &Report, order: Order, medium: MediumKind, took: f64) {
-    let lived = total.lived.0 as f64 / 1e9;
+fn print_totals(total: &WorldReport, order: SwarmOptions, medium: MediumKind, took: f64) {
+    let lived = total.world_time.0 as f64 / 1e9;
     println!("seeds            {:>12}  from {}", order.seeds, order.from);
     println!("events           {:>12}", total.events);
     println!("requests         {:>12}", total.requests);
@@ -154,7 +154,7 @@ fn print(total: &Report, order: Order, medium: MediumKind, took: f64) {
         MediumKind::Can => print_can(total),
     }
     println!("  drive resets   {:>12}", total.resets);
-    println!("  cables pulled  {:>12}", total.cuts);
+    println!("  cables pulled  {:>12}", total.cable_pulls);
     println!(
         "wire collisions  {:>12}  wrong values that passed every check",
         total.wire_collisions
@@ -172,8 +172,8 @@ fn print(total: &Report, order: Order, medium: MediumKind, took: f64) {
     );
 }
 
-fn print_serial(total: &Report) {
-    let faults = total.made;
+fn print_serial(total: &WorldReport) {
+    let faults = total.injected;
     println!("faults: bytes    {:>12}", faults.bytes);
     println!("  truncated      {:>12}", faults.truncated);
     println!("  in pieces      {:>12}", faults.chunked);
@@ -184,16 +184,16 @@ fn print_serial(total: &Report) {
     println!("  collisions     {:>12}", faults.collided);
 }
 
-fn print_can(total: &Report) {
-    let faults = total.made_on_can;
+fn print_can(total: &WorldReport) {
+    let faults = total.injected_on_can;
     println!("faults: errors   {:>12}", faults.errors);
     println!("  lost           {:>12}", faults.lost);
-    println!("  taken twice    {:>12}", faults.twice);
+    println!("  taken twice    {:>12}", faults.taken_twice);
     println!("  late           {:>12}", faults.late);
     println!("  cut short      {:>12}", faults.cut);
     println!("  one identifier {:>12}", faults.collided);
-    println!("  bus-off        {:>12}", faults.off);
-    println!("  of strangers   {:>12}", faults.strange);
+    println!("  bus-off        {:>12}", faults.bus_off);
+    println!("  of strangers   {:>12}", faults.intruder_frames);
     println!(
         "verbs repeated   {:>12}  executed twice: their frame was taken twice",
         total.repeated
@@ -202,7 +202,7 @@ fn print_can(total: &Report) {
         "excused          {:>12}  link lost: two programs said NMT at once, 32 times running",
         total.clashes
     );
-    for (protocol, verbs) in &total.untold_on {
+    for (protocol, verbs) in &total.unreported_on {
         println!(
             "verbs untold     {verbs:>12}  done for the host, missed by the drive, on {protocol}"
         );

@@ -5,13 +5,13 @@
 
 mod decisions;
 mod docs;
-mod names;
+mod module_names;
 mod programs;
 mod prose;
 #[cfg(test)]
 mod tests;
 
-use names::Names;
+use module_names::ModuleNames;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
@@ -28,12 +28,12 @@ const WIRE_FILES: [&str; 6] = ["wire", "explain", "rtu", "ascii", "opcode", "enc
 
 /// Checks the workspace; every violation is a line with place and rule.
 pub fn run(root: &Path) -> Result<(), String> {
-    let names = Names::of(root);
+    let names = ModuleNames::load(root);
     let mut broken = Vec::new();
     for file in rust_files(root) {
         let text =
             std::fs::read_to_string(&file).map_err(|e| format!("{}: {e}", file.display()))?;
-        broken.extend(check(&shown(root, &file), &text, &names));
+        broken.extend(check_file(&display_path(root, &file), &text, &names));
     }
     broken.extend(docs::check(root));
     broken.extend(decisions::check(root));
@@ -41,7 +41,7 @@ pub fn run(root: &Path) -> Result<(), String> {
     if broken.is_empty() { Ok(()) } else { Err(broken.join("\n")) }
 }
 
-fn shown(root: &Path, file: &Path) -> String {
+fn display_path(root: &Path, file: &Path) -> String {
     let short = file.strip_prefix(root).unwrap_or(file);
     short.to_string_lossy().replace('\\', "/")
 }
@@ -64,26 +64,26 @@ fn rust_files(root: &Path) -> Vec<PathBuf> {
 }
 
 /// What one file breaks. `path` is relative to the workspace, with slashes.
-pub(crate) fn check(path: &str, text: &str, names: &Names) -> Vec<String> {
+pub(crate) fn check_file(path: &str, text: &str, names: &ModuleNames) -> Vec<String> {
     let mut broken = Vec::new();
     if !text.starts_with("//! Generated") {
-        shape(path, text, &mut broken);
+        check_size(path, text, &mut broken);
     }
     let Ok(file) = syn::parse_file(text) else {
         broken.push(format!("{path}: it does not parse"));
         return broken;
     };
-    let place = Place::of(path);
+    let place = SourceLocation::from_path(path);
     if place.is_root && !forbids_unsafe(&file) {
         broken.push(format!("{path}: rule 13: neither forbids nor denies unsafe code"));
     }
-    let mut eyes = Eyes { path, place, names, broken: BTreeSet::new() };
+    let mut eyes = RuleVisitor { path, location: place, names, violations: BTreeSet::new() };
     eyes.visit_file(&file);
-    broken.extend(eyes.broken.into_iter().map(|(line, what)| format!("{path}:{line}: {what}")));
+    broken.extend(eyes.violations.into_iter().map(|(line, what)| format!("{path}:{line}: {what}")));
     broken
 }
 
-fn shape(path: &str, text: &str, broken: &mut Vec<String>) {
+fn check_size(path: &str, text: &str, broken: &mut Vec<String>) {
     let lines = text.lines().count();
     if lines > LINES_MAX {
         broken.push(format!("{path}: {lines} lines; at most {LINES_MAX}"));
@@ -105,16 +105,16 @@ fn forbids_unsafe(file: &syn::File) -> bool {
 }
 
 /// Where a file stands in the layers.
-struct Place {
+struct SourceLocation {
     krate: String,
     /// Folders and file below `src`, without the ending; `mod` dropped.
     modules: Vec<String>,
-    test: bool,
+    is_test: bool,
     is_root: bool,
 }
 
-impl Place {
-    fn of(path: &str) -> Self {
+impl SourceLocation {
+    fn from_path(path: &str) -> Self {
         let parts: Vec<&str> = path.split('/').collect();
         let (krate, rest) = match parts.as_slice() {
             ["crates", krate, rest @ ..] => (*krate, rest),
@@ -124,17 +124,17 @@ impl Place {
         let source = rest.first() == Some(&"src");
         let modules: Vec<String> =
             rest.iter().skip(1).map(|part| part.trim_end_matches(".rs").to_owned()).collect();
-        let test = !source || modules.iter().any(|m| m == "tests" || m.starts_with("tests_"));
+        let is_test = !source || modules.iter().any(|m| m == "tests" || m.starts_with("tests_"));
         let root = modules.len() == 1 && (modules[0] == "lib" || modules[0] == "main");
         let modules = modules.into_iter().filter(|module| module != "mod").collect();
-        Self { krate: krate.to_owned(), modules, test, is_root: source && root }
+        Self { krate: krate.to_owned(), modules, is_test, is_root: source && root }
     }
 
     fn in_core(&self) -> bool {
         self.krate == "core"
     }
 
-    fn file(&self) -> &str {
+    fn file_name(&self) -> &str {
         self.modules.last().map_or("", String::as_str)
     }
 
@@ -159,46 +159,46 @@ impl Place {
     }
 }
 
-struct Eyes<'a> {
+struct RuleVisitor<'a> {
     path: &'a str,
-    place: Place,
-    names: &'a Names,
-    broken: BTreeSet<(usize, String)>,
+    location: SourceLocation,
+    names: &'a ModuleNames,
+    violations: BTreeSet<(usize, String)>,
 }
 
-impl Eyes<'_> {
-    fn break_at(&mut self, span: proc_macro2::Span, what: impl Into<String>) {
-        self.broken.insert((span.start().line, what.into()));
+impl RuleVisitor<'_> {
+    fn report_at(&mut self, span: proc_macro2::Span, what: impl Into<String>) {
+        self.violations.insert((span.start().line, what.into()));
     }
 
     /// Judges a path, `use` trees taken apart, `self` and `super` resolved.
-    fn path(&mut self, span: proc_macro2::Span, segments: &[String]) {
-        let path = self.resolved(segments);
+    fn check_path(&mut self, span: proc_macro2::Span, segments: &[String]) {
+        let path = self.resolve_path(segments);
         let has = |word: &str| path.iter().any(|segment| segment == word);
         let first = path.first().map_or("", String::as_str);
-        if self.place.in_core() && first == "std" {
-            self.break_at(span, "rule 1: core uses std");
+        if self.location.in_core() && first == "std" {
+            self.report_at(span, "rule 1: core uses std");
         }
         let may_allocate =
-            matches!(self.place.modules.first().map(String::as_str), Some("lane" | "mux"));
-        if self.place.in_core() && first == "alloc" && !may_allocate {
-            self.break_at(span, "rule 1: core allocates outside lane and mux");
+            matches!(self.location.modules.first().map(String::as_str), Some("lane" | "mux"));
+        if self.location.in_core() && first == "alloc" && !may_allocate {
+            self.report_at(span, "rule 1: core allocates outside lane and mux");
         }
-        self.layers(span, &path);
-        let named = self.names.known().find(|name| has(name)).filter(|_| self.place.is_general());
+        self.check_layers(span, &path);
+        let named = self.names.all().find(|name| has(name)).filter(|_| self.location.is_general());
         if let Some(name) = named.map(str::to_owned) {
-            self.break_at(span, format!("rule 5: names `{name}`"));
+            self.report_at(span, format!("rule 5: names `{name}`"));
         }
-        self.time(span, &path);
+        self.check_time(span, &path);
     }
 
-    fn layers(&mut self, span: proc_macro2::Span, path: &[String]) {
+    fn check_layers(&mut self, span: proc_macro2::Span, path: &[String]) {
         let has = |word: &str| path.iter().any(|segment| segment == word);
-        let own = |list: &str| self.place.folder_of(list).map(str::to_owned);
+        let own = |list: &str| self.location.folder_of(list).map(str::to_owned);
         let (protocol, family) = (own("proto"), own("drives"));
-        let file = self.place.file().to_owned();
+        let file = self.location.file_name().to_owned();
         let inside = path.first().is_some_and(|first| first == "crate");
-        if !inside || !self.place.in_core() {
+        if !inside || !self.location.in_core() {
             return;
         }
         if protocol.is_some() && WIRE_FILES.contains(&file.as_str()) {
@@ -206,55 +206,55 @@ impl Eyes<'_> {
                 if path.get(1).is_some_and(|p| p == layer)
                     || path.get(3).is_some_and(|p| p == layer)
                 {
-                    self.break_at(span, format!("rule 2: {file} knows {layer}"));
+                    self.report_at(span, format!("rule 2: {file} knows {layer}"));
                 }
             }
         }
         if file == "host" && path.get(3).is_some_and(|p| p == "device") {
-            self.break_at(span, "rule 3: the host knows the device");
+            self.report_at(span, "rule 3: the host knows the device");
         }
         if file == "device" && path.get(3).is_some_and(|p| p == "host") {
-            self.break_at(span, "rule 3: the device knows the host");
+            self.report_at(span, "rule 3: the device knows the host");
         }
         if let Some(protocol) = protocol {
             if has("drives") {
-                self.break_at(span, "rule 4: a protocol knows drives");
+                self.report_at(span, "rule 4: a protocol knows drives");
             }
             let other = path.get(1).is_some_and(|p| p == "proto")
                 && path.get(2).is_some_and(|p| *p != protocol && self.names.protocols.contains(p));
             if other {
-                self.break_at(span, "rule 4: one protocol knows another");
+                self.report_at(span, "rule 4: one protocol knows another");
             }
         }
         if let Some(family) = family {
             let other = path.get(1).is_some_and(|p| p == "drives")
                 && path.get(2).is_some_and(|p| *p != family && self.names.families.contains(p));
             if other {
-                self.break_at(span, "rule 4: one family knows another");
+                self.report_at(span, "rule 4: one family knows another");
             }
         }
     }
 
-    fn time(&mut self, span: proc_macro2::Span, path: &[String]) {
+    fn check_time(&mut self, span: proc_macro2::Span, path: &[String]) {
         let ends = |a: &str, b: &str| matches!(path, [.., x, y] if x == a && y == b);
         let clock = ends("SystemTime", "now") || ends("Instant", "now");
         // The tool drawer measures how long its runs take; it is not shipped.
-        if clock && self.place.krate != "xtask" && self.path != "crates/link/src/clock.rs" {
-            self.break_at(span, "rule 6: reads the clock outside link/clock");
+        if clock && self.location.krate != "xtask" && self.path != "crates/link/src/clock.rs" {
+            self.report_at(span, "rule 6: reads the clock outside link/clock");
         }
         let waits = ends("thread", "sleep") || ends("thread", "spawn");
-        let link = self.place.krate == "link" || self.place.krate == "xtask";
+        let link = self.location.krate == "link" || self.location.krate == "xtask";
         let spawns =
-            matches!(self.place.krate.as_str(), "capture" | "cli") && ends("thread", "spawn");
+            matches!(self.location.krate.as_str(), "capture" | "cli") && ends("thread", "spawn");
         if waits && !link && !spawns {
-            self.break_at(span, "rule 6: sleeps or spawns outside link");
+            self.report_at(span, "rule 6: sleeps or spawns outside link");
         }
     }
 
     /// The path from `crate`, where it begins with `self` or `super`.
-    fn resolved(&self, segments: &[String]) -> Vec<String> {
-        let mut base = self.place.modules.clone();
-        if self.place.is_root {
+    fn resolve_path(&self, segments: &[String]) -> Vec<String> {
+        let mut base = self.location.modules.clone();
+        if self.location.is_root {
             base.clear();
         }
         let mut rest = segments;
@@ -277,28 +277,30 @@ impl Eyes<'_> {
         root.chain(base).chain(rest.iter().cloned()).collect()
     }
 
-    fn ident(&mut self, ident: &syn::Ident) {
+    fn check_ident(&mut self, ident: &syn::Ident) {
         let name = ident.to_string();
         if let Some(word) = EMPTY_WORDS.iter().find(|word| name.contains(**word)) {
-            self.break_at(ident.span(), format!("`{name}`: `{word}` says nothing"));
+            self.report_at(ident.span(), format!("`{name}`: `{word}` says nothing"));
         }
     }
 
-    fn tree(&mut self, prefix: &mut Vec<String>, tree: &syn::UseTree) {
+    fn check_use_tree(&mut self, prefix: &mut Vec<String>, tree: &syn::UseTree) {
         match tree {
             syn::UseTree::Path(path) => {
                 prefix.push(path.ident.to_string());
-                self.tree(prefix, &path.tree);
+                self.check_use_tree(prefix, &path.tree);
                 prefix.pop();
             }
             syn::UseTree::Name(syn::UseName { ident })
             | syn::UseTree::Rename(syn::UseRename { ident, .. }) => {
                 prefix.push(ident.to_string());
-                self.path(ident.span(), prefix);
+                self.check_path(ident.span(), prefix);
                 prefix.pop();
             }
-            syn::UseTree::Glob(glob) => self.path(glob.star_token.spans[0], prefix),
-            syn::UseTree::Group(group) => group.items.iter().for_each(|t| self.tree(prefix, t)),
+            syn::UseTree::Glob(glob) => self.check_path(glob.star_token.spans[0], prefix),
+            syn::UseTree::Group(group) => {
+                group.items.iter().for_each(|t| self.check_use_tree(prefix, t))
+            }
         }
     }
 }
@@ -311,7 +313,7 @@ fn is_test(attributes: &[syn::Attribute]) -> bool {
     })
 }
 
-fn attributes(item: &syn::Item) -> &[syn::Attribute] {
+fn item_attributes(item: &syn::Item) -> &[syn::Attribute] {
     match item {
         syn::Item::Mod(item) => &item.attrs,
         syn::Item::Fn(item) => &item.attrs,
@@ -322,49 +324,49 @@ fn attributes(item: &syn::Item) -> &[syn::Attribute] {
     }
 }
 
-impl<'ast> Visit<'ast> for Eyes<'_> {
+impl<'ast> Visit<'ast> for RuleVisitor<'_> {
     fn visit_item(&mut self, item: &'ast syn::Item) {
-        if !self.place.test && !is_test(attributes(item)) {
+        if !self.location.is_test && !is_test(item_attributes(item)) {
             visit::visit_item(self, item);
         }
     }
 
     fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
-        self.tree(&mut Vec::new(), &item.tree);
+        self.check_use_tree(&mut Vec::new(), &item.tree);
     }
 
     fn visit_item_extern_crate(&mut self, item: &'ast syn::ItemExternCrate) {
-        if self.place.in_core() && item.ident == "std" {
-            self.break_at(item.ident.span(), "rule 1: core uses std");
+        if self.location.in_core() && item.ident == "std" {
+            self.report_at(item.ident.span(), "rule 1: core uses std");
         }
     }
 
     fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
         if EMPTY_MODULES.iter().any(|word| item.ident == word) {
-            self.break_at(item.ident.span(), format!("module `{}` says nothing", item.ident));
+            self.report_at(item.ident.span(), format!("module `{}` says nothing", item.ident));
         }
         visit::visit_item_mod(self, item);
     }
 
     fn visit_item_struct(&mut self, item: &'ast syn::ItemStruct) {
-        self.ident(&item.ident);
+        self.check_ident(&item.ident);
         visit::visit_item_struct(self, item);
     }
 
     fn visit_item_enum(&mut self, item: &'ast syn::ItemEnum) {
-        self.ident(&item.ident);
+        self.check_ident(&item.ident);
         visit::visit_item_enum(self, item);
     }
 
     fn visit_item_trait(&mut self, item: &'ast syn::ItemTrait) {
-        self.ident(&item.ident);
+        self.check_ident(&item.ident);
         visit::visit_item_trait(self, item);
     }
 
     fn visit_signature(&mut self, signature: &'ast syn::Signature) {
-        let sync = ["core", "sim", "link", "polepair"].contains(&self.place.krate.as_str());
+        let sync = ["core", "sim", "link", "polepair"].contains(&self.location.krate.as_str());
         if sync && signature.asyncness.is_some() {
-            self.break_at(signature.ident.span(), "rule 7: an async fn");
+            self.report_at(signature.ident.span(), "rule 7: an async fn");
         }
         visit::visit_signature(self, signature);
     }
@@ -372,15 +374,15 @@ impl<'ast> Visit<'ast> for Eyes<'_> {
     fn visit_path(&mut self, path: &'ast syn::Path) {
         let segments: Vec<String> = path.segments.iter().map(|s| s.ident.to_string()).collect();
         if let (true, Some(last)) = (segments.len() > 1, path.segments.last()) {
-            self.path(last.ident.span(), &segments);
+            self.check_path(last.ident.span(), &segments);
         }
         visit::visit_path(self, path);
     }
 
     fn visit_expr(&mut self, expression: &'ast syn::Expr) {
-        if prose::decides(expression) {
+        if prose::depends_on_prose(expression) {
             let span = syn::spanned::Spanned::span(expression);
-            self.break_at(span, "rule 14: a message's words decide");
+            self.report_at(span, "rule 14: a message's words decide");
         }
         visit::visit_expr(self, expression);
     }
@@ -389,7 +391,7 @@ impl<'ast> Visit<'ast> for Eyes<'_> {
         let name = invoked.path.segments.last().map(|s| s.ident.to_string()).unwrap_or_default();
         if name == "todo" || name == "unimplemented" {
             let span = syn::spanned::Spanned::span(&invoked.path);
-            self.break_at(span, format!("{name}! is not done"));
+            self.report_at(span, format!("{name}! is not done"));
         }
         visit::visit_macro(self, invoked);
     }

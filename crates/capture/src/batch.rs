@@ -7,64 +7,64 @@ use std::sync::Arc;
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
-use crate::decoder::{Event, Wrong};
-use crate::explained::Explained;
+use crate::decoder::{DecodedFrame, FrameDefect};
+use crate::explanation::Explanation;
 use crate::record::Record;
-use crate::session::Notice;
-use crate::session::canopen::Process;
-use crate::stamp::Stamp;
-use crate::text::Head;
+use crate::session::SessionNotice;
+use crate::session::canopen::ProcessData;
+use crate::text::LineLayout;
+use crate::timestamp::Timestamp;
 
 /// Frames of one batch: what they take of memory stays bounded, whatever the capture holds.
 const FRAMES_MAX: usize = 1 << 15;
 /// Bytes of frames that are kept as they were told, and of what is said of them.
-const KEPT_MAX: usize = 1 << 23;
+const STORED_BYTES_MAX: usize = 1 << 23;
 /// Voices of one batch: each mapping is one, and each frame that is repeated.
-const VOICES_MAX: usize = 1 << 12;
+const TEMPLATES_MAX: usize = 1 << 12;
 
 /// Frames that were decoded.
 #[derive(Debug, Default)]
-pub struct Batch {
-    pub(crate) head: Head,
+pub struct FrameBatch {
+    pub(crate) layout: LineLayout,
     /// Frames that change nothing, in order.
-    plain: Vec<Plain>,
-    voices: Vec<Voice>,
-    kept: Vec<Kept>,
+    compact: Vec<CompactFrame>,
+    templates: Vec<FrameTemplate>,
+    stored: Vec<StoredFrame>,
     /// Of each event that is kept: how many plain frames come before it.
-    places: Vec<usize>,
-    size: usize,
+    compact_before: Vec<usize>,
+    stored_bytes: usize,
     stopped: bool,
 }
 
 /// Frames that stand one behind the other.
 #[derive(Clone, Copy, Debug)]
-pub enum Decoded<'a> {
+pub enum FrameRun<'a> {
     /// Some that change nothing.
-    Plain(&'a [Plain]),
+    Compact(&'a [CompactFrame]),
     /// Any other; which one.
-    Told(usize),
+    Stored(usize),
 }
 
 /// A frame that changes nothing.
 #[derive(Clone, Copy, Debug)]
-pub struct Plain {
-    /// Which of the batch's [voices](Batch::voices) says it.
-    pub voice: u16,
+pub struct CompactFrame {
+    /// Which of the batch's [voices](FrameBatch::templates) says it.
+    pub template: u16,
     /// Its bytes, the first lowest.
     pub data: u64,
     /// Its number in the capture.
     pub number: u64,
     /// When it came.
-    pub time: Stamp,
+    pub time: Timestamp,
     /// Byte of the capture at which its record begins.
-    pub at: u64,
+    pub offset: u64,
 }
 
 /// What is the same of frames with one identifier that have one mapping, or the same bytes.
 #[derive(Clone, Debug)]
-pub struct Voice {
+pub struct FrameTemplate {
     /// What they say.
-    pub said: Said,
+    pub content: TemplateContent,
     /// On which link.
     pub link: Arc<str>,
     /// The protocol.
@@ -79,50 +79,52 @@ pub struct Voice {
 
 /// What frames say that change nothing.
 #[derive(Clone, Debug)]
-pub enum Said {
+pub enum TemplateContent {
     /// Process data: each what its bytes are.
-    Process(Arc<Process>),
+    ProcessData(Arc<ProcessData>),
     /// All the same, for their bytes are.
-    Same(Arc<Explained>),
+    Constant(Arc<Explanation>),
 }
 
 /// The same, of one frame.
 #[derive(Clone, Copy)]
-pub(crate) enum Says<'a> {
-    Process(&'a Arc<Process>),
-    Same(&'a Arc<Explained>),
+pub(crate) enum ContentRef<'a> {
+    ProcessData(&'a Arc<ProcessData>),
+    Constant(&'a Arc<Explanation>),
 }
 
-impl Says<'_> {
+impl ContentRef<'_> {
     #[inline]
-    fn is(self, said: &Said) -> bool {
+    fn matches(self, said: &TemplateContent) -> bool {
         match (self, said) {
-            (Self::Process(one), Said::Process(other)) => Arc::ptr_eq(one, other),
-            (Self::Same(one), Said::Same(other)) => Arc::ptr_eq(one, other),
+            (Self::ProcessData(one), TemplateContent::ProcessData(other)) => {
+                Arc::ptr_eq(one, other)
+            }
+            (Self::Constant(one), TemplateContent::Constant(other)) => Arc::ptr_eq(one, other),
             _ => false,
         }
     }
 
-    fn kept(self) -> Said {
+    fn to_content(self) -> TemplateContent {
         match self {
-            Self::Process(process) => Said::Process(Arc::clone(process)),
-            Self::Same(explained) => Said::Same(Arc::clone(explained)),
+            Self::ProcessData(process) => TemplateContent::ProcessData(Arc::clone(process)),
+            Self::Constant(explained) => TemplateContent::Constant(Arc::clone(explained)),
         }
     }
 }
 
 /// What is said of process data, as of any other frame.
 #[derive(Default)]
-struct Buffers {
-    explained: Explained,
-    notices: Vec<Notice>,
+struct FrameBuffers {
+    explanation: Explanation,
+    notices: Vec<SessionNotice>,
 }
 
 /// An event that is kept.
 #[derive(Debug, Default)]
-struct Kept {
+struct StoredFrame {
     number: u64,
-    time: Option<Stamp>,
+    time: Option<Timestamp>,
     link: String,
     direction: Option<Direction>,
     protocol: Option<&'static str>,
@@ -130,23 +132,23 @@ struct Kept {
     id: Option<u32>,
     extended: bool,
     remote: bool,
-    wanted: u8,
+    remote_len: u8,
     echo: bool,
     stray: bool,
-    explained: Explained,
-    wrong: Option<Wrong>,
-    notices: Vec<Notice>,
-    at: u64,
+    explanation: Explanation,
+    defect: Option<FrameDefect>,
+    notices: Vec<SessionNotice>,
+    offset: u64,
 }
 
-impl Batch {
+impl FrameBatch {
     /// Forgets everything; `head` is how far lines have come.
-    pub(crate) fn begin(&mut self, head: Head) {
-        self.head = head;
-        self.plain.clear();
-        self.voices.clear();
-        self.places.clear();
-        self.size = 0;
+    pub(crate) fn reset(&mut self, head: LineLayout) {
+        self.layout = head;
+        self.compact.clear();
+        self.templates.clear();
+        self.compact_before.clear();
+        self.stored_bytes = 0;
     }
 
     /// No more of the piece under way is wanted.
@@ -160,9 +162,9 @@ impl Batch {
     }
 
     /// A piece begins; `head` is how far lines have come.
-    pub(crate) fn piece(&mut self, head: Head) {
+    pub(crate) fn begin_chunk(&mut self, head: LineLayout) {
         self.stopped = false;
-        self.begin(head);
+        self.reset(head);
     }
 
     /// True without a frame.
@@ -174,131 +176,153 @@ impl Batch {
     /// How many frames it has.
     #[must_use]
     pub const fn len(&self) -> usize {
-        self.plain.len() + self.places.len()
+        self.compact.len() + self.compact_before.len()
     }
 
     /// It has as many frames as it should.
     pub(crate) const fn is_full(&self) -> bool {
-        self.len() >= FRAMES_MAX || self.size >= KEPT_MAX
+        self.len() >= FRAMES_MAX || self.stored_bytes >= STORED_BYTES_MAX
     }
 
     /// Its frames in order.
-    pub fn decoded(&self) -> impl Iterator<Item = Decoded<'_>> {
+    pub fn runs(&self) -> impl Iterator<Item = FrameRun<'_>> {
         let (mut from, mut told) = (0, 0);
         core::iter::from_fn(move || {
-            let place = self.places.get(told).copied();
-            let run = &self.plain[from..place.unwrap_or(self.plain.len())];
+            let place = self.compact_before.get(told).copied();
+            let run = &self.compact[from..place.unwrap_or(self.compact.len())];
             if !run.is_empty() {
                 from += run.len();
-                return Some(Decoded::Plain(run));
+                return Some(FrameRun::Compact(run));
             }
             told += 1;
-            place.map(|_| Decoded::Told(told - 1))
+            place.map(|_| FrameRun::Stored(told - 1))
         })
     }
 
     /// Who says its frames that change nothing.
     #[must_use]
-    pub fn voices(&self) -> &[Voice] {
-        &self.voices
+    pub fn templates(&self) -> &[FrameTemplate] {
+        &self.templates
     }
 
     /// Gives a frame that is not plain.
-    pub fn told(&self, at: usize, each: impl FnOnce(&Event<'_>)) {
-        if let Some(kept) = self.kept.get(at) {
-            each(&kept.event());
+    pub fn with_stored(&self, at: usize, each: impl FnOnce(&DecodedFrame<'_>)) {
+        if let Some(kept) = self.stored.get(at) {
+            each(&kept.as_frame());
         }
     }
 
     /// Gives every frame as a decoder does that keeps none.
-    pub fn each(&self, each: &mut dyn FnMut(&Event<'_>)) {
-        let mut buffers = Buffers::default();
-        for decoded in self.decoded() {
+    pub fn for_each_frame(&self, each: &mut dyn FnMut(&DecodedFrame<'_>)) {
+        let mut buffers = FrameBuffers::default();
+        for decoded in self.runs() {
             match decoded {
-                Decoded::Plain(run) => run.iter().for_each(|plain| {
-                    self.voices[usize::from(plain.voice)].event(plain, &mut buffers, each);
+                FrameRun::Compact(run) => run.iter().for_each(|plain| {
+                    self.templates[usize::from(plain.template)].expand_with(
+                        plain,
+                        &mut buffers,
+                        each,
+                    );
                 }),
-                Decoded::Told(at) => self.told(at, &mut *each),
+                FrameRun::Stored(at) => self.with_stored(at, &mut *each),
             }
         }
     }
 
     /// Keeps an event.
-    pub(crate) fn keep(&mut self, event: &Event<'_>) {
-        let used = self.places.len();
-        if used == self.kept.len() {
-            self.kept.push(Kept::default());
+    pub(crate) fn push_stored(&mut self, event: &DecodedFrame<'_>) {
+        let used = self.compact_before.len();
+        if used == self.stored.len() {
+            self.stored.push(StoredFrame::default());
         }
-        let kept = &mut self.kept[used];
-        kept.take(event);
-        self.size += kept.size();
-        self.places.push(self.plain.len());
+        let kept = &mut self.stored[used];
+        kept.store(event);
+        self.stored_bytes += kept.size();
+        self.compact_before.push(self.compact.len());
     }
 
     /// Adds a frame that changes nothing. `voice` is where their voice may be, and is; false if
     /// there is no room for one.
     #[inline]
-    pub(crate) fn add(
+    pub(crate) fn push_compact(
         &mut self,
         record: &Record<'_>,
         (number, frame): (u64, &Frame),
         voice: &mut u16,
-        (says, link, protocol): (Says<'_>, &Arc<str>, &'static str),
+        (says, link, protocol): (ContentRef<'_>, &Arc<str>, &'static str),
     ) -> bool {
         let Some(time) = record.time else { return false };
         let direction = record.direction;
-        let same = |known: &Voice| {
-            says.is(&known.said)
+        let same = |known: &FrameTemplate| {
+            says.matches(&known.content)
                 && (known.id, known.len, known.direction) == (frame.id, frame.len, direction)
                 && Arc::ptr_eq(&known.link, link)
         };
-        if !self.voices.get(usize::from(*voice)).is_some_and(same) {
-            if self.voices.len() == VOICES_MAX {
+        if !self.templates.get(usize::from(*voice)).is_some_and(same) {
+            if self.templates.len() == TEMPLATES_MAX {
                 return false;
             }
-            *voice = self.voices.len() as u16;
-            let (said, link) = (says.kept(), Arc::clone(link));
+            *voice = self.templates.len() as u16;
+            let (said, link) = (says.to_content(), Arc::clone(link));
             let Frame { id, len, .. } = *frame;
-            self.voices.push(Voice { said, link, protocol, direction, id, len });
+            self.templates.push(FrameTemplate {
+                content: said,
+                link,
+                protocol,
+                direction,
+                id,
+                len,
+            });
         }
         let (voice, data) = (*voice, u64::from_le_bytes(frame.data));
-        self.plain.push(Plain { voice, data, number, time, at: record.at });
+        self.compact.push(CompactFrame {
+            template: voice,
+            data,
+            number,
+            time,
+            offset: record.offset,
+        });
         true
     }
 }
 
-impl Voice {
+impl FrameTemplate {
     /// The mapping of process data.
     #[must_use]
-    pub fn process(&self) -> Option<&Process> {
-        match &self.said {
-            Said::Process(process) => Some(process),
-            Said::Same(_) => None,
+    pub fn process_data(&self) -> Option<&ProcessData> {
+        match &self.content {
+            TemplateContent::ProcessData(process) => Some(process),
+            TemplateContent::Constant(_) => None,
         }
     }
 
     /// Gives a frame as any other.
-    pub(crate) fn each(&self, plain: &Plain, each: &mut dyn FnMut(&Event<'_>)) {
-        self.event(plain, &mut Buffers::default(), each);
+    pub(crate) fn expand(&self, plain: &CompactFrame, each: &mut dyn FnMut(&DecodedFrame<'_>)) {
+        self.expand_with(plain, &mut FrameBuffers::default(), each);
     }
 
-    fn event(&self, plain: &Plain, buffers: &mut Buffers, each: &mut dyn FnMut(&Event<'_>)) {
-        let Buffers { explained, notices } = buffers;
+    fn expand_with(
+        &self,
+        plain: &CompactFrame,
+        buffers: &mut FrameBuffers,
+        each: &mut dyn FnMut(&DecodedFrame<'_>),
+    ) {
+        let FrameBuffers { explanation: explained, notices } = buffers;
         let data = plain.data.to_le_bytes();
         let bytes = &data[..usize::from(self.len)];
         notices.clear();
-        let explained = match &self.said {
-            Said::Same(explained) => &**explained,
-            Said::Process(process) => {
+        let explained = match &self.content {
+            TemplateContent::Constant(explained) => &**explained,
+            TemplateContent::ProcessData(process) => {
                 explained.clear();
-                process.say(bytes, explained);
-                process.mapping().signals(plain.data, |place, exact, value| {
-                    notices.push(process.signal(place, exact, value));
+                process.explain(bytes, explained);
+                process.mapping().for_each_signal(plain.data, |place, exact, value| {
+                    notices.push(process.signal_notice(place, exact, value));
                 });
                 explained
             }
         };
-        each(&Event {
+        each(&DecodedFrame {
             number: plain.number,
             time: Some(plain.time),
             link: &self.link,
@@ -308,38 +332,43 @@ impl Voice {
             id: Some(self.id),
             extended: false,
             remote: false,
-            wanted: 0,
+            remote_len: 0,
             echo: false,
             stray: false,
-            explained,
-            wrong: None,
+            explanation: explained,
+            defect: None,
             notices,
-            at: plain.at,
+            offset: plain.offset,
         });
     }
 }
 
-impl Kept {
-    fn take(&mut self, event: &Event<'_>) {
-        let Event { number, time, link, direction, protocol, bytes, id, extended, .. } = *event;
+impl StoredFrame {
+    fn store(&mut self, event: &DecodedFrame<'_>) {
+        let DecodedFrame { number, time, link, direction, protocol, bytes, id, extended, .. } =
+            *event;
         (self.number, self.time, self.direction) = (number, time, direction);
         link.clone_into(&mut self.link);
         bytes.clone_into(&mut self.bytes);
         (self.protocol, self.id, self.extended) = (protocol, id, extended);
         (self.remote, self.echo, self.stray) = (event.remote, event.echo, event.stray);
-        self.explained.copy(event.explained);
+        self.explanation.copy_from(event.explanation);
         event.notices.clone_into(&mut self.notices);
-        (self.wrong, self.wanted, self.at) = (event.wrong, event.wanted, event.at);
+        (self.defect, self.remote_len, self.offset) =
+            (event.defect, event.remote_len, event.offset);
     }
 
     /// Bytes that it takes, nearly.
     fn size(&self) -> usize {
-        let said = self.explained.text.len() + self.explained.items().len() * size_of::<u64>();
-        size_of::<Self>() + said + self.bytes.len() + self.notices.len() * size_of::<Notice>()
+        let said = self.explanation.text.len() + self.explanation.fields().len() * size_of::<u64>();
+        size_of::<Self>()
+            + said
+            + self.bytes.len()
+            + self.notices.len() * size_of::<SessionNotice>()
     }
 
-    fn event(&self) -> Event<'_> {
-        Event {
+    fn as_frame(&self) -> DecodedFrame<'_> {
+        DecodedFrame {
             number: self.number,
             time: self.time,
             link: &self.link,
@@ -349,13 +378,13 @@ impl Kept {
             id: self.id,
             extended: self.extended,
             remote: self.remote,
-            wanted: self.wanted,
+            remote_len: self.remote_len,
             echo: self.echo,
             stray: self.stray,
-            explained: &self.explained,
-            wrong: self.wrong,
+            explanation: &self.explanation,
+            defect: self.defect,
             notices: &self.notices,
-            at: self.at,
+            offset: self.offset,
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use polepair_core::explain::{Dissector, Raw};
+use polepair_core::explain::{Dissector, RawFrame};
 
 /// Requests of a link that are remembered: as many as a relay or a CAN bus may have under way.
 const REQUESTS_MAX: usize = 32;
@@ -12,73 +12,77 @@ const REQUESTS_MAX: usize = 32;
 #[derive(Debug, Default)]
 pub(crate) struct Conversation {
     /// The newest is the last.
-    requests: VecDeque<Asked>,
-    replies: u32,
-    first_was_same: bool,
-    echoes: bool,
+    requests: VecDeque<RecentRequest>,
+    reply_count: u32,
+    first_matched: bool,
+    has_echo: bool,
 }
 
 /// A request as it stood on the wire.
 #[derive(Debug, Default)]
-struct Asked {
+struct RecentRequest {
     bytes: Vec<u8>,
     id: Option<u32>,
     extended: bool,
 }
 
-impl Asked {
-    fn raw(&self) -> Raw<'_> {
-        Raw { bytes: &self.bytes, id: self.id, extended: self.extended }
+impl RecentRequest {
+    fn raw(&self) -> RawFrame<'_> {
+        RawFrame { bytes: &self.bytes, id: self.id, extended: self.extended }
     }
 }
 
 impl Conversation {
-    pub(crate) fn with_echo(echoes: bool) -> Self {
-        Self { echoes, ..Self::default() }
+    pub(crate) fn with_echo(has_echo: bool) -> Self {
+        Self { has_echo, ..Self::default() }
     }
 
     /// True once the host was seen to hear itself.
-    pub(crate) fn echoes(&self) -> bool {
-        self.echoes
+    pub(crate) fn has_echo(&self) -> bool {
+        self.has_echo
     }
 
     /// The request that `reply` answers: the newest of which it says so, else the last on a serial
     /// line, where one follows the other.
-    pub(crate) fn request(&self, dissector: &dyn Dissector, reply: &Raw<'_>) -> Option<Raw<'_>> {
-        let mut requests = self.requests.iter().rev().map(Asked::raw);
-        let said = requests.find(|request| dissector.answers(reply, request));
-        let last = self.requests.back().filter(|_| reply.id.is_none()).map(Asked::raw);
+    pub(crate) fn find_request(
+        &self,
+        dissector: &dyn Dissector,
+        reply: &RawFrame<'_>,
+    ) -> Option<RawFrame<'_>> {
+        let mut requests = self.requests.iter().rev().map(RecentRequest::raw);
+        let said = requests.find(|request| dissector.is_answer_to(reply, request));
+        let last = self.requests.back().filter(|_| reply.id.is_none()).map(RecentRequest::raw);
         said.or(last)
     }
 
     /// The last request, while nothing followed it.
-    pub(crate) fn open(&self) -> Option<Raw<'_>> {
-        self.requests.back().filter(|_| self.replies == 0).map(Asked::raw)
+    pub(crate) fn open_request(&self) -> Option<RawFrame<'_>> {
+        self.requests.back().filter(|_| self.reply_count == 0).map(RecentRequest::raw)
     }
 
     /// Takes a request.
-    pub(crate) fn ask(&mut self, request: &Raw<'_>) {
+    pub(crate) fn push_request(&mut self, request: &RawFrame<'_>) {
         let full = self.requests.len() == REQUESTS_MAX;
         let mut asked = if full { self.requests.pop_front() } else { None }.unwrap_or_default();
         asked.bytes.clear();
         asked.bytes.extend_from_slice(request.bytes);
         (asked.id, asked.extended) = (request.id, request.extended);
         self.requests.push_back(asked);
-        self.replies = 0;
+        self.reply_count = 0;
     }
 
     /// Takes a frame towards the host, and tells whether it is the request heard back. A reply may
     /// equal its request (Modbus 06), so an equal frame alone proves nothing: it is an echo when
     /// more follows it at once (`glued`), or when this link was seen to echo before.
-    pub(crate) fn is_echo(&mut self, frame: &[u8], glued: bool) -> bool {
+    pub(crate) fn detect_echo(&mut self, frame: &[u8], glued: bool) -> bool {
         let same = self.requests.back().is_some_and(|asked| asked.bytes == frame);
-        self.replies += 1;
-        if self.replies > 1 {
-            self.echoes |= self.first_was_same;
+        self.reply_count += 1;
+        if self.reply_count > 1 {
+            self.has_echo |= self.first_matched;
             return false;
         }
-        self.first_was_same = same;
-        self.echoes |= same && glued;
-        same && self.echoes
+        self.first_matched = same;
+        self.has_echo |= same && glued;
+        same && self.has_echo
     }
 }

@@ -1,6 +1,6 @@
 //! Dates as capture files state them. None says its time zone: they are taken, and written, as UTC.
 
-use crate::stamp::Stamp;
+use crate::timestamp::Timestamp;
 
 const DAY_S: i64 = 86_400;
 /// Days from 1899-12-30, where PEAK's days begin, to 1970-01-01.
@@ -28,7 +28,7 @@ const MONTHS: [(&str, u8); 17] = [
 
 /// Days from 1970-01-01 to a day of the Gregorian calendar. Months count from March, so that the
 /// day that a leap year adds is a year's last.
-fn days(year: i64, month: i64, day: i64) -> i64 {
+fn days_since_epoch(year: i64, month: i64, day: i64) -> i64 {
     let year = if month <= 2 { year - 1 } else { year };
     let month = (month + 9) % 12;
     let before = year * 365 + year.div_euclid(4) - year.div_euclid(100) + year.div_euclid(400);
@@ -36,20 +36,20 @@ fn days(year: i64, month: i64, day: i64) -> i64 {
 }
 
 /// A moment; `None` before 1970, or where a number is out of its range.
-pub(crate) fn moment(date: [u16; 3], time: [u16; 3], ns: u32) -> Option<Stamp> {
+pub(crate) fn from_calendar(date: [u16; 3], time: [u16; 3], ns: u32) -> Option<Timestamp> {
     let ([year, month, day], [hour, minute, second]) = (date.map(i64::from), time.map(i64::from));
     let ranges = [(month, 1..=12), (day, 1..=31), (hour, 0..=23), (minute, 0..=59)];
     if ranges.iter().any(|(value, range)| !range.contains(value)) || second > 60 {
         return None;
     }
-    let seconds = days(year, month, day) * DAY_S + hour * 3600 + minute * 60 + second;
+    let seconds = days_since_epoch(year, month, day) * DAY_S + hour * 3600 + minute * 60 + second;
     let seconds = u64::try_from(seconds).ok()?;
-    Some(Stamp(seconds.checked_mul(1_000_000_000)? + u64::from(ns)))
+    Some(Timestamp(seconds.checked_mul(1_000_000_000)? + u64::from(ns)))
 }
 
 /// A moment as people write it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Civil {
+pub(crate) struct CalendarTime {
     /// Year, month, day.
     pub(crate) date: [u16; 3],
     /// Hour, minute, second.
@@ -60,17 +60,18 @@ pub(crate) struct Civil {
 }
 
 /// The moment of a time stamp, in UTC.
-pub(crate) fn civil(stamp: Stamp) -> Civil {
+pub(crate) fn to_calendar(stamp: Timestamp) -> CalendarTime {
     let (seconds, ns) = (stamp.0 / 1_000_000_000, stamp.0 % 1_000_000_000);
     let (since, second) = ((seconds / DAY_S as u64) as i64, seconds % DAY_S as u64);
     // The year's first guess is late by no more than one.
     let mut year = 1970 + since / 365;
-    while days(year, 1, 1) > since {
+    while days_since_epoch(year, 1, 1) > since {
         year -= 1;
     }
-    let month = (1..=12).rev().find(|month| days(year, *month, 1) <= since).unwrap_or(1);
-    let day = since - days(year, month, 1) + 1;
-    Civil {
+    let month =
+        (1..=12).rev().find(|month| days_since_epoch(year, *month, 1) <= since).unwrap_or(1);
+    let day = since - days_since_epoch(year, month, 1) + 1;
+    CalendarTime {
         date: [year, month, day].map(|n| n as u16),
         time: [second / 3600, second / 60 % 60, second % 60].map(|n| n as u16),
         ms: (ns / 1_000_000) as u16,
@@ -79,20 +80,20 @@ pub(crate) fn civil(stamp: Stamp) -> Civil {
 }
 
 /// Days since 1899-12-30 as PEAK's files have them.
-pub(crate) fn to_days(stamp: Stamp) -> f64 {
+pub(crate) fn to_ole_days(stamp: Timestamp) -> f64 {
     stamp.0 as f64 / 1e9 / DAY_S as f64 + OLE_EPOCH_DAYS
 }
 
 /// Days since 1899-12-30, as PEAK's files have them.
-pub(crate) fn from_days(days: f64) -> Option<Stamp> {
+pub(crate) fn from_ole_days(days: f64) -> Option<Timestamp> {
     let since = (days - OLE_EPOCH_DAYS) * DAY_S as f64;
     // A double holds such a day to about a microsecond.
     let micros = (since * 1e6).round();
-    (0.0..9.2e15).contains(&micros).then(|| Stamp(micros as u64 * 1000))
+    (0.0..9.2e15).contains(&micros).then(|| Timestamp(micros as u64 * 1000))
 }
 
 /// `Sat Sep 30 10:06:13.191 pm 2017`, the weekday, the decimals and am or pm may be missing.
-pub(crate) fn in_words(text: &str) -> Option<Stamp> {
+pub(crate) fn parse_verbose(text: &str) -> Option<Timestamp> {
     let lower = text.to_lowercase();
     let (mut month, mut day, mut year, mut clock, mut pm) = (None, None, None, None, None);
     for word in lower.split_ascii_whitespace() {
@@ -120,17 +121,18 @@ pub(crate) fn in_words(text: &str) -> Option<Stamp> {
         Some(false) if hour == 12 => 0,
         _ => hour,
     };
-    moment([year?, u16::from(month?), day?], [hour, minute, second], ns)
+    from_calendar([year?, u16::from(month?), day?], [hour, minute, second], ns)
 }
 
 /// `2026-11-21 20:15:00 UTC`.
-pub(crate) fn shown(stamp: Stamp) -> String {
-    let Civil { date: [year, month, day], time: [hour, minute, second], .. } = civil(stamp);
+pub(crate) fn format_utc(stamp: Timestamp) -> String {
+    let CalendarTime { date: [year, month, day], time: [hour, minute, second], .. } =
+        to_calendar(stamp);
     format!("{year}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02} UTC")
 }
 
 /// `2026-11-21 20:15:00.5`, also with a T between, a Z behind, or without the clock.
-pub(crate) fn written(text: &str) -> Option<Stamp> {
+pub(crate) fn parse_iso(text: &str) -> Option<Timestamp> {
     let text = text.trim().trim_end_matches('Z');
     let (day, clock) = text.split_once([' ', 'T']).unwrap_or((text, "0:0"));
     let (clock, fraction) = clock.split_once('.').unwrap_or((clock, ""));
@@ -140,41 +142,44 @@ pub(crate) fn written(text: &str) -> Option<Stamp> {
         Some(parts)
     };
     let ns = format!("{fraction:0<9}").get(..9)?.parse().ok()?;
-    moment(three(day, '-')?, three(clock, ':')?, ns)
+    from_calendar(three(day, '-')?, three(clock, ':')?, ns)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{civil, from_days, in_words, moment, to_days, written};
-    use crate::stamp::Stamp;
+    use super::{from_calendar, from_ole_days, parse_iso, parse_verbose, to_calendar, to_ole_days};
+    use crate::timestamp::Timestamp;
 
     #[test]
     fn dates() {
-        let at = |seconds: u64, ms: u64| Some(Stamp(seconds * 1_000_000_000 + ms * 1_000_000));
-        assert_eq!(in_words("Sat Sep 30 15:06:13.191 2017"), at(1_506_783_973, 191));
-        assert_eq!(in_words("Sam Sep 30 03:06:13.191 pm 2017"), at(1_506_783_973, 191));
-        assert_eq!(in_words("Don Okt 26 12:00:00 am 2023"), at(1_698_278_400, 0));
-        assert_eq!(in_words("Thu Feb 29 00:00:00.000 2024"), at(1_709_164_800, 0));
-        assert_eq!(in_words("whenever"), None);
-        assert_eq!(written("2017-09-30 15:06:13.191"), at(1_506_783_973, 191));
-        assert_eq!(written("2017-09-30T15:06:13.191Z"), at(1_506_783_973, 191));
-        assert_eq!(written("2024-02-29"), at(1_709_164_800, 0));
-        assert_eq!(written("2017-13-30 15:06:13"), None);
-        assert_eq!(from_days(25_569.5), at(43_200, 0));
-        assert_eq!(from_days(-1.0), None);
-        assert_eq!(from_days(to_days(Stamp(1_506_783_973_191_000_000))), at(1_506_783_973, 191));
+        let at = |seconds: u64, ms: u64| Some(Timestamp(seconds * 1_000_000_000 + ms * 1_000_000));
+        assert_eq!(parse_verbose("Sat Sep 30 15:06:13.191 2017"), at(1_506_783_973, 191));
+        assert_eq!(parse_verbose("Sam Sep 30 03:06:13.191 pm 2017"), at(1_506_783_973, 191));
+        assert_eq!(parse_verbose("Don Okt 26 12:00:00 am 2023"), at(1_698_278_400, 0));
+        assert_eq!(parse_verbose("Thu Feb 29 00:00:00.000 2024"), at(1_709_164_800, 0));
+        assert_eq!(parse_verbose("whenever"), None);
+        assert_eq!(parse_iso("2017-09-30 15:06:13.191"), at(1_506_783_973, 191));
+        assert_eq!(parse_iso("2017-09-30T15:06:13.191Z"), at(1_506_783_973, 191));
+        assert_eq!(parse_iso("2024-02-29"), at(1_709_164_800, 0));
+        assert_eq!(parse_iso("2017-13-30 15:06:13"), None);
+        assert_eq!(from_ole_days(25_569.5), at(43_200, 0));
+        assert_eq!(from_ole_days(-1.0), None);
+        assert_eq!(
+            from_ole_days(to_ole_days(Timestamp(1_506_783_973_191_000_000))),
+            at(1_506_783_973, 191)
+        );
     }
 
     #[test]
     fn moments_there_and_back() {
         for seconds in (0..4_102_444_800).step_by(86_400 * 13 + 4_321) {
-            let stamp = Stamp(seconds * 1_000_000_000 + 7_000_000);
-            let there = civil(stamp);
+            let stamp = Timestamp(seconds * 1_000_000_000 + 7_000_000);
+            let there = to_calendar(stamp);
             assert_eq!(
-                moment(there.date, there.time, u32::from(there.ms) * 1_000_000),
+                from_calendar(there.date, there.time, u32::from(there.ms) * 1_000_000),
                 Some(stamp)
             );
         }
-        assert_eq!(civil(Stamp(1_506_783_973_000_000_000)).weekday, 6, "a Saturday");
+        assert_eq!(to_calendar(Timestamp(1_506_783_973_000_000_000)).weekday, 6, "a Saturday");
     }
 }

@@ -1,42 +1,42 @@
 //! Records in, explained frames out.
 
-mod gather;
-mod lane;
-mod repeat;
+mod batching;
+mod repeat_cache;
+mod route;
 
 use core::fmt;
 use std::sync::Arc;
 
 use polepair_core::drives;
 use polepair_core::error::WireError;
-use polepair_core::explain::{Context, Direction, Raw, Talk};
+use polepair_core::explain::{Context, ConversationContext, Direction, RawFrame};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
 use crate::conversation::Conversation;
-use crate::explained::{CAN_FD, ERROR_FRAME, Explained};
-use crate::format::Format;
-use crate::read::{Reader, Tally};
-use crate::record::{Data, ERROR_FLAG, Record};
+use crate::explanation::{CAN_FD, ERROR_FRAME, Explanation};
+use crate::format::CaptureFormat;
+use crate::read::{CaptureReader, ReadStatistics};
+use crate::record::{ERROR_FLAG, Record, RecordData};
 use crate::rules::{Rule, Rules};
-use crate::session::{Heard, Notice, Session, reported};
-use crate::stamp::Stamp;
-use crate::stream::{Flow, Origin, Piece, Shape};
-use crate::text::Head;
-pub(crate) use lane::speaks;
-use lane::{Lane, Lanes, Teller, claimant, spoken};
-use repeat::Repeats;
+use crate::session::{LinkSession, ObservedFrame, SessionNotice, error_frame_notice};
+use crate::stream::{ChunkOrigin, PieceKind, SerialFlow, StreamPiece};
+use crate::text::LineLayout;
+use crate::timestamp::Timestamp;
+use repeat_cache::RepeatCache;
+pub(crate) use route::profile_speaks;
+use route::{FrameRoute, RouteTable, RuleExplainer, claiming_rule, profile_for_rule};
 
 /// Links that a capture may name; records of further ones are damaged.
 pub const LINKS_MAX: usize = 256;
 
 /// One frame of a capture, or bytes that are none.
 #[derive(Clone, Copy, Debug)]
-pub struct Event<'a> {
+pub struct DecodedFrame<'a> {
     /// Its number in the capture, from 1; 0 for what belongs to no frame.
     pub number: u64,
     /// When its first byte came.
-    pub time: Option<Stamp>,
+    pub time: Option<Timestamp>,
     /// On which link.
     pub link: &'a str,
     /// Who sent it.
@@ -52,24 +52,24 @@ pub struct Event<'a> {
     /// True for a CAN remote request.
     pub remote: bool,
     /// Bytes that a CAN remote request asks for; 0 where it is none.
-    pub wanted: u8,
+    pub remote_len: u8,
     /// The host's own request, heard back through its adapter.
     pub echo: bool,
     /// These bytes have not the shape of a frame.
     pub stray: bool,
     /// What it says.
-    pub explained: &'a Explained,
+    pub explanation: &'a Explanation,
     /// What is wrong with it.
-    pub wrong: Option<Wrong>,
+    pub defect: Option<FrameDefect>,
     /// What its conversation tells at this frame.
-    pub notices: &'a [Notice],
+    pub notices: &'a [SessionNotice],
     /// Byte of the capture at which its record begins.
-    pub at: u64,
+    pub offset: u64,
 }
 
-impl<'a> Event<'a> {
+impl<'a> DecodedFrame<'a> {
     /// No frame.
-    const fn none(link: &'a str, explained: &'a Explained) -> Self {
+    const fn empty(link: &'a str, explanation: &'a Explanation) -> Self {
         Self {
             number: 0,
             time: None,
@@ -80,22 +80,22 @@ impl<'a> Event<'a> {
             id: None,
             extended: false,
             remote: false,
-            wanted: 0,
+            remote_len: 0,
             echo: false,
             stray: false,
-            explained,
-            wrong: None,
+            explanation,
+            defect: None,
             notices: &[],
-            at: 0,
+            offset: 0,
         }
     }
 
     /// A CAN frame, its number, its link and protocol, and what is said of it.
-    fn of_frame(
+    fn from_frame(
         record: &Record<'_>,
         (number, frame): (u64, &'a Frame),
         (link, protocol): (&'a str, Option<&'static str>),
-        (explained, notices): (&'a Explained, &'a [Notice]),
+        (explained, notices): (&'a Explanation, &'a [SessionNotice]),
     ) -> Self {
         Self {
             number,
@@ -105,47 +105,47 @@ impl<'a> Event<'a> {
             id: Some(frame.id),
             extended: frame.extended,
             remote: frame.remote,
-            wanted: if frame.remote { frame.len } else { 0 },
+            remote_len: if frame.remote { frame.len } else { 0 },
             protocol,
-            wrong: explained.error.map(Wrong::Wire),
+            defect: explained.error.map(FrameDefect::Wire),
             notices,
-            at: record.at,
-            ..Self::none(link, explained)
+            offset: record.offset,
+            ..Self::empty(link, explained)
         }
     }
 }
 
 /// What is wrong with a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Wrong {
+pub enum FrameDefect {
     /// It breaks its protocol.
     Wire(WireError),
     /// Its check fails.
-    Broken,
+    BadCheck,
     /// These bytes are no frame.
     Stray(usize),
 }
 
-impl fmt::Display for Wrong {
+impl fmt::Display for FrameDefect {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Wire(error) => error.fmt(f),
-            Self::Broken => f.write_str("frame: its check fails"),
-            Self::Stray(count) => write!(f, "stray: {}", strays(*count)),
+            Self::BadCheck => f.write_str("frame: its check fails"),
+            Self::Stray(count) => write!(f, "stray: {}", stray_text(*count)),
         }
     }
 }
 
-impl Wrong {
+impl FrameDefect {
     /// Whether a check over its bytes fails.
     #[must_use]
-    pub const fn is_check(self) -> bool {
-        matches!(self, Self::Broken | Self::Wire(WireError::Checksum { .. }))
+    pub const fn is_bad_check(self) -> bool {
+        matches!(self, Self::BadCheck | Self::Wire(WireError::Checksum { .. }))
     }
 }
 
 /// Bytes that are no frame, in words.
-pub(crate) fn strays(count: usize) -> String {
+pub(crate) fn stray_text(count: usize) -> String {
     match count {
         1 => "1 byte that belongs to no frame".to_owned(),
         _ => format!("{count} bytes that belong to no frame"),
@@ -154,76 +154,76 @@ pub(crate) fn strays(count: usize) -> String {
 
 /// Explains a capture, record by record. Memory stays bounded however long the capture is.
 #[derive(Debug)]
-pub struct Decoder {
+pub struct CaptureDecoder {
     rules: Rules,
     /// Rules came from weighing: a CAN frame that no protocol claims stays unexplained.
-    judged: bool,
+    detected: bool,
     profile: Option<&'static Profile>,
-    echoing: Vec<String>,
-    wires: Vec<Wire>,
-    reader: Reader,
-    explained: Explained,
-    notices: Vec<Notice>,
+    echo_links: Vec<String>,
+    links: Vec<LinkDecoder>,
+    reader: CaptureReader,
+    explanation: Explanation,
+    notices: Vec<SessionNotice>,
     /// Frames that were given out.
-    count: u64,
+    frame_count: u64,
     /// Conversations are followed.
-    follows: bool,
+    tracks_sessions: bool,
     /// Records beyond the links that are followed.
-    foreign: u64,
+    untracked: u64,
     /// How far lines of text have come.
-    head: Head,
+    layout: LineLayout,
 }
 
 /// One link of the capture.
 #[derive(Debug)]
-struct Wire {
+struct LinkDecoder {
     name: Arc<str>,
     rules: Vec<Rule>,
-    lanes: Lanes,
-    repeats: Repeats,
-    flows: [Flow; 3],
+    routes: RouteTable,
+    repeats: RepeatCache,
+    flows: [SerialFlow; 3],
     conversation: Conversation,
-    session: Session,
+    session: LinkSession,
 }
 
-type Out<'a> = &'a mut dyn FnMut(&Event<'_>);
+type FrameCallback<'a> = &'a mut dyn FnMut(&DecodedFrame<'_>);
 
-impl Decoder {
+impl CaptureDecoder {
     /// A decoder that holds to `rules`, as a person stated them.
     #[must_use]
     pub fn new(rules: Rules) -> Self {
         Self {
             rules,
-            judged: false,
+            detected: false,
             profile: None,
-            echoing: Vec::new(),
-            wires: Vec::new(),
-            reader: Reader::default(),
-            explained: Explained::default(),
+            echo_links: Vec::new(),
+            links: Vec::new(),
+            reader: CaptureReader::default(),
+            explanation: Explanation::default(),
             notices: Vec::new(),
-            count: 0,
-            follows: true,
-            foreign: 0,
-            head: Head::default(),
+            frame_count: 0,
+            tracks_sessions: true,
+            untracked: 0,
+            layout: LineLayout::default(),
         }
     }
 
     /// A decoder that looks at each frame by itself, to see what `rules` make of it.
-    pub(crate) fn weighing(rules: Rules) -> Self {
-        let explained = Explained::brief();
-        Self { judged: true, follows: false, explained, ..Self::new(rules) }
+    pub(crate) fn for_detection(rules: Rules) -> Self {
+        let explanation = Explanation::kind_only();
+        Self { detected: true, tracks_sessions: false, explanation, ..Self::new(rules) }
     }
 
     /// A decoder by what a [`Judge`](crate::Judge) found.
-    pub(crate) fn judged(rules: Rules, echoing: Vec<String>) -> Self {
-        Self { judged: true, echoing, ..Self::new(rules) }
+    pub(crate) fn from_detection(rules: Rules, echo_links: Vec<String>) -> Self {
+        Self { detected: true, echo_links, ..Self::new(rules) }
     }
 
     /// Leaves out what frames say in words and fields: their texts stay empty. What they tell as
     /// values, states and faults, and what is wrong with them, stays the same, and costs less.
     #[must_use]
-    pub fn without_words(mut self) -> Self {
-        self.explained = Explained::bare();
+    pub fn without_text(mut self) -> Self {
+        self.explanation = Explanation::values_only();
         self
     }
 
@@ -235,129 +235,139 @@ impl Decoder {
     }
 
     /// Names parameters as `profile` does from now on: who speaks may be learnt on the way.
-    pub fn name_by(&mut self, profile: &'static Profile) {
+    pub fn set_profile(&mut self, profile: &'static Profile) {
         self.profile = Some(profile);
-        for wire in &mut self.wires {
-            (wire.lanes, wire.repeats) = (Lanes::default(), Repeats::default());
+        for wire in &mut self.links {
+            (wire.routes, wire.repeats) = (RouteTable::default(), RepeatCache::default());
         }
     }
 
     /// Reads the capture as that format, or tells it by the first bytes.
     #[must_use]
-    pub fn with_format(mut self, format: Option<Format>) -> Self {
-        self.reader = Reader::new(format);
+    pub fn with_format(mut self, format: Option<CaptureFormat>) -> Self {
+        self.reader = CaptureReader::new(format);
         self
     }
 
     /// Takes a piece of the capture, cut anywhere.
-    pub fn feed(&mut self, piece: &[u8], out: Out<'_>) {
+    pub fn feed(&mut self, piece: &[u8], out: FrameCallback<'_>) {
         let mut reader = core::mem::take(&mut self.reader);
-        reader.feed(piece, &mut |record| self.record(record, out));
+        reader.feed(piece, &mut |record| self.decode_record(record, out));
         self.reader = reader;
     }
 
     /// Takes one record.
-    pub fn record(&mut self, record: &Record<'_>, out: Out<'_>) {
-        let Some(at) = self.wire(record.link) else {
-            self.foreign += 1;
+    pub fn decode_record(&mut self, record: &Record<'_>, out: FrameCallback<'_>) {
+        let Some(at) = self.link_index(record.link) else {
+            self.untracked += 1;
             return;
         };
         match record.data {
-            Data::Bytes(bytes) => self.bytes(at, record, bytes, out),
-            Data::Frame(frame) => self.take_frame(at, record, &frame, out),
-            Data::Fd(fd) => {
-                self.explained.say(CAN_FD, format_args!("{} bytes", fd.bytes.len()));
+            RecordData::Bytes(bytes) => self.decode_serial(at, record, bytes, out),
+            RecordData::Frame(frame) => self.decode_can_frame(at, record, &frame, out),
+            RecordData::Fd(fd) => {
+                self.explanation.set_text(CAN_FD, format_args!("{} bytes", fd.bytes.len()));
                 self.notices.clear();
                 let id = Some((fd.id, fd.extended));
-                out(&self.unexplained(at, record, id, fd.bytes));
+                out(&self.bus_frame(at, record, id, fd.bytes));
             }
-            Data::Error(error) => {
-                let words: Vec<&str> = error.words().collect();
-                self.explained.say(ERROR_FRAME, format_args!("{}", words.join(", ")));
+            RecordData::Error(error) => {
+                let words: Vec<&str> = error.descriptions().collect();
+                self.explanation.set_text(ERROR_FRAME, format_args!("{}", words.join(", ")));
                 self.notices.clear();
-                self.notices.extend(reported(&error, &self.explained.text));
+                self.notices.extend(error_frame_notice(&error, &self.explanation.text));
                 let id = Some((ERROR_FLAG | error.class, true));
-                out(&self.unexplained(at, record, id, &error.data));
+                out(&self.bus_frame(at, record, id, &error.data));
             }
         }
     }
 
     /// What belongs to the bus and not to a protocol.
-    fn unexplained<'a>(
+    fn bus_frame<'a>(
         &'a mut self,
         at: usize,
         record: &Record<'_>,
         id: Option<(u32, bool)>,
         bytes: &'a [u8],
-    ) -> Event<'a> {
-        self.count += 1;
-        Event {
-            number: self.count,
+    ) -> DecodedFrame<'a> {
+        self.frame_count += 1;
+        DecodedFrame {
+            number: self.frame_count,
             time: record.time,
             direction: record.direction,
             bytes,
             id: id.map(|(id, _)| id),
             extended: id.is_some_and(|(_, extended)| extended),
             notices: &self.notices,
-            at: record.at,
-            ..Event::none(&self.wires[at].name, &self.explained)
+            offset: record.offset,
+            ..DecodedFrame::empty(&self.links[at].name, &self.explanation)
         }
     }
 
     /// Takes bytes of a serial line as they were read or written.
-    pub fn chunk(
+    pub fn decode_bytes(
         &mut self,
-        time: Option<Stamp>,
+        time: Option<Timestamp>,
         link: &str,
         direction: Option<Direction>,
         bytes: &[u8],
-        out: Out<'_>,
+        out: FrameCallback<'_>,
     ) {
-        self.record(&Record { time, link, direction, data: Data::Bytes(bytes), at: 0 }, out);
+        self.decode_record(
+            &Record { time, link, direction, data: RecordData::Bytes(bytes), offset: 0 },
+            out,
+        );
     }
 
     /// Takes a CAN frame as it was sent or received.
-    pub fn frame(
+    pub fn decode_frame(
         &mut self,
-        time: Option<Stamp>,
+        time: Option<Timestamp>,
         link: &str,
         direction: Option<Direction>,
         frame: &Frame,
-        out: Out<'_>,
+        out: FrameCallback<'_>,
     ) {
-        self.record(&Record { time, link, direction, data: Data::Frame(*frame), at: 0 }, out);
+        self.decode_record(
+            &Record { time, link, direction, data: RecordData::Frame(*frame), offset: 0 },
+            out,
+        );
     }
 
     /// Ends the capture: what waits for more is given out as it is.
-    pub fn finish(&mut self, out: Out<'_>) {
+    pub fn finish(&mut self, out: FrameCallback<'_>) {
         let mut reader = core::mem::take(&mut self.reader);
-        reader.finish(&mut |record| self.record(record, out));
+        reader.finish(&mut |record| self.decode_record(record, out));
         self.reader = reader;
-        for at in 0..self.wires.len() {
+        for at in 0..self.links.len() {
             for direction in DIRECTIONS {
-                self.drain(at, direction, true, out);
+                self.drain_flow(at, direction, true, out);
             }
         }
     }
 
     /// After [`finish`](Self::finish): what conversations leave open, each as an event that is no
     /// frame: its number is 0, and it has a link, a protocol, an axis and one notice.
-    pub fn ending(&mut self, out: Out<'_>) {
-        for wire in &mut self.wires {
-            let (explained, link) = (&mut self.explained, &*wire.name);
-            wire.session.end(&mut |protocol, notice| {
+    pub fn finish_sessions(&mut self, out: FrameCallback<'_>) {
+        for wire in &mut self.links {
+            let (explained, link) = (&mut self.explanation, &*wire.name);
+            wire.session.finish(&mut |protocol, notice| {
                 explained.clear();
                 explained.axis = notice.axis();
                 let notices = core::slice::from_ref(notice);
-                out(&Event { protocol: Some(protocol), notices, ..Event::none(link, explained) });
+                out(&DecodedFrame {
+                    protocol: Some(protocol),
+                    notices,
+                    ..DecodedFrame::empty(link, explained)
+                });
             });
         }
     }
 
     /// What was read, and what could not be.
     #[must_use]
-    pub fn tally(&self) -> &Tally {
-        self.reader.tally()
+    pub fn statistics(&self) -> &ReadStatistics {
+        self.reader.statistics()
     }
 
     /// What is spoken, as it was stated or found.
@@ -368,125 +378,157 @@ impl Decoder {
 
     /// The form of the capture, once it is told.
     #[must_use]
-    pub fn format(&self) -> Option<Format> {
+    pub fn format(&self) -> Option<CaptureFormat> {
         self.reader.format()
     }
 
     /// Records of more links than are followed at once, which are left out.
     #[must_use]
-    pub const fn left_out(&self) -> u64 {
-        self.foreign
+    pub const fn untracked_records(&self) -> u64 {
+        self.untracked
     }
 
     /// Links on which the host was seen to hear itself.
-    pub(crate) fn echoing(&self) -> impl Iterator<Item = &str> {
-        self.wires.iter().filter(|wire| wire.conversation.echoes()).map(|wire| &*wire.name)
+    pub(crate) fn echo_links(&self) -> impl Iterator<Item = &str> {
+        self.links.iter().filter(|wire| wire.conversation.has_echo()).map(|wire| &*wire.name)
     }
 
-    fn wire(&mut self, name: &str) -> Option<usize> {
-        if let Some(at) = self.wires.iter().position(|wire| *wire.name == *name) {
+    fn link_index(&mut self, name: &str) -> Option<usize> {
+        if let Some(at) = self.links.iter().position(|wire| *wire.name == *name) {
             return Some(at);
         }
-        let echoes = self.echoing.iter().any(|link| link == name);
-        (self.wires.len() < LINKS_MAX).then(|| {
-            self.wires.push(Wire {
+        let echoes = self.echo_links.iter().any(|link| link == name);
+        (self.links.len() < LINKS_MAX).then(|| {
+            self.links.push(LinkDecoder {
                 name: name.into(),
-                rules: self.rules.on(name),
-                lanes: Lanes::default(),
-                repeats: Repeats::default(),
+                rules: self.rules.for_link(name),
+                routes: RouteTable::default(),
+                repeats: RepeatCache::default(),
                 flows: Default::default(),
                 conversation: Conversation::with_echo(echoes),
-                session: Session::default(),
+                session: LinkSession::default(),
             });
-            self.wires.len() - 1
+            self.links.len() - 1
         })
     }
 
-    fn bytes(&mut self, at: usize, record: &Record<'_>, bytes: &[u8], out: Out<'_>) {
+    fn decode_serial(
+        &mut self,
+        at: usize,
+        record: &Record<'_>,
+        bytes: &[u8],
+        out: FrameCallback<'_>,
+    ) {
         for other in DIRECTIONS {
-            let wire = &self.wires[at];
-            let flow = &wire.flows[index(other)];
+            let wire = &self.links[at];
+            let flow = &wire.flows[direction_index(other)];
             let ended = other != record.direction
-                || flow.breaks_off(&wire.rules, other, record.time, bytes);
+                || flow.interrupts(&wire.rules, other, record.time, bytes);
             if ended && !flow.pending().is_empty() {
-                self.drain(at, other, true, out);
+                self.drain_flow(at, other, true, out);
             }
         }
-        let origin = Origin { time: record.time, at: record.at };
-        self.wires[at].flows[index(record.direction)].push(origin, bytes);
+        let origin = ChunkOrigin { time: record.time, offset: record.offset };
+        self.links[at].flows[direction_index(record.direction)].push(origin, bytes);
         // Data alone on a line stands for itself: nothing more of it follows.
-        self.drain(at, record.direction, record.time.is_none(), out);
+        self.drain_flow(at, record.direction, record.time.is_none(), out);
     }
 
     /// Gives out what one direction holds.
-    fn drain(&mut self, at: usize, direction: Option<Direction>, ended: bool, out: Out<'_>) {
+    fn drain_flow(
+        &mut self,
+        at: usize,
+        direction: Option<Direction>,
+        ended: bool,
+        out: FrameCallback<'_>,
+    ) {
         loop {
-            let wire = &mut self.wires[at];
-            let flow = &mut wire.flows[index(direction)];
-            let Some(piece) = flow.next(&wire.rules, direction, ended) else { return };
+            let wire = &mut self.links[at];
+            let flow = &mut wire.flows[direction_index(direction)];
+            let Some(piece) = flow.next_piece(&wire.rules, direction, ended) else { return };
             let origin = flow.origin();
-            let bytes = flow.take(piece.len).to_vec();
+            let bytes = flow.consume(piece.len).to_vec();
             let glued = !flow.pending().is_empty();
-            self.piece(at, &bytes, &piece, Place { origin, direction, glued }, out);
+            self.decode_piece(
+                at,
+                &bytes,
+                &piece,
+                PieceContext { origin, direction, more_follows: glued },
+                out,
+            );
         }
     }
 
-    fn piece(&mut self, at: usize, bytes: &[u8], piece: &Piece, place: Place, out: Out<'_>) {
-        self.count += 1;
-        let Wire { name, rules, conversation, session, .. } = &mut self.wires[at];
-        let Place { origin: Origin { time, at }, direction, glued } = place;
+    fn decode_piece(
+        &mut self,
+        at: usize,
+        bytes: &[u8],
+        piece: &StreamPiece,
+        place: PieceContext,
+        out: FrameCallback<'_>,
+    ) {
+        self.frame_count += 1;
+        let LinkDecoder { name, rules, conversation, session, .. } = &mut self.links[at];
+        let PieceContext {
+            origin: ChunkOrigin { time, offset: at },
+            direction,
+            more_follows: glued,
+        } = place;
         let rule = rules.get(piece.rule);
-        let whole = piece.shape == Shape::Frame;
-        let raw = Raw { bytes, ..Raw::default() };
+        let whole = piece.kind == PieceKind::Frame;
+        let raw = RawFrame { bytes, ..RawFrame::default() };
         // Where the capture does not say who speaks, the frame may.
         let direction = direction.or_else(|| {
-            let talk = Talk { open: conversation.open(), ..Talk::default() };
-            rule.filter(|_| whole)?.dissector.turn(&raw, &talk).speaker()
+            let talk = ConversationContext {
+                open_request: conversation.open_request(),
+                ..ConversationContext::default()
+            };
+            rule.filter(|_| whole)?.dissector.role(&raw, &talk).direction()
         });
         let reply = direction == Some(Direction::ToHost);
-        let echo = whole && reply && conversation.is_echo(bytes, glued);
+        let echo = whole && reply && conversation.detect_echo(bytes, glued);
         let speaker = if echo { Some(Direction::ToDrive) } else { direction };
         let answered = rule.filter(|_| reply && !echo);
-        let request = answered.and_then(|rule| conversation.request(rule.dissector, &raw));
-        let stated = rule.and_then(|rule| spoken(self.profile, rule));
-        let usual = || drives::assumed(rule?.dissector);
+        let request = answered.and_then(|rule| conversation.find_request(rule.dissector, &raw));
+        let stated = rule.and_then(|rule| profile_for_rule(self.profile, rule));
+        let usual = || drives::assumed_profile(rule?.dissector);
         let profile = stated.or_else(usual);
         let context = Context {
             direction: speaker,
             request: request.map(|request| request.bytes),
             profile,
-            assumed: stated.is_none(),
+            profile_assumed: stated.is_none(),
             ..Context::default()
         };
-        self.explained.clear();
+        self.explanation.clear();
         if let Some(rule) = rule {
-            rule.dissector.explain(bytes, &context, &mut self.explained);
+            rule.dissector.explain(bytes, &context, &mut self.explanation);
         }
-        let wrong = rule.and_then(|_| wrong(self.explained.error, piece));
-        let asks = rule.is_none_or(|rule| rule.dissector.asks(&raw));
+        let wrong = rule.and_then(|_| frame_defect(self.explanation.error, piece));
+        let asks = rule.is_none_or(|rule| rule.dissector.is_request(&raw));
         if whole && direction == Some(Direction::ToDrive) && asks {
-            conversation.ask(&raw);
+            conversation.push_request(&raw);
         }
         self.notices.clear();
-        if let Some(rule) = rule.filter(|_| self.follows) {
-            let heard = Heard {
-                number: self.count,
+        if let Some(rule) = rule.filter(|_| self.tracks_sessions) {
+            let heard = ObservedFrame {
+                number: self.frame_count,
                 time,
                 direction,
                 raw,
                 remote: false,
                 echo,
-                wrong,
-                stray: piece.shape == Shape::Junk,
-                left: false,
+                defect: wrong,
+                stray: piece.kind == PieceKind::Junk,
+                deferred: false,
                 dissector: rule.dissector,
                 profile,
-                stated: stated.is_some(),
+                profile_stated: stated.is_some(),
             };
-            session.take(&heard, &mut self.explained, &mut self.notices);
+            session.handle_frame(&heard, &mut self.explanation, &mut self.notices);
         }
-        out(&Event {
-            number: self.count,
+        out(&DecodedFrame {
+            number: self.frame_count,
             time,
             link: name,
             direction: place.direction,
@@ -495,22 +537,29 @@ impl Decoder {
             id: None,
             extended: false,
             remote: false,
-            wanted: 0,
+            remote_len: 0,
             echo,
-            stray: piece.shape == Shape::Junk,
-            explained: &self.explained,
-            wrong,
+            stray: piece.kind == PieceKind::Junk,
+            explanation: &self.explanation,
+            defect: wrong,
             notices: &self.notices,
-            at,
+            offset: at,
         });
     }
 
-    fn take_frame(&mut self, at: usize, record: &Record<'_>, frame: &Frame, out: Out<'_>) {
-        self.count += 1;
-        let Wire { name, rules, lanes, repeats, conversation, session, .. } = &mut self.wires[at];
-        self.explained.clear();
+    fn decode_can_frame(
+        &mut self,
+        at: usize,
+        record: &Record<'_>,
+        frame: &Frame,
+        out: FrameCallback<'_>,
+    ) {
+        self.frame_count += 1;
+        let LinkDecoder { name, rules, routes: lanes, repeats, conversation, session, .. } =
+            &mut self.links[at];
+        self.explanation.clear();
         self.notices.clear();
-        let known = lanes.of(frame);
+        let known = lanes.get(frame);
         let lane = known.or_else(|| {
             let context = Context {
                 direction: record.direction,
@@ -520,64 +569,76 @@ impl Decoder {
                 remote: frame.remote,
                 ..Context::default()
             };
-            let (judged, follows) = (self.judged, self.follows);
-            let mut teller = Teller { judged, follows, left: None, tried: 0 };
-            let told = teller.explain(rules, frame, &context, conversation, &mut self.explained);
-            let rule = told.or_else(|| claimant(rules, session, frame))?;
-            let (dissector, stated) = (rules[rule].dissector, spoken(self.profile, &rules[rule]));
-            let profile = stated.or_else(|| drives::assumed(dissector));
-            let left = teller.left;
-            let lane = Lane { dissector, profile, stated: stated.is_some(), left, voice: 0 };
-            let by_id = told.is_some() && teller.tried == 1;
+            let (judged, follows) = (self.detected, self.tracks_sessions);
+            let mut teller = RuleExplainer {
+                detected: judged,
+                tracks_sessions: follows,
+                deferred_axis: None,
+                rules_tried: 0,
+            };
+            let told = teller.explain(rules, frame, &context, conversation, &mut self.explanation);
+            let rule = told.or_else(|| claiming_rule(rules, session, frame))?;
+            let (dissector, stated) =
+                (rules[rule].dissector, profile_for_rule(self.profile, &rules[rule]));
+            let profile = stated.or_else(|| drives::assumed_profile(dissector));
+            let left = teller.deferred_axis;
+            let lane = FrameRoute {
+                dissector,
+                profile,
+                profile_stated: stated.is_some(),
+                deferred_axis: left,
+                template: 0,
+            };
+            let by_id = told.is_some() && teller.rules_tried == 1;
             if left.is_some() && by_id {
-                lanes.keep(frame, lane);
+                lanes.insert(frame, lane);
             } else if by_id
                 && follows
-                && self.explained.error.is_none()
-                && is_short(frame)
-                && session.repeats(dissector.name(), frame.id)
+                && self.explanation.error.is_none()
+                && is_standard_data(frame)
+                && session.is_repeatable(dissector.name(), frame.id)
             {
-                repeats.note(frame, record.direction, lane, &self.explained);
+                repeats.record(frame, record.direction, lane, &self.explanation);
             }
             Some(lane)
         });
-        if let Some(axis) = known.and_then(|lane| lane.left) {
-            self.explained.axis = Some(axis);
+        if let Some(axis) = known.and_then(|lane| lane.deferred_axis) {
+            self.explanation.axis = Some(axis);
         }
-        if let Some(lane) = lane.filter(|_| self.follows) {
-            let heard = lane.heard(self.count, record, frame, self.explained.error);
-            session.take(&heard, &mut self.explained, &mut self.notices);
+        if let Some(lane) = lane.filter(|_| self.tracks_sessions) {
+            let heard = lane.observe(self.frame_count, record, frame, self.explanation.error);
+            session.handle_frame(&heard, &mut self.explanation, &mut self.notices);
         }
         let protocol = lane.map(|lane| lane.dissector.name());
         // A conversation may tell that a frame is another than it looks like.
-        let said = (&self.explained, &*self.notices);
-        out(&Event::of_frame(record, (self.count, frame), (name, protocol), said));
+        let said = (&self.explanation, &*self.notices);
+        out(&DecodedFrame::from_frame(record, (self.frame_count, frame), (name, protocol), said));
     }
 }
 
 /// A frame's bytes and identifier.
-fn raw(frame: &Frame) -> Raw<'_> {
-    Raw { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended }
+fn raw_frame(frame: &Frame) -> RawFrame<'_> {
+    RawFrame { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended }
 }
 
 /// It has an identifier of 11 bits, and bytes.
-const fn is_short(frame: &Frame) -> bool {
+const fn is_standard_data(frame: &Frame) -> bool {
     !frame.extended && !frame.remote
 }
 
 /// Where in the capture a piece stands.
 #[derive(Clone, Copy)]
-struct Place {
-    origin: Origin,
+struct PieceContext {
+    origin: ChunkOrigin,
     direction: Option<Direction>,
     /// More bytes follow it in the same chunk.
-    glued: bool,
+    more_follows: bool,
 }
 
 const DIRECTIONS: [Option<Direction>; 3] =
     [Some(Direction::ToDrive), Some(Direction::ToHost), None];
 
-const fn index(direction: Option<Direction>) -> usize {
+const fn direction_index(direction: Option<Direction>) -> usize {
     match direction {
         Some(Direction::ToDrive) => 0,
         Some(Direction::ToHost) => 1,
@@ -585,11 +646,11 @@ const fn index(direction: Option<Direction>) -> usize {
     }
 }
 
-fn wrong(error: Option<WireError>, piece: &Piece) -> Option<Wrong> {
-    error.map(Wrong::Wire).or(match piece.shape {
-        Shape::Frame => None,
-        Shape::Broken => Some(Wrong::Broken),
-        Shape::Junk => Some(Wrong::Stray(piece.len)),
+fn frame_defect(error: Option<WireError>, piece: &StreamPiece) -> Option<FrameDefect> {
+    error.map(FrameDefect::Wire).or(match piece.kind {
+        PieceKind::Frame => None,
+        PieceKind::BadCheck => Some(FrameDefect::BadCheck),
+        PieceKind::Junk => Some(FrameDefect::Stray(piece.len)),
     })
 }
 

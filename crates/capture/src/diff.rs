@@ -3,27 +3,27 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::session::Name;
-use crate::summary::{Kind, Requests, Summary, Values, Who, named};
-use crate::text::{Real, Span};
+use crate::session::InternedName;
+use crate::summary::{AxisKey, FrameKind, RequestSummary, Summary, ValueSummary, axis_label};
+use crate::text::{DurationText, NumberText};
 
 /// Frames of a kind, or requests, from which on rates and latencies are compared.
-const ENOUGH: u64 = 10;
+const COUNT_MIN: u64 = 10;
 /// A latency's median may differ by so many times the tolerance, and its 99th percentile by so many.
 const MEDIAN_TIMES: f64 = 2.5;
 const TAIL_TIMES: f64 = 5.0;
 /// Latencies that differ by less are the same, ns.
 const LATENCY_MIN_NS: u64 = 500_000;
 /// Oddities may be so many times as frequent.
-const ODD_TIMES: f64 = 2.0;
+const ANOMALY_FACTOR: f64 = 2.0;
 
 /// One thing that differs.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Difference {
     /// What sort of thing: `axis`, `frames`, `rate`, `state`, `fault`, `odd`, `value`, `latency`.
-    pub what: &'static str,
+    pub kind: &'static str,
     /// Whose, and which.
-    pub of: String,
+    pub subject: String,
     /// In the first capture.
     pub a: String,
     /// In the second.
@@ -36,36 +36,37 @@ pub struct Difference {
 pub fn diff(a: &Summary, b: &Summary, tolerance: f64) -> Vec<Difference> {
     // A machine's only link may have another name in another capture.
     let alone = a.links.len() == 1 && b.links.len() == 1;
-    let mut compared = Compared { a, b, alone, tolerance, found: Vec::new() };
-    compared.axes();
-    compared.kinds();
-    compared.states();
-    compared.faults();
-    compared.oddities();
-    compared.values();
-    compared.latencies();
-    compared.found
+    let mut compared =
+        SummaryComparison { a, b, single_link: alone, tolerance, differences: Vec::new() };
+    compared.compare_axes();
+    compared.compare_kinds();
+    compared.compare_states();
+    compared.compare_faults();
+    compared.compare_anomalies();
+    compared.compare_values();
+    compared.compare_latencies();
+    compared.differences
 }
 
-struct Compared<'s> {
+struct SummaryComparison<'s> {
     a: &'s Summary,
     b: &'s Summary,
-    alone: bool,
+    single_link: bool,
     tolerance: f64,
-    found: Vec<Difference>,
+    differences: Vec<Difference>,
 }
 
-impl<'s> Compared<'s> {
-    fn who(&self, who: Who) -> Who {
-        if self.alone { Who { link: "", ..who } } else { who }
+impl<'s> SummaryComparison<'s> {
+    fn axis_key(&self, who: AxisKey) -> AxisKey {
+        if self.single_link { AxisKey { link: "", ..who } } else { who }
     }
 
-    fn differs(&mut self, what: &'static str, of: String, a: String, b: String) {
-        self.found.push(Difference { what, of, a, b });
+    fn push(&mut self, what: &'static str, of: String, a: String, b: String) {
+        self.differences.push(Difference { kind: what, subject: of, a, b });
     }
 
     /// Something of one capture beside that of the other.
-    fn each<K: Ord, V>(
+    fn compare_maps<K: Ord, V>(
         &mut self,
         maps: [BTreeMap<K, V>; 2],
         mut compare: impl FnMut(&mut Self, &K, Option<&V>, Option<&V>),
@@ -76,133 +77,151 @@ impl<'s> Compared<'s> {
         }
     }
 
-    fn both<K: Ord, V>(&self, map: impl Fn(&'s Summary) -> BTreeMap<K, V>) -> [BTreeMap<K, V>; 2] {
+    fn map_both<K: Ord, V>(
+        &self,
+        map: impl Fn(&'s Summary) -> BTreeMap<K, V>,
+    ) -> [BTreeMap<K, V>; 2] {
         [map(self.a), map(self.b)]
     }
 
-    fn axes(&mut self) {
-        let maps =
-            self.both(|s| s.axes.iter().map(|(w, axis)| (self.who(*w), axis.frames)).collect());
-        self.each(maps, |all, who, a, b| {
+    fn compare_axes(&mut self) {
+        let maps = self.map_both(|s| {
+            s.axes.iter().map(|(w, axis)| (self.axis_key(*w), axis.frames)).collect()
+        });
+        self.compare_maps(maps, |all, who, a, b| {
             if a.is_none() || b.is_none() {
-                all.differs("axis", named(*who), frames(a), frames(b));
+                all.push("axis", axis_label(*who), frame_count_text(a), frame_count_text(b));
             }
         });
     }
 
-    fn kinds(&mut self) {
-        type Key = (Who, Name, Option<(u32, bool)>);
-        let key = |kind: &Kind| -> Key { (self.who(kind.who), kind.kind, kind.id) };
-        let maps = self.both(|s| s.kinds().into_iter().map(|k| (key(k), k)).collect());
-        self.each(maps, |all, (who, kind, id), a, b| {
-            let missing = |map: &BTreeMap<Who, crate::summary::Axis>| {
-                who.axis.is_some() && !map.keys().any(|known| all.who(*known) == *who)
+    fn compare_kinds(&mut self) {
+        type KindKey = (AxisKey, InternedName, Option<(u32, bool)>);
+        let key = |kind: &FrameKind| -> KindKey { (self.axis_key(kind.who), kind.kind, kind.id) };
+        let maps = self.map_both(|s| s.kinds().into_iter().map(|k| (key(k), k)).collect());
+        self.compare_maps(maps, |all, (who, kind, id), a, b| {
+            let missing = |map: &BTreeMap<AxisKey, crate::summary::AxisSummary>| {
+                who.axis.is_some() && !map.keys().any(|known| all.axis_key(*known) == *who)
             };
             // Told already: the axis is missing.
             if missing(&all.a.axes) || missing(&all.b.axes) {
                 return;
             }
             let id = id.map_or_else(String::new, |(id, _)| format!(" {id:03X}h"));
-            let of = format!("{}  {kind}{id}", named(*who));
+            let of = format!("{}  {kind}{id}", axis_label(*who));
             match (a, b) {
-                (Some(a), Some(b)) => all.rate(of, a, b),
-                (a, b) => all.differs(
+                (Some(a), Some(b)) => all.compare_rate(of, a, b),
+                (a, b) => all.push(
                     "frames",
                     of,
-                    frames(a.map(|a| &a.count)),
-                    frames(b.map(|b| &b.count)),
+                    frame_count_text(a.map(|a| &a.count)),
+                    frame_count_text(b.map(|b| &b.count)),
                 ),
             }
         });
     }
 
-    fn rate(&mut self, of: String, a: &Kind, b: &Kind) {
-        let rate = |kind: &Kind, summary: &Summary| match kind.is_regular() {
+    fn compare_rate(&mut self, of: String, a: &FrameKind, b: &FrameKind) {
+        let rate = |kind: &FrameKind, summary: &Summary| match kind.is_regular() {
             true => 1e9 / kind.gaps.median().max(1) as f64,
             false => kind.count as f64 * 1e9 / summary.length_ns().max(1) as f64,
         };
         let rates = (rate(a, self.a), rate(b, self.b));
-        let enough = a.count.max(b.count) >= ENOUGH;
-        if enough && apart(rates.0, rates.1) > self.tolerance {
+        let enough = a.count.max(b.count) >= COUNT_MIN;
+        if enough && relative_gap(rates.0, rates.1) > self.tolerance {
             let shown = |rate| format!("{rate:.1}/s");
-            self.differs("rate", of, shown(rates.0), shown(rates.1));
+            self.push("rate", of, shown(rates.0), shown(rates.1));
         }
     }
 
-    fn states(&mut self) {
+    fn compare_states(&mut self) {
         let states = |s: &'s Summary| {
             let each = s.axes.iter().flat_map(|(who, axis)| {
-                axis.states.iter().map(|(what, states)| ((self.who(*who), *what), states))
+                axis.states.iter().map(|(what, states)| ((self.axis_key(*who), *what), states))
             });
             let reached = each.map(|(key, states)| {
-                let names: BTreeSet<Name> = states.spent.iter().map(|(name, _)| *name).collect();
+                let names: BTreeSet<InternedName> =
+                    states.durations.iter().map(|(name, _)| *name).collect();
                 (key, names)
             });
             reached.collect()
         };
-        let maps = self.both(states);
-        self.each(maps, |all, (who, what), a, b| {
+        let maps = self.map_both(states);
+        self.compare_maps(maps, |all, (who, what), a, b| {
             let none = BTreeSet::new();
             let (a, b) = (a.unwrap_or(&none), b.unwrap_or(&none));
             if a != b {
-                let alone = |names: &BTreeSet<Name>, other: &BTreeSet<Name>| {
-                    let names: Vec<Name> = names.difference(other).copied().collect();
+                let alone = |names: &BTreeSet<InternedName>, other: &BTreeSet<InternedName>| {
+                    let names: Vec<InternedName> = names.difference(other).copied().collect();
                     if names.is_empty() { "none besides".to_owned() } else { names.join(", ") }
                 };
-                all.differs("state", format!("{}  {what}", named(*who)), alone(a, b), alone(b, a));
+                all.push(
+                    "state",
+                    format!("{}  {what}", axis_label(*who)),
+                    alone(a, b),
+                    alone(b, a),
+                );
             }
         });
     }
 
-    fn faults(&mut self) {
-        let maps = self.both(|s| {
+    fn compare_faults(&mut self) {
+        let maps = self.map_both(|s| {
             let each = s.faults.iter();
-            each.map(|((who, code), fault)| ((self.who(*who), *code), fault)).collect()
+            each.map(|((who, code), fault)| ((self.axis_key(*who), *code), fault)).collect()
         });
-        self.each(maps, |all, (who, code), a, b| {
+        self.compare_maps(maps, |all, (who, code), a, b| {
             if let (Some(fault), None) | (None, Some(fault)) = (a, b) {
-                let of = format!("{}  0x{code:X} {}", named(*who), fault.text);
-                let shown = |seen: Option<&&crate::summary::FaultSeen>| {
-                    seen.map_or_else(|| "none".to_owned(), |seen| times(seen.count))
+                let of = format!("{}  0x{code:X} {}", axis_label(*who), fault.text);
+                let shown = |seen: Option<&&crate::summary::FaultSummary>| {
+                    seen.map_or_else(|| "none".to_owned(), |seen| times_text(seen.count))
                 };
-                all.differs("fault", of, shown(a), shown(b));
+                all.push("fault", of, shown(a), shown(b));
             }
         });
     }
 
-    fn oddities(&mut self) {
-        let maps = self.both(|s| {
-            let each = s.moments.by_axis();
-            each.map(|(kind, who, count)| ((kind, self.who(who)), count)).collect()
+    fn compare_anomalies(&mut self) {
+        let maps = self.map_both(|s| {
+            let each = s.anomalies.by_axis();
+            each.map(|(kind, who, count)| ((kind, self.axis_key(who)), count)).collect()
         });
         let lengths = [self.a, self.b].map(|summary| summary.length_ns().max(1) as f64);
-        self.each(maps, |all, (kind, who), a, b| {
+        self.compare_maps(maps, |all, (kind, who), a, b| {
             let counts = [a, b].map(|count| count.copied().unwrap_or(0));
             let [one, other] = [0, 1].map(|n| counts[n] as f64 / lengths[n]);
-            if counts.contains(&0) || one.max(other) > one.min(other) * ODD_TIMES {
-                let of = format!("{}  {}", named(*who), kind.word());
-                all.differs("odd", of, times(counts[0]), times(counts[1]));
+            if counts.contains(&0) || one.max(other) > one.min(other) * ANOMALY_FACTOR {
+                let of = format!("{}  {}", axis_label(*who), kind.as_str());
+                all.push("odd", of, times_text(counts[0]), times_text(counts[1]));
             }
         });
     }
 
-    fn values(&mut self) {
-        let maps = self.both(|s| {
-            s.values.iter().map(|((who, name), values)| ((self.who(*who), *name), values)).collect()
+    fn compare_values(&mut self) {
+        let maps = self.map_both(|s| {
+            s.values
+                .iter()
+                .map(|((who, name), values)| ((self.axis_key(*who), *name), values))
+                .collect()
         });
-        self.each(maps, |all, (who, name), a, b| {
+        self.compare_maps(maps, |all, (who, name), a, b| {
             let same = match (a, b) {
-                (Some(a), Some(b)) => all.alike(a, b),
+                (Some(a), Some(b)) => all.same_range(a, b),
                 _ => false,
             };
             if !same {
-                all.differs("value", format!("{}  {name}", named(*who)), range(a), range(b));
+                all.push(
+                    "value",
+                    format!("{}  {name}", axis_label(*who)),
+                    range_text(a),
+                    range_text(b),
+                );
             }
         });
     }
 
     /// A value that stood still has to be the same, one that moved about the same range.
-    fn alike(&self, a: &Values, b: &Values) -> bool {
+    fn same_range(&self, a: &ValueSummary, b: &ValueSummary) -> bool {
         let (Some((least_a, most_a)), Some((least_b, most_b))) = (a.range, b.range) else {
             return a.range == b.range;
         };
@@ -211,22 +230,27 @@ impl<'s> Compared<'s> {
         (least_a - least_b).abs() <= slack && (most_a - most_b).abs() <= slack
     }
 
-    fn latencies(&mut self) {
-        let maps = self.both(|s| {
-            s.requests.iter().map(|((who, op), one)| ((self.who(*who), *op), one)).collect()
+    fn compare_latencies(&mut self) {
+        let maps = self.map_both(|s| {
+            s.requests.iter().map(|((who, op), one)| ((self.axis_key(*who), *op), one)).collect()
         });
-        self.each(maps, |all, (who, op), a, b| {
+        self.compare_maps(maps, |all, (who, op), a, b| {
             let (Some(a), Some(b)) = (a, b) else { return };
-            let few = |requests: &Requests| requests.latency.count() < ENOUGH;
+            let few = |requests: &RequestSummary| requests.latency.count() < COUNT_MIN;
             if few(a) || few(b) {
                 return;
             }
             for (share, word, more) in [(0.5, "median", MEDIAN_TIMES), (0.99, "p99", TAIL_TIMES)] {
                 let (one, other) = (a.latency.quantile(share), b.latency.quantile(share));
-                let far = apart(one as f64, other as f64) > all.tolerance * more;
+                let far = relative_gap(one as f64, other as f64) > all.tolerance * more;
                 if far && one.abs_diff(other) >= LATENCY_MIN_NS {
-                    let of = format!("{}  {op} {word}", named(*who));
-                    all.differs("latency", of, Span(one).to_string(), Span(other).to_string());
+                    let of = format!("{}  {op} {word}", axis_label(*who));
+                    all.push(
+                        "latency",
+                        of,
+                        DurationText(one).to_string(),
+                        DurationText(other).to_string(),
+                    );
                 }
             }
         });
@@ -234,11 +258,11 @@ impl<'s> Compared<'s> {
 }
 
 /// By what share of the smaller the greater is more.
-fn apart(one: f64, other: f64) -> f64 {
+fn relative_gap(one: f64, other: f64) -> f64 {
     one.max(other) / one.min(other).max(f64::MIN_POSITIVE) - 1.0
 }
 
-fn frames(count: Option<&u64>) -> String {
+fn frame_count_text(count: Option<&u64>) -> String {
     match count {
         None => "none".to_owned(),
         Some(1) => "1 frame".to_owned(),
@@ -246,7 +270,7 @@ fn frames(count: Option<&u64>) -> String {
     }
 }
 
-fn times(count: u64) -> String {
+fn times_text(count: u64) -> String {
     match count {
         0 => "none".to_owned(),
         1 => "once".to_owned(),
@@ -254,12 +278,12 @@ fn times(count: u64) -> String {
     }
 }
 
-fn range(values: Option<&&Values>) -> String {
-    let Some(Values { range: Some((least, most)), unit, .. }) = values else {
+fn range_text(values: Option<&&ValueSummary>) -> String {
+    let Some(ValueSummary { range: Some((least, most)), unit, .. }) = values else {
         return "none".to_owned();
     };
     let gap = if unit.is_empty() { "" } else { " " };
-    let (least, most) = (Real(*least), Real(*most));
+    let (least, most) = (NumberText(*least), NumberText(*most));
     if least.0 == most.0 {
         format!("{least}{gap}{unit}")
     } else {

@@ -4,24 +4,24 @@
 //! Why: CAP-4.
 
 mod eval;
-mod fixed;
+mod fixed_point;
 mod glob;
-mod parse;
+mod parser;
 mod token;
 
 use core::fmt;
 
-use crate::decoder::Event;
-use crate::session::{Notice, Oddity};
-use crate::stamp::Stamp;
-use fixed::Within;
+use crate::decoder::DecodedFrame;
+use crate::session::{AnomalyKind, SessionNotice};
+use crate::timestamp::Timestamp;
+use fixed_point::NumberRanges;
 pub use glob::Glob;
 
 /// A question about a frame.
 #[derive(Clone, Debug)]
-pub struct Filter {
-    test: Test,
-    first: Option<Stamp>,
+pub struct FrameFilter {
+    test: FilterTest,
+    first_time: Option<Timestamp>,
 }
 
 /// Why a text is no filter.
@@ -29,121 +29,127 @@ pub struct Filter {
 pub struct FilterError {
     text: String,
     /// The first character that is wrong.
-    pub at: usize,
+    pub position: usize,
     /// How many are.
     pub len: usize,
     /// What was expected there.
-    pub what: String,
+    pub message: String,
     /// The known word nearest to what stands there.
     pub nearest: Option<String>,
 }
 
-impl Filter {
+impl FrameFilter {
     /// Reads a filter.
     ///
     /// # Errors
     /// [`FilterError`] with the place and what was expected there.
     pub fn parse(text: &str) -> Result<Self, FilterError> {
-        parse::filter(text).map(|test| Self { test, first: None })
+        parser::parse_filter(text).map(|test| Self { test, first_time: None })
     }
 
     /// Whether a frame is wanted. Times count from the first frame that was asked about.
-    pub fn wants(&mut self, event: &Event<'_>) -> bool {
-        self.first = self.first.or(event.time);
-        self.test.holds(&eval::Subject { event, first: self.first })
+    pub fn matches(&mut self, event: &DecodedFrame<'_>) -> bool {
+        self.first_time = self.first_time.or(event.time);
+        self.test.matches(&eval::TestInput { frame: event, first_time: self.first_time })
     }
 }
 
 impl fmt::Display for FilterError {
     /// The text, a caret below the place, and what was expected.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (at, len) = (self.at, self.len.max(1));
-        write!(f, "{}\n{:at$}{:^<len$} {}", self.text, "", "", self.what)
+        let (at, len) = (self.position, self.len.max(1));
+        write!(f, "{}\n{:at$}{:^<len$} {}", self.text, "", "", self.message)
     }
 }
 
 /// What is asked, as a tree.
 #[derive(Clone, Debug)]
-enum Test {
+enum FilterTest {
     All(Vec<Self>),
     Any(Vec<Self>),
     Not(Box<Self>),
-    Flag(fn(&Event<'_>) -> bool),
+    Flag(fn(&DecodedFrame<'_>) -> bool),
     /// A number of the frame, in billionths.
-    Number(fn(&Event<'_>) -> Option<i128>, Within),
+    Number(fn(&DecodedFrame<'_>) -> Option<i128>, NumberRanges),
     /// Seconds since the first frame, in billionths.
-    Time(Within),
+    Time(NumberRanges),
     /// A word of the frame.
-    Word(fn(&Event<'_>) -> &'static str, Words),
-    Link(Words),
-    Kind(Words),
-    Text(Words),
-    Error(Words),
+    Word(fn(&DecodedFrame<'_>) -> &'static str, WordPattern),
+    Link(WordPattern),
+    Kind(WordPattern),
+    Text(WordPattern),
+    Error(WordPattern),
     Bytes(Vec<u8>),
-    Field(String, Either),
-    Told(Told),
+    Field(String, ValuePattern),
+    Notice(NoticeTest),
 }
 
 /// What is asked of a frame's notices: one of them has to fit.
 #[derive(Clone, Debug)]
-enum Told {
-    Odd(Vec<Oddity>),
-    Fault(Option<Either>),
-    Signal(Glob, Option<Within>),
-    Change(Option<Glob>, Option<Words>),
-    Exchange(Option<Words>),
-    Op(Words),
+enum NoticeTest {
+    Anomaly(Vec<AnomalyKind>),
+    Fault(Option<ValuePattern>),
+    Signal(Glob, Option<NumberRanges>),
+    Change(Option<Glob>, Option<WordPattern>),
+    Exchange(Option<WordPattern>),
+    Op(WordPattern),
     /// Seconds, in billionths.
-    Latency(Within),
-    Retries(Within),
+    Latency(NumberRanges),
+    Retries(NumberRanges),
 }
 
 /// Words of which one has to fit.
 #[derive(Clone, Debug, Default)]
-struct Words {
-    equal: Vec<Glob>,
-    within: Vec<String>,
+struct WordPattern {
+    globs: Vec<Glob>,
+    substrings: Vec<String>,
 }
 
 /// Numbers or words.
 #[derive(Clone, Debug, Default)]
-struct Either {
-    numbers: Within,
-    words: Words,
+struct ValuePattern {
+    numbers: NumberRanges,
+    words: WordPattern,
 }
 
-impl Words {
-    fn fit(&self, text: &str) -> bool {
-        self.equal.iter().any(|glob| glob.fits(text))
-            || self.within.iter().any(|part| glob::contains(text, part))
+impl WordPattern {
+    fn matches(&self, text: &str) -> bool {
+        self.globs.iter().any(|glob| glob.matches(text))
+            || self.substrings.iter().any(|part| glob::contains_ignore_case(text, part))
     }
 }
 
-impl Told {
-    fn fits(&self, notice: &Notice) -> bool {
+impl NoticeTest {
+    fn matches(&self, notice: &SessionNotice) -> bool {
         match (self, notice) {
-            (Self::Odd(kinds), Notice::Odd(odd)) => kinds.is_empty() || kinds.contains(&odd.kind),
-            (Self::Fault(None), Notice::Fault(_)) => true,
-            (Self::Fault(Some(either)), Notice::Fault(fault)) => {
-                either.numbers.has(fixed::whole(i64::from(fault.code)))
-                    || either.words.fit(fault.text)
+            (Self::Anomaly(kinds), SessionNotice::Anomaly(odd)) => {
+                kinds.is_empty() || kinds.contains(&odd.kind)
             }
-            (Self::Signal(glob, values), Notice::Signal(signal)) => {
-                glob.fits_signal(signal.axis, signal.name)
-                    && values.as_ref().is_none_or(|v| v.has(fixed::real(signal.value)))
+            (Self::Fault(None), SessionNotice::Fault(_)) => true,
+            (Self::Fault(Some(either)), SessionNotice::Fault(fault)) => {
+                either.numbers.contains(fixed_point::from_integer(i64::from(fault.code)))
+                    || either.words.matches(fault.text)
             }
-            (Self::Change(what, to), Notice::Change(change)) => {
-                what.as_ref().is_none_or(|glob| glob.fits(change.what))
-                    && to.as_ref().is_none_or(|to| to.fit(change.to))
+            (Self::Signal(glob, values), SessionNotice::Signal(signal)) => {
+                glob.matches_signal(signal.axis, signal.name)
+                    && values
+                        .as_ref()
+                        .is_none_or(|v| v.contains(fixed_point::from_real(signal.value)))
             }
-            (Self::Exchange(None), Notice::Exchange(_)) => true,
-            (Self::Exchange(Some(words)), Notice::Exchange(e)) => words.fit(e.outcome.word()),
-            (Self::Op(words), Notice::Exchange(exchange)) => words.fit(exchange.op),
-            (Self::Latency(within), Notice::Exchange(exchange)) => {
-                exchange.latency().is_some_and(|ns| within.has(i128::from(ns)))
+            (Self::Change(what, to), SessionNotice::Change(change)) => {
+                what.as_ref().is_none_or(|glob| glob.matches(change.what))
+                    && to.as_ref().is_none_or(|to| to.matches(change.to))
             }
-            (Self::Retries(within), Notice::Exchange(e)) => {
-                within.has(fixed::whole(i64::from(e.retries)))
+            (Self::Exchange(None), SessionNotice::Exchange(_)) => true,
+            (Self::Exchange(Some(words)), SessionNotice::Exchange(e)) => {
+                words.matches(e.outcome.as_str())
+            }
+            (Self::Op(words), SessionNotice::Exchange(exchange)) => words.matches(exchange.op),
+            (Self::Latency(within), SessionNotice::Exchange(exchange)) => {
+                exchange.latency().is_some_and(|ns| within.contains(i128::from(ns)))
+            }
+            (Self::Retries(within), SessionNotice::Exchange(e)) => {
+                within.contains(fixed_point::from_integer(i64::from(e.retries)))
             }
             _ => false,
         }

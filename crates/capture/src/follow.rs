@@ -6,31 +6,31 @@ use std::time::Duration;
 
 /// Pieces read ahead of their use.
 const AHEAD_MAX: usize = 16;
-const PIECE: usize = 1 << 16;
+const CHUNK_BYTES: usize = 1 << 16;
 
 /// What came.
 #[derive(Debug)]
-pub enum Next {
+pub enum FollowEvent {
     /// Some bytes.
     Piece(Vec<u8>),
     /// Nothing for the time allowed; more may come.
-    Pause,
+    Timeout,
     /// No more will come, and why if that is an error.
     End(Option<std::io::Error>),
 }
 
 /// Reads a source on a thread of its own, which ends with the source.
 #[derive(Debug)]
-pub struct Follow {
-    pieces: Receiver<std::io::Result<Vec<u8>>>,
+pub struct FollowReader {
+    receiver: Receiver<std::io::Result<Vec<u8>>>,
 }
 
-impl Follow {
+impl FollowReader {
     /// Begins to read.
     pub fn new(mut source: impl Read + Send + 'static) -> Self {
-        let (sender, pieces) = sync_channel(AHEAD_MAX);
+        let (sender, receiver) = sync_channel(AHEAD_MAX);
         std::thread::spawn(move || {
-            let mut buffer = vec![0; PIECE];
+            let mut buffer = vec![0; CHUNK_BYTES];
             loop {
                 let piece = match source.read(&mut buffer) {
                     Ok(0) => return,
@@ -44,20 +44,20 @@ impl Follow {
                 }
             }
         });
-        Self { pieces }
+        Self { receiver }
     }
 
     /// Waits for the next piece, for ever if `patience` is `None`.
-    pub fn next(&self, patience: Option<Duration>) -> Next {
+    pub fn next_event(&self, patience: Option<Duration>) -> FollowEvent {
         let next = match patience {
-            Some(patience) => self.pieces.recv_timeout(patience),
-            None => self.pieces.recv().map_err(|_| RecvTimeoutError::Disconnected),
+            Some(patience) => self.receiver.recv_timeout(patience),
+            None => self.receiver.recv().map_err(|_| RecvTimeoutError::Disconnected),
         };
         match next {
-            Ok(Ok(piece)) => Next::Piece(piece),
-            Ok(Err(error)) => Next::End(Some(error)),
-            Err(RecvTimeoutError::Timeout) => Next::Pause,
-            Err(RecvTimeoutError::Disconnected) => Next::End(None),
+            Ok(Ok(piece)) => FollowEvent::Piece(piece),
+            Ok(Err(error)) => FollowEvent::End(Some(error)),
+            Err(RecvTimeoutError::Timeout) => FollowEvent::Timeout,
+            Err(RecvTimeoutError::Disconnected) => FollowEvent::End(None),
         }
     }
 }

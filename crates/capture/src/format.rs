@@ -4,7 +4,7 @@ use std::path::Path;
 
 /// A form of capture file.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Format {
+pub enum CaptureFormat {
     /// candump's log and screen output, serial logs, data alone: a line each.
     Text,
     /// pcap, by tcpdump, with CAN frames of Linux (link type 227) or serial bytes (147).
@@ -24,31 +24,31 @@ pub enum Format {
 }
 
 /// Every format with its word and its usual endings.
-const ALL: [(Format, &str, &[&str]); 8] = [
-    (Format::Text, "log", &["log", "txt", "candump"]),
-    (Format::Pcap, "pcap", &["pcap", "cap"]),
-    (Format::Pcapng, "pcapng", &["pcapng", "ntar"]),
-    (Format::Asc, "asc", &["asc"]),
-    (Format::Trc, "trc", &["trc"]),
-    (Format::Blf, "blf", &["blf"]),
-    (Format::Csv, "csv", &["csv"]),
-    (Format::Jsonl, "jsonl", &["jsonl", "ndjson"]),
+const ALL: [(CaptureFormat, &str, &[&str]); 8] = [
+    (CaptureFormat::Text, "log", &["log", "txt", "candump"]),
+    (CaptureFormat::Pcap, "pcap", &["pcap", "cap"]),
+    (CaptureFormat::Pcapng, "pcapng", &["pcapng", "ntar"]),
+    (CaptureFormat::Asc, "asc", &["asc"]),
+    (CaptureFormat::Trc, "trc", &["trc"]),
+    (CaptureFormat::Blf, "blf", &["blf"]),
+    (CaptureFormat::Csv, "csv", &["csv"]),
+    (CaptureFormat::Jsonl, "jsonl", &["jsonl", "ndjson"]),
 ];
 
 /// Bytes that are looked at to tell a format.
 pub(crate) const HEAD_MAX: usize = 4096;
 
 /// How formats that are not text begin.
-const MAGIC: [(&[u8], Format); 6] = [
-    (&[0xA1, 0xB2, 0xC3, 0xD4], Format::Pcap),
-    (&[0xD4, 0xC3, 0xB2, 0xA1], Format::Pcap),
-    (&[0xA1, 0xB2, 0x3C, 0x4D], Format::Pcap),
-    (&[0x4D, 0x3C, 0xB2, 0xA1], Format::Pcap),
-    (&[0x0A, 0x0D, 0x0D, 0x0A], Format::Pcapng),
-    (b"LOGG", Format::Blf),
+const MAGIC: [(&[u8], CaptureFormat); 6] = [
+    (&[0xA1, 0xB2, 0xC3, 0xD4], CaptureFormat::Pcap),
+    (&[0xD4, 0xC3, 0xB2, 0xA1], CaptureFormat::Pcap),
+    (&[0xA1, 0xB2, 0x3C, 0x4D], CaptureFormat::Pcap),
+    (&[0x4D, 0x3C, 0xB2, 0xA1], CaptureFormat::Pcap),
+    (&[0x0A, 0x0D, 0x0D, 0x0A], CaptureFormat::Pcapng),
+    (b"LOGG", CaptureFormat::Blf),
 ];
 
-impl Format {
+impl CaptureFormat {
     /// Its word.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -62,15 +62,15 @@ impl Format {
 
     /// The format of that word.
     #[must_use]
-    pub fn named(word: &str) -> Option<Self> {
+    pub fn from_name(word: &str) -> Option<Self> {
         ALL.iter().find(|(_, name, _)| *name == word).map(|(format, ..)| *format)
     }
 
     /// The format that a file's name tells, compressed or not: `bus.asc.gz`.
     #[must_use]
-    pub fn of_path(path: &Path) -> Option<Self> {
+    pub fn from_path(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?.to_ascii_lowercase();
-        let name = Packing::ENDINGS.iter().find_map(|(_, end)| name.strip_suffix(end));
+        let name = Compression::ENDINGS.iter().find_map(|(_, end)| name.strip_suffix(end));
         let name = name.map_or_else(|| path.to_path_buf(), Into::into);
         let end = name.extension()?.to_str()?.to_ascii_lowercase();
         ALL.iter().find(|(_, _, ends)| ends.contains(&end.as_str())).map(|(format, ..)| *format)
@@ -78,7 +78,7 @@ impl Format {
 
     /// The format that begins so; `None` while there is too little to tell. What nothing tells is
     /// read line by line.
-    pub(crate) fn of_head(head: &[u8], ended: bool) -> Option<Self> {
+    pub(crate) fn detect(head: &[u8], ended: bool) -> Option<Self> {
         let enough = ended || head.len() >= HEAD_MAX;
         if head.len() < 4 && !enough {
             return None;
@@ -89,12 +89,12 @@ impl Format {
         let text = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
         let (whole, rest) =
             text.split_at(text.iter().rposition(|c| *c == b'\n').map_or(0, |n| n + 1));
-        let told = whole.split(|c| *c == b'\n').find_map(Self::of_line);
-        told.or_else(|| enough.then(|| Self::of_line(rest).unwrap_or(Self::Text)))
+        let told = whole.split(|c| *c == b'\n').find_map(Self::detect_line);
+        told.or_else(|| enough.then(|| Self::detect_line(rest).unwrap_or(Self::Text)))
     }
 
     /// The format that has such a line, if it is not a mere comment.
-    fn of_line(line: &[u8]) -> Option<Self> {
+    fn detect_line(line: &[u8]) -> Option<Self> {
         let line = line.trim_ascii();
         let begins = |word: &[u8]| {
             line.get(..word.len()).is_some_and(|start| start.eq_ignore_ascii_case(word))
@@ -116,7 +116,7 @@ fn after_digits(line: &[u8]) -> &[u8] {
     &line[line.iter().take_while(|c| c.is_ascii_digit()).count()..]
 }
 
-impl std::fmt::Display for Format {
+impl std::fmt::Display for CaptureFormat {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name())
     }
@@ -124,19 +124,19 @@ impl std::fmt::Display for Format {
 
 /// How a file is compressed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Packing {
+pub enum Compression {
     /// gzip.
     Gzip,
     /// Zstandard.
     Zstd,
 }
 
-impl Packing {
+impl Compression {
     const ENDINGS: [(Self, &'static str); 2] = [(Self::Gzip, ".gz"), (Self::Zstd, ".zst")];
 
     /// The compression that a file's name tells.
     #[must_use]
-    pub fn of_path(path: &Path) -> Option<Self> {
+    pub fn from_path(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?.to_ascii_lowercase();
         Self::ENDINGS.iter().find(|(_, end)| name.ends_with(end)).map(|(packing, _)| *packing)
     }
@@ -145,7 +145,7 @@ impl Packing {
     pub(crate) const HEAD: usize = 4;
 
     /// The compression that begins so.
-    pub(crate) fn of_head(head: &[u8]) -> Option<Self> {
+    pub(crate) fn detect(head: &[u8]) -> Option<Self> {
         match head {
             [0x1F, 0x8B, ..] => Some(Self::Gzip),
             // A Zstandard frame, or one of those that may be skipped.
@@ -157,17 +157,20 @@ impl Packing {
 
 #[cfg(test)]
 mod tests {
-    use super::{Format, Packing};
+    use super::{CaptureFormat, Compression};
     use std::path::Path;
 
     #[test]
     fn names_and_endings() {
-        for name in Format::names() {
-            assert_eq!(Format::named(name).map(Format::name), Some(name));
-            assert_eq!(Format::of_path(Path::new(&format!("a.{name}.gz"))), Format::named(name));
+        for name in CaptureFormat::names() {
+            assert_eq!(CaptureFormat::from_name(name).map(CaptureFormat::name), Some(name));
+            assert_eq!(
+                CaptureFormat::from_path(Path::new(&format!("a.{name}.gz"))),
+                CaptureFormat::from_name(name)
+            );
         }
-        assert_eq!(Format::of_path(Path::new("BUS.ASC")), Some(Format::Asc));
-        assert_eq!(Format::of_path(Path::new("bus")), None);
-        assert_eq!(Packing::of_path(Path::new("a.log.zst")), Some(Packing::Zstd));
+        assert_eq!(CaptureFormat::from_path(Path::new("BUS.ASC")), Some(CaptureFormat::Asc));
+        assert_eq!(CaptureFormat::from_path(Path::new("bus")), None);
+        assert_eq!(Compression::from_path(Path::new("a.log.zst")), Some(Compression::Zstd));
     }
 }

@@ -2,11 +2,11 @@
 
 use polepair_core::explain::Direction;
 
-use crate::decoder::Event;
-use crate::explained::{Explained, Item, ItemValue, REMOTE_REQUEST};
-use crate::put;
-use crate::session::{Fault, Notice};
-use crate::stamp::Stamp;
+use crate::decoder::DecodedFrame;
+use crate::explanation::{Explanation, ExplanationField, ExplanationValue, REMOTE_REQUEST};
+use crate::number_text;
+use crate::session::{FaultNotice, SessionNotice};
+use crate::timestamp::Timestamp;
 
 /// Appends one line: `{"time":…,"link":…,"direction":…,"protocol":…,"bytes":…,"id":…,"extended":…,
 /// "kind":…,"axis":…,"fields":{…},"text":…,"ok":…,"error":…,"number":…}`, and `"notices":[…]` where
@@ -14,112 +14,112 @@ use crate::stamp::Stamp;
 ///
 /// `id` and `extended` are null for what did not come from a CAN bus. A field that occurs several
 /// times in a frame is an array.
-pub fn write(event: &Event<'_>, out: &mut Vec<u8>) {
+pub fn write_frame(event: &DecodedFrame<'_>, out: &mut Vec<u8>) {
     out.extend_from_slice(b"{\"time\":");
-    maybe(out, event.time, stamp);
-    key(out, "link");
-    string(out, event.link);
-    key(out, "direction");
+    write_or_null(out, event.time, write_timestamp);
+    write_key(out, "link");
+    write_string(out, event.link);
+    write_key(out, "direction");
     out.extend_from_slice(match event.direction {
         Some(Direction::ToDrive) => b"\"tx\"",
         Some(Direction::ToHost) => b"\"rx\"",
         None => b"null",
     });
-    key(out, "protocol");
-    string_or_null(out, event.protocol);
-    key(out, "bytes");
+    write_key(out, "protocol");
+    write_string_or_null(out, event.protocol);
+    write_key(out, "bytes");
     out.push(b'"');
-    hex(out, event.bytes);
+    write_hex(out, event.bytes);
     out.push(b'"');
-    key(out, "id");
-    maybe(out, event.id, unsigned);
-    key(out, "extended");
-    maybe(out, event.id.map(|_| event.extended), flag);
+    write_key(out, "id");
+    write_or_null(out, event.id, write_unsigned);
+    write_key(out, "extended");
+    write_or_null(out, event.id.map(|_| event.extended), write_bool);
     if event.remote {
-        key(out, "remote");
-        unsigned(out, event.wanted);
+        write_key(out, "remote");
+        write_unsigned(out, event.remote_len);
     }
-    meaning(event, out);
-    key(out, "number");
-    unsigned(out, event.number);
+    write_meaning(event, out);
+    write_key(out, "number");
+    write_unsigned(out, event.number);
     if !event.notices.is_empty() {
-        key(out, "notices");
-        list(out, event.notices.iter(), notice);
+        write_key(out, "notices");
+        write_list(out, event.notices.iter(), write_notice);
     }
     out.extend_from_slice(b"}\n");
 }
 
 /// Appends what a conversation tells, as an object: `{"notice":"odd",…}`.
-pub fn notice(out: &mut Vec<u8>, notice: &Notice) {
+pub fn write_notice(out: &mut Vec<u8>, notice: &SessionNotice) {
     let begin = |out: &mut Vec<u8>, word, axis: Option<u32>| {
         out.extend_from_slice(b"{\"notice\":");
-        string(out, word);
-        key(out, "axis");
-        maybe(out, axis, unsigned);
+        write_string(out, word);
+        write_key(out, "axis");
+        write_or_null(out, axis, write_unsigned);
     };
     match notice {
-        Notice::Signal(signal) => {
+        SessionNotice::Signal(signal) => {
             begin(out, "signal", Some(signal.axis));
-            words(out, &[("name", signal.name)]);
-            key(out, "value");
-            real(out, signal.value);
-            key(out, "exact");
-            maybe(out, signal.exact, |out, exact| put::signed(exact, out));
-            words(out, &[("unit", signal.unit), ("quality", signal.quality.word())]);
-            key(out, "request");
-            maybe(out, signal.request, unsigned);
+            write_words(out, &[("name", signal.name)]);
+            write_key(out, "value");
+            write_real(out, signal.value);
+            write_key(out, "exact");
+            write_or_null(out, signal.exact, |out, exact| number_text::append_signed(exact, out));
+            write_words(out, &[("unit", signal.unit), ("quality", signal.quality.as_str())]);
+            write_key(out, "request");
+            write_or_null(out, signal.request, write_unsigned);
         }
-        Notice::Exchange(exchange) => {
+        SessionNotice::Exchange(exchange) => {
             begin(out, "exchange", exchange.axis);
-            words(out, &[("op", exchange.op), ("outcome", exchange.outcome.word())]);
-            key(out, "asked");
-            unsigned(out, exchange.asked.0);
-            key(out, "answered");
-            maybe(out, exchange.answered.map(|(number, _)| number), unsigned);
-            key(out, "latency");
-            maybe(out, exchange.latency().map(|ns| ns as f64 / 1e9), real);
-            key(out, "retries");
-            unsigned(out, exchange.retries);
+            write_words(out, &[("op", exchange.op), ("outcome", exchange.outcome.as_str())]);
+            write_key(out, "asked");
+            write_unsigned(out, exchange.requested.0);
+            write_key(out, "answered");
+            write_or_null(out, exchange.answered.map(|(number, _)| number), write_unsigned);
+            write_key(out, "latency");
+            write_or_null(out, exchange.latency().map(|ns| ns as f64 / 1e9), write_real);
+            write_key(out, "retries");
+            write_unsigned(out, exchange.retries);
         }
-        Notice::Change(change) => {
+        SessionNotice::Change(change) => {
             begin(out, "change", change.axis);
-            words(out, &[("what", change.what), ("from", change.from), ("to", change.to)]);
+            write_words(out, &[("what", change.what), ("from", change.from), ("to", change.to)]);
         }
-        Notice::Fault(fault) => {
+        SessionNotice::Fault(fault) => {
             begin(out, "fault", Some(fault.axis));
-            key(out, "code");
-            unsigned(out, fault.code);
-            let Fault { text, cause, remedy, gone, .. } = fault;
-            words(out, &[("text", text), ("cause", cause), ("remedy", remedy)]);
-            key(out, "gone");
-            flag(out, *gone);
+            write_key(out, "code");
+            write_unsigned(out, fault.code);
+            let FaultNotice { text, cause, remedy, gone, .. } = fault;
+            write_words(out, &[("text", text), ("cause", cause), ("remedy", remedy)]);
+            write_key(out, "gone");
+            write_bool(out, *gone);
         }
-        Notice::Odd(odd) => {
+        SessionNotice::Anomaly(odd) => {
             begin(out, "odd", odd.axis);
-            words(out, &[("kind", odd.kind.word()), ("text", &odd.text)]);
-            key(out, "time");
-            maybe(out, odd.time, stamp);
+            write_words(out, &[("kind", odd.kind.as_str()), ("text", &odd.text)]);
+            write_key(out, "time");
+            write_or_null(out, odd.time, write_timestamp);
         }
     }
     out.push(b'}');
 }
 
-fn words(out: &mut Vec<u8>, pairs: &[(&str, &str)]) {
+fn write_words(out: &mut Vec<u8>, pairs: &[(&str, &str)]) {
     for (name, text) in pairs {
-        key(out, name);
-        string(out, text);
+        write_key(out, name);
+        write_string(out, text);
     }
 }
 
-fn meaning(event: &Event<'_>, out: &mut Vec<u8>) {
-    let explained = event.explained;
-    key(out, "kind");
-    string_or_null(out, Some(explained.kind.as_str()).filter(|kind| !kind.is_empty()));
-    key(out, "axis");
-    maybe(out, explained.axis, unsigned);
-    key(out, "fields");
-    fields(out, explained);
-    key(out, "text");
+fn write_meaning(event: &DecodedFrame<'_>, out: &mut Vec<u8>) {
+    let explained = event.explanation;
+    write_key(out, "kind");
+    write_string_or_null(out, Some(explained.kind.as_str()).filter(|kind| !kind.is_empty()));
+    write_key(out, "axis");
+    write_or_null(out, explained.axis, write_unsigned);
+    write_key(out, "fields");
+    write_fields(out, explained);
+    write_key(out, "text");
     out.push(b'"');
     if event.echo {
         out.extend_from_slice(b"echo: ");
@@ -127,21 +127,21 @@ fn meaning(event: &Event<'_>, out: &mut Vec<u8>) {
     if event.remote && explained.text.is_empty() {
         out.extend_from_slice(REMOTE_REQUEST.as_bytes());
     }
-    escaped(out, &explained.text);
+    write_escaped(out, &explained.text);
     out.push(b'"');
-    key(out, "ok");
-    flag(out, event.wrong.is_none());
-    key(out, "error");
-    match event.wrong {
+    write_key(out, "ok");
+    write_bool(out, event.defect.is_none());
+    write_key(out, "error");
+    match event.defect {
         None => out.extend_from_slice(b"null"),
-        Some(wrong) => string(out, &wrong.to_string()),
+        Some(wrong) => write_string(out, &wrong.to_string()),
     }
 }
 
 /// Appends the fields as an object.
-pub fn fields(out: &mut Vec<u8>, explained: &Explained) {
+pub fn write_fields(out: &mut Vec<u8>, explained: &Explanation) {
     out.push(b'{');
-    let items: Vec<Item<'_>> = explained.items().collect();
+    let items: Vec<ExplanationField<'_>> = explained.fields().collect();
     for (at, item) in items.iter().enumerate() {
         if items[..at].iter().any(|earlier| earlier.name == item.name) {
             continue;
@@ -149,33 +149,37 @@ pub fn fields(out: &mut Vec<u8>, explained: &Explained) {
         if at > 0 {
             out.push(b',');
         }
-        string(out, item.name);
+        write_string(out, item.name);
         out.push(b':');
         let same = items[at..].iter().filter(|other| other.name == item.name);
         if same.clone().count() == 1 {
-            value(out, &item.value);
+            write_value(out, &item.value);
         } else {
-            list(out, same.map(|item| item.value), |out, item| value(out, &item));
+            write_list(out, same.map(|item| item.value), |out, item| write_value(out, &item));
         }
     }
     out.push(b'}');
 }
 
-fn value(out: &mut Vec<u8>, item: &ItemValue<'_>) {
+fn write_value(out: &mut Vec<u8>, item: &ExplanationValue<'_>) {
     match *item {
-        ItemValue::Int(value) => put::signed(value, out),
-        ItemValue::Hex(value, _) => put::unsigned(value, out),
-        ItemValue::Real(value) => real(out, value),
-        ItemValue::Text(text) => string(out, text),
-        ItemValue::Words(words) => {
+        ExplanationValue::Int(value) => number_text::append_signed(value, out),
+        ExplanationValue::Hex(value, _) => number_text::append_unsigned(value, out),
+        ExplanationValue::Real(value) => write_real(out, value),
+        ExplanationValue::Text(text) => write_string(out, text),
+        ExplanationValue::Words(words) => {
             let words =
                 words.chunks(2).map(|w| w.iter().fold(0, |sum, b| sum << 8 | u32::from(*b)));
-            list(out, words, unsigned);
+            write_list(out, words, write_unsigned);
         }
     }
 }
 
-fn list<T>(out: &mut Vec<u8>, items: impl Iterator<Item = T>, each: impl Fn(&mut Vec<u8>, T)) {
+fn write_list<T>(
+    out: &mut Vec<u8>,
+    items: impl Iterator<Item = T>,
+    each: impl Fn(&mut Vec<u8>, T),
+) {
     out.push(b'[');
     for (at, item) in items.enumerate() {
         if at > 0 {
@@ -186,60 +190,62 @@ fn list<T>(out: &mut Vec<u8>, items: impl Iterator<Item = T>, each: impl Fn(&mut
     out.push(b']');
 }
 
-fn key(out: &mut Vec<u8>, name: &str) {
+fn write_key(out: &mut Vec<u8>, name: &str) {
     out.extend_from_slice(b",\"");
     out.extend_from_slice(name.as_bytes());
     out.extend_from_slice(b"\":");
 }
 
-fn maybe<T>(out: &mut Vec<u8>, value: Option<T>, write: impl Fn(&mut Vec<u8>, T)) {
+fn write_or_null<T>(out: &mut Vec<u8>, value: Option<T>, write: impl Fn(&mut Vec<u8>, T)) {
     match value {
         Some(value) => write(out, value),
         None => out.extend_from_slice(b"null"),
     }
 }
 
-fn unsigned(out: &mut Vec<u8>, value: impl Into<u64>) {
-    put::unsigned(value.into(), out);
+fn write_unsigned(out: &mut Vec<u8>, value: impl Into<u64>) {
+    number_text::append_unsigned(value.into(), out);
 }
 
-fn flag(out: &mut Vec<u8>, value: bool) {
+fn write_bool(out: &mut Vec<u8>, value: bool) {
     out.extend_from_slice(if value { b"true" } else { b"false" });
 }
 
-/// Seconds, as [`Stamp`] shows them.
-fn stamp(out: &mut Vec<u8>, time: Stamp) {
+/// Seconds, as [`Timestamp`] shows them.
+fn write_timestamp(out: &mut Vec<u8>, time: Timestamp) {
     const NS: u64 = 1_000_000_000;
-    put::unsigned(time.0 / NS, out);
+    number_text::append_unsigned(time.0 / NS, out);
     out.push(b'.');
-    put::filled(time.0 % NS, 9, b'0', out);
+    number_text::append_padded(time.0 % NS, 9, b'0', out);
     // One decimal stays at least.
     let zeros = out.iter().rev().take(8).take_while(|digit| **digit == b'0').count();
     out.truncate(out.len() - zeros);
 }
 
-fn string_or_null(out: &mut Vec<u8>, text: Option<&str>) {
+fn write_string_or_null(out: &mut Vec<u8>, text: Option<&str>) {
     match text {
-        Some(text) => string(out, text),
+        Some(text) => write_string(out, text),
         None => out.extend_from_slice(b"null"),
     }
 }
 
 /// Appends a real number; JSON knows none that are not finite, which become `null`.
-pub fn real(out: &mut Vec<u8>, value: f64) {
-    maybe(out, Some(value).filter(|value| value.is_finite()), |out, value| put::real(value, out));
+pub fn write_real(out: &mut Vec<u8>, value: f64) {
+    write_or_null(out, Some(value).filter(|value| value.is_finite()), |out, value| {
+        number_text::append_real(value, out)
+    });
 }
 
 /// Appends a quoted JSON string.
-pub fn string(out: &mut Vec<u8>, text: &str) {
+pub fn write_string(out: &mut Vec<u8>, text: &str) {
     out.push(b'"');
-    escaped(out, text);
+    write_escaped(out, text);
     out.push(b'"');
 }
 
-fn escaped(out: &mut Vec<u8>, text: &str) {
+fn write_escaped(out: &mut Vec<u8>, text: &str) {
     let mut rest = text.as_bytes();
-    while let Some(at) = odd(rest) {
+    while let Some(at) = find_escape(rest) {
         out.extend_from_slice(&rest[..at]);
         match rest[at] {
             b'"' => out.extend_from_slice(b"\\\""),
@@ -248,7 +254,8 @@ fn escaped(out: &mut Vec<u8>, text: &str) {
             b'\r' => out.extend_from_slice(b"\\r"),
             b'\t' => out.extend_from_slice(b"\\t"),
             byte => {
-                let [high, low] = put::hex(byte).map(|digit| digit.to_ascii_lowercase());
+                let [high, low] =
+                    number_text::hex_digits(byte).map(|digit| digit.to_ascii_lowercase());
                 out.extend_from_slice(&[b'\\', b'u', b'0', b'0', high, low]);
             }
         }
@@ -258,7 +265,7 @@ fn escaped(out: &mut Vec<u8>, text: &str) {
 }
 
 /// Where the first byte is that JSON does not take as it is.
-fn odd(text: &[u8]) -> Option<usize> {
+fn find_escape(text: &[u8]) -> Option<usize> {
     const ONES: u64 = 0x0101_0101_0101_0101;
     // The uppermost bit of a byte below `limit`, and perhaps of some behind it.
     let below = |eight: u64, limit: u64| eight.wrapping_sub(limit * ONES) & !eight & (0x80 * ONES);
@@ -273,6 +280,6 @@ fn odd(text: &[u8]) -> Option<usize> {
 }
 
 /// Appends bytes as hexadecimal digits without spaces.
-pub fn hex(out: &mut Vec<u8>, bytes: &[u8]) {
-    bytes.iter().for_each(|byte| out.extend_from_slice(&put::hex(*byte)));
+pub fn write_hex(out: &mut Vec<u8>, bytes: &[u8]) {
+    bytes.iter().for_each(|byte| out.extend_from_slice(&number_text::hex_digits(*byte)));
 }

@@ -14,9 +14,9 @@
 //! [`session`] knows protocols by name.
 //!
 //! ```
-//! use polepair_capture::{Decoder, Rules};
+//! use polepair_capture::{CaptureDecoder, Rules};
 //!
-//! let mut decoder = Decoder::new(Rules::default());
+//! let mut decoder = CaptureDecoder::new(Rules::default());
 //! decoder.feed(b"(1700000000.000500) can0 123#0102\n", &mut |event| {
 //!     assert_eq!((event.link, event.id), ("can0", Some(0x123)));
 //! });
@@ -26,46 +26,49 @@
 #![forbid(unsafe_code)]
 
 mod batch;
-mod changes;
+mod byte_changes;
 mod conversation;
 mod date;
 mod decoder;
+mod detector;
 pub mod diff;
-mod explained;
+mod explanation;
 mod filter;
+#[cfg(test)]
+mod fixtures;
 mod follow;
 mod format;
 pub mod jsonl;
-mod judge;
-#[cfg(test)]
-mod made;
-mod page;
+mod line_buffer;
+mod number_text;
 pub mod parallel;
 pub mod plot;
-mod put;
 mod read;
 mod record;
 mod rules;
 pub mod session;
-mod stamp;
 mod stream;
 pub mod summary;
 pub mod text;
+mod timestamp;
 mod write;
 
-pub use batch::{Batch, Decoded, Plain, Said, Voice};
-pub use changes::{Changes, about, meaning};
-pub use decoder::{Decoder, Event, Wrong};
-pub use explained::{CAN_FD, ERROR_FRAME, Explained, Item, ItemValue};
-pub use filter::{Filter, FilterError, Glob};
-pub use follow::{Follow, Next};
-pub use format::{Format, Packing};
-pub use judge::{Judge, Verdict};
-pub use read::{Bad, Damage, Place, Reader, Scan, Tally, parse, unpacked};
-pub use record::{Data, ErrorFrame, Fd, Record};
-pub use rules::{Rule, RuleError, Rules, Scope, nearest};
-pub use stamp::Stamp;
-pub use write::{WriteError, Writer};
+pub use batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate, TemplateContent};
+pub use byte_changes::{ByteChanges, meaning_text, visit_frame_key};
+pub use decoder::{CaptureDecoder, DecodedFrame, FrameDefect};
+pub use detector::{LinkDetection, ProtocolDetector};
+pub use explanation::{CAN_FD, ERROR_FRAME, Explanation, ExplanationField, ExplanationValue};
+pub use filter::{FilterError, FrameFilter, Glob};
+pub use follow::{FollowEvent, FollowReader};
+pub use format::{CaptureFormat, Compression};
+pub use read::{
+    CapturePosition, CaptureReader, Damage, LineScan, ReadError, ReadStatistics, parse_log_line,
+    unpack_bounded,
+};
+pub use record::{CanErrorFrame, FdFrame, Record, RecordData};
+pub use rules::{Rule, RuleError, RuleScope, Rules, nearest_word};
+pub use timestamp::Timestamp;
+pub use write::{CaptureWriter, WriteError};
 
 #[cfg(test)]
 mod tests;

@@ -8,27 +8,27 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use crate::batch::Batch;
-use crate::decoder::Decoder;
-use crate::read::Scan;
+use crate::batch::FrameBatch;
+use crate::decoder::CaptureDecoder;
+use crate::read::LineScan;
 
 /// Threads that are of use: more would take more memory than they should.
 pub const JOBS_MAX: usize = 8;
 
 /// Makes something of batches.
-pub trait Maker: Send {
+pub trait BatchConsumer: Send {
     /// Bytes of one piece, nearly. What a thread makes of it should fit into its core's own cache:
     /// with longer pieces several threads took more processor time, likely for the cache they share.
-    const PIECE: usize = 1 << 17;
+    const CHUNK_BYTES: usize = 1 << 17;
 
     /// Takes a batch, whose turn to be handed over comes later.
-    fn make(&mut self, batch: &Batch);
+    fn consume(&mut self, batch: &FrameBatch);
 }
 
 /// Appends up to so many bytes of the capture; none at its end.
-pub type Fill<'a, E> = &'a mut (dyn FnMut(&mut Vec<u8>, usize) -> Result<(), E> + Send);
+pub type FillCallback<'a, E> = &'a mut (dyn FnMut(&mut Vec<u8>, usize) -> Result<(), E> + Send);
 /// Hands over what was made since the last time.
-pub type Put<'a, M, E> = &'a mut (dyn FnMut(&mut M) -> Result<(), E> + Send);
+pub type OutputCallback<'a, M, E> = &'a mut (dyn FnMut(&mut M) -> Result<(), E> + Send);
 
 /// Decodes a capture to its end, with a thread for each of `makers`. The order in which they hand
 /// over is that of the capture, and what they make hangs on how the capture is cut alone, which is
@@ -36,36 +36,36 @@ pub type Put<'a, M, E> = &'a mut (dyn FnMut(&mut M) -> Result<(), E> + Send);
 ///
 /// # Errors
 /// The first one of `fill` or `put`; nothing is read or handed over after it.
-pub fn decode<M: Maker, E: Send>(
-    decoder: &mut Decoder,
+pub fn decode<M: BatchConsumer, E: Send>(
+    decoder: &mut CaptureDecoder,
     makers: &mut [M],
-    fill: Fill<'_, E>,
-    put: Put<'_, M, E>,
+    fill: FillCallback<'_, E>,
+    put: OutputCallback<'_, M, E>,
 ) -> Result<(), E> {
     let Some((first, others)) = makers.split_first_mut() else { return Ok(()) };
-    let hall = Hall {
-        source: Mutex::new(Source { fill, rest: Vec::new(), next: 0, ended: false }),
-        decoder: Turns::new(decoder),
-        put: Turns::new(put),
-        over: AtomicBool::new(false),
-        failed: Mutex::new(None),
+    let hall = DecodePool {
+        source: Mutex::new(ChunkSource { fill, rest: Vec::new(), next: 0, ended: false }),
+        decoder: Sequencer::new(decoder),
+        output: Sequencer::new(put),
+        cancelled: AtomicBool::new(false),
+        first_error: Mutex::new(None),
     };
     std::thread::scope(|scope| {
         for maker in others {
-            scope.spawn(|| hall.work(maker));
+            scope.spawn(|| hall.run_worker(maker));
         }
-        hall.work(first);
+        hall.run_worker(first);
     });
-    let Hall { decoder, put, failed, .. } = hall;
+    let DecodePool { decoder, output: put, first_error: failed, .. } = hall;
     let mut failed = failed.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let (decoder, put) = (decoder.end(), put.end());
+    let (decoder, put) = (decoder.into_inner(), put.into_inner());
     if failed.is_none() {
-        let (mut batch, mut error) = (Batch::default(), None);
-        let mut give = |batch: &mut Batch| {
-            first.make(batch);
+        let (mut batch, mut error) = (FrameBatch::default(), None);
+        let mut give = |batch: &mut FrameBatch| {
+            first.consume(batch);
             error = error.take().or_else(|| put(first).err());
         };
-        decoder.gather_rest(&mut batch, &mut give);
+        decoder.finish_batch(&mut batch, &mut give);
         give(&mut batch);
         failed = error;
     }
@@ -73,18 +73,18 @@ pub fn decode<M: Maker, E: Send>(
 }
 
 /// Where the threads meet.
-struct Hall<'a, M, E> {
-    source: Mutex<Source<'a, E>>,
-    decoder: Turns<&'a mut Decoder>,
-    put: Turns<Put<'a, M, E>>,
+struct DecodePool<'a, M, E> {
+    source: Mutex<ChunkSource<'a, E>>,
+    decoder: Sequencer<&'a mut CaptureDecoder>,
+    output: Sequencer<OutputCallback<'a, M, E>>,
     /// Something failed: all go home.
-    over: AtomicBool,
-    failed: Mutex<Option<E>>,
+    cancelled: AtomicBool,
+    first_error: Mutex<Option<E>>,
 }
 
 /// The capture as it is cut.
-struct Source<'a, E> {
-    fill: Fill<'a, E>,
+struct ChunkSource<'a, E> {
+    fill: FillCallback<'a, E>,
     /// What follows the last end of a line.
     rest: Vec<u8>,
     /// The number of the next piece.
@@ -94,15 +94,15 @@ struct Source<'a, E> {
 
 /// What a thread has in hand.
 #[derive(Default)]
-struct Hand {
+struct WorkerBuffers {
     piece: Vec<u8>,
-    scan: Scan,
-    batch: Batch,
+    scan: LineScan,
+    batch: FrameBatch,
 }
 
-impl<E> Source<'_, E> {
+impl<E> ChunkSource<'_, E> {
     /// The next piece, which ends where a line does if it can, and its number.
-    fn next(&mut self, piece: &mut Vec<u8>, most: usize) -> Result<Option<u64>, E> {
+    fn next_chunk(&mut self, piece: &mut Vec<u8>, most: usize) -> Result<Option<u64>, E> {
         piece.clear();
         piece.append(&mut self.rest);
         while piece.len() < most && !self.ended {
@@ -119,101 +119,105 @@ impl<E> Source<'_, E> {
     }
 }
 
-impl<M: Maker, E> Hall<'_, M, E> {
+impl<M: BatchConsumer, E> DecodePool<'_, M, E> {
     /// Goes with piece after piece until there are no more.
-    fn work(&self, maker: &mut M) {
-        let mut hand = Hand::default();
+    fn run_worker(&self, maker: &mut M) {
+        let mut hand = WorkerBuffers::default();
         // Whoever falls must not leave the others waiting.
-        let _careful = Careful(self);
-        while self.go(&mut hand, maker).is_some() {}
+        let _careful = AbortGuard(self);
+        while self.process_next(&mut hand, maker).is_some() {}
     }
 
     /// Goes with one piece; `None` when there is none, or all is over.
-    fn go(&self, Hand { piece, scan, batch }: &mut Hand, maker: &mut M) -> Option<()> {
-        let read = self.source.lock().ok()?.next(piece, M::PIECE);
-        let number = self.well(read)??;
-        scan.read(piece);
-        let mut decoder = self.decoder.wait(number, &self.over)?;
-        let mut full = |batch: &mut Batch| {
-            maker.make(batch);
+    fn process_next(
+        &self,
+        WorkerBuffers { piece, scan, batch }: &mut WorkerBuffers,
+        maker: &mut M,
+    ) -> Option<()> {
+        let read = self.source.lock().ok()?.next_chunk(piece, M::CHUNK_BYTES);
+        let number = self.check_result(read)??;
+        scan.scan(piece);
+        let mut decoder = self.decoder.wait_turn(number, &self.cancelled)?;
+        let mut full = |batch: &mut FrameBatch| {
+            maker.consume(batch);
             // Nobody behind is decoded yet, and those before need nothing for that.
-            let put = self.put.wait(number, &self.over);
-            if put.and_then(|mut put| self.well((put.1)(maker))).is_none() {
+            let put = self.output.wait_turn(number, &self.cancelled);
+            if put.and_then(|mut put| self.check_result((put.1)(maker))).is_none() {
                 batch.stop();
             }
         };
-        decoder.1.gather_lines(piece, scan, batch, &mut full);
-        self.decoder.pass(decoder);
-        maker.make(batch);
-        let mut put = self.put.wait(number, &self.over)?;
-        self.well((put.1)(maker))?;
-        self.put.pass(put);
+        decoder.1.decode_scanned(piece, scan, batch, &mut full);
+        self.decoder.end_turn(decoder);
+        maker.consume(batch);
+        let mut put = self.output.wait_turn(number, &self.cancelled)?;
+        self.check_result((put.1)(maker))?;
+        self.output.end_turn(put);
         Some(())
     }
 
     /// What came out well; else all is over.
-    fn well<T>(&self, result: Result<T, E>) -> Option<T> {
+    fn check_result<T>(&self, result: Result<T, E>) -> Option<T> {
         let error = match result {
             Ok(value) => return Some(value),
             Err(error) => error,
         };
-        self.failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
-        self.over.store(true, Ordering::SeqCst);
+        self.first_error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+        self.cancelled.store(true, Ordering::SeqCst);
         None
     }
 
     /// Everybody looks up.
-    fn call(&self) {
-        self.over.store(true, Ordering::SeqCst);
-        self.decoder.call();
-        self.put.call();
+    fn wake_all(&self) {
+        self.cancelled.store(true, Ordering::SeqCst);
+        self.decoder.wake_all();
+        self.output.wake_all();
     }
 }
 
 /// Calls the others when a thread ends otherwise than with the capture.
-struct Careful<'a, 'b, M: Maker, E>(&'a Hall<'b, M, E>);
+struct AbortGuard<'a, 'b, M: BatchConsumer, E>(&'a DecodePool<'b, M, E>);
 
-impl<M: Maker, E> Drop for Careful<'_, '_, M, E> {
+impl<M: BatchConsumer, E> Drop for AbortGuard<'_, '_, M, E> {
     fn drop(&mut self) {
-        if std::thread::panicking() || self.0.over.load(Ordering::SeqCst) {
-            self.0.call();
+        if std::thread::panicking() || self.0.cancelled.load(Ordering::SeqCst) {
+            self.0.wake_all();
         }
     }
 }
 
 /// Something that is used piece by piece, in the order of the pieces.
-struct Turns<T> {
+struct Sequencer<T> {
     /// Whose turn it is.
     turn: Mutex<(u64, T)>,
-    passed: Condvar,
+    turn_changed: Condvar,
 }
 
-impl<T> Turns<T> {
+impl<T> Sequencer<T> {
     fn new(of: T) -> Self {
-        Self { turn: Mutex::new((0, of)), passed: Condvar::new() }
+        Self { turn: Mutex::new((0, of)), turn_changed: Condvar::new() }
     }
 
     /// Waits for the turn of a piece; `None` when all is over.
-    fn wait(&self, number: u64, over: &AtomicBool) -> Option<MutexGuard<'_, (u64, T)>> {
+    fn wait_turn(&self, number: u64, over: &AtomicBool) -> Option<MutexGuard<'_, (u64, T)>> {
         let turn = self.turn.lock().ok()?;
         let early = |turn: &mut (u64, T)| turn.0 != number && !over.load(Ordering::SeqCst);
-        let turn = self.passed.wait_while(turn, early).ok()?;
+        let turn = self.turn_changed.wait_while(turn, early).ok()?;
         (turn.0 == number && !over.load(Ordering::SeqCst)).then_some(turn)
     }
 
-    fn pass(&self, mut turn: MutexGuard<'_, (u64, T)>) {
+    fn end_turn(&self, mut turn: MutexGuard<'_, (u64, T)>) {
         turn.0 += 1;
         drop(turn);
-        self.passed.notify_all();
+        self.turn_changed.notify_all();
     }
 
     /// Wakes all who wait.
-    fn call(&self) {
+    fn wake_all(&self) {
         drop(self.turn.lock());
-        self.passed.notify_all();
+        self.turn_changed.notify_all();
     }
 
-    fn end(self) -> T {
+    fn into_inner(self) -> T {
         self.turn.into_inner().unwrap_or_else(PoisonError::into_inner).1
     }
 }

@@ -13,10 +13,10 @@ mod terminal;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::decoder::Event;
+use crate::decoder::DecodedFrame;
 use crate::filter::Glob;
-use crate::session::{Name, Notice, name};
-use crate::stamp::Stamp;
+use crate::session::{InternedName, SessionNotice, intern};
+use crate::timestamp::Timestamp;
 
 pub use series::Series;
 
@@ -28,23 +28,23 @@ const OTHERS_MAX: usize = 256;
 /// Signals that are being gathered.
 #[derive(Clone, Debug, Default)]
 pub struct Plot {
-    wanted: Vec<Glob>,
-    first: Option<Stamp>,
-    last: Option<Stamp>,
-    series: BTreeMap<(Name, u32, Name), Series>,
-    others: BTreeSet<(u32, Name)>,
-    link: Name,
+    patterns: Vec<Glob>,
+    first: Option<Timestamp>,
+    last: Option<Timestamp>,
+    series: BTreeMap<(InternedName, u32, InternedName), Series>,
+    other_signals: BTreeSet<(u32, InternedName)>,
+    current_link: InternedName,
     /// Values of further lines than a picture has.
-    pub left_out: u64,
+    pub dropped_values: u64,
 }
 
 /// Lines, and whose they are.
-type Lines<'p> = Vec<(String, &'p Series)>;
+type PanelLines<'p> = Vec<(String, &'p Series)>;
 
 /// Lines with a scale in common.
-struct Panel<'p> {
+struct PlotPanel<'p> {
     title: String,
-    lines: Lines<'p>,
+    lines: PanelLines<'p>,
     /// Least and greatest value, with room around them.
     range: (f64, f64),
 }
@@ -52,19 +52,19 @@ struct Panel<'p> {
 impl Plot {
     /// For signals such as `*/Actual/Position`, `2/Setpoint/*`, `Actual/Torque`.
     #[must_use]
-    pub fn new(wanted: Vec<Glob>) -> Self {
-        Self { wanted, ..Self::default() }
+    pub fn new(patterns: Vec<Glob>) -> Self {
+        Self { patterns, ..Self::default() }
     }
 
     /// Takes a frame. Its time counts, its signals if they are wanted.
-    pub fn take(&mut self, event: &Event<'_>) {
-        self.pass(event);
+    pub fn add_frame(&mut self, event: &DecodedFrame<'_>) {
+        self.note_time(event);
         for notice in event.notices {
-            let Notice::Signal(signal) = notice else { continue };
-            let fits = |glob: &Glob| glob.fits_signal(signal.axis, signal.name);
-            if !self.wanted.iter().any(fits) {
-                if self.others.len() < OTHERS_MAX {
-                    self.others.insert((signal.axis, signal.name));
+            let SessionNotice::Signal(signal) = notice else { continue };
+            let fits = |glob: &Glob| glob.matches_signal(signal.axis, signal.name);
+            if !self.patterns.iter().any(fits) {
+                if self.other_signals.len() < OTHERS_MAX {
+                    self.other_signals.insert((signal.axis, signal.name));
                 }
                 continue;
             }
@@ -72,21 +72,21 @@ impl Plot {
             if !signal.value.is_finite() {
                 continue;
             }
-            if self.link != event.link {
-                self.link = name(event.link);
+            if self.current_link != event.link {
+                self.current_link = intern(event.link);
             }
-            let key = (self.link, signal.axis, signal.name);
+            let key = (self.current_link, signal.axis, signal.name);
             if self.series.len() == SERIES_MAX && !self.series.contains_key(&key) {
-                self.left_out += 1;
+                self.dropped_values += 1;
                 continue;
             }
             let series = self.series.entry(key).or_insert_with(|| Series::new(signal.unit));
-            series.take(time.since(first), signal.value);
+            series.add(time.since(first), signal.value);
         }
     }
 
     /// A frame whose signals are not wanted: its time counts alone.
-    pub fn pass(&mut self, event: &Event<'_>) {
+    pub fn note_time(&mut self, event: &DecodedFrame<'_>) {
         self.first = self.first.or(event.time);
         self.last = self.last.max(event.time);
     }
@@ -98,8 +98,8 @@ impl Plot {
     }
 
     /// Signals that were there and not asked for, as `AXIS/NAME`.
-    pub fn others(&self) -> impl Iterator<Item = String> {
-        self.others.iter().map(|(axis, name)| format!("{axis}/{name}"))
+    pub fn other_signals(&self) -> impl Iterator<Item = String> {
+        self.other_signals.iter().map(|(axis, name)| format!("{axis}/{name}"))
     }
 
     /// The picture in characters, so many columns wide: braille dots, each line in a colour, or
@@ -124,23 +124,26 @@ impl Plot {
     }
 
     /// One for each name of a signal, with its axes; or one for each line.
-    fn panels(&self, shared: bool) -> Vec<Panel<'_>> {
-        let links: BTreeSet<Name> = self.series.keys().map(|(link, ..)| *link).collect();
-        let mut panels = BTreeMap::<_, Lines<'_>>::new();
+    fn panels(&self, shared: bool) -> Vec<PlotPanel<'_>> {
+        let links: BTreeSet<InternedName> = self.series.keys().map(|(link, ..)| *link).collect();
+        let mut panels = BTreeMap::<_, PanelLines<'_>>::new();
         for ((link, axis, name), series) in &self.series {
             let own = (!shared).then_some((*link, *axis));
             let place = if links.len() > 1 { format!("{link} ") } else { String::new() };
             let line = (format!("{place}axis {axis}"), series);
             panels.entry((name, series.unit, own)).or_default().push(line);
         }
-        panels.into_iter().map(|((name, unit, _), lines)| Panel::new(name, unit, lines)).collect()
+        panels
+            .into_iter()
+            .map(|((name, unit, _), lines)| PlotPanel::new(name, unit, lines))
+            .collect()
     }
 }
 
-impl<'p> Panel<'p> {
-    fn new(name: Name, unit: Name, lines: Lines<'p>) -> Self {
+impl<'p> PlotPanel<'p> {
+    fn new(name: InternedName, unit: InternedName, lines: PanelLines<'p>) -> Self {
         let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };
-        let range = scale::around(lines.iter().map(|(_, series)| series.range()));
+        let range = scale::padded_range(lines.iter().map(|(_, series)| series.range()));
         Self { title: format!("{name}{unit}"), lines, range }
     }
 }

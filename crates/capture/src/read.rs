@@ -3,7 +3,7 @@
 //! ```text
 //!   bytes     pieces of a file, of stdin, of a file that still grows
 //!    └ unpack gzip or Zstandard, when the first bytes say so
-//!       └ Source   one for each format: takes whole records off the head of what is there
+//!       └ FormatReader   one for each format: takes whole records off the head of what is there
 //! ```
 //! Damage is named by its place and skipped; reading goes on where the format lets it.
 
@@ -11,29 +11,29 @@ mod asc;
 pub(crate) mod blf;
 mod candump;
 mod csv;
+mod decompress;
 mod digits;
 mod jsonl;
+mod line_scan;
 mod lines;
-pub(crate) mod linktype;
+pub(crate) mod link_type;
 mod pcap;
 mod pcapng;
-mod scan;
-mod seriallog;
+mod serial_log;
 mod text;
 mod trc;
-mod unpack;
 
 use core::fmt;
 
-use crate::format::{Format, HEAD_MAX, Packing};
+use crate::format::{CaptureFormat, Compression, HEAD_MAX};
 use crate::record::Record;
+use decompress::Decompressor;
+pub use decompress::unpack_bounded;
+pub use line_scan::LineScan;
 #[cfg(test)]
 pub(crate) use lines::LINE_MAX;
-use lines::Lines;
-pub use scan::Scan;
-pub use text::parse;
-use unpack::Unpack;
-pub use unpack::unpacked;
+use lines::LineReader;
+pub use text::parse_log_line;
 
 /// Damaged places that are remembered one by one; more are only counted.
 pub const DAMAGE_MAX: usize = 100;
@@ -42,9 +42,9 @@ pub(crate) const BLOCK_MAX: usize = 1 << 26;
 
 /// Why something could not be read.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Bad(pub &'static str);
+pub struct ReadError(pub &'static str);
 
-impl fmt::Display for Bad {
+impl fmt::Display for ReadError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.0)
     }
@@ -52,14 +52,14 @@ impl fmt::Display for Bad {
 
 /// Where in a capture.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub enum Place {
+pub enum CapturePosition {
     /// The line of that number, from 1.
     Line(u64),
     /// The byte of that number, from 0; of what was unpacked, if the file is compressed.
     Byte(u64),
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for CapturePosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Line(number) => write!(f, "line {number}"),
@@ -72,34 +72,34 @@ impl fmt::Display for Place {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Damage {
     /// Where it begins.
-    pub place: Place,
+    pub position: CapturePosition,
     /// What is wrong with it.
-    pub reason: Bad,
+    pub reason: ReadError,
 }
 
 impl fmt::Display for Damage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.place, self.reason)
+        write!(f, "{}: {}", self.position, self.reason)
     }
 }
 
 /// Takes what a capture holds.
-pub(crate) trait Taker {
+pub(crate) trait RecordSink {
     /// Takes a record.
-    fn record(&mut self, record: &Record<'_>);
+    fn handle_record(&mut self, record: &Record<'_>);
     /// Takes note of a part that cannot be read.
-    fn damage(&mut self, damage: Damage);
+    fn handle_damage(&mut self, damage: Damage);
 }
 
 /// The reader of one format.
-pub(crate) trait Source: fmt::Debug + Send {
+pub(crate) trait FormatReader: fmt::Debug + Send {
     /// Takes what is whole off the head of `bytes` and says how many bytes that were. When the
     /// capture has `ended` no more will come: what is not whole is damage.
-    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> usize;
+    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn RecordSink) -> usize;
 
     /// So many lines and bytes in front of what comes next were read elsewhere. False where that
     /// cannot be: it is not between lines.
-    fn pass_over(&mut self, lines: u64, bytes: u64) -> bool {
+    fn skip_lines(&mut self, lines: u64, bytes: u64) -> bool {
         let _ = (lines, bytes);
         false
     }
@@ -107,41 +107,41 @@ pub(crate) trait Source: fmt::Debug + Send {
 
 /// Reads a capture in pieces, cut anywhere. Memory stays bounded however long the capture is.
 #[derive(Debug, Default)]
-pub struct Reader {
-    packing: Packed,
-    plain: Plain,
+pub struct CaptureReader {
+    compression: CompressionState,
+    plain: PlainReader,
 }
 
 /// Whether a capture is compressed.
 #[derive(Debug)]
-enum Packed {
+enum CompressionState {
     /// Its first bytes, too few to tell.
-    Unknown(Vec<u8>),
-    No,
-    Yes(Box<Unpack>),
+    Undetected(Vec<u8>),
+    Plain,
+    Compressed(Box<Decompressor>),
 }
 
-impl Default for Packed {
+impl Default for CompressionState {
     fn default() -> Self {
-        Self::Unknown(Vec::new())
+        Self::Undetected(Vec::new())
     }
 }
 
 /// Uncompressed bytes, and their reader.
 #[derive(Debug, Default)]
-struct Plain {
-    stated: Option<Format>,
-    source: Option<(Format, Box<dyn Source>)>,
+struct PlainReader {
+    stated_format: Option<CaptureFormat>,
+    source: Option<(CaptureFormat, Box<dyn FormatReader>)>,
     /// Bytes that wait for more.
-    carry: Vec<u8>,
+    pending: Vec<u8>,
     /// Bytes that came in all.
-    came: u64,
-    tally: Tally,
+    received_bytes: u64,
+    statistics: ReadStatistics,
 }
 
 /// What was read, and what could not be.
 #[derive(Clone, Debug, Default)]
-pub struct Tally {
+pub struct ReadStatistics {
     /// Records read.
     pub records: u64,
     /// Places that could not be read.
@@ -151,25 +151,25 @@ pub struct Tally {
 }
 
 /// Passes records on and counts.
-struct Counting<'a> {
-    tally: &'a mut Tally,
+struct CountingSink<'a> {
+    statistics: &'a mut ReadStatistics,
     out: &'a mut dyn FnMut(&Record<'_>),
 }
 
-impl Taker for Counting<'_> {
-    fn record(&mut self, record: &Record<'_>) {
-        self.tally.records += 1;
+impl RecordSink for CountingSink<'_> {
+    fn handle_record(&mut self, record: &Record<'_>) {
+        self.statistics.records += 1;
         (self.out)(record);
     }
 
-    fn damage(&mut self, damage: Damage) {
-        self.tally.note(damage);
+    fn handle_damage(&mut self, damage: Damage) {
+        self.statistics.add_damage(damage);
     }
 }
 
-impl Tally {
+impl ReadStatistics {
     /// Takes note of a damaged place.
-    pub(crate) fn note(&mut self, damage: Damage) {
+    pub(crate) fn add_damage(&mut self, damage: Damage) {
         self.damaged += 1;
         if self.damage.len() < DAMAGE_MAX {
             self.damage.push(damage);
@@ -177,37 +177,37 @@ impl Tally {
     }
 }
 
-impl Reader {
+impl CaptureReader {
     /// A reader that holds to a format, or tells it by the first bytes.
     #[must_use]
-    pub fn new(stated: Option<Format>) -> Self {
-        let plain = Plain { stated, ..Plain::default() };
+    pub fn new(stated: Option<CaptureFormat>) -> Self {
+        let plain = PlainReader { stated_format: stated, ..PlainReader::default() };
         Self { plain, ..Self::default() }
     }
 
     /// The format, once it is told.
     #[must_use]
-    pub fn format(&self) -> Option<Format> {
+    pub fn format(&self) -> Option<CaptureFormat> {
         self.plain.source.as_ref().map(|(format, _)| *format)
     }
 
     /// What was read so far, and what could not be.
     #[must_use]
-    pub fn tally(&self) -> &Tally {
-        &self.plain.tally
+    pub fn statistics(&self) -> &ReadStatistics {
+        &self.plain.statistics
     }
 
     /// Takes a piece of the capture and gives every record that it completes.
     pub fn feed(&mut self, piece: &[u8], out: &mut dyn FnMut(&Record<'_>)) {
-        match &mut self.packing {
-            Packed::No => self.plain.feed(piece, false, out),
-            Packed::Yes(unpack) => {
+        match &mut self.compression {
+            CompressionState::Plain => self.plain.feed(piece, false, out),
+            CompressionState::Compressed(unpack) => {
                 unpack.feed(piece, &mut |piece| self.plain.feed(piece, false, out));
             }
-            Packed::Unknown(head) => {
+            CompressionState::Undetected(head) => {
                 head.extend_from_slice(piece);
-                if head.len() >= Packing::HEAD {
-                    self.open(out);
+                if head.len() >= Compression::HEAD {
+                    self.detect_compression(out);
                 }
             }
         }
@@ -215,54 +215,57 @@ impl Reader {
 
     /// Takes note that so many lines, each a record, were read elsewhere. False where that cannot be:
     /// it is not between lines of a log.
-    pub(crate) fn pass_over(&mut self, lines: u64, bytes: u64) -> bool {
+    pub(crate) fn skip_lines(&mut self, lines: u64, bytes: u64) -> bool {
         let plain = &mut self.plain;
-        let whole = matches!(self.packing, Packed::No) && plain.carry.is_empty();
-        let Some((Format::Text, source)) = plain.source.as_mut().filter(|_| whole) else {
+        let whole = matches!(self.compression, CompressionState::Plain) && plain.pending.is_empty();
+        let Some((CaptureFormat::Text, source)) = plain.source.as_mut().filter(|_| whole) else {
             return false;
         };
-        let between = source.pass_over(lines, bytes);
+        let between = source.skip_lines(lines, bytes);
         if between {
-            plain.came += bytes;
-            plain.tally.records += lines;
+            plain.received_bytes += bytes;
+            plain.statistics.records += lines;
         }
         between
     }
 
     /// Bytes that came so far, unpacked.
-    pub(crate) const fn came(&self) -> u64 {
-        self.plain.came
+    pub(crate) const fn received_bytes(&self) -> u64 {
+        self.plain.received_bytes
     }
 
     /// Ends the capture: what waits for more is damage.
     pub fn finish(&mut self, out: &mut dyn FnMut(&Record<'_>)) {
-        if matches!(self.packing, Packed::Unknown(_)) {
-            self.open(out);
+        if matches!(self.compression, CompressionState::Undetected(_)) {
+            self.detect_compression(out);
         }
-        if let Packed::Yes(unpack) = &mut self.packing {
+        if let CompressionState::Compressed(unpack) = &mut self.compression {
             let ended = unpack.finish(&mut |piece| self.plain.feed(piece, false, out));
             if let Err(reason) = ended {
-                let place = Place::Byte(self.plain.came);
-                self.plain.tally.note(Damage { place, reason });
+                let place = CapturePosition::Byte(self.plain.received_bytes);
+                self.plain.statistics.add_damage(Damage { position: place, reason });
             }
         }
         self.plain.feed(&[], true, out);
     }
 
     /// Goes on with the first bytes, now that there are enough of them.
-    fn open(&mut self, out: &mut dyn FnMut(&Record<'_>)) {
-        let Packed::Unknown(head) = core::mem::take(&mut self.packing) else { return };
-        self.packing = Packing::of_head(&head)
-            .map_or(Packed::No, |packing| Packed::Yes(Box::new(Unpack::new(packing))));
+    fn detect_compression(&mut self, out: &mut dyn FnMut(&Record<'_>)) {
+        let CompressionState::Undetected(head) = core::mem::take(&mut self.compression) else {
+            return;
+        };
+        self.compression = Compression::detect(&head).map_or(CompressionState::Plain, |packing| {
+            CompressionState::Compressed(Box::new(Decompressor::new(packing)))
+        });
         self.feed(&head, out);
     }
 }
 
-impl Plain {
+impl PlainReader {
     fn feed(&mut self, piece: &[u8], ended: bool, out: &mut dyn FnMut(&Record<'_>)) {
-        self.came += piece.len() as u64;
-        let Self { stated, source, carry, tally, .. } = self;
-        let mut taker = Counting { tally, out };
+        self.received_bytes += piece.len() as u64;
+        let Self { stated_format: stated, source, pending: carry, statistics: tally, .. } = self;
+        let mut taker = CountingSink { statistics: tally, out };
         if let (Some((_, source)), true) = (&mut *source, carry.is_empty()) {
             let used = source.read(piece, ended, &mut taker);
             carry.extend_from_slice(&piece[used..]);
@@ -271,8 +274,10 @@ impl Plain {
         carry.extend_from_slice(piece);
         if source.is_none() {
             let head = &carry[..carry.len().min(HEAD_MAX)];
-            let Some(format) = stated.or_else(|| Format::of_head(head, ended)) else { return };
-            *source = Some((format, open(format)));
+            let Some(format) = stated.or_else(|| CaptureFormat::detect(head, ended)) else {
+                return;
+            };
+            *source = Some((format, open_format(format)));
         }
         if let Some((_, source)) = source {
             let used = source.read(carry, ended, &mut taker);
@@ -281,16 +286,16 @@ impl Plain {
     }
 }
 
-fn open(format: Format) -> Box<dyn Source> {
+fn open_format(format: CaptureFormat) -> Box<dyn FormatReader> {
     match format {
-        Format::Text => Box::new(Lines::new(text::Text::default())),
-        Format::Asc => Box::new(Lines::new(asc::Asc::default())),
-        Format::Trc => Box::new(Lines::new(trc::Trc::default())),
-        Format::Csv => Box::new(Lines::new(csv::Csv::default())),
-        Format::Jsonl => Box::new(Lines::new(jsonl::Jsonl::default())),
-        Format::Pcap => Box::new(pcap::Pcap::default()),
-        Format::Pcapng => Box::new(pcapng::Pcapng::default()),
-        Format::Blf => Box::new(blf::Blf::default()),
+        CaptureFormat::Text => Box::new(LineReader::new(text::TextReader::default())),
+        CaptureFormat::Asc => Box::new(LineReader::new(asc::AscReader::default())),
+        CaptureFormat::Trc => Box::new(LineReader::new(trc::TrcReader::default())),
+        CaptureFormat::Csv => Box::new(LineReader::new(csv::CsvReader::default())),
+        CaptureFormat::Jsonl => Box::new(LineReader::new(jsonl::JsonlReader::default())),
+        CaptureFormat::Pcap => Box::new(pcap::PcapReader::default()),
+        CaptureFormat::Pcapng => Box::new(pcapng::PcapngReader::default()),
+        CaptureFormat::Blf => Box::new(blf::BlfReader::default()),
     }
 }
 

@@ -3,39 +3,39 @@
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
-use crate::stamp::Stamp;
+use crate::timestamp::Timestamp;
 
 /// One record of a capture.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Record<'a> {
     /// When; `None` where the capture does not say.
-    pub time: Option<Stamp>,
+    pub time: Option<Timestamp>,
     /// On which link; `-` where the capture does not say.
     pub link: &'a str,
     /// Who sent it, where the capture says so.
     pub direction: Option<Direction>,
     /// What.
-    pub data: Data<'a>,
+    pub data: RecordData<'a>,
     /// Byte of the capture at which it begins; of what was unpacked, if the file is compressed.
-    pub at: u64,
+    pub offset: u64,
 }
 
 /// What a record carries.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Data<'a> {
+pub enum RecordData<'a> {
     /// As many bytes of a serial line as were read at once.
     Bytes(&'a [u8]),
     /// A classic CAN frame.
     Frame(Frame),
     /// A CAN FD frame. No drive here speaks it: it is kept and shown.
-    Fd(Fd<'a>),
+    Fd(FdFrame<'a>),
     /// What a CAN controller reported of its bus.
-    Error(ErrorFrame),
+    Error(CanErrorFrame),
 }
 
 /// A CAN FD frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Fd<'a> {
+pub struct FdFrame<'a> {
     /// 11-bit or 29-bit identifier.
     pub id: u32,
     /// True for a 29-bit identifier.
@@ -49,7 +49,7 @@ pub struct Fd<'a> {
 /// An error frame as Linux makes it (`linux/can/error.h`): what a controller saw, not a frame that
 /// anybody sent.
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
-pub struct ErrorFrame {
+pub struct CanErrorFrame {
     /// Classes of error, a bit each.
     pub class: u32,
     /// Details, by class.
@@ -71,7 +71,7 @@ pub(crate) const STANDARD_MAX: u32 = 0x7FF;
 const FD_LENGTHS: [u8; 7] = [12, 16, 20, 24, 32, 48, 64];
 
 /// Bytes of a CAN FD frame with that length code.
-pub(crate) fn fd_length(code: u8) -> u8 {
+pub(crate) fn fd_len_from_dlc(code: u8) -> u8 {
     match code {
         0..=8 => code,
         _ => FD_LENGTHS[usize::from(code - 9).min(FD_LENGTHS.len() - 1)],
@@ -79,14 +79,14 @@ pub(crate) fn fd_length(code: u8) -> u8 {
 }
 
 /// The length code of a CAN FD frame of so many bytes, or of the next longer one.
-pub(crate) fn fd_code(length: usize) -> u8 {
+pub(crate) fn fd_dlc_from_len(length: usize) -> u8 {
     match length {
         0..=8 => length as u8,
         _ => 9 + FD_LENGTHS.iter().take_while(|n| usize::from(**n) < length).count().min(6) as u8,
     }
 }
 
-impl ErrorFrame {
+impl CanErrorFrame {
     /// Names of the classes, from bit 0.
     const CLASSES: [&'static str; 10] = [
         "transmit timeout",
@@ -116,7 +116,7 @@ impl ErrorFrame {
     pub(crate) const BUS_ERROR: u32 = 0x80;
 
     /// What was seen, in words.
-    pub fn words(&self) -> impl Iterator<Item = &'static str> {
+    pub fn descriptions(&self) -> impl Iterator<Item = &'static str> {
         let bits = |mask: u32, names: &'static [&'static str]| {
             names.iter().enumerate().filter(move |(bit, _)| mask >> bit & 1 == 1).map(|(_, n)| *n)
         };
@@ -128,25 +128,27 @@ impl ErrorFrame {
 
 /// A CAN record but for the bytes of CAN FD, which stay where they were read.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Shape {
+pub(crate) enum CanRecord {
     Frame(Frame),
-    Error(ErrorFrame),
+    Error(CanErrorFrame),
     Fd { id: u32, extended: bool, flags: u8 },
 }
 
-impl Shape {
+impl CanRecord {
     /// The record's data.
-    pub(crate) fn with(self, bytes: &[u8]) -> Data<'_> {
+    pub(crate) fn with_bytes(self, bytes: &[u8]) -> RecordData<'_> {
         match self {
-            Self::Frame(frame) => Data::Frame(frame),
-            Self::Error(error) => Data::Error(error),
-            Self::Fd { id, extended, flags } => Data::Fd(Fd { id, extended, flags, bytes }),
+            Self::Frame(frame) => RecordData::Frame(frame),
+            Self::Error(error) => RecordData::Error(error),
+            Self::Fd { id, extended, flags } => {
+                RecordData::Fd(FdFrame { id, extended, flags, bytes })
+            }
         }
     }
 }
 
 /// A classic frame from what most formats store.
-pub(crate) fn classic(id: u32, extended: bool, remote: bool, len: u8, bytes: &[u8]) -> Frame {
+pub(crate) fn classic_frame(id: u32, extended: bool, remote: bool, len: u8, bytes: &[u8]) -> Frame {
     let mut data = [0; 8];
     let len = len.min(8);
     if !remote {
@@ -158,21 +160,21 @@ pub(crate) fn classic(id: u32, extended: bool, remote: bool, len: u8, bytes: &[u
 
 #[cfg(test)]
 mod tests {
-    use super::{ErrorFrame, fd_code, fd_length};
+    use super::{CanErrorFrame, fd_dlc_from_len, fd_len_from_dlc};
 
     #[test]
     fn lengths_of_can_fd() {
         for code in 0..=15 {
-            assert_eq!(fd_code(usize::from(fd_length(code))), code);
+            assert_eq!(fd_dlc_from_len(usize::from(fd_len_from_dlc(code))), code);
         }
-        assert_eq!((fd_code(9), fd_code(33), fd_code(65)), (9, 14, 15));
+        assert_eq!((fd_dlc_from_len(9), fd_dlc_from_len(33), fd_dlc_from_len(65)), (9, 14, 15));
     }
 
     #[test]
     fn error_frames_in_words() {
         let words = |class, detail| {
-            let frame = ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] };
-            frame.words().collect::<Vec<_>>().join(", ")
+            let frame = CanErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] };
+            frame.descriptions().collect::<Vec<_>>().join(", ")
         };
         assert_eq!(words(0x40, 0), "bus-off");
         assert_eq!(words(0x04, 0x30), "receive passive, transmit passive");

@@ -9,7 +9,7 @@ pub struct Rule {
     /// The protocol.
     pub dissector: &'static dyn Dissector,
     /// Where it is spoken.
-    pub scope: Scope,
+    pub scope: RuleScope,
 }
 
 impl core::fmt::Debug for Rule {
@@ -20,7 +20,7 @@ impl core::fmt::Debug for Rule {
 
 /// Where a rule holds.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Scope {
+pub enum RuleScope {
     /// On every link.
     Anywhere,
     /// For frames of that axis, node or station.
@@ -54,13 +54,13 @@ impl Rules {
     }
 
     /// What may be spoken on a link, in the order in which it is tried.
-    pub(crate) fn on(&self, link: &str) -> Vec<Rule> {
+    pub(crate) fn for_link(&self, link: &str) -> Vec<Rule> {
         let holds = |rule: &&Rule| match &rule.scope {
-            Scope::Link(name) | Scope::AxisOn(name, _) => name == link,
-            Scope::Axis(_) | Scope::Anywhere => true,
+            RuleScope::Link(name) | RuleScope::AxisOn(name, _) => name == link,
+            RuleScope::Axis(_) | RuleScope::Anywhere => true,
         };
         let mut rules: Vec<Rule> = self.0.iter().filter(holds).cloned().collect();
-        rules.sort_by_key(|rule| rule.scope == Scope::Anywhere);
+        rules.sort_by_key(|rule| rule.scope == RuleScope::Anywhere);
         rules
     }
 }
@@ -72,9 +72,9 @@ impl core::fmt::Display for Rules {
             f.write_str(if at > 0 { "," } else { "" })?;
             f.write_str(rule.dissector.name())?;
             match &rule.scope {
-                Scope::Anywhere => {}
-                Scope::Link(link) => write!(f, "@{link}")?,
-                Scope::Axis(axis) | Scope::AxisOn(_, axis) => write!(f, "@{axis}")?,
+                RuleScope::Anywhere => {}
+                RuleScope::Link(link) => write!(f, "@{link}")?,
+                RuleScope::Axis(axis) | RuleScope::AxisOn(_, axis) => write!(f, "@{axis}")?,
             }
         }
         Ok(())
@@ -84,19 +84,21 @@ impl core::fmt::Display for Rules {
 impl Rule {
     fn parse(text: &str) -> Result<Self, RuleError> {
         let (name, place) = text.split_once('@').map_or((text, None), |(n, p)| (n, Some(p)));
-        let dissector = proto::dissector(name).ok_or_else(|| RuleError {
+        let dissector = proto::find_dissector(name).ok_or_else(|| RuleError {
             word: name.to_owned(),
-            nearest: nearest(name, proto::dissectors().iter().map(|d| d.name())),
+            nearest: nearest_word(name, proto::dissectors().iter().map(|d| d.name())),
         })?;
         let scope = match place {
-            None => Scope::Anywhere,
-            Some(place) => number(place).map_or(Scope::Link(place.to_owned()), Scope::Axis),
+            None => RuleScope::Anywhere,
+            Some(place) => {
+                parse_number(place).map_or(RuleScope::Link(place.to_owned()), RuleScope::Axis)
+            }
         };
         Ok(Self { dissector, scope })
     }
 }
 
-fn number(text: &str) -> Option<u32> {
+fn parse_number(text: &str) -> Option<u32> {
     match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
         Some(digits) => u32::from_str_radix(digits, 16).ok(),
         None => text.parse().ok(),
@@ -104,9 +106,9 @@ fn number(text: &str) -> Option<u32> {
 }
 
 /// The word nearest to `word`, if any is near enough to be meant.
-pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub fn nearest_word<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let near = |known: &'a str| {
-        let distance = distance(&word.to_ascii_lowercase(), &known.to_ascii_lowercase());
+        let distance = edit_distance(&word.to_ascii_lowercase(), &known.to_ascii_lowercase());
         let starts = known.starts_with(word) && word.len() > 1;
         (starts || distance <= 1 + known.len() / 4).then_some((distance, known))
     };
@@ -114,7 +116,7 @@ pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
 }
 
 /// Letters to insert, take out, change, or swap with their neighbour.
-fn distance(a: &str, b: &str) -> usize {
+fn edit_distance(a: &str, b: &str) -> usize {
     let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
     let mut before = vec![0; b.len() + 1];
     let mut row: Vec<usize> = (0..=b.len()).collect();

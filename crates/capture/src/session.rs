@@ -1,44 +1,44 @@
 //! What a conversation tells beyond its single frames: values, requests and how they ended, states,
 //! faults, and what a healthy bus does not do.
 //!
-//! Each protocol that a link speaks has one `Follower`. It is given every frame that the protocol
+//! Each protocol that a link speaks has one `ProtocolTracker`. It is given every frame that the protocol
 //! claims, after the frame was explained by itself, and may add to what is said of it.
 
 pub mod canopen;
 mod exchange;
-mod name;
+mod intern;
 
 use core::fmt::Debug;
 use std::sync::Arc;
 
-use polepair_core::explain::{Direction, Dissector, Raw};
+use polepair_core::explain::{Direction, Dissector, RawFrame};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
-use crate::decoder::Wrong;
-use crate::explained::Explained;
-use crate::record::ErrorFrame;
-use crate::stamp::Stamp;
-use canopen::Process;
+use crate::decoder::FrameDefect;
+use crate::explanation::Explanation;
+use crate::record::CanErrorFrame;
+use crate::timestamp::Timestamp;
+use canopen::ProcessData;
 
-pub use name::{Name, name};
+pub use intern::{InternedName, intern};
 
 /// One thing that a conversation tells.
 #[derive(Clone, PartialEq, Debug)]
-pub enum Notice {
+pub enum SessionNotice {
     /// A value.
-    Signal(Signal),
+    Signal(SignalNotice),
     /// A request, and how it ended; told at the frame that settles it.
-    Exchange(Exchange),
+    Exchange(ExchangeNotice),
     /// A state changed.
-    Change(Change),
+    Change(ChangeNotice),
     /// A fault came or went.
-    Fault(Fault),
+    Fault(FaultNotice),
     /// Something that a healthy bus does not do.
-    Odd(Odd),
+    Anomaly(AnomalyNotice),
 }
 
-impl Notice {
+impl SessionNotice {
     /// Whose it is; `None` for the bus.
     #[must_use]
     pub const fn axis(&self) -> Option<u32> {
@@ -47,25 +47,25 @@ impl Notice {
             Self::Exchange(exchange) => exchange.axis,
             Self::Change(change) => change.axis,
             Self::Fault(fault) => Some(fault.axis),
-            Self::Odd(odd) => odd.axis,
+            Self::Anomaly(odd) => odd.axis,
         }
     }
 }
 
 /// A value that a drive told or was told.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Signal {
+pub struct SignalNotice {
     /// Whose.
     pub axis: u32,
     /// Its name: `Actual/Position` and the like where the profile says that it is one of an axis'
     /// signals, else the parameter's or the object's own.
-    pub name: Name,
+    pub name: InternedName,
     /// The value in `unit`.
     pub value: f64,
     /// The integer on the wire.
     pub exact: Option<i64>,
     /// As the profile has it; empty where nobody says.
-    pub unit: Name,
+    pub unit: InternedName,
     /// How far it can be trusted.
     pub quality: Quality,
     /// The frame that asked for it.
@@ -89,7 +89,7 @@ pub enum Quality {
 impl Quality {
     /// Its word in outputs.
     #[must_use]
-    pub const fn word(self) -> &'static str {
+    pub const fn as_str(self) -> &'static str {
         match self {
             Self::Good => "good",
             Self::Stale => "stale",
@@ -101,32 +101,32 @@ impl Quality {
 
 /// A request, and how it ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Exchange {
+pub struct ExchangeNotice {
     /// Whom it went to; `None` for everybody.
     pub axis: Option<u32>,
     /// The protocol's word for it: `GAP`, `SDO read`.
-    pub op: Name,
+    pub op: InternedName,
     /// The frame that asked first, and when.
-    pub asked: (u64, Option<Stamp>),
+    pub requested: (u64, Option<Timestamp>),
     /// The frame that answered last, and when.
-    pub answered: Option<(u64, Option<Stamp>)>,
+    pub answered: Option<(u64, Option<Timestamp>)>,
     /// How it ended.
-    pub outcome: Outcome,
+    pub outcome: ExchangeOutcome,
     /// How often it was sent again.
     pub retries: u16,
 }
 
-impl Exchange {
+impl ExchangeNotice {
     /// Nanoseconds from the request to its answer.
     #[must_use]
     pub fn latency(&self) -> Option<u64> {
-        Some(self.answered?.1?.since(self.asked.1?))
+        Some(self.answered?.1?.since(self.requested.1?))
     }
 }
 
 /// How a request ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Outcome {
+pub enum ExchangeOutcome {
     /// Answered: done.
     Done,
     /// Answered: refused, and not done.
@@ -138,93 +138,93 @@ pub enum Outcome {
     /// Not answered.
     Unanswered,
     /// The answer's check fails.
-    Broken,
+    BadCheck,
 }
 
-impl Outcome {
+impl ExchangeOutcome {
     /// The word of the columns.
     #[must_use]
-    pub const fn word(self) -> &'static str {
+    pub const fn as_str(self) -> &'static str {
         match self {
             Self::Done => "done",
             Self::Refused => "notdone",
             Self::Unknown => "unknown",
             Self::Late => "stale",
             Self::Unanswered => "timeout",
-            Self::Broken => "crc",
+            Self::BadCheck => "crc",
         }
     }
 }
 
 /// A state of an axis or a node that changed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Change {
+pub struct ChangeNotice {
     /// Whose; `None` for the bus.
     pub axis: Option<u32>,
     /// Which: `nmt`, `power`, `mode`, `presence`, `bus`.
-    pub what: Name,
+    pub what: InternedName,
     /// What it was; empty at first.
-    pub from: Name,
+    pub from: InternedName,
     /// What it is now.
-    pub to: Name,
+    pub to: InternedName,
 }
 
 /// A fault that came, or went.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Fault {
+pub struct FaultNotice {
     /// Whose.
     pub axis: u32,
     /// The drive's code, or the bits of its fault word.
     pub code: u32,
     /// What happened, in words.
-    pub text: Name,
+    pub text: InternedName,
     /// Why it usually happens; empty where no profile says.
-    pub cause: Name,
+    pub cause: InternedName,
     /// What to do; empty where no profile says.
-    pub remedy: Name,
+    pub remedy: InternedName,
     /// It is there no more.
     pub gone: bool,
 }
 
 /// Something that a healthy bus does not do.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Odd {
+pub struct AnomalyNotice {
     /// What sort of thing.
-    pub kind: Oddity,
+    pub kind: AnomalyKind,
     /// Whose, where it is one axis'.
     pub axis: Option<u32>,
     /// When, where that is before the frame that told it.
-    pub time: Option<Stamp>,
+    pub time: Option<Timestamp>,
     /// One sentence, with numbers.
     pub text: String,
 }
 
-macro_rules! oddities {
+macro_rules! anomaly_kinds {
     ($($(#[$doc:meta])* $name:ident = $word:literal, $weight:literal;)*) => {
         /// Sorts of things that a healthy bus does not do.
         #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-        pub enum Oddity { $($(#[$doc])* $name,)* }
+        pub enum AnomalyKind { $($(#[$doc])* $name,)* }
 
-        impl Oddity {
+        impl AnomalyKind {
             /// All of them.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
             /// Its word in outputs and filters.
             #[must_use]
-            pub const fn word(self) -> &'static str {
+            pub const fn as_str(self) -> &'static str {
                 match self { $(Self::$name => $word,)* }
             }
 
             /// How much one of them matters, 1 to 9; what is rarer matters more than its weight.
             #[must_use]
-            pub const fn weight(self) -> u8 {
+            pub const fn severity(self) -> u8 {
                 match self { $(Self::$name => $weight,)* }
             }
         }
     };
 }
 
-oddities! {
+anomaly_kinds! {
     /// A request had no answer in time.
     Unanswered = "unanswered", 6;
     /// A message was not acknowledged where its protocol does.
@@ -271,141 +271,164 @@ oddities! {
 
 /// A frame as a follower hears it.
 #[derive(Clone, Copy)]
-pub(crate) struct Heard<'a> {
+pub(crate) struct ObservedFrame<'a> {
     /// Its number in the capture, from 1.
     pub number: u64,
     /// When its first byte came.
-    pub time: Option<Stamp>,
+    pub time: Option<Timestamp>,
     /// Who sent it, where the capture says so.
     pub direction: Option<Direction>,
     /// Its bytes, and its CAN identifier.
-    pub raw: Raw<'a>,
+    pub raw: RawFrame<'a>,
     /// A CAN remote request.
     pub remote: bool,
     /// The host's own request, heard back.
     pub echo: bool,
     /// What is wrong with it.
-    pub wrong: Option<Wrong>,
+    pub defect: Option<FrameDefect>,
     /// These bytes have not the shape of a frame.
     pub stray: bool,
-    /// Nobody explained it yet: its [`plain`](Dissector::plain) dissector left that to the follower.
-    pub left: bool,
+    /// It is not explained yet: [`Dissector::process_data_axis`] leaves that to the tracker.
+    pub deferred: bool,
     /// Who explained it.
     pub dissector: &'static dyn Dissector,
     /// The drive whose names are used.
     pub profile: Option<&'static Profile>,
     /// The profile was stated and is not a usual drive's.
-    pub stated: bool,
+    pub profile_stated: bool,
 }
 
 /// Follows one protocol on one link.
-pub(crate) trait Follower: Debug + Send {
+pub(crate) trait ProtocolTracker: Debug + Send {
     /// Takes a frame. May add to what is said of it, and tells what it is told by it.
-    fn take(&mut self, heard: &Heard<'_>, said: &mut Explained, notices: &mut Vec<Notice>);
+    fn handle_frame(
+        &mut self,
+        heard: &ObservedFrame<'_>,
+        said: &mut Explanation,
+        notices: &mut Vec<SessionNotice>,
+    );
 
     /// Time goes on to `now`, whoever speaks: what was due by then did not come.
-    fn pass(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
+    fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
         let _ = (now, notices);
     }
 
     /// What a frame of 11 bits says that changes nothing, now; `None` where it has to be
-    /// [taken](Self::take).
-    fn settled(&mut self, frame: &Frame, now: Stamp) -> Option<&Arc<Process>> {
+    /// [taken](Self::handle_frame).
+    fn unchanged_process_data(
+        &mut self,
+        frame: &Frame,
+        now: Timestamp,
+    ) -> Option<&Arc<ProcessData>> {
         let _ = (frame, now);
         None
     }
 
     /// What frames with that identifier of 11 bits say by themselves hangs on their bytes alone.
-    fn repeats(&self, id: u32) -> bool {
+    fn is_repeatable(&self, id: u32) -> bool {
         let _ = id;
         false
     }
 
     /// Whether the capture gave that CAN identifier to this protocol, which is not its own otherwise.
-    fn claims(&self, id: u32, extended: bool) -> bool {
+    fn claims_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
 
     /// The capture ends.
-    fn end(&mut self, notices: &mut Vec<Notice>);
+    fn finish(&mut self, notices: &mut Vec<SessionNotice>);
 }
 
 /// The followers of one link, by protocol.
 #[derive(Debug, Default)]
-pub(crate) struct Session {
-    followers: Vec<(Name, Box<dyn Follower>)>,
+pub(crate) struct LinkSession {
+    trackers: Vec<(InternedName, Box<dyn ProtocolTracker>)>,
 }
 
-impl Session {
+impl LinkSession {
     /// Tells what a frame means in its conversation.
-    pub fn take(&mut self, heard: &Heard<'_>, said: &mut Explained, notices: &mut Vec<Notice>) {
+    pub fn handle_frame(
+        &mut self,
+        heard: &ObservedFrame<'_>,
+        said: &mut Explanation,
+        notices: &mut Vec<SessionNotice>,
+    ) {
         if let Some(now) = heard.time {
-            self.followers.iter_mut().for_each(|(_, follower)| follower.pass(now, notices));
+            self.trackers.iter_mut().for_each(|(_, follower)| follower.advance_time(now, notices));
         }
         let spoken = heard.dissector.name();
         // The same word is the same place of memory, mostly.
-        let same = |name: Name| core::ptr::eq(name, spoken) || name == spoken;
-        let at = self.followers.iter().position(|(name, _)| same(name));
+        let same = |name: InternedName| core::ptr::eq(name, spoken) || name == spoken;
+        let at = self.trackers.iter().position(|(name, _)| same(name));
         let at = at.unwrap_or_else(|| {
-            self.followers.push((spoken, follower(heard.dissector)));
-            self.followers.len() - 1
+            self.trackers.push((spoken, new_tracker(heard.dissector)));
+            self.trackers.len() - 1
         });
-        self.followers[at].1.take(heard, said, notices);
+        self.trackers[at].1.handle_frame(heard, said, notices);
     }
 
     /// What a frame says that changes nothing, where one protocol alone is spoken.
     #[inline]
-    pub fn settled(&mut self, frame: &Frame, now: Stamp) -> Option<&Arc<Process>> {
-        match &mut self.followers[..] {
-            [(_, only)] => only.settled(frame, now),
+    pub fn unchanged_process_data(
+        &mut self,
+        frame: &Frame,
+        now: Timestamp,
+    ) -> Option<&Arc<ProcessData>> {
+        match &mut self.trackers[..] {
+            [(_, only)] => only.unchanged_process_data(frame, now),
             _ => None,
         }
     }
 
     /// Whether what frames with that identifier of 11 bits say by themselves hangs on their bytes
     /// alone, where that protocol alone is spoken.
-    pub fn repeats(&self, spoken: Name, id: u32) -> bool {
-        matches!(&self.followers[..], [(name, only)] if *name == spoken && only.repeats(id))
+    pub fn is_repeatable(&self, spoken: InternedName, id: u32) -> bool {
+        matches!(&self.trackers[..], [(name, only)] if *name == spoken && only.is_repeatable(id))
     }
 
     /// The protocol that the capture gave a CAN identifier to, beside those that are its own.
-    pub fn claimant(&self, id: u32, extended: bool) -> Option<Name> {
-        let mut claims = self.followers.iter().filter(|(_, it)| it.claims(id, extended));
+    pub fn claiming_protocol(&self, id: u32, extended: bool) -> Option<InternedName> {
+        let mut claims = self.trackers.iter().filter(|(_, it)| it.claims_id(id, extended));
         claims.next().map(|(name, _)| *name)
     }
 
     /// Tells what is left open at the end, and by which protocol.
-    pub fn end(&mut self, tell: &mut dyn FnMut(Name, &Notice)) {
-        for (protocol, follower) in &mut self.followers {
+    pub fn finish(&mut self, tell: &mut dyn FnMut(InternedName, &SessionNotice)) {
+        for (protocol, follower) in &mut self.trackers {
             let mut notices = Vec::new();
-            follower.end(&mut notices);
+            follower.finish(&mut notices);
             notices.iter().for_each(|notice| tell(protocol, notice));
         }
     }
 }
 
 /// Whether a notice tells what is wrong with a frame by itself.
-pub(crate) fn is_of_frame(notice: &Notice) -> bool {
-    let kinds = [Oddity::BadCheck, Oddity::Malformed, Oddity::Stray];
-    matches!(notice, Notice::Odd(odd) if kinds.contains(&odd.kind))
+pub(crate) fn is_frame_anomaly(notice: &SessionNotice) -> bool {
+    let kinds = [AnomalyKind::BadCheck, AnomalyKind::Malformed, AnomalyKind::Stray];
+    matches!(notice, SessionNotice::Anomaly(odd) if kinds.contains(&odd.kind))
 }
 
 /// What a controller's report is for a bus; `None` for what a healthy one does too.
-pub(crate) fn reported(error: &ErrorFrame, text: &str) -> Option<Notice> {
+pub(crate) fn error_frame_notice(error: &CanErrorFrame, text: &str) -> Option<SessionNotice> {
     const HEALTHY: [&str; 4] =
         ["arbitration lost", "restarted", "error counters", "error active again"];
-    let kind = match error.words().find(|word| !HEALTHY.contains(word))? {
-        _ if error.words().any(|word| word == "bus-off") => Oddity::BusOff,
-        _ => Oddity::BusError,
+    let kind = match error.descriptions().find(|word| !HEALTHY.contains(word))? {
+        _ if error.descriptions().any(|word| word == "bus-off") => AnomalyKind::BusOff,
+        _ => AnomalyKind::BusError,
     };
-    Some(Notice::Odd(Odd { kind, axis: None, time: None, text: text.to_owned() }))
+    Some(SessionNotice::Anomaly(AnomalyNotice {
+        kind,
+        axis: None,
+        time: None,
+        text: text.to_owned(),
+    }))
 }
 
 /// Who follows a protocol's conversations.
-fn follower(spoken: &'static dyn Dissector) -> Box<dyn Follower> {
+fn new_tracker(spoken: &'static dyn Dissector) -> Box<dyn ProtocolTracker> {
     match spoken.name() {
-        "canopen" => Box::<canopen::Canopen>::default(),
-        _ => Box::<exchange::Exchanges>::default(),
+        "canopen" => Box::<canopen::CanopenTracker>::default(),
+        _ => Box::<exchange::ExchangeTracker>::default(),
     }
 }

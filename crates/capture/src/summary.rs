@@ -3,26 +3,26 @@
 //!
 //! Why: CAP-5.
 
+mod anomaly_log;
 mod axes;
+mod histogram;
 mod json;
 mod load;
-mod moments;
-mod show;
-mod spread;
+mod summary_text;
 
 use std::collections::{BTreeMap, HashMap};
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
-use crate::decoder::Event;
-use crate::session::{Name, Notice, Oddity, Outcome, name};
-use crate::stamp::Stamp;
+use crate::decoder::DecodedFrame;
+use crate::session::{AnomalyKind, ExchangeOutcome, InternedName, SessionNotice, intern};
+use crate::timestamp::Timestamp;
 
-pub use axes::{Axis, FaultSeen, Requests, States, Values};
-pub use json::json;
-pub use load::Load;
-pub use moments::{Moment, Moments};
-pub use show::{Manner, named, text};
-pub use spread::Spread;
+pub use anomaly_log::{AnomalyBurst, AnomalyLog};
+pub use axes::{AxisSummary, FaultSummary, RequestSummary, StateHistory, ValueSummary};
+pub use histogram::Histogram;
+pub use json::to_json;
+pub use load::BusLoad;
+pub use summary_text::{SummaryStyle, axis_label, render_text};
 
 /// Axes of a capture that are told apart.
 const AXES_MAX: usize = 1024;
@@ -37,18 +37,18 @@ const FAULTS_MAX: usize = 512;
 
 /// An axis of a link, in its protocol; without a number the link itself, or everybody on it.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub struct Who {
+pub struct AxisKey {
     /// The link's name.
-    pub link: Name,
+    pub link: InternedName,
     /// The protocol; empty where nobody knows.
-    pub protocol: Name,
+    pub protocol: InternedName,
     /// The axis, node or station.
     pub axis: Option<u32>,
 }
 
 /// What a link carried.
 #[derive(Clone, Debug, Default)]
-pub struct Link {
+pub struct LinkSummary {
     /// Its frames.
     pub frames: u64,
     /// Their bytes.
@@ -56,31 +56,31 @@ pub struct Link {
     /// Frames with a CAN identifier.
     pub can: bool,
     /// How busy it was.
-    pub load: Load,
+    pub load: BusLoad,
     /// Frames of each protocol; `?` for those of none.
-    pub protocols: BTreeMap<Name, u64>,
+    pub protocols: BTreeMap<InternedName, u64>,
 }
 
 /// Frames of one kind of one axis.
 #[derive(Clone, Debug)]
-pub struct Kind {
+pub struct FrameKind {
     /// Whose.
-    pub who: Who,
+    pub who: AxisKey,
     /// The protocol's word.
-    pub kind: Name,
+    pub kind: InternedName,
     /// CAN identifier, and whether it has 29 bits.
     pub id: Option<(u32, bool)>,
     /// How many.
     pub count: u64,
     /// Nanoseconds between them.
-    pub gaps: Spread,
-    last: Option<Stamp>,
+    pub gaps: Histogram,
+    last: Option<Timestamp>,
 }
 
 /// Gaps that a kind must have to be called regular.
 const REGULAR_MIN: u64 = 10;
 
-impl Kind {
+impl FrameKind {
     /// Whether it comes at a steady rate: nine gaps of ten are within a quarter of the median.
     #[must_use]
     pub fn is_regular(&self) -> bool {
@@ -96,79 +96,84 @@ impl Kind {
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
     /// The first and the last time.
-    pub span: Option<(Stamp, Stamp)>,
+    pub span: Option<(Timestamp, Timestamp)>,
     /// All frames.
     pub frames: u64,
     /// Frames that break their protocol, stray bytes counted as one each time.
-    pub wrong: u64,
+    pub defective: u64,
     /// Links by name.
-    pub links: BTreeMap<Name, Link>,
+    pub links: BTreeMap<InternedName, LinkSummary>,
     /// Who was there.
-    pub axes: BTreeMap<Who, Axis>,
+    pub axes: BTreeMap<AxisKey, AxisSummary>,
     /// Frames by kind.
-    kinds: HashMap<u64, Kind>,
+    kinds: HashMap<u64, FrameKind>,
     /// Requests by what was asked of whom.
-    pub requests: BTreeMap<(Who, Name), Requests>,
+    pub requests: BTreeMap<(AxisKey, InternedName), RequestSummary>,
     /// Values by name.
-    pub values: BTreeMap<(Who, Name), Values>,
+    pub values: BTreeMap<(AxisKey, InternedName), ValueSummary>,
     /// Faults by code.
-    pub faults: BTreeMap<(Who, u32), FaultSeen>,
+    pub faults: BTreeMap<(AxisKey, u32), FaultSummary>,
     /// What was odd.
-    pub moments: Moments,
+    pub anomalies: AnomalyLog,
     /// Notices that found no place: there were more different things than are told apart.
-    pub beyond: u64,
+    pub dropped: u64,
     /// The link that the last frame came on.
-    link: Name,
+    current_link: InternedName,
 }
 
 /// Where a notice was told.
 #[derive(Clone, Copy)]
-struct Place {
-    link: Name,
-    protocol: Name,
+struct NoticeOrigin {
+    link: InternedName,
+    protocol: InternedName,
     number: u64,
-    time: Option<Stamp>,
+    time: Option<Timestamp>,
 }
 
 impl Summary {
     /// Takes a frame, and what its conversation tells.
-    pub fn take(&mut self, event: &Event<'_>) {
+    pub fn add_frame(&mut self, event: &DecodedFrame<'_>) {
         self.frames += 1;
-        self.wrong += u64::from(event.wrong.is_some());
+        self.defective += u64::from(event.defect.is_some());
         if let Some(time) = event.time {
             let (first, last) = self.span.get_or_insert((time, time));
             (*first, *last) = ((*first).min(time), (*last).max(time));
         }
-        if self.link != event.link {
-            self.link = name(event.link);
+        if self.current_link != event.link {
+            self.current_link = intern(event.link);
         }
-        let link = self.links.entry(self.link).or_default();
+        let link = self.links.entry(self.current_link).or_default();
         link.frames += 1;
         link.bytes += event.bytes.len() as u64;
         link.can |= event.id.is_some();
-        link.load.take(event);
+        link.load.add_frame(event);
         *link.protocols.entry(event.protocol.unwrap_or("?")).or_default() += 1;
         let protocol = event.protocol.unwrap_or("");
         // What stands where an address should be in a damaged serial frame is nobody.
-        let damaged = event.id.is_none() && event.wrong.is_some();
-        let axis = event.explained.axis.filter(|_| !damaged);
-        let who = Who { link: self.link, protocol, axis };
-        self.count(who, event);
-        let place = Place { link: self.link, protocol, number: event.number, time: event.time };
-        event.notices.iter().for_each(|notice| self.notice(notice, place));
+        let damaged = event.id.is_none() && event.defect.is_some();
+        let axis = event.explanation.axis.filter(|_| !damaged);
+        let who = AxisKey { link: self.current_link, protocol, axis };
+        self.count_frame(who, event);
+        let place = NoticeOrigin {
+            link: self.current_link,
+            protocol,
+            number: event.number,
+            time: event.time,
+        };
+        event.notices.iter().for_each(|notice| self.add_notice(notice, place));
     }
 
     /// Takes what conversations leave open, which is no frame.
-    pub fn ending(&mut self, event: &Event<'_>) {
-        let (link, protocol) = (name(event.link), event.protocol.unwrap_or(""));
-        let place = Place { link, protocol, number: 0, time: None };
-        event.notices.iter().for_each(|notice| self.notice(notice, place));
+    pub fn add_open_notices(&mut self, event: &DecodedFrame<'_>) {
+        let (link, protocol) = (intern(event.link), event.protocol.unwrap_or(""));
+        let place = NoticeOrigin { link, protocol, number: 0, time: None };
+        event.notices.iter().for_each(|notice| self.add_notice(notice, place));
     }
 
     /// Kinds of frames, in order.
     #[must_use]
-    pub fn kinds(&self) -> Vec<&Kind> {
-        let mut kinds: Vec<&Kind> = self.kinds.values().collect();
+    pub fn kinds(&self) -> Vec<&FrameKind> {
+        let mut kinds: Vec<&FrameKind> = self.kinds.values().collect();
         kinds.sort_by_key(|kind| (kind.who, kind.id, kind.kind));
         kinds
     }
@@ -176,7 +181,7 @@ impl Summary {
     /// Whether nothing was odd and no fault was told.
     #[must_use]
     pub fn is_clean(&self) -> bool {
-        self.faults.is_empty() && self.moments.counts().len() == 0
+        self.faults.is_empty() && self.anomalies.counts().len() == 0
     }
 
     /// From the first to the last frame, ns.
@@ -185,91 +190,96 @@ impl Summary {
         self.span.map_or(0, |(first, last)| last.since(first))
     }
 
-    fn count(&mut self, who: Who, event: &Event<'_>) {
+    fn count_frame(&mut self, who: AxisKey, event: &DecodedFrame<'_>) {
         if who.axis.is_some() && (self.axes.len() < AXES_MAX || self.axes.contains_key(&who)) {
-            self.axes.entry(who).or_default().frame(event);
+            self.axes.entry(who).or_default().add_frame(event);
         }
         let mut key = DefaultHasher::new();
         let direction = event.direction.map(|direction| direction as u8);
         (who.link, event.id, event.extended, direction, who.axis).hash(&mut key);
-        event.explained.kind.hash(&mut key);
+        event.explanation.kind.hash(&mut key);
         let (key, full) = (key.finish(), self.kinds.len() == KINDS_MAX);
         if full && !self.kinds.contains_key(&key) {
             return;
         }
-        let kind = self.kinds.entry(key).or_insert_with(|| Kind {
+        let kind = self.kinds.entry(key).or_insert_with(|| FrameKind {
             who,
-            kind: name(&event.explained.kind),
+            kind: intern(&event.explanation.kind),
             id: event.id.map(|id| (id, event.extended)),
             count: 0,
-            gaps: Spread::default(),
+            gaps: Histogram::default(),
             last: None,
         });
         kind.count += 1;
         if let (Some(last), Some(time)) = (kind.last, event.time) {
-            kind.gaps.take(time.since(last));
+            kind.gaps.add(time.since(last));
         }
         kind.last = event.time.or(kind.last);
     }
 
-    fn notice(&mut self, notice: &Notice, place: Place) {
-        let Place { link, protocol, number, time } = place;
-        let who = Who { link, protocol, axis: notice.axis() };
+    fn add_notice(&mut self, notice: &SessionNotice, place: NoticeOrigin) {
+        let NoticeOrigin { link, protocol, number, time } = place;
+        let who = AxisKey { link, protocol, axis: notice.axis() };
         match notice {
-            Notice::Signal(signal) => {
-                let values = room(&mut self.values, (who, signal.name), VALUES_MAX);
-                let Some(values) = values else { return self.beyond += 1 };
-                values.take(signal);
+            SessionNotice::Signal(signal) => {
+                let values = bounded_entry(&mut self.values, (who, signal.name), VALUES_MAX);
+                let Some(values) = values else { return self.dropped += 1 };
+                values.add(signal);
             }
-            Notice::Exchange(exchange) => {
-                let requests = room(&mut self.requests, (who, exchange.op), REQUESTS_MAX);
-                let Some(requests) = requests else { return self.beyond += 1 };
-                requests.take(exchange, number);
+            SessionNotice::Exchange(exchange) => {
+                let requests = bounded_entry(&mut self.requests, (who, exchange.op), REQUESTS_MAX);
+                let Some(requests) = requests else { return self.dropped += 1 };
+                requests.add(exchange, number);
             }
-            Notice::Change(change) => {
-                let Some(axis) = room(&mut self.axes, who, AXES_MAX) else {
-                    return self.beyond += 1;
+            SessionNotice::Change(change) => {
+                let Some(axis) = bounded_entry(&mut self.axes, who, AXES_MAX) else {
+                    return self.dropped += 1;
                 };
-                axis.change(change, time);
+                axis.add_change(change, time);
             }
-            Notice::Fault(fault) => {
-                let seen = room(&mut self.faults, (who, fault.code), FAULTS_MAX);
-                let Some(seen) = seen else { return self.beyond += 1 };
-                seen.take(fault, number, time);
+            SessionNotice::Fault(fault) => {
+                let seen = bounded_entry(&mut self.faults, (who, fault.code), FAULTS_MAX);
+                let Some(seen) = seen else { return self.dropped += 1 };
+                seen.add(fault, number, time);
                 if !fault.gone {
                     let text = format!("fault 0x{:X}: {}", fault.code, fault.text);
-                    self.odd(Oddity::Fault, who, place, text);
+                    self.add_anomaly(AnomalyKind::Fault, who, place, text);
                 }
             }
             // The fault itself is told besides.
-            Notice::Odd(odd) if odd.kind == Oddity::Fault && !self.faults.is_empty() => {}
-            Notice::Odd(odd) => {
-                let place = Place { time: odd.time.or(time), ..place };
-                self.odd(odd.kind, who, place, odd.text.clone());
+            SessionNotice::Anomaly(odd)
+                if odd.kind == AnomalyKind::Fault && !self.faults.is_empty() => {}
+            SessionNotice::Anomaly(odd) => {
+                let place = NoticeOrigin { time: odd.time.or(time), ..place };
+                self.add_anomaly(odd.kind, who, place, odd.text.clone());
             }
         }
     }
 
-    fn odd(&mut self, kind: Oddity, who: Who, place: Place, text: String) {
-        let Place { number, time, .. } = place;
-        self.moments.take(Moment { kind, who, number, time, last: time, count: 1, text });
+    fn add_anomaly(&mut self, kind: AnomalyKind, who: AxisKey, place: NoticeOrigin, text: String) {
+        let NoticeOrigin { number, time, .. } = place;
+        self.anomalies.add(AnomalyBurst { kind, who, number, time, last: time, count: 1, text });
     }
 }
 
 /// The entry of a key, unless there is no room for another.
-fn room<K: Ord, V: Default>(map: &mut BTreeMap<K, V>, key: K, most: usize) -> Option<&mut V> {
+fn bounded_entry<K: Ord, V: Default>(
+    map: &mut BTreeMap<K, V>,
+    key: K,
+    most: usize,
+) -> Option<&mut V> {
     let full = map.len() >= most && !map.contains_key(&key);
     (!full).then(|| map.entry(key).or_default())
 }
 
 /// All ways in which a request ends, the good one first.
-const OUTCOMES: [Outcome; 6] = [
-    Outcome::Done,
-    Outcome::Refused,
-    Outcome::Unknown,
-    Outcome::Late,
-    Outcome::Unanswered,
-    Outcome::Broken,
+const OUTCOMES: [ExchangeOutcome; 6] = [
+    ExchangeOutcome::Done,
+    ExchangeOutcome::Refused,
+    ExchangeOutcome::Unknown,
+    ExchangeOutcome::Late,
+    ExchangeOutcome::Unanswered,
+    ExchangeOutcome::BadCheck,
 ];
 
 #[cfg(test)]

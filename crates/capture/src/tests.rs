@@ -2,21 +2,23 @@
 
 use polepair_core::explain::Direction;
 
-use crate::{Data, Decoder, Record, Rules, Stamp, jsonl, nearest, parse, text};
+use crate::{
+    CaptureDecoder, Record, RecordData, Rules, Timestamp, jsonl, nearest_word, parse_log_line, text,
+};
 
 fn line<'a>(text: &'a str, scratch: &'a mut Vec<u8>) -> Record<'a> {
-    parse(text.as_bytes(), scratch).expect("readable").expect("not empty")
+    parse_log_line(text.as_bytes(), scratch).expect("readable").expect("not empty")
 }
 
 fn reason(text: &str) -> &'static str {
-    parse(text.as_bytes(), &mut Vec::new()).expect_err("damaged").0
+    parse_log_line(text.as_bytes(), &mut Vec::new()).expect_err("damaged").0
 }
 
 fn rendered(capture: &str) -> (String, Vec<String>) {
-    let (mut out, mut decoder) = (Vec::new(), Decoder::new(Rules::default()));
-    decoder.feed(capture.as_bytes(), &mut |event| jsonl::write(event, &mut out));
-    decoder.finish(&mut |event| jsonl::write(event, &mut out));
-    let damaged = decoder.tally().damage.iter().map(ToString::to_string).collect();
+    let (mut out, mut decoder) = (Vec::new(), CaptureDecoder::new(Rules::default()));
+    decoder.feed(capture.as_bytes(), &mut |event| jsonl::write_frame(event, &mut out));
+    decoder.finish(&mut |event| jsonl::write_frame(event, &mut out));
+    let damaged = decoder.statistics().damage.iter().map(ToString::to_string).collect();
     (String::from_utf8(out).expect("text"), damaged)
 }
 
@@ -24,9 +26,9 @@ fn rendered(capture: &str) -> (String, Vec<String>) {
 fn serial_line() {
     let mut scratch = Vec::new();
     let line = line("(1700000000.000500) ttyUSB0 > 01 01 00 00 00 00 01 5E 61", &mut scratch);
-    assert_eq!(line.time, Some(Stamp(1_700_000_000_000_500_000)));
+    assert_eq!(line.time, Some(Timestamp(1_700_000_000_000_500_000)));
     assert_eq!((line.link, line.direction), ("ttyUSB0", Some(Direction::ToDrive)));
-    assert_eq!(line.data, Data::Bytes(&[1, 1, 0, 0, 0, 0, 1, 0x5E, 0x61]));
+    assert_eq!(line.data, RecordData::Bytes(&[1, 1, 0, 0, 0, 0, 1, 0x5E, 0x61]));
 }
 
 #[test]
@@ -35,23 +37,24 @@ fn serial_line_without_spaces_or_arrow_spaces() {
     let line = line("(1.5) COM3 <02C736", &mut scratch);
     assert_eq!(
         (line.direction, line.data),
-        (Some(Direction::ToHost), Data::Bytes(&[2, 0xC7, 0x36]))
+        (Some(Direction::ToHost), RecordData::Bytes(&[2, 0xC7, 0x36]))
     );
 }
 
 #[test]
 fn candump_lines() {
     let mut scratch = Vec::new();
-    let Data::Frame(frame) = line("(1.0) can0 30B#5443000000000005", &mut scratch).data else {
+    let RecordData::Frame(frame) = line("(1.0) can0 30B#5443000000000005", &mut scratch).data
+    else {
         panic!("a frame")
     };
     assert_eq!((frame.id, frame.extended, frame.len), (0x30B, false, 8));
     assert_eq!(frame.bytes(), [0x54, 0x43, 0, 0, 0, 0, 0, 5]);
-    let Data::Frame(frame) = line("(1.0) can0 0400A05E#3412", &mut scratch).data else {
+    let RecordData::Frame(frame) = line("(1.0) can0 0400A05E#3412", &mut scratch).data else {
         panic!("a frame")
     };
     assert_eq!((frame.id, frame.extended, frame.bytes()), (0x0400_A05E, true, &[0x34, 0x12][..]));
-    let Data::Frame(frame) = line("(1.0) can0 123#R4", &mut scratch).data else {
+    let RecordData::Frame(frame) = line("(1.0) can0 123#R4", &mut scratch).data else {
         panic!("a frame")
     };
     assert_eq!((frame.remote, frame.len), (true, 4));
@@ -63,7 +66,7 @@ fn data_alone_is_a_line_too() {
     let mut scratch = Vec::new();
     let bare = line("01 01 00 00 00 00 01 5E 61", &mut scratch);
     assert_eq!((bare.time, bare.link), (None, "-"));
-    assert!(matches!(line("0400A05E#3412", &mut scratch).data, Data::Frame(_)));
+    assert!(matches!(line("0400A05E#3412", &mut scratch).data, RecordData::Frame(_)));
 }
 
 #[test]
@@ -111,8 +114,9 @@ fn unknown_frames_are_objects_too() {
 
 #[test]
 fn text_is_aligned_and_plain_unless_coloured() {
-    let mut decoder = Decoder::new(Rules::default());
-    let (mut out, mut writer) = (Vec::new(), text::Text::new(text::Style::default()));
+    let mut decoder = CaptureDecoder::new(Rules::default());
+    let (mut out, mut writer) =
+        (Vec::new(), text::FrameTextWriter::new(text::TextStyle::default()));
     let capture = b"(10.5) ttyUSB0 > 01 02\n(10.75) can0 123#R\n";
     decoder.feed(capture, &mut |event| writer.write(event, &mut out));
     let expected = "   0.000000  ttyUSB0 > ?  01 02                       \
@@ -126,10 +130,10 @@ fn times_keep_their_digits() {
     for (text, shown) in
         [("0.1", "0.1"), ("1700000000.123456789", "1700000000.123456789"), ("7", "7.0")]
     {
-        assert_eq!(Stamp::parse(text.as_bytes()).expect("a time").to_string(), shown);
+        assert_eq!(Timestamp::parse(text.as_bytes()).expect("a time").to_string(), shown);
     }
-    assert_eq!(Stamp::parse(b"-1.0"), None);
-    assert_eq!(Stamp::parse(b""), None);
+    assert_eq!(Timestamp::parse(b"-1.0"), None);
+    assert_eq!(Timestamp::parse(b""), None);
 }
 
 #[test]
@@ -145,9 +149,9 @@ fn what_is_no_frame_of_a_protocol_is_told() {
 #[test]
 fn the_nearest_word_is_found_or_none() {
     let words = ["tmcl", "modbus-rtu", "modbus-ascii", "tml"];
-    assert_eq!(nearest("tmlc", words), Some("tmcl"), "swapped letters are one slip");
-    assert_eq!(nearest("modbus", words), Some("modbus-rtu"));
-    assert_eq!(nearest("ethercat", words), None);
+    assert_eq!(nearest_word("tmlc", words), Some("tmcl"), "swapped letters are one slip");
+    assert_eq!(nearest_word("modbus", words), Some("modbus-rtu"));
+    assert_eq!(nearest_word("ethercat", words), None);
     let error = Rules::parse("no-such-protocol@3").expect_err("unknown");
     assert_eq!(error.word, "no-such-protocol");
 }
@@ -159,11 +163,12 @@ fn a_line_that_is_too_long_is_damaged() {
     let at_limit = format!("> {}{}", "00 ".repeat(10), " ".repeat(crate::read::LINE_MAX - 32));
     let capture = format!("> 01\n{long}\n> 02\n{at_limit}\n{long}");
     for size in [1_000, 1 << 16, capture.len()] {
-        let (mut frames, mut decoder) = (Vec::new(), Decoder::new(Rules::default()));
-        let mut keep = |event: &crate::Event<'_>| frames.push(event.bytes.to_vec());
+        let (mut frames, mut decoder) = (Vec::new(), CaptureDecoder::new(Rules::default()));
+        let mut keep = |event: &crate::DecodedFrame<'_>| frames.push(event.bytes.to_vec());
         capture.as_bytes().chunks(size).for_each(|piece| decoder.feed(piece, &mut keep));
         decoder.finish(&mut keep);
-        let damaged: Vec<String> = decoder.tally().damage.iter().map(ToString::to_string).collect();
+        let damaged: Vec<String> =
+            decoder.statistics().damage.iter().map(ToString::to_string).collect();
         let expected = [2, 5].map(|n| format!("line {n}: it is longer than 65536 bytes"));
         assert_eq!(damaged, expected);
         assert_eq!(frames, [vec![1], vec![2], vec![0; 10]]);
@@ -215,18 +220,28 @@ fn mixed_bus(mut seed: u64) -> String {
 }
 
 /// Everything but words and fields, cut at random places.
-fn told(mut decoder: Decoder, log: &str, piece: usize) -> Vec<String> {
+fn decode_to_lines(mut decoder: CaptureDecoder, log: &str, piece: usize) -> Vec<String> {
     let mut all = Vec::new();
-    let mut keep = |event: &crate::Event<'_>| {
-        let explained = (event.explained.axis, event.explained.error);
-        let crate::Event { number, time, link, protocol, bytes, id, wrong, notices, at, .. } =
-            *event;
+    let mut keep = |event: &crate::DecodedFrame<'_>| {
+        let explained = (event.explanation.axis, event.explanation.error);
+        let crate::DecodedFrame {
+            number,
+            time,
+            link,
+            protocol,
+            bytes,
+            id,
+            defect: wrong,
+            notices,
+            offset: at,
+            ..
+        } = *event;
         let frame = (number, time, link, protocol, bytes, id, event.remote, at);
         all.push(format!("{frame:?} {explained:?} {wrong:?} {notices:?}"));
     };
     log.as_bytes().chunks(piece).for_each(|piece| decoder.feed(piece, &mut keep));
     decoder.finish(&mut keep);
-    decoder.ending(&mut keep);
+    decoder.finish_sessions(&mut keep);
     all
 }
 
@@ -235,9 +250,9 @@ fn without_words_the_rest_stays_the_same() {
     for seed in 0..20 {
         let log = mixed_bus(seed);
         for rules in ["canopen", "canopen@2,tmcl", "thruster@1,canopen@can0"] {
-            let decoder = || Decoder::new(Rules::parse(rules).expect("rules"));
-            let whole = told(decoder(), &log, log.len());
-            let bare = told(decoder().without_words(), &log, 37 + 1000 * seed as usize);
+            let decoder = || CaptureDecoder::new(Rules::parse(rules).expect("rules"));
+            let whole = decode_to_lines(decoder(), &log, log.len());
+            let bare = decode_to_lines(decoder().without_text(), &log, 37 + 1000 * seed as usize);
             assert!(whole.iter().any(|line| line.contains("Signal(")), "nothing is told: {seed}");
             for (whole, bare) in whole.iter().zip(&bare) {
                 assert_eq!(whole, bare, "seed {seed}, {rules}");

@@ -1,36 +1,39 @@
 //! One aligned line a frame, for people, and below it what its conversation tells.
 
-mod plain;
+mod batch_lines;
 
 use std::io::Write as _;
 
 use polepair_core::explain::Direction;
 
-use crate::changes::{Changes, meaning};
-use crate::decoder::Event;
-use crate::page::Page;
-use crate::put;
-use crate::session::{Change, Exchange, Fault, Notice, Odd, Outcome, Signal, is_of_frame};
-use crate::stamp::Stamp;
+use crate::byte_changes::{ByteChanges, meaning_text};
+use crate::decoder::DecodedFrame;
+use crate::line_buffer::LineBuffer;
+use crate::number_text;
+use crate::session::{
+    AnomalyNotice, ChangeNotice, ExchangeNotice, ExchangeOutcome, FaultNotice, SessionNotice,
+    SignalNotice, is_frame_anomaly,
+};
+use crate::timestamp::Timestamp;
 
 /// Columns that bytes take before a line grows beyond the rest: nine bytes with spaces.
 const BYTES_WIDTH: usize = 26;
 
 /// How lines are written.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Style {
+pub struct TextStyle {
     /// With ANSI colours.
     pub colour: bool,
     /// A `'` behind each byte that is not what it was in the last frame of its kind; in colour these
     /// bytes are underlined anyway.
     pub marks: bool,
     /// What is told of conversations.
-    pub notices: Notices,
+    pub notices: NoticeLevel,
 }
 
 /// What is told of conversations.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub enum Notices {
+pub enum NoticeLevel {
     /// Nothing: frames alone.
     None,
     /// What is odd, faults, changes of states, and how long answers took.
@@ -42,32 +45,32 @@ pub enum Notices {
 
 /// Writes frames as text. Times are shown from the first frame on.
 #[derive(Clone, Debug, Default)]
-pub struct Text {
-    style: Style,
-    head: Head,
-    changes: Changes,
-    page: Page,
+pub struct FrameTextWriter {
+    style: TextStyle,
+    layout: LineLayout,
+    changes: ByteChanges,
+    buffer: LineBuffer,
 }
 
 /// How far lines have come: the time they count from, and how wide their first columns are.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(crate) struct Head {
-    first: Option<Stamp>,
+pub(crate) struct LineLayout {
+    first: Option<Timestamp>,
     link_width: usize,
     protocol_width: usize,
 }
 
-impl Head {
+impl LineLayout {
     /// A frame's line follows.
-    pub fn see(&mut self, event: &Event<'_>) {
+    pub fn include(&mut self, event: &DecodedFrame<'_>) {
         self.first = self.first.or(event.time);
         self.link_width = self.link_width.max(event.link.len());
-        self.protocol_width = self.protocol_width.max(word(event.protocol).len());
+        self.protocol_width = self.protocol_width.max(protocol_word(event.protocol).len());
     }
 }
 
 /// A protocol's name, or a question mark.
-fn word(protocol: Option<&'static str>) -> &'static str {
+fn protocol_word(protocol: Option<&'static str>) -> &'static str {
     protocol.unwrap_or("?")
 }
 
@@ -77,62 +80,63 @@ const RED: &str = "31";
 const YELLOW: &str = "33";
 const CYAN: &str = "36";
 
-impl Text {
+impl FrameTextWriter {
     /// A writer that has written nothing.
     #[must_use]
-    pub fn new(style: Style) -> Self {
+    pub fn new(style: TextStyle) -> Self {
         Self { style, ..Self::default() }
     }
 
     /// Appends one line, and one for each notice that is shown below it.
-    pub fn write(&mut self, event: &Event<'_>, out: &mut Vec<u8>) {
+    pub fn write(&mut self, event: &DecodedFrame<'_>, out: &mut Vec<u8>) {
         out.reserve(LINE_ROOM);
         let start = out.len();
-        self.head.see(event);
-        self.time(event.time, out);
+        self.layout.include(event);
+        self.write_time(event.time, out);
         let head = out.len();
-        padded(event.link, self.head.link_width, out);
+        append_padded(event.link, self.layout.link_width, out);
         out.push(b' ');
-        self.arrow(event.direction, out);
+        self.write_arrow(event.direction, out);
         out.push(b' ');
-        padded(word(event.protocol), self.head.protocol_width, out);
+        append_padded(protocol_word(event.protocol), self.layout.protocol_width, out);
         out.extend_from_slice(b"  ");
-        let hidden = self.bytes(event, out);
-        let column = out.len() - head - hidden - self.hidden_arrow(event.direction);
+        let hidden = self.write_bytes(event, out);
+        let column = out.len() - head - hidden - self.hidden_arrow_len(event.direction);
         let column = column + if head > start { TIME_WIDTH } else { 0 };
-        self.meaning(event, out);
+        self.write_meaning(event, out);
         out.push(b'\n');
-        if self.style.notices != Notices::None {
-            let news = |notice: &&Notice| event.wrong.is_none() || !is_of_frame(notice);
-            event.notices.iter().filter(news).for_each(|one| self.notice(one, column, out));
+        if self.style.notices != NoticeLevel::None {
+            let news =
+                |notice: &&SessionNotice| event.defect.is_none() || !is_frame_anomaly(notice);
+            event.notices.iter().filter(news).for_each(|one| self.write_notice(one, column, out));
         }
     }
 
     /// A frame that is not shown; times count from the first, shown or not.
-    pub fn skip(&mut self, event: &Event<'_>) {
-        self.head.first = self.head.first.or(event.time);
+    pub fn skip_frame(&mut self, event: &DecodedFrame<'_>) {
+        self.layout.first = self.layout.first.or(event.time);
     }
 
     /// Appends what conversations leave open, which is no frame.
-    pub fn ending(&mut self, event: &Event<'_>, out: &mut Vec<u8>) {
-        for notice in event.notices.iter().filter(|_| self.style.notices != Notices::None) {
+    pub fn write_open_notices(&mut self, event: &DecodedFrame<'_>, out: &mut Vec<u8>) {
+        for notice in event.notices.iter().filter(|_| self.style.notices != NoticeLevel::None) {
             out.extend_from_slice(event.link.as_bytes());
-            self.notice(notice, 1, out);
+            self.write_notice(notice, 1, out);
         }
     }
 
-    fn time(&self, time: Option<Stamp>, out: &mut Vec<u8>) {
+    fn write_time(&self, time: Option<Timestamp>, out: &mut Vec<u8>) {
         let Some(time) = time else { return };
-        let since = time.since(self.head.first.unwrap_or(time));
-        self.open(DIM, out);
-        put::filled(since / 1_000_000_000, 4, b' ', out);
+        let since = time.since(self.layout.first.unwrap_or(time));
+        self.begin_colour(DIM, out);
+        number_text::append_padded(since / 1_000_000_000, 4, b' ', out);
         out.push(b'.');
-        put::filled(since % 1_000_000_000 / 1000, 6, b'0', out);
-        self.close(out);
+        number_text::append_padded(since % 1_000_000_000 / 1000, 6, b'0', out);
+        self.end_colour(out);
         out.extend_from_slice(b"  ");
     }
 
-    fn arrow(&self, direction: Option<Direction>, out: &mut Vec<u8>) {
+    fn write_arrow(&self, direction: Option<Direction>, out: &mut Vec<u8>) {
         out.extend_from_slice(match (direction, self.style.colour) {
             (Some(Direction::ToDrive), false) => b">",
             (Some(Direction::ToHost), false) => b"<",
@@ -142,29 +146,29 @@ impl Text {
         });
     }
 
-    fn hidden_arrow(&self, direction: Option<Direction>) -> usize {
+    fn hidden_arrow_len(&self, direction: Option<Direction>) -> usize {
         const COLOUR: usize = 9;
         if self.style.colour && direction.is_some() { COLOUR } else { 0 }
     }
 
     /// Appends identifier and bytes; tells how many of the characters take no column.
-    fn bytes(&mut self, event: &Event<'_>, out: &mut Vec<u8>) -> usize {
+    fn write_bytes(&mut self, event: &DecodedFrame<'_>, out: &mut Vec<u8>) -> usize {
         let start = out.len();
         if let Some(id) = event.id {
-            let digits = id.to_be_bytes().map(put::hex);
+            let digits = id.to_be_bytes().map(number_text::hex_digits);
             let digits = &digits.as_flattened()[if event.extended { 0 } else { 5 }..];
             out.extend_from_slice(digits);
             out.extend_from_slice(if event.remote { b"#R" } else { b"#" });
-            if event.wanted > 0 {
-                out.push(b'0' + event.wanted.min(8));
+            if event.remote_len > 0 {
+                out.push(b'0' + event.remote_len.min(8));
             }
         }
-        let Style { colour, marks, .. } = self.style;
-        let mask = if colour || marks { self.changes.take(event) } else { 0 };
+        let TextStyle { colour, marks, .. } = self.style;
+        let mask = if colour || marks { self.changes.update(event) } else { 0 };
         let mut hidden = 0;
         for (at, byte) in event.bytes.iter().enumerate() {
             let changed = at < 64 && mask >> at & 1 == 1;
-            let [high, low] = put::hex(*byte);
+            let [high, low] = number_text::hex_digits(*byte);
             if changed && colour {
                 out.extend_from_slice(b"\x1b[4m");
                 out.extend_from_slice(&[high, low]);
@@ -184,51 +188,55 @@ impl Text {
         hidden
     }
 
-    fn meaning(&self, event: &Event<'_>, out: &mut Vec<u8>) {
+    fn write_meaning(&self, event: &DecodedFrame<'_>, out: &mut Vec<u8>) {
         if event.echo {
             out.extend_from_slice(b"echo: ");
         }
-        let bare = event.explained.text.is_empty() && event.explained.kind.is_empty();
-        if !(bare && event.wrong.is_some() && event.protocol.is_some()) {
-            out.extend_from_slice(meaning(event).as_bytes());
+        let bare = event.explanation.text.is_empty() && event.explanation.kind.is_empty();
+        if !(bare && event.defect.is_some() && event.protocol.is_some()) {
+            out.extend_from_slice(meaning_text(event).as_bytes());
         }
-        if let Some(wrong) = event.wrong {
+        if let Some(wrong) = event.defect {
             out.extend_from_slice(if bare { b"" } else { b"  " });
-            self.open(RED, out);
+            self.begin_colour(RED, out);
             // Writing into a Vec cannot fail.
             let _ = write!(out, "! {wrong}");
-            self.close(out);
+            self.end_colour(out);
         }
         let exchange = event.notices.iter().find_map(|notice| match notice {
-            Notice::Exchange(exchange) => exchange.latency(),
+            SessionNotice::Exchange(exchange) => exchange.latency(),
             _ => None,
         });
-        if let Some(ns) = exchange.filter(|_| self.style.notices != Notices::None) {
-            self.open(DIM, out);
-            let _ = write!(out, "  ({})", Span(ns));
-            self.close(out);
+        if let Some(ns) = exchange.filter(|_| self.style.notices != NoticeLevel::None) {
+            self.begin_colour(DIM, out);
+            let _ = write!(out, "  ({})", DurationText(ns));
+            self.end_colour(out);
         }
     }
 
     /// Appends a line for a notice that is shown by itself.
-    fn notice(&self, notice: &Notice, column: usize, out: &mut Vec<u8>) {
-        let all = self.style.notices == Notices::All;
+    fn write_notice(&self, notice: &SessionNotice, column: usize, out: &mut Vec<u8>) {
+        let all = self.style.notices == NoticeLevel::All;
         let colour = match notice {
-            Notice::Odd(_) => YELLOW,
-            Notice::Fault(fault) if !fault.gone => RED,
-            Notice::Fault(_) | Notice::Change(_) => CYAN,
-            Notice::Signal(_) if all => DIM,
-            Notice::Exchange(exchange) if all && exchange.outcome != Outcome::Done => DIM,
-            Notice::Signal(_) | Notice::Exchange(_) => return,
+            SessionNotice::Anomaly(_) => YELLOW,
+            SessionNotice::Fault(fault) if !fault.gone => RED,
+            SessionNotice::Fault(_) | SessionNotice::Change(_) => CYAN,
+            SessionNotice::Signal(_) if all => DIM,
+            SessionNotice::Exchange(exchange)
+                if all && exchange.outcome != ExchangeOutcome::Done =>
+            {
+                DIM
+            }
+            SessionNotice::Signal(_) | SessionNotice::Exchange(_) => return,
         };
         out.resize(out.len() + column, b' ');
-        self.open(colour, out);
-        let _ = write!(out, "{}", Told(notice));
-        self.close(out);
+        self.begin_colour(colour, out);
+        let _ = write!(out, "{}", NoticeText(notice));
+        self.end_colour(out);
         out.push(b'\n');
     }
 
-    fn open(&self, code: &str, out: &mut Vec<u8>) {
+    fn begin_colour(&self, code: &str, out: &mut Vec<u8>) {
         if self.style.colour {
             out.extend_from_slice(b"\x1b[");
             out.extend_from_slice(code.as_bytes());
@@ -236,7 +244,7 @@ impl Text {
         }
     }
 
-    fn close(&self, out: &mut Vec<u8>) {
+    fn end_colour(&self, out: &mut Vec<u8>) {
         out.extend_from_slice(if self.style.colour { OFF } else { b"" });
     }
 }
@@ -248,9 +256,9 @@ const TIME_WIDTH: usize = 13;
 
 /// Nanoseconds as a person reads them: `812 us`, `2.10 ms`, `1.50 s`.
 #[derive(Clone, Copy, Debug)]
-pub struct Span(pub u64);
+pub struct DurationText(pub u64);
 
-impl core::fmt::Display for Span {
+impl core::fmt::Display for DurationText {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let ns = self.0 as f64;
         match self.0 {
@@ -264,9 +272,9 @@ impl core::fmt::Display for Span {
 
 /// A number with at most four decimals, none where it needs none.
 #[derive(Clone, Copy, Debug)]
-pub struct Real(pub f64);
+pub struct NumberText(pub f64);
 
-impl core::fmt::Display for Real {
+impl core::fmt::Display for NumberText {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let rounded = (self.0 * 1e4).round() / 1e4;
         let small = rounded == 0.0 || self.0.abs() >= 1e15;
@@ -285,53 +293,66 @@ fn decimals(value: f64) -> usize {
 
 /// A notice in one line.
 #[derive(Clone, Copy, Debug)]
-pub struct Told<'a>(pub &'a Notice);
+pub struct NoticeText<'a>(pub &'a SessionNotice);
 
-impl core::fmt::Display for Told<'_> {
+impl core::fmt::Display for NoticeText<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self.0 {
-            Notice::Signal(Signal { axis, name, value, unit, .. }) => {
+            SessionNotice::Signal(SignalNotice { axis, name, value, unit, .. }) => {
                 let gap = if unit.is_empty() { "" } else { " " };
-                write!(f, "= axis {axis} {name} {}{gap}{unit}", Real(*value))
+                write!(f, "= axis {axis} {name} {}{gap}{unit}", NumberText(*value))
             }
-            Notice::Exchange(Exchange { axis, op, outcome, asked, retries, .. }) => {
-                write!(f, "? {op}{} of frame {}: {}", of(*axis), asked.0, outcome.word())?;
+            SessionNotice::Exchange(ExchangeNotice {
+                axis,
+                op,
+                outcome,
+                requested: asked,
+                retries,
+                ..
+            }) => {
+                write!(
+                    f,
+                    "? {op}{} of frame {}: {}",
+                    axis_suffix(*axis),
+                    asked.0,
+                    outcome.as_str()
+                )?;
                 if *retries > 0 { write!(f, ", {retries} retries") } else { Ok(()) }
             }
-            Notice::Change(Change { axis, what, from, to }) => {
-                write!(f, "-{} {what}: ", of(*axis))?;
+            SessionNotice::Change(ChangeNotice { axis, what, from, to }) => {
+                write!(f, "-{} {what}: ", axis_suffix(*axis))?;
                 if from.is_empty() { f.write_str(to) } else { write!(f, "{from} -> {to}") }
             }
-            Notice::Fault(Fault { axis, code, text, gone: true, .. }) => {
+            SessionNotice::Fault(FaultNotice { axis, code, text, gone: true, .. }) => {
                 write!(f, "- axis {axis} fault 0x{code:X} is gone: {text}")
             }
-            Notice::Fault(Fault { axis, code, text, remedy, .. }) => {
+            SessionNotice::Fault(FaultNotice { axis, code, text, remedy, .. }) => {
                 write!(f, "! axis {axis} fault 0x{code:X}: {}", text.trim_end_matches('.'))?;
                 if remedy.is_empty() { Ok(()) } else { write!(f, "; try: {remedy}") }
             }
-            Notice::Odd(Odd { kind, axis, text, .. }) => {
-                write!(f, "! {}{}: {text}", kind.word(), of(*axis))
+            SessionNotice::Anomaly(AnomalyNotice { kind, axis, text, .. }) => {
+                write!(f, "! {}{}: {text}", kind.as_str(), axis_suffix(*axis))
             }
         }
     }
 }
 
-fn of(axis: Option<u32>) -> String {
+fn axis_suffix(axis: Option<u32>) -> String {
     axis.map_or_else(String::new, |axis| format!(" axis {axis}"))
 }
 
-fn padded(text: &str, width: usize, out: &mut Vec<u8>) {
+fn append_padded(text: &str, width: usize, out: &mut Vec<u8>) {
     out.extend_from_slice(text.as_bytes());
     out.resize(out.len() + width.saturating_sub(text.len()), b' ');
 }
 
 /// Appends bytes as `01 0A FF`.
-pub fn spaced_hex(out: &mut Vec<u8>, bytes: &[u8]) {
+pub fn append_spaced_hex(out: &mut Vec<u8>, bytes: &[u8]) {
     for (at, byte) in bytes.iter().enumerate() {
         if at > 0 {
             out.push(b' ');
         }
-        crate::jsonl::hex(out, core::slice::from_ref(byte));
+        crate::jsonl::write_hex(out, core::slice::from_ref(byte));
     }
 }
 

@@ -11,11 +11,11 @@ mod trc;
 use core::fmt;
 use std::io::{self, Write};
 
-use crate::format::{Format, Packing};
+use crate::format::{CaptureFormat, Compression};
 use crate::record::Record;
 
 /// Bytes that are gathered before they are passed on.
-const GATHER: usize = 1 << 16;
+const BUFFER_BYTES: usize = 1 << 16;
 
 /// Why a record cannot be written.
 #[derive(Debug)]
@@ -23,17 +23,19 @@ pub enum WriteError {
     /// The file cannot be written.
     Io(io::Error),
     /// The format has no place for such a record.
-    Unfit(&'static str),
+    UnsupportedRecord(&'static str),
     /// The format is not one that records are written in.
-    Unwritable(Format),
+    UnsupportedFormat(CaptureFormat),
 }
 
 impl fmt::Display for WriteError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Io(error) => error.fmt(f),
-            Self::Unfit(what) => f.write_str(what),
-            Self::Unwritable(format) => write!(f, "{format} is what decode writes, not a capture"),
+            Self::UnsupportedRecord(what) => f.write_str(what),
+            Self::UnsupportedFormat(format) => {
+                write!(f, "{format} is what decode writes, not a capture")
+            }
         }
     }
 }
@@ -47,68 +49,76 @@ impl From<io::Error> for WriteError {
 }
 
 /// Writes one format.
-trait Sink: fmt::Debug + Send {
+trait FormatWriter: fmt::Debug + Send {
     /// Appends a record. Nothing is appended where it does not fit.
-    fn record(&mut self, record: &Record<'_>, out: &mut Vec<u8>) -> Result<(), &'static str>;
+    fn append_record(&mut self, record: &Record<'_>, out: &mut Vec<u8>)
+    -> Result<(), &'static str>;
     /// Appends what is held back of the records so far.
-    fn settle(&mut self, _out: &mut Vec<u8>) {}
+    fn append_pending(&mut self, _out: &mut Vec<u8>) {}
     /// Appends what stands at the end.
-    fn finish(&mut self, _out: &mut Vec<u8>) {}
+    fn append_end(&mut self, _out: &mut Vec<u8>) {}
 }
 
 /// Writes records to a file.
-pub struct Writer<W: Write> {
-    sink: Box<dyn Sink>,
+pub struct CaptureWriter<W: Write> {
+    sink: Box<dyn FormatWriter>,
     buffer: Vec<u8>,
-    out: Out<W>,
+    out: OutputStream<W>,
 }
 
-enum Out<W: Write> {
+enum OutputStream<W: Write> {
     Plain(W),
     Gzip(flate2::write::GzEncoder<W>),
     Zstd(zstd::stream::write::Encoder<'static, W>),
 }
 
-impl<W: Write> fmt::Debug for Writer<W> {
+impl<W: Write> fmt::Debug for CaptureWriter<W> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Writer").field("sink", &self.sink).finish_non_exhaustive()
     }
 }
 
-impl<W: Write> Writer<W> {
+impl<W: Write> CaptureWriter<W> {
     /// A writer of that format, compressed if `packing` says so.
     ///
     /// # Errors
-    /// [`WriteError::Unwritable`] for JSONL, which is made by decoding.
-    pub fn new(format: Format, packing: Option<Packing>, out: W) -> Result<Self, WriteError> {
-        let sink: Box<dyn Sink> = match format {
-            Format::Text => Box::new(text::Text),
-            Format::Pcap => Box::new(pcap::Pcap::default()),
-            Format::Pcapng => Box::new(pcapng::Pcapng::default()),
-            Format::Asc => Box::new(asc::Asc::default()),
-            Format::Trc => Box::new(trc::Trc::default()),
-            Format::Blf => Box::new(blf::Blf::default()),
-            Format::Csv => Box::new(csv::Csv::default()),
-            Format::Jsonl => return Err(WriteError::Unwritable(format)),
+    /// [`WriteError::UnsupportedFormat`] for JSONL, which is made by decoding.
+    pub fn new(
+        format: CaptureFormat,
+        packing: Option<Compression>,
+        out: W,
+    ) -> Result<Self, WriteError> {
+        let sink: Box<dyn FormatWriter> = match format {
+            CaptureFormat::Text => Box::new(text::TextLogWriter),
+            CaptureFormat::Pcap => Box::new(pcap::PcapWriter::default()),
+            CaptureFormat::Pcapng => Box::new(pcapng::PcapngWriter::default()),
+            CaptureFormat::Asc => Box::new(asc::AscWriter::default()),
+            CaptureFormat::Trc => Box::new(trc::TrcWriter::default()),
+            CaptureFormat::Blf => Box::new(blf::BlfWriter::default()),
+            CaptureFormat::Csv => Box::new(csv::CsvWriter::default()),
+            CaptureFormat::Jsonl => return Err(WriteError::UnsupportedFormat(format)),
         };
         let out = match packing {
-            None => Out::Plain(out),
-            Some(Packing::Gzip) => {
-                Out::Gzip(flate2::write::GzEncoder::new(out, flate2::Compression::default()))
+            None => OutputStream::Plain(out),
+            Some(Compression::Gzip) => OutputStream::Gzip(flate2::write::GzEncoder::new(
+                out,
+                flate2::Compression::default(),
+            )),
+            Some(Compression::Zstd) => {
+                OutputStream::Zstd(zstd::stream::write::Encoder::new(out, 3)?)
             }
-            Some(Packing::Zstd) => Out::Zstd(zstd::stream::write::Encoder::new(out, 3)?),
         };
-        Ok(Self { sink, buffer: Vec::with_capacity(2 * GATHER), out })
+        Ok(Self { sink, buffer: Vec::with_capacity(2 * BUFFER_BYTES), out })
     }
 
     /// Writes a record.
     ///
     /// # Errors
-    /// [`WriteError::Unfit`] where the format has no place for it, and nothing is written;
+    /// [`WriteError::UnsupportedRecord`] where the format has no place for it, and nothing is written;
     /// [`WriteError::Io`].
     pub fn write(&mut self, record: &Record<'_>) -> Result<(), WriteError> {
-        self.sink.record(record, &mut self.buffer).map_err(WriteError::Unfit)?;
-        if self.buffer.len() >= GATHER { Ok(self.spill()?) } else { Ok(()) }
+        self.sink.append_record(record, &mut self.buffer).map_err(WriteError::UnsupportedRecord)?;
+        if self.buffer.len() >= BUFFER_BYTES { Ok(self.flush_buffer()?) } else { Ok(()) }
     }
 
     /// Passes on all records so far, so that a file which is never finished can be read to here.
@@ -117,22 +127,22 @@ impl<W: Write> Writer<W> {
     /// # Errors
     /// [`WriteError::Io`].
     pub fn flush(&mut self) -> Result<(), WriteError> {
-        self.sink.settle(&mut self.buffer);
-        self.spill()?;
+        self.sink.append_pending(&mut self.buffer);
+        self.flush_buffer()?;
         match &mut self.out {
-            Out::Plain(out) => out.flush()?,
-            Out::Gzip(out) => out.flush()?,
-            Out::Zstd(out) => out.flush()?,
+            OutputStream::Plain(out) => out.flush()?,
+            OutputStream::Gzip(out) => out.flush()?,
+            OutputStream::Zstd(out) => out.flush()?,
         }
         Ok(())
     }
 
     /// Passes on what was gathered, compressed or not.
-    fn spill(&mut self) -> io::Result<()> {
+    fn flush_buffer(&mut self) -> io::Result<()> {
         let out: &mut dyn Write = match &mut self.out {
-            Out::Plain(out) => out,
-            Out::Gzip(out) => out,
-            Out::Zstd(out) => out,
+            OutputStream::Plain(out) => out,
+            OutputStream::Gzip(out) => out,
+            OutputStream::Zstd(out) => out,
         };
         out.write_all(&self.buffer)?;
         self.buffer.clear();
@@ -144,12 +154,12 @@ impl<W: Write> Writer<W> {
     /// # Errors
     /// [`WriteError::Io`].
     pub fn finish(mut self) -> Result<W, WriteError> {
-        self.sink.finish(&mut self.buffer);
-        self.spill()?;
+        self.sink.append_end(&mut self.buffer);
+        self.flush_buffer()?;
         Ok(match self.out {
-            Out::Plain(out) => out,
-            Out::Gzip(out) => out.finish()?,
-            Out::Zstd(out) => out.finish()?,
+            OutputStream::Plain(out) => out,
+            OutputStream::Gzip(out) => out.finish()?,
+            OutputStream::Zstd(out) => out.finish()?,
         })
     }
 }
@@ -157,14 +167,14 @@ impl<W: Write> Writer<W> {
 /// Numbers for the names of links, for formats that count channels: the number at the end of the
 /// name, or else the first that is free.
 #[derive(Debug, Default)]
-struct Channels(Vec<(String, u32)>);
+struct ChannelNumbers(Vec<(String, u32)>);
 
 /// Links that one file can tell apart by numbers.
 const CHANNELS_MAX: usize = 256;
 
-impl Channels {
+impl ChannelNumbers {
     /// The link's number, from 0.
-    fn of(&mut self, link: &str) -> Result<u32, &'static str> {
+    fn number_for(&mut self, link: &str) -> Result<u32, &'static str> {
         if let Some((_, number)) = self.0.iter().find(|(name, _)| name == link) {
             return Ok(*number);
         }

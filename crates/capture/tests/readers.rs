@@ -11,7 +11,8 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use polepair_capture::{
-    Data, Decoder, Event, Format, Judge, Packing, Reader, Record, Rules, Stamp, Writer,
+    CaptureDecoder, CaptureFormat, CaptureReader, CaptureWriter, Compression, DecodedFrame,
+    ProtocolDetector, Record, RecordData, Rules, Timestamp,
 };
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
@@ -28,7 +29,7 @@ const PEAK_OF_THREAD: u64 = 160 << 20;
 const THREADS_MAX: usize = 8;
 
 /// A name, and captures to begin with.
-type Target = (&'static str, Option<Format>, Vec<Vec<u8>>);
+type Target = (&'static str, Option<CaptureFormat>, Vec<Vec<u8>>);
 
 #[test]
 fn every_reader_takes_whatever_comes() {
@@ -71,17 +72,17 @@ fn targets() -> Vec<Target> {
     let written = |format, packing| vec![capture(format, packing)];
     let text = |text: String| vec![text.into_bytes()];
     vec![
-        ("candump", Some(Format::Text), text(candump())),
-        ("serial log", Some(Format::Text), text(serial())),
-        ("pcap", Some(Format::Pcap), written(Format::Pcap, None)),
-        ("pcapng", Some(Format::Pcapng), written(Format::Pcapng, None)),
-        ("ASC", Some(Format::Asc), written(Format::Asc, None)),
-        ("TRC", Some(Format::Trc), written(Format::Trc, None)),
-        ("BLF", Some(Format::Blf), written(Format::Blf, None)),
-        ("CSV", Some(Format::Csv), written(Format::Csv, None)),
-        ("JSONL", Some(Format::Jsonl), text(jsonl())),
-        ("gzip", None, written(Format::Text, Some(Packing::Gzip))),
-        ("zstd", None, written(Format::Pcapng, Some(Packing::Zstd))),
+        ("candump", Some(CaptureFormat::Text), text(candump())),
+        ("serial log", Some(CaptureFormat::Text), text(serial())),
+        ("pcap", Some(CaptureFormat::Pcap), written(CaptureFormat::Pcap, None)),
+        ("pcapng", Some(CaptureFormat::Pcapng), written(CaptureFormat::Pcapng, None)),
+        ("ASC", Some(CaptureFormat::Asc), written(CaptureFormat::Asc, None)),
+        ("TRC", Some(CaptureFormat::Trc), written(CaptureFormat::Trc, None)),
+        ("BLF", Some(CaptureFormat::Blf), written(CaptureFormat::Blf, None)),
+        ("CSV", Some(CaptureFormat::Csv), written(CaptureFormat::Csv, None)),
+        ("JSONL", Some(CaptureFormat::Jsonl), text(jsonl())),
+        ("gzip", None, written(CaptureFormat::Text, Some(Compression::Gzip))),
+        ("zstd", None, written(CaptureFormat::Pcapng, Some(Compression::Zstd))),
     ]
 }
 
@@ -140,21 +141,22 @@ fn serial() -> String {
 
 fn jsonl() -> String {
     let mut out = Vec::new();
-    let mut decoder = Decoder::new(Rules::default());
+    let mut decoder = CaptureDecoder::new(Rules::default());
     let text = candump() + &serial();
-    decoder.feed(text.as_bytes(), &mut |event| polepair_capture::jsonl::write(event, &mut out));
-    decoder.finish(&mut |event| polepair_capture::jsonl::write(event, &mut out));
+    decoder
+        .feed(text.as_bytes(), &mut |event| polepair_capture::jsonl::write_frame(event, &mut out));
+    decoder.finish(&mut |event| polepair_capture::jsonl::write_frame(event, &mut out));
     String::from_utf8(out).expect("text")
 }
 
-fn capture(format: Format, packing: Option<Packing>) -> Vec<u8> {
-    let mut writer = Writer::new(format, packing, Vec::new()).expect("a writer");
+fn capture(format: CaptureFormat, packing: Option<Compression>) -> Vec<u8> {
+    let mut writer = CaptureWriter::new(format, packing, Vec::new()).expect("a writer");
     for (n, frame) in frames().iter().cycle().take(60).enumerate() {
-        let time = Some(Stamp(1_700_000_000_000_000_000 + n as u64 * 700_000));
+        let time = Some(Timestamp(1_700_000_000_000_000_000 + n as u64 * 700_000));
         let direction = [Some(Direction::ToDrive), Some(Direction::ToHost), None][n % 3];
-        let one = n % 2 == 0 || matches!(format, Format::Pcap | Format::Csv);
+        let one = n % 2 == 0 || matches!(format, CaptureFormat::Pcap | CaptureFormat::Csv);
         let link = if one { "can0" } else { "can1" };
-        let record = Record { time, link, direction, data: Data::Frame(*frame), at: 0 };
+        let record = Record { time, link, direction, data: RecordData::Frame(*frame), offset: 0 };
         writer.write(&record).expect("a frame fits");
     }
     writer.finish().expect("written")
@@ -188,7 +190,7 @@ impl Drop for Tried<'_> {
 }
 
 /// Tries mutated captures as long as there is time, and tells how many.
-fn attack(name: &str, format: Option<Format>, seeds: &[Vec<u8>]) -> u64 {
+fn attack(name: &str, format: Option<CaptureFormat>, seeds: &[Vec<u8>]) -> u64 {
     let mut dice = Dice(name.bytes().map(u64::from).sum());
     let mut kept = seeds.to_vec();
     let end = Instant::now() + budget();
@@ -255,12 +257,12 @@ struct Account {
 impl Account {
     fn record(&mut self, record: &Record<'_>) {
         match record.data {
-            Data::Bytes(bytes) => self.bytes += bytes.len() as u64,
+            RecordData::Bytes(bytes) => self.bytes += bytes.len() as u64,
             _ => self.frames += 1,
         }
     }
 
-    fn event(&mut self, event: &Event<'_>) {
+    fn event(&mut self, event: &DecodedFrame<'_>) {
         match event.id {
             Some(_) => self.frames += 1,
             None => self.bytes += event.bytes.len() as u64,
@@ -269,28 +271,28 @@ impl Account {
 }
 
 /// What the reader gives is what the decoder explains, to the byte.
-fn read(input: &[u8], format: Option<Format>, piece: usize) {
+fn read(input: &[u8], format: Option<CaptureFormat>, piece: usize) {
     let mut records = Account::default();
-    let mut reader = Reader::new(format);
+    let mut reader = CaptureReader::new(format);
     for piece in input.chunks(piece) {
         reader.feed(piece, &mut |record| records.record(record));
     }
     reader.finish(&mut |record| records.record(record));
     let mut events = Account::default();
-    let mut decoder = Decoder::new(everything()).with_format(format);
+    let mut decoder = CaptureDecoder::new(everything()).with_format(format);
     for piece in input.chunks(piece) {
         decoder.feed(piece, &mut |event| events.event(event));
     }
     decoder.finish(&mut |event| events.event(event));
-    decoder.ending(&mut |_| ());
-    assert_eq!(decoder.tally().records, reader.tally().records);
-    if decoder.left_out() == 0 {
+    decoder.finish_sessions(&mut |_| ());
+    assert_eq!(decoder.statistics().records, reader.statistics().records);
+    if decoder.untracked_records() == 0 {
         assert_eq!(events, records);
     }
 }
 
-fn judge(input: &[u8], format: Option<Format>) {
-    let mut judge = Judge::of_format(format);
+fn judge(input: &[u8], format: Option<CaptureFormat>) {
+    let mut judge = ProtocolDetector::with_format(format);
     judge.feed(input);
     let (verdicts, mut decoder) = judge.decide();
     verdicts.iter().for_each(|verdict| drop(verdict.to_string()));

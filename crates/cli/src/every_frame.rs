@@ -13,20 +13,20 @@ use clap::Parser as _;
 use polepair::Connector;
 use polepair_core::axis::{Command, Verb};
 
-use crate::cmd::{self, Arguments};
+use crate::cmd::{self, CommandLine};
 use crate::problem::Exit;
 use crate::terminal::tried;
-use wire::{Fault, How, Wire, Witness};
+use wire::{FailureMode, RecordedWire, WireFault, WireObservation};
 
 /// Slower than this a motor stands, rad/s.
-const STANDS: f64 = 0.5;
+const STANDSTILL_SPEED: f64 = 0.5;
 /// How long is looked whether a motor stands, when the verb has ended.
-const LOOK: Duration = Duration::from_secs(3);
+const SETTLE_TIME: Duration = Duration::from_secs(3);
 /// Frames of each verb that are tried where not all are.
-const SOME: usize = 4;
+const SAMPLED_FRAMES: usize = 4;
 
 /// A family on a medium.
-struct Family {
+struct DriveFamily {
     /// What is simulated: in the order of the drives' addresses.
     sim: &'static str,
     /// How a second host of the same wire, which prepares it, asks for the axes.
@@ -34,21 +34,21 @@ struct Family {
     axes: &'static [u32],
     /// What is set before it moves.
     prepare: &'static [(&'static str, i64)],
-    verbs: &'static [Tried],
+    verbs: &'static [VerbCase],
 }
 
 /// A verb as it is tried.
-struct Tried {
+struct VerbCase {
     words: &'static [&'static str],
     /// What the motor does before: it turns.
     turning: bool,
     /// What is so when it is done.
-    done: Done,
+    expected: ExpectedEnd,
 }
 
 /// What is so when a verb is done.
 #[derive(Clone, Copy, PartialEq, Debug)]
-enum Done {
+enum ExpectedEnd {
     /// It has turned, and stands without power.
     Turned,
     /// It was left turning.
@@ -63,26 +63,27 @@ enum Done {
     Standing,
 }
 
-const fn tried(words: &'static [&'static str], done: Done) -> Tried {
-    Tried { words, turning: false, done }
+const fn from_rest(words: &'static [&'static str], done: ExpectedEnd) -> VerbCase {
+    VerbCase { words, turning: false, expected: done }
 }
 
-const fn ended(words: &'static [&'static str], done: Done) -> Tried {
-    Tried { words, turning: true, done }
+const fn from_turning(words: &'static [&'static str], done: ExpectedEnd) -> VerbCase {
+    VerbCase { words, turning: true, expected: done }
 }
 
-const SPIN: Tried = tried(&["spin", "60rpm", "--for", "600ms"], Done::Turned);
-const JOG: Tried = tried(&["jog", "30rpm", "--for", "600ms"], Done::Turned);
-const SPIN_ON: Tried = tried(&["spin", "60rpm", "--detach"], Done::Turning);
-const MOVE: Tried = tried(&["move", "1rad", "--timeout", "5s"], Done::Moved(1.0));
-const MOVE_BY: Tried = tried(&["move", "1rad", "--rel", "--timeout", "5s"], Done::Moved(1.0));
-const ENABLE: Tried = tried(&["enable"], Done::Powered);
-const STOP: Tried = ended(&["stop"], Done::Standing);
-const QUICK: Tried = ended(&["stop", "--quick"], Done::Standing);
-const DISABLE: Tried = ended(&["disable"], Done::Off);
+const SPIN: VerbCase = from_rest(&["spin", "60rpm", "--for", "600ms"], ExpectedEnd::Turned);
+const JOG: VerbCase = from_rest(&["jog", "30rpm", "--for", "600ms"], ExpectedEnd::Turned);
+const SPIN_DETACHED: VerbCase = from_rest(&["spin", "60rpm", "--detach"], ExpectedEnd::Turning);
+const MOVE: VerbCase = from_rest(&["move", "1rad", "--timeout", "5s"], ExpectedEnd::Moved(1.0));
+const MOVE_BY: VerbCase =
+    from_rest(&["move", "1rad", "--rel", "--timeout", "5s"], ExpectedEnd::Moved(1.0));
+const ENABLE: VerbCase = from_rest(&["enable"], ExpectedEnd::Powered);
+const STOP: VerbCase = from_turning(&["stop"], ExpectedEnd::Standing);
+const QUICK_STOP: VerbCase = from_turning(&["stop", "--quick"], ExpectedEnd::Standing);
+const DISABLE: VerbCase = from_turning(&["disable"], ExpectedEnd::Off);
 
-const FAMILIES: [Family; 8] = [
-    Family {
+const FAMILIES: [DriveFamily; 8] = [
+    DriveFamily {
         sim: "tmcl:1",
         protocol: "tmcl",
         axes: &[1],
@@ -90,87 +91,91 @@ const FAMILIES: [Family; 8] = [
         verbs: &[
             SPIN,
             JOG,
-            SPIN_ON,
+            SPIN_DETACHED,
             MOVE,
             MOVE_BY,
             ENABLE,
             STOP,
-            QUICK,
+            QUICK_STOP,
             DISABLE,
-            tried(&["torque", "0.5A", "--for", "600ms"], Done::Turned),
-            tried(&["home", "--timeout", "20s"], Done::Turned),
+            from_rest(&["torque", "0.5A", "--for", "600ms"], ExpectedEnd::Turned),
+            from_rest(&["home", "--timeout", "20s"], ExpectedEnd::Turned),
         ],
     },
-    Family {
+    DriveFamily {
         sim: "tmcl+can:1",
         protocol: "tmcl",
         axes: &[1],
         prepare: &[],
-        verbs: &[SPIN, SPIN_ON, MOVE, MOVE_BY, ENABLE, STOP, DISABLE],
+        verbs: &[SPIN, SPIN_DETACHED, MOVE, MOVE_BY, ENABLE, STOP, DISABLE],
     },
-    Family {
+    DriveFamily {
         sim: "tml:1",
         protocol: "tml",
         axes: &[1],
         prepare: &[],
-        verbs: &[SPIN, SPIN_ON, MOVE, MOVE_BY, ENABLE, STOP, QUICK, DISABLE],
+        verbs: &[SPIN, SPIN_DETACHED, MOVE, MOVE_BY, ENABLE, STOP, QUICK_STOP, DISABLE],
     },
-    Family {
+    DriveFamily {
         sim: "tmlcan:1",
         protocol: "tmlcan",
         axes: &[1],
         prepare: &[],
-        verbs: &[SPIN, SPIN_ON, MOVE, MOVE_BY, ENABLE, STOP, DISABLE],
+        verbs: &[SPIN, SPIN_DETACHED, MOVE, MOVE_BY, ENABLE, STOP, DISABLE],
     },
-    Family {
+    DriveFamily {
         sim: "modbus-rtu:1",
         protocol: "modbus-rtu",
         axes: &[1],
         prepare: &[("control mode", 1)],
-        verbs: &[SPIN, JOG, SPIN_ON, ENABLE, STOP, QUICK, DISABLE],
+        verbs: &[SPIN, JOG, SPIN_DETACHED, ENABLE, STOP, QUICK_STOP, DISABLE],
     },
-    Family {
+    DriveFamily {
         sim: "syntron-ts-canopen:1",
         protocol: "canopen",
         axes: &[1],
         prepare: &[("control mode", 20)],
-        verbs: &[SPIN, SPIN_ON, MOVE, MOVE_BY, ENABLE, STOP, DISABLE],
+        verbs: &[SPIN, SPIN_DETACHED, MOVE, MOVE_BY, ENABLE, STOP, DISABLE],
     },
-    Family {
+    DriveFamily {
         sim: "cia402:1,2",
         protocol: "canopen",
         axes: &[1, 2],
         prepare: &[],
         verbs: &[
             SPIN,
-            SPIN_ON,
+            SPIN_DETACHED,
             MOVE,
             MOVE_BY,
-            tried(&["move", "1rad", "--sync", "--timeout", "5s"], Done::Moved(1.0)),
+            from_rest(&["move", "1rad", "--sync", "--timeout", "5s"], ExpectedEnd::Moved(1.0)),
             ENABLE,
             STOP,
-            QUICK,
+            QUICK_STOP,
             DISABLE,
         ],
     },
-    Family {
+    DriveFamily {
         sim: "thruster:11",
         protocol: "thruster",
         axes: &[11],
         prepare: &[],
-        verbs: &[tried(&["spin", "300rpm", "--for", "600ms"], Done::Turned), STOP, DISABLE],
+        verbs: &[
+            from_rest(&["spin", "300rpm", "--for", "600ms"], ExpectedEnd::Turned),
+            STOP,
+            DISABLE,
+        ],
     },
 ];
 
 thread_local! {
-    static WIRE: RefCell<Option<Wire>> = const { RefCell::new(None) };
+    static WIRE: RefCell<Option<RecordedWire>> = const { RefCell::new(None) };
 }
 
 /// Puts the wire of the verb that this thread tries between it and its drives.
-pub fn wired(connector: Connector) -> Connector {
+pub fn with_faulty_wire(connector: Connector) -> Connector {
     match WIRE.with_borrow(Clone::clone) {
-        Some(wire) => connector.with_links(move |_, end, simulation| match simulation {
-            Some(simulation) => wire.between(end, simulation),
+        Some(wire) => connector.with_link_wrapper(move |_, end, simulation| match simulation {
+            Some(simulation) => wire.wrap_link(end, simulation),
             None => end,
         }),
         None => connector,
@@ -178,35 +183,36 @@ pub fn wired(connector: Connector) -> Connector {
 }
 
 /// How a verb ended.
-struct Ran {
+struct VerbRun {
     exit: Exit,
-    said: String,
-    witness: Witness,
+    output: String,
+    observation: WireObservation,
 }
 
 /// Carries a verb out in this thread, as the command line does.
-fn run(family: &'static Family, tried: &Tried, fault: Option<Fault>) -> Ran {
-    let wire = Wire::new((family.protocol, family.axes), fault, prepared(family, tried));
+fn run_case(family: &'static DriveFamily, tried: &VerbCase, fault: Option<WireFault>) -> VerbRun {
+    let wire =
+        RecordedWire::new((family.protocol, family.axes), fault, prepare_drives(family, tried));
     WIRE.set(Some(wire.clone()));
     let (verb, rest) = tried.words.split_first().expect("a verb");
     let url = format!("sim:{}?time=virtual&seed=7", family.sim);
     let words = [&["polepair", verb, &url][..], rest].concat();
-    let arguments = Arguments::try_parse_from(words).expect("a command line");
+    let arguments = CommandLine::try_parse_from(words).expect("a command line");
     let exit = match cmd::run(arguments) {
         Ok(exit) => exit,
         Err(problem) => {
-            tried::hear(&problem.render(false));
+            tried::record(&problem.render(false));
             problem.exit
         }
     };
     WIRE.set(None);
-    Ran { exit, said: tried::said(), witness: wire.witness(LOOK) }
+    VerbRun { exit, output: tried::take_recorded(), observation: wire.observe(SETTLE_TIME) }
 }
 
 /// What is done with the drives before the verb.
-fn prepared(
-    family: &'static Family,
-    tried: &Tried,
+fn prepare_drives(
+    family: &'static DriveFamily,
+    tried: &VerbCase,
 ) -> impl Fn(&[polepair::Axis]) + Send + Sync + use<> {
     let turning = tried.turning;
     move |axes| {
@@ -225,8 +231,13 @@ fn prepared(
 }
 
 /// What is wrong with how a verb ended.
-fn judged(family: &Family, tried: &Tried, fault: Option<Fault>, ran: &Ran) -> Vec<String> {
-    let Ran { exit, said, witness } = ran;
+fn find_violations(
+    family: &DriveFamily,
+    tried: &VerbCase,
+    fault: Option<WireFault>,
+    ran: &VerbRun,
+) -> Vec<String> {
+    let VerbRun { exit, output: said, observation: witness } = ran;
     let mut wrong = Vec::new();
     let mut hold = |is_so: bool, what: &str| {
         if !is_so {
@@ -234,7 +245,7 @@ fn judged(family: &Family, tried: &Tried, fault: Option<Fault>, ran: &Ran) -> Ve
         }
     };
     let turns: Vec<bool> =
-        witness.drives.iter().map(|drive| drive.after.velocity.abs() > STANDS).collect();
+        witness.drives.iter().map(|drive| drive.after.velocity.abs() > STANDSTILL_SPEED).collect();
     let anybody = turns.contains(&true);
     let stands = !anybody;
     let left = said.contains("left running");
@@ -244,16 +255,21 @@ fn judged(family: &Family, tried: &Tried, fault: Option<Fault>, ran: &Ran) -> Ve
             let far = drive.after.position - drive.before.position;
             // Nothing on that bus answers a start of motion (SWARM-3).
             let lost_unseen = family.protocol == "tmlcan"
-                && matches!(tried.done, Done::Moved(_) | Done::Turned | Done::Turning)
+                && matches!(
+                    tried.expected,
+                    ExpectedEnd::Moved(_) | ExpectedEnd::Turned | ExpectedEnd::Turning
+                )
                 && fault.is_some_and(|fault| fault.is_one_frame_lost());
-            let done = match tried.done {
+            let done = match tried.expected {
                 _ if lost_unseen => true,
-                Done::Turned => drive.greatest > STANDS && !turns[n] && !drive.after.enabled,
-                Done::Turning => turns[n] && left,
-                Done::Moved(by) => (far.abs() - by).abs() < 0.1 && !turns[n],
-                Done::Powered => drive.after.enabled && !turns[n],
-                Done::Off => !drive.after.enabled,
-                Done::Standing => !turns[n],
+                ExpectedEnd::Turned => {
+                    drive.top_speed > STANDSTILL_SPEED && !turns[n] && !drive.after.enabled
+                }
+                ExpectedEnd::Turning => turns[n] && left,
+                ExpectedEnd::Moved(by) => (far.abs() - by).abs() < 0.1 && !turns[n],
+                ExpectedEnd::Powered => drive.after.enabled && !turns[n],
+                ExpectedEnd::Off => !drive.after.enabled,
+                ExpectedEnd::Standing => !turns[n],
             };
             hold(done, &format!("exit 0, and drive {n} has not done it"));
         }
@@ -278,7 +294,7 @@ fn judged(family: &Family, tried: &Tried, fault: Option<Fault>, ran: &Ran) -> Ve
         hold(!started, "`Nothing was sent`, and a drive has executed something");
     }
     for (what, happened) in [
-        ("velocity", witness.drives.iter().any(|drive| drive.greatest > STANDS)),
+        ("velocity", witness.drives.iter().any(|drive| drive.top_speed > STANDSTILL_SPEED)),
         ("enable", witness.drives.iter().any(|drive| drive.was_enabled)),
     ] {
         let not = said.lines().any(|line| {
@@ -287,33 +303,38 @@ fn judged(family: &Family, tried: &Tried, fault: Option<Fault>, ran: &Ran) -> Ve
         hold(!(not && happened && turns.len() == 1), &format!("`{what}` is called not executed"));
     }
     if let Some(fault) = fault {
-        if fault.back.is_some() && !matches!(tried.done, Done::Standing | Done::Off) {
+        if fault.recovers_after.is_some()
+            && !matches!(tried.expected, ExpectedEnd::Standing | ExpectedEnd::Off)
+        {
             hold(stands || left, "the wire came back, and the motor turns on");
         }
-        if fault.is_moment() && tried.done != Done::Off {
+        if fault.is_glitch() && tried.expected != ExpectedEnd::Off {
             hold(stands || left, "one frame was lost, and the motor turns on");
         }
         let code = *exit as u8;
-        let fits = match fault.how {
-            How::CutBefore | How::CutBehind => matches!(code, 0 | 1 | 3 | 4 | 7),
-            How::Mute | How::Deaf => matches!(code, 0 | 1 | 4 | 5 | 6 | 7),
+        let fits = match fault.mode {
+            FailureMode::CutBefore | FailureMode::CutAfter => matches!(code, 0 | 1 | 3 | 4 | 7),
+            FailureMode::HostMuted | FailureMode::DrivesMuted => {
+                matches!(code, 0 | 1 | 4 | 5 | 6 | 7)
+            }
         };
         hold(fits, &format!("exit {code} for that fault"));
     }
     wrong
 }
 
-fn some(frames: usize) -> Vec<usize> {
+fn sampled_frames(frames: usize) -> Vec<usize> {
     if std::env::var("POLEPAIR_FRAMES").is_ok_and(|all| all == "all") {
         return (1..=frames).collect();
     }
-    let mut few: Vec<usize> =
-        (0..SOME).map(|k| 1 + k * frames.saturating_sub(1) / (SOME - 1)).collect();
+    let mut few: Vec<usize> = (0..SAMPLED_FRAMES)
+        .map(|k| 1 + k * frames.saturating_sub(1) / (SAMPLED_FRAMES - 1))
+        .collect();
     few.dedup();
     few
 }
 
-fn try_family(family: &'static Family) -> (usize, Vec<String>) {
+fn try_family(family: &'static DriveFamily) -> (usize, Vec<String>) {
     let (mut count, mut wrong) = (0, Vec::new());
     let only = std::env::var("POLEPAIR_VERB").ok();
     for tried in family.verbs {
@@ -321,27 +342,27 @@ fn try_family(family: &'static Family) -> (usize, Vec<String>) {
         if only.as_ref().is_some_and(|only| !name.contains(only.as_str())) {
             continue;
         }
-        let well = run(family, tried, None);
-        let mut judge = |fault: Option<Fault>, ran: &Ran| {
-            for what in judged(family, tried, fault, ran) {
+        let well = run_case(family, tried, None);
+        let mut judge = |fault: Option<WireFault>, ran: &VerbRun| {
+            for what in find_violations(family, tried, fault, ran) {
                 wrong.push(format!(
                     "{} {name}, {fault:?}, exit {}: {what}\n{}",
-                    family.sim, ran.exit as u8, ran.said
+                    family.sim, ran.exit as u8, ran.output
                 ));
             }
         };
         judge(None, &well);
-        for at in some(well.witness.frames) {
-            for fault in Fault::each(at) {
+        for at in sampled_frames(well.observation.frames) {
+            for fault in WireFault::all_at(at) {
                 count += 1;
-                judge(Some(fault), &run(family, tried, Some(fault)));
+                judge(Some(fault), &run_case(family, tried, Some(fault)));
             }
         }
     }
     (count, wrong)
 }
 
-fn holds(sim: &str) {
+fn check_family(sim: &str) {
     let family = FAMILIES.iter().find(|family| family.sim == sim).expect("a family");
     let (count, wrong) = try_family(family);
     let shown: Vec<&str> = wrong.iter().take(12).map(String::as_str).collect();
@@ -353,7 +374,7 @@ macro_rules! families {
     ($($test:ident $sim:literal,)+) => {$(
         #[test]
         fn $test() {
-            holds($sim);
+            check_family($sim);
         }
     )+};
 }

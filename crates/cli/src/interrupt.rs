@@ -9,25 +9,25 @@ use polepair_core::time::Instant;
 use polepair_link::clock;
 
 use crate::problem::Exit;
-use crate::terminal::say;
+use crate::terminal::print_note;
 
 /// Keys that come sooner after the first are the same press: they bounce, and `timeout` sends its
 /// signal to a process and to its group.
 const SAME_PRESS_MS: u32 = 300;
 
 static COUNT: AtomicU32 = AtomicU32::new(0);
-static WAKE: Mutex<Vec<Box<dyn Fn() + Send>>> = Mutex::new(Vec::new());
+static WAKERS: Mutex<Vec<Box<dyn Fn() + Send>>> = Mutex::new(Vec::new());
 /// What may be turning because of this process: the connection string that stops it.
-static HELD: Mutex<Option<String>> = Mutex::new(None);
-static FIRST: Mutex<Option<Instant>> = Mutex::new(None);
+static HELD_URL: Mutex<Option<String>> = Mutex::new(None);
+static FIRST_AT: Mutex<Option<Instant>> = Mutex::new(None);
 
 /// Listens for every signal that would end this process, from now on; `wake` is called, on another
 /// thread, when one comes.
 pub fn listen(wake: impl Fn() + Send + 'static) {
     static LISTENING: AtomicBool = AtomicBool::new(false);
-    locked(&WAKE).push(Box::new(wake));
+    lock(&WAKERS).push(Box::new(wake));
     if !cfg!(test) && !LISTENING.swap(true, Ordering::SeqCst) {
-        system::hear(system::ENDING);
+        system::listen_for(system::ENDING);
     }
 }
 
@@ -38,26 +38,26 @@ pub fn outlive_file_limit() {
 
 /// Says what may be turning because of this process until the answer is dropped. Meanwhile it is not
 /// suspended: Ctrl-Z ends what waits, too, for nobody would watch the motor.
-pub fn hold(url: &str) -> Holding {
+pub fn hold_motion(url: &str) -> HoldGuard {
     static UNSUSPENDED: AtomicBool = AtomicBool::new(false);
-    *locked(&HELD) = Some(url.to_owned());
+    *lock(&HELD_URL) = Some(url.to_owned());
     if !cfg!(test) && !UNSUSPENDED.swap(true, Ordering::SeqCst) {
-        system::hear(system::SUSPENDING);
+        system::listen_for(system::SUSPENDING);
     }
-    Holding(())
+    HoldGuard(())
 }
 
 /// Something may be turning because of this process.
-pub struct Holding(());
+pub struct HoldGuard(());
 
-impl Drop for Holding {
+impl Drop for HoldGuard {
     fn drop(&mut self) {
-        *locked(&HELD) = None;
+        *lock(&HELD_URL) = None;
     }
 }
 
 /// True once such a signal came.
-pub fn came() -> bool {
+pub fn was_interrupted() -> bool {
     count() > 0
 }
 
@@ -67,25 +67,27 @@ pub fn count() -> u32 {
 }
 
 /// Takes a signal; `key` for one of the keyboard's that asks for an end at once when it comes again.
-fn heard(key: bool) {
+fn handle_signal(key: bool) {
     if COUNT.fetch_add(1, Ordering::SeqCst) == 0 {
-        *locked(&FIRST) = Some(clock::now());
-        locked(&WAKE).iter().for_each(|wake| wake());
+        *lock(&FIRST_AT) = Some(clock::now());
+        lock(&WAKERS).iter().for_each(|wake| wake());
         return;
     }
     // A terminal that closes, and whoever ends a service, sends several signals.
-    let same = locked(&FIRST).is_none_or(|first| clock::now() < first.plus_ms(SAME_PRESS_MS));
-    let held = locked(&HELD).clone();
+    let same = lock(&FIRST_AT).is_none_or(|first| clock::now() < first.plus_ms(SAME_PRESS_MS));
+    let held = lock(&HELD_URL).clone();
     if same || !(key || held.is_none()) {
         return;
     }
     if let Some(url) = held {
-        say(&format!("left at once: a motor may still turn; this stops it: polepair stop {url}"));
+        print_note(&format!(
+            "left at once: a motor may still turn; this stops it: polepair stop {url}"
+        ));
     }
     std::process::exit(Exit::Interrupted as i32);
 }
 
-fn locked<T>(what: &Mutex<T>) -> MutexGuard<'_, T> {
+fn lock<T>(what: &Mutex<T>) -> MutexGuard<'_, T> {
     what.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -114,11 +116,13 @@ mod system {
     }
 
     /// Hears these signals on a thread of its own.
-    pub fn hear(signals: &[i32]) {
+    pub fn listen_for(signals: &[i32]) {
         // Refused for lack of descriptors or threads alone, which no user could mend here.
         let Ok(mut signals) = Signals::new(signals) else { return };
         let hear = move || {
-            signals.forever().for_each(|signal| super::heard(matches!(signal, SIGINT | SIGQUIT)));
+            signals
+                .forever()
+                .for_each(|signal| super::handle_signal(matches!(signal, SIGINT | SIGQUIT)));
         };
         let _ = std::thread::Builder::new().name("signals".to_owned()).spawn(hear);
     }
@@ -133,10 +137,10 @@ mod system {
     pub const SUSPENDING: &[i32] = &[];
 
     /// Hears Ctrl-C, Ctrl-Break and a console that closes.
-    pub fn hear(signals: &[i32]) {
+    pub fn listen_for(signals: &[i32]) {
         if !signals.is_empty() {
             // A second handler cannot be refused for a reason that the user could mend.
-            let _ = ctrlc::set_handler(|| super::heard(true));
+            let _ = ctrlc::set_handler(|| super::handle_signal(true));
         }
     }
 }

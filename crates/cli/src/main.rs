@@ -5,16 +5,16 @@
 
 mod capture;
 mod cmd;
-mod ears;
 #[cfg(test)]
 mod every_frame;
 mod interrupt;
-mod joined;
 mod motion;
 mod outcome;
 mod problem;
 mod progress;
+mod remote;
 mod session;
+mod tap_queue;
 mod target;
 mod terminal;
 mod trace;
@@ -24,9 +24,9 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     interrupt::outlive_file_limit();
-    let arguments = match cmd::Arguments::read() {
+    let arguments = match cmd::CommandLine::parse_args() {
         Ok(arguments) => arguments,
-        Err(error) => return usage(&error),
+        Err(error) => return print_usage(&error),
     };
     match cmd::run(arguments) {
         Ok(exit) => ExitCode::from(exit as u8),
@@ -40,7 +40,7 @@ fn main() -> ExitCode {
 }
 
 /// Help and version go to stdout and are no error; everything else is.
-fn usage(error: &clap::Error) -> ExitCode {
+fn print_usage(error: &clap::Error) -> ExitCode {
     // A reader that went away is nothing to report.
     let _ = error.print();
     ExitCode::from(if error.use_stderr() { problem::Exit::Usage } else { problem::Exit::Ok } as u8)

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use polepair::Axis;
-use polepair::axis::{OWED_MAX, check_together, stop_owed};
+use polepair::axis::{STOP_RETRY_MAX, check_together, stop_with_retry};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::{Severity, Signal};
@@ -13,29 +13,29 @@ use polepair_core::time::Instant;
 use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, signal, verb_if_any};
-use crate::terminal::{self, say};
+use crate::session::{Session, read_signal, run_optional_verb};
+use crate::terminal::{self, print_note};
 use crate::value;
 
 /// How often a held motion looks for Ctrl-C and its end.
-const LOOK_MS: u32 = 25;
+const POLL_MS: u32 = 25;
 /// How often it reads the drive.
 const READ_MS: u32 = 250;
 /// How far ahead a held motion on an axis with ends looks: reading and stopping take their time.
-const AHEAD: Duration = Duration::from_millis(150);
+const LOOKAHEAD: Duration = Duration::from_millis(150);
 /// Of the speed that was asked for: faster than this share it has turned, slower than that it stands.
-const TURNS: f64 = 0.5;
-const STANDS: f64 = 0.02;
+const TURNING_SHARE: f64 = 0.5;
+const STANDSTILL_SHARE: f64 = 0.02;
 /// A motor that is held in motion may stand for so long.
-const STANDS_MAX: Duration = Duration::from_secs(1);
+const STANDSTILL_MAX: Duration = Duration::from_secs(1);
 /// How long a stopping motor keeps its power: Ctrl-C ends a verb within a second.
-const REST_MAX: Duration = Duration::from_millis(800);
+const STANDSTILL_WAIT_MAX: Duration = Duration::from_millis(800);
 /// How long a move may take unless the user says otherwise.
 pub const ARRIVE_MAX: Duration = Duration::from_secs(600);
 
 /// What to do with a motion once it runs.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub enum Then {
+pub enum MotionMode {
     /// Hold it for some seconds, or until Ctrl-C, and stop it.
     Hold(Option<f64>),
     /// Wait until it has arrived, at most so many seconds.
@@ -45,7 +45,7 @@ pub enum Then {
 }
 
 /// Reads an argument in its unit, or as the drive's own number.
-pub fn argument(
+pub fn parse_argument(
     axis: &Axis,
     verb: Verb,
     which: Argument,
@@ -62,33 +62,33 @@ pub fn argument(
         };
         let name = axis.profile().name;
         let what = match axis.profile().plan(verb) {
-            None => format!("{name} has no `{}`.", command_of(verb)),
+            None => format!("{name} has no `{}`.", command_word(verb)),
             Some(_) => format!("{name} takes no {option} with this verb."),
         };
-        let why = format!("Its profile has no steps for that. {}", outcome::unsent());
+        let why = format!("Its profile has no steps for that. {}", outcome::sent_so_far());
         return Err(Problem::usage("E218", what).why(why));
     };
     if raw {
-        let number = value::whole(text).ok_or_else(|| {
+        let number = value::parse_whole(text).ok_or_else(|| {
             let what = format!("{text:?} is not a whole number.");
-            Problem::usage("E217", what).why(outcome::unsent())
+            Problem::usage("E217", what).why(outcome::sent_so_far())
         })?;
-        return axis.raw_argument(verb, which, number).map_err(outcome::error);
+        return axis.raw_argument(verb, which, number).map_err(outcome::to_problem);
     }
-    let measure = polepair::quantity::parse(text).map_err(outcome::error)?;
+    let measure = polepair::quantity::parse(text).map_err(outcome::to_problem)?;
     if measure.si != 0.0 {
-        axis.check_unit(verb, which, text).map_err(outcome::error)?;
+        axis.check_unit(verb, which, text).map_err(outcome::to_problem)?;
     }
     // Why a unit is not the drive's, its parameter's description says best.
     let written = axis.destination(verb, which).flatten();
     measure.in_unit(unit).map_err(|wrong| {
         let about = written.map(|into| format!("It is written to {:?}: {}", into.name, into.about));
-        outcome::error(wrong).why(about.unwrap_or_default())
+        outcome::to_problem(wrong).why(about.unwrap_or_default())
     })
 }
 
 /// The command that a verb of motion is said by.
-pub const fn command_of(verb: Verb) -> &'static str {
+pub const fn command_word(verb: Verb) -> &'static str {
     match verb {
         Verb::Velocity => "spin",
         Verb::MoveTo | Verb::MoveBy | Verb::MoveOn | Verb::CurveTo | Verb::CurveBy => "move",
@@ -97,7 +97,7 @@ pub const fn command_of(verb: Verb) -> &'static str {
 }
 
 /// Says what to watch out for, once per product, before anything moves.
-pub fn caution(session: &Session) {
+pub fn print_caution(session: &Session) {
     let mut told: Vec<&str> = Vec::new();
     for axis in session.axes() {
         let profile = axis.profile();
@@ -106,87 +106,89 @@ pub fn caution(session: &Session) {
         }
         told.push(profile.name);
         if !profile.caution.is_empty() {
-            say(&format!("caution: {}: {}", profile.name, profile.caution));
+            print_note(&format!("caution: {}: {}", profile.name, profile.caution));
         }
-        say(&format!("watchdog: {}", axis.watchdog_rule()));
+        print_note(&format!("watchdog: {}", axis.watchdog_rule()));
     }
 }
 
 /// Carries a motion out on every axis of the session, and stops what it started when it ends early.
-pub fn run(session: &Session, commands: &[(Axis, Command)], then: Then) -> Result {
+pub fn run_motion(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
     let check = |commands: &[(Axis, Command)]| {
         commands.iter().try_for_each(|(axis, command)| {
-            axis.rehearse(*command).map(drop).map_err(outcome::error)
+            axis.rehearse(*command).map(drop).map_err(outcome::to_problem)
         })
     };
-    carry_out(session, commands, then, (check, start_each))
+    execute_motion(session, commands, then, (check, start_each))
 }
 
 /// The same with moves that begin at one signal.
-pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: Then) -> Result {
-    let check = |commands: &[_]| check_together(commands).map_err(outcome::error);
-    let start = |commands: &[_], _| polepair::start_together(commands).map_err(outcome::error);
-    carry_out(session, commands, then, (check, start))
+pub fn run_together(session: &Session, commands: &[(Axis, Command)], then: MotionMode) -> Result {
+    let check = |commands: &[_]| check_together(commands).map_err(outcome::to_problem);
+    let start = |commands: &[_], _| polepair::start_together(commands).map_err(outcome::to_problem);
+    execute_motion(session, commands, then, (check, start))
 }
 
-fn carry_out(
+fn execute_motion(
     session: &Session,
     commands: &[(Axis, Command)],
-    then: Then,
+    then: MotionMode,
     (check, start): (
         impl FnOnce(&[(Axis, Command)]) -> Result<()>,
         impl FnOnce(&[(Axis, Command)], Instant) -> Result<()>,
     ),
 ) -> Result {
-    let watched = commands.iter().find(|(axis, command)| axis.has_ends() && lasts(command.verb));
-    if let Some((axis, _)) = watched.filter(|_| then == Then::Detach) {
+    let watched = commands
+        .iter()
+        .find(|(axis, command)| axis.has_position_limits() && is_lasting(command.verb));
+    if let Some((axis, _)) = watched.filter(|_| then == MotionMode::Detach) {
         let what = format!("{} has ends, and nobody would watch them.", axis.label());
         return Err(Problem::usage("E223", what)
             .why("A speed or torque that is left running would pass the limits of its position.")
             .hint("leave --detach out, or give a target: polepair move"));
     }
-    caution(session);
-    session.listen();
-    let mut begun = Begun::new(&session.words);
+    print_caution(session);
+    session.listen_for_interrupts();
+    let mut begun = StartedMotion::new(&session.arguments);
     let within = match then {
-        Then::Arrive(Some(seconds)) => Duration::from_secs_f64(seconds),
+        MotionMode::Arrive(Some(seconds)) => Duration::from_secs_f64(seconds),
         _ => ARRIVE_MAX,
     };
     // One span for all of it: homing is part of the command, the way to a target is not.
     let deadline = session.now() + within;
     // What is refused is refused before anything has power.
     let ended = check(commands)
-        .and_then(|()| power(commands, &mut begun))
+        .and_then(|()| power_axes(commands, &mut begun))
         .and_then(|()| {
-            begun.moves();
+            begun.mark_moved();
             start(commands, deadline)
         })
         .and_then(|()| match then {
-            Then::Hold(seconds) => hold(session, commands, seconds),
-            Then::Arrive(_) => arrive(commands, deadline),
-            Then::Detach => Ok(()),
+            MotionMode::Hold(seconds) => hold_motion(session, commands, seconds),
+            MotionMode::Arrive(_) => wait_arrival(commands, deadline),
+            MotionMode::Detach => Ok(()),
         });
-    if then == Then::Detach && ended.is_ok() {
-        begun.leave();
-        say(&match session.link.simulation() {
+    if then == MotionMode::Detach && ended.is_ok() {
+        begun.detach();
+        print_note(&match session.link.simulation() {
             Some(_) => {
                 "left running, and gone: what is simulated ends with this program".to_owned()
             }
-            None => format!("left running; this stops it: polepair stop {}", session.words),
+            None => format!("left running; this stops it: polepair stop {}", session.arguments),
         });
         return Ok(Exit::Ok);
     }
-    let arrived = matches!(then, Then::Arrive(_)) && ended.is_ok();
-    let quiet = begun.quiet();
-    over(ended, begun.finish(arrived), quiet)
+    let arrived = matches!(then, MotionMode::Arrive(_)) && ended.is_ok();
+    let quiet = begun.stopped_text();
+    conclude(ended, begun.finish(arrived), quiet)
 }
 
 /// What a verb tells that has ended a motion: why it ended, and what became of its stop.
-pub fn over(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
+pub fn conclude(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
     match (ended, stopped) {
         (Ok(()), stopped) => stopped.map(|()| Exit::Ok),
         (Err(problem), Ok(())) if problem.exit == Exit::Interrupted => {
-            say(&format!("interrupted: {quiet}"));
+            print_note(&format!("interrupted: {quiet}"));
             Err(Problem::interrupted())
         }
         (Err(problem), Err(stop)) if problem.exit == Exit::Interrupted => Err(stop),
@@ -202,29 +204,29 @@ pub fn over(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
 
 /// Arms and powers an axis for a motion that ends by itself, and stops it at its end, whatever that
 /// was.
-pub fn within(session: &Session, axis: &Axis, motion: impl FnOnce() -> Result<()>) -> Result {
-    let mut begun = Begun::new(&session.words);
+pub fn run_powered(session: &Session, axis: &Axis, motion: impl FnOnce() -> Result<()>) -> Result {
+    let mut begun = StartedMotion::new(&session.arguments);
     let ended = begun.power(axis, true).and_then(|()| {
-        begun.moves();
+        begun.mark_moved();
         motion()
     });
-    let quiet = begun.quiet();
-    over(ended, begun.finish(false), quiet)
+    let quiet = begun.stopped_text();
+    conclude(ended, begun.finish(false), quiet)
 }
 
 /// Whether a motion goes on until it is stopped.
-const fn lasts(verb: Verb) -> bool {
+const fn is_lasting(verb: Verb) -> bool {
     matches!(verb, Verb::Velocity | Verb::Torque)
 }
 
 /// Axes that this verb powers and sets in motion. Whatever ends it stops them, a panic too.
-struct Begun {
-    started: Vec<Started>,
-    _holding: interrupt::Holding,
+struct StartedMotion {
+    started: Vec<StartedAxis>,
+    _holding: interrupt::HoldGuard,
 }
 
 /// An axis that this verb set in motion.
-struct Started {
+struct StartedAxis {
     axis: Axis,
     /// It was not powered before.
     enabled_here: bool,
@@ -232,25 +234,25 @@ struct Started {
     moved: bool,
 }
 
-impl Begun {
+impl StartedMotion {
     fn new(url: &str) -> Self {
-        Self { started: Vec::new(), _holding: interrupt::hold(url) }
+        Self { started: Vec::new(), _holding: interrupt::hold_motion(url) }
     }
 
     /// Arms an axis, and powers it.
     fn power(&mut self, axis: &Axis, powers: bool) -> Result<()> {
         axis.arm(true);
-        self.started.push(Started { axis: axis.clone(), enabled_here: powers, moved: false });
-        if powers { verb_if_any(axis, Verb::Enable).map(drop) } else { Ok(()) }
+        self.started.push(StartedAxis { axis: axis.clone(), enabled_here: powers, moved: false });
+        if powers { run_optional_verb(axis, Verb::Enable).map(drop) } else { Ok(()) }
     }
 
     /// A motion is asked for.
-    fn moves(&mut self) {
+    fn mark_moved(&mut self) {
         self.started.iter_mut().for_each(|one| one.moved = true);
     }
 
     /// What is told of it once all of it was stopped.
-    fn quiet(&self) -> &'static str {
+    fn stopped_text(&self) -> &'static str {
         match self.started.iter().any(|one| one.moved) {
             true => "the motion was stopped",
             false => "nothing was told to move",
@@ -258,28 +260,28 @@ impl Begun {
     }
 
     /// The motion goes on without this process.
-    fn leave(mut self) {
+    fn detach(mut self) {
         self.started.clear();
     }
 
     /// Stops what was started, all at once, and takes the power off that was put on.
     fn finish(mut self, arrived: bool) -> Result<()> {
-        finish(&std::mem::take(&mut self.started), arrived)
+        stop_started(&std::mem::take(&mut self.started), arrived)
     }
 }
 
-impl Drop for Begun {
+impl Drop for StartedMotion {
     fn drop(&mut self) {
         if !self.started.is_empty() {
-            let _ = finish(&std::mem::take(&mut self.started), false);
+            let _ = stop_started(&std::mem::take(&mut self.started), false);
         }
     }
 }
 
 /// Powers every axis, before any of them moves.
-fn power(commands: &[(Axis, Command)], begun: &mut Begun) -> Result<()> {
+fn power_axes(commands: &[(Axis, Command)], begun: &mut StartedMotion) -> Result<()> {
     for (axis, _) in commands {
-        let enabled = signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
+        let enabled = read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
         begun.power(axis, !enabled)?;
     }
     Ok(())
@@ -289,34 +291,45 @@ fn power(commands: &[(Axis, Command)], begun: &mut Begun) -> Result<()> {
 fn start_each(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     // Each is on its way before the first is waited for; one that is refused ends all.
     let ready = commands.iter().map(|(axis, command)| axis.prepare(*command));
-    let ready: Vec<_> = ready.collect::<std::result::Result<_, _>>().map_err(outcome::error)?;
-    let begun = ready.iter().map(polepair::axis::Prepared::start);
-    let begun: Vec<_> = begun.collect::<std::result::Result<_, _>>().map_err(outcome::error)?;
+    let ready: Vec<_> =
+        ready.collect::<std::result::Result<_, _>>().map_err(outcome::to_problem)?;
+    let begun = ready.iter().map(polepair::axis::PreparedCommand::start);
+    let begun: Vec<_> =
+        begun.collect::<std::result::Result<_, _>>().map_err(outcome::to_problem)?;
     for (mut running, (axis, command)) in begun.into_iter().zip(commands) {
         let left = deadline.since(axis.connection().now());
-        if running.wait(left).map_err(outcome::error)?.is_none() {
-            return Err(late(&axis.label(), command.verb).hint("give it more time: --timeout"));
+        if running.wait(left).map_err(outcome::to_problem)?.is_none() {
+            return Err(
+                late_problem(&axis.label(), command.verb).hint("give it more time: --timeout")
+            );
         }
     }
     Ok(())
 }
 
 /// What a verb waited for did not come.
-pub fn late(label: &str, verb: Verb) -> Problem {
+pub fn late_problem(label: &str, verb: Verb) -> Problem {
     let what = format!("{label}: {} did not end in time.", verb.name());
     Problem::new(Exit::Negative, "E101", what).why("What was waited for did not come in that time.")
 }
 
 /// Waits, and shows what the drive does where a person looks.
-pub fn hold(session: &Session, commands: &[(Axis, Command)], seconds: Option<f64>) -> Result<()> {
+pub fn hold_motion(
+    session: &Session,
+    commands: &[(Axis, Command)],
+    seconds: Option<f64>,
+) -> Result<()> {
     let mut next = session.now();
-    let mut live = Live::new();
-    let mut held: Vec<_> = commands.iter().map(|(axis, c)| Held::new(axis.label(), c)).collect();
+    let mut live = LiveLine::new();
+    let mut held: Vec<_> =
+        commands.iter().map(|(axis, c)| HoldCheck::new(axis.label(), c)).collect();
     let pause = |until: Instant| session.link.sleep(until.since(session.now()));
     hold_while(seconds, (&|| session.now(), &pause), |now| {
         for (axis, _) in commands {
-            if let Some(why) = axis.leaving(AHEAD).map_err(outcome::error)? {
-                return Err(Problem::new(Exit::Negative, "E105", outcome::sentence(&why))
+            if let Some(why) =
+                axis.predict_limit_violation(LOOKAHEAD).map_err(outcome::to_problem)?
+            {
+                return Err(Problem::new(Exit::Negative, "E105", outcome::to_sentence(&why))
                     .hint("hold it for less time: --for; `polepair move` ends by itself"));
             }
         }
@@ -324,12 +337,12 @@ pub fn hold(session: &Session, commands: &[(Axis, Command)], seconds: Option<f64
             next = now.plus_ms(READ_MS);
             for ((axis, _), held) in commands.iter().zip(&mut held) {
                 check_fault(axis)?;
-                let enabled = signal(axis, Signal::Enabled)?.map(|read| read.raw != 0);
-                let velocity = match held.asks_velocity() {
-                    true => signal(axis, Signal::Velocity)?,
+                let enabled = read_signal(axis, Signal::Enabled)?.map(|read| read.raw != 0);
+                let velocity = match held.needs_velocity() {
+                    true => read_signal(axis, Signal::Velocity)?,
                     false => None,
                 };
-                held.check(now, enabled, velocity.map(|read| read.value * read.unit.si()))?;
+                held.check(now, enabled, velocity.map(|read| read.value * read.unit.si_factor()))?;
             }
             live.show(commands)?;
         }
@@ -339,7 +352,7 @@ pub fn hold(session: &Session, commands: &[(Axis, Command)], seconds: Option<f64
 
 /// What tells of a motor that is held in motion whether it still is: another program, an input or the drive
 /// itself may have ended that.
-pub struct Held {
+pub struct HoldCheck {
     label: String,
     /// The speed that was asked for, rad/s or m/s.
     velocity: Option<f64>,
@@ -348,14 +361,14 @@ pub struct Held {
     stands_since: Option<Instant>,
 }
 
-impl Held {
+impl HoldCheck {
     pub fn new(label: String, command: &Command) -> Self {
         let velocity = command.velocity.filter(|si| command.verb == Verb::Velocity && *si != 0.0);
         Self { label, velocity, was_enabled: false, has_turned: false, stands_since: None }
     }
 
     /// Whether its speed tells something.
-    pub fn asks_velocity(&self) -> bool {
+    pub fn needs_velocity(&self) -> bool {
         self.velocity.is_some()
     }
 
@@ -375,11 +388,11 @@ impl Held {
             );
         }
         let (Some(asked), Some(si)) = (self.velocity, si) else { return Ok(()) };
-        self.has_turned |= si.abs() > asked.abs() * TURNS;
-        let stands = self.has_turned && si.abs() < asked.abs() * STANDS;
+        self.has_turned |= si.abs() > asked.abs() * TURNING_SHARE;
+        let stands = self.has_turned && si.abs() < asked.abs() * STANDSTILL_SHARE;
         self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
         match self.stands_since {
-            Some(since) if now.since(since) >= STANDS_MAX => ended(
+            Some(since) if now.since(since) >= STANDSTILL_MAX => ended(
                 "stands, and was to turn",
                 "Another program stopped it, or something holds it.",
             ),
@@ -389,157 +402,161 @@ impl Held {
 }
 
 /// The clock that is waited on: what it shows, and who waits until an instant of it.
-pub type Clock<'a> = (&'a dyn Fn() -> Instant, &'a dyn Fn(Instant));
+pub type ClockFns<'a> = (&'a dyn Fn() -> Instant, &'a dyn Fn(Instant));
 
 /// Waits for so many seconds, or until Ctrl-C, for as long as each look finds nothing wrong.
 pub fn hold_while(
     seconds: Option<f64>,
-    (now, pause): Clock<'_>,
+    (now, pause): ClockFns<'_>,
     mut look: impl FnMut(Instant) -> Result<()>,
 ) -> Result<()> {
     let end = seconds.map(|seconds| now().plus_ns((seconds * 1e9) as u64));
     if seconds.is_none() {
-        say("holding; Ctrl-C stops it");
+        print_note("holding; Ctrl-C stops it");
     }
     loop {
         let now = now();
-        if interrupt::came() {
+        if interrupt::was_interrupted() {
             return Err(Problem::interrupted());
         }
         if end.is_some_and(|end| now >= end) {
             return Ok(());
         }
         look(now)?;
-        let until = now.plus_ms(LOOK_MS);
+        let until = now.plus_ms(POLL_MS);
         pause(end.map_or(until, |end| until.min(end)));
     }
 }
 
 /// Ends with the drive's fault, if it has one that stops it.
 pub fn check_fault(axis: &Axis) -> Result<()> {
-    let Some(value) = signal(axis, Signal::Fault)? else { return Ok(()) };
+    let Some(value) = read_signal(axis, Signal::Fault)? else { return Ok(()) };
     let code = u32::try_from(value.raw).unwrap_or(0);
     let faults = outcome::faults(axis.profile(), code);
     let Some(fault) = faults.iter().find(|fault| fault.severity == Severity::Fault) else {
         return Ok(());
     };
     let what = format!("{} reports a fault: {} ({})", axis.label(), fault.text, fault.name);
-    Err(Problem::new(Exit::DriveFault, "E801", outcome::sentence(&what))
+    Err(Problem::new(Exit::DriveFault, "E801", outcome::to_sentence(&what))
         .why(fault.cause)
         .hint_if(Some(fault.remedy).filter(|remedy| !remedy.is_empty())))
 }
 
 /// Waits until the drives say that they have arrived.
-fn arrive(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
+fn wait_arrival(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     for (axis, command) in commands {
         // Homing ends when the reference is found.
         if command.verb == Verb::Home {
             continue;
         }
         if axis.profile().plan(Verb::Reached).is_none() {
-            say(&format!("{} cannot tell when it arrives; it was started", axis.label()));
+            print_note(&format!("{} cannot tell when it arrives; it was started", axis.label()));
             continue;
         }
-        axis.wait(deadline.since(axis.connection().now())).map_err(outcome::error)?;
+        axis.wait(deadline.since(axis.connection().now())).map_err(outcome::to_problem)?;
     }
     Ok(())
 }
 
 /// Stops what was started, all at once, and takes the power off that was put on. A stop that was lost
 /// is said again for a while: nobody else would.
-fn finish(started: &[Started], arrived: bool) -> Result<()> {
-    let owed: Vec<&Started> = started.iter().filter(|_| !arrived).collect();
-    let mut stopped = stop_each(&owed).into_iter();
+fn stop_started(started: &[StartedAxis], arrived: bool) -> Result<()> {
+    let owed: Vec<&StartedAxis> = started.iter().filter(|_| !arrived).collect();
+    let mut stopped = stop_started_axes(&owed).into_iter();
     let mut ended = Ok(());
-    for one @ Started { axis, enabled_here, .. } in started {
+    for one @ StartedAxis { axis, enabled_here, .. } in started {
         let stopped = stopped.next().unwrap_or(Ok(()));
         // Also after a stop that failed: a motor without power at least does not drive.
-        let off = if *enabled_here { verb_if_any(axis, Verb::Disable) } else { Ok(None) };
+        let off = if *enabled_here { run_optional_verb(axis, Verb::Disable) } else { Ok(None) };
         axis.arm(false);
         let is_off = *enabled_here && off.is_ok();
         if stopped.is_err() && !is_off {
-            say(&format!("{} may {}: cut its supply", axis.label(), one.may()));
+            print_note(&format!("{} may {}: cut its supply", axis.label(), one.risk_text()));
         } else if off.is_err() {
-            say(&format!("{} may still be powered", axis.label()));
+            print_note(&format!("{} may still be powered", axis.label()));
         }
         ended = ended.and(stopped).and(off.map(drop));
     }
     ended
 }
 
-impl Started {
+impl StartedAxis {
     /// What a motor may do whose stop nobody confirmed.
-    const fn may(&self) -> &'static str {
+    const fn risk_text(&self) -> &'static str {
         if self.moved { "still turn" } else { "still be powered" }
     }
 }
 
 /// Stops axes.
-fn stop_each(started: &[&Started]) -> Vec<Result<()>> {
+fn stop_started_axes(started: &[&StartedAxis]) -> Vec<Result<()>> {
     let axes: Vec<Axis> = started.iter().map(|one| one.axis.clone()).collect();
-    let mut owed = Owed::new();
-    let ended = stop_owed(&axes, OWED_MAX, |axis, _| {
+    let mut owed = StopRetryNotice::new();
+    let ended = stop_with_retry(&axes, STOP_RETRY_MAX, |axis, _| {
         let one = started.iter().find(|one| one.axis.number() == axis.number());
-        owed.again(axis, one.map_or("still turn", |one| one.may()))
+        owed.report_retry(axis, one.map_or("still turn", |one| one.risk_text()))
     });
-    let told = axes.iter().zip(ended).map(|(axis, ended)| owed.told(axis, ended));
+    let told = axes.iter().zip(ended).map(|(axis, ended)| owed.report_end(axis, ended));
     told.collect()
 }
 
 /// What is said of stops that were lost.
-pub struct Owed {
-    told: Vec<String>,
+pub struct StopRetryNotice {
+    reported: Vec<String>,
     /// So many signals that ask for a stop leave it: one asks for it, whenever that comes.
-    leave: u32,
+    interrupt_limit: u32,
 }
 
-impl Owed {
+impl StopRetryNotice {
     pub fn new() -> Self {
-        Self { told: Vec::new(), leave: interrupt::count().max(1) + 1 }
+        Self { reported: Vec::new(), interrupt_limit: interrupt::count().max(1) + 1 }
     }
 
     /// Says once of an axis that its stop is said again; false when somebody wants this to end.
-    pub fn again(&mut self, axis: &Axis, may: &str) -> bool {
+    pub fn report_retry(&mut self, axis: &Axis, may: &str) -> bool {
         let label = axis.label();
-        if !self.told.contains(&label) {
-            say(&format!(
+        if !self.reported.contains(&label) {
+            print_note(&format!(
                 "{label} may {may}: cut its supply. Its stop was not confirmed, and is said again for \
                  {} s",
-                OWED_MAX.as_secs()
+                STOP_RETRY_MAX.as_secs()
             ));
-            self.told.push(label);
+            self.reported.push(label);
         }
-        interrupt::count() < self.leave
+        interrupt::count() < self.interrupt_limit
     }
 
     /// Says of an axis that its stop was confirmed after all.
-    pub fn told(&self, axis: &Axis, ended: std::result::Result<(), polepair::Error>) -> Result<()> {
-        if ended.is_ok() && self.told.contains(&axis.label()) {
-            say(&format!("{} is stopped", axis.label()));
+    pub fn report_end(
+        &self,
+        axis: &Axis,
+        ended: std::result::Result<(), polepair::Error>,
+    ) -> Result<()> {
+        if ended.is_ok() && self.reported.contains(&axis.label()) {
+            print_note(&format!("{} is stopped", axis.label()));
         }
-        ended.map_err(outcome::error)
+        ended.map_err(outcome::to_problem)
     }
 }
 
 /// Waits until a motor that was told to stop stands still: without power it would coast.
-pub fn rest(axis: &Axis) -> Result<()> {
+pub fn wait_standstill(axis: &Axis) -> Result<()> {
     let now = || axis.connection().now();
-    let end = now() + REST_MAX;
-    while let Some(velocity) = signal(axis, Signal::Velocity)?
+    let end = now() + STANDSTILL_WAIT_MAX;
+    while let Some(velocity) = read_signal(axis, Signal::Velocity)?
         && velocity.raw.abs() > 1
         && now() < end
     {
-        axis.sleep(Duration::from_millis(LOOK_MS.into()));
+        axis.sleep(Duration::from_millis(POLL_MS.into()));
     }
     Ok(())
 }
 
 /// One line on a terminal, drawn again and again.
-struct Live {
+struct LiveLine {
     shown: bool,
 }
 
-impl Live {
+impl LiveLine {
     fn new() -> Self {
         use std::io::IsTerminal as _;
         Self { shown: std::io::stderr().is_terminal() && terminal::colour_err() }
@@ -553,7 +570,7 @@ impl Live {
         for (axis, _) in commands {
             let _ = write!(line, "{}", axis.label());
             for wanted in [Signal::Velocity, Signal::Position, Signal::Current] {
-                if let Some(value) = signal(axis, wanted)? {
+                if let Some(value) = read_signal(axis, wanted)? {
                     let _ = write!(line, "  {} {value}", wanted.name());
                 }
             }
@@ -564,7 +581,7 @@ impl Live {
     }
 }
 
-impl Drop for Live {
+impl Drop for LiveLine {
     fn drop(&mut self) {
         if self.shown {
             terminal::draw("\r\x1b[K");

@@ -3,25 +3,25 @@
 use std::sync::{Mutex, PoisonError};
 
 pub use polepair::faults;
-use polepair::heard::Heard;
-use polepair::{Connector, Error, Sent};
+use polepair::no_reply::NoReplyDetails;
+use polepair::{Connector, Error, SentCounter};
 use polepair_core::error::Outcome;
 use polepair_link::LinkError;
 
 use crate::problem::{Exit, Problem};
 
 /// What counts the frames that left on links that this process opened.
-static SENT: Mutex<Vec<Sent>> = Mutex::new(Vec::new());
+static SENT_COUNTERS: Mutex<Vec<SentCounter>> = Mutex::new(Vec::new());
 
 /// Has the frames counted that leave on a connector's links.
-pub fn count(connector: &Connector) {
-    SENT.lock().unwrap_or_else(PoisonError::into_inner).push(connector.sent());
+pub fn count_frames_of(connector: &Connector) {
+    SENT_COUNTERS.lock().unwrap_or_else(PoisonError::into_inner).push(connector.sent_counter());
 }
 
 /// Whether anything left before something was refused here, in a sentence.
-pub fn unsent() -> String {
-    let sent = SENT.lock().unwrap_or_else(PoisonError::into_inner);
-    match sent.iter().map(Sent::count).sum::<u64>() {
+pub fn sent_so_far() -> String {
+    let sent = SENT_COUNTERS.lock().unwrap_or_else(PoisonError::into_inner);
+    match sent.iter().map(SentCounter::count).sum::<u64>() {
         0 => "Nothing was sent.".to_owned(),
         1 => "It was not sent. 1 frame was sent before it.".to_owned(),
         count => format!("It was not sent. {count} frames were sent before it."),
@@ -29,20 +29,22 @@ pub fn unsent() -> String {
 }
 
 /// Any error of the library.
-pub fn error(error: Error) -> Problem {
-    let mut problem = Problem::new(error.exit(), error.code(), sentence(&error.sentence()));
+pub fn to_problem(error: Error) -> Problem {
+    let mut problem = Problem::new(error.exit(), error.code(), to_sentence(&error.sentence()));
     problem = match &error {
-        Error::Failed { heard, .. } if error.exit() == Exit::NoReply && !heard.is_nothing() => {
+        Error::Failed { received: heard, .. }
+            if error.exit() == Exit::NoReply && !heard.is_nothing() =>
+        {
             problem.why("Something came back, repeats included, but no answer.")
         }
-        _ => problem.why(why(&error)),
+        _ => problem.why(reason_text(&error)),
     };
     problem.may_turn = error.may_turn();
     problem.hint_if(Some(error.hint().trim()).filter(|hint| !hint.is_empty()))
 }
 
 /// What came of addresses that did not answer.
-pub fn unanswered(heard: &Heard) -> String {
+pub fn unanswered_text(heard: &NoReplyDetails) -> String {
     match heard.is_nothing() {
         true => "Every address that was tried stayed silent.".to_owned(),
         false => format!("No address that was tried answered, but something came: {heard}."),
@@ -50,12 +52,12 @@ pub fn unanswered(heard: &Heard) -> String {
 }
 
 /// A link that the system took away or did not give.
-pub fn link_error(link: &LinkError) -> Problem {
-    error(Error::Link(link.clone()))
+pub fn link_problem(link: &LinkError) -> Problem {
+    to_problem(Error::Link(link.clone()))
 }
 
 /// One sentence of why, where the exit code alone does not say it.
-fn why(error: &Error) -> String {
+fn reason_text(error: &Error) -> String {
     let partly = matches!(error, Error::Failed { outcome: Outcome::Partly(..), .. });
     let told = match (error.exit(), error.executed()) {
         // Of several requests some may have been answered.
@@ -68,14 +70,14 @@ fn why(error: &Error) -> String {
         (Exit::Refused, Some(false)) => "The drive said no; it was not executed.",
         (Exit::Negative, _) => "What was waited for did not come in that time.",
         // What was executed of it, the sentence says.
-        (Exit::Usage, Some(false)) => return unsent(),
+        (Exit::Usage, Some(false)) => return sent_so_far(),
         _ => "",
     };
     told.to_owned()
 }
 
 /// With a capital and a full stop.
-pub fn sentence(text: &str) -> String {
+pub fn to_sentence(text: &str) -> String {
     let text = text.trim();
     let stop = if text.is_empty() || text.ends_with(['.', '!', '?']) { "" } else { "." };
     format!("{text}{stop}")

@@ -51,7 +51,7 @@ impl Problem {
 
     /// Says whom it is about, where several were told.
     #[must_use]
-    pub fn of(mut self, label: &str) -> Self {
+    pub fn about(mut self, label: &str) -> Self {
         self.what = format!("{label}: {}", self.what);
         self
     }
@@ -99,7 +99,7 @@ impl Problem {
 }
 
 /// A file that cannot be read or written.
-pub fn file(path: &std::path::Path, verb: &str, error: &std::io::Error) -> Problem {
+pub fn file_problem(path: &std::path::Path, verb: &str, error: &std::io::Error) -> Problem {
     use std::io::ErrorKind as Kind;
     let what = format!("cannot {verb} {}.", path.display());
     let (code, why) = match error.kind() {
@@ -113,14 +113,14 @@ pub fn file(path: &std::path::Path, verb: &str, error: &std::io::Error) -> Probl
 /// A word that names no protocol.
 pub fn no_such_protocol(word: &str) -> Problem {
     let known: Vec<&str> = polepair_core::proto::dissectors().iter().map(|d| d.name()).collect();
-    let nearest = polepair_capture::nearest(word, known.iter().copied());
+    let nearest = polepair_capture::nearest_word(word, known.iter().copied());
     Problem::usage("E203", format!("{word:?} is not a protocol that polepair knows."))
-        .why(format!("It knows {}.", list(&known)))
+        .why(format!("It knows {}.", join_list(&known)))
         .hint_if(nearest.map(|name| format!("{name} (the nearest)")))
 }
 
 /// `a, b and c`.
-pub fn list(words: &[&str]) -> String {
+pub fn join_list(words: &[&str]) -> String {
     match words {
         [] => "none".to_owned(),
         [only] => (*only).to_owned(),

@@ -7,18 +7,18 @@ use polepair_core::time::Instant;
 
 use crate::outcome;
 use crate::problem::Result;
-use crate::terminal::say;
+use crate::terminal::print_note;
 
 /// A link, and how the user named it.
 pub struct Session {
     pub link: Link,
     /// What names it to another verb: its URL, and the profile's file where one was given.
-    pub words: String,
+    pub arguments: String,
 }
 
 impl Session {
     /// Makes Ctrl-C end what waits.
-    pub fn listen(&self) {
+    pub fn listen_for_interrupts(&self) {
         let interrupters = self.link.interrupters();
         crate::interrupt::listen(move || {
             interrupters.iter().for_each(polepair_link::Interrupter::interrupt);
@@ -36,7 +36,7 @@ impl Session {
     }
 
     /// `#1 ` before what concerns an axis, where there are several.
-    pub fn who(&self, axis: &Axis) -> String {
+    pub fn axis_prefix(&self, axis: &Axis) -> String {
         match (self.axes().len(), axis.name()) {
             (0 | 1, _) => String::new(),
             (_, "") => format!("#{} ", axis.number()),
@@ -57,36 +57,38 @@ impl Drop for Session {
             });
             if writes > 0 {
                 let label = axis.label();
-                say(&format!("{label}: writes to the drive's permanent memory: {writes}{why}"));
+                print_note(&format!(
+                    "{label}: writes to the drive's permanent memory: {writes}{why}"
+                ));
             }
         }
     }
 }
 
 /// Reads a parameter in its unit.
-pub fn read(axis: &Axis, id: ParameterId) -> Result<Value> {
-    axis.read(id).and_then(|raw| axis.value(id, raw)).map_err(outcome::error)
+pub fn read_parameter(axis: &Axis, id: ParameterId) -> Result<Value> {
+    axis.read(id).and_then(|raw| axis.value(id, raw)).map_err(outcome::to_problem)
 }
 
 /// Carries out a verb without arguments.
-pub fn verb(axis: &Axis, verb: Verb) -> Result<i64> {
-    axis.run(Command::new(verb)).map_err(outcome::error)
+pub fn run_verb(axis: &Axis, verb: Verb) -> Result<i64> {
+    axis.run(Command::new(verb)).map_err(outcome::to_problem)
 }
 
 /// Carries out a verb that the drive may not have; `None` if it has not.
-pub fn verb_if_any(axis: &Axis, wanted: Verb) -> Result<Option<i64>> {
+pub fn run_optional_verb(axis: &Axis, wanted: Verb) -> Result<Option<i64>> {
     match axis.profile().plan(wanted) {
         None => Ok(None),
-        Some(_) => verb(axis, wanted).map(Some),
+        Some(_) => run_verb(axis, wanted).map(Some),
     }
 }
 
 /// Reads a signal, if the drive has it. Flags are 0 or 1, without a unit.
-pub fn signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
+pub fn read_signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
     let Some(source) = axis.profile().signal(signal) else { return Ok(None) };
     let id = source.parameter;
-    let Some(raw) = axis.read_if_any(id).map_err(outcome::error)? else { return Ok(None) };
-    let value = axis.value(id, raw).map_err(outcome::error)?;
+    let Some(raw) = axis.read_optional(id).map_err(outcome::to_problem)? else { return Ok(None) };
+    let value = axis.value(id, raw).map_err(outcome::to_problem)?;
     let masked = value.raw & source.mask;
     let plain = |raw: i64| Value {
         raw,
@@ -99,7 +101,7 @@ pub fn signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
         Some(equals) if masked != equals && signal == Signal::Moving => {
             // Its flag is often that a target is not reached: its speed says it, too.
             if let Some(source) = axis.profile().signal(Signal::Velocity) {
-                axis.read_if_any(source.parameter).map_err(outcome::error)?;
+                axis.read_optional(source.parameter).map_err(outcome::to_problem)?;
             }
             plain(i64::from(axis.moving(&axis.state()) == Some(true)))
         }

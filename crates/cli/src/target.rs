@@ -5,28 +5,28 @@ use std::sync::{Arc, OnceLock};
 
 use clap::{Args, ValueEnum};
 use polepair::axis::Rehearsal;
-use polepair::url::{Target::Rack, shell_word};
+use polepair::url::{LinkTarget::Rack, shell_word};
 use polepair::{Axis, Connector, Link};
-use polepair_capture::{Decoder, Rules, Stamp, text};
-use polepair_core::axis::{Command, RehearsedStep, Verb};
+use polepair_capture::{CaptureDecoder, Rules, Timestamp, text};
+use polepair_core::axis::{Command, RehearsalAction, Verb};
 use polepair_core::explain::Direction as Said;
 use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::profile::Profile;
 use polepair_core::time::Instant;
 use polepair_link::clock;
-use polepair_link::tap::{Direction, Tap};
+use polepair_link::tap::{Tap, TapDirection};
 
-use crate::cmd::passed_over;
-use crate::joined;
+use crate::cmd::warn_ignored_file;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
+use crate::remote;
 use crate::session::Session;
-use crate::terminal::{self, Output, say};
-use crate::trace::{self, Trace};
+use crate::terminal::{self, DataOutput, print_note};
+use crate::trace::{self, FrameTrace};
 
 /// A drive, and how the talk with it is shown.
 #[derive(Args, Debug)]
-pub struct Target {
+pub struct DriveArgs {
     /// The link and its axes: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
     #[arg(value_name = "URL")]
     pub url: String,
@@ -40,18 +40,18 @@ pub struct Target {
     pub profiles: crate::cmd::ProfileFile,
     /// What the drive turned out to be, for those who show its frames.
     #[arg(skip)]
-    naming: Naming,
+    naming: NamingProfile,
     /// Motors are brought to rest: no file that can be done without is in the way.
     #[arg(skip)]
     stops: bool,
 }
 
 /// The profile by which frames are named, once it is known.
-type Naming = Arc<OnceLock<&'static Profile>>;
+type NamingProfile = Arc<OnceLock<&'static Profile>>;
 
 /// How readings are printed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-pub enum Format {
+pub enum OutputFormat {
     /// For people
     Text,
     /// One JSON object a reading
@@ -60,7 +60,7 @@ pub enum Format {
     Csv,
 }
 
-impl Target {
+impl DriveArgs {
     /// The same for those who bring motors to rest.
     pub fn for_stop(self) -> Self {
         Self { stops: true, ..self }
@@ -74,17 +74,20 @@ impl Target {
     /// The same with the axes that answer; those that do not come beside it, each with what is wrong.
     pub fn open_present(&self) -> Result<(Session, Vec<Problem>)> {
         let connector = self.connector()?;
-        let (link, absent) = connector.connect_present(&self.url).map_err(outcome::error)?;
-        warn_of(&connector);
-        let absent = absent.into_iter().map(|(_, error)| outcome::error(error)).collect();
-        Ok((self.session(link, &self.url)?, absent))
+        let (link, absent) = connector.connect_present(&self.url).map_err(outcome::to_problem)?;
+        warn_ignored_files(&connector);
+        let absent = absent.into_iter().map(|(_, error)| outcome::to_problem(error)).collect();
+        Ok((self.build_session(link, &self.url)?, absent))
     }
 
     /// What stands where the URL would, where a server does it. Frames pass where the server is.
-    pub fn axes(&self) -> Result<&str> {
+    pub fn remote_axes(&self) -> Result<&str> {
         if self.verbose || self.trace.is_some() || self.profiles.is_given() {
-            return Err(joined::cannot("-v, --trace or --profile", "It opened its links itself.")
-                .hint("its page shows the frames"));
+            return Err(remote::unsupported_problem(
+                "-v, --trace or --profile",
+                "It opened its links itself.",
+            )
+            .hint("its page shows the frames"));
         }
         Ok(&self.url)
     }
@@ -97,21 +100,23 @@ impl Target {
         };
         #[cfg(test)]
         {
-            connector = crate::every_frame::wired(connector);
+            connector = crate::every_frame::with_faulty_wire(connector);
         }
-        let trace = self.trace.as_deref().map(|path| trace::create(path, &self.url)).transpose();
+        let trace =
+            self.trace.as_deref().map(|path| trace::create_trace(path, &self.url)).transpose();
         let trace = match trace {
             Err(problem) if self.stops => {
-                say(&format!("warning: {} {} No frame is kept.", problem.what, problem.why));
+                print_note(&format!("warning: {} {} No frame is kept.", problem.what, problem.why));
                 None
             }
             trace => trace?,
         };
         if self.verbose || trace.is_some() {
             let name = link_name(&self.url);
-            let protocols = connector.protocols(&self.url).map_err(outcome::error)?;
-            let shown = self.verbose.then(|| Shown::new(&protocols, name, self.naming.clone()));
-            connector = connector.with_tap(Frames { trace, shown });
+            let protocols = connector.protocols(&self.url).map_err(outcome::to_problem)?;
+            let shown =
+                self.verbose.then(|| FramePrinter::new(&protocols, name, self.naming.clone()));
+            connector = connector.with_tap(FrameTap { trace, shown });
         }
         Ok(connector)
     }
@@ -131,16 +136,20 @@ impl Target {
 
     fn rehearse_all(&self, commands: impl Fn(&Axis) -> Result<Vec<Command>>) -> Result {
         let session = self.open()?;
-        let mut out = Output::stdout();
+        let mut out = DataOutput::stdout();
         for axis in session.axes() {
             for command in commands(axis)? {
-                for step in axis.rehearse(command).map_err(outcome::error)? {
-                    out.line(&format!("{}{}", session.who(axis), rehearsed(axis, &step)));
+                for step in axis.rehearse(command).map_err(outcome::to_problem)? {
+                    out.write_line(&format!(
+                        "{}{}",
+                        session.axis_prefix(axis),
+                        describe_step(axis, &step)
+                    ));
                 }
             }
         }
         out.flush()?;
-        terminal::say("dry run: none of this was sent");
+        terminal::print_note("dry run: none of this was sent");
         Ok(Exit::Ok)
     }
 
@@ -151,57 +160,62 @@ impl Target {
     }
 
     fn open_url(&self, url: &str) -> Result<Session> {
-        self.open_by(&self.connector()?, url)
+        self.open_with(&self.connector()?, url)
     }
 
     /// Opens a link as a connector does: for who opens several, one trace has the frames of all.
-    pub fn open_by(&self, connector: &Connector, url: &str) -> Result<Session> {
-        let link = connector.connect(url).map_err(outcome::error)?;
-        warn_of(connector);
-        self.session(link, url)
+    pub fn open_with(&self, connector: &Connector, url: &str) -> Result<Session> {
+        let link = connector.connect(url).map_err(outcome::to_problem)?;
+        warn_ignored_files(connector);
+        self.build_session(link, url)
     }
 
-    fn session(&self, link: Link, url: &str) -> Result<Session> {
+    fn build_session(&self, link: Link, url: &str) -> Result<Session> {
         if link.axes().is_empty() {
             return Err(Problem::new(Exit::NoReply, "E402", format!("there is no axis on {url}.")));
         }
         if matches!(link.url().target, Rack { .. }) && link.simulation().is_some() {
-            say(&format!("{url} is simulated: its file does not say where it is (`connect`)"));
+            print_note(&format!(
+                "{url} is simulated: its file does not say where it is (`connect`)"
+            ));
         }
         if let Some(axis) = link.axes().first() {
             self.name_frames(axis.profile());
         }
-        Ok(Session { link, words: format!("{}{}", shell_word(&self.url), self.profiles.words()) })
+        Ok(Session {
+            link,
+            arguments: format!("{}{}", shell_word(&self.url), self.profiles.as_arguments()),
+        })
     }
 }
 
 /// Says which files were wrong and done without, but for those of the configuration, which was said.
-pub fn warn_of(connector: &Connector) {
+pub fn warn_ignored_files(connector: &Connector) {
     let known = connector.config.broken.len();
-    connector.passed_over().iter().skip(known).for_each(passed_over);
+    connector.ignored_files().iter().skip(known).for_each(warn_ignored_file);
 }
 
 /// One step of a plan: its bytes, and what they do.
-fn rehearsed(axis: &Axis, step: &Rehearsal) -> String {
+fn describe_step(axis: &Axis, step: &Rehearsal) -> String {
     let name = |id| axis.profile().parameter(id).map_or("?", |parameter| parameter.name);
     let does = match step.step {
-        RehearsedStep::Read(id) => format!("read {}", name(id)),
-        RehearsedStep::Write(id, raw) => format!("write {} = {raw} raw", name(id)),
-        RehearsedStep::WriteIfDifferent(id, raw) => {
+        RehearsalAction::Read(id) => format!("read {}", name(id)),
+        RehearsalAction::Write(id, raw) => format!("write {} = {raw} raw", name(id)),
+        RehearsalAction::WriteIfDifferent(id, raw) => {
             format!("write {} = {raw} raw unless it is", name(id))
         }
-        RehearsedStep::WriteWhatWasRead(from, to) => {
+        RehearsalAction::WriteReadValue(from, to) => {
             format!("read {} and write it to {}", name(from), name(to))
         }
-        RehearsedStep::Keep(id) => format!("keep {} over power-off", name(id)),
-        RehearsedStep::Send => format!("send {}", said(axis, step)),
-        RehearsedStep::Wait(ms) => format!("wait {ms} ms"),
+        RehearsalAction::Store(id) => format!("keep {} over power-off", name(id)),
+        RehearsalAction::Send => format!("send {}", explain_step(axis, step)),
+        RehearsalAction::Wait(ms) => format!("wait {ms} ms"),
     };
     let shown = match &step.frame {
         Some(frame) => frame.to_string(),
         None => {
             let mut bytes = Vec::new();
-            text::spaced_hex(&mut bytes, &step.bytes);
+            text::append_spaced_hex(&mut bytes, &step.bytes);
             String::from_utf8_lossy(&bytes).into_owned()
         }
     };
@@ -209,15 +223,16 @@ fn rehearsed(axis: &Axis, step: &Rehearsal) -> String {
 }
 
 /// What a frame says in its protocol's own words; empty where nobody can tell.
-fn said(axis: &Axis, step: &Rehearsal) -> String {
+fn explain_step(axis: &Axis, step: &Rehearsal) -> String {
     let rules = Rules::parse(axis.protocol()).unwrap_or_default();
-    let mut decoder = Decoder::new(rules).with_profile(Some(axis.profile()));
+    let mut decoder = CaptureDecoder::new(rules).with_profile(Some(axis.profile()));
     let mut text = String::new();
-    let mut keep = |event: &polepair_capture::Event<'_>| text = event.explained.text.to_owned();
+    let mut keep =
+        |event: &polepair_capture::DecodedFrame<'_>| text = event.explanation.text.to_owned();
     let by = Some(Said::ToDrive);
     match &step.frame {
-        Some(frame) => decoder.frame(None, "link", by, frame, &mut |event| keep(event)),
-        None => decoder.chunk(None, "link", by, &step.bytes, &mut |event| keep(event)),
+        Some(frame) => decoder.decode_frame(None, "link", by, frame, &mut |event| keep(event)),
+        None => decoder.decode_bytes(None, "link", by, &step.bytes, &mut |event| keep(event)),
     }
     text
 }
@@ -230,84 +245,90 @@ pub fn link_name(url: &str) -> String {
 }
 
 /// What `-v` and `--trace` do with the frames.
-struct Frames {
-    trace: Option<Trace>,
-    shown: Option<Shown>,
+struct FrameTap {
+    trace: Option<FrameTrace>,
+    shown: Option<FramePrinter>,
 }
 
-impl Tap<Stream> for Frames {
-    fn unit(&mut self, at: Instant, direction: Direction, bytes: &[u8]) {
+impl Tap<Stream> for FrameTap {
+    fn record_unit(&mut self, at: Instant, direction: TapDirection, bytes: &[u8]) {
         if let Some(trace) = &mut self.trace {
-            trace.bytes(at, direction, bytes);
+            trace.write_bytes(at, direction, bytes);
         }
         if let Some(shown) = &mut self.shown {
-            shown.show(at, direction, Unit::Bytes(bytes));
+            shown.print(at, direction, UnitRef::Bytes(bytes));
         }
     }
 }
 
-impl Tap<Can> for Frames {
-    fn unit(&mut self, at: Instant, direction: Direction, frame: &Frame) {
+impl Tap<Can> for FrameTap {
+    fn record_unit(&mut self, at: Instant, direction: TapDirection, frame: &Frame) {
         if let Some(trace) = &mut self.trace {
-            trace.frame(at, direction, frame);
+            trace.write_frame(at, direction, frame);
         }
         if let Some(shown) = &mut self.shown {
-            shown.show(at, direction, Unit::Frame(frame));
+            shown.print(at, direction, UnitRef::Frame(frame));
         }
     }
 }
 
 /// What passed on a link.
 #[derive(Clone, Copy, Debug)]
-pub enum Unit<'a> {
+pub enum UnitRef<'a> {
     /// Bytes of a serial line.
     Bytes(&'a [u8]),
     /// A CAN frame.
     Frame(&'a Frame),
 }
 
-impl Unit<'_> {
+impl UnitRef<'_> {
     /// Has a decoder look at it.
     pub fn decode(
         &self,
-        decoder: &mut Decoder,
+        decoder: &mut CaptureDecoder,
         at: Instant,
         link: &str,
-        direction: Direction,
-        out: &mut dyn FnMut(&polepair_capture::Event<'_>),
+        direction: TapDirection,
+        out: &mut dyn FnMut(&polepair_capture::DecodedFrame<'_>),
     ) {
         let said = match direction {
-            Direction::ToDrive => Said::ToDrive,
-            Direction::ToHost => Said::ToHost,
+            TapDirection::ToDrive => Said::ToDrive,
+            TapDirection::ToHost => Said::ToHost,
         };
-        let time = Some(Stamp(clock::wall_ns(at)));
+        let time = Some(Timestamp(clock::wall_ns(at)));
         match self {
-            Self::Bytes(bytes) => decoder.chunk(time, link, Some(said), bytes, out),
-            Self::Frame(frame) => decoder.frame(time, link, Some(said), frame, out),
+            Self::Bytes(bytes) => decoder.decode_bytes(time, link, Some(said), bytes, out),
+            Self::Frame(frame) => decoder.decode_frame(time, link, Some(said), frame, out),
         }
     }
 }
 
 /// Frames, explained, on stderr.
-struct Shown {
-    decoder: Decoder,
-    text: text::Text,
+struct FramePrinter {
+    decoder: CaptureDecoder,
+    text: text::FrameTextWriter,
     name: String,
-    naming: Naming,
+    naming: NamingProfile,
 }
 
-impl Shown {
+impl FramePrinter {
     /// For a link on which these protocols are spoken.
-    fn new(protocols: &[&str], name: String, naming: Naming) -> Self {
+    fn new(protocols: &[&str], name: String, naming: NamingProfile) -> Self {
         let rules = Rules::parse(&protocols.join(",")).unwrap_or_default();
-        let style = text::Style { colour: terminal::colour_err(), ..text::Style::default() };
-        Self { decoder: Decoder::new(rules), text: text::Text::new(style), name, naming }
+        let style =
+            text::TextStyle { colour: terminal::colour_err(), ..text::TextStyle::default() };
+        Self {
+            decoder: CaptureDecoder::new(rules),
+            text: text::FrameTextWriter::new(style),
+            name,
+            naming,
+        }
     }
 
-    fn show(&mut self, at: Instant, direction: Direction, unit: Unit<'_>) {
+    fn print(&mut self, at: Instant, direction: TapDirection, unit: UnitRef<'_>) {
         let Self { decoder, text, name, naming } = self;
         if let Some(profile) = naming.get() {
-            decoder.name_by(profile);
+            decoder.set_profile(profile);
         }
         let mut lines = Vec::new();
         unit.decode(decoder, at, name, direction, &mut |event| text.write(event, &mut lines));

@@ -6,11 +6,11 @@ use std::path::Path;
 use crate::problem::{self, Exit, Problem, Result};
 
 /// Bytes that are gathered before they are written.
-const GATHER: usize = 1 << 16;
+const BUFFER_SIZE: usize = 1 << 16;
 
 /// Whether stdout takes colours.
 pub fn colour_out() -> bool {
-    io::stdout().is_terminal() && wanted()
+    io::stdout().is_terminal() && colours_wanted()
 }
 
 /// Whether stdout is a terminal that a screen can be drawn on.
@@ -28,67 +28,67 @@ pub fn width() -> usize {
 
 /// Whether stderr takes colours.
 pub fn colour_err() -> bool {
-    io::stderr().is_terminal() && wanted()
+    io::stderr().is_terminal() && colours_wanted()
 }
 
-fn wanted() -> bool {
+fn colours_wanted() -> bool {
     let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     !set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
 }
 
 /// Where data goes: stdout or a file.
-pub struct Output {
+pub struct DataOutput {
     sink: Box<dyn io::Write + Send>,
     name: String,
-    gathered: Vec<u8>,
+    buffer: Vec<u8>,
 }
 
-impl Output {
+impl DataOutput {
     /// stdout.
     pub fn stdout() -> Self {
         let sink: Box<dyn io::Write + Send> =
             if cfg!(test) { Box::new(io::sink()) } else { Box::new(io::stdout()) };
-        Self { sink, name: "stdout".to_owned(), gathered: Vec::new() }
+        Self { sink, name: "stdout".to_owned(), buffer: Vec::new() }
     }
 
     /// A new file.
     pub fn file(path: &Path) -> Result<Self> {
-        let file =
-            std::fs::File::create(path).map_err(|error| problem::file(path, "write", &error))?;
+        let file = std::fs::File::create(path)
+            .map_err(|error| problem::file_problem(path, "write", &error))?;
         let name = path.display().to_string();
-        Ok(Self { sink: Box::new(file), name, gathered: Vec::new() })
+        Ok(Self { sink: Box::new(file), name, buffer: Vec::new() })
     }
 
     /// stdout, or the file if there is one; `-` is stdout, as for other programs.
-    pub fn to(path: Option<&Path>) -> Result<Self> {
+    pub fn to_path(path: Option<&Path>) -> Result<Self> {
         path.filter(|path| *path != "-").map_or_else(|| Ok(Self::stdout()), Self::file)
     }
 
     /// What is to be written next.
     pub fn buffer(&mut self) -> &mut Vec<u8> {
-        &mut self.gathered
+        &mut self.buffer
     }
 
     /// Adds a line.
-    pub fn line(&mut self, text: &str) {
-        self.gathered.extend_from_slice(text.as_bytes());
-        self.gathered.push(b'\n');
+    pub fn write_line(&mut self, text: &str) {
+        self.buffer.extend_from_slice(text.as_bytes());
+        self.buffer.push(b'\n');
     }
 
     /// Writes if enough was gathered.
-    pub fn spill(&mut self) -> Result<()> {
-        if self.gathered.len() < GATHER { Ok(()) } else { self.flush() }
+    pub fn flush_if_full(&mut self) -> Result<()> {
+        if self.buffer.len() < BUFFER_SIZE { Ok(()) } else { self.flush() }
     }
 
     /// Writes everything now.
     pub fn flush(&mut self) -> Result<()> {
-        let written = self.sink.write_all(&self.gathered).and_then(|()| self.sink.flush());
-        self.gathered.clear();
-        written.map_err(|error| self.refused(&error))
+        let written = self.sink.write_all(&self.buffer).and_then(|()| self.sink.flush());
+        self.buffer.clear();
+        written.map_err(|error| self.write_problem(&error))
     }
 
     /// A reader that went away (`| head`) wants no message.
-    fn refused(&self, error: &io::Error) -> Problem {
+    fn write_problem(&self, error: &io::Error) -> Problem {
         if error.kind() == io::ErrorKind::BrokenPipe {
             return Problem::new(Exit::Ok, "", "");
         }
@@ -98,12 +98,12 @@ impl Output {
 }
 
 /// A line of prose, on stderr.
-pub fn say(text: &str) {
+pub fn print_note(text: &str) {
     draw(&format!("{text}\n"));
 }
 
 /// Where prose goes: tests read what was said.
-fn err() -> Box<dyn io::Write> {
+fn stderr() -> Box<dyn io::Write> {
     if cfg!(test) { Box::new(io::sink()) } else { Box::new(io::stderr()) }
 }
 
@@ -116,12 +116,12 @@ pub mod tried {
         static SAID: RefCell<String> = const { RefCell::new(String::new()) };
     }
 
-    pub fn hear(text: &str) {
+    pub fn record(text: &str) {
         SAID.with_borrow_mut(|said| said.push_str(text));
     }
 
     /// Takes it.
-    pub fn said() -> String {
+    pub fn take_recorded() -> String {
         SAID.take()
     }
 }
@@ -130,26 +130,26 @@ pub mod tried {
 /// turning, and whoever draws has to stop it.
 pub fn draw(text: &str) {
     #[cfg(test)]
-    tried::hear(text);
-    let mut err = err();
+    tried::record(text);
+    let mut err = stderr();
     let _ = err.write_all(text.as_bytes()).and_then(|()| err.flush());
 }
 
 /// A table with aligned columns; the last one may be as wide as it likes.
 #[derive(Default)]
-pub struct Table {
+pub struct TextTable {
     rows: Vec<Vec<String>>,
     heads: usize,
 }
 
-impl Table {
+impl TextTable {
     /// A table with column heads.
     pub fn with_heads(heads: &[&str]) -> Self {
         Self { rows: vec![heads.iter().map(|head| (*head).to_owned()).collect()], heads: 1 }
     }
 
     /// Adds a row.
-    pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
+    pub fn add_row(&mut self, cells: impl IntoIterator<Item = String>) {
         self.rows.push(cells.into_iter().collect());
     }
 
@@ -185,7 +185,7 @@ impl Table {
 }
 
 /// A line of comma-separated values.
-pub fn csv<'a>(fields: impl IntoIterator<Item = &'a str>) -> String {
+pub fn csv_line<'a>(fields: impl IntoIterator<Item = &'a str>) -> String {
     let quoted = |field: &str| match field.contains([',', '"', '\n']) {
         true => format!("\"{}\"", field.replace('"', "\"\"")),
         false => field.to_owned(),

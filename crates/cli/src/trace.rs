@@ -4,42 +4,42 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use polepair_link::tap::Log;
+use polepair_link::tap::TraceWriter;
 
 use crate::problem::{self, Result};
 use crate::target::link_name;
-use crate::terminal::say;
+use crate::terminal::print_note;
 
 /// Frames as a capture that `polepair decode` reads.
-pub type Trace = Log<TraceFile>;
+pub type FrameTrace = TraceWriter<TraceFile>;
 
 /// Makes the file, for the frames of a link.
 ///
 /// # Errors
 /// `E301` to `E303` where it cannot be made.
-pub fn create(path: &Path, url: &str) -> Result<Trace> {
-    let file = File::create(path).map_err(|error| problem::file(path, "write", &error))?;
+pub fn create_trace(path: &Path, url: &str) -> Result<FrameTrace> {
+    let file = File::create(path).map_err(|error| problem::file_problem(path, "write", &error))?;
     let name = path.display().to_string();
-    let file = TraceFile { to: BufWriter::new(file), name, is_short: false };
-    Ok(Log::new(file, &link_name(url)))
+    let file = TraceFile { file: BufWriter::new(file), name, has_failed: false };
+    Ok(TraceWriter::new(file, &link_name(url)))
 }
 
 /// A file that says once that it could not be written.
 #[derive(Debug)]
 pub struct TraceFile {
-    to: BufWriter<File>,
+    file: BufWriter<File>,
     name: String,
-    is_short: bool,
+    has_failed: bool,
 }
 
 impl TraceFile {
     /// Says of the first write that failed that frames are missing.
-    fn note<T>(&mut self, written: io::Result<T>) -> io::Result<T> {
+    fn report_failure<T>(&mut self, written: io::Result<T>) -> io::Result<T> {
         if let Err(error) = &written
-            && !self.is_short
+            && !self.has_failed
         {
-            self.is_short = true;
-            say(&format!("warning: {}: {error}; frames are missing in it", self.name));
+            self.has_failed = true;
+            print_note(&format!("warning: {}: {error}; frames are missing in it", self.name));
         }
         written
     }
@@ -47,13 +47,13 @@ impl TraceFile {
 
 impl Write for TraceFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = self.to.write(bytes);
-        self.note(written)
+        let written = self.file.write(bytes);
+        self.report_failure(written)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        let written = self.to.flush();
-        self.note(written)
+        let written = self.file.flush();
+        self.report_failure(written)
     }
 }
 

@@ -7,7 +7,7 @@ use polepair_core::units::Unit;
 ///
 /// # Errors
 /// What is wrong with it, in words.
-pub fn span(text: &str) -> Result<f64, String> {
+pub fn parse_span(text: &str) -> Result<f64, String> {
     let wrong = |why: String| format!("{why}; write 100ms, 5s or 1min");
     let measure = polepair::quantity::parse(text).map_err(|error| wrong(error.to_string()))?;
     if measure.quantity.is_none() && measure.si != 0.0 {
@@ -21,7 +21,7 @@ pub fn span(text: &str) -> Result<f64, String> {
 }
 
 /// A number with at most six digits that matter, without trailing zeros.
-pub fn number(value: f64) -> String {
+pub fn format_number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value == 0.0 { "0".to_owned() } else { value.to_string() };
     }
@@ -32,13 +32,17 @@ pub fn number(value: f64) -> String {
 }
 
 /// A number with its unit.
-pub fn with_unit(value: f64, unit: Unit) -> String {
+pub fn format_with_unit(value: f64, unit: Unit) -> String {
     let symbol = unit.symbol();
-    if symbol.is_empty() { number(value) } else { format!("{} {symbol}", number(value)) }
+    if symbol.is_empty() {
+        format_number(value)
+    } else {
+        format!("{} {symbol}", format_number(value))
+    }
 }
 
 /// A raw value in the parameter's own unit, where no other parameter scales it.
-pub fn fixed_scale(parameter: &Parameter, raw: i64) -> Option<f64> {
+pub fn in_own_unit(parameter: &Parameter, raw: i64) -> Option<f64> {
     let Scale { factor, times, over } = parameter.scale;
     (times.is_none() && over.is_none()).then_some(raw as f64 * factor)
 }
@@ -49,7 +53,7 @@ pub fn value_name(parameter: &Parameter, raw: i64) -> Option<&'static str> {
 }
 
 /// A whole number, also as `0x1F`.
-pub fn whole(text: &str) -> Option<i64> {
+pub fn parse_whole(text: &str) -> Option<i64> {
     match text.strip_prefix("0x") {
         Some(digits) => i64::from_str_radix(digits, 16).ok(),
         None => text.parse().ok(),
@@ -58,24 +62,24 @@ pub fn whole(text: &str) -> Option<i64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{number, span};
+    use super::{format_number, parse_span};
 
     #[test]
     fn spans() {
-        assert_eq!(span("500ms"), Ok(0.5));
-        assert_eq!(span("0"), Ok(0.0));
+        assert_eq!(parse_span("500ms"), Ok(0.5));
+        assert_eq!(parse_span("0"), Ok(0.0));
         for text in ["100", "2 rpm", "1,5s", "-1s"] {
-            let said = span(text).expect_err(text);
+            let said = parse_span(text).expect_err(text);
             assert!(said.ends_with("; write 100ms, 5s or 1min"), "{said}");
         }
-        assert!(span("-1s").is_err() && span("2 rpm").is_err());
+        assert!(parse_span("-1s").is_err() && parse_span("2 rpm").is_err());
     }
 
     #[test]
     fn numbers_are_short() {
         let shown = [(350.0, "350"), (0.1 + 0.2, "0.3"), (1e6, "1000000"), (-0.0001, "-0.0001")];
         for (value, text) in shown {
-            assert_eq!(number(value), text);
+            assert_eq!(format_number(value), text);
         }
     }
 }

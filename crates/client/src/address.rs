@@ -4,7 +4,7 @@ use std::net::{IpAddr, Ipv6Addr};
 
 use polepair_messages::PORT;
 
-use crate::Refused;
+use crate::GatewayError;
 
 /// A server's address.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -20,9 +20,9 @@ impl Address {
     ///
     /// # Errors
     /// `E256` for what is none, `E252` where a token would pass a network for all to read.
-    pub fn parse(url: &str) -> Result<Self, Refused> {
+    pub fn parse(url: &str) -> Result<Self, GatewayError> {
         let wrong = |why: &str| {
-            Refused::new("E256", format!("{url:?} is no server's URL: {why}"))
+            GatewayError::new("E256", format!("{url:?} is no server's URL: {why}"))
                 .hint("http://127.0.0.1:7365, or https://HOST:PORT for another machine")
         };
         let (scheme, rest) = url.split_once("://").ok_or_else(|| wrong("it has no `://`"))?;
@@ -40,7 +40,7 @@ impl Address {
         if !tls && !address.is_loopback() {
             let what =
                 format!("{} is another machine, and nothing would be encrypted", address.host);
-            return Err(Refused::new("E252", what).hint(
+            return Err(GatewayError::new("E252", what).hint(
                 "https:// for a server with --tls, or an SSH tunnel to its 127.0.0.1, with \
                         --token-file",
             ));

@@ -6,23 +6,23 @@ use std::sync::Arc;
 use std::task::{Wake, Waker};
 
 use polepair_messages::{
-    AxisState, BenchView, Change, DismissAbsent, DismissStop, LookOrder, LookView, Outcome,
-    ParameterInfo, ParameterRead, RawOrder, SetWatchdog, SignalValue, StopOrder, Stopped, TakeIn,
-    TakenIn, WatchdogTold, WriteParameters,
+    AddDrives, AddedAxes, AxisState, BenchView, CommandOutcome, DismissAbsent, DismissStop,
+    ParameterChange, ParameterInfo, ParameterReading, RawRequest, ScanRequest, ScanView,
+    SetWatchdog, SignalValue, StopReport, StopRequest, WatchdogView, WriteParameters,
 };
 use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::sync::oneshot;
 
 use crate::address::Address;
-use crate::lease::Pending;
-use crate::live::Live;
-use crate::rest::Rest;
-use crate::wire::Wire;
-use crate::{Refused, secret, tls};
+use crate::dialer::Dialer;
+use crate::lease::PendingOperation;
+use crate::live::LiveConnection;
+use crate::rest::RestClient;
+use crate::{GatewayError, secret, tls};
 
 /// Which server, and what lets us in.
 #[derive(Debug, Clone, Default)]
-pub struct Options {
+pub struct GatewayOptions {
     /// `http://127.0.0.1:7365`; `https`, `ws`, `wss` as well.
     pub url: String,
     /// A file whose first token is used; else `POLEPAIR_TOKEN`, else, on the loopback alone, the token
@@ -39,12 +39,12 @@ pub struct Options {
 
 /// A running server. Cheap to clone; all clones ask through one connection.
 #[derive(Clone)]
-pub struct Gateway(Arc<Inner>);
+pub struct Gateway(Arc<GatewayInner>);
 
-struct Inner {
+struct GatewayInner {
     url: String,
-    wire: Wire,
-    rest: Rest,
+    dialer: Dialer,
+    rest: RestClient,
     /// There until the end.
     runtime: Option<Runtime>,
     handle: Handle,
@@ -56,19 +56,19 @@ impl fmt::Debug for Gateway {
     }
 }
 
-struct Aside {
+struct DetachedWaker {
     handle: Handle,
     waker: Waker,
 }
 
-impl Wake for Aside {
+impl Wake for DetachedWaker {
     fn wake(self: Arc<Self>) {
         let waker = self.waker.clone();
         self.handle.spawn_blocking(move || waker.wake());
     }
 }
 
-impl Drop for Inner {
+impl Drop for GatewayInner {
     fn drop(&mut self) {
         if let Some(runtime) = self.runtime.take() {
             runtime.shutdown_background();
@@ -81,19 +81,20 @@ impl Gateway {
     ///
     /// # Errors
     /// `E256`, `E252` for what cannot be; `E301` to `E305` for files.
-    pub fn new(options: &Options) -> Result<Self, Refused> {
+    pub fn new(options: &GatewayOptions) -> Result<Self, GatewayError> {
         let address = Arc::new(Address::parse(&options.url)?);
-        let tls = address.tls.then(|| tls::connector(options)).transpose()?;
-        let secret = secret::find(options.token_file.as_deref(), &address)?;
+        let tls = address.tls.then(|| tls::load_tls(options)).transpose()?;
+        let secret = secret::find_token(options.token_file.as_deref(), &address)?;
         let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build();
-        let runtime = runtime
-            .map_err(|error| Refused::new("E318", format!("no thread can be started: {error}")))?;
+        let runtime = runtime.map_err(|error| {
+            GatewayError::new("E318", format!("no thread can be started: {error}"))
+        })?;
         let handle = runtime.handle().clone();
         let url =
             format!("{}://{}", if tls.is_some() { "https" } else { "http" }, address.authority());
-        let wire = Wire { address, secret, tls };
-        let rest = Rest::new(wire.clone());
-        Ok(Self(Arc::new(Inner { url, wire, rest, runtime: Some(runtime), handle })))
+        let wire = Dialer { address, secret, tls };
+        let rest = RestClient::new(wire.clone());
+        Ok(Self(Arc::new(GatewayInner { url, dialer: wire, rest, runtime: Some(runtime), handle })))
     }
 
     /// Where it is, without anything secret.
@@ -106,98 +107,106 @@ impl Gateway {
     ///
     /// # Errors
     /// As the server says, here and below; `E314`, `E315`, `E321` where it cannot be reached.
-    pub fn bench(&self) -> Result<BenchView, Refused> {
-        self.wait(self.0.rest.list("/api/v1/bench"))
+    pub fn bench(&self) -> Result<BenchView, GatewayError> {
+        self.block_on(self.0.rest.list("/api/v1/bench"))
     }
 
     /// What is known of an axis; nothing is asked of the drive.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn axis(&self, id: u16) -> Result<AxisState, Refused> {
-        self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}")))
+    pub fn axis_state(&self, id: u16) -> Result<AxisState, GatewayError> {
+        self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}")))
     }
 
     /// Reads signals of an axis now, by their words.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn signals(&self, id: u16, words: &[&str]) -> Result<Vec<SignalValue>, Refused> {
+    pub fn signals(&self, id: u16, words: &[&str]) -> Result<Vec<SignalValue>, GatewayError> {
         let words: Vec<_> = words.iter().map(|word| escaped(word)).collect();
-        self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}/signals/{}", words.join(","))))
+        self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/signals/{}", words.join(","))))
     }
 
     /// Which parameters an axis has, without values.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn parameters(&self, id: u16) -> Result<Vec<ParameterInfo>, Refused> {
-        self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}/parameters")))
+    pub fn parameters(&self, id: u16) -> Result<Vec<ParameterInfo>, GatewayError> {
+        self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/parameters")))
     }
 
     /// Reads a parameter now.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn parameter(&self, id: u16, name: &str) -> Result<ParameterRead, Refused> {
+    pub fn parameter(&self, id: u16, name: &str) -> Result<ParameterReading, GatewayError> {
         let name = escaped(name);
-        self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}/parameters/{name}")))
+        self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/parameters/{name}")))
     }
 
     /// Writes parameters, or tells what would change. Sent once.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn write(&self, id: u16, wanted: &WriteParameters) -> Result<Vec<Change>, Refused> {
-        self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/parameters"), wanted))
+    pub fn write_parameters(
+        &self,
+        id: u16,
+        wanted: &WriteParameters,
+    ) -> Result<Vec<ParameterChange>, GatewayError> {
+        self.block_on(self.0.rest.post(&format!("/api/v1/axes/{id}/parameters"), wanted))
     }
 
     /// Reads how an axis' own watchdog is set now.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn watchdog(&self, id: u16) -> Result<WatchdogTold, Refused> {
-        self.wait(self.0.rest.get(&format!("/api/v1/axes/{id}/watchdog")))
+    pub fn watchdog(&self, id: u16) -> Result<WatchdogView, GatewayError> {
+        self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/watchdog")))
     }
 
     /// Sets an axis' own watchdog, and tells how it is set then. Sent once.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn set_watchdog(&self, id: u16, wanted: &SetWatchdog) -> Result<WatchdogTold, Refused> {
-        self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/watchdog"), wanted))
+    pub fn set_watchdog(
+        &self,
+        id: u16,
+        wanted: &SetWatchdog,
+    ) -> Result<WatchdogView, GatewayError> {
+        self.block_on(self.0.rest.post(&format!("/api/v1/axes/{id}/watchdog"), wanted))
     }
 
     /// Looks for drives on a link, by reads only. Tells when it has begun.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn look(&self, link: u16, order: &LookOrder) -> Result<LookView, Refused> {
-        self.wait(self.0.rest.post(&format!("/api/v1/links/{link}/look"), order))
+    pub fn start_scan(&self, link: u16, order: &ScanRequest) -> Result<ScanView, GatewayError> {
+        self.block_on(self.0.rest.post(&format!("/api/v1/links/{link}/look"), order))
     }
 
     /// The look on a link that is under way, or the last.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn look_told(&self, link: u16) -> Result<LookView, Refused> {
-        self.wait(self.0.rest.get(&format!("/api/v1/links/{link}/look")))
+    pub fn scan_view(&self, link: u16) -> Result<ScanView, GatewayError> {
+        self.block_on(self.0.rest.get(&format!("/api/v1/links/{link}/look")))
     }
 
     /// Breaks a look off.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn break_look_off(&self, link: u16) -> Result<(), Refused> {
-        self.wait(self.0.rest.delete(&format!("/api/v1/links/{link}/look")))
+    pub fn cancel_scan(&self, link: u16) -> Result<(), GatewayError> {
+        self.block_on(self.0.rest.delete(&format!("/api/v1/links/{link}/look")))
     }
 
     /// Makes axes of drives that the last look on a link found. Sent once.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn take_in(&self, link: u16, take: &TakeIn) -> Result<TakenIn, Refused> {
-        self.wait(self.0.rest.post(&format!("/api/v1/links/{link}/look/take"), take))
+    pub fn add_drives(&self, link: u16, take: &AddDrives) -> Result<AddedAxes, GatewayError> {
+        self.block_on(self.0.rest.post(&format!("/api/v1/links/{link}/look/take"), take))
     }
 
     /// Stops axes, whoever commands them; all of them, and locks motion, where none are named.
@@ -205,8 +214,8 @@ impl Gateway {
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn stop(&self, order: &StopOrder) -> Result<Stopped, Refused> {
-        self.wait(self.0.rest.stop("/api/v1/stop", order)).map_err(|refused| match &*refused.code {
+    pub fn stop(&self, order: &StopRequest) -> Result<StopReport, GatewayError> {
+        self.block_on(self.0.rest.stop("/api/v1/stop", order)).map_err(|refused| match &*refused.code {
             "E313" | "E314" | "E315" | "E501" => refused.hint(
                 "cut the supply of what still turns; without the server `polepair stop URL` stops it on \
                  its own link, once the server's process has ended",
@@ -219,59 +228,59 @@ impl Gateway {
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn release(&self) -> Result<(), Refused> {
-        self.wait(self.0.rest.post("/api/v1/release", &serde_json::json!({})))
+    pub fn release(&self) -> Result<(), GatewayError> {
+        self.block_on(self.0.rest.post("/api/v1/release", &serde_json::json!({})))
     }
 
     /// Has an axis owed its stop no more, though nobody saw it stand. The journal keeps who said so.
     ///
     /// # Errors
     /// As [`bench`](Self::bench); `gateway.lease` when it is taken over by who does not hold its lease.
-    pub fn dismiss(&self, id: u16, dismiss: &DismissStop) -> Result<(), Refused> {
-        self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/dismiss"), dismiss))
+    pub fn dismiss(&self, id: u16, dismiss: &DismissStop) -> Result<(), GatewayError> {
+        self.block_on(self.0.rest.post(&format!("/api/v1/axes/{id}/dismiss"), dismiss))
     }
 
     /// Has a drive that is not there owed no stop any more, which the server before owed it.
     ///
     /// # Errors
     /// As [`bench`](Self::bench); `E212` where it is owed none, or is there.
-    pub fn dismiss_absent(&self, dismiss: &DismissAbsent) -> Result<(), Refused> {
-        self.wait(self.0.rest.post("/api/v1/dismiss", dismiss))
+    pub fn dismiss_absent(&self, dismiss: &DismissAbsent) -> Result<(), GatewayError> {
+        self.block_on(self.0.rest.post("/api/v1/dismiss", dismiss))
     }
 
     /// Sends a request in the protocol's own text. Sent once.
-    pub(crate) fn raw(&self, id: u16, order: &RawOrder) -> Result<Outcome, Refused> {
-        self.wait(self.0.rest.post(&format!("/api/v1/axes/{id}/raw"), order))
+    pub(crate) fn raw(&self, id: u16, order: &RawRequest) -> Result<CommandOutcome, GatewayError> {
+        self.block_on(self.0.rest.post(&format!("/api/v1/axes/{id}/raw"), order))
     }
 
     /// Has something of this done by a thread of its own, and returns without waiting for it.
-    pub fn start<T: Send + 'static>(
+    pub fn spawn<T: Send + 'static>(
         &self,
-        what: impl FnOnce(&Self) -> Result<T, Refused> + Send + 'static,
-    ) -> Pending<T> {
+        what: impl FnOnce(&Self) -> Result<T, GatewayError> + Send + 'static,
+    ) -> PendingOperation<T> {
         let (tell, told) = oneshot::channel();
         let gateway = self.clone();
         // Whoever waited may have gone.
         self.0.handle.spawn_blocking(move || drop(tell.send(what(&gateway))));
-        Pending::new(told, self.clone())
+        PendingOperation::new(told, self.clone())
     }
 
     /// Stays: for leases and telemetry.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn live(&self) -> Result<Live, Refused> {
-        self.wait(Live::open(self.clone(), self.0.wire.clone()))
+    pub fn live(&self) -> Result<LiveConnection, GatewayError> {
+        self.block_on(LiveConnection::open(self.clone(), self.0.dialer.clone()))
     }
 
     /// A waker that wakes another from a thread of its own: whoever is woken may take its time, and our
     /// one thread renews leases.
-    pub(crate) fn aside(&self, waker: &Waker) -> Waker {
-        Waker::from(Arc::new(Aside { handle: self.0.handle.clone(), waker: waker.clone() }))
+    pub(crate) fn detached_waker(&self, waker: &Waker) -> Waker {
+        Waker::from(Arc::new(DetachedWaker { handle: self.0.handle.clone(), waker: waker.clone() }))
     }
 
     /// Waits for something, in the caller's thread.
-    pub(crate) fn wait<T>(&self, what: impl Future<Output = T>) -> T {
+    pub(crate) fn block_on<T>(&self, what: impl Future<Output = T>) -> T {
         self.0.handle.block_on(what)
     }
 }

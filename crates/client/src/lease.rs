@@ -6,30 +6,31 @@ use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
 use polepair_messages::{
-    Arguments, AxisState, CommandOrder, Ended, LeaseAct, Outcome, RawOrder, TTL_MS,
+    AxisState, CommandArguments, CommandOutcome, CommandRequest, DEFAULT_TTL_MS, LeaseAction,
+    OutcomeKind, RawRequest,
 };
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 use tokio::time::timeout;
 
-use crate::live::{Ask, Live};
-use crate::rest::{deed, lost};
-use crate::{Gateway, Refused};
+use crate::live::{LiveConnection, LiveRequest};
+use crate::rest::{action_error, server_lost};
+use crate::{Gateway, GatewayError};
 
 /// Why something under way has no end.
-const NOTHING_CAME: &str = "nothing came of a command";
+const NO_OUTCOME: &str = "nothing came of a command";
 
 /// The right to command an axis. It is renewed until it is given back or dropped; its end stops what
 /// was set in motion under it.
 #[derive(Debug)]
 pub struct Lease {
-    live: Live,
+    live: LiveConnection,
     axis: u16,
     epoch: u64,
 }
 
 impl Lease {
-    pub(crate) const fn new(live: Live, axis: u16, epoch: u64) -> Self {
+    pub(crate) const fn new(live: LiveConnection, axis: u16, epoch: u64) -> Self {
         Self { live, axis, epoch }
     }
 
@@ -49,42 +50,55 @@ impl Lease {
     ///
     /// # Errors
     /// Why not: `gateway.lease`, or `E313` where the server is gone.
-    pub fn check(&self) -> Result<(), Refused> {
-        self.live.known().check(self.axis, self.epoch)
+    pub fn check(&self) -> Result<(), GatewayError> {
+        self.live.cache().check(self.axis, self.epoch)
     }
 
     /// The axis as the server said it last, unasked; `None` before it did.
     #[must_use]
     pub fn state(&self) -> Option<AxisState> {
-        self.live.known().state(self.axis)
+        self.live.cache().state(self.axis)
     }
 
     /// Says a command, once, and returns without waiting for what comes of it.
     ///
     /// # Errors
     /// `E313` where the server is gone: nothing was sent.
-    pub fn start(&self, verb: &str, arguments: Arguments) -> Result<Pending, Refused> {
-        let order = CommandOrder {
-            id: id()?,
-            issued_ms: self.live.known().now_ms(),
-            ttl_ms: TTL_MS,
+    pub fn start(
+        &self,
+        verb: &str,
+        arguments: CommandArguments,
+    ) -> Result<PendingOperation, GatewayError> {
+        let order = CommandRequest {
+            id: new_command_id()?,
+            issued_ms: self.live.cache().now_ms(),
+            ttl_ms: DEFAULT_TTL_MS,
             epoch: self.epoch,
             verb: verb.to_owned(),
             arguments,
         };
         let (tell, told) = oneshot::channel();
-        self.live.ask(Ask::Command { axis: self.axis, order, tell })?;
-        Ok(Pending::new(told, self.live.gateway().clone()))
+        self.live.send_request(LiveRequest::Command {
+            axis: self.axis,
+            request: order,
+            reply: tell,
+        })?;
+        Ok(PendingOperation::new(told, self.live.gateway().clone()))
     }
 
     /// Says a command and waits for what comes of it.
     ///
     /// # Errors
     /// As the drive or the gateway says; `E101` when nothing had come of it after `within`.
-    pub fn run(&self, verb: &str, arguments: Arguments, within: Duration) -> Result<(), Refused> {
+    pub fn run(
+        &self,
+        verb: &str,
+        arguments: CommandArguments,
+        within: Duration,
+    ) -> Result<(), GatewayError> {
         self.start(verb, arguments)?.wait(within)?.ok_or_else(|| {
-            let late = Refused::new("E101", format!("`{verb}` did not end in time"));
-            Refused { executed: None, ..late }
+            let late = GatewayError::new("E101", format!("`{verb}` did not end in time"));
+            GatewayError { executed: None, ..late }
         })
     }
 
@@ -92,105 +106,110 @@ impl Lease {
     ///
     /// # Errors
     /// As the drive or the gateway says; `gateway.scope` where the token does not allow it.
-    pub fn raw(&self, text: &str) -> Result<i64, Refused> {
-        let order = RawOrder {
-            id: id()?,
-            issued_ms: self.live.known().now_ms(),
-            ttl_ms: TTL_MS,
+    pub fn raw(&self, text: &str) -> Result<i64, GatewayError> {
+        let order = RawRequest {
+            id: new_command_id()?,
+            issued_ms: self.live.cache().now_ms(),
+            ttl_ms: DEFAULT_TTL_MS,
             epoch: self.epoch,
             text: text.to_owned(),
         };
         let outcome = self.live.gateway().raw(self.axis, &order)?;
         let value = outcome.value.unwrap_or_default();
-        ended(outcome).map(|()| value)
+        outcome_result(outcome).map(|()| value)
     }
 
     /// Gives it back, and waits until the server says so.
     ///
     /// # Errors
     /// When it was not ours any more, or the server is gone.
-    pub fn give_back(&self) -> Result<(), Refused> {
-        self.live.lease(self.axis, LeaseAct::Drop, self.epoch).map(drop)
+    pub fn release(&self) -> Result<(), GatewayError> {
+        self.live.request_lease(self.axis, LeaseAction::Drop, self.epoch).map(drop)
     }
 }
 
 impl Drop for Lease {
     fn drop(&mut self) {
-        self.live.forget(self.axis, self.epoch);
+        self.live.release_lease(self.axis, self.epoch);
     }
 }
 
-/// Something under way: a command, or what [`Gateway::start`] was given. Dropped before its end, it goes
+/// Something under way: a command, or what [`Gateway::spawn`] was given. Dropped before its end, it goes
 /// on by itself.
 #[derive(Debug)]
-pub struct Pending<T = ()> {
-    told: oneshot::Receiver<Result<T, Refused>>,
-    ended: Option<Result<T, Refused>>,
+pub struct PendingOperation<T = ()> {
+    receiver: oneshot::Receiver<Result<T, GatewayError>>,
+    result: Option<Result<T, GatewayError>>,
     gateway: Gateway,
 }
 
-impl<T> Pending<T> {
-    pub(crate) const fn new(told: oneshot::Receiver<Result<T, Refused>>, gateway: Gateway) -> Self {
-        Self { told, ended: None, gateway }
+impl<T> PendingOperation<T> {
+    pub(crate) const fn new(
+        receiver: oneshot::Receiver<Result<T, GatewayError>>,
+        gateway: Gateway,
+    ) -> Self {
+        Self { receiver, result: None, gateway }
     }
 
     /// True when it has ended; else `waker` is woken once it has.
-    pub fn ended_or_wake(&mut self, waker: &Waker) -> bool {
-        let waker = self.gateway.aside(waker);
-        self.ended.is_some() || self.poll(&mut Context::from_waker(&waker)).is_ready()
+    pub fn poll_finished(&mut self, waker: &Waker) -> bool {
+        let waker = self.gateway.detached_waker(waker);
+        self.result.is_some() || self.poll(&mut Context::from_waker(&waker)).is_ready()
     }
 
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<()> {
-        let told = Pin::new(&mut self.told).poll(context);
+        let told = Pin::new(&mut self.receiver).poll(context);
         told.map(|told| {
-            self.ended = Some(told.unwrap_or_else(|_| Err(deed(lost(NOTHING_CAME)))));
+            self.result = Some(told.unwrap_or_else(|_| Err(action_error(server_lost(NO_OUTCOME)))));
         })
     }
 }
 
-impl<T: Clone> Pending<T> {
+impl<T: Clone> PendingOperation<T> {
     /// Waits for the end, at most so long; `None` when it goes on.
     ///
     /// # Errors
-    /// Why it was not done; [`Refused::executed`] is `None` where nobody knows whether it was.
-    pub fn wait(&mut self, within: Duration) -> Result<Option<T>, Refused> {
-        if self.ended.is_none() && within.is_zero() {
+    /// Why it was not done; [`GatewayError::executed`] is `None` where nobody knows whether it was.
+    pub fn wait(&mut self, within: Duration) -> Result<Option<T>, GatewayError> {
+        if self.result.is_none() && within.is_zero() {
             // Whoever is to be woken at the end still is.
-            self.ended = match self.told.try_recv() {
+            self.result = match self.receiver.try_recv() {
                 Ok(told) => Some(told),
                 Err(TryRecvError::Empty) => return Ok(None),
-                Err(TryRecvError::Closed) => Some(Err(deed(lost(NOTHING_CAME)))),
+                Err(TryRecvError::Closed) => Some(Err(action_error(server_lost(NO_OUTCOME)))),
             };
         }
-        if self.ended.is_none() {
+        if self.result.is_none() {
             let gateway = self.gateway.clone();
             // Both the wait and its deadline are made where the runtime is.
             let waited = async { timeout(within, poll_fn(|context| self.poll(context))).await };
-            if gateway.wait(waited).is_err() {
+            if gateway.block_on(waited).is_err() {
                 return Ok(None);
             }
         }
-        self.ended.clone().transpose()
+        self.result.clone().transpose()
     }
 }
 
 /// What came of a command.
-pub(crate) fn ended(outcome: Outcome) -> Result<(), Refused> {
+pub(crate) fn outcome_result(outcome: CommandOutcome) -> Result<(), GatewayError> {
     match (outcome.outcome, outcome.error) {
-        (Ended::Done, _) => Ok(()),
+        (OutcomeKind::Done, _) => Ok(()),
         (_, Some(error)) => Err(error),
-        (Ended::NotDone, None) => Err(Refused::new("E601", "it was not done")),
-        (Ended::Unknown, None) => {
-            Err(Refused { executed: None, ..Refused::new("E401", "it may have been done") })
-        }
+        (OutcomeKind::NotDone, None) => Err(GatewayError::new("E601", "it was not done")),
+        (OutcomeKind::Unknown, None) => Err(GatewayError {
+            executed: None,
+            ..GatewayError::new("E401", "it may have been done")
+        }),
     }
 }
 
 /// A new UUID, version 4.
-fn id() -> Result<String, Refused> {
+fn new_command_id() -> Result<String, GatewayError> {
     let mut bytes = [0; 16];
-    getrandom::fill(&mut bytes)
-        .map_err(|error| Refused::new("E318", format!("there are no random numbers: {error}")))?;
+    getrandom::fill(&mut bytes).map_err(|error| {
+        GatewayError::new("E318", format!("there are no random numbers: {error}"))
+    })?;
     let bits = u128::from_be_bytes(bytes) & !(0xF << 76) & !(0x3 << 62) | 0x4 << 76 | 0x2 << 62;
     let text = format!("{bits:032x}");
     let [a, b, c, d, e] = [0..8, 8..12, 12..16, 16..20, 20..32].map(|part| &text[part]);
@@ -201,7 +220,7 @@ fn id() -> Result<String, Refused> {
 mod tests {
     #[test]
     fn ids_are_uuids_and_never_the_same() {
-        let (one, two) = (super::id().unwrap(), super::id().unwrap());
+        let (one, two) = (super::new_command_id().unwrap(), super::new_command_id().unwrap());
         assert_ne!(one, two);
         let parts: Vec<_> = one.split('-').map(str::len).collect();
         assert_eq!(parts, [8, 4, 4, 4, 12]);

@@ -2,30 +2,30 @@
 //!
 //! ```text
 //!   Gateway   asks, one request each (REST)          bench, state, parameters, stop
-//!    └ Live   stays (WebSocket)                      telemetry, leases
+//!    └ LiveConnection   stays (WebSocket)                      telemetry, leases
 //!       └ Lease   an axis that is ours               commands, each at most once
 //! ```
 //!
 //! Everything blocks its caller and nobody else: one thread of its own keeps leases, hears
-//! telemetry, and notices when the server is gone. All that goes wrong is a [`Refused`], whether the
-//! gateway said it or nobody answered; [`Refused::executed`] says whether a drive may have done what
+//! telemetry, and notices when the server is gone. All that goes wrong is a [`GatewayError`], whether the
+//! gateway said it or nobody answered; [`GatewayError::executed`] says whether a drive may have done what
 //! was asked.
 #![forbid(unsafe_code)]
 
 mod address;
+mod dialer;
 mod gateway;
 mod lease;
 mod live;
-mod pick;
 mod rest;
 mod secret;
+mod select;
 mod tls;
-mod wire;
 
-pub use gateway::{Gateway, Options};
-pub use lease::{Lease, Pending};
-pub use live::{Frames, Live, Watched};
-pub use pick::{ALL, linked, pick, pick_each, unit};
+pub use gateway::{Gateway, GatewayOptions};
+pub use lease::{Lease, PendingOperation};
+pub use live::{FrameStream, LiveConnection, SampleStream};
 pub use polepair_messages as message;
-pub use polepair_messages::Refused;
+pub use polepair_messages::GatewayError;
 pub use secret::state_folder;
+pub use select::{ALL, display_unit, find_link, select_axes, select_each};

@@ -1,8 +1,8 @@
 //! The WebSocket: a task that keeps what we hold, hears what is told, and ends when the server is gone.
 
-mod asked;
-mod known;
-mod socket;
+mod cache;
+mod lease_requests;
+mod socket_task;
 
 use std::future::poll_fn;
 use std::sync::Arc;
@@ -13,62 +13,80 @@ use std::time::Duration;
 use polepair_core::time::Instant;
 use polepair_messages::telemetry::Sample;
 use polepair_messages::{
-    AxisInfo, AxisState, AxisStopped, CommandOrder, FrameItem, LeaseAct, LinkView, LockTold, Source,
+    AxisInfo, AxisState, AxisStopReport, CommandRequest, FrameItem, LeaseAction, LinkView,
+    MotionLock, SampleSource,
 };
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
 
+use crate::dialer::Dialer;
 use crate::lease::Lease;
-use crate::rest::{deed, lost, question};
-use crate::wire::Wire;
-use crate::{Gateway, Refused};
-pub(crate) use known::{Feed, Known, Passing};
+use crate::rest::{action_error, query_error, server_lost};
+use crate::{Gateway, GatewayError};
+pub(crate) use cache::{FrameBuffer, LiveCache, SampleBuffer};
 
 /// How long the server may take to say what comes of a lease or of what is watched.
-const TOLD_MAX: Duration = Duration::from_secs(15);
+const REPLY_MAX: Duration = Duration::from_secs(15);
 /// What waits to be said.
-const ASKS_MAX: usize = 256;
+const REQUESTS_MAX: usize = 256;
 
 /// A connection that stays: for leases and telemetry. Cheap to clone; what was taken through it ends
 /// with the last clone.
 #[derive(Debug, Clone)]
-pub struct Live(Arc<Inside>);
+pub struct LiveConnection(Arc<LiveInner>);
 
 #[derive(Debug)]
-struct Inside {
+struct LiveInner {
     gateway: Gateway,
-    asks: mpsc::Sender<Ask>,
-    known: Arc<Known>,
+    requests: mpsc::Sender<LiveRequest>,
+    cache: Arc<LiveCache>,
     channels: AtomicU16,
 }
 
 /// What the task is asked to say, and who wants to know what comes of it.
 #[derive(Debug)]
-pub(crate) enum Ask {
-    Command { axis: u16, order: CommandOrder, tell: Tell<()> },
-    Lease { axis: u16, act: LeaseAct, epoch: u64, tell: Tell<u64> },
-    Watch { channel: u16, what: What, feed: Arc<Feed>, tell: Tell<Channel> },
-    Frames { filter: Option<String>, passing: Arc<Passing> },
+pub(crate) enum LiveRequest {
+    Command {
+        axis: u16,
+        request: CommandRequest,
+        reply: ResponseSender<()>,
+    },
+    Lease {
+        axis: u16,
+        act: LeaseAction,
+        epoch: u64,
+        reply: ResponseSender<u64>,
+    },
+    Subscribe {
+        channel: u16,
+        spec: ChannelSpec,
+        buffer: Arc<SampleBuffer>,
+        reply: ResponseSender<ChannelInfo>,
+    },
+    Frames {
+        filter: Option<String>,
+        buffer: Arc<FrameBuffer>,
+    },
 }
 
-impl Ask {
+impl LiveRequest {
     /// Tells whoever waits that it was not said.
-    fn refuse(self, why: Refused) {
+    fn fail(self, why: GatewayError) {
         // Who waited may have gone.
         match self {
-            Self::Command { tell, .. } => drop(tell.send(Err(why))),
-            Self::Lease { tell, .. } => drop(tell.send(Err(why))),
-            Self::Watch { tell, .. } => drop(tell.send(Err(why))),
-            Self::Frames { passing, .. } => passing.refuse(why),
+            Self::Command { reply: tell, .. } => drop(tell.send(Err(why))),
+            Self::Lease { reply: tell, .. } => drop(tell.send(Err(why))),
+            Self::Subscribe { reply: tell, .. } => drop(tell.send(Err(why))),
+            Self::Frames { buffer: passing, .. } => passing.fail(why),
         }
     }
 }
 
-pub(crate) type Tell<T> = oneshot::Sender<Result<T, Refused>>;
+pub(crate) type ResponseSender<T> = oneshot::Sender<Result<T, GatewayError>>;
 
 /// What is watched, and how often.
 #[derive(Debug, Clone)]
-pub(crate) struct What {
+pub(crate) struct ChannelSpec {
     pub axis: u16,
     pub signal: Option<String>,
     pub parameter: Option<String>,
@@ -77,18 +95,18 @@ pub(crate) struct What {
 
 /// What the server says of something that is watched.
 #[derive(Debug, Clone)]
-pub(crate) struct Channel {
+pub(crate) struct ChannelInfo {
     pub hz: f64,
-    pub source: Source,
+    pub source: SampleSource,
     pub unit: String,
 }
 
-impl Live {
-    pub(crate) async fn open(gateway: Gateway, wire: Wire) -> Result<Self, Refused> {
-        let (asks, asked) = mpsc::channel(ASKS_MAX);
-        let known = socket::open(&wire, asked).await?;
+impl LiveConnection {
+    pub(crate) async fn open(gateway: Gateway, wire: Dialer) -> Result<Self, GatewayError> {
+        let (asks, asked) = mpsc::channel(REQUESTS_MAX);
+        let known = socket_task::spawn_task(&wire, asked).await?;
         let channels = AtomicU16::new(0);
-        Ok(Self(Arc::new(Inside { gateway, asks, known, channels })))
+        Ok(Self(Arc::new(LiveInner { gateway, requests: asks, cache: known, channels })))
     }
 
     /// The server.
@@ -100,29 +118,29 @@ impl Live {
     /// How leases and the journal name us.
     #[must_use]
     pub fn session(&self) -> &str {
-        &self.0.known.session
+        &self.0.cache.session
     }
 
     /// Whether the server is still there.
     ///
     /// # Errors
     /// Why it is gone.
-    pub fn check(&self) -> Result<(), Refused> {
-        self.known().here()
+    pub fn check(&self) -> Result<(), GatewayError> {
+        self.cache().check_connected()
     }
 
     /// For how long the server has said nothing: it is asked twice a second.
     #[must_use]
     pub fn silence(&self) -> Duration {
-        self.known().silence()
+        self.cache().silence()
     }
 
     /// Takes an axis, if nobody else has it.
     ///
     /// # Errors
     /// `gateway.lease` says who commands it.
-    pub fn take(&self, axis: u16) -> Result<Lease, Refused> {
-        let epoch = self.lease(axis, LeaseAct::Take, 0)?;
+    pub fn acquire_lease(&self, axis: u16) -> Result<Lease, GatewayError> {
+        let epoch = self.request_lease(axis, LeaseAction::Take, 0)?;
         Ok(Lease::new(self.clone(), axis, epoch))
     }
 
@@ -130,21 +148,26 @@ impl Live {
     ///
     /// # Errors
     /// As the server says.
-    pub fn watch(
+    pub fn subscribe(
         &self,
         axis: u16,
         signal: Option<&str>,
         parameter: Option<&str>,
         hz: f64,
-    ) -> Result<Watched, Refused> {
+    ) -> Result<SampleStream, GatewayError> {
         let channel = self.0.channels.fetch_add(1, Ordering::Relaxed);
         let (signal, parameter) = (signal.map(str::to_owned), parameter.map(str::to_owned));
-        let what = What { axis, signal, parameter, hz };
-        let feed = Arc::<Feed>::default();
+        let what = ChannelSpec { axis, signal, parameter, hz };
+        let feed = Arc::<SampleBuffer>::default();
         let (tell, told) = oneshot::channel();
-        self.ask(Ask::Watch { channel, what, feed: Arc::clone(&feed), tell })?;
-        let about = self.told(told).map_err(question)?;
-        Ok(Watched { live: self.clone(), axis, feed, about })
+        self.send_request(LiveRequest::Subscribe {
+            channel,
+            spec: what,
+            buffer: Arc::clone(&feed),
+            reply: tell,
+        })?;
+        let about = self.await_reply(told).map_err(query_error)?;
+        Ok(SampleStream { live: self.clone(), axis, buffer: feed, info: about })
     }
 
     /// Hears the frames that pass on the server's links from now on, those that a filter of the
@@ -152,10 +175,10 @@ impl Live {
     ///
     /// # Errors
     /// `E313` where the server is gone.
-    pub fn frames(&self, filter: Option<&str>) -> Result<Frames, Refused> {
-        let (filter, passing) = (filter.map(str::to_owned), Arc::<Passing>::default());
-        self.ask(Ask::Frames { filter, passing: Arc::clone(&passing) })?;
-        Ok(Frames { live: self.clone(), passing })
+    pub fn subscribe_frames(&self, filter: Option<&str>) -> Result<FrameStream, GatewayError> {
+        let (filter, passing) = (filter.map(str::to_owned), Arc::<FrameBuffer>::default());
+        self.send_request(LiveRequest::Frames { filter, buffer: Arc::clone(&passing) })?;
+        Ok(FrameStream { live: self.clone(), buffer: passing })
     }
 
     /// An axis as the server said it last, its values as old as they are by now; `None` before it said
@@ -163,138 +186,153 @@ impl Live {
     ///
     /// # Errors
     /// `E313` once the server is gone.
-    pub fn state(&self, axis: u16) -> Result<Option<AxisState>, Refused> {
-        self.known().here()?;
-        Ok(self.known().state(axis))
+    pub fn state(&self, axis: u16) -> Result<Option<AxisState>, GatewayError> {
+        self.cache().check_connected()?;
+        Ok(self.cache().state(axis))
     }
 
     /// Whether the server is there, and has the link of an axis.
     ///
     /// # Errors
     /// `E313` with what went away.
-    pub fn linked(&self, axis: u16) -> Result<(), Refused> {
-        self.known().linked(axis)
+    pub fn check_link(&self, axis: u16) -> Result<(), GatewayError> {
+        self.cache().check_link(axis)
     }
 
     /// The links that the server has, as it told them last.
     #[must_use]
     pub fn links(&self) -> Vec<LinkView> {
-        self.known().links()
+        self.cache().links()
     }
 
     /// The axes that the server has behind the first so many: some join later.
     #[must_use]
     pub fn axes_from(&self, first: usize) -> Vec<AxisInfo> {
-        self.known().axes_from(first)
+        self.cache().axes_from(first)
     }
 
     /// Who locked motion, if somebody did.
     #[must_use]
-    pub fn lock(&self) -> Option<LockTold> {
-        self.known().lock()
+    pub fn motion_lock(&self) -> Option<MotionLock> {
+        self.cache().motion_lock()
     }
 
     /// How far the last stop of an axis came since we stay, whoever said it, and when we heard so.
     #[must_use]
-    pub fn stopped(&self, axis: u16) -> Option<(AxisStopped, Instant)> {
-        self.known().stopped(axis)
+    pub fn last_stop(&self, axis: u16) -> Option<(AxisStopReport, Instant)> {
+        self.cache().last_stop(axis)
     }
 
-    pub(crate) fn known(&self) -> &Known {
-        &self.0.known
+    pub(crate) fn cache(&self) -> &LiveCache {
+        &self.0.cache
     }
 
-    pub(crate) fn ask(&self, ask: Ask) -> Result<(), Refused> {
-        let sent = self.gateway().wait(self.0.asks.send(ask));
-        sent.map_err(|_| Refused { executed: Some(false), ..self.known().why() })
+    pub(crate) fn send_request(&self, ask: LiveRequest) -> Result<(), GatewayError> {
+        let sent = self.gateway().block_on(self.0.requests.send(ask));
+        sent.map_err(|_| GatewayError { executed: Some(false), ..self.cache().disconnect_reason() })
     }
 
-    pub(crate) fn lease(&self, axis: u16, act: LeaseAct, epoch: u64) -> Result<u64, Refused> {
+    pub(crate) fn request_lease(
+        &self,
+        axis: u16,
+        act: LeaseAction,
+        epoch: u64,
+    ) -> Result<u64, GatewayError> {
         let (tell, told) = oneshot::channel();
-        self.ask(Ask::Lease { axis, act, epoch, tell })?;
-        self.told(told)
+        self.send_request(LiveRequest::Lease { axis, act, epoch, reply: tell })?;
+        self.await_reply(told)
     }
 
     /// Gives a lease back without waiting. One that was given back already is not ours any more.
-    pub(crate) fn forget(&self, axis: u16, epoch: u64) {
-        if self.known().end_lease(axis, epoch) {
+    pub(crate) fn release_lease(&self, axis: u16, epoch: u64) {
+        if self.cache().end_lease(axis, epoch) {
             let (tell, _) = oneshot::channel();
             // Where it cannot be said, it is renewed no more all the same.
-            let _ = self.0.asks.try_send(Ask::Lease { axis, act: LeaseAct::Drop, epoch, tell });
+            let _ = self.0.requests.try_send(LiveRequest::Lease {
+                axis,
+                act: LeaseAction::Drop,
+                epoch,
+                reply: tell,
+            });
         }
     }
 
-    fn told<T>(&self, told: oneshot::Receiver<Result<T, Refused>>) -> Result<T, Refused> {
+    fn await_reply<T>(
+        &self,
+        told: oneshot::Receiver<Result<T, GatewayError>>,
+    ) -> Result<T, GatewayError> {
         // An answer that comes later finds nobody, and gives nothing.
-        let told = self.gateway().wait(async { timeout(TOLD_MAX, told).await });
-        told.ok().and_then(Result::ok).unwrap_or_else(|| Err(deed(lost("no answer came"))))
+        let told = self.gateway().block_on(async { timeout(REPLY_MAX, told).await });
+        told.ok()
+            .and_then(Result::ok)
+            .unwrap_or_else(|| Err(action_error(server_lost("no answer came"))))
     }
 }
 
 /// Frames that are heard, until this is dropped.
 #[derive(Debug)]
-pub struct Frames {
-    live: Live,
-    passing: Arc<Passing>,
+pub struct FrameStream {
+    live: LiveConnection,
+    buffer: Arc<FrameBuffer>,
 }
 
-impl Frames {
+impl FrameStream {
     /// What passed since it was asked last, and how many frames have been lost so far.
     ///
     /// # Errors
     /// `E313` once the server is gone; `gateway.request` for what is no filter.
-    pub fn drain(&self) -> Result<(Vec<FrameItem>, u64), Refused> {
-        self.live.known().here()?;
-        self.passing.drain()
+    pub fn drain(&self) -> Result<(Vec<FrameItem>, u64), GatewayError> {
+        self.live.cache().check_connected()?;
+        self.buffer.drain()
     }
 }
 
 /// Something that is watched, until this is dropped.
 #[derive(Debug)]
-pub struct Watched {
-    live: Live,
+pub struct SampleStream {
+    live: LiveConnection,
     axis: u16,
-    feed: Arc<Feed>,
-    about: Channel,
+    buffer: Arc<SampleBuffer>,
+    info: ChannelInfo,
 }
 
-impl Watched {
+impl SampleStream {
     /// How often it comes at most.
     #[must_use]
     pub const fn hz(&self) -> f64 {
-        self.about.hz
+        self.info.hz
     }
 
     /// Whether the drive sends it by itself.
     #[must_use]
-    pub const fn source(&self) -> Source {
-        self.about.source
+    pub const fn source(&self) -> SampleSource {
+        self.info.source
     }
 
     /// Its SI unit; empty without one.
     #[must_use]
     pub fn unit(&self) -> &str {
-        &self.about.unit
+        &self.info.unit
     }
 
     /// The last sample, if it came within so long: what is older says nothing of now.
     ///
     /// # Errors
     /// `E313` once the server is gone, or the axis' link.
-    pub fn last(&self, within: Duration) -> Result<Option<Sample>, Refused> {
-        self.live.known().linked(self.axis)?;
-        Ok(self.feed.last(within))
+    pub fn last(&self, within: Duration) -> Result<Option<Sample>, GatewayError> {
+        self.live.cache().check_link(self.axis)?;
+        Ok(self.buffer.last(within))
     }
 
     /// True when there is a sample that was not drained, or the server or the axis' link is gone; else
     /// `waker` is woken once there is.
-    pub fn ready_or_wake(&self, waker: &Waker) -> bool {
-        self.is_ready(&self.live.gateway().aside(waker))
+    pub fn poll_ready(&self, waker: &Waker) -> bool {
+        self.is_ready(&self.live.gateway().detached_waker(waker))
     }
 
     fn is_ready(&self, waker: &Waker) -> bool {
         // Whoever is noted first misses nothing that ends meanwhile.
-        self.feed.ready_or_wake(waker) || self.live.known().linked(self.axis).is_err()
+        self.buffer.poll_ready(waker) || self.live.cache().check_link(self.axis).is_err()
     }
 
     /// Waits for a sample, at most so long.
@@ -304,15 +342,15 @@ impl Watched {
             false => Poll::Pending,
         });
         // Who waited in vain drains nothing.
-        let _ = self.live.gateway().wait(async { timeout(within, ready).await });
+        let _ = self.live.gateway().block_on(async { timeout(within, ready).await });
     }
 
     /// What came since it was asked last, and how many samples have been lost so far.
     ///
     /// # Errors
     /// `E313` once the server is gone, or the axis' link.
-    pub fn drain(&self) -> Result<(Vec<Sample>, u64), Refused> {
-        self.live.known().linked(self.axis)?;
-        Ok(self.feed.drain())
+    pub fn drain(&self) -> Result<(Vec<Sample>, u64), GatewayError> {
+        self.live.cache().check_link(self.axis)?;
+        Ok(self.buffer.drain())
     }
 }

@@ -7,9 +7,9 @@ use std::fs::File;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-use polepair_messages::{PROOF_BYTES, of_digits};
+use polepair_messages::{PROOF_BYTES, parse_hex};
 
-use crate::Refused;
+use crate::GatewayError;
 use crate::address::Address;
 
 /// Where a token may be besides a file.
@@ -36,7 +36,7 @@ impl Secret {
 
     /// What a server must prove to have before it is sent this; `None` where somebody named the token
     /// for it.
-    pub fn to_prove(&self) -> Option<&[u8; PROOF_BYTES]> {
+    pub fn token_to_prove(&self) -> Option<&[u8; PROOF_BYTES]> {
         self.is_own.then_some(&self.bytes)
     }
 }
@@ -64,69 +64,69 @@ pub fn state_folder() -> Option<PathBuf> {
 ///
 /// # Errors
 /// `E301` to `E305` for a file, `E256` where there is no token in it, or none at all.
-pub(crate) fn find(file: Option<&Path>, address: &Address) -> Result<Secret, Refused> {
+pub(crate) fn find_token(file: Option<&Path>, address: &Address) -> Result<Secret, GatewayError> {
     if let Some(file) = file {
         return read(file);
     }
     if let Some(text) = std::env::var(VARIABLE).ok().filter(|text| !text.is_empty()) {
-        let wrong = || Refused::new("E256", format!("{VARIABLE} holds no token"));
-        return token(text.trim()).ok_or_else(wrong);
+        let wrong = || GatewayError::new("E256", format!("{VARIABLE} holds no token"));
+        return parse_token(text.trim()).ok_or_else(wrong);
     }
     if !address.is_loopback() {
         let what = format!("there is no token for {}", address.authority());
-        return Err(Refused::new("E256", what).hint(format!(
+        return Err(GatewayError::new("E256", what).hint(format!(
             "--token-file or {VARIABLE} with a token of that server: the one of your own is not \
              sent to another host"
         )));
     }
     let folder = state_folder();
     let own = folder.map(|folder| folder.join(TOKENS)).filter(|file| file.exists());
-    let own = own.map_or_else(|| Err(none()), |file| read(&file))?;
+    let own = own.map_or_else(|| Err(no_token_error()), |file| read(&file))?;
     Ok(Secret { is_own: true, ..own })
 }
 
-fn none() -> Refused {
-    Refused::new("E256", "there is no token for the server").hint(format!(
+fn no_token_error() -> GatewayError {
+    GatewayError::new("E256", "there is no token for the server").hint(format!(
         "--token-file with the file `tokens` of the server's folder, or {VARIABLE} with a token of it"
     ))
 }
 
 /// The first token of a file such as the server's: a token begins a line.
-fn read(path: &Path) -> Result<Secret, Refused> {
+fn read(path: &Path) -> Result<Secret, GatewayError> {
     let mut text = String::new();
-    open(path)?
+    open_private(path)?
         .take(FILE_MAX)
         .read_to_string(&mut text)
         .map_err(|error| unreadable(path, &error))?;
     let first = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#'));
     let word = first.and_then(|line| line.split_whitespace().next());
-    let wrong = || Refused::new("E256", format!("{} holds no token", path.display()));
-    word.and_then(token).ok_or_else(wrong)
+    let wrong = || GatewayError::new("E256", format!("{} holds no token", path.display()));
+    word.and_then(parse_token).ok_or_else(wrong)
 }
 
-fn token(text: &str) -> Option<Secret> {
-    let bytes = of_digits(text)?;
+fn parse_token(text: &str) -> Option<Secret> {
+    let bytes = parse_hex(text)?;
     Some(Secret { text: text.to_owned(), bytes, is_own: false })
 }
 
-pub(crate) fn unreadable(path: &Path, error: &std::io::Error) -> Refused {
+pub(crate) fn unreadable(path: &Path, error: &std::io::Error) -> GatewayError {
     use std::io::ErrorKind as Kind;
     let code = match error.kind() {
         Kind::NotFound => "E301",
         Kind::PermissionDenied => "E302",
         _ => "E303",
     };
-    Refused::new(code, format!("cannot read {}: {error}", path.display()))
+    GatewayError::new(code, format!("cannot read {}: {error}", path.display()))
 }
 
 /// Opens a file of secrets; refuses one that others may read.
-pub(crate) fn open(path: &Path) -> Result<File, Refused> {
+pub(crate) fn open_private(path: &Path) -> Result<File, GatewayError> {
     let file = File::open(path).map_err(|error| unreadable(path, &error))?;
-    if polepair_link::is_private(&file).map_err(|error| unreadable(path, &error))? {
+    if polepair_link::is_private_file(&file).map_err(|error| unreadable(path, &error))? {
         return Ok(file);
     }
     let what = format!("others may read {}", path.display());
-    Err(Refused::new("E305", what).hint(format!("chmod 600 {}", path.display())))
+    Err(GatewayError::new("E305", what).hint(format!("chmod 600 {}", path.display())))
 }
 
 #[cfg(all(test, unix))]
@@ -145,7 +145,7 @@ mod tests {
         let (one, two) = ("1".repeat(64), "2".repeat(64));
         write(&format!("# TOKEN SCOPES NAME\n\n{one} read,stop ann\n{two} read bob\n"), 0o600);
         let address = Address::parse("https://bench.example").unwrap();
-        let find = || find(Some(&path), &address);
+        let find = || find_token(Some(&path), &address);
         let found = find().unwrap();
         assert_eq!(found.bearer(), format!("Bearer {one}"));
         assert_eq!(format!("{found:?}"), "Secret");

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use polepair_messages::fingerprint;
+use polepair_messages::certificate_fingerprint;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::client::ResolvesClientCert;
 use tokio_rustls::rustls::client::danger::{
@@ -23,8 +23,8 @@ use tokio_rustls::rustls::{
     CertificateError, ClientConfig, DigitallySignedStruct, Error, SignatureScheme, version,
 };
 
-use crate::secret::{open, state_folder, unreadable};
-use crate::{Options, Refused};
+use crate::secret::{open_private, state_folder, unreadable};
+use crate::{GatewayError, GatewayOptions};
 
 /// The certificate's file in a server's folder.
 const CERTIFICATE: &str = "certificate.pem";
@@ -35,20 +35,20 @@ const FILE_MAX: u64 = 256 * 1024;
 
 /// What encrypts.
 #[derive(Clone)]
-pub(crate) struct Tls {
+pub(crate) struct ClientTls {
     config: Arc<ClientConfig>,
     /// There is a certificate of ours to show.
-    shows: bool,
+    has_client_cert: bool,
 }
 
-impl Tls {
+impl ClientTls {
     /// What encrypts one connection, and what notes that its server asked for a certificate of ours
     /// where there is none. Of one connection alone: a server that is another one, or is started anew,
     /// says nothing of the next.
-    pub fn connector(&self) -> (TlsConnector, Arc<Unmet>) {
-        let unmet = Arc::<Unmet>::default();
+    pub fn connector(&self) -> (TlsConnector, Arc<MissingClientCert>) {
+        let unmet = Arc::<MissingClientCert>::default();
         let mut config = Arc::clone(&self.config);
-        if !self.shows {
+        if !self.has_client_cert {
             Arc::make_mut(&mut config).client_auth_cert_resolver = Arc::clone(&unmet) as _;
         }
         (TlsConnector::from(config), unmet)
@@ -57,16 +57,16 @@ impl Tls {
 
 /// Notes that a certificate was asked for where there is none.
 #[derive(Debug, Default)]
-pub(crate) struct Unmet(AtomicBool);
+pub(crate) struct MissingClientCert(AtomicBool);
 
-impl Unmet {
+impl MissingClientCert {
     /// Whether that happened.
-    pub fn noted(&self) -> bool {
+    pub fn was_requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-impl ResolvesClientCert for Unmet {
+impl ResolvesClientCert for MissingClientCert {
     fn resolve(&self, _: &[&[u8]], _: &[SignatureScheme]) -> Option<Arc<CertifiedKey>> {
         self.0.store(true, Ordering::Relaxed);
         None
@@ -83,98 +83,103 @@ impl ResolvesClientCert for Unmet {
 ///
 /// # Errors
 /// `E256` where there is none, or one and its key do not belong together; `E301` to `E305` for files.
-pub(crate) fn connector(options: &Options) -> Result<Tls, Refused> {
+pub(crate) fn load_tls(options: &GatewayOptions) -> Result<ClientTls, GatewayError> {
     let pinned = match options.certificate.as_deref() {
-        Some(text) => match digits(text) {
+        Some(text) => match parse_fingerprint(text) {
             Some(fingerprint) => fingerprint,
-            None => of_file(Path::new(text))?,
+            None => file_fingerprint(Path::new(text))?,
         },
-        None => of_file(&own().ok_or_else(none)?)?,
+        None => file_fingerprint(&own_certificate_path().ok_or_else(no_certificate_error)?)?,
     };
     let provider = Arc::new(ring::default_provider());
-    let verifier = Arc::new(Pinned { fingerprint: pinned, provider: Arc::clone(&provider) });
+    let verifier =
+        Arc::new(PinnedVerifier { fingerprint: pinned, provider: Arc::clone(&provider) });
     let config = ClientConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&version::TLS13])
-        .map_err(|error| Refused::new("E318", format!("nothing can be encrypted: {error}")))?
+        .map_err(|error| GatewayError::new("E318", format!("nothing can be encrypted: {error}")))?
         .dangerous()
         .with_custom_certificate_verifier(verifier);
     let config = match &options.client_cert {
         None => config.with_no_client_auth(),
         Some(path) => {
-            let (chain, key) = shown(path, options.client_key.as_deref().unwrap_or(path))?;
+            let (chain, key) =
+                read_client_cert(path, options.client_key.as_deref().unwrap_or(path))?;
             let shown = config.with_client_auth_cert(chain, key);
-            let unlike = |error| wrong(path, &error).hint("is that key the certificate's?");
+            let unlike = |error| invalid_file(path, &error).hint("is that key the certificate's?");
             shown.map_err(unlike)?
         }
     };
-    Ok(Tls { config: Arc::new(config), shows: options.client_cert.is_some() })
+    Ok(ClientTls { config: Arc::new(config), has_client_cert: options.client_cert.is_some() })
 }
 
-fn own() -> Option<PathBuf> {
+fn own_certificate_path() -> Option<PathBuf> {
     state_folder().map(|folder| folder.join(CERTIFICATE)).filter(|file| file.exists())
 }
 
-fn none() -> Refused {
-    Refused::new("E256", "it is not known which certificate the server has").hint(
+fn no_certificate_error() -> GatewayError {
+    GatewayError::new("E256", "it is not known which certificate the server has").hint(
         "--certificate with its certificate.pem, or with the SHA-256 that `polepair serve` printed",
     )
 }
 
-fn of_file(path: &Path) -> Result<String, Refused> {
+fn file_fingerprint(path: &Path) -> Result<String, GatewayError> {
     let bytes = std::fs::read(path).map_err(|error| unreadable(path, &error))?;
     let found = CertificateDer::from_pem_slice(&bytes);
-    found.map(|it| plain(&fingerprint(&it))).map_err(|error| wrong(path, &error))
+    found
+        .map(|it| without_colons(&certificate_fingerprint(&it)))
+        .map_err(|error| invalid_file(path, &error))
 }
 
 /// Our own certificate, with those between it and whoever vouches for it, and its key: PEM, which may
 /// be in one file. Nobody else may read the key's.
-fn shown(
+fn read_client_cert(
     certificate: &Path,
     key: &Path,
-) -> Result<(Vec<CertificateDer<'static>>, PrivateKeyDer<'static>), Refused> {
+) -> Result<(Vec<CertificateDer<'static>>, PrivateKeyDer<'static>), GatewayError> {
     let file = File::open(certificate).map_err(|error| unreadable(certificate, &error))?;
     let chain = CertificateDer::pem_slice_iter(&read(file, certificate)?)
         .take(CHAIN_MAX + 1)
         .collect::<Result<Vec<_>, _>>()
-        .map_err(|error| wrong(certificate, &error))?;
+        .map_err(|error| invalid_file(certificate, &error))?;
     if chain.is_empty() || chain.len() > CHAIN_MAX {
         let what = format!("it holds {} certificates, not 1 to {CHAIN_MAX}", chain.len());
-        return Err(wrong(certificate, &what));
+        return Err(invalid_file(certificate, &what));
     }
-    let secret = PrivateKeyDer::from_pem_slice(&read(open(key)?, key)?);
-    let secret = secret.map_err(|error| wrong(key, &error).hint("--client-key names its file"))?;
+    let secret = PrivateKeyDer::from_pem_slice(&read(open_private(key)?, key)?);
+    let secret =
+        secret.map_err(|error| invalid_file(key, &error).hint("--client-key names its file"))?;
     Ok((chain, secret))
 }
 
-fn read(file: File, path: &Path) -> Result<Vec<u8>, Refused> {
+fn read(file: File, path: &Path) -> Result<Vec<u8>, GatewayError> {
     let mut bytes = Vec::new();
     let read = file.take(FILE_MAX).read_to_end(&mut bytes);
     read.map(|_| bytes).map_err(|error| unreadable(path, &error))
 }
 
-fn wrong(path: &Path, error: &dyn std::fmt::Display) -> Refused {
-    Refused::new("E256", format!("{}: {error}", path.display()))
+fn invalid_file(path: &Path, error: &dyn std::fmt::Display) -> GatewayError {
+    GatewayError::new("E256", format!("{}: {error}", path.display()))
 }
 
 /// The 64 digits of a fingerprint; `None` for what is none.
-fn digits(text: &str) -> Option<String> {
-    let plain = plain(text);
+fn parse_fingerprint(text: &str) -> Option<String> {
+    let plain = without_colons(text);
     let is = plain.len() == 64 && plain.bytes().all(|c| c.is_ascii_hexdigit());
     is.then(|| plain.to_ascii_uppercase())
 }
 
-fn plain(text: &str) -> String {
+fn without_colons(text: &str) -> String {
     text.chars().filter(|c| *c != ':').collect()
 }
 
 /// Takes one certificate and no other, whatever name it is for and whoever signed it.
 #[derive(Debug)]
-struct Pinned {
+struct PinnedVerifier {
     fingerprint: String,
     provider: Arc<CryptoProvider>,
 }
 
-impl ServerCertVerifier for Pinned {
+impl ServerCertVerifier for PinnedVerifier {
     fn verify_server_cert(
         &self,
         end_entity: &CertificateDer<'_>,
@@ -183,7 +188,7 @@ impl ServerCertVerifier for Pinned {
         _ocsp_response: &[u8],
         _now: UnixTime,
     ) -> Result<ServerCertVerified, Error> {
-        if plain(&fingerprint(end_entity)) == self.fingerprint {
+        if without_colons(&certificate_fingerprint(end_entity)) == self.fingerprint {
             return Ok(ServerCertVerified::assertion());
         }
         Err(Error::InvalidCertificate(CertificateError::ApplicationVerificationFailure))
@@ -219,10 +224,10 @@ mod tests {
     #[test]
     fn a_fingerprint_is_told_from_a_file() {
         let printed = ["ab"; 32].join(":");
-        assert_eq!(digits(&printed), Some("AB".repeat(32)));
-        assert_eq!(digits("certificate.pem"), None);
+        assert_eq!(parse_fingerprint(&printed), Some("AB".repeat(32)));
+        assert_eq!(parse_fingerprint("certificate.pem"), None);
         let certificate = Some("/nowhere/it.pem".to_owned());
-        let options = Options { certificate, ..Options::default() };
-        assert_eq!(connector(&options).err().unwrap().code, "E301");
+        let options = GatewayOptions { certificate, ..GatewayOptions::default() };
+        assert_eq!(load_tls(&options).err().unwrap().code, "E301");
     }
 }

@@ -13,57 +13,59 @@ use arrow_schema::ArrowError;
 /// Different words of one column; a capture with more of them is hostile.
 const WORDS_MAX: usize = 1 << 16;
 /// What further ones are called.
-const BEYOND: &str = "(more words than can be kept)";
+const OVERFLOW_WORD: &str = "(more words than can be kept)";
 
 /// Numbers, some of which may be missing.
 #[derive(Debug)]
-pub(crate) struct Numbers<T: ArrowPrimitiveType> {
+pub(crate) struct NumberColumn<T: ArrowPrimitiveType> {
     values: Vec<T::Native>,
-    there: There,
+    validity: Validity,
 }
 
 /// Which rows have a number.
 #[derive(Debug)]
-enum There {
-    All,
-    None,
-    Some(NullBufferBuilder),
+enum Validity {
+    AllValid,
+    AllNull,
+    Mixed(NullBufferBuilder),
 }
 
-impl<T: ArrowPrimitiveType> Default for Numbers<T> {
+impl<T: ArrowPrimitiveType> Default for NumberColumn<T> {
     fn default() -> Self {
-        Self { values: Vec::new(), there: There::All }
+        Self { values: Vec::new(), validity: Validity::AllValid }
     }
 }
 
-impl<T: ArrowPrimitiveType> Numbers<T> {
+impl<T: ArrowPrimitiveType> NumberColumn<T> {
     #[inline]
     pub fn push(&mut self, value: T::Native) {
-        self.note(true);
+        self.note_validity(true);
         self.values.push(value);
     }
 
     #[inline]
-    pub fn push_maybe(&mut self, value: Option<T::Native>) {
-        self.note(value.is_some());
+    pub fn push_option(&mut self, value: Option<T::Native>) {
+        self.note_validity(value.is_some());
         self.values.push(value.unwrap_or_default());
     }
 
     #[inline]
-    fn note(&mut self, is: bool) {
-        match (&self.there, is) {
-            (There::All, true) | (There::None, false) => {}
-            _ => self.differ(is),
+    fn note_validity(&mut self, is: bool) {
+        match (&self.validity, is) {
+            (Validity::AllValid, true) | (Validity::AllNull, false) => {}
+            _ => self.mix_validity(is),
         }
     }
 
     /// The next row is not as all were so far.
-    fn differ(&mut self, is: bool) {
+    fn mix_validity(&mut self, is: bool) {
         let rows = self.values.len();
-        let was = matches!(self.there, There::All);
-        match &mut self.there {
-            There::Some(builder) => builder.append(is),
-            _ if rows == 0 => self.there = if is { There::All } else { There::None },
+        let was = matches!(self.validity, Validity::AllValid);
+        match &mut self.validity {
+            Validity::Mixed(builder) => builder.append(is),
+            _ if rows == 0 => {
+                self.validity = if is { Validity::AllValid } else { Validity::AllNull }
+            }
             there => {
                 let mut builder = NullBufferBuilder::new(rows + 1);
                 if was {
@@ -72,7 +74,7 @@ impl<T: ArrowPrimitiveType> Numbers<T> {
                     builder.append_n_nulls(rows)
                 }
                 builder.append(is);
-                *there = There::Some(builder);
+                *there = Validity::Mixed(builder);
             }
         }
     }
@@ -80,33 +82,33 @@ impl<T: ArrowPrimitiveType> Numbers<T> {
     /// Makes room for so many rows more. A column that begins gets no more than that: fresh memory
     /// costs more than what is done with it.
     pub fn reserve(&mut self, rows: usize) {
-        room(&mut self.values, rows);
+        reserve_rows(&mut self.values, rows);
     }
 
     /// Rows that all have a number.
     #[inline]
     pub fn extend(&mut self, rows: impl ExactSizeIterator<Item = T::Native>) {
-        self.note_all(true, rows.len());
+        self.note_all_validity(true, rows.len());
         self.values.extend(rows);
     }
 
     /// The same again and again.
     pub fn repeat(&mut self, value: Option<T::Native>, rows: usize) {
-        self.note_all(value.is_some(), rows);
+        self.note_all_validity(value.is_some(), rows);
         self.values.resize(self.values.len() + rows, value.unwrap_or_default());
     }
 
     /// Makes rows that all have a number, and gives them to be filled in.
-    pub fn rows(&mut self, rows: usize) -> &mut [T::Native] {
+    pub fn extend_default(&mut self, rows: usize) -> &mut [T::Native] {
         let before = self.values.len();
         self.repeat(Some(T::Native::default()), rows);
         &mut self.values[before..]
     }
 
-    fn note_all(&mut self, is: bool, rows: usize) {
+    fn note_all_validity(&mut self, is: bool, rows: usize) {
         if rows > 0 {
-            self.note(is);
-            if let There::Some(builder) = &mut self.there {
+            self.note_validity(is);
+            if let Validity::Mixed(builder) = &mut self.validity {
                 match is {
                     true => builder.append_n_non_nulls(rows - 1),
                     false => builder.append_n_nulls(rows - 1),
@@ -120,13 +122,13 @@ impl<T: ArrowPrimitiveType> Numbers<T> {
     }
 
     /// What was gathered; the column begins anew.
-    pub fn take(&mut self) -> PrimitiveArray<T> {
+    pub fn finish(&mut self) -> PrimitiveArray<T> {
         let rows = self.values.len();
         let values = core::mem::take(&mut self.values);
-        let nulls = match core::mem::replace(&mut self.there, There::All) {
-            There::All => None,
-            There::None => Some(NullBuffer::new_null(rows)),
-            There::Some(mut builder) => builder.finish(),
+        let nulls = match core::mem::replace(&mut self.validity, Validity::AllValid) {
+            Validity::AllValid => None,
+            Validity::AllNull => Some(NullBuffer::new_null(rows)),
+            Validity::Mixed(mut builder) => builder.finish(),
         };
         PrimitiveArray::new(values.into(), nulls)
     }
@@ -138,7 +140,7 @@ pub(crate) struct Dictionary {
     numbers: HashMap<Box<str>, i32>,
     words: Vec<Box<str>>,
     last: i32,
-    places: Places,
+    cache: WordCache,
 }
 
 impl Dictionary {
@@ -153,12 +155,12 @@ impl Dictionary {
 
     /// The number of a word that stays where it is: told by its place, without a look at its letters.
     #[inline]
-    pub fn number_of(&mut self, word: &'static str) -> i32 {
-        if let Some(number) = self.places.of(word) {
+    pub fn number_of_static(&mut self, word: &'static str) -> i32 {
+        if let Some(number) = self.cache.get(word) {
             return number;
         }
         let number = self.look_up(word);
-        self.places.keep(word, number);
+        self.cache.insert(word, number);
         number
     }
 
@@ -169,7 +171,7 @@ impl Dictionary {
     }
 
     fn add(&mut self, word: &str) -> i32 {
-        let word = if self.words.len() < WORDS_MAX { word } else { BEYOND };
+        let word = if self.words.len() < WORDS_MAX { word } else { OVERFLOW_WORD };
         if let Some(number) = self.numbers.get(word) {
             return *number;
         }
@@ -186,51 +188,51 @@ impl Dictionary {
 
 /// Numbers of words by where these lie in memory; one that takes the place of another is looked up
 /// again.
-struct Places([(&'static str, i32); PLACES]);
+struct WordCache([(&'static str, i32); CACHE_SLOTS]);
 
 /// Words of a column that are told by their place at once: a power of two.
-const PLACES: usize = 256;
+const CACHE_SLOTS: usize = 256;
 
-impl Default for Places {
+impl Default for WordCache {
     fn default() -> Self {
-        Self([("", -1); PLACES])
+        Self([("", -1); CACHE_SLOTS])
     }
 }
 
-impl core::fmt::Debug for Places {
+impl core::fmt::Debug for WordCache {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "{PLACES}")
+        write!(f, "{CACHE_SLOTS}")
     }
 }
 
-impl Places {
+impl WordCache {
     #[inline]
-    fn at(word: &'static str) -> usize {
+    fn slot(word: &'static str) -> usize {
         /// 2 to the 64th by the golden ratio: near places become far ones.
         const SPREAD: u64 = 0x9E37_79B9_7F4A_7C15;
         let place = word.as_ptr() as u64 ^ (word.len() as u64) << 48;
-        (place.wrapping_mul(SPREAD) >> 32) as usize & (PLACES - 1)
+        (place.wrapping_mul(SPREAD) >> 32) as usize & (CACHE_SLOTS - 1)
     }
 
     #[inline]
-    fn of(&self, word: &'static str) -> Option<i32> {
-        let (known, number) = self.0[Self::at(word)];
+    fn get(&self, word: &'static str) -> Option<i32> {
+        let (known, number) = self.0[Self::slot(word)];
         (core::ptr::eq(known, word) && number >= 0).then_some(number)
     }
 
-    fn keep(&mut self, word: &'static str, number: i32) {
-        self.0[Self::at(word)] = (word, number);
+    fn insert(&mut self, word: &'static str, number: i32) {
+        self.0[Self::slot(word)] = (word, number);
     }
 }
 
 /// A column of words.
 #[derive(Debug, Default)]
-pub(crate) struct Words {
+pub(crate) struct WordColumn {
     pub dictionary: Dictionary,
-    keys: Numbers<Int32Type>,
+    keys: NumberColumn<Int32Type>,
 }
 
-impl Words {
+impl WordColumn {
     #[inline]
     pub fn push(&mut self, word: &str) {
         self.keys.push(self.dictionary.number(word));
@@ -238,68 +240,68 @@ impl Words {
 
     /// A word that stays where it is.
     #[inline]
-    pub fn push_name(&mut self, word: &'static str) {
-        self.keys.push(self.dictionary.number_of(word));
+    pub fn push_static(&mut self, word: &'static str) {
+        self.keys.push(self.dictionary.number_of_static(word));
     }
 
-    pub fn push_maybe(&mut self, word: Option<&'static str>) {
-        self.keys.push_maybe(word.map(|word| self.dictionary.number_of(word)));
+    pub fn push_option(&mut self, word: Option<&'static str>) {
+        self.keys.push_option(word.map(|word| self.dictionary.number_of_static(word)));
     }
 
     /// Words by their numbers in the dictionary.
-    pub const fn keys(&mut self) -> &mut Numbers<Int32Type> {
+    pub const fn keys(&mut self) -> &mut NumberColumn<Int32Type> {
         &mut self.keys
     }
 
-    pub fn take(&mut self) -> Result<ArrayRef, ArrowError> {
-        dictionary(self.keys.take(), &self.dictionary)
+    pub fn finish(&mut self) -> Result<ArrayRef, ArrowError> {
+        dictionary_array(self.keys.finish(), &self.dictionary)
     }
 }
 
-fn dictionary(keys: Int32Array, words: &Dictionary) -> Result<ArrayRef, ArrowError> {
+fn dictionary_array(keys: Int32Array, words: &Dictionary) -> Result<ArrayRef, ArrowError> {
     Ok(Arc::new(DictionaryArray::<Int32Type>::try_new(keys, words.values())?))
 }
 
 /// A column that says the same in every row.
 #[derive(Debug, Default)]
-pub(crate) struct Same {
+pub(crate) struct ConstantColumn {
     word: String,
     /// As many rows as were wanted at most; fewer are the beginning of these.
-    most: Option<DictionaryArray<Int32Type>>,
+    longest: Option<DictionaryArray<Int32Type>>,
 }
 
-impl Same {
+impl ConstantColumn {
     pub fn new(word: &str) -> Self {
         Self { word: word.to_owned(), ..Self::default() }
     }
 
-    pub fn rows(&mut self, rows: usize) -> Result<ArrayRef, ArrowError> {
-        if let Some(most) = self.most.as_ref().filter(|most| most.len() >= rows) {
+    pub fn array(&mut self, rows: usize) -> Result<ArrayRef, ArrowError> {
+        if let Some(most) = self.longest.as_ref().filter(|most| most.len() >= rows) {
             return Ok(Arc::new(most.slice(0, rows)));
         }
         let keys = Int32Array::from_value(0, rows.next_power_of_two());
         let values: ArrayRef = Arc::new(StringArray::from_iter_values([&self.word]));
         let most = DictionaryArray::<Int32Type>::try_new(keys, values)?;
         let made = Arc::new(most.slice(0, rows));
-        self.most = Some(most);
+        self.longest = Some(most);
         Ok(made)
     }
 }
 
 /// Byte strings.
 #[derive(Debug)]
-pub(crate) struct Bytes {
+pub(crate) struct BytesColumn {
     ends: Vec<i32>,
     bytes: Vec<u8>,
 }
 
-impl Default for Bytes {
+impl Default for BytesColumn {
     fn default() -> Self {
         Self { ends: vec![0], bytes: Vec::new() }
     }
 }
 
-impl Bytes {
+impl BytesColumn {
     #[inline]
     pub fn push(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
@@ -324,8 +326,8 @@ impl Bytes {
 
     /// Makes room for so many rows more, of eight bytes at most.
     pub fn reserve(&mut self, rows: usize) {
-        room(&mut self.bytes, 8 * rows);
-        room(&mut self.ends, rows);
+        reserve_rows(&mut self.bytes, 8 * rows);
+        reserve_rows(&mut self.ends, rows);
     }
 
     /// Bytes of all rows together.
@@ -333,25 +335,25 @@ impl Bytes {
         self.bytes.len()
     }
 
-    fn parts(&mut self) -> (OffsetBuffer<i32>, Buffer) {
+    fn take_parts(&mut self) -> (OffsetBuffer<i32>, Buffer) {
         let Self { ends, bytes } = core::mem::take(self);
         (OffsetBuffer::new(ends.into()), bytes.into())
     }
 
-    pub fn take(&mut self) -> Result<ArrayRef, ArrowError> {
-        let (ends, bytes) = self.parts();
+    pub fn finish(&mut self) -> Result<ArrayRef, ArrowError> {
+        let (ends, bytes) = self.take_parts();
         Ok(Arc::new(BinaryArray::try_new(ends, bytes, None)?))
     }
 
     /// The rows as text, which they must be.
-    pub fn take_text(&mut self) -> Result<ArrayRef, ArrowError> {
-        let (ends, bytes) = self.parts();
+    pub fn finish_text(&mut self) -> Result<ArrayRef, ArrowError> {
+        let (ends, bytes) = self.take_parts();
         Ok(Arc::new(StringArray::try_new(ends, bytes, None)?))
     }
 }
 
 /// Makes room for so many more: exactly, where there are none yet.
-fn room<T>(values: &mut Vec<T>, more: usize) {
+fn reserve_rows<T>(values: &mut Vec<T>, more: usize) {
     match values.len() {
         0 | 1 => values.reserve_exact(more),
         _ => values.reserve(more),
@@ -359,7 +361,7 @@ fn room<T>(values: &mut Vec<T>, more: usize) {
 }
 
 /// Microseconds of nanoseconds.
-pub(crate) fn micros(
+pub(crate) fn to_micros(
     ns: &PrimitiveArray<arrow_array::types::Int64Type>,
 ) -> arrow_array::TimestampMicrosecondArray {
     let nulls: Option<NullBuffer> = arrow_array::Array::nulls(ns).cloned();

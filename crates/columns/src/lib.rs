@@ -2,35 +2,38 @@
 //!
 //! ```text
 //!   capture   events and what their conversations tell
-//!    └ Tables rows into batches of four tables       (Arrow; no file)
-//!       ├ Builder    the same on each of several threads
-//!       ├ Numbering  several builders' batches as one's
-//!       ├ Files  batches into four files             (Parquet, or Arrow's file format)
-//!       └ Parts  batches into a partitioned data set (Parquet)
+//!    └ TablesBuilder rows into batches of four tables       (Arrow; no file)
+//!       ├ BatchBuilder    the same on each of several threads
+//!       ├ DictionaryMerger  several builders' batches as one's
+//!       ├ TableFiles  batches into four files             (Parquet, or Arrow's file format)
+//!       └ DatasetWriter  batches into a partitioned data set (Parquet)
 //! ```
 //! The tables' columns are described in `docs/reference/columns.md`; [`schema`] is where they are
 //! stated.
 #![forbid(unsafe_code)]
 
-mod build;
+mod batch_builder;
 mod column;
 #[cfg(feature = "files")]
-mod encode;
-mod numbering;
+mod dataset;
+mod dictionary_merger;
 #[cfg(feature = "files")]
-mod parts;
+mod parquet_file;
 pub mod schema;
 #[cfg(feature = "files")]
-mod store;
+mod table_file;
 mod tables;
 
 pub use arrow_array::RecordBatch;
 pub use arrow_schema::ArrowError;
-pub use build::{Builder, Built};
-pub use numbering::Numbering;
+pub use batch_builder::{BatchBuilder, BuiltBatches};
 #[cfg(feature = "files")]
-pub use parts::{Done, Parts, Site};
-pub use schema::{SCHEMA_ID, Table};
+pub use dataset::{DatasetSite, DatasetWriter, DecodeRecord};
+pub use dictionary_merger::DictionaryMerger;
+pub use schema::{SCHEMA_ID, TableKind};
 #[cfg(feature = "files")]
-pub use store::{DECODER, Files, Keep, Provenance, Store, StoreError, Stored, fingerprint};
-pub use tables::{Origin, ROWS_MAX, Tables};
+pub use table_file::{
+    BatchSink, ColumnFormat, DECODER, Provenance, TableFile, TableFileError, TableFiles,
+    fingerprint,
+};
+pub use tables::{CaptureOrigin, ROWS_MAX, TablesBuilder};

@@ -13,7 +13,7 @@ pub const SCHEMA_ID: &str = "polepair-columns/1";
 
 /// One of the tables of a decoded capture.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub enum Table {
+pub enum TableKind {
     /// A row for each frame, with its bytes.
     Frames,
     /// A row for each value that a frame told.
@@ -24,7 +24,7 @@ pub enum Table {
     Events,
 }
 
-impl Table {
+impl TableKind {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Frames, Self::Signals, Self::Transactions, Self::Events];
 
@@ -41,7 +41,7 @@ impl Table {
 
     /// The table of that word.
     #[must_use]
-    pub fn named(word: &str) -> Option<Self> {
+    pub fn from_name(word: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|table| table.name() == word)
     }
 
@@ -49,10 +49,10 @@ impl Table {
     #[must_use]
     pub fn schema(self) -> SchemaRef {
         let fields: Vec<Field> = match self {
-            Self::Frames => frames(),
-            Self::Signals => signals(),
-            Self::Transactions => transactions(),
-            Self::Events => events(),
+            Self::Frames => frame_fields(),
+            Self::Signals => signal_fields(),
+            Self::Transactions => transaction_fields(),
+            Self::Events => event_fields(),
         };
         let said = [("polepair.schema", SCHEMA_ID), ("polepair.table", self.name())];
         let metadata: HashMap<String, String> =
@@ -79,84 +79,84 @@ impl Table {
     }
 }
 
-fn need(name: &str, kind: DataType) -> Field {
+fn required(name: &str, kind: DataType) -> Field {
     Field::new(name, kind, false)
 }
 
-fn may(name: &str, kind: DataType) -> Field {
+fn nullable(name: &str, kind: DataType) -> Field {
     Field::new(name, kind, true)
 }
 
 /// Strings by number, and the number's width that every reader takes.
-fn words() -> DataType {
+fn word_type() -> DataType {
     DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8))
 }
 
-fn stamp() -> DataType {
+fn timestamp_type() -> DataType {
     DataType::Timestamp(TimeUnit::Microsecond, Some("UTC".into()))
 }
 
-fn frames() -> Vec<Field> {
+fn frame_fields() -> Vec<Field> {
     vec![
-        may("t", stamp()),
-        may("t_ns", DataType::Int64),
-        need("source", words()),
-        need("bus", words()),
-        may("dir", DataType::Int8),
-        may("protocol", words()),
-        may("can_id", DataType::Int32),
-        need("flags", DataType::Int32),
-        need("data", DataType::Binary),
-        need("file", words()),
-        need("file_pos", DataType::Int64),
-        need("seq", DataType::Int64),
+        nullable("t", timestamp_type()),
+        nullable("t_ns", DataType::Int64),
+        required("source", word_type()),
+        required("bus", word_type()),
+        nullable("dir", DataType::Int8),
+        nullable("protocol", word_type()),
+        nullable("can_id", DataType::Int32),
+        required("flags", DataType::Int32),
+        required("data", DataType::Binary),
+        required("file", word_type()),
+        required("file_pos", DataType::Int64),
+        required("seq", DataType::Int64),
     ]
 }
 
-fn signals() -> Vec<Field> {
+fn signal_fields() -> Vec<Field> {
     vec![
-        may("t", stamp()),
-        may("t_ns", DataType::Int64),
-        need("source", words()),
-        need("bus", words()),
-        need("axis", DataType::Int32),
-        need("signal", words()),
-        need("value", DataType::Float64),
-        may("value_i", DataType::Int64),
-        need("unit", words()),
-        need("quality", DataType::Int16),
-        may("req_id", DataType::Int64),
-        need("frame_seq", DataType::Int64),
+        nullable("t", timestamp_type()),
+        nullable("t_ns", DataType::Int64),
+        required("source", word_type()),
+        required("bus", word_type()),
+        required("axis", DataType::Int32),
+        required("signal", word_type()),
+        required("value", DataType::Float64),
+        nullable("value_i", DataType::Int64),
+        required("unit", word_type()),
+        required("quality", DataType::Int16),
+        nullable("req_id", DataType::Int64),
+        required("frame_seq", DataType::Int64),
     ]
 }
 
-fn transactions() -> Vec<Field> {
+fn transaction_fields() -> Vec<Field> {
     vec![
-        may("t_req_ns", DataType::Int64),
-        may("t_rep_ns", DataType::Int64),
-        may("rtt_us", DataType::Int64),
-        may("axis", DataType::Int32),
-        need("op", words()),
-        need("outcome", words()),
-        need("retries", DataType::Int16),
-        need("source", words()),
-        need("bus", words()),
+        nullable("t_req_ns", DataType::Int64),
+        nullable("t_rep_ns", DataType::Int64),
+        nullable("rtt_us", DataType::Int64),
+        nullable("axis", DataType::Int32),
+        required("op", word_type()),
+        required("outcome", word_type()),
+        required("retries", DataType::Int16),
+        required("source", word_type()),
+        required("bus", word_type()),
     ]
 }
 
-fn events() -> Vec<Field> {
+fn event_fields() -> Vec<Field> {
     vec![
-        may("t", stamp()),
-        may("t_ns", DataType::Int64),
-        need("source", words()),
-        need("bus", words()),
-        may("axis", DataType::Int32),
-        need("event", words()),
-        need("name", words()),
-        may("code", DataType::Int64),
-        need("text", DataType::Utf8),
-        need("cause", words()),
-        need("remedy", words()),
-        may("frame_seq", DataType::Int64),
+        nullable("t", timestamp_type()),
+        nullable("t_ns", DataType::Int64),
+        required("source", word_type()),
+        required("bus", word_type()),
+        nullable("axis", DataType::Int32),
+        required("event", word_type()),
+        required("name", word_type()),
+        nullable("code", DataType::Int64),
+        required("text", DataType::Utf8),
+        required("cause", word_type()),
+        required("remedy", word_type()),
+        nullable("frame_seq", DataType::Int64),
     ]
 }

@@ -8,11 +8,11 @@ mod transactions;
 use arrow_array::types::Int64Type;
 use arrow_array::{RecordBatch, UInt32Array};
 use arrow_schema::ArrowError;
-use polepair_capture::session::Notice;
-use polepair_capture::{Batch, Decoded, Event, Plain, Stamp};
+use polepair_capture::session::SessionNotice;
+use polepair_capture::{CompactFrame, DecodedFrame, FrameBatch, FrameRun, Timestamp};
 
-use crate::column::Numbers;
-use crate::schema::Table;
+use crate::column::NumberColumn;
+use crate::schema::TableKind;
 
 /// Rows of one batch. Small enough that what is written stays in the processor's cache.
 pub const ROWS_MAX: usize = 1 << 16;
@@ -21,7 +21,7 @@ const BYTES_MAX: usize = 1 << 24;
 
 /// Whence the rows are: what stands in their columns `source` and `file`.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Origin {
+pub struct CaptureOrigin {
     /// The machine or gateway that recorded.
     pub source: String,
     /// The capture's file.
@@ -30,96 +30,100 @@ pub struct Origin {
 
 /// Builds the tables' batches. Nothing here writes a file.
 #[derive(Debug)]
-pub struct Tables {
+pub struct TablesBuilder {
     wanted: [bool; 4],
-    frames: frames::Frames,
-    signals: signals::Signals,
-    transactions: transactions::Transactions,
-    events: events::Events,
+    frames: frames::FrameRows,
+    signals: signals::SignalRows,
+    transactions: transactions::TransactionRows,
+    events: events::EventRows,
 }
 
 /// Where and when a row belongs.
 #[derive(Clone, Copy)]
-pub(crate) struct At<'a> {
-    pub time: Option<Stamp>,
+pub(crate) struct RowContext<'a> {
+    pub time: Option<Timestamp>,
     pub link: &'a str,
     /// The frame; `None` for what the end of the capture tells.
     pub seq: Option<u64>,
 }
 
-impl Tables {
+impl TablesBuilder {
     /// Builds the tables that are wanted.
     #[must_use]
-    pub fn new(wanted: &[Table], origin: &Origin) -> Self {
+    pub fn new(wanted: &[TableKind], origin: &CaptureOrigin) -> Self {
         Self {
-            wanted: Table::ALL.map(|table| wanted.contains(&table)),
-            frames: frames::Frames::new(origin),
-            signals: signals::Signals::new(origin),
-            transactions: transactions::Transactions::new(origin),
-            events: events::Events::new(origin),
+            wanted: TableKind::ALL.map(|table| wanted.contains(&table)),
+            frames: frames::FrameRows::new(origin),
+            signals: signals::SignalRows::new(origin),
+            transactions: transactions::TransactionRows::new(origin),
+            events: events::EventRows::new(origin),
         }
     }
 
     /// Takes a frame.
-    pub fn take(&mut self, event: &Event<'_>) {
-        if self.wants(Table::Frames) {
+    pub fn add_event(&mut self, event: &DecodedFrame<'_>) {
+        if self.wants(TableKind::Frames) {
             self.frames.push(event);
         }
-        let at = At { time: event.time, link: event.link, seq: Some(event.number) };
-        self.notices(at, event.notices);
+        let at = RowContext { time: event.time, link: event.link, seq: Some(event.number) };
+        self.add_notices(at, event.notices);
     }
 
     /// Takes the frames of a batch. Those that change nothing go into one column after the other.
-    pub fn take_batch(&mut self, batch: &Batch) {
-        let frames = self.wants(Table::Frames).then(|| {
+    pub fn add_batch(&mut self, batch: &FrameBatch) {
+        let frames = self.wants(TableKind::Frames).then(|| {
             self.frames.reserve(batch.len());
-            self.frames.spoken(batch.voices())
+            self.frames.templates(batch.templates())
         });
-        let signals = self.wants(Table::Signals).then(|| {
-            let spoken = self.signals.spoken(batch.voices());
+        let signals = self.wants(TableKind::Signals).then(|| {
+            let spoken = self.signals.templates(batch.templates());
             let rows = |it| match it {
-                Decoded::Plain(run) => spoken.rows(run),
-                Decoded::Told(_) => 1,
+                FrameRun::Compact(run) => spoken.row_count(run),
+                FrameRun::Stored(_) => 1,
             };
-            self.signals.reserve(batch.decoded().map(rows).sum());
+            self.signals.reserve(batch.runs().map(rows).sum());
             spoken
         });
-        for decoded in batch.decoded() {
+        for decoded in batch.runs() {
             match decoded {
-                Decoded::Plain(run) => {
-                    frames.iter().for_each(|spoken| self.frames.plain(run, spoken));
-                    signals.iter().for_each(|spoken| self.signals.plain(run, spoken));
+                FrameRun::Compact(run) => {
+                    frames.iter().for_each(|spoken| self.frames.push_plain(run, spoken));
+                    signals.iter().for_each(|spoken| self.signals.push_plain(run, spoken));
                 }
-                Decoded::Told(at) => batch.told(at, |event| self.take(event)),
+                FrameRun::Stored(at) => batch.with_stored(at, |event| self.add_event(event)),
             }
         }
     }
 
     /// Takes what the conversations of a link leave open at the end of the capture.
-    pub fn ending(&mut self, link: &str, notices: &[Notice]) {
-        self.notices(At { time: None, link, seq: None }, notices);
+    pub fn add_final_notices(&mut self, link: &str, notices: &[SessionNotice]) {
+        self.add_notices(RowContext { time: None, link, seq: None }, notices);
     }
 
-    fn notices(&mut self, at: At<'_>, notices: &[Notice]) {
+    fn add_notices(&mut self, at: RowContext<'_>, notices: &[SessionNotice]) {
         for notice in notices {
             match notice {
-                Notice::Signal(signal) if self.wants(Table::Signals) => {
+                SessionNotice::Signal(signal) if self.wants(TableKind::Signals) => {
                     self.signals.push(at, signal);
                 }
-                Notice::Exchange(exchange) if self.wants(Table::Transactions) => {
+                SessionNotice::Exchange(exchange) if self.wants(TableKind::Transactions) => {
                     self.transactions.push(at, exchange);
                 }
-                Notice::Change(change) if self.wants(Table::Events) => {
-                    self.events.change(at, change);
+                SessionNotice::Change(change) if self.wants(TableKind::Events) => {
+                    self.events.push_change(at, change);
                 }
-                Notice::Fault(fault) if self.wants(Table::Events) => self.events.fault(at, fault),
-                Notice::Odd(odd) if self.wants(Table::Events) => self.events.odd(at, odd),
+                SessionNotice::Fault(fault) if self.wants(TableKind::Events) => {
+                    self.events.push_fault(at, fault)
+                }
+                SessionNotice::Anomaly(odd) if self.wants(TableKind::Events) => {
+                    self.events.push_oddity(at, odd)
+                }
                 _ => {}
             }
         }
     }
 
-    const fn wants(&self, table: Table) -> bool {
+    const fn wants(&self, table: TableKind) -> bool {
         self.wanted[table as usize]
     }
 
@@ -128,7 +132,7 @@ impl Tables {
     pub fn is_full(&self) -> bool {
         let rows = [self.frames.rows(), self.signals.rows(), self.transactions.rows()];
         let most = rows.into_iter().chain([self.events.rows()]).max();
-        most.is_some_and(|rows| rows >= ROWS_MAX) || self.frames.bytes() >= BYTES_MAX
+        most.is_some_and(|rows| rows >= ROWS_MAX) || self.frames.data_len() >= BYTES_MAX
     }
 
     /// Gives the rows gathered so far, each table's in the order of time.
@@ -137,14 +141,14 @@ impl Tables {
     /// [`ArrowError`] when rows do not make a batch, which they do by construction.
     pub fn flush(
         &mut self,
-        each: &mut dyn FnMut(Table, RecordBatch) -> Result<(), ArrowError>,
+        each: &mut dyn FnMut(TableKind, RecordBatch) -> Result<(), ArrowError>,
     ) -> Result<(), ArrowError> {
-        for table in Table::ALL {
+        for table in TableKind::ALL {
             let batch = match table {
-                Table::Frames => self.frames.batch()?,
-                Table::Signals => self.signals.batch()?,
-                Table::Transactions => self.transactions.batch()?,
-                Table::Events => self.events.batch()?,
+                TableKind::Frames => self.frames.batch()?,
+                TableKind::Signals => self.signals.batch()?,
+                TableKind::Transactions => self.transactions.batch()?,
+                TableKind::Events => self.events.batch()?,
             };
             if batch.num_rows() > 0 {
                 each(table, batch)?;
@@ -155,31 +159,31 @@ impl Tables {
 }
 
 /// The time of a row in nanoseconds.
-pub(crate) fn ns(time: Option<Stamp>) -> Option<i64> {
+pub(crate) fn timestamp_ns(time: Option<Timestamp>) -> Option<i64> {
     time.and_then(|time| i64::try_from(time.0).ok())
 }
 
 /// Puts the times of frames down.
-pub(crate) fn times(column: &mut Numbers<Int64Type>, run: &[Plain]) {
+pub(crate) fn push_times(column: &mut NumberColumn<Int64Type>, run: &[CompactFrame]) {
     match run.iter().all(|plain| i64::try_from(plain.time.0).is_ok()) {
         true => column.extend(run.iter().map(|plain| plain.time.0.cast_signed())),
-        false => run.iter().for_each(|plain| column.push_maybe(ns(Some(plain.time)))),
+        false => run.iter().for_each(|plain| column.push_option(timestamp_ns(Some(plain.time)))),
     }
 }
 
 /// The one that all are; none where they differ, or there are none.
-pub(crate) fn only<T: PartialEq>(mut all: impl Iterator<Item = T>) -> Option<T> {
+pub(crate) fn common_value<T: PartialEq>(mut all: impl Iterator<Item = T>) -> Option<T> {
     let first = all.next()?;
     all.all(|other| other == first).then_some(first)
 }
 
 /// A number of a frame as columns have it.
-pub(crate) fn count(number: u64) -> i64 {
+pub(crate) fn to_i64(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)
 }
 
 /// The batch with its rows in the order of time: captures of several interfaces may not be.
-pub(crate) fn in_order(times: &[i64], batch: RecordBatch) -> Result<RecordBatch, ArrowError> {
+pub(crate) fn sort_by_time(times: &[i64], batch: RecordBatch) -> Result<RecordBatch, ArrowError> {
     if times.is_sorted() {
         return Ok(batch);
     }

@@ -7,13 +7,13 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use polepair_core::proto::canopen::pdo::{Entry, Map};
-use polepair_core::proto::canopen::sdo::{self, Object};
+use polepair_core::proto::canopen::pdo::{MappingEntry, PdoMapping};
+use polepair_core::proto::canopen::sdo::{self, ObjectIndex};
 use polepair_core::proto::modbus::wire::{ReplyPdu, RequestPdu, Space};
 use polepair_core::proto::modbus::{rtu, wire};
 use polepair_core::proto::tmcl::opcode::{Opcode, Status};
 use polepair_core::proto::tmcl::wire::{Reply, Request};
-use polepair_core::proto::tml::serial::{self, Deframer, Recovery};
+use polepair_core::proto::tml::serial::{self, Deframer, RecoveryPolicy};
 use polepair_core::proto::tml::wire::{IdCode, Instruction, Message};
 use polepair_core::proto::tml::{technocan, tmlcan};
 
@@ -34,7 +34,7 @@ fn modbus(c: &mut Criterion) {
                 RequestPdu::Read { space: Space::Holding, start: black_box(0x100), count: 10 };
             let len = rtu::emit_request(black_box(1), &request, &mut out);
             black_box(&out[..len]);
-            let (unit, pdu) = rtu::open(black_box(reply)).unwrap();
+            let (unit, pdu) = rtu::decode(black_box(reply)).unwrap();
             let ReplyPdu::Read { data, .. } = ReplyPdu::parse(pdu).unwrap() else { panic!() };
             for (word, value) in words.iter_mut().zip(wire::words(data)) {
                 *word = value;
@@ -79,7 +79,7 @@ fn tml(c: &mut Criterion) {
         b.iter(|| serial::encode(black_box(&request), black_box(&mut out)));
     });
     c.bench_function("tml: decode reply", |b| b.iter(|| serial::decode(black_box(frame))));
-    let mut deframer = Deframer::new(Recovery::Search);
+    let mut deframer = Deframer::new(RecoveryPolicy::Search);
     c.bench_function("tml: deframe reply, byte by byte", |b| {
         b.iter(|| {
             let mut found = None;
@@ -120,12 +120,13 @@ fn canopen(c: &mut Criterion) {
     let reply = [0x43, 0x64, 0x60, 0, 0x15, 0xCD, 0x5B, 7];
     c.bench_function("canopen: encode request, decode reply", |b| {
         b.iter(|| {
-            black_box(sdo::Request::Read(black_box(Object::new(0x6064, 0))).bytes());
-            black_box(sdo::Reply::of(black_box(reply)))
+            black_box(sdo::SdoRequest::Read(black_box(ObjectIndex::new(0x6064, 0))).bytes());
+            black_box(sdo::SdoReply::of(black_box(reply)))
         });
     });
-    let map: Map =
-        Map::new([0x6041_0010, 0x6064_0020, 0x6077_0010].map(Entry::from)).expect("64 bits");
+    let map: PdoMapping =
+        PdoMapping::new([0x6041_0010, 0x6064_0020, 0x6077_0010].map(MappingEntry::from))
+            .expect("64 bits");
     let data = u64::from_le_bytes([0x37, 6, 1, 2, 3, 4, 0xFE, 0xFF]);
     c.bench_function("canopen: unpack three values", |b| {
         b.iter(|| {

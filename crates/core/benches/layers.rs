@@ -37,12 +37,12 @@ fn codec(c: &mut Criterion) {
 
 fn host(c: &mut Criterion) {
     let reply = REPLY.emit();
-    let mut host = Tmcl::host(&OPTIONS, &[1]);
-    let profile = Tmcl::generic();
+    let mut host = Tmcl::create_host(&OPTIONS, &[1]);
+    let profile = Tmcl::generic_profile();
     let driver = Axis::new(profile, 1);
     let request = {
         use polepair_core::axis::Driver;
-        driver.read(&profile.parameters[1]).unwrap()
+        driver.read_request(&profile.parameters[1]).unwrap()
     };
     let (mut out, mut now) = ([0; 520], 0);
     c.bench_function("submit to event, host alone", |b| {
@@ -58,11 +58,11 @@ fn host(c: &mut Criterion) {
 }
 
 fn lanes(c: &mut Criterion) {
-    let driver = Box::new(Tmcl::driver(Tmcl::generic(), 1));
-    let lane = Lane::new(Tmcl::host(&OPTIONS, &[1]), [driver as Box<_>]);
+    let driver = Box::new(Tmcl::create_driver(Tmcl::generic_profile(), 1));
+    let lane = Lane::new(Tmcl::create_host(&OPTIONS, &[1]), [driver as Box<_>]);
     lane_of(c, "submit to outcome, through the erased lane", Box::new(lane), &REPLY.emit());
-    let driver = Box::new(Rtu::driver(&SYNTRON_TS, 1));
-    let lane = Lane::new(Rtu::host(&OPTIONS, &[1]), [driver as Box<_>]);
+    let driver = Box::new(Rtu::create_driver(&SYNTRON_TS, 1));
+    let lane = Lane::new(Rtu::create_host(&OPTIONS, &[1]), [driver as Box<_>]);
     let mut reply = [0; 16];
     let answer = ReplyPdu::Read { space: Space::Holding, data: &[0x12, 0x34] };
     let len = rtu::emit(1, &mut reply, |out| answer.emit(out));
@@ -75,7 +75,7 @@ fn lane_of(c: &mut Criterion, name: &str, mut lane: Box<dyn AnyLane<Stream>>, re
         b.iter(|| {
             now += 1_000_000;
             let now = Instant(now);
-            lane.read(now, Ticket(7), AxisIndex(0), black_box(ParameterId(1))).unwrap();
+            lane.read_parameter(now, Ticket(7), AxisIndex(0), black_box(ParameterId(1))).unwrap();
             black_box(lane.poll_transmit(now, &mut out));
             lane.handle_input(now, black_box(reply));
             black_box(lane.poll_outcome().unwrap())

@@ -11,19 +11,19 @@ use std::time::{Duration, Instant as Wall};
 
 use polepair_core::drives::cia402::device::Device;
 use polepair_core::drives::cia402::drive::Drive;
-use polepair_core::drives::cia402::{self, faults::Fault};
+use polepair_core::drives::cia402::{self, faults::FaultCode};
 use polepair_core::drives::syntron_ts::SyntronTs;
 use polepair_core::drives::{DeviceOptions, Family};
 use polepair_core::medium::{Can, Frame};
 use polepair_core::proto::HostOptions;
-use polepair_core::proto::canopen::od::Entry;
-use polepair_core::proto::canopen::sdo::{Object, Reply, Request, Short};
-use polepair_core::proto::canopen::{self, Ask};
+use polepair_core::proto::canopen::od::ObjectEntry;
+use polepair_core::proto::canopen::sdo::{ExpeditedData, ObjectIndex, SdoReply, SdoRequest};
+use polepair_core::proto::canopen::{self, HostRequest};
 use polepair_core::station::{Host as _, Station, Ticket};
 use polepair_core::time::Instant;
 
 const NODE: u8 = 5;
-const POSITION: Object = Object::new(0x6064, 0);
+const POSITION: ObjectIndex = ObjectIndex::new(0x6064, 0);
 /// Each case is measured for so long.
 const SPAN: Duration = Duration::from_secs(2);
 /// Rounds of a short run.
@@ -63,8 +63,8 @@ impl Wish {
 
 /// A read through the client's session: request made and sent, reply taken and told.
 fn client(wish: &Wish) {
-    let mut host = canopen::Host::new(&HostOptions::new(0));
-    let ask = Ask::Read { node: NODE, object: POSITION };
+    let mut host = canopen::CanHost::new(&HostOptions::new(0));
+    let ask = HostRequest::Read { node: NODE, object: POSITION };
     let reply = Frame::standard(0x585, &[0x43, 0x64, 0x60, 0, 0x15, 0xCD, 0x5B, 7]);
     let (mut out, mut now) = (Frame::default(), Instant::ZERO);
     wish.case("client", ROUNDS, |rounds| {
@@ -79,10 +79,10 @@ fn client(wish: &Wish) {
 }
 
 /// Reads of `objects` in turn, answered by a whole simulated drive.
-fn server(wish: &Wish, name: &str, device: &mut impl Station<Can>, objects: &[Object]) {
+fn server(wish: &Wish, name: &str, device: &mut impl Station<Can>, objects: &[ObjectIndex]) {
     let mut out = Frame::default();
     while device.poll_transmit(Instant::ZERO, &mut out).is_some() {}
-    let requests: Vec<Frame> = objects.iter().map(|o| Request::Read(*o).emit(NODE)).collect();
+    let requests: Vec<Frame> = objects.iter().map(|o| SdoRequest::Read(*o).emit(NODE)).collect();
     let mut turn = requests.iter().cycle();
     wish.case(name, ROUNDS, |rounds| {
         for request in turn.by_ref().take(rounds as usize) {
@@ -94,10 +94,10 @@ fn server(wish: &Wish, name: &str, device: &mut impl Station<Can>, objects: &[Ob
 }
 
 fn servers(wish: &Wish) {
-    let short = |entry: &&Entry| entry.kind.bytes().is_some_and(|bytes| bytes <= 4);
-    let object = |entry: &Entry| Object::new(entry.index(), entry.sub());
+    let short = |entry: &&ObjectEntry| entry.kind.bytes().is_some_and(|bytes| bytes <= 4);
+    let object = |entry: &ObjectEntry| ObjectIndex::new(entry.index(), entry.sub());
     let all = cia402::objects::DICTIONARY.entries().iter();
-    let all: Vec<_> = all.filter(|e| e.access.reads() && e.index() != 0x1003).collect();
+    let all: Vec<_> = all.filter(|e| e.access.is_readable() && e.index() != 0x1003).collect();
     let all: Vec<_> = all.into_iter().filter(short).map(object).collect();
     server(wish, "server-234", &mut node(), &[POSITION]);
     server(wish, "server-234-turns", &mut node(), &all);
@@ -109,21 +109,23 @@ fn servers(wish: &Wish) {
         seed: 0,
         extra: &[("fn00", "20")],
     };
-    let make = || SyntronTs::device(SyntronTs::profiles()[0], &options).expect("it is known");
+    let make =
+        || SyntronTs::create_device(SyntronTs::profiles()[0], &options).expect("it is known");
     // 768 and 331 have no common divisor.
     let registers: Vec<_> =
-        (0..768_u32).map(|n| Object::new(0x2000 + (n * 331 % 768) as u16, 0)).collect();
+        (0..768_u32).map(|n| ObjectIndex::new(0x2000 + (n * 331 % 768) as u16, 0)).collect();
     server(wish, "server-980", &mut make(), &[POSITION]);
     server(wish, "server-980-turns", &mut make(), &registers);
 }
 
 fn write(device: &mut impl Station<Can>, index: u16, sub: u8, value: u32, len: u8) {
-    let request = Request::Write(Object::new(index, sub), Short { bits: value, len });
+    let request =
+        SdoRequest::Write(ObjectIndex::new(index, sub), ExpeditedData { bits: value, len });
     device.handle_input(Instant::ZERO, &request.emit(NODE));
     let mut out = Frame::default();
     let mut written = false;
     while device.poll_transmit(Instant::ZERO, &mut out).is_some() {
-        written |= matches!(Reply::of(out.data), Reply::Written(..));
+        written |= matches!(SdoReply::of(out.data), SdoReply::Written(..));
     }
     assert!(written, "{index:04X}:{sub}");
 }
@@ -176,8 +178,8 @@ fn nodes(wish: &Wish, name: &str, count: usize) {
             assert_eq!(tick(&mut nodes, now, *target), count as u64);
         }
     });
-    let well = |node: &Device| node.drive().fault() == Fault::NONE;
-    assert!(nodes.iter().all(|node| well(node) && node.drive().shaft().powered()));
+    let well = |node: &Device| node.drive().fault() == FaultCode::NONE;
+    assert!(nodes.iter().all(|node| well(node) && node.drive().shaft().is_powered()));
 }
 
 fn main() {

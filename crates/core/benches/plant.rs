@@ -26,11 +26,11 @@ fn ticks(c: &mut Criterion, name: &str, every: u32, mut aim: impl FnMut(&mut Ser
 }
 
 fn plant(c: &mut Criterion) {
-    ticks(c, "a tick at constant speed", u32::MAX, |servo| servo.go(Goal::Velocity(100.0)));
+    ticks(c, "a tick at constant speed", u32::MAX, |servo| servo.set_goal(Goal::Velocity(100.0)));
     let mut there = false;
     ticks(c, "a tick of moves to and fro", 1_000, |servo| {
         there = !there;
-        servo.go(Goal::Position(if there { 20.0 } else { 0.0 }));
+        servo.set_goal(Goal::Position(if there { 20.0 } else { 0.0 }));
     });
 }
 

@@ -1,31 +1,33 @@
 //! The unified vocabulary: what any axis can be told, what it tells, and who translates.
 
 use crate::error::{Failure, Outcome, Unsupported};
-use crate::explain::Raw;
-use crate::lane::{Piece, Transfer, TransferKind};
+use crate::explain::RawFrame;
+use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::plan::Argument;
-use crate::profile::{Parameter, ParameterId, Profile, Readdress};
-use crate::program::{MemoryRules, Order, TransferStep};
-use crate::station::{AxisIndex, Class, Counters, Request, Ticket};
-use crate::stream::cyclic::{Account, Following, Order as CycleOrder, Setpoint};
+use crate::profile::{AddressRole, Parameter, ParameterId, Profile};
+use crate::program::{MemoryRules, ProgramCommand, TransferStep};
+use crate::station::{AxisIndex, Counters, Request, RequestClass, Ticket};
+use crate::stream::cyclic::{
+    CycleStatistics, CyclicConfig, SetpointCommand as CycleOrder, SetpointKind,
+};
 use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, Point};
 use crate::time::Instant;
 
-mod news;
-mod rehearsed;
-mod state;
+mod event;
+mod rehearsal;
+mod status;
 mod verb;
 
-pub use news::{Change, News, Presence, TOLD_MAX, Told};
-pub use rehearsed::{Rehearsed, RehearsedStep};
-pub use state::{Reading, State};
+pub use event::{AxisEvent, AxisEventKind, DriveReport, Presence, REPORTS_MAX};
+pub use rehearsal::{RehearsalAction, RehearsalStep};
+pub use status::{AxisStatus, Reading};
 pub use verb::Verb;
 
 /// A part of what stops an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum StopPart {
     /// All that takes motion out of the drive.
-    Tell,
+    Halt,
     /// What is told once the motor stands: [`Plan::after_wait`](crate::plan::Plan::after_wait).
     Release,
 }
@@ -97,32 +99,37 @@ pub trait Driver {
     ///
     /// # Errors
     /// [`Unsupported`] when the protocol cannot; access was already checked.
-    fn read(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported>;
+    fn read_request(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported>;
 
     /// The request that writes a raw value. `class` is what the lane holds the write to; the
     /// request must answer it from [`Request::class`].
     ///
     /// # Errors
     /// [`Unsupported`] when the protocol cannot; access and range were already checked.
-    fn write(
+    fn write_request(
         &self,
         parameter: &Parameter,
         raw: i64,
-        class: Class,
+        class: RequestClass,
     ) -> Result<Self::Request, Unsupported>;
 
     /// The request for a [`Send`](crate::plan::Step::Send) step.
     ///
     /// # Errors
     /// [`Unsupported`] when the protocol has no such function.
-    fn send(&self, function: u8, index: u16, value: i64) -> Result<Self::Request, Unsupported>;
+    fn function_request(
+        &self,
+        function: u8,
+        index: u16,
+        value: i64,
+    ) -> Result<Self::Request, Unsupported>;
 
     /// The same, where a request carries more of the command than one value: a target and how fast
     /// to get there.
     ///
     /// # Errors
-    /// As [`send`](Self::send), or what is wrong with the command's other arguments.
-    fn send_for(
+    /// As [`function_request`](Self::function_request), or what is wrong with the command's other arguments.
+    fn command_request(
         &self,
         command: &Command,
         function: u8,
@@ -130,14 +137,14 @@ pub trait Driver {
         value: i64,
     ) -> Result<Self::Request, Unsupported> {
         let _ = command;
-        self.send(function, index, value)
+        self.function_request(function, index, value)
     }
 
     /// The request that keeps a parameter's present value over power-off.
     ///
     /// # Errors
     /// [`Unsupported`] when the protocol has none.
-    fn keep(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported> {
+    fn store_request(&self, parameter: &Parameter) -> Result<Self::Request, Unsupported> {
         let _ = parameter;
         Err(Unsupported::NoPlan)
     }
@@ -146,20 +153,20 @@ pub trait Driver {
     ///
     /// # Errors
     /// [`Unsupported::BadText`] when it is not of that language.
-    fn parse(&self, text: &str) -> Result<Self::Request, Unsupported>;
+    fn parse_request(&self, text: &str) -> Result<Self::Request, Unsupported>;
 
     /// The request that a frame of the protocol is, if a host sends this drive such requests. The
-    /// class comes of what it asks, as for [`parse`](Self::parse).
+    /// class comes of what it asks, as for [`parse_request`](Self::parse_request).
     ///
     /// # Errors
     /// [`Unsupported::BadBytes`] when it is no such frame, or is for another drive.
-    fn decode(&self, frame: &Raw<'_>) -> Result<Self::Request, Unsupported>;
+    fn decode_request(&self, frame: &RawFrame<'_>) -> Result<Self::Request, Unsupported>;
 
     /// The raw value in an answer. `parameter` is what was read or written, if it was one.
     ///
     /// # Errors
     /// [`Failure::Refused`] with the drive's code, [`Failure::Misbehaved`].
-    fn answer(
+    fn decode_answer(
         &mut self,
         parameter: Option<&Parameter>,
         answer: &Self::Answer,
@@ -167,27 +174,27 @@ pub trait Driver {
 
     /// Whether a refusal of that code says that the drive has no such parameter, which is no fault of
     /// the request.
-    fn lacks(&self, code: u32) -> bool {
+    fn is_missing_parameter(&self, code: u32) -> bool {
         let _ = code;
         false
     }
 
     /// Takes what the drive said unasked, and tells what it is about.
-    fn unasked(&mut self, answer: &Self::Answer) -> [Option<Told>; TOLD_MAX] {
+    fn decode_unsolicited(&mut self, answer: &Self::Answer) -> [Option<DriveReport>; REPORTS_MAX] {
         let _ = answer;
-        [None; TOLD_MAX]
+        [None; REPORTS_MAX]
     }
 
     /// What a parameter decides of how the drive is reached, where a write of it acts at once: the
     /// answer to the next request then comes from, or goes to, another address.
-    fn readdresses(&self, parameter: &Parameter) -> Option<Readdress> {
+    fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {
         let _ = parameter;
         None
     }
 
     /// A parameter that must be read before all that the drive sends by itself is understood, the
     /// n-th of those that are not known yet, in the order in which they are to be read.
-    fn unlearnt(&self, n: usize) -> Option<ParameterId> {
+    fn unread_prerequisite(&self, n: usize) -> Option<ParameterId> {
         let _ = n;
         None
     }
@@ -198,31 +205,36 @@ pub trait Driver {
     }
 
     /// A request of such a path; `None` beyond the last preparation.
-    fn path(&self, step: PathStep) -> Option<Result<Self::Request, Unsupported>> {
+    fn path_request(&self, step: PathStep) -> Option<Result<Self::Request, Unsupported>> {
         let _ = step;
         None
     }
 
     /// What the drive's status of its buffer says.
-    fn path_status(&self, raw: i64) -> PathStatus {
+    fn decode_path_status(&self, raw: i64) -> PathStatus {
         let _ = raw;
         PathStatus::default()
     }
 
     /// The parameter that is commanded cycle by cycle; `None` where the drive is not ready for that.
-    fn followed(&self, setpoint: Setpoint) -> Option<ParameterId> {
+    fn setpoint_parameter(&self, setpoint: SetpointKind) -> Option<ParameterId> {
         let _ = setpoint;
         None
     }
 
-    /// Brings a drive its set-point, raw, for the next [`beat`](Self::beat). Nobody answers it.
-    fn follow(&self, setpoint: Setpoint, raw: i64, order: CycleOrder) -> Option<Self::Request> {
+    /// Brings a drive its set-point, raw, for the next [`sync_request`](Self::sync_request). Nobody answers it.
+    fn setpoint_request(
+        &self,
+        setpoint: SetpointKind,
+        raw: i64,
+        order: CycleOrder,
+    ) -> Option<Self::Request> {
         let _ = (setpoint, raw, order);
         None
     }
 
     /// The request that makes all drives of the wire take over what they were brought.
-    fn beat(&self) -> Option<Self::Request> {
+    fn sync_request(&self) -> Option<Self::Request> {
         None
     }
 
@@ -233,18 +245,18 @@ pub trait Driver {
 
     /// What is to be known of the memory that programs of this drive lie in; `None` where it takes
     /// none.
-    fn memory(&self) -> Option<&'static MemoryRules> {
+    fn memory_rules(&self) -> Option<&'static MemoryRules> {
         None
     }
 
     /// A request of a transfer; `None` where the drive takes no programs.
-    fn transfer(&self, step: TransferStep) -> Option<Result<Self::Request, Unsupported>> {
+    fn transfer_request(&self, step: TransferStep) -> Option<Result<Self::Request, Unsupported>> {
         let _ = step;
         None
     }
 
     /// What tells the drive such an order; `None` where it takes none.
-    fn order(&self, order: Order) -> Option<Self::Request> {
+    fn program_request(&self, order: ProgramCommand) -> Option<Self::Request> {
         let _ = order;
         None
     }
@@ -257,7 +269,7 @@ pub trait Driver {
 
 /// What one drive of a group answered.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Part {
+pub struct GroupAnswer {
     /// What was asked.
     pub ticket: Ticket,
     /// The drive's address on the wire.
@@ -269,13 +281,13 @@ pub struct Part {
 /// What the layers above hold: protocol, family and medium are erased.
 pub trait Axes {
     /// How many axes there are.
-    fn axes(&self) -> usize;
+    fn axis_count(&self) -> usize;
     /// The drive's address of an axis.
     fn address(&self, axis: AxisIndex) -> Option<u32>;
     /// What is known of the product.
     fn profile(&self, axis: AxisIndex) -> Option<&'static Profile>;
     /// What is known of the axis.
-    fn state(&self, axis: AxisIndex) -> Option<&State>;
+    fn state(&self, axis: AxisIndex) -> Option<&AxisStatus>;
 
     /// Whether its drive answers what changes something; see [`Host`](crate::station::Host::CONFIRMED).
     fn is_confirmed(&self, axis: AxisIndex) -> bool {
@@ -284,7 +296,7 @@ pub trait Axes {
     }
 
     /// Lets motion commands through, or no longer.
-    fn arm(&mut self, axis: AxisIndex, armed: bool);
+    fn set_armed(&mut self, axis: AxisIndex, armed: bool);
 
     /// Starts a verb. It ends in one outcome under `ticket`.
     ///
@@ -314,7 +326,7 @@ pub trait Axes {
     }
 
     /// Has what was just asked for under `ticket` put on the wire once, however silent the drive is.
-    fn send_once(&mut self, ticket: Ticket) {
+    fn disable_retries(&mut self, ticket: Ticket) {
         let _ = ticket;
     }
 
@@ -322,7 +334,7 @@ pub trait Axes {
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
-    fn read(
+    fn read_parameter(
         &mut self,
         now: Instant,
         ticket: Ticket,
@@ -336,7 +348,7 @@ pub trait Axes {
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
-    fn write(
+    fn write_parameter(
         &mut self,
         now: Instant,
         ticket: Ticket,
@@ -350,7 +362,7 @@ pub trait Axes {
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
-    fn raw(
+    fn send_text(
         &mut self,
         now: Instant,
         ticket: Ticket,
@@ -362,24 +374,24 @@ pub trait Axes {
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
-    fn raw_frame(
+    fn send_frame(
         &mut self,
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
-        frame: &Raw<'_>,
+        frame: &RawFrame<'_>,
     ) -> Result<(), Unsupported> {
         let _ = (now, ticket, axis, frame);
         Err(Unsupported::BadBytes)
     }
 
     /// Begins a path that is streamed point by point from where the axis stands; see
-    /// [`feed`](Self::feed). It ends in one outcome under `ticket`: the number of points, when all
+    /// [`feed_points`](Self::feed_points). It ends in one outcome under `ticket`: the number of points, when all
     /// are used up.
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
-    fn stream(
+    fn start_path(
         &mut self,
         now: Instant,
         ticket: Ticket,
@@ -393,7 +405,7 @@ pub trait Axes {
     /// Takes points of the path under `ticket`, as many as there is room for, and tells how many.
     /// `complete` says that the last of them ends the path; it should be one at rest. `None` when
     /// that path has ended.
-    fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
+    fn feed_points(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
         let _ = (ticket, points, complete);
         None
     }
@@ -404,11 +416,11 @@ pub trait Axes {
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
-    fn follow(
+    fn start_cyclic(
         &mut self,
         now: Instant,
         ticket: Ticket,
-        following: &Following<'_>,
+        following: &CyclicConfig<'_>,
     ) -> Result<(), Unsupported> {
         let _ = (now, ticket, following);
         Err(Unsupported::NoPlan)
@@ -423,7 +435,7 @@ pub trait Axes {
     }
 
     /// How the present, or the last, cyclic motion of an axis went.
-    fn account(&self, axis: AxisIndex) -> Option<&Account> {
+    fn cycle_statistics(&self, axis: AxisIndex) -> Option<&CycleStatistics> {
         let _ = axis;
         None
     }
@@ -435,31 +447,31 @@ pub trait Axes {
     }
 
     /// What is to be known of the memory that programs of an axis lie in; `None` where it takes none.
-    fn memory(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
+    fn memory_rules(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
         let _ = axis;
         None
     }
 
     /// Writes, verifies or reads words of an axis' memory. It ends in one outcome under `ticket`: how
-    /// many words; [`transferred`](Self::transferred) tells more. Nothing is written while the axis
+    /// many words; [`last_transfer`](Self::last_transfer) tells more. Nothing is written while the axis
     /// has power or its program runs; until it ends, what would power the axis is refused.
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
-    fn transfer(
+    fn start_transfer(
         &mut self,
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
         kind: TransferKind,
-        pieces: &[Piece],
+        pieces: &[MemoryBlock],
     ) -> Result<(), Unsupported> {
         let _ = (now, ticket, axis, kind, pieces);
         Err(Unsupported::NoPlan)
     }
 
     /// The axis' transfer that is under way, or its last one.
-    fn transferred(&self, axis: AxisIndex) -> Option<&Transfer> {
+    fn last_transfer(&self, axis: AxisIndex) -> Option<&MemoryTransfer> {
         let _ = axis;
         None
     }
@@ -469,12 +481,12 @@ pub trait Axes {
     ///
     /// # Errors
     /// [`Unsupported`]: nothing is sent.
-    fn order(
+    fn send_program_command(
         &mut self,
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
-        order: Order,
+        order: ProgramCommand,
     ) -> Result<(), Unsupported> {
         let _ = (now, ticket, axis, order);
         Err(Unsupported::NoPlan)
@@ -482,7 +494,7 @@ pub trait Axes {
 
     /// What the next drive of a group answered under `ticket`; it comes before the outcome, in the
     /// order of the drives' addresses.
-    fn poll_part(&mut self, _ticket: Ticket) -> Option<Part> {
+    fn poll_group_answer(&mut self, _ticket: Ticket) -> Option<GroupAnswer> {
         None
     }
 
@@ -508,27 +520,27 @@ pub trait Axes {
     ///
     /// # Errors
     /// [`Unsupported::Forbidden`] for an address at which nobody could talk with it any more.
-    fn readdresses(
+    fn address_change(
         &self,
         axis: AxisIndex,
         parameter: ParameterId,
         raw: i64,
-    ) -> Result<Option<Readdress>, Unsupported>;
+    ) -> Result<Option<AddressRole>, Unsupported>;
 
     /// A parameter that must be read before all that a drive sends by itself is understood: the n-th
     /// of those that are not known yet, to be read in this order.
-    fn unlearnt(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
+    fn unread_prerequisite(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
         let _ = (axis, n);
         None
     }
 
-    /// Begins, or ends, to keep what happens for [`poll_news`](Self::poll_news). What is so already
+    /// Begins, or ends, to keep what happens for [`poll_axis_event`](Self::poll_axis_event). What is so already
     /// when it begins is not news.
-    fn listen(&mut self, _on: bool) {}
+    fn enable_events(&mut self, _on: bool) {}
 
-    /// The next thing that happened while [`listen`](Self::listen) is on: what drives said unasked,
+    /// The next thing that happened while [`enable_events`](Self::enable_events) is on: what drives said unasked,
     /// and faults and the loss of arming whoever found them. `now` stamps what has no time of its own.
-    fn poll_news(&mut self, now: Instant) -> Option<News> {
+    fn poll_axis_event(&mut self, now: Instant) -> Option<AxisEvent> {
         let _ = now;
         None
     }
@@ -541,13 +553,13 @@ pub trait Axes {
         &self,
         axis: AxisIndex,
         command: Command,
-        show: &mut dyn FnMut(Rehearsed<'_>),
+        show: &mut dyn FnMut(RehearsalStep<'_>),
     ) -> Result<(), Unsupported>;
 
     /// Whether the drive was asked for a parameter and said that it has none such: one of those that
     /// its profile calls [optional](Profile::optional). It is not asked again until it restarts, what
     /// a plan does with it is left out, and what it scales is raw.
-    fn lacks(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
+    fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
         let _ = (axis, parameter);
         false
     }
@@ -563,7 +575,7 @@ pub trait Axes {
     fn counters(&self) -> Counters;
 
     /// What came while the last request of that axis that ended in silence was on the wire.
-    fn heard(&self, _axis: AxisIndex) -> Counters {
+    fn silence_counters(&self, _axis: AxisIndex) -> Counters {
         Counters::default()
     }
 
@@ -571,23 +583,28 @@ pub trait Axes {
     /// requests. Of several lanes on a wire it goes to the one of that number, 0 for one alone.
     /// `None` where no axis can be added: no such lane, a lane that does not know how or has other
     /// things to do on its wire just now, an address that is an axis or the host's own, or 256 axes.
-    fn join(&mut self, lane: usize, profile: &'static Profile, address: u32) -> Option<AxisIndex> {
+    fn add_axis(
+        &mut self,
+        lane: usize,
+        profile: &'static Profile,
+        address: u32,
+    ) -> Option<AxisIndex> {
         let _ = (lane, profile, address);
         None
     }
 
     /// Whether one of that address could join now, but for the number of axes.
-    fn may_join(&self, _lane: usize, _address: u32) -> bool {
+    fn can_add_axis(&self, _lane: usize, _address: u32) -> bool {
         false
     }
 
     /// Whether the wire must not be lent: the host speaks by itself to keep drives alive or in step.
-    fn keeps_alive(&self) -> bool {
+    fn sends_keepalive(&self) -> bool {
         false
     }
 
     /// Somebody else had the wire until now: the silence before a frame begins anew.
-    fn disturbed(&mut self, _now: Instant) {}
+    fn handle_resume(&mut self, _now: Instant) {}
 }
 
 /// A lane with its host erased: what connections and simulated worlds hold.

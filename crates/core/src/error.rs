@@ -201,7 +201,7 @@ pub struct Extent {
     /// Steps that were answered with no, or were read back and are not there.
     pub refused: u64,
     /// The steps of the plan's undoing were all acknowledged afterwards.
-    pub undone: bool,
+    pub rolled_back: bool,
 }
 
 impl Extent {

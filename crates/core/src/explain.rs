@@ -1,13 +1,16 @@
 //! Explaining a frame to people: fields with names, byte ranges and meanings, into a sink.
 
+mod conversation;
 mod effect;
-mod talk;
 
 use crate::error::WireError;
 use crate::profile::{Parameter, Profile};
 
-pub use effect::{Act, Effect};
-pub use talk::{Awaits, Label, Owed, Place, Reading, Talk, Turn, What};
+pub use conversation::{
+    ConversationContext, FrameRole, FrameValue, ReplyCount, ReplyExpectation, SequencePosition,
+    ShortText, ValueSource,
+};
+pub use effect::{Effect, Impact};
 
 /// Who sent the bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -28,7 +31,7 @@ pub struct Context<'a> {
     /// The product's tables, for names.
     pub profile: Option<&'static Profile>,
     /// Nobody stated the profile: it is a usual drive's, and its names say so where drives differ.
-    pub assumed: bool,
+    pub profile_assumed: bool,
     /// CAN identifier, for frames.
     pub id: Option<u32>,
     /// True for a CAN identifier of 29 bits.
@@ -41,7 +44,7 @@ pub struct Context<'a> {
 
 /// A frame as it stands on the wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Raw<'a> {
+pub struct RawFrame<'a> {
     /// Its bytes.
     pub bytes: &'a [u8],
     /// CAN identifier, for frames.
@@ -52,7 +55,7 @@ pub struct Raw<'a> {
 
 /// A value of a field.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub enum Value<'a> {
+pub enum FieldValue<'a> {
     /// A number, to be shown in decimal.
     Int(i64),
     /// A number, to be shown in hexadecimal with so many digits.
@@ -75,13 +78,13 @@ pub struct Field<'a> {
     /// Byte after the last; `start` for what stands in a CAN identifier.
     pub end: u16,
     /// Its value.
-    pub value: Value<'a>,
+    pub value: FieldValue<'a>,
     /// What the value means, where there is a name for it; empty otherwise.
     pub meaning: &'static str,
 }
 
 /// Takes what an explainer finds.
-pub trait Sink {
+pub trait ExplainSink {
     /// The protocol's word for the frame: `GAP`, `read holding registers`.
     fn kind(&mut self, kind: &str);
     /// The axis, station or module it concerns.
@@ -94,31 +97,31 @@ pub trait Sink {
     fn error(&mut self, error: WireError);
     /// Whether words are wanted: where not, an explainer may leave out pieces of text and readings
     /// that take it long (DEC-10).
-    fn words(&self) -> bool {
+    fn wants_text(&self) -> bool {
         true
     }
     /// A value that the frame carries. Whose it is, [`axis`](Self::axis) says.
-    fn reading(&mut self, reading: Reading<'_>) {
+    fn frame_value(&mut self, reading: FrameValue<'_>) {
         let _ = reading;
     }
 }
 
 /// Where, at the head of some bytes, a frame ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Cut {
+pub enum FrameBoundary {
     /// The first so many bytes are a whole frame whose check agrees.
     Frame(usize),
     /// The first so many bytes have a frame's length and shape, but its check fails.
-    Broken(usize),
+    Corrupt(usize),
     /// The first so many bytes belong to no frame.
     Skip(usize),
     /// Too few to tell.
-    More,
+    Incomplete,
 }
 
 /// What can be said in a protocol's own language, made into bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Encoded {
+pub struct EncodedFrame {
     /// Bytes written.
     pub len: usize,
     /// CAN identifier, for frames.
@@ -126,19 +129,19 @@ pub struct Encoded {
     /// True for a CAN identifier of 29 bits.
     pub extended: bool,
     /// For a CAN remote request, the length that it asks for.
-    pub remote: Option<u8>,
+    pub remote_len: Option<u8>,
     /// How many bytes the answer has, if there is one.
-    pub answer: Option<usize>,
+    pub answer_len: Option<usize>,
     /// What the one who sends this should know; empty if nothing.
     pub warning: &'static str,
 }
 
 /// The wire that a text is encoded for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub enum Via {
+pub enum WireKind {
     /// The protocol's own, or its usual one.
     #[default]
-    Usual,
+    Default,
     /// RS-232, or whatever carries bytes alone.
     Serial,
     /// RS-485, where its rules differ.
@@ -149,7 +152,7 @@ pub enum Via {
 
 /// How to encode a text.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Addressing {
+pub struct EncodeOptions {
     /// Axis, station or module address; the protocol's default if `None`.
     pub axis: Option<u32>,
     /// `axis` is a mask of groups, 0 for everybody; only for protocols that
@@ -160,7 +163,7 @@ pub struct Addressing {
     /// The product's tables, for names.
     pub profile: Option<&'static Profile>,
     /// The wire.
-    pub via: Via,
+    pub wire: WireKind,
 }
 
 /// Why a text could not be encoded: where, and what was expected there.
@@ -194,16 +197,16 @@ pub trait Dissector: Sync {
     fn name(&self) -> &'static str;
     /// Where the first frame in a serial stream ends. `ended` says that no more bytes follow soon:
     /// silence, a change of direction, or the end of the capture.
-    fn cut(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> Cut;
+    fn find_frame(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary;
     /// The length of the frame whose check agrees at the head of some bytes, if there is one.
-    fn whole(&self, bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
-        match self.cut(bytes, direction, true) {
-            Cut::Frame(len) => Some(len),
+    fn valid_frame_len(&self, bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
+        match self.find_frame(bytes, direction, true) {
+            FrameBoundary::Frame(len) => Some(len),
             _ => None,
         }
     }
     /// Whether a CAN identifier can be this protocol's; `false` for protocols without CAN.
-    fn claims(&self, id: u32, extended: bool) -> bool {
+    fn claims_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
@@ -215,15 +218,15 @@ pub trait Dissector: Sync {
     /// Whether other protocols use this CAN identifier for frames that may look alike: then a
     /// capture's frame is not explained so unless something else proves that its axis speaks this
     /// protocol, or somebody says so.
-    fn shares(&self, id: u32, extended: bool) -> bool {
+    fn shares_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
         false
     }
     /// Explains one frame: a cut of the stream, or a CAN frame's data with its id in the context.
-    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink);
+    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink);
     /// Whose a frame is that breaks nothing, whatever it holds, and neither asks nor answers: what
     /// it says is its conversation's to tell, and [`explain`](Self::explain) knows less of it.
-    fn plain(&self, frame: &Raw<'_>) -> Option<u32> {
+    fn process_data_axis(&self, frame: &RawFrame<'_>) -> Option<u32> {
         let _ = frame;
         None
     }
@@ -234,26 +237,26 @@ pub trait Dissector: Sync {
     fn encode(
         &self,
         text: &str,
-        addressing: &Addressing,
+        addressing: &EncodeOptions,
         out: &mut [u8],
-    ) -> Result<Encoded, EncodeError>;
+    ) -> Result<EncodedFrame, EncodeError>;
     /// What a code of this protocol means: a status, an exception, a fault.
-    fn code(&self, code: u32) -> Option<&'static str>;
+    fn code_meaning(&self, code: u32) -> Option<&'static str>;
     /// The language that [`encode`](Self::encode) reads; protocols on several wires share one.
     fn language(&self) -> &'static str {
         self.name()
     }
     /// Whether its texts are made of a drive's names, so that where nobody says which drive it is a
     /// usual one's are better than none.
-    fn speaks_in_names(&self) -> bool {
+    fn encodes_by_name(&self) -> bool {
         false
     }
     /// Whether a usual drive's names help to explain frames of one that nobody named.
-    fn assumes_names(&self) -> bool {
-        self.speaks_in_names()
+    fn explains_by_name(&self) -> bool {
+        self.encodes_by_name()
     }
     /// The language of the programs that its drives keep and run; `None` where there are none.
-    fn programs(&self) -> Option<&'static dyn crate::program::Language> {
+    fn program_language(&self) -> Option<&'static dyn crate::program::ProgramLanguage> {
         None
     }
     /// Whether axes have groups that a message can go to.
@@ -262,69 +265,87 @@ pub trait Dissector: Sync {
     }
     /// Explains what is expected after a request that was encoded: who answers with what. Says
     /// nothing where the length alone is known.
-    fn expect(&self, request: &Raw<'_>, addressing: &Addressing, sink: &mut dyn Sink) {
+    fn explain_expected_reply(
+        &self,
+        request: &RawFrame<'_>,
+        addressing: &EncodeOptions,
+        sink: &mut dyn ExplainSink,
+    ) {
         let _ = (request, addressing, sink);
     }
     /// Explains a value by the name of what it is read from: a register's bits, which the fields'
     /// ranges count. `false` when nothing has that name.
-    fn named(
+    fn explain_named_value(
         &self,
         name: &str,
         value: u32,
         profile: Option<&'static Profile>,
-        sink: &mut dyn Sink,
+        sink: &mut dyn ExplainSink,
     ) -> bool {
         let _ = (name, value, profile, sink);
         false
     }
     /// Tells how a parameter is reached on the wire, where that is more than its number.
-    fn reach(&self, parameter: &Parameter, sink: &mut dyn Sink) {
+    fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {
         let _ = (parameter, sink);
     }
     /// Whether a frame, sent to a drive, is what answers belong to. On serial lines every one is
     /// unless this says otherwise.
-    fn asks(&self, frame: &Raw<'_>) -> bool {
+    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
         frame.id.is_none()
     }
     /// Whether a frame says by itself that it answers `request`. Where none does, a reply on a serial
     /// line belongs to the last request.
-    fn answers(&self, frame: &Raw<'_>, request: &Raw<'_>) -> bool {
+    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
         let _ = (frame, request);
         false
     }
     /// What a frame is in its conversation. By default nothing is known of it.
-    fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
+    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
         let _ = (frame, talk);
-        Turn::Aside
+        FrameRole::Unrelated
     }
     /// Who sends such a frame, where it tells that by itself. `open` is the last request on the line
     /// that is not answered yet.
-    fn speaker(&self, frame: &Raw<'_>, open: Option<Raw<'_>>) -> Option<Direction> {
-        self.turn(frame, &Talk { open, ..Talk::default() }).speaker()
+    fn direction(&self, frame: &RawFrame<'_>, open: Option<RawFrame<'_>>) -> Option<Direction> {
+        self.role(
+            frame,
+            &ConversationContext { open_request: open, ..ConversationContext::default() },
+        )
+        .direction()
     }
     /// What a frame may do to the drive that it is sent to. By default nobody can tell.
-    fn effect(&self, frame: &Raw<'_>, profile: Option<&'static Profile>) -> Effect {
+    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
         let _ = (frame, profile);
         Effect::UNKNOWN
     }
     /// Why an answer refuses its request; `None` where it does not.
-    fn refuses(&self, answer: &Raw<'_>, request: &Raw<'_>) -> Option<&'static str> {
+    fn refusal_reason(
+        &self,
+        answer: &RawFrame<'_>,
+        request: &RawFrame<'_>,
+    ) -> Option<&'static str> {
         let _ = (answer, request);
         None
     }
     /// Whether a request, once it is answered, decides how its axis answers later ones.
-    fn forms(&self, request: &Raw<'_>) -> bool {
+    fn sets_reply_format(&self, request: &RawFrame<'_>) -> bool {
         let _ = request;
         false
     }
     /// Whether an answer shows that its drive has forgotten what `talk` says it was told: it
     /// started again.
-    fn restarted(&self, answer: &Raw<'_>, request: &Raw<'_>, talk: &Talk<'_>) -> bool {
+    fn shows_restart(
+        &self,
+        answer: &RawFrame<'_>,
+        request: &RawFrame<'_>,
+        talk: &ConversationContext<'_>,
+    ) -> bool {
         let _ = (answer, request, talk);
         false
     }
     /// Where a request stands in a sequence that counts.
-    fn place(&self, request: &Raw<'_>) -> Option<Place> {
+    fn sequence_position(&self, request: &RawFrame<'_>) -> Option<SequencePosition> {
         let _ = request;
         None
     }

@@ -3,15 +3,15 @@
 //! All storage is made when the lane is made, an axis joins it, or a path is begun; nothing allocates
 //! afterwards.
 
+mod address_change;
 mod axes;
-mod cycle;
+mod cyclic;
+mod event_queue;
 mod execute;
 mod job;
-mod news;
+mod job_table;
 mod path;
-mod readdress;
 mod slot;
-mod table;
 #[cfg(test)]
 mod tests;
 mod transfer;
@@ -21,51 +21,55 @@ use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 use core::marker::PhantomData;
 
-use crate::axis::{Axes, Command, News, Part, Rehearsed, RehearsedStep, State, StopPart, Verb};
+use crate::axis::{
+    Axes, AxisEvent, AxisStatus, Command, GroupAnswer, RehearsalAction, RehearsalStep, StopPart,
+    Verb,
+};
 use crate::error::{Failure, Outcome, Unsupported};
-use crate::explain::Raw;
+use crate::explain::RawFrame;
 use crate::medium::Medium;
 use crate::plan::Step;
-use crate::profile::{ParameterId, Profile, Readdress};
-use crate::program::{MemoryRules, Order};
+use crate::profile::{AddressRole, ParameterId, Profile};
+use crate::program::{MemoryRules, ProgramCommand};
 use crate::station::{
-    AxisIndex, Class, Counters, Event, Host, LineEvent, Request, Station, Ticket, Timed, To,
+    AxisIndex, Counters, EventSubject, Host, HostEvent, LineEvent, Request, RequestClass, Station,
+    Ticket, Timed,
 };
-use crate::stream::cyclic::{Account, Following, LOAD_MAX_PERCENT, Setpoint};
+use crate::stream::cyclic::{CycleStatistics, CyclicConfig, LOAD_MAX_PERCENT, SetpointKind};
 use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
-use cycle::Cycle;
-use job::{Asked, Run, Steps, Task, Write};
-pub use news::NEWS_MAX;
-use news::Tidings;
-use path::Path;
-use slot::Slot;
-pub use slot::{BoxedDriver, MakeDriver};
-use table::Table;
-pub use transfer::{Piece, Transfer, TransferKind};
+use cyclic::CyclicMotion;
+pub use event_queue::AXIS_EVENTS_MAX;
+use event_queue::EventQueue;
+use job::{InFlight, JobTask, PlanRun, StepSource, WriteSteps};
+use job_table::JobTable;
+use path::PathStream;
+use slot::AxisSlot;
+pub use slot::{BoxedDriver, DriverFactory};
+pub use transfer::{MemoryBlock, MemoryTransfer, TransferKind};
 
 /// Jobs that a lane holds at once.
 pub const JOBS_MAX: usize = 64;
 /// Places among them that only stops take: whatever else waits, a stop is never refused as busy
 /// because of it.
-pub const STOP_JOBS: usize = 4;
+pub const RESERVED_STOP_JOBS: usize = 4;
 
 /// Answers of a group's drives that wait to be taken at most; the oldest go first, which nobody took.
-pub const PARTS_MAX: usize = 512;
+pub const GROUP_ANSWERS_MAX: usize = 512;
 
 /// One host, its axes, and the jobs that take turns on it.
 pub struct Lane<M: Medium, H: Host<M>> {
     host: H,
-    slots: Vec<Slot<H::Request, H::Answer>>,
-    jobs: Table<H::Request>,
+    slots: Vec<AxisSlot<H::Request, H::Answer>>,
+    jobs: JobTable<H::Request>,
     /// What drives of a group answered and nobody has taken yet.
-    parts: VecDeque<Part>,
+    group_answers: VecDeque<GroupAnswer>,
     /// Axes that follow one beat, or did last.
-    cycle: Option<Box<Cycle>>,
+    cyclic: Option<Box<CyclicMotion>>,
     /// What happened and nobody has taken yet, while somebody listens.
-    tidings: Option<Box<Tidings>>,
+    events: Option<Box<EventQueue>>,
     /// What makes the driver of an axis that joins.
-    make: Option<MakeDriver<H::Request, H::Answer>>,
+    driver_factory: Option<DriverFactory<H::Request, H::Answer>>,
     medium: PhantomData<fn() -> M>,
 }
 
@@ -78,7 +82,7 @@ impl<M: Medium, H: Host<M>> core::fmt::Debug for Lane<M, H> {
 /// The steps by which a lane writes one parameter: permanent memory is spared, or asked for.
 #[must_use]
 pub fn write_steps(profile: &Profile, id: ParameterId, raw: i64, keep: bool) -> Vec<Step> {
-    let steps = Steps::Write(Write::new(profile, id, raw, keep));
+    let steps = StepSource::Write(WriteSteps::new(profile, id, raw, keep));
     (0..=u8::MAX).map_while(|at| steps.step(at)).collect()
 }
 
@@ -88,24 +92,24 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         host: H,
         drivers: impl IntoIterator<Item = BoxedDriver<H::Request, H::Answer>>,
     ) -> Self {
-        let slots: Vec<Slot<_, _>> = drivers.into_iter().take(256).map(Slot::new).collect();
+        let slots: Vec<AxisSlot<_, _>> = drivers.into_iter().take(256).map(AxisSlot::new).collect();
         let groups = slots.iter().any(|slot| slot.driver.is_group());
         Self {
             host,
             slots,
-            jobs: Table::new(),
-            parts: VecDeque::with_capacity(if groups { PARTS_MAX } else { 0 }),
-            cycle: None,
-            tidings: None,
-            make: None,
+            jobs: JobTable::new(),
+            group_answers: VecDeque::with_capacity(if groups { GROUP_ANSWERS_MAX } else { 0 }),
+            cyclic: None,
+            events: None,
+            driver_factory: None,
             medium: PhantomData,
         }
     }
 
-    /// The same lane, which axes can [join](Axes::join).
+    /// The same lane, which axes can [join](Axes::add_axis).
     #[must_use]
-    pub fn growing(self, make: MakeDriver<H::Request, H::Answer>) -> Self {
-        Self { make: Some(make), ..self }
+    pub fn with_driver_factory(self, make: DriverFactory<H::Request, H::Answer>) -> Self {
+        Self { driver_factory: Some(make), ..self }
     }
 
     /// The host, for what only its protocol has.
@@ -113,101 +117,103 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         &self.host
     }
 
-    fn slot(&self, axis: AxisIndex) -> Result<&Slot<H::Request, H::Answer>, Unsupported> {
+    fn slot(&self, axis: AxisIndex) -> Result<&AxisSlot<H::Request, H::Answer>, Unsupported> {
         self.slots.get(usize::from(axis.0)).ok_or(Unsupported::NoSuchAxis)
     }
 
     /// Takes what the host has to tell, as it may after every call.
     #[inline]
-    fn settle(&mut self, now: Instant) {
+    fn drain_host_events(&mut self, now: Instant) {
         while let Some(event) = self.host.poll_event() {
-            let silent = silent(&self.jobs, event);
-            let told = (&mut self.parts, &mut self.tidings);
-            take(now, &mut self.jobs, &mut self.slots, told, event);
-            if let (Some(cycle), (To::Address(address), Ok(_))) = (&mut self.cycle, event) {
-                cycle.heard(now, *address, &self.slots);
+            let silent = silent_axis(&self.jobs, event);
+            let told = (&mut self.group_answers, &mut self.events);
+            handle_host_event(now, &mut self.jobs, &mut self.slots, told, event);
+            if let (Some(cycle), (EventSubject::Unsolicited(address), Ok(_))) =
+                (&mut self.cyclic, event)
+            {
+                cycle.handle_report(now, *address, &self.slots);
             }
             if let Some(axis) = silent {
-                self.note_heard(axis);
+                self.record_silence(axis);
             }
         }
     }
 
     /// Keeps what came while a request of this axis was on the wire, that ended in silence.
     #[cold]
-    fn note_heard(&mut self, axis: u8) {
+    fn record_silence(&mut self, axis: u8) {
         let mut counted = self.host.counters();
-        counted.skipped += self.host.unread() as u64;
+        counted.skipped += self.host.unparsed_len() as u64;
         if let Some(slot) = self.slots.get_mut(usize::from(axis)) {
-            slot.heard = counted.since(slot.asked_at);
+            slot.silence_counters = counted.since(slot.counters_at_request);
         }
     }
 
     /// Hands the host the next request, if one is ready and the host can take it.
     #[inline]
-    fn feed(&mut self, now: Instant) {
+    fn submit_ready_jobs(&mut self, now: Instant) {
         // Where a host asks many drives at once, those that have one to answer are passed by.
         let mut open = u64::MAX;
-        while let Some((n, job)) = self.jobs.next(open) {
+        while let Some((n, job)) = self.jobs.next_ready(open) {
             let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
-            if core::mem::take(&mut slot.mistaken) {
-                self.host.mistrust(now, slot.driver.address());
+            if core::mem::take(&mut slot.implausible_reply) {
+                self.host.quarantine_drive(now, slot.driver.address());
             }
-            if let Some((id, request)) = execute::plain_read(job, slot) {
+            if let Some((id, request)) = execute::plain_read_request(job, slot) {
                 if let Ok(()) = self.host.submit(now, Ticket(n as u32), *request) {
-                    job.asked = Asked::Read(id);
-                    if job.once {
-                        self.host.send_once(Ticket(n as u32));
+                    job.in_flight = InFlight::Read(id);
+                    if job.no_retry {
+                        self.host.disable_retries(Ticket(n as u32));
                     }
-                    slot.asked_at = self.host.counters();
-                    self.jobs.sent(n);
+                    slot.counters_at_request = self.host.counters();
+                    self.jobs.mark_sent(n);
                 } else if H::PARALLEL {
-                    open &= !self.jobs.of_axis(n);
+                    open &= !self.jobs.same_axis_mask(n);
                     continue;
                 } else {
                     return;
                 }
-            } else if !self.feed_one(now, n) {
+            } else if !self.submit_job(now, n) {
                 if H::PARALLEL {
-                    open &= !self.jobs.of_axis(n);
+                    open &= !self.jobs.same_axis_mask(n);
                     continue;
                 }
                 return;
             }
             // A host may end a request at once that its protocol's rules forbid.
-            self.settle(now);
+            self.drain_host_events(now);
         }
     }
 
     /// Lets job `n` have its turn. Returns false when the host will not have its request.
     #[inline(never)]
-    fn feed_one(&mut self, now: Instant, n: usize) -> bool {
+    fn submit_job(&mut self, now: Instant, n: usize) -> bool {
         let Some(job) = self.jobs.get_mut(n) else { return false };
         let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return false };
-        match execute::next(now, job, slot) {
+        match execute::next_request(now, job, slot) {
             Ok((request, asked)) => {
                 // What still waits for the line to be silent comes after a stop, not before it.
                 if request.is_stop()
                     && let Some(Ticket(other)) = self.host.recall(&request)
                 {
-                    self.jobs.given_back(other as usize);
+                    self.jobs.return_unsent(other as usize);
                 }
                 let Ok(()) = self.host.submit(now, Ticket(n as u32), request) else { return false };
-                slot.asked_at = self.host.counters();
+                slot.counters_at_request = self.host.counters();
                 if let Some(job) = self.jobs.get_mut(n) {
-                    job.asked = asked;
-                    if job.once {
-                        self.host.send_once(Ticket(n as u32));
+                    job.in_flight = asked;
+                    if job.no_retry {
+                        self.host.disable_retries(Ticket(n as u32));
                     }
-                    slot.state.going |= job.sets_going(slot.profile, asked);
+                    slot.state.motion_active |= job.starts_motion(slot.profile, asked);
                 }
-                self.jobs.sent(n);
+                self.jobs.mark_sent(n);
             }
             Err(next) => {
-                if matches!(next, execute::Next::End(Outcome::Done(_))) && job.ends_going() {
-                    slot.state.going = false;
+                if matches!(next, execute::JobState::Ended(Outcome::Done(_))) && job.ends_motion() {
+                    slot.state.motion_active = false;
                 }
-                self.jobs.passed(n, next);
+                self.jobs.apply_unsent(n, next);
             }
         }
         true
@@ -215,49 +221,51 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
 }
 
 /// The axis whose request ended in silence by this.
-fn silent<R: Request, A>(jobs: &Table<R>, (to, answer): &Event<A>) -> Option<u8> {
+fn silent_axis<R: Request, A>(jobs: &JobTable<R>, (to, answer): &HostEvent<A>) -> Option<u8> {
     match (to, answer) {
-        (To::Ticket(Ticket(n)), Err(Failure::Silent)) => jobs.axis(*n as usize),
+        (EventSubject::Request(Ticket(n)), Err(Failure::Silent)) => jobs.axis_of(*n as usize),
         _ => None,
     }
 }
 
 /// Takes one thing that the host had to tell.
 #[inline(never)]
-fn take<R: Request, A: Copy + 'static>(
+fn handle_host_event<R: Request, A: Copy + 'static>(
     now: Instant,
-    jobs: &mut Table<R>,
-    slots: &mut [Slot<R, A>],
-    (parts, tidings): (&mut VecDeque<Part>, &mut Option<Box<Tidings>>),
-    (to, answer): &Event<A>,
+    jobs: &mut JobTable<R>,
+    slots: &mut [AxisSlot<R, A>],
+    (parts, tidings): (&mut VecDeque<GroupAnswer>, &mut Option<Box<EventQueue>>),
+    (to, answer): &HostEvent<A>,
 ) {
     match (to, answer) {
-        (To::Ticket(Ticket(n)), _) => jobs.answered(now, slots, *n as usize, answer),
-        (To::Address(address), Ok(answer)) => {
-            slot::unasked(now, slots, tidings, (*address, answer))
+        (EventSubject::Request(Ticket(n)), _) => {
+            jobs.handle_answer(now, slots, *n as usize, answer)
         }
-        (To::Part(Ticket(n), address), _) => {
-            let part = jobs.part(now, slots, (*n as usize, *address), answer);
+        (EventSubject::Unsolicited(address), Ok(answer)) => {
+            slot::handle_unsolicited(now, slots, tidings, (*address, answer))
+        }
+        (EventSubject::GroupMember(Ticket(n), address), _) => {
+            let part = jobs.handle_group_answer(now, slots, (*n as usize, *address), answer);
             let Some(part) = part else { return };
-            if parts.len() >= PARTS_MAX {
+            if parts.len() >= GROUP_ANSWERS_MAX {
                 parts.pop_front();
             }
             parts.push_back(part);
         }
-        (To::Address(_), Err(_)) => {}
+        (EventSubject::Unsolicited(_), Err(_)) => {}
     }
 }
 
 impl<M: Medium, H: Host<M>> Timed for Lane<M, H> {
     fn handle_timeout(&mut self, now: Instant) {
         self.host.handle_timeout(now);
-        self.settle(now);
-        self.jobs.rouse(now);
+        self.drain_host_events(now);
+        self.jobs.wake_due_jobs(now);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        let due = self.cycle.as_ref().and_then(|cycle| cycle.due());
-        earliest(due, earliest(self.host.poll_timeout(), self.jobs.wake))
+        let due = self.cyclic.as_ref().and_then(|cycle| cycle.due());
+        earliest(due, earliest(self.host.poll_timeout(), self.jobs.wake_at))
     }
 }
 
@@ -265,46 +273,48 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
     fn handle_input(&mut self, now: Instant, unit: &M::Unit) {
         self.host.handle_input(now, unit);
         while let Some(event) = self.host.poll_event() {
-            if self.jobs.read_answered(now, &mut self.slots, event) {
+            if self.jobs.handle_read_answer(now, &mut self.slots, event) {
                 continue;
             }
-            let silent = silent(&self.jobs, event);
-            let told = (&mut self.parts, &mut self.tidings);
-            take(now, &mut self.jobs, &mut self.slots, told, event);
-            if let (Some(cycle), (To::Address(address), Ok(_))) = (&mut self.cycle, event) {
-                cycle.heard(now, *address, &self.slots);
+            let silent = silent_axis(&self.jobs, event);
+            let told = (&mut self.group_answers, &mut self.events);
+            handle_host_event(now, &mut self.jobs, &mut self.slots, told, event);
+            if let (Some(cycle), (EventSubject::Unsolicited(address), Ok(_))) =
+                (&mut self.cyclic, event)
+            {
+                cycle.handle_report(now, *address, &self.slots);
             }
             if let Some(axis) = silent {
-                self.note_heard(axis);
+                self.record_silence(axis);
             }
         }
     }
 
     fn handle_line(&mut self, now: Instant, event: LineEvent) {
         self.host.handle_line(now, event);
-        self.settle(now);
+        self.drain_host_events(now);
         if matches!(event, LineEvent::Down | LineEvent::BusOff) {
-            self.jobs.lose();
-            if let Some(cycle) = &mut self.cycle {
-                cycle.lose();
+            self.jobs.handle_link_down();
+            if let Some(cycle) = &mut self.cyclic {
+                cycle.handle_link_down();
             }
         }
         if event != LineEvent::Break {
-            self.slots.iter_mut().for_each(Slot::forget);
+            self.slots.iter_mut().for_each(AxisSlot::forget_learned);
         }
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut M::Out) -> Option<usize> {
         // A beat keeps its time whatever else there is to say.
-        if let Some(cycle) = &mut self.cycle
-            && let Some(request) = cycle.poll(now, &mut self.slots)
+        if let Some(cycle) = &mut self.cyclic
+            && let Some(request) = cycle.poll_request(now, &mut self.slots)
         {
-            return Some(self.host.say(now, &request, out));
+            return Some(self.host.transmit_now(now, &request, out));
         }
-        self.jobs.rouse(now);
-        self.feed(now);
+        self.jobs.wake_due_jobs(now);
+        self.submit_ready_jobs(now);
         let sent = self.host.poll_transmit(now, out);
-        self.settle(now);
+        self.drain_host_events(now);
         sent
     }
 
@@ -314,11 +324,11 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
 }
 
 /// What a verb makes a drive ready to follow.
-const fn followed(verb: Verb) -> Option<Setpoint> {
+const fn setpoint_kind_of(verb: Verb) -> Option<SetpointKind> {
     match verb {
-        Verb::FollowPosition => Some(Setpoint::Position),
-        Verb::FollowVelocity => Some(Setpoint::Velocity),
-        Verb::FollowTorque => Some(Setpoint::Torque),
+        Verb::FollowPosition => Some(SetpointKind::Position),
+        Verb::FollowVelocity => Some(SetpointKind::Velocity),
+        Verb::FollowTorque => Some(SetpointKind::Torque),
         _ => None,
     }
 }
@@ -327,12 +337,12 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     fn slot_mut(
         &mut self,
         axis: AxisIndex,
-    ) -> Result<&mut Slot<H::Request, H::Answer>, Unsupported> {
+    ) -> Result<&mut AxisSlot<H::Request, H::Answer>, Unsupported> {
         self.slots.get_mut(usize::from(axis.0)).ok_or(Unsupported::NoSuchAxis)
     }
 
     /// Starts steps that carry a command out; what stops ends what runs.
-    fn start(
+    fn start_steps(
         &mut self,
         ticket: Ticket,
         axis: AxisIndex,
@@ -341,92 +351,94 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     ) -> Result<(), Unsupported> {
         let verb = command.verb;
         if verb.is_stop() {
-            self.cancel(axis);
+            self.cancel_motion(axis);
         }
         if verb.needs_arming() || verb.is_stop() {
-            self.slot_mut(axis)?.follows = followed(verb);
+            self.slot_mut(axis)?.setpoint_kind = setpoint_kind_of(verb);
         }
-        let run = Run::new(Steps::Plan(steps), undo, command, Some(verb));
-        self.jobs.add(ticket, axis, Task::Run(run), verb.is_stop())
+        let run = PlanRun::new(StepSource::Plan(steps), undo, command, Some(verb));
+        self.jobs.add(ticket, axis, JobTask::Run(run), verb.is_stop())
     }
 
-    fn follows_beat(&self, axis: AxisIndex) -> bool {
-        self.cycle.as_ref().is_some_and(|cycle| cycle.commands(axis))
+    fn in_cyclic_motion(&self, axis: AxisIndex) -> bool {
+        self.cyclic.as_ref().is_some_and(|cycle| cycle.is_commanding(axis))
     }
 
     /// Whether something moves an axis, or stops it.
-    fn moving(&self, axis: AxisIndex) -> bool {
-        self.jobs.moving(axis) || self.follows_beat(axis)
+    fn is_moving(&self, axis: AxisIndex) -> bool {
+        self.jobs.is_moving(axis) || self.in_cyclic_motion(axis)
     }
 
     /// Ends what moves an axis: a stop is next. All that follow its beat stop with it.
-    fn cancel(&mut self, axis: AxisIndex) {
-        self.jobs.cancel(axis);
-        if let Some(cycle) = self.cycle.as_mut().filter(|cycle| cycle.commands(axis)) {
+    fn cancel_motion(&mut self, axis: AxisIndex) {
+        self.jobs.cancel_axis(axis);
+        if let Some(cycle) = self.cyclic.as_mut().filter(|cycle| cycle.is_commanding(axis)) {
             cycle.cancel();
         }
     }
 
     /// One request of the protocol's own: what may move the motor needs an armed axis, what stops it
     /// ends what runs.
-    fn say(
+    fn queue_raw_request(
         &mut self,
         ticket: Ticket,
         axis: AxisIndex,
         request: H::Request,
     ) -> Result<(), Unsupported> {
-        if request.class() == Class::Never && !self.slot(axis)?.state.armed {
+        if request.class() == RequestClass::NoRetry && !self.slot(axis)?.state.armed {
             return Err(Unsupported::NotArmed);
         }
         let stop = request.is_stop();
         if stop {
-            self.cancel(axis);
+            self.cancel_motion(axis);
         }
-        self.jobs.add(ticket, axis, Task::Raw(request), stop)
+        self.jobs.add(ticket, axis, JobTask::Raw(request), stop)
     }
 
     fn rehearse_step(
         &self,
-        slot: &Slot<H::Request, H::Answer>,
+        slot: &AxisSlot<H::Request, H::Answer>,
         step: Step,
         command: &Command,
-        show: &mut dyn FnMut(Rehearsed<'_>),
+        show: &mut dyn FnMut(RehearsalStep<'_>),
     ) -> Result<(), Unsupported> {
-        let read = |id| slot.read(id).copied();
-        let write = |id, raw| slot.driver.write(slot.writable(id, raw)?, raw, Class::Confirm);
+        let read = |id| slot.read_request(id).copied();
+        let write = |id, raw| {
+            slot.driver.write_request(slot.check_writable(id, raw)?, raw, RequestClass::ReadBack)
+        };
         let (step, request) = match step {
-            Step::Write(id, operand) => match slot.operand(operand, command, Some(id))? {
+            Step::Write(id, operand) => match slot.operand_value(operand, command, Some(id))? {
                 None => return Ok(()),
-                Some(raw) => (RehearsedStep::Write(id, raw), write(id, raw)?),
+                Some(raw) => (RehearsalAction::Write(id, raw), write(id, raw)?),
             },
-            Step::Ensure(id, raw) => (RehearsedStep::WriteIfDifferent(id, raw), write(id, raw)?),
+            Step::Ensure(id, raw) => (RehearsalAction::WriteIfDifferent(id, raw), write(id, raw)?),
             Step::Read(id)
             | Step::Require { read: id, .. }
             | Step::Skip { read: id, .. }
-            | Step::Without { read: id, .. }
+            | Step::SkipIfMissing { read: id, .. }
             | Step::NoFault { read: id, .. }
-            | Step::Until { read: id, .. } => (RehearsedStep::Read(id), read(id)?),
-            Step::Copy { from, to } => (RehearsedStep::WriteWhatWasRead(from, to), read(from)?),
+            | Step::Until { read: id, .. } => (RehearsalAction::Read(id), read(id)?),
+            Step::Copy { from, to } => (RehearsalAction::WriteReadValue(from, to), read(from)?),
             Step::Send { function, index, operand, like } => {
-                match slot.operand(operand, command, like)? {
+                match slot.operand_value(operand, command, like)? {
                     None => return Ok(()),
                     Some(raw) => {
-                        let request = slot.driver.send_for(command, function, index, raw)?;
-                        (RehearsedStep::Send, request)
+                        let request = slot.driver.command_request(command, function, index, raw)?;
+                        (RehearsalAction::Send, request)
                     }
                 }
             }
-            Step::Keep(id) => {
+            Step::Store(id) => {
                 let parameter = slot.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
-                (RehearsedStep::Keep(id), slot.driver.keep(parameter)?)
+                (RehearsalAction::Store(id), slot.driver.store_request(parameter)?)
             }
             Step::Wait { ms } => {
-                show(Rehearsed { step: RehearsedStep::Wait(ms), bytes: &[], frame: None });
+                show(RehearsalStep { action: RehearsalAction::Wait(ms), bytes: &[], frame: None });
                 return Ok(());
             }
         };
-        M::render(&mut |out| self.host.emit(&request, out), &mut |frame, bytes| {
-            show(Rehearsed { step, bytes, frame });
+        M::render(&mut |out| self.host.encode_request(&request, out), &mut |frame, bytes| {
+            show(RehearsalStep { action: step, bytes, frame });
         });
         Ok(())
     }

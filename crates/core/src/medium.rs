@@ -121,7 +121,7 @@ pub struct SerialLine {
 impl SerialLine {
     /// `baud`, eight data bits, no parity, one stop bit.
     #[must_use]
-    pub const fn n81(baud: u32) -> Self {
+    pub const fn new_8n1(baud: u32) -> Self {
         Self { baud, data_bits: 8, parity: Parity::None, stop_bits: 1 }
     }
 

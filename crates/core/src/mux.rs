@@ -8,22 +8,24 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
-use crate::axis::{AnyLane, Axes, Command, News, Part, Rehearsed, State, StopPart};
+use crate::axis::{
+    AnyLane, Axes, AxisEvent, AxisStatus, Command, GroupAnswer, RehearsalStep, StopPart,
+};
 use crate::error::{Outcome, Unsupported};
-use crate::explain::Raw;
-use crate::lane::{Piece, Transfer, TransferKind};
+use crate::explain::RawFrame;
+use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::medium::{Can, CanLine, Frame};
-use crate::profile::{ParameterId, Profile, Readdress};
-use crate::program::{MemoryRules, Order};
+use crate::profile::{AddressRole, ParameterId, Profile};
+use crate::program::{MemoryRules, ProgramCommand};
 use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
-use crate::stream::cyclic::{Account, Following};
+use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
 use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
 
 #[cfg(test)]
 mod tests;
 
-const APART: &str = "axes that follow one beat must be of one protocol, on one wire";
+const DIFFERENT_WIRES: &str = "axes that follow one beat must be of one protocol, on one wire";
 
 /// A lane whose host and drivers are erased.
 pub type BoxedLane = Box<dyn AnyLane<Can>>;
@@ -33,9 +35,9 @@ pub type BoxedLane = Box<dyn AnyLane<Can>>;
 pub struct Mux {
     lanes: Vec<BoxedLane>,
     /// Of each axis its lane, and its place there.
-    places: Vec<(usize, AxisIndex)>,
+    locations: Vec<(usize, AxisIndex)>,
     /// The lane that may send next, so that none starves.
-    turn: usize,
+    next_lane: usize,
 }
 
 impl core::fmt::Debug for Mux {
@@ -50,41 +52,41 @@ impl Mux {
     pub fn new(lanes: impl IntoIterator<Item = BoxedLane>) -> Option<Self> {
         let lanes: Vec<BoxedLane> = lanes.into_iter().collect();
         let line = lanes.first()?.line();
-        let axes: usize = lanes.iter().map(|lane| lane.axes()).sum();
+        let axes: usize = lanes.iter().map(|lane| lane.axis_count()).sum();
         let agreed = lanes.iter().all(|lane| lane.line() == line);
         if !agreed || axes > 256 {
             return None;
         }
         let of = |(n, lane): (usize, &BoxedLane)| {
-            (0..=u8::MAX).map(AxisIndex).take(lane.axes()).map(move |axis| (n, axis))
+            (0..=u8::MAX).map(AxisIndex).take(lane.axis_count()).map(move |axis| (n, axis))
         };
         let places = lanes.iter().enumerate().flat_map(of).collect();
-        Some(Self { lanes, places, turn: 0 })
+        Some(Self { lanes, locations: places, next_lane: 0 })
     }
 
     /// The lane of an axis, and the axis' place in it.
-    fn place(&self, axis: AxisIndex) -> Option<(usize, AxisIndex)> {
-        self.places.get(usize::from(axis.0)).copied()
+    fn locate(&self, axis: AxisIndex) -> Option<(usize, AxisIndex)> {
+        self.locations.get(usize::from(axis.0)).copied()
     }
 
     /// The lane that all these axes are in, and their places in it.
-    fn places(&self, axes: &[AxisIndex]) -> Option<(usize, Vec<AxisIndex>)> {
-        let all: Vec<_> = axes.iter().map(|axis| self.place(*axis)).collect::<Option<_>>()?;
+    fn locate_all(&self, axes: &[AxisIndex]) -> Option<(usize, Vec<AxisIndex>)> {
+        let all: Vec<_> = axes.iter().map(|axis| self.locate(*axis)).collect::<Option<_>>()?;
         let (first, _) = *all.first()?;
         let together = all.iter().all(|(n, _)| *n == first);
         together.then(|| (first, all.into_iter().map(|(_, axis)| axis).collect()))
     }
 
-    fn of(&self, axis: AxisIndex) -> Option<(&dyn AnyLane<Can>, AxisIndex)> {
-        let (n, axis) = self.place(axis)?;
+    fn lane_of(&self, axis: AxisIndex) -> Option<(&dyn AnyLane<Can>, AxisIndex)> {
+        let (n, axis) = self.locate(axis)?;
         Some((&*self.lanes[n], axis))
     }
 
-    fn of_mut(
+    fn lane_of_mut(
         &mut self,
         axis: AxisIndex,
     ) -> Result<(&mut dyn AnyLane<Can>, AxisIndex), Unsupported> {
-        let (n, axis) = self.place(axis).ok_or(Unsupported::NoSuchAxis)?;
+        let (n, axis) = self.locate(axis).ok_or(Unsupported::NoSuchAxis)?;
         Ok((&mut *self.lanes[n], axis))
     }
 }
@@ -114,9 +116,9 @@ impl Station<Can> for Mux {
 
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
         for step in 0..self.lanes.len() {
-            let n = (self.turn + step) % self.lanes.len();
+            let n = (self.next_lane + step) % self.lanes.len();
             if let Some(len) = self.lanes[n].poll_transmit(now, out) {
-                self.turn = n + 1;
+                self.next_lane = n + 1;
                 return Some(len);
             }
         }
@@ -130,32 +132,32 @@ impl Station<Can> for Mux {
 }
 
 impl Axes for Mux {
-    fn axes(&self) -> usize {
-        self.places.len()
+    fn axis_count(&self) -> usize {
+        self.locations.len()
     }
 
     fn address(&self, axis: AxisIndex) -> Option<u32> {
-        let (lane, axis) = self.of(axis)?;
+        let (lane, axis) = self.lane_of(axis)?;
         lane.address(axis)
     }
 
     fn profile(&self, axis: AxisIndex) -> Option<&'static Profile> {
-        let (lane, axis) = self.of(axis)?;
+        let (lane, axis) = self.lane_of(axis)?;
         lane.profile(axis)
     }
 
     fn is_confirmed(&self, axis: AxisIndex) -> bool {
-        self.of(axis).is_none_or(|(lane, axis)| lane.is_confirmed(axis))
+        self.lane_of(axis).is_none_or(|(lane, axis)| lane.is_confirmed(axis))
     }
 
-    fn state(&self, axis: AxisIndex) -> Option<&State> {
-        let (lane, axis) = self.of(axis)?;
+    fn state(&self, axis: AxisIndex) -> Option<&AxisStatus> {
+        let (lane, axis) = self.lane_of(axis)?;
         lane.state(axis)
     }
 
-    fn arm(&mut self, axis: AxisIndex, armed: bool) {
-        if let Ok((lane, axis)) = self.of_mut(axis) {
-            lane.arm(axis, armed);
+    fn set_armed(&mut self, axis: AxisIndex, armed: bool) {
+        if let Ok((lane, axis)) = self.lane_of_mut(axis) {
+            lane.set_armed(axis, armed);
         }
     }
 
@@ -166,7 +168,7 @@ impl Axes for Mux {
         axis: AxisIndex,
         command: Command,
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.of_mut(axis)?;
+        let (lane, axis) = self.lane_of_mut(axis)?;
         lane.command(now, ticket, axis, command)
     }
 
@@ -177,26 +179,26 @@ impl Axes for Mux {
         axis: AxisIndex,
         part: StopPart,
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.of_mut(axis)?;
+        let (lane, axis) = self.lane_of_mut(axis)?;
         lane.stop(now, ticket, axis, part)
     }
 
-    fn send_once(&mut self, ticket: Ticket) {
-        self.lanes.iter_mut().for_each(|lane| lane.send_once(ticket));
+    fn disable_retries(&mut self, ticket: Ticket) {
+        self.lanes.iter_mut().for_each(|lane| lane.disable_retries(ticket));
     }
 
-    fn read(
+    fn read_parameter(
         &mut self,
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
         parameter: ParameterId,
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.of_mut(axis)?;
-        lane.read(now, ticket, axis, parameter)
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.read_parameter(now, ticket, axis, parameter)
     }
 
-    fn write(
+    fn write_parameter(
         &mut self,
         now: Instant,
         ticket: Ticket,
@@ -205,159 +207,160 @@ impl Axes for Mux {
         raw: i64,
         keep: bool,
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.of_mut(axis)?;
-        lane.write(now, ticket, axis, parameter, raw, keep)
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.write_parameter(now, ticket, axis, parameter, raw, keep)
     }
 
-    fn raw(
+    fn send_text(
         &mut self,
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
         text: &str,
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.of_mut(axis)?;
-        lane.raw(now, ticket, axis, text)
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.send_text(now, ticket, axis, text)
     }
 
-    fn raw_frame(
+    fn send_frame(
         &mut self,
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
-        frame: &Raw<'_>,
+        frame: &RawFrame<'_>,
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.of_mut(axis)?;
-        lane.raw_frame(now, ticket, axis, frame)
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.send_frame(now, ticket, axis, frame)
     }
 
-    fn stream(
+    fn start_path(
         &mut self,
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
         kind: PathKind,
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.of_mut(axis)?;
-        lane.stream(now, ticket, axis, kind)
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.start_path(now, ticket, axis, kind)
     }
 
-    fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
-        self.lanes.iter_mut().find_map(|lane| lane.feed(ticket, points, complete))
+    fn feed_points(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
+        self.lanes.iter_mut().find_map(|lane| lane.feed_points(ticket, points, complete))
     }
 
-    fn follow(
+    fn start_cyclic(
         &mut self,
         now: Instant,
         ticket: Ticket,
-        following: &Following<'_>,
+        following: &CyclicConfig<'_>,
     ) -> Result<(), Unsupported> {
-        let (n, axes) = self.places(following.axes).ok_or(Unsupported::Forbidden(APART))?;
-        self.lanes[n].follow(now, ticket, &Following { axes: &axes, ..*following })
+        let (n, axes) =
+            self.locate_all(following.axes).ok_or(Unsupported::Forbidden(DIFFERENT_WIRES))?;
+        self.lanes[n].start_cyclic(now, ticket, &CyclicConfig { axes: &axes, ..*following })
     }
 
     fn feed_cycles(&mut self, ticket: Ticket, setpoints: &[f64], complete: bool) -> Option<usize> {
         self.lanes.iter_mut().find_map(|lane| lane.feed_cycles(ticket, setpoints, complete))
     }
 
-    fn account(&self, axis: AxisIndex) -> Option<&Account> {
-        let (lane, axis) = self.of(axis)?;
-        lane.account(axis)
+    fn cycle_statistics(&self, axis: AxisIndex) -> Option<&CycleStatistics> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.cycle_statistics(axis)
     }
 
     fn cycle_ns(&self, axes: &[AxisIndex]) -> Option<u64> {
-        let (n, axes) = self.places(axes)?;
+        let (n, axes) = self.locate_all(axes)?;
         self.lanes[n].cycle_ns(&axes)
     }
 
-    fn memory(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
-        let (lane, axis) = self.of(axis)?;
-        lane.memory(axis)
+    fn memory_rules(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.memory_rules(axis)
     }
 
-    fn transfer(
+    fn start_transfer(
         &mut self,
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
         kind: TransferKind,
-        pieces: &[Piece],
+        pieces: &[MemoryBlock],
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.of_mut(axis)?;
-        lane.transfer(now, ticket, axis, kind, pieces)
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.start_transfer(now, ticket, axis, kind, pieces)
     }
 
-    fn transferred(&self, axis: AxisIndex) -> Option<&Transfer> {
-        let (lane, axis) = self.of(axis)?;
-        lane.transferred(axis)
+    fn last_transfer(&self, axis: AxisIndex) -> Option<&MemoryTransfer> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.last_transfer(axis)
     }
 
-    fn order(
+    fn send_program_command(
         &mut self,
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
-        order: Order,
+        order: ProgramCommand,
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.of_mut(axis)?;
-        lane.order(now, ticket, axis, order)
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.send_program_command(now, ticket, axis, order)
     }
 
-    fn poll_part(&mut self, ticket: Ticket) -> Option<Part> {
-        self.lanes.iter_mut().find_map(|lane| lane.poll_part(ticket))
+    fn poll_group_answer(&mut self, ticket: Ticket) -> Option<GroupAnswer> {
+        self.lanes.iter_mut().find_map(|lane| lane.poll_group_answer(ticket))
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
         self.lanes.iter_mut().find_map(|lane| lane.poll_outcome())
     }
 
-    fn readdresses(
+    fn address_change(
         &self,
         axis: AxisIndex,
         parameter: ParameterId,
         raw: i64,
-    ) -> Result<Option<Readdress>, Unsupported> {
-        let (lane, axis) = self.of(axis).ok_or(Unsupported::NoSuchAxis)?;
-        lane.readdresses(axis, parameter, raw)
+    ) -> Result<Option<AddressRole>, Unsupported> {
+        let (lane, axis) = self.lane_of(axis).ok_or(Unsupported::NoSuchAxis)?;
+        lane.address_change(axis, parameter, raw)
     }
 
-    fn unlearnt(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
-        let (lane, axis) = self.of(axis)?;
-        lane.unlearnt(axis, n)
+    fn unread_prerequisite(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.unread_prerequisite(axis, n)
     }
 
-    fn listen(&mut self, on: bool) {
-        self.lanes.iter_mut().for_each(|lane| lane.listen(on));
+    fn enable_events(&mut self, on: bool) {
+        self.lanes.iter_mut().for_each(|lane| lane.enable_events(on));
     }
 
-    fn poll_news(&mut self, now: Instant) -> Option<News> {
-        let first = |(n, lane): (usize, &mut BoxedLane)| Some((n, lane.poll_news(now)?));
+    fn poll_axis_event(&mut self, now: Instant) -> Option<AxisEvent> {
+        let first = |(n, lane): (usize, &mut BoxedLane)| Some((n, lane.poll_axis_event(now)?));
         let (n, news) = self.lanes.iter_mut().enumerate().find_map(first)?;
-        let place = self.places.iter().position(|place| *place == (n, news.axis))?;
-        Some(News { axis: AxisIndex(place as u8), ..news })
+        let place = self.locations.iter().position(|place| *place == (n, news.axis))?;
+        Some(AxisEvent { axis: AxisIndex(place as u8), ..news })
     }
 
     fn rehearse(
         &self,
         axis: AxisIndex,
         command: Command,
-        show: &mut dyn FnMut(Rehearsed<'_>),
+        show: &mut dyn FnMut(RehearsalStep<'_>),
     ) -> Result<(), Unsupported> {
-        let (lane, axis) = self.of(axis).ok_or(Unsupported::NoSuchAxis)?;
+        let (lane, axis) = self.lane_of(axis).ok_or(Unsupported::NoSuchAxis)?;
         lane.rehearse(axis, command, show)
     }
 
-    fn lacks(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
-        self.of(axis).is_some_and(|(lane, axis)| lane.lacks(axis, parameter))
+    fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
+        self.lane_of(axis).is_some_and(|(lane, axis)| lane.lacks_parameter(axis, parameter))
     }
 
     fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {
-        let (lane, axis) = self.of(axis)?;
+        let (lane, axis) = self.lane_of(axis)?;
         lane.to_si(axis, parameter, raw)
     }
 
     fn to_raw(&self, axis: AxisIndex, parameter: ParameterId, si: f64) -> Option<i64> {
-        let (lane, axis) = self.of(axis)?;
+        let (lane, axis) = self.lane_of(axis)?;
         lane.to_raw(axis, parameter, si)
     }
 
@@ -365,26 +368,31 @@ impl Axes for Mux {
         self.lanes.iter().map(|lane| lane.counters()).fold(Counters::default(), Counters::plus)
     }
 
-    fn heard(&self, axis: AxisIndex) -> Counters {
-        self.of(axis).map_or(Counters::default(), |(lane, axis)| lane.heard(axis))
+    fn silence_counters(&self, axis: AxisIndex) -> Counters {
+        self.lane_of(axis).map_or(Counters::default(), |(lane, axis)| lane.silence_counters(axis))
     }
 
-    fn join(&mut self, lane: usize, profile: &'static Profile, address: u32) -> Option<AxisIndex> {
-        let axis = AxisIndex(u8::try_from(self.places.len()).ok()?);
-        let own = self.lanes.get_mut(lane)?.join(0, profile, address)?;
-        self.places.push((lane, own));
+    fn add_axis(
+        &mut self,
+        lane: usize,
+        profile: &'static Profile,
+        address: u32,
+    ) -> Option<AxisIndex> {
+        let axis = AxisIndex(u8::try_from(self.locations.len()).ok()?);
+        let own = self.lanes.get_mut(lane)?.add_axis(0, profile, address)?;
+        self.locations.push((lane, own));
         Some(axis)
     }
 
-    fn may_join(&self, lane: usize, address: u32) -> bool {
-        self.lanes.get(lane).is_some_and(|lane| lane.may_join(0, address))
+    fn can_add_axis(&self, lane: usize, address: u32) -> bool {
+        self.lanes.get(lane).is_some_and(|lane| lane.can_add_axis(0, address))
     }
 
-    fn keeps_alive(&self) -> bool {
-        self.lanes.iter().any(|lane| lane.keeps_alive())
+    fn sends_keepalive(&self) -> bool {
+        self.lanes.iter().any(|lane| lane.sends_keepalive())
     }
 
-    fn disturbed(&mut self, now: Instant) {
-        self.lanes.iter_mut().for_each(|lane| lane.disturbed(now));
+    fn handle_resume(&mut self, now: Instant) {
+        self.lanes.iter_mut().for_each(|lane| lane.handle_resume(now));
     }
 }

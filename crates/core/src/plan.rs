@@ -30,7 +30,8 @@ impl Plan {
     fn last_wait(&self) -> Option<(usize, usize)> {
         let waits = |step: &Step| matches!(step, Step::Until { .. });
         let last = self.steps.iter().rposition(waits)?;
-        let sent = self.steps[..last].iter().rposition(Step::sends).map_or(0, |at| at + 1);
+        let sent =
+            self.steps[..last].iter().rposition(Step::may_change_drive).map_or(0, |at| at + 1);
         let first = sent + self.steps[sent..].iter().position(waits)?;
         Some((first, last + 1))
     }
@@ -70,7 +71,7 @@ pub enum Step {
         /// The parameter to read.
         read: ParameterId,
         /// The test.
-        test: Test,
+        test: ParameterTest,
         /// What to do about it, for people.
         hint: &'static str,
     },
@@ -79,13 +80,13 @@ pub enum Step {
         /// The parameter to read.
         read: ParameterId,
         /// The test.
-        test: Test,
+        test: ParameterTest,
         /// How many steps.
         count: u8,
     },
     /// Leaves out the next steps if the drive refuses to tell the parameter: for what not every
     /// drive of a standard has.
-    Without {
+    SkipIfMissing {
         /// The parameter to read.
         read: ParameterId,
         /// How many steps.
@@ -103,7 +104,7 @@ pub enum Step {
         /// The parameter to read.
         read: ParameterId,
         /// The test.
-        test: Test,
+        test: ParameterTest,
         /// Give up after so long.
         within_ms: u32,
     },
@@ -119,7 +120,7 @@ pub enum Step {
         like: Option<ParameterId>,
     },
     /// Has the drive keep the parameter's present value over power-off (TMCL STAP).
-    Keep(ParameterId),
+    Store(ParameterId),
     /// Waits.
     Wait {
         /// So long.
@@ -130,15 +131,15 @@ pub enum Step {
 impl Step {
     /// Whether it may change something in the drive.
     #[must_use]
-    pub const fn sends(&self) -> bool {
-        use Step::{Copy, Ensure, Keep, Send, Write};
-        matches!(self, Write(..) | Ensure(..) | Copy { .. } | Send { .. } | Keep(_))
+    pub const fn may_change_drive(&self) -> bool {
+        use Step::{Copy, Ensure, Send, Store, Write};
+        matches!(self, Write(..) | Ensure(..) | Copy { .. } | Send { .. } | Store(_))
     }
 }
 
 /// Masked comparison.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Test {
+pub struct ParameterTest {
     /// Bits that count; all ones for a number.
     pub mask: i64,
     /// How they are compared.
@@ -147,7 +148,7 @@ pub struct Test {
     pub value: i64,
 }
 
-impl Test {
+impl ParameterTest {
     /// Whether `raw` passes.
     #[must_use]
     pub const fn passes(&self, raw: i64) -> bool {
@@ -178,11 +179,11 @@ pub enum Compare {
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Operand {
     /// A raw constant.
-    Is(i64),
+    Constant(i64),
     /// The command's argument, scaled; the plan cannot run without it.
     Argument(Argument),
     /// The command's argument, scaled; the step is left out when the caller gave none.
-    Given(Argument),
+    OptionalArgument(Argument),
 }
 
 /// What a command carries.

@@ -37,9 +37,10 @@ pub struct Profile {
     pub ram: Option<RamMode>,
     /// Settings that decide how the drive is reached: address, baud rate, framing, locks. What
     /// copies settings from one drive to another leaves them alone.
-    pub reach: &'static [ParameterId],
+    pub link_settings: &'static [ParameterId],
     /// What not every drive of the profile has, because its standard leaves it to the maker. A drive
-    /// that says that it has no such object is not at fault: see [`Axes::lacks`](crate::axis::Axes::lacks).
+    /// that says that it has no such object is not at fault: see
+    /// [`Axes::lacks_parameter`](crate::axis::Axes::lacks_parameter).
     pub optional: &'static [ParameterId],
     /// What stops the motor when the link dies.
     pub watchdog: Watchdog,
@@ -61,7 +62,7 @@ impl Profile {
     /// The parameter that a person means by `name`: its name or its symbol, letter case, spaces,
     /// hyphens and underscores ignored.
     #[must_use]
-    pub fn find(&self, name: &str) -> Option<ParameterId> {
+    pub fn find_parameter(&self, name: &str) -> Option<ParameterId> {
         let at = self
             .parameters
             .iter()
@@ -77,7 +78,7 @@ impl Profile {
 
     /// The faults that a code stands for: the one of that code; where a drive tells faults as bits,
     /// every bit that is set.
-    pub fn faults_of(&self, code: u32) -> impl Iterator<Item = &'static Fault> + use<> {
+    pub fn faults_for_code(&self, code: u32) -> impl Iterator<Item = &'static Fault> + use<> {
         let faults = self.faults;
         let whole = faults.iter().any(|fault| fault.code == code);
         let bits = !whole && faults.iter().all(|fault| fault.code.is_power_of_two());
@@ -108,7 +109,7 @@ pub fn same_name(a: &str, b: &str) -> bool {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Identity {
     /// What is asked.
-    pub ask: Ask,
+    pub query: IdentityQuery,
     /// Bits of the answer that tell the product; none when any good answer does.
     pub mask: i64,
     /// What they are.
@@ -119,7 +120,7 @@ pub struct Identity {
 
 /// What is asked to identify a drive; it changes nothing there.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Ask {
+pub enum IdentityQuery {
     /// A parameter.
     Parameter(ParameterId),
     /// A request in the protocol's own text.
@@ -128,9 +129,9 @@ pub enum Ask {
 
 /// What a parameter decides of how its drive is reached.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Readdress {
+pub enum AddressRole {
     /// The drive's own address.
-    Own,
+    Drive,
     /// The address of the host that it answers.
     Host,
 }
@@ -189,7 +190,7 @@ impl Watchdog {
     /// The parameter that holds the time where the host speaks by that medium; `None` where none
     /// does, or only together with others.
     #[must_use]
-    pub const fn time(self, medium: MediumKind) -> Option<ParameterId> {
+    pub const fn time_parameter(self, medium: MediumKind) -> Option<ParameterId> {
         match (self, medium) {
             (Self::Configurable { on_can: Some(parameter), .. }, MediumKind::Can) => {
                 Some(parameter)

@@ -16,7 +16,7 @@ pub const LABELS_MAX: usize = 1024;
 
 /// A name for an address.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Label<'t> {
+pub struct ProgramLabel<'t> {
     /// As it is written in the text.
     pub name: &'t str,
     /// What it stands for.
@@ -25,7 +25,7 @@ pub struct Label<'t> {
 
 /// How much an assembler made.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Assembled {
+pub struct AssemblySize {
     /// Words.
     pub words: usize,
     /// Labels.
@@ -44,7 +44,7 @@ pub struct SourceError {
 }
 
 /// Takes a listing: each instruction with its place, then its text in pieces.
-pub trait Listing {
+pub trait ListingSink {
     /// The next instruction is this.
     fn instruction(&mut self, address: u16, words: &[u16]);
     /// A piece of its text.
@@ -52,7 +52,7 @@ pub trait Listing {
 }
 
 /// A language whose programs drives keep and run.
-pub trait Language: Sync {
+pub trait ProgramLanguage: Sync {
     /// Makes words of a program's text, to lie from `origin` on.
     ///
     /// # Errors
@@ -63,8 +63,8 @@ pub trait Language: Sync {
         origin: u16,
         profile: Option<&'static Profile>,
         words: &mut [u16],
-        labels: &mut [Label<'t>],
-    ) -> Result<Assembled, SourceError>;
+        labels: &mut [ProgramLabel<'t>],
+    ) -> Result<AssemblySize, SourceError>;
 
     /// Makes text of words that lie from `origin` on, which assembles to the same words.
     fn disassemble(
@@ -72,11 +72,11 @@ pub trait Language: Sync {
         origin: u16,
         words: &[u16],
         profile: Option<&'static Profile>,
-        listing: &mut dyn Listing,
+        listing: &mut dyn ListingSink,
     );
 
     /// The memory that programs lie in.
-    fn rules(&self) -> &'static MemoryRules;
+    fn memory_rules(&self) -> &'static MemoryRules;
 }
 
 /// What is to be known of the memory that programs lie in.
@@ -90,14 +90,14 @@ pub struct MemoryRules {
     /// once: it stands there while the rest is written.
     pub autorun: (u16, u16),
     /// What must not be while memory is written.
-    pub idle: &'static [Check],
+    pub idle_checks: &'static [IdleCheck],
     /// What tells that a called routine runs: a place, and its bits.
-    pub calling: (u16, u16),
+    pub call_flag: (u16, u16),
 }
 
 /// A word of the drive's status that must have bits clear.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Check {
+pub struct IdleCheck {
     /// Where it is read.
     pub address: u16,
     /// The bits.
@@ -108,7 +108,7 @@ pub struct Check {
 
 /// A kind of memory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Memory {
+pub enum MemoryKind {
     /// Loses its words with the power.
     Volatile,
     /// Keeps them, and wears when it is written.
@@ -118,12 +118,12 @@ pub enum Memory {
 impl MemoryRules {
     /// Which memory holds so many words from `start` on; `None` when none holds all of them.
     #[must_use]
-    pub fn memory(&self, start: u16, count: usize) -> Option<Memory> {
+    pub fn memory_at(&self, start: u16, count: usize) -> Option<MemoryKind> {
         let last = u16::try_from(usize::from(start) + count.max(1) - 1).ok()?;
         let within = |range: &RangeInclusive<u16>| range.contains(&start) && range.contains(&last);
         match (within(&self.permanent), within(&self.volatile)) {
-            (true, _) => Some(Memory::Permanent),
-            (_, true) => Some(Memory::Volatile),
+            (true, _) => Some(MemoryKind::Permanent),
+            (_, true) => Some(MemoryKind::Volatile),
             _ => None,
         }
     }
@@ -133,40 +133,40 @@ impl MemoryRules {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum TransferStep {
     /// Reads a word of the drive's status.
-    Status(u16),
+    ReadStatus(u16),
     /// Points where the next words go.
-    Aim(u16),
+    SetPointer(u16),
     /// Writes one word, or two, where it points, which moves on.
-    Put(Memory, u16, Option<u16>),
+    Write(MemoryKind, u16, Option<u16>),
     /// Where it points now.
-    Where,
+    ReadPointer,
     /// Reads two words.
-    Get(Memory, u16),
+    Read(MemoryKind, u16),
     /// The sum of the words from the first address to the last, both counted, modulo 65536.
-    Sum(Memory, u16, u16),
+    Checksum(MemoryKind, u16, u16),
 }
 
 /// What a drive is told of its programs, and of motors that its axis does not stand for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Order {
+pub enum ProgramCommand {
     /// Stop the motor of that number behind the drive's address, counted from 0. A drive refuses the
     /// number of a motor that it has not.
     StopMotor(u8),
     /// Go on there, whatever runs now.
-    Go(u16),
+    Goto(u16),
     /// Call the routine there, so that it can be given up.
     Call(u16),
     /// Give up the routine that was called so.
     Abort,
     /// Run no program any more.
     End,
-    /// Tell whether a called routine runs: see [`MemoryRules::calling`].
-    Calling,
+    /// Tell whether a called routine runs: see [`MemoryRules::call_flag`].
+    QueryCall,
 }
 
 /// How far a transfer is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Progress {
+pub struct TransferProgress {
     /// Words that the drive has proven to have, or that were read.
     pub done: usize,
     /// Words in all.
@@ -177,6 +177,6 @@ pub struct Progress {
 
 /// The sum that drives compute, modulo 65536.
 #[must_use]
-pub fn sum(words: &[u16]) -> u16 {
+pub fn checksum(words: &[u16]) -> u16 {
     words.iter().fold(0, |sum, word| sum.wrapping_add(*word))
 }

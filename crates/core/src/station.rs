@@ -54,28 +54,28 @@ pub struct AxisIndex(pub u8);
 
 /// Whom an event of a host concerns.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum To {
+pub enum EventSubject {
     /// The request submitted with this ticket. It has now ended.
-    Ticket(Ticket),
+    Request(Ticket),
     /// One of several drives that answer the request submitted with this ticket, by its address on
     /// the wire. The request goes on.
-    Part(Ticket, u32),
+    GroupMember(Ticket, u32),
     /// A drive that spoke unasked, by its address on the wire.
-    Address(u32),
+    Unsolicited(u32),
 }
 
 /// Something that happened, as a host tells it.
-pub type Event<A> = (To, Result<A, Failure>);
+pub type HostEvent<A> = (EventSubject, Result<A, Failure>);
 
 /// Whether a request may be sent again by itself when no answer came.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Class {
+pub enum RequestClass {
     /// A read: sending it twice is sending it once.
     Idempotent,
     /// A write of a setting: first read back whether it arrived.
-    Confirm,
+    ReadBack,
     /// A start of motion, a relative move, a write to flash: never again.
-    Never,
+    NoRetry,
     /// Takes motion out of a drive: may be sent twice, overtakes everything, is let into a
     /// quarantined line (STOP-1).
     Stop,
@@ -85,10 +85,10 @@ pub enum Class {
 pub trait Request: Copy + Send + 'static {
     /// Whether it may be resent. A driver gives a write the class that the lane names; other
     /// requests know theirs.
-    fn class(&self) -> Class;
+    fn class(&self) -> RequestClass;
     /// True for a request that takes motion out of a drive.
     fn is_stop(&self) -> bool {
-        self.class() == Class::Stop
+        self.class() == RequestClass::Stop
     }
 }
 
@@ -134,16 +134,16 @@ impl Counters {
     /// Both counts together.
     #[must_use]
     pub fn plus(self, other: Self) -> Self {
-        self.with(other, u64::saturating_add)
+        self.combine(other, u64::saturating_add)
     }
 
     /// What was counted since then.
     #[must_use]
     pub fn since(self, then: Self) -> Self {
-        self.with(then, u64::saturating_sub)
+        self.combine(then, u64::saturating_sub)
     }
 
-    fn with(self, other: Self, both: fn(u64, u64) -> u64) -> Self {
+    fn combine(self, other: Self, both: fn(u64, u64) -> u64) -> Self {
         Self {
             sent: both(self.sent, other.sent),
             resent: both(self.resent, other.resent),
@@ -197,30 +197,30 @@ pub trait Host<M: Medium>: Station<M> {
     /// Puts the request that was just submitted with this ticket on the wire once, whatever its class:
     /// who asks a drive that has long been silent does not keep the others' wire for as long as one that
     /// answers is given. Hosts whose drives do not wait for one another need not.
-    fn send_once(&mut self, ticket: Ticket) {
+    fn disable_retries(&mut self, ticket: Ticket) {
         let _ = ticket;
     }
 
     /// The next thing that happened: a request's end, or a drive that spoke unasked. It is lent, not
     /// copied.
-    fn poll_event(&mut self) -> Option<&Event<Self::Answer>>;
+    fn poll_event(&mut self) -> Option<&HostEvent<Self::Answer>>;
 
     /// The bytes of `request`, for rehearsals; nothing is sent.
-    fn emit(&self, request: &Self::Request, out: &mut M::Out) -> usize;
+    fn encode_request(&self, request: &Self::Request, out: &mut M::Out) -> usize;
 
     /// What happened on the wire so far.
     fn counters(&self) -> Counters;
 
     /// Bytes that came and of which no frame was made yet, nor were they thrown away.
-    fn unread(&self) -> usize {
+    fn unparsed_len(&self) -> usize {
         0
     }
 
     /// Puts a request that nobody answers on the wire ahead of everything else; no event tells of
     /// it. The application is alive for whoever watches it.
-    fn say(&mut self, now: Instant, request: &Self::Request, out: &mut M::Out) -> usize {
+    fn transmit_now(&mut self, now: Instant, request: &Self::Request, out: &mut M::Out) -> usize {
         let _ = now;
-        self.emit(request, out)
+        self.encode_request(request, out)
     }
 
     /// The host's own address on the wire, where drives answer one and none may have it.
@@ -234,30 +234,30 @@ pub trait Host<M: Medium>: Station<M> {
     }
 
     /// Whether one more drive, of that address, can be asked from now on.
-    fn may_join(&self, address: u32) -> bool {
+    fn can_add_drive(&self, address: u32) -> bool {
         let _ = address;
         true
     }
 
     /// One more drive, of that address, is asked from now on.
-    fn joined(&mut self, address: u32) {
+    fn add_drive(&mut self, address: u32) {
         let _ = address;
     }
 
     /// Whether it has to speak though nobody asks, lest a drive stops: then its wire cannot be lent.
-    fn keeps_alive(&self) -> bool {
+    fn sends_keepalive(&self) -> bool {
         false
     }
 
     /// What the drive at this address said last cannot be, so that it may answer another question: nothing
     /// but stops is asked of it before nothing older can come. For hosts of protocols whose answers do not
     /// say what they answer.
-    fn mistrust(&mut self, now: Instant, address: u32) {
+    fn quarantine_drive(&mut self, now: Instant, address: u32) {
         let _ = (now, address);
     }
 
     /// Somebody else had the wire until now: what has to be silent before a frame begins anew.
-    fn disturbed(&mut self, now: Instant) {
+    fn handle_resume(&mut self, now: Instant) {
         let _ = now;
     }
 

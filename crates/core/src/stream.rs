@@ -57,7 +57,7 @@ pub enum PathStep {
         /// What is interpolated.
         kind: PathKind,
         /// Points in the buffer that the drive is to report as few.
-        few: u8,
+        low_mark: u8,
     },
     /// A point into the buffer.
     Point(PathKind, RawPoint),
@@ -79,7 +79,7 @@ pub struct PathParameters {
     /// The buffer's status.
     pub status: ParameterId,
     /// How many points the buffer holds.
-    pub room: ParameterId,
+    pub capacity: ParameterId,
 }
 
 /// What a drive says of its buffer.
@@ -88,25 +88,25 @@ pub struct PathStatus {
     /// No point is left.
     pub empty: bool,
     /// No more points are left than it was told to report.
-    pub few: bool,
+    pub low: bool,
     /// No further point fits.
     pub full: bool,
     /// A point came out of turn and was not taken.
     pub lost: bool,
     /// It ran out of points while moving, and stopped.
-    pub ran_dry: bool,
+    pub underrun: bool,
     /// Points taken, modulo `counters`.
     pub counter: u32,
     /// The counter's modulus; zero where there is none.
-    pub counters: u32,
+    pub counter_modulus: u32,
 }
 
 impl PathStatus {
     /// The drive's counter less `count`.
     #[must_use]
     pub const fn offset(&self, count: u32) -> u32 {
-        match count.checked_rem(self.counters) {
-            Some(ours) => (self.counter + self.counters - ours) % self.counters,
+        match count.checked_rem(self.counter_modulus) {
+            Some(ours) => (self.counter + self.counter_modulus - ours) % self.counter_modulus,
             None => 0,
         }
     }
@@ -114,25 +114,25 @@ impl PathStatus {
 
 /// The drive's buffer as the host sees it: points sent, and when each is used up.
 #[derive(Clone, Debug)]
-pub struct Buffer {
+pub struct BufferModel {
     /// When each of the last points ends, ns from the start, by its number modulo the size.
-    ends: [u64; WINDOW],
+    end_times: [u64; WINDOW],
     sent: u32,
-    room: u32,
-    few: u32,
+    capacity: u32,
+    low_mark: u32,
     /// When the path began by the drive's clock, as far as is known.
-    begun: Option<Instant>,
+    started_at: Option<Instant>,
 }
 
 /// Points whose ends are remembered: more than any drive's buffer holds.
 const WINDOW: usize = 512;
 
-impl Buffer {
+impl BufferModel {
     /// An empty one, with room for so many points, of which so many count as few.
     #[must_use]
-    pub const fn new(room: u32, few: u32) -> Self {
-        let room = if room as usize >= WINDOW { WINDOW as u32 - 1 } else { room };
-        Self { ends: [0; WINDOW], sent: 0, room, few, begun: None }
+    pub const fn new(room: u32, low_mark: u32) -> Self {
+        let capacity = if room as usize >= WINDOW { WINDOW as u32 - 1 } else { room };
+        Self { end_times: [0; WINDOW], sent: 0, capacity, low_mark, started_at: None }
     }
 
     /// Points sent so far.
@@ -142,30 +142,30 @@ impl Buffer {
     }
 
     /// A point that takes so long was sent.
-    pub const fn send(&mut self, time_ns: u64) {
+    pub const fn record_sent(&mut self, time_ns: u64) {
         let end = self.end_of(self.sent) + time_ns;
         self.sent += 1;
-        self.ends[self.sent as usize % WINDOW] = end;
+        self.end_times[self.sent as usize % WINDOW] = end;
     }
 
     /// The path begins now.
-    pub const fn begin(&mut self, now: Instant) {
-        self.begun = Some(now);
+    pub const fn start(&mut self, now: Instant) {
+        self.started_at = Some(now);
     }
 
     /// When the first `count` points are used up, ns from the start.
     const fn end_of(&self, count: u32) -> u64 {
-        if count == 0 { 0 } else { self.ends[count as usize % WINDOW] }
+        if count == 0 { 0 } else { self.end_times[count as usize % WINDOW] }
     }
 
     /// When the next point may be sent: one place stays free, because clocks differ.
     #[must_use]
-    pub fn may_send(&self) -> Instant {
-        let most = self.room.saturating_sub(1).max(1);
-        match (self.begun, self.sent.checked_sub(most)) {
+    pub fn next_send_at(&self) -> Instant {
+        let most = self.capacity.saturating_sub(1).max(1);
+        match (self.started_at, self.sent.checked_sub(most)) {
             // A point leaves the buffer when the one before it is used up.
             (Some(begun), Some(used)) => begun.plus_ns(self.end_of(used)),
-            (None, Some(_)) => Instant::FAR,
+            (None, Some(_)) => Instant::FAR_FUTURE,
             (_, None) => Instant::ZERO,
         }
     }
@@ -173,32 +173,32 @@ impl Buffer {
     /// True while the buffer holds as much as it should before the path begins.
     #[must_use]
     pub const fn is_filled(&self) -> bool {
-        self.sent + 1 >= self.room
+        self.sent + 1 >= self.capacity
     }
 
     /// When all that was sent is used up.
     #[must_use]
-    pub fn ends(&self) -> Instant {
-        self.begun.map_or(Instant::FAR, |begun| begun.plus_ns(self.end_of(self.sent)))
+    pub fn ends_at(&self) -> Instant {
+        self.started_at.map_or(Instant::FAR_FUTURE, |begun| begun.plus_ns(self.end_of(self.sent)))
     }
 
     /// What the drive said at `now` of its buffer: if it holds more, or fewer, than was thought, its
     /// clock is behind, or ahead.
-    pub fn correct(&mut self, now: Instant, status: &PathStatus) {
-        let Some(begun) = self.begun else { return };
+    pub fn correct_clock(&mut self, now: Instant, status: &PathStatus) {
+        let Some(begun) = self.started_at else { return };
         // The first point leaves at once. With `held` in the buffer, `sent - held` have left.
         let left_at = |held: u32| {
             self.sent.checked_sub(held + 1).map(|used| begun.plus_ns(self.end_of(used)))
         };
         let behind = |at: Option<Instant>| at.filter(|at| now > *at).map(|at| now.since(at));
         let ahead = |at: Option<Instant>| at.filter(|at| now < *at).map(|at| at.since(now));
-        let late = match (status.full, status.few) {
-            (true, _) => behind(left_at(self.room - 1)),
-            (_, false) => behind(left_at(self.few)),
+        let late = match (status.full, status.low) {
+            (true, _) => behind(left_at(self.capacity - 1)),
+            (_, false) => behind(left_at(self.low_mark)),
             _ => None,
         };
-        let early = if status.few { ahead(left_at(self.few)) } else { None };
-        self.begun = Some(match (late, early) {
+        let early = if status.low { ahead(left_at(self.low_mark)) } else { None };
+        self.started_at = Some(match (late, early) {
             (Some(late), _) => begun + late,
             (_, Some(early)) => Instant(begun.0.saturating_sub(early.as_nanos() as u64)),
             _ => begun,
@@ -208,52 +208,52 @@ impl Buffer {
 
 #[cfg(test)]
 mod tests {
-    use super::{Buffer, PathStatus};
+    use super::{BufferModel, PathStatus};
     use crate::time::Instant;
 
     const STATUS: PathStatus = PathStatus {
         empty: false,
-        few: false,
+        low: false,
         full: false,
         lost: false,
-        ran_dry: false,
+        underrun: false,
         counter: 0,
-        counters: 128,
+        counter_modulus: 128,
     };
     const MS: u64 = 1_000_000;
 
-    fn filled() -> Buffer {
-        let mut buffer = Buffer::new(7, 3);
+    fn filled_buffer() -> BufferModel {
+        let mut buffer = BufferModel::new(7, 3);
         while !buffer.is_filled() {
-            buffer.send(20 * MS);
+            buffer.record_sent(20 * MS);
         }
         buffer
     }
 
     #[test]
     fn a_place_is_free_when_its_point_has_left() {
-        let mut buffer = filled();
-        assert_eq!((buffer.sent(), buffer.may_send()), (6, Instant::FAR));
-        buffer.begin(Instant(MS));
-        assert_eq!(buffer.may_send(), Instant(MS), "the first point leaves at once");
-        buffer.send(20 * MS);
-        assert_eq!(buffer.may_send(), Instant(21 * MS));
-        assert_eq!(buffer.ends(), Instant(141 * MS));
+        let mut buffer = filled_buffer();
+        assert_eq!((buffer.sent(), buffer.next_send_at()), (6, Instant::FAR_FUTURE));
+        buffer.start(Instant(MS));
+        assert_eq!(buffer.next_send_at(), Instant(MS), "the first point leaves at once");
+        buffer.record_sent(20 * MS);
+        assert_eq!(buffer.next_send_at(), Instant(21 * MS));
+        assert_eq!(buffer.ends_at(), Instant(141 * MS));
     }
 
     #[test]
     fn what_the_drive_says_sets_the_clock() {
-        let mut buffer = filled();
-        buffer.begin(Instant(1000 * MS));
-        buffer.send(20 * MS);
+        let mut buffer = filled_buffer();
+        buffer.start(Instant(1000 * MS));
+        buffer.record_sent(20 * MS);
         // Full: all seven are there, so the first has not left yet.
-        buffer.correct(Instant(1005 * MS), &PathStatus { full: true, ..STATUS });
-        assert_eq!(buffer.may_send(), Instant(1025 * MS));
+        buffer.correct_clock(Instant(1005 * MS), &PathStatus { full: true, ..STATUS });
+        assert_eq!(buffer.next_send_at(), Instant(1025 * MS));
         // Few left: four have gone, three segments are over.
-        buffer.correct(Instant(1030 * MS), &PathStatus { few: true, ..STATUS });
-        assert_eq!(buffer.may_send(), Instant(990 * MS));
+        buffer.correct_clock(Instant(1030 * MS), &PathStatus { low: true, ..STATUS });
+        assert_eq!(buffer.next_send_at(), Instant(990 * MS));
         // Not few, long after that: fewer have gone than was thought.
-        buffer.correct(Instant(1090 * MS), &STATUS);
-        assert_eq!(buffer.may_send(), Instant(1050 * MS));
+        buffer.correct_clock(Instant(1090 * MS), &STATUS);
+        assert_eq!(buffer.next_send_at(), Instant(1050 * MS));
     }
 }

@@ -15,7 +15,7 @@ impl Instant {
     /// The origin of the link's time.
     pub const ZERO: Self = Self(0);
     /// Later than every instant that a link reports.
-    pub const FAR: Self = Self(u64::MAX);
+    pub const FAR_FUTURE: Self = Self(u64::MAX);
 
     /// Time since `earlier`, zero when `earlier` is later.
     #[must_use]

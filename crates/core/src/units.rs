@@ -145,7 +145,7 @@ impl Unit {
 
     /// SI value of one of it.
     #[must_use]
-    pub const fn si(self) -> f64 {
+    pub const fn si_factor(self) -> f64 {
         match self {
             Self::Degree => PI / 180.0,
             Self::Turn => 2.0 * PI,

@@ -43,13 +43,13 @@ static ALLOCATOR: Counting = Counting;
 #[test]
 fn a_running_lane_does_not_allocate() {
     let options = HostOptions { gap_us: Some(0), ..HostOptions::new(0) };
-    let driver = Box::new(Tmcl::driver(Tmcl::generic(), 1));
-    let mut lane = Lane::new(Tmcl::host(&options, &[1]), [driver as Box<_>]);
+    let driver = Box::new(Tmcl::create_driver(Tmcl::generic_profile(), 1));
+    let mut lane = Lane::new(Tmcl::create_host(&options, &[1]), [driver as Box<_>]);
     let (mut out, mut now, mut done) = ([0; 520], Instant::ZERO, 0);
     let before = ALLOCATIONS.get();
     for n in 0..10_000u32 {
         now = now.plus_ms(1000);
-        lane.read(now, Ticket(n), AxisIndex(0), ParameterId(1)).unwrap();
+        lane.read_parameter(now, Ticket(n), AxisIndex(0), ParameterId(1)).unwrap();
         let mut heard = 0;
         let ended = loop {
             if lane.poll_transmit(now, &mut out).is_some() {

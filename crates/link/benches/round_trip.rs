@@ -35,7 +35,7 @@ mod bench {
     use polepair_core::station::AxisIndex;
     use polepair_core::time::Instant;
     use polepair_link::pty::Pty;
-    use polepair_link::{Connection, Link, Mailbox, Received, clock, serial};
+    use polepair_link::{Connection, LinkIo, Mailbox, Received, clock, serial};
     use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 
     const ROUNDS: usize = 100;
@@ -80,10 +80,10 @@ mod bench {
 
     pub(super) fn run() {
         if std::env::args().all(|word| word != "listened") {
-            compare::<Tmcl>(Tmcl::generic(), &TMCL);
+            compare::<Tmcl>(Tmcl::generic_profile(), &TMCL);
             compare::<Rtu>(&SYNTRON_TS, &MODBUS);
         }
-        listened::<Tmcl>(Tmcl::generic(), &TMCL);
+        listened::<Tmcl>(Tmcl::generic_profile(), &TMCL);
         wake_up();
     }
 
@@ -187,15 +187,15 @@ mod bench {
         value: i64,
     ) -> (Connection, impl FnMut() + use<P>) {
         let options = HostOptions { gap_us: Some(0), ..HostOptions::new(0) };
-        let driver = P::driver(profile, 1);
-        let lane = Lane::<Stream, _>::new(P::host(&options, &[1]), [Box::new(driver) as _]);
-        let port = serial::open(path, SerialLine::n81(0)).unwrap();
+        let driver = P::create_driver(profile, 1);
+        let lane = Lane::<Stream, _>::new(P::create_host(&options, &[1]), [Box::new(driver) as _]);
+        let port = serial::open(path, SerialLine::new_8n1(0)).unwrap();
         let connection = Connection::new(Box::new(port), Box::new(lane));
         let ours = connection.clone();
         let ask = move || {
             let deadline = clock::now().plus_ms(1_000);
-            let outcome = connection.ask(deadline, |axes, now, ticket| {
-                axes.read(now, ticket, AxisIndex(0), ParameterId(0))
+            let outcome = connection.request(deadline, |axes, now, ticket| {
+                axes.read_parameter(now, ticket, AxisIndex(0), ParameterId(0))
             });
             assert_eq!(outcome, Ok(Some(Outcome::Done(value))));
         };

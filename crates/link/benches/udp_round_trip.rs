@@ -38,8 +38,8 @@ mod bench {
     use polepair_core::proto::{HostOptions, Protocol};
     use polepair_core::station::AxisIndex;
     use polepair_core::time::Instant;
-    use polepair_link::udp::{self, GROUP_IPV4, Group, UdpLink};
-    use polepair_link::{Connection, Link, Received, Stop, clock, serve};
+    use polepair_link::udp::{self, GROUP_IPV4, MulticastGroup, UdpLink};
+    use polepair_link::{Connection, LinkIo, Received, ServeHandle, clock, serve};
 
     const ROUNDS: usize = 100;
     const TURNS: usize = 50;
@@ -47,7 +47,8 @@ mod bench {
     /// The ends of the floor hear different ports, so that none wakes for its own datagram.
     const PORTS: [u16; 2] = [43_213, 43_214];
     /// The ends of ours share one, as the format has it.
-    const GROUPS: [Group; 4] = [group(43_215), group(43_216), group(43_217), group(43_218)];
+    const GROUPS: [MulticastGroup; 4] =
+        [group(43_215), group(43_216), group(43_217), group(43_218)];
     const NAMES: [&str; 5] = ["floor", "link", "TMCL", "SDO", "drive"];
     /// What python-can makes of such a frame.
     const DATAGRAM: usize = 172;
@@ -65,8 +66,8 @@ mod bench {
         (0x585, &[0x43, 0x64, 0x60, 0, 0x40, 0xE2, 1, 0]),
     ];
 
-    const fn group(port: u16) -> Group {
-        Group { address: std::net::IpAddr::V4(GROUP_IPV4), port, hops: 0 }
+    const fn group(port: u16) -> MulticastGroup {
+        MulticastGroup { address: std::net::IpAddr::V4(GROUP_IPV4), port, hops: 0 }
     }
 
     pub(super) fn run() {
@@ -75,7 +76,7 @@ mod bench {
         let mut rounds: [Box<dyn FnMut()>; 5] = [
             Box::new(floor()),
             Box::new(link()),
-            Box::new(whole::<TmclCan>(1, (TmclCan::generic(), 1), 0, Some(123_456))),
+            Box::new(whole::<TmclCan>(1, (TmclCan::generic_profile(), 1), 0, Some(123_456))),
             Box::new(whole::<Canopen>(2, (&CIA402, NODE), 0x6064, Some(123_456))),
             Box::new(whole::<Canopen>(3, (&CIA402, NODE), 0x6064, None)),
         ];
@@ -141,15 +142,16 @@ mod bench {
     ) -> impl FnMut() {
         let id = axis.0.parameters.iter().position(|each| each.index == index).unwrap();
         let id = ParameterId(id as u16);
-        let host = P::host(&HostOptions::new(0), &[axis.1]);
-        let driver = P::driver(axis.0, axis.1);
+        let host = P::create_host(&HostOptions::new(0), &[axis.1]);
+        let driver = P::create_driver(axis.0, axis.1);
         let lane = Lane::<Can, _>::new(host, [Box::new(driver) as _]);
         let link = udp::open(GROUPS[group]).unwrap();
         let connection = Connection::new::<Can>(Box::new(link), Box::new(lane));
         move || {
             let deadline = clock::now().plus_ms(1_000);
-            let outcome = connection
-                .ask(deadline, |axes, now, ticket| axes.read(now, ticket, AxisIndex(0), id));
+            let outcome = connection.request(deadline, |axes, now, ticket| {
+                axes.read_parameter(now, ticket, AxisIndex(0), id)
+            });
             match outcome {
                 Ok(Some(Outcome::Done(value))) => assert_eq!(value, expected.unwrap_or(value)),
                 other => panic!("{other:?}"),
@@ -168,13 +170,13 @@ mod bench {
     pub(super) fn drive(group: usize) {
         let link = udp::open(GROUPS[group]).unwrap();
         let mut wire = Box::new(Device::new(Drive::new(NODE as u8, 1, 1_000_000)));
-        serve::<Can>(&link, &mut wire, &Stop::of(&link)).unwrap();
+        serve::<Can>(&link, &mut wire, &ServeHandle::for_link(&link)).unwrap();
     }
 
     fn await_frame(link: &UdpLink, id: u16) {
         let mut frame = Frame::default();
         loop {
-            let received = link.receive(&mut frame, Instant::FAR).unwrap();
+            let received = link.receive(&mut frame, Instant::FAR_FUTURE).unwrap();
             if matches!(received, Received::Bytes { .. }) && frame.id == u32::from(id) {
                 return;
             }

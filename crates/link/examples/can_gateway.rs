@@ -27,9 +27,9 @@ mod gateway {
     use polepair_core::medium::{Can, CanLine, Frame};
     use polepair_core::time::Instant;
     use polepair_link::pty::Pty;
-    use polepair_link::{Link, LinkError, Received, slcan, socketcand, udp};
+    use polepair_link::{LinkError, LinkIo, Received, slcan, socketcand, udp};
 
-    type Bus = Arc<dyn Link<Can>>;
+    type Bus = Arc<dyn LinkIo<Can>>;
 
     pub(super) fn run() -> Result<(), Box<dyn Error>> {
         let words: Vec<String> = std::env::args().skip(1).collect();
@@ -51,10 +51,10 @@ mod gateway {
         Ok(())
     }
 
-    fn forward(from: &dyn Link<Can>, to: &dyn Link<Can>) -> Result<(), LinkError> {
+    fn forward(from: &dyn LinkIo<Can>, to: &dyn LinkIo<Can>) -> Result<(), LinkError> {
         let mut frame = Frame::default();
         loop {
-            match from.receive(&mut frame, Instant::FAR)? {
+            match from.receive(&mut frame, Instant::FAR_FUTURE)? {
                 Received::Bytes { .. } => match to.send(&frame) {
                     Err(error) if error.is_gone() => return Err(error),
                     // It cannot be carried there, or nobody takes it.
@@ -72,10 +72,10 @@ mod gateway {
         let number = |text: &str| text.parse::<u32>().unwrap_or(0);
         let line = CanLine { bit_rate: number(option) };
         Ok(match kind {
-            "udp" => Arc::new(udp::open(udp::Group { hops: 0, ..place.parse()? })?),
+            "udp" => Arc::new(udp::open(udp::MulticastGroup { hops: 0, ..place.parse()? })?),
             "slcan" => Arc::new(slcan::open_serial(place, 0, line)?),
             "slcan-tcp" => Arc::new(slcan::open_tcp(place, line)?),
-            "slcan-pty" => Arc::new(slcan::on_pty(Pty::open(Some(Path::new(place)))?, line)?),
+            "slcan-pty" => Arc::new(slcan::serve_pty(Pty::open(Some(Path::new(place)))?, line)?),
             "slcan-listen" => Arc::new(slcan::listen(place, line)?),
             "socketcand" => {
                 let (address, bus) = place.split_once('/').ok_or("HOST:PORT/BUS")?;

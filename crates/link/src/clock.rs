@@ -13,7 +13,7 @@ const STAMP_AGE_MAX_NS: u64 = 10_000_000_000;
 /// not move it.
 #[must_use]
 pub fn now() -> Instant {
-    nanoseconds(origin().monotonic.elapsed())
+    to_instant(origin().monotonic.elapsed())
 }
 
 /// Wall time of `at` as nanoseconds since 1970, by the offset taken once when the process first
@@ -26,9 +26,9 @@ pub fn wall_ns(at: Instant) -> u64 {
 /// The instant of a wall time that the kernel has just stamped. Somebody may have set the clock
 /// since: what does not look fresh counts as of now.
 #[cfg(target_os = "linux")]
-pub(crate) fn of_stamp(wall_ns: u64) -> Instant {
+pub(crate) fn instant_of_stamp(wall_ns: u64) -> Instant {
     let wall = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    let age = nanoseconds(wall).0.saturating_sub(wall_ns);
+    let age = to_instant(wall).0.saturating_sub(wall_ns);
     let now = now();
     if age > STAMP_AGE_MAX_NS { now } else { Instant(now.0.saturating_sub(age)) }
 }
@@ -39,22 +39,22 @@ pub fn sleep_until(at: Instant) {
 }
 
 /// Where the monotonic and the wall clock stood together.
-struct Origin {
+struct ClockOrigin {
     monotonic: std::time::Instant,
     wall_ns: u64,
 }
 
-fn origin() -> &'static Origin {
-    static ORIGIN: OnceLock<Origin> = OnceLock::new();
+fn origin() -> &'static ClockOrigin {
+    static ORIGIN: OnceLock<ClockOrigin> = OnceLock::new();
     ORIGIN.get_or_init(|| {
         let wall = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-        Origin {
+        ClockOrigin {
             monotonic: std::time::Instant::now(),
-            wall_ns: nanoseconds(wall.unwrap_or_default()).0,
+            wall_ns: to_instant(wall.unwrap_or_default()).0,
         }
     })
 }
 
-fn nanoseconds(span: Duration) -> Instant {
+fn to_instant(span: Duration) -> Instant {
     Instant::ZERO + span
 }

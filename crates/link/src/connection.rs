@@ -7,10 +7,10 @@
 //! listens for what nobody asked for. It is started when it is first needed, and gives way to a
 //! caller at once.
 
-mod aside;
-mod engine;
-mod keeper;
-mod lead;
+mod background;
+mod borrow;
+mod erased;
+mod leader;
 mod mailbox;
 mod slots;
 mod state;
@@ -25,13 +25,13 @@ use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 
 use crate::error::LinkError;
-use crate::link::{Link, Losses};
-use engine::{Engine, Request};
-use slots::Slots;
-use state::State;
+use crate::link::{LinkIo, Losses};
+use erased::{ErasedConnection, SubmitFn};
+use slots::RequestSlots;
+use state::ConnectionState;
 
-pub use aside::Aside;
-pub use mailbox::{Listening, Mailbox, Notice};
+pub use borrow::BorrowedLink;
+pub use mailbox::{ConnectionEvent, ListenerGuard, Mailbox};
 pub use slots::PENDING_MAX;
 
 /// What a connection holds: a lane with protocol, family and host erased.
@@ -44,8 +44,8 @@ pub struct Connection(Arc<Owner>);
 impl Connection {
     /// Puts `lane` on `link`. The link is set to the lane's line already.
     #[must_use]
-    pub fn new<M: Medium>(link: Box<dyn Link<M>>, lane: Box<dyn AnyLane<M>>) -> Self {
-        Self(Arc::new(Owner(Shared::new(link, lane))))
+    pub fn new<M: Medium>(link: Box<dyn LinkIo<M>>, lane: Box<dyn AnyLane<M>>) -> Self {
+        Self(Arc::new(Owner(ConnectionInner::new(link, lane))))
     }
 
     /// Submits a request: `request` gets the axes, the present time and the ticket to use. What
@@ -60,12 +60,12 @@ impl Connection {
     pub fn submit(
         &self,
         request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
-    ) -> Result<Pending, Unsupported> {
+    ) -> Result<PendingRequest, Unsupported> {
         let mut request = Some(request);
         let (ticket, interrupts) = self.0.0.submit(&mut |axes, now, ticket| {
             request.take().map_or(Err(Unsupported::Busy), |request| request(axes, now, ticket))
         })?;
-        Ok(Pending { connection: self.clone(), ticket, interrupts, ended: None })
+        Ok(PendingRequest { connection: self.clone(), ticket, interrupts, outcome: None })
     }
 
     /// Submits a request. While many others are pending and the lane takes no more, it waits for its
@@ -73,14 +73,14 @@ impl Connection {
     ///
     /// # Errors
     /// As [`submit`](Self::submit).
-    pub fn submit_in_turn(
+    pub fn submit_when_ready(
         &self,
         deadline: Instant,
         mut request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
-    ) -> Result<Pending, Unsupported> {
+    ) -> Result<PendingRequest, Unsupported> {
         loop {
             match self.submit(&mut request) {
-                Err(Unsupported::Busy) if self.0.0.await_room(deadline) => {}
+                Err(Unsupported::Busy) if self.0.0.wait_for_room(deadline) => {}
                 submitted => return submitted,
             }
         }
@@ -91,22 +91,22 @@ impl Connection {
     ///
     /// # Errors
     /// As [`submit`](Self::submit).
-    pub fn ask(
+    pub fn request(
         &self,
         deadline: Instant,
         request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<Option<Outcome>, Unsupported> {
-        Ok(match self.submit_in_turn(deadline, request)?.wait(deadline) {
-            Waited::Ended(outcome) => Some(outcome),
-            Waited::TimedOut | Waited::Interrupted => None,
+        Ok(match self.submit_when_ready(deadline, request)?.wait(deadline) {
+            WaitResult::Ended(outcome) => Some(outcome),
+            WaitResult::TimedOut | WaitResult::Interrupted => None,
         })
     }
 
     /// Calls `look` with the axes: to read states and profiles, convert, arm, rehearse. Do not
     /// wait in it; everybody else does meanwhile.
-    pub fn with<R>(&self, look: impl FnOnce(&mut dyn Axes, Instant) -> R) -> R {
+    pub fn with_axes<R>(&self, look: impl FnOnce(&mut dyn Axes, Instant) -> R) -> R {
         let (mut look, mut seen) = (Some(look), None);
-        self.0.0.with(&mut |axes, now| seen = look.take().map(|look| look(axes, now)));
+        self.0.0.with_axes(&mut |axes, now| seen = look.take().map(|look| look(axes, now)));
         seen.expect("an engine lends its axes once")
     }
 
@@ -119,9 +119,14 @@ impl Connection {
     /// Puts what happens from now on into `mailbox`, as of the connection `source`, until the guard
     /// is dropped: to its axes, or to one of them, and to the link. Where nobody else reads the link,
     /// the keeper does.
-    pub fn listen(&self, mailbox: &Mailbox, source: usize, axis: Option<AxisIndex>) -> Listening {
-        self.0.0.listen(mailbox::Listener { mailbox: mailbox.clone(), source, axis });
-        Listening { connection: self.clone(), mailbox: mailbox.clone(), source }
+    pub fn listen(
+        &self,
+        mailbox: &Mailbox,
+        source: usize,
+        axis: Option<AxisIndex>,
+    ) -> ListenerGuard {
+        self.0.0.add_listener(mailbox::MailboxListener { mailbox: mailbox.clone(), source, axis });
+        ListenerGuard { connection: self.clone(), mailbox: mailbox.clone(), source }
     }
 
     /// Takes in what has arrived and nobody has read, without waiting, unless somebody reads.
@@ -137,15 +142,18 @@ impl Connection {
     ///
     /// # Errors
     /// [`LinkError`] while the link is down.
-    pub fn set_aside<M: Medium>(&self, until: Instant) -> Result<Option<Aside<M>>, LinkError> {
-        let lent = self.0.0.set_aside(until)?;
+    pub fn borrow_link<M: Medium>(
+        &self,
+        until: Instant,
+    ) -> Result<Option<BorrowedLink<M>>, LinkError> {
+        let lent = self.0.0.borrow_link(until)?;
         Ok(lent.and_then(|lent| lent.downcast().ok()).map(|lent| *lent))
     }
 
     /// Why the link is down, if it is.
     #[must_use]
-    pub fn trouble(&self) -> Option<LinkError> {
-        self.0.0.trouble()
+    pub fn link_error(&self) -> Option<LinkError> {
+        self.0.0.link_error()
     }
 
     /// Closes the link at once, for all clones: what is under way ends as when the link is lost, and
@@ -156,7 +164,7 @@ impl Connection {
 
     /// Whether both are clones of one connection.
     #[must_use]
-    pub fn is(&self, other: &Self) -> bool {
+    pub fn is_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
 
@@ -173,8 +181,8 @@ impl Connection {
     }
 
     #[cfg(test)]
-    pub(crate) fn slots(&self) -> usize {
-        self.0.0.slots()
+    pub(crate) fn slot_count(&self) -> usize {
+        self.0.0.slot_count()
     }
 
     /// What ends waits from elsewhere, for instance upon Ctrl-C.
@@ -188,16 +196,16 @@ impl Connection {
 /// away.
 #[derive(Debug)]
 #[must_use = "wait for it, or drop it to let it go on by itself"]
-pub struct Pending {
+pub struct PendingRequest {
     connection: Connection,
     ticket: Ticket,
     interrupts: u64,
-    ended: Option<Outcome>,
+    outcome: Option<Outcome>,
 }
 
 /// What ended a wait for a request.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Waited {
+pub enum WaitResult {
     /// The request ended. Waiting again says the same.
     Ended(Outcome),
     /// The deadline came; the request goes on.
@@ -206,16 +214,16 @@ pub enum Waited {
     Interrupted,
 }
 
-impl Pending {
+impl PendingRequest {
     /// Waits until the request ends, `deadline` comes, or somebody interrupts. An interrupt since
     /// the request was submitted counts, once.
-    pub fn wait(&mut self, deadline: Instant) -> Waited {
-        if let Some(outcome) = self.ended {
-            return Waited::Ended(outcome);
+    pub fn wait(&mut self, deadline: Instant) -> WaitResult {
+        if let Some(outcome) = self.outcome {
+            return WaitResult::Ended(outcome);
         }
         let waited = self.connection.0.0.wait(self.ticket, deadline, &mut self.interrupts);
-        if let Waited::Ended(outcome) = waited {
-            self.ended = Some(outcome);
+        if let WaitResult::Ended(outcome) = waited {
+            self.outcome = Some(outcome);
         }
         waited
     }
@@ -223,18 +231,18 @@ impl Pending {
     /// Takes what is there without waiting, and tells the outcome if there is one.
     pub fn poll(&mut self) -> Option<Outcome> {
         match self.wait(Instant::ZERO) {
-            Waited::Ended(outcome) => Some(outcome),
-            Waited::TimedOut | Waited::Interrupted => None,
+            WaitResult::Ended(outcome) => Some(outcome),
+            WaitResult::TimedOut | WaitResult::Interrupted => None,
         }
     }
 
     /// Tells the outcome if there is one; else `waker` is woken when there is, from whatever
     /// thread reads then. The keeper reads meanwhile.
     pub fn poll_or_wake(&mut self, waker: &task::Waker) -> Option<Outcome> {
-        if self.ended.is_none() {
-            self.ended = self.connection.0.0.poll_or_wake(self.ticket, waker);
+        if self.outcome.is_none() {
+            self.outcome = self.connection.0.0.poll_or_wake(self.ticket, waker);
         }
-        self.ended
+        self.outcome
     }
 
     /// The ticket that the lane knows it by.
@@ -244,9 +252,9 @@ impl Pending {
     }
 }
 
-impl Drop for Pending {
+impl Drop for PendingRequest {
     fn drop(&mut self) {
-        if self.ended.is_none() {
+        if self.outcome.is_none() {
             self.connection.0.0.abandon(self.ticket);
         }
     }
@@ -254,11 +262,11 @@ impl Drop for Pending {
 
 /// Ends every wait of a connection. Keeps no connection open.
 #[derive(Clone, Debug)]
-pub struct Interrupter(Weak<dyn Engine>);
+pub struct Interrupter(Weak<dyn ErasedConnection>);
 
 impl Interrupter {
     /// Makes every wait under way, and the first wait of every request submitted so far, return
-    /// [`Waited::Interrupted`]. Locks: not for signal handlers, but for the thread that hears of
+    /// [`WaitResult::Interrupted`]. Locks: not for signal handlers, but for the thread that hears of
     /// the signal.
     pub fn interrupt(&self) {
         if let Some(engine) = self.0.upgrade() {
@@ -267,42 +275,42 @@ impl Interrupter {
     }
 }
 
-/// Closes the connection with its last clone: the keeper shares `Shared` and must not keep it.
+/// Closes the connection with its last clone: the keeper shares `ConnectionInner` and must not keep it.
 #[derive(Debug)]
-struct Owner(Arc<dyn Engine>);
+struct Owner(Arc<dyn ErasedConnection>);
 
 impl Drop for Owner {
     fn drop(&mut self) {
-        self.0.dismiss();
+        self.0.shut_down();
     }
 }
 
-struct Shared<M: Medium> {
-    state: Mutex<State<M>>,
-    keeper: keeper::Keeper,
+struct ConnectionInner<M: Medium> {
+    state: Mutex<ConnectionState<M>>,
+    background: background::BackgroundThread,
     /// Told when a request ended while others wait for the lane to take theirs.
-    room: Condvar,
+    room_available: Condvar,
     /// For the keeper's thread, once it is needed.
-    me: Weak<Self>,
+    weak_self: Weak<Self>,
 }
 
-impl<M: Medium> Shared<M> {
-    fn new(link: Box<dyn Link<M>>, lane: Box<dyn AnyLane<M>>) -> Arc<Self> {
+impl<M: Medium> ConnectionInner<M> {
+    fn new(link: Box<dyn LinkIo<M>>, lane: Box<dyn AnyLane<M>>) -> Arc<Self> {
         Arc::new_cyclic(|me| Self {
-            state: Mutex::new(State::new(Arc::from(link), lane)),
-            keeper: keeper::Keeper::default(),
-            room: Condvar::new(),
-            me: me.clone(),
+            state: Mutex::new(ConnectionState::new(Arc::from(link), lane)),
+            background: background::BackgroundThread::default(),
+            room_available: Condvar::new(),
+            weak_self: me.clone(),
         })
     }
 
     /// Panics after a lane panicked: its state can no longer be trusted with a motor.
-    fn lock(&self) -> MutexGuard<'_, State<M>> {
+    fn lock(&self) -> MutexGuard<'_, ConnectionState<M>> {
         self.state.lock().expect("a lane panicked on another thread")
     }
 }
 
 /// What ends a ticket whose link is gone and whose lane said nothing of it.
-const LOST: Outcome = Outcome::Unknown(Failure::LinkDown);
+const LOST_OUTCOME: Outcome = Outcome::Unknown(Failure::LinkDown);
 /// What ends a request that could not even be submitted.
-const NOT_SENT: Outcome = Outcome::NotDone(Failure::LinkDown);
+const NOT_SENT_OUTCOME: Outcome = Outcome::NotDone(Failure::LinkDown);

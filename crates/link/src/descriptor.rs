@@ -10,10 +10,10 @@ use rustix::io::Errno;
 
 use crate::clock;
 #[cfg(target_os = "linux")]
-use crate::edge::Edge;
+use crate::epoll_set::EpollSet;
 use crate::error::{Cause, LinkError};
 use crate::link::Received;
-use crate::wake::Waker;
+use crate::waker::LinkWaker;
 
 /// How long a send waits for a far end that takes no bytes before it gives the unit up. The lock
 /// of a connection is held meanwhile, so it is short.
@@ -21,43 +21,43 @@ const SEND_STALL_MAX: Duration = Duration::from_millis(20);
 
 /// What a read takes of what has arrived.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Reads {
+pub(crate) enum ReadMode {
     /// As much as it has room for.
     Stream,
     /// One piece of perhaps several: a datagram, a frame.
-    Pieces,
+    Messages,
 }
 
 #[derive(Debug)]
 pub(crate) struct Descriptor {
     pub(crate) fd: OwnedFd,
-    pub(crate) wake: Waker,
+    pub(crate) waker: LinkWaker,
     pub(crate) name: String,
     #[cfg(target_os = "linux")]
-    edge: Edge,
+    epoll: EpollSet,
 }
 
 impl Descriptor {
     /// Takes a stream's descriptor, which is already non-blocking.
     pub(crate) fn new(fd: OwnedFd, name: &str) -> Result<Self, LinkError> {
-        Self::that(Reads::Stream, fd, name)
+        Self::with_mode(ReadMode::Stream, fd, name)
     }
 
     /// Takes one that is read otherwise.
-    pub(crate) fn that(reads: Reads, fd: OwnedFd, name: &str) -> Result<Self, LinkError> {
-        let wake = Waker::new().map_err(|error| LinkError::from_io(name, &error))?;
+    pub(crate) fn with_mode(reads: ReadMode, fd: OwnedFd, name: &str) -> Result<Self, LinkError> {
+        let wake = LinkWaker::new().map_err(|error| LinkError::from_io(name, &error))?;
         Ok(Self::with_waker(reads, fd, wake, name))
     }
 
     /// The same with a waker that others have.
-    pub(crate) fn with_waker(reads: Reads, fd: OwnedFd, wake: Waker, name: &str) -> Self {
+    pub(crate) fn with_waker(reads: ReadMode, fd: OwnedFd, waker: LinkWaker, name: &str) -> Self {
         #[cfg(not(target_os = "linux"))]
         let _ = reads;
         Self {
             #[cfg(target_os = "linux")]
-            edge: Edge::new(fd.as_fd(), reads, wake.as_fd()),
+            epoll: EpollSet::new(fd.as_fd(), reads, waker.as_fd()),
             fd,
-            wake,
+            waker,
             name: name.to_owned(),
         }
     }
@@ -67,7 +67,7 @@ impl Descriptor {
             match rustix::io::write(&self.fd, bytes) {
                 Ok(sent) => bytes = &bytes[sent..],
                 Err(Errno::INTR) => {}
-                Err(Errno::AGAIN) => self.await_room(self.fd.as_fd())?,
+                Err(Errno::AGAIN) => self.wait_for_room(self.fd.as_fd())?,
                 Err(errno) => return Err(self.error(errno)),
             }
         }
@@ -89,7 +89,7 @@ impl Descriptor {
             return Ok(read()?.unwrap_or(Received::TimedOut));
         }
         loop {
-            let (ready, woken) = match self.wait(until) {
+            let (ready, woken) = match self.wait_readable(until) {
                 Ok(ready) => ready,
                 Err(Errno::INTR) => (PollFlags::empty(), false),
                 Err(errno) => return Err(self.error(errno)),
@@ -103,7 +103,7 @@ impl Descriptor {
                     return Err(LinkError::gone(&self.name));
                 }
             }
-            if woken && self.wake.taken() {
+            if woken && self.waker.take_wakeup() {
                 return Ok(Received::Woken);
             }
             if until <= clock::now() {
@@ -114,15 +114,15 @@ impl Descriptor {
     }
 
     /// What is ready on the descriptor, and whether the waker is.
-    fn wait(&self, until: Instant) -> Result<(PollFlags, bool), Errno> {
+    fn wait_readable(&self, until: Instant) -> Result<(PollFlags, bool), Errno> {
         #[cfg(target_os = "linux")]
-        if let Some(waited) = self.edge.wait(until) {
+        if let Some(waited) = self.epoll.wait(until) {
             return waited;
         }
-        let timeout = (until != Instant::FAR).then(|| timespec(until.since(clock::now())));
+        let timeout = (until != Instant::FAR_FUTURE).then(|| timespec(until.since(clock::now())));
         let mut fds = [
             PollFd::new(&self.fd, PollFlags::IN),
-            PollFd::from_borrowed_fd(self.wake.as_fd(), PollFlags::IN),
+            PollFd::from_borrowed_fd(self.waker.as_fd(), PollFlags::IN),
         ];
         poll(&mut fds, timeout.as_ref())?;
         Ok((fds[0].revents(), !fds[1].revents().is_empty()))
@@ -135,12 +135,12 @@ impl Descriptor {
                 // A port unplugged and a socket closed both read as an end, for ever.
                 Ok(0) => Err(LinkError::gone(&self.name)),
                 Ok(len) => {
-                    self.drained(len < buffer.len());
+                    self.note_drained(len < buffer.len());
                     Ok(Some(Received::Bytes { len, at: clock::now() }))
                 }
                 Err(Errno::INTR) => continue,
                 Err(Errno::AGAIN) => {
-                    self.drained(true);
+                    self.note_drained(true);
                     Ok(None)
                 }
                 Err(errno) => Err(self.error(errno)),
@@ -149,15 +149,15 @@ impl Descriptor {
     }
 
     /// Notes whether a read has taken all there was.
-    fn drained(&self, drained: bool) {
+    fn note_drained(&self, drained: bool) {
         #[cfg(target_os = "linux")]
-        self.edge.note(drained);
+        self.epoll.set_drained(drained);
         #[cfg(not(target_os = "linux"))]
         let _ = drained;
     }
 
     /// Waits for room until `until`.
-    pub(crate) fn ready(&self, until: Instant) -> Result<bool, LinkError> {
+    pub(crate) fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {
         loop {
             let mut fds = [PollFd::new(&self.fd, PollFlags::OUT)];
             match poll(&mut fds, Some(&timespec(until.since(clock::now())))) {
@@ -170,7 +170,7 @@ impl Descriptor {
     }
 
     /// Waits until `fd`, this or what sends beside it, takes more.
-    pub(crate) fn await_room(&self, fd: BorrowedFd<'_>) -> Result<(), LinkError> {
+    pub(crate) fn wait_for_room(&self, fd: BorrowedFd<'_>) -> Result<(), LinkError> {
         let mut fds = [PollFd::from_borrowed_fd(fd, PollFlags::OUT)];
         match poll(&mut fds, Some(&timespec(SEND_STALL_MAX))) {
             Ok(0) => Err(LinkError::new(&self.name, Cause::Stalled)),

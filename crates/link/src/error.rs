@@ -43,14 +43,14 @@ impl LinkError {
     /// An error about the link `name`, judged by what the system said.
     #[must_use]
     pub fn from_io(name: &str, error: &std::io::Error) -> Self {
-        let cause = judge(error);
+        let cause = cause_of(error);
         Self { os: error.raw_os_error(), ..Self::new(name, cause) }
     }
 
     /// An error that no system call reported.
     #[must_use]
     pub fn new(name: &str, cause: Cause) -> Self {
-        Self { cause, name: name.to_owned(), os: None, hint: hint(cause).to_owned() }
+        Self { cause, name: name.to_owned(), os: None, hint: cause_hint(cause).to_owned() }
     }
 
     /// The link `name` went away.
@@ -61,7 +61,7 @@ impl LinkError {
 
     /// The same error with more to try, said first.
     #[must_use]
-    pub fn hinting(mut self, first: &str) -> Self {
+    pub fn with_hint(mut self, first: &str) -> Self {
         self.hint = if first.is_empty() { self.hint } else { format!("{first} {}", self.hint) };
         self
     }
@@ -93,7 +93,7 @@ impl LinkError {
 
 impl fmt::Display for LinkError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.name, sentence(self.cause))?;
+        write!(f, "{}: {}", self.name, cause_sentence(self.cause))?;
         match self.os {
             Some(os) => write!(f, " ({})", std::io::Error::from_raw_os_error(os)),
             None => Ok(()),
@@ -103,10 +103,10 @@ impl fmt::Display for LinkError {
 
 impl std::error::Error for LinkError {}
 
-fn judge(error: &std::io::Error) -> Cause {
+fn cause_of(error: &std::io::Error) -> Cause {
     use std::io::ErrorKind as Kind;
     #[cfg(unix)]
-    if let Some(cause) = rustix::io::Errno::from_io_error(error).and_then(judge_errno) {
+    if let Some(cause) = rustix::io::Errno::from_io_error(error).and_then(cause_of_errno) {
         return cause;
     }
     match error.kind() {
@@ -127,7 +127,7 @@ fn judge(error: &std::io::Error) -> Cause {
 
 /// What the kinds of the standard library do not tell apart.
 #[cfg(unix)]
-fn judge_errno(errno: rustix::io::Errno) -> Option<Cause> {
+fn cause_of_errno(errno: rustix::io::Errno) -> Option<Cause> {
     use rustix::io::Errno;
     match errno {
         Errno::IO | Errno::NXIO | Errno::NODEV => Some(Cause::Gone),
@@ -139,7 +139,7 @@ fn judge_errno(errno: rustix::io::Errno) -> Option<Cause> {
     }
 }
 
-const fn sentence(cause: Cause) -> &'static str {
+const fn cause_sentence(cause: Cause) -> &'static str {
     match cause {
         Cause::Permission => "this user may not open it",
         Cause::NotFound => "there is no such port",
@@ -155,7 +155,7 @@ const fn sentence(cause: Cause) -> &'static str {
     }
 }
 
-const fn hint(cause: Cause) -> &'static str {
+const fn cause_hint(cause: Cause) -> &'static str {
     match cause {
         Cause::Permission => {
             "Join the port's group and log in again: `sudo usermod -aG dialout $USER` (on Arch \

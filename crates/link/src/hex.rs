@@ -6,7 +6,7 @@ pub(crate) const fn digit(nibble: u32) -> u8 {
 }
 
 /// The value of one digit.
-pub(crate) const fn value(digit: u8) -> Option<u8> {
+pub(crate) const fn digit_value(digit: u8) -> Option<u8> {
     match digit {
         b'0'..=b'9' => Some(digit - b'0'),
         b'a'..=b'f' => Some(digit - b'a' + 10),
@@ -16,48 +16,48 @@ pub(crate) const fn value(digit: u8) -> Option<u8> {
 }
 
 /// The value of 1 to 8 digits.
-pub(crate) fn number(digits: &[u8]) -> Option<u32> {
+pub(crate) fn parse_hex(digits: &[u8]) -> Option<u32> {
     if digits.is_empty() || digits.len() > 8 {
         return None;
     }
-    digits.iter().try_fold(0, |sum, &d| Some(sum << 4 | u32::from(value(d)?)))
+    digits.iter().try_fold(0, |sum, &d| Some(sum << 4 | u32::from(digit_value(d)?)))
 }
 
 /// A line under construction; what does not fit is cut, which no caller lets happen.
 #[derive(Debug)]
-pub(crate) struct Text<'a> {
+pub(crate) struct TextWriter<'a> {
     pub(crate) out: &'a mut [u8],
     pub(crate) len: usize,
 }
 
-impl<'a> Text<'a> {
+impl<'a> TextWriter<'a> {
     pub(crate) fn new(out: &'a mut [u8]) -> Self {
         Self { out, len: 0 }
     }
 
-    pub(crate) fn byte(&mut self, byte: u8) {
+    pub(crate) fn push_byte(&mut self, byte: u8) {
         if let Some(place) = self.out.get_mut(self.len) {
             *place = byte;
             self.len += 1;
         }
     }
 
-    pub(crate) fn bytes(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|&byte| self.byte(byte));
+    pub(crate) fn push_bytes(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&byte| self.push_byte(byte));
     }
 
     /// `value` in so many digits.
-    pub(crate) fn number(&mut self, value: u32, digits: u32) {
-        (0..digits).rev().for_each(|n| self.byte(digit(value >> (4 * n))));
+    pub(crate) fn push_hex(&mut self, value: u32, digits: u32) {
+        (0..digits).rev().for_each(|n| self.push_byte(digit(value >> (4 * n))));
     }
 
     /// `value` in decimal, in so many digits at least.
     #[cfg(unix)]
-    pub(crate) fn decimal(&mut self, value: u64, digits: u32) {
+    pub(crate) fn push_decimal(&mut self, value: u64, digits: u32) {
         let least = 10_u64.pow(digits.saturating_sub(1));
         let mut power = least.max(10_u64.pow(value.checked_ilog10().unwrap_or(0)));
         while power > 0 {
-            self.byte(b'0' + (value / power % 10) as u8);
+            self.push_byte(b'0' + (value / power % 10) as u8);
             power /= 10;
         }
     }

@@ -13,47 +13,47 @@ use rustix::io::Errno;
 use crate::clock;
 use crate::descriptor::timespec;
 use crate::error::LinkError;
-use crate::hex::Text;
+use crate::hex::TextWriter;
 use crate::inbox::Inbox;
-use crate::link::{Link, Losses, Received};
+use crate::link::{LinkIo, Losses, Received};
 use crate::pty::Pty;
-use crate::wake::Waker;
+use crate::waker::LinkWaker;
 
 /// Clients at a time; one more is turned away.
 pub const CLIENTS_MAX: usize = 16;
 /// The longest thing said to a client at once.
-pub const SAYING_MAX: usize = 128;
+pub const OUTPUT_MAX: usize = 128;
 
 /// How one client is talked to. Every client gets a copy of its own.
-pub trait Session: Clone + Send {
+pub trait HubSession: Clone + Send {
     /// What a client hears when it connects.
     fn greeting(&self) -> &'static [u8];
 
     /// Takes one byte that the client sent, and writes what it is answered.
-    fn take(&mut self, byte: u8, answer: &mut Saying<'_>) -> Taken;
+    fn handle_byte(&mut self, byte: u8, answer: &mut SessionOutput<'_>) -> SessionAction;
 
     /// Writes a frame of the bus as this client is told of it; nothing when it is not.
-    fn show(&mut self, frame: &Frame, at: Instant, saying: &mut Saying<'_>);
+    fn write_frame(&mut self, frame: &Frame, at: Instant, saying: &mut SessionOutput<'_>);
 }
 
 /// What a byte of a client's came to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Taken {
+pub enum SessionAction {
     /// Nothing for the bus.
     Nothing,
     /// The end of something that nobody understands.
-    Junk,
+    Malformed,
     /// A frame for the bus.
     Frame(Frame),
     /// A frame that the bus does not take.
     Refused,
     /// The client is to be left.
-    Leave,
+    Disconnect,
 }
 
 /// Room for what is said to a client at once.
 #[derive(Debug)]
-pub struct Saying<'a>(pub(crate) Text<'a>);
+pub struct SessionOutput<'a>(pub(crate) TextWriter<'a>);
 
 /// The server's end of a bus with clients.
 pub struct Hub<S> {
@@ -61,41 +61,41 @@ pub struct Hub<S> {
     listener: Option<TcpListener>,
     /// Kept: without it the name by which clients open it would be gone.
     _pty: Option<Pty>,
-    wake: Waker,
+    waker: LinkWaker,
     prototype: S,
-    room: Mutex<Room<S>>,
+    state: Mutex<HubState<S>>,
 }
 
-struct Room<S> {
-    clients: Vec<Client<S>>,
+struct HubState<S> {
+    clients: Vec<HubClient<S>>,
     /// Who is heard first the next time, so that nobody is never heard.
-    turn: usize,
+    next_client: usize,
     losses: Losses,
 }
 
-struct Client<S> {
+struct HubClient<S> {
     fd: Arc<OwnedFd>,
     session: S,
     inbox: Inbox,
     /// It has said something that was not read yet, or has left.
-    ready: bool,
+    readable: bool,
     /// What is left of something said when the client's buffer was full.
-    owed: [u8; SAYING_MAX],
-    owed_len: usize,
-    left: bool,
+    unsent: [u8; OUTPUT_MAX],
+    unsent_len: usize,
+    disconnected: bool,
 }
 
-impl<S: Session> Hub<S> {
+impl<S: HubSession> Hub<S> {
     /// Serves one client at a time on a pseudo-terminal.
     ///
     /// # Errors
     /// [`LinkError`] when the system has no descriptors left.
-    pub(crate) fn on_pty(pty: Pty, prototype: S) -> Result<Self, LinkError> {
+    pub(crate) fn serve_pty(pty: Pty, prototype: S) -> Result<Self, LinkError> {
         let name = pty.path().to_owned();
-        let fd = pty.far().map_err(|error| LinkError::from_io(&name, &error))?;
+        let fd = pty.clone_far_end().map_err(|error| LinkError::from_io(&name, &error))?;
         let mut hub = Self::new(name, prototype)?;
         hub._pty = Some(pty);
-        hub.admit(fd);
+        hub.add_client(fd);
         Ok(hub)
     }
 
@@ -113,9 +113,9 @@ impl<S: Session> Hub<S> {
     }
 
     fn new(name: String, prototype: S) -> Result<Self, LinkError> {
-        let wake = Waker::new().map_err(|error| LinkError::from_io(&name, &error))?;
-        let room = Room { clients: Vec::new(), turn: 0, losses: Losses::default() };
-        Ok(Self { name, listener: None, _pty: None, wake, prototype, room: room.into() })
+        let wake = LinkWaker::new().map_err(|error| LinkError::from_io(&name, &error))?;
+        let room = HubState { clients: Vec::new(), next_client: 0, losses: Losses::default() };
+        Ok(Self { name, listener: None, _pty: None, waker: wake, prototype, state: room.into() })
     }
 
     /// Where it listens, on TCP.
@@ -124,36 +124,36 @@ impl<S: Session> Hub<S> {
         self.listener.as_ref()?.local_addr().ok()
     }
 
-    fn room(&self) -> MutexGuard<'_, Room<S>> {
-        self.room.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock_state(&self) -> MutexGuard<'_, HubState<S>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn admit(&self, fd: OwnedFd) {
-        let mut room = self.room();
+    fn add_client(&self, fd: OwnedFd) {
+        let mut room = self.lock_state();
         if room.clients.len() == CLIENTS_MAX {
             return;
         }
-        let mut client = Client {
+        let mut client = HubClient {
             fd: Arc::new(fd),
             session: self.prototype.clone(),
             inbox: Inbox::default(),
-            ready: false,
-            owed: [0; SAYING_MAX],
-            owed_len: 0,
-            left: false,
+            readable: false,
+            unsent: [0; OUTPUT_MAX],
+            unsent_len: 0,
+            disconnected: false,
         };
-        client.say(self.prototype.greeting());
+        client.send(self.prototype.greeting());
         room.clients.push(client);
     }
 
-    fn accept(&self) {
+    fn accept_clients(&self) {
         let Some(listener) = &self.listener else { return };
         for _ in 0..CLIENTS_MAX {
             let Ok((stream, _)) = listener.accept() else { return };
             if stream.set_nonblocking(true).is_ok() {
                 let _ = stream.set_nodelay(true);
                 crate::tcp::keep_alive(&stream);
-                self.admit(stream.into());
+                self.add_client(stream.into());
             }
         }
     }
@@ -161,10 +161,10 @@ impl<S: Session> Hub<S> {
     /// Waits until a client, the listener or the waker has something; tells whether the latter.
     fn wait(&self, until: Instant) -> Result<bool, LinkError> {
         let mut fds: [Option<Arc<OwnedFd>>; CLIENTS_MAX] = Default::default();
-        for (place, client) in fds.iter_mut().zip(&self.room().clients) {
+        for (place, client) in fds.iter_mut().zip(&self.lock_state().clients) {
             *place = Some(Arc::clone(&client.fd));
         }
-        let wake = self.wake.as_fd();
+        let wake = self.waker.as_fd();
         let watched = |fd: Option<BorrowedFd<'_>>| match fd {
             Some(_) => PollFlags::IN,
             None => PollFlags::empty(),
@@ -178,64 +178,64 @@ impl<S: Session> Hub<S> {
             PollFd::from_borrowed_fd(fd.unwrap_or(wake), watched(fd))
         });
         let left = until.since(clock::now());
-        let timeout = (until != Instant::FAR).then(|| timespec(left));
+        let timeout = (until != Instant::FAR_FUTURE).then(|| timespec(left));
         match poll(&mut polled, timeout.as_ref()) {
             Ok(_) | Err(Errno::INTR) => {}
             Err(errno) => return Err(LinkError::from_io(&self.name, &errno.into())),
         }
-        for (client, polled) in self.room().clients.iter_mut().zip(&polled[2..]) {
-            client.ready = !polled.revents().is_empty();
+        for (client, polled) in self.lock_state().clients.iter_mut().zip(&polled[2..]) {
+            client.readable = !polled.revents().is_empty();
         }
         if !polled[1].revents().is_empty() {
-            self.accept();
+            self.accept_clients();
         }
-        Ok(!polled[0].revents().is_empty() && self.wake.taken())
+        Ok(!polled[0].revents().is_empty() && self.waker.take_wakeup())
     }
 }
 
-impl<S: Session> Room<S> {
+impl<S: HubSession> HubState<S> {
     /// The next frame that a client has for the bus; the other clients hear it, too.
-    fn hear(&mut self, frame: &mut Frame) -> Option<Instant> {
+    fn next_frame(&mut self, frame: &mut Frame) -> Option<Instant> {
         for n in 0..self.clients.len() {
-            let speaker = (self.turn + n) % self.clients.len();
-            if let Some((heard, at)) = self.clients[speaker].hear(&mut self.losses) {
-                self.turn = speaker + 1;
-                self.show(&heard, at, Some(speaker));
+            let speaker = (self.next_client + n) % self.clients.len();
+            if let Some((heard, at)) = self.clients[speaker].next_frame(&mut self.losses) {
+                self.next_client = speaker + 1;
+                self.broadcast(&heard, at, Some(speaker));
                 *frame = heard;
                 return Some(at);
             }
         }
-        self.clients.retain(|client| !client.left);
+        self.clients.retain(|client| !client.disconnected);
         None
     }
 
-    fn show(&mut self, frame: &Frame, at: Instant, speaker: Option<usize>) {
+    fn broadcast(&mut self, frame: &Frame, at: Instant, speaker: Option<usize>) {
         for (n, client) in self.clients.iter_mut().enumerate() {
-            if speaker != Some(n) && !client.show(frame, at) {
+            if speaker != Some(n) && !client.send_frame(frame, at) {
                 self.losses.overrun += 1;
             }
         }
     }
 }
 
-impl<S: Session> Client<S> {
+impl<S: HubSession> HubClient<S> {
     /// The next frame among what the client has said.
-    fn hear(&mut self, losses: &mut Losses) -> Option<(Frame, Instant)> {
-        if self.inbox.is_empty() && std::mem::take(&mut self.ready) {
+    fn next_frame(&mut self, losses: &mut Losses) -> Option<(Frame, Instant)> {
+        if self.inbox.is_empty() && std::mem::take(&mut self.readable) {
             self.read();
         }
-        while let Some(byte) = self.inbox.next() {
-            let mut room = [0; SAYING_MAX];
-            let mut answer = Saying(Text::new(&mut room));
-            let taken = self.session.take(byte, &mut answer);
+        while let Some(byte) = self.inbox.next_byte() {
+            let mut room = [0; OUTPUT_MAX];
+            let mut answer = SessionOutput(TextWriter::new(&mut room));
+            let taken = self.session.handle_byte(byte, &mut answer);
             let len = answer.0.len;
-            self.say(&room[..len]);
+            self.send(&room[..len]);
             match taken {
-                Taken::Nothing => {}
-                Taken::Junk => losses.malformed += 1,
-                Taken::Refused => losses.refused += 1,
-                Taken::Frame(frame) => return Some((frame, self.inbox.at)),
-                Taken::Leave => self.left = true,
+                SessionAction::Nothing => {}
+                SessionAction::Malformed => losses.malformed += 1,
+                SessionAction::Refused => losses.refused += 1,
+                SessionAction::Frame(frame) => return Some((frame, self.inbox.received_at)),
+                SessionAction::Disconnect => self.disconnected = true,
             }
         }
         None
@@ -244,37 +244,37 @@ impl<S: Session> Client<S> {
     fn read(&mut self) {
         let fd = &self.fd;
         match self.inbox.fill(clock::now(), |bytes| rustix::io::read(fd, bytes)) {
-            Ok(0) => self.left = true,
+            Ok(0) => self.disconnected = true,
             Ok(_) | Err(Errno::AGAIN | Errno::INTR) => {}
-            Err(_) => self.left = true,
+            Err(_) => self.disconnected = true,
         }
     }
 
     /// False when the client takes nothing now, and loses the frame.
-    fn show(&mut self, frame: &Frame, at: Instant) -> bool {
-        let mut room = [0; SAYING_MAX];
-        let mut saying = Saying(Text::new(&mut room));
-        self.session.show(frame, at, &mut saying);
+    fn send_frame(&mut self, frame: &Frame, at: Instant) -> bool {
+        let mut room = [0; OUTPUT_MAX];
+        let mut saying = SessionOutput(TextWriter::new(&mut room));
+        self.session.write_frame(frame, at, &mut saying);
         let len = saying.0.len;
-        self.say(&room[..len])
+        self.send(&room[..len])
     }
 
     /// Never waits: a client that does not read loses what it is told, whole.
-    fn say(&mut self, saying: &[u8]) -> bool {
-        if saying.is_empty() || self.left {
+    fn send(&mut self, saying: &[u8]) -> bool {
+        if saying.is_empty() || self.disconnected {
             return true;
         }
-        let owed = self.write(&self.owed[..self.owed_len]);
-        self.owed.copy_within(owed..self.owed_len, 0);
-        self.owed_len -= owed;
-        if self.owed_len > 0 {
+        let owed = self.write(&self.unsent[..self.unsent_len]);
+        self.unsent.copy_within(owed..self.unsent_len, 0);
+        self.unsent_len -= owed;
+        if self.unsent_len > 0 {
             return false;
         }
         let written = self.write(saying);
         let rest = &saying[written..];
         if written > 0 {
-            self.owed[..rest.len()].copy_from_slice(rest);
-            self.owed_len = rest.len();
+            self.unsent[..rest.len()].copy_from_slice(rest);
+            self.unsent_len = rest.len();
         }
         written > 0
     }
@@ -285,26 +285,26 @@ impl<S: Session> Client<S> {
     }
 }
 
-impl<S: Session + Sync> Link<Can> for Hub<S> {
+impl<S: HubSession + Sync> LinkIo<Can> for Hub<S> {
     fn now(&self) -> Instant {
         clock::now()
     }
 
     fn send(&self, frame: &Frame) -> Result<(), LinkError> {
-        self.room().show(frame, clock::now(), None);
+        self.lock_state().broadcast(frame, clock::now(), None);
         Ok(())
     }
 
     fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
         loop {
-            if let Some(at) = self.room().hear(frame) {
+            if let Some(at) = self.lock_state().next_frame(frame) {
                 return Ok(Received::Bytes { len: 1, at });
             }
             if self.wait(until)? {
                 return Ok(Received::Woken);
             }
             if until <= clock::now() {
-                let heard = self.room().hear(frame);
+                let heard = self.lock_state().next_frame(frame);
                 return Ok(heard.map_or(Received::TimedOut, |at| Received::Bytes { len: 1, at }));
             }
         }
@@ -314,8 +314,8 @@ impl<S: Session + Sync> Link<Can> for Hub<S> {
         Ok(())
     }
 
-    fn waker(&self) -> Waker {
-        self.wake.clone()
+    fn waker(&self) -> LinkWaker {
+        self.waker.clone()
     }
 
     fn describe(&self) -> String {
@@ -323,7 +323,7 @@ impl<S: Session + Sync> Link<Can> for Hub<S> {
     }
 
     fn losses(&self) -> Losses {
-        self.room().losses
+        self.lock_state().losses
     }
 }
 

@@ -4,43 +4,43 @@ use polepair_core::medium::{Medium, Stream};
 use polepair_core::time::Instant;
 
 use crate::error::LinkError;
-use crate::link::{Link, Received};
+use crate::link::{LinkIo, Received};
 
 pub(crate) struct Inbox {
     bytes: <Stream as Medium>::Buffer,
-    from: usize,
-    to: usize,
+    start: usize,
+    end: usize,
     /// When the last of them arrived.
-    pub(crate) at: Instant,
+    pub(crate) received_at: Instant,
 }
 
 impl Default for Inbox {
     fn default() -> Self {
-        Self { bytes: Stream::buffer(), from: 0, to: 0, at: Instant::ZERO }
+        Self { bytes: Stream::buffer(), start: 0, end: 0, received_at: Instant::ZERO }
     }
 }
 
 impl Inbox {
-    pub(crate) fn next(&mut self) -> Option<u8> {
-        let byte = *self.bytes[..self.to].get(self.from)?;
-        self.from += 1;
+    pub(crate) fn next_byte(&mut self) -> Option<u8> {
+        let byte = *self.bytes[..self.end].get(self.start)?;
+        self.start += 1;
         Some(byte)
     }
 
     #[cfg(unix)]
     pub(crate) const fn is_empty(&self) -> bool {
-        self.from == self.to
+        self.start == self.end
     }
 
     /// Reads more, once all was looked at.
     pub(crate) fn receive(
         &mut self,
-        from: &dyn Link<Stream>,
+        from: &dyn LinkIo<Stream>,
         until: Instant,
     ) -> Result<Received, LinkError> {
         let received = from.receive(&mut self.bytes, until)?;
         if let Received::Bytes { len, at } = received {
-            (self.from, self.to, self.at) = (0, len, at);
+            (self.start, self.end, self.received_at) = (0, len, at);
         }
         Ok(received)
     }
@@ -53,7 +53,7 @@ impl Inbox {
         read: impl FnOnce(&mut [u8]) -> Result<usize, E>,
     ) -> Result<usize, E> {
         let len = read(&mut self.bytes)?;
-        (self.from, self.to, self.at) = (0, len, at);
+        (self.start, self.end, self.received_at) = (0, len, at);
         Ok(len)
     }
 }

@@ -3,13 +3,13 @@
 //! ```text
 //!   Connection      one lock, one leader: tickets made waitable        serve   a simulated drive
 //!        │                                                               │     on a real wire
-//!        └──────────────────────── Link<M> ──────────────────────────────┘
-//!              serial · tcp · pty · Tapped (a trace) · whatever `sim` puts here
+//!        └──────────────────────── LinkIo<M> ──────────────────────────────┘
+//!              serial · tcp · pty · TappedLink (a trace) · whatever `sim` puts here
 //! ```
 //!
 //! ```
 //! use polepair_link::tcp::{TcpLink, TcpServer};
-//! use polepair_link::{Link, Received, clock};
+//! use polepair_link::{LinkIo, Received, clock};
 //!
 //! let drive = TcpServer::bind("0")?; // a free port of this machine
 //! let host = TcpLink::connect(&drive.address().to_string())?;
@@ -28,15 +28,15 @@ pub mod connection;
 #[cfg(unix)]
 mod descriptor;
 #[cfg(target_os = "linux")]
-mod edge;
+mod epoll_set;
 pub mod error;
 mod hex;
 #[cfg(unix)]
 pub mod hub;
 mod inbox;
-mod limit;
 pub mod link;
 pub mod ports;
+mod process;
 #[cfg(unix)]
 pub mod pty;
 pub mod serial;
@@ -51,18 +51,19 @@ pub mod tap;
 pub mod tcp;
 #[cfg(unix)]
 pub mod udp;
-pub mod wake;
+pub mod waker;
 
 pub use connection::{
-    AnyLane, Aside, Connection, Interrupter, Listening, Mailbox, Notice, Pending, Waited,
+    AnyLane, BorrowedLink, Connection, ConnectionEvent, Interrupter, ListenerGuard, Mailbox,
+    PendingRequest, WaitResult,
 };
 pub use error::{Cause, LinkError};
-pub use limit::{is_private, open_files, stand_back};
-pub use link::{Link, Losses, Received};
-pub use ports::{Carries, Port, has_no_baud_rate, ports};
-pub use serve::{Served, Stop, Wire, serve};
-pub use tap::{Direction, Tap, Tapped};
-pub use wake::Waker;
+pub use link::{LinkIo, Losses, Received};
+pub use ports::{Port, PortKind, has_no_baud_rate, ports};
+pub use process::{is_private_file, lower_priority, raise_file_limit};
+pub use serve::{ServeHandle, ServeThread, StationAccess, serve};
+pub use tap::{Tap, TapDirection, TappedLink};
+pub use waker::LinkWaker;
 
 #[cfg(all(test, unix))]
 mod tests;

@@ -5,13 +5,13 @@ use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 
 use crate::error::LinkError;
-use crate::wake::Waker;
+use crate::waker::LinkWaker;
 
 /// An opened resource of the operating system, or its simulated twin.
 ///
 /// Every method takes `&self`: one thread waits in [`receive`](Self::receive) while others
 /// [`send`](Self::send). Senders take turns by their own lock, and only one thread receives.
-pub trait Link<M: Medium>: Send + Sync {
+pub trait LinkIo<M: Medium>: Send + Sync {
     /// The present time of this link.
     fn now(&self) -> Instant;
 
@@ -27,7 +27,7 @@ pub trait Link<M: Medium>: Send + Sync {
     ///
     /// # Errors
     /// [`LinkError`]; [`LinkError::is_gone`] tells whether the link is lost.
-    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
+    fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {
         let _ = until;
         Ok(true)
     }
@@ -46,11 +46,11 @@ pub trait Link<M: Medium>: Send + Sync {
     fn set_line(&self, line: M::Line) -> Result<(), LinkError>;
 
     /// What makes a blocked [`receive`](Self::receive) return.
-    fn waker(&self) -> Waker;
+    fn waker(&self) -> LinkWaker;
 
     /// Whether time passes there, and things arrive, while nobody waits: everywhere but in a
     /// simulation in virtual time.
-    fn runs_by_itself(&self) -> bool {
+    fn is_real_time(&self) -> bool {
         true
     }
 
@@ -66,7 +66,7 @@ pub trait Link<M: Medium>: Send + Sync {
     ///
     /// # Errors
     /// [`LinkError`] while it is not there, or always when it cannot come back.
-    fn reopen(&self) -> Result<Box<dyn Link<M>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn LinkIo<M>>, LinkError> {
         Err(LinkError::gone(&self.describe()))
     }
 }
@@ -90,7 +90,7 @@ pub enum Received {
     },
     /// The instant came and nothing else did.
     TimedOut,
-    /// A [`Waker`] was used.
+    /// A [`LinkWaker`] was used.
     Woken,
 }
 

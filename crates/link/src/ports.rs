@@ -21,18 +21,18 @@ pub struct Port {
     /// What to open: `/dev/ttyUSB0`, `COM3`, `can0`.
     pub path: String,
     /// What it carries.
-    pub carries: Carries,
+    pub kind: PortKind,
     /// The name that survives replugging, where the system has one.
-    pub stable: Option<String>,
+    pub stable_name: Option<String>,
     /// What the adapter says it is.
-    pub usb: Option<Usb>,
+    pub usb: Option<UsbInfo>,
     /// Why it cannot be used now; nothing was opened to find out.
-    pub trouble: Option<LinkError>,
+    pub error: Option<LinkError>,
 }
 
 /// What an adapter carries.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub enum Carries {
+pub enum PortKind {
     /// Bytes of a serial line.
     #[default]
     Bytes,
@@ -49,7 +49,7 @@ pub enum Carries {
 
 /// What a USB adapter tells of itself.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub struct Usb {
+pub struct UsbInfo {
     /// Vendor id.
     pub vendor_id: u16,
     /// Product id.
@@ -66,7 +66,7 @@ pub struct Usb {
 ///
 /// ```
 /// for port in polepair_link::ports() {
-///     match &port.trouble {
+///     match &port.error {
 ///         None => println!("{}", port.path),
 ///         Some(trouble) => println!("{trouble}. {}", trouble.hint()),
 ///     }
@@ -77,11 +77,11 @@ pub fn ports() -> Vec<Port> {
     let mut found = system::ports();
     #[cfg(target_os = "linux")]
     found.extend(crate::socketcan::interfaces().into_iter().map(crate::socketcan::port));
-    found.sort_by(|a, b| natural(&a.path).cmp(&natural(&b.path)));
+    found.sort_by(|a, b| natural_key(&a.path).cmp(&natural_key(&b.path)));
     found.truncate(PORTS_MAX);
     for port in &mut found {
-        if port.usb.as_ref().is_some_and(Usb::speaks_slcan) {
-            port.carries = Carries::Slcan;
+        if port.usb.as_ref().is_some_and(UsbInfo::speaks_slcan) {
+            port.kind = PortKind::Slcan;
         }
     }
     found
@@ -93,7 +93,7 @@ const SLCAN_IDS: [(u16, u16); 4] =
 /// What such adapters call themselves.
 const SLCAN_NAMES: [&str; 5] = ["slcan", "canable", "cantact", "canusb", "usbtin"];
 
-impl Usb {
+impl UsbInfo {
     fn speaks_slcan(&self) -> bool {
         let product = self.product.to_ascii_lowercase();
         SLCAN_IDS.contains(&(self.vendor_id, self.product_id))
@@ -109,12 +109,12 @@ const WITHOUT_BAUD_RATE: [&str; 2] = ["cdc_acm", "usbser"];
 /// not tell (Windows), and for converters that pretend to have one.
 #[must_use]
 pub fn has_no_baud_rate(path: &str) -> bool {
-    system::driver(path).is_some_and(|driver| WITHOUT_BAUD_RATE.contains(&&*driver))
+    system::driver_name(path).is_some_and(|driver| WITHOUT_BAUD_RATE.contains(&&*driver))
 }
 
 /// The paths of serial ports alone.
-pub(crate) fn names() -> Vec<String> {
-    let serial = |port: &Port| !matches!(port.carries, Carries::Can { .. });
+pub(crate) fn serial_paths() -> Vec<String> {
+    let serial = |port: &Port| !matches!(port.kind, PortKind::Can { .. });
     ports().into_iter().filter(serial).map(|port| port.path).collect()
 }
 
@@ -128,7 +128,7 @@ pub(crate) fn stable_name(path: &str) -> Option<String> {
 /// of this program also how it is ended, and of one that is suspended what has it go on.
 #[cfg(unix)]
 pub(crate) fn holder_sentence(path: &str) -> String {
-    let Some((name, pid)) = system::locker(path).or_else(|| system::holder(path)) else {
+    let Some((name, pid)) = system::lock_holder(path).or_else(|| system::open_holder(path)) else {
         return String::new();
     };
     let ours = std::env::current_exe().ok();
@@ -153,8 +153,8 @@ pub(crate) fn holder_sentence(path: &str) -> String {
 /// Who serves `path`, if another run of this program does that was told to: `named` is a word of
 /// its command line. A pseudo-terminal's number alone may by now belong to somebody's shell.
 #[cfg(unix)]
-pub(crate) fn held_by_twin(path: &std::path::Path, named: &std::path::Path) -> Option<String> {
-    let (name, pid) = system::holder(path.to_str()?)?;
+pub(crate) fn serving_instance(path: &std::path::Path, named: &std::path::Path) -> Option<String> {
+    let (name, pid) = system::open_holder(path.to_str()?)?;
     let words = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
     let wanted = named.file_name()?.to_str()?;
     let told = String::from_utf8_lossy(&words).split('\0').any(|word| word.ends_with(wanted));
@@ -162,7 +162,7 @@ pub(crate) fn held_by_twin(path: &std::path::Path, named: &std::path::Path) -> O
 }
 
 /// `ttyUSB10` after `ttyUSB9`.
-fn natural(path: &str) -> (&str, u32) {
+fn natural_key(path: &str) -> (&str, u32) {
     let stem = path.trim_end_matches(|c: char| c.is_ascii_digit());
     (stem, path[stem.len()..].parse().unwrap_or(0))
 }
@@ -174,17 +174,17 @@ mod tests {
     #[test]
     fn ten_comes_after_nine() {
         let mut names = ["/dev/ttyUSB10", "/dev/ttyACM1", "/dev/ttyUSB9", "/dev/rfcomm"];
-        names.sort_by_key(|name| natural(name));
+        names.sort_by_key(|name| natural_key(name));
         assert_eq!(names, ["/dev/rfcomm", "/dev/ttyACM1", "/dev/ttyUSB9", "/dev/ttyUSB10"]);
     }
 
     #[test]
     fn slcan_adapters_are_known_by_number_or_name() {
-        let usb = |vendor_id, product_id, product: &str| Usb {
+        let usb = |vendor_id, product_id, product: &str| UsbInfo {
             vendor_id,
             product_id,
             product: product.into(),
-            ..Usb::default()
+            ..UsbInfo::default()
         };
         assert!(usb(0xAD50, 0x60C4, "").speaks_slcan());
         assert!(usb(0x04D8, 0x000A, "USBtin").speaks_slcan());

@@ -12,15 +12,15 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use crate::clock;
 use crate::descriptor::Descriptor;
 use crate::error::{Cause, LinkError};
-use crate::link::{Link, Received};
-use crate::wake::Waker;
+use crate::link::{LinkIo, Received};
+use crate::waker::LinkWaker;
 
 /// The far end of a pseudo-terminal. Others open [`path`](Self::path).
 #[derive(Debug)]
 pub struct Pty {
     descriptor: Descriptor,
     /// Kept open: without any near end the far end reads errors while no client is there.
-    _near: OwnedFd,
+    _near_end: OwnedFd,
     name: String,
     alias: Option<PathBuf>,
 }
@@ -32,14 +32,15 @@ impl Pty {
     /// # Errors
     /// [`LinkError`]; [`Cause::Busy`] when `alias` exists and is no symbolic link.
     pub fn open(alias: Option<&Path>) -> Result<Self, LinkError> {
-        let (far, near, name) = pair().map_err(|errno| LinkError::from_io("pty", &errno.into()))?;
+        let (far, near, name) =
+            open_pair().map_err(|errno| LinkError::from_io("pty", &errno.into()))?;
         let descriptor = Descriptor::new(far, &name)?;
-        let alias = alias.map(|alias| link_to(&name, alias)).transpose()?;
-        Ok(Self { descriptor, _near: near, name, alias })
+        let alias = alias.map(|alias| create_alias(&name, alias)).transpose()?;
+        Ok(Self { descriptor, _near_end: near, name, alias })
     }
 
     /// Another descriptor of the far end.
-    pub(crate) fn far(&self) -> std::io::Result<OwnedFd> {
+    pub(crate) fn clone_far_end(&self) -> std::io::Result<OwnedFd> {
         self.descriptor.fd.try_clone()
     }
 
@@ -61,7 +62,7 @@ impl Drop for Pty {
     }
 }
 
-impl Link<Stream> for Pty {
+impl LinkIo<Stream> for Pty {
     fn now(&self) -> Instant {
         clock::now()
     }
@@ -78,8 +79,8 @@ impl Link<Stream> for Pty {
         Ok(())
     }
 
-    fn waker(&self) -> Waker {
-        self.descriptor.wake.clone()
+    fn waker(&self) -> LinkWaker {
+        self.descriptor.waker.clone()
     }
 
     fn describe(&self) -> String {
@@ -87,7 +88,7 @@ impl Link<Stream> for Pty {
     }
 }
 
-fn pair() -> Result<(OwnedFd, OwnedFd, String), rustix::io::Errno> {
+fn open_pair() -> Result<(OwnedFd, OwnedFd, String), rustix::io::Errno> {
     let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
     rustix::io::fcntl_setfd(&far, rustix::io::FdFlags::CLOEXEC)?;
     grantpt(&far)?;
@@ -102,19 +103,19 @@ fn pair() -> Result<(OwnedFd, OwnedFd, String), rustix::io::Errno> {
     Ok((far, near, name.to_string_lossy().into_owned()))
 }
 
-fn link_to(name: &str, alias: &Path) -> Result<PathBuf, LinkError> {
+fn create_alias(name: &str, alias: &Path) -> Result<PathBuf, LinkError> {
     let shown = alias.to_string_lossy();
     let fail = |error: &std::io::Error| LinkError::from_io(&shown, error);
     if let Ok(target) = std::fs::read_link(alias)
-        && let Some(busy) = crate::ports::held_by_twin(&target, alias)
+        && let Some(busy) = crate::ports::serving_instance(&target, alias)
     {
-        return Err(LinkError::new(&shown, Cause::Busy).hinting(&busy));
+        return Err(LinkError::new(&shown, Cause::Busy).with_hint(&busy));
     }
     match std::fs::symlink_metadata(alias) {
         Ok(found) if found.is_symlink() => std::fs::remove_file(alias).map_err(|e| fail(&e))?,
         Ok(_) => {
             let hint = "A file of this name exists; choose another path.";
-            return Err(LinkError::new(&shown, Cause::Busy).hinting(hint));
+            return Err(LinkError::new(&shown, Cause::Busy).with_hint(hint));
         }
         Err(_) => {}
     }

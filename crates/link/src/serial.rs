@@ -1,7 +1,7 @@
 //! Serial ports: any baud rate, exclusive, with low latency where the adapter allows it.
 
 #[cfg(unix)]
-mod counts;
+mod error_counts;
 #[cfg(all(
     target_os = "linux",
     any(

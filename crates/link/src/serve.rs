@@ -10,8 +10,8 @@ use polepair_core::station::{LineEvent, Station};
 use polepair_core::time::Instant;
 
 use crate::error::LinkError;
-use crate::link::{Link, Received};
-use crate::wake::Waker;
+use crate::link::{LinkIo, Received};
+use crate::waker::LinkWaker;
 
 /// Units sent for one thing that arrived; a station that has more goes on after the next read.
 const BURST_MAX: usize = 256;
@@ -20,36 +20,36 @@ const TICK_MIN_NS: u64 = 20_000;
 
 /// Lends the station that sits on the wire. Whoever shares it (a dashboard, the front panel of a
 /// drive) locks in `lend`.
-pub trait Wire<M: Medium = Stream>: Send {
+pub trait StationAccess<M: Medium = Stream>: Send {
     /// Calls `visit` with the station, once.
-    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<M>));
+    fn with_station(&mut self, visit: &mut dyn FnMut(&mut dyn Station<M>));
 }
 
 /// A station of one's own.
-impl<M: Medium, S: Station<M> + Send> Wire<M> for Box<S> {
-    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<M>)) {
+impl<M: Medium, S: Station<M> + Send> StationAccess<M> for Box<S> {
+    fn with_station(&mut self, visit: &mut dyn FnMut(&mut dyn Station<M>)) {
         visit(&mut **self);
     }
 }
 
 /// A station shared with others.
-impl<M: Medium, S: Station<M> + Send> Wire<M> for Arc<Mutex<S>> {
-    fn lend(&mut self, visit: &mut dyn FnMut(&mut dyn Station<M>)) {
+impl<M: Medium, S: Station<M> + Send> StationAccess<M> for Arc<Mutex<S>> {
+    fn with_station(&mut self, visit: &mut dyn FnMut(&mut dyn Station<M>)) {
         visit(&mut *self.lock().unwrap_or_else(PoisonError::into_inner));
     }
 }
 
 /// Ends [`serve`] from elsewhere.
 #[derive(Clone, Debug)]
-pub struct Stop {
+pub struct ServeHandle {
     stopped: Arc<AtomicBool>,
-    waker: Waker,
+    waker: LinkWaker,
 }
 
-impl Stop {
+impl ServeHandle {
     /// For a server of this link.
     #[must_use]
-    pub fn of<M: Medium>(link: &dyn Link<M>) -> Self {
+    pub fn for_link<M: Medium>(link: &dyn LinkIo<M>) -> Self {
         Self { stopped: Arc::default(), waker: link.waker() }
     }
 
@@ -60,40 +60,43 @@ impl Stop {
     }
 
     /// Makes [`serve`] look at its station again: somebody else changed it.
-    pub fn look(&self) {
+    pub fn wake(&self) {
         self.waker.wake();
     }
 
-    fn is_set(&self) -> bool {
+    fn is_stopped(&self) -> bool {
         self.stopped.load(Ordering::Acquire)
     }
 }
 
 /// A drive that is served on a thread of its own. Dropped, it is stopped.
 #[derive(Debug)]
-pub struct Served {
-    stop: Stop,
+pub struct ServeThread {
+    handle: ServeHandle,
     thread: Option<JoinHandle<Result<(), LinkError>>>,
 }
 
-impl Served {
+impl ServeThread {
     /// Begins to serve `wire` on `link`.
-    pub fn new<M: Medium>(link: Box<dyn Link<M>>, mut wire: impl Wire<M> + 'static) -> Self {
-        let stop = Stop::of(&*link);
-        let ended = stop.clone();
+    pub fn new<M: Medium>(
+        link: Box<dyn LinkIo<M>>,
+        mut wire: impl StationAccess<M> + 'static,
+    ) -> Self {
+        let handle = ServeHandle::for_link(&*link);
+        let ended = handle.clone();
         let thread = std::thread::spawn(move || serve(&*link, &mut wire, &ended));
-        Self { stop, thread: Some(thread) }
+        Self { handle, thread: Some(thread) }
     }
 
     /// What ends it, or makes it look at its station, from elsewhere.
     #[must_use]
-    pub fn stop(&self) -> Stop {
-        self.stop.clone()
+    pub fn handle(&self) -> ServeHandle {
+        self.handle.clone()
     }
 
-    /// True once it has ended; [`wait`](Self::wait) then tells why at once.
+    /// True once it has ended; [`join`](Self::join) then tells why at once.
     #[must_use]
-    pub fn ended(&self) -> bool {
+    pub fn is_finished(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
@@ -104,7 +107,7 @@ impl Served {
     ///
     /// # Panics
     /// When the station did.
-    pub fn wait(mut self) -> Result<(), LinkError> {
+    pub fn join(mut self) -> Result<(), LinkError> {
         match self.thread.take().map(JoinHandle::join) {
             Some(Ok(ended)) => ended,
             Some(Err(panic)) => std::panic::resume_unwind(panic),
@@ -113,9 +116,9 @@ impl Served {
     }
 }
 
-impl Drop for Served {
+impl Drop for ServeThread {
     fn drop(&mut self) {
-        self.stop.stop();
+        self.handle.stop();
         if let Some(thread) = self.thread.take() {
             // A station that panicked has said so on stderr.
             let _ = thread.join();
@@ -128,16 +131,16 @@ impl Drop for Served {
 /// # Errors
 /// [`LinkError`] that ended it; a far end that takes nothing does not.
 pub fn serve<M: Medium>(
-    link: &dyn Link<M>,
-    wire: &mut dyn Wire<M>,
-    stop: &Stop,
+    link: &dyn LinkIo<M>,
+    wire: &mut dyn StationAccess<M>,
+    stop: &ServeHandle,
 ) -> Result<(), LinkError> {
     let mut buffer = M::buffer();
-    wire.lend(&mut |station| station.handle_line(link.now(), LineEvent::Up));
-    while !stop.is_set() {
-        let until = flush(link, wire)?;
+    wire.with_station(&mut |station| station.handle_line(link.now(), LineEvent::Up));
+    while !stop.is_stopped() {
+        let until = run_station(link, wire)?;
         let received = link.receive(buffer.borrow_mut(), until)?;
-        wire.lend(&mut |station| match received {
+        wire.with_station(&mut |station| match received {
             Received::Bytes { len, at } => {
                 station.handle_input(at, M::unit(buffer.borrow(), len));
             }
@@ -149,16 +152,19 @@ pub fn serve<M: Medium>(
 }
 
 /// Lets time pass, sends what the station has to say, and tells when it next wants time.
-fn flush<M: Medium>(link: &dyn Link<M>, wire: &mut dyn Wire<M>) -> Result<Instant, LinkError> {
-    let mut until = Instant::FAR;
+fn run_station<M: Medium>(
+    link: &dyn LinkIo<M>,
+    wire: &mut dyn StationAccess<M>,
+) -> Result<Instant, LinkError> {
+    let mut until = Instant::FAR_FUTURE;
     let mut result = Ok(());
-    wire.lend(&mut |station| {
+    wire.with_station(&mut |station| {
         let now = link.now();
         if station.poll_timeout().is_some_and(|due| due <= now) {
             station.handle_timeout(now);
         }
         let sent = transmit(link, station, now);
-        let due = station.poll_timeout().unwrap_or(Instant::FAR);
+        let due = station.poll_timeout().unwrap_or(Instant::FAR_FUTURE);
         // Whoever has more to say than was sent goes on at once.
         let due = if matches!(sent, Ok(false)) { now } else { due };
         until = due.max(now.plus_ns(TICK_MIN_NS));
@@ -169,7 +175,7 @@ fn flush<M: Medium>(link: &dyn Link<M>, wire: &mut dyn Wire<M>) -> Result<Instan
 
 /// Sends what the station has to say; false if that may not be all.
 fn transmit<M: Medium>(
-    link: &dyn Link<M>,
+    link: &dyn LinkIo<M>,
     station: &mut dyn Station<M>,
     now: Instant,
 ) -> Result<bool, LinkError> {

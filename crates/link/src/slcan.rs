@@ -10,19 +10,19 @@ use polepair_core::time::Instant;
 
 use crate::error::{Cause, LinkError};
 use crate::inbox::Inbox;
-use crate::link::{Link, Losses, Received};
+use crate::link::{LinkIo, Losses, Received};
 use crate::tcp::TcpLink;
-use crate::wake::Waker;
+use crate::waker::LinkWaker;
 
-#[cfg(unix)]
-mod adapter;
 pub mod codec;
+#[cfg(unix)]
+mod server;
 #[cfg(test)]
 mod tests;
 
+use codec::{AdapterReply, ErrorState, LINE_MAX, LineEnd, LineSplitter, StatusFlags};
 #[cfg(unix)]
-pub use adapter::{Adapter, listen, on_pty};
-use codec::{Answer, End, Flags, LINE_MAX, Lines, State};
+pub use server::{SlcanSession, listen, serve_pty};
 
 /// How long an adapter may take to answer a command; some never do.
 const ANSWER_MS: u32 = 150;
@@ -31,17 +31,17 @@ const ANSWER_MS: u32 = 150;
 const QUIET_MS: u32 = 20;
 const QUIET_MAX_MS: u32 = 300;
 /// How often, while frames are sent, the adapter is asked for its status flags.
-const FLAGS_EVERY_NS: u64 = 1_000_000_000;
+const FLAGS_INTERVAL_NS: u64 = 1_000_000_000;
 /// Such questions without an answer before it is asked no more.
-const FLAGS_OWED_MAX: u8 = 2;
+const FLAGS_PENDING_MAX: u8 = 2;
 /// Baud rate of adapters with a real serial line; those on USB take any.
 pub const BAUD: u32 = 115_200;
 
 /// A CAN bus behind a serial adapter, from the computer's end.
 pub struct SlcanLink {
-    inner: Box<dyn Link<Stream>>,
+    inner: Box<dyn LinkIo<Stream>>,
     line: Mutex<CanLine>,
-    unread: Mutex<Unread>,
+    input: Mutex<SlcanInput>,
     /// The link is lost: nobody is left to be told that we go.
     lost: AtomicBool,
     malformed: AtomicU64,
@@ -49,14 +49,14 @@ pub struct SlcanLink {
     overrun: AtomicU64,
     refused: AtomicU64,
     /// When the flags are asked for next, ns, and how many such questions were not answered.
-    ask_at: AtomicU64,
-    flags_owed: AtomicU8,
+    next_flags_query: AtomicU64,
+    flags_pending: AtomicU8,
 }
 
 /// What came and was not yet looked at.
-struct Unread {
+struct SlcanInput {
     inbox: Inbox,
-    lines: Lines,
+    lines: LineSplitter,
     bus_off: bool,
 }
 
@@ -66,7 +66,7 @@ struct Unread {
 /// # Errors
 /// As [`serial::open`](crate::serial::open) and [`SlcanLink::open`].
 pub fn open_serial(path: &str, baud: u32, line: CanLine) -> Result<SlcanLink, LinkError> {
-    SlcanLink::open(Box::new(crate::serial::open(path, SerialLine::n81(baud))?), line)
+    SlcanLink::open(Box::new(crate::serial::open(path, SerialLine::new_8n1(baud))?), line)
 }
 
 /// Opens the adapter behind `address` (`10.0.0.5:4001`).
@@ -83,12 +83,12 @@ impl SlcanLink {
     /// # Errors
     /// [`Cause::Unsuitable`] when the adapter cannot do the bit rate, [`Cause::Refused`] when it
     /// does not open the bus, else as `inner`.
-    pub fn open(inner: Box<dyn Link<Stream>>, line: CanLine) -> Result<Self, LinkError> {
+    pub fn open(inner: Box<dyn LinkIo<Stream>>, line: CanLine) -> Result<Self, LinkError> {
         let link = Self {
             line: line.into(),
-            unread: Mutex::new(Unread {
+            input: Mutex::new(SlcanInput {
                 inbox: Inbox::default(),
-                lines: Lines::default(),
+                lines: LineSplitter::default(),
                 bus_off: false,
             }),
             inner,
@@ -97,57 +97,61 @@ impl SlcanLink {
             errors: AtomicU64::new(0),
             overrun: AtomicU64::new(0),
             refused: AtomicU64::new(0),
-            ask_at: AtomicU64::new(0),
-            flags_owed: AtomicU8::new(0),
+            next_flags_query: AtomicU64::new(0),
+            flags_pending: AtomicU8::new(0),
         };
-        link.begin(line)?;
+        link.set_up_channel(line)?;
         Ok(link)
     }
 
     /// Closes the channel if an earlier program left it open, sets the bit rate and opens it.
-    fn begin(&self, line: CanLine) -> Result<(), LinkError> {
+    fn set_up_channel(&self, line: CanLine) -> Result<(), LinkError> {
         let name = self.inner.describe();
         let mut text = [0; LINE_MAX];
         let rate = rate_command(line, &name, &mut text)?;
         // Twice: the first refusal may be a late answer to what was asked before.
-        let mut refused = self.set_up(rate, QUIET_MS)?;
+        let mut refused = self.try_set_up(rate, QUIET_MS)?;
         if refused.is_some() {
-            refused = self.set_up(rate, ANSWER_MS)?;
+            refused = self.try_set_up(rate, ANSWER_MS)?;
         }
         match refused {
             None => Ok(()),
-            Some(Step::BitRate) => {
+            Some(SetupStep::BitRate) => {
                 let rate = line.bit_rate;
                 let hint = format!("The adapter refuses {rate} bit/s; choose one that it can do.");
-                Err(LinkError::new(&name, Cause::Unsuitable).hinting(&hint))
+                Err(LinkError::new(&name, Cause::Unsuitable).with_hint(&hint))
             }
-            Some(Step::Open) => {
+            Some(SetupStep::Open) => {
                 let hint = "The adapter does not go on the bus: switch it off and on, and check \
                             that it speaks slcan (Lawicel's ASCII commands).";
-                Err(LinkError::new(&name, Cause::Refused).hinting(hint))
+                Err(LinkError::new(&name, Cause::Refused).with_hint(hint))
             }
         }
     }
 
     /// Tells what the adapter refused.
-    fn set_up(&self, rate: Option<&[u8]>, quiet_ms: u32) -> Result<Option<Step>, LinkError> {
+    fn try_set_up(
+        &self,
+        rate: Option<&[u8]>,
+        quiet_ms: u32,
+    ) -> Result<Option<SetupStep>, LinkError> {
         // An adapter may refuse to close what is not open.
-        self.command(b"\rC\r")?;
-        self.quiet(quiet_ms)?;
+        self.run_command(b"\rC\r")?;
+        self.read_until_quiet(quiet_ms)?;
         if let Some(rate) = rate
-            && self.command(rate)? == Some(false)
+            && self.run_command(rate)? == Some(false)
         {
-            return Ok(Some(Step::BitRate));
+            return Ok(Some(SetupStep::BitRate));
         }
-        Ok((self.command(b"O\r")? == Some(false)).then_some(Step::Open))
+        Ok((self.run_command(b"O\r")? == Some(false)).then_some(SetupStep::Open))
     }
 
     /// Reads on until nothing comes any more: answers to what was said before are nobody's.
-    fn quiet(&self, quiet_ms: u32) -> Result<(), LinkError> {
+    fn read_until_quiet(&self, quiet_ms: u32) -> Result<(), LinkError> {
         let end = self.inner.now().plus_ms(QUIET_MAX_MS);
-        let mut unread = self.unread();
+        let mut unread = self.lock_input();
         loop {
-            while unread.end().is_some() {}
+            while unread.next_end().is_some() {}
             let now = self.inner.now();
             if now >= end {
                 return Ok(());
@@ -160,21 +164,21 @@ impl SlcanLink {
     }
 
     /// Sends a command; true when it was done, false when refused, `None` when nothing was said.
-    fn command(&self, command: &[u8]) -> Result<Option<bool>, LinkError> {
+    fn run_command(&self, command: &[u8]) -> Result<Option<bool>, LinkError> {
         // Each carriage return is answered, by most adapters.
         let mut answers = command.iter().filter(|&&byte| byte == b'\r').count();
         self.inner.send(command)?;
         let until = self.inner.now().plus_ms(ANSWER_MS);
-        let mut unread = self.unread();
+        let mut unread = self.lock_input();
         let mut done = None;
         while answers > 0 {
-            match unread.end() {
+            match unread.next_end() {
                 None => match unread.inbox.receive(&*self.inner, until)? {
                     Received::Bytes { .. } => continue,
                     _ => break,
                 },
-                Some(End::Bell) => done = Some(false),
-                Some(End::Line) if unread.lines.line().is_empty() => done = Some(true),
+                Some(LineEnd::Bell) => done = Some(false),
+                Some(LineEnd::Line) if unread.lines.line().is_empty() => done = Some(true),
                 // Frames of before, and what a terminal server greets with.
                 _ => continue,
             }
@@ -183,67 +187,67 @@ impl SlcanLink {
         Ok(done)
     }
 
-    fn unread(&self) -> MutexGuard<'_, Unread> {
-        self.unread.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock_input(&self) -> MutexGuard<'_, SlcanInput> {
+        self.input.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The next thing of interest among the bytes that were read.
-    fn next(&self, unread: &mut Unread, frame: &mut Frame) -> Option<Received> {
+    fn next_received(&self, unread: &mut SlcanInput, frame: &mut Frame) -> Option<Received> {
         loop {
-            let at = unread.inbox.at;
-            let answer = match unread.end()? {
-                End::Line => Answer::of(unread.lines.line()),
-                End::Bell => {
-                    self.refuse();
+            let at = unread.inbox.received_at;
+            let answer = match unread.next_end()? {
+                LineEnd::Line => AdapterReply::parse(unread.lines.line()),
+                LineEnd::Bell => {
+                    self.handle_refusal();
                     continue;
                 }
-                End::Spoilt => Answer::Unknown,
+                LineEnd::Malformed => AdapterReply::Unknown,
             };
             match answer {
-                Answer::Frame(arrived) => {
+                AdapterReply::Frame(arrived) => {
                     *frame = arrived;
                     return Some(Received::Bytes { len: 1, at });
                 }
-                Answer::State(state) => {
-                    if let Some(event) = unread.change(state) {
+                AdapterReply::State(state) => {
+                    if let Some(event) = unread.state_event(state) {
                         return Some(Received::Line { event, at });
                     }
                 }
-                Answer::Flags(flags) => self.note(flags),
-                Answer::Trouble => drop(self.errors.fetch_add(1, Ordering::Relaxed)),
-                Answer::Unknown => drop(self.malformed.fetch_add(1, Ordering::Relaxed)),
-                Answer::Done | Answer::Told => {}
+                AdapterReply::Flags(flags) => self.count_flags(flags),
+                AdapterReply::BusError => drop(self.errors.fetch_add(1, Ordering::Relaxed)),
+                AdapterReply::Unknown => drop(self.malformed.fetch_add(1, Ordering::Relaxed)),
+                AdapterReply::Done | AdapterReply::Info => {}
             }
         }
     }
 
     /// Behind a frame, lest two threads write at once: asks what else the controller has seen.
     /// Not all adapters know the question.
-    fn ask_for_flags(&self) -> Result<(), LinkError> {
-        let (now, owed) = (self.inner.now(), self.flags_owed.load(Ordering::Relaxed));
-        if owed >= FLAGS_OWED_MAX || now.0 < self.ask_at.load(Ordering::Relaxed) {
+    fn request_flags(&self) -> Result<(), LinkError> {
+        let (now, owed) = (self.inner.now(), self.flags_pending.load(Ordering::Relaxed));
+        if owed >= FLAGS_PENDING_MAX || now.0 < self.next_flags_query.load(Ordering::Relaxed) {
             return Ok(());
         }
-        self.ask_at.store(now.plus_ns(FLAGS_EVERY_NS).0, Ordering::Relaxed);
-        self.flags_owed.store(owed + 1, Ordering::Relaxed);
+        self.next_flags_query.store(now.plus_ns(FLAGS_INTERVAL_NS).0, Ordering::Relaxed);
+        self.flags_pending.store(owed + 1, Ordering::Relaxed);
         self.inner.send(b"F\r")
     }
 
-    fn note(&self, flags: Flags) {
-        self.flags_owed.store(0, Ordering::Relaxed);
-        self.errors.fetch_add(flags.any(Flags::ERRORS).into(), Ordering::Relaxed);
-        self.overrun.fetch_add(flags.any(Flags::OVERRUN).into(), Ordering::Relaxed);
+    fn count_flags(&self, flags: StatusFlags) {
+        self.flags_pending.store(0, Ordering::Relaxed);
+        self.errors.fetch_add(flags.any(StatusFlags::ERRORS).into(), Ordering::Relaxed);
+        self.overrun.fetch_add(flags.any(StatusFlags::OVERRUN).into(), Ordering::Relaxed);
     }
 
     /// The adapter has refused a frame, or does not know of flags.
-    fn refuse(&self) {
-        match self.flags_owed.load(Ordering::Relaxed) {
-            1..FLAGS_OWED_MAX => self.flags_owed.store(FLAGS_OWED_MAX, Ordering::Relaxed),
+    fn handle_refusal(&self) {
+        match self.flags_pending.load(Ordering::Relaxed) {
+            1..FLAGS_PENDING_MAX => self.flags_pending.store(FLAGS_PENDING_MAX, Ordering::Relaxed),
             _ => drop(self.refused.fetch_add(1, Ordering::Relaxed)),
         }
     }
 
-    fn judged<T>(&self, result: Result<T, LinkError>) -> Result<T, LinkError> {
+    fn track_loss<T>(&self, result: Result<T, LinkError>) -> Result<T, LinkError> {
         if result.as_ref().is_err_and(LinkError::is_gone) {
             self.lost.store(true, Ordering::Relaxed);
         }
@@ -253,7 +257,7 @@ impl SlcanLink {
 
 /// What an adapter can refuse on the way to the bus.
 #[derive(Clone, Copy)]
-enum Step {
+enum SetupStep {
     BitRate,
     Open,
 }
@@ -272,15 +276,15 @@ fn rate_command<'a>(
         None => {
             let hint = "Serial CAN adapters do 10, 20, 50, 100, 125, 250, 500, 800 and 1000 \
                         kbit/s, and what divides 8 MHz by 8 to 1600.";
-            Err(LinkError::new(name, Cause::Unsuitable).hinting(hint))
+            Err(LinkError::new(name, Cause::Unsuitable).with_hint(hint))
         }
     }
 }
 
-impl Unread {
+impl SlcanInput {
     /// What the next bytes that were read end, if anything.
-    fn end(&mut self) -> Option<End> {
-        while let Some(byte) = self.inbox.next() {
+    fn next_end(&mut self) -> Option<LineEnd> {
+        while let Some(byte) = self.inbox.next_byte() {
             if let Some(end) = self.lines.push(byte) {
                 return Some(end);
             }
@@ -289,8 +293,8 @@ impl Unread {
     }
 
     /// What a controller's new state means to the bus's users, if anything.
-    fn change(&mut self, state: State) -> Option<LineEvent> {
-        let off = state == State::BusOff;
+    fn state_event(&mut self, state: ErrorState) -> Option<LineEvent> {
+        let off = state == ErrorState::BusOff;
         let changed = std::mem::replace(&mut self.bus_off, off) != off;
         changed.then_some(if off { LineEvent::BusOff } else { LineEvent::Up })
     }
@@ -311,7 +315,7 @@ impl Drop for SlcanLink {
     }
 }
 
-impl Link<Can> for SlcanLink {
+impl LinkIo<Can> for SlcanLink {
     fn now(&self) -> Instant {
         self.inner.now()
     }
@@ -319,20 +323,20 @@ impl Link<Can> for SlcanLink {
     fn send(&self, frame: &Frame) -> Result<(), LinkError> {
         let mut text = [0; LINE_MAX];
         let len = codec::write_frame(frame, None, &mut text);
-        self.judged(self.inner.send(&text[..len]).and_then(|()| self.ask_for_flags()))
+        self.track_loss(self.inner.send(&text[..len]).and_then(|()| self.request_flags()))
     }
 
-    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
-        self.inner.ready(until)
+    fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {
+        self.inner.wait_writable(until)
     }
 
     fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
-        let mut unread = self.unread();
+        let mut unread = self.lock_input();
         loop {
-            if let Some(received) = self.next(&mut unread, frame) {
+            if let Some(received) = self.next_received(&mut unread, frame) {
                 return Ok(received);
             }
-            match self.judged(unread.inbox.receive(&*self.inner, until))? {
+            match self.track_loss(unread.inbox.receive(&*self.inner, until))? {
                 Received::Bytes { .. } => {}
                 other => return Ok(other),
             }
@@ -352,7 +356,7 @@ impl Link<Can> for SlcanLink {
         Ok(())
     }
 
-    fn waker(&self) -> Waker {
+    fn waker(&self) -> LinkWaker {
         self.inner.waker()
     }
 
@@ -369,7 +373,7 @@ impl Link<Can> for SlcanLink {
         }
     }
 
-    fn reopen(&self) -> Result<Box<dyn Link<Can>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn LinkIo<Can>>, LinkError> {
         let line = *self.line.lock().unwrap_or_else(PoisonError::into_inner);
         Ok(Box::new(Self::open(self.inner.reopen()?, line)?))
     }

@@ -13,33 +13,33 @@ use rustix::io::Errno;
 use rustix::net::sockopt;
 
 use crate::clock;
-use crate::descriptor::{Descriptor, Reads};
+use crate::descriptor::{Descriptor, ReadMode};
 use crate::error::{Cause, LinkError};
-use crate::link::{Link, Losses, Received};
-use crate::ports::{Carries, Port};
-use crate::sys::{self, Overrun};
-use crate::wake::Waker;
+use crate::link::{LinkIo, Losses, Received};
+use crate::ports::{Port, PortKind};
+use crate::sys::{self, OverrunCounter};
+use crate::waker::LinkWaker;
 
 mod frame;
+mod hardware_clock;
 mod netlink;
-mod stamp;
 #[cfg(test)]
 mod tests;
 
-use frame::{ErrorFrame, FRAME_LEN, Unpacked};
-use stamp::HardwareClock;
+use frame::{CanErrorReport, FRAME_LEN, UnpackedFrame};
+use hardware_clock::HardwareClock;
 
 /// What the kernel is asked to hold of unread frames; it gives what its limit allows.
 const RECEIVE_BUFFER: usize = 1 << 20;
 /// A full transmit queue is tried again so often, with a pause of about one frame's time.
 const ATTEMPTS_MAX: u32 = 100;
-const ATTEMPT_EVERY: Duration = Duration::from_micros(200);
+const ATTEMPT_INTERVAL: Duration = Duration::from_micros(200);
 /// Every class of error frame.
 const ALL_ERRORS: u32 = 0x1FFF_FFFF;
 
 /// A CAN interface as the kernel describes it.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Interface {
+pub struct CanInterface {
     /// `can0`.
     pub name: String,
     /// The kernel's number for it.
@@ -51,14 +51,14 @@ pub struct Interface {
     /// Bits per second; `None` when it has none (`vcan`) or none was set.
     pub bit_rate: Option<u32>,
     /// How its controller is, where it has one.
-    pub controller: Option<Controller>,
+    pub controller: Option<ControllerState>,
     /// After so many milliseconds it leaves bus-off by itself; 0 for never.
     pub restart_ms: Option<u32>,
 }
 
 /// How a controller is (`enum can_state` of `linux/can/netlink.h`).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Controller {
+pub enum ControllerState {
     /// Takes part.
     Active,
     /// An error counter has reached 96.
@@ -75,7 +75,7 @@ pub enum Controller {
     Unknown(u32),
 }
 
-impl Controller {
+impl ControllerState {
     const fn from_kernel(state: u32) -> Self {
         match state {
             0 => Self::Active,
@@ -91,41 +91,41 @@ impl Controller {
 
 /// The CAN interfaces of this machine, by name; none where the kernel tells of none.
 #[must_use]
-pub fn interfaces() -> Vec<Interface> {
+pub fn interfaces() -> Vec<CanInterface> {
     let mut found = netlink::interfaces().unwrap_or_default();
     found.sort_by(|a, b| a.name.cmp(&b.name));
     found
 }
 
 /// The interface as one of the machine's ports.
-pub(crate) fn port(interface: Interface) -> Port {
+pub(crate) fn port(interface: CanInterface) -> Port {
     let trouble = match interface.controller {
         _ if !interface.up => {
-            let hint = switch_on(&interface, CanLine { bit_rate: 0 });
-            Some(LinkError::new(&interface.name, Cause::Down).hinting(&hint))
+            let hint = switch_on_hint(&interface, CanLine { bit_rate: 0 });
+            Some(LinkError::new(&interface.name, Cause::Down).with_hint(&hint))
         }
-        Some(Controller::BusOff) => {
+        Some(ControllerState::BusOff) => {
             let hint = format!(
                 "Its controller is bus-off: check wiring, termination and bit rate, then `sudo ip \
                  link set {} type can restart`.",
                 interface.name
             );
-            Some(LinkError::new(&interface.name, Cause::Down).hinting(&hint))
+            Some(LinkError::new(&interface.name, Cause::Down).with_hint(&hint))
         }
         _ => None,
     };
     Port {
         path: interface.name,
-        carries: Carries::Can { kind: interface.kind, bit_rate: interface.bit_rate },
-        stable: None,
+        kind: PortKind::Can { kind: interface.kind, bit_rate: interface.bit_rate },
+        stable_name: None,
         usb: None,
-        trouble,
+        error: trouble,
     }
 }
 
 /// Lets frames through whose identifier agrees with `id` in the bits that are set in `mask`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Filter {
+pub struct CanFilter {
     /// 11-bit or 29-bit identifier.
     pub id: u32,
     /// Bits that are compared.
@@ -138,11 +138,11 @@ pub struct Filter {
 #[derive(Debug)]
 pub struct SocketcanLink {
     descriptor: Descriptor,
-    interface: Interface,
+    interface: CanInterface,
     line: CanLine,
     bus_off: AtomicBool,
-    hardware: Mutex<HardwareClock>,
-    overrun: Overrun,
+    hardware_clock: Mutex<HardwareClock>,
+    overrun: OverrunCounter,
     overflow: AtomicU64,
     malformed: AtomicU64,
     errors: AtomicU64,
@@ -154,34 +154,34 @@ pub struct SocketcanLink {
 /// [`LinkError`]: [`Cause::NotFound`] with the interfaces that there are, [`Cause::Down`] and
 /// [`Cause::Unsuitable`] (another bit rate) with the command that helps.
 pub fn open(name: &str, line: CanLine) -> Result<SocketcanLink, LinkError> {
-    let interface = find(name)?;
+    let interface = find_interface(name)?;
     if !interface.up {
-        return Err(LinkError::new(name, Cause::Down).hinting(&switch_on(&interface, line)));
+        return Err(LinkError::new(name, Cause::Down).with_hint(&switch_on_hint(&interface, line)));
     }
-    agree(&interface, line)?;
+    check_bit_rate(&interface, line)?;
     let index = interface.index.cast_signed();
-    let fd = sys::can_socket(index).map_err(|error| explained(name, &error))?;
+    let fd = sys::can_socket(index).map_err(|error| explain_error(name, &error))?;
     configure(&fd);
     Ok(SocketcanLink {
-        descriptor: Descriptor::that(Reads::Pieces, fd, name)?,
+        descriptor: Descriptor::with_mode(ReadMode::Messages, fd, name)?,
         interface,
         line,
         bus_off: AtomicBool::new(false),
-        hardware: Mutex::default(),
-        overrun: Overrun::default(),
+        hardware_clock: Mutex::default(),
+        overrun: OverrunCounter::default(),
         overflow: AtomicU64::new(0),
         malformed: AtomicU64::new(0),
         errors: AtomicU64::new(0),
     })
 }
 
-fn find(name: &str) -> Result<Interface, LinkError> {
+fn find_interface(name: &str) -> Result<CanInterface, LinkError> {
     let there = interfaces();
     if let Some(interface) = there.iter().find(|interface| interface.name == name) {
         return Ok(interface.clone());
     }
     // Tells a kernel without CAN from one without this interface.
-    sys::can_socket(0).map_err(|error| explained(name, &error))?;
+    sys::can_socket(0).map_err(|error| explain_error(name, &error))?;
     let names: Vec<&str> = there.iter().map(|interface| interface.name.as_str()).collect();
     let hint = match names[..] {
         [] => "There is no CAN interface. A USB adapter shows up as can0 once its driver is \
@@ -190,11 +190,11 @@ fn find(name: &str) -> Result<Interface, LinkError> {
             .to_owned(),
         _ => format!("CAN interfaces that exist: {}.", names.join(", ")),
     };
-    Err(LinkError::new(name, Cause::NotFound).hinting(&hint))
+    Err(LinkError::new(name, Cause::NotFound).with_hint(&hint))
 }
 
 /// What to type to switch it on.
-fn switch_on(interface: &Interface, line: CanLine) -> String {
+fn switch_on_hint(interface: &CanInterface, line: CanLine) -> String {
     let name = &interface.name;
     if matches!(interface.kind.as_str(), "vcan" | "vxcan") {
         return format!("Type `sudo ip link set {name} up`.");
@@ -205,7 +205,7 @@ fn switch_on(interface: &Interface, line: CanLine) -> String {
 }
 
 /// Whether the interface runs at the bit rate that is wanted.
-fn agree(interface: &Interface, line: CanLine) -> Result<(), LinkError> {
+fn check_bit_rate(interface: &CanInterface, line: CanLine) -> Result<(), LinkError> {
     match interface.bit_rate {
         Some(rate) if line.bit_rate != 0 && rate != line.bit_rate => {
             let (name, wanted) = (&interface.name, line.bit_rate);
@@ -213,18 +213,18 @@ fn agree(interface: &Interface, line: CanLine) -> Result<(), LinkError> {
                 "It runs at {rate} bit/s, not at {wanted}. Type `sudo ip link set {name} down && \
                  sudo ip link set {name} up type can bitrate {wanted}`, or ask for {rate}."
             );
-            Err(LinkError::new(name, Cause::Unsuitable).hinting(&hint))
+            Err(LinkError::new(name, Cause::Unsuitable).with_hint(&hint))
         }
         _ => Ok(()),
     }
 }
 
-fn explained(name: &str, error: &io::Error) -> LinkError {
+fn explain_error(name: &str, error: &io::Error) -> LinkError {
     let hint = match error.raw_os_error().map(Errno::from_raw_os_error) {
         Some(Errno::AFNOSUPPORT | Errno::PROTONOSUPPORT | Errno::SOCKTNOSUPPORT) => {
             let hint = "This kernel has no CAN: `sudo modprobe can_raw`. In a container or cloud \
                         kernel without that module use +udp, +slcan or +socketcand.";
-            return LinkError::new(name, Cause::Unsuitable).hinting(hint);
+            return LinkError::new(name, Cause::Unsuitable).with_hint(hint);
         }
         Some(Errno::PERM | Errno::ACCESS) => {
             "This container or sandbox forbids CAN sockets: give it CAP_NET_RAW and the host's \
@@ -232,12 +232,12 @@ fn explained(name: &str, error: &io::Error) -> LinkError {
         }
         _ => "",
     };
-    LinkError::from_io(name, error).hinting(hint)
+    LinkError::from_io(name, error).with_hint(hint)
 }
 
 /// A kernel without one of these says so, and it is left out.
 fn configure(fd: &OwnedFd) {
-    sys::ask_for_stamps(fd);
+    sys::enable_timestamps(fd);
     let hardware = libc::SOF_TIMESTAMPING_RX_HARDWARE | libc::SOF_TIMESTAMPING_RAW_HARDWARE;
     let _ = sys::set_option(fd, libc::SOL_SOCKET, libc::SO_TIMESTAMPING, &hardware);
     let _ = sys::set_option(fd, libc::SOL_CAN_RAW, libc::CAN_RAW_ERR_FILTER, &ALL_ERRORS);
@@ -247,7 +247,7 @@ fn configure(fd: &OwnedFd) {
 impl SocketcanLink {
     /// What the kernel said of the interface when it was opened.
     #[must_use]
-    pub const fn interface(&self) -> &Interface {
+    pub const fn interface(&self) -> &CanInterface {
         &self.interface
     }
 
@@ -256,7 +256,7 @@ impl SocketcanLink {
     ///
     /// # Errors
     /// [`Cause::Unsuitable`] for an empty list or more than 512 filters.
-    pub fn listen_for(&self, filters: &[Filter]) -> Result<(), LinkError> {
+    pub fn set_filters(&self, filters: &[CanFilter]) -> Result<(), LinkError> {
         let fail = |error: io::Error| LinkError::from_io(&self.descriptor.name, &error);
         if filters.is_empty() {
             return Err(fail(Errno::INVAL.into()));
@@ -274,41 +274,41 @@ impl SocketcanLink {
     }
 
     /// Takes one frame; `None` when there is none, or nothing that anybody need hear of.
-    fn read(&self, frame: &mut Frame) -> Result<Option<Received>, LinkError> {
+    fn read_frame(&self, frame: &mut Frame) -> Result<Option<Received>, LinkError> {
         let mut buffer = [0; FRAME_LEN];
         let Some(message) = sys::receive(&self.descriptor.fd, &mut buffer)
-            .map_err(|error| self.explained(&error))?
+            .map_err(|error| self.explain_error(&error))?
         else {
             return Ok(None);
         };
-        self.overrun.note(message.overrun);
-        let at = self.arrival(message.stamp_ns, message.hardware_ns);
+        self.overrun.update(message.overrun);
+        let at = self.arrival_time(message.stamp_ns, message.hardware_ns);
         match frame::unpack(&buffer[..message.len]) {
-            Some(Unpacked::Frame(arrived)) => {
+            Some(UnpackedFrame::Frame(arrived)) => {
                 *frame = arrived;
                 return Ok(Some(Received::Bytes { len: 1, at }));
             }
-            Some(Unpacked::Error(error)) => return Ok(self.judge(error, at)),
+            Some(UnpackedFrame::Error(error)) => return Ok(self.handle_error_frame(error, at)),
             None => self.malformed.fetch_add(1, Ordering::Relaxed),
         };
         Ok(None)
     }
 
-    fn arrival(&self, kernel_ns: Option<u64>, hardware_ns: Option<u64>) -> Instant {
+    fn arrival_time(&self, kernel_ns: Option<u64>, hardware_ns: Option<u64>) -> Instant {
         let placed = |kernel_ns| match hardware_ns {
             Some(hardware_ns) => {
-                let mut clock = self.hardware.lock().unwrap_or_else(PoisonError::into_inner);
-                clock.place(hardware_ns, kernel_ns)
+                let mut clock = self.hardware_clock.lock().unwrap_or_else(PoisonError::into_inner);
+                clock.kernel_time(hardware_ns, kernel_ns)
             }
             None => kernel_ns,
         };
-        kernel_ns.map(placed).map_or_else(clock::now, clock::of_stamp)
+        kernel_ns.map(placed).map_or_else(clock::now, clock::instant_of_stamp)
     }
 
     /// Counts what a controller reports, and tells what changes the wire.
-    fn judge(&self, error: ErrorFrame, at: Instant) -> Option<Received> {
+    fn handle_error_frame(&self, error: CanErrorReport, at: Instant) -> Option<Received> {
         self.overflow.fetch_add(error.overflow.into(), Ordering::Relaxed);
-        self.errors.fetch_add(error.trouble.into(), Ordering::Relaxed);
+        self.errors.fetch_add(error.wire_error.into(), Ordering::Relaxed);
         let was_off = self.bus_off.load(Ordering::Relaxed);
         let event = match (error.bus_off, error.active) {
             (true, _) if !was_off => LineEvent::BusOff,
@@ -319,17 +319,17 @@ impl SocketcanLink {
         Some(Received::Line { event, at })
     }
 
-    fn explained(&self, error: &io::Error) -> LinkError {
+    fn explain_error(&self, error: &io::Error) -> LinkError {
         let error = LinkError::from_io(&self.descriptor.name, error);
         match error.cause() {
-            Cause::Down => error.hinting(&switch_on(&self.interface, self.line)),
-            Cause::Stalled => error.hinting(&self.stuck()),
+            Cause::Down => error.with_hint(&switch_on_hint(&self.interface, self.line)),
+            Cause::Stalled => error.with_hint(&self.stalled_hint()),
             _ => error,
         }
     }
 
     /// A full queue means that nobody acknowledges, or that it is too short.
-    fn stuck(&self) -> String {
+    fn stalled_hint(&self) -> String {
         let name = &self.descriptor.name;
         format!(
             "The transmit queue stays full: is another node on the bus, terminated and at the \
@@ -339,7 +339,7 @@ impl SocketcanLink {
     }
 }
 
-impl Link<Can> for SocketcanLink {
+impl LinkIo<Can> for SocketcanLink {
     fn now(&self) -> Instant {
         clock::now()
     }
@@ -351,24 +351,24 @@ impl Link<Can> for SocketcanLink {
                 Ok(_) => return Ok(()),
                 Err(Errno::INTR) => {}
                 // The interface's queue is full, and poll(2) does not tell when it no longer is.
-                Err(Errno::NOBUFS | Errno::AGAIN) => std::thread::sleep(ATTEMPT_EVERY),
-                Err(errno) => return Err(self.explained(&errno.into())),
+                Err(Errno::NOBUFS | Errno::AGAIN) => std::thread::sleep(ATTEMPT_INTERVAL),
+                Err(errno) => return Err(self.explain_error(&errno.into())),
             }
         }
-        Err(LinkError::new(&self.descriptor.name, Cause::Stalled).hinting(&self.stuck()))
+        Err(LinkError::new(&self.descriptor.name, Cause::Stalled).with_hint(&self.stalled_hint()))
     }
 
     fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
-        self.descriptor.receive_with(until, || self.read(frame))
+        self.descriptor.receive_with(until, || self.read_frame(frame))
     }
 
     /// The bit rate is the administrator's: it is compared, not set.
     fn set_line(&self, line: CanLine) -> Result<(), LinkError> {
-        agree(&self.interface, line)
+        check_bit_rate(&self.interface, line)
     }
 
-    fn waker(&self) -> Waker {
-        self.descriptor.wake.clone()
+    fn waker(&self) -> LinkWaker {
+        self.descriptor.waker.clone()
     }
 
     fn describe(&self) -> String {
@@ -384,7 +384,7 @@ impl Link<Can> for SocketcanLink {
         }
     }
 
-    fn reopen(&self) -> Result<Box<dyn Link<Can>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn LinkIo<Can>>, LinkError> {
         Ok(Box::new(open(&self.descriptor.name, self.line)?))
     }
 }

@@ -8,21 +8,21 @@ use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 
 use crate::error::{Cause, LinkError};
-use crate::hex::Text;
+use crate::hex::TextWriter;
 use crate::inbox::Inbox;
-use crate::link::{Link, Losses, Received};
+use crate::link::{LinkIo, Losses, Received};
 use crate::tcp::TcpLink;
-use crate::wake::Waker;
+use crate::waker::LinkWaker;
 
 pub mod codec;
 #[cfg(unix)]
-mod daemon;
+mod server;
 #[cfg(test)]
 mod tests;
 
-use codec::{ELEMENT_MAX, Elements, End, Reply};
+use codec::{ELEMENT_MAX, ElementEnd, ElementSplitter, ServerReply};
 #[cfg(unix)]
-pub use daemon::{Daemon, listen};
+pub use server::{SocketcandSession, listen};
 
 /// Where socketcand listens unless told otherwise.
 pub const PORT: u16 = 29536;
@@ -34,10 +34,10 @@ const RESTARTED: u32 = 0x100;
 
 /// A bus of a socketcand server, in its raw mode.
 pub struct SocketcandLink {
-    inner: Box<dyn Link<Stream>>,
+    inner: Box<dyn LinkIo<Stream>>,
     bus: String,
     name: String,
-    unread: Mutex<Unread>,
+    input: Mutex<SocketcandInput>,
     malformed: AtomicU64,
     errors: AtomicU64,
     refused: AtomicU64,
@@ -45,9 +45,9 @@ pub struct SocketcandLink {
 
 /// What came and was not yet looked at.
 #[derive(Default)]
-struct Unread {
+struct SocketcandInput {
     inbox: Inbox,
-    elements: Elements,
+    elements: ElementSplitter,
 }
 
 /// Opens `bus` (`can0`) of the server at `address` (`10.0.0.5:29536`).
@@ -60,101 +60,101 @@ pub fn connect(address: &str, bus: &str) -> Result<SocketcandLink, LinkError> {
 }
 
 impl SocketcandLink {
-    fn open(inner: Box<dyn Link<Stream>>, bus: &str) -> Result<Self, LinkError> {
+    fn open(inner: Box<dyn LinkIo<Stream>>, bus: &str) -> Result<Self, LinkError> {
         let link = Self {
             name: format!("{}/{bus}", inner.describe()),
             bus: bus.to_owned(),
             inner,
-            unread: Mutex::default(),
+            input: Mutex::default(),
             malformed: AtomicU64::new(0),
             errors: AtomicU64::new(0),
             refused: AtomicU64::new(0),
         };
         if bus.is_empty() || bus.bytes().any(|byte| matches!(byte, b' ' | b'<' | b'>')) {
             let hint = "Name the server's bus, for example can0.";
-            return Err(LinkError::new(&link.name, Cause::NotFound).hinting(hint));
+            return Err(LinkError::new(&link.name, Cause::NotFound).with_hint(hint));
         }
-        link.expect(|reply| reply == Reply::Hi)?;
+        link.wait_for_reply(|reply| reply == ServerReply::Hi)?;
         link.inner.send(format!("< open {bus} >").as_bytes())?;
-        link.expect(|reply| reply == Reply::Ok)?;
+        link.wait_for_reply(|reply| reply == ServerReply::Ok)?;
         link.inner.send(b"< rawmode >")?;
-        link.expect(|reply| reply == Reply::Ok)?;
+        link.wait_for_reply(|reply| reply == ServerReply::Ok)?;
         Ok(link)
     }
 
     /// Waits for the reply that is wanted; an error is the end.
-    fn expect(&self, wanted: impl Fn(Reply<'_>) -> bool) -> Result<(), LinkError> {
+    fn wait_for_reply(&self, wanted: impl Fn(ServerReply<'_>) -> bool) -> Result<(), LinkError> {
         let until = self.inner.now().plus_ms(ANSWER_MS);
-        let mut unread = self.unread();
+        let mut unread = self.lock_input();
         loop {
-            match unread.end() {
-                Some(End::Element) => match Reply::of(unread.elements.text()) {
+            match unread.next_end() {
+                Some(ElementEnd::Element) => match ServerReply::parse(unread.elements.text()) {
                     reply if wanted(reply) => return Ok(()),
-                    Reply::Error(why) => return Err(self.error(why)),
+                    ServerReply::Error(why) => return Err(self.refusal_error(why)),
                     _ => {}
                 },
-                Some(End::Spoilt) => {}
+                Some(ElementEnd::Malformed) => {}
                 None => match unread.inbox.receive(&*self.inner, until)? {
                     Received::Bytes { .. } => {}
-                    _ => return Err(self.no_answer()),
+                    _ => return Err(self.no_answer_error()),
                 },
             }
         }
     }
 
-    fn error(&self, why: &[u8]) -> LinkError {
+    fn refusal_error(&self, why: &[u8]) -> LinkError {
         let why = String::from_utf8_lossy(why);
         let hint = format!(
             "The server says `{}`; it shares the buses that it was started with (`socketcand -i \
              can0,can1`).",
             why.trim()
         );
-        LinkError::new(&self.name, Cause::NotFound).hinting(&hint)
+        LinkError::new(&self.name, Cause::NotFound).with_hint(&hint)
     }
 
-    fn no_answer(&self) -> LinkError {
+    fn no_answer_error(&self) -> LinkError {
         let hint = "What listens there does not greet as socketcand does.";
-        LinkError::new(&self.name, Cause::Unsuitable).hinting(hint)
+        LinkError::new(&self.name, Cause::Unsuitable).with_hint(hint)
     }
 
-    fn unread(&self) -> MutexGuard<'_, Unread> {
-        self.unread.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock_input(&self) -> MutexGuard<'_, SocketcandInput> {
+        self.input.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The next thing of interest among the bytes that were read.
-    fn next(&self, unread: &mut Unread, frame: &mut Frame) -> Option<Received> {
+    fn next_received(&self, unread: &mut SocketcandInput, frame: &mut Frame) -> Option<Received> {
         loop {
-            let end = unread.end()?;
-            let at = unread.inbox.at;
+            let end = unread.next_end()?;
+            let at = unread.inbox.received_at;
             let reply = match end {
-                End::Element => Reply::of(unread.elements.text()),
-                End::Spoilt => Reply::Unknown,
+                ElementEnd::Element => ServerReply::parse(unread.elements.text()),
+                ElementEnd::Malformed => ServerReply::Unknown,
             };
             let count = match reply {
-                Reply::Frame(arrived) => {
+                ServerReply::Frame(arrived) => {
                     *frame = arrived;
                     return Some(Received::Bytes { len: 1, at });
                 }
-                Reply::ErrorFrame(class) if class & BUS_OFF != 0 => {
+                ServerReply::ErrorFrame(class) if class & BUS_OFF != 0 => {
                     return Some(Received::Line { event: LineEvent::BusOff, at });
                 }
-                Reply::ErrorFrame(class) if class & RESTARTED != 0 => {
+                ServerReply::ErrorFrame(class) if class & RESTARTED != 0 => {
                     return Some(Received::Line { event: LineEvent::Up, at });
                 }
-                Reply::ErrorFrame(_) => &self.errors,
-                Reply::Error(_) => &self.refused,
-                Reply::Unknown => &self.malformed,
-                Reply::Hi | Reply::Ok | Reply::Echo => continue,
+                ServerReply::ErrorFrame(_) => &self.errors,
+                ServerReply::Error(_) => &self.refused,
+                ServerReply::Unknown => &self.malformed,
+                ServerReply::Hi | ServerReply::Ok | ServerReply::Echo => continue,
             };
             count.fetch_add(1, Ordering::Relaxed);
         }
     }
 }
 
-impl Unread {
+impl SocketcandInput {
     /// What the next bytes that were read end, if anything.
-    fn end(&mut self) -> Option<End> {
-        while let Some(byte) = self.inbox.next() {
+    fn next_end(&mut self) -> Option<ElementEnd> {
+        while let Some(byte) = self.inbox.next_byte() {
             if let Some(end) = self.elements.push(byte) {
                 return Some(end);
             }
@@ -169,30 +169,30 @@ impl std::fmt::Debug for SocketcandLink {
     }
 }
 
-impl Link<Can> for SocketcandLink {
+impl LinkIo<Can> for SocketcandLink {
     fn now(&self) -> Instant {
         self.inner.now()
     }
 
     fn send(&self, frame: &Frame) -> Result<(), LinkError> {
         let mut room = [0; ELEMENT_MAX];
-        let mut text = Text::new(&mut room);
+        let mut text = TextWriter::new(&mut room);
         if !codec::write_send(frame, &mut text) {
             let hint = "socketcand carries no remote frames.";
-            return Err(LinkError::new(&self.name, Cause::Unsuitable).hinting(hint));
+            return Err(LinkError::new(&self.name, Cause::Unsuitable).with_hint(hint));
         }
         let len = text.len;
         self.inner.send(&room[..len])
     }
 
-    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
-        self.inner.ready(until)
+    fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {
+        self.inner.wait_writable(until)
     }
 
     fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
-        let mut unread = self.unread();
+        let mut unread = self.lock_input();
         loop {
-            if let Some(received) = self.next(&mut unread, frame) {
+            if let Some(received) = self.next_received(&mut unread, frame) {
                 return Ok(received);
             }
             match unread.inbox.receive(&*self.inner, until)? {
@@ -207,7 +207,7 @@ impl Link<Can> for SocketcandLink {
         Ok(())
     }
 
-    fn waker(&self) -> Waker {
+    fn waker(&self) -> LinkWaker {
         self.inner.waker()
     }
 
@@ -224,7 +224,7 @@ impl Link<Can> for SocketcandLink {
         }
     }
 
-    fn reopen(&self) -> Result<Box<dyn Link<Can>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn LinkIo<Can>>, LinkError> {
         Ok(Box::new(Self::open(self.inner.reopen()?, &self.bus)?))
     }
 }

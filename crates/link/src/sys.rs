@@ -26,7 +26,7 @@ pub(crate) struct Message {
 
 /// Asks for a time stamp and the count of losses with every message. A kernel that has neither
 /// says so, and they are left out.
-pub(crate) fn ask_for_stamps(fd: &OwnedFd) {
+pub(crate) fn enable_timestamps(fd: &OwnedFd) {
     let _ = set_option(fd, libc::SOL_SOCKET, libc::SO_TIMESTAMPNS, &1_i32);
     let _ = set_option(fd, libc::SOL_SOCKET, libc::SO_RXQ_OVFL, &1_i32);
 }
@@ -52,14 +52,14 @@ pub(crate) fn can_socket(index: c_int) -> io::Result<OwnedFd> {
 }
 
 /// `setsockopt`. `T` is what the option takes: an integer, or an array of plain numbers.
-pub(crate) fn set_option<T: Plain + ?Sized>(
+pub(crate) fn set_option<T: PlainData + ?Sized>(
     fd: &OwnedFd,
     level: c_int,
     name: c_int,
     value: &T,
 ) -> io::Result<()> {
     let len = socklen_t::try_from(size_of_val(value)).unwrap_or(0);
-    // SAFETY: the pointer is to `len` initialised bytes that live through the call (`Plain`).
+    // SAFETY: the pointer is to `len` initialised bytes that live through the call (`PlainData`).
     let done = unsafe {
         libc::setsockopt(fd.as_raw_fd(), level, name, std::ptr::from_ref(value).cast(), len)
     };
@@ -67,10 +67,10 @@ pub(crate) fn set_option<T: Plain + ?Sized>(
 }
 
 /// Types without padding or pointers.
-pub(crate) trait Plain {}
-impl Plain for i32 {}
-impl Plain for u32 {}
-impl Plain for [libc::can_filter] {}
+pub(crate) trait PlainData {}
+impl PlainData for i32 {}
+impl PlainData for u32 {}
+impl PlainData for [libc::can_filter] {}
 
 /// Lets the kernel drop what `program` (classic BPF) refuses before it wakes anybody.
 pub(crate) fn attach_filter(fd: &OwnedFd, program: &mut [libc::sock_filter]) -> io::Result<()> {
@@ -94,7 +94,7 @@ pub(crate) fn attach_filter(fd: &OwnedFd, program: &mut [libc::sock_filter]) -> 
 }
 
 /// How many messages a socket has dropped so far, for want of room or by its filter.
-pub(crate) fn dropped(fd: &OwnedFd) -> u32 {
+pub(crate) fn dropped_count(fd: &OwnedFd) -> u32 {
     // `SK_MEMINFO_VARS` and `SK_MEMINFO_DROPS` of linux/sock_diag.h.
     let mut info = [0_u32; 9];
     let mut len = size_of_val(&info) as socklen_t;
@@ -115,7 +115,7 @@ pub(crate) fn dropped(fd: &OwnedFd) -> u32 {
 pub(crate) fn receive(fd: &OwnedFd, buffer: &mut [u8]) -> io::Result<Option<Message>> {
     let mut vector =
         libc::iovec { iov_base: buffer.as_mut_ptr().cast::<c_void>(), iov_len: buffer.len() };
-    let mut control = Control([0; CONTROL_MAX]);
+    let mut control = ControlBuffer([0; CONTROL_MAX]);
     // SAFETY: all zeros is a valid msghdr (no name, no vector, no control).
     let mut header: libc::msghdr = unsafe { MaybeUninit::zeroed().assume_init() };
     header.msg_iov = &raw mut vector;
@@ -137,7 +137,7 @@ pub(crate) fn receive(fd: &OwnedFd, buffer: &mut [u8]) -> io::Result<Option<Mess
 
 /// Aligned as control messages are.
 #[repr(align(16))]
-struct Control([u8; CONTROL_MAX]);
+struct ControlBuffer([u8; CONTROL_MAX]);
 
 fn read_control(header: &libc::msghdr, message: &mut Message) {
     // SAFETY: `header` is what recvmsg filled in, and its control buffer still lives; the macros
@@ -176,14 +176,14 @@ fn nanoseconds(at: libc::timespec) -> u64 {
 
 /// The kernel's count of messages that a socket had no room for, which wraps at 2³².
 #[derive(Debug, Default)]
-pub(crate) struct Overrun {
+pub(crate) struct OverrunCounter {
     seen: AtomicU32,
     total: AtomicU64,
 }
 
-impl Overrun {
+impl OverrunCounter {
     /// Only the thread that receives calls it.
-    pub(crate) fn note(&self, count: Option<u32>) {
+    pub(crate) fn update(&self, count: Option<u32>) {
         let Some(count) = count else { return };
         let more = count.wrapping_sub(self.seen.swap(count, Ordering::Relaxed));
         self.total.fetch_add(more.into(), Ordering::Relaxed);

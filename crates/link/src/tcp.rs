@@ -9,8 +9,8 @@ use polepair_core::time::Instant;
 
 use crate::clock;
 use crate::error::{Cause, LinkError};
-use crate::link::{Link, Received};
-use crate::wake::Waker;
+use crate::link::{LinkIo, Received};
+use crate::waker::LinkWaker;
 
 #[cfg(unix)]
 mod listener;
@@ -27,7 +27,7 @@ const ADDRESSES_MAX: usize = 4;
 /// A connection to a serial server, or to a drive with Ethernet.
 #[derive(Debug)]
 pub struct TcpLink {
-    socket: socket::Socket,
+    socket: socket::TcpSocket,
     address: String,
 }
 
@@ -41,11 +41,11 @@ impl TcpLink {
     pub fn connect(address: &str) -> Result<Self, LinkError> {
         let stream = connect(address)?;
         let _ = stream.set_nodelay(true);
-        Ok(Self { socket: socket::Socket::new(stream, address)?, address: address.to_owned() })
+        Ok(Self { socket: socket::TcpSocket::new(stream, address)?, address: address.to_owned() })
     }
 }
 
-impl Link<Stream> for TcpLink {
+impl LinkIo<Stream> for TcpLink {
     fn now(&self) -> Instant {
         clock::now()
     }
@@ -54,8 +54,8 @@ impl Link<Stream> for TcpLink {
         self.socket.send(unit)
     }
 
-    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
-        self.socket.ready(until)
+    fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {
+        self.socket.wait_writable(until)
     }
 
     fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
@@ -66,7 +66,7 @@ impl Link<Stream> for TcpLink {
         Ok(())
     }
 
-    fn waker(&self) -> Waker {
+    fn waker(&self) -> LinkWaker {
         self.socket.waker()
     }
 
@@ -74,14 +74,14 @@ impl Link<Stream> for TcpLink {
         self.address.clone()
     }
 
-    fn reopen(&self) -> Result<Box<dyn Link<Stream>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn LinkIo<Stream>>, LinkError> {
         Ok(Box::new(Self::connect(&self.address)?))
     }
 }
 
 fn connect(address: &str) -> Result<TcpStream, LinkError> {
     let mut last = LinkError::new(address, Cause::NotFound)
-        .hinting("The host name or port number is not understood.");
+        .with_hint("The host name or port number is not understood.");
     for address_of_host in resolve(address)? {
         match TcpStream::connect_timeout(&address_of_host, CONNECT_TIMEOUT) {
             Ok(stream) => return Ok(stream),
@@ -94,8 +94,8 @@ fn connect(address: &str) -> Result<TcpStream, LinkError> {
 fn resolve(address: &str) -> Result<Vec<SocketAddr>, LinkError> {
     let found = address.to_socket_addrs().map_err(|error| match error.kind() {
         ErrorKind::InvalidInput => LinkError::new(address, Cause::NotFound)
-            .hinting("An address is HOST:PORT, for example 10.0.0.5:4001."),
-        _ => LinkError::new(address, Cause::NotFound).hinting("No such host."),
+            .with_hint("An address is HOST:PORT, for example 10.0.0.5:4001."),
+        _ => LinkError::new(address, Cause::NotFound).with_hint("No such host."),
     })?;
     Ok(found.take(ADDRESSES_MAX).collect())
 }
@@ -105,14 +105,14 @@ mod socket {
     use super::{Duration, LinkError, TcpStream};
     use crate::descriptor::Descriptor;
     use crate::link::Received;
-    use crate::wake::Waker;
+    use crate::waker::LinkWaker;
     use polepair_core::time::Instant;
     use rustix::net::sockopt;
 
     #[derive(Debug)]
-    pub(super) struct Socket(Descriptor);
+    pub(super) struct TcpSocket(Descriptor);
 
-    impl Socket {
+    impl TcpSocket {
         pub(super) fn new(stream: TcpStream, name: &str) -> Result<Self, LinkError> {
             stream.set_nonblocking(true).map_err(|error| LinkError::from_io(name, &error))?;
             keep_alive(&stream);
@@ -123,8 +123,8 @@ mod socket {
             self.0.send(bytes)
         }
 
-        pub(super) fn ready(&self, until: Instant) -> Result<bool, LinkError> {
-            self.0.ready(until)
+        pub(super) fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {
+            self.0.wait_writable(until)
         }
 
         pub(super) fn receive(
@@ -135,8 +135,8 @@ mod socket {
             self.0.receive(buffer, until)
         }
 
-        pub(super) fn waker(&self) -> Waker {
-            self.0.wake.clone()
+        pub(super) fn waker(&self) -> LinkWaker {
+            self.0.waker.clone()
         }
     }
 
@@ -155,21 +155,21 @@ mod socket {
 mod socket {
     use super::{LinkError, TcpStream};
     use crate::link::Received;
-    use crate::wake::{Sliced, Waker};
+    use crate::waker::{LinkWaker, SlicedWait};
     use polepair_core::time::Instant;
     use std::io::{Read, Write};
 
     #[derive(Debug)]
-    pub(super) struct Socket {
+    pub(super) struct TcpSocket {
         stream: TcpStream,
-        wake: Waker,
+        waker: LinkWaker,
         name: String,
     }
 
-    impl Socket {
+    impl TcpSocket {
         pub(super) fn new(stream: TcpStream, name: &str) -> Result<Self, LinkError> {
-            let wake = Waker::new().map_err(|error| LinkError::from_io(name, &error))?;
-            Ok(Self { stream, wake, name: name.to_owned() })
+            let waker = LinkWaker::new().map_err(|error| LinkError::from_io(name, &error))?;
+            Ok(Self { stream, waker, name: name.to_owned() })
         }
 
         pub(super) fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
@@ -177,7 +177,7 @@ mod socket {
         }
 
         /// A send waits by itself here.
-        pub(super) fn ready(&self, _: Instant) -> Result<bool, LinkError> {
+        pub(super) fn wait_writable(&self, _: Instant) -> Result<bool, LinkError> {
             Ok(true)
         }
 
@@ -186,14 +186,14 @@ mod socket {
             buffer: &mut [u8],
             until: Instant,
         ) -> Result<Received, LinkError> {
-            Sliced { wake: &self.wake, name: &self.name }.receive(until, |slice| {
+            SlicedWait { waker: &self.waker, name: &self.name }.receive(until, |slice| {
                 self.stream.set_read_timeout(Some(slice))?;
                 (&self.stream).read(buffer)
             })
         }
 
-        pub(super) fn waker(&self) -> Waker {
-            self.wake.clone()
+        pub(super) fn waker(&self) -> LinkWaker {
+            self.waker.clone()
         }
     }
 }

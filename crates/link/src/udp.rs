@@ -17,18 +17,18 @@ use rustix::net::{
 };
 
 use crate::clock;
-use crate::descriptor::{Descriptor, Reads};
+use crate::descriptor::{Descriptor, ReadMode};
 use crate::error::{Cause, LinkError};
-use crate::link::{Link, Losses, Received};
-use crate::wake::Waker;
+use crate::link::{LinkIo, Losses, Received};
+use crate::waker::LinkWaker;
 
 pub mod datagram;
 #[cfg(target_os = "linux")]
-mod echo;
+mod echo_filter;
 #[cfg(test)]
 mod tests;
 
-use datagram::{DATAGRAM_MAX, Unpacked};
+use datagram::{DATAGRAM_MAX, UnpackedDatagram};
 
 /// The group that python-can prefers: site-local IPv6.
 pub const GROUP_IPV6: Ipv6Addr =
@@ -42,7 +42,7 @@ const RECEIVE_BUFFER: usize = 1 << 20;
 
 /// Which bus.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Group {
+pub struct MulticastGroup {
     /// The multicast group.
     pub address: IpAddr,
     /// The UDP port.
@@ -51,13 +51,13 @@ pub struct Group {
     pub hops: u8,
 }
 
-impl Default for Group {
+impl Default for MulticastGroup {
     fn default() -> Self {
         Self { address: GROUP_IPV4.into(), port: PORT, hops: 1 }
     }
 }
 
-impl FromStr for Group {
+impl FromStr for MulticastGroup {
     type Err = LinkError;
 
     /// `239.74.163.2:43113`, `[ff15::1]:43113`, or either without a port.
@@ -66,17 +66,17 @@ impl FromStr for Group {
         let (address, port) = match (text.parse::<SocketAddr>(), bare.parse::<IpAddr>()) {
             (Ok(both), _) => (both.ip(), both.port()),
             (_, Ok(address)) => (address, PORT),
-            _ => return Err(no_group(text)),
+            _ => return Err(not_a_group(text)),
         };
         if !address.is_multicast() || port == 0 {
-            return Err(no_group(text));
+            return Err(not_a_group(text));
         }
         Ok(Self { address, port, ..Self::default() })
     }
 }
 
-fn no_group(text: &str) -> LinkError {
-    LinkError::new(text, Cause::NotFound).hinting(
+fn not_a_group(text: &str) -> LinkError {
+    LinkError::new(text, Cause::NotFound).with_hint(
         "A CAN group is a multicast address (224.0.0.0 to 239.255.255.255, or ff…), for example \
          239.74.163.2:43113.",
     )
@@ -90,7 +90,7 @@ pub struct UdpLink {
     /// Sends from a port of its own, by which what comes back is known as ours.
     sender: UdpSocket,
     own: SocketAddr,
-    group: Group,
+    group: MulticastGroup,
     malformed: AtomicU64,
     errors: AtomicU64,
     /// The kernel drops what we send before we would read it.
@@ -102,19 +102,21 @@ pub struct UdpLink {
 ///
 /// # Errors
 /// [`LinkError`], mostly that no network interface has a route for multicast.
-pub fn open(group: Group) -> Result<UdpLink, LinkError> {
+pub fn open(group: MulticastGroup) -> Result<UdpLink, LinkError> {
     let name = SocketAddr::new(group.address, group.port).to_string();
-    let opened = sockets(group, Ipv4Addr::UNSPECIFIED).or_else(|error| match group {
-        Group { hops: 0, address: IpAddr::V4(_), .. } => sockets(group, Ipv4Addr::LOCALHOST),
+    let opened = open_sockets(group, Ipv4Addr::UNSPECIFIED).or_else(|error| match group {
+        MulticastGroup { hops: 0, address: IpAddr::V4(_), .. } => {
+            open_sockets(group, Ipv4Addr::LOCALHOST)
+        }
         _ => Err(error),
     });
-    let (sender, own, receiver) = opened.map_err(|error| explained(&name, &error))?;
+    let (sender, own, receiver) = opened.map_err(|error| explain_error(&name, &error))?;
     #[cfg(target_os = "linux")]
-    let echo_filtered = echo::filter_out(&receiver, own);
+    let echo_filtered = echo_filter::drop_own_datagrams(&receiver, own);
     #[cfg(not(target_os = "linux"))]
     let echo_filtered = false;
     Ok(UdpLink {
-        descriptor: Descriptor::that(Reads::Pieces, receiver, &name)?,
+        descriptor: Descriptor::with_mode(ReadMode::Messages, receiver, &name)?,
         sender,
         own,
         group,
@@ -125,12 +127,12 @@ pub fn open(group: Group) -> Result<UdpLink, LinkError> {
     })
 }
 
-fn explained(name: &str, error: &io::Error) -> LinkError {
+fn explain_error(name: &str, error: &io::Error) -> LinkError {
     match error.raw_os_error().map(Errno::from_raw_os_error) {
         Some(Errno::NODEV | Errno::NETUNREACH) => {
             let hint = "No network interface carries multicast to that group: `sudo ip route add \
                         239.0.0.0/8 dev eth0`, with the name of yours.";
-            LinkError::new(name, Cause::Unreachable).hinting(hint)
+            LinkError::new(name, Cause::Unreachable).with_hint(hint)
         }
         _ => LinkError::from_io(name, error),
     }
@@ -138,14 +140,17 @@ fn explained(name: &str, error: &io::Error) -> LinkError {
 
 /// What sends, from which address, and what receives; through the interface with the address
 /// `by`, or by the routes that there are.
-fn sockets(group: Group, by: Ipv4Addr) -> io::Result<(UdpSocket, SocketAddr, OwnedFd)> {
-    let sender = sender(group, by)?;
+fn open_sockets(
+    group: MulticastGroup,
+    by: Ipv4Addr,
+) -> io::Result<(UdpSocket, SocketAddr, OwnedFd)> {
+    let sender = open_sender(group, by)?;
     let own = sender.local_addr()?;
-    Ok((sender, own, receiver(group, by)?))
+    Ok((sender, own, open_receiver(group, by)?))
 }
 
 /// Connected, so that the kernel looks up the route once and the source address stays the same.
-fn sender(group: Group, by: Ipv4Addr) -> io::Result<UdpSocket> {
+fn open_sender(group: MulticastGroup, by: Ipv4Addr) -> io::Result<UdpSocket> {
     let hops = u32::from(group.hops);
     let sender = match group.address {
         IpAddr::V4(_) => {
@@ -168,7 +173,7 @@ fn sender(group: Group, by: Ipv4Addr) -> io::Result<UdpSocket> {
 }
 
 /// Bound to the group's address, so that another group on the same port is not heard.
-fn receiver(group: Group, by: Ipv4Addr) -> io::Result<OwnedFd> {
+fn open_receiver(group: MulticastGroup, by: Ipv4Addr) -> io::Result<OwnedFd> {
     let v4 = group.address.is_ipv4();
     let family = if v4 { AddressFamily::INET } else { AddressFamily::INET6 };
     let fd = socket(family, SocketType::DGRAM, None)?;
@@ -189,9 +194,9 @@ fn receiver(group: Group, by: Ipv4Addr) -> io::Result<OwnedFd> {
 impl UdpLink {
     /// Datagrams that there was no room for. The kernel counts them together with those that the
     /// filter refused, which are those that we sent.
-    fn overrun(&self) -> u64 {
+    fn overrun_count(&self) -> u64 {
         #[cfg(target_os = "linux")]
-        let dropped = u64::from(crate::sys::dropped(&self.descriptor.fd));
+        let dropped = u64::from(crate::sys::dropped_count(&self.descriptor.fd));
         #[cfg(not(target_os = "linux"))]
         let dropped = 0_u64;
         let echoes = if self.echo_filtered { self.sent.load(Ordering::Relaxed) } else { 0 };
@@ -199,22 +204,22 @@ impl UdpLink {
     }
 
     /// Takes one datagram; `None` when there is none, or it was none of a frame from elsewhere.
-    fn read(&self, frame: &mut Frame) -> Result<Option<Received>, LinkError> {
+    fn read_frame(&self, frame: &mut Frame) -> Result<Option<Received>, LinkError> {
         let mut buffer = [0; DATAGRAM_MAX];
-        let Some((len, at)) = self.take(&mut buffer)? else { return Ok(None) };
+        let Some((len, at)) = self.receive_datagram(&mut buffer)? else { return Ok(None) };
         match datagram::unpack(&buffer[..len]) {
-            Some(Unpacked::Frame(unpacked)) => {
+            Some(UnpackedDatagram::Frame(unpacked)) => {
                 *frame = unpacked;
                 return Ok(Some(Received::Bytes { len: 1, at }));
             }
-            Some(Unpacked::ErrorFrame) => self.errors.fetch_add(1, Ordering::Relaxed),
+            Some(UnpackedDatagram::ErrorFrame) => self.errors.fetch_add(1, Ordering::Relaxed),
             None => self.malformed.fetch_add(1, Ordering::Relaxed),
         };
         Ok(None)
     }
 
     /// Length and arrival of a datagram from elsewhere.
-    fn take(&self, buffer: &mut [u8]) -> Result<Option<(usize, Instant)>, LinkError> {
+    fn receive_datagram(&self, buffer: &mut [u8]) -> Result<Option<(usize, Instant)>, LinkError> {
         let fd = &self.descriptor.fd;
         let taken = if self.echo_filtered {
             recv(fd, buffer, RecvFlags::empty()).map(|(_, len)| (len, None))
@@ -236,7 +241,7 @@ impl UdpLink {
     }
 }
 
-impl Link<Can> for UdpLink {
+impl LinkIo<Can> for UdpLink {
     fn now(&self) -> Instant {
         clock::now()
     }
@@ -252,7 +257,7 @@ impl Link<Can> for UdpLink {
                 }
                 // A burst, on a busy machine, is handed over more slowly than it is sent.
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                    self.descriptor.await_room(self.sender.as_fd())?;
+                    self.descriptor.wait_for_room(self.sender.as_fd())?;
                 }
                 Err(error) => return Err(LinkError::from_io(&self.descriptor.name, &error)),
             }
@@ -260,15 +265,15 @@ impl Link<Can> for UdpLink {
     }
 
     fn receive(&self, frame: &mut Frame, until: Instant) -> Result<Received, LinkError> {
-        self.descriptor.receive_with(until, || self.read(frame))
+        self.descriptor.receive_with(until, || self.read_frame(frame))
     }
 
     fn set_line(&self, _line: CanLine) -> Result<(), LinkError> {
         Ok(())
     }
 
-    fn waker(&self) -> Waker {
-        self.descriptor.wake.clone()
+    fn waker(&self) -> LinkWaker {
+        self.descriptor.waker.clone()
     }
 
     fn describe(&self) -> String {
@@ -277,14 +282,14 @@ impl Link<Can> for UdpLink {
 
     fn losses(&self) -> Losses {
         Losses {
-            overrun: self.overrun(),
+            overrun: self.overrun_count(),
             malformed: self.malformed.load(Ordering::Relaxed),
             errors: self.errors.load(Ordering::Relaxed),
             ..Losses::default()
         }
     }
 
-    fn reopen(&self) -> Result<Box<dyn Link<Can>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn LinkIo<Can>>, LinkError> {
         Ok(Box::new(open(self.group)?))
     }
 }

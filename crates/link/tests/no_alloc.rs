@@ -16,7 +16,9 @@ use polepair_core::proto::tmcl::Tmcl;
 use polepair_core::proto::{HostOptions, Protocol};
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
-use polepair_link::{Connection, Link, LinkError, Received, Waker, clock, slcan, socketcand, udp};
+use polepair_link::{
+    Connection, LinkError, LinkIo, LinkWaker, Received, clock, slcan, socketcand, udp,
+};
 
 struct Counting;
 
@@ -43,9 +45,9 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 /// A drive that is there at once: module 1 answers 123456 to whatever it is asked.
-struct Prompt(Waker, AtomicBool);
+struct Prompt(LinkWaker, AtomicBool);
 
-impl Link<Stream> for Prompt {
+impl LinkIo<Stream> for Prompt {
     fn now(&self) -> Instant {
         clock::now()
     }
@@ -65,7 +67,7 @@ impl Link<Stream> for Prompt {
     fn set_line(&self, _line: SerialLine) -> Result<(), LinkError> {
         Ok(())
     }
-    fn waker(&self) -> Waker {
+    fn waker(&self) -> LinkWaker {
         self.0.clone()
     }
     fn describe(&self) -> String {
@@ -76,14 +78,15 @@ impl Link<Stream> for Prompt {
 #[test]
 fn a_round_trip_allocates_nothing() {
     let options = HostOptions { gap_us: Some(0), ..HostOptions::new(0) };
-    let driver = Tmcl::driver(Tmcl::generic(), 1);
-    let lane = Lane::<Stream, _>::new(Tmcl::host(&options, &[1]), [Box::new(driver) as _]);
-    let link = Prompt(Waker::new().unwrap(), AtomicBool::new(false));
+    let driver = Tmcl::create_driver(Tmcl::generic_profile(), 1);
+    let lane = Lane::<Stream, _>::new(Tmcl::create_host(&options, &[1]), [Box::new(driver) as _]);
+    let link = Prompt(LinkWaker::new().unwrap(), AtomicBool::new(false));
     let connection = Connection::new(Box::new(link), Box::new(lane));
     let ask = || {
         let deadline = clock::now().plus_ms(1_000);
-        connection
-            .ask(deadline, |axes, now, ticket| axes.read(now, ticket, AxisIndex(0), ParameterId(0)))
+        connection.request(deadline, |axes, now, ticket| {
+            axes.read_parameter(now, ticket, AxisIndex(0), ParameterId(0))
+        })
     };
     assert_eq!(ask(), Ok(Some(Outcome::Done(123_456))));
     let before = ALLOCATIONS.get();
@@ -103,7 +106,7 @@ fn allocated(mut act: impl FnMut()) -> u64 {
     ALLOCATIONS.get() - before
 }
 
-fn crosses(from: &dyn Link<Can>, to: &dyn Link<Can>) {
+fn crosses(from: &dyn LinkIo<Can>, to: &dyn LinkIo<Can>) {
     let (sent, mut got) = (Frame::standard(0x123, &[1, 2, 3]), Frame::default());
     from.send(&sent).unwrap();
     let received = to.receive(&mut got, clock::now().plus_ms(1_000)).unwrap();
@@ -112,7 +115,7 @@ fn crosses(from: &dyn Link<Can>, to: &dyn Link<Can>) {
 
 #[test]
 fn a_frame_over_udp_allocates_nothing() {
-    let group = udp::Group { port: 43_120, hops: 0, ..udp::Group::default() };
+    let group = udp::MulticastGroup { port: 43_120, hops: 0, ..udp::MulticastGroup::default() };
     let (one, other) = (udp::open(group).unwrap(), udp::open(group).unwrap());
     assert_eq!(allocated(|| crosses(&one, &other)), 0);
 }
@@ -127,7 +130,7 @@ fn a_frame_through_adapter_and_server_allocates_nothing() {
         let one = scope.spawn(move || slcan::open_tcp(&at.to_string(), line).unwrap());
         let other = scope.spawn(move || socketcand::connect(&bus.to_string(), "can0").unwrap());
         while !(one.is_finished() && other.is_finished()) {
-            for link in [&adapter as &dyn Link<Can>, &server] {
+            for link in [&adapter as &dyn LinkIo<Can>, &server] {
                 link.receive(&mut Frame::default(), clock::now().plus_ms(2)).unwrap();
             }
         }

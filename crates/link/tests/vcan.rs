@@ -9,8 +9,8 @@ use std::process::Command;
 use polepair_core::medium::{CanLine, Frame};
 use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
-use polepair_link::socketcan::{self, Filter, SocketcanLink};
-use polepair_link::{Cause, Link, Losses, Received, clock};
+use polepair_link::socketcan::{self, CanFilter, SocketcanLink};
+use polepair_link::{Cause, LinkIo, Losses, Received, clock};
 
 const ANY: CanLine = CanLine { bit_rate: 0 };
 
@@ -112,9 +112,9 @@ fn what_the_kernel_had_no_room_for_is_counted() {
 fn the_kernel_filters() {
     let Some(bus) = Bus::new("pp2") else { return };
     let (one, other) = (bus.open(), bus.open());
-    let filter = Filter { id: 0x200, mask: 0x700, extended: false };
-    other.listen_for(&[filter, Filter { id: 7, mask: 0x1FFF_FFFF, extended: true }]).unwrap();
-    assert_eq!(other.listen_for(&[]).unwrap_err().cause(), Cause::Unsuitable);
+    let filter = CanFilter { id: 0x200, mask: 0x700, extended: false };
+    other.set_filters(&[filter, CanFilter { id: 7, mask: 0x1FFF_FFFF, extended: true }]).unwrap();
+    assert_eq!(other.set_filters(&[]).unwrap_err().cause(), Cause::Unsuitable);
     let passing = [Frame::standard(0x2FF, &[1]), extended(7, &[2])];
     for frame in [extended(0x200, &[]), passing[0], Frame::standard(7, &[]), passing[1]] {
         one.send(&frame).unwrap();
@@ -147,7 +147,7 @@ fn an_interface_is_lost_and_comes_back() {
     let (link, other) = (bus.open(), bus.open());
     let mut frame = Frame::default();
     assert!(ip(&["link", "set", bus.0, "down"]));
-    let lost = link.receive(&mut frame, Instant::FAR).unwrap_err();
+    let lost = link.receive(&mut frame, Instant::FAR_FUTURE).unwrap_err();
     assert_eq!((lost.cause(), lost.is_gone()), (Cause::Down, true));
     let command = "`sudo ip link set pp4 up`";
     assert!(lost.hint().contains(command), "{}", lost.hint());
@@ -162,7 +162,7 @@ fn an_interface_is_lost_and_comes_back() {
     assert_eq!(frame.id, 0x42);
 
     assert!(ip(&["link", "delete", bus.0]));
-    let lost = again.receive(&mut frame, Instant::FAR).unwrap_err();
+    let lost = again.receive(&mut frame, Instant::FAR_FUTURE).unwrap_err();
     assert!(matches!(lost.cause(), Cause::Down | Cause::Gone), "{lost}");
     assert_eq!(again.send(&frame).unwrap_err().cause(), Cause::Gone);
     assert_eq!(again.reopen().err().unwrap().cause(), Cause::NotFound);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Refused, StopClass};
+use super::{GatewayError, StopClass};
 
 /// What is known of an axis now. Nothing is fresher than its age.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -26,15 +26,15 @@ pub struct AxisState {
     /// Every signal that was read.
     pub signals: Vec<SignalValue>,
     /// Faults and warnings that stand.
-    pub faults: Vec<FaultTold>,
+    pub faults: Vec<ActiveFault>,
     /// Who commands it; `null` where nobody does.
     #[schema(required)]
-    pub lease: Option<LeaseTold>,
+    pub lease: Option<LeaseView>,
     /// The stop that it is owed, for exactly as long as it is; `null` where it is owed none. Whoever
     /// shows the axis says so in red: nobody knows that it stands, and cutting its supply is what is
     /// left to do.
     #[schema(required)]
-    pub owed: Option<StopOwed>,
+    pub owed: Option<PendingStopView>,
     /// What the drive's own panel shows, where it has one.
     #[schema(required)]
     pub panel: Option<PanelView>,
@@ -56,7 +56,7 @@ pub struct SignalValue {
 
 /// A fault, in words.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct FaultTold {
+pub struct ActiveFault {
     /// The drive's code.
     pub code: u32,
     /// Its name.
@@ -73,7 +73,7 @@ pub struct FaultTold {
 
 /// Who commands an axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct LeaseTold {
+pub struct LeaseView {
     /// The session, as in [`Welcome::session`](super::Welcome::session).
     pub owner: String,
     /// Goes up with each new owner.
@@ -86,11 +86,11 @@ pub struct LeaseTold {
 /// stop again until it is: at once when the link opens or the drive answers again, else with a pause
 /// that grows to 2 s.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct StopOwed {
+pub struct PendingStopView {
     /// Since when.
     pub since_ms: f64,
     /// Why it is to stand.
-    pub why: OwedWhy,
+    pub why: StopCause,
     /// The session that said so; `server` where nobody did.
     pub by: String,
     /// What is certain of the stop so far: `failed` (nothing left yet), `sent` or `acknowledged`.
@@ -99,13 +99,13 @@ pub struct StopOwed {
     pub said: u32,
     /// Why the last one was not confirmed; `null` while nothing is known to be wrong with it.
     #[schema(required)]
-    pub error: Option<Refused>,
+    pub error: Option<GatewayError>,
 }
 
 /// Why an axis is to stand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum OwedWhy {
+pub enum StopCause {
     /// Somebody said STOP, or the server did, to keep it within its limits.
     Stop,
     /// The lease ended under which it was set in motion.
@@ -174,7 +174,7 @@ pub struct ParameterInfo {
 
 /// A parameter read just now: `GET /api/v1/axes/{id}/parameters/{name}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ParameterRead {
+pub struct ParameterReading {
     /// Its name.
     pub name: String,
     /// In [`ParameterInfo::unit`].
@@ -196,7 +196,7 @@ pub struct ParameterRead {
 #[serde(deny_unknown_fields)]
 pub struct WriteParameters {
     /// By name.
-    pub values: BTreeMap<String, Given>,
+    pub values: BTreeMap<String, ParameterInput>,
     /// Also put them into permanent memory.
     #[serde(default)]
     pub keep: bool,
@@ -214,11 +214,11 @@ pub struct WriteParameters {
 /// `GET /api/v1/axes/{id}/watchdog`, and the answer to its `POST`: what the drive does by itself when
 /// its host falls silent, read just now.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct WatchdogTold {
+pub struct WatchdogView {
     /// What drives of its family do, in words.
     pub rule: String,
     /// How it is set.
-    pub set: WatchdogSet,
+    pub set: WatchdogMode,
     /// The same in words.
     pub text: String,
     /// After so long a silence it stops, ms; `null` where it does not, or where that is not known.
@@ -234,7 +234,7 @@ pub struct WatchdogTold {
 /// How a drive's own watchdog is set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum WatchdogSet {
+pub enum WatchdogMode {
     /// The drive has none: it keeps doing what it was last told.
     None,
     /// It has one that is off.
@@ -264,7 +264,7 @@ pub struct SetWatchdog {
 /// A value that somebody gives.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
-pub enum Given {
+pub enum ParameterInput {
     /// In the parameter's unit; as it lies in the drive where [`WriteParameters::raw`] says so.
     Number(f64),
     /// With a unit (`1.2 A`), or a word.
@@ -273,7 +273,7 @@ pub enum Given {
 
 /// A line of the plan that writing parameters is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Change {
+pub struct ParameterChange {
     /// Its name.
     pub name: String,
     /// What the drive had; `null` where it cannot be read.

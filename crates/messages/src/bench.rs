@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{LookView, Refused};
+use super::{GatewayError, ScanView};
 use crate::scope::Scope;
 
 /// What there is: links, axes, what they can do. Values are in [`AxisState`](super::AxisState).
@@ -20,10 +20,10 @@ pub struct BenchView {
     /// Addresses at which more than one drive answers.
     pub clashes: Vec<Clash>,
     /// Of each link on which somebody looked for drives, the last look.
-    pub looks: Vec<LookView>,
+    pub looks: Vec<ScanView>,
     /// Motion is locked since a stop of everything; `null` while it is not.
     #[schema(required)]
-    pub lock: Option<LockTold>,
+    pub lock: Option<MotionLock>,
     /// How many times faster than real motors the simulated ones live; `null` where none is simulated.
     #[schema(required)]
     pub time_scale: Option<f64>,
@@ -44,7 +44,7 @@ pub struct LinkView {
     pub state: LinkState,
     /// Why it is not open; `null` while it is.
     #[schema(required)]
-    pub error: Option<Refused>,
+    pub error: Option<GatewayError>,
     /// Since when it is not, in milliseconds since 1970; `null` while it is open.
     #[schema(required)]
     pub since_ms: Option<f64>,
@@ -60,7 +60,7 @@ pub struct LinkView {
     #[schema(required)]
     pub load: Option<f64>,
     /// What it counted since it was opened.
-    pub counters: Vec<Counter>,
+    pub counters: Vec<LinkCounter>,
 }
 
 /// Whether a link works.
@@ -81,12 +81,12 @@ pub struct AbsentAxis {
     /// The drive's address on the wire.
     pub number: u32,
     /// Why it is none of the bench.
-    pub error: Refused,
+    pub error: GatewayError,
 }
 
 /// Something counted.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Counter {
+pub struct LinkCounter {
     /// What, `snake_case`: `sent`, `received`, `errors`, `retries`.
     pub name: String,
     /// How often.
@@ -133,7 +133,7 @@ pub struct AxisInfo {
     /// What it can tell.
     pub signals: Vec<SignalInfo>,
     /// What can be done to it where it is simulated.
-    pub acts: Vec<ActInfo>,
+    pub acts: Vec<SimulationActionInfo>,
 }
 
 /// A verb of an axis.
@@ -186,7 +186,7 @@ pub struct SignalInfo {
 
 /// Something that can be done to a simulated drive.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct ActInfo {
+pub struct SimulationActionInfo {
     /// Its word, for [`Act`](super::Act).
     pub act: String,
     /// What it does, in a sentence.
@@ -207,7 +207,7 @@ pub struct Clash {
 
 /// Who locked motion, and when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct LockTold {
+pub struct MotionLock {
     /// The session that stopped everything.
     pub by: String,
     /// Since when.

@@ -10,7 +10,7 @@ pub struct FrameItem {
     pub n: u64,
     /// When: since the server's start, in a capture since its first frame.
     pub t_us: f64,
-    /// The link; in a capture an index into [`CaptureOpened::links`].
+    /// The link; in a capture an index into [`OpenedCapture::links`].
     pub link: u16,
     /// Who sent it; `null` where nobody can tell.
     #[schema(required)]
@@ -55,7 +55,7 @@ pub struct ExplainedField {
 
 /// A capture that was taken in: `POST /api/v1/captures`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct CaptureOpened {
+pub struct OpenedCapture {
     /// For [`CapturePage`]s; good until the server ends or newer captures push it out.
     pub id: String,
     /// The file's name, as it was given.

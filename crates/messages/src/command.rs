@@ -3,16 +3,16 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::Refused;
+use super::GatewayError;
 use crate::scope::Scope;
 
 /// How long a command is good for where it does not say.
-pub const TTL_MS: f64 = 500.0;
+pub const DEFAULT_TTL_MS: f64 = 500.0;
 
 /// `POST /api/v1/axes/{id}/lease`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct TakeLease {
+pub struct AcquireLease {
     /// Take it from whoever has it: the journal says so, and the axis is stopped.
     #[serde(default)]
     pub take: bool,
@@ -20,7 +20,7 @@ pub struct TakeLease {
 
 /// A lease that was given or renewed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct LeaseGranted {
+pub struct LeaseGrant {
     /// What commands must carry.
     pub epoch: u64,
     /// When it ends unless it is renewed.
@@ -30,14 +30,14 @@ pub struct LeaseGranted {
 /// `POST /api/v1/axes/{id}/lease/renew`, `DELETE /api/v1/axes/{id}/lease`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Epoch {
+pub struct LeaseEpoch {
     /// Of the caller's lease.
     pub epoch: u64,
 }
 
 /// `POST /api/v1/axes/{id}/commands`; on the WebSocket with `axis` beside it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct CommandOrder {
+pub struct CommandRequest {
     /// The client's, new for each command (a UUID): one that was seen is not carried out again.
     pub id: String,
     /// When the client said so, by the server's clock as `pong` tells it.
@@ -51,18 +51,18 @@ pub struct CommandOrder {
     pub verb: String,
     /// With what.
     #[serde(default)]
-    pub arguments: Arguments,
+    pub arguments: CommandArguments,
 }
 
 /// `POST /api/v1/axes/{id}/raw`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct RawOrder {
-    /// As [`CommandOrder::id`].
+pub struct RawRequest {
+    /// As [`CommandRequest::id`].
     pub id: String,
-    /// As [`CommandOrder::issued_ms`].
+    /// As [`CommandRequest::issued_ms`].
     pub issued_ms: f64,
-    /// As [`CommandOrder::ttl_ms`].
+    /// As [`CommandRequest::ttl_ms`].
     #[serde(default = "ttl_ms")]
     pub ttl_ms: f64,
     /// Of the caller's lease.
@@ -72,13 +72,13 @@ pub struct RawOrder {
 }
 
 const fn ttl_ms() -> f64 {
-    TTL_MS
+    DEFAULT_TTL_MS
 }
 
 /// Arguments of a command, in SI.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct Arguments {
+pub struct CommandArguments {
     /// Where to, or how far: rad, m, or a ratio.
     pub target: Option<f64>,
     /// How fast: per second.
@@ -95,17 +95,17 @@ pub struct Arguments {
 
 /// What came of a command.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Outcome {
+pub struct CommandOutcome {
     /// The client's id.
     pub id: String,
     /// Whether the drive did it.
-    pub outcome: Ended,
+    pub outcome: OutcomeKind,
     /// What the drive answered to a raw request, as it stood on the wire.
     #[serde(default)]
     pub value: Option<i64>,
     /// Why not, or why nobody knows.
     #[schema(required)]
-    pub error: Option<Refused>,
+    pub error: Option<GatewayError>,
     /// The id was seen before; this is what came of it then, and nothing was sent now.
     pub replayed: bool,
 }
@@ -113,7 +113,7 @@ pub struct Outcome {
 /// How a command ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Ended {
+pub enum OutcomeKind {
     /// The drive did it.
     Done,
     /// It did not, and will not.
@@ -125,7 +125,7 @@ pub enum Ended {
 /// `POST /api/v1/stop`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct StopOrder {
+pub struct StopRequest {
     /// Which; `null` stops all of them and locks motion.
     pub axes: Option<Vec<u16>>,
     /// For the journal.
@@ -134,17 +134,17 @@ pub struct StopOrder {
 
 /// How far a stop came.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Stopped {
+pub struct StopReport {
     /// Each axis.
-    pub axes: Vec<AxisStopped>,
+    pub axes: Vec<AxisStopReport>,
     /// Where everything was to be stopped: who was not told.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub unreached: Vec<Unreached>,
+    pub unreached: Vec<UnreachedTarget>,
 }
 
 /// What a stop of everything did not reach: an axis that is not there, or all of a link that is not open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Unreached {
+pub struct UnreachedTarget {
     /// Index among the links.
     pub link: u16,
     /// Its connection string.
@@ -154,12 +154,12 @@ pub struct Unreached {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub number: Option<u32>,
     /// Why it was not told.
-    pub error: Refused,
+    pub error: GatewayError,
 }
 
 /// How far the stop of one axis came.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct AxisStopped {
+pub struct AxisStopReport {
     /// Index among the axes.
     pub id: u16,
     /// What is certain.
@@ -168,7 +168,7 @@ pub struct AxisStopped {
     pub ms: f64,
     /// What went wrong, if something did.
     #[schema(required)]
-    pub error: Option<Refused>,
+    pub error: Option<GatewayError>,
 }
 
 /// What is certain of a stop. From `sent` on each includes those before.
@@ -236,7 +236,7 @@ pub enum DismissReason {
 /// `POST /api/v1/simulation/{link}/{drive}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Act {
+pub struct SimulationAction {
     /// A word of [`AxisInfo::acts`](super::AxisInfo::acts).
     pub act: String,
     /// Its value, where it takes one.
@@ -247,7 +247,7 @@ pub struct Act {
 /// `POST /api/v1/simulation/pace`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Pace {
+pub struct SetTimeScale {
     /// How many times faster than real motors.
     pub time_scale: f64,
 }
@@ -278,7 +278,7 @@ pub struct Proof {
 
 /// Who the caller is now.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Session {
+pub struct SessionInfo {
     /// What the caller may do.
     pub scopes: Vec<Scope>,
 }

@@ -13,7 +13,7 @@ pub struct JournalRecord {
     /// The session; `server` for what nobody asked for.
     pub who: String,
     /// What.
-    pub deed: Deed,
+    pub deed: JournalAction,
     /// The axis that it concerns.
     #[schema(required)]
     pub axis: Option<u16>,
@@ -27,7 +27,7 @@ pub struct JournalRecord {
 /// What a record of the journal is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Deed {
+pub enum JournalAction {
     /// The server began; the detail says with which links and scopes.
     Started,
     /// The server ended by itself.

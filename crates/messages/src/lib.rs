@@ -12,7 +12,7 @@
 //!   `…_us` counts from the server's start, which [`Welcome::t0_ms`] places in that time.
 //! - An axis is its index in [`BenchView::axes`], a link its index in [`BenchView::links`]; both stay
 //!   the same while the server runs. Drives that are taken in later come behind all others.
-//! - An answer that is an error is [`ErrorBody`], whatever the path. [`Refused::executed`] says whether
+//! - An answer that is an error is [`ErrorBody`], whatever the path. [`GatewayError::executed`] says whether
 //!   a drive may have done it.
 //! - Epochs of leases only ever rise, over restarts too; 0 is nobody's.
 //! - [`telemetry`] is the one binary message.
@@ -22,33 +22,39 @@ mod axis;
 mod bench;
 mod capture;
 mod command;
+mod error;
+mod handshake;
 mod journal;
 mod live;
-mod look;
-mod meeting;
-mod refused;
+mod scan;
 pub mod scope;
 pub mod telemetry;
 #[cfg(test)]
 mod tests;
 
 pub use axis::{
-    AxisState, Change, FaultTold, Given, LeaseTold, OwedWhy, PanelView, ParameterInfo,
-    ParameterRead, SetWatchdog, SignalValue, StopOwed, WatchdogSet, WatchdogTold, WriteParameters,
+    ActiveFault, AxisState, LeaseView, PanelView, ParameterChange, ParameterInfo, ParameterInput,
+    ParameterReading, PendingStopView, SetWatchdog, SignalValue, StopCause, WatchdogMode,
+    WatchdogView, WriteParameters,
 };
 pub use bench::{
-    AbsentAxis, ActInfo, ArgumentInfo, AxisInfo, BenchView, Clash, Counter, LimitInfo, LinkState,
-    LinkView, LockTold, SignalInfo, VerbInfo,
+    AbsentAxis, ArgumentInfo, AxisInfo, BenchView, Clash, LimitInfo, LinkCounter, LinkState,
+    LinkView, MotionLock, SignalInfo, SimulationActionInfo, VerbInfo,
 };
-pub use capture::{CaptureOpened, CapturePage, ExplainedField, FrameDirection, FrameItem};
+pub use capture::{CapturePage, ExplainedField, FrameDirection, FrameItem, OpenedCapture};
 pub use command::{
-    Act, Arguments, AxisStopped, CommandOrder, DismissAbsent, DismissReason, DismissStop, Ended,
-    Epoch, LeaseGranted, Login, Outcome, Pace, Proof, RawOrder, Session, StopClass, StopOrder,
-    Stopped, TTL_MS, TakeLease, Unreached,
+    AcquireLease, AxisStopReport, CommandArguments, CommandOutcome, CommandRequest, DEFAULT_TTL_MS,
+    DismissAbsent, DismissReason, DismissStop, LeaseEpoch, LeaseGrant, Login, OutcomeKind, Proof,
+    RawRequest, SessionInfo, SetTimeScale, SimulationAction, StopClass, StopReport, StopRequest,
+    UnreachedTarget,
 };
-pub use journal::{Deed, JournalRecord};
-pub use live::{ClientMessage, LeaseAct, ServerMessage, Source, Welcome};
-pub use look::{AskedAxis, DriveAt, FoundDrive, LookOrder, LookState, LookView, TakeIn, TakenIn};
-pub use meeting::{PORT, PROOF_BYTES, PROTOCOL, fingerprint, of_digits, proof};
-pub use refused::{ErrorBody, Refused};
+pub use error::{ErrorBody, GatewayError};
+pub use handshake::{
+    PORT, PROOF_BYTES, WEBSOCKET_PROTOCOL, certificate_fingerprint, parse_hex, token_proof,
+};
+pub use journal::{JournalAction, JournalRecord};
+pub use live::{ClientMessage, LeaseAction, SampleSource, ServerMessage, Welcome};
+pub use scan::{
+    AddDrives, AddedAxes, DriveAddress, FoundDrive, ProbedAxis, ScanRequest, ScanState, ScanView,
+};
 pub use scope::{Scope, Scopes};

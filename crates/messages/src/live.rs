@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{
-    AxisState, BenchView, CommandOrder, DismissStop, ExplainedField, FrameItem, LockTold, LookView,
-    Outcome, Refused, Stopped,
+    AxisState, BenchView, CommandOutcome, CommandRequest, DismissStop, ExplainedField, FrameItem,
+    GatewayError, MotionLock, ScanView, StopReport,
 };
 use crate::scope::Scope;
 
@@ -53,14 +53,14 @@ pub enum ClientMessage {
         axis: u16,
         /// The command.
         #[serde(flatten)]
-        command: CommandOrder,
+        command: CommandRequest,
     },
     /// Something about a lease.
     Lease {
         /// Of which axis.
         axis: u16,
         /// What.
-        act: LeaseAct,
+        act: LeaseAction,
         /// Of the lease that is renewed or dropped.
         #[serde(default)]
         epoch: u64,
@@ -94,7 +94,7 @@ pub enum ClientMessage {
 /// What is wanted of a lease.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum LeaseAct {
+pub enum LeaseAction {
     /// To have it, if nobody else does.
     Take,
     /// To have it, whoever does.
@@ -122,7 +122,7 @@ pub enum ServerMessage {
         /// How often it comes at most.
         hz: f64,
         /// Where it comes from.
-        source: Source,
+        source: SampleSource,
         /// SI unit; empty without one.
         unit: String,
     },
@@ -138,7 +138,7 @@ pub enum ServerMessage {
         lost: u64,
     },
     /// The answer to `command`.
-    Outcome(Outcome),
+    Outcome(CommandOutcome),
     /// The answer to `lease`.
     Leased {
         /// Of which axis.
@@ -150,18 +150,18 @@ pub enum ServerMessage {
         expires_ms: Option<f64>,
     },
     /// Axes were stopped, by whomever. Comes again for an axis whose class changes.
-    Stopped(Stopped),
+    Stopped(StopReport),
     /// The answer to `dismiss`: the axis is owed no stop.
     Dismissed {
         /// Which axis.
         axis: u16,
     },
     /// Motion is locked.
-    Locked(LockTold),
+    Locked(MotionLock),
     /// Motion is let again.
     Unlocked,
     /// A look for drives is further, at most ten times a second; its end is always told.
-    Look(LookView),
+    Look(ScanView),
     /// Frames.
     Frames {
         /// In order.
@@ -186,7 +186,7 @@ pub enum ServerMessage {
     /// A message that could not be carried out, and that is no command.
     Error {
         /// Why.
-        error: Refused,
+        error: GatewayError,
         /// `type` of the message; `null` where it could not be read.
         #[schema(required)]
         about: Option<String>,
@@ -214,7 +214,7 @@ pub struct Welcome {
 /// Where a channel's samples come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Source {
+pub enum SampleSource {
     /// The drive sends them by itself.
     Pushed,
     /// The server asks for each.

@@ -27,7 +27,7 @@ impl Scope {
 
     /// Its word in options, tokens and messages.
     #[must_use]
-    pub const fn word(self) -> &'static str {
+    pub const fn as_str(self) -> &'static str {
         match self {
             Self::Read => "read",
             Self::Stop => "stop",
@@ -44,7 +44,7 @@ impl Scope {
 
 impl fmt::Display for Scope {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.word())
+        f.write_str(self.as_str())
     }
 }
 
@@ -58,7 +58,7 @@ impl Scopes {
 
     /// Whether `scope` is among them.
     #[must_use]
-    pub const fn allow(self, scope: Scope) -> bool {
+    pub const fn contains(self, scope: Scope) -> bool {
         self.0 & scope.bit() != 0
     }
 
@@ -70,13 +70,13 @@ impl Scopes {
 
     /// What stands in both: a token can grant no more than its server was started with.
     #[must_use]
-    pub const fn within(self, other: Self) -> Self {
+    pub const fn intersection(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
 
     /// Its scopes, from the mildest to the sharpest.
     pub fn iter(self) -> impl Iterator<Item = Scope> {
-        Scope::ALL.into_iter().filter(move |&scope| self.allow(scope))
+        Scope::ALL.into_iter().filter(move |&scope| self.contains(scope))
     }
 }
 
@@ -113,7 +113,7 @@ impl FromStr for Scopes {
             .map(|word| {
                 Scope::ALL
                     .into_iter()
-                    .find(|scope| scope.word() == word)
+                    .find(|scope| scope.as_str() == word)
                     .ok_or_else(|| UnknownScope(word.into()))
             })
             .collect()
@@ -141,7 +141,7 @@ mod tests {
         for granted in Scope::ALL {
             let scopes = Scopes::NONE.with(granted);
             for asked in Scope::ALL {
-                assert_eq!(scopes.allow(asked), asked == granted, "{granted} and {asked}");
+                assert_eq!(scopes.contains(asked), asked == granted, "{granted} and {asked}");
             }
         }
     }
@@ -158,6 +158,6 @@ mod tests {
     fn a_token_grants_no_more_than_its_server() {
         let asked: Scopes = "read,stop,move,raw".parse().unwrap();
         let server: Scopes = "read,stop,move,configure".parse().unwrap();
-        assert_eq!(asked.within(server).to_string(), "read,stop,move");
+        assert_eq!(asked.intersection(server).to_string(), "read,stop,move");
     }
 }

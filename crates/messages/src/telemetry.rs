@@ -11,9 +11,9 @@
 //! | 24 | count times `u32` µs after t0, `f64` value in SI |
 
 /// Bytes before the samples.
-pub const HEAD: usize = 24;
+pub const HEADER_LEN: usize = 24;
 /// Bytes of a sample.
-pub const SAMPLE: usize = 12;
+pub const SAMPLE_LEN: usize = 12;
 /// Samples in a message at most: they fit into the 64 KiB that a message may have.
 pub const SAMPLES_MAX: usize = 4096;
 
@@ -33,7 +33,7 @@ pub fn encode(channel: u16, lost_total: u64, samples: &[Sample]) -> (Vec<u8>, us
     let t0_us = samples.first().map_or(0, |sample| sample.t_us);
     let after = |sample: &Sample| u32::try_from(sample.t_us.saturating_sub(t0_us)).ok();
     let count = samples.iter().take(SAMPLES_MAX).take_while(|s| after(s).is_some()).count();
-    let mut bytes = Vec::with_capacity(HEAD + count * SAMPLE);
+    let mut bytes = Vec::with_capacity(HEADER_LEN + count * SAMPLE_LEN);
     bytes.extend([1, 1]);
     bytes.extend(channel.to_le_bytes());
     bytes.extend((count as u32).to_le_bytes());
@@ -50,17 +50,17 @@ pub fn encode(channel: u16, lost_total: u64, samples: &[Sample]) -> (Vec<u8>, us
 /// for what is none.
 #[must_use]
 pub fn decode(bytes: &[u8]) -> Option<(u16, u64, Vec<Sample>)> {
-    let (head, samples) = bytes.split_at_checked(HEAD)?;
+    let (head, samples) = bytes.split_at_checked(HEADER_LEN)?;
     let field = |at: usize, length: usize| {
         head[at..at + length].iter().rev().fold(0, |all, byte| all << 8 | u64::from(*byte))
     };
     let count = usize::try_from(field(4, 4)).ok()?;
-    let (samples, rest) = samples.as_chunks::<SAMPLE>();
+    let (samples, rest) = samples.as_chunks::<SAMPLE_LEN>();
     if head[..2] != [1, 1] || samples.len() != count || !rest.is_empty() {
         return None;
     }
     let t0_us = field(8, 8);
-    let sample = |bytes: &[u8; SAMPLE]| {
+    let sample = |bytes: &[u8; SAMPLE_LEN]| {
         let [a, b, c, d, value @ ..] = *bytes;
         let dt_us = u32::from_le_bytes([a, b, c, d]);
         Sample { t_us: t0_us.saturating_add(dt_us.into()), value: f64::from_le_bytes(value) }

@@ -1,4 +1,4 @@
-use super::telemetry::{HEAD, SAMPLE, SAMPLES_MAX, Sample, decode, encode};
+use super::telemetry::{HEADER_LEN, SAMPLE_LEN, SAMPLES_MAX, Sample, decode, encode};
 use super::*;
 
 fn client(text: &str) -> ClientMessage {
@@ -12,7 +12,7 @@ fn a_command_is_read_with_its_time_to_live_by_default() {
             "arguments":{"target":1.5}}"#,
     );
     let ClientMessage::Command { axis: 2, command } = message else { panic!("{message:?}") };
-    assert_eq!((command.ttl_ms, command.epoch, &*command.verb), (TTL_MS, 3, "move-to"));
+    assert_eq!((command.ttl_ms, command.epoch, &*command.verb), (DEFAULT_TTL_MS, 3, "move-to"));
     assert_eq!(command.arguments.target, Some(1.5));
     assert_eq!(command.arguments.velocity, None);
 }
@@ -31,7 +31,7 @@ fn what_may_be_left_out_may_be_left_out() {
         ClientMessage::Stop { axes: None, reason: String::new() }
     );
     assert_eq!(client(r#"{"type":"release"}"#), ClientMessage::Release);
-    let lease = ClientMessage::Lease { axis: 1, act: LeaseAct::Take, epoch: 0 };
+    let lease = ClientMessage::Lease { axis: 1, act: LeaseAction::Take, epoch: 0 };
     assert_eq!(client(r#"{"type":"lease","axis":1,"act":"take"}"#), lease);
 }
 
@@ -39,8 +39,8 @@ fn what_may_be_left_out_may_be_left_out() {
 fn a_servers_message_says_its_type() {
     let text = serde_json::to_value(ServerMessage::Unlocked).unwrap();
     assert_eq!(text, serde_json::json!({ "type": "unlocked" }));
-    let stopped = AxisStopped { id: 1, class: StopClass::Standing, ms: 2.5, error: None };
-    let text = serde_json::to_value(ServerMessage::Stopped(Stopped {
+    let stopped = AxisStopReport { id: 1, class: StopClass::Standing, ms: 2.5, error: None };
+    let text = serde_json::to_value(ServerMessage::Stopped(StopReport {
         axes: vec![stopped],
         unreached: Vec::new(),
     }));
@@ -51,7 +51,7 @@ fn a_servers_message_says_its_type() {
 #[test]
 fn every_refusal_has_a_status_of_an_error() {
     for (code, status) in [("gateway.token", 401), ("E401", 504), ("E219", 422), ("E601", 409)] {
-        assert_eq!(Refused::new(code, "").status(), status, "{code}");
+        assert_eq!(GatewayError::new(code, "").status(), status, "{code}");
     }
 }
 
@@ -82,14 +82,14 @@ fn telemetry_leaves_what_does_not_fit_for_the_next_message() {
     assert_eq!(encode(0, 0, &far).1, 1);
     let many = vec![Sample { t_us: 5, value: 0.0 }; SAMPLES_MAX + 1];
     let (bytes, count) = encode(0, 0, &many);
-    assert_eq!((bytes.len(), count), (HEAD + SAMPLES_MAX * SAMPLE, SAMPLES_MAX));
+    assert_eq!((bytes.len(), count), (HEADER_LEN + SAMPLES_MAX * SAMPLE_LEN, SAMPLES_MAX));
     assert!(bytes.len() <= 65_536);
 }
 
 #[test]
 fn a_fingerprint_is_the_sha_256_in_pairs_of_digits() {
     // FIPS 180-2, appendix B.1.
-    let printed = super::fingerprint(b"abc");
+    let printed = super::certificate_fingerprint(b"abc");
     assert!(printed.starts_with("BA:78:16:BF:8F:01:CF:EA:"), "{printed}");
     assert_eq!(printed.len(), 32 * 3 - 1);
 }

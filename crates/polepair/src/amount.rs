@@ -40,7 +40,7 @@ impl From<String> for Amount {
 }
 
 /// What a given amount means for a parameter.
-pub(crate) enum Meant {
+pub(crate) enum ResolvedAmount {
     /// A raw value.
     Raw(i64),
     /// An SI value.
@@ -49,17 +49,24 @@ pub(crate) enum Meant {
 
 impl Amount {
     /// What it means for a parameter whose value is shown in `unit`.
-    pub(crate) fn for_parameter(&self, parameter: &Parameter, unit: Unit) -> Result<Meant, Error> {
+    pub(crate) fn resolve(
+        &self,
+        parameter: &Parameter,
+        unit: Unit,
+    ) -> Result<ResolvedAmount, Error> {
         match self {
-            Self::Number(number) => finite(*number).map(|n| Meant::Si(n * unit.si())),
+            Self::Number(number) => {
+                require_finite(*number).map(|n| ResolvedAmount::Si(n * unit.si_factor()))
+            }
             Self::Text(text) => {
                 let word =
                     parameter.values.iter().find(|(_, word)| word.eq_ignore_ascii_case(text));
                 if let Some((raw, _)) = word {
-                    return Ok(Meant::Raw(*raw));
+                    return Ok(ResolvedAmount::Raw(*raw));
                 }
-                let measure = quantity::parse(text).map_err(|error| worded(error, parameter))?;
-                measure.in_unit(unit).map(Meant::Si)
+                let measure =
+                    quantity::parse(text).map_err(|error| with_word_hint(error, parameter))?;
+                measure.in_unit(unit).map(ResolvedAmount::Si)
             }
         }
     }
@@ -68,7 +75,7 @@ impl Amount {
     /// needs none.
     pub(crate) fn in_si(&self, unit: Option<Unit>) -> Result<f64, Error> {
         let text = match self {
-            Self::Number(number) => return finite(*number),
+            Self::Number(number) => return require_finite(*number),
             Self::Text(text) => text,
         };
         let measure = quantity::parse(text)?;
@@ -80,7 +87,7 @@ impl Amount {
 }
 
 /// The complaint with the words that the parameter knows.
-fn worded(error: Error, parameter: &Parameter) -> Error {
+fn with_word_hint(error: Error, parameter: &Parameter) -> Error {
     if parameter.values.is_empty() {
         return error;
     }
@@ -89,7 +96,7 @@ fn worded(error: Error, parameter: &Parameter) -> Error {
     Error::usage("E217", error.to_string(), hint)
 }
 
-fn finite(number: f64) -> Result<f64, Error> {
+fn require_finite(number: f64) -> Result<f64, Error> {
     if number.is_finite() {
         return Ok(number);
     }

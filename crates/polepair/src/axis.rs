@@ -18,39 +18,39 @@
 
 mod argument;
 mod armed;
-mod bytes;
-mod fail;
-mod following;
+mod cyclic;
+mod failure;
 mod mode;
 mod mounted;
-mod owed;
+mod pending_writes;
 mod program;
-mod running;
-mod scaled;
-mod stopping;
-mod streamed;
+mod raw_bytes;
+mod request;
+mod stop_retry;
+mod stop_sequence;
+mod streaming;
 mod together;
 mod watchdog;
 
 pub use armed::Armed;
-pub use following::Following;
-pub(crate) use owed::stop_until_standing;
-pub use owed::{OWED_MAX, stop_owed};
-pub use running::{Prepared, Running};
-pub use scaled::Pending;
-pub use stopping::{Class, Standing, Stopping};
+pub use cyclic::CyclicAxes;
+pub use pending_writes::PendingWrites;
+pub use request::{PreparedCommand, RunningRequest};
+pub(crate) use stop_retry::stop_until_standstill;
+pub use stop_retry::{STOP_RETRY_MAX, stop_with_retry};
+pub use stop_sequence::{Standstill, StopProgress, StopSequence};
 pub use together::{check_together, start_together};
 pub use watchdog::WatchdogState;
 
-use crate::amount::{Amount, Meant, Value};
+use crate::amount::{Amount, ResolvedAmount, Value};
 use crate::error::Error;
-use crate::identify::Identified;
-use crate::mounting::Mounted;
+use crate::identify::Identification;
+use crate::mounting::ResolvedMounting;
 use crate::simulate::Simulation;
-use crate::url::Number;
-use crate::words;
-use fail::RequestKind;
-use polepair_core::axis::{Command, Reading, Rehearsed, RehearsedStep, State, Verb};
+use crate::spelling;
+use crate::url::AxisNumber;
+use failure::RequestKind;
+use polepair_core::axis::{AxisStatus, Command, Reading, RehearsalAction, RehearsalStep, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{Frame, MediumKind};
 use polepair_core::plan::{Argument, Operand, Step};
@@ -75,17 +75,17 @@ pub struct Axis {
     /// The period of the heartbeat that the host sends on its wire, where it was told to.
     pub(crate) heartbeat: Option<Duration>,
     pub(crate) profile: &'static Profile,
-    pub(crate) identified: Identified,
+    pub(crate) identified: Identification,
     pub(crate) simulation: Option<Simulation>,
     /// How a file says that it is built into a machine.
-    pub(crate) mounted: Option<Arc<Mounted>>,
+    pub(crate) mounted: Option<Arc<ResolvedMounting>>,
 }
 
 /// A step of a rehearsal: what a command would send. Nothing was sent.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Rehearsal {
     /// What the step does, and to which parameter.
-    pub step: RehearsedStep,
+    pub step: RehearsalAction,
     /// The bytes on the wire.
     pub bytes: Vec<u8>,
     /// The frame that carries them, on CAN.
@@ -94,7 +94,7 @@ pub struct Rehearsal {
 
 impl Axis {
     /// Its number: the drive's address on the wire, or the groups that it stands for, as
-    /// [`Number`] has them.
+    /// [`AxisNumber`] has them.
     #[must_use]
     pub fn number(&self) -> u32 {
         self.number
@@ -109,7 +109,7 @@ impl Axis {
     /// `axis 1`, or `axis 1 (x)` where it has a name; `axes g3` for a group.
     #[must_use]
     pub fn label(&self) -> String {
-        let number = Number(self.number);
+        let number = AxisNumber(self.number);
         match self.name.as_str() {
             "" if number.is_group() => format!("axes {number}"),
             "" => format!("axis {number}"),
@@ -137,7 +137,7 @@ impl Axis {
 
     /// How it came to its profile.
     #[must_use]
-    pub fn identified(&self) -> &Identified {
+    pub fn identified(&self) -> &Identification {
         &self.identified
     }
 
@@ -149,9 +149,9 @@ impl Axis {
 
     /// What is known of it without asking: every value carries its age.
     #[must_use]
-    pub fn state(&self) -> State {
-        let state = self.connection.with(|axes, _| axes.state(self.index).copied());
-        self.seen_moving(self.of_machine(state.unwrap_or(State::UNKNOWN)))
+    pub fn state(&self) -> AxisStatus {
+        let state = self.connection.with_axes(|axes, _| axes.state(self.index).copied());
+        self.with_derived_moving(self.to_machine_scale(state.unwrap_or(AxisStatus::UNKNOWN)))
     }
 
     /// Every parameter that the profile has.
@@ -165,9 +165,9 @@ impl Axis {
     /// # Errors
     /// [`Error::Usage`] `E213` with the nearest name.
     pub fn find(&self, name: &str) -> Result<ParameterId, Error> {
-        self.profile.find(name).ok_or_else(|| {
+        self.profile.find_parameter(name).ok_or_else(|| {
             let names = self.profile.parameters.iter().map(|p| p.name);
-            let near = words::hint(name, names);
+            let near = spelling::suggestion(name, names);
             let what = format!("{} has no parameter `{name}`{near}", self.profile.name);
             Error::usage("E213", what, "`polepair params` lists them")
         })
@@ -175,7 +175,7 @@ impl Axis {
 
     fn parameter(&self, id: ParameterId) -> Result<&'static Parameter, Error> {
         let parameter = self.profile.parameter(id);
-        parameter.ok_or_else(|| self.refuse("reading", Unsupported::NoSuchParameter))
+        parameter.ok_or_else(|| self.unsupported_error("reading", Unsupported::NoSuchParameter))
     }
 
     /// Reads a parameter by name, in its unit.
@@ -212,7 +212,7 @@ impl Axis {
     ///
     /// # Errors
     /// As [`set`](Self::set).
-    pub fn set_and_keep(&self, name: &str, amount: impl Into<Amount>) -> Result<(), Error> {
+    pub fn set_and_store(&self, name: &str, amount: impl Into<Amount>) -> Result<(), Error> {
         let id = self.find(name)?;
         let raw = self.raw_of(id, &amount.into())?;
         self.write(id, raw, true)
@@ -243,8 +243,8 @@ impl Axis {
         let mut running = self.start_read(id)?;
         let ticket = running.pending.ticket();
         let ended = running.finish();
-        let parts = self.connection.with(|axes, _| {
-            let parts = std::iter::from_fn(|| axes.poll_part(ticket));
+        let parts = self.connection.with_axes(|axes, _| {
+            let parts = std::iter::from_fn(|| axes.poll_group_answer(ticket));
             parts.map(|part| (part.address, part.raw)).collect::<Vec<_>>()
         });
         match ended {
@@ -270,11 +270,11 @@ impl Axis {
     pub fn raw_of(&self, id: ParameterId, amount: &Amount) -> Result<i64, Error> {
         let parameter = self.parameter(id)?;
         self.read_unread_factors(parameter)?;
-        let si = match amount.for_parameter(parameter, self.unit(id))? {
-            Meant::Raw(raw) => return Ok(raw),
-            Meant::Si(si) => si * self.factor(id),
+        let si = match amount.resolve(parameter, self.unit(id))? {
+            ResolvedAmount::Raw(raw) => return Ok(raw),
+            ResolvedAmount::Si(si) => si * self.factor(id),
         };
-        let raw = self.connection.with(|axes, _| axes.to_raw(self.index, id, si));
+        let raw = self.connection.with_axes(|axes, _| axes.to_raw(self.index, id, si));
         raw.ok_or_else(|| {
             let what = format!("`{}`: the scale of this value is not known", parameter.name);
             Error::usage("E217", what, "write it raw")
@@ -287,15 +287,15 @@ impl Axis {
     /// What reading the parameters brings that the scale depends on.
     pub fn value(&self, id: ParameterId, raw: i64) -> Result<Value, Error> {
         let parameter = self.parameter(id)?;
-        let convert = || self.connection.with(|axes, _| axes.to_si(self.index, id, raw));
+        let convert = || self.connection.with_axes(|axes, _| axes.to_si(self.index, id, raw));
         let mut si = convert();
         if si.is_none() {
             self.read_factors(parameter)?;
             si = convert();
         }
-        let next = self.connection.with(|axes, _| axes.to_si(self.index, id, raw + 1));
+        let next = self.connection.with_axes(|axes, _| axes.to_si(self.index, id, raw + 1));
         let (unit, factor) = (self.unit(id), self.factor(id));
-        let shown = |si: f64| si / factor / unit.si();
+        let shown = |si: f64| si / factor / unit.si_factor();
         let step = si.zip(next).map_or(0.0, |(si, next)| (shown(next) - shown(si)).abs());
         let word = parameter.values.iter().find(|(value, _)| *value == raw);
         Ok(Value {
@@ -309,17 +309,17 @@ impl Axis {
 
     fn read_factors(&self, parameter: &Parameter) -> Result<(), Error> {
         let factors = [parameter.scale.times, parameter.scale.over];
-        factors.into_iter().flatten().try_for_each(|id| self.read_if_any(id).map(drop))
+        factors.into_iter().flatten().try_for_each(|id| self.read_optional(id).map(drop))
     }
 
     /// Waits on the link's own clock: in virtual time it is over at once.
     pub fn sleep(&self, span: Duration) {
-        crate::simulate::pass(self.simulation.as_ref(), span);
+        crate::simulate::sleep_on_clock(self.simulation.as_ref(), span);
     }
 
     /// Lets motion commands through, or no longer. [`armed`](Self::armed) does it for a while.
     pub fn arm(&self, armed: bool) {
-        self.connection.with(|axes, _| axes.arm(self.index, armed));
+        self.connection.with_axes(|axes, _| axes.set_armed(self.index, armed));
     }
 
     /// Arms the axis for one who will stop it at the end, so that nobody else's end stops it
@@ -327,10 +327,10 @@ impl Axis {
     ///
     /// # Errors
     /// [`Error::Unsupported`] `E220` when it is armed already.
-    pub fn take_arming(&self) -> Result<(), Error> {
-        let armed = self.connection.with(|axes, _| {
+    pub fn arm_exclusively(&self) -> Result<(), Error> {
+        let armed = self.connection.with_axes(|axes, _| {
             let before = axes.state(self.index).is_some_and(|state| state.armed);
-            axes.arm(self.index, true);
+            axes.set_armed(self.index, true);
             before
         });
         match armed {
@@ -377,7 +377,7 @@ impl Axis {
     /// # Errors
     /// [`Error`] by blame.
     pub fn stop(&self) -> Result<(), Error> {
-        let mut ended = stop_until_standing(&[self], Duration::ZERO, |_, _| false);
+        let mut ended = stop_until_standstill(&[self], Duration::ZERO, |_, _| false);
         ended.pop().map_or(Ok(()), |ended| ended.map(drop))
     }
 
@@ -449,7 +449,7 @@ impl Axis {
         target: impl Into<Amount>,
         jerk_time: impl Into<Amount>,
     ) -> Result<(), Error> {
-        self.curve(Verb::CurveTo, &target.into(), &jerk_time.into())
+        self.run_curve(Verb::CurveTo, &target.into(), &jerk_time.into())
     }
 
     /// Sets out for a position so far from here, along an S-curve. As [`curve_to`](Self::curve_to);
@@ -462,10 +462,10 @@ impl Axis {
         distance: impl Into<Amount>,
         jerk_time: impl Into<Amount>,
     ) -> Result<(), Error> {
-        self.curve(Verb::CurveBy, &distance.into(), &jerk_time.into())
+        self.run_curve(Verb::CurveBy, &distance.into(), &jerk_time.into())
     }
 
-    fn curve(&self, verb: Verb, target: &Amount, jerk_time: &Amount) -> Result<(), Error> {
+    fn run_curve(&self, verb: Verb, target: &Amount, jerk_time: &Amount) -> Result<(), Error> {
         let target = Some(self.argument(verb, Argument::Target, target)?);
         let jerk_time = Some(self.argument(verb, Argument::JerkTime, jerk_time)?);
         self.run(Command { target, jerk_time, ..Command::new(verb) }).map(drop)
@@ -483,7 +483,7 @@ impl Axis {
     ///
     /// # Errors
     /// [`Error`] by blame.
-    pub fn reached(&self, within: Duration) -> Result<bool, Error> {
+    pub fn wait_reached(&self, within: Duration) -> Result<bool, Error> {
         let mut running = self.start(Command::new(Verb::Reached))?;
         match running.wait(within) {
             Ok(ended) => Ok(ended.is_some()),
@@ -496,14 +496,21 @@ impl Axis {
             Err(Error::Failed {
                 what,
                 outcome: Outcome::NotDone(failure),
-                heard,
+                received: heard,
                 may_turn,
                 hint,
                 ..
             }) if matches!(failure, Failure::Silent | Failure::LinkDown) => {
                 let went = "whether the move arrived is not known".to_owned();
                 let outcome = Outcome::Unknown(failure);
-                Err(Error::Failed { what, went, outcome, heard, may_turn, hint })
+                Err(Error::Failed {
+                    what,
+                    execution: went,
+                    outcome,
+                    received: heard,
+                    may_turn,
+                    hint,
+                })
             }
             Err(error) => Err(error),
         }
@@ -514,12 +521,12 @@ impl Axis {
     /// # Errors
     /// [`Error::Failed`] `E101` when it has not arrived in time; others by blame.
     pub fn wait(&self, within: Duration) -> Result<(), Error> {
-        if self.reached(within)? {
+        if self.wait_reached(within)? {
             return Ok(());
         }
         let outcome = Outcome::NotDone(Failure::NotReached);
-        let what = format!("waiting {} for the move", spoken(within));
-        Err(self.failed(&what, RequestKind::Question, outcome))
+        let what = format!("waiting {} for the move", format_span(within));
+        Err(self.outcome_error(&what, RequestKind::Query, outcome))
     }
 
     /// Makes a verb ready to be started: where a file mounts the axis, its arguments are turned into
@@ -529,16 +536,16 @@ impl Axis {
     /// # Errors
     /// [`Error::Usage`] `E223` for what a file's limits do not let through; what reading the position
     /// brings.
-    pub fn prepare(&self, command: Command) -> Result<Prepared, Error> {
+    pub fn prepare(&self, command: Command) -> Result<PreparedCommand, Error> {
         self.check_scales(&command)?;
-        Ok(Prepared { axis: self.clone(), command: self.fitted(command)? })
+        Ok(PreparedCommand { axis: self.clone(), command: self.apply_mounting(command)? })
     }
 
     /// Starts a verb and does not wait for its end.
     ///
     /// # Errors
     /// As [`prepare`](Self::prepare); [`Error::Unsupported`]: nothing was sent.
-    pub fn start(&self, command: Command) -> Result<Running, Error> {
+    pub fn start(&self, command: Command) -> Result<RunningRequest, Error> {
         self.prepare(command)?.start()
     }
 
@@ -559,10 +566,10 @@ impl Axis {
         match self.start(command)?.wait(within)? {
             Some(value) => Ok(value),
             None => {
-                let what = format!("{} within {}", command.verb.name(), spoken(within));
-                Err(self.failed(
+                let what = format!("{} within {}", command.verb.name(), format_span(within));
+                Err(self.outcome_error(
                     &what,
-                    RequestKind::Question,
+                    RequestKind::Query,
                     Outcome::NotDone(Failure::NotReached),
                 ))
             }
@@ -584,18 +591,18 @@ impl Axis {
     /// [`Error::Unsupported`] as the command itself would give.
     pub fn rehearse(&self, command: Command) -> Result<Vec<Rehearsal>, Error> {
         self.read_factors_of(command.verb)?;
-        let command = self.fitted(command)?;
-        let rehearsed = self.rehearsed(command);
-        rehearsed.map_err(|why| self.refuse(command.verb.name(), why))
+        let command = self.apply_mounting(command)?;
+        let rehearsed = self.collect_rehearsal(command);
+        rehearsed.map_err(|why| self.unsupported_error(command.verb.name(), why))
     }
 
-    fn rehearsed(&self, command: Command) -> Result<Vec<Rehearsal>, Unsupported> {
+    fn collect_rehearsal(&self, command: Command) -> Result<Vec<Rehearsal>, Unsupported> {
         let mut steps = Vec::new();
-        let mut show = |r: Rehearsed<'_>| {
+        let mut show = |r: RehearsalStep<'_>| {
             let (bytes, frame) = (r.bytes.to_vec(), r.frame.copied());
-            steps.push(Rehearsal { step: r.step, bytes, frame });
+            steps.push(Rehearsal { step: r.action, bytes, frame });
         };
-        self.connection.with(|axes, _| axes.rehearse(self.index, command, &mut show))?;
+        self.connection.with_axes(|axes, _| axes.rehearse(self.index, command, &mut show))?;
         Ok(steps)
     }
 
@@ -603,7 +610,7 @@ impl Axis {
     fn read_factors_of(&self, verb: Verb) -> Result<(), Error> {
         let steps = self.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
         let scaled = steps.iter().filter_map(|step| match step {
-            Step::Write(id, Operand::Argument(_) | Operand::Given(_)) => Some(*id),
+            Step::Write(id, Operand::Argument(_) | Operand::OptionalArgument(_)) => Some(*id),
             Step::Send { like, .. } => *like,
             _ => None,
         });
@@ -628,7 +635,7 @@ impl Axis {
                 if let Some(parameter) = self.profile.parameter(source.parameter) {
                     self.read_unread_factors(parameter)?;
                 }
-                if self.read_if_any(source.parameter)?.is_none() {
+                if self.read_optional(source.parameter)?.is_none() {
                     let what = format!("{} has no object for its {}", self.label(), signal.name());
                     return Err(Error::usage("E213", what, "its maker left it out"));
                 }
@@ -640,7 +647,7 @@ impl Axis {
             && signals.contains(&Signal::Moving)
             && !read.contains(&source.parameter)
         {
-            self.read_if_any(source.parameter)?;
+            self.read_optional(source.parameter)?;
         }
         let state = self.state();
         Ok(signals.iter().map(|signal| state.reading(*signal)).collect())
@@ -653,7 +660,8 @@ impl Axis {
     pub(crate) fn knows_factors(&self, parameter: &'static Parameter) -> bool {
         let id = self.profile.parameters.iter().position(|p| std::ptr::eq(p, parameter));
         let id = id.and_then(|n| u16::try_from(n).ok()).map(ParameterId);
-        let known = id.and_then(|id| self.connection.with(|axes, _| axes.to_si(self.index, id, 0)));
+        let known =
+            id.and_then(|id| self.connection.with_axes(|axes, _| axes.to_si(self.index, id, 0)));
         known.is_some()
     }
 
@@ -674,12 +682,12 @@ impl Axis {
                 return Ok(());
             }
             let spent = self.connection.now().since(began);
-            crate::simulate::pass(self.simulation.as_ref(), period.saturating_sub(spent));
+            crate::simulate::sleep_on_clock(self.simulation.as_ref(), period.saturating_sub(spent));
         }
     }
 }
 
 /// A span as people say it: no more digits than a millisecond has.
-fn spoken(span: Duration) -> String {
+fn format_span(span: Duration) -> String {
     format!("{} s", (span.as_secs_f64() * 1e3).round() / 1e3)
 }

@@ -1,6 +1,6 @@
 //! What drives of several protocols must agree on to share a CAN bus: identifiers, and bits.
 
-use crate::registry::Spoken;
+use crate::registry::ProtocolInfo;
 use polepair_core::medium::Frame;
 use polepair_sim::can_bus::bits;
 
@@ -10,53 +10,55 @@ pub(crate) const LOAD_MAX: f64 = 0.8;
 /// Identifiers of 11 bits, and one of 29 that stands for all of them.
 const STANDARD_IDS: u32 = 0x800;
 /// What a drive is sent and answers where nothing is said: one full frame each.
-const EXCHANGE: [u32; 2] = [8, 8];
+const EXCHANGE_LENGTHS: [u32; 2] = [8, 8];
 
 /// Bits that a frame takes of a bus' time, stuff bits and the pause behind it counted.
 #[must_use]
 pub fn frame_bits(frame: &Frame) -> u32 {
-    bits::on_wire(frame)
+    bits::wire_bits(frame)
 }
 
 /// An address on a bus, and what is spoken with it.
 #[derive(Clone, Debug)]
-pub(crate) struct Seat {
-    pub(crate) spoken: Spoken,
+pub(crate) struct BusAddress {
+    pub(crate) protocol: ProtocolInfo,
     pub(crate) address: u32,
 }
 
-impl Seat {
+impl BusAddress {
     /// An identifier that both have, of 29 bits or not.
-    pub(crate) fn meets(&self, other: &Self) -> Option<(u32, bool)> {
-        if self.spoken.name == other.spoken.name {
+    pub(crate) fn shared_identifier(&self, other: &Self) -> Option<(u32, bool)> {
+        if self.protocol.name == other.protocol.name {
             return (self.address == other.address).then_some((self.address, false));
         }
         let both = |id, extended| {
-            (self.spoken.uses)(self.address, id, extended)
-                && (other.spoken.uses)(other.address, id, extended)
+            (self.protocol.uses_identifier)(self.address, id, extended)
+                && (other.protocol.uses_identifier)(other.address, id, extended)
         };
         let extended = both(0, true).then_some((0, true));
         (0..STANDARD_IDS).find(|id| both(*id, false)).map(|id| (id, false)).or(extended)
     }
 
     /// `canopen 2`.
-    pub(crate) fn named(&self) -> String {
-        format!("{} {}", self.spoken.name, self.address)
+    pub(crate) fn label(&self) -> String {
+        format!("{} {}", self.protocol.name, self.address)
     }
 }
 
 /// The 11-bit identifiers that some drive of these protocols could have, whoever is there.
-pub(crate) fn claimed(seats: &[Seat]) -> Vec<bool> {
-    let could =
-        |seat: &Seat, id| seat.spoken.every.clone().any(|a| (seat.spoken.uses)(a, id, false));
+pub(crate) fn claimed_identifiers(seats: &[BusAddress]) -> Vec<bool> {
+    let could = |seat: &BusAddress, id| {
+        seat.protocol.all_addresses.clone().any(|a| (seat.protocol.uses_identifier)(a, id, false))
+    };
     (0..STANDARD_IDS).map(|id| seats.iter().any(|seat| could(seat, id))).collect()
 }
 
 /// Orders protocols so that one whose drives have no identifiers but another's comes after it: its
 /// questions could be commands to the other's drives, which are then known.
-pub(crate) fn guests_last<T>(asked: &mut [T], spoken: impl Fn(&T) -> &Spoken) {
-    let ids = |one: &Spoken| -> Vec<bool> {
-        let uses = |id| one.addresses.clone().any(|address| (one.uses)(address, id, false));
+pub(crate) fn sort_guests_last<T>(asked: &mut [T], spoken: impl Fn(&T) -> &ProtocolInfo) {
+    let ids = |one: &ProtocolInfo| -> Vec<bool> {
+        let uses =
+            |id| one.addresses.clone().any(|address| (one.uses_identifier)(address, id, false));
         (0..STANDARD_IDS).map(uses).collect()
     };
     let all: Vec<(&'static str, Vec<bool>)> =
@@ -73,28 +75,32 @@ pub(crate) fn guests_last<T>(asked: &mut [T], spoken: impl Fn(&T) -> &Spoken) {
 }
 
 /// Whether an address has one of those identifiers.
-pub(crate) fn claims(claimed: &[bool], uses: fn(u32, u32, bool) -> bool, address: u32) -> bool {
+pub(crate) fn uses_claimed(
+    claimed: &[bool],
+    uses: fn(u32, u32, bool) -> bool,
+    address: u32,
+) -> bool {
     (0..STANDARD_IDS).zip(claimed).any(|(id, claimed)| *claimed && uses(address, id, false))
 }
 
 /// Why these cannot be on one bus, if they cannot.
-pub(crate) fn clash(seats: &[Seat]) -> Option<String> {
+pub(crate) fn find_clash(seats: &[BusAddress]) -> Option<String> {
     seats.iter().enumerate().find_map(|(n, seat)| {
-        if let Err(why) = seat.spoken.check(seat.address) {
-            return Some(format!("{}: {why}: {}", seat.named(), why.hint()));
+        if let Err(why) = seat.protocol.check_address(seat.address) {
+            return Some(format!("{}: {why}: {}", seat.label(), why.hint()));
         }
-        let (other, met) = seats[..n].iter().find_map(|o| Some((o, o.meets(seat)?)))?;
+        let (other, met) = seats[..n].iter().find_map(|o| Some((o, o.shared_identifier(seat)?)))?;
         Some(match met {
-            _ if other.spoken.name == seat.spoken.name => {
-                format!("{} is there twice: give each drive its own address", seat.named())
+            _ if other.protocol.name == seat.protocol.name => {
+                format!("{} is there twice: give each drive its own address", seat.label())
             }
             (_, true) => {
-                format!("{} and {} both use the 29-bit identifiers", other.named(), seat.named())
+                format!("{} and {} both use the 29-bit identifiers", other.label(), seat.label())
             }
             (id, false) => format!(
                 "{} and {} both use the identifier {id:X}h: give one of them another address",
-                other.named(),
-                seat.named()
+                other.label(),
+                seat.label()
             ),
         })
     })
@@ -102,25 +108,26 @@ pub(crate) fn clash(seats: &[Seat]) -> Option<String> {
 
 /// What drives make of a bus' time.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
-pub struct Load {
+pub struct BusLoadRange {
     /// Share of the bits without a single stuff bit, 0 to 1.
     pub least: f64,
     /// The same with as many stuff bits as there can be.
     pub most: f64,
 }
 
-impl Load {
+impl BusLoadRange {
     /// Adds frames of so many bytes each, so many times a second; without lengths a full frame there
     /// and one back.
     pub(crate) fn add(&mut self, bit_rate: u32, extended: bool, rate: f64, lengths: &[u32]) {
-        let lengths = if lengths.is_empty() { &EXCHANGE } else { lengths };
+        let lengths = if lengths.is_empty() { &EXCHANGE_LENGTHS } else { lengths };
         let share = |bits: u32| rate * f64::from(bits) / f64::from(bit_rate.max(1));
-        self.least += share(lengths.iter().map(|bytes| bits::nominal(extended, *bytes)).sum());
-        self.most += share(lengths.iter().map(|bytes| bits::at_most(extended, *bytes)).sum());
+        self.least +=
+            share(lengths.iter().map(|bytes| bits::unstuffed_bits(extended, *bytes)).sum());
+        self.most += share(lengths.iter().map(|bytes| bits::max_wire_bits(extended, *bytes)).sum());
     }
 
     /// The sum, where it is too much.
-    pub(crate) fn refused(self) -> Option<String> {
+    pub(crate) fn overload_reason(self) -> Option<String> {
         let most = LOAD_MAX * 100.0;
         (self.most > LOAD_MAX).then(|| {
             format!("its drives take {self} of the bus; at most {most:.0} % can be planned for")
@@ -128,7 +135,7 @@ impl Load {
     }
 }
 
-impl std::fmt::Display for Load {
+impl std::fmt::Display for BusLoadRange {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{:.1} to {:.1} %", self.least * 100.0, self.most * 100.0)
     }

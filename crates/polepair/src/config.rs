@@ -23,11 +23,11 @@
 //! for every `[[link]]`. A rack is read when it is asked for: what is wrong with it stops nobody else.
 
 use crate::error::Error;
-use crate::file::{FileError, Text};
-use crate::profile::{self, text_of};
+use crate::profile::{self, read_text};
 use crate::simulate;
+use crate::spelling;
+use crate::toml_file::{FileError, SourceText};
 use crate::url;
-use crate::words;
 use polepair_core::profile::Profile;
 use std::path::{Path, PathBuf};
 
@@ -67,13 +67,14 @@ impl Config {
         let file = above.map(|folder| folder.join(FILE)).find(|file| file.is_file());
         let mut config = Self::default();
         if let Some(file) = file {
-            match Self::links_of(&file) {
+            match Self::read_links(&file) {
                 Ok(links) => config.links = links,
                 Err(error) => config.broken.push(error),
             }
             config.file = Some(file);
         }
-        for file in folder.map(|folder| files_in(&folder.join("profiles"))).unwrap_or_default() {
+        for file in folder.map(|folder| profile_files(&folder.join("profiles"))).unwrap_or_default()
+        {
             match profile::load(&file) {
                 Ok(profile) => config.profiles.push(profile),
                 Err(error) => config.broken.push(error),
@@ -87,12 +88,12 @@ impl Config {
     /// # Errors
     /// [`Error::File`] with file, line, column and reason.
     pub fn load(file: &Path) -> Result<Self, Error> {
-        let links = Self::links_of(file)?;
+        let links = Self::read_links(file)?;
         Ok(Self { file: Some(file.to_path_buf()), links, ..Self::default() })
     }
 
-    fn links_of(file: &Path) -> Result<Vec<(String, String)>, FileError> {
-        links(&file.display().to_string(), &text_of(file)?)
+    fn read_links(file: &Path) -> Result<Vec<(String, String)>, FileError> {
+        parse_links(&file.display().to_string(), &read_text(file)?)
     }
 
     /// Adds a profile file.
@@ -116,7 +117,7 @@ impl Config {
     ///
     /// # Errors
     /// [`Error::File`] with file, line, column and reason.
-    pub fn profile_of(&self, word: &str) -> Result<&'static Profile, Error> {
+    pub fn resolve_profile(&self, word: &str) -> Result<&'static Profile, Error> {
         match (self.profile(word), self.broken_profile(word)) {
             (Some(known), _) => Ok(known),
             (None, Some(error)) => Err(error.clone().into()),
@@ -159,7 +160,7 @@ impl Config {
                 return Err(error.clone().into());
             }
             let names = self.links.iter().map(|(name, _)| name.as_str());
-            let near = words::hint(name, names);
+            let near = spelling::suggestion(name, names);
             let place = self.file.as_ref().map_or_else(
                 || format!("no {FILE} was found"),
                 |file| format!("{} does not have it", file.display()),
@@ -170,12 +171,12 @@ impl Config {
             );
             return Err(Error::usage("E211", what, hint));
         };
-        Ok(joined(url, more))
+        Ok(merge_url(url, more))
     }
 }
 
 /// The named string with the keys and axes of `more` in place of its own.
-fn joined(url: &str, more: &str) -> String {
+fn merge_url(url: &str, more: &str) -> String {
     let (rest, axes) = url.split_once('#').map_or((url, None), |(a, b)| (a, Some(b)));
     let (head, keys) = rest.split_once('?').map_or((rest, ""), |(a, b)| (a, b));
     let (new_keys, new_axes) = more.split_once('#').map_or((more, None), |(a, b)| (a, Some(b)));
@@ -197,12 +198,12 @@ fn joined(url: &str, more: &str) -> String {
 }
 
 /// Every name of a file with its connection string.
-fn links(file: &str, text: &str) -> Result<Vec<(String, String)>, FileError> {
-    Text::new(file, text).read(&simulate::FILE_KEYS, |node| {
+fn parse_links(file: &str, text: &str) -> Result<Vec<(String, String)>, FileError> {
+    SourceText::new(file, text).parse(&simulate::FILE_KEYS, |node| {
         let mut links: Vec<(String, String)> = Vec::new();
         if let Some(table) = node.table("links", &[])? {
             for key in table.keys() {
-                links.push((key.value.to_owned(), table.needed_text(key.value)?.value));
+                links.push((key.value.to_owned(), table.required_text(key.value)?.value));
             }
         }
         let whole = node.text("name")?.map(|name| (name, None));
@@ -212,9 +213,9 @@ fn links(file: &str, text: &str) -> Result<Vec<(String, String)>, FileError> {
         for (name, link) in whole.into_iter().chain(racks) {
             if links.iter().any(|(other, _)| *other == name.value) {
                 let reason = format!("`{}` is the name of something else already", name.value);
-                return Err(name.place.error(reason));
+                return Err(name.location.error(reason));
             }
-            links.push((name.value, url::of_rack(file, link.as_deref())));
+            links.push((name.value, url::rack_url(file, link.as_deref())));
         }
         Ok(links)
     })
@@ -233,7 +234,7 @@ pub fn folder() -> Option<PathBuf> {
 }
 
 /// The profiles of a folder, by name.
-fn files_in(folder: &Path) -> Vec<PathBuf> {
+fn profile_files(folder: &Path) -> Vec<PathBuf> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
     files.retain(|file| file.extension().is_some_and(|e| e == "toml"));

@@ -9,45 +9,45 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
-mod chosen;
-mod found;
-mod given;
-mod kept;
+mod external_link;
+mod identification;
+mod line_config;
 mod options;
 mod parts;
+mod profile_choice;
+mod protocols;
 mod rack;
-mod readdressed;
-mod spoken;
-mod tapped;
+mod readdress;
+mod taps;
 
-use crate::axis::{Axis, stop_until_standing};
+use crate::axis::{Axis, stop_until_standstill};
 use crate::bus;
 use crate::config::Config;
 use crate::error::Error;
-use crate::file::{FileError, Place};
-use crate::identify::Identified;
-use crate::mounting::{Mounted, Mounting};
-use crate::registry::{self, Spoken};
-use crate::scan::Found;
-use crate::simulate::{self, Description, Pace, Simulation};
-use crate::url::{Number, Target, Url};
-use crate::wire::{AnyLink, OpenWire, Sent, SharedLink};
-pub(crate) use kept::{Kept, Lent};
-use options::{line_of, rate, seed, standard, wire_options};
-pub use parts::Part;
+use crate::identify::Identification;
+use crate::mounting::{Mounting, ResolvedMounting};
+use crate::registry::{self, ProtocolInfo};
+use crate::scan::DetectedDrive;
+use crate::simulate::{self, RackDescription, Simulation, SimulationPace};
+use crate::toml_file::{FileError, FileLocation};
+use crate::url::{AxisNumber, LinkTarget, Url};
+use crate::wire::{AnyLink, OpenWire, SentCounter, SharedLink};
+pub(crate) use line_config::{AnyBorrowedLink, LineConfig};
+use options::{random_seed, rate_key, serial_line, wire_options, wire_standard};
+pub use parts::LinkPart;
 use polepair_core::medium::{Can, CanLine, MediumKind, Stream};
 use polepair_core::mux::Mux;
 use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Counters};
-use polepair_link::{Connection, Interrupter, Link as _};
-use rack::{expected, seed_of};
+use polepair_link::{Connection, Interrupter, LinkIo as _};
+use rack::{identify_expected, seed_of};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-pub use tapped::AnyTap;
-pub(crate) use tapped::SharedTap;
-use tapped::{Links, Taps};
+pub use taps::AnyTap;
+pub(crate) use taps::SharedTap;
+use taps::{LinkWrapper, TapFactory};
 
 /// Opens a link with the configuration that is found from the working folder upward.
 ///
@@ -63,12 +63,12 @@ pub fn connect(url: &str) -> Result<Link, Error> {
 pub struct Connector {
     /// Named links and users' profiles.
     pub config: Config,
-    taps: Option<Taps>,
-    links: Option<Links>,
-    stops: bool,
+    tap_factory: Option<TapFactory>,
+    link_wrapper: Option<LinkWrapper>,
+    is_for_stop: bool,
     /// Files that were wrong and could be done without.
-    passed_over: Arc<Mutex<Vec<FileError>>>,
-    sent: Sent,
+    ignored_files: Arc<Mutex<Vec<FileError>>>,
+    sent_counter: SentCounter,
 }
 
 impl Connector {
@@ -90,8 +90,8 @@ impl Connector {
 
     /// What counts the frames that leave on every link that this connector, or a clone of it, opens.
     #[must_use]
-    pub fn sent(&self) -> Sent {
-        self.sent.clone()
+    pub fn sent_counter(&self) -> SentCounter {
+        self.sent_counter.clone()
     }
 
     /// The connection string with its name, if it is one, looked up.
@@ -99,37 +99,43 @@ impl Connector {
     /// # Errors
     /// [`Error::Usage`].
     pub fn url(&self, text: &str) -> Result<Url, Error> {
-        Url::read(&self.config.expand(text)?, self.stops)
+        Url::parse_with(&self.config.expand(text)?, self.is_for_stop)
     }
 
     /// The connection strings of each protocol that a scan is to ask on one link:
     /// `canopen,thruster+udp://…`.
-    pub(crate) fn urls(&self, text: &str) -> Result<Vec<Url>, Error> {
+    pub(crate) fn protocol_urls(&self, text: &str) -> Result<Vec<Url>, Error> {
         let text = self.config.expand(text)?;
         let (head, rest) = text.split_at(text.find("://").unwrap_or(0));
         let (words, link) = head.split_at(head.find('+').unwrap_or(head.len()));
         if !words.contains(',') {
-            return Ok(vec![Url::read(&text, self.stops)?]);
+            return Ok(vec![Url::parse_with(&text, self.is_for_stop)?]);
         }
         let words = words.split(',').map(str::trim);
-        words.map(|word| Url::read(&format!("{word}{link}{rest}"), self.stops)).collect()
+        words
+            .map(|word| Url::parse_with(&format!("{word}{link}{rest}"), self.is_for_stop))
+            .collect()
     }
 
     /// Opens the link of several protocols, once.
-    pub(crate) fn lines_of(&self, urls: &[Url]) -> Result<(Vec<Line>, Option<Simulation>), Error> {
+    pub(crate) fn open_shared_lines(
+        &self,
+        urls: &[Url],
+    ) -> Result<(Vec<ProtocolLine>, Option<Simulation>), Error> {
         let [first, others @ ..] = urls else { return Ok((Vec::new(), None)) };
-        let (mut lines, simulation) = self.lines(first)?;
+        let (mut lines, simulation) = self.open_lines(first)?;
         for url in others {
             let link = lines[0].link.clone();
-            let adapter = matches!(url.target, Target::Slcan { .. } | Target::SlcanTcp { .. });
+            let adapter =
+                matches!(url.target, LinkTarget::Slcan { .. } | LinkTarget::SlcanTcp { .. });
             let what = match (&link, adapter && url.key("bitrate").is_none()) {
                 (SharedLink::Serial(_), _) => "a serial line carries one protocol",
                 (_, true) => "protocols have different bit rates from the factory: say `bitrate=`",
-                _ if lines.iter().any(|line| line.spoken.name == url.protocol) => {
+                _ if lines.iter().any(|line| line.protocol.name == url.protocol) => {
                     "a protocol is named twice"
                 }
                 _ => {
-                    lines.push(self.line_on(url, Some(link))?);
+                    lines.push(self.open_line(url, Some(link))?);
                     continue;
                 }
             };
@@ -150,87 +156,105 @@ impl Connector {
     /// so that one that is silent keeps nobody waiting.
     pub(crate) fn connect_with(&self, text: &str, ask: bool) -> Result<Link, Error> {
         let url = self.url(text)?;
-        let (lines, simulation) = self.lines(&url)?;
-        self.link(url, &lines, simulation, ask)
+        let (lines, simulation) = self.open_lines(&url)?;
+        self.assemble_link(url, &lines, simulation, ask)
     }
 
     /// The axes that are on opened lines.
-    fn link(
+    fn assemble_link(
         &self,
         url: Url,
-        lines: &[Line],
+        lines: &[ProtocolLine],
         simulation: Option<Simulation>,
         ask: bool,
     ) -> Result<Link, Error> {
         let (mut axes, mut wires, mut kept) = (Vec::new(), Vec::new(), Vec::new());
         for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
-            let its = self.axes(&url, lines, simulation.as_ref(), ask)?;
+            let its = self.open_axes(&url, lines, simulation.as_ref(), ask)?;
             let connection = its.first().map(|axis| axis.connection.clone());
-            kept.push((connection, lines.iter().map(Line::kept).collect()));
+            kept.push((connection, lines.iter().map(ProtocolLine::to_config).collect()));
             axes.extend(its);
-            wires.extend(Line::wire_of(lines));
+            wires.extend(ProtocolLine::open_wire(lines));
         }
-        axes.iter().try_for_each(Axis::learn_scales)?;
-        let link = Link { url, axes, wires, kept, simulation };
-        link.url.names.iter().try_for_each(|name| link.named(name).map(drop))?;
+        axes.iter().try_for_each(Axis::read_optional_scales)?;
+        let link = Link { url, axes, wires, line_configs: kept, simulation };
+        link.url.names.iter().try_for_each(|name| link.axis_named(name).map(drop))?;
         Ok(link)
     }
 
     /// Opens what the string names, without asking anybody anything.
-    pub(crate) fn lines(&self, url: &Url) -> Result<(Vec<Line>, Option<Simulation>), Error> {
+    pub(crate) fn open_lines(
+        &self,
+        url: &Url,
+    ) -> Result<(Vec<ProtocolLine>, Option<Simulation>), Error> {
         match &url.target {
-            Target::Sim { what } => self.sim(url, describe(url, what, seed_of(url)?)?, None),
-            Target::Rack { file } => self.rack(url, file),
-            _ => Ok((vec![self.line_on(url, None)?], None)),
+            LinkTarget::Sim { what } => {
+                self.open_simulated(url, describe_rack(url, what, seed_of(url)?)?, None)
+            }
+            LinkTarget::Rack { file } => self.open_rack(url, file),
+            _ => Ok((vec![self.open_line(url, None)?], None)),
         }
     }
 
     /// One protocol on a link, which is opened unless it is already.
-    fn line_on(&self, url: &Url, opened: Option<SharedLink>) -> Result<Line, Error> {
-        let spoken = url.spoken()?;
-        url.axes.iter().try_for_each(|axis| spoken.check(*axis))?;
+    fn open_line(&self, url: &Url, opened: Option<SharedLink>) -> Result<ProtocolLine, Error> {
+        let spoken = url.protocol_info()?;
+        url.axes.iter().try_for_each(|axis| spoken.check_address(*axis))?;
         let mut options = wire_options(url, &spoken)?;
-        options.host = options.host.or_else(|| spoken.other_host(&url.axes));
+        options.host_address = options.host_address.or_else(|| spoken.alternative_host(&url.axes));
         let link = match opened {
             Some(link) => link,
-            None => self.tapped(0, open(url, &spoken, &options)?, None),
+            None => self.wrap_and_tap(0, open(url, &spoken, &options)?, None),
         };
         let numbers =
             if url.axes.is_empty() { vec![*spoken.addresses.start()] } else { url.axes.clone() };
-        let seats = vec![Seat::default(); numbers.len()];
+        let seats = vec![RackEntry::default(); numbers.len()];
         let relay = url.axes.first().copied();
         let all = Arc::default();
-        Ok(Line { wire: 0, link, spoken, options, numbers, relay, seats, all })
+        Ok(ProtocolLine {
+            wire: 0,
+            link,
+            protocol: spoken,
+            options,
+            axis_numbers: numbers,
+            relay_axis: relay,
+            entries: seats,
+            rack_entries: all,
+        })
     }
 
     /// The axes of one wire, on one connection: a line for each protocol that is spoken on it.
-    fn axes(
+    fn open_axes(
         &self,
         url: &Url,
-        lines: &[Line],
+        lines: &[ProtocolLine],
         simulation: Option<&Simulation>,
         ask: bool,
     ) -> Result<Vec<Axis>, Error> {
-        let found: Vec<Vec<(&'static Profile, Identified)>> =
-            lines.iter().map(|line| self.identified(url, line, ask)).collect::<Result<_, _>>()?;
+        let found: Vec<Vec<(&'static Profile, Identification)>> = lines
+            .iter()
+            .map(|line| self.identify_axes(url, line, ask))
+            .collect::<Result<_, _>>()?;
         let profiles: Vec<Vec<(&'static Profile, u32)>> = lines
             .iter()
             .zip(&found)
-            .map(|(line, found)| found.iter().map(|one| one.0).zip(line.numbers.iter().copied()))
+            .map(|(line, found)| {
+                found.iter().map(|one| one.0).zip(line.axis_numbers.iter().copied())
+            })
             .map(Iterator::collect)
             .collect();
-        let connection = Line::connection_of(lines, &profiles)?;
+        let connection = ProtocolLine::open_shared_connection(lines, &profiles)?;
         let mut axes = Vec::new();
         for (line, found) in lines.iter().zip(found) {
             for (n, (profile, identified)) in found.into_iter().enumerate() {
-                let mounted = line.mounting(n).map(|m| Arc::new(Mounted::new(m, profile)));
+                let mounted = line.mounting(n).map(|m| Arc::new(ResolvedMounting::new(m, profile)));
                 axes.push(Axis {
                     connection: connection.clone(),
                     index: AxisIndex(u8::try_from(axes.len()).unwrap_or(u8::MAX)),
-                    number: line.numbers[n],
-                    name: line.seats[n].name.clone(),
-                    protocol: line.spoken.name,
-                    medium: line.spoken.medium,
+                    number: line.axis_numbers[n],
+                    name: line.entries[n].name.clone(),
+                    protocol: line.protocol.name,
+                    medium: line.protocol.medium,
                     host: line.host(),
                     heartbeat: line.heartbeat(),
                     profile,
@@ -244,16 +268,20 @@ impl Connector {
     }
 
     /// Axes by number on one line, whatever others it has. One host at a time.
-    pub(crate) fn axes_found(&self, line: &Line, found: &[Found]) -> Result<Vec<Axis>, Error> {
+    pub(crate) fn axes_of_found(
+        &self,
+        line: &ProtocolLine,
+        found: &[DetectedDrive],
+    ) -> Result<Vec<Axis>, Error> {
         let profiles: Vec<_> = found.iter().map(|one| (one.profile, one.number)).collect();
-        let (connection, before) = line.probe(&profiles, false)?;
-        let axis = |(n, one): (usize, &Found)| Axis {
+        let (connection, before) = line.probe_connection(&profiles, false)?;
+        let axis = |(n, one): (usize, &DetectedDrive)| Axis {
             connection: connection.clone(),
             index: AxisIndex(u8::try_from(before + n).unwrap_or(u8::MAX)),
             number: one.number,
             name: String::new(),
-            protocol: line.spoken.name,
-            medium: line.spoken.medium,
+            protocol: line.protocol.name,
+            medium: line.protocol.medium,
             host: line.host(),
             heartbeat: line.heartbeat(),
             profile: one.profile,
@@ -266,33 +294,35 @@ impl Connector {
 }
 
 /// Opens what the string names. The link is set as the protocol's host wants it.
-fn open(url: &Url, spoken: &Spoken, options: &HostOptions) -> Result<AnyLink, Error> {
+fn open(url: &Url, spoken: &ProtocolInfo, options: &HostOptions) -> Result<AnyLink, Error> {
     // A serial adapter must be told; the other buses have their bit rate already, or none.
-    let usual = matches!(url.target, Target::Slcan { .. } | Target::SlcanTcp { .. });
+    let usual = matches!(url.target, LinkTarget::Slcan { .. } | LinkTarget::SlcanTcp { .. });
     let usual = if usual { spoken.baud } else { 0 };
-    let bus = CanLine { bit_rate: rate(url, "bitrate")?.unwrap_or(usual) };
+    let bus = CanLine { bit_rate: rate_key(url, "bitrate")?.unwrap_or(usual) };
     Ok(match &url.target {
-        Target::Serial { path, baud } => {
-            let line = line_of(url, spoken, *options, baud.unwrap_or(spoken.baud))?;
+        LinkTarget::Serial { path, baud } => {
+            let line = serial_line(url, spoken, *options, baud.unwrap_or(spoken.baud))?;
             AnyLink::Serial(Box::new(polepair_link::serial::open(path, line)?))
         }
-        Target::Tcp { address } => {
+        LinkTarget::Tcp { address } => {
             AnyLink::Serial(Box::new(polepair_link::tcp::TcpLink::connect(address)?))
         }
         #[cfg(unix)]
-        Target::Udp { group } => AnyLink::Can(Box::new(polepair_link::udp::open(group.parse()?)?)),
-        Target::Slcan { path, baud } => {
+        LinkTarget::Udp { group } => {
+            AnyLink::Can(Box::new(polepair_link::udp::open(group.parse()?)?))
+        }
+        LinkTarget::Slcan { path, baud } => {
             let baud = baud.unwrap_or(polepair_link::slcan::BAUD);
             AnyLink::Can(Box::new(polepair_link::slcan::open_serial(path, baud, bus)?))
         }
-        Target::SlcanTcp { address } => {
+        LinkTarget::SlcanTcp { address } => {
             AnyLink::Can(Box::new(polepair_link::slcan::open_tcp(address, bus)?))
         }
-        Target::Socketcand { address, bus } => {
+        LinkTarget::Socketcand { address, bus } => {
             AnyLink::Can(Box::new(polepair_link::socketcand::connect(address, bus)?))
         }
         #[cfg(target_os = "linux")]
-        Target::Socketcan { interface } => {
+        LinkTarget::Socketcan { interface } => {
             AnyLink::Can(Box::new(polepair_link::socketcan::open(interface, bus)?))
         }
         _ => {
@@ -306,32 +336,36 @@ fn open(url: &Url, spoken: &Spoken, options: &HostOptions) -> Result<AnyLink, Er
     })
 }
 
-fn simulated(url: &Url, mut description: Description) -> Result<Simulation, Error> {
+fn build_simulation(url: &Url, mut description: RackDescription) -> Result<Simulation, Error> {
     let seed = seed_of(url)?;
     if let Some(file) = url.key("eds") {
-        description.take_sheet_where_fit(Path::new(file))?;
+        description.apply_sheet_where_possible(Path::new(file))?;
     }
-    description.set_rates(rate(url, "baud")?, rate(url, "bitrate")?);
+    description.set_rates(rate_key(url, "baud")?, rate_key(url, "bitrate")?);
     if let Some(word) = url.key("timing") {
         description.set_timing(word)?;
     }
-    if let Some(standard) = standard(url)? {
+    if let Some(standard) = wire_standard(url)? {
         description.set_standard(standard);
     }
     if url.key("echo").is_some() {
         description.set_echo(url.flag("echo")?);
     }
     // What is behind a rack's file is the file's to say.
-    let own = if matches!(url.target, Target::Sim { .. }) { url.extra() } else { Vec::new() };
+    let own = if matches!(url.target, LinkTarget::Sim { .. }) {
+        url.simulation_keys()
+    } else {
+        Vec::new()
+    };
     for drive in description.rack.links.iter_mut().flat_map(|link| &mut link.drives) {
         drive.extra.extend(own.iter().cloned());
     }
     if let Some(host) = url.key("host") {
-        description.answer_to(host);
+        description.set_host(host);
     }
     let pace = match url.key("time") {
-        None | Some("real") => Pace::Real,
-        Some("virtual") => Pace::Virtual,
+        None | Some("real") => SimulationPace::Real,
+        Some("virtual") => SimulationPace::Virtual,
         Some(other) => {
             let what = format!("`time={other}` is neither real nor virtual");
             return Err(Error::usage("E210", what, ""));
@@ -340,13 +374,13 @@ fn simulated(url: &Url, mut description: Description) -> Result<Simulation, Erro
     Simulation::new(&description, seed, pace)
 }
 
-fn describe(url: &Url, what: &str, seed: u64) -> Result<Description, Error> {
+fn describe_rack(url: &Url, what: &str, seed: u64) -> Result<RackDescription, Error> {
     let file = Path::new(what);
     if file.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
         return simulate::rack_of_file(file, seed);
     }
     let count = url.number("axes")?.unwrap_or(1);
-    let drives = url.axes.iter().filter(|axis| !Number(**axis).is_group());
+    let drives = url.axes.iter().filter(|axis| !AxisNumber(**axis).is_group());
     let most = drives.copied().map(u64::from).max().unwrap_or(0);
     let count = count.max(most);
     if count == 0 || count > 32 {
@@ -356,7 +390,7 @@ fn describe(url: &Url, what: &str, seed: u64) -> Result<Description, Error> {
     if what.contains(':') {
         return simulate::rack_of_words(&[what], seed);
     }
-    let own = simulate::drive_of(what)?.1.host.map(u64::from);
+    let own = simulate::find_drive(what)?.1.host.map(u64::from);
     let host = url.number("host")?.or(own).filter(|_| own.is_some());
     // Axes that the string names are there in any case: what is wrong with them is told then.
     let free = |n: &u64| Some(*n) != host || u32::try_from(*n).is_ok_and(|n| url.axes.contains(&n));
@@ -367,54 +401,54 @@ fn describe(url: &Url, what: &str, seed: u64) -> Result<Description, Error> {
 
 /// One protocol on an opened wire, and what is to be found there.
 #[derive(Clone)]
-pub(crate) struct Line {
+pub(crate) struct ProtocolLine {
     /// Which wire: lines of one share it.
     pub(crate) wire: usize,
     pub(crate) link: SharedLink,
-    pub(crate) spoken: Spoken,
+    pub(crate) protocol: ProtocolInfo,
     pub(crate) options: HostOptions,
-    pub(crate) numbers: Vec<u32>,
+    pub(crate) axis_numbers: Vec<u32>,
     /// The axis that a host is wired to, where others may be behind it.
-    relay: Option<u32>,
+    relay_axis: Option<u32>,
     /// What is known of each axis, whoever answers.
-    seats: Vec<Seat>,
+    entries: Vec<RackEntry>,
     /// What a rack says of all that it has there, also of axes that nobody named.
-    all: Arc<[(u32, Seat)]>,
+    rack_entries: Arc<[(u32, RackEntry)]>,
 }
 
 /// What a rack says of the drive at an address.
 #[derive(Clone, Debug, Default)]
-struct Seat {
+struct RackEntry {
     name: String,
     mounting: Option<Arc<Mounting>>,
     /// Which drive it is to be, and where that is said.
-    profile: Option<(&'static Profile, Option<Place>)>,
+    profile: Option<(&'static Profile, Option<FileLocation>)>,
 }
 
-impl Line {
+impl ProtocolLine {
     /// The wire that these share.
-    pub(crate) fn wire_of(lines: &[Self]) -> Option<OpenWire> {
+    pub(crate) fn open_wire(lines: &[Self]) -> Option<OpenWire> {
         let first = lines.first()?;
-        let rate = match first.spoken.medium {
+        let rate = match first.protocol.medium {
             MediumKind::Serial => first.options.baud,
             MediumKind::Can => first.options.bit_rate,
         };
         Some(OpenWire {
             name: first.link.describe(),
-            medium: first.spoken.medium,
+            medium: first.protocol.medium,
             rate: Some(rate).filter(|rate| *rate > 0),
-            protocols: lines.iter().map(|line| line.spoken.name).collect(),
+            protocols: lines.iter().map(|line| line.protocol.name).collect(),
         })
     }
 
     /// A place on the line's wire.
-    pub(crate) fn seat(&self, address: u32) -> bus::Seat {
-        bus::Seat { spoken: self.spoken.clone(), address }
+    pub(crate) fn bus_address(&self, address: u32) -> bus::BusAddress {
+        bus::BusAddress { protocol: self.protocol.clone(), address }
     }
 
     /// The number that the host has on it.
     pub(crate) fn host(&self) -> Option<u32> {
-        self.options.host.or(self.spoken.host)
+        self.options.host_address.or(self.protocol.host)
     }
 
     /// The period of the host's heartbeat, where it was told to send one.
@@ -424,13 +458,14 @@ impl Line {
     }
 
     fn mounting(&self, axis: usize) -> Option<Arc<Mounting>> {
-        self.seats[axis].mounting.clone()
+        self.entries[axis].mounting.clone()
     }
 
     /// Sets a simulated port as the protocol's host wants it.
-    fn set_port(&self) -> Result<(), Error> {
+    fn configure_port(&self) -> Result<(), Error> {
         if let SharedLink::Serial(link) = &self.link
-            && let Some(lane) = registry::lane::<Stream>(self.spoken.name, self.options, &[])
+            && let Some(lane) =
+                registry::build_lane::<Stream>(self.protocol.name, self.options, &[])
         {
             link.set_line(lane.line())?;
         }
@@ -439,44 +474,47 @@ impl Line {
 
     /// A host with these axes on the wire, and before them the one that it is wired to if that is
     /// none of them: so many are before them. One at a time.
-    pub(crate) fn probe(
+    pub(crate) fn probe_connection(
         &self,
         axes: &[(&'static Profile, u32)],
         probing: bool,
     ) -> Result<(Connection, usize), Error> {
-        let relay = self.relay.filter(|relay| axes.iter().all(|(_, number)| number != relay));
-        let first = relay.map(|relay| (self.spoken.generic, relay));
+        let relay = self.relay_axis.filter(|relay| axes.iter().all(|(_, number)| number != relay));
+        let first = relay.map(|relay| (self.protocol.generic, relay));
         let all: Vec<_> = first.into_iter().chain(axes.iter().copied()).collect();
         let options = self.session_options();
         // Who looks for drives takes whatever tells of one.
-        let doubt = options.doubt.filter(|_| !probing);
-        let options = HostOptions { probing, doubt, ..options };
-        Ok((self.connection_with(options, &all)?, all.len() - axes.len()))
+        let doubt = options.probe_seed.filter(|_| !probing);
+        let options = HostOptions { scanning: probing, probe_seed: doubt, ..options };
+        Ok((self.open_connection_with(options, &all)?, all.len() - axes.len()))
     }
 
     /// The host's settings for one session: what it asked may still be answered in the next, whose probes
     /// are drawn anew.
     fn session_options(&self) -> HostOptions {
-        HostOptions { doubt: self.options.doubt.map(|_| seed()), ..self.options }
+        HostOptions { probe_seed: self.options.probe_seed.map(|_| random_seed()), ..self.options }
     }
 
     /// A host with these axes on the wire. One at a time.
-    pub(crate) fn connection(&self, axes: &[(&'static Profile, u32)]) -> Result<Connection, Error> {
-        self.connection_with(self.session_options(), axes)
+    pub(crate) fn open_connection(
+        &self,
+        axes: &[(&'static Profile, u32)],
+    ) -> Result<Connection, Error> {
+        self.open_connection_with(self.session_options(), axes)
     }
 
     /// One connection for all that is spoken on a wire, axes of the first line first.
-    fn connection_of(
+    fn open_shared_connection(
         lines: &[Self],
         axes: &[Vec<(&'static Profile, u32)>],
     ) -> Result<Connection, Error> {
-        let [first, _, ..] = lines else { return lines[0].connection(&axes[0]) };
+        let [first, _, ..] = lines else { return lines[0].open_connection(&axes[0]) };
         let no = |what: &str| Error::usage("E203", what, "");
         let SharedLink::Can(link) = &first.link else {
             return Err(no("a serial line carries one protocol"));
         };
         let lane = |(line, axes): (&Self, &Vec<_>)| {
-            registry::lane::<Can>(line.spoken.name, line.session_options(), axes)
+            registry::build_lane::<Can>(line.protocol.name, line.session_options(), axes)
         };
         let lanes: Option<Vec<_>> = lines.iter().zip(axes).map(lane).collect();
         let mux = Mux::new(lanes.ok_or_else(|| no("the protocol has no host"))?);
@@ -484,20 +522,20 @@ impl Line {
         Ok(Connection::new::<Can>(Box::new(link.clone()), Box::new(mux)))
     }
 
-    fn connection_with(
+    fn open_connection_with(
         &self,
         options: HostOptions,
         axes: &[(&'static Profile, u32)],
     ) -> Result<Connection, Error> {
         let missing = || Error::usage("E203", "the protocol has no host", "");
-        let name = self.spoken.name;
+        let name = self.protocol.name;
         Ok(match &self.link {
             SharedLink::Serial(link) => {
-                let lane = registry::lane(name, options, axes).ok_or_else(missing)?;
+                let lane = registry::build_lane(name, options, axes).ok_or_else(missing)?;
                 Connection::new::<Stream>(Box::new(link.clone()), lane)
             }
             SharedLink::Can(link) => {
-                let lane = registry::lane(name, options, axes).ok_or_else(missing)?;
+                let lane = registry::build_lane(name, options, axes).ok_or_else(missing)?;
                 Connection::new::<Can>(Box::new(link.clone()), lane)
             }
         })
@@ -511,7 +549,7 @@ pub struct Link {
     axes: Vec<Axis>,
     wires: Vec<OpenWire>,
     /// Of each wire its connection, where it has axes, and what is spoken on it.
-    kept: Vec<(Option<Connection>, Arc<[Kept]>)>,
+    line_configs: Vec<(Option<Connection>, Arc<[LineConfig]>)>,
     simulation: Option<Simulation>,
 }
 
@@ -546,7 +584,7 @@ impl Link {
                 let what = format!("several links have an axis {number}");
                 Err(Error::usage("E212", what, "name the drives in the rack, and ask by name"))
             }
-            (None, _) => Err(self.no_axis(&number.to_string())),
+            (None, _) => Err(self.no_axis_error(&number.to_string())),
         }
     }
 
@@ -554,12 +592,12 @@ impl Link {
     ///
     /// # Errors
     /// [`Error::Usage`] `E212`.
-    pub fn named(&self, name: &str) -> Result<Axis, Error> {
+    pub fn axis_named(&self, name: &str) -> Result<Axis, Error> {
         let found = self.axes.iter().find(|axis| axis.name == name);
-        found.cloned().ok_or_else(|| self.no_axis(name))
+        found.cloned().ok_or_else(|| self.no_axis_error(name))
     }
 
-    fn no_axis(&self, wanted: &str) -> Error {
+    fn no_axis_error(&self, wanted: &str) -> Error {
         let known: Vec<String> = self.axes.iter().map(Axis::label).collect();
         let what = format!("this link has no axis {wanted}");
         let hint = match known.is_empty() {
@@ -582,7 +620,7 @@ impl Link {
     /// The first error, after every axis was tried.
     pub fn stop_all(&self) -> Result<(), Error> {
         let axes: Vec<&Axis> = self.axes.iter().collect();
-        let stood = stop_until_standing(&axes, Duration::ZERO, |_, _| false);
+        let stood = stop_until_standstill(&axes, Duration::ZERO, |_, _| false);
         let stood = stood.into_iter().map(|stood| stood.map(drop));
         stood.fold(Ok(()), Result::and)
     }
@@ -602,11 +640,11 @@ impl Link {
     /// What happened on the wire of an axis so far.
     #[must_use]
     pub fn counters(&self, axis: &Axis) -> Counters {
-        axis.connection.with(|axes, _| axes.counters())
+        axis.connection.with_axes(|axes, _| axes.counters())
     }
 
     /// Waits on the link's own clock: a simulated link in virtual time is there at once.
     pub fn sleep(&self, span: Duration) {
-        simulate::pass(self.simulation.as_ref(), span);
+        simulate::sleep_on_clock(self.simulation.as_ref(), span);
     }
 }

@@ -5,10 +5,10 @@
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
-//! use polepair::doctor::{Grade, Options, link};
+//! use polepair::doctor::{Grade, DoctorOptions, link};
 //! let connector = polepair::Connector::default();
 //! let mut checks = Vec::new();
-//! link(&connector, "sim:tmcl?time=virtual", Options::default(), &mut |check| checks.push(check))?;
+//! link(&connector, "sim:tmcl?time=virtual", DoctorOptions::default(), &mut |check| checks.push(check))?;
 //! assert!(checks.iter().all(|check| check.grade != Grade::Wrong));
 //! # }
 //! # Ok::<(), polepair::Error>(())
@@ -17,23 +17,23 @@
 mod bus;
 mod drive;
 mod machine;
-mod prove;
 mod serial;
+mod watchdog_proof;
 
-use crate::connect::{Connector, Line};
+use crate::connect::{Connector, ProtocolLine};
 use crate::error::{Error, Exit};
-use crate::identify::{Probe, Prober};
-use crate::scan::{self, Found};
-use crate::url::{Number, Target, Url};
+use crate::identify::{ProbeResult, Prober};
+use crate::scan::{self, DetectedDrive};
+use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::SharedLink;
-pub use drive::{ABSENT, says_absent, watchdog_if_any};
-pub use machine::machine;
-pub use prove::{Unproven, Witness, prove_watchdog, proving_speed};
+pub use drive::{ABSENT_TEXT, is_absent_error, read_watchdog};
+pub use machine::check_machine;
+pub use watchdog_proof::{ProofError, ProofObserver, prove_watchdog, proving_speed};
 
 /// Addresses that are asked where the string names none.
-const FEW: usize = 8;
+const UNNAMED_PROBES_MAX: usize = 8;
 /// Bytes or frames that one check listens to at most.
-const HEARD_MAX: usize = 20_000;
+const UNITS_MAX: usize = 20_000;
 
 /// How a check came out.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -41,7 +41,7 @@ pub enum Grade {
     /// As it should be.
     Ok,
     /// It may be meant so: look at it.
-    Look,
+    Suspicious,
     /// So it cannot work.
     Wrong,
 }
@@ -52,7 +52,7 @@ impl Grade {
     pub const fn word(self) -> &'static str {
         match self {
             Self::Ok => "ok",
-            Self::Look => "look",
+            Self::Suspicious => "look",
             Self::Wrong => "wrong",
         }
     }
@@ -60,7 +60,7 @@ impl Grade {
 
 /// One thing that was looked at.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Check {
+pub struct CheckResult {
     /// What: `port`, `echo`, `axis 1 faults`.
     pub about: String,
     /// How it came out.
@@ -73,7 +73,7 @@ pub struct Check {
     pub exit: Exit,
 }
 
-impl Check {
+impl CheckResult {
     fn new(about: &str, grade: Grade, found: impl Into<String>) -> Self {
         let exit = if grade == Grade::Wrong { Exit::Negative } else { Exit::Ok };
         Self { about: about.into(), grade, found: found.into(), remedy: String::new(), exit }
@@ -83,8 +83,8 @@ impl Check {
         Self::new(about, Grade::Ok, found)
     }
 
-    fn look(about: &str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { remedy: remedy.into(), ..Self::new(about, Grade::Look, found) }
+    fn suspicious(about: &str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { remedy: remedy.into(), ..Self::new(about, Grade::Suspicious, found) }
     }
 
     fn wrong(about: &str, exit: Exit, found: impl Into<String>, remedy: impl Into<String>) -> Self {
@@ -101,7 +101,7 @@ impl Check {
 
 /// What may be tried.
 #[derive(Clone, Copy, Default, Debug)]
-pub struct Options {
+pub struct DoctorOptions {
     /// Ask, by reads, at other baud rates too when nobody answers.
     pub try_bauds: bool,
 }
@@ -111,18 +111,18 @@ pub struct Options {
 ///
 /// # Errors
 /// [`Error::Usage`] and [`Error::File`] when the string itself is wrong: nothing was opened.
-pub fn link(
+pub fn check_link(
     connector: &Connector,
     text: &str,
-    options: Options,
-    hear: &mut dyn FnMut(Check),
+    options: DoctorOptions,
+    hear: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     let url = connector.url(text)?;
-    let (mut lines, _simulation) = match connector.lines(&url) {
+    let (mut lines, _simulation) = match connector.open_lines(&url) {
         Ok(opened) => opened,
         Err(error @ (Error::Usage { .. } | Error::File(_))) => return Err(error),
         Err(error) => {
-            hear(Check::error("port", &error));
+            hear(CheckResult::error("port", &error));
             return Ok(());
         }
     };
@@ -134,141 +134,150 @@ pub fn link(
         if first {
             // A port of this machine is had by one program at a time.
             let alone = match url.target {
-                Target::Serial { .. } | Target::Slcan { .. } => ", and nobody else has it",
+                LinkTarget::Serial { .. } | LinkTarget::Slcan { .. } => ", and nobody else has it",
                 _ => "",
             };
-            hear(Check::ok("port", format!("{} opens{alone}", line.link.describe())));
+            hear(CheckResult::ok("port", format!("{} opens{alone}", line.link.describe())));
         }
-        if let Err(error) = examine(connector, &url, (line, first), &mut silent, hear) {
-            hear(Check::error("line", &error));
+        if let Err(error) = check_line(connector, &url, (line, first), &mut silent, hear) {
+            hear(CheckResult::error("line", &error));
         }
     }
     drop(lines);
     if silent {
-        hear(serial::other_rates(connector, &url, options)?);
+        hear(serial::check_other_rates(connector, &url, options)?);
     }
     Ok(())
 }
 
 /// What stands on an opened port. `silent` is set where another baud rate may be the reason that
 /// nobody answers.
-fn examine(
+fn check_line(
     connector: &Connector,
     url: &Url,
-    (line, first): (&mut Line, bool),
+    (line, first): (&mut ProtocolLine, bool),
     silent: &mut bool,
-    hear: &mut dyn FnMut(Check),
+    hear: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     let echo = match line.link.clone() {
         SharedLink::Serial(link) => {
-            serial::listen(&link, line, hear)?;
-            Some(serial::Echo::on(line))
+            serial::check_noise(&link, line, hear)?;
+            Some(serial::EchoDetector::attach(line))
         }
         SharedLink::Can(link) => {
             if first {
-                bus::listen(&link, line, url, hear)?;
+                bus::check_traffic(&link, line, url, hear)?;
             }
             None
         }
     };
-    let found = look_for(connector, url, line, hear)?;
+    let found = find_drives(connector, url, line, hear)?;
     if let Some(echo) = echo {
-        hear(echo.judge(line));
-        if found.is_empty() && echo.unlike_expected(line) {
+        hear(echo.check_result(line));
+        if found.is_empty() && echo.differs_from_options(line) {
             // The host took its own bytes for answers, or answers for its own bytes.
             line.options.echo = !line.options.echo;
-            return after(connector, line, &look_for(connector, url, line, hear)?, silent, hear);
+            return check_found(
+                connector,
+                line,
+                &find_drives(connector, url, line, hear)?,
+                silent,
+                hear,
+            );
         }
     }
-    after(connector, line, &found, silent, hear)
+    check_found(connector, line, &found, silent, hear)
 }
 
-fn after(
+fn check_found(
     connector: &Connector,
-    line: &Line,
-    found: &[Found],
+    line: &ProtocolLine,
+    found: &[DetectedDrive],
     silent: &mut bool,
-    hear: &mut dyn FnMut(Check),
+    hear: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     *silent |= found.is_empty() && line.options.baud > 0;
-    for axis in connector.axes_found(line, found)? {
-        drive::examine(&axis, hear);
+    for axis in connector.axes_of_found(line, found)? {
+        drive::check_drive(&axis, hear);
     }
     Ok(())
 }
 
 /// Who answers: the axes that the string names, or a few addresses where somebody may be.
-fn look_for(
+fn find_drives(
     connector: &Connector,
     url: &Url,
-    line: &Line,
-    hear: &mut dyn FnMut(Check),
-) -> Result<Vec<Found>, Error> {
-    let named =
-        !url.axes.is_empty() || matches!(url.target, Target::Sim { .. } | Target::Rack { .. });
-    let mut wanted = if named { line.numbers.clone() } else { scan::everybody(line)? };
-    wanted.retain(|number| !Number(*number).is_group());
-    wanted.truncate(if named { wanted.len() } else { FEW });
-    let chosen = connector.chosen_profile(url, &line.spoken)?;
-    let prober = Prober::new(line, &connector.config).looking();
+    line: &ProtocolLine,
+    hear: &mut dyn FnMut(CheckResult),
+) -> Result<Vec<DetectedDrive>, Error> {
+    let named = !url.axes.is_empty()
+        || matches!(url.target, LinkTarget::Sim { .. } | LinkTarget::Rack { .. });
+    let mut wanted = if named { line.axis_numbers.clone() } else { scan::default_addresses(line)? };
+    wanted.retain(|number| !AxisNumber(*number).is_group());
+    wanted.truncate(if named { wanted.len() } else { UNNAMED_PROBES_MAX });
+    let chosen = connector.chosen_profile(url, &line.protocol)?;
+    let prober = Prober::new(line, &connector.config).scanning();
     let (mut found, mut damaged) = (Vec::new(), 0);
     let mut asked = Vec::new();
     for &number in &wanted {
         let about = format!("axis {number}");
         let probe = prober.probe(number)?;
         // Where nobody named it, the host's own address is none that is wanted.
-        if !named && matches!(probe, Probe::Forbidden(_)) {
+        if !named && matches!(probe, ProbeResult::Forbidden(_)) {
             continue;
         }
         asked.push(number);
         match probe {
-            Probe::Found { profile, identified, stray, .. } => {
+            ProbeResult::Found { profile, identified, stray, .. } => {
                 let profile = chosen.unwrap_or(profile);
                 let said = format!("answers: {} ({identified})", profile.title);
-                hear(Check::ok(&about, said));
+                hear(CheckResult::ok(&about, said));
                 if stray > 0 {
-                    hear(twice(&about, stray));
+                    hear(duplicate_address_check(&about, stray));
                 }
-                found.push(Found { identified, ..Found::named(line, number, profile) });
+                found.push(DetectedDrive {
+                    identified,
+                    ..DetectedDrive::with_known_profile(line, number, profile)
+                });
             }
-            Probe::Forbidden(hint) => {
-                hear(Check::wrong(&about, Exit::Usage, "cannot be asked on this line", hint));
+            ProbeResult::Forbidden(hint) => {
+                hear(CheckResult::wrong(&about, Exit::Usage, "cannot be asked on this line", hint));
             }
-            Probe::Damaged(_) => damaged += 1,
-            Probe::Silent(heard) if named && !heard.is_nothing() => {
+            ProbeResult::Damaged(_) => damaged += 1,
+            ProbeResult::Silent(heard) if named && !heard.is_nothing() => {
                 let said = format!("does not answer: {heard}");
-                hear(Check::wrong(&about, Exit::NoReply, said, heard.hint()));
+                hear(CheckResult::wrong(&about, Exit::NoReply, said, heard.hint()));
             }
-            Probe::Silent(_) if named => {
-                hear(Check::wrong(&about, Exit::NoReply, "does not answer", SILENT));
+            ProbeResult::Silent(_) if named => {
+                hear(CheckResult::wrong(&about, Exit::NoReply, "does not answer", SILENT_REMEDY));
             }
-            Probe::Silent(_) => {}
+            ProbeResult::Silent(_) => {}
         }
     }
     if damaged > 0 {
         let said = format!("{damaged} addresses gave damaged answers only");
-        hear(Check::wrong("answers", Exit::Corrupt, said, DAMAGED));
+        hear(CheckResult::wrong("answers", Exit::Corrupt, said, DAMAGED_REMEDY));
     }
     if found.is_empty() && !named {
-        let said = format!("none of the addresses {} answers", listed(&asked));
-        let remedy = format!("{SILENT}; `polepair scan` asks every address");
-        hear(Check::wrong("address", Exit::NoReply, said, remedy));
+        let said = format!("none of the addresses {} answers", join_numbers(&asked));
+        let remedy = format!("{SILENT_REMEDY}; `polepair scan` asks every address");
+        hear(CheckResult::wrong("address", Exit::NoReply, said, remedy));
     }
     Ok(found)
 }
 
-const SILENT: &str = "the drive's power, A and B (or RX and TX) swapped, the common ground, its \
+const SILENT_REMEDY: &str = "the drive's power, A and B (or RX and TX) swapped, the common ground, its \
                       address, the baud or bit rate";
-const DAMAGED: &str = "another baud rate, two drives with one address, a missing terminator or \
+const DAMAGED_REMEDY: &str = "another baud rate, two drives with one address, a missing terminator or \
                        common ground; --try-bauds asks at other rates";
 
-fn twice(about: &str, stray: u64) -> Check {
+fn duplicate_address_check(about: &str, stray: u64) -> CheckResult {
     let said = format!("{stray} answers too many or damaged: two drives with this address?");
     let remedy = "unplug one drive after the other and look who answers; give each its own address";
-    Check::wrong(about, Exit::Corrupt, said, remedy)
+    CheckResult::wrong(about, Exit::Corrupt, said, remedy)
 }
 
-fn listed(numbers: &[u32]) -> String {
+fn join_numbers(numbers: &[u32]) -> String {
     numbers.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
 }
 

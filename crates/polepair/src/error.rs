@@ -1,9 +1,9 @@
 //! Errors by blame, each with a stable code, an exit code and what to try.
 //!
-//! [`verdict`] is the one table from what a lane tells ([`Outcome`], [`Failure`]) to exit code,
+//! [`outcome_class`] is the one table from what a lane tells ([`Outcome`], [`Failure`]) to exit code,
 //! exception and error code; the command line and the bindings use it.
 
-use crate::{FileError, Heard};
+use crate::{FileError, NoReplyDetails};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_link::{Cause, LinkError};
 use std::fmt;
@@ -68,7 +68,7 @@ impl Exception {
 
 /// What an outcome means to the layers that people touch.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Verdict {
+pub struct OutcomeClass {
     /// Exit code of the command line.
     pub exit: Exit,
     /// What the bindings raise.
@@ -84,12 +84,12 @@ pub struct Verdict {
 /// ```
 /// use polepair::error::{Exit, verdict};
 /// use polepair_core::error::{Failure, Outcome};
-/// let lost = verdict(Outcome::Unknown(Failure::Silent)).unwrap();
+/// let lost = outcome_class(Outcome::Unknown(Failure::Silent)).unwrap();
 /// assert_eq!((lost.exit, lost.executed), (Exit::NoReply, None));
-/// assert!(verdict(Outcome::Done(0)).is_none());
+/// assert!(outcome_class(Outcome::Done(0)).is_none());
 /// ```
 #[must_use]
-pub fn verdict(outcome: Outcome) -> Option<Verdict> {
+pub fn outcome_class(outcome: Outcome) -> Option<OutcomeClass> {
     let (failure, executed) = match outcome {
         Outcome::Done(_) => return None,
         Outcome::NotDone(failure) => (failure, Some(false)),
@@ -110,7 +110,7 @@ pub fn verdict(outcome: Outcome) -> Option<Verdict> {
         // What later versions of the core tell.
         _ => (Exit::Corrupt, Exception::ProtocolError, "E500"),
     };
-    Some(Verdict { exit, exception, code, executed })
+    Some(OutcomeClass { exit, exception, code, executed })
 }
 
 const fn unsupported_code(why: Unsupported) -> &'static str {
@@ -162,11 +162,11 @@ pub enum Error {
         what: String,
         /// Whether and how far it was executed, in words; empty for a question, and where `what`
         /// says it.
-        went: String,
+        execution: String,
         /// How it ended: never [`Outcome::Done`].
         outcome: Outcome,
         /// What came though it brought no answer, where it ended in [`Failure::Silent`].
-        heard: Box<Heard>,
+        received: Box<NoReplyDetails>,
         /// The axis was told to move, or was seen moving, and nothing can stop it from here.
         may_turn: bool,
         /// What to try; empty when there is nothing to add.
@@ -189,8 +189,8 @@ impl Error {
         Self::Usage { code, what: what.into(), hint: hint.into() }
     }
 
-    fn verdict(&self) -> Verdict {
-        let of = |exit, exception, code, executed| Verdict { exit, exception, code, executed };
+    fn outcome_class(&self) -> OutcomeClass {
+        let of = |exit, exception, code, executed| OutcomeClass { exit, exception, code, executed };
         match self {
             Self::Usage { code, .. } => of(Exit::Usage, Exception::Unsupported, code, Some(false)),
             Self::File(_) => of(Exit::Usage, Exception::PolepairError, "E230", Some(false)),
@@ -201,7 +201,7 @@ impl Error {
             Self::Unsupported { why, .. } => {
                 of(Exit::Usage, Exception::Unsupported, unsupported_code(*why), Some(false))
             }
-            Self::Failed { outcome, .. } => verdict(*outcome).unwrap_or(of(
+            Self::Failed { outcome, .. } => outcome_class(*outcome).unwrap_or(of(
                 Exit::Corrupt,
                 Exception::ProtocolError,
                 "E500",
@@ -216,43 +216,43 @@ impl Error {
     /// A code that stays the same over versions; its first digit is the exit code.
     #[must_use]
     pub fn code(&self) -> &'static str {
-        self.verdict().code
+        self.outcome_class().code
     }
 
     /// The exit code of the command line.
     #[must_use]
     pub fn exit(&self) -> Exit {
-        self.verdict().exit
+        self.outcome_class().exit
     }
 
     /// What the bindings raise.
     #[must_use]
     pub fn exception(&self) -> Exception {
-        self.verdict().exception
+        self.outcome_class().exception
     }
 
     /// Whether the drive did what was asked; `None` when nobody can know, and when it did a part of it
     /// (the outcome is then [`Outcome::Partly`]).
     #[must_use]
     pub fn executed(&self) -> Option<bool> {
-        self.verdict().executed
+        self.outcome_class().executed
     }
 
     /// The same of a request that was sent before as well: that one may have been executed.
-    pub(crate) fn told_before(self) -> Self {
+    pub(crate) fn after_earlier_attempt(self) -> Self {
         use polepair_core::error::Failure::{Cancelled, LinkDown, Misbehaved, Silent};
         match self {
             Self::Failed {
                 what,
-                went: _,
+                execution: _,
                 outcome: Outcome::NotDone(failure),
                 may_turn,
-                heard,
+                received: heard,
                 hint,
             } if matches!(failure, Silent | Misbehaved | Cancelled | LinkDown) => {
                 let outcome = Outcome::Unknown(failure);
                 let went = "one that was sent before may have been executed".to_owned();
-                Self::Failed { what, went, outcome, may_turn, heard, hint }
+                Self::Failed { what, execution: went, outcome, may_turn, received: heard, hint }
             }
             other => other,
         }
@@ -284,8 +284,8 @@ impl Error {
             Self::Usage { what, .. } | Self::Unsupported { what, .. } => what.clone(),
             Self::File(error) => error.to_string(),
             Self::Link(error) => error.to_string(),
-            Self::Failed { what, went, .. } if went.is_empty() => what.clone(),
-            Self::Failed { what, went, .. } => format!("{what}; {went}"),
+            Self::Failed { what, execution: went, .. } if went.is_empty() => what.clone(),
+            Self::Failed { what, execution: went, .. } => format!("{what}; {went}"),
             Self::Interrupted { what } => format!("{what}: interrupted"),
         }
     }

@@ -19,13 +19,13 @@
 use crate::axis::Axis;
 use crate::connect::Link;
 use crate::error::{Error, Exit};
-use crate::simulate::{Pace, Simulation};
-use crate::url::Number;
-use polepair_core::axis::{Change, News, Presence, Reading};
+use crate::simulate::{Simulation, SimulationPace};
+use crate::url::AxisNumber;
+use polepair_core::axis::{AxisEvent, AxisEventKind, Presence, Reading};
 use polepair_core::profile::{Fault, ParameterId, Signal};
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
-use polepair_link::{LinkError, Listening, Mailbox, Notice, clock};
+use polepair_link::{ConnectionEvent, LinkError, ListenerGuard, Mailbox, clock};
 use std::fmt;
 use std::task;
 use std::time::Duration;
@@ -33,7 +33,7 @@ use std::time::Duration;
 /// Events that wait for a listener at most; then the oldest go, and [`Events::lost`] counts them.
 pub const EVENTS_MAX: usize = 8192;
 /// How far virtual time goes between two looks.
-const STEP: Duration = Duration::from_millis(1);
+const VIRTUAL_STEP: Duration = Duration::from_millis(1);
 
 /// One thing that happened.
 #[derive(Clone, PartialEq, Debug)]
@@ -43,15 +43,15 @@ pub struct Event {
     /// The number of the axis; `None` for what happened to the link.
     pub axis: Option<u32>,
     /// The axis' place in [`Link::axes`], the wire's in [`Link::wires`] where there is no axis.
-    pub place: usize,
+    pub index: usize,
     /// What happened.
-    pub kind: Kind,
+    pub kind: EventKind,
 }
 
 /// What happened.
 #[derive(Clone, PartialEq, Debug)]
 #[non_exhaustive]
-pub enum Kind {
+pub enum EventKind {
     /// The drive sent a signal's value: of a flag or a code, when it changed.
     Signal {
         /// Which signal.
@@ -105,7 +105,7 @@ pub enum Kind {
 pub struct Events {
     mailbox: Mailbox,
     /// One for each wire.
-    listening: Vec<Listening>,
+    listeners: Vec<ListenerGuard>,
     /// The axes of each wire, in the order of its connection, with their places in the link.
     axes: Vec<Vec<(usize, Axis)>>,
     /// What makes time pass, where it does not by itself.
@@ -123,31 +123,31 @@ impl Link {
     }
 
     /// The same of the axes from that place on alone: of those that were
-    /// [taken in](Link::take_in) later.
+    /// [taken in](Link::add_drives) later.
     ///
     /// # Errors
     /// As [`events`](Self::events).
     pub fn events_from(&self, first: usize) -> Result<Events, Error> {
         let axes = || self.axes().iter().enumerate().skip(first);
-        axes().try_for_each(|(_, axis)| axis.learn())?;
+        axes().try_for_each(|(_, axis)| axis.read_event_layout())?;
         let mut events = Events::new(self.simulation());
-        axes().for_each(|(place, axis)| events.add(place, axis));
-        events.listen(false);
+        axes().for_each(|(place, axis)| events.add_axis(place, axis));
+        events.start_listening(false);
         Ok(events)
     }
 }
 
 impl Axis {
     /// Listens to what happens to this axis and its link from now on; as [`Link::events`]. Its
-    /// events' [`place`](Event::place) is 0.
+    /// events' [`index`](Event::index) is 0.
     ///
     /// # Errors
     /// As [`Link::events`].
     pub fn events(&self) -> Result<Events, Error> {
-        self.learn()?;
+        self.read_event_layout()?;
         let mut events = Events::new(self.simulation.as_ref());
-        events.add(0, self);
-        events.listen(true);
+        events.add_axis(0, self);
+        events.start_listening(true);
         Ok(events)
     }
 
@@ -157,12 +157,15 @@ impl Axis {
     ///
     /// # Errors
     /// When the drive does not answer. That it refuses to tell is no error.
-    pub fn learn(&self) -> Result<(), Error> {
-        if Number(self.number).is_group() {
+    pub fn read_event_layout(&self) -> Result<(), Error> {
+        if AxisNumber(self.number).is_group() {
             return Ok(());
         }
-        let unlearnt: Vec<ParameterId> = self.connection.with(|axes, _| {
-            (0..).map_while(|n| axes.unlearnt(self.index, n)).take(self.params().len()).collect()
+        let unlearnt: Vec<ParameterId> = self.connection.with_axes(|axes, _| {
+            (0..)
+                .map_while(|n| axes.unread_prerequisite(self.index, n))
+                .take(self.params().len())
+                .collect()
         });
         let refused = |told: Result<(), Error>| match told {
             Err(error) if error.exit() == Exit::Refused => Ok(()),
@@ -177,28 +180,30 @@ impl Axis {
 
 impl Events {
     fn new(simulation: Option<&Simulation>) -> Self {
-        let virtual_time = simulation.filter(|simulation| simulation.pace() == Pace::Virtual);
+        let virtual_time =
+            simulation.filter(|simulation| simulation.pace() == SimulationPace::Virtual);
         Self {
             mailbox: Mailbox::new(EVENTS_MAX),
-            listening: Vec::new(),
+            listeners: Vec::new(),
             axes: Vec::new(),
             simulation: virtual_time.cloned(),
         }
     }
 
-    fn add(&mut self, place: usize, axis: &Axis) {
-        let shares = |axes: &&mut Vec<(usize, Axis)>| axes[0].1.connection.is(&axis.connection);
+    fn add_axis(&mut self, place: usize, axis: &Axis) {
+        let shares =
+            |axes: &&mut Vec<(usize, Axis)>| axes[0].1.connection.is_same(&axis.connection);
         match self.axes.iter_mut().find(shares) {
             Some(axes) => axes.push((place, axis.clone())),
             None => self.axes.push(vec![(place, axis.clone())]),
         }
     }
 
-    fn listen(&mut self, one: bool) {
+    fn start_listening(&mut self, one: bool) {
         for (wire, axes) in self.axes.iter().enumerate() {
             let axis = &axes[0].1;
             let only = one.then_some(axis.index);
-            self.listening.push(axis.connection.listen(&self.mailbox, wire, only));
+            self.listeners.push(axis.connection.listen(&self.mailbox, wire, only));
         }
     }
 
@@ -211,24 +216,24 @@ impl Events {
     }
 
     /// The next event; waits for one until somebody interrupts.
-    fn next_ever(&self) -> Option<Event> {
-        self.next_until(None, Instant::FAR)
+    fn next_unbounded(&self) -> Option<Event> {
+        self.next_until(None, Instant::FAR_FUTURE)
     }
 
     fn next_until(&self, within: Option<Duration>, deadline: Instant) -> Option<Event> {
         let Some(simulation) = &self.simulation else {
-            return self.first(|| self.mailbox.wait(deadline));
+            return self.first_event(|| self.mailbox.wait_next(deadline));
         };
         let until = within.map(|within| simulation.now() + within);
         loop {
-            let left = until.map_or(STEP, |until| until.since(simulation.now()));
+            let left = until.map_or(VIRTUAL_STEP, |until| until.since(simulation.now()));
             if let Some(event) = self.poll() {
                 return Some(event);
             }
-            if left.is_zero() || self.mailbox.interrupted() {
+            if left.is_zero() || self.mailbox.take_interrupt() {
                 return None;
             }
-            simulation.pass(left.min(STEP));
+            simulation.advance(left.min(VIRTUAL_STEP));
         }
     }
 
@@ -236,15 +241,15 @@ impl Events {
     #[must_use]
     pub fn poll(&self) -> Option<Event> {
         if self.simulation.is_some() {
-            self.listening.iter().for_each(Listening::catch_up);
+            self.listeners.iter().for_each(ListenerGuard::catch_up);
         }
-        self.first(|| self.mailbox.take())
+        self.first_event(|| self.mailbox.pop())
     }
 
     /// The first notice that is an event.
-    fn first(&self, take: impl Fn() -> Option<(usize, Notice)>) -> Option<Event> {
+    fn first_event(&self, take: impl Fn() -> Option<(usize, ConnectionEvent)>) -> Option<Event> {
         loop {
-            if let Some(event) = self.event(take()?) {
+            if let Some(event) = self.to_event(take()?) {
                 return Some(event);
             }
         }
@@ -275,44 +280,45 @@ impl Events {
         self.mailbox.interrupt();
     }
 
-    fn event(&self, (wire, notice): (usize, Notice)) -> Option<Event> {
-        let of_link = |at, kind| Event { at, axis: None, place: wire, kind };
+    fn to_event(&self, (wire, notice): (usize, ConnectionEvent)) -> Option<Event> {
+        let of_link = |at, kind| Event { at, axis: None, index: wire, kind };
         Some(match notice {
-            Notice::Axis(news) => return self.of_axis(wire, &news),
-            Notice::Lost(at, error) => of_link(at, Kind::LinkLost { error }),
-            Notice::Back(at) => of_link(at, Kind::LinkBack),
+            ConnectionEvent::Axis(news) => return self.axis_event(wire, &news),
+            ConnectionEvent::LinkLost(at, error) => of_link(at, EventKind::LinkLost { error }),
+            ConnectionEvent::LinkRestored(at) => of_link(at, EventKind::LinkBack),
         })
     }
 
-    fn of_axis(&self, wire: usize, news: &News) -> Option<Event> {
+    fn axis_event(&self, wire: usize, news: &AxisEvent) -> Option<Event> {
         let (place, axis) = self.axes.get(wire)?.iter().find(|(_, a)| a.index == news.axis)?;
         let fault = |code| axis.profile.faults.iter().find(|fault| fault.code == code);
-        let kind = match news.change {
-            Change::Signal(signal, reading) => {
-                Kind::Signal { signal, reading: axis.reading_of_machine(signal, reading) }
+        let kind = match news.kind {
+            AxisEventKind::Signal(signal, reading) => EventKind::Signal {
+                signal,
+                reading: axis.reading_in_machine_scale(signal, reading),
+            },
+            AxisEventKind::Parameter(id, raw, si) => axis.parameter_event(id, raw, si),
+            AxisEventKind::Fault { code, appeared: true } => {
+                EventKind::FaultAppeared { code, fault: fault(code) }
             }
-            Change::Parameter(id, raw, si) => axis.pushed(id, raw, si),
-            Change::Fault { code, appeared: true } => {
-                Kind::FaultAppeared { code, fault: fault(code) }
+            AxisEventKind::Fault { code, appeared: false } => {
+                EventKind::FaultCleared { code, fault: fault(code) }
             }
-            Change::Fault { code, appeared: false } => {
-                Kind::FaultCleared { code, fault: fault(code) }
-            }
-            Change::Presence(presence) => Kind::Presence(presence),
-            Change::Armed(true) => Kind::Armed,
-            Change::Armed(false) => Kind::Disarmed,
+            AxisEventKind::Presence(presence) => EventKind::Presence(presence),
+            AxisEventKind::Armed(true) => EventKind::Armed,
+            AxisEventKind::Armed(false) => EventKind::Disarmed,
             // Those that later versions of the core tell.
             _ => return None,
         };
-        Some(Event { at: news.at, axis: Some(axis.number), place: *place, kind })
+        Some(Event { at: news.at, axis: Some(axis.number), index: *place, kind })
     }
 }
 
 impl Axis {
-    fn pushed(&self, parameter: ParameterId, raw: i64, si: f64) -> Kind {
+    fn parameter_event(&self, parameter: ParameterId, raw: i64, si: f64) -> EventKind {
         let unit = self.unit(parameter);
-        let value = si / self.factor(parameter) / unit.si();
-        Kind::Parameter { parameter, raw, value, unit }
+        let value = si / self.factor(parameter) / unit.si_factor();
+        EventKind::Parameter { parameter, raw, value, unit }
     }
 }
 
@@ -321,7 +327,7 @@ impl Iterator for Events {
 
     /// Waits for the next event; ends when somebody interrupts.
     fn next(&mut self) -> Option<Event> {
-        self.next_ever()
+        self.next_unbounded()
     }
 }
 
@@ -329,20 +335,20 @@ impl Iterator for &Events {
     type Item = Event;
 
     fn next(&mut self) -> Option<Event> {
-        self.next_ever()
+        self.next_unbounded()
     }
 }
 
 impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(axis) = self.axis {
-            write!(f, "axis {}: ", Number(axis))?;
+            write!(f, "axis {}: ", AxisNumber(axis))?;
         }
         self.kind.fmt(f)
     }
 }
 
-impl fmt::Display for Kind {
+impl fmt::Display for EventKind {
     /// In one sentence without full stop. A parameter is told by its place in the profile: who has
     /// the axis knows its name.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -1,11 +1,11 @@
 //! Finding out what a drive is, by reads only.
 
 use crate::config::Config;
-use crate::connect::Line;
+use crate::connect::ProtocolLine;
 use crate::error::Error;
-use crate::heard::Heard;
+use crate::no_reply::NoReplyDetails;
 use polepair_core::error::{Failure, Outcome, Unsupported};
-use polepair_core::profile::{Access, Ask, Identity, ParameterId, Profile};
+use polepair_core::profile::{Access, Identity, IdentityQuery, ParameterId, Profile};
 use polepair_core::station::{AxisIndex, Counters};
 use polepair_core::time::Instant;
 use polepair_link::{Connection, LinkError};
@@ -13,19 +13,19 @@ use std::fmt;
 use std::time::Duration;
 
 /// How long one question may take, with all its repeats.
-const QUESTION_MAX: Duration = Duration::from_secs(5);
+const QUERY_MAX: Duration = Duration::from_secs(5);
 /// So long drives are asked again what they are by those who bring motors to rest.
-pub(crate) const AGAIN_MAX: Duration = Duration::from_secs(3);
+pub(crate) const IDENTIFY_RETRY_MAX: Duration = Duration::from_secs(3);
 /// Products that are asked for at one address at most.
 const CANDIDATES_MAX: usize = 64;
 
 /// How an axis came to its profile.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Identified {
+pub enum Identification {
     /// The connection string names it: nobody was asked.
     Named,
     /// The drive's answer tells it.
-    Asked {
+    Queried {
         /// The firmware's version, where the answer tells it.
         firmware: Option<String>,
     },
@@ -35,12 +35,12 @@ pub enum Identified {
     Generic,
 }
 
-impl fmt::Display for Identified {
+impl fmt::Display for Identification {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Named => f.write_str("named in the connection string"),
-            Self::Asked { firmware: Some(firmware) } => write!(f, "firmware {firmware}"),
-            Self::Asked { firmware: None } => f.write_str("told by its answer"),
+            Self::Queried { firmware: Some(firmware) } => write!(f, "firmware {firmware}"),
+            Self::Queried { firmware: None } => f.write_str("told by its answer"),
             Self::Group => f.write_str("a group: taken for what the link's first axis is"),
             Self::Generic => f.write_str("not known: served by the protocol's generic profile"),
         }
@@ -49,108 +49,122 @@ impl fmt::Display for Identified {
 
 /// Asks drives on one line what they are.
 pub(crate) struct Prober<'a> {
-    line: &'a Line,
-    known: Vec<&'static Profile>,
+    line: &'a ProtocolLine,
+    profiles: Vec<&'static Profile>,
     candidates: Vec<(&'static Profile, Identity)>,
-    patience: Option<Duration>,
-    looking: bool,
-    broken: &'a dyn Fn() -> bool,
+    reply_timeout: Option<Duration>,
+    single_attempt: bool,
+    is_cancelled: &'a dyn Fn() -> bool,
 }
 
 /// What one address gave.
 #[derive(Clone, Debug)]
-pub(crate) enum Probe {
+pub(crate) enum ProbeResult {
     /// Nobody answered anything: what came instead.
-    Silent(Heard),
+    Silent(NoReplyDetails),
     /// Only damaged frames came back, and what else there was.
-    Damaged(Heard),
+    Damaged(NoReplyDetails),
     /// The host may not ask there; nothing was sent.
     Forbidden(&'static str),
     /// Somebody is there; doubtful where it is no known drive and an answer was
     /// corrupt or to another question.
-    Found { profile: &'static Profile, identified: Identified, stray: u64, doubtful: bool },
+    Found { profile: &'static Profile, identified: Identification, stray: u64, doubtful: bool },
 }
 
 impl<'a> Prober<'a> {
-    pub(crate) fn new(line: &'a Line, config: &Config) -> Self {
-        let speaks = |p: &&'static Profile| p.protocol == line.spoken.profile;
-        let known: Vec<_> = config.all_profiles().filter(speaks).collect();
-        let candidates = known.iter().filter_map(|p| Some((*p, p.identity?)));
+    pub(crate) fn new(line: &'a ProtocolLine, config: &Config) -> Self {
+        let speaks = |p: &&'static Profile| p.protocol == line.protocol.profile;
+        let profiles: Vec<_> = config.all_profiles().filter(speaks).collect();
+        let candidates = profiles.iter().filter_map(|p| Some((*p, p.identity?)));
         let candidates = candidates.take(CANDIDATES_MAX).collect();
-        Self { line, known, candidates, patience: None, looking: false, broken: &|| false }
+        Self {
+            line,
+            profiles,
+            candidates,
+            reply_timeout: None,
+            single_attempt: false,
+            is_cancelled: &|| false,
+        }
     }
 
     /// Asks for one product alone: whoever is another is served by the generic profile.
-    pub(crate) fn expecting(mut self, profile: &'static Profile) -> Self {
+    pub(crate) fn with_candidate(mut self, profile: &'static Profile) -> Self {
         self.candidates =
             profile.identity.map(|identity| (profile, identity)).into_iter().collect();
         self
     }
 
     /// Waits for each answer at most so long, whatever the host would.
-    pub(crate) fn patient(mut self, patience: Option<Duration>) -> Self {
-        self.patience = patience;
+    pub(crate) fn with_timeout(mut self, patience: Option<Duration>) -> Self {
+        self.reply_timeout = patience;
         self
     }
 
     /// Takes silence for an empty address without trying twice: most are.
-    pub(crate) fn looking(mut self) -> Self {
-        self.looking = true;
+    pub(crate) fn scanning(mut self) -> Self {
+        self.single_attempt = true;
         self
     }
 
     /// Asks nothing more once `broken` says so; what was not found out by then is silence.
-    pub(crate) fn until(mut self, broken: &'a dyn Fn() -> bool) -> Self {
-        self.broken = broken;
+    pub(crate) fn with_cancel(mut self, broken: &'a dyn Fn() -> bool) -> Self {
+        self.is_cancelled = broken;
         self
     }
 
     /// What is at the address, or that nobody is.
-    pub(crate) fn identify(&self, number: u32) -> Result<(&'static Profile, Identified), Error> {
+    pub(crate) fn identify(
+        &self,
+        number: u32,
+    ) -> Result<(&'static Profile, Identification), Error> {
         match self.probe(number)? {
-            Probe::Found { doubtful: true, .. } => Err(self.confused(number)),
-            Probe::Found { profile, identified, .. } => Ok((profile, identified)),
-            Probe::Forbidden(hint) => Err(self.forbidden(number, hint)),
-            Probe::Silent(heard) | Probe::Damaged(heard) => Err(self.silent(number, heard)),
+            ProbeResult::Found { doubtful: true, .. } => Err(self.confused_error(number)),
+            ProbeResult::Found { profile, identified, .. } => Ok((profile, identified)),
+            ProbeResult::Forbidden(hint) => Err(self.forbidden_error(number, hint)),
+            ProbeResult::Silent(heard) | ProbeResult::Damaged(heard) => {
+                Err(self.silent_error(number, heard))
+            }
         }
     }
 
     /// The error for an address that the host may not ask.
-    pub(crate) fn forbidden(&self, number: u32, hint: &str) -> Error {
+    pub(crate) fn forbidden_error(&self, number: u32, hint: &str) -> Error {
         let what = format!("axis {number} cannot be asked on {}", self.describe());
         Error::usage("E222", what, hint)
     }
 
     /// The error for an address where nobody answers.
-    pub(crate) fn silent(&self, number: u32, heard: Heard) -> Error {
+    pub(crate) fn silent_error(&self, number: u32, heard: NoReplyDetails) -> Error {
         let but = if heard.is_nothing() { String::new() } else { format!(": {heard}") };
         Error::Failed {
             what: format!("axis {number} does not answer on {}{but}", self.describe()),
-            went: String::new(),
+            execution: String::new(),
             outcome: Outcome::NotDone(Failure::Silent),
-            heard: Box::new(heard),
+            received: Box::new(heard),
             may_turn: false,
             hint: heard.hint().into(),
         }
     }
 
     /// The same error for those who bring motors to rest: who names the drive needs no answer.
-    pub(crate) fn naming(&self, error: Error) -> Error {
-        let Error::Failed { what, went, outcome, heard, may_turn, hint } = error else {
+    pub(crate) fn with_profile_hint(&self, error: Error) -> Error {
+        let Error::Failed { what, execution: went, outcome, received: heard, may_turn, hint } =
+            error
+        else {
             return error;
         };
-        let names: Vec<&str> = self.known.iter().map(|profile| profile.name).collect();
+        let names: Vec<&str> = self.profiles.iter().map(|profile| profile.name).collect();
         let hint = format!("say what it is by `?profile=`: {}; {hint}", names.join(", "));
-        Error::Failed { what, went, outcome, heard, may_turn, hint }
+        Error::Failed { what, execution: went, outcome, received: heard, may_turn, hint }
     }
 
     /// The profiles of drives that speak the line's protocol.
-    pub(crate) fn known(&self) -> &[&'static Profile] {
-        &self.known
+    pub(crate) fn profiles(&self) -> &[&'static Profile] {
+        &self.profiles
     }
 
     /// The error for an address where nothing that comes fits what was asked.
-    pub(crate) fn confused(&self, number: u32) -> Error {
+    pub(crate) fn confused_error(&self, number: u32) -> Error {
         let what = format!(
             "axis {number} cannot be identified on {}: what came was corrupt or answered other questions",
             self.describe()
@@ -159,9 +173,9 @@ impl<'a> Prober<'a> {
                     or noise; `-v` shows the frames";
         Error::Failed {
             what,
-            went: String::new(),
+            execution: String::new(),
             outcome: Outcome::NotDone(Failure::Misbehaved),
-            heard: Box::default(),
+            received: Box::default(),
             may_turn: false,
             hint: hint.into(),
         }
@@ -172,32 +186,32 @@ impl<'a> Prober<'a> {
     }
 
     /// Asks every question that some profile has, once.
-    pub(crate) fn probe(&self, number: u32) -> Result<Probe, Error> {
-        let generic = self.line.spoken.generic;
+    pub(crate) fn probe(&self, number: u32) -> Result<ProbeResult, Error> {
+        let generic = self.line.protocol.generic;
         let mut axes: Vec<_> = self.candidates.iter().map(|(p, _)| (*p, number)).collect();
         axes.push((generic, number));
-        let (connection, before) = self.line.probe(&axes, self.looking)?;
+        let (connection, before) = self.line.probe_connection(&axes, self.single_attempt)?;
         // Somebody may have spoken just now: this host has not heard it.
-        connection.with(|axes, now| axes.disturbed(now));
+        connection.with_axes(|axes, now| axes.handle_resume(now));
         let (mut heard, mut doubtful, mut best) = (false, false, None::<(u32, usize, i64)>);
         let mut asked: Vec<(Identity, Option<Outcome>)> = Vec::new();
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {
-            if (self.broken)() {
-                return Ok(Probe::Silent(Heard::default()));
+            if (self.is_cancelled)() {
+                return Ok(ProbeResult::Silent(NoReplyDetails::default()));
             }
-            let outcome = match asked.iter().find(|(q, _)| same(q, identity, profile)) {
+            let outcome = match asked.iter().find(|(q, _)| is_same_query(q, identity, profile)) {
                 Some((_, outcome)) => *outcome,
-                None => self.ask(&connection, before + n, identity.ask),
+                None => self.query(&connection, before + n, identity.query),
             };
             if outcome.and_then(Outcome::failure) == Some(Failure::LinkDown) {
-                return Err(self.lost(&connection));
+                return Err(self.link_lost_error(&connection));
             }
             asked.push((*identity, outcome));
             match outcome {
                 Some(Outcome::NotDone(
                     Failure::NotReady { hint } | Failure::Impossible(Unsupported::Forbidden(hint)),
                 )) => {
-                    return Ok(Probe::Forbidden(hint));
+                    return Ok(ProbeResult::Forbidden(hint));
                 }
                 Some(Outcome::Done(raw)) => {
                     heard = true;
@@ -208,51 +222,55 @@ impl<'a> Prober<'a> {
                     }
                 }
                 Some(outcome) => {
-                    heard |= answered(outcome);
-                    doubtful |= misbehaved(outcome);
+                    heard |= is_answer(outcome);
+                    doubtful |= is_misbehaved(outcome);
                 }
                 None => {}
             }
-            if silent(outcome) && !heard {
-                let counted = connection.with(|axes, _| axes.counters());
+            if is_silent(outcome) && !heard {
+                let counted = connection.with_axes(|axes, _| axes.counters());
                 // The bytes that are held are those of the question that ended last.
-                let held = connection.with(|axes, _| axes.heard(AxisIndex((before + n) as u8)));
+                let held = connection
+                    .with_axes(|axes, _| axes.silence_counters(AxisIndex((before + n) as u8)));
                 let skipped = counted.skipped.max(held.skipped);
-                let heard = Heard::of(&Counters { skipped, ..counted });
+                let heard = NoReplyDetails::from_counters(&Counters { skipped, ..counted });
                 return Ok(match heard.corrupt {
-                    0 => Probe::Silent(heard),
-                    _ => Probe::Damaged(heard),
+                    0 => ProbeResult::Silent(heard),
+                    _ => ProbeResult::Damaged(heard),
                 });
             }
         }
-        if !heard && !(self.broken)() {
-            let answer = self.generic_answers(&connection, before, generic)?;
-            heard = answer.is_none_or(answered);
-            doubtful |= answer.is_some_and(misbehaved);
+        if !heard && !(self.is_cancelled)() {
+            let answer = self.query_generic(&connection, before, generic)?;
+            heard = answer.is_none_or(is_answer);
+            doubtful |= answer.is_some_and(is_misbehaved);
         }
-        let counters = connection.with(|axes, _| axes.counters());
+        let counters = connection.with_axes(|axes, _| axes.counters());
         let stray = counters.unaccounted();
         Ok(match best {
             Some((_, n, raw)) => {
                 let (profile, identity) = self.candidates[n];
-                let firmware = firmware(raw, identity.firmware);
-                Probe::Found {
+                let firmware = format_firmware(raw, identity.firmware);
+                ProbeResult::Found {
                     profile,
-                    identified: Identified::Asked { firmware },
+                    identified: Identification::Queried { firmware },
                     stray,
                     doubtful: false,
                 }
             }
-            None if heard => {
-                Probe::Found { profile: generic, identified: Identified::Generic, stray, doubtful }
-            }
-            None => Probe::Silent(Heard::of(&counters)),
+            None if heard => ProbeResult::Found {
+                profile: generic,
+                identified: Identification::Generic,
+                stray,
+                doubtful,
+            },
+            None => ProbeResult::Silent(NoReplyDetails::from_counters(&counters)),
         })
     }
 
     /// What came for the generic profile's first readable parameter; `None` where it has none: its
     /// address is taken as it is.
-    fn generic_answers(
+    fn query_generic(
         &self,
         connection: &Connection,
         before: usize,
@@ -260,30 +278,35 @@ impl<'a> Prober<'a> {
     ) -> Result<Option<Outcome>, Error> {
         let readable = generic.parameters.iter().position(|p| p.access != Access::Write);
         let Some(id) = readable.and_then(|n| u16::try_from(n).ok()) else { return Ok(None) };
-        let question = Ask::Parameter(ParameterId(id));
-        let outcome = self.ask(connection, before + self.candidates.len(), question);
+        let question = IdentityQuery::Parameter(ParameterId(id));
+        let outcome = self.query(connection, before + self.candidates.len(), question);
         match outcome.and_then(Outcome::failure) {
-            Some(Failure::LinkDown) => Err(self.lost(connection)),
+            Some(Failure::LinkDown) => Err(self.link_lost_error(connection)),
             // What cannot be asked is silence too.
             _ => Ok(Some(outcome.unwrap_or(Outcome::NotDone(Failure::Silent)))),
         }
     }
 
     /// The error for a link that went away while somebody was asked: that is no silence.
-    fn lost(&self, connection: &Connection) -> Error {
-        let trouble = connection.trouble();
+    fn link_lost_error(&self, connection: &Connection) -> Error {
+        let trouble = connection.link_error();
         Error::Link(trouble.unwrap_or_else(|| LinkError::gone(&self.describe())))
     }
 
-    fn ask(&self, connection: &Connection, axis: usize, question: Ask) -> Option<Outcome> {
+    fn query(
+        &self,
+        connection: &Connection,
+        axis: usize,
+        question: IdentityQuery,
+    ) -> Option<Outcome> {
         let axis = AxisIndex(u8::try_from(axis).ok()?);
         // However the host judges it: what may keep others from the wire has an end.
-        let patience = self.patience.or(self.looking.then_some(QUESTION_MAX));
-        let until = patience.map_or(Instant::FAR, |patience| connection.now() + patience);
+        let patience = self.reply_timeout.or(self.single_attempt.then_some(QUERY_MAX));
+        let until = patience.map_or(Instant::FAR_FUTURE, |patience| connection.now() + patience);
         let outcome: Result<Option<Outcome>, Unsupported> =
-            connection.ask(until, |axes, now, ticket| match question {
-                Ask::Parameter(id) => axes.read(now, ticket, axis, id),
-                Ask::Text(text) => axes.raw(now, ticket, axis, text),
+            connection.request(until, |axes, now, ticket| match question {
+                IdentityQuery::Parameter(id) => axes.read_parameter(now, ticket, axis, id),
+                IdentityQuery::Text(text) => axes.send_text(now, ticket, axis, text),
             });
         // Nothing within the time is silence too.
         Some(outcome.ok()?.unwrap_or(Outcome::NotDone(Failure::Silent)))
@@ -292,26 +315,26 @@ impl<'a> Prober<'a> {
 
 /// The same question, so that its answer can be shared. A parameter's number means another thing
 /// in another profile.
-fn same(asked: &Identity, wanted: &Identity, _profile: &Profile) -> bool {
-    matches!((asked.ask, wanted.ask), (Ask::Text(a), Ask::Text(b)) if a == b)
+fn is_same_query(asked: &Identity, wanted: &Identity, _profile: &Profile) -> bool {
+    matches!((asked.query, wanted.query), (IdentityQuery::Text(a), IdentityQuery::Text(b)) if a == b)
 }
 
 /// Somebody said something, if only no.
-pub(crate) const fn answered(outcome: Outcome) -> bool {
+pub(crate) const fn is_answer(outcome: Outcome) -> bool {
     matches!(outcome.failure(), None | Some(Failure::Refused { .. } | Failure::Misbehaved))
 }
 
-const fn misbehaved(outcome: Outcome) -> bool {
+const fn is_misbehaved(outcome: Outcome) -> bool {
     matches!(outcome.failure(), Some(Failure::Misbehaved))
 }
 
-fn silent(outcome: Option<Outcome>) -> bool {
+fn is_silent(outcome: Option<Outcome>) -> bool {
     let failure = outcome.and_then(Outcome::failure);
     matches!(failure, Some(Failure::Silent | Failure::LinkDown))
 }
 
 /// The version's bits as people write versions: text where they are text, else major.minor.
-fn firmware(raw: i64, mask: i64) -> Option<String> {
+fn format_firmware(raw: i64, mask: i64) -> Option<String> {
     if mask == 0 {
         return None;
     }
@@ -328,13 +351,16 @@ fn firmware(raw: i64, mask: i64) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::firmware;
+    use super::format_firmware;
 
     #[test]
     fn versions_are_shown_as_people_write_them() {
-        assert_eq!(firmware(0x3137_3156_312E_3039, 0xFF_FFFF_FFFF).as_deref(), Some("V1.09"));
-        assert_eq!(firmware(0x00AB_0114, 0xFFFF).as_deref(), Some("1.20"));
-        assert_eq!(firmware(7, 0xFF).as_deref(), Some("7"));
-        assert_eq!(firmware(7, 0), None);
+        assert_eq!(
+            format_firmware(0x3137_3156_312E_3039, 0xFF_FFFF_FFFF).as_deref(),
+            Some("V1.09")
+        );
+        assert_eq!(format_firmware(0x00AB_0114, 0xFFFF).as_deref(), Some("1.20"));
+        assert_eq!(format_firmware(7, 0xFF).as_deref(), Some("7"));
+        assert_eq!(format_firmware(7, 0), None);
     }
 }

@@ -25,11 +25,10 @@ pub mod eds;
 pub mod error;
 pub mod events;
 mod faults;
-mod file;
-pub mod heard;
 mod identify;
 pub mod listen;
 mod mounting;
+pub mod no_reply;
 pub mod profile;
 pub mod program;
 pub mod quantity;
@@ -37,24 +36,25 @@ mod registry;
 pub mod scan;
 pub mod settings;
 pub mod simulate;
+mod spelling;
 pub mod stop;
+mod toml_file;
 pub mod url;
 pub mod wire;
-mod words;
 
 pub use amount::{Amount, Value};
-pub use axis::{Armed, Axis, Following, Running, start_together};
-pub use bus::{Load, frame_bits};
+pub use axis::{Armed, Axis, CyclicAxes, RunningRequest, start_together};
+pub use bus::{BusLoadRange, frame_bits};
 pub use connect::{AnyTap, Connector, Link, connect};
 pub use error::Error;
 pub use events::{Event, Events};
 pub use faults::faults;
-pub use file::FileError;
-pub use heard::Heard;
-pub use identify::Identified;
+pub use identify::Identification;
+pub use no_reply::NoReplyDetails;
 pub use program::Program;
-pub use wire::{AnyLink, Sent};
-pub use words::nearest;
+pub use spelling::nearest;
+pub use toml_file::FileError;
+pub use wire::{AnyLink, SentCounter};
 
 /// The programs that the README shows are run.
 #[cfg(doctest)]

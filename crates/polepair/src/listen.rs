@@ -9,26 +9,26 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
-use crate::connect::{Connector, Line};
+use crate::connect::{Connector, ProtocolLine};
 use crate::error::Error;
 use crate::url::Url;
 use crate::wire::{AnyLink, OpenWire, SharedLink};
 use polepair_core::medium::{Can, CanLine, Medium, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
-use polepair_link::{LinkError, Losses, Served};
+use polepair_link::{LinkError, Losses, ServeThread};
 
 /// Wires that are listened to, each on a thread of its own, until this is dropped. What is heard
 /// goes to the connector's taps, all of it as if it came from a drive: who spoke is not known.
 #[derive(Debug)]
-pub struct Listening {
+pub struct WireListener {
     wires: Vec<OpenWire>,
-    ears: Vec<Ear>,
+    threads: Vec<ListenerThread>,
 }
 
-struct Ear {
+struct ListenerThread {
     link: SharedLink,
-    served: Served,
+    handle: ServeThread,
 }
 
 impl Connector {
@@ -37,12 +37,14 @@ impl Connector {
     ///
     /// # Errors
     /// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened.
-    pub fn listen(&self, text: &str) -> Result<Listening, Error> {
-        let (lines, _) = self.lines(&self.url(text)?)?;
-        let mut listening = Listening { wires: Vec::new(), ears: Vec::new() };
+    pub fn listen(&self, text: &str) -> Result<WireListener, Error> {
+        let (lines, _) = self.open_lines(&self.url(text)?)?;
+        let mut listening = WireListener { wires: Vec::new(), threads: Vec::new() };
         for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
-            listening.wires.extend(Line::wire_of(lines));
-            listening.ears.extend(lines.first().map(|line| Ear::new(line.link.clone())));
+            listening.wires.extend(ProtocolLine::open_wire(lines));
+            listening
+                .threads
+                .extend(lines.first().map(|line| ListenerThread::new(line.link.clone())));
         }
         Ok(listening)
     }
@@ -55,52 +57,52 @@ impl Connector {
     /// # Errors
     /// As [`listen`](Self::listen).
     pub fn open(&self, text: &str) -> Result<Vec<AnyLink>, Error> {
-        Ok(self.opened(text)?.links())
+        Ok(self.open_wires(text)?.links())
     }
 
     /// The same, for those who also want to [stop](crate::stop::stop_on) what they set in motion.
     ///
     /// # Errors
     /// As [`listen`](Self::listen).
-    pub fn opened(&self, text: &str) -> Result<Opened, Error> {
+    pub fn open_wires(&self, text: &str) -> Result<RawWires, Error> {
         let url = self.url(text)?;
-        let (lines, _) = self.lines(&url)?;
-        Ok(Opened { url, lines })
+        let (lines, _) = self.open_lines(&url)?;
+        Ok(RawWires { url, lines })
     }
 }
 
 /// Wires that are open as they are: nobody was asked anything.
-pub struct Opened {
+pub struct RawWires {
     pub(crate) url: Url,
-    pub(crate) lines: Vec<Line>,
+    pub(crate) lines: Vec<ProtocolLine>,
 }
 
-impl Opened {
+impl RawWires {
     /// Every wire, in the order in which [taps](Connector::with_taps) count them.
     #[must_use]
     pub fn wires(&self) -> Vec<OpenWire> {
-        self.by_wire().filter_map(Line::wire_of).collect()
+        self.by_wire().filter_map(ProtocolLine::open_wire).collect()
     }
 
     /// Their links, in that order. They stay open as long as one of them, or this, is there.
     #[must_use]
     pub fn links(&self) -> Vec<AnyLink> {
-        let first = self.by_wire().filter_map(<[Line]>::first);
+        let first = self.by_wire().filter_map(<[ProtocolLine]>::first);
         first.map(|line| line.link.clone().into()).collect()
     }
 
-    pub(crate) fn by_wire(&self) -> impl Iterator<Item = &[Line]> {
+    pub(crate) fn by_wire(&self) -> impl Iterator<Item = &[ProtocolLine]> {
         self.lines.chunk_by(|one, other| one.wire == other.wire)
     }
 }
 
-impl std::fmt::Debug for Opened {
+impl std::fmt::Debug for RawWires {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_tuple("Opened").field(&self.url).finish()
     }
 }
 
-impl Listening {
+impl WireListener {
     /// Every wire, in the order in which [taps](Connector::with_taps) count them.
     #[must_use]
     pub fn wires(&self) -> &[OpenWire] {
@@ -110,40 +112,42 @@ impl Listening {
     /// What was noticed on a wire and could not be handed on.
     #[must_use]
     pub fn losses(&self, wire: usize) -> Losses {
-        self.ears.get(wire).map_or_else(Losses::default, |ear| ear.link.losses())
+        self.threads.get(wire).map_or_else(Losses::default, |ear| ear.link.losses())
     }
 
     /// Why a wire is heard no more, if one is: told once.
-    pub fn trouble(&mut self) -> Option<LinkError> {
-        let at = self.ears.iter().position(|ear| ear.served.ended())?;
-        self.ears.remove(at).served.wait().err()
+    pub fn take_error(&mut self) -> Option<LinkError> {
+        let at = self.threads.iter().position(|ear| ear.handle.is_finished())?;
+        self.threads.remove(at).handle.join().err()
     }
 }
 
-impl std::fmt::Debug for Ear {
+impl std::fmt::Debug for ListenerThread {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_tuple("Ear").field(&self.link.describe()).finish()
     }
 }
 
-impl Ear {
+impl ListenerThread {
     fn new(link: SharedLink) -> Self {
-        let served = match link.clone() {
-            SharedLink::Serial(link) => {
-                Served::new(Box::new(link), Box::new(Silent::<Stream>(SerialLine::n81(0))))
-            }
-            SharedLink::Can(link) => {
-                Served::new(Box::new(link), Box::new(Silent::<Can>(CanLine { bit_rate: 0 })))
-            }
+        let handle = match link.clone() {
+            SharedLink::Serial(link) => ServeThread::new(
+                Box::new(link),
+                Box::new(SilentStation::<Stream>(SerialLine::new_8n1(0))),
+            ),
+            SharedLink::Can(link) => ServeThread::new(
+                Box::new(link),
+                Box::new(SilentStation::<Can>(CanLine { bit_rate: 0 })),
+            ),
         };
-        Self { link, served }
+        Self { link, handle }
     }
 }
 
 /// A station that never says anything. The link's tap hears, and the line stays as it was set.
-struct Silent<M: Medium>(M::Line);
+struct SilentStation<M: Medium>(M::Line);
 
-impl<M: Medium> Timed for Silent<M> {
+impl<M: Medium> Timed for SilentStation<M> {
     fn handle_timeout(&mut self, _now: Instant) {}
 
     fn poll_timeout(&self) -> Option<Instant> {
@@ -151,7 +155,7 @@ impl<M: Medium> Timed for Silent<M> {
     }
 }
 
-impl<M: Medium> Station<M> for Silent<M> {
+impl<M: Medium> Station<M> for SilentStation<M> {
     fn handle_input(&mut self, _now: Instant, _unit: &M::Unit) {}
 
     fn handle_line(&mut self, _now: Instant, _event: LineEvent) {}

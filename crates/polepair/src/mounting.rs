@@ -13,8 +13,8 @@
 //!
 //! Why: MOVE-5.
 
-use crate::file::{FileError, Found, Node, Place};
 use crate::quantity;
+use crate::toml_file::{FileError, FileLocation, Located, TomlTable};
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{AxisKind, Parameter, ParameterId, Profile, Signal};
@@ -29,7 +29,7 @@ const LIMIT_KEYS: [&str; 3] = ["position", "velocity", "torque"];
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Mounting {
     /// Where the drive stands in the file.
-    pub(crate) place: Place,
+    pub(crate) location: FileLocation,
     /// What a turn behind the gear moves, m.
     pub(crate) lead: Option<f64>,
     /// Turns of the motor for one behind the gear.
@@ -39,17 +39,17 @@ pub(crate) struct Mounting {
     /// The motor's forward is the machine's backward.
     pub(crate) inverted: bool,
     /// Least and greatest position.
-    pub(crate) position: Option<Found<(f64, f64)>>,
+    pub(crate) position: Option<Located<(f64, f64)>>,
     /// Greatest speed, either way.
-    pub(crate) velocity: Option<Found<f64>>,
+    pub(crate) velocity: Option<Located<f64>>,
     /// Greatest torque either way, or what stands for it at this drive.
-    pub(crate) torque: Option<Found<f64>>,
+    pub(crate) torque: Option<Located<f64>>,
 }
 
 impl Mounting {
     /// What the table of a drive says; `None` where it says nothing of the kind.
-    pub(crate) fn read(
-        node: &Node<'_, '_>,
+    pub(crate) fn from_table(
+        node: &TomlTable<'_, '_>,
         profile: &'static Profile,
     ) -> Result<Option<Arc<Self>>, FileError> {
         if !KEYS.iter().any(|key| node.has(key)) {
@@ -57,20 +57,20 @@ impl Mounting {
         }
         let inverted = match node.text("direction")? {
             None => false,
-            Some(found) => found.check(|word| match word.as_str() {
+            Some(found) => found.try_map(|word| match word.as_str() {
                 "normal" => Ok(false),
                 "inverted" => Ok(true),
                 other => {
-                    let near = crate::words::hint(other, ["normal", "inverted"]);
+                    let near = crate::spelling::suggestion(other, ["normal", "inverted"]);
                     Err(format!("`{other}` is neither normal nor inverted{near}"))
                 }
             })?,
         };
         let mut made = Self {
-            place: node.place(),
-            lead: lead(node, profile)?,
-            gear: positive(node, "gear")?.unwrap_or(1.0),
-            counts: counts(node, profile)?,
+            location: node.location(),
+            lead: read_lead(node, profile)?,
+            gear: positive_number(node, "gear")?.unwrap_or(1.0),
+            counts: read_counts(node, profile)?,
             inverted,
             position: None,
             velocity: None,
@@ -84,7 +84,7 @@ impl Mounting {
 
     fn read_limits(
         &mut self,
-        node: &Node<'_, '_>,
+        node: &TomlTable<'_, '_>,
         profile: &'static Profile,
     ) -> Result<(), FileError> {
         let linear = self.is_linear(profile);
@@ -96,25 +96,25 @@ impl Mounting {
         if node.has("position") {
             let [low, high] = &ends[..] else {
                 let reason = "`position` is two ends: [\"0 mm\", \"300 mm\"]";
-                return Err(node.place().error(reason));
+                return Err(node.location().error(reason));
             };
-            let place = low.place.clone();
-            let value = (measured(low.clone(), way)?, measured(high.clone(), way)?);
+            let place = low.location.clone();
+            let value = (parse_amount(low.clone(), way)?, parse_amount(high.clone(), way)?);
             if value.0 >= value.1 {
                 return Err(place.error("the first end of `position` is the lower one"));
             }
-            self.position = Some(Found { value, place });
+            self.position = Some(Located { value, location: place });
         }
-        self.velocity = most(node, "velocity", speed)?;
+        self.velocity = symmetric_limit(node, "velocity", speed)?;
         if node.has("torque") {
             let unit = destination(profile, Verb::Torque, Argument::Torque)
                 .flatten()
                 .and_then(|id| profile.parameter(id));
             let Some(unit) = unit.map(|parameter| parameter.unit) else {
                 let reason = format!("`{}` takes no torque", profile.name);
-                return Err(node.place().error(reason));
+                return Err(node.location().error(reason));
             };
-            self.torque = most(node, "torque", unit)?;
+            self.torque = symmetric_limit(node, "torque", unit)?;
         }
         Ok(())
     }
@@ -125,13 +125,13 @@ impl Mounting {
     }
 }
 
-fn lead(node: &Node<'_, '_>, profile: &Profile) -> Result<Option<f64>, FileError> {
+fn read_lead(node: &TomlTable<'_, '_>, profile: &Profile) -> Result<Option<f64>, FileError> {
     let Some(found) = node.text("lead")? else { return Ok(None) };
     if profile.axis == AxisKind::Linear {
-        return Err(found.place.error(format!("`{}` has no turns: it is linear", profile.name)));
+        return Err(found.location.error(format!("`{}` has no turns: it is linear", profile.name)));
     }
-    let place = found.place.clone();
-    let lead = measured(found, Unit::Millimetre)?;
+    let place = found.location.clone();
+    let lead = parse_amount(found, Unit::Millimetre)?;
     if lead > 0.0 {
         return Ok(Some(lead));
     }
@@ -139,23 +139,26 @@ fn lead(node: &Node<'_, '_>, profile: &Profile) -> Result<Option<f64>, FileError
 }
 
 /// Refused where the profile knows the unit: two scales would be one too many.
-fn counts(node: &Node<'_, '_>, profile: &'static Profile) -> Result<Option<f64>, FileError> {
-    let Some(counts) = positive(node, "counts")? else { return Ok(None) };
+fn read_counts(
+    node: &TomlTable<'_, '_>,
+    profile: &'static Profile,
+) -> Result<Option<f64>, FileError> {
+    let Some(counts) = positive_number(node, "counts")? else { return Ok(None) };
     let known = profile.signal(Signal::Position).and_then(|s| profile.parameter(s.parameter));
     match known.map(|parameter| parameter.unit) {
         Some(unit) if unit != Unit::None => {
             let (name, unit) = (profile.name, unit.symbol());
             let reason = format!("`{name}` tells its position in {unit}: leave `counts` out");
-            Err(node.place().error(reason))
+            Err(node.location().error(reason))
         }
         _ => Ok(Some(counts)),
     }
 }
 
-fn positive(node: &Node<'_, '_>, key: &str) -> Result<Option<f64>, FileError> {
-    let Some(found) = node.real(key)? else { return Ok(None) };
+fn positive_number(node: &TomlTable<'_, '_>, key: &str) -> Result<Option<f64>, FileError> {
+    let Some(found) = node.float(key)? else { return Ok(None) };
     found
-        .check(|number| match number > 0.0 {
+        .try_map(|number| match number > 0.0 {
             true => Ok(number),
             false => Err(format!("`{key}` is {number}; it must be more than 0")),
         })
@@ -163,19 +166,23 @@ fn positive(node: &Node<'_, '_>, key: &str) -> Result<Option<f64>, FileError> {
 }
 
 /// A limit either way.
-fn most(node: &Node<'_, '_>, key: &str, unit: Unit) -> Result<Option<Found<f64>>, FileError> {
+fn symmetric_limit(
+    node: &TomlTable<'_, '_>,
+    key: &str,
+    unit: Unit,
+) -> Result<Option<Located<f64>>, FileError> {
     let Some(found) = node.text(key)? else { return Ok(None) };
-    let place = found.place.clone();
-    let value = measured(found, unit)?;
+    let place = found.location.clone();
+    let value = parse_amount(found, unit)?;
     if value > 0.0 {
-        return Ok(Some(Found { value, place }));
+        return Ok(Some(Located { value, location: place }));
     }
     Err(place.error(format!("`{key}` holds either way: it must be more than 0")))
 }
 
 /// An amount with a unit, as something that is shown in `unit`.
-fn measured(found: Found<String>, unit: Unit) -> Result<f64, FileError> {
-    found.check(|text| {
+fn parse_amount(found: Located<String>, unit: Unit) -> Result<f64, FileError> {
+    found.try_map(|text| {
         let measure = quantity::parse(&text).map_err(|error| error.to_string())?;
         if measure.quantity.is_none() && unit != Unit::None {
             return Err(format!("`{text}`: say its unit, such as {}", unit.symbol()));
@@ -196,8 +203,8 @@ pub(crate) fn destination(
     which: Argument,
 ) -> Option<Option<ParameterId>> {
     let takes = |operand: Operand| match operand {
-        Operand::Argument(found) | Operand::Given(found) => found == which,
-        Operand::Is(_) => false,
+        Operand::Argument(found) | Operand::OptionalArgument(found) => found == which,
+        Operand::Constant(_) => false,
     };
     profile.plan(verb)?.steps.iter().find_map(|step| match *step {
         Step::Write(id, operand) if takes(operand) => Some(Some(id)),
@@ -208,7 +215,7 @@ pub(crate) fn destination(
 
 /// What a parameter is for the motion of its axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Role {
+pub(crate) enum MotionRole {
     /// A position, or how far.
     Position,
     /// A velocity, whose sign tells the way.
@@ -221,9 +228,13 @@ pub(crate) enum Role {
     Torque,
 }
 
-impl Role {
+impl MotionRole {
     /// What an argument of a verb is.
-    pub(crate) fn of(verb: Verb, which: Argument, written: Option<&Parameter>) -> Option<Self> {
+    pub(crate) fn of_argument(
+        verb: Verb,
+        which: Argument,
+        written: Option<&Parameter>,
+    ) -> Option<Self> {
         Some(match which {
             Argument::Target => Self::Position,
             // Some drives search for their reference backwards at a negative speed.
@@ -257,8 +268,8 @@ impl Role {
 
 /// What the motion's parameters of a profile are. All others are not touched by a mounting: they
 /// keep the motor's own unit.
-pub(crate) fn roles(profile: &Profile) -> Vec<(ParameterId, Role)> {
-    let mut roles: Vec<(ParameterId, Role)> = Vec::new();
+pub(crate) fn motion_roles(profile: &Profile) -> Vec<(ParameterId, MotionRole)> {
+    let mut roles: Vec<(ParameterId, MotionRole)> = Vec::new();
     let mut note = |id: ParameterId, role| {
         if roles.iter().all(|(other, _)| *other != id) {
             roles.push((id, role));
@@ -266,18 +277,22 @@ pub(crate) fn roles(profile: &Profile) -> Vec<(ParameterId, Role)> {
     };
     for source in profile.signals.iter().filter(|s| s.equals.is_none() && s.mask == -1) {
         match source.signal {
-            Signal::Position | Signal::TargetPosition => note(source.parameter, Role::Position),
-            Signal::Velocity | Signal::TargetVelocity => note(source.parameter, Role::Velocity),
-            Signal::Torque => note(source.parameter, Role::Torque),
+            Signal::Position | Signal::TargetPosition => {
+                note(source.parameter, MotionRole::Position)
+            }
+            Signal::Velocity | Signal::TargetVelocity => {
+                note(source.parameter, MotionRole::Velocity)
+            }
+            Signal::Torque => note(source.parameter, MotionRole::Torque),
             _ => {}
         }
     }
     // A speed that one verb gives a sign has one.
     let signed_first = Verb::ALL.into_iter().filter(|verb| *verb == Verb::Velocity);
     for verb in signed_first.chain(Verb::ALL) {
-        for which in ARGUMENTS.into_iter().filter(|which| verb.takes(*which)) {
+        for which in ARGUMENTS.into_iter().filter(|which| verb.accepts(*which)) {
             let Some(Some(id)) = destination(profile, verb, which) else { continue };
-            if let Some(role) = Role::of(verb, which, profile.parameter(id)) {
+            if let Some(role) = MotionRole::of_argument(verb, which, profile.parameter(id)) {
                 note(id, role);
             }
         }
@@ -290,24 +305,24 @@ pub(crate) const ARGUMENTS: [Argument; 4] =
 
 /// A mounting with what it means for the parameters of one profile.
 #[derive(Debug)]
-pub(crate) struct Mounted {
+pub(crate) struct ResolvedMounting {
     pub(crate) mounting: Arc<Mounting>,
     linear: bool,
-    roles: Vec<(ParameterId, Role)>,
+    roles: Vec<(ParameterId, MotionRole)>,
 }
 
-impl Mounted {
+impl ResolvedMounting {
     pub(crate) fn new(mounting: Arc<Mounting>, profile: &'static Profile) -> Self {
         let linear = mounting.is_linear(profile);
-        Self { mounting, linear, roles: roles(profile) }
+        Self { mounting, linear, roles: motion_roles(profile) }
     }
 
-    pub(crate) fn role(&self, id: ParameterId) -> Option<Role> {
+    pub(crate) fn role(&self, id: ParameterId) -> Option<MotionRole> {
         self.roles.iter().find(|(other, _)| *other == id).map(|(_, role)| *role)
     }
 
     /// Whether a value of that unit is scaled here: what is a share of the whole is not.
-    fn scales(&self, role: Role, unit: Unit) -> bool {
+    fn scales(&self, role: MotionRole, unit: Unit) -> bool {
         let Some((linear, _)) = role.units() else { return false };
         match unit {
             Unit::None => self.mounting.counts.is_some(),
@@ -316,7 +331,7 @@ impl Mounted {
     }
 
     /// What is shown of a value whose profile states `unit`.
-    pub(crate) fn unit(&self, role: Role, unit: Unit) -> Unit {
+    pub(crate) fn unit(&self, role: MotionRole, unit: Unit) -> Unit {
         let Some((linear, rotary)) = role.units().filter(|_| self.scales(role, unit)) else {
             return unit;
         };
@@ -328,7 +343,7 @@ impl Mounted {
     }
 
     /// What a value of the machine is multiplied with to become the drive's, both in SI.
-    pub(crate) fn factor(&self, role: Role, unit: Unit) -> f64 {
+    pub(crate) fn factor(&self, role: MotionRole, unit: Unit) -> f64 {
         const TURN: f64 = core::f64::consts::TAU;
         let Mounting { lead, gear, counts, inverted, .. } = &*self.mounting;
         let (lead, gear, counts, inverted) = (*lead, *gear, *counts, *inverted);

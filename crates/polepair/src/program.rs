@@ -10,10 +10,12 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
-use crate::file::FileError;
-use polepair_core::lane::Piece;
+use crate::toml_file::FileError;
+use polepair_core::lane::MemoryBlock;
 use polepair_core::profile::Profile;
-use polepair_core::program::{LABELS_MAX, Label, Language, Listing, SourceError, WORDS_MAX};
+use polepair_core::program::{
+    LABELS_MAX, ListingSink, ProgramLabel, ProgramLanguage, SourceError, WORDS_MAX,
+};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -23,22 +25,22 @@ const FILE_MAX: u64 = 4 << 20;
 /// Words at addresses, with names for some of these.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Program {
-    pieces: Vec<Piece>,
+    pieces: Vec<MemoryBlock>,
     labels: Vec<(String, u16)>,
 }
 
 /// What a text is made into words with.
 #[derive(Clone, Copy)]
-pub struct Source<'a> {
+pub struct AssemblyContext<'a> {
     /// The language.
-    pub language: &'a dyn Language,
+    pub language: &'a dyn ProgramLanguage,
     /// Names of the drive's variables.
     pub profile: Option<&'static Profile>,
     /// Where the first word lies.
     pub origin: u16,
 }
 
-impl std::fmt::Debug for Source<'_> {
+impl std::fmt::Debug for AssemblyContext<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let name = self.profile.map(|profile| profile.name);
         write!(f, "Source({name:?} at {:04X})", self.origin)
@@ -48,17 +50,17 @@ impl std::fmt::Debug for Source<'_> {
 impl Program {
     /// Words that lie one after the other.
     #[must_use]
-    pub fn of(start: u16, words: Vec<u16>) -> Self {
-        Self { pieces: vec![Piece { start, words }], labels: Vec::new() }
+    pub fn from_words(start: u16, words: Vec<u16>) -> Self {
+        Self { pieces: vec![MemoryBlock { start, words }], labels: Vec::new() }
     }
 
     /// Reads a file: a software file if it is called `.sw`, else text.
     ///
     /// # Errors
     /// [`FileError`] with file, line, column and reason.
-    pub fn read(path: &Path, source: &Source<'_>) -> Result<Self, FileError> {
+    pub fn read(path: &Path, source: &AssemblyContext<'_>) -> Result<Self, FileError> {
         let file = path.display().to_string();
-        let whole = |reason: String| FileError::whole(&file, reason);
+        let whole = |reason: String| FileError::for_file(&file, reason);
         let size = std::fs::metadata(path).map_err(|e| whole(e.to_string()))?.len();
         if size > FILE_MAX {
             return Err(whole(format!("larger than {FILE_MAX} bytes: is it a program?")));
@@ -75,18 +77,23 @@ impl Program {
     ///
     /// # Errors
     /// [`FileError`] with the line, the column, and what should stand there.
-    pub fn assemble(file: &str, text: &str, source: &Source<'_>) -> Result<Self, FileError> {
-        let (mut words, mut labels) = (vec![0; WORDS_MAX], vec![Label::default(); LABELS_MAX]);
-        let Source { language, profile, origin } = *source;
+    pub fn assemble(
+        file: &str,
+        text: &str,
+        source: &AssemblyContext<'_>,
+    ) -> Result<Self, FileError> {
+        let (mut words, mut labels) =
+            (vec![0; WORDS_MAX], vec![ProgramLabel::default(); LABELS_MAX]);
+        let AssemblyContext { language, profile, origin } = *source;
         let made = language
             .assemble(text, origin, profile, &mut words, &mut labels)
-            .map_err(|error| misplaced(file, text, &error))?;
+            .map_err(|error| source_error(file, text, &error))?;
         if made.words == 0 {
-            return Err(FileError::whole(file, "there is no instruction in it"));
+            return Err(FileError::for_file(file, "there is no instruction in it"));
         }
         words.truncate(made.words);
         let labels = labels[..made.labels].iter().map(|l| (l.name.to_owned(), l.address));
-        Ok(Self { labels: labels.collect(), ..Self::of(origin, words) })
+        Ok(Self { labels: labels.collect(), ..Self::from_words(origin, words) })
     }
 
     /// Reads a software file, as the vendor's tools write them: blocks that blank lines part, in each
@@ -97,27 +104,27 @@ impl Program {
     /// # Errors
     /// [`FileError`] with line, column and reason.
     pub fn parse_sw(file: &str, text: &str) -> Result<Self, FileError> {
-        let mut pieces: Vec<Piece> = Vec::new();
+        let mut pieces: Vec<MemoryBlock> = Vec::new();
         let (mut open, mut total) = (false, 0);
         for (line, digits) in (1..).zip(text.lines().map(str::trim)) {
-            let refuse = |reason: String| FileError { line, column: 1, ..whole(file, reason) };
+            let refuse = |reason: String| FileError { line, column: 1, ..file_error(file, reason) };
             let word = match digits {
                 "" => {
                     open = false;
                     continue;
                 }
-                digits => hex(digits).ok_or_else(|| refuse(not_hex(digits)))?,
+                digits => parse_hex_word(digits).ok_or_else(|| refuse(not_hex_reason(digits)))?,
             };
             match pieces.last_mut().filter(|_| open) {
                 Some(piece) => piece.words.push(word),
-                None => pieces.push(Piece { start: word, words: Vec::new() }),
+                None => pieces.push(MemoryBlock { start: word, words: Vec::new() }),
             }
             (open, total) = (true, total + 1);
             if total > WORDS_MAX {
                 return Err(refuse(format!("more than {WORDS_MAX} words")));
             }
         }
-        laid_out(file, &pieces)?;
+        check_layout(file, &pieces)?;
         Ok(Self { pieces, labels: Vec::new() })
     }
 
@@ -138,18 +145,22 @@ impl Program {
     /// The text that its words stand for, with their addresses as comments. Of a single piece it
     /// assembles to the same words.
     #[must_use]
-    pub fn listing(&self, language: &dyn Language, profile: Option<&'static Profile>) -> String {
-        let mut lines = Lines::default();
+    pub fn listing(
+        &self,
+        language: &dyn ProgramLanguage,
+        profile: Option<&'static Profile>,
+    ) -> String {
+        let mut lines = ListingWriter::default();
         for piece in &self.pieces {
             language.disassemble(piece.start, &piece.words, profile, &mut lines);
         }
-        lines.end();
+        lines.end_line();
         lines.text
     }
 
     /// Its words, in pieces.
     #[must_use]
-    pub fn pieces(&self) -> &[Piece] {
+    pub fn pieces(&self) -> &[MemoryBlock] {
         &self.pieces
     }
 
@@ -174,31 +185,31 @@ impl Program {
 
 /// A listing, an instruction a line.
 #[derive(Default)]
-struct Lines {
+struct ListingWriter {
     text: String,
     /// How long the lines are that have ended.
-    ended: usize,
+    line_start: usize,
     /// What stands behind the line that has not.
     comment: String,
 }
 
 /// Where comments begin.
-const COMMENT: usize = 32;
+const COMMENT_COLUMN: usize = 32;
 
-impl Lines {
-    fn end(&mut self) {
-        let len = self.text[self.ended..].chars().count();
+impl ListingWriter {
+    fn end_line(&mut self) {
+        let len = self.text[self.line_start..].chars().count();
         if len > 0 {
-            self.text.extend(std::iter::repeat_n(' ', COMMENT.saturating_sub(len)));
+            self.text.extend(std::iter::repeat_n(' ', COMMENT_COLUMN.saturating_sub(len)));
             self.text.push_str(&self.comment);
         }
-        self.ended = self.text.len();
+        self.line_start = self.text.len();
     }
 }
 
-impl Listing for Lines {
+impl ListingSink for ListingWriter {
     fn instruction(&mut self, address: u16, words: &[u16]) {
-        self.end();
+        self.end_line();
         let words: String = words.iter().map(|word| format!(" {word:04X}")).collect();
         self.comment = format!(" // {address:04X}:{words}\n");
     }
@@ -214,47 +225,50 @@ pub fn is_software(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("sw"))
 }
 
-fn whole(file: &str, reason: String) -> FileError {
-    FileError::whole(file, reason)
+fn file_error(file: &str, reason: String) -> FileError {
+    FileError::for_file(file, reason)
 }
 
-fn hex(digits: &str) -> Option<u16> {
+fn parse_hex_word(digits: &str) -> Option<u16> {
     let good = digits.len() <= 4 && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
     good.then(|| u16::from_str_radix(digits, 16).ok()).flatten()
 }
 
-fn not_hex(digits: &str) -> String {
+fn not_hex_reason(digits: &str) -> String {
     let shown: String = digits.chars().take(20).collect();
     format!("`{shown}` is no word: a line has one of at most four hexadecimal digits, 0000 to FFFF")
 }
 
 /// Whether the blocks have words, end within memory, and lie apart.
-fn laid_out(file: &str, pieces: &[Piece]) -> Result<(), FileError> {
-    let end = |piece: &Piece| usize::from(piece.start) + piece.words.len();
+fn check_layout(file: &str, pieces: &[MemoryBlock]) -> Result<(), FileError> {
+    let end = |piece: &MemoryBlock| usize::from(piece.start) + piece.words.len();
     if pieces.is_empty() {
-        return Err(whole(file, "there is no block in it".to_owned()));
+        return Err(file_error(file, "there is no block in it".to_owned()));
     }
     for (n, piece) in pieces.iter().enumerate() {
         let start = piece.start;
         if piece.words.is_empty() {
-            return Err(whole(file, format!("the block at {start:04X} has no words")));
+            return Err(file_error(file, format!("the block at {start:04X} has no words")));
         }
         if end(piece) > WORDS_MAX {
-            return Err(whole(file, format!("the block at {start:04X} goes beyond FFFF")));
+            return Err(file_error(file, format!("the block at {start:04X} goes beyond FFFF")));
         }
-        let overlaps = |other: &&Piece| {
+        let overlaps = |other: &&MemoryBlock| {
             usize::from(other.start) < end(piece) && usize::from(start) < end(other)
         };
         if let Some(other) = pieces[..n].iter().find(overlaps) {
             let other = other.start;
-            return Err(whole(file, format!("the blocks at {other:04X} and {start:04X} overlap")));
+            return Err(file_error(
+                file,
+                format!("the blocks at {other:04X} and {start:04X} overlap"),
+            ));
         }
     }
     Ok(())
 }
 
 /// A complaint about a place in a text.
-fn misplaced(file: &str, text: &str, error: &SourceError) -> FileError {
+fn source_error(file: &str, text: &str, error: &SourceError) -> FileError {
     let SourceError { line, at, expected } = *error;
     let source = text.lines().nth(line as usize - 1).unwrap_or("");
     let before = source.get(..at).unwrap_or(source);
@@ -264,22 +278,22 @@ fn misplaced(file: &str, text: &str, error: &SourceError) -> FileError {
         "" => format!("expected {expected}"),
         found => format!("`{found}`: expected {expected}"),
     };
-    FileError { line, column, ..whole(file, reason) }
+    FileError { line, column, ..file_error(file, reason) }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Program, Source};
-    use polepair_core::program::Language;
+    use super::{AssemblyContext, Program};
+    use polepair_core::program::ProgramLanguage;
     use polepair_core::proto;
 
-    fn language() -> &'static dyn Language {
-        proto::dissector("tml").and_then(|dissector| dissector.programs()).unwrap()
+    fn language() -> &'static dyn ProgramLanguage {
+        proto::find_dissector("tml").and_then(|dissector| dissector.program_language()).unwrap()
     }
 
-    fn source(origin: u16) -> Source<'static> {
+    fn source(origin: u16) -> AssemblyContext<'static> {
         let profile = polepair_core::drives::profiles().iter().find(|p| p.protocol == "tml");
-        Source { language: language(), profile: profile.copied(), origin }
+        AssemblyContext { language: language(), profile: profile.copied(), origin }
     }
 
     #[test]

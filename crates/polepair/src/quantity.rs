@@ -1,7 +1,7 @@
 //! Numbers with units, as people write them: `90 deg`, `60rpm`, `1.2 A`, `0x10`.
 
 use crate::error::Error;
-use crate::words;
+use crate::spelling;
 use polepair_core::units::{Quantity, Unit};
 
 /// A number and its unit, if one was given.
@@ -17,7 +17,7 @@ pub struct Measure {
 }
 
 /// Units besides those of [`Unit`], with what they measure and their SI value.
-const MORE: [(&str, Quantity, f64); 30] = {
+const MORE_UNITS: [(&str, Quantity, f64); 30] = {
     use core::f64::consts::PI;
     [
         ("°", Quantity::Position, PI / 180.0),
@@ -54,7 +54,7 @@ const MORE: [(&str, Quantity, f64); 30] = {
 };
 
 /// The units of what goes along a line.
-const LINEAR: [&str; 9] = ["mm", "m", "cm", "um", "µm", "m/s", "mm/s", "m/s2", "mm/s2"];
+const LINEAR_UNITS: [&str; 9] = ["mm", "m", "cm", "um", "µm", "m/s", "mm/s", "m/s2", "mm/s2"];
 
 /// Reads a number with or without a unit. A unit's letter case is ignored where that is no
 /// ambiguity.
@@ -72,12 +72,12 @@ const LINEAR: [&str; 9] = ["mm", "m", "cm", "um", "µm", "m/s", "mm/s", "m/s2", 
 /// [`Error::Usage`] `E217` for what is no number, is not finite, or has an unknown unit.
 pub fn parse(text: &str) -> Result<Measure, Error> {
     let text = text.trim();
-    if let Some(number) = crate::file::number(text) {
+    if let Some(number) = crate::toml_file::parse_number(text) {
         #[allow(clippy::cast_precision_loss, reason = "people write few digits")]
         return Ok(Measure { si: number as f64, quantity: None, linear: false });
     }
-    let (number, unit) = split(text);
-    if let Some(point) = with_point(number, unit) {
+    let (number, unit) = split_number(text);
+    if let Some(point) = with_decimal_point(number, unit) {
         let what = format!("`{text}` has a comma for its decimal point");
         return Err(Error::usage("E217", what, format!("write `{point}`")));
     }
@@ -88,11 +88,11 @@ pub fn parse(text: &str) -> Result<Measure, Error> {
     if unit.is_empty() {
         return Ok(Measure { si, quantity: None, linear: false });
     }
-    let (symbol, quantity, factor) = unit_of(unit).ok_or_else(|| {
-        let near = words::hint(unit, known());
-        Error::usage("E217", format!("`{unit}` is no unit{near}"), known_sentence())
+    let (symbol, quantity, factor) = find_unit(unit).ok_or_else(|| {
+        let near = spelling::suggestion(unit, known_symbols());
+        Error::usage("E217", format!("`{unit}` is no unit{near}"), known_units_text())
     })?;
-    let linear = LINEAR.contains(&symbol);
+    let linear = LINEAR_UNITS.contains(&symbol);
     Ok(Measure { si: si * factor, quantity: Some(quantity), linear })
 }
 
@@ -105,7 +105,7 @@ impl Measure {
     /// where something goes along a line.
     pub fn in_unit(self, unit: Unit) -> Result<f64, Error> {
         match self.quantity {
-            None => Ok(self.si * unit.si()),
+            None => Ok(self.si * unit.si_factor()),
             Some(_) => self.si(unit),
         }
     }
@@ -137,7 +137,7 @@ impl Measure {
     pub fn si(self, unit: Unit) -> Result<f64, Error> {
         match self.quantity {
             None => Ok(self.si),
-            Some(quantity) if quantity != unit.quantity() => Err(mismatch(quantity, unit)),
+            Some(quantity) if quantity != unit.quantity() => Err(mismatch_error(quantity, unit)),
             Some(_) if self.linear != unit.is_linear() => {
                 let what = match unit.is_linear() {
                     true => "it goes along a line: what turns was given",
@@ -150,7 +150,7 @@ impl Measure {
     }
 }
 
-fn mismatch(found: Quantity, wanted: Unit) -> Error {
+fn mismatch_error(found: Quantity, wanted: Unit) -> Error {
     let name = |quantity: Quantity| format!("{quantity:?}").to_lowercase();
     let (what, hint) = match wanted.quantity() {
         Quantity::Plain => (
@@ -166,14 +166,14 @@ fn mismatch(found: Quantity, wanted: Unit) -> Error {
 }
 
 /// A number that was written with one decimal comma, with a point.
-fn with_point(number: &str, rest: &str) -> Option<String> {
+fn with_decimal_point(number: &str, rest: &str) -> Option<String> {
     let rest = rest.strip_prefix(',')?;
     let decimals = rest.starts_with(|c: char| c.is_ascii_digit());
     (decimals && !rest.contains(',') && !number.contains('.')).then(|| format!("{number}.{rest}"))
 }
 
 /// The number at the head, and the rest.
-fn split(text: &str) -> (&str, &str) {
+fn split_number(text: &str) -> (&str, &str) {
     let mut end = 0;
     let bytes = text.as_bytes();
     while end < bytes.len() {
@@ -192,27 +192,27 @@ fn split(text: &str) -> (&str, &str) {
     (&text[..end], text[end..].trim())
 }
 
-fn table() -> impl Iterator<Item = (&'static str, Quantity, f64)> {
+fn unit_table() -> impl Iterator<Item = (&'static str, Quantity, f64)> {
     let named = Unit::ALL.into_iter().filter(|unit| *unit != Unit::None);
-    named.map(|unit| (unit.symbol(), unit.quantity(), unit.si())).chain(MORE)
+    named.map(|unit| (unit.symbol(), unit.quantity(), unit.si_factor())).chain(MORE_UNITS)
 }
 
-fn unit_of(text: &str) -> Option<(&'static str, Quantity, f64)> {
-    let exact = table().find(|(symbol, ..)| *symbol == text);
+fn find_unit(text: &str) -> Option<(&'static str, Quantity, f64)> {
+    let exact = unit_table().find(|(symbol, ..)| *symbol == text);
     let folded = || {
-        let mut same = table().filter(|(symbol, ..)| symbol.eq_ignore_ascii_case(text));
+        let mut same = unit_table().filter(|(symbol, ..)| symbol.eq_ignore_ascii_case(text));
         let first = same.next()?;
         same.all(|(_, quantity, si)| (quantity, si) == (first.1, first.2)).then_some(first)
     };
     exact.or_else(folded)
 }
 
-fn known() -> Vec<&'static str> {
-    table().map(|(symbol, ..)| symbol).collect()
+fn known_symbols() -> Vec<&'static str> {
+    unit_table().map(|(symbol, ..)| symbol).collect()
 }
 
-fn known_sentence() -> String {
-    format!("units are {}", known().join(", "))
+fn known_units_text() -> String {
+    format!("units are {}", known_symbols().join(", "))
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! The core's lists of protocols and families, asked by word and medium.
 
-use crate::bus::{self, Seat};
+use crate::bus::{self, BusAddress};
 use crate::error::Error;
-use crate::url::Number;
+use crate::url::AxisNumber;
 use polepair_core::axis::AnyLane;
 use polepair_core::lane::{BoxedDriver, Lane};
 use polepair_core::medium::{CanLine, Frame, Medium, MediumKind};
@@ -10,13 +10,13 @@ use polepair_core::profile::Profile;
 use polepair_core::proto::{self, GROUP, HostOptions, Protocol};
 use polepair_core::station::Host;
 use polepair_sim::rack::RackWire;
-use polepair_sim::serial_line::Serial;
+use polepair_sim::serial_line::SerialWireConfig;
 use std::any::Any;
 use std::ops::RangeInclusive;
 
 /// A protocol on its medium, as the registry shows it.
 #[derive(Clone, Debug)]
-pub(crate) struct Spoken {
+pub(crate) struct ProtocolInfo {
     /// The word in connection strings.
     pub(crate) name: &'static str,
     /// The wire it speaks on.
@@ -26,13 +26,13 @@ pub(crate) struct Spoken {
     /// Addresses that a scan tries.
     pub(crate) addresses: RangeInclusive<u32>,
     /// Every address that a drive can have.
-    pub(crate) every: RangeInclusive<u32>,
+    pub(crate) all_addresses: RangeInclusive<u32>,
     /// It speaks differently on RS-232 and on RS-485.
-    pub(crate) standards: bool,
+    pub(crate) has_standards: bool,
     /// Groups of drives that can be told something at once, by number from 1.
     pub(crate) groups: u8,
     /// The address that means everybody.
-    pub(crate) everybody: Option<u32>,
+    pub(crate) broadcast: Option<u32>,
     /// The host's own address, which no axis can have.
     pub(crate) host: Option<u32>,
     /// The baud or bit rate from the factory.
@@ -40,54 +40,56 @@ pub(crate) struct Spoken {
     /// What an axis is called when nothing else is known.
     pub(crate) generic: &'static Profile,
     /// On CAN, whether what has that address has this identifier, of 29 bits or not.
-    pub(crate) uses: fn(u32, u32, bool) -> bool,
+    pub(crate) uses_identifier: fn(u32, u32, bool) -> bool,
     /// Why no drive may have that address.
-    forbids: fn(u32) -> Option<&'static str>,
+    forbidden_reason: fn(u32) -> Option<&'static str>,
 }
 
-impl Spoken {
+impl ProtocolInfo {
     /// The host's address where one of these drives has the one that hosts have from the factory:
     /// the last that nobody has. `None` where the usual one will do.
-    pub(crate) fn other_host(&self, drives: &[u32]) -> Option<u32> {
+    pub(crate) fn alternative_host(&self, drives: &[u32]) -> Option<u32> {
         let usual = self.host?;
-        let free = || self.every.clone().rev().find(|address| !drives.contains(address));
+        let free = || self.all_addresses.clone().rev().find(|address| !drives.contains(address));
         drives.contains(&usual).then(free)?
     }
 
     /// The host's address on a bus that `others` share: the usual one, or the last that nobody has.
-    pub(crate) fn host_beside(&self, drives: &[u32], others: &[Seat]) -> Option<u32> {
+    pub(crate) fn host_among(&self, drives: &[u32], others: &[BusAddress]) -> Option<u32> {
         let usual = self.host?;
-        let seat = |address| Seat { spoken: self.clone(), address };
+        let seat = |address| BusAddress { protocol: self.clone(), address };
         let free = |address: &u32| {
-            let meets = |other: &Seat| other.meets(&seat(*address)).is_some();
+            let meets = |other: &BusAddress| other.shared_identifier(&seat(*address)).is_some();
             !drives.contains(address) && !others.iter().any(meets)
         };
         if free(&usual) {
             return None;
         }
         // Better one that no drive of the others could have: their hosts hear those too.
-        let claimed = bus::claimed(others);
-        let quiet = |address: &u32| free(address) && !bus::claims(&claimed, self.uses, *address);
-        let every = || self.every.clone().rev();
+        let claimed = bus::claimed_identifiers(others);
+        let quiet = |address: &u32| {
+            free(address) && !bus::uses_claimed(&claimed, self.uses_identifier, *address)
+        };
+        let every = || self.all_addresses.clone().rev();
         every().find(quiet).or_else(|| every().find(free))
     }
 
     /// Refuses an address that no drive can have, and groups that the protocol has not.
-    pub(crate) fn check(&self, address: u32) -> Result<(), Error> {
+    pub(crate) fn check_address(&self, address: u32) -> Result<(), Error> {
         if address & GROUP != 0 {
             return self.check_groups(address);
         }
-        if let Some(why) = (self.forbids)(address) {
+        if let Some(why) = (self.forbidden_reason)(address) {
             return Err(Error::usage(
                 "E212",
                 format!("no drive can have the address {address}"),
                 why,
             ));
         }
-        if self.every.contains(&address) {
+        if self.all_addresses.contains(&address) {
             return Ok(());
         }
-        let (first, last) = (self.every.start(), self.every.end());
+        let (first, last) = (self.all_addresses.start(), self.all_addresses.end());
         let what = format!("no drive can have the address {address} on {}", self.name);
         Err(Error::usage("E212", what, format!("addresses are {first} to {last}")))
     }
@@ -97,7 +99,7 @@ impl Spoken {
         if self.groups > 0 && last <= self.groups.into() {
             return Ok(());
         }
-        let what = format!("`#{}`: {} has no such group", Number(address), self.name);
+        let what = format!("`#{}`: {} has no such group", AxisNumber(address), self.name);
         let hint = match self.groups {
             0 => "this protocol has no groups: name each axis by its number".to_owned(),
             last => format!("groups are g1 to g{last}, several g1+2, all g*"),
@@ -107,18 +109,20 @@ impl Spoken {
 
     /// The standard that a serial line follows by default, and how it is built: one drive alone is
     /// on RS-232 where that makes a difference.
-    pub(crate) fn usual_wire(&self, drives: usize) -> RackWire {
+    pub(crate) fn default_wire(&self, drives: usize) -> RackWire {
         match self.medium {
             MediumKind::Can => RackWire::Can(CanLine { bit_rate: self.baud }),
-            MediumKind::Serial if self.standards && drives == 1 => RackWire::Serial(Serial::RS232),
-            MediumKind::Serial => RackWire::Serial(Serial::RS485),
+            MediumKind::Serial if self.has_standards && drives == 1 => {
+                RackWire::Serial(SerialWireConfig::RS232)
+            }
+            MediumKind::Serial => RackWire::Serial(SerialWireConfig::RS485),
         }
     }
 
     /// The word that means this protocol and no other of its name: `tmcl`, `tmcl+can`.
-    pub(crate) fn word(&self) -> String {
+    pub(crate) fn unique_word(&self) -> String {
         match self.medium {
-            MediumKind::Can if protocol(self.name, MediumKind::Serial).is_some() => {
+            MediumKind::Can if find_protocol(self.name, MediumKind::Serial).is_some() => {
                 format!("{}+can", self.name)
             }
             _ => self.name.to_owned(),
@@ -127,14 +131,14 @@ impl Spoken {
 }
 
 /// Every protocol with a host.
-pub(crate) fn protocols() -> Vec<Spoken> {
-    let mut list = Lister(Vec::new());
-    proto::visit(&mut list);
+pub(crate) fn protocols() -> Vec<ProtocolInfo> {
+    let mut list = ProtocolLister(Vec::new());
+    proto::visit_protocols(&mut list);
     list.0
 }
 
 /// The words of connection strings.
-pub(crate) fn names() -> Vec<&'static str> {
+pub(crate) fn protocol_names() -> Vec<&'static str> {
     let mut names: Vec<&str> = Vec::new();
     for protocol in protocols() {
         if !names.contains(&protocol.name) {
@@ -145,12 +149,12 @@ pub(crate) fn names() -> Vec<&'static str> {
 }
 
 /// The protocol of that word on that medium.
-pub(crate) fn protocol(name: &str, medium: MediumKind) -> Option<Spoken> {
+pub(crate) fn find_protocol(name: &str, medium: MediumKind) -> Option<ProtocolInfo> {
     protocols().into_iter().find(|protocol| protocol.name == name && protocol.medium == medium)
 }
 
 /// The protocol of that word where it means one: `tmcl` on its usual medium, `tmcl+can` on CAN.
-pub(crate) fn by_word(word: &str) -> Option<Spoken> {
+pub(crate) fn protocol_by_word(word: &str) -> Option<ProtocolInfo> {
     let (name, medium) = match word.split_once('+') {
         None => (word, None),
         Some((name, "serial")) => (name, Some(MediumKind::Serial)),
@@ -163,85 +167,87 @@ pub(crate) fn by_word(word: &str) -> Option<Spoken> {
 }
 
 /// A host of a protocol with one axis for each profile and address.
-pub(crate) fn lane<M: Medium>(
+pub(crate) fn build_lane<M: Medium>(
     protocol: &str,
     options: HostOptions,
     axes: &[(&'static Profile, u32)],
 ) -> Option<Box<dyn AnyLane<M>>> {
-    let mut maker = Maker { protocol, options, axes, made: None };
-    proto::visit(&mut maker);
-    maker.made
+    let mut maker = LaneBuilder { protocol, options, axes, lane: None };
+    proto::visit_protocols(&mut maker);
+    maker.lane
 }
 
-struct Lister(Vec<Spoken>);
+struct ProtocolLister(Vec<ProtocolInfo>);
 
-impl proto::Visitor for Lister {
-    fn protocol<P: Protocol>(&mut self) {
-        self.0.push(Spoken {
+impl proto::ProtocolVisitor for ProtocolLister {
+    fn visit_protocol<P: Protocol>(&mut self) {
+        self.0.push(ProtocolInfo {
             name: P::NAME,
             medium: P::Medium::KIND,
-            profile: P::PROFILE,
-            addresses: P::ADDRESSES,
-            every: P::EVERY_ADDRESS,
-            standards: P::STANDARDS,
+            profile: P::PROFILE_PROTOCOL,
+            addresses: P::SCAN_ADDRESSES,
+            all_addresses: P::VALID_ADDRESSES,
+            has_standards: P::HAS_SERIAL_STANDARDS,
             groups: P::GROUPS,
-            everybody: P::EVERYBODY,
-            host: P::HOST,
-            baud: P::BAUD,
-            generic: P::generic(),
-            uses: P::uses,
-            forbids: P::forbids,
+            broadcast: P::BROADCAST_ADDRESS,
+            host: P::HOST_ADDRESS,
+            baud: P::DEFAULT_RATE,
+            generic: P::generic_profile(),
+            uses_identifier: P::uses_can_id,
+            forbidden_reason: P::forbidden_reason,
         });
     }
 }
 
-struct Maker<'a, M: Medium> {
+struct LaneBuilder<'a, M: Medium> {
     protocol: &'a str,
     options: HostOptions,
     axes: &'a [(&'static Profile, u32)],
-    made: Option<Box<dyn AnyLane<M>>>,
+    lane: Option<Box<dyn AnyLane<M>>>,
 }
 
-impl<M: Medium> proto::Visitor for Maker<'_, M> {
-    fn protocol<P: Protocol>(&mut self) {
-        if P::NAME != self.protocol || P::Medium::KIND != M::KIND || self.made.is_some() {
+impl<M: Medium> proto::ProtocolVisitor for LaneBuilder<'_, M> {
+    fn visit_protocol<P: Protocol>(&mut self) {
+        if P::NAME != self.protocol || P::Medium::KIND != M::KIND || self.lane.is_some() {
             return;
         }
         let addresses: Vec<u32> = self.axes.iter().map(|(_, address)| *address).collect();
-        let drivers = self.axes.iter().map(|&(profile, address)| driver::<P>(profile, address));
-        let host = P::host(&self.options, &addresses);
-        let lane: Box<dyn AnyLane<P::Medium>> =
-            Box::new(Lane::<P::Medium, P::Host>::new(host, drivers).growing(driver::<P>));
+        let drivers =
+            self.axes.iter().map(|&(profile, address)| build_driver::<P>(profile, address));
+        let host = P::create_host(&self.options, &addresses);
+        let lane: Box<dyn AnyLane<P::Medium>> = Box::new(
+            Lane::<P::Medium, P::Host>::new(host, drivers).with_driver_factory(build_driver::<P>),
+        );
         // The media are the same, as was asked above; the compiler must be shown.
         let lane: Box<dyn Any> = Box::new(lane);
-        self.made = lane.downcast::<Box<dyn AnyLane<M>>>().ok().map(|lane| *lane);
+        self.lane = lane.downcast::<Box<dyn AnyLane<M>>>().ok().map(|lane| *lane);
     }
 }
 
-type Asked<P> = <<P as Protocol>::Host as Host<<P as Protocol>::Medium>>::Request;
-type Answered<P> = <<P as Protocol>::Host as Host<<P as Protocol>::Medium>>::Answer;
+type HostRequest<P> = <<P as Protocol>::Host as Host<<P as Protocol>::Medium>>::Request;
+type HostAnswer<P> = <<P as Protocol>::Host as Host<<P as Protocol>::Medium>>::Answer;
 
 /// The driver of one axis.
-fn driver<P: Protocol>(
+fn build_driver<P: Protocol>(
     profile: &'static Profile,
     address: u32,
-) -> BoxedDriver<Asked<P>, Answered<P>> {
-    Box::new(P::driver(profile, address))
+) -> BoxedDriver<HostRequest<P>, HostAnswer<P>> {
+    Box::new(P::create_driver(profile, address))
 }
 
 /// What a scan of a CAN bus can know of a protocol without a host.
-pub(crate) struct Listener {
+pub(crate) struct SenderDetector {
     /// The one question that every drive answers, if there is one.
     pub(crate) question: Option<Frame>,
     sender: fn(&HostOptions, &Frame) -> Option<u32>,
     options: HostOptions,
 }
 
-impl Listener {
+impl SenderDetector {
     /// For the protocol of that word on CAN.
     pub(crate) fn new(protocol: &str, options: HostOptions) -> Self {
         let mut made = Self { question: None, sender: |_, _| None, options };
-        proto::visit(&mut Hearer { protocol, made: &mut made });
+        proto::visit_protocols(&mut SenderDetectorBuilder { protocol, detector: &mut made });
         made
     }
 
@@ -251,34 +257,34 @@ impl Listener {
     }
 }
 
-struct Hearer<'a> {
+struct SenderDetectorBuilder<'a> {
     protocol: &'a str,
-    made: &'a mut Listener,
+    detector: &'a mut SenderDetector,
 }
 
-impl proto::Visitor for Hearer<'_> {
-    fn protocol<P: Protocol>(&mut self) {
+impl proto::ProtocolVisitor for SenderDetectorBuilder<'_> {
+    fn visit_protocol<P: Protocol>(&mut self) {
         if P::NAME == self.protocol && P::Medium::KIND == MediumKind::Can {
-            self.made.question = P::discover(&self.made.options);
-            self.made.sender = P::sender;
+            self.detector.question = P::discovery_frame(&self.detector.options);
+            self.detector.sender = P::frame_sender;
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{GROUP, MediumKind, by_word, protocol};
+    use super::{GROUP, MediumKind, find_protocol, protocol_by_word};
 
     #[test]
     fn hosts_give_way_to_drives() {
-        let tmcl = protocol("tmcl", MediumKind::Serial).expect("known");
-        assert_eq!(tmcl.other_host(&[1, 3]), None);
-        assert_eq!(tmcl.other_host(&[1, 2]), Some(255));
-        assert_eq!(tmcl.other_host(&[2, 255]), Some(254));
-        let modbus = protocol("modbus-rtu", MediumKind::Serial).expect("known");
-        assert_eq!(modbus.other_host(&[1, 2]), None);
-        assert!(tmcl.check(255).is_ok() && tmcl.check(256).is_err());
-        assert!(tmcl.check(GROUP | 1).is_err());
+        let tmcl = find_protocol("tmcl", MediumKind::Serial).expect("known");
+        assert_eq!(tmcl.alternative_host(&[1, 3]), None);
+        assert_eq!(tmcl.alternative_host(&[1, 2]), Some(255));
+        assert_eq!(tmcl.alternative_host(&[2, 255]), Some(254));
+        let modbus = find_protocol("modbus-rtu", MediumKind::Serial).expect("known");
+        assert_eq!(modbus.alternative_host(&[1, 2]), None);
+        assert!(tmcl.check_address(255).is_ok() && tmcl.check_address(256).is_err());
+        assert!(tmcl.check_address(GROUP | 1).is_err());
     }
 
     #[test]
@@ -288,9 +294,11 @@ mod tests {
             ("tmcl+serial", MediumKind::Serial),
             ("tmcl+can", MediumKind::Can),
         ] {
-            assert_eq!(by_word(word).expect(word).medium, medium);
+            assert_eq!(protocol_by_word(word).expect(word).medium, medium);
         }
-        assert_eq!(by_word("tmcl+can").expect("known").word(), "tmcl+can");
-        assert!(by_word("modbus-rtu+can").is_none() && by_word("tmcl+udp").is_none());
+        assert_eq!(protocol_by_word("tmcl+can").expect("known").unique_word(), "tmcl+can");
+        assert!(
+            protocol_by_word("modbus-rtu+can").is_none() && protocol_by_word("tmcl+udp").is_none()
+        );
     }
 }

@@ -10,21 +10,21 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
-mod look;
+mod scanner;
 
-pub use look::{Answers, Look};
+pub use scanner::{AxisAnswer, DriveScanner};
 
-use crate::bus::{self, Seat};
-use crate::connect::{Connector, Line};
+use crate::bus::{self, BusAddress};
+use crate::connect::{Connector, ProtocolLine};
 use crate::error::Error;
-use crate::heard::Heard;
-use crate::identify::Identified;
-use crate::registry::Listener;
-use crate::url::{Number, Target, Url};
-use crate::wire::{Shared, SharedLink};
+use crate::identify::Identification;
+use crate::no_reply::NoReplyDetails;
+use crate::registry::SenderDetector;
+use crate::url::{AxisNumber, LinkTarget, Url};
+use crate::wire::{CountedLink, SharedLink};
 use polepair_core::medium::{Can, Frame};
 use polepair_core::profile::Profile;
-use polepair_link::{Link, LinkError, Received};
+use polepair_link::{LinkError, LinkIo, Received};
 use std::ops::{ControlFlow, RangeInclusive};
 
 /// Addresses that one scan tries at most on one wire.
@@ -37,29 +37,29 @@ const ANSWERS_MS: u32 = 250;
 const FRAMES_MAX: usize = 20_000;
 
 /// How often a scan that listens looks whether somebody cannot wait.
-const LOOK_MS: u32 = 10;
+const POLL_MS: u32 = 10;
 
 /// What a scan tried and found.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
-pub struct Scan {
+pub struct ScanReport {
     /// What was tried, in words: link, protocol, line, addresses.
     pub tried: Vec<String>,
     /// Who answered, by address.
-    pub found: Vec<Found>,
+    pub found: Vec<DetectedDrive>,
     /// Axes that the link has already, where it was open: whether they answer.
-    pub axes: Vec<Answers>,
+    pub axes: Vec<AxisAnswer>,
     /// Addresses that were not asked any more because the scan was broken off.
-    pub unasked: usize,
+    pub not_queried: usize,
     /// What came where nobody answered.
-    pub heard: Heard,
+    pub received: NoReplyDetails,
     /// Why the link went away before all were asked, if it did.
-    pub lost: Option<LinkError>,
+    pub link_error: Option<LinkError>,
 }
 
 /// A drive that answered.
 #[derive(Clone, Debug)]
-pub struct Found {
+pub struct DetectedDrive {
     /// Its address.
     pub number: u32,
     /// The word of the protocol that it answered to.
@@ -67,22 +67,26 @@ pub struct Found {
     /// What it is, or the protocol's generic profile.
     pub profile: &'static Profile,
     /// How that is known, and the firmware where it tells it.
-    pub identified: Identified,
+    pub identified: Identification,
     /// Set when more came back than was asked for: two drives may have this address.
     pub clash: Option<String>,
 }
 
-impl Found {
+impl DetectedDrive {
     /// One of which the profile is known without asking.
-    pub(crate) const fn named(line: &Line, number: u32, profile: &'static Profile) -> Self {
-        let (protocol, identified) = (line.spoken.name, Identified::Named);
+    pub(crate) const fn with_known_profile(
+        line: &ProtocolLine,
+        number: u32,
+        profile: &'static Profile,
+    ) -> Self {
+        let (protocol, identified) = (line.protocol.name, Identification::Named);
         Self { number, protocol, profile, identified, clash: None }
     }
 }
 
 /// How far a scan is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Progress {
+pub struct ScanProgress {
     /// The address that is asked now.
     pub number: u32,
     /// Addresses asked before.
@@ -102,31 +106,31 @@ pub struct Progress {
 ///
 /// # Errors
 /// [`Error::Usage`] for a wrong connection string, [`Error::Link`] when it cannot be opened. That
-/// nobody answers is no error; that the link goes away meanwhile stands in [`Scan::lost`], beside what
+/// nobody answers is no error; that the link goes away meanwhile stands in [`ScanReport::link_error`], beside what
 /// was found before.
 pub fn scan(
     connector: &Connector,
     url: &str,
-    numbers: impl Into<Numbers>,
-    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-) -> Result<Scan, Error> {
-    let urls = connector.urls(url)?;
+    numbers: impl Into<ScanAddresses>,
+    progress: &mut dyn FnMut(ScanProgress) -> ControlFlow<()>,
+) -> Result<ScanReport, Error> {
+    let urls = connector.protocol_urls(url)?;
     // All drives of a rack are there, whichever axes the string names.
-    let rack = matches!(urls[0].target, Target::Sim { .. } | Target::Rack { .. });
+    let rack = matches!(urls[0].target, LinkTarget::Sim { .. } | LinkTarget::Rack { .. });
     let axes = if rack { Vec::new() } else { urls[0].axes.clone() };
     let whole = urls.into_iter().map(|url| match rack {
         true => Url { axes: Vec::new(), names: Vec::new(), ..url },
         false => url,
     });
-    let (mut lines, _simulation) = connector.lines_of(&whole.collect::<Vec<_>>())?;
-    bus::guests_last(&mut lines, |line| &line.spoken);
-    let mut look = Look::own(connector, lines, axes, numbers.into());
+    let (mut lines, _simulation) = connector.open_shared_lines(&whole.collect::<Vec<_>>())?;
+    bus::sort_guests_last(&mut lines, |line| &line.protocol);
+    let mut look = DriveScanner::on_lines(connector, lines, axes, numbers.into());
     loop {
-        match look_once(&mut look, progress) {
+        match scan_step(&mut look, progress) {
             Ok(true) => {}
             Ok(false) => break,
             Err(Error::Link(lost)) => {
-                look.lose(lost);
+                look.set_link_lost(lost);
                 break;
             }
             Err(error) => return Err(error),
@@ -136,34 +140,37 @@ pub fn scan(
 }
 
 /// Asks the next address; false when all were.
-fn look_once(
-    look: &mut Look,
-    progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+fn scan_step(
+    look: &mut DriveScanner,
+    progress: &mut dyn FnMut(ScanProgress) -> ControlFlow<()>,
 ) -> Result<bool, Error> {
-    let Some(at) = look.next(&|| false)? else { return Ok(false) };
+    let Some(at) = look.next_address(&|| false)? else { return Ok(false) };
     match progress(at) {
-        ControlFlow::Continue(()) => look.ask(&|| false)?,
-        ControlFlow::Break(()) => look.break_off(),
+        ControlFlow::Continue(()) => look.query_next(&|| false)?,
+        ControlFlow::Break(()) => look.cancel(),
     }
     Ok(true)
 }
 
 /// Takes addresses out that a drive found before has an identifier of: a question there might be a
 /// command to it.
-fn leave_alone(
-    line: &Line,
-    seats: &[(usize, Seat)],
+fn exclude_clashing(
+    line: &ProtocolLine,
+    seats: &[(usize, BusAddress)],
     wanted: &mut Vec<u32>,
     tried: &mut Vec<String>,
 ) {
-    let others =
-        |(wire, seat): &&(usize, Seat)| *wire == line.wire && seat.spoken.name != line.spoken.name;
+    let others = |(wire, seat): &&(usize, BusAddress)| {
+        *wire == line.wire && seat.protocol.name != line.protocol.name
+    };
     for (_, seat) in seats.iter().filter(others) {
-        let meets = |number: &u32| line.seat(*number).meets(seat).map(|(id, _)| (*number, id));
+        let meets = |number: &u32| {
+            line.bus_address(*number).shared_identifier(seat).map(|(id, _)| (*number, id))
+        };
         let left: Vec<(u32, u32)> = wanted.iter().filter_map(meets).collect();
         let (Some((first, id)), Some((last, _))) = (left.first(), left.last()) else { continue };
         wanted.retain(|number| left.iter().all(|(other, _)| other != number));
-        let (name, other) = (line.spoken.name, seat.named());
+        let (name, other) = (line.protocol.name, seat.label());
         let addresses = match first == last {
             true => format!("{first}"),
             false => format!("{} addresses from {first} to {last}", left.len()),
@@ -176,20 +183,24 @@ fn leave_alone(
 }
 
 /// Notes with each drive which other has an identifier of its, also of those that were known.
-fn tell_clashes(seats: &[(usize, Seat)], known: &[(usize, Seat)], found: &mut [Found]) {
+fn mark_clashes(
+    seats: &[(usize, BusAddress)],
+    known: &[(usize, BusAddress)],
+    found: &mut [DetectedDrive],
+) {
     for (n, (wire, seat)) in seats.iter().enumerate() {
         let others = seats.iter().enumerate().filter(|(other, _)| *other != n);
         let others = others.map(|(_, other)| other).chain(known);
         for (_, other) in others.filter(|(other, _)| other == wire) {
-            let Some((id, extended)) = seat.meets(other) else { continue };
+            let Some((id, extended)) = seat.shared_identifier(other) else { continue };
             let what = match extended {
                 true => "the 29-bit identifiers".to_owned(),
                 false => format!("the identifier {id:X}h"),
             };
             let why = format!(
                 "{} and {} both use {what}: give one of them another address",
-                seat.named(),
-                other.named()
+                seat.label(),
+                other.label()
             );
             found[n].clash.get_or_insert(why);
         }
@@ -198,9 +209,9 @@ fn tell_clashes(seats: &[(usize, Seat)], known: &[(usize, Seat)], found: &mut [F
 
 /// Every address at which somebody may be. The ends come first: drives have one of them from the
 /// factory.
-pub(crate) fn everybody(line: &Line) -> Result<Vec<u32>, Error> {
-    let every = line.spoken.addresses.clone().take(ADDRESSES_MAX).collect();
-    let mut wanted = candidates(line, every, true, &mut Vec::new(), &|| false)?;
+pub(crate) fn default_addresses(line: &ProtocolLine) -> Result<Vec<u32>, Error> {
+    let every = line.protocol.addresses.clone().take(ADDRESSES_MAX).collect();
+    let mut wanted = addresses_to_query(line, every, true, &mut Vec::new(), &|| false)?;
     if let Some(last) = wanted.pop() {
         wanted.insert(wanted.len().min(1), last);
     }
@@ -209,14 +220,14 @@ pub(crate) fn everybody(line: &Line) -> Result<Vec<u32>, Error> {
 
 /// Those of the addresses that are worth asking, with others that were heard if `every` may be,
 /// and in words what was tried.
-fn candidates(
-    line: &Line,
+fn addresses_to_query(
+    line: &ProtocolLine,
     mut wanted: Vec<u32>,
     every: bool,
     tried: &mut Vec<String>,
     broken: &dyn Fn() -> bool,
 ) -> Result<Vec<u32>, Error> {
-    let (name, protocol) = (line.link.describe(), line.spoken.name);
+    let (name, protocol) = (line.link.describe(), line.protocol.name);
     let rate = match (&line.link, line.options.baud, line.options.bit_rate) {
         (SharedLink::Serial(_), 0, _) | (SharedLink::Can(_), _, 0) => String::new(),
         (SharedLink::Serial(_), baud, _) => format!(" at {baud} baud"),
@@ -228,11 +239,11 @@ fn candidates(
     };
     let mut said = format!("addresses {first} to {last}");
     if let SharedLink::Can(link) = &line.link {
-        let listener = Listener::new(protocol, line.options);
-        let mut heard = listen(link, &listener, LISTEN_MS, broken)?;
+        let listener = SenderDetector::new(protocol, line.options);
+        let mut heard = listen_for_senders(link, &listener, LISTEN_MS, broken)?;
         if let Some(question) = listener.question.as_ref().filter(|_| !broken()) {
             link.send(question)?;
-            heard.extend(listen(link, &listener, ANSWERS_MS, broken)?);
+            heard.extend(listen_for_senders(link, &listener, ANSWERS_MS, broken)?);
             wanted.retain(|number| heard.contains(number));
             said.push_str(", all with one question");
         }
@@ -246,9 +257,9 @@ fn candidates(
 }
 
 /// Whoever speaks, until for so long nobody new did.
-fn listen(
-    link: &Shared<Can>,
-    listener: &Listener,
+fn listen_for_senders(
+    link: &CountedLink<Can>,
+    listener: &SenderDetector,
     ms: u32,
     broken: &dyn Fn() -> bool,
 ) -> Result<Vec<u32>, Error> {
@@ -259,7 +270,7 @@ fn listen(
         if broken() {
             break;
         }
-        match link.receive(&mut frame, until.min(now.plus_ms(LOOK_MS)))? {
+        match link.receive(&mut frame, until.min(now.plus_ms(POLL_MS)))? {
             Received::TimedOut if now >= until => break,
             Received::Bytes { at, .. } => {
                 if let Some(number) = listener.sender(&frame).filter(|n| !heard.contains(n)) {
@@ -275,32 +286,34 @@ fn listen(
 
 /// Which addresses a scan asks.
 #[derive(Clone, Debug, Default)]
-pub struct Numbers(Option<RangeInclusive<u32>>);
+pub struct ScanAddresses(Option<RangeInclusive<u32>>);
 
-impl Numbers {
+impl ScanAddresses {
     /// Every address of the protocol, or those that the connection string names.
     pub const ALL: Self = Self(None);
 }
 
-impl Numbers {
+impl ScanAddresses {
     /// Those of them that can be asked on a line, or the ones that somebody named.
-    fn of(&self, line: &Line, named: &[u32]) -> Vec<u32> {
+    fn on_line(&self, line: &ProtocolLine, named: &[u32]) -> Vec<u32> {
         match &self.0 {
             // A driver takes a byte of it: 261 would ask the drive at 5.
             Some(range) => {
-                let every = &line.spoken.every;
+                let every = &line.protocol.all_addresses;
                 let (first, last) =
                     (range.start().max(every.start()), range.end().min(every.end()));
-                let can_be = |number: &u32| line.spoken.check(*number).is_ok();
+                let can_be = |number: &u32| line.protocol.check_address(*number).is_ok();
                 (*first..=*last).filter(can_be).take(ADDRESSES_MAX).collect()
             }
-            None if named.is_empty() => line.spoken.addresses.clone().take(ADDRESSES_MAX).collect(),
-            None => named.iter().copied().filter(|axis| !Number(*axis).is_group()).collect(),
+            None if named.is_empty() => {
+                line.protocol.addresses.clone().take(ADDRESSES_MAX).collect()
+            }
+            None => named.iter().copied().filter(|axis| !AxisNumber(*axis).is_group()).collect(),
         }
     }
 }
 
-impl From<RangeInclusive<u32>> for Numbers {
+impl From<RangeInclusive<u32>> for ScanAddresses {
     fn from(range: RangeInclusive<u32>) -> Self {
         Self(Some(range))
     }

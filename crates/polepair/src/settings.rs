@@ -13,11 +13,11 @@
 //! unit; `{ raw = 120 }` where no text means exactly what the drive holds.
 
 use crate::amount::{Amount, Value};
-use crate::axis::{Axis, Pending};
+use crate::axis::{Axis, PendingWrites};
 use crate::error::Error;
-use crate::file::{FileError, Found, Node, Place, Text};
-use crate::identify::Identified;
-use crate::profile::text_of;
+use crate::identify::Identification;
+use crate::profile::read_text;
+use crate::toml_file::{FileError, FileLocation, Located, SourceText, TomlTable};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{Access, Certainty, Parameter, ParameterId, Persistence, Profile};
 use std::fmt::{self, Write};
@@ -53,33 +53,33 @@ pub struct AxisSettings {
     settings: Vec<Setting>,
     /// Settings that could not be read, and why.
     pub unread: Vec<(String, String)>,
-    place: Place,
+    location: FileLocation,
 }
 
 #[derive(Clone, Debug)]
 struct Setting {
-    name: Found<String>,
-    value: Given,
+    name: Located<String>,
+    value: SettingValue,
     /// What the manual calls it.
     symbol: &'static str,
 }
 
 #[derive(Clone, Debug)]
-enum Given {
+enum SettingValue {
     Amount(Amount),
     Raw(i64),
 }
 
 /// A setting that is not as the file has it.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Change {
+pub struct SettingChange {
     /// Which.
     pub id: ParameterId,
     /// As it is.
     pub now: Value,
     /// As the file has it.
     pub wanted: Value,
-    /// It decides how the drive is reached: see [`Profile::reach`].
+    /// It decides how the drive is reached: see [`Profile::link_settings`].
     pub reach: bool,
 }
 
@@ -89,7 +89,7 @@ impl Settings {
     /// # Errors
     /// [`Error::File`] with file, line, column and reason.
     pub fn load(file: &Path) -> Result<Self, Error> {
-        Ok(Self::parse(&file.display().to_string(), &text_of(file)?)?)
+        Ok(Self::parse(&file.display().to_string(), &read_text(file)?)?)
     }
 
     /// Reads a text; `file` is its name in complaints.
@@ -97,11 +97,11 @@ impl Settings {
     /// # Errors
     /// [`FileError`].
     pub fn parse(file: &str, text: &str) -> Result<Self, FileError> {
-        Text::new(file, text).read(&["axis"], |node| {
+        SourceText::new(file, text).parse(&["axis"], |node| {
             let Some(table) = node.table("axis", &[])? else {
-                return Err(FileError::whole(file, "no [axis.1] in it"));
+                return Err(FileError::for_file(file, "no [axis.1] in it"));
             };
-            let axes = table.keys().into_iter().map(|key| axis(&table, &key));
+            let axes = table.keys().into_iter().map(|key| read_axis(&table, &key));
             Ok(Self { axes: axes.collect::<Result<_, _>>()? })
         })
     }
@@ -111,7 +111,7 @@ impl Settings {
     ///
     /// # Errors
     /// [`Error::Usage`] `E212`.
-    pub fn of(&self, axis: &Axis, axes: usize) -> Result<&AxisSettings, Error> {
+    pub fn for_axis(&self, axis: &Axis, axes: usize) -> Result<&AxisSettings, Error> {
         let same = self.axes.iter().find(|settings| settings.number == axis.number());
         let only = self.axes.first().filter(|_| axes == 1 && self.axes.len() == 1);
         same.or(only).ok_or_else(|| {
@@ -138,7 +138,7 @@ impl fmt::Display for AxisSettings {
             writeln!(f, "firmware = {firmware:?}")?;
         }
         writeln!(f, "\n[axis.{number}.settings]")?;
-        let lines: Vec<String> = self.settings.iter().map(Setting::line).collect();
+        let lines: Vec<String> = self.settings.iter().map(Setting::format_line).collect();
         let width = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0);
         for (line, setting) in lines.iter().zip(&self.settings) {
             match setting.symbol {
@@ -151,7 +151,7 @@ impl fmt::Display for AxisSettings {
 }
 
 impl Setting {
-    fn line(&self) -> String {
+    fn format_line(&self) -> String {
         let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
         let name = &self.name.value;
         let mut line = if !name.is_empty() && name.chars().all(bare) {
@@ -160,44 +160,44 @@ impl Setting {
             format!("{name:?}")
         };
         let _ = match &self.value {
-            Given::Amount(Amount::Number(number)) => write!(line, " = {number}"),
-            Given::Amount(Amount::Text(text)) => write!(line, " = {text:?}"),
-            Given::Raw(raw) => write!(line, " = {{ raw = {raw} }}"),
+            SettingValue::Amount(Amount::Number(number)) => write!(line, " = {number}"),
+            SettingValue::Amount(Amount::Text(text)) => write!(line, " = {text:?}"),
+            SettingValue::Raw(raw) => write!(line, " = {{ raw = {raw} }}"),
         };
         line
     }
 }
 
-fn axis(axes: &Node<'_, '_>, key: &Found<&str>) -> Result<AxisSettings, FileError> {
+fn read_axis(axes: &TomlTable<'_, '_>, key: &Located<&str>) -> Result<AxisSettings, FileError> {
     let number = key.value.parse::<u32>();
-    let number = number.map_err(|_| key.place.error("an axis has a number: [axis.1]"))?;
+    let number = number.map_err(|_| key.location.error("an axis has a number: [axis.1]"))?;
     let keys = ["profile", "firmware", "settings"];
     let Some(table) = axes.table(key.value, &keys)? else {
-        return Err(key.place.error("an axis is a table"));
+        return Err(key.location.error("an axis is a table"));
     };
     let settings = match table.table("settings", &[])? {
-        Some(table) => table.keys().into_iter().map(|key| setting(&table, key)).collect(),
+        Some(table) => table.keys().into_iter().map(|key| read_setting(&table, key)).collect(),
         None => Ok(Vec::new()),
     };
     Ok(AxisSettings {
         number,
-        profile: table.needed_text("profile")?.value,
+        profile: table.required_text("profile")?.value,
         firmware: table.text("firmware")?.map_or_else(String::new, |text| text.value),
         settings: settings?,
         unread: Vec::new(),
-        place: table.place(),
+        location: table.location(),
     })
 }
 
-fn setting(table: &Node<'_, '_>, key: Found<&str>) -> Result<Setting, FileError> {
-    let name = Found { value: key.value.to_owned(), place: key.place };
+fn read_setting(table: &TomlTable<'_, '_>, key: Located<&str>) -> Result<Setting, FileError> {
+    let name = Located { value: key.value.to_owned(), location: key.location };
     let value = if table.is_table(key.value) {
         let inner = table.table(key.value, &["raw"])?;
-        let raw = inner.map(|inner| inner.needed_integer("raw")).transpose()?;
-        Given::Raw(raw.map_or(0, |found| found.value))
+        let raw = inner.map(|inner| inner.required_integer("raw")).transpose()?;
+        SettingValue::Raw(raw.map_or(0, |found| found.value))
     } else {
-        let plain = table.plain(key.value)?.map_or_else(String::new, |found| found.value);
-        Given::Amount(Amount::Text(plain))
+        let plain = table.scalar_text(key.value)?.map_or_else(String::new, |found| found.value);
+        SettingValue::Amount(Amount::Text(plain))
     };
     Ok(Setting { name, value, symbol: "" })
 }
@@ -209,18 +209,21 @@ impl AxisSettings {
     /// [`Error`] by blame; a setting that the drive refuses to tell is noted in
     /// [`unread`](Self::unread).
     pub fn read(axis: &Axis, progress: &mut dyn FnMut(usize, usize)) -> Result<Self, Error> {
-        let mut made = Self::of_profile(axis.profile());
+        let mut made = Self::empty_for(axis.profile());
         made.number = axis.number();
-        if let Identified::Asked { firmware: Some(firmware) } = axis.identified() {
+        if let Identification::Queried { firmware: Some(firmware) } = axis.identified() {
             made.firmware.clone_from(firmware);
         }
-        let wanted = settings_of(axis.profile());
+        let wanted = profile_settings(axis.profile());
         for (n, &(id, parameter)) in wanted.iter().enumerate() {
             progress(n, wanted.len());
             match axis.read(id) {
                 Ok(raw) => made.settings.push(Setting {
-                    name: Found { value: parameter.name.to_owned(), place: made.place.clone() },
-                    value: as_written(axis, id, raw)?,
+                    name: Located {
+                        value: parameter.name.to_owned(),
+                        location: made.location.clone(),
+                    },
+                    value: exact_value(axis, id, raw)?,
                     symbol: parameter.symbol,
                 }),
                 Err(Error::Failed {
@@ -239,26 +242,26 @@ impl AxisSettings {
     /// The settings that a drive has from the factory, as far as its manual tells them.
     #[must_use]
     pub fn factory(profile: &'static Profile) -> Self {
-        let mut made = Self::of_profile(profile);
-        for (_, parameter) in settings_of(profile) {
+        let mut made = Self::empty_for(profile);
+        for (_, parameter) in profile_settings(profile) {
             let Some(raw) = parameter.default else { continue };
             made.settings.push(Setting {
-                name: Found { value: parameter.name.to_owned(), place: made.place.clone() },
-                value: Given::Raw(raw),
+                name: Located { value: parameter.name.to_owned(), location: made.location.clone() },
+                value: SettingValue::Raw(raw),
                 symbol: parameter.symbol,
             });
         }
         made
     }
 
-    fn of_profile(profile: &Profile) -> Self {
+    fn empty_for(profile: &Profile) -> Self {
         Self {
             number: 1,
             profile: profile.name.to_owned(),
             firmware: String::new(),
             settings: Vec::new(),
             unread: Vec::new(),
-            place: Place::built_in(profile.name),
+            location: FileLocation::built_in(profile.name),
         }
     }
 
@@ -284,20 +287,21 @@ impl AxisSettings {
         &self,
         axis: &Axis,
         progress: &mut dyn FnMut(usize, usize),
-    ) -> Result<Vec<Change>, Error> {
+    ) -> Result<Vec<SettingChange>, Error> {
         let profile = axis.profile();
         if self.profile != profile.name {
             let reason =
                 format!("these are settings of {}, this is {}", self.profile, profile.name);
-            return Err(self.place.error(reason).into());
+            return Err(self.location.error(reason).into());
         }
-        let named = self.settings.iter().map(|setting| Ok((setting.id(axis)?, setting)));
+        let named =
+            self.settings.iter().map(|setting| Ok((setting.find_parameter(axis)?, setting)));
         let mut named = named.collect::<Result<Vec<_>, Error>>()?;
         named.sort_by_key(|(id, _)| !axis.scales(*id));
-        let (mut wanted, mut pending) = (Vec::new(), Pending::default());
+        let (mut wanted, mut pending) = (Vec::new(), PendingWrites::default());
         for (id, setting) in named {
-            let raw = setting.wanted(axis, id, &pending)?;
-            pending.add(id, raw);
+            let raw = setting.raw_value(axis, id, &pending)?;
+            pending.insert(id, raw);
             wanted.push((id, raw));
         }
         let mut changes = Vec::new();
@@ -306,7 +310,12 @@ impl AxisSettings {
             let now = axis.read(id)?;
             if now != raw {
                 let (now, wanted) = (axis.value(id, now)?, axis.value_after(id, raw, &pending)?);
-                changes.push(Change { id, now, wanted, reach: profile.reach.contains(&id) });
+                changes.push(SettingChange {
+                    id,
+                    now,
+                    wanted,
+                    reach: profile.link_settings.contains(&id),
+                });
             }
         }
         Ok(changes)
@@ -315,29 +324,34 @@ impl AxisSettings {
 
 impl Setting {
     /// The error with the setting's place in the file.
-    fn at(&self, error: Error) -> Error {
+    fn locate_error(&self, error: Error) -> Error {
         match error {
-            Error::Usage { what, .. } => self.name.place.error(what).into(),
+            Error::Usage { what, .. } => self.name.location.error(what).into(),
             other => other,
         }
     }
 
-    fn id(&self, axis: &Axis) -> Result<ParameterId, Error> {
-        axis.find(&self.name.value).map_err(|error| self.at(error))
+    fn find_parameter(&self, axis: &Axis) -> Result<ParameterId, Error> {
+        axis.find(&self.name.value).map_err(|error| self.locate_error(error))
     }
 
     /// The raw value, once what is pending was written.
-    fn wanted(&self, axis: &Axis, id: ParameterId, pending: &Pending) -> Result<i64, Error> {
+    fn raw_value(
+        &self,
+        axis: &Axis,
+        id: ParameterId,
+        pending: &PendingWrites,
+    ) -> Result<i64, Error> {
         let raw = match &self.value {
-            Given::Raw(raw) => *raw,
-            Given::Amount(amount) => {
-                axis.raw_of_after(id, amount, pending).map_err(|error| self.at(error))?
+            SettingValue::Raw(raw) => *raw,
+            SettingValue::Amount(amount) => {
+                axis.raw_of_after(id, amount, pending).map_err(|error| self.locate_error(error))?
             }
         };
         let Some(parameter) = axis.profile().parameter(id) else {
-            return Err(self.name.place.error("no such parameter").into());
+            return Err(self.name.location.error("no such parameter").into());
         };
-        let wrong = |reason: String| Err(self.name.place.error(reason).into());
+        let wrong = |reason: String| Err(self.name.location.error(reason).into());
         if parameter.access != Access::ReadWrite || parameter.moves {
             return wrong(format!("`{}` is no setting", parameter.name));
         }
@@ -350,7 +364,7 @@ impl Setting {
 }
 
 /// The settings of a profile by name.
-fn settings_of(profile: &'static Profile) -> Vec<(ParameterId, &'static Parameter)> {
+fn profile_settings(profile: &'static Profile) -> Vec<(ParameterId, &'static Parameter)> {
     let ids = (0..).map(ParameterId).zip(profile.parameters);
     let mut settings: Vec<_> = ids.filter(|(_, parameter)| is_setting(parameter)).collect();
     settings.sort_by_key(|(_, parameter)| parameter.name);
@@ -358,7 +372,7 @@ fn settings_of(profile: &'static Profile) -> Vec<(ParameterId, &'static Paramete
 }
 
 /// The shortest text that means exactly this value at this drive.
-fn as_written(axis: &Axis, id: ParameterId, raw: i64) -> Result<Given, Error> {
+fn exact_value(axis: &Axis, id: ParameterId, raw: i64) -> Result<SettingValue, Error> {
     let value = axis.value(id, raw)?;
     let unit = value.unit.symbol();
     let rounded = value.to_string();
@@ -369,8 +383,8 @@ fn as_written(axis: &Axis, id: ParameterId, raw: i64) -> Result<Given, Error> {
             _ => Amount::Text(text),
         };
         if axis.raw_of(id, &amount).is_ok_and(|back| back == raw) {
-            return Ok(Given::Amount(amount));
+            return Ok(SettingValue::Amount(amount));
         }
     }
-    Ok(Given::Raw(raw))
+    Ok(SettingValue::Raw(raw))
 }

@@ -1,41 +1,41 @@
 //! Simulated drives: racks of them from words or from a file, in this process or on real wires.
 //!
 //! ```
-//! use polepair::simulate::{self, Pace};
+//! use polepair::simulate::{self, SimulationPace};
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! let rack = simulate::rack_of_words(&["tmcl:1,2"], 7)?;
-//! let simulation = simulate::Simulation::new(&rack, 7, Pace::Virtual)?;
+//! let simulation = simulate::Simulation::new(&rack, 7, SimulationPace::Virtual)?;
 //! assert_eq!(simulation.links(), 1);
 //! # }
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
-mod end;
-mod file;
-mod line;
+mod drive_line;
+mod rack_file;
+mod sim_end;
 
-use crate::bus::{Load, Seat};
+use crate::bus::{BusAddress, BusLoadRange};
 use crate::error::Error;
-use crate::file::{FileError, Found, Place};
 use crate::mounting::Mounting;
-use crate::registry::{self, Spoken};
+use crate::registry::{self, ProtocolInfo};
+use crate::spelling;
+use crate::toml_file::{FileError, FileLocation, Located};
 use crate::wire::AnyLink;
-use crate::words;
-use end::Shared;
-pub(crate) use file::FILE_KEYS;
-pub use file::{rack_of_file, rack_of_text};
-pub use line::{DriveLine, lines};
-use polepair_core::drives::bench::{Act, Bench, Truth};
+pub use drive_line::{DriveLine, drive_lines};
+use polepair_core::drives::bench::{Act, BenchControl, GroundTruth};
 use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
 use polepair_core::proto;
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_sim::can_bus::CanFaults;
-use polepair_sim::fault::Faults;
-use polepair_sim::rack::{Built, Rack, RackDrive, RackLink, RackWire};
+use polepair_sim::fault::SerialFaults;
+use polepair_sim::rack::{BuiltRack, RackDrive, RackLink, RackSpec, RackWire};
 use polepair_sim::serial_line::{Duplex, Timing};
 use polepair_sim::world::World;
+pub(crate) use rack_file::FILE_KEYS;
+pub use rack_file::{rack_of_file, rack_of_text};
+use sim_end::SharedWorld;
 use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
@@ -47,11 +47,11 @@ const DRIVES_MAX: usize = 64;
 /// Characters of a panel.
 const PANEL_MAX: usize = 64;
 /// How many times faster than real motors simulated ones can live.
-const SCALES: RangeInclusive<f64> = 0.01..=100.0;
+const TIME_SCALES: RangeInclusive<f64> = 0.01..=100.0;
 
 /// How a simulation's time passes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Pace {
+pub enum SimulationPace {
     /// As fast as the processor goes: a wait is over at once.
     Virtual,
     /// As fast as real motors.
@@ -60,20 +60,20 @@ pub enum Pace {
 
 /// Links with drives on them, and what the core's description does not hold.
 #[derive(Clone, Debug, Default)]
-pub struct Description {
+pub struct RackDescription {
     /// The links and drives.
-    pub rack: Rack,
+    pub rack: RackSpec,
     /// For each link, the protocol's word in connection strings, faults of the wire and baud rate.
-    pub wires: Vec<Wire>,
+    pub wires: Vec<WireDescription>,
 }
 
-/// One link of a [`Description`], beside what its rack says.
+/// One link of a [`RackDescription`], beside what its rack says.
 #[derive(Clone, Debug)]
-pub struct Wire {
+pub struct WireDescription {
     /// The protocol's word in connection strings.
     pub protocol: &'static str,
     /// What goes wrong on it, if it is serial.
-    pub faults: Faults,
+    pub faults: SerialFaults,
     /// What goes wrong on it, if it is a CAN bus.
     pub can_faults: CanFaults,
     /// Bits per second; 0 on a wire without timing.
@@ -85,41 +85,41 @@ pub struct Wire {
     /// What each drive is called; empty for no name.
     pub names: Vec<String>,
     /// What its drives are said to make of the bus' time.
-    pub load: Load,
+    pub load: BusLoadRange,
     /// How each drive is built into its machine.
     pub(crate) mountings: Vec<Option<Arc<Mounting>>>,
     /// Where the real link is.
-    pub(crate) connect: Option<Found<String>>,
+    pub(crate) connect: Option<Located<String>>,
     /// Where the link stands in its file; none of a rack of words.
-    pub(crate) place: Option<Place>,
+    pub(crate) location: Option<FileLocation>,
 }
 
 /// A rack from words such as `tmcl`, `tmcl:1,2`, `tmcm-171:3` or `tmcl+can`: each word is a link.
 ///
 /// # Errors
 /// [`Error::Usage`] `E203` for a word that is neither protocol, family nor product.
-pub fn rack_of_words(words: &[&str], seed: u64) -> Result<Description, Error> {
-    let mut description = Description::default();
+pub fn rack_of_words(words: &[&str], seed: u64) -> Result<RackDescription, Error> {
+    let mut description = RackDescription::default();
     for (n, word) in words.iter().enumerate() {
         let (name, addresses) = word.split_once(':').unwrap_or((word, ""));
-        let (profile, protocol) = drive_of(name)?;
+        let (profile, protocol) = find_drive(name)?;
         let mut drives = Vec::new();
         for text in addresses.split(',').filter(|_| !addresses.is_empty()) {
-            let address = address_of(text, word)?;
-            protocol.check(address)?;
+            let address = parse_address(text, word)?;
+            protocol.check_address(address)?;
             drives.push(Some(address));
         }
         if drives.is_empty() {
             drives.push(None);
         }
         let seed = seed.wrapping_add(n as u64 * 1000);
-        description.add(word, profile, protocol, &drives, seed);
+        description.add_link(word, profile, protocol, &drives, seed);
     }
     Ok(description)
 }
 
-fn address_of(text: &str, word: &str) -> Result<u32, Error> {
-    let address = crate::file::number(text.trim()).and_then(|n| u32::try_from(n).ok());
+fn parse_address(text: &str, word: &str) -> Result<u32, Error> {
+    let address = crate::toml_file::parse_number(text.trim()).and_then(|n| u32::try_from(n).ok());
     address.ok_or_else(|| {
         let what = format!("`{word}`: `{text}` is no address");
         Error::usage("E217", what, "write `tmcl:1,2` for drives at the addresses 1 and 2")
@@ -129,30 +129,34 @@ fn address_of(text: &str, word: &str) -> Result<u32, Error> {
 /// Whether a word of [`rack_of_words`], without addresses, means a drive.
 #[must_use]
 pub fn is_drive(word: &str) -> bool {
-    drive_of(word).is_ok()
+    find_drive(word).is_ok()
 }
 
 /// The product meant by a protocol's, family's or product's word, and the protocol of its wire: its
 /// usual one, or after `+can` the one on that medium.
-pub(crate) fn drive_of(word: &str) -> Result<(&'static Profile, registry::Spoken), Error> {
+pub(crate) fn find_drive(word: &str) -> Result<(&'static Profile, registry::ProtocolInfo), Error> {
     let found = match word.split_once('+') {
-        None => product(word, None),
-        Some((name, "serial")) => product(name, Some(MediumKind::Serial)),
-        Some((name, "can")) => product(name, Some(MediumKind::Can)),
+        None => find_product(word, None),
+        Some((name, "serial")) => find_product(name, Some(MediumKind::Serial)),
+        Some((name, "can")) => find_product(name, Some(MediumKind::Can)),
         Some(_) => None,
     };
     found.ok_or_else(|| {
-        let words: Vec<String> = registry::protocols().iter().map(registry::Spoken::word).collect();
+        let words: Vec<String> =
+            registry::protocols().iter().map(registry::ProtocolInfo::unique_word).collect();
         let products = polepair_core::drives::profiles().iter().map(|p| p.name);
         let known: Vec<&str> = words.iter().map(String::as_str).chain(products).collect();
-        let near = words::hint(word, known.iter().copied());
+        let near = spelling::suggestion(word, known.iter().copied());
         let what = format!("nothing called `{word}` can be simulated{near}");
         Error::usage("E203", what, format!("it can be {}", known.join(", ")))
     })
 }
 
 /// The first product of that protocol, family or name, and its first protocol on that medium.
-fn product(name: &str, medium: Option<MediumKind>) -> Option<(&'static Profile, registry::Spoken)> {
+fn find_product(
+    name: &str,
+    medium: Option<MediumKind>,
+) -> Option<(&'static Profile, registry::ProtocolInfo)> {
     let profiles = polepair_core::drives::profiles();
     let mut spoken = registry::protocols();
     spoken.retain(|protocol| medium.is_none_or(|medium| medium == protocol.medium));
@@ -169,34 +173,35 @@ fn product(name: &str, medium: Option<MediumKind>) -> Option<(&'static Profile, 
     })
 }
 
-impl Description {
+impl RackDescription {
     /// Makes the drives of a link what a data sheet (EDS or DCF) lists: a motor by CiA 402 where the
     /// objects are there, else a node that keeps what is written. Returns what the sheet has
     /// otherwise than the standard.
     ///
     /// # Errors
     /// [`Error::File`] with line and reason; [`Error::Usage`] `E213` for drives that have no sheet.
-    pub fn take_sheet(&mut self, link: usize, file: &Path) -> Result<Vec<FileError>, Error> {
+    pub fn apply_sheet(&mut self, link: usize, file: &Path) -> Result<Vec<FileError>, Error> {
         let links = &mut self.rack.links;
         let drives = links.get_mut(link).map(|link| &mut link.drives).into_iter().flatten();
-        let (sheet, eds) = crate::eds::sheet(file)?;
+        let (sheet, eds) = crate::eds::load_sheet(file)?;
         for drive in drives {
-            if !crate::eds::describes(drive.profile) {
+            if !crate::eds::accepts_sheet(drive.profile) {
                 let what = format!("`{}` is no device of a data sheet", drive.profile.name);
                 return Err(Error::usage("E213", what, "a CANopen device is: canopen:5"));
             }
-            drive.sheet = Some(Arc::clone(&sheet));
+            drive.data_sheet = Some(Arc::clone(&sheet));
             drive.address = drive.address.or(eds.node_id().map(u32::from));
         }
         Ok(eds.warnings)
     }
 
     /// The same for every link whose drives can be what a sheet lists and are not already.
-    pub(crate) fn take_sheet_where_fit(&mut self, file: &Path) -> Result<(), Error> {
+    pub(crate) fn apply_sheet_where_possible(&mut self, file: &Path) -> Result<(), Error> {
         for link in 0..self.rack.links.len() {
-            let fits = |d: &RackDrive| d.sheet.is_none() && crate::eds::describes(d.profile);
+            let fits =
+                |d: &RackDrive| d.data_sheet.is_none() && crate::eds::accepts_sheet(d.profile);
             if self.rack.links[link].drives.iter().all(fits) {
-                self.take_sheet(link, file)?;
+                self.apply_sheet(link, file)?;
             }
         }
         Ok(())
@@ -204,119 +209,127 @@ impl Description {
 
     /// The link on which a drive relays to this one.
     #[must_use]
-    pub fn relay_to(&self, link: usize) -> Option<usize> {
-        let relays = |drives: &[RackDrive]| drives.iter().any(|d| d.also_on == Some(link));
+    pub fn relay_link(&self, link: usize) -> Option<usize> {
+        let relays = |drives: &[RackDrive]| drives.iter().any(|d| d.second_link == Some(link));
         self.rack.links.iter().position(|other| relays(&other.drives))
     }
 
     /// The links that drives of this one relay to.
-    pub(crate) fn behind(&self, link: usize) -> impl Iterator<Item = usize> {
-        self.rack.links[link].drives.iter().filter_map(|drive| drive.also_on)
+    pub(crate) fn links_behind(&self, link: usize) -> impl Iterator<Item = usize> {
+        self.rack.links[link].drives.iter().filter_map(|drive| drive.second_link)
     }
 
-    fn add(
+    fn add_link(
         &mut self,
         name: &str,
         profile: &'static Profile,
-        protocol: registry::Spoken,
+        protocol: registry::ProtocolInfo,
         addresses: &[Option<u32>],
         seed: u64,
     ) {
-        let wire = protocol.usual_wire(addresses.len());
+        let wire = protocol.default_wire(addresses.len());
         let drive = |(n, address): (usize, &Option<u32>)| {
             let mut drive = RackDrive::new(profile, protocol.name);
-            drive.standard = wire.standard().filter(|_| protocol.standards);
+            drive.standard = wire.standard().filter(|_| protocol.has_standards);
             drive.address = *address;
             drive.seed = seed.wrapping_add(n as u64);
             drive
         };
         let drives: Vec<_> = addresses.iter().enumerate().map(drive).collect();
-        self.wires.push(Wire {
+        self.wires.push(WireDescription {
             protocol: protocol.name,
-            faults: Faults::NONE,
+            faults: SerialFaults::NONE,
             can_faults: CanFaults::default(),
             baud: protocol.baud,
             shared: false,
             timed: false,
             names: vec![String::new(); drives.len()],
-            load: Load::default(),
+            load: BusLoadRange::default(),
             mountings: vec![None; drives.len()],
             connect: None,
-            place: None,
+            location: None,
         });
         self.rack.links.push(RackLink { name: name.to_owned(), wire, drives });
-        self.settle_host(self.wires.len() - 1);
+        self.assign_host(self.wires.len() - 1);
     }
 
     /// The address that drives of a link answer to in one protocol, where one of them, or of another
     /// protocol on the bus, has the one that hosts have from the factory.
     ///
     /// A drive's own option `host` goes first: it tells how a real one is set.
-    pub(crate) fn host(&self, link: usize, spoken: &Spoken) -> Option<u32> {
-        let drives = self.rack.links[link].drives.iter().filter(|drive| speaks(drive, spoken));
+    pub(crate) fn host_address(&self, link: usize, spoken: &ProtocolInfo) -> Option<u32> {
+        let drives =
+            self.rack.links[link].drives.iter().filter(|drive| speaks_protocol(drive, spoken));
         let told = drives.flat_map(|drive| &drive.extra).find(|(key, _)| key == "host");
-        let told = told.and_then(|(_, host)| crate::file::number(host));
+        let told = told.and_then(|(_, host)| crate::toml_file::parse_number(host));
         if let Some(host) = told.and_then(|host| u32::try_from(host).ok()) {
             return Some(host);
         }
-        let (own, others): (Vec<Seat>, Vec<Seat>) =
-            self.seats(link).into_iter().partition(|seat| seat.spoken.name == spoken.name);
+        let (own, others): (Vec<BusAddress>, Vec<BusAddress>) = self
+            .bus_addresses(link)
+            .into_iter()
+            .partition(|seat| seat.protocol.name == spoken.name);
         let addresses: Vec<u32> = own.iter().map(|seat| seat.address).collect();
-        spoken.host_beside(&addresses, &others)
+        spoken.host_among(&addresses, &others)
     }
 
     /// Each drive of a link with its protocol and address.
-    pub(crate) fn seats(&self, link: usize) -> Vec<Seat> {
+    pub(crate) fn bus_addresses(&self, link: usize) -> Vec<BusAddress> {
         let rack = &self.rack.links[link];
         let seat = |drive: &RackDrive| {
-            let spoken = registry::protocol(drive.wires.first()?, rack.wire.medium())?;
+            let spoken = registry::find_protocol(drive.wires.first()?, rack.wire.medium())?;
             let address = drive.address.unwrap_or(*spoken.addresses.start());
-            Some(Seat { spoken, address })
+            Some(BusAddress { protocol: spoken, address })
         };
         rack.drives.iter().filter_map(seat).collect()
     }
 
     /// The protocols that are spoken on a link, in the order of its drives.
-    pub(crate) fn spoken_on(&self, link: usize) -> Vec<Spoken> {
-        let mut all: Vec<Spoken> = Vec::new();
-        for Seat { spoken, .. } in self.seats(link) {
+    pub(crate) fn protocols_on(&self, link: usize) -> Vec<ProtocolInfo> {
+        let mut all: Vec<ProtocolInfo> = Vec::new();
+        for BusAddress { protocol: spoken, .. } in self.bus_addresses(link) {
             if all.iter().all(|other| other.name != spoken.name) {
                 all.push(spoken);
             }
         }
         // A bus on which a relay alone sits.
         if all.is_empty() {
-            all.extend(self.spoken(link));
+            all.extend(self.link_protocol(link));
         }
         all
     }
 
     /// The standard that a link's line follows, where its protocol makes a difference.
-    pub(crate) fn standard(&self, link: usize) -> Option<proto::Wire> {
-        let makes_a_difference = self.spoken(link).is_some_and(|spoken| spoken.standards);
+    pub(crate) fn line_standard(&self, link: usize) -> Option<proto::SerialStandard> {
+        let makes_a_difference =
+            self.link_protocol(link).is_some_and(|spoken| spoken.has_standards);
         self.rack.links[link].wire.standard().filter(|_| makes_a_difference)
     }
 
-    fn spoken(&self, link: usize) -> Option<registry::Spoken> {
-        registry::protocol(self.wires[link].protocol, self.rack.links[link].wire.medium())
+    fn link_protocol(&self, link: usize) -> Option<registry::ProtocolInfo> {
+        registry::find_protocol(self.wires[link].protocol, self.rack.links[link].wire.medium())
     }
 
     /// The connection strings of a link, to be opened at `place` (`serial:///dev/pts/3`): one for
     /// each protocol on it.
     #[must_use]
     pub fn urls(&self, link: usize, place: &str) -> Vec<String> {
-        self.spoken_on(link).iter().map(|spoken| self.url_of(link, spoken, place)).collect()
+        self.protocols_on(link)
+            .iter()
+            .map(|spoken| self.protocol_url(link, spoken, place))
+            .collect()
     }
 
-    fn url_of(&self, link: usize, spoken: &Spoken, place: &str) -> String {
+    fn protocol_url(&self, link: usize, spoken: &ProtocolInfo, place: &str) -> String {
         let first = *spoken.addresses.start();
         let address = |drive: &RackDrive| drive.address.unwrap_or(first).to_string();
-        let behind = self.behind(link).flat_map(|other| &self.rack.links[other].drives);
-        let own = self.rack.links[link].drives.iter().filter(|drive| speaks(drive, spoken));
+        let behind = self.links_behind(link).flat_map(|other| &self.rack.links[other].drives);
+        let own =
+            self.rack.links[link].drives.iter().filter(|drive| speaks_protocol(drive, spoken));
         let drives = own.chain(behind);
-        let rs485 = self.standard(link) == Some(proto::Wire::Rs485);
+        let rs485 = self.line_standard(link) == Some(proto::SerialStandard::Rs485);
         let wire = rs485.then(|| "wire=rs485".to_owned());
-        let host = self.host(link, spoken).map(|host| format!("host={host}"));
+        let host = self.host_address(link, spoken).map(|host| format!("host={host}"));
         // An adapter is told the bit rate; any other bus has it.
         let rate = self.wires[link].baud;
         let told = place.starts_with("slcan") && rate != spoken.baud;
@@ -328,22 +341,22 @@ impl Description {
     }
 
     /// Has the drives of a link answer to a host that none of them can be mistaken for.
-    pub(crate) fn settle_host(&mut self, link: usize) {
-        for spoken in self.spoken_on(link) {
-            let Some(host) = self.host(link, &spoken) else { continue };
+    pub(crate) fn assign_host(&mut self, link: usize) {
+        for spoken in self.protocols_on(link) {
+            let Some(host) = self.host_address(link, &spoken) else { continue };
             let drives = self.rack.links[link].drives.iter_mut();
-            for drive in drives.filter(|drive| speaks(drive, &spoken)) {
+            for drive in drives.filter(|drive| speaks_protocol(drive, &spoken)) {
                 drive.extra.push(("host".to_owned(), host.to_string()));
             }
         }
     }
 
     /// Has every drive on a wire whose hosts have addresses answer to this one.
-    pub(crate) fn answer_to(&mut self, host: &str) {
+    pub(crate) fn set_host(&mut self, host: &str) {
         for link in 0..self.wires.len() {
-            for spoken in self.spoken_on(link).iter().filter(|spoken| spoken.host.is_some()) {
+            for spoken in self.protocols_on(link).iter().filter(|spoken| spoken.host.is_some()) {
                 let drives = self.rack.links[link].drives.iter_mut();
-                for drive in drives.filter(|drive| speaks(drive, spoken)) {
+                for drive in drives.filter(|drive| speaks_protocol(drive, spoken)) {
                     drive.extra.push(("host".to_owned(), host.to_owned()));
                 }
             }
@@ -377,11 +390,11 @@ impl Description {
     /// The same with such ports before every serial line: a word of racks, or `off` for one without
     /// timing that the host is told of.
     pub(crate) fn set_timing(&mut self, word: &str) -> Result<(), Error> {
-        let timing = if word == "off" { Ok(Timing::Cdc) } else { file::timing_of(word) };
+        let timing = if word == "off" { Ok(Timing::Cdc) } else { rack_file::parse_timing(word) };
         let timing = timing.map_err(|why| Error::usage("E210", format!("timing: {why}"), ""))?;
         for (link, wire) in self.rack.links.iter_mut().zip(&mut self.wires) {
             if let RackWire::Serial(serial) = &mut link.wire {
-                file::set_timing(serial, timing, wire.baud);
+                rack_file::set_timing(serial, timing, wire.baud);
                 wire.timed = true;
             }
         }
@@ -389,21 +402,21 @@ impl Description {
     }
 
     /// The same with every serial line of that standard.
-    pub(crate) fn set_standard(&mut self, standard: proto::Wire) {
+    pub(crate) fn set_standard(&mut self, standard: proto::SerialStandard) {
         for link in &mut self.rack.links {
             if let RackWire::Serial(serial) = &mut link.wire {
                 serial.duplex = match standard {
-                    proto::Wire::Rs232 => Duplex::Full,
-                    proto::Wire::Rs485 => Duplex::Half,
+                    proto::SerialStandard::Rs232 => Duplex::Full,
+                    proto::SerialStandard::Rs485 => Duplex::Half,
                 };
                 link.drives.iter_mut().for_each(|drive| drive.standard = Some(standard));
             }
         }
     }
 
-    fn set_faults(&self, world: &mut World, built: &Built) {
+    fn set_faults(&self, world: &mut World, built: &BuiltRack) {
         for ((wire, _), spec) in built.links.iter().zip(&self.wires) {
-            if let Some(faults) = world.faults(*wire) {
+            if let Some(faults) = world.serial_faults(*wire) {
                 *faults = spec.faults;
             }
             if let Some(faults) = world.can_faults(*wire) {
@@ -424,7 +437,7 @@ impl Description {
 }
 
 /// Whether a drive speaks that protocol on the link that it is listed on.
-pub(crate) fn speaks(drive: &RackDrive, spoken: &Spoken) -> bool {
+pub(crate) fn speaks_protocol(drive: &RackDrive, spoken: &ProtocolInfo) -> bool {
     drive.wires.first().is_some_and(|word| word == spoken.name)
 }
 
@@ -432,9 +445,9 @@ pub(crate) fn speaks(drive: &RackDrive, spoken: &Spoken) -> bool {
 /// different threads; time is one for all.
 #[derive(Clone, Debug)]
 pub struct Simulation {
-    shared: Arc<Shared>,
-    built: Arc<Built>,
-    description: Arc<Description>,
+    shared: Arc<SharedWorld>,
+    built: Arc<BuiltRack>,
+    description: Arc<RackDescription>,
 }
 
 impl Simulation {
@@ -442,13 +455,17 @@ impl Simulation {
     ///
     /// # Errors
     /// [`Error::Usage`] `E231` when a drive cannot be built as described.
-    pub fn new(description: &Description, seed: u64, pace: Pace) -> Result<Self, Error> {
+    pub fn new(
+        description: &RackDescription,
+        seed: u64,
+        pace: SimulationPace,
+    ) -> Result<Self, Error> {
         let mut world = World::new(seed);
         let built = description.rack.build(&mut world);
         let built = built.map_err(|error| Error::usage("E231", error.to_string(), ""))?;
         description.set_faults(&mut world, &built);
         Ok(Self {
-            shared: Arc::new(Shared::new(world, pace)),
+            shared: Arc::new(SharedWorld::new(world, pace)),
             built: Arc::new(built),
             description: Arc::new(description.clone()),
         })
@@ -462,7 +479,7 @@ impl Simulation {
 
     /// What it was made from.
     #[must_use]
-    pub fn description(&self) -> &Description {
+    pub fn description(&self) -> &RackDescription {
         &self.description
     }
 
@@ -476,7 +493,7 @@ impl Simulation {
             Error::usage("E212", format!("the rack has no link {link}"), "links count from 0")
         })?;
         let name = format!("sim:{}", self.description.rack.links[link].name);
-        let end = end::SimEnd::new(Arc::clone(&self.shared), *wire, &name)?;
+        let end = sim_end::SimEnd::new(Arc::clone(&self.shared), *wire, &name)?;
         Ok(match self.description.rack.links[link].wire.medium() {
             MediumKind::Serial => AnyLink::Serial(Box::new(end)),
             MediumKind::Can => AnyLink::Can(Box::new(end)),
@@ -487,16 +504,16 @@ impl Simulation {
     /// in which it was busy, 0 to 1. `None` for a serial line and a bus without bit timing.
     ///
     /// ```
-    /// use polepair::simulate::{Pace, Simulation, rack_of_text};
+    /// use polepair::simulate::{SimulationPace, Simulation, rack_of_text};
     /// let rack = "[[link]]\nkind = 'can'\n[[link.drive]]\nprofile = 'thruster'\ncycle = 100";
-    /// let simulation = Simulation::new(&rack_of_text("rack.toml", rack, 1)?, 1, Pace::Virtual)?;
+    /// let simulation = Simulation::new(&rack_of_text("rack.toml", rack, 1)?, 1, SimulationPace::Virtual)?;
     /// let (said, measured) = simulation.load(0).expect("a CAN bus");
     /// assert!(said.least > 0.04 && said.most < 0.06, "{said}");
     /// assert_eq!(measured, 0.0);
     /// # Ok::<(), polepair::Error>(())
     /// ```
     #[must_use]
-    pub fn load(&self, link: usize) -> Option<(Load, f64)> {
+    pub fn load(&self, link: usize) -> Option<(BusLoadRange, f64)> {
         let (wire, _) = self.built.links.get(link)?;
         let RackWire::Can(line) = self.description.rack.links[link].wire else { return None };
         let timed = line.bit_rate > 0;
@@ -510,13 +527,13 @@ impl Simulation {
     }
 
     /// Lets time pass: at once in virtual time, by sleeping in real time.
-    pub fn pass(&self, span: Duration) {
-        self.shared.pass(span);
+    pub fn advance(&self, span: Duration) {
+        self.shared.advance(span);
     }
 
     /// How its time passes.
     #[must_use]
-    pub fn pace(&self) -> Pace {
+    pub fn pace(&self) -> SimulationPace {
         self.shared.pace
     }
 
@@ -532,7 +549,7 @@ impl Simulation {
     /// # Errors
     /// [`Error::Usage`] `E217`.
     pub fn set_scale(&self, scale: f64) -> Result<(), Error> {
-        if !SCALES.contains(&scale) {
+        if !TIME_SCALES.contains(&scale) {
             let what = format!("time cannot pass {scale} times as fast");
             return Err(Error::usage("E217", what, "it can from 0.01 to 100 times"));
         }
@@ -544,31 +561,32 @@ impl Simulation {
     #[must_use]
     pub fn panel(&self, link: usize, drive: usize) -> Option<String> {
         let mut text = [0; PANEL_MAX];
-        let shown = |bench: &mut dyn Bench, now| bench.panel(now, &mut text);
-        let len = self.shared.with(self.built.links.get(link), drive, shown)??;
+        let shown = |bench: &mut dyn BenchControl, now| bench.panel_text(now, &mut text);
+        let len = self.shared.with_bench(self.built.links.get(link), drive, shown)??;
         Some(String::from_utf8_lossy(&text[..len.min(PANEL_MAX)]).into_owned())
     }
 
     /// Does something to a drive from outside: a load, a switch, a fault. Links and drives count
     /// from 0. Returns whether there is such a drive with such a thing.
     pub fn act(&self, link: usize, drive: usize, act: Act) -> bool {
-        let done =
-            self.shared.with(self.built.links.get(link), drive, |bench, now| bench.act(now, act));
+        let done = self
+            .shared
+            .with_bench(self.built.links.get(link), drive, |bench, now| bench.act(now, act));
         done.unwrap_or(false)
     }
 
     /// What is true of a motor, whatever its drive reports.
     #[must_use]
-    pub fn truth(&self, link: usize, drive: usize) -> Option<Truth> {
+    pub fn truth(&self, link: usize, drive: usize) -> Option<GroundTruth> {
         let wire = self.built.links.get(link);
-        self.shared.with(wire, drive, |bench, now| bench.truth(now))
+        self.shared.with_bench(wire, drive, |bench, now| bench.ground_truth(now))
     }
 }
 
 /// Waits on the clock of a simulation or, without one, on the wall's.
-pub(crate) fn pass(simulation: Option<&Simulation>, span: Duration) {
+pub(crate) fn sleep_on_clock(simulation: Option<&Simulation>, span: Duration) {
     match simulation {
-        Some(simulation) => simulation.pass(span),
+        Some(simulation) => simulation.advance(span),
         None => clock::sleep_until(clock::now() + span),
     }
 }

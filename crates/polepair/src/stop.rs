@@ -18,88 +18,88 @@
 
 mod unidentified;
 
-use crate::axis::{Axis, Running, Standing, stop_until_standing};
-use crate::connect::{Connector, Line};
+use crate::axis::{Axis, RunningRequest, Standstill, stop_until_standstill};
+use crate::connect::{Connector, ProtocolLine};
 use crate::error::{Error, Exit};
-use crate::heard::Heard;
-use crate::identify::{AGAIN_MAX, Probe, Prober};
-use crate::listen::Opened;
-use crate::scan::{self, Found, Progress};
-use crate::url::{Number, Target, Url};
-use crate::wire::{Shared, SharedLink};
-use polepair_core::axis::{Command, RehearsedStep, Verb};
+use crate::identify::{IDENTIFY_RETRY_MAX, ProbeResult, Prober};
+use crate::listen::RawWires;
+use crate::no_reply::NoReplyDetails;
+use crate::scan::{self, DetectedDrive, ScanProgress};
+use crate::url::{AxisNumber, LinkTarget, Url};
+use crate::wire::{CountedLink, SharedLink};
+use polepair_core::axis::{Command, RehearsalAction, Verb};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::medium::{Can, Frame, Medium, Stream};
 use polepair_core::station::AxisIndex;
-use polepair_link::{Link as _, Received, clock};
+use polepair_link::{LinkIo as _, Received, clock};
 use std::time::Duration;
 
 /// How long an address is given to answer where the string names none, besides the time that the
 /// bytes take.
-const ASK: Duration = Duration::from_millis(30);
+const QUERY_TIMEOUT: Duration = Duration::from_millis(30);
 /// Bits of the longest question and answer that tell who is there, on a serial line.
-const ASK_BITS: u64 = 400;
+const QUERY_BITS: u64 = 400;
 /// How long addresses are asked in all; what is left then is told as not asked.
 const SEARCH_MAX: Duration = Duration::from_secs(6);
 /// How long one that was named is asked what it is, before it is told by the protocol's own word.
-const NAMED: Duration = Duration::from_millis(250);
+const NAMED_QUERY_MAX: Duration = Duration::from_millis(250);
 /// How long a drive that was found may keep the others waiting.
-const TELL: Duration = Duration::from_millis(150);
+const STOP_WAIT_MAX: Duration = Duration::from_millis(150);
 /// How long one that was named and did not answer may keep the others waiting, once all were told.
-const DEAF: Duration = Duration::from_secs(1);
+const SILENT_STOP_WAIT_MAX: Duration = Duration::from_secs(1);
 /// How long motors may take to come to rest.
-const REST_MAX: Duration = Duration::from_secs(5);
+const STANDSTILL_WAIT_MAX: Duration = Duration::from_secs(5);
 /// Silence after each frame to everybody: more than drives that end frames by silence need.
-const EVERYBODY_MS: u32 = 30;
+const BROADCAST_PAUSE_MS: u32 = 30;
 /// Motors behind one address at most: a TMCL parameter number shares its byte with four bits of them.
 const MOTORS_MAX: u8 = 16;
 /// After so many in a row that are not answered the drive is gone.
-const SILENT_MAX: u8 = 4;
+const SILENT_MOTORS_MAX: u8 = 4;
 /// Units that are heard in such a silence at most.
-const HEARD_MAX: usize = 1_000;
+const UNITS_MAX: usize = 1_000;
 
 /// What came of it.
 #[derive(Debug, Default)]
-pub struct Stopped {
+pub struct LinkStopReport {
     /// The protocol's own stop went to everybody, before anybody was asked. Nobody confirms it.
-    pub everybody: bool,
+    pub broadcast: bool,
     /// Each axis that was named or found, in the order of the addresses, and how its stop ended.
-    pub axes: Vec<(String, Result<Standing, Error>)>,
+    pub axes: Vec<(String, Result<Standstill, Error>)>,
     /// Drives with more motors than the one that their axis is, in the same order.
-    pub motors: Vec<Motors>,
+    pub motors: Vec<DriveMotors>,
     /// Addresses that were asked.
-    pub asked: usize,
+    pub queried: usize,
     /// How long each had to answer; `None` where the host's own patience was the measure.
-    pub patience: Option<Duration>,
+    pub reply_timeout: Option<Duration>,
     /// What came where nobody answered, of addresses that nobody named.
-    pub heard: Heard,
+    pub received: NoReplyDetails,
     /// Addresses that there was no time left for: first, last.
-    pub left: Option<(u32, u32)>,
+    pub not_queried: Option<(u32, u32)>,
 }
 
 /// Motors behind one address. An axis is the first of them; these confirmed that they were told to
 /// stop, and nobody saw them stand.
 #[derive(Debug)]
-pub struct Motors {
+pub struct DriveMotors {
     /// The axis' label.
     pub axis: String,
     /// Its address.
     pub number: u32,
     /// Those that confirmed their stop, the first (0) not counted.
-    pub told: Vec<u8>,
+    pub confirmed: Vec<u8>,
     /// Those that did not, and may be there.
-    pub silent: Vec<u8>,
+    pub unconfirmed: Vec<u8>,
     /// Why the first of those did not.
-    pub ended: Result<(), Error>,
+    pub result: Result<(), Error>,
 }
 
 /// What happens meanwhile.
 #[derive(Debug)]
-pub enum Event<'a> {
+pub enum StopEvent<'a> {
     /// An address is asked.
-    Asking(Progress),
+    Querying(ScanProgress),
     /// A drive that answered, or was named, was told to stop.
-    Told(&'a Axis),
+    StopSent(&'a Axis),
 }
 
 /// Stops every axis that the string names, or everybody on its link. `verb` is
@@ -107,29 +107,29 @@ pub enum Event<'a> {
 ///
 /// # Errors
 /// [`Error::Usage`], and [`Error::Link`] when the link cannot be opened or goes away. What a drive
-/// makes of it is in [`Stopped`].
+/// makes of it is in [`LinkStopReport`].
 pub fn stop(
     connector: &Connector,
     url: &str,
     verb: Verb,
-    hear: &mut dyn FnMut(Event<'_>),
-) -> Result<Stopped, Error> {
+    hear: &mut dyn FnMut(StopEvent<'_>),
+) -> Result<LinkStopReport, Error> {
     let parsed = connector.url(url)?;
-    let mut stopped = Stopped::default();
-    let group = parsed.axes.iter().any(|axis| Number(*axis).is_group());
-    let rack = matches!(parsed.target, Target::Rack { .. });
-    if group || rack || matches!(parsed.target, Target::Sim { .. }) {
+    let mut stopped = LinkStopReport::default();
+    let group = parsed.axes.iter().any(|axis| AxisNumber(*axis).is_group());
+    let rack = matches!(parsed.target, LinkTarget::Rack { .. });
+    if group || rack || matches!(parsed.target, LinkTarget::Sim { .. }) {
         // Who is there is known, or cannot be asked. A rack says what each is: nobody waits for one
         // that is silent.
         let link = connector.connect_with(url, !rack)?;
         // What is told now is on its way; who stops another motor of the drive ends waiting for it.
-        drop(tell_each(link.axes(), verb));
-        stopped.motors = more_motors(link.axes());
-        stopped.axes = rest(link.axes(), verb);
+        drop(start_stops(link.axes(), verb));
+        stopped.motors = stop_more_motors(link.axes());
+        stopped.axes = wait_standstill(link.axes(), verb);
         return Ok(stopped);
     }
-    let (lines, _) = connector.lines(&parsed)?;
-    on_lines(connector, &parsed, &lines, verb, &mut stopped, hear)?;
+    let (lines, _) = connector.open_lines(&parsed)?;
+    stop_on_lines(connector, &parsed, &lines, verb, &mut stopped, hear)?;
     Ok(stopped)
 }
 
@@ -140,50 +140,55 @@ pub fn stop(
 /// As [`stop`].
 pub fn stop_on(
     connector: &Connector,
-    opened: &Opened,
+    opened: &RawWires,
     wire: usize,
     axes: &[u32],
-    hear: &mut dyn FnMut(Event<'_>),
-) -> Result<Stopped, Error> {
-    let mut stopped = Stopped::default();
+    hear: &mut dyn FnMut(StopEvent<'_>),
+) -> Result<LinkStopReport, Error> {
+    let mut stopped = LinkStopReport::default();
     let Some(lines) = opened.by_wire().nth(wire) else { return Ok(stopped) };
     let url = Url { axes: axes.to_vec(), names: Vec::new(), ..opened.url.clone() };
-    on_lines(connector, &url, lines, Verb::Stop, &mut stopped, hear)?;
+    stop_on_lines(connector, &url, lines, Verb::Stop, &mut stopped, hear)?;
     Ok(stopped)
 }
 
-fn on_lines(
+fn stop_on_lines(
     connector: &Connector,
     url: &Url,
-    lines: &[Line],
+    lines: &[ProtocolLine],
     verb: Verb,
-    stopped: &mut Stopped,
-    hear: &mut dyn FnMut(Event<'_>),
+    stopped: &mut LinkStopReport,
+    hear: &mut dyn FnMut(StopEvent<'_>),
 ) -> Result<(), Error> {
     for line in lines {
         if url.axes.is_empty() {
-            stopped.everybody |= everybody(connector, url, line, verb)?;
+            stopped.broadcast |= broadcast_stop(connector, url, line, verb)?;
         }
-        let found = look(connector, url, line, verb, (stopped, &mut *hear))?;
-        let axes = connector.axes_found(line, &found)?;
-        stopped.motors.extend(more_motors(&axes));
-        stopped.axes.extend(rest(&axes, verb));
+        let found = find_and_stop(connector, url, line, verb, (stopped, &mut *hear))?;
+        let axes = connector.axes_of_found(line, &found)?;
+        stopped.motors.extend(stop_more_motors(&axes));
+        stopped.axes.extend(wait_standstill(&axes, verb));
     }
     Ok(())
 }
 
 /// Sends what of the stop needs no answer to everybody. `false` where the protocol has no address
 /// for that, or nobody knows what stops drives of this kind.
-fn everybody(connector: &Connector, url: &Url, line: &Line, verb: Verb) -> Result<bool, Error> {
-    let Some(address) = line.spoken.everybody else { return Ok(false) };
-    let profile = connector.chosen_profile(url, &line.spoken)?.unwrap_or(line.spoken.generic);
-    let connection = line.connection(&[(profile, address)])?;
+fn broadcast_stop(
+    connector: &Connector,
+    url: &Url,
+    line: &ProtocolLine,
+    verb: Verb,
+) -> Result<bool, Error> {
+    let Some(address) = line.protocol.broadcast else { return Ok(false) };
+    let profile = connector.chosen_profile(url, &line.protocol)?.unwrap_or(line.protocol.generic);
+    let connection = line.open_connection(&[(profile, address)])?;
     let (mut runs, mut frames, mut open) = (Vec::new(), Vec::new(), true);
-    connection.with(|axes, _| {
+    connection.with_axes(|axes, _| {
         let command = Command::new(verb);
         // It ends at the first step that asks, which an address of everybody's cannot.
         let _ = axes.rehearse(AxisIndex(0), command, &mut |step| {
-            open &= matches!(step.step, RehearsedStep::Write(..) | RehearsedStep::Send);
+            open &= matches!(step.action, RehearsalAction::Write(..) | RehearsalAction::Send);
             match (open, step.frame) {
                 (true, Some(frame)) => frames.push(*frame),
                 (true, None) => runs.push(step.bytes.to_vec()),
@@ -195,23 +200,23 @@ fn everybody(connector: &Connector, url: &Url, line: &Line, verb: Verb) -> Resul
         SharedLink::Serial(link) => {
             for run in &runs {
                 link.send(run)?;
-                pause::<Stream>(link, &mut [0; 64])?;
+                wait_silence::<Stream>(link, &mut [0; 64])?;
             }
         }
         SharedLink::Can(link) => {
             for frame in &frames {
                 link.send(frame)?;
             }
-            pause::<Can>(link, &mut Frame::default())?;
+            wait_silence::<Can>(link, &mut Frame::default())?;
         }
     }
     Ok(!runs.is_empty() || !frames.is_empty())
 }
 
 /// Lets the line be silent, whatever comes back.
-fn pause<M: Medium>(link: &Shared<M>, buffer: &mut M::Out) -> Result<(), Error> {
-    let until = link.now().plus_ms(EVERYBODY_MS);
-    for _ in 0..HEARD_MAX {
+fn wait_silence<M: Medium>(link: &CountedLink<M>, buffer: &mut M::Out) -> Result<(), Error> {
+    let until = link.now().plus_ms(BROADCAST_PAUSE_MS);
+    for _ in 0..UNITS_MAX {
         if matches!(link.receive(buffer, until)?, Received::TimedOut) {
             break;
         }
@@ -220,67 +225,74 @@ fn pause<M: Medium>(link: &Shared<M>, buffer: &mut M::Out) -> Result<(), Error> 
 }
 
 /// Asks each address, and tells whoever answers to stop.
-fn look(
+fn find_and_stop(
     connector: &Connector,
     url: &Url,
-    line: &Line,
+    line: &ProtocolLine,
     verb: Verb,
-    (stopped, hear): (&mut Stopped, &mut dyn FnMut(Event<'_>)),
-) -> Result<Vec<Found>, Error> {
+    (stopped, hear): (&mut LinkStopReport, &mut dyn FnMut(StopEvent<'_>)),
+) -> Result<Vec<DetectedDrive>, Error> {
     let named = !url.axes.is_empty();
-    let wanted = if named { url.axes.clone() } else { scan::everybody(line)? };
-    stopped.patience = if named { None } else { Some(patience(url, line)?) };
-    let chosen = connector.chosen_profile(url, &line.spoken)?;
-    let generic = line.spoken.generic;
+    let wanted = if named { url.axes.clone() } else { scan::default_addresses(line)? };
+    stopped.reply_timeout = if named { None } else { Some(query_timeout(url, line)?) };
+    let chosen = connector.chosen_profile(url, &line.protocol)?;
+    let generic = line.protocol.generic;
     // Where the protocol has a word for it, whoever is named is told soon, whatever it is.
-    let soon = NAMED.max(2 * patience(url, line)?);
-    let patience = stopped.patience.or(generic.plan(verb).map(|_| soon));
-    let prober = Prober::new(line, &connector.config).patient(patience);
+    let soon = NAMED_QUERY_MAX.max(2 * query_timeout(url, line)?);
+    let patience = stopped.reply_timeout.or(generic.plan(verb).map(|_| soon));
+    let prober = Prober::new(line, &connector.config).with_timeout(patience);
     let end = clock::now() + SEARCH_MAX;
     let (mut found, mut deaf, mut unknown) = (Vec::new(), Vec::new(), Vec::new());
     for (done, &number) in wanted.iter().enumerate() {
         if !named && clock::now() > end {
-            stopped.left = wanted.last().map(|last| (number, *last));
+            stopped.not_queried = wanted.last().map(|last| (number, *last));
             break;
         }
-        hear(Event::Asking(Progress { number, done, of: wanted.len() }));
-        stopped.asked += 1;
+        hear(StopEvent::Querying(ScanProgress { number, done, of: wanted.len() }));
+        stopped.queried += 1;
         let probe = prober.probe(number)?;
         let missing = match probe {
-            Probe::Found { doubtful: false, .. } => None,
-            Probe::Found { .. } => Some(prober.confused(number)),
-            Probe::Silent(heard) | Probe::Damaged(heard) if !named => {
-                stopped.heard = stopped.heard.plus(heard.of_others());
+            ProbeResult::Found { doubtful: false, .. } => None,
+            ProbeResult::Found { .. } => Some(prober.confused_error(number)),
+            ProbeResult::Silent(heard) | ProbeResult::Damaged(heard) if !named => {
+                stopped.received = stopped.received.plus(heard.only_foreign());
                 continue;
             }
-            Probe::Forbidden(_) if !named => continue,
-            Probe::Forbidden(hint) => Some(prober.forbidden(number, hint)),
-            Probe::Silent(heard) | Probe::Damaged(heard) => Some(prober.silent(number, heard)),
+            ProbeResult::Forbidden(_) if !named => continue,
+            ProbeResult::Forbidden(hint) => Some(prober.forbidden_error(number, hint)),
+            ProbeResult::Silent(heard) | ProbeResult::Damaged(heard) => {
+                Some(prober.silent_error(number, heard))
+            }
         };
         let (one, verb) = match (chosen, probe) {
-            (Some(profile), _) => (Found::named(line, number, profile), verb),
-            (None, Probe::Found { profile, identified, doubtful: false, .. }) => {
-                (Found { identified, ..Found::named(line, number, profile) }, verb)
-            }
+            (Some(profile), _) => (DetectedDrive::with_known_profile(line, number, profile), verb),
+            (None, ProbeResult::Found { profile, identified, doubtful: false, .. }) => (
+                DetectedDrive {
+                    identified,
+                    ..DetectedDrive::with_known_profile(line, number, profile)
+                },
+                verb,
+            ),
             (None, _) if generic.plan(verb).is_some() => {
-                (Found::named(line, number, generic), verb)
+                (DetectedDrive::with_known_profile(line, number, generic), verb)
             }
-            (None, Probe::Forbidden(_)) => {
+            (None, ProbeResult::Forbidden(_)) => {
                 let error = missing.map(|error| (format!("axis {number}"), Err(error)));
                 stopped.axes.extend(error);
                 continue;
             }
             (None, _) => {
-                let shared = unidentified::shared(prober.known(), verb);
-                let told =
-                    shared.map(|(profile, verb)| (Found::named(line, number, profile), verb));
+                let shared = unidentified::shared_stop(prober.profiles(), verb);
+                let told = shared.map(|(profile, verb)| {
+                    (DetectedDrive::with_known_profile(line, number, profile), verb)
+                });
                 unknown.extend(missing.map(|error| (number, told.clone(), error)));
                 let Some(told) = told else { continue };
-                tell_one(connector, line, &told, hear)?;
+                stop_found(connector, line, &told, hear)?;
                 continue;
             }
         };
-        tell_one(connector, line, &(one.clone(), verb), hear)?;
+        stop_found(connector, line, &(one.clone(), verb), hear)?;
         match missing {
             None => found.push(one),
             Some(error) => deaf.push((one, error)),
@@ -288,99 +300,101 @@ fn look(
     }
     for (one, error) in deaf {
         // It may have lost count of bytes, which a stop that is said several times does not mind.
-        match tell_again(connector, line, &(one.clone(), verb))? {
+        match stop_unanswered(connector, line, &(one.clone(), verb))? {
             Err(ref told) if told.exit() == Exit::NoReply => {
                 stopped.axes.push((format!("axis {}", one.number), Err(error)));
             }
             _ => found.push(one),
         }
     }
-    let end = clock::now() + AGAIN_MAX;
+    let end = clock::now() + IDENTIFY_RETRY_MAX;
     for (number, told, error) in unknown {
         let one = loop {
-            let one = unidentified::again(&prober, line, number)?;
+            let one = unidentified::reidentify(&prober, line, number)?;
             if one.is_some() || clock::now() > end {
                 break one;
             }
         };
         if let Some(one) = one {
-            tell_one(connector, line, &(one.clone(), verb), hear)?;
+            stop_found(connector, line, &(one.clone(), verb), hear)?;
             found.push(one);
             continue;
         }
-        let ended = told.map(|told| tell_again(connector, line, &told)).transpose()?;
-        let error = unidentified::error(&prober, error, ended);
+        let ended = told.map(|told| stop_unanswered(connector, line, &told)).transpose()?;
+        let error = unidentified::unidentified_error(&prober, error, ended);
         stopped.axes.push((format!("axis {number}"), Err(error)));
     }
     Ok(found)
 }
 
 /// Tells a drive to stop, and waits for no more than the others can.
-fn tell_one(
+fn stop_found(
     connector: &Connector,
-    line: &Line,
-    (one, verb): &(Found, Verb),
-    hear: &mut dyn FnMut(Event<'_>),
+    line: &ProtocolLine,
+    (one, verb): &(DetectedDrive, Verb),
+    hear: &mut dyn FnMut(StopEvent<'_>),
 ) -> Result<(), Error> {
-    for axis in connector.axes_found(line, std::slice::from_ref(one))? {
+    for axis in connector.axes_of_found(line, std::slice::from_ref(one))? {
         // One that only listens may obey. What it says is heard when all are waited for.
-        if let Ok(mut running) = tell(&axis, *verb) {
-            let _ = running.wait(TELL);
-            hear(Event::Told(&axis));
+        if let Ok(mut running) = start_stop(&axis, *verb) {
+            let _ = running.wait(STOP_WAIT_MAX);
+            hear(StopEvent::StopSent(&axis));
         }
     }
     Ok(())
 }
 
 /// Tells one that did not answer, and how that ended.
-fn tell_again(
+fn stop_unanswered(
     connector: &Connector,
-    line: &Line,
-    (one, verb): &(Found, Verb),
+    line: &ProtocolLine,
+    (one, verb): &(DetectedDrive, Verb),
 ) -> Result<Result<(), Error>, Error> {
-    let axes = connector.axes_found(line, std::slice::from_ref(one))?;
-    let told = |axis: &Axis| tell(axis, *verb).and_then(|mut running| running.wait(DEAF));
+    let axes = connector.axes_of_found(line, std::slice::from_ref(one))?;
+    let told = |axis: &Axis| {
+        start_stop(axis, *verb).and_then(|mut running| running.wait(SILENT_STOP_WAIT_MAX))
+    };
     Ok(axes.iter().try_for_each(|axis| told(axis).map(drop)))
 }
 
 /// How long an address has: the string's word, else what a drive needs.
-fn patience(url: &Url, line: &Line) -> Result<Duration, Error> {
+fn query_timeout(url: &Url, line: &ProtocolLine) -> Result<Duration, Error> {
     if let Some(ms) = url.milliseconds("timeout")? {
         return Ok(Duration::from_secs_f64(ms / 1000.0));
     }
-    let bits = Duration::from_secs(ASK_BITS).checked_div(line.options.baud);
-    Ok(ASK + bits.unwrap_or_default())
+    let bits = Duration::from_secs(QUERY_BITS).checked_div(line.options.baud);
+    Ok(QUERY_TIMEOUT + bits.unwrap_or_default())
 }
 
-fn tell(axis: &Axis, verb: Verb) -> Result<Running, Error> {
+fn start_stop(axis: &Axis, verb: Verb) -> Result<RunningRequest, Error> {
     axis.start(Command::new(verb))
 }
 
-fn tell_each(axes: &[Axis], verb: Verb) -> Vec<Result<Running, Error>> {
-    axes.iter().map(|axis| tell(axis, verb)).collect()
+fn start_stops(axes: &[Axis], verb: Verb) -> Vec<Result<RunningRequest, Error>> {
+    axes.iter().map(|axis| start_stop(axis, verb)).collect()
 }
 
 /// Stops every motor that drives have besides the first, whose stop has been sent to each drive: until a
 /// drive has none of that number. One that is not answered keeps none of the further ones from being
 /// told, and is told once more at the end.
-fn more_motors(axes: &[Axis]) -> Vec<Motors> {
+fn stop_more_motors(axes: &[Axis]) -> Vec<DriveMotors> {
     let of = |axis: &Axis| {
         let mut told = Vec::new();
         let mut silent: Vec<(u8, Error)> = Vec::new();
         let mut in_a_row = 0;
         for number in 1..MOTORS_MAX {
-            let sent = |axis: &Axis| axis.connection().with(|axes, _| axes.counters().sent);
+            let sent = |axis: &Axis| axis.connection().with_axes(|axes, _| axes.counters().sent);
             let before = sent(axis);
             match axis.stop_motor(number) {
                 Ok(()) => told.push(number),
                 Err(Error::Unsupported { .. }) => break,
-                Err(error) if is_none_of_that_number(&error) => break,
+                Err(error) if is_no_such_motor(&error) => break,
                 // The axis' own stop tells of a link that is gone.
                 Err(_) if sent(axis) == before => break,
                 Err(error) => silent.push((number, error)),
             }
             in_a_row = if told.last() == Some(&number) { 0 } else { in_a_row + 1 };
-            if in_a_row == SILENT_MAX {
+            if in_a_row == SILENT_MOTORS_MAX {
                 break;
             }
         }
@@ -389,7 +403,7 @@ fn more_motors(axes: &[Axis]) -> Vec<Motors> {
                 told.push(*number);
                 false
             }
-            Err(error) if is_none_of_that_number(&error) => false,
+            Err(error) if is_no_such_motor(&error) => false,
             Err(error) => {
                 *why = error;
                 true
@@ -398,42 +412,48 @@ fn more_motors(axes: &[Axis]) -> Vec<Motors> {
         told.sort_unstable();
         let (silent, mut errors): (Vec<u8>, Vec<Error>) = silent.into_iter().unzip();
         let ended = if errors.is_empty() { Ok(()) } else { Err(errors.swap_remove(0)) };
-        Motors { axis: axis.label(), number: axis.number(), told, silent, ended }
+        DriveMotors {
+            axis: axis.label(),
+            number: axis.number(),
+            confirmed: told,
+            unconfirmed: silent,
+            result: ended,
+        }
     };
     let all = axes.iter().map(of);
-    all.filter(|motors| !motors.told.is_empty() || motors.ended.is_err()).collect()
+    all.filter(|motors| !motors.confirmed.is_empty() || motors.result.is_err()).collect()
 }
 
 /// A drive says that it has no such motor.
-fn is_none_of_that_number(error: &Error) -> bool {
+fn is_no_such_motor(error: &Error) -> bool {
     let Error::Failed { outcome, .. } = error else { return false };
     matches!(outcome, Outcome::NotDone(Failure::Refused { .. }))
 }
 
 /// Waits until all of them are at rest.
-fn rest(axes: &[Axis], verb: Verb) -> Vec<(String, Result<Standing, Error>)> {
+fn wait_standstill(axes: &[Axis], verb: Verb) -> Vec<(String, Result<Standstill, Error>)> {
     let ended = match verb {
         Verb::Stop => {
             let axes: Vec<&Axis> = axes.iter().collect();
-            stop_until_standing(&axes, Duration::ZERO, |_, _| false)
+            stop_until_standstill(&axes, Duration::ZERO, |_, _| false)
         }
-        verb => carry_out(axes, verb),
+        verb => run_to_standstill(axes, verb),
     };
     // All of them were told before, and that may have been executed.
-    let ended = ended.into_iter().map(|ended| ended.map_err(Error::told_before));
+    let ended = ended.into_iter().map(|ended| ended.map_err(Error::after_earlier_attempt));
     axes.iter().map(Axis::label).zip(ended).collect()
 }
 
 /// The same by any other verb.
-fn carry_out(axes: &[Axis], verb: Verb) -> Vec<Result<Standing, Error>> {
-    let running = tell_each(axes, verb);
-    let end = clock::now() + REST_MAX;
+fn run_to_standstill(axes: &[Axis], verb: Verb) -> Vec<Result<Standstill, Error>> {
+    let running = start_stops(axes, verb);
+    let end = clock::now() + STANDSTILL_WAIT_MAX;
     let ended = axes.iter().zip(running).map(|(axis, running)| {
         let mut running = running?;
         let left = end.since(clock::now());
-        running.wait(left)?.map(drop).ok_or_else(|| axis.not_at_rest(REST_MAX))
+        running.wait(left)?.map(drop).ok_or_else(|| axis.not_at_rest_error(STANDSTILL_WAIT_MAX))
     });
     // All brake meanwhile.
     let ended: Vec<Result<(), Error>> = ended.collect();
-    axes.iter().zip(ended).map(|(axis, ended)| axis.see_standing(ended)).collect()
+    axes.iter().zip(ended).map(|(axis, ended)| axis.wait_standstill(ended)).collect()
 }

@@ -1,9 +1,9 @@
 //! Connection strings: `PROTO[+LINK]://ADDRESS[:BAUD or :PORT][?key=value&…][#AXES]`.
 //!
 //! ```
-//! use polepair::url::{Target, Url};
+//! use polepair::url::{LinkTarget, Url};
 //! let url: Url = "tmcl+serial:///dev/ttyUSB0:9600?timeout=50#1,2".parse()?;
-//! assert_eq!(url.target, Target::Serial { path: "/dev/ttyUSB0".into(), baud: Some(9600) });
+//! assert_eq!(url.target, LinkTarget::Serial { path: "/dev/ttyUSB0".into(), baud: Some(9600) });
 //! assert_eq!(url.axes, [1, 2]);
 //! assert_eq!(url.to_string(), "tmcl+serial:///dev/ttyUSB0:9600?timeout=50#1,2");
 //!
@@ -14,7 +14,7 @@
 
 use crate::error::Error;
 use crate::registry;
-use crate::words;
+use crate::spelling;
 use polepair_core::medium::MediumKind;
 use polepair_core::proto::GROUP;
 use std::borrow::Cow;
@@ -26,7 +26,7 @@ pub const AXES_MAX: usize = 256;
 /// Keys that one connection string has at most.
 const KEYS_MAX: usize = 32;
 
-const LINKS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "socketcan"];
+const LINK_KINDS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "socketcan"];
 const SERIAL_KEYS: [&str; 13] = [
     "profile", "setup", "timeout", "timing", "gap", "host", "echo", "parity", "stop", "wire",
     "ack", "pause", "relay",
@@ -60,10 +60,10 @@ pub struct Url {
     /// The protocol's word; empty for simulated drives, whose rack says it.
     pub protocol: String,
     /// What to open.
-    pub target: Target,
+    pub target: LinkTarget,
     /// Keys and their values, in order.
     pub keys: Vec<(String, String)>,
-    /// The axes named, in order, as [`Number`] has them; empty when none is.
+    /// The axes named, in order, as [`AxisNumber`] has them; empty when none is.
     pub axes: Vec<u32>,
     /// Axes named by a word, as racks call them.
     pub names: Vec<String>,
@@ -72,9 +72,9 @@ pub struct Url {
 /// The number of an axis as connection strings write it: an address, or groups of drives where it
 /// has the flag [`GROUP`]: `g3`, `g1+2+4`, and `g*` for all.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub struct Number(pub u32);
+pub struct AxisNumber(pub u32);
 
-impl Number {
+impl AxisNumber {
     /// Whether it means several drives, which are told and not asked.
     #[must_use]
     pub const fn is_group(self) -> bool {
@@ -82,7 +82,7 @@ impl Number {
     }
 }
 
-impl fmt::Display for Number {
+impl fmt::Display for AxisNumber {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.is_group() {
             return write!(f, "{}", self.0);
@@ -102,7 +102,7 @@ impl fmt::Display for Number {
 
 /// What to open.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Target {
+pub enum LinkTarget {
     /// A serial port or pseudo-terminal.
     Serial {
         /// `/dev/ttyUSB0`, `COM3`.
@@ -150,7 +150,7 @@ pub enum Target {
         what: String,
     },
     /// A link that a program opened itself: no string means it.
-    Given {
+    External {
         /// What it is called.
         name: String,
         /// What it carries.
@@ -164,19 +164,19 @@ pub enum Target {
     },
 }
 
-impl Target {
+impl LinkTarget {
     /// What its wire carries; a simulation's links say it themselves.
     #[must_use]
     pub const fn medium(&self) -> Option<MediumKind> {
         match self {
             Self::Serial { .. } | Self::Tcp { .. } => Some(MediumKind::Serial),
             Self::Sim { .. } | Self::Rack { .. } => None,
-            Self::Given { medium, .. } => Some(*medium),
+            Self::External { medium, .. } => Some(*medium),
             _ => Some(MediumKind::Can),
         }
     }
 
-    const fn keys(&self) -> &'static [&'static str] {
+    const fn known_keys(&self) -> &'static [&'static str] {
         match self.medium() {
             None if matches!(self, Self::Rack { .. }) => &RACK_KEYS,
             None => &SIM_KEYS,
@@ -199,8 +199,8 @@ impl Url {
     /// [`Error::Usage`] `E210`.
     pub fn number(&self, name: &str) -> Result<Option<u64>, Error> {
         let Some(text) = self.key(name) else { return Ok(None) };
-        let number = crate::file::number(text).and_then(|n| u64::try_from(n).ok());
-        number.map(Some).ok_or_else(|| wrong(format!("`{name}={text}` is no whole number"), ""))
+        let number = crate::toml_file::parse_number(text).and_then(|n| u64::try_from(n).ok());
+        number.map(Some).ok_or_else(|| url_error(format!("`{name}={text}` is no whole number"), ""))
     }
 
     /// The value of a key as milliseconds: a plain number, or one with a unit of time.
@@ -212,7 +212,7 @@ impl Url {
         let measure = crate::quantity::parse(text)?;
         let seconds = measure.in_unit(polepair_core::units::Unit::Millisecond)?;
         if !(0.0..=3600.0).contains(&seconds) {
-            return Err(wrong(format!("`{name}={text}` is not between 0 and an hour"), ""));
+            return Err(url_error(format!("`{name}={text}` is not between 0 and an hour"), ""));
         }
         Ok(Some(seconds * 1000.0))
     }
@@ -225,12 +225,12 @@ impl Url {
         match self.key(name) {
             None | Some("0" | "no" | "off" | "false") => Ok(false),
             Some("1" | "yes" | "on" | "true" | "") => Ok(true),
-            Some(other) => Err(wrong(format!("`{name}={other}` is neither yes nor no"), "")),
+            Some(other) => Err(url_error(format!("`{name}={other}` is neither yes nor no"), "")),
         }
     }
 }
 
-fn wrong(what: String, hint: &str) -> Error {
+fn url_error(what: String, hint: &str) -> Error {
     Error::usage("E210", what, hint)
 }
 
@@ -238,25 +238,25 @@ impl FromStr for Url {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self, Error> {
-        Self::read(text, false)
+        Self::parse_with(text, false)
     }
 }
 
 impl Url {
     /// As it is parsed; for those who stop motors an axis that is `repeated` is one.
-    pub(crate) fn read(text: &str, repeated: bool) -> Result<Self, Error> {
-        let (rest, fragment) = cut(text, '#');
-        let (head, query) = cut(rest, '?');
-        let keys = keys(query.unwrap_or_default())?;
+    pub(crate) fn parse_with(text: &str, repeated: bool) -> Result<Self, Error> {
+        let (rest, fragment) = split_at_mark(text, '#');
+        let (head, query) = split_at_mark(rest, '?');
+        let keys = parse_keys(query.unwrap_or_default())?;
         let fragment = fragment.unwrap_or_default();
         let url = match (head.strip_prefix("sim:"), head.strip_prefix("rack:")) {
-            (None, None) => wire(head, keys, axes(fragment, repeated)?)?,
+            (None, None) => parse_wire(head, keys, parse_axes(fragment, repeated)?)?,
             (what, file) => {
-                let (names, numbers) = named(fragment);
-                let axes = axes(&numbers, repeated)?;
+                let (names, numbers) = split_names(fragment);
+                let axes = parse_axes(&numbers, repeated)?;
                 let target = match (what, file) {
-                    (_, Some(file)) => rack(file)?,
-                    (what, None) => sim(what.unwrap_or_default())?,
+                    (_, Some(file)) => parse_rack(file)?,
+                    (what, None) => parse_sim(what.unwrap_or_default())?,
                 };
                 Url { protocol: String::new(), target, keys, axes, names }
             }
@@ -266,66 +266,69 @@ impl Url {
     }
 }
 
-fn cut(text: &str, at: char) -> (&str, Option<&str>) {
+fn split_at_mark(text: &str, at: char) -> (&str, Option<&str>) {
     text.split_once(at).map_or((text, None), |(head, rest)| (head, Some(rest)))
 }
 
-fn sim(what: &str) -> Result<Target, Error> {
+fn parse_sim(what: &str) -> Result<LinkTarget, Error> {
     let what = what.strip_prefix("//").unwrap_or(what);
     if what.is_empty() {
-        return Err(wrong("`sim:` names no drive".into(), "write `sim:tmcl` or `sim:rack.toml`"));
+        return Err(url_error(
+            "`sim:` names no drive".into(),
+            "write `sim:tmcl` or `sim:rack.toml`",
+        ));
     }
-    Ok(Target::Sim { what: decoded(what)? })
+    Ok(LinkTarget::Sim { what: decode(what)? })
 }
 
-fn rack(file: &str) -> Result<Target, Error> {
+fn parse_rack(file: &str) -> Result<LinkTarget, Error> {
     if file.is_empty() {
-        return Err(wrong("`rack:` names no file".into(), "write `rack:cell.toml`"));
+        return Err(url_error("`rack:` names no file".into(), "write `rack:cell.toml`"));
     }
-    Ok(Target::Rack { file: decoded(file)? })
+    Ok(LinkTarget::Rack { file: decode(file)? })
 }
 
-fn wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result<Url, Error> {
+fn parse_wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result<Url, Error> {
     let Some((scheme, address)) = head.split_once("://") else {
         let what = format!("`{head}` is no connection string");
         let hint = "write PROTOCOL+LINK://ADDRESS, such as `tmcl+serial:///dev/ttyUSB0:9600#1`, \
                     or `sim:tmcl`";
-        return Err(wrong(what, hint));
+        return Err(url_error(what, hint));
     };
-    let (protocol, link) = cut(scheme, '+');
-    let known = registry::names();
+    let (protocol, link) = split_at_mark(scheme, '+');
+    let known = registry::protocol_names();
     if !known.contains(&protocol) {
-        let near = words::hint(protocol, known.iter().copied());
+        let near = spelling::suggestion(protocol, known.iter().copied());
         let what = format!("`{protocol}` is no protocol that can be connected to{near}");
         return Err(Error::usage("E203", what, format!("it can be {}", known.join(", "))));
     }
     if address.is_empty() {
-        return Err(wrong(format!("`{head}` names nothing to open"), ""));
+        return Err(url_error(format!("`{head}` names nothing to open"), ""));
     }
-    let target = match link.unwrap_or_else(|| guessed(protocol, address)) {
-        "serial" => port(address).map(|(path, baud)| Target::Serial { path, baud })?,
-        "tcp" => Target::Tcp { address: tcp(address)? },
-        "udp" => Target::Udp { group: tcp(address)? },
+    let target = match link.unwrap_or_else(|| guess_link(protocol, address)) {
+        "serial" => parse_port(address).map(|(path, baud)| LinkTarget::Serial { path, baud })?,
+        "tcp" => LinkTarget::Tcp { address: parse_host_port(address)? },
+        "udp" => LinkTarget::Udp { group: parse_host_port(address)? },
         "slcan" if is_port(address) => {
-            port(address).map(|(path, baud)| Target::Slcan { path, baud })?
+            parse_port(address).map(|(path, baud)| LinkTarget::Slcan { path, baud })?
         }
-        "slcan" => Target::SlcanTcp { address: tcp(address)? },
-        "socketcand" => socketcand(address)?,
-        "socketcan" => Target::Socketcan { interface: decoded(address)? },
+        "slcan" => LinkTarget::SlcanTcp { address: parse_host_port(address)? },
+        "socketcand" => parse_socketcand(address)?,
+        "socketcan" => LinkTarget::Socketcan { interface: decode(address)? },
         other => {
-            let near = words::hint(other, LINKS);
+            let near = spelling::suggestion(other, LINK_KINDS);
             let what = format!("`{other}` is no kind of link{near}");
-            return Err(wrong(what, &format!("it can be {}", LINKS.join(", "))));
+            return Err(url_error(what, &format!("it can be {}", LINK_KINDS.join(", "))));
         }
     };
     let url = Url { protocol: protocol.to_owned(), target, keys, axes, names: Vec::new() };
-    url.spoken().map(|_| url)
+    url.protocol_info().map(|_| url)
 }
 
 /// What a string without a kind of link means: a path is a port, what else ends in a number is a
 /// host, and a protocol on CAN alone is on a bus of this computer.
-fn guessed(protocol: &str, address: &str) -> &'static str {
-    let on_serial = registry::protocol(protocol, MediumKind::Serial).is_some();
+fn guess_link(protocol: &str, address: &str) -> &'static str {
+    let on_serial = registry::find_protocol(protocol, MediumKind::Serial).is_some();
     match (on_serial, is_port(address)) {
         (true, true) => "serial",
         (true, false) => "tcp",
@@ -340,47 +343,47 @@ fn is_port(address: &str) -> bool {
     address.starts_with('/') || windows && address.len() > 3 && !address.contains('.')
 }
 
-fn port(address: &str) -> Result<(String, Option<u32>), Error> {
+fn parse_port(address: &str) -> Result<(String, Option<u32>), Error> {
     let split = address.rsplit_once(':').and_then(|(path, baud)| {
         baud.bytes().all(|c| c.is_ascii_digit()).then(|| (path, baud.parse::<u32>().ok()))
     });
     let (path, baud) = match split {
         None => (address, None),
         Some((path, Some(baud))) if baud > 0 => (path, Some(baud)),
-        Some(_) => return Err(wrong(format!("`{address}` has no possible baud rate"), "")),
+        Some(_) => return Err(url_error(format!("`{address}` has no possible baud rate"), "")),
     };
-    Ok((decoded(path)?, baud))
+    Ok((decode(path)?, baud))
 }
 
-fn tcp(address: &str) -> Result<String, Error> {
+fn parse_host_port(address: &str) -> Result<String, Error> {
     let port = address.rsplit_once(':').and_then(|(host, port)| {
         (!host.is_empty()).then(|| port.parse::<u16>().ok().filter(|port| *port > 0)).flatten()
     });
     if port.is_none() {
         let what = format!("`{address}` has no port number");
-        return Err(wrong(what, "write HOST:PORT, such as `10.0.0.5:4001`"));
+        return Err(url_error(what, "write HOST:PORT, such as `10.0.0.5:4001`"));
     }
     Ok(address.to_owned())
 }
 
-fn socketcand(address: &str) -> Result<Target, Error> {
+fn parse_socketcand(address: &str) -> Result<LinkTarget, Error> {
     let Some((server, bus)) = address.split_once('/').filter(|(_, bus)| !bus.is_empty()) else {
         let what = format!("`{address}` names no bus");
-        return Err(wrong(what, "write HOST:PORT/BUS, such as `10.0.0.5:29536/can0`"));
+        return Err(url_error(what, "write HOST:PORT/BUS, such as `10.0.0.5:29536/can0`"));
     };
-    Ok(Target::Socketcand { address: tcp(server)?, bus: decoded(bus)? })
+    Ok(LinkTarget::Socketcand { address: parse_host_port(server)?, bus: decode(bus)? })
 }
 
-pub(crate) fn keys(query: &str) -> Result<Vec<(String, String)>, Error> {
+pub(crate) fn parse_keys(query: &str) -> Result<Vec<(String, String)>, Error> {
     let mut keys: Vec<(String, String)> = Vec::new();
     for pair in query.split('&').filter(|pair| !pair.is_empty()) {
-        let (key, value) = cut(pair, '=');
-        let (key, value) = (decoded(key)?, decoded(value.unwrap_or_default())?);
+        let (key, value) = split_at_mark(pair, '=');
+        let (key, value) = (decode(key)?, decode(value.unwrap_or_default())?);
         if keys.iter().any(|(other, _)| *other == key) {
-            return Err(wrong(format!("`{key}` is given twice"), ""));
+            return Err(url_error(format!("`{key}` is given twice"), ""));
         }
         if keys.len() == KEYS_MAX {
-            return Err(wrong(format!("more than {KEYS_MAX} keys"), ""));
+            return Err(url_error(format!("more than {KEYS_MAX} keys"), ""));
         }
         keys.push((key, value));
     }
@@ -389,7 +392,7 @@ pub(crate) fn keys(query: &str) -> Result<Vec<(String, String)>, Error> {
 
 /// The names of a fragment, and what else it has: `x,y,3` are two names and a number. A word that
 /// begins like a group is one.
-pub(crate) fn named(fragment: &str) -> (Vec<String>, String) {
+pub(crate) fn split_names(fragment: &str) -> (Vec<String>, String) {
     let group = |piece: &str| {
         let rest = piece.strip_prefix('g').and_then(|rest| rest.chars().next());
         rest.is_some_and(|c| c == '*' || c.is_ascii_digit())
@@ -401,23 +404,23 @@ pub(crate) fn named(fragment: &str) -> (Vec<String>, String) {
 }
 
 /// `1,2`, `1-4`, `g3`, `g1+2`, `g*`.
-fn axes(fragment: &str, repeated: bool) -> Result<Vec<u32>, Error> {
+fn parse_axes(fragment: &str, repeated: bool) -> Result<Vec<u32>, Error> {
     let mut axes = Vec::new();
     for piece in fragment.split(',').filter(|_| !fragment.is_empty()) {
         let (first, last) = match piece.trim().strip_prefix('g') {
-            Some(groups) => (group(fragment, groups)?, group(fragment, groups)?),
-            None => range(fragment, piece)?,
+            Some(groups) => (parse_group(fragment, groups)?, parse_group(fragment, groups)?),
+            None => parse_range(fragment, piece)?,
         };
         if first > last || (last - first) as usize >= AXES_MAX - axes.len() {
-            return Err(wrong(format!("`#{fragment}`: at most {AXES_MAX} axes, upwards"), ""));
+            return Err(url_error(format!("`#{fragment}`: at most {AXES_MAX} axes, upwards"), ""));
         }
         for axis in first..=last {
             if axes.contains(&axis) {
                 if repeated {
                     continue;
                 }
-                let number = Number(axis);
-                return Err(wrong(format!("`#{fragment}` names axis {number} twice"), ""));
+                let number = AxisNumber(axis);
+                return Err(url_error(format!("`#{fragment}` names axis {number} twice"), ""));
             }
             axes.push(axis);
         }
@@ -425,12 +428,13 @@ fn axes(fragment: &str, repeated: bool) -> Result<Vec<u32>, Error> {
     Ok(axes)
 }
 
-fn range(fragment: &str, piece: &str) -> Result<(u32, u32), Error> {
+fn parse_range(fragment: &str, piece: &str) -> Result<(u32, u32), Error> {
     let number = |text: &str| {
-        let number = crate::file::number(text.trim()).and_then(|n| u32::try_from(n).ok());
+        let number =
+            crate::toml_file::parse_number(text.trim()).and_then(|n| u32::try_from(n).ok());
         let number = number.filter(|number| number & GROUP == 0);
         let what = || format!("`#{fragment}`: `{piece}` is no axis number");
-        number.ok_or_else(|| wrong(what(), "write `#1`, `#1,2` or `#1-4`"))
+        number.ok_or_else(|| url_error(what(), "write `#1`, `#1,2` or `#1-4`"))
     };
     match piece.split_once('-') {
         Some((first, last)) => Ok((number(first)?, number(last)?)),
@@ -439,24 +443,24 @@ fn range(fragment: &str, piece: &str) -> Result<(u32, u32), Error> {
 }
 
 /// What follows the `g`: group numbers from 1, or a star.
-fn group(fragment: &str, groups: &str) -> Result<u32, Error> {
+fn parse_group(fragment: &str, groups: &str) -> Result<u32, Error> {
     if groups == "*" {
         return Ok(GROUP);
     }
     groups.split('+').try_fold(GROUP, |mask, text| {
         let number = text.parse::<u32>().ok().filter(|number| (1..=31).contains(number));
         let what = || format!("`#{fragment}`: `g{groups}` is no group");
-        let number = number.ok_or_else(|| wrong(what(), "write `#g3`, `#g1+2` or `#g*`"))?;
+        let number = number.ok_or_else(|| url_error(what(), "write `#g3`, `#g1+2` or `#g*`"))?;
         Ok(mask | 1 << (number - 1))
     })
 }
 
 impl Url {
     /// The protocol on the target's medium.
-    pub(crate) fn spoken(&self) -> Result<registry::Spoken, Error> {
-        let on = |medium| registry::protocol(&self.protocol, medium);
+    pub(crate) fn protocol_info(&self) -> Result<registry::ProtocolInfo, Error> {
+        let on = |medium| registry::find_protocol(&self.protocol, medium);
         let Some(medium) = self.target.medium() else {
-            return Err(wrong("a rack's links say their protocols themselves".into(), ""));
+            return Err(url_error("a rack's links say their protocols themselves".into(), ""));
         };
         on(medium).ok_or_else(|| {
             let (not, hint) = match medium {
@@ -465,35 +469,35 @@ impl Url {
                 }
                 MediumKind::Can => ("CAN", "it is spoken on serial lines: serial, tcp"),
             };
-            wrong(format!("`{}` is not spoken on {not}", self.protocol), hint)
+            url_error(format!("`{}` is not spoken on {not}", self.protocol), hint)
         })
     }
 
     pub(crate) fn check_keys(&self) -> Result<(), Error> {
-        let sim = matches!(self.target, Target::Sim { .. });
-        let known = self.target.keys();
+        let sim = matches!(self.target, LinkTarget::Sim { .. });
+        let known = self.target.known_keys();
         for (key, _) in &self.keys {
             if known.contains(&key.as_str()) {
                 continue;
             }
             // What a simulated family knows beyond these is its own: it refuses the rest itself.
-            let near = words::nearest(key, known.iter().copied());
+            let near = spelling::nearest(key, known.iter().copied());
             if sim && near.is_none() && !key.is_empty() {
                 continue;
             }
-            let near = words::hint(key, known.iter().copied());
+            let near = spelling::suggestion(key, known.iter().copied());
             let elsewhere = SERIAL_KEYS.contains(&key.as_str()) || CAN_KEYS.contains(&key.as_str());
             let what = match elsewhere {
                 true => format!("the key `{key}` means nothing on this kind of link"),
                 false => format!("unknown key `{key}`{near}"),
             };
-            return Err(wrong(what, &format!("keys are {}", known.join(", "))));
+            return Err(url_error(what, &format!("keys are {}", known.join(", "))));
         }
         Ok(())
     }
 
     /// Keys that are for the simulated family alone.
-    pub(crate) fn extra(&self) -> Vec<(String, String)> {
+    pub(crate) fn simulation_keys(&self) -> Vec<(String, String)> {
         let own = |(key, _): &&(String, String)| !SIM_KEYS.contains(&key.as_str());
         self.keys.iter().filter(own).cloned().collect()
     }
@@ -503,37 +507,37 @@ impl fmt::Display for Url {
     /// A string that reads back as the same.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.target {
-            Target::Serial { path, baud } => {
-                write!(f, "{}+serial://{}", self.protocol, encoded_port(path, *baud))?;
+            LinkTarget::Serial { path, baud } => {
+                write!(f, "{}+serial://{}", self.protocol, encode_port(path, *baud))?;
             }
-            Target::Tcp { address } => write!(f, "{}+tcp://{address}", self.protocol)?,
-            Target::Udp { group } => write!(f, "{}+udp://{group}", self.protocol)?,
-            Target::Slcan { path, baud } => {
+            LinkTarget::Tcp { address } => write!(f, "{}+tcp://{address}", self.protocol)?,
+            LinkTarget::Udp { group } => write!(f, "{}+udp://{group}", self.protocol)?,
+            LinkTarget::Slcan { path, baud } => {
                 // A dot in what is no path would make a host name of it.
-                let port = encoded_port(path, *baud);
+                let port = encode_port(path, *baud);
                 let port = if path.starts_with('/') { port } else { port.replace('.', "%2E") };
                 write!(f, "{}+slcan://{port}", self.protocol)?;
             }
-            Target::SlcanTcp { address } => write!(f, "{}+slcan://{address}", self.protocol)?,
-            Target::Socketcand { address, bus } => {
-                write!(f, "{}+socketcand://{address}/{}", self.protocol, encoded(bus, ""))?;
+            LinkTarget::SlcanTcp { address } => write!(f, "{}+slcan://{address}", self.protocol)?,
+            LinkTarget::Socketcand { address, bus } => {
+                write!(f, "{}+socketcand://{address}/{}", self.protocol, encode(bus, ""))?;
             }
-            Target::Socketcan { interface } => {
-                write!(f, "{}+socketcan://{}", self.protocol, encoded(interface, ""))?;
+            LinkTarget::Socketcan { interface } => {
+                write!(f, "{}+socketcan://{}", self.protocol, encode(interface, ""))?;
             }
-            Target::Given { name, .. } => write!(f, "{}+{name}", self.protocol)?,
-            Target::Sim { what } => {
+            LinkTarget::External { name, .. } => write!(f, "{}+{name}", self.protocol)?,
+            LinkTarget::Sim { what } => {
                 // Two slashes at the front are taken off when it is read.
                 let front = if what.starts_with("//") { "//" } else { "" };
-                write!(f, "sim:{front}{}", encoded(what, ""))?;
+                write!(f, "sim:{front}{}", encode(what, ""))?;
             }
-            Target::Rack { file } => write!(f, "rack:{}", encoded(file, ""))?,
+            LinkTarget::Rack { file } => write!(f, "rack:{}", encode(file, ""))?,
         }
         for (n, (key, value)) in self.keys.iter().enumerate() {
             let mark = if n == 0 { '?' } else { '&' };
-            write!(f, "{mark}{}={}", encoded(key, "=&"), encoded(value, "=&"))?;
+            write!(f, "{mark}{}={}", encode(key, "=&"), encode(value, "=&"))?;
         }
-        let numbers = self.axes.iter().map(|axis| Number(*axis).to_string());
+        let numbers = self.axes.iter().map(|axis| AxisNumber(*axis).to_string());
         for (n, axis) in numbers.chain(self.names.iter().cloned()).enumerate() {
             write!(f, "{}{axis}", if n == 0 { '#' } else { ',' })?;
         }
@@ -563,14 +567,14 @@ pub fn shell_word(word: &str) -> Cow<'_, str> {
 }
 
 /// The string that means the links of a rack file, or one of them.
-pub(crate) fn of_rack(file: &str, link: Option<&str>) -> String {
-    let link = link.map_or_else(String::new, |link| format!("?link={}", encoded(link, "=&")));
-    format!("rack:{}{link}", encoded(file, ""))
+pub(crate) fn rack_url(file: &str, link: Option<&str>) -> String {
+    let link = link.map_or_else(String::new, |link| format!("?link={}", encode(link, "=&")));
+    format!("rack:{}{link}", encode(file, ""))
 }
 
 /// A port and its baud rate. Without one, what looks like a baud rate at the path's end is its own.
-fn encoded_port(path: &str, baud: Option<u32>) -> String {
-    let text = encoded(path, "");
+fn encode_port(path: &str, baud: Option<u32>) -> String {
+    let text = encode(path, "");
     match (baud, text.rsplit_once(':')) {
         (Some(baud), _) => format!("{text}:{baud}"),
         (None, Some((head, tail))) if tail.bytes().all(|c| c.is_ascii_digit()) => {
@@ -581,7 +585,7 @@ fn encoded_port(path: &str, baud: Option<u32>) -> String {
 }
 
 /// `%3F` for `?`: what would end the part it stands in.
-fn encoded(text: &str, more: &str) -> String {
+fn encode(text: &str, more: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -593,7 +597,7 @@ fn encoded(text: &str, more: &str) -> String {
     out
 }
 
-fn decoded(text: &str) -> Result<String, Error> {
+fn decode(text: &str) -> Result<String, Error> {
     let mut bytes = Vec::with_capacity(text.len());
     let mut rest = text.as_bytes();
     while let [first, tail @ ..] = rest {
@@ -604,9 +608,9 @@ fn decoded(text: &str) -> Result<String, Error> {
         }
         let digits = tail.get(..2).and_then(|two| std::str::from_utf8(two).ok());
         let byte = digits.and_then(|two| u8::from_str_radix(two, 16).ok());
-        let bad = || wrong(format!("`{text}`: `%` must be followed by two hex digits"), "");
+        let bad = || url_error(format!("`{text}`: `%` must be followed by two hex digits"), "");
         bytes.push(byte.ok_or_else(bad)?);
         rest = &tail[2..];
     }
-    String::from_utf8(bytes).map_err(|_| wrong(format!("`{text}` is not UTF-8"), ""))
+    String::from_utf8(bytes).map_err(|_| url_error(format!("`{text}` is not UTF-8"), ""))
 }

@@ -3,16 +3,16 @@
 use crate::connect::SharedTap;
 use polepair_core::medium::{Can, Medium, MediumKind, Stream};
 use polepair_core::time::Instant;
-use polepair_link::{Link, LinkError, Losses, Received, Tap, Tapped, Waker};
+use polepair_link::{LinkError, LinkIo, LinkWaker, Losses, Received, Tap, TappedLink};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// An opened link, whatever it carries.
 pub enum AnyLink {
     /// Bytes.
-    Serial(Box<dyn Link<Stream>>),
+    Serial(Box<dyn LinkIo<Stream>>),
     /// Frames.
-    Can(Box<dyn Link<Can>>),
+    Can(Box<dyn LinkIo<Can>>),
 }
 
 impl AnyLink {
@@ -27,7 +27,7 @@ impl AnyLink {
 
     /// What ends a wait on it.
     #[must_use]
-    pub fn waker(&self) -> Waker {
+    pub fn waker(&self) -> LinkWaker {
         match self {
             Self::Serial(link) => link.waker(),
             Self::Can(link) => link.waker(),
@@ -66,9 +66,9 @@ pub struct OpenWire {
 /// How many frames, or runs of bytes on a serial line, were handed to the wires of a
 /// [`Connector`](crate::Connector). Clones count together.
 #[derive(Clone, Debug, Default)]
-pub struct Sent(Arc<AtomicU64>);
+pub struct SentCounter(Arc<AtomicU64>);
 
-impl Sent {
+impl SentCounter {
     /// So many left so far.
     #[must_use]
     pub fn count(&self) -> u64 {
@@ -79,34 +79,34 @@ impl Sent {
 /// A link that outlives the connection it is lent to.
 #[derive(Clone)]
 pub(crate) enum SharedLink {
-    Serial(Shared<Stream>),
-    Can(Shared<Can>),
+    Serial(CountedLink<Stream>),
+    Can(CountedLink<Can>),
 }
 
 impl SharedLink {
-    pub(crate) fn new(link: AnyLink, tap: Option<SharedTap>, sent: &Sent) -> Self {
+    pub(crate) fn new(link: AnyLink, tap: Option<SharedTap>, sent: &SentCounter) -> Self {
         match link {
-            AnyLink::Serial(link) => Self::Serial(Shared::new(link, tap, sent.clone())),
-            AnyLink::Can(link) => Self::Can(Shared::new(link, tap, sent.clone())),
+            AnyLink::Serial(link) => Self::Serial(CountedLink::new(link, tap, sent.clone())),
+            AnyLink::Can(link) => Self::Can(CountedLink::new(link, tap, sent.clone())),
         }
     }
 
     /// A link that its connection lends; taps see it there.
-    pub(crate) fn lent_serial(link: Box<dyn Link<Stream>>) -> Self {
-        Self::Serial(Shared { link: Arc::from(link), sent: Sent::default() })
+    pub(crate) fn borrowed_serial(link: Box<dyn LinkIo<Stream>>) -> Self {
+        Self::Serial(CountedLink { link: Arc::from(link), sent_counter: SentCounter::default() })
     }
 
     /// The same on CAN.
-    pub(crate) fn lent_can(link: Box<dyn Link<Can>>) -> Self {
-        Self::Can(Shared { link: Arc::from(link), sent: Sent::default() })
+    pub(crate) fn borrowed_can(link: Box<dyn LinkIo<Can>>) -> Self {
+        Self::Can(CountedLink { link: Arc::from(link), sent_counter: SentCounter::default() })
     }
 
     /// The same link with a tap on its bytes; frames of a bus are not tapped.
-    pub(crate) fn watched(&self, tap: impl Tap<Stream> + 'static) -> Self {
+    pub(crate) fn with_tap(&self, tap: impl Tap<Stream> + 'static) -> Self {
         match self {
             Self::Serial(link) => {
-                let sent = Sent::default();
-                Self::Serial(Shared::new(Box::new(link.clone()), Some(tap), sent))
+                let sent = SentCounter::default();
+                Self::Serial(CountedLink::new(Box::new(link.clone()), Some(tap), sent))
             }
             Self::Can(link) => Self::Can(link.clone()),
         }
@@ -136,37 +136,41 @@ impl From<SharedLink> for AnyLink {
     }
 }
 
-pub(crate) struct Shared<M: Medium> {
-    link: Arc<dyn Link<M>>,
-    sent: Sent,
+pub(crate) struct CountedLink<M: Medium> {
+    link: Arc<dyn LinkIo<M>>,
+    sent_counter: SentCounter,
 }
 
-impl<M: Medium> Clone for Shared<M> {
+impl<M: Medium> Clone for CountedLink<M> {
     fn clone(&self) -> Self {
-        Self { link: Arc::clone(&self.link), sent: self.sent.clone() }
+        Self { link: Arc::clone(&self.link), sent_counter: self.sent_counter.clone() }
     }
 }
 
-impl<M: Medium> Shared<M> {
-    fn new(link: Box<dyn Link<M>>, tap: Option<impl Tap<M> + 'static>, sent: Sent) -> Self {
+impl<M: Medium> CountedLink<M> {
+    fn new(
+        link: Box<dyn LinkIo<M>>,
+        tap: Option<impl Tap<M> + 'static>,
+        sent: SentCounter,
+    ) -> Self {
         match tap {
-            None => Self { link: Arc::from(link), sent },
-            Some(tap) => Self { link: Arc::new(Tapped::new(link, tap)), sent },
+            None => Self { link: Arc::from(link), sent_counter: sent },
+            Some(tap) => Self { link: Arc::new(TappedLink::new(link, tap)), sent_counter: sent },
         }
     }
 }
 
-impl<M: Medium> Link<M> for Shared<M> {
+impl<M: Medium> LinkIo<M> for CountedLink<M> {
     fn now(&self) -> Instant {
         self.link.now()
     }
     fn send(&self, unit: &M::Unit) -> Result<(), LinkError> {
         self.link.send(unit)?;
-        self.sent.0.fetch_add(1, Ordering::Relaxed);
+        self.sent_counter.0.fetch_add(1, Ordering::Relaxed);
         Ok(())
     }
-    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
-        self.link.ready(until)
+    fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {
+        self.link.wait_writable(until)
     }
 
     fn receive(&self, buffer: &mut M::Out, until: Instant) -> Result<Received, LinkError> {
@@ -175,11 +179,11 @@ impl<M: Medium> Link<M> for Shared<M> {
     fn set_line(&self, line: M::Line) -> Result<(), LinkError> {
         self.link.set_line(line)
     }
-    fn waker(&self) -> Waker {
+    fn waker(&self) -> LinkWaker {
         self.link.waker()
     }
-    fn runs_by_itself(&self) -> bool {
-        self.link.runs_by_itself()
+    fn is_real_time(&self) -> bool {
+        self.link.is_real_time()
     }
     fn describe(&self) -> String {
         self.link.describe()
@@ -187,8 +191,8 @@ impl<M: Medium> Link<M> for Shared<M> {
     fn losses(&self) -> Losses {
         self.link.losses()
     }
-    fn reopen(&self) -> Result<Box<dyn Link<M>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn LinkIo<M>>, LinkError> {
         let link = Arc::from(self.link.reopen()?);
-        Ok(Box::new(Self { link, sent: self.sent.clone() }))
+        Ok(Box::new(Self { link, sent_counter: self.sent_counter.clone() }))
     }
 }

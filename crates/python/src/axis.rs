@@ -3,24 +3,24 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use polepair::{Amount, Axis as Inner, Running, faults, start_together};
+use polepair::{Amount, Axis as Inner, RunningRequest, faults, start_together};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::{self, Access, ParameterId, Signal, Watchdog};
 use pyo3::prelude::*;
 use pyo3::pybacked::{PyBackedBytes, PyBackedStr};
 
-use crate::errors::{raised, usage};
+use crate::errors::{to_py_error, usage_error};
 use crate::events::Events;
 use crate::guard;
-use crate::outside::Outside;
-use crate::request::{Request, SLICE};
+use crate::process_local::ProcessLocal;
+use crate::request::{Request, WAIT_SLICE};
 use crate::served;
 
 /// An axis of a link.
 #[pyclass(frozen, module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Axis(Outside<Inner>);
+pub struct Axis(ProcessLocal<Inner>);
 
 impl From<Inner> for Axis {
     fn from(axis: Inner) -> Self {
@@ -83,33 +83,33 @@ impl From<&'static profile::Parameter> for Parameter {
 
 /// A number, SI or in a parameter's own unit; or text with a unit.
 #[derive(FromPyObject, Debug)]
-pub enum Given {
+pub enum PyAmount {
     /// A number.
     Number(f64),
     /// Text.
     Text(String),
 }
 
-impl From<Given> for Amount {
-    fn from(given: Given) -> Self {
+impl From<PyAmount> for Amount {
+    fn from(given: PyAmount) -> Self {
         match given {
-            Given::Number(number) => Self::Number(number),
-            Given::Text(text) => Self::Text(text),
+            PyAmount::Number(number) => Self::Number(number),
+            PyAmount::Text(text) => Self::Text(text),
         }
     }
 }
 
 /// A request in a protocol's own words, or its own bytes.
 #[derive(FromPyObject, Debug)]
-pub enum Said {
+pub enum RawPayload {
     /// `GAP 1`.
     Text(PyBackedStr),
     /// A whole frame.
     Bytes(PyBackedBytes),
 }
 
-impl Said {
-    fn start(&self, axis: &Inner, id: Option<u32>) -> Result<Running, polepair::Error> {
+impl RawPayload {
+    fn start(&self, axis: &Inner, id: Option<u32>) -> Result<RunningRequest, polepair::Error> {
         match self {
             Self::Text(text) => axis.start_raw(text),
             Self::Bytes(bytes) => axis.start_raw_bytes(bytes, id),
@@ -120,7 +120,7 @@ impl Said {
 impl Axis {
     /// The library's axis, in the process that opened its link.
     pub fn inner(&self, py: Python<'_>) -> PyResult<&Inner> {
-        self.0.ours(py)
+        self.0.in_own_process(py)
     }
 }
 
@@ -180,8 +180,8 @@ impl Axis {
     /// names and raw values; nothing for what it does not tell.
     fn set_watchdog(&self, py: Python<'_>, seconds: f64) -> PyResult<Vec<(&'static str, i64)>> {
         let after = Duration::try_from_secs_f64(seconds)
-            .map_err(|_| usage(py, "E216", &format!("{seconds} s is no time"), "say 0.5"))?;
-        self.done(py, |axis| {
+            .map_err(|_| usage_error(py, "E216", &format!("{seconds} s is no time"), "say 0.5"))?;
+        self.run_detached(py, |axis| {
             let before = axis.watchdog_setting()?.unwrap_or_default();
             axis.set_watchdog(Some(after))?;
             let name = |id| axis.profile().parameter(id).map(|parameter| parameter.name);
@@ -212,45 +212,45 @@ impl Axis {
 
     /// The number of the parameter of that name.
     fn find(&self, py: Python<'_>, name: &str) -> PyResult<u16> {
-        self.0.find(name).map(|id| id.0).map_err(|error| raised(py, &error))
+        self.0.find(name).map(|id| id.0).map_err(|error| to_py_error(py, &error))
     }
 
     /// Begins to read a parameter.
     fn start_read(&self, py: Python<'_>, id: u16) -> PyResult<Request> {
-        self.begun(py, |axis| axis.start_read(ParameterId(id)))
+        self.start_request(py, |axis| axis.start_read(ParameterId(id)))
     }
 
     /// Begins to write a parameter.
     fn start_write(&self, py: Python<'_>, id: u16, raw: i64, keep: bool) -> PyResult<Request> {
-        self.begun(py, |axis| axis.start_write(ParameterId(id), raw, keep))
+        self.start_request(py, |axis| axis.start_write(ParameterId(id), raw, keep))
     }
 
     /// Begins a request in the protocol's own text or bytes, on CAN with their identifier.
     #[pyo3(signature = (said, id=None))]
-    fn start_raw(&self, py: Python<'_>, said: Said, id: Option<u32>) -> PyResult<Request> {
-        self.begun(py, |axis| said.start(axis, id))
+    fn start_raw(&self, py: Python<'_>, said: RawPayload, id: Option<u32>) -> PyResult<Request> {
+        self.start_request(py, |axis| said.start(axis, id))
     }
 
     /// Reads a parameter by name, raw.
     fn read_raw(&self, py: Python<'_>, name: &str) -> PyResult<i64> {
-        self.ended(py, |axis| axis.start_read(axis.find(name)?))
+        self.run_request(py, |axis| axis.start_read(axis.find(name)?))
     }
 
     /// Writes a parameter by name, raw.
     fn write_raw(&self, py: Python<'_>, name: &str, raw: i64) -> PyResult<()> {
-        self.ended(py, |axis| axis.start_write(axis.find(name)?, raw, false)).map(drop)
+        self.run_request(py, |axis| axis.start_write(axis.find(name)?, raw, false)).map(drop)
     }
 
     /// Sends a request in the protocol's own text or bytes, and waits for the answer.
     #[pyo3(signature = (said, id=None))]
-    fn raw(&self, py: Python<'_>, said: Said, id: Option<u32>) -> PyResult<i64> {
-        self.ended(py, |axis| said.start(axis, id))
+    fn raw(&self, py: Python<'_>, said: RawPayload, id: Option<u32>) -> PyResult<i64> {
+        self.run_request(py, |axis| said.start(axis, id))
     }
 
     /// The raw value of an amount; may read what its scale depends on.
-    fn raw_of(&self, py: Python<'_>, id: u16, amount: Given) -> PyResult<i64> {
+    fn raw_of(&self, py: Python<'_>, id: u16, amount: PyAmount) -> PyResult<i64> {
         let amount = Amount::from(amount);
-        self.done(py, |axis| axis.raw_of(ParameterId(id), &amount))
+        self.run_detached(py, |axis| axis.raw_of(ParameterId(id), &amount))
     }
 
     /// A raw value as value, unit, word and text; may read what its scale depends on.
@@ -260,7 +260,7 @@ impl Axis {
         id: u16,
         raw: i64,
     ) -> PyResult<(f64, &'static str, Option<&'static str>, String)> {
-        let value = self.done(py, |axis| axis.value(ParameterId(id), raw))?;
+        let value = self.run_detached(py, |axis| axis.value(ParameterId(id), raw))?;
         Ok((value.value, value.unit.symbol(), value.word, value.to_string()))
     }
 
@@ -271,25 +271,25 @@ impl Axis {
         &self,
         py: Python<'_>,
         verb: &str,
-        target: Option<Given>,
-        velocity: Option<Given>,
-        acceleration: Option<Given>,
-        torque: Option<Given>,
-        jerk_time: Option<Given>,
+        target: Option<PyAmount>,
+        velocity: Option<PyAmount>,
+        acceleration: Option<PyAmount>,
+        torque: Option<PyAmount>,
+        jerk_time: Option<PyAmount>,
     ) -> PyResult<Request> {
         let given = [target, velocity, acceleration, torque, jerk_time];
-        let command = self.command(py, verb, given)?;
-        self.begun(py, |axis| axis.start(command))
+        let command = self.parse_command(py, verb, given)?;
+        self.start_request(py, |axis| axis.start(command))
     }
 
     /// What an amount is in SI, as an argument of a verb: `target`, `velocity`, `torque`.
-    fn in_si(&self, py: Python<'_>, verb: &str, argument: &str, amount: Given) -> PyResult<f64> {
+    fn in_si(&self, py: Python<'_>, verb: &str, argument: &str, amount: PyAmount) -> PyResult<f64> {
         let mut given = [None, None, None, None, None];
         let places = ["target", "velocity", "acceleration", "torque"];
         let at = places.iter().position(|place| *place == argument).unwrap_or(0);
         given[at] = Some(amount);
         let Command { target, velocity, acceleration, torque, .. } =
-            self.command(py, verb, given)?;
+            self.parse_command(py, verb, given)?;
         Ok([target, velocity, acceleration, torque][at].unwrap_or_default())
     }
 
@@ -297,13 +297,13 @@ impl Axis {
     /// `Unsupported` E220 for an axis that is armed already.
     fn arm(&self, py: Python<'_>, armed: bool) -> PyResult<()> {
         if armed {
-            self.done(py, Inner::take_arming)?;
-            guard::watch(py, self.inner(py)?);
+            self.run_detached(py, Inner::arm_exclusively)?;
+            guard::register_armed(py, self.inner(py)?);
             return Ok(());
         }
-        self.done(py, |axis| {
+        self.run_detached(py, |axis| {
             axis.arm(false);
-            guard::leave(axis);
+            guard::unregister_armed(axis);
             Ok(())
         })
     }
@@ -311,18 +311,18 @@ impl Axis {
     /// Whether motion commands are let through.
     #[getter]
     fn is_armed(&self, py: Python<'_>) -> PyResult<bool> {
-        self.done(py, |axis| Ok(axis.state().armed))
+        self.run_detached(py, |axis| Ok(axis.state().armed))
     }
 
     /// Listens to what happens to this axis and its link from now on.
     fn events(&self, py: Python<'_>) -> PyResult<Events> {
-        let events = self.done(py, Inner::events)?;
-        Ok(Events::new(events, vec![self.0.ours(py)?.clone()]))
+        let events = self.run_detached(py, Inner::events)?;
+        Ok(Events::new(events, vec![self.0.in_own_process(py)?.clone()]))
     }
 
     /// Reads how what the drive sends by itself is laid out, as far as it is not known.
     fn learn(&self, py: Python<'_>) -> PyResult<()> {
-        self.done(py, Inner::learn)
+        self.run_detached(py, Inner::read_event_layout)
     }
 
     /// Verbs that this drive has a plan for.
@@ -341,31 +341,31 @@ impl Axis {
 
     /// The units in which signals are read, SI as people write it; empty for none.
     fn signal_units(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<&'static str>> {
-        let unit = |name: &String| Ok(self.0.signal_unit(signal(py, name)?));
+        let unit = |name: &String| Ok(self.0.signal_unit(parse_signal(py, name)?));
         names.iter().map(unit).collect()
     }
 
     /// Reads signals now, in SI.
     fn read_signals(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<f64>> {
-        let known = |name: &String| signal(py, name);
+        let known = |name: &String| parse_signal(py, name);
         let signals: Vec<Signal> = names.iter().map(known).collect::<PyResult<_>>()?;
-        let readings = self.done(py, |axis| axis.signals(&signals))?;
+        let readings = self.run_detached(py, |axis| axis.signals(&signals))?;
         Ok(readings.into_iter().map(|reading| reading.value).collect())
     }
 
     /// Faults that are there now: code, text, cause, remedy, and whether the drive goes on.
-    fn faults(&self, py: Python<'_>) -> PyResult<Vec<Fault>> {
-        let code = self.done(py, |axis| match axis.tells(Signal::Fault)? {
+    fn faults(&self, py: Python<'_>) -> PyResult<Vec<FaultTuple>> {
+        let code = self.run_detached(py, |axis| match axis.provides_signal(Signal::Fault)? {
             true => Ok(axis.signals(&[Signal::Fault])?[0].raw),
             false => Ok(0),
         })?;
         let code = u32::try_from(code).unwrap_or_default();
-        Ok(faults(self.0.profile(), code).into_iter().map(fault).collect())
+        Ok(faults(self.0.profile(), code).into_iter().map(fault_tuple).collect())
     }
 
     /// What is known without asking.
-    fn state(&self, py: Python<'_>) -> PyResult<Known> {
-        self.done(py, |axis| {
+    fn state(&self, py: Python<'_>) -> PyResult<AxisStateTuple> {
+        self.run_detached(py, |axis| {
             let (state, now) = (axis.state(), axis.connection().now());
             let flag = |signal| {
                 let known = axis.profile().signal(signal).and(state.reading(signal).at);
@@ -385,7 +385,7 @@ impl Axis {
     /// Seconds on the link's own clock.
     #[getter]
     fn now(&self, py: Python<'_>) -> PyResult<f64> {
-        let now = self.done(py, |axis| Ok(axis.connection().now()))?;
+        let now = self.run_detached(py, |axis| Ok(axis.connection().now()))?;
         Ok(now.since(polepair_core::time::Instant::ZERO).as_secs_f64())
     }
 
@@ -393,8 +393,8 @@ impl Axis {
     fn sleep(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
         let mut left = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO);
         while left > Duration::ZERO {
-            let slice = left.min(SLICE);
-            self.done(py, |axis| {
+            let slice = left.min(WAIT_SLICE);
+            self.run_detached(py, |axis| {
                 axis.sleep(slice);
                 Ok(())
             })?;
@@ -406,57 +406,59 @@ impl Axis {
 }
 
 /// Mode, powered, armed, moving; signals with values and their age in seconds; who commands it.
-pub type Known =
+pub type AxisStateTuple =
     (Option<String>, Option<bool>, bool, Option<bool>, Vec<(String, f64, f64)>, Option<String>);
 
 /// A move of one axis: verb, target, velocity, acceleration.
-type Move<'py> = (Bound<'py, PyAny>, String, Option<Given>, Option<Given>, Option<Given>);
+type SyncedMove<'py> =
+    (Bound<'py, PyAny>, String, Option<PyAmount>, Option<PyAmount>, Option<PyAmount>);
 
 /// Starts moves of several axes of one wire at one signal on the bus.
 #[pyfunction]
-pub fn begin_together(py: Python<'_>, moves: Vec<Move<'_>>) -> PyResult<()> {
+pub fn begin_together(py: Python<'_>, moves: Vec<SyncedMove<'_>>) -> PyResult<()> {
     let moves = moves.into_iter().map(|(axis, verb, target, velocity, acceleration)| {
         let Ok(axis) = axis.cast::<Axis>() else {
             let hint = "sync=False starts one after the other; or open the link in this program";
-            return Err(served::cannot(py, "a start at one signal", hint));
+            return Err(served::unsupported_error(py, "a start at one signal", hint));
         };
         let axis = axis.get();
-        let command = axis.command(py, &verb, [target, velocity, acceleration, None, None])?;
-        Ok((axis.0.ours(py)?.clone(), command))
+        let command =
+            axis.parse_command(py, &verb, [target, velocity, acceleration, None, None])?;
+        Ok((axis.0.in_own_process(py)?.clone(), command))
     });
-    let moves = Outside::from(moves.collect::<PyResult<Vec<_>>>()?);
-    py.detach(|| start_together(&moves)).map_err(|error| raised(py, &error))
+    let moves = ProcessLocal::from(moves.collect::<PyResult<Vec<_>>>()?);
+    py.detach(|| start_together(&moves)).map_err(|error| to_py_error(py, &error))
 }
 
 /// Code, name, text, cause, remedy, and whether it is a warning only.
-pub type Fault = (u32, &'static str, &'static str, &'static str, &'static str, bool);
+pub type FaultTuple = (u32, &'static str, &'static str, &'static str, &'static str, bool);
 
 /// A fault as a caller has it.
-pub fn fault(of: &profile::Fault) -> Fault {
+pub fn fault_tuple(of: &profile::Fault) -> FaultTuple {
     let warning = of.severity != profile::Severity::Fault;
     (of.code, of.name, of.text, of.cause, of.remedy, warning)
 }
 
 impl Axis {
     /// Does what may block, while other threads go on.
-    fn done<T: Send>(
+    fn run_detached<T: Send>(
         &self,
         py: Python<'_>,
         what: impl Send + FnOnce(&Inner) -> Result<T, polepair::Error>,
     ) -> PyResult<T> {
-        let axis = self.0.ours(py)?;
-        py.detach(|| what(axis)).map_err(|error| raised(py, &error))
+        let axis = self.0.in_own_process(py)?;
+        py.detach(|| what(axis)).map_err(|error| to_py_error(py, &error))
     }
 
     /// Begins a request and waits for its end, in one turn where that comes soon.
-    fn ended(
+    fn run_request(
         &self,
         py: Python<'_>,
-        what: impl Send + FnOnce(&Inner) -> Result<Running, polepair::Error>,
+        what: impl Send + FnOnce(&Inner) -> Result<RunningRequest, polepair::Error>,
     ) -> PyResult<i64> {
-        let begun = self.done(py, |axis| {
+        let begun = self.run_detached(py, |axis| {
             let mut running = what(axis)?;
-            Ok(match running.wait(SLICE)? {
+            Ok(match running.wait(WAIT_SLICE)? {
                 Some(raw) => Ok(raw),
                 None => Err(running),
             })
@@ -465,15 +467,20 @@ impl Axis {
     }
 
     /// A verb with what was given for it: target, velocity, acceleration, torque, jerk time.
-    fn command(&self, py: Python<'_>, verb: &str, given: [Option<Given>; 5]) -> PyResult<Command> {
+    fn parse_command(
+        &self,
+        py: Python<'_>,
+        verb: &str,
+        given: [Option<PyAmount>; 5],
+    ) -> PyResult<Command> {
         let verb = Verb::ALL
             .into_iter()
             .find(|known| known.name() == verb)
-            .ok_or_else(|| usage(py, "E217", &format!("there is no verb `{verb}`"), ""))?;
-        let argument = |which, given: Option<Given>| {
+            .ok_or_else(|| usage_error(py, "E217", &format!("there is no verb `{verb}`"), ""))?;
+        let argument = |which, given: Option<PyAmount>| {
             let amount = given.map(Amount::from);
             let value = amount.map(|amount| self.0.argument(verb, which, &amount)).transpose();
-            value.map_err(|error| raised(py, &error))
+            value.map_err(|error| to_py_error(py, &error))
         };
         let [target, velocity, acceleration, torque, jerk_time] = given;
         Ok(Command {
@@ -486,21 +493,21 @@ impl Axis {
         })
     }
 
-    fn begun(
+    fn start_request(
         &self,
         py: Python<'_>,
-        what: impl Send + FnOnce(&Inner) -> Result<Running, polepair::Error>,
+        what: impl Send + FnOnce(&Inner) -> Result<RunningRequest, polepair::Error>,
     ) -> PyResult<Request> {
-        self.done(py, what).map(Request::new)
+        self.run_detached(py, what).map(Request::new)
     }
 }
 
 /// The signal of that name.
-pub fn signal(py: Python<'_>, name: &str) -> PyResult<Signal> {
+pub fn parse_signal(py: Python<'_>, name: &str) -> PyResult<Signal> {
     let plain = name.replace('_', " ");
     Signal::ALL.into_iter().find(|signal| signal.name() == plain).ok_or_else(|| {
         let all: Vec<_> = Signal::ALL.iter().map(|signal| signal.name()).collect();
         let what = format!("there is no signal `{name}`");
-        usage(py, "E213", &what, &format!("signals are {}", all.join(", ")))
+        usage_error(py, "E213", &what, &format!("signals are {}", all.join(", ")))
     })
 }

@@ -6,18 +6,18 @@ use std::time::Duration;
 use polepair::{AnyLink, Connector};
 use polepair_core::medium::{Can, Frame};
 use polepair_core::time::Instant;
-use polepair_link::{Link, LinkError, Received};
+use polepair_link::{LinkError, LinkIo, Received};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::errors::{raised, usage};
-use crate::outside::Outside;
-use crate::request::SLICE;
+use crate::errors::{to_py_error, usage_error};
+use crate::process_local::ProcessLocal;
+use crate::request::WAIT_SLICE;
 
 /// A CAN wire.
 #[pyclass(frozen, module = "polepair._polepair")]
-pub struct CanWire(Outside<Box<dyn Link<Can>>>);
+pub struct CanWire(ProcessLocal<Box<dyn LinkIo<Can>>>);
 
 impl fmt::Debug for CanWire {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -26,7 +26,7 @@ impl fmt::Debug for CanWire {
 }
 
 /// Seconds on the wire's clock, identifier, extended, remote, length code, bytes.
-type Heard<'py> = (f64, u32, bool, bool, u8, Bound<'py, PyBytes>);
+type FrameTuple<'py> = (f64, u32, bool, bool, u8, Bound<'py, PyBytes>);
 
 #[pymethods]
 impl CanWire {
@@ -34,10 +34,10 @@ impl CanWire {
     #[new]
     fn open(py: Python<'_>, url: &str) -> PyResult<Self> {
         let opened = py.detach(|| Connector::discover().open(url));
-        let mut wires = opened.map_err(|error| raised(py, &error))?;
+        let mut wires = opened.map_err(|error| to_py_error(py, &error))?;
         match (wires.pop(), wires.is_empty()) {
             (Some(AnyLink::Can(link)), true) => Ok(Self(link.into())),
-            _ => Err(usage(py, "E217", &format!("{url} is not one CAN bus"), "")),
+            _ => Err(usage_error(py, "E217", &format!("{url} is not one CAN bus"), "")),
         }
     }
 
@@ -58,7 +58,7 @@ impl CanWire {
     ) -> PyResult<()> {
         let mut frame = Frame { id, extended, remote, len, data: [0; 8] };
         frame.data[..bytes.len().min(8)].copy_from_slice(&bytes[..bytes.len().min(8)]);
-        py.detach(|| self.0.send(&frame)).map_err(|error| lost(&error))
+        py.detach(|| self.0.send(&frame)).map_err(|error| os_error(&error))
     }
 
     /// Seconds on the wire's clock.
@@ -72,17 +72,21 @@ impl CanWire {
     }
 
     /// The next frame, if one came before it was woken or so many seconds passed; whether they did.
-    fn receive<'py>(&self, py: Python<'py>, timeout: f64) -> PyResult<(Option<Heard<'py>>, bool)> {
+    fn receive<'py>(
+        &self,
+        py: Python<'py>,
+        timeout: f64,
+    ) -> PyResult<(Option<FrameTuple<'py>>, bool)> {
         let span = Duration::try_from_secs_f64(timeout).unwrap_or(Duration::MAX);
         let ends = py.detach(|| self.0.now()) + span;
         loop {
             let heard = py.detach(|| {
                 let mut frame = Frame::default();
-                let until = ends.min(self.0.now() + SLICE);
+                let until = ends.min(self.0.now() + WAIT_SLICE);
                 let received = self.0.receive(&mut frame, until)?;
                 Ok((received, frame, self.0.now()))
             });
-            let (received, frame, now) = heard.map_err(|error: LinkError| lost(&error))?;
+            let (received, frame, now) = heard.map_err(|error: LinkError| os_error(&error))?;
             match received {
                 Received::Bytes { at, .. } => {
                     let bytes = if frame.remote { &[] } else { frame.bytes() };
@@ -102,6 +106,6 @@ impl CanWire {
     }
 }
 
-fn lost(error: &LinkError) -> PyErr {
+fn os_error(error: &LinkError) -> PyErr {
     PyOSError::new_err(error.to_string())
 }

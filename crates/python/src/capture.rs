@@ -9,9 +9,14 @@ use arrow_array::RecordBatch;
 use arrow_schema::ArrowError;
 use polepair::config::Config;
 use polepair_capture::parallel::{self, JOBS_MAX};
-use polepair_capture::session::Notice;
-use polepair_capture::{Decoder as Inner, Event as Found, Format, ItemValue, Judge, Rules};
-use polepair_columns::{Builder, Built, Numbering, Origin, Table, Tables};
+use polepair_capture::session::SessionNotice;
+use polepair_capture::{
+    CaptureDecoder as Inner, CaptureFormat, DecodedFrame as Found, ExplanationValue,
+    ProtocolDetector, Rules,
+};
+use polepair_columns::{
+    BatchBuilder, BuiltBatches, CaptureOrigin, DictionaryMerger, TableKind, TablesBuilder,
+};
 use polepair_core::explain::Direction;
 use polepair_core::profile::Profile;
 use pyo3::exceptions::PyOSError;
@@ -19,33 +24,33 @@ use pyo3::prelude::*;
 use pyo3::sync::MutexExt;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::columns::{Columns, broken};
-use crate::errors::{raised, usage};
+use crate::columns::{Columns, arrow_error};
+use crate::errors::{to_py_error, usage_error};
 
 /// Bytes of a file that are read at once.
-const PIECE: usize = 1 << 18;
+const READ_SIZE: usize = 1 << 18;
 
 /// Explains a capture piece by piece, or makes columns of it.
 #[pyclass(frozen, module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct Decoder {
-    asked: Asked,
-    reading: Mutex<Reading>,
+    options: DecodeOptions,
+    state: Mutex<DecoderState>,
     verdicts: Vec<String>,
 }
 
 /// What is to be decoded, and how.
 #[derive(Debug)]
-struct Asked {
+struct DecodeOptions {
     path: PathBuf,
     rules: Option<Rules>,
     profile: Option<&'static Profile>,
-    format: Option<Format>,
+    format: Option<CaptureFormat>,
 }
 
 /// How far a capture is read.
 #[derive(Debug)]
-struct Reading {
+struct DecoderState {
     decoder: Inner,
     /// `None` at its end.
     file: Option<File>,
@@ -110,14 +115,14 @@ impl Decoder {
         profile: Option<&str>,
         format: Option<&str>,
     ) -> PyResult<Self> {
-        let format = format.map(|word| known_format(py, word)).transpose()?;
-        let profile = profile.map(|word| known_profile(py, word)).transpose()?;
-        let rules = rules.map(|text| known_rules(py, text)).transpose()?;
-        let asked = Asked { path, rules, profile, format };
-        let opened = py.detach(|| Ok((asked.decoder()?, File::open(&asked.path)?)));
-        let ((verdicts, decoder), file) = opened.map_err(|error| asked.unread(error))?;
-        let reading = Mutex::new(Reading { decoder, file: Some(file) });
-        Ok(Self { asked, reading, verdicts })
+        let format = format.map(|word| parse_format(py, word)).transpose()?;
+        let profile = profile.map(|word| find_profile(py, word)).transpose()?;
+        let rules = rules.map(|text| parse_rules(py, text)).transpose()?;
+        let asked = DecodeOptions { path, rules, profile, format };
+        let opened = py.detach(|| Ok((asked.build_decoder()?, File::open(&asked.path)?)));
+        let ((verdicts, decoder), file) = opened.map_err(|error| asked.read_error(error))?;
+        let reading = Mutex::new(DecoderState { decoder, file: Some(file) });
+        Ok(Self { options: asked, state: reading, verdicts })
     }
 
     /// What each link speaks, and how sure that is; empty where rules said so.
@@ -130,30 +135,36 @@ impl Decoder {
     #[getter]
     fn damage(&self, py: Python<'_>) -> Vec<String> {
         let reading = self.lock(py);
-        reading.decoder.tally().damage.iter().map(ToString::to_string).collect()
+        reading.decoder.statistics().damage.iter().map(ToString::to_string).collect()
     }
 
     /// The whole capture as columns, whatever was read of it before.
     fn tables(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<Columns>> {
         let known = |name: &String| {
-            Table::named(name).ok_or_else(|| {
-                let all = Table::ALL.map(Table::name).join(", ");
-                usage(py, "E250", &format!("`{name}` is no table"), &format!("tables are {all}"))
+            TableKind::from_name(name).ok_or_else(|| {
+                let all = TableKind::ALL.map(TableKind::name).join(", ");
+                usage_error(
+                    py,
+                    "E250",
+                    &format!("`{name}` is no table"),
+                    &format!("tables are {all}"),
+                )
             })
         };
-        let wanted: Vec<Table> = names.iter().map(known).collect::<PyResult<_>>()?;
-        let opened = py.detach(|| Ok((self.asked.decoder()?.1, File::open(&self.asked.path)?)));
-        let (inner, file) = opened.map_err(|error| self.asked.unread(error))?;
-        let made = Made::new(&self.asked.path, &wanted);
-        py.detach(|| made.decode(inner.without_words(), file))
+        let wanted: Vec<TableKind> = names.iter().map(known).collect::<PyResult<_>>()?;
+        let opened =
+            py.detach(|| Ok((self.options.build_decoder()?.1, File::open(&self.options.path)?)));
+        let (inner, file) = opened.map_err(|error| self.options.read_error(error))?;
+        let made = TableCollector::new(&self.options.path, &wanted);
+        py.detach(|| made.decode(inner.without_text(), file))
     }
 
     /// The next frames; empty at the end.
     fn read(&self, py: Python<'_>) -> PyResult<Vec<Event>> {
         let mut reading = self.lock(py);
-        let Reading { decoder, file } = &mut *reading;
+        let DecoderState { decoder, file } = &mut *reading;
         let mut events = Vec::new();
-        let mut buffer = vec![0; PIECE];
+        let mut buffer = vec![0; READ_SIZE];
         while let Some(open) = file.as_mut().filter(|_| events.is_empty()) {
             let count = py.detach(|| open.read(&mut buffer))?;
             let mut failed = None;
@@ -175,14 +186,14 @@ impl Decoder {
     }
 }
 
-impl Asked {
+impl DecodeOptions {
     /// Who speaks, and a decoder that knows it.
-    fn decoder(&self) -> std::io::Result<(Vec<String>, Inner)> {
+    fn build_decoder(&self) -> std::io::Result<(Vec<String>, Inner)> {
         let (verdicts, inner) = match &self.rules {
             Some(rules) => (Vec::new(), Inner::new(rules.clone()).with_format(self.format)),
             None => {
-                let mut judge = Judge::of_format(self.format);
-                let (mut file, mut buffer) = (File::open(&self.path)?, vec![0; PIECE]);
+                let mut judge = ProtocolDetector::with_format(self.format);
+                let (mut file, mut buffer) = (File::open(&self.path)?, vec![0; READ_SIZE]);
                 loop {
                     match file.read(&mut buffer)? {
                         0 => break judge.decide(),
@@ -195,38 +206,38 @@ impl Asked {
         Ok((verdicts, inner.with_profile(self.profile)))
     }
 
-    fn unread(&self, error: std::io::Error) -> PyErr {
+    fn read_error(&self, error: std::io::Error) -> PyErr {
         PyOSError::new_err(format!("{}: {error}", self.path.display()))
     }
 }
 
 impl Decoder {
     /// Other threads go on while this one waits for its turn.
-    fn lock<'a>(&'a self, py: Python<'a>) -> MutexGuard<'a, Reading> {
-        self.reading.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
+    fn lock<'a>(&'a self, py: Python<'a>) -> MutexGuard<'a, DecoderState> {
+        self.state.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Threads that are of use.
-pub fn threads() -> usize {
+pub fn thread_count() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from).min(JOBS_MAX)
 }
 
 /// Tables on their way.
-struct Made {
+struct TableCollector {
     /// One for each thread.
-    builders: Vec<Builder>,
-    batches: Vec<(Table, Vec<RecordBatch>)>,
-    numbering: Numbering,
+    builders: Vec<BatchBuilder>,
+    batches: Vec<(TableKind, Vec<RecordBatch>)>,
+    numbering: DictionaryMerger,
 }
 
-impl Made {
-    fn new(path: &Path, wanted: &[Table]) -> Self {
-        let origin = Origin { source: String::new(), file: path.display().to_string() };
-        let builder = |_| Builder::new(Tables::new(wanted, &origin));
+impl TableCollector {
+    fn new(path: &Path, wanted: &[TableKind]) -> Self {
+        let origin = CaptureOrigin { source: String::new(), file: path.display().to_string() };
+        let builder = |_| BatchBuilder::new(TablesBuilder::new(wanted, &origin));
         let batches = wanted.iter().map(|table| (*table, Vec::new())).collect();
-        let builders = (0..threads()).map(builder).collect();
-        Self { builders, batches, numbering: Numbering::default() }
+        let builders = (0..thread_count()).map(builder).collect();
+        Self { builders, batches, numbering: DictionaryMerger::default() }
     }
 
     /// Decodes the file to its end. Ctrl-C is looked for where the caller's thread hands over: the
@@ -238,8 +249,8 @@ impl Made {
             (&file).take(most as u64).read_to_end(piece)?;
             Ok(())
         };
-        let put = &mut |builder: &mut Builder| {
-            keep(batches, numbering, builder.built())?;
+        let put = &mut |builder: &mut BatchBuilder| {
+            append_batches(batches, numbering, builder.take_built())?;
             match std::thread::current().id() == caller {
                 // While Python ends there is nobody to look for it.
                 true => Python::try_attach(|py| py.check_signals()).unwrap_or(Ok(())),
@@ -248,23 +259,25 @@ impl Made {
         };
         parallel::decode(&mut decoder, builders, fill, put)?;
         if let Some(last) = builders.first_mut() {
-            decoder.ending(&mut |event| last.tables.ending(event.link, event.notices));
+            decoder.finish_sessions(&mut |event| {
+                last.tables.add_final_notices(event.link, event.notices)
+            });
             last.flush();
-            keep(batches, numbering, last.built())?;
+            append_batches(batches, numbering, last.take_built())?;
         }
         let tables = self.batches.into_iter().map(|(table, rows)| Columns::new(table, rows));
-        tables.collect::<Result<_, ArrowError>>().map_err(broken)
+        tables.collect::<Result<_, ArrowError>>().map_err(arrow_error)
     }
 }
 
 /// Puts batches behind those of their tables, their words numbered as in those.
-fn keep(
-    batches: &mut [(Table, Vec<RecordBatch>)],
-    numbering: &mut Numbering,
-    built: Built,
+fn append_batches(
+    batches: &mut [(TableKind, Vec<RecordBatch>)],
+    numbering: &mut DictionaryMerger,
+    built: BuiltBatches,
 ) -> PyResult<()> {
-    for (table, batch) in built.map_err(broken)? {
-        let batch = numbering.number(table, batch).map_err(broken)?;
+    for (table, batch) in built.map_err(arrow_error)? {
+        let batch = numbering.renumber(table, batch).map_err(arrow_error)?;
         let of = batches.iter_mut().find(|(of, _)| *of == table);
         of.into_iter().for_each(|(_, rows)| rows.push(batch.clone()));
     }
@@ -274,7 +287,7 @@ fn keep(
 impl Event {
     pub fn new(py: Python<'_>, found: &Found<'_>) -> PyResult<Self> {
         let fields = PyDict::new(py);
-        for item in found.explained.items() {
+        for item in found.explanation.fields() {
             fields.set_item(item.name, item_value(py, item.value)?)?;
         }
         Ok(Self {
@@ -291,24 +304,31 @@ impl Event {
             extended: found.extended,
             remote: found.remote,
             echo: found.echo,
-            kind: found.explained.kind.clone(),
-            axis: found.explained.axis,
+            kind: found.explanation.kind.clone(),
+            axis: found.explanation.axis,
             fields: fields.unbind(),
-            text: found.explained.text.clone(),
-            error: found.wrong.map(|wrong| wrong.to_string()),
-            notices: found.notices.iter().map(|told| notice(py, told)).collect::<PyResult<_>>()?,
+            text: found.explanation.text.clone(),
+            error: found.defect.map(|wrong| wrong.to_string()),
+            notices: found
+                .notices
+                .iter()
+                .map(|told| notice_tuple(py, told))
+                .collect::<PyResult<_>>()?,
         })
     }
 }
 
 /// A field's value as Python has it.
-pub fn item_value<'py>(py: Python<'py>, value: ItemValue<'_>) -> PyResult<Bound<'py, PyAny>> {
+pub fn item_value<'py>(
+    py: Python<'py>,
+    value: ExplanationValue<'_>,
+) -> PyResult<Bound<'py, PyAny>> {
     Ok(match value {
-        ItemValue::Int(value) => value.into_pyobject(py)?.into_any(),
-        ItemValue::Hex(value, _) => value.into_pyobject(py)?.into_any(),
-        ItemValue::Real(value) => value.into_pyobject(py)?.into_any(),
-        ItemValue::Text(value) => value.into_pyobject(py)?.into_any(),
-        ItemValue::Words(words) => {
+        ExplanationValue::Int(value) => value.into_pyobject(py)?.into_any(),
+        ExplanationValue::Hex(value, _) => value.into_pyobject(py)?.into_any(),
+        ExplanationValue::Real(value) => value.into_pyobject(py)?.into_any(),
+        ExplanationValue::Text(value) => value.into_pyobject(py)?.into_any(),
+        ExplanationValue::Words(words) => {
             let (pairs, _) = words.as_chunks::<2>();
             let words: Vec<u16> = pairs.iter().copied().map(u16::from_be_bytes).collect();
             words.into_pyobject(py)?
@@ -317,10 +337,10 @@ pub fn item_value<'py>(py: Python<'py>, value: ItemValue<'_>) -> PyResult<Bound<
 }
 
 /// A notice as its kind and its facts.
-fn notice(py: Python<'_>, told: &Notice) -> PyResult<(&'static str, Py<PyDict>)> {
+fn notice_tuple(py: Python<'_>, told: &SessionNotice) -> PyResult<(&'static str, Py<PyDict>)> {
     let facts = PyDict::new(py);
     let kind = match told {
-        Notice::Signal(signal) => {
+        SessionNotice::Signal(signal) => {
             facts.set_item("axis", signal.axis)?;
             facts.set_item("name", signal.name)?;
             facts.set_item("value", signal.value)?;
@@ -330,24 +350,24 @@ fn notice(py: Python<'_>, told: &Notice) -> PyResult<(&'static str, Py<PyDict>)>
             facts.set_item("request", signal.request)?;
             "signal"
         }
-        Notice::Exchange(exchange) => {
+        SessionNotice::Exchange(exchange) => {
             facts.set_item("axis", exchange.axis)?;
             facts.set_item("op", exchange.op)?;
-            facts.set_item("asked", exchange.asked.0)?;
+            facts.set_item("asked", exchange.requested.0)?;
             facts.set_item("answered", exchange.answered.map(|(number, _)| number))?;
             facts.set_item("latency_ns", exchange.latency())?;
-            facts.set_item("outcome", exchange.outcome.word())?;
+            facts.set_item("outcome", exchange.outcome.as_str())?;
             facts.set_item("retries", exchange.retries)?;
             "exchange"
         }
-        Notice::Change(change) => {
+        SessionNotice::Change(change) => {
             facts.set_item("axis", change.axis)?;
             facts.set_item("what", change.what)?;
             facts.set_item("from", change.from)?;
             facts.set_item("to", change.to)?;
             "change"
         }
-        Notice::Fault(fault) => {
+        SessionNotice::Fault(fault) => {
             facts.set_item("axis", fault.axis)?;
             facts.set_item("code", fault.code)?;
             facts.set_item("text", fault.text)?;
@@ -356,9 +376,9 @@ fn notice(py: Python<'_>, told: &Notice) -> PyResult<(&'static str, Py<PyDict>)>
             facts.set_item("gone", fault.gone)?;
             "fault"
         }
-        Notice::Odd(odd) => {
+        SessionNotice::Anomaly(odd) => {
             facts.set_item("axis", odd.axis)?;
-            facts.set_item("kind", odd.kind.word())?;
+            facts.set_item("kind", odd.kind.as_str())?;
             facts.set_item("text", &odd.text)?;
             "odd"
         }
@@ -366,21 +386,21 @@ fn notice(py: Python<'_>, told: &Notice) -> PyResult<(&'static str, Py<PyDict>)>
     Ok((kind, facts.unbind()))
 }
 
-fn known_format(py: Python<'_>, word: &str) -> PyResult<Format> {
-    Format::named(word).ok_or_else(|| {
-        let known: Vec<_> = Format::names().collect();
-        usage(py, "E248", &format!("there is no format `{word}`"), &known.join(", "))
+fn parse_format(py: Python<'_>, word: &str) -> PyResult<CaptureFormat> {
+    CaptureFormat::from_name(word).ok_or_else(|| {
+        let known: Vec<_> = CaptureFormat::names().collect();
+        usage_error(py, "E248", &format!("there is no format `{word}`"), &known.join(", "))
     })
 }
 
-fn known_rules(py: Python<'_>, text: &str) -> PyResult<Rules> {
+fn parse_rules(py: Python<'_>, text: &str) -> PyResult<Rules> {
     Rules::parse(text).map_err(|error| {
         let near = error.nearest.map_or(String::new(), |word| format!("did you mean {word}?"));
-        usage(py, "E203", &format!("there is no protocol `{}`", error.word), &near)
+        usage_error(py, "E203", &format!("there is no protocol `{}`", error.word), &near)
     })
 }
 
 /// A product by name, the user's own among them, or a profile's file.
-fn known_profile(py: Python<'_>, word: &str) -> PyResult<&'static Profile> {
-    Config::discover().profile_of(word).map_err(|error| raised(py, &error))
+fn find_profile(py: Python<'_>, word: &str) -> PyResult<&'static Profile> {
+    Config::discover().resolve_profile(word).map_err(|error| to_py_error(py, &error))
 }

@@ -4,7 +4,8 @@ use std::fmt;
 
 use polepair_core::error::WireError;
 use polepair_core::explain::{
-    Addressing, Context, Direction, Dissector, EncodeError, Field, Sink, Value, Via,
+    Context, Direction, Dissector, EncodeError, EncodeOptions, ExplainSink, Field, FieldValue,
+    WireKind,
 };
 use polepair_core::medium::STREAM_UNIT_MAX;
 use polepair_core::{drives, proto};
@@ -12,17 +13,17 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyString, PyTuple};
 
-use crate::errors::{corrupt, usage};
+use crate::errors::{corrupt_error, usage_error};
 
 /// Texts whose bytes are kept; further ones are made anew each time.
-const KEPT_MAX: usize = 1 << 10;
+const CACHE_MAX: usize = 1 << 10;
 
 /// A protocol's texts as bytes, and its frames as values.
 #[pyclass(frozen, module = "polepair._polepair")]
 pub struct Codec {
     dissector: &'static dyn Dissector,
-    addressing: Addressing,
-    kept: Py<PyDict>,
+    addressing: EncodeOptions,
+    cache: Py<PyDict>,
 }
 
 impl fmt::Debug for Codec {
@@ -32,7 +33,7 @@ impl fmt::Debug for Codec {
 }
 
 /// Bytes, and CAN identifier with its width.
-type Made<'py> = (Bound<'py, PyBytes>, Option<u32>, bool);
+type EncodedTuple<'py> = (Bound<'py, PyBytes>, Option<u32>, bool);
 
 #[pymethods]
 impl Codec {
@@ -45,21 +46,21 @@ impl Codec {
         host: Option<u32>,
         via: Option<&str>,
     ) -> PyResult<Self> {
-        let dissector = proto::dissector(protocol).ok_or_else(|| {
+        let dissector = proto::find_dissector(protocol).ok_or_else(|| {
             let known: Vec<_> = proto::dissectors().iter().map(|known| known.name()).collect();
             let what = format!("there is no protocol `{protocol}`");
-            usage(py, "E203", &what, &format!("protocols are {}", known.join(", ")))
+            usage_error(py, "E203", &what, &format!("protocols are {}", known.join(", ")))
         })?;
         let via = match via {
-            None => Via::Usual,
-            Some("serial") => Via::Serial,
-            Some("rs485") => Via::Rs485,
-            Some("can") => Via::Can,
+            None => WireKind::Default,
+            Some("serial") => WireKind::Serial,
+            Some("rs485") => WireKind::Rs485,
+            Some("can") => WireKind::Can,
             Some(_) => return Err(PyValueError::new_err("via is serial, rs485 or can")),
         };
-        let profile = drives::usual(dissector);
-        let addressing = Addressing { axis, groups: false, host, profile, via };
-        Ok(Self { dissector, addressing, kept: PyDict::new(py).unbind() })
+        let profile = drives::usual_profile(dissector);
+        let addressing = EncodeOptions { axis, groups: false, host, profile, wire: via };
+        Ok(Self { dissector, addressing, cache: PyDict::new(py).unbind() })
     }
 
     /// The protocol's word.
@@ -74,29 +75,29 @@ impl Codec {
         py: Python<'py>,
         text: &Bound<'py, PyString>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let kept = self.kept.bind(py);
+        let kept = self.cache.bind(py);
         if let Some(bytes) = kept.get_item(text)? {
             return Ok(bytes);
         }
         let (bytes, _, _) = self.make(py, text.to_str()?)?;
-        if kept.len() < KEPT_MAX {
+        if kept.len() < CACHE_MAX {
             kept.set_item(text, &bytes)?;
         }
         Ok(bytes.into_any())
     }
 
     /// The bytes of a text, and its CAN identifier with its width.
-    fn make<'py>(&self, py: Python<'py>, text: &str) -> PyResult<Made<'py>> {
+    fn make<'py>(&self, py: Python<'py>, text: &str) -> PyResult<EncodedTuple<'py>> {
         let mut out = [0; STREAM_UNIT_MAX];
         match self.dissector.encode(text, &self.addressing, &mut out) {
             Ok(made) => Ok((PyBytes::new(py, &out[..made.len]), made.id, made.extended)),
             Err(EncodeError::Forbidden(why)) => {
-                Err(usage(py, "E222", &format!("`{text}` cannot be sent so: {why}"), ""))
+                Err(usage_error(py, "E222", &format!("`{text}` cannot be sent so: {why}"), ""))
             }
             Err(EncodeError::Text(error)) => {
                 let language = self.dissector.language();
                 let what = format!("`{text}` is not {language}: expected {}", error.expected);
-                Err(usage(py, "E241", &what, &format!("at character {}", error.at + 1)))
+                Err(usage_error(py, "E241", &what, &format!("at character {}", error.at + 1)))
             }
         }
     }
@@ -114,12 +115,15 @@ impl Codec {
     ) -> PyResult<Bound<'py, PyAny>> {
         let direction = Some(Direction::ToHost);
         let context = Context { direction, request, id, ..Context::default() };
-        let mut found = Found { py, field, value: None, wrong: None };
+        let mut found = FieldExtractor { py, field, value: None, error: None };
         self.dissector.explain(frame, &context, &mut found);
-        if let Some(wrong) = found.wrong {
-            return Err(corrupt(py, &format!("this frame breaks {}: {wrong}", self.protocol())));
+        if let Some(wrong) = found.error {
+            return Err(corrupt_error(
+                py,
+                &format!("this frame breaks {}: {wrong}", self.protocol()),
+            ));
         }
-        let what = || usage(py, "E213", &format!("this frame has no `{field}`"), "");
+        let what = || usage_error(py, "E213", &format!("this frame has no `{field}`"), "");
         found.value.unwrap_or_else(|| Err(what()))
     }
 
@@ -129,43 +133,43 @@ impl Codec {
 }
 
 /// Takes one field of a frame, and leaves its words.
-struct Found<'py, 'n> {
+struct FieldExtractor<'py, 'n> {
     py: Python<'py>,
     field: &'n str,
     value: Option<PyResult<Bound<'py, PyAny>>>,
-    wrong: Option<WireError>,
+    error: Option<WireError>,
 }
 
-impl Sink for Found<'_, '_> {
+impl ExplainSink for FieldExtractor<'_, '_> {
     fn kind(&mut self, _kind: &str) {}
 
     fn axis(&mut self, _axis: u32) {}
 
     fn text(&mut self, _piece: &str) {}
 
-    fn words(&self) -> bool {
+    fn wants_text(&self) -> bool {
         false
     }
 
     fn field(&mut self, field: Field<'_>) {
         if field.name == self.field {
-            self.value = Some(value(self.py, field.value));
+            self.value = Some(field_to_python(self.py, field.value));
         }
     }
 
     fn error(&mut self, error: WireError) {
-        self.wrong.get_or_insert(error);
+        self.error.get_or_insert(error);
     }
 }
 
 /// A field's value as Python has it.
-pub fn value<'py>(py: Python<'py>, value: Value<'_>) -> PyResult<Bound<'py, PyAny>> {
+pub fn field_to_python<'py>(py: Python<'py>, value: FieldValue<'_>) -> PyResult<Bound<'py, PyAny>> {
     Ok(match value {
-        Value::Int(value) => value.into_pyobject(py)?.into_any(),
-        Value::Hex(value, _) => value.into_pyobject(py)?.into_any(),
-        Value::Real(value) => value.into_pyobject(py)?.into_any(),
-        Value::Text(value) => value.into_pyobject(py)?.into_any(),
-        Value::Words(words) => {
+        FieldValue::Int(value) => value.into_pyobject(py)?.into_any(),
+        FieldValue::Hex(value, _) => value.into_pyobject(py)?.into_any(),
+        FieldValue::Real(value) => value.into_pyobject(py)?.into_any(),
+        FieldValue::Text(value) => value.into_pyobject(py)?.into_any(),
+        FieldValue::Words(words) => {
             let (pairs, _) = words.as_chunks::<2>();
             PyTuple::new(py, pairs.iter().copied().map(u16::from_be_bytes))?.into_any()
         }

@@ -19,20 +19,20 @@ use arrow_buffer::Buffer;
 use arrow_data::ArrayData;
 use arrow_schema::ffi::FFI_ArrowSchema;
 use arrow_schema::{ArrowError, DataType, TimeUnit};
-use polepair_columns::Table;
+use polepair_columns::TableKind;
 use pyo3::exceptions::{PyKeyError, PyMemoryError, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyCapsule, PyDict};
 
 /// Bytes of a column of byte strings that is filled up: one long row among many short ones would take
 /// more than a machine has.
-const FILLED_MAX: usize = 1 << 30;
+const PADDED_BYTES_MAX: usize = 1 << 30;
 
 /// One table of a decoded capture.
 #[pyclass(frozen, module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct Columns {
-    table: Table,
+    table: TableKind,
     batches: Vec<RecordBatch>,
 }
 
@@ -69,7 +69,7 @@ impl Lent {
 }
 
 /// Values, which of them are there (`None` for all), and the words that they number.
-type Lending = (Lent, Option<Lent>, Option<Vec<String>>);
+type LentColumn = (Lent, Option<Lent>, Option<Vec<String>>);
 
 #[pymethods]
 impl Columns {
@@ -91,7 +91,7 @@ impl Columns {
 
     /// The schema, as Arrow's C data interface has it.
     fn __arrow_c_schema__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyCapsule>> {
-        let schema = FFI_ArrowSchema::try_from(&*self.table.schema()).map_err(broken)?;
+        let schema = FFI_ArrowSchema::try_from(&*self.table.schema()).map_err(arrow_error)?;
         PyCapsule::new_with_value(py, schema, c"arrow_schema")
     }
 
@@ -111,23 +111,23 @@ impl Columns {
     }
 
     /// A column of numbers, times or words.
-    fn lend(&self, py: Python<'_>, column: &str) -> PyResult<Lending> {
+    fn lend(&self, py: Python<'_>, column: &str) -> PyResult<LentColumn> {
         let pieces = self.pieces(column)?;
         let numbered = pieces.last().and_then(|last| last.as_dictionary_opt::<Int32Type>());
-        let words = numbered.map(words);
+        let words = numbered.map(dictionary_words);
         let values = |piece: &ArrayRef| match piece.as_dictionary_opt::<Int32Type>() {
             Some(numbered) => numbered.keys().to_data(),
             None => piece.to_data(),
         };
         let values: Vec<ArrayData> = pieces.iter().map(values).collect();
-        let kind = values.first().and_then(|values| kind(values.data_type()));
+        let kind = values.first().and_then(|values| numpy_type(values.data_type()));
         let kind = kind.ok_or_else(|| PyKeyError::new_err(column.to_owned()))?;
         let missing = values.iter().any(|values| values.null_count() > 0);
-        let valid = missing.then(|| mask(&values));
+        let valid = missing.then(|| validity_mask(&values));
         let rows = values.iter().map(ArrayData::len).sum();
         let buffer = match &values[..] {
-            [one] => bytes_of(one),
-            all => py.detach(|| joined(all)),
+            [one] => value_buffer(one),
+            all => py.detach(|| concatenate(all)),
         };
         Ok((Lent { buffer, kind, shape: (rows, None) }, valid, words))
     }
@@ -136,12 +136,12 @@ impl Columns {
     fn lend_bytes(&self, py: Python<'_>, column: &str) -> PyResult<(Lent, Lent)> {
         let pieces = self.pieces(column)?;
         let pieces: Vec<&BinaryArray> =
-            pieces.iter().map(|piece| bytes(piece, column)).collect::<PyResult<_>>()?;
+            pieces.iter().map(|piece| binary_array(piece, column)).collect::<PyResult<_>>()?;
         let places = pieces.iter().flat_map(|piece| piece.value_offsets().windows(2));
         let lengths: Vec<i32> = places.map(|place| place[1] - place[0]).collect();
         let (rows, width) = (lengths.len(), lengths.iter().copied().max().unwrap_or(0) as usize);
-        if width.saturating_mul(rows) > FILLED_MAX {
-            let max = FILLED_MAX >> 30;
+        if width.saturating_mul(rows) > PADDED_BYTES_MAX {
+            let max = PADDED_BYTES_MAX >> 30;
             let what =
                 format!("{rows} rows as long as the longest, {width} bytes, are over {max} GiB");
             return Err(PyMemoryError::new_err(format!("{what}: take to_arrow() or to_polars()")));
@@ -149,7 +149,7 @@ impl Columns {
         let filled = py.detach(|| {
             let mut whole = vec![0; width * rows];
             let len = |piece: &&BinaryArray| width * piece.len();
-            side_by_side(&pieces, len, &mut whole, |piece, into| fill(piece, width, into));
+            copy_parallel(&pieces, len, &mut whole, |piece, into| copy_padded(piece, width, into));
             whole
         });
         let filled =
@@ -165,7 +165,11 @@ impl Columns {
         column: &str,
     ) -> PyResult<Vec<Bound<'py, PyBytes>>> {
         let array = self.column(py, column)?;
-        Ok(bytes(&array, column)?.iter().flatten().map(|row| PyBytes::new(py, row)).collect())
+        Ok(binary_array(&array, column)?
+            .iter()
+            .flatten()
+            .map(|row| PyBytes::new(py, row))
+            .collect())
     }
 
     /// The first rows of a column, as people read them.
@@ -173,7 +177,7 @@ impl Columns {
         let at = self.table.schema().index_of(column);
         let at = at.map_err(|_| PyKeyError::new_err(column.to_owned()))?;
         let pieces = self.batches.iter().map(|batch| batch.column(at));
-        let cells = pieces.flat_map(|array| (0..array.len()).map(|row| cell(array, row)));
+        let cells = pieces.flat_map(|array| (0..array.len()).map(|row| cell_text(array, row)));
         Ok(cells.take(count).collect())
     }
 
@@ -187,13 +191,13 @@ impl Columns {
 }
 
 impl Columns {
-    /// A table of batches in their order, whose words one `Numbering` numbered.
-    pub fn new(table: Table, batches: Vec<RecordBatch>) -> Result<Self, ArrowError> {
+    /// A table of batches in their order, whose words one `DictionaryMerger` numbered.
+    pub fn new(table: TableKind, batches: Vec<RecordBatch>) -> Result<Self, ArrowError> {
         let width = table.schema().fields().len();
         let mut columns: Vec<Vec<ArrayRef>> = (0..width)
             .map(|at| batches.iter().map(|batch| batch.column(at).clone()).collect())
             .collect();
-        columns.iter_mut().for_each(|column| share_words(column));
+        columns.iter_mut().for_each(|column| share_dictionary(column));
         let rows = |at: usize| columns.iter().map(|column| column[at].clone()).collect();
         let batches = (0..batches.len()).map(|at| RecordBatch::try_new(table.schema(), rows(at)));
         Ok(Self { table, batches: batches.collect::<Result<_, _>>()? })
@@ -216,27 +220,27 @@ impl Columns {
             return Ok(one.clone());
         }
         let pieces: Vec<&dyn Array> = pieces.iter().map(AsRef::as_ref).collect();
-        py.detach(|| arrow_select::concat::concat(&pieces)).map_err(broken)
+        py.detach(|| arrow_select::concat::concat(&pieces)).map_err(arrow_error)
     }
 }
 
 /// Where the values of a piece lie.
-fn bytes_of(values: &ArrayData) -> Buffer {
+fn value_buffer(values: &ArrayData) -> Buffer {
     let width = values.data_type().primitive_width().unwrap_or(1);
     values.buffers()[0].slice_with_length(values.offset() * width, values.len() * width)
 }
 
 /// The values of pieces one behind the other.
-fn joined(pieces: &[ArrayData]) -> Buffer {
-    let pieces: Vec<Buffer> = pieces.iter().map(bytes_of).collect();
+fn concatenate(pieces: &[ArrayData]) -> Buffer {
+    let pieces: Vec<Buffer> = pieces.iter().map(value_buffer).collect();
     let mut whole = vec![0; pieces.iter().map(Buffer::len).sum()];
-    side_by_side(&pieces, Buffer::len, &mut whole, |piece, into| into.copy_from_slice(piece));
+    copy_parallel(&pieces, Buffer::len, &mut whole, |piece, into| into.copy_from_slice(piece));
     Buffer::from_vec(whole)
 }
 
 /// Puts pieces one behind the other, each in its part of `whole`, which is so many bytes: on several
 /// threads, for fresh memory costs more than what is put there.
-fn side_by_side<T: Sync>(
+fn copy_parallel<T: Sync>(
     pieces: &[T],
     len: impl Fn(&T) -> usize + Sync,
     whole: &mut [u8],
@@ -244,7 +248,7 @@ fn side_by_side<T: Sync>(
 ) {
     /// Bytes that are worth a thread.
     const BYTES_MIN: usize = 1 << 20;
-    let threads = whole.len().div_ceil(BYTES_MIN).clamp(1, crate::capture::threads());
+    let threads = whole.len().div_ceil(BYTES_MIN).clamp(1, crate::capture::thread_count());
     let share = whole.len().div_ceil(threads).max(1);
     let (mut pieces, mut whole, mut shares) = (pieces, whole, Vec::with_capacity(threads));
     while !pieces.is_empty() {
@@ -279,12 +283,12 @@ fn side_by_side<T: Sync>(
 }
 
 /// Columns are made of what was decoded; that they cannot be is nobody's mistake but ours.
-pub fn broken(error: ArrowError) -> PyErr {
+pub fn arrow_error(error: ArrowError) -> PyErr {
     PyRuntimeError::new_err(error.to_string())
 }
 
 /// A value as people read it; empty where there is none.
-fn cell(array: &ArrayRef, row: usize) -> String {
+fn cell_text(array: &ArrayRef, row: usize) -> String {
     if array.is_null(row) {
         return String::new();
     }
@@ -313,7 +317,7 @@ fn cell(array: &ArrayRef, row: usize) -> String {
 }
 
 /// The type as NumPy writes it.
-fn kind(of: &DataType) -> Option<&'static str> {
+fn numpy_type(of: &DataType) -> Option<&'static str> {
     Some(match of {
         DataType::Int8 => "|i1",
         DataType::Int16 => "<i2",
@@ -326,7 +330,7 @@ fn kind(of: &DataType) -> Option<&'static str> {
 }
 
 /// Which values are there, a byte each.
-fn mask(pieces: &[ArrayData]) -> Lent {
+fn validity_mask(pieces: &[ArrayData]) -> Lent {
     let mut there = Vec::with_capacity(pieces.iter().map(ArrayData::len).sum());
     for piece in pieces {
         match piece.nulls() {
@@ -338,17 +342,17 @@ fn mask(pieces: &[ArrayData]) -> Lent {
     Lent { buffer: Buffer::from_vec(there), kind: "|b1", shape }
 }
 
-fn words(numbered: &DictionaryArray<Int32Type>) -> Vec<String> {
+fn dictionary_words(numbered: &DictionaryArray<Int32Type>) -> Vec<String> {
     let words = numbered.values().as_string::<i32>();
     words.iter().map(|word| word.unwrap_or_default().to_owned()).collect()
 }
 
-fn bytes<'a>(array: &'a ArrayRef, column: &str) -> PyResult<&'a BinaryArray> {
+fn binary_array<'a>(array: &'a ArrayRef, column: &str) -> PyResult<&'a BinaryArray> {
     array.as_binary_opt::<i32>().ok_or_else(|| PyKeyError::new_err(column.to_owned()))
 }
 
 /// Rows of one width, into zeros that fill them up.
-fn fill(rows: &BinaryArray, width: usize, into: &mut [u8]) {
+fn copy_padded(rows: &BinaryArray, width: usize, into: &mut [u8]) {
     let all = rows.value_data();
     let places = rows.value_offsets().windows(2);
     for (into, place) in into.chunks_exact_mut(width.max(1)).zip(places) {
@@ -359,7 +363,7 @@ fn fill(rows: &BinaryArray, width: usize, into: &mut [u8]) {
 
 /// Gives the pieces of a column of words one dictionary: that of the last, of which each before it
 /// has the beginning.
-fn share_words(pieces: &mut [ArrayRef]) {
+fn share_dictionary(pieces: &mut [ArrayRef]) {
     let last = pieces.last().and_then(|last| last.as_dictionary_opt::<Int32Type>());
     let Some(words) = last.map(|last| last.values().clone()) else { return };
     for piece in pieces {

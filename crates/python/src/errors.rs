@@ -1,7 +1,7 @@
 //! The library's errors as Python's exceptions, which the Python half defines.
 
 use polepair::Error;
-use polepair_client::Refused;
+use polepair_client::GatewayError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
@@ -11,43 +11,43 @@ static CLASSES: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
 
 /// The exception for an error: its class by blame, its code, its hint, and whether the drive did
 /// what was asked.
-pub fn raised(py: Python<'_>, error: &Error) -> PyErr {
-    let made = class(py, error.exception().name()).and_then(|class| {
+pub fn to_py_error(py: Python<'_>, error: &Error) -> PyErr {
+    let made = exception_class(py, error.exception().name()).and_then(|class| {
         class.call1((error.to_string(), error.code(), error.executed(), error.hint()))
     });
     made.map_or_else(|error| error, PyErr::from_value)
 }
 
 /// The exception for an error, with more to say.
-pub fn lost(py: Python<'_>, error: &Error, what: &str) -> PyErr {
-    let made = class(py, error.exception().name())
+pub fn to_py_error_with(py: Python<'_>, error: &Error, what: &str) -> PyErr {
+    let made = exception_class(py, error.exception().name())
         .and_then(|class| class.call1((what, error.code(), error.executed(), error.hint())));
     made.map_or_else(|error| error, PyErr::from_value)
 }
 
 /// The exception for what a server refused, or what became of it: the same as for a link of one's own.
-pub fn told(py: Python<'_>, refused: &Refused) -> PyErr {
-    let made = class(py, refused.exception().name()).and_then(|class| {
+pub fn refused_to_py_error(py: Python<'_>, refused: &GatewayError) -> PyErr {
+    let made = exception_class(py, refused.exception().name()).and_then(|class| {
         class.call1((refused.sentence(), &*refused.code, refused.executed, &*refused.hint))
     });
     made.map_or_else(|error| error, PyErr::from_value)
 }
 
 /// The exception for the caller's words, where the library was not asked.
-pub fn usage(py: Python<'_>, code: &str, what: &str, hint: &str) -> PyErr {
-    let made = class(py, "Unsupported");
+pub fn usage_error(py: Python<'_>, code: &str, what: &str, hint: &str) -> PyErr {
+    let made = exception_class(py, "Unsupported");
     let made = made.and_then(|class| class.call1((what, code, Some(false), hint)));
     made.map_or_else(|error| error, PyErr::from_value)
 }
 
 /// The exception for bytes that are not what they should be.
-pub fn corrupt(py: Python<'_>, what: &str) -> PyErr {
-    let made = class(py, "ProtocolError");
+pub fn corrupt_error(py: Python<'_>, what: &str) -> PyErr {
+    let made = exception_class(py, "ProtocolError");
     let made = made.and_then(|class| class.call1((what, "E501", Some(false), "")));
     made.map_or_else(|error| error, PyErr::from_value)
 }
 
-fn class<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyType>> {
+fn exception_class<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyType>> {
     let module = CLASSES.get_or_try_init(py, || py.import("polepair.errors").map(Bound::unbind))?;
     Ok(module.bind(py).getattr(name)?.cast_into::<PyType>()?)
 }

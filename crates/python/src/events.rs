@@ -4,33 +4,34 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::Waker;
 use std::time::Duration;
 
-use polepair::events::{Event, Kind};
+use polepair::events::{Event, EventKind};
 use polepair::{Axis, Events as Inner};
 use polepair_core::profile;
 use polepair_core::time::Instant;
 use pyo3::prelude::*;
 
-use crate::axis::{Fault, fault};
-use crate::outside::Outside;
-use crate::request::{Call, SLICE};
+use crate::axis::{FaultTuple, fault_tuple};
+use crate::process_local::ProcessLocal;
+use crate::request::{WAIT_SLICE, WakeCallback};
 
 /// What happens on a link from when this was made until it is closed.
 #[pyclass(frozen, module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct Events {
-    inner: Outside<Mutex<Option<Arc<Inner>>>>,
-    axes: Outside<Vec<Axis>>,
-    stands: bool,
+    inner: ProcessLocal<Mutex<Option<Arc<Inner>>>>,
+    axes: ProcessLocal<Vec<Axis>>,
+    is_virtual: bool,
 }
 
 /// Seconds on the link's clock, axis, sort, name, value, raw value, unit, fault.
-pub type Told = (f64, Option<u32>, &'static str, String, f64, i64, &'static str, Option<Fault>);
+pub type EventTuple =
+    (f64, Option<u32>, &'static str, String, f64, i64, &'static str, Option<FaultTuple>);
 
 impl Events {
     /// Events of those axes, in the order of their places.
     pub fn new(events: Inner, axes: Vec<Axis>) -> Self {
-        let stands = events.in_virtual_time();
-        Self { inner: Mutex::new(Some(Arc::new(events))).into(), axes: axes.into(), stands }
+        let is_virtual = events.in_virtual_time();
+        Self { inner: Mutex::new(Some(Arc::new(events))).into(), axes: axes.into(), is_virtual }
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<Arc<Inner>>> {
@@ -38,42 +39,44 @@ impl Events {
     }
 
     /// Lends the events while other threads go on; `None` once they are closed.
-    fn with<T: Send>(
+    fn with_events<T: Send>(
         &self,
         py: Python<'_>,
         what: impl Send + FnOnce(&Inner) -> T,
     ) -> PyResult<Option<T>> {
-        self.inner.ours(py)?;
+        self.inner.in_own_process(py)?;
         Ok(py.detach(|| {
             let events = self.lock().clone();
             events.map(|events| what(&events))
         }))
     }
 
-    fn told(&self, event: &Event) -> Told {
+    fn event_tuple(&self, event: &Event) -> EventTuple {
         let none = (String::new(), f64::NAN, 0, "", None);
         let of_fault = |code: u32, of: Option<&profile::Fault>| {
-            (String::new(), f64::NAN, i64::from(code), "", of.map(fault))
+            (String::new(), f64::NAN, i64::from(code), "", of.map(fault_tuple))
         };
         let (sort, (name, value, raw, unit, fault)) = match &event.kind {
-            Kind::Signal { signal, reading } => {
+            EventKind::Signal { signal, reading } => {
                 ("signal", (signal.name().to_owned(), reading.value, reading.raw, "", None))
             }
-            Kind::Parameter { parameter, raw, value, unit } => {
-                let axis = self.axes.get(event.place);
+            EventKind::Parameter { parameter, raw, value, unit } => {
+                let axis = self.axes.get(event.index);
                 let known = axis.and_then(|axis| axis.profile().parameter(*parameter));
                 let name = known.map_or(String::new(), |parameter| parameter.name.to_owned());
                 ("parameter", (name, *value, *raw, unit.symbol(), None))
             }
-            Kind::FaultAppeared { code, fault } => ("fault appeared", of_fault(*code, *fault)),
-            Kind::FaultCleared { code, fault } => ("fault cleared", of_fault(*code, *fault)),
-            Kind::Presence(presence) => {
+            EventKind::FaultAppeared { code, fault } => ("fault appeared", of_fault(*code, *fault)),
+            EventKind::FaultCleared { code, fault } => ("fault cleared", of_fault(*code, *fault)),
+            EventKind::Presence(presence) => {
                 ("presence", (presence.name().to_owned(), f64::NAN, 0, "", None))
             }
-            Kind::Armed => ("armed", none),
-            Kind::Disarmed => ("disarmed", none),
-            Kind::LinkLost { error } => ("link lost", (error.to_string(), f64::NAN, 0, "", None)),
-            Kind::LinkBack => ("link back", none),
+            EventKind::Armed => ("armed", none),
+            EventKind::Disarmed => ("disarmed", none),
+            EventKind::LinkLost { error } => {
+                ("link lost", (error.to_string(), f64::NAN, 0, "", None))
+            }
+            EventKind::LinkBack => ("link back", none),
             // What later versions of the library tell.
             other => ("other", (other.to_string(), f64::NAN, 0, "", None)),
         };
@@ -87,13 +90,15 @@ impl Events {
     /// Waits for the next event, at most `timeout` seconds of the link's time; `None` when there was
     /// none, and once this is closed.
     #[pyo3(signature = (timeout=None))]
-    fn result(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Option<Told>> {
+    fn result(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Option<EventTuple>> {
         let mut left = timeout.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::ZERO));
         loop {
-            let slice = left.map_or(SLICE, |left| left.min(SLICE));
-            let Some(event) = self.with(py, |events| events.next(slice))? else { return Ok(None) };
+            let slice = left.map_or(WAIT_SLICE, |left| left.min(WAIT_SLICE));
+            let Some(event) = self.with_events(py, |events| events.next(slice))? else {
+                return Ok(None);
+            };
             if let Some(event) = event {
-                return Ok(Some(self.told(&event)));
+                return Ok(Some(self.event_tuple(&event)));
             }
             left = left.map(|left| left - slice);
             if left == Some(Duration::ZERO) {
@@ -106,30 +111,30 @@ impl Events {
     /// Calls `wake` from some thread once there is an event; true when there is already, and once
     /// this is closed.
     fn tell(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
-        let waker = Waker::from(Arc::new(Call(wake)));
-        Ok(self.with(py, |events| events.ready_or_wake(&waker))?.unwrap_or(true))
+        let waker = Waker::from(Arc::new(WakeCallback(wake)));
+        Ok(self.with_events(py, |events| events.ready_or_wake(&waker))?.unwrap_or(true))
     }
 
     /// How many events were thrown away because nobody took them in time.
     #[getter]
     fn lost(&self, py: Python<'_>) -> PyResult<u64> {
-        Ok(self.with(py, Inner::lost)?.unwrap_or_default())
+        Ok(self.with_events(py, Inner::lost)?.unwrap_or_default())
     }
 
     /// Whether time passes there only while somebody waits.
     #[getter]
     fn in_virtual_time(&self) -> bool {
-        self.stands
+        self.is_virtual
     }
 
     #[getter]
     fn closed(&self, py: Python<'_>) -> PyResult<bool> {
-        Ok(self.with(py, |_| ())?.is_none())
+        Ok(self.with_events(py, |_| ())?.is_none())
     }
 
     /// Ends a wait under way, and listens no more.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
-        self.inner.ours(py)?;
+        self.inner.in_own_process(py)?;
         py.detach(|| {
             let events = self.lock().take();
             if let Some(events) = events {

@@ -1,30 +1,30 @@
 //! What a frame or a code means, by itself.
 
 use polepair::faults;
-use polepair_capture::{Data, Explained, parse};
+use polepair_capture::{Explanation, RecordData, parse_log_line};
 use polepair_core::explain::{Context, Direction, Dissector};
 use polepair_core::profile::Profile;
 use polepair_core::{drives, proto};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::axis::{Fault, fault};
+use crate::axis::{FaultTuple, fault_tuple};
 use crate::capture::item_value;
-use crate::errors::usage;
+use crate::errors::usage_error;
 
 /// First byte, byte after the last, name, value, meaning.
-type Part<'py> = (u16, u16, &'static str, Bound<'py, PyAny>, &'static str);
+type PartTuple<'py> = (u16, u16, &'static str, Bound<'py, PyAny>, &'static str);
 
 /// Bytes, kind, axis, text, what it breaks, its parts.
-type Meaning<'py> =
-    (Bound<'py, PyBytes>, String, Option<u32>, String, Option<String>, Vec<Part<'py>>);
+type ExplanationTuple<'py> =
+    (Bound<'py, PyBytes>, String, Option<u32>, String, Option<String>, Vec<PartTuple<'py>>);
 
 /// What a protocol says of a code, and the products' faults.
-type Code = (Option<&'static str>, Vec<(&'static str, Fault)>);
+type CodeTuple = (Option<&'static str>, Vec<(&'static str, FaultTuple)>);
 
 /// A frame as a caller has it: bytes with a CAN identifier, or a line of a capture.
 #[derive(FromPyObject, Debug)]
-pub enum Frame {
+pub enum FrameInput {
     /// Bytes, identifier, whether that has 29 bits, whether it is a remote request.
     Bytes(Vec<u8>, Option<u32>, bool, bool),
     /// `01 01 00 …` or `001#0100…`.
@@ -38,32 +38,32 @@ pub enum Frame {
 pub fn explain<'py>(
     py: Python<'py>,
     subject: &str,
-    frame: Frame,
+    frame: FrameInput,
     to_drive: Option<bool>,
-) -> PyResult<Meaning<'py>> {
-    let (dissector, profile) = known(py, subject)?;
+) -> PyResult<ExplanationTuple<'py>> {
+    let (dissector, profile) = find_subject(py, subject)?;
     let (bytes, id, extended, remote) = match frame {
-        Frame::Bytes(bytes, id, extended, remote) => (bytes, id, extended, remote),
-        Frame::Line(text) => read(py, &text)?,
+        FrameInput::Bytes(bytes, id, extended, remote) => (bytes, id, extended, remote),
+        FrameInput::Line(text) => parse_frame(py, &text)?,
     };
     let direction = to_drive.map(|to| if to { Direction::ToDrive } else { Direction::ToHost });
-    let profile = profile.or_else(|| drives::usual(dissector));
+    let profile = profile.or_else(|| drives::usual_profile(dissector));
     let context = Context { direction, profile, id, extended, remote, ..Context::default() };
-    let mut explained = Explained::default();
+    let mut explained = Explanation::default();
     dissector.explain(&bytes, &context, &mut explained);
-    let parts = explained.items().map(|item| {
+    let parts = explained.fields().map(|item| {
         Ok((item.start, item.end, item.name, item_value(py, item.value)?, item.meaning))
     });
     let parts = parts.collect::<PyResult<_>>()?;
-    let Explained { kind, axis, text, error, .. } = explained;
+    let Explanation { kind, axis, text, error, .. } = explained;
     let wrong = error.map(|error| error.to_string());
     Ok((PyBytes::new(py, &bytes), kind, axis, text, wrong, parts))
 }
 
 /// What a number means as a status, an exception, an abort code; and as faults of the products.
 #[pyfunction]
-pub fn explain_code(py: Python<'_>, subject: &str, code: u32) -> PyResult<Code> {
-    let (dissector, profile) = known(py, subject)?;
+pub fn explain_code(py: Python<'_>, subject: &str, code: u32) -> PyResult<CodeTuple> {
+    let (dissector, profile) = find_subject(py, subject)?;
     let mut speakers: Vec<&'static Profile> = match profile {
         Some(profile) => vec![profile],
         None => {
@@ -73,17 +73,17 @@ pub fn explain_code(py: Python<'_>, subject: &str, code: u32) -> PyResult<Code> 
     };
     speakers.dedup_by_key(|profile| profile.family);
     let found = speakers.iter().flat_map(|profile| {
-        faults(profile, code).into_iter().map(|found| (profile.name, fault(found)))
+        faults(profile, code).into_iter().map(|found| (profile.name, fault_tuple(found)))
     });
-    Ok((dissector.code(code), found.collect()))
+    Ok((dissector.code_meaning(code), found.collect()))
 }
 
 /// A protocol by its word, or a product and the first wire of its protocol.
-fn known(
+fn find_subject(
     py: Python<'_>,
     subject: &str,
 ) -> PyResult<(&'static dyn Dissector, Option<&'static Profile>)> {
-    if let Some(dissector) = proto::dissector(subject) {
+    if let Some(dissector) = proto::find_dissector(subject) {
         return Ok((dissector, None));
     }
     let product = drives::profiles().iter().find(|p| p.name == subject || p.family == subject);
@@ -95,20 +95,20 @@ fn known(
     dissector.map(|dissector| (dissector, product.copied())).ok_or_else(|| {
         let all: Vec<_> = proto::dissectors().iter().map(|known| known.name()).collect();
         let what = format!("there is no protocol or product `{subject}`");
-        usage(py, "E203", &what, &format!("protocols are {}", all.join(", ")))
+        usage_error(py, "E203", &what, &format!("protocols are {}", all.join(", ")))
     })
 }
 
 /// A frame as text: its bytes, identifier, width, and whether it is a remote request.
-fn read(py: Python<'_>, text: &str) -> PyResult<(Vec<u8>, Option<u32>, bool, bool)> {
+fn parse_frame(py: Python<'_>, text: &str) -> PyResult<(Vec<u8>, Option<u32>, bool, bool)> {
     let mut bytes = Vec::new();
-    let record = parse(text.as_bytes(), &mut bytes).ok().flatten();
+    let record = parse_log_line(text.as_bytes(), &mut bytes).ok().flatten();
     match record.map(|record| record.data) {
-        Some(Data::Bytes(bytes)) => Ok((bytes.to_vec(), None, false, false)),
-        Some(Data::Frame(f)) => Ok((f.bytes().to_vec(), Some(f.id), f.extended, f.remote)),
+        Some(RecordData::Bytes(bytes)) => Ok((bytes.to_vec(), None, false, false)),
+        Some(RecordData::Frame(f)) => Ok((f.bytes().to_vec(), Some(f.id), f.extended, f.remote)),
         _ => {
             let what = format!("`{text}` is no frame");
-            Err(usage(py, "E241", &what, "a frame is `01 01 00 5E` or, on CAN, `30B#5443`"))
+            Err(usage_error(py, "E241", &what, "a frame is `01 01 00 5E` or, on CAN, `30B#5443`"))
         }
     }
 }

@@ -3,42 +3,42 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use polepair::axis::{OWED_MAX, stop_owed};
+use polepair::axis::{STOP_RETRY_MAX, stop_with_retry};
 use polepair::{Axis, Error};
 use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 use pyo3::prelude::*;
 
-use crate::errors::raised;
+use crate::errors::to_py_error;
 
 /// What is armed, in the order of the arming.
 static ARMED: Mutex<Vec<Axis>> = Mutex::new(Vec::new());
 
-fn armed() -> MutexGuard<'static, Vec<Axis>> {
+fn lock_armed() -> MutexGuard<'static, Vec<Axis>> {
     ARMED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Held by whoever ends everything: the other waits for that.
-fn ends() -> MutexGuard<'static, ()> {
-    static ENDS: Mutex<()> = Mutex::new(());
-    ENDS.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock_shutdown() -> MutexGuard<'static, ()> {
+    static SHUTDOWN: Mutex<()> = Mutex::new(());
+    SHUTDOWN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn is_same(one: &Axis, other: &Axis) -> bool {
-    one.number() == other.number() && one.connection().is(other.connection())
+fn is_same_axis(one: &Axis, other: &Axis) -> bool {
+    one.number() == other.number() && one.connection().is_same(other.connection())
 }
 
 /// Has an axis stopped when the process ends while it is armed.
-pub fn watch(py: Python<'_>, axis: &Axis) {
-    armed().push(axis.clone());
-    system::hear(py);
+pub fn register_armed(py: Python<'_>, axis: &Axis) {
+    lock_armed().push(axis.clone());
+    system::install_handlers(py);
 }
 
 /// Leaves an axis alone that its block has stopped.
-pub fn leave(axis: &Axis) {
-    let mut armed = armed();
-    let at = armed.iter().position(|one| is_same(one, axis));
+pub fn unregister_armed(axis: &Axis) {
+    let mut armed = lock_armed();
+    let at = armed.iter().position(|one| is_same_axis(one, axis));
     let left = at.map(|at| armed.swap_remove(at));
     system::set_idle(armed.is_empty());
     drop(armed);
@@ -59,8 +59,8 @@ pub fn forked() {
 #[pyfunction]
 pub fn stop_armed(py: Python<'_>) {
     py.detach(|| {
-        let _one = ends();
-        end_all();
+        let _one = lock_shutdown();
+        stop_all_armed();
     });
 }
 
@@ -68,14 +68,14 @@ pub fn stop_armed(py: Python<'_>) {
 ///
 /// # Errors
 /// The first, after every axis was tried.
-pub fn end_link(link: &polepair::Link) -> Result<(), polepair::Error> {
+pub fn stop_link(link: &polepair::Link) -> Result<(), polepair::Error> {
     let is_of_link =
-        |axis: &Axis| link.axes().iter().any(|one| one.connection().is(axis.connection()));
-    let axes: Vec<Axis> = armed().iter().filter(|axis| is_of_link(axis)).cloned().collect();
-    let ended = end(&axes).into_iter().map(|(stopped, off)| stopped.and(off));
+        |axis: &Axis| link.axes().iter().any(|one| one.connection().is_same(axis.connection()));
+    let axes: Vec<Axis> = lock_armed().iter().filter(|axis| is_of_link(axis)).cloned().collect();
+    let ended = stop_and_disable(&axes).into_iter().map(|(stopped, off)| stopped.and(off));
     let ended = ended.fold(Ok(()), Result::and);
     // A signal that comes meanwhile finds them, and waits for its own stops of them.
-    axes.iter().for_each(leave);
+    axes.iter().for_each(unregister_armed);
     ended
 }
 
@@ -92,7 +92,7 @@ pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::Axis>>) -> PyResult<(
         interrupts.extend(Python::attach(|py| py.check_signals().err()));
         interrupts.len() < 2
     };
-    let ended = py.detach(|| stop_owed(&axes, OWED_MAX, again));
+    let ended = py.detach(|| stop_with_retry(&axes, STOP_RETRY_MAX, again));
     let ended: Result<(), Error> = ended.into_iter().fold(Ok(()), Result::and);
     match (interrupts.into_iter().next(), ended) {
         (Some(interrupt), Err(error)) => {
@@ -102,35 +102,35 @@ pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::Axis>>) -> PyResult<(
             Err(interrupt)
         }
         (Some(interrupt), Ok(())) => Err(interrupt),
-        (None, ended) => ended.map_err(|error| raised(py, &error)),
+        (None, ended) => ended.map_err(|error| to_py_error(py, &error)),
     }
 }
 
 /// Stops axes, and takes their power: how each of both ended.
-fn end(axes: &[Axis]) -> Vec<(Result<(), Error>, Result<(), Error>)> {
+fn stop_and_disable(axes: &[Axis]) -> Vec<(Result<(), Error>, Result<(), Error>)> {
     // What other threads still ask for is refused.
     axes.iter().for_each(|axis| axis.arm(false));
-    let stopped = stop_owed(axes, OWED_MAX, |_, _| true);
+    let stopped = stop_with_retry(axes, STOP_RETRY_MAX, |_, _| true);
     let off = axes
         .iter()
         .map(|axis| axis.profile().plan(Verb::Disable).map_or(Ok(()), |_| axis.disable()));
     stopped.into_iter().zip(off).collect()
 }
 
-fn end_all() {
+fn stop_all_armed() {
     // Who ends a block, or closes a link, meanwhile does the same: each says its stop until it stands.
-    let axes = armed().clone();
+    let axes = lock_armed().clone();
     let begun: Vec<_> = axes.iter().map(|axis| axis.connection().now()).collect();
-    for ((axis, begun), ended) in axes.iter().zip(begun).zip(end(&axes)) {
+    for ((axis, begun), ended) in axes.iter().zip(begun).zip(stop_and_disable(&axes)) {
         match ended {
             (Ok(()), Ok(())) => {}
             // Its block took the power before this could, and closed the link.
             (Ok(()), Err(_)) if has_no_power(axis, begun) => {}
-            (Err(error), _) => tell(&format!("{error}. It may still turn: cut its supply.")),
-            (Ok(()), Err(error)) => tell(&format!("{error}. It may still be powered.")),
+            (Err(error), _) => print_error(&format!("{error}. It may still turn: cut its supply.")),
+            (Ok(()), Err(error)) => print_error(&format!("{error}. It may still be powered.")),
         }
     }
-    axes.iter().for_each(leave);
+    axes.iter().for_each(unregister_armed);
     // The last handle of a connection waits for its keeper, and nobody need wait for that now.
     std::mem::forget(axes);
 }
@@ -141,7 +141,7 @@ fn has_no_power(axis: &Axis, since: Instant) -> bool {
     enabled.at.is_some_and(|at| at >= since) && enabled.raw == 0
 }
 
-fn tell(what: &str) {
+fn print_error(what: &str) {
     use std::io::Write as _;
     // A terminal that is gone must not keep the next axis turning.
     let _ = writeln!(std::io::stderr(), "polepair: {what}");
@@ -160,7 +160,7 @@ mod system {
     use signal_hook::iterator::Signals;
 
     /// Signals that end, or suspend, a process that has not said otherwise.
-    const ENDING: [i32; 15] = [
+    const ENDING_SIGNALS: [i32; 15] = [
         SIGTERM, SIGHUP, SIGQUIT, SIGINT, SIGALRM, SIGUSR1, SIGUSR2, SIGVTALRM, SIGPROF, SIGXCPU,
         SIGABRT, SIGIO, SIGSYS, SIGTRAP, SIGTSTP,
     ];
@@ -168,7 +168,7 @@ mod system {
     /// Nothing is armed: signals do what they always do.
     static IDLE: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| Arc::new(AtomicBool::new(true)));
     /// The process whose thread hears signals.
-    static HEARS: AtomicU32 = AtomicU32::new(0);
+    static HANDLER_PROCESS: AtomicU32 = AtomicU32::new(0);
 
     pub fn set_idle(idle: bool) {
         IDLE.store(idle, Ordering::SeqCst);
@@ -179,19 +179,19 @@ mod system {
     }
 
     /// Hears from now on, on a thread of its own, the signals that the program left as they are.
-    pub fn hear(py: Python<'_>) {
+    pub fn install_handlers(py: Python<'_>) {
         set_idle(false);
         let process = std::process::id();
-        let before = HEARS.swap(process, Ordering::SeqCst);
+        let before = HANDLER_PROCESS.swap(process, Ordering::SeqCst);
         if before == process {
             return;
         }
         // A fork's child has the handlers of its parent, which are ours.
-        let caught = if before == 0 { caught() } else { 0 };
+        let caught = if before == 0 { caught_signals() } else { 0 };
         let is_ours = |signal: &i32| {
             caught >> (signal - 1) & 1 == 0 && is_default(py, *signal).unwrap_or(false)
         };
-        let unheard: Vec<i32> = ENDING.into_iter().filter(is_ours).collect();
+        let unheard: Vec<i32> = ENDING_SIGNALS.into_iter().filter(is_ours).collect();
         for signal in &unheard {
             // Where nothing is armed this ends the process before anything else is done.
             let _ = signal_hook::flag::register_conditional_default(*signal, Arc::clone(&IDLE));
@@ -199,13 +199,13 @@ mod system {
         let Ok(mut signals) = Signals::new(unheard) else { return };
         let hear = move || {
             for signal in &mut signals {
-                let _one = super::ends();
+                let _one = super::lock_shutdown();
                 // Who goes on behind this one had nothing armed and was suspended at once. All others
                 // end the process, though a block that was armed may have ended since.
                 if signal == SIGTSTP && IDLE.load(Ordering::SeqCst) {
                     continue;
                 }
-                super::end_all();
+                super::stop_all_armed();
                 let _ = signal_hook::low_level::emulate_default_handler(signal);
             }
         };
@@ -213,7 +213,7 @@ mod system {
     }
 
     /// The signals that a library of the process catches, the first in bit 0, where the system tells.
-    fn caught() -> u64 {
+    fn caught_signals() -> u64 {
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:"));
         caught.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
@@ -234,5 +234,5 @@ mod system {
 
     pub fn forked() {}
 
-    pub fn hear(_py: Python<'_>) {}
+    pub fn install_handlers(_py: Python<'_>) {}
 }

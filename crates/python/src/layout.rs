@@ -12,24 +12,24 @@ const BYTES_MAX: usize = 64;
 #[pyclass(frozen, module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct Layout {
-    places: Vec<Place>,
+    layouts: Vec<ValueLayout>,
     names: Vec<String>,
     bytes: usize,
 }
 
 /// Where one value lies, and what it is.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct ValueLayout {
     bit: u32,
     bits: u32,
-    kind: Kind,
+    kind: ValueType,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Kind {
+enum ValueType {
     Unsigned,
     Signed,
-    Real,
+    Float,
     /// Bits that mean nothing.
     Gap,
 }
@@ -43,16 +43,16 @@ impl Layout {
         let (mut places, mut names, mut bit) = (Vec::new(), Vec::new(), 0);
         for word in text.split(',').map(str::trim) {
             let (kind, name) = word.split_once(char::is_whitespace).unwrap_or((word, ""));
-            let (kind, bits) = kind_of(kind).ok_or_else(|| {
+            let (kind, bits) = parse_type(kind).ok_or_else(|| {
                 let known = "u1 to u64, i2 to i64, f32, f64, or a number of bits to leave out";
                 PyValueError::new_err(format!("`{word}` is no value: {known}, then a name"))
             })?;
-            if kind != Kind::Gap {
+            if kind != ValueType::Gap {
                 if name.trim().is_empty() {
                     return Err(PyValueError::new_err(format!("`{word}` has no name")));
                 }
                 names.push(name.trim().to_owned());
-                places.push(Place { bit, bits, kind });
+                places.push(ValueLayout { bit, bits, kind });
             }
             bit += bits;
         }
@@ -61,7 +61,7 @@ impl Layout {
             let what = format!("these are {bytes} bytes; a frame has {BYTES_MAX} at most");
             return Err(PyValueError::new_err(what));
         }
-        Ok(Self { places, names, bytes })
+        Ok(Self { layouts: places, names, bytes })
     }
 
     /// The values' names, in order.
@@ -83,8 +83,8 @@ impl Layout {
         data: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyTuple>> {
         match data.cast::<PyBytes>() {
-            Ok(bytes) => self.values(py, bytes.as_bytes()),
-            Err(_) => self.values(py, &data.extract::<Vec<u8>>()?),
+            Ok(bytes) => self.unpack_values(py, bytes.as_bytes()),
+            Err(_) => self.unpack_values(py, &data.extract::<Vec<u8>>()?),
         }
     }
 
@@ -96,13 +96,13 @@ impl Layout {
         values: &Bound<'py, PyTuple>,
     ) -> PyResult<Bound<'py, PyBytes>> {
         let mut bytes = [0; BYTES_MAX];
-        if values.len() != self.places.len() {
-            let what = format!("{} values for {} places", values.len(), self.places.len());
+        if values.len() != self.layouts.len() {
+            let what = format!("{} values for {} places", values.len(), self.layouts.len());
             return Err(PyValueError::new_err(what));
         }
-        for ((place, value), name) in self.places.iter().zip(values.iter()).zip(&self.names) {
-            let raw = place.raw(&value, name)?;
-            place.put(raw, &mut bytes);
+        for ((place, value), name) in self.layouts.iter().zip(values.iter()).zip(&self.names) {
+            let raw = place.python_to_raw(&value, name)?;
+            place.write_bits(raw, &mut bytes);
         }
         Ok(PyBytes::new(py, &bytes[..self.bytes]))
     }
@@ -113,19 +113,19 @@ impl Layout {
 }
 
 impl Layout {
-    fn values<'py>(&self, py: Python<'py>, data: &[u8]) -> PyResult<Bound<'py, PyTuple>> {
+    fn unpack_values<'py>(&self, py: Python<'py>, data: &[u8]) -> PyResult<Bound<'py, PyTuple>> {
         if data.len() < self.bytes {
             let what = format!("{} bytes are too few for {}", data.len(), self.bytes);
             return Err(PyValueError::new_err(what));
         }
-        let value = |place: &Place| place.value(py, place.get(data));
-        PyTuple::new(py, self.places.iter().map(value))
+        let value = |place: &ValueLayout| place.raw_to_python(py, place.read_bits(data));
+        PyTuple::new(py, self.layouts.iter().map(value))
     }
 }
 
-impl Place {
+impl ValueLayout {
     /// The bits as a number without a sign.
-    fn get(self, data: &[u8]) -> u64 {
+    fn read_bits(self, data: &[u8]) -> u64 {
         let (first, shift) = ((self.bit / 8) as usize, self.bit % 8);
         let mut taken = [0; 16];
         let have = data.len().min(first + 9);
@@ -134,7 +134,7 @@ impl Place {
         all & (u64::MAX >> (64 - self.bits))
     }
 
-    fn put(self, raw: u64, data: &mut [u8; BYTES_MAX]) {
+    fn write_bits(self, raw: u64, data: &mut [u8; BYTES_MAX]) {
         let (first, shift) = ((self.bit / 8) as usize, self.bit % 8);
         let raw = u128::from(raw & (u64::MAX >> (64 - self.bits))) << shift;
         for (into, from) in data[first..].iter_mut().zip(raw.to_le_bytes()) {
@@ -142,7 +142,7 @@ impl Place {
         }
     }
 
-    fn value<'py>(self, py: Python<'py>, raw: u64) -> Bound<'py, PyAny> {
+    fn raw_to_python<'py>(self, py: Python<'py>, raw: u64) -> Bound<'py, PyAny> {
         let number = |number: i64| -> Bound<'py, PyAny> {
             let Ok(number) = number.into_pyobject(py);
             number.into_any()
@@ -152,10 +152,12 @@ impl Place {
             real.into_any()
         };
         match self.kind {
-            Kind::Signed => number((raw << (64 - self.bits)).cast_signed() >> (64 - self.bits)),
-            Kind::Real if self.bits == 32 => real(f32::from_bits(raw as u32).into()),
-            Kind::Real => real(f64::from_bits(raw)),
-            Kind::Unsigned | Kind::Gap => {
+            ValueType::Signed => {
+                number((raw << (64 - self.bits)).cast_signed() >> (64 - self.bits))
+            }
+            ValueType::Float if self.bits == 32 => real(f32::from_bits(raw as u32).into()),
+            ValueType::Float => real(f64::from_bits(raw)),
+            ValueType::Unsigned | ValueType::Gap => {
                 let Ok(number) = raw.into_pyobject(py);
                 number.into_any()
             }
@@ -163,20 +165,20 @@ impl Place {
     }
 
     /// A value as its bits.
-    fn raw(self, value: &Bound<'_, PyAny>, name: &str) -> PyResult<u64> {
+    fn python_to_raw(self, value: &Bound<'_, PyAny>, name: &str) -> PyResult<u64> {
         let beyond = || {
             let what = format!("`{name}` does not fit into {} bits", self.bits);
             PyOverflowError::new_err(what)
         };
         match self.kind {
-            Kind::Real if self.bits == 32 => Ok((value.extract::<f32>()?.to_bits()).into()),
-            Kind::Real => Ok(value.extract::<f64>()?.to_bits()),
-            Kind::Signed => {
+            ValueType::Float if self.bits == 32 => Ok((value.extract::<f32>()?.to_bits()).into()),
+            ValueType::Float => Ok(value.extract::<f64>()?.to_bits()),
+            ValueType::Signed => {
                 let number: i64 = value.extract()?;
                 let fits = number >> (self.bits - 1) == number >> 63;
                 if fits { Ok(number.cast_unsigned()) } else { Err(beyond()) }
             }
-            Kind::Unsigned | Kind::Gap => {
+            ValueType::Unsigned | ValueType::Gap => {
                 let number: u64 = value.extract()?;
                 if number <= u64::MAX >> (64 - self.bits) { Ok(number) } else { Err(beyond()) }
             }
@@ -184,19 +186,19 @@ impl Place {
     }
 }
 
-fn kind_of(word: &str) -> Option<(Kind, u32)> {
+fn parse_type(word: &str) -> Option<(ValueType, u32)> {
     let (kind, bits) = match word.split_at_checked(1)? {
-        ("u", bits) => (Kind::Unsigned, bits),
-        ("i", bits) => (Kind::Signed, bits),
-        ("f", bits) => (Kind::Real, bits),
-        _ => (Kind::Gap, word),
+        ("u", bits) => (ValueType::Unsigned, bits),
+        ("i", bits) => (ValueType::Signed, bits),
+        ("f", bits) => (ValueType::Float, bits),
+        _ => (ValueType::Gap, word),
     };
     let bits: u32 = bits.parse().ok()?;
     let known = match kind {
-        Kind::Unsigned => (1..=64).contains(&bits),
-        Kind::Signed => (2..=64).contains(&bits),
-        Kind::Real => matches!(bits, 32 | 64),
-        Kind::Gap => (1..=512).contains(&bits),
+        ValueType::Unsigned => (1..=64).contains(&bits),
+        ValueType::Signed => (2..=64).contains(&bits),
+        ValueType::Float => matches!(bits, 32 | 64),
+        ValueType::Gap => (1..=512).contains(&bits),
     };
     known.then_some((kind, bits))
 }

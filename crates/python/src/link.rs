@@ -12,11 +12,11 @@ use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
 use crate::axis::Axis;
-use crate::errors::raised;
+use crate::errors::to_py_error;
 use crate::events::Events;
-use crate::given;
 use crate::guard;
-use crate::outside::Outside;
+use crate::process_local::ProcessLocal;
+use crate::python_link;
 use crate::simulation::Simulation;
 use crate::wiretrace::WireTrace;
 
@@ -24,7 +24,7 @@ use crate::wiretrace::WireTrace;
 #[pyclass(frozen, module = "polepair._polepair")]
 #[derive(Debug)]
 pub struct Link {
-    inner: Outside<Inner>,
+    inner: ProcessLocal<Inner>,
     trace: Option<WireTrace>,
 }
 
@@ -33,12 +33,12 @@ pub struct Link {
 #[pyo3(signature = (url, profile=None, trace=false))]
 pub fn connect(py: Python<'_>, url: &str, profile: Option<PathBuf>, trace: bool) -> PyResult<Link> {
     let trace = trace.then(WireTrace::default);
-    let connector = connector(py, profile)?;
+    let connector = build_connector(py, profile)?;
     let opened = py.detach(|| match trace.clone() {
         Some(trace) => connector.with_taps(move |wire| trace.tap(wire)).connect(url),
         None => connector.connect(url),
     });
-    let opened = opened.map_err(|error| raised(py, &error))?;
+    let opened = opened.map_err(|error| to_py_error(py, &error))?;
     Ok(Link { inner: opened.into(), trace })
 }
 
@@ -57,10 +57,10 @@ pub fn connect_over(
     profile: Option<PathBuf>,
 ) -> PyResult<Link> {
     let medium = if can { MediumKind::Can } else { MediumKind::Serial };
-    let link = given::link(name, adapter, medium)?;
-    let connector = connector(py, profile)?;
+    let link = python_link::open_link(name, adapter, medium)?;
+    let connector = build_connector(py, profile)?;
     let opened = py.detach(|| connector.connect_over(link, protocol, &axes, query));
-    let opened = opened.map_err(|error| raised(py, &error))?;
+    let opened = opened.map_err(|error| to_py_error(py, &error))?;
     Ok(Link { inner: opened.into(), trace: None })
 }
 
@@ -75,11 +75,11 @@ pub fn scan(
     last: Option<u32>,
     profile: Option<PathBuf>,
     progress: Option<Py<PyAny>>,
-) -> PyResult<Vec<Found>> {
+) -> PyResult<Vec<FoundTuple>> {
     let mut broken = None;
-    let connector = connector(py, profile)?;
+    let connector = build_connector(py, profile)?;
     let found = py.detach(|| {
-        let mut tell = |now: library::Progress| {
+        let mut tell = |now: library::ScanProgress| {
             let goes_on = Python::attach(|py| {
                 py.check_signals()?;
                 let Some(progress) = &progress else { return Ok(true) };
@@ -96,30 +96,30 @@ pub fn scan(
             }
         };
         let range = first.map(|first| first..=last.unwrap_or(first));
-        let range = range.map_or(library::Numbers::ALL, library::Numbers::from);
+        let range = range.map_or(library::ScanAddresses::ALL, library::ScanAddresses::from);
         library::scan(&connector, url, range, &mut tell)
     });
     if let Some(error) = broken {
         return Err(error);
     }
-    let scan = found.map_err(|error| raised(py, &error))?;
-    if let Some(lost) = scan.lost {
-        let (found, unasked) = (scan.found.len(), scan.unasked);
+    let scan = found.map_err(|error| to_py_error(py, &error))?;
+    if let Some(lost) = scan.link_error {
+        let (found, unasked) = (scan.found.len(), scan.not_queried);
         let error = polepair::Error::from(lost);
         let what =
             format!("{error}; {found} drives had answered, {unasked} addresses were not asked");
-        return Err(crate::errors::lost(py, &error, &what));
+        return Err(crate::errors::to_py_error_with(py, &error, &what));
     }
-    Ok(scan.found.into_iter().map(row).collect())
+    Ok(scan.found.into_iter().map(found_tuple).collect())
 }
 
 /// Address, product, title, how it was identified, clash.
-type Found = (u32, &'static str, &'static str, String, Option<String>);
+type FoundTuple = (u32, &'static str, &'static str, String, Option<String>);
 
 /// Wire, overrun, malformed, errors, refused.
-type Losses = (String, u64, u64, u64, u64);
+type LossesTuple = (String, u64, u64, u64, u64);
 
-fn row(found: library::Found) -> Found {
+fn found_tuple(found: library::DetectedDrive) -> FoundTuple {
     let profile = found.profile;
     (found.number, profile.name, profile.title, found.identified.to_string(), found.clash)
 }
@@ -132,7 +132,7 @@ pub fn profiles() -> Vec<(&'static str, &'static str, &'static str)> {
 
 /// How links are opened. A file of the configuration that is wrong is told as Python tells such
 /// things, once, and stands in nobody's way who needs nothing of it.
-fn connector(py: Python<'_>, profile: Option<PathBuf>) -> PyResult<Connector> {
+fn build_connector(py: Python<'_>, profile: Option<PathBuf>) -> PyResult<Connector> {
     let connector = py.detach(Connector::discover);
     let category = py.get_type::<PyUserWarning>();
     for error in &connector.config.broken {
@@ -141,7 +141,7 @@ fn connector(py: Python<'_>, profile: Option<PathBuf>) -> PyResult<Connector> {
     }
     match profile {
         Some(file) => {
-            py.detach(|| connector.with_profile(&file)).map_err(|error| raised(py, &error))
+            py.detach(|| connector.with_profile(&file)).map_err(|error| to_py_error(py, &error))
         }
         None => Ok(connector),
     }
@@ -157,46 +157,54 @@ impl Link {
 
     /// Every axis, in order.
     fn axes(&self, py: Python<'_>) -> PyResult<Vec<Axis>> {
-        Ok(self.inner.ours(py)?.axes().iter().cloned().map(Axis::from).collect())
+        Ok(self.inner.in_own_process(py)?.axes().iter().cloned().map(Axis::from).collect())
     }
 
     /// The axis of that number.
     fn axis(&self, py: Python<'_>, number: u32) -> PyResult<Axis> {
-        self.inner.ours(py)?.axis(number).map(Axis::from).map_err(|error| raised(py, &error))
+        self.inner
+            .in_own_process(py)?
+            .axis(number)
+            .map(Axis::from)
+            .map_err(|error| to_py_error(py, &error))
     }
 
     /// The axis that a rack file calls so.
     fn named(&self, py: Python<'_>, name: &str) -> PyResult<Axis> {
-        self.inner.ours(py)?.named(name).map(Axis::from).map_err(|error| raised(py, &error))
+        self.inner
+            .in_own_process(py)?
+            .axis_named(name)
+            .map(Axis::from)
+            .map_err(|error| to_py_error(py, &error))
     }
 
     /// Stops every axis; the first error, after every one was tried.
     fn stop_all(&self, py: Python<'_>) -> PyResult<()> {
-        let link = self.inner.ours(py)?;
-        py.detach(|| link.stop_all()).map_err(|error| raised(py, &error))
+        let link = self.inner.in_own_process(py)?;
+        py.detach(|| link.stop_all()).map_err(|error| to_py_error(py, &error))
     }
 
     /// Listens to what happens on every wire and axis from now on.
     fn events(&self, py: Python<'_>) -> PyResult<Events> {
-        let link = self.inner.ours(py)?;
-        let events = py.detach(|| link.events()).map_err(|error| raised(py, &error))?;
+        let link = self.inner.in_own_process(py)?;
+        let events = py.detach(|| link.events()).map_err(|error| to_py_error(py, &error))?;
         Ok(Events::new(events, link.axes().to_vec()))
     }
 
     /// The simulation behind it, if it is one.
     #[getter]
     fn simulation(&self, py: Python<'_>) -> PyResult<Option<Simulation>> {
-        Ok(self.inner.ours(py)?.simulation().cloned().map(Simulation::from))
+        Ok(self.inner.in_own_process(py)?.simulation().cloned().map(Simulation::from))
     }
 
     /// What its wires noticed and could not hand on: of each its name, units that nobody took in
     /// time, what was none, errors that the controller reported, units that were not sent.
-    fn losses(&self, py: Python<'_>) -> PyResult<Vec<Losses>> {
-        let link = self.inner.ours(py)?;
+    fn losses(&self, py: Python<'_>) -> PyResult<Vec<LossesTuple>> {
+        let link = self.inner.in_own_process(py)?;
         Ok(py.detach(|| {
             let mut seen: Vec<&Connection> = Vec::new();
             for axis in link.axes() {
-                if seen.iter().all(|other| !other.is(axis.connection())) {
+                if seen.iter().all(|other| !other.is_same(axis.connection())) {
                     seen.push(axis.connection());
                 }
             }
@@ -210,13 +218,13 @@ impl Link {
 
     /// Stops, disables and disarms what this program armed of it, and raises what went wrong.
     fn stop_armed(&self, py: Python<'_>) -> PyResult<()> {
-        let link = self.inner.ours(py)?.clone();
-        py.detach(|| guard::end_link(&link)).map_err(|error| raised(py, &error))
+        let link = self.inner.in_own_process(py)?.clone();
+        py.detach(|| guard::stop_link(&link)).map_err(|error| to_py_error(py, &error))
     }
 
     /// Closes it at once, though Python still holds axes of it.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
-        let link = self.inner.ours(py)?.clone();
+        let link = self.inner.in_own_process(py)?.clone();
         py.detach(|| link.close());
         Ok(())
     }

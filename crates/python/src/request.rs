@@ -4,22 +4,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Wake, Waker};
 use std::time::Duration;
 
-use polepair::Running;
+use polepair::RunningRequest;
 use pyo3::prelude::*;
 
-use crate::errors::raised;
-use crate::outside::Outside;
+use crate::errors::to_py_error;
+use crate::process_local::ProcessLocal;
 
 /// How long a wait goes on before it looks whether Ctrl-C was pressed.
-pub const SLICE: Duration = Duration::from_millis(50);
+pub const WAIT_SLICE: Duration = Duration::from_millis(50);
 
 /// A request under way. Dropped before its end, it goes on by itself.
 #[pyclass(frozen, module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Request(Outside<Mutex<Running>>);
+pub struct Request(ProcessLocal<Mutex<RunningRequest>>);
 
 impl Request {
-    pub fn new(running: Running) -> Self {
+    pub fn new(running: RunningRequest) -> Self {
         Self(Mutex::new(running).into())
     }
 }
@@ -30,11 +30,11 @@ impl Request {
     /// `None` when it goes on.
     #[pyo3(signature = (timeout=None))]
     pub fn result(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Option<i64>> {
-        self.0.ours(py)?;
+        self.0.in_own_process(py)?;
         let mut left = timeout.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::ZERO));
         loop {
-            let slice = left.map_or(SLICE, |left| left.min(SLICE));
-            let ended = py.detach(|| self.lock().wait(slice)).map_err(|e| raised(py, &e))?;
+            let slice = left.map_or(WAIT_SLICE, |left| left.min(WAIT_SLICE));
+            let ended = py.detach(|| self.lock().wait(slice)).map_err(|e| to_py_error(py, &e))?;
             left = left.map(|left| left - slice);
             if ended.is_some() || left == Some(Duration::ZERO) {
                 return Ok(ended);
@@ -45,22 +45,22 @@ impl Request {
 
     /// Calls `wake` from some thread once the request has ended; true when it has already.
     fn tell(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
-        self.0.ours(py)?;
-        let waker = Waker::from(Arc::new(Call(wake)));
-        Ok(py.detach(|| self.lock().ended_or_wake(&waker)))
+        self.0.in_own_process(py)?;
+        let waker = Waker::from(Arc::new(WakeCallback(wake)));
+        Ok(py.detach(|| self.lock().poll_or_wake(&waker)))
     }
 }
 
 impl Request {
-    fn lock(&self) -> std::sync::MutexGuard<'_, Running> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, RunningRequest> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// A Python function that is called when a request has ended, or something happened.
-pub struct Call(pub Py<PyAny>);
+pub struct WakeCallback(pub Py<PyAny>);
 
-impl Wake for Call {
+impl Wake for WakeCallback {
     fn wake(self: Arc<Self>) {
         Python::attach(|py| {
             // An event loop that is closed wants to hear of nothing any more.

@@ -1,10 +1,10 @@
-//! A running server as a link: the same methods as [`Link`](crate::link::Link), asked of a gateway.
+//! A running server as a link: the same methods as [`ServedLink`](crate::link::ServedLink), asked of a gateway.
 //!
 //! ```text
-//!   Link            one gateway, what it has, the leases that are held through it
-//!    └ Axis         the same methods as a local axis; motion needs its lease
-//!       ├ Request   a command or a question under way
-//!       └ Watch     signals as they come
+//!   ServedLink            one gateway, what it has, the leases that are held through it
+//!    └ ServedAxis         the same methods as a local axis; motion needs its lease
+//!       ├ ServedRequest   a command or a question under way
+//!       └ ServedWatch     signals as they come
 //! ```
 //!
 //! Why: PY-6.
@@ -17,17 +17,17 @@ use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
-use polepair_client::message::{Arguments, AxisInfo, BenchView, ParameterInfo, StopOrder};
-use polepair_client::{Gateway, Lease, Live, Options, Refused, pick};
+use polepair_client::message::{AxisInfo, BenchView, CommandArguments, ParameterInfo, StopRequest};
+use polepair_client::{Gateway, GatewayError, GatewayOptions, Lease, LiveConnection, select_axes};
 use pyo3::prelude::*;
 
-pub use axis::Axis;
-pub use request::{Amount, Read, Request};
-pub use watch::Watch;
+pub use axis::ServedAxis;
+pub use request::{ServedAmount, ServedRead, ServedRequest};
+pub use watch::ServedWatch;
 
-use crate::errors::{told, usage};
-use crate::outside::Outside;
-use request::ended;
+use crate::errors::{refused_to_py_error, usage_error};
+use crate::process_local::ProcessLocal;
+use request::wait_end;
 
 /// What a verb may take that is over when the drive has answered.
 const ANSWER_MAX: Duration = Duration::from_secs(10);
@@ -37,37 +37,37 @@ const STOP_MAX: Duration = Duration::from_secs(12);
 /// A server that was joined.
 #[pyclass(frozen, name = "ServedLink", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Link(Outside<Arc<Joined>>);
+pub struct ServedLink(ProcessLocal<Arc<RemoteServer>>);
 
 /// What the axes of a server have in common.
 #[derive(Debug)]
-struct Joined {
+struct RemoteServer {
     gateway: Gateway,
     bench: BenchView,
     /// Of each axis, once somebody asked for them.
     parameters: Vec<OnceLock<Vec<ParameterInfo>>>,
     /// There while something is held or watched; another one after the server was gone.
-    live: Mutex<Option<Live>>,
-    places: Vec<(Mutex<Place>, Condvar)>,
+    live: Mutex<Option<LiveConnection>>,
+    slots: Vec<(Mutex<AxisLeaseState>, Condvar)>,
 }
 
 /// What this program has of an axis. A server gives one session one lease of an axis, whoever of its
 /// threads asks: so they share it, and the last gives it back.
 #[derive(Debug, Default)]
-struct Place {
+struct AxisLeaseState {
     lease: Option<Arc<Lease>>,
     armed: bool,
     /// Settings that are under way by the lease.
     users: usize,
-    /// Somebody has a [`Change`].
-    changing: bool,
+    /// Somebody has a [`SlotGuard`].
+    locked: bool,
 }
 
 /// The right to take, arm and give back an axis. The server is asked meanwhile, and whoever only looks,
 /// or stops, does not wait for that.
 #[derive(Debug)]
-struct Change {
-    joined: Arc<Joined>,
+struct SlotGuard {
+    server: Arc<RemoteServer>,
     axis: u16,
 }
 
@@ -81,78 +81,82 @@ pub fn join(
     certificate: Option<String>,
     client_cert: Option<PathBuf>,
     client_key: Option<PathBuf>,
-) -> PyResult<Link> {
-    let options = Options { url, token_file, certificate, client_cert, client_key };
-    let gateway = py.detach(|| Gateway::new(&options)).map_err(|refused| told(py, &refused))?;
-    let bench = ended(py, gateway.start(Gateway::bench))?;
-    Ok(Link(Arc::new(Joined::new(gateway, bench)).into()))
+) -> PyResult<ServedLink> {
+    let options = GatewayOptions { url, token_file, certificate, client_cert, client_key };
+    let gateway = py
+        .detach(|| Gateway::new(&options))
+        .map_err(|refused| refused_to_py_error(py, &refused))?;
+    let bench = wait_end(py, gateway.spawn(Gateway::bench))?;
+    Ok(ServedLink(Arc::new(RemoteServer::new(gateway, bench)).into()))
 }
 
-impl Joined {
+impl RemoteServer {
     fn new(gateway: Gateway, mut bench: BenchView) -> Self {
         if bench.links.len() > 1 {
             bench.axes.iter_mut().for_each(|axis| axis.label += &format!(" of link {}", axis.link));
         }
         let parameters = bench.axes.iter().map(|_| OnceLock::new()).collect();
-        let places = bench.axes.iter().map(|_| Default::default()).collect();
-        Self { gateway, bench, parameters, live: Mutex::default(), places }
+        let slots = bench.axes.iter().map(|_| Default::default()).collect();
+        Self { gateway, bench, parameters, live: Mutex::default(), slots }
     }
 
-    fn live(&self) -> Result<Live, Refused> {
-        let mut kept = locked(&self.live);
+    fn live_connection(&self) -> Result<LiveConnection, GatewayError> {
+        let mut kept = lock(&self.live);
         if let Some(live) = kept.as_ref().filter(|live| live.check().is_ok()) {
             return Ok(live.clone());
         }
         let live = self.gateway.live()?;
-        self.same()?;
+        self.check_same_drives()?;
         *kept = Some(live.clone());
         Ok(live)
     }
 
     /// Refuses a server that was started again with other drives: an axis is known by its index.
-    fn same(&self) -> Result<(), Refused> {
-        fn what(bench: &BenchView, axis: &AxisInfo) -> Option<(String, u32, String)> {
+    fn check_same_drives(&self) -> Result<(), GatewayError> {
+        fn axis_identity(bench: &BenchView, axis: &AxisInfo) -> Option<(String, u32, String)> {
             let link = bench.links.iter().find(|link| link.id == axis.link)?;
             Some((link.url.clone(), axis.number, axis.profile.clone()))
         }
         let now = self.gateway.bench()?;
         let is_same = |axis: &AxisInfo| {
             let there = now.axes.iter().find(|there| there.id == axis.id);
-            there.is_some_and(|there| what(&now, there) == what(&self.bench, axis))
+            there
+                .is_some_and(|there| axis_identity(&now, there) == axis_identity(&self.bench, axis))
         };
         match self.bench.axes.iter().find(|axis| !is_same(axis)) {
             None => Ok(()),
             Some(axis) => {
                 let what = "the server was started again with other drives";
                 let what = format!("{}: {what}", axis.label);
-                Err(Refused::new("E313", what).hint("connect again, and look which axes there are"))
+                Err(GatewayError::new("E313", what)
+                    .hint("connect again, and look which axes there are"))
             }
         }
     }
 
-    fn place(&self, axis: u16) -> MutexGuard<'_, Place> {
-        locked(&self.places[usize::from(axis)].0)
+    fn slot(&self, axis: u16) -> MutexGuard<'_, AxisLeaseState> {
+        lock(&self.slots[usize::from(axis)].0)
     }
 
     /// The lease of an axis that is armed here, whether it is still ours or not.
-    fn armed(&self, axis: u16) -> Option<Arc<Lease>> {
-        let place = self.place(axis);
+    fn armed_lease(&self, axis: u16) -> Option<Arc<Lease>> {
+        let place = self.slot(axis);
         place.lease.clone().filter(|_| place.armed)
     }
 
     /// Waits at most so long until nobody else changes what is held of an axis.
-    fn change(self: &Arc<Self>, axis: u16, within: Duration) -> Option<Change> {
-        let changed = &self.places[usize::from(axis)].1;
-        let waited = changed.wait_timeout_while(self.place(axis), within, |place| place.changing);
+    fn lock_slot_within(self: &Arc<Self>, axis: u16, within: Duration) -> Option<SlotGuard> {
+        let changed = &self.slots[usize::from(axis)].1;
+        let waited = changed.wait_timeout_while(self.slot(axis), within, |place| place.locked);
         let (mut place, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        let change = || Change { joined: Arc::clone(self), axis };
-        (!std::mem::replace(&mut place.changing, true)).then(change)
+        let change = || SlotGuard { server: Arc::clone(self), axis };
+        (!std::mem::replace(&mut place.locked, true)).then(change)
     }
 
     /// The same, however long that takes.
-    fn changes(self: &Arc<Self>, axis: u16) -> Change {
+    fn lock_slot(self: &Arc<Self>, axis: u16) -> SlotGuard {
         loop {
-            if let Some(change) = self.change(axis, ANSWER_MAX) {
+            if let Some(change) = self.lock_slot_within(axis, ANSWER_MAX) {
                 return change;
             }
         }
@@ -162,50 +166,50 @@ impl Joined {
     fn with_lease<T>(
         self: &Arc<Self>,
         axis: u16,
-        what: impl FnOnce(&Lease) -> Result<T, Refused>,
-    ) -> Result<T, Refused> {
-        let lease = self.changes(axis).lend()?;
+        what: impl FnOnce(&Lease) -> Result<T, GatewayError>,
+    ) -> Result<T, GatewayError> {
+        let lease = self.lock_slot(axis).borrow_lease()?;
         let done = what(&lease);
         drop(lease);
-        let change = self.changes(axis);
-        self.place(axis).users -= 1;
+        let change = self.lock_slot(axis);
+        self.slot(axis).users -= 1;
         // What was done was done, whoever has the axis by now.
-        let _ = change.give_back();
+        let _ = change.release_lease();
         done
     }
 
     /// Stops what is armed here, all at once, switches it off and gives it back; the first error, after
     /// every one was tried. What is ours no more was stopped by that.
-    fn stop_armed(self: &Arc<Self>) -> Result<(), Refused> {
+    fn stop_armed(self: &Arc<Self>) -> Result<(), GatewayError> {
         let ids = self.bench.axes.iter().map(|axis| axis.id);
-        let armed = ids.filter_map(|id| Some((id, self.armed(id)?)));
+        let armed = ids.filter_map(|id| Some((id, self.armed_lease(id)?)));
         let armed: Vec<_> = armed.filter(|(_, lease)| lease.check().is_ok()).collect();
         let does = |id: u16, verb: &str| {
             let info = &self.bench.axes[usize::from(id)];
             info.verbs.iter().any(|known| known.verb == verb)
         };
         let begin = |(id, lease): &(u16, Arc<Lease>)| {
-            does(*id, "stop").then(|| lease.start("stop", Arguments::default()))
+            does(*id, "stop").then(|| lease.start("stop", CommandArguments::default()))
         };
         let begun: Vec<_> = armed.iter().map(begin).collect();
-        let late = || Refused {
+        let late = || GatewayError {
             executed: None,
-            ..Refused::new("E101", "a motor was not seen to stand in time")
+            ..GatewayError::new("E101", "a motor was not seen to stand in time")
         };
         let stopped =
             begun.into_iter().flatten().map(|begun| begun?.wait(STOP_MAX)?.ok_or_else(late));
         let stopped = stopped.fold(Ok(()), Result::and);
         armed.into_iter().fold(stopped, |ended, (id, lease)| {
             let off = match does(id, "disable") {
-                true => lease.run("disable", Arguments::default(), ANSWER_MAX),
+                true => lease.run("disable", CommandArguments::default(), ANSWER_MAX),
                 false => Ok(()),
             };
             drop(lease);
-            ended.and(off).and(self.changes(id).disarm())
+            ended.and(off).and(self.lock_slot(id).disarm())
         })
     }
 
-    fn parameters(&self, axis: u16) -> Result<&[ParameterInfo], Refused> {
+    fn parameters(&self, axis: u16) -> Result<&[ParameterInfo], GatewayError> {
         let kept = &self.parameters[usize::from(axis)];
         if let Some(parameters) = kept.get() {
             return Ok(parameters);
@@ -215,25 +219,25 @@ impl Joined {
     }
 
     /// Stops axes, whoever commands them; the first error, after every one was tried.
-    fn stop(gateway: &Gateway, axes: Vec<u16>) -> Result<(), Refused> {
-        let order = StopOrder { axes: Some(axes), reason: String::new() };
+    fn stop(gateway: &Gateway, axes: Vec<u16>) -> Result<(), GatewayError> {
+        let order = StopRequest { axes: Some(axes), reason: String::new() };
         let stopped = gateway.stop(&order)?.axes;
         stopped.into_iter().find_map(|axis| axis.error).map_or(Ok(()), Err)
     }
 }
 
-impl Change {
+impl SlotGuard {
     /// The lease that is held here, or a new one, for a setting.
-    fn lend(&self) -> Result<Arc<Lease>, Refused> {
-        let held = self.joined.place(self.axis).lease.clone();
+    fn borrow_lease(&self) -> Result<Arc<Lease>, GatewayError> {
+        let held = self.server.slot(self.axis).lease.clone();
         // Who has armed it is to hear that it was taken away.
-        let of_arming = self.joined.armed(self.axis).is_some();
+        let of_arming = self.server.armed_lease(self.axis).is_some();
         let lease = match held {
             Some(lease) if of_arming => lease.check().map(|()| lease)?,
             Some(lease) if lease.check().is_ok() => lease,
-            _ => Arc::new(self.joined.live()?.take(self.axis)?),
+            _ => Arc::new(self.server.live_connection()?.acquire_lease(self.axis)?),
         };
-        let mut place = self.joined.place(self.axis);
+        let mut place = self.server.slot(self.axis);
         place.lease = Some(Arc::clone(&lease));
         place.users += 1;
         Ok(lease)
@@ -241,35 +245,37 @@ impl Change {
 
     /// Takes the axis and lets its motion through. What was armed here and taken away stays so where
     /// that fails: who armed it hears of it, and stops nobody else's motion.
-    fn arm(&self) -> Result<(), Refused> {
-        let held = self.joined.place(self.axis).lease.clone();
+    fn arm(&self) -> Result<(), GatewayError> {
+        let held = self.server.slot(self.axis).lease.clone();
         let held = held.filter(|lease| lease.check().is_ok());
-        if held.is_some() && self.joined.armed(self.axis).is_some() {
-            let label = &self.joined.bench.axes[usize::from(self.axis)].label;
+        if held.is_some() && self.server.armed_lease(self.axis).is_some() {
+            let label = &self.server.bench.axes[usize::from(self.axis)].label;
             let hint =
                 "move it in the block that armed it: the end of a second one would stop it there";
-            return Err(Refused::new("E220", format!("{label}: it is armed already")).hint(hint));
+            return Err(
+                GatewayError::new("E220", format!("{label}: it is armed already")).hint(hint)
+            );
         }
         let lease = match &held {
             Some(lease) => Arc::clone(lease),
-            None => Arc::new(self.joined.live()?.take(self.axis)?),
+            None => Arc::new(self.server.live_connection()?.acquire_lease(self.axis)?),
         };
-        if let Err(why) = lease.run("arm", Arguments::default(), ANSWER_MAX) {
+        if let Err(why) = lease.run("arm", CommandArguments::default(), ANSWER_MAX) {
             if held.is_none() {
                 // Where that cannot be said, it is renewed no more, and ends.
-                let _ = lease.give_back();
+                let _ = lease.release();
             }
             return Err(why);
         }
-        let mut place = self.joined.place(self.axis);
+        let mut place = self.server.slot(self.axis);
         place.lease = Some(lease);
         place.armed = true;
         Ok(())
     }
 
     /// Lets motion through no longer, and gives the axis back.
-    fn disarm(&self) -> Result<(), Refused> {
-        let mut place = self.joined.place(self.axis);
+    fn disarm(&self) -> Result<(), GatewayError> {
+        let mut place = self.server.slot(self.axis);
         if !std::mem::take(&mut place.armed) {
             return Ok(());
         }
@@ -277,42 +283,42 @@ impl Change {
         drop(place);
         match used.filter(|lease| lease.check().is_ok()) {
             // A setting is under way by it, and gives it back.
-            Some(lease) => lease.run("disarm", Arguments::default(), ANSWER_MAX),
-            None => self.give_back(),
+            Some(lease) => lease.run("disarm", CommandArguments::default(), ANSWER_MAX),
+            None => self.release_lease(),
         }
     }
 
     /// Gives the lease back that nobody here uses any more. One that is ours no more is no error.
-    fn give_back(&self) -> Result<(), Refused> {
-        let mut place = self.joined.place(self.axis);
+    fn release_lease(&self) -> Result<(), GatewayError> {
+        let mut place = self.server.slot(self.axis);
         if place.armed || place.users > 0 {
             return Ok(());
         }
         let lease = place.lease.take();
         drop(place);
-        let given_back = lease.map_or(Ok(()), |lease| lease.give_back());
+        let given_back = lease.map_or(Ok(()), |lease| lease.release());
         given_back.or_else(|why| if why.code == "gateway.lease" { Ok(()) } else { Err(why) })
     }
 }
 
-impl Drop for Change {
+impl Drop for SlotGuard {
     fn drop(&mut self) {
-        self.joined.place(self.axis).changing = false;
-        self.joined.places[usize::from(self.axis)].1.notify_all();
+        self.server.slot(self.axis).locked = false;
+        self.server.slots[usize::from(self.axis)].1.notify_all();
     }
 }
 
-fn locked<T>(what: &Mutex<T>) -> MutexGuard<'_, T> {
+fn lock<T>(what: &Mutex<T>) -> MutexGuard<'_, T> {
     what.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// What only who opens a link has.
-pub fn cannot(py: Python<'_>, what: &str, hint: &str) -> PyErr {
-    usage(py, "E257", &format!("{what} is nothing that a server does"), hint)
+pub fn unsupported_error(py: Python<'_>, what: &str, hint: &str) -> PyErr {
+    usage_error(py, "E257", &format!("{what} is nothing that a server does"), hint)
 }
 
 #[pymethods]
-impl Link {
+impl ServedLink {
     /// Where the server is.
     #[getter]
     fn url(&self) -> String {
@@ -320,41 +326,42 @@ impl Link {
     }
 
     /// Every axis, in order.
-    fn axes(&self, py: Python<'_>) -> PyResult<Vec<Axis>> {
-        let joined = self.0.ours(py)?;
-        Ok(joined.bench.axes.iter().map(|info| Axis::new(joined, info.clone())).collect())
+    fn axes(&self, py: Python<'_>) -> PyResult<Vec<ServedAxis>> {
+        let joined = self.0.in_own_process(py)?;
+        Ok(joined.bench.axes.iter().map(|info| ServedAxis::new(joined, info.clone())).collect())
     }
 
     /// The axis of that number, if there is but one.
-    fn axis(&self, py: Python<'_>, number: u32) -> PyResult<Axis> {
+    fn axis(&self, py: Python<'_>, number: u32) -> PyResult<ServedAxis> {
         self.named(py, &number.to_string())
     }
 
     /// The axis of that name, or `LINK#NUMBER`.
-    fn named(&self, py: Python<'_>, name: &str) -> PyResult<Axis> {
-        let joined = self.0.ours(py)?;
-        let mut found = pick(&joined.bench, name).map_err(|refused| told(py, &refused))?;
+    fn named(&self, py: Python<'_>, name: &str) -> PyResult<ServedAxis> {
+        let joined = self.0.in_own_process(py)?;
+        let mut found = select_axes(&joined.bench, name)
+            .map_err(|refused| refused_to_py_error(py, &refused))?;
         match (found.pop(), found.len()) {
-            (Some(info), 0) => Ok(Axis::new(joined, info)),
-            _ => Err(usage(py, "E212", &format!("{name:?} is not one axis"), "name one")),
+            (Some(info), 0) => Ok(ServedAxis::new(joined, info)),
+            _ => Err(usage_error(py, "E212", &format!("{name:?} is not one axis"), "name one")),
         }
     }
 
     /// Stops every axis, whoever commands it; nothing is locked.
     fn stop_all(&self, py: Python<'_>) -> PyResult<()> {
-        let joined = self.0.ours(py)?;
+        let joined = self.0.in_own_process(py)?;
         let axes = joined.bench.axes.iter().map(|axis| axis.id).collect();
-        ended(py, joined.gateway.start(move |gateway| Joined::stop(gateway, axes)))
+        wait_end(py, joined.gateway.spawn(move |gateway| RemoteServer::stop(gateway, axes)))
     }
 
     /// Stops, disables and disarms what this program armed of it, and raises what went wrong.
     fn stop_armed(&self, py: Python<'_>) -> PyResult<()> {
-        let joined = Arc::clone(self.0.ours(py)?);
-        py.detach(|| joined.stop_armed()).map_err(|refused| told(py, &refused))
+        let joined = Arc::clone(self.0.in_own_process(py)?);
+        py.detach(|| joined.stop_armed()).map_err(|refused| refused_to_py_error(py, &refused))
     }
 
     fn events(&self, py: Python<'_>) -> PyResult<()> {
-        Err(cannot(
+        Err(unsupported_error(
             py,
             "listening to events",
             "watch signals, or ask `axis.state()` and `axis.faults()` again",
@@ -364,15 +371,15 @@ impl Link {
     #[getter]
     fn simulation(&self, py: Python<'_>) -> PyResult<()> {
         let hint = "meddle with its simulated drives on its page, or open `sim:` in this program";
-        Err(cannot(py, "lending its simulation", hint))
+        Err(unsupported_error(py, "lending its simulation", hint))
     }
 
     fn losses(&self, py: Python<'_>) -> PyResult<()> {
-        Err(cannot(py, "telling a wire's losses", "its page counts what each link lost"))
+        Err(unsupported_error(py, "telling a wire's losses", "its page counts what each link lost"))
     }
 
     fn trace(&self, py: Python<'_>) -> PyResult<()> {
         let hint = "its page shows frames, explained; or open the link in this program, trace=True";
-        Err(cannot(py, "lending its frames", hint))
+        Err(unsupported_error(py, "lending its frames", hint))
     }
 }

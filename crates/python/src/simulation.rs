@@ -2,19 +2,19 @@
 
 use std::time::Duration;
 
-use polepair::simulate::{Pace, Simulation as Inner, rack_of_words};
+use polepair::simulate::{Simulation as Inner, SimulationPace, rack_of_words};
 use polepair_core::drives::bench::Act;
 use polepair_core::medium::MediumKind;
 use polepair_core::time::Instant;
 use pyo3::prelude::*;
 
-use crate::errors::{raised, usage};
-use crate::outside::Outside;
+use crate::errors::{to_py_error, usage_error};
+use crate::process_local::ProcessLocal;
 
 /// The simulation behind a `sim:` link.
 #[pyclass(frozen, module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Simulation(Outside<Inner>);
+pub struct Simulation(ProcessLocal<Inner>);
 
 impl From<Inner> for Simulation {
     fn from(simulation: Inner) -> Self {
@@ -45,42 +45,42 @@ pub struct Truth {
 }
 
 /// The word that Python uses for something done from outside.
-const ACTS: &str = "load, jam, supply, ambient, home_switch, positive_switch, negative_switch, \
+const ACT_WORDS: &str = "load, jam, supply, ambient, home_switch, positive_switch, negative_switch, \
     encoder_broken, hall_broken, fault, power_cycle, pulses";
 
 /// The one link that a word such as `cia402:1,2` means: whether it is a bus, its protocol's word, and
 /// of each drive the product's name and the address.
 #[pyfunction]
-pub fn rack_of_word(py: Python<'_>, word: &str) -> PyResult<Rack> {
-    let described = rack_of_words(&[word], 0).map_err(|error| raised(py, &error))?;
+pub fn rack_of_word(py: Python<'_>, word: &str) -> PyResult<RackTuple> {
+    let described = rack_of_words(&[word], 0).map_err(|error| to_py_error(py, &error))?;
     let link = &described.rack.links[0];
     let drives = link.drives.iter().map(|drive| (drive.profile.name, drive.address)).collect();
     Ok((link.wire.medium() == MediumKind::Can, described.wires[0].protocol, drives))
 }
 
 /// A bus or a line, protocol, and of each drive product and address.
-type Rack = (bool, &'static str, Vec<(&'static str, Option<u32>)>);
+type RackTuple = (bool, &'static str, Vec<(&'static str, Option<u32>)>);
 
 #[pymethods]
 impl Simulation {
     /// Seconds since it began.
     #[getter]
     fn now(&self, py: Python<'_>) -> PyResult<f64> {
-        let simulation = self.0.ours(py)?;
+        let simulation = self.0.in_own_process(py)?;
         Ok(py.detach(|| simulation.now()).since(Instant::ZERO).as_secs_f64())
     }
 
     /// Its time passes only while somebody waits, and then at once.
     #[getter]
     fn is_virtual(&self) -> bool {
-        self.0.pace() == Pace::Virtual
+        self.0.pace() == SimulationPace::Virtual
     }
 
     /// Lets so many seconds pass: at once in virtual time, by sleeping in real time.
     fn run(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
-        let simulation = self.0.ours(py)?;
+        let simulation = self.0.in_own_process(py)?;
         let span = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO);
-        py.detach(|| simulation.pass(span));
+        py.detach(|| simulation.advance(span));
         Ok(())
     }
 
@@ -93,20 +93,20 @@ impl Simulation {
         what: &str,
         value: f64,
     ) -> PyResult<bool> {
-        let act = act(what, value).ok_or_else(|| {
+        let act = parse_act(what, value).ok_or_else(|| {
             let what = format!("`{what}` cannot be done to a simulated drive");
-            usage(py, "E217", &what, &format!("what can be done: {ACTS}"))
+            usage_error(py, "E217", &what, &format!("what can be done: {ACT_WORDS}"))
         })?;
-        let simulation = self.0.ours(py)?;
+        let simulation = self.0.in_own_process(py)?;
         Ok(py.detach(|| simulation.act(link, drive, act)))
     }
 
     /// What is true of a motor; links and drives count from 0.
     fn truth(&self, py: Python<'_>, link: usize, drive: usize) -> PyResult<Truth> {
-        let simulation = self.0.ours(py)?;
+        let simulation = self.0.in_own_process(py)?;
         let truth = py.detach(|| simulation.truth(link, drive)).ok_or_else(|| {
             let what = format!("the simulation has no drive {drive} on link {link}");
-            usage(py, "E212", &what, "links and drives count from 0")
+            usage_error(py, "E212", &what, "links and drives count from 0")
         })?;
         Ok(Truth {
             position: truth.position,
@@ -121,7 +121,7 @@ impl Simulation {
     }
 }
 
-fn act(what: &str, value: f64) -> Option<Act> {
+fn parse_act(what: &str, value: f64) -> Option<Act> {
     let on = value != 0.0;
     Some(match what {
         "load" => Act::Load(value),

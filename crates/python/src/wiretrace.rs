@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::time::Instant;
-use polepair_link::tap::Log;
-use polepair_link::{Direction, Tap};
+use polepair_link::tap::TraceWriter;
+use polepair_link::{Tap, TapDirection};
 
 /// Units that are kept.
 const UNITS_MAX: usize = 1 << 12;
@@ -19,7 +19,7 @@ pub struct WireTrace(Arc<Mutex<VecDeque<String>>>);
 impl WireTrace {
     /// The tap of the wire of that number.
     pub fn tap(&self, wire: usize) -> impl Tap<Stream> + Tap<Can> + use<> {
-        Ear(Log::new(self.clone(), &format!("wire{wire}")))
+        TraceTap(TraceWriter::new(self.clone(), &format!("wire{wire}")))
     }
 
     /// What was heard, oldest first.
@@ -28,7 +28,7 @@ impl WireTrace {
     }
 }
 
-/// Each write is a line, as [`Log`] does it.
+/// Each write is a line, as [`TraceWriter`] does it.
 impl io::Write for WireTrace {
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
         let mut lines = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -44,16 +44,16 @@ impl io::Write for WireTrace {
     }
 }
 
-struct Ear(Log<WireTrace>);
+struct TraceTap(TraceWriter<WireTrace>);
 
-impl Tap<Stream> for Ear {
-    fn unit(&mut self, at: Instant, direction: Direction, unit: &[u8]) {
-        self.0.bytes(at, direction, unit);
+impl Tap<Stream> for TraceTap {
+    fn record_unit(&mut self, at: Instant, direction: TapDirection, unit: &[u8]) {
+        self.0.write_bytes(at, direction, unit);
     }
 }
 
-impl Tap<Can> for Ear {
-    fn unit(&mut self, at: Instant, direction: Direction, unit: &Frame) {
-        self.0.frame(at, direction, unit);
+impl Tap<Can> for TraceTap {
+    fn record_unit(&mut self, at: Instant, direction: TapDirection, unit: &Frame) {
+        self.0.write_frame(at, direction, unit);
     }
 }

@@ -3,5 +3,5 @@
 #![forbid(unsafe_code)]
 
 fn main() {
-    print!("{}", polepair_serve::description());
+    print!("{}", polepair_serve::openapi_json());
 }

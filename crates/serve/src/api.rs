@@ -4,12 +4,12 @@
 mod axis;
 mod bench;
 mod capture;
-mod entry;
+mod diagnostics;
 mod input;
-mod look;
+mod login;
 mod motion;
 mod openapi;
-mod record;
+mod scan;
 
 use std::fmt;
 use std::sync::Arc;
@@ -21,17 +21,17 @@ use axum::http::Method;
 use axum::routing::{MethodRouter, delete, get, post};
 use tokio::sync::Semaphore;
 
-use crate::bench::{Bench, CAPTURE_MAX, Session};
-use crate::guard::{Hosts, guard};
-use crate::journal::Journal;
+use crate::auth::{Authenticator, Caller};
+use crate::bench::{Bench, CAPTURE_MAX, SessionName};
+use crate::guard::{AllowedHosts, guard};
+use crate::journal::JournalFile;
 use crate::live;
-use crate::message::Refused;
+use crate::message::GatewayError;
 use crate::metrics::Metrics;
 use crate::scope::{Scope, Scopes};
-use crate::session::{Caller, Door};
 
-pub(crate) use bench::of as bench_of;
-pub use openapi::description;
+pub(crate) use bench::bench_view as bench_of;
+pub use openapi::openapi_json;
 
 /// Bytes of a body.
 pub const BODY_MAX: usize = 1 << 20;
@@ -40,36 +40,46 @@ const UPLOADS_MAX: usize = 2;
 
 /// What every route works with.
 #[derive(Debug)]
-pub(crate) struct Gate {
+pub(crate) struct AppState {
     pub bench: Bench,
-    pub door: Door,
-    pub hosts: Hosts,
-    pub journal: Arc<Journal>,
+    pub authenticator: Authenticator,
+    pub hosts: AllowedHosts,
+    pub journal: Arc<JournalFile>,
     pub metrics: Metrics,
-    pub board: live::Board,
+    pub broadcaster: live::Broadcaster,
     pub uploads: Arc<Semaphore>,
     /// What viewers are shown is written there, apart from what reads commands.
-    pub threads: live::Threads,
+    pub runtimes: live::LiveRuntimes,
     sessions: AtomicU64,
 }
 
-pub(crate) type Shared = Arc<Gate>;
+pub(crate) type SharedAppState = Arc<AppState>;
 
-impl Gate {
+impl AppState {
     pub fn new(
         bench: Bench,
-        door: Door,
-        hosts: Hosts,
-        journal: Arc<Journal>,
-        threads: live::Threads,
+        authenticator: Authenticator,
+        hosts: AllowedHosts,
+        journal: Arc<JournalFile>,
+        runtimes: live::LiveRuntimes,
     ) -> Self {
-        let (metrics, board) = (Metrics::default(), live::Board::default());
+        let (metrics, broadcaster) = (Metrics::default(), live::Broadcaster::default());
         let (uploads, sessions) = (Arc::new(Semaphore::new(UPLOADS_MAX)), AtomicU64::new(1));
-        Self { bench, door, hosts, journal, metrics, board, uploads, threads, sessions }
+        Self {
+            bench,
+            authenticator,
+            hosts,
+            journal,
+            metrics,
+            broadcaster,
+            uploads,
+            runtimes,
+            sessions,
+        }
     }
 
     /// A name for a client that stays.
-    pub fn session(&self, caller: &Caller) -> Session {
+    pub fn new_session(&self, caller: &Caller) -> SessionName {
         let n = self.sessions.fetch_add(1, Ordering::Relaxed);
         // A token's name has no space in it: this is nobody's else.
         format!("{} {n}", caller.name).into()
@@ -77,44 +87,49 @@ impl Gate {
 }
 
 /// Whoever asks by REST, by the name of the token: leases last from one request to the next.
-pub(crate) fn by_rest(caller: &Caller) -> Session {
+pub(crate) fn rest_session(caller: &Caller) -> SessionName {
     caller.name.as_str().into()
 }
 
 /// The same, where a page that has the lease by its WebSocket asks by REST: its session, if the caller
 /// goes by the same name and knows the epoch.
-pub(crate) fn by_lease(gate: &Shared, caller: &Caller, axis: u16, epoch: u64) -> Session {
-    let lease = gate.bench.axis(axis).ok().and_then(|state| state.lease);
+pub(crate) fn lease_session(
+    gate: &SharedAppState,
+    caller: &Caller,
+    axis: u16,
+    epoch: u64,
+) -> SessionName {
+    let lease = gate.bench.axis_state(axis).ok().and_then(|state| state.lease);
     let of_caller = |owner: &str| owner.split(' ').next() == Some(&caller.name);
     match lease.filter(|lease| lease.epoch == epoch && of_caller(&lease.owner)) {
         Some(lease) => lease.owner.into(),
-        None => by_rest(caller),
+        None => rest_session(caller),
     }
 }
 
 /// What a caller needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Needs {
+pub enum AccessRule {
     /// Not even a token.
-    Nothing,
+    Public,
     /// One of these scopes.
-    One(&'static [Scope]),
+    AnyOf(&'static [Scope]),
 }
 
-impl Needs {
+impl AccessRule {
     /// Whether these scopes are enough.
     #[must_use]
-    pub fn met_by(self, scopes: Scopes) -> bool {
+    pub fn is_met_by(self, scopes: Scopes) -> bool {
         match self {
-            Self::Nothing => true,
-            Self::One(any) => any.iter().any(|scope| scopes.allow(*scope)),
+            Self::Public => true,
+            Self::AnyOf(any) => any.iter().any(|scope| scopes.contains(*scope)),
         }
     }
 }
 
-impl fmt::Display for Needs {
+impl fmt::Display for AccessRule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self::One(any) = self else { return f.write_str("nothing") };
+        let Self::AnyOf(any) = self else { return f.write_str("nothing") };
         let mut between = "";
         for scope in *any {
             write!(f, "{between}{scope}")?;
@@ -126,19 +141,19 @@ impl fmt::Display for Needs {
 
 /// A route.
 #[derive(Clone, Copy)]
-pub struct Route {
+pub struct ApiRoute {
     /// `GET`, `POST`, `DELETE`.
     pub method: &'static str,
     /// With `{…}` where something is put in.
     pub path: &'static str,
     /// Who may.
-    pub needs: Needs,
+    pub access: AccessRule,
     /// Its body is a file, not JSON.
-    pub takes_file: bool,
-    answers: fn() -> MethodRouter<Shared>,
+    pub accepts_file: bool,
+    handler: fn() -> MethodRouter<SharedAppState>,
 }
 
-impl fmt::Debug for Route {
+impl fmt::Debug for ApiRoute {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}", self.method, self.path)
     }
@@ -148,9 +163,15 @@ const fn route(
     method: &'static str,
     path: &'static str,
     scopes: &'static [Scope],
-    answers: fn() -> MethodRouter<Shared>,
-) -> Route {
-    Route { method, path, needs: Needs::One(scopes), takes_file: false, answers }
+    answers: fn() -> MethodRouter<SharedAppState>,
+) -> ApiRoute {
+    ApiRoute {
+        method,
+        path,
+        access: AccessRule::AnyOf(scopes),
+        accepts_file: false,
+        handler: answers,
+    }
 }
 
 const READ: &[Scope] = &[Scope::Read];
@@ -159,32 +180,35 @@ const MOVE: &[Scope] = &[Scope::Move];
 const CONFIGURE: &[Scope] = &[Scope::Configure];
 const RAW: &[Scope] = &[Scope::Raw];
 /// Whoever may do something that needs a lease may have one.
-pub(crate) const COMMAND: &[Scope] = &[Scope::Move, Scope::Configure, Scope::Raw];
+pub(crate) const LEASE_SCOPES: &[Scope] = &[Scope::Move, Scope::Configure, Scope::Raw];
 
 /// Taking one in moves nothing and writes nothing: whoever may see, may.
-const CAPTURES: &str = "/api/v1/captures";
+const CAPTURES_PATH: &str = "/api/v1/captures";
 
-const LOOK: &str = "/api/v1/links/{id}/look";
+const SCAN_PATH: &str = "/api/v1/links/{id}/look";
 
 /// Who asks for it does not show a token before it has the answer.
-const PROOF: &str = "/api/v1/proof/{challenge}";
+const PROOF_PATH: &str = "/api/v1/proof/{challenge}";
 
 /// Every route but the page's files, which any caller may read that has a token.
-pub const ROUTES: &[Route] = &[
-    Route { needs: Needs::Nothing, ..route("POST", "/api/v1/login", &[], || post(entry::login)) },
-    Route { needs: Needs::Nothing, ..route("GET", PROOF, &[], || get(entry::prove)) },
+pub const ROUTES: &[ApiRoute] = &[
+    ApiRoute {
+        access: AccessRule::Public,
+        ..route("POST", "/api/v1/login", &[], || post(login::login))
+    },
+    ApiRoute { access: AccessRule::Public, ..route("GET", PROOF_PATH, &[], || get(login::prove)) },
     route("GET", "/api/v1/bench", READ, || get(bench::show)),
     route("GET", "/api/v1/live", READ, || get(live::upgrade)),
-    Route { takes_file: true, ..route("POST", CAPTURES, READ, || post(capture::open)) },
+    ApiRoute { accepts_file: true, ..route("POST", CAPTURES_PATH, READ, || post(capture::open)) },
     route("GET", "/api/v1/captures/{id}", READ, || get(capture::page)),
     route("GET", "/api/v1/captures/{id}/frames/{n}", READ, || get(capture::frame)),
-    route("GET", "/api/v1/journal", READ, || get(record::journal)),
-    route("GET", "/api/v1/openapi.json", READ, || get(record::openapi)),
-    route("GET", "/metrics", READ, || get(record::metrics)),
-    route("GET", LOOK, READ, || get(look::show)),
-    route("POST", LOOK, CONFIGURE, || post(look::begin)),
-    route("DELETE", LOOK, CONFIGURE, || delete(look::break_off)),
-    route("POST", "/api/v1/links/{id}/look/take", CONFIGURE, || post(look::take_in)),
+    route("GET", "/api/v1/journal", READ, || get(diagnostics::journal)),
+    route("GET", "/api/v1/openapi.json", READ, || get(diagnostics::openapi)),
+    route("GET", "/metrics", READ, || get(diagnostics::metrics)),
+    route("GET", SCAN_PATH, READ, || get(scan::show)),
+    route("POST", SCAN_PATH, CONFIGURE, || post(scan::start)),
+    route("DELETE", SCAN_PATH, CONFIGURE, || delete(scan::cancel)),
+    route("POST", "/api/v1/links/{id}/look/take", CONFIGURE, || post(scan::add_drives)),
     route("GET", "/api/v1/axes/{id}", READ, || get(axis::show)),
     route("GET", "/api/v1/axes/{id}/signals/{words}", READ, || get(axis::signals)),
     route("GET", "/api/v1/axes/{id}/parameters", READ, || get(axis::parameters)),
@@ -192,20 +216,20 @@ pub const ROUTES: &[Route] = &[
     route("POST", "/api/v1/axes/{id}/parameters", CONFIGURE, || post(axis::write)),
     route("GET", "/api/v1/axes/{id}/watchdog", READ, || get(axis::watchdog)),
     route("POST", "/api/v1/axes/{id}/watchdog", CONFIGURE, || post(axis::set_watchdog)),
-    route("POST", "/api/v1/axes/{id}/lease", COMMAND, || post(motion::take)),
-    route("POST", "/api/v1/axes/{id}/lease/renew", COMMAND, || post(motion::renew)),
-    route("DELETE", "/api/v1/axes/{id}/lease", COMMAND, || delete(motion::give_back)),
+    route("POST", "/api/v1/axes/{id}/lease", LEASE_SCOPES, || post(motion::acquire_lease)),
+    route("POST", "/api/v1/axes/{id}/lease/renew", LEASE_SCOPES, || post(motion::renew_lease)),
+    route("DELETE", "/api/v1/axes/{id}/lease", LEASE_SCOPES, || delete(motion::release_lease)),
     route("POST", "/api/v1/axes/{id}/commands", MOVE, || post(motion::command)),
     route("POST", "/api/v1/axes/{id}/raw", RAW, || post(motion::raw)),
     route("POST", "/api/v1/axes/{id}/dismiss", MOVE, || post(motion::dismiss)),
     route("POST", "/api/v1/dismiss", MOVE, || post(motion::dismiss_absent)),
     route("POST", "/api/v1/stop", STOP, || post(motion::stop)),
     route("POST", "/api/v1/release", MOVE, || post(motion::release)),
-    route("POST", "/api/v1/simulation/pace", CONFIGURE, || post(bench::pace)),
-    route("POST", "/api/v1/simulation/{link}/{drive}", CONFIGURE, || post(bench::act)),
+    route("POST", "/api/v1/simulation/pace", CONFIGURE, || post(bench::set_time_scale)),
+    route("POST", "/api/v1/simulation/{link}/{drive}", CONFIGURE, || post(bench::apply_action)),
 ];
 
-impl Route {
+impl ApiRoute {
     /// The route of that method and path.
     pub(crate) fn find(method: &Method, path: &str) -> Option<&'static Self> {
         let method = if *method == Method::HEAD { "GET" } else { method.as_str() };
@@ -214,30 +238,30 @@ impl Route {
 }
 
 /// Every route, behind the guard.
-pub(crate) fn router(gate: &Shared) -> Router {
+pub(crate) fn router(gate: &SharedAppState) -> Router {
     let mut router = Router::new();
     for route in ROUTES {
-        let most = if route.takes_file { CAPTURE_MAX } else { BODY_MAX };
-        let answers = (route.answers)().layer(DefaultBodyLimit::max(most));
+        let most = if route.accepts_file { CAPTURE_MAX } else { BODY_MAX };
+        let answers = (route.handler)().layer(DefaultBodyLimit::max(most));
         router = router.route(route.path, answers);
     }
     router
-        .fallback(entry::page)
+        .fallback(login::serve_page)
         .layer(axum::middleware::from_fn_with_state(Arc::clone(gate), guard))
         .with_state(Arc::clone(gate))
 }
 
 /// What routes answer.
-pub(crate) type Answer<T> = Result<axum::Json<T>, Refused>;
+pub(crate) type ApiResult<T> = Result<axum::Json<T>, GatewayError>;
 
 /// Does what takes a while where nobody else's answer waits for it.
-async fn apart<T: Send + 'static>(
-    gate: &Shared,
-    act: impl FnOnce(&Gate) -> Result<T, Refused> + Send + 'static,
-) -> Result<T, Refused> {
+async fn run_blocking<T: Send + 'static>(
+    gate: &SharedAppState,
+    act: impl FnOnce(&AppState) -> Result<T, GatewayError> + Send + 'static,
+) -> Result<T, GatewayError> {
     let gate = Arc::clone(gate);
     let done = tokio::task::spawn_blocking(move || act(&gate)).await;
-    done.map_err(|error| Refused::new("gateway.busy", error.to_string()))?
+    done.map_err(|error| GatewayError::new("gateway.busy", error.to_string()))?
 }
 
 #[cfg(test)]
@@ -246,13 +270,16 @@ mod tests {
 
     #[test]
     fn reading_needs_read_and_stopping_stop_and_neither_moves() {
-        let for_all = ROUTES.iter().filter(|route| route.needs == Needs::Nothing);
-        assert_eq!(for_all.map(|route| route.path).collect::<Vec<_>>(), ["/api/v1/login", PROOF]);
-        for route in ROUTES.iter().filter(|route| route.path != PROOF) {
-            let by = |words: &str| route.needs.met_by(words.parse().unwrap());
+        let for_all = ROUTES.iter().filter(|route| route.access == AccessRule::Public);
+        assert_eq!(
+            for_all.map(|route| route.path).collect::<Vec<_>>(),
+            ["/api/v1/login", PROOF_PATH]
+        );
+        for route in ROUTES.iter().filter(|route| route.path != PROOF_PATH) {
+            let by = |words: &str| route.access.is_met_by(words.parse().unwrap());
             let viewer = by("read,stop");
-            let is_read = route.method == "GET" || route.path == CAPTURES;
-            assert_eq!(is_read, by("read") && route.needs != Needs::Nothing, "{route:?}");
+            let is_read = route.method == "GET" || route.path == CAPTURES_PATH;
+            assert_eq!(is_read, by("read") && route.access != AccessRule::Public, "{route:?}");
             let for_viewers = is_read || ["/api/v1/stop", "/api/v1/login"].contains(&route.path);
             assert_eq!(viewer, for_viewers, "{route:?}");
         }
@@ -260,7 +287,7 @@ mod tests {
 
     #[test]
     fn the_description_has_every_route_and_no_other() {
-        let description: serde_json::Value = serde_json::from_str(&description()).unwrap();
+        let description: serde_json::Value = serde_json::from_str(&openapi_json()).unwrap();
         let paths = description["paths"].as_object().unwrap();
         let described: usize = paths.values().map(|path| path.as_object().unwrap().len()).sum();
         assert_eq!(described, ROUTES.len());

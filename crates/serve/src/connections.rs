@@ -12,52 +12,57 @@ use tokio::sync::oneshot;
 /// Connections at once, where the system lets a process have so many.
 pub const CONNECTIONS_MAX: usize = 16_384;
 /// Files that are left for links, the journal and captures.
-const FILES_MIN: u64 = 128;
+const FILES_RESERVED: u64 = 128;
 
 /// All of them.
 #[derive(Debug, Clone)]
-pub(crate) struct Connections(Arc<Mutex<Open>>);
+pub(crate) struct ConnectionLimiter(Arc<Mutex<OpenConnections>>);
 
 #[derive(Debug)]
-struct Open {
+struct OpenConnections {
     most: usize,
     next: u64,
     /// Those that have not shown a token, with what ends them.
-    unproven: BTreeMap<u64, oneshot::Sender<()>>,
+    unauthenticated: BTreeMap<u64, oneshot::Sender<()>>,
     /// Those that have.
-    proven: BTreeMap<u64, oneshot::Sender<()>>,
+    authenticated: BTreeMap<u64, oneshot::Sender<()>>,
 }
 
 /// One of them, as its requests know it.
 #[derive(Debug, Clone)]
-pub(crate) struct Connection {
+pub(crate) struct PeerConnection {
     /// The other end, by the socket.
     pub peer: IpAddr,
     id: u64,
-    all: Connections,
+    limiter: ConnectionLimiter,
 }
 
 /// Where a connection ends, at this side.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Here(pub SocketAddr);
+pub(crate) struct LocalAddress(pub SocketAddr);
 
 /// Keeps a connection counted while it lives.
 #[derive(Debug)]
-pub(crate) struct Place(Connection);
+pub(crate) struct ConnectionSlot(PeerConnection);
 
-impl Connections {
+impl ConnectionLimiter {
     /// None yet, and at most so many as a process with that many open files can have.
     pub fn new(files: Option<u64>) -> Self {
-        let left = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_MIN).max(1));
+        let left = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_RESERVED).max(1));
         let most = usize::try_from(left).unwrap_or(usize::MAX).min(CONNECTIONS_MAX);
         let (unproven, proven) = (BTreeMap::new(), BTreeMap::new());
-        Self(Arc::new(Mutex::new(Open { most, next: 0, unproven, proven })))
+        Self(Arc::new(Mutex::new(OpenConnections {
+            most,
+            next: 0,
+            unauthenticated: unproven,
+            authenticated: proven,
+        })))
     }
 
     /// A place for a new connection, and what tells it to go. `None` when all places are taken by
     /// connections that have shown a token.
-    pub fn take(&self, peer: IpAddr) -> Option<(Place, oneshot::Receiver<()>)> {
-        let mut open = self.open();
+    pub fn acquire_slot(&self, peer: IpAddr) -> Option<(ConnectionSlot, oneshot::Receiver<()>)> {
+        let mut open = self.lock();
         if open.count() >= open.most {
             open.make_room();
         }
@@ -67,61 +72,61 @@ impl Connections {
         let id = open.next;
         open.next += 1;
         let (end, ended) = oneshot::channel();
-        open.unproven.insert(id, end);
-        Some((Place(Connection { peer, id, all: self.clone() }), ended))
+        open.unauthenticated.insert(id, end);
+        Some((ConnectionSlot(PeerConnection { peer, id, limiter: self.clone() }), ended))
     }
 
     /// Ends the oldest that has not shown a token.
     pub fn make_room(&self) {
-        self.open().make_room();
+        self.lock().make_room();
     }
 
     /// How many there are.
     pub fn count(&self) -> usize {
-        self.open().count()
+        self.lock().count()
     }
 
-    fn open(&self) -> MutexGuard<'_, Open> {
+    fn lock(&self) -> MutexGuard<'_, OpenConnections> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Open {
+impl OpenConnections {
     fn count(&self) -> usize {
-        self.unproven.len() + self.proven.len()
+        self.unauthenticated.len() + self.authenticated.len()
     }
 
     /// The one that goes is counted no more from now on: its place is free at once.
     fn make_room(&mut self) {
-        if let Some((_, end)) = self.unproven.pop_first() {
+        if let Some((_, end)) = self.unauthenticated.pop_first() {
             // One that has just ended by itself does not hear it.
             let _ = end.send(());
         }
     }
 }
 
-impl Connection {
+impl PeerConnection {
     /// It has shown a token.
-    pub fn prove(&self) {
-        let mut open = self.all.open();
-        if let Some(end) = open.unproven.remove(&self.id) {
-            open.proven.insert(self.id, end);
+    pub fn mark_authenticated(&self) {
+        let mut open = self.limiter.lock();
+        if let Some(end) = open.unauthenticated.remove(&self.id) {
+            open.authenticated.insert(self.id, end);
         }
     }
 }
 
-impl Place {
+impl ConnectionSlot {
     /// What its requests know.
-    pub fn connection(&self) -> Connection {
+    pub fn connection(&self) -> PeerConnection {
         self.0.clone()
     }
 }
 
-impl Drop for Place {
+impl Drop for ConnectionSlot {
     fn drop(&mut self) {
-        let mut open = self.0.all.open();
-        open.unproven.remove(&self.0.id);
-        open.proven.remove(&self.0.id);
+        let mut open = self.0.limiter.lock();
+        open.unauthenticated.remove(&self.0.id);
+        open.authenticated.remove(&self.0.id);
     }
 }
 
@@ -133,16 +138,16 @@ mod tests {
 
     #[test]
     fn idle_connections_make_room_and_those_with_a_token_do_not() {
-        let (all, most) = (Connections::new(Some(FILES_MIN + 100)), 100);
-        let mut places: Vec<_> = (0..most).filter_map(|_| all.take(PEER)).collect();
-        places[0].0.connection().prove();
-        let (_new, _) = all.take(PEER).expect("the oldest idle one goes");
+        let (all, most) = (ConnectionLimiter::new(Some(FILES_RESERVED + 100)), 100);
+        let mut places: Vec<_> = (0..most).filter_map(|_| all.acquire_slot(PEER)).collect();
+        places[0].0.connection().mark_authenticated();
+        let (_new, _) = all.acquire_slot(PEER).expect("the oldest idle one goes");
         assert!(places[0].1.try_recv().is_err(), "it has shown a token");
         assert!(places[1].1.try_recv().is_ok(), "it was told to go");
-        places.iter().for_each(|(place, _)| place.connection().prove());
-        _new.connection().prove();
+        places.iter().for_each(|(place, _)| place.connection().mark_authenticated());
+        _new.connection().mark_authenticated();
         assert_eq!(all.count(), most);
-        assert!(all.take(PEER).is_none());
+        assert!(all.acquire_slot(PEER).is_none());
         drop(places);
         assert_eq!(all.count(), 1);
     }

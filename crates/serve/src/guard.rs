@@ -13,21 +13,21 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header}
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 
-use crate::api::{Needs, Route, Shared};
-use crate::connections::Connection;
-use crate::message::Refused;
+use crate::api::{AccessRule, ApiRoute, SharedAppState};
+use crate::auth::Caller;
+use crate::connections::PeerConnection;
+use crate::message::GatewayError;
 use crate::page;
 use crate::scope::Scope;
-use crate::session::Caller;
 
 /// How long an answer may take; a capture's upload is part of it.
 const ANSWER_MAX: Duration = Duration::from_secs(60);
 /// What no form and no foreign page can send without asking first.
-const OURS: &str = "x-polepair";
+const CSRF_HEADER: &str = "x-polepair";
 /// What bodies are.
 const JSON: &str = "application/json";
 /// What files are.
-const BYTES: &str = "application/octet-stream";
+const OCTET_STREAM: &str = "application/octet-stream";
 /// Headers of every answer.
 const HEADERS: [(HeaderName, &str); 7] = [
     (
@@ -48,12 +48,12 @@ const HEADERS: [(HeaderName, &str); 7] = [
 
 /// The names by which a server may be called, as `Host` has them.
 #[derive(Debug, Clone)]
-pub struct Hosts {
+pub struct AllowedHosts {
     scheme: &'static str,
     hosts: Vec<String>,
 }
 
-impl Hosts {
+impl AllowedHosts {
     /// The loopback's names, the address that it listens on, and those that were told; each with the
     /// port, and without where it is the scheme's own.
     #[must_use]
@@ -72,7 +72,7 @@ impl Hosts {
     }
 
     /// The host that a request is to, if it is ours.
-    fn called<'a>(&self, headers: &'a HeaderMap, target: Option<&str>) -> Option<&'a str> {
+    fn match_host<'a>(&self, headers: &'a HeaderMap, target: Option<&str>) -> Option<&'a str> {
         let mut all = headers.get_all(header::HOST).iter();
         let host = all.next()?.to_str().ok().filter(|_| all.next().is_none())?;
         let same = target.is_none_or(|target| target.eq_ignore_ascii_case(host));
@@ -81,7 +81,7 @@ impl Hosts {
     }
 
     /// Whether an origin is this server, by the name that the request itself uses.
-    fn is_ours(&self, origin: &str, host: &str) -> bool {
+    fn is_own_origin(&self, origin: &str, host: &str) -> bool {
         origin
             .split_once("://")
             .is_some_and(|(scheme, from)| scheme == self.scheme && from.eq_ignore_ascii_case(host))
@@ -94,17 +94,18 @@ fn bracketed(name: &str) -> String {
 
 /// The layer.
 pub(crate) async fn guard(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     mut request: Request,
     next: Next,
 ) -> Response {
     let wants_page = request.method() == Method::GET
-        && text(request.headers(), header::ACCEPT).is_some_and(|kind| kind.contains("text/html"));
+        && header_text(request.headers(), header::ACCEPT)
+            .is_some_and(|kind| kind.contains("text/html"));
     let upgrade = is_upgrade(request.headers());
-    let passed = match pass(&gate, &request) {
+    let passed = match authorize(&gate, &request) {
         Ok(Some(caller)) => {
-            if let Some(connection) = request.extensions().get::<Connection>() {
-                connection.prove();
+            if let Some(connection) = request.extensions().get::<PeerConnection>() {
+                connection.mark_authenticated();
             }
             request.extensions_mut().insert(caller);
             Ok(())
@@ -119,14 +120,14 @@ pub(crate) async fn guard(
             Err(_) => StatusCode::REQUEST_TIMEOUT.into_response(),
         },
         Err(refused) => {
-            gate.metrics.refused(&refused.code);
+            gate.metrics.count_refusal(&refused.code);
             match refused.status() {
-                401 if wants_page => page::locked(StatusCode::UNAUTHORIZED),
+                401 if wants_page => page::token_required_page(StatusCode::UNAUTHORIZED),
                 _ => refused.into_response(),
             }
         }
     };
-    gate.metrics.answered(answer.status().as_u16());
+    gate.metrics.count_response(answer.status().as_u16());
     let headers = answer.headers_mut();
     for (name, value) in HEADERS {
         headers.insert(name, HeaderValue::from_static(value));
@@ -136,88 +137,95 @@ pub(crate) async fn guard(
 }
 
 /// Who may go on; `None` for what anybody may.
-fn pass(gate: &Shared, request: &Request) -> Result<Option<Caller>, Refused> {
+fn authorize(gate: &SharedAppState, request: &Request) -> Result<Option<Caller>, GatewayError> {
     let headers = request.headers();
     let target = request.uri().authority().map(|authority| authority.as_str());
-    let host = gate.hosts.called(headers, target).ok_or_else(|| {
-        Refused::new("gateway.host", "this server does not go by that name")
+    let host = gate.hosts.match_host(headers, target).ok_or_else(|| {
+        GatewayError::new("gateway.host", "this server does not go by that name")
             .hint("call it by the address that it printed, or tell it the name: --name")
     })?;
     let reads = matches!(*request.method(), Method::GET | Method::HEAD);
     let upgrade = is_upgrade(headers);
-    same_origin(gate, headers, host, reads && !upgrade)?;
+    check_origin(gate, headers, host, reads && !upgrade)?;
     let path = request.extensions().get::<MatchedPath>().map(MatchedPath::as_str);
-    let route = path.map(|path| Route::find(request.method(), path));
+    let route = path.map(|path| ApiRoute::find(request.method(), path));
     if !reads {
-        meant(headers, route.flatten())?;
+        check_csrf(headers, route.flatten())?;
     }
-    let once = request.uri().path() == "/" && request.uri().query().is_some_and(is_once);
-    if once && reads || route.flatten().is_some_and(|route| route.needs == Needs::Nothing) {
+    let once = request.uri().path() == "/" && request.uri().query().is_some_and(is_one_time_query);
+    if once && reads || route.flatten().is_some_and(|route| route.access == AccessRule::Public) {
         return Ok(None);
     }
-    let caller = who(gate, request)?;
+    let caller = authenticate(gate, request)?;
     if upgrade && caller.by_cookie && !headers.contains_key(header::ORIGIN) {
-        return Err(foreign("a browser's cookie comes with the page's origin"));
+        return Err(origin_error("a browser's cookie comes with the page's origin"));
     }
     let needs = match (path, route.flatten()) {
-        (_, Some(route)) => route.needs,
+        (_, Some(route)) => route.access,
         // What the table does not know is the page's, for whoever may see it.
-        (None, None) if reads => Needs::One(&[Scope::Read]),
-        (None, None) => return Err(Refused::new("gateway.missing", "there is no such thing here")),
-        (Some(_), None) => return Err(Refused::new("gateway.method", "not by this method")),
+        (None, None) if reads => AccessRule::AnyOf(&[Scope::Read]),
+        (None, None) => {
+            return Err(GatewayError::new("gateway.missing", "there is no such thing here"));
+        }
+        (Some(_), None) => return Err(GatewayError::new("gateway.method", "not by this method")),
     };
-    if needs.met_by(caller.scopes) {
+    if needs.is_met_by(caller.scopes) {
         return Ok(Some(caller));
     }
-    Err(Refused::new("gateway.scope", format!("this needs the scope {needs}"))
+    Err(GatewayError::new("gateway.scope", format!("this needs the scope {needs}"))
         .hint(format!("this token grants {}", caller.scopes)))
 }
 
-fn who(gate: &Shared, request: &Request) -> Result<Caller, Refused> {
+fn authenticate(gate: &SharedAppState, request: &Request) -> Result<Caller, GatewayError> {
     let headers = request.headers();
     let peer = peer(request);
     let bearer = headers.get(header::AUTHORIZATION).map(|value| value.to_str().unwrap_or(""));
     let cookies: Vec<&str> =
         headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok()).collect();
-    gate.door.who(bearer, &cookies, peer)
+    gate.authenticator.authenticate(bearer, &cookies, peer)
 }
 
 /// Whom the request came from, by its socket.
 pub(crate) fn peer(request: &Request) -> IpAddr {
-    let connection = request.extensions().get::<Connection>();
+    let connection = request.extensions().get::<PeerConnection>();
     connection.map_or(IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED), |connection| connection.peer)
 }
 
 /// Refuses what a page of another origin asks. A plain read that somebody's link leads to is none of
 /// that: it changes nothing, and the other page cannot see the answer.
-fn same_origin(gate: &Shared, headers: &HeaderMap, host: &str, plain: bool) -> Result<(), Refused> {
+fn check_origin(
+    gate: &SharedAppState,
+    headers: &HeaderMap,
+    host: &str,
+    plain: bool,
+) -> Result<(), GatewayError> {
     let mut origins = headers.get_all(header::ORIGIN).iter();
     let Some(origin) = origins.next() else { return Ok(()) };
-    let ours = origin.to_str().is_ok_and(|origin| gate.hosts.is_ours(origin, host));
+    let ours = origin.to_str().is_ok_and(|origin| gate.hosts.is_own_origin(origin, host));
     if plain || ours && origins.next().is_none() {
         return Ok(());
     }
-    Err(foreign("another site's page asks for this"))
+    Err(origin_error("another site's page asks for this"))
 }
 
 /// Refuses what a form could send.
-fn meant(headers: &HeaderMap, route: Option<&Route>) -> Result<(), Refused> {
-    let marked = text(headers, HeaderName::from_static(OURS)) == Some("1");
-    let kind = text(headers, header::CONTENT_TYPE).unwrap_or_default();
+fn check_csrf(headers: &HeaderMap, route: Option<&ApiRoute>) -> Result<(), GatewayError> {
+    let marked = header_text(headers, HeaderName::from_static(CSRF_HEADER)) == Some("1");
+    let kind = header_text(headers, header::CONTENT_TYPE).unwrap_or_default();
     let kind = kind.split(';').next().unwrap_or_default().trim();
-    let wanted = if route.is_some_and(|route| route.takes_file) { BYTES } else { JSON };
+    let wanted = if route.is_some_and(|route| route.accepts_file) { OCTET_STREAM } else { JSON };
     if marked && kind.eq_ignore_ascii_case(wanted) {
         return Ok(());
     }
-    Err(foreign("what changes something says so")
+    Err(origin_error("what changes something says so")
         .hint(format!("send `Content-Type: {wanted}` and `X-Polepair: 1`")))
 }
 
-fn foreign(what: &str) -> Refused {
-    Refused::new("gateway.origin", what)
+fn origin_error(what: &str) -> GatewayError {
+    GatewayError::new("gateway.origin", what)
 }
 
-fn is_once(query: &str) -> bool {
+fn is_one_time_query(query: &str) -> bool {
     query.starts_with("once=")
 }
 
@@ -225,7 +233,7 @@ fn is_upgrade(headers: &HeaderMap) -> bool {
     headers.contains_key(header::UPGRADE)
 }
 
-fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
+fn header_text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
     headers.get(name)?.to_str().ok()
 }
 
@@ -233,14 +241,14 @@ fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
 mod tests {
     use super::*;
 
-    fn hosts(port: u16) -> Hosts {
-        Hosts::new("http", "127.0.0.1".parse().unwrap(), port, &["Bench.example".into()])
+    fn hosts(port: u16) -> AllowedHosts {
+        AllowedHosts::new("http", "127.0.0.1".parse().unwrap(), port, &["Bench.example".into()])
     }
 
-    fn called(hosts: &Hosts, host: &str) -> bool {
+    fn called(hosts: &AllowedHosts, host: &str) -> bool {
         let mut headers = HeaderMap::new();
         headers.insert(header::HOST, HeaderValue::from_str(host).unwrap());
-        hosts.called(&headers, None).is_some()
+        hosts.match_host(&headers, None).is_some()
     }
 
     #[test]
@@ -260,16 +268,16 @@ mod tests {
     fn two_hosts_or_another_target_are_none() {
         let mut headers = HeaderMap::new();
         headers.append(header::HOST, HeaderValue::from_static("localhost:1"));
-        assert!(hosts(1).called(&headers, Some("localhost:1")).is_some());
-        assert!(hosts(1).called(&headers, Some("evil.test")).is_none());
+        assert!(hosts(1).match_host(&headers, Some("localhost:1")).is_some());
+        assert!(hosts(1).match_host(&headers, Some("evil.test")).is_none());
         headers.append(header::HOST, HeaderValue::from_static("localhost:1"));
-        assert!(hosts(1).called(&headers, None).is_none());
+        assert!(hosts(1).match_host(&headers, None).is_none());
     }
 
     #[test]
     fn an_origin_is_the_same_to_the_letter() {
         let hosts = hosts(1234);
-        assert!(hosts.is_ours("http://localhost:1234", "localhost:1234"));
+        assert!(hosts.is_own_origin("http://localhost:1234", "localhost:1234"));
         for origin in [
             "https://localhost:1234",
             "http://localhost",
@@ -279,7 +287,7 @@ mod tests {
             "http://127.0.0.1:1234",
             "http://localhost:1234.evil.test",
         ] {
-            assert!(!hosts.is_ours(origin, "localhost:1234"), "{origin}");
+            assert!(!hosts.is_own_origin(origin, "localhost:1234"), "{origin}");
         }
     }
 }

@@ -20,10 +20,10 @@ use polepair_link::clock;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::message::{Deed, JournalRecord, Refused};
-use crate::refusal::Refusal;
+use crate::error::SetupError;
+use crate::message::{GatewayError, JournalAction, JournalRecord};
 
-pub use verify::{Broken, Verified, verify};
+pub use verify::{BrokenRecord, VerifiedJournal, verify};
 
 /// Every how many records a place in the file is remembered.
 const STRIDE: u64 = 256;
@@ -34,47 +34,47 @@ pub const RECORD_MAX: usize = 64 * 1024;
 
 /// A journal that is written.
 #[derive(Debug)]
-pub struct Journal {
+pub struct JournalFile {
     path: PathBuf,
     /// Whoever writes has it while the disk takes its time.
-    tail: Mutex<Tail>,
-    written: Mutex<Written>,
+    tail: Mutex<JournalTail>,
+    index: Mutex<JournalIndex>,
 }
 
 #[derive(Debug)]
-struct Tail {
+struct JournalTail {
     file: File,
     hash: [u8; 32],
 }
 
 /// What there is to be read.
 #[derive(Debug)]
-struct Written {
+struct JournalIndex {
     records: u64,
     length: u64,
     /// Where records 0, [`STRIDE`], 2 [`STRIDE`], … begin.
-    places: Vec<u64>,
+    offsets: Vec<u64>,
 }
 
 /// What of a record its hash covers, in the order in which it is written.
 #[derive(Serialize)]
-struct Covered<'a> {
+struct HashedRecord<'a> {
     n: u64,
     ms: f64,
     who: &'a str,
-    deed: Deed,
+    deed: JournalAction,
     axis: Option<u16>,
     detail: &'a Value,
 }
 
-impl Journal {
+impl JournalFile {
     /// Opens a journal to go on with it, or begins one. Returns also how many bytes of a record were
     /// found that had no end; they are taken out.
     ///
     /// # Errors
     /// The file cannot be opened, another server has it, or its chain is broken.
-    pub fn open(path: &Path) -> Result<(Self, u64), Refusal> {
-        let failed = |error: std::io::Error| Refusal::file(path, "write", &error);
+    pub fn open(path: &Path) -> Result<(Self, u64), SetupError> {
+        let failed = |error: std::io::Error| SetupError::file(path, "write", &error);
         let mut options = OpenOptions::new();
         options.read(true).append(true).create(true);
         #[cfg(unix)]
@@ -82,7 +82,9 @@ impl Journal {
         let file = options.open(path).map_err(failed)?;
         if file.try_lock().is_err() {
             let what = format!("another server writes {}", path.display());
-            return Err(Refusal::adapter("E312", what).hint("end that one, or give another folder"));
+            return Err(
+                SetupError::adapter("E312", what).hint("end that one, or give another folder")
+            );
         }
         let mut places = Vec::new();
         let verified = verify::read(BufReader::new(&file), &mut |n, at| {
@@ -92,17 +94,17 @@ impl Journal {
         });
         let verified = verified.map_err(failed)?.map_err(|broken| {
             let changed = "Somebody or something has changed what was written.";
-            Refusal::usage("E253", format!("{}: {broken}", path.display()))
-                .why(format!("{changed}{}", owed_by(path)))
+            SetupError::usage("E253", format!("{}: {broken}", path.display()))
+                .why(format!("{changed}{}", pending_stops_hint(path)))
                 .hint("keep the file for whoever looks into that, and begin another one")
         })?;
-        if verified.cut > 0 {
+        if verified.truncated_bytes > 0 {
             file.set_len(verified.length).map_err(failed)?;
         }
-        let Verified { records, length, hash, cut } = verified;
-        let tail = Mutex::new(Tail { file, hash });
-        let written = Mutex::new(Written { records, length, places });
-        Ok((Self { path: path.to_owned(), tail, written }, cut))
+        let VerifiedJournal { records, length, hash, truncated_bytes: cut } = verified;
+        let tail = Mutex::new(JournalTail { file, hash });
+        let written = Mutex::new(JournalIndex { records, length, offsets: places });
+        Ok((Self { path: path.to_owned(), tail, index: written }, cut))
     }
 
     /// Writes a record. It is in the system's hands when this returns.
@@ -112,32 +114,35 @@ impl Journal {
     pub fn write(
         &self,
         who: &str,
-        deed: Deed,
+        deed: JournalAction,
         axis: Option<u16>,
         detail: &Value,
-    ) -> Result<u64, Refused> {
+    ) -> Result<u64, GatewayError> {
         let mut tail = self.tail.lock().unwrap_or_else(PoisonError::into_inner);
         let (n, length) = {
-            let written = self.written();
+            let written = self.lock_index();
             (written.records, written.length)
         };
         let ms = clock::wall_ns(clock::now()) as f64 / 1e6;
-        let covered = Covered { n, ms, who, deed, axis, detail };
-        let text = serde_json::to_string(&covered).map_err(|error| full(&error))?;
-        let hash = chained(&tail.hash, text.as_bytes());
+        let covered = HashedRecord { n, ms, who, deed, axis, detail };
+        let text = serde_json::to_string(&covered).map_err(|error| journal_error(&error))?;
+        let hash = chain_hash(&tail.hash, text.as_bytes());
         let line = format!("{},\"hash\":\"{}\"}}\n", &text[..text.len() - 1], hash.to_hex());
         if line.len() > RECORD_MAX {
-            return Err(Refused::new("gateway.size", "too much for one record of the journal"));
+            return Err(GatewayError::new(
+                "gateway.size",
+                "too much for one record of the journal",
+            ));
         }
         if let Err(error) = tail.file.write_all(line.as_bytes()) {
             // Half a record would break the chain for all that come after.
             let _ = tail.file.set_len(length);
-            return Err(full(&error));
+            return Err(journal_error(&error));
         }
         tail.hash = *hash.as_bytes();
-        let mut written = self.written();
+        let mut written = self.lock_index();
         if n.is_multiple_of(STRIDE) {
-            written.places.push(length);
+            written.offsets.push(length);
         }
         written.length += line.len() as u64;
         written.records += 1;
@@ -147,38 +152,42 @@ impl Journal {
     /// How many records it has. Each lease is one, so by this its epochs are never given twice.
     #[must_use]
     pub fn count(&self) -> u64 {
-        self.written().records
+        self.lock_index().records
     }
 
     /// Axes that are owed a stop by what it says, by their link's connection string and their number.
     ///
     /// # Errors
     /// When the file cannot be read.
-    pub fn owed(&self) -> std::io::Result<Vec<(String, u32)>> {
-        read_owed(&self.path)
+    pub fn pending_stops(&self) -> std::io::Result<Vec<(String, u32)>> {
+        read_pending_stops(&self.path)
     }
 
     /// Records after the one of that number, or from the first; at most `count`, and [`RECORDS_MAX`].
     ///
     /// # Errors
     /// When the file cannot be read.
-    pub fn records(&self, after: Option<u64>, count: usize) -> Result<Vec<JournalRecord>, Refused> {
+    pub fn records(
+        &self,
+        after: Option<u64>,
+        count: usize,
+    ) -> Result<Vec<JournalRecord>, GatewayError> {
         let first = after.map_or(0, |n| n.saturating_add(1));
         let (place, length) = {
-            let written = self.written();
+            let written = self.lock_index();
             let stride = usize::try_from(first / STRIDE).unwrap_or(usize::MAX);
-            (written.places.get(stride).copied(), written.length)
+            (written.offsets.get(stride).copied(), written.length)
         };
         let Some(place) = place else { return Ok(Vec::new()) };
-        let mut file = File::open(&self.path).map_err(|error| full(&error))?;
-        file.seek(SeekFrom::Start(place)).map_err(|error| full(&error))?;
+        let mut file = File::open(&self.path).map_err(|error| journal_error(&error))?;
+        file.seek(SeekFrom::Start(place)).map_err(|error| journal_error(&error))?;
         let whole = std::io::Read::take(file, length - place);
         let mut records = Vec::new();
         for line in BufReader::new(whole).lines() {
             if records.len() >= count.min(RECORDS_MAX) {
                 break;
             }
-            let line = line.map_err(|error| full(&error))?;
+            let line = line.map_err(|error| journal_error(&error))?;
             let Ok(record) = serde_json::from_str::<JournalRecord>(&line) else { continue };
             if record.n >= first {
                 records.push(record);
@@ -187,13 +196,13 @@ impl Journal {
         Ok(records)
     }
 
-    fn written(&self) -> MutexGuard<'_, Written> {
-        self.written.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock_index(&self) -> MutexGuard<'_, JournalIndex> {
+        self.index.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Axes that are owed a stop by what a journal says, though some of its records may be broken.
-fn read_owed(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
+fn read_pending_stops(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
     let mut owed = Vec::new();
     for line in BufReader::new(File::open(path)?).split(b'\n') {
         let line = line?;
@@ -208,7 +217,7 @@ fn read_owed(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
         let number = detail["number"].as_u64().and_then(|number| u32::try_from(number).ok());
         let (Some(link), Some(number)) = (detail["link"].as_str(), number) else { continue };
         owed.retain(|axis: &(String, u32)| (&*axis.0, axis.1) != (link, number));
-        if deed == Deed::StopOwed {
+        if deed == JournalAction::StopOwed {
             owed.push((link.to_owned(), number));
         }
     }
@@ -216,8 +225,8 @@ fn read_owed(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
 }
 
 /// The same in a sentence for whoever cannot go on with that journal; empty where nobody is.
-fn owed_by(path: &Path) -> String {
-    let owed = read_owed(path).unwrap_or_default();
+fn pending_stops_hint(path: &Path) -> String {
+    let owed = read_pending_stops(path).unwrap_or_default();
     let stop = |(link, number): (String, u32)| {
         let url = link.split('#').next().unwrap_or_default().to_owned();
         format!("`polepair stop {}`", shell_word(&format!("{url}#{number}")))
@@ -234,14 +243,14 @@ fn owed_by(path: &Path) -> String {
 }
 
 /// The hash of a record's text without its hash, after another.
-fn chained(before: &[u8; 32], text: &[u8]) -> blake3::Hash {
+fn chain_hash(before: &[u8; 32], text: &[u8]) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
     hasher.update(before).update(text);
     hasher.finalize()
 }
 
-fn full(error: &dyn std::fmt::Display) -> Refused {
-    Refused::new("gateway.journal", format!("the journal cannot be kept: {error}"))
+fn journal_error(error: &dyn std::fmt::Display) -> GatewayError {
+    GatewayError::new("gateway.journal", format!("the journal cannot be kept: {error}"))
         .hint("make room on the disk; motors can be stopped meanwhile, not moved")
 }
 

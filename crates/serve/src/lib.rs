@@ -10,25 +10,25 @@
 #![forbid(unsafe_code)]
 
 mod api;
+mod auth;
 pub mod bench;
 mod connections;
+mod error;
 mod guard;
 pub mod journal;
 mod live;
 mod metrics;
 mod options;
 mod page;
-mod refusal;
 pub mod server;
-mod session;
 mod tls;
 mod token;
 
-pub use api::{BODY_MAX, Needs, ROUTES, Route, description};
+pub use api::{AccessRule, ApiRoute, BODY_MAX, ROUTES, openapi_json};
+pub use auth::TRIES_MAX;
+pub use error::SetupError;
 pub use message::PORT;
 pub use message::scope::{self, Scope, Scopes};
-pub use options::Options;
+pub use options::ServerOptions;
 pub use polepair_messages as message;
-pub use refusal::Refusal;
-pub use server::{Server, Stopper};
-pub use session::TRIES_MAX;
+pub use server::{GatewayServer, ShutdownHandle};

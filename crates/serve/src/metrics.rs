@@ -16,12 +16,12 @@ use crate::message::{BenchView, LinkState};
 const STEPS: u16 = 17;
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct ByCode {
+struct CodeLabel {
     code: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash, EncodeLabelSet)]
-struct ByLink {
+struct LinkLabels {
     link: u16,
     what: String,
 }
@@ -30,10 +30,10 @@ struct ByLink {
 #[derive(Debug)]
 pub struct Metrics {
     registry: Registry,
-    answers: Family<ByCode, Counter>,
-    refusals: Family<ByCode, Counter>,
-    link_counts: Family<ByLink, Gauge<i64>>,
-    link_loads: Family<ByLink, Gauge<f64, AtomicU64>>,
+    answers: Family<CodeLabel, Counter>,
+    refusals: Family<CodeLabel, Counter>,
+    link_counts: Family<LinkLabels, Gauge<i64>>,
+    link_loads: Family<LinkLabels, Gauge<f64, AtomicU64>>,
     links_lost: Gauge,
     /// Connections that are open.
     pub connections: Gauge,
@@ -87,20 +87,20 @@ impl Default for Metrics {
 
 impl Metrics {
     /// Counts an answer.
-    pub fn answered(&self, status: u16) {
-        self.answers.get_or_create(&ByCode { code: status.to_string() }).inc();
+    pub fn count_response(&self, status: u16) {
+        self.answers.get_or_create(&CodeLabel { code: status.to_string() }).inc();
     }
 
     /// Counts a refusal.
-    pub fn refused(&self, code: &str) {
-        self.refusals.get_or_create(&ByCode { code: code.to_owned() }).inc();
+    pub fn count_refusal(&self, code: &str) {
+        self.refusals.get_or_create(&CodeLabel { code: code.to_owned() }).inc();
     }
 
     /// Everything, in Prometheus' text format, with what the links have counted.
     #[must_use]
-    pub fn text(&self, bench: &BenchView) -> String {
+    pub fn to_openmetrics(&self, bench: &BenchView) -> String {
         for link in &bench.links {
-            let of = |what: &str| ByLink { link: link.id, what: what.to_owned() };
+            let of = |what: &str| LinkLabels { link: link.id, what: what.to_owned() };
             for counter in &link.counters {
                 let count = i64::try_from(counter.count).unwrap_or(i64::MAX);
                 self.link_counts.get_or_create(&of(&counter.name)).set(count);
@@ -127,8 +127,8 @@ mod tests {
     #[test]
     fn what_was_counted_is_told() {
         let metrics = Metrics::default();
-        metrics.answered(200);
-        metrics.refused("gateway.host");
+        metrics.count_response(200);
+        metrics.count_refusal("gateway.host");
         metrics.commands.observe(0.002);
         let bench = BenchView {
             version: String::new(),
@@ -140,7 +140,7 @@ mod tests {
             lock: None,
             time_scale: None,
         };
-        let text = metrics.text(&bench);
+        let text = metrics.to_openmetrics(&bench);
         for line in [
             "polepair_http_answers_total{code=\"200\"} 1",
             "polepair_refusals_total{code=\"gateway.host\"} 1",

@@ -3,36 +3,36 @@
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 
+use crate::error::SetupError;
 use crate::message::PORT;
-use crate::refusal::Refusal;
 use crate::scope::{Scope, Scopes};
 
 /// What a server is told at its start.
 #[derive(Debug, Clone)]
-pub struct Options {
+pub struct ServerOptions {
     /// Where it listens; port 0 takes a free one.
     pub bind: SocketAddr,
     /// Encrypts, with the certificate in the folder or a new one.
     pub tls: bool,
     /// Certificates of those who vouch for clients: nobody else gets as far as showing a token.
-    pub clients: Option<PathBuf>,
+    pub client_ca: Option<PathBuf>,
     /// Names by which browsers may call it, besides the loopback's and the address that it listens on.
-    pub names: Vec<String>,
+    pub host_names: Vec<String>,
     /// What anybody may do at most, whatever the token says.
     pub scopes: Scopes,
     /// Where tokens, certificate and journal are.
     pub folder: PathBuf,
 }
 
-impl Options {
+impl ServerOptions {
     /// Loopback, no encryption, everything but raw requests.
     #[must_use]
     pub fn in_folder(folder: PathBuf) -> Self {
         Self {
             bind: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), PORT),
             tls: false,
-            clients: None,
-            names: Vec::new(),
+            client_ca: None,
+            host_names: Vec::new(),
             scopes: [Scope::Read, Scope::Stop, Scope::Move, Scope::Configure].into_iter().collect(),
             folder,
         }
@@ -43,20 +43,23 @@ impl Options {
     /// # Errors
     /// `E252` for an address that others can reach, or clients' certificates, without encryption;
     /// `E254` for a name.
-    pub fn check(&self) -> Result<(), Refusal> {
+    pub fn check(&self) -> Result<(), SetupError> {
         if !self.bind.ip().is_loopback() && !self.tls {
             let what = format!("others can reach {}, and nothing would be encrypted", self.bind);
-            return Err(Refusal::usage("E252", what)
+            return Err(SetupError::usage("E252", what)
                 .why("Whoever hears a token may move the motors.")
                 .hint("add --tls, or listen on 127.0.0.1 and use an SSH tunnel"));
         }
-        if self.clients.is_some() && !self.tls {
-            return Err(Refusal::usage("E252", "clients show certificates only when encrypting")
-                .hint("add --tls"));
+        if self.client_ca.is_some() && !self.tls {
+            return Err(SetupError::usage(
+                "E252",
+                "clients show certificates only when encrypting",
+            )
+            .hint("add --tls"));
         }
-        match self.names.iter().find(|name| !is_name(name)) {
+        match self.host_names.iter().find(|name| !is_name(name)) {
             None => Ok(()),
-            Some(name) => Err(Refusal::usage("E254", format!("{name:?} is no name of a host"))
+            Some(name) => Err(SetupError::usage("E254", format!("{name:?} is no name of a host"))
                 .why("Each name that browsers may use has to be told; there are no wildcards.")
                 .hint("--name bench.example, or an IP address")),
         }
@@ -81,7 +84,7 @@ mod tests {
 
     #[test]
     fn only_the_loopback_goes_without_encryption() {
-        let loopback = Options::in_folder(PathBuf::new());
+        let loopback = ServerOptions::in_folder(PathBuf::new());
         assert_eq!(loopback.check(), Ok(()));
         for address in ["0.0.0.0:1", "[::]:1", "192.168.0.5:80", "[fe80::1]:80"] {
             let mut options = loopback.clone();
@@ -94,8 +97,8 @@ mod tests {
 
     #[test]
     fn certificates_of_clients_need_encryption() {
-        let mut options = Options::in_folder(PathBuf::new());
-        options.clients = Some("ca.pem".into());
+        let mut options = ServerOptions::in_folder(PathBuf::new());
+        options.client_ca = Some("ca.pem".into());
         assert_eq!(options.check().unwrap_err().code, "E252");
         options.tls = true;
         assert_eq!(options.check(), Ok(()));
@@ -103,9 +106,9 @@ mod tests {
 
     #[test]
     fn no_name_stands_for_all() {
-        let mut options = Options::in_folder(PathBuf::new());
+        let mut options = ServerOptions::in_folder(PathBuf::new());
         for name in ["*", "*.example", "", "a b", "a/b"] {
-            options.names = vec![name.into()];
+            options.host_names = vec![name.into()];
             assert_eq!(options.check().unwrap_err().code, "E254", "{name}");
         }
     }

@@ -12,7 +12,7 @@ REST and WebSocket are at <code>/api/v1</code>, described by <a href=\"/api/v1/o
 openapi.json</a>.</p><p>To have the page: <code>make web</code> where Node is, then build again.</p>";
 
 /// What is shown to a browser that was not let in.
-const LOCKED: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Polepair</title>\
+const TOKEN_REQUIRED: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Polepair</title>\
 <h1>This needs a token</h1><p>Open the URL that <code>polepair serve</code> printed when it started. \
 It lets one browser in, once; start the server again for another one.</p>";
 
@@ -31,8 +31,8 @@ pub(crate) fn file(path: &str) -> Option<Response> {
 }
 
 /// What a browser shows instead of an error in JSON.
-pub(crate) fn locked(status: StatusCode) -> Response {
-    html(status, LOCKED)
+pub(crate) fn token_required_page(status: StatusCode) -> Response {
+    html(status, TOKEN_REQUIRED)
 }
 
 fn html(status: StatusCode, text: &'static str) -> Response {

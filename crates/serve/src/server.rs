@@ -22,17 +22,17 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{oneshot, watch};
 use tower::ServiceExt as _;
 
-use crate::api::{self, Gate, Shared};
+use crate::api::{self, AppState, SharedAppState};
+use crate::auth::Authenticator;
 use crate::bench::{self, Bench};
-use crate::connections::{Connections, Here, Place};
-use crate::guard::Hosts;
-use crate::journal::Journal;
-use crate::live::{self, Board};
-use crate::message::{Deed, Refused};
-use crate::options::Options;
-use crate::refusal::Refusal;
-use crate::session::Door;
-use crate::tls::{self, Tls};
+use crate::connections::{ConnectionLimiter, ConnectionSlot, LocalAddress};
+use crate::error::SetupError;
+use crate::guard::AllowedHosts;
+use crate::journal::JournalFile;
+use crate::live::{self, Broadcaster};
+use crate::message::{GatewayError, JournalAction};
+use crate::options::ServerOptions;
+use crate::tls::{self, ServerTls};
 use crate::token;
 
 /// How long a request's head may take, and the time between two; a TLS greeting likewise.
@@ -40,9 +40,9 @@ const HEAD_MAX: Duration = Duration::from_secs(5);
 /// Bytes of a request's head.
 const HEAD_BYTES_MAX: usize = 32 * 1024;
 /// How long open connections have to end.
-const LEAVE_MAX: Duration = Duration::from_millis(500);
+const SHUTDOWN_MAX: Duration = Duration::from_millis(500);
 /// How long nothing is accepted when the system gives no more sockets.
-const BREATH: Duration = Duration::from_millis(20);
+const ACCEPT_BACKOFF: Duration = Duration::from_millis(20);
 /// The tokens' file in the server's folder.
 const TOKENS: &str = "tokens";
 /// The journal's.
@@ -51,31 +51,31 @@ const JOURNAL: &str = "journal.jsonl";
 const SESSIONS: &str = "sessions";
 
 /// A server that runs.
-pub struct Server {
+pub struct GatewayServer {
     /// What takes requests and commands, and what shows.
     runtimes: Option<Runtimes>,
     /// What looks for viewers, and what ends that.
-    board: Option<(JoinHandle<()>, oneshot::Sender<()>)>,
-    gate: Shared,
+    broadcaster: Option<(JoinHandle<()>, oneshot::Sender<()>)>,
+    state: SharedAppState,
     address: SocketAddr,
     url: String,
     fingerprint: Option<String>,
-    cut: u64,
-    owed: Vec<(String, u32)>,
+    truncated_bytes: u64,
+    inherited_stops: Vec<(String, u32)>,
     end: watch::Sender<bool>,
 }
 
 /// Threads for tasks: each group has its own, so that none waits in another's queue.
 struct Runtimes {
     /// What strangers may ask: connections, handshakes, pages, REST.
-    door: Runtime,
+    http: Runtime,
     /// What viewers say.
-    hears: Runtime,
+    inbound: Runtime,
     /// What they are told.
-    shows: Runtime,
+    outbound: Runtime,
 }
 
-impl std::fmt::Debug for Server {
+impl std::fmt::Debug for GatewayServer {
     /// Not its URL: that lets somebody in.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Server at {}", self.address)
@@ -84,41 +84,42 @@ impl std::fmt::Debug for Server {
 
 /// Ends a server, from any thread.
 #[derive(Debug, Clone)]
-pub struct Stopper(watch::Sender<bool>);
+pub struct ShutdownHandle(watch::Sender<bool>);
 
-impl Stopper {
-    /// Ends it: [`Server::wait`] returns.
-    pub fn stop(&self) {
+impl ShutdownHandle {
+    /// Ends it: [`GatewayServer::wait`] returns.
+    pub fn shutdown(&self) {
         self.0.send_replace(true);
     }
 }
 
-impl Server {
+impl GatewayServer {
     /// Opens the links, without any a simulated rack, and serves them.
     ///
     /// # Errors
     /// The options would let others in, a file is not as it has to be, the address is taken, a link
     /// cannot be opened.
     pub fn start(
-        options: &Options,
+        options: &ServerOptions,
         urls: &[String],
         connector: Connector,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self, SetupError> {
         options.check()?;
-        folder(&options.folder)?;
+        create_folder(&options.folder)?;
         let grants = token::load(&options.folder.join(TOKENS))?;
         let tls = if options.tls { Some(tls::load(options)?) } else { None };
         let (listener, address) = listen(options.bind)?;
         let path = options.folder.join(JOURNAL);
-        let (journal, cut) = Journal::open(&path)?;
-        let owed = journal.owed().map_err(|error| Refusal::file(&path, "read", &error))?;
+        let (journal, cut) = JournalFile::open(&path)?;
+        let owed =
+            journal.pending_stops().map_err(|error| SetupError::file(&path, "read", &error))?;
         let journal = Arc::new(journal);
-        let opened = bench::Options {
+        let opened = bench::BenchOptions {
             connector,
             last_epoch: journal.count(),
-            owed_before: owed.clone(),
-            journal: Arc::<Journal>::clone(&journal),
-            ..bench::Options::default()
+            inherited_stops: owed.clone(),
+            journal: Arc::<JournalFile>::clone(&journal),
+            ..bench::BenchOptions::default()
         };
         let bench = Bench::open(urls, opened)?;
         let links: Vec<_> = bench.snapshot().links.into_iter().map(|link| link.url).collect();
@@ -126,33 +127,45 @@ impl Server {
             "version": env!("CARGO_PKG_VERSION"), "links": links, "address": address,
             "scopes": options.scopes.iter().collect::<Vec<_>>(), "cut": cut,
         });
-        let started = bench.note("server", Deed::Started, detail).wait();
-        started.map_err(|refused| not_started(refused, urls))?;
-        let door = Door::new(grants, options.scopes, address.port(), options.tls)
-            .keeping(&options.folder.join(SESSIONS));
-        let hosts = Hosts::new(options.scheme(), address.ip(), address.port(), &options.names);
-        let once = door.once()?.reveal();
+        let started = bench.write_journal("server", JournalAction::Started, detail).wait();
+        started.map_err(|refused| journal_start_error(refused, urls))?;
+        let door = Authenticator::new(grants, options.scopes, address.port(), options.tls)
+            .with_session_file(&options.folder.join(SESSIONS));
+        let hosts =
+            AllowedHosts::new(options.scheme(), address.ip(), address.port(), &options.host_names);
+        let once = door.issue_one_time_token()?.reveal();
         // Encrypted, who shows shares the cipher with who reads, and must not be put off with it.
         let encrypts = options.tls;
         let stand = move || {
             if !encrypts {
-                polepair_link::stand_back();
+                polepair_link::lower_priority();
             }
         };
         let runtimes =
-            Runtimes { door: runtime(|| {})?, hears: runtime(|| {})?, shows: runtime(stand)? };
-        let (hears, shows) = (runtimes.hears.handle().clone(), runtimes.shows.handle().clone());
-        let threads = live::Threads { hears, shows, encrypts };
-        let gate = Arc::new(Gate::new(bench, door, hosts, journal, threads));
+            Runtimes { http: runtime(|| {})?, inbound: runtime(|| {})?, outbound: runtime(stand)? };
+        let (hears, shows) =
+            (runtimes.inbound.handle().clone(), runtimes.outbound.handle().clone());
+        let threads = live::LiveRuntimes { inbound: hears, outbound: shows, encrypted: encrypts };
+        let gate = Arc::new(AppState::new(bench, door, hosts, journal, threads));
         let fingerprint = tls.as_ref().map(|tls| tls.fingerprint.clone());
         let (end, ended) = watch::channel(false);
         let (board_ends, board_ended) = oneshot::channel();
-        let board = Some((Board::start(Arc::clone(&gate), board_ended)?, board_ends));
-        runtimes.door.spawn(accept(listener, Arc::clone(&gate), tls, ended));
-        let shown = SocketAddr::new(shown(address), address.port());
+        let board = Some((Broadcaster::start(Arc::clone(&gate), board_ended)?, board_ends));
+        runtimes.http.spawn(accept_connections(listener, Arc::clone(&gate), tls, ended));
+        let shown = SocketAddr::new(browser_ip(address), address.port());
         let url = format!("{}://{shown}/?once={once}", options.scheme());
         let runtimes = Some(runtimes);
-        Ok(Self { runtimes, board, gate, address, url, fingerprint, cut, owed, end })
+        Ok(Self {
+            runtimes,
+            broadcaster: board,
+            state: gate,
+            address,
+            url,
+            fingerprint,
+            truncated_bytes: cut,
+            inherited_stops: owed,
+            end,
+        })
     }
 
     /// Where it listens.
@@ -175,33 +188,33 @@ impl Server {
 
     /// Bytes of a record without end that were found in the journal: the server before was killed.
     #[must_use]
-    pub fn cut(&self) -> u64 {
-        self.cut
+    pub fn truncated_bytes(&self) -> u64 {
+        self.truncated_bytes
     }
 
     /// Axes that the server before owed a stop when it ended, by connection string and number: those
     /// that are there are stopped now.
     #[must_use]
-    pub fn owed(&self) -> &[(String, u32)] {
-        &self.owed
+    pub fn inherited_stops(&self) -> &[(String, u32)] {
+        &self.inherited_stops
     }
 
     /// What it serves.
     #[must_use]
     pub fn bench(&self) -> &Bench {
-        &self.gate.bench
+        &self.state.bench
     }
 
     /// What ends it.
     #[must_use]
-    pub fn stopper(&self) -> Stopper {
-        Stopper(self.end.clone())
+    pub fn shutdown_handle(&self) -> ShutdownHandle {
+        ShutdownHandle(self.end.clone())
     }
 
     /// Waits until somebody ends it, then stops what moves and closes everything. Returns who was not
     /// seen standing: see [`Bench::shutdown`].
     pub fn wait(mut self) -> Vec<String> {
-        if let Some(Runtimes { door, .. }) = &self.runtimes {
+        if let Some(Runtimes { http: door, .. }) = &self.runtimes {
             let mut end = self.end.subscribe();
             // The sender is ours: it lives.
             let _ = door.block_on(end.wait_for(|end| *end));
@@ -210,50 +223,56 @@ impl Server {
     }
 
     fn close(&mut self) -> Vec<String> {
-        let Some(Runtimes { door, hears, shows }) = self.runtimes.take() else { return Vec::new() };
+        let Some(Runtimes { http: door, inbound: hears, outbound: shows }) = self.runtimes.take()
+        else {
+            return Vec::new();
+        };
         self.end.send_replace(true);
         // What moves is stopped before anything is waited for that only shows.
-        let left = self.gate.bench.shutdown();
-        if let Some((board, end)) = self.board.take() {
+        let left = self.state.bench.shutdown();
+        if let Some((board, end)) = self.broadcaster.take() {
             // One that panicked is over as well.
             let _ = end.send(());
             let _ = board.join();
-            hears.block_on(self.gate.board.empty(LEAVE_MAX));
+            hears.block_on(self.state.broadcaster.wait_until_empty(SHUTDOWN_MAX));
         }
-        let ended = self.gate.bench.note("server", Deed::Ended, json!({}));
-        if let Err(error) = self.gate.bench.close_journal().and_then(|()| ended.wait()) {
+        let ended = self.state.bench.write_journal("server", JournalAction::Ended, json!({}));
+        if let Err(error) = self.state.bench.close_journal().and_then(|()| ended.wait()) {
             tracing::error!(%error, "the journal does not keep its end");
         }
-        door.shutdown_timeout(LEAVE_MAX);
-        hears.shutdown_timeout(LEAVE_MAX);
-        shows.shutdown_timeout(LEAVE_MAX);
+        door.shutdown_timeout(SHUTDOWN_MAX);
+        hears.shutdown_timeout(SHUTDOWN_MAX);
+        shows.shutdown_timeout(SHUTDOWN_MAX);
         left
     }
 }
 
-impl Drop for Server {
+impl Drop for GatewayServer {
     fn drop(&mut self) {
         // Nobody is left to hear of it but the journal.
         let _ = self.close();
     }
 }
 
-impl bench::Journal for Journal {
-    fn note(&self, note: bench::Note<'_>) -> Result<(), crate::message::Refused> {
-        self.write(note.who, note.deed, note.axis, note.detail).map(drop)
+impl bench::JournalSink for JournalFile {
+    fn write_entry(
+        &self,
+        note: bench::JournalEntry<'_>,
+    ) -> Result<(), crate::message::GatewayError> {
+        self.write(note.who, note.action, note.axis, note.detail).map(drop)
     }
 }
 
 /// Threads for tasks, each of which does that first.
-fn runtime(first: impl Fn() + Send + Sync + 'static) -> Result<Runtime, Refusal> {
+fn runtime(first: impl Fn() + Send + Sync + 'static) -> Result<Runtime, SetupError> {
     let threads = Builder::new_multi_thread().enable_all().on_thread_start(first).build();
     threads.map_err(|error| {
-        Refusal::adapter("E318", "no threads can be started").why(error.to_string())
+        SetupError::adapter("E318", "no threads can be started").why(error.to_string())
     })
 }
 
 /// Its journal does not take its first record: no server runs that could stop anything.
-fn not_started(refused: Refused, urls: &[String]) -> Refusal {
+fn journal_start_error(refused: GatewayError, urls: &[String]) -> SetupError {
     let link = |url: &String| url.split('#').next().unwrap_or_default().to_owned();
     let stops = urls.iter().filter(|url| !url.starts_with("sim:"));
     let stops: Vec<_> =
@@ -262,22 +281,22 @@ fn not_started(refused: Refused, urls: &[String]) -> Refusal {
         true => String::new(),
         false => format!("; what stops motors without a server: {}", stops.join(", ")),
     };
-    Refusal::from(refused)
+    SetupError::from(refused)
         .why("The server was not started.")
         .hint(format!("make room on the disk, or another folder by --state{without}"))
 }
 
 /// Makes the server's folder, for its owner alone.
-fn folder(path: &Path) -> Result<(), Refusal> {
+fn create_folder(path: &Path) -> Result<(), SetupError> {
     let mut builder = std::fs::DirBuilder::new();
     builder.recursive(true);
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-    builder.create(path).map_err(|error| Refusal::file(path, "make", &error))
+    builder.create(path).map_err(|error| SetupError::file(path, "make", &error))
 }
 
 /// Where a browser on this machine finds it.
-fn shown(address: SocketAddr) -> std::net::IpAddr {
+fn browser_ip(address: SocketAddr) -> std::net::IpAddr {
     let ip = address.ip();
     if !ip.is_unspecified() {
         return ip;
@@ -285,7 +304,7 @@ fn shown(address: SocketAddr) -> std::net::IpAddr {
     if ip.is_ipv4() { [127, 0, 0, 1].into() } else { std::net::Ipv6Addr::LOCALHOST.into() }
 }
 
-fn listen(bind: SocketAddr) -> Result<(std::net::TcpListener, SocketAddr), Refusal> {
+fn listen(bind: SocketAddr) -> Result<(std::net::TcpListener, SocketAddr), SetupError> {
     let listening = || {
         let listener = std::net::TcpListener::bind(bind)?;
         listener.set_nonblocking(true)?;
@@ -293,23 +312,23 @@ fn listen(bind: SocketAddr) -> Result<(std::net::TcpListener, SocketAddr), Refus
         Ok((listener, address))
     };
     listening().map_err(|error: io::Error| {
-        Refusal::adapter("E320", format!("cannot listen on {bind}"))
+        SetupError::adapter("E320", format!("cannot listen on {bind}"))
             .why(format!("The system says: {error}."))
             .hint("another server may be there: --bind 127.0.0.1:0 takes a free port")
     })
 }
 
-async fn accept(
+async fn accept_connections(
     listener: std::net::TcpListener,
-    gate: Shared,
-    tls: Option<Tls>,
+    gate: SharedAppState,
+    tls: Option<ServerTls>,
     mut end: watch::Receiver<bool>,
 ) {
     let Ok(listener) = TcpListener::from_std(listener) else {
         return tracing::error!("the system took the listening socket away");
     };
-    let files = polepair_link::open_files();
-    let (app, connections) = (api::router(&gate), Connections::new(files));
+    let files = polepair_link::raise_file_limit();
+    let (app, connections) = (api::router(&gate), ConnectionLimiter::new(files));
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
@@ -318,15 +337,15 @@ async fn accept(
         gate.metrics.connections.set(i64::try_from(connections.count()).unwrap_or(i64::MAX));
         let Ok((stream, peer)) = accepted else {
             connections.make_room();
-            tokio::time::sleep(BREATH).await;
+            tokio::time::sleep(ACCEPT_BACKOFF).await;
             continue;
         };
-        let Some((place, go)) = connections.take(peer.ip()) else { continue };
+        let Some((place, go)) = connections.acquire_slot(peer.ip()) else { continue };
         let acceptor = tls.as_ref().map(|tls| tls.acceptor.clone());
         let (app, mut end) = (app.clone(), end.clone());
         tokio::spawn(async move {
             tokio::select! {
-                () = connection(stream, acceptor, app, place) => {}
+                () = serve_connection(stream, acceptor, app, place) => {}
                 _ = go => {}
                 _ = end.wait_for(|end| *end) => {}
             }
@@ -334,37 +353,37 @@ async fn accept(
     }
 }
 
-async fn connection(
+async fn serve_connection(
     stream: TcpStream,
     tls: Option<tokio_rustls::TlsAcceptor>,
     app: Router,
-    place: Place,
+    place: ConnectionSlot,
 ) {
     // A socket that cannot be told so is slower, no worse.
     let _ = stream.set_nodelay(true);
-    let Ok(here) = stream.local_addr().map(Here) else { return };
+    let Ok(here) = stream.local_addr().map(LocalAddress) else { return };
     match tls {
-        None => requests(stream, app, &place, here).await,
+        None => serve_requests(stream, app, &place, here).await,
         Some(tls) => {
             if let Ok(Ok(stream)) = tokio::time::timeout(HEAD_MAX, tls.accept(stream)).await {
-                requests(stream, app, &place, here).await;
+                serve_requests(stream, app, &place, here).await;
             }
         }
     }
 }
 
-async fn requests(
+async fn serve_requests(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     app: Router,
-    place: &Place,
-    here: Here,
+    place: &ConnectionSlot,
+    here: LocalAddress,
 ) {
     let connection = place.connection();
     let service = hyper::service::service_fn(move |mut request: hyper::Request<Incoming>| {
         request.extensions_mut().insert(connection.clone());
         request.extensions_mut().insert(here);
         let app = app.clone();
-        async move { Ok::<_, Infallible>(answered(app.oneshot(request.map(Body::new)).await)) }
+        async move { Ok::<_, Infallible>(unwrap_infallible(app.oneshot(request.map(Body::new)).await)) }
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEAD_MAX).max_buf_size(HEAD_BYTES_MAX);
@@ -372,7 +391,7 @@ async fn requests(
     let _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
 }
 
-fn answered(answer: Result<hyper::Response<Body>, Infallible>) -> hyper::Response<Body> {
+fn unwrap_infallible(answer: Result<hyper::Response<Body>, Infallible>) -> hyper::Response<Body> {
     match answer {
         Ok(answer) => answer,
         Err(never) => match never {},

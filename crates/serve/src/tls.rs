@@ -12,10 +12,10 @@ use tokio_rustls::rustls::server::WebPkiClientVerifier;
 use tokio_rustls::rustls::server::danger::ClientCertVerifier;
 use tokio_rustls::rustls::{RootCertStore, ServerConfig, version};
 
-use crate::message::fingerprint;
-use crate::options::Options;
-use crate::refusal::Refusal;
-use crate::token::{is_private, write_secret};
+use crate::error::SetupError;
+use crate::message::certificate_fingerprint;
+use crate::options::ServerOptions;
+use crate::token::{require_private, write_private_file};
 
 /// The certificate's file in the server's folder.
 const CERTIFICATE: &str = "certificate.pem";
@@ -25,14 +25,14 @@ const KEY: &str = "key.pem";
 const CHAIN_MAX: usize = 8;
 
 /// What encrypts, and the fingerprint by which people know it.
-pub struct Tls {
+pub struct ServerTls {
     /// Takes connections.
     pub acceptor: TlsAcceptor,
     /// SHA-256 of the certificate, as browsers show it: `AB:CD:…`.
     pub fingerprint: String,
 }
 
-impl std::fmt::Debug for Tls {
+impl std::fmt::Debug for ServerTls {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Tls").field("fingerprint", &self.fingerprint).finish_non_exhaustive()
     }
@@ -42,73 +42,74 @@ impl std::fmt::Debug for Tls {
 ///
 /// # Errors
 /// They cannot be read, others may read the key, or they do not belong together.
-pub fn load(options: &Options) -> Result<Tls, Refusal> {
+pub fn load(options: &ServerOptions) -> Result<ServerTls, SetupError> {
     let (certificate, key) = (options.folder.join(CERTIFICATE), options.folder.join(KEY));
     if !certificate.exists() && !key.exists() {
         make(options, &certificate, &key)?;
     }
-    let file = File::open(&key).map_err(|error| Refusal::file(&key, "read", &error))?;
-    is_private(&key, &file)?;
-    let again = |refusal: Refusal| refusal.hint("remove both files to get new ones");
+    let file = File::open(&key).map_err(|error| SetupError::file(&key, "read", &error))?;
+    require_private(&key, &file)?;
+    let again = |refusal: SetupError| refusal.hint("remove both files to get new ones");
     let chain = certificates(&certificate).map_err(again)?;
-    let fingerprint = chain.first().map(|own| fingerprint(own)).unwrap_or_default();
-    let secret = PrivateKeyDer::from_pem_file(&key).map_err(|error| again(wrong(&key, &error)))?;
+    let fingerprint = chain.first().map(|own| certificate_fingerprint(own)).unwrap_or_default();
+    let secret =
+        PrivateKeyDer::from_pem_file(&key).map_err(|error| again(invalid_file(&key, &error)))?;
     let provider = Arc::new(ring::default_provider());
     let config = ServerConfig::builder_with_provider(Arc::clone(&provider))
         .with_protocol_versions(&[&version::TLS13])
-        .map_err(|error| wrong(&certificate, &error))?;
-    let config = match &options.clients {
-        Some(path) => config.with_client_cert_verifier(vouched(path, provider)?),
+        .map_err(|error| invalid_file(&certificate, &error))?;
+    let config = match &options.client_ca {
+        Some(path) => config.with_client_cert_verifier(client_cert_verifier(path, provider)?),
         None => config.with_no_client_auth(),
     };
     let config = config.with_single_cert(chain, secret);
-    let config = config.map_err(|error| again(wrong(&certificate, &error)))?;
-    Ok(Tls { acceptor: TlsAcceptor::from(Arc::new(config)), fingerprint })
+    let config = config.map_err(|error| again(invalid_file(&certificate, &error)))?;
+    Ok(ServerTls { acceptor: TlsAcceptor::from(Arc::new(config)), fingerprint })
 }
 
 /// What lets in whoever shows a certificate that one of a file's signed, and nobody else.
-fn vouched(
+fn client_cert_verifier(
     path: &Path,
     provider: Arc<CryptoProvider>,
-) -> Result<Arc<dyn ClientCertVerifier>, Refusal> {
+) -> Result<Arc<dyn ClientCertVerifier>, SetupError> {
     let mut roots = RootCertStore::empty();
     for certificate in certificates(path)? {
-        roots.add(certificate).map_err(|error| wrong(path, &error))?;
+        roots.add(certificate).map_err(|error| invalid_file(path, &error))?;
     }
     WebPkiClientVerifier::builder_with_provider(Arc::new(roots), provider)
         .build()
-        .map_err(|error| wrong(path, &error))
+        .map_err(|error| invalid_file(path, &error))
 }
 
 /// The certificates of a file, at least one.
-fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, Refusal> {
+fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, SetupError> {
     let all = CertificateDer::pem_file_iter(path)
         .and_then(|all| all.take(CHAIN_MAX + 1).collect::<Result<Vec<_>, _>>())
-        .map_err(|error| wrong(path, &error))?;
+        .map_err(|error| invalid_file(path, &error))?;
     match all.len() {
-        0 => Err(wrong(path, &"it holds no certificate")),
+        0 => Err(invalid_file(path, &"it holds no certificate")),
         1..=CHAIN_MAX => Ok(all),
-        _ => Err(wrong(path, &format!("it holds more than {CHAIN_MAX} certificates"))),
+        _ => Err(invalid_file(path, &format!("it holds more than {CHAIN_MAX} certificates"))),
     }
 }
 
-fn wrong(path: &Path, error: &dyn std::fmt::Display) -> Refusal {
-    Refusal::usage("E230", format!("{}: {error}", path.display()))
+fn invalid_file(path: &Path, error: &dyn std::fmt::Display) -> SetupError {
+    SetupError::usage("E230", format!("{}: {error}", path.display()))
 }
 
-fn make(options: &Options, certificate: &Path, key: &Path) -> Result<(), Refusal> {
+fn make(options: &ServerOptions, certificate: &Path, key: &Path) -> Result<(), SetupError> {
     let mut names = vec!["localhost".to_owned(), "127.0.0.1".to_owned(), "::1".to_owned()];
     let address = options.bind.ip();
     if !address.is_unspecified() && !address.is_loopback() {
         names.push(address.to_string());
     }
-    names.extend(options.names.iter().cloned());
+    names.extend(options.host_names.iter().cloned());
     let made = rcgen::generate_simple_self_signed(names).map_err(|error| {
-        Refusal::adapter("E318", "no certificate can be made").why(error.to_string())
+        SetupError::adapter("E318", "no certificate can be made").why(error.to_string())
     })?;
-    write_secret(key, made.signing_key.serialize_pem().as_bytes())?;
+    write_private_file(key, made.signing_key.serialize_pem().as_bytes())?;
     std::fs::write(certificate, made.cert.pem())
-        .map_err(|error| Refusal::file(certificate, "write", &error))
+        .map_err(|error| SetupError::file(certificate, "write", &error))
 }
 
 #[cfg(test)]
@@ -119,7 +120,7 @@ mod tests {
     fn the_certificate_is_made_once_and_kept_private() {
         let folder = std::env::temp_dir().join(format!("polepair-tls-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
-        let options = Options::in_folder(folder.clone());
+        let options = ServerOptions::in_folder(folder.clone());
         let first = load(&options).unwrap();
         assert_eq!(first.fingerprint.len(), 32 * 3 - 1);
         assert_eq!(load(&options).unwrap().fingerprint, first.fingerprint);

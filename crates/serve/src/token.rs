@@ -11,12 +11,12 @@ use std::path::Path;
 
 use subtle::ConstantTimeEq as _;
 
-use crate::message::{PROOF_BYTES, of_digits, proof};
-use crate::refusal::Refusal;
+use crate::error::SetupError;
+use crate::message::{PROOF_BYTES, parse_hex, token_proof};
 use crate::scope::{Scope, Scopes};
 
 /// Bytes of a token.
-const BYTES: usize = PROOF_BYTES;
+const TOKEN_BYTES: usize = PROOF_BYTES;
 /// Tokens of a file.
 const TOKENS_MAX: usize = 64;
 /// Bytes of such a file.
@@ -24,17 +24,17 @@ const FILE_MAX: u64 = 64 * 1024;
 
 /// Something that cannot be guessed.
 #[derive(Clone)]
-pub struct Token([u8; BYTES]);
+pub struct AccessToken([u8; TOKEN_BYTES]);
 
-impl Token {
+impl AccessToken {
     /// A new one, from the system's randomness.
     ///
     /// # Errors
     /// When the system has none to give.
-    pub fn new() -> Result<Self, Refusal> {
-        let mut bytes = [0; BYTES];
+    pub fn generate() -> Result<Self, SetupError> {
+        let mut bytes = [0; TOKEN_BYTES];
         getrandom::fill(&mut bytes).map_err(|error| {
-            Refusal::adapter("E318", "the system gives no random numbers").why(error.to_string())
+            SetupError::adapter("E318", "the system gives no random numbers").why(error.to_string())
         })?;
         Ok(Self(bytes))
     }
@@ -42,25 +42,25 @@ impl Token {
     /// Reads its hexadecimal digits.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
-        of_digits(text).map(Self)
+        parse_hex(text).map(Self)
     }
 
     /// Its hexadecimal digits. For the file, the URL and the cookie alone.
     #[must_use]
     pub fn reveal(&self) -> String {
-        digits(&self.0)
+        to_hex(&self.0)
     }
 
     /// Whether both are the same; takes as long whatever differs.
     #[must_use]
-    pub fn is(&self, other: &Self) -> bool {
+    pub fn matches(&self, other: &Self) -> bool {
         self.0.ct_eq(&other.0).into()
     }
 
     /// What shows that it is known, to who asks at that address.
     #[must_use]
-    pub fn proof(&self, challenge: &[u8; BYTES], address: SocketAddr) -> String {
-        proof(&self.0, challenge, address)
+    pub fn proof(&self, challenge: &[u8; TOKEN_BYTES], address: SocketAddr) -> String {
+        token_proof(&self.0, challenge, address)
     }
 
     /// What stands for it where it must not be kept itself.
@@ -70,15 +70,15 @@ impl Token {
     }
 }
 
-impl fmt::Debug for Token {
+impl fmt::Debug for AccessToken {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Token")
     }
 }
 
-/// Bytes as hexadecimal digits; `of_digits` reads them.
-pub(crate) fn digits(bytes: &[u8; BYTES]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * BYTES), |mut text, byte| {
+/// Bytes as hexadecimal digits; `parse_hex` reads them.
+pub(crate) fn to_hex(bytes: &[u8; TOKEN_BYTES]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * TOKEN_BYTES), |mut text, byte| {
         // Writing into a String cannot fail.
         let _ = write!(text, "{byte:02x}");
         text
@@ -89,7 +89,7 @@ pub(crate) fn digits(bytes: &[u8; BYTES]) -> String {
 #[derive(Debug, Clone)]
 pub struct Grant {
     /// The secret.
-    pub token: Token,
+    pub token: AccessToken,
     /// What it grants.
     pub scopes: Scopes,
     /// Whom the journal names.
@@ -101,79 +101,85 @@ pub struct Grant {
 ///
 /// # Errors
 /// The file cannot be made or read, others may read it, or it holds something else.
-pub fn load(path: &Path) -> Result<Vec<Grant>, Refusal> {
+pub fn load(path: &Path) -> Result<Vec<Grant>, SetupError> {
     match File::open(path) {
         Ok(file) => read(path, file),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => make(path),
-        Err(error) => Err(Refusal::file(path, "read", &error)),
+        Err(error) => Err(SetupError::file(path, "read", &error)),
     }
 }
 
-fn make(path: &Path) -> Result<Vec<Grant>, Refusal> {
+fn make(path: &Path) -> Result<Vec<Grant>, SetupError> {
     let operator = Scopes::from_iter([Scope::Read, Scope::Stop, Scope::Move, Scope::Configure]);
     let viewer = Scopes::from_iter([Scope::Read, Scope::Stop]);
     let grant = |name: &str, scopes| {
-        Ok::<_, Refusal>(Grant { token: Token::new()?, scopes, name: name.to_owned() })
+        Ok::<_, SetupError>(Grant {
+            token: AccessToken::generate()?,
+            scopes,
+            name: name.to_owned(),
+        })
     };
     let grants = vec![grant("operator", operator)?, grant("viewer", viewer)?];
     let mut text = String::from("# TOKEN SCOPES NAME; who has a token may do what it grants\n");
     for Grant { token, scopes, name } in &grants {
         let _ = writeln!(text, "{} {scopes} {name}", token.reveal());
     }
-    write_secret(path, text.as_bytes())?;
+    write_private_file(path, text.as_bytes())?;
     Ok(grants)
 }
 
 /// Makes a file that only its owner can read; there must be none yet.
-pub(crate) fn write_secret(path: &Path, bytes: &[u8]) -> Result<(), Refusal> {
+pub(crate) fn write_private_file(path: &Path, bytes: &[u8]) -> Result<(), SetupError> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true);
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     let written = options.open(path).and_then(|mut file| file.write_all(bytes));
-    written.map_err(|error| Refusal::file(path, "write", &error))
+    written.map_err(|error| SetupError::file(path, "write", &error))
 }
 
 /// Refuses a file that others may read.
-pub(crate) fn is_private(path: &Path, file: &File) -> Result<(), Refusal> {
-    let its = polepair_link::is_private(file);
-    if its.map_err(|error| Refusal::file(path, "read", &error))? {
+pub(crate) fn require_private(path: &Path, file: &File) -> Result<(), SetupError> {
+    let its = polepair_link::is_private_file(file);
+    if its.map_err(|error| SetupError::file(path, "read", &error))? {
         return Ok(());
     }
-    Err(Refusal::adapter("E305", format!("others may read {}", path.display()))
+    Err(SetupError::adapter("E305", format!("others may read {}", path.display()))
         .why("What stands there lets whoever reads it move motors.")
         .hint(format!("chmod 600 {}, or remove it to get new ones", path.display())))
 }
 
-fn read(path: &Path, file: File) -> Result<Vec<Grant>, Refusal> {
-    is_private(path, &file)?;
+fn read(path: &Path, file: File) -> Result<Vec<Grant>, SetupError> {
+    require_private(path, &file)?;
     let mut text = String::new();
     file.take(FILE_MAX)
         .read_to_string(&mut text)
-        .map_err(|error| Refusal::file(path, "read", &error))?;
+        .map_err(|error| SetupError::file(path, "read", &error))?;
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let lines = lines.filter(|(_, line)| !line.starts_with('#')).take(TOKENS_MAX);
-    let grants: Result<Vec<_>, _> = lines.map(|(n, line)| grant(path, n + 1, line)).collect();
+    let grants: Result<Vec<_>, _> = lines.map(|(n, line)| parse_grant(path, n + 1, line)).collect();
     let grants = grants?;
     if grants.is_empty() {
-        return Err(wrong(path, 1, "it holds no token"));
+        return Err(invalid_line(path, 1, "it holds no token"));
     }
     Ok(grants)
 }
 
-fn grant(path: &Path, line: usize, text: &str) -> Result<Grant, Refusal> {
+fn parse_grant(path: &Path, line: usize, text: &str) -> Result<Grant, SetupError> {
     let words: Vec<&str> = text.split_whitespace().collect();
     let [token, scopes, name] = words[..] else {
-        return Err(wrong(path, line, "a line has a token, scopes and a name"));
+        return Err(invalid_line(path, line, "a line has a token, scopes and a name"));
     };
-    let token = Token::parse(token).ok_or_else(|| wrong(path, line, "that is no token"))?;
-    let scopes = scopes.parse::<Scopes>().map_err(|error| wrong(path, line, &error.to_string()))?;
+    let token =
+        AccessToken::parse(token).ok_or_else(|| invalid_line(path, line, "that is no token"))?;
+    let scopes =
+        scopes.parse::<Scopes>().map_err(|error| invalid_line(path, line, &error.to_string()))?;
     Ok(Grant { token, scopes, name: name.to_owned() })
 }
 
 /// What is wrong, without what stands there.
-fn wrong(path: &Path, line: usize, why: &str) -> Refusal {
-    Refusal::usage("E230", format!("{}:{line}: {why}", path.display()))
+fn invalid_line(path: &Path, line: usize, why: &str) -> SetupError {
+    SetupError::usage("E230", format!("{}:{line}: {why}", path.display()))
         .hint("remove the file to get a new one")
 }
 
@@ -183,12 +189,15 @@ mod tests {
 
     #[test]
     fn a_token_comes_back_from_its_digits_and_hides_otherwise() {
-        let token = Token::new().unwrap();
+        let token = AccessToken::generate().unwrap();
         let text = token.reveal();
         assert_eq!(text.len(), 64);
-        assert!(Token::parse(&text).is_some_and(|same| same.is(&token)));
-        assert!(!Token::new().unwrap().is(&token), "two are never the same");
+        assert!(AccessToken::parse(&text).is_some_and(|same| same.matches(&token)));
+        assert!(!AccessToken::generate().unwrap().matches(&token), "two are never the same");
         assert_eq!(format!("{token:?}"), "Token");
-        assert!(Token::parse(&text[1..]).is_none() && Token::parse(&"g".repeat(64)).is_none());
+        assert!(
+            AccessToken::parse(&text[1..]).is_none()
+                && AccessToken::parse(&"g".repeat(64)).is_none()
+        );
     }
 }

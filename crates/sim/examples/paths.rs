@@ -5,12 +5,12 @@
 
 use polepair_core::drives;
 use polepair_core::medium::{Can, CanLine, Frame};
-use polepair_core::proto::tml::online::{Online, PvtPoint};
+use polepair_core::proto::tml::online::{OnlineMessage, PvtPoint};
 use polepair_core::proto::tml::technocan;
 use polepair_core::proto::tml::wire::{IdCode, Instruction, Message};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
-use polepair_sim::node::LoneCan;
+use polepair_sim::node::CanStationNode;
 use polepair_sim::rack::RackDrive;
 use polepair_sim::world::World;
 
@@ -24,7 +24,7 @@ const STEP: i32 = 50;
 fn main() {
     let seconds: u32 = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(20);
     let mut world = World::new(1);
-    let bus = world.can(CanLine { bit_rate: 1_000_000 });
+    let bus = world.add_can(CanLine { bit_rate: 1_000_000 });
     let Some(profile) = drives::profiles().iter().find(|p| p.name == "technosoft-f514l") else {
         return;
     };
@@ -35,7 +35,7 @@ fn main() {
             spec.build(&mut world, bus, false).ok()
         })
         .collect();
-    let host = world.add(Box::new(LoneCan(Streamer::default())));
+    let host = world.add_node(Box::new(CanStationNode(Streamer::default())));
     world.plug_host(bus, host, 0);
     world.run_until(Instant::ZERO.plus_ms(100));
     let (events, begun) = (world.events(), std::time::Instant::now());
@@ -51,8 +51,8 @@ fn main() {
     );
     let expected = f64::from(STEP) / f64::from(PERIOD_MS) * ms as f64 / 2000.0;
     for &drive in &drives {
-        let turns = world.with(drive, |node, now| {
-            node.bench().map(|bench| bench.truth(now).position / core::f64::consts::TAU)
+        let turns = world.with_node(drive, |node, now| {
+            node.bench().map(|bench| bench.ground_truth(now).position / core::f64::consts::TAU)
         });
         assert!(turns.is_some_and(|t| (t - expected).abs() < 2.0), "{turns:?} for {expected}");
     }
@@ -88,7 +88,7 @@ impl Streamer {
                 let counter = (n & 0x7F) as u8;
                 let velocity = STEP * 65_536 / PERIOD_MS as i32;
                 let time = PERIOD_MS as u16;
-                Online::Pvt(PvtPoint { position: STEP, velocity, time, counter }).emit()
+                OnlineMessage::Pvt(PvtPoint { position: STEP, velocity, time, counter }).emit()
             }
         };
         self.axis += 1;

@@ -12,7 +12,7 @@ use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 use polepair_sim::host;
 use polepair_sim::rack::RackDrive;
-use polepair_sim::serial_line::Serial;
+use polepair_sim::serial_line::SerialWireConfig;
 use polepair_sim::world::{NodeId, World};
 
 const AXIS: AxisIndex = AxisIndex(0);
@@ -48,21 +48,21 @@ fn main() {
 fn desk(world: &mut World, protocol: &str, product: &str) -> Option<(NodeId, ParameterId)> {
     let spoken = host::protocols().into_iter().find(|p| p.name == protocol)?;
     let profile = drives::profiles().iter().copied().find(|p| p.name == product)?;
-    let wire = world.serial(Serial { baud: Some(BAUD), ..Serial::RS232 });
+    let wire = world.add_serial(SerialWireConfig { baud: Some(BAUD), ..SerialWireConfig::RS232 });
     let mut spec = RackDrive::new(profile, protocol);
     spec.address = Some(spoken.first_address);
     spec.build(world, wire, false).ok()?;
     let options = HostOptions::new(BAUD);
-    let host = world.add(host::lane(
+    let host = world.add_node(host::host_lane(
         protocol,
         spoken.medium,
         options,
         &[(profile, spoken.first_address)],
     )?);
     world.plug_host(wire, host, 0);
-    world.with(host, |node, now| {
+    world.with_node(host, |node, now| {
         let axes = node.axes()?;
-        axes.arm(AXIS, true);
+        axes.set_armed(AXIS, true);
         axes.command(now, Ticket(1), AXIS, Command::new(Verb::Enable)).ok()
     });
     Some((host, profile.signal(Signal::Position)?.parameter))
@@ -74,7 +74,7 @@ fn run(world: &mut World, hosts: &[(NodeId, ParameterId)], until: Instant) -> u6
     while world.next_event().is_some_and(|at| at <= until) {
         world.step();
         for (host, parameter) in hosts {
-            let ended = world.look(*host, |n, _| n.axes().and_then(|axes| axes.poll_outcome()));
+            let ended = world.inspect(*host, |n, _| n.axes().and_then(|axes| axes.poll_outcome()));
             if ended.is_some_and(|(Ticket(ticket), _)| ticket == 0) {
                 polls += 1;
                 ask(world, *host, *parameter);
@@ -85,7 +85,7 @@ fn run(world: &mut World, hosts: &[(NodeId, ParameterId)], until: Instant) -> u6
 }
 
 fn ask(world: &mut World, host: NodeId, parameter: ParameterId) {
-    world.with(host, |node, now| {
-        node.axes().map(|axes| axes.read(now, Ticket(0), AXIS, parameter).is_ok())
+    world.with_node(host, |node, now| {
+        node.axes().map(|axes| axes.read_parameter(now, Ticket(0), AXIS, parameter).is_ok())
     });
 }

@@ -5,7 +5,7 @@
 //! finds overwritten: both fail, and as both try again, both end bus-off. Frames alike in every bit
 //! are one frame to everybody.
 //!
-//! Every frame carries a [`Mark`] that no station sees: who sent it, and what it answers. Checks
+//! Every frame carries a [`CanFrameLabel`] that no station sees: who sent it, and what it answers. Checks
 //! compare what hosts believe with the marks.
 
 mod fault;
@@ -15,10 +15,10 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use polepair_core::medium::{CanLine, Frame};
 use polepair_core::time::Instant;
 
-use crate::random::{History, Ppm, Random};
-pub use fault::{CanFaults, CanMade};
+use crate::random::{HistoryHash, Ppm, Random};
+pub use fault::{CanFaults, InjectedCanFaults};
 pub use polepair_core::medium::bits;
-use polepair_core::medium::bits::{arbitration, until_they_differ};
+use polepair_core::medium::bits::{arbitration_key, bits_until_difference};
 
 #[cfg(test)]
 mod tests;
@@ -34,70 +34,70 @@ const RECOVERY_BITS: u64 = 128 * 11;
 const HOST_FRAMES_MAX: usize = 1;
 const DRIVE_FRAMES_MAX: usize = 3;
 /// Frames that an adapter holds back at most; beyond them they are lost.
-pub(crate) const LATE_MAX: usize = 256;
+pub(crate) const DELAYED_MAX: usize = 256;
 
 /// Who has a controller on the bus.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(crate) enum Role {
+pub(crate) enum PlugRole {
     /// The commanding end.
     #[default]
     Host,
     /// A drive: what it sends while it takes a frame answers that frame.
     Drive,
     /// Who belongs to nobody here.
-    Stranger,
+    Intruder,
 }
 
 /// What the world knows of a frame and no station sees.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Mark {
+pub struct CanFrameLabel {
     /// Number of the frame; 0 for none.
     pub tag: u32,
     /// Hash of identifier and payload as they were meant.
-    pub content: u64,
+    pub content_hash: u64,
     /// Its identifier, and whether that has 29 bits.
     pub id: (u32, bool),
     /// Place of its sender on the bus.
-    pub from: usize,
+    pub sender: usize,
     /// The frame that it answers, and the content of that; `None` for what is said unasked, and where
     /// the world cannot tell.
     pub answers: Option<(u32, u64)>,
     /// A stranger sent it, or what it answers.
-    pub strange: bool,
+    pub from_intruder: bool,
     /// It is taken a second time, or answers what was.
-    pub copy: bool,
+    pub is_copy: bool,
     /// What it answers is not known: its sender's controller was full.
-    pub unsure: bool,
+    pub cause_unknown: bool,
     /// Bits that it takes at least.
-    pub bits: u32,
+    pub bits_min: u32,
 }
 
 /// What the world knows about one node's place on a CAN bus and the node does not.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Standing {
-    /// Place on the bus, as in [`Mark::from`].
+pub struct CanPlugStatus {
+    /// Place on the bus, as in [`CanFrameLabel::sender`].
     pub plug: usize,
     /// What it heard last.
-    pub heard: Mark,
+    pub last_received: CanFrameLabel,
     /// How many frames it heard.
-    pub count: u64,
+    pub received_count: u64,
     /// What it handed to its controller last, and when.
-    pub sent: Mark,
-    /// See [`sent`](Self::sent).
-    pub since: Instant,
+    pub last_sent: CanFrameLabel,
+    /// See [`last_sent`](Self::last_sent).
+    pub sent_at: Instant,
     /// Something waits in its controller.
-    pub waits: bool,
+    pub is_waiting: bool,
     /// Frames of its own that others took twice.
-    pub doubled: u64,
+    pub taken_twice: u64,
     /// Frames of hosts that it did not get, or not whole.
     pub missed: u64,
     /// How often its controller went bus-off.
-    pub off: u64,
+    pub bus_off_count: u64,
     /// It last did because another host had a frame of this identifier and other data in the very same
     /// instants, from the first try to the last.
-    pub clashed: Option<(u32, bool)>,
+    pub clash_id: Option<(u32, bool)>,
     /// Strangers' frames that it took and that may have been meant for it.
-    pub misled: u64,
+    pub intruder_frames: u64,
 }
 
 /// A CAN bus with its nodes' frames waiting.
@@ -105,72 +105,72 @@ pub struct Standing {
 pub(crate) struct CanBus {
     pub(crate) line: CanLine,
     pub(crate) faults: CanFaults,
-    pub(crate) made: CanMade,
+    pub(crate) injected: InjectedCanFaults,
     pub(crate) down: bool,
     random: Random,
-    plugs: Vec<Plug>,
-    sending: Option<Sending>,
+    plugs: Vec<CanPlug>,
+    on_wire: Option<ActiveFrame>,
     /// An appointment to start is made: until then whoever has something to say joins in.
-    starting: bool,
+    start_pending: bool,
     /// Bits that were on the wire so far.
     busy_bits: u64,
     /// The drives that answered frames of an identifier, and the identifiers that drives send.
-    obeyed: BTreeMap<(u32, bool), Vec<usize>>,
-    spoken: BTreeSet<(u32, bool)>,
+    responders: BTreeMap<(u32, bool), Vec<usize>>,
+    drive_ids: BTreeSet<(u32, bool)>,
 }
 
 /// One controller.
 #[derive(Debug, Default)]
-struct Plug {
-    role: Role,
-    waiting: VecDeque<Posted>,
+struct CanPlug {
+    role: PlugRole,
+    queue: VecDeque<QueuedFrame>,
     sending: bool,
-    errors: u16,
+    error_count: u16,
     /// How many of its last transmissions, running, ended in that of another host.
-    clashes: u16,
-    off: bool,
+    clash_count: u16,
+    bus_off: bool,
     /// Its connector is pulled.
-    away: bool,
+    unplugged: bool,
     /// What it is taking now: what it sends meanwhile answers that.
-    hearing: Option<Mark>,
+    answering: Option<CanFrameLabel>,
     /// Its station may hold frames back whose cause is no longer known.
-    unsure: bool,
-    late: VecDeque<(Instant, Frame, Mark)>,
-    standing: Standing,
+    cause_unknown: bool,
+    delayed: VecDeque<(Instant, Frame, CanFrameLabel)>,
+    status: CanPlugStatus,
 }
 
 /// A frame in a controller.
 #[derive(Clone, Copy, Debug)]
-struct Posted {
+struct QueuedFrame {
     frame: Frame,
-    mark: Mark,
+    label: CanFrameLabel,
     /// Others took it already.
-    taken: bool,
+    received: bool,
 }
 
 /// What is on the wire.
 #[derive(Clone, Copy, Debug)]
-struct Sending {
+struct ActiveFrame {
     frame: Frame,
-    mark: Mark,
-    end: End,
+    label: CanFrameLabel,
+    end: TransmissionEnd,
     /// Two hosts sent it, and other data.
     clash: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum End {
-    Good,
-    Twice,
+enum TransmissionEnd {
+    Arrived,
+    TakenTwice,
     Destroyed,
 }
 
 /// What becomes of a frame at one plug.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Reach {
-    Not,
-    Now(Frame),
-    Later(Instant),
+pub(crate) enum Delivery {
+    Missed,
+    Immediate(Frame),
+    Delayed(Instant),
 }
 
 impl CanBus {
@@ -178,254 +178,271 @@ impl CanBus {
         Self {
             line,
             faults: CanFaults::default(),
-            made: CanMade::default(),
+            injected: InjectedCanFaults::default(),
             down: false,
             random,
             plugs: Vec::new(),
-            sending: None,
-            starting: false,
+            on_wire: None,
+            start_pending: false,
             busy_bits: 0,
-            obeyed: BTreeMap::new(),
-            spoken: BTreeSet::new(),
+            responders: BTreeMap::new(),
+            drive_ids: BTreeSet::new(),
         }
     }
 
-    pub(crate) fn plug(&mut self, role: Role) -> usize {
+    pub(crate) fn add_plug(&mut self, role: PlugRole) -> usize {
         let plug = self.plugs.len();
-        let standing = Standing { plug, ..Standing::default() };
-        self.plugs.push(Plug { role, standing, ..Plug::default() });
+        let standing = CanPlugStatus { plug, ..CanPlugStatus::default() };
+        self.plugs.push(CanPlug { role, status: standing, ..CanPlug::default() });
         plug
     }
 
-    pub(crate) fn standing(&self, plug: usize) -> Standing {
-        self.plugs[plug].standing
+    pub(crate) fn plug_status(&self, plug: usize) -> CanPlugStatus {
+        self.plugs[plug].status
     }
 
     /// Whether a plug's controller can take a frame.
     pub(crate) fn has_room(&self, plug: usize) -> bool {
-        let Plug { role, waiting, off, away, .. } = &self.plugs[plug];
-        let most = if *role == Role::Drive { DRIVE_FRAMES_MAX } else { HOST_FRAMES_MAX };
+        let CanPlug { role, queue: waiting, bus_off: off, unplugged: away, .. } = &self.plugs[plug];
+        let most = if *role == PlugRole::Drive { DRIVE_FRAMES_MAX } else { HOST_FRAMES_MAX };
         waiting.len() < most && !off && !away
     }
 
     /// What a plug sends from here on answers the frame that it heard last.
-    pub(crate) fn listens(&mut self, plug: usize) {
+    pub(crate) fn begin_answering(&mut self, plug: usize) {
         let plug = &mut self.plugs[plug];
-        plug.hearing = Some(plug.standing.heard);
+        plug.answering = Some(plug.status.last_received);
     }
 
     /// What a plug sends from here on answers nothing. `empty` says that its station has no more to
     /// say now.
-    pub(crate) fn spoke(&mut self, plug: usize, empty: bool) {
+    pub(crate) fn end_answering(&mut self, plug: usize, empty: bool) {
         let plug = &mut self.plugs[plug];
-        plug.unsure = !empty && (plug.unsure || plug.hearing.is_some());
-        plug.hearing = None;
+        plug.cause_unknown = !empty && (plug.cause_unknown || plug.answering.is_some());
+        plug.answering = None;
     }
 
-    /// Puts a frame into a plug's controller. Returns whether to [`start`](Self::start) is now to
+    /// Puts a frame into a plug's controller. Returns whether to [`start_frame`](Self::start_frame) is now to
     /// be arranged for, at the end of this instant: what is ready by then arbitrates.
-    pub(crate) fn offer(&mut self, plug: usize, now: Instant, tag: u32, frame: Frame) -> bool {
-        let mark = self.mark(plug, tag, &frame);
+    pub(crate) fn enqueue(&mut self, plug: usize, now: Instant, tag: u32, frame: Frame) -> bool {
+        let mark = self.label_frame(plug, tag, &frame);
         let plug = &mut self.plugs[plug];
-        (plug.standing.sent, plug.standing.since, plug.standing.waits) = (mark, now, true);
-        plug.waiting.push_back(Posted { frame, mark, taken: false });
-        let arrange = !self.starting && self.sending.is_none();
-        self.starting |= arrange;
+        (plug.status.last_sent, plug.status.sent_at, plug.status.is_waiting) = (mark, now, true);
+        plug.queue.push_back(QueuedFrame { frame, label: mark, received: false });
+        let arrange = !self.start_pending && self.on_wire.is_none();
+        self.start_pending |= arrange;
         arrange
     }
 
-    fn mark(&mut self, from: usize, tag: u32, frame: &Frame) -> Mark {
-        let Plug { role, hearing, unsure, .. } = &self.plugs[from];
-        let cause = hearing.filter(|_| *role == Role::Drive && !unsure);
+    fn label_frame(&mut self, from: usize, tag: u32, frame: &Frame) -> CanFrameLabel {
+        let CanPlug { role, answering: hearing, cause_unknown: unsure, .. } = &self.plugs[from];
+        let cause = hearing.filter(|_| *role == PlugRole::Drive && !unsure);
         let id = (frame.id, frame.extended);
-        if *role == Role::Drive {
-            self.spoken.insert(id);
+        if *role == PlugRole::Drive {
+            self.drive_ids.insert(id);
             if let Some(asked) = cause {
-                let who = self.obeyed.entry(asked.id).or_default();
+                let who = self.responders.entry(asked.id).or_default();
                 who.extend((!who.contains(&from)).then_some(from));
             }
         }
-        Mark {
+        CanFrameLabel {
             tag,
-            content: hash(frame),
+            content_hash: hash_frame(frame),
             id,
-            from,
-            answers: cause.map(|mark| (mark.tag, mark.content)),
-            strange: *role == Role::Stranger || cause.is_some_and(|mark| mark.strange),
-            copy: cause.is_some_and(|mark| mark.copy),
-            unsure: *unsure,
-            bits: bits::nominal(frame.extended, frame.bytes().len() as u32),
+            sender: from,
+            answers: cause.map(|mark| (mark.tag, mark.content_hash)),
+            from_intruder: *role == PlugRole::Intruder
+                || cause.is_some_and(|mark| mark.from_intruder),
+            is_copy: cause.is_some_and(|mark| mark.is_copy),
+            cause_unknown: *unsure,
+            bits_min: bits::unstuffed_bits(frame.extended, frame.bytes().len() as u32),
         }
     }
 
     /// Starts the frame that wins. Returns when it will have ended.
-    pub(crate) fn start(&mut self, now: Instant) -> Option<Instant> {
-        self.starting = false;
-        let first = |plug: &Plug| plug.waiting.front().copied();
-        let won = self.plugs.iter().filter_map(first).min_by_key(|p| arbitration(&p.frame))?;
-        let Posted { frame, mark, .. } = won;
-        let (mut bits, mut end) = (bits::on_wire(&frame), End::Good);
+    pub(crate) fn start_frame(&mut self, now: Instant) -> Option<Instant> {
+        self.start_pending = false;
+        let first = |plug: &CanPlug| plug.queue.front().copied();
+        let won = self.plugs.iter().filter_map(first).min_by_key(|p| arbitration_key(&p.frame))?;
+        let QueuedFrame { frame, label: mark, .. } = won;
+        let (mut bits, mut end) = (bits::wire_bits(&frame), TransmissionEnd::Arrived);
         for plug in &mut self.plugs {
             let rival = first(plug).map(|posted| posted.frame);
-            let rival = rival.filter(|other| arbitration(other) == arbitration(&frame));
+            let rival = rival.filter(|other| arbitration_key(other) == arbitration_key(&frame));
             plug.sending = rival.is_some();
             if let Some(rival) = rival.filter(|rival| *rival != frame) {
-                end = End::Destroyed;
-                bits = bits.min(until_they_differ(&frame, &rival) + ERROR_BITS + bits::INTERFRAME);
+                end = TransmissionEnd::Destroyed;
+                bits = bits.min(
+                    bits_until_difference(&frame, &rival) + ERROR_BITS + bits::INTERFRAME_BITS,
+                );
             }
         }
-        let hosts = self.plugs.iter().filter(|plug| plug.sending && plug.role == Role::Host);
-        let clash = end == End::Destroyed && hosts.count() > 1;
-        if end == End::Destroyed {
-            self.made.collided += 1;
+        let hosts = self.plugs.iter().filter(|plug| plug.sending && plug.role == PlugRole::Host);
+        let clash = end == TransmissionEnd::Destroyed && hosts.count() > 1;
+        if end == TransmissionEnd::Destroyed {
+            self.injected.collided += 1;
         } else if self.random.chance(self.faults.error) {
-            end = End::Destroyed;
-            bits = 1 + self.random.below(bits.into()) as u32 + ERROR_BITS + bits::INTERFRAME;
-        } else if self.random.chance(self.faults.twice) {
-            (end, bits) = (End::Twice, bits + ERROR_BITS);
+            end = TransmissionEnd::Destroyed;
+            bits = 1 + self.random.below(bits.into()) as u32 + ERROR_BITS + bits::INTERFRAME_BITS;
+        } else if self.random.chance(self.faults.last_bit) {
+            (end, bits) = (TransmissionEnd::TakenTwice, bits + ERROR_BITS);
         }
-        self.sending = Some(Sending { frame, mark, end, clash });
+        self.on_wire = Some(ActiveFrame { frame, label: mark, end, clash });
         self.busy_bits += u64::from(bits);
         Some(now.plus_ns(self.bits_ns(bits.into())))
     }
 
     /// Ends what is on the wire: the frame if it arrived. When all have heard it,
-    /// [`start`](Self::start) the next.
-    pub(crate) fn finish(&mut self) -> Option<(Frame, Mark)> {
-        let Sending { frame, mark, end, clash } = self.sending.take()?;
-        self.starting = true;
+    /// [`start_frame`](Self::start_frame) the next.
+    pub(crate) fn finish_frame(&mut self) -> Option<(Frame, CanFrameLabel)> {
+        let ActiveFrame { frame, label: mark, end, clash } = self.on_wire.take()?;
+        self.start_pending = true;
         for plug in self.plugs.iter_mut().filter(|plug| plug.sending) {
-            let again = plug.waiting.front().is_some_and(|posted| posted.taken);
-            let clashed = clash && plug.role == Role::Host;
-            plug.clashes = if clashed { plug.clashes + 1 } else { 0 };
-            plug.standing.doubled += u64::from(again && end != End::Destroyed);
-            if end == End::Good {
-                plug.waiting.pop_front();
-                plug.errors = plug.errors.saturating_sub(1);
-                plug.standing.waits = !plug.waiting.is_empty();
+            let again = plug.queue.front().is_some_and(|posted| posted.received);
+            let clashed = clash && plug.role == PlugRole::Host;
+            plug.clash_count = if clashed { plug.clash_count + 1 } else { 0 };
+            plug.status.taken_twice += u64::from(again && end != TransmissionEnd::Destroyed);
+            if end == TransmissionEnd::Arrived {
+                plug.queue.pop_front();
+                plug.error_count = plug.error_count.saturating_sub(1);
+                plug.status.is_waiting = !plug.queue.is_empty();
                 continue;
             }
-            plug.errors += ERROR_WEIGHT;
-            if end == End::Twice
-                && let Some(posted) = plug.waiting.front_mut()
+            plug.error_count += ERROR_WEIGHT;
+            if end == TransmissionEnd::TakenTwice
+                && let Some(posted) = plug.queue.front_mut()
             {
-                (posted.taken, posted.mark.copy) = (true, true);
+                (posted.received, posted.label.is_copy) = (true, true);
             }
         }
         match end {
-            End::Good => {}
-            End::Twice => self.made.twice += 1,
-            End::Destroyed => self.made.errors += 1,
+            TransmissionEnd::Arrived => {}
+            TransmissionEnd::TakenTwice => self.injected.taken_twice += 1,
+            TransmissionEnd::Destroyed => self.injected.errors += 1,
         }
-        let strange = self.plugs[mark.from].role == Role::Stranger && end != End::Destroyed;
-        self.made.strange += u64::from(strange);
-        (end != End::Destroyed).then_some((frame, mark))
+        let strange =
+            self.plugs[mark.sender].role == PlugRole::Intruder && end != TransmissionEnd::Destroyed;
+        self.injected.intruder_frames += u64::from(strange);
+        (end != TransmissionEnd::Destroyed).then_some((frame, mark))
     }
 
     /// What a plug hears of the frame that has just ended, and when.
-    pub(crate) fn reaches(&mut self, to: usize, now: Instant, frame: &Frame, mark: &Mark) -> Reach {
+    pub(crate) fn deliver_to(
+        &mut self,
+        to: usize,
+        now: Instant,
+        frame: &Frame,
+        mark: &CanFrameLabel,
+    ) -> Delivery {
         let plug = &self.plugs[to];
-        let host = plug.role == Role::Host;
-        let own = plug.sending && !(host && self.faults.echo && mark.from == to);
+        let host = plug.role == PlugRole::Host;
+        let own = plug.sending && !(host && self.faults.echo && mark.sender == to);
         if own {
-            return Reach::Not;
+            return Delivery::Missed;
         }
-        let deaf = self.down || plug.off || plug.away;
+        let deaf = self.down || plug.bus_off || plug.unplugged;
         let lost = !deaf && self.random.chance(self.faults.lose);
-        self.made.lost += u64::from(lost);
-        let whole = self.cut(to, *frame, mark);
+        self.injected.lost += u64::from(lost);
+        let whole = self.shorten_payload(to, *frame, mark);
         let missed = deaf || lost || whole.len < frame.len;
-        let of_host = self.plugs[mark.from].role == Role::Host;
-        self.plugs[to].standing.missed += u64::from(missed && of_host);
-        if deaf || lost { Reach::Not } else { self.hold_back(to, now, whole, mark) }
+        let of_host = self.plugs[mark.sender].role == PlugRole::Host;
+        self.plugs[to].status.missed += u64::from(missed && of_host);
+        if deaf || lost { Delivery::Missed } else { self.delay_frame(to, now, whole, mark) }
     }
 
     /// Keeps a frame back, if the fault hits it or another waits already.
-    fn hold_back(&mut self, to: usize, now: Instant, frame: Frame, mark: &Mark) -> Reach {
-        let roles = (self.plugs[mark.from].role, self.plugs[to].role);
-        let late = roles == (Role::Drive, Role::Host) && self.random.chance(self.faults.late);
-        self.made.late += u64::from(late);
-        let lateness = u64::from(self.faults.latest_ms) * 1_000_000 * u64::from(late);
-        let waiting = &mut self.plugs[to].late;
+    fn delay_frame(
+        &mut self,
+        to: usize,
+        now: Instant,
+        frame: Frame,
+        mark: &CanFrameLabel,
+    ) -> Delivery {
+        let roles = (self.plugs[mark.sender].role, self.plugs[to].role);
+        let late =
+            roles == (PlugRole::Drive, PlugRole::Host) && self.random.chance(self.faults.late);
+        self.injected.late += u64::from(late);
+        let lateness = u64::from(self.faults.late_max_ms) * 1_000_000 * u64::from(late);
+        let waiting = &mut self.plugs[to].delayed;
         let at = now.plus_ns(self.random.below(lateness));
         let at = waiting.back().map_or(at, |(before, ..)| at.max(*before));
         if at == now {
-            return Reach::Now(frame);
+            return Delivery::Immediate(frame);
         }
-        if waiting.len() == LATE_MAX {
-            self.made.lost += 1;
-            return Reach::Not;
+        if waiting.len() == DELAYED_MAX {
+            self.injected.lost += 1;
+            return Delivery::Missed;
         }
         waiting.push_back((at, frame, *mark));
-        Reach::Later(at)
+        Delivery::Delayed(at)
     }
 
     /// The frame that a plug's adapter has held back until now.
-    pub(crate) fn held_back(&mut self, plug: usize) -> Option<(Frame, Mark)> {
-        let (_, frame, mark) = self.plugs[plug].late.pop_front()?;
-        Some((frame, mark)).filter(|_| !self.down && !self.plugs[plug].away)
+    pub(crate) fn pop_delayed(&mut self, plug: usize) -> Option<(Frame, CanFrameLabel)> {
+        let (_, frame, mark) = self.plugs[plug].delayed.pop_front()?;
+        Some((frame, mark)).filter(|_| !self.down && !self.plugs[plug].unplugged)
     }
 
     /// The same frame, or a shorter one where it is meant for that plug and the fault hits it.
-    fn cut(&mut self, to: usize, mut frame: Frame, mark: &Mark) -> Frame {
+    fn shorten_payload(&mut self, to: usize, mut frame: Frame, mark: &CanFrameLabel) -> Frame {
         if self.faults.cut == Ppm::NEVER {
             return frame;
         }
         let meant = match self.plugs[to].role {
-            Role::Host => self.plugs[mark.from].role == Role::Drive,
-            Role::Drive => self.obeyed.get(&mark.id).is_some_and(|who| who.contains(&to)),
-            Role::Stranger => false,
+            PlugRole::Host => self.plugs[mark.sender].role == PlugRole::Drive,
+            PlugRole::Drive => self.responders.get(&mark.id).is_some_and(|who| who.contains(&to)),
+            PlugRole::Intruder => false,
         };
         if meant && frame.len > 0 && self.random.chance(self.faults.cut) {
             frame.len = self.random.below(frame.len.into()) as u8;
             frame.data[usize::from(frame.len)..].fill(0);
-            self.made.cut += 1;
+            self.injected.cut += 1;
         }
         frame
     }
 
     /// Notes what a plug takes now.
-    pub(crate) fn take(&mut self, to: usize, mark: Mark) {
+    pub(crate) fn record_received(&mut self, to: usize, mark: CanFrameLabel) {
         let plug = &mut self.plugs[to];
-        plug.standing.heard = mark;
-        plug.standing.count += 1;
-        if mark.strange && plug.role == Role::Drive {
-            let unknown = !self.spoken.contains(&mark.id);
-            let meant = self.obeyed.get(&mark.id).map_or(unknown, |who| who.contains(&to));
-            plug.standing.misled += u64::from(meant);
+        plug.status.last_received = mark;
+        plug.status.received_count += 1;
+        if mark.from_intruder && plug.role == PlugRole::Drive {
+            let unknown = !self.drive_ids.contains(&mark.id);
+            let meant = self.responders.get(&mark.id).map_or(unknown, |who| who.contains(&to));
+            plug.status.intruder_frames += u64::from(meant);
         }
     }
 
     /// Takes the next plug off the bus whose errors are too many.
-    pub(crate) fn next_off(&mut self) -> Option<usize> {
-        let at = self.plugs.iter().position(|plug| plug.errors > ERRORS_MAX)?;
+    pub(crate) fn next_bus_off(&mut self) -> Option<usize> {
+        let at = self.plugs.iter().position(|plug| plug.error_count > ERRORS_MAX)?;
         let plug = &self.plugs[at];
-        let clashed = plug.clashes * ERROR_WEIGHT > ERRORS_MAX;
-        let clashed = plug.waiting.front().filter(|_| clashed).map(|posted| posted.mark.id);
-        self.switch_off(at);
-        self.plugs[at].standing.clashed = clashed;
+        let clashed = plug.clash_count * ERROR_WEIGHT > ERRORS_MAX;
+        let clashed = plug.queue.front().filter(|_| clashed).map(|posted| posted.label.id);
+        self.set_bus_off(at);
+        self.plugs[at].status.clash_id = clashed;
         Some(at)
     }
 
-    pub(crate) fn switch_off(&mut self, plug: usize) {
+    pub(crate) fn set_bus_off(&mut self, plug: usize) {
         let plug = &mut self.plugs[plug];
-        (plug.off, plug.errors, plug.sending) = (true, 0, false);
-        plug.waiting.clear();
-        plug.clashes = 0;
-        (plug.standing.waits, plug.standing.clashed) = (false, None);
-        plug.standing.off += 1;
-        self.made.off += 1;
+        (plug.bus_off, plug.error_count, plug.sending) = (true, 0, false);
+        plug.queue.clear();
+        plug.clash_count = 0;
+        (plug.status.is_waiting, plug.status.clash_id) = (false, None);
+        plug.status.bus_off_count += 1;
+        self.injected.bus_off += 1;
     }
 
     /// Pulls a plug's connector, or puts it in again.
-    pub(crate) fn pull(&mut self, plug: usize, away: bool) {
+    pub(crate) fn set_unplugged(&mut self, plug: usize, away: bool) {
         let plug = &mut self.plugs[plug];
-        if plug.away == away {
+        if plug.unplugged == away {
             return;
         }
-        (plug.away, plug.sending) = (away, false);
-        plug.waiting.clear();
-        plug.standing.waits = false;
+        (plug.unplugged, plug.sending) = (away, false);
+        plug.queue.clear();
+        plug.status.is_waiting = false;
     }
 
     /// How long a controller stays away after it went bus-off.
@@ -433,8 +450,8 @@ impl CanBus {
         self.bits_ns(RECOVERY_BITS)
     }
 
-    pub(crate) fn switch_on(&mut self, plug: usize) {
-        self.plugs[plug].off = false;
+    pub(crate) fn recover(&mut self, plug: usize) {
+        self.plugs[plug].bus_off = false;
     }
 
     /// How much of `now` the bus was busy, 0 to 1.
@@ -449,10 +466,10 @@ impl CanBus {
     }
 }
 
-fn hash(frame: &Frame) -> u64 {
-    let mut history = History::default();
+fn hash_frame(frame: &Frame) -> u64 {
+    let mut history = HistoryHash::default();
     history
-        .note(u64::from(frame.id) << 2 | u64::from(frame.extended) << 1 | u64::from(frame.remote));
-    history.note_bytes(frame.bytes());
+        .add(u64::from(frame.id) << 2 | u64::from(frame.extended) << 1 | u64::from(frame.remote));
+    history.add_bytes(frame.bytes());
     history.value()
 }

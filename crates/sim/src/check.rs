@@ -12,10 +12,10 @@ use polepair_core::proto;
 use polepair_core::station::Counters;
 use polepair_core::time::Instant;
 
-use crate::serial_line::Label;
+use crate::serial_line::TransmissionLabel;
 use crate::world::{NodeId, WireId, World};
-pub use can::CanWatch;
-pub(crate) use can::Match;
+pub use can::CanChecker;
+pub(crate) use can::ReplyMatch;
 
 /// The longest frame of all protocols on serial lines, bytes (Modbus ASCII).
 const FRAME_MAX: usize = 513;
@@ -40,16 +40,16 @@ impl std::fmt::Display for Violation {
 }
 
 /// Watches one host on its wire.
-pub struct Watch {
+pub struct SerialChecker {
     host: NodeId,
     wire: WireId,
     dissector: Option<&'static dyn Dissector>,
-    sent: Label,
+    last_sent: TransmissionLabel,
     /// Contents of requests that were sent since the last match and may still be answered.
-    open: Vec<u64>,
+    open_requests: Vec<u64>,
     counters: Counters,
     /// Content of the request whose answer is still to come, because a copy was taken for it.
-    shifted: Option<u64>,
+    pending_question: Option<u64>,
     /// The reply that was matched last was changed on the wire, or answers a changed request.
     pub(crate) last_match_tainted: bool,
     /// It was the second copy of the reply to an earlier request.
@@ -58,24 +58,24 @@ pub struct Watch {
     pub(crate) copies_taken: u64,
 }
 
-impl std::fmt::Debug for Watch {
+impl std::fmt::Debug for SerialChecker {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Watch({:?})", self.wire)
     }
 }
 
-impl Watch {
+impl SerialChecker {
     /// A watch over `host`, which speaks `protocol` on `wire`.
     #[must_use]
     pub fn new(host: NodeId, wire: WireId, protocol: &str) -> Self {
         Self {
             host,
             wire,
-            dissector: proto::dissector(protocol),
-            sent: Label::default(),
-            open: Vec::with_capacity(OPEN_MAX),
+            dissector: proto::find_dissector(protocol),
+            last_sent: TransmissionLabel::default(),
+            open_requests: Vec::with_capacity(OPEN_MAX),
             counters: Counters::default(),
-            shifted: None,
+            pending_question: None,
             last_match_tainted: false,
             last_match_copied: false,
             copies_taken: 0,
@@ -84,97 +84,104 @@ impl Watch {
 
     /// To be called after every event that touched the host. `gave_up` says that a ticket ended
     /// without an answer: from then on no reply to what was sent for it may be taken.
-    pub fn after(&mut self, world: &mut World, gave_up: bool) -> Option<Violation> {
-        let counters = world.look(self.host, |n, _| n.axes().map(|a| a.counters()))?;
+    pub fn check_event(&mut self, world: &mut World, gave_up: bool) -> Option<Violation> {
+        let counters = world.inspect(self.host, |n, _| n.axes().map(|a| a.counters()))?;
         let before = std::mem::replace(&mut self.counters, counters);
-        let mut known = world.knowledge(self.wire, self.host);
+        let mut known = world.serial_status(self.wire, self.host);
         // Behind its own bytes a host may find a frame that came before: sure where they are too few
         // for a reply, and harmless where that frame answers the same question.
-        let own = known.heard.tag == known.sent.tag;
-        let same = known.heard_others.question == known.sent.content;
-        if own && (known.heard.bytes == 1 || same) {
-            known.heard = known.heard_others;
+        let own = known.last_received.tag == known.last_sent.tag;
+        let same = known.last_from_others.question_hash == known.last_sent.content_hash;
+        if own && (known.last_received.byte_count == 1 || same) {
+            known.last_received = known.last_from_others;
         }
-        let asked = std::mem::replace(&mut self.sent, known.sent);
+        let asked = std::mem::replace(&mut self.last_sent, known.last_sent);
         let matched = counters.answered > before.answered;
-        let place = self.open.iter().rposition(|content| *content == known.heard.question);
+        let place = self
+            .open_requests
+            .iter()
+            .rposition(|content| *content == known.last_received.question_hash);
         if matched || gave_up {
-            self.open.drain(..place.filter(|_| !gave_up).map_or(self.open.len(), |at| at + 1));
+            self.open_requests
+                .drain(..place.filter(|_| !gave_up).map_or(self.open_requests.len(), |at| at + 1));
         }
-        if known.sent.tag != asked.tag {
-            let old = (self.open.len() + 1).saturating_sub(OPEN_MAX);
-            self.open.drain(..old);
-            self.open.push(known.sent.content);
+        if known.last_sent.tag != asked.tag {
+            let old = (self.open_requests.len() + 1).saturating_sub(OPEN_MAX);
+            self.open_requests.drain(..old);
+            self.open_requests.push(known.last_sent.content_hash);
         }
         let acknowledged = |c: &Counters| c.acknowledged + c.relayed;
-        let later = known.heard.answers != asked.tag && known.heard.begun >= asked.left;
-        if known.heard.copy && later && acknowledged(&counters) > acknowledged(&before) {
+        let later = known.last_received.answers != asked.tag
+            && known.last_received.begun_by >= asked.left_at;
+        if known.last_received.is_copy && later && acknowledged(&counters) > acknowledged(&before) {
             // A copy of an acknowledgement, which names nothing, that an adapter had kept back.
             self.copies_taken += 1;
         }
         if !matched {
             return None;
         }
-        self.last_match_tainted = known.heard.tainted;
-        self.last_match_copied = known.heard.copy && place.is_none();
+        self.last_match_tainted = known.last_received.tainted;
+        self.last_match_copied = known.last_received.is_copy && place.is_none();
         // Once a copy was taken for the answer, that answer comes while the next one is awaited,
         // which may ask the same again.
-        let behind = self.shifted.take() == Some(known.heard.question)
-            && known.heard.answers != asked.tag
-            && known.heard.begun >= asked.left;
-        if known.heard.tainted || (place.is_some() && !behind) {
+        let behind = self.pending_question.take() == Some(known.last_received.question_hash)
+            && known.last_received.answers != asked.tag
+            && known.last_received.begun_by >= asked.left_at;
+        if known.last_received.tainted || (place.is_some() && !behind) {
             // A second copy that says what is asked is right, but the answer itself is to come.
-            let ahead = known.heard.copy && known.heard.answers != asked.tag;
-            self.shifted = ahead.then_some(asked.content);
+            let ahead = known.last_received.is_copy && known.last_received.answers != asked.tag;
+            self.pending_question = ahead.then_some(asked.content_hash);
             return None;
         }
         self.last_match_copied |= behind;
-        if self.last_match_copied && known.heard.begun >= asked.left {
+        if self.last_match_copied && known.last_received.begun_by >= asked.left_at {
             // It was kept back until the request had left: nothing tells it from an answer.
             self.copies_taken += 1;
-            self.shifted = Some(asked.content);
+            self.pending_question = Some(asked.content_hash);
             return None;
         }
         self.last_match_copied = false;
-        let what =
-            format!("request {} got the reply to request {}", asked.tag, known.heard.answers);
+        let what = format!(
+            "request {} got the reply to request {}",
+            asked.tag, known.last_received.answers
+        );
         Some(Violation { invariant: "I1", at: world.now(), what })
     }
 
     /// Whether what the host heard lately holds a frame that passes every check of its protocol:
     /// then a wrong value is a wire collision.
     #[must_use]
-    pub fn collided(&self, world: &World) -> bool {
-        let (bytes, fresh) = world.heard(self.wire, self.host);
-        let frames = self.dissector.map(|d| frames(d, bytes, fresh, Direction::ToHost));
+    pub fn is_wire_collision(&self, world: &World) -> bool {
+        let (bytes, fresh) = world.received_bytes(self.wire, self.host);
+        let frames = self.dissector.map(|d| valid_frames(d, bytes, fresh, Direction::ToHost));
         frames.is_some_and(|mut frames| frames.next().is_some())
     }
 
     /// Whether what `drive` heard lately holds a frame that passes every check of its protocol and
     /// that is not what was sent just then: the drive may have done what nobody asked for.
     #[must_use]
-    pub fn misled(&self, world: &World, drive: NodeId) -> bool {
-        let (bytes, fresh) = world.heard(self.wire, drive);
+    pub fn accepted_unsent(&self, world: &World, drive: NodeId) -> bool {
+        let (bytes, fresh) = world.received_bytes(self.wire, drive);
         let Some(dissector) = self.dissector else { return true };
-        frames(dissector, bytes, fresh, Direction::ToDrive)
-            .any(|frame| !world.was_meant(self.wire, drive, frame))
+        valid_frames(dissector, bytes, fresh, Direction::ToDrive)
+            .any(|frame| !world.is_as_sent(self.wire, drive, frame))
     }
 
     /// Whether what `drive` heard last passes every check of its protocol as a frame that was not
     /// sent: it was changed on the way.
     #[must_use]
-    pub fn mistook(&self, world: &World, drive: NodeId) -> bool {
-        let (bytes, fresh) = world.heard(self.wire, drive);
+    pub fn accepted_changed(&self, world: &World, drive: NodeId) -> bool {
+        let (bytes, fresh) = world.received_bytes(self.wire, drive);
         let Some(dissector) = self.dissector else { return false };
-        let mut last = frames(dissector, bytes, fresh, Direction::ToDrive)
+        let mut last = valid_frames(dissector, bytes, fresh, Direction::ToDrive)
             .filter(|frame| frame.end == bytes.len())
             .peekable();
-        last.peek().is_some() && last.all(|frame| !world.was_meant(self.wire, drive, frame))
+        last.peek().is_some() && last.all(|frame| !world.is_as_sent(self.wire, drive, frame))
     }
 }
 
 /// Where every frame is that passes its check, wherever it begins, and ends behind `fresh`.
-fn frames(
+fn valid_frames(
     dissector: &'static dyn Dissector,
     bytes: &[u8],
     fresh: usize,
@@ -182,16 +189,16 @@ fn frames(
 ) -> impl Iterator<Item = std::ops::Range<usize>> {
     // No frame is longer, so none that begins earlier ends behind `fresh`.
     (fresh.saturating_sub(FRAME_MAX)..bytes.len()).filter_map(move |from| {
-        let len = dissector.whole(&bytes[from..], Some(direction))?;
+        let len = dissector.valid_frame_len(&bytes[from..], Some(direction))?;
         (from + len > fresh).then_some(from..from + len)
     })
 }
 
 /// The values that a drive's parameter may have, by what was reported of writing it.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Possible(Option<Vec<i64>>);
+pub struct PossibleValues(Option<Vec<i64>>);
 
-impl Possible {
+impl PossibleValues {
     /// Values that are kept apart; with more, nothing is known.
     const VALUES_MAX: usize = 16;
 
@@ -199,12 +206,12 @@ impl Possible {
     pub const ANY: Self = Self(None);
 
     /// A write was reported as done.
-    pub fn is(&mut self, value: i64) {
+    pub fn set(&mut self, value: i64) {
         self.0 = Some(vec![value]);
     }
 
     /// A write may have been executed.
-    pub fn may_be(&mut self, value: i64) {
+    pub fn add(&mut self, value: i64) {
         if let Some(values) = &mut self.0 {
             values.push(value);
             if values.len() > Self::VALUES_MAX {
@@ -214,9 +221,9 @@ impl Possible {
     }
 
     /// Whether reading `value` agrees with what is known. From then on it is what is known.
-    pub fn agrees(&mut self, value: i64) -> bool {
+    pub fn observe(&mut self, value: i64) -> bool {
         let agrees = self.0.as_ref().is_none_or(|values| values.contains(&value));
-        self.is(value);
+        self.set(value);
         agrees
     }
 }

@@ -1,6 +1,6 @@
 //! What goes wrong on a serial wire, and how often.
 //!
-//! Every fault has a chance of its own; zero turns it off. [`Faults::random`] draws a set from a
+//! Every fault has a chance of its own; zero turns it off. [`SerialFaults::random`] draws a set from a
 //! seed in the manner of swarm testing: each kind is on or off by the toss of a coin, so that no
 //! kind hides behind another.
 
@@ -9,7 +9,7 @@ use crate::random::{Ppm, Random};
 /// Faults of one serial wire. Chances are per byte, or per transmission: all that a station sends
 /// at once.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Faults {
+pub struct SerialFaults {
     /// Per byte: one bit is inverted.
     pub flip: Ppm,
     /// Per byte: from here on up to [`burst_max`](Self::burst_max) bytes are random.
@@ -32,9 +32,9 @@ pub struct Faults {
     /// Per reply: it is late, and so is whatever this drive says after it.
     pub late: Ppm,
     /// The host's patience, ms: half of the late replies arrive within a hair of it.
-    pub patience_ms: u32,
+    pub host_timeout_ms: u32,
     /// The latest reply, ms.
-    pub latest_ms: u32,
+    pub late_max_ms: u32,
     /// Per request: it never arrives.
     pub lose_request: Ppm,
     /// Per reply: it never arrives.
@@ -51,7 +51,7 @@ pub struct Faults {
 
 /// How many faults were made, by kind. Shows that a test tested something.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Made {
+pub struct InjectedSerialFaults {
     /// Bytes changed, lost or inserted.
     pub bytes: u64,
     /// Transmissions cut short.
@@ -70,7 +70,7 @@ pub struct Made {
     pub collided: u64,
 }
 
-impl Made {
+impl InjectedSerialFaults {
     /// Adds another count to this one.
     pub fn add(&mut self, other: &Self) {
         self.bytes += other.bytes;
@@ -84,7 +84,7 @@ impl Made {
     }
 }
 
-impl Faults {
+impl SerialFaults {
     /// A wire that works.
     pub const NONE: Self = Self {
         flip: Ppm::NEVER,
@@ -97,8 +97,8 @@ impl Faults {
         chunk_gap_us: 0,
         duplicate: Ppm::NEVER,
         late: Ppm::NEVER,
-        patience_ms: 0,
-        latest_ms: 0,
+        host_timeout_ms: 0,
+        late_max_ms: 0,
         lose_request: Ppm::NEVER,
         lose_reply: Ppm::NEVER,
         collide: Ppm::NEVER,
@@ -107,11 +107,11 @@ impl Faults {
         host_baud: 0,
     };
 
-    /// A set drawn from `random`, for a wire whose hosts wait `patience_ms` for a reply and whose
-    /// drives may take up to `latest_ms`.
-    pub fn random(random: &mut Random, patience_ms: u32, latest_ms: u32) -> Self {
-        let per_byte = |random: &mut Random| some(random, &[50, 200, 1_000, 5_000]);
-        let per_unit = |random: &mut Random| some(random, &[500, 2_000, 10_000, 50_000]);
+    /// A set drawn from `random`, for a wire whose hosts wait `host_timeout_ms` for a reply and whose
+    /// drives may take up to `late_max_ms`.
+    pub fn random(random: &mut Random, host_timeout_ms: u32, late_max_ms: u32) -> Self {
+        let per_byte = |random: &mut Random| random_chance(random, &[50, 200, 1_000, 5_000]);
+        let per_unit = |random: &mut Random| random_chance(random, &[500, 2_000, 10_000, 50_000]);
         Self {
             flip: per_byte(random),
             burst: per_byte(random),
@@ -119,12 +119,12 @@ impl Faults {
             lose: per_byte(random),
             insert: per_byte(random),
             truncate: per_unit(random),
-            chunk: some(random, &[10_000, 200_000, 1_000_000]),
+            chunk: random_chance(random, &[10_000, 200_000, 1_000_000]),
             chunk_gap_us: random.pick(&[0, 100, 1_000, 5_000]),
             duplicate: per_unit(random),
             late: per_unit(random),
-            patience_ms,
-            latest_ms,
+            host_timeout_ms,
+            late_max_ms,
             lose_request: per_unit(random),
             lose_reply: per_unit(random),
             collide: per_unit(random),
@@ -138,8 +138,8 @@ impl Faults {
     /// patience, the others anywhere up to the latest.
     pub(crate) fn lateness_ns(&self, random: &mut Random) -> u64 {
         const HAIR_NS: i64 = 2_000_000;
-        let at = i64::from(self.patience_ms) * 1_000_000;
-        let latest = u64::from(self.latest_ms) * 1_000_000;
+        let at = i64::from(self.host_timeout_ms) * 1_000_000;
+        let latest = u64::from(self.late_max_ms) * 1_000_000;
         let late = if random.chance(Ppm(500_000)) {
             at.saturating_add(random.between(-HAIR_NS, HAIR_NS)).max(0) as u64
         } else {
@@ -149,7 +149,7 @@ impl Faults {
     }
 
     /// Changes the bytes of one transmission in place. Returns how many faults it made.
-    pub(crate) fn spoil(&self, random: &mut Random, bytes: &mut Vec<u8>) -> u64 {
+    pub(crate) fn corrupt(&self, random: &mut Random, bytes: &mut Vec<u8>) -> u64 {
         let any = self.flip.0 + self.burst.0 + self.lose.0 + self.insert.0;
         let mut made = 0;
         let mut at = 0;
@@ -157,7 +157,7 @@ impl Faults {
             let draw = random.below(1_000_000) as u32;
             if draw < any {
                 made += 1;
-                at = self.spoil_at(draw, random, bytes, at);
+                at = self.corrupt_at(draw, random, bytes, at);
             } else {
                 at += 1;
             }
@@ -166,7 +166,7 @@ impl Faults {
     }
 
     /// One fault at byte `at`. Returns where to go on.
-    fn spoil_at(&self, draw: u32, random: &mut Random, bytes: &mut Vec<u8>, at: usize) -> usize {
+    fn corrupt_at(&self, draw: u32, random: &mut Random, bytes: &mut Vec<u8>, at: usize) -> usize {
         if draw < self.flip.0 {
             bytes[at] ^= 1 << random.below(8);
             return at + 1;
@@ -174,20 +174,20 @@ impl Faults {
         if draw < self.flip.0 + self.burst.0 {
             let end = at + 1 + random.below(u64::from(self.burst_max)) as usize;
             let end = end.min(bytes.len());
-            bytes[at..end].fill_with(|| random.byte());
+            bytes[at..end].fill_with(|| random.next_byte());
             return end;
         }
         if draw < self.flip.0 + self.burst.0 + self.lose.0 {
             bytes.remove(at);
             return at;
         }
-        let noise = random.byte();
+        let noise = random.next_byte();
         bytes.insert(at, random.pick(&[noise, noise, 0x00, 0xFF]));
         at + 2
     }
 }
 
 /// Off one time in two, else one of `choices`.
-fn some(random: &mut Random, choices: &[u32]) -> Ppm {
+fn random_chance(random: &mut Random, choices: &[u32]) -> Ppm {
     if random.chance(Ppm(500_000)) { Ppm(random.pick(choices)) } else { Ppm::NEVER }
 }

@@ -9,11 +9,11 @@ use polepair_core::mux::{BoxedLane, Mux};
 use polepair_core::profile::Profile;
 use polepair_core::proto::{self, HostOptions, Protocol};
 
-use crate::node::{CanHostLane, HostLane, Node};
+use crate::node::{CanHostLane, HostLane, SimNode};
 
 /// A protocol that has a host, as the registry shows it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Spoken {
+pub struct HostProtocol {
     /// The word in connection strings.
     pub name: &'static str,
     /// The word in profiles.
@@ -28,85 +28,92 @@ pub struct Spoken {
 
 /// Every protocol with a host, in the order of the registry.
 #[must_use]
-pub fn protocols() -> Vec<Spoken> {
-    let mut list = Lister(Vec::new());
-    proto::visit(&mut list);
+pub fn protocols() -> Vec<HostProtocol> {
+    let mut list = HostProtocolLister(Vec::new());
+    proto::visit_protocols(&mut list);
     list.0
 }
 
 /// A host of the protocol called `protocol` on that medium, with one axis per profile and address.
 /// `None` when there is no such protocol.
 #[must_use]
-pub fn lane(
+pub fn host_lane(
     protocol: &str,
     medium: MediumKind,
     options: HostOptions,
     axes: &[(&'static Profile, u32)],
-) -> Option<Box<dyn Node>> {
-    let mut maker = Maker { protocol, medium, options, axes, made: None };
-    proto::visit(&mut maker);
-    maker.made.and_then(node)
+) -> Option<Box<dyn SimNode>> {
+    let mut maker = HostLaneBuilder { protocol, medium, options, axes, built: None };
+    proto::visit_protocols(&mut maker);
+    maker.built.and_then(lane_node)
 }
 
 /// A lane of a program: the protocol's word, the host's settings, the axes.
-pub type LaneOf<'a> = (&'a str, HostOptions, Vec<(&'static Profile, u32)>);
+pub type LaneSpec<'a> = (&'a str, HostOptions, Vec<(&'static Profile, u32)>);
 
 /// A program on a CAN bus: one lane for each protocol that it speaks, as one set of axes, those of
 /// the first lane first. `None` when some protocol is unknown on CAN.
 #[must_use]
-pub fn mux(lanes: &[LaneOf<'_>]) -> Option<Box<dyn Node>> {
-    let lane = |(protocol, options, axes): &LaneOf<'_>| {
-        let mut maker =
-            Maker { protocol, medium: MediumKind::Can, options: *options, axes, made: None };
-        proto::visit(&mut maker);
-        maker.made.and_then(|made| made.downcast::<BoxedLane>().ok()).map(|lane| *lane)
+pub fn can_program(lanes: &[LaneSpec<'_>]) -> Option<Box<dyn SimNode>> {
+    let lane = |(protocol, options, axes): &LaneSpec<'_>| {
+        let mut maker = HostLaneBuilder {
+            protocol,
+            medium: MediumKind::Can,
+            options: *options,
+            axes,
+            built: None,
+        };
+        proto::visit_protocols(&mut maker);
+        maker.built.and_then(|made| made.downcast::<BoxedLane>().ok()).map(|lane| *lane)
     };
     let lanes: Option<Vec<BoxedLane>> = lanes.iter().map(lane).collect();
     Some(Box::new(CanHostLane(Box::new(Mux::new(lanes?)?))))
 }
 
-struct Lister(Vec<Spoken>);
+struct HostProtocolLister(Vec<HostProtocol>);
 
-impl proto::Visitor for Lister {
-    fn protocol<P: Protocol>(&mut self) {
-        self.0.push(Spoken {
+impl proto::ProtocolVisitor for HostProtocolLister {
+    fn visit_protocol<P: Protocol>(&mut self) {
+        self.0.push(HostProtocol {
             name: P::NAME,
-            profile: P::PROFILE,
-            first_address: *P::ADDRESSES.start(),
+            profile: P::PROFILE_PROTOCOL,
+            first_address: *P::SCAN_ADDRESSES.start(),
             medium: P::Medium::KIND,
-            baud: P::BAUD,
+            baud: P::DEFAULT_RATE,
         });
     }
 }
 
-struct Maker<'a> {
+struct HostLaneBuilder<'a> {
     protocol: &'a str,
     medium: MediumKind,
     options: HostOptions,
     axes: &'a [(&'static Profile, u32)],
-    made: Option<Box<dyn Any>>,
+    built: Option<Box<dyn Any>>,
 }
 
-impl proto::Visitor for Maker<'_> {
-    fn protocol<P: Protocol>(&mut self) {
+impl proto::ProtocolVisitor for HostLaneBuilder<'_> {
+    fn visit_protocol<P: Protocol>(&mut self) {
         let meant = P::NAME == self.protocol && P::Medium::KIND == self.medium;
-        if !meant || self.made.is_some() {
+        if !meant || self.built.is_some() {
             return;
         }
         let addresses: Vec<u32> = self.axes.iter().map(|(_, address)| *address).collect();
         let drivers = self.axes.iter().map(|&(profile, address)| {
             let driver: polepair_core::lane::BoxedDriver<_, _> =
-                Box::new(P::driver(profile, address));
+                Box::new(P::create_driver(profile, address));
             driver
         });
-        let lane: Box<dyn AnyLane<P::Medium>> =
-            Box::new(Lane::<P::Medium, P::Host>::new(P::host(&self.options, &addresses), drivers));
-        self.made = Some(Box::new(lane));
+        let lane: Box<dyn AnyLane<P::Medium>> = Box::new(Lane::<P::Medium, P::Host>::new(
+            P::create_host(&self.options, &addresses),
+            drivers,
+        ));
+        self.built = Some(Box::new(lane));
     }
 }
 
 /// The lane's medium is known to the protocol only; here the two kinds of wire are told apart.
-fn node(lane: Box<dyn Any>) -> Option<Box<dyn Node>> {
+fn lane_node(lane: Box<dyn Any>) -> Option<Box<dyn SimNode>> {
     let lane = match lane.downcast::<Box<dyn AnyLane<Stream>>>() {
         Ok(lane) => return Some(Box::new(HostLane(*lane))),
         Err(other) => other,

@@ -8,17 +8,17 @@
 
 pub mod can_bus;
 pub mod check;
+pub mod data_sheet;
 pub mod fault;
 pub mod host;
 pub mod node;
-mod queue;
 pub mod rack;
 pub mod random;
 pub mod serial_line;
-pub mod sheet;
 pub mod sim_link;
 pub mod swarm;
 #[cfg(test)]
 mod tests;
+mod timed_queue;
 mod uart;
 pub mod world;

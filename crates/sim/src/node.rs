@@ -5,14 +5,14 @@
 //! each of its ports.
 
 use polepair_core::axis::{AnyLane, Axes};
-use polepair_core::drives::Device;
-use polepair_core::drives::bench::Bench;
+use polepair_core::drives::SimulatedDevice;
+use polepair_core::drives::bench::BenchControl;
 use polepair_core::medium::{Can, Stream};
 use polepair_core::station::{Station, Timed};
 use polepair_core::time::Instant;
 
 /// What a world holds: an object with ports.
-pub trait Node: Timed + Send {
+pub trait SimNode: Timed + Send {
     /// The station behind a serial port, counted from 0.
     fn stream(&mut self, port: u8) -> Option<&mut dyn Station<Stream>> {
         let _ = port;
@@ -28,18 +28,18 @@ pub trait Node: Timed + Send {
         None
     }
     /// The bench side, if this is a simulated drive.
-    fn bench(&mut self) -> Option<&mut dyn Bench> {
+    fn bench(&mut self) -> Option<&mut dyn BenchControl> {
         None
     }
 }
 
 /// A simulated drive with a port for each of its ends: [`SERIAL_PORT`], [`CAN_PORT`].
 #[derive(Debug)]
-pub struct Drive<D>(pub D);
+pub struct DriveNode<D>(pub D);
 
-/// Where the serial end of a [`Drive`] is.
+/// Where the serial end of a [`DriveNode`] is.
 pub const SERIAL_PORT: u8 = 0;
-/// Where the CAN end of a [`Drive`] is.
+/// Where the CAN end of a [`DriveNode`] is.
 pub const CAN_PORT: u8 = 1;
 
 /// A host lane on a serial port.
@@ -50,11 +50,11 @@ pub struct CanHostLane(pub Box<dyn AnyLane<Can>>);
 
 /// Any single station on a serial port: a bare host, a probe, a babbler.
 #[derive(Debug)]
-pub struct Lone<S>(pub S);
+pub struct SerialStationNode<S>(pub S);
 
 /// Any single station on a CAN bus.
 #[derive(Debug)]
-pub struct LoneCan<S>(pub S);
+pub struct CanStationNode<S>(pub S);
 
 macro_rules! timed {
     (impl {$($t:ident)?} for $wrapper:ty) => {
@@ -68,25 +68,25 @@ macro_rules! timed {
         }
     };
 }
-timed!(impl {T} for Drive<T>);
-timed!(impl {T} for Lone<T>);
-timed!(impl {T} for LoneCan<T>);
+timed!(impl {T} for DriveNode<T>);
+timed!(impl {T} for SerialStationNode<T>);
+timed!(impl {T} for CanStationNode<T>);
 timed!(impl {} for HostLane);
 timed!(impl {} for CanHostLane);
 
-impl<D: Device> Node for Drive<D> {
+impl<D: SimulatedDevice> SimNode for DriveNode<D> {
     fn stream(&mut self, port: u8) -> Option<&mut dyn Station<Stream>> {
-        if port == SERIAL_PORT { self.0.stream() } else { None }
+        if port == SERIAL_PORT { self.0.serial_station() } else { None }
     }
     fn can(&mut self, port: u8) -> Option<&mut dyn Station<Can>> {
-        if port == CAN_PORT { self.0.can() } else { None }
+        if port == CAN_PORT { self.0.can_station() } else { None }
     }
-    fn bench(&mut self) -> Option<&mut dyn Bench> {
+    fn bench(&mut self) -> Option<&mut dyn BenchControl> {
         Some(&mut self.0)
     }
 }
 
-impl Node for HostLane {
+impl SimNode for HostLane {
     fn stream(&mut self, port: u8) -> Option<&mut dyn Station<Stream>> {
         (port == 0).then_some(&mut *self.0 as _)
     }
@@ -95,7 +95,7 @@ impl Node for HostLane {
     }
 }
 
-impl Node for CanHostLane {
+impl SimNode for CanHostLane {
     fn can(&mut self, port: u8) -> Option<&mut dyn Station<Can>> {
         (port == 0).then_some(&mut *self.0 as _)
     }
@@ -106,23 +106,23 @@ impl Node for CanHostLane {
 
 impl std::fmt::Debug for HostLane {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "HostLane({} axes)", self.0.axes())
+        write!(f, "HostLane({} axes)", self.0.axis_count())
     }
 }
 
 impl std::fmt::Debug for CanHostLane {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "CanHostLane({} axes)", self.0.axes())
+        write!(f, "CanHostLane({} axes)", self.0.axis_count())
     }
 }
 
-impl<S: Station<Stream> + Send> Node for Lone<S> {
+impl<S: Station<Stream> + Send> SimNode for SerialStationNode<S> {
     fn stream(&mut self, port: u8) -> Option<&mut dyn Station<Stream>> {
         (port == 0).then_some(&mut self.0 as _)
     }
 }
 
-impl<S: Station<Can> + Send> Node for LoneCan<S> {
+impl<S: Station<Can> + Send> SimNode for CanStationNode<S> {
     fn can(&mut self, port: u8) -> Option<&mut dyn Station<Can>> {
         (port == 0).then_some(&mut self.0 as _)
     }

@@ -1,7 +1,7 @@
 //! Several simulated drives on several links, from a description.
 //!
 //! The description is plain data: the crate that reads rack files makes it, this module builds it.
-//! Which drives there are is the registry's business: a family joins by being in `drives::visit`.
+//! Which drives there are is the registry's business: a family joins by being in `drives::visit_families`.
 
 use polepair_core::drives::bench::Act;
 use polepair_core::drives::{self, DeviceOptions, Family};
@@ -11,14 +11,14 @@ use polepair_core::proto;
 use polepair_core::time::Instant;
 use std::sync::Arc;
 
-use crate::node::{CAN_PORT, Drive, Node, SERIAL_PORT};
-use crate::serial_line::{Duplex, Serial};
-use crate::sheet::{self, Sheet};
+use crate::data_sheet::{self, DataSheet};
+use crate::node::{CAN_PORT, DriveNode, SERIAL_PORT, SimNode};
+use crate::serial_line::{Duplex, SerialWireConfig};
 use crate::world::{NodeId, WireId, World};
 
 /// Links with drives on them.
 #[derive(Clone, Debug, Default)]
-pub struct Rack {
+pub struct RackSpec {
     /// The links, in order.
     pub links: Vec<RackLink>,
 }
@@ -38,7 +38,7 @@ pub struct RackLink {
 #[derive(Clone, Copy, Debug)]
 pub enum RackWire {
     /// Two or three conductors for bytes.
-    Serial(Serial),
+    Serial(SerialWireConfig),
     /// A CAN bus.
     Can(CanLine),
 }
@@ -55,10 +55,14 @@ impl RackWire {
 
     /// The standard that a serial wire follows: who hears whom.
     #[must_use]
-    pub const fn standard(&self) -> Option<proto::Wire> {
+    pub const fn standard(&self) -> Option<proto::SerialStandard> {
         match self {
-            Self::Serial(Serial { duplex: Duplex::Half, .. }) => Some(proto::Wire::Rs485),
-            Self::Serial(Serial { duplex: Duplex::Full, .. }) => Some(proto::Wire::Rs232),
+            Self::Serial(SerialWireConfig { duplex: Duplex::Half, .. }) => {
+                Some(proto::SerialStandard::Rs485)
+            }
+            Self::Serial(SerialWireConfig { duplex: Duplex::Full, .. }) => {
+                Some(proto::SerialStandard::Rs232)
+            }
             Self::Can(_) => None,
         }
     }
@@ -66,14 +70,14 @@ impl RackWire {
     /// Bytes arrive at once: the wire has no baud rate.
     #[must_use]
     pub const fn is_untimed(&self) -> bool {
-        matches!(self, Self::Serial(serial) if !serial.timing.has_bytes())
+        matches!(self, Self::Serial(serial) if !serial.timing.has_byte_timing())
     }
 
     /// Lays the wire in `world`.
-    pub fn lay(&self, world: &mut World) -> WireId {
+    pub fn add_to_world(&self, world: &mut World) -> WireId {
         match *self {
-            Self::Serial(serial) => world.serial(serial),
-            Self::Can(line) => world.can(line),
+            Self::Serial(serial) => world.add_serial(serial),
+            Self::Can(line) => world.add_can(line),
         }
     }
 }
@@ -87,9 +91,9 @@ pub struct RackDrive {
     /// `modbus-rtu`.
     pub wires: Vec<String>,
     /// The standard that its serial wire follows, where it speaks differently on each.
-    pub standard: Option<proto::Wire>,
+    pub standard: Option<proto::SerialStandard>,
     /// The link of another medium that it is plugged into besides, by its place in the rack.
-    pub also_on: Option<usize>,
+    pub second_link: Option<usize>,
     /// Address on the wire; the factory's if `None`.
     pub address: Option<u32>,
     /// Seed of whatever is random in the drive.
@@ -97,14 +101,14 @@ pub struct RackDrive {
     /// What the family knows beyond these: `variant=position`.
     pub extra: Vec<(String, String)>,
     /// Its data sheet, where that says what it is.
-    pub sheet: Option<Arc<Sheet>>,
+    pub data_sheet: Option<Arc<DataSheet>>,
     /// What is done to it before power is given: its load, its switches.
     pub acts: Vec<Act>,
 }
 
 /// Where the parts of a rack are in a world.
 #[derive(Clone, Debug, Default)]
-pub struct Built {
+pub struct BuiltRack {
     /// A wire for each link, with a node for each drive: first those listed on the link, then those
     /// of other links that are plugged into it besides.
     pub links: Vec<(WireId, Vec<NodeId>)>,
@@ -167,26 +171,28 @@ impl std::fmt::Display for RackError {
 
 impl std::error::Error for RackError {}
 
-impl Rack {
+impl RackSpec {
     /// Builds the rack into `world`.
     ///
     /// # Errors
     /// [`RackError`] names the drive; the world may then hold a part of the rack.
-    pub fn build(&self, world: &mut World) -> Result<Built, RackError> {
-        let mut built = Built::default();
+    pub fn build(&self, world: &mut World) -> Result<BuiltRack, RackError> {
+        let mut built = BuiltRack::default();
         for link in &self.links {
-            built.links.push((link.wire.lay(world), Vec::with_capacity(link.drives.len())));
+            built
+                .links
+                .push((link.wire.add_to_world(world), Vec::with_capacity(link.drives.len())));
         }
         let mut second = Vec::new();
         for (at, link) in self.links.iter().enumerate() {
             let wire = built.links[at].0;
             for spec in &link.drives {
-                let other = spec.other_link(self, link.wire.medium())?;
+                let other = spec.find_second_link(self, link.wire.medium())?;
                 let untimed = link.wire.is_untimed() || other.is_some_and(|n| n.1.is_untimed());
                 let node = spec.build(world, wire, untimed)?;
                 built.links[at].1.push(node);
                 if let Some((n, wire)) = other {
-                    spec.plug(world, built.links[n].0, wire.medium(), node)?;
+                    spec.plug_into(world, built.links[n].0, wire.medium(), node)?;
                     second.push((n, node));
                 }
             }
@@ -202,8 +208,8 @@ impl RackDrive {
     pub fn new(profile: &'static Profile, wire: &str) -> Self {
         let (wires, address) = (vec![wire.to_owned()], None);
         let (extra, acts) = (Vec::new(), Vec::new());
-        let (standard, also_on, sheet) = (None, None, None);
-        Self { profile, wires, standard, also_on, address, seed: 0, extra, sheet, acts }
+        let (standard, second_link, data_sheet) = (None, None, None);
+        Self { profile, wires, standard, second_link, address, seed: 0, extra, data_sheet, acts }
     }
 
     /// Puts the drive on a wire of `world`.
@@ -216,9 +222,9 @@ impl RackDrive {
         wire: WireId,
         untimed: bool,
     ) -> Result<NodeId, RackError> {
-        let node = world.add(self.device(untimed)?);
-        world.with(node, |node, now| self.prepare(node, now))?;
-        self.plug(world, wire, world.medium(wire), node)?;
+        let node = world.add_node(self.device(untimed)?);
+        world.with_node(node, |node, now| self.apply_acts(node, now))?;
+        self.plug_into(world, wire, world.medium(wire), node)?;
         Ok(node)
     }
 
@@ -226,9 +232,9 @@ impl RackDrive {
     ///
     /// # Errors
     /// [`RackError`].
-    pub fn device(&self, untimed: bool) -> Result<Box<dyn Node>, RackError> {
-        if let Some(sheet) = &self.sheet {
-            return self.of_sheet(sheet);
+    pub fn device(&self, untimed: bool) -> Result<Box<dyn SimNode>, RackError> {
+        if let Some(sheet) = &self.data_sheet {
+            return self.sheet_device(sheet);
         }
         let extra: Vec<_> = self.extra.iter().map(|(k, v)| (&**k, &**v)).collect();
         let wires: Vec<&str> = self.wires.iter().map(String::as_str).collect();
@@ -240,14 +246,14 @@ impl RackDrive {
             seed: self.seed,
             extra: &extra,
         };
-        let mut maker = Maker { profile: self.profile, options, made: None };
-        drives::visit(&mut maker);
-        maker.made.unwrap_or(Err(RackError::NoSuchDrive { profile: self.profile.name }))
+        let mut maker = RackDeviceBuilder { profile: self.profile, options, built: None };
+        drives::visit_families(&mut maker);
+        maker.built.unwrap_or(Err(RackError::NoSuchDrive { profile: self.profile.name }))
     }
 
     /// The device of a data sheet, which knows of the options the serial number and, to be given a
     /// node-ID by LSS, `node=none`.
-    fn of_sheet(&self, sheet: &Arc<Sheet>) -> Result<Box<dyn Node>, RackError> {
+    fn sheet_device(&self, sheet: &Arc<DataSheet>) -> Result<Box<dyn SimNode>, RackError> {
         let wrong = |option: &str| RackError::Option {
             profile: self.profile.name,
             option: option.to_owned(),
@@ -263,14 +269,14 @@ impl RackDrive {
                 ("node", other) | (other, _) => return Err(wrong(other)),
             }
         }
-        Ok(Box::new(Drive(sheet::Device::new(Arc::clone(sheet), node, serial))))
+        Ok(Box::new(DriveNode(data_sheet::DataSheetDevice::new(Arc::clone(sheet), node, serial))))
     }
 
     /// Does to the drive what the description says, before power is given.
     ///
     /// # Errors
     /// [`RackError::Act`].
-    pub fn prepare(&self, node: &mut dyn Node, now: Instant) -> Result<(), RackError> {
+    pub fn apply_acts(&self, node: &mut dyn SimNode, now: Instant) -> Result<(), RackError> {
         let mut done = |act: Act| node.bench().is_some_and(|bench| bench.act(now, act));
         match self.acts.iter().all(|act| done(*act)) {
             true => Ok(()),
@@ -278,19 +284,19 @@ impl RackDrive {
         }
     }
 
-    fn other_link<'a>(
+    fn find_second_link<'a>(
         &self,
-        rack: &'a Rack,
+        rack: &'a RackSpec,
         medium: MediumKind,
     ) -> Result<Option<(usize, &'a RackWire)>, RackError> {
-        let Some(at) = self.also_on else { return Ok(None) };
+        let Some(at) = self.second_link else { return Ok(None) };
         let other = rack.links.get(at).map(|link| &link.wire);
         let other = other.filter(|wire| wire.medium() != medium);
         let profile = self.profile.name;
         other.map(|wire| Some((at, wire))).ok_or(RackError::NoSecondLink { profile })
     }
 
-    fn plug(
+    fn plug_into(
         &self,
         world: &mut World,
         wire: WireId,
@@ -301,7 +307,7 @@ impl RackDrive {
             MediumKind::Serial => SERIAL_PORT,
             MediumKind::Can => CAN_PORT,
         };
-        let fits = world.look(node, |node, _| match medium {
+        let fits = world.inspect(node, |node, _| match medium {
             MediumKind::Serial => node.stream(port).is_some(),
             MediumKind::Can => node.can(port).is_some(),
         });
@@ -314,21 +320,21 @@ impl RackDrive {
 }
 
 /// Visits the families until one has the profile's.
-struct Maker<'a> {
+struct RackDeviceBuilder<'a> {
     profile: &'static Profile,
     options: DeviceOptions<'a>,
-    made: Option<Result<Box<dyn Node>, RackError>>,
+    built: Option<Result<Box<dyn SimNode>, RackError>>,
 }
 
-impl drives::Visitor for Maker<'_> {
-    fn family<F: Family>(&mut self) {
-        if F::NAME != self.profile.family || self.made.is_some() {
+impl drives::FamilyVisitor for RackDeviceBuilder<'_> {
+    fn visit_family<F: Family>(&mut self) {
+        if F::NAME != self.profile.family || self.built.is_some() {
             return;
         }
         let profile = self.profile.name;
-        let device = F::device(self.profile, &self.options);
-        self.made = Some(match device {
-            Ok(device) => Ok(Box::new(Drive(device))),
+        let device = F::create_device(self.profile, &self.options);
+        self.built = Some(match device {
+            Ok(device) => Ok(Box::new(DriveNode(device))),
             Err(option) => Err(RackError::Option { profile, option: option.to_owned() }),
         });
     }

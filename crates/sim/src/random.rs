@@ -31,11 +31,11 @@ impl Random {
     /// A stream of its own, so that one consumer does not shift the numbers of another.
     #[must_use]
     pub fn fork(&mut self) -> Self {
-        Self::new(self.word())
+        Self::new(self.next_u64())
     }
 
     /// 64 random bits.
-    pub fn word(&mut self) -> u64 {
+    pub fn next_u64(&mut self) -> u64 {
         let s = &mut self.state;
         let result = s[0].wrapping_add(s[3]).rotate_left(23).wrapping_add(s[0]);
         let t = s[1] << 17;
@@ -49,13 +49,13 @@ impl Random {
     }
 
     /// A random byte.
-    pub fn byte(&mut self) -> u8 {
-        (self.word() >> 56) as u8
+    pub fn next_byte(&mut self) -> u8 {
+        (self.next_u64() >> 56) as u8
     }
 
     /// A number below `bound`; 0 when `bound` is 0.
     pub fn below(&mut self, bound: u64) -> u64 {
-        ((u128::from(self.word()) * u128::from(bound)) >> 64) as u64
+        ((u128::from(self.next_u64()) * u128::from(bound)) >> 64) as u64
     }
 
     /// A number from `low` to `high`, both included.
@@ -84,28 +84,28 @@ fn split_mix(x: &mut u64) -> u64 {
 
 /// A running hash of what happened: equal for equal histories, on every platform.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct History(u64);
+pub struct HistoryHash(u64);
 
-impl Default for History {
+impl Default for HistoryHash {
     fn default() -> Self {
         Self(0xCBF2_9CE4_8422_2325)
     }
 }
 
-impl History {
+impl HistoryHash {
     /// Adds a number.
-    pub fn note(&mut self, word: u64) {
+    pub fn add(&mut self, word: u64) {
         let mixed = (self.0 ^ word).wrapping_mul(0x9FB2_1C65_1E98_DF25);
         self.0 = mixed ^ (mixed >> 29);
     }
 
     /// Adds bytes, their number included.
-    pub fn note_bytes(&mut self, bytes: &[u8]) {
-        self.note(bytes.len() as u64);
+    pub fn add_bytes(&mut self, bytes: &[u8]) {
+        self.add(bytes.len() as u64);
         for part in bytes.chunks(8) {
             let mut word = [0; 8];
             word[..part.len()].copy_from_slice(part);
-            self.note(u64::from_le_bytes(word));
+            self.add(u64::from_le_bytes(word));
         }
     }
 

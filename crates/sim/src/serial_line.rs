@@ -1,15 +1,15 @@
 //! A serial wire: bytes take time, transmissions meet, and who hears what.
 //!
 //! What a station sends at once is a *transmission*. It travels as one chunk, delivered when its
-//! last byte has arrived, or as several where a fault cuts it. Every chunk carries a [`Label`] that
+//! last byte has arrived, or as several where a fault cuts it. Every chunk carries a [`TransmissionLabel`] that
 //! no station sees: which transmission it belongs to, which one it answers, and whether the wire
 //! changed it. Checks compare what hosts believe with the labels.
 
 use polepair_core::medium::SerialLine;
 use polepair_core::time::Instant;
 
-use crate::fault::{Faults, Made};
-use crate::random::{History, Random};
+use crate::fault::{InjectedSerialFaults, SerialFaults};
+use crate::random::{HistoryHash, Random};
 use crate::uart;
 
 /// Bytes that are kept of what a station heard.
@@ -51,14 +51,14 @@ impl Timing {
 
     /// Whether bytes take the time that the baud rate says.
     #[must_use]
-    pub const fn has_bytes(self) -> bool {
+    pub const fn has_byte_timing(self) -> bool {
         !matches!(self, Self::Cdc)
     }
 }
 
 /// How a serial wire is built.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Serial {
+pub struct SerialWireConfig {
     /// Who hears whom.
     pub duplex: Duplex,
     /// When bytes are handed on.
@@ -69,7 +69,7 @@ pub struct Serial {
     pub baud: Option<u32>,
 }
 
-impl Serial {
+impl SerialWireConfig {
     /// RS-232 with byte timing.
     pub const RS232: Self =
         Self { duplex: Duplex::Full, timing: Timing::Uart, echo: false, baud: None };
@@ -83,121 +83,121 @@ impl Serial {
 
 /// What the world knows of a transmission and no station sees.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Label {
+pub struct TransmissionLabel {
     /// Number of the transmission; 0 for none.
     pub tag: u32,
     /// The transmission that its sender had last heard, 0 for none. For a drive's reply: the
     /// request that it answers.
     pub answers: u32,
     /// Hash of the bytes that the sender meant.
-    pub content: u64,
+    pub content_hash: u64,
     /// Hash of the bytes that the sender of `answers` meant.
-    pub question: u64,
+    pub question_hash: u64,
     /// The wire changed it, or changed what it answers.
     pub tainted: bool,
     /// It is the second copy that a fault made of a reply.
-    pub copy: bool,
+    pub is_copy: bool,
     /// When its last byte can have left at the earliest, clocks being a twentieth apart.
-    pub left: Instant,
+    pub left_at: Instant,
     /// When its first byte began at the latest, by when how many bytes were handed over.
-    pub begun: Instant,
-    pub(crate) bytes: usize,
+    pub begun_by: Instant,
+    pub(crate) byte_count: usize,
 }
 
 /// One end of a serial wire as the world sees it.
 #[derive(Clone, Debug)]
-pub(crate) struct Plug {
+pub(crate) struct SerialPlug {
     /// The commanding end: drives answer it, and its adapter may echo.
-    pub(crate) head: bool,
+    pub(crate) is_host: bool,
     /// Its own transmissions queue behind each other.
     busy_until: Instant,
     /// When it drove the wire last.
-    drove: (Instant, Instant),
+    drove_from_until: (Instant, Instant),
     /// What it sent last.
-    pub(crate) sent: Label,
+    pub(crate) last_sent: TransmissionLabel,
     /// What it heard last; tainted if anything was since it last sent.
-    pub(crate) heard: Label,
+    pub(crate) last_received: TransmissionLabel,
     /// The same, its own bytes left out.
-    pub(crate) heard_others: Label,
-    taint: bool,
-    pub(crate) memory: Memory,
+    pub(crate) last_from_others: TransmissionLabel,
+    tainted: bool,
+    pub(crate) history: ReceiveHistory,
 }
 
 /// The last bytes that a station heard, and where among them it spoke.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Memory {
+pub(crate) struct ReceiveHistory {
     pub(crate) bytes: Vec<u8>,
-    spoke: [usize; 2],
+    sent_offsets: [usize; 2],
     /// Where each transmission among them begins, and the hash of what it was meant to be.
-    meant: Vec<(usize, u64)>,
+    intended: Vec<(usize, u64)>,
 }
 
-impl Memory {
+impl ReceiveHistory {
     /// Takes what was heard; `begins` is the content of a transmission that begins with it.
-    fn hear(&mut self, heard: &[u8], begins: Option<u64>) {
+    fn record(&mut self, heard: &[u8], begins: Option<u64>) {
         if self.bytes.len() + heard.len() > MEMORY_MAX {
             let old = self.bytes.len().saturating_sub(MEMORY_MAX / 2);
             self.bytes.drain(..old);
-            self.spoke = self.spoke.map(|at| at.saturating_sub(old));
-            self.meant.retain(|(at, _)| *at >= old);
-            self.meant.iter_mut().for_each(|(at, _)| *at -= old);
+            self.sent_offsets = self.sent_offsets.map(|at| at.saturating_sub(old));
+            self.intended.retain(|(at, _)| *at >= old);
+            self.intended.iter_mut().for_each(|(at, _)| *at -= old);
         }
-        self.meant.extend(begins.map(|content| (self.bytes.len(), content)));
+        self.intended.extend(begins.map(|content| (self.bytes.len(), content)));
         self.bytes.extend_from_slice(heard);
     }
 
-    fn speak(&mut self) {
-        self.spoke = [self.spoke[1], self.bytes.len()];
+    fn mark_sent(&mut self) {
+        self.sent_offsets = [self.sent_offsets[1], self.bytes.len()];
     }
 
     /// Whether these of the bytes are what the transmission they came in was meant to be.
-    pub(crate) fn was_meant(&self, range: std::ops::Range<usize>) -> bool {
-        let within = self.meant.iter().rfind(|(at, _)| *at <= range.start);
-        within.is_some_and(|(_, content)| *content == hash(&self.bytes[range]))
+    pub(crate) fn is_as_sent(&self, range: std::ops::Range<usize>) -> bool {
+        let within = self.intended.iter().rfind(|(at, _)| *at <= range.start);
+        within.is_some_and(|(_, content)| *content == hash_bytes(&self.bytes[range]))
     }
 
     /// Where those bytes begin that were heard between the last two times it spoke, or since.
-    pub(crate) const fn fresh(&self) -> usize {
-        self.spoke[0]
+    pub(crate) const fn fresh_from(&self) -> usize {
+        self.sent_offsets[0]
     }
 }
 
 /// The hash of what a transmission asks. A TMCL stop that is sent once for every place of a module's
 /// count asks what one of them asks.
-fn content(bytes: &[u8]) -> u64 {
+fn content_hash(bytes: &[u8]) -> u64 {
     const DATAGRAM: usize = 9;
     let (places, rest) = bytes.as_chunks::<{ DATAGRAM + 1 }>();
     match places {
         [first, others @ ..] if others.len() == DATAGRAM - 1 => {
             let same = others.iter().all(|place| place == first) && rest.iter().all(|b| *b == 0);
-            if same { hash(&first[..DATAGRAM]) } else { hash(bytes) }
+            if same { hash_bytes(&first[..DATAGRAM]) } else { hash_bytes(bytes) }
         }
-        _ => hash(bytes),
+        _ => hash_bytes(bytes),
     }
 }
 
-fn hash(bytes: &[u8]) -> u64 {
-    let mut history = History::default();
-    history.note_bytes(bytes);
+fn hash_bytes(bytes: &[u8]) -> u64 {
+    let mut history = HistoryHash::default();
+    history.add_bytes(bytes);
     history.value()
 }
 
 /// Clocks of a sender and a receiver may differ by a twentieth.
-const fn tolerated(ns: u64) -> u64 {
+const fn clock_tolerance(ns: u64) -> u64 {
     ns - ns / 20
 }
 
 /// Whose ears a chunk reaches at an instant: the host's adapter may keep bytes for a while, the
 /// drives hear them as they come.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Ears {
+pub(crate) enum Receivers {
     All,
     Drives,
     Host,
 }
 
-impl Ears {
-    pub(crate) const fn has(self, head: bool) -> bool {
+impl Receivers {
+    pub(crate) const fn includes(self, head: bool) -> bool {
         match self {
             Self::All => true,
             Self::Drives => !head,
@@ -206,30 +206,30 @@ impl Ears {
     }
 
     /// Whether nobody is left to hear it afterwards.
-    pub(crate) const fn last(self) -> bool {
+    pub(crate) const fn is_final(self) -> bool {
         !matches!(self, Self::Drives)
     }
 }
 
 /// Bytes under way.
 #[derive(Clone, Debug)]
-pub(crate) struct Chunk {
+pub(crate) struct WireChunk {
     pub(crate) wire: usize,
     pub(crate) from: usize,
     start: Instant,
     character_ns: u64,
     line: SerialLine,
-    pub(crate) label: Label,
+    pub(crate) label: TransmissionLabel,
     pub(crate) bytes: Vec<u8>,
 }
 
-impl Chunk {
+impl WireChunk {
     fn end(&self) -> Instant {
         self.start.plus_ns(self.bytes.len() as u64 * self.character_ns)
     }
 
     /// The bytes that were on the wire at some time within `from..until`.
-    fn during(&self, from: Instant, until: Instant) -> std::ops::Range<usize> {
+    fn range_during(&self, from: Instant, until: Instant) -> std::ops::Range<usize> {
         if self.character_ns == 0 || until <= self.start || from >= self.end() {
             return 0..0;
         }
@@ -241,40 +241,40 @@ impl Chunk {
 
 /// Chunks under way on all wires; the buffers are used again and again.
 #[derive(Debug, Default)]
-pub(crate) struct Air {
-    chunks: Vec<Chunk>,
+pub(crate) struct ChunkPool {
+    chunks: Vec<WireChunk>,
     free: Vec<usize>,
 }
 
-impl Air {
-    fn put(&mut self, template: &Chunk, bytes: &[u8]) -> usize {
+impl ChunkPool {
+    fn insert(&mut self, template: &WireChunk, bytes: &[u8]) -> usize {
         let at = self.free.pop().unwrap_or_else(|| {
             let bytes = Vec::with_capacity(bytes.len().max(16));
-            self.chunks.push(Chunk { bytes, ..template.clone() });
+            self.chunks.push(WireChunk { bytes, ..template.clone() });
             self.chunks.len() - 1
         });
         let chunk = &mut self.chunks[at];
         let mut buffer = std::mem::take(&mut chunk.bytes);
         buffer.clear();
         buffer.extend_from_slice(bytes);
-        *chunk = Chunk { bytes: buffer, ..*template };
+        *chunk = WireChunk { bytes: buffer, ..*template };
         at
     }
 
     /// Puts the bytes back for those who hear them later.
-    pub(crate) fn keep(&mut self, at: usize, chunk: Chunk) {
+    pub(crate) fn restore_bytes(&mut self, at: usize, chunk: WireChunk) {
         self.chunks[at].bytes = chunk.bytes;
     }
 
     /// Takes a chunk's bytes out while it is being delivered.
-    pub(crate) fn take(&mut self, at: usize) -> Chunk {
+    pub(crate) fn take_chunk(&mut self, at: usize) -> WireChunk {
         let chunk = &mut self.chunks[at];
         let bytes = std::mem::take(&mut chunk.bytes);
-        Chunk { bytes, ..*chunk }
+        WireChunk { bytes, ..*chunk }
     }
 
     /// Gives the buffer back.
-    pub(crate) fn give_back(&mut self, at: usize, chunk: Chunk) {
+    pub(crate) fn release(&mut self, at: usize, chunk: WireChunk) {
         self.chunks[at].bytes = chunk.bytes;
         self.free.push(at);
     }
@@ -283,44 +283,44 @@ impl Air {
 /// A serial wire.
 #[derive(Debug)]
 pub(crate) struct SerialWire {
-    pub(crate) set: Serial,
-    pub(crate) plugs: Vec<Plug>,
-    pub(crate) faults: Faults,
-    pub(crate) made: Made,
+    pub(crate) config: SerialWireConfig,
+    pub(crate) plugs: Vec<SerialPlug>,
+    pub(crate) faults: SerialFaults,
+    pub(crate) injected: InjectedSerialFaults,
     pub(crate) down: bool,
     /// When the host's adapter hands on what it has so far.
-    handed_on: Instant,
+    host_handover: Instant,
     random: Random,
-    flying: Vec<usize>,
+    in_flight: Vec<usize>,
     scratch: Vec<u8>,
 }
 
 impl SerialWire {
-    pub(crate) fn new(set: Serial, random: Random) -> Self {
+    pub(crate) fn new(config: SerialWireConfig, random: Random) -> Self {
         Self {
-            set,
+            config,
             plugs: Vec::new(),
-            faults: Faults::NONE,
-            made: Made::default(),
+            faults: SerialFaults::NONE,
+            injected: InjectedSerialFaults::default(),
             down: false,
-            handed_on: Instant::ZERO,
+            host_handover: Instant::ZERO,
             random,
-            flying: Vec::new(),
+            in_flight: Vec::new(),
             scratch: Vec::new(),
         }
     }
 
-    pub(crate) fn plug(&mut self, head: bool) -> usize {
+    pub(crate) fn add_plug(&mut self, head: bool) -> usize {
         let never = (Instant::ZERO, Instant::ZERO);
-        self.plugs.push(Plug {
-            head,
+        self.plugs.push(SerialPlug {
+            is_host: head,
             busy_until: Instant::ZERO,
-            drove: never,
-            sent: Label::default(),
-            heard: Label::default(),
-            heard_others: Label::default(),
-            taint: false,
-            memory: Memory::default(),
+            drove_from_until: never,
+            last_sent: TransmissionLabel::default(),
+            last_received: TransmissionLabel::default(),
+            last_from_others: TransmissionLabel::default(),
+            tainted: false,
+            history: ReceiveHistory::default(),
         });
         self.plugs.len() - 1
     }
@@ -329,43 +329,44 @@ impl SerialWire {
     #[allow(clippy::too_many_arguments, reason = "the world's parts are lent one by one")]
     pub(crate) fn transmit(
         &mut self,
-        air: &mut Air,
+        air: &mut ChunkPool,
         now: Instant,
         place: (usize, usize),
         tag: u32,
         line: SerialLine,
         bytes: &[u8],
-        mut schedule: impl FnMut(Instant, usize, Ears),
+        mut schedule: impl FnMut(Instant, usize, Receivers),
     ) {
         let (wire, from) = place;
-        let label = self.label(from, tag, bytes);
-        let line = SerialLine { baud: self.set.baud.unwrap_or(line.baud), ..line };
-        let character_ns = if self.set.timing.has_bytes() { line.characters_ns(1) } else { 0 };
-        let reply = !self.plugs[from].head;
+        let label = self.label_transmission(from, tag, bytes);
+        let line = SerialLine { baud: self.config.baud.unwrap_or(line.baud), ..line };
+        let character_ns =
+            if self.config.timing.has_byte_timing() { line.characters_ns(1) } else { 0 };
+        let reply = !self.plugs[from].is_host;
         // Late replies wait side by side: none is later than the latest, but for the others' bytes.
-        let late = self.lateness(reply) + if reply { 0 } else { self.network_ns() };
+        let late = self.lateness_ns(reply) + if reply { 0 } else { self.network_ns() };
         let begin = now.plus_ns(late).max(self.plugs[from].busy_until);
         let mut chunk =
-            Chunk { wire, from, start: begin, character_ns, line, label, bytes: Vec::new() };
+            WireChunk { wire, from, start: begin, character_ns, line, label, bytes: Vec::new() };
         let mut meant = std::mem::take(&mut self.scratch);
         meant.clear();
         meant.extend_from_slice(bytes);
-        chunk.label.tainted |= self.spoil(&mut meant);
-        let lost = self.is_lost(reply);
+        chunk.label.tainted |= self.corrupt(&mut meant);
+        let lost = self.draw_loss(reply);
         let until = begin.plus_ns(bytes.len() as u64 * character_ns);
-        self.drive(from, begin, until, line);
+        self.record_driving(from, begin, until, line);
         // A host sees no more of its bytes than that the network took them.
-        self.plugs[from].sent.left = match self.set.timing {
+        self.plugs[from].last_sent.left_at = match self.config.timing {
             Timing::Tcp => now,
-            _ => begin.plus_ns(tolerated(until.0 - begin.0)),
+            _ => begin.plus_ns(clock_tolerance(until.0 - begin.0)),
         };
         if !lost {
-            self.cut(air, &mut chunk, &meant, &mut schedule);
+            self.send_pieces(air, &mut chunk, &meant, &mut schedule);
             if reply && self.random.chance(self.faults.duplicate) {
-                self.made.duplicated += 1;
-                chunk.label.copy = true;
+                self.injected.duplicated += 1;
+                chunk.label.is_copy = true;
                 chunk.start = chunk.start.plus_ns(self.random.below(3 * character_ns + 1));
-                self.cut(air, &mut chunk, &meant, &mut schedule);
+                self.send_pieces(air, &mut chunk, &meant, &mut schedule);
             }
             self.plugs[from].busy_until = chunk.start.max(until);
         }
@@ -373,145 +374,152 @@ impl SerialWire {
     }
 
     /// Takes a chunk off the wire to deliver it.
-    pub(crate) fn land(&mut self, at: usize) {
-        self.flying.retain(|&flying| flying != at);
+    pub(crate) fn remove_in_flight(&mut self, at: usize) {
+        self.in_flight.retain(|&flying| flying != at);
     }
 
     /// Whether plug `to` hears what plug `from` sends.
-    pub(crate) fn hears(&self, to: usize, from: usize) -> bool {
+    pub(crate) fn can_hear(&self, to: usize, from: usize) -> bool {
         if to == from {
-            return self.set.echo && self.plugs[to].head;
+            return self.config.echo && self.plugs[to].is_host;
         }
-        self.set.duplex == Duplex::Half || self.plugs[to].head != self.plugs[from].head
+        self.config.duplex == Duplex::Half || self.plugs[to].is_host != self.plugs[from].is_host
     }
 
     /// What of `chunk` the station at plug `to`, set to `line`, hears, into `heard`. Returns
     /// whether there was a framing error.
-    pub(crate) fn hear(
+    pub(crate) fn receive_chunk(
         &mut self,
         to: usize,
         now: Instant,
-        chunk: &Chunk,
+        chunk: &WireChunk,
         line: SerialLine,
         heard: &mut Vec<u8>,
     ) -> bool {
         heard.clear();
         let plug = &self.plugs[to];
-        let line = SerialLine { baud: self.set.baud.unwrap_or(line.baud), ..line };
+        let line = SerialLine { baud: self.config.baud.unwrap_or(line.baud), ..line };
         let line = match self.faults.host_baud {
             0 => line,
-            baud if plug.head => SerialLine { baud, ..line },
+            baud if plug.is_host => SerialLine { baud, ..line },
             _ => line,
         };
-        let deaf = if self.set.duplex == Duplex::Half && to != chunk.from && !self.set.echo {
-            chunk.during(plug.drove.0, plug.drove.1)
+        let deaf = if self.config.duplex == Duplex::Half && to != chunk.from && !self.config.echo {
+            chunk.range_during(plug.drove_from_until.0, plug.drove_from_until.1)
         } else {
             0..0
         };
-        let broken = if !self.set.timing.has_bytes() || uart::compatible(chunk.line, line) {
-            heard.extend_from_slice(&chunk.bytes[..deaf.start]);
-            heard.extend_from_slice(&chunk.bytes[deaf.end..]);
-            !deaf.is_empty()
-        } else {
-            uart::resample(&chunk.bytes, chunk.line, line, heard)
-        };
+        let broken =
+            if !self.config.timing.has_byte_timing() || uart::is_compatible(chunk.line, line) {
+                heard.extend_from_slice(&chunk.bytes[..deaf.start]);
+                heard.extend_from_slice(&chunk.bytes[deaf.end..]);
+                !deaf.is_empty()
+            } else {
+                uart::resample(&chunk.bytes, chunk.line, line, heard)
+            };
         let changed = *heard != chunk.bytes;
         let plug = &mut self.plugs[to];
-        let before = plug.heard;
-        let goes_on = before.tag == chunk.label.tag && before.copy == chunk.label.copy;
-        plug.memory.hear(heard, (!goes_on).then_some(chunk.label.content));
-        plug.taint |= changed || chunk.label.tainted;
-        let bytes = heard.len() + if goes_on { before.bytes } else { 0 };
-        let took = match self.set.timing {
+        let before = plug.last_received;
+        let goes_on = before.tag == chunk.label.tag && before.is_copy == chunk.label.is_copy;
+        plug.history.record(heard, (!goes_on).then_some(chunk.label.content_hash));
+        plug.tainted |= changed || chunk.label.tainted;
+        let bytes = heard.len() + if goes_on { before.byte_count } else { 0 };
+        let took = match self.config.timing {
             Timing::Tcp => 0,
-            _ => bytes as u64 * tolerated(chunk.character_ns),
+            _ => bytes as u64 * clock_tolerance(chunk.character_ns),
         };
         let begun = Instant(now.0.saturating_sub(took));
-        let begun = if goes_on { begun.min(before.begun) } else { begun };
-        plug.heard = Label { tainted: plug.taint, begun, bytes, ..chunk.label };
+        let begun = if goes_on { begun.min(before.begun_by) } else { begun };
+        plug.last_received = TransmissionLabel {
+            tainted: plug.tainted,
+            begun_by: begun,
+            byte_count: bytes,
+            ..chunk.label
+        };
         if to != chunk.from {
-            plug.heard_others = plug.heard;
+            plug.last_from_others = plug.last_received;
         }
         broken
     }
 
-    fn label(&mut self, from: usize, tag: u32, bytes: &[u8]) -> Label {
+    fn label_transmission(&mut self, from: usize, tag: u32, bytes: &[u8]) -> TransmissionLabel {
         let plug = &mut self.plugs[from];
-        let label = Label {
+        let label = TransmissionLabel {
             tag,
-            answers: plug.heard.tag,
-            content: content(bytes),
-            question: plug.heard.content,
-            tainted: !plug.head && plug.taint,
-            copy: false,
-            left: Instant::ZERO,
-            begun: Instant::ZERO,
-            bytes: 0,
+            answers: plug.last_received.tag,
+            content_hash: content_hash(bytes),
+            question_hash: plug.last_received.content_hash,
+            tainted: !plug.is_host && plug.tainted,
+            is_copy: false,
+            left_at: Instant::ZERO,
+            begun_by: Instant::ZERO,
+            byte_count: 0,
         };
-        plug.taint = false;
-        plug.sent = label;
-        plug.memory.speak();
+        plug.tainted = false;
+        plug.last_sent = label;
+        plug.history.mark_sent();
         label
     }
 
-    fn lateness(&mut self, reply: bool) -> u64 {
+    fn lateness_ns(&mut self, reply: bool) -> u64 {
         if !reply || !self.random.chance(self.faults.late) {
             return 0;
         }
-        self.made.late += 1;
+        self.injected.late += 1;
         self.faults.lateness_ns(&mut self.random)
     }
 
     /// What a packet takes on the network, if there is one.
     fn network_ns(&mut self) -> u64 {
-        if self.set.timing == Timing::Tcp { self.random.below(NETWORK_NS) } else { 0 }
+        if self.config.timing == Timing::Tcp { self.random.below(NETWORK_NS) } else { 0 }
     }
 
-    fn is_lost(&mut self, reply: bool) -> bool {
+    fn draw_loss(&mut self, reply: bool) -> bool {
         let chance = if reply { self.faults.lose_reply } else { self.faults.lose_request };
         let lost = self.random.chance(chance);
-        let count = if reply { &mut self.made.replies_lost } else { &mut self.made.requests_lost };
+        let count =
+            if reply { &mut self.injected.replies_lost } else { &mut self.injected.requests_lost };
         *count += u64::from(lost);
         lost || self.down
     }
 
     /// Changes, truncates or overlays the bytes as the faults will. Returns whether it did.
-    fn spoil(&mut self, bytes: &mut Vec<u8>) -> bool {
-        let made = self.faults.spoil(&mut self.random, bytes);
-        self.made.bytes += made;
+    fn corrupt(&mut self, bytes: &mut Vec<u8>) -> bool {
+        let made = self.faults.corrupt(&mut self.random, bytes);
+        self.injected.bytes += made;
         let mut changed = made > 0;
         if self.random.chance(self.faults.truncate) {
             bytes.truncate(self.random.below(bytes.len() as u64) as usize);
-            self.made.truncated += 1;
+            self.injected.truncated += 1;
             changed = true;
         }
         if self.random.chance(self.faults.collide) {
             let first = self.random.below(bytes.len() as u64) as usize;
-            bytes[first..].iter_mut().for_each(|byte| *byte &= self.random.byte());
-            self.made.collided += 1;
+            bytes[first..].iter_mut().for_each(|byte| *byte &= self.random.next_byte());
+            self.injected.collided += 1;
             changed = true;
         }
         changed
     }
 
-    fn drive(&mut self, from: usize, begin: Instant, until: Instant, line: SerialLine) {
+    fn record_driving(&mut self, from: usize, begin: Instant, until: Instant, line: SerialLine) {
         let bit_ns = line.characters_ns(1) / u64::from(line.bits_per_character());
         let plug = &mut self.plugs[from];
-        let late = if plug.head { u64::from(self.faults.release_late_bits) * bit_ns } else { 0 };
-        plug.drove = (begin, until.plus_ns(late));
+        let late = if plug.is_host { u64::from(self.faults.release_late_bits) * bit_ns } else { 0 };
+        plug.drove_from_until = (begin, until.plus_ns(late));
         plug.busy_until = until;
     }
 
     /// Sends `bytes` as chunks from `chunk.start` on, and leaves there when the last one ends.
-    fn cut(
+    fn send_pieces(
         &mut self,
-        air: &mut Air,
-        chunk: &mut Chunk,
+        air: &mut ChunkPool,
+        chunk: &mut WireChunk,
         bytes: &[u8],
-        schedule: &mut impl FnMut(Instant, usize, Ears),
+        schedule: &mut impl FnMut(Instant, usize, Receivers),
     ) {
         let cutting = self.random.chance(self.faults.chunk);
-        self.made.chunked += u64::from(cutting);
+        self.injected.chunked += u64::from(cutting);
         let mut rest = bytes;
         while !rest.is_empty() {
             let len = if cutting {
@@ -520,7 +528,7 @@ impl SerialWire {
                 rest.len()
             };
             let (piece, after) = rest.split_at(len);
-            self.fly(air, chunk, piece, schedule);
+            self.send_chunk(air, chunk, piece, schedule);
             rest = after;
             chunk.start = chunk.start.plus_ns(len as u64 * chunk.character_ns);
             if cutting && !rest.is_empty() {
@@ -530,57 +538,57 @@ impl SerialWire {
         }
     }
 
-    fn fly(
+    fn send_chunk(
         &mut self,
-        air: &mut Air,
-        template: &Chunk,
+        air: &mut ChunkPool,
+        template: &WireChunk,
         bytes: &[u8],
-        schedule: &mut impl FnMut(Instant, usize, Ears),
+        schedule: &mut impl FnMut(Instant, usize, Receivers),
     ) {
-        let at = air.put(template, bytes);
-        for other in 0..self.flying.len() {
-            self.meet(air, at, self.flying[other]);
+        let at = air.insert(template, bytes);
+        for other in 0..self.in_flight.len() {
+            self.collide(air, at, self.in_flight[other]);
         }
-        self.flying.push(at);
+        self.in_flight.push(at);
         let end = air.chunks[at].end();
-        match self.arrival(end, template.from) {
-            later if later > end && self.set.duplex == Duplex::Half => {
-                schedule(end, at, Ears::Drives);
-                schedule(later, at, Ears::Host);
+        match self.arrival_time(end, template.from) {
+            later if later > end && self.config.duplex == Duplex::Half => {
+                schedule(end, at, Receivers::Drives);
+                schedule(later, at, Receivers::Host);
             }
-            later if later > end => schedule(later, at, Ears::Host),
-            _ => schedule(end, at, Ears::All),
+            later if later > end => schedule(later, at, Receivers::Host),
+            _ => schedule(end, at, Receivers::All),
         }
     }
 
     /// When a chunk that ends at `end` reaches the host: at once, or when its adapter next looks.
     /// An adapter hands bytes on in the order in which they came, whatever becomes of its latency.
-    fn arrival(&mut self, end: Instant, from: usize) -> Instant {
-        if self.plugs[from].head {
+    fn arrival_time(&mut self, end: Instant, from: usize) -> Instant {
+        if self.plugs[from].is_host {
             return end;
         }
-        let own = if self.set.timing == Timing::Ftdi { FTDI_NS } else { 0 };
+        let own = if self.config.timing == Timing::Ftdi { FTDI_NS } else { 0 };
         let period = own.max(u64::from(self.faults.latency_ms) * 1_000_000);
         let end = end.plus_ns(self.network_ns());
         let looks = if period == 0 { end } else { Instant(end.0.div_ceil(period) * period) };
-        self.handed_on = self.handed_on.max(looks);
-        self.handed_on
+        self.host_handover = self.host_handover.max(looks);
+        self.host_handover
     }
 
     /// Garbles what two chunks have in common, if they share a pair of wires at the same time.
-    fn meet(&mut self, air: &mut Air, a: usize, b: usize) {
+    fn collide(&mut self, air: &mut ChunkPool, a: usize, b: usize) {
         let (one, two) = (&air.chunks[a], &air.chunks[b]);
-        let same_pair = self.set.duplex == Duplex::Half
-            || self.plugs[one.from].head == self.plugs[two.from].head;
+        let same_pair = self.config.duplex == Duplex::Half
+            || self.plugs[one.from].is_host == self.plugs[two.from].is_host;
         let overlap = (one.start.max(two.start), one.end().min(two.end()));
         if one.from == two.from || !same_pair || overlap.0 >= overlap.1 {
             return;
         }
-        self.made.collided += 1;
+        self.injected.collided += 1;
         for at in [a, b] {
             let chunk = &mut air.chunks[at];
-            let range = chunk.during(overlap.0, overlap.1);
-            chunk.bytes[range].iter_mut().for_each(|byte| *byte &= self.random.byte());
+            let range = chunk.range_during(overlap.0, overlap.1);
+            chunk.bytes[range].iter_mut().for_each(|byte| *byte &= self.random.next_byte());
             chunk.label.tainted = true;
         }
     }

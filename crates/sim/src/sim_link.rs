@@ -21,7 +21,7 @@ impl SimLink {
     /// Opens the host's end of `wire`.
     #[must_use]
     pub fn new(mut world: World, wire: WireId) -> Self {
-        let end = world.open(wire);
+        let end = world.open_end(wire);
         Self { world, wire, end }
     }
 
@@ -60,7 +60,7 @@ impl SimLink {
 
     /// Lets time pass until something arrives here, or until `until`. Returns the time it is then.
     pub fn advance_to(&mut self, until: Instant) -> Instant {
-        while !self.world.has_mail(self.end) {
+        while !self.world.has_pending(self.end) {
             if self.world.next_event().is_none_or(|at| at > until) {
                 self.world.run_until(until);
                 break;

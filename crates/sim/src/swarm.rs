@@ -8,20 +8,20 @@
 
 mod axis;
 mod bus;
-mod client;
+mod host_user;
 mod inert;
-mod scene;
-mod stranger;
-mod witness;
+mod intruder;
+mod observer;
+mod scenario;
 
 use std::collections::BTreeMap;
 
 use polepair_core::medium::MediumKind;
 use polepair_core::time::Instant;
 
-use crate::can_bus::CanMade;
+use crate::can_bus::InjectedCanFaults;
 use crate::check::Violation;
-use crate::fault::Made;
+use crate::fault::InjectedSerialFaults;
 
 /// After the last fault every axis must answer within so long.
 pub const RECOVERY_MS: u32 = 2_000;
@@ -30,7 +30,7 @@ pub const VIOLATIONS_MAX: usize = 8;
 
 /// What came of one seed.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub struct Report {
+pub struct WorldReport {
     /// The seed that it replays from.
     pub seed: u64,
     /// Events.
@@ -38,7 +38,7 @@ pub struct Report {
     /// Hash over all events.
     pub history: u64,
     /// How long the world lived.
-    pub lived: Instant,
+    pub world_time: Instant,
     /// Requests that hosts put on a wire.
     pub requests: u64,
     /// Requests executed that powered a motor or gave it somewhere to go.
@@ -57,14 +57,14 @@ pub struct Report {
     /// just when an answer could, and the protocol cannot tell them from one.
     pub copies_taken: u64,
     /// The faults made.
-    pub made: Made,
+    pub injected: InjectedSerialFaults,
     /// Those made on CAN buses.
-    pub made_on_can: CanMade,
+    pub injected_on_can: InjectedCanFaults,
     /// Copies taken on CAN, by the protocol whose replies cannot be told from copies.
     pub copies_on: BTreeMap<&'static str, u64>,
     /// Verbs that were reported as done though the drive missed their frame, by the protocol that
     /// has no answer for them.
-    pub untold_on: BTreeMap<&'static str, u64>,
+    pub unreported_on: BTreeMap<&'static str, u64>,
     /// Questions that ended because two programs commanded one CANopen network at the same instants,
     /// which put both off the bus.
     pub clashes: u64,
@@ -73,19 +73,19 @@ pub struct Report {
     /// Supplies cut and given back.
     pub resets: u64,
     /// Cables pulled and plugged.
-    pub cuts: u64,
+    pub cable_pulls: u64,
     /// Invariants broken.
     pub violations: Vec<Violation>,
     /// What happened since somebody was told; kept in replays only.
-    diary: Vec<String>,
-    keeps_diary: bool,
+    log: Vec<String>,
+    logs: bool,
 }
 
-impl Report {
+impl WorldReport {
     /// Adds another report's counts and violations; seed and history stay.
     pub fn add(&mut self, other: &Self) {
         self.events += other.events;
-        self.lived = self.lived.plus_ns(other.lived.0);
+        self.world_time = self.world_time.plus_ns(other.world_time.0);
         self.requests += other.requests;
         self.starts += other.starts;
         self.done += other.done;
@@ -94,31 +94,31 @@ impl Report {
         self.wire_collisions += other.wire_collisions;
         self.requests_collided += other.requests_collided;
         self.copies_taken += other.copies_taken;
-        self.made.add(&other.made);
-        self.made_on_can.add(&other.made_on_can);
+        self.injected.add(&other.injected);
+        self.injected_on_can.add(&other.injected_on_can);
         for (protocol, copies) in &other.copies_on {
             *self.copies_on.entry(protocol).or_default() += copies;
         }
-        for (protocol, verbs) in &other.untold_on {
-            *self.untold_on.entry(protocol).or_default() += verbs;
+        for (protocol, verbs) in &other.unreported_on {
+            *self.unreported_on.entry(protocol).or_default() += verbs;
         }
         self.clashes += other.clashes;
         self.repeated += other.repeated;
         self.resets += other.resets;
-        self.cuts += other.cuts;
+        self.cable_pulls += other.cable_pulls;
         self.violations.extend(other.violations.iter().cloned());
     }
 
-    fn write(&mut self, at: Instant, line: impl FnOnce() -> String) {
-        if self.keeps_diary {
-            self.diary.push(format!("{:12.6} {}", at.0 as f64 / 1e9, line()));
+    fn log_event(&mut self, at: Instant, line: impl FnOnce() -> String) {
+        if self.logs {
+            self.log.push(format!("{:12.6} {}", at.0 as f64 / 1e9, line()));
         }
     }
 
-    fn violations_of(&mut self, found: impl IntoIterator<Item = Violation>) {
+    fn add_violations(&mut self, found: impl IntoIterator<Item = Violation>) {
         let found: Vec<_> = found.into_iter().collect();
         for violation in &found {
-            self.write(violation.at, || format!("!!! {violation}"));
+            self.log_event(violation.at, || format!("!!! {violation}"));
         }
         let room = VIOLATIONS_MAX.saturating_sub(self.violations.len());
         self.violations.extend(found.into_iter().take(room));
@@ -127,20 +127,22 @@ impl Report {
 
 /// Lives through the world of a seed and tells everything: what is in it, who asks what and how it ends, what
 /// breaks, and every byte that is heard.
-pub fn replay(medium: MediumKind, seed: u64, tell: &mut dyn FnMut(&str)) -> Report {
-    let mut scene = scene::Scene::new(medium, seed);
-    scene.keep_diary();
-    scene.tell(tell)
+pub fn replay(medium: MediumKind, seed: u64, tell: &mut dyn FnMut(&str)) -> WorldReport {
+    let mut scene = scenario::Scenario::new(medium, seed);
+    scene.enable_log();
+    scene.run_with_log(tell)
 }
 
 /// Lives through the world that a seed makes of serial wires, or of a CAN bus. A panic anywhere in it breaks I8.
 #[must_use]
-pub fn run(medium: MediumKind, seed: u64) -> Report {
-    std::panic::catch_unwind(|| scene::Scene::new(medium, seed).live()).unwrap_or_else(|reason| {
-        let text = reason.downcast_ref::<String>().map(String::as_str);
-        let text = text.or_else(|| reason.downcast_ref::<&str>().copied());
-        let what = format!("panic: {}", text.unwrap_or("without words"));
-        let violation = Violation { invariant: "I8", at: Instant::ZERO, what };
-        Report { seed, violations: vec![violation], ..Report::default() }
-    })
+pub fn run(medium: MediumKind, seed: u64) -> WorldReport {
+    std::panic::catch_unwind(|| scenario::Scenario::new(medium, seed).run()).unwrap_or_else(
+        |reason| {
+            let text = reason.downcast_ref::<String>().map(String::as_str);
+            let text = text.or_else(|| reason.downcast_ref::<&str>().copied());
+            let what = format!("panic: {}", text.unwrap_or("without words"));
+            let violation = Violation { invariant: "I8", at: Instant::ZERO, what };
+            WorldReport { seed, violations: vec![violation], ..WorldReport::default() }
+        },
+    )
 }

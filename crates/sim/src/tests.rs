@@ -4,37 +4,37 @@ use polepair_core::medium::{MediumKind, Parity, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
 
-use crate::fault::Faults;
-use crate::node::Lone;
+use crate::fault::SerialFaults;
+use crate::node::SerialStationNode;
 use crate::random::{Ppm, Random};
-use crate::serial_line::Serial;
+use crate::serial_line::SerialWireConfig;
 use crate::sim_link::SimLink;
-use crate::swarm::{self, Report};
+use crate::swarm::{self, WorldReport};
 use crate::uart;
 use crate::world::World;
 
 /// Answers every run of bytes with the same bytes, each one more, after a millisecond.
 #[derive(Debug)]
-struct Answerer {
+struct AnsweringStation {
     baud: u32,
     pending: Option<(Instant, Vec<u8>)>,
     breaks: u32,
 }
 
-impl Answerer {
+impl AnsweringStation {
     const fn new(baud: u32) -> Self {
         Self { baud, pending: None, breaks: 0 }
     }
 }
 
-impl Timed for Answerer {
+impl Timed for AnsweringStation {
     fn handle_timeout(&mut self, _: Instant) {}
     fn poll_timeout(&self) -> Option<Instant> {
         self.pending.as_ref().map(|(at, _)| *at)
     }
 }
 
-impl Station<Stream> for Answerer {
+impl Station<Stream> for AnsweringStation {
     fn handle_input(&mut self, now: Instant, unit: &[u8]) {
         let (_, mut bytes) = self.pending.take().unwrap_or_default();
         bytes.extend(unit.iter().map(|byte| byte.wrapping_add(1)));
@@ -49,21 +49,21 @@ impl Station<Stream> for Answerer {
         Some(bytes.len())
     }
     fn line(&self) -> SerialLine {
-        SerialLine::n81(self.baud)
+        SerialLine::new_8n1(self.baud)
     }
 }
 
-fn link(set: Serial, baud: u32, seed: u64) -> SimLink {
+fn link(set: SerialWireConfig, baud: u32, seed: u64) -> SimLink {
     let mut world = World::new(seed);
-    let wire = world.serial(set);
-    let node = world.add(Box::new(Lone(Answerer::new(baud))));
+    let wire = world.add_serial(set);
+    let node = world.add_node(Box::new(SerialStationNode(AnsweringStation::new(baud))));
     world.plug_drive(wire, node, 0);
     let mut link = SimLink::new(world, wire);
-    link.set_line(SerialLine::n81(9600));
+    link.set_line(SerialLine::new_8n1(9600));
     link
 }
 
-fn ask(link: &mut SimLink, bytes: &[u8]) -> (Instant, Vec<u8>) {
+fn send_and_receive(link: &mut SimLink, bytes: &[u8]) -> (Instant, Vec<u8>) {
     let now = link.now();
     link.send(now, bytes);
     link.advance_to(now.plus_ms(100));
@@ -77,13 +77,18 @@ fn ask(link: &mut SimLink, bytes: &[u8]) -> (Instant, Vec<u8>) {
 #[test]
 fn no_late_reply_is_later_than_the_latest() {
     let mut world = World::new(3);
-    let wire = world.serial(Serial::RS232);
-    let node = world.add(Box::new(Lone(Answerer::new(9600))));
+    let wire = world.add_serial(SerialWireConfig::RS232);
+    let node = world.add_node(Box::new(SerialStationNode(AnsweringStation::new(9600))));
     world.plug_drive(wire, node, 0);
     let mut link = SimLink::new(world, wire);
-    link.set_line(SerialLine::n81(9600));
-    let faults = Faults { late: Ppm::ALWAYS, latest_ms: 200, patience_ms: 100, ..Faults::NONE };
-    *link.world().faults(wire).expect("a serial wire") = faults;
+    link.set_line(SerialLine::new_8n1(9600));
+    let faults = SerialFaults {
+        late: Ppm::ALWAYS,
+        late_max_ms: 200,
+        host_timeout_ms: 100,
+        ..SerialFaults::NONE
+    };
+    *link.world().serial_faults(wire).expect("a serial wire") = faults;
     for at in (0..1_000).step_by(10) {
         link.send(Instant::ZERO.plus_ms(at), &[at as u8]);
     }
@@ -98,22 +103,23 @@ fn no_late_reply_is_later_than_the_latest() {
 
 #[test]
 fn bytes_take_their_time() {
-    let (at, bytes) = ask(&mut link(Serial::RS232, 9600, 1), &[1, 2, 3]);
+    let (at, bytes) = send_and_receive(&mut link(SerialWireConfig::RS232, 9600, 1), &[1, 2, 3]);
     assert_eq!(bytes, [2, 3, 4]);
     // Three characters of ten bits each way, and the answerer's millisecond.
-    assert_eq!(at.0, 2 * 3 * SerialLine::n81(9600).characters_ns(1) + 1_000_000);
+    assert_eq!(at.0, 2 * 3 * SerialLine::new_8n1(9600).characters_ns(1) + 1_000_000);
 }
 
 #[test]
 fn an_untimed_wire_has_no_timing_and_no_baud_rate() {
-    let (at, bytes) = ask(&mut link(Serial::UNTIMED, 115_200, 1), &[1, 2, 3]);
+    let (at, bytes) =
+        send_and_receive(&mut link(SerialWireConfig::UNTIMED, 115_200, 1), &[1, 2, 3]);
     assert_eq!((at, bytes), (Instant::ZERO.plus_ms(1), vec![2, 3, 4]));
 }
 
 #[test]
 fn an_echoing_adapter_hears_itself() {
-    let mut link = link(Serial { echo: true, ..Serial::RS485 }, 9600, 1);
-    assert_eq!(ask(&mut link, &[7, 8]).1, [7, 8]);
+    let mut link = link(SerialWireConfig { echo: true, ..SerialWireConfig::RS485 }, 9600, 1);
+    assert_eq!(send_and_receive(&mut link, &[7, 8]).1, [7, 8]);
     link.advance_to(Instant::ZERO.plus_ms(50));
     let mut buffer = [0; 8];
     assert_eq!(link.receive(&mut buffer).map(|(_, n)| buffer[..n].to_vec()), Some(vec![8, 9]));
@@ -121,8 +127,8 @@ fn an_echoing_adapter_hears_itself() {
 
 #[test]
 fn who_talks_on_half_duplex_hears_nothing_and_garbles_the_other() {
-    let mut link = link(Serial::RS485, 9600, 1);
-    let character = SerialLine::n81(9600).characters_ns(1);
+    let mut link = link(SerialWireConfig::RS485, 9600, 1);
+    let character = SerialLine::new_8n1(9600).characters_ns(1);
     link.send(Instant::ZERO, &[1, 2, 3, 4]);
     // The reply begins after 4 characters and 1 ms; talk into its second half.
     let begin = Instant(4 * character + 1_000_000);
@@ -135,7 +141,8 @@ fn who_talks_on_half_duplex_hears_nothing_and_garbles_the_other() {
 
 #[test]
 fn a_wrong_baud_rate_gives_garbage() {
-    let (_, bytes) = ask(&mut link(Serial::RS232, 19_200, 1), &[0x55, 0xAA, 0x01, 0x5E]);
+    let (_, bytes) =
+        send_and_receive(&mut link(SerialWireConfig::RS232, 19_200, 1), &[0x55, 0xAA, 0x01, 0x5E]);
     assert_ne!(bytes, [0x56, 0xAB, 0x02, 0x5F]);
 }
 
@@ -143,17 +150,17 @@ fn a_wrong_baud_rate_gives_garbage() {
 fn a_receiver_with_the_same_bits_reads_the_same_bytes() {
     let bytes: Vec<u8> = (0..=255).collect();
     for parity in [Parity::None, Parity::Even, Parity::Odd] {
-        let line = SerialLine { parity, ..SerialLine::n81(115_200) };
+        let line = SerialLine { parity, ..SerialLine::new_8n1(115_200) };
         let mut heard = Vec::new();
         assert!(!uart::resample(&bytes, line, line, &mut heard));
         assert_eq!(heard, bytes);
         let slower = SerialLine { baud: 113_000, ..line };
         heard.clear();
         uart::resample(&bytes, line, slower, &mut heard);
-        assert!(uart::compatible(line, slower) && heard == bytes);
+        assert!(uart::is_compatible(line, slower) && heard == bytes);
     }
     let mut heard = Vec::new();
-    let odd = SerialLine { parity: Parity::Odd, ..SerialLine::n81(9600) };
+    let odd = SerialLine { parity: Parity::Odd, ..SerialLine::new_8n1(9600) };
     let even = SerialLine { parity: Parity::Even, ..odd };
     assert!(uart::resample(&[1], odd, even, &mut heard) && heard.is_empty());
 }
@@ -161,36 +168,44 @@ fn a_receiver_with_the_same_bits_reads_the_same_bytes() {
 #[test]
 fn each_fault_does_what_it_says() {
     let always = Ppm::ALWAYS;
-    let with = |faults: Faults| {
-        let mut link = link(Serial::RS232, 9600, 5);
+    let with = |faults: SerialFaults| {
+        let mut link = link(SerialWireConfig::RS232, 9600, 5);
         let wire = link.wire();
-        *link.world().faults(wire).expect("serial") = faults;
-        let (at, bytes) = ask(&mut link, &[0xFF; 8]);
-        (at, bytes, link.world().made(wire))
+        *link.world().serial_faults(wire).expect("serial") = faults;
+        let (at, bytes) = send_and_receive(&mut link, &[0xFF; 8]);
+        (at, bytes, link.world().injected_faults(wire))
     };
-    let (clean, ..) = with(Faults::NONE);
-    assert_eq!(with(Faults { lose_request: always, ..Faults::NONE }).2.requests_lost, 1);
-    assert_eq!(with(Faults { lose_reply: always, ..Faults::NONE }).1, []);
-    assert_eq!(with(Faults { lose: always, ..Faults::NONE }).1, []);
-    assert_eq!(with(Faults { flip: always, ..Faults::NONE }).2.bytes, 16);
-    assert_eq!(with(Faults { insert: always, ..Faults::NONE }).1.len(), 32);
-    assert_eq!(with(Faults { truncate: always, ..Faults::NONE }).2.truncated, 2);
-    assert_eq!(with(Faults { duplicate: always, ..Faults::NONE }).2.duplicated, 1);
-    assert!(with(Faults { latency_ms: 16, ..Faults::NONE }).0.0 % 16_000_000 == 0);
-    let (late, ..) = with(Faults { late: always, patience_ms: 20, latest_ms: 60, ..Faults::NONE });
+    let (clean, ..) = with(SerialFaults::NONE);
+    assert_eq!(
+        with(SerialFaults { lose_request: always, ..SerialFaults::NONE }).2.requests_lost,
+        1
+    );
+    assert_eq!(with(SerialFaults { lose_reply: always, ..SerialFaults::NONE }).1, []);
+    assert_eq!(with(SerialFaults { lose: always, ..SerialFaults::NONE }).1, []);
+    assert_eq!(with(SerialFaults { flip: always, ..SerialFaults::NONE }).2.bytes, 16);
+    assert_eq!(with(SerialFaults { insert: always, ..SerialFaults::NONE }).1.len(), 32);
+    assert_eq!(with(SerialFaults { truncate: always, ..SerialFaults::NONE }).2.truncated, 2);
+    assert_eq!(with(SerialFaults { duplicate: always, ..SerialFaults::NONE }).2.duplicated, 1);
+    assert!(with(SerialFaults { latency_ms: 16, ..SerialFaults::NONE }).0.0 % 16_000_000 == 0);
+    let (late, ..) = with(SerialFaults {
+        late: always,
+        host_timeout_ms: 20,
+        late_max_ms: 60,
+        ..SerialFaults::NONE
+    });
     assert!(late > clean && late <= clean.plus_ms(60));
-    assert_ne!(with(Faults { host_baud: 4800, ..Faults::NONE }).1, vec![0x00; 8]);
-    assert_ne!(with(Faults { collide: always, ..Faults::NONE }).1, vec![0x00; 8]);
-    let burst = Faults { burst: always, burst_max: 4, ..Faults::NONE };
+    assert_ne!(with(SerialFaults { host_baud: 4800, ..SerialFaults::NONE }).1, vec![0x00; 8]);
+    assert_ne!(with(SerialFaults { collide: always, ..SerialFaults::NONE }).1, vec![0x00; 8]);
+    let burst = SerialFaults { burst: always, burst_max: 4, ..SerialFaults::NONE };
     assert_eq!(with(burst).1.len(), 8);
 }
 
 #[test]
 fn pieces_are_the_same_bytes_later() {
-    let mut link = link(Serial::RS232, 9600, 3);
+    let mut link = link(SerialWireConfig::RS232, 9600, 3);
     let wire = link.wire();
-    *link.world().faults(wire).expect("serial") =
-        Faults { chunk: Ppm::ALWAYS, chunk_gap_us: 500, ..Faults::NONE };
+    *link.world().serial_faults(wire).expect("serial") =
+        SerialFaults { chunk: Ppm::ALWAYS, chunk_gap_us: 500, ..SerialFaults::NONE };
     link.send(Instant::ZERO, &[10, 20, 30, 40, 50, 60]);
     let (mut all, mut buffer) = (Vec::new(), [0; 64]);
     while link.advance_to(Instant::ZERO.plus_ms(100)) < Instant::ZERO.plus_ms(100) {
@@ -203,27 +218,27 @@ fn pieces_are_the_same_bytes_later() {
 #[test]
 fn labels_tell_what_answers_what() {
     let mut world = World::new(1);
-    let wire = world.serial(Serial::RS232);
-    let node = world.add(Box::new(Lone(Answerer::new(9600))));
+    let wire = world.add_serial(SerialWireConfig::RS232);
+    let node = world.add_node(Box::new(SerialStationNode(AnsweringStation::new(9600))));
     world.plug_drive(wire, node, 0);
-    let end = world.open(wire);
-    world.set_line(end, SerialLine::n81(9600));
+    let end = world.open_end(wire);
+    world.set_line(end, SerialLine::new_8n1(9600));
     world.send(end, Instant::ZERO, &[1]);
     while world.step().is_some() {}
-    let known = world.knowledge(wire, node);
-    assert_eq!((known.heard.tag, known.sent.answers), (1, 1));
-    assert_eq!(known.sent.question, known.heard.content);
-    assert!(!known.sent.tainted);
+    let known = world.serial_status(wire, node);
+    assert_eq!((known.last_received.tag, known.last_sent.answers), (1, 1));
+    assert_eq!(known.last_sent.question_hash, known.last_received.content_hash);
+    assert!(!known.last_sent.tainted);
 }
 
 #[test]
 fn equal_seeds_give_equal_histories() {
     let run = |seed| {
-        let mut link = link(Serial::RS485, 9600, seed);
+        let mut link = link(SerialWireConfig::RS485, 9600, seed);
         let wire = link.wire();
-        *link.world().faults(wire).expect("serial") =
-            Faults { flip: Ppm(100_000), chunk: Ppm(500_000), ..Faults::NONE };
-        (0..50).for_each(|n| drop(ask(&mut link, &[n; 5])));
+        *link.world().serial_faults(wire).expect("serial") =
+            SerialFaults { flip: Ppm(100_000), chunk: Ppm(500_000), ..SerialFaults::NONE };
+        (0..50).for_each(|n| drop(send_and_receive(&mut link, &[n; 5])));
         link.world().history()
     };
     // Pinned: another platform, another build or another day must give this very history.
@@ -236,7 +251,7 @@ fn equal_seeds_give_equal_histories() {
 fn random_numbers_are_the_published_ones() {
     // SplitMix64 of seed 0 begins with E220A8397B1DCDAF; xoshiro256++ as its authors' C code.
     let mut random = Random::new(0);
-    assert_eq!(random.word(), 0x5317_5D61_490B_23DF);
+    assert_eq!(random.next_u64(), 0x5317_5D61_490B_23DF);
     assert!((0..1000).all(|_| (-3..=3).contains(&random.between(-3, 3))));
     assert!((0..1000).all(|_| !random.chance(Ppm::NEVER) && random.chance(Ppm::ALWAYS)));
 }
@@ -246,8 +261,8 @@ const SEEDS: u64 = 500;
 const CAN_SEEDS: u64 = 300;
 
 /// Lives through so many seeds; what breaks an invariant is named with its seed.
-fn lived(medium: MediumKind, seeds: u64) -> Report {
-    let (mut total, mut told) = (Report::default(), Vec::new());
+fn run_seeds(medium: MediumKind, seeds: u64) -> WorldReport {
+    let (mut total, mut told) = (WorldReport::default(), Vec::new());
     for seed in 1..=seeds {
         let report = swarm::run(medium, seed);
         told.extend(report.violations.iter().map(|broken| format!("{medium:?} {seed}: {broken}")));
@@ -259,14 +274,17 @@ fn lived(medium: MediumKind, seeds: u64) -> Report {
 
 #[test]
 fn seeded_worlds_keep_every_invariant() {
-    let total = lived(MediumKind::Serial, SEEDS);
-    assert!(total.requests > 100 * SEEDS && total.made.bytes > SEEDS, "{total:?}");
+    let total = run_seeds(MediumKind::Serial, SEEDS);
+    assert!(total.requests > 100 * SEEDS && total.injected.bytes > SEEDS, "{total:?}");
 }
 
 #[test]
 fn seeded_buses_keep_every_invariant() {
-    let total = lived(MediumKind::Can, CAN_SEEDS);
-    assert!(total.requests > 100 * CAN_SEEDS && total.made_on_can.errors > CAN_SEEDS, "{total:?}");
+    let total = run_seeds(MediumKind::Can, CAN_SEEDS);
+    assert!(
+        total.requests > 100 * CAN_SEEDS && total.injected_on_can.errors > CAN_SEEDS,
+        "{total:?}"
+    );
 }
 
 /// Seeds beyond those that once broke an invariant: a request cut short that was taken as whole, the

@@ -10,7 +10,7 @@ use polepair_core::medium::{Parity, SerialLine};
 const TOLERANCE_PERCENT: u64 = 3;
 
 /// True when a receiver set to `receiver` reads what a sender set to `sender` sends.
-pub(crate) fn compatible(sender: SerialLine, receiver: SerialLine) -> bool {
+pub(crate) fn is_compatible(sender: SerialLine, receiver: SerialLine) -> bool {
     if sender == receiver || sender.baud == 0 || receiver.baud == 0 {
         return true;
     }
@@ -28,7 +28,7 @@ pub(crate) fn resample(
     receiver: SerialLine,
     heard: &mut Vec<u8>,
 ) -> bool {
-    let wave = Wave { bytes, line: sender };
+    let wave = Waveform { bytes, line: sender };
     let bit_ns = 1_000_000_000 / u64::from(receiver.baud.max(1));
     let end = wave.end_ns();
     let mut broken = false;
@@ -39,7 +39,7 @@ pub(crate) fn resample(
         for bit in 0..bits {
             character |= u32::from(wave.level(edge + bit * bit_ns + bit_ns / 2)) << bit;
         }
-        match received(character, receiver) {
+        match decode_character(character, receiver) {
             Some(byte) => heard.push(byte),
             None => broken = true,
         }
@@ -49,7 +49,7 @@ pub(crate) fn resample(
 }
 
 /// The byte in a sampled character, start bit lowest, or `None` if its frame is wrong.
-fn received(character: u32, line: SerialLine) -> Option<u8> {
+fn decode_character(character: u32, line: SerialLine) -> Option<u8> {
     let data = (character >> 1) & ((1 << line.data_bits) - 1);
     let after = character >> (1 + line.data_bits);
     let (parity_right, stop) = match line.parity {
@@ -61,12 +61,12 @@ fn received(character: u32, line: SerialLine) -> Option<u8> {
 }
 
 /// Characters as levels in time.
-struct Wave<'a> {
+struct Waveform<'a> {
     bytes: &'a [u8],
     line: SerialLine,
 }
 
-impl Wave<'_> {
+impl Waveform<'_> {
     fn bit_ns(&self) -> u64 {
         1_000_000_000 / u64::from(self.line.baud.max(1))
     }

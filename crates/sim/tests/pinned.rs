@@ -7,19 +7,19 @@
 
 use polepair_core::axis::{Axes, Command, Verb};
 use polepair_core::drives;
-use polepair_core::drives::bench::Truth;
+use polepair_core::drives::bench::GroundTruth;
 use polepair_core::error::Outcome;
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::ParameterId;
 use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
-use polepair_sim::can_bus::{CanFaults, CanMade};
-use polepair_sim::fault::{Faults, Made};
+use polepair_sim::can_bus::{CanFaults, InjectedCanFaults};
+use polepair_sim::fault::{InjectedSerialFaults, SerialFaults};
 use polepair_sim::host;
 use polepair_sim::rack::RackDrive;
-use polepair_sim::random::{History, Ppm};
-use polepair_sim::serial_line::Serial;
+use polepair_sim::random::{HistoryHash, Ppm};
+use polepair_sim::serial_line::SerialWireConfig;
 use polepair_sim::world::{NodeId, WireId, World};
 
 const AXIS: AxisIndex = AxisIndex(0);
@@ -34,7 +34,7 @@ const BIT_RATE: u32 = 1_000_000;
 const TS_ON_CAN: [(&str, &str); 3] = [("variant", "all"), ("fn00", "20"), ("can", "true")];
 
 /// Something of everything.
-const FAULTS: Faults = Faults {
+const FAULTS: SerialFaults = SerialFaults {
     flip: Ppm(200),
     lose: Ppm(100),
     insert: Ppm(100),
@@ -43,22 +43,22 @@ const FAULTS: Faults = Faults {
     chunk_gap_us: 1_000,
     duplicate: Ppm(5_000),
     late: Ppm(5_000),
-    patience_ms: 100,
-    latest_ms: 200,
+    host_timeout_ms: 100,
+    late_max_ms: 200,
     lose_request: Ppm(5_000),
     lose_reply: Ppm(5_000),
     collide: Ppm(2_000),
     latency_ms: 1,
-    ..Faults::NONE
+    ..SerialFaults::NONE
 };
 
 /// The same on a bus.
 const CAN_FAULTS: CanFaults = CanFaults {
     error: Ppm(20_000),
-    twice: Ppm(2_000),
+    last_bit: Ppm(2_000),
     lose: Ppm(5_000),
     late: Ppm(2_000),
-    latest_ms: 150,
+    late_max_ms: 150,
     cut: Ppm(2_000),
     echo: true,
 };
@@ -71,18 +71,18 @@ struct Place {
 }
 
 impl Place {
-    fn new(world: &mut World, protocol: &str, product: &str, set: Serial) -> Self {
+    fn new(world: &mut World, protocol: &str, product: &str, set: SerialWireConfig) -> Self {
         let profile = drives::profiles().iter().find(|p| p.name == product).expect(product);
         let spoken = host::protocols().into_iter().find(|p| p.name == protocol).expect(protocol);
-        let wire = world.serial(set);
+        let wire = world.add_serial(set);
         let mut spec = RackDrive::new(profile, protocol);
         spec.address = Some(1);
         let drive = spec.build(world, wire, false).expect(product);
         let options = HostOptions::new(spoken.baud);
-        let lane = host::lane(protocol, MediumKind::Serial, options, &[(profile, 1)]);
-        let host = world.add(lane.expect(protocol));
+        let lane = host::host_lane(protocol, MediumKind::Serial, options, &[(profile, 1)]);
+        let host = world.add_node(lane.expect(protocol));
         world.plug_host(wire, host, 0);
-        *world.faults(wire).expect("serial") = FAULTS;
+        *world.serial_faults(wire).expect("serial") = FAULTS;
         Self { wire, host, drive }
     }
 
@@ -99,8 +99,9 @@ impl Place {
         spec.extra =
             options.iter().map(|(key, value)| (key.to_string(), value.to_string())).collect();
         let drive = spec.build(world, wire, false).expect(product);
-        let host = host::mux(&[(word, HostOptions::new(BIT_RATE), vec![(profile, address)])]);
-        let host = world.add(host.expect(word));
+        let host =
+            host::can_program(&[(word, HostOptions::new(BIT_RATE), vec![(profile, address)])]);
+        let host = world.add_node(host.expect(word));
         world.plug_host(wire, host, 0);
         Self { wire, host, drive }
     }
@@ -109,9 +110,9 @@ impl Place {
     fn ask(&self, world: &mut World, step: u32) {
         let ticket = Ticket(step);
         let on_bus = world.bit_rate(self.wire) > 0;
-        world.with(self.host, |node, now| {
+        world.with_node(self.host, |node, now| {
             let axes = node.axes().expect("a host");
-            axes.arm(AXIS, true);
+            axes.set_armed(AXIS, true);
             match command(step) {
                 Some(command) => axes.command(now, ticket, AXIS, command).is_ok(),
                 // Anew after each stop: what was lost on the way may have been the last one.
@@ -124,12 +125,12 @@ impl Place {
         });
     }
 
-    fn tell(&self, world: &mut World, history: &mut History) {
+    fn tell(&self, world: &mut World, history: &mut HistoryHash) {
         while let Some((ticket, outcome)) =
-            world.look(self.host, |n, _| n.axes().expect("a host").poll_outcome())
+            world.inspect(self.host, |n, _| n.axes().expect("a host").poll_outcome())
         {
-            history.note(u64::from(ticket.0));
-            history.note(match outcome {
+            history.add(u64::from(ticket.0));
+            history.add(match outcome {
                 Outcome::Done(raw) => raw as u64,
                 Outcome::NotDone(_) => u64::MAX,
                 Outcome::Unknown(_) | Outcome::Partly(..) => u64::MAX - 1,
@@ -137,8 +138,8 @@ impl Place {
         }
     }
 
-    fn truth(&self, world: &mut World) -> Truth {
-        world.look(self.drive, |n, now| n.bench().expect("a drive").truth(now))
+    fn truth(&self, world: &mut World) -> GroundTruth {
+        world.inspect(self.drive, |n, now| n.bench().expect("a drive").ground_truth(now))
     }
 }
 
@@ -160,18 +161,18 @@ fn set_mode(axes: &mut dyn Axes, now: Instant, ticket: Ticket) -> bool {
     let profile = axes.profile(AXIS).expect("an axis");
     let mode = profile.parameters.iter().position(|p| p.name == "control mode");
     let id = mode.and_then(|at| u16::try_from(at).ok()).map(ParameterId);
-    id.is_some_and(|id| axes.write(now, ticket, AXIS, id, 14, false).is_ok())
+    id.is_some_and(|id| axes.write_parameter(now, ticket, AXIS, id, 14, false).is_ok())
 }
 
 fn read(axes: &mut dyn Axes, now: Instant, ticket: Ticket, step: u32) -> bool {
     let signals = axes.profile(AXIS).expect("an axis").signals;
     let signal = signals[step as usize % signals.len()];
-    axes.read(now, ticket, AXIS, signal.parameter).is_ok()
+    axes.read_parameter(now, ticket, AXIS, signal.parameter).is_ok()
 }
 
 /// Lives through the script; the hash over all of it.
 fn lived(mut world: World, places: &[Place]) -> u64 {
-    let mut history = History::default();
+    let mut history = HistoryHash::default();
     for step in 1..=STEPS {
         world.run_until(Instant::ZERO.plus_ms(step * STEP_MS));
         for place in places {
@@ -182,13 +183,13 @@ fn lived(mut world: World, places: &[Place]) -> u64 {
     for (n, place) in places.iter().enumerate() {
         let truth = place.truth(&mut world);
         assert!(truth.starts >= 5 && truth.position.abs() > 0.1, "{n}: {truth:?}");
-        let made = (world.made(place.wire), world.can_made(place.wire));
-        assert_ne!(made, (Made::default(), CanMade::default()));
+        let made = (world.injected_faults(place.wire), world.injected_can_faults(place.wire));
+        assert_ne!(made, (InjectedSerialFaults::default(), InjectedCanFaults::default()));
         for value in [truth.position, truth.velocity, truth.current, truth.winding] {
-            history.note(value.to_bits());
+            history.add(value.to_bits());
         }
     }
-    history.note(world.history());
+    history.add(world.history());
     history.value()
 }
 
@@ -196,9 +197,9 @@ fn lived(mut world: World, places: &[Place]) -> u64 {
 fn a_world_with_motors_and_faults_is_the_same_everywhere() {
     let mut world = World::new(20);
     let places = [
-        Place::new(&mut world, "tmcl", "tmcm-171", Serial::RS485),
-        Place::new(&mut world, "modbus-rtu", "syntron-ts", Serial::RS485),
-        Place::new(&mut world, "modbus-ascii", "syntron-ds102", Serial::RS232),
+        Place::new(&mut world, "tmcl", "tmcm-171", SerialWireConfig::RS485),
+        Place::new(&mut world, "modbus-rtu", "syntron-ts", SerialWireConfig::RS485),
+        Place::new(&mut world, "modbus-ascii", "syntron-ds102", SerialWireConfig::RS232),
     ];
     let history = lived(world, &places);
     assert_eq!(history, PINNED, "{history:#018X}");
@@ -207,7 +208,7 @@ fn a_world_with_motors_and_faults_is_the_same_everywhere() {
 #[test]
 fn so_is_a_bus_with_every_protocol() {
     let mut world = World::new(21);
-    let bus = world.can(CanLine { bit_rate: BIT_RATE });
+    let bus = world.add_can(CanLine { bit_rate: BIT_RATE });
     *world.can_faults(bus).expect("a bus") = CAN_FAULTS;
     let mut on = |drive, options: &[_]| Place::on_bus(&mut world, bus, drive, options);
     let places = [

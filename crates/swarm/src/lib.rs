@@ -6,12 +6,12 @@
 //! First everything may fail, then all wires are well again, and all that is owed a stop must stand.
 #![forbid(unsafe_code)]
 
+mod client;
 mod drives;
-mod live;
-mod person;
-mod scene;
+mod runner;
+mod scenario;
 mod schedule;
-mod watch;
+mod stop_observer;
 pub mod wire;
 
 use std::collections::BTreeMap;
@@ -40,13 +40,13 @@ pub const VIOLATIONS_MAX: usize = 8;
 
 /// What came of one seed, or of many.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub struct Report {
+pub struct GatewayReport {
     /// The seed that it replays from.
     pub seed: u64,
     /// Hash over all that happened.
     pub history: u64,
     /// How long the world lived.
-    pub lived: Instant,
+    pub world_time: Instant,
     /// What was counted, by name, in the order of the alphabet.
     pub counts: BTreeMap<&'static str, u64>,
     /// Violations that were excused, by what proves that no host could know better.
@@ -55,7 +55,7 @@ pub struct Report {
     pub violations: Vec<Violation>,
 }
 
-impl Report {
+impl GatewayReport {
     /// Counts something.
     pub(crate) fn count(&mut self, what: &'static str) {
         *self.counts.entry(what).or_default() += 1;
@@ -63,7 +63,7 @@ impl Report {
 
     /// Adds another report's counts and violations; seed and history stay.
     pub fn add(&mut self, other: &Self) {
-        self.lived = self.lived.plus_ns(other.lived.0);
+        self.world_time = self.world_time.plus_ns(other.world_time.0);
         for (name, count) in &other.counts {
             *self.counts.entry(name).or_default() += count;
         }
@@ -76,28 +76,28 @@ impl Report {
 
 /// Lives through the world of a seed. A panic anywhere in it breaks G12.
 #[must_use]
-pub fn run(seed: u64) -> Report {
-    guarded(seed, None)
+pub fn run(seed: u64) -> GatewayReport {
+    run_guarded(seed, None)
 }
 
 /// The same, and tells everything: who says what, every frame with what it says and what became of it,
 /// what each was told, and the truth of each motor.
-pub fn replay(seed: u64, tell: impl Fn(&str) + 'static) -> Report {
-    guarded(seed, Some(Box::new(tell)))
+pub fn replay(seed: u64, tell: impl Fn(&str) + 'static) -> GatewayReport {
+    run_guarded(seed, Some(Box::new(tell)))
 }
 
 /// Takes a line of the history.
-type Tell = Box<dyn Fn(&str)>;
+type HistorySink = Box<dyn Fn(&str)>;
 
-fn guarded(seed: u64, tell: Option<Tell>) -> Report {
-    let lived = std::panic::AssertUnwindSafe(move || scene::live(seed, tell));
+fn run_guarded(seed: u64, tell: Option<HistorySink>) -> GatewayReport {
+    let lived = std::panic::AssertUnwindSafe(move || scenario::run_world(seed, tell));
     let report = std::panic::catch_unwind(lived).unwrap_or_else(|reason| {
         let text = reason.downcast_ref::<String>().map(String::as_str);
         let text = text.or_else(|| reason.downcast_ref::<&str>().copied());
         let what = format!("panic: {}", text.unwrap_or("without words"));
         let violation = Violation { invariant: "G12", at: Instant::ZERO, what };
-        Report { seed, violations: vec![violation], ..Report::default() }
+        GatewayReport { seed, violations: vec![violation], ..GatewayReport::default() }
     });
-    wire::set_tick(None);
+    wire::set_wait_hook(None);
     report
 }

@@ -7,12 +7,12 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use polepair_link::clock;
-use polepair_swarm::{Report, replay, run};
+use polepair_swarm::{GatewayReport, replay, run};
 
 fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    match answer(&words) {
+    match run_arguments(&words) {
         Ok(()) => ExitCode::SUCCESS,
         Err(what) => {
             eprintln!("{what}");
@@ -21,12 +21,12 @@ fn main() -> ExitCode {
     }
 }
 
-fn answer(words: &[&str]) -> Result<(), String> {
+fn run_arguments(words: &[&str]) -> Result<(), String> {
     if let ["--replay", seed] = words {
         let seed = seed.parse().map_err(|_| format!("--replay {seed}: not a number"))?;
         let report = replay(seed, |line| println!("{line}"));
         println!("history {:016x}", report.history);
-        return judged(&[report], 1);
+        return report_broken(&[report], 1);
     }
     let (mut seeds, mut from) = (1000, 1);
     let mut jobs = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
@@ -44,7 +44,7 @@ fn answer(words: &[&str]) -> Result<(), String> {
     }
     let begun = clock::now();
     let next = AtomicU64::new(0);
-    let sum = Mutex::new((Report::default(), Vec::new()));
+    let sum = Mutex::new((GatewayReport::default(), Vec::new()));
     std::thread::scope(|scope| {
         for _ in 0..jobs {
             scope.spawn(|| {
@@ -77,15 +77,15 @@ fn answer(words: &[&str]) -> Result<(), String> {
         println!("excused               {count:>12}  {name}");
     }
     println!("violations            {:>12}", total.violations.len());
-    let (lived, took) = (total.lived.0 as f64 / 1e9, clock::now().since(begun).as_secs_f64());
+    let (lived, took) = (total.world_time.0 as f64 / 1e9, clock::now().since(begun).as_secs_f64());
     let (worlds, rate) = (seeds as f64 / took, lived / took);
     println!("lived                 {lived:>12.0} s in {took:.1} s, {jobs} jobs");
     println!("                      {worlds:>12.0} worlds a second, {rate:.0} x real time");
-    judged(&broken, seeds)
+    report_broken(&broken, seeds)
 }
 
-fn judged(broken: &[Report], seeds: u64) -> Result<(), String> {
-    let broken: Vec<&Report> = broken.iter().filter(|r| !r.violations.is_empty()).collect();
+fn report_broken(broken: &[GatewayReport], seeds: u64) -> Result<(), String> {
+    let broken: Vec<&GatewayReport> = broken.iter().filter(|r| !r.violations.is_empty()).collect();
     if broken.is_empty() {
         return Ok(());
     }

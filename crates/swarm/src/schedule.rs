@@ -3,26 +3,26 @@
 use polepair_core::time::Instant;
 use polepair_sim::random::{Ppm, Random};
 
-use crate::wire::Condition;
+use crate::wire::WireCondition;
 
 /// Something that happens to a wire.
 #[derive(Clone, Copy, Debug)]
-pub struct Calamity {
+pub struct WireDisturbance {
     /// When.
     pub at: Instant,
     /// To which wire.
     pub wire: usize,
     /// How it is from then on.
-    pub condition: Condition,
+    pub condition: WireCondition,
 }
 
 /// All calamities of a world, in order; from `calm` on every wire is well.
-pub fn calamities(
+pub fn plan_disturbances(
     random: &mut Random,
     wires: usize,
     begin: Instant,
     calm: Instant,
-) -> Vec<Calamity> {
+) -> Vec<WireDisturbance> {
     let mut all = Vec::new();
     for wire in 0..wires {
         let mut at = begin.plus_ms(random.between(300, 2500) as u32);
@@ -31,20 +31,20 @@ pub fn calamities(
             continue;
         }
         while at < calm {
-            let (condition, lasts) = one(random);
+            let (condition, lasts) = random_condition(random);
             let ends = at.plus_ms(lasts).min(calm);
             if random.chance(Ppm(150_000)) {
-                flap(random, wire, (at, ends), &mut all);
+                add_flapping(random, wire, (at, ends), &mut all);
             } else {
-                all.push(Calamity { at, wire, condition });
+                all.push(WireDisturbance { at, wire, condition });
                 // A port that comes back may still drop who opens it, or be silent.
                 if random.chance(Ppm(250_000)) {
                     let half = at.plus_ns(ends.since(at).as_nanos() as u64 / 2);
-                    let condition = one(random).0;
-                    all.push(Calamity { at: half, wire, condition });
+                    let condition = random_condition(random).0;
+                    all.push(WireDisturbance { at: half, wire, condition });
                 }
             }
-            all.push(Calamity { at: ends, wire, condition: Condition::Well });
+            all.push(WireDisturbance { at: ends, wire, condition: WireCondition::Working });
             at = ends.plus_ms(random.between(100, 4000) as u32);
         }
     }
@@ -53,14 +53,14 @@ pub fn calamities(
 }
 
 /// A calamity, and how long it lasts, ms.
-fn one(random: &mut Random) -> (Condition, u32) {
+fn random_condition(random: &mut Random) -> (WireCondition, u32) {
     let condition = match random.below(10) {
-        0..3 => Condition::Gone,
-        3..5 => Condition::Drops(random.pick(&[0, 1, 5, 30, 120, 300])),
-        5..7 => Condition::Silent { to_drives: true, to_host: true },
-        7 => Condition::Silent { to_drives: true, to_host: false },
-        8 => Condition::Silent { to_drives: false, to_host: true },
-        _ => Condition::Slow(random.pick(&[5, 40, 150, 400, 900])),
+        0..3 => WireCondition::Gone,
+        3..5 => WireCondition::Drops(random.pick(&[0, 1, 5, 30, 120, 300])),
+        5..7 => WireCondition::Silent { to_drives: true, to_host: true },
+        7 => WireCondition::Silent { to_drives: true, to_host: false },
+        8 => WireCondition::Silent { to_drives: false, to_host: true },
+        _ => WireCondition::Slow(random.pick(&[5, 40, 150, 400, 900])),
     };
     let lasts = match random.below(3) {
         0 => random.between(10, 300),
@@ -71,17 +71,21 @@ fn one(random: &mut Random) -> (Condition, u32) {
 }
 
 /// Cut and back, again and again.
-fn flap(
+fn add_flapping(
     random: &mut Random,
     wire: usize,
     (mut at, ends): (Instant, Instant),
-    all: &mut Vec<Calamity>,
+    all: &mut Vec<WireDisturbance>,
 ) {
     while at < ends {
-        let bad = if random.chance(Ppm(700_000)) { Condition::Gone } else { one(random).0 };
-        all.push(Calamity { at, wire, condition: bad });
+        let bad = if random.chance(Ppm(700_000)) {
+            WireCondition::Gone
+        } else {
+            random_condition(random).0
+        };
+        all.push(WireDisturbance { at, wire, condition: bad });
         at = at.plus_ms(random.between(5, 400) as u32).min(ends);
-        all.push(Calamity { at, wire, condition: Condition::Well });
+        all.push(WireDisturbance { at, wire, condition: WireCondition::Working });
         at = at.plus_ms(random.between(5, 600) as u32);
     }
 }

@@ -12,7 +12,7 @@ use polepair::wire::AnyLink;
 use polepair_core::medium::{Can, Frame, Medium, Stream};
 use polepair_core::time::Instant;
 use polepair_link::error::Cause;
-use polepair_link::{Link, LinkError, Losses, Received, Waker};
+use polepair_link::{LinkError, LinkIo, LinkWaker, Losses, Received};
 
 /// While somebody waits for a drive, everything else goes on so often, ns.
 const SLICE_NS: u64 = 1_000_000;
@@ -21,9 +21,9 @@ const STALE_MAX: usize = 4096;
 
 /// How a wire is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Condition {
+pub enum WireCondition {
     /// What is sent arrives.
-    Well,
+    Working,
     /// The port is gone, or nobody listens there.
     Gone,
     /// The port opens, and is lost again after so many ms.
@@ -39,10 +39,10 @@ pub enum Condition {
     Slow(u32),
 }
 
-impl std::fmt::Display for Condition {
+impl std::fmt::Display for WireCondition {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Well => f.write_str("well"),
+            Self::Working => f.write_str("well"),
             Self::Gone => f.write_str("gone, and refused when opened"),
             Self::Drops(ms) => write!(f, "opens, and is dropped after {ms} ms"),
             Self::Silent { to_drives: true, to_host: true } => f.write_str("silent both ways"),
@@ -55,9 +55,9 @@ impl std::fmt::Display for Condition {
 
 /// What became of a unit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Fate {
+pub enum UnitOutcome {
     /// It went on.
-    Passed,
+    Forwarded,
     /// It goes on later.
     Delayed,
     /// It was lost on the way.
@@ -68,7 +68,7 @@ pub enum Fate {
 
 /// A unit that a host sent, or was to hear.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct ObservedUnit {
     /// When.
     pub at: Instant,
     /// From the host to drives, or the other way.
@@ -76,28 +76,28 @@ pub struct Seen {
     /// Its bytes, those of a frame with its identifier before them.
     pub bytes: Vec<u8>,
     /// What became of it.
-    pub fate: Fate,
+    pub outcome: UnitOutcome,
 }
 
 /// A wire, whatever it carries.
 pub trait AnyPort: Send + Sync {
     /// How it is.
-    fn condition(&self) -> Condition;
+    fn condition(&self) -> WireCondition;
     /// Since when it is well and stays so; `None` while it is not.
-    fn well_since(&self) -> Option<Instant>;
+    fn working_since(&self) -> Option<Instant>;
     /// Changes it.
-    fn set(&self, condition: Condition);
+    fn set_condition(&self, condition: WireCondition);
     /// Sends on what was delayed for long enough.
-    fn flush(&self);
+    fn forward_due(&self);
     /// How often its link was lost, how often opened again, how many units left the host.
-    fn counts(&self) -> Counts;
+    fn counts(&self) -> WireCounts;
     /// What passed since this was last called.
-    fn take_seen(&self) -> Vec<Seen>;
+    fn take_observed(&self) -> Vec<ObservedUnit>;
 }
 
 /// What happened to a wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Counts {
+pub struct WireCounts {
     /// Links lost.
     pub lost: u64,
     /// Links opened again.
@@ -111,89 +111,94 @@ pub struct Counts {
 }
 
 /// A medium whose units can be kept.
-pub trait Kept: Medium<Unit: ToOwned<Owned: Send>> {
+pub trait OwnedMedium: Medium<Unit: ToOwned<Owned: Send>> {
     /// Writes a unit where a link's reader wants it. Tells its length there.
-    fn put(unit: &Self::Unit, out: &mut Self::Out) -> usize;
+    fn write_unit(unit: &Self::Unit, out: &mut Self::Out) -> usize;
     /// Its bytes, for people and for the history.
-    fn bytes(unit: &Self::Unit) -> Vec<u8>;
+    fn unit_bytes(unit: &Self::Unit) -> Vec<u8>;
 }
 
-impl Kept for Stream {
-    fn put(unit: &[u8], out: &mut [u8]) -> usize {
+impl OwnedMedium for Stream {
+    fn write_unit(unit: &[u8], out: &mut [u8]) -> usize {
         let len = unit.len().min(out.len());
         out[..len].copy_from_slice(&unit[..len]);
         len
     }
 
-    fn bytes(unit: &[u8]) -> Vec<u8> {
+    fn unit_bytes(unit: &[u8]) -> Vec<u8> {
         unit.to_vec()
     }
 }
 
-impl Kept for Can {
-    fn put(unit: &Frame, out: &mut Frame) -> usize {
+impl OwnedMedium for Can {
+    fn write_unit(unit: &Frame, out: &mut Frame) -> usize {
         *out = *unit;
         1
     }
 
-    fn bytes(unit: &Frame) -> Vec<u8> {
+    fn unit_bytes(unit: &Frame) -> Vec<u8> {
         format!("{unit}").into_bytes()
     }
 }
 
-type Owned<M> = <<M as Medium>::Unit as ToOwned>::Owned;
+type OwnedUnit<M> = <<M as Medium>::Unit as ToOwned>::Owned;
 
 /// A wire of one medium.
-struct Port<M: Kept> {
-    inner: Box<dyn Link<M>>,
-    inside: Mutex<Inside<M>>,
+struct FaultyWire<M: OwnedMedium> {
+    inner: Box<dyn LinkIo<M>>,
+    state: Mutex<WireState<M>>,
 }
 
-struct Inside<M: Kept> {
-    condition: Condition,
-    since: Instant,
+struct WireState<M: OwnedMedium> {
+    condition: WireCondition,
+    condition_since: Instant,
     /// Links that were opened before the port was last lost are dead.
     generation: u64,
-    opened: Instant,
-    to_drives: VecDeque<(Instant, Owned<M>)>,
-    to_host: VecDeque<(Instant, Owned<M>)>,
-    counts: Counts,
-    seen: Vec<Seen>,
+    opened_at: Instant,
+    to_drives: VecDeque<(Instant, OwnedUnit<M>)>,
+    to_host: VecDeque<(Instant, OwnedUnit<M>)>,
+    counts: WireCounts,
+    observed: Vec<ObservedUnit>,
 }
 
-impl<M: Kept> Inside<M> {
-    fn lose(&mut self) {
+impl<M: OwnedMedium> WireState<M> {
+    fn drop_links(&mut self) {
         self.generation += 1;
         self.counts.lost += 1;
         self.to_drives.clear();
         self.to_host.clear();
     }
 
-    fn note(&mut self, at: Instant, to_drives: bool, unit: &M::Unit, fate: Fate) {
-        self.counts.missing += u64::from(fate == Fate::Lost);
-        self.counts.sent += u64::from(to_drives && fate != Fate::NotSent);
-        self.seen.push(Seen { at, to_drives, bytes: M::bytes(unit), fate });
+    fn record_unit(&mut self, at: Instant, to_drives: bool, unit: &M::Unit, fate: UnitOutcome) {
+        self.counts.missing += u64::from(fate == UnitOutcome::Lost);
+        self.counts.sent += u64::from(to_drives && fate != UnitOutcome::NotSent);
+        self.observed.push(ObservedUnit {
+            at,
+            to_drives,
+            bytes: M::unit_bytes(unit),
+            outcome: fate,
+        });
     }
 
     /// Whether a link of that generation is lost by now.
     fn is_lost(&mut self, generation: u64, now: Instant) -> bool {
-        if let Condition::Drops(ms) = self.condition
+        if let WireCondition::Drops(ms) = self.condition
             && generation == self.generation
-            && now >= self.opened.plus_ms(ms)
+            && now >= self.opened_at.plus_ms(ms)
         {
-            self.lose();
+            self.drop_links();
         }
         generation != self.generation
     }
 }
 
-impl<M: Kept> Port<M> {
-    fn lock(&self) -> MutexGuard<'_, Inside<M>> {
-        self.inside.lock().unwrap_or_else(PoisonError::into_inner)
+impl<M: OwnedMedium> FaultyWire<M> {
+    fn lock(&self) -> MutexGuard<'_, WireState<M>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Units that arrived and that nobody is to hear any more.
-    fn drain(&self) {
+    fn discard_stale(&self) {
         let mut buffer = M::buffer();
         for _ in 0..STALE_MAX {
             match self.inner.receive(buffer.borrow_mut(), Instant::ZERO) {
@@ -204,26 +209,26 @@ impl<M: Kept> Port<M> {
     }
 }
 
-impl<M: Kept> AnyPort for Port<M> {
-    fn condition(&self) -> Condition {
+impl<M: OwnedMedium> AnyPort for FaultyWire<M> {
+    fn condition(&self) -> WireCondition {
         self.lock().condition
     }
 
-    fn well_since(&self) -> Option<Instant> {
+    fn working_since(&self) -> Option<Instant> {
         let inside = self.lock();
         let empty = inside.to_drives.is_empty() && inside.to_host.is_empty();
-        (inside.condition == Condition::Well && empty).then_some(inside.since)
+        (inside.condition == WireCondition::Working && empty).then_some(inside.condition_since)
     }
 
-    fn set(&self, condition: Condition) {
+    fn set_condition(&self, condition: WireCondition) {
         let now = self.inner.now();
         let mut inside = self.lock();
         inside.condition = condition;
-        inside.since = now;
+        inside.condition_since = now;
         match condition {
-            Condition::Gone => inside.lose(),
+            WireCondition::Gone => inside.drop_links(),
             // The link that is open now is dropped so long after this began.
-            Condition::Drops(_) => inside.opened = now,
+            WireCondition::Drops(_) => inside.opened_at = now,
             _ => {}
         }
         let waker = self.inner.waker();
@@ -231,7 +236,7 @@ impl<M: Kept> AnyPort for Port<M> {
         waker.wake();
     }
 
-    fn flush(&self) {
+    fn forward_due(&self) {
         let now = self.inner.now();
         let mut inside = self.lock();
         while inside.to_drives.front().is_some_and(|(due, _)| *due <= now) {
@@ -239,33 +244,33 @@ impl<M: Kept> AnyPort for Port<M> {
                 // A simulated wire takes all.
                 let _ = self.inner.send(unit.borrow());
                 // What comes behind the last that was slow is well from then on.
-                inside.since = inside.since.max(now);
+                inside.condition_since = inside.condition_since.max(now);
             }
         }
     }
 
-    fn counts(&self) -> Counts {
+    fn counts(&self) -> WireCounts {
         self.lock().counts
     }
 
-    fn take_seen(&self) -> Vec<Seen> {
-        std::mem::take(&mut self.lock().seen)
+    fn take_observed(&self) -> Vec<ObservedUnit> {
+        std::mem::take(&mut self.lock().observed)
     }
 }
 
 /// The host's end of a wire that fails, from one opening to the next.
-struct Faulty<M: Kept> {
-    port: Arc<Port<M>>,
+struct FaultyLink<M: OwnedMedium> {
+    port: Arc<FaultyWire<M>>,
     generation: u64,
 }
 
-impl<M: Kept> Faulty<M> {
-    fn gone(&self) -> LinkError {
+impl<M: OwnedMedium> FaultyLink<M> {
+    fn gone_error(&self) -> LinkError {
         LinkError::gone(&self.port.inner.describe())
     }
 }
 
-impl<M: Kept> Link<M> for Faulty<M> {
+impl<M: OwnedMedium> LinkIo<M> for FaultyLink<M> {
     fn now(&self) -> Instant {
         self.port.inner.now()
     }
@@ -274,24 +279,24 @@ impl<M: Kept> Link<M> for Faulty<M> {
         let now = self.now();
         let mut inside = self.port.lock();
         if inside.is_lost(self.generation, now) {
-            inside.note(now, true, unit, Fate::NotSent);
-            return Err(self.gone());
+            inside.record_unit(now, true, unit, UnitOutcome::NotSent);
+            return Err(self.gone_error());
         }
         let last = inside.to_drives.back().map(|(due, _)| *due);
         let due = match inside.condition {
-            Condition::Silent { to_drives: true, .. } => {
-                inside.note(now, true, unit, Fate::Lost);
+            WireCondition::Silent { to_drives: true, .. } => {
+                inside.record_unit(now, true, unit, UnitOutcome::Lost);
                 return Ok(());
             }
-            Condition::Slow(ms) => Some(now.plus_ms(ms)).max(last),
+            WireCondition::Slow(ms) => Some(now.plus_ms(ms)).max(last),
             _ => last,
         };
         let Some(due) = due else {
-            inside.note(now, true, unit, Fate::Passed);
+            inside.record_unit(now, true, unit, UnitOutcome::Forwarded);
             drop(inside);
             return self.port.inner.send(unit);
         };
-        inside.note(now, true, unit, Fate::Delayed);
+        inside.record_unit(now, true, unit, UnitOutcome::Delayed);
         inside.to_drives.push_back((due, unit.to_owned()));
         Ok(())
     }
@@ -302,13 +307,13 @@ impl<M: Kept> Link<M> for Faulty<M> {
             {
                 let mut inside = self.port.lock();
                 if inside.is_lost(self.generation, now) {
-                    return Err(self.gone());
+                    return Err(self.gone_error());
                 }
                 if inside.to_host.front().is_some_and(|(due, _)| *due <= now)
                     && let Some((at, unit)) = inside.to_host.pop_front()
                 {
-                    inside.since = inside.since.max(now);
-                    return Ok(Received::Bytes { len: M::put(unit.borrow(), buffer), at });
+                    inside.condition_since = inside.condition_since.max(now);
+                    return Ok(Received::Bytes { len: M::write_unit(unit.borrow(), buffer), at });
                 }
             }
             // Who waits lets time pass in slices, so that others have their turn.
@@ -319,24 +324,24 @@ impl<M: Kept> Link<M> for Faulty<M> {
                     let unit = M::unit(buffer, len);
                     let last = inside.to_host.back().map(|(due, _)| *due);
                     let due = match inside.condition {
-                        Condition::Silent { to_host: true, .. } => {
-                            inside.note(at, false, unit, Fate::Lost);
+                        WireCondition::Silent { to_host: true, .. } => {
+                            inside.record_unit(at, false, unit, UnitOutcome::Lost);
                             continue;
                         }
-                        Condition::Slow(ms) => Some(at.plus_ms(ms)).max(last),
+                        WireCondition::Slow(ms) => Some(at.plus_ms(ms)).max(last),
                         _ => last,
                     };
                     let Some(due) = due else {
-                        inside.note(at, false, unit, Fate::Passed);
+                        inside.record_unit(at, false, unit, UnitOutcome::Forwarded);
                         return Ok(Received::Bytes { len, at });
                     };
-                    inside.note(at, false, unit, Fate::Delayed);
+                    inside.record_unit(at, false, unit, UnitOutcome::Delayed);
                     inside.to_host.push_back((due, unit.to_owned()));
                 }
                 Received::TimedOut if self.now() >= until => return Ok(Received::TimedOut),
                 Received::TimedOut => {
-                    tick();
-                    if self.port.inner.waker().taken() {
+                    run_wait_hook();
+                    if self.port.inner.waker().take_wakeup() {
                         return Ok(Received::Woken);
                     }
                 }
@@ -349,12 +354,12 @@ impl<M: Kept> Link<M> for Faulty<M> {
         self.port.inner.set_line(line)
     }
 
-    fn waker(&self) -> Waker {
+    fn waker(&self) -> LinkWaker {
         self.port.inner.waker()
     }
 
-    fn runs_by_itself(&self) -> bool {
-        self.port.inner.runs_by_itself()
+    fn is_real_time(&self) -> bool {
+        self.port.inner.is_real_time()
     }
 
     fn describe(&self) -> String {
@@ -365,46 +370,48 @@ impl<M: Kept> Link<M> for Faulty<M> {
         self.port.inner.losses()
     }
 
-    fn reopen(&self) -> Result<Box<dyn Link<M>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn LinkIo<M>>, LinkError> {
         let now = self.now();
         let mut inside = self.port.lock();
-        if inside.condition == Condition::Gone {
+        if inside.condition == WireCondition::Gone {
             inside.counts.refused += 1;
             return Err(LinkError::new(&self.port.inner.describe(), Cause::Refused));
         }
         inside.counts.opened += 1;
-        inside.opened = now;
+        inside.opened_at = now;
         let generation = inside.generation;
         drop(inside);
-        self.port.drain();
+        self.port.discard_stale();
         Ok(Box::new(Self { port: Arc::clone(&self.port), generation }))
     }
 }
 
 /// Puts a wire that fails in the place of a link.
-pub fn faulty(link: AnyLink) -> (AnyLink, Arc<dyn AnyPort>) {
-    fn put<M: Kept>(inner: Box<dyn Link<M>>) -> (Box<dyn Link<M>>, Arc<dyn AnyPort>) {
+pub fn wrap_link(link: AnyLink) -> (AnyLink, Arc<dyn AnyPort>) {
+    fn wrap_medium<M: OwnedMedium>(
+        inner: Box<dyn LinkIo<M>>,
+    ) -> (Box<dyn LinkIo<M>>, Arc<dyn AnyPort>) {
         let now = inner.now();
-        let inside = Inside {
-            condition: Condition::Well,
-            since: now,
+        let inside = WireState {
+            condition: WireCondition::Working,
+            condition_since: now,
             generation: 0,
-            opened: now,
+            opened_at: now,
             to_drives: VecDeque::new(),
             to_host: VecDeque::new(),
-            counts: Counts::default(),
-            seen: Vec::new(),
+            counts: WireCounts::default(),
+            observed: Vec::new(),
         };
-        let port = Arc::new(Port { inner, inside: Mutex::new(inside) });
-        (Box::new(Faulty { port: Arc::clone(&port), generation: 0 }), port)
+        let port = Arc::new(FaultyWire { inner, state: Mutex::new(inside) });
+        (Box::new(FaultyLink { port: Arc::clone(&port), generation: 0 }), port)
     }
     match link {
         AnyLink::Serial(link) => {
-            let (link, port) = put(link);
+            let (link, port) = wrap_medium(link);
             (AnyLink::Serial(link), port)
         }
         AnyLink::Can(link) => {
-            let (link, port) = put(link);
+            let (link, port) = wrap_medium(link);
             (AnyLink::Can(link), port)
         }
     }
@@ -415,11 +422,11 @@ thread_local! {
 }
 
 /// What goes on while somebody waits for a drive. `None` ends it.
-pub fn set_tick(tick: Option<Rc<dyn Fn()>>) {
+pub fn set_wait_hook(tick: Option<Rc<dyn Fn()>>) {
     TICK.with(|slot| *slot.borrow_mut() = tick);
 }
 
-fn tick() {
+fn run_wait_hook() {
     let tick = TICK.with(|slot| slot.borrow().clone());
     tick.iter().for_each(|tick| tick());
 }

@@ -2,22 +2,22 @@
 
 import { Channels } from "./channels";
 import type {
-  Arguments,
+  CommandArguments,
   AxisInfo,
   AxisState,
-  AxisStopped,
+  AxisStopReport,
   BenchView,
   DismissReason,
   ExplainedField,
   FoundDrive,
   FrameItem,
-  LockTold,
-  LookView,
-  Outcome,
-  Refused,
+  MotionLock,
+  ScanView,
+  CommandOutcome,
+  GatewayError,
   Scope,
   ServerMessage,
-  Stopped,
+  StopReport,
   Welcome,
 } from "./message";
 import { preferences } from "../state.svelte";
@@ -43,30 +43,30 @@ export interface Note {
   axis: number | null;
   text: string;
   outcome: "pending" | "done" | "not_done" | "unknown" | "info";
-  error: Refused | null;
+  error: GatewayError | null;
 }
 
 export type Connection = "connecting" | "open" | "lost" | "token";
 
 interface Pending {
   note: Note;
-  settle: (outcome: Outcome) => void;
+  settle: (outcome: CommandOutcome) => void;
 }
 
 export class Bench {
   connection = $state<Connection>("connecting");
   view = $state.raw<BenchView | null>(null);
   welcome = $state.raw<Welcome | null>(null);
-  lock = $state.raw<LockTold | null>(null);
+  lock = $state.raw<MotionLock | null>(null);
   /** The last look for drives on each link. */
-  looks = $state.raw<Record<number, LookView>>({});
+  looks = $state.raw<Record<number, ScanView>>({});
   states = $state.raw<Record<number, AxisState>>({});
   /** When each state came, by this page's clock: ages count on from there. */
   heard: Record<number, number> = {};
   /** Epochs of the leases that this page holds, by axis. */
   leases = $state.raw<Record<number, number>>({});
   /** How far the last stop of each axis came, by whomever. */
-  stopped = $state.raw<Record<number, AxisStopped>>({});
+  stopped = $state.raw<Record<number, AxisStopReport>>({});
   notes = $state.raw<Note[]>([]);
   round = $state<number | null>(null);
   /** This page's clock, some times a second, for ages. */
@@ -86,10 +86,10 @@ export class Bench {
   readonly blockListeners = new Set<(block: Block) => void>();
   private readonly socket: Socket;
   private readonly pending = new Map<string, Pending>();
-  private readonly dismissals = new Map<number, (refused: Refused | null) => void>();
+  private readonly dismissals = new Map<number, (refused: GatewayError | null) => void>();
   private readonly explanations = new Map<number, (fields: ExplainedField[]) => void>();
   private t0 = Number.NaN;
-  private unlistened: ((error: Refused) => void) | null = null;
+  private unlistened: ((error: GatewayError) => void) | null = null;
   private wanted: { on: boolean; filter: string | null } = { on: false, filter: null };
 
   constructor() {
@@ -106,7 +106,7 @@ export class Bench {
     this.stops = new Stops({
       live: (axes, reason) => this.socket.send({ type: "stop", axes, reason }),
       post: async (axes, reason) =>
-        (await send<Stopped>("POST", "/stop", { axes, reason }, STOP_MS)).axes,
+        (await send<StopReport>("POST", "/stop", { axes, reason }, STOP_MS)).axes,
       reached: (axes) => this.reached(axes),
       certain: (said) => this.stopEnded(said),
     });
@@ -178,7 +178,7 @@ export class Bench {
   }
 
   /** Tells an axis to do something, once. It always settles, if only with `unknown`. */
-  command(axis: number, verb: string, args: Arguments = {}): Promise<Outcome> {
+  command(axis: number, verb: string, args: CommandArguments = {}): Promise<CommandOutcome> {
     const id = crypto.randomUUID();
     const note = this.note(axis, this.described(axis, verb, args), "pending");
     const message = {
@@ -202,7 +202,7 @@ export class Bench {
   }
 
   /** A command in words, in the units that are shown. */
-  private described(axis: number, verb: string, args: Arguments): string {
+  private described(axis: number, verb: string, args: CommandArguments): string {
     const offered = this.view?.axes.find((each) => each.id === axis)?.verbs;
     const fields = offered?.find((each) => each.verb === verb)?.arguments ?? [];
     const given = Object.entries(args).map(([name, value]) => {
@@ -247,7 +247,7 @@ export class Bench {
    * Has an axis owed its stop no more, though nobody saw it stand; gives why not. It goes the way of
    * stops: none that is said after it comes before it, and is dismissed with it.
    */
-  async dismiss(axis: number, reason: DismissReason, note = ""): Promise<Refused | null> {
+  async dismiss(axis: number, reason: DismissReason, note = ""): Promise<GatewayError | null> {
     const epoch = this.leases[axis] ?? 0;
     const sent = this.socket.send({ type: "dismiss", axis, reason, note, epoch });
     const refused = sent ? await this.dismissed(axis) : unreachable(false);
@@ -261,8 +261,8 @@ export class Bench {
     number: number,
     reason: DismissReason,
     note = "",
-  ): Promise<Refused | null> {
-    let refused: Refused | null = null;
+  ): Promise<GatewayError | null> {
+    let refused: GatewayError | null = null;
     try {
       await send<null>("POST", "/dismiss", { link, number, reason, note });
     } catch (problem) {
@@ -273,7 +273,7 @@ export class Bench {
     return refused;
   }
 
-  private dismissed(axis: number): Promise<Refused | null> {
+  private dismissed(axis: number): Promise<GatewayError | null> {
     return new Promise((settle) => {
       const before = this.dismissals.get(axis);
       this.dismissals.set(axis, (refused) => {
@@ -283,7 +283,7 @@ export class Bench {
     });
   }
 
-  private settleDismissal(axis: number | null, refused: Refused | null): void {
+  private settleDismissal(axis: number | null, refused: GatewayError | null): void {
     if (axis === null) return;
     this.dismissals.get(axis)?.(refused);
     this.dismissals.delete(axis);
@@ -291,7 +291,7 @@ export class Bench {
 
   /** Looks for drives on a link; `looks` tells how far that is. Nothing moves by it. */
   async look(link: number): Promise<void> {
-    const look = await send<LookView>("POST", `/links/${link}/look`, {});
+    const look = await send<ScanView>("POST", `/links/${link}/look`, {});
     // What came meanwhile by the WebSocket is newer.
     const known = this.looks[link];
     if (known?.began_ms !== look.began_ms) this.looks = { ...this.looks, [link]: look };
@@ -309,7 +309,7 @@ export class Bench {
     this.note(null, `take in ${drives.map((each) => each.number).join(", ")}`, "info");
   }
 
-  frames(on: boolean, filter: string | null, refused: (error: Refused) => void): void {
+  frames(on: boolean, filter: string | null, refused: (error: GatewayError) => void): void {
     this.wanted = { on, filter };
     this.unlistened = refused;
     this.socket.send({ type: "frames", on, filter });
@@ -323,7 +323,7 @@ export class Bench {
   }
 
   /** Does something to a simulated drive; gives why not. */
-  async act(axis: AxisInfo, act: string, value: number | null): Promise<Refused | null> {
+  async act(axis: AxisInfo, act: string, value: number | null): Promise<GatewayError | null> {
     // A drive is named by its place on its link.
     const onLink = this.view?.axes.filter((each) => each.link === axis.link) ?? [];
     const place = onLink.findIndex((each) => each.id === axis.id);
@@ -350,7 +350,7 @@ export class Bench {
     axis: number | null,
     text: string,
     outcome: Note["outcome"],
-    error: Refused | null = null,
+    error: GatewayError | null = null,
   ): Note {
     const note: Note = { at: Date.now(), axis, text, outcome, error };
     this.notes = [...this.notes.slice(1 - NOTES_MAX), note];
@@ -455,21 +455,21 @@ export class Bench {
     if (message.about === "lease" && message.subject !== null) this.forget(message.subject);
   }
 
-  private reached(axes: AxisStopped[]): void {
+  private reached(axes: AxisStopReport[]): void {
     const stopped = { ...this.stopped };
     for (const axis of axes) stopped[axis.id] = axis;
     this.stopped = stopped;
     this.stops.reached(axes);
   }
 
-  private outcome(outcome: Outcome): void {
+  private outcome(outcome: CommandOutcome): void {
     const pending = this.pending.get(outcome.id);
     if (!pending) return;
     this.pending.delete(outcome.id);
     this.ended(pending.note, pending.settle, outcome);
   }
 
-  private ended(note: Note, settle: (outcome: Outcome) => void, outcome: Outcome): void {
+  private ended(note: Note, settle: (outcome: CommandOutcome) => void, outcome: CommandOutcome): void {
     const whole: Note = { ...note, outcome: outcome.outcome, error: outcome.error };
     this.notes = this.notes.map((each) => (each === note ? whole : each));
     settle(outcome);
@@ -504,12 +504,12 @@ export class Bench {
   }
 }
 
-function lost(id: string, outcome: Outcome["outcome"]): Outcome {
+function lost(id: string, outcome: CommandOutcome["outcome"]): CommandOutcome {
   const error = unreachable(outcome === "unknown" ? null : false);
   return { id, outcome, error, replayed: false };
 }
 
-function unreachable(executed: boolean | null): Refused {
+function unreachable(executed: boolean | null): GatewayError {
   return { code: "page.unreachable", message: "", hint: "", executed };
 }
 

@@ -1,7 +1,7 @@
 // Requests over HTTP: what is asked once. The cookie goes along by itself; the header says that the
 // request comes from this page's own code.
 
-import type { Refused } from "./message";
+import type { GatewayError } from "./message";
 
 const BASE = "/api/v1";
 /** The code of a request that may have left, and that nobody answered in time. */
@@ -11,7 +11,7 @@ export const UNANSWERED = "page.unanswered";
 export class Problem extends Error {
   constructor(
     readonly status: number,
-    readonly refused: Refused,
+    readonly refused: GatewayError,
   ) {
     super(refused.message);
   }
@@ -55,17 +55,17 @@ async function ask<T>(path: string, request: RequestInit): Promise<T> {
   throw new Problem(answer.status, refusal(body) ?? unexpected(answer.status));
 }
 
-function refusal(body: unknown): Refused | null {
-  const error = (body as { error?: Partial<Refused> } | null)?.error;
+function refusal(body: unknown): GatewayError | null {
+  const error = (body as { error?: Partial<GatewayError> } | null)?.error;
   if (typeof error?.message !== "string") return null;
   const { code = "", message, hint = "", executed = null } = error;
   return { code, message, hint, executed };
 }
 
-function nobody(code: string): Refused {
+function nobody(code: string): GatewayError {
   return { code, message: "", hint: "", executed: null };
 }
 
-function unexpected(status: number): Refused {
+function unexpected(status: number): GatewayError {
   return { code: "page.unexpected", message: `HTTP ${status}`, hint: "", executed: null };
 }

@@ -1,7 +1,7 @@
 // Stops that this page says, and what is certain of each. A stop that did not get through is owed: it
 // is said again when there is a connection, and whoever said it is told meanwhile that it did not.
 
-import type { AxisStopped, Refused } from "./message";
+import type { AxisStopReport, GatewayError } from "./message";
 import { Problem, UNANSWERED } from "./rest";
 
 /** If a stop is not confirmed on the WebSocket by then, it is said over HTTP too. */
@@ -25,7 +25,7 @@ export interface SaidStop {
   at: number;
   certain: Certain;
   /** Why the server does not do it. */
-  refused: Refused | null;
+  refused: GatewayError | null;
 }
 
 /** How a stop gets to the server. */
@@ -33,9 +33,9 @@ export interface Ways {
   /** By the WebSocket. False where there is none: then nothing was sent. */
   live(axes: number[] | null, reason: string): boolean;
   /** By HTTP; gives how far each axis came, or a `Problem`. */
-  post(axes: number[] | null, reason: string): Promise<AxisStopped[]>;
+  post(axes: number[] | null, reason: string): Promise<AxisStopReport[]>;
   /** Tells how far axes came. */
-  reached(axes: AxisStopped[]): void;
+  reached(axes: AxisStopReport[]): void;
   /** Tells that it is certain by now what came of a stop. */
   certain(said: SaidStop): void;
 }
@@ -87,7 +87,7 @@ export class Stops {
   }
 
   /** The server says how far axes came. */
-  reached(axes: AxisStopped[]): void {
+  reached(axes: AxisStopReport[]): void {
     const wanted = this.said?.axes;
     if (!wanted) return;
     for (const axis of axes) this.heard.add(axis.id);

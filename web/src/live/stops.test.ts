@@ -1,20 +1,20 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import type { AxisStopped, Refused } from "./message";
+import type { AxisStopReport, GatewayError } from "./message";
 import { Problem, UNANSWERED } from "./rest";
 import { type SaidStop, Stops, type Ways } from "./stops.svelte";
 
-const refusal = (code: string): Refused => ({ code, message: "", hint: "", executed: null });
+const refusal = (code: string): GatewayError => ({ code, message: "", hint: "", executed: null });
 const unreachable = (): Problem => new Problem(0, refusal("page.unreachable"));
-const standing = (id: number): AxisStopped => ({ id, class: "standing", ms: 1, error: null });
+const standing = (id: number): AxisStopReport => ({ id, class: "standing", ms: 1, error: null });
 
 /** A server and the ways to it. */
 class World implements Ways {
   connected = true;
   /** What HTTP comes to; null hangs. */
-  http: (() => AxisStopped[]) | null = () => [];
+  http: (() => AxisStopReport[]) | null = () => [];
   lives: (number[] | null)[] = [];
   posts: (number[] | null)[] = [];
-  told: AxisStopped[] = [];
+  told: AxisStopReport[] = [];
   ends: string[] = [];
 
   live(axes: number[] | null): boolean {
@@ -22,12 +22,12 @@ class World implements Ways {
     return this.connected;
   }
 
-  async post(axes: number[] | null): Promise<AxisStopped[]> {
+  async post(axes: number[] | null): Promise<AxisStopReport[]> {
     this.posts.push(axes);
     return this.http ? this.http() : new Promise(() => {});
   }
 
-  reached(axes: AxisStopped[]): void {
+  reached(axes: AxisStopReport[]): void {
     this.told.push(...axes);
   }
 

@@ -3,30 +3,32 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::{docs, rust_files, shown};
+use super::{display_path, docs, rust_files};
 
 /// Every id that is cited and not decided, and every one that is decided twice.
 pub(crate) fn check(root: &Path) -> Vec<String> {
     let (mut ids, mut broken) = (BTreeSet::new(), Vec::new());
-    let pages = docs::pages(root);
+    let pages = docs::doc_pages(root);
     for file in pages.iter().filter(|file| file.starts_with(root.join("docs/decisions"))) {
         let text = std::fs::read_to_string(file).unwrap_or_default();
         for id in text.lines().filter_map(|line| line.strip_prefix("## ")) {
             if is_id(id) && !ids.insert(id.to_owned()) {
-                broken.push(format!("{}: {id} is decided twice", shown(root, file)));
+                broken.push(format!("{}: {id} is decided twice", display_path(root, file)));
             }
         }
     }
     for file in pages.into_iter().chain(rust_files(root)) {
         let text = std::fs::read_to_string(&file).unwrap_or_default();
-        let missing = cited(&text, &ids).into_iter();
-        broken.extend(missing.map(|id| format!("{}: nobody decided {id}", shown(root, &file))));
+        let missing = undecided_ids(&text, &ids).into_iter();
+        broken.extend(
+            missing.map(|id| format!("{}: nobody decided {id}", display_path(root, &file))),
+        );
     }
     broken
 }
 
 /// What looks like an id of a known subject and is none of `ids`.
-pub(crate) fn cited(text: &str, ids: &BTreeSet<String>) -> BTreeSet<String> {
+pub(crate) fn undecided_ids(text: &str, ids: &BTreeSet<String>) -> BTreeSet<String> {
     let subject = |id: &str| id.split_once('-').map(|(subject, _)| subject.to_owned());
     let subjects: BTreeSet<String> = ids.iter().filter_map(|id| subject(id)).collect();
     let words = text.split(|c: char| !c.is_ascii_alphanumeric() && c != '-');

@@ -5,29 +5,29 @@ use std::path::{Path, PathBuf};
 
 /// Every command in a code block of the documentation that no program knows.
 pub(crate) fn check(root: &Path) -> Vec<String> {
-    let verbs = verbs(root);
-    let targets = targets(root);
+    let verbs = command_verbs(root);
+    let targets = make_targets(root);
     let mut broken = Vec::new();
-    for file in pages(root) {
+    for file in doc_pages(root) {
         let Ok(text) = std::fs::read_to_string(&file) else { continue };
         let shown = file.strip_prefix(root).unwrap_or(&file).display().to_string();
-        for (line, what) in unknown(&text, &verbs, &targets) {
+        for (line, what) in unknown_commands(&text, &verbs, &targets) {
             broken.push(format!("{shown}:{line}: {what}"));
         }
     }
-    broken.extend(codes(root));
+    broken.extend(check_codes(root));
     broken
 }
 
 /// Codes of errors that the code gives and the page on exit codes does not explain.
-fn codes(root: &Path) -> Vec<String> {
+fn check_codes(root: &Path) -> Vec<String> {
     let page = std::fs::read_to_string(root.join(CODES)).unwrap_or_default();
-    let explained = explained(&page);
+    let explained = explained_codes(&page);
     let mut broken = Vec::new();
     for file in super::rust_files(root) {
         let Ok(text) = std::fs::read_to_string(&file) else { continue };
         let shown = file.strip_prefix(root).unwrap_or(&file).display();
-        let given = text.split('"').filter_map(code).filter(|code| !explained.contains(code));
+        let given = text.split('"').filter_map(parse_code).filter(|code| !explained.contains(code));
         broken.extend(given.map(|code| format!("{shown}: {CODES} does not explain E{code}")));
     }
     broken
@@ -37,21 +37,25 @@ fn codes(root: &Path) -> Vec<String> {
 const CODES: &str = "docs/reference/exit-codes.md";
 
 /// The codes that a page names, by `E101` or by the ends of a range.
-pub(crate) fn explained(page: &str) -> BTreeSet<u16> {
+pub(crate) fn explained_codes(page: &str) -> BTreeSet<u16> {
     let words: Vec<&str> = page.split('`').collect();
     let ranges = words.windows(3).filter(|three| three[1] == " to ");
-    let ranges = ranges.filter_map(|three| Some(code(three[0])?..=code(three[2])?));
-    words.iter().filter_map(|word| code(word)).chain(ranges.flatten()).collect()
+    let ranges = ranges.filter_map(|three| Some(parse_code(three[0])?..=parse_code(three[2])?));
+    words.iter().filter_map(|word| parse_code(word)).chain(ranges.flatten()).collect()
 }
 
 /// The number of `E101`.
-fn code(word: &str) -> Option<u16> {
+fn parse_code(word: &str) -> Option<u16> {
     let digits = word.strip_prefix('E').filter(|digits| digits.len() == 3)?;
     digits.parse().ok()
 }
 
 /// Line numbers and complaints for the commands in code blocks.
-pub(crate) fn unknown(text: &str, verbs: &[String], targets: &[String]) -> Vec<(usize, String)> {
+pub(crate) fn unknown_commands(
+    text: &str,
+    verbs: &[String],
+    targets: &[String],
+) -> Vec<(usize, String)> {
     let mut broken = Vec::new();
     let mut inside = false;
     for (n, line) in text.lines().enumerate() {
@@ -75,7 +79,7 @@ pub(crate) fn unknown(text: &str, verbs: &[String], targets: &[String]) -> Vec<(
     broken
 }
 
-pub(super) fn pages(root: &Path) -> Vec<PathBuf> {
+pub(super) fn doc_pages(root: &Path) -> Vec<PathBuf> {
     let mut pages = vec![root.join("README.md"), root.join("CONTRIBUTING.md")];
     let mut folders = vec![root.join("docs")];
     while let Some(folder) = folders.pop() {
@@ -93,18 +97,18 @@ pub(super) fn pages(root: &Path) -> Vec<PathBuf> {
 }
 
 /// The variants of the command line's enum of verbs, as they are typed.
-fn verbs(root: &Path) -> Vec<String> {
+fn command_verbs(root: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(root.join("crates/cli/src/cmd/mod.rs")).unwrap_or_default();
     let items = syn::parse_file(&text).map(|file| file.items).unwrap_or_default();
     let verbs = items.iter().find_map(|item| match item {
-        syn::Item::Enum(item) if item.ident == "Verb" => Some(item),
+        syn::Item::Enum(item) if item.ident == "CommandVerb" => Some(item),
         _ => None,
     });
     let names = verbs.into_iter().flat_map(|verbs| &verbs.variants);
     names.map(|variant| variant.ident.to_string().to_lowercase()).collect()
 }
 
-fn targets(root: &Path) -> Vec<String> {
+fn make_targets(root: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(root.join("Makefile")).unwrap_or_default();
     let head = |line: &str| line.split_once(':').map(|(head, _)| head.to_owned());
     let heads =

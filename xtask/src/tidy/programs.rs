@@ -4,40 +4,42 @@
 use std::path::{Path, PathBuf};
 
 /// The folder of that program, in `tests`.
-const ONE: &str = "integration";
+const INTEGRATION: &str = "integration";
 /// How whoever is not in it says why.
-const OWN: &str = "//! A program of its own: ";
+const OWN_PROGRAM: &str = "//! A program of its own: ";
 
 /// Every test file that no program has, and every program without a reason.
 pub(crate) fn check(root: &Path) -> Vec<String> {
     let mut broken = Vec::new();
     for file in super::rust_files(root) {
-        let path = super::shown(root, &file);
+        let path = super::display_path(root, &file);
         let Ok(text) = std::fs::read_to_string(&file) else { continue };
         let parts: Vec<&str> = path.split('/').collect();
         if let ["crates", _, "tests", rest @ ..] = parts.as_slice() {
             let read = |file: &Path| std::fs::read_to_string(root.join(file)).ok();
-            broken.extend(complaint(Path::new(&path), rest, &text, read));
+            broken.extend(check_test_file(Path::new(&path), rest, &text, read));
         }
     }
     broken
 }
 
 /// What is wrong with one file; `rest` is its path below `tests`.
-pub(crate) fn complaint(
+pub(crate) fn check_test_file(
     path: &Path,
     rest: &[&str],
     text: &str,
     read: impl Fn(&Path) -> Option<String>,
 ) -> Option<String> {
     match rest {
-        [ONE, "main.rs"] => None,
+        [INTEGRATION, "main.rs"] => None,
         [_] | [_, "main.rs"] => {
-            let says = text.lines().any(|line| line.starts_with(OWN));
-            (!says).then(|| format!("{}: belongs into {ONE}/, or says `{OWN}`", path.display()))
+            let says = text.lines().any(|line| line.starts_with(OWN_PROGRAM));
+            (!says).then(|| {
+                format!("{}: belongs into {INTEGRATION}/, or says `{OWN_PROGRAM}`", path.display())
+            })
         }
         _ => {
-            let (name, parents) = named(path)?;
+            let (name, parents) = module_of(path)?;
             let line = format!("mod {name};");
             let has = |text: &str| text.lines().any(|l| l.trim_start_matches("pub ") == line);
             let told = parents.iter().filter_map(|parent| read(parent)).any(|text| has(&text));
@@ -47,7 +49,7 @@ pub(crate) fn complaint(
 }
 
 /// A file's module, and the files that may declare it.
-fn named(path: &Path) -> Option<(String, Vec<PathBuf>)> {
+fn module_of(path: &Path) -> Option<(String, Vec<PathBuf>)> {
     let mut module = path.with_extension("");
     if module.ends_with("mod") {
         module.pop();

@@ -3,7 +3,7 @@
 use syn::{BinOp, Expr};
 
 /// Fields and methods that hold what people read.
-const PROSE: [&str; 7] = ["message", "what", "why", "hint", "sentence", "brief", "went"];
+const PROSE: [&str; 7] = ["message", "what", "why", "hint", "sentence", "brief", "execution"];
 /// Names of values whose text is an error's.
 const ERRORS: [&str; 7] = ["error", "err", "e", "refused", "problem", "failure", "trouble"];
 /// Methods that pass a text on as it is.
@@ -35,7 +35,7 @@ const LOOKING: [&str; 12] = [
 ];
 
 /// Whether an expression looks for words in a message, or compares one with words.
-pub fn decides(expression: &Expr) -> bool {
+pub fn depends_on_prose(expression: &Expr) -> bool {
     match expression {
         Expr::MethodCall(call) => {
             let looks = LOOKING.iter().any(|name| call.method == name);
@@ -43,7 +43,7 @@ pub fn decides(expression: &Expr) -> bool {
         }
         Expr::Binary(binary) => {
             let compares = matches!(binary.op, BinOp::Eq(_) | BinOp::Ne(_));
-            let words = |one: &Expr, other: &Expr| is_words(one) && is_prose(other);
+            let words = |one: &Expr, other: &Expr| is_text_literal(one) && is_prose(other);
             compares && (words(&binary.left, &binary.right) || words(&binary.right, &binary.left))
         }
         _ => false,
@@ -78,7 +78,7 @@ fn is_error(expression: &Expr) -> bool {
 }
 
 /// A text that says something: that a message is empty is no prose.
-fn is_words(expression: &Expr) -> bool {
+fn is_text_literal(expression: &Expr) -> bool {
     matches!(expression, Expr::Lit(literal)
         if matches!(&literal.lit, syn::Lit::Str(text) if !text.value().is_empty()))
 }

@@ -1,12 +1,12 @@
 //! Each rule refuses a small snippet that breaks it, and lets its decent twin through.
 
-use super::names::Names;
-use super::{check, decisions, docs, programs, run};
+use super::module_names::ModuleNames;
+use super::{check_file, decisions, docs, programs, run};
 use std::path::Path;
 
-fn names() -> Names {
+fn sample_names() -> ModuleNames {
     let list = |words: &[&str]| words.iter().map(|w| (*w).to_owned()).collect();
-    Names { protocols: list(&["tmcl", "modbus"]), families: list(&["tmcm17x", "syntron_ts"]) }
+    ModuleNames { protocols: list(&["tmcl", "modbus"]), families: list(&["tmcm17x", "syntron_ts"]) }
 }
 
 #[test]
@@ -55,7 +55,7 @@ fn every_rule_refuses_a_snippet_that_breaks_it() {
         ("crates/sim/src/a.rs", "fn f() { todo!() }", "todo! is not done"),
         ("crates/sim/src/a.rs", "fn f( {", "it does not parse"),
     ] {
-        let broken = check(path, text, &names());
+        let broken = check_file(path, text, &sample_names());
         assert!(broken.iter().any(|b| b.contains(rule)), "{path}: {text}: {broken:?}");
     }
 }
@@ -63,11 +63,11 @@ fn every_rule_refuses_a_snippet_that_breaks_it() {
 #[test]
 fn long_files_and_wide_lines_are_refused_unless_generated() {
     let long = "\n".repeat(701);
-    assert!(check("crates/sim/src/a.rs", &long, &names())[0].contains("701 lines"));
+    assert!(check_file("crates/sim/src/a.rs", &long, &sample_names())[0].contains("701 lines"));
     let wide = format!("// {}", "x".repeat(118));
-    assert!(check("crates/sim/src/a.rs", &wide, &names())[0].contains("121 columns"));
+    assert!(check_file("crates/sim/src/a.rs", &wide, &sample_names())[0].contains("121 columns"));
     let generated = format!("//! Generated from data.\n{long}{wide}");
-    assert_eq!(check("crates/sim/src/a.rs", &generated, &names()), [""; 0]);
+    assert_eq!(check_file("crates/sim/src/a.rs", &generated, &sample_names()), [""; 0]);
 }
 
 #[test]
@@ -83,7 +83,7 @@ fn decent_code_passes() {
         ("crates/link/src/clock.rs", "fn f() { std::time::Instant::now(); }"),
         ("crates/link/src/keeper.rs", "fn f() { std::thread::spawn(g); }"),
     ] {
-        assert_eq!(check(path, text, &names()), [""; 0], "{path}: {text}");
+        assert_eq!(check_file(path, text, &sample_names()), [""; 0], "{path}: {text}");
     }
 }
 
@@ -92,22 +92,22 @@ fn commands_in_docs_must_exist() {
     let list = |words: &[&str]| words.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>();
     let text =
         "polepair nonsense\n```sh\npolepair get sim:tmcl\n$ polepair gte x\nmake demo\n```\n";
-    let broken = docs::unknown(text, &list(&["get"]), &list(&["demo"]));
+    let broken = docs::unknown_commands(text, &list(&["get"]), &list(&["demo"]));
     assert_eq!(broken, [(4, "`polepair gte` does not exist".to_owned())]);
-    assert_eq!(docs::unknown(text, &list(&["get", "gte"]), &[]).len(), 1);
+    assert_eq!(docs::unknown_commands(text, &list(&["get", "gte"]), &[]).len(), 1);
 }
 
 #[test]
 fn codes_are_explained_alone_and_in_ranges() {
     let page = "| 1 | `E101` no · `E110` to `E112` maybe | `E20`, `polepair` to `E2`";
-    assert_eq!(docs::explained(page).into_iter().collect::<Vec<_>>(), [101, 110, 111, 112]);
+    assert_eq!(docs::explained_codes(page).into_iter().collect::<Vec<_>>(), [101, 110, 111, 112]);
 }
 
 #[test]
 fn cited_decisions_must_exist() {
     let ids = ["STOP-1", "STOP-2", "GW-10"].map(str::to_owned).into();
     let text = "// so decided (STOP-1, STOP-3); TMCM-170 and UTF-8 are none; GW-1, not GW-10";
-    let missing: Vec<_> = decisions::cited(text, &ids).into_iter().collect();
+    let missing: Vec<_> = decisions::undecided_ids(text, &ids).into_iter().collect();
     assert_eq!(missing, ["GW-1", "STOP-3"]);
 }
 
@@ -120,7 +120,7 @@ fn a_test_is_in_its_crates_program_or_says_why_not() {
             "crates/cli/tests/integration/gateway/mod.rs" => Some("pub mod site;\n".to_owned()),
             _ => None,
         };
-        programs::complaint(&path, rest, text, read)
+        programs::check_test_file(&path, rest, text, read)
     };
     let own = "//! It counts.\n//!\n//! A program of its own: it replaces the allocator.\n";
     for (rest, text) in [

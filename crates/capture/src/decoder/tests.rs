@@ -4,17 +4,17 @@ use std::fmt::Write as _;
 
 use polepair_core::drives::cia402::profile::CIA402;
 
-use crate::text::{Notices, Style, Text};
-use crate::{Batch, Decoded, Decoder, Event, Rules, jsonl};
+use crate::text::{FrameTextWriter, NoticeLevel, TextStyle};
+use crate::{CaptureDecoder, DecodedFrame, FrameBatch, FrameRun, Rules, jsonl};
 
 /// A bus on which nearly everything happens: `seed` says in what order.
-struct Bus {
+struct RandomLog {
     log: String,
     us: u64,
     seed: u64,
 }
 
-impl Bus {
+impl RandomLog {
     fn random(&mut self, below: u64) -> u64 {
         self.seed ^= self.seed << 13;
         self.seed ^= self.seed >> 7;
@@ -52,17 +52,17 @@ impl Bus {
             0x0005_0008,
             0x2500_0003,
         ];
-        let index = self.one(&[0x1A00, 0x1A01, 0x1600, 0x1601, 0x1A02]);
+        let index = self.pick(&[0x1A00, 0x1A01, 0x1600, 0x1601, 0x1A02]);
         let count = self.random(4);
         self.write(node, index, 0, 0);
         for sub in 1..=count {
-            let entry = self.one(&ENTRIES);
+            let entry = self.pick(&ENTRIES);
             self.write(node, index, sub as u8, entry);
         }
         self.write(node, index, 0, count as u32);
     }
 
-    fn one<T: Copy>(&mut self, of: &[T]) -> T {
+    fn pick<T: Copy>(&mut self, of: &[T]) -> T {
         of[self.random(of.len() as u64) as usize]
     }
 
@@ -74,16 +74,16 @@ impl Bus {
         match self.random(16) {
             0 => self.map(node),
             1 => {
-                let index = self.one(&[0x1800, 0x1801, 0x1400]);
+                let index = self.pick(&[0x1800, 0x1801, 0x1400]);
                 self.write(node, index, 1, id as u32);
             }
             2 => {
-                let command = self.one(&[1, 2, 128, 129, 130]);
+                let command = self.pick(&[1, 2, 128, 129, 130]);
                 self.frame(0, &[command, node as u8]);
             }
             3 => self.frame(0x80 + node, &data),
             4 => {
-                let state = self.one(&[0, 4, 5, 127]);
+                let state = self.pick(&[0, 4, 5, 127]);
                 self.frame(0x700 + node, &[state]);
             }
             5 => self.frame(0x600 + node, &data),
@@ -102,38 +102,42 @@ impl Bus {
 
 /// How a log goes through the decoder.
 #[derive(Clone, Copy, PartialEq, Debug)]
-enum Way {
+enum DecodePath {
     /// Frame by frame, with what is known of identifiers kept.
-    Kept,
+    Cached,
     /// Frame by frame, with that forgotten again and again.
-    Forgotten,
+    Uncached,
     /// In batches, each event taken out of them.
-    Batches,
+    Batched,
 }
 
 /// What is said of a log.
-fn said(log: &str, rules: &str, bare: bool, way: Way) -> String {
+fn decode_to_text(log: &str, rules: &str, bare: bool, way: DecodePath) -> String {
     let rules = Rules::parse(rules).unwrap_or_default();
-    let mut decoder = Decoder::new(rules).with_profile(Some(&CIA402));
+    let mut decoder = CaptureDecoder::new(rules).with_profile(Some(&CIA402));
     if bare {
-        decoder = decoder.without_words();
+        decoder = decoder.without_text();
     }
-    let mut text = Text::new(Style { notices: Notices::All, marks: true, ..Style::default() });
+    let mut text = FrameTextWriter::new(TextStyle {
+        notices: NoticeLevel::All,
+        marks: true,
+        ..TextStyle::default()
+    });
     let mut out = Vec::new();
-    let mut write = |event: &Event<'_>| {
+    let mut write = |event: &DecodedFrame<'_>| {
         text.write(event, &mut out);
-        jsonl::write(event, &mut out);
+        jsonl::write_frame(event, &mut out);
     };
-    let mut batch = Batch::default();
+    let mut batch = FrameBatch::default();
     // A piece need not end where a line does.
-    let piece = if way == Way::Batches { 777 } else { 70 };
+    let piece = if way == DecodePath::Batched { 777 } else { 70 };
     for piece in log.as_bytes().chunks(piece) {
-        if way == Way::Forgotten {
-            decoder.name_by(&CIA402);
+        if way == DecodePath::Uncached {
+            decoder.set_profile(&CIA402);
         }
-        if way == Way::Batches {
-            decoder.gather(piece, &mut batch, &mut |batch| batch.each(&mut write));
-            batch.each(&mut write);
+        if way == DecodePath::Batched {
+            decoder.decode_batch(piece, &mut batch, &mut |batch| batch.for_each_frame(&mut write));
+            batch.for_each_frame(&mut write);
         } else {
             decoder.feed(piece, &mut write);
         }
@@ -144,7 +148,7 @@ fn said(log: &str, rules: &str, bare: bool, way: Way) -> String {
 /// Logs on which nearly everything happens.
 fn logs() -> impl Iterator<Item = String> {
     [1, 0x5EED, 0xFACE_FEED].into_iter().map(|seed| {
-        let mut bus = Bus { log: String::new(), us: 1_700_000_000_000_000, seed };
+        let mut bus = RandomLog { log: String::new(), us: 1_700_000_000_000_000, seed };
         (0..1500).for_each(|_| bus.step());
         bus.log
     })
@@ -155,9 +159,9 @@ fn no_way_through_the_decoder_says_anything_else() {
     for log in logs() {
         for rules in ["", "canopen", "tmcl,canopen", "canopen@1,thruster@2"] {
             for bare in [false, true] {
-                let kept = said(&log, rules, bare, Way::Kept);
-                for way in [Way::Forgotten, Way::Batches] {
-                    let other = said(&log, rules, bare, way);
+                let kept = decode_to_text(&log, rules, bare, DecodePath::Cached);
+                for way in [DecodePath::Uncached, DecodePath::Batched] {
+                    let other = decode_to_text(&log, rules, bare, way);
                     let differs = kept.lines().zip(other.lines()).find(|(one, two)| one != two);
                     assert_eq!(differs, None, "{way:?}, {rules}");
                     assert!(kept == other && kept.len() > 100_000);
@@ -168,9 +172,10 @@ fn no_way_through_the_decoder_says_anything_else() {
 }
 
 /// The lines of a log, in pieces of so many bytes.
-fn lines(log: &str, rules: &str, style: Style, batches: Option<usize>) -> String {
-    let mut decoder = Decoder::new(Rules::parse(rules).unwrap_or_default());
-    let (mut text, mut out, mut batch) = (Text::new(style), Vec::new(), Batch::default());
+fn lines(log: &str, rules: &str, style: TextStyle, batches: Option<usize>) -> String {
+    let mut decoder = CaptureDecoder::new(Rules::parse(rules).unwrap_or_default());
+    let (mut text, mut out, mut batch) =
+        (FrameTextWriter::new(style), Vec::new(), FrameBatch::default());
     let Some(piece) = batches else {
         decoder.feed(log.as_bytes(), &mut |event| text.write(event, &mut out));
         return String::from_utf8(out).expect("text");
@@ -178,9 +183,9 @@ fn lines(log: &str, rules: &str, style: Style, batches: Option<usize>) -> String
     for piece in log.as_bytes().chunks(piece) {
         // Each batch by a writer of its own, unless marks hang on those before.
         if !style.marks {
-            text = Text::new(style);
+            text = FrameTextWriter::new(style);
         }
-        decoder.gather(piece, &mut batch, &mut |batch| text.write_batch(batch, &mut out));
+        decoder.decode_batch(piece, &mut batch, &mut |batch| text.write_batch(batch, &mut out));
         text.write_batch(&batch, &mut out);
     }
     String::from_utf8(out).expect("text")
@@ -188,7 +193,7 @@ fn lines(log: &str, rules: &str, style: Style, batches: Option<usize>) -> String
 
 /// A bus on which nothing happens but process data, as long as it is.
 fn steady() -> String {
-    let mut bus = Bus { log: String::new(), us: 1_700_000_000_000_000, seed: 7 };
+    let mut bus = RandomLog { log: String::new(), us: 1_700_000_000_000_000, seed: 7 };
     for (index, entries) in
         [(0x1A00, [0x6041_0010, 0x6064_0020]), (0x1600, [0x607A_0020, 0x2000_0110])]
     {
@@ -208,11 +213,11 @@ fn steady() -> String {
 #[test]
 fn lines_of_batches_are_those_of_events() {
     let styles = [
-        Style::default(),
-        Style { notices: Notices::None, ..Style::default() },
-        Style { notices: Notices::All, ..Style::default() },
-        Style { marks: true, ..Style::default() },
-        Style { colour: true, marks: true, ..Style::default() },
+        TextStyle::default(),
+        TextStyle { notices: NoticeLevel::None, ..TextStyle::default() },
+        TextStyle { notices: NoticeLevel::All, ..TextStyle::default() },
+        TextStyle { marks: true, ..TextStyle::default() },
+        TextStyle { colour: true, marks: true, ..TextStyle::default() },
     ];
     for log in logs().chain([steady()]) {
         for style in styles {
@@ -229,14 +234,14 @@ fn lines_of_batches_are_those_of_events() {
 
 #[test]
 fn process_data_that_change_nothing_are_not_explained() {
-    let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
-    let (mut batch, mut plain, mut told) = (Batch::default(), 0, 0);
-    let count = &mut |batch: &mut Batch| {
-        let of = |it: Decoded<'_>| if let Decoded::Plain(run) = it { run.len() } else { 0 };
-        let here: usize = batch.decoded().map(of).sum();
+    let mut decoder = CaptureDecoder::new(Rules::parse("canopen").expect("rules"));
+    let (mut batch, mut plain, mut told) = (FrameBatch::default(), 0, 0);
+    let count = &mut |batch: &mut FrameBatch| {
+        let of = |it: FrameRun<'_>| if let FrameRun::Compact(run) = it { run.len() } else { 0 };
+        let here: usize = batch.runs().map(of).sum();
         (plain, told) = (plain + here, told + batch.len() - here);
     };
-    decoder.gather(steady().as_bytes(), &mut batch, count);
+    decoder.decode_batch(steady().as_bytes(), &mut batch, count);
     count(&mut batch);
     assert!(told < 30 && plain > 39_990, "{told} and {plain}");
 }

@@ -1,8 +1,8 @@
 //! What differs between made captures.
 
 use super::{Difference, diff};
-use crate::made::{Made, change, exchange, fault, odd, signal};
-use crate::session::{Oddity, Outcome};
+use crate::fixtures::{FixtureCapture, anomaly, change, exchange, fault, signal};
+use crate::session::{AnomalyKind, ExchangeOutcome};
 use crate::summary::Summary;
 
 /// What a capture is made of.
@@ -27,15 +27,15 @@ const USUAL: Recipe = Recipe {
     trouble: false,
 };
 
-fn made(recipe: Recipe) -> Summary {
-    let (mut made, mut summary) = (Made::default(), Summary::default());
+fn summary_of(recipe: Recipe) -> Summary {
+    let (mut made, mut summary) = (FixtureCapture::default(), Summary::default());
     for n in 0..200u64 {
         for axis in 2..2 + recipe.axes {
             let us = n * recipe.period_us;
             let mut told = vec![
                 signal(axis, "max current", recipe.setting),
                 signal(axis, "Actual/Position", (n as f64 / 20.0).sin() * 100.0),
-                exchange(axis, us, recipe.latency_us + n % 7 * 10, Outcome::Done),
+                exchange(axis, us, recipe.latency_us + n % 7 * 10, ExchangeOutcome::Done),
             ];
             if n == 0 {
                 told.push(change(axis, "operational"));
@@ -43,12 +43,12 @@ fn made(recipe: Recipe) -> Summary {
             if n == 150 && recipe.trouble {
                 told.extend([
                     fault(axis, false),
-                    odd(Oddity::Silent, axis),
+                    anomaly(AnomalyKind::Silent, axis),
                     change(axis, "stopped"),
                 ]);
             }
             for kind in recipe.kinds {
-                made.frame(us, (axis, kind), &told, &mut |event| summary.take(event));
+                made.next_frame(us, (axis, kind), &told, &mut |event| summary.add_frame(event));
                 told.clear();
             }
         }
@@ -56,8 +56,8 @@ fn made(recipe: Recipe) -> Summary {
     summary
 }
 
-fn found(other: Recipe) -> Vec<Difference> {
-    let (one, other) = (made(USUAL), made(other));
+fn diff_with_usual(other: Recipe) -> Vec<Difference> {
+    let (one, other) = (summary_of(USUAL), summary_of(other));
     let there = diff(&one, &other, 0.2);
     let back = diff(&other, &one, 0.2);
     assert_eq!(there.len(), back.len(), "the order of the two does not matter");
@@ -65,30 +65,30 @@ fn found(other: Recipe) -> Vec<Difference> {
 }
 
 fn words(found: &[Difference]) -> Vec<(&str, &str, &str)> {
-    found.iter().map(|one| (one.what, one.a.as_str(), one.b.as_str())).collect()
+    found.iter().map(|one| (one.kind, one.a.as_str(), one.b.as_str())).collect()
 }
 
 #[test]
 fn alike_is_alike() {
-    assert_eq!(found(USUAL), []);
-    assert_eq!(found(Recipe { period_us: 1100, latency_us: 900, ..USUAL }), []);
+    assert_eq!(diff_with_usual(USUAL), []);
+    assert_eq!(diff_with_usual(Recipe { period_us: 1100, latency_us: 900, ..USUAL }), []);
 }
 
 #[test]
 fn each_sort_of_difference_is_told() {
-    let slower = found(Recipe { period_us: 2000, ..USUAL });
+    let slower = diff_with_usual(Recipe { period_us: 2000, ..USUAL });
     assert_eq!(words(&slower)[0].0, "rate");
-    assert!(slower.iter().all(|one| one.what == "rate"), "{slower:?}");
-    let later = found(Recipe { latency_us: 4000, ..USUAL });
+    assert!(slower.iter().all(|one| one.kind == "rate"), "{slower:?}");
+    let later = diff_with_usual(Recipe { latency_us: 4000, ..USUAL });
     assert_eq!(later.len(), 2, "{later:?}");
-    assert!(later[0].of.ends_with("read median"), "{later:?}");
-    let other = found(Recipe { setting: 8.0, ..USUAL });
+    assert!(later[0].subject.ends_with("read median"), "{later:?}");
+    let other = diff_with_usual(Recipe { setting: 8.0, ..USUAL });
     assert_eq!(words(&other), [("value", "7 mm", "8 mm")]);
-    let kinds = found(Recipe { kinds: ["TPDO1", "EMCY"], ..USUAL });
+    let kinds = diff_with_usual(Recipe { kinds: ["TPDO1", "EMCY"], ..USUAL });
     assert_eq!(words(&kinds), [("frames", "none", "200 frames"), ("frames", "200 frames", "none")]);
-    let axes = found(Recipe { axes: 2, ..USUAL });
+    let axes = diff_with_usual(Recipe { axes: 2, ..USUAL });
     assert_eq!(words(&axes)[0], ("axis", "none", "400 frames"));
-    let trouble = found(Recipe { trouble: true, ..USUAL });
+    let trouble = diff_with_usual(Recipe { trouble: true, ..USUAL });
     let told = words(&trouble);
     assert!(told.contains(&("state", "none besides", "stopped")), "{told:?}");
     assert!(told.contains(&("fault", "none", "once")), "{told:?}");

@@ -2,87 +2,90 @@
 
 use core::fmt::{self, Write as _};
 
-use super::{Either, Test, Words, fixed};
-use crate::decoder::Event;
-use crate::explained::{Item, ItemValue};
-use crate::stamp::Stamp;
+use super::{FilterTest, ValuePattern, WordPattern, fixed_point};
+use crate::decoder::DecodedFrame;
+use crate::explanation::{ExplanationField, ExplanationValue};
+use crate::timestamp::Timestamp;
 
 /// Bytes of an error's words that are looked through.
 const ERROR_MAX: usize = 256;
 
 /// What is asked.
-pub(super) struct Subject<'a> {
-    pub event: &'a Event<'a>,
+pub(super) struct TestInput<'a> {
+    pub frame: &'a DecodedFrame<'a>,
     /// When the capture begins.
-    pub first: Option<Stamp>,
+    pub first_time: Option<Timestamp>,
 }
 
-impl Test {
-    pub(super) fn holds(&self, subject: &Subject<'_>) -> bool {
-        let event = subject.event;
+impl FilterTest {
+    pub(super) fn matches(&self, subject: &TestInput<'_>) -> bool {
+        let event = subject.frame;
         match self {
-            Self::All(tests) => tests.iter().all(|test| test.holds(subject)),
-            Self::Any(tests) => tests.iter().any(|test| test.holds(subject)),
-            Self::Not(test) => !test.holds(subject),
+            Self::All(tests) => tests.iter().all(|test| test.matches(subject)),
+            Self::Any(tests) => tests.iter().any(|test| test.matches(subject)),
+            Self::Not(test) => !test.matches(subject),
             Self::Flag(flag) => flag(event),
-            Self::Number(number, within) => number(event).is_some_and(|n| within.has(n)),
+            Self::Number(number, within) => number(event).is_some_and(|n| within.contains(n)),
             Self::Time(within) => {
-                let since = |first: Stamp| Some(i128::from(event.time?.0) - i128::from(first.0));
-                subject.first.and_then(since).is_some_and(|time| within.has(time))
+                let since =
+                    |first: Timestamp| Some(i128::from(event.time?.0) - i128::from(first.0));
+                subject.first_time.and_then(since).is_some_and(|time| within.contains(time))
             }
-            Self::Word(word, words) => words.fit(word(event)),
-            Self::Link(words) => words.fit(event.link),
-            Self::Kind(words) => words.fit(&event.explained.kind),
-            Self::Text(words) => words.fit(&event.explained.text) || wrong(event, words),
-            Self::Error(words) => wrong(event, words),
+            Self::Word(word, words) => words.matches(word(event)),
+            Self::Link(words) => words.matches(event.link),
+            Self::Kind(words) => words.matches(&event.explanation.kind),
+            Self::Text(words) => {
+                words.matches(&event.explanation.text) || defect_matches(event, words)
+            }
+            Self::Error(words) => defect_matches(event, words),
             Self::Bytes(part) => {
                 part.is_empty() || event.bytes.windows(part.len()).any(|window| window == part)
             }
             Self::Field(name, either) => {
-                let mut items = event.explained.items().filter(|item| item.name == name);
-                items.any(|item| either.fit(&item))
+                let mut items = event.explanation.fields().filter(|item| item.name == name);
+                items.any(|item| either.matches(&item))
             }
-            Self::Told(told) => event.notices.iter().any(|notice| told.fits(notice)),
+            Self::Notice(told) => event.notices.iter().any(|notice| told.matches(notice)),
         }
     }
 }
 
-impl Either {
-    fn fit(&self, item: &Item<'_>) -> bool {
+impl ValuePattern {
+    fn matches(&self, item: &ExplanationField<'_>) -> bool {
         let number = match item.value {
-            ItemValue::Int(value) => Some(fixed::whole(value)),
-            ItemValue::Hex(value, _) => Some(fixed::whole(value)),
-            ItemValue::Real(value) => Some(fixed::real(value)),
-            ItemValue::Text(text) if self.words.fit(text) => return true,
-            ItemValue::Text(_) => None,
-            ItemValue::Words(words) => return self.fit_words(words),
+            ExplanationValue::Int(value) => Some(fixed_point::from_integer(value)),
+            ExplanationValue::Hex(value, _) => Some(fixed_point::from_integer(value)),
+            ExplanationValue::Real(value) => Some(fixed_point::from_real(value)),
+            ExplanationValue::Text(text) if self.words.matches(text) => return true,
+            ExplanationValue::Text(_) => None,
+            ExplanationValue::Words(words) => return self.matches_words(words),
         };
-        number.is_some_and(|number| self.numbers.has(number))
-            || (!item.meaning.is_empty() && self.words.fit(item.meaning))
+        number.is_some_and(|number| self.numbers.contains(number))
+            || (!item.meaning.is_empty() && self.words.matches(item.meaning))
     }
 
-    fn fit_words(&self, words: &[u8]) -> bool {
+    fn matches_words(&self, words: &[u8]) -> bool {
         let words = words.chunks(2).map(|w| w.iter().fold(0, |sum, b| sum << 8 | i64::from(*b)));
-        words.into_iter().any(|word| self.numbers.has(fixed::whole(word)))
+        words.into_iter().any(|word| self.numbers.contains(fixed_point::from_integer(word)))
     }
 }
 
-fn wrong(event: &Event<'_>, words: &Words) -> bool {
-    let Some(wrong) = event.wrong else { return false };
-    let mut told = Told { bytes: [0; ERROR_MAX], len: 0 };
+fn defect_matches(event: &DecodedFrame<'_>, words: &WordPattern) -> bool {
+    let Some(wrong) = event.defect else { return false };
+    let mut told = FixedText { bytes: [0; ERROR_MAX], len: 0 };
     // What is longer is looked through as far as it goes.
     let _ = write!(told, "{wrong}");
     let told = core::str::from_utf8(&told.bytes[..told.len]).unwrap_or_default();
-    words.fit(told)
+    words.matches(told)
 }
 
 /// Words without a heap.
-struct Told {
+struct FixedText {
     bytes: [u8; ERROR_MAX],
     len: usize,
 }
 
-impl fmt::Write for Told {
+impl fmt::Write for FixedText {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         let end = self.len + text.len();
         let place = self.bytes.get_mut(self.len..end).ok_or(fmt::Error)?;

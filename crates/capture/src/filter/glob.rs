@@ -13,25 +13,25 @@ impl Glob {
 
     /// Whether all of a word fits.
     #[must_use]
-    pub fn fits(&self, word: &str) -> bool {
-        fits(self.0.as_bytes(), word.len(), |at| word.as_bytes()[at])
+    pub fn matches(&self, word: &str) -> bool {
+        glob_matches(self.0.as_bytes(), word.len(), |at| word.as_bytes()[at])
     }
 
     /// Whether a signal fits, by its name or as `AXIS/NAME`.
     #[must_use]
-    pub fn fits_signal(&self, axis: u32, name: &str) -> bool {
+    pub fn matches_signal(&self, axis: u32, name: &str) -> bool {
         let mut head = [0; 11];
-        let head = slashed(axis, &mut head);
+        let head = axis_prefix(axis, &mut head);
         let whole = |at: usize| match head.get(at) {
             Some(byte) => *byte,
             None => name.as_bytes()[at - head.len()],
         };
-        self.fits(name) || fits(self.0.as_bytes(), head.len() + name.len(), whole)
+        self.matches(name) || glob_matches(self.0.as_bytes(), head.len() + name.len(), whole)
     }
 }
 
 /// `2/` for an axis.
-fn slashed(axis: u32, buffer: &mut [u8; 11]) -> &[u8] {
+fn axis_prefix(axis: u32, buffer: &mut [u8; 11]) -> &[u8] {
     let (mut at, mut rest) = (buffer.len() - 1, axis);
     buffer[at] = b'/';
     loop {
@@ -45,7 +45,7 @@ fn slashed(axis: u32, buffer: &mut [u8; 11]) -> &[u8] {
 }
 
 /// Goes through the word once; after a mismatch it goes on behind the last `*`.
-fn fits(pattern: &[u8], len: usize, byte: impl Fn(usize) -> u8) -> bool {
+fn glob_matches(pattern: &[u8], len: usize, byte: impl Fn(usize) -> u8) -> bool {
     let (mut p, mut at, mut star) = (0, 0, None);
     while at < len {
         match pattern.get(p) {
@@ -69,7 +69,7 @@ fn fits(pattern: &[u8], len: usize, byte: impl Fn(usize) -> u8) -> bool {
 }
 
 /// Whether a text has a part, letter case ignored.
-pub(super) fn contains(text: &str, part: &str) -> bool {
+pub(super) fn contains_ignore_case(text: &str, part: &str) -> bool {
     let part = part.as_bytes();
     part.is_empty()
         || text.as_bytes().windows(part.len()).any(|window| window.eq_ignore_ascii_case(part))

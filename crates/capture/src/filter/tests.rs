@@ -1,28 +1,29 @@
 //! Filters on frames with notices of the tests' own.
 
-use polepair_core::explain::{Direction, Field, Sink as _, Value};
+use polepair_core::explain::{Direction, ExplainSink as _, Field, FieldValue};
 
-use super::Filter;
+use super::FrameFilter;
 use crate::session::{
-    Change, Exchange, Fault, Notice, Odd, Oddity, Outcome, Quality, Signal, name,
+    AnomalyKind, AnomalyNotice, ChangeNotice, ExchangeNotice, ExchangeOutcome, FaultNotice,
+    Quality, SessionNotice, SignalNotice, intern,
 };
-use crate::{Event, Explained, Stamp, Wrong};
+use crate::{DecodedFrame, Explanation, FrameDefect, Timestamp};
 
 /// One frame, and what a filter says of it.
-fn wants(filter: &str, notices: &[Notice], wrong: Option<Wrong>) -> bool {
-    let mut explained = Explained::default();
+fn filter_matches(filter: &str, notices: &[SessionNotice], wrong: Option<FrameDefect>) -> bool {
+    let mut explained = Explanation::default();
     explained.kind("SDO write");
     explained.axis(2);
     explained.text("write controlword = 0x000F");
     let mut field = |name, value, meaning| {
         explained.field(Field { name, start: 0, end: 1, value, meaning });
     };
-    field("index", Value::Hex(0x6040, 4), "controlword");
-    field("sub", Value::Int(0), "");
-    field("volt", Value::Real(23.5), "");
-    let event = Event {
+    field("index", FieldValue::Hex(0x6040, 4), "controlword");
+    field("sub", FieldValue::Int(0), "");
+    field("volt", FieldValue::Real(23.5), "");
+    let event = DecodedFrame {
         number: 7,
-        time: Some(Stamp(1_700_000_002_500_000_000)),
+        time: Some(Timestamp(1_700_000_002_500_000_000)),
         link: "can0",
         direction: Some(Direction::ToDrive),
         protocol: Some("canopen"),
@@ -30,22 +31,22 @@ fn wants(filter: &str, notices: &[Notice], wrong: Option<Wrong>) -> bool {
         id: Some(0x602),
         extended: false,
         remote: false,
-        wanted: 0,
+        remote_len: 0,
         echo: false,
         stray: false,
-        explained: &explained,
-        wrong,
+        explanation: &explained,
+        defect: wrong,
         notices,
-        at: 0,
+        offset: 0,
     };
-    let mut filter = Filter::parse(filter).expect("a filter");
-    let before = Event { time: Some(Stamp(1_700_000_000_000_000_000)), ..event };
-    filter.wants(&before);
-    filter.wants(&event)
+    let mut filter = FrameFilter::parse(filter).expect("a filter");
+    let before = DecodedFrame { time: Some(Timestamp(1_700_000_000_000_000_000)), ..event };
+    filter.matches(&before);
+    filter.matches(&event)
 }
 
 fn plain(filter: &str) -> bool {
-    wants(filter, &[], None)
+    filter_matches(filter, &[], None)
 }
 
 #[test]
@@ -110,43 +111,49 @@ fn times_relative_and_absolute() {
 
 #[test]
 fn what_conversations_tell() {
-    let odd = Odd { kind: Oddity::LateReply, axis: Some(2), time: None, text: String::new() };
-    let signal = Signal {
+    let odd = AnomalyNotice {
+        kind: AnomalyKind::LateReply,
+        axis: Some(2),
+        time: None,
+        text: String::new(),
+    };
+    let signal = SignalNotice {
         axis: 2,
-        name: name("Actual/Position"),
+        name: intern("Actual/Position"),
         value: 5.5,
         exact: Some(5500),
-        unit: name("mm"),
+        unit: intern("mm"),
         quality: Quality::Good,
         request: None,
     };
-    let time = |ms: u64| Some(Stamp(1_000_000 * ms));
-    let exchange = Exchange {
+    let time = |ms: u64| Some(Timestamp(1_000_000 * ms));
+    let exchange = ExchangeNotice {
         axis: Some(2),
-        op: name("SDO read"),
-        asked: (1, time(10)),
+        op: intern("SDO read"),
+        requested: (1, time(10)),
         answered: Some((2, time(13))),
-        outcome: Outcome::Late,
+        outcome: ExchangeOutcome::Late,
         retries: 1,
     };
-    let fault = Fault {
+    let fault = FaultNotice {
         axis: 2,
         code: 0x3210,
-        text: name("DC link over-voltage"),
-        cause: name(""),
-        remedy: name(""),
+        text: intern("DC link over-voltage"),
+        cause: intern(""),
+        remedy: intern(""),
         gone: false,
     };
-    let to = name("stopped");
-    let change = Change { axis: Some(2), what: name("nmt"), from: name("operational"), to };
+    let to = intern("stopped");
+    let change =
+        ChangeNotice { axis: Some(2), what: intern("nmt"), from: intern("operational"), to };
     let notices = [
-        Notice::Odd(odd),
-        Notice::Signal(signal),
-        Notice::Exchange(exchange),
-        Notice::Fault(fault),
-        Notice::Change(change),
+        SessionNotice::Anomaly(odd),
+        SessionNotice::Signal(signal),
+        SessionNotice::Exchange(exchange),
+        SessionNotice::Fault(fault),
+        SessionNotice::Change(change),
     ];
-    let told = |filter| wants(filter, &notices, None);
+    let told = |filter| filter_matches(filter, &notices, None);
     for yes in [
         "odd",
         "odd late-reply",
@@ -184,15 +191,15 @@ fn what_conversations_tell() {
 
 #[test]
 fn what_is_wrong() {
-    let stray = Some(Wrong::Stray(3));
-    assert!(wants("not ok and error ~ stray", &[], stray));
-    assert!(wants("\"belongs\" or \"belong\"", &[], stray));
-    assert!(!wants("ok", &[], stray));
+    let stray = Some(FrameDefect::Stray(3));
+    assert!(filter_matches("not ok and error ~ stray", &[], stray));
+    assert!(filter_matches("\"belongs\" or \"belong\"", &[], stray));
+    assert!(!filter_matches("ok", &[], stray));
 }
 
 fn error(text: &str) -> (usize, usize, String, Option<String>) {
-    let error = Filter::parse(text).expect_err("no filter");
-    (error.at, error.len, error.what, error.nearest)
+    let error = FrameFilter::parse(text).expect_err("no filter");
+    (error.position, error.len, error.message, error.nearest)
 }
 
 #[test]
@@ -214,7 +221,7 @@ fn errors_point_at_the_place() {
     assert_eq!(error("").0, 0);
     assert!(error(&"(".repeat(100)).2.contains("nested"));
     assert!(error(&" ".repeat(5000)).2.contains("4096"));
-    let shown = Filter::parse("ok and axs = 2").expect_err("no filter").to_string();
+    let shown = FrameFilter::parse("ok and axs = 2").expect_err("no filter").to_string();
     assert!(shown.starts_with("ok and axs = 2\n       ^^^ no such word"), "{shown}");
 }
 
@@ -226,13 +233,13 @@ fn fields_of_the_protocols_are_known() {
         (1.4) c 602#2B4060000F000000\n(1.5) c 702#05\n(1.6) c 082#1032010000000000\n\
         (1.7) h 30B#5443000000000005\n";
     let rules = crate::Rules::parse("tmcl@t,modbus-rtu@m,canopen@c,thruster@h").expect("rules");
-    let mut decoder = crate::Decoder::new(rules);
+    let mut decoder = crate::CaptureDecoder::new(rules);
     let mut found = 0;
     decoder.feed(capture.as_bytes(), &mut |event| {
-        for item in event.explained.items() {
+        for item in event.explanation.fields() {
             found += 1;
-            let asked = Filter::parse(&format!("{} = 0", item.name));
-            let unknown = asked.is_err_and(|error| error.what.contains("no such word"));
+            let asked = FrameFilter::parse(&format!("{} = 0", item.name));
+            let unknown = asked.is_err_and(|error| error.message.contains("no such word"));
             assert!(!unknown, "{}", item.name);
         }
     });

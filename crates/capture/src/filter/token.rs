@@ -7,16 +7,16 @@ const TEXT_MAX: usize = 4096;
 
 /// A piece of a filter.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Token {
-    pub is: Is,
+pub(super) struct FilterToken {
+    pub kind: TokenKind,
     /// First character, and how many.
-    pub at: usize,
+    pub position: usize,
     pub len: usize,
 }
 
 /// What it is.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) enum Is {
+pub(super) enum TokenKind {
     /// A word or a number.
     Word(String),
     Quoted(String),
@@ -28,16 +28,16 @@ pub(super) enum Is {
 const SIGNS: [&str; 15] =
     ["==", "!=", "<=", ">=", "&&", "||", "..", "=", "<", ">", "~", "!", "(", ")", ","];
 
-/// Cuts a filter into pieces; the last is [`Is::End`].
-pub(super) fn tokens(text: &str) -> Result<Vec<Token>, FilterError> {
+/// Cuts a filter into pieces; the last is [`TokenKind::End`].
+pub(super) fn tokenize(text: &str) -> Result<Vec<FilterToken>, FilterError> {
     let chars: Vec<char> = text.chars().collect();
     let mut tokens = Vec::new();
     let mut at = 0;
     let wrong = |at, len, what: &str| FilterError {
         text: text.to_owned(),
-        at,
+        position: at,
         len,
-        what: what.to_owned(),
+        message: what.to_owned(),
         nearest: None,
     };
     if chars.len() > TEXT_MAX {
@@ -53,29 +53,30 @@ pub(super) fn tokens(text: &str) -> Result<Vec<Token>, FilterError> {
             c @ ('"' | '\'') => {
                 let len = rest[1..].iter().position(|other| *other == c).map(|end| end + 2);
                 let len = len.ok_or_else(|| wrong(at, 1, "this quote has no end"))?;
-                (Is::Quoted(rest[1..len - 1].iter().collect()), len)
+                (TokenKind::Quoted(rest[1..len - 1].iter().collect()), len)
             }
-            _ => match SIGNS.into_iter().find(|sign| starts(rest, sign)) {
-                Some(sign) => (Is::Sign(sign), sign.len()),
+            _ => match SIGNS.into_iter().find(|sign| starts_with_sign(rest, sign)) {
+                Some(sign) => (TokenKind::Sign(sign), sign.len()),
                 None => {
-                    let len = (1..rest.len()).find(|n| ends(&rest[*n..])).unwrap_or(rest.len());
-                    (Is::Word(rest[..len].iter().collect()), len)
+                    let len =
+                        (1..rest.len()).find(|n| ends_word(&rest[*n..])).unwrap_or(rest.len());
+                    (TokenKind::Word(rest[..len].iter().collect()), len)
                 }
             },
         };
-        tokens.push(Token { is, at, len });
+        tokens.push(FilterToken { kind: is, position: at, len });
         at += len;
     }
-    tokens.push(Token { is: Is::End, at, len: 1 });
+    tokens.push(FilterToken { kind: TokenKind::End, position: at, len: 1 });
     Ok(tokens)
 }
 
-fn starts(rest: &[char], sign: &str) -> bool {
+fn starts_with_sign(rest: &[char], sign: &str) -> bool {
     rest.len() >= sign.len() && rest.iter().zip(sign.chars()).all(|(a, b)| *a == b)
 }
 
-fn ends(rest: &[char]) -> bool {
+fn ends_word(rest: &[char]) -> bool {
     rest[0].is_whitespace()
         || matches!(rest[0], '"' | '\'')
-        || SIGNS.iter().any(|sign| starts(rest, sign))
+        || SIGNS.iter().any(|sign| starts_with_sign(rest, sign))
 }

@@ -5,19 +5,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use polepair_core::medium::Frame;
 
-use super::{JOBS_MAX, Maker, decode};
-use crate::text::{Style, Text};
-use crate::{Batch, Decoder, Rules};
+use super::{BatchConsumer, JOBS_MAX, decode};
+use crate::text::{FrameTextWriter, TextStyle};
+use crate::{CaptureDecoder, FrameBatch, Rules};
 
 /// Lines of text.
 #[derive(Default)]
-struct Lines {
-    text: Text,
+struct TextLines {
+    text: FrameTextWriter,
     out: Vec<u8>,
 }
 
-impl Maker for Lines {
-    fn make(&mut self, batch: &Batch) {
+impl BatchConsumer for TextLines {
+    fn consume(&mut self, batch: &FrameBatch) {
         self.text.write_batch(batch, &mut self.out);
     }
 }
@@ -39,9 +39,9 @@ fn log(extra: &str) -> String {
 }
 
 /// What several threads make of a log.
-fn made(log: &str, jobs: usize) -> (String, Vec<String>, u64) {
-    let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
-    let mut makers: Vec<Lines> = (0..jobs).map(|_| Lines::default()).collect();
+fn decode_log(log: &str, jobs: usize) -> (String, Vec<String>, u64) {
+    let mut decoder = CaptureDecoder::new(Rules::parse("canopen").expect("rules"));
+    let mut makers: Vec<TextLines> = (0..jobs).map(|_| TextLines::default()).collect();
     let (mut bytes, mut out) = (log.as_bytes(), Vec::new());
     let decoded: Result<(), ()> = decode(
         &mut decoder,
@@ -59,8 +59,8 @@ fn made(log: &str, jobs: usize) -> (String, Vec<String>, u64) {
         },
     );
     assert_eq!(decoded, Ok(()));
-    let damage = decoder.tally().damage.iter().map(ToString::to_string).collect();
-    (String::from_utf8(out).expect("text"), damage, decoder.tally().records)
+    let damage = decoder.statistics().damage.iter().map(ToString::to_string).collect();
+    (String::from_utf8(out).expect("text"), damage, decoder.statistics().records)
 }
 
 #[test]
@@ -68,18 +68,19 @@ fn any_number_of_threads_makes_the_same() {
     let long = format!("{}\n", "x".repeat(70_000));
     for extra in ["", "no frame\n", "(1700000000.5) can0 123#01 T\n# remark\n", &long] {
         let log = log(extra);
-        let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
-        let (mut text, mut out) = (Text::new(Style::default()), Vec::new());
+        let mut decoder = CaptureDecoder::new(Rules::parse("canopen").expect("rules"));
+        let (mut text, mut out) = (FrameTextWriter::new(TextStyle::default()), Vec::new());
         decoder.feed(log.as_bytes(), &mut |event| text.write(event, &mut out));
         decoder.finish(&mut |event| text.write(event, &mut out));
-        let damage: Vec<String> = decoder.tally().damage.iter().map(ToString::to_string).collect();
+        let damage: Vec<String> =
+            decoder.statistics().damage.iter().map(ToString::to_string).collect();
         let plain = String::from_utf8(out).expect("text");
         for jobs in [1, 2, 3, JOBS_MAX] {
-            let (text, told, records) = made(&log, jobs);
+            let (text, told, records) = decode_log(&log, jobs);
             let differs = plain.lines().zip(text.lines()).find(|(one, two)| one != two);
             assert_eq!(differs, None, "{jobs} threads");
             assert!(text == plain, "{jobs} threads");
-            assert_eq!((told, records), (damage.clone(), decoder.tally().records));
+            assert_eq!((told, records), (damage.clone(), decoder.statistics().records));
         }
     }
 }
@@ -89,8 +90,8 @@ fn who_fails_stops_all() {
     let log = log("");
     for jobs in [1, 4] {
         for broken in [0, 3, 40] {
-            let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
-            let mut makers: Vec<Lines> = (0..jobs).map(|_| Lines::default()).collect();
+            let mut decoder = CaptureDecoder::new(Rules::parse("canopen").expect("rules"));
+            let mut makers: Vec<TextLines> = (0..jobs).map(|_| TextLines::default()).collect();
             let (mut bytes, mut reads, mut puts) = (log.as_bytes(), 0, 0);
             let failed = decode(
                 &mut decoder,
@@ -121,11 +122,11 @@ fn who_fails_decodes_no_more() {
     let line = "(1700000000.000500) can0 181#0011223344556677\n";
     packed.write_all(line.repeat(120_000).as_bytes()).expect("packed");
     let packed = packed.finish().expect("packed");
-    let mut decoder = Decoder::new(Rules::parse("canopen").expect("rules"));
+    let mut decoder = CaptureDecoder::new(Rules::parse("canopen").expect("rules"));
     let (mut bytes, mut puts) = (&packed[..], 0);
     let failed = decode(
         &mut decoder,
-        &mut [Lines::default()],
+        &mut [TextLines::default()],
         &mut |piece, most| {
             let (now, rest) = bytes.split_at(bytes.len().min(most));
             piece.extend_from_slice(now);
@@ -138,8 +139,10 @@ fn who_fails_decodes_no_more() {
         },
     );
     assert_eq!((failed, puts), (Err("writing"), 1));
-    let (read, mut next) = (decoder.tally().records, 0);
-    decoder.frame(None, "can0", None, &Frame::standard(1, &[]), &mut |event| next = event.number);
+    let (read, mut next) = (decoder.statistics().records, 0);
+    decoder.decode_frame(None, "can0", None, &Frame::standard(1, &[]), &mut |event| {
+        next = event.number
+    });
     assert!(next < read / 2, "{next} of {read} frames");
 }
 
@@ -149,9 +152,9 @@ fn who_fails_decodes_no_more() {
 fn who_falls_leaves_nobody_waiting() {
     /// Falls, or waits until another one does. It may wait because no batch fills within a piece:
     /// one that is made there is made in the decoder's turn, without which nobody else gets to fall.
-    struct Falls<'a>(bool, &'a AtomicBool);
-    impl Maker for Falls<'_> {
-        fn make(&mut self, _: &Batch) {
+    struct PanickingConsumer<'a>(bool, &'a AtomicBool);
+    impl BatchConsumer for PanickingConsumer<'_> {
+        fn consume(&mut self, _: &FrameBatch) {
             self.1.fetch_or(self.0, Ordering::SeqCst);
             assert!(!self.0, "enough");
             while !self.1.load(Ordering::SeqCst) {
@@ -159,10 +162,14 @@ fn who_falls_leaves_nobody_waiting() {
             }
         }
     }
-    let (log, mut decoder) = (log(""), Decoder::new(Rules::default()));
+    let (log, mut decoder) = (log(""), CaptureDecoder::new(Rules::default()));
     let fell = AtomicBool::new(false);
     // The thread that waits here is none of those that fall.
-    let mut makers = [Falls(false, &fell), Falls(true, &fell), Falls(true, &fell)];
+    let mut makers = [
+        PanickingConsumer(false, &fell),
+        PanickingConsumer(true, &fell),
+        PanickingConsumer(true, &fell),
+    ];
     let mut bytes = log.as_bytes();
     let _: Result<(), ()> = decode(
         &mut decoder,

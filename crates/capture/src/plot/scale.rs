@@ -1,7 +1,7 @@
 //! Ranges and round numbers on them.
 
 /// A range with a little room around all values.
-pub(super) fn around(ranges: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
+pub(super) fn padded_range(ranges: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
     let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
     ranges.for_each(|(low, high)| (least, most) = (least.min(low), most.max(high)));
     if !(least.is_finite() && most.is_finite()) {

@@ -1,14 +1,14 @@
 //! The values of one line, in bounded memory.
 
-use crate::session::Name;
-use crate::summary::Spread;
+use crate::session::InternedName;
+use crate::summary::Histogram;
 
 /// Stretches of time that a line has at most. When they are full, each two become one.
-const STRETCHES_MAX: usize = 4096;
+const BUCKETS_MAX: usize = 4096;
 /// How long a stretch is at first, ns.
-const FINEST_NS: u64 = 1000;
+const BUCKET_MIN_NS: u64 = 1000;
 /// A gap is this many times as long as the pause that 90 % of all pauses do not exceed.
-const GAP_TIMES: u64 = 3;
+const GAP_FACTOR: u64 = 3;
 /// Pauses from which on a gap can be told.
 const PAUSES_MIN: u64 = 8;
 
@@ -16,29 +16,29 @@ const PAUSES_MIN: u64 = 8;
 #[derive(Clone, Debug)]
 pub struct Series {
     /// The unit of its values.
-    pub unit: Name,
-    stretches: Vec<Stretch>,
+    pub unit: InternedName,
+    buckets: Vec<TimeBucket>,
     /// How long each stretch is, ns.
-    each: u64,
+    bucket_ns: u64,
     begin: u64,
-    pauses: Spread,
-    last: u64,
+    pauses: Histogram,
+    last_time: u64,
 }
 
 /// What happened in a stretch of time; without values its count is 0.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
-struct Stretch {
+struct TimeBucket {
     count: u32,
     begin: u64,
     end: u64,
     first: f64,
-    least: f64,
-    most: f64,
+    min: f64,
+    max: f64,
     last: f64,
 }
 
-impl Stretch {
-    fn with(self, later: Self) -> Self {
+impl TimeBucket {
+    fn merge(self, later: Self) -> Self {
         match (self.count, later.count) {
             (_, 0) => self,
             (0, _) => later,
@@ -47,8 +47,8 @@ impl Stretch {
                 begin: self.begin.min(later.begin),
                 end: self.end.max(later.end),
                 first: self.first,
-                least: self.least.min(later.least),
-                most: self.most.max(later.most),
+                min: self.min.min(later.min),
+                max: self.max.max(later.max),
                 last: later.last,
             },
         }
@@ -56,57 +56,58 @@ impl Stretch {
 }
 
 impl Series {
-    pub(super) fn new(unit: Name) -> Self {
-        let (stretches, pauses) = (Vec::new(), Spread::default());
-        Self { unit, stretches, each: FINEST_NS, begin: 0, pauses, last: 0 }
+    pub(super) fn new(unit: InternedName) -> Self {
+        let (buckets, pauses) = (Vec::new(), Histogram::default());
+        Self { unit, buckets, bucket_ns: BUCKET_MIN_NS, begin: 0, pauses, last_time: 0 }
     }
 
     /// Takes a value at a time in ns.
-    pub(super) fn take(&mut self, time: u64, value: f64) {
-        if self.stretches.is_empty() {
+    pub(super) fn add(&mut self, time: u64, value: f64) {
+        if self.buckets.is_empty() {
             self.begin = time;
         } else {
-            self.pauses.take(time.saturating_sub(self.last));
+            self.pauses.add(time.saturating_sub(self.last_time));
         }
-        self.last = self.last.max(time);
-        let mut at = (time.saturating_sub(self.begin) / self.each) as usize;
-        while at >= STRETCHES_MAX {
-            self.stretches = merged(&self.stretches);
-            self.each *= 2;
+        self.last_time = self.last_time.max(time);
+        let mut at = (time.saturating_sub(self.begin) / self.bucket_ns) as usize;
+        while at >= BUCKETS_MAX {
+            self.buckets = merge_pairs(&self.buckets);
+            self.bucket_ns *= 2;
             at /= 2;
         }
-        if at >= self.stretches.len() {
-            self.stretches.resize(at + 1, Stretch::default());
+        if at >= self.buckets.len() {
+            self.buckets.resize(at + 1, TimeBucket::default());
         }
         let (first, least, most, last) = (value, value, value, value);
-        let one = Stretch { count: 1, begin: time, end: time, first, least, most, last };
-        self.stretches[at] = self.stretches[at].with(one);
+        let one =
+            TimeBucket { count: 1, begin: time, end: time, first, min: least, max: most, last };
+        self.buckets[at] = self.buckets[at].merge(one);
     }
 
     /// When the first value came, and the last.
     #[must_use]
     pub fn span(&self) -> Option<(u64, u64)> {
-        (!self.stretches.is_empty()).then_some((self.begin, self.last))
+        (!self.buckets.is_empty()).then_some((self.begin, self.last_time))
     }
 
     /// The least and the greatest value.
     #[must_use]
     pub fn range(&self) -> (f64, f64) {
-        let whole = self.stretches.iter().fold(Stretch::default(), |sum, one| sum.with(*one));
-        (whole.least, whole.most)
+        let whole = self.buckets.iter().fold(TimeBucket::default(), |sum, one| sum.merge(*one));
+        (whole.min, whole.max)
     }
 
     /// The lines to draw, each without a gap: times in ns and values. They have at most four points
     /// for each of so many stretches.
     #[must_use]
     pub fn lines(&self, stretches: usize) -> Vec<Vec<(u64, f64)>> {
-        let mut drawn = self.stretches.clone();
+        let mut drawn = self.buckets.clone();
         while drawn.len() > stretches.max(1) {
-            drawn = merged(&drawn);
+            drawn = merge_pairs(&drawn);
         }
         let gap = match self.pauses.count() {
             ..PAUSES_MIN => u64::MAX,
-            _ => self.pauses.quantile(0.9).saturating_mul(GAP_TIMES),
+            _ => self.pauses.quantile(0.9).saturating_mul(GAP_FACTOR),
         };
         let (mut lines, mut end) = (Vec::<Vec<(u64, f64)>>::new(), None);
         for stretch in drawn.iter().filter(|stretch| stretch.count > 0) {
@@ -118,8 +119,8 @@ impl Series {
                 let middle = stretch.begin / 2 + stretch.end / 2;
                 line.push((stretch.begin, stretch.first));
                 if stretch.count > 2 {
-                    line.push((middle, stretch.least));
-                    line.push((middle, stretch.most));
+                    line.push((middle, stretch.min));
+                    line.push((middle, stretch.max));
                 }
                 if stretch.count > 1 {
                     line.push((stretch.end, stretch.last));
@@ -130,9 +131,9 @@ impl Series {
     }
 }
 
-fn merged(stretches: &[Stretch]) -> Vec<Stretch> {
+fn merge_pairs(stretches: &[TimeBucket]) -> Vec<TimeBucket> {
     stretches
         .chunks(2)
-        .map(|pair| pair.iter().fold(Stretch::default(), |a, b| a.with(*b)))
+        .map(|pair| pair.iter().fold(TimeBucket::default(), |a, b| a.merge(*b)))
         .collect()
 }

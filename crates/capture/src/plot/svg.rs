@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
-use super::{Panel, scale};
+use super::{PlotPanel, scale};
 use crate::date;
-use crate::stamp::Stamp;
+use crate::timestamp::Timestamp;
 
 const WIDTH: f64 = 960.0;
 const LEFT: f64 = 84.0;
@@ -14,12 +14,12 @@ const HEIGHT: f64 = 180.0;
 const BETWEEN: f64 = 40.0;
 const FOOT: f64 = 46.0;
 /// Stretches of time that a line is drawn with: two for each unit of width.
-const STRETCHES: usize = 1800;
+const BUCKETS: usize = 1800;
 /// Colours that people tell apart who see fewer of them (Okabe and Ito, 2008).
 const COLOURS: [&str; 7] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
 
-pub(super) fn draw(panels: &[Panel<'_>], span: (u64, u64), first: Option<Stamp>) -> String {
+pub(super) fn draw(panels: &[PlotPanel<'_>], span: (u64, u64), first: Option<Timestamp>) -> String {
     let step = HEIGHT + BETWEEN;
     let height = TOP + step * panels.len() as f64 - BETWEEN + FOOT;
     let mut out = format!(
@@ -28,9 +28,10 @@ pub(super) fn draw(panels: &[Panel<'_>], span: (u64, u64), first: Option<Stamp>)
          <rect width=\"{WIDTH}\" height=\"{height}\" fill=\"#ffffff\"/>\n"
     );
     for (number, panel) in panels.iter().enumerate() {
-        one(panel, span, TOP + step * number as f64, number + 1 == panels.len(), &mut out);
+        draw_panel(panel, span, TOP + step * number as f64, number + 1 == panels.len(), &mut out);
     }
-    let since = first.map_or_else(String::new, |first| format!(" since {}", date::shown(first)));
+    let since =
+        first.map_or_else(String::new, |first| format!(" since {}", date::format_utc(first)));
     let (x, y) = (LEFT + (WIDTH - LEFT - RIGHT) / 2.0, height - 8.0);
     let _ = writeln!(
         out,
@@ -40,7 +41,13 @@ pub(super) fn draw(panels: &[Panel<'_>], span: (u64, u64), first: Option<Stamp>)
     out
 }
 
-fn one(panel: &Panel<'_>, (begin, end): (u64, u64), top: f64, last: bool, out: &mut String) {
+fn draw_panel(
+    panel: &PlotPanel<'_>,
+    (begin, end): (u64, u64),
+    top: f64,
+    last: bool,
+    out: &mut String,
+) {
     let wide = WIDTH - LEFT - RIGHT;
     let (least, most) = panel.range;
     let x_of = |ns: f64| LEFT + (ns - begin as f64) / (end - begin) as f64 * wide;
@@ -73,11 +80,11 @@ fn one(panel: &Panel<'_>, (begin, end): (u64, u64), top: f64, last: bool, out: &
         "<rect x=\"{LEFT}\" y=\"{top}\" width=\"{wide}\" height=\"{HEIGHT}\" fill=\"none\" \
          stroke=\"#888888\"/>"
     );
-    heads(panel, top, out);
+    draw_heading(panel, top, out);
     for (number, (_, series)) in panel.lines.iter().enumerate() {
         let colour = COLOURS[number % COLOURS.len()];
         let mut path = String::new();
-        for line in series.lines(STRETCHES) {
+        for line in series.lines(BUCKETS) {
             for (n, (time, value)) in line.iter().enumerate() {
                 let (x, y) = (x_of(*time as f64), y_of(*value));
                 let _ = write!(path, "{}{x:.1} {y:.1}", if n == 0 { 'M' } else { 'L' });
@@ -94,9 +101,9 @@ fn one(panel: &Panel<'_>, (begin, end): (u64, u64), top: f64, last: bool, out: &
 }
 
 /// The signal's name, and at the right whose line has which colour.
-fn heads(panel: &Panel<'_>, top: f64, out: &mut String) {
+fn draw_heading(panel: &PlotPanel<'_>, top: f64, out: &mut String) {
     const LETTER: f64 = 7.0;
-    let (y, title) = (top - 8.0, escaped(&panel.title));
+    let (y, title) = (top - 8.0, escape_markup(&panel.title));
     let _ = writeln!(out, "<text x=\"{LEFT}\" y=\"{y}\" font-weight=\"bold\">{title}</text>");
     let mut x = WIDTH - RIGHT;
     for (number, (name, _)) in panel.lines.iter().enumerate().rev() {
@@ -104,12 +111,12 @@ fn heads(panel: &Panel<'_>, top: f64, out: &mut String) {
         let _ = writeln!(
             out,
             "<text x=\"{x:.1}\" y=\"{y}\" text-anchor=\"end\" fill=\"{colour}\">{}</text>",
-            escaped(name)
+            escape_markup(name)
         );
         x -= name.chars().count() as f64 * LETTER + 12.0;
     }
 }
 
-fn escaped(text: &str) -> String {
+fn escape_markup(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::{Panel, scale};
+use super::{PlotPanel, scale};
 
 /// Cells that labels of values take.
 const LABELS: usize = 11;
@@ -25,35 +25,40 @@ struct Canvas {
     cells: Vec<(u32, usize)>,
 }
 
-pub(super) fn draw(panels: &[Panel<'_>], span: (u64, u64), width: usize, colour: bool) -> String {
+pub(super) fn draw(
+    panels: &[PlotPanel<'_>],
+    span: (u64, u64),
+    width: usize,
+    colour: bool,
+) -> String {
     let columns = width.saturating_sub(LABELS + 2).max(COLUMNS_MIN);
     let rows = if panels.len() == 1 { ROWS_ALONE } else { ROWS };
     let mut out = String::new();
     for panel in panels {
-        title(panel, colour, &mut out);
+        draw_title(panel, colour, &mut out);
         let mut canvas = Canvas::new(columns, rows);
         for (number, (_, series)) in panel.lines.iter().enumerate() {
             // A stretch for each column of dots.
             for line in series.lines(columns * 2) {
-                canvas.line(&line, span, panel.range, number);
+                canvas.draw_line(&line, span, panel.range, number);
             }
         }
-        canvas.show(panel.range, colour, &mut out);
+        canvas.render(panel.range, colour, &mut out);
     }
-    foot(span, columns, &mut out);
+    draw_time_axis(span, columns, &mut out);
     out
 }
 
-fn title(panel: &Panel<'_>, colour: bool, out: &mut String) {
+fn draw_title(panel: &PlotPanel<'_>, colour: bool, out: &mut String) {
     let _ = write!(out, "{:LABELS$}  {}", "", panel.title);
     for (number, (name, _)) in panel.lines.iter().enumerate() {
-        let (open, close) = paint(number, colour);
+        let (open, close) = colour_codes(number, colour);
         let _ = write!(out, "  {open}{name}{close}");
     }
     out.push('\n');
 }
 
-fn paint(number: usize, colour: bool) -> (String, &'static str) {
+fn colour_codes(number: usize, colour: bool) -> (String, &'static str) {
     match colour {
         true => (format!("\x1b[{}m", COLOURS[number % COLOURS.len()]), "\x1b[0m"),
         false => (String::new(), ""),
@@ -61,7 +66,7 @@ fn paint(number: usize, colour: bool) -> (String, &'static str) {
 }
 
 /// The axis of time, in seconds since the capture began.
-fn foot((begin, end): (u64, u64), columns: usize, out: &mut String) {
+fn draw_time_axis((begin, end): (u64, u64), columns: usize, out: &mut String) {
     let range = (begin as f64 / 1e9, end as f64 / 1e9);
     let (ticks, decimals) = scale::ticks(range, columns / 14);
     let (mut line, mut labels) = (vec!['─'; columns], vec![' '; columns + LABELS]);
@@ -88,7 +93,7 @@ impl Canvas {
         Self { columns, rows, cells: vec![(0, 0); columns * rows] }
     }
 
-    fn line(
+    fn draw_line(
         &mut self,
         points: &[(u64, f64)],
         (begin, end): (u64, u64),
@@ -104,30 +109,30 @@ impl Canvas {
         let mut before = None;
         for point in points {
             let here = dot(*point);
-            self.between(before.unwrap_or(here), here, number);
+            self.draw_segment(before.unwrap_or(here), here, number);
             before = Some(here);
         }
     }
 
-    fn between(&mut self, (x, y): (i64, i64), (to_x, to_y): (i64, i64), number: usize) {
+    fn draw_segment(&mut self, (x, y): (i64, i64), (to_x, to_y): (i64, i64), number: usize) {
         let steps = (to_x - x).abs().max((to_y - y).abs());
         for step in 0..=steps {
             let part = |from: i64, to: i64| {
                 let moved = (to - from) as f64 * step as f64 / steps.max(1) as f64;
                 from + moved.round() as i64
             };
-            self.dot(part(x, to_x), part(y, to_y), number);
+            self.set_dot(part(x, to_x), part(y, to_y), number);
         }
     }
 
-    fn dot(&mut self, x: i64, y: i64, number: usize) {
+    fn set_dot(&mut self, x: i64, y: i64, number: usize) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
         if let Some(cell) = self.cells.get_mut(y / 4 * self.columns + x / 2) {
             *cell = (cell.0 | DOTS[x % 2][y % 4], number);
         }
     }
 
-    fn show(&self, range: (f64, f64), colour: bool, out: &mut String) {
+    fn render(&self, range: (f64, f64), colour: bool, out: &mut String) {
         let (ticks, decimals) = scale::ticks(range, self.rows / 3);
         let row_of = |tick: f64| {
             let share = (range.1 - tick) / (range.1 - range.0);
@@ -144,7 +149,9 @@ impl Canvas {
                 let wanted = Some(*line).filter(|_| colour && *dots > 0);
                 if wanted != lit {
                     out.push_str(if lit.is_some() { "\x1b[0m" } else { "" });
-                    out.push_str(&wanted.map_or_else(String::new, |line| paint(line, true).0));
+                    out.push_str(
+                        &wanted.map_or_else(String::new, |line| colour_codes(line, true).0),
+                    );
                     lit = wanted;
                 }
                 out.push(match dots {

@@ -2,11 +2,11 @@
 
 use super::{Plot, Series, scale};
 use crate::filter::Glob;
-use crate::made::{Made, signal};
+use crate::fixtures::{FixtureCapture, signal};
 
 /// A sine on axis 2 with a spike, and a step on axis 3, with a pause between.
 fn plot(wanted: &[&str]) -> Plot {
-    let mut made = Made::default();
+    let mut made = FixtureCapture::default();
     let mut plot = Plot::new(wanted.iter().map(|glob| Glob::new(glob)).collect());
     for n in (0..400u64).filter(|n| !(200..260).contains(n)) {
         let sine = (n as f64 / 30.0).sin() * 50.0;
@@ -16,7 +16,7 @@ fn plot(wanted: &[&str]) -> Plot {
             signal(3, "Actual/Position", if n < 150 { 0.0 } else { 80.0 }),
             signal(2, "Actual/Velocity", 3.0),
         ];
-        made.frame(n * 10_000, (2, "TPDO1"), &told, &mut |event| plot.take(event));
+        made.next_frame(n * 10_000, (2, "TPDO1"), &told, &mut |event| plot.add_frame(event));
     }
     plot
 }
@@ -28,7 +28,7 @@ fn signals_are_chosen_by_pattern() {
     assert_eq!(plot(&["Actual/Velocity"]).series.len(), 1);
     let none = plot(&["3/Temp/*"]);
     assert!(none.is_empty());
-    let others: Vec<String> = none.others().collect();
+    let others: Vec<String> = none.other_signals().collect();
     assert_eq!(others, ["2/Actual/Position", "2/Actual/Velocity", "3/Actual/Position"]);
 }
 
@@ -37,7 +37,7 @@ fn a_spike_among_a_million_values_is_kept() {
     let mut series = Series::new("mm");
     for n in 0..1_000_000u64 {
         let value = if n == 654_321 { 1e3 } else { (n % 10) as f64 };
-        series.take(n * 1_000_000, value);
+        series.add(n * 1_000_000, value);
     }
     let lines = series.lines(800);
     assert_eq!(lines.len(), 1);
@@ -82,6 +82,6 @@ fn svg_is_whole() {
 fn ticks_are_round() {
     assert_eq!(scale::ticks((-2.2, 11.0), 4), (vec![0.0, 5.0, 10.0], 0));
     assert_eq!(scale::ticks((0.0, 0.01), 5), (vec![0.0, 0.002, 0.004, 0.006, 0.008, 0.01], 3));
-    assert_eq!(scale::around([(3.0, 3.0)].into_iter()), (1.5, 4.5));
+    assert_eq!(scale::padded_range([(3.0, 3.0)].into_iter()), (1.5, 4.5));
     assert_eq!(scale::label(-0.0001, 1), "0.0");
 }

@@ -2,113 +2,123 @@
 
 use polepair_core::explain::Direction;
 
-use super::Bad;
-use super::lines::Line;
+use super::ReadError;
+use super::lines::LineFormat;
 use crate::date;
-use crate::record::{ErrorFrame, ID_MASK, Record, STANDARD_MAX, Shape, classic, fd_length};
-use crate::stamp::Stamp;
+use crate::record::{
+    CanErrorFrame, CanRecord, ID_MASK, Record, STANDARD_MAX, classic_frame, fd_len_from_dlc,
+};
+use crate::timestamp::Timestamp;
 
 /// Bytes that a CAN FD frame may have.
 const FD_MAX: usize = 64;
 
 /// The reader of such lines.
 #[derive(Debug, Default)]
-pub(super) struct Asc {
-    begin: Stamp,
+pub(super) struct AscReader {
+    start_time: Timestamp,
     decimal: bool,
     /// Times count from the line before.
     relative: bool,
-    last: u64,
+    last_offset: u64,
     link: String,
     bytes: Vec<u8>,
 }
 
-impl Line for Asc {
-    fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad> {
+impl LineFormat for AscReader {
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError> {
         let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line).trim_ascii();
         if !line.first().is_some_and(|c| c.is_ascii_digit() || *c == b'-') {
-            self.header(&String::from_utf8_lossy(line));
+            self.parse_header(&String::from_utf8_lossy(line));
             return Ok(None);
         }
-        let line = std::str::from_utf8(line).map_err(|_| Bad("the line is not text"))?;
+        let line = std::str::from_utf8(line).map_err(|_| ReadError("the line is not text"))?;
         let mut words = line.split_ascii_whitespace();
-        let time = words.next().and_then(|word| self.time(word)).ok_or(Bad("expected a time"))?;
-        let Some(data) = self.event(&mut words)? else { return Ok(None) };
+        let time = words
+            .next()
+            .and_then(|word| self.parse_time(word))
+            .ok_or(ReadError("expected a time"))?;
+        let Some(data) = self.parse_event(&mut words)? else { return Ok(None) };
         let (channel, direction, shape) = data;
         self.link.clear();
         // Vector counts channels from 1, Linux its interfaces from 0.
         let _ = std::fmt::Write::write_fmt(&mut self.link, format_args!("can{}", channel - 1));
-        let data = shape.with(&self.bytes);
-        Ok(Some(Record { time: Some(time), link: &self.link, direction, data, at: 0 }))
+        let data = shape.with_bytes(&self.bytes);
+        Ok(Some(Record { time: Some(time), link: &self.link, direction, data, offset: 0 }))
     }
 }
 
-type Event = (u32, Option<Direction>, Shape);
+type AscEvent = (u32, Option<Direction>, CanRecord);
 
-impl Asc {
-    fn header(&mut self, line: &str) {
+impl AscReader {
+    fn parse_header(&mut self, line: &str) {
         let lower = line.to_ascii_lowercase();
         if let Some(date) = lower.strip_prefix("date ") {
-            self.begin = date::in_words(date).unwrap_or(self.begin);
+            self.start_time = date::parse_verbose(date).unwrap_or(self.start_time);
         } else if lower.starts_with("base ") {
             self.decimal = lower.contains("dec");
             self.relative = lower.contains("relative");
         }
     }
 
-    fn time(&mut self, word: &str) -> Option<Stamp> {
-        let since = Stamp::parse(word.as_bytes())?.0;
-        self.last = if self.relative { self.last.checked_add(since)? } else { since };
-        Some(Stamp(self.begin.0.checked_add(self.last)?))
+    fn parse_time(&mut self, word: &str) -> Option<Timestamp> {
+        let since = Timestamp::parse(word.as_bytes())?.0;
+        self.last_offset = if self.relative { self.last_offset.checked_add(since)? } else { since };
+        Some(Timestamp(self.start_time.0.checked_add(self.last_offset)?))
     }
 
     /// What follows the time; `None` for what is no frame: statistics, triggers, other buses.
-    fn event<'w>(
+    fn parse_event<'w>(
         &mut self,
         words: &mut impl Iterator<Item = &'w str>,
-    ) -> Result<Option<Event>, Bad> {
+    ) -> Result<Option<AscEvent>, ReadError> {
         let first = words.next().unwrap_or_default();
         if first == "CANFD" {
-            return self.fd(words).map(Some);
+            return self.parse_fd(words).map(Some);
         }
         let Ok(channel @ 1..) = first.parse::<u32>() else { return Ok(None) };
         let second = words.next().unwrap_or_default();
         if second.eq_ignore_ascii_case("ErrorFrame") {
-            let error = ErrorFrame { class: ErrorFrame::BUS_ERROR, ..ErrorFrame::default() };
-            return Ok(Some((channel, None, Shape::Error(error))));
+            let error =
+                CanErrorFrame { class: CanErrorFrame::BUS_ERROR, ..CanErrorFrame::default() };
+            return Ok(Some((channel, None, CanRecord::Error(error))));
         }
         let direction = words.next().unwrap_or_default();
         if !matches!(direction, "Rx" | "Tx" | "TxRq") {
             return Ok(None);
         }
-        let (id, extended) = self.id(second)?;
+        let (id, extended) = self.parse_id(second)?;
         let remote = match words.next() {
             Some("d") => false,
             Some("r") => true,
-            _ => return Err(Bad("expected d or r after the direction")),
+            _ => return Err(ReadError("expected d or r after the direction")),
         };
-        let count = words.next().map_or(Ok(0), |word| self.count(word));
+        let count = words.next().map_or(Ok(0), |word| self.parse_length(word));
         // A remote request may say no length.
         let count = if remote { count.unwrap_or(0) } else { count? };
         self.bytes.clear();
         if !remote {
-            self.bytes(count.min(8), words)?;
+            self.parse_bytes(count.min(8), words)?;
         }
-        let frame = classic(id, extended, remote, count.min(8) as u8, &self.bytes);
-        Ok(Some((channel, way(direction), Shape::Frame(frame))))
+        let frame = classic_frame(id, extended, remote, count.min(8) as u8, &self.bytes);
+        Ok(Some((channel, parse_direction(direction), CanRecord::Frame(frame))))
     }
 
     /// `CANFD channel Rx id [name] brs esi code length bytes…`, also for classic frames.
-    fn fd<'w>(&mut self, words: &mut impl Iterator<Item = &'w str>) -> Result<Event, Bad> {
+    fn parse_fd<'w>(
+        &mut self,
+        words: &mut impl Iterator<Item = &'w str>,
+    ) -> Result<AscEvent, ReadError> {
         let channel = words.next().and_then(|word| word.parse::<u32>().ok()).filter(|n| *n > 0);
-        let channel = channel.ok_or(Bad("expected a channel after CANFD"))?;
-        let direction = way(words.next().unwrap_or_default());
+        let channel = channel.ok_or(ReadError("expected a channel after CANFD"))?;
+        let direction = parse_direction(words.next().unwrap_or_default());
         let word = words.next().unwrap_or_default();
         if word.eq_ignore_ascii_case("ErrorFrame") {
-            let error = ErrorFrame { class: ErrorFrame::BUS_ERROR, ..ErrorFrame::default() };
-            return Ok((channel, direction, Shape::Error(error)));
+            let error =
+                CanErrorFrame { class: CanErrorFrame::BUS_ERROR, ..CanErrorFrame::default() };
+            return Ok((channel, direction, CanRecord::Error(error)));
         }
-        let (id, extended) = self.id(word)?;
+        let (id, extended) = self.parse_id(word)?;
         // A message's name may stand before the two flags.
         let mut flag = words.next().unwrap_or_default();
         if !matches!(flag, "0" | "1") {
@@ -116,51 +126,51 @@ impl Asc {
         }
         let esi = words.next().unwrap_or_default();
         let code = words.next().and_then(|word| u8::from_str_radix(word, 16).ok());
-        let code = code.ok_or(Bad("expected a length code"))?;
-        let count = words.next().map_or(Ok(0), |word| self.count(word))?;
+        let code = code.ok_or(ReadError("expected a length code"))?;
+        let count = words.next().map_or(Ok(0), |word| self.parse_length(word))?;
         self.bytes.clear();
-        self.bytes(count.min(FD_MAX), words)?;
+        self.parse_bytes(count.min(FD_MAX), words)?;
         if count == 0 && code > 0 {
             // Without bytes, a code says that they were not kept or that it is a remote request.
-            let frame = classic(id, extended, true, fd_length(code).min(8), &[]);
-            return Ok((channel, direction, Shape::Frame(frame)));
+            let frame = classic_frame(id, extended, true, fd_len_from_dlc(code).min(8), &[]);
+            return Ok((channel, direction, CanRecord::Frame(frame)));
         }
         let flags = u8::from(flag == "1") | u8::from(esi == "1") << 1;
-        Ok((channel, direction, Shape::Fd { id, extended, flags }))
+        Ok((channel, direction, CanRecord::Fd { id, extended, flags }))
     }
 
-    fn id(&self, word: &str) -> Result<(u32, bool), Bad> {
+    fn parse_id(&self, word: &str) -> Result<(u32, bool), ReadError> {
         let digits = word.strip_suffix(['x', 'X']);
         let radix = if self.decimal { 10 } else { 16 };
         let id = u32::from_str_radix(digits.unwrap_or(word), radix)
-            .map_err(|_| Bad("expected an identifier; names of messages are not read"))?;
+            .map_err(|_| ReadError("expected an identifier; names of messages are not read"))?;
         let extended = digits.is_some();
         let limit = if extended { ID_MASK } else { STANDARD_MAX };
-        if id > limit { Err(Bad("the identifier is too great")) } else { Ok((id, extended)) }
+        if id > limit { Err(ReadError("the identifier is too great")) } else { Ok((id, extended)) }
     }
 
     /// A length, which is hexadecimal as the other numbers are.
-    fn count(&self, word: &str) -> Result<usize, Bad> {
+    fn parse_length(&self, word: &str) -> Result<usize, ReadError> {
         let radix = if self.decimal || word.len() > 1 { 10 } else { 16 };
-        usize::from_str_radix(word, radix).map_err(|_| Bad("expected a length"))
+        usize::from_str_radix(word, radix).map_err(|_| ReadError("expected a length"))
     }
 
-    fn bytes<'w>(
+    fn parse_bytes<'w>(
         &mut self,
         count: usize,
         words: &mut impl Iterator<Item = &'w str>,
-    ) -> Result<(), Bad> {
+    ) -> Result<(), ReadError> {
         let radix = if self.decimal { 10 } else { 16 };
         for _ in 0..count {
-            let word = words.next().ok_or(Bad("it has fewer bytes than its length says"))?;
-            let byte = u8::from_str_radix(word, radix).map_err(|_| Bad("expected bytes"))?;
+            let word = words.next().ok_or(ReadError("it has fewer bytes than its length says"))?;
+            let byte = u8::from_str_radix(word, radix).map_err(|_| ReadError("expected bytes"))?;
             self.bytes.push(byte);
         }
         Ok(())
     }
 }
 
-fn way(word: &str) -> Option<Direction> {
+fn parse_direction(word: &str) -> Option<Direction> {
     match word {
         "Rx" => Some(Direction::ToHost),
         "Tx" => Some(Direction::ToDrive),

@@ -4,10 +4,10 @@
 use flate2::{Decompress, FlushDecompress, Status};
 use polepair_core::explain::Direction;
 
-use super::{BLOCK_MAX, Bad, Damage, Place, Source, Taker};
+use super::{BLOCK_MAX, CapturePosition, Damage, FormatReader, ReadError, RecordSink};
 use crate::date;
-use crate::record::{EXTENDED_FLAG, ErrorFrame, ID_MASK, Record, Shape, classic};
-use crate::stamp::Stamp;
+use crate::record::{CanErrorFrame, CanRecord, EXTENDED_FLAG, ID_MASK, Record, classic_frame};
+use crate::timestamp::Timestamp;
 
 /// Every object begins with these.
 pub(crate) const SIGNATURE: &[u8; 4] = b"LOBJ";
@@ -49,144 +49,153 @@ pub(crate) const REMOTE: u8 = 0x80;
 
 /// The reader of such files.
 #[derive(Debug, Default)]
-pub(super) struct Blf {
-    begin: Option<Stamp>,
+pub(super) struct BlfReader {
+    start_time: Option<Timestamp>,
     /// Bytes of the file taken so far.
-    taken: u64,
+    offset: u64,
     /// Unpacked bytes of an object that goes on in the next container.
     tail: Vec<u8>,
-    lost: bool,
+    resyncing: bool,
     /// Containers are not unpacked, but what they say that they unpack to is added up.
-    weighs: Option<u64>,
+    size_only: Option<u64>,
 }
 
 /// What the containers of a file unpack to, by their own word, which is held to when they are unpacked.
-pub(super) fn weight(bytes: &[u8]) -> u64 {
-    let mut blf = Blf { weighs: Some(0), ..Blf::default() };
-    blf.read(bytes, true, &mut Nobody);
-    blf.weighs.unwrap_or(0)
+pub(super) fn unpacked_size(bytes: &[u8]) -> u64 {
+    let mut blf = BlfReader { size_only: Some(0), ..BlfReader::default() };
+    blf.read(bytes, true, &mut NullSink);
+    blf.size_only.unwrap_or(0)
 }
 
 /// Takes nothing.
-struct Nobody;
+struct NullSink;
 
-impl Taker for Nobody {
-    fn record(&mut self, _: &Record<'_>) {}
-    fn damage(&mut self, _: Damage) {}
+impl RecordSink for NullSink {
+    fn handle_record(&mut self, _: &Record<'_>) {}
+    fn handle_damage(&mut self, _: Damage) {}
 }
 
 /// The first header of an object.
 #[derive(Clone, Copy)]
-struct Head {
-    head: usize,
+struct ObjectHeader {
+    header_len: usize,
     version: u16,
     size: usize,
     kind: u32,
 }
 
-impl Head {
-    fn read(bytes: &[u8]) -> Option<Self> {
+impl ObjectHeader {
+    fn parse(bytes: &[u8]) -> Option<Self> {
         let version = u16_at(bytes, 6)?;
         let head = usize::from(u16_at(bytes, 4)?);
         let (size, kind) = (u32_at(bytes, 8)? as usize, u32_at(bytes, 12)?);
         let sound = bytes.starts_with(SIGNATURE) && head >= OBJECT_HEAD && size >= head;
-        (sound && size <= BLOCK_MAX).then_some(Self { head, version, size, kind })
+        (sound && size <= BLOCK_MAX).then_some(Self { header_len: head, version, size, kind })
     }
 }
 
-impl Source for Blf {
-    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> usize {
+impl FormatReader for BlfReader {
+    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn RecordSink) -> usize {
         let mut used = 0;
-        if self.begin.is_none() {
-            match self.open(bytes) {
+        if self.start_time.is_none() {
+            match self.read_file_header(bytes) {
                 Some(count) => used = count,
                 None if ended => {
-                    self.damage("the file's header is cut off or damaged", taker);
+                    self.report_damage("the file's header is cut off or damaged", taker);
                     return bytes.len();
                 }
                 None => return 0,
             }
-            self.taken = used as u64;
+            self.offset = used as u64;
         }
-        while let Some(step) = self.object(&bytes[used..], ended, taker) {
+        while let Some(step) = self.read_object(&bytes[used..], ended, taker) {
             used += step;
-            self.taken += step as u64;
+            self.offset += step as u64;
         }
         if ended && !self.tail.is_empty() {
             self.tail.clear();
-            self.damage("the last object is cut off", taker);
+            self.report_damage("the last object is cut off", taker);
         }
         used
     }
 }
 
-impl Blf {
+impl BlfReader {
     /// Takes the file's header. One that tells no time counts from 0.
-    fn open(&mut self, bytes: &[u8]) -> Option<usize> {
+    fn read_file_header(&mut self, bytes: &[u8]) -> Option<usize> {
         let size = (u32_at(bytes, 4)? as usize).clamp(BEGIN_AT + 16, 4096);
         let header = bytes.get(..size)?;
         let word = |n: usize| u16_at(header, BEGIN_AT + 2 * n).unwrap_or(0);
         let (date, time) = ([word(0), word(1), word(3)], [word(4), word(5), word(6)]);
-        let begin = date::moment(date, time, u32::from(word(7).min(999)) * 1_000_000);
-        self.begin = Some(begin.unwrap_or(Stamp(0)));
+        let begin = date::from_calendar(date, time, u32::from(word(7).min(999)) * 1_000_000);
+        self.start_time = Some(begin.unwrap_or(Timestamp(0)));
         Some(size)
     }
 
     /// Takes one object of the file, or what is lost; `None` when more bytes are needed.
-    fn object(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> Option<usize> {
+    fn read_object(
+        &mut self,
+        bytes: &[u8],
+        ended: bool,
+        taker: &mut dyn RecordSink,
+    ) -> Option<usize> {
         if bytes.len() < OBJECT_HEAD {
-            return self.end(bytes, ended, taker);
+            return self.read_end(bytes, ended, taker);
         }
-        let Some(head) = Head::read(bytes) else { return Some(self.skip(bytes, taker)) };
-        let Some(object) = bytes.get(..head.size) else { return self.end(bytes, ended, taker) };
-        self.lost = false;
+        let Some(head) = ObjectHeader::parse(bytes) else {
+            return Some(self.skip_damage(bytes, taker));
+        };
+        let Some(object) = bytes.get(..head.size) else {
+            return self.read_end(bytes, ended, taker);
+        };
+        self.resyncing = false;
         match head.kind {
-            kind::CONTAINER => self.container(&object[head.head..], taker),
-            _ => self.event(object, head, taker),
+            kind::CONTAINER => self.read_container(&object[head.header_len..], taker),
+            _ => self.read_frame(object, head, taker),
         }
         Some(head.size)
     }
 
     /// Passes over padding, or over what is no object, to where the next may begin.
-    fn skip(&mut self, bytes: &[u8], taker: &mut dyn Taker) -> usize {
+    fn skip_damage(&mut self, bytes: &[u8], taker: &mut dyn RecordSink) -> usize {
         let next = memchr::memmem::find(&bytes[1..], SIGNATURE).map(|at| at + 1);
         let padding = next.is_some_and(|at| at < PADDING_MAX) && !bytes.starts_with(SIGNATURE);
-        if !padding && !core::mem::replace(&mut self.lost, true) {
-            self.damage("the object's header is damaged", taker);
+        if !padding && !core::mem::replace(&mut self.resyncing, true) {
+            self.report_damage("the object's header is damaged", taker);
         }
         next.unwrap_or(bytes.len() - SIGNATURE.len() + 1)
     }
 
-    fn end(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> Option<usize> {
+    fn read_end(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn RecordSink) -> Option<usize> {
         if !ended || bytes.is_empty() {
             return None;
         }
         // What is shorter than a signature may be padding.
-        if !self.lost && bytes.len() >= SIGNATURE.len() {
-            self.damage("the last object is cut off", taker);
-            self.rescue(bytes, taker);
+        if !self.resyncing && bytes.len() >= SIGNATURE.len() {
+            self.report_damage("the last object is cut off", taker);
+            self.salvage_container(bytes, taker);
         }
         Some(bytes.len())
     }
 
     /// What a container that is cut off still holds.
-    fn rescue(&mut self, bytes: &[u8], taker: &mut dyn Taker) {
-        if let Some(head) = Head::read(bytes).filter(|head| head.kind == kind::CONTAINER) {
-            let rest = bytes.get(head.head..).unwrap_or_default();
-            self.unpack(rest, taker);
+    fn salvage_container(&mut self, bytes: &[u8], taker: &mut dyn RecordSink) {
+        if let Some(head) = ObjectHeader::parse(bytes).filter(|head| head.kind == kind::CONTAINER) {
+            let rest = bytes.get(head.header_len..).unwrap_or_default();
+            self.unpack_container(rest, taker);
             self.tail.clear();
         }
     }
 
-    fn container(&mut self, body: &[u8], taker: &mut dyn Taker) {
-        if !self.unpack(body, taker) {
-            self.damage("the container cannot be unpacked to its end", taker);
+    fn read_container(&mut self, body: &[u8], taker: &mut dyn RecordSink) {
+        if !self.unpack_container(body, taker) {
+            self.report_damage("the container cannot be unpacked to its end", taker);
             self.tail.clear();
         }
     }
 
     /// Unpacks a container and takes the objects that are whole. False when it is damaged.
-    fn unpack(&mut self, body: &[u8], taker: &mut dyn Taker) -> bool {
+    fn unpack_container(&mut self, body: &[u8], taker: &mut dyn RecordSink) -> bool {
         let (Some(method), Some(size)) = (u16_at(body, 0), u32_at(body, 8)) else { return false };
         let packed = body.get(CONTAINER_HEAD..).unwrap_or_default();
         let mut plain = core::mem::take(&mut self.tail);
@@ -195,143 +204,161 @@ impl Blf {
                 plain.extend_from_slice(packed);
                 true
             }
-            DEFLATE => match &mut self.weighs {
+            DEFLATE => match &mut self.size_only {
                 Some(weight) => {
-                    *weight += unpacked(packed, size).unwrap_or(0) as u64;
+                    *weight += checked_size(packed, size).unwrap_or(0) as u64;
                     return true;
                 }
                 None => inflate(packed, size, &mut plain),
             },
             _ => false,
         };
-        let used = self.objects(&plain, taker);
+        let used = self.read_objects(&plain, taker);
         plain.drain(..used);
         self.tail = plain;
         whole
     }
 
     /// Takes the whole objects of an unpacked container.
-    fn objects(&mut self, bytes: &[u8], taker: &mut dyn Taker) -> usize {
+    fn read_objects(&mut self, bytes: &[u8], taker: &mut dyn RecordSink) -> usize {
         let mut used = 0;
         loop {
             let rest = &bytes[used..];
             if rest.len() < OBJECT_HEAD {
                 return used;
             }
-            let Some(head) = Head::read(rest) else {
-                used += self.skip(rest, taker);
+            let Some(head) = ObjectHeader::parse(rest) else {
+                used += self.skip_damage(rest, taker);
                 continue;
             };
             let Some(object) = rest.get(..head.size) else { return used };
-            self.lost = false;
-            self.event(object, head, taker);
+            self.resyncing = false;
+            self.read_frame(object, head, taker);
             used += head.size;
         }
     }
 
-    fn event(&self, object: &[u8], head: Head, taker: &mut dyn Taker) {
-        let Some(shape) = kind_of(head.kind) else { return };
-        let body = object.get(head.head..).unwrap_or_default();
-        match self.time(object, head).zip(shape(body)) {
-            Some((time, Found { channel, sent, shape, bytes })) => {
+    fn read_frame(&self, object: &[u8], head: ObjectHeader, taker: &mut dyn RecordSink) {
+        let Some(shape) = body_parser(head.kind) else { return };
+        let body = object.get(head.header_len..).unwrap_or_default();
+        match self.object_time(object, head).zip(shape(body)) {
+            Some((time, BlfFrame { channel, sent, record: shape, bytes })) => {
                 let mut name = [0; 16];
-                let link = link(channel, &mut name);
+                let link = link_name(channel, &mut name);
                 let direction = sent.map(|sent| match sent {
                     true => Direction::ToDrive,
                     false => Direction::ToHost,
                 });
-                taker.record(&Record {
+                taker.handle_record(&Record {
                     time: Some(time),
                     link,
                     direction,
-                    data: shape.with(bytes),
-                    at: self.taken,
+                    data: shape.with_bytes(bytes),
+                    offset: self.offset,
                 });
             }
-            None => self.damage("the object is shorter than its kind", taker),
+            None => self.report_damage("the object is shorter than its kind", taker),
         }
     }
 
-    fn time(&self, object: &[u8], head: Head) -> Option<Stamp> {
+    fn object_time(&self, object: &[u8], head: ObjectHeader) -> Option<Timestamp> {
         let flags = u32_at(object, OBJECT_HEAD)?;
         if !matches!(head.version, 1 | 2) {
             return None;
         }
         let ticks = u64::from_le_bytes(*object.get(OBJECT_HEAD + 8..)?.first_chunk()?);
         let ns = if flags == TENS_OF_MICROSECONDS { ticks.checked_mul(10_000)? } else { ticks };
-        Some(Stamp(self.begin?.0.checked_add(ns)?))
+        Some(Timestamp(self.start_time?.0.checked_add(ns)?))
     }
 
-    fn damage(&self, reason: &'static str, taker: &mut dyn Taker) {
-        taker.damage(Damage { place: Place::Byte(self.taken), reason: Bad(reason) });
+    fn report_damage(&self, reason: &'static str, taker: &mut dyn RecordSink) {
+        taker.handle_damage(Damage {
+            position: CapturePosition::Byte(self.offset),
+            reason: ReadError(reason),
+        });
     }
 }
 
 /// What an object says.
-struct Found<'a> {
+struct BlfFrame<'a> {
     channel: u16,
     sent: Option<bool>,
-    shape: Shape,
+    record: CanRecord,
     bytes: &'a [u8],
 }
 
-type Parse = fn(&[u8]) -> Option<Found<'_>>;
+type BodyParser = fn(&[u8]) -> Option<BlfFrame<'_>>;
 
 /// How an object of that kind is read; `None` for what is no traffic.
-fn kind_of(kind: u32) -> Option<Parse> {
+fn body_parser(kind: u32) -> Option<BodyParser> {
     match kind {
-        kind::MESSAGE | kind::MESSAGE_2 => Some(message),
-        kind::ERROR | kind::ERROR_EXT => Some(error),
-        kind::FD => Some(fd),
-        kind::FD_64 => Some(fd_64),
+        kind::MESSAGE | kind::MESSAGE_2 => Some(parse_message),
+        kind::ERROR | kind::ERROR_EXT => Some(parse_error),
+        kind::FD => Some(parse_fd),
+        kind::FD_64 => Some(parse_fd_64),
         _ => None,
     }
 }
 
-fn message(body: &[u8]) -> Option<Found<'_>> {
+fn parse_message(body: &[u8]) -> Option<BlfFrame<'_>> {
     let (flags, len) = (*body.get(2)?, *body.get(3)?);
     let bytes = body.get(8..16)?;
-    let (id, extended) = identifier(u32_at(body, 4)?);
-    let shape = Shape::Frame(classic(id, extended, flags & REMOTE != 0, len, bytes));
-    Some(Found { channel: u16_at(body, 0)?, sent: Some(flags & SENT != 0), shape, bytes })
+    let (id, extended) = split_identifier(u32_at(body, 4)?);
+    let shape = CanRecord::Frame(classic_frame(id, extended, flags & REMOTE != 0, len, bytes));
+    Some(BlfFrame {
+        channel: u16_at(body, 0)?,
+        sent: Some(flags & SENT != 0),
+        record: shape,
+        bytes,
+    })
 }
 
-fn error(body: &[u8]) -> Option<Found<'_>> {
-    let error = ErrorFrame { class: ErrorFrame::BUS_ERROR, ..ErrorFrame::default() };
-    Some(Found { channel: u16_at(body, 0)?, sent: None, shape: Shape::Error(error), bytes: &[] })
+fn parse_error(body: &[u8]) -> Option<BlfFrame<'_>> {
+    let error = CanErrorFrame { class: CanErrorFrame::BUS_ERROR, ..CanErrorFrame::default() };
+    Some(BlfFrame {
+        channel: u16_at(body, 0)?,
+        sent: None,
+        record: CanRecord::Error(error),
+        bytes: &[],
+    })
 }
 
-fn fd(body: &[u8]) -> Option<Found<'_>> {
+fn parse_fd(body: &[u8]) -> Option<BlfFrame<'_>> {
     let (flags, code) = (*body.get(2)?, *body.get(3)?);
-    let (id, extended) = identifier(u32_at(body, 4)?);
+    let (id, extended) = split_identifier(u32_at(body, 4)?);
     let (fd, len) = (*body.get(13)?, *body.get(14)?);
     let bytes = body.get(20..)?.get(..usize::from(len.min(64)))?;
     let shape = match fd & 1 {
-        0 => Shape::Frame(classic(id, extended, flags & REMOTE != 0, code, bytes)),
-        _ => Shape::Fd { id, extended, flags: fd >> 1 & 3 },
+        0 => CanRecord::Frame(classic_frame(id, extended, flags & REMOTE != 0, code, bytes)),
+        _ => CanRecord::Fd { id, extended, flags: fd >> 1 & 3 },
     };
-    Some(Found { channel: u16_at(body, 0)?, sent: Some(flags & SENT != 0), shape, bytes })
+    Some(BlfFrame {
+        channel: u16_at(body, 0)?,
+        sent: Some(flags & SENT != 0),
+        record: shape,
+        bytes,
+    })
 }
 
-fn fd_64(body: &[u8]) -> Option<Found<'_>> {
+fn parse_fd_64(body: &[u8]) -> Option<BlfFrame<'_>> {
     let (channel, code, len) = (*body.first()?, *body.get(1)?, *body.get(2)?);
-    let (id, extended) = identifier(u32_at(body, 4)?);
+    let (id, extended) = split_identifier(u32_at(body, 4)?);
     let flags = u32_at(body, 12)?;
     let sent = *body.get(34)? == 1;
     let bytes = body.get(40..)?.get(..usize::from(len.min(64)))?;
     let shape = match flags >> 12 & 1 {
-        0 => Shape::Frame(classic(id, extended, flags & 0x10 != 0, code, bytes)),
-        _ => Shape::Fd { id, extended, flags: (flags >> 13 & 3) as u8 },
+        0 => CanRecord::Frame(classic_frame(id, extended, flags & 0x10 != 0, code, bytes)),
+        _ => CanRecord::Fd { id, extended, flags: (flags >> 13 & 3) as u8 },
     };
-    Some(Found { channel: u16::from(channel), sent: Some(sent), shape, bytes })
+    Some(BlfFrame { channel: u16::from(channel), sent: Some(sent), record: shape, bytes })
 }
 
-fn identifier(word: u32) -> (u32, bool) {
+fn split_identifier(word: u32) -> (u32, bool) {
     (word & ID_MASK, word & EXTENDED_FLAG != 0)
 }
 
 /// `can0` for Vector's channel 1.
-fn link(channel: u16, name: &mut [u8; 16]) -> &str {
+fn link_name(channel: u16, name: &mut [u8; 16]) -> &str {
     use std::io::Write as _;
     let mut rest = &mut name[..];
     // Sixteen bytes hold every such name.
@@ -341,14 +368,14 @@ fn link(channel: u16, name: &mut [u8; 16]) -> &str {
 }
 
 /// The bytes that a container says it unpacks to, where that can be and is let.
-fn unpacked(packed: &[u8], size: u32) -> Option<usize> {
+fn checked_size(packed: &[u8], size: u32) -> Option<usize> {
     let size = size as usize;
     (size <= CONTAINER_MAX && size <= packed.len() * RATIO_MAX).then_some(size)
 }
 
 /// Unpacks what is `size` bytes long. False when it is not, or the bytes are damaged.
 fn inflate(packed: &[u8], size: u32, plain: &mut Vec<u8>) -> bool {
-    let Some(size) = unpacked(packed, size) else { return false };
+    let Some(size) = checked_size(packed, size) else { return false };
     let mut inflater = Decompress::new(true);
     let before = plain.len();
     // Whatever is in it, no more than that comes out.

@@ -4,10 +4,10 @@
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 
-use super::Bad;
-use super::lines::Line;
-use crate::record::{ErrorFrame, ID_MASK, Record, STANDARD_MAX, Shape, classic};
-use crate::stamp::Stamp;
+use super::ReadError;
+use super::lines::LineFormat;
+use crate::record::{CanErrorFrame, CanRecord, ID_MASK, Record, STANDARD_MAX, classic_frame};
+use crate::timestamp::Timestamp;
 
 /// Columns that are read.
 const NAMES: [&str; 7] =
@@ -15,21 +15,21 @@ const NAMES: [&str; 7] =
 
 /// The reader of such lines.
 #[derive(Debug, Default)]
-pub(super) struct Csv {
+pub(super) struct CsvReader {
     /// Where each of the columns that are read stands, once the first line has told.
-    places: Option<[Option<usize>; NAMES.len()]>,
+    columns: Option<[Option<usize>; NAMES.len()]>,
     bytes: Vec<u8>,
 }
 
-impl Line for Csv {
-    fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad> {
-        let line = std::str::from_utf8(line).map_err(|_| Bad("the line is not text"))?;
+impl LineFormat for CsvReader {
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError> {
+        let line = std::str::from_utf8(line).map_err(|_| ReadError("the line is not text"))?;
         let line = line.trim_start_matches('\u{FEFF}').trim();
         if line.is_empty() {
             return Ok(None);
         }
-        let Some(places) = self.places else {
-            self.places = Some(header(line)?);
+        let Some(places) = self.columns else {
+            self.columns = Some(parse_header(line)?);
             return Ok(None);
         };
         let mut found = [""; NAMES.len()];
@@ -37,15 +37,22 @@ impl Line for Csv {
             *word = place.and_then(|at| line.split(',').nth(at)).unwrap_or_default().trim();
         }
         let [time, id, extended, remote, error, dlc, data] = found;
-        let time = Stamp::parse(time.as_bytes()).ok_or(Bad("expected seconds"))?;
-        let shape = self.shape(id, truth(extended), truth(remote), truth(error), dlc, data)?;
-        let data = shape.with(&self.bytes);
-        Ok(Some(Record { time: Some(time), link: "can0", direction: None, data, at: 0 }))
+        let time = Timestamp::parse(time.as_bytes()).ok_or(ReadError("expected seconds"))?;
+        let shape = self.parse_frame(
+            id,
+            parse_bool(extended),
+            parse_bool(remote),
+            parse_bool(error),
+            dlc,
+            data,
+        )?;
+        let data = shape.with_bytes(&self.bytes);
+        Ok(Some(Record { time: Some(time), link: "can0", direction: None, data, offset: 0 }))
     }
 }
 
-impl Csv {
-    fn shape(
+impl CsvReader {
+    fn parse_frame(
         &mut self,
         id: &str,
         extended: bool,
@@ -53,41 +60,43 @@ impl Csv {
         error: bool,
         dlc: &str,
         data: &str,
-    ) -> Result<Shape, Bad> {
+    ) -> Result<CanRecord, ReadError> {
         let id = id.strip_prefix("0x").unwrap_or(id);
-        let id = u32::from_str_radix(id, 16).map_err(|_| Bad("expected an identifier"))?;
-        let dlc = dlc.parse::<u8>().map_err(|_| Bad("expected a length"))?;
+        let id = u32::from_str_radix(id, 16).map_err(|_| ReadError("expected an identifier"))?;
+        let dlc = dlc.parse::<u8>().map_err(|_| ReadError("expected a length"))?;
         self.bytes.clear();
-        BASE64.decode_vec(data, &mut self.bytes).map_err(|_| Bad("the data is not base 64"))?;
+        BASE64
+            .decode_vec(data, &mut self.bytes)
+            .map_err(|_| ReadError("the data is not base 64"))?;
         if error {
-            let frame = classic(0, false, false, 8, &self.bytes);
-            let class = if id == 0 { ErrorFrame::BUS_ERROR } else { id & ID_MASK };
-            return Ok(Shape::Error(ErrorFrame { class, data: frame.data }));
+            let frame = classic_frame(0, false, false, 8, &self.bytes);
+            let class = if id == 0 { CanErrorFrame::BUS_ERROR } else { id & ID_MASK };
+            return Ok(CanRecord::Error(CanErrorFrame { class, data: frame.data }));
         }
         if id > if extended { ID_MASK } else { STANDARD_MAX } {
-            return Err(Bad("the identifier is too great"));
+            return Err(ReadError("the identifier is too great"));
         }
         if !remote && self.bytes.len() < usize::from(dlc) {
-            return Err(Bad("it has fewer bytes than its length says"));
+            return Err(ReadError("it has fewer bytes than its length says"));
         }
         self.bytes.truncate(usize::from(dlc));
         Ok(match dlc {
-            0..=8 => Shape::Frame(classic(id, extended, remote, dlc, &self.bytes)),
-            9..=64 => Shape::Fd { id, extended, flags: 0 },
-            _ => return Err(Bad("a CAN FD frame has at most 64 bytes")),
+            0..=8 => CanRecord::Frame(classic_frame(id, extended, remote, dlc, &self.bytes)),
+            9..=64 => CanRecord::Fd { id, extended, flags: 0 },
+            _ => return Err(ReadError("a CAN FD frame has at most 64 bytes")),
         })
     }
 }
 
-fn header(line: &str) -> Result<[Option<usize>; NAMES.len()], Bad> {
+fn parse_header(line: &str) -> Result<[Option<usize>; NAMES.len()], ReadError> {
     let place = |name: &str| line.split(',').position(|word| word.trim() == name);
     let places = NAMES.map(place);
     match places {
         [Some(_), Some(_), .., Some(_), Some(_)] => Ok(places),
-        _ => Err(Bad("the first line does not name timestamp, arbitration_id, dlc and data")),
+        _ => Err(ReadError("the first line does not name timestamp, arbitration_id, dlc and data")),
     }
 }
 
-fn truth(word: &str) -> bool {
+fn parse_bool(word: &str) -> bool {
     matches!(word, "1" | "True" | "true")
 }

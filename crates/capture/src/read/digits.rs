@@ -8,21 +8,21 @@ const LOW: u64 = 0x0F * ONES;
 const SMALL: u64 = 0x20 * ONES;
 
 /// A byte's uppermost bit where `low <= byte <= high`, for bytes below 80h.
-const fn between(bytes: u64, low: u8, high: u8) -> u64 {
+const fn in_range_mask(bytes: u64, low: u8, high: u8) -> u64 {
     let from = bytes + (0x80 - low as u64) * ONES;
     let beyond = bytes + (0x7F - high as u64) * ONES;
     from & !beyond & HIGH
 }
 
-const fn are_decimal(text: u64) -> bool {
-    between(text & !HIGH, b'0', b'9') & !text == HIGH
+const fn all_decimal(text: u64) -> bool {
+    in_range_mask(text & !HIGH, b'0', b'9') & !text == HIGH
 }
 
 /// Eight decimal digits.
 #[inline]
-pub(super) const fn decimal(text: [u8; 8]) -> Option<u64> {
+pub(super) const fn parse_decimal(text: [u8; 8]) -> Option<u64> {
     let text = u64::from_le_bytes(text);
-    if !are_decimal(text) {
+    if !all_decimal(text) {
         return None;
     }
     // Neighbours are joined: digits to pairs, pairs to fours, fours to the number.
@@ -33,10 +33,10 @@ pub(super) const fn decimal(text: [u8; 8]) -> Option<u64> {
 
 /// Eight hexadecimal digits, the first the uppermost.
 #[inline]
-pub(super) const fn hexadecimal(text: [u8; 8]) -> Option<u32> {
+pub(super) const fn parse_hex(text: [u8; 8]) -> Option<u32> {
     let text = u64::from_le_bytes(text);
     let lower = (text & !HIGH) | SMALL;
-    let digits = between(text & !HIGH, b'0', b'9') | between(lower, b'a', b'f');
+    let digits = in_range_mask(text & !HIGH, b'0', b'9') | in_range_mask(lower, b'a', b'f');
     if digits & !text != HIGH {
         return None;
     }
@@ -49,9 +49,9 @@ pub(super) const fn hexadecimal(text: [u8; 8]) -> Option<u32> {
 
 /// The first eight digits of a time stamp, and what they are in microseconds: the same for 100 s.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct High([u8; 8], u64);
+pub(super) struct StampPrefix([u8; 8], u64);
 
-impl Default for High {
+impl Default for StampPrefix {
     fn default() -> Self {
         Self(*b"00000000", 0)
     }
@@ -59,7 +59,7 @@ impl Default for High {
 
 /// Seconds and microseconds of `(1700000000.000500) `, as one number.
 #[inline]
-pub(super) fn stamp(text: &[u8; 20], known: &mut High) -> Option<u64> {
+pub(super) fn parse_stamp(text: &[u8; 20], known: &mut StampPrefix) -> Option<u64> {
     let [open, high @ .., _, _, _, _, _, _, _, _, _, _, _] = text;
     let [.., a, b, dot, m, n, o, p, q, r, close, space] = text;
     if [*open, *dot, *close, *space] != *b"(.) " {
@@ -67,38 +67,38 @@ pub(super) fn stamp(text: &[u8; 20], known: &mut High) -> Option<u64> {
     }
     // Ten digits of seconds and six of microseconds, split after the eighth.
     if *high != known.0 {
-        *known = High(*high, decimal(*high)? * 100_000_000);
+        *known = StampPrefix(*high, parse_decimal(*high)? * 100_000_000);
     }
-    Some(known.1 + decimal([*a, *b, *m, *n, *o, *p, *q, *r])?)
+    Some(known.1 + parse_decimal([*a, *b, *m, *n, *o, *p, *q, *r])?)
 }
 
 /// Bytes as hexadecimal digits up to the end of their line, at most sixteen, as a number of which the
 /// first is the highest; and how many digits.
 #[inline]
-pub(super) fn to_line_end(text: &[u8; 17]) -> Option<(u64, usize)> {
+pub(super) fn parse_hex_line(text: &[u8; 17]) -> Option<(u64, usize)> {
     let (eights, [last]) = text.as_chunks::<8>() else { return None };
     let [first, second] = eights else { return None };
     // Most frames have eight bytes.
     if *last == b'\n'
-        && let (Some(high), Some(low)) = (hexadecimal(*first), hexadecimal(*second))
+        && let (Some(high), Some(low)) = (parse_hex(*first), parse_hex(*second))
     {
         return Some((u64::from(high) << 32 | u64::from(low), 16));
     }
-    let mut count = before_newline(*first);
+    let mut count = newline_index(*first);
     if count == 8 {
-        count += before_newline(*second);
+        count += newline_index(*second);
     }
     if !count.is_multiple_of(2) || (count == 16 && *last != b'\n') {
         return None;
     }
-    let high = hexadecimal(filled(*first, count))?;
-    let low = hexadecimal(filled(*second, count.saturating_sub(8)))?;
+    let high = parse_hex(pad_with_zeros(*first, count))?;
+    let low = parse_hex(pad_with_zeros(*second, count.saturating_sub(8)))?;
     Some((u64::from(high) << 32 | u64::from(low), count))
 }
 
 /// Bytes in front of the first newline; eight if there is none.
 #[inline]
-const fn before_newline(text: [u8; 8]) -> usize {
+const fn newline_index(text: [u8; 8]) -> usize {
     let differs = u64::from_le_bytes(text) ^ (b'\n' as u64 * ONES);
     let zero = differs.wrapping_sub(ONES) & !differs & HIGH;
     (zero.trailing_zeros() / 8) as usize
@@ -106,14 +106,14 @@ const fn before_newline(text: [u8; 8]) -> usize {
 
 /// The first `count` characters, then zeros.
 #[inline]
-const fn filled(text: [u8; 8], count: usize) -> [u8; 8] {
+const fn pad_with_zeros(text: [u8; 8], count: usize) -> [u8; 8] {
     let mask = if count >= 8 { u64::MAX } else { (1 << (8 * count)) - 1 };
     ((u64::from_le_bytes(text) & mask) | ((b'0' as u64 * ONES) & !mask)).to_le_bytes()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{High, decimal, hexadecimal, stamp, to_line_end};
+    use super::{StampPrefix, parse_decimal, parse_hex, parse_hex_line, parse_stamp};
 
     /// Every byte in every place says what the standard library says.
     #[test]
@@ -125,8 +125,8 @@ mod tests {
                 let plain = text.iter().all(u8::is_ascii_alphanumeric);
                 let shown = std::str::from_utf8(&text).ok().filter(|_| plain);
                 let number = |radix| shown.and_then(|text| u64::from_str_radix(text, radix).ok());
-                assert_eq!(decimal(text), number(10), "{text:?}");
-                assert_eq!(hexadecimal(text).map(u64::from), number(16), "{text:?}");
+                assert_eq!(parse_decimal(text), number(10), "{text:?}");
+                assert_eq!(parse_hex(text).map(u64::from), number(16), "{text:?}");
             }
         }
     }
@@ -136,7 +136,7 @@ mod tests {
         let read = |text: &str| {
             let line = format!("{text}(1700000000.000500)");
             let line = line.as_bytes().first_chunk().expect("long enough");
-            to_line_end(line).map(|(data, count)| (data.to_be_bytes(), count))
+            parse_hex_line(line).map(|(data, count)| (data.to_be_bytes(), count))
         };
         assert_eq!(read("\n"), Some(([0; 8], 0)));
         assert_eq!(read("aB01\n"), Some(([0xAB, 1, 0, 0, 0, 0, 0, 0], 4)));
@@ -150,8 +150,8 @@ mod tests {
 
     #[test]
     fn stamps_of_seconds_and_microseconds() {
-        let mut high = High::default();
-        let mut read = |text| stamp(text, &mut high);
+        let mut high = StampPrefix::default();
+        let mut read = |text| parse_stamp(text, &mut high);
         assert_eq!(read(b"(1700000000.000500) "), Some(1_700_000_000_000_500));
         assert_eq!(read(b"(1700000099.999999) "), Some(1_700_000_099_999_999));
         assert_eq!(read(b"(1700000100.000000) "), Some(1_700_000_100_000_000));
@@ -160,7 +160,7 @@ mod tests {
             assert_eq!(read(text), None);
         }
         let zeros = b"(\0\0\0\0\0\0\0\x0000.000500) ";
-        assert_eq!(stamp(zeros, &mut High::default()), None);
+        assert_eq!(parse_stamp(zeros, &mut StampPrefix::default()), None);
         assert_eq!(read(b"(17000x0000.000500) "), None);
     }
 }

@@ -1,20 +1,20 @@
 //! Formats that have a line for each record.
 
-use super::{Bad, Damage, Place, Source, Taker};
+use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink};
 use crate::record::Record;
 
 /// Bytes that a line may have at most; a longer one is damaged.
 pub(crate) const LINE_MAX: usize = 1 << 16;
-pub(super) const TOO_LONG: Bad = Bad("it is longer than 65536 bytes");
+pub(super) const TOO_LONG: ReadError = ReadError("it is longer than 65536 bytes");
 
 /// Reads one line of a format.
-pub(super) trait Line: core::fmt::Debug + Send {
+pub(super) trait LineFormat: core::fmt::Debug + Send {
     /// What the line says; `None` for headers, comments and what is not traffic.
-    fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad>;
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError>;
 
     /// What the line at the head of these bytes says and how long it is with its end, where it has
     /// the form that nearly all have.
-    fn usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Record<'a>, usize)> {
+    fn parse_usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Record<'a>, usize)> {
         let _ = bytes;
         None
     }
@@ -22,71 +22,74 @@ pub(super) trait Line: core::fmt::Debug + Send {
 
 /// Cuts bytes into numbered lines.
 #[derive(Debug)]
-pub(super) struct Lines<L> {
+pub(super) struct LineReader<L> {
     format: L,
-    number: u64,
+    line_number: u64,
     /// Bytes in front of the line.
-    taken: u64,
+    offset: u64,
     /// The rest of this line is left out.
     skipping: bool,
 }
 
-impl<L: Line> Lines<L> {
+impl<L: LineFormat> LineReader<L> {
     pub(super) fn new(format: L) -> Self {
-        Self { format, number: 0, taken: 0, skipping: false }
+        Self { format, line_number: 0, offset: 0, skipping: false }
     }
 
-    fn take(&mut self, line: &[u8], taker: &mut dyn Taker) {
-        self.number += 1;
-        let read = if line.len() > LINE_MAX { Err(TOO_LONG) } else { self.format.line(line) };
+    fn read_line(&mut self, line: &[u8], taker: &mut dyn RecordSink) {
+        self.line_number += 1;
+        let read = if line.len() > LINE_MAX { Err(TOO_LONG) } else { self.format.parse_line(line) };
         match read {
             Ok(None) => {}
-            Ok(Some(record)) => taker.record(&Record { at: self.taken, ..record }),
-            Err(reason) => taker.damage(Damage { place: Place::Line(self.number), reason }),
+            Ok(Some(record)) => taker.handle_record(&Record { offset: self.offset, ..record }),
+            Err(reason) => taker.handle_damage(Damage {
+                position: CapturePosition::Line(self.line_number),
+                reason,
+            }),
         }
     }
 }
 
-impl<L: Line> Source for Lines<L> {
-    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> usize {
+impl<L: LineFormat> FormatReader for LineReader<L> {
+    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn RecordSink) -> usize {
         let mut used = 0;
         loop {
             let rest = &bytes[used..];
-            let usual = if self.skipping { None } else { self.format.usual(rest) };
+            let usual = if self.skipping { None } else { self.format.parse_usual(rest) };
             let len = if let Some((record, len)) = usual {
-                self.number += 1;
-                taker.record(&Record { at: self.taken, ..record });
+                self.line_number += 1;
+                taker.handle_record(&Record { offset: self.offset, ..record });
                 len
             } else {
                 let Some(end) = memchr::memchr(b'\n', rest) else { break };
                 match core::mem::take(&mut self.skipping) {
                     true => {}
-                    false => self.take(&rest[..end], taker),
+                    false => self.read_line(&rest[..end], taker),
                 }
                 end + 1
             };
-            self.taken += len as u64;
+            self.offset += len as u64;
             used += len;
         }
         let rest = &bytes[used..];
         if ended && !rest.is_empty() && !self.skipping {
-            self.take(rest, taker);
+            self.read_line(rest, taker);
         } else if rest.len() > LINE_MAX && !self.skipping {
-            self.take(rest, taker);
+            self.read_line(rest, taker);
             self.skipping = true;
         }
         if ended || self.skipping {
-            self.taken += rest.len() as u64;
+            self.offset += rest.len() as u64;
             return bytes.len();
         }
         used
     }
 
-    fn pass_over(&mut self, lines: u64, bytes: u64) -> bool {
+    fn skip_lines(&mut self, lines: u64, bytes: u64) -> bool {
         let between = !self.skipping;
         if between {
-            self.number += lines;
-            self.taken += bytes;
+            self.line_number += lines;
+            self.offset += bytes;
         }
         between
     }

@@ -2,9 +2,9 @@
 
 use pcap_parser::{PcapHeader, parse_pcap_header};
 
-use super::{Bad, Damage, Place, Source, Taker, linktype};
+use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink, link_type};
 use crate::record::Record;
-use crate::stamp::Stamp;
+use crate::timestamp::Timestamp;
 
 /// Bytes before a packet: seconds, fraction, bytes kept, bytes sent.
 const HEAD: usize = 16;
@@ -17,136 +17,151 @@ const LEAP_MAX_S: u32 = 86_400;
 
 /// The reader of such files.
 #[derive(Debug, Default)]
-pub(super) struct Pcap {
+pub(super) struct PcapReader {
     header: Option<PcapHeader>,
     /// Bytes taken so far.
-    taken: u64,
+    offset: u64,
     /// Seconds of the last packet.
-    last: Option<u32>,
+    last_seconds: Option<u32>,
     /// Looking for the next packet behind damage.
-    lost: bool,
+    resyncing: bool,
 }
 
 /// What stands before a packet.
 #[derive(Clone, Copy)]
-struct Head {
+struct PacketHeader {
     seconds: u32,
     fraction: u32,
-    kept: u32,
-    sent: u32,
+    captured_len: u32,
+    original_len: u32,
 }
 
-impl Source for Pcap {
-    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> usize {
+impl FormatReader for PcapReader {
+    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn RecordSink) -> usize {
         let mut used = 0;
         if self.header.is_none() {
-            match self.open(bytes, ended, taker) {
+            match self.read_file_header(bytes, ended, taker) {
                 0 => return if ended { bytes.len() } else { 0 },
                 count => used = count,
             }
         }
-        while let Some(step) = self.step(&bytes[used..], ended, taker) {
+        while let Some(step) = self.read_packet(&bytes[used..], ended, taker) {
             used += step;
-            self.taken += step as u64;
+            self.offset += step as u64;
         }
         used
     }
 }
 
-impl Pcap {
-    fn open(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> usize {
+impl PcapReader {
+    fn read_file_header(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn RecordSink) -> usize {
         if bytes.len() < FILE_HEAD {
             if ended && !bytes.is_empty() {
-                self.damage("the file's header is cut off", taker);
+                self.report_damage("the file's header is cut off", taker);
             }
             return 0;
         }
         match parse_pcap_header(bytes) {
             Ok((_, header)) => {
                 self.header = Some(header);
-                self.taken = FILE_HEAD as u64;
+                self.offset = FILE_HEAD as u64;
                 FILE_HEAD
             }
             Err(_) => {
-                self.damage("the file's header is damaged", taker);
+                self.report_damage("the file's header is damaged", taker);
                 0
             }
         }
     }
 
     /// Takes one packet, or what is lost; `None` when more bytes are needed.
-    fn step(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> Option<usize> {
+    fn read_packet(
+        &mut self,
+        bytes: &[u8],
+        ended: bool,
+        taker: &mut dyn RecordSink,
+    ) -> Option<usize> {
         let header = self.header.as_ref()?;
-        let Some(head) = self.head(bytes) else {
-            return self.end(bytes, ended, "the last packet is cut off", taker);
+        let Some(head) = self.parse_header(bytes) else {
+            return self.read_end(bytes, ended, "the last packet is cut off", taker);
         };
-        if !self.is_sound(head) || self.lost && !self.is_followed(bytes, head) {
-            if !core::mem::replace(&mut self.lost, true) {
-                self.damage("the packet's length or time is damaged", taker);
+        if !self.is_plausible(head) || self.resyncing && !self.has_next(bytes, head) {
+            if !core::mem::replace(&mut self.resyncing, true) {
+                self.report_damage("the packet's length or time is damaged", taker);
             }
             return Some(1);
         }
-        let size = HEAD + head.kept as usize;
+        let size = HEAD + head.captured_len as usize;
         let Some(packet) = bytes.get(HEAD..size) else {
-            return self.end(bytes, ended, "the last packet is cut off", taker);
+            return self.read_end(bytes, ended, "the last packet is cut off", taker);
         };
         let scale = if header.is_nanosecond_precision() { 1 } else { 1000 };
         let time = u64::from(head.seconds) * 1_000_000_000 + u64::from(head.fraction) * scale;
         let kind = header.network.0.cast_unsigned() & 0x03FF_FFFF;
-        match linktype::read(kind, packet) {
+        match link_type::parse_packet(kind, packet) {
             Ok((direction, data)) => {
-                let link = if kind == linktype::SERIAL { "serial0" } else { "can0" };
-                let (time, at) = (Some(Stamp(time)), self.taken);
-                taker.record(&Record { time, link, direction, data, at });
+                let link = if kind == link_type::SERIAL { "serial0" } else { "can0" };
+                let (time, at) = (Some(Timestamp(time)), self.offset);
+                taker.handle_record(&Record { time, link, direction, data, offset: at });
             }
-            Err(Bad(reason)) => self.damage(reason, taker),
+            Err(ReadError(reason)) => self.report_damage(reason, taker),
         }
-        self.last = Some(head.seconds);
-        self.lost = false;
+        self.last_seconds = Some(head.seconds);
+        self.resyncing = false;
         Some(size)
     }
 
-    fn head(&self, bytes: &[u8]) -> Option<Head> {
+    fn parse_header(&self, bytes: &[u8]) -> Option<PacketHeader> {
         let words = bytes.get(..HEAD)?.as_chunks::<4>().0;
         let big = self.header.as_ref()?.is_bigendian();
         let word = |n: usize| match big {
             true => u32::from_be_bytes(words[n]),
             false => u32::from_le_bytes(words[n]),
         };
-        Some(Head { seconds: word(0), fraction: word(1), kept: word(2), sent: word(3) })
+        Some(PacketHeader {
+            seconds: word(0),
+            fraction: word(1),
+            captured_len: word(2),
+            original_len: word(3),
+        })
     }
 
-    fn is_sound(&self, head: Head) -> bool {
+    fn is_plausible(&self, head: PacketHeader) -> bool {
         let nano = self.header.as_ref().is_some_and(PcapHeader::is_nanosecond_precision);
         let one = if nano { 1_000_000_000 } else { 1_000_000 };
         let near = |last: u32| last.abs_diff(head.seconds) < LEAP_MAX_S;
-        let sound = head.fraction < one && head.kept <= head.sent && head.sent <= PACKET_MAX;
-        sound && (!self.lost || head.kept > 0 && self.last.is_none_or(near))
+        let sound = head.fraction < one
+            && head.captured_len <= head.original_len
+            && head.original_len <= PACKET_MAX;
+        sound && (!self.resyncing || head.captured_len > 0 && self.last_seconds.is_none_or(near))
     }
 
     /// Whether another packet stands where this one would end, as far as can be seen.
-    fn is_followed(&self, bytes: &[u8], head: Head) -> bool {
-        let next = bytes.get(HEAD + head.kept as usize..).unwrap_or_default();
-        self.head(next).is_none_or(|next| self.is_sound(next))
+    fn has_next(&self, bytes: &[u8], head: PacketHeader) -> bool {
+        let next = bytes.get(HEAD + head.captured_len as usize..).unwrap_or_default();
+        self.parse_header(next).is_none_or(|next| self.is_plausible(next))
     }
 
-    fn end(
+    fn read_end(
         &self,
         bytes: &[u8],
         ended: bool,
         reason: &'static str,
-        taker: &mut dyn Taker,
+        taker: &mut dyn RecordSink,
     ) -> Option<usize> {
         if !ended || bytes.is_empty() {
             return None;
         }
-        if !self.lost {
-            self.damage(reason, taker);
+        if !self.resyncing {
+            self.report_damage(reason, taker);
         }
         Some(bytes.len())
     }
 
-    fn damage(&self, reason: &'static str, taker: &mut dyn Taker) {
-        taker.damage(Damage { place: Place::Byte(self.taken), reason: Bad(reason) });
+    fn report_damage(&self, reason: &'static str, taker: &mut dyn RecordSink) {
+        taker.handle_damage(Damage {
+            position: CapturePosition::Byte(self.offset),
+            reason: ReadError(reason),
+        });
     }
 }

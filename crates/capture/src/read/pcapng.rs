@@ -6,9 +6,9 @@ use pcap_parser::pcapng::{
 };
 use polepair_core::explain::Direction;
 
-use super::{Bad, Damage, Place, Source, Taker, linktype};
+use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink, link_type};
 use crate::record::Record;
-use crate::stamp::Stamp;
+use crate::timestamp::Timestamp;
 
 /// The least block: kind, length, length.
 const BLOCK_MIN: usize = 12;
@@ -22,17 +22,17 @@ const ORDER_BIG: [u8; 4] = [0x1A, 0x2B, 0x3C, 0x4D];
 
 /// The reader of such files.
 #[derive(Debug, Default)]
-pub(super) struct Pcapng {
-    big: bool,
-    interfaces: Vec<Interface>,
-    taken: u64,
-    lost: bool,
+pub(super) struct PcapngReader {
+    big_endian: bool,
+    interfaces: Vec<PcapngInterface>,
+    offset: u64,
+    resyncing: bool,
 }
 
 /// One interface of the section.
 #[derive(Debug)]
-struct Interface {
-    kind: u32,
+struct PcapngInterface {
+    link_type: u32,
     name: String,
     /// Ticks of its clock in a second.
     ticks: u64,
@@ -41,85 +41,89 @@ struct Interface {
 }
 
 /// What stands at the head of the bytes.
-enum At {
+enum BlockStatus {
     /// A block of so many bytes.
     Block(usize),
-    More,
-    Damage,
+    Incomplete,
+    Damaged,
 }
 
-impl Source for Pcapng {
-    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn Taker) -> usize {
+impl FormatReader for PcapngReader {
+    fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn RecordSink) -> usize {
         let mut used = 0;
         while used < bytes.len() {
             let rest = &bytes[used..];
-            let step = match self.at(rest) {
-                At::Block(size) => {
-                    self.block(&rest[..size], taker);
-                    self.lost = false;
+            let step = match self.next_block(rest) {
+                BlockStatus::Block(size) => {
+                    self.read_block(&rest[..size], taker);
+                    self.resyncing = false;
                     size
                 }
-                At::Damage => {
-                    if !core::mem::replace(&mut self.lost, true) {
-                        self.damage("the block's length is damaged", taker);
+                BlockStatus::Damaged => {
+                    if !core::mem::replace(&mut self.resyncing, true) {
+                        self.report_damage("the block's length is damaged", taker);
                     }
                     1
                 }
-                At::More if ended => {
-                    if !self.lost {
-                        self.damage("the last block is cut off", taker);
+                BlockStatus::Incomplete if ended => {
+                    if !self.resyncing {
+                        self.report_damage("the last block is cut off", taker);
                     }
                     rest.len()
                 }
-                At::More => return used,
+                BlockStatus::Incomplete => return used,
             };
             used += step;
-            self.taken += step as u64;
+            self.offset += step as u64;
         }
         used
     }
 }
 
-impl Pcapng {
-    fn at(&mut self, bytes: &[u8]) -> At {
-        let Some(head) = bytes.first_chunk::<BLOCK_MIN>() else { return At::More };
+impl PcapngReader {
+    fn next_block(&mut self, bytes: &[u8]) -> BlockStatus {
+        let Some(head) = bytes.first_chunk::<BLOCK_MIN>() else { return BlockStatus::Incomplete };
         let [kind, length, order] =
             [0, 4, 8].map(|at| [head[at], head[at + 1], head[at + 2], head[at + 3]]);
         let section = kind == SECTION;
-        let big = if section { order == ORDER_BIG } else { self.big };
+        let big = if section { order == ORDER_BIG } else { self.big_endian };
         let number = |word| if big { u32::from_be_bytes(word) } else { u32::from_le_bytes(word) };
         let (size, kind) = (number(length) as usize, number(kind));
         let known = section || matches!(kind, 1..=0x20 | 0x80..=0x300 | 0xBAD | 0x4000_0BAD);
-        if size < BLOCK_MIN || !size.is_multiple_of(4) || size > BLOCK_MAX || self.lost && !known {
-            return At::Damage;
+        if size < BLOCK_MIN
+            || !size.is_multiple_of(4)
+            || size > BLOCK_MAX
+            || self.resyncing && !known
+        {
+            return BlockStatus::Damaged;
         }
         match bytes.get(size - 4..size) {
-            None => At::More,
-            Some(last) if last == length => At::Block(size),
-            Some(_) => At::Damage,
+            None => BlockStatus::Incomplete,
+            Some(last) if last == length => BlockStatus::Block(size),
+            Some(_) => BlockStatus::Damaged,
         }
     }
 
-    fn block(&mut self, bytes: &[u8], taker: &mut dyn Taker) {
+    fn read_block(&mut self, bytes: &[u8], taker: &mut dyn RecordSink) {
         if let Some(order) = bytes.get(8..12).filter(|_| bytes.starts_with(&SECTION)) {
-            self.big = order == ORDER_BIG;
+            self.big_endian = order == ORDER_BIG;
             self.interfaces.clear();
             return;
         }
-        let read = if self.big { parse_block_be(bytes) } else { parse_block_le(bytes) };
+        let read = if self.big_endian { parse_block_be(bytes) } else { parse_block_le(bytes) };
         match read {
-            Ok((_, Block::InterfaceDescription(block))) => self.interface(&block, taker),
-            Ok((_, Block::EnhancedPacket(block))) => self.packet(&block, taker),
-            Ok((_, Block::SimplePacket(block))) => self.simple(&block, taker),
+            Ok((_, Block::InterfaceDescription(block))) => self.add_interface(&block, taker),
+            Ok((_, Block::EnhancedPacket(block))) => self.read_packet(&block, taker),
+            Ok((_, Block::SimplePacket(block))) => self.read_simple_packet(&block, taker),
             // Names, statistics, comments, secrets.
             Ok(_) => {}
-            Err(_) => self.damage("the block is damaged", taker),
+            Err(_) => self.report_damage("the block is damaged", taker),
         }
     }
 
-    fn interface(&mut self, block: &InterfaceDescriptionBlock<'_>, taker: &mut dyn Taker) {
+    fn add_interface(&mut self, block: &InterfaceDescriptionBlock<'_>, taker: &mut dyn RecordSink) {
         if self.interfaces.len() >= INTERFACES_MAX {
-            return self.damage("more interfaces than are followed at once", taker);
+            return self.report_damage("more interfaces than are followed at once", taker);
         }
         let number = self.interfaces.len();
         let kind = block.linktype.0.cast_unsigned();
@@ -128,70 +132,78 @@ impl Pcapng {
             let text = option.value.split(|c| *c == 0).next().unwrap_or_default();
             String::from_utf8_lossy(text).replace(char::is_whitespace, "_")
         });
-        let other = if kind == linktype::SERIAL { "serial" } else { "can" };
+        let other = if kind == link_type::SERIAL { "serial" } else { "can" };
         let name = name.filter(|name| !name.is_empty()).unwrap_or(format!("{other}{number}"));
         let ticks = match block.if_tsresol {
             power @ 0..=18 => 10u64.pow(u32::from(power)),
             power => 1u64.checked_shl(u32::from(power & 0x7F)).unwrap_or(1_000_000),
         };
-        self.interfaces.push(Interface { kind, name, ticks, offset: block.if_tsoffset });
+        self.interfaces.push(PcapngInterface {
+            link_type: kind,
+            name,
+            ticks,
+            offset: block.if_tsoffset,
+        });
     }
 
-    fn packet(&self, block: &EnhancedPacketBlock<'_>, taker: &mut dyn Taker) {
+    fn read_packet(&self, block: &EnhancedPacketBlock<'_>, taker: &mut dyn RecordSink) {
         let Some(interface) = self.interfaces.get(block.if_id as usize) else {
-            return self.damage("the packet's interface was not described", taker);
+            return self.report_damage("the packet's interface was not described", taker);
         };
         let ticks = u64::from(block.ts_high) << 32 | u64::from(block.ts_low);
         let flags = block.options.iter().find(|option| option.code == OptionCode(2));
         let flags = flags.and_then(|option| option.value.first_chunk::<4>());
-        let flags =
-            flags.map(|b| if self.big { u32::from_be_bytes(*b) } else { u32::from_le_bytes(*b) });
+        let flags = flags
+            .map(|b| if self.big_endian { u32::from_be_bytes(*b) } else { u32::from_le_bytes(*b) });
         let told = match flags.unwrap_or(0) & 3 {
             1 => Some(Direction::ToHost),
             2 => Some(Direction::ToDrive),
             _ => None,
         };
         let data = block.data.get(..block.caplen as usize).unwrap_or(block.data);
-        self.give(interface, interface.time(ticks), told, data, taker);
+        self.emit_packet(interface, interface.timestamp(ticks), told, data, taker);
     }
 
-    fn simple(&self, block: &SimplePacketBlock<'_>, taker: &mut dyn Taker) {
+    fn read_simple_packet(&self, block: &SimplePacketBlock<'_>, taker: &mut dyn RecordSink) {
         match self.interfaces.first() {
             Some(interface) => {
                 let data = block.data.get(..block.origlen as usize).unwrap_or(block.data);
-                self.give(interface, None, None, data, taker);
+                self.emit_packet(interface, None, None, data, taker);
             }
-            None => self.damage("the packet's interface was not described", taker),
+            None => self.report_damage("the packet's interface was not described", taker),
         }
     }
 
-    fn give(
+    fn emit_packet(
         &self,
-        interface: &Interface,
-        time: Option<Stamp>,
+        interface: &PcapngInterface,
+        time: Option<Timestamp>,
         told: Option<Direction>,
         packet: &[u8],
-        taker: &mut dyn Taker,
+        taker: &mut dyn RecordSink,
     ) {
-        match linktype::read(interface.kind, packet) {
+        match link_type::parse_packet(interface.link_type, packet) {
             Ok((direction, data)) => {
                 let direction = told.or(direction);
-                let (link, at) = (interface.name.as_str(), self.taken);
-                taker.record(&Record { time, link, direction, data, at });
+                let (link, at) = (interface.name.as_str(), self.offset);
+                taker.handle_record(&Record { time, link, direction, data, offset: at });
             }
-            Err(Bad(reason)) => self.damage(reason, taker),
+            Err(ReadError(reason)) => self.report_damage(reason, taker),
         }
     }
 
-    fn damage(&self, reason: &'static str, taker: &mut dyn Taker) {
-        taker.damage(Damage { place: Place::Byte(self.taken), reason: Bad(reason) });
+    fn report_damage(&self, reason: &'static str, taker: &mut dyn RecordSink) {
+        taker.handle_damage(Damage {
+            position: CapturePosition::Byte(self.offset),
+            reason: ReadError(reason),
+        });
     }
 }
 
-impl Interface {
-    fn time(&self, ticks: u64) -> Option<Stamp> {
+impl PcapngInterface {
+    fn timestamp(&self, ticks: u64) -> Option<Timestamp> {
         let ns = u128::from(ticks) * 1_000_000_000 / u128::from(self.ticks);
         let ns = i128::try_from(ns).ok()? + i128::from(self.offset) * 1_000_000_000;
-        u64::try_from(ns).ok().map(Stamp)
+        u64::try_from(ns).ok().map(Timestamp)
     }
 }

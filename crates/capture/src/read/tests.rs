@@ -1,19 +1,20 @@
 //! Files as other people's tools write them.
 
-use crate::{Reader, Record};
+use crate::{CaptureReader, Record};
 
 /// The records of a file as `time link way data`, and the damage.
 fn read(file: &str) -> (Vec<String>, Vec<String>) {
-    let (mut found, mut reader) = (Vec::new(), Reader::default());
+    let (mut found, mut reader) = (Vec::new(), CaptureReader::default());
     let mut keep = |record: &Record<'_>| found.push(shown(record));
     reader.feed(file.as_bytes(), &mut keep);
     reader.finish(&mut keep);
-    (found, reader.tally().damage.iter().map(ToString::to_string).collect())
+    (found, reader.statistics().damage.iter().map(ToString::to_string).collect())
 }
 
 /// A record as the text that we write.
 fn shown(record: &Record<'_>) -> String {
-    let mut writer = crate::Writer::new(crate::Format::Text, None, Vec::new()).expect("text");
+    let mut writer =
+        crate::CaptureWriter::new(crate::CaptureFormat::Text, None, Vec::new()).expect("text");
     writer.write(record).expect("fits");
     let text = String::from_utf8(writer.finish().expect("written")).expect("text");
     text.trim_end().to_owned()
@@ -150,8 +151,9 @@ fn what_decode_prints_is_read_back() {
         "(1700000000.123456789) can0 20000040#0000000000000000",
     ];
     let mut printed = Vec::new();
-    let mut decoder = crate::Decoder::new(crate::Rules::default());
-    let mut write = |event: &crate::Event<'_>| crate::jsonl::write(event, &mut printed);
+    let mut decoder = crate::CaptureDecoder::new(crate::Rules::default());
+    let mut write =
+        |event: &crate::DecodedFrame<'_>| crate::jsonl::write_frame(event, &mut printed);
     decoder.feed(lines.join("\n").as_bytes(), &mut write);
     decoder.finish(&mut write);
     let (found, damage) = read(std::str::from_utf8(&printed).expect("text"));
@@ -184,15 +186,15 @@ fn packets_of_every_interface_at_once() {
         (276, cooked_2(4), " T"),
         (276, cooked_2(0), " R"),
     ] {
-        let (mut found, mut reader) = (Vec::new(), Reader::default());
+        let (mut found, mut reader) = (Vec::new(), CaptureReader::default());
         reader.feed(&pcap(kind, &packet), &mut |record| found.push(shown(record)));
         reader.finish(&mut |record| found.push(shown(record)));
         assert_eq!(found, [format!("(0000000001.500000) can0 00001234#AABB{way}")], "{kind}");
-        assert_eq!(reader.tally().damaged, 0, "{kind}");
+        assert_eq!(reader.statistics().damaged, 0, "{kind}");
     }
-    let mut reader = Reader::default();
+    let mut reader = CaptureReader::default();
     reader.feed(&pcap(1, &frame), &mut |_| panic!("Ethernet"));
-    assert_eq!(reader.tally().damaged, 1);
+    assert_eq!(reader.statistics().damaged, 1);
 }
 
 #[test]
@@ -210,8 +212,8 @@ fn peak_trc_between_the_versions() {
 fn places_of_lines() {
     let file = b"# a comment\n(1.5) can0 123#01\nnonsense\n(1.5) can0 123#02\n01 02";
     for cut in 0..file.len() {
-        let (mut found, mut reader) = (Vec::new(), Reader::default());
-        let mut keep = |record: &Record<'_>| found.push(record.at);
+        let (mut found, mut reader) = (Vec::new(), CaptureReader::default());
+        let mut keep = |record: &Record<'_>| found.push(record.offset);
         reader.feed(&file[..cut], &mut keep);
         reader.feed(&file[cut..], &mut keep);
         reader.finish(&mut keep);

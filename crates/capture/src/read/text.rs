@@ -3,27 +3,27 @@
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
-use super::digits::High;
-use super::lines::{LINE_MAX, Line};
-use super::seriallog::HEX;
-use super::{Bad, candump, digits, seriallog};
-use crate::record::{Data, Record, STANDARD_MAX};
-use crate::stamp::Stamp;
+use super::digits::StampPrefix;
+use super::lines::{LINE_MAX, LineFormat};
+use super::serial_log::HEX;
+use super::{ReadError, candump, digits, serial_log};
+use crate::record::{Record, RecordData, STANDARD_MAX};
+use crate::timestamp::Timestamp;
 
 /// The reader of such lines.
 #[derive(Debug, Default)]
-pub(super) struct Text {
+pub(super) struct TextReader {
     scratch: Vec<u8>,
-    before: Before,
+    context: LineContext,
 }
 
-impl Line for Text {
-    fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad> {
-        parse(line, &mut self.scratch)
+impl LineFormat for TextReader {
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError> {
+        parse_log_line(line, &mut self.scratch)
     }
 
-    fn usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Record<'a>, usize)> {
-        logged(bytes, &mut self.before)
+    fn parse_usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Record<'a>, usize)> {
+        parse_usual_line(bytes, &mut self.context)
     }
 }
 
@@ -32,59 +32,62 @@ impl Line for Text {
 ///
 /// # Errors
 /// What is wrong with the line, in words.
-pub fn parse<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Option<Record<'a>>, Bad> {
+pub fn parse_log_line<'a>(
+    line: &'a [u8],
+    scratch: &'a mut Vec<u8>,
+) -> Result<Option<Record<'a>>, ReadError> {
     if line.len() > LINE_MAX {
         return Err(super::lines::TOO_LONG);
     }
     let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line).trim_ascii();
     match line.first() {
         None | Some(b'#' | b';') => Ok(None),
-        Some(b'(') => stamped(line, scratch).map(Some),
-        Some(_) => bare(line, scratch).map(Some),
+        Some(b'(') => parse_stamped(line, scratch).map(Some),
+        Some(_) => parse_unstamped(line, scratch).map(Some),
     }
 }
 
 /// What of the line before is mostly that of the next: its link, and when it came but for 100 s.
 #[derive(Debug, Default)]
-pub(super) struct Before {
-    high: High,
-    name: String,
-    changes: u64,
+pub(super) struct LineContext {
+    stamp_prefix: StampPrefix,
+    link: String,
+    link_changes: u64,
     /// The name and the space behind it: the first eight bytes, and which of them count.
-    head: (u64, u64),
+    link_prefix: (u64, u64),
 }
 
-impl Before {
-    fn set(&mut self, name: &str) {
+impl LineContext {
+    fn set_link(&mut self, name: &str) {
         let mut bytes = [0; 8];
         let spaced = name.bytes().chain([b' ']);
         bytes.iter_mut().zip(spaced).for_each(|(to, from)| *to = from);
         let mask = if name.len() >= 7 { u64::MAX } else { (1 << (8 * (name.len() + 1))) - 1 };
-        self.head = (u64::from_le_bytes(bytes), mask);
-        self.name.clear();
-        self.name.push_str(name);
-        self.changes += 1;
+        self.link_prefix = (u64::from_le_bytes(bytes), mask);
+        self.link.clear();
+        self.link.push_str(name);
+        self.link_changes += 1;
     }
 
     /// The link; it has none before the first line.
-    pub(super) fn name(&self) -> &str {
-        &self.name
+    pub(super) fn link(&self) -> &str {
+        &self.link
     }
 
     /// How often the link was another one than before.
-    pub(super) const fn changes(&self) -> u64 {
-        self.changes
+    pub(super) const fn link_changes(&self) -> u64 {
+        self.link_changes
     }
 
     /// What follows the link, if it is the same.
     #[inline]
-    fn behind<'a>(&self, rest: &'a [u8]) -> Option<&'a [u8]> {
-        let ((head, mask), len) = (self.head, self.name.len());
+    fn after_link<'a>(&self, rest: &'a [u8]) -> Option<&'a [u8]> {
+        let ((head, mask), len) = (self.link_prefix, self.link.len());
         if u64::from_le_bytes(*rest.first_chunk()?) & mask != head {
             return None;
         }
         let same =
-            len < 8 || (rest.starts_with(self.name.as_bytes()) && rest[len..].starts_with(b" "));
+            len < 8 || (rest.starts_with(self.link.as_bytes()) && rest[len..].starts_with(b" "));
         rest.get(len + 1..).filter(|_| same && len > 0)
     }
 }
@@ -93,31 +96,34 @@ impl Before {
 /// head of `bytes`, and how long it is; `None` for all others. This is the way that millions of lines
 /// go.
 #[inline]
-pub(super) fn logged<'a>(bytes: &[u8], before: &'a mut Before) -> Option<(Record<'a>, usize)> {
+pub(super) fn parse_usual_line<'a>(
+    bytes: &[u8],
+    before: &'a mut LineContext,
+) -> Option<(Record<'a>, usize)> {
     let (stamp, rest) = bytes.split_first_chunk::<20>()?;
-    let time = Stamp(digits::stamp(stamp, &mut before.high)?.checked_mul(1000)?);
-    if before.behind(rest).is_none() {
+    let time = Timestamp(digits::parse_stamp(stamp, &mut before.stamp_prefix)?.checked_mul(1000)?);
+    if before.after_link(rest).is_none() {
         let name = rest.get(..LINK_MAX)?.split(|c| *c == b' ').next()?;
-        before.set(std::str::from_utf8(name).ok().filter(|name| !name.contains(is_blank))?);
+        before.set_link(std::str::from_utf8(name).ok().filter(|name| !name.contains(is_blank))?);
     }
-    let frame = before.behind(rest)?;
+    let frame = before.after_link(rest)?;
     let (id, extended, text) = match frame {
-        [a, b, c, b'#', data @ ..] => (number(&[*a, *b, *c])?, false, data),
+        [a, b, c, b'#', data @ ..] => (parse_id(&[*a, *b, *c])?, false, data),
         _ => {
             let (id, data) = frame.split_first_chunk::<8>()?;
-            (digits::hexadecimal(*id)?, true, data.strip_prefix(b"#")?)
+            (digits::parse_hex(*id)?, true, data.strip_prefix(b"#")?)
         }
     };
     let limit = if extended { crate::record::ID_MASK } else { STANDARD_MAX };
-    let (data, count) = digits::to_line_end(text.first_chunk()?)?;
+    let (data, count) = digits::parse_hex_line(text.first_chunk()?)?;
     if id > limit {
         return None;
     }
     let (data, len) = (data.to_be_bytes(), (count / 2) as u8);
     let frame = Frame { id, extended, remote: false, len, data };
     let whole = bytes.len() - text.len() + count + 1;
-    let (time, data) = (Some(time), Data::Frame(frame));
-    Some((Record { time, link: &before.name, direction: None, data, at: 0 }, whole))
+    let (time, data) = (Some(time), RecordData::Frame(frame));
+    Some((Record { time, link: &before.link, direction: None, data, offset: 0 }, whole))
 }
 
 fn is_blank(c: char) -> bool {
@@ -127,7 +133,7 @@ fn is_blank(c: char) -> bool {
 /// Bytes in which a link's name ends in usual lines.
 const LINK_MAX: usize = 24;
 
-fn number(text: &[u8]) -> Option<u32> {
+fn parse_id(text: &[u8]) -> Option<u32> {
     let (mut sum, mut bad) = (0, 0);
     for c in text {
         let digit = HEX[usize::from(*c)];
@@ -137,54 +143,55 @@ fn number(text: &[u8]) -> Option<u32> {
     (bad < 16).then_some(sum)
 }
 
-fn stamped<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Record<'a>, Bad> {
-    let close = line.iter().position(|c| *c == b')').ok_or(Bad("the time stamp has no end"))?;
-    let time = Stamp::parse(line[1..close].trim_ascii())
-        .ok_or(Bad("the time stamp is not seconds with decimals"))?;
-    let (link, rest) = word(&line[close + 1..]);
-    let link = name(link)?;
+fn parse_stamped<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Record<'a>, ReadError> {
+    let close =
+        line.iter().position(|c| *c == b')').ok_or(ReadError("the time stamp has no end"))?;
+    let time = Timestamp::parse(line[1..close].trim_ascii())
+        .ok_or(ReadError("the time stamp is not seconds with decimals"))?;
+    let (link, rest) = split_word(&line[close + 1..]);
+    let link = link_name(link)?;
     if link.is_empty() {
-        return Err(Bad("no link follows the time stamp"));
+        return Err(ReadError("no link follows the time stamp"));
     }
-    let (direction, data) = body(rest, scratch)?;
-    Ok(Record { time: Some(time), link, direction, data, at: 0 })
+    let (direction, data) = parse_body(rest, scratch)?;
+    Ok(Record { time: Some(time), link, direction, data, offset: 0 })
 }
 
 /// Data alone, as `polepair encode` prints it, or after the name of a link.
-fn bare<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Record<'a>, Bad> {
-    let (first, after) = word(line);
+fn parse_unstamped<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Result<Record<'a>, ReadError> {
+    let (first, after) = split_word(line);
     let named = match after.first() {
         Some(b'>' | b'<') => !matches!(first, b">" | b"<"),
         _ => {
             !first.contains(&b'#')
-                && (word(after).0.contains(&b'#') || candump::is_on_screen(after))
+                && (split_word(after).0.contains(&b'#') || candump::is_screen_line(after))
         }
     };
     let (link, rest) = if named { (first, after) } else { (&b"-"[..], line) };
-    let (direction, data) = body(rest, scratch)?;
-    Ok(Record { time: None, link: name(link)?, direction, data, at: 0 })
+    let (direction, data) = parse_body(rest, scratch)?;
+    Ok(Record { time: None, link: link_name(link)?, direction, data, offset: 0 })
 }
 
-fn name(link: &[u8]) -> Result<&str, Bad> {
-    std::str::from_utf8(link).map_err(|_| Bad("the link's name is not text"))
+fn link_name(link: &[u8]) -> Result<&str, ReadError> {
+    std::str::from_utf8(link).map_err(|_| ReadError("the link's name is not text"))
 }
 
-fn body<'a>(
+fn parse_body<'a>(
     rest: &'a [u8],
     scratch: &'a mut Vec<u8>,
-) -> Result<(Option<Direction>, Data<'a>), Bad> {
+) -> Result<(Option<Direction>, RecordData<'a>), ReadError> {
     if rest.contains(&b'#') {
-        return candump::parse(rest, scratch);
+        return candump::parse_log(rest, scratch);
     }
-    if candump::is_on_screen(rest) {
-        return candump::on_screen(rest, scratch);
+    if candump::is_screen_line(rest) {
+        return candump::parse_screen(rest, scratch);
     }
-    let direction = seriallog::parse(rest, scratch)?;
-    Ok((direction, Data::Bytes(scratch)))
+    let direction = serial_log::parse_data(rest, scratch)?;
+    Ok((direction, RecordData::Bytes(scratch)))
 }
 
 /// The first word, and what follows it without the space between.
-pub(crate) fn word(text: &[u8]) -> (&[u8], &[u8]) {
+pub(crate) fn split_word(text: &[u8]) -> (&[u8], &[u8]) {
     let text = text.trim_ascii_start();
     let end = text.iter().position(u8::is_ascii_whitespace).unwrap_or(text.len());
     (&text[..end], text[end..].trim_ascii_start())
@@ -192,13 +199,13 @@ pub(crate) fn word(text: &[u8]) -> (&[u8], &[u8]) {
 
 #[cfg(test)]
 mod tests {
-    use super::{Before, logged, parse};
+    use super::{LineContext, parse_log_line, parse_usual_line};
 
     #[test]
     fn a_line_needs_no_time() {
         let read = |line: &[u8]| {
             let mut scratch = Vec::new();
-            let record = parse(line, &mut scratch).expect("a line").expect("not empty");
+            let record = parse_log_line(line, &mut scratch).expect("a line").expect("not empty");
             (record.link.to_owned(), record.direction.is_some(), record.time.is_some())
         };
         let expected = |link: &str, directed: bool| (link.to_owned(), directed, false);
@@ -215,7 +222,7 @@ mod tests {
     fn the_quick_way_reads_as_the_slow_one() {
         /// What follows a line is long enough to be looked at.
         const NEXT: &str = "\n(1700000000.000500) can0 123#0011223344556677\n";
-        let mut before = Before::default();
+        let mut before = LineContext::default();
         for line in [
             "(1700000000.000500) can0 30B#5443000000000005",
             "(1700000000.999999) vcan12 0400A05E#3412",
@@ -226,8 +233,12 @@ mod tests {
             "(1700000000.000001) interfa 7ff#aAbB01",
         ] {
             let (mut scratch, bytes) = (Vec::new(), format!("{line}{NEXT}"));
-            let (quick, len) = logged(bytes.as_bytes(), &mut before).expect(line);
-            assert_eq!(Some(quick), parse(line.as_bytes(), &mut scratch).expect(line), "{line}");
+            let (quick, len) = parse_usual_line(bytes.as_bytes(), &mut before).expect(line);
+            assert_eq!(
+                Some(quick),
+                parse_log_line(line.as_bytes(), &mut scratch).expect(line),
+                "{line}"
+            );
             assert_eq!(len, line.len() + 1);
         }
         for line in [
@@ -247,8 +258,12 @@ mod tests {
             "(1700000000.000500)  30B#11",
         ] {
             let bytes = format!("{line}{NEXT}");
-            assert_eq!(logged(bytes.as_bytes(), &mut before), None, "{line}");
-            assert_eq!(logged(line.as_bytes(), &mut before), None, "{line}, which has no end");
+            assert_eq!(parse_usual_line(bytes.as_bytes(), &mut before), None, "{line}");
+            assert_eq!(
+                parse_usual_line(line.as_bytes(), &mut before),
+                None,
+                "{line}, which has no end"
+            );
         }
     }
 }

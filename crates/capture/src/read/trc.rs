@@ -2,11 +2,13 @@
 
 use polepair_core::explain::Direction;
 
-use super::Bad;
-use super::lines::Line;
+use super::ReadError;
+use super::lines::LineFormat;
 use crate::date;
-use crate::record::{ErrorFrame, ID_MASK, Record, STANDARD_MAX, Shape, classic, fd_length};
-use crate::stamp::Stamp;
+use crate::record::{
+    CanErrorFrame, CanRecord, ID_MASK, Record, STANDARD_MAX, classic_frame, fd_len_from_dlc,
+};
+use crate::timestamp::Timestamp;
 
 /// Columns of the versions that do not name them, in the letters of those that do: `N`umber,
 /// `O`ffset in milliseconds, `B`us, `d`irection, `I`dentifier, `R`eserved, `l`ength, `D`ata.
@@ -21,32 +23,33 @@ const COLUMNS: [(&str, &str); 6] = [
 
 /// The reader of such lines.
 #[derive(Debug)]
-pub(super) struct Trc {
-    begin: Stamp,
+pub(super) struct TrcReader {
+    start_time: Timestamp,
     columns: Vec<u8>,
     link: String,
     bytes: Vec<u8>,
 }
 
-impl Default for Trc {
+impl Default for TrcReader {
     fn default() -> Self {
         let columns = COLUMNS[0].1.as_bytes().to_vec();
-        Self { begin: Stamp(0), columns, link: String::new(), bytes: Vec::new() }
+        Self { start_time: Timestamp(0), columns, link: String::new(), bytes: Vec::new() }
     }
 }
 
-impl Line for Trc {
-    fn line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, Bad> {
+impl LineFormat for TrcReader {
+    fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<Option<Record<'a>>, ReadError> {
         let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line).trim_ascii();
         match line {
             [] => Ok(None),
             [b';', header @ ..] => {
-                self.header(&String::from_utf8_lossy(header));
+                self.parse_header(&String::from_utf8_lossy(header));
                 Ok(None)
             }
             _ => {
-                let line = std::str::from_utf8(line).map_err(|_| Bad("the line is not text"))?;
-                self.record(line)
+                let line =
+                    std::str::from_utf8(line).map_err(|_| ReadError("the line is not text"))?;
+                self.parse_record(line)
             }
         }
     }
@@ -54,7 +57,7 @@ impl Line for Trc {
 
 /// The words of a line, by column.
 #[derive(Default)]
-struct Columns<'a> {
+struct TrcColumns<'a> {
     offset: &'a str,
     kind: &'a str,
     bus: &'a str,
@@ -62,12 +65,12 @@ struct Columns<'a> {
     direction: &'a str,
     length: &'a str,
     /// The length is a code.
-    coded: bool,
+    is_code: bool,
     data: &'a str,
 }
 
-impl Trc {
-    fn header(&mut self, line: &str) {
+impl TrcReader {
+    fn parse_header(&mut self, line: &str) {
         let Some((key, value)) = line.trim().split_once('=') else { return };
         let value = value.trim();
         match key.trim() {
@@ -76,8 +79,8 @@ impl Trc {
                 self.columns = known.unwrap_or(&COLUMNS[0]).1.as_bytes().to_vec();
             }
             "$STARTTIME" => {
-                let begin = value.parse().ok().and_then(date::from_days);
-                self.begin = begin.unwrap_or(self.begin);
+                let begin = value.parse().ok().and_then(date::from_ole_days);
+                self.start_time = begin.unwrap_or(self.start_time);
             }
             "$COLUMNS" => {
                 let letters = value.split(',').filter_map(|word| word.trim().bytes().next());
@@ -87,8 +90,8 @@ impl Trc {
         }
     }
 
-    fn split<'a>(&self, mut line: &'a str) -> Columns<'a> {
-        let mut found = Columns { bus: "1", ..Columns::default() };
+    fn split_columns<'a>(&self, mut line: &'a str) -> TrcColumns<'a> {
+        let mut found = TrcColumns { bus: "1", ..TrcColumns::default() };
         for column in &self.columns {
             line = line.trim_ascii_start();
             if *column == b'D' {
@@ -105,19 +108,19 @@ impl Trc {
                 b'I' => found.id = word,
                 b'd' => found.direction = word,
                 b'l' => found.length = word,
-                b'L' => (found.length, found.coded) = (word, true),
+                b'L' => (found.length, found.is_code) = (word, true),
                 _ => {}
             }
         }
         found
     }
 
-    fn record<'a>(&'a mut self, line: &'a str) -> Result<Option<Record<'a>>, Bad> {
-        let columns = self.split(line);
-        let time = self.time(columns.offset).ok_or(Bad("expected milliseconds"))?;
+    fn parse_record<'a>(&'a mut self, line: &'a str) -> Result<Option<Record<'a>>, ReadError> {
+        let columns = self.split_columns(line);
+        let time = self.parse_time(columns.offset).ok_or(ReadError("expected milliseconds"))?;
         // PEAK counts buses from 1, Linux its interfaces from 0.
         let bus = columns.bus.parse::<u32>().ok().filter(|n| *n > 0);
-        let bus = bus.ok_or(Bad("expected the number of a bus"))? - 1;
+        let bus = bus.ok_or(ReadError("expected the number of a bus"))? - 1;
         self.link.clear();
         let _ = std::fmt::Write::write_fmt(&mut self.link, format_args!("can{bus}"));
         let direction = match columns.direction {
@@ -127,64 +130,69 @@ impl Trc {
         };
         let shape = match (columns.kind, columns.direction) {
             ("ST" | "EC" | "EV", _) => return Ok(None),
-            ("ER", _) | (_, "Error") => Shape::Error(error(ErrorFrame::BUS_ERROR, 0)),
-            (_, "Warng") => Shape::Error(warning(columns.data)),
-            _ if columns.id == "FFFFFFFF" => Shape::Error(warning(columns.data)),
-            _ => self.frame(&columns)?,
+            ("ER", _) | (_, "Error") => CanRecord::Error(error_frame(CanErrorFrame::BUS_ERROR, 0)),
+            (_, "Warng") => CanRecord::Error(warning_frame(columns.data)),
+            _ if columns.id == "FFFFFFFF" => CanRecord::Error(warning_frame(columns.data)),
+            _ => self.parse_frame(&columns)?,
         };
-        let data = shape.with(&self.bytes);
-        Ok(Some(Record { time: Some(time), link: &self.link, direction, data, at: 0 }))
+        let data = shape.with_bytes(&self.bytes);
+        Ok(Some(Record { time: Some(time), link: &self.link, direction, data, offset: 0 }))
     }
 
-    fn time(&self, word: &str) -> Option<Stamp> {
+    fn parse_time(&self, word: &str) -> Option<Timestamp> {
         let (whole, rest) = word.split_once('.').unwrap_or((word, ""));
         let ms = whole.parse::<u64>().ok()?;
         let digits = rest.bytes().chain(std::iter::repeat(b'0')).take(6);
         let ns = digits.fold(0, |sum, digit| sum * 10 + u64::from(digit.wrapping_sub(b'0').min(9)));
         let since = ms.checked_mul(1_000_000)?.checked_add(ns)?;
-        Some(Stamp(self.begin.0.checked_add(since)?))
+        Some(Timestamp(self.start_time.0.checked_add(since)?))
     }
 
-    fn frame(&mut self, columns: &Columns<'_>) -> Result<Shape, Bad> {
+    fn parse_frame(&mut self, columns: &TrcColumns<'_>) -> Result<CanRecord, ReadError> {
         let extended = columns.id.len() > 4;
-        let id = u32::from_str_radix(columns.id, 16).map_err(|_| Bad("expected an identifier"))?;
+        let id =
+            u32::from_str_radix(columns.id, 16).map_err(|_| ReadError("expected an identifier"))?;
         if id > if extended { ID_MASK } else { STANDARD_MAX } {
-            return Err(Bad("the identifier is too great"));
+            return Err(ReadError("the identifier is too great"));
         }
-        let length = columns.length.parse::<u8>().map_err(|_| Bad("expected a length"))?;
-        let length = if columns.coded { fd_length(length.min(15)) } else { length };
+        let length = columns.length.parse::<u8>().map_err(|_| ReadError("expected a length"))?;
+        let length = if columns.is_code { fd_len_from_dlc(length.min(15)) } else { length };
         let fd = matches!(columns.kind, "FD" | "FB" | "FE" | "BI");
         if columns.kind == "RR" || columns.data.starts_with("RTR") {
-            return Ok(Shape::Frame(classic(id, extended, true, length, &[])));
+            return Ok(CanRecord::Frame(classic_frame(id, extended, true, length, &[])));
         }
         self.bytes.clear();
         let mut words = columns.data.split_ascii_whitespace();
         for _ in 0..length.min(if fd { 64 } else { 8 }) {
-            let word = words.next().ok_or(Bad("it has fewer bytes than its length says"))?;
-            let byte = u8::from_str_radix(word, 16).map_err(|_| Bad("expected bytes"))?;
+            let word = words.next().ok_or(ReadError("it has fewer bytes than its length says"))?;
+            let byte = u8::from_str_radix(word, 16).map_err(|_| ReadError("expected bytes"))?;
             self.bytes.push(byte);
         }
         let brs = u8::from(matches!(columns.kind, "FB" | "BI"));
         let flags = brs | u8::from(matches!(columns.kind, "FE" | "BI")) << 1;
         Ok(match fd {
-            true => Shape::Fd { id, extended, flags },
-            false => Shape::Frame(classic(id, extended, false, length, &self.bytes)),
+            true => CanRecord::Fd { id, extended, flags },
+            false => CanRecord::Frame(classic_frame(id, extended, false, length, &self.bytes)),
         })
     }
 }
 
-fn error(class: u32, detail: u8) -> ErrorFrame {
-    ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] }
+fn error_frame(class: u32, detail: u8) -> CanErrorFrame {
+    CanErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] }
 }
 
 /// What a warning says at its end: the bus is light, heavy or off, a queue is full.
-fn warning(text: &str) -> ErrorFrame {
+fn warning_frame(text: &str) -> CanErrorFrame {
     let says = |word: &str| text.split_ascii_whitespace().any(|other| other.starts_with(word));
     match () {
-        () if says("BUSOFF") => error(0x40, 0),
-        () if says("BUSHEAVY") || says("BUSPASSIVE") => error(ErrorFrame::CONTROLLER_CLASS, 0x30),
-        () if says("BUSLIGHT") => error(ErrorFrame::CONTROLLER_CLASS, 0x0C),
-        () if says("QOVERRUN") || says("OVERRUN") => error(ErrorFrame::CONTROLLER_CLASS, 0x01),
-        () => error(ErrorFrame::BUS_ERROR, 0),
+        () if says("BUSOFF") => error_frame(0x40, 0),
+        () if says("BUSHEAVY") || says("BUSPASSIVE") => {
+            error_frame(CanErrorFrame::CONTROLLER_CLASS, 0x30)
+        }
+        () if says("BUSLIGHT") => error_frame(CanErrorFrame::CONTROLLER_CLASS, 0x0C),
+        () if says("QOVERRUN") || says("OVERRUN") => {
+            error_frame(CanErrorFrame::CONTROLLER_CLASS, 0x01)
+        }
+        () => error_frame(CanErrorFrame::BUS_ERROR, 0),
     }
 }

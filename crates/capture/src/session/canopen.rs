@@ -15,10 +15,11 @@
 //!    └ learn   what the values of objects teach about all of these
 //! ```
 
-mod beat;
+mod annotate;
 mod boot;
 mod emcy;
 mod guard;
+mod heartbeat;
 mod learn;
 mod lss;
 mod mapping;
@@ -26,15 +27,14 @@ mod meaning;
 mod node;
 mod pdo;
 mod power;
-mod process;
+mod process_data;
+mod process_text;
 mod product;
-mod say;
 mod sdo;
 mod services;
 mod sync;
 #[cfg(test)]
 mod tests;
-mod wording;
 
 use std::sync::Arc;
 
@@ -44,23 +44,23 @@ use polepair_core::proto::canopen::NODE_MAX;
 use polepair_core::proto::canopen::cob;
 use polepair_core::proto::canopen::emcy::Emergency;
 use polepair_core::proto::canopen::heartbeat::Heartbeat;
-use polepair_core::proto::canopen::nmt::{Command, Order, State};
-use polepair_core::proto::canopen::sdo::Object;
-use polepair_core::proto::canopen::sync::Sync;
+use polepair_core::proto::canopen::nmt::{NmtCommand, NmtMessage, NmtState};
+use polepair_core::proto::canopen::sdo::ObjectIndex;
+use polepair_core::proto::canopen::sync::SyncMessage;
 
-use super::{Follower, Heard, Notice, Odd, Oddity};
-use crate::explained::Explained;
-use crate::stamp::Stamp;
-use lss::Lss;
-pub use mapping::{Mapping, Place};
-use meaning::Book;
-use node::Node;
-use pdo::{Beside, Pdos};
-pub use process::Process;
-use sdo::Channel;
-use services::{Service, Services};
-use sync::Beats;
-pub(crate) use wording::Wording;
+use super::{AnomalyKind, AnomalyNotice, ObservedFrame, ProtocolTracker, SessionNotice};
+use crate::explanation::Explanation;
+use crate::timestamp::Timestamp;
+use lss::LssTracker;
+pub use mapping::{MappedValue, Mapping};
+use meaning::ObjectLookup;
+use node::NodeTracker;
+use pdo::{MappingContext, PdoTable};
+pub use process_data::ProcessData;
+pub(crate) use process_text::ProcessText;
+use sdo::SdoChannel;
+use services::{Service, ServiceTable};
+use sync::SyncMonitor;
 
 /// Channels of service data on one bus: one a node, and those that the capture makes.
 const CHANNELS_MAX: usize = 3 * NODE_MAX as usize;
@@ -69,233 +69,243 @@ const NODES: usize = NODE_MAX as usize + 1;
 
 /// Follows the CANopen of one bus.
 #[derive(Debug)]
-pub(super) struct Canopen {
-    services: Services,
-    pdos: Pdos,
-    channels: Vec<Channel>,
-    servers: Vec<learn::Server>,
-    nodes: Vec<Option<Box<Node>>>,
-    sync: Beats,
-    lss: Lss,
+pub(super) struct CanopenTracker {
+    services: ServiceTable,
+    pdos: PdoTable,
+    channels: Vec<SdoChannel>,
+    channel_configs: Vec<learn::SdoChannelConfig>,
+    nodes: Vec<Option<Box<NodeTracker>>>,
+    sync: SyncMonitor,
+    lss: LssTracker,
     /// The drive whose names are used where a node does not tell that it is another.
     profile: Option<&'static Profile>,
     /// The same, where a person said so.
-    stated: Option<&'static Profile>,
+    stated_profile: Option<&'static Profile>,
     /// When the capture began, and when somebody spoke last.
-    began: Option<Stamp>,
-    latest: Option<Stamp>,
+    start_time: Option<Timestamp>,
+    last_time: Option<Timestamp>,
     /// Nothing is due before.
-    due: Stamp,
+    next_due: Timestamp,
     /// Requests are heard on this bus.
-    followed: bool,
+    sees_requests: bool,
     /// Everybody was ordered to start again.
-    reset: bool,
+    all_reset: bool,
     /// When a master said something last: a request, an order, a beat, process data to a node.
-    commanded: Option<Stamp>,
+    last_command: Option<Timestamp>,
 }
 
 /// Period of a node's heartbeat.
-const HEARTBEAT_TIME: Object = Object::new(0x1017, 0);
-const NEVER: Stamp = Stamp(u64::MAX);
+const HEARTBEAT_TIME: ObjectIndex = ObjectIndex::new(0x1017, 0);
+const NEVER: Timestamp = Timestamp(u64::MAX);
 
-impl Default for Canopen {
+impl Default for CanopenTracker {
     fn default() -> Self {
         Self {
-            services: Services::default(),
-            pdos: Pdos::default(),
-            channels: (0..=NODE_MAX).map(|node| Channel::new(node, None)).collect(),
-            servers: Vec::new(),
+            services: ServiceTable::default(),
+            pdos: PdoTable::default(),
+            channels: (0..=NODE_MAX).map(|node| SdoChannel::new(node, None)).collect(),
+            channel_configs: Vec::new(),
             nodes: (0..NODES).map(|_| None).collect(),
-            sync: Beats::default(),
-            lss: Lss::default(),
+            sync: SyncMonitor::default(),
+            lss: LssTracker::default(),
             profile: None,
-            stated: None,
-            began: None,
-            latest: None,
-            due: NEVER,
-            followed: false,
-            reset: false,
-            commanded: None,
+            stated_profile: None,
+            start_time: None,
+            last_time: None,
+            next_due: NEVER,
+            sees_requests: false,
+            all_reset: false,
+            last_command: None,
         }
     }
 }
 
-impl Follower for Canopen {
-    fn take(&mut self, heard: &Heard<'_>, said: &mut Explained, notices: &mut Vec<Notice>) {
+impl ProtocolTracker for CanopenTracker {
+    fn handle_frame(
+        &mut self,
+        heard: &ObservedFrame<'_>,
+        said: &mut Explanation,
+        notices: &mut Vec<SessionNotice>,
+    ) {
         let Some(id) = heard.raw.id.filter(|_| !heard.echo) else { return };
-        if self.began.is_none() {
-            self.began = heard.time;
-            self.channels.iter_mut().for_each(|channel| channel.since(heard.time));
+        if self.start_time.is_none() {
+            self.start_time = heard.time;
+            self.channels.iter_mut().for_each(|channel| channel.set_start(heard.time));
         }
-        self.name_by(heard.profile, heard.stated);
+        self.set_profile(heard.profile, heard.profile_stated);
         let bytes = heard.raw.bytes;
-        let service = self.services.of(id, heard.raw.extended, &mut self.pdos);
-        if self.is_masters(service) {
-            self.commanded = heard.time.max(self.commanded);
+        let service = self.services.lookup(id, heard.raw.extended, &mut self.pdos);
+        if self.is_from_master(service) {
+            self.last_command = heard.time.max(self.last_command);
         }
-        if heard.left && !matches!(service, Service::Pdo(_)) && !said.is_bare() {
-            say::by_default(bytes, heard.raw.id, self.profile, said);
+        if heard.deferred && !matches!(service, Service::Pdo(_)) && !said.is_values_only() {
+            annotate::explain_as_default(bytes, heard.raw.id, self.profile, said);
         }
         match service {
             Service::Pdo(_) if heard.remote => {}
-            Service::Pdo(at) => self.process(at.into(), heard, said, notices),
-            Service::State(node) => self.state(node, heard, notices),
+            Service::Pdo(at) => self.handle_process_data(at.into(), heard, said, notices),
+            Service::State(node) => self.handle_state(node, heard, notices),
             _ if heard.remote => {}
-            Service::Request(at) => self.request(at.into(), heard, said, notices),
-            Service::Reply(at) => self.reply(at.into(), heard, said, notices),
-            Service::Nmt => self.order(bytes, heard.time, notices),
-            Service::Emcy(node) => self.emergency(node, heard, said, notices),
+            Service::Request(at) => self.handle_request(at.into(), heard, said, notices),
+            Service::Reply(at) => self.handle_reply(at.into(), heard, said, notices),
+            Service::Nmt => self.handle_nmt(bytes, heard.time, notices),
+            Service::Emcy(node) => self.handle_emergency(node, heard, said, notices),
             Service::Sync => {
-                if let Ok(Sync { counter }) = Sync::parse(bytes) {
-                    self.sync.take(counter, heard.time, notices);
+                if let Ok(SyncMessage { counter }) = SyncMessage::parse(bytes) {
+                    self.sync.handle_sync(counter, heard.time, notices);
                 }
             }
-            Service::Lss(asks) => self.layer(asks, heard, notices),
-            Service::Unknown | Service::Nobody => {}
+            Service::Lss(asks) => self.handle_lss(asks, heard, notices),
+            Service::Unknown | Service::Untracked => {}
         }
-        self.latest = heard.time.max(self.latest);
+        self.last_time = heard.time.max(self.last_time);
     }
 
-    fn pass(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
-        if now > self.due {
-            self.overdue(now, notices);
+    fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
+        if now > self.next_due {
+            self.check_deadlines(now, notices);
         }
     }
 
-    fn settled(&mut self, frame: &Frame, now: Stamp) -> Option<&Arc<Process>> {
-        let Service::Pdo(at) = self.services.known(frame.id) else { return None };
-        if now > self.due || self.began.is_none() {
+    fn unchanged_process_data(
+        &mut self,
+        frame: &Frame,
+        now: Timestamp,
+    ) -> Option<&Arc<ProcessData>> {
+        let Service::Pdo(at) = self.services.cached(frame.id) else { return None };
+        if now > self.next_due || self.start_time.is_none() {
             return None;
         }
         let pdo = &self.pdos.all[usize::from(at)];
-        let process = pdo.settled(frame.len)?;
+        let process = pdo.matching_process_data(frame.len)?;
         let node = self.nodes[usize::from(pdo.node)].as_deref_mut()?;
-        if pdo.told {
-            let free = node.may_process();
+        if pdo.from_node {
+            let free = node.may_send_data();
             let data = u64::from_le_bytes(frame.data);
-            (free && process.is_settled(data, &mut node.power)).then_some(())?;
+            (free && process.is_unchanged(data, &mut node.power)).then_some(())?;
         } else {
-            self.commanded = Some(now).max(self.commanded);
+            self.last_command = Some(now).max(self.last_command);
         }
-        self.latest = Some(now).max(self.latest);
+        self.last_time = Some(now).max(self.last_time);
         Some(process)
     }
 
-    fn repeats(&self, id: u32) -> bool {
+    fn is_repeatable(&self, id: u32) -> bool {
         use Service::{Nmt, Request, State, Sync};
         // Also where one was moved to an answer's place: the dissector looks at no request.
-        matches!(self.services.known(id), Nmt | Sync | State(_) | Request(_))
+        matches!(self.services.cached(id), Nmt | Sync | State(_) | Request(_))
     }
 
-    fn claims(&self, id: u32, extended: bool) -> bool {
-        self.services.claims(id, extended)
+    fn claims_id(&self, id: u32, extended: bool) -> bool {
+        self.services.claims_id(id, extended)
     }
 
-    fn end(&mut self, notices: &mut Vec<Notice>) {
-        self.channels.iter_mut().for_each(|channel| channel.end(notices));
-        self.lss.end(notices);
-        self.nodes.iter_mut().flatten().for_each(|node| node.confirm(None, notices));
+    fn finish(&mut self, notices: &mut Vec<SessionNotice>) {
+        self.channels.iter_mut().for_each(|channel| channel.finish(notices));
+        self.lss.finish(notices);
+        self.nodes.iter_mut().flatten().for_each(|node| node.confirm_suspicion(None, notices));
     }
 }
 
-impl Canopen {
+impl CanopenTracker {
     /// The names that count from now on.
-    fn name_by(&mut self, profile: Option<&'static Profile>, stated: bool) {
-        self.stated = profile.filter(|_| stated);
+    fn set_profile(&mut self, profile: Option<&'static Profile>, stated: bool) {
+        self.stated_profile = profile.filter(|_| stated);
         let same = match (self.profile, profile) {
             (Some(one), Some(other)) => core::ptr::eq(one, other),
             (one, other) => one.is_none() && other.is_none(),
         };
         if !same {
             self.profile = profile;
-            self.pdos.all.iter_mut().for_each(pdo::Pdo::forget);
+            self.pdos.all.iter_mut().for_each(pdo::Pdo::clear_mapping);
         }
     }
 
     /// The drive whose names a node has.
-    fn profile_of(&self, id: u8) -> Option<&'static Profile> {
+    fn node_profile(&self, id: u8) -> Option<&'static Profile> {
         let node = self.nodes[usize::from(id & NODE_MAX)].as_deref();
-        node.map_or(self.profile, |node| node.product.names(self.profile))
+        node.map_or(self.profile, |node| node.product.naming_profile(self.profile))
     }
 
     /// The same, and whether the frame was explained by other names.
-    fn names_of(&self, id: u8) -> (Option<&'static Profile>, bool) {
-        let profile = self.profile_of(id);
+    fn naming_profile(&self, id: u8) -> (Option<&'static Profile>, bool) {
+        let profile = self.node_profile(id);
         let place = |profile: Option<&'static Profile>| profile.map(core::ptr::from_ref);
         (profile, place(profile) != place(self.profile))
     }
 
-    fn is_masters(&self, service: Service) -> bool {
+    fn is_from_master(&self, service: Service) -> bool {
         match service {
             Service::Nmt | Service::Sync | Service::Request(_) | Service::Lss(true) => true,
-            Service::Pdo(at) => !self.pdos.all[usize::from(at)].told,
+            Service::Pdo(at) => !self.pdos.all[usize::from(at)].from_node,
             _ => false,
         }
     }
 
-    fn node(&mut self, node: u8) -> &mut Node {
+    fn node_mut(&mut self, node: u8) -> &mut NodeTracker {
         let place = &mut self.nodes[usize::from(node & NODE_MAX)];
-        place.get_or_insert_with(|| Box::new(Node::new(node, self.reset)))
+        place.get_or_insert_with(|| Box::new(NodeTracker::new(node, self.all_reset)))
     }
 
     /// Something is due then.
-    fn expect(&mut self, due: Option<Stamp>) {
-        self.due = due.map_or(self.due, |due| self.due.min(due));
+    fn schedule(&mut self, due: Option<Timestamp>) {
+        self.next_due = due.map_or(self.next_due, |due| self.next_due.min(due));
     }
 
     /// Looks who did not do what was due.
-    fn overdue(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
+    fn check_deadlines(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
         for at in 0..self.channels.len() {
             let before = notices.len();
-            self.channels[at].pass(now, notices);
-            self.hush(at, before, Some(now), notices);
+            self.channels[at].advance_time(now, notices);
+            self.suppress_unanswered(at, before, Some(now), notices);
         }
-        self.lss.pass(now, notices);
+        self.lss.advance_time(now, notices);
         for node in self.nodes.iter_mut().flatten() {
             if node.guard.due().is_some_and(|due| due < now) {
-                node.unguarded(notices);
+                node.expire_guard(notices);
             }
-            node.confirm(Some(now), notices);
+            node.confirm_suspicion(Some(now), notices);
         }
-        self.silences(now, notices);
-        self.due = NEVER;
-        let channels = self.channels.iter().filter_map(Channel::due);
+        self.check_heartbeats(now, notices);
+        self.next_due = NEVER;
+        let channels = self.channels.iter().filter_map(SdoChannel::due);
         let nodes = self.nodes.iter().flatten();
-        let nodes =
-            nodes.flat_map(|node| [node.beat.due(), node.guard.due(), node.boots.due()]).flatten();
-        self.due = channels.chain(nodes).chain(self.lss.due()).min().unwrap_or(NEVER);
+        let nodes = nodes
+            .flat_map(|node| [node.heartbeat.due(), node.guard.due(), node.boots.due()])
+            .flatten();
+        self.next_due = channels.chain(nodes).chain(self.lss.due()).min().unwrap_or(NEVER);
     }
 
     /// Looks whose heartbeat stays out. Where nobody at all spoke, several are not silent: the
     /// capture paused, or the bus was down.
-    fn silences(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
-        let missed = |node: &Node| node.beat.due().filter(|due| *due < now);
+    fn check_heartbeats(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
+        let missed = |node: &NodeTracker| node.heartbeat.due().filter(|due| *due < now);
         let missing = self.nodes.iter().flatten().filter_map(|node| missed(node));
         let (count, first) = missing.fold((0, NEVER), |(n, first), due| (n + 1, first.min(due)));
-        let paused = count > 1 && self.latest.is_some_and(|latest| latest < first);
-        if let (true, Some(latest)) = (paused, self.latest) {
+        let paused = count > 1 && self.last_time.is_some_and(|latest| latest < first);
+        if let (true, Some(latest)) = (paused, self.last_time) {
             let ms = now.since(latest) / 1_000_000;
             let text = format!("nobody said anything for {ms} ms, {count} heartbeats stayed out");
-            let (kind, axis, time) = (Oddity::Silent, None, Some(latest));
-            notices.push(Notice::Odd(Odd { kind, axis, time, text }));
+            let (kind, axis, time) = (AnomalyKind::Silent, None, Some(latest));
+            notices.push(SessionNotice::Anomaly(AnomalyNotice { kind, axis, time, text }));
         }
         for node in self.nodes.iter_mut().flatten() {
             if paused {
-                node.beat.off();
+                node.heartbeat.suspend();
             } else {
-                node.silent(now, self.commanded, notices);
+                node.check_silence(now, self.last_command, notices);
             }
         }
     }
 
     /// Who looks who is there is not told that nobody is, and who asks on is told once.
     /// That a request was not answered waits for an answer that is only late.
-    fn hush(
+    fn suppress_unanswered(
         &mut self,
         channel: usize,
         before: usize,
-        now: Option<Stamp>,
-        notices: &mut Vec<Notice>,
+        now: Option<Timestamp>,
+        notices: &mut Vec<SessionNotice>,
     ) {
         if notices.len() == before {
             return;
@@ -304,221 +314,262 @@ impl Canopen {
         let mut at = before;
         while at < notices.len() {
             let given_up = match &notices[at] {
-                Notice::Odd(odd) if sdo::is_unanswered(odd) => Some(true),
-                Notice::Odd(Odd { kind: Oddity::Retry, .. }) => Some(false),
+                SessionNotice::Anomaly(odd) if sdo::is_unanswered(odd) => Some(true),
+                SessionNotice::Anomaly(AnomalyNotice { kind: AnomalyKind::Retry, .. }) => {
+                    Some(false)
+                }
                 _ => None,
             };
             match given_up {
-                Some(given_up) if !self.node(node).unanswered(given_up) => {
+                Some(given_up) if !self.node_mut(node).record_unanswered(given_up) => {
                     notices.remove(at);
                 }
                 _ => at += 1,
             }
         }
-        self.channels[channel].hold(before, now, notices);
+        self.channels[channel].hold_unanswered(before, now, notices);
         let due = self.channels[channel].due();
-        self.expect(due);
+        self.schedule(due);
     }
 
     /// The master orders something of one node, or of all that are known.
-    fn order(&mut self, bytes: &[u8], now: Option<Stamp>, notices: &mut Vec<Notice>) {
-        let Ok(Order { command, node }) = Order::parse(bytes) else { return };
-        if matches!(command, Command::Other(_)) {
+    fn handle_nmt(
+        &mut self,
+        bytes: &[u8],
+        now: Option<Timestamp>,
+        notices: &mut Vec<SessionNotice>,
+    ) {
+        let Ok(NmtMessage { command, node }) = NmtMessage::parse(bytes) else { return };
+        if matches!(command, NmtCommand::Other(_)) {
             return;
         }
-        self.sync.restart();
+        self.sync.restart_counter();
         if node != 0 {
-            self.node(node);
+            self.node_mut(node);
         }
         for known in self.nodes.iter_mut().flatten().filter(|n| node == 0 || n.id == node) {
-            known.order(command, now, notices);
+            known.handle_command(command, now, notices);
         }
-        if matches!(command, Command::ResetNode | Command::ResetCommunication) {
-            self.reset |= node == 0;
-            let meant = |channel: &&mut Channel| node == 0 || channel.node == node;
+        if matches!(command, NmtCommand::ResetNode | NmtCommand::ResetCommunication) {
+            self.all_reset |= node == 0;
+            let meant = |channel: &&mut SdoChannel| node == 0 || channel.node == node;
             self.channels.iter_mut().filter(meant).for_each(|it| it.reset(now, notices));
         }
     }
 
     /// Boot-up, heartbeat, or guarding.
-    fn state(&mut self, id: u8, heard: &Heard<'_>, notices: &mut Vec<Notice>) {
+    fn handle_state(
+        &mut self,
+        id: u8,
+        heard: &ObservedFrame<'_>,
+        notices: &mut Vec<SessionNotice>,
+    ) {
         let at = (heard.number, heard.time);
         if heard.remote {
-            let node = self.node(id);
-            node.guarded(at, notices);
+            let node = self.node_mut(id);
+            node.record_guard_request(at, notices);
             let due = node.guard.due();
-            return self.expect(due);
+            return self.schedule(due);
         }
         let Ok(Heartbeat { state, toggle }) = Heartbeat::parse(heard.raw.bytes) else { return };
-        let beginning = self.channels[usize::from(id)].is_setting(HEARTBEAT_TIME, heard.time);
-        let node = self.node(id);
-        if state == State::BootUp {
-            let started = node.boot(heard.time, beginning, notices);
+        let beginning = self.channels[usize::from(id)].is_writing(HEARTBEAT_TIME, heard.time);
+        let node = self.node_mut(id);
+        if state == NmtState::BootUp {
+            let started = node.handle_boot_up(heard.time, beginning, notices);
             let due = node.boots.due();
-            self.expect(due);
+            self.schedule(due);
             if started {
-                self.restart(id, heard.time, notices);
+                self.handle_restart(id, heard.time, notices);
             }
-        } else if node.guard.answer(id, toggle, at, notices) {
-            node.answered(notices);
-            node.state_told(state, heard.time, notices);
+        } else if node.guard.handle_answer(id, toggle, at, notices) {
+            node.record_answer(notices);
+            node.handle_state(state, heard.time, notices);
         } else {
-            node.tell(state, heard.time, notices);
-            let due = node.beat.due();
-            self.expect(due);
+            node.handle_heartbeat(state, heard.time, notices);
+            let due = node.heartbeat.due();
+            self.schedule(due);
         }
     }
 
     /// A node has started: what it was told may be forgotten, what was under way is.
-    fn restart(&mut self, id: u8, now: Option<Stamp>, notices: &mut Vec<Notice>) {
-        self.pdos.of(id).for_each(pdo::Pdo::restart);
-        let meant = |channel: &&mut Channel| channel.node == id;
+    fn handle_restart(&mut self, id: u8, now: Option<Timestamp>, notices: &mut Vec<SessionNotice>) {
+        self.pdos.of_node(id).for_each(pdo::Pdo::mark_stale);
+        let meant = |channel: &&mut SdoChannel| channel.node == id;
         self.channels.iter_mut().filter(meant).for_each(|channel| channel.reset(now, notices));
     }
 
-    fn emergency(
+    fn handle_emergency(
         &mut self,
         id: u8,
-        heard: &Heard<'_>,
-        said: &mut Explained,
-        notices: &mut Vec<Notice>,
+        heard: &ObservedFrame<'_>,
+        said: &mut Explanation,
+        notices: &mut Vec<SessionNotice>,
     ) {
         let bytes = heard.raw.bytes;
         let default = u32::from(cob::EMCY | u16::from(id));
-        let (profile, renamed) = self.names_of(id);
+        let (profile, renamed) = self.naming_profile(id);
         if renamed || heard.raw.id != Some(default) {
-            say::by_default(bytes, Some(default), profile, said);
+            annotate::explain_as_default(bytes, Some(default), profile, said);
         }
         let Ok(emergency) = Emergency::parse(bytes) else { return };
-        let words = emcy::Words::of(emergency.code.into(), bytes.len() == 2, profile);
+        let words = emcy::FaultText::lookup(emergency.code.into(), bytes.len() == 2, profile);
         if words.inferred {
-            say::inferred(&words, said);
+            annotate::annotate_inferred(&words, said);
         }
-        let node = self.node(id);
+        let node = self.node_mut(id);
         // Who starts says that there is no fault, before or behind its boot-up.
-        node.hear(emergency.code != 0, notices);
-        node.faults.take(id, &emergency, words, heard.time, notices);
+        node.record_activity(emergency.code != 0, notices);
+        node.faults.handle_emergency(id, &emergency, words, heard.time, notices);
     }
 
     /// Reads process data by their mapping.
-    fn process(
+    fn handle_process_data(
         &mut self,
         at: usize,
-        heard: &Heard<'_>,
-        said: &mut Explained,
-        notices: &mut Vec<Notice>,
+        heard: &ObservedFrame<'_>,
+        said: &mut Explanation,
+        notices: &mut Vec<SessionNotice>,
     ) {
         let bytes = heard.raw.bytes;
         let Ok(len @ 0..=8) = u8::try_from(bytes.len()) else { return };
-        let (id, told) = (self.pdos.all[at].node, self.pdos.all[at].told);
-        self.node(id);
-        let profile = self.profile_of(id);
+        let (id, told) = (self.pdos.all[at].node, self.pdos.all[at].from_node);
+        self.node_mut(id);
+        let profile = self.node_profile(id);
         let Some(node) = self.nodes[usize::from(id)].as_deref_mut() else { return };
         if told {
-            node.processes(heard.time, notices);
+            node.record_process_data(heard.time, notices);
         }
         let pdo = &mut self.pdos.all[at];
-        let book = Book { profile, values: &node.values };
-        pdo.map(len, &Beside { book, drive: node.drive, bare: said.is_bare() });
-        pdo.measure(len, notices);
-        say::process(pdo, bytes, heard.raw.id, profile, said);
-        let Some(process) = pdo.last().filter(|it| len >= it.mapping().bytes()) else { return };
-        let data = word(bytes);
-        process.mapping().signals(data, |place, exact, value| {
-            if process.watches(place) {
-                node.power.take(id, place.object, exact, &mut node.faults, profile, notices);
+        let book = ObjectLookup { profile, values: &node.values };
+        pdo.resolve_mapping(
+            len,
+            &MappingContext {
+                lookup: book,
+                is_drive: node.is_drive,
+                values_only: said.is_values_only(),
+            },
+        );
+        pdo.check_length(len, notices);
+        annotate::explain_process_data(pdo, bytes, heard.raw.id, profile, said);
+        let Some(process) = pdo.process_data().filter(|it| len >= it.mapping().bytes()) else {
+            return;
+        };
+        let data = bytes_to_word(bytes);
+        process.mapping().for_each_signal(data, |place, exact, value| {
+            if process.tells_state(place) {
+                node.power.handle_value(
+                    id,
+                    place.object,
+                    exact,
+                    &mut node.faults,
+                    profile,
+                    notices,
+                );
             }
-            notices.push(process.signal(place, exact, value));
+            notices.push(process.signal_notice(place, exact, value));
         });
     }
 
-    fn request(
+    fn handle_request(
         &mut self,
         at: usize,
-        heard: &Heard<'_>,
-        said: &mut Explained,
-        notices: &mut Vec<Notice>,
+        heard: &ObservedFrame<'_>,
+        said: &mut Explanation,
+        notices: &mut Vec<SessionNotice>,
     ) {
-        let Some(bytes) = service(heard.raw.bytes) else { return };
+        let Some(bytes) = service_bytes(heard.raw.bytes) else { return };
         let (before, place) = (notices.len(), (heard.number, heard.time));
-        self.followed = true;
-        let part = self.channels[at].request(bytes, place, notices);
+        self.sees_requests = true;
+        let part = self.channels[at].handle_request(bytes, place, notices);
         let channel = &self.channels[at];
-        let (profile, renamed) = self.names_of(channel.node);
+        let (profile, renamed) = self.naming_profile(channel.node);
         let usual = u32::from(cob::SDO_REQUEST | u16::from(channel.node));
         let moved = renamed || heard.raw.id != Some(usual);
-        say::part(channel, part, heard.raw.bytes, (false, moved), profile, said);
+        annotate::annotate_part(channel, part, heard.raw.bytes, (false, moved), profile, said);
         let due = channel.due();
-        self.expect(due);
-        self.settle(at, notices);
-        self.hush(at, before, heard.time, notices);
+        self.schedule(due);
+        self.learn_transferred(at, notices);
+        self.suppress_unanswered(at, before, heard.time, notices);
     }
 
-    fn reply(
+    fn handle_reply(
         &mut self,
         at: usize,
-        heard: &Heard<'_>,
-        said: &mut Explained,
-        notices: &mut Vec<Notice>,
+        heard: &ObservedFrame<'_>,
+        said: &mut Explanation,
+        notices: &mut Vec<SessionNotice>,
     ) {
-        let Some(bytes) = service(heard.raw.bytes) else { return };
+        let Some(bytes) = service_bytes(heard.raw.bytes) else { return };
         let place = (heard.number, heard.time);
         let id = self.channels[at].node;
-        self.node(id).answered(notices);
+        self.node_mut(id).record_answer(notices);
         let channel = &mut self.channels[at];
-        let part = channel.reply(bytes, place, self.followed, notices);
+        let part = channel.handle_reply(bytes, place, self.sees_requests, notices);
         let (two, due) = (channel.is_answered_by_two(), channel.due());
-        let (profile, renamed) = self.names_of(id);
+        let (profile, renamed) = self.naming_profile(id);
         let moved = renamed || heard.raw.id != Some(u32::from(cob::SDO_REPLY | u16::from(id)));
-        say::part(&self.channels[at], part, heard.raw.bytes, (true, moved), profile, said);
-        self.expect(due);
+        annotate::annotate_part(
+            &self.channels[at],
+            part,
+            heard.raw.bytes,
+            (true, moved),
+            profile,
+            said,
+        );
+        self.schedule(due);
         if two {
-            self.node(id).double("its requests are answered twice", notices);
+            self.node_mut(id).report_duplicate("its requests are answered twice", notices);
         }
-        self.settle(at, notices);
+        self.learn_transferred(at, notices);
     }
 
     /// The master or a device speaks of node-IDs and bit rates.
-    fn layer(&mut self, asks: bool, heard: &Heard<'_>, notices: &mut Vec<Notice>) {
+    fn handle_lss(
+        &mut self,
+        asks: bool,
+        heard: &ObservedFrame<'_>,
+        notices: &mut Vec<SessionNotice>,
+    ) {
         let at = (heard.number, heard.time);
-        let Some(bytes) = service(heard.raw.bytes).filter(|_| heard.raw.bytes.len() == 8) else {
+        let Some(bytes) = service_bytes(heard.raw.bytes).filter(|_| heard.raw.bytes.len() == 8)
+        else {
             return;
         };
         match asks {
-            true => self.lss.request(bytes, at, notices),
-            false => self.lss.reply(bytes, at, notices),
+            true => self.lss.handle_request(bytes, at, notices),
+            false => self.lss.handle_reply(bytes, at, notices),
         }
         let due = self.lss.due();
-        self.expect(due);
+        self.schedule(due);
     }
 
     /// What a transfer brought is known from now on.
-    fn settle(&mut self, at: usize, notices: &mut Vec<Notice>) {
+    fn learn_transferred(&mut self, at: usize, notices: &mut Vec<SessionNotice>) {
         let id = self.channels[at].node;
-        if let Some(settled) = self.channels[at].settled() {
-            self.learn(id, &settled, notices);
+        if let Some(settled) = self.channels[at].take_transferred() {
+            self.learn_value(id, &settled, notices);
         }
     }
 }
 
 /// Up to eight bytes as a number, the first lowest.
-fn word(bytes: &[u8]) -> u64 {
+fn bytes_to_word(bytes: &[u8]) -> u64 {
     let mut all = [0; 8];
     all.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
     u64::from_le_bytes(all)
 }
 
 /// Service data of eight bytes, or of seven where the last does not count.
-fn service(bytes: &[u8]) -> Option<[u8; 8]> {
-    matches!(bytes.len(), 7 | 8).then(|| word(bytes).to_le_bytes())
+fn service_bytes(bytes: &[u8]) -> Option<[u8; 8]> {
+    matches!(bytes.len(), 7 | 8).then(|| bytes_to_word(bytes).to_le_bytes())
 }
 
 /// Something that a healthy bus does not do.
-fn odd(kind: Oddity, node: u8, text: String) -> Notice {
-    odd_at(kind, node, None, text)
+fn anomaly(kind: AnomalyKind, node: u8, text: String) -> SessionNotice {
+    anomaly_at(kind, node, None, text)
 }
 
 /// The same, seen later than it was.
-fn odd_at(kind: Oddity, node: u8, time: Option<Stamp>, text: String) -> Notice {
-    Notice::Odd(Odd { kind, axis: Some(node.into()), time, text })
+fn anomaly_at(kind: AnomalyKind, node: u8, time: Option<Timestamp>, text: String) -> SessionNotice {
+    SessionNotice::Anomaly(AnomalyNotice { kind, axis: Some(node.into()), time, text })
 }

@@ -15,157 +15,178 @@ mod presence;
 mod values;
 
 use polepair_core::error::WireError;
-use polepair_core::explain::{Direction, Place, Talk, Turn};
+use polepair_core::explain::{ConversationContext, Direction, FrameRole, SequencePosition};
 
-use super::{Follower, Heard, Notice, Odd, Oddity, Quality};
-use crate::decoder::{Wrong, strays};
-use crate::explained::Explained;
-use crate::stamp::Stamp;
+use super::{AnomalyKind, AnomalyNotice, ObservedFrame, ProtocolTracker, Quality, SessionNotice};
+use crate::decoder::{FrameDefect, stray_text};
+use crate::explanation::Explanation;
+use crate::timestamp::Timestamp;
 use pairing::Pairing;
-use presence::Presence;
-use values::Values;
+use presence::PresenceMonitor;
+use values::ValueTracker;
 
 /// Axes of a link that are followed one by one.
 const AXES_MAX: usize = 256;
 
 /// Follows one protocol of requests and answers on one link.
 #[derive(Debug, Default)]
-pub(super) struct Exchanges {
+pub(super) struct ExchangeTracker {
     pairing: Pairing,
-    presence: Presence,
-    values: Values,
+    presence: PresenceMonitor,
+    values: ValueTracker,
     /// The last place of each axis in a sequence that counts.
-    places: Vec<(u32, u32)>,
+    sequence_numbers: Vec<(u32, u32)>,
     /// What may only be the end of a capture that was cut off, until something follows it.
-    rest: Option<Odd>,
+    pending_anomaly: Option<AnomalyNotice>,
     /// Something whole was heard: what came before may have been cut off at its beginning.
-    began: bool,
+    synced: bool,
 }
 
-impl Follower for Exchanges {
-    fn take(&mut self, heard: &Heard<'_>, said: &mut Explained, notices: &mut Vec<Notice>) {
+impl ProtocolTracker for ExchangeTracker {
+    fn handle_frame(
+        &mut self,
+        heard: &ObservedFrame<'_>,
+        said: &mut Explanation,
+        notices: &mut Vec<SessionNotice>,
+    ) {
         if heard.echo {
             return;
         }
-        notices.extend(self.rest.take().map(Notice::Odd));
-        if let Some(wrong) = heard.wrong {
-            return self.spoiled(wrong, heard, said, notices);
+        notices.extend(self.pending_anomaly.take().map(SessionNotice::Anomaly));
+        if let Some(wrong) = heard.defect {
+            return self.handle_defect(wrong, heard, said, notices);
         }
-        self.began = true;
-        let turn = heard.dissector.turn(&heard.raw, &self.talk(heard, said.axis));
+        self.synced = true;
+        let turn = heard.dissector.role(&heard.raw, &self.conversation_context(heard, said.axis));
         let quality = match turn {
-            Turn::Asks(awaits) => {
-                self.count(heard, said, notices);
-                self.pairing.ask(awaits, heard, said, notices);
-                self.presence.asked(said.axis);
+            FrameRole::Request(awaits) => {
+                self.check_sequence(heard, said, notices);
+                self.pairing.handle_request(awaits, heard, said, notices);
+                self.presence.record_request(said.axis);
                 Quality::Good
             }
-            Turn::Acknowledges => self.pairing.acknowledge(heard, notices),
-            Turn::Answers | Turn::Tells => {
-                let tells = turn == Turn::Tells;
-                let settled = self.pairing.answer(tells, heard, said, notices);
-                self.presence.heard(said.axis, heard.time, tells && !settled.asked);
+            FrameRole::Acknowledgement => self.pairing.handle_acknowledge(heard, notices),
+            FrameRole::Answer | FrameRole::Report => {
+                let tells = turn == FrameRole::Report;
+                let settled = self.pairing.handle_answer(tells, heard, said, notices);
+                self.presence.record_frame(said.axis, heard.time, tells && !settled.requested);
                 settled.quality
             }
-            Turn::Aside => Quality::Good,
+            FrameRole::Unrelated => Quality::Good,
         };
-        let request = self.pairing.answered_by(heard.number);
-        self.values.take(heard, said, (quality, request), notices);
-        self.presence.missed(self.pairing.given_up(), heard.time, notices);
+        let request = self.pairing.request_of(heard.number);
+        self.values.handle_values(heard, said, (quality, request), notices);
+        self.presence.record_missed(self.pairing.take_given_up(), heard.time, notices);
     }
 
-    fn pass(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
-        self.pairing.pass(now, notices);
-        self.presence.missed(self.pairing.given_up(), Some(now), notices);
-        self.presence.pass(now, notices);
+    fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
+        self.pairing.advance_time(now, notices);
+        self.presence.record_missed(self.pairing.take_given_up(), Some(now), notices);
+        self.presence.check_silence(now, notices);
     }
 
-    fn end(&mut self, notices: &mut Vec<Notice>) {
-        self.pairing.end(notices);
+    fn finish(&mut self, notices: &mut Vec<SessionNotice>) {
+        self.pairing.finish(notices);
     }
 }
 
-impl Exchanges {
-    fn talk<'a>(&'a self, heard: &Heard<'_>, axis: Option<u32>) -> Talk<'a> {
-        Talk {
+impl ExchangeTracker {
+    fn conversation_context<'a>(
+        &'a self,
+        heard: &ObservedFrame<'_>,
+        axis: Option<u32>,
+    ) -> ConversationContext<'a> {
+        ConversationContext {
             direction: heard.direction,
-            open: self.pairing.open(),
-            form: self.pairing.form(axis),
+            open_request: self.pairing.open_request(),
+            format_request: self.pairing.format_request(axis),
             profile: heard.profile,
         }
     }
 
     /// A frame that breaks something, or bytes that are none.
-    fn spoiled(
+    fn handle_defect(
         &mut self,
-        wrong: Wrong,
-        heard: &Heard<'_>,
-        said: &Explained,
-        notices: &mut Vec<Notice>,
+        wrong: FrameDefect,
+        heard: &ObservedFrame<'_>,
+        said: &Explanation,
+        notices: &mut Vec<SessionNotice>,
     ) {
-        let short = matches!(wrong, Wrong::Wire(WireError::Short { .. }));
+        let short = matches!(wrong, FrameDefect::Wire(WireError::Short { .. }));
         let (kind, axis, text) = match heard.stray {
-            true => (Oddity::Stray, None, strays(heard.raw.bytes.len())),
-            false => (sort(wrong), said.axis, wrong.to_string()),
+            true => (AnomalyKind::Stray, None, stray_text(heard.raw.bytes.len())),
+            false => (anomaly_kind(wrong), said.axis, wrong.to_string()),
         };
-        let odd = Odd { kind, axis, time: None, text };
+        let odd = AnomalyNotice { kind, axis, time: None, text };
         let cut = heard.stray || short;
         if cut && heard.raw.id.is_none() {
             // The capture may have begun in the middle of this, or may end in it.
-            self.rest = Some(Odd { time: heard.time, ..odd }).filter(|_| self.began);
+            self.pending_anomaly =
+                Some(AnomalyNotice { time: heard.time, ..odd }).filter(|_| self.synced);
             if heard.direction != Some(Direction::ToDrive) {
-                self.pairing.spoil();
+                self.pairing.mark_spoiled();
             }
             return;
         }
-        self.began = true;
-        notices.push(Notice::Odd(odd));
+        self.synced = true;
+        notices.push(SessionNotice::Anomaly(odd));
         if heard.direction != Some(Direction::ToDrive) && heard.raw.id.is_none() {
-            self.pairing.broken(heard, notices);
+            self.pairing.handle_broken_answer(heard, notices);
         }
-        self.values.take(heard, said, (Quality::BadCheck, None), notices);
+        self.values.handle_values(heard, said, (Quality::BadCheck, None), notices);
     }
 
     /// Points that count up: one that is left out was lost.
-    fn count(&mut self, heard: &Heard<'_>, said: &Explained, notices: &mut Vec<Notice>) {
-        let (Some(place), Some(axis)) = (heard.dissector.place(&heard.raw), said.axis) else {
+    fn check_sequence(
+        &mut self,
+        heard: &ObservedFrame<'_>,
+        said: &Explanation,
+        notices: &mut Vec<SessionNotice>,
+    ) {
+        let (Some(place), Some(axis)) = (heard.dissector.sequence_position(&heard.raw), said.axis)
+        else {
             return;
         };
-        let known = self.places.iter().position(|(of, _)| *of == axis);
-        let Place::Counts(number, after) = place else {
-            known.map(|at| self.places.swap_remove(at));
+        let known = self.sequence_numbers.iter().position(|(of, _)| *of == axis);
+        let SequencePosition::Number(number, after) = place else {
+            known.map(|at| self.sequence_numbers.swap_remove(at));
             return;
         };
         let Some(at) = known else {
-            if self.places.len() < AXES_MAX {
-                self.places.push((axis, number));
+            if self.sequence_numbers.len() < AXES_MAX {
+                self.sequence_numbers.push((axis, number));
             }
             return;
         };
-        let last = core::mem::replace(&mut self.places[at].1, number);
+        let last = core::mem::replace(&mut self.sequence_numbers[at].1, number);
         let expected = (last + 1) % after;
         if number != expected && number != last {
             let missed = (number + after - expected) % after;
             let text = format!(
                 "point {number} after {last} to axis {axis}: {missed} of a path are missing"
             );
-            let kind = Oddity::Sequence;
-            notices.push(Notice::Odd(Odd { kind, axis: Some(axis), time: None, text }));
+            let kind = AnomalyKind::Sequence;
+            notices.push(SessionNotice::Anomaly(AnomalyNotice {
+                kind,
+                axis: Some(axis),
+                time: None,
+                text,
+            }));
         }
     }
 }
 
-fn sort(wrong: Wrong) -> Oddity {
+fn anomaly_kind(wrong: FrameDefect) -> AnomalyKind {
     match wrong {
-        Wrong::Stray(_) => Oddity::Stray,
-        wrong if wrong.is_check() => Oddity::BadCheck,
-        Wrong::Broken | Wrong::Wire(_) => Oddity::Malformed,
+        FrameDefect::Stray(_) => AnomalyKind::Stray,
+        wrong if wrong.is_bad_check() => AnomalyKind::BadCheck,
+        FrameDefect::BadCheck | FrameDefect::Wire(_) => AnomalyKind::Malformed,
     }
 }
 
 /// Something odd of an axis, now.
-fn odd(kind: Oddity, axis: Option<u32>, text: String) -> Notice {
-    Notice::Odd(Odd { kind, axis, time: None, text })
+fn anomaly(kind: AnomalyKind, axis: Option<u32>, text: String) -> SessionNotice {
+    SessionNotice::Anomaly(AnomalyNotice { kind, axis, time: None, text })
 }
 
 #[cfg(test)]

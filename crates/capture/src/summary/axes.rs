@@ -1,122 +1,124 @@
 //! What one axis did: states, requests, values, faults.
 
-use super::{OUTCOMES, Spread};
-use crate::decoder::Event;
-use crate::session::{Change, Exchange, Fault, Name, Outcome, Quality, Signal};
-use crate::stamp::Stamp;
+use super::{Histogram, OUTCOMES};
+use crate::decoder::DecodedFrame;
+use crate::session::{
+    ChangeNotice, ExchangeNotice, ExchangeOutcome, FaultNotice, InternedName, Quality, SignalNotice,
+};
+use crate::timestamp::Timestamp;
 
 /// Changes of a state that are kept with their times: the first ones.
 const CHANGES_MAX: usize = 12;
 /// States whose time is added up, for each sort of state.
 const STATES_MAX: usize = 32;
 /// Sorts of states of an axis: `nmt`, `power`, `mode` and the like.
-const SORTS_MAX: usize = 16;
+const KINDS_MAX: usize = 16;
 
 /// An axis, node or station.
 #[derive(Clone, Debug, Default)]
-pub struct Axis {
+pub struct AxisSummary {
     /// Its frames, and the host's to it.
     pub frames: u64,
     /// When the first came, and the last.
-    pub span: Option<(Stamp, Stamp)>,
+    pub span: Option<(Timestamp, Timestamp)>,
     /// Its states, by sort.
-    pub states: Vec<(Name, States)>,
+    pub states: Vec<(InternedName, StateHistory)>,
 }
 
 /// One sort of state over time.
 #[derive(Clone, Debug, Default)]
-pub struct States {
+pub struct StateHistory {
     /// The first changes, with their times.
-    pub changes: Vec<(Option<Stamp>, Name)>,
+    pub changes: Vec<(Option<Timestamp>, InternedName)>,
     /// How many there were.
     pub count: u64,
     /// How long it was in each state, ns; the last one lasts to the end of the capture.
-    pub spent: Vec<(Name, u64)>,
+    pub durations: Vec<(InternedName, u64)>,
     /// The state now, and since when.
-    pub now: Option<(Name, Option<Stamp>)>,
+    pub current: Option<(InternedName, Option<Timestamp>)>,
 }
 
-impl Axis {
-    pub(super) fn frame(&mut self, event: &Event<'_>) {
+impl AxisSummary {
+    pub(super) fn add_frame(&mut self, event: &DecodedFrame<'_>) {
         self.frames += 1;
         if let Some(time) = event.time {
             self.span.get_or_insert((time, time)).1 = time;
         }
     }
 
-    pub(super) fn change(&mut self, change: &Change, time: Option<Stamp>) {
+    pub(super) fn add_change(&mut self, change: &ChangeNotice, time: Option<Timestamp>) {
         let at = self.states.iter().position(|(what, _)| *what == change.what);
         let at = at.unwrap_or_else(|| {
-            if self.states.len() < SORTS_MAX {
-                self.states.push((change.what, States::default()));
+            if self.states.len() < KINDS_MAX {
+                self.states.push((change.what, StateHistory::default()));
             }
             self.states.len() - 1
         });
-        self.states[at].1.change(change, time);
+        self.states[at].1.add_change(change, time);
     }
 }
 
-impl States {
-    fn change(&mut self, change: &Change, time: Option<Stamp>) {
-        self.leave(time);
-        if self.now.is_none() && !change.from.is_empty() {
-            self.enter(change.from);
+impl StateHistory {
+    fn add_change(&mut self, change: &ChangeNotice, time: Option<Timestamp>) {
+        self.close_state(time);
+        if self.current.is_none() && !change.from.is_empty() {
+            self.open_state(change.from);
         }
-        self.enter(change.to);
+        self.open_state(change.to);
         self.count += 1;
         if self.changes.len() < CHANGES_MAX {
             self.changes.push((time, change.to));
         }
-        self.now = Some((change.to, time));
+        self.current = Some((change.to, time));
     }
 
-    fn enter(&mut self, state: Name) {
-        let known = self.spent.iter().any(|(name, _)| *name == state);
-        if !known && self.spent.len() < STATES_MAX {
-            self.spent.push((state, 0));
+    fn open_state(&mut self, state: InternedName) {
+        let known = self.durations.iter().any(|(name, _)| *name == state);
+        if !known && self.durations.len() < STATES_MAX {
+            self.durations.push((state, 0));
         }
     }
 
-    fn leave(&mut self, time: Option<Stamp>) {
-        let Some((state, Some(since))) = self.now else { return };
+    fn close_state(&mut self, time: Option<Timestamp>) {
+        let Some((state, Some(since))) = self.current else { return };
         let spent = time.map_or(0, |time| time.since(since));
-        if let Some((_, sum)) = self.spent.iter_mut().find(|(name, _)| *name == state) {
+        if let Some((_, sum)) = self.durations.iter_mut().find(|(name, _)| *name == state) {
             *sum += spent;
         }
     }
 
     /// How long it was in each state when the capture ends at `end`, ns.
     #[must_use]
-    pub fn until(&self, end: Option<Stamp>) -> Vec<(Name, u64)> {
+    pub fn durations_until(&self, end: Option<Timestamp>) -> Vec<(InternedName, u64)> {
         let mut all = self.clone();
-        all.leave(end);
-        all.spent
+        all.close_state(end);
+        all.durations
     }
 }
 
 /// Requests of one sort to one axis.
 #[derive(Clone, Debug, Default)]
-pub struct Requests {
-    /// How many ended in each way, in the order of [`Outcome`].
+pub struct RequestSummary {
+    /// How many ended in each way, in the order of [`ExchangeOutcome`].
     pub outcomes: [u64; OUTCOMES.len()],
     /// How often one was sent again.
     pub retries: u64,
     /// Nanoseconds to the answer.
-    pub latency: Spread,
+    pub latency: Histogram,
     /// The frame of the slowest answer.
     pub slowest: u64,
 }
 
-impl Requests {
-    pub(super) fn take(&mut self, exchange: &Exchange, number: u64) {
+impl RequestSummary {
+    pub(super) fn add(&mut self, exchange: &ExchangeNotice, number: u64) {
         let at = OUTCOMES.iter().position(|outcome| *outcome == exchange.outcome).unwrap_or(0);
         self.outcomes[at] += 1;
         self.retries += u64::from(exchange.retries);
         if let Some(ns) = exchange.latency() {
-            if ns >= self.latency.most() {
+            if ns >= self.latency.max() {
                 self.slowest = exchange.answered.map_or(number, |(number, _)| number);
             }
-            self.latency.take(ns);
+            self.latency.add(ns);
         }
     }
 
@@ -128,7 +130,7 @@ impl Requests {
 
     /// Those that ended in a way.
     #[must_use]
-    pub fn ended(&self, outcome: Outcome) -> u64 {
+    pub fn count_of(&self, outcome: ExchangeOutcome) -> u64 {
         let at = OUTCOMES.iter().position(|other| *other == outcome);
         at.map_or(0, |at| self.outcomes[at])
     }
@@ -136,7 +138,7 @@ impl Requests {
 
 /// Values of one name.
 #[derive(Clone, Debug, Default)]
-pub struct Values {
+pub struct ValueSummary {
     /// How many.
     pub count: u64,
     /// The smallest and the greatest.
@@ -146,13 +148,13 @@ pub struct Values {
     /// The last one as it stood on the wire.
     pub exact: Option<i64>,
     /// Their unit.
-    pub unit: Name,
+    pub unit: InternedName,
     /// The worst that any of them is.
     pub quality: Option<Quality>,
 }
 
-impl Values {
-    pub(super) fn take(&mut self, signal: &Signal) {
+impl ValueSummary {
+    pub(super) fn add(&mut self, signal: &SignalNotice) {
         self.count += 1;
         let (least, most) = self.range.unwrap_or((signal.value, signal.value));
         self.range = Some((least.min(signal.value), most.max(signal.value)));
@@ -163,25 +165,25 @@ impl Values {
 
 /// A fault.
 #[derive(Clone, Debug, Default)]
-pub struct FaultSeen {
+pub struct FaultSummary {
     /// In words.
-    pub text: Name,
+    pub text: InternedName,
     /// Why it usually happens; empty where no profile says.
-    pub cause: Name,
+    pub cause: InternedName,
     /// What to do; empty where no profile says.
-    pub remedy: Name,
+    pub remedy: InternedName,
     /// How often it came.
     pub count: u64,
     /// The frame that told it first, and when.
-    pub first: Option<(u64, Option<Stamp>)>,
+    pub first: Option<(u64, Option<Timestamp>)>,
     /// When it came last.
-    pub last: Option<Stamp>,
+    pub last: Option<Timestamp>,
     /// It is there no more.
     pub gone: bool,
 }
 
-impl FaultSeen {
-    pub(super) fn take(&mut self, fault: &Fault, number: u64, time: Option<Stamp>) {
+impl FaultSummary {
+    pub(super) fn add(&mut self, fault: &FaultNotice, number: u64, time: Option<Timestamp>) {
         (self.text, self.cause, self.remedy) = (fault.text, fault.cause, fault.remedy);
         self.gone = fault.gone;
         if !fault.gone {

@@ -2,17 +2,17 @@
 
 use serde_json::{Map, Value, json};
 
-use super::show::{MOMENTS, Manner};
-use super::{Spread, Summary, Who};
-use crate::session::Outcome;
-use crate::stamp::Stamp;
+use super::summary_text::{BURSTS_SHOWN, SummaryStyle};
+use super::{AxisKey, Histogram, Summary};
+use crate::session::ExchangeOutcome;
+use crate::timestamp::Timestamp;
 
 /// The summary as one JSON object. Times are seconds since 1970, spans and latencies seconds.
 #[must_use]
-pub fn json(summary: &Summary, manner: &Manner) -> Value {
+pub fn to_json(summary: &Summary, manner: &SummaryStyle) -> Value {
     json!({
         "frames": summary.frames,
-        "wrong": summary.wrong,
+        "wrong": summary.defective,
         "begin": time(summary.span.map(|(first, _)| first)),
         "seconds": seconds(summary.length_ns()),
         "links": links(summary, manner),
@@ -21,16 +21,16 @@ pub fn json(summary: &Summary, manner: &Manner) -> Value {
         "requests": requests(summary),
         "values": values(summary),
         "faults": faults(summary),
-        "odd": odd(summary),
-        "moments": moments(summary),
-        "left_out": summary.beyond,
+        "odd": anomaly_counts(summary),
+        "moments": anomaly_bursts(summary),
+        "left_out": summary.dropped,
         "clean": summary.is_clean(),
     })
 }
 
-fn links(summary: &Summary, manner: &Manner) -> Vec<Value> {
+fn links(summary: &Summary, manner: &SummaryStyle) -> Vec<Value> {
     let spent = summary.length_ns() as f64 / 1e9;
-    let link = |(name, link): (&&str, &super::Link)| {
+    let link = |(name, link): (&&str, &super::LinkSummary)| {
         let peak = link.load.peak_per_s(summary.length_ns());
         let rate = manner.rate(name, link);
         let mean = (spent > 0.0).then(|| link.load.bits() as f64 / spent);
@@ -51,11 +51,11 @@ fn links(summary: &Summary, manner: &Manner) -> Vec<Value> {
     summary.links.iter().map(link).collect()
 }
 
-fn axes(summary: &Summary, manner: &Manner) -> Vec<Value> {
+fn axes(summary: &Summary, manner: &SummaryStyle) -> Vec<Value> {
     let end = summary.span.map(|(_, last)| last);
-    let axis = |(who, axis): (&Who, &super::Axis)| {
+    let axis = |(who, axis): (&AxisKey, &super::AxisSummary)| {
         let states = axis.states.iter().map(|(what, states)| {
-            let spent = states.until(end);
+            let spent = states.durations_until(end);
             let spent = spent.iter().map(|(state, ns)| ((*state).to_owned(), seconds(*ns)));
             let changes: Vec<Value> = states
                 .changes
@@ -66,11 +66,11 @@ fn axes(summary: &Summary, manner: &Manner) -> Vec<Value> {
                 "changes": states.count,
                 "first": changes,
                 "seconds": spent.collect::<Map<String, Value>>(),
-                "last": states.now.map(|(state, _)| state),
+                "last": states.current.map(|(state, _)| state),
             });
             ((*what).to_owned(), told)
         });
-        owned(
+        with_owner(
             *who,
             json!({
                 "frames": axis.frames,
@@ -85,8 +85,8 @@ fn axes(summary: &Summary, manner: &Manner) -> Vec<Value> {
 }
 
 fn kinds(summary: &Summary) -> Vec<Value> {
-    let kind = |kind: &super::Kind| {
-        owned(
+    let kind = |kind: &super::FrameKind| {
+        with_owner(
             kind.who,
             json!({
                 "kind": kind.kind,
@@ -94,7 +94,7 @@ fn kinds(summary: &Summary) -> Vec<Value> {
                 "extended": kind.id.map(|(_, extended)| extended),
                 "frames": kind.count,
                 "regular": kind.is_regular(),
-                "period": spread(&kind.gaps),
+                "period": histogram(&kind.gaps),
             }),
         )
     };
@@ -102,19 +102,19 @@ fn kinds(summary: &Summary) -> Vec<Value> {
 }
 
 fn requests(summary: &Summary) -> Vec<Value> {
-    let request = |((who, op), requests): (&(Who, &str), &super::Requests)| {
+    let request = |((who, op), requests): (&(AxisKey, &str), &super::RequestSummary)| {
         let outcomes = super::OUTCOMES.map(|outcome| {
-            let outcome: Outcome = outcome;
-            (outcome.word().to_owned(), json!(requests.ended(outcome)))
+            let outcome: ExchangeOutcome = outcome;
+            (outcome.as_str().to_owned(), json!(requests.count_of(outcome)))
         });
-        owned(
+        with_owner(
             *who,
             json!({
                 "op": op,
                 "count": requests.count(),
                 "outcomes": Map::from_iter(outcomes),
                 "retries": requests.retries,
-                "latency": spread(&requests.latency),
+                "latency": histogram(&requests.latency),
                 "slowest": Some(requests.slowest).filter(|number| *number > 0),
             }),
         )
@@ -123,8 +123,8 @@ fn requests(summary: &Summary) -> Vec<Value> {
 }
 
 fn values(summary: &Summary) -> Vec<Value> {
-    let value = |((who, name), values): (&(Who, &str), &super::Values)| {
-        owned(
+    let value = |((who, name), values): (&(AxisKey, &str), &super::ValueSummary)| {
+        with_owner(
             *who,
             json!({
                 "name": name,
@@ -134,7 +134,7 @@ fn values(summary: &Summary) -> Vec<Value> {
                 "last": values.last,
                 "exact": values.exact,
                 "unit": values.unit,
-                "quality": values.quality.map(|quality| quality.word()),
+                "quality": values.quality.map(|quality| quality.as_str()),
             }),
         )
     };
@@ -142,8 +142,8 @@ fn values(summary: &Summary) -> Vec<Value> {
 }
 
 fn faults(summary: &Summary) -> Vec<Value> {
-    let fault = |((who, code), fault): (&(Who, u32), &super::FaultSeen)| {
-        owned(
+    let fault = |((who, code), fault): (&(AxisKey, u32), &super::FaultSummary)| {
+        with_owner(
             *who,
             json!({
                 "code": code,
@@ -161,16 +161,20 @@ fn faults(summary: &Summary) -> Vec<Value> {
     summary.faults.iter().map(fault).collect()
 }
 
-fn odd(summary: &Summary) -> Map<String, Value> {
-    summary.moments.counts().map(|(kind, count)| (kind.word().to_owned(), json!(count))).collect()
+fn anomaly_counts(summary: &Summary) -> Map<String, Value> {
+    summary
+        .anomalies
+        .counts()
+        .map(|(kind, count)| (kind.as_str().to_owned(), json!(count)))
+        .collect()
 }
 
-fn moments(summary: &Summary) -> Vec<Value> {
-    let moment = |moment: &super::Moment| {
-        owned(
+fn anomaly_bursts(summary: &Summary) -> Vec<Value> {
+    let moment = |moment: &super::AnomalyBurst| {
+        with_owner(
             moment.who,
             json!({
-                "kind": moment.kind.word(),
+                "kind": moment.kind.as_str(),
                 "number": Some(moment.number).filter(|number| *number > 0),
                 "time": time(moment.time),
                 "last": time(moment.last),
@@ -179,11 +183,11 @@ fn moments(summary: &Summary) -> Vec<Value> {
             }),
         )
     };
-    summary.moments.oddest(MOMENTS).into_iter().map(moment).collect()
+    summary.anomalies.most_notable(BURSTS_SHOWN).into_iter().map(moment).collect()
 }
 
 /// What somebody has, with who that is in front.
-fn owned(who: Who, rest: Value) -> Value {
+fn with_owner(who: AxisKey, rest: Value) -> Value {
     let mut all = Map::new();
     all.insert("link".into(), json!(who.link));
     all.insert("protocol".into(), json!(Some(who.protocol).filter(|word| !word.is_empty())));
@@ -194,18 +198,18 @@ fn owned(who: Who, rest: Value) -> Value {
     Value::Object(all)
 }
 
-fn spread(spread: &Spread) -> Value {
+fn histogram(spread: &Histogram) -> Value {
     if spread.count() == 0 {
         return Value::Null;
     }
     json!({
         "count": spread.count(),
         "mean": spread.mean() / 1e9,
-        "min": seconds(spread.least()),
+        "min": seconds(spread.min()),
         "p1": seconds(spread.quantile(0.01)),
         "median": seconds(spread.median()),
         "p99": seconds(spread.quantile(0.99)),
-        "max": seconds(spread.most()),
+        "max": seconds(spread.max()),
     })
 }
 
@@ -213,6 +217,6 @@ fn seconds(ns: u64) -> Value {
     json!(ns as f64 / 1e9)
 }
 
-fn time(stamp: Option<Stamp>) -> Value {
+fn time(stamp: Option<Timestamp>) -> Value {
     json!(stamp.map(|stamp| stamp.0 as f64 / 1e9))
 }

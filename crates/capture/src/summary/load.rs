@@ -2,8 +2,8 @@
 
 use polepair_core::medium::{Frame, bits};
 
-use crate::decoder::Event;
-use crate::stamp::Stamp;
+use crate::decoder::DecodedFrame;
+use crate::timestamp::Timestamp;
 
 /// The peak is taken over windows of this length, ns.
 pub const WINDOW_NS: u64 = 100_000_000;
@@ -21,20 +21,20 @@ const CLOSER_SHARE: u64 = 200;
 
 /// Bits that passed on one link.
 #[derive(Clone, Debug, Default)]
-pub struct Load {
+pub struct BusLoad {
     bits: u64,
-    window: Option<(Stamp, u64)>,
+    window: Option<(Timestamp, u64)>,
     peak: u64,
-    last: Option<Stamp>,
+    last: Option<Timestamp>,
     frames: u64,
     /// For each rate: frames as close behind each other as it allows, and closer ones.
-    close: [u64; RATES.len()],
-    closer: [u64; RATES.len()],
+    at_rate: [u64; RATES.len()],
+    above_rate: [u64; RATES.len()],
 }
 
-impl Load {
+impl BusLoad {
     /// Takes a frame.
-    pub fn take(&mut self, event: &Event<'_>) {
+    pub fn add_frame(&mut self, event: &DecodedFrame<'_>) {
         let bits = match event.id {
             None => event.bytes.len() as u64 * BITS_PER_BYTE,
             Some(id) => frame_bits(event, id),
@@ -42,7 +42,7 @@ impl Load {
         self.bits += bits;
         let Some(time) = event.time else { return };
         if event.id.is_some() {
-            self.compare(time, bits);
+            self.compare_rates(time, bits);
         }
         let (since, sum) = self.window.get_or_insert((time, 0));
         if time.since(*since) >= WINDOW_NS {
@@ -53,22 +53,22 @@ impl Load {
     }
 
     /// How close a frame is behind the one before it, beside what each rate allows.
-    fn compare(&mut self, time: Stamp, bits: u64) {
+    fn compare_rates(&mut self, time: Timestamp, bits: u64) {
         let Some(last) = self.last.replace(time) else { return };
         self.frames += 1;
         let gap = time.since(last).max(1) as f64;
         for (at, rate) in RATES.into_iter().enumerate() {
             let least = bits as f64 * 1e9 / f64::from(rate);
-            self.closer[at] += u64::from(gap < least * 0.96);
-            self.close[at] += u64::from((0.96..1.04).contains(&(gap / least)));
+            self.above_rate[at] += u64::from(gap < least * 0.96);
+            self.at_rate[at] += u64::from((0.96..1.04).contains(&(gap / least)));
         }
     }
 
     /// The bit rate of a CAN bus, by how close its frames came; `None` where that does not tell.
     #[must_use]
-    pub fn estimated(&self) -> Option<u32> {
-        let at = (0..RATES.len()).find(|at| self.closer[*at] * CLOSER_SHARE <= self.frames)?;
-        let enough = self.close[at] >= CLOSE_MIN.max(self.frames / CLOSE_SHARE);
+    pub fn estimated_bit_rate(&self) -> Option<u32> {
+        let at = (0..RATES.len()).find(|at| self.above_rate[*at] * CLOSER_SHARE <= self.frames)?;
+        let enough = self.at_rate[at] >= CLOSE_MIN.max(self.frames / CLOSE_SHARE);
         enough.then_some(RATES[at])
     }
 
@@ -86,12 +86,12 @@ impl Load {
     }
 }
 
-fn frame_bits(event: &Event<'_>, id: u32) -> u64 {
-    let Event { bytes, extended, remote, .. } = *event;
+fn frame_bits(event: &DecodedFrame<'_>, id: u32) -> u64 {
+    let DecodedFrame { bytes, extended, remote, .. } = *event;
     let mut data = [0; 8];
     // A longer frame is one of CAN FD, whose data go at a rate of their own: not counted.
     let len = bytes.len().min(data.len());
     data[..len].copy_from_slice(&bytes[..len]);
     let id = id & 0x1FFF_FFFF;
-    bits::on_wire(&Frame { id, extended, remote, len: len as u8, data }).into()
+    bits::wire_bits(&Frame { id, extended, remote, len: len as u8, data }).into()
 }

@@ -1,18 +1,18 @@
 //! Summaries of made captures.
 
-use super::show::{Manner, text};
-use super::{Load, Summary, Who, json};
-use crate::made::{BEGIN_NS, Made, change, exchange, fault, odd, signal};
-use crate::session::{Notice, Oddity, Outcome};
-use crate::{Decoder, Rules};
+use super::summary_text::{SummaryStyle, render_text};
+use super::{AxisKey, BusLoad, Summary, json};
+use crate::fixtures::{BEGIN_NS, FixtureCapture, anomaly, change, exchange, fault, signal};
+use crate::session::{AnomalyKind, ExchangeOutcome, SessionNotice};
+use crate::{CaptureDecoder, Rules};
 
-const CAN0: Who = Who { link: "can0", protocol: "canopen", axis: Some(2) };
+const CAN0: AxisKey = AxisKey { link: "can0", protocol: "canopen", axis: Some(2) };
 
 /// A summary of frames of axis 2, each with its time in microseconds and its notices.
-fn summary(frames: &[(u64, Vec<Notice>)]) -> Summary {
-    let (mut made, mut summary) = (Made::default(), Summary::default());
+fn summary(frames: &[(u64, Vec<SessionNotice>)]) -> Summary {
+    let (mut made, mut summary) = (FixtureCapture::default(), Summary::default());
     for (us, notices) in frames {
-        made.frame(*us, (2, "TPDO1"), notices, &mut |event| summary.take(event));
+        made.next_frame(*us, (2, "TPDO1"), notices, &mut |event| summary.add_frame(event));
     }
     summary
 }
@@ -20,17 +20,17 @@ fn summary(frames: &[(u64, Vec<Notice>)]) -> Summary {
 #[test]
 fn a_clean_capture_fits_a_screen() {
     let frames: Vec<_> = (0..1000)
-        .map(|n| (n * 1000, vec![exchange(2, n * 1000, 700 + n % 50, Outcome::Done)]))
+        .map(|n| (n * 1000, vec![exchange(2, n * 1000, 700 + n % 50, ExchangeOutcome::Done)]))
         .collect();
     let summary = summary(&frames);
     assert!(summary.is_clean());
-    let shown = text(&summary, &Manner::default());
+    let shown = render_text(&summary, &SummaryStyle::default());
     assert!(shown.lines().count() <= 12, "{shown}");
     assert!(shown.starts_with("1000 frames in 999 ms from 2023-11-14 22:13:20 UTC\n"), "{shown}");
     assert!(shown.ends_with("nothing odd\n"), "{shown}");
     let requests = &summary.requests[&(CAN0, "read")];
-    assert_eq!((requests.count(), requests.latency.least()), (1000, 700_000));
-    assert_eq!(requests.latency.most(), 749_000);
+    assert_eq!((requests.count(), requests.latency.min()), (1000, 700_000));
+    assert_eq!(requests.latency.max(), 749_000);
     let kinds = summary.kinds();
     assert!(kinds[0].is_regular() && kinds[0].gaps.median() == 1_000_000, "{kinds:?}");
 }
@@ -39,20 +39,25 @@ fn a_clean_capture_fits_a_screen() {
 fn a_burst_is_one_moment_and_what_is_rare_comes_first() {
     let mut frames = Vec::new();
     // A hundred retries, one every two seconds; late replies in one burst; a restart.
-    frames.extend((0..100).map(|n| (n * 2_000_000, vec![odd(Oddity::Retry, 2)])));
-    frames.extend((0..30).map(|n| (300_000_000 + n * 1000, vec![odd(Oddity::LateReply, 2)])));
-    frames.push((400_000_000, vec![odd(Oddity::Restart, 2)]));
+    frames.extend((0..100).map(|n| (n * 2_000_000, vec![anomaly(AnomalyKind::Retry, 2)])));
+    frames.extend(
+        (0..30).map(|n| (300_000_000 + n * 1000, vec![anomaly(AnomalyKind::LateReply, 2)])),
+    );
+    frames.push((400_000_000, vec![anomaly(AnomalyKind::Restart, 2)]));
     let summary = summary(&frames);
     assert!(!summary.is_clean());
-    let oddest = summary.moments.oddest(10);
+    let oddest = summary.anomalies.most_notable(10);
     assert_eq!(oddest.len(), 10);
-    let ranked = summary.moments.oddest(2);
-    let kinds: Vec<Oddity> = ranked.iter().map(|moment| moment.kind).collect();
-    assert_eq!(kinds, [Oddity::LateReply, Oddity::Restart], "in the order of time");
+    let ranked = summary.anomalies.most_notable(2);
+    let kinds: Vec<AnomalyKind> = ranked.iter().map(|moment| moment.kind).collect();
+    assert_eq!(kinds, [AnomalyKind::LateReply, AnomalyKind::Restart], "in the order of time");
     assert_eq!((ranked[0].count, ranked[0].number), (30, 101));
-    let counts: Vec<_> = summary.moments.counts().collect();
-    assert_eq!(counts, [(Oddity::Retry, 100), (Oddity::LateReply, 30), (Oddity::Restart, 1)]);
-    let shown = text(&summary, &Manner::default());
+    let counts: Vec<_> = summary.anomalies.counts().collect();
+    assert_eq!(
+        counts,
+        [(AnomalyKind::Retry, 100), (AnomalyKind::LateReply, 30), (AnomalyKind::Restart, 1)]
+    );
+    let shown = render_text(&summary, &SummaryStyle::default());
     assert!(shown.contains("(30 times in 29.0 ms)"), "{shown}");
     assert!(shown.ends_with("odd: 100 retry, 30 late-reply, 1 restart\n"), "{shown}");
 }
@@ -62,17 +67,17 @@ fn faults_have_cause_and_remedy_and_states_their_time() {
     let summary = summary(&[
         (0, vec![change(2, "pre-operational")]),
         (500_000, vec![change(2, "operational")]),
-        (2_000_000, vec![fault(2, false), odd(Oddity::Fault, 2)]),
+        (2_000_000, vec![fault(2, false), anomaly(AnomalyKind::Fault, 2)]),
         (3_000_000, vec![fault(2, false)]),
         (4_500_000, vec![fault(2, true)]),
     ]);
-    let shown = text(&summary, &Manner::default());
+    let shown = render_text(&summary, &SummaryStyle::default());
     assert!(shown.contains("nmt pre-operational 500 ms > operational 4.00 s"), "{shown}");
     let fault = "2.000000 #3          can0 canopen 2 fault 0x3210: over-voltage, 2 times; gone at";
     assert!(shown.contains(fault), "{shown}");
     assert!(shown.contains("cause: braking\n") && shown.contains("try: add a brake resistor\n"));
-    assert_eq!(summary.moments.counts().collect::<Vec<_>>(), [(Oddity::Fault, 2)]);
-    let json = json(&summary, &Manner::default());
+    assert_eq!(summary.anomalies.counts().collect::<Vec<_>>(), [(AnomalyKind::Fault, 2)]);
+    let json = json::to_json(&summary, &SummaryStyle::default());
     assert_eq!(json["faults"][0]["count"], 2);
     assert_eq!(json["axes"][0]["states"]["nmt"]["seconds"]["operational"], 4.0);
     assert_eq!(json["clean"], false);
@@ -81,33 +86,42 @@ fn faults_have_cause_and_remedy_and_states_their_time() {
 #[test]
 fn what_is_left_open_counts() {
     let mut summary = summary(&[(0, vec![signal(2, "Actual/Position", 1.5)])]);
-    let open = [exchange(2, 0, 0, Outcome::Unanswered), odd(Oddity::Unanswered, 2)];
-    Made::default().frame(0, (2, ""), &open, &mut |event| summary.ending(event));
+    let open =
+        [exchange(2, 0, 0, ExchangeOutcome::Unanswered), anomaly(AnomalyKind::Unanswered, 2)];
+    FixtureCapture::default()
+        .next_frame(0, (2, ""), &open, &mut |event| summary.add_open_notices(event));
     let requests = &summary.requests[&(CAN0, "read")];
-    assert_eq!(requests.ended(Outcome::Unanswered), 1);
+    assert_eq!(requests.count_of(ExchangeOutcome::Unanswered), 1);
     assert!(!summary.is_clean());
-    assert!(text(&summary, &Manner::default()).contains("at the end  unanswered"));
+    assert!(render_text(&summary, &SummaryStyle::default()).contains("at the end  unanswered"));
     assert_eq!(summary.values[&(CAN0, "Actual/Position")].range, Some((1.5, 1.5)));
 }
 
 #[test]
 fn memory_is_bounded_by_what_differs() {
-    let (mut made, mut summary) = (Made::default(), Summary::default());
+    let (mut made, mut summary) = (FixtureCapture::default(), Summary::default());
     for n in 0..20_000u32 {
-        let notices = [signal(n, &format!("value {}", n % 9000), 1.0), odd(Oddity::Retry, n)];
-        made.frame(u64::from(n), (n, "TPDO1"), &notices, &mut |event| summary.take(event));
+        let notices =
+            [signal(n, &format!("value {}", n % 9000), 1.0), anomaly(AnomalyKind::Retry, n)];
+        made.next_frame(u64::from(n), (n, "TPDO1"), &notices, &mut |event| {
+            summary.add_frame(event)
+        });
     }
     assert_eq!(summary.axes.len(), super::AXES_MAX);
     assert_eq!(summary.kinds().len(), super::KINDS_MAX);
     assert_eq!(summary.values.len(), super::VALUES_MAX);
-    assert!(summary.beyond > 0);
-    assert_eq!(summary.moments.counts().next(), Some((Oddity::Retry, 20_000)), "none is lost");
+    assert!(summary.dropped > 0);
+    assert_eq!(
+        summary.anomalies.counts().next(),
+        Some((AnomalyKind::Retry, 20_000)),
+        "none is lost"
+    );
 }
 
 /// Frames back to back at a bit rate: so many of eight bytes, then silence.
-fn bus(rate: u64, frames: u64) -> Load {
+fn bus(rate: u64, frames: u64) -> BusLoad {
     use std::fmt::Write as _;
-    let (mut load, mut time, mut capture) = (Load::default(), BEGIN_NS, String::new());
+    let (mut load, mut time, mut capture) = (BusLoad::default(), BEGIN_NS, String::new());
     for n in 0..frames {
         let data = n.wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let frame = polepair_core::medium::Frame {
@@ -117,31 +131,34 @@ fn bus(rate: u64, frames: u64) -> Load {
             len: 8,
             data: data.to_be_bytes(),
         };
-        let bits = u64::from(polepair_core::medium::bits::on_wire(&frame));
+        let bits = u64::from(polepair_core::medium::bits::wire_bits(&frame));
         time += bits * 1_000_000_000 / rate + if n % 4 == 0 { 3_000_000 } else { 0 };
         let (seconds, us) = (time / 1_000_000_000, time % 1_000_000_000 / 1000);
         let _ = writeln!(capture, "({seconds}.{us:06}) can0 181#{data:016X}");
     }
-    Decoder::new(Rules::default()).feed(capture.as_bytes(), &mut |event| load.take(event));
+    CaptureDecoder::new(Rules::default())
+        .feed(capture.as_bytes(), &mut |event| load.add_frame(event));
     load
 }
 
 #[test]
 fn the_bit_rate_is_told_by_how_close_frames_come() {
     for rate in [125_000, 250_000, 500_000, 1_000_000] {
-        assert_eq!(bus(rate, 400).estimated(), Some(rate as u32), "{rate}");
+        assert_eq!(bus(rate, 400).estimated_bit_rate(), Some(rate as u32), "{rate}");
     }
-    assert_eq!(bus(500_000, 4).estimated(), None, "too few");
+    assert_eq!(bus(500_000, 4).estimated_bit_rate(), None, "too few");
 }
 
 #[test]
 fn the_load_has_a_mean_and_a_peak() {
     let mut summary = summary(&[]);
-    let (mut made, take) = (Made::default(), &mut |event: &crate::Event<'_>| summary.take(event));
+    let (mut made, take) = (FixtureCapture::default(), &mut |event: &crate::DecodedFrame<'_>| {
+        summary.add_frame(event)
+    });
     // One second: a frame each millisecond, and in the middle a tenth with ten.
     for ms in 0..1000u64 {
         let frames = if (500..600).contains(&ms) { 10 } else { 1 };
-        (0..frames).for_each(|n| made.frame(ms * 1000 + n * 100, (2, "TPDO1"), &[], take));
+        (0..frames).for_each(|n| made.next_frame(ms * 1000 + n * 100, (2, "TPDO1"), &[], take));
     }
     let load = &summary.links["can0"].load;
     let each = load.bits() as f64 / 1900.0;

@@ -1,25 +1,27 @@
 //! Lines as a person sees them.
 
-use super::{Notices, Span, Style, Text};
-use crate::session::{Change, Fault, Notice, Odd, Oddity, name};
-use crate::{Decoder, Event, Rules};
+use super::{DurationText, FrameTextWriter, NoticeLevel, TextStyle};
+use crate::session::{
+    AnomalyKind, AnomalyNotice, ChangeNotice, FaultNotice, SessionNotice, intern,
+};
+use crate::{CaptureDecoder, DecodedFrame, Rules};
 
 const CAPTURE: &[u8] = b"(10.5) ttyUSB0 > 01 02\n(10.75) can0 123#1122\n(10.85) can0 123#1123\n";
 
-fn shown(style: Style, notices: &[Notice]) -> Vec<String> {
-    let (mut out, mut text) = (Vec::new(), Text::new(style));
-    let mut decoder = Decoder::new(Rules::default());
-    decoder.feed(CAPTURE, &mut |event| text.write(&Event { notices, ..*event }, &mut out));
+fn shown(style: TextStyle, notices: &[SessionNotice]) -> Vec<String> {
+    let (mut out, mut text) = (Vec::new(), FrameTextWriter::new(style));
+    let mut decoder = CaptureDecoder::new(Rules::default());
+    decoder.feed(CAPTURE, &mut |event| text.write(&DecodedFrame { notices, ..*event }, &mut out));
     String::from_utf8(out).expect("text").lines().map(str::to_owned).collect()
 }
 
 #[test]
 fn changed_bytes_are_marked_in_colour_or_when_asked() {
-    let lines = shown(Style { marks: true, ..Style::default() }, &[]);
+    let lines = shown(TextStyle { marks: true, ..TextStyle::default() }, &[]);
     assert!(lines[1].contains("123#11 22  ") && lines[2].contains("123#11 23' "), "{lines:?}");
-    let plain = shown(Style::default(), &[]);
+    let plain = shown(TextStyle::default(), &[]);
     assert!(plain[2].contains("123#11 23  "), "{plain:?}");
-    let colour = shown(Style { colour: true, ..Style::default() }, &[]);
+    let colour = shown(TextStyle { colour: true, ..TextStyle::default() }, &[]);
     assert!(colour[2].contains("123#11 \x1b[4m23\x1b[0m  "), "{colour:?}");
 }
 
@@ -27,19 +29,29 @@ fn changed_bytes_are_marked_in_colour_or_when_asked() {
 fn notices_stand_below_the_meaning() {
     let text = "answered 310 ms after frame 12".to_owned();
     let notices = [
-        Notice::Odd(Odd { kind: Oddity::LateReply, axis: Some(2), time: None, text }),
-        Notice::Fault(Fault {
+        SessionNotice::Anomaly(AnomalyNotice {
+            kind: AnomalyKind::LateReply,
+            axis: Some(2),
+            time: None,
+            text,
+        }),
+        SessionNotice::Fault(FaultNotice {
             axis: 2,
             code: 0x3210,
-            text: name("over-voltage"),
-            cause: name(""),
-            remedy: name("add a brake resistor"),
+            text: intern("over-voltage"),
+            cause: intern(""),
+            remedy: intern("add a brake resistor"),
             gone: false,
         }),
-        Notice::Change(Change { axis: Some(2), what: "power", from: "ready", to: "on" }),
+        SessionNotice::Change(ChangeNotice {
+            axis: Some(2),
+            what: "power",
+            from: "ready",
+            to: "on",
+        }),
     ];
     for colour in [false, true] {
-        let lines = shown(Style { colour, ..Style::default() }, &notices);
+        let lines = shown(TextStyle { colour, ..TextStyle::default() }, &notices);
         let plain = |line: &str| -> String {
             let parts = line.split('\x1b').enumerate();
             let cut = parts.map(|(n, p)| if n == 0 { p } else { p.split_once('m').expect("m").1 });
@@ -55,13 +67,16 @@ fn notices_stand_below_the_meaning() {
         );
         assert_eq!(plain(&lines[11]).trim(), "- axis 2 power: ready -> on");
     }
-    assert_eq!(shown(Style { notices: Notices::None, ..Style::default() }, &notices).len(), 3);
+    assert_eq!(
+        shown(TextStyle { notices: NoticeLevel::None, ..TextStyle::default() }, &notices).len(),
+        3
+    );
 }
 
 #[test]
 fn spans_have_three_digits() {
     let spans = [999, 1234, 45_678, 812_000, 2_100_000, 18_768_000, 310_000_000, 1_500_000_000];
-    let shown: Vec<String> = spans.iter().map(|ns| Span(*ns).to_string()).collect();
+    let shown: Vec<String> = spans.iter().map(|ns| DurationText(*ns).to_string()).collect();
     let expected =
         ["999 ns", "1.23 us", "45.7 us", "812 us", "2.10 ms", "18.8 ms", "310 ms", "1.50 s"];
     assert_eq!(shown, expected);

@@ -2,28 +2,32 @@
 
 use polepair_core::explain::Direction;
 
-use super::Sink;
-use crate::read::linktype::{self, FLAG_FD};
-use crate::record::{Data, ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, Record};
-use crate::stamp::Stamp;
+use super::FormatWriter;
+use crate::read::link_type::{self, FLAG_FD};
+use crate::record::{ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, Record, RecordData};
+use crate::timestamp::Timestamp;
 
 /// Bytes of a packet that a file says it keeps: tcpdump's own limit.
-pub(super) const KEPT_MAX: u32 = 262_144;
+pub(super) const SNAPLEN: u32 = 262_144;
 
 /// The writer of such files.
 #[derive(Debug, Default)]
-pub(super) struct Pcap {
+pub(super) struct PcapWriter {
     /// The link type and the link, once the first record has told.
-    begun: Option<(u32, String)>,
+    file_link: Option<(u32, String)>,
 }
 
-impl Sink for Pcap {
-    fn record(&mut self, record: &Record<'_>, out: &mut Vec<u8>) -> Result<(), &'static str> {
-        let kind = kind(&record.data);
-        match &self.begun {
+impl FormatWriter for PcapWriter {
+    fn append_record(
+        &mut self,
+        record: &Record<'_>,
+        out: &mut Vec<u8>,
+    ) -> Result<(), &'static str> {
+        let kind = link_type(&record.data);
+        match &self.file_link {
             None => {
-                header(kind, out);
-                self.begun = Some((kind, record.link.to_owned()));
+                append_file_header(kind, out);
+                self.file_link = Some((kind, record.link.to_owned()));
             }
             Some((other, _)) if *other != kind => {
                 return Err("pcap holds CAN or serial bytes, not both: write pcapng");
@@ -33,40 +37,40 @@ impl Sink for Pcap {
             }
             Some(_) => {}
         }
-        let Stamp(time) = record.time.unwrap_or(Stamp(0));
+        let Timestamp(time) = record.time.unwrap_or(Timestamp(0));
         let seconds = u32::try_from(time / 1_000_000_000);
         let seconds = seconds.map_err(|_| "the time is beyond what pcap counts")?;
         out.extend_from_slice(&seconds.to_le_bytes());
         out.extend_from_slice(&((time % 1_000_000_000) as u32).to_le_bytes());
         let at = out.len();
         out.extend_from_slice(&[0; 8]);
-        packet(record, out);
+        append_packet(record, out);
         let size = ((out.len() - at - 8) as u32).to_le_bytes();
         out[at..at + 4].copy_from_slice(&size);
         out[at + 4..at + 8].copy_from_slice(&size);
         Ok(())
     }
 
-    fn finish(&mut self, out: &mut Vec<u8>) {
-        if self.begun.is_none() {
-            header(linktype::CAN, out);
+    fn append_end(&mut self, out: &mut Vec<u8>) {
+        if self.file_link.is_none() {
+            append_file_header(link_type::CAN, out);
         }
     }
 }
 
-fn header(kind: u32, out: &mut Vec<u8>) {
-    for word in [0xA1B2_3C4D_u32, 2 | 4 << 16, 0, 0, KEPT_MAX, kind] {
+fn append_file_header(kind: u32, out: &mut Vec<u8>) {
+    for word in [0xA1B2_3C4D_u32, 2 | 4 << 16, 0, 0, SNAPLEN, kind] {
         out.extend_from_slice(&word.to_le_bytes());
     }
 }
 
 /// The link type that holds such a record.
-pub(super) fn kind(data: &Data<'_>) -> u32 {
-    if matches!(data, Data::Bytes(_)) { linktype::SERIAL } else { linktype::CAN }
+pub(super) fn link_type(data: &RecordData<'_>) -> u32 {
+    if matches!(data, RecordData::Bytes(_)) { link_type::SERIAL } else { link_type::CAN }
 }
 
 /// Appends a packet.
-pub(super) fn packet(record: &Record<'_>, out: &mut Vec<u8>) {
+pub(super) fn append_packet(record: &Record<'_>, out: &mut Vec<u8>) {
     let mut can = |word: u32, len: u8, flags: u8, bytes: &[u8]| {
         out.extend_from_slice(&word.to_be_bytes());
         out.extend_from_slice(&[len, flags, 0, 0]);
@@ -74,17 +78,17 @@ pub(super) fn packet(record: &Record<'_>, out: &mut Vec<u8>) {
     };
     let extended = |extended: bool| if extended { EXTENDED_FLAG } else { 0 };
     match &record.data {
-        Data::Frame(frame) => {
+        RecordData::Frame(frame) => {
             let remote = if frame.remote { REMOTE_FLAG } else { 0 };
             let bytes = if frame.remote { &[] } else { frame.bytes() };
             can(frame.id | extended(frame.extended) | remote, frame.len, 0, bytes);
         }
-        Data::Fd(fd) => {
+        RecordData::Fd(fd) => {
             let flags = fd.flags & 3 | FLAG_FD;
             can(fd.id | extended(fd.extended), fd.bytes.len() as u8, flags, fd.bytes);
         }
-        Data::Error(error) => can(error.class | ERROR_FLAG, 8, 0, &error.data),
-        Data::Bytes(bytes) => {
+        RecordData::Error(error) => can(error.class | ERROR_FLAG, 8, 0, &error.data),
+        RecordData::Bytes(bytes) => {
             out.push(match record.direction {
                 None => 0,
                 Some(Direction::ToDrive) => 1,

@@ -2,10 +2,10 @@
 
 use polepair_core::explain::Direction;
 
-use super::Sink;
-use super::pcap::{KEPT_MAX, kind, packet};
+use super::FormatWriter;
+use super::pcap::{SNAPLEN, append_packet, link_type};
 use crate::record::Record;
-use crate::stamp::Stamp;
+use crate::timestamp::Timestamp;
 
 /// Interfaces that a file describes at most.
 const INTERFACES_MAX: usize = 256;
@@ -16,46 +16,50 @@ const EPB_FLAGS: u16 = 2;
 
 /// The writer of such files.
 #[derive(Debug, Default)]
-pub(super) struct Pcapng {
+pub(super) struct PcapngWriter {
     begun: bool,
     interfaces: Vec<(u32, String)>,
 }
 
-impl Sink for Pcapng {
-    fn record(&mut self, record: &Record<'_>, out: &mut Vec<u8>) -> Result<(), &'static str> {
-        self.begin(out);
-        let interface = self.interface(kind(&record.data), record.link, out)?;
-        let Stamp(time) = record.time.unwrap_or(Stamp(0));
-        block(6, out, |out| {
+impl FormatWriter for PcapngWriter {
+    fn append_record(
+        &mut self,
+        record: &Record<'_>,
+        out: &mut Vec<u8>,
+    ) -> Result<(), &'static str> {
+        self.begin_file(out);
+        let interface = self.interface_number(link_type(&record.data), record.link, out)?;
+        let Timestamp(time) = record.time.unwrap_or(Timestamp(0));
+        append_block(6, out, |out| {
             for word in [interface, (time >> 32) as u32, time as u32, 0, 0] {
                 out.extend_from_slice(&word.to_le_bytes());
             }
             let at = out.len();
-            packet(record, out);
+            append_packet(record, out);
             let size = ((out.len() - at) as u32).to_le_bytes();
             out[at - 8..at - 4].copy_from_slice(&size);
             out[at - 4..at].copy_from_slice(&size);
-            pad(out, at);
+            pad_to_word(out, at);
             let flags = match record.direction {
                 None => return,
                 Some(Direction::ToHost) => 1u32,
                 Some(Direction::ToDrive) => 2,
             };
-            option(EPB_FLAGS, &flags.to_le_bytes(), out);
-            option(0, &[], out);
+            append_option(EPB_FLAGS, &flags.to_le_bytes(), out);
+            append_option(0, &[], out);
         });
         Ok(())
     }
 
-    fn finish(&mut self, out: &mut Vec<u8>) {
-        self.begin(out);
+    fn append_end(&mut self, out: &mut Vec<u8>) {
+        self.begin_file(out);
     }
 }
 
-impl Pcapng {
-    fn begin(&mut self, out: &mut Vec<u8>) {
+impl PcapngWriter {
+    fn begin_file(&mut self, out: &mut Vec<u8>) {
         if !core::mem::replace(&mut self.begun, true) {
-            block(0x0A0D_0D0A, out, |out| {
+            append_block(0x0A0D_0D0A, out, |out| {
                 for word in [0x1A2B_3C4D_u32, 1, u32::MAX, u32::MAX] {
                     out.extend_from_slice(&word.to_le_bytes());
                 }
@@ -63,7 +67,12 @@ impl Pcapng {
         }
     }
 
-    fn interface(&mut self, kind: u32, link: &str, out: &mut Vec<u8>) -> Result<u32, &'static str> {
+    fn interface_number(
+        &mut self,
+        kind: u32,
+        link: &str,
+        out: &mut Vec<u8>,
+    ) -> Result<u32, &'static str> {
         let same = |(other, name): &(u32, String)| *other == kind && name == link;
         if let Some(at) = self.interfaces.iter().position(same) {
             return Ok(at as u32);
@@ -71,12 +80,12 @@ impl Pcapng {
         if self.interfaces.len() >= INTERFACES_MAX {
             return Err("more links than are followed at once");
         }
-        block(1, out, |out| {
+        append_block(1, out, |out| {
             out.extend_from_slice(&(kind & 0xFFFF).to_le_bytes());
-            out.extend_from_slice(&KEPT_MAX.to_le_bytes());
-            option(IF_NAME, link.as_bytes(), out);
-            option(IF_TSRESOL, &[9], out);
-            option(0, &[], out);
+            out.extend_from_slice(&SNAPLEN.to_le_bytes());
+            append_option(IF_NAME, link.as_bytes(), out);
+            append_option(IF_TSRESOL, &[9], out);
+            append_option(0, &[], out);
         });
         self.interfaces.push((kind, link.to_owned()));
         Ok(self.interfaces.len() as u32 - 1)
@@ -84,7 +93,7 @@ impl Pcapng {
 }
 
 /// Appends a block, with its length at both ends.
-fn block(kind: u32, out: &mut Vec<u8>, body: impl FnOnce(&mut Vec<u8>)) {
+fn append_block(kind: u32, out: &mut Vec<u8>, body: impl FnOnce(&mut Vec<u8>)) {
     let at = out.len();
     out.extend_from_slice(&kind.to_le_bytes());
     out.extend_from_slice(&[0; 4]);
@@ -94,16 +103,16 @@ fn block(kind: u32, out: &mut Vec<u8>, body: impl FnOnce(&mut Vec<u8>)) {
     out.extend_from_slice(&size);
 }
 
-fn option(code: u16, value: &[u8], out: &mut Vec<u8>) {
+fn append_option(code: u16, value: &[u8], out: &mut Vec<u8>) {
     out.extend_from_slice(&code.to_le_bytes());
     out.extend_from_slice(&(value.len() as u16).to_le_bytes());
     let at = out.len();
     out.extend_from_slice(value);
-    pad(out, at);
+    pad_to_word(out, at);
 }
 
 /// Fills what begins at `at` up to a whole number of words.
-fn pad(out: &mut Vec<u8>, at: usize) {
+fn pad_to_word(out: &mut Vec<u8>, at: usize) {
     let size = (out.len() - at).next_multiple_of(4);
     out.resize(at + size, 0);
 }

@@ -7,64 +7,72 @@ use std::rc::Rc;
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
-use super::{WriteError, Writer};
-use crate::{Data, ErrorFrame, Fd, Format, Packing, Reader, Record, Stamp};
+use super::{CaptureWriter, WriteError};
+use crate::{
+    CanErrorFrame, CaptureFormat, CaptureReader, Compression, FdFrame, Record, RecordData,
+    Timestamp,
+};
 
-const FORMATS: [Format; 7] = [
-    Format::Text,
-    Format::Pcap,
-    Format::Pcapng,
-    Format::Asc,
-    Format::Trc,
-    Format::Blf,
-    Format::Csv,
+const FORMATS: [CaptureFormat; 7] = [
+    CaptureFormat::Text,
+    CaptureFormat::Pcap,
+    CaptureFormat::Pcapng,
+    CaptureFormat::Asc,
+    CaptureFormat::Trc,
+    CaptureFormat::Blf,
+    CaptureFormat::Csv,
 ];
 const BEGIN: u64 = 1_700_000_000_123_456_000;
 
 /// A record that outlives what it was read from.
 #[derive(Clone, PartialEq, Eq, Debug)]
-struct Owned {
+struct OwnedRecord {
     time: Option<u64>,
     link: String,
     direction: Option<Direction>,
-    what: String,
+    data: String,
 }
 
-impl Owned {
-    fn of(record: &Record<'_>) -> Self {
+impl OwnedRecord {
+    fn from_record(record: &Record<'_>) -> Self {
         let time = record.time.map(|stamp| stamp.0);
         let link = record.link.to_owned();
-        Self { time, link, direction: record.direction, what: format!("{:?}", record.data) }
+        Self { time, link, direction: record.direction, data: format!("{:?}", record.data) }
     }
 }
 
 /// What a format keeps of a record.
-fn kept(format: Format, mut record: Owned) -> Owned {
+fn as_stored(format: CaptureFormat, mut record: OwnedRecord) -> OwnedRecord {
     let told = match format {
-        Format::Csv | Format::Pcap => false,
-        Format::Asc | Format::Trc | Format::Blf => !record.what.starts_with("Error"),
+        CaptureFormat::Csv | CaptureFormat::Pcap => false,
+        CaptureFormat::Asc | CaptureFormat::Trc | CaptureFormat::Blf => {
+            !record.data.starts_with("Error")
+        }
         _ => true,
     };
-    let unit = if format == Format::Trc { 1000 } else { 1 };
+    let unit = if format == CaptureFormat::Trc { 1000 } else { 1 };
     record.time = record.time.map(|time| time / unit);
     record.direction = if told { record.direction } else { None };
-    if matches!(format, Format::Asc | Format::Trc) && told && record.direction.is_none() {
+    if matches!(format, CaptureFormat::Asc | CaptureFormat::Trc)
+        && told
+        && record.direction.is_none()
+    {
         record.direction = Some(Direction::ToHost);
     }
-    if matches!(format, Format::Blf) && told {
+    if matches!(format, CaptureFormat::Blf) && told {
         record.direction.get_or_insert(Direction::ToHost);
     }
-    if matches!(format, Format::Asc | Format::Trc | Format::Blf) && !told {
-        record.what = "Error".to_owned();
+    if matches!(format, CaptureFormat::Asc | CaptureFormat::Trc | CaptureFormat::Blf) && !told {
+        record.data = "Error".to_owned();
     }
-    if format == Format::Csv && record.what.starts_with("Fd") {
-        record.what = record.what.replace("flags: 3", "flags: 0");
+    if format == CaptureFormat::Csv && record.data.starts_with("Fd") {
+        record.data = record.data.replace("flags: 3", "flags: 0");
     }
     record
 }
 
 /// Frames of every kind on one bus.
-fn frames(count: u64) -> Vec<(Stamp, Option<Direction>, Frame)> {
+fn frames(count: u64) -> Vec<(Timestamp, Option<Direction>, Frame)> {
     let ways = [None, Some(Direction::ToDrive), Some(Direction::ToHost)];
     (0..count)
         .map(|n| {
@@ -77,45 +85,56 @@ fn frames(count: u64) -> Vec<(Stamp, Option<Direction>, Frame)> {
                 (0..len).for_each(|at| data[usize::from(at)] = (n * 31 + u64::from(at)) as u8);
             }
             let frame = Frame { id, extended, remote, len, data };
-            (Stamp(BEGIN + n * 1_234_567_000), ways[n as usize % 3], frame)
+            (Timestamp(BEGIN + n * 1_234_567_000), ways[n as usize % 3], frame)
         })
         .collect()
 }
 
-fn written(format: Format, packing: Option<Packing>, count: u64) -> (Vec<u8>, Vec<Owned>) {
-    let mut writer = Writer::new(format, packing, Vec::new()).expect("a format to write");
+fn written(
+    format: CaptureFormat,
+    packing: Option<Compression>,
+    count: u64,
+) -> (Vec<u8>, Vec<OwnedRecord>) {
+    let mut writer = CaptureWriter::new(format, packing, Vec::new()).expect("a format to write");
     let mut expected = Vec::new();
     let mut write = |record: &Record<'_>| {
         writer.write(record).expect("fits");
-        expected.push(kept(format, Owned::of(record)));
+        expected.push(as_stored(format, OwnedRecord::from_record(record)));
     };
     let link = "can0";
     for (time, direction, frame) in frames(count) {
-        write(&Record { time: Some(time), link, direction, data: Data::Frame(frame), at: 0 });
+        write(&Record {
+            time: Some(time),
+            link,
+            direction,
+            data: RecordData::Frame(frame),
+            offset: 0,
+        });
     }
-    let last = Some(Stamp(BEGIN + count * 1_234_567_000));
+    let last = Some(Timestamp(BEGIN + count * 1_234_567_000));
     let bytes = [0xA5; 24];
-    let fd = Fd { id: 0x77, extended: false, flags: 3, bytes: &bytes };
-    write(&Record { time: last, link, direction: None, data: Data::Fd(fd), at: 0 });
-    let error = ErrorFrame { class: 0x44, data: [0, 0x30, 0, 0, 0, 0, 0, 0] };
-    write(&Record { time: last, link, direction: None, data: Data::Error(error), at: 0 });
+    let fd = FdFrame { id: 0x77, extended: false, flags: 3, bytes: &bytes };
+    write(&Record { time: last, link, direction: None, data: RecordData::Fd(fd), offset: 0 });
+    let error = CanErrorFrame { class: 0x44, data: [0, 0x30, 0, 0, 0, 0, 0, 0] };
+    write(&Record { time: last, link, direction: None, data: RecordData::Error(error), offset: 0 });
     (writer.finish().expect("written"), expected)
 }
 
-fn read(format: Format, file: &[u8], size: usize) -> (Vec<Owned>, Vec<String>) {
-    let (mut found, mut reader) = (Vec::new(), Reader::default());
-    let mut keep = |record: &Record<'_>| found.push(kept(format, Owned::of(record)));
+fn read(format: CaptureFormat, file: &[u8], size: usize) -> (Vec<OwnedRecord>, Vec<String>) {
+    let (mut found, mut reader) = (Vec::new(), CaptureReader::default());
+    let mut keep =
+        |record: &Record<'_>| found.push(as_stored(format, OwnedRecord::from_record(record)));
     file.chunks(size).for_each(|piece| reader.feed(piece, &mut keep));
     reader.finish(&mut keep);
     assert_eq!(reader.format(), Some(format));
-    assert_eq!(reader.tally().records, found.len() as u64);
-    (found, reader.tally().damage.iter().map(ToString::to_string).collect())
+    assert_eq!(reader.statistics().records, found.len() as u64);
+    (found, reader.statistics().damage.iter().map(ToString::to_string).collect())
 }
 
 #[test]
 fn what_is_written_is_read_however_it_is_cut() {
     for format in FORMATS {
-        for packing in [None, Some(Packing::Gzip), Some(Packing::Zstd)] {
+        for packing in [None, Some(Compression::Gzip), Some(Compression::Zstd)] {
             let (file, expected) = written(format, packing, 300);
             for size in [1, 7, 64, 4096, file.len()] {
                 let (found, damage) = read(format, &file, size);
@@ -131,9 +150,9 @@ fn what_is_written_is_read_however_it_is_cut() {
 
 /// A file that others look at while it is written.
 #[derive(Clone, Default)]
-struct Open(Rc<RefCell<Vec<u8>>>);
+struct SharedFile(Rc<RefCell<Vec<u8>>>);
 
-impl io::Write for Open {
+impl io::Write for SharedFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.0.borrow_mut().extend_from_slice(bytes);
         Ok(bytes.len())
@@ -147,12 +166,15 @@ impl io::Write for Open {
 #[test]
 fn what_was_flushed_is_read_from_a_file_that_nobody_finished() {
     for format in FORMATS {
-        for packing in [None, Some(Packing::Gzip), Some(Packing::Zstd)] {
-            let file = Open::default();
-            let mut writer = Writer::new(format, packing, file.clone()).expect("a format to write");
+        for packing in [None, Some(Compression::Gzip), Some(Compression::Zstd)] {
+            let file = SharedFile::default();
+            let mut writer =
+                CaptureWriter::new(format, packing, file.clone()).expect("a format to write");
             for (n, (time, direction, frame)) in frames(300).into_iter().enumerate() {
-                let (time, data) = (Some(time), Data::Frame(frame));
-                writer.write(&Record { time, link: "can0", direction, data, at: 0 }).expect("fits");
+                let (time, data) = (Some(time), RecordData::Frame(frame));
+                writer
+                    .write(&Record { time, link: "can0", direction, data, offset: 0 })
+                    .expect("fits");
                 if n % 100 == 99 {
                     writer.flush().expect("written");
                     let (found, _) = read(format, &file.0.borrow(), 4096);
@@ -166,31 +188,38 @@ fn what_was_flushed_is_read_from_a_file_that_nobody_finished() {
 #[test]
 fn serial_bytes_are_kept_where_there_is_a_place_for_them() {
     let record = |direction, link| Record {
-        time: Some(Stamp(BEGIN)),
+        time: Some(Timestamp(BEGIN)),
         link,
         direction,
-        data: Data::Bytes(&[1, 0xFF, 0]),
-        at: 0,
+        data: RecordData::Bytes(&[1, 0xFF, 0]),
+        offset: 0,
     };
     let records = [
         record(Some(Direction::ToDrive), "ttyUSB0"),
         record(Some(Direction::ToHost), "ttyUSB0"),
         record(None, "ttyUSB1"),
     ];
-    for format in [Format::Text, Format::Pcapng] {
-        let mut writer = Writer::new(format, None, Vec::new()).expect("a format to write");
+    for format in [CaptureFormat::Text, CaptureFormat::Pcapng] {
+        let mut writer = CaptureWriter::new(format, None, Vec::new()).expect("a format to write");
         records.iter().for_each(|record| writer.write(record).expect("fits"));
         let (found, damage) = read(format, &writer.finish().expect("written"), 5);
         assert_eq!(damage, [] as [&str; 0]);
-        assert_eq!(found, records.each_ref().map(Owned::of), "{format}");
+        assert_eq!(found, records.each_ref().map(OwnedRecord::from_record), "{format}");
     }
-    for format in [Format::Asc, Format::Trc, Format::Blf, Format::Csv] {
-        let mut writer = Writer::new(format, None, Vec::new()).expect("a format to write");
-        assert!(matches!(writer.write(&records[0]), Err(WriteError::Unfit(_))), "{format}");
+    for format in [CaptureFormat::Asc, CaptureFormat::Trc, CaptureFormat::Blf, CaptureFormat::Csv] {
+        let mut writer = CaptureWriter::new(format, None, Vec::new()).expect("a format to write");
+        assert!(
+            matches!(writer.write(&records[0]), Err(WriteError::UnsupportedRecord(_))),
+            "{format}"
+        );
     }
-    let mut writer = Writer::new(Format::Pcap, None, Vec::new()).expect("a format to write");
+    let mut writer =
+        CaptureWriter::new(CaptureFormat::Pcap, None, Vec::new()).expect("a format to write");
     writer.write(&records[0]).expect("fits");
-    assert!(matches!(writer.write(&records[2]), Err(WriteError::Unfit(_))), "another link");
+    assert!(
+        matches!(writer.write(&records[2]), Err(WriteError::UnsupportedRecord(_))),
+        "another link"
+    );
 }
 
 #[test]
@@ -230,7 +259,7 @@ fn mutated_files_are_read_to_their_end() {
     };
     for round in 0..2_000 {
         let format = FORMATS[round % FORMATS.len()];
-        let packing = [None, None, Some(Packing::Gzip), Some(Packing::Zstd)][next(4)];
+        let packing = [None, None, Some(Compression::Gzip), Some(Compression::Zstd)][next(4)];
         let (mut file, expected) = written(format, packing, 40);
         for _ in 0..=next(4) {
             let at = next(file.len());
@@ -245,7 +274,7 @@ fn mutated_files_are_read_to_their_end() {
             }
         }
         let mut found = 0;
-        let mut reader = Reader::default();
+        let mut reader = CaptureReader::default();
         let size = 1 + next(200);
         file.chunks(size).for_each(|piece| reader.feed(piece, &mut |_| found += 1));
         reader.finish(&mut |_| found += 1);

@@ -4,32 +4,36 @@ use std::io::Write as _;
 
 use polepair_core::explain::Direction;
 
-use super::Sink;
-use crate::jsonl::hex;
-use crate::record::{Data, ERROR_FLAG, Record};
-use crate::stamp::Stamp;
-use crate::text::spaced_hex;
+use super::FormatWriter;
+use crate::jsonl::write_hex;
+use crate::record::{ERROR_FLAG, Record, RecordData};
+use crate::text::append_spaced_hex;
+use crate::timestamp::Timestamp;
 
 /// The writer of such lines.
 #[derive(Debug)]
-pub(super) struct Text;
+pub(super) struct TextLogWriter;
 
-impl Sink for Text {
-    fn record(&mut self, record: &Record<'_>, out: &mut Vec<u8>) -> Result<(), &'static str> {
+impl FormatWriter for TextLogWriter {
+    fn append_record(
+        &mut self,
+        record: &Record<'_>,
+        out: &mut Vec<u8>,
+    ) -> Result<(), &'static str> {
         if let Some(time) = record.time {
-            stamp(time, out);
+            append_timestamp(time, out);
         }
         out.extend_from_slice(record.link.as_bytes());
-        if let Data::Bytes(bytes) = record.data {
+        if let RecordData::Bytes(bytes) = record.data {
             out.extend_from_slice(match record.direction {
                 Some(Direction::ToDrive) => b" > ",
                 Some(Direction::ToHost) => b" < ",
                 None => b" ",
             });
-            spaced_hex(out, bytes);
+            append_spaced_hex(out, bytes);
         } else {
             out.push(b' ');
-            frame(&record.data, out);
+            append_frame(&record.data, out);
             out.extend_from_slice(match record.direction {
                 Some(Direction::ToDrive) => b" T",
                 Some(Direction::ToHost) => b" R",
@@ -42,7 +46,7 @@ impl Sink for Text {
 }
 
 /// Six decimals as candump has them, nine where they say more.
-fn stamp(time: Stamp, out: &mut Vec<u8>) {
+fn append_timestamp(time: Timestamp, out: &mut Vec<u8>) {
     let (seconds, ns) = (time.0 / 1_000_000_000, time.0 % 1_000_000_000);
     // Writing into a Vec cannot fail.
     let _ = match ns.is_multiple_of(1000) {
@@ -51,29 +55,29 @@ fn stamp(time: Stamp, out: &mut Vec<u8>) {
     };
 }
 
-fn frame(data: &Data<'_>, out: &mut Vec<u8>) {
+fn append_frame(data: &RecordData<'_>, out: &mut Vec<u8>) {
     let id = |out: &mut Vec<u8>, id: u32, extended: bool| {
         let digits = if extended { 8 } else { 3 };
         let _ = write!(out, "{id:0digits$X}#");
     };
     match data {
-        Data::Bytes(_) => {}
-        Data::Frame(frame) => {
+        RecordData::Bytes(_) => {}
+        RecordData::Frame(frame) => {
             id(out, frame.id, frame.extended);
             match (frame.remote, frame.len) {
                 (true, 0) => out.push(b'R'),
                 (true, length) => out.extend_from_slice(&[b'R', b'0' + length]),
-                (false, _) => hex(out, frame.bytes()),
+                (false, _) => write_hex(out, frame.bytes()),
             }
         }
-        Data::Fd(fd) => {
+        RecordData::Fd(fd) => {
             id(out, fd.id, fd.extended);
             let _ = write!(out, "#{:X}", fd.flags & 0xF);
-            hex(out, fd.bytes);
+            write_hex(out, fd.bytes);
         }
-        Data::Error(error) => {
+        RecordData::Error(error) => {
             id(out, ERROR_FLAG | error.class, true);
-            hex(out, &error.data);
+            write_hex(out, &error.data);
         }
     }
 }

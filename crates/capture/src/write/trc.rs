@@ -4,36 +4,42 @@ use std::io::Write as _;
 
 use polepair_core::explain::Direction;
 
-use super::{Channels, NO_SERIAL, Sink};
+use super::{ChannelNumbers, FormatWriter, NO_SERIAL};
 use crate::date;
-use crate::record::{Data, Record, fd_code};
-use crate::stamp::Stamp;
+use crate::record::{Record, RecordData, fd_dlc_from_len};
+use crate::timestamp::Timestamp;
 
 /// The writer of such lines.
 #[derive(Debug, Default)]
-pub(super) struct Trc {
-    begin: Option<Stamp>,
-    channels: Channels,
+pub(super) struct TrcWriter {
+    start_time: Option<Timestamp>,
+    channels: ChannelNumbers,
     number: u64,
 }
 
-impl Sink for Trc {
-    fn record(&mut self, record: &Record<'_>, out: &mut Vec<u8>) -> Result<(), &'static str> {
-        if matches!(record.data, Data::Bytes(_)) {
+impl FormatWriter for TrcWriter {
+    fn append_record(
+        &mut self,
+        record: &Record<'_>,
+        out: &mut Vec<u8>,
+    ) -> Result<(), &'static str> {
+        if matches!(record.data, RecordData::Bytes(_)) {
             return Err(NO_SERIAL);
         }
-        let bus = self.channels.of(record.link)? + 1;
-        let time = record.time.unwrap_or(Stamp(0));
-        let since = time.since(self.begin(time, out));
+        let bus = self.channels.number_for(record.link)? + 1;
+        let time = record.time.unwrap_or(Timestamp(0));
+        let since = time.since(self.begin_file(time, out));
         self.number += 1;
         let (kind, id, extended, code, bytes): (_, _, _, _, &[u8]) = match &record.data {
-            Data::Frame(frame) if frame.remote => ("RR", frame.id, frame.extended, frame.len, &[]),
-            Data::Frame(frame) => ("DT", frame.id, frame.extended, frame.len, frame.bytes()),
-            Data::Fd(fd) => {
-                let kind = ["FD", "FB", "FE", "BI"][usize::from(fd.flags & 3)];
-                (kind, fd.id, fd.extended, fd_code(fd.bytes.len()), fd.bytes)
+            RecordData::Frame(frame) if frame.remote => {
+                ("RR", frame.id, frame.extended, frame.len, &[])
             }
-            Data::Error(_) | Data::Bytes(_) => ("ER", 0, false, 0, &[]),
+            RecordData::Frame(frame) => ("DT", frame.id, frame.extended, frame.len, frame.bytes()),
+            RecordData::Fd(fd) => {
+                let kind = ["FD", "FB", "FE", "BI"][usize::from(fd.flags & 3)];
+                (kind, fd.id, fd.extended, fd_dlc_from_len(fd.bytes.len()), fd.bytes)
+            }
+            RecordData::Error(_) | RecordData::Bytes(_) => ("ER", 0, false, 0, &[]),
         };
         let id = match (kind, extended) {
             ("ER", _) => "-".to_owned(),
@@ -53,18 +59,18 @@ impl Sink for Trc {
         Ok(())
     }
 
-    fn finish(&mut self, out: &mut Vec<u8>) {
-        self.begin(Stamp(0), out);
+    fn append_end(&mut self, out: &mut Vec<u8>) {
+        self.begin_file(Timestamp(0), out);
     }
 }
 
-impl Trc {
+impl TrcWriter {
     /// The time from which others count, as a day with a fraction holds it; the header, before the
     /// first.
-    fn begin(&mut self, time: Stamp, out: &mut Vec<u8>) -> Stamp {
-        *self.begin.get_or_insert_with(|| {
-            let day = format!("{:.10}", date::to_days(Stamp(time.0 - time.0 % 1_000_000)));
-            let begin = day.parse().ok().and_then(date::from_days).unwrap_or(Stamp(0));
+    fn begin_file(&mut self, time: Timestamp, out: &mut Vec<u8>) -> Timestamp {
+        *self.start_time.get_or_insert_with(|| {
+            let day = format!("{:.10}", date::to_ole_days(Timestamp(time.0 - time.0 % 1_000_000)));
+            let begin = day.parse().ok().and_then(date::from_ole_days).unwrap_or(Timestamp(0));
             let begin = if begin.0 > time.0 { time } else { begin };
             let _ = write!(
                 out,

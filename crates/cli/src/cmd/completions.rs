@@ -4,7 +4,7 @@ use clap::{Args, CommandFactory as _};
 use clap_complete::Shell;
 
 use crate::problem::{Exit, Result};
-use crate::terminal::Output;
+use crate::terminal::DataOutput;
 
 /// Prints a script that makes a shell complete polepair's verbs and options.
 #[derive(Args, Debug)]
@@ -20,8 +20,8 @@ pub struct Completions {
 
 impl Completions {
     pub fn run(self) -> Result {
-        let mut out = Output::stdout();
-        let mut command = super::Arguments::command();
+        let mut out = DataOutput::stdout();
+        let mut command = super::CommandLine::command();
         clap_complete::generate(self.shell, &mut command, "polepair", out.buffer());
         out.flush()?;
         Ok(Exit::Ok)

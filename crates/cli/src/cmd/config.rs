@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use polepair::Axis;
-use polepair::settings::{AxisSettings, Change, Settings};
+use polepair::settings::{AxisSettings, SettingChange, Settings};
 use polepair::url::shell_word;
 use polepair_capture::jsonl;
 use polepair_core::profile::Signal;
@@ -13,19 +13,19 @@ use polepair_core::profile::Signal;
 use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{self, Exit, Problem, Result};
-use crate::session::{Session, signal};
-use crate::target::{Format, Target};
-use crate::terminal::{self, Output, Table, colour_out, say};
+use crate::session::{Session, read_signal};
+use crate::target::{DriveArgs, OutputFormat};
+use crate::terminal::{self, DataOutput, TextTable, colour_out, print_note};
 
 /// Keeps drives' settings in a file that people review: sorted, with units, one line each.
 #[derive(Subcommand, Debug)]
-pub enum Config {
+pub enum ConfigCommand {
     /// Read every setting and write the file
-    Save(Save),
+    Save(ConfigSave),
     /// Show what differs at the drive; exit code 1 if anything does
-    Diff(Diff),
+    Diff(ConfigDiff),
     /// Write what differs to the drive, after showing it, and read it back
-    Apply(Apply),
+    Apply(ConfigApply),
 }
 
 #[derive(Args, Debug)]
@@ -33,9 +33,9 @@ pub enum Config {
 Examples:
   polepair config save tmcl+serial:///dev/ttyUSB0#1 feeder.toml
   polepair config save sim:tmcl")]
-pub struct Save {
+pub struct ConfigSave {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// The file [default: stdout]
     #[arg(id = "settings", value_name = "FILE")]
     file: Option<PathBuf>,
@@ -46,9 +46,9 @@ pub struct Save {
 Examples:
   polepair config diff tmcl+serial:///dev/ttyUSB0#1 feeder.toml
   polepair config diff sim:tmcl --default      what is not as from the factory")]
-pub struct Diff {
+pub struct ConfigDiff {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// The file
     #[arg(id = "settings", value_name = "FILE", required_unless_present = "default")]
     file: Option<PathBuf>,
@@ -56,8 +56,8 @@ pub struct Diff {
     #[arg(long, conflicts_with = "settings")]
     default: bool,
     /// How differences are printed
-    #[arg(long, value_enum, default_value_t = Format::Text)]
-    format: Format,
+    #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
+    format: OutputFormat,
 }
 
 #[derive(Args, Debug)]
@@ -66,9 +66,9 @@ Settings that decide how the drive is reached (address, baud rate, locks) are le
 Examples:
   polepair config apply tmcl+serial:///dev/ttyUSB0#1 feeder.toml
   polepair config apply tmcl+serial:///dev/ttyUSB0#1 feeder.toml --yes --store")]
-pub struct Apply {
+pub struct ConfigApply {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// The file
     #[arg(id = "settings", value_name = "FILE")]
     file: PathBuf,
@@ -89,7 +89,7 @@ pub struct Apply {
     powered: bool,
 }
 
-impl Config {
+impl ConfigCommand {
     pub fn run(self) -> Result {
         match self {
             Self::Save(verb) => verb.run(),
@@ -99,61 +99,65 @@ impl Config {
     }
 }
 
-impl Save {
+impl ConfigSave {
     fn run(self) -> Result {
         let session = self.target.open()?;
-        session.listen();
+        session.listen_for_interrupts();
         let mut settings = Settings::default();
         for axis in session.axes() {
-            let read = shown(axis, |progress| AxisSettings::read(axis, progress))?;
+            let read = with_progress(axis, |progress| AxisSettings::read(axis, progress))?;
             for (name, why) in &read.unread {
-                say(&format!("{}: {name} is left out: {why}", axis.label()));
+                print_note(&format!("{}: {name} is left out: {why}", axis.label()));
             }
             settings.axes.push(read);
         }
-        let mut out = Output::to(self.file.as_deref())?;
+        let mut out = DataOutput::to_path(self.file.as_deref())?;
         out.buffer().extend_from_slice(settings.to_string().as_bytes());
         out.flush()?;
         if let Some(file) = self.file.as_deref().filter(|file| *file != "-") {
             let count: usize = settings.axes.iter().map(AxisSettings::len).sum();
-            say(&format!("{} saved in {}", plural(count as u64, "setting"), file.display()));
+            print_note(&format!("{} saved in {}", plural(count as u64, "setting"), file.display()));
         }
         Ok(Exit::Ok)
     }
 }
 
-impl Diff {
+impl ConfigDiff {
     fn run(self) -> Result {
         let session = self.target.open()?;
-        session.listen();
-        let file = self.file.as_deref().map(load).transpose()?;
-        let mut out = Output::stdout();
-        if self.format == Format::Csv {
-            out.line("axis,setting,now,wanted,unit");
+        session.listen_for_interrupts();
+        let file = self.file.as_deref().map(load_settings).transpose()?;
+        let mut out = DataOutput::stdout();
+        if self.format == OutputFormat::Csv {
+            out.write_line("axis,setting,now,wanted,unit");
         }
         let mut count = 0;
         for axis in session.axes() {
             let changes = match &file {
-                Some(file) => changes(&session, axis, file)?,
+                Some(file) => changes_from(&session, axis, file)?,
                 None => {
                     let factory = AxisSettings::factory(axis.profile());
-                    shown(axis, |progress| factory.changes(axis, progress))?
+                    with_progress(axis, |progress| factory.changes(axis, progress))?
                 }
             };
             count += changes.len();
             match self.format {
-                Format::Text if !changes.is_empty() => {
+                OutputFormat::Text if !changes.is_empty() => {
                     let wanted = if file.is_some() { "file" } else { "default" };
-                    let text = table(&session, axis, &changes, ["drive", wanted]);
+                    let text = changes_table(&session, axis, &changes, ["drive", wanted]);
                     out.buffer().extend_from_slice(text.as_bytes());
                 }
-                Format::Text => {}
-                Format::Jsonl => changes.iter().for_each(|it| object(axis, it, out.buffer())),
-                Format::Csv => changes.iter().for_each(|it| out.line(&row(axis, it))),
+                OutputFormat::Text => {}
+                OutputFormat::Jsonl => {
+                    changes.iter().for_each(|it| write_json(axis, it, out.buffer()))
+                }
+                OutputFormat::Csv => {
+                    changes.iter().for_each(|it| out.write_line(&csv_row(axis, it)))
+                }
             }
         }
         out.flush()?;
-        say(&match count {
+        print_note(&match count {
             0 => "nothing differs".to_owned(),
             1 => "1 setting differs".to_owned(),
             count => format!("{count} settings differ"),
@@ -162,24 +166,27 @@ impl Diff {
     }
 }
 
-impl Apply {
+impl ConfigApply {
     fn run(self) -> Result {
         let session = self.target.open()?;
-        session.listen();
-        let file = load(&self.file)?;
-        let mut plan: Vec<(&Axis, Vec<Change>)> = Vec::new();
-        let mut out = Output::stdout();
+        session.listen_for_interrupts();
+        let file = load_settings(&self.file)?;
+        let mut plan: Vec<(&Axis, Vec<SettingChange>)> = Vec::new();
+        let mut out = DataOutput::stdout();
         for axis in session.axes() {
-            let mut changes = changes(&session, axis, &file)?;
+            let mut changes = changes_from(&session, axis, &file)?;
             // A stable order: what scales others stays before them.
             changes.sort_by_key(|change| change.reach);
-            let left: Vec<&str> = names(axis, changes.iter().filter(|it| it.reach));
+            let left: Vec<&str> = parameter_names(axis, changes.iter().filter(|it| it.reach));
             if !left.is_empty() && !self.reach {
-                say(&format!("left alone, for the drive is reached by it: {}", left.join(", ")));
+                print_note(&format!(
+                    "left alone, for the drive is reached by it: {}",
+                    left.join(", ")
+                ));
                 changes.retain(|change| !change.reach);
             }
             if !changes.is_empty() {
-                let text = table(&session, axis, &changes, ["now", "becomes"]);
+                let text = changes_table(&session, axis, &changes, ["now", "becomes"]);
                 out.buffer().extend_from_slice(text.as_bytes());
             }
             plan.push((axis, changes));
@@ -187,22 +194,22 @@ impl Apply {
         out.flush()?;
         let count: usize = plan.iter().map(|(_, changes)| changes.len()).sum();
         if count == 0 {
-            say("nothing to write");
+            print_note("nothing to write");
             return Ok(Exit::Ok);
         }
         if self.dry_run {
-            say("dry run: none of this was written");
+            print_note("dry run: none of this was written");
             return Ok(Exit::Ok);
         }
         self.check_power(&plan)?;
-        self.consent(count)?;
-        self.write(&plan, count)
+        self.ask_consent(count)?;
+        self.write_changes(&plan, count)
     }
 
     /// A powered motor takes new gains and limits at once.
-    fn check_power(&self, plan: &[(&Axis, Vec<Change>)]) -> Result<()> {
+    fn check_power(&self, plan: &[(&Axis, Vec<SettingChange>)]) -> Result<()> {
         for (axis, _) in plan.iter().filter(|(_, changes)| !changes.is_empty() && !self.powered) {
-            let powered = signal(axis, Signal::Enabled)?;
+            let powered = read_signal(axis, Signal::Enabled)?;
             if powered.is_some_and(|value| value.raw != 0) {
                 let what = format!("{} is powered.", axis.label());
                 return Err(Problem::usage("E246", what)
@@ -216,7 +223,7 @@ impl Apply {
         Ok(())
     }
 
-    fn consent(&self, count: usize) -> Result<()> {
+    fn ask_consent(&self, count: usize) -> Result<()> {
         if self.yes {
             return Ok(());
         }
@@ -234,13 +241,13 @@ impl Apply {
         Err(refused("not agreed."))
     }
 
-    fn write(&self, plan: &[(&Axis, Vec<Change>)], count: usize) -> Result {
+    fn write_changes(&self, plan: &[(&Axis, Vec<SettingChange>)], count: usize) -> Result {
         let mut written = 0;
         for (axis, changes) in plan {
             for change in changes {
                 if let Err(error) = axis.write(change.id, change.wanted.raw, self.store) {
                     if written == 0 {
-                        return Err(outcome::error(error));
+                        return Err(outcome::to_problem(error));
                     }
                     let what =
                         format!("{written} of {count} settings were written, then it failed.");
@@ -251,9 +258,9 @@ impl Apply {
                 written += 1;
                 // The others were converted by it.
                 if axis.scales(change.id) {
-                    let kept = axis.read(change.id).map_err(outcome::error)?;
+                    let kept = axis.read(change.id).map_err(outcome::to_problem)?;
                     if kept != change.wanted.raw {
-                        let name = names(axis, [change]).join("");
+                        let name = parameter_names(axis, [change]).join("");
                         let what = format!("the drive did not keep {name}.");
                         return Err(Problem::new(Exit::Negative, "E111", what).why(format!(
                             "Other settings are scaled by it: {written} of {count} were written, \
@@ -266,14 +273,14 @@ impl Apply {
         let mut differing = Vec::new();
         for (axis, changes) in plan {
             for change in changes.iter().filter(|change| !change.reach) {
-                let kept = axis.read(change.id).map_err(outcome::error)?;
+                let kept = axis.read(change.id).map_err(outcome::to_problem)?;
                 if kept != change.wanted.raw {
-                    differing.extend(names(axis, [change]));
+                    differing.extend(parameter_names(axis, [change]));
                 }
             }
         }
         if differing.is_empty() {
-            say(&format!("{} written and read back", plural(written as u64, "setting")));
+            print_note(&format!("{} written and read back", plural(written as u64, "setting")));
             return Ok(Exit::Ok);
         }
         let what = format!("the drive did not keep {}.", differing.join(", "));
@@ -282,21 +289,21 @@ impl Apply {
     }
 }
 
-fn load(file: &Path) -> Result<Settings> {
+fn load_settings(file: &Path) -> Result<Settings> {
     if !file.exists() {
-        return Err(problem::file(file, "read", &std::io::ErrorKind::NotFound.into()));
+        return Err(problem::file_problem(file, "read", &std::io::ErrorKind::NotFound.into()));
     }
-    Settings::load(file).map_err(outcome::error)
+    Settings::load(file).map_err(outcome::to_problem)
 }
 
 /// What differs from the file at one axis.
-fn changes(session: &Session, axis: &Axis, file: &Settings) -> Result<Vec<Change>> {
-    let settings = file.of(axis, session.axes().len()).map_err(outcome::error)?;
-    shown(axis, |progress| settings.changes(axis, progress))
+fn changes_from(session: &Session, axis: &Axis, file: &Settings) -> Result<Vec<SettingChange>> {
+    let settings = file.for_axis(axis, session.axes().len()).map_err(outcome::to_problem)?;
+    with_progress(axis, |progress| settings.changes(axis, progress))
 }
 
 /// Reading takes a while on a slow line: says how far it is where a person looks.
-fn shown<T>(
+fn with_progress<T>(
     axis: &Axis,
     read: impl FnOnce(&mut dyn FnMut(usize, usize)) -> std::result::Result<T, polepair::Error>,
 ) -> Result<T> {
@@ -313,20 +320,28 @@ fn shown<T>(
     if live {
         terminal::draw("\r\x1b[K");
     }
-    done.map_err(outcome::error)
+    done.map_err(outcome::to_problem)
 }
 
-fn names<'a>(axis: &Axis, changes: impl IntoIterator<Item = &'a Change>) -> Vec<&'static str> {
-    let name = |change: &Change| axis.profile().parameter(change.id).map(|p| p.name);
+fn parameter_names<'a>(
+    axis: &Axis,
+    changes: impl IntoIterator<Item = &'a SettingChange>,
+) -> Vec<&'static str> {
+    let name = |change: &SettingChange| axis.profile().parameter(change.id).map(|p| p.name);
     changes.into_iter().filter_map(name).collect()
 }
 
-fn table(session: &Session, axis: &Axis, changes: &[Change], heads: [&str; 2]) -> String {
-    let mut table = Table::with_heads(&["setting", "symbol", heads[0], heads[1]]);
+fn changes_table(
+    session: &Session,
+    axis: &Axis,
+    changes: &[SettingChange],
+    heads: [&str; 2],
+) -> String {
+    let mut table = TextTable::with_heads(&["setting", "symbol", heads[0], heads[1]]);
     for change in changes {
         let Some(parameter) = axis.profile().parameter(change.id) else { continue };
-        table.row([
-            format!("{}{}", session.who(axis), parameter.name),
+        table.add_row([
+            format!("{}{}", session.axis_prefix(axis), parameter.name),
             parameter.symbol.to_owned(),
             change.now.to_string(),
             change.wanted.to_string(),
@@ -335,22 +350,22 @@ fn table(session: &Session, axis: &Axis, changes: &[Change], heads: [&str; 2]) -
     table.render(colour_out())
 }
 
-fn row(axis: &Axis, change: &Change) -> String {
+fn csv_row(axis: &Axis, change: &SettingChange) -> String {
     let parameter = axis.profile().parameter(change.id);
     let (name, unit) = (parameter.map_or("", |p| p.name), change.now.unit.symbol());
     format!("{},{name},{},{},{unit}", axis.number(), change.now.value, change.wanted.value)
 }
 
-fn object(axis: &Axis, change: &Change, out: &mut Vec<u8>) {
+fn write_json(axis: &Axis, change: &SettingChange, out: &mut Vec<u8>) {
     let Some(parameter) = axis.profile().parameter(change.id) else { return };
     out.extend_from_slice(format!("{{\"axis\":{},\"setting\":", axis.number()).as_bytes());
-    jsonl::string(out, parameter.name);
+    jsonl::write_string(out, parameter.name);
     for (key, value) in [("now", change.now), ("wanted", change.wanted)] {
         out.extend_from_slice(format!(",\"{key}\":").as_bytes());
-        jsonl::real(out, value.value);
+        jsonl::write_real(out, value.value);
         out.extend_from_slice(format!(",\"{key}_raw\":{}", value.raw).as_bytes());
     }
     out.extend_from_slice(b",\"unit\":");
-    jsonl::string(out, change.now.unit.symbol());
+    jsonl::write_string(out, change.now.unit.symbol());
     out.extend_from_slice(format!(",\"reach\":{}}}\n", change.reach).as_bytes());
 }

@@ -5,13 +5,15 @@ use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use polepair_capture::{Format, Packing, Reader, Record, WriteError, Writer};
+use polepair_capture::{
+    CaptureFormat, CaptureReader, CaptureWriter, Compression, Record, WriteError,
+};
 
-use crate::capture::{damage, not_written, pieces, written_format};
+use crate::capture::{read_pieces, report_damage, write_problem, written_format};
 use crate::problem::{self, Exit, Result};
-use crate::terminal::say;
+use crate::terminal::print_note;
 
-const PIECE: usize = 1 << 16;
+const READ_SIZE: usize = 1 << 16;
 /// Kinds of records that found no place and are named one by one.
 const UNFIT_MAX: usize = 5;
 
@@ -36,57 +38,63 @@ pub struct Convert {
     out: PathBuf,
     /// How the capture is stored [default: told by its first bytes]
     #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
-    from: Option<Format>,
+    from: Option<CaptureFormat>,
     /// How it is written [default: told by OUT's name]
     #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
-    to: Option<Format>,
+    to: Option<CaptureFormat>,
 }
 
 /// Records that found no place: the reason, and how many.
-type Unfit = Vec<(&'static str, u64)>;
+type UnfitCounts = Vec<(&'static str, u64)>;
 
 impl Convert {
     pub fn run(self) -> Result {
         let to = written_format(self.to, &self.out)?;
-        let failed = |error| problem::file(&self.out, "write", &error);
+        let failed = |error| problem::file_problem(&self.out, "write", &error);
         let file: Box<dyn Write> = match self.out.as_os_str() == "-" {
             true => Box::new(io::stdout().lock()),
             false => Box::new(BufWriter::new(File::create(&self.out).map_err(failed)?)),
         };
-        let mut writer = Writer::new(to, Packing::of_path(&self.out), file)
-            .map_err(|error| not_written(&self.out, &error))?;
-        let (mut reader, mut unfit, mut wrong) = (Reader::new(self.from), Unfit::new(), None);
+        let mut writer = CaptureWriter::new(to, Compression::from_path(&self.out), file)
+            .map_err(|error| write_problem(&self.out, &error))?;
+        let (mut reader, mut unfit, mut wrong) =
+            (CaptureReader::new(self.from), UnfitCounts::new(), None);
         let mut write = |record: &Record<'_>| match writer.write(record) {
             Ok(()) => {}
-            Err(WriteError::Unfit(why)) => count(&mut unfit, why),
+            Err(WriteError::UnsupportedRecord(why)) => count_unfit(&mut unfit, why),
             Err(error) => wrong = wrong.take().or(Some(error)),
         };
-        read(&self.source, &mut |piece| {
+        read_input(&self.source, &mut |piece| {
             reader.feed(piece, &mut write);
             Ok(())
         })?;
         reader.finish(&mut write);
         if let Some(error) = wrong {
-            return Err(not_written(&self.out, &error));
+            return Err(write_problem(&self.out, &error));
         }
         let written = writer.finish().and_then(|mut file| Ok(file.flush()?));
-        written.map_err(|error| not_written(&self.out, &error))?;
-        self.tell(&reader, to, &unfit)
+        written.map_err(|error| write_problem(&self.out, &error))?;
+        self.report_result(&reader, to, &unfit)
     }
 
-    fn tell(&self, reader: &Reader, to: Format, unfit: &Unfit) -> Result {
+    fn report_result(
+        &self,
+        reader: &CaptureReader,
+        to: CaptureFormat,
+        unfit: &UnfitCounts,
+    ) -> Result {
         for (why, count) in unfit {
-            say(&format!("{count} records are left out: {why}"));
+            print_note(&format!("{count} records are left out: {why}"));
         }
-        damage(reader.tally())?;
+        report_damage(reader.statistics())?;
         let lost: u64 = unfit.iter().map(|(_, count)| count).sum();
-        let from = reader.format().map_or("nothing", Format::name);
-        say(&format!("{} records: {from} to {to}", reader.tally().records - lost));
+        let from = reader.format().map_or("nothing", CaptureFormat::name);
+        print_note(&format!("{} records: {from} to {to}", reader.statistics().records - lost));
         Ok(if lost > 0 { Exit::Partial } else { Exit::Ok })
     }
 }
 
-fn count(unfit: &mut Unfit, why: &'static str) {
+fn count_unfit(unfit: &mut UnfitCounts, why: &'static str) {
     let known = unfit.iter().position(|(other, _)| *other == why);
     match known.or_else(|| unfit.len().checked_sub(1).filter(|last| last + 1 == UNFIT_MAX)) {
         Some(at) => unfit[at].1 += 1,
@@ -94,17 +102,17 @@ fn count(unfit: &mut Unfit, why: &'static str) {
     }
 }
 
-fn read(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+fn read_input(path: &Path, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
     if path.as_os_str() != "-" {
-        return pieces(path, true, each);
+        return read_pieces(path, true, each);
     }
-    let mut buffer = vec![0; PIECE];
+    let mut buffer = vec![0; READ_SIZE];
     loop {
         match io::stdin().read(&mut buffer) {
             Ok(0) => return Ok(()),
             Ok(count) => each(&buffer[..count])?,
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(problem::file(path, "read", &error)),
+            Err(error) => return Err(problem::file_problem(path, "read", &error)),
         }
     }
 }

@@ -3,28 +3,28 @@
 
 mod columns;
 mod expect;
-mod filtered;
+mod filtered_sink;
 mod folder;
-mod lines;
-mod plot;
+mod line_sink;
+mod plot_sink;
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use polepair_capture::Filter;
-use polepair_capture::text::{Notices, Style};
+use polepair_capture::FrameFilter;
+use polepair_capture::text::{NoticeLevel, TextStyle};
 
-use crate::capture::{Sink, Stated, jobs, report};
+use crate::capture::{CaptureArgs, EventSink, job_count, report_left_out};
 use crate::problem::{Problem, Result};
 use crate::value;
-use columns::Wanted;
+use columns::ColumnsJob;
 use expect::Expectation;
-use filtered::Filtered;
-use folder::Folder;
-use lines::Lines;
-use plot::Drawing;
-use polepair_columns::{Site, Stored};
+use filtered_sink::FilteredSink;
+use folder::FolderJob;
+use line_sink::LineSink;
+use plot_sink::PlotSink;
+use polepair_columns::{ColumnFormat, DatasetSite};
 
 /// Explains every frame of a capture.
 ///
@@ -57,16 +57,16 @@ pub struct Decode {
     #[arg(value_name = "FILE|-|DIR")]
     source: PathBuf,
     #[command(flatten)]
-    stated: Stated,
+    stated: CaptureArgs,
     /// Only frames of which this is true: 'axis = 2 and not ok', 'odd', 'signal Actual/* > 5'
     #[arg(long, value_name = "EXPR")]
     filter: Option<String>,
     /// How frames are written [default: what OUT ends in, .jsonl, .parquet or .arrow; else text]
     #[arg(long, value_enum)]
-    format: Option<Format>,
+    format: Option<DecodeFormat>,
     /// What is told below the frames: nothing, what is odd, faults and states, or values too
-    #[arg(long, value_enum, default_value_t = Told::Events)]
-    notices: Told,
+    #[arg(long, value_enum, default_value_t = NoticeLevelArg::Events)]
+    notices: NoticeLevelArg,
     /// Mark bytes that changed since the last frame of their kind where there is no colour
     #[arg(long)]
     changes: bool,
@@ -86,26 +86,26 @@ pub struct Decode {
     #[arg(short, long = "out", value_name = "OUT")]
     out: Option<PathBuf>,
     /// Threads that decode [default: one for each core]
-    #[arg(long, value_name = "N", value_parser = threads)]
+    #[arg(long, value_name = "N", value_parser = parse_threads)]
     jobs: Option<usize>,
     /// Compare with the lines of a file, in part or whole as --format jsonl writes them: differences
     /// are shown, and the exit code is 1
     #[arg(long, value_name = "EXPECTED", conflicts_with_all = ["format", "out", "changes", "plot"])]
     expect: Option<PathBuf>,
     /// Times that lines expect may differ by so much, counted from the first; else they do not matter
-    #[arg(long, value_name = "TIME", requires = "expect", value_parser = value::span)]
+    #[arg(long, value_name = "TIME", requires = "expect", value_parser = value::parse_span)]
     within: Option<f64>,
 }
 
 /// Reads how many threads there shall be.
-fn threads(text: &str) -> std::result::Result<usize, String> {
+fn parse_threads(text: &str) -> std::result::Result<usize, String> {
     let count = text.parse().ok().filter(|count| *count > 0);
     count.ok_or_else(|| "a number from 1".to_owned())
 }
 
 /// How frames are written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-enum Format {
+enum DecodeFormat {
     /// One aligned line a frame
     Text,
     /// One JSON object a frame
@@ -118,7 +118,7 @@ enum Format {
 
 /// What is told of conversations.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-enum Told {
+enum NoticeLevelArg {
     /// Frames alone
     None,
     /// What is odd, faults, changes of states
@@ -129,25 +129,25 @@ enum Told {
 
 impl Decode {
     pub fn run(self) -> Result {
-        let columns = matches!(self.format(), Format::Parquet | Format::Arrow);
+        let columns = matches!(self.output_format(), DecodeFormat::Parquet | DecodeFormat::Arrow);
         if self.filter.is_some() && (columns || self.source.is_dir()) {
             let why = "Columns hold all frames; what reads them chooses.";
             return Err(Problem::usage("E250", "columns are not filtered.").why(why));
         }
         if self.source.is_dir() {
-            self.of_one_file()?;
-            return self.folder();
+            self.refuse_single_file_options()?;
+            return self.decode_folder();
         }
-        match self.format() {
-            Format::Parquet => return self.columns(Stored::Parquet),
-            Format::Arrow => return self.columns(Stored::Arrow),
-            Format::Text | Format::Jsonl => {}
+        match self.output_format() {
+            DecodeFormat::Parquet => return self.decode_columns(ColumnFormat::Parquet),
+            DecodeFormat::Arrow => return self.decode_columns(ColumnFormat::Arrow),
+            DecodeFormat::Text | DecodeFormat::Jsonl => {}
         }
         let elsewhere = self.out.is_some() || !std::io::stdout().is_terminal();
         let source = self.stated.source()?.with_progress(elsewhere);
-        let filter = self.filter.as_deref().map(filter).transpose()?;
+        let filter = self.filter.as_deref().map(parse_filter).transpose()?;
         if let Some(path) = &self.expect {
-            return expect::run(
+            return expect::run_test(
                 source,
                 &self.source,
                 filter,
@@ -156,46 +156,50 @@ impl Decode {
         }
         let of_file = self.source.as_os_str() != "-";
         if filter.is_none() && self.plot.is_empty() && of_file {
-            let lines = self.lines(self.out.as_deref())?;
-            return report(&lines.write(source, &self.source, jobs(self.jobs))?);
+            let lines = self.open_lines(self.out.as_deref())?;
+            return report_left_out(&lines.write_file(
+                source,
+                &self.source,
+                job_count(self.jobs),
+            )?);
         }
-        let mut sink = self.sink(self.out.as_deref())?;
+        let mut sink = self.open_sink(self.out.as_deref())?;
         if let Some(filter) = filter {
-            sink = Box::new(Filtered::new(filter, sink));
+            sink = Box::new(FilteredSink::new(filter, sink));
         }
-        let decoder = source.read(&self.source, &mut *sink)?;
-        report(&decoder)
+        let decoder = source.decode(&self.source, &mut *sink)?;
+        report_left_out(&decoder)
     }
 
-    fn columns(&self, stored: Stored) -> Result {
-        let (out, source) = (self.out()?, self.stated.source()?.with_progress(true));
-        let tables = columns::tables(self.tables.as_deref())?;
+    fn decode_columns(&self, stored: ColumnFormat) -> Result {
+        let (out, source) = (self.output_folder()?, self.stated.source()?.with_progress(true));
+        let tables = columns::parse_tables(self.tables.as_deref())?;
         let file = self.source.file_name().unwrap_or_default().to_string_lossy();
-        let wanted = Wanted {
+        let wanted = ColumnsJob {
             tables: &tables,
             recorder: &self.gateway,
             file: &file,
             blake3: columns::fingerprint(&self.source)?,
             profile: self.stated.profile_word(),
-            jobs: jobs(self.jobs),
+            jobs: job_count(self.jobs),
         };
-        report(&columns::decode(source, &self.source, out, stored, &wanted)?)
+        report_left_out(&columns::decode(source, &self.source, out, stored, &wanted)?)
     }
 
-    fn folder(&self) -> Result {
-        if !matches!(self.format, None | Some(Format::Parquet)) {
+    fn decode_folder(&self) -> Result {
+        if !matches!(self.format, None | Some(DecodeFormat::Parquet)) {
             let why = "A folder of captures becomes a data set of Parquet files.";
             return Err(Problem::usage("E250", "a folder has no such format.").why(why));
         }
-        let site = Site { root: self.out()?.to_owned(), name: self.site.clone() };
-        let tables = columns::tables(self.tables.as_deref())?;
+        let site = DatasetSite { root: self.output_folder()?.to_owned(), name: self.site.clone() };
+        let tables = columns::parse_tables(self.tables.as_deref())?;
         let (captures, stated) = (self.source.as_path(), &self.stated);
-        let (recorder, jobs) = (self.gateway.as_str(), jobs(self.jobs));
-        Folder { captures, stated, site, recorder, tables: &tables, jobs }.decode()
+        let (recorder, jobs) = (self.gateway.as_str(), job_count(self.jobs));
+        FolderJob { captures, stated, site, recorder, tables: &tables, jobs }.decode()
     }
 
     /// Refuses for a folder what is asked of one capture.
-    fn of_one_file(&self) -> Result<()> {
+    fn refuse_single_file_options(&self) -> Result<()> {
         let asked = [
             (self.expect.is_some(), "--expect"),
             (!self.plot.is_empty(), "--plot"),
@@ -210,7 +214,7 @@ impl Decode {
             )))
     }
 
-    fn out(&self) -> Result<&Path> {
+    fn output_folder(&self) -> Result<&Path> {
         let missing = || {
             Problem::usage("E250", "there is no folder for the columns.")
                 .why("Columns are several files, which do not go to stdout.")
@@ -219,41 +223,41 @@ impl Decode {
         self.out.as_deref().ok_or_else(missing)
     }
 
-    fn sink(&self, out: Option<&Path>) -> Result<Box<dyn Sink>> {
+    fn open_sink(&self, out: Option<&Path>) -> Result<Box<dyn EventSink>> {
         if !self.plot.is_empty() {
-            return Ok(Box::new(Drawing::new(&self.plot, out)));
+            return Ok(Box::new(PlotSink::new(&self.plot, out)));
         }
-        Ok(Box::new(self.lines(out)?))
+        Ok(Box::new(self.open_lines(out)?))
     }
 
-    fn lines(&self, out: Option<&Path>) -> Result<Lines> {
-        match self.format() {
-            Format::Jsonl => Lines::jsonl(out),
-            _ => Lines::text(out, self.style()),
+    fn open_lines(&self, out: Option<&Path>) -> Result<LineSink> {
+        match self.output_format() {
+            DecodeFormat::Jsonl => LineSink::jsonl(out),
+            _ => LineSink::text(out, self.text_style()),
         }
     }
 
-    fn style(&self) -> Style {
+    fn text_style(&self) -> TextStyle {
         let notices = match self.notices {
-            Told::None => Notices::None,
-            Told::Events => Notices::Events,
-            Told::All => Notices::All,
+            NoticeLevelArg::None => NoticeLevel::None,
+            NoticeLevelArg::Events => NoticeLevel::Events,
+            NoticeLevelArg::All => NoticeLevel::All,
         };
-        Style { marks: self.changes, notices, ..Style::default() }
+        TextStyle { marks: self.changes, notices, ..TextStyle::default() }
     }
 
     /// The one that is stated, else what OUT ends in; lines of text where that is no format. A drawing
     /// has its own.
-    fn format(&self) -> Format {
+    fn output_format(&self) -> DecodeFormat {
         let ending = self.out.as_deref().and_then(Path::extension).and_then(|end| end.to_str());
-        let named = ending.and_then(|end| Format::from_str(end, true).ok());
-        self.format.or(named.filter(|_| self.plot.is_empty())).unwrap_or(Format::Text)
+        let named = ending.and_then(|end| DecodeFormat::from_str(end, true).ok());
+        self.format.or(named.filter(|_| self.plot.is_empty())).unwrap_or(DecodeFormat::Text)
     }
 }
 
 /// Reads a filter, or shows where it is wrong.
-pub fn filter(text: &str) -> Result<Filter> {
-    Filter::parse(text).map_err(|error| {
+pub fn parse_filter(text: &str) -> Result<FrameFilter> {
+    FrameFilter::parse(text).map_err(|error| {
         let nearest = error.nearest.as_ref().map(|word| format!("{word} (the nearest)"));
         Problem::usage("E249", "this is no filter.")
             .why(error.to_string())

@@ -10,26 +10,26 @@ use std::time::Duration;
 use clap::Args;
 use polepair::simulate::{self, DriveLine};
 use polepair::{Axis, Connector, Link};
-use polepair_capture::{Decoder, Rules, text};
+use polepair_capture::{CaptureDecoder, Rules, text};
 use polepair_core::drives::bench::Act;
 use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
-use polepair_link::serve::Served;
-use polepair_link::tap::{Direction, Tap};
-use polepair_link::{Stop, clock, pty::Pty};
+use polepair_link::serve::ServeThread;
+use polepair_link::tap::{Tap, TapDirection};
+use polepair_link::{ServeHandle, clock, pty::Pty};
 
 use crate::cmd::info;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::signal;
-use crate::target::Unit;
-use crate::terminal::{self, Table, say};
+use crate::session::read_signal;
+use crate::target::UnitRef;
+use crate::terminal::{self, TextTable, print_note};
 
 /// Frames of a step that are shown.
 const FRAMES_SHOWN: usize = 3;
 /// Reads that are timed on each drive.
-const READS: u32 = 200;
+const TIMED_READS: u32 = 200;
 
 /// Finds, homes, moves, spins, faults and recovers two simulated drives, and turns two behind a
 /// relay.
@@ -46,32 +46,32 @@ pub struct Demo {
 }
 
 /// The rack of the scene: what is special about each drive stands here, and nowhere below.
-const PARTS: [Part; 2] = [
-    Part {
+const DEMO_DRIVES: [DemoDrive; 2] = [
+    DemoDrive {
         drive: "tmcm-171:1",
         position_mode: &[("stop switch enable", 1)],
         speed_mode: &[],
         cycle_power: false,
         switches: &[Act::Switch { which: 0, at: 3.0 }],
-        trouble: "its supply sags to 7 V",
+        fault_text: "its supply sags to 7 V",
         fault: Act::Supply(7.0),
-        cure: "the supply comes back",
-        cured: Act::Supply(24.0),
+        recovery_text: "the supply comes back",
+        recovery: Act::Supply(24.0),
     },
-    Part {
+    DemoDrive {
         drive: "syntron-ts:1",
         position_mode: &[("control mode", 14), ("homing way", 20_000)],
         speed_mode: &[("control mode", 1)],
         cycle_power: true,
         switches: &[Act::Switch { which: 0, at: -1.0 }],
-        trouble: "its encoder cable comes loose",
+        fault_text: "its encoder cable comes loose",
         fault: Act::EncoderBroken(true),
-        cure: "the cable is plugged in and the drive switched off and on",
-        cured: Act::EncoderBroken(false),
+        recovery_text: "the cable is plugged in and the drive switched off and on",
+        recovery: Act::EncoderBroken(false),
     },
 ];
 
-struct Part {
+struct DemoDrive {
     drive: &'static str,
     /// Settings, raw, before it takes positions.
     position_mode: &'static [(&'static str, i64)],
@@ -80,42 +80,43 @@ struct Part {
     /// A new mode, and a cured fault, need the power off and on.
     cycle_power: bool,
     switches: &'static [Act],
-    trouble: &'static str,
+    fault_text: &'static str,
     fault: Act,
-    cure: &'static str,
-    cured: Act,
+    recovery_text: &'static str,
+    recovery: Act,
 }
 
 /// A served drive and its open link.
-struct Actor {
-    part: &'static Part,
+struct DemoRun {
+    demo_drive: &'static DemoDrive,
     line: DriveLine,
-    stop: Stop,
+    stop: ServeHandle,
     link: Link,
-    frames: Frames,
-    done: Vec<&'static str>,
-    failed: Vec<String>,
+    frames: FrameLines,
+    passed_steps: Vec<&'static str>,
+    failed_steps: Vec<String>,
     read_us: f64,
-    _served: Served,
+    _served: ServeThread,
 }
 
-type Frames = Arc<Mutex<VecDeque<String>>>;
+type FrameLines = Arc<Mutex<VecDeque<String>>>;
 
 impl Demo {
     pub fn run(self) -> Result {
         crate::interrupt::listen(|| ());
-        say("polepair demo: simulated drives, each behind its own wire protocol\n");
+        print_note("polepair demo: simulated drives, each behind its own wire protocol\n");
         let mut actors = Vec::new();
-        for part in &PARTS {
-            actors.push(Actor::enter(part)?);
+        for part in &DEMO_DRIVES {
+            actors.push(DemoRun::open(part)?);
         }
         for actor in &mut actors {
-            actor.play(self.headless)?;
+            actor.run_scene(self.headless)?;
         }
-        let failed = relay::play()?;
-        print!("{}", summary(&actors, failed.as_deref()));
+        let failed = relay::run_relay_scene()?;
+        print!("{}", summary_text(&actors, failed.as_deref()));
         let _ = std::io::stdout().flush();
-        let played = actors.iter().all(|actor| actor.failed.is_empty() && errors(actor) == 0);
+        let played =
+            actors.iter().all(|actor| actor.failed_steps.is_empty() && error_count(actor) == 0);
         match played && failed.is_none() {
             true => Ok(Exit::Ok),
             false => {
@@ -125,89 +126,91 @@ impl Demo {
     }
 }
 
-impl Actor {
+impl DemoRun {
     /// Serves the drive, finds it by a scan, and opens its link.
-    fn enter(part: &'static Part) -> Result<Self> {
-        let description = simulate::rack_of_words(&[part.drive], 1).map_err(outcome::error)?;
-        let lines = simulate::lines(&description, 1).map_err(outcome::error)?;
+    fn open(part: &'static DemoDrive) -> Result<Self> {
+        let description = simulate::rack_of_words(&[part.drive], 1).map_err(outcome::to_problem)?;
+        let lines = simulate::drive_lines(&description, 1).map_err(outcome::to_problem)?;
         let Some(line) = lines.into_iter().next() else {
             return Err(Problem::usage("E244", "the demo's rack has no link."));
         };
-        let pty = Pty::open(None).map_err(|error| outcome::link_error(&error))?;
+        let pty = Pty::open(None).map_err(|error| outcome::link_problem(&error))?;
         let url = description.urls(0, &format!("serial://{}", pty.path())).remove(0);
         let url = url.split('#').next().unwrap_or(&url).to_owned();
         let served = line.clone().serve(Box::new(pty));
-        say(&format!("scanning {url}"));
-        let frames = Frames::default();
-        let connector = connector(&url, &frames);
+        print_note(&format!("scanning {url}"));
+        let frames = FrameLines::default();
+        let connector = recording_connector(&url, &frames);
         let found = polepair::scan::scan(&connector, &url, 1..=3, &mut |_| {
             std::ops::ControlFlow::Continue(())
         });
-        let found = found.map_err(outcome::error)?.found;
+        let found = found.map_err(outcome::to_problem)?.found;
         for one in &found {
-            say(&format!(
+            print_note(&format!(
                 "  found axis {}: {} ({})",
                 one.number, one.profile.title, one.identified
             ));
         }
         let number = found.first().map_or(1, |found| found.number);
-        let link = connector.connect(&format!("{url}#{number}")).map_err(outcome::error)?;
-        say("");
+        let link = connector.connect(&format!("{url}#{number}")).map_err(outcome::to_problem)?;
+        print_note("");
         Ok(Self {
-            part,
+            demo_drive: part,
             line,
-            stop: served.stop(),
+            stop: served.handle(),
             link,
             frames,
-            done: Vec::new(),
-            failed: Vec::new(),
+            passed_steps: Vec::new(),
+            failed_steps: Vec::new(),
             read_us: 0.0,
             _served: served,
         })
     }
 
-    fn play(&mut self, headless: bool) -> Result<()> {
+    fn run_scene(&mut self, headless: bool) -> Result<()> {
         let axis = self.link.axes()[0].clone();
-        say(&format!("== {} ==", axis.profile().title));
+        print_note(&format!("== {} ==", axis.profile().title));
         for signal in [Signal::Position, Signal::Voltage, Signal::Temperature, Signal::Fault] {
-            if let Some(shown) = info::shown(&axis, signal)? {
-                say(&format!("  {:<12} {shown}", signal.name()));
+            if let Some(shown) = info::signal_text(&axis, signal)? {
+                print_note(&format!("  {:<12} {shown}", signal.name()));
             }
         }
-        let part = self.part;
-        part.switches.iter().for_each(|act| self.act(*act));
-        self.step("prepare for positions", |actor| actor.settings(&axis, part.position_mode));
+        let part = self.demo_drive;
+        part.switches.iter().for_each(|act| self.apply_act(*act));
+        self.run_step("prepare for positions", |actor| {
+            actor.write_settings(&axis, part.position_mode)
+        });
         axis.arm(true);
-        self.step("enable", |_| axis.enable());
-        self.step("home", |_| axis.home());
-        self.step("move by one turn", |_| {
+        self.run_step("enable", |_| axis.enable());
+        self.run_step("home", |_| axis.home());
+        self.run_step("move by one turn", |_| {
             axis.move_by("1 turn")?;
             axis.wait(Duration::from_secs(10))
         });
-        self.step("disable", |_| axis.disable());
-        self.step("prepare for speeds", |actor| actor.settings(&axis, part.speed_mode));
+        self.run_step("disable", |_| axis.disable());
+        self.run_step("prepare for speeds", |actor| actor.write_settings(&axis, part.speed_mode));
         axis.arm(true);
-        self.step("spin at 300 rpm", |actor| {
+        self.run_step("spin at 300 rpm", |actor| {
             axis.enable()?;
             axis.velocity("300 rpm")?;
-            actor.watch(&axis, headless, 1500)
+            actor.show_live(&axis, headless, 1500)
         });
-        self.act(Act::Load(-0.05));
-        self.step("hold it under load", |actor| actor.watch(&axis, headless, 800));
-        self.act(Act::Load(0.0));
-        self.trip(&axis, headless)?;
-        self.step("time its answers", |actor| actor.measure(&axis));
+        self.apply_act(Act::Load(-0.05));
+        self.run_step("hold it under load", |actor| actor.show_live(&axis, headless, 800));
+        self.apply_act(Act::Load(0.0));
+        self.run_fault(&axis, headless)?;
+        self.run_step("time its answers", |actor| actor.time_reads(&axis));
         axis.arm(false);
-        say("");
-        if crate::interrupt::came() { Err(Problem::interrupted()) } else { Ok(()) }
+        print_note("");
+        if crate::interrupt::was_interrupted() { Err(Problem::interrupted()) } else { Ok(()) }
     }
 
     /// A fault, its words, its cure, and the motor turning again.
-    fn trip(&mut self, axis: &Axis, headless: bool) -> Result<()> {
-        let part = self.part;
-        say(&format!("  -- {} --", part.trouble));
-        self.act(part.fault);
-        self.step("see the fault", |_| {
+    fn run_fault(&mut self, axis: &Axis, headless: bool) -> Result<()> {
+        let part = self.demo_drive;
+        print_note(&format!("  -- {} --", part.fault_text));
+        self.apply_act(part.fault);
+        self.run_step("see the fault", |_| {
             for _ in 0..40 {
                 pause(50);
                 let value = axis.signals(&[Signal::Fault])?[0];
@@ -216,37 +219,37 @@ impl Actor {
                     f.severity == polepair_core::profile::Severity::Fault
                 };
                 if let Some(fault) = faults.iter().find(serious) {
-                    say(&format!("     {}: {} {}", fault.name, fault.text, fault.remedy));
+                    print_note(&format!("     {}: {} {}", fault.name, fault.text, fault.remedy));
                     return Ok(());
                 }
             }
             axis.wait(Duration::ZERO)
         });
-        say(&format!("  -- {} --", part.cure));
-        self.act(part.cured);
+        print_note(&format!("  -- {} --", part.recovery_text));
+        self.apply_act(part.recovery);
         if part.cycle_power {
-            self.act(Act::PowerCycle);
+            self.apply_act(Act::PowerCycle);
         }
         pause(500);
-        self.step("clear", |_| axis.clear());
+        self.run_step("clear", |_| axis.clear());
         axis.arm(true);
-        self.step("spin again", |actor| {
+        self.run_step("spin again", |actor| {
             axis.enable()?;
             axis.velocity("120 rpm")?;
-            actor.watch(axis, headless, 800)
+            actor.show_live(axis, headless, 800)
         });
-        self.step("stop", |_| axis.stop());
-        self.step("power off", |_| axis.disable());
+        self.run_step("stop", |_| axis.stop());
+        self.run_step("power off", |_| axis.disable());
         Ok(())
     }
 
     /// Does a step, and shows the first of its frames.
-    fn step(
+    fn run_step(
         &mut self,
         name: &'static str,
         act: impl FnOnce(&mut Self) -> std::result::Result<(), polepair::Error>,
     ) {
-        if crate::interrupt::came() {
+        if crate::interrupt::was_interrupted() {
             return;
         }
         self.frames.lock().unwrap_or_else(PoisonError::into_inner).clear();
@@ -255,26 +258,26 @@ impl Actor {
         let took = clock::now().since(begun).as_secs_f64();
         match ended {
             Ok(()) => {
-                self.done.push(name);
-                say(&format!("  {name:<24} ok   {took:>6.3} s"));
+                self.passed_steps.push(name);
+                print_note(&format!("  {name:<24} ok   {took:>6.3} s"));
             }
             Err(error) => {
-                say(&format!("  {name:<24} FAILED: {error}"));
-                self.failed.push(format!("{name}: {error}"));
+                print_note(&format!("  {name:<24} FAILED: {error}"));
+                self.failed_steps.push(format!("{name}: {error}"));
             }
         }
         for frame in self.frames.lock().unwrap_or_else(PoisonError::into_inner).iter() {
-            say(&format!("      {frame}"));
+            print_note(&format!("      {frame}"));
         }
     }
 
     /// Does something to the drive from outside.
-    fn act(&self, act: Act) {
-        self.line.bench(0, |bench| bench.act(clock::now(), act));
-        self.stop.look();
+    fn apply_act(&self, act: Act) {
+        self.line.with_bench(0, |bench| bench.act(clock::now(), act));
+        self.stop.wake();
     }
 
-    fn settings(
+    fn write_settings(
         &mut self,
         axis: &Axis,
         settings: &[(&str, i64)],
@@ -282,27 +285,27 @@ impl Actor {
         axis.arm(true);
         for (name, raw) in settings {
             // What is to outlast the power must be kept.
-            axis.write(axis.find(name)?, *raw, self.part.cycle_power)?;
+            axis.write(axis.find(name)?, *raw, self.demo_drive.cycle_power)?;
         }
-        if self.part.cycle_power && !settings.is_empty() {
-            self.act(Act::PowerCycle);
+        if self.demo_drive.cycle_power && !settings.is_empty() {
+            self.apply_act(Act::PowerCycle);
             pause(500);
         }
         Ok(())
     }
 
     /// A live line for a while.
-    fn watch(
+    fn show_live(
         &mut self,
         axis: &Axis,
         headless: bool,
         ms: u32,
     ) -> std::result::Result<(), polepair::Error> {
         let end = clock::now().plus_ms(ms);
-        while clock::now() < end && !crate::interrupt::came() {
+        while clock::now() < end && !crate::interrupt::was_interrupted() {
             let mut line = String::new();
             for wanted in [Signal::Velocity, Signal::Position, Signal::Current] {
-                if let Ok(Some(value)) = signal(axis, wanted) {
+                if let Ok(Some(value)) = read_signal(axis, wanted) {
                     line.push_str(&format!("{} {value:<20.20}  ", wanted.name()));
                 }
             }
@@ -318,11 +321,11 @@ impl Actor {
     }
 
     /// How long a read takes, in the middle.
-    fn measure(&mut self, axis: &Axis) -> std::result::Result<(), polepair::Error> {
+    fn time_reads(&mut self, axis: &Axis) -> std::result::Result<(), polepair::Error> {
         let source = axis.profile().signal(Signal::Velocity).map(|source| source.parameter);
         let Some(id) = source else { return Ok(()) };
         let mut spans = Vec::new();
-        for _ in 0..READS {
+        for _ in 0..TIMED_READS {
             let begun = clock::now();
             axis.read(id)?;
             spans.push(clock::now().since(begun).as_secs_f64() * 1e6);
@@ -339,24 +342,26 @@ fn pause(ms: u32) {
 }
 
 /// A connector whose frames are explained into `frames`.
-fn connector(url: &str, frames: &Frames) -> Connector {
+fn recording_connector(url: &str, frames: &FrameLines) -> Connector {
     let protocol = url.split('+').next().unwrap_or(url).to_owned();
     let rules = Rules::parse(&protocol).unwrap_or_default();
-    let decoder = Decoder::new(rules);
-    let text =
-        text::Text::new(text::Style { colour: terminal::colour_err(), ..text::Style::default() });
-    Connector::default().with_tap(Watcher { decoder, text, frames: Arc::clone(frames) })
+    let decoder = CaptureDecoder::new(rules);
+    let text = text::FrameTextWriter::new(text::TextStyle {
+        colour: terminal::colour_err(),
+        ..text::TextStyle::default()
+    });
+    Connector::default().with_tap(FrameRecorder { decoder, text, frames: Arc::clone(frames) })
 }
 
 /// Keeps the first frames of a step, explained.
-struct Watcher {
-    decoder: Decoder,
-    text: text::Text,
-    frames: Frames,
+struct FrameRecorder {
+    decoder: CaptureDecoder,
+    text: text::FrameTextWriter,
+    frames: FrameLines,
 }
 
-impl Watcher {
-    fn see(&mut self, at: Instant, direction: Direction, unit: Unit<'_>) {
+impl FrameRecorder {
+    fn record_frame(&mut self, at: Instant, direction: TapDirection, unit: UnitRef<'_>) {
         let Self { decoder, text, frames } = self;
         unit.decode(decoder, at, "link", direction, &mut |event| {
             let mut line = Vec::new();
@@ -369,40 +374,44 @@ impl Watcher {
     }
 }
 
-impl Tap<Stream> for Watcher {
-    fn unit(&mut self, at: Instant, direction: Direction, bytes: &[u8]) {
-        self.see(at, direction, Unit::Bytes(bytes));
+impl Tap<Stream> for FrameRecorder {
+    fn record_unit(&mut self, at: Instant, direction: TapDirection, bytes: &[u8]) {
+        self.record_frame(at, direction, UnitRef::Bytes(bytes));
     }
 }
 
-impl Tap<Can> for Watcher {
-    fn unit(&mut self, at: Instant, direction: Direction, frame: &Frame) {
-        self.see(at, direction, Unit::Frame(frame));
+impl Tap<Can> for FrameRecorder {
+    fn record_unit(&mut self, at: Instant, direction: TapDirection, frame: &Frame) {
+        self.record_frame(at, direction, UnitRef::Frame(frame));
     }
 }
 
-fn errors(actor: &Actor) -> u64 {
+fn error_count(actor: &DemoRun) -> u64 {
     let counters = actor.link.counters(&actor.link.axes()[0]);
     counters.late + counters.foreign + counters.corrupt
 }
 
-fn summary(actors: &[Actor], behind_relay: Option<&str>) -> String {
+fn summary_text(actors: &[DemoRun], behind_relay: Option<&str>) -> String {
     let mut table =
-        Table::with_heads(&["drive", "protocol", "steps", "round trips", "one read", "errors"]);
+        TextTable::with_heads(&["drive", "protocol", "steps", "round trips", "one read", "errors"]);
     for actor in actors {
         let axis = &actor.link.axes()[0];
         let counters = actor.link.counters(axis);
-        table.row([
+        table.add_row([
             axis.profile().title.to_owned(),
             axis.protocol().to_owned(),
-            format!("{} of {}", actor.done.len(), actor.done.len() + actor.failed.len()),
+            format!(
+                "{} of {}",
+                actor.passed_steps.len(),
+                actor.passed_steps.len() + actor.failed_steps.len()
+            ),
             counters.answered.to_string(),
             format!("{:.0} us", actor.read_us),
-            (errors(actor) + actor.failed.len() as u64).to_string(),
+            (error_count(actor) + actor.failed_steps.len() as u64).to_string(),
         ]);
     }
     let mut text = format!("Found {} drives of two makers by a scan.\n", actors.len());
-    if actors.iter().all(|actor| actor.failed.is_empty()) {
+    if actors.iter().all(|actor| actor.failed_steps.is_empty()) {
         text.push_str(
             "Each was enabled, homed, moved, spun, loaded, faulted and recovered through the\n",
         );
@@ -415,7 +424,7 @@ fn summary(actors: &[Actor], behind_relay: Option<&str>) -> String {
     text.push('\n');
     text.push_str(&table.render(terminal::colour_out()));
     for actor in actors {
-        for failed in &actor.failed {
+        for failed in &actor.failed_steps {
             text.push_str(&format!("failed: {failed}\n"));
         }
     }
@@ -427,12 +436,12 @@ fn summary(actors: &[Actor], behind_relay: Option<&str>) -> String {
 /// What the scene leaves to the drives' own plans.
 #[cfg(test)]
 mod tests {
-    use super::PARTS;
+    use super::DEMO_DRIVES;
     use polepair_core::axis::Verb;
 
     #[test]
     fn every_drive_of_the_scene_has_the_plans_it_plays() {
-        for part in &PARTS {
+        for part in &DEMO_DRIVES {
             let name = part.drive.split(':').next().unwrap_or("");
             let profile = polepair_core::drives::profiles().iter().find(|p| p.name == name);
             let profile = profile.expect("a profile");

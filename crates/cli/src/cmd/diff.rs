@@ -7,10 +7,10 @@ use polepair_capture::diff::{Difference, diff};
 use polepair_capture::jsonl;
 use polepair_capture::summary::Summary;
 
-use super::summary::Gathered;
-use crate::capture::{Stated, report};
+use super::summary::SummarySink;
+use crate::capture::{CaptureArgs, report_left_out};
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, Output, Table, say};
+use crate::terminal::{self, DataOutput, TextTable, print_note};
 
 /// Tells what differs between two captures in behaviour, not in bytes.
 ///
@@ -25,7 +25,7 @@ still have to be the same. Links may have other names where each capture has onl
 Examples:
   polepair diff good.log bad.log
   polepair diff monday.blf friday.blf --as canopen --tolerance 5")]
-pub struct Options {
+pub struct DiffOptions {
     /// The first capture
     #[arg(value_name = "A")]
     a: PathBuf,
@@ -33,38 +33,38 @@ pub struct Options {
     #[arg(value_name = "B")]
     b: PathBuf,
     #[command(flatten)]
-    stated: Stated,
+    stated: CaptureArgs,
     /// By how much rates and ranges may differ, in percent
     #[arg(long, value_name = "PERCENT", default_value_t = 20.0)]
     tolerance: f64,
     /// How it is written
-    #[arg(long, value_enum, default_value_t = Format::Text)]
-    format: Format,
+    #[arg(long, value_enum, default_value_t = DiffFormat::Text)]
+    format: DiffFormat,
 }
 
 /// How differences are written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-enum Format {
+enum DiffFormat {
     /// A table
     Text,
     /// One JSON object a difference
     Jsonl,
 }
 
-impl Options {
+impl DiffOptions {
     pub fn run(self) -> Result {
         if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
             return Err(Problem::usage("E242", "--tolerance is 0 percent or more."));
         }
-        let (a, b) = (self.summary(&self.a)?, self.summary(&self.b)?);
+        let (a, b) = (self.summarize(&self.a)?, self.summarize(&self.b)?);
         let found = diff(&a, &b, self.tolerance / 100.0);
-        let mut out = Output::stdout();
+        let mut out = DataOutput::stdout();
         match self.format {
-            Format::Text => out.buffer().extend(table(&found).bytes()),
-            Format::Jsonl => found.iter().for_each(|one| object(one, out.buffer())),
+            DiffFormat::Text => out.buffer().extend(differences_table(&found).bytes()),
+            DiffFormat::Jsonl => found.iter().for_each(|one| write_json(one, out.buffer())),
         }
         out.flush()?;
-        say(&format!(
+        print_note(&format!(
             "{} frames and {} frames, tolerance {} %: {}",
             a.frames,
             b.frames,
@@ -78,31 +78,31 @@ impl Options {
         Ok(if found.is_empty() { Exit::Ok } else { Exit::Negative })
     }
 
-    fn summary(&self, path: &Path) -> Result<Summary> {
-        let mut gathered = Gathered::default();
-        report(&self.stated.source()?.read(path, &mut gathered)?)?;
+    fn summarize(&self, path: &Path) -> Result<Summary> {
+        let mut gathered = SummarySink::default();
+        report_left_out(&self.stated.source()?.decode(path, &mut gathered)?)?;
         Ok(gathered.summary)
     }
 }
 
-fn table(found: &[Difference]) -> String {
+fn differences_table(found: &[Difference]) -> String {
     if found.is_empty() {
         return String::new();
     }
-    let mut table = Table::with_heads(&["differs", "of", "a", "b"]);
-    for Difference { what, of, a, b } in found {
-        table.row([(*what).to_owned(), of.clone(), a.clone(), b.clone()]);
+    let mut table = TextTable::with_heads(&["differs", "of", "a", "b"]);
+    for Difference { kind: what, subject: of, a, b } in found {
+        table.add_row([(*what).to_owned(), of.clone(), a.clone(), b.clone()]);
     }
     table.render(terminal::colour_out())
 }
 
-fn object(one: &Difference, out: &mut Vec<u8>) {
-    let words = [("what", one.what), ("of", &one.of), ("a", &one.a), ("b", &one.b)];
+fn write_json(one: &Difference, out: &mut Vec<u8>) {
+    let words = [("what", one.kind), ("of", &one.subject), ("a", &one.a), ("b", &one.b)];
     for (n, (key, word)) in words.into_iter().enumerate() {
         out.push(if n == 0 { b'{' } else { b',' });
-        jsonl::string(out, key);
+        jsonl::write_string(out, key);
         out.push(b':');
-        jsonl::string(out, word);
+        jsonl::write_string(out, word);
     }
     out.extend_from_slice(b"}\n");
 }

@@ -1,13 +1,13 @@
 //! `polepair --server URL dismiss AXES`
 
 use clap::{Args, ValueEnum};
-use polepair_client::linked;
+use polepair_client::find_link;
 use polepair_client::message::{DismissAbsent, DismissReason, DismissStop};
 
-use crate::joined::{self, Joined};
 use crate::problem::{Exit, Problem, Result};
-use crate::target::Target;
-use crate::terminal::say;
+use crate::remote::{self, RemoteSession};
+use crate::target::DriveArgs;
+use crate::terminal::print_note;
 
 /// Owes axes their stop no more, though nobody saw them stand.
 ///
@@ -19,12 +19,12 @@ use crate::terminal::say;
 Example:
   polepair --server http://127.0.0.1:7365 dismiss 1 --reason drive-gone
   polepair --server http://127.0.0.1:7365 dismiss 0#3 --reason drive-gone    one that is not there")]
-pub struct Dismiss {
+pub struct DismissCommand {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Why nobody will see it stand
     #[arg(long, value_name = "REASON")]
-    reason: Reason,
+    reason: DismissCause,
     /// Words for the journal
     #[arg(long, value_name = "TEXT", default_value = "")]
     note: String,
@@ -32,7 +32,7 @@ pub struct Dismiss {
 
 /// Why nobody will see an axis stand.
 #[derive(ValueEnum, Clone, Copy, Debug)]
-enum Reason {
+enum DismissCause {
     /// The drive was taken away, or has no supply
     DriveGone,
     /// Another master commands it
@@ -41,7 +41,7 @@ enum Reason {
     TurnedByLoad,
 }
 
-impl Dismiss {
+impl DismissCommand {
     /// Only a server owes stops.
     pub fn run(self) -> Result {
         let what = "`dismiss` is about a server's axes.";
@@ -49,23 +49,23 @@ impl Dismiss {
     }
 
     /// By a server.
-    pub fn joined(self, server: &Joined) -> Result {
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
         let reason = match self.reason {
-            Reason::DriveGone => DismissReason::DriveGone,
-            Reason::OtherMaster => DismissReason::OtherMaster,
-            Reason::TurnedByLoad => DismissReason::TurnedByLoad,
+            DismissCause::DriveGone => DismissReason::DriveGone,
+            DismissCause::OtherMaster => DismissReason::OtherMaster,
+            DismissCause::TurnedByLoad => DismissReason::TurnedByLoad,
         };
-        if let Some((link, number)) = absent(server, self.target.axes()?) {
+        if let Some((link, number)) = parse_absent(server, self.target.remote_axes()?) {
             let what = format!("axis {number} of {link}");
             let dismiss = DismissAbsent { link, number, reason, note: self.note };
-            server.gateway.dismiss_absent(&dismiss).map_err(joined::refused)?;
-            say(&format!("{what} is owed no stop any more"));
+            server.gateway.dismiss_absent(&dismiss).map_err(remote::refusal_problem)?;
+            print_note(&format!("{what} is owed no stop any more"));
             return Ok(Exit::Ok);
         }
         let dismiss = DismissStop { reason, epoch: 0, note: self.note };
-        for axis in server.pick(&self.target)? {
-            server.gateway.dismiss(axis.id, &dismiss).map_err(joined::refused)?;
-            say(&format!("{} is owed no stop any more", axis.label));
+        for axis in server.axes_of(&self.target)? {
+            server.gateway.dismiss(axis.id, &dismiss).map_err(remote::refusal_problem)?;
+            print_note(&format!("{} is owed no stop any more", axis.label));
         }
         Ok(Exit::Ok)
     }
@@ -73,10 +73,10 @@ impl Dismiss {
 
 /// The connection string and the number of a drive that the server before owed a stop and that is not
 /// there: by the number or the connection string of its link, which this server need not have.
-fn absent(server: &Joined, words: &str) -> Option<(String, u32)> {
+fn parse_absent(server: &RemoteSession, words: &str) -> Option<(String, u32)> {
     let (word, number) = words.rsplit_once('#')?;
     let number = number.parse().ok()?;
-    match linked(&server.bench, word) {
+    match find_link(&server.bench, word) {
         Some(link) => link.owed.contains(&number).then(|| (link.url.clone(), number)),
         None => word.contains(':').then(|| (word.to_owned(), number)),
     }

@@ -3,18 +3,18 @@
 use std::io::IsTerminal as _;
 
 use clap::Args;
-use polepair::doctor::{self, Check, Grade, Options, Unproven, Witness};
+use polepair::doctor::{self, CheckResult, DoctorOptions, Grade, ProofError, ProofObserver};
 use polepair::url::shell_word;
 use polepair::{Axis, Connector, Error};
 use polepair_capture::jsonl;
 
-use crate::cmd::watchdog::span;
+use crate::cmd::watchdog::parse_time;
 use crate::interrupt;
-use crate::motion::Owed;
+use crate::motion::StopRetryNotice;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::Session;
-use crate::terminal::{Output, colour_out, draw, say};
+use crate::terminal::{DataOutput, colour_out, draw, print_note};
 
 /// Looks for what is wrong, from the cable up, and says what to try.
 ///
@@ -43,15 +43,15 @@ pub struct Doctor {
     #[arg(short, long, requires = "prove_watchdog")]
     yes: bool,
     /// How the checks are printed
-    #[arg(long, value_enum, default_value_t = Shape::Text)]
-    format: Shape,
+    #[arg(long, value_enum, default_value_t = CheckFormat::Text)]
+    format: CheckFormat,
     #[command(flatten)]
     profiles: super::ProfileFile,
 }
 
 /// How checks are printed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, clap::ValueEnum)]
-enum Shape {
+enum CheckFormat {
     /// For people
     Text,
     /// One JSON object a check
@@ -62,13 +62,13 @@ impl Doctor {
     pub fn run(self) -> Result {
         let connector = self.profiles.connector()?;
         let mut worst = None;
-        let mut hear = |check: Check| {
+        let mut hear = |check: CheckResult| {
             worst = worst.max((check.grade == Grade::Wrong).then_some(check.exit));
-            show(&check, self.format)
+            print_check(&check, self.format)
         };
-        self.look(&connector, &mut hear)?;
+        self.run_checks(&connector, &mut hear)?;
         if let (Some(url), Some(time)) = (&self.url, &self.prove_watchdog) {
-            self.prove(&connector, url, time.as_deref(), &mut hear)?;
+            self.prove_watchdogs(&connector, url, time.as_deref(), &mut hear)?;
         }
         match worst {
             None => Ok(Exit::Ok),
@@ -78,47 +78,47 @@ impl Doctor {
     }
 
     /// Turns motors, falls silent, and tells whether their drives stopped them.
-    fn prove(
+    fn prove_watchdogs(
         &self,
         connector: &Connector,
         url: &str,
         time: Option<&str>,
-        show: &mut dyn FnMut(Check) -> Result<()>,
+        show: &mut dyn FnMut(CheckResult) -> Result<()>,
     ) -> Result<()> {
-        let after = time.map(span).transpose()?.flatten();
+        let after = time.map(parse_time).transpose()?.flatten();
         if time.is_some() && after.is_none() {
             return Err(Problem::usage("E217", "a watchdog that is off stops nothing."));
         }
-        let link = connector.connect(url).map_err(outcome::error)?;
-        let session = Session { link, words: shell_word(url).into_owned() };
-        self.consent(&session)?;
-        session.listen();
-        let words = &session.words;
+        let link = connector.connect(url).map_err(outcome::to_problem)?;
+        let session = Session { link, arguments: shell_word(url).into_owned() };
+        self.ask_consent(&session)?;
+        session.listen_for_interrupts();
+        let words = &session.arguments;
         // Whoever leaves at once is told what is left behind, the watchdog's value too.
-        let _holding = interrupt::hold(&match after {
+        let _holding = interrupt::hold_motion(&match after {
             None => words.clone(),
             Some(_) => format!(
                 "{words}; its watchdog may not be as it was: `polepair watchdog {words}` shows and sets it"
             ),
         });
-        let mut watching = Watching { show, shown: Ok(()), owed: None };
+        let mut watching = ProofPrinter { print: show, print_result: Ok(()), stop_retry: None };
         for axis in session.axes() {
-            if interrupt::came() {
+            if interrupt::was_interrupted() {
                 break;
             }
             if let Err(unproven) = doctor::prove_watchdog(axis, after, &mut watching) {
-                return Err(watching.unproven(axis, &session, unproven));
+                return Err(watching.proof_problem(axis, &session, unproven));
             }
         }
-        if interrupt::came() {
-            say("interrupted: no motor turns by this proof any more");
+        if interrupt::was_interrupted() {
+            print_note("interrupted: no motor turns by this proof any more");
             return Err(Problem::interrupted());
         }
-        watching.shown
+        watching.print_result
     }
 
     /// A motor turns only if somebody agrees.
-    fn consent(&self, session: &Session) -> Result<()> {
+    fn ask_consent(&self, session: &Session) -> Result<()> {
         if self.yes {
             return Ok(());
         }
@@ -138,7 +138,11 @@ impl Doctor {
         Ok(())
     }
 
-    fn look(&self, connector: &Connector, show: &mut dyn FnMut(Check) -> Result<()>) -> Result<()> {
+    fn run_checks(
+        &self,
+        connector: &Connector,
+        show: &mut dyn FnMut(CheckResult) -> Result<()>,
+    ) -> Result<()> {
         let mut shown = Ok(());
         let mut hear = |check| {
             if shown.is_ok() {
@@ -146,10 +150,11 @@ impl Doctor {
             }
         };
         match &self.url {
-            None => doctor::machine(connector).into_iter().for_each(hear),
+            None => doctor::check_machine(connector).into_iter().for_each(hear),
             Some(url) => {
-                let options = Options { try_bauds: self.try_bauds };
-                doctor::link(connector, url, options, &mut hear).map_err(outcome::error)?;
+                let options = DoctorOptions { try_bauds: self.try_bauds };
+                doctor::check_link(connector, url, options, &mut hear)
+                    .map_err(outcome::to_problem)?;
             }
         }
         shown
@@ -157,74 +162,74 @@ impl Doctor {
 }
 
 /// Shows what a proof finds, and ends it when somebody wants that.
-struct Watching<'a> {
-    show: &'a mut dyn FnMut(Check) -> Result<()>,
-    shown: Result<()>,
+struct ProofPrinter<'a> {
+    print: &'a mut dyn FnMut(CheckResult) -> Result<()>,
+    print_result: Result<()>,
     /// What is said of a stop that was lost.
-    owed: Option<Owed>,
+    stop_retry: Option<StopRetryNotice>,
 }
 
-impl Witness for Watching<'_> {
-    fn hear(&mut self, check: Check) {
-        if self.shown.is_ok() {
-            self.shown = (self.show)(check);
+impl ProofObserver for ProofPrinter<'_> {
+    fn report_check(&mut self, check: CheckResult) {
+        if self.print_result.is_ok() {
+            self.print_result = (self.print)(check);
         }
     }
 
-    fn ends(&self) -> bool {
-        interrupt::came()
+    fn is_cancelled(&self) -> bool {
+        interrupt::was_interrupted()
     }
 
-    fn again(&mut self, axis: &Axis, turns: bool) -> bool {
+    fn retry_stop(&mut self, axis: &Axis, turns: bool) -> bool {
         let may = if turns { "still turn" } else { "still be powered" };
-        self.owed.get_or_insert_with(Owed::new).again(axis, may)
+        self.stop_retry.get_or_insert_with(StopRetryNotice::new).report_retry(axis, may)
     }
 }
 
-impl Watching<'_> {
+impl ProofPrinter<'_> {
     /// Why nothing was proven, and what became of the motor.
-    fn unproven(&mut self, axis: &Axis, session: &Session, unproven: Unproven) -> Problem {
-        let Unproven { error, moved, may_turn } = unproven;
-        if let (false, Some(owed)) = (may_turn, &mut self.owed) {
-            let _ = owed.told(axis, Ok(()));
+    fn proof_problem(&mut self, axis: &Axis, session: &Session, unproven: ProofError) -> Problem {
+        let ProofError { error, moved, may_turn } = unproven;
+        if let (false, Some(owed)) = (may_turn, &mut self.stop_retry) {
+            let _ = owed.report_end(axis, Ok(()));
         }
         if !may_turn && matches!(*error, Error::Interrupted { .. }) {
-            say(match moved {
+            print_note(match moved {
                 true => "interrupted: the motor was stopped",
                 false => "interrupted: nothing moved",
             });
             return Problem::interrupted();
         }
-        let problem = Problem { may_turn, ..outcome::error(*error) };
-        let stop = format!("polepair stop {}, once its drive answers again", session.words);
+        let problem = Problem { may_turn, ..outcome::to_problem(*error) };
+        let stop = format!("polepair stop {}, once its drive answers again", session.arguments);
         problem.hint_if(may_turn.then_some(stop))
     }
 }
 
 /// One line, at once: some checks take their time.
-fn show(check: &Check, format: Shape) -> Result<()> {
-    let mut out = Output::stdout();
+fn print_check(check: &CheckResult, format: CheckFormat) -> Result<()> {
+    let mut out = DataOutput::stdout();
     match format {
-        Shape::Text => out.line(&line(check, colour_out())),
-        Shape::Jsonl => object(check, out.buffer()),
+        CheckFormat::Text => out.write_line(&check_line(check, colour_out())),
+        CheckFormat::Jsonl => write_json(check, out.buffer()),
     }
     out.flush()
 }
 
-fn line(check: &Check, colour: bool) -> String {
+fn check_line(check: &CheckResult, colour: bool) -> String {
     let paint = match check.grade {
         _ if !colour => "",
         Grade::Ok => "\x1b[32m",
-        Grade::Look => "\x1b[33m",
+        Grade::Suspicious => "\x1b[33m",
         Grade::Wrong => "\x1b[1;31m",
     };
     let off = if colour { "\x1b[0m" } else { "" };
-    let Check { about, found, remedy, .. } = check;
+    let CheckResult { about, found, remedy, .. } = check;
     let hint = if remedy.is_empty() { String::new() } else { format!("; try: {remedy}") };
     format!("{paint}{:<5}{off}  {about}: {found}{hint}", check.grade.word())
 }
 
-fn object(check: &Check, out: &mut Vec<u8>) {
+fn write_json(check: &CheckResult, out: &mut Vec<u8>) {
     let fields = [
         ("{\"grade\":", check.grade.word()),
         (",\"about\":", &check.about),
@@ -233,7 +238,7 @@ fn object(check: &Check, out: &mut Vec<u8>) {
     ];
     for (key, value) in fields {
         out.extend_from_slice(key.as_bytes());
-        jsonl::string(out, value);
+        jsonl::write_string(out, value);
     }
     out.extend_from_slice(format!(",\"exit\":{}}}\n", check.exit as u8).as_bytes());
 }

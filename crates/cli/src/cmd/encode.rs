@@ -1,14 +1,15 @@
 //! `polepair encode PROTO "TEXT" [--axis N] [--host N] [--via WIRE] [--format json]`
 
 use clap::{Args, ValueEnum};
-use polepair_capture::{Explained, jsonl, text};
+use polepair_capture::{Explanation, jsonl, text};
 use polepair_core::explain::{
-    Addressing, Context, Direction, Dissector, EncodeError, Encoded, Raw, TextError, Via,
+    Context, Direction, Dissector, EncodeError, EncodeOptions, EncodedFrame, RawFrame, TextError,
+    WireKind,
 };
 use polepair_core::{drives, proto};
 
 use crate::problem::{self, Exit, Problem, Result};
-use crate::terminal::{Output, say};
+use crate::terminal::{DataOutput, print_note};
 
 /// The longest frame there is.
 const FRAME_MAX: usize = polepair_core::medium::STREAM_UNIT_MAX;
@@ -35,7 +36,7 @@ pub struct Encode {
     #[arg(value_name = "TEXT")]
     text: String,
     /// Axis, station or module address; g1+2 for groups, g* for everybody
-    #[arg(long, value_name = "N", value_parser = destination)]
+    #[arg(long, value_name = "N", value_parser = parse_destination)]
     axis: Option<Destination>,
     /// Host address
     #[arg(long, value_name = "N")]
@@ -44,15 +45,15 @@ pub struct Encode {
     #[arg(long, value_name = "WIRE")]
     via: Option<String>,
     #[command(flatten)]
-    named_by: super::NamedBy,
+    named_by: super::NamingArgs,
     /// How it is printed
-    #[arg(long, value_enum, default_value_t = Format::Text)]
-    format: Format,
+    #[arg(long, value_enum, default_value_t = EncodeFormat::Text)]
+    format: EncodeFormat,
 }
 
 /// How bytes are printed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-enum Format {
+enum EncodeFormat {
     /// The bytes, as a line that decode reads
     Text,
     /// With the fields and the answer to expect
@@ -67,7 +68,7 @@ struct Destination {
 }
 
 /// `5`, `g1`, `g1+2`, `g*`.
-fn destination(text: &str) -> std::result::Result<Destination, String> {
+fn parse_destination(text: &str) -> std::result::Result<Destination, String> {
     let wrong = "expected an axis such as 5, groups such as g1 or g1+2, or g* for everybody";
     let group = |text: &str| match text.parse::<u32>() {
         Ok(number @ 1..=8) => Ok(1 << (number - 1)),
@@ -85,68 +86,69 @@ fn destination(text: &str) -> std::result::Result<Destination, String> {
 
 impl Encode {
     pub fn run(self) -> Result {
-        let (dissector, via) = self.wire()?;
+        let (dissector, via) = self.find_wire()?;
         let groups = self.axis.is_some_and(|axis| axis.groups);
         if groups && !dissector.has_groups() {
             return Err(Problem::usage("E245", format!("{} has no groups.", dissector.name())));
         }
         let axis = self.axis.map(|axis| axis.id);
-        let profile = self.named_by.profile()?.or_else(|| drives::usual(dissector));
-        let addressing = Addressing { axis, groups, host: self.host, profile, via };
-        let mut out = Output::stdout();
-        for (at, piece) in pieces(&self.text) {
-            self.piece(dissector, at, piece, &addressing, out.buffer())?;
+        let profile = self.named_by.profile()?.or_else(|| drives::usual_profile(dissector));
+        let addressing = EncodeOptions { axis, groups, host: self.host, profile, wire: via };
+        let mut out = DataOutput::stdout();
+        for (at, piece) in instructions(&self.text) {
+            self.encode_piece(dissector, at, piece, &addressing, out.buffer())?;
         }
         out.flush()?;
         Ok(Exit::Ok)
     }
 
-    fn piece(
+    fn encode_piece(
         &self,
         dissector: &dyn Dissector,
         at: usize,
         piece: &str,
-        addressing: &Addressing,
+        addressing: &EncodeOptions,
         out: &mut Vec<u8>,
     ) -> Result<()> {
         let mut buffer = [0; FRAME_MAX];
         let encoded = dissector
             .encode(piece, addressing, &mut buffer)
-            .map_err(|error| self.refused(at, piece, error))?;
+            .map_err(|error| self.encode_problem(at, piece, error))?;
         if !encoded.warning.is_empty() {
-            say(&format!("{}: {}", piece.trim(), encoded.warning));
+            print_note(&format!("{}: {}", piece.trim(), encoded.warning));
         }
         let bytes = &buffer[..encoded.len];
         match self.format {
-            Format::Text => line(&encoded, bytes, out),
-            Format::Json => object(dissector, &encoded, bytes, addressing, out),
+            EncodeFormat::Text => write_frame(&encoded, bytes, out),
+            EncodeFormat::Json => write_json(dissector, &encoded, bytes, addressing, out),
         }
         out.push(b'\n');
         Ok(())
     }
 
     /// The dissector of the protocol, or of the wire where that is a protocol of the same language.
-    fn wire(&self) -> Result<(&'static dyn Dissector, Via)> {
-        let dissector = proto::dissector(&self.protocol)
+    fn find_wire(&self) -> Result<(&'static dyn Dissector, WireKind)> {
+        let dissector = proto::find_dissector(&self.protocol)
             .ok_or_else(|| problem::no_such_protocol(&self.protocol))?;
         match self.via.as_deref() {
-            None => Ok((dissector, Via::Usual)),
-            Some("serial" | "rs232") => Ok((dissector, Via::Serial)),
-            Some("rs485") => Ok((dissector, Via::Rs485)),
-            Some("can") => Ok((dissector, Via::Can)),
+            None => Ok((dissector, WireKind::Default)),
+            Some("serial" | "rs232") => Ok((dissector, WireKind::Serial)),
+            Some("rs485") => Ok((dissector, WireKind::Rs485)),
+            Some("can") => Ok((dissector, WireKind::Can)),
             Some(word) => {
-                let other = proto::dissector(word);
+                let other = proto::find_dissector(word);
                 let same = other.filter(|other| other.language() == dissector.language());
-                same.map(|other| (other, Via::Usual)).ok_or_else(|| no_such_wire(dissector, word))
+                same.map(|other| (other, WireKind::Default))
+                    .ok_or_else(|| no_such_wire(dissector, word))
             }
         }
     }
 
     /// Why a piece became no bytes.
-    fn refused(&self, at: usize, piece: &str, error: EncodeError) -> Problem {
+    fn encode_problem(&self, at: usize, piece: &str, error: EncodeError) -> Problem {
         match error {
             EncodeError::Text(error) => {
-                self.not_of_the_language(TextError { at: at + error.at, ..error })
+                self.language_problem(TextError { at: at + error.at, ..error })
             }
             EncodeError::Forbidden(rule) => {
                 Problem::usage("E222", format!("{:?} cannot be sent so.", piece.trim()))
@@ -156,7 +158,7 @@ impl Encode {
     }
 
     /// Points at the place in the text.
-    fn not_of_the_language(&self, error: TextError) -> Problem {
+    fn language_problem(&self, error: TextError) -> Problem {
         let start = self.text[..error.at].rfind('\n').map_or(0, |end| end + 1);
         let line = self.text[start..].lines().next().unwrap_or_default();
         let column = self.text[start..error.at].chars().count();
@@ -170,11 +172,11 @@ fn no_such_wire(dissector: &dyn Dissector, word: &str) -> Problem {
     let words: Vec<&str> =
         ["serial", "rs485", "can"].into_iter().chain(spoken.map(|d| d.name())).collect();
     Problem::usage("E245", format!("{} does not go over {word:?}.", dissector.name()))
-        .why(format!("Wires are {}.", problem::list(&words)))
+        .why(format!("Wires are {}.", problem::join_list(&words)))
 }
 
 /// Instructions, and where in the text they begin; comments behind `//` are none.
-fn pieces(text: &str) -> impl Iterator<Item = (usize, &str)> {
+fn instructions(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let place = move |piece: &str| piece.as_ptr() as usize - text.as_ptr() as usize;
     let lines = text.lines().map(|line| line.find("//").map_or(line, |end| &line[..end]));
     let pieces = lines.flat_map(|line| line.split(';')).filter(|piece| !piece.trim().is_empty());
@@ -184,54 +186,54 @@ fn pieces(text: &str) -> impl Iterator<Item = (usize, &str)> {
 }
 
 /// The bytes as a capture's line without the time.
-pub fn line(encoded: &Encoded, bytes: &[u8], out: &mut Vec<u8>) {
+pub fn write_frame(encoded: &EncodedFrame, bytes: &[u8], out: &mut Vec<u8>) {
     match encoded.id {
-        None => text::spaced_hex(out, bytes),
+        None => text::append_spaced_hex(out, bytes),
         Some(id) => {
             let digits = if encoded.extended { 8 } else { 3 };
             out.extend_from_slice(format!("{id:0digits$X}#").as_bytes());
-            match encoded.remote {
+            match encoded.remote_len {
                 Some(len) => out.extend_from_slice(format!("R{len}").as_bytes()),
-                None => jsonl::hex(out, bytes),
+                None => jsonl::write_hex(out, bytes),
             }
         }
     }
 }
 
-fn object(
+fn write_json(
     dissector: &dyn Dissector,
-    encoded: &Encoded,
+    encoded: &EncodedFrame,
     bytes: &[u8],
-    addressing: &Addressing,
+    addressing: &EncodeOptions,
     out: &mut Vec<u8>,
 ) {
     let direction = Some(Direction::ToDrive);
-    let Encoded { id, extended, remote, .. } = *encoded;
+    let EncodedFrame { id, extended, remote_len: remote, .. } = *encoded;
     let remote = remote.is_some();
-    let mut explained = Explained::default();
+    let mut explained = Explanation::default();
     let profile = addressing.profile;
     let context = Context { direction, profile, id, extended, remote, ..Context::default() };
     dissector.explain(bytes, &context, &mut explained);
     out.extend_from_slice(b"{\"protocol\":");
-    jsonl::string(out, dissector.name());
+    jsonl::write_string(out, dissector.name());
     out.extend_from_slice(b",\"bytes\":\"");
-    jsonl::hex(out, bytes);
+    jsonl::write_hex(out, bytes);
     let extended = id.map_or("null".to_owned(), |_| extended.to_string());
     let id = id.map_or("null".to_owned(), |id| id.to_string());
     out.extend_from_slice(format!("\",\"id\":{id},\"extended\":{extended},").as_bytes());
-    said(&explained, out);
+    write_explained(&explained, out);
     out.extend_from_slice(b",\"answer\":");
-    let mut expected = Explained::default();
-    let raw = Raw { bytes, id: encoded.id, extended: encoded.extended };
-    dissector.expect(&raw, addressing, &mut expected);
-    match encoded.answer {
+    let mut expected = Explanation::default();
+    let raw = RawFrame { bytes, id: encoded.id, extended: encoded.extended };
+    dissector.explain_expected_reply(&raw, addressing, &mut expected);
+    match encoded.answer_len {
         None if expected.kind.is_empty() => out.extend_from_slice(b"null"),
         length => {
             let length = length.map_or("null".to_owned(), |bytes| bytes.to_string());
             out.extend_from_slice(format!("{{\"bytes\":{length}").as_bytes());
             if !expected.kind.is_empty() {
                 out.push(b',');
-                said(&expected, out);
+                write_explained(&expected, out);
             }
             out.push(b'}');
         }
@@ -240,12 +242,12 @@ fn object(
 }
 
 /// Kind, axis, fields and text as members of an object.
-fn said(explained: &Explained, out: &mut Vec<u8>) {
+fn write_explained(explained: &Explanation, out: &mut Vec<u8>) {
     out.extend_from_slice(b"\"kind\":");
-    jsonl::string(out, &explained.kind);
+    jsonl::write_string(out, &explained.kind);
     let axis = explained.axis.map_or("null".to_owned(), |axis| axis.to_string());
     out.extend_from_slice(format!(",\"axis\":{axis},\"fields\":").as_bytes());
-    jsonl::fields(out, explained);
+    jsonl::write_fields(out, explained);
     out.extend_from_slice(b",\"text\":");
-    jsonl::string(out, &explained.text);
+    jsonl::write_string(out, &explained.text);
 }

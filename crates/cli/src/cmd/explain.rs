@@ -1,14 +1,14 @@
 //! `polepair explain PROTO CODE|BYTES`
 
 use clap::{Args, ValueEnum};
-use polepair_capture::{Explained, Item, ItemValue, parse};
+use polepair_capture::{Explanation, ExplanationField, ExplanationValue, parse_log_line};
 use polepair_core::explain::{Context, Direction, Dissector};
 use polepair_core::profile::{Fault, Profile, Severity};
 use polepair_core::{drives, proto};
 
 use crate::outcome::faults;
 use crate::problem::{self, Exit, Problem, Result};
-use crate::terminal::{Output, Table, colour_out};
+use crate::terminal::{DataOutput, TextTable, colour_out};
 
 /// Says what a code means, or what every byte of a frame means.
 ///
@@ -34,34 +34,34 @@ pub struct Explain {
     words: Vec<String>,
     /// Who sent the frame, where the bytes alone do not tell
     #[arg(long, value_enum)]
-    from: Option<From>,
+    from: Option<FrameSender>,
 }
 
 /// Who sent a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-enum From {
+enum FrameSender {
     Host,
     Drive,
 }
 
 /// What is asked about.
-enum Subject {
+enum ExplainSubject {
     Protocol(&'static dyn Dissector),
     Drive(&'static Profile),
 }
 
 impl Explain {
     pub fn run(self) -> Result {
-        let subject = Subject::find(&self.subject)?;
+        let subject = ExplainSubject::find(&self.subject)?;
         let text = self.words.join(" ");
-        let mut out = Output::stdout();
-        let found = match number(&text) {
-            Some(code) => subject.code(code),
-            None => match subject.fault_named(&text) {
+        let mut out = DataOutput::stdout();
+        let found = match parse_code(&text) {
+            Some(code) => subject.code_text(code),
+            None => match subject.fault_by_name(&text) {
                 Some(fault) => fault,
-                None => match subject.named(&self.words)? {
+                None => match subject.register_value(&self.words)? {
                     Some(register) => register,
-                    None => self.frame(&subject, &text)?,
+                    None => self.explain_frame(&subject, &text)?,
                 },
             },
         };
@@ -70,30 +70,30 @@ impl Explain {
         if found.is_empty() { Err(self.unknown(&text)) } else { Ok(Exit::Ok) }
     }
 
-    fn frame(&self, subject: &Subject, text: &str) -> Result<String> {
+    fn explain_frame(&self, subject: &ExplainSubject, text: &str) -> Result<String> {
         let mut bytes = Vec::new();
-        let line = parse(text.as_bytes(), &mut bytes).ok().flatten();
+        let line = parse_log_line(text.as_bytes(), &mut bytes).ok().flatten();
         let line = line.ok_or_else(|| self.unknown(text))?;
         let (frame, bytes) = match line.data {
-            polepair_capture::Data::Bytes(bytes) => (None, bytes.to_vec()),
-            polepair_capture::Data::Frame(frame) => (Some(frame), frame.bytes().to_vec()),
-            polepair_capture::Data::Error(error) => {
-                let words: Vec<&str> = error.words().collect();
+            polepair_capture::RecordData::Bytes(bytes) => (None, bytes.to_vec()),
+            polepair_capture::RecordData::Frame(frame) => (Some(frame), frame.bytes().to_vec()),
+            polepair_capture::RecordData::Error(error) => {
+                let words: Vec<&str> = error.descriptions().collect();
                 return Ok(format!("error frame: {}\n", words.join(", ")));
             }
-            polepair_capture::Data::Fd(_) => return Err(self.unknown(text)),
+            polepair_capture::RecordData::Fd(_) => return Err(self.unknown(text)),
         };
         let (extended, remote) = frame.map_or((false, false), |f| (f.extended, f.remote));
         let id = frame.map(|frame| frame.id);
         let direction = self.from.map(|from| match from {
-            From::Host => Direction::ToDrive,
-            From::Drive => Direction::ToHost,
+            FrameSender::Host => Direction::ToDrive,
+            FrameSender::Drive => Direction::ToHost,
         });
-        let profile = subject.names();
+        let profile = subject.naming_profile();
         let context = Context { direction, profile, id, extended, remote, ..Context::default() };
-        let mut explained = Explained::default();
+        let mut explained = Explanation::default();
         subject.dissector()?.explain(&bytes, &context, &mut explained);
-        Ok(show(&bytes, &explained))
+        Ok(frame_text(&bytes, &explained))
     }
 
     fn unknown(&self, text: &str) -> Problem {
@@ -104,9 +104,9 @@ impl Explain {
     }
 }
 
-impl Subject {
+impl ExplainSubject {
     fn find(name: &str) -> Result<Self> {
-        if let Some(dissector) = proto::dissector(name) {
+        if let Some(dissector) = proto::find_dissector(name) {
             return Ok(Self::Protocol(dissector));
         }
         let known = |profile: &&&Profile| profile.name == name || profile.family == name;
@@ -115,9 +115,9 @@ impl Subject {
     }
 
     /// The profile that has the names.
-    fn names(&self) -> Option<&'static Profile> {
+    fn naming_profile(&self) -> Option<&'static Profile> {
         match self {
-            Self::Protocol(dissector) => drives::usual(*dissector),
+            Self::Protocol(dissector) => drives::usual_profile(*dissector),
             Self::Drive(profile) => Some(profile),
         }
     }
@@ -147,39 +147,44 @@ impl Subject {
     }
 
     /// Everything that the number may mean.
-    fn code(&self, code: u32) -> String {
+    fn code_text(&self, code: u32) -> String {
         let mut text = String::new();
         if let Ok(dissector) = self.dissector()
-            && let Some(meaning) = dissector.code(code)
+            && let Some(meaning) = dissector.code_meaning(code)
         {
             text.push_str(&format!("{} {code} (0x{code:02X}): {meaning}\n", dissector.name()));
         }
         for profile in self.profiles() {
             for fault in faults(profile, code) {
-                text.push_str(&show_fault(profile, fault));
+                text.push_str(&fault_text(profile, fault));
             }
         }
         text
     }
 
     /// A value of something that has a name: `MER 0x0008`.
-    fn named(&self, words: &[String]) -> Result<Option<String>> {
+    fn register_value(&self, words: &[String]) -> Result<Option<String>> {
         let [name, value] = words else { return Ok(None) };
-        let Some(value) = number(value) else { return Ok(None) };
-        let mut explained = Explained::default();
-        let found = self.dissector()?.named(name, value, self.names(), &mut explained);
-        Ok(found.then(|| show_register(&explained)))
+        let Some(value) = parse_code(value) else { return Ok(None) };
+        let mut explained = Explanation::default();
+        let found = self.dissector()?.explain_named_value(
+            name,
+            value,
+            self.naming_profile(),
+            &mut explained,
+        );
+        Ok(found.then(|| register_text(&explained)))
     }
 
-    fn fault_named(&self, name: &str) -> Option<String> {
+    fn fault_by_name(&self, name: &str) -> Option<String> {
         let same = |fault: &&Fault| fault.name.eq_ignore_ascii_case(name);
         self.profiles().into_iter().find_map(|profile| {
-            profile.faults.iter().find(same).map(|fault| show_fault(profile, fault))
+            profile.faults.iter().find(same).map(|fault| fault_text(profile, fault))
         })
     }
 }
 
-fn show_fault(profile: &Profile, fault: &Fault) -> String {
+fn fault_text(profile: &Profile, fault: &Fault) -> String {
     let severity = match fault.severity {
         Severity::Note => "note",
         Severity::Warning => "warning",
@@ -196,11 +201,16 @@ fn show_fault(profile: &Profile, fault: &Fault) -> String {
 }
 
 /// A register, bit by bit.
-fn show_register(explained: &Explained) -> String {
-    let mut table = Table::with_heads(&["bits", "name", "value", "meaning"]);
-    for item in explained.items() {
+fn register_text(explained: &Explanation) -> String {
+    let mut table = TextTable::with_heads(&["bits", "name", "value", "meaning"]);
+    for item in explained.fields() {
         let name = item.name.to_owned();
-        table.row([range(item.start, item.end), name, value(&item), item.meaning.to_owned()]);
+        table.add_row([
+            byte_range(item.start, item.end),
+            name,
+            item_text(&item),
+            item.meaning.to_owned(),
+        ]);
     }
     let (summary, remedies) = explained.text.split_once('\n').unwrap_or((&explained.text, ""));
     let remedies = if remedies.is_empty() { String::new() } else { format!("\n{remedies}\n") };
@@ -208,25 +218,25 @@ fn show_register(explained: &Explained) -> String {
 }
 
 /// A frame, byte by byte.
-pub fn show(bytes: &[u8], explained: &Explained) -> String {
+pub fn frame_text(bytes: &[u8], explained: &Explanation) -> String {
     let mut hex = Vec::new();
-    polepair_capture::text::spaced_hex(&mut hex, bytes);
+    polepair_capture::text::append_spaced_hex(&mut hex, bytes);
     let axis = explained.axis.map_or(String::new(), |axis| format!(", axis {axis}"));
     let mut text = format!("{}\n", String::from_utf8_lossy(&hex));
     text.push_str(&format!("{}{axis}: {}\n", explained.kind, explained.text));
     if let Some(error) = explained.error {
         text.push_str(&format!("! {error}\n"));
     }
-    let mut table = Table::with_heads(&["bytes", "hex", "field", "value", "meaning"]);
-    for item in explained.items() {
+    let mut table = TextTable::with_heads(&["bytes", "hex", "field", "value", "meaning"]);
+    for item in explained.fields() {
         let part = bytes.get(usize::from(item.start)..usize::from(item.end)).unwrap_or_default();
         let mut hex = Vec::new();
-        polepair_capture::text::spaced_hex(&mut hex, part);
-        table.row([
-            range(item.start, item.end),
+        polepair_capture::text::append_spaced_hex(&mut hex, part);
+        table.add_row([
+            byte_range(item.start, item.end),
             String::from_utf8_lossy(&hex).into_owned(),
             item.name.replace('_', " "),
-            value(&item),
+            item_text(&item),
             item.meaning.to_owned(),
         ]);
     }
@@ -237,17 +247,19 @@ pub fn show(bytes: &[u8], explained: &Explained) -> String {
     text
 }
 
-fn range(start: u16, end: u16) -> String {
+fn byte_range(start: u16, end: u16) -> String {
     if end == start + 1 { start.to_string() } else { format!("{start}-{}", end.saturating_sub(1)) }
 }
 
-pub fn value(item: &Item<'_>) -> String {
+pub fn item_text(item: &ExplanationField<'_>) -> String {
     match item.value {
-        ItemValue::Int(value) => value.to_string(),
-        ItemValue::Hex(value, digits) => format!("0x{value:0digits$X}", digits = digits.into()),
-        ItemValue::Real(value) => value.to_string(),
-        ItemValue::Text(text) => text.to_owned(),
-        ItemValue::Words(words) => {
+        ExplanationValue::Int(value) => value.to_string(),
+        ExplanationValue::Hex(value, digits) => {
+            format!("0x{value:0digits$X}", digits = digits.into())
+        }
+        ExplanationValue::Real(value) => value.to_string(),
+        ExplanationValue::Text(text) => text.to_owned(),
+        ExplanationValue::Words(words) => {
             let word = |pair: &[u8]| {
                 format!("0x{:04X}", pair.iter().fold(0, |w, b| w << 8 | u32::from(*b)))
             };
@@ -257,7 +269,7 @@ pub fn value(item: &Item<'_>) -> String {
 }
 
 /// A code: decimal, or hexadecimal with 0x.
-fn number(text: &str) -> Option<u32> {
+fn parse_code(text: &str) -> Option<u32> {
     match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
         Some(digits) => u32::from_str_radix(digits, 16).ok(),
         None if text.len() <= 5 => text.parse().ok(),

@@ -3,19 +3,19 @@
 use clap::Args;
 use polepair::{Axis, Value};
 use polepair_capture::jsonl;
-use polepair_client::message::{AxisInfo, ParameterInfo, ParameterRead};
+use polepair_client::message::{AxisInfo, ParameterInfo, ParameterReading};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 
 use crate::cmd::params::no_such_parameter;
-use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
+use crate::remote::{self, RemoteSession};
 use crate::session::Session;
-use crate::target::{Format, Target};
-use crate::terminal::{Output, csv, say};
+use crate::target::{DriveArgs, OutputFormat};
+use crate::terminal::{DataOutput, csv_line, print_note};
 
 /// The columns after the axis.
-const HEAD: &str = "name,symbol,raw,value,unit";
+const CSV_HEADER: &str = "name,symbol,raw,value,unit";
 
 /// Reads parameters by name, with their units. A group answers drive by drive.
 #[derive(Args, Debug)]
@@ -26,7 +26,7 @@ Examples:
   polepair get sim:modbus-rtu all")]
 pub struct Get {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Parameters, by name or by the manual's symbol; `all` reads every one
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
@@ -34,90 +34,95 @@ pub struct Get {
     #[arg(long)]
     raw: bool,
     /// How they are printed
-    #[arg(long, value_enum, default_value_t = Format::Text)]
-    format: Format,
+    #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
+    format: OutputFormat,
 }
 
 impl Get {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
-        session.listen();
-        let mut out = Output::stdout();
-        if self.format == Format::Csv {
-            out.line(&format!("axis,{HEAD}"));
+        session.listen_for_interrupts();
+        let mut out = DataOutput::stdout();
+        if self.format == OutputFormat::Csv {
+            out.write_line(&format!("axis,{CSV_HEADER}"));
         }
-        let mut tally = Tally::default();
+        let mut tally = ReadTally::default();
         for axis in session.axes() {
-            for id in wanted(axis, &self.names)? {
-                for (number, value) in tally.take(each(axis, id), &mut out)?.iter().flatten() {
-                    self.show(&session, (axis, *number), id, value, &mut out);
+            for id in requested_parameters(axis, &self.names)? {
+                for (number, value) in
+                    tally.collect(read_each_value(axis, id), &mut out)?.iter().flatten()
+                {
+                    self.print_value(&session, (axis, *number), id, value, &mut out);
                 }
             }
         }
-        tally.end(&mut out)
+        tally.finish(&mut out)
     }
 
     /// The same by a server.
-    pub fn joined(self, server: &Joined) -> Result {
-        let axes = server.pick(&self.target)?;
-        let mut out = Output::stdout();
-        if self.format == Format::Csv {
-            out.line(&format!("axis,link,{HEAD}"));
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        let axes = server.axes_of(&self.target)?;
+        let mut out = DataOutput::stdout();
+        if self.format == OutputFormat::Csv {
+            out.write_line(&format!("axis,link,{CSV_HEADER}"));
         }
-        let mut tally = Tally::default();
+        let mut tally = ReadTally::default();
         for axis in &axes {
-            let has = server.gateway.parameters(axis.id).map_err(joined::refused)?;
-            for name in every(&has, &self.names) {
-                let read = server.gateway.parameter(axis.id, &name).map_err(joined::refused);
-                if let Some(read) = tally.take(read, &mut out)? {
-                    let who = server.who(&axes, axis);
+            let has = server.gateway.parameters(axis.id).map_err(remote::refusal_problem)?;
+            for name in requested_names(&has, &self.names) {
+                let read =
+                    server.gateway.parameter(axis.id, &name).map_err(remote::refusal_problem);
+                if let Some(read) = tally.collect(read, &mut out)? {
+                    let who = server.axis_prefix(&axes, axis);
                     let symbol = has.iter().find(|its| its.name == read.name);
                     let symbol = symbol.map_or("", |its| &its.symbol);
-                    self.line(&who, &of_server(axis, symbol, &read), &mut out);
+                    self.print_row(&who, &remote_row(axis, symbol, &read), &mut out);
                 }
             }
         }
-        tally.end(&mut out)
+        tally.finish(&mut out)
     }
 
-    fn show(
+    fn print_value(
         &self,
         session: &Session,
         (axis, number): (&Axis, u32),
         id: ParameterId,
         value: &Value,
-        out: &mut Output,
+        out: &mut DataOutput,
     ) {
         let Some(Parameter { name, symbol, .. }) = axis.profile().parameter(id) else { return };
         let who = match number == axis.number() {
-            true => session.who(axis),
+            true => session.axis_prefix(axis),
             false => format!("#{number} "),
         };
         let (raw, text, unit) = (value.raw, value.to_string(), value.unit.symbol());
         let (value, link) = (value.value, None);
-        self.line(&who, &Read { number, link, name, symbol, raw, value, unit, text }, out);
+        self.print_row(&who, &ReadRow { number, link, name, symbol, raw, value, unit, text }, out);
     }
 
-    fn line(&self, who: &str, read: &Read<'_>, out: &mut Output) {
+    fn print_row(&self, who: &str, read: &ReadRow<'_>, out: &mut DataOutput) {
         match self.format {
-            Format::Jsonl => object(read, out.buffer()),
-            Format::Csv => out.line(&row(read)),
-            Format::Text if self.raw => out.line(&format!("{who}{} = {}", read.name, read.raw)),
-            Format::Text => out.line(&format!("{who}{} = {}", read.name, read.text)),
+            OutputFormat::Jsonl => write_json(read, out.buffer()),
+            OutputFormat::Csv => out.write_line(&csv_row(read)),
+            OutputFormat::Text if self.raw => {
+                out.write_line(&format!("{who}{} = {}", read.name, read.raw))
+            }
+            OutputFormat::Text => out.write_line(&format!("{who}{} = {}", read.name, read.text)),
         }
     }
 }
 
 /// What became of the reads so far: what a drive refuses ends none of the others.
 #[derive(Default)]
-struct Tally {
+struct ReadTally {
     failed: Vec<Problem>,
     shown: usize,
 }
 
-impl Tally {
+impl ReadTally {
     /// What was read, or nothing where it was refused. Anything else ends all, after what was read.
-    fn take<T>(&mut self, read: Result<T>, out: &mut Output) -> Result<Option<T>> {
+    fn collect<T>(&mut self, read: Result<T>, out: &mut DataOutput) -> Result<Option<T>> {
         match read {
             Ok(read) => {
                 self.shown += 1;
@@ -134,14 +139,14 @@ impl Tally {
         }
     }
 
-    fn end(self, out: &mut Output) -> Result {
+    fn finish(self, out: &mut DataOutput) -> Result {
         out.flush()?;
-        partial(self.failed, self.shown)
+        partial_result(self.failed, self.shown)
     }
 }
 
 /// What was read, as it is printed.
-struct Read<'a> {
+struct ReadRow<'a> {
     number: u32,
     /// Of a server: it has several, each with its own numbers.
     link: Option<u16>,
@@ -153,17 +158,17 @@ struct Read<'a> {
     text: String,
 }
 
-fn of_server<'a>(axis: &AxisInfo, symbol: &'a str, read: &'a ParameterRead) -> Read<'a> {
+fn remote_row<'a>(axis: &AxisInfo, symbol: &'a str, read: &'a ParameterReading) -> ReadRow<'a> {
     let value = read.value.unwrap_or(f64::NAN);
-    let number_shown = read.value.map(|value| joined::shown(value, &read.unit));
+    let number_shown = read.value.map(|value| remote::format_value(value, &read.unit));
     let text = read.word.clone().or(number_shown).unwrap_or_else(|| format!("{} raw", read.raw));
-    let ParameterRead { name, raw, unit, .. } = read;
+    let ParameterReading { name, raw, unit, .. } = read;
     let (number, link) = (axis.number, Some(axis.link));
-    Read { number, link, name, symbol, raw: *raw, value, unit, text }
+    ReadRow { number, link, name, symbol, raw: *raw, value, unit, text }
 }
 
 /// The names that are meant.
-fn every(has: &[ParameterInfo], names: &[String]) -> Vec<String> {
+fn requested_names(has: &[ParameterInfo], names: &[String]) -> Vec<String> {
     match names {
         [all] if all == "all" => {
             has.iter().filter(|its| its.readable).map(|its| its.name.clone()).collect()
@@ -173,59 +178,59 @@ fn every(has: &[ParameterInfo], names: &[String]) -> Vec<String> {
 }
 
 /// The value of each drive that an axis stands for, with the drive's number.
-fn each(axis: &Axis, id: ParameterId) -> Result<Vec<(u32, Value)>> {
+fn read_each_value(axis: &Axis, id: ParameterId) -> Result<Vec<(u32, Value)>> {
     let with_unit = |(number, raw)| Ok((number, axis.value(id, raw)?));
     let parts = axis.read_each(id).and_then(|parts| parts.into_iter().map(with_unit).collect());
-    parts.map_err(outcome::error)
+    parts.map_err(outcome::to_problem)
 }
 
-fn row(read: &Read<'_>) -> String {
+fn csv_row(read: &ReadRow<'_>) -> String {
     let axis = match read.link {
         Some(link) => format!("{},{link}", read.number),
         None => read.number.to_string(),
     };
     let (raw, value) = (read.raw.to_string(), read.value.to_string());
-    format!("{axis},{}", csv([read.name, read.symbol, &raw, &value, read.unit]))
+    format!("{axis},{}", csv_line([read.name, read.symbol, &raw, &value, read.unit]))
 }
 
-fn object(read: &Read<'_>, out: &mut Vec<u8>) {
+fn write_json(read: &ReadRow<'_>, out: &mut Vec<u8>) {
     out.extend_from_slice(format!("{{\"axis\":{},", read.number).as_bytes());
     if let Some(link) = read.link {
         out.extend_from_slice(format!("\"link\":{link},").as_bytes());
     }
     out.extend_from_slice(b"\"name\":");
-    jsonl::string(out, read.name);
+    jsonl::write_string(out, read.name);
     out.extend_from_slice(b",\"symbol\":");
-    jsonl::string(out, read.symbol);
+    jsonl::write_string(out, read.symbol);
     out.extend_from_slice(format!(",\"raw\":{},\"value\":", read.raw).as_bytes());
-    jsonl::real(out, read.value);
+    jsonl::write_real(out, read.value);
     out.extend_from_slice(b",\"unit\":");
-    jsonl::string(out, read.unit);
+    jsonl::write_string(out, read.unit);
     out.extend_from_slice(b"}\n");
 }
 
 /// The parameters that are meant on an axis.
-fn wanted(axis: &Axis, names: &[String]) -> Result<Vec<ParameterId>> {
+fn requested_parameters(axis: &Axis, names: &[String]) -> Result<Vec<ParameterId>> {
     if names.len() == 1 && names[0] == "all" {
         let readable = |(_, p): &(usize, &Parameter)| p.access != Access::Write;
         let every = axis.profile().parameters.iter().enumerate().filter(readable);
         return Ok(every.filter_map(|(at, _)| u16::try_from(at).ok().map(ParameterId)).collect());
     }
-    names.iter().map(|name| named(axis, name)).collect()
+    names.iter().map(|name| find_parameter(axis, name)).collect()
 }
 
 /// The parameter of that name.
-pub fn named(axis: &Axis, name: &str) -> Result<ParameterId> {
-    axis.profile().find(name).ok_or_else(|| no_such_parameter(axis.profile(), name))
+pub fn find_parameter(axis: &Axis, name: &str) -> Result<ParameterId> {
+    axis.profile().find_parameter(name).ok_or_else(|| no_such_parameter(axis.profile(), name))
 }
 
 /// What became of several requests of which some were refused.
-pub fn partial(mut failed: Vec<Problem>, done: usize) -> Result {
+pub fn partial_result(mut failed: Vec<Problem>, done: usize) -> Result {
     match (failed.len(), done) {
         (0, _) => Ok(Exit::Ok),
         (1, 0) => Err(failed.remove(0)),
         (count, _) => {
-            failed.iter().for_each(|problem| say(problem.render(false).trim_end()));
+            failed.iter().for_each(|problem| print_note(problem.render(false).trim_end()));
             let what = format!("{count} of {} were refused.", count + done);
             Err(Problem::new(Exit::Partial, "E701", what).why("The others were carried out."))
         }

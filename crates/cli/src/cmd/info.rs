@@ -2,17 +2,17 @@
 
 use clap::Args;
 use polepair::Axis;
-use polepair::doctor::{ABSENT, says_absent, watchdog_if_any};
+use polepair::doctor::{ABSENT_TEXT, is_absent_error, read_watchdog};
 use polepair_client::message::{AxisInfo, AxisState, SignalValue};
 use polepair_core::profile::{Severity, Signal};
 
 use crate::cmd::watchdog;
-use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::signal;
-use crate::target::Target;
-use crate::terminal::{Output, Table, say};
+use crate::remote::{self, RemoteSession};
+use crate::session::read_signal;
+use crate::target::DriveArgs;
+use crate::terminal::{DataOutput, TextTable, print_note};
 
 /// Shows who a drive is, what it does, and its faults in words.
 #[derive(Args, Debug)]
@@ -22,17 +22,17 @@ Examples:
   polepair info sim:modbus-rtu")]
 pub struct Info {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
 }
 
 impl Info {
     pub fn run(self) -> Result {
         let (session, mut failed) = self.target.open_present()?;
-        session.listen();
-        let mut out = Output::stdout();
+        session.listen_for_interrupts();
+        let mut out = DataOutput::stdout();
         let mut shown = 0;
         for axis in session.axes() {
-            match describe(axis) {
+            match axis_text(axis) {
                 Ok(text) => {
                     out.buffer().extend_from_slice(text.as_bytes());
                     shown += 1;
@@ -46,17 +46,17 @@ impl Info {
             }
         }
         out.flush()?;
-        missing(failed, shown)
+        missing_result(failed, shown)
     }
 }
 
 /// What became of several axes of which some could not be asked.
-fn missing(mut failed: Vec<Problem>, shown: usize) -> Result {
+fn missing_result(mut failed: Vec<Problem>, shown: usize) -> Result {
     match (failed.len(), shown) {
         (0, _) => Ok(Exit::Ok),
         (_, 0) => Err(failed.remove(0)),
         (count, _) => {
-            failed.iter().for_each(|problem| say(problem.render(false).trim_end()));
+            failed.iter().for_each(|problem| print_note(problem.render(false).trim_end()));
             let what = format!("{count} of {} axes could not be asked.", count + shown);
             Err(Problem::new(Exit::Partial, "E704", what).why("The others are shown."))
         }
@@ -65,19 +65,19 @@ fn missing(mut failed: Vec<Problem>, shown: usize) -> Result {
 
 impl Info {
     /// The same by a server.
-    pub fn joined(self, server: &Joined) -> Result {
-        let mut out = Output::stdout();
-        let axes = server.pick(&self.target)?;
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        let mut out = DataOutput::stdout();
+        let axes = server.axes_of(&self.target)?;
         let (mut failed, mut shown) = (Vec::new(), 0);
         for axis in &axes {
-            let state = joined::state(server, axis)?;
-            let silent = joined::silent(axis, &state);
+            let state = remote::fresh_state(server, axis)?;
+            let silent = remote::silent_problem(axis, &state);
             // A drive that says nothing is not asked for more.
             let watchdog = match silent {
                 Some(_) => axis.watchdog.clone(),
-                None => watchdog_by(server, axis),
+                None => remote_watchdog(server, axis),
             };
-            out.buffer().extend_from_slice(served(axis, &state, watchdog).as_bytes());
+            out.buffer().extend_from_slice(remote_text(axis, &state, watchdog).as_bytes());
             match silent {
                 Some(problem) => failed.push(problem),
                 None => shown += 1,
@@ -86,13 +86,13 @@ impl Info {
         out.flush()?;
         let links = server.bench.links.iter();
         for link in links.filter(|link| axes.iter().any(|axis| axis.link == link.id)) {
-            joined::wanting(link).iter().for_each(|line| say(line));
+            remote::link_troubles(link).iter().for_each(|line| print_note(line));
         }
         match failed.len() {
             0 => Ok(Exit::Ok),
             _ if shown == 0 => Err(failed.remove(0)),
             count => {
-                failed.iter().for_each(|problem| say(problem.render(false).trim_end()));
+                failed.iter().for_each(|problem| print_note(problem.render(false).trim_end()));
                 let what = format!("{count} of {} axes do not answer.", count + shown);
                 Err(Problem::new(Exit::Partial, "E704", what).why("What is shown of them is old."))
             }
@@ -104,9 +104,9 @@ impl Info {
 const OLD_MS: f64 = 1500.0;
 
 /// What a server knows of an axis.
-fn served(axis: &AxisInfo, state: &AxisState, watchdog: String) -> String {
-    let mut table = Table::default();
-    let mut row = |word: &str, value: String| table.row([format!("  {word}"), value]);
+fn remote_text(axis: &AxisInfo, state: &AxisState, watchdog: String) -> String {
+    let mut table = TextTable::default();
+    let mut row = |word: &str, value: String| table.add_row([format!("  {word}"), value]);
     row("profile", format!("{} ({})", axis.profile, axis.protocol));
     for read in state.signals.iter().filter(|read| read.signal != Signal::Fault.name()) {
         let flag = [Signal::Enabled, Signal::Moving, Signal::Reached];
@@ -121,9 +121,9 @@ fn served(axis: &AxisInfo, state: &AxisState, watchdog: String) -> String {
                 if value != 0.0 { "yes" } else { "no" }.to_owned()
             }
             Some(_) if read.signal == Signal::Mode.name() => state.mode.clone().unwrap_or_default(),
-            Some(value) => joined::signal_shown(axis, &read.signal, value, &read.unit),
+            Some(value) => remote::format_signal(axis, &read.signal, value, &read.unit),
         };
-        row(&read.signal, shown + &age(read));
+        row(&read.signal, shown + &age_note(read));
     }
     row("armed", if state.armed { "yes" } else { "no" }.to_owned());
     let owner = state.lease.as_ref().map_or("nobody", |lease| &lease.owner);
@@ -131,7 +131,7 @@ fn served(axis: &AxisInfo, state: &AxisState, watchdog: String) -> String {
     row("watchdog", watchdog);
     if state.faults.is_empty() {
         let read = state.signals.iter().find(|read| read.signal == Signal::Fault.name());
-        row("faults", "none".to_owned() + &read.map_or_else(String::new, age));
+        row("faults", "none".to_owned() + &read.map_or_else(String::new, age_note));
     }
     let mut text = format!("{}: {}\n{}", axis.label, axis.drive, table.render(false));
     if state.owed.is_some() {
@@ -141,13 +141,13 @@ fn served(axis: &AxisInfo, state: &AxisState, watchdog: String) -> String {
     }
     for fault in &state.faults {
         text.push_str(&format!("  FAULT {}\n", fault.name));
-        text.push_str(&reasons(&fault.cause, &fault.remedy));
+        text.push_str(&cause_and_remedy(&fault.cause, &fault.remedy));
     }
     text
 }
 
 /// How old a value is, where it is old.
-fn age(read: &SignalValue) -> String {
+fn age_note(read: &SignalValue) -> String {
     match read.age_ms > OLD_MS {
         true => format!(" ({:.1} s old)", read.age_ms / 1e3),
         false => String::new(),
@@ -155,7 +155,7 @@ fn age(read: &SignalValue) -> String {
 }
 
 /// How the drive's own watchdog is set, as a server reads it; the rule alone where it cannot.
-fn watchdog_by(server: &Joined, axis: &AxisInfo) -> String {
+fn remote_watchdog(server: &RemoteSession, axis: &AxisInfo) -> String {
     match server.gateway.watchdog(axis.id) {
         Ok(told) => match told.parameter {
             Some(name) => format!("{} (`{name}`)", told.text),
@@ -165,24 +165,24 @@ fn watchdog_by(server: &Joined, axis: &AxisInfo) -> String {
     }
 }
 
-fn describe(axis: &Axis) -> Result<String> {
+fn axis_text(axis: &Axis) -> Result<String> {
     let profile = axis.profile();
-    let mut table = Table::default();
-    let mut row = |word: &str, value: String| table.row([format!("  {word}"), value]);
+    let mut table = TextTable::default();
+    let mut row = |word: &str, value: String| table.add_row([format!("  {word}"), value]);
     row("profile", format!("{} ({})", profile.name, axis.protocol()));
     row("known", axis.identified().to_string());
     for signal in Signal::ALL {
         if signal == Signal::Fault {
             continue;
         }
-        match shown(axis, signal) {
+        match signal_text(axis, signal) {
             Ok(Some(shown)) => row(signal.name(), shown),
             Ok(None) => {}
-            Err(problem) => row(signal.name(), absent(axis, signal, problem)?),
+            Err(problem) => row(signal.name(), absent_text(axis, signal, problem)?),
         }
     }
-    row("watchdog", watchdog(axis)?);
-    let faults = match faults(axis) {
+    row("watchdog", watchdog_text(axis)?);
+    let faults = match faults_text(axis) {
         Ok(faults) => {
             if faults.is_empty() {
                 row("faults", "none".to_owned());
@@ -190,7 +190,7 @@ fn describe(axis: &Axis) -> Result<String> {
             faults
         }
         Err(problem) => {
-            row("faults", format!("not told: {}", absent(axis, Signal::Fault, problem)?));
+            row("faults", format!("not told: {}", absent_text(axis, Signal::Fault, problem)?));
             String::new()
         }
     };
@@ -198,25 +198,25 @@ fn describe(axis: &Axis) -> Result<String> {
 }
 
 /// What is said of a signal that could not be read, where this drive has none such.
-fn absent(axis: &Axis, wanted: Signal, problem: Problem) -> Result<String> {
+fn absent_text(axis: &Axis, wanted: Signal, problem: Problem) -> Result<String> {
     let source = axis.profile().signal(wanted).filter(|_| problem.exit == Exit::Refused);
     let Some(source) = source else { return Err(problem) };
     match axis.read(source.parameter) {
-        Err(error) if says_absent(axis, &error) => Ok(ABSENT.to_owned()),
+        Err(error) if is_absent_error(axis, &error) => Ok(ABSENT_TEXT.to_owned()),
         _ => Err(problem),
     }
 }
 
 /// What the drive does when its host falls silent, and whether that is on now.
-fn watchdog(axis: &Axis) -> Result<String> {
-    let state = watchdog_if_any(axis).map_err(outcome::error)?;
-    Ok(watchdog::shown(axis, state))
+fn watchdog_text(axis: &Axis) -> Result<String> {
+    let state = read_watchdog(axis).map_err(outcome::to_problem)?;
+    Ok(watchdog::watchdog_text(axis, state))
 }
 
 /// A signal's value in words or in its unit.
-pub fn shown(axis: &Axis, wanted: Signal) -> Result<Option<String>> {
+pub fn signal_text(axis: &Axis, wanted: Signal) -> Result<Option<String>> {
     let flag = axis.profile().signal(wanted).is_some_and(|source| source.equals.is_some());
-    let value = signal(axis, wanted)?;
+    let value = read_signal(axis, wanted)?;
     // Its speed, which was read before, says whether it moves as well as the drive's own flag.
     let moving = || axis.moving(&axis.state()) == Some(true);
     Ok(value.map(|value| match (wanted, flag) {
@@ -227,8 +227,8 @@ pub fn shown(axis: &Axis, wanted: Signal) -> Result<Option<String>> {
 }
 
 /// Faults and warnings with cause and remedy; empty without any.
-fn faults(axis: &Axis) -> Result<String> {
-    let Some(value) = signal(axis, Signal::Fault)? else { return Ok(String::new()) };
+fn faults_text(axis: &Axis) -> Result<String> {
+    let Some(value) = read_signal(axis, Signal::Fault)? else { return Ok(String::new()) };
     let code = u32::try_from(value.raw).unwrap_or(0);
     let known = outcome::faults(axis.profile(), code);
     if code != 0 && known.is_empty() {
@@ -242,12 +242,12 @@ fn faults(axis: &Axis) -> Result<String> {
             Severity::Note => continue,
         };
         text.push_str(&format!("  {word} {}: {}\n", fault.name, fault.text));
-        text.push_str(&reasons(fault.cause, fault.remedy));
+        text.push_str(&cause_and_remedy(fault.cause, fault.remedy));
     }
     Ok(text)
 }
 
-fn reasons(cause: &str, remedy: &str) -> String {
+fn cause_and_remedy(cause: &str, remedy: &str) -> String {
     let both = [("cause", cause), ("remedy", remedy)].into_iter();
     let told = both.filter(|(_, sentence)| !sentence.is_empty());
     told.map(|(word, sentence)| format!("    {word:<7} {sentence}\n")).collect()

@@ -42,13 +42,13 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use polepair::url::shell_word;
 use polepair::{Connector, Error, FileError};
-use polepair_capture::Format;
+use polepair_capture::CaptureFormat;
 use polepair_core::profile::Profile;
 
-use crate::joined::{self, Join};
 use crate::outcome;
 use crate::problem::Result;
-use crate::terminal::say;
+use crate::remote::{self, ServerArgs};
+use crate::terminal::print_note;
 
 /// Talk to motor drives, simulate them, and read what others said to them.
 ///
@@ -56,27 +56,27 @@ use crate::terminal::say;
 ///   tmcl+serial:///dev/ttyUSB0:9600#1     modbus-rtu+tcp://10.0.0.5:4001#1,2     sim:tmcl
 #[derive(Parser, Debug)]
 #[command(name = "polepair", version, verbatim_doc_comment, max_term_width = 100)]
-#[command(disable_help_subcommand = true, after_help = AFTER)]
-pub struct Arguments {
+#[command(disable_help_subcommand = true, after_help = HELP_FOOTER)]
+pub struct CommandLine {
     #[command(flatten)]
-    join: Join,
+    join: ServerArgs,
     /// What to do.
     #[command(subcommand)]
-    verb: Verb,
+    verb: CommandVerb,
     /// The verb's word.
     #[arg(skip)]
     word: String,
 }
 
-impl Arguments {
+impl CommandLine {
     /// Reads the command line.
-    pub fn read() -> std::result::Result<Self, clap::Error> {
+    pub fn parse_args() -> std::result::Result<Self, clap::Error> {
         let names = |word: std::ffi::OsString| {
             word.to_str().is_some_and(|word| word == "--server" || word.starts_with("--server="))
         };
-        let command = Join::left_out(Self::command());
+        let command = ServerArgs::hide_server_options(Self::command());
         let command = match std::env::args_os().any(names) {
-            true => Join::reworded(command),
+            true => ServerArgs::reword_help(command),
             false => command,
         };
         let matches = command.try_get_matches()?;
@@ -85,20 +85,20 @@ impl Arguments {
     }
 }
 
-const AFTER: &str = "\
+const HELP_FOOTER: &str = "\
 Exit codes: 0 ok, 1 negative result, 2 usage, 3 no adapter or permission, 4 no reply,
 5 corrupt or foreign reply, 6 the drive refused, 7 partial, 8 drive fault, 130 interrupted.
 Data goes to stdout, prose to stderr. NO_COLOR is honoured.";
 
 /// The verbs.
 #[derive(Subcommand, Debug)]
-pub enum Verb {
+pub enum CommandVerb {
     /// Explain the frames of a capture
     Decode(decode::Decode),
     /// Tell what a capture holds: who, what, and what went wrong
-    Summary(summary::Options),
+    Summary(summary::SummaryOptions),
     /// Tell what differs between two captures in behaviour
-    Diff(diff::Options),
+    Diff(diff::DiffOptions),
     /// Write a capture in another format
     Convert(convert::Convert),
     /// Turn text into the bytes of a frame
@@ -108,7 +108,7 @@ pub enum Verb {
     /// Look for what is wrong, from the cable up
     Doctor(doctor::Doctor),
     /// Find the drives on a link
-    Scan(scan::Scan),
+    Scan(scan::ScanCommand),
     /// Show who a drive is, what it does, and its faults in words
     Info(info::Info),
     /// Read parameters by name, with units
@@ -117,15 +117,15 @@ pub enum Verb {
     Set(set::Set),
     /// Save a drive's settings as a file, compare them with one, write them back
     #[command(subcommand)]
-    Config(config::Config),
+    Config(config::ConfigCommand),
     /// Power the motor, holding it where it stands
     Enable(verbs::Enable),
     /// Take power off the motor
     Disable(verbs::Disable),
     /// Bring motors to rest; without #AXES every axis on the link
-    Stop(stop::Stop),
+    Stop(stop::StopCommand),
     /// Owe axes of a server their stop no more, though nobody saw them stand
-    Dismiss(dismiss::Dismiss),
+    Dismiss(dismiss::DismissCommand),
     /// Let the axes of a server move again after everything was stopped
     Release(release::Release),
     /// Clear faults
@@ -141,21 +141,21 @@ pub enum Verb {
     /// Turn a motor slowly until Ctrl-C
     Jog(moves::Jog),
     /// Move an axis along the points of a file
-    Stream(stream::Stream),
+    Stream(stream::StreamCommand),
     /// Make programs, put them into a drive's memory, and run them
-    Program(program::Program),
+    Program(program::ProgramArgs),
     /// Keep the time of several drives together
     Sync(sync::Sync),
     /// Show signals or parameters again and again
-    Watch(watch::Watch),
+    Watch(watch::WatchCommand),
     /// Show or set what drives do by themselves when their host falls silent
-    Watchdog(watchdog::Watchdog),
+    Watchdog(watchdog::WatchdogCommand),
     /// Show axes, frames and faults of a link, live
-    Monitor(monitor::Options),
+    Monitor(monitor::MonitorOptions),
     /// Keep what passes on a link as a capture, and send nothing
-    Record(record::Options),
+    Record(record::RecordOptions),
     /// Play what a capture's host said onto a link, or to simulated drives
-    Replay(replay::Options),
+    Replay(replay::ReplayOptions),
     /// List the serial adapters, and why one cannot be used
     Ports(ports::Ports),
     /// Show what a drive has: units, ranges, defaults, manual sections
@@ -166,7 +166,7 @@ pub enum Verb {
     Serve(serve::Serve),
     /// Check what a server has kept of what was done
     #[command(subcommand)]
-    Journal(journal::Journal),
+    Journal(journal::JournalCommand),
     /// Find, move, fault and recover two simulated drives
     Demo(demo::Demo),
     /// Print a completion script for a shell
@@ -174,96 +174,96 @@ pub enum Verb {
 }
 
 /// Carries a verb out: on a server if one is named.
-pub fn run(arguments: Arguments) -> Result {
+pub fn run(arguments: CommandLine) -> Result {
     arguments.join.check()?;
-    if arguments.join.is_wanted() { joined(arguments) } else { here(arguments.verb) }
+    if arguments.join.is_given() { run_on_server(arguments) } else { run_locally(arguments.verb) }
 }
 
-fn joined(Arguments { join, verb, word }: Arguments) -> Result {
+fn run_on_server(CommandLine { join, verb, word }: CommandLine) -> Result {
     match verb {
-        Verb::Scan(verb) => verb.joined(&join.open()?),
-        Verb::Info(verb) => verb.joined(&join.open()?),
-        Verb::Get(verb) => verb.joined(&join.open()?),
-        Verb::Set(verb) => verb.joined(&join.open()?),
-        Verb::Enable(verb) => verb.joined(&join.open()?),
-        Verb::Disable(verb) => verb.joined(&join.open()?),
-        Verb::Stop(verb) => verb.joined(join),
-        Verb::Dismiss(verb) => verb.joined(&join.open()?),
-        Verb::Release(verb) => verb.joined(join),
-        Verb::Clear(verb) => verb.joined(&join.open()?),
-        Verb::Spin(verb) => verb.joined(&join.open()?),
-        Verb::Move(verb) => verb.joined(&join.open()?),
-        Verb::Torque(verb) => verb.joined(&join.open()?),
-        Verb::Home(verb) => verb.joined(&join.open()?),
-        Verb::Jog(verb) => verb.joined(&join.open()?),
-        Verb::Watch(verb) => verb.joined(&join.open()?),
-        Verb::Watchdog(verb) => verb.joined(&join.open()?),
-        Verb::Monitor(verb) => verb.joined(&join.open()?),
-        _ => Err(joined::no_such_verb(&word)),
+        CommandVerb::Scan(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Info(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Get(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Set(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Enable(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Disable(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Stop(verb) => verb.run_on_server(join),
+        CommandVerb::Dismiss(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Release(verb) => verb.run_on_server(join),
+        CommandVerb::Clear(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Spin(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Move(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Torque(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Home(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Jog(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Watch(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Watchdog(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Monitor(verb) => verb.run_on_server(&join.open()?),
+        _ => Err(remote::no_such_verb(&word)),
     }
 }
 
-fn here(verb: Verb) -> Result {
+fn run_locally(verb: CommandVerb) -> Result {
     match verb {
-        Verb::Decode(verb) => verb.run(),
-        Verb::Summary(verb) => verb.run(),
-        Verb::Diff(verb) => verb.run(),
-        Verb::Convert(verb) => verb.run(),
-        Verb::Encode(verb) => verb.run(),
-        Verb::Explain(verb) => verb.run(),
-        Verb::Doctor(verb) => verb.run(),
-        Verb::Scan(verb) => verb.run(),
-        Verb::Info(verb) => verb.run(),
-        Verb::Get(verb) => verb.run(),
-        Verb::Set(verb) => verb.run(),
-        Verb::Config(verb) => verb.run(),
-        Verb::Enable(verb) => verb.run(),
-        Verb::Disable(verb) => verb.run(),
-        Verb::Stop(verb) => verb.run(),
-        Verb::Dismiss(verb) => verb.run(),
-        Verb::Release(verb) => verb.run(),
-        Verb::Clear(verb) => verb.run(),
-        Verb::Spin(verb) => verb.run(),
-        Verb::Move(verb) => verb.run(),
-        Verb::Torque(verb) => verb.run(),
-        Verb::Home(verb) => verb.run(),
-        Verb::Jog(verb) => verb.run(),
-        Verb::Stream(verb) => verb.run(),
-        Verb::Program(verb) => verb.run(),
-        Verb::Sync(verb) => verb.run(),
-        Verb::Watch(verb) => verb.run(),
-        Verb::Watchdog(verb) => verb.run(),
-        Verb::Monitor(verb) => verb.run(),
-        Verb::Record(verb) => verb.run(),
-        Verb::Replay(verb) => verb.run(),
-        Verb::Ports(verb) => verb.run(),
-        Verb::Params(verb) => verb.run(),
-        Verb::Sim(verb) => verb.run(),
-        Verb::Serve(verb) => verb.run(),
-        Verb::Journal(verb) => verb.run(),
-        Verb::Demo(verb) => verb.run(),
-        Verb::Completions(verb) => verb.run(),
+        CommandVerb::Decode(verb) => verb.run(),
+        CommandVerb::Summary(verb) => verb.run(),
+        CommandVerb::Diff(verb) => verb.run(),
+        CommandVerb::Convert(verb) => verb.run(),
+        CommandVerb::Encode(verb) => verb.run(),
+        CommandVerb::Explain(verb) => verb.run(),
+        CommandVerb::Doctor(verb) => verb.run(),
+        CommandVerb::Scan(verb) => verb.run(),
+        CommandVerb::Info(verb) => verb.run(),
+        CommandVerb::Get(verb) => verb.run(),
+        CommandVerb::Set(verb) => verb.run(),
+        CommandVerb::Config(verb) => verb.run(),
+        CommandVerb::Enable(verb) => verb.run(),
+        CommandVerb::Disable(verb) => verb.run(),
+        CommandVerb::Stop(verb) => verb.run(),
+        CommandVerb::Dismiss(verb) => verb.run(),
+        CommandVerb::Release(verb) => verb.run(),
+        CommandVerb::Clear(verb) => verb.run(),
+        CommandVerb::Spin(verb) => verb.run(),
+        CommandVerb::Move(verb) => verb.run(),
+        CommandVerb::Torque(verb) => verb.run(),
+        CommandVerb::Home(verb) => verb.run(),
+        CommandVerb::Jog(verb) => verb.run(),
+        CommandVerb::Stream(verb) => verb.run(),
+        CommandVerb::Program(verb) => verb.run(),
+        CommandVerb::Sync(verb) => verb.run(),
+        CommandVerb::Watch(verb) => verb.run(),
+        CommandVerb::Watchdog(verb) => verb.run(),
+        CommandVerb::Monitor(verb) => verb.run(),
+        CommandVerb::Record(verb) => verb.run(),
+        CommandVerb::Replay(verb) => verb.run(),
+        CommandVerb::Ports(verb) => verb.run(),
+        CommandVerb::Params(verb) => verb.run(),
+        CommandVerb::Sim(verb) => verb.run(),
+        CommandVerb::Serve(verb) => verb.run(),
+        CommandVerb::Journal(verb) => verb.run(),
+        CommandVerb::Demo(verb) => verb.run(),
+        CommandVerb::Completions(verb) => verb.run(),
     }
 }
 
 /// Reads the word of a capture format.
-pub fn capture_format() -> impl TypedValueParser<Value = Format> {
-    PossibleValuesParser::new(Format::names())
-        .map(|word| Format::named(&word).unwrap_or(Format::Text))
+pub fn capture_format() -> impl TypedValueParser<Value = CaptureFormat> {
+    PossibleValuesParser::new(CaptureFormat::names())
+        .map(|word| CaptureFormat::from_name(&word).unwrap_or(CaptureFormat::Text))
 }
 
 /// How links are opened. A file of the configuration that is wrong is told once and stands in nobody's
 /// way who needs nothing of it, least of all a stop's.
-pub fn discovered() -> Connector {
-    static TOLD: Once = Once::new();
+pub fn discover_connector() -> Connector {
+    static WARNED: Once = Once::new();
     let connector = Connector::discover();
-    TOLD.call_once(|| connector.config.broken.iter().for_each(passed_over));
+    WARNED.call_once(|| connector.config.broken.iter().for_each(warn_ignored_file));
     connector
 }
 
 /// Says that a file, or a name of one, is wrong and done without.
-pub fn passed_over(error: &FileError) {
-    say(&format!("warning: {error}; it is passed over"));
+pub fn warn_ignored_file(error: &FileError) {
+    print_note(&format!("warning: {error}; it is passed over"));
 }
 
 /// A user's own profile.
@@ -277,28 +277,28 @@ pub struct ProfileFile {
 impl ProfileFile {
     /// How links are opened, with the profile.
     pub fn connector(&self) -> Result<Connector> {
-        let connector = discovered();
-        outcome::count(&connector);
+        let connector = discover_connector();
+        outcome::count_frames_of(&connector);
         match &self.file {
-            Some(file) => connector.with_profile(file).map_err(outcome::error),
+            Some(file) => connector.with_profile(file).map_err(outcome::to_problem),
             None => Ok(connector),
         }
     }
 
     /// The same for those who bring motors to rest: a profile that is wrong is told and done without.
     pub fn connector_to_stop(&self) -> Connector {
-        let mut connector = discovered().for_stop();
-        outcome::count(&connector);
+        let mut connector = discover_connector().for_stop();
+        outcome::count_frames_of(&connector);
         match self.file.as_deref().map(|file| connector.config.add_profile(file)) {
-            Some(Err(Error::File(error))) => passed_over(&error),
-            Some(Err(error)) => say(&format!("warning: {error}")),
+            Some(Err(Error::File(error))) => warn_ignored_file(&error),
+            Some(Err(error)) => print_note(&format!("warning: {error}")),
             Some(Ok(_)) | None => {}
         }
         connector
     }
 
     /// What gives it to another verb, behind a URL; empty without one.
-    pub fn words(&self) -> String {
+    pub fn as_arguments(&self) -> String {
         let Some(file) = &self.file else { return String::new() };
         format!(" --profile {}", shell_word(&file.display().to_string()))
     }
@@ -309,21 +309,21 @@ impl ProfileFile {
     }
 
     /// Every profile that is known, the user's own first.
-    pub fn known(&self) -> Result<Vec<&'static Profile>> {
+    pub fn known_profiles(&self) -> Result<Vec<&'static Profile>> {
         Ok(self.connector()?.config.all_profiles().collect())
     }
 }
 
 /// The drive whose names are used.
 #[derive(Args, Debug)]
-pub struct NamedBy {
+pub struct NamingArgs {
     /// Name parameters and faults as this drive does: its name, a TOML file of your own, or a
     /// CANopen data sheet (EDS, DCF)
     #[arg(long = "profile", value_name = "NAME|FILE")]
     drive: Option<String>,
 }
 
-impl NamedBy {
+impl NamingArgs {
     /// The word that names the drive; empty if there is none.
     pub fn word(&self) -> &str {
         self.drive.as_deref().unwrap_or_default()
@@ -332,6 +332,6 @@ impl NamedBy {
     /// The drive's profile, if one is named.
     pub fn profile(&self) -> Result<Option<&'static Profile>> {
         let Some(word) = &self.drive else { return Ok(None) };
-        discovered().config.profile_of(word).map(Some).map_err(outcome::error)
+        discover_connector().config.resolve_profile(word).map(Some).map_err(outcome::to_problem)
     }
 }

@@ -1,15 +1,15 @@
 //! `polepair monitor URL`: axes, frames and faults of a link, live.
 
-mod axes;
 mod draw;
-mod keys;
+mod local_printer;
 mod model;
-mod plain;
-mod remote;
+mod monitored_axis;
+mod remote_monitor;
+mod remote_printer;
 mod screen;
-mod seen;
-mod served;
+mod source;
 mod traffic;
+mod view;
 
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
@@ -18,13 +18,13 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use polepair_capture::Rules;
 
-use crate::ears::Ears;
-use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{self, Problem, Result};
+use crate::remote::{self, RemoteSession};
+use crate::tap_queue::TapQueue;
 use crate::{terminal, trace, value};
 use model::Monitor;
-use remote::Remote;
+use remote_monitor::RemoteMonitor;
 
 /// Shows the axes of a link, their faults, and the frames that pass, live.
 ///
@@ -40,7 +40,7 @@ Examples:
   polepair monitor canopen+socketcan://can0 --listen --as canopen@2,thruster@11
   polepair monitor sim:tmcl --once
   polepair monitor sim:tmcl --format jsonl --for 2s")]
-pub struct Options {
+pub struct MonitorOptions {
     /// The link and its axes: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
     #[arg(value_name = "URL")]
     url: String,
@@ -57,11 +57,11 @@ pub struct Options {
     #[arg(long)]
     once: bool,
     /// End after this time
-    #[arg(long = "for", value_name = "TIME", value_parser = value::span)]
+    #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
     /// How it is printed [default: a screen on a terminal, else text]
     #[arg(long, value_enum)]
-    format: Option<Format>,
+    format: Option<MonitorFormat>,
     /// Keep the frames in a file that decode reads
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
@@ -71,21 +71,21 @@ pub struct Options {
 
 /// How it is printed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-enum Format {
+enum MonitorFormat {
     /// Tables and aligned lines
     Text,
     /// One JSON object a frame, an axis, a link
     Jsonl,
 }
 
-impl Options {
+impl MonitorOptions {
     pub fn run(self) -> Result {
-        self.check()?;
-        let mut monitor = self.open()?;
+        self.check_rate()?;
+        let mut monitor = self.open_monitor()?;
         let span = self.seconds.map(Duration::from_secs_f64);
         match self.is_screen() {
             true => screen::run(&mut monitor, span),
-            false => plain::run(monitor, self.style(), span),
+            false => local_printer::run(monitor, self.print_style(), span),
         }
     }
 
@@ -94,48 +94,58 @@ impl Options {
         self.format.is_none() && !self.once && there
     }
 
-    fn style(&self) -> plain::Style {
-        plain::Style { jsonl: self.format == Some(Format::Jsonl), once: self.once }
+    fn print_style(&self) -> local_printer::PrintStyle {
+        local_printer::PrintStyle {
+            jsonl: self.format == Some(MonitorFormat::Jsonl),
+            once: self.once,
+        }
     }
 
     /// The same by a server: the frames of all its links, and the axes that are meant.
-    pub fn joined(self, server: &Joined) -> Result {
-        self.check()?;
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        self.check_rate()?;
         let links_alone = self.listen || self.rules.is_some() || self.trace.is_some();
         if links_alone || self.profiles.is_given() {
             let what = "monitor with --listen, --as, --trace or --profile";
-            return Err(joined::cannot(what, "The server listens and explains by itself."));
+            return Err(remote::unsupported_problem(
+                what,
+                "The server listens and explains by itself.",
+            ));
         }
-        let axes = server.named(&self.url)?;
+        let axes = server.axes_named(&self.url)?;
         let span = self.seconds.map(Duration::from_secs_f64);
         if self.is_screen() {
-            return screen::run(&mut Remote::new(server, axes, self.url == joined::ALL)?, span);
+            return screen::run(
+                &mut RemoteMonitor::new(server, axes, self.url == remote::ALL)?,
+                span,
+            );
         }
         let period = Duration::from_secs_f64(1.0 / self.rate);
-        served::run(server, axes, self.style(), period, span)
+        remote_printer::run(server, axes, self.print_style(), period, span)
     }
 
-    fn check(&self) -> Result<()> {
+    fn check_rate(&self) -> Result<()> {
         match self.rate > 0.0 && self.rate <= 1000.0 {
             true => Ok(()),
             false => Err(Problem::usage("E245", "--rate is more than 0 and at most 1000.")),
         }
     }
 
-    fn open(&self) -> Result<Monitor> {
+    fn open_monitor(&self) -> Result<Monitor> {
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
-        let trace = self.trace.as_deref().map(|path| trace::create(path, &self.url)).transpose()?;
-        let ears = Ears::keeping(trace);
+        let trace =
+            self.trace.as_deref().map(|path| trace::create_trace(path, &self.url)).transpose()?;
+        let ears = TapQueue::with_trace(trace);
         let taps = ears.clone();
-        let connector = self.profiles.connector()?.with_taps(move |wire| taps.on(wire));
+        let connector = self.profiles.connector()?.with_taps(move |wire| taps.tap(wire));
         let period = Duration::from_secs_f64(1.0 / self.rate);
         if self.listen {
-            let listening = connector.listen(&self.url).map_err(outcome::error)?;
-            return Ok(Monitor::listening(listening, &self.url, rules, ears));
+            let listening = connector.listen(&self.url).map_err(outcome::to_problem)?;
+            return Ok(Monitor::with_listener(listening, &self.url, rules, ears));
         }
-        let link = connector.connect(&self.url).map_err(outcome::error)?;
-        Monitor::commanding(link, &self.url, rules, ears, period)
+        let link = connector.connect(&self.url).map_err(outcome::to_problem)?;
+        Monitor::with_link(link, &self.url, rules, ears, period)
     }
 }
 

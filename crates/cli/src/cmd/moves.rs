@@ -2,28 +2,28 @@
 
 use clap::Args;
 use polepair::Axis;
-use polepair_client::message::{Arguments, AxisInfo};
+use polepair_client::message::{AxisInfo, CommandArguments};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 
 use crate::cmd::info;
-use crate::joined::{self, Joined, Order};
-use crate::motion::{self, Then, argument};
+use crate::motion::{self, MotionMode, parse_argument};
 use crate::problem::Result;
+use crate::remote::{self, MotionOrder, RemoteSession};
 use crate::session::Session;
-use crate::target::Target;
-use crate::terminal::Output;
+use crate::target::DriveArgs;
+use crate::terminal::DataOutput;
 use crate::value;
 
 /// What a jog does unless a speed is given.
-const JOG: &str = "60 rpm";
+const JOG_SPEED: &str = "60 rpm";
 
 /// How a motion that lasts is ended.
 #[derive(Args, Debug)]
-struct Lasting {
+struct HoldArgs {
     /// Stop after this time instead of at Ctrl-C: 2s, 500ms, 1min
-    #[arg(long = "for", value_name = "TIME", value_parser = value::span)]
+    #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
     /// Leave the motor running, and print what stops it
     #[arg(long, conflicts_with = "seconds")]
@@ -38,7 +38,7 @@ struct Lasting {
 
 /// How a motion that arrives is ended.
 #[derive(Args, Debug)]
-struct Arriving {
+struct ArrivalArgs {
     /// Return at once and print what would stop it
     #[arg(long)]
     detach: bool,
@@ -46,7 +46,7 @@ struct Arriving {
     #[arg(long, conflicts_with = "detach", hide = true)]
     wait: bool,
     /// Give up waiting after this time
-    #[arg(long, value_name = "TIME", value_parser = value::span)]
+    #[arg(long, value_name = "TIME", value_parser = value::parse_span)]
     timeout: Option<f64>,
     /// Values are the drive's own numbers, without a unit
     #[arg(long)]
@@ -70,7 +70,7 @@ Examples:
 )]
 pub struct Spin {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Speed with a unit; without one, in the unit that the drive's profile has
     #[arg(value_name = "SPEED", allow_hyphen_values = true)]
     speed: String,
@@ -78,7 +78,7 @@ pub struct Spin {
     #[arg(long, value_name = "VALUE")]
     acc: Option<String>,
     #[command(flatten)]
-    lasting: Lasting,
+    lasting: HoldArgs,
 }
 
 /// Turns a motor slowly until Ctrl-C.
@@ -86,12 +86,12 @@ pub struct Spin {
 #[command(after_help = "Example:\n  polepair jog tmcl+serial:///dev/ttyUSB0#1 30rpm --for 1s")]
 pub struct Jog {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Speed with a unit; without one, in the unit that its profile has [default: 60 rpm]
     #[arg(value_name = "SPEED", allow_hyphen_values = true)]
     speed: Option<String>,
     #[command(flatten)]
-    lasting: Lasting,
+    lasting: HoldArgs,
 }
 
 /// Turns a motor with a torque until Ctrl-C.
@@ -99,12 +99,12 @@ pub struct Jog {
 #[command(after_help = "Example:\n  polepair torque tmcl+serial:///dev/ttyUSB0#1 0.5A --for 1s")]
 pub struct Torque {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Torque, or what stands for it in this drive: Nm, A or %
     #[arg(value_name = "TORQUE", allow_hyphen_values = true)]
     torque: String,
     #[command(flatten)]
-    lasting: Lasting,
+    lasting: HoldArgs,
 }
 
 /// Moves an axis to a position and waits until it is there.
@@ -117,7 +117,7 @@ Examples:
   polepair move canopen+socketcan://can0#2,3 1turn --sync")]
 pub struct Move {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Position with a unit; without one, in the unit that the drive's profile has
     #[arg(value_name = "POSITION", allow_hyphen_values = true)]
     position: String,
@@ -140,7 +140,7 @@ pub struct Move {
     #[arg(long, conflicts_with_all = ["additive", "s_curve", "dry_run"])]
     sync: bool,
     #[command(flatten)]
-    arriving: Arriving,
+    arriving: ArrivalArgs,
 }
 
 /// Finds an axis' reference position and waits until it is found.
@@ -150,7 +150,7 @@ pub struct Move {
 )]
 pub struct Home {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Speed of the search for the switch, with its unit: 10rpm, 0.5rad/s [default: the drive's own]
     ///
     /// It is written to the drive's own parameter, which keeps it until power-off: `homing speed` (TML;
@@ -159,7 +159,7 @@ pub struct Home {
     #[arg(long, value_name = "VALUE")]
     vel: Option<String>,
     #[command(flatten)]
-    arriving: Arriving,
+    arriving: ArrivalArgs,
 }
 
 impl Spin {
@@ -168,42 +168,43 @@ impl Spin {
         let command = |axis: &Axis| {
             let mut command = Command::new(Verb::Velocity);
             command.velocity =
-                Some(argument(axis, Verb::Velocity, Argument::Velocity, (&self.speed, raw))?);
+                Some(parse_argument(axis, Verb::Velocity, Argument::Velocity, (&self.speed, raw))?);
             command.acceleration =
-                given(axis, Verb::Velocity, Argument::Acceleration, (&self.acc, raw))?;
+                optional_argument(axis, Verb::Velocity, Argument::Acceleration, (&self.acc, raw))?;
             Ok(command)
         };
-        lasting(&self.target, &self.lasting, command)
+        run_lasting(&self.target, &self.lasting, command)
     }
 
     /// The same by a server.
-    pub fn joined(self, server: &Joined) -> Result {
-        lasting_by(server, &self.target, &self.lasting, Verb::Velocity, |axis| {
-            let velocity = Some(joined::argument(axis, Verb::Velocity, "velocity", &self.speed)?);
-            let acceleration = told(axis, Verb::Velocity, "acceleration", &self.acc)?;
-            Ok(Arguments { velocity, acceleration, ..Arguments::default() })
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        run_lasting_remote(server, &self.target, &self.lasting, Verb::Velocity, |axis| {
+            let velocity =
+                Some(remote::parse_argument(axis, Verb::Velocity, "velocity", &self.speed)?);
+            let acceleration = remote_argument(axis, Verb::Velocity, "acceleration", &self.acc)?;
+            Ok(CommandArguments { velocity, acceleration, ..CommandArguments::default() })
         })
     }
 }
 
 impl Jog {
     pub fn run(self) -> Result {
-        let (speed, raw) = (self.speed.as_deref().unwrap_or(JOG), self.lasting.raw);
+        let (speed, raw) = (self.speed.as_deref().unwrap_or(JOG_SPEED), self.lasting.raw);
         let command = |axis: &Axis| {
             let mut command = Command::new(Verb::Velocity);
             command.velocity =
-                Some(argument(axis, Verb::Velocity, Argument::Velocity, (speed, raw))?);
+                Some(parse_argument(axis, Verb::Velocity, Argument::Velocity, (speed, raw))?);
             Ok(command)
         };
-        lasting(&self.target, &self.lasting, command)
+        run_lasting(&self.target, &self.lasting, command)
     }
 
     /// The same by a server.
-    pub fn joined(self, server: &Joined) -> Result {
-        let speed = self.speed.as_deref().unwrap_or(JOG);
-        lasting_by(server, &self.target, &self.lasting, Verb::Velocity, |axis| {
-            let velocity = Some(joined::argument(axis, Verb::Velocity, "velocity", speed)?);
-            Ok(Arguments { velocity, ..Arguments::default() })
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        let speed = self.speed.as_deref().unwrap_or(JOG_SPEED);
+        run_lasting_remote(server, &self.target, &self.lasting, Verb::Velocity, |axis| {
+            let velocity = Some(remote::parse_argument(axis, Verb::Velocity, "velocity", speed)?);
+            Ok(CommandArguments { velocity, ..CommandArguments::default() })
         })
     }
 }
@@ -214,17 +215,17 @@ impl Torque {
         let command = |axis: &Axis| {
             let mut command = Command::new(Verb::Torque);
             command.torque =
-                Some(argument(axis, Verb::Torque, Argument::Torque, (&self.torque, raw))?);
+                Some(parse_argument(axis, Verb::Torque, Argument::Torque, (&self.torque, raw))?);
             Ok(command)
         };
-        lasting(&self.target, &self.lasting, command)
+        run_lasting(&self.target, &self.lasting, command)
     }
 
     /// The same by a server.
-    pub fn joined(self, server: &Joined) -> Result {
-        lasting_by(server, &self.target, &self.lasting, Verb::Torque, |axis| {
-            let torque = Some(joined::argument(axis, Verb::Torque, "torque", &self.torque)?);
-            Ok(Arguments { torque, ..Arguments::default() })
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        run_lasting_remote(server, &self.target, &self.lasting, Verb::Torque, |axis| {
+            let torque = Some(remote::parse_argument(axis, Verb::Torque, "torque", &self.torque)?);
+            Ok(CommandArguments { torque, ..CommandArguments::default() })
         })
     }
 }
@@ -234,29 +235,32 @@ impl Move {
         let (verb, raw) = (self.verb(), self.arriving.raw);
         let command = |axis: &Axis| {
             let mut command = Command::new(verb);
-            command.target = Some(argument(axis, verb, Argument::Target, (&self.position, raw))?);
-            command.velocity = given(axis, verb, Argument::Velocity, (&self.vel, raw))?;
-            command.acceleration = given(axis, verb, Argument::Acceleration, (&self.acc, raw))?;
-            command.jerk_time = given(axis, verb, Argument::JerkTime, (&self.s_curve, raw))?;
+            command.target =
+                Some(parse_argument(axis, verb, Argument::Target, (&self.position, raw))?);
+            command.velocity = optional_argument(axis, verb, Argument::Velocity, (&self.vel, raw))?;
+            command.acceleration =
+                optional_argument(axis, verb, Argument::Acceleration, (&self.acc, raw))?;
+            command.jerk_time =
+                optional_argument(axis, verb, Argument::JerkTime, (&self.s_curve, raw))?;
             Ok(command)
         };
-        let run = if self.sync { motion::run_together } else { motion::run };
-        arriving(&self.target, &self.arriving, run, command)
+        let run = if self.sync { motion::run_together } else { motion::run_motion };
+        run_arriving(&self.target, &self.arriving, run, command)
     }
 
     /// The same by a server.
-    pub fn joined(self, server: &Joined) -> Result {
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
         if self.sync {
-            return Err(joined::cannot("--sync", "It starts moves back to back."));
+            return Err(remote::unsupported_problem("--sync", "It starts moves back to back."));
         }
         let verb = self.verb();
-        arriving_by(server, &self.target, &self.arriving, verb, |axis| {
-            Ok(Arguments {
-                target: Some(joined::argument(axis, verb, "target", &self.position)?),
-                velocity: told(axis, verb, "velocity", &self.vel)?,
-                acceleration: told(axis, verb, "acceleration", &self.acc)?,
-                jerk_time: told(axis, verb, "jerk_time", &self.s_curve)?,
-                ..Arguments::default()
+        run_arriving_remote(server, &self.target, &self.arriving, verb, |axis| {
+            Ok(CommandArguments {
+                target: Some(remote::parse_argument(axis, verb, "target", &self.position)?),
+                velocity: remote_argument(axis, verb, "velocity", &self.vel)?,
+                acceleration: remote_argument(axis, verb, "acceleration", &self.acc)?,
+                jerk_time: remote_argument(axis, verb, "jerk_time", &self.s_curve)?,
+                ..CommandArguments::default()
             })
         })
     }
@@ -277,58 +281,63 @@ impl Home {
         let raw = self.arriving.raw;
         let command = |axis: &Axis| {
             let mut command = Command::new(Verb::Home);
-            command.velocity = given(axis, Verb::Home, Argument::Velocity, (&self.vel, raw))?;
+            command.velocity =
+                optional_argument(axis, Verb::Home, Argument::Velocity, (&self.vel, raw))?;
             Ok(command)
         };
-        arriving(&self.target, &self.arriving, motion::run, command)
+        run_arriving(&self.target, &self.arriving, motion::run_motion, command)
     }
 
     /// The same by a server.
-    pub fn joined(self, server: &Joined) -> Result {
-        arriving_by(server, &self.target, &self.arriving, Verb::Home, |axis| {
-            let velocity = told(axis, Verb::Home, "velocity", &self.vel)?;
-            Ok(Arguments { velocity, ..Arguments::default() })
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        run_arriving_remote(server, &self.target, &self.arriving, Verb::Home, |axis| {
+            let velocity = remote_argument(axis, Verb::Home, "velocity", &self.vel)?;
+            Ok(CommandArguments { velocity, ..CommandArguments::default() })
         })
     }
 }
 
-fn given(
+fn optional_argument(
     axis: &Axis,
     verb: Verb,
     which: Argument,
     (text, raw): (&Option<String>, bool),
 ) -> Result<Option<f64>> {
-    text.as_deref().map(|text| argument(axis, verb, which, (text, raw))).transpose()
+    text.as_deref().map(|text| parse_argument(axis, verb, which, (text, raw))).transpose()
 }
 
-fn lasting(target: &Target, how: &Lasting, command: impl Fn(&Axis) -> Result<Command>) -> Result {
-    if how.dry_run {
-        return target.rehearse_motion(command);
-    }
-    let session = target.open()?;
-    let commands = each(session.axes(), command)?;
-    let then = if how.detach { Then::Detach } else { Then::Hold(how.seconds) };
-    motion::run(&session, &commands, then)
-}
-
-fn arriving(
-    target: &Target,
-    how: &Arriving,
-    run: fn(&Session, &[(Axis, Command)], Then) -> Result,
+fn run_lasting(
+    target: &DriveArgs,
+    how: &HoldArgs,
     command: impl Fn(&Axis) -> Result<Command>,
 ) -> Result {
     if how.dry_run {
         return target.rehearse_motion(command);
     }
     let session = target.open()?;
-    let commands = each(session.axes(), command)?;
-    let then = if how.detach { Then::Detach } else { Then::Arrive(how.timeout) };
+    let commands = commands_for_each(session.axes(), command)?;
+    let then = if how.detach { MotionMode::Detach } else { MotionMode::Hold(how.seconds) };
+    motion::run_motion(&session, &commands, then)
+}
+
+fn run_arriving(
+    target: &DriveArgs,
+    how: &ArrivalArgs,
+    run: fn(&Session, &[(Axis, Command)], MotionMode) -> Result,
+    command: impl Fn(&Axis) -> Result<Command>,
+) -> Result {
+    if how.dry_run {
+        return target.rehearse_motion(command);
+    }
+    let session = target.open()?;
+    let commands = commands_for_each(session.axes(), command)?;
+    let then = if how.detach { MotionMode::Detach } else { MotionMode::Arrive(how.timeout) };
     let exit = run(&session, &commands, then)?;
-    if then != Then::Detach {
-        let mut out = Output::stdout();
+    if then != MotionMode::Detach {
+        let mut out = DataOutput::stdout();
         for axis in session.axes() {
-            if let Some(position) = info::shown(axis, Signal::Position)? {
-                out.line(&format!("{}position = {position}", session.who(axis)));
+            if let Some(position) = info::signal_text(axis, Signal::Position)? {
+                out.write_line(&format!("{}position = {position}", session.axis_prefix(axis)));
             }
         }
         out.flush()?;
@@ -336,48 +345,56 @@ fn arriving(
     Ok(exit)
 }
 
-fn each(axes: &[Axis], command: impl Fn(&Axis) -> Result<Command>) -> Result<Vec<(Axis, Command)>> {
+fn commands_for_each(
+    axes: &[Axis],
+    command: impl Fn(&Axis) -> Result<Command>,
+) -> Result<Vec<(Axis, Command)>> {
     let one = |axis: &Axis| match axes.len() {
         1 => command(axis),
-        _ => command(axis).map_err(|problem| problem.of(&axis.label())),
+        _ => command(axis).map_err(|problem| problem.about(&axis.label())),
     };
     axes.iter().map(|axis| one(axis).map(|command| (axis.clone(), command))).collect()
 }
 
-fn told(axis: &AxisInfo, verb: Verb, name: &str, text: &Option<String>) -> Result<Option<f64>> {
-    text.as_deref().map(|text| joined::argument(axis, verb, name, text)).transpose()
+fn remote_argument(
+    axis: &AxisInfo,
+    verb: Verb,
+    name: &str,
+    text: &Option<String>,
+) -> Result<Option<f64>> {
+    text.as_deref().map(|text| remote::parse_argument(axis, verb, name, text)).transpose()
 }
 
-fn lasting_by(
-    server: &Joined,
-    target: &Target,
-    how: &Lasting,
+fn run_lasting_remote(
+    server: &RemoteSession,
+    target: &DriveArgs,
+    how: &HoldArgs,
     verb: Verb,
-    arguments: impl Fn(&AxisInfo) -> Result<Arguments>,
+    arguments: impl Fn(&AxisInfo) -> Result<CommandArguments>,
 ) -> Result {
-    joined::no_dry_run(how.dry_run)?;
-    joined::no_raw(how.raw)?;
-    let then = if how.detach { Then::Detach } else { Then::Hold(how.seconds) };
-    joined::run(server, &orders(server, target, verb, arguments)?, then)
+    remote::refuse_dry_run(how.dry_run)?;
+    remote::refuse_raw(how.raw)?;
+    let then = if how.detach { MotionMode::Detach } else { MotionMode::Hold(how.seconds) };
+    remote::run_motion(server, &remote_orders(server, target, verb, arguments)?, then)
 }
 
-fn arriving_by(
-    server: &Joined,
-    target: &Target,
-    how: &Arriving,
+fn run_arriving_remote(
+    server: &RemoteSession,
+    target: &DriveArgs,
+    how: &ArrivalArgs,
     verb: Verb,
-    arguments: impl Fn(&AxisInfo) -> Result<Arguments>,
+    arguments: impl Fn(&AxisInfo) -> Result<CommandArguments>,
 ) -> Result {
-    joined::no_dry_run(how.dry_run)?;
-    joined::no_raw(how.raw)?;
-    let then = if how.detach { Then::Detach } else { Then::Arrive(how.timeout) };
-    let orders = orders(server, target, verb, arguments)?;
-    let exit = joined::run(server, &orders, then)?;
+    remote::refuse_dry_run(how.dry_run)?;
+    remote::refuse_raw(how.raw)?;
+    let then = if how.detach { MotionMode::Detach } else { MotionMode::Arrive(how.timeout) };
+    let orders = remote_orders(server, target, verb, arguments)?;
+    let exit = remote::run_motion(server, &orders, then)?;
     let axes: Vec<AxisInfo> = orders.into_iter().map(|order| order.axis).collect();
-    let mut out = Output::stdout();
+    let mut out = DataOutput::stdout();
     for axis in &axes {
-        if let Some(position) = joined::fresh(server, axis, Signal::Position)? {
-            out.line(&format!("{}position = {position}", server.who(&axes, axis)));
+        if let Some(position) = remote::fresh_text(server, axis, Signal::Position)? {
+            out.write_line(&format!("{}position = {position}", server.axis_prefix(&axes, axis)));
         }
     }
     out.flush()?;
@@ -385,18 +402,18 @@ fn arriving_by(
 }
 
 /// What each axis is to do: all of it is read before the first is told.
-fn orders(
-    server: &Joined,
-    target: &Target,
+fn remote_orders(
+    server: &RemoteSession,
+    target: &DriveArgs,
     verb: Verb,
-    arguments: impl Fn(&AxisInfo) -> Result<Arguments>,
-) -> Result<Vec<Order>> {
-    let axes = server.pick(target)?;
+    arguments: impl Fn(&AxisInfo) -> Result<CommandArguments>,
+) -> Result<Vec<MotionOrder>> {
+    let axes = server.axes_of(target)?;
     let alone = axes.len() == 1;
     let all = axes.into_iter().map(|axis| {
         let arguments = arguments(&axis);
-        let arguments = if alone { arguments } else { arguments.map_err(|p| p.of(&axis.label)) };
-        Ok(Order { verb, arguments: arguments?, axis })
+        let arguments = if alone { arguments } else { arguments.map_err(|p| p.about(&axis.label)) };
+        Ok(MotionOrder { verb, arguments: arguments?, axis })
     });
     all.collect()
 }

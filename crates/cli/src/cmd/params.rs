@@ -1,13 +1,13 @@
 //! `polepair params [FAMILY] [NAME]`
 
 use clap::Args;
-use polepair_capture::Explained;
+use polepair_capture::Explanation;
 use polepair_core::explain::Dissector;
 use polepair_core::profile::{Access, Certainty, Encoding, Parameter, Persistence, Profile};
 
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{Output, Table, colour_out};
-use crate::value::{fixed_scale, number, with_unit};
+use crate::terminal::{DataOutput, TextTable, colour_out};
+use crate::value::{format_number, format_with_unit, in_own_unit};
 
 /// Shows what a drive has: names, units, ranges, defaults, where the manual says so.
 ///
@@ -34,18 +34,18 @@ pub struct Params {
 
 impl Params {
     pub fn run(self) -> Result {
-        let known = self.profiles.known()?;
+        let known = self.profiles.known_profiles()?;
         if let (Some(family), Some(file)) = (&self.family, &self.write_setup) {
-            let written = polepair::profile::write_setup(find(&known, family)?, file);
-            written.map_err(|error| crate::outcome::error(error.into()))?;
+            let written = polepair::profile::write_setup(find_drive(&known, family)?, file);
+            written.map_err(|error| crate::outcome::to_problem(error.into()))?;
             return Ok(Exit::Ok);
         }
         let text = match (&self.family, &self.name) {
-            (None, _) => drives_known(&known),
-            (Some(family), None) => parameters(find(&known, family)?, |_| true),
-            (Some(family), Some(name)) => one(find(&known, family)?, name)?,
+            (None, _) => drives_table(&known),
+            (Some(family), None) => parameters_table(find_drive(&known, family)?, |_| true),
+            (Some(family), Some(name)) => parameter_text(find_drive(&known, family)?, name)?,
         };
-        let mut out = Output::stdout();
+        let mut out = DataOutput::stdout();
         out.buffer().extend_from_slice(text.as_bytes());
         out.flush()?;
         Ok(Exit::Ok)
@@ -53,23 +53,24 @@ impl Params {
 }
 
 /// Every drive that is compiled in, by the word users type.
-pub fn find(known: &[&'static Profile], word: &str) -> Result<&'static Profile> {
+pub fn find_drive(known: &[&'static Profile], word: &str) -> Result<&'static Profile> {
     let named = known.iter().find(|profile| profile.name.eq_ignore_ascii_case(word));
     let of_family = || known.iter().find(|profile| profile.family.eq_ignore_ascii_case(word));
     named.or_else(of_family).copied().ok_or_else(|| {
         let names: Vec<&str> = known.iter().map(|profile| profile.name).collect();
-        let nearest = polepair_capture::nearest(word, names.iter().copied());
+        let nearest = polepair_capture::nearest_word(word, names.iter().copied());
         Problem::usage("E204", format!("{word:?} is not a drive that polepair knows."))
-            .why(format!("It knows {}.", crate::problem::list(&names)))
+            .why(format!("It knows {}.", crate::problem::join_list(&names)))
             .hint_if(nearest.map(|name| format!("{name} (the nearest)")))
             .hint("--profile FILE describes a drive of your own")
     })
 }
 
-fn drives_known(known: &[&'static Profile]) -> String {
-    let mut table = Table::with_heads(&["drive", "protocol", "parameters", "faults", "product"]);
+fn drives_table(known: &[&'static Profile]) -> String {
+    let mut table =
+        TextTable::with_heads(&["drive", "protocol", "parameters", "faults", "product"]);
     for profile in known {
-        table.row([
+        table.add_row([
             profile.name.to_owned(),
             profile.protocol.to_owned(),
             profile.parameters.len().to_string(),
@@ -80,22 +81,22 @@ fn drives_known(known: &[&'static Profile]) -> String {
     table.render(colour_out())
 }
 
-fn parameters(profile: &Profile, wanted: impl Fn(&Parameter) -> bool) -> String {
+fn parameters_table(profile: &Profile, wanted: impl Fn(&Parameter) -> bool) -> String {
     let heads = ["name", "symbol", "range", "default", "access", "kept", "section"];
-    let mut table = Table::with_heads(&heads);
+    let mut table = TextTable::with_heads(&heads);
     for parameter in profile.parameters.iter().filter(|parameter| wanted(parameter)) {
         let sure = match parameter.certainty {
             Certainty::Documented => "",
             Certainty::Inferred => " (inferred)",
             Certainty::Undocumented => " (undocumented)",
         };
-        table.row([
+        table.add_row([
             parameter.name.to_owned(),
             parameter.symbol.to_owned(),
-            range(parameter),
-            parameter.default.map_or_else(String::new, |raw| in_unit(parameter, raw)),
-            access(parameter).to_owned(),
-            kept(parameter).to_owned(),
+            range_text(parameter),
+            parameter.default.map_or_else(String::new, |raw| value_text(parameter, raw)),
+            access_text(parameter).to_owned(),
+            persistence_text(parameter).to_owned(),
             format!("{}{sure}", parameter.section),
         ]);
     }
@@ -103,16 +104,16 @@ fn parameters(profile: &Profile, wanted: impl Fn(&Parameter) -> bool) -> String 
 }
 
 /// One parameter in full; or all whose names contain the word.
-fn one(profile: &'static Profile, name: &str) -> Result<String> {
-    if let Some(parameter) = profile.find(name).and_then(|id| profile.parameter(id)) {
-        return Ok(in_full(profile, parameter));
+fn parameter_text(profile: &'static Profile, name: &str) -> Result<String> {
+    if let Some(parameter) = profile.find_parameter(name).and_then(|id| profile.parameter(id)) {
+        return Ok(parameter_details(profile, parameter));
     }
     let part = name.to_ascii_lowercase();
     let contains = |p: &Parameter| {
         p.name.to_ascii_lowercase().contains(&part) || p.symbol.to_ascii_lowercase().contains(&part)
     };
     if profile.parameters.iter().any(contains) {
-        return Ok(parameters(profile, contains));
+        return Ok(parameters_table(profile, contains));
     }
     Err(no_such_parameter(profile, name))
 }
@@ -120,40 +121,40 @@ fn one(profile: &'static Profile, name: &str) -> Result<String> {
 /// A name that the drive does not have.
 pub fn no_such_parameter(profile: &Profile, name: &str) -> Problem {
     let names = profile.parameters.iter().flat_map(|p| [p.name, p.symbol]);
-    let nearest = polepair_capture::nearest(name, names);
+    let nearest = polepair_capture::nearest_word(name, names);
     Problem::usage("E205", format!("{} has no parameter {name:?}.", profile.name))
         .hint_if(nearest.map(|name| format!("{name:?} (the nearest)")))
         .hint(format!("polepair params {} lists them all", profile.name))
 }
 
-fn in_full(profile: &Profile, parameter: &Parameter) -> String {
+fn parameter_details(profile: &Profile, parameter: &Parameter) -> String {
     let mut text = format!("{} ({}, {})\n", parameter.name, parameter.symbol, profile.name);
     if !parameter.about.is_empty() {
         text.push_str(&format!("{}\n", parameter.about));
     }
-    let mut table = Table::default();
+    let mut table = TextTable::default();
     let mut fact = |word: &str, value: String| {
         if !value.is_empty() {
-            table.row([format!("  {word}"), value]);
+            table.add_row([format!("  {word}"), value]);
         }
     };
-    fact("range", range(parameter));
-    fact("default", parameter.default.map_or_else(String::new, |raw| in_unit(parameter, raw)));
+    fact("range", range_text(parameter));
+    fact("default", parameter.default.map_or_else(String::new, |raw| value_text(parameter, raw)));
     fact("unit", parameter.unit.symbol().to_owned());
-    fact("scale", scale(profile, parameter));
-    fact("raw", format!("{} to {}, {}", parameter.min, parameter.max, encoding(parameter)));
-    fact("access", access(parameter).to_owned());
-    fact("kept", kept(parameter).to_owned());
+    fact("scale", scale_text(profile, parameter));
+    fact("raw", format!("{} to {}, {}", parameter.min, parameter.max, encoding_text(parameter)));
+    fact("access", access_text(parameter).to_owned());
+    fact("kept", persistence_text(parameter).to_owned());
     if parameter.moves {
         fact("moves", "writing it may start or change motion: the axis must be armed".to_owned());
     }
-    for item in reach(profile, parameter).items() {
-        let value = super::explain::value(&item);
+    for item in wire_access(profile, parameter).fields() {
+        let value = super::explain::item_text(&item);
         let note =
             if item.meaning.is_empty() { String::new() } else { format!(", {}", item.meaning) };
         fact(item.name, value + &note);
     }
-    fact("source", source(profile, parameter));
+    fact("source", source_text(profile, parameter));
     for (raw, name) in parameter.values {
         fact(&format!("{raw}"), (*name).to_owned());
     }
@@ -162,16 +163,16 @@ fn in_full(profile: &Profile, parameter: &Parameter) -> String {
 }
 
 /// How the parameter's protocol reaches it on the wire.
-fn reach(profile: &Profile, parameter: &Parameter) -> Explained {
-    let mut found = Explained::default();
+fn wire_access(profile: &Profile, parameter: &Parameter) -> Explanation {
+    let mut found = Explanation::default();
     let speaks = |dissector: &&&dyn Dissector| dissector.language() == profile.protocol;
     if let Some(dissector) = polepair_core::proto::dissectors().iter().find(speaks) {
-        dissector.reach(parameter, &mut found);
+        dissector.explain_parameter(parameter, &mut found);
     }
     found
 }
 
-fn source(profile: &Profile, parameter: &Parameter) -> String {
+fn source_text(profile: &Profile, parameter: &Parameter) -> String {
     let section = match parameter.section {
         "" => String::new(),
         section => format!(", {section}"),
@@ -184,7 +185,7 @@ fn source(profile: &Profile, parameter: &Parameter) -> String {
     format!("{}{section}{sure}", profile.source)
 }
 
-fn scale(profile: &Profile, parameter: &Parameter) -> String {
+fn scale_text(profile: &Profile, parameter: &Parameter) -> String {
     let name = |id| profile.parameter(id).map_or("?", |other| other.name);
     let scale = parameter.scale;
     let times = scale.times.map_or_else(String::new, |id| format!(" x {:?}", name(id)));
@@ -192,19 +193,21 @@ fn scale(profile: &Profile, parameter: &Parameter) -> String {
     if scale.factor == 1.0 && times.is_empty() && over.is_empty() {
         return String::new();
     }
-    format!("raw x {}{times}{over}", number(scale.factor))
+    format!("raw x {}{times}{over}", format_number(scale.factor))
 }
 
-fn range(parameter: &Parameter) -> String {
-    match (fixed_scale(parameter, parameter.min), fixed_scale(parameter, parameter.max)) {
-        (Some(min), Some(max)) => format!("{} .. {}", number(min), with_unit(max, parameter.unit)),
+fn range_text(parameter: &Parameter) -> String {
+    match (in_own_unit(parameter, parameter.min), in_own_unit(parameter, parameter.max)) {
+        (Some(min), Some(max)) => {
+            format!("{} .. {}", format_number(min), format_with_unit(max, parameter.unit))
+        }
         _ => format!("{} .. {} raw, in {}", parameter.min, parameter.max, parameter.unit.symbol()),
     }
 }
 
-fn in_unit(parameter: &Parameter, raw: i64) -> String {
-    let value = match fixed_scale(parameter, raw) {
-        Some(value) => with_unit(value, parameter.unit),
+fn value_text(parameter: &Parameter, raw: i64) -> String {
+    let value = match in_own_unit(parameter, raw) {
+        Some(value) => format_with_unit(value, parameter.unit),
         None => format!("{raw} raw"),
     };
     match crate::value::value_name(parameter, raw) {
@@ -213,7 +216,7 @@ fn in_unit(parameter: &Parameter, raw: i64) -> String {
     }
 }
 
-const fn access(parameter: &Parameter) -> &'static str {
+const fn access_text(parameter: &Parameter) -> &'static str {
     match parameter.access {
         Access::Read => "read",
         Access::Write => "write",
@@ -221,7 +224,7 @@ const fn access(parameter: &Parameter) -> &'static str {
     }
 }
 
-const fn kept(parameter: &Parameter) -> &'static str {
+const fn persistence_text(parameter: &Parameter) -> &'static str {
     match parameter.persistence {
         Persistence::Volatile => "",
         Persistence::Storable => "when stored",
@@ -230,7 +233,7 @@ const fn kept(parameter: &Parameter) -> &'static str {
     }
 }
 
-const fn encoding(parameter: &Parameter) -> &'static str {
+const fn encoding_text(parameter: &Parameter) -> &'static str {
     match parameter.encoding {
         Encoding::Bit => "one bit",
         Encoding::U8 => "8 bits",

@@ -1,10 +1,10 @@
 //! `polepair ports`
 
 use clap::Args;
-use polepair_link::{Carries, Port, ports};
+use polepair_link::{Port, PortKind, ports};
 
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{Output, Table, colour_out};
+use crate::terminal::{DataOutput, TextTable, colour_out};
 
 /// Lists the serial and CAN adapters of this machine, and why one cannot be used.
 #[derive(Args, Debug)]
@@ -23,36 +23,41 @@ impl Ports {
                 .hint("plug it in and look again")
                 .hint("polepair scan sim:tmcl needs no adapter"));
         }
-        let mut table = Table::with_heads(&["port", "adapter", "serial", "use"]);
+        let mut table = TextTable::with_heads(&["port", "adapter", "serial", "use"]);
         for port in &found {
-            table.row([port.path.clone(), adapter(port), serial(port), usable(port)]);
+            table.add_row([
+                port.path.clone(),
+                adapter_text(port),
+                serial_number(port),
+                usability_text(port),
+            ]);
         }
-        let mut out = Output::stdout();
+        let mut out = DataOutput::stdout();
         out.buffer().extend_from_slice(table.render(colour_out()).as_bytes());
         out.flush()?;
         Ok(Exit::Ok)
     }
 }
 
-fn adapter(port: &Port) -> String {
-    match (&port.carries, &port.usb) {
-        (Carries::Can { kind, bit_rate: Some(rate) }, _) => format!("{kind}, {rate} bit/s"),
-        (Carries::Can { kind, bit_rate: None }, _) => kind.clone(),
+fn adapter_text(port: &Port) -> String {
+    match (&port.kind, &port.usb) {
+        (PortKind::Can { kind, bit_rate: Some(rate) }, _) => format!("{kind}, {rate} bit/s"),
+        (PortKind::Can { kind, bit_rate: None }, _) => kind.clone(),
         (carries, Some(usb)) => {
             let name = format!("{} {}", usb.vendor, usb.product);
-            let slcan = if *carries == Carries::Slcan { ", slcan" } else { "" };
+            let slcan = if *carries == PortKind::Slcan { ", slcan" } else { "" };
             format!("{} ({:04x}:{:04x}){slcan}", name.trim(), usb.vendor_id, usb.product_id)
         }
         (_, None) => "-".to_owned(),
     }
 }
 
-fn serial(port: &Port) -> String {
+fn serial_number(port: &Port) -> String {
     port.usb.as_ref().map_or("", |usb| usb.serial.as_str()).to_owned()
 }
 
-fn usable(port: &Port) -> String {
-    port.trouble
+fn usability_text(port: &Port) -> String {
+    port.error
         .as_ref()
         .map_or_else(|| "ok".to_owned(), |trouble| format!("{trouble}. {}", trouble.hint()))
 }

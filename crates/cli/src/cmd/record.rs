@@ -1,32 +1,32 @@
 //! `polepair record URL -o FILE [--to FORMAT] [--for TIME] [--rotate SIZE|TIME] [-v]`
 
 pub mod files;
-pub mod keeping;
-pub mod shown;
+pub mod live_printer;
+pub mod traffic_recorder;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use polepair::listen::Listening;
-use polepair_capture::{Format, Rules};
+use polepair::listen::WireListener;
+use polepair_capture::{CaptureFormat, Rules};
 use polepair_core::medium::MediumKind;
 use polepair_core::time::Instant;
 use polepair_link::{Losses, clock};
 
 use crate::capture::written_format;
-use crate::ears::{Ears, short};
 use crate::problem::{self, Exit, Result};
-use crate::terminal::say;
+use crate::tap_queue::{TapQueue, short_name};
+use crate::terminal::print_note;
 use crate::{interrupt, outcome, value};
-use files::{Files, Rotation};
-use keeping::Keeping;
-use shown::Shown;
+use files::{CaptureFiles, Rotation};
+use live_printer::LivePrinter;
+use traffic_recorder::TrafficRecorder;
 
 /// How often is looked for what was heard.
-const LOOK_MS: u32 = 20;
+const POLL_MS: u32 = 20;
 /// How often the file is brought up to date: a crash loses no more than this.
-const FLUSH: Duration = Duration::from_millis(500);
+const FLUSH_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Keeps what passes on a link as a capture, until Ctrl-C. Nothing is sent.
 ///
@@ -41,7 +41,7 @@ Examples:
   polepair record canopen+socketcan://can0 -o machine.log
   polepair record tmcl+serial:///dev/ttyUSB0:9600 -o night.pcapng.zst --rotate 1h
   polepair record canopen+slcan:///dev/ttyACM0 -o bus.blf --for 10min -v --as canopen")]
-pub struct Options {
+pub struct RecordOptions {
     /// The link: canopen+socketcan://can0, tmcl+serial:///dev/ttyUSB0:9600, @name
     #[arg(value_name = "URL")]
     url: String,
@@ -50,9 +50,9 @@ pub struct Options {
     out: PathBuf,
     /// How it is written [default: told by FILE's name]
     #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
-    to: Option<Format>,
+    to: Option<CaptureFormat>,
     /// End after this time
-    #[arg(long = "for", value_name = "TIME", value_parser = value::span)]
+    #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
     /// Begin another file, with a number in its name, after so much: 100MB, 1h
     #[arg(long, value_name = "SIZE|TIME", value_parser = Rotation::parse)]
@@ -67,78 +67,93 @@ pub struct Options {
     profiles: super::ProfileFile,
 }
 
-impl Options {
+impl RecordOptions {
     pub fn run(self) -> Result {
         let format = written_format(self.to, &self.out)?;
         let rules = self.rules.as_deref().map(Rules::parse).transpose();
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
-        let ears = Ears::default();
+        let ears = TapQueue::default();
         let taps = ears.clone();
-        let connector = self.profiles.connector()?.with_taps(move |wire| taps.on(wire));
-        let listening = connector.listen(&self.url).map_err(outcome::error)?;
+        let connector = self.profiles.connector()?.with_taps(move |wire| taps.tap(wire));
+        let listening = connector.listen(&self.url).map_err(outcome::to_problem)?;
         interrupt::listen(|| ());
-        let files = Files::create(&self.out, format, self.rotate)?;
-        let show = self.show.then(|| Shown::new(rules.unwrap_or_else(|| spoken(&listening))));
-        let names = listening.wires().iter().map(|wire| short(&wire.name)).collect();
-        let keeping = Keeping { ears, names, files: Some(files), show, host: false };
-        let mut recorder = Recorder { listening, keeping, overrun: 0, lost: 0, odd: 0, damaged: 0 };
-        say(&format!("recording to {}; Ctrl-C ends", self.out.display()));
+        let files = CaptureFiles::create(&self.out, format, self.rotate)?;
+        let show =
+            self.show.then(|| LivePrinter::new(rules.unwrap_or_else(|| link_rules(&listening))));
+        let names = listening.wires().iter().map(|wire| short_name(&wire.name)).collect();
+        let keeping = TrafficRecorder {
+            tap_queue: ears,
+            names,
+            files: Some(files),
+            printer: show,
+            is_host: false,
+        };
+        let mut recorder = Recorder {
+            listener: listening,
+            traffic: keeping,
+            overrun: 0,
+            lost: 0,
+            malformed: 0,
+            damaged: 0,
+        };
+        print_note(&format!("recording to {}; Ctrl-C ends", self.out.display()));
         let begun = clock::now();
-        let ended = recorder.until(self.seconds.map(|seconds| begun + secs(seconds)));
-        let told = recorder.finish(clock::now().since(begun));
+        let ended =
+            recorder.record_until(self.seconds.map(|seconds| begun + seconds_to_duration(seconds)));
+        let told = recorder.finish_recording(clock::now().since(begun));
         ended.and(told)
     }
 }
 
-fn secs(seconds: f64) -> Duration {
+fn seconds_to_duration(seconds: f64) -> Duration {
     Duration::from_secs_f64(seconds)
 }
 
 /// The protocol that the connection string states.
-fn spoken(listening: &Listening) -> Rules {
+fn link_rules(listening: &WireListener) -> Rules {
     let words = listening.wires().iter().flat_map(|wire| wire.protocols.iter().copied());
     Rules::parse(&words.take(1).collect::<String>()).unwrap_or_default()
 }
 
 struct Recorder {
-    listening: Listening,
-    keeping: Keeping,
+    listener: WireListener,
+    traffic: TrafficRecorder,
     /// Units that were dropped, those of them that got here and were not looked at in time, what
     /// was no unit that captures keep, and characters of serial lines that came damaged.
     overrun: u64,
     lost: u64,
-    odd: u64,
+    malformed: u64,
     damaged: u64,
 }
 
 impl Recorder {
-    fn until(&mut self, end: Option<Instant>) -> Result<()> {
+    fn record_until(&mut self, end: Option<Instant>) -> Result<()> {
         let mut flushed = clock::now();
         loop {
-            self.take()?;
+            self.process_received()?;
             let now = clock::now();
-            if now.since(flushed) >= FLUSH {
+            if now.since(flushed) >= FLUSH_INTERVAL {
                 flushed = now;
-                self.keeping.flush()?;
+                self.traffic.flush()?;
             }
-            if let Some(gone) = self.listening.trouble() {
-                return Err(outcome::link_error(&gone));
+            if let Some(gone) = self.listener.take_error() {
+                return Err(outcome::link_problem(&gone));
             }
-            if interrupt::came() || end.is_some_and(|end| now >= end) {
+            if interrupt::was_interrupted() || end.is_some_and(|end| now >= end) {
                 return Ok(());
             }
-            let next = now.plus_ms(LOOK_MS);
+            let next = now.plus_ms(POLL_MS);
             clock::sleep_until(end.map_or(next, |end| next.min(end)));
         }
     }
 
     /// Keeps what was heard since, and tells at once what was dropped.
-    fn take(&mut self) -> Result<()> {
-        let lost = self.keeping.take()?;
+    fn process_received(&mut self) -> Result<()> {
+        let lost = self.traffic.process_received()?;
         let sum = |which: fn(&Losses) -> u64, medium: MediumKind| -> u64 {
-            let wires = self.listening.wires().iter().enumerate();
+            let wires = self.listener.wires().iter().enumerate();
             let of = wires.filter(|(_, wire)| wire.medium == medium);
-            of.map(|(wire, _)| which(&self.listening.losses(wire))).sum()
+            of.map(|(wire, _)| which(&self.listener.losses(wire))).sum()
         };
         let overrun = |losses: &Losses| losses.overrun;
         let malformed = |losses: &Losses| losses.malformed;
@@ -146,20 +161,22 @@ impl Recorder {
         self.lost += lost;
         let fresh = (dropped + self.lost).saturating_sub(self.overrun);
         if fresh > 0 {
-            say(&format!("{fresh} dropped: they came faster than the system handed them over"));
+            print_note(&format!(
+                "{fresh} dropped: they came faster than the system handed them over"
+            ));
         }
-        self.odd = sum(malformed, MediumKind::Can);
+        self.malformed = sum(malformed, MediumKind::Can);
         self.damaged = sum(malformed, MediumKind::Serial);
         self.overrun += fresh;
         Ok(())
     }
 
     /// Completes the file and tells what is in it.
-    fn finish(mut self, took: Duration) -> Result {
+    fn finish_recording(mut self, took: Duration) -> Result {
         // What came meanwhile still counts.
-        let last = self.take();
-        let Keeping { files, show, .. } = self.keeping;
-        let (count, files) = files.map_or(Ok((0, 0)), Files::finish)?;
+        let last = self.process_received();
+        let TrafficRecorder { files, printer: show, .. } = self.traffic;
+        let (count, files) = files.map_or(Ok((0, 0)), CaptureFiles::finish)?;
         last?;
         let (what, seconds) = (plural(count, "record"), took.as_secs_f64());
         let files = if files > 1 { format!(" in {files} files") } else { String::new() };
@@ -167,13 +184,16 @@ impl Recorder {
             0 => String::new(),
             count => format!("; {count} {what}"),
         };
-        let odd = told(self.odd, "were no frames of classic CAN and are not kept")
+        let odd = told(self.malformed, "were no frames of classic CAN and are not kept")
             + &told(self.damaged, "characters came damaged (framing or parity)");
-        say(&format!("{what}{files} in {seconds:.1} s, {} dropped{odd}", self.overrun));
+        print_note(&format!("{what}{files} in {seconds:.1} s, {} dropped{odd}", self.overrun));
         // The file is whole: now stdout may take its time.
-        let skipped = show.map_or(Ok(0), Shown::finish)?;
+        let skipped = show.map_or(Ok(0), LivePrinter::finish)?;
         if skipped > 0 {
-            say(&format!("{} kept but not shown: nobody read stdout", plural(skipped, "record")));
+            print_note(&format!(
+                "{} kept but not shown: nobody read stdout",
+                plural(skipped, "record")
+            ));
         }
         Ok(if self.overrun > 0 { Exit::Partial } else { Exit::Ok })
     }

@@ -2,9 +2,9 @@
 
 use clap::Args;
 
-use crate::joined::{self, Join};
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::say;
+use crate::remote::{self, ServerArgs};
+use crate::terminal::print_note;
 
 /// Lets the axes of a server move again after everything was stopped.
 ///
@@ -24,9 +24,9 @@ impl Release {
     }
 
     /// By a server.
-    pub fn joined(self, join: Join) -> Result {
-        join.gateway()?.release().map_err(joined::refused)?;
-        say("motion is let again");
+    pub fn run_on_server(self, join: ServerArgs) -> Result {
+        join.gateway()?.release().map_err(remote::refusal_problem)?;
+        print_note("motion is let again");
         Ok(Exit::Ok)
     }
 }

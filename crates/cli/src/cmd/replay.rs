@@ -1,9 +1,9 @@
 //! `polepair replay FILE URL… [--speed N|--fast] [--loop N] [--direction tx|rx|both] [--filter EXPR]
 //! [--link NAME]… [--arm] [--store] [--dry-run]`
 
-mod choose;
 mod feed;
-mod play;
+mod player;
+mod selector;
 mod survey;
 
 use std::path::{Path, PathBuf};
@@ -13,33 +13,33 @@ use std::time::Duration;
 
 use clap::Args;
 use polepair::Connector;
-use polepair::listen::Opened;
-use polepair::stop::{Event as Stopping, stop_on};
+use polepair::listen::RawWires;
+use polepair::stop::{StopEvent as Stopping, stop_on};
 use polepair::wire::OpenWire;
-use polepair_capture::text::Notices;
-use polepair_capture::{Event, Format, Rule, Rules, Scope, text};
+use polepair_capture::text::NoticeLevel;
+use polepair_capture::{CaptureFormat, DecodedFrame, Rule, RuleScope, Rules, text};
 use polepair_core::medium::MediumKind;
 use polepair_core::proto;
 use polepair_link::clock;
 
-use crate::capture::{Source, Stated, damage, pieces, written_format};
-use crate::cmd::decode::filter;
-use crate::cmd::record::files::Files;
-use crate::cmd::record::keeping::Keeping;
+use crate::capture::{CaptureArgs, CaptureSource, read_pieces, report_damage, written_format};
+use crate::cmd::decode::parse_filter;
+use crate::cmd::record::files::CaptureFiles;
+use crate::cmd::record::live_printer::LivePrinter;
 use crate::cmd::record::plural;
-use crate::cmd::record::shown::Shown;
+use crate::cmd::record::traffic_recorder::TrafficRecorder;
 use crate::cmd::stop;
-use crate::ears::{Ears, short};
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{Output, colour_out, say};
+use crate::tap_queue::{TapQueue, short_name};
+use crate::terminal::{DataOutput, colour_out, print_note};
 use crate::{interrupt, outcome};
-use choose::{Choice, Route, Whose};
-use feed::Feed;
-use play::{Pace, Played, Score};
+use feed::CaptureFeed;
+use player::{ReplayControl, ReplayPace, ReplayResult};
+use selector::{FrameSelector, ReplayRoute, SendDirection};
 use survey::Survey;
 
 /// How often is looked for what passed.
-const LOOK_MS: u32 = 20;
+const POLL_MS: u32 = 20;
 
 /// Plays what a capture's host said onto links, or to simulated drives.
 ///
@@ -56,7 +56,7 @@ Examples:
   polepair replay good.log sim:canopen:2 --arm --trace answers.log
   polepair replay cell.pcapng canopen+socketcan://can0 tmcl+serial:///dev/ttyUSB0 \\
       --link can1 --link ttyS3 --filter 'time in 10..20s'")]
-pub struct Options {
+pub struct ReplayOptions {
     /// The capture
     #[arg(value_name = "FILE")]
     source: PathBuf,
@@ -67,7 +67,7 @@ pub struct Options {
     #[arg(long, value_name = "URL", hide = true)]
     to: Vec<String>,
     /// So many times as fast as recorded
-    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = speed)]
+    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = parse_speed)]
     speed: f64,
     /// Each frame as soon as the one before is answered, or as was waited when it was recorded
     #[arg(long, conflicts_with = "speed")]
@@ -76,8 +76,8 @@ pub struct Options {
     #[arg(long = "loop", value_name = "N", default_value_t = 1)]
     times: u64,
     /// Whose frames are sent
-    #[arg(long, value_enum, default_value_t = Whose::Tx)]
-    direction: Whose,
+    #[arg(long, value_enum, default_value_t = SendDirection::Tx)]
+    direction: SendDirection,
     /// Only frames of which this is true: 'axis = 2', 'time in 10..20s', 'kind = GAP'
     #[arg(long, value_name = "EXPR")]
     filter: Option<String>,
@@ -85,7 +85,7 @@ pub struct Options {
     #[arg(long = "link", value_name = "NAME")]
     links: Vec<String>,
     #[command(flatten)]
-    stated: Stated,
+    stated: CaptureArgs,
     /// Send also what may move a motor, or what nobody can explain
     #[arg(long)]
     arm: bool,
@@ -106,14 +106,14 @@ pub struct Options {
     trace: Option<PathBuf>,
 }
 
-fn speed(text: &str) -> std::result::Result<f64, String> {
+fn parse_speed(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(speed) if (1e-3..=1e3).contains(&speed) => Ok(speed),
         _ => Err("a factor from 0.001 to 1000: 0.5 is half as fast as recorded".to_owned()),
     }
 }
 
-impl Options {
+impl ReplayOptions {
     pub fn run(self) -> Result {
         if self.source.as_os_str() == "-" {
             return Err(Problem::usage("E242", "a replay does not read stdin.")
@@ -121,31 +121,34 @@ impl Options {
                 .hint("write it to a file first"));
         }
         let source = self.stated.source()?;
-        let wanted = self.filter.as_deref().map(filter).transpose()?;
+        let wanted = self.filter.as_deref().map(parse_filter).transpose()?;
         let trace = self.trace.as_deref().map(with_format).transpose()?;
-        let connector = super::discovered();
-        outcome::count(&connector);
+        let connector = super::discover_connector();
+        outcome::count_frames_of(&connector);
         let urls: Vec<&str> = self.urls.iter().chain(&self.to).map(String::as_str).collect();
         let (routes, rules) = self.routes(&connector, &urls)?;
-        let mut choice = Choice::new(self.direction, wanted, routes);
+        let mut choice = FrameSelector::new(self.direction, wanted, routes);
         choice.profile = source.profile;
-        let survey = self.survey(&source, &rules, &choice)?;
+        let survey = self.survey_capture(&source, &rules, &choice)?;
         let file = self.source.display().to_string();
-        survey.tell(&file, &urls.iter().map(|url| place(url).to_owned()).collect::<Vec<_>>());
+        survey.print_summary(
+            &file,
+            &urls.iter().map(|url| url_location(url).to_owned()).collect::<Vec<_>>(),
+        );
         if self.dry_run {
-            say("dry run: none of this was sent");
+            print_note("dry run: none of this was sent");
             return Ok(Exit::Ok);
         }
-        survey.allow(&choice.routes, self.arm, self.store)?;
-        let stage = Stage::open(&connector, &urls)?;
-        self.perform(stage, (source, rules), choice, &survey, trace)
+        survey.check_allowed(&choice.routes, self.arm, self.store)?;
+        let stage = ReplayLinks::open(&connector, &urls)?;
+        self.play_capture(stage, (source, rules), choice, &survey, trace)
     }
 
     /// Each wire with the link that is played there, and what is spoken on it.
-    fn routes(&self, connector: &Connector, urls: &[&str]) -> Result<(Vec<Route>, Rules)> {
+    fn routes(&self, connector: &Connector, urls: &[&str]) -> Result<(Vec<ReplayRoute>, Rules)> {
         let mut wires: Vec<(MediumKind, Vec<&str>)> = Vec::new();
         for url in urls {
-            wires.extend(connector.spoken(url).map_err(outcome::error)?);
+            wires.extend(connector.wire_protocols(url).map_err(outcome::to_problem)?);
         }
         if !self.links.is_empty() && self.links.len() != wires.len() {
             let (links, wires) = (self.links.len(), wires.len());
@@ -161,37 +164,45 @@ impl Options {
         let (mut routes, mut rules) = (Vec::new(), Rules::default());
         for (n, (medium, words)) in wires.into_iter().enumerate() {
             let link = self.links.get(n).cloned();
-            let scope = link.clone().map_or(Scope::Anywhere, Scope::Link);
-            let spoken = words.into_iter().filter_map(proto::dissector);
+            let scope = link.clone().map_or(RuleScope::Anywhere, RuleScope::Link);
+            let spoken = words.into_iter().filter_map(proto::find_dissector);
             rules.0.extend(spoken.map(|dissector| Rule { dissector, scope: scope.clone() }));
-            routes.push(Route { link, medium });
+            routes.push(ReplayRoute { link, medium });
         }
         Ok((routes, rules))
     }
 
     /// Looks through the capture, and prints it if nothing else is wanted.
-    fn survey(&self, source: &Source, rules: &Rules, choice: &Choice) -> Result<Survey> {
+    fn survey_capture(
+        &self,
+        source: &CaptureSource,
+        rules: &Rules,
+        choice: &FrameSelector,
+    ) -> Result<Survey> {
         let (mut survey, mut choice) = (Survey::default(), choice.clone());
         let mut decoder = source.decoder_or(rules);
-        let style =
-            text::Style { colour: colour_out(), notices: Notices::None, ..text::Style::default() };
-        let (mut lines, mut out) = (text::Text::new(style), Output::stdout());
-        let mut note = |event: &Event<'_>, out: &mut Output| {
-            let chosen = choice.take(event);
-            survey.note(event, &chosen);
+        let style = text::TextStyle {
+            colour: colour_out(),
+            notices: NoticeLevel::None,
+            ..text::TextStyle::default()
+        };
+        let (mut lines, mut out) = (text::FrameTextWriter::new(style), DataOutput::stdout());
+        let mut note = |event: &DecodedFrame<'_>, out: &mut DataOutput| {
+            let chosen = choice.select(event);
+            survey.add_frame(event, &chosen);
             if let (true, Ok(item)) = (self.dry_run, &chosen) {
-                let word = choose::word(item.effect);
+                let word = selector::effect_word(item.effect);
                 out.buffer().extend_from_slice(format!("{word:<6}").as_bytes());
                 lines.write(event, out.buffer());
             }
         };
-        pieces(&self.source, false, &mut |piece| {
+        read_pieces(&self.source, false, &mut |piece| {
             decoder.feed(piece, &mut |event| note(event, &mut out));
-            out.spill()
+            out.flush_if_full()
         })?;
         decoder.finish(&mut |event| note(event, &mut out));
         out.flush()?;
-        damage(decoder.tally())?;
+        report_damage(decoder.statistics())?;
         let several = survey.links.len() > 1 && self.links.is_empty();
         if several {
             let what = format!("the capture has links {}.", survey.links.join(", "));
@@ -200,66 +211,68 @@ impl Options {
         Ok(survey)
     }
 
-    fn perform(
+    fn play_capture(
         &self,
-        stage: Stage,
-        (source, rules): (Source, Rules),
-        choice: Choice,
+        stage: ReplayLinks,
+        (source, rules): (CaptureSource, Rules),
+        choice: FrameSelector,
         survey: &Survey,
-        trace: Option<(&Path, Format)>,
+        trace: Option<(&Path, CaptureFormat)>,
     ) -> Result {
-        let show = self.verbose.then(|| Shown::new(stage.spoken()));
-        let files = trace.map(|(path, format)| Files::create(path, format, None)).transpose()?;
-        let names = stage.wires().map(|wire| short(&wire.name)).collect();
+        let show = self.verbose.then(|| LivePrinter::new(stage.link_rules()));
+        let files =
+            trace.map(|(path, format)| CaptureFiles::create(path, format, None)).transpose()?;
+        let names = stage.wires().map(|wire| short_name(&wire.name)).collect();
         let ears = stage.ears.clone();
-        let mut keeping = Keeping { ears, names, files, show, host: true };
+        let mut keeping =
+            TrafficRecorder { tap_queue: ears, names, files, printer: show, is_host: true };
         let times = (self.times > 0).then_some(self.times);
-        let pace = if self.fast { Pace::Fast } else { Pace::Recorded(self.speed) };
+        let pace = if self.fast { ReplayPace::Fast } else { ReplayPace::Recorded(self.speed) };
         let gap = survey.span / survey.frames.saturating_sub(1).max(1);
-        let feed = Feed {
+        let feed = CaptureFeed {
             path: self.source.clone(),
-            choice,
-            decoder: Box::new(move || source.decoder_or(&rules)),
+            selector: choice,
+            make_decoder: Box::new(move || source.decoder_or(&rules)),
             times,
             period: survey.span + gap,
         };
         let begun = clock::now();
         let (played, read) = stage.play(feed, pace, &mut keeping);
         let took = clock::now().since(begun);
-        tell(&played, took);
+        print_result(&played, took);
         let stopped = if self.detach { Ok(()) } else { stage.stop(&played) };
-        keeping.take()?;
-        let Keeping { files, show, .. } = keeping;
-        files.map_or(Ok((0, 0)), Files::finish)?;
-        show.map_or(Ok(0), Shown::finish)?;
+        keeping.process_received()?;
+        let TrafficRecorder { files, printer: show, .. } = keeping;
+        files.map_or(Ok((0, 0)), CaptureFiles::finish)?;
+        show.map_or(Ok(0), LivePrinter::finish)?;
         read?;
-        ended(&played, survey.unfit(), stopped)
+        final_result(&played, survey.unfit_count(), stopped)
     }
 }
 
-fn with_format(path: &Path) -> Result<(&Path, Format)> {
+fn with_format(path: &Path) -> Result<(&Path, CaptureFormat)> {
     Ok((path, written_format(None, path)?))
 }
 
 /// The part of a URL that says where it is.
-fn place(url: &str) -> &str {
+fn url_location(url: &str) -> &str {
     url.split(['?', '#']).next().unwrap_or(url)
 }
 
 /// The links that are played on.
-struct Stage {
+struct ReplayLinks {
     connector: Connector,
-    opened: Vec<(String, Opened)>,
-    ears: Ears,
+    opened: Vec<(String, RawWires)>,
+    ears: TapQueue,
 }
 
-impl Stage {
+impl ReplayLinks {
     fn open(connector: &Connector, urls: &[&str]) -> Result<Self> {
-        let (ears, mut opened, mut before) = (Ears::default(), Vec::new(), 0);
+        let (ears, mut opened, mut before) = (TapQueue::default(), Vec::new(), 0);
         for url in urls {
             let taps = ears.clone();
-            let tapped = connector.clone().with_taps(move |wire| taps.on(before + wire));
-            let one = tapped.opened(url).map_err(outcome::error)?;
+            let tapped = connector.clone().with_taps(move |wire| taps.tap(before + wire));
+            let one = tapped.open_wires(url).map_err(outcome::to_problem)?;
             before += one.wires().len();
             opened.push(((*url).to_owned(), one));
         }
@@ -271,52 +284,58 @@ impl Stage {
     }
 
     /// What is spoken on the wires, by their own names.
-    fn spoken(&self) -> Rules {
+    fn link_rules(&self) -> Rules {
         let rules = self.wires().flat_map(|wire| {
-            let link = short(&wire.name);
-            let spoken = wire.protocols.into_iter().filter_map(proto::dissector);
-            spoken.map(move |dissector| Rule { dissector, scope: Scope::Link(link.clone()) })
+            let link = short_name(&wire.name);
+            let spoken = wire.protocols.into_iter().filter_map(proto::find_dissector);
+            spoken.map(move |dissector| Rule { dissector, scope: RuleScope::Link(link.clone()) })
         });
         Rules(rules.collect())
     }
 
     /// Plays all wires at once. What came of each, and of reading the capture.
-    fn play(&self, feed: Feed, pace: Pace, keeping: &mut Keeping) -> (Vec<Played>, Result<()>) {
+    fn play(
+        &self,
+        feed: CaptureFeed,
+        pace: ReplayPace,
+        keeping: &mut TrafficRecorder,
+    ) -> (Vec<ReplayResult>, Result<()>) {
         let rates: Vec<Option<u32>> = self.wires().map(|wire| wire.rate).collect();
         let links = self.opened.iter().flat_map(|(_, opened)| opened.links());
-        let score = Score { pace, halt: Arc::new(AtomicBool::new(false)) };
+        let score = ReplayControl { pace, halt: Arc::new(AtomicBool::new(false)) };
         let (reader, items) = feed.start(rates.len());
         let players = links.zip(rates).zip(items).map(|((link, rate), items)| {
             let (score, waker) = (score.clone(), link.waker());
             interrupt::listen(move || waker.wake());
-            std::thread::spawn(move || score.play(link, rate, items))
+            std::thread::spawn(move || score.play_wire(link, rate, items))
         });
         let players: Vec<_> = players.collect();
         let mut watched = Ok(());
         while players.iter().any(|player| !player.is_finished()) && watched.is_ok() {
-            clock::sleep_until(clock::now().plus_ms(LOOK_MS));
-            watched = keeping.take().and_then(|_| keeping.flush());
+            clock::sleep_until(clock::now().plus_ms(POLL_MS));
+            watched = keeping.process_received().and_then(|_| keeping.flush());
         }
         // What cannot be kept ends it: nobody would see what passes.
         score.halt.store(true, Ordering::Relaxed);
-        let played = players.into_iter().map(|player| join(player.join())).collect();
-        let read = join(reader.join());
+        let played = players.into_iter().map(|player| join_thread(player.join())).collect();
+        let read = join_thread(reader.join());
         (played, watched.and(read))
     }
 
     /// Stops the axes that were sent what may move them.
-    fn stop(&self, played: &[Played]) -> Result<()> {
+    fn stop(&self, played: &[ReplayResult]) -> Result<()> {
         let (mut played, mut ended) = (played.iter(), Ok(()));
         for (url, opened) in &self.opened {
             for (wire, played) in (0..opened.wires().len()).zip(&mut played) {
-                if played.moved.is_empty() && !played.moved_any {
+                if played.moved_axes.is_empty() && !played.moved_unknown {
                     continue;
                 }
-                let all = played.moved_any;
-                let axes: Vec<u32> = played.moved.iter().copied().filter(|_| !all).collect();
+                let all = played.moved_unknown;
+                let axes: Vec<u32> = played.moved_axes.iter().copied().filter(|_| !all).collect();
                 let mut hear = |_: Stopping<'_>| {};
                 let stopped = stop_on(&self.connector, opened, wire, &axes, &mut hear);
-                let told = stopped.map_err(outcome::error).and_then(|it| stop::report(url, it));
+                let told =
+                    stopped.map_err(outcome::to_problem).and_then(|it| stop::report_stops(url, it));
                 ended = ended.and(told.map(drop));
             }
         }
@@ -324,34 +343,34 @@ impl Stage {
     }
 }
 
-fn join<T>(ended: std::thread::Result<T>) -> T {
+fn join_thread<T>(ended: std::thread::Result<T>) -> T {
     ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// How many, how fast, how late.
-fn tell(played: &[Played], took: Duration) {
-    let sum = |which: fn(&Played) -> u64| played.iter().map(which).sum::<u64>();
-    let (sent, heard) = (plural(sum(|it| it.sent), "frame"), sum(|it| it.heard));
-    say(&format!("{sent} sent in {:.3} s; {heard} came back", took.as_secs_f64()));
+fn print_result(played: &[ReplayResult], took: Duration) {
+    let sum = |which: fn(&ReplayResult) -> u64| played.iter().map(which).sum::<u64>();
+    let (sent, heard) = (plural(sum(|it| it.sent), "frame"), sum(|it| it.received));
+    print_note(&format!("{sent} sent in {:.3} s; {heard} came back", took.as_secs_f64()));
     let ms = |span: Duration| span.as_secs_f64() * 1e3;
-    for (least, middle, most) in played.iter().filter_map(|it| it.late.summary()) {
+    for (least, middle, most) in played.iter().filter_map(|it| it.lateness.summary()) {
         let (least, middle, most) = (ms(least), ms(middle), ms(most));
-        say(&format!("late by {least:.3} / {middle:.3} / {most:.3} ms (min/median/max)"));
+        print_note(&format!("late by {least:.3} / {middle:.3} / {most:.3} ms (min/median/max)"));
     }
 }
 
 /// How the whole ended: an error of a link before what could not be sent.
-fn ended(played: &[Played], unfit: u64, stopped: Result<()>) -> Result {
+fn final_result(played: &[ReplayResult], unfit: u64, stopped: Result<()>) -> Result {
     if let Some(error) = played.iter().find_map(|it| it.ended_by.as_ref()) {
-        return Err(outcome::link_error(error));
+        return Err(outcome::link_problem(error));
     }
     stopped?;
-    if interrupt::came() {
+    if interrupt::was_interrupted() {
         return Err(Problem::interrupted());
     }
     let unsent = unfit + played.iter().map(|it| it.unsent).sum::<u64>();
     if let Some(error) = played.iter().find_map(|it| it.trouble.as_ref()) {
-        say(&format!("{} not sent: {error}", plural(unsent, "frame")));
+        print_note(&format!("{} not sent: {error}", plural(unsent, "frame")));
     }
     Ok(if unsent > 0 { Exit::Partial } else { Exit::Ok })
 }

@@ -1,21 +1,21 @@
 //! `polepair scan URL [--ids 1-32]`
 
-mod look;
+mod remote_scan;
 
 use std::io::IsTerminal as _;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use clap::Args;
-use polepair::scan::{Found, Numbers, Progress};
+use polepair::scan::{DetectedDrive, ScanAddresses, ScanProgress};
 use polepair_capture::jsonl;
 use polepair_client::message::AxisInfo;
 
 use crate::interrupt;
-use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::target::{Format, Target};
-use crate::terminal::{self, Output, Table, colour_out, csv, say};
+use crate::remote::{self, RemoteSession};
+use crate::target::{DriveArgs, OutputFormat};
+use crate::terminal::{self, DataOutput, TextTable, colour_out, csv_line, print_note};
 
 /// Looks for drives on a link, by reads only.
 #[derive(Args, Debug)]
@@ -25,11 +25,11 @@ Examples:
   polepair scan modbus-rtu+serial:///dev/ttyUSB0:115200 --ids 1-32
   polepair scan canopen,technocan,thruster+socketcan://can0
   polepair scan sim:tmcl?axes=3")]
-pub struct Scan {
+pub struct ScanCommand {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Addresses to try [default: all that the protocol has]
-    #[arg(long, value_name = "FIRST-LAST", value_parser = ids)]
+    #[arg(long, value_name = "FIRST-LAST", value_parser = parse_ids)]
     ids: Option<RangeInclusive<u32>>,
     /// Have the server look for drives on its links
     #[arg(long, hide = true)]
@@ -38,11 +38,11 @@ pub struct Scan {
     #[arg(long, hide = true)]
     take: bool,
     /// How they are printed
-    #[arg(long, value_enum, default_value_t = Format::Text)]
-    format: Format,
+    #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
+    format: OutputFormat,
 }
 
-impl Scan {
+impl ScanCommand {
     pub fn run(self) -> Result {
         if self.look || self.take {
             let what = "--look and --take are for a running server.";
@@ -51,9 +51,9 @@ impl Scan {
                 .hint("polepair --server URL scan --look"));
         }
         let connector = self.target.connector()?;
-        let numbers = self.ids.clone().map_or(Numbers::ALL, Numbers::from);
+        let numbers = self.ids.clone().map_or(ScanAddresses::ALL, ScanAddresses::from);
         let live = std::io::stderr().is_terminal();
-        let mut progress = |at: Progress| {
+        let mut progress = |at: ScanProgress| {
             if live {
                 terminal::draw(&format!(
                     "\r\x1b[Kasking address {} ({} of {})",
@@ -62,47 +62,58 @@ impl Scan {
                     at.of
                 ));
             }
-            if interrupt::came() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            if interrupt::was_interrupted() {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
         };
         interrupt::listen(|| {});
         let scan = polepair::scan::scan(&connector, &self.target.url, numbers, &mut progress);
         if live {
             terminal::draw("\r\x1b[K");
         }
-        let scan = scan.map_err(outcome::error)?;
-        let mut out = Output::stdout();
+        let scan = scan.map_err(outcome::to_problem)?;
+        let mut out = DataOutput::stdout();
         match self.format {
-            Format::Text if scan.found.is_empty() => {}
-            Format::Text => out.buffer().extend_from_slice(table(&scan.found).as_bytes()),
-            Format::Jsonl => scan.found.iter().for_each(|found| object(found, out.buffer())),
-            Format::Csv => {
-                out.line("axis,drive,known,product,clash");
-                scan.found.iter().for_each(|found| out.line(&row(found)));
+            OutputFormat::Text if scan.found.is_empty() => {}
+            OutputFormat::Text => {
+                out.buffer().extend_from_slice(found_table(&scan.found).as_bytes())
+            }
+            OutputFormat::Jsonl => {
+                scan.found.iter().for_each(|found| write_json(found, out.buffer()))
+            }
+            OutputFormat::Csv => {
+                out.write_line("axis,drive,known,product,clash");
+                scan.found.iter().for_each(|found| out.write_line(&csv_row(found)));
             }
         }
         out.flush()?;
-        scan.tried.iter().for_each(|tried| say(&format!("tried {tried}")));
-        if let Some(lost) = &scan.lost {
-            let (found, unasked) = (scan.found.len(), scan.unasked);
+        scan.tried.iter().for_each(|tried| print_note(&format!("tried {tried}")));
+        if let Some(lost) = &scan.link_error {
+            let (found, unasked) = (scan.found.len(), scan.not_queried);
             let why = format!("Drives that had answered: {found}; addresses not asked: {unasked}.");
-            return Err(outcome::link_error(lost).why(why));
+            return Err(outcome::link_problem(lost).why(why));
         }
-        if scan.unasked > 0 {
-            say(&format!("interrupted: {} addresses were not asked", scan.unasked));
+        if scan.not_queried > 0 {
+            print_note(&format!("interrupted: {} addresses were not asked", scan.not_queried));
             return Err(Problem::interrupted());
         }
         if scan.found.is_empty() {
             return Err(Problem::new(Exit::NoReply, "E403", "no drive answered.")
-                .why(outcome::unanswered(&scan.heard))
+                .why(outcome::unanswered_text(&scan.received))
                 .hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
                 .hint("polepair ports lists the adapters"));
         }
-        clashes(scan.found.iter().filter(|found| found.clash.is_some()).count(), scan.found.len())
+        conflicts_result(
+            scan.found.iter().filter(|found| found.clash.is_some()).count(),
+            scan.found.len(),
+        )
     }
 }
 
 /// The end of a scan that found so many, of which so many clash.
-fn clashes(count: usize, of: usize) -> Result {
+fn conflicts_result(count: usize, of: usize) -> Result {
     match count {
         0 => Ok(Exit::Ok),
         _ => Err(Problem::new(Exit::Negative, "E104", "drives on this link clash.")
@@ -112,13 +123,13 @@ fn clashes(count: usize, of: usize) -> Result {
     }
 }
 
-impl Scan {
+impl ScanCommand {
     /// What a server has, or looks for.
-    pub fn joined(self, server: &Joined) -> Result {
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
         if self.look || self.take {
-            return look::run(
+            return remote_scan::run_remote_scan(
                 server,
-                &server.pick(&self.target)?,
+                &server.axes_of(&self.target)?,
                 self.ids,
                 self.format,
                 self.take,
@@ -126,63 +137,63 @@ impl Scan {
         }
         if self.ids.is_some() {
             let why = "Without --look it lists the axes that it has.";
-            return Err(joined::cannot("--ids", why));
+            return Err(remote::unsupported_problem("--ids", why));
         }
-        let mut out = Output::stdout();
-        let axes = server.pick(&self.target)?;
+        let mut out = DataOutput::stdout();
+        let axes = server.axes_of(&self.target)?;
         let clashes =
             |axis: &AxisInfo| server.bench.clashes.iter().any(|clash| clash.link == axis.link);
         match self.format {
-            Format::Text => out.buffer().extend_from_slice(served(&axes).as_bytes()),
-            Format::Jsonl => {
-                axes.iter().for_each(|axis| object_served(axis, clashes(axis), out.buffer()));
+            OutputFormat::Text => out.buffer().extend_from_slice(remote_table(&axes).as_bytes()),
+            OutputFormat::Jsonl => {
+                axes.iter().for_each(|axis| write_remote_json(axis, clashes(axis), out.buffer()));
             }
-            Format::Csv => {
-                out.line("axis,link,name,drive,product");
+            OutputFormat::Csv => {
+                out.write_line("axis,link,name,drive,product");
                 for axis in &axes {
                     let (number, link) = (axis.number.to_string(), axis.link.to_string());
                     let AxisInfo { name, profile, drive, .. } = axis;
-                    out.line(&csv([&*number, &link, name, profile, drive]));
+                    out.write_line(&csv_line([&*number, &link, name, profile, drive]));
                 }
             }
         }
         out.flush()?;
         for link in &server.bench.links {
             let simulated = if link.simulated { " (simulated)" } else { "" };
-            say(&format!("link {} is {}{simulated}", link.id, link.url));
-            joined::wanting(link).iter().for_each(|line| say(line));
+            print_note(&format!("link {} is {}{simulated}", link.id, link.url));
+            remote::link_troubles(link).iter().for_each(|line| print_note(line));
         }
         if let Some(lock) = &server.bench.lock {
-            say(&format!("motion is locked since {} stopped everything", lock.by));
+            print_note(&format!("motion is locked since {} stopped everything", lock.by));
         }
         for clash in &server.bench.clashes {
-            say(&format!("link {}: {}", clash.link, clash.message));
+            print_note(&format!("link {}: {}", clash.link, clash.message));
         }
         Ok(Exit::Ok)
     }
 }
 
-fn served(axes: &[AxisInfo]) -> String {
-    let mut table = Table::with_heads(&["axis", "link", "name", "drive", "product"]);
+fn remote_table(axes: &[AxisInfo]) -> String {
+    let mut table = TextTable::with_heads(&["axis", "link", "name", "drive", "product"]);
     for axis in axes {
         let (number, link) = (axis.number.to_string(), axis.link.to_string());
-        table.row([number, link, axis.name.clone(), axis.profile.clone(), axis.drive.clone()]);
+        table.add_row([number, link, axis.name.clone(), axis.profile.clone(), axis.drive.clone()]);
     }
     table.render(colour_out())
 }
 
-fn object_served(axis: &AxisInfo, clash: bool, out: &mut Vec<u8>) {
+fn write_remote_json(axis: &AxisInfo, clash: bool, out: &mut Vec<u8>) {
     let head = format!("{{\"axis\":{},\"link\":{},\"name\":", axis.number, axis.link);
     out.extend_from_slice(head.as_bytes());
-    jsonl::string(out, &axis.name);
+    jsonl::write_string(out, &axis.name);
     out.extend_from_slice(b",\"drive\":");
-    jsonl::string(out, &axis.profile);
+    jsonl::write_string(out, &axis.profile);
     out.extend_from_slice(b",\"product\":");
-    jsonl::string(out, &axis.drive);
+    jsonl::write_string(out, &axis.drive);
     out.extend_from_slice(format!(",\"clash\":{clash}}}\n").as_bytes());
 }
 
-fn ids(text: &str) -> std::result::Result<RangeInclusive<u32>, String> {
+fn parse_ids(text: &str) -> std::result::Result<RangeInclusive<u32>, String> {
     let (first, last) = text.split_once('-').unwrap_or((text, text));
     let number = |text: &str| text.trim().parse::<u32>().ok();
     match (number(first), number(last)) {
@@ -191,10 +202,10 @@ fn ids(text: &str) -> std::result::Result<RangeInclusive<u32>, String> {
     }
 }
 
-fn table(found: &[Found]) -> String {
-    let mut table = Table::with_heads(&["axis", "drive", "known by", "product"]);
+fn found_table(found: &[DetectedDrive]) -> String {
+    let mut table = TextTable::with_heads(&["axis", "drive", "known by", "product"]);
     for one in found {
-        table.row([
+        table.add_row([
             one.number.to_string(),
             one.profile.name.to_owned(),
             one.identified.to_string(),
@@ -210,18 +221,18 @@ fn table(found: &[Found]) -> String {
     text
 }
 
-fn row(found: &Found) -> String {
+fn csv_row(found: &DetectedDrive) -> String {
     let (number, known) = (found.number.to_string(), found.identified.to_string());
     let clash = found.clash.as_deref().unwrap_or_default();
-    csv([&number, found.profile.name, &known, found.profile.title, clash])
+    csv_line([&number, found.profile.name, &known, found.profile.title, clash])
 }
 
-fn object(found: &Found, out: &mut Vec<u8>) {
+fn write_json(found: &DetectedDrive, out: &mut Vec<u8>) {
     out.extend_from_slice(format!("{{\"axis\":{},\"drive\":", found.number).as_bytes());
-    jsonl::string(out, found.profile.name);
+    jsonl::write_string(out, found.profile.name);
     out.extend_from_slice(b",\"product\":");
-    jsonl::string(out, found.profile.title);
+    jsonl::write_string(out, found.profile.title);
     out.extend_from_slice(b",\"known\":");
-    jsonl::string(out, &found.identified.to_string());
+    jsonl::write_string(out, &found.identified.to_string());
     out.extend_from_slice(format!(",\"clash\":{}}}\n", found.clash.is_some()).as_bytes());
 }

@@ -4,12 +4,12 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use polepair_serve::{Options, PORT, Refusal, Scopes, Server};
+use polepair_serve::{GatewayServer, PORT, Scopes, ServerOptions, SetupError};
 
 use super::ProfileFile;
-use crate::outcome::sentence;
+use crate::outcome::to_sentence;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{Output, say};
+use crate::terminal::{DataOutput, print_note};
 
 /// Opens links, owns them, and serves them to browsers and programs, until Ctrl-C.
 ///
@@ -48,7 +48,7 @@ pub struct Serve {
     state: Option<PathBuf>,
     /// How to log to stderr
     #[arg(long, value_name = "FORM", default_value = "text")]
-    log: Log,
+    log: LogFormat,
     #[command(flatten)]
     profile: ProfileFile,
 }
@@ -57,7 +57,7 @@ const LOOPBACK: IpAddr = IpAddr::V4(std::net::Ipv4Addr::LOCALHOST);
 
 /// How logs look.
 #[derive(ValueEnum, Clone, Copy, Debug)]
-enum Log {
+enum LogFormat {
     /// A line for people.
     Text,
     /// An object a line.
@@ -68,43 +68,47 @@ enum Log {
 
 impl Serve {
     pub fn run(self) -> Result {
-        self.log();
+        self.init_logging();
         let folder = match self.state {
             Some(folder) => folder,
-            None => own_folder()?,
+            None => state_folder()?,
         };
         let Self { bind, tls, client_ca: clients, names, scopes, .. } = self;
-        let options = Options { bind, tls, clients, names, scopes, folder };
+        let options =
+            ServerOptions { bind, tls, client_ca: clients, host_names: names, scopes, folder };
         let connector = self.profile.connector()?;
-        let server = Server::start(&options, &self.urls, connector).map_err(refused)?;
-        let stopper = server.stopper();
-        crate::interrupt::listen(move || stopper.stop());
-        if server.cut() > 0 {
-            say("The journal ended within a record: the server before was killed. It goes on.");
+        let server =
+            GatewayServer::start(&options, &self.urls, connector).map_err(refusal_problem)?;
+        let stopper = server.shutdown_handle();
+        crate::interrupt::listen(move || stopper.shutdown());
+        if server.truncated_bytes() > 0 {
+            print_note(
+                "The journal ended within a record: the server before was killed. It goes on.",
+            );
         }
         if let Some(fingerprint) = server.fingerprint() {
-            say(&format!("certificate SHA-256 {fingerprint}"));
+            print_note(&format!("certificate SHA-256 {fingerprint}"));
         }
-        for (link, number) in server.owed() {
-            say(&format!(
+        for (link, number) in server.inherited_stops() {
+            print_note(&format!(
                 "axis {number} of {link} was told to stop and not seen standing when the server \
                  before ended; it is stopped as soon as it answers. Cut its supply if it turns."
             ));
         }
         for link in server.bench().snapshot().links {
-            crate::joined::wanting(&link).iter().for_each(|line| say(line));
+            crate::remote::link_troubles(&link).iter().for_each(|line| print_note(line));
         }
-        let mut out = Output::stdout();
-        out.line(&format!("ready {}", server.url()));
+        let mut out = DataOutput::stdout();
+        out.write_line(&format!("ready {}", server.url()));
         out.flush()?;
         let left = server.wait();
         for axis in &left {
-            say(&format!("{axis} was told to stop and not seen standing: CUT ITS SUPPLY"));
+            print_note(&format!("{axis} was told to stop and not seen standing: CUT ITS SUPPLY"));
         }
         Ok(if left.is_empty() { Exit::Ok } else { Exit::Partial })
     }
 
-    fn log(&self) {
+    fn init_logging(&self) {
         let filter = || {
             let wanted = std::env::var("POLEPAIR_LOG").unwrap_or_default();
             let usual = "warn,polepair_serve=info";
@@ -114,21 +118,23 @@ impl Serve {
         let to = tracing_subscriber::fmt().with_writer(std::io::stderr);
         // One was set already only where this runs inside another program.
         let _ = match self.log {
-            Log::Off => return,
-            Log::Text => to.with_env_filter(filter()).try_init(),
-            Log::Json => to.json().with_env_filter(filter()).try_init(),
+            LogFormat::Off => return,
+            LogFormat::Text => to.with_env_filter(filter()).try_init(),
+            LogFormat::Json => to.json().with_env_filter(filter()).try_init(),
         };
     }
 }
 
 /// What the server says, as the command line does.
-pub fn refused(refusal: Refusal) -> Problem {
-    let Refusal { exit, code, what, why, hint } = refusal;
-    Problem::new(exit, code, sentence(&what)).why(why).hint_if(Some(hint).filter(|h| !h.is_empty()))
+pub fn refusal_problem(refusal: SetupError) -> Problem {
+    let SetupError { exit, code, what, why, hint } = refusal;
+    Problem::new(exit, code, to_sentence(&what))
+        .why(why)
+        .hint_if(Some(hint).filter(|h| !h.is_empty()))
 }
 
 /// Where this account's server keeps what is its own.
-pub fn own_folder() -> Result<PathBuf> {
+pub fn state_folder() -> Result<PathBuf> {
     polepair_client::state_folder().ok_or_else(|| {
         Problem::usage("E255", "there is no folder for tokens and journal.")
             .why("Neither HOME nor XDG_STATE_HOME is set.")

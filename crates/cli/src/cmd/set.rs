@@ -5,20 +5,20 @@ mod readdress;
 use std::collections::BTreeMap;
 
 use clap::Args;
-use polepair::axis::Pending;
+use polepair::axis::PendingWrites;
 use polepair::{Amount, Axis};
-use polepair_client::message::{Change, Given, WriteParameters};
+use polepair_client::message::{ParameterChange, ParameterInput, WriteParameters};
 use polepair_core::profile::{Access, Parameter, ParameterId, Persistence};
 
-use crate::cmd::get::named;
-use crate::joined::{self, Joined};
+use crate::cmd::get::find_parameter;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, read};
-use crate::target::Target;
-use crate::terminal::{Output, say};
+use crate::remote::{self, RemoteSession};
+use crate::session::{Session, read_parameter};
+use crate::target::DriveArgs;
+use crate::terminal::{DataOutput, print_note};
 use crate::value;
-use readdress::Readdressing;
+use readdress::AddressChange;
 
 /// Writes parameters by name, with units, checked against their limits.
 #[derive(Args, Debug)]
@@ -29,7 +29,7 @@ Examples:
   polepair set sim:modbus-rtu \"internal speed=200rpm\" --arm")]
 pub struct Set {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// NAME=VALUE, with a unit or in the parameter's own; a value may be a name
     #[arg(required = true, value_name = "NAME=VALUE")]
     settings: Vec<String>,
@@ -49,40 +49,47 @@ pub struct Set {
 
 impl Set {
     /// The same by a server: it checks all before it writes the first.
-    pub fn joined(self, server: &Joined) -> Result {
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
         if self.raw || self.arm {
             let why = "It takes values with their units, and nothing that may move the motor.";
-            return Err(joined::cannot("--raw or --arm", why));
+            return Err(remote::unsupported_problem("--raw or --arm", why));
         }
         let mut values = BTreeMap::new();
         for setting in &self.settings {
-            let (name, value) = split(setting)?;
-            values.insert(name.to_owned(), Given::Text(value.to_owned()));
+            let (name, value) = split_assignment(setting)?;
+            values.insert(name.to_owned(), ParameterInput::Text(value.to_owned()));
         }
-        let live = server.gateway.live().map_err(joined::refused)?;
-        let axes = server.pick(&self.target)?;
-        let mut out = Output::stdout();
+        let live = server.gateway.live().map_err(remote::refusal_problem)?;
+        let axes = server.axes_of(&self.target)?;
+        let mut out = DataOutput::stdout();
         for axis in &axes {
-            let who = server.who(&axes, axis);
+            let who = server.axis_prefix(&axes, axis);
             let (values, dry_run) = (values.clone(), self.dry_run);
             let write = WriteParameters { values, keep: self.store, dry_run, raw: false, epoch: 0 };
             if self.dry_run {
-                let plan = server.gateway.write(axis.id, &write).map_err(joined::refused)?;
-                plan.iter().for_each(|change| out.line(&format!("{who}{}", planned(change))));
+                let plan = server
+                    .gateway
+                    .write_parameters(axis.id, &write)
+                    .map_err(remote::refusal_problem)?;
+                plan.iter().for_each(|change| {
+                    out.write_line(&format!("{who}{}", remote_planned_change(change)))
+                });
                 continue;
             }
-            let has = server.gateway.parameters(axis.id).map_err(joined::refused)?;
+            let has = server.gateway.parameters(axis.id).map_err(remote::refusal_problem)?;
             let reads = |name: &str| has.iter().any(|its| its.name == name && its.readable);
-            let lease = live.take(axis.id).map_err(joined::refused)?;
+            let lease = live.acquire_lease(axis.id).map_err(remote::refusal_problem)?;
             let write = WriteParameters { epoch: lease.epoch(), ..write };
-            for change in server.gateway.write(axis.id, &write).map_err(joined::refused)? {
+            for change in
+                server.gateway.write_parameters(axis.id, &write).map_err(remote::refusal_problem)?
+            {
                 match reads(&change.name) {
-                    true => kept(server, axis.id, &who, &change, &mut out)?,
-                    false => out.line(&format!("{who}{}", wrote(&change))),
+                    true => read_back(server, axis.id, &who, &change, &mut out)?,
+                    false => out.write_line(&format!("{who}{}", written_text(&change))),
                 }
                 out.flush()?;
             }
-            lease.give_back().map_err(joined::refused)?;
+            lease.release().map_err(remote::refusal_problem)?;
         }
         out.flush()?;
         Ok(Exit::Ok)
@@ -90,32 +97,32 @@ impl Set {
 
     pub fn run(self) -> Result {
         let session = self.target.open()?;
-        session.listen();
-        let mut out = Output::stdout();
+        session.listen_for_interrupts();
+        let mut out = DataOutput::stdout();
         let mut changes = Vec::new();
         for axis in session.axes() {
             // All are checked before the first is written. What scales others goes first, and they are
             // what they mean by it.
             let mut wanted = Vec::new();
             for setting in &self.settings {
-                let (name, value) = split(setting)?;
-                wanted.push((named(axis, name)?, value));
+                let (name, value) = split_assignment(setting)?;
+                wanted.push((find_parameter(axis, name)?, value));
             }
             wanted.sort_by_key(|(id, _)| !axis.scales(*id));
-            let (mut writes, mut pending) = (Vec::new(), Pending::default());
+            let (mut writes, mut pending) = (Vec::new(), PendingWrites::default());
             for (id, value) in wanted {
-                let raw = self.value(axis, id, value, &pending)?;
-                pending.add(id, raw);
-                match Readdressing::of(axis, id, raw)? {
+                let raw = self.raw_value(axis, id, value, &pending)?;
+                pending.insert(id, raw);
+                match AddressChange::for_setting(axis, id, raw)? {
                     Some(change) if !self.dry_run => changes.push(change),
                     _ => writes.push((id, raw)),
                 }
             }
-            Readdressing::check(&session, &changes)?;
+            AddressChange::check(&session, &changes)?;
             if self.dry_run {
                 for (id, raw) in writes {
-                    let planned = plan(axis, id, raw, &pending)?;
-                    out.line(&format!("{}{planned}", session.who(axis)));
+                    let planned = planned_change(axis, id, raw, &pending)?;
+                    out.write_line(&format!("{}{planned}", session.axis_prefix(axis)));
                 }
                 continue;
             }
@@ -123,58 +130,65 @@ impl Set {
                 axis.arm(true);
             }
             for (id, raw) in writes {
-                self.set(&session, axis, id, raw, &mut out)?;
+                self.write_one(&session, axis, id, raw, &mut out)?;
                 out.flush()?;
             }
             axis.arm(false);
         }
         if let Some(change) = changes.pop() {
-            change.make(&self.target, session, self.store, &mut out)?;
+            change.apply(&self.target, session, self.store, &mut out)?;
         }
         out.flush()?;
         Ok(Exit::Ok)
     }
 
     /// The raw value that `text` means once what is pending was written, within the limits.
-    fn value(&self, axis: &Axis, id: ParameterId, text: &str, pending: &Pending) -> Result<i64> {
+    fn raw_value(
+        &self,
+        axis: &Axis,
+        id: ParameterId,
+        text: &str,
+        pending: &PendingWrites,
+    ) -> Result<i64> {
         let Some(parameter) = axis.profile().parameter(id) else { return Ok(0) };
         if self.raw {
-            return value::whole(text).ok_or_else(|| {
+            return value::parse_whole(text).ok_or_else(|| {
                 let what = format!("{text:?} is not a whole number.");
-                Problem::usage("E217", what).why(outcome::unsent())
+                Problem::usage("E217", what).why(outcome::sent_so_far())
             });
         }
-        if let Some(raw) = switched(parameter, text) {
+        if let Some(raw) = parse_switch(parameter, text) {
             return Ok(raw);
         }
-        let raw = axis.raw_of_after(id, &Amount::from(text), pending).map_err(outcome::error)?;
+        let raw =
+            axis.raw_of_after(id, &Amount::from(text), pending).map_err(outcome::to_problem)?;
         if raw < parameter.min || raw > parameter.max {
             return Err(out_of_range(axis, id, parameter, text));
         }
         Ok(raw)
     }
 
-    fn set(
+    fn write_one(
         &self,
         session: &Session,
         axis: &Axis,
         id: ParameterId,
         raw: i64,
-        out: &mut Output,
+        out: &mut DataOutput,
     ) -> Result<()> {
         let Some(parameter) = axis.profile().parameter(id) else { return Ok(()) };
-        axis.write(id, raw, self.store).map_err(outcome::error)?;
+        axis.write(id, raw, self.store).map_err(outcome::to_problem)?;
         let value = match parameter.access {
-            Access::Write => axis.value(id, raw).map_err(outcome::error)?,
-            _ => read(axis, id)?,
+            Access::Write => axis.value(id, raw).map_err(outcome::to_problem)?,
+            _ => read_parameter(axis, id)?,
         };
         let shown = if self.raw { value.raw.to_string() } else { value.to_string() };
-        out.line(&format!("{}{} = {shown}", session.who(axis), parameter.name));
+        out.write_line(&format!("{}{} = {shown}", session.axis_prefix(axis), parameter.name));
         if value.raw == raw {
-            if axis.profile().reach.contains(&id) {
+            if axis.profile().link_settings.contains(&id) {
                 let kept = parameter.persistence == Persistence::Storable && !self.store;
                 let lost = if kept { " It is lost at power-off: --store keeps it." } else { "" };
-                say(&format!(
+                print_note(&format!(
                     "{} is reached by its {}: change the connection string too, once it acts. {}{lost}",
                     axis.label(),
                     parameter.name,
@@ -190,23 +204,28 @@ impl Set {
 }
 
 /// What a write would change: it is read, and nothing is written.
-fn plan(axis: &Axis, id: ParameterId, raw: i64, pending: &Pending) -> Result<String> {
+fn planned_change(
+    axis: &Axis,
+    id: ParameterId,
+    raw: i64,
+    pending: &PendingWrites,
+) -> Result<String> {
     let Some(parameter) = axis.profile().parameter(id) else { return Ok(String::new()) };
-    let to = axis.value_after(id, raw, pending).map_err(outcome::error)?.to_string();
+    let to = axis.value_after(id, raw, pending).map_err(outcome::to_problem)?.to_string();
     let from = match parameter.access {
         Access::Write => None,
-        _ => Some(read(axis, id)?.to_string()),
+        _ => Some(read_parameter(axis, id)?.to_string()),
     };
-    Ok(step(parameter.name, from, &to))
+    Ok(change_text(parameter.name, from, &to))
 }
 
 /// The same, as a server tells it.
-fn planned(change: &Change) -> String {
-    let from = change.from.map(|from| joined::shown(from, &change.unit));
-    step(&change.name, from, &joined::shown(change.to, &change.unit))
+fn remote_planned_change(change: &ParameterChange) -> String {
+    let from = change.from.map(|from| remote::format_value(from, &change.unit));
+    change_text(&change.name, from, &remote::format_value(change.to, &change.unit))
 }
 
-fn step(name: &str, from: Option<String>, to: &str) -> String {
+fn change_text(name: &str, from: Option<String>, to: &str) -> String {
     match from {
         Some(from) if from == to => format!("{name} = {to}, as it is"),
         Some(from) => format!("{name}: {from} -> {to}"),
@@ -215,17 +234,23 @@ fn step(name: &str, from: Option<String>, to: &str) -> String {
 }
 
 /// What a server wrote that cannot be read.
-fn wrote(change: &Change) -> String {
-    format!("{} = {}", change.name, joined::shown(change.to, &change.unit))
+fn written_text(change: &ParameterChange) -> String {
+    format!("{} = {}", change.name, remote::format_value(change.to, &change.unit))
 }
 
 /// Reads back what a server wrote.
-fn kept(server: &Joined, axis: u16, who: &str, change: &Change, out: &mut Output) -> Result<()> {
+fn read_back(
+    server: &RemoteSession,
+    axis: u16,
+    who: &str,
+    change: &ParameterChange,
+    out: &mut DataOutput,
+) -> Result<()> {
     let name = &change.name;
-    let read = server.gateway.parameter(axis, name).map_err(joined::refused)?;
-    let shown = |value| joined::shown(value, &change.unit);
+    let read = server.gateway.parameter(axis, name).map_err(remote::refusal_problem)?;
+    let shown = |value| remote::format_value(value, &change.unit);
     let now = read.value.map_or_else(|| format!("{} raw", read.raw), shown);
-    out.line(&format!("{who}{name} = {}", read.word.unwrap_or(now)));
+    out.write_line(&format!("{who}{name} = {}", read.word.unwrap_or(now)));
     if read.value == Some(change.to) {
         return Ok(());
     }
@@ -234,16 +259,16 @@ fn kept(server: &Joined, axis: u16, who: &str, change: &Change, out: &mut Output
         .why(format!("{} was written and accepted.", shown(change.to))))
 }
 
-fn split(setting: &str) -> Result<(&str, &str)> {
+fn split_assignment(setting: &str) -> Result<(&str, &str)> {
     setting.split_once('=').map(|(name, value)| (name.trim(), value.trim())).ok_or_else(|| {
         Problem::usage("E242", format!("{setting:?} is not NAME=VALUE."))
-            .why(outcome::unsent())
+            .why(outcome::sent_so_far())
             .hint(format!("polepair get URL {setting:?} reads it"))
     })
 }
 
 /// `on` and `off` for what is a bit and has no words of its own.
-fn switched(parameter: &Parameter, text: &str) -> Option<i64> {
+fn parse_switch(parameter: &Parameter, text: &str) -> Option<i64> {
     let bit = (parameter.min, parameter.max) == (0, 1) && parameter.values.is_empty();
     match text {
         "on" | "true" | "yes" if bit => Some(1),
@@ -256,6 +281,6 @@ fn out_of_range(axis: &Axis, id: ParameterId, parameter: &Parameter, text: &str)
     let shown = |raw| axis.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string());
     let (min, max) = (shown(parameter.min), shown(parameter.max));
     Problem::usage("E216", format!("{text} is out of range for {:?}.", parameter.name))
-        .why(format!("It takes {min} to {max}. {}", outcome::unsent()))
+        .why(format!("It takes {min} to {max}. {}", outcome::sent_so_far()))
         .hint(format!("polepair params {} {:?}", axis.profile().name, parameter.name))
 }

@@ -6,17 +6,17 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use polepair::AnyLink;
-use polepair::simulate::{self, Description, DriveLine, Wire};
+use polepair::simulate::{self, DriveLine, RackDescription, WireDescription};
 use polepair_core::medium::{Can, CanLine, Medium, MediumKind, Stream};
 use polepair_core::time::Instant;
-use polepair_link::serve::Served;
-use polepair_link::udp::Group;
-use polepair_link::{Link, LinkError, Received, Waker};
+use polepair_link::serve::ServeThread;
+use polepair_link::udp::MulticastGroup;
+use polepair_link::{LinkError, LinkIo, LinkWaker, Received};
 use polepair_link::{pty::Pty, slcan, socketcand, tcp::TcpServer, udp};
 
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, Output, say};
+use crate::terminal::{self, DataOutput, print_note};
 
 /// Simulates drives that any program can talk to, until Ctrl-C.
 ///
@@ -70,46 +70,46 @@ impl Sim {
         if !(self.speed > 0.0 && self.speed <= 1000.0) {
             return Err(Problem::usage("E243", "--speed is more than 0 and at most 1000."));
         }
-        let description = self.description()?;
-        let mut ends = Ends::of(&self);
+        let description = self.describe()?;
+        let mut ends = WireEnds::from_args(&self);
         let mut served = Vec::new();
-        let mut out = Output::stdout();
-        let lines = simulate::lines(&description, self.seed).map_err(outcome::error)?;
+        let mut out = DataOutput::stdout();
+        let lines = simulate::drive_lines(&description, self.seed).map_err(outcome::to_problem)?;
         for (link, line) in lines.into_iter().enumerate() {
             let bus = CanLine { bit_rate: description.wires[link].baud };
             let (wire, place) = ends.open(description.rack.links[link].wire.medium(), bus)?;
-            served.push(self.serve(line, wire));
-            let Wire { load, .. } = description.wires[link];
+            served.push(self.serve_line(line, wire));
+            let WireDescription { load, .. } = description.wires[link];
             if load.most > 0.0 {
                 let name = &description.rack.links[link].name;
-                say(&format!(
+                print_note(&format!(
                     "{name}: its drives take {load} of the bus at {} bit/s",
                     bus.bit_rate
                 ));
             }
             for url in description.urls(link, &place) {
-                out.line(&format!("ready {url}"));
+                out.write_line(&format!("ready {url}"));
             }
         }
-        ends.all_used()?;
-        let stops: Vec<_> = served.iter().map(Served::stop).collect();
-        crate::interrupt::listen(move || stops.iter().for_each(polepair_link::Stop::stop));
+        ends.check_all_used()?;
+        let stops: Vec<_> = served.iter().map(ServeThread::handle).collect();
+        crate::interrupt::listen(move || stops.iter().for_each(polepair_link::ServeHandle::stop));
         out.flush()?;
         served
             .into_iter()
-            .try_for_each(Served::wait)
-            .map_err(|error| outcome::link_error(&error))?;
+            .try_for_each(ServeThread::join)
+            .map_err(|error| outcome::link_problem(&error))?;
         Ok(Exit::Ok)
     }
 
-    fn serve(&self, line: DriveLine, wire: AnyLink) -> Served {
+    fn serve_line(&self, line: DriveLine, wire: AnyLink) -> ServeThread {
         match wire {
-            AnyLink::Serial(wire) => line.serve(scaled(wire, self.speed)),
-            AnyLink::Can(wire) => line.serve(scaled(wire, self.speed)),
+            AnyLink::Serial(wire) => line.serve(scale_time(wire, self.speed)),
+            AnyLink::Can(wire) => line.serve(scale_time(wire, self.speed)),
         }
     }
 
-    fn description(&self) -> Result<Description> {
+    fn describe(&self) -> Result<RackDescription> {
         let described = match &self.drives[..] {
             [file] if file.ends_with(".toml") => simulate::rack_of_file(Path::new(file), self.seed),
             words => {
@@ -117,31 +117,31 @@ impl Sim {
                 let can = can.iter().any(|ends| !ends.is_empty());
                 let words: Vec<String> = words
                     .iter()
-                    .map(|word| if can { on_can(word) } else { word.clone() })
+                    .map(|word| if can { can_word(word) } else { word.clone() })
                     .collect();
                 let words: Vec<&str> = words.iter().map(String::as_str).collect();
                 simulate::rack_of_words(&words, self.seed)
             }
         };
-        let mut description = described.map_err(outcome::error)?;
-        self.take_sheets(&mut description)?;
+        let mut description = described.map_err(outcome::to_problem)?;
+        self.apply_sheets(&mut description)?;
         Ok(description)
     }
 
     /// A data sheet for each link, in order; the last one for those that are left.
-    fn take_sheets(&self, description: &mut Description) -> Result<()> {
+    fn apply_sheets(&self, description: &mut RackDescription) -> Result<()> {
         let Some(last) = self.eds.last() else { return Ok(()) };
         for link in 0..description.rack.links.len() {
             let file = self.eds.get(link).unwrap_or(last);
-            let slips = description.take_sheet(link, file).map_err(outcome::error)?;
-            slips.iter().for_each(|slip| terminal::say(&slip.to_string()));
+            let slips = description.apply_sheet(link, file).map_err(outcome::to_problem)?;
+            slips.iter().for_each(|slip| terminal::print_note(&slip.to_string()));
         }
         Ok(())
     }
 }
 
 /// The word with `+can` behind its name, where the protocol is spoken on both media.
-fn on_can(word: &str) -> String {
+fn can_word(word: &str) -> String {
     let (name, rest) = word.split_once(':').map_or((word, ""), |(name, rest)| (name, rest));
     let twin = format!("{name}+can");
     match simulate::is_drive(&twin) {
@@ -152,7 +152,7 @@ fn on_can(word: &str) -> String {
 }
 
 /// The ends of wires that the user asked for, to be given to links in order.
-struct Ends {
+struct WireEnds {
     pty: VecDeque<PathBuf>,
     tcp: VecDeque<String>,
     udp: VecDeque<String>,
@@ -160,8 +160,8 @@ struct Ends {
     socketcand: VecDeque<String>,
 }
 
-impl Ends {
-    fn of(sim: &Sim) -> Self {
+impl WireEnds {
+    fn from_args(sim: &Sim) -> Self {
         let own = |list: &[String]| list.iter().cloned().collect();
         Self {
             pty: sim.pty.iter().cloned().collect(),
@@ -178,10 +178,10 @@ impl Ends {
             MediumKind::Serial => self.open_serial().map(|(l, place)| (AnyLink::Serial(l), place)),
             MediumKind::Can => self.open_can(bus).map(|(l, place)| (AnyLink::Can(l), place)),
         };
-        opened.map_err(|error| outcome::link_error(&error))
+        opened.map_err(|error| outcome::link_problem(&error))
     }
 
-    fn open_serial(&mut self) -> Opened<Stream> {
+    fn open_serial(&mut self) -> OpenedWire<Stream> {
         let pty = self.pty.pop_front();
         if let Some(address) = self.tcp.front().filter(|_| pty.is_none()) {
             let server = TcpServer::bind(address)?;
@@ -190,37 +190,37 @@ impl Ends {
             return Ok((Box::new(server), place));
         }
         let pty = Pty::open(pty.as_deref())?;
-        let place = format!("serial://{}", path(&pty));
+        let place = format!("serial://{}", pty_path(&pty));
         Ok((Box::new(pty), place))
     }
 
-    fn open_can(&mut self, bus: CanLine) -> Opened<Can> {
+    fn open_can(&mut self, bus: CanLine) -> OpenedWire<Can> {
         if let Some(group) = self.udp.pop_front() {
-            return on_udp(group.parse()?);
+            return open_udp(group.parse()?);
         }
         if let Some(interface) = self.can.pop_front() {
-            return on_interface(&interface);
+            return open_interface(&interface);
         }
         if let Some(address) = self.socketcand.pop_front() {
-            let server = socketcand::listen(&address, BUS)?;
-            let place = format!("socketcand://{}/{BUS}", listening(server.address()));
+            let server = socketcand::listen(&address, BUS_NAME)?;
+            let place = format!("socketcand://{}/{BUS_NAME}", address_text(server.address()));
             return Ok((Box::new(server), place));
         }
         if let Some(pty) = self.pty.pop_front() {
             let pty = Pty::open(Some(&pty))?;
-            let place = format!("slcan://{}", path(&pty));
-            return Ok((Box::new(slcan::on_pty(pty, bus)?), place));
+            let place = format!("slcan://{}", pty_path(&pty));
+            return Ok((Box::new(slcan::serve_pty(pty, bus)?), place));
         }
         if let Some(address) = self.tcp.pop_front() {
             let server = slcan::listen(&address, bus)?;
-            let place = format!("slcan://{}", listening(server.address()));
+            let place = format!("slcan://{}", address_text(server.address()));
             return Ok((Box::new(server), place));
         }
-        on_udp(Group::default())
+        open_udp(MulticastGroup::default())
     }
 
     /// Refuses what no link was there for.
-    fn all_used(&self) -> Result<()> {
+    fn check_all_used(&self) -> Result<()> {
         let can = self.udp.len() + self.can.len() + self.socketcand.len();
         match self.pty.len() + self.tcp.len() + can {
             0 => Ok(()),
@@ -237,63 +237,67 @@ impl Ends {
 }
 
 /// What a simulated bus is called by clients of socketcand.
-const BUS: &str = "can0";
+const BUS_NAME: &str = "can0";
 
-type Opened<M> = std::result::Result<(Box<dyn Link<M>>, String), LinkError>;
+type OpenedWire<M> = std::result::Result<(Box<dyn LinkIo<M>>, String), LinkError>;
 
-fn on_udp(group: Group) -> Opened<Can> {
+fn open_udp(group: MulticastGroup) -> OpenedWire<Can> {
     let link = udp::open(group)?;
     let place = format!("udp://{}", link.describe());
     Ok((Box::new(link), place))
 }
 
 #[cfg(target_os = "linux")]
-fn on_interface(name: &str) -> Opened<Can> {
+fn open_interface(name: &str) -> OpenedWire<Can> {
     let link = polepair_link::socketcan::open(name, CanLine { bit_rate: 0 })?;
     Ok((Box::new(link), format!("socketcan://{name}")))
 }
 
 #[cfg(not(target_os = "linux"))]
-fn on_interface(name: &str) -> Opened<Can> {
-    Err(LinkError::new(name, polepair_link::Cause::Unsuitable).hinting("Only Linux has these."))
+fn open_interface(name: &str) -> OpenedWire<Can> {
+    Err(LinkError::new(name, polepair_link::Cause::Unsuitable).with_hint("Only Linux has these."))
 }
 
-fn listening(address: Option<SocketAddr>) -> String {
+fn address_text(address: Option<SocketAddr>) -> String {
     address.map(|address| address.to_string()).unwrap_or_default()
 }
 
-fn path(pty: &Pty) -> String {
+fn pty_path(pty: &Pty) -> String {
     let path = std::path::absolute(pty.path()).unwrap_or_else(|_| pty.path().into());
     path.display().to_string()
 }
 
 /// The wire as its drives see it where time passes faster for them.
-fn scaled<M: Medium>(wire: Box<dyn Link<M>>, speed: f64) -> Box<dyn Link<M>> {
+fn scale_time<M: Medium>(wire: Box<dyn LinkIo<M>>, speed: f64) -> Box<dyn LinkIo<M>> {
     match speed {
         1.0 => wire,
-        speed => Box::new(Scaled { inner: wire, speed }),
+        speed => Box::new(ScaledLink { inner: wire, speed }),
     }
 }
 
 /// A wire on which time passes faster.
-struct Scaled<M: Medium> {
-    inner: Box<dyn Link<M>>,
+struct ScaledLink<M: Medium> {
+    inner: Box<dyn LinkIo<M>>,
     speed: f64,
 }
 
-impl<M: Medium> Scaled<M> {
-    fn fast(&self, real: Instant) -> Instant {
+impl<M: Medium> ScaledLink<M> {
+    fn to_scaled(&self, real: Instant) -> Instant {
         Instant((real.0 as f64 * self.speed) as u64)
     }
 
-    fn real(&self, fast: Instant) -> Instant {
-        if fast == Instant::FAR { fast } else { Instant((fast.0 as f64 / self.speed) as u64) }
+    fn to_real(&self, fast: Instant) -> Instant {
+        if fast == Instant::FAR_FUTURE {
+            fast
+        } else {
+            Instant((fast.0 as f64 / self.speed) as u64)
+        }
     }
 }
 
-impl<M: Medium> Link<M> for Scaled<M> {
+impl<M: Medium> LinkIo<M> for ScaledLink<M> {
     fn now(&self) -> Instant {
-        self.fast(self.inner.now())
+        self.to_scaled(self.inner.now())
     }
 
     fn send(&self, unit: &M::Unit) -> std::result::Result<(), LinkError> {
@@ -305,8 +309,8 @@ impl<M: Medium> Link<M> for Scaled<M> {
         buffer: &mut M::Out,
         until: Instant,
     ) -> std::result::Result<Received, LinkError> {
-        Ok(match self.inner.receive(buffer, self.real(until))? {
-            Received::Bytes { len, at } => Received::Bytes { len, at: self.fast(at) },
+        Ok(match self.inner.receive(buffer, self.to_real(until))? {
+            Received::Bytes { len, at } => Received::Bytes { len, at: self.to_scaled(at) },
             other => other,
         })
     }
@@ -315,7 +319,7 @@ impl<M: Medium> Link<M> for Scaled<M> {
         self.inner.set_line(line)
     }
 
-    fn waker(&self) -> Waker {
+    fn waker(&self) -> LinkWaker {
         self.inner.waker()
     }
 

@@ -3,19 +3,21 @@
 use std::io::IsTerminal as _;
 
 use clap::Args;
-use polepair::axis::Standing;
-use polepair::heard::Heard;
-use polepair::stop::{self as stopping, Event};
+use polepair::axis::Standstill;
+use polepair::no_reply::NoReplyDetails;
+use polepair::stop::{self as stopping, StopEvent};
 use polepair::url::shell_word;
-use polepair_client::message::{AxisInfo, AxisStopped, StopClass, StopOrder, Stopped, Unreached};
-use polepair_client::{Gateway, Refused, pick_each};
+use polepair_client::message::{
+    AxisInfo, AxisStopReport, StopClass, StopReport, StopRequest, UnreachedTarget,
+};
+use polepair_client::{Gateway, GatewayError, select_each};
 use polepair_core::axis::{Command, Verb};
 
-use crate::joined::{self, Join, Joined};
-use crate::outcome::{self, sentence};
-use crate::problem::{Exit, Problem, Result, list};
-use crate::target::{Target, warn_of};
-use crate::terminal::{self, say};
+use crate::outcome::{self, to_sentence};
+use crate::problem::{Exit, Problem, Result, join_list};
+use crate::remote::{self, RemoteSession, ServerArgs};
+use crate::target::{DriveArgs, warn_ignored_files};
+use crate::terminal::{self, print_note};
 
 /// Brings motors to rest.
 ///
@@ -26,9 +28,9 @@ use crate::terminal::{self, say};
 Examples:
   polepair stop tmcl+serial:///dev/ttyUSB0        every axis on the link
   polepair stop tmcl+serial:///dev/ttyUSB0#1")]
-pub struct Stop {
+pub struct StopCommand {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// As fast as the drive can
     #[arg(long)]
     quick: bool,
@@ -37,7 +39,7 @@ pub struct Stop {
     dry_run: bool,
 }
 
-impl Stop {
+impl StopCommand {
     pub fn run(self) -> Result {
         let wanted = if self.quick { Verb::QuickStop } else { Verb::Stop };
         let target = self.target.for_stop();
@@ -47,8 +49,8 @@ impl Stop {
         let live = std::io::stderr().is_terminal();
         let clear = if live { "\r\x1b[K" } else { "" };
         let connector = target.connector()?;
-        let mut hear = |event: Event<'_>| match event {
-            Event::Asking(at) if live => {
+        let mut hear = |event: StopEvent<'_>| match event {
+            StopEvent::Querying(at) if live => {
                 terminal::draw(&format!(
                     "{clear}asking address {} ({} of {})",
                     at.number,
@@ -56,95 +58,104 @@ impl Stop {
                     at.of
                 ));
             }
-            Event::Asking(_) => {}
-            Event::Told(axis) => say(&format!("{clear}{} is told to stop", axis.label())),
+            StopEvent::Querying(_) => {}
+            StopEvent::StopSent(axis) => {
+                print_note(&format!("{clear}{} is told to stop", axis.label()))
+            }
         };
         let stopped = stopping::stop(&connector, &target.url, wanted, &mut hear);
         terminal::draw(clear);
-        warn_of(&connector);
-        let lost = |error| outcome::error(error).hint("cut the power if something turns");
-        report(&target.url, stopped.map_err(lost)?)
+        warn_ignored_files(&connector);
+        let lost = |error| outcome::to_problem(error).hint("cut the power if something turns");
+        report_stops(&target.url, stopped.map_err(lost)?)
     }
 }
 
-impl Stop {
+impl StopCommand {
     /// The same by a server: it stops whoever commands the axes.
-    pub fn joined(self, join: Join) -> Result {
-        joined::no_dry_run(self.dry_run)?;
+    pub fn run_on_server(self, join: ServerArgs) -> Result {
+        remote::refuse_dry_run(self.dry_run)?;
         if self.quick {
-            return Err(joined::cannot("--quick", "Its stop is the one that is always safe."));
+            return Err(remote::unsupported_problem(
+                "--quick",
+                "Its stop is the one that is always safe.",
+            ));
         }
-        match self.target.axes()? {
-            joined::ALL => all(&join.gateway()?),
-            _ => some(&Joined::new(join.gateway()?)?, &self.target),
+        match self.target.remote_axes()? {
+            remote::ALL => stop_everything(&join.gateway()?),
+            _ => stop_named(&RemoteSession::new(join.gateway()?)?, &self.target),
         }
     }
 }
 
 /// Stops everything. Nothing is asked before, and only names are asked after: neither a right to look
 /// nor a slow answer stands in its way.
-fn all(gateway: &Gateway) -> Result {
-    let Stopped { axes: stopped, unreached } = stop(gateway, None)?;
-    say(
+fn stop_everything(gateway: &Gateway) -> Result {
+    let StopReport { axes: stopped, unreached } = send_stop(gateway, None)?;
+    print_note(
         "motion is locked until it is released: on the server's page, or by `polepair --server URL release`",
     );
-    let named = Joined::new(gateway.clone()).map(|joined| joined.bench.axes).unwrap_or_default();
+    let named =
+        RemoteSession::new(gateway.clone()).map(|joined| joined.bench.axes).unwrap_or_default();
     let label = |id| named.iter().find(|axis| axis.id == id).map(|axis| axis.label.clone());
     let number = |id| format!("the server's axis {id}");
     let told =
         stopped.into_iter().map(|how| (label(how.id).unwrap_or_else(|| number(how.id)), Some(how)));
-    tell(told.collect(), unreached.into_iter().map(not_reached).collect())
+    report_remote(told.collect(), unreached.into_iter().map(unreached_problem).collect())
 }
 
 /// Stops axes that are named. One that is not there keeps none of the others from it.
-fn some(server: &Joined, target: &Target) -> Result {
-    let named = pick_each(&server.bench, target.axes()?).map_err(joined::refused)?;
+fn stop_named(server: &RemoteSession, target: &DriveArgs) -> Result {
+    let named =
+        select_each(&server.bench, target.remote_axes()?).map_err(remote::refusal_problem)?;
     let (mut axes, mut failed) = (Vec::<AxisInfo>::new(), Vec::new());
     for named in named {
         match named {
             Ok(axis) if axes.iter().any(|its| its.id == axis.id) => {}
             Ok(axis) => axes.push(axis),
-            Err(error) => failed.push(joined::refused(error)),
+            Err(error) => failed.push(remote::refusal_problem(error)),
         }
     }
     let mut stopped = Vec::new();
     if !axes.is_empty() {
-        stopped = stop(&server.gateway, Some(axes.iter().map(|axis| axis.id).collect()))?.axes;
+        stopped = send_stop(&server.gateway, Some(axes.iter().map(|axis| axis.id).collect()))?.axes;
     }
     let told = axes.into_iter().map(|axis| {
         let at = stopped.iter().position(|stopped| stopped.id == axis.id);
         (axis.label, at.map(|at| stopped.swap_remove(at)))
     });
-    tell(told.collect(), failed)
+    report_remote(told.collect(), failed)
 }
 
-fn stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<Stopped> {
-    let order = StopOrder { axes, reason: "polepair stop".to_owned() };
-    gateway.stop(&order).map_err(joined::refused)
+fn send_stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<StopReport> {
+    let order = StopRequest { axes, reason: "polepair stop".to_owned() };
+    gateway.stop(&order).map_err(remote::refusal_problem)
 }
 
 /// Says how far the stop of each axis came, beside what was not reached.
-fn tell(told: Vec<(String, Option<AxisStopped>)>, mut failed: Vec<Problem>) -> Result {
+fn report_remote(told: Vec<(String, Option<AxisStopReport>)>, mut failed: Vec<Problem>) -> Result {
     let of = told.len() + failed.len();
     for (label, how) in told {
         match how.map(|how| (how.class, how.error)) {
-            Some((StopClass::Standing, _)) => say(&format!("{label} is stopped")),
+            Some((StopClass::Standing, _)) => print_note(&format!("{label} is stopped")),
             Some((StopClass::Acknowledged, _)) => {
-                say(&format!("{label} took the stop; standing not known: it tells no speed"));
+                print_note(&format!(
+                    "{label} took the stop; standing not known: it tells no speed"
+                ));
             }
-            Some((StopClass::Owed, error)) => failed.push(owed(&label, error)),
-            Some((_, Some(error))) => failed.push(joined::refused(error)),
-            _ => failed.push(unconfirmed(&label)),
+            Some((StopClass::Owed, error)) => failed.push(pending_problem(&label, error)),
+            Some((_, Some(error))) => failed.push(remote::refusal_problem(error)),
+            _ => failed.push(unconfirmed_problem(&label)),
         }
     }
     match failed.len() {
         0 => Ok(Exit::Ok),
-        _ => stops_failed(failed, of),
+        _ => failed_result(failed, of),
     }
 }
 
 /// An axis that is not there, or a link that is not open: nobody knows how many motors that has.
-fn not_reached(Unreached { link, url, number, error }: Unreached) -> Problem {
+fn unreached_problem(UnreachedTarget { link, url, number, error }: UnreachedTarget) -> Problem {
     let (what, hint) = match number {
         Some(number) => (
             format!("axis {number} of link {link} was not told to stop: it is not there."),
@@ -155,28 +166,28 @@ fn not_reached(Unreached { link, url, number, error }: Unreached) -> Problem {
             "cut the supply of what turns there; it is told to stop as soon as the link is open",
         ),
     };
-    Problem::new(error.exit(), error.code, what).why(sentence(&error.message)).hint(hint)
+    Problem::new(error.exit(), error.code, what).why(to_sentence(&error.message)).hint(hint)
 }
 
 /// It was not seen standing; the server goes on with it.
-fn owed(label: &str, error: Option<Refused>) -> Problem {
-    let exit = error.as_ref().map_or(Exit::NoReply, Refused::exit);
+fn pending_problem(label: &str, error: Option<GatewayError>) -> Problem {
+    let exit = error.as_ref().map_or(Exit::NoReply, GatewayError::exit);
     let code = error.as_ref().map_or("E401".into(), |error| error.code.clone());
     Problem::new(exit, code, format!("{label} was not seen standing."))
-        .why(error.map_or_else(String::new, |error| sentence(&error.message)))
+        .why(error.map_or_else(String::new, |error| to_sentence(&error.message)))
         .hint("the server says the stop again until it is; if it still turns, cut its power")
 }
 
-fn unconfirmed(label: &str) -> Problem {
+fn unconfirmed_problem(label: &str) -> Problem {
     Problem::new(Exit::NoReply, "E401", format!("{label} did not confirm its stop."))
         .hint("say it again; if it still turns, cut its power")
 }
 
-fn stops_failed(mut failed: Vec<Problem>, of: usize) -> Result {
+fn failed_result(mut failed: Vec<Problem>, of: usize) -> Result {
     if (failed.len(), of) == (1, 1) {
         return Err(failed.remove(0));
     }
-    failed.iter().for_each(|problem| say(problem.render(false).trim_end()));
+    failed.iter().for_each(|problem| print_note(problem.render(false).trim_end()));
     let what = match failed.len() {
         1 => format!("one stop of {of} is not confirmed."),
         count => format!("{count} stops of {of} are not confirmed."),
@@ -185,84 +196,88 @@ fn stops_failed(mut failed: Vec<Problem>, of: usize) -> Result {
 }
 
 /// Motors behind one address by their numbers.
-fn which(motors: &[u8]) -> String {
+fn motors_text(motors: &[u8]) -> String {
     let numbers: Vec<String> = motors.iter().map(u8::to_string).collect();
     let numbers: Vec<&str> = numbers.iter().map(String::as_str).collect();
     let word = if motors.len() == 1 { "motor" } else { "motors" };
-    format!("{word} {}", list(&numbers))
+    format!("{word} {}", join_list(&numbers))
 }
 
 /// Says what was stopped, and what was not reached.
-pub fn report(url: &str, stopped: stopping::Stopped) -> Result {
+pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
     let link = url.split('#').next().unwrap_or(url);
     let (mut failed, mut unasked): (Vec<Problem>, _) = (Vec::new(), None);
     let mut obeyed = 0;
     for (label, ended) in stopped.axes {
         match ended {
-            Ok(Standing::Seen) => {
+            Ok(Standstill::Observed) => {
                 obeyed += 1;
-                say(&format!("{label} is stopped"));
+                print_note(&format!("{label} is stopped"));
             }
-            Ok(Standing::Untold) => {
+            Ok(Standstill::Unobservable) => {
                 obeyed += 1;
-                say(&format!("{label} took the stop; it does not tell whether its motor stands"));
+                print_note(&format!(
+                    "{label} took the stop; it does not tell whether its motor stands"
+                ));
             }
             Err(error) => {
-                say(&format!("{label} may still turn: cut its supply"));
-                failed.push(outcome::error(error));
+                print_note(&format!("{label} may still turn: cut its supply"));
+                failed.push(outcome::to_problem(error));
             }
         }
     }
     for motors in stopped.motors {
         let number = motors.number;
-        if !motors.told.is_empty() {
-            let which = which(&motors.told);
-            say(&format!("module {number}: {which} took the stop too; standing not looked at"));
+        if !motors.confirmed.is_empty() {
+            let which = motors_text(&motors.confirmed);
+            print_note(&format!(
+                "module {number}: {which} took the stop too; standing not looked at"
+            ));
         }
-        if !motors.silent.is_empty() {
-            let which = which(&motors.silent);
-            say(&format!(
+        if !motors.unconfirmed.is_empty() {
+            let which = motors_text(&motors.unconfirmed);
+            print_note(&format!(
                 "module {number}: {which} did not confirm the stop and may still turn: cut the supply"
             ));
         }
-        failed.extend(motors.ended.err().map(outcome::error));
+        failed.extend(motors.result.err().map(outcome::to_problem));
     }
-    if let Some(patience) = stopped.patience {
-        let told = if stopped.everybody { "everybody was told to stop, unconfirmed; " } else { "" };
-        say(&format!(
+    if let Some(patience) = stopped.reply_timeout {
+        let told = if stopped.broadcast { "everybody was told to stop, unconfirmed; " } else { "" };
+        print_note(&format!(
             "{told}asked {} addresses for {} ms each; a drive that answers later, or has another \
              address, is stopped by its number: polepair stop {}",
-            stopped.asked,
+            stopped.queried,
             patience.as_millis(),
             shell_word(&format!("{link}#N"))
         ));
     }
-    if let Some((first, last)) = stopped.left {
+    if let Some((first, last)) = stopped.not_queried {
         let what = format!("addresses {first} to {last} were not asked: there was no time left.");
-        match stopped.everybody {
-            true => say(&what),
+        match stopped.broadcast {
+            true => print_note(&what),
             false => unasked = Some(Problem::new(Exit::Partial, "E703", what)),
         }
     }
     match (failed.len(), unasked) {
-        (0, None) if obeyed == 0 => Err(nobody(stopped.everybody, &stopped.heard)),
+        (0, None) if obeyed == 0 => Err(nobody_problem(stopped.broadcast, &stopped.received)),
         (0, None) => Ok(Exit::Ok),
         // Of addresses that were not asked nobody knows whether a drive is there: they are no stops.
         (0, Some(unasked)) => Err(unasked),
         (count, unasked) => {
-            unasked.into_iter().for_each(|unasked| say(unasked.render(false).trim_end()));
-            stops_failed(failed, count + obeyed)
+            unasked.into_iter().for_each(|unasked| print_note(unasked.render(false).trim_end()));
+            failed_result(failed, count + obeyed)
         }
     }
 }
 
-fn nobody(everybody: bool, heard: &Heard) -> Problem {
+fn nobody_problem(everybody: bool, heard: &NoReplyDetails) -> Problem {
     let told = match everybody {
         true => "Everybody was told to stop, and nobody confirmed it.",
         false => "No stop was sent.",
     };
     let problem = Problem::new(Exit::NoReply, "E403", "no drive answered.")
-        .why(format!("{} {told}", outcome::unanswered(heard)))
+        .why(format!("{} {told}", outcome::unanswered_text(heard)))
         .hint("cut the power if something turns");
     match heard.is_nothing() {
         true => {
@@ -277,19 +292,24 @@ mod tests {
     use super::*;
     use polepair::Error;
 
-    fn seen(label: &str) -> (String, std::result::Result<Standing, Error>) {
-        (label.to_owned(), Ok(Standing::Seen))
+    fn seen(label: &str) -> (String, std::result::Result<Standstill, Error>) {
+        (label.to_owned(), Ok(Standstill::Observed))
     }
 
     /// Behind addresses that were not asked there may be nobody: no stop of theirs is counted.
     #[test]
     fn stops_are_counted_of_drives_alone() {
-        let unasked = |axes| stopping::Stopped { axes, left: Some((9, 32)), ..Default::default() };
-        let one = report("tmcl+serial:///dev/null", unasked(vec![seen("axis 1")])).unwrap_err();
+        let unasked = |axes| stopping::LinkStopReport {
+            axes,
+            not_queried: Some((9, 32)),
+            ..Default::default()
+        };
+        let one =
+            report_stops("tmcl+serial:///dev/null", unasked(vec![seen("axis 1")])).unwrap_err();
         assert_eq!((one.code.as_ref(), one.exit), ("E703", Exit::Partial));
         let lost = Error::Interrupted { what: "axis 2".to_owned() };
         let two = vec![seen("axis 1"), ("axis 2".to_owned(), Err(lost))];
-        let two = report("tmcl+serial:///dev/null", unasked(two)).unwrap_err();
+        let two = report_stops("tmcl+serial:///dev/null", unasked(two)).unwrap_err();
         assert_eq!(two.code.as_ref(), "E702");
         assert_eq!(two.what, "one stop of 2 is not confirmed.");
     }

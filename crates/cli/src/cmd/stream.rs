@@ -6,15 +6,15 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use polepair::{Axis, Error};
-use polepair_core::stream::cyclic::Setpoint;
+use polepair_core::stream::cyclic::SetpointKind;
 use polepair_core::stream::{PathKind, Point};
 
-use crate::motion::{self, caution};
+use crate::motion::{self, print_caution};
 use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::session::Session;
-use crate::target::Target;
-use crate::terminal::say;
+use crate::target::DriveArgs;
+use crate::terminal::print_note;
 use crate::value;
 
 /// Moves axes along the points of a file.
@@ -32,9 +32,9 @@ use crate::value;
 Examples:
   polepair stream tml+serial:///dev/ttyUSB0:115200#1 path.csv
   polepair stream canopen+socketcan://can0#2,3 circle.csv --period 2ms")]
-pub struct Stream {
+pub struct StreamCommand {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// The points
     #[arg(value_name = "FILE")]
     path: PathBuf,
@@ -42,16 +42,16 @@ pub struct Stream {
     #[arg(long, conflicts_with_all = ["period", "mode"])]
     pt: bool,
     /// From one SYNC to the next; points in between are interpolated [default: the file's]
-    #[arg(long, value_name = "TIME", value_parser = value::span)]
+    #[arg(long, value_name = "TIME", value_parser = value::parse_span)]
     period: Option<f64>,
     /// What set-points are [default: as the columns' units say]
     #[arg(long, value_enum)]
-    mode: Option<Mode>,
+    mode: Option<CyclicMode>,
 }
 
 /// Cyclic synchronous modes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-enum Mode {
+enum CyclicMode {
     /// Positions
     Csp,
     /// Velocities
@@ -60,60 +60,60 @@ enum Mode {
     Cst,
 }
 
-impl Mode {
-    const fn setpoint(self) -> Setpoint {
+impl CyclicMode {
+    const fn setpoint(self) -> SetpointKind {
         match self {
-            Self::Csp => Setpoint::Position,
-            Self::Csv => Setpoint::Velocity,
-            Self::Cst => Setpoint::Torque,
+            Self::Csp => SetpointKind::Position,
+            Self::Csv => SetpointKind::Velocity,
+            Self::Cst => SetpointKind::Torque,
         }
     }
 }
 
-impl Stream {
+impl StreamCommand {
     pub fn run(self) -> Result {
-        let lines = self.lines()?;
+        let lines = self.read_lines()?;
         let headed = lines.first().is_some_and(|(_, line)| cyclic::is_header(line));
         if headed || self.period.is_some() || self.mode.is_some() {
             let name = self.path.display().to_string();
-            let mode = self.mode.map(Mode::setpoint);
-            return cyclic::run(&self.target, &name, &lines, self.period, mode);
+            let mode = self.mode.map(CyclicMode::setpoint);
+            return cyclic::run_cyclic(&self.target, &name, &lines, self.period, mode);
         }
-        let points = self.points(&lines)?;
+        let points = self.parse_points(&lines)?;
         let session = self.target.open()?;
         let numbers: Vec<usize> = lines.iter().map(|(n, _)| *n).collect();
-        self.along(&session, points, &numbers)
+        self.stream_buffered(&session, points, &numbers)
     }
 
     /// Along a drive's own buffer.
-    fn along(&self, session: &Session, points: Vec<Point>, lines: &[usize]) -> Result {
+    fn stream_buffered(&self, session: &Session, points: Vec<Point>, lines: &[usize]) -> Result {
         let [axis] = session.axes() else {
             return Err(Problem::usage("E210", "A path is for one axis.")
                 .why("Name it in the connection string: URL#1.")
                 .hint("drives with cyclic modes take several: --period 2ms"));
         };
-        caution(session);
-        session.listen();
+        print_caution(session);
+        session.listen_for_interrupts();
         let kind = if self.pt { PathKind::Pt } else { PathKind::Pvt };
-        axis.check_path(kind, &points).map_err(outcome::error)?;
-        let late = too_long(axis, &points).map(|at| {
+        axis.check_path(kind, &points).map_err(outcome::to_problem)?;
+        let late = first_too_long(axis, &points).map(|at| {
             let (name, n, time) = (self.path.display(), lines[at], points[at].time);
             format!(
                 "{name}:{n} has {time} s; where the slow loop is 1 ms a time is 0.001 to 0.511 s"
             )
         });
-        motion::within(session, axis, || {
+        motion::run_powered(session, axis, || {
             let streamed = axis.stream(kind, points).map_err(|error| match error {
                 Error::Interrupted { .. } => Problem::interrupted(),
-                other if other.code() == "E222" => outcome::error(other).hint_if(late),
-                other => outcome::error(other),
+                other if other.code() == "E222" => outcome::to_problem(other).hint_if(late),
+                other => outcome::to_problem(other),
             });
-            streamed.map(|count| say(&format!("{count} points")))
+            streamed.map(|count| print_note(&format!("{count} points")))
         })
     }
 
     /// The lines that say something, with their numbers.
-    fn lines(&self) -> Result<Vec<(usize, String)>> {
+    fn read_lines(&self) -> Result<Vec<(usize, String)>> {
         let name = self.path.display();
         let text = std::fs::read_to_string(&self.path).map_err(|error| {
             // As of racks and profiles; the exit code is that of what cannot be carried out.
@@ -122,7 +122,7 @@ impl Stream {
                 _ => format!("The system says: {error}."),
             };
             Problem::usage("E230", format!("cannot read {name}."))
-                .why(format!("{why} {}", outcome::unsent()))
+                .why(format!("{why} {}", outcome::sent_so_far()))
                 .hint("its lines are the points of a path: `polepair stream --help`")
         })?;
         let numbered = text.lines().enumerate().map(|(n, line)| (n + 1, line));
@@ -130,10 +130,10 @@ impl Stream {
         Ok(bare.filter(|(_, line)| !line.is_empty()).map(|(n, line)| (n, line.into())).collect())
     }
 
-    fn points(&self, lines: &[(usize, String)]) -> Result<Vec<Point>> {
+    fn parse_points(&self, lines: &[(usize, String)]) -> Result<Vec<Point>> {
         let points = lines.iter().map(|(n, line)| {
             let name = self.path.display();
-            let point = self.point(line).ok_or_else(|| {
+            let point = self.parse_point(line).ok_or_else(|| {
                 let form = if self.pt { "position, time" } else { "position, velocity, time" };
                 Problem::usage("E210", format!("{name}:{n}: `{line}` is no point."))
                     .why(format!("A line is `{form}`, in rad (or m) and seconds."))
@@ -153,7 +153,7 @@ impl Stream {
     }
 
     /// The numbers of a line, if they have that form.
-    fn point(&self, line: &str) -> Option<Point> {
+    fn parse_point(&self, line: &str) -> Option<Point> {
         let mut numbers = line.split(',').map(|number| number.trim().parse::<f64>());
         let mut next = || numbers.next()?.ok().filter(|number| number.is_finite());
         let position = next()?;
@@ -164,7 +164,7 @@ impl Stream {
 }
 
 /// The first of the points whose time is none that a TML drive takes where its slow loop is 1 ms.
-fn too_long(axis: &Axis, points: &[Point]) -> Option<usize> {
+fn first_too_long(axis: &Axis, points: &[Point]) -> Option<usize> {
     let is_tml = matches!(axis.protocol(), "tml" | "tmlcan" | "technocan");
     let loops = |point: &Point| (point.time * 1e3).round();
     is_tml.then(|| points.iter().position(|point| !(1.0..=511.0).contains(&loops(point))))?

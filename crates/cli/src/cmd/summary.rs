@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use polepair_capture::Event;
-use polepair_capture::summary::{Manner, Summary, json, text};
+use polepair_capture::DecodedFrame;
+use polepair_capture::summary::{Summary, SummaryStyle, render_text, to_json};
 
-use crate::capture::{Sink, Stated, report};
+use crate::capture::{CaptureArgs, EventSink, report_left_out};
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, Output};
+use crate::terminal::{self, DataOutput};
 
 /// Tells what a capture holds: who was there, what they did, what went wrong.
 ///
@@ -24,18 +24,18 @@ Examples:
   polepair summary bus.log
   polepair summary bus.blf --as canopen@2,thruster@11 --bitrate 500000
   polepair summary bus.log --format json | jq .moments")]
-pub struct Options {
+pub struct SummaryOptions {
     /// The capture; - for stdin
     #[arg(value_name = "FILE|-")]
     source: PathBuf,
     #[command(flatten)]
-    stated: Stated,
+    stated: CaptureArgs,
     /// Bit rate of all links, or of some: 500000, can0=500000,ttyUSB0=9600
     #[arg(long, value_name = "[LINK=]N,…")]
     bitrate: Option<String>,
     /// How it is written
-    #[arg(long, value_enum, default_value_t = Format::Text)]
-    format: Format,
+    #[arg(long, value_enum, default_value_t = SummaryFormat::Text)]
+    format: SummaryFormat,
     /// Write to a file instead of stdout
     #[arg(short, long = "out", value_name = "OUT")]
     out: Option<PathBuf>,
@@ -43,28 +43,30 @@ pub struct Options {
 
 /// How a summary is written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-enum Format {
+enum SummaryFormat {
     /// For people
     Text,
     /// One JSON object
     Json,
 }
 
-impl Options {
+impl SummaryOptions {
     pub fn run(self) -> Result {
         let source = self.stated.source()?;
-        let manner = Manner {
+        let manner = SummaryStyle {
             colour: self.out.is_none() && terminal::colour_out(),
-            rates: self.bitrate.as_deref().map_or(Ok(Vec::new()), rates)?,
+            rates: self.bitrate.as_deref().map_or(Ok(Vec::new()), parse_rates)?,
             product: source.profile,
         };
-        let mut gathered = Gathered::default();
-        let decoder = source.read(&self.source, &mut gathered)?;
-        report(&decoder)?;
-        let mut out = Output::to(self.out.as_deref())?;
+        let mut gathered = SummarySink::default();
+        let decoder = source.decode(&self.source, &mut gathered)?;
+        report_left_out(&decoder)?;
+        let mut out = DataOutput::to_path(self.out.as_deref())?;
         match self.format {
-            Format::Text => out.buffer().extend(text(&gathered.summary, &manner).bytes()),
-            Format::Json => out.line(&json(&gathered.summary, &manner).to_string()),
+            SummaryFormat::Text => {
+                out.buffer().extend(render_text(&gathered.summary, &manner).bytes())
+            }
+            SummaryFormat::Json => out.write_line(&to_json(&gathered.summary, &manner).to_string()),
         }
         out.flush()?;
         Ok(if gathered.summary.is_clean() { Exit::Ok } else { Exit::Negative })
@@ -73,23 +75,23 @@ impl Options {
 
 /// A summary that is being made.
 #[derive(Default)]
-pub struct Gathered {
+pub struct SummarySink {
     /// What was told so far.
     pub summary: Summary,
 }
 
-impl Sink for Gathered {
-    fn take(&mut self, event: &Event<'_>) {
-        self.summary.take(event);
+impl EventSink for SummarySink {
+    fn handle_event(&mut self, event: &DecodedFrame<'_>) {
+        self.summary.add_frame(event);
     }
 
-    fn ending(&mut self, event: &Event<'_>) {
-        self.summary.ending(event);
+    fn handle_final(&mut self, event: &DecodedFrame<'_>) {
+        self.summary.add_open_notices(event);
     }
 }
 
 /// Reads `500000` or `can0=500000,ttyUSB0=9600`.
-fn rates(text: &str) -> Result<Vec<(String, u32)>> {
+fn parse_rates(text: &str) -> Result<Vec<(String, u32)>> {
     let rate = |part: &str| {
         let (link, rate) = part.split_once('=').unwrap_or(("", part));
         let rate = rate.trim().parse().ok().filter(|rate| *rate > 0);

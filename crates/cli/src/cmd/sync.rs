@@ -5,24 +5,24 @@ use std::time::Duration;
 
 use clap::Args;
 use polepair::Axis;
-use polepair::url::Number;
+use polepair::url::AxisNumber;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 use polepair_link::clock;
 
-use crate::motion::argument;
+use crate::motion::parse_argument;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, signal, verb};
-use crate::target::Target;
-use crate::terminal::{Output, say};
-use crate::value::number;
+use crate::session::{Session, read_signal, run_verb};
+use crate::target::DriveArgs;
+use crate::terminal::{DataOutput, print_note};
+use crate::value::format_number;
 
 /// How long drives get to take the master's time over.
 const SETTLE_MS: u32 = 500;
 /// Times each drive is compared with the master; the quickest comparison counts.
-const LOOKS: usize = 8;
+const COMPARISONS: usize = 8;
 /// Offsets beyond this, and beyond what the line leaves open, are not kept together, s.
 const TOGETHER_S: f64 = 1e-3;
 
@@ -37,7 +37,7 @@ Examples:
   polepair sync tmlcan+socketcan://can0#1,2,3 --stop")]
 pub struct Sync {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// How often the master tells its time
     #[arg(long, value_name = "TIME", default_value = "20ms")]
     period: String,
@@ -58,13 +58,17 @@ impl Sync {
             let first = Cell::new(true);
             return self.target.rehearse(|axis| {
                 let is_first = first.replace(false);
-                self.command(axis, self.master.map_or(is_first, |master| master == axis.number()))
+                self.time_command(
+                    axis,
+                    self.master.map_or(is_first, |master| master == axis.number()),
+                )
             });
         }
         let session = self.target.open()?;
-        session.listen();
-        let master = self.master_of(&session)?;
-        if let Some(group) = session.axes().iter().find(|axis| Number(axis.number()).is_group()) {
+        session.listen_for_interrupts();
+        let master = self.find_master(&session)?;
+        if let Some(group) = session.axes().iter().find(|axis| AxisNumber(axis.number()).is_group())
+        {
             let what = format!("{} cannot be kept in time as a whole.", group.label());
             return Err(Problem::usage("E245", what).why("Name its axes one by one."));
         }
@@ -74,18 +78,18 @@ impl Sync {
         }
         // The others first: two masters would pull the rest to and fro.
         for axis in session.axes().iter().filter(|axis| axis.number() != master.number()) {
-            verb(axis, Verb::WithholdTime)?;
+            run_verb(axis, Verb::WithholdTime)?;
         }
-        let command = self.command(master, true)?;
-        master.run(command).map_err(outcome::error)?;
+        let command = self.time_command(master, true)?;
+        master.run(command).map_err(outcome::to_problem)?;
         if self.stop {
-            say("no axis gives its time any more");
+            print_note("no axis gives its time any more");
         } else {
-            say(&format!("{} gives its time every {}", master.label(), self.period));
-            say(&format!("this ends it: polepair sync {} --stop", session.words));
+            print_note(&format!("{} gives its time every {}", master.label(), self.period));
+            print_note(&format!("this ends it: polepair sync {} --stop", session.arguments));
             session.link.sleep(Duration::from_millis(SETTLE_MS.into()));
         }
-        let apart = show(&session, master)?;
+        let apart = print_offsets(&session, master)?;
         if apart && !self.stop {
             return Err(Problem::new(Exit::Negative, "E101", "the drives do not keep together.")
                 .why("An axis is more than a millisecond off its master.")
@@ -94,18 +98,18 @@ impl Sync {
         Ok(Exit::Ok)
     }
 
-    fn command(&self, axis: &Axis, is_master: bool) -> Result<Command> {
+    fn time_command(&self, axis: &Axis, is_master: bool) -> Result<Command> {
         if !is_master || self.stop {
             return Ok(Command::new(Verb::WithholdTime));
         }
-        let period = argument(axis, Verb::GiveTime, Argument::Period, (&self.period, false))?;
+        let period = parse_argument(axis, Verb::GiveTime, Argument::Period, (&self.period, false))?;
         if period <= 0.0 {
             return Err(Problem::usage("E217", "--period is more than 0; --stop ends it."));
         }
         Ok(Command { period: Some(period), ..Command::new(Verb::GiveTime) })
     }
 
-    fn master_of<'a>(&self, session: &'a Session) -> Result<&'a Axis> {
+    fn find_master<'a>(&self, session: &'a Session) -> Result<&'a Axis> {
         let mut axes = session.axes().iter();
         let found = axes.find(|axis| self.master.is_none_or(|master| master == axis.number()));
         found.ok_or_else(|| {
@@ -115,13 +119,13 @@ impl Sync {
 }
 
 /// Prints how far each axis is off the master; true when one is too far.
-fn show(session: &Session, master: &Axis) -> Result<bool> {
-    let (mut out, mut apart) = (Output::stdout(), false);
+fn print_offsets(session: &Session, master: &Axis) -> Result<bool> {
+    let (mut out, mut apart) = (DataOutput::stdout(), false);
     for axis in session.axes().iter().filter(|axis| axis.number() != master.number()) {
-        let (offset, open) = compare(master, axis)?;
+        let (offset, open) = measure_offset(master, axis)?;
         apart |= offset.abs() > TOGETHER_S + open;
-        let (offset, open) = (number(offset * 1e3), number(open * 1e3));
-        out.line(&format!("#{} offset = {offset} ms (within {open} ms)", axis.number()));
+        let (offset, open) = (format_number(offset * 1e3), format_number(open * 1e3));
+        out.write_line(&format!("#{} offset = {offset} ms (within {open} ms)", axis.number()));
     }
     out.flush()?;
     Ok(apart)
@@ -129,12 +133,12 @@ fn show(session: &Session, master: &Axis) -> Result<bool> {
 
 /// Offset of an axis from the master, and how exactly the line lets it be known, s: the axis is asked
 /// between two questions to the master.
-fn compare(master: &Axis, axis: &Axis) -> Result<(f64, f64)> {
+fn measure_offset(master: &Axis, axis: &Axis) -> Result<(f64, f64)> {
     let mut best = (0.0, f64::INFINITY);
-    for _ in 0..LOOKS {
-        let (before, asked) = (time(master)?, clock::now());
-        let between = time(axis)?;
-        let (after, open) = (time(master)?, clock::now().since(asked).as_secs_f64());
+    for _ in 0..COMPARISONS {
+        let (before, asked) = (read_time(master)?, clock::now());
+        let between = read_time(axis)?;
+        let (after, open) = (read_time(master)?, clock::now().since(asked).as_secs_f64());
         if open < best.1 {
             best = (between - f64::midpoint(before, after), open);
         }
@@ -142,8 +146,8 @@ fn compare(master: &Axis, axis: &Axis) -> Result<(f64, f64)> {
     Ok(best)
 }
 
-fn time(axis: &Axis) -> Result<f64> {
-    signal(axis, Signal::Time)?.map(|read| read.value).ok_or_else(|| {
+fn read_time(axis: &Axis) -> Result<f64> {
+    read_signal(axis, Signal::Time)?.map(|read| read.value).ok_or_else(|| {
         let what = format!("{} does not tell its time.", axis.label());
         Problem::usage("E213", what)
     })

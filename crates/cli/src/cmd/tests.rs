@@ -3,7 +3,7 @@
 
 use clap::{Arg, Command};
 
-use super::Arguments;
+use super::CommandLine;
 
 /// One line for a command, one for each of its arguments, then its subcommands.
 fn describe(command: &Command, path: &str, lines: &mut Vec<String>) {
@@ -39,7 +39,7 @@ fn words(argument: &Arg) -> String {
 
 #[test]
 fn every_word_of_the_command_line_is_pinned() {
-    let mut command = <Arguments as clap::CommandFactory>::command();
+    let mut command = <CommandLine as clap::CommandFactory>::command();
     command.build();
     let mut lines = Vec::new();
     describe(&command, "", &mut lines);

@@ -4,21 +4,21 @@ use std::time::Duration;
 
 use clap::Args;
 use polepair::Axis;
-use polepair_client::message::{Arguments, AxisInfo};
+use polepair_client::message::{AxisInfo, CommandArguments};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 
-use crate::joined::{self, Joined};
 use crate::motion;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::signal;
-use crate::target::Target;
-use crate::terminal::say;
+use crate::remote::{self, RemoteSession};
+use crate::session::read_signal;
+use crate::target::DriveArgs;
+use crate::terminal::print_note;
 
 /// A drive takes that long to say that it is off.
-const LOOK_EVERY: Duration = Duration::from_millis(50);
-const LOOKS_MAX: u32 = 10;
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
+const POLLS_MAX: u32 = 10;
 
 /// What is said of an axis that was enabled.
 const POWERED: &str = "is powered";
@@ -33,7 +33,7 @@ const CLEARED: &str = "has its faults cleared";
 #[command(after_help = "Example:\n  polepair enable tmcl+serial:///dev/ttyUSB0#1")]
 pub struct Enable {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Print the frames and send nothing
     #[arg(long)]
     dry_run: bool,
@@ -44,7 +44,7 @@ pub struct Enable {
 #[command(after_help = "Example:\n  polepair disable tmcl+serial:///dev/ttyUSB0#1")]
 pub struct Disable {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Print the frames and send nothing
     #[arg(long)]
     dry_run: bool,
@@ -55,7 +55,7 @@ pub struct Disable {
 #[command(after_help = "Example:\n  polepair clear modbus-rtu+serial:///dev/ttyUSB0#1")]
 pub struct Clear {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Print the frames and send nothing
     #[arg(long)]
     dry_run: bool,
@@ -67,78 +67,81 @@ impl Enable {
             return self.target.rehearse(|_| Ok(Command::new(Verb::Enable)));
         }
         let session = self.target.open()?;
-        session.listen();
-        motion::caution(&session);
+        session.listen_for_interrupts();
+        motion::print_caution(&session);
         for axis in session.axes() {
             axis.arm(true);
-            switch(axis, Verb::Enable)?;
-            say(&format!("{} {POWERED}", axis.label()));
+            switch_power(axis, Verb::Enable)?;
+            print_note(&format!("{} {POWERED}", axis.label()));
         }
         Ok(Exit::Ok)
     }
 
     /// The same by a server.
-    pub fn joined(self, server: &Joined) -> Result {
-        told(server, &self.target, &["arm", Verb::Enable.name()], self.dry_run, |_| Ok(POWERED))
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        run_remote_verbs(server, &self.target, &["arm", Verb::Enable.name()], self.dry_run, |_| {
+            Ok(POWERED)
+        })
     }
 }
 
 impl Disable {
     pub fn run(self) -> Result {
-        simple(&self.target.for_stop(), Verb::Disable, self.dry_run, without_power)
+        run_simple(&self.target.for_stop(), Verb::Disable, self.dry_run, power_off_text)
     }
 
     /// The same by a server.
-    pub fn joined(self, server: &Joined) -> Result {
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
         let seen = |axis: &AxisInfo| {
-            for _ in 0..LOOKS_MAX {
-                match joined::read(server, axis, Signal::Enabled)?.and_then(|read| read.value) {
+            for _ in 0..POLLS_MAX {
+                match remote::read_fresh(server, axis, Signal::Enabled)?.and_then(|read| read.value)
+                {
                     Some(0.0) => return Ok(UNPOWERED),
                     Some(_) => {}
                     None => return Ok(SWITCHED_OFF),
                 }
             }
-            Err(still_powered(&axis.label))
+            Err(still_powered_problem(&axis.label))
         };
-        told(server, &self.target, &[Verb::Disable.name()], self.dry_run, seen)
+        run_remote_verbs(server, &self.target, &[Verb::Disable.name()], self.dry_run, seen)
     }
 }
 
 impl Clear {
     pub fn run(self) -> Result {
-        simple(&self.target, Verb::Clear, self.dry_run, |_| Ok(CLEARED.to_owned()))
+        run_simple(&self.target, Verb::Clear, self.dry_run, |_| Ok(CLEARED.to_owned()))
     }
 
     /// The same by a server.
-    pub fn joined(self, server: &Joined) -> Result {
-        told(server, &self.target, &[Verb::Clear.name()], self.dry_run, |_| Ok(CLEARED))
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        run_remote_verbs(server, &self.target, &[Verb::Clear.name()], self.dry_run, |_| Ok(CLEARED))
     }
 }
 
 /// Has a server say verbs to axes, under a lease for as long.
-fn told(
-    server: &Joined,
-    target: &Target,
+fn run_remote_verbs(
+    server: &RemoteSession,
+    target: &DriveArgs,
     verbs: &[&str],
     dry: bool,
     done: impl Fn(&AxisInfo) -> Result<&'static str>,
 ) -> Result {
-    joined::no_dry_run(dry)?;
-    let live = server.gateway.live().map_err(joined::refused)?;
-    for axis in server.pick(target)? {
-        let lease = live.take(axis.id).map_err(joined::refused)?;
+    remote::refuse_dry_run(dry)?;
+    let live = server.gateway.live().map_err(remote::refusal_problem)?;
+    for axis in server.axes_of(target)? {
+        let lease = live.acquire_lease(axis.id).map_err(remote::refusal_problem)?;
         for verb in verbs {
-            let said = lease.run(verb, Arguments::default(), joined::ANSWER_MAX);
-            said.map_err(joined::refused)?;
+            let said = lease.run(verb, CommandArguments::default(), remote::ANSWER_MAX);
+            said.map_err(remote::refusal_problem)?;
         }
-        lease.give_back().map_err(joined::refused)?;
-        say(&format!("{} {}", axis.label, done(&axis)?));
+        lease.release().map_err(remote::refusal_problem)?;
+        print_note(&format!("{} {}", axis.label, done(&axis)?));
     }
     Ok(Exit::Ok)
 }
 
-fn simple(
-    target: &Target,
+fn run_simple(
+    target: &DriveArgs,
     wanted: Verb,
     dry_run: bool,
     done: impl Fn(&Axis) -> Result<String>,
@@ -152,17 +155,17 @@ fn simple(
         Verb::Disable => target.open_present().map_err(|problem| problem.hint(CUT))?,
         _ => (target.open()?, Vec::new()),
     };
-    session.listen();
+    session.listen_for_interrupts();
     let mut ended = Ok(());
     // Every axis is told, whatever becomes of one.
     for axis in session.axes() {
-        let one = switch(axis, wanted).and_then(|()| done(axis));
+        let one = switch_power(axis, wanted).and_then(|()| done(axis));
         if let Ok(done) = &one {
-            say(&format!("{} {done}", axis.label()));
+            print_note(&format!("{} {done}", axis.label()));
         }
         ended = ended.and(one.map(drop));
     }
-    absent.iter().for_each(|problem| say(problem.render(false).trim_end()));
+    absent.iter().for_each(|problem| print_note(problem.render(false).trim_end()));
     ended?;
     match absent.len() {
         0 => Ok(Exit::Ok),
@@ -175,23 +178,23 @@ fn simple(
 }
 
 /// What is seen of a motor that was switched off: that it has power no more, and whether it turns.
-fn without_power(axis: &Axis) -> Result<String> {
-    let read = |wanted: Signal| signal(axis, wanted).ok().flatten();
+fn power_off_text(axis: &Axis) -> Result<String> {
+    let read = |wanted: Signal| read_signal(axis, wanted).ok().flatten();
     let mut powered = read(Signal::Enabled);
-    for _ in 0..LOOKS_MAX {
+    for _ in 0..POLLS_MAX {
         if powered.is_none_or(|powered| powered.raw == 0) {
             break;
         }
-        axis.sleep(LOOK_EVERY);
+        axis.sleep(POLL_INTERVAL);
         powered = read(Signal::Enabled);
     }
     let velocity = read(Signal::Velocity);
     if powered.is_some_and(|powered| powered.raw != 0) {
-        return Err(still_powered(&axis.label()));
+        return Err(still_powered_problem(&axis.label()));
     }
     let off = if powered.is_some() { UNPOWERED } else { SWITCHED_OFF };
     Ok(match velocity {
-        Some(velocity) if axis.turns() == Some(true) => {
+        Some(velocity) if axis.is_turning() == Some(true) => {
             format!(
                 "{SWITCHED_OFF}, and it still turns, {velocity}: it coasts, or something drives it"
             )
@@ -201,7 +204,7 @@ fn without_power(axis: &Axis) -> Result<String> {
 }
 
 /// It took the command and says that its motor has power.
-fn still_powered(label: &str) -> Problem {
+fn still_powered_problem(label: &str) -> Problem {
     let what = format!("{label} took the command, and its motor has power still.");
     Problem::new(Exit::Negative, "E111", what)
         .why("It says so itself.")
@@ -210,17 +213,17 @@ fn still_powered(label: &str) -> Problem {
 
 /// Carries a verb out that changes whether a motor has power, and says where nobody knows that it has
 /// none.
-fn switch(axis: &Axis, wanted: Verb) -> Result<()> {
+fn switch_power(axis: &Axis, wanted: Verb) -> Result<()> {
     let ended = axis.run(Command::new(wanted));
     if let Err(error) = &ended {
         let label = axis.label();
         match (wanted, error.executed()) {
-            (Verb::Disable, _) => {
-                say(&format!("{label} may still be powered, and turn if it turned: cut its supply"))
-            }
-            (Verb::Enable, None) => say(&format!("{label} may be powered")),
+            (Verb::Disable, _) => print_note(&format!(
+                "{label} may still be powered, and turn if it turned: cut its supply"
+            )),
+            (Verb::Enable, None) => print_note(&format!("{label} may be powered")),
             _ => {}
         }
     }
-    ended.map(drop).map_err(outcome::error)
+    ended.map(drop).map_err(outcome::to_problem)
 }

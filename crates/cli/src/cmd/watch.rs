@@ -5,30 +5,30 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use polepair::{Axis, Value};
 use polepair_capture::jsonl;
-use polepair_client::Live;
+use polepair_client::LiveConnection;
 use polepair_client::message::AxisInfo;
 use polepair_core::profile::Signal;
 use polepair_link::clock;
 
-use crate::cmd::get::named;
+use crate::cmd::get::find_parameter;
 use crate::interrupt;
-use crate::joined::{self, Joined};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, read, signal as signal_of};
-use crate::target::Target;
-use crate::terminal::{self, Output};
+use crate::remote::{self, RemoteSession};
+use crate::session::{Session, read_parameter, read_signal as signal_of};
+use crate::target::DriveArgs;
+use crate::terminal::{self, DataOutput};
 use crate::value;
 
 /// How long a wait may last before Ctrl-C is looked for.
-const LOOK_MS: u32 = 50;
+const POLL_MS: u32 = 50;
 /// How long a server's first samples are waited for, and how often they are looked for.
 const FIRST_MAX: Duration = Duration::from_secs(2);
-const FIRST_LOOK_MS: u32 = 2;
+const FIRST_POLL_MS: u32 = 2;
 
 /// A server's sample is shown for so many periods, and at least so long: a drive may be slower than it
 /// is asked.
-const PERIODS: f64 = 3.0;
+const FRESH_PERIODS: f64 = 3.0;
 const FRESH_MIN: Duration = Duration::from_secs(1);
 
 /// Shows signals or parameters again and again, until Ctrl-C or --for.
@@ -40,9 +40,9 @@ target velocity, fault, enabled, moving, reached, mode; or any parameter by its 
 Examples:
   polepair watch tmcl+serial:///dev/ttyUSB0#1 position velocity
   polepair watch sim:tmcl velocity current --rate 50 --format csv --for 2s")]
-pub struct Watch {
+pub struct WatchCommand {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Signals or parameters [default: position velocity]
     #[arg(value_name = "SIGNAL")]
     signals: Vec<String>,
@@ -50,16 +50,16 @@ pub struct Watch {
     #[arg(long, value_name = "HZ", default_value_t = 10.0)]
     rate: f64,
     /// How they are printed
-    #[arg(long, value_enum, default_value_t = Format::Table)]
-    format: Format,
+    #[arg(long, value_enum, default_value_t = WatchFormat::Table)]
+    format: WatchFormat,
     /// End after this time instead of at Ctrl-C
-    #[arg(long = "for", value_name = "TIME", value_parser = value::span)]
+    #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
 }
 
 /// How readings are printed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-enum Format {
+enum WatchFormat {
     /// Aligned columns
     Table,
     /// One JSON object a reading
@@ -69,7 +69,7 @@ enum Format {
 }
 
 /// One column.
-struct Column {
+struct WatchColumn {
     number: u32,
     /// Of a server: it has several, each with its own numbers.
     link: Option<u16>,
@@ -79,80 +79,89 @@ struct Column {
     read: Box<dyn Fn() -> Result<f64>>,
 }
 
-impl Watch {
+impl WatchCommand {
     pub fn run(self) -> Result {
-        self.check()?;
+        self.check_rate()?;
         let session = self.target.open()?;
-        let columns = self.columns(&session)?;
-        session.listen();
-        self.show(&columns)
+        let columns = self.local_columns(&session)?;
+        session.listen_for_interrupts();
+        self.print_rows(&columns)
     }
 
     /// The same by a server, which reads for all who watch.
-    pub fn joined(self, server: &Joined) -> Result {
-        self.check()?;
-        let axes = server.pick(&self.target)?;
-        let live = server.gateway.live().map_err(joined::refused)?;
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        self.check_rate()?;
+        let axes = server.axes_of(&self.target)?;
+        let live = server.gateway.live().map_err(remote::refusal_problem)?;
         let mut columns = Vec::new();
         for axis in &axes {
-            for name in self.names() {
-                let who = server.who(&axes, axis);
-                columns.push(self.served(&live, axis, &who, name)?);
+            for name in self.signal_names() {
+                let who = server.axis_prefix(&axes, axis);
+                columns.push(self.remote_column(&live, axis, &who, name)?);
             }
         }
         interrupt::listen(|| {});
         let end = clock::now() + FIRST_MAX;
         for column in &columns {
-            while (column.read)()?.is_nan() && clock::now() < end && !interrupt::came() {
-                clock::sleep_until(clock::now().plus_ms(FIRST_LOOK_MS));
+            while (column.read)()?.is_nan() && clock::now() < end && !interrupt::was_interrupted() {
+                clock::sleep_until(clock::now().plus_ms(FIRST_POLL_MS));
             }
         }
-        self.show(&columns)
+        self.print_rows(&columns)
     }
 
-    fn check(&self) -> Result<()> {
+    fn check_rate(&self) -> Result<()> {
         match self.rate > 0.0 && self.rate <= 10_000.0 {
             true => Ok(()),
             false => Err(Problem::usage("E245", "--rate is more than 0 and at most 10000.")),
         }
     }
 
-    fn names(&self) -> Vec<&str> {
+    fn signal_names(&self) -> Vec<&str> {
         match self.signals.is_empty() {
             true => vec!["position", "velocity"],
             false => self.signals.iter().flat_map(|name| name.split(',')).collect(),
         }
     }
 
-    fn served(&self, live: &Live, axis: &AxisInfo, who: &str, name: &str) -> Result<Column> {
-        let name = plain(name);
+    fn remote_column(
+        &self,
+        live: &LiveConnection,
+        axis: &AxisInfo,
+        who: &str,
+        name: &str,
+    ) -> Result<WatchColumn> {
+        let name = normalize_name(name);
         let signal = axis.signals.iter().any(|signal| signal.signal == name);
         let (signal, parameter) = if signal { (Some(&*name), None) } else { (None, Some(&*name)) };
-        let watched = live.watch(axis.id, signal, parameter, self.rate).map_err(joined::refused)?;
-        let shown = signal.and_then(|signal| joined::unit_of(axis, signal, watched.unit()));
+        let watched = live
+            .subscribe(axis.id, signal, parameter, self.rate)
+            .map_err(remote::refusal_problem)?;
+        let shown = signal.and_then(|signal| remote::signal_unit(axis, signal, watched.unit()));
         let (unit, one) = match shown {
-            Some(unit) => (unit.symbol().to_owned(), unit.si()),
+            Some(unit) => (unit.symbol().to_owned(), unit.si_factor()),
             None => (watched.unit().to_owned(), 1.0),
         };
-        let periods = Duration::try_from_secs_f64(PERIODS / self.rate).unwrap_or(Duration::MAX);
+        let periods =
+            Duration::try_from_secs_f64(FRESH_PERIODS / self.rate).unwrap_or(Duration::MAX);
         let fresh = FRESH_MIN.max(periods);
         let read = move || {
-            let last = watched.last(fresh).map_err(joined::refused)?;
+            let last = watched.last(fresh).map_err(remote::refusal_problem)?;
             Ok(last.map_or(f64::NAN, |sample| sample.value / one))
         };
         let (number, link, name) = (axis.number, Some(axis.link), format!("{who}{name}"));
-        Ok(Column { number, link, name, unit, read: Box::new(read) })
+        Ok(WatchColumn { number, link, name, unit, read: Box::new(read) })
     }
 
-    fn show(&self, columns: &[Column]) -> Result {
-        let mut out = Output::stdout();
-        self.head(columns, &mut out);
+    fn print_rows(&self, columns: &[WatchColumn]) -> Result {
+        let mut out = DataOutput::stdout();
+        self.print_head(columns, &mut out);
         let begun = clock::now();
         let end = self.seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
         let period = (1e9 / self.rate) as u64;
         let mut next = begun;
         loop {
-            self.row(columns, next.since(begun).as_secs_f64(), &mut out)?;
+            self.print_row(columns, next.since(begun).as_secs_f64(), &mut out)?;
             out.flush()?;
             // Readings that the drive was too slow for are left out, not caught up with.
             next = next.plus_ns(period).max(clock::now());
@@ -160,80 +169,86 @@ impl Watch {
                 return Ok(Exit::Ok);
             }
             while clock::now() < next {
-                if interrupt::came() {
+                if interrupt::was_interrupted() {
                     return Err(Problem::interrupted());
                 }
-                clock::sleep_until(next.min(clock::now().plus_ms(LOOK_MS)));
+                clock::sleep_until(next.min(clock::now().plus_ms(POLL_MS)));
             }
-            if interrupt::came() {
+            if interrupt::was_interrupted() {
                 return Err(Problem::interrupted());
             }
         }
     }
 
-    fn columns(&self, session: &Session) -> Result<Vec<Column>> {
+    fn local_columns(&self, session: &Session) -> Result<Vec<WatchColumn>> {
         let mut columns = Vec::new();
         for axis in session.axes() {
-            for name in self.names() {
+            for name in self.signal_names() {
                 let signal = Signal::ALL.into_iter().find(|signal| signal.name() == name);
                 // Nobody asked for what this drive does not tell.
                 let absent = match signal.filter(|_| self.signals.is_empty()) {
-                    Some(signal) => !axis.tells(signal).map_err(outcome::error)?,
+                    Some(signal) => !axis.provides_signal(signal).map_err(outcome::to_problem)?,
                     None => false,
                 };
                 if !absent {
-                    columns.push(column(session, axis, name)?);
+                    columns.push(local_column(session, axis, name)?);
                 }
             }
         }
         Ok(columns)
     }
 
-    fn head(&self, columns: &[Column], out: &mut Output) {
-        let heads: Vec<String> = columns.iter().map(Column::head).collect();
+    fn print_head(&self, columns: &[WatchColumn], out: &mut DataOutput) {
+        let heads: Vec<String> = columns.iter().map(WatchColumn::head).collect();
         match self.format {
-            Format::Table => {
+            WatchFormat::Table => {
                 let cells = heads
                     .iter()
                     .zip(columns)
                     .map(|(head, c)| format!("{head:>width$}", width = c.width()));
                 let line: String = std::iter::once(format!("{:>9}", "s")).chain(cells).collect();
                 let colour = terminal::colour_out();
-                out.line(&if colour { format!("\x1b[2m{line}\x1b[0m") } else { line });
+                out.write_line(&if colour { format!("\x1b[2m{line}\x1b[0m") } else { line });
             }
-            Format::Csv => {
+            WatchFormat::Csv => {
                 let cells = heads.iter().map(|head| format!(",{head}"));
-                out.line(&std::iter::once("time [s]".to_owned()).chain(cells).collect::<String>());
+                out.write_line(
+                    &std::iter::once("time [s]".to_owned()).chain(cells).collect::<String>(),
+                );
             }
-            Format::Jsonl => {}
+            WatchFormat::Jsonl => {}
         }
     }
 
-    fn row(&self, columns: &[Column], time: f64, out: &mut Output) -> Result<()> {
+    fn print_row(&self, columns: &[WatchColumn], time: f64, out: &mut DataOutput) -> Result<()> {
         let mut cells = Vec::with_capacity(columns.len());
         for column in columns {
             cells.push((column.read)()?);
         }
         match self.format {
-            Format::Table => {
+            WatchFormat::Table => {
                 let cells = cells.iter().zip(columns);
-                let cells =
-                    cells.map(|(value, c)| format!("{:>1$}", value::number(*value), c.width()));
-                out.line(&std::iter::once(format!("{time:>9.3}")).chain(cells).collect::<String>());
+                let cells = cells
+                    .map(|(value, c)| format!("{:>1$}", value::format_number(*value), c.width()));
+                out.write_line(
+                    &std::iter::once(format!("{time:>9.3}")).chain(cells).collect::<String>(),
+                );
             }
-            Format::Csv => {
+            WatchFormat::Csv => {
                 let cells = cells.iter().map(|value| format!(",{value}"));
-                out.line(&std::iter::once(format!("{time:.6}")).chain(cells).collect::<String>());
+                out.write_line(
+                    &std::iter::once(format!("{time:.6}")).chain(cells).collect::<String>(),
+                );
             }
-            Format::Jsonl => {
-                object(columns, &cells, time, out.buffer());
+            WatchFormat::Jsonl => {
+                write_json(columns, &cells, time, out.buffer());
             }
         }
         Ok(())
     }
 }
 
-fn object(columns: &[Column], cells: &[f64], time: f64, out: &mut Vec<u8>) {
+fn write_json(columns: &[WatchColumn], cells: &[f64], time: f64, out: &mut Vec<u8>) {
     let mut axis = None;
     out.extend_from_slice(format!("{{\"time\":{time:.6}").as_bytes());
     for (column, value) in columns.iter().zip(cells) {
@@ -248,23 +263,23 @@ fn object(columns: &[Column], cells: &[f64], time: f64, out: &mut Vec<u8>) {
             }
         }
         out.push(b',');
-        jsonl::string(out, &column.name);
+        jsonl::write_string(out, &column.name);
         let value = if value.is_finite() { value.to_string() } else { "null".to_owned() };
         out.extend_from_slice(format!(":{value}").as_bytes());
     }
     out.extend_from_slice(b"}\n");
 }
 
-fn plain(name: &str) -> String {
+fn normalize_name(name: &str) -> String {
     name.to_ascii_lowercase().replace(['-', '_'], " ")
 }
 
-fn column(session: &Session, axis: &Axis, name: &str) -> Result<Column> {
-    let signal = Signal::ALL.into_iter().find(|signal| signal.name() == plain(name));
+fn local_column(session: &Session, axis: &Axis, name: &str) -> Result<WatchColumn> {
+    let signal = Signal::ALL.into_iter().find(|signal| signal.name() == normalize_name(name));
     let source = signal.and_then(|signal| Some((signal, axis.profile().signal(signal)?)));
     let (id, flag) = match source {
         Some((_, source)) => (source.parameter, source.equals.is_some()),
-        None => (named(axis, name)?, false),
+        None => (find_parameter(axis, name)?, false),
     };
     let unit = if flag { "" } else { axis.unit(id).symbol() }.to_owned();
     let (number, its) = (axis.number(), axis.clone());
@@ -272,13 +287,13 @@ fn column(session: &Session, axis: &Axis, name: &str) -> Result<Column> {
     let value = |value: Value| if value.value.is_finite() { value.value } else { value.raw as f64 };
     let read: Box<dyn Fn() -> Result<f64>> = match source {
         Some((wanted, _)) => Box::new(move || Ok(signal_of(&its, wanted)?.map_or(f64::NAN, value))),
-        None => Box::new(move || read(&its, id).map(value)),
+        None => Box::new(move || read_parameter(&its, id).map(value)),
     };
-    let name = format!("{}{}", session.who(axis), plain(name));
-    Ok(Column { number, link: None, name, unit, read })
+    let name = format!("{}{}", session.axis_prefix(axis), normalize_name(name));
+    Ok(WatchColumn { number, link: None, name, unit, read })
 }
 
-impl Column {
+impl WatchColumn {
     fn head(&self) -> String {
         match &*self.unit {
             "" => self.name.clone(),

@@ -5,15 +5,15 @@ use std::time::Duration;
 use clap::Args;
 use polepair::Axis;
 use polepair::axis::WatchdogState;
-use polepair::doctor::{ABSENT, watchdog_if_any};
-use polepair_client::message::{SetWatchdog, WatchdogTold};
+use polepair::doctor::{ABSENT_TEXT, read_watchdog};
+use polepair_client::message::{SetWatchdog, WatchdogView};
 use polepair_core::profile::Watchdog as Kind;
 
-use crate::joined::{self, Joined};
-use crate::outcome::{self, sentence};
+use crate::outcome::{self, to_sentence};
 use crate::problem::{Exit, Problem, Result};
-use crate::target::Target;
-use crate::terminal::{Output, say};
+use crate::remote::{self, RemoteSession};
+use crate::target::DriveArgs;
+use crate::terminal::{DataOutput, print_note};
 use crate::value;
 
 /// Shows what drives do by themselves when their host falls silent, or sets it.
@@ -26,44 +26,47 @@ Examples:
   polepair watchdog tmcl+serial:///dev/ttyUSB0#1
   polepair watchdog sim:tmcl 500ms
   polepair watchdog sim:tmcl off")]
-pub struct Watchdog {
+pub struct WatchdogCommand {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Stop after so long without a word of the host, with its unit; `off` is never
     #[arg(value_name = "TIME|off")]
     time: Option<String>,
 }
 
-impl Watchdog {
+impl WatchdogCommand {
     pub fn run(self) -> Result {
-        let wanted = self.time.as_deref().map(span).transpose()?;
+        let wanted = self.time.as_deref().map(parse_time).transpose()?;
         let session = self.target.open()?;
-        session.listen();
-        let mut out = Output::stdout();
+        session.listen_for_interrupts();
+        let mut out = DataOutput::stdout();
         for axis in session.axes() {
             let state = match wanted {
-                None => watchdog_if_any(axis),
+                None => read_watchdog(axis),
                 Some(_) if axis.watchdog_parameter().is_none() => {
-                    return Err(none(&axis.label(), &axis.watchdog_rule()));
+                    return Err(no_watchdog_problem(&axis.label(), &axis.watchdog_rule()));
                 }
                 // Not told apart from a wrong value by its refusal alone.
-                Some(_) if watchdog_if_any(axis) == Ok(WatchdogState::None) => {
-                    return Err(none(&axis.label(), &WatchdogState::None.to_string()));
+                Some(_) if read_watchdog(axis) == Ok(WatchdogState::None) => {
+                    return Err(no_watchdog_problem(
+                        &axis.label(),
+                        &WatchdogState::None.to_string(),
+                    ));
                 }
                 Some(after) => {
                     if let Some(caution) = axis.watchdog_caution(after.is_none()) {
-                        say(&format!("{}: {caution}", axis.label()));
+                        print_note(&format!("{}: {caution}", axis.label()));
                     }
                     axis.set_watchdog(after)
                 }
             };
-            let state = state.map_err(outcome::error)?;
-            out.line(&format!("{}: {}", axis.label(), shown(axis, state)));
+            let state = state.map_err(outcome::to_problem)?;
+            out.write_line(&format!("{}: {}", axis.label(), watchdog_text(axis, state)));
             if let (WatchdogState::On(after), Some(period)) = (state, axis.heartbeat())
                 && matches!(axis.profile().watchdog, Kind::Heartbeat { .. })
                 && after <= period
             {
-                say(&format!(
+                print_note(&format!(
                     "warning: {}: its watchdog ends before the next heartbeat of this connection \
                      ({} ms): the drive stops though this host speaks",
                     axis.label(),
@@ -76,25 +79,25 @@ impl Watchdog {
     }
 
     /// By a server.
-    pub fn joined(self, server: &Joined) -> Result {
-        let wanted = self.time.as_deref().map(span).transpose()?;
-        let mut out = Output::stdout();
-        for axis in server.pick(&self.target)? {
-            let told = server.gateway.watchdog(axis.id).map_err(joined::refused)?;
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        let wanted = self.time.as_deref().map(parse_time).transpose()?;
+        let mut out = DataOutput::stdout();
+        for axis in server.axes_of(&self.target)? {
+            let told = server.gateway.watchdog(axis.id).map_err(remote::refusal_problem)?;
             let told = match wanted {
                 None => told,
                 Some(_) if told.parameter.is_none() => {
-                    return Err(none(&axis.label, &told.text));
+                    return Err(no_watchdog_problem(&axis.label, &told.text));
                 }
                 Some(after) => {
                     if !told.caution.is_empty() {
-                        say(&format!("{}: {}", axis.label, told.caution));
+                        print_note(&format!("{}: {}", axis.label, told.caution));
                     }
-                    set(server, axis.id, after)?
+                    set_remote(server, axis.id, after)?
                 }
             };
             let parameter = told.parameter.map_or_else(String::new, |name| format!(" ({name})"));
-            out.line(&format!("{}: {}{parameter}", axis.label, told.text));
+            out.write_line(&format!("{}: {}{parameter}", axis.label, told.text));
         }
         out.flush()?;
         Ok(Exit::Ok)
@@ -102,48 +105,48 @@ impl Watchdog {
 }
 
 /// A drive that has none that can be set.
-fn none(label: &str, does: &str) -> Problem {
+fn no_watchdog_problem(label: &str, does: &str) -> Problem {
     Problem::usage("E218", format!("{label} has no watchdog that can be set."))
-        .why(format!("What it does in silence: {does}. {}", outcome::unsent()))
+        .why(format!("What it does in silence: {does}. {}", outcome::sent_so_far()))
         .hint("an emergency stop that needs no computer; for a speed, `--for TIME` or a move")
 }
 
 /// Sets it under a lease of its own.
-fn set(server: &Joined, axis: u16, after: Option<Duration>) -> Result<WatchdogTold> {
-    let live = server.gateway.live().map_err(joined::refused)?;
-    let lease = live.take(axis).map_err(joined::refused)?;
+fn set_remote(server: &RemoteSession, axis: u16, after: Option<Duration>) -> Result<WatchdogView> {
+    let live = server.gateway.live().map_err(remote::refusal_problem)?;
+    let lease = live.acquire_lease(axis).map_err(remote::refusal_problem)?;
     let after_ms = after.map(|after| after.as_secs_f64() * 1e3);
     let set = SetWatchdog { after_ms, epoch: lease.epoch() };
-    let told = server.gateway.set_watchdog(axis, &set).map_err(joined::refused)?;
-    lease.give_back().map_err(joined::refused)?;
+    let told = server.gateway.set_watchdog(axis, &set).map_err(remote::refusal_problem)?;
+    lease.release().map_err(remote::refusal_problem)?;
     Ok(told)
 }
 
 /// A time with its unit; nothing for `off`.
-pub fn span(text: &str) -> Result<Option<Duration>> {
+pub fn parse_time(text: &str) -> Result<Option<Duration>> {
     if text == "off" {
         return Ok(None);
     }
     let wrong = |why: String| {
         Problem::usage("E217", format!("{text:?} is no time."))
-            .why(sentence(&why))
+            .why(to_sentence(&why))
             .hint("`off` has it stop nothing")
     };
-    let span = Duration::from_secs_f64(value::span(text).map_err(wrong)?);
+    let span = Duration::from_secs_f64(value::parse_span(text).map_err(wrong)?);
     Ok(Some(span).filter(|span| !span.is_zero()))
 }
 
 /// How a drive's watchdog is set, with the parameter that sets it.
-pub fn shown(axis: &Axis, state: WatchdogState) -> String {
+pub fn watchdog_text(axis: &Axis, state: WatchdogState) -> String {
     let id = axis.watchdog_parameter();
     match (id.and_then(|id| axis.profile().parameter(id)), state) {
         (Some(parameter), WatchdogState::None) => {
             let does = "the motor keeps doing what it was last told";
-            format!("{ABSENT} (`{}`): {does}", parameter.name)
+            format!("{ABSENT_TEXT} (`{}`): {does}", parameter.name)
         }
         (Some(parameter), _) => {
-            format!("{} (`{}`)", axis.watchdog_in_words(state), parameter.name)
+            format!("{} (`{}`)", axis.describe_watchdog(state), parameter.name)
         }
-        (None, _) => axis.watchdog_in_words(state),
+        (None, _) => axis.describe_watchdog(state),
     }
 }

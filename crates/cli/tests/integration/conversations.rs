@@ -5,8 +5,8 @@ use crate::run;
 
 use std::collections::BTreeMap;
 
-use polepair_capture::session::{Notice, Outcome};
-use polepair_capture::{Decoder, Rules};
+use polepair_capture::session::{ExchangeOutcome, SessionNotice};
+use polepair_capture::{CaptureDecoder, Rules};
 use run::polepair;
 
 /// What a trace tells.
@@ -14,21 +14,23 @@ use run::polepair;
 struct Told {
     odd: BTreeMap<&'static str, Vec<String>>,
     done: usize,
-    others: Vec<Outcome>,
+    others: Vec<ExchangeOutcome>,
     signals: BTreeMap<&'static str, usize>,
 }
 
 impl Told {
-    fn take(&mut self, notices: &[Notice]) {
+    fn take(&mut self, notices: &[SessionNotice]) {
         for notice in notices {
             match notice {
-                Notice::Odd(odd) => {
-                    self.odd.entry(odd.kind.word()).or_default().push(odd.text.clone());
+                SessionNotice::Anomaly(odd) => {
+                    self.odd.entry(odd.kind.as_str()).or_default().push(odd.text.clone());
                 }
-                Notice::Exchange(exchange) if exchange.outcome == Outcome::Done => self.done += 1,
-                Notice::Exchange(exchange) => self.others.push(exchange.outcome),
-                Notice::Signal(signal) => *self.signals.entry(signal.name).or_default() += 1,
-                Notice::Change(_) | Notice::Fault(_) => {}
+                SessionNotice::Exchange(exchange) if exchange.outcome == ExchangeOutcome::Done => {
+                    self.done += 1
+                }
+                SessionNotice::Exchange(exchange) => self.others.push(exchange.outcome),
+                SessionNotice::Signal(signal) => *self.signals.entry(signal.name).or_default() += 1,
+                SessionNotice::Change(_) | SessionNotice::Fault(_) => {}
             }
         }
     }
@@ -42,10 +44,10 @@ fn traced(name: &str, arguments: &[&str], protocol: &str) -> Told {
     let capture = std::fs::read(&path).expect("a trace");
     std::fs::remove_file(&path).expect("removed");
     let mut told = Told::default();
-    let mut decoder = Decoder::new(Rules::parse(protocol).expect("a protocol"));
+    let mut decoder = CaptureDecoder::new(Rules::parse(protocol).expect("a protocol"));
     decoder.feed(&capture, &mut |event| told.take(event.notices));
     decoder.finish(&mut |event| told.take(event.notices));
-    decoder.ending(&mut |event| told.take(event.notices));
+    decoder.finish_sessions(&mut |event| told.take(event.notices));
     assert!(told.done > 0, "{arguments:?}: {}\n{told:?}", ran.err);
     told
 }

@@ -41,9 +41,9 @@ fn mutate(random: &mut Random, kept: &[Vec<u8>]) -> Vec<u8> {
         let other = &kept[random.below(kept.len() as u64) as usize];
         match random.below(7) {
             0 if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
-            1 if at < bytes.len() => bytes[at] = random.byte(),
+            1 if at < bytes.len() => bytes[at] = random.next_byte(),
             2 if at < bytes.len() => drop(bytes.remove(at)),
-            3 => bytes.insert(at, random.byte()),
+            3 => bytes.insert(at, random.next_byte()),
             4 => bytes.truncate(at),
             5 => {
                 bytes.truncate(at);

@@ -94,7 +94,7 @@ fn every_signal_that_ends_a_process_stops_the_motor_first() {
 /// Drawn on by a motion that lasts; nothing can be drawn any more once it is gone.
 #[test]
 fn a_terminal_that_is_gone_leaves_no_motor_turning() {
-    use polepair_link::Link as _;
+    use polepair_link::LinkIo as _;
     let sim = served(&KINDS[0]);
     let pty = polepair_link::pty::Pty::open(None).expect("a pseudo-terminal");
     let end = || {

@@ -3,9 +3,9 @@
 
 use crate::run;
 
-use polepair_capture::session::Oddity;
-use polepair_capture::summary::{Moment, Summary};
-use polepair_capture::{Judge, Stamp};
+use polepair_capture::session::AnomalyKind;
+use polepair_capture::summary::{AnomalyBurst, Summary};
+use polepair_capture::{ProtocolDetector, Timestamp};
 use run::polepair;
 
 /// A line of a log: when, on which link and whose it is, the bytes.
@@ -121,26 +121,30 @@ fn traced(talk: &Talk, nth: usize) -> Vec<Line> {
 /// What the summary of a capture holds.
 fn summary(lines: &[Line]) -> Summary {
     let log: String = lines.iter().map(Line::write).collect();
-    let mut judge = Judge::new();
+    let mut judge = ProtocolDetector::new();
     judge.feed(log.as_bytes());
     let (verdicts, mut decoder) = judge.decide();
     assert!(verdicts.iter().all(|verdict| verdict.protocol.is_some()), "{verdicts:?}\n{log}");
     let mut summary = Summary::default();
-    decoder.feed(log.as_bytes(), &mut |event| summary.take(event));
-    decoder.finish(&mut |event| summary.take(event));
-    decoder.ending(&mut |event| summary.ending(event));
+    decoder.feed(log.as_bytes(), &mut |event| summary.add_frame(event));
+    decoder.finish(&mut |event| summary.add_frame(event));
+    decoder.finish_sessions(&mut |event| summary.add_open_notices(event));
     summary
 }
 
-fn moments(summary: &Summary) -> Vec<&Moment> {
-    summary.moments.oddest(100)
+fn moments(summary: &Summary) -> Vec<&AnomalyBurst> {
+    summary.anomalies.most_notable(100)
 }
 
 /// A fault: how it is planted at a line that is an answer, and what may be told of it.
-type Fault = (&'static str, fn(&mut Vec<Line>, usize), &'static [Oddity]);
+type Fault = (&'static str, fn(&mut Vec<Line>, usize), &'static [AnomalyKind]);
 
 const FAULTS: [Fault; 8] = [
-    ("lost", |lines, at| drop(lines.remove(at)), &[Oddity::Unanswered, Oddity::MissingAck]),
+    (
+        "lost",
+        |lines, at| drop(lines.remove(at)),
+        &[AnomalyKind::Unanswered, AnomalyKind::MissingAck],
+    ),
     (
         "doubled",
         |lines, at| {
@@ -148,12 +152,12 @@ const FAULTS: [Fault; 8] = [
             again.us += 300;
             lines.insert(at + 1, again);
         },
-        &[Oddity::DuplicateReply],
+        &[AnomalyKind::DuplicateReply],
     ),
     (
         "late",
         |lines, at| lines[at..].iter_mut().for_each(|line| line.us += 1_500_000),
-        &[Oddity::LateReply],
+        &[AnomalyKind::LateReply],
     ),
     (
         "sent again",
@@ -164,12 +168,12 @@ const FAULTS: [Fault; 8] = [
             again.us = (lines[at - 1].us + lines[at].us) / 2;
             lines.insert(at, again);
         },
-        &[Oddity::Retry],
+        &[AnomalyKind::Retry],
     ),
     (
         "cut",
         |lines, at| lines[at].bytes.truncate(4),
-        &[Oddity::Stray, Oddity::Malformed, Oddity::BadCheck],
+        &[AnomalyKind::Stray, AnomalyKind::Malformed, AnomalyKind::BadCheck],
     ),
     (
         "flipped",
@@ -177,7 +181,7 @@ const FAULTS: [Fault; 8] = [
             let last = lines[at].bytes.len() - 3;
             lines[at].bytes[last] ^= 0x01;
         },
-        &[Oddity::BadCheck, Oddity::Stray],
+        &[AnomalyKind::BadCheck, AnomalyKind::Stray],
     ),
     (
         "noise",
@@ -186,7 +190,7 @@ const FAULTS: [Fault; 8] = [
             (noise.us, noise.bytes) = (noise.us + 500, vec![0x01]);
             lines.insert(at + 1, noise);
         },
-        &[Oddity::Stray],
+        &[AnomalyKind::Stray],
     ),
     (
         "foreign",
@@ -197,7 +201,7 @@ const FAULTS: [Fault; 8] = [
             foreign.us = lines[at].us + room / 2;
             lines.insert(at + 1, foreign);
         },
-        &[Oddity::ForeignReply, Oddity::DuplicateReply, Oddity::DuplicateAddress],
+        &[AnomalyKind::ForeignReply, AnomalyKind::DuplicateReply, AnomalyKind::DuplicateAddress],
     ),
 ];
 
@@ -231,15 +235,15 @@ fn a_planted_fault_is_found_and_nothing_else() {
                 plant(&mut lines, *at);
                 let told = summary(&lines);
                 let found = moments(&told);
-                let right = |moment: &&&Moment| {
-                    let at = moment.time.map_or(0, |Stamp(ns)| ns / 1000);
+                let right = |moment: &&&AnomalyBurst| {
+                    let at = moment.time.map_or(0, |Timestamp(ns)| ns / 1000);
                     let near = (since.saturating_sub(10_000)..since + 1_600_000).contains(&at);
                     let whose = moment.who.axis.is_none() || moment.who.axis == axis;
                     near && whose && kinds.contains(&moment.kind) && moment.count == 1
                 };
                 let right = found.iter().filter(right).count();
                 if (right, found.len()) != (1, 1) {
-                    let tell = |it: &&Moment| format!("{}, {}", it.kind.word(), it.text);
+                    let tell = |it: &&AnomalyBurst| format!("{}, {}", it.kind.as_str(), it.text);
                     let found: Vec<String> = found.iter().map(tell).collect();
                     missed.push(format!("{} {name} at line {at}: {found:?}", talk.url));
                 }

@@ -9,10 +9,10 @@ use std::time::Duration;
 use authority::{authority, vouched_by};
 use cut::Cut;
 use polepair::Connector;
-use polepair_client::message::{Arguments, Given, StopOrder, WriteParameters};
-use polepair_client::{Gateway, Options, Refused};
+use polepair_client::message::{CommandArguments, ParameterInput, StopRequest, WriteParameters};
+use polepair_client::{Gateway, GatewayError, GatewayOptions};
 use polepair_link::clock;
-use polepair_serve::Server;
+use polepair_serve::GatewayServer;
 
 /// Longer than anything takes that works.
 const LONG: Duration = Duration::from_secs(60);
@@ -21,30 +21,32 @@ const DRIVES: &str = "sim:tmcl?axes=2";
 
 /// A server of its own for each test, on a free port.
 struct Site {
-    server: Server,
+    server: GatewayServer,
     folder: PathBuf,
 }
 
 impl Site {
     fn new() -> Self {
-        Self::with(|_| polepair_serve::Options::in_folder(PathBuf::new()))
+        Self::with(|_| polepair_serve::ServerOptions::in_folder(PathBuf::new()))
     }
 
     fn encrypted() -> Self {
-        let plain = polepair_serve::Options::in_folder(PathBuf::new());
-        Self::with(|_| polepair_serve::Options { tls: true, ..plain })
+        let plain = polepair_serve::ServerOptions::in_folder(PathBuf::new());
+        Self::with(|_| polepair_serve::ServerOptions { tls: true, ..plain })
     }
 
     /// A server of such options, made in its folder.
-    fn with(options: impl FnOnce(&Path) -> polepair_serve::Options) -> Self {
+    fn with(options: impl FnOnce(&Path) -> polepair_serve::ServerOptions) -> Self {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let n = NEXT.fetch_add(1, Ordering::Relaxed);
         let name = format!("polepair-client-{}-{n}", std::process::id());
         let folder = std::env::temp_dir().join(name);
         std::fs::create_dir_all(&folder).unwrap();
         let bind = "127.0.0.1:0".parse().unwrap();
-        let options = polepair_serve::Options { bind, folder: folder.clone(), ..options(&folder) };
-        let server = Server::start(&options, &[DRIVES.into()], Connector::default()).unwrap();
+        let options =
+            polepair_serve::ServerOptions { bind, folder: folder.clone(), ..options(&folder) };
+        let server =
+            GatewayServer::start(&options, &[DRIVES.into()], Connector::default()).unwrap();
         Self { server, folder }
     }
 
@@ -53,12 +55,12 @@ impl Site {
     }
 
     /// How somebody joins it who has its folder.
-    fn options(&self, scheme: &str) -> Options {
-        Options {
+    fn options(&self, scheme: &str) -> GatewayOptions {
+        GatewayOptions {
             url: format!("{scheme}://127.0.0.1:{}", self.port()),
             token_file: Some(self.folder.join("tokens")),
             certificate: Some(self.folder.join("certificate.pem").display().to_string()),
-            ..Options::default()
+            ..GatewayOptions::default()
         }
     }
 
@@ -67,7 +69,7 @@ impl Site {
     }
 
     fn moving(&self, axis: u16) -> bool {
-        let state = self.server.bench().axis(axis).unwrap();
+        let state = self.server.bench().axis_state(axis).unwrap();
         let velocity = state.signals.iter().find(|s| s.signal == "velocity");
         velocity.and_then(|s| s.value).is_some_and(|velocity| velocity.abs() > 0.5)
     }
@@ -88,17 +90,17 @@ fn until(what: &str, mut so: impl FnMut() -> bool) {
     }
 }
 
-fn to(target: f64) -> Arguments {
-    Arguments { target: Some(target), ..Arguments::default() }
+fn to(target: f64) -> CommandArguments {
+    CommandArguments { target: Some(target), ..CommandArguments::default() }
 }
 
-fn at(velocity: f64) -> Arguments {
-    Arguments { velocity: Some(velocity), ..Arguments::default() }
+fn at(velocity: f64) -> CommandArguments {
+    CommandArguments { velocity: Some(velocity), ..CommandArguments::default() }
 }
 
 fn current(text: &str) -> WriteParameters {
     WriteParameters {
-        values: [("max current".to_owned(), Given::Text(text.to_owned()))].into(),
+        values: [("max current".to_owned(), ParameterInput::Text(text.to_owned()))].into(),
         keep: false,
         dry_run: true,
         raw: false,
@@ -112,21 +114,21 @@ fn an_axis_is_taken_moved_and_given_back() {
     let gateway = site.join();
     let bench = gateway.bench().unwrap();
     assert_eq!(bench.axes.iter().map(|axis| axis.number).collect::<Vec<_>>(), [1, 3]);
-    let lease = gateway.live().unwrap().take(1).unwrap();
+    let lease = gateway.live().unwrap().acquire_lease(1).unwrap();
     for verb in ["arm", "enable"] {
-        lease.run(verb, Arguments::default(), LONG).unwrap();
+        lease.run(verb, CommandArguments::default(), LONG).unwrap();
     }
     lease.run("move-to", to(1.0), LONG).unwrap();
-    lease.run("reached", Arguments::default(), LONG).unwrap();
+    lease.run("reached", CommandArguments::default(), LONG).unwrap();
     let position = || {
-        let signals = gateway.axis(1).unwrap().signals;
+        let signals = gateway.axis_state(1).unwrap().signals;
         signals.iter().find(|s| s.signal == "position").and_then(|s| s.value).unwrap_or(0.0)
     };
     until("it is where it was sent", || (position() - 1.0).abs() < 0.05);
     lease.check().unwrap();
-    lease.give_back().unwrap();
-    assert_eq!(gateway.axis(1).unwrap().lease, None);
-    assert!(!gateway.axis(1).unwrap().armed, "nothing moves before it is armed anew");
+    lease.release().unwrap();
+    assert_eq!(gateway.axis_state(1).unwrap().lease, None);
+    assert!(!gateway.axis_state(1).unwrap().armed, "nothing moves before it is armed anew");
 }
 
 #[test]
@@ -134,18 +136,18 @@ fn parameters_are_planned_written_and_read() {
     let site = Site::new();
     let gateway = site.join();
     assert!(gateway.parameters(0).unwrap().iter().any(|p| p.name == "max current"));
-    let plan = gateway.write(0, &current("1.2 A")).unwrap();
+    let plan = gateway.write_parameters(0, &current("1.2 A")).unwrap();
     assert!(plan.len() == 1 && (plan[0].to - 1.2).abs() < 1e-9 && plan[0].changed, "{plan:?}");
     let before = gateway.parameter(0, "max current").unwrap();
     assert_eq!(before.value, plan[0].from, "a dry run writes nothing");
     let real = WriteParameters { dry_run: false, ..current("1.2 A") };
-    let refused = gateway.write(0, &real).unwrap_err();
+    let refused = gateway.write_parameters(0, &real).unwrap_err();
     assert_eq!((&*refused.code, refused.executed), ("gateway.lease", Some(false)));
     let live = gateway.live().unwrap();
-    let lease = live.take(0).unwrap();
-    gateway.write(0, &WriteParameters { epoch: lease.epoch(), ..real }).unwrap();
+    let lease = live.acquire_lease(0).unwrap();
+    gateway.write_parameters(0, &WriteParameters { epoch: lease.epoch(), ..real }).unwrap();
     assert_eq!(gateway.parameter(0, "max current").unwrap().raw, 12);
-    assert_eq!(gateway.write(0, &current("99 A")).unwrap_err().code, "E216");
+    assert_eq!(gateway.write_parameters(0, &current("99 A")).unwrap_err().code, "E216");
     assert_eq!(gateway.parameter(0, "max curent").unwrap_err().exit() as u8, 2);
 }
 
@@ -154,26 +156,26 @@ fn of_two_clients_the_second_is_told_who_commands() {
     let site = Site::new();
     let (ann, bob) = (site.join().live().unwrap(), site.join().live().unwrap());
     assert_ne!(ann.session(), bob.session(), "one token, two clients");
-    let lease = ann.take(0).unwrap();
-    let refused = bob.take(0).unwrap_err();
+    let lease = ann.acquire_lease(0).unwrap();
+    let refused = bob.acquire_lease(0).unwrap_err();
     assert_eq!((&*refused.code, refused.executed), ("gateway.lease", Some(false)));
     assert!(refused.message.contains(ann.session()), "{refused}");
-    bob.take(1).unwrap();
+    bob.acquire_lease(1).unwrap();
     drop(lease);
-    until("what is dropped is free", || bob.take(0).is_ok());
+    until("what is dropped is free", || bob.acquire_lease(0).is_ok());
 }
 
 #[test]
 fn whoever_stops_an_axis_ends_its_lease() {
     let site = Site::new();
     let gateway = site.join();
-    let lease = gateway.live().unwrap().take(0).unwrap();
+    let lease = gateway.live().unwrap().acquire_lease(0).unwrap();
     for verb in ["arm", "enable"] {
-        lease.run(verb, Arguments::default(), LONG).unwrap();
+        lease.run(verb, CommandArguments::default(), LONG).unwrap();
     }
     lease.run("velocity", at(30.0), LONG).unwrap();
     until("it turns", || site.moving(0));
-    let order = StopOrder { axes: Some(vec![0]), reason: "a test".into() };
+    let order = StopRequest { axes: Some(vec![0]), reason: "a test".into() };
     let stopped = site.join().stop(&order).unwrap();
     assert_eq!(stopped.axes.len(), 1);
     assert!(stopped.axes[0].error.is_none(), "{stopped:?}");
@@ -188,22 +190,22 @@ fn a_lost_server_stops_the_axis_and_leaves_the_outcome_unknown() {
     let site = Site::new();
     let cut = Cut::before(site.port());
     let url = format!("http://127.0.0.1:{}", cut.port());
-    let gateway = Gateway::new(&Options { url, ..site.options("http") }).unwrap();
-    let lease = gateway.live().unwrap().take(0).unwrap();
+    let gateway = Gateway::new(&GatewayOptions { url, ..site.options("http") }).unwrap();
+    let lease = gateway.live().unwrap().acquire_lease(0).unwrap();
     for verb in ["arm", "enable"] {
-        lease.run(verb, Arguments::default(), LONG).unwrap();
+        lease.run(verb, CommandArguments::default(), LONG).unwrap();
     }
     lease.run("velocity", at(30.0), LONG).unwrap();
     until("it turns", || site.moving(0));
     cut.pull();
     let mut pending = lease.start("velocity", at(60.0)).unwrap();
-    until("the lease is over", || site.server.bench().axis(0).unwrap().lease.is_none());
+    until("the lease is over", || site.server.bench().axis_state(0).unwrap().lease.is_none());
     until("it stands", || !site.moving(0));
-    assert!(!site.server.bench().axis(0).unwrap().armed);
+    assert!(!site.server.bench().axis_state(0).unwrap().armed);
     let unknown = pending.wait(LONG).unwrap_err();
     assert_eq!((&*unknown.code, unknown.executed), ("E313", None), "{unknown}");
     assert_eq!(lease.check().unwrap_err().code, "E313");
-    let nothing = lease.start("stop", Arguments::default()).unwrap_err();
+    let nothing = lease.start("stop", CommandArguments::default()).unwrap_err();
     assert_eq!(nothing.executed, Some(false), "it was not even sent: {nothing}");
     let journal = std::fs::read_to_string(site.folder.join("journal.jsonl")).unwrap();
     assert_eq!(journal.matches(r#""verb":"velocity""#).count(), 1, "{journal}");
@@ -213,15 +215,15 @@ fn a_lost_server_stops_the_axis_and_leaves_the_outcome_unknown() {
 fn what_is_watched_comes_as_samples() {
     let site = Site::new();
     let live = site.join().live().unwrap();
-    let watched = live.watch(0, Some("position"), None, 50.0).unwrap();
+    let watched = live.subscribe(0, Some("position"), None, 50.0).unwrap();
     assert_eq!(watched.unit(), "rad");
     until("samples come", || watched.drain().unwrap().0.len() > 1);
     assert!(watched.last(Duration::MAX).unwrap().is_some());
     // More than a client may have at once: what is dropped is watched no more.
     for _ in 0..100 {
-        live.watch(0, Some("velocity"), None, 50.0).unwrap();
+        live.subscribe(0, Some("velocity"), None, 50.0).unwrap();
     }
-    let refused = live.watch(0, Some("fuel"), None, 50.0).unwrap_err();
+    let refused = live.subscribe(0, Some("fuel"), None, 50.0).unwrap_err();
     assert_eq!(refused.executed, Some(false), "{refused}");
 }
 
@@ -231,11 +233,11 @@ fn only_the_pinned_certificate_is_the_servers() {
     let right = site.options("https");
     assert_eq!(Gateway::new(&right).unwrap().bench().unwrap().axes.len(), 2);
     let printed = site.server.fingerprint().unwrap().to_owned();
-    let by_print = Options { certificate: Some(printed.clone()), ..right.clone() };
+    let by_print = GatewayOptions { certificate: Some(printed.clone()), ..right.clone() };
     let live = Gateway::new(&by_print).unwrap().live().unwrap();
-    live.take(0).unwrap();
+    live.acquire_lease(0).unwrap();
     let other = if printed.starts_with('0') { "1" } else { "0" };
-    let wrong = Options { certificate: Some(format!("{other}{}", &printed[1..])), ..right };
+    let wrong = GatewayOptions { certificate: Some(format!("{other}{}", &printed[1..])), ..right };
     assert_eq!(Gateway::new(&wrong).unwrap().bench().unwrap_err().code, "E321");
     let plain = Gateway::new(&site.options("http")).unwrap().bench().unwrap_err();
     assert_eq!(plain.exit() as u8, 3, "{plain}");
@@ -247,24 +249,24 @@ fn where_clients_show_certificates_ours_is_shown() {
     let site = Site::with(|folder| {
         signers = ["ours", "others"].map(|name| authority(&folder.join(name))).into();
         let clients = Some(folder.join("ours"));
-        polepair_serve::Options {
+        polepair_serve::ServerOptions {
             tls: true,
-            clients,
-            ..polepair_serve::Options::in_folder(PathBuf::new())
+            client_ca: clients,
+            ..polepair_serve::ServerOptions::in_folder(PathBuf::new())
         }
     });
     let own = site.folder.join("robot.pem");
     let (certificate, key) = vouched_by(&signers[0]);
     private(&own, &format!("{certificate}{key}"));
-    let right = Options { client_cert: Some(own.clone()), ..site.options("https") };
+    let right = GatewayOptions { client_cert: Some(own.clone()), ..site.options("https") };
     let gateway = Gateway::new(&right).unwrap();
     assert_eq!(gateway.bench().unwrap().axes.len(), 2);
-    gateway.live().unwrap().take(0).unwrap();
+    gateway.live().unwrap().acquire_lease(0).unwrap();
     let apart = [site.folder.join("robot.crt"), site.folder.join("robot.key")];
     std::fs::write(&apart[0], &certificate).unwrap();
     private(&apart[1], &key);
     let [client_cert, client_key] = apart.clone().map(Some);
-    let apart_too = Options { client_cert, client_key, ..right.clone() };
+    let apart_too = GatewayOptions { client_cert, client_key, ..right.clone() };
     assert_eq!(Gateway::new(&apart_too).unwrap().bench().unwrap().axes.len(), 2);
     let none = Gateway::new(&site.options("https")).unwrap();
     for refused in [none.bench().unwrap_err(), none.live().unwrap_err()] {
@@ -277,9 +279,9 @@ fn where_clients_show_certificates_ours_is_shown() {
     let stranger = Gateway::new(&right).unwrap();
     let refused = stranger.bench().unwrap_err();
     assert!(["E256", "E313"].contains(&&*refused.code), "{refused}");
-    let keyless = Options { client_key: Some(apart[0].clone()), ..right.clone() };
+    let keyless = GatewayOptions { client_key: Some(apart[0].clone()), ..right.clone() };
     assert!(["E256", "E305"].contains(&&*Gateway::new(&keyless).unwrap_err().code));
-    let foreign = Options { client_key: Some(apart[1].clone()), ..right };
+    let foreign = GatewayOptions { client_key: Some(apart[1].clone()), ..right };
     assert_eq!(Gateway::new(&foreign).unwrap_err().code, "E256", "another certificate's key");
 }
 
@@ -288,10 +290,10 @@ fn where_clients_show_certificates_ours_is_shown() {
 fn what_one_server_wants_is_not_held_against_the_next() {
     let site = Site::with(|folder| {
         authority(&folder.join("ours"));
-        polepair_serve::Options {
+        polepair_serve::ServerOptions {
             tls: true,
-            clients: Some(folder.join("ours")),
-            ..polepair_serve::Options::in_folder(PathBuf::new())
+            client_ca: Some(folder.join("ours")),
+            ..polepair_serve::ServerOptions::in_folder(PathBuf::new())
         }
     });
     let (bind, folder) = (site.server.address(), site.folder.with_extension("again"));
@@ -302,9 +304,9 @@ fn what_one_server_wants_is_not_held_against_the_next() {
         std::fs::copy(site.folder.join(name), folder.join(name)).unwrap();
     }
     drop(site);
-    let plain = polepair_serve::Options::in_folder(folder.clone());
-    let options = polepair_serve::Options { bind, tls: true, ..plain };
-    let server = Server::start(&options, &[DRIVES.into()], Connector::default()).unwrap();
+    let plain = polepair_serve::ServerOptions::in_folder(folder.clone());
+    let options = polepair_serve::ServerOptions { bind, tls: true, ..plain };
+    let server = GatewayServer::start(&options, &[DRIVES.into()], Connector::default()).unwrap();
     let _site = Site { server, folder };
     assert_eq!(gateway.bench().unwrap().axes.len(), 2);
 }
@@ -323,9 +325,9 @@ fn without_a_token_of_it_nothing_is_told() {
     let site = Site::new();
     let file = site.folder.join("another");
     private(&file, &"0".repeat(64));
-    let options = Options { token_file: Some(file), ..site.options("http") };
+    let options = GatewayOptions { token_file: Some(file), ..site.options("http") };
     let gateway = Gateway::new(&options).unwrap();
-    let refused: [Refused; 2] = [gateway.bench().unwrap_err(), gateway.live().unwrap_err()];
+    let refused: [GatewayError; 2] = [gateway.bench().unwrap_err(), gateway.live().unwrap_err()];
     refused.iter().for_each(|refused| assert_eq!(refused.code, "gateway.token"));
 }
 
@@ -335,10 +337,11 @@ fn nobody_there_is_said_so() {
     let port = free.local_addr().unwrap().port();
     drop(free);
     let site = Site::new();
-    let options = Options { url: format!("http://127.0.0.1:{port}"), ..site.options("http") };
+    let options =
+        GatewayOptions { url: format!("http://127.0.0.1:{port}"), ..site.options("http") };
     let gateway = Gateway::new(&options).unwrap();
     let refused = gateway.bench().unwrap_err();
     assert_eq!((&*refused.code, refused.executed), ("E314", Some(false)));
-    let refused = gateway.stop(&StopOrder::default()).unwrap_err();
+    let refused = gateway.stop(&StopRequest::default()).unwrap_err();
     assert!(refused.hint.contains("cut the supply"), "{refused:?}");
 }

@@ -2,10 +2,10 @@
 
 use std::fmt::Write as _;
 
-use polepair_capture::parallel::{Maker, decode};
-use polepair_capture::text::{Style, Text};
-use polepair_capture::{Batch, Decoder, Reader, Rules};
-use polepair_columns::{Origin, Table, Tables};
+use polepair_capture::parallel::{BatchConsumer, decode};
+use polepair_capture::text::{FrameTextWriter, TextStyle};
+use polepair_capture::{CaptureDecoder, CaptureReader, FrameBatch, Rules};
+use polepair_columns::{CaptureOrigin, TableKind, TablesBuilder};
 
 const PIECE: usize = 1 << 18;
 
@@ -89,15 +89,15 @@ pub fn log(frames: usize) -> String {
     log.text
 }
 
-fn decoder() -> Decoder {
-    Decoder::new(Rules::parse("canopen").unwrap_or_default())
+fn decoder() -> CaptureDecoder {
+    CaptureDecoder::new(Rules::parse("canopen").unwrap_or_default())
 }
 
 /// Reads all lines.
 pub fn parse(log: &str) -> u64 {
-    let (mut reader, mut bytes) = (Reader::default(), 0);
+    let (mut reader, mut bytes) = (CaptureReader::default(), 0);
     let mut count = |record: &polepair_capture::Record<'_>| {
-        if let polepair_capture::Data::Frame(frame) = record.data {
+        if let polepair_capture::RecordData::Frame(frame) = record.data {
             bytes += u64::from(frame.len);
         }
     };
@@ -108,37 +108,38 @@ pub fn parse(log: &str) -> u64 {
 
 /// Builds columns in memory.
 pub fn columns(log: &str) -> usize {
-    let origin = Origin { source: "bench".to_owned(), file: "bench.log".to_owned() };
-    let (mut tables, mut rows) = (Tables::new(&Table::ALL, &origin), 0);
-    let mut decoder = decoder().without_words();
-    let mut flush = |tables: &mut Tables| {
+    let origin = CaptureOrigin { source: "bench".to_owned(), file: "bench.log".to_owned() };
+    let (mut tables, mut rows) = (TablesBuilder::new(&TableKind::ALL, &origin), 0);
+    let mut decoder = decoder().without_text();
+    let mut flush = |tables: &mut TablesBuilder| {
         let flushed = tables.flush(&mut |_, batch| {
             rows += batch.num_rows();
             Ok(())
         });
         assert!(flushed.is_ok());
     };
-    let mut batch = Batch::default();
+    let mut batch = FrameBatch::default();
     for piece in log.as_bytes().chunks(PIECE) {
-        decoder.gather(piece, &mut batch, &mut |batch| tables.take_batch(batch));
-        tables.take_batch(&batch);
+        decoder.decode_batch(piece, &mut batch, &mut |batch| tables.add_batch(batch));
+        tables.add_batch(&batch);
         if tables.is_full() {
             flush(&mut tables);
         }
     }
-    decoder.gather_rest(&mut batch, &mut |batch| tables.take_batch(batch));
-    tables.take_batch(&batch);
+    decoder.finish_batch(&mut batch, &mut |batch| tables.add_batch(batch));
+    tables.add_batch(&batch);
     flush(&mut tables);
     rows
 }
 
 /// Writes lines into memory.
 pub fn text(log: &str) -> usize {
-    let (mut lines, mut out, mut written) = (Text::new(Style::default()), Vec::new(), 0);
+    let (mut lines, mut out, mut written) =
+        (FrameTextWriter::new(TextStyle::default()), Vec::new(), 0);
     let mut decoder = decoder();
-    let mut batch = Batch::default();
+    let mut batch = FrameBatch::default();
     for piece in log.as_bytes().chunks(PIECE) {
-        decoder.gather(piece, &mut batch, &mut |batch| lines.write_batch(batch, &mut out));
+        decoder.decode_batch(piece, &mut batch, &mut |batch| lines.write_batch(batch, &mut out));
         lines.write_batch(&batch, &mut out);
         written += out.len();
         out.clear();
@@ -149,12 +150,12 @@ pub fn text(log: &str) -> usize {
 /// Lines for others to hand on.
 #[derive(Default)]
 struct Pen {
-    text: Text,
+    text: FrameTextWriter,
     lines: Vec<u8>,
 }
 
-impl Maker for Pen {
-    fn make(&mut self, batch: &Batch) {
+impl BatchConsumer for Pen {
+    fn consume(&mut self, batch: &FrameBatch) {
         self.text.write_batch(batch, &mut self.lines);
     }
 }

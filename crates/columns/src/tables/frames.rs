@@ -5,13 +5,15 @@ use std::sync::Arc;
 use arrow_array::RecordBatch;
 use arrow_array::types::{Int8Type, Int32Type, Int64Type};
 use arrow_schema::ArrowError;
-use polepair_capture::session::{Notice, Oddity};
-use polepair_capture::{CAN_FD, ERROR_FRAME, Event, Plain, Voice, Wrong};
+use polepair_capture::session::{AnomalyKind, SessionNotice};
+use polepair_capture::{
+    CAN_FD, CompactFrame, DecodedFrame, ERROR_FRAME, FrameDefect, FrameTemplate,
+};
 use polepair_core::explain::Direction;
 
-use super::{Origin, count, in_order, ns, only, times};
-use crate::column::{Bytes, Numbers, Same, Words, micros};
-use crate::schema::Table;
+use super::{CaptureOrigin, common_value, push_times, sort_by_time, timestamp_ns, to_i64};
+use crate::column::{BytesColumn, ConstantColumn, NumberColumn, WordColumn, to_micros};
+use crate::schema::TableKind;
 
 /// Bits of column `flags`.
 pub mod flags {
@@ -36,25 +38,25 @@ pub mod flags {
 }
 
 #[derive(Debug, Default)]
-pub(super) struct Frames {
-    t_ns: Numbers<Int64Type>,
-    source: Same,
-    bus: Words,
-    dir: Numbers<Int8Type>,
-    protocol: Words,
-    can_id: Numbers<Int32Type>,
-    flags: Numbers<Int32Type>,
-    data: Bytes,
-    file: Same,
-    file_pos: Numbers<Int64Type>,
-    seq: Numbers<Int64Type>,
+pub(super) struct FrameRows {
+    t_ns: NumberColumn<Int64Type>,
+    source: ConstantColumn,
+    bus: WordColumn,
+    dir: NumberColumn<Int8Type>,
+    protocol: WordColumn,
+    can_id: NumberColumn<Int32Type>,
+    flags: NumberColumn<Int32Type>,
+    data: BytesColumn,
+    file: ConstantColumn,
+    file_pos: NumberColumn<Int64Type>,
+    seq: NumberColumn<Int64Type>,
 }
 
 /// What frames have in common that change nothing: words by their numbers.
 #[derive(Debug)]
-pub(super) struct Spoken {
+pub(super) struct EncodedTemplates {
     /// What all frames of a voice have in common.
-    voices: Vec<Voiced>,
+    templates: Vec<EncodedTemplate>,
     /// On which link, which way and in which protocol, where it is the same for all of them.
     bus: Option<i32>,
     direction: Option<Option<i8>>,
@@ -63,7 +65,7 @@ pub(super) struct Spoken {
 
 /// The same, of one voice.
 #[derive(Debug)]
-struct Voiced {
+struct EncodedTemplate {
     bus: i32,
     direction: Option<i8>,
     protocol: i32,
@@ -71,16 +73,17 @@ struct Voiced {
     len: u8,
 }
 
-impl Spoken {
+impl EncodedTemplates {
     #[inline]
-    fn of(&self, plain: &Plain) -> &Voiced {
-        &self.voices[usize::from(plain.voice)]
+    fn get(&self, plain: &CompactFrame) -> &EncodedTemplate {
+        &self.templates[usize::from(plain.template)]
     }
 }
 
-impl Frames {
-    pub fn new(origin: &Origin) -> Self {
-        let (source, file) = (Same::new(&origin.source), Same::new(&origin.file));
+impl FrameRows {
+    pub fn new(origin: &CaptureOrigin) -> Self {
+        let (source, file) =
+            (ConstantColumn::new(&origin.source), ConstantColumn::new(&origin.file));
         Self { source, file, ..Self::default() }
     }
 
@@ -88,20 +91,20 @@ impl Frames {
         self.seq.len()
     }
 
-    pub fn bytes(&self) -> usize {
+    pub fn data_len(&self) -> usize {
         self.data.size()
     }
 
-    pub fn push(&mut self, event: &Event<'_>) {
-        self.t_ns.push_maybe(ns(event.time));
+    pub fn push(&mut self, event: &DecodedFrame<'_>) {
+        self.t_ns.push_option(timestamp_ns(event.time));
         self.bus.push(event.link);
-        self.dir.push_maybe(event.direction.map(is_to_drive));
-        self.protocol.push_maybe(event.protocol.map(word));
-        self.can_id.push_maybe(event.id.map(|id| (id & 0x1FFF_FFFF).cast_signed()));
+        self.dir.push_option(event.direction.map(direction_code));
+        self.protocol.push_option(event.protocol.map(protocol_word));
+        self.can_id.push_option(event.id.map(|id| (id & 0x1FFF_FFFF).cast_signed()));
         self.flags.push(flags_of(event));
         self.data.push(event.bytes);
-        self.file_pos.push(count(event.at));
-        self.seq.push(count(event.number));
+        self.file_pos.push(to_i64(event.offset));
+        self.seq.push(to_i64(event.number));
     }
 
     /// Makes room for so many rows.
@@ -114,16 +117,16 @@ impl Frames {
     }
 
     /// Frames that change nothing, column by column.
-    pub fn plain(&mut self, run: &[Plain], spoken: &Spoken) {
-        times(&mut self.t_ns, run);
-        let of = |plain| spoken.of(plain);
+    pub fn push_plain(&mut self, run: &[CompactFrame], spoken: &EncodedTemplates) {
+        push_times(&mut self.t_ns, run);
+        let of = |plain| spoken.get(plain);
         match spoken.bus {
             Some(bus) => self.bus.keys().repeat(Some(bus), run.len()),
             None => self.bus.keys().extend(run.iter().map(|plain| of(plain).bus)),
         }
         match spoken.direction {
             Some(direction) => self.dir.repeat(direction, run.len()),
-            None => run.iter().for_each(|plain| self.dir.push_maybe(of(plain).direction)),
+            None => run.iter().for_each(|plain| self.dir.push_option(of(plain).direction)),
         }
         match spoken.protocol {
             Some(protocol) => self.protocol.keys().repeat(Some(protocol), run.len()),
@@ -132,56 +135,56 @@ impl Frames {
         self.can_id.extend(run.iter().map(|plain| of(plain).id));
         self.flags.repeat(Some(0), run.len());
         self.data.extend(run.iter().map(|plain| (plain.data.to_le_bytes(), of(plain).len)));
-        self.file_pos.extend(run.iter().map(|plain| count(plain.at)));
-        self.seq.extend(run.iter().map(|plain| count(plain.number)));
+        self.file_pos.extend(run.iter().map(|plain| to_i64(plain.offset)));
+        self.seq.extend(run.iter().map(|plain| to_i64(plain.number)));
     }
 
     /// What frames of these voices have in common.
-    pub fn spoken(&mut self, voices: &[Voice]) -> Spoken {
-        let voiced = |voice: &Voice| Voiced {
+    pub fn templates(&mut self, voices: &[FrameTemplate]) -> EncodedTemplates {
+        let voiced = |voice: &FrameTemplate| EncodedTemplate {
             bus: self.bus.dictionary.number(&voice.link),
-            direction: voice.direction.map(is_to_drive),
-            protocol: self.protocol.dictionary.number_of(word(voice.protocol)),
+            direction: voice.direction.map(direction_code),
+            protocol: self.protocol.dictionary.number_of_static(protocol_word(voice.protocol)),
             id: voice.id.cast_signed(),
             len: voice.len,
         };
-        let voices: Vec<Voiced> = voices.iter().map(voiced).collect();
-        Spoken {
-            bus: only(voices.iter().map(|voice| voice.bus)),
-            direction: only(voices.iter().map(|voice| voice.direction)),
-            protocol: only(voices.iter().map(|voice| voice.protocol)),
-            voices,
+        let voices: Vec<EncodedTemplate> = voices.iter().map(voiced).collect();
+        EncodedTemplates {
+            bus: common_value(voices.iter().map(|voice| voice.bus)),
+            direction: common_value(voices.iter().map(|voice| voice.direction)),
+            protocol: common_value(voices.iter().map(|voice| voice.protocol)),
+            templates: voices,
         }
     }
 
     pub fn batch(&mut self) -> Result<RecordBatch, ArrowError> {
         let rows = self.rows();
-        let t_ns = self.t_ns.take();
+        let t_ns = self.t_ns.finish();
         let times = t_ns.values().clone();
         let columns = vec![
-            Arc::new(micros(&t_ns)) as _,
+            Arc::new(to_micros(&t_ns)) as _,
             Arc::new(t_ns) as _,
-            self.source.rows(rows)?,
-            self.bus.take()?,
-            Arc::new(self.dir.take()),
-            self.protocol.take()?,
-            Arc::new(self.can_id.take()),
-            Arc::new(self.flags.take()),
-            self.data.take()?,
-            self.file.rows(rows)?,
-            Arc::new(self.file_pos.take()),
-            Arc::new(self.seq.take()),
+            self.source.array(rows)?,
+            self.bus.finish()?,
+            Arc::new(self.dir.finish()),
+            self.protocol.finish()?,
+            Arc::new(self.can_id.finish()),
+            Arc::new(self.flags.finish()),
+            self.data.finish()?,
+            self.file.array(rows)?,
+            Arc::new(self.file_pos.finish()),
+            Arc::new(self.seq.finish()),
         ];
-        in_order(&times, RecordBatch::try_new(Table::Frames.schema(), columns)?)
+        sort_by_time(&times, RecordBatch::try_new(TableKind::Frames.schema(), columns)?)
     }
 }
 
-fn is_to_drive(way: Direction) -> i8 {
+fn direction_code(way: Direction) -> i8 {
     (way == Direction::ToDrive).into()
 }
 
 /// A protocol's name as the columns have it: `modbus_rtu`.
-fn word(name: &'static str) -> &'static str {
+fn protocol_word(name: &'static str) -> &'static str {
     match name {
         "modbus-rtu" => "modbus_rtu",
         "modbus-ascii" => "modbus_ascii",
@@ -189,20 +192,23 @@ fn word(name: &'static str) -> &'static str {
     }
 }
 
-fn flags_of(event: &Event<'_>) -> i32 {
-    let said = |kind: &str| event.protocol.is_none() && event.explained.kind == kind;
-    let again = |notice: &Notice| matches!(notice, Notice::Odd(odd) if odd.kind == Oddity::Retry);
+fn flags_of(event: &DecodedFrame<'_>) -> i32 {
+    let said = |kind: &str| event.protocol.is_none() && event.explanation.kind == kind;
+    let is_retry = |notice: &SessionNotice| match notice {
+        SessionNotice::Anomaly(anomaly) => anomaly.kind == AnomalyKind::Retry,
+        _ => false,
+    };
     let error = said(ERROR_FRAME);
     let bits = [
         (event.extended && !error, flags::EXTENDED),
         (event.remote, flags::REMOTE),
         (error, flags::ERROR),
         (event.echo, flags::ECHO),
-        (event.notices.iter().any(again), flags::RETRY),
-        (event.wrong.is_some_and(Wrong::is_check), flags::BAD_CHECK),
+        (event.notices.iter().any(is_retry), flags::RETRY),
+        (event.defect.is_some_and(FrameDefect::is_bad_check), flags::BAD_CHECK),
         (event.stray, flags::STRAY),
         (said(CAN_FD), flags::FD),
-        (event.wrong.is_some(), flags::WRONG),
+        (event.defect.is_some(), flags::WRONG),
     ];
     bits.into_iter().filter(|(set, _)| *set).map(|(_, bit)| bit).sum()
 }

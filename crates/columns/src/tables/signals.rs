@@ -5,41 +5,41 @@ use std::sync::Arc;
 use arrow_array::RecordBatch;
 use arrow_array::types::{Float64Type, Int16Type, Int32Type, Int64Type};
 use arrow_schema::ArrowError;
-use polepair_capture::session::Signal;
-use polepair_capture::session::canopen::Place;
-use polepair_capture::{Plain, Voice};
+use polepair_capture::session::SignalNotice;
+use polepair_capture::session::canopen::MappedValue;
+use polepair_capture::{CompactFrame, FrameTemplate};
 
-use super::{At, Origin, count, in_order, ns, only};
-use crate::column::{Numbers, Same, Words, micros};
-use crate::schema::Table;
+use super::{CaptureOrigin, RowContext, common_value, sort_by_time, timestamp_ns, to_i64};
+use crate::column::{ConstantColumn, NumberColumn, WordColumn, to_micros};
+use crate::schema::TableKind;
 
 #[derive(Debug, Default)]
-pub(super) struct Signals {
-    t_ns: Numbers<Int64Type>,
-    source: Same,
-    bus: Words,
-    axis: Numbers<Int32Type>,
-    signal: Words,
-    value: Numbers<Float64Type>,
-    exact: Numbers<Int64Type>,
-    unit: Words,
-    quality: Numbers<Int16Type>,
-    request: Numbers<Int64Type>,
-    frame: Numbers<Int64Type>,
+pub(super) struct SignalRows {
+    t_ns: NumberColumn<Int64Type>,
+    source: ConstantColumn,
+    bus: WordColumn,
+    axis: NumberColumn<Int32Type>,
+    signal: WordColumn,
+    value: NumberColumn<Float64Type>,
+    exact: NumberColumn<Int64Type>,
+    unit: WordColumn,
+    quality: NumberColumn<Int16Type>,
+    request: NumberColumn<Int64Type>,
+    frame: NumberColumn<Int64Type>,
 }
 
 /// What the values of frames have in common that change nothing: words by their numbers.
 #[derive(Debug)]
-pub(super) struct Spoken {
-    voices: Vec<Voiced>,
+pub(super) struct SignalTemplates {
+    templates: Vec<SignalTemplate>,
     /// On which link, where it is the same for all of them.
     bus: Option<i32>,
 }
 
 /// What all values of a voice have in common.
 #[derive(Debug)]
-struct Voiced {
-    values: Vec<Value>,
+struct SignalTemplate {
+    values: Vec<ValueTemplate>,
     bus: i32,
     axis: i32,
     quality: i16,
@@ -47,29 +47,34 @@ struct Voiced {
 
 /// One value of a voice.
 #[derive(Debug)]
-struct Value {
-    place: Place,
+struct ValueTemplate {
+    position: MappedValue,
     signal: i32,
     unit: i32,
 }
 
-impl Spoken {
+impl SignalTemplates {
     #[inline]
-    fn of(&self, plain: &Plain) -> &Voiced {
-        &self.voices[usize::from(plain.voice)]
+    fn get(&self, plain: &CompactFrame) -> &SignalTemplate {
+        &self.templates[usize::from(plain.template)]
     }
 
     /// Values of frames.
-    pub fn rows(&self, run: &[Plain]) -> usize {
-        run.iter().map(|plain| self.of(plain).values.len()).sum()
+    pub fn row_count(&self, run: &[CompactFrame]) -> usize {
+        run.iter().map(|plain| self.get(plain).values.len()).sum()
     }
 
     /// Puts something down for each value of frames.
     #[inline]
-    fn each<T>(&self, run: &[Plain], rows: &mut [T], one: impl Fn(&Plain, &Voiced, &Value) -> T) {
+    fn fill_rows<T>(
+        &self,
+        run: &[CompactFrame],
+        rows: &mut [T],
+        one: impl Fn(&CompactFrame, &SignalTemplate, &ValueTemplate) -> T,
+    ) {
         let mut rows = rows.iter_mut();
         for plain in run {
-            let voice = self.of(plain);
+            let voice = self.get(plain);
             // Values first: where they end, no row is taken.
             for (value, row) in voice.values.iter().zip(rows.by_ref()) {
                 *row = one(plain, voice, value);
@@ -78,26 +83,26 @@ impl Spoken {
     }
 }
 
-impl Signals {
-    pub fn new(origin: &Origin) -> Self {
-        Self { source: Same::new(&origin.source), ..Self::default() }
+impl SignalRows {
+    pub fn new(origin: &CaptureOrigin) -> Self {
+        Self { source: ConstantColumn::new(&origin.source), ..Self::default() }
     }
 
     pub fn rows(&self) -> usize {
         self.frame.len()
     }
 
-    pub fn push(&mut self, at: At<'_>, signal: &Signal) {
-        self.t_ns.push_maybe(ns(at.time));
+    pub fn push(&mut self, at: RowContext<'_>, signal: &SignalNotice) {
+        self.t_ns.push_option(timestamp_ns(at.time));
         self.bus.push(at.link);
         self.axis.push(signal.axis.cast_signed());
-        self.signal.push_name(signal.name);
+        self.signal.push_static(signal.name);
         self.value.push(signal.value);
-        self.exact.push_maybe(signal.exact);
-        self.unit.push_name(signal.unit);
+        self.exact.push_option(signal.exact);
+        self.unit.push_static(signal.unit);
         self.quality.push((signal.quality as u8).into());
-        self.request.push_maybe(signal.request.map(count));
-        self.frame.push(at.seq.map_or(0, count));
+        self.request.push_option(signal.request.map(to_i64));
+        self.frame.push(at.seq.map_or(0, to_i64));
     }
 
     /// Makes room for so many rows.
@@ -111,50 +116,57 @@ impl Signals {
     }
 
     /// The values of frames that change nothing, column by column.
-    pub fn plain(&mut self, run: &[Plain], spoken: &Spoken) {
-        let rows = spoken.rows(run);
-        let time = |plain: &Plain| ns(Some(plain.time));
+    pub fn push_plain(&mut self, run: &[CompactFrame], spoken: &SignalTemplates) {
+        let rows = spoken.row_count(run);
+        let time = |plain: &CompactFrame| timestamp_ns(Some(plain.time));
         if run.iter().all(|plain| time(plain).is_some()) {
-            let times = self.t_ns.rows(rows);
-            spoken.each(run, times, |plain, _, _| plain.time.0.cast_signed());
+            let times = self.t_ns.extend_default(rows);
+            spoken.fill_rows(run, times, |plain, _, _| plain.time.0.cast_signed());
         } else {
-            let all = run
-                .iter()
-                .flat_map(|plain| core::iter::repeat_n(time(plain), spoken.of(plain).values.len()));
-            all.for_each(|time| self.t_ns.push_maybe(time));
+            let all = run.iter().flat_map(|plain| {
+                core::iter::repeat_n(time(plain), spoken.get(plain).values.len())
+            });
+            all.for_each(|time| self.t_ns.push_option(time));
         }
         match spoken.bus {
             Some(bus) => self.bus.keys().repeat(Some(bus), rows),
-            None => spoken.each(run, self.bus.keys().rows(rows), |_, voice, _| voice.bus),
+            None => {
+                spoken.fill_rows(run, self.bus.keys().extend_default(rows), |_, voice, _| voice.bus)
+            }
         }
-        spoken.each(run, self.axis.rows(rows), |_, voice, _| voice.axis);
-        spoken.each(run, self.signal.keys().rows(rows), |_, _, value| value.signal);
-        let exact = self.exact.rows(rows);
-        spoken.each(run, exact, |plain, _, value| value.place.exact(plain.data));
-        spoken.each(run, self.value.rows(rows), |plain, _, Value { place, .. }| {
-            place.value(place.exact(plain.data))
-        });
-        spoken.each(run, self.unit.keys().rows(rows), |_, _, value| value.unit);
-        spoken.each(run, self.quality.rows(rows), |_, voice, _| voice.quality);
+        spoken.fill_rows(run, self.axis.extend_default(rows), |_, voice, _| voice.axis);
+        spoken.fill_rows(run, self.signal.keys().extend_default(rows), |_, _, value| value.signal);
+        let exact = self.exact.extend_default(rows);
+        spoken.fill_rows(run, exact, |plain, _, value| value.position.exact(plain.data));
+        spoken.fill_rows(
+            run,
+            self.value.extend_default(rows),
+            |plain, _, ValueTemplate { position: place, .. }| place.value(place.exact(plain.data)),
+        );
+        spoken.fill_rows(run, self.unit.keys().extend_default(rows), |_, _, value| value.unit);
+        spoken.fill_rows(run, self.quality.extend_default(rows), |_, voice, _| voice.quality);
         self.request.repeat(None, rows);
-        spoken.each(run, self.frame.rows(rows), |plain, _, _| count(plain.number));
+        spoken.fill_rows(run, self.frame.extend_default(rows), |plain, _, _| to_i64(plain.number));
     }
 
     /// What values of these voices have in common.
-    pub fn spoken(&mut self, voices: &[Voice]) -> Spoken {
-        let voices: Vec<Voiced> = voices.iter().map(|voice| self.voiced(voice)).collect();
-        Spoken { bus: only(voices.iter().map(|voice| voice.bus)), voices }
+    pub fn templates(&mut self, voices: &[FrameTemplate]) -> SignalTemplates {
+        let voices: Vec<SignalTemplate> = voices.iter().map(|voice| self.template(voice)).collect();
+        SignalTemplates {
+            bus: common_value(voices.iter().map(|voice| voice.bus)),
+            templates: voices,
+        }
     }
 
-    fn voiced(&mut self, voice: &Voice) -> Voiced {
-        let process = voice.process();
-        let places = process.map_or(&[][..], |process| process.mapping().places());
-        let value = |place: &Place| Value {
-            place: *place,
-            signal: self.signal.dictionary.number_of(place.name),
-            unit: self.unit.dictionary.number_of(place.unit),
+    fn template(&mut self, voice: &FrameTemplate) -> SignalTemplate {
+        let process = voice.process_data();
+        let places = process.map_or(&[][..], |process| process.mapping().mapped_values());
+        let value = |place: &MappedValue| ValueTemplate {
+            position: *place,
+            signal: self.signal.dictionary.number_of_static(place.name),
+            unit: self.unit.dictionary.number_of_static(place.unit),
         };
-        Voiced {
+        SignalTemplate {
             values: places.iter().map(value).collect(),
             bus: self.bus.dictionary.number(&voice.link),
             axis: process.map_or(0, |process| process.axis().cast_signed()),
@@ -164,22 +176,22 @@ impl Signals {
 
     pub fn batch(&mut self) -> Result<RecordBatch, ArrowError> {
         let rows = self.rows();
-        let t_ns = self.t_ns.take();
+        let t_ns = self.t_ns.finish();
         let times = t_ns.values().clone();
         let columns = vec![
-            Arc::new(micros(&t_ns)) as _,
+            Arc::new(to_micros(&t_ns)) as _,
             Arc::new(t_ns) as _,
-            self.source.rows(rows)?,
-            self.bus.take()?,
-            Arc::new(self.axis.take()),
-            self.signal.take()?,
-            Arc::new(self.value.take()),
-            Arc::new(self.exact.take()),
-            self.unit.take()?,
-            Arc::new(self.quality.take()),
-            Arc::new(self.request.take()),
-            Arc::new(self.frame.take()),
+            self.source.array(rows)?,
+            self.bus.finish()?,
+            Arc::new(self.axis.finish()),
+            self.signal.finish()?,
+            Arc::new(self.value.finish()),
+            Arc::new(self.exact.finish()),
+            self.unit.finish()?,
+            Arc::new(self.quality.finish()),
+            Arc::new(self.request.finish()),
+            Arc::new(self.frame.finish()),
         ];
-        in_order(&times, RecordBatch::try_new(Table::Signals.schema(), columns)?)
+        sort_by_time(&times, RecordBatch::try_new(TableKind::Signals.schema(), columns)?)
     }
 }

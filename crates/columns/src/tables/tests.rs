@@ -3,19 +3,19 @@
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Int32Type, Int64Type};
 use arrow_array::{Array, RecordBatch};
-use polepair_capture::{Decoder, Rules};
+use polepair_capture::{CaptureDecoder, Rules};
 
-use super::{Origin, Tables};
-use crate::schema::Table;
+use super::{CaptureOrigin, TablesBuilder};
+use crate::schema::TableKind;
 
 /// All rows of a capture that speaks `rules`.
-fn tables(rules: &str, capture: &str) -> Vec<(Table, RecordBatch)> {
-    let origin = Origin { source: "cell-3".to_owned(), file: "a.log".to_owned() };
-    let mut tables = Tables::new(&Table::ALL, &origin);
-    let mut decoder = Decoder::new(Rules::parse(rules).expect("rules"));
-    decoder.feed(capture.as_bytes(), &mut |event| tables.take(event));
-    decoder.finish(&mut |event| tables.take(event));
-    decoder.ending(&mut |event| tables.ending(event.link, event.notices));
+fn tables(rules: &str, capture: &str) -> Vec<(TableKind, RecordBatch)> {
+    let origin = CaptureOrigin { source: "cell-3".to_owned(), file: "a.log".to_owned() };
+    let mut tables = TablesBuilder::new(&TableKind::ALL, &origin);
+    let mut decoder = CaptureDecoder::new(Rules::parse(rules).expect("rules"));
+    decoder.feed(capture.as_bytes(), &mut |event| tables.add_event(event));
+    decoder.finish(&mut |event| tables.add_event(event));
+    decoder.finish_sessions(&mut |event| tables.add_final_notices(event.link, event.notices));
     let mut all = Vec::new();
     let keep = &mut |table, batch| {
         all.push((table, batch));
@@ -39,7 +39,7 @@ fn frames_keep_what_was_on_the_wire() {
                    (1700000000.000600) can0 20000004#0004000000000000 T\n";
     let all = tables("canopen", capture);
     let (table, frames) = &all[0];
-    assert_eq!((*table, frames.num_rows()), (Table::Frames, 4));
+    assert_eq!((*table, frames.num_rows()), (TableKind::Frames, 4));
     let numbers = |name: &str| {
         let column = frames.column_by_name(name).expect("a column").as_primitive::<Int64Type>();
         column.iter().collect::<Vec<_>>()
@@ -70,19 +70,22 @@ fn a_request_and_its_answer_are_a_transaction() {
                    (9.000) ttyUSB0 > 01 06 03 00 00 00 00 00 0A\n";
     let all = tables("tmcl", capture);
     let find = |table| all.iter().find(|(found, _)| *found == table).map(|(_, batch)| batch);
-    let transactions = find(Table::Transactions).expect("transactions");
+    let transactions = find(TableKind::Transactions).expect("transactions");
     let outcomes: Vec<_> = words(transactions, "outcome").into_iter().flatten().collect();
     // What was asked last may have been answered after the capture's end.
     assert_eq!(outcomes, ["done", "timeout", "unknown"]);
     let column = transactions.column_by_name("rtt_us").expect("rtt").as_primitive::<Int64Type>();
     assert_eq!((column.value(0), column.is_null(1)), (3000, true));
-    assert_eq!(words(find(Table::Frames).expect("frames"), "protocol")[0].as_deref(), Some("tmcl"));
+    assert_eq!(
+        words(find(TableKind::Frames).expect("frames"), "protocol")[0].as_deref(),
+        Some("tmcl")
+    );
 }
 
 #[test]
 fn the_rows_of_a_table_have_its_schema() {
-    for table in Table::ALL {
-        assert_eq!(Table::named(table.name()), Some(table));
+    for table in TableKind::ALL {
+        assert_eq!(TableKind::from_name(table.name()), Some(table));
         assert!(table.schema().index_of(table.time_column()).is_ok());
         assert!(table.axis_column().is_none_or(|axis| table.schema().index_of(axis).is_ok()));
     }

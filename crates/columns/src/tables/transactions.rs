@@ -5,60 +5,60 @@ use std::sync::Arc;
 use arrow_array::types::{Int16Type, Int32Type, Int64Type};
 use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::ArrowError;
-use polepair_capture::session::Exchange;
+use polepair_capture::session::ExchangeNotice;
 
-use super::{At, Origin, count, in_order, ns};
-use crate::column::{Numbers, Same, Words};
-use crate::schema::Table;
+use super::{CaptureOrigin, RowContext, sort_by_time, timestamp_ns, to_i64};
+use crate::column::{ConstantColumn, NumberColumn, WordColumn};
+use crate::schema::TableKind;
 
 #[derive(Debug, Default)]
-pub(super) struct Transactions {
-    asked: Numbers<Int64Type>,
-    answered: Numbers<Int64Type>,
-    latency: Numbers<Int64Type>,
-    axis: Numbers<Int32Type>,
-    op: Words,
-    outcome: Words,
-    retries: Numbers<Int16Type>,
-    source: Same,
-    bus: Words,
+pub(super) struct TransactionRows {
+    request_time: NumberColumn<Int64Type>,
+    reply_time: NumberColumn<Int64Type>,
+    latency: NumberColumn<Int64Type>,
+    axis: NumberColumn<Int32Type>,
+    op: WordColumn,
+    outcome: WordColumn,
+    retries: NumberColumn<Int16Type>,
+    source: ConstantColumn,
+    bus: WordColumn,
 }
 
-impl Transactions {
-    pub fn new(origin: &Origin) -> Self {
-        Self { source: Same::new(&origin.source), ..Self::default() }
+impl TransactionRows {
+    pub fn new(origin: &CaptureOrigin) -> Self {
+        Self { source: ConstantColumn::new(&origin.source), ..Self::default() }
     }
 
     pub fn rows(&self) -> usize {
         self.retries.len()
     }
 
-    pub fn push(&mut self, at: At<'_>, exchange: &Exchange) {
-        self.asked.push_maybe(ns(exchange.asked.1));
-        self.answered.push_maybe(exchange.answered.and_then(|(_, time)| ns(time)));
-        self.latency.push_maybe(exchange.latency().map(|ns| count(ns / 1000)));
-        self.axis.push_maybe(exchange.axis.map(u32::cast_signed));
-        self.op.push_name(exchange.op);
-        self.outcome.push_name(exchange.outcome.word());
+    pub fn push(&mut self, at: RowContext<'_>, exchange: &ExchangeNotice) {
+        self.request_time.push_option(timestamp_ns(exchange.requested.1));
+        self.reply_time.push_option(exchange.answered.and_then(|(_, time)| timestamp_ns(time)));
+        self.latency.push_option(exchange.latency().map(|ns| to_i64(ns / 1000)));
+        self.axis.push_option(exchange.axis.map(u32::cast_signed));
+        self.op.push_static(exchange.op);
+        self.outcome.push_static(exchange.outcome.as_str());
         self.retries.push(i16::try_from(exchange.retries).unwrap_or(i16::MAX));
         self.bus.push(at.link);
     }
 
     pub fn batch(&mut self) -> Result<RecordBatch, ArrowError> {
         let rows = self.rows();
-        let asked = self.asked.take();
+        let asked = self.request_time.finish();
         let times = asked.values().clone();
         let columns: Vec<ArrayRef> = vec![
             Arc::new(asked),
-            Arc::new(self.answered.take()),
-            Arc::new(self.latency.take()),
-            Arc::new(self.axis.take()),
-            self.op.take()?,
-            self.outcome.take()?,
-            Arc::new(self.retries.take()),
-            self.source.rows(rows)?,
-            self.bus.take()?,
+            Arc::new(self.reply_time.finish()),
+            Arc::new(self.latency.finish()),
+            Arc::new(self.axis.finish()),
+            self.op.finish()?,
+            self.outcome.finish()?,
+            Arc::new(self.retries.finish()),
+            self.source.array(rows)?,
+            self.bus.finish()?,
         ];
-        in_order(&times, RecordBatch::try_new(Table::Transactions.schema(), columns)?)
+        sort_by_time(&times, RecordBatch::try_new(TableKind::Transactions.schema(), columns)?)
     }
 }

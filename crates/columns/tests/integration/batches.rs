@@ -3,8 +3,8 @@
 use arrow_array::Array as _;
 use arrow_array::cast::AsArray as _;
 use arrow_array::types::Int32Type;
-use polepair_capture::{Batch, Decoder, Rules};
-use polepair_columns::{Numbering, Origin, RecordBatch, Table, Tables};
+use polepair_capture::{CaptureDecoder, FrameBatch, Rules};
+use polepair_columns::{CaptureOrigin, DictionaryMerger, RecordBatch, TableKind, TablesBuilder};
 
 /// A bus of two drives, one of which is configured, with what does not go its usual way between.
 fn bus() -> String {
@@ -39,12 +39,12 @@ fn bus() -> String {
     log
 }
 
-fn tables() -> Tables {
-    let origin = Origin { source: "cell-3".to_owned(), file: "a.log".to_owned() };
-    Tables::new(&Table::ALL, &origin)
+fn tables() -> TablesBuilder {
+    let origin = CaptureOrigin { source: "cell-3".to_owned(), file: "a.log".to_owned() };
+    TablesBuilder::new(&TableKind::ALL, &origin)
 }
 
-fn flush(tables: &mut Tables) -> Vec<(Table, RecordBatch)> {
+fn flush(tables: &mut TablesBuilder) -> Vec<(TableKind, RecordBatch)> {
     let mut all = Vec::new();
     let keep = &mut |table, batch| {
         all.push((table, batch));
@@ -54,32 +54,34 @@ fn flush(tables: &mut Tables) -> Vec<(Table, RecordBatch)> {
     all
 }
 
-fn decoder() -> Decoder {
-    Decoder::new(Rules::parse("canopen").expect("rules")).without_words()
+fn decoder() -> CaptureDecoder {
+    CaptureDecoder::new(Rules::parse("canopen").expect("rules")).without_text()
 }
 
 /// The rows of a bus, event by event.
-fn plain() -> Vec<(Table, RecordBatch)> {
+fn plain() -> Vec<(TableKind, RecordBatch)> {
     let (mut decoder, mut tables) = (decoder(), tables());
-    decoder.feed(bus().as_bytes(), &mut |event| tables.take(event));
-    decoder.finish(&mut |event| tables.take(event));
-    decoder.ending(&mut |event| tables.ending(event.link, event.notices));
+    decoder.feed(bus().as_bytes(), &mut |event| tables.add_event(event));
+    decoder.finish(&mut |event| tables.add_event(event));
+    decoder.finish_sessions(&mut |event| tables.add_final_notices(event.link, event.notices));
     flush(&mut tables)
 }
 
 #[test]
 fn rows_of_batches_are_those_of_events() {
     let plain = plain();
-    assert!(plain.iter().any(|(table, rows)| *table == Table::Signals && rows.num_rows() > 1200));
+    assert!(
+        plain.iter().any(|(table, rows)| *table == TableKind::Signals && rows.num_rows() > 1200)
+    );
     for piece in [100, 1 << 20] {
-        let (mut decoder, mut tables, mut batch) = (decoder(), tables(), Batch::default());
+        let (mut decoder, mut tables, mut batch) = (decoder(), tables(), FrameBatch::default());
         for piece in bus().as_bytes().chunks(piece) {
-            decoder.gather(piece, &mut batch, &mut |batch| tables.take_batch(batch));
-            tables.take_batch(&batch);
+            decoder.decode_batch(piece, &mut batch, &mut |batch| tables.add_batch(batch));
+            tables.add_batch(&batch);
         }
-        decoder.gather_rest(&mut batch, &mut |batch| tables.take_batch(batch));
-        tables.take_batch(&batch);
-        decoder.ending(&mut |event| tables.ending(event.link, event.notices));
+        decoder.finish_batch(&mut batch, &mut |batch| tables.add_batch(batch));
+        tables.add_batch(&batch);
+        decoder.finish_sessions(&mut |event| tables.add_final_notices(event.link, event.notices));
         // Words are compared, whatever their numbers are.
         assert!(flush(&mut tables) == plain, "pieces of {piece}");
     }
@@ -89,15 +91,15 @@ fn rows_of_batches_are_those_of_events() {
 #[test]
 fn words_of_several_builders_have_one_number() {
     let built = |count: usize| {
-        let mut builders: Vec<Tables> = (0..count).map(|_| tables()).collect();
-        let (mut decoder, mut batch) = (decoder(), Batch::default());
-        let (mut numbering, mut all) = (Numbering::default(), Vec::new());
+        let mut builders: Vec<TablesBuilder> = (0..count).map(|_| tables()).collect();
+        let (mut decoder, mut batch) = (decoder(), FrameBatch::default());
+        let (mut numbering, mut all) = (DictionaryMerger::default(), Vec::new());
         for (at, piece) in bus().as_bytes().chunks(4000).enumerate() {
             let builder = &mut builders[at % count];
-            decoder.gather(piece, &mut batch, &mut |batch| builder.take_batch(batch));
-            builder.take_batch(&batch);
+            decoder.decode_batch(piece, &mut batch, &mut |batch| builder.add_batch(batch));
+            builder.add_batch(&batch);
             for (table, rows) in flush(builder) {
-                all.push((table, numbering.number(table, rows).expect("a batch")));
+                all.push((table, numbering.renumber(table, rows).expect("a batch")));
             }
         }
         all

@@ -126,24 +126,24 @@ impl Verb {
         use Verb::{Begin, Enable, Home, PrepareBy, PrepareTo, Torque, Velocity};
         matches!(self, Enable | Velocity | Torque | Home | PrepareTo | PrepareBy | Begin)
             || self.is_move()
-            || self.follows()
+            || self.is_cyclic()
     }
 
     /// True for what sets a motor going, or makes it ready to go at a signal.
     #[must_use]
-    pub const fn sets_going(self) -> bool {
-        self.needs_arming() && !self.follows() && !matches!(self, Self::Enable)
+    pub const fn starts_motion(self) -> bool {
+        self.needs_arming() && !self.is_cyclic() && !matches!(self, Self::Enable)
     }
 
     /// True for what is over only when the axis stands, or has no power.
     #[must_use]
-    pub const fn ends_going(self) -> bool {
+    pub const fn ends_motion(self) -> bool {
         self.is_stop() || matches!(self, Self::Home | Self::Reached)
     }
 
     /// True for what makes a drive follow set-points cycle by cycle.
     #[must_use]
-    pub const fn follows(self) -> bool {
+    pub const fn is_cyclic(self) -> bool {
         matches!(self, Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque)
     }
 
@@ -156,7 +156,7 @@ impl Verb {
 
     /// Whether a caller can give it such an argument. All others are never there.
     #[must_use]
-    pub const fn takes(self, argument: Argument) -> bool {
+    pub const fn accepts(self, argument: Argument) -> bool {
         use Argument::{Acceleration, JerkTime, Period, Target, Torque, Velocity};
         match self {
             Self::Velocity => matches!(argument, Velocity | Acceleration),

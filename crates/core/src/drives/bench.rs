@@ -1,11 +1,11 @@
 //! What stands around a simulated drive: hands, weights, switches, and the truth.
 
-pub use crate::plant::{Bounds, Setpoint};
+pub use crate::plant::{ServoBounds, Setpoint};
 use crate::time::Instant;
 
 /// What is true of a simulated motor, whatever the drive reports.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
-pub struct Truth {
+pub struct GroundTruth {
     /// Shaft position since power-on, rad, never wrapped.
     pub position: f64,
     /// Shaft speed, rad/s.
@@ -27,7 +27,7 @@ pub struct Truth {
     /// Requests executed that powered the motor or gave it somewhere to go; stops are none.
     pub starts: u64,
     /// What the drive is held to now.
-    pub bounds: Bounds,
+    pub bounds: ServoBounds,
     /// Where its loops want the motor, if they regulate speed or position.
     pub setpoint: Option<Setpoint>,
 }
@@ -70,18 +70,18 @@ pub enum Act {
 }
 
 /// The bench side of a simulated drive.
-pub trait Bench {
+pub trait BenchControl {
     /// What is true at `now`.
-    fn truth(&mut self, now: Instant) -> Truth;
+    fn ground_truth(&mut self, now: Instant) -> GroundTruth;
     /// Does something to it. Returns whether this drive has such a thing.
     fn act(&mut self, now: Instant, act: Act) -> bool;
     /// What the front panel shows, if there is one, as plain characters.
-    fn panel(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+    fn panel_text(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
         let _ = (now, out);
         None
     }
     /// Something unusual the drive did since the last call, for a scene log: a trip, a store.
-    fn notice(&mut self) -> Option<&'static str> {
+    fn take_notice(&mut self) -> Option<&'static str> {
         None
     }
 }

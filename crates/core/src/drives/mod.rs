@@ -22,7 +22,7 @@ pub struct DeviceOptions<'a> {
     /// wire of a drive that relays between two.
     pub wires: &'a [&'a str],
     /// Which standard its serial wire follows; the family's usual one if `None`.
-    pub standard: Option<proto::Wire>,
+    pub standard: Option<proto::SerialStandard>,
     /// Its serial wire has no byte timing (pty, TCP): frames are told apart by length, not by silence.
     pub untimed: bool,
     /// Seed of whatever is random in the drive (sensor noise).
@@ -32,13 +32,13 @@ pub struct DeviceOptions<'a> {
 }
 
 /// A simulated drive: one object, with as many ends as it has connectors.
-pub trait Device: Timed + bench::Bench + Send {
+pub trait SimulatedDevice: Timed + bench::BenchControl + Send {
     /// Its end of a serial wire.
-    fn stream(&mut self) -> Option<&mut dyn Station<Stream>> {
+    fn serial_station(&mut self) -> Option<&mut dyn Station<Stream>> {
         None
     }
     /// Its end of a CAN bus.
-    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+    fn can_station(&mut self) -> Option<&mut dyn Station<Can>> {
         None
     }
 }
@@ -48,32 +48,32 @@ pub trait Family {
     /// The word in profiles: `tmcm17x`.
     const NAME: &'static str;
     /// A simulated drive.
-    type Device: Device + 'static;
+    type Device: SimulatedDevice + 'static;
     /// The products, the usual one first.
     fn profiles() -> &'static [&'static Profile];
     /// A drive as from the factory, powered.
     ///
     /// # Errors
     /// The name or value of an option that the family does not know.
-    fn device<'a>(
+    fn create_device<'a>(
         profile: &'static Profile,
         options: &DeviceOptions<'a>,
     ) -> Result<Self::Device, &'a str>;
 }
 
 /// Takes every family in turn.
-pub trait Visitor {
+pub trait FamilyVisitor {
     /// One family.
-    fn family<F: Family>(&mut self);
+    fn visit_family<F: Family>(&mut self);
 }
 
 /// Shows every family to `visitor`.
-pub fn visit(visitor: &mut impl Visitor) {
-    visitor.family::<tmcm17x::Tmcm17x>();
-    visitor.family::<syntron_ts::SyntronTs>();
-    visitor.family::<technosoft::Technosoft>();
-    visitor.family::<thruster::Thruster>();
-    visitor.family::<cia402::Cia402>();
+pub fn visit_families(visitor: &mut impl FamilyVisitor) {
+    visitor.visit_family::<tmcm17x::Tmcm17x>();
+    visitor.visit_family::<syntron_ts::SyntronTs>();
+    visitor.visit_family::<technosoft::Technosoft>();
+    visitor.visit_family::<thruster::ThrusterFamily>();
+    visitor.visit_family::<cia402::Cia402>();
 }
 
 /// Every profile that is compiled in.
@@ -98,17 +98,17 @@ pub fn profiles() -> &'static [&'static Profile] {
 /// The profile whose names stand in for an unknown drive's, where a protocol's texts are made of
 /// them.
 #[must_use]
-pub fn usual(dissector: &dyn Dissector) -> Option<&'static Profile> {
+pub fn usual_profile(dissector: &dyn Dissector) -> Option<&'static Profile> {
     let speaks = |profile: &&&Profile| profile.protocol == dissector.language();
-    let named = dissector.speaks_in_names();
+    let named = dissector.encodes_by_name();
     profiles().iter().filter(|_| named).find(speaks).copied()
 }
 
 /// The profile whose names explain an unknown drive's frames: its protocol's first. Drives differ,
 /// so what is explained by it should say so.
 #[must_use]
-pub fn assumed(dissector: &dyn Dissector) -> Option<&'static Profile> {
-    if !dissector.assumes_names() {
+pub fn assumed_profile(dissector: &dyn Dissector) -> Option<&'static Profile> {
+    if !dissector.explains_by_name() {
         return None;
     }
     let language = dissector.language();

@@ -3,7 +3,7 @@
 use super::*;
 
 impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
-    fn axes(&self) -> usize {
+    fn axis_count(&self) -> usize {
         self.slots.len()
     }
 
@@ -19,11 +19,11 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         H::CONFIRMED
     }
 
-    fn state(&self, axis: AxisIndex) -> Option<&State> {
+    fn state(&self, axis: AxisIndex) -> Option<&AxisStatus> {
         Some(&self.slot(axis).ok()?.state)
     }
 
-    fn arm(&mut self, axis: AxisIndex, armed: bool) {
+    fn set_armed(&mut self, axis: AxisIndex, armed: bool) {
         if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
             slot.state.armed = armed;
         }
@@ -39,16 +39,16 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let slot = self.slot(axis)?;
         let verb = command.verb;
         let plan = slot.profile.plan(verb).ok_or(Unsupported::NoPlan)?;
-        slot.check_all(plan.steps, &command)?;
+        slot.check_steps(plan.steps, &command)?;
         if verb.needs_arming() {
             if !slot.state.armed {
                 return Err(Unsupported::NotArmed);
             }
-            if self.moving(axis) {
+            if self.is_moving(axis) {
                 return Err(Unsupported::Busy);
             }
         }
-        self.start(ticket, axis, (plan.steps, plan.undo), command)
+        self.start_steps(ticket, axis, (plan.steps, plan.undo), command)
     }
 
     fn stop(
@@ -61,30 +61,30 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let slot = self.slot(axis)?;
         let plan = slot.profile.plan(Verb::Stop).ok_or(Unsupported::NoPlan)?;
         let command = Command::new(Verb::Stop);
-        slot.check_all(plan.steps, &command)?;
+        slot.check_steps(plan.steps, &command)?;
         let steps = match part {
-            StopPart::Tell => plan.before_wait(),
+            StopPart::Halt => plan.before_wait(),
             StopPart::Release => plan.after_wait(),
         };
-        self.start(ticket, axis, (steps, &[]), command)
+        self.start_steps(ticket, axis, (steps, &[]), command)
     }
 
-    fn send_once(&mut self, ticket: Ticket) {
-        self.jobs.send_once(ticket);
+    fn disable_retries(&mut self, ticket: Ticket) {
+        self.jobs.disable_retries(ticket);
     }
 
-    fn read(
+    fn read_parameter(
         &mut self,
         _now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
         parameter: ParameterId,
     ) -> Result<(), Unsupported> {
-        self.slot(axis)?.read(parameter)?;
-        self.jobs.add(ticket, axis, Task::Read(parameter), false)
+        self.slot(axis)?.read_request(parameter)?;
+        self.jobs.add(ticket, axis, JobTask::Read(parameter), false)
     }
 
-    fn write(
+    fn write_parameter(
         &mut self,
         _now: Instant,
         ticket: Ticket,
@@ -94,21 +94,21 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         keep: bool,
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
-        let parameter = slot.writable(id, raw)?;
+        let parameter = slot.check_writable(id, raw)?;
         if parameter.moves && !slot.state.armed {
             return Err(Unsupported::NotArmed);
         }
-        if parameter.moves && self.follows_beat(axis) {
+        if parameter.moves && self.in_cyclic_motion(axis) {
             return Err(Unsupported::Busy);
         }
-        self.may_readdress(axis, parameter, raw)?;
-        let steps = Steps::Write(Write::new(slot.profile, id, raw, keep));
+        self.check_address_change(axis, parameter, raw)?;
+        let steps = StepSource::Write(WriteSteps::new(slot.profile, id, raw, keep));
         let command = Command::new(crate::axis::Verb::Store);
-        let run = Run::new(steps, &[], command, None);
-        self.jobs.add(ticket, axis, Task::Run(run), false)
+        let run = PlanRun::new(steps, &[], command, None);
+        self.jobs.add(ticket, axis, JobTask::Run(run), false)
     }
 
-    fn raw(
+    fn send_text(
         &mut self,
         _now: Instant,
         ticket: Ticket,
@@ -116,22 +116,22 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         text: &str,
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
-        let request = slot.driver.parse(text)?;
-        self.say(ticket, axis, request)
+        let request = slot.driver.parse_request(text)?;
+        self.queue_raw_request(ticket, axis, request)
     }
 
-    fn raw_frame(
+    fn send_frame(
         &mut self,
         _now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
-        frame: &Raw<'_>,
+        frame: &RawFrame<'_>,
     ) -> Result<(), Unsupported> {
-        let request = self.slot(axis)?.driver.decode(frame)?;
-        self.say(ticket, axis, request)
+        let request = self.slot(axis)?.driver.decode_request(frame)?;
+        self.queue_raw_request(ticket, axis, request)
     }
 
-    fn stream(
+    fn start_path(
         &mut self,
         _now: Instant,
         ticket: Ticket,
@@ -143,53 +143,53 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         if !slot.state.armed {
             return Err(Unsupported::NotArmed);
         }
-        if self.moving(axis) {
+        if self.is_moving(axis) {
             return Err(Unsupported::Busy);
         }
-        self.jobs.add(ticket, axis, Task::Path, false)?;
+        self.jobs.add(ticket, axis, JobTask::Path, false)?;
         if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
-            slot.path = Some(Box::new(Path::new(kind, parameters)));
+            slot.path = Some(Box::new(PathStream::new(kind, parameters)));
         }
         Ok(())
     }
 
-    fn feed(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
-        let axis = self.jobs.fed(ticket)?;
+    fn feed_points(&mut self, ticket: Ticket, points: &[Point], complete: bool) -> Option<usize> {
+        let axis = self.jobs.resume_path(ticket)?;
         let path = self.slots.get_mut(usize::from(axis))?.path.as_mut()?;
         Some(path.feed(points, complete))
     }
 
-    fn follow(
+    fn start_cyclic(
         &mut self,
         now: Instant,
         ticket: Ticket,
-        following: &Following<'_>,
+        following: &CyclicConfig<'_>,
     ) -> Result<(), Unsupported> {
-        const BEATS: &str = "other axes of this link follow a beat; there is one for all";
-        const FULL: &str = "the set-points of these axes and what the drives tell take more than 80 % \
+        const ALREADY_CYCLIC: &str = "other axes of this link follow a beat; there is one for all";
+        const BUS_OVERLOADED: &str = "the set-points of these axes and what the drives tell take more than 80 % \
                             of the bus: choose a longer period, a higher bit rate or fewer axes";
-        if self.cycle.as_ref().is_some_and(|cycle| cycle.runs()) {
-            return Err(Unsupported::Forbidden(BEATS));
+        if self.cyclic.as_ref().is_some_and(|cycle| cycle.is_running()) {
+            return Err(Unsupported::Forbidden(ALREADY_CYCLIC));
         }
-        if following.axes.iter().any(|axis| self.moving(*axis)) {
+        if following.axes.iter().any(|axis| self.is_moving(*axis)) {
             return Err(Unsupported::Busy);
         }
-        let cycle = Cycle::new(now, ticket, following, &self.slots)?;
+        let cycle = CyclicMotion::new(now, ticket, following, &self.slots)?;
         let needs = u128::from(self.cycle_ns(following.axes).unwrap_or(0));
         if needs * 100 > following.period.as_nanos() * u128::from(LOAD_MAX_PERCENT) {
-            return Err(Unsupported::Forbidden(FULL));
+            return Err(Unsupported::Forbidden(BUS_OVERLOADED));
         }
-        self.cycle = Some(Box::new(cycle));
+        self.cyclic = Some(Box::new(cycle));
         Ok(())
     }
 
     fn feed_cycles(&mut self, ticket: Ticket, setpoints: &[f64], complete: bool) -> Option<usize> {
-        let cycle = self.cycle.as_mut().filter(|cycle| cycle.ticket() == ticket)?;
-        cycle.feed(&self.slots, setpoints, complete)
+        let cycle = self.cyclic.as_mut().filter(|cycle| cycle.ticket() == ticket)?;
+        cycle.feed_cycles(&self.slots, setpoints, complete)
     }
 
-    fn account(&self, axis: AxisIndex) -> Option<&Account> {
-        self.cycle.as_ref().filter(|cycle| cycle.has(axis)).map(|cycle| cycle.account())
+    fn cycle_statistics(&self, axis: AxisIndex) -> Option<&CycleStatistics> {
+        self.cyclic.as_ref().filter(|cycle| cycle.has_axis(axis)).map(|cycle| cycle.statistics())
     }
 
     fn cycle_ns(&self, axes: &[AxisIndex]) -> Option<u64> {
@@ -202,107 +202,107 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         Some(ns.checked_div(self.host.bit_rate().into()).unwrap_or(0))
     }
 
-    fn memory(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
-        self.slot(axis).ok()?.driver.memory()
+    fn memory_rules(&self, axis: AxisIndex) -> Option<&'static MemoryRules> {
+        self.slot(axis).ok()?.driver.memory_rules()
     }
 
-    fn transfer(
+    fn start_transfer(
         &mut self,
         _now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
         kind: TransferKind,
-        pieces: &[Piece],
+        pieces: &[MemoryBlock],
     ) -> Result<(), Unsupported> {
-        let rules = self.slot(axis)?.driver.memory().ok_or(Unsupported::NoPlan)?;
-        if self.moving(axis) || self.jobs.transfers(axis) {
+        let rules = self.slot(axis)?.driver.memory_rules().ok_or(Unsupported::NoPlan)?;
+        if self.is_moving(axis) || self.jobs.has_transfer(axis) {
             return Err(Unsupported::Busy);
         }
-        let transfer = Transfer::new(kind, rules, pieces.to_vec())?;
-        self.jobs.add(ticket, axis, Task::Transfer(kind), false)?;
+        let transfer = MemoryTransfer::new(kind, rules, pieces.to_vec())?;
+        self.jobs.add(ticket, axis, JobTask::Transfer(kind), false)?;
         if let Some(slot) = self.slots.get_mut(usize::from(axis.0)) {
             slot.transfer = Some(Box::new(transfer));
         }
         Ok(())
     }
 
-    fn transferred(&self, axis: AxisIndex) -> Option<&Transfer> {
+    fn last_transfer(&self, axis: AxisIndex) -> Option<&MemoryTransfer> {
         self.slot(axis).ok()?.transfer.as_deref()
     }
 
-    fn order(
+    fn send_program_command(
         &mut self,
         _now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
-        order: Order,
+        order: ProgramCommand,
     ) -> Result<(), Unsupported> {
-        let request = self.slot(axis)?.driver.order(order).ok_or(Unsupported::NoPlan)?;
-        if request.class() == Class::Never && self.moving(axis) {
+        let request = self.slot(axis)?.driver.program_request(order).ok_or(Unsupported::NoPlan)?;
+        if request.class() == RequestClass::NoRetry && self.is_moving(axis) {
             return Err(Unsupported::Busy);
         }
-        self.say(ticket, axis, request)
+        self.queue_raw_request(ticket, axis, request)
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
-        let cycle = self.cycle.as_mut().and_then(|cycle| cycle.take_outcome());
-        cycle.or_else(|| self.jobs.outcome())
+        let cycle = self.cyclic.as_mut().and_then(|cycle| cycle.take_outcome());
+        cycle.or_else(|| self.jobs.pop_outcome())
     }
 
-    fn readdresses(
+    fn address_change(
         &self,
         axis: AxisIndex,
         id: ParameterId,
         raw: i64,
-    ) -> Result<Option<Readdress>, Unsupported> {
+    ) -> Result<Option<AddressRole>, Unsupported> {
         let parameter = self.slot(axis)?.profile.parameter(id);
-        self.may_readdress(axis, parameter.ok_or(Unsupported::NoSuchParameter)?, raw)
+        self.check_address_change(axis, parameter.ok_or(Unsupported::NoSuchParameter)?, raw)
     }
 
-    fn unlearnt(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
-        self.slot(axis).ok()?.driver.unlearnt(n)
+    fn unread_prerequisite(&self, axis: AxisIndex, n: usize) -> Option<ParameterId> {
+        self.slot(axis).ok()?.driver.unread_prerequisite(n)
     }
 
-    fn listen(&mut self, on: bool) {
+    fn enable_events(&mut self, on: bool) {
         let states = self.slots.iter().map(|slot| &slot.state);
-        self.tidings = on.then(|| Box::new(Tidings::new(states)));
+        self.events = on.then(|| Box::new(EventQueue::new(states)));
     }
 
-    fn poll_news(&mut self, now: Instant) -> Option<News> {
-        let tidings = self.tidings.as_mut()?;
-        tidings.take(now).or_else(|| {
+    fn poll_axis_event(&mut self, now: Instant) -> Option<AxisEvent> {
+        let tidings = self.events.as_mut()?;
+        tidings.pop(now).or_else(|| {
             tidings.compare(now, &self.slots);
-            tidings.take(now)
+            tidings.pop(now)
         })
     }
 
-    fn poll_part(&mut self, ticket: Ticket) -> Option<Part> {
-        let at = self.parts.iter().position(|part| part.ticket == ticket)?;
-        self.parts.remove(at)
+    fn poll_group_answer(&mut self, ticket: Ticket) -> Option<GroupAnswer> {
+        let at = self.group_answers.iter().position(|part| part.ticket == ticket)?;
+        self.group_answers.remove(at)
     }
 
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
-        self.host.poll_bytes(self.jobs.raw(ticket)?, out)
+        self.host.poll_bytes(self.jobs.raw_request_ticket(ticket)?, out)
     }
 
     fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
-        self.host.feed_bytes(self.jobs.raw(ticket)?, bytes)
+        self.host.feed_bytes(self.jobs.raw_request_ticket(ticket)?, bytes)
     }
 
     fn rehearse(
         &self,
         axis: AxisIndex,
         command: Command,
-        show: &mut dyn FnMut(Rehearsed<'_>),
+        show: &mut dyn FnMut(RehearsalStep<'_>),
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
         let plan = slot.profile.plan(command.verb).ok_or(Unsupported::NoPlan)?;
-        slot.check_all(plan.steps, &command)?;
+        slot.check_steps(plan.steps, &command)?;
         plan.steps.iter().try_for_each(|step| self.rehearse_step(slot, *step, &command, show))
     }
 
-    fn lacks(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
-        self.slot(axis).is_ok_and(|slot| slot.lacks(parameter))
+    fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
+        self.slot(axis).is_ok_and(|slot| slot.lacks_parameter(parameter))
     }
 
     fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {
@@ -317,32 +317,37 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         self.host.counters()
     }
 
-    fn heard(&self, axis: AxisIndex) -> Counters {
-        self.slot(axis).map_or(Counters::default(), |slot| slot.heard)
+    fn silence_counters(&self, axis: AxisIndex) -> Counters {
+        self.slot(axis).map_or(Counters::default(), |slot| slot.silence_counters)
     }
 
-    fn join(&mut self, lane: usize, profile: &'static Profile, address: u32) -> Option<AxisIndex> {
-        let make = self.make.filter(|_| self.may_join(lane, address))?;
+    fn add_axis(
+        &mut self,
+        lane: usize,
+        profile: &'static Profile,
+        address: u32,
+    ) -> Option<AxisIndex> {
+        let make = self.driver_factory.filter(|_| self.can_add_axis(lane, address))?;
         let axis = AxisIndex(u8::try_from(self.slots.len()).ok()?);
-        self.slots.push(Slot::new(make(profile, address)));
-        self.host.joined(address);
-        if let (Some(tidings), Some(slot)) = (&mut self.tidings, self.slots.last()) {
-            tidings.know(&slot.state);
+        self.slots.push(AxisSlot::new(make(profile, address)));
+        self.host.add_drive(address);
+        if let (Some(tidings), Some(slot)) = (&mut self.events, self.slots.last()) {
+            tidings.add_axis(&slot.state);
         }
         Some(axis)
     }
 
-    fn may_join(&self, lane: usize, address: u32) -> bool {
+    fn can_add_axis(&self, lane: usize, address: u32) -> bool {
         // Two slots of one drive would not know what the other has it do.
         let known = self.slots.iter().any(|slot| slot.driver.address() == address);
-        lane == 0 && self.make.is_some() && !known && self.host.may_join(address)
+        lane == 0 && self.driver_factory.is_some() && !known && self.host.can_add_drive(address)
     }
 
-    fn keeps_alive(&self) -> bool {
-        self.cycle.as_ref().is_some_and(|cycle| cycle.runs()) || self.host.keeps_alive()
+    fn sends_keepalive(&self) -> bool {
+        self.cyclic.as_ref().is_some_and(|cycle| cycle.is_running()) || self.host.sends_keepalive()
     }
 
-    fn disturbed(&mut self, now: Instant) {
-        self.host.disturbed(now);
+    fn handle_resume(&mut self, now: Instant) {
+        self.host.handle_resume(now);
     }
 }

@@ -2,73 +2,73 @@
 
 use core::time::Duration;
 
-use super::job::{Asked, Job, Parts, Run, Stage, Task};
-use super::path::Path;
-use super::slot::Slot;
-use super::transfer::{Transfer, TransferKind};
+use super::job::{GroupResult, InFlight, Job, JobTask, PlanRun, StepStage};
+use super::path::PathStream;
+use super::slot::AxisSlot;
+use super::transfer::{MemoryTransfer, TransferKind};
 use crate::error::{Extent, Failure, Outcome, Unsupported};
 use crate::plan::Step;
 use crate::profile::{Access, ParameterId, Persistence};
-use crate::station::{Class, Request};
+use crate::station::{Request, RequestClass};
 use crate::time::Instant;
 
 /// How often a condition that is waited for is read.
-const POLL: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// What becomes of a job.
 #[derive(Debug)]
-pub enum Next {
+pub enum JobState {
     /// It has something to send.
-    Go,
+    Ready,
     /// It waits.
-    Sleep(Instant),
+    Sleeping(Instant),
     /// It waits for points of its path.
-    Hungry,
+    NeedsPoints,
     /// It is over.
-    End(Outcome),
+    Ended(Outcome),
 }
 
-fn impossible(reason: Unsupported) -> Next {
-    Next::End(Outcome::NotDone(Failure::Impossible(reason)))
+fn end_impossible(reason: Unsupported) -> JobState {
+    JobState::Ended(Outcome::NotDone(Failure::Impossible(reason)))
 }
 
 /// The request of a ready job that reads a parameter, where no scale is missing: what happens most,
 /// so it is looked at first and its request is copied nowhere.
 #[inline]
-pub fn plain_read<'a, R: Request, A: Copy + 'static>(
+pub fn plain_read_request<'a, R: Request, A: Copy + 'static>(
     job: &Job<R>,
-    slot: &'a Slot<R, A>,
+    slot: &'a AxisSlot<R, A>,
 ) -> Option<(ParameterId, &'a R)> {
-    let Task::Read(id) = job.task else { return None };
-    Some((id, slot.plain_read(id)?))
+    let JobTask::Read(id) = job.task else { return None };
+    Some((id, slot.plain_read_request(id)?))
 }
 
 /// The request that a ready job has next. Changes nothing that matters if the host will not have it.
 #[inline(never)]
-pub fn next<R: Request, A: Copy + 'static>(
+pub fn next_request<R: Request, A: Copy + 'static>(
     now: Instant,
     job: &mut Job<R>,
-    slot: &mut Slot<R, A>,
-) -> Result<(R, Asked), Next> {
+    slot: &mut AxisSlot<R, A>,
+) -> Result<(R, InFlight), JobState> {
     match &mut job.task {
-        Task::Read(id) => {
+        JobTask::Read(id) => {
             let id = *id;
-            let asked = slot.missing(id).map_or(Asked::Read(id), Asked::Factor);
-            read(slot, asked).map_err(impossible)
+            let asked = slot.missing_factor(id).map_or(InFlight::Read(id), InFlight::Factor);
+            read_request(slot, asked).map_err(end_impossible)
         }
-        Task::Raw(request) => Ok((*request, Asked::Send(request.class()))),
-        Task::Run(run) => next_of_run(now, run, slot),
-        Task::Path => along_path(slot, |path, slot| path.next(now, slot))
-            .unwrap_or(Err(Next::End(Outcome::NotDone(Failure::Cancelled)))),
-        Task::Transfer(_) => with_transfer(slot, Transfer::next)
-            .unwrap_or(Err(Next::End(Outcome::NotDone(Failure::Cancelled)))),
+        JobTask::Raw(request) => Ok((*request, InFlight::Send(request.class()))),
+        JobTask::Run(run) => next_run_request(now, run, slot),
+        JobTask::Path => with_path(slot, |path, slot| path.next_request(now, slot))
+            .unwrap_or(Err(JobState::Ended(Outcome::NotDone(Failure::Cancelled)))),
+        JobTask::Transfer(_) => with_transfer(slot, MemoryTransfer::next_request)
+            .unwrap_or(Err(JobState::Ended(Outcome::NotDone(Failure::Cancelled)))),
     }
 }
 
 /// Lets the axis' path, if it has one, do something with the axis.
-fn along_path<R: Request, A: Copy + 'static, T>(
-    slot: &mut Slot<R, A>,
-    f: impl FnOnce(&mut Path, &mut Slot<R, A>) -> T,
+fn with_path<R: Request, A: Copy + 'static, T>(
+    slot: &mut AxisSlot<R, A>,
+    f: impl FnOnce(&mut PathStream, &mut AxisSlot<R, A>) -> T,
 ) -> Option<T> {
     let mut path = slot.path.take()?;
     let done = f(&mut path, slot);
@@ -78,8 +78,8 @@ fn along_path<R: Request, A: Copy + 'static, T>(
 
 /// Lets the axis' transfer, if it has one, do something with the axis.
 fn with_transfer<R: Request, A: Copy + 'static, T>(
-    slot: &mut Slot<R, A>,
-    f: impl FnOnce(&mut Transfer, &mut Slot<R, A>) -> T,
+    slot: &mut AxisSlot<R, A>,
+    f: impl FnOnce(&mut MemoryTransfer, &mut AxisSlot<R, A>) -> T,
 ) -> Option<T> {
     let mut transfer = slot.transfer.take()?;
     let done = f(&mut transfer, slot);
@@ -88,124 +88,128 @@ fn with_transfer<R: Request, A: Copy + 'static, T>(
 }
 
 #[inline]
-fn read<R: Request, A: Copy + 'static>(
-    slot: &Slot<R, A>,
-    asked: Asked,
-) -> Result<(R, Asked), Unsupported> {
+fn read_request<R: Request, A: Copy + 'static>(
+    slot: &AxisSlot<R, A>,
+    asked: InFlight,
+) -> Result<(R, InFlight), Unsupported> {
     let id = asked.parameter().ok_or(Unsupported::NoSuchParameter)?;
-    Ok((*slot.read(id)?, asked))
+    Ok((*slot.read_request(id)?, asked))
 }
 
 #[inline(never)]
-fn next_of_run<R: Request, A: Copy + 'static>(
+fn next_run_request<R: Request, A: Copy + 'static>(
     now: Instant,
-    run: &mut Run,
-    slot: &mut Slot<R, A>,
-) -> Result<(R, Asked), Next> {
+    run: &mut PlanRun,
+    slot: &mut AxisSlot<R, A>,
+) -> Result<(R, InFlight), JobState> {
     if !run.checked {
         if let Some(id) = missing_factor(run, slot) {
-            return read(slot, Asked::Factor(id)).map_err(impossible);
+            return read_request(slot, InFlight::Factor(id)).map_err(end_impossible);
         }
         for at in 0..=u8::MAX {
             let Some(step) = run.steps.step(at) else { break };
-            slot.check(&step, &run.command).map_err(impossible)?;
+            slot.check_step(&step, &run.command).map_err(end_impossible)?;
         }
         run.checked = true;
     }
     // Each turn of this loop passes a step that sends nothing; plans are bounded.
     loop {
         match run.stage {
-            Stage::Confirm(id, raw) => {
-                return read(slot, Asked::Confirm(id, raw)).map_err(impossible);
+            StepStage::ReadBack(id, raw) => {
+                return read_request(slot, InFlight::ReadBack(id, raw)).map_err(end_impossible);
             }
-            Stage::Sleep(until) if until > now => return Err(Next::Sleep(until)),
-            Stage::Sleep(_) => run.stage = Stage::First,
+            StepStage::Sleep(until) if until > now => return Err(JobState::Sleeping(until)),
+            StepStage::Sleep(_) => run.stage = StepStage::First,
             _ => {}
         }
-        let Some(step) = run.step() else { return Err(Next::End(finished(run))) };
-        if slot.leaves_out(&step) {
-            leave_out(run);
+        let Some(step) = run.current_step() else {
+            return Err(JobState::Ended(finished_outcome(run)));
+        };
+        if slot.skips_step(&step) {
+            advance_past_missing(run);
             continue;
         }
-        match request(now, run, slot, step) {
+        match step_request(now, run, slot, step) {
             Ok(Some(next)) => return Ok(next),
             Ok(None) => {}
-            Err(reason) => return Err(failed(run, Failure::Impossible(reason))),
+            Err(reason) => return Err(fail_step(run, Failure::Impossible(reason))),
         }
     }
 }
 
 /// A scale that the run's arguments need and nobody knows yet.
 fn missing_factor<R: Request, A: Copy + 'static>(
-    run: &Run,
-    slot: &Slot<R, A>,
+    run: &PlanRun,
+    slot: &AxisSlot<R, A>,
 ) -> Option<ParameterId> {
     (0..=u8::MAX).map_while(|at| run.steps.step(at)).find_map(|step| match step {
         Step::Write(id, _) | Step::Send { like: Some(id), .. } => {
-            let unknown = !slot.check(&step, &run.command).unwrap_or(true);
-            unknown.then(|| slot.missing(id)).flatten()
+            let unknown = !slot.check_step(&step, &run.command).unwrap_or(true);
+            unknown.then(|| slot.missing_factor(id)).flatten()
         }
         _ => None,
     })
 }
 
 /// The request of a step; `None` when the step is passed without one.
-fn request<R: Request, A: Copy + 'static>(
+fn step_request<R: Request, A: Copy + 'static>(
     now: Instant,
-    run: &mut Run,
-    slot: &Slot<R, A>,
+    run: &mut PlanRun,
+    slot: &AxisSlot<R, A>,
     step: Step,
-) -> Result<Option<(R, Asked)>, Unsupported> {
-    let write = |run: &Run, id, raw| {
-        let parameter = slot.writable(id, raw)?;
-        let class = run.class(parameter);
-        let request = slot.driver.write(parameter, raw, class)?;
-        Ok(Some((request, Asked::Write(id, raw, class))))
+) -> Result<Option<(R, InFlight)>, Unsupported> {
+    let write = |run: &PlanRun, id, raw| {
+        let parameter = slot.check_writable(id, raw)?;
+        let class = run.write_class(parameter);
+        let request = slot.driver.write_request(parameter, raw, class)?;
+        Ok(Some((request, InFlight::Write(id, raw, class))))
     };
     match (step, run.stage) {
-        (Step::Write(id, operand), _) => match slot.operand(operand, &run.command, Some(id))? {
-            Some(raw) => write(run, id, raw),
-            None => {
-                run.advance(run.last);
-                Ok(None)
+        (Step::Write(id, operand), _) => {
+            match slot.operand_value(operand, &run.command, Some(id))? {
+                Some(raw) => write(run, id, raw),
+                None => {
+                    run.advance(run.last_value);
+                    Ok(None)
+                }
             }
-        },
-        (Step::Ensure(id, raw), Stage::Write(_)) => write(run, id, raw),
-        (Step::Copy { to, .. }, Stage::Write(raw)) => write(run, to, raw),
+        }
+        (Step::Ensure(id, raw), StepStage::Write(_)) => write(run, id, raw),
+        (Step::Copy { to, .. }, StepStage::Write(raw)) => write(run, to, raw),
         (
             Step::Ensure(id, _)
             | Step::Copy { from: id, .. }
             | Step::Read(id)
             | Step::Require { read: id, .. }
             | Step::Skip { read: id, .. }
-            | Step::Without { read: id, .. }
+            | Step::SkipIfMissing { read: id, .. }
             | Step::NoFault { read: id, .. }
             | Step::Until { read: id, .. },
             _,
-        ) => read(slot, Asked::Read(id)).map(Some),
+        ) => read_request(slot, InFlight::Read(id)).map(Some),
         (Step::Send { function, index, operand, like }, _) => {
-            match slot.operand(operand, &run.command, like)? {
+            match slot.operand_value(operand, &run.command, like)? {
                 Some(raw) => {
                     let driver = &slot.driver;
-                    let request = driver.send_for(&run.command, function, index, raw)?;
-                    Ok(Some((request, Asked::Send(request.class()))))
+                    let request = driver.command_request(&run.command, function, index, raw)?;
+                    Ok(Some((request, InFlight::Send(request.class()))))
                 }
                 None => {
-                    run.advance(run.last);
+                    run.advance(run.last_value);
                     Ok(None)
                 }
             }
         }
-        (Step::Keep(id), _) => {
+        (Step::Store(id), _) => {
             let parameter = slot.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
-            Ok(Some((slot.driver.keep(parameter)?, Asked::Send(Class::Never))))
+            Ok(Some((slot.driver.store_request(parameter)?, InFlight::Send(RequestClass::NoRetry))))
         }
         (Step::Wait { ms }, _) => {
-            match run.since {
-                Some(_) => run.advance(run.last),
+            match run.waiting_since {
+                Some(_) => run.advance(run.last_value),
                 None => {
-                    run.since = Some(now);
-                    run.stage = Stage::Sleep(now.plus_ms(ms));
+                    run.waiting_since = Some(now);
+                    run.stage = StepStage::Sleep(now.plus_ms(ms));
                 }
             }
             Ok(None)
@@ -214,25 +218,25 @@ fn request<R: Request, A: Copy + 'static>(
 }
 
 /// How a job ends that something else ends.
-pub fn cut_short<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
+pub fn abort_outcome<R: Request>(job: &Job<R>, failure: Failure) -> Outcome {
     match job.task {
-        Task::Run(mut run) => {
+        JobTask::Run(mut run) => {
             // What is out may be executed.
-            if job.asked.changes() {
-                run.note(job.asked, Err(Failure::Silent));
+            if job.in_flight.may_have_changed() {
+                run.record_result(job.in_flight, Err(Failure::Silent));
             }
-            run.ended(failure)
+            run.outcome_for(failure)
         }
-        Task::Path | Task::Transfer(TransferKind::Write) => Outcome::Unknown(failure),
-        _ if job.asked.changes() => Outcome::Unknown(failure),
+        JobTask::Path | JobTask::Transfer(TransferKind::Write) => Outcome::Unknown(failure),
+        _ if job.in_flight.may_have_changed() => Outcome::Unknown(failure),
         _ => Outcome::NotDone(failure),
     }
 }
 
 /// Whether one drive of a group passes the test of the step that a job is at.
-pub fn passes<R: Request>(job: &Job<R>, raw: i64) -> bool {
-    let Task::Run(run) = &job.task else { return true };
-    match run.step() {
+pub fn passes_test<R: Request>(job: &Job<R>, raw: i64) -> bool {
+    let JobTask::Run(run) = &job.task else { return true };
+    match run.current_step() {
         Some(Step::Require { test, .. } | Step::Skip { test, .. } | Step::Until { test, .. }) => {
             test.passes(raw)
         }
@@ -242,245 +246,257 @@ pub fn passes<R: Request>(job: &Job<R>, raw: i64) -> bool {
 }
 
 /// What a group answered, all together: for a test what fails it, else the value that all have.
-pub fn together<R: Request>(job: &mut Job<R>, raw: Result<i64, Failure>) -> Result<i64, Failure> {
+pub fn merge_group_result<R: Request>(
+    job: &mut Job<R>,
+    raw: Result<i64, Failure>,
+) -> Result<i64, Failure> {
     const HINT: &str = "the drives of this group have different values of a parameter that is \
                         needed; command them one by one, or make them equal";
-    let tests = matches!(&job.task, Task::Run(run) if !matches!(run.stage, Stage::Confirm(..)));
-    let tests = tests && matches!(job.asked, Asked::Read(_));
-    match core::mem::replace(&mut job.parts, Parts::None) {
-        Parts::Agree(value) | Parts::Fails(value) => raw.and(Ok(value)),
-        Parts::Differ(value) if tests => raw.and(Ok(value)),
-        Parts::Differ(_) if job.asked.parameter().is_some() => {
+    let tests =
+        matches!(&job.task, JobTask::Run(run) if !matches!(run.stage, StepStage::ReadBack(..)));
+    let tests = tests && matches!(job.in_flight, InFlight::Read(_));
+    match core::mem::replace(&mut job.group_result, GroupResult::None) {
+        GroupResult::Agree(value) | GroupResult::Fails(value) => raw.and(Ok(value)),
+        GroupResult::Differ(value) if tests => raw.and(Ok(value)),
+        GroupResult::Differ(_) if job.in_flight.parameter().is_some() => {
             raw.and(Err(Failure::NotReady { hint: HINT }))
         }
-        Parts::Differ(_) | Parts::None => raw,
+        GroupResult::Differ(_) | GroupResult::None => raw,
     }
 }
 
 /// What an answer, or its lack, makes of a job.
 #[inline(never)]
-pub fn answered<R: Request, A: Copy + 'static>(
+pub fn handle_answer<R: Request, A: Copy + 'static>(
     now: Instant,
     job: &mut Job<R>,
-    slot: &mut Slot<R, A>,
+    slot: &mut AxisSlot<R, A>,
     raw: Result<i64, Failure>,
-) -> Next {
-    let asked = core::mem::replace(&mut job.asked, Asked::Nothing);
-    if let Task::Run(run) = &mut job.task {
-        run.note(asked, raw);
+) -> JobState {
+    let asked = core::mem::replace(&mut job.in_flight, InFlight::Nothing);
+    if let JobTask::Run(run) = &mut job.task {
+        run.record_result(asked, raw);
     }
     match (asked.parameter(), raw) {
-        (Some(id), Ok(raw)) => slot.note(now, id, raw),
-        (Some(id), Err(Failure::Refused { code })) => slot.refused(id, code),
+        (Some(id), Ok(raw)) => slot.record_value(now, id, raw),
+        (Some(id), Err(Failure::Refused { code })) => slot.handle_refusal(id, code),
         _ => {}
     }
     if raw == Err(Failure::LinkDown) {
         let failure = Failure::LinkDown;
-        return Next::End(match &job.task {
-            Task::Run(run) => run.ended(failure),
-            _ if asked.changes() => Outcome::Unknown(failure),
-            _ => cut_short(job, failure),
+        return JobState::Ended(match &job.task {
+            JobTask::Run(run) => run.outcome_for(failure),
+            _ if asked.may_have_changed() => Outcome::Unknown(failure),
+            _ => abort_outcome(job, failure),
         });
     }
     match &mut job.task {
-        Task::Run(run) if job.cancelled => Next::End(cancelled(run, asked, raw)),
-        Task::Read(id) => match (asked, raw) {
-            (Asked::Factor(id), _) => {
-                slot.tried(id);
-                Next::Go
+        JobTask::Run(run) if job.cancelled => JobState::Ended(cancelled_outcome(run, asked, raw)),
+        JobTask::Read(id) => match (asked, raw) {
+            (InFlight::Factor(id), _) => {
+                slot.count_attempt(id);
+                JobState::Ready
             }
-            (_, Ok(raw)) => Next::End(Outcome::Done(raw)),
+            (_, Ok(raw)) => JobState::Ended(Outcome::Done(raw)),
             (_, Err(failure)) => {
-                debug_assert_eq!(asked, Asked::Read(*id));
-                Next::End(Outcome::NotDone(failure))
+                debug_assert_eq!(asked, InFlight::Read(*id));
+                JobState::Ended(Outcome::NotDone(failure))
             }
         },
-        Task::Raw(_) => Next::End(match raw {
+        JobTask::Raw(_) => JobState::Ended(match raw {
             Ok(raw) => Outcome::Done(raw),
-            Err(failure) => outcome(asked, Err(failure), failure),
+            Err(failure) => failed_request_outcome(asked, Err(failure), failure),
         }),
-        Task::Run(run) => answered_run(now, run, slot, asked, raw),
-        Task::Path if job.cancelled => Next::End(Outcome::Unknown(Failure::Cancelled)),
-        Task::Path => along_path(slot, |path, slot| path.answered(now, slot, asked, raw))
-            .unwrap_or(Next::End(Outcome::Unknown(Failure::Cancelled))),
-        Task::Transfer(_) => {
+        JobTask::Run(run) => handle_run_answer(now, run, slot, asked, raw),
+        JobTask::Path if job.cancelled => JobState::Ended(Outcome::Unknown(Failure::Cancelled)),
+        JobTask::Path => with_path(slot, |path, slot| path.handle_answer(now, slot, asked, raw))
+            .unwrap_or(JobState::Ended(Outcome::Unknown(Failure::Cancelled))),
+        JobTask::Transfer(_) => {
             let cancelled = job.cancelled;
             with_transfer(slot, |transfer, slot| match cancelled {
-                true => Next::End(transfer.cut_short(Failure::Cancelled)),
-                false => transfer.answered(slot, raw),
+                true => JobState::Ended(transfer.abort_outcome(Failure::Cancelled)),
+                false => transfer.handle_answer(slot, raw),
             })
-            .unwrap_or(Next::End(Outcome::Unknown(Failure::Cancelled)))
+            .unwrap_or(JobState::Ended(Outcome::Unknown(Failure::Cancelled)))
         }
     }
 }
 
 /// How a run ends that a stop cut short while a request of it was out.
-fn cancelled(run: &Run, asked: Asked, raw: Result<i64, Failure>) -> Outcome {
-    let last = run.undoing.is_none() && run.steps.step(run.at + 1).is_none();
+fn cancelled_outcome(run: &PlanRun, asked: InFlight, raw: Result<i64, Failure>) -> Outcome {
+    let last = run.undo_reason.is_none() && run.steps.step(run.index + 1).is_none();
     match (asked, raw) {
-        (Asked::Write(..) | Asked::Send(_), Ok(raw)) if last => Outcome::Done(raw),
-        (Asked::Confirm(_, value), Ok(raw)) if last && raw == value => Outcome::Done(raw),
-        _ => run.ended(Failure::Cancelled),
+        (InFlight::Write(..) | InFlight::Send(_), Ok(raw)) if last => Outcome::Done(raw),
+        (InFlight::ReadBack(_, value), Ok(raw)) if last && raw == value => Outcome::Done(raw),
+        _ => run.outcome_for(Failure::Cancelled),
     }
 }
 
 /// How a request ends that brought no answer, or a refusal.
-fn outcome(asked: Asked, raw: Result<i64, Failure>, failure: Failure) -> Outcome {
+fn failed_request_outcome(asked: InFlight, raw: Result<i64, Failure>, failure: Failure) -> Outcome {
     match (asked, raw) {
-        (Asked::Send(Class::Idempotent), Err(_)) => Outcome::NotDone(failure),
-        (Asked::Write(..) | Asked::Send(_), Err(Failure::Silent | Failure::Misbehaved)) => {
+        (InFlight::Send(RequestClass::Idempotent), Err(_)) => Outcome::NotDone(failure),
+        (InFlight::Write(..) | InFlight::Send(_), Err(Failure::Silent | Failure::Misbehaved)) => {
             Outcome::Unknown(failure)
         }
         _ => Outcome::NotDone(failure),
     }
 }
 
-fn answered_run<R: Request, A: Copy + 'static>(
+fn handle_run_answer<R: Request, A: Copy + 'static>(
     now: Instant,
-    run: &mut Run,
-    slot: &mut Slot<R, A>,
-    asked: Asked,
+    run: &mut PlanRun,
+    slot: &mut AxisSlot<R, A>,
+    asked: InFlight,
     raw: Result<i64, Failure>,
-) -> Next {
-    if let Asked::Factor(id) = asked {
-        slot.tried(id);
+) -> JobState {
+    if let InFlight::Factor(id) = asked {
+        slot.count_attempt(id);
         return match raw {
-            Err(failure) if !slot.lacks(id) => Next::End(Outcome::NotDone(failure)),
-            _ => Next::Go,
+            Err(failure) if !slot.lacks_parameter(id) => JobState::Ended(Outcome::NotDone(failure)),
+            _ => JobState::Ready,
         };
     }
     let group = slot.driver.is_group();
     match (asked, raw) {
-        (Asked::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
+        (InFlight::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
             let readable =
                 slot.profile.parameter(id).is_some_and(|p| p.access == Access::ReadWrite);
-            if class == Class::Confirm && readable {
-                run.stage = Stage::Confirm(id, value);
-                return Next::Go;
+            if class == RequestClass::ReadBack && readable {
+                run.stage = StepStage::ReadBack(id, value);
+                return JobState::Ready;
             }
-            failed(run, raw.err().unwrap_or(Failure::Silent))
+            fail_step(run, raw.err().unwrap_or(Failure::Silent))
         }
         // Where no drive of a group may be asked, a stop that went out is all there is to do.
-        (Asked::Read(_), Err(Failure::NotReady { .. })) if run.is_stop() && group => {
-            passed_over(run)
+        (InFlight::Read(_), Err(Failure::NotReady { .. })) if run.is_stop() && group => {
+            skip_step(run)
         }
-        (Asked::Read(_), Err(Failure::Refused { .. }))
-            if matches!(run.step(), Some(Step::Without { .. })) =>
+        (InFlight::Read(_), Err(Failure::Refused { .. }))
+            if matches!(run.current_step(), Some(Step::SkipIfMissing { .. })) =>
         {
-            left_out(run)
+            skip_missing_step(run)
         }
-        (_, Err(Failure::Refused { .. })) if run.step().is_some_and(|it| slot.leaves_out(&it)) => {
-            left_out(run)
+        (_, Err(Failure::Refused { .. }))
+            if run.current_step().is_some_and(|it| slot.skips_step(&it)) =>
+        {
+            skip_missing_step(run)
         }
-        (Asked::Confirm(_, value), Ok(raw)) if raw != value => failed(run, Failure::Silent),
-        (_, Err(failure)) => failed(run, failure),
+        (InFlight::ReadBack(_, value), Ok(raw)) if raw != value => fail_step(run, Failure::Silent),
+        (_, Err(failure)) => fail_step(run, failure),
         (_, Ok(raw)) => {
-            if let Asked::Write(id, ..) | Asked::Confirm(id, _) = asked {
-                count_flash(slot, id, run);
+            if let InFlight::Write(id, ..) | InFlight::ReadBack(id, _) = asked {
+                count_flash_write(slot, id, run);
             }
-            passed(now, run, raw)
+            complete_step(now, run, raw)
         }
     }
 }
 
 /// A write that went to permanent memory, as far as the profile tells.
-fn count_flash<R: Request, A: Copy + 'static>(slot: &mut Slot<R, A>, id: ParameterId, run: &Run) {
+fn count_flash_write<R: Request, A: Copy + 'static>(
+    slot: &mut AxisSlot<R, A>,
+    id: ParameterId,
+    run: &PlanRun,
+) {
     let always = slot.profile.parameter(id).is_some_and(|p| p.persistence == Persistence::Always);
-    let kept = matches!(run.step(), Some(Step::Ensure(..)))
+    let kept = matches!(run.current_step(), Some(Step::Ensure(..)))
         && slot.profile.ram.is_some_and(|ram| ram.parameter == id);
     slot.state.flash_writes += u32::from(always || kept);
 }
 
 /// The step is left out.
-fn passed_over(run: &mut Run) -> Next {
-    run.advance(run.last);
-    match run.step() {
-        Some(_) => Next::Go,
-        None => Next::End(finished(run)),
+fn skip_step(run: &mut PlanRun) -> JobState {
+    run.advance(run.last_value);
+    match run.current_step() {
+        Some(_) => JobState::Ready,
+        None => JobState::Ended(finished_outcome(run)),
     }
 }
 
 /// The drive has no such parameter: what is done with it is left out.
-fn left_out(run: &mut Run) -> Next {
-    leave_out(run);
-    match run.step() {
-        Some(_) => Next::Go,
-        None => Next::End(finished(run)),
+fn skip_missing_step(run: &mut PlanRun) -> JobState {
+    advance_past_missing(run);
+    match run.current_step() {
+        Some(_) => JobState::Ready,
+        None => JobState::Ended(finished_outcome(run)),
     }
 }
 
-fn leave_out(run: &mut Run) {
-    if let Some(Step::Without { count, .. }) = run.step() {
-        run.at = run.at.saturating_add(count);
+fn advance_past_missing(run: &mut PlanRun) {
+    if let Some(Step::SkipIfMissing { count, .. }) = run.current_step() {
+        run.index = run.index.saturating_add(count);
     }
-    run.advance(run.last);
+    run.advance(run.last_value);
 }
 
 /// What a step makes of the value it got.
-fn passed(now: Instant, run: &mut Run, raw: i64) -> Next {
-    let Some(step) = run.step() else { return Next::End(finished(run)) };
+fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
+    let Some(step) = run.current_step() else { return JobState::Ended(finished_outcome(run)) };
     match (step, run.stage) {
-        (Step::Ensure(_, value), Stage::First) if raw != value => run.stage = Stage::Write(raw),
-        (Step::Copy { .. }, Stage::First) => run.stage = Stage::Write(raw),
+        (Step::Ensure(_, value), StepStage::First) if raw != value => {
+            run.stage = StepStage::Write(raw)
+        }
+        (Step::Copy { .. }, StepStage::First) => run.stage = StepStage::Write(raw),
         (Step::Require { test, hint, .. }, _) if !test.passes(raw) => {
-            return failed(run, Failure::NotReady { hint });
+            return fail_step(run, Failure::NotReady { hint });
         }
         (Step::Skip { test, count, .. }, _) if test.passes(raw) => {
             run.advance(raw);
-            run.at = run.at.saturating_add(count);
+            run.index = run.index.saturating_add(count);
         }
         (Step::NoFault { mask, .. }, _) if raw & mask != 0 => {
-            return failed(run, Failure::Faulted { code: (raw & mask) as u32 });
+            return fail_step(run, Failure::Faulted { code: (raw & mask) as u32 });
         }
         (Step::Until { test, within_ms, .. }, _) if !test.passes(raw) => {
-            let since = *run.since.get_or_insert(now);
+            let since = *run.waiting_since.get_or_insert(now);
             if now > since.plus_ms(within_ms) {
-                return failed(run, Failure::NotReached);
+                return fail_step(run, Failure::NotReached);
             }
-            run.stage = Stage::Sleep(now + POLL);
-            return Next::Sleep(now + POLL);
+            run.stage = StepStage::Sleep(now + POLL_INTERVAL);
+            return JobState::Sleeping(now + POLL_INTERVAL);
         }
         _ => run.advance(raw),
     }
-    match run.step() {
-        Some(_) => Next::Go,
-        None => Next::End(finished(run)),
+    match run.current_step() {
+        Some(_) => JobState::Ready,
+        None => JobState::Ended(finished_outcome(run)),
     }
 }
 
-fn finished(run: &Run) -> Outcome {
-    match run.undoing {
-        None => Outcome::Done(run.last),
+fn finished_outcome(run: &PlanRun) -> Outcome {
+    match run.undo_reason {
+        None => Outcome::Done(run.last_value),
         Some(failure) => {
             let undone = !run.is_stop() && !run.undo_failed;
-            Extent { undone, ..run.extent }.outcome(failure)
+            Extent { rolled_back: undone, ..run.extent }.outcome(failure)
         }
     }
 }
 
 /// A step failed: a stop goes on with its next step, anything else is undone.
-fn failed(run: &mut Run, failure: Failure) -> Next {
+fn fail_step(run: &mut PlanRun, failure: Failure) -> JobState {
     let Extent { done, unknown, refused, .. } = run.extent;
     let wrote = done | unknown | refused != 0;
-    if run.undoing.is_some() {
+    if run.undo_reason.is_some() {
         run.advance(0);
     } else if run.is_stop() {
         // What is left of a stop is still worth trying.
-        run.undo = run.steps.rest(run.at);
-        run.base = run.at.saturating_add(1);
-        run.undoing = Some(failure);
-        run.at = 0;
-        run.stage = Stage::First;
-    } else if run.at > 0 && wrote && !run.undo.is_empty() {
-        run.undoing = Some(failure);
-        run.at = 0;
-        run.stage = Stage::First;
-        run.since = None;
+        run.undo = run.steps.steps_after(run.index);
+        run.index_offset = run.index.saturating_add(1);
+        run.undo_reason = Some(failure);
+        run.index = 0;
+        run.stage = StepStage::First;
+    } else if run.index > 0 && wrote && !run.undo.is_empty() {
+        run.undo_reason = Some(failure);
+        run.index = 0;
+        run.stage = StepStage::First;
+        run.waiting_since = None;
     } else {
-        return Next::End(run.ended(failure));
+        return JobState::Ended(run.outcome_for(failure));
     }
-    match run.step() {
-        Some(_) => Next::Go,
-        None => Next::End(finished(run)),
+    match run.current_step() {
+        Some(_) => JobState::Ready,
+        None => JobState::Ended(finished_outcome(run)),
     }
 }

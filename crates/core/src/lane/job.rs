@@ -5,47 +5,49 @@ use crate::axis::{Command, Verb};
 use crate::error::{Extent, Failure, Outcome};
 use crate::plan::{Operand, Step};
 use crate::profile::{Parameter, ParameterId, Persistence, Profile, RamMode};
-use crate::station::{Class, Request, Ticket};
+use crate::station::{Request, RequestClass, Ticket};
 use crate::time::Instant;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Job<R> {
     pub ticket: Ticket,
     pub axis: u8,
-    pub task: Task<R>,
-    pub asked: Asked,
+    pub task: JobTask<R>,
+    pub in_flight: InFlight,
     /// A stop came by while its request was out: it ends when that request does.
     pub cancelled: bool,
     /// No request of it is sent again, whatever its class.
-    pub once: bool,
-    pub parts: Parts,
+    pub no_retry: bool,
+    pub group_result: GroupResult,
     /// It sleeps until then.
-    pub until: Instant,
+    pub sleeps_until: Instant,
     pub outcome: Option<Outcome>,
 }
 
 impl<R: Request> Job<R> {
     /// Whether a request of it sets the axis going.
-    pub fn sets_going(&self, profile: &Profile, asked: Asked) -> bool {
+    pub fn starts_motion(&self, profile: &Profile, asked: InFlight) -> bool {
         let moves = |id| profile.parameter(id).is_some_and(|parameter| parameter.moves);
         match (&self.task, asked) {
-            (Task::Run(run), Asked::Write(..) | Asked::Send(_)) if run.undoing.is_none() => {
-                let verb = run.verb.is_some_and(Verb::sets_going);
-                let sets = matches!(asked, Asked::Write(id, ..) if moves(id));
-                asked.commands() && (verb || run.verb.is_none() && sets)
+            (JobTask::Run(run), InFlight::Write(..) | InFlight::Send(_))
+                if run.undo_reason.is_none() =>
+            {
+                let verb = run.verb.is_some_and(Verb::starts_motion);
+                let sets = matches!(asked, InFlight::Write(id, ..) if moves(id));
+                asked.changes_drive() && (verb || run.verb.is_none() && sets)
             }
-            (Task::Path, Asked::Send(_)) => asked.commands(),
-            (Task::Raw(request), _) => request.class() == Class::Never,
+            (JobTask::Path, InFlight::Send(_)) => asked.changes_drive(),
+            (JobTask::Raw(request), _) => request.class() == RequestClass::NoRetry,
             _ => false,
         }
     }
 
     /// Whether the axis stands, or has no power, once it is done.
-    pub fn ends_going(&self) -> bool {
+    pub fn ends_motion(&self) -> bool {
         match &self.task {
-            Task::Run(run) => run.verb.is_some_and(Verb::ends_going),
-            Task::Raw(request) => request.is_stop(),
-            Task::Path => true,
+            JobTask::Run(run) => run.verb.is_some_and(Verb::ends_motion),
+            JobTask::Raw(request) => request.is_stop(),
+            JobTask::Path => true,
             _ => false,
         }
     }
@@ -53,7 +55,7 @@ impl<R: Request> Job<R> {
 
 /// What the drives of a group answered so far to the request that is out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Parts {
+pub enum GroupResult {
     None,
     /// All the same.
     Agree(i64),
@@ -63,9 +65,9 @@ pub enum Parts {
     Fails(i64),
 }
 
-impl Parts {
+impl GroupResult {
     /// With one more.
-    pub fn and(self, raw: i64, passes: bool) -> Self {
+    pub fn combine(self, raw: i64, passes: bool) -> Self {
         match self {
             Self::Fails(_) => self,
             _ if !passes => Self::Fails(raw),
@@ -78,10 +80,10 @@ impl Parts {
 
 #[expect(clippy::large_enum_variant, reason = "lives in the lane's table, which is made once")]
 #[derive(Clone, Copy, Debug)]
-pub enum Task<R> {
+pub enum JobTask<R> {
     Read(ParameterId),
     Raw(R),
-    Run(Run),
+    Run(PlanRun),
     /// The path that the axis' slot holds.
     Path,
     /// The transfer that the axis' slot holds.
@@ -90,39 +92,39 @@ pub enum Task<R> {
 
 /// What the request that is out asks.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub enum Asked {
+pub enum InFlight {
     Nothing,
     /// A parameter that a scale depends on.
     Factor(ParameterId),
     Read(ParameterId),
-    Write(ParameterId, i64, Class),
+    Write(ParameterId, i64, RequestClass),
     /// Whether a write whose answer was lost arrived.
-    Confirm(ParameterId, i64),
-    Send(Class),
+    ReadBack(ParameterId, i64),
+    Send(RequestClass),
 }
 
-impl Asked {
+impl InFlight {
     /// Whether it can change the drive or set it going.
-    pub const fn commands(self) -> bool {
+    pub const fn changes_drive(self) -> bool {
         match self {
-            Self::Send(class) => !matches!(class, Class::Idempotent),
+            Self::Send(class) => !matches!(class, RequestClass::Idempotent),
             Self::Write(..) => true,
             _ => false,
         }
     }
 
     /// Whether it could change the drive, or asks whether something did.
-    pub const fn changes(self) -> bool {
+    pub const fn may_have_changed(self) -> bool {
         match self {
             Self::Nothing | Self::Factor(_) | Self::Read(_) => false,
-            Self::Send(class) => !matches!(class, Class::Idempotent),
-            Self::Write(..) | Self::Confirm(..) => true,
+            Self::Send(class) => !matches!(class, RequestClass::Idempotent),
+            Self::Write(..) | Self::ReadBack(..) => true,
         }
     }
 
     pub fn parameter(self) -> Option<ParameterId> {
         match self {
-            Self::Factor(id) | Self::Read(id) | Self::Write(id, ..) | Self::Confirm(id, _) => {
+            Self::Factor(id) | Self::Read(id) | Self::Write(id, ..) | Self::ReadBack(id, _) => {
                 Some(id)
             }
             Self::Nothing | Self::Send(_) => None,
@@ -132,79 +134,79 @@ impl Asked {
 
 /// A walk along steps.
 #[derive(Clone, Copy, Debug)]
-pub struct Run {
-    pub steps: Steps,
+pub struct PlanRun {
+    pub steps: StepSource,
     pub undo: &'static [Step],
     pub command: Command,
     /// True when the steps set something in motion, or stop it.
     pub verb: Option<Verb>,
-    pub at: u8,
-    pub stage: Stage,
+    pub index: u8,
+    pub stage: StepStage,
     /// What became of the steps that were sent.
     pub extent: Extent,
     /// Steps that lie before the first of `undo`, where that is the rest of a stop.
-    pub base: u8,
+    pub index_offset: u8,
     /// Scales known and arguments in range: from here on bytes are sent.
     pub checked: bool,
     /// The undo steps are running; the job ends for this reason when they are through.
-    pub undoing: Option<Failure>,
+    pub undo_reason: Option<Failure>,
     /// Not every undo step was acknowledged.
     pub undo_failed: bool,
     /// When the step in hand began to wait.
-    pub since: Option<Instant>,
-    pub last: i64,
+    pub waiting_since: Option<Instant>,
+    pub last_value: i64,
 }
 
 /// Where a step that takes more than one request is.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub enum Stage {
+pub enum StepStage {
     First,
     /// The value read is to be written.
     Write(i64),
     /// A lost write is to be read back.
-    Confirm(ParameterId, i64),
+    ReadBack(ParameterId, i64),
     /// Nothing is sent before then.
     Sleep(Instant),
 }
 
 #[derive(Clone, Copy, Debug)]
-pub enum Steps {
+pub enum StepSource {
     Plan(&'static [Step]),
-    Write(Write),
+    Write(WriteSteps),
 }
 
 /// The steps that write one parameter: permanent memory is spared, or asked for.
 #[derive(Clone, Copy, Debug)]
-pub struct Write {
+pub struct WriteSteps {
     id: ParameterId,
     raw: i64,
-    keep: bool,
+    store: bool,
     ram: Option<RamMode>,
     storable: bool,
 }
 
-impl Write {
-    pub fn new(profile: &Profile, id: ParameterId, raw: i64, keep: bool) -> Self {
+impl WriteSteps {
+    pub fn new(profile: &Profile, id: ParameterId, raw: i64, store: bool) -> Self {
         let persistence = profile.parameter(id).map(|p| p.persistence);
         let spares = persistence == Some(Persistence::UnlessRam);
         let ram = profile.ram.filter(|ram| spares && ram.parameter != id);
-        Self { id, raw, keep, ram, storable: persistence == Some(Persistence::Storable) }
+        Self { id, raw, store, ram, storable: persistence == Some(Persistence::Storable) }
     }
 
     fn step(&self, at: u8) -> Option<Step> {
-        let write = Step::Write(self.id, Operand::Is(self.raw));
+        let write = Step::Write(self.id, Operand::Constant(self.raw));
         match (self.ram, at) {
-            (Some(ram), 0) if self.keep => Some(Step::Ensure(ram.parameter, ram.flash)),
+            (Some(ram), 0) if self.store => Some(Step::Ensure(ram.parameter, ram.flash)),
             (Some(ram), 0) => Some(Step::Ensure(ram.parameter, ram.ram)),
             (Some(_), 1) | (None, 0) => Some(write),
-            (Some(ram), 2) if self.keep => Some(Step::Ensure(ram.parameter, ram.ram)),
-            (None, 1) if self.keep && self.storable => Some(Step::Keep(self.id)),
+            (Some(ram), 2) if self.store => Some(Step::Ensure(ram.parameter, ram.ram)),
+            (None, 1) if self.store && self.storable => Some(Step::Store(self.id)),
             _ => None,
         }
     }
 }
 
-impl Steps {
+impl StepSource {
     pub fn step(&self, at: u8) -> Option<Step> {
         match self {
             Self::Plan(steps) => steps.get(usize::from(at)).copied(),
@@ -213,7 +215,7 @@ impl Steps {
     }
 
     /// What is left behind step `at`, of a plan.
-    pub fn rest(&self, at: u8) -> &'static [Step] {
+    pub fn steps_after(&self, at: u8) -> &'static [Step] {
         match self {
             Self::Plan(steps) => steps.get(usize::from(at) + 1..).unwrap_or(&[]),
             Self::Write(_) => &[],
@@ -221,29 +223,34 @@ impl Steps {
     }
 }
 
-impl Run {
-    pub fn new(steps: Steps, undo: &'static [Step], command: Command, verb: Option<Verb>) -> Self {
+impl PlanRun {
+    pub fn new(
+        steps: StepSource,
+        undo: &'static [Step],
+        command: Command,
+        verb: Option<Verb>,
+    ) -> Self {
         Self {
             steps,
             undo,
             command,
             verb,
-            at: 0,
-            stage: Stage::First,
+            index: 0,
+            stage: StepStage::First,
             extent: Extent::default(),
-            base: 0,
+            index_offset: 0,
             checked: false,
-            undoing: None,
+            undo_reason: None,
             undo_failed: false,
-            since: None,
-            last: 0,
+            waiting_since: None,
+            last_value: 0,
         }
     }
 
-    pub fn step(&self) -> Option<Step> {
-        match self.undoing {
-            Some(_) => self.undo.get(usize::from(self.at)).copied(),
-            None => self.steps.step(self.at),
+    pub fn current_step(&self) -> Option<Step> {
+        match self.undo_reason {
+            Some(_) => self.undo.get(usize::from(self.index)).copied(),
+            None => self.steps.step(self.index),
         }
     }
 
@@ -253,26 +260,27 @@ impl Run {
 
     /// Notes what became of a step that can change the drive, once that is over: until then `asked`
     /// tells. A request that a stop overtook, or that the protocol's rules forbid, was never sent.
-    pub fn note(&mut self, asked: Asked, raw: Result<i64, Failure>) {
-        if self.undoing.is_some() && !self.is_stop() {
-            let whole = raw.is_ok() || !asked.changes();
+    pub fn record_result(&mut self, asked: InFlight, raw: Result<i64, Failure>) {
+        if self.undo_reason.is_some() && !self.is_stop() {
+            let whole = raw.is_ok() || !asked.may_have_changed();
             self.undo_failed |= !whole;
             return;
         }
-        let bit = 1u64.checked_shl(u32::from(self.base) + u32::from(self.at)).unwrap_or(0);
+        let bit =
+            1u64.checked_shl(u32::from(self.index_offset) + u32::from(self.index)).unwrap_or(0);
         let extent = &mut self.extent;
         match (asked, raw) {
-            (Asked::Confirm(_, value), Ok(raw)) => {
+            (InFlight::ReadBack(_, value), Ok(raw)) => {
                 extent.unknown &= !bit;
                 *(if raw == value { &mut extent.done } else { &mut extent.refused }) |= bit;
             }
-            (Asked::Send(Class::Idempotent) | Asked::Confirm(..), _) => {}
-            (Asked::Write(..) | Asked::Send(_), Ok(_)) => extent.done |= bit,
-            (Asked::Write(..) | Asked::Send(_), Err(Failure::Refused { .. })) => {
+            (InFlight::Send(RequestClass::Idempotent) | InFlight::ReadBack(..), _) => {}
+            (InFlight::Write(..) | InFlight::Send(_), Ok(_)) => extent.done |= bit,
+            (InFlight::Write(..) | InFlight::Send(_), Err(Failure::Refused { .. })) => {
                 extent.refused |= bit;
             }
             (
-                Asked::Write(..) | Asked::Send(_),
+                InFlight::Write(..) | InFlight::Send(_),
                 Err(Failure::Silent | Failure::Misbehaved | Failure::LinkDown),
             ) => extent.unknown |= bit,
             _ => {}
@@ -280,31 +288,31 @@ impl Run {
     }
 
     /// How it ends for this reason, as far as it went.
-    pub fn ended(&self, failure: Failure) -> Outcome {
+    pub fn outcome_for(&self, failure: Failure) -> Outcome {
         self.extent.outcome(failure)
     }
 
     /// True for what sets the axis in motion or powers it.
-    pub fn moves(&self) -> bool {
+    pub fn needs_arming(&self) -> bool {
         self.verb.is_some_and(Verb::needs_arming)
     }
 
     /// What a write within this run is held to.
-    pub fn class(&self, parameter: &Parameter) -> Class {
+    pub fn write_class(&self, parameter: &Parameter) -> RequestClass {
         if self.is_stop() {
-            Class::Stop
+            RequestClass::Stop
         } else if parameter.moves || parameter.persistence == Persistence::Always {
-            Class::Never
+            RequestClass::NoRetry
         } else {
-            Class::Confirm
+            RequestClass::ReadBack
         }
     }
 
     /// On to the next step.
     pub fn advance(&mut self, raw: i64) {
-        self.at += 1;
-        self.stage = Stage::First;
-        self.since = None;
-        self.last = raw;
+        self.index += 1;
+        self.stage = StepStage::First;
+        self.waiting_since = None;
+        self.last_value = raw;
     }
 }

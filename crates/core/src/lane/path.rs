@@ -5,20 +5,20 @@
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
 
-use super::execute::Next;
-use super::job::Asked;
-use super::slot::Slot;
+use super::execute::JobState;
+use super::job::InFlight;
+use super::slot::AxisSlot;
 use crate::error::{Failure, Outcome, Unsupported};
 use crate::station::Request;
 use crate::stream::{
-    Buffer, POINTS_MAX, PathKind, PathParameters, PathStatus, PathStep, Point, RawPoint,
+    BufferModel, POINTS_MAX, PathKind, PathParameters, PathStatus, PathStep, Point, RawPoint,
 };
 use crate::time::Instant;
 use core::time::Duration;
 
 /// How often the drive's buffer is looked at: seldom enough for a line that points nearly fill, and
 /// often enough for clocks that differ by a thousandth.
-const LOOK: Duration = Duration::from_secs(1);
+const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 /// After the last point's time the drive must be through within so long.
 const GRACE: Duration = Duration::from_secs(2);
 /// Times a point that was lost on the way is sent again; its number makes that harmless.
@@ -28,53 +28,53 @@ const ROOM_MIN: i64 = 2;
 
 /// A path under way.
 #[derive(Debug)]
-pub struct Path {
+pub struct PathStream {
     kind: PathKind,
     parameters: PathParameters,
     points: VecDeque<Point>,
     /// No more points will be fed.
     complete: bool,
-    stage: Stage,
-    buffer: Box<Buffer>,
-    few: u8,
+    stage: PathStage,
+    buffer_model: Box<BufferModel>,
+    low_mark: u8,
     /// Where the last point sent ends, raw.
-    end: i64,
+    end_position: i64,
     /// When the drive's buffer is looked at next.
-    look_at: Instant,
+    next_status: Instant,
     /// The drive's counter less ours, once known.
-    offset: Option<u32>,
+    counter_offset: Option<u32>,
     resends: u8,
     /// How it ends once the drive was told to stop.
-    failing: Option<Outcome>,
+    failure_outcome: Option<Outcome>,
 }
 
 #[derive(Clone, Copy, PartialEq, Debug)]
-enum Stage {
+enum PathStage {
     /// What scales and the buffer's size depend on.
     Learn(u8),
     Prepare(u8),
     Fill,
     Run,
     /// A point may be lost: does the drive's counter have it?
-    Doubt(i64, u64),
+    Verify(i64, u64),
     Stop,
 }
 
-impl Path {
+impl PathStream {
     pub fn new(kind: PathKind, parameters: PathParameters) -> Self {
         Self {
             kind,
             parameters,
             points: VecDeque::with_capacity(POINTS_MAX),
             complete: false,
-            stage: Stage::Learn(0),
-            buffer: Box::new(Buffer::new(1, 0)),
-            few: 1,
-            end: 0,
-            look_at: Instant::ZERO,
-            offset: None,
+            stage: PathStage::Learn(0),
+            buffer_model: Box::new(BufferModel::new(1, 0)),
+            low_mark: 1,
+            end_position: 0,
+            next_status: Instant::ZERO,
+            counter_offset: None,
             resends: 0,
-            failing: None,
+            failure_outcome: None,
         }
     }
 
@@ -88,304 +88,326 @@ impl Path {
     }
 
     /// The request that comes next.
-    pub fn next<R: Request, A: Copy + 'static>(
+    pub fn next_request<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
-        slot: &Slot<R, A>,
-    ) -> Result<(R, Asked), Next> {
+        slot: &AxisSlot<R, A>,
+    ) -> Result<(R, InFlight), JobState> {
         match self.stage {
-            Stage::Learn(n) => self.learn(n, slot),
-            Stage::Prepare(number) => {
-                let step = PathStep::Prepare { number, kind: self.kind, few: self.few };
-                match slot.driver.path(step) {
-                    Some(Ok(request)) => Ok((request, Asked::Send(request.class()))),
-                    Some(Err(reason)) => Err(self.refuse(reason)),
+            PathStage::Learn(n) => self.learn_request(n, slot),
+            PathStage::Prepare(number) => {
+                let step = PathStep::Prepare { number, kind: self.kind, low_mark: self.low_mark };
+                match slot.driver.path_request(step) {
+                    Some(Ok(request)) => Ok((request, InFlight::Send(request.class()))),
+                    Some(Err(reason)) => Err(self.fail_unsupported(reason)),
                     None => {
-                        self.stage = Stage::Fill;
-                        self.next(now, slot)
+                        self.stage = PathStage::Fill;
+                        self.next_request(now, slot)
                     }
                 }
             }
-            Stage::Fill => self.fill(slot),
-            Stage::Run => self.run(now, slot),
-            Stage::Doubt(..) => self.look(slot),
-            Stage::Stop => self.send(slot, PathStep::Stop),
+            PathStage::Fill => self.fill_request(slot),
+            PathStage::Run => self.run_request(now, slot),
+            PathStage::Verify(..) => self.status_request(slot),
+            PathStage::Stop => self.step_request(slot, PathStep::Stop),
         }
     }
 
-    fn learn<R: Request, A: Copy + 'static>(
+    fn learn_request<R: Request, A: Copy + 'static>(
         &mut self,
         n: u8,
-        slot: &Slot<R, A>,
-    ) -> Result<(R, Asked), Next> {
-        let PathParameters { position, velocity, time, room, .. } = self.parameters;
-        let factor = [position, velocity, time].into_iter().find_map(|id| slot.missing(id));
+        slot: &AxisSlot<R, A>,
+    ) -> Result<(R, InFlight), JobState> {
+        let PathParameters { position, velocity, time, capacity: room, .. } = self.parameters;
+        let factor = [position, velocity, time].into_iter().find_map(|id| slot.missing_factor(id));
         let (id, asked) = match (factor, n) {
-            (Some(id), _) => (id, Asked::Factor(id)),
-            (None, 0) => (room, Asked::Read(room)),
-            (None, _) => (position, Asked::Read(position)),
+            (Some(id), _) => (id, InFlight::Factor(id)),
+            (None, 0) => (room, InFlight::Read(room)),
+            (None, _) => (position, InFlight::Read(position)),
         };
-        match slot.read(id) {
+        match slot.read_request(id) {
             Ok(request) => Ok((*request, asked)),
-            Err(reason) => Err(self.refuse(reason)),
+            Err(reason) => Err(self.fail_unsupported(reason)),
         }
     }
 
-    fn fill<R: Request, A: Copy + 'static>(
+    fn fill_request<R: Request, A: Copy + 'static>(
         &mut self,
-        slot: &Slot<R, A>,
-    ) -> Result<(R, Asked), Next> {
+        slot: &AxisSlot<R, A>,
+    ) -> Result<(R, InFlight), JobState> {
         let fed_up = self.complete && self.points.is_empty();
-        if self.buffer.is_filled() || fed_up && self.buffer.sent() > 0 {
-            return self.send(slot, PathStep::Start);
+        if self.buffer_model.is_filled() || fed_up && self.buffer_model.sent() > 0 {
+            return self.step_request(slot, PathStep::Start);
         }
         if fed_up {
-            return Err(Next::End(Outcome::Done(0)));
+            return Err(JobState::Ended(Outcome::Done(0)));
         }
         if self.points.is_empty() {
-            return Err(Next::Hungry);
+            return Err(JobState::NeedsPoints);
         }
-        self.point(slot)
+        self.point_request(slot)
     }
 
-    fn run<R: Request, A: Copy + 'static>(
+    fn run_request<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
-        slot: &Slot<R, A>,
-    ) -> Result<(R, Asked), Next> {
-        let may_send = self.buffer.may_send();
-        if !self.points.is_empty() && now >= may_send && now < self.look_at {
-            return self.point(slot);
+        slot: &AxisSlot<R, A>,
+    ) -> Result<(R, InFlight), JobState> {
+        let may_send = self.buffer_model.next_send_at();
+        if !self.points.is_empty() && now >= may_send && now < self.next_status {
+            return self.point_request(slot);
         }
-        if now >= self.look_at {
-            return self.look(slot);
+        if now >= self.next_status {
+            return self.status_request(slot);
         }
         let until = match (self.points.is_empty(), self.complete) {
-            (false, _) => may_send.min(self.look_at),
-            (true, _) => self.look_at,
+            (false, _) => may_send.min(self.next_status),
+            (true, _) => self.next_status,
         };
-        Err(Next::Sleep(until))
+        Err(JobState::Sleeping(until))
     }
 
-    fn look<R: Request, A: Copy + 'static>(&self, slot: &Slot<R, A>) -> Result<(R, Asked), Next> {
+    fn status_request<R: Request, A: Copy + 'static>(
+        &self,
+        slot: &AxisSlot<R, A>,
+    ) -> Result<(R, InFlight), JobState> {
         let id = self.parameters.status;
-        match slot.read(id) {
-            Ok(request) => Ok((*request, Asked::Read(id))),
-            Err(reason) => Err(Next::End(Outcome::NotDone(Failure::Impossible(reason)))),
+        match slot.read_request(id) {
+            Ok(request) => Ok((*request, InFlight::Read(id))),
+            Err(reason) => Err(JobState::Ended(Outcome::NotDone(Failure::Impossible(reason)))),
         }
     }
 
-    fn send<R: Request, A: Copy + 'static>(
+    fn step_request<R: Request, A: Copy + 'static>(
         &mut self,
-        slot: &Slot<R, A>,
+        slot: &AxisSlot<R, A>,
         step: PathStep,
-    ) -> Result<(R, Asked), Next> {
-        match slot.driver.path(step) {
-            Some(Ok(request)) => Ok((request, Asked::Send(request.class()))),
-            Some(Err(reason)) => Err(self.refuse(reason)),
-            None => Err(self.refuse(Unsupported::NoPlan)),
+    ) -> Result<(R, InFlight), JobState> {
+        match slot.driver.path_request(step) {
+            Some(Ok(request)) => Ok((request, InFlight::Send(request.class()))),
+            Some(Err(reason)) => Err(self.fail_unsupported(reason)),
+            None => Err(self.fail_unsupported(Unsupported::NoPlan)),
         }
     }
 
     /// The next point, as the drive counts it.
-    fn point<R: Request, A: Copy + 'static>(
+    fn point_request<R: Request, A: Copy + 'static>(
         &mut self,
-        slot: &Slot<R, A>,
-    ) -> Result<(R, Asked), Next> {
-        let Some((raw, _)) = self.raw(slot) else {
-            return Err(self.refuse(Unsupported::BadArgument));
+        slot: &AxisSlot<R, A>,
+    ) -> Result<(R, InFlight), JobState> {
+        let Some((raw, _)) = self.raw_point(slot) else {
+            return Err(self.fail_unsupported(Unsupported::BadArgument));
         };
-        self.send(slot, PathStep::Point(self.kind, raw))
+        self.step_request(slot, PathStep::Point(self.kind, raw))
     }
 
-    fn raw<R: Request, A: Copy + 'static>(&self, slot: &Slot<R, A>) -> Option<(RawPoint, u64)> {
+    fn raw_point<R: Request, A: Copy + 'static>(
+        &self,
+        slot: &AxisSlot<R, A>,
+    ) -> Option<(RawPoint, u64)> {
         let point = self.points.front()?;
         let PathParameters { position, velocity, time, .. } = self.parameters;
         let raw_time = slot.to_raw(time, point.time)?;
         let raw = RawPoint {
-            distance: slot.to_raw(position, point.position)? - self.end,
+            distance: slot.to_raw(position, point.position)? - self.end_position,
             velocity: slot.to_raw(velocity, point.velocity)?,
             time: raw_time,
-            number: self.buffer.sent(),
+            number: self.buffer_model.sent(),
         };
         let time_ns = slot.to_si(time, raw_time)? * 1e9;
         Some((raw, time_ns as u64))
     }
 
     /// Ends it for a reason of the caller's; the drive comes to rest first if it moves.
-    fn refuse(&mut self, reason: Unsupported) -> Next {
+    fn fail_unsupported(&mut self, reason: Unsupported) -> JobState {
         self.fail(Failure::Impossible(reason))
     }
 
-    fn fail(&mut self, failure: Failure) -> Next {
+    fn fail(&mut self, failure: Failure) -> JobState {
         let outcome = match self.stage {
-            Stage::Learn(_) | Stage::Prepare(_) | Stage::Fill => Outcome::NotDone(failure),
+            PathStage::Learn(_) | PathStage::Prepare(_) | PathStage::Fill => {
+                Outcome::NotDone(failure)
+            }
             _ => Outcome::Unknown(failure),
         };
-        if self.failing.is_some() || self.stage == Stage::Stop {
-            return Next::End(self.failing.unwrap_or(outcome));
+        if self.failure_outcome.is_some() || self.stage == PathStage::Stop {
+            return JobState::Ended(self.failure_outcome.unwrap_or(outcome));
         }
         if matches!(outcome, Outcome::NotDone(_)) {
-            return Next::End(outcome);
+            return JobState::Ended(outcome);
         }
-        (self.failing, self.stage) = (Some(outcome), Stage::Stop);
-        Next::Go
+        (self.failure_outcome, self.stage) = (Some(outcome), PathStage::Stop);
+        JobState::Ready
     }
 
     /// What an answer makes of it.
-    pub fn answered<R: Request, A: Copy + 'static>(
+    pub fn handle_answer<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
-        slot: &mut Slot<R, A>,
-        asked: Asked,
+        slot: &mut AxisSlot<R, A>,
+        asked: InFlight,
         raw: Result<i64, Failure>,
-    ) -> Next {
+    ) -> JobState {
         match (self.stage, raw) {
-            (Stage::Stop, _) => Next::End(self.failing.unwrap_or(Outcome::Done(0))),
-            (Stage::Learn(n), _) => self.learned(n, slot, asked, raw),
-            (Stage::Prepare(n), Ok(_)) => {
-                self.stage = Stage::Prepare(n + 1);
-                Next::Go
+            (PathStage::Stop, _) => {
+                JobState::Ended(self.failure_outcome.unwrap_or(Outcome::Done(0)))
             }
-            (Stage::Fill | Stage::Run, Ok(raw)) if asked == Asked::Read(self.parameters.status) => {
-                self.looked(now, slot, raw)
+            (PathStage::Learn(n), _) => self.handle_learned(n, slot, asked, raw),
+            (PathStage::Prepare(n), Ok(_)) => {
+                self.stage = PathStage::Prepare(n + 1);
+                JobState::Ready
             }
-            (Stage::Fill, Ok(_)) if self.started() => {
-                self.buffer.begin(now);
-                self.stage = Stage::Run;
-                Next::Go
+            (PathStage::Fill | PathStage::Run, Ok(raw))
+                if asked == InFlight::Read(self.parameters.status) =>
+            {
+                self.handle_status(now, slot, raw)
             }
-            (Stage::Fill | Stage::Run, Ok(_)) => self.sent(slot),
-            (Stage::Doubt(..), Ok(raw)) => self.found(now, slot, raw),
-            (Stage::Fill, Err(Failure::Silent)) if self.started() => {
-                self.stage = Stage::Run;
+            (PathStage::Fill, Ok(_)) if self.is_starting() => {
+                self.buffer_model.start(now);
+                self.stage = PathStage::Run;
+                JobState::Ready
+            }
+            (PathStage::Fill | PathStage::Run, Ok(_)) => self.mark_point_sent(slot),
+            (PathStage::Verify(..), Ok(raw)) => self.handle_verification(now, slot, raw),
+            (PathStage::Fill, Err(Failure::Silent)) if self.is_starting() => {
+                self.stage = PathStage::Run;
                 self.fail(Failure::Silent)
             }
-            (Stage::Fill | Stage::Run, Err(Failure::Silent)) if matches!(asked, Asked::Send(_)) => {
-                self.doubt(slot)
+            (PathStage::Fill | PathStage::Run, Err(Failure::Silent))
+                if matches!(asked, InFlight::Send(_)) =>
+            {
+                self.verify_point(slot)
             }
             (_, Err(failure)) => self.fail(failure),
         }
     }
 
     /// What was asked in the stage of filling was to start.
-    fn started(&self) -> bool {
-        self.buffer.is_filled() || self.complete && self.points.is_empty()
+    fn is_starting(&self) -> bool {
+        self.buffer_model.is_filled() || self.complete && self.points.is_empty()
     }
 
-    fn learned<R: Request, A: Copy + 'static>(
+    fn handle_learned<R: Request, A: Copy + 'static>(
         &mut self,
         n: u8,
-        slot: &mut Slot<R, A>,
-        asked: Asked,
+        slot: &mut AxisSlot<R, A>,
+        asked: InFlight,
         raw: Result<i64, Failure>,
-    ) -> Next {
+    ) -> JobState {
         match (asked, raw) {
-            (Asked::Factor(id), Ok(_)) => slot.tried(id),
+            (InFlight::Factor(id), Ok(_)) => slot.count_attempt(id),
             (_, Ok(raw)) if n == 0 => {
                 let room = raw.clamp(ROOM_MIN, POINTS_MAX as i64) as u32;
-                self.few = (room / 2).clamp(1, 15) as u8;
-                *self.buffer = Buffer::new(room, self.few.into());
-                self.stage = Stage::Learn(1);
+                self.low_mark = (room / 2).clamp(1, 15) as u8;
+                *self.buffer_model = BufferModel::new(room, self.low_mark.into());
+                self.stage = PathStage::Learn(1);
             }
             (_, Ok(raw)) => {
-                self.end = raw;
-                self.stage = Stage::Prepare(0);
+                self.end_position = raw;
+                self.stage = PathStage::Prepare(0);
             }
             (_, Err(failure)) => return self.fail(failure),
         }
-        Next::Go
+        JobState::Ready
     }
 
     /// The point at the front is on its way.
-    fn sent<R: Request, A: Copy + 'static>(&mut self, slot: &Slot<R, A>) -> Next {
-        if let Some((raw, time_ns)) = self.raw(slot) {
-            self.end += raw.distance;
-            self.buffer.send(time_ns);
+    fn mark_point_sent<R: Request, A: Copy + 'static>(
+        &mut self,
+        slot: &AxisSlot<R, A>,
+    ) -> JobState {
+        if let Some((raw, time_ns)) = self.raw_point(slot) {
+            self.end_position += raw.distance;
+            self.buffer_model.record_sent(time_ns);
             self.points.pop_front();
         }
         self.resends = 0;
-        Next::Go
+        JobState::Ready
     }
 
     /// Nobody knows whether the point arrived; the drive's counter does.
-    fn doubt<R: Request, A: Copy + 'static>(&mut self, slot: &Slot<R, A>) -> Next {
-        if self.offset.is_none() || self.resends >= RESENDS_MAX {
+    fn verify_point<R: Request, A: Copy + 'static>(&mut self, slot: &AxisSlot<R, A>) -> JobState {
+        if self.counter_offset.is_none() || self.resends >= RESENDS_MAX {
             return self.fail(Failure::Silent);
         }
-        match self.raw(slot) {
+        match self.raw_point(slot) {
             Some((raw, time_ns)) => {
                 self.resends += 1;
-                self.stage = Stage::Doubt(raw.distance, time_ns);
-                Next::Go
+                self.stage = PathStage::Verify(raw.distance, time_ns);
+                JobState::Ready
             }
             None => self.fail(Failure::Silent),
         }
     }
 
-    fn found<R: Request, A: Copy + 'static>(
+    fn handle_verification<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
-        slot: &mut Slot<R, A>,
+        slot: &mut AxisSlot<R, A>,
         raw: i64,
-    ) -> Next {
-        let status = slot.driver.path_status(raw);
-        let sent = self.buffer.sent();
-        let (has, wants) = (self.taken(&status, sent + 1), self.taken(&status, sent));
-        self.stage = if self.buffer.ends() == Instant::FAR { Stage::Fill } else { Stage::Run };
+    ) -> JobState {
+        let status = slot.driver.decode_path_status(raw);
+        let sent = self.buffer_model.sent();
+        let (has, wants) =
+            (self.counter_matches(&status, sent + 1), self.counter_matches(&status, sent));
+        self.stage = if self.buffer_model.ends_at() == Instant::FAR_FUTURE {
+            PathStage::Fill
+        } else {
+            PathStage::Run
+        };
         match (has, wants) {
-            (true, _) => self.sent(slot),
-            (_, true) => Next::Go,
-            _ => self.looked(now, slot, raw),
+            (true, _) => self.mark_point_sent(slot),
+            (_, true) => JobState::Ready,
+            _ => self.handle_status(now, slot, raw),
         }
     }
 
     /// Whether the drive's counter stands where it does after so many points.
-    fn taken(&self, status: &PathStatus, count: u32) -> bool {
-        self.offset == Some(status.offset(count))
+    fn counter_matches(&self, status: &PathStatus, count: u32) -> bool {
+        self.counter_offset == Some(status.offset(count))
     }
 
-    fn looked<R: Request, A: Copy + 'static>(
+    fn handle_status<R: Request, A: Copy + 'static>(
         &mut self,
         now: Instant,
-        slot: &mut Slot<R, A>,
+        slot: &mut AxisSlot<R, A>,
         raw: i64,
-    ) -> Next {
-        const LOST: &str = "the drive missed a point (its integrity counter stands still) and was \
+    ) -> JobState {
+        const POINT_LOST: &str = "the drive missed a point (its integrity counter stands still) and was \
                             stopped: check the line, and stream again from where it stands";
-        const DRY: &str = "the drive ran out of points and stopped: feed them faster, or give each \
+        const UNDERRUN: &str = "the drive ran out of points and stopped: feed them faster, or give each \
                            more time";
-        let status = slot.driver.path_status(raw);
-        let sent = self.buffer.sent();
+        let status = slot.driver.decode_path_status(raw);
+        let sent = self.buffer_model.sent();
         let offset = status.offset(sent);
-        let known = *self.offset.get_or_insert(offset);
-        self.look_at = now + LOOK;
-        if status.ran_dry {
-            return self.fail(Failure::NotReady { hint: DRY });
+        let known = *self.counter_offset.get_or_insert(offset);
+        self.next_status = now + STATUS_INTERVAL;
+        if status.underrun {
+            return self.fail(Failure::NotReady { hint: UNDERRUN });
         }
         if status.lost || known != offset {
-            return self.fail(Failure::NotReady { hint: LOST });
+            return self.fail(Failure::NotReady { hint: POINT_LOST });
         }
         if status.empty && !self.complete {
-            return self.fail(Failure::NotReady { hint: DRY });
+            return self.fail(Failure::NotReady { hint: UNDERRUN });
         }
         if self.complete && self.points.is_empty() {
-            return self.ending(now, &status);
+            return self.check_end(now, &status);
         }
-        self.buffer.correct(now, &status);
-        Next::Go
+        self.buffer_model.correct_clock(now, &status);
+        JobState::Ready
     }
 
     /// All points are sent: it is through when the last one's time is over and none is left.
-    fn ending(&mut self, now: Instant, status: &PathStatus) -> Next {
-        let end = self.buffer.ends();
+    fn check_end(&mut self, now: Instant, status: &PathStatus) -> JobState {
+        let end = self.buffer_model.ends_at();
         if status.empty && now >= end {
-            return Next::End(Outcome::Done(self.buffer.sent().into()));
+            return JobState::Ended(Outcome::Done(self.buffer_model.sent().into()));
         }
         if now > end + GRACE {
             return self.fail(Failure::NotReached);
         }
-        self.look_at = if end > now { end } else { now + LOOK / 50 };
-        Next::Go
+        self.next_status = if end > now { end } else { now + STATUS_INTERVAL / 50 };
+        JobState::Ready
     }
 }

@@ -10,13 +10,13 @@ use super::*;
 use crate::axis::{Driver, Verb};
 use crate::error::{Extent, Failure};
 use crate::medium::{SerialLine, Stream};
-use crate::plan::{Argument, Compare, Plan, Test};
+use crate::plan::{Argument, Compare, ParameterTest, Plan};
 use crate::profile::{
     Access, AxisKind, Certainty, Encoding, Parameter, Persistence, RamMode, Scale, Signal,
     SignalSource, Watchdog,
 };
-use crate::proto::events::Events;
-use crate::station::Event;
+use crate::proto::event_ring::EventRing;
+use crate::station::HostEvent;
 use crate::units::Unit;
 
 const SPEED: ParameterId = ParameterId(0);
@@ -68,8 +68,8 @@ static PARAMETERS: &[Parameter] = &[
     },
 ];
 
-const IN_MODE: Test = Test { mask: -1, compare: Compare::Equal, value: 1 };
-const AT_REST: Test = Test { mask: -1, compare: Compare::Within, value: 5 };
+const IN_MODE: ParameterTest = ParameterTest { mask: -1, compare: Compare::Equal, value: 1 };
+const AT_REST: ParameterTest = ParameterTest { mask: -1, compare: Compare::Within, value: 5 };
 
 static PROFILE: Profile = Profile {
     name: "toy",
@@ -96,20 +96,20 @@ static PROFILE: Profile = Profile {
                 Step::Ensure(RAM, 1),
                 Step::Write(SPEED, crate::plan::Operand::Argument(Argument::Velocity)),
             ],
-            undo: &[Step::Write(SPEED, crate::plan::Operand::Is(0))],
+            undo: &[Step::Write(SPEED, crate::plan::Operand::Constant(0))],
         },
         Plan {
             verb: Verb::Stop,
             source: "",
             steps: &[
-                Step::Write(SPEED, crate::plan::Operand::Is(0)),
+                Step::Write(SPEED, crate::plan::Operand::Constant(0)),
                 Step::Until { read: POSITION, test: AT_REST, within_ms: 100 },
             ],
             undo: &[],
         },
     ],
     ram: Some(RamMode { parameter: RAM, ram: 1, flash: 0 }),
-    reach: &[],
+    link_settings: &[],
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
@@ -118,15 +118,15 @@ static PROFILE: Profile = Profile {
 };
 
 #[derive(Clone, Copy, PartialEq, Debug)]
-struct Ask {
+struct ToyRequest {
     write: bool,
     index: u16,
     value: i64,
-    class: Class,
+    class: RequestClass,
 }
 
-impl Request for Ask {
-    fn class(&self) -> Class {
+impl Request for ToyRequest {
+    fn class(&self) -> RequestClass {
         self.class
     }
 }
@@ -134,7 +134,7 @@ impl Request for Ask {
 struct ToyDriver;
 
 impl Driver for ToyDriver {
-    type Request = Ask;
+    type Request = ToyRequest;
     type Answer = i64;
     fn profile(&self) -> &'static Profile {
         &PROFILE
@@ -142,57 +142,67 @@ impl Driver for ToyDriver {
     fn address(&self) -> u32 {
         1
     }
-    fn read(&self, parameter: &Parameter) -> Result<Ask, Unsupported> {
-        Ok(Ask { write: false, index: parameter.index, value: 0, class: Class::Idempotent })
+    fn read_request(&self, parameter: &Parameter) -> Result<ToyRequest, Unsupported> {
+        Ok(ToyRequest {
+            write: false,
+            index: parameter.index,
+            value: 0,
+            class: RequestClass::Idempotent,
+        })
     }
-    fn write(&self, parameter: &Parameter, value: i64, class: Class) -> Result<Ask, Unsupported> {
-        Ok(Ask { write: true, index: parameter.index, value, class })
+    fn write_request(
+        &self,
+        parameter: &Parameter,
+        value: i64,
+        class: RequestClass,
+    ) -> Result<ToyRequest, Unsupported> {
+        Ok(ToyRequest { write: true, index: parameter.index, value, class })
     }
-    fn send(&self, _: u8, _: u16, _: i64) -> Result<Ask, Unsupported> {
+    fn function_request(&self, _: u8, _: u16, _: i64) -> Result<ToyRequest, Unsupported> {
         Err(Unsupported::NoPlan)
     }
-    fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
-        let stop = Ask { write: true, index: SPEED.0, value: 0, class: Class::Stop };
+    fn parse_request(&self, text: &str) -> Result<ToyRequest, Unsupported> {
+        let stop = ToyRequest { write: true, index: SPEED.0, value: 0, class: RequestClass::Stop };
         (text == "stop").then_some(stop).ok_or(Unsupported::BadText)
     }
-    fn decode(&self, _: &Raw<'_>) -> Result<Ask, Unsupported> {
+    fn decode_request(&self, _: &RawFrame<'_>) -> Result<ToyRequest, Unsupported> {
         Err(Unsupported::BadBytes)
     }
-    fn answer(&mut self, _: Option<&Parameter>, answer: &i64) -> Result<i64, Failure> {
+    fn decode_answer(&mut self, _: Option<&Parameter>, answer: &i64) -> Result<i64, Failure> {
         Ok(*answer)
     }
 }
 
 /// A host and the drive behind it in one: `lose` names requests whose answer is lost.
 #[derive(Default)]
-struct Toy {
+struct ToyHost {
     registers: [i64; 6],
-    log: Vec<Ask>,
+    log: Vec<ToyRequest>,
     lose: Vec<usize>,
     /// Requests, by their number, that get another's answer.
-    mistake: Vec<(usize, i64)>,
+    wrong_answers: Vec<(usize, i64)>,
     refuse: Option<u16>,
     forbids: Option<u16>,
     /// How many requests had been answered whenever something was said that cannot be.
-    mistrusted: Vec<usize>,
-    out: Option<(Ticket, Ask)>,
+    quarantines: Vec<usize>,
+    out: Option<(Ticket, ToyRequest)>,
     /// The wire has to be silent for a while: nothing is sent.
-    hush: bool,
-    events: Events<i64, 4>,
+    silenced: bool,
+    events: EventRing<i64, 4>,
 }
 
-impl Timed for Toy {
+impl Timed for ToyHost {
     fn handle_timeout(&mut self, _: Instant) {}
     fn poll_timeout(&self) -> Option<Instant> {
         None
     }
 }
 
-impl Station<Stream> for Toy {
+impl Station<Stream> for ToyHost {
     fn handle_input(&mut self, _: Instant, _: &[u8]) {
         let Some((ticket, ask)) = self.out.take() else { return };
         let lost = self.lose.contains(&self.log.len());
-        let mistaken = self.mistake.iter().find(|(at, _)| *at == self.log.len());
+        let mistaken = self.wrong_answers.iter().find(|(at, _)| *at == self.log.len());
         self.log.push(ask);
         let register = &mut self.registers[usize::from(ask.index)];
         let answer = if self.refuse == Some(ask.index) {
@@ -207,46 +217,52 @@ impl Station<Stream> for Toy {
                 (false, None) => Ok(*register),
             }
         };
-        self.events.push(To::Ticket(ticket), answer);
+        self.events.push(EventSubject::Request(ticket), answer);
     }
     fn handle_line(&mut self, _: Instant, _: LineEvent) {
         self.out = None;
     }
     fn poll_transmit(&mut self, _: Instant, _: &mut [u8]) -> Option<usize> {
-        self.out.filter(|_| !self.hush).map(|_| 1)
+        self.out.filter(|_| !self.silenced).map(|_| 1)
     }
     fn line(&self) -> SerialLine {
-        SerialLine::n81(9600)
+        SerialLine::new_8n1(9600)
     }
 }
 
-impl Host<Stream> for Toy {
-    type Request = Ask;
+impl Host<Stream> for ToyHost {
+    type Request = ToyRequest;
     type Answer = i64;
-    fn submit(&mut self, _: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+    fn submit(
+        &mut self,
+        _: Instant,
+        ticket: Ticket,
+        request: ToyRequest,
+    ) -> Result<(), ToyRequest> {
         if self.out.is_some() {
             return Err(request);
         }
         if self.forbids == Some(request.index) {
             let failure = Failure::NotReady { hint: "never" };
-            self.events.push(To::Ticket(ticket), Err(failure));
+            self.events.push(EventSubject::Request(ticket), Err(failure));
             return Ok(());
         }
         self.out = Some((ticket, request));
         Ok(())
     }
-    fn recall(&mut self, _: &Ask) -> Option<Ticket> {
-        let (ticket, _) = self.out.take_if(|(_, ask)| self.hush && ask.class != Class::Stop)?;
+    fn recall(&mut self, _: &ToyRequest) -> Option<Ticket> {
+        let (ticket, _) =
+            self.out.take_if(|(_, ask)| self.silenced && ask.class != RequestClass::Stop)?;
         Some(ticket)
     }
-    fn poll_event(&mut self) -> Option<&Event<i64>> {
+    fn poll_event(&mut self) -> Option<&HostEvent<i64>> {
         self.events.next()
     }
-    fn mistrust(&mut self, _: Instant, address: u32) {
+    fn quarantine_drive(&mut self, _: Instant, address: u32) {
         assert_eq!(address, ToyDriver.address());
-        self.mistrusted.push(self.log.len());
+        self.quarantines.push(self.log.len());
     }
-    fn emit(&self, request: &Ask, out: &mut [u8]) -> usize {
+    fn encode_request(&self, request: &ToyRequest, out: &mut [u8]) -> usize {
         out[0] = request.index as u8;
         1
     }
@@ -257,27 +273,27 @@ impl Host<Stream> for Toy {
 
 const AXIS: AxisIndex = AxisIndex(0);
 
-struct Bench {
-    lane: Lane<Stream, Toy>,
+struct LaneFixture {
+    lane: Lane<Stream, ToyHost>,
     now: Instant,
 }
 
-impl Bench {
+impl LaneFixture {
     fn new() -> Self {
-        let host = Toy { registers: [0, 4096, 0, 1, 0, 0], ..Toy::default() };
-        let driver: BoxedDriver<Ask, i64> = Box::new(ToyDriver);
+        let host = ToyHost { registers: [0, 4096, 0, 1, 0, 0], ..ToyHost::default() };
+        let driver: BoxedDriver<ToyRequest, i64> = Box::new(ToyDriver);
         let mut lane = Lane::new(host, [driver]);
-        lane.arm(AXIS, true);
+        lane.set_armed(AXIS, true);
         Self { lane, now: Instant::ZERO }
     }
 
-    fn velocity(&mut self, ticket: u32, rad_per_s: f64) -> Result<(), Unsupported> {
+    fn command_velocity(&mut self, ticket: u32, rad_per_s: f64) -> Result<(), Unsupported> {
         let command = Command { velocity: Some(rad_per_s), ..Command::new(Verb::Velocity) };
         self.lane.command(self.now, Ticket(ticket), AXIS, command)
     }
 
     /// One request, if there is one.
-    fn turn(&mut self) {
+    fn exchange(&mut self) {
         let sent = self.lane.poll_transmit(self.now, &mut [0; 8]).is_some();
         if sent {
             self.lane.handle_input(self.now, &[0]);
@@ -290,7 +306,7 @@ impl Bench {
     fn run(&mut self) -> Vec<(u32, Outcome)> {
         let mut ends = Vec::new();
         for _ in 0..200 {
-            self.turn();
+            self.exchange();
             ends.extend(
                 core::iter::from_fn(|| self.lane.poll_outcome()).map(|(t, outcome)| (t.0, outcome)),
             );
@@ -308,8 +324,8 @@ const RPM: f64 = core::f64::consts::PI / 30.0;
 
 #[test]
 fn a_plan_is_run_step_by_step_and_scaled() {
-    let mut bench = Bench::new();
-    bench.velocity(7, 350.0 * RPM).unwrap();
+    let mut bench = LaneFixture::new();
+    bench.command_velocity(7, 350.0 * RPM).unwrap();
     assert_eq!(bench.run(), [(7, Outcome::Done(350))]);
     assert_eq!(bench.writes(), [(4, 1), (0, 350)]);
     assert_eq!(bench.lane.state(AXIS).unwrap().flash_writes, 1, "the RAM mode itself is kept");
@@ -317,10 +333,10 @@ fn a_plan_is_run_step_by_step_and_scaled() {
 
 #[test]
 fn a_scale_is_read_before_the_value_that_needs_it() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.registers[2] = 1024;
     assert_eq!(bench.lane.to_si(AXIS, POSITION, 1024), None);
-    bench.lane.read(bench.now, Ticket(1), AXIS, POSITION).unwrap();
+    bench.lane.read_parameter(bench.now, Ticket(1), AXIS, POSITION).unwrap();
     assert_eq!(bench.run(), [(1, Outcome::Done(1024))]);
     let reading = bench.lane.state(AXIS).unwrap().reading(Signal::Position);
     assert!((reading.value - core::f64::consts::FRAC_PI_2).abs() < 1e-12);
@@ -331,16 +347,16 @@ fn a_scale_is_read_before_the_value_that_needs_it() {
 /// 25 steps a turn were believed for good (swarm seed serial:519195).
 #[test]
 fn a_scale_that_cannot_be_is_asked_again() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.registers[2] = 1024;
-    bench.lane.host.mistake = std::vec![(0, 25)];
-    bench.lane.read(bench.now, Ticket(1), AXIS, POSITION).unwrap();
+    bench.lane.host.wrong_answers = std::vec![(0, 25)];
+    bench.lane.read_parameter(bench.now, Ticket(1), AXIS, POSITION).unwrap();
     assert_eq!(bench.run(), [(1, Outcome::Done(1024))]);
     assert_eq!(bench.lane.host.log.len(), 3);
     assert_eq!(bench.lane.to_si(AXIS, POSITION, 4096), Some(core::f64::consts::TAU));
     // Nor does a reading by itself change it.
-    bench.lane.host.mistake = std::vec![(3, 25)];
-    bench.lane.read(bench.now, Ticket(2), AXIS, STEPS).unwrap();
+    bench.lane.host.wrong_answers = std::vec![(3, 25)];
+    bench.lane.read_parameter(bench.now, Ticket(2), AXIS, STEPS).unwrap();
     assert_eq!(bench.run(), [(2, Outcome::Done(25))]);
     assert_eq!(bench.lane.to_si(AXIS, POSITION, 4096), Some(core::f64::consts::TAU));
 }
@@ -349,25 +365,25 @@ fn a_scale_that_cannot_be_is_asked_again() {
 /// and believed (swarm seed can:1020091). So a host that can is told before anything else is asked.
 #[test]
 fn who_says_a_scale_that_cannot_be_is_mistrusted_at_once() {
-    let mut bench = Bench::new();
-    bench.lane.host.mistake = std::vec![(0, 167), (1, 168)];
-    bench.lane.read(bench.now, Ticket(1), AXIS, POSITION).unwrap();
+    let mut bench = LaneFixture::new();
+    bench.lane.host.wrong_answers = std::vec![(0, 167), (1, 168)];
+    bench.lane.read_parameter(bench.now, Ticket(1), AXIS, POSITION).unwrap();
     bench.run();
-    assert_eq!(bench.lane.host.mistrusted, [1, 2]);
+    assert_eq!(bench.lane.host.quarantines, [1, 2]);
     assert_eq!(bench.lane.to_si(AXIS, POSITION, 4096), Some(core::f64::consts::TAU));
 }
 
 #[test]
 fn a_drive_that_has_an_odd_scale_says_it_twice_and_nobody_asks_for_ever() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.registers = [0, 24, 12, 1, 0, 0];
-    bench.lane.read(bench.now, Ticket(1), AXIS, POSITION).unwrap();
+    bench.lane.read_parameter(bench.now, Ticket(1), AXIS, POSITION).unwrap();
     assert_eq!(bench.run(), [(1, Outcome::Done(12))]);
     assert_eq!(bench.lane.host.log.len(), 3);
     assert_eq!(bench.lane.to_si(AXIS, POSITION, 24), Some(core::f64::consts::TAU));
-    let mut bench = Bench::new();
-    bench.lane.host.mistake = std::vec![(0, 1), (1, 2), (2, 3)];
-    bench.lane.read(bench.now, Ticket(1), AXIS, POSITION).unwrap();
+    let mut bench = LaneFixture::new();
+    bench.lane.host.wrong_answers = std::vec![(0, 1), (1, 2), (2, 3)];
+    bench.lane.read_parameter(bench.now, Ticket(1), AXIS, POSITION).unwrap();
     assert_eq!(bench.run(), [(1, Outcome::Done(0))]);
     assert_eq!(bench.lane.host.log.len(), 4);
     assert_eq!(bench.lane.to_si(AXIS, POSITION, 24), None);
@@ -375,11 +391,11 @@ fn a_drive_that_has_an_odd_scale_says_it_twice_and_nobody_asks_for_ever() {
 
 #[test]
 fn what_cannot_be_is_refused_before_a_byte_is_sent() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     let out_of_range =
         Unsupported::OutOfRange { parameter: SPEED, value: 3001, min: -3000, max: 3000 };
-    assert_eq!(bench.velocity(1, 3001.0 * RPM), Err(out_of_range));
-    assert_eq!(bench.velocity(1, f64::NAN), Err(Unsupported::BadArgument));
+    assert_eq!(bench.command_velocity(1, 3001.0 * RPM), Err(out_of_range));
+    assert_eq!(bench.command_velocity(1, f64::NAN), Err(Unsupported::BadArgument));
     let bare = Command::new(Verb::Velocity);
     let lane = &mut bench.lane;
     let now = bench.now;
@@ -387,21 +403,24 @@ fn what_cannot_be_is_refused_before_a_byte_is_sent() {
     let home = Command::new(Verb::Home);
     assert_eq!(lane.command(now, Ticket(1), AXIS, home), Err(Unsupported::NoPlan));
     assert_eq!(
-        lane.write(now, Ticket(1), AXIS, POSITION, 1, false),
+        lane.write_parameter(now, Ticket(1), AXIS, POSITION, 1, false),
         Err(Unsupported::ReadOnly(POSITION))
     );
-    lane.arm(AXIS, false);
-    assert_eq!(lane.write(now, Ticket(1), AXIS, SPEED, 1, false), Err(Unsupported::NotArmed));
-    assert_eq!(bench.velocity(1, 1.0), Err(Unsupported::NotArmed));
+    lane.set_armed(AXIS, false);
+    assert_eq!(
+        lane.write_parameter(now, Ticket(1), AXIS, SPEED, 1, false),
+        Err(Unsupported::NotArmed)
+    );
+    assert_eq!(bench.command_velocity(1, 1.0), Err(Unsupported::NotArmed));
     assert_eq!(bench.run(), []);
     assert!(bench.lane.host.log.is_empty());
 }
 
 #[test]
 fn a_drive_that_is_not_ready_is_left_alone() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.registers[3] = 2;
-    bench.velocity(1, 1.0).unwrap();
+    bench.command_velocity(1, 1.0).unwrap();
     let failure = Failure::NotReady { hint: "set mode = 1" };
     assert_eq!(bench.run(), [(1, Outcome::NotDone(failure))]);
     assert_eq!(bench.writes(), []);
@@ -409,44 +428,44 @@ fn a_drive_that_is_not_ready_is_left_alone() {
 
 #[test]
 fn a_lost_setting_is_read_back() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.lose = std::vec![0];
-    bench.lane.write(bench.now, Ticket(1), AXIS, MODE, 5, false).unwrap();
+    bench.lane.write_parameter(bench.now, Ticket(1), AXIS, MODE, 5, false).unwrap();
     assert_eq!(bench.run(), [(1, Outcome::Done(5))]);
     assert_eq!(bench.writes(), [(3, 5)], "written once");
 }
 
 #[test]
 fn a_lost_start_of_motion_is_unknown_and_undone() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.lose = std::vec![3];
-    bench.velocity(1, 100.0 * RPM).unwrap();
-    let extent = Extent { done: 0b010, unknown: 0b100, refused: 0, undone: true };
+    bench.command_velocity(1, 100.0 * RPM).unwrap();
+    let extent = Extent { done: 0b010, unknown: 0b100, refused: 0, rolled_back: true };
     assert_eq!(bench.run(), [(1, Outcome::Partly(Failure::Silent, extent))]);
     assert_eq!(bench.writes(), [(4, 1), (0, 100), (0, 0)]);
 }
 
 #[test]
 fn permanent_memory_is_spared_unless_asked_for() {
-    let mut bench = Bench::new();
-    bench.lane.write(bench.now, Ticket(1), AXIS, GAIN, 9, false).unwrap();
+    let mut bench = LaneFixture::new();
+    bench.lane.write_parameter(bench.now, Ticket(1), AXIS, GAIN, 9, false).unwrap();
     assert_eq!(bench.run(), [(1, Outcome::Done(9))]);
     assert_eq!(bench.writes(), [(4, 1), (5, 9)]);
-    bench.lane.write(bench.now, Ticket(2), AXIS, GAIN, 8, true).unwrap();
+    bench.lane.write_parameter(bench.now, Ticket(2), AXIS, GAIN, 8, true).unwrap();
     assert_eq!(bench.run(), [(2, Outcome::Done(1))]);
     assert_eq!(bench.writes()[2..], [(4, 0), (5, 8), (4, 1)]);
 }
 
 #[test]
 fn a_stop_overtakes_and_ends_what_runs() {
-    let mut bench = Bench::new();
-    bench.velocity(1, 100.0 * RPM).unwrap();
+    let mut bench = LaneFixture::new();
+    bench.command_velocity(1, 100.0 * RPM).unwrap();
     for ticket in 10..14 {
-        bench.lane.read(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
+        bench.lane.read_parameter(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
     }
     assert!(bench.lane.poll_transmit(bench.now, &mut [0; 8]).is_some());
     bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
-    assert_eq!(bench.velocity(3, 1.0), Err(Unsupported::Busy));
+    assert_eq!(bench.command_velocity(3, 1.0), Err(Unsupported::Busy));
     let ends = bench.run();
     assert!(ends.contains(&(1, Outcome::NotDone(Failure::Cancelled))));
     assert!(ends.contains(&(2, Outcome::Done(0))));
@@ -455,43 +474,43 @@ fn a_stop_overtakes_and_ends_what_runs() {
 }
 
 /// Hands the host what waits, while the wire has to be silent.
-fn hush(bench: &mut Bench, hush: bool) {
-    bench.lane.host.hush = hush;
+fn set_silenced(bench: &mut LaneFixture, hush: bool) {
+    bench.lane.host.silenced = hush;
     assert_eq!(bench.lane.poll_transmit(bench.now, &mut [0; 8]).is_none(), hush);
 }
 
 #[test]
 fn what_is_not_on_the_wire_yet_makes_way_for_a_stop_and_is_asked_after_it() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     for ticket in 10..13 {
-        bench.lane.read(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
+        bench.lane.read_parameter(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
     }
-    hush(&mut bench, true);
+    set_silenced(&mut bench, true);
     assert!(bench.lane.host.out.is_some_and(|(_, ask)| !ask.write), "the read waits in the host");
     bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
-    hush(&mut bench, true);
-    hush(&mut bench, false);
+    set_silenced(&mut bench, true);
+    set_silenced(&mut bench, false);
     let mut ends = bench.run();
     ends.sort_by_key(|(ticket, _)| *ticket);
     let read = |ticket| (ticket, Outcome::Done(1));
     assert_eq!(ends, [(2, Outcome::Done(0)), read(10), read(11), read(12)]);
-    assert_eq!(bench.lane.host.log[0].class, Class::Stop);
+    assert_eq!(bench.lane.host.log[0].class, RequestClass::Stop);
     let asked = bench.lane.host.log.iter().filter(|ask| ask.index == MODE.0).count();
     assert_eq!(asked, 3, "each once");
 }
 
 #[test]
 fn a_motion_that_is_not_on_the_wire_yet_never_is_once_its_axis_is_stopped() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.registers[4] = 1;
-    bench.velocity(1, 100.0 * RPM).unwrap();
-    bench.turn();
-    bench.turn();
-    hush(&mut bench, true);
+    bench.command_velocity(1, 100.0 * RPM).unwrap();
+    bench.exchange();
+    bench.exchange();
+    set_silenced(&mut bench, true);
     assert!(bench.lane.host.out.is_some_and(|(_, ask)| ask.value == 100), "the speed waits");
     bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
-    hush(&mut bench, true);
-    hush(&mut bench, false);
+    set_silenced(&mut bench, true);
+    set_silenced(&mut bench, false);
     let ends = bench.run();
     assert_eq!(ends[0], (1, Outcome::NotDone(Failure::Cancelled)), "it was never sent");
     assert_eq!(bench.writes(), [(SPEED.0, 0)]);
@@ -499,17 +518,17 @@ fn a_motion_that_is_not_on_the_wire_yet_never_is_once_its_axis_is_stopped() {
 
 #[test]
 fn a_setting_of_another_axis_that_made_way_for_a_stop_is_written_once() {
-    let drivers: [BoxedDriver<Ask, i64>; 2] = [Box::new(ToyDriver), Box::new(ToyDriver)];
-    let mut bench = Bench::new();
-    let host = Toy { registers: [0, 4096, 0, 1, 0, 0], ..Toy::default() };
+    let drivers: [BoxedDriver<ToyRequest, i64>; 2] = [Box::new(ToyDriver), Box::new(ToyDriver)];
+    let mut bench = LaneFixture::new();
+    let host = ToyHost { registers: [0, 4096, 0, 1, 0, 0], ..ToyHost::default() };
     bench.lane = Lane::new(host, drivers);
-    bench.lane.write(bench.now, Ticket(1), AxisIndex(1), MODE, 5, false).unwrap();
-    hush(&mut bench, true);
+    bench.lane.write_parameter(bench.now, Ticket(1), AxisIndex(1), MODE, 5, false).unwrap();
+    set_silenced(&mut bench, true);
     for ticket in 2..5 {
         bench.lane.command(bench.now, Ticket(ticket), AXIS, Command::new(Verb::Stop)).unwrap();
-        hush(&mut bench, true);
+        set_silenced(&mut bench, true);
     }
-    hush(&mut bench, false);
+    set_silenced(&mut bench, false);
     let ends = bench.run();
     assert!(ends.contains(&(1, Outcome::Done(5))), "{ends:?}");
     assert!(ends.contains(&(4, Outcome::Done(0))), "the last stop goes through: {ends:?}");
@@ -518,7 +537,7 @@ fn a_setting_of_another_axis_that_made_way_for_a_stop_is_written_once() {
 
 #[test]
 fn a_stop_goes_on_after_silence_and_owns_up() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.lose = std::vec![0];
     bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
     assert_eq!(bench.run(), [(2, Outcome::Unknown(Failure::Silent))]);
@@ -527,7 +546,7 @@ fn a_stop_goes_on_after_silence_and_owns_up() {
 
 #[test]
 fn a_stop_that_was_executed_in_part_says_how_far() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     // As of a group whose drives cannot be asked one by one, but obey.
     bench.lane.host.registers[2] = 1000;
     bench.lane.host.refuse = Some(POSITION.0);
@@ -540,23 +559,23 @@ fn a_stop_that_was_executed_in_part_says_how_far() {
 
 #[test]
 fn a_plan_that_is_refused_half_way_was_executed_in_part() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.refuse = Some(SPEED.0);
-    bench.velocity(1, 100.0 * RPM).unwrap();
+    bench.command_velocity(1, 100.0 * RPM).unwrap();
     let failure = Failure::Refused { code: 4 };
-    let extent = Extent { done: 0b010, unknown: 0, refused: 0b100, undone: false };
+    let extent = Extent { done: 0b010, unknown: 0, refused: 0b100, rolled_back: false };
     assert_eq!(bench.run(), [(1, Outcome::Partly(failure, extent))], "its undoing is refused too");
     bench.lane.host.refuse = Some(MODE.0);
-    bench.velocity(2, 100.0 * RPM).unwrap();
+    bench.command_velocity(2, 100.0 * RPM).unwrap();
     assert_eq!(bench.run(), [(2, Outcome::NotDone(failure))], "only a question was sent");
 }
 
 #[test]
 fn an_axis_is_going_until_its_stop_is_acknowledged() {
-    let mut bench = Bench::new();
-    let going = |bench: &Bench| bench.lane.state(AXIS).unwrap().going;
+    let mut bench = LaneFixture::new();
+    let going = |bench: &LaneFixture| bench.lane.state(AXIS).unwrap().motion_active;
     assert!(!going(&bench));
-    bench.velocity(1, 100.0 * RPM).unwrap();
+    bench.command_velocity(1, 100.0 * RPM).unwrap();
     bench.run();
     assert!(going(&bench));
     bench.lane.host.lose = std::vec![bench.lane.host.log.len()];
@@ -573,7 +592,7 @@ fn an_axis_is_going_until_its_stop_is_acknowledged() {
 
 #[test]
 fn waiting_ends_in_time() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.registers[2] = 1000;
     bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
     let extent = Extent { done: 0b01, ..Extent::default() };
@@ -588,44 +607,44 @@ fn a_dead_link_ends_everything_and_disarms() {
 }
 
 fn ends_and_disarms(event: LineEvent) {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.registers[4] = 1;
-    bench.lane.read(bench.now, Ticket(1), AXIS, MODE).unwrap();
-    bench.turn();
-    bench.velocity(2, 1.0).unwrap();
-    bench.turn();
-    bench.turn();
+    bench.lane.read_parameter(bench.now, Ticket(1), AXIS, MODE).unwrap();
+    bench.exchange();
+    bench.command_velocity(2, 1.0).unwrap();
+    bench.exchange();
+    bench.exchange();
     assert!(bench.lane.poll_transmit(bench.now, &mut [0; 8]).is_some(), "the speed is on its way");
     bench.lane.handle_line(bench.now, event);
     let ends = bench.run();
     assert_eq!(ends, [(1, Outcome::Done(1)), (2, Outcome::Unknown(Failure::LinkDown))]);
     assert!(!bench.lane.state(AXIS).unwrap().armed);
-    assert_eq!(bench.velocity(3, 1.0), Err(Unsupported::NotArmed));
+    assert_eq!(bench.command_velocity(3, 1.0), Err(Unsupported::NotArmed));
 }
 
 #[test]
 fn a_full_table_is_busy_but_for_a_stop_and_every_job_ends_once() {
-    let mut bench = Bench::new();
-    let most = (JOBS_MAX - STOP_JOBS) as u32;
+    let mut bench = LaneFixture::new();
+    let most = (JOBS_MAX - RESERVED_STOP_JOBS) as u32;
     for ticket in 0..most {
-        bench.lane.read(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
+        bench.lane.read_parameter(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
     }
-    let further = bench.lane.read(bench.now, Ticket(99), AXIS, MODE);
+    let further = bench.lane.read_parameter(bench.now, Ticket(99), AXIS, MODE);
     assert_eq!(further, Err(Unsupported::Busy));
     let stop = Command::new(Verb::Stop);
     bench.lane.command(bench.now, Ticket(most), AXIS, stop).unwrap();
     let mut tickets: Vec<u32> = bench.run().into_iter().map(|(ticket, _)| ticket).collect();
     tickets.sort_unstable();
     assert_eq!(tickets, (0..=most).collect::<Vec<_>>());
-    assert_eq!(bench.lane.host.log[0].class, Class::Stop, "ahead of everything that waited");
+    assert_eq!(bench.lane.host.log[0].class, RequestClass::Stop, "ahead of everything that waited");
 }
 
 #[test]
 fn a_stop_in_the_protocols_own_text_ends_what_runs_too() {
-    let mut bench = Bench::new();
-    bench.velocity(1, 100.0 * RPM).unwrap();
-    bench.turn();
-    bench.lane.raw(bench.now, Ticket(2), AXIS, "stop").unwrap();
+    let mut bench = LaneFixture::new();
+    bench.command_velocity(1, 100.0 * RPM).unwrap();
+    bench.exchange();
+    bench.lane.send_text(bench.now, Ticket(2), AXIS, "stop").unwrap();
     let ends = bench.run();
     assert!(ends.contains(&(1, Outcome::NotDone(Failure::Cancelled))), "{ends:?}");
     assert!(ends.contains(&(2, Outcome::Done(0))), "{ends:?}");
@@ -634,16 +653,16 @@ fn a_stop_in_the_protocols_own_text_ends_what_runs_too() {
 
 #[test]
 fn a_rehearsal_shows_what_would_be_sent_and_sends_nothing() {
-    let bench = Bench::new();
+    let bench = LaneFixture::new();
     let command = Command { velocity: Some(100.0 * RPM), ..Command::new(Verb::Velocity) };
     let mut shown = Vec::new();
-    bench.lane.rehearse(AXIS, command, &mut |r| shown.push((r.step, r.bytes.to_vec()))).unwrap();
+    bench.lane.rehearse(AXIS, command, &mut |r| shown.push((r.action, r.bytes.to_vec()))).unwrap();
     assert_eq!(
         shown,
         [
-            (RehearsedStep::Read(MODE), std::vec![3]),
-            (RehearsedStep::WriteIfDifferent(RAM, 1), std::vec![4]),
-            (RehearsedStep::Write(SPEED, 100), std::vec![0]),
+            (RehearsalAction::Read(MODE), std::vec![3]),
+            (RehearsalAction::WriteIfDifferent(RAM, 1), std::vec![4]),
+            (RehearsalAction::Write(SPEED, 100), std::vec![0]),
         ]
     );
     assert!(bench.lane.host.log.is_empty());
@@ -653,9 +672,9 @@ fn a_rehearsal_shows_what_would_be_sent_and_sends_nothing() {
 
 #[test]
 fn what_the_host_itself_forbids_ends_at_once() {
-    let mut bench = Bench::new();
+    let mut bench = LaneFixture::new();
     bench.lane.host.forbids = Some(MODE.0);
-    bench.lane.read(bench.now, Ticket(1), AXIS, MODE).unwrap();
+    bench.lane.read_parameter(bench.now, Ticket(1), AXIS, MODE).unwrap();
     assert!(bench.lane.poll_transmit(bench.now, &mut [0; 8]).is_none());
     let failure = Failure::NotReady { hint: "never" };
     assert_eq!(bench.lane.poll_outcome(), Some((Ticket(1), Outcome::NotDone(failure))));
@@ -663,11 +682,11 @@ fn what_the_host_itself_forbids_ends_at_once() {
 
 #[test]
 fn nothing_comes_between_the_steps_of_a_motion() {
-    let mut bench = Bench::new();
-    bench.lane.write(bench.now, Ticket(1), AXIS, MODE, 2, false).unwrap();
-    bench.velocity(2, 100.0 * RPM).unwrap();
+    let mut bench = LaneFixture::new();
+    bench.lane.write_parameter(bench.now, Ticket(1), AXIS, MODE, 2, false).unwrap();
+    bench.command_velocity(2, 100.0 * RPM).unwrap();
     for ticket in 10..14 {
-        bench.lane.read(bench.now, Ticket(ticket), AXIS, STEPS).unwrap();
+        bench.lane.read_parameter(bench.now, Ticket(ticket), AXIS, STEPS).unwrap();
     }
     assert_eq!(bench.run().len(), 6);
     let indices: Vec<u16> = bench.lane.host.log.iter().map(|ask| ask.index).collect();

@@ -4,14 +4,14 @@
 use super::Frame;
 
 /// Bits between two frames.
-pub const INTERFRAME: u32 = 3;
+pub const INTERFRAME_BITS: u32 = 3;
 /// Bits after the CRC, which are never stuffed: CRC delimiter, ACK slot and delimiter, end of frame.
-const TAIL: u32 = 10;
+const TAIL_BITS: u32 = 10;
 
 /// The arbitration field as a number: lower wins. A standard frame beats an extended one with the
 /// same leading bits, a data frame beats a remote one.
 #[must_use]
-pub fn arbitration(frame: &Frame) -> u64 {
+pub fn arbitration_key(frame: &Frame) -> u64 {
     let remote = u64::from(frame.remote);
     if frame.extended {
         let (base, rest) = (u64::from(frame.id >> 18), u64::from(frame.id & 0x3_FFFF));
@@ -23,46 +23,46 @@ pub fn arbitration(frame: &Frame) -> u64 {
 
 /// Bits from start of frame to the end of the interframe space, stuff bits counted (ISO 11898-1).
 #[must_use]
-pub fn on_wire(frame: &Frame) -> u32 {
-    let (bits, count) = Bits::of(frame);
-    stuffed(bits, count) + TAIL + INTERFRAME
+pub fn wire_bits(frame: &Frame) -> u32 {
+    let (bits, count) = FrameBits::from_frame(frame);
+    stuffed_len(bits, count) + TAIL_BITS + INTERFRAME_BITS
 }
 
 /// Bits that a data frame of so many bytes takes without a single stuff bit, the interframe space
 /// counted.
 #[must_use]
-pub const fn nominal(extended: bool, bytes: u32) -> u32 {
-    before_crc(extended, bytes) + CRC_BITS + TAIL + INTERFRAME
+pub const fn unstuffed_bits(extended: bool, bytes: u32) -> u32 {
+    bits_before_crc(extended, bytes) + CRC_BITS + TAIL_BITS + INTERFRAME_BITS
 }
 
 /// The same with as many stuff bits as there can be: one behind the first five bits, and one behind
 /// each four from then on.
 #[must_use]
-pub const fn at_most(extended: bool, bytes: u32) -> u32 {
-    nominal(extended, bytes) + (before_crc(extended, bytes) + CRC_BITS - 1) / 4
+pub const fn max_wire_bits(extended: bool, bytes: u32) -> u32 {
+    unstuffed_bits(extended, bytes) + (bits_before_crc(extended, bytes) + CRC_BITS - 1) / 4
 }
 
 const CRC_BITS: u32 = 15;
 
 /// Bits of a data frame before its CRC: start, identifier, RTR, IDE, reserved bits and length, then
 /// the data; with 29 bits of identifier SRR and the second half of it besides.
-const fn before_crc(extended: bool, bytes: u32) -> u32 {
+const fn bits_before_crc(extended: bool, bytes: u32) -> u32 {
     let head = if extended { 39 } else { 19 };
     head + 8 * bytes
 }
 
 /// Bits from start of frame to the first in which two frames differ.
 #[must_use]
-pub fn until_they_differ(one: &Frame, other: &Frame) -> u32 {
-    let ((one, len), (other, _)) = (Bits::of(one), Bits::of(other));
+pub fn bits_until_difference(one: &Frame, other: &Frame) -> u32 {
+    let ((one, len), (other, _)) = (FrameBits::from_frame(one), FrameBits::from_frame(other));
     let same = (one ^ other).leading_zeros();
-    stuffed(one, len.min(same + 1))
+    stuffed_len(one, len.min(same + 1))
 }
 
 /// How many bits the first `count` of `bits` take when a bit of the other kind follows each five
 /// alike. Each bit is first compared with the one before it; four agreements in a row are five
 /// alike, and the bit stuffed in turns round what the next one is compared with.
-fn stuffed(bits: u128, count: u32) -> u32 {
+fn stuffed_len(bits: u128, count: u32) -> u32 {
     let mut same = !(bits ^ bits >> 1) & u128::MAX >> 1;
     let mut total = count;
     loop {
@@ -77,48 +77,48 @@ fn stuffed(bits: u128, count: u32) -> u32 {
 
 /// The bits of a frame from its start to its CRC.
 #[derive(Default)]
-struct Bits {
+struct FrameBits {
     bits: u128,
     count: u32,
 }
 
-impl Bits {
+impl FrameBits {
     /// The first bit on top, and how many there are.
-    fn of(frame: &Frame) -> (u128, u32) {
+    fn from_frame(frame: &Frame) -> (u128, u32) {
         let mut bits = Self::default();
-        bits.put(0, 1);
+        bits.push(0, 1);
         if frame.extended {
-            bits.put(frame.id >> 18, 11);
-            bits.put(0b11, 2);
-            bits.put(frame.id, 18);
+            bits.push(frame.id >> 18, 11);
+            bits.push(0b11, 2);
+            bits.push(frame.id, 18);
         } else {
-            bits.put(frame.id, 11);
+            bits.push(frame.id, 11);
         }
-        bits.put(u32::from(frame.remote), 1);
-        bits.put(0, 2);
-        bits.put(u32::from(frame.len), 4);
+        bits.push(u32::from(frame.remote), 1);
+        bits.push(0, 2);
+        bits.push(u32::from(frame.len), 4);
         if !frame.remote {
-            frame.bytes().iter().for_each(|&byte| bits.put(u32::from(byte), 8));
+            frame.bytes().iter().for_each(|&byte| bits.push(u32::from(byte), 8));
         }
-        bits.put(crc(bits.bits).into(), 15);
+        bits.push(crc15(bits.bits).into(), 15);
         (bits.bits << (128 - bits.count), bits.count)
     }
 
-    fn put(&mut self, value: u32, width: u32) {
+    fn push(&mut self, value: u32, width: u32) {
         self.bits = self.bits << width | u128::from(value & ((1 << width) - 1));
         self.count += width;
     }
 }
 
 /// The CRC-15 of `bits`, whose leading zeros do not count.
-fn crc(bits: u128) -> u16 {
+fn crc15(bits: u128) -> u16 {
     let bytes = bits.to_be_bytes();
-    let step = |crc: u16, byte: &u8| crc << 8 ^ CRC[usize::from((crc >> 7) as u8 ^ byte)];
+    let step = |crc: u16, byte: &u8| crc << 8 ^ CRC_TABLE[usize::from((crc >> 7) as u8 ^ byte)];
     bytes.iter().fold(0, step) & 0x7FFF
 }
 
 /// What a byte makes of the CRC.
-static CRC: [u16; 256] = {
+static CRC_TABLE: [u16; 256] = {
     let mut table = [0; 256];
     let mut byte = 0;
     while byte < 256 {

@@ -14,19 +14,22 @@ use crate::proto::tmcl::{Tmcl, TmclCan};
 use crate::proto::{HostOptions, Protocol};
 use crate::station::Host;
 
-type Device = <Tmcm17x as Family>::Device;
+type Tmcm171Device = <Tmcm17x as Family>::Device;
 
 const OPTIONS: HostOptions = HostOptions::new(250_000);
 
-fn lane(address: u32, host: u32) -> BoxedLane {
+fn make_lane(address: u32, host: u32) -> BoxedLane {
     let profile = Tmcm17x::profiles()[0];
-    let driver: BoxedDriver<_, _> = Box::new(TmclCan::driver(profile, address));
-    let options = HostOptions { host: Some(host), ..OPTIONS };
-    Box::new(Lane::<Can, <TmclCan as Protocol>::Host>::new(TmclCan::host(&options, &[]), [driver]))
+    let driver: BoxedDriver<_, _> = Box::new(TmclCan::create_driver(profile, address));
+    let options = HostOptions { host_address: Some(host), ..OPTIONS };
+    Box::new(Lane::<Can, <TmclCan as Protocol>::Host>::new(
+        TmclCan::create_host(&options, &[]),
+        [driver],
+    ))
 }
 
 /// A module told, over its serial end, to use other identifiers.
-fn device(can_id: i32, reply_id: i32) -> Device {
+fn make_device(can_id: i32, reply_id: i32) -> Tmcm171Device {
     let options = DeviceOptions {
         address: None,
         wires: &["tmcl"],
@@ -35,13 +38,13 @@ fn device(can_id: i32, reply_id: i32) -> Device {
         seed: 1,
         extra: &[],
     };
-    let mut device = Tmcm17x::device(Tmcm17x::profiles()[0], &options).unwrap();
+    let mut device = Tmcm17x::create_device(Tmcm17x::profiles()[0], &options).unwrap();
     for (parameter, value) in [(71, can_id), (70, reply_id)] {
         let text = std::format!("SGP {parameter}, 0, {value}");
-        let driver = Tmcl::driver(Tmcm17x::profiles()[0], 1);
-        let request = crate::axis::Driver::parse(&driver, &text).unwrap();
+        let driver = Tmcl::create_driver(Tmcm17x::profiles()[0], 1);
+        let request = crate::axis::Driver::parse_request(&driver, &text).unwrap();
         let mut out = [0; 16];
-        let len = Tmcl::host(&OPTIONS, &[1]).emit(&request, &mut out);
+        let len = Tmcl::create_host(&OPTIONS, &[1]).encode_request(&request, &mut out);
         let now = Instant::ZERO.plus_ms(100);
         Station::<crate::medium::Stream>::handle_input(&mut device, now, &out[..len]);
         let reply =
@@ -52,7 +55,12 @@ fn device(can_id: i32, reply_id: i32) -> Device {
 }
 
 /// Lets everything that wants to be sent arrive, for so long.
-fn run(mux: &mut Mux, devices: &mut [Device], from: Instant, ms: u32) -> Vec<(Ticket, Outcome)> {
+fn run(
+    mux: &mut Mux,
+    devices: &mut [Tmcm171Device],
+    from: Instant,
+    ms: u32,
+) -> Vec<(Ticket, Outcome)> {
     let (mut now, mut ends) = (from, Vec::new());
     while now < from.plus_ms(ms) {
         for device in &mut *devices {
@@ -77,18 +85,18 @@ fn run(mux: &mut Mux, devices: &mut [Device], from: Instant, ms: u32) -> Vec<(Ti
 
 #[test]
 fn each_axis_is_reached_through_its_own_lane() {
-    let mut mux = Mux::new([lane(0x11, 0x21), lane(0x12, 0x22)]).unwrap();
-    assert_eq!((mux.axes(), mux.line().bit_rate), (2, 250_000));
+    let mut mux = Mux::new([make_lane(0x11, 0x21), make_lane(0x12, 0x22)]).unwrap();
+    assert_eq!((mux.axis_count(), mux.line().bit_rate), (2, 250_000));
     assert_eq!(mux.address(AxisIndex(1)), Some(0x12));
-    let mut devices = [device(0x11, 0x21), device(0x12, 0x22)];
+    let mut devices = [make_device(0x11, 0x21), make_device(0x12, 0x22)];
     let now = Instant::ZERO.plus_ms(200);
     for (axis, text) in [(0, "SAP 4, 0, 111"), (1, "SAP 4, 0, 222")] {
-        mux.raw(now, Ticket(axis.into()), AxisIndex(axis), text).unwrap();
+        mux.send_text(now, Ticket(axis.into()), AxisIndex(axis), text).unwrap();
     }
     assert_eq!(run(&mut mux, &mut devices, now, 50).len(), 2);
     let now = now.plus_ms(100);
     for axis in 0..2 {
-        mux.raw(now, Ticket(axis.into()), AxisIndex(axis), "GAP 4").unwrap();
+        mux.send_text(now, Ticket(axis.into()), AxisIndex(axis), "GAP 4").unwrap();
     }
     let mut ends = run(&mut mux, &mut devices, now, 50);
     ends.sort_by_key(|(ticket, _)| ticket.0);
@@ -98,17 +106,17 @@ fn each_axis_is_reached_through_its_own_lane() {
 
 #[test]
 fn one_axis_turns_and_the_other_does_not() {
-    let mut mux = Mux::new([lane(0x11, 0x21), lane(0x12, 0x22)]).unwrap();
-    let mut devices = [device(0x11, 0x21), device(0x12, 0x22)];
+    let mut mux = Mux::new([make_lane(0x11, 0x21), make_lane(0x12, 0x22)]).unwrap();
+    let mut devices = [make_device(0x11, 0x21), make_device(0x12, 0x22)];
     let now = Instant::ZERO.plus_ms(200);
     let turn = Command { velocity: Some(10.0), ..Command::new(Verb::Velocity) };
     assert_eq!(mux.command(now, Ticket(1), AxisIndex(1), turn), Err(Unsupported::NotArmed));
-    mux.arm(AxisIndex(1), true);
+    mux.set_armed(AxisIndex(1), true);
     mux.command(now, Ticket(1), AxisIndex(1), turn).unwrap();
     let ends = run(&mut mux, &mut devices, now, 2000);
     assert!(matches!(ends[..], [(Ticket(1), Outcome::Done(_))]), "{ends:?}");
     let speeds = devices.map(|mut device| {
-        crate::drives::bench::Bench::truth(&mut device, now.plus_ms(2000)).velocity
+        crate::drives::bench::BenchControl::ground_truth(&mut device, now.plus_ms(2000)).velocity
     });
     assert!(speeds[0].abs() < 0.1 && (speeds[1] - 10.0).abs() < 1.0, "{speeds:?}");
 }
@@ -117,13 +125,13 @@ fn one_axis_turns_and_the_other_does_not() {
 fn lanes_that_cannot_share_a_wire_are_refused() {
     assert!(Mux::new([]).is_none());
     let other = HostOptions { bit_rate: 500_000, ..OPTIONS };
-    let driver: BoxedDriver<_, _> = Box::new(TmclCan::driver(TmclCan::generic(), 3));
+    let driver: BoxedDriver<_, _> = Box::new(TmclCan::create_driver(TmclCan::generic_profile(), 3));
     let other: BoxedLane = Box::new(Lane::<Can, <TmclCan as Protocol>::Host>::new(
-        TmclCan::host(&other, &[]),
+        TmclCan::create_host(&other, &[]),
         [driver],
     ));
-    assert!(Mux::new([lane(0x11, 0x21), other]).is_none());
-    let mux = Mux::new([lane(0x11, 0x21)]).unwrap();
+    assert!(Mux::new([make_lane(0x11, 0x21), other]).is_none());
+    let mux = Mux::new([make_lane(0x11, 0x21)]).unwrap();
     assert_eq!(mux.address(AxisIndex(1)), None);
     assert_eq!(mux.to_si(AxisIndex(1), ParameterId(0), 1), None);
 }

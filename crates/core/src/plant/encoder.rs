@@ -34,7 +34,7 @@ impl Encoder {
     }
 
     /// Changes resolution and direction; the reading at shaft `position` (rad) stays what it is.
-    pub fn set(&mut self, position: f64, counts_per_turn: u32, inverted: bool) {
+    pub fn reconfigure(&mut self, position: f64, counts_per_turn: u32, inverted: bool) {
         let reading = self.count(position);
         self.counts_per_turn = counts_per_turn.max(1);
         self.inverted = inverted;

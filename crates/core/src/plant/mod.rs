@@ -27,8 +27,8 @@ mod tests;
 
 pub use encoder::Encoder;
 pub use motor::{Energy, Inputs, Motor, MotorParameters, Winding};
-pub use servo::{Bounds, Conditions, Gains, Goal, Servo, Stall};
-pub use thermal::Thermal;
+pub use servo::{Conditions, Gains, Goal, Servo, ServoBounds, StallDetector};
+pub use thermal::ThermalModel;
 pub use trajectory::{Limits, Setpoint, Trajectory};
 
 use crate::time::Instant;
@@ -50,8 +50,8 @@ pub const TICKS_MAX: u64 = 86_400_000;
 /// ```
 /// use polepair_core::{plant::Ticks, time::Instant};
 /// let mut ticks = Ticks::new(Instant::ZERO);
-/// assert_eq!(ticks.until(Instant(2_500_000)), 2);
-/// assert_eq!(ticks.until(Instant(3_000_000)), 1);
+/// assert_eq!(ticks.advance_to(Instant(2_500_000)), 2);
+/// assert_eq!(ticks.advance_to(Instant(3_000_000)), 1);
 /// ```
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Ticks {
@@ -68,7 +68,7 @@ impl Ticks {
     /// How many whole ticks lie between what was last asked and `now`; they count as done.
     #[inline]
     #[must_use]
-    pub fn until(&mut self, now: Instant) -> u64 {
+    pub fn advance_to(&mut self, now: Instant) -> u64 {
         let since = now.0.saturating_sub(self.at.0);
         // Most often none is over.
         if since < TICK_NS {
@@ -88,7 +88,7 @@ impl Ticks {
 
 /// `value` within ±`most`.
 #[inline]
-pub(crate) fn cut(value: f64, most: f64) -> f64 {
+pub(crate) fn clamp_abs(value: f64, most: f64) -> f64 {
     // Two instructions, unlike `clamp`, which looks at `most` as well.
     let below = if value > most { most } else { value };
     if below < -most { -most } else { below }
@@ -96,7 +96,7 @@ pub(crate) fn cut(value: f64, most: f64) -> f64 {
 
 /// `value` with the sign of `sign`, zero when `sign` is zero.
 #[inline]
-fn signed(value: f64, sign: f64) -> f64 {
+fn with_sign(value: f64, sign: f64) -> f64 {
     if sign > 0.0 {
         value
     } else if sign < 0.0 {

@@ -1,6 +1,6 @@
 //! A motor with its load: current, speed, position and where the energy went.
 
-use super::{TICK_S, cut, signed};
+use super::{TICK_S, clamp_abs, with_sign};
 
 /// What a motor and what it turns are made of, SI.
 ///
@@ -107,8 +107,8 @@ pub struct Motor {
     current: f64,
     voltage: f64,
     jammed: bool,
-    parts: u32,
-    whole: Part,
+    sub_steps: u32,
+    sub_step: SubStep,
     energy: Energy,
     /// Heat in the winding before the last step, J.
     copper_before: f64,
@@ -116,7 +116,7 @@ pub struct Motor {
 
 /// A part of a step, and what follows from its length.
 #[derive(Clone, Copy, Debug)]
-struct Part {
+struct SubStep {
     /// Its length, s.
     h: f64,
     /// Twice the inductance by it, Ω.
@@ -127,7 +127,7 @@ struct Part {
     c: f64,
 }
 
-impl Part {
+impl SubStep {
     fn new(h: f64, p: &MotorParameters) -> Self {
         let j = 2.0 * p.inertia / h;
         Self { h, l: 2.0 * p.inductance / h, j, c: j + p.viscous }
@@ -141,7 +141,7 @@ impl Motor {
         let mut p = parameters;
         p.inductance = p.inductance.max(p.resistance * 60e-6);
         p.stiction = p.stiction.max(p.coulomb);
-        let parts = libm::ceil(TICK_S / (0.5 * p.electrical_s())).clamp(1.0, PARTS_MAX);
+        let parts = libm::ceil(TICK_S / (0.5 * p.electrical_s())).clamp(1.0, SUB_STEPS_MAX);
         Self {
             parameters: p,
             position: 0.0,
@@ -149,8 +149,8 @@ impl Motor {
             current: 0.0,
             voltage: 0.0,
             jammed: false,
-            parts: parts as u32,
-            whole: Part::new(TICK_S / parts, &p),
+            sub_steps: parts as u32,
+            sub_step: SubStep::new(TICK_S / parts, &p),
             energy: Energy::default(),
             copper_before: 0.0,
         }
@@ -206,7 +206,7 @@ impl Motor {
 
     /// Energy in moving mass and magnetic field, J.
     #[must_use]
-    pub fn stored(&self) -> f64 {
+    pub fn stored_energy(&self) -> f64 {
         let p = &self.parameters;
         let kinetic = p.inertia * self.velocity * self.velocity;
         0.5 * (kinetic + p.inductance * self.current * self.current)
@@ -214,13 +214,13 @@ impl Motor {
 
     /// What the books do not explain, J: zero but for rounding.
     #[must_use]
-    pub fn unexplained(&self) -> f64 {
+    pub fn energy_error(&self) -> f64 {
         let e = &self.energy;
-        e.electrical + e.load - e.copper - e.friction - self.stored()
+        e.electrical + e.load - e.copper - e.friction - self.stored_energy()
     }
 
     /// Holds the shaft still, or lets it go. What moved is turned to heat.
-    pub fn jam(&mut self, jammed: bool) {
+    pub fn set_jammed(&mut self, jammed: bool) {
         self.jammed = jammed;
     }
 
@@ -228,27 +228,27 @@ impl Motor {
     #[inline]
     pub fn step(&mut self, inputs: Inputs) {
         self.copper_before = self.energy.copper;
-        let winding = self.admitted(inputs.winding);
+        let winding = self.sanitized(inputs.winding);
         let bus = if inputs.bus > 0.0 { inputs.bus } else { 0.0 };
         let inputs = Inputs { winding, bus, ..inputs };
-        for _ in 0..self.parts {
-            self.part(&inputs);
+        for _ in 0..self.sub_steps {
+            self.run_sub_step(&inputs);
         }
     }
 
     /// The winding's command with limits and nonsense taken out.
     #[inline]
-    fn admitted(&self, winding: Winding) -> Winding {
+    fn sanitized(&self, winding: Winding) -> Winding {
         let max = self.parameters.max_current;
         match winding {
-            Winding::Current(i) if i.is_finite() => Winding::Current(cut(i, max)),
+            Winding::Current(i) if i.is_finite() => Winding::Current(clamp_abs(i, max)),
             Winding::Voltage(v) if v.is_finite() => Winding::Voltage(v),
             _ => Winding::Open,
         }
     }
 
     #[inline]
-    fn part(&mut self, inputs: &Inputs) {
+    fn run_sub_step(&mut self, inputs: &Inputs) {
         if inputs.winding == Winding::Open {
             self.release();
         }
@@ -256,14 +256,14 @@ impl Motor {
             self.halt();
         }
         if self.velocity == 0.0 {
-            return self.leave_rest(self.whole, inputs);
+            return self.leave_rest(self.sub_step, inputs);
         }
         let went = self.velocity;
-        let friction = signed(self.parameters.coulomb, went);
-        let solved = self.solve(&self.whole, inputs, inputs.load - friction);
+        let friction = with_sign(self.parameters.coulomb, went);
+        let solved = self.solve(&self.sub_step, inputs, inputs.load - friction);
         let next = 2.0 * solved.speed - went;
         if next * went >= 0.0 {
-            return self.apply(self.whole.h, inputs, friction, solved);
+            return self.apply(self.sub_step.h, inputs, friction, solved);
         }
         self.come_to_rest(went / (went - next), inputs, friction);
     }
@@ -271,23 +271,23 @@ impl Motor {
     /// It comes to rest within this part: it goes there for that share of it, then on from rest
     /// for what is left.
     fn come_to_rest(&mut self, share: f64, inputs: &Inputs, friction: f64) {
-        let h = self.whole.h;
-        let part = Part::new(h * share, &self.parameters);
+        let h = self.sub_step.h;
+        let part = SubStep::new(h * share, &self.parameters);
         let solved = self.solve(&part, inputs, inputs.load - friction);
         self.apply(h * share, inputs, friction, solved);
         self.halt();
-        let rest = Part::new(h * (1.0 - share), &self.parameters);
+        let rest = SubStep::new(h * (1.0 - share), &self.parameters);
         self.leave_rest(rest, inputs);
     }
 
     /// From standstill: it stays there unless the torque breaks it loose.
-    fn leave_rest(&mut self, part: Part, inputs: &Inputs) {
+    fn leave_rest(&mut self, part: SubStep, inputs: &Inputs) {
         let held = self.solve_held(&part, inputs);
         let torque = self.parameters.torque_constant * held.current + inputs.load;
         if self.jammed || torque.abs() <= self.parameters.stiction {
             return self.apply(part.h, inputs, 0.0, held);
         }
-        let friction = signed(self.parameters.coulomb, torque);
+        let friction = with_sign(self.parameters.coulomb, torque);
         let solved = self.solve(&part, inputs, inputs.load - friction);
         if solved.speed * torque <= 0.0 {
             return self.apply(part.h, inputs, 0.0, held);
@@ -297,9 +297,9 @@ impl Motor {
 
     /// Means of current, speed and voltage over a part with `torque` acting from outside.
     #[inline]
-    fn solve(&self, part: &Part, inputs: &Inputs, torque: f64) -> Means {
+    fn solve(&self, part: &SubStep, inputs: &Inputs, torque: f64) -> Means {
         let p = &self.parameters;
-        let &Part { l, j, c, .. } = part;
+        let &SubStep { l, j, c, .. } = part;
         let k = p.torque_constant;
         let q = torque + j * self.velocity;
         let with_current = |current: f64| {
@@ -319,7 +319,7 @@ impl Motor {
 
     /// The same while the shaft stands still.
     #[inline]
-    fn solve_held(&self, part: &Part, inputs: &Inputs) -> Means {
+    fn solve_held(&self, part: &SubStep, inputs: &Inputs) -> Means {
         let p = &self.parameters;
         let l = part.l;
         let with_current = |current: f64| {
@@ -346,19 +346,19 @@ impl Motor {
             Winding::Open => return with_current(0.0),
             Winding::Current(i) => to_end(i),
             Winding::Voltage(v) => {
-                let solved = with_voltage(cut(v, inputs.bus));
+                let solved = with_voltage(clamp_abs(v, inputs.bus));
                 let end = 2.0 * solved.current - self.current;
                 let max = self.parameters.max_current;
                 if end.abs() <= max {
                     return solved;
                 }
-                to_end(cut(end, max))
+                to_end(clamp_abs(end, max))
             }
         };
         if solved.voltage.abs() <= inputs.bus {
             return solved;
         }
-        with_voltage(cut(solved.voltage, inputs.bus))
+        with_voltage(clamp_abs(solved.voltage, inputs.bus))
     }
 
     #[inline]
@@ -393,7 +393,7 @@ impl Motor {
 }
 
 /// Parts that a tick is cut into at most.
-const PARTS_MAX: f64 = 8.0;
+const SUB_STEPS_MAX: f64 = 8.0;
 
 /// Means over a part of a step.
 #[derive(Clone, Copy)]

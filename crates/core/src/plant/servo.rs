@@ -1,6 +1,8 @@
 //! Cascaded control: position P, speed PI, current limit; and what tells a stall.
 
-use super::{Inputs, Limits, Motor, MotorParameters, Setpoint, TICK_S, Trajectory, Winding, cut};
+use super::{
+    Inputs, Limits, Motor, MotorParameters, Setpoint, TICK_S, Trajectory, Winding, clamp_abs,
+};
 
 /// What rounding adds to a speed that is taken from the way of a tick, rad/s.
 const ROUNDING: f64 = 1e-6;
@@ -62,7 +64,7 @@ pub struct Conditions {
 
 /// What a drive's settings, and the move in hand, hold its motor to. Infinite where nothing does.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Bounds {
+pub struct ServoBounds {
     /// Speed at most, rad/s, for a motor that was not faster before.
     pub velocity: f64,
     /// Gain of speed at most, rad/s².
@@ -71,13 +73,13 @@ pub struct Bounds {
     pub current: f64,
 }
 
-impl Bounds {
+impl ServoBounds {
     /// Nothing holds it.
     pub const NONE: Self =
         Self { velocity: f64::INFINITY, acceleration: f64::INFINITY, current: f64::INFINITY };
 }
 
-impl Default for Bounds {
+impl Default for ServoBounds {
     fn default() -> Self {
         Self::NONE
     }
@@ -136,7 +138,7 @@ impl Servo {
     /// Makes the motor's present position the goal; a moving motor is braked along the ramp.
     pub fn hold(&mut self, motor: &Motor) {
         self.integral = 0.0;
-        self.trajectory.start_at(motor.position(), motor.velocity());
+        self.trajectory.restart_at(motor.position(), motor.velocity());
         self.goal = Goal::Position(motor.position());
         if motor.velocity() != 0.0 {
             self.goal = Goal::Velocity(0.0);
@@ -145,17 +147,17 @@ impl Servo {
     }
 
     /// Heads for a goal from where the set-point is, as fast as it is.
-    pub fn go(&mut self, goal: Goal) {
+    pub fn set_goal(&mut self, goal: Goal) {
         if let Goal::Follow(last) = self.goal {
-            self.trajectory.start_at(last.position, last.velocity);
+            self.trajectory.restart_at(last.position, last.velocity);
         }
         self.head_for(goal);
     }
 
     /// Heads for a goal from where the motor is: for a change from torque or voltage to speed or
     /// position, and after the motor fell behind its set-point.
-    pub fn go_from(&mut self, motor: &Motor, goal: Goal) {
-        self.trajectory.start_at(motor.position(), motor.velocity());
+    pub fn set_goal_from(&mut self, motor: &Motor, goal: Goal) {
+        self.trajectory.restart_at(motor.position(), motor.velocity());
         self.head_for(goal);
     }
 
@@ -193,13 +195,13 @@ impl Servo {
     pub const fn setpoint(&self) -> Setpoint {
         match self.goal {
             Goal::Follow(setpoint) => setpoint,
-            _ => self.trajectory.now(),
+            _ => self.trajectory.setpoint(),
         }
     }
 
     /// The same while it is followed: switched on, and told a speed or a position.
     #[must_use]
-    pub const fn regulated(&self) -> Option<Setpoint> {
+    pub const fn regulated_setpoint(&self) -> Option<Setpoint> {
         match self.goal {
             Goal::Velocity(_) | Goal::Position(_) | Goal::Follow(_) if self.enabled => {
                 Some(self.setpoint())
@@ -210,20 +212,20 @@ impl Servo {
 
     /// What they are held to now.
     #[must_use]
-    pub fn bounds(&self) -> Bounds {
+    pub fn bounds(&self) -> ServoBounds {
         if !self.enabled {
-            return Bounds::NONE;
+            return ServoBounds::NONE;
         }
         let (ramp, current) = (self.trajectory.limits(), self.max_current);
         let velocity = match self.goal {
             Goal::Velocity(asked) => ramp.velocity.min(asked.abs()),
             Goal::Position(_) => ramp.velocity,
-            _ => return Bounds { current, ..Bounds::NONE },
+            _ => return ServoBounds { current, ..ServoBounds::NONE },
         };
         // What an S-curve still smooths was asked for before, and the limits of then held it.
-        let smoothed = self.trajectory.smoothed();
+        let smoothed = self.trajectory.smoothed_velocity();
         let velocity = if smoothed > velocity + ROUNDING { smoothed } else { velocity };
-        Bounds { velocity, acceleration: ramp.acceleration, current }
+        ServoBounds { velocity, acceleration: ramp.acceleration, current }
     }
 
     /// True when the set-point has come to its goal; the motor may still lag.
@@ -234,8 +236,8 @@ impl Servo {
 
     fn head_for(&mut self, goal: Goal) {
         match goal {
-            Goal::Velocity(v) => self.trajectory.to_velocity(v),
-            Goal::Position(p) => self.trajectory.to_position(p),
+            Goal::Velocity(v) => self.trajectory.set_velocity_goal(v),
+            Goal::Position(p) => self.trajectory.set_position_goal(p),
             Goal::Current(_) | Goal::Voltage(_) | Goal::Follow(_) => {}
         }
         self.goal = goal;
@@ -263,36 +265,40 @@ impl Servo {
         let winding = match self.goal {
             _ if !self.enabled => Winding::Open,
             Goal::Follow(wanted) => {
-                let error = self.toward(&wanted, position) - velocity;
-                Winding::Current(self.regulate(error, wanted.acceleration, short_of_voltage))
+                let error = self.position_control(&wanted, position) - velocity;
+                Winding::Current(self.velocity_control(
+                    error,
+                    wanted.acceleration,
+                    short_of_voltage,
+                ))
             }
-            Goal::Current(i) => Winding::Current(cut(i, max)),
+            Goal::Current(i) => Winding::Current(clamp_abs(i, max)),
             Goal::Voltage(v) => Winding::Voltage(v),
             Goal::Velocity(_) | Goal::Position(_) => {
-                let (speed, acceleration) = self.go_on(position);
+                let (speed, acceleration) = self.advance_setpoint(position);
                 let error = speed - velocity;
-                Winding::Current(self.regulate(error, acceleration, short_of_voltage))
+                Winding::Current(self.velocity_control(error, acceleration, short_of_voltage))
             }
         };
         motor.step(Inputs { winding, bus, load: conditions.load });
     }
 
     /// One tick of the set-point's own way: speed to turn at (rad/s), and its acceleration.
-    fn go_on(&mut self, position: f64) -> (f64, f64) {
+    fn advance_setpoint(&mut self, position: f64) -> (f64, f64) {
         let wanted = self.trajectory.step();
         let mut speed = wanted.velocity;
         if matches!(self.goal, Goal::Position(_)) {
             // A set-point that is still braking to a lower limit is followed, or the motor would
             // fall behind it, to leap once the limit is raised.
             let top = self.trajectory.limits().velocity.max(speed.abs());
-            speed = cut(self.toward(&wanted, position), top);
+            speed = clamp_abs(self.position_control(&wanted, position), top);
         }
         (speed, wanted.acceleration)
     }
 
     /// Position P: the speed to turn at, rad/s.
     #[inline]
-    fn toward(&self, wanted: &Setpoint, position: f64) -> f64 {
+    fn position_control(&self, wanted: &Setpoint, position: f64) -> f64 {
         let error = wanted.position - position;
         let rest = wanted.velocity == 0.0 && error.abs() <= self.gains.deadband;
         let correction = if rest { 0.0 } else { self.gains.position_p * error };
@@ -302,7 +308,7 @@ impl Servo {
     /// Speed PI. Takes the error of speed and the acceleration wanted, returns the current to
     /// drive, A.
     #[inline]
-    fn regulate(&mut self, error: f64, acceleration: f64, short_of_voltage: bool) -> f64 {
+    fn velocity_control(&mut self, error: f64, acceleration: f64, short_of_voltage: bool) -> f64 {
         let gains = &self.gains;
         let direct = gains.velocity_p * error + gains.acceleration * acceleration;
         let max = self.max_current.abs();
@@ -311,29 +317,29 @@ impl Servo {
         let spent = asked.abs() > max || short_of_voltage;
         if !(spent && asked * error > 0.0) {
             let grown = self.integral + gains.velocity_i * error * TICK_S;
-            self.integral = cut(grown, max);
+            self.integral = clamp_abs(grown, max);
         }
-        cut(asked, max)
+        clamp_abs(asked, max)
     }
 }
 
 /// Tells a stall: current at its limit, shaft at rest, for too long.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Stall {
+pub struct StallDetector {
     /// Slower than this is at rest, rad/s.
     pub velocity: f64,
     /// Share of the limit that counts as at the limit.
     pub share: f64,
     /// For so many ticks.
     pub ticks: u32,
-    seen: u32,
+    stalled_ticks: u32,
 }
 
-impl Stall {
+impl StallDetector {
     /// A watch that trips after `ticks` ticks at 95 % of the current limit below 1 rad/s.
     #[must_use]
     pub const fn after(ticks: u32) -> Self {
-        Self { velocity: 1.0, share: 0.95, ticks, seen: 0 }
+        Self { velocity: 1.0, share: 0.95, ticks, stalled_ticks: 0 }
     }
 
     /// Takes a tick's speed (rad/s), current and its limit (A). True when it has been too long.
@@ -341,12 +347,12 @@ impl Stall {
     pub fn step(&mut self, velocity: f64, current: f64, limit: f64) -> bool {
         let stalled =
             limit > 0.0 && velocity.abs() < self.velocity && current.abs() >= self.share * limit;
-        self.seen = if stalled { self.seen.saturating_add(1) } else { 0 };
-        self.seen >= self.ticks
+        self.stalled_ticks = if stalled { self.stalled_ticks.saturating_add(1) } else { 0 };
+        self.stalled_ticks >= self.ticks
     }
 
     /// Forgets what it saw.
     pub const fn reset(&mut self) {
-        self.seen = 0;
+        self.stalled_ticks = 0;
     }
 }

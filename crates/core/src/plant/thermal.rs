@@ -2,7 +2,7 @@
 
 /// One thermal mass: a winding, a power stage.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Thermal {
+pub struct ThermalModel {
     /// To the air, K/W.
     pub resistance: f64,
     /// Of the body, J/K.
@@ -12,7 +12,7 @@ pub struct Thermal {
     temperature: f64,
 }
 
-impl Thermal {
+impl ThermalModel {
     /// A body as warm as the air. `resistance` in K/W, `capacity` in J/K, `ambient` in °C.
     #[must_use]
     pub const fn new(resistance: f64, capacity: f64, ambient: f64) -> Self {
@@ -26,7 +26,7 @@ impl Thermal {
     }
 
     /// Makes it so warm, °C.
-    pub const fn set(&mut self, temperature: f64) {
+    pub const fn set_temperature(&mut self, temperature: f64) {
         self.temperature = temperature;
     }
 

@@ -43,14 +43,14 @@ pub struct Setpoint {
 #[derive(Clone, Debug)]
 pub struct Trajectory {
     limits: Limits,
-    goal: Goal,
+    goal: TrajectoryGoal,
     base: Setpoint,
-    shown: Setpoint,
+    output: Setpoint,
     smoother: Smoother,
 }
 
 #[derive(Clone, Copy, PartialEq, Debug)]
-enum Goal {
+enum TrajectoryGoal {
     Velocity(f64),
     Position(f64),
 }
@@ -61,9 +61,9 @@ impl Trajectory {
     pub fn new(limits: Limits, position: f64) -> Self {
         let mut new = Self {
             limits: Limits::trapezoid(0.0, 0.0),
-            goal: Goal::Position(position),
+            goal: TrajectoryGoal::Position(position),
             base: Setpoint { position, ..Setpoint::default() },
-            shown: Setpoint { position, ..Setpoint::default() },
+            output: Setpoint { position, ..Setpoint::default() },
             smoother: Smoother::new(),
         };
         new.set_limits(limits);
@@ -90,41 +90,44 @@ impl Trajectory {
 
     /// Forgets where it was going: it is at `position` (rad), as fast as `velocity` (rad/s), and
     /// goes on at that speed.
-    pub fn start_at(&mut self, position: f64, velocity: f64) {
+    pub fn restart_at(&mut self, position: f64, velocity: f64) {
         self.base = Setpoint { position, velocity, acceleration: 0.0 };
-        self.shown = self.base;
+        self.output = self.base;
         self.smoother = Smoother::filled(self.limits.smoothing_s, velocity * TICK_S);
-        self.goal =
-            if velocity == 0.0 { Goal::Position(position) } else { Goal::Velocity(velocity) };
+        self.goal = if velocity == 0.0 {
+            TrajectoryGoal::Position(position)
+        } else {
+            TrajectoryGoal::Velocity(velocity)
+        };
     }
 
     /// Heads for a speed, rad/s, cut to the limit.
-    pub fn to_velocity(&mut self, velocity: f64) {
-        self.goal = Goal::Velocity(velocity);
+    pub fn set_velocity_goal(&mut self, velocity: f64) {
+        self.goal = TrajectoryGoal::Velocity(velocity);
     }
 
     /// Heads for a position, rad, to come to rest exactly there.
-    pub fn to_position(&mut self, position: f64) {
-        self.goal = Goal::Position(position);
+    pub fn set_position_goal(&mut self, position: f64) {
+        self.goal = TrajectoryGoal::Position(position);
     }
 
     /// Brakes to rest.
     pub fn stop(&mut self) {
-        self.goal = Goal::Velocity(0.0);
+        self.goal = TrajectoryGoal::Velocity(0.0);
     }
 
     /// Where it is now.
     #[must_use]
-    pub const fn now(&self) -> Setpoint {
-        self.shown
+    pub const fn setpoint(&self) -> Setpoint {
+        self.output
     }
 
     /// True when it rests where it was told to be, or goes as fast as it was told.
     #[must_use]
     pub fn arrived(&self) -> bool {
         let there = match self.goal {
-            Goal::Velocity(v) => self.base.velocity == self.cut(v),
-            Goal::Position(p) => self.base.position == p && self.base.velocity == 0.0,
+            TrajectoryGoal::Velocity(v) => self.base.velocity == self.clamp_velocity(v),
+            TrajectoryGoal::Position(p) => self.base.position == p && self.base.velocity == 0.0,
         };
         there && self.smoother.is_steady()
     }
@@ -132,8 +135,8 @@ impl Trajectory {
     /// The greatest speed, rad/s, that an S-curve has not left behind: it comes to that before it
     /// brakes. 0 without one.
     #[must_use]
-    pub fn smoothed(&self) -> f64 {
-        self.smoother.greatest() / TICK_S
+    pub fn smoothed_velocity(&self) -> f64 {
+        self.smoother.peak() / TICK_S
     }
 
     /// Advances by one tick and tells where it is then.
@@ -144,41 +147,41 @@ impl Trajectory {
             self.smoother = Smoother::filled(self.limits.smoothing_s, 0.0);
         }
         self.base = match self.goal {
-            Goal::Velocity(v) => self.toward_velocity(v),
-            Goal::Position(p) => self.toward_position(p),
+            TrajectoryGoal::Velocity(v) => self.toward_velocity(v),
+            TrajectoryGoal::Position(p) => self.toward_position(p),
         };
         if self.smoother.window == 0 {
-            self.shown = self.base;
+            self.output = self.base;
         } else {
             self.smooth(self.base.position - before.position);
         }
-        self.shown
+        self.output
     }
 
-    fn cut(&self, velocity: f64) -> f64 {
+    fn clamp_velocity(&self, velocity: f64) -> f64 {
         velocity.clamp(-self.limits.velocity, self.limits.velocity)
     }
 
     fn toward_velocity(&self, goal: f64) -> Setpoint {
         let from = self.base.velocity;
-        let goal = self.cut(goal);
+        let goal = self.clamp_velocity(goal);
         let velocity = if from * goal < 0.0 {
-            self.nearer(from, 0.0) // through rest, which is a tick of its own
+            self.ramp_toward(from, 0.0) // through rest, which is a tick of its own
         } else {
-            self.nearer(from, goal)
+            self.ramp_toward(from, goal)
         };
-        self.moved(velocity)
+        self.advance_at(velocity)
     }
 
     /// `from`, changed toward `goal` by as much as a tick allows.
-    fn nearer(&self, from: f64, goal: f64) -> f64 {
+    fn ramp_toward(&self, from: f64, goal: f64) -> f64 {
         let slower = goal.abs() < from.abs();
         let rate = if slower { self.limits.deceleration } else { self.limits.acceleration };
         let change = rate * TICK_S;
         from + (goal - from).clamp(-change, change)
     }
 
-    fn moved(&self, velocity: f64) -> Setpoint {
+    fn advance_at(&self, velocity: f64) -> Setpoint {
         let from = self.base;
         Setpoint {
             position: from.position + 0.5 * (from.velocity + velocity) * TICK_S,
@@ -193,37 +196,38 @@ impl Trajectory {
         if left == 0.0 && self.base.velocity == 0.0 {
             return Setpoint { position: goal, velocity: 0.0, acceleration: 0.0 };
         }
-        let way = if left == 0.0 { -super::signed(1.0, self.base.velocity) } else { left.signum() };
+        let way =
+            if left == 0.0 { -super::with_sign(1.0, self.base.velocity) } else { left.signum() };
         let (left, speed) = (left.abs(), self.base.velocity * way);
         let Limits { velocity: top, acceleration, deceleration, .. } = self.limits;
         if speed < 0.0 {
-            return self.moved(self.nearer(self.base.velocity, 0.0));
+            return self.advance_at(self.ramp_toward(self.base.velocity, 0.0));
         }
         // What is left after this tick must still suffice to brake: v²/2d ≤ left - (speed+v)T/2.
         let room = left - 0.5 * speed * TICK_S;
-        if room <= 0.0 || (room <= NEAR && speed <= deceleration * TICK_S) {
+        if room <= 0.0 || (room <= POSITION_TOLERANCE && speed <= deceleration * TICK_S) {
             return self.last_tick(goal, way, speed);
         }
         let half = 0.5 * TICK_S;
         if top == 0.0 {
-            return self.moved(way * self.nearer(speed, 0.0));
+            return self.advance_at(way * self.ramp_toward(speed, 0.0));
         }
         let brake = deceleration * (libm::sqrt(half * half + 2.0 * room / deceleration) - half);
         let fastest = (speed + acceleration * TICK_S).min(top.max(speed - deceleration * TICK_S));
         let slowest = speed - deceleration * TICK_S;
         let next = brake.min(fastest).max(slowest).max(0.0);
         let left_over = room - 0.5 * next * TICK_S;
-        if next == 0.0 || (left_over <= NEAR && next <= deceleration * TICK_S) {
+        if next == 0.0 || (left_over <= POSITION_TOLERANCE && next <= deceleration * TICK_S) {
             return self.last_tick(goal, way, speed);
         }
-        self.moved(way * next)
+        self.advance_at(way * next)
     }
 
     /// The tick that ends at the goal, if it can be braked within one; else one of braking.
     fn last_tick(&self, goal: f64, way: f64, speed: f64) -> Setpoint {
         let change = self.limits.deceleration * TICK_S;
         if speed > change * 1.000_001 {
-            return self.moved(way * (speed - change));
+            return self.advance_at(way * (speed - change));
         }
         let acceleration = -self.base.velocity / TICK_S;
         Setpoint { position: goal, velocity: 0.0, acceleration }
@@ -231,18 +235,18 @@ impl Trajectory {
 
     fn smooth(&mut self, moved: f64) {
         let velocity = self.smoother.step(moved) / TICK_S;
-        let acceleration = (velocity - self.shown.velocity) / TICK_S;
-        let position = self.shown.position + velocity * TICK_S;
-        self.shown = Setpoint { position, velocity, acceleration };
+        let acceleration = (velocity - self.output.velocity) / TICK_S;
+        let position = self.output.position + velocity * TICK_S;
+        self.output = Setpoint { position, velocity, acceleration };
         let resting = self.base.velocity == 0.0 && moved == 0.0;
         if resting && self.smoother.is_steady() {
-            self.shown = self.base;
+            self.output = self.base;
         }
     }
 }
 
 /// Nearer than this counts as there, rad: far below a count of any encoder.
-const NEAR: f64 = 1e-9;
+const POSITION_TOLERANCE: f64 = 1e-9;
 
 /// Slots of the moving average.
 const SLOTS: usize = 32;
@@ -262,7 +266,7 @@ struct Smoother {
     leaving: f64,
     sum: f64,
     last: f64,
-    same: u32,
+    steady_ticks: u32,
 }
 
 impl Smoother {
@@ -279,7 +283,7 @@ impl Smoother {
             leaving: 0.0,
             sum: 0.0,
             last: 0.0,
-            same: u32::MAX,
+            steady_ticks: u32::MAX,
         }
     }
 
@@ -306,11 +310,11 @@ impl Smoother {
 
     /// True when all that the window holds is the same.
     const fn is_steady(&self) -> bool {
-        self.window == 0 || self.same >= self.window + 2 * self.per_slot
+        self.window == 0 || self.steady_ticks >= self.window + 2 * self.per_slot
     }
 
     /// The most that was moved in a tick, of all that the window holds.
-    fn greatest(&self) -> f64 {
+    fn peak(&self) -> f64 {
         if self.window == 0 {
             return 0.0;
         }
@@ -324,7 +328,7 @@ impl Smoother {
 
     fn step(&mut self, moved: f64) -> f64 {
         let alike = (moved - self.last).abs() <= 1e-9 * self.last.abs();
-        self.same = if alike { self.same.saturating_add(1) } else { 0 };
+        self.steady_ticks = if alike { self.steady_ticks.saturating_add(1) } else { 0 };
         self.last = moved;
         self.filling += moved;
         self.filled += 1;

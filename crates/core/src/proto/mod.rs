@@ -1,10 +1,10 @@
 //! The protocols. This is the one list of them: nothing outside names one.
 
 pub mod canopen;
-pub mod events;
+pub mod early_bytes;
+pub mod event_ring;
 pub mod modbus;
-pub mod pace;
-mod proven;
+mod proven_addresses;
 pub mod thruster;
 pub mod tmcl;
 pub mod tml;
@@ -32,7 +32,7 @@ pub fn dissectors() -> &'static [&'static dyn Dissector] {
 
 /// The dissector of that name.
 #[must_use]
-pub fn dissector(name: &str) -> Option<&'static dyn Dissector> {
+pub fn find_dissector(name: &str) -> Option<&'static dyn Dissector> {
     dissectors().iter().copied().find(|d| d.name() == name)
 }
 
@@ -42,7 +42,7 @@ pub const GROUP: u32 = 1 << 31;
 
 /// Which standard a serial line follows, for protocols that speak differently on each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wire {
+pub enum SerialStandard {
     /// Point to point, both ways at once.
     Rs232,
     /// Many drives on one pair, one speaker at a time.
@@ -60,18 +60,18 @@ pub struct HostOptions {
     /// Bit rate of a CAN bus; 0 where the link does not know it (UDP).
     pub bit_rate: u32,
     /// Which standard the serial line follows; the protocol's usual one if `None`.
-    pub wire: Option<Wire>,
+    pub standard: Option<SerialStandard>,
     /// Time allowed for a reply, ms; the profile's if `None`.
     pub reply_timeout_ms: Option<u32>,
     /// Time allowed for an acknowledgement where it is apart from the reply, ms; the protocol's
     /// if `None`.
     pub ack_timeout_ms: Option<u32>,
     /// Wait for each step of bringing a line back into step, ms; the protocol's if `None`.
-    pub pause_ms: Option<u32>,
+    pub resync_pause_ms: Option<u32>,
     /// Silence before a frame, µs; the protocol's standard if `None`.
     pub gap_us: Option<u32>,
     /// Host address; the protocol's default if `None`.
-    pub host: Option<u32>,
+    pub host_address: Option<u32>,
     /// Period of the host's own heartbeat where the protocol has one, ms; none if `None`. It goes on
     /// only while the application asks something now and then.
     pub heartbeat_ms: Option<u32>,
@@ -79,15 +79,15 @@ pub struct HostOptions {
     pub echo: bool,
     /// Axes behind a relay only answer questions of their own: what they say unasked, or to a
     /// question to a group, does not come back.
-    pub answers_only: bool,
+    pub relay_answers_only: bool,
     /// An earlier program may have spoken on the wire, and a reply that it is owed may still come.
     /// Then a session begins in doubt, where replies do not name their question: nothing but stops is
     /// sent until probes were answered, which are varied by this seed. `None` where nobody was there
     /// before (REQ-7).
-    pub doubt: Option<u32>,
+    pub probe_seed: Option<u32>,
     /// Somebody looks for drives: an address that never answered is not tried again, so that silence
     /// costs no more than it must.
-    pub probing: bool,
+    pub scanning: bool,
 }
 
 impl HostOptions {
@@ -96,7 +96,7 @@ impl HostOptions {
 
     /// The baud rate that no byte travels faster than; 0 where there is none.
     #[must_use]
-    pub const fn pace(&self) -> u32 {
+    pub const fn timed_baud(&self) -> u32 {
         if self.untimed { 0 } else { self.baud }
     }
 
@@ -107,17 +107,17 @@ impl HostOptions {
             baud: rate,
             untimed: false,
             bit_rate: rate,
-            wire: None,
+            standard: None,
             reply_timeout_ms: None,
             ack_timeout_ms: None,
-            pause_ms: None,
+            resync_pause_ms: None,
             gap_us: None,
-            host: None,
+            host_address: None,
             heartbeat_ms: None,
             echo: false,
-            answers_only: false,
-            doubt: None,
-            probing: false,
+            relay_answers_only: false,
+            probe_seed: None,
+            scanning: false,
         }
     }
 }
@@ -132,28 +132,28 @@ pub trait Protocol {
     /// in the medium.
     const NAME: &'static str;
     /// The word in profiles: `tmcl`, `modbus`.
-    const PROFILE: &'static str;
+    const PROFILE_PROTOCOL: &'static str;
     /// What an axis on this protocol is called when nothing else is known.
-    fn generic() -> &'static Profile;
+    fn generic_profile() -> &'static Profile;
     /// Addresses that a scan tries.
-    const ADDRESSES: core::ops::RangeInclusive<u32>;
+    const SCAN_ADDRESSES: core::ops::RangeInclusive<u32>;
     /// The host's own address where it is one of the axes' kind: no axis can have it, or it would
     /// take the others' replies for commands.
-    const HOST: Option<u32> = None;
+    const HOST_ADDRESS: Option<u32> = None;
     /// Every address that a drive can have.
-    const EVERY_ADDRESS: core::ops::RangeInclusive<u32>;
+    const VALID_ADDRESSES: core::ops::RangeInclusive<u32>;
     /// It speaks differently on RS-232 and on RS-485.
-    const STANDARDS: bool = false;
+    const HAS_SERIAL_STANDARDS: bool = false;
     /// Groups of drives that an address can name by [`GROUP`]: numbers 1 to this.
     const GROUPS: u8 = 0;
     /// The address that means everybody: to it can be said what needs no answer.
-    const EVERYBODY: Option<u32> = if Self::GROUPS > 0 { Some(GROUP) } else { None };
+    const BROADCAST_ADDRESS: Option<u32> = if Self::GROUPS > 0 { Some(GROUP) } else { None };
     /// The baud or bit rate from the factory.
-    const BAUD: u32;
+    const DEFAULT_RATE: u32;
     /// The host of these axes. Where one of them is a relay to the others, it is the first.
-    fn host(options: &HostOptions, axes: &[u32]) -> Self::Host;
+    fn create_host(options: &HostOptions, axes: &[u32]) -> Self::Host;
     /// The driver of one axis, or of those that an address with [`GROUP`] names.
-    fn driver(
+    fn create_driver(
         profile: &'static Profile,
         address: u32,
     ) -> impl Driver<
@@ -163,44 +163,44 @@ pub trait Protocol {
     + 'static;
     /// On CAN, whether a drive or host of that address, or what concerns all of them, has this
     /// identifier: another protocol on the bus must not have it.
-    fn uses(address: u32, id: u32, extended: bool) -> bool {
+    fn uses_can_id(address: u32, id: u32, extended: bool) -> bool {
         let _ = (address, id, extended);
         false
     }
-    /// Why no drive may have that address, where it is one of [`EVERY_ADDRESS`](Self::EVERY_ADDRESS).
-    fn forbids(address: u32) -> Option<&'static str> {
+    /// Why no drive may have that address, where it is one of [`VALID_ADDRESSES`](Self::VALID_ADDRESSES).
+    fn forbidden_reason(address: u32) -> Option<&'static str> {
         let _ = address;
         None
     }
     /// On CAN, the one question that every drive answers; `None` where each address must be asked
     /// by itself.
-    fn discover(options: &HostOptions) -> Option<Frame> {
+    fn discovery_frame(options: &HostOptions) -> Option<Frame> {
         let _ = options;
         None
     }
     /// On CAN, the address of the drive that sent this frame, where the frame alone tells it: so a
-    /// scan knows who is there before it asks, and who answered [`discover`](Self::discover).
-    fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+    /// scan knows who is there before it asks, and who answered [`discovery_frame`](Self::discovery_frame).
+    fn frame_sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
         let _ = (options, frame);
         None
     }
 }
 
 /// Takes every protocol in turn.
-pub trait Visitor {
+pub trait ProtocolVisitor {
     /// One protocol.
-    fn protocol<P: Protocol>(&mut self);
+    fn visit_protocol<P: Protocol>(&mut self);
 }
 
 /// Shows every protocol with a host to `visitor`.
-pub fn visit(visitor: &mut impl Visitor) {
-    visitor.protocol::<tmcl::Tmcl>();
-    visitor.protocol::<tmcl::TmclCan>();
-    visitor.protocol::<modbus::Rtu>();
-    visitor.protocol::<modbus::Ascii>();
-    visitor.protocol::<tml::Tml>();
-    visitor.protocol::<tml::TmlCan>();
-    visitor.protocol::<tml::TechnoCan>();
-    visitor.protocol::<thruster::Thruster>();
-    visitor.protocol::<canopen::Canopen>();
+pub fn visit_protocols(visitor: &mut impl ProtocolVisitor) {
+    visitor.visit_protocol::<tmcl::Tmcl>();
+    visitor.visit_protocol::<tmcl::TmclCan>();
+    visitor.visit_protocol::<modbus::Rtu>();
+    visitor.visit_protocol::<modbus::Ascii>();
+    visitor.visit_protocol::<tml::Tml>();
+    visitor.visit_protocol::<tml::TmlCan>();
+    visitor.visit_protocol::<tml::TechnoCan>();
+    visitor.visit_protocol::<thruster::Thruster>();
+    visitor.visit_protocol::<canopen::Canopen>();
 }

@@ -13,11 +13,11 @@ pub const CYCLES_MAX: usize = 512;
 /// wire needs room, and a disturbed frame is repeated.
 pub const LOAD_MAX_PERCENT: u64 = 80;
 /// The first position lies at most so far from the axis, which stands: rad or m.
-const APART_MAX: f64 = 0.01;
+const START_OFFSET_MAX: f64 = 0.01;
 
 /// What an axis is commanded cycle by cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Setpoint {
+pub enum SetpointKind {
     /// Where to be: rad or m.
     Position,
     /// How fast: rad/s or m/s.
@@ -28,29 +28,29 @@ pub enum Setpoint {
 
 /// What goes with a set-point.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Order {
+pub enum SetpointCommand {
     /// Obey it.
-    Go,
+    Follow,
     /// Come to rest as quickly as the drive can.
     Stop,
 }
 
 /// Several axes that follow one beat.
 #[derive(Clone, Copy, Debug)]
-pub struct Following<'a> {
+pub struct CyclicConfig<'a> {
     /// Which, each once; set-points come in this order.
     pub axes: &'a [AxisIndex],
     /// What each is held to, in the same order; none for those that have no bounds here.
-    pub bounds: &'a [Bounds],
+    pub bounds: &'a [SetpointBounds],
     /// What is commanded.
-    pub setpoint: Setpoint,
+    pub setpoint: SetpointKind,
     /// From one beat to the next.
     pub period: Duration,
 }
 
 /// What the set-points of an axis are held to, in SI. None is unlimited.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
-pub struct Bounds {
+pub struct SetpointBounds {
     /// Least and greatest position.
     pub position: Option<(f64, f64)>,
     /// Speed at most.
@@ -61,20 +61,20 @@ pub struct Bounds {
     pub torque: Option<f64>,
 }
 
-impl Bounds {
+impl SetpointBounds {
     /// How far from an axis that stands a path may begin, rad or m: as far as one cycle of `period` seconds
     /// may lead, but never further than what nobody sees. A drive goes there within that cycle.
     #[must_use]
-    pub fn apart(&self, period: f64) -> f64 {
-        self.velocity.map_or(APART_MAX, |most| (most * period).min(APART_MAX))
+    pub fn max_start_offset(&self, period: f64) -> f64 {
+        self.velocity.map_or(START_OFFSET_MAX, |most| (most * period).min(START_OFFSET_MAX))
     }
 }
 
 /// What a set-point exceeds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Excess {
+pub enum BoundsViolation {
     /// It is not a number.
-    Number,
+    NotANumber,
     /// The position limits.
     Position,
     /// The speed.
@@ -85,12 +85,12 @@ pub enum Excess {
     Torque,
 }
 
-impl Excess {
+impl BoundsViolation {
     /// What to do about it.
     #[must_use]
     pub const fn hint(self) -> &'static str {
         match self {
-            Self::Number => "a set-point is not a number",
+            Self::NotANumber => "a set-point is not a number",
             Self::Position => "a set-point lies beyond the drive's position limits",
             Self::Velocity => {
                 "the way from one set-point to the next is faster than the drive may be: give it \
@@ -107,46 +107,54 @@ impl Excess {
 
 /// The set-points of one axis so far, as far as the next one is judged by them.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Trend {
+pub struct SetpointTracker {
     /// The last one.
     pub last: f64,
     /// Speed of a position, from the one before.
     speed: f64,
 }
 
-impl Trend {
+impl SetpointTracker {
     /// At rest at that set-point.
     #[must_use]
-    pub const fn resting(last: f64) -> Self {
+    pub const fn at_rest(last: f64) -> Self {
         Self { last, speed: 0.0 }
     }
 
     /// Takes the next set-point, `period` seconds behind the last.
     ///
     /// # Errors
-    /// [`Excess`], and nothing is taken.
-    pub fn take(
+    /// [`BoundsViolation`], and nothing is taken.
+    pub fn accept(
         &mut self,
-        bounds: &Bounds,
-        setpoint: Setpoint,
+        bounds: &SetpointBounds,
+        setpoint: SetpointKind,
         next: f64,
         period: f64,
-    ) -> Result<(), Excess> {
+    ) -> Result<(), BoundsViolation> {
         let rate = (next - self.last) / period;
         if !rate.is_finite() {
-            return Err(Excess::Number);
+            return Err(BoundsViolation::NotANumber);
         }
         let beyond = |value: f64, most: Option<f64>| most.is_some_and(|most| value.abs() > most);
         let beside = |(least, most): (f64, f64)| !(least..=most).contains(&next);
         match setpoint {
-            Setpoint::Position if bounds.position.is_some_and(beside) => Err(Excess::Position),
-            Setpoint::Position if beyond(rate, bounds.velocity) => Err(Excess::Velocity),
-            Setpoint::Position if beyond((rate - self.speed) / period, bounds.acceleration) => {
-                Err(Excess::Acceleration)
+            SetpointKind::Position if bounds.position.is_some_and(beside) => {
+                Err(BoundsViolation::Position)
             }
-            Setpoint::Velocity if beyond(next, bounds.velocity) => Err(Excess::Velocity),
-            Setpoint::Velocity if beyond(rate, bounds.acceleration) => Err(Excess::Acceleration),
-            Setpoint::Torque if beyond(next, bounds.torque) => Err(Excess::Torque),
+            SetpointKind::Position if beyond(rate, bounds.velocity) => {
+                Err(BoundsViolation::Velocity)
+            }
+            SetpointKind::Position if beyond((rate - self.speed) / period, bounds.acceleration) => {
+                Err(BoundsViolation::Acceleration)
+            }
+            SetpointKind::Velocity if beyond(next, bounds.velocity) => {
+                Err(BoundsViolation::Velocity)
+            }
+            SetpointKind::Velocity if beyond(rate, bounds.acceleration) => {
+                Err(BoundsViolation::Acceleration)
+            }
+            SetpointKind::Torque if beyond(next, bounds.torque) => Err(BoundsViolation::Torque),
             _ => {
                 *self = Self { last: next, speed: rate };
                 Ok(())
@@ -157,37 +165,44 @@ impl Trend {
     /// Whether a motion may end here: the commanded speed or torque is zero. A position always is
     /// one to rest at.
     #[must_use]
-    pub fn may_end(&self, setpoint: Setpoint) -> bool {
-        setpoint == Setpoint::Position || self.last == 0.0
+    pub fn may_end(&self, setpoint: SetpointKind) -> bool {
+        setpoint == SetpointKind::Position || self.last == 0.0
     }
 }
 
 /// How well time was kept, and how well the drives followed.
 #[derive(Clone, Debug)]
-pub struct Account {
+pub struct CycleStatistics {
     /// Beats that went out.
-    pub beats: u64,
+    pub syncs: u64,
     /// Set-points of the motion that went out, for each axis.
     pub cycles: u64,
     /// Beats that were left out because the host was late; the motion took so much longer.
-    pub missed: u64,
+    pub missed_cycles: u64,
     /// Times that a drive had not told its state before the next beat.
-    pub late: u64,
+    pub late_reports: u64,
     /// The greatest distance of a drive from the set-point before, SI.
-    pub lag: f64,
+    pub max_following_error: f64,
     /// How late beats went out.
-    pub lateness: Spread,
+    pub lateness: DurationHistogram,
 }
 
-impl Account {
+impl CycleStatistics {
     /// Nothing happened yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self { beats: 0, cycles: 0, missed: 0, late: 0, lag: 0.0, lateness: Spread::new() }
+        Self {
+            syncs: 0,
+            cycles: 0,
+            missed_cycles: 0,
+            late_reports: 0,
+            max_following_error: 0.0,
+            lateness: DurationHistogram::new(),
+        }
     }
 }
 
-impl Default for Account {
+impl Default for CycleStatistics {
     fn default() -> Self {
         Self::new()
     }
@@ -195,68 +210,68 @@ impl Default for Account {
 
 /// Times, counted by size: eight classes to each doubling.
 #[derive(Clone, Debug)]
-pub struct Spread {
-    least_ns: u64,
-    most_ns: u64,
+pub struct DurationHistogram {
+    min_ns: u64,
+    max_ns: u64,
     count: u64,
-    classes: [u32; CLASSES],
+    buckets: [u32; BUCKETS],
 }
 
 /// Classes of a doubling, as a power of two.
-const FINE: u32 = 3;
+const SUB_BUCKET_BITS: u32 = 3;
 /// Up to 2^40 ns, eighteen minutes.
-const CLASSES: usize = 40 << FINE;
+const BUCKETS: usize = 40 << SUB_BUCKET_BITS;
 
-impl Default for Spread {
+impl Default for DurationHistogram {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Spread {
+impl DurationHistogram {
     /// None yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self { least_ns: u64::MAX, most_ns: 0, count: 0, classes: [0; CLASSES] }
+        Self { min_ns: u64::MAX, max_ns: 0, count: 0, buckets: [0; BUCKETS] }
     }
 
     /// Notes one.
-    pub fn note(&mut self, ns: u64) {
-        self.least_ns = self.least_ns.min(ns);
-        self.most_ns = self.most_ns.max(ns);
+    pub fn record(&mut self, ns: u64) {
+        self.min_ns = self.min_ns.min(ns);
+        self.max_ns = self.max_ns.max(ns);
         self.count += 1;
-        let class = &mut self.classes[Self::class(ns)];
+        let class = &mut self.buckets[Self::bucket_of(ns)];
         *class = class.saturating_add(1);
     }
 
-    const fn class(ns: u64) -> usize {
+    const fn bucket_of(ns: u64) -> usize {
         let above = if ns == 0 { 0 } else { ns.ilog2() };
-        let class = if above < FINE {
+        let class = if above < SUB_BUCKET_BITS {
             ns as usize
         } else {
-            let fine = ns >> (above - FINE) & ((1 << FINE) - 1);
-            (((above - FINE + 1) << FINE) as u64 + fine) as usize
+            let fine = ns >> (above - SUB_BUCKET_BITS) & ((1 << SUB_BUCKET_BITS) - 1);
+            (((above - SUB_BUCKET_BITS + 1) << SUB_BUCKET_BITS) as u64 + fine) as usize
         };
-        if class < CLASSES { class } else { CLASSES - 1 }
+        if class < BUCKETS { class } else { BUCKETS - 1 }
     }
 
     /// Least, middle and greatest; `None` before the first. The middle one is known to an eighth.
     #[must_use]
     pub fn summary(&self) -> Option<(Duration, Duration, Duration)> {
         let mut left = self.count.div_ceil(2);
-        let middle = self.classes.iter().position(|class| {
+        let middle = self.buckets.iter().position(|class| {
             left = left.saturating_sub((*class).into());
             left == 0
         });
-        let middle = Self::floor(middle.filter(|_| self.count > 0)?);
-        let middle = middle.clamp(self.least_ns, self.most_ns);
-        let [least, middle, most] = [self.least_ns, middle, self.most_ns].map(Duration::from_nanos);
+        let middle = Self::bucket_floor(middle.filter(|_| self.count > 0)?);
+        let middle = middle.clamp(self.min_ns, self.max_ns);
+        let [least, middle, most] = [self.min_ns, middle, self.max_ns].map(Duration::from_nanos);
         Some((least, middle, most))
     }
 
-    const fn floor(class: usize) -> u64 {
-        let (above, fine) = (class >> FINE, class as u64 & ((1 << FINE) - 1));
-        if above == 0 { fine } else { ((1 << FINE) + fine) << (above - 1) }
+    const fn bucket_floor(class: usize) -> u64 {
+        let (above, fine) = (class >> SUB_BUCKET_BITS, class as u64 & ((1 << SUB_BUCKET_BITS) - 1));
+        if above == 0 { fine } else { ((1 << SUB_BUCKET_BITS) + fine) << (above - 1) }
     }
 }
 

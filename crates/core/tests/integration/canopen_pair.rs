@@ -7,9 +7,9 @@ use polepair_core::drives::{DeviceOptions, Family, cia402};
 use polepair_core::error::Failure;
 use polepair_core::medium::{Can, Frame};
 use polepair_core::proto::HostOptions;
-use polepair_core::proto::canopen::sdo::Object;
-use polepair_core::proto::canopen::{Answer, Ask, Host};
-use polepair_core::station::{Class, Host as _, Station, Ticket, Timed, To};
+use polepair_core::proto::canopen::sdo::ObjectIndex;
+use polepair_core::proto::canopen::{Answer, CanHost, HostRequest};
+use polepair_core::station::{EventSubject, Host as _, RequestClass, Station, Ticket, Timed};
 use polepair_core::time::{Instant, earliest};
 
 const NODE: u8 = 2;
@@ -29,7 +29,7 @@ struct Faults {
 const NONE: Faults = Faults { lost: 0, copied: 0, held: 0 };
 
 struct Wire {
-    host: Host,
+    host: CanHost,
     drive: cia402::device::Device,
     /// Frames on their way, with when they arrive and whether to the drive.
     flying: VecDeque<(Instant, bool, Frame)>,
@@ -51,8 +51,8 @@ impl Wire {
             extra: &[],
         };
         let profile = cia402::Cia402::profiles()[0];
-        let drive = cia402::Cia402::device(profile, &options).expect("a drive");
-        let host = Host::new(&HostOptions::new(0));
+        let drive = cia402::Cia402::create_device(profile, &options).expect("a drive");
+        let host = CanHost::new(&HostOptions::new(0));
         let random = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
         let last = [Instant::ZERO; 2];
         Self { host, drive, flying: VecDeque::new(), last, now: Instant::ZERO, faults, random }
@@ -107,19 +107,24 @@ impl Wire {
     }
 
     /// Asks, gives `bytes` as they are wanted, and takes what comes.
-    fn ask(&mut self, n: u32, ask: Ask, bytes: &[u8]) -> (Result<Answer, Failure>, Vec<u8>) {
+    fn ask(
+        &mut self,
+        n: u32,
+        ask: HostRequest,
+        bytes: &[u8],
+    ) -> (Result<Answer, Failure>, Vec<u8>) {
         let ticket = Ticket(n);
         self.host.submit(self.now, ticket, ask).expect("nothing else is under way");
         let (mut given, mut taken, mut buffer) = (0, Vec::new(), [0; 100]);
         for _ in 0..STEPS_MAX {
             self.step();
-            if matches!(ask, Ask::Download { .. }) {
+            if matches!(ask, HostRequest::Download { .. }) {
                 given += self.host.feed_bytes(ticket, &bytes[given..]).unwrap_or(0);
             } else if let Some(count) = self.host.poll_bytes(ticket, &mut buffer) {
                 taken.extend_from_slice(&buffer[..count]);
             }
             while let Some(&(to, result)) = self.host.poll_event() {
-                if let To::Ticket(ended) = to {
+                if let EventSubject::Request(ended) = to {
                     assert_eq!(ended, ticket, "of a request that ended before");
                     return (result, taken);
                 }
@@ -129,19 +134,19 @@ impl Wire {
     }
 }
 
-const NAME: Object = Object::new(0x1008, 0);
-const TARGET: Object = Object::new(0x607A, 0);
+const NAME: ObjectIndex = ObjectIndex::new(0x1008, 0);
+const TARGET: ObjectIndex = ObjectIndex::new(0x607A, 0);
 /// The drive keeps what is written there, up to 1024 bytes.
-const FILE: Object = Object::new(0x2F00, 0);
+const FILE: ObjectIndex = ObjectIndex::new(0x2F00, 0);
 
-fn write(bits: u64) -> Ask {
-    Ask::Write { node: NODE, object: TARGET, bits, len: 4, class: Class::Confirm }
+fn write(bits: u64) -> HostRequest {
+    HostRequest::Write { node: NODE, object: TARGET, bits, len: 4, class: RequestClass::ReadBack }
 }
 
 #[test]
 fn a_string_is_the_same_in_segments_and_in_blocks() {
     let mut wire = Wire::new(NONE, 1);
-    let upload = |block| Ask::Upload { node: NODE, object: NAME, block };
+    let upload = |block| HostRequest::Upload { node: NODE, object: NAME, block };
     let (result, segments) = wire.ask(1, upload(false), &[]);
     assert_eq!(result, Ok(Answer::Transferred(segments.len() as u32)));
     assert!(segments.len() > 4, "{segments:?}");
@@ -156,11 +161,11 @@ fn files_go_there_and_back_whatever_their_size() {
         let file: Vec<u8> = (0..size).map(|at| (at * 7 + n) as u8).collect();
         for block in [false, true] {
             let size = file.len() as u32;
-            let down = Ask::Download { node: NODE, object: FILE, block, size };
+            let down = HostRequest::Download { node: NODE, object: FILE, block, size };
             let (result, _) = wire.ask(1, down, &file);
             assert_eq!(result, Ok(Answer::Transferred(size)), "{size} {block}");
             for back in [false, true] {
-                let up = Ask::Upload { node: NODE, object: FILE, block: back };
+                let up = HostRequest::Upload { node: NODE, object: FILE, block: back };
                 let (result, taken) = wire.ask(2, up, &[]);
                 assert_eq!(result, Ok(Answer::Transferred(size)), "{size} {block} {back}");
                 assert!(taken == file, "{size} {block} {back}");
@@ -178,7 +183,8 @@ fn on_a_bad_wire_every_request_ends_and_what_is_done_is_done() {
         for n in 0..40 {
             let value = u64::from(n) * 1000 + seed;
             let (written, _) = wire.ask(n, write(value), &[]);
-            let (read, _) = wire.ask(1000 + n, Ask::Read { node: NODE, object: TARGET }, &[]);
+            let (read, _) =
+                wire.ask(1000 + n, HostRequest::Read { node: NODE, object: TARGET }, &[]);
             match (written, read) {
                 (Ok(_), Ok(Answer::Value { bits, .. })) => {
                     assert_eq!(bits, value, "seed {seed}, write {n}");
@@ -199,9 +205,9 @@ fn on_a_bad_wire_no_file_is_taken_for_another() {
         let file: Vec<u8> = (0..500).map(|at| (at * seed) as u8).collect();
         for (n, block) in [(0, false), (10, true)] {
             let size = file.len() as u32;
-            let down = Ask::Download { node: NODE, object: FILE, block, size };
+            let down = HostRequest::Download { node: NODE, object: FILE, block, size };
             let (sent, _) = wire.ask(n, down, &file);
-            let up = Ask::Upload { node: NODE, object: FILE, block };
+            let up = HostRequest::Upload { node: NODE, object: FILE, block };
             let (came, taken) = wire.ask(n + 1, up, &[]);
             match (sent, came) {
                 (Ok(_), Ok(_)) => {

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::task;
 
-use polepair_core::axis::News;
+use polepair_core::axis::AxisEvent;
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
 
@@ -14,31 +14,31 @@ use crate::error::LinkError;
 
 /// One thing that happened on a connection.
 #[derive(Clone, PartialEq, Debug)]
-pub enum Notice {
+pub enum ConnectionEvent {
     /// To one of its axes.
-    Axis(News),
+    Axis(AxisEvent),
     /// The link was lost.
-    Lost(Instant, Box<LinkError>),
+    LinkLost(Instant, Box<LinkError>),
     /// The link is there again.
-    Back(Instant),
+    LinkRestored(Instant),
 }
 
 /// Notices of any number of connections, with the number that each was given, until somebody takes
 /// them. It holds so many as it was made for; then the oldest go, and are counted. Clones are the
 /// same mailbox.
 #[derive(Clone, Debug)]
-pub struct Mailbox(Arc<Inner>);
+pub struct Mailbox(Arc<MailboxInner>);
 
 #[derive(Debug)]
-struct Inner {
-    queue: Mutex<Queue>,
-    came: Condvar,
+struct MailboxInner {
+    queue: Mutex<MailboxQueue>,
+    arrived: Condvar,
 }
 
 #[derive(Debug)]
-struct Queue {
-    notices: VecDeque<(usize, Notice)>,
-    most: usize,
+struct MailboxQueue {
+    events: VecDeque<(usize, ConnectionEvent)>,
+    capacity: usize,
     missed: u64,
     interrupted: bool,
     waker: Option<task::Waker>,
@@ -48,39 +48,39 @@ impl Mailbox {
     /// An empty one for `most` notices. What it needs of memory it takes now.
     #[must_use]
     pub fn new(most: usize) -> Self {
-        let queue = Queue {
-            notices: VecDeque::with_capacity(most),
-            most: most.max(1),
+        let queue = MailboxQueue {
+            events: VecDeque::with_capacity(most),
+            capacity: most.max(1),
             missed: 0,
             interrupted: false,
             waker: None,
         };
-        Self(Arc::new(Inner { queue: Mutex::new(queue), came: Condvar::new() }))
+        Self(Arc::new(MailboxInner { queue: Mutex::new(queue), arrived: Condvar::new() }))
     }
 
     /// The oldest notice, and the number of its connection.
     #[must_use]
-    pub fn take(&self) -> Option<(usize, Notice)> {
-        self.lock().notices.pop_front()
+    pub fn pop(&self) -> Option<(usize, ConnectionEvent)> {
+        self.lock().events.pop_front()
     }
 
     /// The same; waits for one if there is none, until `deadline` on the system's clock or until
     /// somebody interrupts.
     #[must_use]
-    pub fn wait(&self, deadline: Instant) -> Option<(usize, Notice)> {
+    pub fn wait_next(&self, deadline: Instant) -> Option<(usize, ConnectionEvent)> {
         let mut queue = self.lock();
         loop {
-            if let Some(notice) = queue.notices.pop_front() {
+            if let Some(notice) = queue.events.pop_front() {
                 return Some(notice);
             }
             let left = deadline.since(clock::now());
             if left.is_zero() || std::mem::take(&mut queue.interrupted) {
                 return None;
             }
-            queue = match deadline == Instant::FAR {
-                true => self.0.came.wait(queue).unwrap_or_else(PoisonError::into_inner),
+            queue = match deadline == Instant::FAR_FUTURE {
+                true => self.0.arrived.wait(queue).unwrap_or_else(PoisonError::into_inner),
                 false => {
-                    let waited = self.0.came.wait_timeout(queue, left);
+                    let waited = self.0.arrived.wait_timeout(queue, left);
                     waited.unwrap_or_else(PoisonError::into_inner).0
                 }
             };
@@ -91,14 +91,14 @@ impl Mailbox {
     #[must_use]
     pub fn ready_or_wake(&self, waker: &task::Waker) -> bool {
         let mut queue = self.lock();
-        let ready = !queue.notices.is_empty();
+        let ready = !queue.events.is_empty();
         queue.waker = (!ready).then(|| waker.clone());
         ready
     }
 
     /// Takes the interrupt, if there was one.
     #[must_use]
-    pub fn interrupted(&self) -> bool {
+    pub fn take_interrupt(&self) -> bool {
         std::mem::take(&mut self.lock().interrupted)
     }
 
@@ -110,40 +110,40 @@ impl Mailbox {
 
     /// Ends the wait under way, or the next.
     pub fn interrupt(&self) {
-        if let Some(waker) = self.interrupted_by_connection() {
+        if let Some(waker) = self.set_interrupted() {
             waker.wake();
         }
     }
 
     /// The same. Gives the waker to be woken once the connection's lock is released.
-    pub(super) fn interrupted_by_connection(&self) -> Option<task::Waker> {
+    pub(super) fn set_interrupted(&self) -> Option<task::Waker> {
         let mut queue = self.lock();
         queue.interrupted = true;
-        self.0.came.notify_all();
+        self.0.arrived.notify_all();
         queue.waker.take()
     }
 
     /// Puts a notice in. Gives the waker to be woken once the connection's lock is released.
-    pub(super) fn put(&self, source: usize, notice: Notice) -> Option<task::Waker> {
+    pub(super) fn push(&self, source: usize, notice: ConnectionEvent) -> Option<task::Waker> {
         let mut queue = self.lock();
-        if queue.notices.len() == queue.most {
-            queue.notices.pop_front();
+        if queue.events.len() == queue.capacity {
+            queue.events.pop_front();
             queue.missed += 1;
         }
-        queue.notices.push_back((source, notice));
-        self.0.came.notify_one();
+        queue.events.push_back((source, notice));
+        self.0.arrived.notify_one();
         queue.waker.take()
     }
 
-    pub(super) fn miss(&self, count: u32) {
+    pub(super) fn add_missed(&self, count: u32) {
         self.lock().missed += u64::from(count);
     }
 
-    fn lock(&self) -> MutexGuard<'_, Queue> {
+    fn lock(&self) -> MutexGuard<'_, MailboxQueue> {
         self.0.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn is(&self, other: &Self) -> bool {
+    fn is_same(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
 }
@@ -151,13 +151,13 @@ impl Mailbox {
 /// Has a connection fill a mailbox until it is dropped. It keeps the connection open.
 #[derive(Debug)]
 #[must_use = "nothing is heard once it is dropped"]
-pub struct Listening {
+pub struct ListenerGuard {
     pub(super) connection: Connection,
     pub(super) mailbox: Mailbox,
     pub(super) source: usize,
 }
 
-impl Listening {
+impl ListenerGuard {
     /// Takes in what has arrived and nobody has read yet, where time passes only while somebody
     /// waits: nothing else reads there for a listener.
     pub fn catch_up(&self) {
@@ -165,26 +165,26 @@ impl Listening {
     }
 }
 
-impl Drop for Listening {
+impl Drop for ListenerGuard {
     fn drop(&mut self) {
-        self.connection.0.0.unlisten(&self.mailbox, self.source);
+        self.connection.0.0.remove_listener(&self.mailbox, self.source);
     }
 }
 
 /// One who listens.
-pub(super) struct Listener {
+pub(super) struct MailboxListener {
     pub(super) mailbox: Mailbox,
     pub(super) source: usize,
     /// The axis alone that it wants to hear of.
     pub(super) axis: Option<AxisIndex>,
 }
 
-impl Listener {
-    pub(super) fn wants(&self, axis: AxisIndex) -> bool {
+impl MailboxListener {
+    pub(super) fn wants_axis(&self, axis: AxisIndex) -> bool {
         self.axis.is_none_or(|only| only == axis)
     }
 
-    pub(super) fn is(&self, mailbox: &Mailbox, source: usize) -> bool {
-        self.mailbox.is(mailbox) && self.source == source
+    pub(super) fn is_same(&self, mailbox: &Mailbox, source: usize) -> bool {
+        self.mailbox.is_same(mailbox) && self.source == source
     }
 }

@@ -13,20 +13,20 @@ pub const PENDING_MAX: usize = 1024;
 const INDEX_BITS: u32 = 10;
 
 #[derive(Default)]
-pub(super) struct Slots {
-    slots: Vec<Slot>,
+pub(super) struct RequestSlots {
+    slots: Vec<RequestSlot>,
     free: Vec<u32>,
 }
 
-struct Slot {
+struct RequestSlot {
     ticket: Ticket,
-    phase: Phase,
-    thread: Option<Thread>,
+    phase: SlotPhase,
+    parked_thread: Option<Thread>,
     waker: Option<task::Waker>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Phase {
+enum SlotPhase {
     Free,
     Pending,
     /// Pending, and nobody will ask for the outcome.
@@ -34,64 +34,65 @@ enum Phase {
     Ended(Outcome),
 }
 
-impl Slots {
-    pub(super) fn open(&mut self) -> Option<Ticket> {
+impl RequestSlots {
+    pub(super) fn open_slot(&mut self) -> Option<Ticket> {
         let index = self.free.pop().or_else(|| self.grow())?;
         let slot = &mut self.slots[index as usize];
-        slot.phase = Phase::Pending;
+        slot.phase = SlotPhase::Pending;
         Some(slot.ticket)
     }
 
     /// Notes an outcome. Gives the waker to be woken once the lock is released.
-    pub(super) fn end(&mut self, ticket: Ticket, outcome: Outcome) -> Option<task::Waker> {
+    pub(super) fn set_outcome(&mut self, ticket: Ticket, outcome: Outcome) -> Option<task::Waker> {
         let slot = self.slot(ticket)?;
         match slot.phase {
-            Phase::Pending => {
-                slot.phase = Phase::Ended(outcome);
-                if let Some(thread) = slot.thread.take() {
+            SlotPhase::Pending => {
+                slot.phase = SlotPhase::Ended(outcome);
+                if let Some(thread) = slot.parked_thread.take() {
                     thread.unpark();
                 }
                 slot.waker.take()
             }
-            Phase::Abandoned => {
-                self.close(ticket);
+            SlotPhase::Abandoned => {
+                self.free_slot(ticket);
                 None
             }
-            Phase::Free | Phase::Ended(_) => None,
+            SlotPhase::Free | SlotPhase::Ended(_) => None,
         }
     }
 
     /// The outcome, once; the slot is free then.
-    pub(super) fn take(&mut self, ticket: Ticket) -> Option<Outcome> {
-        let Phase::Ended(outcome) = self.slot(ticket)?.phase else { return None };
-        self.close(ticket);
+    pub(super) fn take_outcome(&mut self, ticket: Ticket) -> Option<Outcome> {
+        let SlotPhase::Ended(outcome) = self.slot(ticket)?.phase else { return None };
+        self.free_slot(ticket);
         Some(outcome)
     }
 
     pub(super) fn abandon(&mut self, ticket: Ticket) {
         let Some(slot) = self.slot(ticket) else { return };
-        if slot.phase == Phase::Pending {
-            (slot.phase, slot.thread, slot.waker) = (Phase::Abandoned, None, None);
+        if slot.phase == SlotPhase::Pending {
+            (slot.phase, slot.parked_thread, slot.waker) = (SlotPhase::Abandoned, None, None);
         } else {
-            self.close(ticket);
+            self.free_slot(ticket);
         }
     }
 
     /// Takes back a ticket that the lane refused.
-    pub(super) fn close(&mut self, ticket: Ticket) {
+    pub(super) fn free_slot(&mut self, ticket: Ticket) {
         let Some(slot) = self.slot(ticket) else { return };
         let reuse = Ticket(slot.ticket.0.wrapping_add(1 << INDEX_BITS));
-        *slot = Slot { ticket: reuse, phase: Phase::Free, thread: None, waker: None };
+        *slot =
+            RequestSlot { ticket: reuse, phase: SlotPhase::Free, parked_thread: None, waker: None };
         self.free.push(index(ticket));
     }
 
-    pub(super) fn attend(&mut self, ticket: Ticket, thread: Option<Thread>) {
+    pub(super) fn set_thread(&mut self, ticket: Ticket, thread: Option<Thread>) {
         if let Some(slot) = self.slot(ticket) {
-            slot.thread = thread;
+            slot.parked_thread = thread;
         }
     }
 
-    pub(super) fn attend_with(&mut self, ticket: Ticket, waker: &task::Waker) {
+    pub(super) fn set_waker(&mut self, ticket: Ticket, waker: &task::Waker) {
         if let Some(slot) = self.slot(ticket) {
             slot.waker = Some(waker.clone());
         }
@@ -99,22 +100,23 @@ impl Slots {
 
     /// Wakes one waiting thread, which will then lead. False when none waits.
     pub(super) fn unpark_one(&self) -> bool {
-        let next = self.slots.iter().find_map(|slot| slot.thread.as_ref());
+        let next = self.slots.iter().find_map(|slot| slot.parked_thread.as_ref());
         next.map(Thread::unpark).is_some()
     }
 
     pub(super) fn unpark_all(&self) {
-        self.slots.iter().filter_map(|slot| slot.thread.as_ref()).for_each(Thread::unpark);
+        self.slots.iter().filter_map(|slot| slot.parked_thread.as_ref()).for_each(Thread::unpark);
     }
 
     /// Tickets that have not ended.
     pub(super) fn pending(&self) -> impl Iterator<Item = Ticket> {
-        let open = |slot: &&Slot| matches!(slot.phase, Phase::Pending | Phase::Abandoned);
+        let open =
+            |slot: &&RequestSlot| matches!(slot.phase, SlotPhase::Pending | SlotPhase::Abandoned);
         self.slots.iter().filter(open).map(|slot| slot.ticket)
     }
 
     /// True while somebody waits who does not read himself.
-    pub(super) fn anybody_asleep(&self) -> bool {
+    pub(super) fn has_wakers(&self) -> bool {
         self.slots.iter().any(|slot| slot.waker.is_some())
     }
 
@@ -123,7 +125,7 @@ impl Slots {
         self.slots.len()
     }
 
-    fn slot(&mut self, ticket: Ticket) -> Option<&mut Slot> {
+    fn slot(&mut self, ticket: Ticket) -> Option<&mut RequestSlot> {
         self.slots.get_mut(index(ticket) as usize).filter(|slot| slot.ticket == ticket)
     }
 
@@ -133,7 +135,12 @@ impl Slots {
             return None;
         }
         let ticket = Ticket(index | 1 << INDEX_BITS);
-        self.slots.push(Slot { ticket, phase: Phase::Free, thread: None, waker: None });
+        self.slots.push(RequestSlot {
+            ticket,
+            phase: SlotPhase::Free,
+            parked_thread: None,
+            waker: None,
+        });
         Some(index)
     }
 }

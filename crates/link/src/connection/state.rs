@@ -4,57 +4,57 @@ use std::borrow::{Borrow, BorrowMut};
 use std::sync::Arc;
 use std::task;
 
-use polepair_core::axis::Change;
+use polepair_core::axis::AxisEventKind;
 use polepair_core::error::Outcome;
 use polepair_core::medium::Medium;
 use polepair_core::station::{LineEvent, Ticket};
 use polepair_core::time::Instant;
 
-use super::lead::REOPEN_EVERY_NS;
-use super::mailbox::{Listener, Notice};
-use super::{AnyLane, LOST, Slots};
+use super::leader::REOPEN_INTERVAL_NS;
+use super::mailbox::{ConnectionEvent, MailboxListener};
+use super::{AnyLane, LOST_OUTCOME, RequestSlots};
 use crate::clock;
 use crate::error::{Cause, LinkError};
-use crate::link::{Link, Received};
-use crate::wake::Waker;
+use crate::link::{LinkIo, Received};
+use crate::waker::LinkWaker;
 
 /// Units sent and outcomes told in one pump; what is left waits for the next.
 const PUMP_MAX: usize = 4096;
 /// Changes that are told in one go.
-const SPREAD_MAX: usize = 4096;
+const EVENTS_MAX: usize = 4096;
 /// Pause after an expiry that left the lane wanting time at once, lest it eats a core.
 const TICK_MIN_NS: u64 = 20_000;
 
-pub(super) struct State<M: Medium> {
-    pub(super) link: Arc<dyn Link<M>>,
+pub(super) struct ConnectionState<M: Medium> {
+    pub(super) link: Arc<dyn LinkIo<M>>,
     pub(super) lane: Box<dyn AnyLane<M>>,
-    pub(super) slots: Slots,
+    pub(super) slots: RequestSlots,
     pub(super) leader: Leader,
     /// Until when the leader sleeps.
     pub(super) sleeps_until: Instant,
     /// A caller wants to lead; the keeper leaves.
-    pub(super) wanted: bool,
+    pub(super) lead_wanted: bool,
     pub(super) interrupts: u64,
     /// Counts reads, so that the keeper sees whether callers lead.
-    pub(super) rounds: u64,
+    pub(super) read_count: u64,
     /// Why the link is down.
-    pub(super) trouble: Option<LinkError>,
-    pub(super) retry: Retry,
-    pub(super) keeper: Watch,
+    pub(super) link_error: Option<LinkError>,
+    pub(super) reopening: ReopenState,
+    pub(super) background: BackgroundState,
     /// Woken by the thread that releases the lock.
     pub(super) to_wake: Vec<task::Waker>,
     /// Who wants to hear what nobody asked for.
-    pub(super) listeners: Vec<Listener>,
+    pub(super) listeners: Vec<MailboxListener>,
     /// Threads that wait for the lane to have room.
-    pub(super) crowd: u32,
+    pub(super) room_waiters: u32,
     /// A request has ended since one of them was told.
-    pub(super) freed: bool,
+    pub(super) room_freed: bool,
     /// The latest time known: clocks cost as much as the rest of a round.
-    pub(super) seen: Instant,
+    pub(super) latest_time: Instant,
     /// When somebody last read.
     pub(super) read_at: Instant,
     line: M::Line,
-    out: M::Buffer,
+    out_buffer: M::Buffer,
 }
 
 /// Who reads.
@@ -62,29 +62,29 @@ pub(super) struct State<M: Medium> {
 pub(super) enum Leader {
     Nobody,
     Caller,
-    Keeper,
+    Background,
     /// Somebody else, to whom the link is lent: nothing is sent here meanwhile.
-    Aside,
+    Borrower,
 }
 
 /// Where a link was that this program closed.
-struct Closed {
+struct ClosedLink {
     name: String,
     /// When it was closed, by its own clock and by this machine's: its time goes on.
     at: Instant,
-    since: Instant,
-    waker: Waker,
+    closed_at: Instant,
+    waker: LinkWaker,
 }
 
-impl Closed {
+impl ClosedLink {
     fn error(&self) -> LinkError {
         LinkError::new(&self.name, Cause::Closed)
     }
 }
 
-impl<M: Medium> Link<M> for Closed {
+impl<M: Medium> LinkIo<M> for ClosedLink {
     fn now(&self) -> Instant {
-        self.at + clock::now().since(self.since)
+        self.at + clock::now().since(self.closed_at)
     }
 
     fn send(&self, _: &M::Unit) -> Result<(), LinkError> {
@@ -99,7 +99,7 @@ impl<M: Medium> Link<M> for Closed {
         Err(self.error())
     }
 
-    fn waker(&self) -> Waker {
+    fn waker(&self) -> LinkWaker {
         self.waker.clone()
     }
 
@@ -107,52 +107,52 @@ impl<M: Medium> Link<M> for Closed {
         self.name.clone()
     }
 
-    fn reopen(&self) -> Result<Box<dyn Link<M>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn LinkIo<M>>, LinkError> {
         Err(self.error())
     }
 }
 
 /// What the keeper does.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Watch {
+pub(super) enum BackgroundState {
     NotStarted,
     /// Until somebody nudges it.
     Asleep,
     /// Looks every few milliseconds whether it is needed.
     Watching,
-    Dismissed,
+    Stopped,
 }
 
 /// Opening again.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(super) struct Retry {
-    pub(super) tried: u32,
-    pub(super) next: Instant,
+pub(super) struct ReopenState {
+    pub(super) attempts: u32,
+    pub(super) next_attempt: Instant,
     pub(super) under_way: bool,
 }
 
-impl<M: Medium> State<M> {
-    pub(super) fn new(link: Arc<dyn Link<M>>, lane: Box<dyn AnyLane<M>>) -> Self {
+impl<M: Medium> ConnectionState<M> {
+    pub(super) fn new(link: Arc<dyn LinkIo<M>>, lane: Box<dyn AnyLane<M>>) -> Self {
         Self {
             line: lane.line(),
-            seen: link.now(),
+            latest_time: link.now(),
             read_at: Instant::ZERO,
             listeners: Vec::new(),
-            crowd: 0,
-            freed: false,
+            room_waiters: 0,
+            room_freed: false,
             link,
             lane,
-            slots: Slots::default(),
+            slots: RequestSlots::default(),
             leader: Leader::Nobody,
             sleeps_until: Instant::ZERO,
-            wanted: false,
+            lead_wanted: false,
             interrupts: 0,
-            rounds: 0,
-            trouble: None,
-            retry: Retry::default(),
-            keeper: Watch::NotStarted,
+            read_count: 0,
+            link_error: None,
+            reopening: ReopenState::default(),
+            background: BackgroundState::NotStarted,
             to_wake: Vec::new(),
-            out: M::buffer(),
+            out_buffer: M::buffer(),
         }
     }
 
@@ -162,12 +162,16 @@ impl<M: Medium> State<M> {
     }
 
     /// Takes what a read brought, lets time pass, and pumps.
-    pub(super) fn digest(&mut self, received: Result<Received, LinkError>, buffer: &M::Out) {
+    pub(super) fn handle_received(
+        &mut self,
+        received: Result<Received, LinkError>,
+        buffer: &M::Out,
+    ) {
         let now = match received {
             Ok(Received::Bytes { len, at }) => {
                 // Only a link that carries something is well again: one that opens and is lost at
                 // once is not tried for ever.
-                self.retry.tried = 0;
+                self.reopening.attempts = 0;
                 self.lane.handle_input(at, M::unit(buffer, len));
                 at
             }
@@ -176,7 +180,7 @@ impl<M: Medium> State<M> {
                 at
             }
             Ok(Received::TimedOut | Received::Woken) => self.link.now(),
-            Err(error) => return self.lose(error),
+            Err(error) => return self.handle_loss(error),
         };
         self.read_at = now;
         // After the input: what came in time counts as in time however late it is read. And also
@@ -189,15 +193,15 @@ impl<M: Medium> State<M> {
 
     /// Until when to sleep at most, for the lane's sake.
     pub(super) fn sleep_until(&self) -> Instant {
-        self.due().map_or(Instant::FAR, |due| due.max(self.seen.plus_ns(TICK_MIN_NS)))
+        self.due().map_or(Instant::FAR_FUTURE, |due| due.max(self.latest_time.plus_ns(TICK_MIN_NS)))
     }
 
     /// Sends what the lane has to say and tells what it has found out.
     pub(super) fn pump(&mut self, now: Instant) {
-        self.seen = now;
+        self.latest_time = now;
         for _ in 0..PUMP_MAX {
             // What the host ends at once, unsent, is told too.
-            if !self.tell() && !self.transmit(now) && !self.tell() {
+            if !self.deliver_outcome() && !self.transmit(now) && !self.deliver_outcome() {
                 break;
             }
         }
@@ -205,74 +209,75 @@ impl<M: Medium> State<M> {
         if line != self.line {
             self.line = line;
             if let Err(error) = self.link.set_line(line) {
-                self.lose(error);
+                self.handle_loss(error);
             }
         }
-        self.spread(now);
+        self.deliver_axis_events(now);
     }
 
     /// Whether somebody must read though nobody asks: where time passes only while somebody waits,
     /// reading for listeners would find nothing.
-    pub(super) fn is_listened_to(&self) -> bool {
-        !self.listeners.is_empty() && self.link.runs_by_itself()
+    pub(super) fn must_read_for_listeners(&self) -> bool {
+        !self.listeners.is_empty() && self.link.is_real_time()
     }
 
     /// Tells listeners what happened to the axes.
-    pub(super) fn spread(&mut self, now: Instant) {
+    pub(super) fn deliver_axis_events(&mut self, now: Instant) {
         if self.listeners.is_empty() {
             return;
         }
-        for _ in 0..SPREAD_MAX {
-            let Some(news) = self.lane.poll_news(now) else { break };
-            if let Change::Missed(count) = news.change {
-                self.listeners.iter().for_each(|listener| listener.mailbox.miss(count));
+        for _ in 0..EVENTS_MAX {
+            let Some(news) = self.lane.poll_axis_event(now) else { break };
+            if let AxisEventKind::Missed(count) = news.kind {
+                self.listeners.iter().for_each(|listener| listener.mailbox.add_missed(count));
                 continue;
             }
-            for listener in self.listeners.iter().filter(|one| one.wants(news.axis)) {
-                let waker = listener.mailbox.put(listener.source, Notice::Axis(news));
+            for listener in self.listeners.iter().filter(|one| one.wants_axis(news.axis)) {
+                let waker = listener.mailbox.push(listener.source, ConnectionEvent::Axis(news));
                 self.to_wake.extend(waker);
             }
         }
     }
 
-    fn announce(&mut self, notice: &Notice) {
+    fn notify_listeners(&mut self, notice: &ConnectionEvent) {
         for listener in &self.listeners {
-            let waker = listener.mailbox.put(listener.source, notice.clone());
+            let waker = listener.mailbox.push(listener.source, notice.clone());
             self.to_wake.extend(waker);
         }
     }
 
     /// Everything that hangs on the link ends. The lane disarms its axes.
-    pub(super) fn lose(&mut self, error: LinkError) {
+    pub(super) fn handle_loss(&mut self, error: LinkError) {
         let now = self.link.now();
-        let lost = self.trouble.is_none();
+        let lost = self.link_error.is_none();
         if lost {
-            self.trouble = Some(error.clone());
-            self.retry.next = now.plus_ns(REOPEN_EVERY_NS);
+            self.link_error = Some(error.clone());
+            self.reopening.next_attempt = now.plus_ns(REOPEN_INTERVAL_NS);
             // A leader may still be listening to the dead link.
             self.link.waker().wake();
             self.lane.handle_line(now, LineEvent::Down);
         }
-        while self.lane.poll_transmit(now, self.out.borrow_mut()).is_some() {}
-        while self.tell() {}
+        while self.lane.poll_transmit(now, self.out_buffer.borrow_mut()).is_some() {}
+        while self.deliver_outcome() {}
         let left: Vec<Ticket> = self.slots.pending().collect();
         for ticket in left {
-            self.end(ticket, LOST);
+            self.end_request(ticket, LOST_OUTCOME);
         }
         if lost && !self.listeners.is_empty() {
-            self.announce(&Notice::Lost(now, Box::new(error)));
-            self.spread(now);
+            self.notify_listeners(&ConnectionEvent::LinkLost(now, Box::new(error)));
+            self.deliver_axis_events(now);
         }
     }
 
-    /// Ends everything as [`lose`](Self::lose) does, and lets go of the link for good.
+    /// Ends everything as [`handle_loss`](Self::handle_loss) does, and lets go of the link for good.
     pub(super) fn close(&mut self) {
         let (name, at, waker) = (self.link.describe(), self.link.now(), self.link.waker());
-        self.lose(LinkError::new(&name, Cause::Closed));
-        self.link = Arc::new(Closed { name, at, since: clock::now(), waker: waker.clone() });
-        self.trouble = self.link.reopen().err();
+        self.handle_loss(LinkError::new(&name, Cause::Closed));
+        self.link =
+            Arc::new(ClosedLink { name, at, closed_at: clock::now(), waker: waker.clone() });
+        self.link_error = self.link.reopen().err();
         // Nobody has to look whether it comes back.
-        self.retry.tried = u32::MAX - 1;
+        self.reopening.attempts = u32::MAX - 1;
         // A leader may still be listening to the link that it holds.
         waker.wake();
     }
@@ -280,47 +285,49 @@ impl<M: Medium> State<M> {
     /// Sets the line as the lane has it, whoever set it otherwise.
     pub(super) fn restore_line(&mut self) {
         if let Err(error) = self.link.set_line(self.line) {
-            self.lose(error);
+            self.handle_loss(error);
         }
     }
 
     /// Goes on with a link opened again.
-    pub(super) fn regain(&mut self, link: Box<dyn Link<M>>) {
+    pub(super) fn resume_with(&mut self, link: Box<dyn LinkIo<M>>) {
         self.link = Arc::from(link);
-        self.trouble = None;
+        self.link_error = None;
         self.line = self.lane.line();
         let now = self.link.now();
         if let Err(error) = self.link.set_line(self.line) {
-            return self.lose(error);
+            return self.handle_loss(error);
         }
         self.lane.handle_line(now, LineEvent::Up);
-        self.announce(&Notice::Back(now));
+        self.notify_listeners(&ConnectionEvent::LinkRestored(now));
         self.pump(now);
     }
 
-    pub(super) fn end(&mut self, ticket: Ticket, outcome: Outcome) {
-        self.freed = true;
-        let waker = self.slots.end(ticket, outcome);
+    pub(super) fn end_request(&mut self, ticket: Ticket, outcome: Outcome) {
+        self.room_freed = true;
+        let waker = self.slots.set_outcome(ticket, outcome);
         self.to_wake.extend(waker);
     }
 
-    fn tell(&mut self) -> bool {
+    fn deliver_outcome(&mut self) -> bool {
         let Some((ticket, outcome)) = self.lane.poll_outcome() else { return false };
-        self.end(ticket, outcome);
+        self.end_request(ticket, outcome);
         true
     }
 
     fn transmit(&mut self, now: Instant) -> bool {
-        if self.trouble.is_some() || self.leader == Leader::Aside {
+        if self.link_error.is_some() || self.leader == Leader::Borrower {
             return false;
         }
-        let Some(len) = self.lane.poll_transmit(now, self.out.borrow_mut()) else { return false };
-        match self.link.send(M::unit(self.out.borrow(), len)) {
+        let Some(len) = self.lane.poll_transmit(now, self.out_buffer.borrow_mut()) else {
+            return false;
+        };
+        match self.link.send(M::unit(self.out_buffer.borrow(), len)) {
             Ok(()) => true,
             // The unit is lost as on a broken wire; the lane notices the silence.
             Err(error) if !error.is_gone() => false,
             Err(error) => {
-                self.lose(error);
+                self.handle_loss(error);
                 false
             }
         }

@@ -1,4 +1,4 @@
-use super::{Carries, Port};
+use super::{Port, PortKind};
 use crate::error::LinkError;
 
 /// Call-out devices: they open without waiting for a carrier.
@@ -14,7 +14,7 @@ pub(super) fn ports() -> Vec<Port> {
 }
 
 /// macOS names the ports of CDC devices so.
-pub(super) fn driver(path: &str) -> Option<String> {
+pub(super) fn driver_name(path: &str) -> Option<String> {
     path.starts_with("/dev/cu.usbmodem").then(|| "cdc_acm".to_owned())
 }
 
@@ -22,11 +22,11 @@ pub(super) fn stable_name(_path: &str) -> Option<String> {
     None
 }
 
-pub(super) fn locker(_path: &str) -> Option<(String, u32)> {
+pub(super) fn lock_holder(_path: &str) -> Option<(String, u32)> {
     None
 }
 
-pub(super) fn holder(_path: &str) -> Option<(String, u32)> {
+pub(super) fn open_holder(_path: &str) -> Option<(String, u32)> {
     None
 }
 
@@ -36,8 +36,8 @@ pub(super) fn is_suspended(_pid: u32) -> bool {
 
 fn port(path: String) -> Port {
     use rustix::fs::{Access, access};
-    let trouble = access(&*path, Access::READ_OK | Access::WRITE_OK)
+    let error = access(&*path, Access::READ_OK | Access::WRITE_OK)
         .err()
         .map(|errno| LinkError::from_io(&path, &errno.into()));
-    Port { path, carries: Carries::Bytes, stable: None, usb: None, trouble }
+    Port { path, kind: PortKind::Bytes, stable_name: None, usb: None, error }
 }

@@ -1,7 +1,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::{Carries, Port, Usb};
+use super::{Port, PortKind, UsbInfo};
 use crate::error::{Cause, LinkError};
 
 /// How far up its device tree a port's USB device is looked for.
@@ -15,14 +15,14 @@ pub(super) fn ports() -> Vec<Port> {
 }
 
 /// The name of the driver behind a port: `ftdi_sio`, `cdc_acm`.
-pub(super) fn driver(path: &str) -> Option<String> {
+pub(super) fn driver_name(path: &str) -> Option<String> {
     let real = fs::canonicalize(path).ok()?;
-    driver_of(&Path::new("/sys/class/tty").join(real.file_name()?))
+    driver_name_of(&Path::new("/sys/class/tty").join(real.file_name()?))
 }
 
 /// Behind USB the port's device has a driver of usb-serial's, `ftdi_sio` as `ftdi_sio`; of CDC it is
 /// the interface's.
-fn driver_of(class: &Path) -> Option<String> {
+fn driver_name_of(class: &Path) -> Option<String> {
     let driver = fs::canonicalize(class.join("device/driver")).ok()?;
     Some(driver.file_name()?.to_str()?.to_owned())
 }
@@ -36,7 +36,7 @@ pub(super) fn stable_name(path: &str) -> Option<String> {
 
 /// Name and number of the process that has locked `path`. Others may have it open: who serves a
 /// pseudo-terminal does.
-pub(super) fn locker(path: &str) -> Option<(String, u32)> {
+pub(super) fn lock_holder(path: &str) -> Option<(String, u32)> {
     use std::os::unix::fs::MetadataExt as _;
     let file = fs::metadata(path).ok()?;
     let (device, inode) = (file.dev(), file.ino());
@@ -49,24 +49,24 @@ pub(super) fn locker(path: &str) -> Option<(String, u32)> {
         let pid: u32 = words.next()?.parse().ok()?;
         (words.next()? == place && pid != 0).then_some(pid)
     })?;
-    Some((text(&Path::new("/proc").join(pid.to_string()), "comm"), pid))
+    Some((read_text(&Path::new("/proc").join(pid.to_string()), "comm"), pid))
 }
 
 /// Name and number of a process that has `path` open, as far as this user may see.
-pub(super) fn holder(path: &str) -> Option<(String, u32)> {
+pub(super) fn open_holder(path: &str) -> Option<(String, u32)> {
     let real = fs::canonicalize(path).ok()?;
     let ours = std::process::id();
     entries("/proc").take(PROCESSES_MAX).find_map(|process| {
         let pid: u32 = process.file_name()?.to_str()?.parse().ok()?;
         let holds = |fd: PathBuf| fs::read_link(fd).is_ok_and(|to| to == real);
         let held = entries(process.join("fd")).take(FILES_MAX).any(holds);
-        (held && (pid != ours)).then(|| (text(&process, "comm"), pid))
+        (held && (pid != ours)).then(|| (read_text(&process, "comm"), pid))
     })
 }
 
 /// Whether a process was suspended: by SIGSTOP, by Ctrl-Z, or in the background by its terminal.
 pub(super) fn is_suspended(pid: u32) -> bool {
-    let stat = text(&Path::new("/proc").join(pid.to_string()), "stat");
+    let stat = read_text(&Path::new("/proc").join(pid.to_string()), "stat");
     // `4711 (name) T 1 …`; a name may have brackets.
     stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T'))
 }
@@ -75,52 +75,52 @@ fn port(class: &Path) -> Option<Port> {
     // Without a device behind it, it is a console or a virtual terminal.
     let device = fs::canonicalize(class.join("device")).ok()?;
     // 0: the motherboard's driver reserves names for ports that are not there.
-    if text(class, "type") == "0" {
+    if read_text(class, "type") == "0" {
         return None;
     }
     let path = format!("/dev/{}", class.file_name()?.to_str()?);
     Some(Port {
-        carries: Carries::Bytes,
-        stable: stable_name(&path),
+        kind: PortKind::Bytes,
+        stable_name: stable_name(&path),
         usb: usb(&device),
-        trouble: trouble(&path),
+        error: check_access(&path),
         path,
     })
 }
 
-fn usb(device: &Path) -> Option<Usb> {
+fn usb(device: &Path) -> Option<UsbInfo> {
     let parent = device.ancestors().take(PARENTS_MAX).find(|p| p.join("idVendor").exists())?;
-    let id = |name| u16::from_str_radix(&text(parent, name), 16).unwrap_or(0);
-    Some(Usb {
+    let id = |name| u16::from_str_radix(&read_text(parent, name), 16).unwrap_or(0);
+    Some(UsbInfo {
         vendor_id: id("idVendor"),
         product_id: id("idProduct"),
-        vendor: text(parent, "manufacturer"),
-        product: text(parent, "product"),
-        serial: text(parent, "serial"),
+        vendor: read_text(parent, "manufacturer"),
+        product: read_text(parent, "product"),
+        serial: read_text(parent, "serial"),
     })
 }
 
 /// Looks without opening: opening raises DTR, which resets some boards.
-fn trouble(path: &str) -> Option<LinkError> {
+fn check_access(path: &str) -> Option<LinkError> {
     use rustix::fs::{Access, access};
     if let Err(errno) = access(path, Access::READ_OK | Access::WRITE_OK) {
         return Some(LinkError::from_io(path, &errno.into()));
     }
-    holder(path)?;
-    Some(LinkError::new(path, Cause::Busy).hinting(&super::holder_sentence(path)))
+    open_holder(path)?;
+    Some(LinkError::new(path, Cause::Busy).with_hint(&super::holder_sentence(path)))
 }
 
 fn entries(folder: impl AsRef<Path>) -> impl Iterator<Item = PathBuf> {
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
 }
 
-fn text(folder: &Path, name: &str) -> String {
+fn read_text(folder: &Path, name: &str) -> String {
     fs::read_to_string(folder.join(name)).unwrap_or_default().trim().to_owned()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{driver_of, fs};
+    use super::{driver_name_of, fs};
 
     #[test]
     fn a_driver_is_known_by_its_name() {
@@ -129,8 +129,8 @@ mod tests {
         fs::create_dir_all(class.join("device")).expect("a folder");
         fs::create_dir_all(&driver).expect("a folder");
         std::os::unix::fs::symlink(&driver, class.join("device/driver")).expect("a link");
-        assert_eq!(driver_of(&class).as_deref(), Some("cdc_acm"));
-        assert_eq!(driver_of(&folder.join("ttyS0")), None);
+        assert_eq!(driver_name_of(&class).as_deref(), Some("cdc_acm"));
+        assert_eq!(driver_name_of(&folder.join("ttyS0")), None);
         fs::remove_dir_all(&folder).expect("ours");
     }
 }

@@ -17,7 +17,7 @@ const TIOCSSERIAL: Opcode = 0x541F;
 
 /// Asks for low latency. What cannot do it (ptys, adapters without a timer) says so, and nothing
 /// is lost by that.
-pub(super) fn ask_for_low(fd: &OwnedFd) {
+pub(super) fn request_low_latency(fd: &OwnedFd) {
     let mut settings: SerialStruct = [0; 32];
     // SAFETY: TIOCGSERIAL writes one serial_struct through the pointer; `settings` is larger, and
     // any bits are valid integers.

@@ -9,37 +9,41 @@ use rustix::termios::{
     tcflush, tcgetattr, tcsetattr,
 };
 
-use super::counts::Counts;
+use super::error_counts::ErrorCounts;
 use crate::clock;
 use crate::descriptor::Descriptor;
 use crate::error::{Cause, LinkError};
-use crate::link::{Link, Losses, Received};
+use crate::link::{LinkIo, Losses, Received};
 use crate::ports;
-use crate::wake::Waker;
+use crate::waker::LinkWaker;
 
 /// An open serial port or the near end of a pseudo-terminal.
 #[derive(Debug)]
 pub struct SerialPort {
     descriptor: Descriptor,
     /// The name that survives replugging.
-    stable: String,
+    stable_path: String,
     line: std::sync::Mutex<SerialLine>,
     /// What the driver had counted when the port was opened.
-    counted: Counts,
+    counts_at_open: ErrorCounts,
 }
 
 impl SerialPort {
     pub(super) fn open(path: &str, line: SerialLine) -> Result<Self, LinkError> {
         let stable = ports::stable_name(path).unwrap_or_else(|| path.to_owned());
-        Self::open_known(path, stable, line)
+        Self::open_with_stable_path(path, stable, line)
     }
 
-    fn open_known(path: &str, stable: String, line: SerialLine) -> Result<Self, LinkError> {
+    fn open_with_stable_path(
+        path: &str,
+        stable: String,
+        line: SerialLine,
+    ) -> Result<Self, LinkError> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-        let fd =
-            rustix::fs::open(path, flags, Mode::empty()).map_err(|errno| explained(path, errno))?;
-        claim(&fd, path)?;
-        configure(&fd, line).map_err(|errno| explained(path, errno))?;
+        let fd = rustix::fs::open(path, flags, Mode::empty())
+            .map_err(|errno| explain_error(path, errno))?;
+        lock_port(&fd, path)?;
+        configure(&fd, line).map_err(|errno| explain_error(path, errno))?;
         #[cfg(all(
             target_os = "linux",
             any(
@@ -50,12 +54,12 @@ impl SerialPort {
                 target_arch = "riscv64"
             )
         ))]
-        super::latency::ask_for_low(&fd);
+        super::latency::request_low_latency(&fd);
         // What an earlier program left unread answers nothing that we shall ask.
         let _ = tcflush(&fd, QueueSelector::IOFlush);
-        let counted = Counts::of(&fd);
+        let counted = ErrorCounts::read_from(&fd);
         let descriptor = Descriptor::new(fd, path)?;
-        Ok(Self { descriptor, stable, line: line.into(), counted })
+        Ok(Self { descriptor, stable_path: stable, line: line.into(), counts_at_open: counted })
     }
 
     fn line(&self) -> SerialLine {
@@ -63,7 +67,7 @@ impl SerialPort {
     }
 }
 
-impl Link<Stream> for SerialPort {
+impl LinkIo<Stream> for SerialPort {
     fn now(&self) -> Instant {
         clock::now()
     }
@@ -72,8 +76,8 @@ impl Link<Stream> for SerialPort {
         self.descriptor.send(unit)
     }
 
-    fn ready(&self, until: Instant) -> Result<bool, LinkError> {
-        self.descriptor.ready(until)
+    fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {
+        self.descriptor.wait_writable(until)
     }
 
     fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
@@ -86,8 +90,8 @@ impl Link<Stream> for SerialPort {
         Ok(())
     }
 
-    fn waker(&self) -> Waker {
-        self.descriptor.wake.clone()
+    fn waker(&self) -> LinkWaker {
+        self.descriptor.waker.clone()
     }
 
     fn describe(&self) -> String {
@@ -95,19 +99,25 @@ impl Link<Stream> for SerialPort {
     }
 
     fn losses(&self) -> Losses {
-        let (overrun, malformed) = Counts::of(&self.descriptor.fd).since(self.counted);
+        let (overrun, malformed) =
+            ErrorCounts::read_from(&self.descriptor.fd).since(self.counts_at_open);
         Losses { overrun, malformed, ..Losses::default() }
     }
 
-    fn reopen(&self) -> Result<Box<dyn Link<Stream>>, LinkError> {
-        Ok(Box::new(Self::open_known(&self.stable, self.stable.clone(), self.line())?))
+    fn reopen(&self) -> Result<Box<dyn LinkIo<Stream>>, LinkError> {
+        Ok(Box::new(Self::open_with_stable_path(
+            &self.stable_path,
+            self.stable_path.clone(),
+            self.line(),
+        )?))
     }
 }
 
 /// Makes the port ours. The lock is what other well-behaved programs ask for; the exclusive mode
 /// stops the others. Both end with the process, however it ends.
-fn claim(fd: &OwnedFd, path: &str) -> Result<(), LinkError> {
-    flock(fd, FlockOperation::NonBlockingLockExclusive).map_err(|errno| explained(path, errno))?;
+fn lock_port(fd: &OwnedFd, path: &str) -> Result<(), LinkError> {
+    flock(fd, FlockOperation::NonBlockingLockExclusive)
+        .map_err(|errno| explain_error(path, errno))?;
     // A pty stays exclusive as long as its far end is open, that is after we have gone: the next
     // client of a simulated drive would be refused.
     if !is_pty(fd) {
@@ -124,7 +134,7 @@ fn is_pty(fd: &OwnedFd) -> bool {
 /// Sets speed and format at once, without waiting for what is still being sent.
 fn configure(fd: &OwnedFd, line: SerialLine) -> Result<(), Errno> {
     let mut termios = tcgetattr(fd)?;
-    format(&mut termios, line);
+    apply_format(&mut termios, line);
     // 0 means "no timing" to us and "hang up" to a terminal.
     if line.baud != 0 {
         termios.set_speed(line.baud)?;
@@ -132,7 +142,7 @@ fn configure(fd: &OwnedFd, line: SerialLine) -> Result<(), Errno> {
     tcsetattr(fd, OptionalActions::Now, &termios)
 }
 
-fn format(termios: &mut Termios, line: SerialLine) {
+fn apply_format(termios: &mut Termios, line: SerialLine) {
     termios.make_raw();
     let modes = &mut termios.control_modes;
     modes.remove(
@@ -152,15 +162,15 @@ fn format(termios: &mut Termios, line: SerialLine) {
 }
 
 /// The error with what this machine can tell about it.
-fn explained(path: &str, errno: Errno) -> LinkError {
+fn explain_error(path: &str, errno: Errno) -> LinkError {
     let error = LinkError::from_io(path, &errno.into());
     match error.cause() {
         Cause::NotFound | Cause::Gone => {
-            let there = ports::names();
+            let there = ports::serial_paths();
             let there = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
-            error.hinting(&format!("Ports that exist: {there}."))
+            error.with_hint(&format!("Ports that exist: {there}."))
         }
-        Cause::Busy => error.hinting(&ports::holder_sentence(path)),
+        Cause::Busy => error.with_hint(&ports::holder_sentence(path)),
         _ => error,
     }
 }

@@ -9,14 +9,14 @@ use crate::clock;
 use crate::error::{Cause, LinkError};
 use crate::link::{Link, Received};
 use crate::ports;
-use crate::wake::{Sliced, Waker};
+use crate::waker::{LinkWaker, SlicedWait};
 
 /// An open serial port.
 pub struct SerialPort {
     /// Reading and writing have a handle each: the reader waits while others write.
     reader: Mutex<Box<dyn serialport::SerialPort>>,
     writer: Mutex<Box<dyn serialport::SerialPort>>,
-    wake: Waker,
+    waker: LinkWaker,
     path: String,
     line: Mutex<SerialLine>,
 }
@@ -27,18 +27,18 @@ impl SerialPort {
         let reader = serialport::new(path, baud)
             .timeout(Duration::from_millis(10))
             .open()
-            .map_err(|error| explained(path, &error))?;
-        let writer = reader.try_clone().map_err(|error| explained(path, &error))?;
-        let wake = Waker::new().map_err(|error| LinkError::from_io(path, &error))?;
+            .map_err(|error| explain_error(path, &error))?;
+        let writer = reader.try_clone().map_err(|error| explain_error(path, &error))?;
+        let waker = LinkWaker::new().map_err(|error| LinkError::from_io(path, &error))?;
         let port = Self {
             reader: reader.into(),
             writer: writer.into(),
-            wake,
+            waker,
             path: path.to_owned(),
             line: line.into(),
         };
         port.set_line(line)?;
-        let _ = locked(&port.writer).clear(serialport::ClearBuffer::All);
+        let _ = lock(&port.writer).clear(serialport::ClearBuffer::All);
         Ok(port)
     }
 }
@@ -55,26 +55,26 @@ impl Link<Stream> for SerialPort {
     }
 
     fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
-        locked(&self.writer).write_all(unit).map_err(|e| LinkError::from_io(&self.path, &e))
+        lock(&self.writer).write_all(unit).map_err(|e| LinkError::from_io(&self.path, &e))
     }
 
     fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
-        let mut reader = locked(&self.reader);
-        Sliced { wake: &self.wake, name: &self.path }.receive(until, |slice| {
+        let mut reader = lock(&self.reader);
+        SlicedWait { waker: &self.waker, name: &self.path }.receive(until, |slice| {
             reader.set_timeout(slice)?;
             reader.read(buffer)
         })
     }
 
     fn set_line(&self, line: SerialLine) -> Result<(), LinkError> {
-        let mut port = locked(&self.writer);
-        apply(port.as_mut(), line).map_err(|error| explained(&self.path, &error))?;
-        *locked(&self.line) = line;
+        let mut port = lock(&self.writer);
+        apply_line(port.as_mut(), line).map_err(|error| explain_error(&self.path, &error))?;
+        *lock(&self.line) = line;
         Ok(())
     }
 
-    fn waker(&self) -> Waker {
-        self.wake.clone()
+    fn waker(&self) -> LinkWaker {
+        self.waker.clone()
     }
 
     fn describe(&self) -> String {
@@ -82,16 +82,16 @@ impl Link<Stream> for SerialPort {
     }
 
     fn reopen(&self) -> Result<Box<dyn Link<Stream>>, LinkError> {
-        let line = *locked(&self.line);
+        let line = *lock(&self.line);
         Ok(Box::new(Self::open(&self.path, line)?))
     }
 }
 
-fn locked<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+fn lock<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn apply(port: &mut dyn serialport::SerialPort, line: SerialLine) -> serialport::Result<()> {
+fn apply_line(port: &mut dyn serialport::SerialPort, line: SerialLine) -> serialport::Result<()> {
     if line.baud != 0 {
         port.set_baud_rate(line.baud)?;
     }
@@ -110,7 +110,7 @@ fn apply(port: &mut dyn serialport::SerialPort, line: SerialLine) -> serialport:
     })
 }
 
-fn explained(path: &str, error: &serialport::Error) -> LinkError {
+fn explain_error(path: &str, error: &serialport::Error) -> LinkError {
     use serialport::ErrorKind as Kind;
     let cause = match error.kind() {
         // Windows says "access denied" for a port that another program has open.
@@ -122,5 +122,5 @@ fn explained(path: &str, error: &serialport::Error) -> LinkError {
         _ => Cause::System,
     };
     let there = format!("Ports that exist: {}.", ports::names().join(", "));
-    LinkError::new(path, cause).hinting(if cause == Cause::NotFound { &there } else { "" })
+    LinkError::new(path, cause).with_hint(if cause == Cause::NotFound { &there } else { "" })
 }

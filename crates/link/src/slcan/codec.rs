@@ -3,7 +3,7 @@
 
 use polepair_core::medium::Frame;
 
-use crate::hex::{self, Text};
+use crate::hex::{self, TextWriter};
 
 /// The longest line with its end: an extended frame with eight bytes and a time stamp.
 pub const LINE_MAX: usize = 32;
@@ -18,51 +18,51 @@ const DIVIDER_MAX: u32 = 64;
 
 /// Cuts a stream of bytes into lines. Junk costs the line it stands in, and no more.
 #[derive(Clone, Debug, Default)]
-pub struct Lines {
+pub struct LineSplitter {
     line: [u8; LINE_MAX],
     len: usize,
-    spoilt: bool,
+    malformed: bool,
     ended: bool,
 }
 
 /// What a byte ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum End {
-    /// A line, which [`Lines::line`] shows until the next byte; empty when its end stood alone.
+pub enum LineEnd {
+    /// A line, which [`LineSplitter::line`] shows until the next byte; empty when its end stood alone.
     Line,
     /// The bell: the adapter refuses.
     Bell,
     /// Something that is no line.
-    Spoilt,
+    Malformed,
 }
 
-impl Lines {
+impl LineSplitter {
     /// Takes one byte; tells what it ended, if anything.
-    pub fn push(&mut self, byte: u8) -> Option<End> {
+    pub fn push(&mut self, byte: u8) -> Option<LineEnd> {
         if std::mem::take(&mut self.ended) {
-            (self.len, self.spoilt) = (0, false);
+            (self.len, self.malformed) = (0, false);
         }
         match byte {
             b'\r' => {
                 self.ended = true;
-                return Some(if self.spoilt { End::Spoilt } else { End::Line });
+                return Some(if self.malformed { LineEnd::Malformed } else { LineEnd::Line });
             }
             0x07 => {
                 self.ended = true;
-                return Some(End::Bell);
+                return Some(LineEnd::Bell);
             }
             // Some adapters and all terminals end lines with both.
             b'\n' if self.len == 0 => {}
-            b' '..=b'~' if self.begins_anew(byte) => {
+            b' '..=b'~' if self.starts_next_frame(byte) => {
                 self.line[0] = byte;
-                (self.len, self.spoilt) = (1, false);
-                return Some(End::Spoilt);
+                (self.len, self.malformed) = (1, false);
+                return Some(LineEnd::Malformed);
             }
-            b' '..=b'~' if self.len < LINE_MAX && !self.spoilt => {
+            b' '..=b'~' if self.len < LINE_MAX && !self.malformed => {
                 self.line[self.len] = byte;
                 self.len += 1;
             }
-            _ => self.spoilt = true,
+            _ => self.malformed = true,
         }
         None
     }
@@ -75,7 +75,7 @@ impl Lines {
 
     /// A frame's letter is no digit: inside a frame it begins the next one, whose predecessor's
     /// end was lost.
-    fn begins_anew(&self, byte: u8) -> bool {
+    fn starts_next_frame(&self, byte: u8) -> bool {
         is_frame_letter(byte) && self.len > 0 && is_frame_letter(self.line[0])
     }
 }
@@ -93,7 +93,7 @@ pub fn parse_frame(line: &[u8]) -> Option<(Frame, Option<u16>)> {
     }
     let (extended, remote) = (letter.is_ascii_uppercase(), letter | 0x20 == b'r');
     let (id, rest) = rest.split_at_checked(if extended { 8 } else { 3 })?;
-    let id = hex::number(id)?;
+    let id = hex::parse_hex(id)?;
     let (&len, rest) = rest.split_first()?;
     let len = len.wrapping_sub(b'0');
     if len > 8 || id > if extended { 0x1FFF_FFFF } else { 0x7FF } {
@@ -102,49 +102,49 @@ pub fn parse_frame(line: &[u8]) -> Option<(Frame, Option<u16>)> {
     let mut frame = Frame { id, extended, remote, len, data: [0; 8] };
     let (digits, stamp) = rest.split_at_checked(if remote { 0 } else { 2 * usize::from(len) })?;
     for (byte, pair) in frame.data.iter_mut().zip(digits.chunks_exact(2)) {
-        *byte = hex::value(pair[0])? << 4 | hex::value(pair[1])?;
+        *byte = hex::digit_value(pair[0])? << 4 | hex::digit_value(pair[1])?;
     }
     match stamp.len() {
         0 => Some((frame, None)),
-        4 => Some((frame, Some(hex::number(stamp)? as u16))),
+        4 => Some((frame, Some(hex::parse_hex(stamp)? as u16))),
         _ => None,
     }
 }
 
 /// Writes a frame as a line and returns its length.
 pub fn write_frame(frame: &Frame, stamp_ms: Option<u16>, out: &mut [u8; LINE_MAX]) -> usize {
-    let mut text = Text::new(out);
+    let mut text = TextWriter::new(out);
     let letter = if frame.remote { b'r' } else { b't' };
     if frame.extended {
-        text.byte(letter.to_ascii_uppercase());
-        text.number(frame.id, 8);
+        text.push_byte(letter.to_ascii_uppercase());
+        text.push_hex(frame.id, 8);
     } else {
-        text.byte(letter);
-        text.number(frame.id, 3);
+        text.push_byte(letter);
+        text.push_hex(frame.id, 3);
     }
-    text.number(frame.len.min(8).into(), 1);
+    text.push_hex(frame.len.min(8).into(), 1);
     if !frame.remote {
-        frame.bytes().iter().for_each(|&byte| text.number(byte.into(), 2));
+        frame.bytes().iter().for_each(|&byte| text.push_hex(byte.into(), 2));
     }
     if let Some(stamp) = stamp_ms {
-        text.number(stamp.into(), 4);
+        text.push_hex(stamp.into(), 4);
     }
-    text.byte(b'\r');
+    text.push_byte(b'\r');
     text.len
 }
 
 /// Writes the command that sets a bit rate and returns its length; `None` when the registers
 /// cannot express it exactly.
 pub fn write_bit_rate(bit_rate: u32, out: &mut [u8; LINE_MAX]) -> Option<usize> {
-    let mut text = Text::new(out);
+    let mut text = TextWriter::new(out);
     if let Some(n) = STANDARD_RATES.iter().position(|&rate| rate == bit_rate) {
-        text.byte(b'S');
-        text.number(n as u32, 1);
+        text.push_byte(b'S');
+        text.push_hex(n as u32, 1);
     } else {
-        text.byte(b's');
-        text.number(timing_registers(bit_rate)?.into(), 4);
+        text.push_byte(b's');
+        text.push_hex(timing_registers(bit_rate)?.into(), 4);
     }
-    text.byte(b'\r');
+    text.push_byte(b'\r');
     Some(text.len)
 }
 
@@ -165,7 +165,7 @@ pub fn parse_bit_rate(line: &[u8]) -> Option<u32> {
     match line {
         [b'S', n] => STANDARD_RATES.get(usize::from(n.wrapping_sub(b'0'))).copied(),
         [b's', registers @ ..] if registers.len() == 4 => {
-            let registers = hex::number(registers)?;
+            let registers = hex::parse_hex(registers)?;
             let divider = (registers >> 8 & 0x3F) + 1;
             let quanta = 1 + (registers & 0xF) + 1 + (registers >> 4 & 7) + 1;
             Some(CLOCK_HZ / (divider * quanta))
@@ -176,28 +176,28 @@ pub fn parse_bit_rate(line: &[u8]) -> Option<u32> {
 
 /// What an adapter says.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Answer {
+pub enum AdapterReply {
     /// A frame from the bus.
     Frame(Frame),
     /// A command was carried out, or a frame was taken for sending (`z`, `Z`).
     Done,
     /// The controller's error state, of the Linux driver's dialect.
-    State(State),
+    State(ErrorState),
     /// The controller saw errors on the wire, likewise.
-    Trouble,
+    BusError,
     /// What the controller has seen since it was asked last: the answer to `F`.
-    Flags(Flags),
+    Flags(StatusFlags),
     /// Version, serial number: the answer to a question.
-    Told,
+    Info,
     /// Nothing that an adapter says.
     Unknown,
 }
 
 /// Status flags of a controller; they go with the answer (CAN232 manual, command F).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Flags(pub u8);
+pub struct StatusFlags(pub u8);
 
-impl Flags {
+impl StatusFlags {
     /// Error warning, error passive, bus error.
     pub const ERRORS: u8 = 1 << 2 | 1 << 5 | 1 << 7;
     /// Receive queue full, data overrun.
@@ -212,7 +212,7 @@ impl Flags {
 
 /// How far a controller is from falling silent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum State {
+pub enum ErrorState {
     /// Takes part.
     Active,
     /// An error counter has reached 96.
@@ -223,10 +223,10 @@ pub enum State {
     BusOff,
 }
 
-impl Answer {
+impl AdapterReply {
     /// Reads one line of an adapter.
     #[must_use]
-    pub fn of(line: &[u8]) -> Self {
+    pub fn parse(line: &[u8]) -> Self {
         match line {
             [] | [b'z' | b'Z'] => Self::Done,
             [b't' | b'T' | b'r' | b'R', ..] => {
@@ -236,21 +236,21 @@ impl Answer {
                 if counters.len() == 6 && counters.iter().all(u8::is_ascii_digit) =>
             {
                 match state {
-                    b'a' => Self::State(State::Active),
-                    b'w' => Self::State(State::Warning),
-                    b'p' => Self::State(State::Passive),
-                    b'b' => Self::State(State::BusOff),
+                    b'a' => Self::State(ErrorState::Active),
+                    b'w' => Self::State(ErrorState::Warning),
+                    b'p' => Self::State(ErrorState::Passive),
+                    b'b' => Self::State(ErrorState::BusOff),
                     _ => Self::Unknown,
                 }
             }
             [b'e', count @ b'1'..=b'9', kinds @ ..] if kinds.len() == usize::from(count - b'0') => {
-                Self::Trouble
+                Self::BusError
             }
-            [b'F', high, low] => match (hex::value(*high), hex::value(*low)) {
-                (Some(high), Some(low)) => Self::Flags(Flags(high << 4 | low)),
+            [b'F', high, low] => match (hex::digit_value(*high), hex::digit_value(*low)) {
+                (Some(high), Some(low)) => Self::Flags(StatusFlags(high << 4 | low)),
                 _ => Self::Unknown,
             },
-            [b'V' | b'v' | b'N', ..] => Self::Told,
+            [b'V' | b'v' | b'N', ..] => Self::Info,
             _ => Self::Unknown,
         }
     }

@@ -4,12 +4,15 @@ use std::thread;
 use polepair_core::medium::{CanLine, Frame, Medium, Stream};
 use polepair_core::station::LineEvent;
 
-use super::adapter::Adapter;
-use super::codec::{Answer, End, Flags, LINE_MAX, Lines, State, parse_bit_rate, parse_frame};
+use super::codec::{
+    AdapterReply, ErrorState, LINE_MAX, LineEnd, LineSplitter, StatusFlags, parse_bit_rate,
+    parse_frame,
+};
+use super::server::SlcanSession;
 use super::*;
 use crate::clock;
-use crate::hex::Text;
-use crate::hub::{Hub, Saying, Session, Taken};
+use crate::hex::TextWriter;
+use crate::hub::{Hub, HubSession, SessionAction, SessionOutput};
 use crate::pty::Pty;
 
 const LINE: CanLine = CanLine { bit_rate: 500_000 };
@@ -18,7 +21,7 @@ fn extended(id: u32, data: &[u8]) -> Frame {
     Frame { id, extended: true, ..Frame::standard(0, data) }
 }
 
-fn written(frame: &Frame, stamp: Option<u16>) -> String {
+fn write_line(frame: &Frame, stamp: Option<u16>) -> String {
     let mut out = [0; LINE_MAX];
     let len = codec::write_frame(frame, stamp, &mut out);
     String::from_utf8(out[..len].to_vec()).unwrap()
@@ -38,7 +41,7 @@ fn frames_are_written_and_read_as_the_manual_prints_them() {
         (remote(0x1ABC, true, 8), Some(7), "R00001ABC80007\r"),
     ];
     for (frame, stamp, text) in cases {
-        assert_eq!(written(&frame, stamp), text);
+        assert_eq!(write_line(&frame, stamp), text);
         assert_eq!(parse_frame(&text.as_bytes()[..text.len() - 1]), Some((frame, stamp)));
     }
     let wrong = ["", "t", "t8000", "t1239", "t12311", "t1231223", "T200000000", "r123211", "x1230"];
@@ -73,36 +76,36 @@ fn bit_rates_are_the_manuals_or_exact_registers() {
 #[test]
 fn states_are_read_in_the_kernels_dialect() {
     for (text, answer) in [
-        ("sa000000", Answer::State(State::Active)),
-        ("sw100005", Answer::State(State::Warning)),
-        ("sp130020", Answer::State(State::Passive)),
-        ("sb255255", Answer::State(State::BusOff)),
-        ("sw10005", Answer::Unknown),
-        ("e1a", Answer::Trouble),
-        ("e2as", Answer::Trouble),
-        ("e2a", Answer::Unknown),
-        ("F04", Answer::Flags(Flags(4))),
-        ("F4", Answer::Unknown),
-        ("F0G", Answer::Unknown),
-        ("V1013", Answer::Told),
-        ("Z", Answer::Done),
-        ("hello", Answer::Unknown),
+        ("sa000000", AdapterReply::State(ErrorState::Active)),
+        ("sw100005", AdapterReply::State(ErrorState::Warning)),
+        ("sp130020", AdapterReply::State(ErrorState::Passive)),
+        ("sb255255", AdapterReply::State(ErrorState::BusOff)),
+        ("sw10005", AdapterReply::Unknown),
+        ("e1a", AdapterReply::BusError),
+        ("e2as", AdapterReply::BusError),
+        ("e2a", AdapterReply::Unknown),
+        ("F04", AdapterReply::Flags(StatusFlags(4))),
+        ("F4", AdapterReply::Unknown),
+        ("F0G", AdapterReply::Unknown),
+        ("V1013", AdapterReply::Info),
+        ("Z", AdapterReply::Done),
+        ("hello", AdapterReply::Unknown),
     ] {
-        assert_eq!(Answer::of(text.as_bytes()), answer, "{text}");
+        assert_eq!(AdapterReply::parse(text.as_bytes()), answer, "{text}");
     }
 }
 
 fn frames_in(bytes: &[u8]) -> (Vec<u32>, u32) {
-    let (mut lines, mut ids, mut spoilt) = (Lines::default(), Vec::new(), 0);
+    let (mut lines, mut ids, mut spoilt) = (LineSplitter::default(), Vec::new(), 0);
     for &byte in bytes {
         match lines.push(byte) {
-            Some(End::Line) => match Answer::of(lines.line()) {
-                Answer::Frame(frame) => ids.push(frame.id),
-                Answer::Unknown => spoilt += 1,
+            Some(LineEnd::Line) => match AdapterReply::parse(lines.line()) {
+                AdapterReply::Frame(frame) => ids.push(frame.id),
+                AdapterReply::Unknown => spoilt += 1,
                 _ => {}
             },
-            Some(End::Spoilt) => spoilt += 1,
-            Some(End::Bell) | None => {}
+            Some(LineEnd::Malformed) => spoilt += 1,
+            Some(LineEnd::Bell) | None => {}
         }
     }
     (ids, spoilt)
@@ -119,7 +122,7 @@ fn junk_costs_the_line_it_stands_in() {
 }
 
 /// An adapter by hand: answers every command, keeps what it was told.
-fn adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u8>>) {
+fn scripted_adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u8>>) {
     let pty = Pty::open(None).unwrap();
     let path = pty.path().to_owned();
     let thread = thread::spawn(move || {
@@ -148,7 +151,7 @@ fn adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u8>>) {
 
 #[test]
 fn an_adapter_is_set_up_used_and_closed() {
-    let (path, adapter) = adapter(b"");
+    let (path, adapter) = scripted_adapter(b"");
     let link = open_serial(&path, 0, LINE).unwrap();
     let mut frame = Frame::default();
     let mut next = || link.receive(&mut frame, clock::now().plus_ms(2000)).unwrap();
@@ -196,7 +199,7 @@ fn late_answers_to_an_earlier_program_are_nobodys() {
 
 #[test]
 fn an_adapter_that_refuses_the_bit_rate_is_no_link() {
-    let (path, adapter) = adapter(b"S6");
+    let (path, adapter) = scripted_adapter(b"S6");
     let error = open_serial(&path, 0, LINE).unwrap_err();
     assert_eq!(error.cause(), Cause::Unsuitable);
     assert!(error.hint().contains("500000"), "{}", error.hint());
@@ -255,15 +258,15 @@ fn clients_of_a_bus_hear_each_other_and_the_drives() {
     });
 }
 
-fn said_to(adapter: &mut Adapter, text: &str) -> (String, Vec<Taken>) {
+fn send_text(adapter: &mut SlcanSession, text: &str) -> (String, Vec<SessionAction>) {
     let (mut said, mut came) = (Vec::new(), Vec::new());
     for &byte in text.as_bytes() {
-        let mut room = [0; crate::hub::SAYING_MAX];
-        let mut answer = Saying(Text::new(&mut room));
-        let taken = adapter.take(byte, &mut answer);
+        let mut room = [0; crate::hub::OUTPUT_MAX];
+        let mut answer = SessionOutput(TextWriter::new(&mut room));
+        let taken = adapter.handle_byte(byte, &mut answer);
         let len = answer.0.len;
         said.extend_from_slice(&room[..len]);
-        came.extend((taken != Taken::Nothing).then_some(taken));
+        came.extend((taken != SessionAction::Nothing).then_some(taken));
     }
     (String::from_utf8(said).unwrap(), came)
 }
@@ -271,7 +274,7 @@ fn said_to(adapter: &mut Adapter, text: &str) -> (String, Vec<Taken>) {
 /// CAN232 manual, "available commands".
 #[test]
 fn an_adapter_answers_as_the_manual_says() {
-    let mut adapter = Adapter::new(LINE);
+    let mut adapter = SlcanSession::new(LINE);
     let cases = [
         ("\r", "\r"),
         ("t1230\r", "\x07"),
@@ -296,26 +299,30 @@ fn an_adapter_answers_as_the_manual_says() {
         ("W2\r", "\x07"),
     ];
     for (command, answer) in cases {
-        assert_eq!(said_to(&mut adapter, command).0, answer, "{command:?}");
+        assert_eq!(send_text(&mut adapter, command).0, answer, "{command:?}");
     }
 }
 
 #[test]
 fn an_adapter_of_another_bit_rate_neither_hears_nor_is_heard() {
-    let mut adapter = Adapter::new(LINE);
-    let shown = |adapter: &Adapter| {
-        let mut room = [0; crate::hub::SAYING_MAX];
-        let mut saying = Saying(Text::new(&mut room));
-        adapter.clone().show(&Frame::standard(0x123, &[]), Instant(61_234_000_000), &mut saying);
+    let mut adapter = SlcanSession::new(LINE);
+    let shown = |adapter: &SlcanSession| {
+        let mut room = [0; crate::hub::OUTPUT_MAX];
+        let mut saying = SessionOutput(TextWriter::new(&mut room));
+        adapter.clone().write_frame(
+            &Frame::standard(0x123, &[]),
+            Instant(61_234_000_000),
+            &mut saying,
+        );
         let len = saying.0.len;
         String::from_utf8(room[..len].to_vec()).unwrap()
     };
     assert_eq!(shown(&adapter), "", "closed");
-    said_to(&mut adapter, "S6\rZ1\rO\r");
+    send_text(&mut adapter, "S6\rZ1\rO\r");
     assert_eq!(shown(&adapter), "t123004D2\r");
-    said_to(&mut adapter, "C\rS5\rO\r");
+    send_text(&mut adapter, "C\rS5\rO\r");
     assert_eq!(shown(&adapter), "", "out of tune");
-    assert_eq!(said_to(&mut adapter, "t1230\r").1, [Taken::Refused]);
+    assert_eq!(send_text(&mut adapter, "t1230\r").1, [SessionAction::Refused]);
 }
 
 /// A client learns by its adapter's flags that it speaks past everybody.
@@ -329,7 +336,7 @@ fn an_adapter_of_another_bit_rate_tells_of_errors() {
                 let link = open_tcp(&address, CanLine { bit_rate }).unwrap();
                 link.send(&Frame::standard(0x123, &[])).unwrap();
                 let end = clock::now().plus_ms(5_000);
-                while link.flags_owed.load(Ordering::Relaxed) > 0 && clock::now() < end {
+                while link.flags_pending.load(Ordering::Relaxed) > 0 && clock::now() < end {
                     let _ = link.receive(&mut Frame::default(), clock::now().plus_ms(5)).unwrap();
                 }
                 link.losses()
@@ -348,8 +355,8 @@ fn an_adapter_of_another_bit_rate_tells_of_errors() {
 #[test]
 fn an_unplugged_adapter_is_reported_and_opened_again() {
     let alias = std::env::temp_dir().join(format!("polepair-slcan-{}", std::process::id()));
-    let adapter = || on_pty(Pty::open(Some(&alias)).unwrap(), LINE).unwrap();
-    let serve = |adapter: &Hub<Adapter>, ms| {
+    let adapter = || serve_pty(Pty::open(Some(&alias)).unwrap(), LINE).unwrap();
+    let serve = |adapter: &Hub<SlcanSession>, ms| {
         let mut frame = Frame::default();
         let received = adapter.receive(&mut frame, clock::now().plus_ms(ms)).unwrap();
         matches!(received, Received::Bytes { .. }).then_some(frame)
@@ -362,7 +369,7 @@ fn an_unplugged_adapter_is_reported_and_opened_again() {
         }
         let link = opened.join().unwrap();
         let lost = scope.spawn(move || {
-            let ended = link.receive(&mut Frame::default(), Instant::FAR);
+            let ended = link.receive(&mut Frame::default(), Instant::FAR_FUTURE);
             (ended, link)
         });
         drop(bus);
@@ -422,22 +429,22 @@ fn garbage_does_no_harm() {
     };
     let alphabet = b"tTrRSsOLCZVNFse0123456789abcdefABCDEF\r\x07\n\xFF\0 ";
     for _ in 0..2_000 {
-        let mut adapter = Adapter::new(LINE);
-        said_to(&mut adapter, "S6\rO\r");
-        let mut lines = Lines::default();
+        let mut adapter = SlcanSession::new(LINE);
+        send_text(&mut adapter, "S6\rO\r");
+        let mut lines = LineSplitter::default();
         for _ in 0..random() % 200 {
             let byte = alphabet[random() as usize % alphabet.len()];
-            let mut room = [0; crate::hub::SAYING_MAX];
-            let mut answer = Saying(Text::new(&mut room));
-            if let Taken::Frame(frame) = adapter.take(byte, &mut answer) {
+            let mut room = [0; crate::hub::OUTPUT_MAX];
+            let mut answer = SessionOutput(TextWriter::new(&mut room));
+            if let SessionAction::Frame(frame) = adapter.handle_byte(byte, &mut answer) {
                 assert!(frame.len <= 8 && frame.id <= 0x1FFF_FFFF);
             }
-            if lines.push(byte) == Some(End::Line) {
-                let _ = Answer::of(lines.line());
+            if lines.push(byte) == Some(LineEnd::Line) {
+                let _ = AdapterReply::parse(lines.line());
             }
         }
-        said_to(&mut adapter, "\rC\rS6\rO\r");
+        send_text(&mut adapter, "\rC\rS6\rO\r");
         let frame = Frame::standard(0x123, &[0xAB]);
-        assert_eq!(said_to(&mut adapter, "t1231AB\r").1, [Taken::Frame(frame)]);
+        assert_eq!(send_text(&mut adapter, "t1231AB\r").1, [SessionAction::Frame(frame)]);
     }
 }

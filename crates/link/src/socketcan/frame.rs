@@ -12,21 +12,21 @@ const CONTROLLER: u32 = 0x04;
 const BUS_OFF: u32 = 0x40;
 const RESTARTED: u32 = 0x100;
 /// Transmit time-out, protocol violation, transceiver, no acknowledgement, bus error.
-const TROUBLE: u32 = 0x01 | 0x08 | 0x10 | 0x20 | 0x80;
+const WIRE_ERRORS: u32 = 0x01 | 0x08 | 0x10 | 0x20 | 0x80;
 /// `data[1]` of a controller's problem: receive and transmit overflow; error-active again.
 const OVERFLOW: u8 = 0x03;
 const ACTIVE: u8 = 0x40;
 
 /// What the kernel handed over.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Unpacked {
+pub(super) enum UnpackedFrame {
     Frame(Frame),
-    Error(ErrorFrame),
+    Error(CanErrorReport),
 }
 
 /// What the controller reports of itself and of the wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(super) struct ErrorFrame {
+pub(super) struct CanErrorReport {
     /// It no longer takes part.
     pub(super) bus_off: bool,
     /// It takes part again, if it did not.
@@ -34,7 +34,7 @@ pub(super) struct ErrorFrame {
     /// Frames were lost in the controller.
     pub(super) overflow: bool,
     /// Something was wrong on the wire.
-    pub(super) trouble: bool,
+    pub(super) wire_error: bool,
 }
 
 pub(super) fn pack(frame: &Frame) -> [u8; FRAME_LEN] {
@@ -50,7 +50,7 @@ pub(super) fn pack(frame: &Frame) -> [u8; FRAME_LEN] {
 }
 
 /// `None` for what is no classic frame.
-pub(super) fn unpack(bytes: &[u8]) -> Option<Unpacked> {
+pub(super) fn unpack(bytes: &[u8]) -> Option<UnpackedFrame> {
     let bytes: &[u8; FRAME_LEN] = bytes.try_into().ok()?;
     let word = u32::from_ne_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
     let (extended, remote, len) = (word & EXTENDED != 0, word & REMOTE != 0, bytes[4]);
@@ -58,21 +58,21 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Unpacked> {
         return None;
     }
     if word & ERROR != 0 {
-        return Some(Unpacked::Error(error_frame(word, bytes[9])));
+        return Some(UnpackedFrame::Error(error_frame(word, bytes[9])));
     }
     let id = word & if extended { 0x1FFF_FFFF } else { 0x7FF };
     let mut frame = Frame { id, extended, remote, len, data: [0; 8] };
     let data_len = if remote { 0 } else { usize::from(len) };
     frame.data[..data_len].copy_from_slice(&bytes[8..8 + data_len]);
-    Some(Unpacked::Frame(frame))
+    Some(UnpackedFrame::Frame(frame))
 }
 
-const fn error_frame(class: u32, controller: u8) -> ErrorFrame {
+const fn error_frame(class: u32, controller: u8) -> CanErrorReport {
     let controller = if class & CONTROLLER != 0 { controller } else { 0 };
-    ErrorFrame {
+    CanErrorReport {
         bus_off: class & BUS_OFF != 0,
         active: class & RESTARTED != 0 || controller & ACTIVE != 0,
         overflow: controller & OVERFLOW != 0,
-        trouble: class & TROUBLE != 0,
+        wire_error: class & WIRE_ERRORS != 0,
     }
 }

@@ -8,7 +8,7 @@ use rustix::net::{
     sockopt,
 };
 
-use super::{Controller, Interface};
+use super::{CanInterface, ControllerState};
 
 /// Interfaces and answers that are looked at.
 const INTERFACES_MAX: usize = 256;
@@ -16,7 +16,7 @@ const ANSWERS_MAX: usize = 256;
 /// The kernel fills what the reader offers, 32 KiB at most.
 const ANSWER_MAX: usize = 32 * 1024;
 /// How long the kernel may take.
-const PATIENCE: std::time::Duration = std::time::Duration::from_secs(1);
+const ANSWER_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(1);
 
 /// `linux/netlink.h`, `linux/rtnetlink.h`.
 const HEADER: usize = 16;
@@ -39,16 +39,16 @@ const CAN_STATE: u16 = 4;
 const CAN_RESTART_MS: u16 = 6;
 
 /// Every CAN interface of this network namespace.
-pub(super) fn interfaces() -> io::Result<Vec<Interface>> {
+pub(super) fn interfaces() -> io::Result<Vec<CanInterface>> {
     // Protocol 0 is NETLINK_ROUTE.
     let socket = socket_with(AddressFamily::NETLINK, SocketType::RAW, SocketFlags::CLOEXEC, None)?;
-    sockopt::set_socket_timeout(&socket, sockopt::Timeout::Recv, Some(PATIENCE))?;
-    sendto(&socket, &request(), SendFlags::empty(), &SocketAddrNetlink::new(0, 0))?;
+    sockopt::set_socket_timeout(&socket, sockopt::Timeout::Recv, Some(ANSWER_TIMEOUT))?;
+    sendto(&socket, &dump_request(), SendFlags::empty(), &SocketAddrNetlink::new(0, 0))?;
     let mut found = Vec::new();
     let mut answer = vec![0; ANSWER_MAX];
     for _ in 0..ANSWERS_MAX {
         let (len, _) = recv(&socket, &mut answer[..], RecvFlags::empty())?;
-        if read(&answer[..len], &mut found) {
+        if parse_answer(&answer[..len], &mut found) {
             break;
         }
     }
@@ -56,7 +56,7 @@ pub(super) fn interfaces() -> io::Result<Vec<Interface>> {
 }
 
 /// Asks for all links.
-fn request() -> [u8; HEADER + LINK_HEADER] {
+fn dump_request() -> [u8; HEADER + LINK_HEADER] {
     let mut request = [0; HEADER + LINK_HEADER];
     request[..4].copy_from_slice(&((HEADER + LINK_HEADER) as u32).to_ne_bytes());
     request[4..6].copy_from_slice(&GET_LINK.to_ne_bytes());
@@ -65,28 +65,28 @@ fn request() -> [u8; HEADER + LINK_HEADER] {
 }
 
 /// Takes the CAN interfaces out of one answer; true when it was the last.
-pub(super) fn read(mut answer: &[u8], found: &mut Vec<Interface>) -> bool {
-    while let (Some(len), Some(kind)) = (word(answer, 0), half(answer, 4)) {
+pub(super) fn parse_answer(mut answer: &[u8], found: &mut Vec<CanInterface>) -> bool {
+    while let (Some(len), Some(kind)) = (read_u32(answer, 0), read_u16(answer, 4)) {
         let len = len as usize;
         if len < HEADER || len > answer.len() || kind == DONE || kind == ERROR {
             return true;
         }
         if kind == NEW_LINK && found.len() < INTERFACES_MAX {
-            found.extend(interface(&answer[HEADER..len]));
+            found.extend(parse_interface(&answer[HEADER..len]));
         }
         answer = answer.get(aligned(len)..).unwrap_or_default();
     }
     false
 }
 
-fn interface(message: &[u8]) -> Option<Interface> {
-    if half(message, 2)? != KIND_CAN {
+fn parse_interface(message: &[u8]) -> Option<CanInterface> {
+    if read_u16(message, 2)? != KIND_CAN {
         return None;
     }
-    let mut interface = Interface {
+    let mut interface = CanInterface {
         name: String::new(),
-        index: word(message, 4)?,
-        up: word(message, 8)? & UP != 0,
+        index: read_u32(message, 4)?,
+        up: read_u32(message, 8)? & UP != 0,
         kind: String::new(),
         bit_rate: None,
         controller: None,
@@ -94,31 +94,33 @@ fn interface(message: &[u8]) -> Option<Interface> {
     };
     for (attribute, value) in Attributes(message.get(LINK_HEADER..)?) {
         match attribute {
-            NAME => interface.name = text(value),
-            LINK_INFO => read_info(value, &mut interface),
+            NAME => interface.name = read_string(value),
+            LINK_INFO => parse_link_info(value, &mut interface),
             _ => {}
         }
     }
     (!interface.name.is_empty()).then_some(interface)
 }
 
-fn read_info(info: &[u8], interface: &mut Interface) {
+fn parse_link_info(info: &[u8], interface: &mut CanInterface) {
     for (attribute, value) in Attributes(info) {
         match attribute {
-            INFO_KIND => interface.kind = text(value),
-            INFO_DATA => read_can(value, interface),
+            INFO_KIND => interface.kind = read_string(value),
+            INFO_DATA => parse_can_info(value, interface),
             _ => {}
         }
     }
 }
 
-fn read_can(data: &[u8], interface: &mut Interface) {
+fn parse_can_info(data: &[u8], interface: &mut CanInterface) {
     for (attribute, value) in Attributes(data) {
         match attribute {
             // `struct can_bittiming` begins with it; 0 while it was never set.
-            CAN_BIT_TIMING => interface.bit_rate = word(value, 0).filter(|&rate| rate != 0),
-            CAN_STATE => interface.controller = word(value, 0).map(Controller::from_kernel),
-            CAN_RESTART_MS => interface.restart_ms = word(value, 0),
+            CAN_BIT_TIMING => interface.bit_rate = read_u32(value, 0).filter(|&rate| rate != 0),
+            CAN_STATE => {
+                interface.controller = read_u32(value, 0).map(ControllerState::from_kernel)
+            }
+            CAN_RESTART_MS => interface.restart_ms = read_u32(value, 0),
             _ => {}
         }
     }
@@ -132,7 +134,7 @@ impl<'a> Iterator for Attributes<'a> {
 
     fn next(&mut self) -> Option<Self::Item> {
         // The two highest bits say how the value is to be read, which we know.
-        let (len, kind) = (usize::from(half(self.0, 0)?), half(self.0, 2)? & 0x3FFF);
+        let (len, kind) = (usize::from(read_u16(self.0, 0)?), read_u16(self.0, 2)? & 0x3FFF);
         let value = self.0.get(4..len)?;
         self.0 = self.0.get(aligned(len)..).unwrap_or_default();
         Some((kind, value))
@@ -143,15 +145,15 @@ const fn aligned(len: usize) -> usize {
     len.next_multiple_of(4)
 }
 
-fn half(bytes: &[u8], at: usize) -> Option<u16> {
+fn read_u16(bytes: &[u8], at: usize) -> Option<u16> {
     Some(u16::from_ne_bytes(bytes.get(at..at + 2)?.try_into().ok()?))
 }
 
-fn word(bytes: &[u8], at: usize) -> Option<u32> {
+fn read_u32(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_ne_bytes(bytes.get(at..at + 4)?.try_into().ok()?))
 }
 
-fn text(value: &[u8]) -> String {
+fn read_string(value: &[u8]) -> String {
     let end = value.iter().position(|&byte| byte == 0).unwrap_or(value.len());
     String::from_utf8_lossy(&value[..end]).into_owned()
 }

@@ -19,7 +19,7 @@ fn frames_are_packed_as_the_kernel_wants_them() {
         let packed = frame::pack(&frame);
         assert_eq!(packed[..4], word.to_ne_bytes());
         assert_eq!((packed[4], &packed[8..]), (len, &data[..]));
-        assert_eq!(frame::unpack(&packed), Some(Unpacked::Frame(frame)));
+        assert_eq!(frame::unpack(&packed), Some(UnpackedFrame::Frame(frame)));
     }
     let mut packed = frame::pack(&remote);
     packed[4] = 9;
@@ -35,17 +35,17 @@ fn error_frames_are_told_by_what_they_mean() {
         packed[..4].copy_from_slice(&(0x2000_0000 | class).to_ne_bytes());
         (packed[4], packed[9]) = (8, controller);
         match frame::unpack(&packed) {
-            Some(Unpacked::Error(error)) => error,
+            Some(UnpackedFrame::Error(error)) => error,
             other => panic!("{other:?}"),
         }
     };
-    let nothing = ErrorFrame::default();
-    assert_eq!(error(0x40, 0), ErrorFrame { bus_off: true, ..nothing });
-    assert_eq!(error(0x100, 0), ErrorFrame { active: true, ..nothing });
-    assert_eq!(error(0x204, 0x40), ErrorFrame { active: true, ..nothing });
+    let nothing = CanErrorReport::default();
+    assert_eq!(error(0x40, 0), CanErrorReport { bus_off: true, ..nothing });
+    assert_eq!(error(0x100, 0), CanErrorReport { active: true, ..nothing });
+    assert_eq!(error(0x204, 0x40), CanErrorReport { active: true, ..nothing });
     assert_eq!(error(0x204, 0x04), nothing, "a warning is no error yet");
-    assert_eq!(error(0x8C, 0x01), ErrorFrame { overflow: true, trouble: true, ..nothing });
-    assert_eq!(error(0xA8, 0), ErrorFrame { trouble: true, ..nothing });
+    assert_eq!(error(0x8C, 0x01), CanErrorReport { overflow: true, wire_error: true, ..nothing });
+    assert_eq!(error(0xA8, 0), CanErrorReport { wire_error: true, ..nothing });
 }
 
 #[test]
@@ -57,7 +57,7 @@ fn a_controllers_clock_is_followed_without_the_kernels_delays() {
         let true_ns = n * 300_000;
         let hardware = 7_000_000 + true_ns + true_ns / 20_000;
         let delay = if n % 16 == 0 { 10_000 } else { 10_000 + n * 7_919 % 490_000 };
-        let placed = clock.place(hardware, origin + true_ns + delay);
+        let placed = clock.kernel_time(hardware, origin + true_ns + delay);
         let error = placed.abs_diff(origin + true_ns);
         worst = worst.max(if n < 16 { 0 } else { error });
     }
@@ -65,7 +65,7 @@ fn a_controllers_clock_is_followed_without_the_kernels_delays() {
     // Somebody set the kernel's clock back by a minute.
     let hardware = 7_000_000 + 3_000_300_000;
     let back = origin - 60_000_000_000;
-    assert_eq!(clock.place(hardware, back), back);
+    assert_eq!(clock.kernel_time(hardware, back), back);
 }
 
 /// `RTM_NEWLINK` as the kernel sends it: an Ethernet interface, a controller, a virtual one.
@@ -103,8 +103,8 @@ fn interfaces_are_read_from_netlink() {
     ]
     .concat();
     let mut found = Vec::new();
-    assert!(!netlink::read(&answer, &mut found));
-    let interface = |name: &str, index, up, kind: &str| Interface {
+    assert!(!netlink::parse_answer(&answer, &mut found));
+    let interface = |name: &str, index, up, kind: &str| CanInterface {
         name: name.into(),
         index,
         up,
@@ -113,29 +113,29 @@ fn interfaces_are_read_from_netlink() {
         controller: None,
         restart_ms: None,
     };
-    let can0 = Interface {
+    let can0 = CanInterface {
         bit_rate: Some(250_000),
-        controller: Some(Controller::BusOff),
+        controller: Some(ControllerState::BusOff),
         restart_ms: Some(100),
         ..interface("can0", 4, true, "can")
     };
     assert_eq!(found, [can0.clone(), interface("vcan0", 5, false, "vcan")]);
     // Cut off anywhere, or with any byte damaged, it is read without panic.
     for at in 0..answer.len() {
-        netlink::read(&answer[..at], &mut Vec::new());
+        netlink::parse_answer(&answer[..at], &mut Vec::new());
         for value in [0, 1, 0xFF] {
             let mut damaged = answer.clone();
             damaged[at] = value;
-            netlink::read(&damaged, &mut Vec::new());
+            netlink::parse_answer(&damaged, &mut Vec::new());
         }
     }
-    let trouble = |interface: &Interface| port(interface.clone()).trouble.unwrap();
+    let trouble = |interface: &CanInterface| port(interface.clone()).error.unwrap();
     assert!(trouble(&can0).hint().contains("`sudo ip link set can0 type can restart`"));
     assert!(trouble(&found[1]).hint().contains("`sudo ip link set vcan0 up`"));
-    let error = agree(&can0, CanLine { bit_rate: 500_000 }).unwrap_err();
+    let error = check_bit_rate(&can0, CanLine { bit_rate: 500_000 }).unwrap_err();
     let wanted = "sudo ip link set can0 up type can bitrate 500000";
     assert!(error.hint().contains(wanted), "{}", error.hint());
-    assert_eq!(agree(&can0, CanLine { bit_rate: 0 }), Ok(()));
+    assert_eq!(check_bit_rate(&can0, CanLine { bit_rate: 0 }), Ok(()));
 }
 
 #[test]

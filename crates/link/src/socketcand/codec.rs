@@ -3,7 +3,7 @@
 
 use polepair_core::medium::Frame;
 
-use crate::hex::{self, Text};
+use crate::hex::{self, TextWriter};
 
 /// The longest element taken; socketcand's own buffer.
 pub const ELEMENT_MAX: usize = 128;
@@ -13,14 +13,14 @@ const WORDS_MAX: usize = 14;
 
 /// Cuts a stream of bytes into elements, from `<` to `>`.
 #[derive(Clone, Debug)]
-pub struct Elements {
+pub struct ElementSplitter {
     text: [u8; ELEMENT_MAX],
     len: usize,
-    place: Place,
+    position: ElementPosition,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Place {
+enum ElementPosition {
     Outside,
     Inside,
     Ended,
@@ -28,42 +28,42 @@ enum Place {
 
 /// What a byte ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum End {
-    /// An element, which [`Elements::text`] shows until the next byte.
+pub enum ElementEnd {
+    /// An element, which [`ElementSplitter::text`] shows until the next byte.
     Element,
     /// Something that is none.
-    Spoilt,
+    Malformed,
 }
 
-impl Default for Elements {
+impl Default for ElementSplitter {
     fn default() -> Self {
-        Self { text: [0; ELEMENT_MAX], len: 0, place: Place::Outside }
+        Self { text: [0; ELEMENT_MAX], len: 0, position: ElementPosition::Outside }
     }
 }
 
-impl Elements {
+impl ElementSplitter {
     /// Takes one byte; tells what it ended, if anything.
-    pub fn push(&mut self, byte: u8) -> Option<End> {
-        if self.place == Place::Ended {
-            self.place = Place::Outside;
+    pub fn push(&mut self, byte: u8) -> Option<ElementEnd> {
+        if self.position == ElementPosition::Ended {
+            self.position = ElementPosition::Outside;
         }
-        match (self.place, byte) {
+        match (self.position, byte) {
             (place, b'<') => {
-                (self.len, self.place) = (0, Place::Inside);
+                (self.len, self.position) = (0, ElementPosition::Inside);
                 // The end of the one before was lost.
-                return (place == Place::Inside).then_some(End::Spoilt);
+                return (place == ElementPosition::Inside).then_some(ElementEnd::Malformed);
             }
-            (Place::Inside, b'>') => {
-                self.place = Place::Ended;
-                return Some(End::Element);
+            (ElementPosition::Inside, b'>') => {
+                self.position = ElementPosition::Ended;
+                return Some(ElementEnd::Element);
             }
-            (Place::Inside, b' '..=b'~') if self.len < ELEMENT_MAX => {
+            (ElementPosition::Inside, b' '..=b'~') if self.len < ELEMENT_MAX => {
                 self.text[self.len] = byte;
                 self.len += 1;
             }
-            (Place::Inside, _) => {
-                self.place = Place::Outside;
-                return Some(End::Spoilt);
+            (ElementPosition::Inside, _) => {
+                self.position = ElementPosition::Outside;
+                return Some(ElementEnd::Malformed);
             }
             // Line ends between elements are for people's eyes.
             _ => {}
@@ -80,7 +80,7 @@ impl Elements {
 
 /// What a client asks.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Request<'a> {
+pub enum ClientRequest<'a> {
     /// The bus of that name.
     Open(&'a [u8]),
     /// Every frame from now on.
@@ -92,48 +92,50 @@ pub enum Request<'a> {
     /// A frame to be sent.
     Send(Frame),
     /// Frames of an identifier, in place of what was wanted of it before.
-    Subscribe(Wanted),
+    Subscribe(SubscribeRequest),
     /// No more of them.
-    Unsubscribe(Id),
+    Unsubscribe(CanId),
     /// Nothing that is known here.
     Unknown,
 }
 
 /// An identifier, and whether it is an extended one.
-pub type Id = (u32, bool);
+pub type CanId = (u32, bool);
 
 /// What a client wants to hear of an identifier.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Wanted {
+pub struct SubscribeRequest {
     /// Which.
-    pub id: Id,
+    pub id: CanId,
     /// What comes sooner behind the last one than this, ns, is left out.
-    pub every_ns: u64,
+    pub min_interval_ns: u64,
     /// Only frames in which one of these bits has changed; every one if `None`.
     pub mask: Option<[u8; 8]>,
 }
 
-impl<'a> Request<'a> {
+impl<'a> ClientRequest<'a> {
     /// Reads an element of a client.
     #[must_use]
-    pub fn of(text: &'a [u8]) -> Self {
+    pub fn parse(text: &'a [u8]) -> Self {
         let mut words = [&b""[..]; WORDS_MAX];
-        match split(text, &mut words) {
+        match split_words(text, &mut words) {
             [b"open", bus] => Self::Open(bus),
             [b"rawmode"] => Self::RawMode,
             [b"bcmmode"] => Self::BcmMode,
             [b"echo"] => Self::Echo,
-            [b"send", id, len, data @ ..] => sent(id, len, data).map_or(Self::Unknown, Self::Send),
+            [b"send", id, len, data @ ..] => {
+                parse_send(id, len, data).map_or(Self::Unknown, Self::Send)
+            }
             [b"subscribe", s, us, id] => {
-                let wanted = identified(id).and_then(|frame| wanted(s, us, &frame, None));
+                let wanted = parse_id(id).and_then(|frame| parse_subscribe(s, us, &frame, None));
                 wanted.map_or(Self::Unknown, Self::Subscribe)
             }
             [b"filter", s, us, id, len, data @ ..] => {
-                let mask = sent(id, len, data);
-                let wanted = mask.and_then(|mask| wanted(s, us, &mask, Some(mask.data)));
+                let mask = parse_send(id, len, data);
+                let wanted = mask.and_then(|mask| parse_subscribe(s, us, &mask, Some(mask.data)));
                 wanted.map_or(Self::Unknown, Self::Subscribe)
             }
-            [b"unsubscribe", id] => identified(id)
+            [b"unsubscribe", id] => parse_id(id)
                 .map_or(Self::Unknown, |frame| Self::Unsubscribe((frame.id, frame.extended))),
             _ => Self::Unknown,
         }
@@ -142,7 +144,7 @@ impl<'a> Request<'a> {
 
 /// What a server says.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Reply<'a> {
+pub enum ServerReply<'a> {
     /// It is there.
     Hi,
     /// It did as asked.
@@ -159,20 +161,20 @@ pub enum Reply<'a> {
     Unknown,
 }
 
-impl<'a> Reply<'a> {
+impl<'a> ServerReply<'a> {
     /// Reads an element of a server.
     #[must_use]
-    pub fn of(text: &'a [u8]) -> Self {
+    pub fn parse(text: &'a [u8]) -> Self {
         let mut words = [&b""[..]; WORDS_MAX];
-        match split(text, &mut words) {
+        match split_words(text, &mut words) {
             [b"hi"] => Self::Hi,
             [b"ok"] => Self::Ok,
             [b"echo"] => Self::Echo,
             [b"frame", id, _time, data @ ..] => {
-                received(id, data).map_or(Self::Unknown, Self::Frame)
+                parse_frame(id, data).map_or(Self::Unknown, Self::Frame)
             }
             [b"error", class, time] if time.contains(&b'.') => {
-                hex::number(class).map_or(Self::Unknown, Self::ErrorFrame)
+                hex::parse_hex(class).map_or(Self::Unknown, Self::ErrorFrame)
             }
             [b"error", ..] => Self::Error(&text.trim_ascii()[5..]),
             _ => Self::Unknown,
@@ -181,7 +183,7 @@ impl<'a> Reply<'a> {
 }
 
 /// Words between spaces, as many as there are places.
-fn split<'a, 'w>(text: &'a [u8], words: &'w mut [&'a [u8]]) -> &'w [&'a [u8]] {
+fn split_words<'a, 'w>(text: &'a [u8], words: &'w mut [&'a [u8]]) -> &'w [&'a [u8]] {
     let mut count = 0;
     let found = text.split(|&byte| byte == b' ').filter(|word| !word.is_empty());
     for (place, word) in words.iter_mut().zip(found) {
@@ -192,78 +194,84 @@ fn split<'a, 'w>(text: &'a [u8], words: &'w mut [&'a [u8]]) -> &'w [&'a [u8]] {
 }
 
 /// Eight digits are an extended identifier, fewer a standard one.
-fn identified(digits: &[u8]) -> Option<Frame> {
-    let (id, extended) = (hex::number(digits)?, digits.len() == 8);
+fn parse_id(digits: &[u8]) -> Option<Frame> {
+    let (id, extended) = (hex::parse_hex(digits)?, digits.len() == 8);
     let highest = if extended { 0x1FFF_FFFF } else { 0x7FF };
     (id <= highest).then_some(Frame { id, extended, ..Frame::default() })
 }
 
 /// `send`: the bytes as words of one or two digits.
-fn sent(id: &[u8], len: &[u8], data: &[&[u8]]) -> Option<Frame> {
-    let mut frame = identified(id)?;
-    if hex::number(len)? as usize != data.len() || data.len() > 8 {
+fn parse_send(id: &[u8], len: &[u8], data: &[&[u8]]) -> Option<Frame> {
+    let mut frame = parse_id(id)?;
+    if hex::parse_hex(len)? as usize != data.len() || data.len() > 8 {
         return None;
     }
     for (byte, word) in frame.data.iter_mut().zip(data) {
-        *byte = u8::try_from(hex::number(word)?).ok()?;
+        *byte = u8::try_from(hex::parse_hex(word)?).ok()?;
     }
     frame.len = data.len() as u8;
     Some(frame)
 }
 
 /// `subscribe` and `filter`: the interval as decimal seconds and microseconds.
-fn wanted(s: &[u8], us: &[u8], of: &Frame, mask: Option<[u8; 8]>) -> Option<Wanted> {
+fn parse_subscribe(
+    s: &[u8],
+    us: &[u8],
+    of: &Frame,
+    mask: Option<[u8; 8]>,
+) -> Option<SubscribeRequest> {
     let decimal = |word| str::from_utf8(word).ok()?.parse::<u32>().ok().map(u64::from);
     let every_ns = decimal(s)? * 1_000_000_000 + decimal(us)? * 1000;
-    Some(Wanted { id: (of.id, of.extended), every_ns, mask })
+    Some(SubscribeRequest { id: (of.id, of.extended), min_interval_ns: every_ns, mask })
 }
 
 /// `frame`: the bytes as one word of digits, or as several.
-fn received(id: &[u8], data: &[&[u8]]) -> Option<Frame> {
-    let mut frame = identified(id)?;
+fn parse_frame(id: &[u8], data: &[&[u8]]) -> Option<Frame> {
+    let mut frame = parse_id(id)?;
     for pair in data.iter().flat_map(|word| word.chunks(2)) {
         let &[high, low] = pair else { return None };
-        *frame.data.get_mut(usize::from(frame.len))? = hex::value(high)? << 4 | hex::value(low)?;
+        *frame.data.get_mut(usize::from(frame.len))? =
+            hex::digit_value(high)? << 4 | hex::digit_value(low)?;
         frame.len += 1;
     }
     Some(frame)
 }
 
 /// Writes the request to send a frame; false when it cannot be said (remote frames).
-pub(crate) fn write_send(frame: &Frame, text: &mut Text<'_>) -> bool {
+pub(crate) fn write_send(frame: &Frame, text: &mut TextWriter<'_>) -> bool {
     if frame.remote {
         return false;
     }
-    text.bytes(b"< send ");
+    text.push_bytes(b"< send ");
     write_id(frame, text);
-    text.byte(b' ');
-    text.number(frame.len.min(8).into(), 1);
+    text.push_byte(b' ');
+    text.push_hex(frame.len.min(8).into(), 1);
     for &byte in frame.bytes() {
-        text.byte(b' ');
-        text.number(byte.into(), if byte < 0x10 { 1 } else { 2 });
+        text.push_byte(b' ');
+        text.push_hex(byte.into(), if byte < 0x10 { 1 } else { 2 });
     }
-    text.bytes(b" >");
+    text.push_bytes(b" >");
     true
 }
 
 /// Writes that a frame was received at `wall_us`, microseconds since 1970; nothing for a remote
 /// frame, for which the protocol has no words.
 #[cfg(unix)]
-pub(crate) fn write_frame(frame: &Frame, wall_us: u64, text: &mut Text<'_>) {
+pub(crate) fn write_frame(frame: &Frame, wall_us: u64, text: &mut TextWriter<'_>) {
     if frame.remote {
         return;
     }
-    text.bytes(b"< frame ");
+    text.push_bytes(b"< frame ");
     write_id(frame, text);
-    text.byte(b' ');
-    text.decimal(wall_us / 1_000_000, 1);
-    text.byte(b'.');
-    text.decimal(wall_us % 1_000_000, 6);
-    text.byte(b' ');
-    frame.bytes().iter().for_each(|&byte| text.number(byte.into(), 2));
-    text.bytes(b" >");
+    text.push_byte(b' ');
+    text.push_decimal(wall_us / 1_000_000, 1);
+    text.push_byte(b'.');
+    text.push_decimal(wall_us % 1_000_000, 6);
+    text.push_byte(b' ');
+    frame.bytes().iter().for_each(|&byte| text.push_hex(byte.into(), 2));
+    text.push_bytes(b" >");
 }
 
-fn write_id(frame: &Frame, text: &mut Text<'_>) {
-    text.number(frame.id, if frame.extended { 8 } else { 3 });
+fn write_id(frame: &Frame, text: &mut TextWriter<'_>) {
+    text.push_hex(frame.id, if frame.extended { 8 } else { 3 });
 }

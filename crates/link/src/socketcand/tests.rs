@@ -2,7 +2,7 @@ use std::thread;
 
 use polepair_core::medium::Frame;
 
-use super::codec::{ELEMENT_MAX, Elements, End, Reply, Request};
+use super::codec::{ClientRequest, ELEMENT_MAX, ElementEnd, ElementSplitter, ServerReply};
 use super::*;
 use crate::clock;
 
@@ -10,23 +10,23 @@ fn extended(id: u32, data: &[u8]) -> Frame {
     Frame { id, extended: true, ..Frame::standard(0, data) }
 }
 
-fn text(write: impl Fn(&mut Text<'_>)) -> String {
+fn text(write: impl Fn(&mut TextWriter<'_>)) -> String {
     let mut room = [0; ELEMENT_MAX];
-    let mut text = Text::new(&mut room);
+    let mut text = TextWriter::new(&mut room);
     write(&mut text);
     let len = text.len;
     String::from_utf8(room[..len].to_vec()).unwrap()
 }
 
-fn elements(bytes: &[u8]) -> Vec<Option<String>> {
-    let mut elements = Elements::default();
+fn split_elements(bytes: &[u8]) -> Vec<Option<String>> {
+    let mut elements = ElementSplitter::default();
     let mut ends = Vec::new();
     for &byte in bytes {
         match elements.push(byte) {
-            Some(End::Element) => {
+            Some(ElementEnd::Element) => {
                 ends.push(Some(String::from_utf8(elements.text().to_vec()).unwrap()));
             }
-            Some(End::Spoilt) => ends.push(None),
+            Some(ElementEnd::Malformed) => ends.push(None),
             None => {}
         }
     }
@@ -43,17 +43,17 @@ fn frames_are_written_and_read_as_the_protocol_prints_them() {
     for (frame, element) in sent {
         assert_eq!(text(|to| assert!(codec::write_send(&frame, to))), element);
         let inside = &element.as_bytes()[1..element.len() - 1];
-        assert_eq!(Request::of(inside), Request::Send(frame));
-        assert_eq!(Request::of(&inside.to_ascii_lowercase()), Request::Send(frame));
+        assert_eq!(ClientRequest::parse(inside), ClientRequest::Send(frame));
+        assert_eq!(ClientRequest::parse(&inside.to_ascii_lowercase()), ClientRequest::Send(frame));
     }
     let frame = Frame::standard(0x123, &[0x1A, 0x22, 0x03, 0x44]);
     let told = "< frame 123 23.424242 1A220344 >";
     assert_eq!(text(|to| codec::write_frame(&frame, 23_424_242, to)), told);
-    assert_eq!(Reply::of(b" frame 123 23.424242 1A220344 "), Reply::Frame(frame));
-    assert_eq!(Reply::of(b" frame 123 23.424242 1A 22 03 44 "), Reply::Frame(frame));
+    assert_eq!(ServerReply::parse(b" frame 123 23.424242 1A220344 "), ServerReply::Frame(frame));
+    assert_eq!(ServerReply::parse(b" frame 123 23.424242 1A 22 03 44 "), ServerReply::Frame(frame));
     let empty = Frame::standard(0x7FF, &[]);
     assert_eq!(text(|to| codec::write_frame(&empty, 7, to)), "< frame 7FF 0.000007  >");
-    assert_eq!(Reply::of(b" frame 7FF 0.000007  "), Reply::Frame(empty));
+    assert_eq!(ServerReply::parse(b" frame 7FF 0.000007  "), ServerReply::Frame(empty));
     let remote = Frame { remote: true, ..empty };
     assert!(text(|to| codec::write_frame(&remote, 7, to)).is_empty());
     assert!(text(|to| assert!(!codec::write_send(&remote, to))).is_empty());
@@ -63,23 +63,26 @@ fn frames_are_written_and_read_as_the_protocol_prints_them() {
 fn what_is_no_frame_is_refused() {
     let requests = ["send 123 9 1 2 3 4 5 6 7 8 9", "send 123 1", "send 800 0", "send 20000000 0"];
     for wrong in requests.into_iter().chain(["send 123 1 100", "send xyz 0", "open", "", "send"]) {
-        assert_eq!(Request::of(wrong.as_bytes()), Request::Unknown, "{wrong}");
+        assert_eq!(ClientRequest::parse(wrong.as_bytes()), ClientRequest::Unknown, "{wrong}");
     }
     for wrong in ["frame 123 1.0 123", "frame 123 1.0 112233445566778899", "frame 123", "oops"] {
-        assert_eq!(Reply::of(wrong.as_bytes()), Reply::Unknown, "{wrong}");
+        assert_eq!(ServerReply::parse(wrong.as_bytes()), ServerReply::Unknown, "{wrong}");
     }
-    assert_eq!(Reply::of(b" error 040 1.5 "), Reply::ErrorFrame(0x40));
-    assert_eq!(Reply::of(b" error could not open bus "), Reply::Error(b" could not open bus"));
+    assert_eq!(ServerReply::parse(b" error 040 1.5 "), ServerReply::ErrorFrame(0x40));
+    assert_eq!(
+        ServerReply::parse(b" error could not open bus "),
+        ServerReply::Error(b" could not open bus")
+    );
 }
 
 #[test]
 fn junk_costs_the_element_it_stands_in() {
     let some = |text: &str| Some(text.to_owned());
-    assert_eq!(elements(b"xx< hi >\n< ok ><a>"), [some(" hi "), some(" ok "), some("a")]);
-    assert_eq!(elements(b"< frame 12< ok >"), [None, some(" ok ")]);
-    assert_eq!(elements(b"< \xFF ok >< ok >"), [None, some(" ok ")]);
+    assert_eq!(split_elements(b"xx< hi >\n< ok ><a>"), [some(" hi "), some(" ok "), some("a")]);
+    assert_eq!(split_elements(b"< frame 12< ok >"), [None, some(" ok ")]);
+    assert_eq!(split_elements(b"< \xFF ok >< ok >"), [None, some(" ok ")]);
     let long = [b"<".to_vec(), vec![b'x'; 5000], b">< ok >".to_vec()].concat();
-    assert_eq!(elements(&long), [None, some(" ok ")]);
+    assert_eq!(split_elements(&long), [None, some(" ok ")]);
 }
 
 #[cfg(unix)]
@@ -119,27 +122,27 @@ fn clients_of_a_server_hear_each_other_and_the_drives() {
 #[cfg(unix)]
 #[test]
 fn a_client_hears_what_it_has_subscribed_to() {
-    use super::daemon::{Daemon, WANTED_MAX};
-    use crate::hub::{SAYING_MAX, Saying, Session};
-    let mut daemon = Daemon::new("can0");
-    let say = |daemon: &mut Daemon, words: &str| {
+    use super::server::{SUBSCRIPTIONS_MAX, SocketcandSession};
+    use crate::hub::{HubSession, OUTPUT_MAX, SessionOutput};
+    let mut daemon = SocketcandSession::new("can0");
+    let say = |daemon: &mut SocketcandSession, words: &str| {
         let mut said = String::new();
         for byte in words.bytes() {
             said += &text(|to| {
-                let mut room = [0; SAYING_MAX];
-                let mut answer = Saying(Text::new(&mut room));
-                daemon.clone().take(byte, &mut answer);
+                let mut room = [0; OUTPUT_MAX];
+                let mut answer = SessionOutput(TextWriter::new(&mut room));
+                daemon.clone().handle_byte(byte, &mut answer);
                 let len = answer.0.len;
-                to.bytes(&room[..len]);
+                to.push_bytes(&room[..len]);
             });
-            daemon.take(byte, &mut Saying(Text::new(&mut [0; SAYING_MAX])));
+            daemon.handle_byte(byte, &mut SessionOutput(TextWriter::new(&mut [0; OUTPUT_MAX])));
         }
         said
     };
-    let hears = |daemon: &mut Daemon, ms: u64, frame: Frame| {
-        let mut room = [0; SAYING_MAX];
-        let mut saying = Saying(Text::new(&mut room));
-        daemon.show(&frame, Instant(ms * 1_000_000), &mut saying);
+    let hears = |daemon: &mut SocketcandSession, ms: u64, frame: Frame| {
+        let mut room = [0; OUTPUT_MAX];
+        let mut saying = SessionOutput(TextWriter::new(&mut room));
+        daemon.write_frame(&frame, Instant(ms * 1_000_000), &mut saying);
         saying.0.len > 0
     };
     let frame = |id, data: &[u8]| Frame::standard(id, data);
@@ -165,9 +168,9 @@ fn a_client_hears_what_it_has_subscribed_to() {
     for wrong in ["subscribe 0 123", "subscribe x 0 123", "filter 0 0 123 2 FF", "unsubscribe"] {
         assert_eq!(say(&mut daemon, &format!("< {wrong} >")), "< error unknown command >");
     }
-    for id in 0..WANTED_MAX {
+    for id in 0..SUBSCRIPTIONS_MAX {
         let full = say(&mut daemon, &format!("< subscribe 0 0 {id:X} >"));
-        assert_eq!(full.is_empty(), id + 1 < WANTED_MAX, "{id}: {full}");
+        assert_eq!(full.is_empty(), id + 1 < SUBSCRIPTIONS_MAX, "{id}: {full}");
     }
     assert_eq!(say(&mut daemon, "< rawmode >< bcmmode >"), "< ok >< ok >");
     assert!(!hears(&mut daemon, 9000, extended(0x123, &[9])));
@@ -195,17 +198,20 @@ fn garbage_does_no_harm() {
             bytes[at] = random() as u8;
         }
         bytes.extend(b"< ok >");
-        let mut elements = Elements::default();
+        let mut elements = ElementSplitter::default();
         let mut last = None;
         for byte in bytes {
             last = elements.push(byte);
-            if last == Some(End::Element) {
-                if let Request::Send(frame) = Request::of(elements.text()) {
+            if last == Some(ElementEnd::Element) {
+                if let ClientRequest::Send(frame) = ClientRequest::parse(elements.text()) {
                     assert!(frame.len <= 8 && frame.id <= 0x1FFF_FFFF);
                 }
-                let _ = Reply::of(elements.text());
+                let _ = ServerReply::parse(elements.text());
             }
         }
-        assert_eq!((last, Reply::of(elements.text())), (Some(End::Element), Reply::Ok));
+        assert_eq!(
+            (last, ServerReply::parse(elements.text())),
+            (Some(ElementEnd::Element), ServerReply::Ok)
+        );
     }
 }

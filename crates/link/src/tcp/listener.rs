@@ -5,10 +5,10 @@ use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::time::Instant;
 
 use crate::clock;
-use crate::descriptor::{Descriptor, Reads};
+use crate::descriptor::{Descriptor, ReadMode};
 use crate::error::LinkError;
-use crate::link::{Link, Received};
-use crate::wake::Waker;
+use crate::link::{LinkIo, Received};
+use crate::waker::LinkWaker;
 use rustix::event::{PollFd, PollFlags, poll};
 
 /// The drive's end of a TCP connection: takes one client after another, without end. What is sent
@@ -17,7 +17,7 @@ use rustix::event::{PollFd, PollFlags, poll};
 pub struct TcpServer {
     listener: TcpListener,
     address: SocketAddr,
-    wake: Waker,
+    waker: LinkWaker,
     client: Mutex<Option<Arc<Descriptor>>>,
 }
 
@@ -31,7 +31,12 @@ impl TcpServer {
         let fail = |error: std::io::Error| LinkError::from_io(address, &error);
         let listener = listen(address)?;
         let at = listener.local_addr().map_err(fail)?;
-        Ok(Self { listener, address: at, wake: Waker::new().map_err(fail)?, client: None.into() })
+        Ok(Self {
+            listener,
+            address: at,
+            waker: LinkWaker::new().map_err(fail)?,
+            client: None.into(),
+        })
     }
 
     /// Where it listens.
@@ -49,15 +54,19 @@ impl TcpServer {
     }
 
     /// Waits for a client; `None` when one came.
-    fn accept(&self, until: Instant) -> Result<Option<Received>, LinkError> {
+    fn wait_for_client(&self, until: Instant) -> Result<Option<Received>, LinkError> {
         let name = self.address.to_string();
         loop {
             if let Ok((stream, _)) = self.listener.accept() {
                 let _ = stream.set_nodelay(true);
                 let fail = |error: std::io::Error| LinkError::from_io(&name, &error);
                 stream.set_nonblocking(true).map_err(fail)?;
-                let client =
-                    Descriptor::with_waker(Reads::Stream, stream.into(), self.wake.clone(), &name);
+                let client = Descriptor::with_waker(
+                    ReadMode::Stream,
+                    stream.into(),
+                    self.waker.clone(),
+                    &name,
+                );
                 self.set_client(Some(Arc::new(client)));
                 return Ok(None);
             }
@@ -67,18 +76,18 @@ impl TcpServer {
             }
             let mut fds = [
                 PollFd::new(&self.listener, PollFlags::IN),
-                PollFd::from_borrowed_fd(self.wake.as_fd(), PollFlags::IN),
+                PollFd::from_borrowed_fd(self.waker.as_fd(), PollFlags::IN),
             ];
-            let timeout = (until != Instant::FAR).then(|| crate::descriptor::timespec(left));
+            let timeout = (until != Instant::FAR_FUTURE).then(|| crate::descriptor::timespec(left));
             let _ = poll(&mut fds, timeout.as_ref());
-            if !fds[1].revents().is_empty() && self.wake.taken() {
+            if !fds[1].revents().is_empty() && self.waker.take_wakeup() {
                 return Ok(Some(Received::Woken));
             }
         }
     }
 }
 
-impl Link<Stream> for TcpServer {
+impl LinkIo<Stream> for TcpServer {
     fn now(&self) -> Instant {
         clock::now()
     }
@@ -99,7 +108,7 @@ impl Link<Stream> for TcpServer {
                     received => return received,
                 }
             }
-            if let Some(other) = self.accept(until)? {
+            if let Some(other) = self.wait_for_client(until)? {
                 return Ok(other);
             }
         }
@@ -109,8 +118,8 @@ impl Link<Stream> for TcpServer {
         Ok(())
     }
 
-    fn waker(&self) -> Waker {
-        self.wake.clone()
+    fn waker(&self) -> LinkWaker {
+        self.waker.clone()
     }
 
     fn describe(&self) -> String {

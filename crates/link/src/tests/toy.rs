@@ -3,10 +3,10 @@
 
 use std::collections::VecDeque;
 
-use polepair_core::axis::{Axes, Command, Rehearsed, State, Verb};
+use polepair_core::axis::{Axes, AxisStatus, Command, RehearsalStep, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{SerialLine, Stream};
-use polepair_core::profile::{ParameterId, Profile, Readdress};
+use polepair_core::profile::{AddressRole, ParameterId, Profile};
 use polepair_core::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
 use polepair_core::time::{Instant, earliest};
 
@@ -17,7 +17,7 @@ const QUEUE_MAX: usize = 64;
 const BAUD: u32 = 115_200;
 
 #[derive(Clone, Copy)]
-struct Job {
+struct ToyJob {
     ticket: Ticket,
     value: u32,
     /// Exchanges still to be made, with a pause before each: a plan.
@@ -27,12 +27,12 @@ struct Job {
 
 #[derive(Default)]
 pub(super) struct ToyLane {
-    queue: VecDeque<Job>,
-    plans: Vec<Job>,
-    outstanding: Option<(Job, u32, bool, Instant)>,
+    queue: VecDeque<ToyJob>,
+    plans: Vec<ToyJob>,
+    outstanding: Option<(ToyJob, u32, bool, Instant)>,
     number: u32,
-    heard: Vec<u8>,
-    ended: VecDeque<(Ticket, Outcome)>,
+    received: Vec<u8>,
+    outcomes: VecDeque<(Ticket, Outcome)>,
     pub(super) ups: u32,
     pub(super) late: u64,
     fast: bool,
@@ -41,15 +41,15 @@ pub(super) struct ToyLane {
 
 impl ToyLane {
     /// It waits so long for an answer.
-    pub(super) fn waiting(reply_timeout_ms: u32) -> Self {
+    pub(super) fn with_reply_timeout(reply_timeout_ms: u32) -> Self {
         Self { reply_timeout_ms, ..Self::default() }
     }
 
     fn finish(&mut self, ticket: Ticket, outcome: Outcome) {
-        self.ended.push_back((ticket, outcome));
+        self.outcomes.push_back((ticket, outcome));
     }
 
-    fn answered(&mut self, now: Instant, number: u32, value: u32) {
+    fn handle_answer(&mut self, now: Instant, number: u32, value: u32) {
         match self.outstanding.take() {
             Some((mut job, asked, _, _)) if asked == number => {
                 if job.left == 0 {
@@ -77,7 +77,7 @@ impl Timed for ToyLane {
         }
         let (due, later) = std::mem::take(&mut self.plans).into_iter().partition(|j| j.at <= now);
         self.plans = later;
-        self.queue.extend::<Vec<Job>>(due);
+        self.queue.extend::<Vec<ToyJob>>(due);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
@@ -88,23 +88,23 @@ impl Timed for ToyLane {
 
 impl Station<Stream> for ToyLane {
     fn handle_input(&mut self, now: Instant, unit: &[u8]) {
-        self.heard.extend_from_slice(unit);
-        while self.heard.len() >= 8 {
-            let (number, value) = split(&self.heard);
-            self.heard.drain(..8);
-            self.answered(now, number, value);
+        self.received.extend_from_slice(unit);
+        while self.received.len() >= 8 {
+            let (number, value) = split(&self.received);
+            self.received.drain(..8);
+            self.handle_answer(now, number, value);
         }
     }
 
     fn handle_line(&mut self, _now: Instant, event: LineEvent) {
         match event {
             LineEvent::Down => {
-                self.heard.clear();
+                self.received.clear();
                 let on_wire = self.outstanding.take().map(|(job, ..)| job);
                 let jobs = on_wire.into_iter().chain(self.plans.drain(..));
                 let ended = jobs.chain(self.queue.drain(..));
                 let lost = Outcome::Unknown(Failure::LinkDown);
-                self.ended.extend(ended.map(|job| (job.ticket, lost)));
+                self.outcomes.extend(ended.map(|job| (job.ticket, lost)));
             }
             LineEvent::Up => self.ups += 1,
             _ => {}
@@ -126,20 +126,20 @@ impl Station<Stream> for ToyLane {
     }
 
     fn line(&self) -> SerialLine {
-        SerialLine::n81(if self.fast { 512_000 } else { BAUD })
+        SerialLine::new_8n1(if self.fast { 512_000 } else { BAUD })
     }
 }
 
 impl Axes for ToyLane {
-    fn readdresses(
+    fn address_change(
         &self,
         _axis: AxisIndex,
         _parameter: ParameterId,
         _raw: i64,
-    ) -> Result<Option<Readdress>, Unsupported> {
+    ) -> Result<Option<AddressRole>, Unsupported> {
         Ok(None)
     }
-    fn axes(&self) -> usize {
+    fn axis_count(&self) -> usize {
         1
     }
     fn address(&self, _axis: AxisIndex) -> Option<u32> {
@@ -148,10 +148,10 @@ impl Axes for ToyLane {
     fn profile(&self, _axis: AxisIndex) -> Option<&'static Profile> {
         None
     }
-    fn state(&self, _axis: AxisIndex) -> Option<&State> {
+    fn state(&self, _axis: AxisIndex) -> Option<&AxisStatus> {
         None
     }
-    fn arm(&mut self, _axis: AxisIndex, armed: bool) {
+    fn set_armed(&mut self, _axis: AxisIndex, armed: bool) {
         self.fast = armed;
     }
 
@@ -165,7 +165,7 @@ impl Axes for ToyLane {
     ) -> Result<(), Unsupported> {
         let stop = command.verb == Verb::Stop;
         let (value, left) = if stop { (STOP_VALUE, 0) } else { (7, 9) };
-        let job = Job { ticket, value, left, at: now };
+        let job = ToyJob { ticket, value, left, at: now };
         if stop {
             self.queue.push_front(job)
         } else {
@@ -174,7 +174,7 @@ impl Axes for ToyLane {
         Ok(())
     }
 
-    fn read(
+    fn read_parameter(
         &mut self,
         _now: Instant,
         _ticket: Ticket,
@@ -184,7 +184,7 @@ impl Axes for ToyLane {
         Err(Unsupported::NoSuchParameter)
     }
 
-    fn write(
+    fn write_parameter(
         &mut self,
         now: Instant,
         ticket: Ticket,
@@ -197,11 +197,11 @@ impl Axes for ToyLane {
         if self.queue.len() == QUEUE_MAX {
             return Err(Unsupported::Busy);
         }
-        self.queue.push_back(Job { ticket, value, left: 0, at: now });
+        self.queue.push_back(ToyJob { ticket, value, left: 0, at: now });
         Ok(())
     }
 
-    fn raw(
+    fn send_text(
         &mut self,
         _now: Instant,
         _ticket: Ticket,
@@ -212,14 +212,14 @@ impl Axes for ToyLane {
     }
 
     fn poll_outcome(&mut self) -> Option<(Ticket, Outcome)> {
-        self.ended.pop_front()
+        self.outcomes.pop_front()
     }
 
     fn rehearse(
         &self,
         _axis: AxisIndex,
         _command: Command,
-        _show: &mut dyn FnMut(Rehearsed<'_>),
+        _show: &mut dyn FnMut(RehearsalStep<'_>),
     ) -> Result<(), Unsupported> {
         Err(Unsupported::NoPlan)
     }
@@ -240,15 +240,15 @@ impl Axes for ToyLane {
 /// The drive's end.
 #[derive(Default)]
 pub(super) struct ToyDevice {
-    heard: Vec<u8>,
+    received: Vec<u8>,
     replies: VecDeque<(Instant, [u8; 8])>,
     /// Answers so much later, and not at all when that is none.
     pub(super) delay_ms: Option<u32>,
-    pub(super) asked: u32,
+    pub(super) request_count: u32,
 }
 
 impl ToyDevice {
-    pub(super) fn answering_after(ms: u32) -> Self {
+    pub(super) fn with_delay(ms: u32) -> Self {
         Self { delay_ms: Some(ms), ..Self::default() }
     }
 
@@ -267,11 +267,11 @@ impl Timed for ToyDevice {
 
 impl Station<Stream> for ToyDevice {
     fn handle_input(&mut self, now: Instant, unit: &[u8]) {
-        self.heard.extend_from_slice(unit);
-        while self.heard.len() >= 8 {
-            let (number, value) = split(&self.heard);
-            self.heard.drain(..8);
-            self.asked += 1;
+        self.received.extend_from_slice(unit);
+        while self.received.len() >= 8 {
+            let (number, value) = split(&self.received);
+            self.received.drain(..8);
+            self.request_count += 1;
             let Some(delay) = self.delay_ms else { continue };
             self.replies.push_back((now.plus_ms(delay), frame(number, value.wrapping_add(1))));
         }
@@ -290,7 +290,7 @@ impl Station<Stream> for ToyDevice {
     }
 
     fn line(&self) -> SerialLine {
-        SerialLine::n81(BAUD)
+        SerialLine::new_8n1(BAUD)
     }
 }
 

@@ -12,7 +12,7 @@ const VALUES_MAX: usize = 256;
 
 /// What a datagram carried.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Unpacked {
+pub enum UnpackedDatagram {
     /// A frame.
     Frame(Frame),
     /// The report of an error on the wire.
@@ -31,50 +31,50 @@ const END: &[u8; 46] = b"\xA5is_fd\xC2\xAEbitrate_switch\xC2\xB5error_state_indi
 
 /// Writes `frame` as sent at `wall_ns` (nanoseconds since 1970) and returns the length.
 pub fn pack(frame: &Frame, wall_ns: u64, out: &mut [u8; DATAGRAM_MAX]) -> usize {
-    let mut writer = Writer { out, len: 0 };
-    writer.put(STAMP);
-    writer.put(&(wall_ns as f64 / 1e9).to_be_bytes());
-    writer.put(ID);
-    writer.unsigned(frame.id);
-    writer.put(EXTENDED);
-    writer.put(&[bool_of(frame.extended)]);
-    writer.put(REMOTE);
-    writer.put(&[bool_of(frame.remote)]);
-    writer.put(LENGTH);
-    writer.put(&[frame.len.min(8)]);
-    writer.put(DATA);
+    let mut writer = MsgpackWriter { out, len: 0 };
+    writer.push(STAMP);
+    writer.push(&(wall_ns as f64 / 1e9).to_be_bytes());
+    writer.push(ID);
+    writer.push_unsigned(frame.id);
+    writer.push(EXTENDED);
+    writer.push(&[bool_byte(frame.extended)]);
+    writer.push(REMOTE);
+    writer.push(&[bool_byte(frame.remote)]);
+    writer.push(LENGTH);
+    writer.push(&[frame.len.min(8)]);
+    writer.push(DATA);
     let data = if frame.remote { &[] } else { frame.bytes() };
-    writer.put(&[data.len() as u8]);
-    writer.put(data);
-    writer.put(END);
+    writer.push(&[data.len() as u8]);
+    writer.push(data);
+    writer.push(END);
     writer.len
 }
 
-const fn bool_of(set: bool) -> u8 {
+const fn bool_byte(set: bool) -> u8 {
     0xC2 | set as u8
 }
 
-struct Writer<'a> {
+struct MsgpackWriter<'a> {
     out: &'a mut [u8; DATAGRAM_MAX],
     len: usize,
 }
 
-impl Writer<'_> {
-    fn put(&mut self, bytes: &[u8]) {
+impl MsgpackWriter<'_> {
+    fn push(&mut self, bytes: &[u8]) {
         self.out[self.len..self.len + bytes.len()].copy_from_slice(bytes);
         self.len += bytes.len();
     }
 
     /// In the shortest form, as python-can writes it.
-    fn unsigned(&mut self, value: u32) {
+    fn push_unsigned(&mut self, value: u32) {
         let bytes = value.to_be_bytes();
         match value {
-            0..=0x7F => self.put(&bytes[3..]),
-            0x80..=0xFF => self.put(&[0xCC, bytes[3]]),
-            0x100..=0xFFFF => self.put(&[0xCD, bytes[2], bytes[3]]),
+            0..=0x7F => self.push(&bytes[3..]),
+            0x80..=0xFF => self.push(&[0xCC, bytes[3]]),
+            0x100..=0xFFFF => self.push(&[0xCD, bytes[2], bytes[3]]),
             _ => {
-                self.put(&[0xCE]);
-                self.put(&bytes);
+                self.push(&[0xCE]);
+                self.push(&bytes);
             }
         }
     }
@@ -83,13 +83,13 @@ impl Writer<'_> {
 /// Reads a datagram. `None` when it is damaged, is something else, or carries what classic CAN
 /// cannot (CAN FD).
 #[must_use]
-pub fn unpack(datagram: &[u8]) -> Option<Unpacked> {
-    usual(datagram).or_else(|| any(datagram))?.check()
+pub fn unpack(datagram: &[u8]) -> Option<UnpackedDatagram> {
+    parse_usual(datagram).or_else(|| parse_any_order(datagram))?.validate()
 }
 
 /// In the order and the forms in which python-can and we write; else `None`. Five times as fast as
 /// to look at every key.
-fn usual(datagram: &[u8]) -> Option<Fields<'_>> {
+fn parse_usual(datagram: &[u8]) -> Option<MessageFields<'_>> {
     let rest = datagram.strip_prefix(STAMP)?.get(8..)?.strip_prefix(ID)?;
     let (id, rest) = match *rest {
         [id @ 0..=0x7F, ref rest @ ..] => (id.into(), rest),
@@ -98,30 +98,30 @@ fn usual(datagram: &[u8]) -> Option<Fields<'_>> {
         [0xCE, a, b, c, d, ref rest @ ..] => (u32::from_be_bytes([a, b, c, d]).into(), rest),
         _ => return None,
     };
-    let (extended, rest) = flag(rest.strip_prefix(EXTENDED)?)?;
-    let (remote, rest) = flag(rest.strip_prefix(REMOTE)?)?;
+    let (extended, rest) = parse_bool(rest.strip_prefix(EXTENDED)?)?;
+    let (remote, rest) = parse_bool(rest.strip_prefix(REMOTE)?)?;
     let (&len, rest) = rest.strip_prefix(LENGTH)?.split_first()?;
     let (&count, rest) = rest.strip_prefix(DATA)?.split_first()?;
     let data = rest.strip_suffix(END)?;
     let usual = len <= 0x7F && data.len() == usize::from(count);
     let (id, len) = (Some(id), Some(len.into()));
-    usual.then_some(Fields { id, extended, remote, error: false, fd: false, len, data })
+    usual.then_some(MessageFields { id, extended, remote, error: false, fd: false, len, data })
 }
 
-fn flag(bytes: &[u8]) -> Option<(bool, &[u8])> {
+fn parse_bool(bytes: &[u8]) -> Option<(bool, &[u8])> {
     let (&byte, rest) = bytes.split_first()?;
     (byte & !1 == 0xC2).then_some((byte == 0xC3, rest))
 }
 
 /// With keys in any order, some missing and others besides.
-fn any(datagram: &[u8]) -> Option<Fields<'_>> {
-    let mut reader = Reader { rest: datagram, values: 0 };
-    let Item::Map(pairs) = reader.item()? else { return None };
-    let mut fields = Fields::default();
+fn parse_any_order(datagram: &[u8]) -> Option<MessageFields<'_>> {
+    let mut reader = MsgpackReader { rest: datagram, values: 0 };
+    let MsgpackValue::Map(pairs) = reader.read_value()? else { return None };
+    let mut fields = MessageFields::default();
     for _ in 0..pairs {
-        let Item::Text(key) = reader.item()? else { return None };
-        let value = reader.item()?;
-        if !fields.set(key, value)? {
+        let MsgpackValue::Text(key) = reader.read_value()? else { return None };
+        let value = reader.read_value()?;
+        if !fields.set_field(key, value)? {
             reader.skip(value)?;
         }
     }
@@ -129,7 +129,7 @@ fn any(datagram: &[u8]) -> Option<Fields<'_>> {
 }
 
 /// What the map said, else what python-can takes for granted.
-struct Fields<'a> {
+struct MessageFields<'a> {
     id: Option<u64>,
     extended: bool,
     remote: bool,
@@ -139,7 +139,7 @@ struct Fields<'a> {
     data: &'a [u8],
 }
 
-impl Default for Fields<'_> {
+impl Default for MessageFields<'_> {
     fn default() -> Self {
         Self {
             id: None,
@@ -153,9 +153,9 @@ impl Default for Fields<'_> {
     }
 }
 
-impl<'a> Fields<'a> {
+impl<'a> MessageFields<'a> {
     /// True when the key was one of ours, `None` when its value is not of the type it must have.
-    fn set(&mut self, key: &[u8], value: Item<'a>) -> Option<bool> {
+    fn set_field(&mut self, key: &[u8], value: MsgpackValue<'a>) -> Option<bool> {
         let place = match key {
             b"is_extended_id" => &mut self.extended,
             b"is_remote_frame" => &mut self.remote,
@@ -166,7 +166,7 @@ impl<'a> Fields<'a> {
                 return Some(true);
             }
             b"dlc" => {
-                self.len = if value == Item::Nil { None } else { Some(value.unsigned()?) };
+                self.len = if value == MsgpackValue::Nil { None } else { Some(value.unsigned()?) };
                 return Some(true);
             }
             b"data" => {
@@ -175,14 +175,14 @@ impl<'a> Fields<'a> {
             }
             _ => return Some(false),
         };
-        let Item::Bool(set) = value else { return None };
+        let MsgpackValue::Bool(set) = value else { return None };
         *place = set;
         Some(true)
     }
 
-    fn check(&self) -> Option<Unpacked> {
+    fn validate(&self) -> Option<UnpackedDatagram> {
         if self.error {
-            return Some(Unpacked::ErrorFrame);
+            return Some(UnpackedDatagram::ErrorFrame);
         }
         let id = u32::try_from(self.id?).ok()?;
         let len = u8::try_from(self.len.unwrap_or(self.data.len() as u64)).ok()?;
@@ -194,13 +194,13 @@ impl<'a> Fields<'a> {
         let mut frame =
             Frame { id, extended: self.extended, remote: self.remote, len, data: [0; 8] };
         frame.data[..data_len].copy_from_slice(self.data);
-        Some(Unpacked::Frame(frame))
+        Some(UnpackedDatagram::Frame(frame))
     }
 }
 
 /// A value, or the head of one that holds others.
 #[derive(Clone, Copy, PartialEq, Debug)]
-enum Item<'a> {
+enum MsgpackValue<'a> {
     Nil,
     Bool(bool),
     Unsigned(u64),
@@ -212,80 +212,80 @@ enum Item<'a> {
     Other,
 }
 
-impl<'a> Item<'a> {
+impl<'a> MsgpackValue<'a> {
     fn unsigned(self) -> Option<u64> {
-        if let Item::Unsigned(value) = self { Some(value) } else { None }
+        if let MsgpackValue::Unsigned(value) = self { Some(value) } else { None }
     }
 
     fn bytes(self) -> Option<&'a [u8]> {
         match self {
-            Item::Nil => Some(&[]),
-            Item::Binary(bytes) | Item::Text(bytes) => Some(bytes),
+            MsgpackValue::Nil => Some(&[]),
+            MsgpackValue::Binary(bytes) | MsgpackValue::Text(bytes) => Some(bytes),
             _ => None,
         }
     }
 }
 
-struct Reader<'a> {
+struct MsgpackReader<'a> {
     rest: &'a [u8],
     values: usize,
 }
 
-impl<'a> Reader<'a> {
-    fn take(&mut self, len: usize) -> Option<&'a [u8]> {
+impl<'a> MsgpackReader<'a> {
+    fn read_bytes(&mut self, len: usize) -> Option<&'a [u8]> {
         let (taken, rest) = self.rest.split_at_checked(len)?;
         self.rest = rest;
         Some(taken)
     }
 
     /// A big-endian number of `width` bytes.
-    fn number(&mut self, width: usize) -> Option<u64> {
-        Some(self.take(width)?.iter().fold(0, |sum, byte| sum << 8 | u64::from(*byte)))
+    fn read_uint(&mut self, width: usize) -> Option<u64> {
+        Some(self.read_bytes(width)?.iter().fold(0, |sum, byte| sum << 8 | u64::from(*byte)))
     }
 
-    fn length(&mut self, width: usize) -> Option<usize> {
-        usize::try_from(self.number(width)?).ok()
+    fn read_len(&mut self, width: usize) -> Option<usize> {
+        usize::try_from(self.read_uint(width)?).ok()
     }
 
-    fn item(&mut self) -> Option<Item<'a>> {
+    fn read_value(&mut self) -> Option<MsgpackValue<'a>> {
         self.values += 1;
         if self.values > VALUES_MAX {
             return None;
         }
-        let head = self.take(1)?[0];
+        let head = self.read_bytes(1)?[0];
         let low = usize::from(head);
         Some(match head {
-            0x00..=0x7F => Item::Unsigned(head.into()),
-            0x80..=0x8F => Item::Map(low & 0x0F),
-            0x90..=0x9F => Item::Array(low & 0x0F),
-            0xA0..=0xBF => Item::Text(self.take(low & 0x1F)?),
-            0xC0 => Item::Nil,
-            0xC2 | 0xC3 => Item::Bool(head == 0xC3),
+            0x00..=0x7F => MsgpackValue::Unsigned(head.into()),
+            0x80..=0x8F => MsgpackValue::Map(low & 0x0F),
+            0x90..=0x9F => MsgpackValue::Array(low & 0x0F),
+            0xA0..=0xBF => MsgpackValue::Text(self.read_bytes(low & 0x1F)?),
+            0xC0 => MsgpackValue::Nil,
+            0xC2 | 0xC3 => MsgpackValue::Bool(head == 0xC3),
             0xC4..=0xC6 => {
-                let len = self.length(1 << (head - 0xC4))?;
-                Item::Binary(self.take(len)?)
+                let len = self.read_len(1 << (head - 0xC4))?;
+                MsgpackValue::Binary(self.read_bytes(len)?)
             }
-            0xCC..=0xCF => Item::Unsigned(self.number(1 << (head - 0xCC))?),
-            0xD0..=0xD3 => signed(self.number(1 << (head - 0xD0))?, 8 << (head - 0xD0)),
+            0xCC..=0xCF => MsgpackValue::Unsigned(self.read_uint(1 << (head - 0xCC))?),
+            0xD0..=0xD3 => signed_value(self.read_uint(1 << (head - 0xD0))?, 8 << (head - 0xD0)),
             0xD9..=0xDB => {
-                let len = self.length(1 << (head - 0xD9))?;
-                Item::Text(self.take(len)?)
+                let len = self.read_len(1 << (head - 0xD9))?;
+                MsgpackValue::Text(self.read_bytes(len)?)
             }
-            0xDC | 0xDD => Item::Array(self.length(2 << (head - 0xDC))?),
-            0xDE | 0xDF => Item::Map(self.length(2 << (head - 0xDE))?),
-            0xE0..=0xFF => Item::Other,
+            0xDC | 0xDD => MsgpackValue::Array(self.read_len(2 << (head - 0xDC))?),
+            0xDE | 0xDF => MsgpackValue::Map(self.read_len(2 << (head - 0xDE))?),
+            0xE0..=0xFF => MsgpackValue::Other,
             _ => {
-                let len = self.opaque(head)?;
-                self.take(len)?;
-                Item::Other
+                let len = self.opaque_len(head)?;
+                self.read_bytes(len)?;
+                MsgpackValue::Other
             }
         })
     }
 
     /// Length of a real number or an extension, its type included.
-    fn opaque(&mut self, head: u8) -> Option<usize> {
+    fn opaque_len(&mut self, head: u8) -> Option<usize> {
         match head {
-            0xC7..=0xC9 => self.length(1 << (head - 0xC7))?.checked_add(1),
+            0xC7..=0xC9 => self.read_len(1 << (head - 0xC7))?.checked_add(1),
             0xCA => Some(4),
             0xCB => Some(8),
             0xD4..=0xD8 => Some((1 << (head - 0xD4)) + 1),
@@ -294,25 +294,25 @@ impl<'a> Reader<'a> {
     }
 
     /// Passes over what `item` holds.
-    fn skip(&mut self, item: Item<'_>) -> Option<()> {
-        let mut left = held(item)?;
+    fn skip(&mut self, item: MsgpackValue<'_>) -> Option<()> {
+        let mut left = child_count(item)?;
         while left > 0 {
-            let item = self.item()?;
-            left = (left - 1).checked_add(held(item)?)?;
+            let item = self.read_value()?;
+            left = (left - 1).checked_add(child_count(item)?)?;
         }
         Some(())
     }
 }
 
-fn held(item: Item<'_>) -> Option<usize> {
+fn child_count(item: MsgpackValue<'_>) -> Option<usize> {
     match item {
-        Item::Array(count) => Some(count),
-        Item::Map(count) => count.checked_mul(2),
+        MsgpackValue::Array(count) => Some(count),
+        MsgpackValue::Map(count) => count.checked_mul(2),
         _ => Some(0),
     }
 }
 
 /// A signed integer of so many bits, if it is not negative.
-fn signed<'a>(value: u64, bits: u32) -> Item<'a> {
-    if value >> (bits - 1) == 0 { Item::Unsigned(value) } else { Item::Other }
+fn signed_value<'a>(value: u64, bits: u32) -> MsgpackValue<'a> {
+    if value >> (bits - 1) == 0 { MsgpackValue::Unsigned(value) } else { MsgpackValue::Other }
 }

@@ -1,10 +1,10 @@
-use super::datagram::{DATAGRAM_MAX, Unpacked, pack, unpack};
+use super::datagram::{DATAGRAM_MAX, UnpackedDatagram, pack, unpack};
 use super::*;
-use crate::link::Link;
+use crate::link::LinkIo;
 
 /// Nothing leaves this machine; each test has a port of its own.
-fn group(port: u16) -> Group {
-    Group { hops: 0, port, ..Group::default() }
+fn group(port: u16) -> MulticastGroup {
+    MulticastGroup { hops: 0, port, ..MulticastGroup::default() }
 }
 
 fn packed(frame: &Frame, wall_ns: u64) -> Vec<u8> {
@@ -33,7 +33,7 @@ fn one_hears_the_other_and_none_itself() {
 
 #[test]
 fn ipv6_is_a_bus_as_well() {
-    let group = Group { address: GROUP_IPV6.into(), ..group(43_121) };
+    let group = MulticastGroup { address: GROUP_IPV6.into(), ..group(43_121) };
     let (one, other) = match (open(group), open(group)) {
         (Ok(one), Ok(other)) => (one, other),
         (Err(error), _) | (_, Err(error)) => return eprintln!("skipped: no IPv6 here: {error}"),
@@ -65,15 +65,15 @@ fn what_nobody_reads_in_time_is_counted() {
 
 #[test]
 fn groups_are_read_as_they_are_written() {
-    let default = Group::default();
+    let default = MulticastGroup::default();
     assert_eq!("239.74.163.2:43113".parse(), Ok(default));
     assert_eq!("239.74.163.2".parse(), Ok(default));
-    let six = Group { address: GROUP_IPV6.into(), port: 5000, ..default };
+    let six = MulticastGroup { address: GROUP_IPV6.into(), port: 5000, ..default };
     assert_eq!("[ff15:7079:7468:6f6e:6465:6d6f:6d63:6173]:5000".parse(), Ok(six));
-    let six = Group { port: PORT, ..six };
+    let six = MulticastGroup { port: PORT, ..six };
     assert_eq!("ff15:7079:7468:6f6e:6465:6d6f:6d63:6173".parse(), Ok(six));
     for wrong in ["", "10.0.0.5:43113", "239.74.163.2:0", "239.74.163.2:x", "can0", "::1"] {
-        let error = wrong.parse::<Group>().unwrap_err();
+        let error = wrong.parse::<MulticastGroup>().unwrap_err();
         assert!(error.hint().contains("239.74.163.2:43113"), "{wrong}");
     }
 }
@@ -97,9 +97,9 @@ fn datagrams_are_those_of_python_can() {
     for (frame, wall_ns, hex) in vectors {
         let datagram = bytes(hex);
         assert_eq!(packed(&frame, wall_ns), datagram);
-        assert_eq!(unpack(&datagram), Some(Unpacked::Frame(frame)));
+        assert_eq!(unpack(&datagram), Some(UnpackedDatagram::Frame(frame)));
     }
-    assert_eq!(unpack(&bytes(ERROR)), Some(Unpacked::ErrorFrame));
+    assert_eq!(unpack(&bytes(ERROR)), Some(UnpackedDatagram::ErrorFrame));
     assert_eq!(unpack(&bytes(FD)), None);
 }
 
@@ -110,13 +110,13 @@ fn keys_come_in_any_order_and_foreign_ones_are_skipped() {
     let standard = "ae69735f657874656e6465645f6964c2";
     let foreign = "a3666f6f9281a16101c0";
     let nested = "a36261728193c3cb3ff0000000000000d60112345678c0";
-    let frame = Some(Unpacked::Frame(Frame::standard(0x123, &[0xAB, 0xCD])));
+    let frame = Some(UnpackedDatagram::Frame(Frame::standard(0x123, &[0xAB, 0xCD])));
     assert_eq!(unpack(&bytes(&format!("83{data}{standard}{id}"))), frame);
     assert_eq!(unpack(&bytes(&format!("85{foreign}{id}{nested}{data}{standard}"))), frame);
     assert_eq!(unpack(&bytes(&format!("de0003{id}{standard}{data}"))), frame);
     // Without the key python-can takes a frame for an extended one.
     let extended = Frame { extended: true, ..Frame::standard(0x123, &[0xAB, 0xCD]) };
-    assert_eq!(unpack(&bytes(&format!("82{id}{data}"))), Some(Unpacked::Frame(extended)));
+    assert_eq!(unpack(&bytes(&format!("82{id}{data}"))), Some(UnpackedDatagram::Frame(extended)));
     for wrong in [
         format!("82{data}{standard}"),
         format!("83{id}{standard}{data}00"),
@@ -145,7 +145,7 @@ fn damaged_datagrams_do_no_harm() {
                 let mut damaged = datagram.clone();
                 damaged[at] = value;
                 let read = unpack(&damaged);
-                if let Some(Unpacked::Frame(frame)) = read {
+                if let Some(UnpackedDatagram::Frame(frame)) = read {
                     assert!(frame.len <= 8 && frame.id <= 0x1FFF_FFFF);
                 }
                 if at > 0 {

@@ -24,8 +24,8 @@ use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 use polepair_link::pty::Pty;
 use polepair_link::tcp::{TcpLink, TcpServer};
-use polepair_link::udp::{self, Group};
-use polepair_link::{Connection, Link, Received, Waited, Waker, clock, serial};
+use polepair_link::udp::{self, MulticastGroup};
+use polepair_link::{Connection, LinkIo, LinkWaker, Received, WaitResult, clock, serial};
 
 const AXIS: AxisIndex = AxisIndex(0);
 /// An answer that nobody was told of is found when its time is over, at the latest.
@@ -35,7 +35,7 @@ const LATE: Duration = Duration::from_secs(4);
 const ASKERS: usize = 3;
 /// Connections made one after another to the same far end.
 const CLIENTS: usize = 8;
-const LINE: SerialLine = SerialLine::n81(0);
+const LINE: SerialLine = SerialLine::new_8n1(0);
 
 fn exchanges() -> usize {
     let wanted = std::env::var("POLEPAIR_EXCHANGES").ok();
@@ -60,20 +60,20 @@ fn no_answer_lies_unread_on_tcp() {
 
 #[test]
 fn no_answer_lies_unread_on_udp() {
-    let group = Group { hops: 0, port: 43_119, ..Group::default() };
+    let group = MulticastGroup { hops: 0, port: 43_119, ..MulticastGroup::default() };
     let _module = Module::on(Box::new(udp::open(group).unwrap()), answer_frame);
     stress::<TmclCan>("udp", || Box::new(udp::open(group).unwrap()));
 }
 
-fn stress<P: Protocol>(name: &str, open: impl Fn() -> Box<dyn Link<P::Medium>>) {
+fn stress<P: Protocol>(name: &str, open: impl Fn() -> Box<dyn LinkIo<P::Medium>>) {
     let began = Clock::now();
     let mut worst = [Duration::ZERO; 2];
     for _ in 0..CLIENTS {
         let timeout = Some(REPLY_TIMEOUT_MS);
         let options =
             HostOptions { gap_us: Some(0), reply_timeout_ms: timeout, ..HostOptions::new(0) };
-        let driver = Box::new(P::driver(P::generic(), MODULE.into()));
-        let lane = Lane::new(P::host(&options, &[MODULE.into()]), [driver as Box<_>]);
+        let driver = Box::new(P::create_driver(P::generic_profile(), MODULE.into()));
+        let lane = Lane::new(P::create_host(&options, &[MODULE.into()]), [driver as Box<_>]);
         let of_client = client(&Connection::new(open(), Box::new(lane)));
         worst = [0, 1].map(|n| worst[n].max(of_client[n]));
     }
@@ -122,11 +122,11 @@ fn client(connection: &Connection) -> [Duration; 2] {
 type Ask = fn(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>;
 
 fn read(axes: &mut dyn Axes, now: Instant, ticket: Ticket) -> Result<(), Unsupported> {
-    axes.read(now, ticket, AXIS, ParameterId(1))
+    axes.read_parameter(now, ticket, AXIS, ParameterId(1))
 }
 
 fn stop(axes: &mut dyn Axes, now: Instant, ticket: Ticket) -> Result<(), Unsupported> {
-    axes.raw(now, ticket, AXIS, "MST 0")
+    axes.send_text(now, ticket, AXIS, "MST 0")
 }
 
 /// How long it took, interrupts and all.
@@ -136,12 +136,12 @@ fn exchange(connection: &Connection, ask: Ask) -> Duration {
     let mut pending = connection.submit(ask).unwrap();
     let waited = loop {
         match pending.wait(deadline) {
-            Waited::Interrupted => {}
+            WaitResult::Interrupted => {}
             waited => break waited,
         }
     };
     let took = began.elapsed();
-    assert!(matches!(waited, Waited::Ended(Outcome::Done(_))), "{waited:?} after {took:?}");
+    assert!(matches!(waited, WaitResult::Ended(Outcome::Done(_))), "{waited:?} after {took:?}");
     assert!(took < LATE, "answered at once, and told after {took:?}");
     took
 }
@@ -149,14 +149,14 @@ fn exchange(connection: &Connection, ask: Ask) -> Duration {
 /// A module that answers at once, sometimes in pieces.
 struct Module {
     over: Arc<AtomicBool>,
-    waker: Waker,
+    waker: LinkWaker,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Module {
     fn on<M: Medium>(
-        link: Box<dyn Link<M>>,
-        mut hear: impl FnMut(&dyn Link<M>, &M::Unit) + Send + 'static,
+        link: Box<dyn LinkIo<M>>,
+        mut hear: impl FnMut(&dyn LinkIo<M>, &M::Unit) + Send + 'static,
     ) -> Self {
         let (over, waker) = (Arc::new(AtomicBool::new(false)), link.waker());
         let its = Arc::clone(&over);
@@ -164,7 +164,7 @@ impl Module {
             let mut buffer = M::buffer();
             while !its.load(Ordering::Relaxed) {
                 if let Ok(Received::Bytes { len, .. }) =
-                    link.receive(buffer.borrow_mut(), Instant::FAR)
+                    link.receive(buffer.borrow_mut(), Instant::FAR_FUTURE)
                 {
                     hear(&*link, M::unit(buffer.borrow(), len));
                 }
@@ -187,7 +187,7 @@ fn answer(request: Request) -> Reply {
     Reply { host: HOST, module: address, status: Status::Ok, opcode, value }
 }
 
-fn serial() -> impl FnMut(&dyn Link<Stream>, &[u8]) + Send {
+fn serial() -> impl FnMut(&dyn LinkIo<Stream>, &[u8]) + Send {
     let (mut heard, mut answers) = (Vec::new(), 0_usize);
     move |link, bytes| {
         heard.extend_from_slice(bytes);
@@ -206,7 +206,7 @@ fn serial() -> impl FnMut(&dyn Link<Stream>, &[u8]) + Send {
     }
 }
 
-fn answer_frame(link: &dyn Link<Can>, frame: &Frame) {
+fn answer_frame(link: &dyn LinkIo<Can>, frame: &Frame) {
     if frame.id == u32::from(MODULE) {
         let reply = answer(Request::parse_can(frame.bytes(), MODULE).unwrap());
         let _ = link.send(&reply.emit_can(HOST.into(), false));

@@ -30,7 +30,7 @@ impl Axis {
     /// [`Error::Usage`] `E217`.
     pub fn check_unit(&self, verb: Verb, which: Argument, text: &str) -> Result<(), Error> {
         let Some(parameter) = self.destination(verb, which).flatten() else { return Ok(()) };
-        let known = self.unit_here(verb, which, parameter.unit) != Unit::None;
+        let known = self.mounted_unit(verb, which, parameter.unit) != Unit::None;
         if known || matches!(which, Argument::JerkTime | Argument::Period) {
             return Ok(());
         }
@@ -54,7 +54,7 @@ impl Axis {
         };
         let id = id.ok_or_else(|| no("takes no number of the drive's own there"))?;
         let value = self.value(id, raw)?;
-        let si = value.value * value.unit.si();
+        let si = value.value * value.unit.si_factor();
         if si.is_finite() { Ok(si) } else { Err(no("has a value whose scale is not known")) }
     }
 
@@ -69,8 +69,8 @@ impl Axis {
         }
         let parameter = id.and_then(|id| self.profile.parameter(id));
         let unit = parameter.map_or(Unit::None, |parameter| parameter.unit);
-        let unit = self.unit_here(verb, which, unit);
-        Some(if unit == Unit::None { customary(self.profile.axis, which) } else { unit })
+        let unit = self.mounted_unit(verb, which, unit);
+        Some(if unit == Unit::None { customary_unit(self.profile.axis, which) } else { unit })
     }
 
     /// Where a plan puts an argument: into a parameter or, inner `None`, into a request of its own.
@@ -83,7 +83,7 @@ impl Axis {
 }
 
 /// What people say for an axis of that kind.
-const fn customary(kind: AxisKind, argument: Argument) -> Unit {
+const fn customary_unit(kind: AxisKind, argument: Argument) -> Unit {
     match (kind, argument) {
         (AxisKind::Rotary, Argument::Target) => Unit::Degree,
         (AxisKind::Rotary, Argument::Velocity) => Unit::Rpm,

@@ -1,13 +1,13 @@
 //! An axis that may move, for as long as a guard lives.
 
-use super::{Axis, OWED_MAX, stop_owed};
+use super::{Axis, STOP_RETRY_MAX, stop_with_retry};
 use crate::error::Error;
 use polepair_core::axis::Verb;
 use std::ops::Deref;
 
 /// An armed and enabled axis. Dropping it stops and disables the axis and disarms it; errors are
 /// then lost, so that who needs to know calls [`release`](Self::release). A stop that gets no answer,
-/// or whose wire is gone, is said again for [`OWED_MAX`] before the guard gives up.
+/// or whose wire is gone, is said again for [`STOP_RETRY_MAX`] before the guard gives up.
 #[derive(Debug)]
 #[must_use = "the axis is disabled when this is dropped"]
 pub struct Armed {
@@ -17,7 +17,7 @@ pub struct Armed {
 
 impl Armed {
     pub(super) fn new(axis: &Axis) -> Result<Self, Error> {
-        axis.take_arming()?;
+        axis.arm_exclusively()?;
         let armed = Self { axis: axis.clone(), released: false };
         // Where there is nothing to switch on, arming is all there is to do. An error drops the
         // guard, which disarms.
@@ -33,7 +33,7 @@ impl Armed {
     /// [`Error`] by blame; the axis is disarmed in any case, and disabling was tried though
     /// stopping failed.
     pub fn release(mut self) -> Result<(), Error> {
-        self.end()
+        self.stop_and_disarm()
     }
 
     /// Disarms and leaves the motor as it is.
@@ -42,11 +42,11 @@ impl Armed {
         self.axis.arm(false);
     }
 
-    fn end(&mut self) -> Result<(), Error> {
+    fn stop_and_disarm(&mut self) -> Result<(), Error> {
         self.released = true;
         let one = std::slice::from_ref(&self.axis);
         let stopped: Result<(), Error> =
-            stop_owed(one, OWED_MAX, |_, _| true).into_iter().collect();
+            stop_with_retry(one, STOP_RETRY_MAX, |_, _| true).into_iter().collect();
         let has_switch = self.axis.profile.plan(Verb::Disable).is_some();
         let disabled = if has_switch { self.axis.disable() } else { Ok(()) };
         self.axis.arm(false);
@@ -64,7 +64,7 @@ impl Deref for Armed {
 impl Drop for Armed {
     fn drop(&mut self) {
         if !self.released {
-            let _ = self.end();
+            let _ = self.stop_and_disarm();
         }
     }
 }

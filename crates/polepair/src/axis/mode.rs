@@ -1,14 +1,14 @@
 //! What a state says: the mode of operation in words, and whether the motor moves.
 
 use super::Axis;
-use polepair_core::axis::{Reading, State};
+use polepair_core::axis::{AxisStatus, Reading};
 use polepair_core::profile::{Encoding, Signal};
 
 impl Axis {
     /// The mode of operation that a state has, in the profile's words: those of the signal, then of
     /// its parameter; its number where it has no word, `None` while it was never read.
     #[must_use]
-    pub fn mode(&self, state: &State) -> Option<String> {
+    pub fn mode(&self, state: &AxisStatus) -> Option<String> {
         let source = self.profile.signal(Signal::Mode)?;
         let reading = state.reading(Signal::Mode);
         reading.at?;
@@ -27,11 +27,12 @@ impl Axis {
     /// is faster than what its stop takes for standing. A drive's own flag is often that a target is
     /// not reached, which a motor that turns at a speed has no use for. `None` while neither was read.
     #[must_use]
-    pub fn moving(&self, state: &State) -> Option<bool> {
+    pub fn moving(&self, state: &AxisStatus) -> Option<bool> {
         let reading = state.reading(Signal::Moving);
         let told = self.profile.signal(Signal::Moving).and(reading.at);
         let flag = told.map(|_| reading.raw != 0);
-        let turns = self.turns_in(state).map(|turns| turns && !self.is_one_count(state));
+        let turns =
+            self.is_turning_in(state).map(|turns| turns && !self.is_within_one_count(state));
         match (flag, turns) {
             (None, None) => None,
             (flag, turns) => Some(flag == Some(true) || turns == Some(true)),
@@ -39,17 +40,17 @@ impl Axis {
     }
 
     /// The state with what [`moving`](Self::moving) says in the place of the drive's own flag.
-    pub(super) fn seen_moving(&self, mut state: State) -> State {
+    pub(super) fn with_derived_moving(&self, mut state: AxisStatus) -> AxisStatus {
         let flag = state.reading(Signal::Moving);
         if flag.at.is_some() && flag.raw == 0 && self.moving(&state) == Some(true) {
-            state.note(Signal::Moving, Reading { raw: 1, value: 1.0, ..flag });
+            state.set_reading(Signal::Moving, Reading { raw: 1, value: 1.0, ..flag });
         }
         state
     }
 
     /// Whether a speed that is counted in counts and their fractions is at most one count: an encoder
     /// that rests between two counts tells that too.
-    fn is_one_count(&self, state: &State) -> bool {
+    fn is_within_one_count(&self, state: &AxisStatus) -> bool {
         const COUNT: u64 = 1 << 16;
         let source = self.profile.signal(Signal::Velocity);
         let parameter = source.and_then(|source| self.profile.parameter(source.parameter));

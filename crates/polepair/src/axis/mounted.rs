@@ -2,11 +2,11 @@
 
 use super::Axis;
 use crate::error::Error;
-use crate::file::{Found, Place};
-use crate::identify::Identified;
-use crate::mounting::{ARGUMENTS, Mounted, Role, destination};
-use crate::url::Number;
-use polepair_core::axis::{Command, Reading, State, Verb};
+use crate::identify::Identification;
+use crate::mounting::{ARGUMENTS, MotionRole, ResolvedMounting, destination};
+use crate::toml_file::{FileLocation, Located};
+use crate::url::AxisNumber;
+use polepair_core::axis::{AxisStatus, Command, Reading, Verb};
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{Access, Parameter, ParameterId, Signal, SignalSource};
 use polepair_core::stream::{PathKind, Point};
@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// Points of a path that is checked as a whole before it begins.
-const PATH_MAX: usize = 1_000_000;
+const PATH_POINTS_MAX: usize = 1_000_000;
 /// By how much more than a limit a value may be, of the limit: rounding on its way through units.
 const ROUNDING: f64 = 1e-9;
 
@@ -28,7 +28,7 @@ impl Axis {
             return Unit::None;
         }
         let unit = self.profile.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
-        let role = self.own().and_then(|mounted| Some((mounted, mounted.role(id)?)));
+        let role = self.own_mounting().and_then(|mounted| Some((mounted, mounted.role(id)?)));
         role.map_or(unit, |(mounted, role)| mounted.unit(role, unit))
     }
 
@@ -85,15 +85,15 @@ impl Axis {
     ///
     /// # Errors
     /// That the link is down; what the drive makes of it shows when it matters.
-    pub(crate) fn learn_scales(&self) -> Result<(), Error> {
-        if !matches!(self.identified, Identified::Asked { .. }) {
+    pub(crate) fn read_optional_scales(&self) -> Result<(), Error> {
+        if !matches!(self.identified, Identification::Queried { .. }) {
             return Ok(());
         }
         let scales = self.profile.parameters.iter().map(|parameter| parameter.scale);
         let factors = scales.flat_map(|scale| [scale.times, scale.over]).flatten();
         let optional = factors.filter(|factor| self.profile.optional.contains(factor));
         for factor in optional.collect::<BTreeSet<ParameterId>>() {
-            match self.read_if_any(factor) {
+            match self.read_optional(factor) {
                 Err(error @ Error::Link(_)) => return Err(error),
                 Err(_) => return Ok(()),
                 Ok(_) => {}
@@ -112,34 +112,34 @@ impl Axis {
 
     /// Whether a file says how far it may go.
     #[must_use]
-    pub fn has_ends(&self) -> bool {
-        self.own().is_some_and(|mounted| mounted.mounting.position.is_some())
+    pub fn has_position_limits(&self) -> bool {
+        self.own_mounting().is_some_and(|mounted| mounted.mounting.position.is_some())
     }
 
     /// Why what turns now must be stopped: within `ahead` it will leave the limits that a file sets
-    /// to its position. Whoever holds a speed or a torque on an axis with [ends](Self::has_ends)
+    /// to its position. Whoever holds a speed or a torque on an axis with [ends](Self::has_position_limits)
     /// asks this again and again.
     ///
     /// # Errors
     /// What reading position and velocity brings: stop it then, too.
-    pub fn leaving(&self, ahead: Duration) -> Result<Option<String>, Error> {
-        let ends = self.own().and_then(|mounted| mounted.mounting.position.as_ref());
+    pub fn predict_limit_violation(&self, ahead: Duration) -> Result<Option<String>, Error> {
+        let ends = self.own_mounting().and_then(|mounted| mounted.mounting.position.as_ref());
         let Some(ends) = ends else { return Ok(None) };
-        let position = self.position()?;
-        let velocity = match self.tells(Signal::Velocity)? {
+        let position = self.read_position()?;
+        let velocity = match self.provides_signal(Signal::Velocity)? {
             true => self.signals(&[Signal::Velocity])?[0].value,
             false => 0.0,
         };
         let (low, high) = ends.value;
         let then = position + velocity * ahead.as_secs_f64();
         let out = (then > high && velocity >= 0.0) || (then < low && velocity <= 0.0);
-        let at = || self.shown(Role::Position, position);
+        let at = || self.format_value(MotionRole::Position, position);
         Ok(out.then(|| {
             format!(
                 "{}: at {} it is about to leave its limits, {}",
                 self.label(),
                 at(),
-                self.ends(ends)
+                self.format_limits(ends)
             )
         }))
     }
@@ -148,35 +148,39 @@ impl Axis {
     pub(super) fn check_unmounted(&self) -> Result<(), Error> {
         let Some(mounted) = self.mounted.as_deref() else { return Ok(()) };
         let what = "set-points on a beat know nothing of its scale and limits";
-        Err(self.limited(what, &mounted.mounting.place, "use the drive's own connection string"))
+        Err(self.limit_error(
+            what,
+            &mounted.mounting.location,
+            "use the drive's own connection string",
+        ))
     }
 
     /// What the axis itself is mounted as; a group has no scale of its own.
-    pub(super) fn own(&self) -> Option<&Mounted> {
+    pub(super) fn own_mounting(&self) -> Option<&ResolvedMounting> {
         let mounted = self.mounted.as_deref()?;
-        (!Number(self.number).is_group()).then_some(mounted)
+        (!AxisNumber(self.number).is_group()).then_some(mounted)
     }
 
     /// What a parameter's value is multiplied with on its way to the drive.
     pub(crate) fn factor(&self, id: ParameterId) -> f64 {
-        let Some(mounted) = self.own() else { return 1.0 };
+        let Some(mounted) = self.own_mounting() else { return 1.0 };
         let unit = self.profile.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
         mounted.role(id).map_or(1.0, |role| mounted.factor(role, unit))
     }
 
     /// The state with the motion's values as the machine has them.
-    pub(super) fn of_machine(&self, mut state: State) -> State {
-        if self.own().is_none() {
+    pub(super) fn to_machine_scale(&self, mut state: AxisStatus) -> AxisStatus {
+        if self.own_mounting().is_none() {
             return state;
         }
         for signal in Signal::ALL {
-            state.note(signal, self.reading_of_machine(signal, state.reading(signal)));
+            state.set_reading(signal, self.reading_in_machine_scale(signal, state.reading(signal)));
         }
         state
     }
 
     /// The same of one signal.
-    pub(crate) fn reading_of_machine(&self, signal: Signal, read: Reading) -> Reading {
+    pub(crate) fn reading_in_machine_scale(&self, signal: Signal, read: Reading) -> Reading {
         match self.profile.signal(signal).filter(|source| is_value(source)) {
             Some(source) => Reading { value: read.value / self.factor(source.parameter), ..read },
             None => read,
@@ -184,32 +188,33 @@ impl Axis {
     }
 
     /// The unit of an argument, as [`unit_of`](Self::unit_of) tells it of the profile's.
-    pub(super) fn unit_here(&self, verb: Verb, which: Argument, unit: Unit) -> Unit {
-        let role = self.own().and_then(|mounted| Some((mounted, self.role(verb, which)?)));
+    pub(super) fn mounted_unit(&self, verb: Verb, which: Argument, unit: Unit) -> Unit {
+        let role =
+            self.own_mounting().and_then(|mounted| Some((mounted, self.motion_role(verb, which)?)));
         role.map_or(unit, |(mounted, role)| mounted.unit(role, unit))
     }
 
-    fn role(&self, verb: Verb, which: Argument) -> Option<Role> {
-        Role::of(verb, which, self.destination(verb, which).flatten())
+    fn motion_role(&self, verb: Verb, which: Argument) -> Option<MotionRole> {
+        MotionRole::of_argument(verb, which, self.destination(verb, which).flatten())
     }
 
     /// The command as the drive is to have it, when the limits let it through.
-    pub(super) fn fitted(&self, mut command: Command) -> Result<Command, Error> {
+    pub(super) fn apply_mounting(&self, mut command: Command) -> Result<Command, Error> {
         let Some(all) = self.mounted.as_deref() else { return Ok(command) };
         let moves = command.verb.needs_arming() && command.verb != Verb::Enable;
-        let Some(mounted) = self.own() else {
-            return if moves { Err(self.no_group(&all.mounting.place)) } else { Ok(command) };
+        let Some(mounted) = self.own_mounting() else {
+            return if moves { Err(self.group_error(&all.mounting.location)) } else { Ok(command) };
         };
         if moves {
-            self.check_way(&command)?;
-            command.velocity = self.checked_speed(&command)?;
+            self.check_position_limits(&command)?;
+            command.velocity = self.limited_speed(&command)?;
             if let (Some(most), Some(torque)) = (&mounted.mounting.torque, command.torque) {
-                self.within(Role::Torque, torque, most)?;
+                self.check_magnitude(MotionRole::Torque, torque, most)?;
             }
         }
         for which in ARGUMENTS {
             let (Some(value), Some(role)) =
-                (command.argument(which), self.role(command.verb, which))
+                (command.argument(which), self.motion_role(command.verb, which))
             else {
                 continue;
             };
@@ -228,29 +233,33 @@ impl Axis {
     }
 
     /// Refuses what would end, or goes on, outside the position's limits.
-    fn check_way(&self, command: &Command) -> Result<(), Error> {
-        let ends = self.own().and_then(|mounted| mounted.mounting.position.as_ref());
+    fn check_position_limits(&self, command: &Command) -> Result<(), Error> {
+        let ends = self.own_mounting().and_then(|mounted| mounted.mounting.position.as_ref());
         let Some(ends) = ends else { return Ok(()) };
         let target = command.target.unwrap_or(f64::NAN);
         match command.verb {
-            Verb::MoveTo | Verb::CurveTo | Verb::PrepareTo => self.between(target, ends),
+            Verb::MoveTo | Verb::CurveTo | Verb::PrepareTo => self.check_position(target, ends),
             Verb::MoveBy | Verb::CurveBy | Verb::PrepareBy => {
-                self.between(self.position()? + target, ends)
+                self.check_position(self.read_position()? + target, ends)
             }
             Verb::MoveOn => {
                 let what = "where its last target lies is not known, so its limits could not hold";
-                Err(self.limited(what, &ends.place, "go so far from where it is: --rel alone"))
+                Err(self.limit_error(
+                    what,
+                    &ends.location,
+                    "go so far from where it is: --rel alone",
+                ))
             }
             Verb::Velocity | Verb::Torque => {
                 let way = command.velocity.or(command.torque).unwrap_or(f64::NAN);
                 let (low, high) = ends.value;
-                let position = self.position()?;
+                let position = self.read_position()?;
                 let out = (position >= high && way > 0.0) || (position <= low && way < 0.0);
                 match out || way.is_nan() {
                     true => {
-                        let at = self.shown(Role::Position, position);
-                        let what = format!("at {at} it would leave {}", self.ends(ends));
-                        Err(self.limited(&what, &ends.place, "turn it the other way"))
+                        let at = self.format_value(MotionRole::Position, position);
+                        let what = format!("at {at} it would leave {}", self.format_limits(ends));
+                        Err(self.limit_error(&what, &ends.location, "turn it the other way"))
                     }
                     false => Ok(()),
                 }
@@ -262,37 +271,37 @@ impl Axis {
 
     /// The speed to be sent: what the caller gives, if the limit lets it; where he gives none, the
     /// limit itself if the drive would go faster by itself.
-    fn checked_speed(&self, command: &Command) -> Result<Option<f64>, Error> {
-        let most = self.own().and_then(|mounted| mounted.mounting.velocity.as_ref());
+    fn limited_speed(&self, command: &Command) -> Result<Option<f64>, Error> {
+        let most = self.own_mounting().and_then(|mounted| mounted.mounting.velocity.as_ref());
         let Some(most) = most else { return Ok(command.velocity) };
         if let Some(speed) = command.velocity {
-            self.within(Role::Speed, speed, most)?;
+            self.check_magnitude(MotionRole::Speed, speed, most)?;
             return Ok(Some(speed));
         }
         match command.verb {
             verb if verb.is_move() || matches!(verb, Verb::PrepareTo | Verb::PrepareBy) => {
-                self.speed_of_move(verb, most)
+                self.limited_move_speed(verb, most)
             }
             _ => Ok(None),
         }
     }
 
-    fn speed_of_move(&self, verb: Verb, most: &Found<f64>) -> Result<Option<f64>, Error> {
+    fn limited_move_speed(&self, verb: Verb, most: &Located<f64>) -> Result<Option<f64>, Error> {
         let steps = self.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
         let Some(destination) = destination(self.profile, verb, Argument::Velocity) else {
             let what = "its moves go at the drive's own speed, so its limit could not hold";
-            return Err(self.limited(
+            return Err(self.limit_error(
                 what,
-                &most.place,
+                &most.location,
                 "take that limit out, or use a drive that is told how fast",
             ));
         };
         let written = steps.iter().any(
-            |step| matches!(step, Step::Write(id, Operand::Given(_)) if Some(*id) == destination),
+            |step| matches!(step, Step::Write(id, Operand::OptionalArgument(_)) if Some(*id) == destination),
         );
         let Some(id) = destination.filter(|_| written) else { return Ok(Some(most.value)) };
         let constant = steps.iter().find_map(|step| match *step {
-            Step::Write(other, Operand::Is(raw)) if other == id => Some(raw),
+            Step::Write(other, Operand::Constant(raw)) if other == id => Some(raw),
             _ => None,
         });
         let readable = self.profile.parameter(id).is_some_and(|p| p.access != Access::Write);
@@ -302,35 +311,36 @@ impl Axis {
             None => return Ok(Some(most.value)),
         };
         let value = self.value(id, raw)?;
-        let own = value.value.abs() * value.unit.si();
+        let own = value.value.abs() * value.unit.si_factor();
         // What is not known is not slow.
         Ok(if own <= most.value { None } else { Some(most.value) })
     }
 
     /// Refuses a raw value for what starts or changes motion, where the limits do not let it.
     pub(super) fn check_write(&self, id: ParameterId, raw: i64) -> Result<(), Error> {
-        let Some(mounted) = self.own() else { return Ok(()) };
+        let Some(mounted) = self.own_mounting() else { return Ok(()) };
         let mounting = &mounted.mounting;
         let Some(parameter) = self.profile.parameter(id) else { return Ok(()) };
         let role = mounted.role(id);
-        let value = || self.value(id, raw).map(|value| value.value * value.unit.si());
+        let value = || self.value(id, raw).map(|value| value.value * value.unit.si_factor());
         match (role, &mounting.position) {
-            (Some(Role::Position), Some(ends)) if self.is_target(id) => {
-                self.between(value()?, ends)?;
+            (Some(MotionRole::Position), Some(ends)) if self.is_target(id) => {
+                self.check_position(value()?, ends)?;
             }
-            (Some(Role::Position | Role::Speed | Role::Acceleration), _) | (_, None) => {}
+            (Some(MotionRole::Position | MotionRole::Speed | MotionRole::Acceleration), _)
+            | (_, None) => {}
             (_, Some(ends)) if parameter.moves && raw != 0 => {
                 let what = format!("what `{}` starts cannot be held within limits", parameter.name);
-                return Err(self.limited(&what, &ends.place, "use the verbs of motion"));
+                return Err(self.limit_error(&what, &ends.location, "use the verbs of motion"));
             }
             _ => {}
         }
         match (role, &mounting.velocity, &mounting.torque) {
-            (Some(Role::Velocity | Role::Speed), Some(most), _) => {
-                self.within(Role::Speed, value()?, most)
+            (Some(MotionRole::Velocity | MotionRole::Speed), Some(most), _) => {
+                self.check_magnitude(MotionRole::Speed, value()?, most)
             }
-            (Some(Role::Torque), _, Some(most)) if parameter.access != Access::Read => {
-                self.within(Role::Torque, value()?, most)
+            (Some(MotionRole::Torque), _, Some(most)) if parameter.access != Access::Read => {
+                self.check_magnitude(MotionRole::Torque, value()?, most)
             }
             _ => Ok(()),
         }
@@ -344,13 +354,15 @@ impl Axis {
 
     /// Points as the drive is to have them. With limits, all are looked at before the first is sent,
     /// and the ways between them.
-    pub(super) fn fitted_path<'a>(
+    pub(super) fn apply_mounting_to_path<'a>(
         &self,
         kind: PathKind,
         points: impl Iterator<Item = Point> + 'a,
     ) -> Result<Box<dyn Iterator<Item = Point> + 'a>, Error> {
         let Some(all) = self.mounted.as_deref() else { return Ok(Box::new(points)) };
-        let Some(mounted) = self.own() else { return Err(self.no_group(&all.mounting.place)) };
+        let Some(mounted) = self.own_mounting() else {
+            return Err(self.group_error(&all.mounting.location));
+        };
         let mounting = &mounted.mounting;
         let factor =
             self.profile.signal(Signal::Position).map_or(1.0, |s| self.factor(s.parameter));
@@ -362,20 +374,25 @@ impl Axis {
         if mounting.position.is_none() && mounting.velocity.is_none() {
             return Ok(Box::new(points.map(of_drive)));
         }
-        let path: Vec<Point> = points.take(PATH_MAX + 1).collect();
-        if path.len() > PATH_MAX {
-            let what =
-                format!("a path is checked as a whole; this one has more than {PATH_MAX} points");
-            return Err(self.limited(&what, &mounting.place, "send it in parts"));
+        let path: Vec<Point> = points.take(PATH_POINTS_MAX + 1).collect();
+        if path.len() > PATH_POINTS_MAX {
+            let what = format!(
+                "a path is checked as a whole; this one has more than {PATH_POINTS_MAX} points"
+            );
+            return Err(self.limit_error(&what, &mounting.location, "send it in parts"));
         }
-        let mut before = Point { position: self.position()?, velocity: 0.0, time: 0.0 };
+        let mut before = Point { position: self.read_position()?, velocity: 0.0, time: 0.0 };
         for point in &path {
-            let piece = Piece::new(kind, &before, point);
+            let piece = PathSegment::new(kind, &before, point);
             if let Some(ends) = &mounting.position {
-                piece.positions().try_for_each(|position| self.between(position, ends))?;
+                piece
+                    .extreme_positions()
+                    .try_for_each(|position| self.check_position(position, ends))?;
             }
             if let Some(most) = &mounting.velocity {
-                piece.speeds().try_for_each(|speed| self.within(Role::Speed, speed, most))?;
+                piece
+                    .extreme_speeds()
+                    .try_for_each(|speed| self.check_magnitude(MotionRole::Speed, speed, most))?;
             }
             before = *point;
         }
@@ -383,12 +400,12 @@ impl Axis {
     }
 
     /// Where it is, read now.
-    fn position(&self) -> Result<f64, Error> {
+    fn read_position(&self) -> Result<f64, Error> {
         let position = self.signals(&[Signal::Position])?[0].value;
         if position.is_finite() {
             return Ok(position);
         }
-        let place = self.mounted.as_deref().map(|mounted| &mounted.mounting.place);
+        let place = self.mounted.as_deref().map(|mounted| &mounted.mounting.location);
         let place = place.map_or_else(String::new, |place| format!(" ({place})"));
         let what = format!(
             "{}: its position is not known, so its limits could not hold{place}",
@@ -397,57 +414,72 @@ impl Axis {
         Err(Error::usage("E223", what, "read it: `polepair get URL` tells why it is not known"))
     }
 
-    fn between(&self, position: f64, ends: &Found<(f64, f64)>) -> Result<(), Error> {
+    fn check_position(&self, position: f64, ends: &Located<(f64, f64)>) -> Result<(), Error> {
         let (low, high) = ends.value;
         let slack = ROUNDING * (high - low);
         if (low - slack..=high + slack).contains(&position) {
             return Ok(());
         }
-        let at = self.shown(Role::Position, position);
-        self.refuse_limit(&format!("{at} is beyond its limits, {}", self.ends(ends)), &ends.place)
+        let at = self.format_value(MotionRole::Position, position);
+        self.refuse_limit(
+            &format!("{at} is beyond its limits, {}", self.format_limits(ends)),
+            &ends.location,
+        )
     }
 
-    fn within(&self, role: Role, value: f64, most: &Found<f64>) -> Result<(), Error> {
+    fn check_magnitude(
+        &self,
+        role: MotionRole,
+        value: f64,
+        most: &Located<f64>,
+    ) -> Result<(), Error> {
         if value.abs() <= most.value * (1.0 + ROUNDING) {
             return Ok(());
         }
-        let (value, limit) = (self.shown(role, value), self.shown(role, most.value));
-        self.refuse_limit(&format!("{value} is more than its limit, {limit}"), &most.place)
+        let (value, limit) = (self.format_value(role, value), self.format_value(role, most.value));
+        self.refuse_limit(&format!("{value} is more than its limit, {limit}"), &most.location)
     }
 
-    fn refuse_limit(&self, what: &str, place: &Place) -> Result<(), Error> {
-        Err(self.limited(
+    fn refuse_limit(&self, what: &str, place: &FileLocation) -> Result<(), Error> {
+        Err(self.limit_error(
             what,
             place,
             "ask for less, or change the limit if the machine allows more",
         ))
     }
 
-    fn limited(&self, what: &str, place: &Place, hint: &str) -> Error {
+    fn limit_error(&self, what: &str, place: &FileLocation, hint: &str) -> Error {
         Error::usage("E223", format!("{}: {what} ({place})", self.label()), hint)
     }
 
-    fn no_group(&self, place: &Place) -> Error {
+    fn group_error(&self, place: &FileLocation) -> Error {
         let what = "the drives of a group have scales and limits of their own";
-        self.limited(what, place, "name each axis; a stop may go to a group")
+        self.limit_error(what, place, "name each axis; a stop may go to a group")
     }
 
-    fn ends(&self, ends: &Found<(f64, f64)>) -> String {
+    fn format_limits(&self, ends: &Located<(f64, f64)>) -> String {
         let (low, high) = ends.value;
-        format!("{} to {}", self.shown(Role::Position, low), self.shown(Role::Position, high))
+        format!(
+            "{} to {}",
+            self.format_value(MotionRole::Position, low),
+            self.format_value(MotionRole::Position, high)
+        )
     }
 
     /// An SI value as this axis shows such values.
-    fn shown(&self, role: Role, si: f64) -> String {
-        let linear = self.own().is_some_and(|mounted| mounted.mounting.is_linear(self.profile));
+    fn format_value(&self, role: MotionRole, si: f64) -> String {
+        let linear =
+            self.own_mounting().is_some_and(|mounted| mounted.mounting.is_linear(self.profile));
         let unit = match (role, linear) {
-            (Role::Position, true) => Unit::Millimetre,
-            (Role::Position, false) => Unit::Degree,
-            (Role::Torque, _) => self.unit_of(Verb::Torque, Argument::Torque).unwrap_or(Unit::None),
+            (MotionRole::Position, true) => Unit::Millimetre,
+            (MotionRole::Position, false) => Unit::Degree,
+            (MotionRole::Torque, _) => {
+                self.unit_of(Verb::Torque, Argument::Torque).unwrap_or(Unit::None)
+            }
             (_, true) => Unit::MillimetrePerSecond,
             (_, false) => Unit::Rpm,
         };
-        let number = (si / unit.si() * 1e4).round() / 1e4;
+        let number = (si / unit.si_factor() * 1e4).round() / 1e4;
         format!("{number} {}", unit.symbol()).trim_end().to_owned()
     }
 }
@@ -458,14 +490,14 @@ fn is_value(source: &SignalSource) -> bool {
 }
 
 /// The way from one point of a path to the next: a cubic where velocities are given, else straight.
-struct Piece {
+struct PathSegment {
     /// Its derivative by the share of the time, highest power first.
     slope: [f64; 3],
-    from: f64,
+    start: f64,
     time: f64,
 }
 
-impl Piece {
+impl PathSegment {
     fn new(kind: PathKind, from: &Point, to: &Point) -> Self {
         let (way, time) = (to.position - from.position, to.time);
         let (v0, v1) = (from.velocity * time, to.velocity * time);
@@ -473,17 +505,17 @@ impl Piece {
             PathKind::Pvt => [3.0 * (v0 + v1) - 6.0 * way, 6.0 * way - 4.0 * v0 - 2.0 * v1, v0],
             PathKind::Pt => [0.0, 0.0, way],
         };
-        Self { slope, from: from.position, time }
+        Self { slope, start: from.position, time }
     }
 
     /// The position after a share of the time.
-    fn at(&self, share: f64) -> f64 {
+    fn position_at(&self, share: f64) -> f64 {
         let [a, b, c] = self.slope;
-        self.from + ((a / 3.0 * share + b / 2.0) * share + c) * share
+        self.start + ((a / 3.0 * share + b / 2.0) * share + c) * share
     }
 
     /// Its ends, and wherever it turns round between them.
-    fn positions(&self) -> impl Iterator<Item = f64> {
+    fn extreme_positions(&self) -> impl Iterator<Item = f64> {
         let [a, b, c] = self.slope;
         let root = (b * b - 4.0 * a * c).sqrt();
         let turns = match a == 0.0 {
@@ -491,11 +523,11 @@ impl Piece {
             false => [(-b + root) / (2.0 * a), (-b - root) / (2.0 * a)],
         };
         let between = turns.into_iter().filter(|share| (0.0..1.0).contains(share));
-        [0.0, 1.0].into_iter().chain(between).map(|share| self.at(share))
+        [0.0, 1.0].into_iter().chain(between).map(|share| self.position_at(share))
     }
 
     /// Its speeds at both ends, and where it is fastest between them.
-    fn speeds(&self) -> impl Iterator<Item = f64> {
+    fn extreme_speeds(&self) -> impl Iterator<Item = f64> {
         let [a, b, c] = self.slope;
         let fastest = Some(-b / (2.0 * a)).filter(|share| (0.0..1.0).contains(share));
         let all = [0.0, 1.0].into_iter().chain(fastest);

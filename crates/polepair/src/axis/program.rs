@@ -1,19 +1,21 @@
 //! Programs in an axis' drive: loaded, proven, read, run.
 
-use super::fail::RequestKind;
-use super::{Axis, Running};
+use super::failure::RequestKind;
+use super::{Axis, RunningRequest};
 use crate::error::Error;
-use crate::program::{Program, Source};
+use crate::program::{AssemblyContext, Program};
 use polepair_core::error::Unsupported;
-use polepair_core::lane::{Piece, TransferKind};
-use polepair_core::program::{Language, Memory, MemoryRules, Order, Progress};
+use polepair_core::lane::{MemoryBlock, TransferKind};
+use polepair_core::program::{
+    MemoryKind, MemoryRules, ProgramCommand, ProgramLanguage, TransferProgress,
+};
 use polepair_core::proto;
 use std::time::Duration;
 
 /// How often it is told how far a transfer is.
-const PAUSE: Duration = Duration::from_millis(50);
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(50);
 
-const KEPT: &str = "a part of it lies in permanent memory, which wears: nothing is written there \
+const PERMANENT_MEMORY_REASON: &str = "a part of it lies in permanent memory, which wears: nothing is written there \
                     unless that is asked for";
 
 impl Axis {
@@ -21,18 +23,18 @@ impl Axis {
     ///
     /// # Errors
     /// [`Error::Unsupported`] where it has none.
-    pub fn language(&self) -> Result<&'static dyn Language, Error> {
-        let dissector = proto::dissector(self.protocol);
-        let language = dissector.and_then(|dissector| dissector.programs());
-        language.ok_or_else(|| self.refuse("programs", Unsupported::NoPlan))
+    pub fn language(&self) -> Result<&'static dyn ProgramLanguage, Error> {
+        let dissector = proto::find_dissector(self.protocol);
+        let language = dissector.and_then(|dissector| dissector.program_language());
+        language.ok_or_else(|| self.unsupported_error("programs", Unsupported::NoPlan))
     }
 
     /// What a program's text is made into words with, to lie from `origin` on.
     ///
     /// # Errors
     /// As [`language`](Self::language).
-    pub fn source(&self, origin: u16) -> Result<Source<'static>, Error> {
-        Ok(Source { language: self.language()?, profile: Some(self.profile), origin })
+    pub fn assembly_context(&self, origin: u16) -> Result<AssemblyContext<'static>, Error> {
+        Ok(AssemblyContext { language: self.language()?, profile: Some(self.profile), origin })
     }
 
     /// Writes a program into the drive's memory, chunk by chunk, each proven before the next, and has
@@ -46,11 +48,11 @@ impl Axis {
     /// let link = polepair::connect("sim:technosoft-f514l?time=virtual")?;
     /// let axis = &link.axes()[0];
     /// let text = "main: VAR_I1 = 77; END";
-    /// let program = Program::assemble("a.tml", text, &axis.source(0x8270)?)?;
+    /// let program = Program::assemble("a.tml", text, &axis.assembly_context(0x8270)?)?;
     /// axis.download(&program, false, |_| ())?;
     /// axis.verify(&program)?;
     /// axis.arm(true);
-    /// axis.go_to(program.label("main").unwrap())?;
+    /// axis.jump_to(program.label("main").unwrap())?;
     /// link.sleep(std::time::Duration::from_millis(10));
     /// assert_eq!(axis.get_raw("VAR_I1")?, 77);
     /// # Ok::<(), polepair::Error>(())
@@ -63,15 +65,19 @@ impl Axis {
         &self,
         program: &Program,
         permanent: bool,
-        show: impl FnMut(Progress),
-    ) -> Result<Progress, Error> {
+        show: impl FnMut(TransferProgress),
+    ) -> Result<TransferProgress, Error> {
         const WHAT: &str = "loading a program";
         let rules = self.memory_rules(WHAT)?;
-        let kept = |p: &Piece| rules.memory(p.start, p.words.len()) == Some(Memory::Permanent);
+        let kept = |p: &MemoryBlock| {
+            rules.memory_at(p.start, p.words.len()) == Some(MemoryKind::Permanent)
+        };
         if !permanent && program.pieces().iter().any(kept) {
-            return Err(self.refuse(WHAT, Unsupported::Forbidden(KEPT)));
+            return Err(
+                self.unsupported_error(WHAT, Unsupported::Forbidden(PERMANENT_MEMORY_REASON))
+            );
         }
-        self.transfer(WHAT, TransferKind::Write, program.pieces(), show)
+        self.run_transfer(WHAT, TransferKind::Write, program.pieces(), show)
     }
 
     /// Whether the drive's sums over a program's pieces are the program's. Changes nothing. Sums do
@@ -81,7 +87,7 @@ impl Axis {
     /// [`Error`] by blame; `E103` names the addresses where they differ.
     pub fn verify(&self, program: &Program) -> Result<(), Error> {
         let pieces = program.pieces();
-        self.transfer("verifying a program", TransferKind::Verify, pieces, |_| ()).map(drop)
+        self.run_transfer("verifying a program", TransferKind::Verify, pieces, |_| ()).map(drop)
     }
 
     /// Reads so many words of the drive's memory for programs.
@@ -92,15 +98,20 @@ impl Axis {
         &self,
         start: u16,
         count: usize,
-        show: impl FnMut(Progress),
+        show: impl FnMut(TransferProgress),
     ) -> Result<Program, Error> {
         let words = vec![0; count];
-        self.transfer("reading memory", TransferKind::Read, &[Piece { start, words }], show)?;
-        let read = self.connection.with(|axes, _| {
-            let pieces = axes.transferred(self.index)?.pieces();
+        self.run_transfer(
+            "reading memory",
+            TransferKind::Read,
+            &[MemoryBlock { start, words }],
+            show,
+        )?;
+        let read = self.connection.with_axes(|axes, _| {
+            let pieces = axes.last_transfer(self.index)?.blocks();
             pieces.first().map(|piece| piece.words.clone())
         });
-        Ok(Program::of(start, read.unwrap_or_default()))
+        Ok(Program::from_words(start, read.unwrap_or_default()))
     }
 
     /// Has the drive go on at an address, whatever runs there now. The axis must be armed: a program
@@ -108,8 +119,8 @@ impl Axis {
     ///
     /// # Errors
     /// [`Error`] by blame.
-    pub fn go_to(&self, address: u16) -> Result<(), Error> {
-        self.order("starting a program", Order::Go(address)).map(drop)
+    pub fn jump_to(&self, address: u16) -> Result<(), Error> {
+        self.run_order("starting a program", ProgramCommand::Goto(address)).map(drop)
     }
 
     /// Has the drive call a routine that [`abort`](Self::abort) can end; it returns at its `RET`.
@@ -118,16 +129,16 @@ impl Axis {
     /// # Errors
     /// [`Error`] by blame.
     pub fn call(&self, address: u16) -> Result<(), Error> {
-        self.order("calling a routine", Order::Call(address)).map(drop)
+        self.run_order("calling a routine", ProgramCommand::Call(address)).map(drop)
     }
 
     /// Whether a routine that was [called](Self::call) runs.
     ///
     /// # Errors
     /// [`Error`] by blame.
-    pub fn is_calling(&self) -> Result<bool, Error> {
-        let (_, mask) = self.memory_rules("programs")?.calling;
-        let status = self.order("asking for the routine", Order::Calling)?;
+    pub fn is_routine_running(&self) -> Result<bool, Error> {
+        let (_, mask) = self.memory_rules("programs")?.call_flag;
+        let status = self.run_order("asking for the routine", ProgramCommand::QueryCall)?;
         Ok(status & i64::from(mask) != 0)
     }
 
@@ -137,8 +148,8 @@ impl Axis {
     /// # Errors
     /// [`Error`] by blame: the first; all three are tried.
     pub fn abort(&self) -> Result<(), Error> {
-        let called = self.order("ending the routine", Order::Abort);
-        let ended = self.order("ending the program", Order::End);
+        let called = self.run_order("ending the routine", ProgramCommand::Abort);
+        let ended = self.run_order("ending the program", ProgramCommand::End);
         called.and(ended).map(drop).and(self.stop())
     }
 
@@ -149,51 +160,54 @@ impl Axis {
     /// [`Error`] by blame: refused by a drive that has no motor of that number, unsupported where an
     /// address is one motor.
     pub fn stop_motor(&self, number: u8) -> Result<(), Error> {
-        self.order(&format!("stopping motor {number}"), Order::StopMotor(number)).map(drop)
+        self.run_order(&format!("stopping motor {number}"), ProgramCommand::StopMotor(number))
+            .map(drop)
     }
 
     /// What is to be known of the memory that its programs lie in.
     pub(crate) fn memory_rules(&self, what: &str) -> Result<&'static MemoryRules, Error> {
-        let rules = self.connection.with(|axes, _| axes.memory(self.index));
-        rules.ok_or_else(|| self.refuse(what, Unsupported::NoPlan))
+        let rules = self.connection.with_axes(|axes, _| axes.memory_rules(self.index));
+        rules.ok_or_else(|| self.unsupported_error(what, Unsupported::NoPlan))
     }
 
-    fn order(&self, what: &str, order: Order) -> Result<i64, Error> {
+    fn run_order(&self, what: &str, order: ProgramCommand) -> Result<i64, Error> {
         self.submit(what.to_owned(), RequestKind::Command, |axes, now, ticket| {
-            axes.order(now, ticket, self.index, order)
+            axes.send_program_command(now, ticket, self.index, order)
         })?
         .finish()
     }
 
-    fn transfer(
+    fn run_transfer(
         &self,
         what: &str,
         kind: TransferKind,
-        pieces: &[Piece],
-        mut show: impl FnMut(Progress),
-    ) -> Result<Progress, Error> {
+        pieces: &[MemoryBlock],
+        mut show: impl FnMut(TransferProgress),
+    ) -> Result<TransferProgress, Error> {
         let begin = |axes: &mut dyn polepair_core::axis::Axes, now, ticket| {
-            axes.transfer(now, ticket, self.index, kind, pieces)
+            axes.start_transfer(now, ticket, self.index, kind, pieces)
         };
-        let pending = self.connection.submit(begin).map_err(|why| self.refuse(what, why))?;
+        let pending =
+            self.connection.submit(begin).map_err(|why| self.unsupported_error(what, why))?;
         let asked =
-            if kind == TransferKind::Write { RequestKind::Command } else { RequestKind::Question };
-        let mut running = Running { axis: self.clone(), pending, what: what.to_owned(), asked };
+            if kind == TransferKind::Write { RequestKind::Command } else { RequestKind::Query };
+        let mut running =
+            RunningRequest { axis: self.clone(), pending, what: what.to_owned(), kind: asked };
         loop {
-            let ended = running.wait(PAUSE)?;
-            let progress = self.progress();
+            let ended = running.wait(PROGRESS_INTERVAL)?;
+            let progress = self.transfer_progress();
             show(progress);
             if ended.is_some() {
                 return Ok(progress);
             }
-            let Progress { done, total, .. } = progress;
+            let TransferProgress { done, total, .. } = progress;
             running.what = format!("{what}, at {done} of {total} words");
         }
     }
 
-    fn progress(&self) -> Progress {
-        self.connection.with(|axes, _| {
-            axes.transferred(self.index).map(|transfer| transfer.progress()).unwrap_or_default()
+    fn transfer_progress(&self) -> TransferProgress {
+        self.connection.with_axes(|axes, _| {
+            axes.last_transfer(self.index).map(|transfer| transfer.progress()).unwrap_or_default()
         })
     }
 }

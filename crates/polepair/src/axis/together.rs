@@ -1,6 +1,6 @@
 //! Moves of several axes that begin at one signal.
 
-use super::{Axis, Running};
+use super::{Axis, RunningRequest};
 use crate::error::Error;
 use polepair_core::axis::{Command, Verb};
 
@@ -25,21 +25,21 @@ use polepair_core::axis::{Command, Verb};
 /// or by: nothing was sent. Others by blame; nothing moves before the signal, and what was made
 /// ready is then taken back by a stop.
 pub fn start_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
-    let prepared = prepared(moves)?;
+    let prepared = prepare_commands(moves)?;
     let Some((first, _)) = prepared.first() else { return Ok(()) };
-    let begun = all(&prepared).and_then(|()| first.run(Command::new(Verb::Begin)));
+    let begun = run_all(&prepared).and_then(|()| first.run(Command::new(Verb::Begin)));
     if let Err(error) = begun {
         // What waits for a signal must not go off at the next one.
         for verb in [Verb::Unfollow, Verb::Stop] {
             let each: Vec<_> =
                 prepared.iter().map(|(axis, _)| (*axis, Command::new(verb))).collect();
-            let _ = all(&each);
+            let _ = run_all(&each);
         }
         return Err(error);
     }
     let begun: Vec<_> =
         prepared.iter().map(|(axis, _)| (*axis, Command::new(Verb::Begun))).collect();
-    all(&begun)
+    run_all(&begun)
 }
 
 /// Checks moves that are to [start together](start_together), before the motors have power. Nothing of
@@ -48,12 +48,14 @@ pub fn start_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
 /// # Errors
 /// [`Error::Unsupported`] as [`start_together`] itself would give.
 pub fn check_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
-    prepared(moves)?.into_iter().try_for_each(|(axis, command)| axis.rehearse(command).map(drop))
+    prepare_commands(moves)?
+        .into_iter()
+        .try_for_each(|(axis, command)| axis.rehearse(command).map(drop))
 }
 
 /// The commands that make each drive ready.
-fn prepared(moves: &[(Axis, Command)]) -> Result<Vec<(&Axis, Command)>, Error> {
-    super::following::on_one_wire(moves.iter().map(|(axis, _)| axis))?;
+fn prepare_commands(moves: &[(Axis, Command)]) -> Result<Vec<(&Axis, Command)>, Error> {
+    super::cyclic::check_one_wire(moves.iter().map(|(axis, _)| axis))?;
     let prepared = moves.iter().map(|(axis, command)| {
         let verb = match command.verb {
             Verb::MoveTo => Verb::PrepareTo,
@@ -63,22 +65,22 @@ fn prepared(moves: &[(Axis, Command)]) -> Result<Vec<(&Axis, Command)>, Error> {
                 return Err(Error::usage("E218", what, "only moves to, or by, start together"));
             }
         };
-        can(axis, verb).map(|()| (axis, Command { verb, ..*command }))
+        require_plan(axis, verb).map(|()| (axis, Command { verb, ..*command }))
     });
     prepared.collect()
 }
 
 /// Whether the profile has steps for a verb.
-pub(super) fn can(axis: &Axis, verb: Verb) -> Result<(), Error> {
+pub(super) fn require_plan(axis: &Axis, verb: Verb) -> Result<(), Error> {
     match axis.profile.plan(verb) {
         Some(_) => Ok(()),
-        None => Err(axis.refuse(verb.name(), polepair_core::error::Unsupported::NoPlan)),
+        None => Err(axis.unsupported_error(verb.name(), polepair_core::error::Unsupported::NoPlan)),
     }
 }
 
 /// Runs a command on each axis, all at once, to their ends; the first error counts.
-pub(super) fn all(commands: &[(&Axis, Command)]) -> Result<(), Error> {
-    let started: Vec<Result<Running, Error>> =
+pub(super) fn run_all(commands: &[(&Axis, Command)]) -> Result<(), Error> {
+    let started: Vec<Result<RunningRequest, Error>> =
         commands.iter().map(|(axis, command)| axis.start(*command)).collect();
     // Each is waited for, whatever became of the others.
     let ended: Vec<Result<(), Error>> = started

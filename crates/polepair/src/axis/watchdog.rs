@@ -14,7 +14,7 @@ const QUICK_STOP: i64 = 3;
 const TIME_BITS: u32 = 16;
 
 /// Periods of a heartbeat after which it has stayed out.
-const PERIODS: u32 = 3;
+const HEARTBEAT_PERIODS: u32 = 3;
 
 /// How a drive's own watchdog is set now.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -26,14 +26,14 @@ pub enum WatchdogState {
     /// It stops after so long without a word of its host.
     On(Duration),
     /// It watches a heartbeat that is not this host's.
-    Other {
+    OtherNode {
         /// Whose.
         node: u8,
     },
     /// It notices so long a silence, and does nothing then.
     NoReaction(Duration),
     /// It can be set, and the drive does not tell how it is set.
-    Untold,
+    Unknown,
 }
 
 impl WatchdogState {
@@ -52,18 +52,20 @@ impl fmt::Display for WatchdogState {
         match self {
             Self::None => f.write_str("none: the motor keeps doing what it was last told"),
             Self::Off => f.write_str("off: the motor keeps doing what it was last told"),
-            Self::On(after) => write!(f, "on, the drive stops after {} of silence", said(*after)),
-            Self::Other { node } => {
+            Self::On(after) => {
+                write!(f, "on, the drive stops after {} of silence", format_time(*after))
+            }
+            Self::OtherNode { node } => {
                 write!(f, "on, but it watches node {node} and not this host")
             }
             Self::NoReaction(after) => {
                 write!(
                     f,
                     "without effect: {} of silence are noticed, and nothing is done",
-                    said(*after)
+                    format_time(*after)
                 )
             }
-            Self::Untold => {
+            Self::Unknown => {
                 f.write_str("unknown: it can be set, and the drive does not tell how it is set")
             }
         }
@@ -71,7 +73,7 @@ impl fmt::Display for WatchdogState {
 }
 
 /// A time as people say it.
-fn said(time: Duration) -> String {
+fn format_time(time: Duration) -> String {
     match time.as_millis() {
         ms if ms % 1000 == 0 => format!("{} s", ms / 1000),
         ms => format!("{ms} ms"),
@@ -86,7 +88,7 @@ impl Axis {
     pub fn watchdog_parameter(&self) -> Option<ParameterId> {
         match self.profile.watchdog {
             Watchdog::Heartbeat { consumer, .. } => Some(consumer),
-            watchdog => watchdog.time(self.medium),
+            watchdog => watchdog.time_parameter(self.medium),
         }
     }
 
@@ -118,19 +120,19 @@ impl Axis {
     /// How its watchdog is set, in words, and who has to send the heartbeat that it watches where this
     /// connection sends none. Nothing is asked.
     #[must_use]
-    pub fn watchdog_in_words(&self, state: WatchdogState) -> String {
+    pub fn describe_watchdog(&self, state: WatchdogState) -> String {
         match (state, self.host) {
-            (WatchdogState::On(after), Some(host)) if self.owes_heartbeat() => format!(
+            (WatchdogState::On(after), Some(host)) if self.needs_heartbeat() => format!(
                 "on, for a host that sends its heartbeat: the drive watches node {host} and stops {} \
                  after the last one; without heartbeat= this connection sends none",
-                said(after)
+                format_time(after)
             ),
             _ => state.to_string(),
         }
     }
 
     /// Whether the drive watches heartbeats and this connection sends none.
-    pub(crate) fn owes_heartbeat(&self) -> bool {
+    pub(crate) fn needs_heartbeat(&self) -> bool {
         matches!(self.profile.watchdog, Watchdog::Heartbeat { .. }) && self.heartbeat.is_none()
     }
 
@@ -161,24 +163,24 @@ impl Axis {
     pub fn watchdog(&self) -> Result<WatchdogState, Error> {
         match self.profile.watchdog {
             Watchdog::None => Ok(WatchdogState::None),
-            Watchdog::Fixed { after_ms } => Ok(on(after_ms.into())),
+            Watchdog::Fixed { after_ms } => Ok(on_after(after_ms.into())),
             Watchdog::Configurable { .. } => {
                 let Some(id) = self.watchdog_parameter() else { return Ok(WatchdogState::None) };
                 if self.profile.parameter(id).is_some_and(|p| p.access == Access::Write) {
-                    return Ok(WatchdogState::Untold);
+                    return Ok(WatchdogState::Unknown);
                 }
-                let Some(raw) = self.read_if_any(id)? else { return Ok(WatchdogState::None) };
+                let Some(raw) = self.read_optional(id)? else { return Ok(WatchdogState::None) };
                 if raw == 0 {
                     return Ok(WatchdogState::Off);
                 }
                 let value = self.value(id, raw)?;
-                let seconds = value.value * value.unit.si();
+                let seconds = value.value * value.unit.si_factor();
                 let after = Duration::try_from_secs_f64(seconds).unwrap_or_default();
                 Ok(WatchdogState::On(after))
             }
             Watchdog::Heartbeat { consumer, reaction } => {
-                let watched = self.read_if_any(consumer)?;
-                let reaction = self.read_if_any(reaction)?;
+                let watched = self.read_optional(consumer)?;
+                let reaction = self.read_optional(reaction)?;
                 let (Some(watched), Some(reaction)) = (watched, reaction) else {
                     return Ok(WatchdogState::None);
                 };
@@ -186,11 +188,13 @@ impl Axis {
                 let node = u8::try_from(watched >> TIME_BITS & 0x7F).unwrap_or(0);
                 Ok(match (node, ms) {
                     (0, _) | (_, 0) => WatchdogState::Off,
-                    (node, _) if self.host != Some(node.into()) => WatchdogState::Other { node },
+                    (node, _) if self.host != Some(node.into()) => {
+                        WatchdogState::OtherNode { node }
+                    }
                     (_, ms) if reaction == 0 => {
                         WatchdogState::NoReaction(Duration::from_millis(ms.unsigned_abs()))
                     }
-                    (_, ms) => on(ms),
+                    (_, ms) => on_after(ms),
                 })
             }
         }
@@ -209,11 +213,11 @@ impl Axis {
         const WHAT: &str = "setting its watchdog";
         match self.profile.watchdog {
             Watchdog::None | Watchdog::Fixed { .. } => {
-                return Err(self.refuse(WHAT, Unsupported::NoPlan));
+                return Err(self.unsupported_error(WHAT, Unsupported::NoPlan));
             }
             Watchdog::Configurable { .. } => {
                 let id = self.watchdog_parameter();
-                let id = id.ok_or_else(|| self.refuse(WHAT, Unsupported::NoPlan))?;
+                let id = id.ok_or_else(|| self.unsupported_error(WHAT, Unsupported::NoPlan))?;
                 let after = after.unwrap_or_default();
                 let raw = self.raw_of(id, &Amount::Text(format!("{} s", after.as_secs_f64())))?;
                 // What is more than nothing must not be rounded to never.
@@ -226,26 +230,29 @@ impl Axis {
                         WatchdogState::On(after)
                     });
                 }
-                self.write_if_other(id, raw)?;
+                self.write_if_different(id, raw)?;
             }
             Watchdog::Heartbeat { consumer, reaction } => {
                 let host = self.host.filter(|host| (1..=127).contains(host));
-                let host = host.ok_or_else(|| self.refuse(WHAT, Unsupported::NoPlan))?;
+                let host = host.ok_or_else(|| self.unsupported_error(WHAT, Unsupported::NoPlan))?;
                 let ms = after.unwrap_or_default().as_millis();
                 let limit = (1_u32 << TIME_BITS) - 1;
                 let ms = u32::try_from(ms).ok().filter(|ms| *ms <= limit).ok_or_else(|| {
                     let (parameter, min, max) = (consumer, 0, i64::from(limit));
                     let value = i64::try_from(ms).unwrap_or(i64::MAX);
-                    self.refuse(WHAT, Unsupported::OutOfRange { parameter, value, min, max })
+                    self.unsupported_error(
+                        WHAT,
+                        Unsupported::OutOfRange { parameter, value, min, max },
+                    )
                 })?;
                 let ms = if after.is_some_and(|after| !after.is_zero()) { ms.max(1) } else { ms };
-                self.outlasts_heartbeat(ms)?;
+                self.check_longer_than_heartbeat(ms)?;
                 // The reaction goes first: a watch without one is none.
                 if ms > 0 && self.read(reaction)? == 0 {
                     self.write(reaction, QUICK_STOP, false)?;
                 }
                 let raw = if ms == 0 { 0 } else { i64::from(host << TIME_BITS | ms) };
-                self.write_if_other(consumer, raw)?;
+                self.write_if_different(consumer, raw)?;
             }
         }
         self.watchdog()
@@ -253,7 +260,7 @@ impl Axis {
 
     /// Refuses to have the heartbeat watched for less time than lies between two of it: the drive would
     /// stop at once.
-    fn outlasts_heartbeat(&self, ms: u32) -> Result<(), Error> {
+    fn check_longer_than_heartbeat(&self, ms: u32) -> Result<(), Error> {
         match self.heartbeat.map(|period| period.as_millis()) {
             Some(period) if ms > 0 && u128::from(ms) <= period => {
                 let what = format!(
@@ -284,7 +291,7 @@ impl Axis {
         };
         let found = self.watchdog()?;
         let now = match found {
-            WatchdogState::Off => self.set_watchdog(Some(period * PERIODS))?,
+            WatchdogState::Off => self.set_watchdog(Some(period * HEARTBEAT_PERIODS))?,
             WatchdogState::NoReaction(after) => self.set_watchdog(Some(after))?,
             other => other,
         };
@@ -296,13 +303,13 @@ impl Axis {
     ///
     /// # Errors
     /// [`Error`] by blame.
-    pub fn tells(&self, signal: Signal) -> Result<bool, Error> {
+    pub fn provides_signal(&self, signal: Signal) -> Result<bool, Error> {
         let Some(source) = self.profile.signal(signal) else { return Ok(false) };
         let sure = !self.profile.optional.contains(&source.parameter);
         if sure || self.state().reading(signal).at.is_some() {
             return Ok(!self.lacks(source.parameter));
         }
-        self.read_if_any(source.parameter).map(|raw| raw.is_some())
+        self.read_optional(source.parameter).map(|raw| raw.is_some())
     }
 
     /// Its watchdog's setting, as parameters and raw values, to be written back later; `None` where the
@@ -325,11 +332,11 @@ impl Axis {
     }
 
     /// Writes raw settings where the drive has others.
-    pub(crate) fn put_back(&self, settings: &[(ParameterId, i64)]) -> Result<(), Error> {
-        settings.iter().try_for_each(|(id, raw)| self.write_if_other(*id, *raw))
+    pub(crate) fn restore_settings(&self, settings: &[(ParameterId, i64)]) -> Result<(), Error> {
+        settings.iter().try_for_each(|(id, raw)| self.write_if_different(*id, *raw))
     }
 
-    fn write_if_other(&self, id: ParameterId, raw: i64) -> Result<(), Error> {
+    fn write_if_different(&self, id: ParameterId, raw: i64) -> Result<(), Error> {
         if self.read(id)? == raw { Ok(()) } else { self.write(id, raw, false) }
     }
 
@@ -337,7 +344,7 @@ impl Axis {
     ///
     /// # Errors
     /// [`Error`] by blame.
-    pub fn read_if_any(&self, id: ParameterId) -> Result<Option<i64>, Error> {
+    pub fn read_optional(&self, id: ParameterId) -> Result<Option<i64>, Error> {
         if self.lacks(id) {
             return Ok(None);
         }
@@ -352,10 +359,10 @@ impl Axis {
     /// profile calls optional can be missing so; it is not asked for again.
     #[must_use]
     pub fn lacks(&self, id: ParameterId) -> bool {
-        self.connection.with(|axes, _| axes.lacks(self.index, id))
+        self.connection.with_axes(|axes, _| axes.lacks_parameter(self.index, id))
     }
 }
 
-const fn on(ms: i64) -> WatchdogState {
+const fn on_after(ms: i64) -> WatchdogState {
     WatchdogState::On(Duration::from_millis(ms.unsigned_abs()))
 }

@@ -1,10 +1,10 @@
-use super::{Load, Seat, clash};
-use crate::registry::protocol;
+use super::{BusAddress, BusLoadRange, find_clash};
+use crate::registry::find_protocol;
 use polepair_core::medium::MediumKind;
 
-fn seats(all: &[(&str, u32)]) -> Vec<Seat> {
-    let seat = |(name, address): &(&str, u32)| Seat {
-        spoken: protocol(name, MediumKind::Can).expect("a protocol on CAN"),
+fn seats(all: &[(&str, u32)]) -> Vec<BusAddress> {
+    let seat = |(name, address): &(&str, u32)| BusAddress {
+        protocol: find_protocol(name, MediumKind::Can).expect("a protocol on CAN"),
         address: *address,
     };
     all.iter().map(seat).collect()
@@ -13,7 +13,10 @@ fn seats(all: &[(&str, u32)]) -> Vec<Seat> {
 #[test]
 fn those_that_agree_share_a_bus() {
     let all = [("canopen", 2), ("technocan", 5), ("technocan", 7), ("tmcl", 0x61), ("tmlcan", 5)];
-    assert_eq!(clash(&seats(&[&all[..], &[("thruster", 11), ("thruster", 12)]].concat())), None);
+    assert_eq!(
+        find_clash(&seats(&[&all[..], &[("thruster", 11), ("thruster", 12)]].concat())),
+        None
+    );
 }
 
 #[test]
@@ -25,31 +28,31 @@ fn clashes_are_told_with_the_identifier() {
         ([("canopen", 2), ("technocan", 32)], "multiple of 32"),
         ([("canopen", 2), ("tmcl", 0x82)], "both use the identifier 82h"),
     ] {
-        let told = clash(&seats(&all)).unwrap_or_else(|| panic!("{all:?}"));
+        let told = find_clash(&seats(&all)).unwrap_or_else(|| panic!("{all:?}"));
         assert!(told.contains(said), "{all:?}: {told}");
     }
 }
 
 #[test]
 fn a_host_gives_way_to_other_protocols() {
-    let tmcl = protocol("tmcl", MediumKind::Can).expect("known");
-    assert_eq!(tmcl.host_beside(&[0x61], &seats(&[("canopen", 2)])), None);
-    let host = tmcl.host_beside(&[0x61], &seats(&[("technocan", 5)])).expect("another");
-    assert!(clash(&seats(&[("technocan", 5), ("tmcl", host), ("tmcl", 0x61)])).is_none());
+    let tmcl = find_protocol("tmcl", MediumKind::Can).expect("known");
+    assert_eq!(tmcl.host_among(&[0x61], &seats(&[("canopen", 2)])), None);
+    let host = tmcl.host_among(&[0x61], &seats(&[("technocan", 5)])).expect("another");
+    assert!(find_clash(&seats(&[("technocan", 5), ("tmcl", host), ("tmcl", 0x61)])).is_none());
 }
 
 /// The mixed bus at 1 Mbit/s, by hand: SYNC and four PDOs of 4 bytes 1000 times a second are 363 to
 /// 435 bits each, and five exchanges of two full frames at 100 Hz.
 #[test]
 fn a_load_is_the_sum_of_its_frames() {
-    let mut load = Load::default();
+    let mut load = BusLoadRange::default();
     load.add(1_000_000, false, 1000.0, &[0, 4, 4, 4, 4]);
     assert!((load.least - 0.363).abs() < 1e-9, "{load}");
     for _ in 0..5 {
         load.add(1_000_000, false, 100.0, &[]);
     }
     assert!((load.least - 0.474).abs() < 1e-9, "{load}");
-    assert!(load.most < 0.8 && load.refused().is_none());
+    assert!(load.most < 0.8 && load.overload_reason().is_none());
     load.add(1_000_000, false, 1500.0, &[]);
-    assert!(load.refused().expect("too much").contains("at most 80 %"));
+    assert!(load.overload_reason().expect("too much").contains("at most 80 %"));
 }

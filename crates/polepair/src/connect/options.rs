@@ -1,8 +1,8 @@
 //! What the keys of a connection string set: the host and the port.
 
 use crate::error::Error;
-use crate::registry::{self, Spoken};
-use crate::url::{Target, Url};
+use crate::registry::{self, ProtocolInfo};
+use crate::url::{LinkTarget, Url};
 use polepair_core::medium::{Parity, SerialLine, Stream};
 use polepair_core::proto::{self, HostOptions};
 use std::hash::{BuildHasher, RandomState};
@@ -13,7 +13,7 @@ const IN_DOUBT: Option<u32> = Some(0);
 const TCP_PAUSE_MS: u32 = 100;
 
 /// The host's settings that every kind of link has.
-pub(super) fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
+pub(super) fn host_options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
     let whole = |ms: f64| ms.ceil() as u32;
     let timed = |us: f64| us.round() as u32;
     let gap_us = match url.key("gap") {
@@ -21,61 +21,61 @@ pub(super) fn options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         _ => url.milliseconds("gap")?.map(|ms| timed(ms * 1000.0)),
     };
     Ok(HostOptions {
-        wire: standard(url)?,
+        standard: wire_standard(url)?,
         reply_timeout_ms: url.milliseconds("timeout")?.map(whole),
         ack_timeout_ms: url.milliseconds("ack")?.map(whole),
         heartbeat_ms: url.milliseconds("heartbeat")?.map(whole),
-        pause_ms: url.milliseconds("pause")?.map(whole),
+        resync_pause_ms: url.milliseconds("pause")?.map(whole),
         // Nothing on a pty or TCP tells frames apart by silence.
         gap_us: gap_us.or((baud == 0).then_some(0)),
         untimed: !has_timing(url)?,
-        host: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
+        host_address: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
         echo: url.flag("echo")?,
-        answers_only: answers_only(url)?,
-        probing: false,
+        relay_answers_only: answers_only(url)?,
+        scanning: false,
         ..HostOptions::new(baud)
     })
 }
 
 /// The host's settings on a link of the operating system.
-pub(super) fn wire_options(url: &Url, spoken: &Spoken) -> Result<HostOptions, Error> {
-    let rate = rate(url, "bitrate")?;
+pub(super) fn wire_options(url: &Url, spoken: &ProtocolInfo) -> Result<HostOptions, Error> {
+    let rate = rate_key(url, "bitrate")?;
     let (baud, bit_rate) = match &url.target {
-        Target::Serial { path, .. } if is_pty(path) => (0, 0),
+        LinkTarget::Serial { path, .. } if is_pty(path) => (0, 0),
         // Behind these there may be no bus, and so no least time for a frame.
-        Target::Slcan { path, .. } if is_pty(path) => (0, 0),
-        Target::SlcanTcp { .. } => (0, 0),
-        Target::Serial { baud, .. } => (baud.unwrap_or(spoken.baud), 0),
-        Target::Slcan { .. } => (0, rate.unwrap_or(spoken.baud)),
+        LinkTarget::Slcan { path, .. } if is_pty(path) => (0, 0),
+        LinkTarget::SlcanTcp { .. } => (0, 0),
+        LinkTarget::Serial { baud, .. } => (baud.unwrap_or(spoken.baud), 0),
+        LinkTarget::Slcan { .. } => (0, rate.unwrap_or(spoken.baud)),
         _ => (0, rate.unwrap_or(0)),
     };
     let options = match url.target {
-        Target::Tcp { .. } => options_on_network(url)?,
-        _ => options(url, baud)?,
+        LinkTarget::Tcp { .. } => host_options_on_network(url)?,
+        _ => host_options(url, baud)?,
     };
-    Ok(HostOptions { bit_rate, doubt: IN_DOUBT, ..options })
+    Ok(HostOptions { bit_rate, probe_seed: IN_DOUBT, ..options })
 }
 
 /// The host's settings behind a serial server, real or simulated.
-pub(super) fn options_on_network(url: &Url) -> Result<HostOptions, Error> {
-    let options = options(url, 0)?;
-    Ok(HostOptions { pause_ms: options.pause_ms.or(Some(TCP_PAUSE_MS)), ..options })
+pub(super) fn host_options_on_network(url: &Url) -> Result<HostOptions, Error> {
+    let options = host_options(url, 0)?;
+    Ok(HostOptions { resync_pause_ms: options.resync_pause_ms.or(Some(TCP_PAUSE_MS)), ..options })
 }
 
 /// Whatever the system gives: the probes of one session are not those of the one before.
-pub(super) fn seed() -> u32 {
+pub(super) fn random_seed() -> u32 {
     RandomState::new().hash_one(()) as u32
 }
 
-pub(super) fn rate(url: &Url, key: &str) -> Result<Option<u32>, Error> {
+pub(super) fn rate_key(url: &Url, key: &str) -> Result<Option<u32>, Error> {
     Ok(url.number(key)?.map(|rate| u32::try_from(rate).unwrap_or(u32::MAX)))
 }
 
-pub(super) fn standard(url: &Url) -> Result<Option<proto::Wire>, Error> {
+pub(super) fn wire_standard(url: &Url) -> Result<Option<proto::SerialStandard>, Error> {
     match url.key("wire") {
         None => Ok(None),
-        Some("rs232") => Ok(Some(proto::Wire::Rs232)),
-        Some("rs485") => Ok(Some(proto::Wire::Rs485)),
+        Some("rs232") => Ok(Some(proto::SerialStandard::Rs232)),
+        Some("rs485") => Ok(Some(proto::SerialStandard::Rs485)),
         Some(other) => {
             let what = format!("`wire={other}` is neither rs232 nor rs485");
             Err(Error::usage("E210", what, ""))
@@ -96,14 +96,14 @@ fn answers_only(url: &Url) -> Result<bool, Error> {
 }
 
 /// How the port is set: as the protocol's host wants it, unless the string says otherwise.
-pub(super) fn line_of(
+pub(super) fn serial_line(
     url: &Url,
-    spoken: &Spoken,
+    spoken: &ProtocolInfo,
     options: HostOptions,
     baud: u32,
 ) -> Result<SerialLine, Error> {
-    let lane = registry::lane::<Stream>(spoken.name, options, &[]);
-    let mut line = lane.map_or(SerialLine::n81(baud), |lane| lane.line());
+    let lane = registry::build_lane::<Stream>(spoken.name, options, &[]);
+    let mut line = lane.map_or(SerialLine::new_8n1(baud), |lane| lane.line());
     line.baud = baud;
     match url.key("parity") {
         None => {}
@@ -127,11 +127,11 @@ pub(super) fn line_of(
 /// so do the drivers of USB CDC; the port is set to the baud rate in any case.
 fn has_timing(url: &Url) -> Result<bool, Error> {
     match (url.key("timing"), &url.target) {
-        (None, Target::Serial { path, .. }) => Ok(!polepair_link::has_no_baud_rate(path)),
+        (None, LinkTarget::Serial { path, .. }) => Ok(!polepair_link::has_no_baud_rate(path)),
         (None | Some("uart"), _) => Ok(true),
         (Some("off"), _) => Ok(false),
         // What the simulated port is like.
-        (Some(_), Target::Sim { .. }) => Ok(true),
+        (Some(_), LinkTarget::Sim { .. }) => Ok(true),
         (Some(other), _) => {
             let what = format!("`timing={other}` is neither off nor uart");
             let hint = "off: answers may come sooner than the baud rate allows; uart: they do not";
@@ -148,7 +148,7 @@ fn is_pty(path: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{HostOptions, Url, options, wire_options};
+    use super::{HostOptions, Url, host_options, wire_options};
     use crate::registry;
 
     #[test]
@@ -156,7 +156,7 @@ mod tests {
         let baud = |text: &str| {
             let url: Url = format!("tmcl+serial:///dev/ttyS0?{text}").parse().unwrap();
             let spoken =
-                registry::protocol("tmcl", polepair_core::medium::MediumKind::Serial).unwrap();
+                registry::find_protocol("tmcl", polepair_core::medium::MediumKind::Serial).unwrap();
             wire_options(&url, &spoken).map(|options| (options.baud, options.untimed))
         };
         assert_eq!(baud("timing=uart").unwrap(), (9600, false));
@@ -168,7 +168,7 @@ mod tests {
     fn a_gap_is_a_time_or_three_and_a_half_characters() {
         let gap = |text: &str| {
             let url: Url = format!("modbus-rtu+serial:///dev/ttyS0?gap={text}").parse().unwrap();
-            options(&url, 115_200).map(|options| options.gap_us)
+            host_options(&url, 115_200).map(|options| options.gap_us)
         };
         assert_eq!(gap("3.5c").unwrap(), Some(HostOptions::GAP_CHARACTERS));
         assert_eq!(gap("2ms").unwrap(), Some(2_000));

@@ -1,20 +1,20 @@
 //! What a connection string opens, wire by wire, before anything is opened.
 
 use super::options::wire_options;
-use super::rack::{link_of, not_told, own_links, seed_of};
+use super::rack::{find_link, host_links, missing_connect_error, seed_of};
 use super::{Connector, simulate};
 use crate::error::Error;
-use crate::registry::Spoken;
-use crate::simulate::Description;
-use crate::url::{Number, Target, Url};
-use crate::words;
+use crate::registry::ProtocolInfo;
+use crate::simulate::RackDescription;
+use crate::spelling;
+use crate::url::{AxisNumber, LinkTarget, Url};
 use polepair_core::medium::MediumKind;
 use std::path::Path;
 
 /// What is opened by itself: one wire, or one simulation with all of its wires.
 #[derive(Clone, PartialEq, Eq, Debug)]
 #[non_exhaustive]
-pub struct Part {
+pub struct LinkPart {
     /// The connection string that opens it alone.
     pub url: String,
     /// What its wire carries; `None` where it is simulated.
@@ -28,41 +28,41 @@ impl Connector {
     ///
     /// # Errors
     /// [`Error::Usage`] and [`Error::File`], as [`connect`](Self::connect) has them.
-    pub fn parts(&self, text: &str) -> Result<Vec<Part>, Error> {
+    pub fn parts(&self, text: &str) -> Result<Vec<LinkPart>, Error> {
         let url = self.url(text)?;
-        let whole = |medium| vec![Part { url: text.to_owned(), medium }];
+        let whole = |medium| vec![LinkPart { url: text.to_owned(), medium }];
         match &url.target {
-            Target::Sim { .. } => Ok(whole(None)),
-            Target::Rack { file } => {
+            LinkTarget::Sim { .. } => Ok(whole(None)),
+            LinkTarget::Rack { file } => {
                 let description = simulate::rack_of_file(Path::new(file), seed_of(&url)?)?;
-                let only = url.key("link").map(|name| link_of(&description, name)).transpose()?;
-                let links = own_links(&description, only);
+                let only = url.key("link").map(|name| find_link(&description, name)).transpose()?;
+                let links = host_links(&description, only);
                 if links.iter().all(|n| description.wires[*n].connect.is_none()) {
                     return Ok(whole(None));
                 }
-                let of = |n| link(&url, &description, n).transpose();
-                let parts: Vec<Part> =
+                let of = |n| part_of_link(&url, &description, n).transpose();
+                let parts: Vec<LinkPart> =
                     links.into_iter().filter_map(of).collect::<Result<_, _>>()?;
                 let wires = || description.wires.iter().flat_map(|wire| &wire.names);
                 match url.names.iter().find(|name| wires().all(|known| known != *name)) {
                     Some(name) => {
-                        let near = words::hint(name, wires().map(String::as_str));
+                        let near = spelling::suggestion(name, wires().map(String::as_str));
                         Err(Error::usage("E212", format!("the rack has no axis {name}{near}"), ""))
                     }
                     None => Ok(parts),
                 }
             }
             _ => {
-                let spoken = self.checked(&url)?;
+                let spoken = self.check_url(&url)?;
                 Ok(whole(Some(spoken.medium)))
             }
         }
     }
 
     /// What is spoken there, where the string is right as far as that is known before the link is opened.
-    fn checked(&self, url: &Url) -> Result<Spoken, Error> {
-        let spoken = url.spoken()?;
-        url.axes.iter().try_for_each(|axis| spoken.check(*axis))?;
+    fn check_url(&self, url: &Url) -> Result<ProtocolInfo, Error> {
+        let spoken = url.protocol_info()?;
+        url.axes.iter().try_for_each(|axis| spoken.check_address(*axis))?;
         wire_options(url, &spoken)?;
         self.chosen_profile(url, &spoken)?;
         Ok(spoken)
@@ -70,21 +70,25 @@ impl Connector {
 }
 
 /// One link of a rack, where the string means any axis of it.
-fn link(url: &Url, description: &Description, n: usize) -> Result<Option<Part>, Error> {
+fn part_of_link(
+    url: &Url,
+    description: &RackDescription,
+    n: usize,
+) -> Result<Option<LinkPart>, Error> {
     let (rack, wire) = (&description.rack.links[n], &description.wires[n]);
     if wire.connect.is_none() {
-        return Err(not_told(description, n));
+        return Err(missing_connect_error(description, n));
     }
-    let spoken = description.spoken_on(n);
+    let spoken = description.protocols_on(n);
     let Some(first) = spoken.first() else { return Ok(None) };
-    let here: Vec<usize> = std::iter::once(n).chain(description.behind(n)).collect();
+    let here: Vec<usize> = std::iter::once(n).chain(description.links_behind(n)).collect();
     let numbers = |number: &u32| {
         let lowest = *first.addresses.start();
         let drives = here.iter().flat_map(|n| &description.rack.links[*n].drives);
         drives.into_iter().any(|drive| drive.address.unwrap_or(lowest) == *number)
     };
     let mut part = url.clone();
-    part.axes.retain(|axis| Number(*axis).is_group() || numbers(axis));
+    part.axes.retain(|axis| AxisNumber(*axis).is_group() || numbers(axis));
     part.names.retain(|name| here.iter().any(|n| description.wires[*n].names.contains(name)));
     let every = url.axes.is_empty() && url.names.is_empty();
     if !every && part.axes.is_empty() && part.names.is_empty() {
@@ -93,5 +97,5 @@ fn link(url: &Url, description: &Description, n: usize) -> Result<Option<Part>, 
     if part.key("link").is_none() {
         part.keys.push(("link".to_owned(), rack.name.clone()));
     }
-    Ok(Some(Part { url: part.to_string(), medium: Some(first.medium) }))
+    Ok(Some(LinkPart { url: part.to_string(), medium: Some(first.medium) }))
 }

@@ -1,58 +1,60 @@
 //! The links of a rack: simulated, or where its file says that they are.
 
-use super::options::{options, options_on_network, wire_options};
-use super::{Connector, Line, Seat, open, simulated};
+use super::options::{host_options, host_options_on_network, wire_options};
+use super::{Connector, ProtocolLine, RackEntry, build_simulation, open};
 use crate::error::Error;
-use crate::file::Place;
-use crate::identify::{Identified, Prober};
-use crate::registry::Spoken;
-use crate::simulate::{self, Description, Simulation};
-use crate::url::{Number, Target, Url};
+use crate::identify::{Identification, Prober};
+use crate::registry::ProtocolInfo;
+use crate::simulate::{self, RackDescription, Simulation};
+use crate::spelling;
+use crate::toml_file::FileLocation;
+use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::SharedLink;
-use crate::words;
 use polepair_core::profile::Profile;
 use polepair_core::proto::HostOptions;
 use polepair_sim::rack::RackWire;
-use polepair_sim::serial_line::{Serial, Timing};
+use polepair_sim::serial_line::{SerialWireConfig, Timing};
 use std::path::Path;
 use std::sync::Arc;
 
 impl Connector {
     /// Opens the links of a simulated rack, or one of them.
-    pub(super) fn sim(
+    pub(super) fn open_simulated(
         &self,
         url: &Url,
-        description: Description,
+        description: RackDescription,
         only: Option<usize>,
-    ) -> Result<(Vec<Line>, Option<Simulation>), Error> {
-        let simulation = simulated(url, description)?;
+    ) -> Result<(Vec<ProtocolLine>, Option<Simulation>), Error> {
+        let simulation = build_simulation(url, description)?;
         let mut lines = Vec::new();
-        for (place, n) in own_links(simulation.description(), only).into_iter().enumerate() {
-            let link = self.tapped(place, simulation.open(n)?, Some(&simulation));
+        for (place, n) in host_links(simulation.description(), only).into_iter().enumerate() {
+            let link = self.wrap_and_tap(place, simulation.open(n)?, Some(&simulation));
             let wire = simulation.description().rack.links[n].wire;
-            let options = |_: &Spoken, baud| match wire {
-                RackWire::Serial(Serial { timing: Timing::Tcp, .. }) => options_on_network(url),
-                _ => Ok(HostOptions { bit_rate: baud, ..options(url, baud)? }),
+            let options = |_: &ProtocolInfo, baud| match wire {
+                RackWire::Serial(SerialWireConfig { timing: Timing::Tcp, .. }) => {
+                    host_options_on_network(url)
+                }
+                _ => Ok(HostOptions { bit_rate: baud, ..host_options(url, baud)? }),
             };
-            let opened = self.rack_lines(url, simulation.description(), n, &link, &options)?;
-            opened.iter().try_for_each(Line::set_port)?;
+            let opened = self.open_rack_lines(url, simulation.description(), n, &link, &options)?;
+            opened.iter().try_for_each(ProtocolLine::configure_port)?;
             lines.extend(opened);
         }
         Ok((lines, Some(simulation)))
     }
 
     /// The links of a rack file: where they are, or simulated where none says where it is.
-    pub(super) fn rack(
+    pub(super) fn open_rack(
         &self,
         url: &Url,
         file: &str,
-    ) -> Result<(Vec<Line>, Option<Simulation>), Error> {
+    ) -> Result<(Vec<ProtocolLine>, Option<Simulation>), Error> {
         let description = simulate::rack_of_file(Path::new(file), seed_of(url)?)?;
-        let only = url.key("link").map(|name| link_of(&description, name)).transpose()?;
-        let links = own_links(&description, only);
+        let only = url.key("link").map(|name| find_link(&description, name)).transpose()?;
+        let links = host_links(&description, only);
         let real = links.iter().any(|n| description.wires[*n].connect.is_some());
         if !real {
-            return self.sim(url, description, only);
+            return self.open_simulated(url, description, only);
         }
         if let Some(key) = ["time", "seed"].iter().find(|key| url.key(key).is_some()) {
             let what = format!("the key `{key}` means nothing on a real link");
@@ -62,36 +64,39 @@ impl Connector {
         let mut lines = Vec::new();
         for (at, n) in links.into_iter().enumerate() {
             let wire = &description.wires[n];
-            let Some(connect) = &wire.connect else { return Err(not_told(&description, n)) };
-            let place = |spoken: &Spoken| place_of(url, spoken, &connect.value, wire.baud);
-            let spoken = description.spoken_on(n);
+            let Some(connect) = &wire.connect else {
+                return Err(missing_connect_error(&description, n));
+            };
+            let place =
+                |spoken: &ProtocolInfo| real_link_url(url, spoken, &connect.value, wire.baud);
+            let spoken = description.protocols_on(n);
             let Some(first) = spoken.first() else { continue };
             let opened = place(first)?;
             let link = open(&opened, first, &wire_options(&opened, first)?)?;
-            let link = self.tapped(at, link, None);
-            let options = |spoken: &Spoken, _| wire_options(&place(spoken)?, spoken);
-            lines.extend(self.rack_lines(url, &description, n, &link, &options)?);
+            let link = self.wrap_and_tap(at, link, None);
+            let options = |spoken: &ProtocolInfo, _| wire_options(&place(spoken)?, spoken);
+            lines.extend(self.open_rack_lines(url, &description, n, &link, &options)?);
         }
         Ok((lines, None))
     }
 
     /// A line for each protocol that is spoken on a link of a rack.
-    fn rack_lines(
+    fn open_rack_lines(
         &self,
         url: &Url,
-        description: &Description,
+        description: &RackDescription,
         n: usize,
         link: &SharedLink,
-        options: &dyn Fn(&Spoken, u32) -> Result<HostOptions, Error>,
-    ) -> Result<Vec<Line>, Error> {
-        let mut spoken = description.spoken_on(n);
+        options: &dyn Fn(&ProtocolInfo, u32) -> Result<HostOptions, Error>,
+    ) -> Result<Vec<ProtocolLine>, Error> {
+        let mut spoken = description.protocols_on(n);
         // Who has no groups is not meant by one, unless nobody has.
-        if url.axes.iter().any(|axis| Number(*axis).is_group())
+        if url.axes.iter().any(|axis| AxisNumber(*axis).is_group())
             && spoken.iter().any(|spoken| spoken.groups > 0)
         {
             spoken.retain(|spoken| spoken.groups > 0);
         }
-        let line = |spoken: Spoken| {
+        let line = |spoken: ProtocolInfo| {
             let options = options(&spoken, description.wires[n].baud)?;
             rack_line(url, description, n, (spoken, options), link.clone())
         };
@@ -100,23 +105,23 @@ impl Connector {
 }
 
 /// A link of a rack does not say where it is, though others do.
-pub(super) fn not_told(description: &Description, n: usize) -> Error {
+pub(super) fn missing_connect_error(description: &RackDescription, n: usize) -> Error {
     let name = &description.rack.links[n].name;
     let reason = format!(
         "`{name}` does not say where it is, though others do: `connect = \"…\"`, or leave it out \
          everywhere to simulate all"
     );
-    let place = description.wires[n].place.as_ref();
+    let place = description.wires[n].location.as_ref();
     place.map_or_else(|| Error::usage("E210", &reason, ""), |place| place.error(&reason).into())
 }
 
 /// The drive that a rack expects at an address, when what answers there can be it.
-pub(super) fn expected(
+pub(super) fn identify_expected(
     prober: Prober<'_>,
     number: u32,
     profile: &'static Profile,
-    place: Option<&Place>,
-) -> Result<(&'static Profile, Identified), Error> {
+    place: Option<&FileLocation>,
+) -> Result<(&'static Profile, Identification), Error> {
     let (found, identified) = prober.identify(number)?;
     if std::ptr::eq(found, profile) || profile.identity.is_none() {
         return Ok((profile, identified));
@@ -130,16 +135,17 @@ pub(super) fn expected(
 
 /// The links of a rack that a host has an end of, or one of them: what a relay brings its host to
 /// needs no host of its own.
-pub(super) fn own_links(description: &Description, only: Option<usize>) -> Vec<usize> {
+pub(super) fn host_links(description: &RackDescription, only: Option<usize>) -> Vec<usize> {
     let all = 0..description.wires.len();
-    let own = |n: &usize| description.relay_to(*n).is_none() && only.is_none_or(|only| only == *n);
+    let own =
+        |n: &usize| description.relay_link(*n).is_none() && only.is_none_or(|only| only == *n);
     all.filter(own).collect()
 }
 
-pub(super) fn link_of(description: &Description, name: &str) -> Result<usize, Error> {
+pub(super) fn find_link(description: &RackDescription, name: &str) -> Result<usize, Error> {
     let links = &description.rack.links;
     links.iter().position(|link| link.name == name).ok_or_else(|| {
-        let near = words::hint(name, links.iter().map(|link| link.name.as_str()));
+        let near = spelling::suggestion(name, links.iter().map(|link| link.name.as_str()));
         Error::usage("E211", format!("the rack has no link `{name}`{near}"), "")
     })
 }
@@ -149,16 +155,16 @@ pub(super) fn seed_of(url: &Url) -> Result<u64, Error> {
 }
 
 /// The connection string of one protocol on a real link of a rack, with the rates that the rack says.
-fn place_of(url: &Url, spoken: &Spoken, connect: &str, rate: u32) -> Result<Url, Error> {
+fn real_link_url(url: &Url, spoken: &ProtocolInfo, connect: &str, rate: u32) -> Result<Url, Error> {
     let mut place: Url = format!("{}+{connect}", spoken.name).parse()?;
-    if let Target::Serial { baud, .. } = &mut place.target {
+    if let LinkTarget::Serial { baud, .. } = &mut place.target {
         *baud = baud.or(Some(rate));
     }
     let tells_rate = match &place.target {
-        Target::Slcan { .. } | Target::SlcanTcp { .. } => true,
+        LinkTarget::Slcan { .. } | LinkTarget::SlcanTcp { .. } => true,
         // One that has none, a virtual bus, has no least time for a frame either.
         #[cfg(target_os = "linux")]
-        Target::Socketcan { interface } => {
+        LinkTarget::Socketcan { interface } => {
             let known = polepair_link::socketcan::interfaces();
             known.iter().any(|one| one.name == *interface && one.bit_rate.is_some())
         }
@@ -176,21 +182,21 @@ fn place_of(url: &Url, spoken: &Spoken, connect: &str, rate: u32) -> Result<Url,
 
 fn rack_line(
     url: &Url,
-    description: &Description,
+    description: &RackDescription,
     n: usize,
-    (spoken, mut options): (Spoken, HostOptions),
+    (spoken, mut options): (ProtocolInfo, HostOptions),
     link: SharedLink,
-) -> Result<Line, Error> {
+) -> Result<ProtocolLine, Error> {
     let first = *spoken.addresses.start();
-    let is_file = matches!(url.target, Target::Rack { .. });
+    let is_file = matches!(url.target, LinkTarget::Rack { .. });
     let seats = |n: usize, own: bool| {
         let (rack, wire) = (&description.rack.links[n], &description.wires[n]);
         let drives = rack.drives.iter().zip(wire.names.iter().zip(&wire.mountings));
         let spoken = &spoken;
-        drives.filter(move |(drive, _)| !own || simulate::speaks(drive, spoken)).map(
+        drives.filter(move |(drive, _)| !own || simulate::speaks_protocol(drive, spoken)).map(
             move |(drive, (name, mounting))| {
-                let place = wire.place.clone();
-                let seat = Seat {
+                let place = wire.location.clone();
+                let seat = RackEntry {
                     name: name.clone(),
                     mounting: mounting.clone(),
                     profile: is_file.then_some((drive.profile, place)),
@@ -199,27 +205,38 @@ fn rack_line(
             },
         )
     };
-    let mut all: Vec<(u32, Seat)> = seats(n, true).collect();
+    let mut all: Vec<(u32, RackEntry)> = seats(n, true).collect();
     let here = all.len();
-    for behind in description.behind(n) {
+    for behind in description.links_behind(n) {
         all.extend(seats(behind, false));
     }
-    let groups = url.axes.iter().filter(|axis| Number(**axis).is_group());
-    groups.clone().try_for_each(|axis| spoken.check(*axis))?;
+    let groups = url.axes.iter().filter(|axis| AxisNumber(**axis).is_group());
+    groups.clone().try_for_each(|axis| spoken.check_address(*axis))?;
     let every = url.axes.is_empty() && url.names.is_empty();
-    let wanted = |(number, seat): &(u32, Seat)| {
+    let wanted = |(number, seat): &(u32, RackEntry)| {
         every || url.axes.contains(number) || url.names.contains(&seat.name)
     };
     let addresses: Vec<u32> = all.iter().map(|(number, _)| *number).collect();
     // Of a group it is known that one of its drives is mounted somehow.
     let mounting = all.iter().find_map(|(_, seat)| seat.mounting.clone());
-    let groups = groups.map(|axis| (*axis, Seat { mounting: mounting.clone(), ..Seat::default() }));
+    let groups = groups
+        .map(|axis| (*axis, RackEntry { mounting: mounting.clone(), ..RackEntry::default() }));
     let everything = Arc::from(&*all);
     let (numbers, seats) = all.into_iter().filter(wanted).chain(groups).unzip();
-    options.wire = options.wire.or(description.standard(n));
+    options.standard = options.standard.or(description.line_standard(n));
     // Behind a relay are axes that the host must not be taken for either.
-    let beside = description.host(n, &spoken);
-    options.host = options.host.or(beside).or_else(|| spoken.other_host(&addresses));
+    let beside = description.host_address(n, &spoken);
+    options.host_address =
+        options.host_address.or(beside).or_else(|| spoken.alternative_host(&addresses));
     let relay = addresses.first().copied().filter(|_| addresses.len() > here);
-    Ok(Line { wire: n, link, spoken, options, numbers, relay, seats, all: everything })
+    Ok(ProtocolLine {
+        wire: n,
+        link,
+        protocol: spoken,
+        options,
+        axis_numbers: numbers,
+        relay_axis: relay,
+        entries: seats,
+        rack_entries: everything,
+    })
 }

@@ -1,21 +1,21 @@
 //! A CAN bus: bit rate, errors, who is heard.
 
-use super::{Check, HEARD_MAX};
+use super::{CheckResult, UNITS_MAX};
 use crate::bus::LOAD_MAX;
-use crate::connect::Line;
+use crate::connect::ProtocolLine;
 use crate::error::{Error, Exit};
-use crate::registry::{self, Listener};
-use crate::url::{Target, Url};
-use crate::wire::Shared;
+use crate::registry::{self, SenderDetector};
+use crate::url::{LinkTarget, Url};
+use crate::wire::CountedLink;
 use polepair_core::medium::{Can, Frame, MediumKind};
 use polepair_core::station::LineEvent;
-use polepair_link::{Link as _, Received};
+use polepair_link::{LinkIo as _, Received};
 use polepair_sim::can_bus::bits;
 
 /// How long a bus is listened to.
 const LISTEN_MS: u32 = 500;
 /// Speakers that are named at most.
-const SHOWN_MAX: usize = 12;
+const SENDERS_SHOWN_MAX: usize = 12;
 const TERMINATION: &str = "termination: 120 ohm at both ends, 60 between CAN-H and CAN-L with power \
                            off; one bit rate for all; power off before plugging a drive's connector";
 
@@ -24,79 +24,81 @@ const MULTICAST: &str = "one group and port for everybody on this bus, and a net
 
 /// What was heard in a while.
 #[derive(Default)]
-struct Heard {
+struct BusSample {
     frames: Vec<Frame>,
-    off: bool,
+    bus_off: bool,
 }
 
 /// Listens without sending.
-pub(super) fn listen(
-    link: &Shared<Can>,
-    line: &Line,
+pub(super) fn check_traffic(
+    link: &CountedLink<Can>,
+    line: &ProtocolLine,
     url: &Url,
-    hear: &mut dyn FnMut(Check),
+    hear: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     let rate = bit_rate(line, url);
     hear(match rate {
-        0 => Check::ok("bit rate", "this bus has no bit timing"),
-        rate => Check::ok("bit rate", format!("{rate} bit/s")),
+        0 => CheckResult::ok("bit rate", "this bus has no bit timing"),
+        rate => CheckResult::ok("bit rate", format!("{rate} bit/s")),
     });
     let before = link.losses();
-    let heard = frames(link)?;
+    let heard = record_frames(link)?;
     let losses = link.losses();
     let errors = losses.errors - before.errors;
-    hear(match (heard.off, errors, heard.frames.len()) {
+    hear(match (heard.bus_off, errors, heard.frames.len()) {
         (true, ..) => {
-            Check::wrong("errors", Exit::Corrupt, "the controller went bus-off", TERMINATION)
+            CheckResult::wrong("errors", Exit::Corrupt, "the controller went bus-off", TERMINATION)
         }
         (false, 1.., _) => {
             let said = format!("{errors} error frames in {LISTEN_MS} ms");
-            Check::wrong("errors", Exit::Corrupt, said, TERMINATION)
+            CheckResult::wrong("errors", Exit::Corrupt, said, TERMINATION)
         }
         (false, 0, 0) => {
             let remedy =
-                if matches!(url.target, Target::Udp { .. }) { MULTICAST } else { TERMINATION };
-            Check::look("traffic", format!("silent for {LISTEN_MS} ms"), remedy)
+                if matches!(url.target, LinkTarget::Udp { .. }) { MULTICAST } else { TERMINATION };
+            CheckResult::suspicious("traffic", format!("silent for {LISTEN_MS} ms"), remedy)
         }
-        (false, 0, count) => Check::ok("traffic", format!("{count} frames without an error")),
+        (false, 0, count) => CheckResult::ok("traffic", format!("{count} frames without an error")),
     });
     if rate > 0 && !heard.frames.is_empty() {
-        let bits: u32 = heard.frames.iter().map(bits::on_wire).sum();
+        let bits: u32 = heard.frames.iter().map(bits::wire_bits).sum();
         let busy = f64::from(bits) * 1000.0 / f64::from(LISTEN_MS) / f64::from(rate);
         let said = format!("{:.1} % of the bus", busy * 100.0);
         hear(match busy > LOAD_MAX {
-            true => Check::look("load", said, "ask less often, or take a higher bit rate"),
-            false => Check::ok("load", said),
+            true => {
+                CheckResult::suspicious("load", said, "ask less often, or take a higher bit rate")
+            }
+            false => CheckResult::ok("load", said),
         });
     }
-    for (who, count) in speakers(line, &heard.frames).into_iter().take(SHOWN_MAX) {
-        hear(Check::ok("heard", format!("{who}: {count} frames")));
+    for (who, count) in count_senders(line, &heard.frames).into_iter().take(SENDERS_SHOWN_MAX) {
+        hear(CheckResult::ok("heard", format!("{who}: {count} frames")));
     }
     Ok(())
 }
 
 /// The bus' bit rate as far as anybody here knows it.
-fn bit_rate(line: &Line, url: &Url) -> u32 {
+fn bit_rate(line: &ProtocolLine, url: &Url) -> u32 {
     #[cfg(target_os = "linux")]
-    if let Target::Socketcan { interface } = &url.target {
+    if let LinkTarget::Socketcan { interface } = &url.target {
         let known = polepair_link::socketcan::interfaces();
         let known = known.into_iter().find(|one| one.name == *interface);
         return known.and_then(|one| one.bit_rate).unwrap_or(0);
     }
     match url.target {
-        Target::Udp { .. } => 0,
+        LinkTarget::Udp { .. } => 0,
         _ => line.options.bit_rate,
     }
 }
 
-fn frames(link: &Shared<Can>) -> Result<Heard, Error> {
+fn record_frames(link: &CountedLink<Can>) -> Result<BusSample, Error> {
     let until = link.now().plus_ms(LISTEN_MS);
-    let (mut heard, mut frame) = (Heard::default(), Frame::default());
-    for _ in 0..HEARD_MAX {
+    let (mut heard, mut frame) = (BusSample::default(), Frame::default());
+    for _ in 0..UNITS_MAX {
         match link.receive(&mut frame, until)? {
             Received::TimedOut => break,
             Received::Bytes { .. } => heard.frames.push(frame),
-            Received::Line { event: LineEvent::BusOff, .. } => heard.off = true,
+            Received::Line { event: LineEvent::BusOff, .. } => heard.bus_off = true,
             Received::Line { .. } | Received::Woken => {}
         }
     }
@@ -104,15 +106,15 @@ fn frames(link: &Shared<Can>) -> Result<Heard, Error> {
 }
 
 /// Who sent, by the first protocol that knows: that of the string goes first.
-fn speakers(line: &Line, frames: &[Frame]) -> Vec<(String, usize)> {
+fn count_senders(line: &ProtocolLine, frames: &[Frame]) -> Vec<(String, usize)> {
     let on_can = registry::protocols().into_iter().filter(|p| p.medium == MediumKind::Can);
     let mut names: Vec<&str> = on_can.map(|protocol| protocol.name).collect();
-    names.sort_by_key(|name| *name != line.spoken.name);
+    names.sort_by_key(|name| *name != line.protocol.name);
     let listeners: Vec<_> =
-        names.iter().map(|name| (*name, Listener::new(name, line.options))).collect();
+        names.iter().map(|name| (*name, SenderDetector::new(name, line.options))).collect();
     let mut found: Vec<(String, usize)> = Vec::new();
     for frame in frames {
-        let sender = |(name, listener): &(&str, Listener)| {
+        let sender = |(name, listener): &(&str, SenderDetector)| {
             listener.sender(frame).map(|number| format!("{name} {number}"))
         };
         let who = listeners.iter().find_map(sender);

@@ -1,6 +1,6 @@
 //! A drive that answers: supply, temperature, faults, what it does when the link dies.
 
-use super::Check;
+use super::CheckResult;
 use crate::amount::Value;
 use crate::axis::{Axis, WatchdogState};
 use crate::error::{Error, Exit};
@@ -10,15 +10,15 @@ use polepair_core::profile::{Fault, ParameterId, Severity, Signal};
 /// Below this no motor supply is there, whatever the drive [inferred: the smallest take 7 V].
 const VOLTS_MIN: f64 = 5.0;
 /// Power stages switch off at 80 to 130 °C [inferred].
-const WARM: f64 = 75.0;
+const TEMPERATURE_MAX: f64 = 75.0;
 /// What no sensor reads that is plugged.
-const COLD: f64 = -30.0;
+const TEMPERATURE_MIN: f64 = -30.0;
 
 /// Looks at one thing; nothing to say where the drive does not tell it.
-type Look = fn(&Axis, &str) -> Result<Option<Check>, Error>;
+type DriveCheck = fn(&Axis, &str) -> Result<Option<CheckResult>, Error>;
 
 /// What is said of something that a drive has not.
-pub const ABSENT: &str = "this firmware has none";
+pub const ABSENT_TEXT: &str = "this firmware has none";
 
 /// Whether a drive that refused a read said by it that it has no such thing. Profiles tell what drives
 /// of a kind have; their firmwares differ.
@@ -26,11 +26,11 @@ pub const ABSENT: &str = "this firmware has none";
 /// ```
 /// let link = polepair::connect("sim:cia402:5?time=virtual")?;
 /// let refused = link.axes()[0].get_raw("0x2345").unwrap_err();
-/// assert!(!polepair::doctor::says_absent(&link.axes()[0], &refused), "nobody was asked");
+/// assert!(!polepair::doctor::is_absent_error(&link.axes()[0], &refused), "nobody was asked");
 /// # Ok::<(), polepair::Error>(())
 /// ```
 #[must_use]
-pub fn says_absent(axis: &Axis, error: &Error) -> bool {
+pub fn is_absent_error(axis: &Axis, error: &Error) -> bool {
     let Error::Failed { outcome: Outcome::NotDone(Failure::Refused { code }), .. } = error else {
         return false;
     };
@@ -48,102 +48,117 @@ pub fn says_absent(axis: &Axis, error: &Error) -> bool {
 ///
 /// # Errors
 /// [`Error`] by blame.
-pub fn watchdog_if_any(axis: &Axis) -> Result<WatchdogState, Error> {
+pub fn read_watchdog(axis: &Axis) -> Result<WatchdogState, Error> {
     match axis.watchdog() {
-        Err(error) if says_absent(axis, &error) => Ok(WatchdogState::None),
+        Err(error) if is_absent_error(axis, &error) => Ok(WatchdogState::None),
         other => other,
     }
 }
 
 /// Looks at one drive, by reads.
-pub(super) fn examine(axis: &Axis, hear: &mut dyn FnMut(Check)) {
-    let looks: [Look; 4] = [supply, temperature, faults, powered];
+pub(super) fn check_drive(axis: &Axis, hear: &mut dyn FnMut(CheckResult)) {
+    let looks: [DriveCheck; 4] = [check_supply, check_temperature, check_faults, check_power];
     for look in looks {
         let about = axis.label();
         match look(axis, &about) {
             Ok(check) => check.into_iter().for_each(&mut *hear),
-            Err(error) => hear(Check::error(&about, &error)),
+            Err(error) => hear(CheckResult::error(&about, &error)),
         }
     }
-    hear(watchdog(axis));
+    hear(check_watchdog(axis));
 }
 
 /// What a drive has that tells a signal.
-enum Told<T> {
+enum Availability<T> {
     /// Its profile knows of none.
-    Nowhere,
+    NoSource,
     /// Its maker left it out, which the standard lets him.
-    Lacking(&'static str),
-    This(T),
+    Absent(&'static str),
+    Present(T),
 }
 
-fn read(axis: &Axis, signal: Signal) -> Result<Told<Value>, Error> {
-    let Some(source) = axis.profile().signal(signal) else { return Ok(Told::Nowhere) };
-    match read_if_there(axis, source.parameter)? {
-        Some(raw) => axis.value(source.parameter, raw).map(Told::This),
-        None => Ok(Told::Lacking(signal.name())),
+fn read_signal(axis: &Axis, signal: Signal) -> Result<Availability<Value>, Error> {
+    let Some(source) = axis.profile().signal(signal) else { return Ok(Availability::NoSource) };
+    match read_if_present(axis, source.parameter)? {
+        Some(raw) => axis.value(source.parameter, raw).map(Availability::Present),
+        None => Ok(Availability::Absent(signal.name())),
     }
 }
 
-fn read_if_there(axis: &Axis, id: ParameterId) -> Result<Option<i64>, Error> {
-    match axis.read_if_any(id) {
-        Err(error) if says_absent(axis, &error) => Ok(None),
+fn read_if_present(axis: &Axis, id: ParameterId) -> Result<Option<i64>, Error> {
+    match axis.read_optional(id) {
+        Err(error) if is_absent_error(axis, &error) => Ok(None),
         other => other,
     }
 }
 
 /// The check of what was told; that it is absent is no fault.
-fn check<T>(about: &str, told: Told<T>, look: impl FnOnce(T) -> Check) -> Option<Check> {
+fn check_present<T>(
+    about: &str,
+    told: Availability<T>,
+    look: impl FnOnce(T) -> CheckResult,
+) -> Option<CheckResult> {
     match told {
-        Told::Nowhere => None,
-        Told::Lacking(what) => Some(Check::ok(about, format!("{what}: absent, {ABSENT}"))),
-        Told::This(value) => Some(look(value)),
+        Availability::NoSource => None,
+        Availability::Absent(what) => {
+            Some(CheckResult::ok(about, format!("{what}: absent, {ABSENT_TEXT}")))
+        }
+        Availability::Present(value) => Some(look(value)),
     }
 }
 
 /// The bits of a signal, and whether they mean true where it is a flag.
-fn bits(axis: &Axis, signal: Signal) -> Result<Told<(i64, bool)>, Error> {
-    let Some(source) = axis.profile().signal(signal) else { return Ok(Told::Nowhere) };
-    let Some(raw) = read_if_there(axis, source.parameter)? else {
-        return Ok(Told::Lacking(signal.name()));
+fn read_signal_bits(axis: &Axis, signal: Signal) -> Result<Availability<(i64, bool)>, Error> {
+    let Some(source) = axis.profile().signal(signal) else { return Ok(Availability::NoSource) };
+    let Some(raw) = read_if_present(axis, source.parameter)? else {
+        return Ok(Availability::Absent(signal.name()));
     };
     let masked = raw & source.mask;
-    Ok(Told::This((masked, source.equals.map_or(masked != 0, |equals| masked == equals))))
+    Ok(Availability::Present((
+        masked,
+        source.equals.map_or(masked != 0, |equals| masked == equals),
+    )))
 }
 
-fn supply(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
-    let volts = read(axis, Signal::Voltage)?;
-    Ok(check(about, volts, |volts| {
+fn check_supply(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
+    let volts = read_signal(axis, Signal::Voltage)?;
+    Ok(check_present(about, volts, |volts| {
         let said = format!("supply {volts}");
         if volts.value < VOLTS_MIN {
             let remedy = "the motor's supply: fuse, emergency stop, polarity; the electronics may \
                           have a supply of their own";
-            return Check::wrong(about, Exit::Negative, said, remedy);
+            return CheckResult::wrong(about, Exit::Negative, said, remedy);
         }
-        Check::ok(about, said)
+        CheckResult::ok(about, said)
     }))
 }
 
-fn temperature(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
-    let degrees = read(axis, Signal::Temperature)?;
-    Ok(check(about, degrees, |degrees| {
+fn check_temperature(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
+    let degrees = read_signal(axis, Signal::Temperature)?;
+    Ok(check_present(about, degrees, |degrees| {
         let said = format!("temperature {degrees}");
         match degrees.value {
-            value if value < COLD => Check::look(about, said, "the sensor's plug and cable"),
-            value if value > WARM => Check::look(about, said, "cooling, load, current limit"),
-            _ => Check::ok(about, said),
+            value if value < TEMPERATURE_MIN => {
+                CheckResult::suspicious(about, said, "the sensor's plug and cable")
+            }
+            value if value > TEMPERATURE_MAX => {
+                CheckResult::suspicious(about, said, "cooling, load, current limit")
+            }
+            _ => CheckResult::ok(about, said),
         }
     }))
 }
 
-fn faults(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
-    Ok(check(about, bits(axis, Signal::Fault)?, |(code, _)| fault(axis, about, code)))
+fn check_faults(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
+    Ok(check_present(about, read_signal_bits(axis, Signal::Fault)?, |(code, _)| {
+        fault_check(axis, about, code)
+    }))
 }
 
-fn fault(axis: &Axis, about: &str, code: i64) -> Check {
+fn fault_check(axis: &Axis, about: &str, code: i64) -> CheckResult {
     let named = crate::faults(axis.profile(), u32::try_from(code).unwrap_or(0));
     if code == 0 {
-        return Check::ok(about, "no faults");
+        return CheckResult::ok(about, "no faults");
     }
     let text = |fault: &&'static Fault| format!("{} ({}): {}", fault.text, fault.name, fault.cause);
     let said = named.iter().map(text).collect::<Vec<_>>().join(" ");
@@ -151,48 +166,56 @@ fn fault(axis: &Axis, about: &str, code: i64) -> Check {
     let remedy = format!("{} `polepair clear` once the cause is gone", remedies.join(" "));
     let stops = named.iter().any(|fault| fault.severity == Severity::Fault);
     match (named.is_empty(), stops) {
-        (true, _) => {
-            Check::look(about, format!("fault code {code:#x}, of which nothing is known"), remedy)
-        }
-        (false, true) => Check::wrong(about, Exit::DriveFault, said, remedy),
-        (false, false) => Check::look(about, said, remedy),
+        (true, _) => CheckResult::suspicious(
+            about,
+            format!("fault code {code:#x}, of which nothing is known"),
+            remedy,
+        ),
+        (false, true) => CheckResult::wrong(about, Exit::DriveFault, said, remedy),
+        (false, false) => CheckResult::suspicious(about, said, remedy),
     }
 }
 
-fn powered(axis: &Axis, about: &str) -> Result<Option<Check>, Error> {
-    Ok(check(about, bits(axis, Signal::Enabled)?, |(_, on)| match on {
-        true => Check::look(about, "the motor is powered", "`polepair disable` takes power off it"),
-        false => Check::ok(about, "the motor has no power"),
+fn check_power(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
+    Ok(check_present(about, read_signal_bits(axis, Signal::Enabled)?, |(_, on)| match on {
+        true => CheckResult::suspicious(
+            about,
+            "the motor is powered",
+            "`polepair disable` takes power off it",
+        ),
+        false => CheckResult::ok(about, "the motor has no power"),
     }))
 }
 
-fn watchdog(axis: &Axis) -> Check {
+fn check_watchdog(axis: &Axis) -> CheckResult {
     let (about, profile) = (axis.label(), axis.profile());
     let id = axis.watchdog_parameter();
     let name = id.and_then(|id| profile.parameter(id)).map_or("", |parameter| parameter.name);
-    let state = match watchdog_if_any(axis) {
+    let state = match read_watchdog(axis) {
         Ok(state) => state,
-        Err(error) => return Check::error(&about, &error),
+        Err(error) => return CheckResult::error(&about, &error),
     };
     let said = match name {
-        "" => format!("its watchdog: {}", axis.watchdog_in_words(state)),
-        name => format!("its watchdog ({name}): {}", axis.watchdog_in_words(state)),
+        "" => format!("its watchdog: {}", axis.describe_watchdog(state)),
+        name => format!("its watchdog ({name}): {}", axis.describe_watchdog(state)),
     };
     match state {
-        WatchdogState::On(_) if axis.owes_heartbeat() => {
-            Check::look(&about, said, "add heartbeat=100 to the connection of whoever moves it")
-        }
-        WatchdogState::On(_) => Check::ok(&about, said),
-        WatchdogState::None => Check::look(
+        WatchdogState::On(_) if axis.needs_heartbeat() => CheckResult::suspicious(
+            &about,
+            said,
+            "add heartbeat=100 to the connection of whoever moves it",
+        ),
+        WatchdogState::On(_) => CheckResult::ok(&about, said),
+        WatchdogState::None => CheckResult::suspicious(
             &about,
             "no watchdog: the motor keeps doing what it was last told if the link dies",
             "an emergency stop that needs no computer",
         ),
         WatchdogState::Off
-        | WatchdogState::Other { .. }
+        | WatchdogState::OtherNode { .. }
         | WatchdogState::NoReaction(_)
-        | WatchdogState::Untold => {
-            Check::look(&about, said, "`polepair watchdog URL 500ms` sets it")
+        | WatchdogState::Unknown => {
+            CheckResult::suspicious(&about, said, "`polepair watchdog URL 500ms` sets it")
         }
     }
 }

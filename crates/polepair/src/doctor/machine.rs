@@ -1,69 +1,74 @@
 //! What this machine has: adapters, CAN interfaces, configuration.
 
-use super::Check;
+use super::CheckResult;
 use crate::config::FILE;
 use crate::connect::Connector;
 use crate::error::{Error, Exit};
-use polepair_link::{Carries, Port, ports};
+use polepair_link::{Port, PortKind, ports};
 
 /// Looks at the adapters of this machine and at what `polepair.toml` names. Nothing is opened.
 #[must_use]
-pub fn machine(connector: &Connector) -> Vec<Check> {
+pub fn check_machine(connector: &Connector) -> Vec<CheckResult> {
     let found = ports();
-    let mut checks: Vec<Check> = found.iter().map(port).collect();
+    let mut checks: Vec<CheckResult> = found.iter().map(check_port).collect();
     if found.is_empty() {
         let remedy = "plug an adapter in and look again; `sim:tmcl` needs none";
         let said = "no serial or CAN adapter was found";
-        checks.push(Check::wrong("adapters", Exit::Adapter, said, remedy));
+        checks.push(CheckResult::wrong("adapters", Exit::Adapter, said, remedy));
     }
     let broken = connector.config.broken.iter();
-    checks.extend(broken.map(|error| Check::error("configuration", &error.clone().into())));
+    checks.extend(broken.map(|error| CheckResult::error("configuration", &error.clone().into())));
     checks.push(match &connector.config.file {
         Some(file) if connector.config.is_broken(file) => {
-            Check::look("configuration", "links have no names until that is mended", "")
+            CheckResult::suspicious("configuration", "links have no names until that is mended", "")
         }
-        Some(file) => Check::ok("configuration", format!("{} is read", file.display())),
-        None => Check::ok("configuration", format!("no {FILE}: links have no names")),
+        Some(file) => CheckResult::ok("configuration", format!("{} is read", file.display())),
+        None => CheckResult::ok("configuration", format!("no {FILE}: links have no names")),
     });
-    checks.extend(connector.config.links.iter().map(|(name, url)| named(connector, name, url)));
+    checks.extend(
+        connector.config.links.iter().map(|(name, url)| check_named_link(connector, name, url)),
+    );
     checks
 }
 
-fn port(port: &Port) -> Check {
-    if let Some(trouble) = &port.trouble {
-        return Check::error(&port.path, &Error::Link(trouble.clone()));
+fn check_port(port: &Port) -> CheckResult {
+    if let Some(trouble) = &port.error {
+        return CheckResult::error(&port.path, &Error::Link(trouble.clone()));
     }
-    match &port.carries {
-        Carries::Can { kind, bit_rate: Some(rate) } => {
-            Check::ok(&port.path, format!("{kind} interface, switched on, {rate} bit/s"))
+    match &port.kind {
+        PortKind::Can { kind, bit_rate: Some(rate) } => {
+            CheckResult::ok(&port.path, format!("{kind} interface, switched on, {rate} bit/s"))
         }
         // A virtual bus has no bit rate.
-        Carries::Can { kind, bit_rate: None } if kind != "can" => {
-            Check::ok(&port.path, format!("{kind} interface, switched on, without bit timing"))
-        }
-        Carries::Can { .. } => {
+        PortKind::Can { kind, bit_rate: None } if kind != "can" => CheckResult::ok(
+            &port.path,
+            format!("{kind} interface, switched on, without bit timing"),
+        ),
+        PortKind::Can { .. } => {
             let remedy = format!(
                 "`sudo ip link set {} up type can bitrate 500000`, at the bus' rate",
                 port.path
             );
-            Check::look(&port.path, "CAN interface without a bit rate", remedy)
+            CheckResult::suspicious(&port.path, "CAN interface without a bit rate", remedy)
         }
-        Carries::Slcan => Check::ok(&port.path, adapter(port, "a CAN adapter that speaks slcan")),
-        Carries::Bytes => Check::ok(&port.path, adapter(port, "a serial port")),
+        PortKind::Slcan => {
+            CheckResult::ok(&port.path, describe_adapter(port, "a CAN adapter that speaks slcan"))
+        }
+        PortKind::Bytes => CheckResult::ok(&port.path, describe_adapter(port, "a serial port")),
     }
 }
 
-fn adapter(port: &Port, what: &str) -> String {
+fn describe_adapter(port: &Port, what: &str) -> String {
     let usb = port.usb.as_ref().map(|usb| format!("{} {}", usb.vendor, usb.product));
     let usb = usb.map(|name| name.trim().to_owned()).filter(|name| !name.is_empty());
     let usb = usb.map_or_else(String::new, |name| format!(" ({name})"));
     format!("{what}{usb}; this user may open it")
 }
 
-fn named(connector: &Connector, name: &str, url: &str) -> Check {
+fn check_named_link(connector: &Connector, name: &str, url: &str) -> CheckResult {
     let about = format!("@{name}");
     match connector.url(&about) {
-        Ok(_) => Check::ok(&about, url),
-        Err(error) => Check::error(&about, &error),
+        Ok(_) => CheckResult::ok(&about, url),
+        Err(error) => CheckResult::error(&about, &error),
     }
 }

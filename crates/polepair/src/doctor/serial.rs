@@ -1,73 +1,86 @@
 //! A serial line: noise, baud rate, echo.
 
-use super::{Check, HEARD_MAX, Options};
-use crate::connect::{Connector, Line};
+use super::{CheckResult, DoctorOptions, UNITS_MAX};
+use crate::connect::{Connector, ProtocolLine};
 use crate::error::{Error, Exit};
-use crate::identify::{Probe, Prober};
-use crate::url::{Target, Url};
-use crate::wire::Shared;
+use crate::identify::{ProbeResult, Prober};
+use crate::url::{LinkTarget, Url};
+use crate::wire::CountedLink;
 use polepair_core::explain::Dissector;
 use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::proto;
 use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
-use polepair_link::tap::{Direction, Tap};
-use polepair_link::{Link as _, Received};
+use polepair_link::tap::{Tap, TapDirection};
+use polepair_link::{LinkIo as _, Received};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// How long a line is listened to at each baud rate.
 const LISTEN_MS: u32 = 300;
 /// The baud rates that drives have, the usual ones first.
-const RATES: [u32; 9] = [9_600, 115_200, 19_200, 38_400, 57_600, 230_400, 4_800, 2_400, 256_000];
+const BAUD_RATES: [u32; 9] =
+    [9_600, 115_200, 19_200, 38_400, 57_600, 230_400, 4_800, 2_400, 256_000];
 
 /// Listens without sending, and says what the silence or the noise means.
-pub(super) fn listen(
-    link: &Shared<Stream>,
-    line: &Line,
-    hear: &mut dyn FnMut(Check),
+pub(super) fn check_noise(
+    link: &CountedLink<Stream>,
+    line: &ProtocolLine,
+    hear: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     let baud = line.options.baud;
-    let (bytes, breaks) = hear_bytes(link)?;
-    let dissector = proto::dissector(line.spoken.name);
-    let good = dissector.map_or(0, |dissector| in_frames(dissector, &bytes));
+    let (bytes, breaks) = receive_bytes(link)?;
+    let dissector = proto::find_dissector(line.protocol.name);
+    let good = dissector.map_or(0, |dissector| count_framed_bytes(dissector, &bytes));
     hear(match (bytes.len(), breaks) {
-        (0, 0) => Check::ok("noise", format!("silent for {LISTEN_MS} ms, as it should be")),
+        (0, 0) => CheckResult::ok("noise", format!("silent for {LISTEN_MS} ms, as it should be")),
         (0, breaks) => {
             let said = format!("{breaks} breaks or framing errors, and no bytes");
-            Check::wrong("noise", Exit::Corrupt, said, "A and B swapped, or no bias on the pair")
+            CheckResult::wrong(
+                "noise",
+                Exit::Corrupt,
+                said,
+                "A and B swapped, or no bias on the pair",
+            )
         }
         (all, _) if good * 2 > all => {
             let said = format!("{all} bytes came unasked, {good} of them in whole frames");
             let remedy = "another host asks here, or a drive reports by itself: one host a line";
-            Check::look("noise", said, remedy)
+            CheckResult::suspicious("noise", said, remedy)
         }
         (all, _) => {
             let said = format!("{all} bytes came unasked, {good} of them in whole frames");
-            Check::wrong("noise", Exit::Corrupt, said, better_rate(link, line, dissector)?)
+            CheckResult::wrong(
+                "noise",
+                Exit::Corrupt,
+                said,
+                find_better_rate(link, line, dissector)?,
+            )
         }
     });
     if baud > 0 {
-        hear(Check::ok("rate", format!("{baud} baud, as the string or the factory has it")));
+        hear(CheckResult::ok("rate", format!("{baud} baud, as the string or the factory has it")));
     }
     Ok(())
 }
 
 /// Listens at other baud rates, and says which one gives frames.
-fn better_rate(
-    link: &Shared<Stream>,
-    line: &Line,
+fn find_better_rate(
+    link: &CountedLink<Stream>,
+    line: &ProtocolLine,
     dissector: Option<&'static dyn Dissector>,
 ) -> Result<String, Error> {
     let mut best = (0, 0);
-    for &rate in RATES.iter().filter(|rate| line.options.baud > 0 && **rate != line.options.baud) {
-        link.set_line(SerialLine::n81(rate))?;
-        let (bytes, _) = hear_bytes(link)?;
-        let good = dissector.map_or(0, |dissector| in_frames(dissector, &bytes));
+    for &rate in
+        BAUD_RATES.iter().filter(|rate| line.options.baud > 0 && **rate != line.options.baud)
+    {
+        link.set_line(SerialLine::new_8n1(rate))?;
+        let (bytes, _) = receive_bytes(link)?;
+        let good = dissector.map_or(0, |dissector| count_framed_bytes(dissector, &bytes));
         if good * 2 > bytes.len() && good > best.0 {
             best = (good, rate);
         }
     }
-    link.set_line(SerialLine::n81(line.options.baud))?;
+    link.set_line(SerialLine::new_8n1(line.options.baud))?;
     Ok(match best {
         (0, _) => "noise or another protocol: shield, common ground, terminators, no other host \
                    on the line"
@@ -77,10 +90,10 @@ fn better_rate(
 }
 
 /// What arrives within a while, and how many breaks.
-fn hear_bytes(link: &Shared<Stream>) -> Result<(Vec<u8>, usize), Error> {
+fn receive_bytes(link: &CountedLink<Stream>) -> Result<(Vec<u8>, usize), Error> {
     let until = link.now().plus_ms(LISTEN_MS);
     let (mut bytes, mut breaks, mut buffer) = (Vec::new(), 0, [0; 256]);
-    for _ in 0..HEARD_MAX {
+    for _ in 0..UNITS_MAX {
         match link.receive(&mut buffer, until)? {
             Received::TimedOut => break,
             Received::Bytes { len, .. } => bytes.extend_from_slice(&buffer[..len]),
@@ -92,10 +105,10 @@ fn hear_bytes(link: &Shared<Stream>) -> Result<(Vec<u8>, usize), Error> {
 }
 
 /// How many of the bytes are in frames whose check agrees.
-fn in_frames(dissector: &dyn Dissector, mut bytes: &[u8]) -> usize {
+fn count_framed_bytes(dissector: &dyn Dissector, mut bytes: &[u8]) -> usize {
     let mut good = 0;
     while !bytes.is_empty() {
-        let whole = dissector.whole(bytes, None).filter(|len| *len > 0);
+        let whole = dissector.valid_frame_len(bytes, None).filter(|len| *len > 0);
         good += whole.unwrap_or(0);
         bytes = &bytes[whole.unwrap_or(1).min(bytes.len())..];
     }
@@ -104,108 +117,113 @@ fn in_frames(dissector: &dyn Dissector, mut bytes: &[u8]) -> usize {
 
 /// What was sent and heard, to tell whether the adapter hears itself.
 #[derive(Clone, Default)]
-pub(super) struct Echo(Arc<Mutex<(Vec<u8>, Vec<u8>)>>);
+pub(super) struct EchoDetector(Arc<Mutex<(Vec<u8>, Vec<u8>)>>);
 
-impl Tap<Stream> for Echo {
-    fn unit(&mut self, _: Instant, direction: Direction, bytes: &[u8]) {
+impl Tap<Stream> for EchoDetector {
+    fn record_unit(&mut self, _: Instant, direction: TapDirection, bytes: &[u8]) {
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let (sent, heard) = &mut *kept;
         match direction {
-            Direction::ToDrive if sent.is_empty() => sent.extend_from_slice(bytes),
-            Direction::ToHost if !sent.is_empty() && heard.len() < sent.len() => {
+            TapDirection::ToDrive if sent.is_empty() => sent.extend_from_slice(bytes),
+            TapDirection::ToHost if !sent.is_empty() && heard.len() < sent.len() => {
                 heard.extend_from_slice(bytes);
             }
-            Direction::ToDrive | Direction::ToHost => {}
+            TapDirection::ToDrive | TapDirection::ToHost => {}
         }
     }
 }
 
-impl Echo {
+impl EchoDetector {
     /// Watches the line from now on.
-    pub(super) fn on(line: &mut Line) -> Self {
+    pub(super) fn attach(line: &mut ProtocolLine) -> Self {
         let echo = Self::default();
-        line.link = line.link.watched(echo.clone());
+        line.link = line.link.with_tap(echo.clone());
         echo
     }
 
     /// Whether own bytes come back; `None` where nothing came at all.
-    fn heard(&self) -> Option<bool> {
+    fn echo_seen(&self) -> Option<bool> {
         let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let (sent, heard) = &*kept;
         (!heard.is_empty()).then(|| !sent.is_empty() && heard.starts_with(sent))
     }
 
     /// Whether the host counts on another kind of adapter than this one.
-    pub(super) fn unlike_expected(&self, line: &Line) -> bool {
-        self.heard().is_some_and(|echo| echo != line.options.echo)
+    pub(super) fn differs_from_options(&self, line: &ProtocolLine) -> bool {
+        self.echo_seen().is_some_and(|echo| echo != line.options.echo)
     }
 
-    pub(super) fn judge(&self, line: &Line) -> Check {
-        match (self.heard(), line.options.echo) {
+    pub(super) fn check_result(&self, line: &ProtocolLine) -> CheckResult {
+        match (self.echo_seen(), line.options.echo) {
             (None, _) => {
                 let remedy = "to test the adapter alone, unplug the drive and join TX and RX: own \
                               bytes must come back";
-                Check::look("echo", "nothing came back, so it cannot be told", remedy)
+                CheckResult::suspicious("echo", "nothing came back, so it cannot be told", remedy)
             }
-            (Some(false), false) => Check::ok("echo", "own bytes do not come back"),
-            (Some(true), true) => Check::ok("echo", "own bytes come back, and are expected"),
+            (Some(false), false) => CheckResult::ok("echo", "own bytes do not come back"),
+            (Some(true), true) => CheckResult::ok("echo", "own bytes come back, and are expected"),
             (Some(true), false) => {
                 let remedy = "add `echo=yes` to the string, or switch the adapter's echo off";
-                Check::wrong("echo", Exit::Negative, "own bytes come back", remedy)
+                CheckResult::wrong("echo", Exit::Negative, "own bytes come back", remedy)
             }
             (Some(false), true) => {
                 let remedy = "leave `echo=yes` out of the string";
-                Check::wrong("echo", Exit::Negative, "own bytes do not come back", remedy)
+                CheckResult::wrong("echo", Exit::Negative, "own bytes do not come back", remedy)
             }
         }
     }
 }
 
 /// Asks by reads at other baud rates, if that is wanted.
-pub(super) fn other_rates(
+pub(super) fn check_other_rates(
     connector: &Connector,
     url: &Url,
-    options: Options,
-) -> Result<Check, Error> {
-    let Target::Serial { path, baud } = &url.target else {
-        return Ok(Check::ok("other rates", "the far end has the baud rate"));
+    options: DoctorOptions,
+) -> Result<CheckResult, Error> {
+    let LinkTarget::Serial { path, baud } = &url.target else {
+        return Ok(CheckResult::ok("other rates", "the far end has the baud rate"));
     };
     if !options.try_bauds {
         let said = "asked at one baud rate only";
-        return Ok(Check::look("other rates", said, "--try-bauds asks at the others, by reads"));
+        return Ok(CheckResult::suspicious(
+            "other rates",
+            said,
+            "--try-bauds asks at the others, by reads",
+        ));
     }
     let mut tried = Vec::new();
-    for &rate in RATES.iter().filter(|rate| Some(**rate) != *baud) {
+    for &rate in BAUD_RATES.iter().filter(|rate| Some(**rate) != *baud) {
         let mut other = url.clone();
-        other.target = Target::Serial { path: path.clone(), baud: Some(rate) };
+        other.target = LinkTarget::Serial { path: path.clone(), baud: Some(rate) };
         // An adapter that cannot do a rate says so here.
-        let Ok((lines, _)) = connector.lines(&other) else { continue };
+        let Ok((lines, _)) = connector.open_lines(&other) else { continue };
         for line in &lines {
-            let number = line.numbers.first().copied().unwrap_or(*line.spoken.addresses.start());
-            let probe = Prober::new(line, &connector.config).looking().probe(number)?;
-            if matches!(probe, Probe::Found { .. }) {
+            let number =
+                line.axis_numbers.first().copied().unwrap_or(*line.protocol.addresses.start());
+            let probe = Prober::new(line, &connector.config).scanning().probe(number)?;
+            if matches!(probe, ProbeResult::Found { .. }) {
                 let said = format!("axis {number} answers at {rate} baud");
                 let remedy = format!("write `:{rate}` behind the port");
-                return Ok(Check::wrong("other rates", Exit::NoReply, said, remedy));
+                return Ok(CheckResult::wrong("other rates", Exit::NoReply, said, remedy));
             }
         }
         tried.push(rate);
     }
-    let said = format!("nobody answers at {} baud either", super::listed(&tried));
-    Ok(Check::wrong("other rates", Exit::NoReply, said, "power, wiring and address remain"))
+    let said = format!("nobody answers at {} baud either", super::join_numbers(&tried));
+    Ok(CheckResult::wrong("other rates", Exit::NoReply, said, "power, wiring and address remain"))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::in_frames;
+    use super::count_framed_bytes;
     use polepair_core::proto;
 
     #[test]
     fn frames_are_told_from_noise() {
-        let Some(tmcl) = proto::dissector("tmcl") else { return };
+        let Some(tmcl) = proto::find_dissector("tmcl") else { return };
         let frame = [0x01, 0x01, 0, 0, 0, 0, 0x01, 0x5E, 0x61];
         let noisy = [&[0xFF, 0x00][..], &frame, &[0x55], &frame].concat();
-        assert_eq!(in_frames(tmcl, &noisy), 18);
-        assert_eq!(in_frames(tmcl, &[0x55; 40]), 0);
+        assert_eq!(count_framed_bytes(tmcl, &noisy), 18);
+        assert_eq!(count_framed_bytes(tmcl, &[0x55; 40]), 0);
     }
 }

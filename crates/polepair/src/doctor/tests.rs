@@ -1,15 +1,17 @@
-use super::{Check, Grade, Options, link};
+use super::{CheckResult, DoctorOptions, Grade, check_link};
 use crate::Connector;
 use crate::error::Exit;
 
-fn checks(url: &str) -> Vec<Check> {
+fn checks(url: &str) -> Vec<CheckResult> {
     let mut checks = Vec::new();
-    link(&Connector::default(), url, Options::default(), &mut |check| checks.push(check))
-        .expect("a string that can be read");
+    check_link(&Connector::default(), url, DoctorOptions::default(), &mut |check| {
+        checks.push(check)
+    })
+    .expect("a string that can be read");
     checks
 }
 
-fn about<'a>(checks: &'a [Check], about: &str) -> &'a Check {
+fn about<'a>(checks: &'a [CheckResult], about: &str) -> &'a CheckResult {
     checks.iter().find(|check| check.about == about).unwrap_or_else(|| panic!("{checks:?}"))
 }
 
@@ -26,11 +28,11 @@ fn an_echo_is_told_and_overcome() {
     let mut found = Vec::new();
     let connector = Connector::default();
     let url = connector.url("sim:tmcl?time=virtual&echo=yes").expect("a string");
-    let (mut lines, _simulation) = connector.lines(&url).expect("a line");
+    let (mut lines, _simulation) = connector.open_lines(&url).expect("a line");
     // The string forgets to say what the adapter does.
     lines[0].options.echo = false;
     let hear = &mut |check| found.push(check);
-    super::examine(&connector, &url, (&mut lines[0], true), &mut false, hear).expect("a line");
+    super::check_line(&connector, &url, (&mut lines[0], true), &mut false, hear).expect("a line");
     assert_eq!(about(&found, "echo").grade, Grade::Wrong, "{found:?}");
     assert!(about(&found, "echo").remedy.contains("echo=yes"));
     assert!(found.iter().any(|check| check.found.contains("answers:")), "{found:?}");

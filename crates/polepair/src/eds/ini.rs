@@ -1,27 +1,27 @@
 //! Sections, keys and values with their lines: the shape of EDS files before their meaning.
 
-use crate::file::{FileError, Place};
+use crate::toml_file::{FileError, FileLocation};
 use std::sync::Arc;
 
 /// One `key=value`.
 #[derive(Clone, Debug)]
-pub(super) struct Line {
+pub(super) struct IniLine {
     pub(super) key: String,
     pub(super) value: String,
-    pub(super) place: Place,
+    pub(super) location: FileLocation,
 }
 
 /// One `[section]`.
 #[derive(Clone, Debug)]
-pub(super) struct Section {
+pub(super) struct IniSection {
     pub(super) name: String,
-    pub(super) place: Place,
-    pub(super) lines: Vec<Line>,
+    pub(super) location: FileLocation,
+    pub(super) lines: Vec<IniLine>,
 }
 
-impl Section {
+impl IniSection {
     /// The value of a key, letter case ignored; `None` also when nothing stands behind the `=`.
-    pub(super) fn get(&self, key: &str) -> Option<&Line> {
+    pub(super) fn get(&self, key: &str) -> Option<&IniLine> {
         let found = self.lines.iter().find(|line| line.key.eq_ignore_ascii_case(key));
         found.filter(|line| !line.value.is_empty())
     }
@@ -33,31 +33,36 @@ impl Section {
 
     /// What stands there beside the keys of `known`.
     pub(super) fn others(&self, known: &[&str]) -> Vec<(String, String)> {
-        let is_other = |line: &&Line| !known.iter().any(|key| line.key.eq_ignore_ascii_case(key));
+        let is_other =
+            |line: &&IniLine| !known.iter().any(|key| line.key.eq_ignore_ascii_case(key));
         let other = self.lines.iter().filter(is_other);
         other.map(|line| (line.key.clone(), line.value.clone())).collect()
     }
 }
 
 /// The sections of a text; lines that make no sense go to `warn`.
-pub(super) fn sections(file: &str, text: &str, warn: &mut impl FnMut(FileError)) -> Vec<Section> {
+pub(super) fn parse_sections(
+    file: &str,
+    text: &str,
+    warn: &mut impl FnMut(FileError),
+) -> Vec<IniSection> {
     let file: Arc<str> = file.into();
-    let mut sections: Vec<Section> = Vec::new();
+    let mut sections: Vec<IniSection> = Vec::new();
     for (at, line) in text.trim_start_matches('\u{FEFF}').lines().enumerate() {
-        let place = Place::line(&file, at + 1);
+        let place = FileLocation::line_start(&file, at + 1);
         let line = line.trim();
         if line.is_empty() || line.starts_with([';', '#']) {
             continue;
         }
         if let Some(name) = line.strip_prefix('[') {
             let name = name.split(']').next().unwrap_or(name).trim().to_owned();
-            sections.push(Section { name, place, lines: Vec::new() });
+            sections.push(IniSection { name, location: place, lines: Vec::new() });
             continue;
         }
         match (line.split_once('='), sections.last_mut()) {
             (Some((key, value)), Some(section)) => {
                 let (key, value) = (key.trim().to_owned(), value.trim().to_owned());
-                section.lines.push(Line { key, value, place });
+                section.lines.push(IniLine { key, value, location: place });
             }
             _ => warn(place.error(format!("`{line}` is no `key=value` of a section: left out"))),
         }

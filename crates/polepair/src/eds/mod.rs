@@ -18,7 +18,7 @@
 
 mod device;
 mod ini;
-mod kind;
+mod object_types;
 mod profile;
 mod read;
 #[cfg(test)]
@@ -26,13 +26,13 @@ mod tests;
 mod value;
 mod write;
 
-pub use kind::{Access, DataType, ObjectType};
+pub use object_types::{DataType, ObjectAccess, ObjectType};
 pub use value::Literal;
 
-pub(crate) use device::sheet;
-pub(crate) use profile::{describes, draft};
+pub(crate) use device::load_sheet;
+pub(crate) use profile::{accepts_sheet, draft_profile};
 
-use crate::file::{FileError, bytes_of};
+use crate::toml_file::{FileError, read_limited};
 use std::path::Path;
 
 /// Objects of one file at most.
@@ -54,7 +54,7 @@ pub struct Eds {
     /// The lines of `[Comments]`.
     pub comments: Vec<String>,
     /// The objects, by index.
-    pub objects: Vec<Object>,
+    pub objects: Vec<EdsObject>,
     /// Sections that describe no object, as they stand.
     pub others: Vec<(String, Vec<(String, String)>)>,
     /// What was taken although the standard has it otherwise.
@@ -63,7 +63,7 @@ pub struct Eds {
 
 /// One object.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Object {
+pub struct EdsObject {
     /// Index, 0x0001 to 0xFFFF.
     pub index: u16,
     /// Its name.
@@ -74,14 +74,14 @@ pub struct Object {
     /// read by a scan.
     pub flags: u32,
     /// Its entries by sub-index; a variable or domain has sub-index 0 alone.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<EdsEntry>,
     /// What else stands in its section.
     pub others: Vec<(String, String)>,
 }
 
 /// One entry of the object dictionary.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Entry {
+pub struct EdsEntry {
     /// Sub-index.
     pub sub: u8,
     /// Its name; the object's for a variable.
@@ -89,7 +89,7 @@ pub struct Entry {
     /// How its value lies on the wire.
     pub data_type: DataType,
     /// What SDO and PDO may do with it.
-    pub access: Access,
+    pub access: ObjectAccess,
     /// Whether a PDO may carry it.
     pub mappable: bool,
     /// Least value.
@@ -104,10 +104,10 @@ pub struct Entry {
     pub others: Vec<(String, String)>,
 }
 
-impl Entry {
+impl EdsEntry {
     /// The value that a device of the file has: this node's, else the factory's.
     #[must_use]
-    pub const fn first_value(&self) -> Option<&Literal> {
+    pub const fn effective_value(&self) -> Option<&Literal> {
         match &self.value {
             Some(value) => Some(value),
             None => self.default.as_ref(),
@@ -124,33 +124,33 @@ impl Entry {
 impl Eds {
     /// The object of that index.
     #[must_use]
-    pub fn object(&self, index: u16) -> Option<&Object> {
+    pub fn object(&self, index: u16) -> Option<&EdsObject> {
         let at = self.objects.binary_search_by_key(&index, |object| object.index).ok()?;
         Some(&self.objects[at])
     }
 
     /// The entry at that index and sub-index.
     #[must_use]
-    pub fn entry(&self, index: u16, sub: u8) -> Option<&Entry> {
+    pub fn entry(&self, index: u16, sub: u8) -> Option<&EdsEntry> {
         self.object(index)?.entries.iter().find(|entry| entry.sub == sub)
     }
 
     /// A line of `[DeviceInfo]`, letter case ignored.
     #[must_use]
     pub fn device_info(&self, key: &str) -> Option<&str> {
-        line(&self.device, key)
+        find_value(&self.device, key)
     }
 
     /// The node-ID that a DCF gives.
     #[must_use]
     pub fn node_id(&self) -> Option<u8> {
-        let text = line(&self.commissioning, "NodeID")?;
-        let id = value::number(text)?.value;
+        let text = find_value(&self.commissioning, "NodeID")?;
+        let id = value::parse_integer(text)?.value;
         u8::try_from(id).ok().filter(|id| (1..=127).contains(id))
     }
 }
 
-fn line<'a>(lines: &'a [(String, String)], key: &str) -> Option<&'a str> {
+fn find_value<'a>(lines: &'a [(String, String)], key: &str) -> Option<&'a str> {
     let found = lines.iter().find(|(known, _)| known.eq_ignore_ascii_case(key));
     found.map(|(_, value)| value.as_str()).filter(|value| !value.is_empty())
 }
@@ -160,7 +160,7 @@ fn line<'a>(lines: &'a [(String, String)], key: &str) -> Option<&'a str> {
 /// # Errors
 /// [`FileError`] with line and reason, when no object can be made of it.
 pub fn parse(file: &str, text: &str) -> Result<Eds, FileError> {
-    read::eds(file, text)
+    read::parse_eds(file, text)
 }
 
 /// Reads an EDS or DCF file. Bytes that are no UTF-8 are taken for Latin-1, in which most are
@@ -170,7 +170,8 @@ pub fn parse(file: &str, text: &str) -> Result<Eds, FileError> {
 /// [`FileError`], also for a file that cannot be read.
 pub fn load(path: &Path) -> Result<Eds, FileError> {
     let name = path.display().to_string();
-    let bytes = bytes_of(path, FILE_MAX).map_err(|reason| FileError::whole(&name, reason))?;
+    let bytes =
+        read_limited(path, FILE_MAX).map_err(|reason| FileError::for_file(&name, reason))?;
     let text = String::from_utf8(bytes)
         .unwrap_or_else(|error| error.into_bytes().into_iter().map(char::from).collect());
     parse(&name, &text)
@@ -180,7 +181,7 @@ pub fn load(path: &Path) -> Result<Eds, FileError> {
 const FILE_MAX: u64 = 16 << 20;
 
 /// Whether a file is an EDS or DCF, by its name.
-pub(crate) fn is_sheet(path: &Path) -> bool {
+pub(crate) fn is_eds_file(path: &Path) -> bool {
     let extension = path.extension().map(std::ffi::OsStr::to_ascii_lowercase);
     extension.is_some_and(|extension| extension == "eds" || extension == "dcf")
 }

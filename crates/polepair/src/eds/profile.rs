@@ -1,64 +1,64 @@
 //! A profile out of a data sheet: named objects, and for a CiA 402 drive the verbs of the standard.
 
-use super::kind::DataType;
-use super::{Eds, Entry, Object};
-use crate::file::{FileError, Found, Place};
+use super::object_types::DataType;
+use super::{Eds, EdsEntry, EdsObject};
 use crate::profile::draft::{Draft, DraftIdentity, DraftParameter};
-use crate::profile::{encoding_range, name_of, without_missing};
-use crate::words::folded;
+use crate::profile::{encoding_range, name_from_path, remove_missing};
+use crate::spelling::fold;
+use crate::toml_file::{FileError, FileLocation, Located};
 use polepair_core::profile::{Access, Certainty, Encoding, Persistence, Profile};
 use polepair_core::units::Unit;
 use std::collections::HashSet;
 use std::path::Path;
 
 /// What every device's profile starts from, and what a drive's does.
-const PROFILES: (&str, &str) = ("canopen", "cia402");
+const BASE_PROFILES: (&str, &str) = ("canopen", "cia402");
 /// The parameter whose value tells products apart.
-const PRODUCT: &str = "product code";
+const PRODUCT_CODE: &str = "product code";
 
 /// The draft of the device that a file describes.
-pub(crate) fn draft(path: &Path) -> Result<Draft, FileError> {
+pub(crate) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
     let eds = super::load(path)?;
-    let place = Place::built_in(&path.display().to_string());
-    let base =
-        base(&eds).ok_or_else(|| place.error("no profile of CANopen devices to build on"))?;
-    let mut draft = Draft::of(base);
-    draft.name = name_of(path);
+    let place = FileLocation::built_in(&path.display().to_string());
+    let base = base_profile(&eds)
+        .ok_or_else(|| place.error("no profile of CANopen devices to build on"))?;
+    let mut draft = Draft::from_profile(base);
+    draft.name = name_from_path(path);
     let words = [eds.device_info("VendorName"), eds.device_info("ProductName")];
     let title: Vec<&str> = words.into_iter().flatten().collect();
     draft.title = if title.is_empty() { draft.name.clone() } else { title.join(" ") };
     draft.source = place.file().to_owned();
     let known = std::mem::take(&mut draft.parameters);
     let mut names = HashSet::new();
-    for (object, entry, encoding) in numbers(&eds) {
+    for (object, entry, encoding) in numeric_entries(&eds) {
         let at = |p: &&DraftParameter| (p.index, p.space) == (object.index, entry.sub);
         let mut parameter = match known.iter().find(at) {
-            Some(parameter) => DraftParameter { place: place.clone(), ..parameter.clone() },
-            None => named(object, entry, &place),
+            Some(parameter) => DraftParameter { location: place.clone(), ..parameter.clone() },
+            None => sheet_parameter(object, entry, &place),
         };
-        if !names.insert(folded(&parameter.name)) {
+        if !names.insert(fold(&parameter.name)) {
             parameter.name = format!("{} ({})", parameter.name, symbol(object.index, entry.sub));
         }
-        as_told(&mut parameter, entry, encoding);
+        apply_entry(&mut parameter, entry, encoding);
         draft.parameters.push(parameter);
     }
     draft.identity = identity(&eds, &draft, &place);
-    draft.place = place;
-    without_missing(&mut draft);
+    draft.location = place;
+    remove_missing(&mut draft);
     Ok(draft)
 }
 
 /// Whether simulated drives of a profile can be what a sheet lists: those that have nothing of their
 /// own.
-pub(crate) fn describes(profile: &Profile) -> bool {
-    profile.name == PROFILES.0 || profile.name == PROFILES.1
+pub(crate) fn accepts_sheet(profile: &Profile) -> bool {
+    profile.name == BASE_PROFILES.0 || profile.name == BASE_PROFILES.1
 }
 
 /// The profile of what the sheet says it is.
-fn base(eds: &Eds) -> Option<&'static Profile> {
+fn base_profile(eds: &Eds) -> Option<&'static Profile> {
     let kind = eds.entry(0x1000, 0).and_then(|entry| entry.default_at(1)).unwrap_or(0);
     let is_drive = kind & 0xFFFF == 402 || (kind == 0 && eds.object(0x6040).is_some());
-    let name = if is_drive { PROFILES.1 } else { PROFILES.0 };
+    let name = if is_drive { BASE_PROFILES.1 } else { BASE_PROFILES.0 };
     let generic = crate::registry::protocols().into_iter().map(|spoken| spoken.generic);
     let mut all = polepair_core::drives::profiles().iter().copied().chain(generic);
     all.find(|profile| profile.name == name)
@@ -66,7 +66,7 @@ fn base(eds: &Eds) -> Option<&'static Profile> {
 
 /// Entries that hold a number of a length that parameters have; others are reached by the
 /// protocol's own text.
-fn numbers(eds: &Eds) -> impl Iterator<Item = (&Object, &Entry, Encoding)> {
+fn numeric_entries(eds: &Eds) -> impl Iterator<Item = (&EdsObject, &EdsEntry, Encoding)> {
     let entries =
         eds.objects.iter().flat_map(|object| object.entries.iter().map(move |e| (object, e)));
     entries.filter_map(|(object, entry)| Some((object, entry, encoding(entry.data_type)?)))
@@ -85,16 +85,17 @@ fn encoding(kind: DataType) -> Option<Encoding> {
 }
 
 /// An object of which only the sheet tells. What a PDO may bring to the drive may move it.
-fn named(object: &Object, entry: &Entry, place: &Place) -> DraftParameter {
+fn sheet_parameter(object: &EdsObject, entry: &EdsEntry, place: &FileLocation) -> DraftParameter {
     let name = match object.kind.has_subs() {
         true => format!("{} {}", object.name, entry.name),
         false => object.name.clone(),
     };
-    let process = entry.access.writes() && entry.mappable;
-    let is_setting = entry.access.writes() && !process && !(0x1400..0x1C00).contains(&object.index);
+    let process = entry.access.is_writable() && entry.mappable;
+    let is_setting =
+        entry.access.is_writable() && !process && !(0x1400..0x1C00).contains(&object.index);
     let (min, max) = encoding_range(Encoding::U32);
     DraftParameter {
-        place: place.clone(),
+        location: place.clone(),
         name,
         symbol: symbol(object.index, entry.sub),
         about: String::new(),
@@ -123,7 +124,7 @@ fn symbol(index: u16, sub: u8) -> String {
 }
 
 /// Type, limits, default and access as the sheet has them.
-fn as_told(parameter: &mut DraftParameter, entry: &Entry, encoding: Encoding) {
+fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encoding) {
     if parameter.encoding != encoding {
         parameter.encoding = encoding;
         (parameter.min, parameter.max) = encoding_range(encoding);
@@ -138,12 +139,12 @@ fn as_told(parameter: &mut DraftParameter, entry: &Entry, encoding: Encoding) {
     }
     // What process data are is as this node is configured, where the sheet is one node's.
     let process = (0x1400..0x1C00).contains(&parameter.index);
-    let default = if process { entry.first_value() } else { entry.default.as_ref() };
+    let default = if process { entry.effective_value() } else { entry.default.as_ref() };
     let default = default.filter(|it| it.integer(0) == it.integer(1));
     parameter.default = default.and_then(|it| it.integer(0));
     let fits = |default: &i64| (parameter.min..=parameter.max).contains(default);
     parameter.default = parameter.default.filter(fits);
-    parameter.access = match (entry.access.reads(), entry.access.writes()) {
+    parameter.access = match (entry.access.is_readable(), entry.access.is_writable()) {
         (true, false) => Access::Read,
         (false, _) => Access::Write,
         (true, true) => Access::ReadWrite,
@@ -151,10 +152,10 @@ fn as_told(parameter: &mut DraftParameter, entry: &Entry, encoding: Encoding) {
 }
 
 /// The product number, where the sheet has one and the device can be asked.
-fn identity(eds: &Eds, draft: &Draft, place: &Place) -> Option<DraftIdentity> {
-    let number = super::value::number(eds.device_info("ProductNumber")?)?.value;
-    let known = draft.parameters.iter().any(|p| p.name == PRODUCT);
-    let parameter = Found { value: PRODUCT.to_owned(), place: place.clone() };
+fn identity(eds: &Eds, draft: &Draft, place: &FileLocation) -> Option<DraftIdentity> {
+    let number = super::value::parse_integer(eds.device_info("ProductNumber")?)?.value;
+    let known = draft.parameters.iter().any(|p| p.name == PRODUCT_CODE);
+    let parameter = Located { value: PRODUCT_CODE.to_owned(), location: place.clone() };
     (known && number != 0).then(|| DraftIdentity {
         parameter: Some(parameter),
         text: String::new(),

@@ -1,4 +1,4 @@
-use super::{Access, DataType, Eds, Literal, ObjectType, parse};
+use super::{DataType, Eds, Literal, ObjectAccess, ObjectType, parse};
 
 const SHEET: &str = "\u{FEFF}; a vendor's file\r
 [FileInfo]\r
@@ -78,7 +78,7 @@ fn a_vendors_sheet_is_read() {
     assert_eq!((identity.kind, identity.entries.len()), (ObjectType::Record, 2));
     assert_eq!(identity.entries[1].others, [("Vendor_X".to_owned(), "kept".to_owned())]);
     assert_eq!(eds.entry(0x1400, 1).unwrap().default_at(0x11), Some(0x211));
-    assert_eq!(eds.entry(0x1400, 1).unwrap().access, Access::Rw);
+    assert_eq!(eds.entry(0x1400, 1).unwrap().access, ObjectAccess::Rw);
     let torque = eds.entry(0x6071, 0).unwrap();
     assert_eq!(torque.default_at(1), Some(-2), "the bits of a signed type");
     assert_eq!(torque.low.as_ref().and_then(|low| low.integer(1)), Some(-1000));
@@ -214,7 +214,7 @@ fn a_sheet_of_a_drive_has_the_verbs_that_its_objects_allow() {
         ("feeder-7", "canopen", "Some Works")
     );
     assert!(profile.plan(Verb::Disable).is_some() && profile.plan(Verb::Home).is_none());
-    let find = |name| profile.parameter(profile.find(name).expect(name)).unwrap();
+    let find = |name| profile.parameter(profile.find_parameter(name).expect(name)).unwrap();
     assert_eq!(find("statusword").index, 0x6041);
     let torque = find("target torque");
     assert_eq!((torque.min, torque.max, torque.default), (-1000, 1000, Some(-2)));
@@ -231,6 +231,6 @@ fn a_sheet_of_another_device_has_its_objects_alone() {
     let text = SHEET.replace("0x20192", "0x191").replace("Identity object", "Identity");
     let profile = profile_of("io.DCF", &format!("{text}[3000]\nDataType=9\n"));
     assert_eq!((profile.name, profile.plans.len()), ("io", 0));
-    assert!(profile.find("3000h").is_none(), "no number");
-    assert!(profile.find("vendor id").is_some());
+    assert!(profile.find_parameter("3000h").is_none(), "no number");
+    assert!(profile.find_parameter("vendor id").is_some());
 }

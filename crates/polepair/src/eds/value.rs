@@ -1,6 +1,6 @@
 //! Values as EDS files write them: decimal, hexadecimal, octal, `$NODEID+0x180`, texts.
 
-use super::kind::DataType;
+use super::object_types::DataType;
 use std::fmt;
 
 /// A value of a file.
@@ -21,7 +21,7 @@ pub enum Literal {
 
 /// A whole number and how it was written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Number {
+pub(super) struct ParsedInteger {
     pub(super) value: i64,
     pub(super) hex: bool,
     /// A leading zero makes it octal, which few who write one mean.
@@ -59,7 +59,7 @@ impl fmt::Display for Literal {
 }
 
 /// A whole number: decimal, `0x` hexadecimal, octal behind a zero; signed.
-pub(super) fn number(text: &str) -> Option<Number> {
+pub(super) fn parse_integer(text: &str) -> Option<ParsedInteger> {
     let (negative, digits) = match text.strip_prefix('-') {
         Some(digits) => (true, digits.trim_start()),
         None => (false, text.strip_prefix('+').unwrap_or(text)),
@@ -81,14 +81,14 @@ pub(super) fn number(text: &str) -> Option<Number> {
         (true, Err(_)) => return None,
     };
     let octal = octal && value != 0;
-    Some(Number { value, hex: hex.is_some(), octal })
+    Some(ParsedInteger { value, hex: hex.is_some(), octal })
 }
 
 /// A value of that type; what else deserves a word goes to `warn`.
 ///
 /// # Errors
 /// What is wrong with it.
-pub(super) fn literal(
+pub(super) fn parse_literal(
     text: &str,
     kind: DataType,
     warn: &mut impl FnMut(String),
@@ -96,23 +96,23 @@ pub(super) fn literal(
     if !kind.is_integer() {
         return Ok(Literal::Text(text.to_owned()));
     }
-    let (rest, plus_node) = without_node(text);
+    let (rest, plus_node) = strip_node_id(text);
     let found = match rest {
-        "" if plus_node => Some(Number { value: 0, hex: true, octal: false }),
-        _ => number(rest).or_else(|| word(rest)),
+        "" if plus_node => Some(ParsedInteger { value: 0, hex: true, octal: false }),
+        _ => parse_integer(rest).or_else(|| parse_bool(rest)),
     };
     let Some(found) = found else { return Err(format!("`{text}` is no number")) };
     if found.octal {
         warn(format!("`{text}` begins with 0: read as octal, {}", found.value));
     }
-    let value = fitted(found.value, kind).ok_or_else(|| {
+    let value = fit_to_type(found.value, kind).ok_or_else(|| {
         format!("`{text}` does not fit into {}", kind.name().unwrap_or("its type"))
     })?;
     Ok(Literal::Integer { value, plus_node, hex: found.hex })
 }
 
 /// What stands beside `$NODEID`, on whichever side of the `+`.
-fn without_node(text: &str) -> (&str, bool) {
+fn strip_node_id(text: &str) -> (&str, bool) {
     const NODE: &str = "$NODEID";
     let is_node = |part: &str| part.trim().eq_ignore_ascii_case(NODE);
     match text.split_once('+') {
@@ -124,17 +124,17 @@ fn without_node(text: &str) -> (&str, bool) {
 }
 
 /// Booleans in words.
-fn word(text: &str) -> Option<Number> {
+fn parse_bool(text: &str) -> Option<ParsedInteger> {
     let value = match text {
         _ if text.eq_ignore_ascii_case("true") => 1,
         _ if text.eq_ignore_ascii_case("false") => 0,
         _ => return None,
     };
-    Some(Number { value, hex: false, octal: false })
+    Some(ParsedInteger { value, hex: false, octal: false })
 }
 
 /// The number as the type holds it: bits that make a negative number of a signed type are one.
-fn fitted(value: i64, kind: DataType) -> Option<i64> {
+fn fit_to_type(value: i64, kind: DataType) -> Option<i64> {
     let Some((low, high)) = kind.range() else { return Some(value) };
     if (low..=high).contains(&value) {
         return Some(value);

@@ -1,7 +1,7 @@
 //! Writing a sheet as the standard orders it.
 
-use super::kind::{Access, ObjectType};
-use super::{Eds, Entry, Object};
+use super::object_types::{ObjectAccess, ObjectType};
+use super::{Eds, EdsEntry, EdsObject};
 use std::fmt;
 
 /// Objects that every device has (CiA 301 §7.5.1).
@@ -11,9 +11,9 @@ impl fmt::Display for Eds {
     /// As a file: an EDS, or a DCF where values or a node-ID are given. Lines end as the standard
     /// has it, with CR and LF.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        section(f, "FileInfo", &self.file)?;
-        section(f, "DeviceInfo", &self.device)?;
-        section(f, "DeviceComissioning", &self.commissioning)?;
+        write_section(f, "FileInfo", &self.file)?;
+        write_section(f, "DeviceInfo", &self.device)?;
+        write_section(f, "DeviceComissioning", &self.commissioning)?;
         if !self.comments.is_empty() {
             write!(f, "[Comments]\r\nLines={}\r\n", self.comments.len())?;
             for (n, line) in self.comments.iter().enumerate() {
@@ -22,18 +22,18 @@ impl fmt::Display for Eds {
             f.write_str("\r\n")?;
         }
         for (name, lines) in &self.others {
-            section(f, name, lines)?;
+            write_section(f, name, lines)?;
         }
         let is_vendors = |index: u16| (0x2000..0x6000).contains(&index);
-        self.list(f, "MandatoryObjects", |index| MANDATORY.contains(&index))?;
-        self.list(f, "OptionalObjects", |i| !MANDATORY.contains(&i) && !is_vendors(i))?;
-        self.list(f, "ManufacturerObjects", is_vendors)?;
+        self.write_list(f, "MandatoryObjects", |index| MANDATORY.contains(&index))?;
+        self.write_list(f, "OptionalObjects", |i| !MANDATORY.contains(&i) && !is_vendors(i))?;
+        self.write_list(f, "ManufacturerObjects", is_vendors)?;
         self.objects.iter().try_for_each(|object| write_object(f, object))
     }
 }
 
 impl Eds {
-    fn list(
+    fn write_list(
         &self,
         f: &mut fmt::Formatter<'_>,
         name: &str,
@@ -48,21 +48,25 @@ impl Eds {
     }
 }
 
-fn section(f: &mut fmt::Formatter<'_>, name: &str, lines: &[(String, String)]) -> fmt::Result {
+fn write_section(
+    f: &mut fmt::Formatter<'_>,
+    name: &str,
+    lines: &[(String, String)],
+) -> fmt::Result {
     if lines.is_empty() {
         return Ok(());
     }
     write!(f, "[{name}]\r\n")?;
-    pairs(f, lines)?;
+    write_pairs(f, lines)?;
     f.write_str("\r\n")
 }
 
-fn pairs(f: &mut fmt::Formatter<'_>, lines: &[(String, String)]) -> fmt::Result {
+fn write_pairs(f: &mut fmt::Formatter<'_>, lines: &[(String, String)]) -> fmt::Result {
     lines.iter().try_for_each(|(key, value)| write!(f, "{key}={value}\r\n"))
 }
 
-fn write_object(f: &mut fmt::Formatter<'_>, object: &Object) -> fmt::Result {
-    let Object { index, name, kind, .. } = object;
+fn write_object(f: &mut fmt::Formatter<'_>, object: &EdsObject) -> fmt::Result {
+    let EdsObject { index, name, kind, .. } = object;
     write!(f, "[{index:04X}]\r\nParameterName={name}\r\nObjectType=0x{:X}\r\n", kind.code())?;
     if object.flags != 0 {
         write!(f, "ObjFlags=0x{:X}\r\n", object.flags)?;
@@ -72,7 +76,7 @@ fn write_object(f: &mut fmt::Formatter<'_>, object: &Object) -> fmt::Result {
     } else if let Some(entry) = object.entries.first() {
         write_value(f, entry)?;
     }
-    pairs(f, &object.others)?;
+    write_pairs(f, &object.others)?;
     f.write_str("\r\n")?;
     if !kind.has_subs() {
         return Ok(());
@@ -81,15 +85,15 @@ fn write_object(f: &mut fmt::Formatter<'_>, object: &Object) -> fmt::Result {
         write!(f, "[{index:04X}sub{:X}]\r\nParameterName={}\r\n", entry.sub, entry.name)?;
         write!(f, "ObjectType=0x{:X}\r\n", ObjectType::Variable.code())?;
         write_value(f, entry)?;
-        pairs(f, &entry.others)?;
+        write_pairs(f, &entry.others)?;
         f.write_str("\r\n")?;
     }
     Ok(())
 }
 
-fn write_value(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
-    let Entry { data_type, access, .. } = entry;
-    write!(f, "DataType=0x{:04X}\r\nAccessType={}\r\n", data_type.0, Access::word(*access))?;
+fn write_value(f: &mut fmt::Formatter<'_>, entry: &EdsEntry) -> fmt::Result {
+    let EdsEntry { data_type, access, .. } = entry;
+    write!(f, "DataType=0x{:04X}\r\nAccessType={}\r\n", data_type.0, ObjectAccess::word(*access))?;
     write!(f, "PDOMapping={}\r\n", u8::from(entry.mappable))?;
     let values = [
         ("LowLimit", &entry.low),

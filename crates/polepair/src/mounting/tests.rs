@@ -91,7 +91,7 @@ fn limits_are_looked_at_before_a_byte_is_sent() {
     refused(&axis.move_by("20 deg").expect_err("beyond"), "is beyond its limits");
     axis.move_by("-20 deg").expect("within");
     axis.wait(Duration::from_secs(60)).expect("it arrives");
-    assert!(axis.leaving(Duration::from_millis(100)).expect("read").is_none());
+    assert!(axis.predict_limit_violation(Duration::from_millis(100)).expect("read").is_none());
     refused(&axis.set("target velocity", 10.0).expect_err("who would watch it"), "within limits");
 }
 
@@ -107,7 +107,9 @@ fn a_speed_that_leaves_the_limits_is_told() {
     axis.velocity("60 rpm").expect("within");
     let end = link.simulation().expect("simulated").now() + Duration::from_secs(3);
     let now = || -> Instant { link.simulation().expect("simulated").now() };
-    while axis.leaving(Duration::from_millis(300)).expect("read").is_none() && now() < end {
+    while axis.predict_limit_violation(Duration::from_millis(300)).expect("read").is_none()
+        && now() < end
+    {
         link.sleep(Duration::from_millis(25));
     }
     assert!(now() < end, "it was told");

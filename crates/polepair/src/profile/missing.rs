@@ -6,8 +6,8 @@
 //!
 //! [`Profile::optional`]: polepair_core::profile::Profile::optional
 
-use super::draft::{Draft, DraftParameter, DraftPlan, DraftStep, DraftWatchdog, Named};
-use crate::words::folded;
+use super::draft::{Draft, DraftParameter, DraftPlan, DraftStep, DraftWatchdog, ParameterName};
+use crate::spelling::fold;
 use polepair_core::axis::Verb;
 use polepair_core::plan::Operand;
 use polepair_core::profile::{Access, Encoding};
@@ -16,22 +16,23 @@ use std::collections::{HashMap, HashSet};
 
 /// Shows raw what is scaled by what this drive does not have, and drops readings, steps and plans
 /// that cannot be without it.
-pub(crate) fn without_missing(draft: &mut Draft) {
-    raw_without_scale(draft);
-    let there = There::of(draft);
-    draft.reach.retain(|name| there.has(name, Use::Write));
-    draft.signals.retain(|signal| there.has(&signal.parameter, Use::Read));
-    draft.plans = draft.plans.drain(..).filter_map(|plan| there.plan(plan)).collect();
-    draft.identity = draft
-        .identity
-        .take()
-        .filter(|it| it.parameter.as_ref().is_none_or(|name| there.has(name, Use::Read)));
-    let both = |name: &Named| there.has(name, Use::Read) && there.has(name, Use::Write);
+pub(crate) fn remove_missing(draft: &mut Draft) {
+    unscale_missing(draft);
+    let there = AvailableParameters::from_draft(draft);
+    draft.reach.retain(|name| there.supports(name, ParameterUse::Write));
+    draft.signals.retain(|signal| there.supports(&signal.parameter, ParameterUse::Read));
+    draft.plans = draft.plans.drain(..).filter_map(|plan| there.adapt_plan(plan)).collect();
+    draft.identity = draft.identity.take().filter(|it| {
+        it.parameter.as_ref().is_none_or(|name| there.supports(name, ParameterUse::Read))
+    });
+    let both = |name: &ParameterName| {
+        there.supports(name, ParameterUse::Read) && there.supports(name, ParameterUse::Write)
+    };
     let watchdog = match &draft.watchdog {
         DraftWatchdog::None | DraftWatchdog::Fixed(_) => true,
         DraftWatchdog::Configurable { parameter, on_can } => {
             let mut names = [Some(parameter), on_can.as_ref()].into_iter().flatten();
-            names.all(|name| there.has(name, Use::Write))
+            names.all(|name| there.supports(name, ParameterUse::Write))
         }
         DraftWatchdog::Heartbeat { consumer, reaction } => both(consumer) && both(reaction),
     };
@@ -39,14 +40,15 @@ pub(crate) fn without_missing(draft: &mut Draft) {
         draft.watchdog = DraftWatchdog::None;
     }
     draft.ram = draft.ram.take().filter(|ram| both(&ram.parameter));
-    draft.optional.retain(|name| there.access.contains_key(&folded(&name.value)));
+    draft.optional.retain(|name| there.access.contains_key(&fold(&name.value)));
 }
 
 /// What is scaled by a parameter that this drive lacks is shown raw.
-fn raw_without_scale(draft: &mut Draft) {
-    let there = There::of(draft);
-    let lacks =
-        |name: &Option<Named>| name.as_ref().is_some_and(|name| !there.has(name, Use::Read));
+fn unscale_missing(draft: &mut Draft) {
+    let there = AvailableParameters::from_draft(draft);
+    let lacks = |name: &Option<ParameterName>| {
+        name.as_ref().is_some_and(|name| !there.supports(name, ParameterUse::Read))
+    };
     for p in &mut draft.parameters {
         if lacks(&p.times) || lacks(&p.over) {
             (p.times, p.over, p.unit) = (None, None, Unit::None);
@@ -57,7 +59,7 @@ fn raw_without_scale(draft: &mut Draft) {
 
 /// What a step does with a parameter.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Use {
+pub(super) enum ParameterUse {
     Read,
     Write,
     /// Only its scale and its limits count.
@@ -65,62 +67,65 @@ pub(super) enum Use {
 }
 
 /// What a drive has.
-pub(super) struct There {
+pub(super) struct AvailableParameters {
     /// By name and by symbol.
     access: HashMap<String, Access>,
     optional: HashSet<String>,
 }
 
-impl There {
-    pub(super) fn of(draft: &Draft) -> Self {
-        let labels = |p: &DraftParameter| [folded(&p.name), folded(&p.symbol)];
+impl AvailableParameters {
+    pub(super) fn from_draft(draft: &Draft) -> Self {
+        let labels = |p: &DraftParameter| [fold(&p.name), fold(&p.symbol)];
         let known = draft.parameters.iter();
         let access = known.flat_map(|p| labels(p).map(|label| (label, p.access)));
         let access = access.filter(|(label, _)| !label.is_empty()).collect();
-        let optional = draft.optional.iter().map(|name| folded(&name.value)).collect();
+        let optional = draft.optional.iter().map(|name| fold(&name.value)).collect();
         Self { access, optional }
     }
 
-    fn has(&self, name: &Named, how: Use) -> bool {
-        match self.access.get(&folded(&name.value)) {
+    fn supports(&self, name: &ParameterName, how: ParameterUse) -> bool {
+        match self.access.get(&fold(&name.value)) {
             None => false,
-            Some(Access::Read) => how != Use::Write,
-            Some(Access::Write) => how != Use::Read,
+            Some(Access::Read) => how != ParameterUse::Write,
+            Some(Access::Write) => how != ParameterUse::Read,
             Some(Access::ReadWrite) => true,
         }
     }
 
     /// The plan for this drive; `None` where it cannot be carried out.
-    pub(super) fn plan(&self, plan: DraftPlan) -> Option<DraftPlan> {
-        let steps = self.steps(plan.verb, plan.steps)?;
+    pub(super) fn adapt_plan(&self, plan: DraftPlan) -> Option<DraftPlan> {
+        let steps = self.adapt_steps(plan.verb, plan.steps)?;
         // What is undone is done as far as it can be, as a stop is.
-        let undo = self.steps(Verb::Stop, plan.undo)?;
-        if plan.verb.is_stop() && !steps.iter().any(sends) {
+        let undo = self.adapt_steps(Verb::Stop, plan.undo)?;
+        if plan.verb.is_stop() && !steps.iter().any(is_sending) {
             return None;
         }
         Some(DraftPlan { steps, undo, ..plan })
     }
 
-    fn steps(&self, verb: Verb, mut steps: Vec<DraftStep>) -> Option<Vec<DraftStep>> {
+    fn adapt_steps(&self, verb: Verb, mut steps: Vec<DraftStep>) -> Option<Vec<DraftStep>> {
         let mut keep = vec![true; steps.len()];
         for at in 0..steps.len() {
             let step = &steps[at];
-            if !keep[at] || named(step).iter().all(|(name, how)| self.has(name, *how)) {
+            if !keep[at]
+                || step_parameters(step).iter().all(|(name, how)| self.supports(name, *how))
+            {
                 continue;
             }
-            if !self.may_go(verb, step) {
+            if !self.may_drop(verb, step) {
                 return None;
             }
             keep[at] = false;
             if let DraftStep::Without { count, .. } = step {
-                behind(at, *count, &mut keep).fill(false);
+                skipped_steps(at, *count, &mut keep).fill(false);
             }
         }
         // From the end, so that a step that leaves out nothing any more is not counted itself.
         for at in (0..steps.len()).rev() {
             if let DraftStep::Skip { count, .. } | DraftStep::Without { count, .. } = &mut steps[at]
             {
-                let left = behind(at, *count, &mut keep).iter().filter(|keep| **keep).count();
+                let left =
+                    skipped_steps(at, *count, &mut keep).iter().filter(|keep| **keep).count();
                 *count = u8::try_from(left).unwrap_or(u8::MAX);
                 keep[at] &= left > 0;
             }
@@ -132,16 +137,16 @@ impl There {
 
     /// Whether a plan is what it says without that step, as the lane has it of a drive that turns out
     /// to lack an object.
-    fn may_go(&self, verb: Verb, step: &DraftStep) -> bool {
-        let names = named(step);
-        let lacking = names.iter().filter(|(name, how)| !self.has(name, *how));
-        let mut lacking = lacking.map(|(name, _)| folded(&name.value));
+    fn may_drop(&self, verb: Verb, step: &DraftStep) -> bool {
+        let names = step_parameters(step);
+        let lacking = names.iter().filter(|(name, how)| !self.supports(name, *how));
+        let mut lacking = lacking.map(|(name, _)| fold(&name.value));
         let optional = lacking.all(|name| self.optional.contains(&name));
         match step {
             DraftStep::Read(_) | DraftStep::NoFault { .. } | DraftStep::Until { .. } => {
                 optional || verb.is_stop()
             }
-            DraftStep::Write(_, Operand::Is(_) | Operand::Given(_), _)
+            DraftStep::Write(_, Operand::Constant(_) | Operand::OptionalArgument(_), _)
             | DraftStep::Ensure(..)
             | DraftStep::Copy { .. }
             | DraftStep::Skip { .. } => optional,
@@ -152,13 +157,13 @@ impl There {
 }
 
 /// Those behind a step that it may leave out.
-fn behind(at: usize, count: u8, keep: &mut [bool]) -> &mut [bool] {
+fn skipped_steps(at: usize, count: u8, keep: &mut [bool]) -> &mut [bool] {
     let end = (at + 1 + usize::from(count)).min(keep.len());
     &mut keep[at + 1..end]
 }
 
 /// Whether a step tells the drive something.
-fn sends(step: &DraftStep) -> bool {
+fn is_sending(step: &DraftStep) -> bool {
     matches!(
         step,
         DraftStep::Write(..)
@@ -169,24 +174,28 @@ fn sends(step: &DraftStep) -> bool {
 }
 
 /// Parameters that a step names, and what it does with them.
-fn named(step: &DraftStep) -> Vec<(&Named, Use)> {
+fn step_parameters(step: &DraftStep) -> Vec<(&ParameterName, ParameterUse)> {
     match step {
-        DraftStep::Write(name, ..) | DraftStep::Keep(name) => vec![(name, Use::Write)],
-        DraftStep::Ensure(name, ..) => vec![(name, Use::Read), (name, Use::Write)],
-        DraftStep::Copy { from, to } => vec![(from, Use::Read), (to, Use::Write)],
+        DraftStep::Write(name, ..) | DraftStep::Keep(name) => vec![(name, ParameterUse::Write)],
+        DraftStep::Ensure(name, ..) => {
+            vec![(name, ParameterUse::Read), (name, ParameterUse::Write)]
+        }
+        DraftStep::Copy { from, to } => vec![(from, ParameterUse::Read), (to, ParameterUse::Write)],
         DraftStep::Read(read)
         | DraftStep::Require { read, .. }
         | DraftStep::Skip { read, .. }
         | DraftStep::Without { read, .. }
         | DraftStep::NoFault { read, .. }
-        | DraftStep::Until { read, .. } => vec![(read, Use::Read)],
-        DraftStep::Send { like, .. } => like.iter().map(|name| (name, Use::Scale)).collect(),
+        | DraftStep::Until { read, .. } => vec![(read, ParameterUse::Read)],
+        DraftStep::Send { like, .. } => {
+            like.iter().map(|name| (name, ParameterUse::Scale)).collect()
+        }
         DraftStep::Wait { .. } => Vec::new(),
     }
 }
 
 /// The same, to be called otherwise.
-pub(super) fn named_mut(step: &mut DraftStep) -> Vec<&mut Named> {
+pub(super) fn step_parameters_mut(step: &mut DraftStep) -> Vec<&mut ParameterName> {
     match step {
         DraftStep::Write(name, ..) | DraftStep::Keep(name) | DraftStep::Ensure(name, ..) => {
             vec![name]

@@ -24,7 +24,7 @@
 //! ```
 
 pub(crate) mod draft;
-mod map;
+mod memory_map;
 mod missing;
 mod read;
 mod resolve;
@@ -36,12 +36,12 @@ mod tests;
 
 pub use setup::write_setup;
 
-pub(crate) use missing::without_missing;
+pub(crate) use missing::remove_missing;
 pub(crate) use read::encoding_range;
-pub(crate) use setup::name_of;
+pub(crate) use setup::name_from_path;
 
-use crate::file::{self, FileError, Found};
-use crate::words;
+use crate::spelling;
+use crate::toml_file::{self, FileError, Located};
 use draft::Draft;
 use polepair_core::profile::Profile;
 use std::collections::HashMap;
@@ -63,7 +63,7 @@ const FILE_MAX: u64 = 4 << 20;
 /// # Errors
 /// [`FileError`] with line, column and reason; or that [`PROFILES_MAX`] are read already.
 pub fn parse(file: &str, text: &str) -> Result<&'static Profile, FileError> {
-    kept(&Shelf { folder: None }.draft(file, text, 0)?)
+    intern_profile(&BaseProfiles { folder: None }.read_draft(file, text, 0)?)
 }
 
 /// Reads a profile file, the set-up archive of a TML drive (`.t.zip`), or the data sheet of a CANopen
@@ -74,27 +74,27 @@ pub fn parse(file: &str, text: &str) -> Result<&'static Profile, FileError> {
 /// [`FileError`], also for a file that cannot be read.
 pub fn load(path: &Path) -> Result<&'static Profile, FileError> {
     if setup::is_archive(path) {
-        return kept(&setup::draft(path)?);
+        return intern_profile(&setup::draft_profile(path)?);
     }
-    if crate::eds::is_sheet(path) {
-        return kept(&crate::eds::draft(path)?);
+    if crate::eds::is_eds_file(path) {
+        return intern_profile(&crate::eds::draft_profile(path)?);
     }
-    let text = text_of(path)?;
+    let text = read_text(path)?;
     let folder = path.parent().map(Path::to_path_buf);
-    kept(&Shelf { folder }.draft(&path.display().to_string(), &text, 0)?)
+    intern_profile(&BaseProfiles { folder }.read_draft(&path.display().to_string(), &text, 0)?)
 }
 
 /// Reads a text file of bounded size.
-pub(crate) fn text_of(path: &Path) -> Result<String, FileError> {
-    let whole = |reason| FileError::whole(path.display().to_string(), reason);
-    let bytes = file::bytes_of(path, FILE_MAX).map_err(whole)?;
+pub(crate) fn read_text(path: &Path) -> Result<String, FileError> {
+    let whole = |reason| FileError::for_file(path.display().to_string(), reason);
+    let bytes = toml_file::read_limited(path, FILE_MAX).map_err(whole)?;
     String::from_utf8(bytes).map_err(|_| whole("no text: its bytes are no UTF-8".to_owned()))
 }
 
 /// Leaks a draft once per content.
-fn kept(draft: &Draft) -> Result<&'static Profile, FileError> {
-    static KEPT: Mutex<Option<HashMap<String, &'static Profile>>> = Mutex::new(None);
-    let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+fn intern_profile(draft: &Draft) -> Result<&'static Profile, FileError> {
+    static PROFILE_CACHE: Mutex<Option<HashMap<String, &'static Profile>>> = Mutex::new(None);
+    let mut kept = PROFILE_CACHE.lock().unwrap_or_else(PoisonError::into_inner);
     let kept = kept.get_or_insert_with(HashMap::new);
     // The draft's own words are its content; places are part of it, which only costs a repetition
     // when the same profile stands in two files.
@@ -103,40 +103,42 @@ fn kept(draft: &Draft) -> Result<&'static Profile, FileError> {
         return Ok(profile);
     }
     if kept.len() >= PROFILES_MAX {
-        return Err(draft.place.error(format!("more than {PROFILES_MAX} profiles in one process")));
+        return Err(draft
+            .location
+            .error(format!("more than {PROFILES_MAX} profiles in one process")));
     }
-    let profile = resolve::profile(draft)?;
+    let profile = resolve::resolve_profile(draft)?;
     kept.insert(content, profile);
     Ok(profile)
 }
 
 /// Where the profile that another extends is looked for.
-struct Shelf {
+struct BaseProfiles {
     folder: Option<PathBuf>,
 }
 
-impl Shelf {
-    fn draft(&self, file: &str, text: &str, depth: usize) -> Result<Draft, FileError> {
-        read::draft(file, text, &mut |name| self.base(name, depth + 1))
+impl BaseProfiles {
+    fn read_draft(&self, file: &str, text: &str, depth: usize) -> Result<Draft, FileError> {
+        read::read_draft(file, text, &mut |name| self.find_base(name, depth + 1))
     }
 
-    fn base(&self, name: &Found<String>, depth: usize) -> Result<Draft, FileError> {
+    fn find_base(&self, name: &Located<String>, depth: usize) -> Result<Draft, FileError> {
         if depth > EXTENDS_MAX {
             let reason = format!("more than {EXTENDS_MAX} profiles extend one another");
-            return Err(name.place.error(reason));
+            return Err(name.location.error(reason));
         }
-        if let Some(path) = self.file_of(&name.value) {
-            return self.draft(&path.display().to_string(), &text_of(&path)?, depth);
+        if let Some(path) = self.base_file(&name.value) {
+            return self.read_draft(&path.display().to_string(), &read_text(&path)?, depth);
         }
         let known = polepair_core::drives::profiles();
         if let Some(profile) = known.iter().find(|profile| profile.name == name.value) {
-            return Ok(Draft::of(profile));
+            return Ok(Draft::from_profile(profile));
         }
-        let hint = words::hint(&name.value, known.iter().map(|profile| profile.name));
-        Err(name.place.error(format!("no profile `{}` to extend{hint}", name.value)))
+        let hint = spelling::suggestion(&name.value, known.iter().map(|profile| profile.name));
+        Err(name.location.error(format!("no profile `{}` to extend{hint}", name.value)))
     }
 
-    fn file_of(&self, name: &str) -> Option<PathBuf> {
+    fn base_file(&self, name: &str) -> Option<PathBuf> {
         let plain = !name.contains(['/', '\\']) && !name.starts_with('.');
         let path = self.folder.as_ref()?.join(format!("{name}.toml"));
         (plain && path.is_file()).then_some(path)

@@ -4,9 +4,9 @@ use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal,
     DraftWatchdog,
 };
-use super::{map, step};
-use crate::file::{FileError, Found, Node, Text, number};
-use crate::words;
+use super::{memory_map, step};
+use crate::spelling;
+use crate::toml_file::{FileError, Located, SourceText, TomlTable, parse_number};
 use polepair_core::axis::Verb;
 use polepair_core::profile::{
     Access, AxisKind, Certainty, Encoding, Persistence, Severity, Signal,
@@ -82,8 +82,8 @@ const DIALECTS: [Dialect; 5] = [
         spaces: &[("holding", 0), ("coil", 1), ("discrete", 2), ("input", 3)],
         encoding: Encoding::U16,
     },
-    Dialect { protocol: OBJECTS, spaces: &[("object", 0)], encoding: Encoding::U32 },
-    Dialect { protocol: MEMORY, spaces: &[("data", 0)], encoding: Encoding::I16 },
+    Dialect { protocol: OBJECT_PROTOCOL, spaces: &[("object", 0)], encoding: Encoding::U32 },
+    Dialect { protocol: MEMORY_PROTOCOL, spaces: &[("data", 0)], encoding: Encoding::I16 },
     Dialect {
         protocol: "thruster",
         spaces: &[("command", 0), ("internal", 1), ("internal high", 2), ("internal low", 3)],
@@ -92,11 +92,11 @@ const DIALECTS: [Dialect; 5] = [
 ];
 
 /// The protocol whose parameters are objects, whose space is a sub-index; `sub` gives it.
-const OBJECTS: &str = "canopen";
+const OBJECT_PROTOCOL: &str = "canopen";
 
 /// The protocol whose parameters are a drive's memory: several names may share an address, and a
 /// map of the memory gives them all.
-pub(crate) const MEMORY: &str = "tml";
+pub(crate) const MEMORY_PROTOCOL: &str = "tml";
 
 const AXES: [(&str, AxisKind); 3] =
     [("rotary", AxisKind::Rotary), ("linear", AxisKind::Linear), ("ratio", AxisKind::Ratio)];
@@ -151,38 +151,38 @@ pub(crate) const fn encoding_range(encoding: Encoding) -> (i64, i64) {
 }
 
 /// Reads a profile. `base` gives the draft of the profile that this one extends.
-pub(crate) fn draft(
+pub(crate) fn read_draft(
     file: &str,
     text: &str,
-    base: &mut dyn FnMut(&Found<String>) -> Result<Draft, FileError>,
+    base: &mut dyn FnMut(&Located<String>) -> Result<Draft, FileError>,
 ) -> Result<Draft, FileError> {
-    Text::new(file, text).read(&KEYS, |node| {
+    SourceText::new(file, text).parse(&KEYS, |node| {
         let mut draft = match node.text("extends")? {
             Some(name) => base(&name)?,
-            None => blank(&node)?,
+            None => new_draft(&node)?,
         };
-        shift(&mut draft, &node)?;
-        head(&mut draft, &node)?;
-        let file = Reader { dialect: dialect_of(&node, &draft.protocol)? };
+        shift_registers(&mut draft, &node)?;
+        read_head(&mut draft, &node)?;
+        let file = ProfileReader { dialect: find_dialect(&node, &draft.protocol)? };
         if let Some(map) = node.text("map")? {
-            map::apply(&mut draft, &map)?;
+            memory_map::apply_map(&mut draft, &map)?;
         }
         for name in node.texts("remove")? {
-            remove(&mut draft, &name)?;
+            remove_parameter(&mut draft, &name)?;
         }
-        file.parameters(&mut draft, &node)?;
-        file.faults(&mut draft, &node)?;
-        signals(&mut draft, &node)?;
-        plans(&mut draft, &node)?;
+        file.read_parameters(&mut draft, &node)?;
+        file.read_faults(&mut draft, &node)?;
+        read_signals(&mut draft, &node)?;
+        read_plans(&mut draft, &node)?;
         Ok(draft)
     })
 }
 
-fn blank(node: &Node<'_, '_>) -> Result<Draft, FileError> {
-    let name = node.needed_text("name")?.value;
-    let protocol = node.needed_text("protocol")?.value;
+fn new_draft(node: &TomlTable<'_, '_>) -> Result<Draft, FileError> {
+    let name = node.required_text("name")?.value;
+    let protocol = node.required_text("protocol")?.value;
     Ok(Draft {
-        place: node.place(),
+        location: node.location(),
         title: name.clone(),
         name,
         family: protocol.clone(),
@@ -203,35 +203,35 @@ fn blank(node: &Node<'_, '_>) -> Result<Draft, FileError> {
     })
 }
 
-fn head(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
-    draft.place = node.place();
-    draft.name = node.needed_text("name")?.check(word)?;
-    replace(&mut draft.title, node.text("title")?);
-    replace(&mut draft.source, node.text("source")?);
-    replace(&mut draft.caution, node.text("caution")?);
+fn read_head(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
+    draft.location = node.location();
+    draft.name = node.required_text("name")?.try_map(check_word)?;
+    replace_text(&mut draft.title, node.text("title")?);
+    replace_text(&mut draft.source, node.text("source")?);
+    replace_text(&mut draft.caution, node.text("caution")?);
     if let Some(family) = node.text("family")? {
-        draft.family = family.check(word)?;
+        draft.family = family.try_map(check_word)?;
     }
     if let Some(protocol) = node.text("protocol")? {
         draft.protocol = protocol.value;
     }
     if let Some(axis) = node.text("axis")? {
-        draft.axis = axis.check(|word| choice(&word, &AXES))?;
+        draft.axis = axis.try_map(|word| parse_choice(&word, &AXES))?;
     }
-    if let Some(ms) = node.between("reply_timeout_ms", 1, 60_000)? {
+    if let Some(ms) = node.integer_between("reply_timeout_ms", 1, 60_000)? {
         draft.reply_timeout_ms = u32::try_from(ms).unwrap_or(u32::MAX);
     }
-    if let Some(watchdog) = watchdog(node)? {
+    if let Some(watchdog) = read_watchdog(node)? {
         draft.watchdog = watchdog;
     }
-    if let Some(identity) = identity(node)? {
+    if let Some(identity) = read_identity(node)? {
         draft.identity = Some(identity);
     }
     if let Some(table) = node.table("ram", &["parameter", "ram", "flash"])? {
         draft.ram = Some(DraftRam {
-            parameter: table.needed_text("parameter")?,
-            ram: table.needed_integer("ram")?.value,
-            flash: table.needed_integer("flash")?.value,
+            parameter: table.required_text("parameter")?,
+            ram: table.required_integer("ram")?.value,
+            flash: table.required_integer("flash")?.value,
         });
     }
     if node.has("reach") {
@@ -243,29 +243,29 @@ fn head(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
     Ok(())
 }
 
-fn identity(node: &Node<'_, '_>) -> Result<Option<DraftIdentity>, FileError> {
+fn read_identity(node: &TomlTable<'_, '_>) -> Result<Option<DraftIdentity>, FileError> {
     let keys = ["parameter", "ask", "mask", "equals", "firmware"];
     let Some(table) = node.table("identify", &keys)? else { return Ok(None) };
-    let (parameter, text) = (table.text("parameter")?, plain(&table, "ask")?);
+    let (parameter, text) = (table.text("parameter")?, optional_text(&table, "ask")?);
     if parameter.is_some() != text.is_empty() {
-        return Err(table.place().error("`identify` needs either `parameter` or `ask`"));
+        return Err(table.location().error("`identify` needs either `parameter` or `ask`"));
     }
     let number = |key| table.integer(key).map(|found| found.map_or(0, |found| found.value));
     let (mask, equals, firmware) = (number("mask")?, number("equals")?, number("firmware")?);
     if equals & !mask != 0 {
-        return Err(table.place().error("`equals` has bits that `mask` takes away"));
+        return Err(table.location().error("`equals` has bits that `mask` takes away"));
     }
     Ok(Some(DraftIdentity { parameter, text, mask, equals, firmware }))
 }
 
-fn replace(text: &mut String, with: Option<Found<String>>) {
+fn replace_text(text: &mut String, with: Option<Located<String>>) {
     if let Some(found) = with {
         *text = found.value;
     }
 }
 
 /// Names of profiles and families become file names, constants and words in URLs.
-fn word(text: String) -> Result<String, String> {
+fn check_word(text: String) -> Result<String, String> {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_.".contains(c);
     if text.is_empty() || !text.chars().all(plain) {
         return Err(format!("`{text}` must be of a-z, 0-9, `-`, `_` and `.`"));
@@ -273,76 +273,79 @@ fn word(text: String) -> Result<String, String> {
     Ok(text)
 }
 
-fn choice<T: Copy>(word: &str, table: &[(&str, T)]) -> Result<T, String> {
+fn parse_choice<T: Copy>(word: &str, table: &[(&str, T)]) -> Result<T, String> {
     let known = table.iter().find(|(name, _)| *name == word);
     known.map(|(_, value)| *value).ok_or_else(|| {
         let words: Vec<&str> =
             table.iter().map(|(name, _)| *name).filter(|name| !name.is_empty()).collect();
-        let hint = words::hint(word, words.iter().copied());
+        let hint = spelling::suggestion(word, words.iter().copied());
         format!("`{word}` is none of {}{hint}", words.join(", "))
     })
 }
 
-fn dialect_of(node: &Node<'_, '_>, protocol: &str) -> Result<&'static Dialect, FileError> {
+fn find_dialect(node: &TomlTable<'_, '_>, protocol: &str) -> Result<&'static Dialect, FileError> {
     let known = DIALECTS.iter().find(|dialect| dialect.protocol == protocol);
     known.ok_or_else(|| {
-        let place = node.text("protocol").ok().flatten().map_or(node.place(), |p| p.place);
+        let place = node.text("protocol").ok().flatten().map_or(node.location(), |p| p.location);
         let words = DIALECTS.map(|dialect| dialect.protocol);
-        let hint = words::hint(protocol, words);
+        let hint = spelling::suggestion(protocol, words);
         place.error(format!("no profile protocol `{protocol}`: {}{hint}", words.join(" or ")))
     })
 }
 
-fn watchdog(node: &Node<'_, '_>) -> Result<Option<DraftWatchdog>, FileError> {
+fn read_watchdog(node: &TomlTable<'_, '_>) -> Result<Option<DraftWatchdog>, FileError> {
     let keys = ["kind", "after_ms", "parameter", "on_can", "reaction"];
     let Some(table) = node.table("watchdog", &keys)? else { return Ok(None) };
-    let kind = table.needed_text("kind")?;
+    let kind = table.required_text("kind")?;
     Ok(Some(match kind.value.as_str() {
         "none" => DraftWatchdog::None,
         "fixed" => {
-            let ms = table.between("after_ms", 1, i64::from(u32::MAX))?;
-            let ms = ms.ok_or_else(|| kind.place.error("`fixed` needs `after_ms`"))?;
+            let ms = table.integer_between("after_ms", 1, i64::from(u32::MAX))?;
+            let ms = ms.ok_or_else(|| kind.location.error("`fixed` needs `after_ms`"))?;
             DraftWatchdog::Fixed(u32::try_from(ms).unwrap_or(u32::MAX))
         }
         "configurable" => DraftWatchdog::Configurable {
-            parameter: table.needed_text("parameter")?,
+            parameter: table.required_text("parameter")?,
             on_can: table.text("on_can")?,
         },
         "heartbeat" => DraftWatchdog::Heartbeat {
-            consumer: table.needed_text("parameter")?,
-            reaction: table.needed_text("reaction")?,
+            consumer: table.required_text("parameter")?,
+            reaction: table.required_text("reaction")?,
         },
         other => {
             let known = ["none", "fixed", "configurable", "heartbeat"];
-            let hint = words::hint(other, known);
+            let hint = spelling::suggestion(other, known);
             return Err(kind
-                .place
+                .location
                 .error(format!("`{other}` is none of {}{hint}", known.join(", "))));
         }
     }))
 }
 
-fn remove(draft: &mut Draft, name: &Found<String>) -> Result<(), FileError> {
-    let wanted = words::folded(&name.value);
+fn remove_parameter(draft: &mut Draft, name: &Located<String>) -> Result<(), FileError> {
+    let wanted = spelling::fold(&name.value);
     let before = draft.parameters.len();
-    draft.parameters.retain(|p| words::folded(&p.name) != wanted);
+    draft.parameters.retain(|p| spelling::fold(&p.name) != wanted);
     if draft.parameters.len() == before {
-        let hint = words::hint(&name.value, draft.parameters.iter().map(|p| p.name.as_str()));
-        return Err(name.place.error(format!("nothing called `{}` to remove{hint}", name.value)));
+        let hint =
+            spelling::suggestion(&name.value, draft.parameters.iter().map(|p| p.name.as_str()));
+        return Err(name
+            .location
+            .error(format!("nothing called `{}` to remove{hint}", name.value)));
     }
     Ok(())
 }
 
 /// Takes over the names of another protocol's registers, where they lie as objects here: those of one
 /// register each, by ranges. All else that concerns registers is left out.
-fn shift(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
+fn shift_registers(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
     let ranges = node.tables("shift", &["from", "to", "count"])?;
     if ranges.is_empty() {
         return Ok(());
     }
     let mut moves = Vec::new();
     for range in &ranges {
-        let number = |key| range.between(key, 0, 65_535).map(|n| n.unwrap_or(0));
+        let number = |key| range.integer_between(key, 0, 65_535).map(|n| n.unwrap_or(0));
         moves.push((number("from")?, number("to")?, number("count")?));
     }
     draft.parameters.retain_mut(|p| {
@@ -358,101 +361,107 @@ fn shift(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
     Ok(())
 }
 
-struct Reader {
+struct ProfileReader {
     dialect: &'static Dialect,
 }
 
-impl Reader {
-    fn parameters(&self, draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
+impl ProfileReader {
+    fn read_parameters(
+        &self,
+        draft: &mut Draft,
+        node: &TomlTable<'_, '_>,
+    ) -> Result<(), FileError> {
         let inherited = draft.parameters.len();
         for table in node.tables("parameter", &PARAMETER_KEYS)? {
-            for parameter in self.repeated(&table)? {
-                let same = self.same(&parameter);
+            for parameter in self.read_repeated(&table)? {
+                let same = self.matches(&parameter);
                 match draft.parameters[..inherited].iter().position(same) {
                     Some(at) => draft.parameters[at] = parameter,
                     None => draft.parameters.push(parameter),
                 }
             }
             if draft.parameters.len() > ENTRIES_MAX {
-                return Err(table.place().error(format!("more than {ENTRIES_MAX} parameters")));
+                return Err(table.location().error(format!("more than {ENTRIES_MAX} parameters")));
             }
         }
         Ok(())
     }
 
     /// Whether another entry is this one: its name is, or in a memory the name that the map gives it.
-    fn same(&self, parameter: &DraftParameter) -> impl Fn(&DraftParameter) -> bool + use<> {
-        let (name, symbol) = (words::folded(&parameter.name), words::folded(&parameter.symbol));
-        let memory = self.dialect.protocol == MEMORY;
+    fn matches(&self, parameter: &DraftParameter) -> impl Fn(&DraftParameter) -> bool + use<> {
+        let (name, symbol) = (spelling::fold(&parameter.name), spelling::fold(&parameter.symbol));
+        let memory = self.dialect.protocol == MEMORY_PROTOCOL;
         move |p| {
-            words::folded(&p.name) == name
-                || (memory && !symbol.is_empty() && words::folded(&p.symbol) == symbol)
+            spelling::fold(&p.name) == name
+                || (memory && !symbol.is_empty() && spelling::fold(&p.symbol) == symbol)
         }
     }
 
-    fn repeated(&self, table: &Node<'_, '_>) -> Result<Vec<DraftParameter>, FileError> {
-        let one = self.parameter(table)?;
+    fn read_repeated(&self, table: &TomlTable<'_, '_>) -> Result<Vec<DraftParameter>, FileError> {
+        let one = self.read_parameter(table)?;
         let Some(repeat) = table.table("repeat", &["count", "stride"])? else {
             return Ok(vec![one]);
         };
-        let count = repeat.between("count", 1, ENTRIES_MAX as i64)?.unwrap_or(1);
-        let stride = repeat.between("stride", 0, 65535)?.unwrap_or(1);
+        let count = repeat.integer_between("count", 1, ENTRIES_MAX as i64)?.unwrap_or(1);
+        let stride = repeat.integer_between("stride", 0, 65535)?.unwrap_or(1);
         let nth = |n: i64| {
             let index = u16::try_from(i64::from(one.index) + n * stride).map_err(|_| {
-                repeat.place().error(format!("repetition {} is beyond index 65535", n + 1))
+                repeat.location().error(format!("repetition {} is beyond index 65535", n + 1))
             })?;
-            Ok(filled(&one, n + 1, index))
+            Ok(fill_repeated(&one, n + 1, index))
         };
         (0..count).map(nth).collect()
     }
 
-    fn parameter(&self, table: &Node<'_, '_>) -> Result<DraftParameter, FileError> {
-        let encoding = optional(table, "encoding", &ENCODINGS)?.unwrap_or(self.dialect.encoding);
+    fn read_parameter(&self, table: &TomlTable<'_, '_>) -> Result<DraftParameter, FileError> {
+        let encoding =
+            optional_choice(table, "encoding", &ENCODINGS)?.unwrap_or(self.dialect.encoding);
         let (least, most) = encoding_range(encoding);
-        let index = table.needed_integer("index")?.check(|n| {
+        let index = table.required_integer("index")?.try_map(|n| {
             u16::try_from(n).map_err(|_| format!("`index` is {n}; it must be 0 to 65535"))
         })?;
-        let (factor, times, over) = scale(table)?;
+        let (factor, times, over) = read_scale(table)?;
         Ok(DraftParameter {
-            place: table.place(),
-            name: table.needed_text("name")?.check(filled_in)?,
-            symbol: plain(table, "symbol")?,
-            about: plain(table, "about")?,
-            space: self.space(table)?,
+            location: table.location(),
+            name: table.required_text("name")?.try_map(check_name)?,
+            symbol: optional_text(table, "symbol")?,
+            about: optional_text(table, "about")?,
+            space: self.read_space(table)?,
             index,
             encoding,
-            unit: unit(table)?,
+            unit: read_unit(table)?,
             factor,
             times,
             over,
-            min: table.between("min", least, most)?.unwrap_or(least),
-            max: table.between("max", least, most)?.unwrap_or(most),
-            default: table.between("default", least, most)?,
-            access: optional(table, "access", &ACCESSES)?.unwrap_or(Access::ReadWrite),
-            persistence: optional(table, "persistence", &PERSISTENCES)?
+            min: table.integer_between("min", least, most)?.unwrap_or(least),
+            max: table.integer_between("max", least, most)?.unwrap_or(most),
+            default: table.integer_between("default", least, most)?,
+            access: optional_choice(table, "access", &ACCESSES)?.unwrap_or(Access::ReadWrite),
+            persistence: optional_choice(table, "persistence", &PERSISTENCES)?
                 .unwrap_or(Persistence::Volatile),
-            certainty: optional(table, "certainty", &CERTAINTIES)?.unwrap_or(Certainty::Documented),
-            moves: table.flag("moves")?,
-            section: plain(table, "section")?,
-            values: values(table)?,
+            certainty: optional_choice(table, "certainty", &CERTAINTIES)?
+                .unwrap_or(Certainty::Documented),
+            moves: table.boolean("moves")?,
+            section: optional_text(table, "section")?,
+            values: read_values(table)?,
         })
     }
 
-    fn space(&self, table: &Node<'_, '_>) -> Result<u8, FileError> {
+    fn read_space(&self, table: &TomlTable<'_, '_>) -> Result<u8, FileError> {
         let spaces = self.dialect.spaces;
         let sub = table.integer("sub")?;
-        if let Some(sub) = sub.filter(|_| self.dialect.protocol == OBJECTS) {
-            return sub.check(|n| {
+        if let Some(sub) = sub.filter(|_| self.dialect.protocol == OBJECT_PROTOCOL) {
+            return sub.try_map(|n| {
                 u8::try_from(n).map_err(|_| format!("`sub` is {n}; it must be 0 to 255"))
             });
         }
-        optional(table, "space", spaces).map(|space| space.unwrap_or(spaces[0].1))
+        optional_choice(table, "space", spaces).map(|space| space.unwrap_or(spaces[0].1))
     }
 
-    fn faults(&self, draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
+    fn read_faults(&self, draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
         let inherited = draft.faults.len();
         for table in node.tables("fault", &FAULT_KEYS)? {
-            let fault = fault(&table)?;
+            let fault = read_fault(&table)?;
             let same = |f: &DraftFault| f.code == fault.code || f.name == fault.name;
             match draft.faults[..inherited].iter().position(same) {
                 Some(at) => draft.faults[at] = fault,
@@ -464,12 +473,13 @@ impl Reader {
 }
 
 /// The `n`th of a repeated parameter, `{n}` and `{index}` filled in.
-fn filled(one: &DraftParameter, n: i64, index: u16) -> DraftParameter {
+fn fill_repeated(one: &DraftParameter, n: i64, index: u16) -> DraftParameter {
     let fill = |text: &String| {
         text.replace("{n}", &n.to_string()).replace("{index}", &format!("{index:X}"))
     };
-    let fill_name = |name: &Option<Found<String>>| {
-        name.as_ref().map(|name| Found { value: fill(&name.value), place: name.place.clone() })
+    let fill_name = |name: &Option<Located<String>>| {
+        name.as_ref()
+            .map(|name| Located { value: fill(&name.value), location: name.location.clone() })
     };
     DraftParameter {
         name: fill(&one.name),
@@ -482,54 +492,54 @@ fn filled(one: &DraftParameter, n: i64, index: u16) -> DraftParameter {
     }
 }
 
-fn filled_in(name: String) -> Result<String, String> {
+fn check_name(name: String) -> Result<String, String> {
     if name.trim().is_empty() {
         return Err("a parameter needs a name".into());
     }
     Ok(name)
 }
 
-fn plain(table: &Node<'_, '_>, key: &str) -> Result<String, FileError> {
+fn optional_text(table: &TomlTable<'_, '_>, key: &str) -> Result<String, FileError> {
     Ok(table.text(key)?.map(|found| found.value).unwrap_or_default())
 }
 
-fn optional<T: Copy>(
-    table: &Node<'_, '_>,
+fn optional_choice<T: Copy>(
+    table: &TomlTable<'_, '_>,
     key: &str,
     words: &[(&str, T)],
 ) -> Result<Option<T>, FileError> {
-    table.text(key)?.map(|found| found.check(|word| choice(&word, words))).transpose()
+    table.text(key)?.map(|found| found.try_map(|word| parse_choice(&word, words))).transpose()
 }
 
-fn unit(table: &Node<'_, '_>) -> Result<Unit, FileError> {
+fn read_unit(table: &TomlTable<'_, '_>) -> Result<Unit, FileError> {
     let Some(found) = table.text("unit")? else { return Ok(Unit::None) };
-    found.check(|word| choice(&word, &Unit::ALL.map(|unit| (unit.symbol(), unit))))
+    found.try_map(|word| parse_choice(&word, &Unit::ALL.map(|unit| (unit.symbol(), unit))))
 }
 
-type ScaleParts = (f64, Option<Found<String>>, Option<Found<String>>);
+type ScaleParts = (f64, Option<Located<String>>, Option<Located<String>>);
 
-fn scale(table: &Node<'_, '_>) -> Result<ScaleParts, FileError> {
+fn read_scale(table: &TomlTable<'_, '_>) -> Result<ScaleParts, FileError> {
     let (factor, times, over) = if table.is_table("scale") {
         match table.table("scale", &["factor", "times", "over"])? {
-            Some(node) => (node.real("factor")?, node.text("times")?, node.text("over")?),
+            Some(node) => (node.float("factor")?, node.text("times")?, node.text("over")?),
             None => (None, None, None),
         }
     } else {
-        (table.real("scale")?, None, None)
+        (table.float("scale")?, None, None)
     };
     let factor = factor.map(|found| {
-        found.check(|f| if f == 0.0 { Err("a scale cannot be 0".into()) } else { Ok(f) })
+        found.try_map(|f| if f == 0.0 { Err("a scale cannot be 0".into()) } else { Ok(f) })
     });
     Ok((factor.transpose()?.unwrap_or(1.0), times, over))
 }
 
-fn values(table: &Node<'_, '_>) -> Result<Vec<(i64, String)>, FileError> {
+fn read_values(table: &TomlTable<'_, '_>) -> Result<Vec<(i64, String)>, FileError> {
     let Some(node) = table.table("values", &[])? else { return Ok(Vec::new()) };
     let mut values = Vec::new();
     for key in node.keys() {
-        let word = node.needed_text(key.value)?.value;
-        let raw = key.check(|key| {
-            number(key).ok_or_else(|| format!("`{key}` is not a whole number, decimal or 0x"))
+        let word = node.required_text(key.value)?.value;
+        let raw = key.try_map(|key| {
+            parse_number(key).ok_or_else(|| format!("`{key}` is not a whole number, decimal or 0x"))
         })?;
         values.push((raw, word));
     }
@@ -537,22 +547,22 @@ fn values(table: &Node<'_, '_>) -> Result<Vec<(i64, String)>, FileError> {
     Ok(values)
 }
 
-fn fault(table: &Node<'_, '_>) -> Result<DraftFault, FileError> {
+fn read_fault(table: &TomlTable<'_, '_>) -> Result<DraftFault, FileError> {
     let code = table
-        .needed_integer("code")?
-        .check(|n| u32::try_from(n).map_err(|_| format!("`code` is {n}; it must fit 32 bits")))?;
+        .required_integer("code")?
+        .try_map(|n| u32::try_from(n).map_err(|_| format!("`code` is {n}; it must fit 32 bits")))?;
     Ok(DraftFault {
-        place: table.place(),
+        location: table.location(),
         code,
-        name: table.needed_text("name")?.value,
-        text: table.needed_text("text")?.value,
-        cause: plain(table, "cause")?,
-        remedy: plain(table, "remedy")?,
-        severity: optional(table, "severity", &SEVERITIES)?.unwrap_or(Severity::Fault),
+        name: table.required_text("name")?.value,
+        text: table.required_text("text")?.value,
+        cause: optional_text(table, "cause")?,
+        remedy: optional_text(table, "remedy")?,
+        severity: optional_choice(table, "severity", &SEVERITIES)?.unwrap_or(Severity::Fault),
     })
 }
 
-fn signals(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
+fn read_signals(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
     // A bare TOML key holds no space: `target-velocity` is as good as `"target velocity"`.
     let bare = Signal::ALL.map(|signal| signal.name().replace(' ', "-"));
     let names: Vec<&str> =
@@ -563,7 +573,7 @@ fn signals(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
         if !table.has(key) {
             continue;
         }
-        let source = source(&table, key, signal)?;
+        let source = read_signal_source(&table, key, signal)?;
         match draft.signals.iter_mut().find(|s| s.signal == signal) {
             Some(old) => *old = source,
             None => draft.signals.push(source),
@@ -572,23 +582,27 @@ fn signals(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
     Ok(())
 }
 
-fn source(table: &Node<'_, '_>, key: &str, signal: Signal) -> Result<DraftSignal, FileError> {
+fn read_signal_source(
+    table: &TomlTable<'_, '_>,
+    key: &str,
+    signal: Signal,
+) -> Result<DraftSignal, FileError> {
     if !table.is_table(key) {
-        let parameter = table.needed_text(key)?;
+        let parameter = table.required_text(key)?;
         return Ok(DraftSignal { signal, parameter, mask: -1, equals: None, values: Vec::new() });
     }
     let keys = ["parameter", "mask", "equals", "values"];
-    let node = table.table(key, &keys)?.ok_or_else(|| table.place().error("not a table"))?;
+    let node = table.table(key, &keys)?.ok_or_else(|| table.location().error("not a table"))?;
     Ok(DraftSignal {
         signal,
-        parameter: node.needed_text("parameter")?,
+        parameter: node.required_text("parameter")?,
         mask: node.integer("mask")?.map_or(-1, |found| found.value),
         equals: node.integer("equals")?.map(|found| found.value),
-        values: values(&node)?,
+        values: read_values(&node)?,
     })
 }
 
-fn plans(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
+fn read_plans(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
     let names = Verb::ALL.map(Verb::name);
     let Some(table) = node.table("plans", &names)? else { return Ok(()) };
     for verb in Verb::ALL.into_iter().filter(|verb| table.has(verb.name())) {
@@ -596,12 +610,12 @@ fn plans(draft: &mut Draft, node: &Node<'_, '_>) -> Result<(), FileError> {
         let Some(node) = table.table(verb.name(), &keys)? else { continue };
         let steps = node.texts("steps")?;
         if steps.is_empty() {
-            return Err(node.place().error("a plan needs `steps`"));
+            return Err(node.location().error("a plan needs `steps`"));
         }
         let plan = DraftPlan {
-            place: node.place(),
+            location: node.location(),
             verb,
-            source: plain(&node, "source")?,
+            source: optional_text(&node, "source")?,
             steps: steps.iter().map(step::parse).collect::<Result<_, _>>()?,
             undo: node.texts("undo")?.iter().map(step::parse).collect::<Result<_, _>>()?,
         };

@@ -2,24 +2,24 @@
 
 use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal, DraftStep,
-    DraftWatchdog, Named,
+    DraftWatchdog, ParameterName,
 };
-use super::read::{MEMORY, encoding_range};
+use super::read::{MEMORY_PROTOCOL, encoding_range};
 use super::step;
 use super::stops::with_stop;
-use crate::file::{FileError, Place};
-use crate::words::{folded, hint};
-use polepair_core::plan::{Compare, Operand, Plan, STEPS_MAX, Step, Test};
+use crate::spelling::{fold, suggestion};
+use crate::toml_file::{FileError, FileLocation};
+use polepair_core::plan::{Compare, Operand, ParameterTest, Plan, STEPS_MAX, Step};
 use polepair_core::profile::{
-    Access, Ask, Fault, Identity, Parameter, ParameterId, Profile, RamMode, Scale, SignalSource,
-    Watchdog,
+    Access, Fault, Identity, IdentityQuery, Parameter, ParameterId, Profile, RamMode, Scale,
+    SignalSource, Watchdog,
 };
 use std::collections::HashMap;
 
 /// Checks the draft and leaks what it says.
-pub(crate) fn profile(draft: &Draft) -> Result<&'static Profile, FileError> {
-    let draft = &with_stop(in_order(draft));
-    let names = Names::of(draft)?;
+pub(crate) fn resolve_profile(draft: &Draft) -> Result<&'static Profile, FileError> {
+    let draft = &with_stop(sort_memory(draft));
+    let names = NameResolver::number_parameters(draft)?;
     draft.parameters.iter().try_for_each(check_parameter)?;
     check_faults(&draft.faults)?;
     let parameters = draft.parameters.iter().map(|p| names.parameter(p));
@@ -30,47 +30,47 @@ pub(crate) fn profile(draft: &Draft) -> Result<&'static Profile, FileError> {
     let mut signals = signals.collect::<Result<Vec<_>, _>>()?;
     signals.sort_by_key(|source| source.signal);
     Ok(Box::leak(Box::new(Profile {
-        name: kept(&draft.name),
-        family: kept(&draft.family),
-        protocol: kept(&draft.protocol),
-        title: kept(&draft.title),
-        source: kept(&draft.source),
+        name: leak_text(&draft.name),
+        family: leak_text(&draft.family),
+        protocol: leak_text(&draft.protocol),
+        title: leak_text(&draft.title),
+        source: leak_text(&draft.source),
         axis: draft.axis,
         parameters: parameters.collect::<Result<Vec<_>, _>>()?.leak(),
-        faults: draft.faults.iter().map(fault).collect::<Vec<_>>().leak(),
+        faults: draft.faults.iter().map(resolve_fault).collect::<Vec<_>>().leak(),
         signals: signals.leak(),
         plans: plans.collect::<Result<Vec<_>, _>>()?.leak(),
         ram: draft.ram.as_ref().map(|ram| names.ram(ram)).transpose()?,
-        reach: names.reach(&draft.reach)?.leak(),
+        link_settings: names.reach(&draft.reach)?.leak(),
         optional: names.optional(&draft.optional)?.leak(),
         identity: draft.identity.as_ref().map(|it| names.identity(it)).transpose()?,
         watchdog: names.watchdog(&draft.watchdog)?,
         reply_timeout_ms: draft.reply_timeout_ms,
-        caution: kept(&draft.caution),
+        caution: leak_text(&draft.caution),
     })))
 }
 
 /// A memory in the order of its addresses, of names that share one the described first: whoever has
 /// an address finds its name by halving.
-fn in_order(draft: &Draft) -> Draft {
+fn sort_memory(draft: &Draft) -> Draft {
     let mut draft = draft.clone();
-    if draft.protocol == MEMORY {
+    if draft.protocol == MEMORY_PROTOCOL {
         draft.parameters.sort_by_key(|p| (p.space, p.index, p.about.is_empty()));
     }
     draft
 }
 
-fn kept(text: &str) -> &'static str {
+fn leak_text(text: &str) -> &'static str {
     if text.is_empty() { "" } else { text.to_owned().leak() }
 }
 
-fn fault(f: &DraftFault) -> Fault {
+fn resolve_fault(f: &DraftFault) -> Fault {
     Fault {
         code: f.code,
-        name: kept(&f.name),
-        text: kept(&f.text),
-        cause: kept(&f.cause),
-        remedy: kept(&f.remedy),
+        name: leak_text(&f.name),
+        text: leak_text(&f.text),
+        cause: leak_text(&f.cause),
+        remedy: leak_text(&f.remedy),
         severity: f.severity,
     }
 }
@@ -79,7 +79,7 @@ fn check_faults(faults: &[DraftFault]) -> Result<(), FileError> {
     for (at, fault) in faults.iter().enumerate() {
         if faults[..at].iter().any(|other| other.code == fault.code) {
             let reason = format!("a second fault of code {:#x}: `{}`", fault.code, fault.name);
-            return Err(fault.place.error(reason));
+            return Err(fault.location.error(reason));
         }
     }
     Ok(())
@@ -90,97 +90,101 @@ fn check_parameter(p: &DraftParameter) -> Result<(), FileError> {
     let name = &p.name;
     if p.min > p.max {
         let reason = format!("`{name}`: min {} is greater than max {}", p.min, p.max);
-        return Err(p.place.error(reason));
+        return Err(p.location.error(reason));
     }
     if p.min < least || p.max > most {
         let reason = format!("`{name}`: {} to {} does not fit its encoding", p.min, p.max);
-        return Err(p.place.error(reason));
+        return Err(p.location.error(reason));
     }
     let written = p.access != Access::Read;
     if let Some(default) = p.default.filter(|d| written && !(p.min..=p.max).contains(d)) {
         let reason = format!("`{name}`: default {default} is not within {} to {}", p.min, p.max);
-        return Err(p.place.error(reason));
+        return Err(p.location.error(reason));
     }
     if let Some((raw, word)) = p.values.iter().find(|(raw, _)| !(least..=most).contains(raw)) {
         let reason = format!("`{name}`: value {raw} (`{word}`) does not fit its encoding");
-        return Err(p.place.error(reason));
+        return Err(p.location.error(reason));
     }
     Ok(())
 }
 
 /// What a step or a signal does with a parameter.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Use {
+enum RequiredAccess {
     Read,
     Write,
 }
 
-struct Names<'a> {
+struct NameResolver<'a> {
     draft: &'a Draft,
     ids: HashMap<String, u16>,
 }
 
-impl<'a> Names<'a> {
+impl<'a> NameResolver<'a> {
     /// Numbers the parameters; two may share neither name, nor symbol, nor, but in a memory, place on
     /// the wire.
-    fn of(draft: &'a Draft) -> Result<Self, FileError> {
+    fn number_parameters(draft: &'a Draft) -> Result<Self, FileError> {
         let mut ids = HashMap::new();
         let mut wires = HashMap::new();
         for (at, p) in draft.parameters.iter().enumerate() {
-            let id = u16::try_from(at).map_err(|_| p.place.error("too many parameters"))?;
+            let id = u16::try_from(at).map_err(|_| p.location.error("too many parameters"))?;
             let other = wires.insert((p.space, p.index), &p.name);
-            if let Some(other) = other.filter(|_| draft.protocol != MEMORY) {
+            if let Some(other) = other.filter(|_| draft.protocol != MEMORY_PROTOCOL) {
                 let reason = format!("`{}` has the space and index of `{other}`", p.name);
-                return Err(p.place.error(reason));
+                return Err(p.location.error(reason));
             }
-            let mut labels = vec![folded(&p.name), folded(&p.symbol)];
+            let mut labels = vec![fold(&p.name), fold(&p.symbol)];
             labels.dedup();
             for label in labels.into_iter().filter(|label| !label.is_empty()) {
                 if let Some(other) = ids.insert(label, id) {
                     let other = &draft.parameters[usize::from(other)].name;
                     let reason = format!("`{}` ({}) is called as `{other}` is", p.name, p.symbol);
-                    return Err(p.place.error(reason));
+                    return Err(p.location.error(reason));
                 }
             }
         }
         Ok(Self { draft, ids })
     }
 
-    fn id(&self, name: &Named) -> Result<ParameterId, FileError> {
-        let known = self.ids.get(&folded(&name.value));
+    fn id(&self, name: &ParameterName) -> Result<ParameterId, FileError> {
+        let known = self.ids.get(&fold(&name.value));
         known.copied().map(ParameterId).ok_or_else(|| {
             let names = self.draft.parameters.iter().map(|p| p.name.as_str());
-            let hint = hint(&name.value, names);
-            name.place.error(format!("no parameter is called `{}`{hint}", name.value))
+            let hint = suggestion(&name.value, names);
+            name.location.error(format!("no parameter is called `{}`{hint}", name.value))
         })
     }
 
-    fn entry(&self, id: ParameterId) -> &DraftParameter {
+    fn draft_parameter(&self, id: ParameterId) -> &DraftParameter {
         &self.draft.parameters[usize::from(id.0)]
     }
 
-    fn used(&self, name: &Named, uses: &[Use]) -> Result<ParameterId, FileError> {
+    fn resolve_use(
+        &self,
+        name: &ParameterName,
+        uses: &[RequiredAccess],
+    ) -> Result<ParameterId, FileError> {
         let id = self.id(name)?;
-        let access = self.entry(id).access;
-        if uses.contains(&Use::Write) && access == Access::Read {
-            return Err(name.place.error(format!("`{}` can only be read", name.value)));
+        let access = self.draft_parameter(id).access;
+        if uses.contains(&RequiredAccess::Write) && access == Access::Read {
+            return Err(name.location.error(format!("`{}` can only be read", name.value)));
         }
-        if uses.contains(&Use::Read) && access == Access::Write {
-            return Err(name.place.error(format!("`{}` can only be written", name.value)));
+        if uses.contains(&RequiredAccess::Read) && access == Access::Write {
+            return Err(name.location.error(format!("`{}` can only be written", name.value)));
         }
         Ok(id)
     }
 
     fn parameter(&self, p: &DraftParameter) -> Result<Parameter, FileError> {
-        let reference = |name: &Option<Named>| {
-            name.as_ref().map(|name| self.used(name, &[Use::Read])).transpose()
+        let reference = |name: &Option<ParameterName>| {
+            name.as_ref().map(|name| self.resolve_use(name, &[RequiredAccess::Read])).transpose()
         };
         let scale =
             Scale { factor: p.factor, times: reference(&p.times)?, over: reference(&p.over)? };
         Ok(Parameter {
-            name: kept(&p.name),
-            symbol: kept(&p.symbol),
-            about: kept(&p.about),
+            name: leak_text(&p.name),
+            symbol: leak_text(&p.symbol),
+            about: leak_text(&p.about),
             space: p.space,
             index: p.index,
             encoding: p.encoding,
@@ -193,45 +197,48 @@ impl<'a> Names<'a> {
             persistence: p.persistence,
             certainty: p.certainty,
             moves: p.moves,
-            section: kept(&p.section),
-            values: words(&p.values),
+            section: leak_text(&p.section),
+            values: leak_words(&p.values),
         })
     }
 
     fn signal(&self, s: &DraftSignal) -> Result<SignalSource, FileError> {
-        let parameter = self.used(&s.parameter, &[Use::Read])?;
+        let parameter = self.resolve_use(&s.parameter, &[RequiredAccess::Read])?;
         if s.equals.is_some_and(|value| value & !s.mask != 0) {
-            return Err(s.parameter.place.error("`equals` has bits that `mask` takes away"));
+            return Err(s.parameter.location.error("`equals` has bits that `mask` takes away"));
         }
         if let Some((raw, word)) = s.values.iter().find(|(raw, _)| raw & !s.mask != 0) {
             let what = format!("`{word}` names {raw:#x}, which has bits that `mask` takes away");
-            return Err(s.parameter.place.error(what));
+            return Err(s.parameter.location.error(what));
         }
-        let (mask, equals, values) = (s.mask, s.equals, words(&s.values));
+        let (mask, equals, values) = (s.mask, s.equals, leak_words(&s.values));
         Ok(SignalSource { signal: s.signal, parameter, mask, equals, values })
     }
 
     fn identity(&self, identity: &DraftIdentity) -> Result<Identity, FileError> {
         let ask = match &identity.parameter {
-            Some(name) => Ask::Parameter(self.used(name, &[Use::Read])?),
-            None => Ask::Text(kept(&identity.text)),
+            Some(name) => {
+                IdentityQuery::Parameter(self.resolve_use(name, &[RequiredAccess::Read])?)
+            }
+            None => IdentityQuery::Text(leak_text(&identity.text)),
         };
         let DraftIdentity { mask, equals, firmware, .. } = *identity;
-        Ok(Identity { ask, mask, equals, firmware })
+        Ok(Identity { query: ask, mask, equals, firmware })
     }
 
     fn ram(&self, mode: &DraftRam) -> Result<RamMode, FileError> {
-        let parameter = self.used(&mode.parameter, &[Use::Read, Use::Write])?;
-        self.in_range(parameter, mode.ram, &mode.parameter.place)?;
-        self.in_range(parameter, mode.flash, &mode.parameter.place)?;
+        let parameter =
+            self.resolve_use(&mode.parameter, &[RequiredAccess::Read, RequiredAccess::Write])?;
+        self.check_range(parameter, mode.ram, &mode.parameter.location)?;
+        self.check_range(parameter, mode.flash, &mode.parameter.location)?;
         Ok(RamMode { parameter, ram: mode.ram, flash: mode.flash })
     }
 
-    fn reach(&self, reach: &[Named]) -> Result<Vec<ParameterId>, FileError> {
-        reach.iter().map(|name| self.used(name, &[Use::Write])).collect()
+    fn reach(&self, reach: &[ParameterName]) -> Result<Vec<ParameterId>, FileError> {
+        reach.iter().map(|name| self.resolve_use(name, &[RequiredAccess::Write])).collect()
     }
 
-    fn optional(&self, optional: &[Named]) -> Result<Vec<ParameterId>, FileError> {
+    fn optional(&self, optional: &[ParameterName]) -> Result<Vec<ParameterId>, FileError> {
         optional.iter().map(|name| self.id(name)).collect()
     }
 
@@ -240,12 +247,17 @@ impl<'a> Names<'a> {
             DraftWatchdog::None => Watchdog::None,
             DraftWatchdog::Fixed(after_ms) => Watchdog::Fixed { after_ms: *after_ms },
             DraftWatchdog::Configurable { parameter, on_can } => Watchdog::Configurable {
-                parameter: self.used(parameter, &[Use::Write])?,
-                on_can: on_can.as_ref().map(|name| self.used(name, &[Use::Write])).transpose()?,
+                parameter: self.resolve_use(parameter, &[RequiredAccess::Write])?,
+                on_can: on_can
+                    .as_ref()
+                    .map(|name| self.resolve_use(name, &[RequiredAccess::Write]))
+                    .transpose()?,
             },
             DraftWatchdog::Heartbeat { consumer, reaction } => Watchdog::Heartbeat {
-                consumer: self.used(consumer, &[Use::Read, Use::Write])?,
-                reaction: self.used(reaction, &[Use::Read, Use::Write])?,
+                consumer: self
+                    .resolve_use(consumer, &[RequiredAccess::Read, RequiredAccess::Write])?,
+                reaction: self
+                    .resolve_use(reaction, &[RequiredAccess::Read, RequiredAccess::Write])?,
             },
         })
     }
@@ -253,75 +265,82 @@ impl<'a> Names<'a> {
     fn plan(&self, plan: &DraftPlan) -> Result<Plan, FileError> {
         if plan.steps.len() + plan.undo.len() > STEPS_MAX {
             let reason = format!("`{}` has more than {STEPS_MAX} steps", plan.verb.name());
-            return Err(plan.place.error(reason));
+            return Err(plan.location.error(reason));
         }
         for step in plan.steps.iter().chain(&plan.undo) {
             let (DraftStep::Write(_, operand, _) | DraftStep::Send { operand, .. }) = step else {
                 continue;
             };
-            if let Operand::Argument(argument) | Operand::Given(argument) = *operand
-                && !plan.verb.takes(argument)
+            if let Operand::Argument(argument) | Operand::OptionalArgument(argument) = *operand
+                && !plan.verb.accepts(argument)
             {
-                let (verb, word) = (plan.verb.name(), step::word(argument));
-                return Err(plan.place.error(format!("`{verb}` is never given a `{{{word}}}`")));
+                let (verb, word) = (plan.verb.name(), step::argument_word(argument));
+                return Err(plan.location.error(format!("`{verb}` is never given a `{{{word}}}`")));
             }
         }
         let steps = |drafts: &[DraftStep]| -> Result<&'static [Step], FileError> {
             Ok(drafts.iter().map(|step| self.step(step)).collect::<Result<Vec<_>, _>>()?.leak())
         };
         let (steps, undo) = (steps(&plan.steps)?, steps(&plan.undo)?);
-        Ok(Plan { verb: plan.verb, source: kept(&plan.source), steps, undo })
+        Ok(Plan { verb: plan.verb, source: leak_text(&plan.source), steps, undo })
     }
 
     fn step(&self, step: &DraftStep) -> Result<Step, FileError> {
-        let both = [Use::Read, Use::Write];
+        let both = [RequiredAccess::Read, RequiredAccess::Write];
         Ok(match step {
             DraftStep::Write(name, operand, place) => {
-                let id = self.used(name, &[Use::Write])?;
-                if let Operand::Is(raw) = operand {
-                    self.in_range(id, *raw, place)?;
+                let id = self.resolve_use(name, &[RequiredAccess::Write])?;
+                if let Operand::Constant(raw) = operand {
+                    self.check_range(id, *raw, place)?;
                 }
                 Step::Write(id, *operand)
             }
             DraftStep::Ensure(name, raw, place) => {
-                let id = self.used(name, &both)?;
-                self.in_range(id, *raw, place)?;
+                let id = self.resolve_use(name, &both)?;
+                self.check_range(id, *raw, place)?;
                 Step::Ensure(id, *raw)
             }
-            DraftStep::Read(name) => Step::Read(self.used(name, &[Use::Read])?),
+            DraftStep::Read(name) => Step::Read(self.resolve_use(name, &[RequiredAccess::Read])?),
             DraftStep::Copy { from, to } => {
-                let from = self.used(from, &[Use::Read])?;
-                Step::Copy { from, to: self.used(to, &[Use::Write])? }
+                let from = self.resolve_use(from, &[RequiredAccess::Read])?;
+                Step::Copy { from, to: self.resolve_use(to, &[RequiredAccess::Write])? }
             }
             DraftStep::Require { read, test, hint } => {
-                let id = self.tested(read, test)?;
-                Step::Require { read: id, test: *test, hint: kept(hint) }
+                let id = self.resolve_test(read, test)?;
+                Step::Require { read: id, test: *test, hint: leak_text(hint) }
             }
             DraftStep::Skip { read, test, count } => {
-                let id = self.tested(read, test)?;
+                let id = self.resolve_test(read, test)?;
                 Step::Skip { read: id, test: *test, count: *count }
             }
-            DraftStep::Without { read, count } => {
-                Step::Without { read: self.used(read, &[Use::Read])?, count: *count }
-            }
-            DraftStep::NoFault { read, mask } => {
-                Step::NoFault { read: self.used(read, &[Use::Read])?, mask: *mask }
-            }
+            DraftStep::Without { read, count } => Step::SkipIfMissing {
+                read: self.resolve_use(read, &[RequiredAccess::Read])?,
+                count: *count,
+            },
+            DraftStep::NoFault { read, mask } => Step::NoFault {
+                read: self.resolve_use(read, &[RequiredAccess::Read])?,
+                mask: *mask,
+            },
             DraftStep::Until { read, test, within_ms } => {
-                let id = self.tested(read, test)?;
+                let id = self.resolve_test(read, test)?;
                 Step::Until { read: id, test: *test, within_ms: *within_ms }
             }
             DraftStep::Send { function, index, operand, like } => {
                 let like = like.as_ref().map(|name| self.id(name)).transpose()?;
                 Step::Send { function: *function, index: *index, operand: *operand, like }
             }
-            DraftStep::Keep(name) => Step::Keep(self.id(name)?),
+            DraftStep::Keep(name) => Step::Store(self.id(name)?),
             DraftStep::Wait { ms } => Step::Wait { ms: *ms },
         })
     }
 
-    fn in_range(&self, id: ParameterId, raw: i64, place: &Place) -> Result<(), FileError> {
-        let p = self.entry(id);
+    fn check_range(
+        &self,
+        id: ParameterId,
+        raw: i64,
+        place: &FileLocation,
+    ) -> Result<(), FileError> {
+        let p = self.draft_parameter(id);
         if (p.min..=p.max).contains(&raw) {
             return Ok(());
         }
@@ -329,8 +348,12 @@ impl<'a> Names<'a> {
     }
 
     /// A test that no value can pass is a mistake in the file.
-    fn tested(&self, name: &Named, test: &Test) -> Result<ParameterId, FileError> {
-        let id = self.used(name, &[Use::Read])?;
+    fn resolve_test(
+        &self,
+        name: &ParameterName,
+        test: &ParameterTest,
+    ) -> Result<ParameterId, FileError> {
+        let id = self.resolve_use(name, &[RequiredAccess::Read])?;
         let never = match test.compare {
             Compare::Equal => test.value & !test.mask != 0,
             Compare::NotEqual => false,
@@ -339,13 +362,13 @@ impl<'a> Names<'a> {
         };
         if never {
             let reason = format!("nothing that is masked so can be {:#x}", test.value);
-            return Err(name.place.error(reason));
+            return Err(name.location.error(reason));
         }
         Ok(id)
     }
 }
 
-fn words(values: &[(i64, String)]) -> &'static [(i64, &'static str)] {
-    let words: Vec<_> = values.iter().map(|(raw, word)| (*raw, kept(word))).collect();
+fn leak_words(values: &[(i64, String)]) -> &'static [(i64, &'static str)] {
+    let words: Vec<_> = values.iter().map(|(raw, word)| (*raw, leak_text(word))).collect();
     words.leak()
 }

@@ -6,10 +6,10 @@
 //! whose form no source gives: it is not read.
 
 use super::draft::Draft;
-use super::map;
-use super::read::MEMORY;
-use crate::file::{FileError, Place, bytes_of};
-use crate::words::folded;
+use super::memory_map;
+use super::read::MEMORY_PROTOCOL;
+use crate::spelling::fold;
+use crate::toml_file::{FileError, FileLocation, read_limited};
 use polepair_core::profile::{Parameter, Profile};
 use std::collections::HashSet;
 use std::io::{Cursor, Read, Write};
@@ -32,25 +32,25 @@ pub(super) fn is_archive(path: &Path) -> bool {
 }
 
 /// Reads an archive.
-pub(super) fn draft(path: &Path) -> Result<Draft, FileError> {
+pub(super) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
     let file = path.display().to_string();
-    let text = variables(path).map_err(|reason| FileError::whole(&file, reason))?;
-    let place = Place::built_in(&format!("{file}: {VARIABLES}"));
-    let entries = map::entries(&text, false).map_err(|reason| place.error(reason))?;
-    let base = alike(&entries).ok_or_else(|| {
+    let text = read_variables(path).map_err(|reason| FileError::for_file(&file, reason))?;
+    let place = FileLocation::built_in(&format!("{file}: {VARIABLES}"));
+    let entries = memory_map::parse_entries(&text, false).map_err(|reason| place.error(reason))?;
+    let base = most_similar_profile(&entries).ok_or_else(|| {
         place.error("no variable stands where a shipped TML profile has it: is this a TML drive's?")
     })?;
-    let mut draft = Draft::of(base);
-    draft.name = name_of(path);
+    let mut draft = Draft::from_profile(base);
+    draft.name = name_from_path(path);
     draft.title = format!("{} with the set-up of {}", base.title, draft.name);
-    draft.place = place.clone();
-    map::apply_entries(&mut draft, entries, &place);
+    draft.location = place.clone();
+    memory_map::apply_entries(&mut draft, entries, &place);
     Ok(draft)
 }
 
 /// The text of `variables.cfg`; bytes that are no UTF-8 can only stand in comments.
-fn variables(path: &Path) -> Result<String, String> {
-    let file = Cursor::new(bytes_of(path, ARCHIVE_MAX)?);
+fn read_variables(path: &Path) -> Result<String, String> {
+    let file = Cursor::new(read_limited(path, ARCHIVE_MAX)?);
     let mut archive = ZipArchive::new(file).map_err(|e| format!("no archive: {e}"))?;
     if archive.len() > FILES_MAX {
         return Err(format!("more than {FILES_MAX} files in it"));
@@ -70,21 +70,22 @@ fn variables(path: &Path) -> Result<String, String> {
 }
 
 /// The shipped profile that has most names at the same addresses.
-fn alike(entries: &[map::Entry<'_>]) -> Option<&'static Profile> {
+fn most_similar_profile(entries: &[memory_map::MapEntry<'_>]) -> Option<&'static Profile> {
     let places: HashSet<(String, u16)> =
-        entries.iter().map(|entry| (folded(entry.name), entry.address)).collect();
+        entries.iter().map(|entry| (fold(entry.name), entry.address)).collect();
     let common = |profile: &&&'static Profile| {
-        let same = |p: &&Parameter| places.contains(&(folded(p.symbol), p.index));
+        let same = |p: &&Parameter| places.contains(&(fold(p.symbol), p.index));
         profile.parameters.iter().filter(same).count()
     };
-    let memories = polepair_core::drives::profiles().iter().filter(|p| p.protocol == MEMORY);
+    let memories =
+        polepair_core::drives::profiles().iter().filter(|p| p.protocol == MEMORY_PROTOCOL);
     // Of equals the first: maps share most of their names.
     let best = memories.rev().max_by_key(common).copied()?;
     (common(&&best) > 0).then_some(best)
 }
 
 /// `My drive.t.zip` → `my-drive`.
-pub(crate) fn name_of(path: &Path) -> String {
+pub(crate) fn name_from_path(path: &Path) -> String {
     let stem = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     let stem = stem.trim_end_matches(".zip").trim_end_matches(".t");
     let stem = stem.trim_end_matches(".eds").trim_end_matches(".dcf");
@@ -99,26 +100,32 @@ pub(crate) fn name_of(path: &Path) -> String {
 /// [`FileError`] for a profile that is no memory, and for a file that cannot be written.
 pub fn write_setup(profile: &Profile, path: &Path) -> Result<(), FileError> {
     let file = path.display().to_string();
-    if profile.protocol != MEMORY {
+    if profile.protocol != MEMORY_PROTOCOL {
         let reason = format!("`{}` has no memory map: only TML drives have set-ups", profile.name);
-        return Err(FileError::whole(file, reason));
+        return Err(FileError::for_file(file, reason));
     }
     let pack = || -> zip::result::ZipResult<()> {
         let mut archive = ZipWriter::new(std::fs::File::create(path)?);
         archive.start_file(VARIABLES, SimpleFileOptions::default())?;
         writeln!(archive, "# {}", profile.title)?;
         for p in profile.parameters {
-            writeln!(archive, "{} {} @0x{:04X}", map::type_of(p.encoding), p.symbol, p.index)?;
+            writeln!(
+                archive,
+                "{} {} @0x{:04X}",
+                memory_map::type_word(p.encoding),
+                p.symbol,
+                p.index
+            )?;
         }
         archive.finish()?.sync_all()?;
         Ok(())
     };
-    pack().map_err(|e| FileError::whole(file, e.to_string()))
+    pack().map_err(|e| FileError::for_file(file, e.to_string()))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{ARCHIVE_MAX, name_of, write_setup};
+    use super::{ARCHIVE_MAX, name_from_path, write_setup};
     use crate::profile::load;
     use polepair_core::drives::profiles;
     use std::io::Write;
@@ -192,7 +199,7 @@ mod tests {
 
     #[test]
     fn names_of_files_become_names_of_profiles() {
-        assert_eq!(name_of(Path::new("/a/Axis 7.T.ZIP")), "axis-7");
-        assert_eq!(name_of(Path::new(".zip")), "setup");
+        assert_eq!(name_from_path(Path::new("/a/Axis 7.T.ZIP")), "axis-7");
+        assert_eq!(name_from_path(Path::new(".zip")), "setup");
     }
 }

@@ -14,10 +14,10 @@
 //! VALUE is a number, `{target}`, `{velocity}`, `{acceleration}`, `{torque}`, `{jerk-time}`,
 //! `{period}`, or with a question mark, `{velocity?}`, where the step is left out when the caller gives none.
 
-use super::draft::{DraftStep, Named};
-use crate::file::{FileError, Found, Place, number};
-use crate::words;
-use polepair_core::plan::{Argument, Compare, Operand, Test};
+use super::draft::{DraftStep, ParameterName};
+use crate::spelling;
+use crate::toml_file::{FileError, FileLocation, Located, parse_number};
+use polepair_core::plan::{Argument, Compare, Operand, ParameterTest};
 
 /// The longest wait or limit that a step may have: a day, ms.
 pub(crate) const WAIT_MS_MAX: u32 = 86_400_000;
@@ -37,53 +37,56 @@ const ARGUMENTS: [(&str, Argument); 6] = [
 ];
 
 /// How an argument is written.
-pub(crate) fn word(argument: Argument) -> &'static str {
+pub(crate) fn argument_word(argument: Argument) -> &'static str {
     ARGUMENTS.iter().find(|(_, a)| *a == argument).map_or("", |(word, _)| word)
 }
 
 /// Reads one step.
-pub(crate) fn parse(step: &Found<String>) -> Result<DraftStep, FileError> {
+pub(crate) fn parse(step: &Located<String>) -> Result<DraftStep, FileError> {
     // One further than the opening quote: steps hardly ever hold escapes, which would shift this.
-    let whole = Piece { text: &step.value, place: step.place.shifted(1) }.trimmed();
-    let (verb, rest) = whole.cut_at(" ").unwrap_or((whole.clone(), whole.end()));
+    let whole = StepText { text: &step.value, location: step.location.shifted(1) }.trimmed();
+    let (verb, rest) = whole.split_at_mark(" ").unwrap_or((whole.clone(), whole.end()));
     match verb.text {
-        "write" => assignment(&rest).and_then(|(name, value)| {
-            Ok(DraftStep::Write(name, value.operand()?, value.place.clone()))
+        "write" => parse_assignment(&rest).and_then(|(name, value)| {
+            Ok(DraftStep::Write(name, value.operand()?, value.location.clone()))
         }),
-        "ensure" => assignment(&rest)
-            .and_then(|(name, value)| Ok(DraftStep::Ensure(name, value.number()?, value.place))),
-        "read" => Ok(DraftStep::Read(rest.named()?)),
+        "ensure" => parse_assignment(&rest)
+            .and_then(|(name, value)| Ok(DraftStep::Ensure(name, value.number()?, value.location))),
+        "read" => Ok(DraftStep::Read(rest.parameter_name()?)),
         "copy" => {
-            let (from, to) = rest.needed_cut(" -> ", "`copy NAME -> NAME`")?;
-            Ok(DraftStep::Copy { from: from.named()?, to: to.named()? })
+            let (from, to) = rest.require_split(" -> ", "`copy NAME -> NAME`")?;
+            Ok(DraftStep::Copy { from: from.parameter_name()?, to: to.parameter_name()? })
         }
         "require" => {
-            let (test, hint) = rest.needed_cut(" else ", "`require TEST else HINT`")?;
-            let (read, test) = condition(&test)?;
+            let (test, hint) = rest.require_split(" else ", "`require TEST else HINT`")?;
+            let (read, test) = parse_condition(&test)?;
             Ok(DraftStep::Require { read, test, hint: hint.text.to_owned() })
         }
         "skip" => {
             let fits = "a plan, which has 64 steps at most";
-            if let Some((count, name)) = rest.cut_at(" without ") {
-                return Ok(DraftStep::Without { read: name.named()?, count: count.fitting(fits)? });
+            if let Some((count, name)) = rest.split_at_mark(" without ") {
+                return Ok(DraftStep::Without {
+                    read: name.parameter_name()?,
+                    count: count.number_as(fits)?,
+                });
             }
             let form = "`skip COUNT if TEST`, or `skip COUNT without NAME`";
-            let (count, test) = rest.needed_cut(" if ", form)?;
-            let (read, test) = condition(&test)?;
-            Ok(DraftStep::Skip { read, test, count: count.fitting(fits)? })
+            let (count, test) = rest.require_split(" if ", form)?;
+            let (read, test) = parse_condition(&test)?;
+            Ok(DraftStep::Skip { read, test, count: count.number_as(fits)? })
         }
-        "no-fault" => masked(&rest).map(|(read, mask)| DraftStep::NoFault { read, mask }),
+        "no-fault" => parse_masked(&rest).map(|(read, mask)| DraftStep::NoFault { read, mask }),
         "until" => {
             let form = "`until TEST within TIME`, such as `within 5 s`";
-            let (test, time) = rest.needed_last_cut(" within ", form)?;
-            let (read, test) = condition(&test)?;
+            let (test, time) = rest.require_last_split(" within ", form)?;
+            let (read, test) = parse_condition(&test)?;
             Ok(DraftStep::Until { read, test, within_ms: time.milliseconds()? })
         }
-        "send" => send(&rest),
-        "keep" => Ok(DraftStep::Keep(rest.named()?)),
+        "send" => parse_send(&rest),
+        "keep" => Ok(DraftStep::Keep(rest.parameter_name()?)),
         "wait" => Ok(DraftStep::Wait { ms: rest.milliseconds()? }),
         other => {
-            let hint = words::hint(other, VERBS);
+            let hint = spelling::suggestion(other, VERBS);
             Err(verb.error(format!("a step cannot begin with `{other}`{hint}")))
         }
     }
@@ -91,78 +94,78 @@ pub(crate) fn parse(step: &Found<String>) -> Result<DraftStep, FileError> {
 
 /// A part of a step and where it stands.
 #[derive(Clone, Debug)]
-struct Piece<'a> {
+struct StepText<'a> {
     text: &'a str,
-    place: Place,
+    location: FileLocation,
 }
 
-impl<'a> Piece<'a> {
+impl<'a> StepText<'a> {
     fn error(&self, reason: impl Into<String>) -> FileError {
-        self.place.error(reason)
+        self.location.error(reason)
     }
 
-    fn from(&self, at: usize, to: usize) -> Self {
-        let place = self.place.shifted(self.text[..at].chars().count());
-        Self { text: &self.text[at..to], place }
+    fn slice(&self, at: usize, to: usize) -> Self {
+        let place = self.location.shifted(self.text[..at].chars().count());
+        Self { text: &self.text[at..to], location: place }
     }
 
     fn trimmed(&self) -> Self {
         let start = self.text.len() - self.text.trim_start().len();
-        self.from(start, start + self.text.trim().len())
+        self.slice(start, start + self.text.trim().len())
     }
 
     fn end(&self) -> Self {
-        self.from(self.text.len(), self.text.len())
+        self.slice(self.text.len(), self.text.len())
     }
 
     fn split(&self, at: usize, len: usize) -> (Self, Self) {
-        let after = self.from(at + len, self.text.len());
-        (self.from(0, at).trimmed(), after.trimmed())
+        let after = self.slice(at + len, self.text.len());
+        (self.slice(0, at).trimmed(), after.trimmed())
     }
 
-    fn cut_at(&self, mark: &str) -> Option<(Self, Self)> {
+    fn split_at_mark(&self, mark: &str) -> Option<(Self, Self)> {
         self.text.find(mark).map(|at| self.split(at, mark.len()))
     }
 
-    fn needed_cut(&self, mark: &str, form: &str) -> Result<(Self, Self), FileError> {
-        self.cut_at(mark).ok_or_else(|| self.error(format!("expected {form}")))
+    fn require_split(&self, mark: &str, form: &str) -> Result<(Self, Self), FileError> {
+        self.split_at_mark(mark).ok_or_else(|| self.error(format!("expected {form}")))
     }
 
-    fn needed_last_cut(&self, mark: &str, form: &str) -> Result<(Self, Self), FileError> {
+    fn require_last_split(&self, mark: &str, form: &str) -> Result<(Self, Self), FileError> {
         let at = self.text.rfind(mark).ok_or_else(|| self.error(format!("expected {form}")))?;
         Ok(self.split(at, mark.len()))
     }
 
-    fn named(&self) -> Result<Named, FileError> {
+    fn parameter_name(&self) -> Result<ParameterName, FileError> {
         if self.text.is_empty() {
             return Err(self.error("a parameter's name is missing"));
         }
-        Ok(Found { value: self.text.to_owned(), place: self.place.clone() })
+        Ok(Located { value: self.text.to_owned(), location: self.location.clone() })
     }
 
     fn number(&self) -> Result<i64, FileError> {
         let found = self.text;
-        number(found).ok_or_else(|| {
+        parse_number(found).ok_or_else(|| {
             self.error(format!("expected a whole number, decimal or 0x, found `{found}`"))
         })
     }
 
-    fn fitting<T: TryFrom<i64>>(&self, what: &str) -> Result<T, FileError> {
+    fn number_as<T: TryFrom<i64>>(&self, what: &str) -> Result<T, FileError> {
         let number = self.number()?;
         T::try_from(number).map_err(|_| self.error(format!("{number} does not fit {what}")))
     }
 
     fn operand(&self) -> Result<Operand, FileError> {
         let Some(inner) = self.text.strip_prefix('{').and_then(|t| t.strip_suffix('}')) else {
-            return self.number().map(Operand::Is);
+            return self.number().map(Operand::Constant);
         };
         let (word, make): (&str, fn(Argument) -> Operand) = match inner.strip_suffix('?') {
-            Some(word) => (word, Operand::Given),
+            Some(word) => (word, Operand::OptionalArgument),
             None => (inner, Operand::Argument),
         };
         let known = ARGUMENTS.iter().find(|(name, _)| *name == word);
         known.map(|(_, argument)| make(*argument)).ok_or_else(|| {
-            let hint = words::hint(word, ARGUMENTS.map(|(name, _)| name));
+            let hint = spelling::suggestion(word, ARGUMENTS.map(|(name, _)| name));
             self.error(format!("no command carries `{word}`{hint}"))
         })
     }
@@ -183,21 +186,21 @@ impl<'a> Piece<'a> {
     }
 }
 
-fn assignment<'a>(rest: &Piece<'a>) -> Result<(Named, Piece<'a>), FileError> {
-    let (name, value) = rest.needed_cut(" = ", "`NAME = VALUE`")?;
-    Ok((name.named()?, value))
+fn parse_assignment<'a>(rest: &StepText<'a>) -> Result<(ParameterName, StepText<'a>), FileError> {
+    let (name, value) = rest.require_split(" = ", "`NAME = VALUE`")?;
+    Ok((name.parameter_name()?, value))
 }
 
 /// `NAME` or `NAME & MASK`.
-fn masked(piece: &Piece<'_>) -> Result<(Named, i64), FileError> {
-    match piece.cut_at(" & ") {
-        Some((name, mask)) => Ok((name.named()?, mask.number()?)),
-        None => Ok((piece.trimmed().named()?, -1)),
+fn parse_masked(piece: &StepText<'_>) -> Result<(ParameterName, i64), FileError> {
+    match piece.split_at_mark(" & ") {
+        Some((name, mask)) => Ok((name.parameter_name()?, mask.number()?)),
+        None => Ok((piece.trimmed().parameter_name()?, -1)),
     }
 }
 
 /// `NAME [& MASK] == N`, `!= N`, `within N`, `within-magnitude N` or `in N N…`.
-fn condition(piece: &Piece<'_>) -> Result<(Named, Test), FileError> {
+fn parse_condition(piece: &StepText<'_>) -> Result<(ParameterName, ParameterTest), FileError> {
     let forms = [
         (" == ", Compare::Equal),
         (" != ", Compare::NotEqual),
@@ -205,36 +208,39 @@ fn condition(piece: &Piece<'_>) -> Result<(Named, Test), FileError> {
         (" within ", Compare::Within),
     ];
     for (mark, compare) in forms {
-        if let Some((left, value)) = piece.cut_at(mark) {
-            let (name, mask) = masked(&left)?;
+        if let Some((left, value)) = piece.split_at_mark(mark) {
+            let (name, mask) = parse_masked(&left)?;
             let value = value.number()?;
-            return Ok((name, Test { mask, compare, value }));
+            return Ok((name, ParameterTest { mask, compare, value }));
         }
     }
-    if let Some((left, numbers)) = piece.cut_at(" in ") {
-        let (name, mask) = masked(&left)?;
-        return Ok((name, Test { mask, compare: Compare::Among, value: among(&numbers)? }));
+    if let Some((left, numbers)) = piece.split_at_mark(" in ") {
+        let (name, mask) = parse_masked(&left)?;
+        return Ok((
+            name,
+            ParameterTest { mask, compare: Compare::Among, value: parse_bit_set(&numbers)? },
+        ));
     }
     Err(piece.error("expected `NAME == N`, `NAME & MASK != N`, `NAME in N N…` or `NAME within N`"))
 }
 
 /// Numbers from 0 to 62, one bit each.
-fn among(piece: &Piece<'_>) -> Result<i64, FileError> {
-    piece.text.split_whitespace().try_fold(0, |bits, word| match number(word) {
+fn parse_bit_set(piece: &StepText<'_>) -> Result<i64, FileError> {
+    piece.text.split_whitespace().try_fold(0, |bits, word| match parse_number(word) {
         Some(n @ 0..=62) => Ok(bits | 1 << n),
         _ => Err(piece.error(format!("expected numbers from 0 to 62, found `{word}`"))),
     })
 }
 
-fn send(rest: &Piece<'_>) -> Result<DraftStep, FileError> {
-    let (numbers, like) = match rest.cut_at(" like ") {
-        Some((numbers, like)) => (numbers, Some(like.named()?)),
+fn parse_send(rest: &StepText<'_>) -> Result<DraftStep, FileError> {
+    let (numbers, like) = match rest.split_at_mark(" like ") {
+        Some((numbers, like)) => (numbers, Some(like.parameter_name()?)),
         None => (rest.clone(), None),
     };
     let form = "`send FUNCTION INDEX VALUE`";
-    let (function, rest) = numbers.needed_cut(" ", form)?;
-    let (index, value) = rest.needed_cut(" ", form)?;
+    let (function, rest) = numbers.require_split(" ", form)?;
+    let (index, value) = rest.require_split(" ", form)?;
     let operand = value.operand()?;
-    let (function, index) = (function.fitting("8 bits")?, index.fitting("16 bits")?);
+    let (function, index) = (function.number_as("8 bits")?, index.number_as("16 bits")?);
     Ok(DraftStep::Send { function, index, operand, like })
 }

@@ -2,8 +2,8 @@
 //! has none either, no verb that sets a motor in motion is offered.
 
 use super::draft::{Draft, DraftPlan};
-use super::missing::{There, named_mut};
-use crate::words::folded;
+use super::missing::{AvailableParameters, step_parameters_mut};
+use crate::spelling::fold;
 use polepair_core::axis::Verb;
 use polepair_core::profile::Profile;
 
@@ -12,7 +12,7 @@ pub(super) fn with_stop(mut draft: Draft) -> Draft {
     let has = |draft: &Draft, verb| draft.plans.iter().any(|plan| plan.verb == verb);
     for verb in [Verb::Stop, Verb::QuickStop, Verb::Disable] {
         if !has(&draft, verb) {
-            let plan = of_family(&draft, verb);
+            let plan = family_plan(&draft, verb);
             draft.plans.extend(plan);
         }
     }
@@ -26,7 +26,7 @@ pub(super) fn with_stop(mut draft: Draft) -> Draft {
 
 /// The family's plan for a verb, by this draft's names for what lies at the same places. Of several
 /// products it is that which can do most of what this one can.
-fn of_family(draft: &Draft, verb: Verb) -> Option<DraftPlan> {
+fn family_plan(draft: &Draft, verb: Verb) -> Option<DraftPlan> {
     let family = |profile: &&'static Profile| {
         profile.family == draft.family && profile.protocol == draft.protocol
     };
@@ -38,18 +38,18 @@ fn of_family(draft: &Draft, verb: Verb) -> Option<DraftPlan> {
     let mut products: Vec<&'static Profile> =
         polepair_core::drives::profiles().iter().copied().filter(family).collect();
     products.sort_by_key(|profile| std::cmp::Reverse(alike(profile)));
-    let there = There::of(draft);
+    let there = AvailableParameters::from_draft(draft);
     products.into_iter().chain(generic).find_map(|profile| {
-        let base = Draft::of(profile);
+        let base = Draft::from_profile(profile);
         let plan = base.plans.iter().find(|plan| plan.verb == verb)?;
-        there.plan(renamed(plan.clone(), &base, draft))
+        there.adapt_plan(rename_parameters(plan.clone(), &base, draft))
     })
 }
 
 /// The plan with the draft's names for what the base's plan names.
-fn renamed(mut plan: DraftPlan, base: &Draft, draft: &Draft) -> DraftPlan {
-    for name in plan.steps.iter_mut().chain(&mut plan.undo).flat_map(named_mut) {
-        let known = base.parameters.iter().find(|p| folded(&p.name) == folded(&name.value));
+fn rename_parameters(mut plan: DraftPlan, base: &Draft, draft: &Draft) -> DraftPlan {
+    for name in plan.steps.iter_mut().chain(&mut plan.undo).flat_map(step_parameters_mut) {
+        let known = base.parameters.iter().find(|p| fold(&p.name) == fold(&name.value));
         let same = known.and_then(|known| {
             draft.parameters.iter().find(|p| (p.space, p.index) == (known.space, known.index))
         });

@@ -1,8 +1,8 @@
 //! What a bad profile is told, and what a good one becomes.
 
-use super::{Shelf, load, parse, resolve, without_missing};
+use super::{BaseProfiles, load, parse, remove_missing, resolve};
 use polepair_core::axis::Verb;
-use polepair_core::plan::{Argument, Compare, Operand, Step, Test};
+use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Step};
 use polepair_core::profile::{
     Access, AxisKind, Certainty, Encoding, ParameterId, Persistence, Profile, Scale, Signal,
     Watchdog,
@@ -113,21 +113,21 @@ fn a_repeated_parameter_counts_from_one_and_shows_its_index() {
 fn plans_and_signals_point_at_parameters() {
     let profile = good();
     let plan = profile.plan(Verb::Velocity).unwrap();
-    let lid = Test { mask: 1, compare: Compare::Equal, value: 0 };
+    let lid = ParameterTest { mask: 1, compare: Compare::Equal, value: 0 };
     assert_eq!(
         plan.steps,
         [
             Step::Require { read: ParameterId(3), test: lid, hint: "Close the lid" },
             Step::Write(ParameterId(0), Operand::Argument(Argument::Velocity)),
-            Step::Write(ParameterId(5), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(5), Operand::OptionalArgument(Argument::Acceleration)),
             Step::Until {
                 read: ParameterId(3),
-                test: Test { mask: -1, compare: Compare::Within, value: 3 },
+                test: ParameterTest { mask: -1, compare: Compare::Within, value: 3 },
                 within_ms: 1500
             },
         ]
     );
-    assert_eq!(plan.undo, [Step::Write(ParameterId(0), Operand::Is(0))]);
+    assert_eq!(plan.undo, [Step::Write(ParameterId(0), Operand::Constant(0))]);
     let moving = profile.signal(Signal::Moving).unwrap();
     assert_eq!((moving.parameter, moving.mask, moving.equals), (ParameterId(3), 6, Some(2)));
     assert!(profile.signal(Signal::TargetVelocity).is_some());
@@ -242,7 +242,10 @@ fn a_file_extends_another_file_of_its_folder() {
     let profile = load(&path).unwrap();
     assert_eq!((profile.name, profile.title), ("pump-10", "Pump 9"));
     assert_eq!(profile.parameters[1].max, 9);
-    assert!(profile.find("lamp").is_some() && profile.find("path 3 position").is_none());
+    assert!(
+        profile.find_parameter("lamp").is_some()
+            && profile.find_parameter("path 3 position").is_none()
+    );
     assert_eq!(profile.parameters[0].scale.times, Some(ParameterId(1)));
     assert!(profile.plan(Verb::Velocity).is_some());
 
@@ -282,7 +285,7 @@ fn a_memory_map_gives_addresses_and_types() {
         [("actual position", 0x228), ("APOS_LD", 0x228), ("gain", 0x25E), ("CSPD", 0x2A0)],
         "in the order of addresses, the described one first"
     );
-    let speed = base.parameter(base.find("cspd").unwrap()).unwrap();
+    let speed = base.parameter(base.find_parameter("cspd").unwrap()).unwrap();
     assert_eq!((speed.encoding, speed.scale.factor), (Encoding::Fixed, 1.0 / 65536.0));
 }
 
@@ -324,10 +327,10 @@ fn a_map_moves_known_parameters_and_drops_the_others() {
                 ULONG ENCRESLONG @0x84C\nINT MINE @0x366\nLONG CPOS @0x29E\nFIXED CSPD @0x2A0\n\
                 FIXED CACC @0x2A2\nFIXED HOMESPD @0x994\nULONG SR32 @0x90E\n\"\"\"\n";
     let moved = crate::profile::parse("moved.toml", text).unwrap();
-    let position = moved.parameter(moved.find("actual position").unwrap()).unwrap();
+    let position = moved.parameter(moved.find_parameter("actual position").unwrap()).unwrap();
     assert_eq!((position.symbol, position.index), ("APOS", 0x0A28));
-    assert_eq!(moved.find("KPP"), None);
-    assert!(moved.find("mine").is_some());
+    assert_eq!(moved.find_parameter("KPP"), None);
+    assert!(moved.find_parameter("mine").is_some());
 }
 
 #[test]
@@ -375,11 +378,11 @@ steps = ["send 1 0 {velocity} like wanted speed"]
 fn a_familys_own_stop_is_inherited() {
     let profile = parse("bare.toml", BARE).unwrap();
     let stop = profile.plan(Verb::Stop).expect("of the family");
-    let test = Test { mask: -1, compare: Compare::Within, value: 5 };
+    let test = ParameterTest { mask: -1, compare: Compare::Within, value: 5 };
     assert_eq!(
         stop.steps,
         [
-            Step::Send { function: 3, index: 0, operand: Operand::Is(0), like: None },
+            Step::Send { function: 3, index: 0, operand: Operand::Constant(0), like: None },
             Step::Until { read: ParameterId(1), test, within_ms: 10_000 },
         ],
         "by the names that lie at the same places"
@@ -439,10 +442,10 @@ steps = ["require state & 4 == 0 else Wait", "write speed = {velocity}"]
 steps = ["write torque = {torque}"]
 "#;
     let without = |names: &[&str]| {
-        let mut draft = Shelf { folder: None }.draft("drive.toml", text, 0).unwrap();
+        let mut draft = BaseProfiles { folder: None }.read_draft("drive.toml", text, 0).unwrap();
         draft.parameters.retain(|p| !names.contains(&p.name.as_str()));
-        without_missing(&mut draft);
-        resolve::profile(&draft).unwrap()
+        remove_missing(&mut draft);
+        resolve::resolve_profile(&draft).unwrap()
     };
     let whole = without(&[]);
     assert_eq!(whole.plan(Verb::Stop).unwrap().steps.len(), 6);

@@ -3,36 +3,40 @@
 //!
 //! Why: STOP-6.
 
-use crate::connect::Line;
+use crate::connect::ProtocolLine;
 use crate::error::Error;
-use crate::identify::{Identified, Probe, Prober};
-use crate::scan::Found;
+use crate::identify::{Identification, ProbeResult, Prober};
+use crate::scan::DetectedDrive;
 use polepair_core::axis::Verb;
 use polepair_core::error::Outcome;
 use polepair_core::plan::{Operand, Step};
 use polepair_core::profile::{Encoding, Profile};
 
-const SENT: &str =
+const SHARED_STOP_SENT: &str =
     "it was sent the stop that known drives of this protocol share, and was not seen to stand";
 
 /// A write by where it lies on the wire: space, number, encoding, raw value.
-type Written = (u8, u16, Encoding, i64);
+type WireWrite = (u8, u16, Encoding, i64);
 
 /// The stop that all known drives of a protocol share, as the profile and the verb that say it. A quick
 /// stop serves where a reading decides about the usual one. `None` where drives differ.
-pub(super) fn shared(known: &[&'static Profile], wanted: Verb) -> Option<(&'static Profile, Verb)> {
+pub(super) fn shared_stop(
+    known: &[&'static Profile],
+    wanted: Verb,
+) -> Option<(&'static Profile, Verb)> {
     let (first, others) = known.split_first()?;
     [wanted, Verb::QuickStop, Verb::Stop].into_iter().find_map(|verb| {
-        let writes = writes(first, verb)?;
-        let same = |other: &&'static Profile| self::writes(other, verb).as_ref() == Some(&writes);
+        let writes = plan_writes(first, verb)?;
+        let same =
+            |other: &&'static Profile| self::plan_writes(other, verb).as_ref() == Some(&writes);
         others.iter().all(same).then_some((*first, verb))
     })
 }
 
 /// What a plan writes before it waits; `None` where it does anything else first.
-fn writes(profile: &'static Profile, verb: Verb) -> Option<Vec<Written>> {
+fn plan_writes(profile: &'static Profile, verb: Verb) -> Option<Vec<WireWrite>> {
     let write = |step: &Step| {
-        let Step::Write(id, Operand::Is(raw)) = step else { return None };
+        let Step::Write(id, Operand::Constant(raw)) = step else { return None };
         let found = profile.parameter(*id)?;
         Some((found.space, found.index, found.encoding, *raw))
     };
@@ -40,11 +44,18 @@ fn writes(profile: &'static Profile, verb: Verb) -> Option<Vec<Written>> {
 }
 
 /// Who is at the address after all.
-pub(super) fn again(prober: &Prober<'_>, line: &Line, number: u32) -> Result<Option<Found>, Error> {
+pub(super) fn reidentify(
+    prober: &Prober<'_>,
+    line: &ProtocolLine,
+    number: u32,
+) -> Result<Option<DetectedDrive>, Error> {
     Ok(match prober.probe(number)? {
-        Probe::Found { profile, identified, doubtful: false, .. } => {
-            let known = identified != Identified::Generic;
-            known.then(|| Found { identified, ..Found::named(line, number, profile) })
+        ProbeResult::Found { profile, identified, doubtful: false, .. } => {
+            let known = identified != Identification::Generic;
+            known.then(|| DetectedDrive {
+                identified,
+                ..DetectedDrive::with_known_profile(line, number, profile)
+            })
         }
         _ => None,
     })
@@ -52,8 +63,14 @@ pub(super) fn again(prober: &Prober<'_>, line: &Line, number: u32) -> Result<Opt
 
 /// The error for a drive that was asked again and again what it is, and how its stop, if one was sent,
 /// ended.
-pub(super) fn error(prober: &Prober<'_>, silent: Error, told: Option<Result<(), Error>>) -> Error {
-    let Error::Failed { what, outcome, heard, hint, .. } = prober.naming(silent.clone()) else {
+pub(super) fn unidentified_error(
+    prober: &Prober<'_>,
+    silent: Error,
+    told: Option<Result<(), Error>>,
+) -> Error {
+    let Error::Failed { what, outcome, received: heard, hint, .. } =
+        prober.with_profile_hint(silent.clone())
+    else {
         return silent;
     };
     let (went, outcome) = match (told, outcome) {
@@ -61,9 +78,18 @@ pub(super) fn error(prober: &Prober<'_>, silent: Error, told: Option<Result<(), 
             "it was told nothing: known drives of this protocol are stopped in different ways",
             outcome,
         ),
-        (Some(Err(Error::Failed { outcome: part @ Outcome::Partly(..), .. })), _) => (SENT, part),
-        (Some(_), Outcome::NotDone(failure)) => (SENT, Outcome::Unknown(failure)),
-        (Some(_), _) => (SENT, outcome),
+        (Some(Err(Error::Failed { outcome: part @ Outcome::Partly(..), .. })), _) => {
+            (SHARED_STOP_SENT, part)
+        }
+        (Some(_), Outcome::NotDone(failure)) => (SHARED_STOP_SENT, Outcome::Unknown(failure)),
+        (Some(_), _) => (SHARED_STOP_SENT, outcome),
     };
-    Error::Failed { what, went: went.to_owned(), outcome, heard, may_turn: true, hint }
+    Error::Failed {
+        what,
+        execution: went.to_owned(),
+        outcome,
+        received: heard,
+        may_turn: true,
+        hint,
+    }
 }

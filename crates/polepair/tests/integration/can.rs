@@ -2,14 +2,14 @@
 
 use polepair::connect::connect;
 use polepair::error::Exit;
-use polepair::scan::{Numbers, scan};
-use polepair::simulate::{Pace, Simulation, rack_of_text, rack_of_words};
-use polepair::{AnyTap, Connector, Error, Identified, Link};
+use polepair::scan::{ScanAddresses, scan};
+use polepair::simulate::{Simulation, SimulationPace, rack_of_text, rack_of_words};
+use polepair::{AnyTap, Connector, Error, Identification, Link};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::medium::{Can, Frame, MediumKind, Stream};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
-use polepair_link::{Direction, Tap};
+use polepair_link::{Tap, TapDirection};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -19,18 +19,18 @@ struct Watcher(Arc<Mutex<Passed>>);
 
 #[derive(Default)]
 struct Passed {
-    frames: Vec<(Direction, Frame)>,
+    frames: Vec<(TapDirection, Frame)>,
     runs: usize,
 }
 
 impl Tap<Can> for Watcher {
-    fn unit(&mut self, _: Instant, direction: Direction, frame: &Frame) {
+    fn record_unit(&mut self, _: Instant, direction: TapDirection, frame: &Frame) {
         self.0.lock().unwrap().frames.push((direction, *frame));
     }
 }
 
 impl Tap<Stream> for Watcher {
-    fn unit(&mut self, _: Instant, _: Direction, _: &[u8]) {
+    fn record_unit(&mut self, _: Instant, _: TapDirection, _: &[u8]) {
         self.0.lock().unwrap().runs += 1;
     }
 }
@@ -59,8 +59,8 @@ fn tmcl_modules_on_a_bus_are_found_and_turned() {
     let passed = watcher.0.lock().unwrap();
     let to =
         |direction| passed.frames.iter().filter(move |(d, _)| *d == direction).map(|(_, f)| f.id);
-    assert!(to(Direction::ToDrive).all(|id| id == 1 || id == 3));
-    assert!(to(Direction::ToHost).all(|id| id == 2) && to(Direction::ToHost).count() > 5);
+    assert!(to(TapDirection::ToDrive).all(|id| id == 1 || id == 3));
+    assert!(to(TapDirection::ToHost).all(|id| id == 2) && to(TapDirection::ToHost).count() > 5);
     assert_eq!(passed.runs, 0);
 }
 
@@ -82,7 +82,7 @@ fn one_question_finds_every_drive_where_the_protocol_has_one() {
         let watcher = Watcher::default();
         let connector = Connector::default().with_tap(watcher.clone());
         let found =
-            scan(&connector, url, Numbers::ALL, &mut |_| std::ops::ControlFlow::Continue(()))
+            scan(&connector, url, ScanAddresses::ALL, &mut |_| std::ops::ControlFlow::Continue(()))
                 .unwrap();
         let numbers: Vec<u32> = found.found.iter().map(|found| found.number).collect();
         assert_eq!(numbers, [5, 7, 31], "{url}");
@@ -94,7 +94,7 @@ fn one_question_finds_every_drive_where_the_protocol_has_one() {
             .unwrap()
             .frames
             .iter()
-            .filter(|(d, _)| *d == Direction::ToDrive)
+            .filter(|(d, _)| *d == TapDirection::ToDrive)
             .count();
         assert!(sent < 40, "{sent}");
     }
@@ -115,7 +115,7 @@ fn a_relay_brings_its_host_to_the_axes_behind_it() {
     let link = connect(&url).unwrap();
     let numbers: Vec<u32> = link.axes().iter().map(|axis| axis.number()).collect();
     assert_eq!(numbers, [255, 1, 5]);
-    let far = link.named("y").unwrap();
+    let far = link.axis_named("y").unwrap();
     let position = far.signals(&[Signal::Position]).unwrap()[0];
     assert!(position.at.is_some() && position.value == 0.0);
     let found =
@@ -161,7 +161,7 @@ fn an_address_that_a_request_cannot_hold_is_refused() {
 fn groups_are_told_and_not_asked() {
     let link = connect("sim:tmlcan:5,7?time=virtual#5,g1").unwrap();
     let group = &link.axes()[1];
-    assert_eq!((group.label().as_str(), group.identified()), ("axes g1", &Identified::Group));
+    assert_eq!((group.label().as_str(), group.identified()), ("axes g1", &Identification::Group));
     group.stop().unwrap();
     for (url, said) in [
         ("sim:tmcl?time=virtual#1,g1", "this protocol has no groups"),
@@ -178,7 +178,7 @@ fn faults_of_a_bus_are_survived() {
     let text = "[[link]]\nkind = \"can\"\nfaults = { error = 0.1, twice = 0.05 }\n\
                 [[link.drive]]\nprofile = \"tmcm-171\"\n";
     let rack = rack_of_text("rack.toml", text, 1).unwrap();
-    assert!(Simulation::new(&rack, 1, Pace::Virtual).is_ok());
+    assert!(Simulation::new(&rack, 1, SimulationPace::Virtual).is_ok());
     let file = std::env::temp_dir().join(format!("polepair-faulty-{}.toml", std::process::id()));
     std::fs::write(&file, text).unwrap();
     let link = connect(&format!("sim:{}?time=virtual", file.display())).unwrap();

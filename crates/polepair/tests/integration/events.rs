@@ -1,7 +1,7 @@
 //! What happens on a link though nobody asked, from simulated drives in virtual time.
 
 use polepair::connect::connect;
-use polepair::events::{EVENTS_MAX, Event, Events, Kind};
+use polepair::events::{EVENTS_MAX, Event, EventKind, Events};
 use polepair::{AnyLink, Axis, Link};
 use polepair_core::axis::Presence;
 use polepair_core::drives::bench::Act;
@@ -38,11 +38,11 @@ fn sending(url: &str) -> (Link, Axis) {
 }
 
 fn is_position(event: &Event) -> bool {
-    matches!(event.kind, Kind::Signal { signal: Signal::Position, .. })
+    matches!(event.kind, EventKind::Signal { signal: Signal::Position, .. })
 }
 
 /// The first event of that sort within ten seconds of the link's time.
-fn first(events: &Events, mut wanted: impl FnMut(&Kind) -> bool) -> Event {
+fn first(events: &Events, mut wanted: impl FnMut(&EventKind) -> bool) -> Event {
     for _ in 0..100_000 {
         let event = events.next(10 * SECOND).expect("an event");
         if wanted(&event.kind) {
@@ -62,7 +62,7 @@ fn process_data_of_an_idle_link_are_all_told() {
     while stamps.len() < 5_000 {
         let event = events.next(SECOND).expect("the next one");
         if is_position(&event) {
-            assert_eq!((event.axis, event.place), (Some(2), 0));
+            assert_eq!((event.axis, event.index), (Some(2), 0));
             stamps.push(event.at);
         }
     }
@@ -79,18 +79,17 @@ fn what_was_mapped_by_others_is_learnt() {
     let events = axis.events().unwrap();
     // After a restart the mapping is the drive's own, and unknown until somebody asks.
     assert!(link.simulation().unwrap().act(0, 0, Act::PowerCycle));
-    let restarted = first(&events, |kind| matches!(kind, Kind::Presence(_)));
-    assert_eq!(restarted.kind, Kind::Presence(Presence::Restarted));
-    axis.learn().unwrap();
+    let restarted = first(&events, |kind| matches!(kind, EventKind::Presence(_)));
+    assert_eq!(restarted.kind, EventKind::Presence(Presence::Restarted));
+    axis.read_event_layout().unwrap();
     for (name, raw) in [("transmission", 255), ("event time", 10)] {
         axis.set_raw(&format!("tpdo 1 {name}"), raw).unwrap();
     }
     axis.raw("nmt start").unwrap();
     let word = axis.find("statusword").unwrap();
-    let of_status =
-        |kind: &Kind| matches!(kind, Kind::Parameter { parameter, .. } if *parameter == word);
+    let of_status = |kind: &EventKind| matches!(kind, EventKind::Parameter { parameter, .. } if *parameter == word);
     let told = first(&events, of_status);
-    let Kind::Parameter { raw, value, .. } = told.kind else { unreachable!() };
+    let EventKind::Parameter { raw, value, .. } = told.kind else { unreachable!() };
     assert_eq!(raw as f64, value);
 }
 
@@ -101,13 +100,13 @@ fn a_fault_is_told_with_its_cause_and_remedy_and_when_it_is_over() {
     let known = link.axes()[0].profile().faults;
     let short = known.iter().find(|f| f.severity == Severity::Fault && f.code < 1 << 16).unwrap();
     assert!(link.simulation().unwrap().act(0, 0, Act::Fault(short.code)));
-    let appeared = first(&events, |kind| matches!(kind, Kind::FaultAppeared { .. }));
-    let Kind::FaultAppeared { code, fault: Some(fault) } = appeared.kind else { panic!() };
+    let appeared = first(&events, |kind| matches!(kind, EventKind::FaultAppeared { .. }));
+    let EventKind::FaultAppeared { code, fault: Some(fault) } = appeared.kind else { panic!() };
     assert_eq!((code, fault.name), (short.code, short.name));
     assert!(!fault.remedy.is_empty());
     link.axes()[0].clear().unwrap();
-    let cleared = first(&events, |kind| matches!(kind, Kind::FaultCleared { .. }));
-    assert!(matches!(cleared.kind, Kind::FaultCleared { code, .. } if code == short.code));
+    let cleared = first(&events, |kind| matches!(kind, EventKind::FaultCleared { .. }));
+    assert!(matches!(cleared.kind, EventKind::FaultCleared { code, .. } if code == short.code));
     assert!(cleared.at > appeared.at);
 }
 
@@ -118,15 +117,15 @@ fn a_heartbeat_that_fails_to_come_disarms() {
     axis.set_raw("heartbeat time", 100).unwrap();
     let events = link.events().unwrap();
     axis.arm(true);
-    assert_eq!(first(&events, |_| true).kind, Kind::Armed);
-    first(&events, |kind| matches!(kind, Kind::Presence(_)));
+    assert_eq!(first(&events, |_| true).kind, EventKind::Armed);
+    first(&events, |kind| matches!(kind, EventKind::Presence(_)));
     // Somebody else on the bus takes the node's heartbeat away.
     let AnyLink::Can(stranger) = link.simulation().unwrap().open(0).unwrap() else { panic!() };
     let none = Frame::standard(0x602, &[0x2B, 0x17, 0x10, 0, 0, 0, 0, 0]);
     stranger.send(&none).unwrap();
-    let gone = first(&events, |kind| matches!(kind, Kind::Presence(_)));
-    assert_eq!(gone.kind, Kind::Presence(Presence::Gone));
-    assert_eq!(first(&events, |_| true).kind, Kind::Disarmed);
+    let gone = first(&events, |kind| matches!(kind, EventKind::Presence(_)));
+    assert_eq!(gone.kind, EventKind::Presence(Presence::Gone));
+    assert_eq!(first(&events, |_| true).kind, EventKind::Disarmed);
     assert!(!axis.state().armed);
 }
 
@@ -169,7 +168,7 @@ fn listeners_of_one_axis_do_not_hear_of_others() {
     link.axes()[0].arm(true);
     link.axes()[1].arm(true);
     let event = first(&events, |_| true);
-    assert_eq!((event.axis, event.kind), (Some(3), Kind::Armed));
+    assert_eq!((event.axis, event.kind), (Some(3), EventKind::Armed));
     assert_eq!(events.next(Duration::from_millis(10)), None);
 }
 
@@ -181,8 +180,8 @@ fn a_serial_drive_tells_its_errors_unasked() {
     axis.set_raw("motion error mask", 1 << 12).unwrap();
     let events = link.events().unwrap();
     assert!(link.simulation().unwrap().act(0, 0, Act::Supply(70.0)));
-    let appeared = first(&events, |kind| matches!(kind, Kind::FaultAppeared { .. }));
-    let Kind::FaultAppeared { code, fault: Some(fault) } = appeared.kind else { panic!() };
+    let appeared = first(&events, |kind| matches!(kind, EventKind::FaultAppeared { .. }));
+    let EventKind::FaultAppeared { code, fault: Some(fault) } = appeared.kind else { panic!() };
     assert_eq!((code, appeared.axis), (1 << 12, Some(axis.number())));
     assert!(!fault.cause.is_empty() && !fault.remedy.is_empty());
 }

@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use polepair::axis::Stopping;
-use polepair::heard::{Heard, Silence};
+use polepair::axis::StopSequence;
+use polepair::no_reply::{NoReplyCause, NoReplyDetails};
 use polepair::{Error, connect};
 use polepair_link::pty::Pty;
-use polepair_link::{Link as _, Received, clock};
+use polepair_link::{LinkIo as _, Received, clock};
 
 /// The far end of a line: gives so much for whatever it hears.
 struct Odd {
@@ -39,7 +39,13 @@ impl Odd {
     }
 
     /// What a read of a parameter of axis `number` is told.
-    fn told(&self, protocol: &str, profile: &str, number: u32, name: &str) -> (Heard, String) {
+    fn told(
+        &self,
+        protocol: &str,
+        profile: &str,
+        number: u32,
+        name: &str,
+    ) -> (NoReplyDetails, String) {
         let others = if number == 1 { "1".to_owned() } else { format!("1,{number}") };
         let url =
             format!("{protocol}+serial://{}?profile={profile}&timeout=300#{others}", self.path);
@@ -58,11 +64,11 @@ impl Drop for Odd {
     }
 }
 
-fn failed(result: Result<(), Error>) -> (Heard, String) {
+fn failed(result: Result<(), Error>) -> (NoReplyDetails, String) {
     let error = result.expect_err("nobody answers");
     assert_eq!(error.code(), "E401", "{error}");
     let said = format!("{error}; {}", error.hint());
-    let Error::Failed { heard, .. } = error else { panic!("{error}") };
+    let Error::Failed { received: heard, .. } = error else { panic!("{error}") };
     assert_eq!(heard.is_nothing(), said.contains("no answer; "), "{said}");
     (*heard, said)
 }
@@ -80,29 +86,32 @@ fn on_a_line_of_tmcl_each_kind_is_told() {
         Odd::giving(answer).told("tmcl", "tmcm-171", 1, "max current")
     };
     let (heard, said) = told(|_| Vec::new());
-    assert_eq!(heard, Heard::default(), "{said}");
+    assert_eq!(heard, NoReplyDetails::default(), "{said}");
     let (heard, said) = told(|_| tmcl(1, 7));
-    assert!(heard.silence() == Silence::Corrupt && said.contains("with a wrong check"), "{said}");
+    assert!(
+        heard.cause() == NoReplyCause::Corrupt && said.contains("with a wrong check"),
+        "{said}"
+    );
     assert!(heard.corrupt >= 2, "of each repeat: {heard:?}");
     let (heard, said) = told(|_| tmcl(9, 0));
-    assert!(heard.silence() == Silence::Foreign && heard.foreign >= 2, "{said}");
+    assert!(heard.cause() == NoReplyCause::Foreign && heard.foreign >= 2, "{said}");
     let (heard, said) = told(|_| vec![0x13, 0x80, 0xFF]);
-    assert!(heard.silence() == Silence::Noise && said.contains("baud rate"), "{said}");
+    assert!(heard.cause() == NoReplyCause::Noise && said.contains("baud rate"), "{said}");
     assert_eq!(heard.bytes % 3, 0, "those that made no frame count too: {heard:?}");
     let (heard, said) = told(|asked| asked.to_vec());
-    assert!(heard.silence() == Silence::Echo && said.contains("echo"), "{said}");
+    assert!(heard.cause() == NoReplyCause::Echo && said.contains("echo"), "{said}");
     let (heard, said) = told(|_| b"BA 100 -5000\r".to_vec());
-    assert!(heard.silence() == Silence::Text && said.contains("ASCII mode"), "{said}");
+    assert!(heard.cause() == NoReplyCause::Text && said.contains("ASCII mode"), "{said}");
 }
 
 #[test]
 fn an_acknowledgement_is_no_answer_and_a_relays_is_another_drives() {
     let ok = Odd::giving(|_| vec![b'O']);
     let (heard, said) = ok.told("tml", "technosoft-f514l", 1, "APOS");
-    assert!(heard.silence() == Silence::Acknowledged && heard.acknowledged > 0, "{said}");
+    assert!(heard.cause() == NoReplyCause::Acknowledged && heard.acknowledged > 0, "{said}");
     assert!(said.contains("acknowledgement") && said.contains("it hears us"), "{said}");
     let (heard, said) = ok.told("tml", "technosoft-f514l", 2, "APOS");
-    assert!(heard.silence() == Silence::Relayed && heard.acknowledged == 0, "{said}");
+    assert!(heard.cause() == NoReplyCause::Relayed && heard.acknowledged == 0, "{said}");
     assert!(said.contains("the axis behind it is not"), "{said}");
 }
 
@@ -112,8 +121,8 @@ fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
     let odd = Odd::giving(|_| vec![b'O']);
     let url = format!("tml+serial://{}?profile=technosoft-f514l&timeout=300#1", odd.path);
     let link = connect(&url).expect("a link");
-    let mut stopping = Stopping::begin(&link.axes()[0]);
-    stopping.settle(&link.axes()[0], Duration::from_secs(10));
+    let mut stopping = StopSequence::begin(&link.axes()[0]);
+    stopping.wait(&link.axes()[0], Duration::from_secs(10));
     let error = stopping.trouble().expect("nothing is told");
     let said = error.to_string();
     assert!(said.contains("was told to stop and not seen to stand: `"), "{said}");
@@ -126,7 +135,7 @@ fn a_wrong_check_on_modbus_is_told() {
     // One register, with the sum of another value.
     let odd = Odd::giving(|_| vec![1, 3, 2, 0, 5, 0x79, 0x84]);
     let (heard, said) = odd.told("modbus-rtu", "syntron-ts", 1, "motor speed");
-    assert!(heard.silence() == Silence::Corrupt, "{said}");
+    assert!(heard.cause() == NoReplyCause::Corrupt, "{said}");
 }
 
 #[test]

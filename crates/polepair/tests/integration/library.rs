@@ -2,9 +2,9 @@
 
 use polepair::connect::connect;
 use polepair::error::Exit;
-use polepair::scan::{Numbers, scan};
-use polepair::simulate::{Pace, Simulation, rack_of_text, rack_of_words};
-use polepair::{Axis, Connector, Error, Identified};
+use polepair::scan::{ScanAddresses, scan};
+use polepair::simulate::{Simulation, SimulationPace, rack_of_text, rack_of_words};
+use polepair::{Axis, Connector, Error, Identification};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 use std::time::Duration;
@@ -14,7 +14,7 @@ fn a_simulated_drive_is_identified_and_read_by_name() {
     let link = connect("sim:syntron-ts?time=virtual#1").unwrap();
     let axis = link.axis(1).unwrap();
     assert_eq!(axis.profile().name, "syntron-ts");
-    assert!(matches!(axis.identified(), Identified::Asked { .. }));
+    assert!(matches!(axis.identified(), Identification::Queried { .. }));
     assert_eq!(axis.get("Fn_00").unwrap().to_string(), "position by pulses");
     assert_eq!(axis.get_raw("alarm code").unwrap(), 0);
     let error = axis.get("controll mode").unwrap_err();
@@ -93,7 +93,8 @@ fn a_silent_address_is_an_error_that_says_so() {
     let none = scan(&connector, rack, 4..=5, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
     assert!(none.found.is_empty());
     let all =
-        scan(&connector, rack, Numbers::ALL, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
+        scan(&connector, rack, ScanAddresses::ALL, &mut |_| std::ops::ControlFlow::Continue(()))
+            .unwrap();
     assert_eq!(all.found.len(), 1);
 }
 
@@ -145,7 +146,7 @@ fn a_users_file_makes_an_unknown_drive_speak_by_name() {
     let connector = Connector::default().with_profile(&file).unwrap();
     let link = connector.connect("sim:modbus-rtu?time=virtual&profile=acme-7").unwrap();
     let axis = &link.axes()[0];
-    assert_eq!((axis.profile().name, axis.identified()), ("acme-7", &Identified::Named));
+    assert_eq!((axis.profile().name, axis.identified()), ("acme-7", &Identification::Named));
     assert_eq!(axis.get("What-It-Follows").unwrap().to_string(), "pulses");
     axis.set("set speed", "-150 rpm").unwrap();
     assert_eq!(axis.get("set speed").unwrap().to_string(), "-150 rpm");
@@ -170,8 +171,8 @@ fn a_rack_file_has_named_drives_on_several_links() {
     std::fs::write(&file, text).unwrap();
     let link = connect(&format!("sim:{}?time=virtual", file.display())).unwrap();
     assert_eq!(link.axes().len(), 2);
-    assert_eq!(link.named("y").unwrap().protocol(), "modbus-ascii");
-    assert_eq!(link.named("x").unwrap().get_raw("control mode").unwrap(), 2);
+    assert_eq!(link.axis_named("y").unwrap().protocol(), "modbus-ascii");
+    assert_eq!(link.axis_named("x").unwrap().get_raw("control mode").unwrap(), 2);
     assert_eq!(link.axis(4).unwrap_err().code(), "E212");
     std::fs::remove_file(&file).unwrap();
 
@@ -197,10 +198,10 @@ fn words_make_racks() {
     assert!(rack_of_words(&["modbus-rtu:one"], 1).is_err());
     let error = rack_of_words(&["modbus-rtx"], 1).unwrap_err();
     assert!(error.to_string().contains("did you mean `modbus-rtu`?"), "{error}");
-    let simulation = Simulation::new(&rack, 1, Pace::Virtual).unwrap();
+    let simulation = Simulation::new(&rack, 1, SimulationPace::Virtual).unwrap();
     assert!(simulation.truth(0, 1).is_some() && simulation.truth(0, 2).is_none());
     let before = simulation.now();
-    simulation.pass(Duration::from_millis(5));
+    simulation.advance(Duration::from_millis(5));
     assert_eq!(simulation.now().since(before), Duration::from_millis(5));
 }
 

@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::time::Duration;
 
-use polepair::scan::{Look, Numbers, Scan};
+use polepair::scan::{DriveScanner, ScanAddresses, ScanReport};
 use polepair::{Axis, Connector, Link};
 use polepair_core::profile::Signal;
 
@@ -13,11 +13,11 @@ fn open(url: &str) -> Link {
     Connector::default().connect(url).expect("every drive answers")
 }
 
-fn look(link: &Link, numbers: impl Into<Numbers>) -> Scan {
+fn look(link: &Link, numbers: impl Into<ScanAddresses>) -> ScanReport {
     let connector = Connector::default();
-    let mut look = Look::on(&connector, link, 0, numbers).expect("a wire");
-    while look.next(&|| false).expect("the link is there").is_some() {
-        look.ask(&|| false).expect("the link is there");
+    let mut look = DriveScanner::on_link(&connector, link, 0, numbers).expect("a wire");
+    while look.next_address(&|| false).expect("the link is there").is_some() {
+        look.query_next(&|| false).expect("the link is there");
     }
     look.finish()
 }
@@ -59,11 +59,11 @@ fn serial_drives_are_found_and_taken_in_while_the_others_go_on() {
         assert_eq!(found, all[1..], "{url}: {:?}", scan.tried);
         assert_eq!((scan.axes.len(), scan.axes[0].answers), (1, true), "{url}: {:?}", scan.axes);
         assert_eq!(scan.axes[0].clash, None, "{url}");
-        let both = link.take_in(0, &scan.found).expect("they are new");
+        let both = link.add_drives(0, &scan.found).expect("they are new");
         assert_eq!(numbers(&both), all, "{url}");
         assert!(both.axes()[0].state().armed, "{url}: what it was doing goes on");
         turns(&both, &both.axes()[2]);
-        let twice = both.take_in(0, &scan.found).expect_err("they are there");
+        let twice = both.add_drives(0, &scan.found).expect_err("they are there");
         assert_eq!(twice.code(), "E212", "{twice}");
     }
 }
@@ -74,13 +74,13 @@ fn a_bus_of_several_protocols_keeps_its_axes_where_they_are() {
     let events = link.events().expect("both tell what they send");
     let names = |link: &Link| link.axes().iter().map(|a| a.name().to_owned()).collect::<Vec<_>>();
     assert_eq!(names(&link), ["spindle", "port"]);
-    let scan = look(&link, Numbers::ALL);
+    let scan = look(&link, ScanAddresses::ALL);
     let mut found: Vec<_> = scan.found.iter().map(|one| (one.protocol, one.number)).collect();
     found.sort_unstable();
     let there = [("technocan", 5), ("technocan", 7), ("thruster", 12)];
     assert_eq!(found, there, "{:?}", scan.tried);
     assert!(scan.axes.iter().all(|axis| axis.answers), "{:?}", scan.axes);
-    let link = link.take_in(0, &scan.found).expect("they are new");
+    let link = link.add_drives(0, &scan.found).expect("they are new");
     assert_eq!(names(&link), ["spindle", "port", "x", "y", "starboard"]);
     turns(&link, &link.axes()[0]);
     turns(&link, &link.axes()[3]);
@@ -92,7 +92,7 @@ fn a_bus_of_several_protocols_keeps_its_axes_where_they_are() {
     }
     let armed: Vec<_> = std::iter::from_fn(|| seen.poll())
         .filter(|event| event.to_string().ends_with("armed"))
-        .map(|event| event.place)
+        .map(|event| event.index)
         .collect();
     assert_eq!(armed, all);
 }
@@ -101,23 +101,23 @@ fn a_bus_of_several_protocols_keeps_its_axes_where_they_are() {
 fn a_look_that_is_broken_off_leaves_the_link_as_it_was() {
     let link = open("sim:tmcl?axes=3&time=virtual#1");
     let connector = Connector::default();
-    let mut look = Look::on(&connector, &link, 0, 1..=200).expect("a wire");
+    let mut look = DriveScanner::on_link(&connector, &link, 0, 1..=200).expect("a wire");
     let now = || link.axes()[0].connection().now();
     let mut one = Duration::ZERO;
     for _ in 0..10 {
         let begun = now();
-        assert!(look.next(&|| false).expect("the link is there").is_some());
-        look.ask(&|| false).expect("the link is there");
+        assert!(look.next_address(&|| false).expect("the link is there").is_some());
+        look.query_next(&|| false).expect("the link is there");
         one = now().since(begun);
     }
     // Asked once more whether it may go on: one question is out by then, and no other follows.
     let (begun, asked) = (now(), Cell::new(0));
     let broken = || asked.replace(asked.get() + 1) > 0;
-    look.ask(&broken).expect("the link is there");
+    look.query_next(&broken).expect("the link is there");
     assert!(now().since(begun) <= one, "{:?} is more than {one:?}", now().since(begun));
-    assert_eq!(look.next(&|| false).expect("the link is there"), None);
+    assert_eq!(look.next_address(&|| false).expect("the link is there"), None);
     let scan = look.finish();
-    assert_eq!(scan.unasked, 190);
+    assert_eq!(scan.not_queried, 190);
     assert_eq!(scan.found.iter().map(|one| one.number).collect::<Vec<_>>(), [3, 4]);
     turns(&link, &link.axes()[0]);
 }
@@ -147,10 +147,10 @@ fn addresses_that_no_drive_can_have_are_not_asked() {
     ] {
         let link = open(url);
         let (connector, mut all) = (Connector::default(), Vec::new());
-        let mut look = Look::on(&connector, &link, 0, range).expect("a wire");
-        while let Some(at) = look.next(&|| false).expect("the link is there") {
+        let mut look = DriveScanner::on_link(&connector, &link, 0, range).expect("a wire");
+        while let Some(at) = look.next_address(&|| false).expect("the link is there") {
             all.push(at.number);
-            look.ask(&|| false).expect("the link is there");
+            look.query_next(&|| false).expect("the link is there");
         }
         assert!(
             !all.is_empty() && all.iter().all(|number| asked.contains(number)),
@@ -171,11 +171,13 @@ fn a_wire_without_axes_keeps_its_number() {
     let last = whole.axes().last().expect("axes");
     let link = open(&format!("sim:{rack}?time=virtual#{}", last.name()));
     let connector = Connector::default();
-    let none = Look::on(&connector, &link, 0, 1..=1).map(drop).expect_err("nobody is there");
+    let none =
+        DriveScanner::on_link(&connector, &link, 0, 1..=1).map(drop).expect_err("nobody is there");
     assert_eq!(none.code(), "E212", "{none}");
-    let mut look = Look::on(&connector, &link, wires - 1, last.number()..=last.number()).unwrap();
-    while look.next(&|| false).unwrap().is_some() {
-        look.ask(&|| false).unwrap();
+    let mut look =
+        DriveScanner::on_link(&connector, &link, wires - 1, last.number()..=last.number()).unwrap();
+    while look.next_address(&|| false).unwrap().is_some() {
+        look.query_next(&|| false).unwrap();
     }
     assert!(look.finish().axes[0].answers, "the wire's own axis");
 }
@@ -184,18 +186,18 @@ fn a_wire_without_axes_keeps_its_number() {
 fn a_drive_joins_once_and_not_with_the_hosts_own_address() {
     let link = open("sim:tmcl?axes=2&time=virtual#1");
     let scan = look(&link, 1..=4);
-    link.take_in(0, &scan.found).expect("it is new");
-    let twice = link.take_in(0, &scan.found).expect_err("another handle took it in");
+    link.add_drives(0, &scan.found).expect("it is new");
+    let twice = link.add_drives(0, &scan.found).expect_err("another handle took it in");
     assert_eq!(twice.code(), "E220", "{twice}");
     let link = open("sim:tml:1,254?wire=rs485&time=virtual#1");
     let scan = look(&link, 250..=254);
     assert_eq!(scan.found.iter().map(|one| one.number).collect::<Vec<_>>(), [254]);
-    let own = link.take_in(0, &scan.found).expect_err("its answers would be for the host");
+    let own = link.add_drives(0, &scan.found).expect_err("its answers would be for the host");
     assert_eq!(own.code(), "E220", "{own}");
     let link = open("sim:tml:1,2,254?wire=rs485&time=virtual#1");
     let both = [look(&link, 2..=2).found, look(&link, 254..=254).found].concat();
-    assert_eq!(link.take_in(0, &both).expect_err("one of them cannot").code(), "E220");
-    let link = link.take_in(0, &both[..1]).expect("the other did not join before");
+    assert_eq!(link.add_drives(0, &both).expect_err("one of them cannot").code(), "E220");
+    let link = link.add_drives(0, &both[..1]).expect("the other did not join before");
     assert_eq!(numbers(&link), [1, 2]);
 }
 
@@ -204,9 +206,9 @@ fn a_bus_whose_drives_must_hear_the_host_is_not_lent() {
     let link = open("sim:thruster?time=virtual");
     link.axes()[0].set_raw("command timeout", 300).expect("a watchdog");
     let connector = Connector::default();
-    let mut look = Look::on(&connector, &link, 0, Numbers::ALL).expect("a wire");
+    let mut look = DriveScanner::on_link(&connector, &link, 0, ScanAddresses::ALL).expect("a wire");
     let before = link.axes()[0].connection().now();
-    let refused = look.next(&|| false).expect_err("the drive would stop");
+    let refused = look.next_address(&|| false).expect_err("the drive would stop");
     assert_eq!(refused.code(), "E220", "{refused}");
     assert_eq!(link.axes()[0].connection().now(), before, "nobody waited, and nobody was silent");
 }

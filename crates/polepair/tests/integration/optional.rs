@@ -111,7 +111,8 @@ fn walk(about: &str, link: &Link, axis: &Axis, lacking: &[u16]) {
         done.unwrap_or_else(|error| panic!("{about}: {what}: {error}"));
     };
     for signal in Signal::ALL {
-        let tells = axis.tells(signal).unwrap_or_else(|e| panic!("{about}: {signal:?}: {e}"));
+        let tells =
+            axis.provides_signal(signal).unwrap_or_else(|e| panic!("{about}: {signal:?}: {e}"));
         let source = axis.profile().signal(signal);
         let index = source.map(|s| axis.profile().parameter(s.parameter).unwrap().index);
         assert_eq!(tells, index.is_some_and(|i| !lacking.contains(&i)), "{about}: {signal:?}");
@@ -145,9 +146,10 @@ fn the_doctor_says_absent_and_not_wrong() {
     let all: Vec<u16> = OPTIONAL.iter().map(|(index, _)| *index).collect();
     let files = Files::without(&all);
     let mut checks = Vec::new();
-    let options = doctor::Options::default();
+    let options = doctor::DoctorOptions::default();
     let [url, _] = files.urls();
-    doctor::link(&Connector::default(), &url, options, &mut |check| checks.push(check)).unwrap();
+    doctor::check_link(&Connector::default(), &url, options, &mut |check| checks.push(check))
+        .unwrap();
     let wrong: Vec<_> = checks.iter().filter(|check| check.grade == Grade::Wrong).collect();
     assert!(wrong.is_empty(), "{wrong:#?}");
     assert!(checks.iter().any(|check| check.found.contains("voltage: absent")), "{checks:#?}");

@@ -6,26 +6,26 @@ use std::time::Duration;
 
 use polepair::config::Config;
 use polepair::error::Exit;
-use polepair::scan::{Numbers, Scan, scan};
-use polepair::simulate::{Pace, Simulation, lines, rack_of_file, rack_of_text};
+use polepair::scan::{ScanAddresses, ScanReport, scan};
+use polepair::simulate::{Simulation, SimulationPace, drive_lines, rack_of_file, rack_of_text};
 use polepair::{Axis, Connector, Error};
 use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
-use polepair_link::{Served, socketcand};
+use polepair_link::{ServeThread, socketcand};
 
 const CELL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/cell.toml");
 
 /// A served rack, and a folder with a `polepair.toml` that says where it is.
 struct Machine {
     folder: PathBuf,
-    served: Option<Served>,
+    served: Option<ServeThread>,
 }
 
 impl Machine {
     /// Serves the rack `there` and has the file say `here` of it, with `connect` put in.
     fn new(name: &str, there: &str, here: &str) -> Self {
         let rack = rack_of_text("rack.toml", there, 1).expect("a rack");
-        let line = lines(&rack, 1).expect("drives").remove(0);
+        let line = drive_lines(&rack, 1).expect("drives").remove(0);
         let bus = socketcand::listen("127.0.0.1:0", "can0").expect("a port");
         let at = format!("socketcand://{}/can0", bus.address().expect("an address"));
         let folder = format!("polepair-rack-{}-{name}", std::process::id());
@@ -45,17 +45,17 @@ impl Machine {
     }
 
     /// Asks the first twelve addresses.
-    fn scan(&self, text: &str) -> Scan {
+    fn scan(&self, text: &str) -> ScanReport {
         let go = &mut |_| std::ops::ControlFlow::Continue(());
-        scan(&self.connector(), text, Numbers::from(1..=12), go).expect("a scan")
+        scan(&self.connector(), text, ScanAddresses::from(1..=12), go).expect("a scan")
     }
 }
 
 impl Drop for Machine {
     fn drop(&mut self) {
         if let Some(served) = self.served.take() {
-            served.stop().stop();
-            served.wait().expect("it served to the end");
+            served.handle().stop();
+            served.join().expect("it served to the end");
         }
         let _ = std::fs::remove_dir_all(&self.folder);
     }
@@ -150,15 +150,15 @@ fn a_number_that_answers_twice_is_told() {
     let text = std::fs::read_to_string(machine.folder.join("polepair.toml")).expect("the file");
     let at = text.split('\'').nth(1).expect("connect").to_owned();
     let (server, bus) = at.trim_start_matches("socketcand://").split_once('/').expect("a bus");
-    let twin = lines(&rack_of_text("rack.toml", there, 2).expect("a rack"), 2);
+    let twin = drive_lines(&rack_of_text("rack.toml", there, 2).expect("a rack"), 2);
     let wire = socketcand::connect(server, bus).expect("another place on the bus");
     let twin = twin.expect("a drive").remove(0).serve(Box::new(wire));
     let found = machine.scan(&format!("canopen+{at}")).found;
     assert_eq!(found.iter().map(|one| one.number).collect::<Vec<_>>(), [2]);
     let clash = found[0].clash.as_deref().unwrap_or_default();
     assert!(clash.contains("two drives with this address"), "{found:?}");
-    twin.stop().stop();
-    twin.wait().expect("it served to the end");
+    twin.handle().stop();
+    twin.join().expect("it served to the end");
 }
 
 /// What a rack says of its bus is what it then is: SYNC and PDOs aside, which nobody sends here, the
@@ -166,7 +166,7 @@ fn a_number_that_answers_twice_is_told() {
 #[test]
 fn a_bus_is_as_busy_as_was_counted() {
     let rack = rack_of_file(Path::new(CELL), 1).expect("a rack");
-    let simulation = Simulation::new(&rack, 1, Pace::Virtual).expect("drives");
+    let simulation = Simulation::new(&rack, 1, SimulationPace::Virtual).expect("drives");
     let (said, busy) = simulation.load(0).expect("a CAN bus");
     assert!((0.40..0.50).contains(&said.least) && said.most < 0.56, "{said}");
     assert!(busy.abs() < 1e-9, "{busy}");

@@ -1,6 +1,6 @@
 //! Values that are written together with what scales them, and whether a motor is shown as moving.
 
-use polepair::axis::Pending;
+use polepair::axis::PendingWrites;
 use polepair::settings::Settings;
 use polepair::{Amount, Link};
 use polepair_core::profile::Signal;
@@ -20,8 +20,8 @@ fn a_way_is_converted_by_the_gear_that_goes_with_it() {
     let turn = Amount::Text("360 deg".to_owned());
     let before = axis.raw_of(way, &turn).unwrap();
     let was = axis.read(gear).unwrap();
-    let mut pending = Pending::default();
-    pending.add(gear, was * 10);
+    let mut pending = PendingWrites::default();
+    pending.insert(gear, was * 10);
     let planned = axis.raw_of_after(way, &turn, &pending).unwrap();
     assert_ne!(planned, before);
     assert_eq!(axis.read(gear).unwrap(), was, "nothing is written by it");

@@ -64,7 +64,7 @@ fn a_rack_names_a_sheet_beside_it() {
     let description = rack_of_text(&rack, RACK, 1).unwrap();
     let drive = &description.rack.links[0].drives[0];
     assert_eq!(drive.address, Some(7));
-    assert!(drive.sheet.as_ref().is_some_and(|sheet| sheet.is_drive()));
+    assert!(drive.data_sheet.as_ref().is_some_and(|sheet| sheet.is_drive()));
     for (from, to, why) in [
         ("motor.eds", "absent.eds", "absent.eds: No such file"),
         ("motor.eds", "../conftest.py", "no object in it"),
@@ -83,9 +83,9 @@ fn a_rack_names_a_sheet_beside_it() {
 fn a_sheets_slips_are_told_and_other_drives_have_none() {
     let mut description = rack_of_words(&["canopen:5"], 1).unwrap();
     let sheet = format!("{SHEETS}/motor.eds");
-    let slips: Vec<FileError> = description.take_sheet(0, Path::new(&sheet)).unwrap();
+    let slips: Vec<FileError> = description.apply_sheet(0, Path::new(&sheet)).unwrap();
     let told: Vec<&str> = slips.iter().map(|slip| slip.reason.as_str()).collect();
     assert_eq!(told, ["`0100` begins with 0: read as octal, 64"]);
     let mut others = rack_of_words(&["syntron-ts-canopen:2"], 1).unwrap();
-    assert_eq!(others.take_sheet(0, Path::new(&sheet)).unwrap_err().code(), "E213");
+    assert_eq!(others.apply_sheet(0, Path::new(&sheet)).unwrap_err().code(), "E213");
 }

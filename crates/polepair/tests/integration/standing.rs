@@ -6,7 +6,7 @@ use std::net::TcpListener;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use polepair::axis::{Class, OWED_MAX, Stopping, stop_owed};
+use polepair::axis::{STOP_RETRY_MAX, StopProgress, StopSequence, stop_with_retry};
 use polepair::{Error, Link, connect};
 use polepair_core::drives::bench::Act;
 
@@ -43,7 +43,7 @@ fn a_motor_that_its_load_turns_is_not_told_as_stopped() {
         let link = turned_by_its_load(url);
         may_turn(url, &link.axes()[0].stop());
         may_turn(url, &link.stop_all());
-        may_turn(url, &stop_owed(link.axes(), OWED_MAX, |_, _| true).remove(0));
+        may_turn(url, &stop_with_retry(link.axes(), STOP_RETRY_MAX, |_, _| true).remove(0));
         load(&link, 0.0);
         link.sleep(Duration::from_secs(20));
         assert!(speed(&link) < 0.01, "{url}: {}", speed(&link));
@@ -140,9 +140,9 @@ fn a_motor_whose_position_runs_does_not_stand() {
     let text = error.to_string();
     assert!(text.contains("tells a speed of 0 rpm, but its position went from "), "{text}");
     assert!(text.contains("° to ") || text.contains("deg to "), "{text}");
-    let mut stopping = Stopping::begin(&link.axes()[0]);
-    stopping.settle(&link.axes()[0], Duration::from_millis(500));
-    assert!(stopping.is_seen_turning() && *stopping.class() == Class::Acknowledged);
+    let mut stopping = StopSequence::begin(&link.axes()[0]);
+    stopping.wait(&link.axes()[0], Duration::from_millis(500));
+    assert!(stopping.is_seen_turning() && *stopping.progress() == StopProgress::Acknowledged);
     assert!(
         stopping.trouble().is_some_and(|error| error.to_string().contains("its position went"))
     );
@@ -165,7 +165,7 @@ fn a_motor_that_turns_on_is_told_to_stop_again() {
         let stopped = match way {
             0 => link.axes()[0].stop(),
             1 => link.stop_all(),
-            _ => stop_owed(link.axes(), OWED_MAX, |_, _| true).remove(0),
+            _ => stop_with_retry(link.axes(), STOP_RETRY_MAX, |_, _| true).remove(0),
         };
         stopped.expect("the third stop is obeyed");
         assert!(begun.elapsed() >= Duration::from_secs(3), "it is given time to brake");
@@ -178,7 +178,9 @@ fn a_link_that_is_closed_ends_the_wait_for_its_stop() {
     let link = connect(&module_whose_position_runs(300, 20_000.0, u32::MAX)).expect("a module");
     let axes = link.axes().to_vec();
     let (told, ended) = mpsc::channel();
-    std::thread::spawn(move || told.send(stop_owed(&axes, Duration::from_secs(3), |_, _| true)));
+    std::thread::spawn(move || {
+        told.send(stop_with_retry(&axes, Duration::from_secs(3), |_, _| true))
+    });
     std::thread::sleep(Duration::from_millis(500));
     link.close();
     let ended = ended.recv_timeout(Duration::from_secs(60)).expect("the wait ends");

@@ -1,6 +1,6 @@
 //! Every form of a connection string, and what each mistake is told.
 
-use polepair::url::{Target, Url};
+use polepair::url::{LinkTarget, Url};
 
 #[test]
 fn every_form_is_read_and_written_back() {
@@ -51,7 +51,7 @@ fn short_forms_mean_the_long_ones() {
     assert_eq!(long("tmlcan://can0#1"), "tmlcan+socketcan://can0#1");
     assert_eq!(long("tmlcan:///dev/ttyACM0#g1+1"), "tmlcan+slcan:///dev/ttyACM0#g1");
     let url: Url = "tmcl+serial:///dev/ttyUSB0?timeout=0.2s&gap=2&echo=yes".parse().unwrap();
-    assert_eq!(url.target, Target::Serial { path: "/dev/ttyUSB0".into(), baud: None });
+    assert_eq!(url.target, LinkTarget::Serial { path: "/dev/ttyUSB0".into(), baud: None });
     assert_eq!(url.milliseconds("timeout").unwrap(), Some(200.0));
     assert_eq!(url.milliseconds("gap").unwrap(), Some(2.0));
     assert!(url.flag("echo").unwrap());

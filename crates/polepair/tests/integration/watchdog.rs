@@ -1,7 +1,7 @@
 //! The drive's own watchdog: which parameter it is, what it is set to, and whether it works.
 
 use polepair::axis::WatchdogState;
-use polepair::doctor::{Check, Grade, Witness, prove_watchdog};
+use polepair::doctor::{CheckResult, Grade, ProofObserver, prove_watchdog};
 use polepair::{Axis, Error, Link};
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
@@ -19,7 +19,7 @@ fn name(axis: &Axis) -> &'static str {
 }
 
 /// What was proven, and what was said of the setting that was made for that.
-fn proven(axis: &Axis, after: Option<Duration>) -> (Check, Option<Check>) {
+fn proven(axis: &Axis, after: Option<Duration>) -> (CheckResult, Option<CheckResult>) {
     let mut checks = Vec::new();
     prove_watchdog(axis, after, &mut |check| checks.push(check)).unwrap();
     assert_eq!(checks.len(), 1 + usize::from(after.is_some()), "{checks:#?}");
@@ -54,7 +54,7 @@ fn each_that_there_is_stops_the_motor_when_its_host_falls_silent() {
         assert_eq!(check.grade, Grade::Ok, "{url}: {check:#?}");
         let last = last.unwrap().found;
         match before {
-            WatchdogState::Untold => assert!(last.contains("stays set"), "{url}: {last}"),
+            WatchdogState::Unknown => assert!(last.contains("stays set"), "{url}: {last}"),
             _ => {
                 assert_eq!(axis.watchdog().unwrap(), before, "{url}");
                 assert!(last.contains("is set as before") && last.contains("off"), "{url}: {last}");
@@ -86,7 +86,7 @@ fn nothing_moves_where_there_is_nothing_to_prove() {
 
 #[test]
 fn a_drive_is_had_to_watch_the_hosts_heartbeat_unless_it_watches_somebody() {
-    use WatchdogState::{NoReaction, Off, On, Other};
+    use WatchdogState::{NoReaction, Off, On, OtherNode};
     let ms = Duration::from_millis;
     let link = open("sim:cia402:5?heartbeat=100&");
     let axis = &link.axes()[0];
@@ -102,7 +102,7 @@ fn a_drive_is_had_to_watch_the_hosts_heartbeat_unless_it_watches_somebody() {
     assert_eq!(axis.watch_host().unwrap(), Some([NoReaction(HALF), On(HALF)]));
     assert_eq!(axis.get_raw("lost connection option").unwrap(), 3, "quick stop");
     axis.set_raw("consumer heartbeat", 3 << 16 | 500).unwrap();
-    assert_eq!(axis.watch_host().unwrap(), Some([Other { node: 3 }; 2]));
+    assert_eq!(axis.watch_host().unwrap(), Some([OtherNode { node: 3 }; 2]));
     // Nothing is set for a host that sends none, nor where none is watched.
     let silent = open("sim:cia402:5?");
     assert_eq!(silent.axes()[0].watch_host().unwrap(), None);
@@ -118,13 +118,13 @@ fn a_heartbeat_that_is_watched_has_to_lead_to_something() {
     axis.set_raw("consumer heartbeat", 127 << 16 | 500).unwrap();
     assert_eq!(axis.watchdog().unwrap(), WatchdogState::NoReaction(HALF));
     axis.set_raw("consumer heartbeat", 3 << 16 | 500).unwrap();
-    assert_eq!(axis.watchdog().unwrap(), WatchdogState::Other { node: 3 });
+    assert_eq!(axis.watchdog().unwrap(), WatchdogState::OtherNode { node: 3 });
     assert_eq!(axis.set_watchdog(Some(HALF)).unwrap(), WatchdogState::On(HALF));
     assert_eq!(axis.get_raw("lost connection option").unwrap(), 3, "quick stop");
     let (check, _) = proven(axis, None);
     assert!(check.found.contains("sends none"), "{check:#?}");
     // What it watches nobody may send: that is said with the state.
-    let said = axis.watchdog_in_words(axis.watchdog().unwrap());
+    let said = axis.describe_watchdog(axis.watchdog().unwrap());
     assert!(
         said.contains("watches node 127") && said.contains("this connection sends none"),
         "{said}"
@@ -132,7 +132,7 @@ fn a_heartbeat_that_is_watched_has_to_lead_to_something() {
     assert!(axis.watchdog_caution(false).is_some() && axis.watchdog_caution(true).is_none());
     let sends = open("sim:cia402:5?heartbeat=100&");
     let axis = &sends.axes()[0];
-    let said = axis.watchdog_in_words(axis.set_watchdog(Some(HALF)).unwrap());
+    let said = axis.describe_watchdog(axis.set_watchdog(Some(HALF)).unwrap());
     assert_eq!(said, "on, the drive stops after 500 ms of silence");
 }
 
@@ -142,12 +142,12 @@ struct Ends<'a> {
     found: Vec<String>,
 }
 
-impl Witness for Ends<'_> {
-    fn hear(&mut self, check: Check) {
+impl ProofObserver for Ends<'_> {
+    fn report_check(&mut self, check: CheckResult) {
         self.found.push(check.found);
     }
 
-    fn ends(&self) -> bool {
+    fn is_cancelled(&self) -> bool {
         speed(self.link) > 0.5
     }
 }
@@ -241,12 +241,12 @@ struct Patient {
     found: Vec<String>,
 }
 
-impl Witness for Patient {
-    fn hear(&mut self, check: Check) {
+impl ProofObserver for Patient {
+    fn report_check(&mut self, check: CheckResult) {
         self.found.push(check.found);
     }
 
-    fn again(&mut self, _: &Axis, turns: bool) -> bool {
+    fn retry_stop(&mut self, _: &Axis, turns: bool) -> bool {
         self.turns |= turns;
         self.left = self.left.saturating_sub(1);
         self.left > 0

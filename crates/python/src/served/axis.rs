@@ -6,22 +6,24 @@ use std::time::Duration;
 
 use polepair::quantity;
 use polepair_client::message::{
-    ArgumentInfo, Arguments, AxisInfo, FaultTold, Given as Said, ParameterInfo, SignalValue,
-    WriteParameters,
+    ActiveFault, ArgumentInfo, AxisInfo, CommandArguments, ParameterInfo, ParameterInput as Said,
+    SignalValue, WriteParameters,
 };
-use polepair_client::{Lease, Pending, Refused, unit};
+use polepair_client::{GatewayError, Lease, PendingOperation, display_unit};
 use polepair_core::profile::same_name;
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use pyo3::prelude::*;
 
-use super::request::{Amount, Going, Read, Request, came, ended, waited};
-use super::watch::Watch;
-use super::{ANSWER_MAX, Joined, cannot};
-use crate::axis::{Given, Known, Parameter, signal};
-use crate::errors::{raised, told, usage};
-use crate::outside::Outside;
-use crate::request::SLICE;
+use super::request::{
+    PendingAction, ServedAmount, ServedRead, ServedRequest, require_result, wait_end, wait_sliced,
+};
+use super::watch::ServedWatch;
+use super::{ANSWER_MAX, RemoteServer, unsupported_error};
+use crate::axis::{AxisStateTuple, Parameter, PyAmount, parse_signal};
+use crate::errors::{refused_to_py_error, to_py_error, usage_error};
+use crate::process_local::ProcessLocal;
+use crate::request::WAIT_SLICE;
 
 /// How often a server sends a signal at most.
 const HZ_MAX: f64 = 1000.0;
@@ -29,18 +31,18 @@ const HZ_MAX: f64 = 1000.0;
 /// An axis of a server.
 #[pyclass(frozen, name = "ServedAxis", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Axis {
-    joined: Outside<Arc<Joined>>,
+pub struct ServedAxis {
+    server: ProcessLocal<Arc<RemoteServer>>,
     info: AxisInfo,
 }
 
 /// Code, name, text, cause, remedy, and whether it is a warning only.
-type Fault = (u32, String, String, String, String, bool);
+type RemoteFaultTuple = (u32, String, String, String, String, bool);
 
 /// A raw value, or what the server is to make one of.
 #[derive(FromPyObject, Debug)]
-enum Wanted {
-    Amount(Py<Amount>),
+enum WriteValue {
+    Amount(Py<ServedAmount>),
     Raw(i64),
 }
 
@@ -66,7 +68,7 @@ impl From<&ParameterInfo> for Parameter {
 }
 
 #[pymethods]
-impl Axis {
+impl ServedAxis {
     #[getter]
     fn number(&self) -> u32 {
         self.info.number
@@ -113,28 +115,30 @@ impl Axis {
     /// Whether its parameters are known without asking.
     #[getter]
     fn is_known(&self) -> bool {
-        self.joined.parameters[usize::from(self.info.id)].get().is_some()
+        self.server.parameters[usize::from(self.info.id)].get().is_some()
     }
 
     /// Every parameter.
     fn parameters(&self, py: Python<'_>) -> PyResult<Vec<Parameter>> {
         let id = self.info.id;
-        self.asked(py, move |joined| joined.parameters(id).map(drop))?;
-        self.done(py, |joined| Ok(joined.parameters(id)?.iter().map(Parameter::from).collect()))
+        self.query_server(py, move |joined| joined.parameters(id).map(drop))?;
+        self.run_detached(py, |joined| {
+            Ok(joined.parameters(id)?.iter().map(Parameter::from).collect())
+        })
     }
 
     /// Whether there is a parameter of that name.
     fn has(&self, py: Python<'_>, name: &str) -> PyResult<bool> {
         let id = self.info.id;
-        self.asked(py, move |joined| joined.parameters(id).map(drop))?;
+        self.query_server(py, move |joined| joined.parameters(id).map(drop))?;
         let has = |its: &ParameterInfo| same_name(&its.name, name) || same_name(&its.symbol, name);
-        self.done(py, |joined| Ok(joined.parameters(id)?.iter().any(has)))
+        self.run_detached(py, |joined| Ok(joined.parameters(id)?.iter().any(has)))
     }
 
     /// The number of the parameter of that name.
     fn find(&self, py: Python<'_>, name: &str) -> PyResult<u16> {
         let (id, name) = (self.info.id, name.to_owned());
-        self.asked(py, move |joined| {
+        self.query_server(py, move |joined| {
             let has =
                 |its: &ParameterInfo| same_name(&its.name, &name) || same_name(&its.symbol, &name);
             let at = joined.parameters(id)?.iter().position(has);
@@ -142,17 +146,20 @@ impl Axis {
                 return Ok(at);
             }
             // The server knows the nearest name.
-            let unknown = || Refused::new("E213", format!("there is no parameter `{name}`"));
+            let unknown = || GatewayError::new("E213", format!("there is no parameter `{name}`"));
             joined.gateway.parameter(id, &name).and_then(|_| Err(unknown()))
         })
     }
 
     /// Begins to read a parameter.
-    fn start_read(&self, py: Python<'_>, id: u16) -> PyResult<Request> {
+    fn start_read(&self, py: Python<'_>, id: u16) -> PyResult<ServedRequest> {
         let (axis, name) = (self.info.id, self.parameter_name(py, id)?);
-        let read =
-            self.joined.ours(py)?.gateway.start(move |gateway| gateway.parameter(axis, &name));
-        Ok(Request::new(Going::Read(read)))
+        let read = self
+            .server
+            .in_own_process(py)?
+            .gateway
+            .spawn(move |gateway| gateway.parameter(axis, &name));
+        Ok(ServedRequest::new(PendingAction::Read(read)))
     }
 
     /// Begins to write a parameter.
@@ -160,10 +167,11 @@ impl Axis {
         &self,
         py: Python<'_>,
         id: u16,
-        wanted: Wanted,
+        wanted: WriteValue,
         keep: bool,
-    ) -> PyResult<Request> {
-        self.write(py, id, &wanted, keep).map(|written| Request::new(Going::Command(written)))
+    ) -> PyResult<ServedRequest> {
+        self.begin_write(py, id, &wanted, keep)
+            .map(|written| ServedRequest::new(PendingAction::Command(written)))
     }
 
     /// Begins a request in the protocol's own text.
@@ -173,44 +181,44 @@ impl Axis {
         py: Python<'_>,
         said: &Bound<'_, PyAny>,
         id: Option<u32>,
-    ) -> PyResult<Request> {
-        self.say(py, said, id).map(|said| Request::new(Going::Number(said)))
+    ) -> PyResult<ServedRequest> {
+        self.begin_raw(py, said, id).map(|said| ServedRequest::new(PendingAction::Number(said)))
     }
 
     /// Reads a parameter by name, raw.
     fn read_raw(&self, py: Python<'_>, name: &str) -> PyResult<i64> {
         let (axis, name) = (self.info.id, name.to_owned());
-        let joined = self.joined.ours(py)?;
-        let read = joined.gateway.start(move |gateway| gateway.parameter(axis, &name));
-        ended(py, read).map(|read| read.raw)
+        let joined = self.server.in_own_process(py)?;
+        let read = joined.gateway.spawn(move |gateway| gateway.parameter(axis, &name));
+        wait_end(py, read).map(|read| read.raw)
     }
 
     /// Writes a parameter by name, raw.
     fn write_raw(&self, py: Python<'_>, name: &str, raw: i64) -> PyResult<()> {
         let id = self.find(py, name)?;
-        let written = self.write(py, id, &Wanted::Raw(raw), false)?;
-        ended(py, written)
+        let written = self.begin_write(py, id, &WriteValue::Raw(raw), false)?;
+        wait_end(py, written)
     }
 
     /// Sends a request in the protocol's own text, and waits for the answer.
     #[pyo3(signature = (said, id=None))]
     fn raw(&self, py: Python<'_>, said: &Bound<'_, PyAny>, id: Option<u32>) -> PyResult<i64> {
-        let said = self.say(py, said, id)?;
-        ended(py, said)
+        let said = self.begin_raw(py, said, id)?;
+        wait_end(py, said)
     }
 
     /// What the server is to make a raw value of.
     #[expect(clippy::unused_self, reason = "a local axis looks into its profile")]
-    fn raw_of(&self, _id: u16, amount: Given) -> Amount {
-        Amount(match amount {
-            Given::Number(number) => Said::Number(number),
-            Given::Text(text) => Said::Text(text),
+    fn raw_of(&self, _id: u16, amount: PyAmount) -> ServedAmount {
+        ServedAmount(match amount {
+            PyAmount::Number(number) => Said::Number(number),
+            PyAmount::Text(text) => Said::Text(text),
         })
     }
 
     /// What was read as value, unit, word and text.
     #[expect(clippy::unused_self, reason = "a local axis looks into its profile")]
-    fn value(&self, _id: u16, read: &Read) -> (f64, String, Option<String>, String) {
+    fn value(&self, _id: u16, read: &ServedRead) -> (f64, String, Option<String>, String) {
         let read = &read.0;
         let value = read.value.unwrap_or(f64::NAN);
         (value, read.unit.clone(), read.word.clone(), read.text.clone())
@@ -223,16 +231,16 @@ impl Axis {
         &self,
         py: Python<'_>,
         verb: &str,
-        target: Option<Given>,
-        velocity: Option<Given>,
-        acceleration: Option<Given>,
-        torque: Option<Given>,
-        jerk_time: Option<Given>,
-    ) -> PyResult<Request> {
-        let argument = |name, given: Option<Given>| {
-            given.map(|given| self.si(py, verb, name, &given)).transpose()
+        target: Option<PyAmount>,
+        velocity: Option<PyAmount>,
+        acceleration: Option<PyAmount>,
+        torque: Option<PyAmount>,
+        jerk_time: Option<PyAmount>,
+    ) -> PyResult<ServedRequest> {
+        let argument = |name, given: Option<PyAmount>| {
+            given.map(|given| self.amount_to_si(py, verb, name, &given)).transpose()
         };
-        let arguments = Arguments {
+        let arguments = CommandArguments {
             target: argument("target", target)?,
             velocity: argument("velocity", velocity)?,
             acceleration: argument("acceleration", acceleration)?,
@@ -240,45 +248,50 @@ impl Axis {
             jerk_time: argument("jerk_time", jerk_time)?,
             period: None,
         };
-        let started = self.done(py, |joined| self.begin(joined, verb, arguments))?;
-        Ok(Request::new(Going::Command(started)))
+        let started = self.run_detached(py, |joined| self.start_verb(joined, verb, arguments))?;
+        Ok(ServedRequest::new(PendingAction::Command(started)))
     }
 
     /// What an amount is in SI, as an argument of a verb: `target`, `velocity`, `torque`.
-    fn in_si(&self, py: Python<'_>, verb: &str, argument: &str, amount: Given) -> PyResult<f64> {
-        self.si(py, verb, argument, &amount)
+    fn in_si(&self, py: Python<'_>, verb: &str, argument: &str, amount: PyAmount) -> PyResult<f64> {
+        self.amount_to_si(py, verb, argument, &amount)
     }
 
     /// Takes the axis and lets motion through, or no longer and gives it back.
     fn arm(&self, py: Python<'_>, armed: bool) -> PyResult<()> {
-        let (id, joined) = (self.info.id, self.joined.ours(py)?);
+        let (id, joined) = (self.info.id, self.server.in_own_process(py)?);
         // Whoever is interrupted and disarms comes after what was begun here.
-        let change = came(py, waited(py, None, |slice| Ok(joined.change(id, slice))))?;
+        let change = require_result(
+            py,
+            wait_sliced(py, None, |slice| Ok(joined.lock_slot_within(id, slice))),
+        )?;
         let done = move |_: &_| if armed { change.arm() } else { change.disarm() };
-        ended(py, joined.gateway.start(done))
+        wait_end(py, joined.gateway.spawn(done))
     }
 
     /// Whether motion commands of this program are let through.
     #[getter]
     fn is_armed(&self, py: Python<'_>) -> PyResult<bool> {
         let id = self.info.id;
-        self.done(py, |joined| Ok(joined.armed(id).is_some_and(|lease| lease.check().is_ok())))
+        self.run_detached(py, |joined| {
+            Ok(joined.armed_lease(id).is_some_and(|lease| lease.check().is_ok()))
+        })
     }
 
     /// Begins `stop` or `disable` by the lease of who armed it here, so that nobody else's motion is
     /// stopped; `None` when nobody has armed it.
-    fn start_own(&self, py: Python<'_>, verb: &str) -> PyResult<Option<Request>> {
+    fn start_own(&self, py: Python<'_>, verb: &str) -> PyResult<Option<ServedRequest>> {
         let id = self.info.id;
-        let started = self.done(py, |joined| {
-            let Some(lease) = joined.armed(id) else { return Ok(None) };
+        let started = self.run_detached(py, |joined| {
+            let Some(lease) = joined.armed_lease(id) else { return Ok(None) };
             lease.check()?;
-            lease.start(verb, Arguments::default()).map(Some)
+            lease.start(verb, CommandArguments::default()).map(Some)
         })?;
-        Ok(started.map(|started| Request::new(Going::Command(started))))
+        Ok(started.map(|started| ServedRequest::new(PendingAction::Command(started))))
     }
 
     fn events(&self, py: Python<'_>) -> PyResult<()> {
-        Err(cannot(
+        Err(unsupported_error(
             py,
             "listening to events",
             "watch signals, or ask `state()` and `faults()` again",
@@ -299,7 +312,7 @@ impl Axis {
     /// The units in which signals are read, SI as people write it; empty for none.
     fn signal_units(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<&str>> {
         let unit = |name: &String| {
-            let wanted = signal(py, name)?.name();
+            let wanted = parse_signal(py, name)?.name();
             let told = self.info.signals.iter().find(|signal| signal.signal == wanted);
             Ok(told.map_or("", |signal| &*signal.unit))
         };
@@ -312,32 +325,33 @@ impl Axis {
             return Ok(Vec::new());
         }
         let axis = self.info.id;
-        let read = self.joined.ours(py)?.gateway.start(move |gateway| {
+        let read = self.server.in_own_process(py)?.gateway.spawn(move |gateway| {
             let words: Vec<String> = names.iter().map(|name| name.replace('_', " ")).collect();
             gateway.signals(axis, &words.iter().map(String::as_str).collect::<Vec<_>>())
         });
-        let read = ended(py, read)?;
+        let read = wait_end(py, read)?;
         Ok(read.into_iter().map(|read| read.value.unwrap_or(f64::NAN)).collect())
     }
 
     /// Faults that are there now: code, text, cause, remedy, and whether the drive goes on.
-    fn faults(&self, py: Python<'_>) -> PyResult<Vec<Fault>> {
+    fn faults(&self, py: Python<'_>) -> PyResult<Vec<RemoteFaultTuple>> {
         let axis = self.info.id;
-        let asked = self.joined.ours(py)?.gateway.start(move |gateway| {
+        let asked = self.server.in_own_process(py)?.gateway.spawn(move |gateway| {
             gateway.signals(axis, &["fault"])?;
-            Ok(gateway.axis(axis)?.faults)
+            Ok(gateway.axis_state(axis)?.faults)
         });
-        let fault = |told: FaultTold| {
+        let fault = |told: ActiveFault| {
             (told.code, told.symbol, told.name, told.cause, told.remedy, told.warning)
         };
-        Ok(ended(py, asked)?.into_iter().map(fault).collect())
+        Ok(wait_end(py, asked)?.into_iter().map(fault).collect())
     }
 
     /// What the server knows of it.
-    fn state(&self, py: Python<'_>) -> PyResult<Known> {
+    fn state(&self, py: Python<'_>) -> PyResult<AxisStateTuple> {
         let axis = self.info.id;
-        let asked = self.joined.ours(py)?.gateway.start(move |gateway| gateway.axis(axis));
-        let state = ended(py, asked)?;
+        let asked =
+            self.server.in_own_process(py)?.gateway.spawn(move |gateway| gateway.axis_state(axis));
+        let state = wait_end(py, asked)?;
         let reading =
             |read: SignalValue| (read.signal, read.value.unwrap_or(f64::NAN), read.age_ms / 1e3);
         let readings = state.signals.into_iter().map(reading).collect();
@@ -347,22 +361,27 @@ impl Axis {
 
     /// Watches signals, one row each `period` seconds, or as often as a server sends them; they come
     /// by themselves.
-    fn watch(&self, py: Python<'_>, names: Vec<String>, period: f64) -> PyResult<Watch> {
+    fn watch(&self, py: Python<'_>, names: Vec<String>, period: f64) -> PyResult<ServedWatch> {
         if names.is_empty() {
-            return Err(usage(py, "E213", "no signal is named", "name what to watch"));
+            return Err(usage_error(py, "E213", "no signal is named", "name what to watch"));
         }
         if !(period.is_finite() && period >= 0.0) {
             let what = format!("a period of {period} s");
-            return Err(usage(py, "E217", &what, "give seconds, or 0 for as often as can be"));
+            return Err(usage_error(
+                py,
+                "E217",
+                &what,
+                "give seconds, or 0 for as often as can be",
+            ));
         }
         let (axis, hz) = (self.info.id, (1.0 / period).min(HZ_MAX));
         let words: Vec<String> = names.iter().map(|name| name.replace('_', " ")).collect();
-        let asked = self.asked(py, move |joined| {
-            let live = joined.live()?;
-            let watch = |word: &String| live.watch(axis, Some(word), None, hz).map(Arc::new);
+        let asked = self.query_server(py, move |joined| {
+            let live = joined.live_connection()?;
+            let watch = |word: &String| live.subscribe(axis, Some(word), None, hz).map(Arc::new);
             words.iter().map(watch).collect::<Result<Vec<_>, _>>()
         })?;
-        Ok(Watch::new(asked))
+        Ok(ServedWatch::new(asked))
     }
 
     /// Seconds on this process' clock.
@@ -378,59 +397,60 @@ impl Axis {
         let span = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO);
         let end = clock::now() + span;
         while clock::now() < end {
-            py.detach(|| clock::sleep_until(end.min(clock::now() + SLICE)));
+            py.detach(|| clock::sleep_until(end.min(clock::now() + WAIT_SLICE)));
             py.check_signals()?;
         }
         Ok(())
     }
 }
 
-impl Axis {
-    pub(super) fn new(joined: &Arc<Joined>, info: AxisInfo) -> Self {
-        Self { joined: Arc::clone(joined).into(), info }
+impl ServedAxis {
+    pub(super) fn new(joined: &Arc<RemoteServer>, info: AxisInfo) -> Self {
+        Self { server: Arc::clone(joined).into(), info }
     }
 
     /// Asks the server, while other threads go on and Ctrl-C is looked for.
-    fn asked<T: Clone + Send + 'static>(
+    fn query_server<T: Clone + Send + 'static>(
         &self,
         py: Python<'_>,
-        what: impl Send + FnOnce(&Arc<Joined>) -> Result<T, Refused> + 'static,
+        what: impl Send + FnOnce(&Arc<RemoteServer>) -> Result<T, GatewayError> + 'static,
     ) -> PyResult<T> {
-        let joined = Arc::clone(self.joined.ours(py)?);
-        ended(py, joined.gateway.clone().start(move |_| what(&joined)))
+        let joined = Arc::clone(self.server.in_own_process(py)?);
+        wait_end(py, joined.gateway.clone().spawn(move |_| what(&joined)))
     }
 
     /// Does what may block for a moment, while other threads go on.
-    fn done<T: Send>(
+    fn run_detached<T: Send>(
         &self,
         py: Python<'_>,
-        what: impl Send + FnOnce(&Arc<Joined>) -> Result<T, Refused>,
+        what: impl Send + FnOnce(&Arc<RemoteServer>) -> Result<T, GatewayError>,
     ) -> PyResult<T> {
-        let joined = self.joined.ours(py)?;
-        py.detach(|| what(joined)).map_err(|refused| told(py, &refused))
+        let joined = self.server.in_own_process(py)?;
+        py.detach(|| what(joined)).map_err(|refused| refused_to_py_error(py, &refused))
     }
 
     /// Says a verb: by the lease that is held; what moves nothing goes without one.
-    fn begin(
+    fn start_verb(
         &self,
-        joined: &Arc<Joined>,
+        joined: &Arc<RemoteServer>,
         verb: &str,
-        arguments: Arguments,
-    ) -> Result<Pending, Refused> {
+        arguments: CommandArguments,
+    ) -> Result<PendingOperation, GatewayError> {
         let Some(info) = self.info.verbs.iter().find(|info| info.verb == verb) else {
             let what = format!("{}: {} cannot {verb}", self.info.label, self.info.profile);
-            return Err(Refused::new("E218", what).hint(format!("it can {:?}", self.verbs())));
+            return Err(GatewayError::new("E218", what).hint(format!("it can {:?}", self.verbs())));
         };
         let id = self.info.id;
-        let held = joined.armed(id);
+        let held = joined.armed_lease(id);
         if ["stop", "quick-stop"].contains(&verb) {
             return match held.filter(|lease| lease.check().is_ok()) {
                 Some(lease) => lease.start(verb, arguments),
                 None => {
                     let joined = Arc::clone(joined);
                     // First the stop, then the question whether it was this axis.
-                    Ok(joined.gateway.clone().start(move |gateway| {
-                        Joined::stop(gateway, vec![id]).and_then(|()| joined.same())
+                    Ok(joined.gateway.clone().spawn(move |gateway| {
+                        RemoteServer::stop(gateway, vec![id])
+                            .and_then(|()| joined.check_same_drives())
                     }))
                 }
             };
@@ -443,77 +463,93 @@ impl Axis {
         if info.moves || verb == "reached" {
             let what = format!("{}: {verb}: the axis is not armed", self.info.label);
             let hint = "arm it first: motion needs an armed axis";
-            return Err(Refused::new("E219", what).hint(hint));
+            return Err(GatewayError::new("E219", what).hint(hint));
         }
         let (joined, verb) = (Arc::clone(joined), verb.to_owned());
         let run = move |lease: &Lease| lease.run(&verb, arguments, ANSWER_MAX);
-        Ok(joined.gateway.clone().start(move |_| joined.with_lease(id, run)))
+        Ok(joined.gateway.clone().spawn(move |_| joined.with_lease(id, run)))
     }
 
-    fn si(&self, py: Python<'_>, verb: &str, name: &str, given: &Given) -> PyResult<f64> {
+    fn amount_to_si(
+        &self,
+        py: Python<'_>,
+        verb: &str,
+        name: &str,
+        given: &PyAmount,
+    ) -> PyResult<f64> {
         let text = match given {
-            Given::Number(number) if number.is_finite() => return Ok(*number),
-            Given::Number(number) => {
-                return Err(usage(py, "E217", &format!("{number} is no finite number"), ""));
+            PyAmount::Number(number) if number.is_finite() => return Ok(*number),
+            PyAmount::Number(number) => {
+                return Err(usage_error(py, "E217", &format!("{number} is no finite number"), ""));
             }
-            Given::Text(text) => text,
+            PyAmount::Text(text) => text,
         };
         let info = self.info.verbs.iter().find(|info| info.verb == verb);
         let is = |argument: &&ArgumentInfo| argument.name == name;
         let argument = info.and_then(|info| info.arguments.iter().find(is));
         let measure = quantity::parse(text);
         let si = measure.and_then(|measure| match argument {
-            Some(argument) => measure.with_unit(unit(&argument.unit)),
+            Some(argument) => measure.with_unit(display_unit(&argument.unit)),
             None => Ok(measure.si),
         });
-        si.map_err(|error| raised(py, &error))
+        si.map_err(|error| to_py_error(py, &error))
     }
 
     fn parameter_name(&self, py: Python<'_>, id: u16) -> PyResult<String> {
         let axis = self.info.id;
-        self.asked(py, move |joined| {
+        self.query_server(py, move |joined| {
             let parameter = joined.parameters(axis)?.get(usize::from(id));
-            let none = || Refused::new("E213", format!("there is no parameter {id}"));
+            let none = || GatewayError::new("E213", format!("there is no parameter {id}"));
             parameter.map(|parameter| parameter.name.clone()).ok_or_else(none)
         })
     }
 
-    fn write(&self, py: Python<'_>, id: u16, wanted: &Wanted, keep: bool) -> PyResult<Pending> {
+    fn begin_write(
+        &self,
+        py: Python<'_>,
+        id: u16,
+        wanted: &WriteValue,
+        keep: bool,
+    ) -> PyResult<PendingOperation> {
         let (axis, name) = (self.info.id, self.parameter_name(py, id)?);
         let (given, raw) = match wanted {
-            Wanted::Amount(amount) => (amount.get().0.clone(), false),
+            WriteValue::Amount(amount) => (amount.get().0.clone(), false),
             // Every raw value of a drive is a whole number that a double has.
-            Wanted::Raw(raw) => (Said::Number(*raw as f64), true),
+            WriteValue::Raw(raw) => (Said::Number(*raw as f64), true),
         };
-        let joined = Arc::clone(self.joined.ours(py)?);
+        let joined = Arc::clone(self.server.in_own_process(py)?);
         let write =
             WriteParameters { values: [(name, given)].into(), keep, dry_run: false, raw, epoch: 0 };
-        Ok(joined.gateway.clone().start(move |gateway| {
+        Ok(joined.gateway.clone().spawn(move |gateway| {
             joined.with_lease(axis, |lease| {
                 let write = WriteParameters { epoch: lease.epoch(), ..write };
-                gateway.write(axis, &write).map(drop)
+                gateway.write_parameters(axis, &write).map(drop)
             })
         }))
     }
 
-    fn say(
+    fn begin_raw(
         &self,
         py: Python<'_>,
         said: &Bound<'_, PyAny>,
         id: Option<u32>,
-    ) -> PyResult<Pending<i64>> {
+    ) -> PyResult<PendingOperation<i64>> {
         let Ok(text) = said.extract::<String>() else {
-            return Err(cannot(py, "sending bytes", "say it in the protocol's own text"));
+            return Err(unsupported_error(
+                py,
+                "sending bytes",
+                "say it in the protocol's own text",
+            ));
         };
         if id.is_some() {
-            return Err(cannot(
+            return Err(unsupported_error(
                 py,
                 "an identifier of one's own",
                 "say it in the protocol's own text",
             ));
         }
-        let (axis, joined) = (self.info.id, Arc::clone(self.joined.ours(py)?));
+        let (axis, joined) = (self.info.id, Arc::clone(self.server.in_own_process(py)?));
         let say = move |lease: &Lease| lease.raw(&text);
-        Ok(joined.gateway.clone().start(move |_| joined.with_lease(axis, say)))
+        Ok(joined.gateway.clone().spawn(move |_| joined.with_lease(axis, say)))
     }
 }

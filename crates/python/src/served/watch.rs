@@ -4,66 +4,66 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::Waker;
 
-use polepair_client::message::Source;
+use polepair_client::message::SampleSource;
 use polepair_client::message::telemetry::Sample;
-use polepair_client::{Refused, Watched};
+use polepair_client::{GatewayError, SampleStream};
 use pyo3::prelude::*;
 
-use super::request::waited;
-use crate::outside::Outside;
-use crate::request::Call;
+use super::request::wait_sliced;
+use crate::process_local::ProcessLocal;
+use crate::request::WakeCallback;
 
 /// For how many periods a drive may say nothing, and for how many seconds at least: its server leaves
 /// one that does not answer alone for a second, and has others to ask.
-const PERIODS: f64 = 5.0;
+const QUIET_PERIODS: f64 = 5.0;
 const QUIET_MIN: f64 = 3.0;
 const QUIET_MAX: f64 = 1e6;
 
 /// Signals that are watched, until this goes.
 #[pyclass(frozen, name = "ServedWatch", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Watch(Outside<Mutex<Rows>>);
+pub struct ServedWatch(ProcessLocal<Mutex<SampleRows>>);
 
 /// Samples of each signal that wait for those of the others.
 #[derive(Debug)]
-struct Rows {
-    watched: Vec<(Arc<Watched>, VecDeque<Sample>)>,
+struct SampleRows {
+    subscriptions: Vec<(Arc<SampleStream>, VecDeque<Sample>)>,
     /// Samples of each that were lost on the way.
     lost: Vec<u64>,
 }
 
 /// Seconds since the server's start, and a value of each signal.
-type Row = (f64, Vec<f64>);
+type SampleRow = (f64, Vec<f64>);
 
-impl Watch {
-    pub(super) fn new(watched: Vec<Arc<Watched>>) -> Self {
+impl ServedWatch {
+    pub(super) fn new(watched: Vec<Arc<SampleStream>>) -> Self {
         let lost = vec![0; watched.len()];
         let watched = watched.into_iter().map(|watched| (watched, VecDeque::new())).collect();
-        Self(Mutex::new(Rows { watched, lost }).into())
+        Self(Mutex::new(SampleRows { subscriptions: watched, lost }).into())
     }
 
-    fn lock(&self) -> MutexGuard<'_, Rows> {
+    fn lock(&self) -> MutexGuard<'_, SampleRows> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Rows {
+impl SampleRows {
     /// The next row, if all of it is there: of each signal the last sample that is no later than the
     /// latest of the first ones. Nothing is interpolated.
-    fn next(&mut self) -> Result<Option<Row>, Refused> {
-        for ((watched, waiting), lost) in self.watched.iter_mut().zip(&mut self.lost) {
+    fn next_row(&mut self) -> Result<Option<SampleRow>, GatewayError> {
+        for ((watched, waiting), lost) in self.subscriptions.iter_mut().zip(&mut self.lost) {
             if waiting.is_empty() {
                 let (samples, lost_so_far) = watched.drain()?;
                 waiting.extend(samples);
                 *lost = lost_so_far;
             }
         }
-        let firsts = self.watched.iter().map(|(_, waiting)| waiting.front().map(|s| s.t_us));
+        let firsts = self.subscriptions.iter().map(|(_, waiting)| waiting.front().map(|s| s.t_us));
         let Some(at) = firsts.collect::<Option<Vec<_>>>().and_then(|all| all.into_iter().max())
         else {
             return Ok(None);
         };
-        let values = self.watched.iter_mut().map(|(_, waiting)| {
+        let values = self.subscriptions.iter_mut().map(|(_, waiting)| {
             while waiting.get(1).is_some_and(|sample| sample.t_us <= at) {
                 waiting.pop_front();
             }
@@ -73,37 +73,40 @@ impl Rows {
     }
 
     /// What is waited for: the first signal that has nothing.
-    fn missing(&self) -> Option<&Watched> {
-        self.watched.iter().find(|(_, waiting)| waiting.is_empty()).map(|(watched, _)| &**watched)
+    fn first_missing(&self) -> Option<&SampleStream> {
+        self.subscriptions
+            .iter()
+            .find(|(_, waiting)| waiting.is_empty())
+            .map(|(watched, _)| &**watched)
     }
 }
 
 #[pymethods]
-impl Watch {
+impl ServedWatch {
     /// Waits for the next row, at most `timeout` seconds.
     #[pyo3(signature = (timeout=None))]
-    fn result(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Option<Row>> {
-        self.0.ours(py)?;
-        waited(py, timeout, |slice| {
+    fn result(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<Option<SampleRow>> {
+        self.0.in_own_process(py)?;
+        wait_sliced(py, timeout, |slice| {
             let mut rows = self.lock();
-            let row = rows.next()?;
+            let row = rows.next_row()?;
             if row.is_some() || slice.is_zero() {
                 return Ok(row);
             }
-            if let Some(missing) = rows.missing() {
+            if let Some(missing) = rows.first_missing() {
                 missing.wait(slice);
             }
-            rows.next()
+            rows.next_row()
         })
     }
 
     /// Calls `wake` from some thread once there may be a row; true when there may be one already.
     fn tell(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
-        self.0.ours(py)?;
-        let waker = Waker::from(Arc::new(Call(wake)));
+        self.0.in_own_process(py)?;
+        let waker = Waker::from(Arc::new(WakeCallback(wake)));
         Ok(py.detach(|| {
             let rows = self.lock();
-            rows.missing().is_none_or(|missing| missing.ready_or_wake(&waker))
+            rows.first_missing().is_none_or(|missing| missing.poll_ready(&waker))
         }))
     }
 
@@ -111,12 +114,15 @@ impl Watch {
     /// nothing. `None` where a drive sends by itself, and may have nothing to say.
     #[getter]
     fn patience(&self, py: Python<'_>) -> PyResult<Option<f64>> {
-        self.0.ours(py)?;
+        self.0.in_own_process(py)?;
         Ok(py.detach(|| {
             let rows = self.lock();
-            let asks = rows.watched.iter().all(|(watched, _)| watched.source() == Source::Polled);
-            let periods = rows.watched.iter().map(|(watched, _)| 1.0 / watched.hz());
-            let longest = periods.fold(QUIET_MIN, |most, period| most.max(PERIODS * period));
+            let asks = rows
+                .subscriptions
+                .iter()
+                .all(|(watched, _)| watched.source() == SampleSource::Polled);
+            let periods = rows.subscriptions.iter().map(|(watched, _)| 1.0 / watched.hz());
+            let longest = periods.fold(QUIET_MIN, |most, period| most.max(QUIET_PERIODS * period));
             asks.then_some(longest.min(QUIET_MAX))
         }))
     }
@@ -124,7 +130,7 @@ impl Watch {
     /// Samples that were lost on the way so far, of the signal that lost most.
     #[getter]
     fn lost(&self, py: Python<'_>) -> PyResult<u64> {
-        self.0.ours(py)?;
+        self.0.in_own_process(py)?;
         Ok(py.detach(|| self.lock().lost.iter().copied().max().unwrap_or_default()))
     }
 }

@@ -3,13 +3,13 @@
 use axum::Json;
 use axum::extract::{Extension, Path, State};
 
-use super::input::{Input, number};
-use super::{Answer, Shared, by_lease};
+use super::input::{JsonBody, parse_index};
+use super::{ApiResult, SharedAppState, lease_session};
+use crate::auth::Caller;
 use crate::message::{
-    AxisState, Change, ErrorBody, ParameterInfo, ParameterRead, Refused, SetWatchdog, SignalValue,
-    WatchdogTold, WriteParameters,
+    AxisState, ErrorBody, GatewayError, ParameterChange, ParameterInfo, ParameterReading,
+    SetWatchdog, SignalValue, WatchdogView, WriteParameters,
 };
-use crate::session::Caller;
 
 /// Signals of one question.
 const SIGNALS_MAX: usize = 64;
@@ -22,8 +22,11 @@ const SIGNALS_MAX: usize = 64;
     (status = 200, body = AxisState),
     (status = "default", body = ErrorBody),
 ))]
-pub(super) async fn show(State(gate): State<Shared>, Path(id): Path<String>) -> Answer<AxisState> {
-    gate.bench.axis(number(&id)?).map(Json)
+pub(super) async fn show(
+    State(gate): State<SharedAppState>,
+    Path(id): Path<String>,
+) -> ApiResult<AxisState> {
+    gate.bench.axis_state(parse_index(&id)?).map(Json)
 }
 
 /// Read signals now
@@ -35,15 +38,15 @@ pub(super) async fn show(State(gate): State<Shared>, Path(id): Path<String>) -> 
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn signals(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Path((id, words)): Path<(String, String)>,
-) -> Answer<Vec<SignalValue>> {
+) -> ApiResult<Vec<SignalValue>> {
     let words: Vec<&str> = words.split(',').take(SIGNALS_MAX + 1).collect();
     if words.len() > SIGNALS_MAX {
         let what = format!("at most {SIGNALS_MAX} signals are read at once");
-        return Err(Refused::new("gateway.request", what));
+        return Err(GatewayError::new("gateway.request", what));
     }
-    gate.bench.read_signals(number(&id)?, &words).await.map(Json)
+    gate.bench.read_signals(parse_index(&id)?, &words).await.map(Json)
 }
 
 /// Which parameters an axis has
@@ -55,23 +58,23 @@ pub(super) async fn signals(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn parameters(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Path(id): Path<String>,
-) -> Answer<Vec<ParameterInfo>> {
-    gate.bench.parameters(number(&id)?).map(Json)
+) -> ApiResult<Vec<ParameterInfo>> {
+    gate.bench.parameters(parse_index(&id)?).map(Json)
 }
 
 /// Read a parameter now
 #[utoipa::path(get, path = "/api/v1/axes/{id}/parameters/{name}", tag = "axis",
     params(("id" = u16, Path), ("name" = String, Path)), responses(
-    (status = 200, body = ParameterRead),
+    (status = 200, body = ParameterReading),
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn parameter(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Path((id, name)): Path<(String, String)>,
-) -> Answer<ParameterRead> {
-    gate.bench.read_parameter(number(&id)?, &name).await.map(Json)
+) -> ApiResult<ParameterReading> {
+    gate.bench.read_parameter(parse_index(&id)?, &name).await.map(Json)
 }
 
 /// Write parameters, or see what would change
@@ -79,18 +82,18 @@ pub(super) async fn parameter(
 /// Limits are checked before anything is sent. Needs the axis' lease unless it is a dry run.
 #[utoipa::path(post, path = "/api/v1/axes/{id}/parameters", tag = "axis",
     params(("id" = u16, Path)), request_body = WriteParameters, responses(
-    (status = 200, body = Vec<Change>),
+    (status = 200, body = Vec<ParameterChange>),
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn write(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    Input(wanted): Input<WriteParameters>,
-) -> Answer<Vec<Change>> {
-    let id = number(&id)?;
-    let session = by_lease(&gate, &caller, id, wanted.epoch);
-    gate.bench.apply(id, &session, wanted).await.map(Json)
+    JsonBody(wanted): JsonBody<WriteParameters>,
+) -> ApiResult<Vec<ParameterChange>> {
+    let id = parse_index(&id)?;
+    let session = lease_session(&gate, &caller, id, wanted.epoch);
+    gate.bench.write_parameters(id, &session, wanted).await.map(Json)
 }
 
 /// What a drive does by itself when its host falls silent
@@ -98,14 +101,14 @@ pub(super) async fn write(
 /// Read just now.
 #[utoipa::path(get, path = "/api/v1/axes/{id}/watchdog", tag = "axis",
     params(("id" = u16, Path)), responses(
-    (status = 200, body = WatchdogTold),
+    (status = 200, body = WatchdogView),
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn watchdog(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Path(id): Path<String>,
-) -> Answer<WatchdogTold> {
-    gate.bench.watchdog(number(&id)?).await.map(Json)
+) -> ApiResult<WatchdogView> {
+    gate.bench.watchdog(parse_index(&id)?).await.map(Json)
 }
 
 /// Have a drive stop by itself when its host falls silent, or no more
@@ -113,16 +116,16 @@ pub(super) async fn watchdog(
 /// Needs the axis' lease. Nothing moves by it.
 #[utoipa::path(post, path = "/api/v1/axes/{id}/watchdog", tag = "axis",
     params(("id" = u16, Path)), request_body = SetWatchdog, responses(
-    (status = 200, body = WatchdogTold),
+    (status = 200, body = WatchdogView),
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn set_watchdog(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    Input(wanted): Input<SetWatchdog>,
-) -> Answer<WatchdogTold> {
-    let id = number(&id)?;
-    let session = by_lease(&gate, &caller, id, wanted.epoch);
+    JsonBody(wanted): JsonBody<SetWatchdog>,
+) -> ApiResult<WatchdogView> {
+    let id = parse_index(&id)?;
+    let session = lease_session(&gate, &caller, id, wanted.epoch);
     gate.bench.set_watchdog(id, &session, wanted).await.map(Json)
 }

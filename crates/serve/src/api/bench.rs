@@ -3,10 +3,10 @@
 use axum::Json;
 use axum::extract::{Extension, Path, State};
 
-use super::input::{Input, number};
-use super::{Answer, Shared, by_rest};
-use crate::message::{Act, BenchView, ErrorBody, Pace};
-use crate::session::Caller;
+use super::input::{JsonBody, parse_index};
+use super::{ApiResult, SharedAppState, rest_session};
+use crate::auth::Caller;
+use crate::message::{BenchView, ErrorBody, SetTimeScale, SimulationAction};
 
 /// What there is
 ///
@@ -16,41 +16,45 @@ use crate::session::Caller;
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn show(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
 ) -> Json<BenchView> {
-    Json(of(&gate, &caller))
+    Json(bench_view(&gate, &caller))
 }
 
 /// The bench as a caller sees it.
-pub(crate) fn of(gate: &Shared, caller: &Caller) -> BenchView {
+pub(crate) fn bench_view(gate: &SharedAppState, caller: &Caller) -> BenchView {
     BenchView { scopes: caller.scopes.iter().collect(), ..gate.bench.snapshot() }
 }
 
 /// Meddle with a simulated drive
 ///
 /// `drive` counts the axes of the link from 0. 409 where it is a real one.
-#[utoipa::path(post, path = "/api/v1/simulation/{link}/{drive}", tag = "simulation",
-    params(("link" = u16, Path), ("drive" = u16, Path)), request_body = Act, responses(
+#[utoipa::path(post, path = "/api/v1/simulation/{link}/{drive}", operation_id = "act", tag = "simulation",
+    params(("link" = u16, Path), ("drive" = u16, Path)), request_body = SimulationAction, responses(
     (status = 200, body = ()),
     (status = "default", body = ErrorBody),
 ))]
-pub(super) async fn act(
-    State(gate): State<Shared>,
+pub(super) async fn apply_action(
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path((link, drive)): Path<(String, String)>,
-    Input(act): Input<Act>,
-) -> Answer<()> {
-    gate.bench.act(&by_rest(&caller), number(&link)?, number(&drive)?, &act).await.map(Json)
+    JsonBody(act): JsonBody<SimulationAction>,
+) -> ApiResult<()> {
+    gate.bench
+        .apply_action(&rest_session(&caller), parse_index(&link)?, parse_index(&drive)?, &act)
+        .await
+        .map(Json)
 }
 
 /// Set how fast simulated time passes
-#[utoipa::path(post, path = "/api/v1/simulation/pace", tag = "simulation", request_body = Pace,
+#[utoipa::path(post, path = "/api/v1/simulation/pace", operation_id = "pace", tag = "simulation",
+    request_body = SetTimeScale,
     responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
-pub(super) async fn pace(
-    State(gate): State<Shared>,
+pub(super) async fn set_time_scale(
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
-    Input(pace): Input<Pace>,
-) -> Answer<()> {
-    gate.bench.pace(&by_rest(&caller), pace).await.map(Json)
+    JsonBody(pace): JsonBody<SetTimeScale>,
+) -> ApiResult<()> {
+    gate.bench.set_time_scale(&rest_session(&caller), pace).await.map(Json)
 }

@@ -7,17 +7,17 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, Request, State};
 use serde::Deserialize;
 
-use super::input::body;
-use super::{Answer, Shared, apart};
-use crate::message::{CaptureOpened, CapturePage, ErrorBody, ExplainedField, Refused};
+use super::input::read_body;
+use super::{ApiResult, SharedAppState, run_blocking};
+use crate::message::{CapturePage, ErrorBody, ExplainedField, GatewayError, OpenedCapture};
 
 /// Frames of a page, where nobody says how many.
-const COUNT: usize = 200;
+const PAGE_FRAMES: usize = 200;
 
 /// What a capture is called.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Named {
+pub(super) struct CaptureQuery {
     #[serde(default)]
     name: String,
 }
@@ -25,7 +25,7 @@ pub(super) struct Named {
 /// Which page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Page {
+pub(super) struct CapturePageQuery {
     #[serde(default)]
     from: u64,
     count: Option<usize>,
@@ -38,21 +38,21 @@ pub(super) struct Page {
 #[utoipa::path(post, path = "/api/v1/captures", tag = "captures",
     params(("name" = Option<String>, Query)),
     request_body(content = Vec<u8>, content_type = "application/octet-stream"), responses(
-    (status = 200, body = CaptureOpened),
+    (status = 200, body = OpenedCapture),
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn open(
-    State(gate): State<Shared>,
-    named: Result<Query<Named>, QueryRejection>,
+    State(gate): State<SharedAppState>,
+    named: Result<Query<CaptureQuery>, QueryRejection>,
     request: Request,
-) -> Answer<CaptureOpened> {
-    let Query(Named { name }) = named.map_err(|error| wrong(error.body_text()))?;
+) -> ApiResult<OpenedCapture> {
+    let Query(CaptureQuery { name }) = named.map_err(|error| request_error(error.body_text()))?;
     // Before its bytes come, so that no more of them lie here than there are places.
     let place = Arc::clone(&gate.uploads).try_acquire_owned().map_err(|_| {
-        Refused::new("gateway.busy", "captures are being taken in already").hint("try again")
+        GatewayError::new("gateway.busy", "captures are being taken in already").hint("try again")
     })?;
-    let bytes = body(request).await?;
-    let opened = apart(&gate, move |gate| {
+    let bytes = read_body(request).await?;
+    let opened = run_blocking(&gate, move |gate| {
         let opened = gate.bench.open_capture(&name, bytes.into());
         drop(place);
         opened
@@ -70,14 +70,16 @@ pub(super) async fn open(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn page(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Path(id): Path<String>,
-    page: Result<Query<Page>, QueryRejection>,
-) -> Answer<CapturePage> {
-    let Query(Page { from, count, filter }) = page.map_err(|error| wrong(error.body_text()))?;
-    let count = count.unwrap_or(COUNT);
-    let page =
-        apart(&gate, move |gate| gate.bench.capture_page(&id, from, count, filter.as_deref()));
+    page: Result<Query<CapturePageQuery>, QueryRejection>,
+) -> ApiResult<CapturePage> {
+    let Query(CapturePageQuery { from, count, filter }) =
+        page.map_err(|error| request_error(error.body_text()))?;
+    let count = count.unwrap_or(PAGE_FRAMES);
+    let page = run_blocking(&gate, move |gate| {
+        gate.bench.capture_page(&id, from, count, filter.as_deref())
+    });
     page.await.map(Json)
 }
 
@@ -88,13 +90,14 @@ pub(super) async fn page(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn frame(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Path((id, n)): Path<(String, String)>,
-) -> Answer<Vec<ExplainedField>> {
-    let n = n.parse().map_err(|_| Refused::new("gateway.missing", format!("no frame {n:?}")))?;
-    apart(&gate, move |gate| gate.bench.explain_captured(&id, n)).await.map(Json)
+) -> ApiResult<Vec<ExplainedField>> {
+    let n =
+        n.parse().map_err(|_| GatewayError::new("gateway.missing", format!("no frame {n:?}")))?;
+    run_blocking(&gate, move |gate| gate.bench.explain_captured(&id, n)).await.map(Json)
 }
 
-fn wrong(what: String) -> Refused {
-    Refused::new("gateway.request", what)
+fn request_error(what: String) -> GatewayError {
+    GatewayError::new("gateway.request", what)
 }

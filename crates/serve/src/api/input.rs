@@ -5,31 +5,32 @@ use axum::extract::{FromRequest, Request};
 use axum::http::StatusCode;
 use serde::de::DeserializeOwned;
 
-use crate::message::Refused;
+use crate::message::GatewayError;
 
 /// A body in JSON.
-pub(crate) struct Input<T>(pub T);
+pub(crate) struct JsonBody<T>(pub T);
 
-impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Input<T> {
-    type Rejection = Refused;
+impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for JsonBody<T> {
+    type Rejection = GatewayError;
 
-    async fn from_request(request: Request, _: &S) -> Result<Self, Refused> {
-        serde_json::from_slice(&body(request).await?)
+    async fn from_request(request: Request, _: &S) -> Result<Self, GatewayError> {
+        serde_json::from_slice(&read_body(request).await?)
             .map(Self)
-            .map_err(|error| Refused::new("gateway.request", format!("the body: {error}")))
+            .map_err(|error| GatewayError::new("gateway.request", format!("the body: {error}")))
     }
 }
 
 /// A body as it is, whole.
-pub(super) async fn body(request: Request) -> Result<Bytes, Refused> {
+pub(super) async fn read_body(request: Request) -> Result<Bytes, GatewayError> {
     Bytes::from_request(request, &()).await.map_err(|rejection| match rejection.status() {
-        StatusCode::PAYLOAD_TOO_LARGE => Refused::new("gateway.size", "more than this takes"),
-        _ => Refused::new("gateway.request", "the body broke off"),
+        StatusCode::PAYLOAD_TOO_LARGE => GatewayError::new("gateway.size", "more than this takes"),
+        _ => GatewayError::new("gateway.request", "the body broke off"),
     })
 }
 
 /// A number in a path.
-pub(crate) fn number(text: &str) -> Result<u16, Refused> {
-    let wrong = || Refused::new("gateway.missing", format!("{text:?} is no number of anything"));
+pub(crate) fn parse_index(text: &str) -> Result<u16, GatewayError> {
+    let wrong =
+        || GatewayError::new("gateway.missing", format!("{text:?} is no number of anything"));
     text.parse().map_err(|_| wrong())
 }

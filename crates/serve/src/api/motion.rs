@@ -5,66 +5,73 @@ use axum::extract::{Extension, Path, State};
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
-use super::input::{Input, number};
-use super::{Answer, Shared, by_lease, by_rest};
-use crate::bench::Reply;
+use super::input::{JsonBody, parse_index};
+use super::{ApiResult, SharedAppState, lease_session, rest_session};
+use crate::auth::Caller;
+use crate::bench::PendingReply;
 use crate::message::{
-    CommandOrder, DismissAbsent, DismissStop, Epoch, ErrorBody, LeaseAct, LeaseGranted, Outcome,
-    RawOrder, Refused, StopOrder, Stopped, TakeLease,
+    AcquireLease, CommandOutcome, CommandRequest, DismissAbsent, DismissStop, ErrorBody,
+    GatewayError, LeaseAction, LeaseEpoch, LeaseGrant, RawRequest, StopReport, StopRequest,
 };
-use crate::session::Caller;
 
 /// Take an axis
 ///
 /// The lease ends after 1.5 s unless it is renewed, and its end stops what was set in motion under it.
-#[utoipa::path(post, path = "/api/v1/axes/{id}/lease", tag = "motion",
-    params(("id" = u16, Path)), request_body = TakeLease, responses(
-    (status = 200, body = LeaseGranted),
+#[utoipa::path(post, path = "/api/v1/axes/{id}/lease", operation_id = "take", tag = "motion",
+    params(("id" = u16, Path)), request_body = AcquireLease, responses(
+    (status = 200, body = LeaseGrant),
     (status = "default", body = ErrorBody),
 ))]
-pub(super) async fn take(
-    State(gate): State<Shared>,
+pub(super) async fn acquire_lease(
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    Input(TakeLease { take }): Input<TakeLease>,
-) -> Answer<LeaseGranted> {
-    let act = if take { LeaseAct::TakeOver } else { LeaseAct::Take };
-    granted(gate.bench.lease(number(&id)?, &by_rest(&caller), act, 0).await)
+    JsonBody(AcquireLease { take }): JsonBody<AcquireLease>,
+) -> ApiResult<LeaseGrant> {
+    let act = if take { LeaseAction::TakeOver } else { LeaseAction::Take };
+    require_grant(gate.bench.request_lease(parse_index(&id)?, &rest_session(&caller), act, 0).await)
 }
 
 /// Keep an axis
-#[utoipa::path(post, path = "/api/v1/axes/{id}/lease/renew", tag = "motion",
-    params(("id" = u16, Path)), request_body = Epoch, responses(
-    (status = 200, body = LeaseGranted),
+#[utoipa::path(post, path = "/api/v1/axes/{id}/lease/renew", operation_id = "renew", tag = "motion",
+    params(("id" = u16, Path)), request_body = LeaseEpoch, responses(
+    (status = 200, body = LeaseGrant),
     (status = "default", body = ErrorBody),
 ))]
-pub(super) async fn renew(
-    State(gate): State<Shared>,
+pub(super) async fn renew_lease(
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    Input(Epoch { epoch }): Input<Epoch>,
-) -> Answer<LeaseGranted> {
-    granted(gate.bench.lease(number(&id)?, &by_rest(&caller), LeaseAct::Renew, epoch).await)
+    JsonBody(LeaseEpoch { epoch }): JsonBody<LeaseEpoch>,
+) -> ApiResult<LeaseGrant> {
+    require_grant(
+        gate.bench
+            .request_lease(parse_index(&id)?, &rest_session(&caller), LeaseAction::Renew, epoch)
+            .await,
+    )
 }
 
 /// Give an axis back
-#[utoipa::path(delete, path = "/api/v1/axes/{id}/lease", tag = "motion",
-    params(("id" = u16, Path)), request_body = Epoch, responses(
+#[utoipa::path(delete, path = "/api/v1/axes/{id}/lease", operation_id = "give_back", tag = "motion",
+    params(("id" = u16, Path)), request_body = LeaseEpoch, responses(
     (status = 200, body = ()),
     (status = "default", body = ErrorBody),
 ))]
-pub(super) async fn give_back(
-    State(gate): State<Shared>,
+pub(super) async fn release_lease(
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    Input(Epoch { epoch }): Input<Epoch>,
-) -> Answer<()> {
-    let given = gate.bench.lease(number(&id)?, &by_rest(&caller), LeaseAct::Drop, epoch).await;
+    JsonBody(LeaseEpoch { epoch }): JsonBody<LeaseEpoch>,
+) -> ApiResult<()> {
+    let given = gate
+        .bench
+        .request_lease(parse_index(&id)?, &rest_session(&caller), LeaseAction::Drop, epoch)
+        .await;
     given.map(|_| Json(()))
 }
 
-fn granted(granted: Result<Option<LeaseGranted>, Refused>) -> Answer<LeaseGranted> {
-    let ended = || Refused::new("gateway.lease", "the lease has ended");
+fn require_grant(granted: Result<Option<LeaseGrant>, GatewayError>) -> ApiResult<LeaseGrant> {
+    let ended = || GatewayError::new("gateway.lease", "the lease has ended");
     granted?.map(Json).ok_or_else(ended)
 }
 
@@ -73,19 +80,19 @@ fn granted(granted: Result<Option<LeaseGranted>, Refused>) -> Answer<LeaseGrante
 /// An id that was seen returns what came of it then, and sends nothing. What is too old, of another
 /// epoch, or locked is refused; nothing is sent then either.
 #[utoipa::path(post, path = "/api/v1/axes/{id}/commands", tag = "motion",
-    params(("id" = u16, Path)), request_body = CommandOrder, responses(
-    (status = 200, body = Outcome),
+    params(("id" = u16, Path)), request_body = CommandRequest, responses(
+    (status = 200, body = CommandOutcome),
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn command(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    Input(order): Input<CommandOrder>,
-) -> Answer<Outcome> {
+    JsonBody(order): JsonBody<CommandRequest>,
+) -> ApiResult<CommandOutcome> {
     let since = clock::now();
-    let reply = gate.bench.command(number(&id)?, &by_rest(&caller), order);
-    carried_out(&gate, since, reply).await
+    let reply = gate.bench.command(parse_index(&id)?, &rest_session(&caller), order);
+    await_outcome(&gate, since, reply).await
 }
 
 /// Send a request in the protocol's own text, at most once
@@ -94,23 +101,28 @@ pub(super) async fn command(
 /// scope `raw`, which no token has unless somebody writes it beside one, and which the server does not
 /// grant unless it is started so.
 #[utoipa::path(post, path = "/api/v1/axes/{id}/raw", tag = "motion",
-    params(("id" = u16, Path)), request_body = RawOrder, responses(
-    (status = 200, body = Outcome),
+    params(("id" = u16, Path)), request_body = RawRequest, responses(
+    (status = 200, body = CommandOutcome),
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn raw(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    Input(order): Input<RawOrder>,
-) -> Answer<Outcome> {
+    JsonBody(order): JsonBody<RawRequest>,
+) -> ApiResult<CommandOutcome> {
     let since = clock::now();
-    let (id, session) = (number(&id)?, by_lease(&gate, &caller, number(&id)?, order.epoch));
-    carried_out(&gate, since, gate.bench.raw(id, &session, order)).await
+    let (id, session) =
+        (parse_index(&id)?, lease_session(&gate, &caller, parse_index(&id)?, order.epoch));
+    await_outcome(&gate, since, gate.bench.raw(id, &session, order)).await
 }
 
 /// Waits for what comes of it. What the gateway itself refused is an error of HTTP as well.
-async fn carried_out(gate: &Shared, since: Instant, reply: Reply<Outcome>) -> Answer<Outcome> {
+async fn await_outcome(
+    gate: &SharedAppState,
+    since: Instant,
+    reply: PendingReply<CommandOutcome>,
+) -> ApiResult<CommandOutcome> {
     let outcome = reply.await?;
     gate.metrics.commands.observe(clock::now().since(since).as_secs_f64());
     match outcome.error {
@@ -124,17 +136,17 @@ async fn carried_out(gate: &Shared, since: Instant, reply: Reply<Outcome>) -> An
 /// All of them, and motion is locked until it is released, where no axes are named. Needs no lease, and
 /// ends those of the axes that stop. This is not a certified safety function: hard-wire STO and
 /// emergency stop.
-#[utoipa::path(post, path = "/api/v1/stop", tag = "motion", request_body = StopOrder, responses(
-    (status = 200, body = Stopped),
+#[utoipa::path(post, path = "/api/v1/stop", tag = "motion", request_body = StopRequest, responses(
+    (status = 200, body = StopReport),
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn stop(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
-    Input(order): Input<StopOrder>,
-) -> Answer<Stopped> {
+    JsonBody(order): JsonBody<StopRequest>,
+) -> ApiResult<StopReport> {
     let since = clock::now();
-    let stopped = gate.bench.stop(&by_rest(&caller), &order).await?;
+    let stopped = gate.bench.stop(&rest_session(&caller), &order).await?;
     gate.metrics.stops.observe(clock::now().since(since).as_secs_f64());
     Ok(Json(stopped))
 }
@@ -148,13 +160,13 @@ pub(super) async fn stop(
     params(("id" = u16, Path)), request_body = DismissStop,
     responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
 pub(super) async fn dismiss(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    Input(dismiss): Input<DismissStop>,
-) -> Answer<()> {
-    let (id, epoch) = (number(&id)?, dismiss.epoch);
-    let session = by_lease(&gate, &caller, id, epoch);
+    JsonBody(dismiss): JsonBody<DismissStop>,
+) -> ApiResult<()> {
+    let (id, epoch) = (parse_index(&id)?, dismiss.epoch);
+    let session = lease_session(&gate, &caller, id, epoch);
     gate.bench.dismiss(id, &session, dismiss).await.map(Json)
 }
 
@@ -165,19 +177,19 @@ pub(super) async fn dismiss(
 #[utoipa::path(post, path = "/api/v1/dismiss", tag = "motion", request_body = DismissAbsent,
     responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
 pub(super) async fn dismiss_absent(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
-    Input(dismiss): Input<DismissAbsent>,
-) -> Answer<()> {
-    gate.bench.dismiss_absent(&by_rest(&caller), dismiss).await.map(Json)
+    JsonBody(dismiss): JsonBody<DismissAbsent>,
+) -> ApiResult<()> {
+    gate.bench.dismiss_absent(&rest_session(&caller), dismiss).await.map(Json)
 }
 
 /// Let motion again after everything was stopped
 #[utoipa::path(post, path = "/api/v1/release", tag = "motion",
     responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
 pub(super) async fn release(
-    State(gate): State<Shared>,
+    State(gate): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
-) -> Answer<()> {
-    gate.bench.release(&by_rest(&caller), gate.bench.locks()).await.map(Json)
+) -> ApiResult<()> {
+    gate.bench.release(&rest_session(&caller), gate.bench.lock_count()).await.map(Json)
 }

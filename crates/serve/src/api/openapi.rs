@@ -2,7 +2,7 @@
 
 use utoipa::OpenApi;
 
-use super::{axis, bench, capture, entry, look, motion, record};
+use super::{axis, bench, capture, diagnostics, login, motion, scan};
 use crate::message::{ClientMessage, ServerMessage};
 
 /// What is described.
@@ -17,12 +17,12 @@ use crate::message::{ClientMessage, ServerMessage};
     ),
     paths(
         bench::show,
-        bench::act,
-        bench::pace,
-        look::show,
-        look::begin,
-        look::break_off,
-        look::take_in,
+        bench::apply_action,
+        bench::set_time_scale,
+        scan::show,
+        scan::start,
+        scan::cancel,
+        scan::add_drives,
         axis::show,
         axis::signals,
         axis::parameters,
@@ -30,9 +30,9 @@ use crate::message::{ClientMessage, ServerMessage};
         axis::write,
         axis::watchdog,
         axis::set_watchdog,
-        motion::take,
-        motion::renew,
-        motion::give_back,
+        motion::acquire_lease,
+        motion::renew_lease,
+        motion::release_lease,
         motion::command,
         motion::raw,
         motion::stop,
@@ -42,20 +42,20 @@ use crate::message::{ClientMessage, ServerMessage};
         capture::open,
         capture::page,
         capture::frame,
-        record::journal,
-        record::openapi,
-        record::metrics,
-        entry::login,
-        entry::prove,
+        diagnostics::journal,
+        diagnostics::openapi,
+        diagnostics::metrics,
+        login::login,
+        login::prove,
         crate::live::upgrade
     ),
     components(schemas(ClientMessage, ServerMessage))
 )]
-struct Description;
+struct ApiDoc;
 
 /// The description, as it is committed and served.
 #[must_use]
-pub fn description() -> String {
+pub fn openapi_json() -> String {
     // Made of what this program holds, it can always be written down.
-    Description::openapi().to_pretty_json().unwrap_or_default() + "\n"
+    ApiDoc::openapi().to_pretty_json().unwrap_or_default() + "\n"
 }

@@ -5,14 +5,16 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
-use polepair_capture::summary::{Manner, Summary, text};
-use polepair_capture::{Decoder, Event, Filter, Judge, unpacked};
+use polepair_capture::summary::{Summary, SummaryStyle, render_text};
+use polepair_capture::{
+    CaptureDecoder, DecodedFrame, FrameFilter, ProtocolDetector, unpack_bounded,
+};
 
 use super::Bench;
-use super::explained::{fields, item};
-use super::frames::parsed;
-use super::shared::held;
-use crate::message::{CaptureOpened, CapturePage, ExplainedField, FrameItem, Refused};
+use super::context::lock_unpoisoned;
+use super::frame_view::{explained_fields, frame_item};
+use super::frames::parse_filter;
+use crate::message::{CapturePage, ExplainedField, FrameItem, GatewayError, OpenedCapture};
 
 /// Captures that are kept; the oldest goes when there are more.
 const CAPTURES_MAX: usize = 4;
@@ -28,7 +30,7 @@ const PIECE: usize = 4096;
 /// The captures of a bench.
 #[derive(Default)]
 pub(super) struct Captures {
-    held: Mutex<VecDeque<Arc<Capture>>>,
+    stored: Mutex<VecDeque<Arc<Capture>>>,
     count: Mutex<u64>,
 }
 
@@ -41,18 +43,18 @@ struct Capture {
     /// Where the last page ended: who reads on need not begin anew.
     cursor: Mutex<Option<Cursor>>,
     /// The fields of frames that were shown last.
-    shown: Mutex<VecDeque<Fields>>,
+    recent_fields: Mutex<VecDeque<FrameFields>>,
 }
 
 /// A frame's number and fields.
-type Fields = (u64, Vec<ExplainedField>);
+type FrameFields = (u64, Vec<ExplainedField>);
 
 /// A capture that was explained so far.
 struct Cursor {
-    decoder: Decoder,
-    filter: Option<(String, Filter)>,
+    decoder: CaptureDecoder,
+    filter: Option<(String, FrameFilter)>,
     /// Bytes that were explained; more than there are once it is at its end.
-    fed: usize,
+    consumed: usize,
     /// Frames that were explained and not shown yet, with those that were passed over counted.
     ready: VecDeque<(FrameItem, Vec<ExplainedField>)>,
     /// The number of the next frame.
@@ -65,34 +67,37 @@ impl Bench {
     ///
     /// # Errors
     /// `gateway.size` for one that is too long, `E510` for what is no capture.
-    pub fn open_capture(&self, name: &str, bytes: Vec<u8>) -> Result<CaptureOpened, Refused> {
+    pub fn open_capture(&self, name: &str, bytes: Vec<u8>) -> Result<OpenedCapture, GatewayError> {
         // Unpacked once and for all: a page of what is packed can be larger than there is memory.
-        let bytes = unpacked(bytes, CAPTURE_MAX).ok_or_else(|| {
+        let bytes = unpack_bounded(bytes, CAPTURE_MAX).ok_or_else(|| {
             let what = format!("a capture has at most {} MiB here, unpacked", CAPTURE_MAX >> 20);
-            Refused::new("gateway.size", what).hint("`polepair summary` takes any length")
+            GatewayError::new("gateway.size", what).hint("`polepair summary` takes any length")
         })?;
         let (mut summary, mut links, mut total) = (Summary::default(), Vec::new(), 0);
-        let mut decoder = judged(&bytes);
-        let mut take = |event: &Event<'_>| {
+        let mut decoder = detect_decoder(&bytes);
+        let mut take = |event: &DecodedFrame<'_>| {
             if !links.iter().any(|link| link == event.link) {
                 links.push(event.link.to_owned());
             }
             total += 1;
-            summary.take(event);
+            summary.add_frame(event);
         };
         decoder.feed(&bytes, &mut take);
         decoder.finish(&mut take);
-        decoder.ending(&mut |event| summary.ending(event));
-        if decoder.tally().records == 0 {
-            return Err(Refused::new("E510", "this is not a capture: nothing of it can be read")
-                .hint("`polepair decode --help` shows what is read"));
+        decoder.finish_sessions(&mut |event| summary.add_open_notices(event));
+        if decoder.statistics().records == 0 {
+            return Err(GatewayError::new(
+                "E510",
+                "this is not a capture: nothing of it can be read",
+            )
+            .hint("`polepair decode --help` shows what is read"));
         }
         let format = decoder.format().map_or("", |format| format.name()).to_owned();
-        let manner = Manner { colour: false, rates: Vec::new(), product: None };
-        let id = self.0.captures.keep(bytes, links.clone(), total);
+        let manner = SummaryStyle { colour: false, rates: Vec::new(), product: None };
+        let id = self.0.captures.store(bytes, links.clone(), total);
         let page = self.capture_page(&id, 0, PAGE_MAX, None)?;
-        let summary = text(&summary, &manner);
-        Ok(CaptureOpened { id, name: name.to_owned(), format, links, summary, page })
+        let summary = render_text(&summary, &manner);
+        Ok(OpenedCapture { id, name: name.to_owned(), format, links, summary, page })
     }
 
     /// Some frames of a capture from the one of that number on: those that a filter wants.
@@ -105,7 +110,7 @@ impl Bench {
         from: u64,
         count: usize,
         filter: Option<&str>,
-    ) -> Result<CapturePage, Refused> {
+    ) -> Result<CapturePage, GatewayError> {
         let capture = self.0.captures.find(id)?;
         capture.page(from, count.clamp(1, PAGE_MAX), filter)
     }
@@ -114,35 +119,35 @@ impl Bench {
     ///
     /// # Errors
     /// `gateway.missing` for a capture that is kept no more, or a frame that it does not have.
-    pub fn explain_captured(&self, id: &str, n: u64) -> Result<Vec<ExplainedField>, Refused> {
+    pub fn explain_captured(&self, id: &str, n: u64) -> Result<Vec<ExplainedField>, GatewayError> {
         self.0.captures.find(id)?.explain(n)
     }
 }
 
-fn judged(bytes: &[u8]) -> Decoder {
-    let mut judge = Judge::new();
+fn detect_decoder(bytes: &[u8]) -> CaptureDecoder {
+    let mut judge = ProtocolDetector::new();
     judge.feed(bytes);
     judge.decide().1
 }
 
 impl Captures {
-    fn find(&self, id: &str) -> Result<Arc<Capture>, Refused> {
-        let capture = held(&self.held).iter().find(|held| held.id == id).cloned();
+    fn find(&self, id: &str) -> Result<Arc<Capture>, GatewayError> {
+        let capture = lock_unpoisoned(&self.stored).iter().find(|held| held.id == id).cloned();
         capture.ok_or_else(|| {
-            Refused::new("gateway.missing", format!("capture `{id}` is kept no more"))
+            GatewayError::new("gateway.missing", format!("capture `{id}` is kept no more"))
                 .hint("open the file again")
         })
     }
 
-    fn keep(&self, bytes: Vec<u8>, links: Vec<String>, total: u64) -> String {
+    fn store(&self, bytes: Vec<u8>, links: Vec<String>, total: u64) -> String {
         let id = {
-            let mut count = held(&self.count);
+            let mut count = lock_unpoisoned(&self.count);
             *count += 1;
             format!("capture-{count}")
         };
         let (cursor, shown) = (Mutex::default(), Mutex::default());
-        let capture = Capture { id: id.clone(), bytes, links, total, cursor, shown };
-        let mut all = held(&self.held);
+        let capture = Capture { id: id.clone(), bytes, links, total, cursor, recent_fields: shown };
+        let mut all = lock_unpoisoned(&self.stored);
         if all.len() == CAPTURES_MAX {
             all.pop_front();
         }
@@ -152,90 +157,101 @@ impl Captures {
 }
 
 impl Capture {
-    fn page(&self, from: u64, count: usize, filter: Option<&str>) -> Result<CapturePage, Refused> {
+    fn page(
+        &self,
+        from: u64,
+        count: usize,
+        filter: Option<&str>,
+    ) -> Result<CapturePage, GatewayError> {
         let filter = filter.filter(|text| !text.trim().is_empty());
-        let mut cursor = held(&self.cursor);
+        let mut cursor = lock_unpoisoned(&self.cursor);
         let goes_on = |cursor: &Cursor| {
-            cursor.shown_to() == from && cursor.filter.as_ref().map(|(text, _)| &**text) == filter
+            cursor.next_unread() == from
+                && cursor.filter.as_ref().map(|(text, _)| &**text) == filter
         };
         let kept = cursor
             .take()
             .filter(goes_on)
-            .map_or_else(|| Cursor::new(judged(&self.bytes), filter), Ok);
+            .map_or_else(|| Cursor::new(detect_decoder(&self.bytes), filter), Ok);
         let cursor = cursor.insert(kept?);
         let mut items = Vec::new();
         while items.len() < count {
             match cursor.ready.pop_front() {
                 Some((item, _)) if item.n < from => {}
                 Some((item, fields)) => {
-                    self.keep(item.n, fields);
+                    self.store_fields(item.n, fields);
                     items.push(item);
                 }
-                None if cursor.fed > self.bytes.len() => break,
-                None => cursor.go_on(&self.bytes, &self.links),
+                None if cursor.consumed > self.bytes.len() => break,
+                None => cursor.decode_chunk(&self.bytes, &self.links),
             }
         }
-        let next = Some(cursor.shown_to()).filter(|next| *next < self.total);
+        let next = Some(cursor.next_unread()).filter(|next| *next < self.total);
         let (id, total) = (self.id.clone(), self.total);
         Ok(CapturePage { id, from, next, total, items })
     }
 
-    fn keep(&self, n: u64, fields: Vec<ExplainedField>) {
-        let mut shown = held(&self.shown);
+    fn store_fields(&self, n: u64, fields: Vec<ExplainedField>) {
+        let mut shown = lock_unpoisoned(&self.recent_fields);
         if shown.len() == SHOWN_MAX {
             shown.pop_front();
         }
         shown.push_back((n, fields));
     }
 
-    fn explain(&self, n: u64) -> Result<Vec<ExplainedField>, Refused> {
-        if let Some((_, fields)) = held(&self.shown).iter().find(|(shown, _)| *shown == n) {
+    fn explain(&self, n: u64) -> Result<Vec<ExplainedField>, GatewayError> {
+        if let Some((_, fields)) =
+            lock_unpoisoned(&self.recent_fields).iter().find(|(shown, _)| *shown == n)
+        {
             return Ok(fields.clone());
         }
         let (mut found, mut next) = (None, 0);
-        let mut take = |event: &Event<'_>| {
-            found = found.take().or_else(|| (next == n).then(|| fields(event)));
+        let mut take = |event: &DecodedFrame<'_>| {
+            found = found.take().or_else(|| (next == n).then(|| explained_fields(event)));
             next += 1;
         };
-        let mut decoder = judged(&self.bytes);
+        let mut decoder = detect_decoder(&self.bytes);
         if n < self.total {
             self.bytes.chunks(PIECE).for_each(|piece| decoder.feed(piece, &mut take));
             decoder.finish(&mut take);
         }
         found.ok_or_else(|| {
             let what = format!("capture `{}` has no frame {n}", self.id);
-            Refused::new("gateway.missing", what).hint("frames count from 0")
+            GatewayError::new("gateway.missing", what).hint("frames count from 0")
         })
     }
 }
 
 impl Cursor {
-    fn new(decoder: Decoder, filter: Option<&str>) -> Result<Self, Refused> {
-        let read = |text: &str| parsed(text).map(|filter| (text.to_owned(), filter));
+    fn new(decoder: CaptureDecoder, filter: Option<&str>) -> Result<Self, GatewayError> {
+        let read = |text: &str| parse_filter(text).map(|filter| (text.to_owned(), filter));
         let filter = filter.map(read).transpose()?;
-        Ok(Self { decoder, filter, fed: 0, ready: VecDeque::new(), next: 0, first_ns: None })
+        Ok(Self { decoder, filter, consumed: 0, ready: VecDeque::new(), next: 0, first_ns: None })
     }
 
     /// The number of the first frame that no page looked at.
-    fn shown_to(&self) -> u64 {
+    fn next_unread(&self) -> u64 {
         self.ready.front().map_or(self.next, |(item, _)| item.n)
     }
 
     /// Explains a piece more.
-    fn go_on(&mut self, bytes: &[u8], links: &[String]) {
-        let Self { decoder, filter, fed, ready, next, first_ns } = self;
-        let mut take = |event: &Event<'_>| {
+    fn decode_chunk(&mut self, bytes: &[u8], links: &[String]) {
+        let Self { decoder, filter, consumed: fed, ready, next, first_ns } = self;
+        let mut take = |event: &DecodedFrame<'_>| {
             let n = *next;
             *next += 1;
             let ns = event.time.map(|time| time.0);
             *first_ns = first_ns.or(ns);
-            if !filter.as_mut().is_none_or(|(_, filter)| filter.wants(event)) {
+            if !filter.as_mut().is_none_or(|(_, filter)| filter.matches(event)) {
                 return;
             }
             let link = links.iter().position(|link| link == event.link).unwrap_or(0) as u16;
             let since = ns.zip(*first_ns).map_or(0, |(ns, first)| ns.saturating_sub(first));
             let t_us = since as f64 / 1e3;
-            ready.push_back((FrameItem { t_us, ..item(n, link, event) }, fields(event)));
+            ready.push_back((
+                FrameItem { t_us, ..frame_item(n, link, event) },
+                explained_fields(event),
+            ));
         };
         if *fed >= bytes.len() {
             decoder.finish(&mut take);

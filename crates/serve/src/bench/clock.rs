@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use polepair::simulate::{Pace, Simulation};
+use polepair::simulate::{Simulation, SimulationPace};
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
@@ -11,17 +11,17 @@ pub(super) const STEP: Duration = Duration::from_millis(1);
 
 /// What tells the time.
 #[derive(Clone, Debug)]
-pub(super) enum Clock {
+pub(super) enum BenchClock {
     /// The machine's clock; threads look after the wires.
     Real,
-    /// Virtual time: nothing happens but in [`Bench::pass`](super::Bench::pass).
+    /// Virtual time: nothing happens but in [`Bench::advance_time`](super::Bench::advance_time).
     Virtual(Simulation),
 }
 
-impl Clock {
+impl BenchClock {
     /// Virtual where a simulation is.
-    pub fn of<'a>(mut simulations: impl Iterator<Item = &'a Simulation>) -> Self {
-        let found = simulations.find(|simulation| simulation.pace() == Pace::Virtual);
+    pub fn from_simulations<'a>(mut simulations: impl Iterator<Item = &'a Simulation>) -> Self {
+        let found = simulations.find(|simulation| simulation.pace() == SimulationPace::Virtual);
         found.map_or(Self::Real, |simulation| Self::Virtual(simulation.clone()))
     }
 
@@ -34,7 +34,7 @@ impl Clock {
     }
 
     /// Milliseconds since 1970.
-    pub fn ms(at: Instant) -> f64 {
+    pub fn wall_ms(at: Instant) -> f64 {
         clock::wall_ns(at) as f64 / 1e6
     }
 

@@ -7,7 +7,7 @@ use polepair_core::profile::{
     Access, AxisKind, Parameter, ParameterId, Persistence, SignalSource, Watchdog,
 };
 
-use super::simulated::Drive;
+use super::simulated_drive::SimulatedDrive;
 use crate::message::{ArgumentInfo, AxisInfo, LimitInfo, ParameterInfo, SignalInfo, VerbInfo};
 
 /// Every argument, with its field in a command.
@@ -31,7 +31,12 @@ pub(super) const ARM: &str = "arm";
 pub(super) const DISARM: &str = "disarm";
 
 /// An axis.
-pub(super) fn axis_info(id: u16, link: u16, axis: &Axis, drive: Option<&Drive>) -> AxisInfo {
+pub(super) fn axis_info(
+    id: u16,
+    link: u16,
+    axis: &Axis,
+    drive: Option<&SimulatedDrive>,
+) -> AxisInfo {
     let profile = axis.profile();
     let kind = match profile.axis {
         AxisKind::Rotary => "rotary",
@@ -56,14 +61,14 @@ pub(super) fn axis_info(id: u16, link: u16, axis: &Axis, drive: Option<&Drive>) 
         },
         watchdog_parameter: profile
             .watchdog
-            .time(axis.medium())
+            .time_parameter(axis.medium())
             .and_then(|id| profile.parameter(id))
             .map(|parameter| parameter.name.to_owned()),
         caution: profile.caution.to_owned(),
         verbs: verbs(axis),
-        limits: LIMITS.iter().filter_map(|limit| limited(axis, *limit)).collect(),
+        limits: LIMITS.iter().filter_map(|limit| limit_info(axis, *limit)).collect(),
         signals: profile.signals.iter().map(|source| signal(axis, source)).collect(),
-        acts: drive.map_or_else(Vec::new, Drive::acts),
+        acts: drive.map_or_else(Vec::new, SimulatedDrive::acts),
     }
 }
 
@@ -72,7 +77,7 @@ pub(super) fn axis_info(id: u16, link: u16, axis: &Axis, drive: Option<&Drive>) 
 pub(super) fn is_offered(verb: Verb) -> bool {
     use Verb::{Begin, Begun, GiveTime, PrepareBy, PrepareTo, Store, Unfollow, WithholdTime};
     let others = [Begin, Begun, GiveTime, PrepareBy, PrepareTo, Store, Unfollow, WithholdTime];
-    !verb.follows() && !others.contains(&verb)
+    !verb.is_cyclic() && !others.contains(&verb)
 }
 
 fn verbs(axis: &Axis) -> Vec<VerbInfo> {
@@ -86,7 +91,7 @@ fn verbs(axis: &Axis) -> Vec<VerbInfo> {
 }
 
 fn argument(axis: &Axis, verb: Verb, (which, name): (Argument, &str)) -> Option<ArgumentInfo> {
-    if !verb.takes(which) {
+    if !verb.accepts(which) {
         return None;
     }
     let unit = axis.unit_of(verb, which)?.si_symbol().to_owned();
@@ -99,11 +104,12 @@ fn argument(axis: &Axis, verb: Verb, (which, name): (Argument, &str)) -> Option<
     Some(ArgumentInfo { name: name.to_owned(), unit, required })
 }
 
-fn limited(axis: &Axis, (verb, which, name): (Verb, Argument, &str)) -> Option<LimitInfo> {
+fn limit_info(axis: &Axis, (verb, which, name): (Verb, Argument, &str)) -> Option<LimitInfo> {
     let parameter = axis.destination(verb, which)??;
-    let id = axis.profile().find(parameter.name)?;
+    let id = axis.profile().find_parameter(parameter.name)?;
     let unit = axis.unit(id);
-    let si_of = |raw| Some(axis.value(id, raw).ok()?.value * unit.si()).filter(|v| v.is_finite());
+    let si_of =
+        |raw| Some(axis.value(id, raw).ok()?.value * unit.si_factor()).filter(|v| v.is_finite());
     let (min, max) = (si_of(parameter.min), si_of(parameter.max));
     Some(LimitInfo { name: name.to_owned(), unit: unit.si_symbol().to_owned(), min, max })
 }

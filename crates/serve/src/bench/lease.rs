@@ -8,15 +8,15 @@ use std::time::Duration;
 
 use polepair_core::time::Instant;
 
-use crate::message::Refused;
+use crate::message::GatewayError;
 
 /// A client's session, as leases and the journal name it.
-pub type Session = Arc<str>;
+pub type SessionName = Arc<str>;
 
 /// The right to command one axis.
 #[derive(Debug, Default)]
-pub(super) struct Seat {
-    holder: Option<Holder>,
+pub(super) struct LeaseSlot {
+    holder: Option<LeaseHolder>,
     /// Of the last lease that was given; 0 is nobody's.
     epoch: u64,
     /// Something was set in motion under the lease, and no stop followed.
@@ -25,9 +25,9 @@ pub(super) struct Seat {
 
 /// Whoever has the lease.
 #[derive(Clone, Debug)]
-pub(super) struct Holder {
+pub(super) struct LeaseHolder {
     /// Who.
-    pub session: Session,
+    pub session: SessionName,
     /// The lease's epoch.
     pub epoch: u64,
     /// When it ends unless it is renewed.
@@ -36,46 +36,47 @@ pub(super) struct Holder {
 
 /// A lease that ended.
 #[derive(Debug)]
-pub(super) struct Lost {
+pub(super) struct EndedLease {
     /// Whose it was.
-    pub holder: Holder,
+    pub holder: LeaseHolder,
     /// It set the axis in motion: somebody has to stop it.
     pub moved: bool,
 }
 
-impl Seat {
+impl LeaseSlot {
     /// Nobody's yet, whose next epoch is higher than that.
-    pub fn after(epoch: u64) -> Self {
+    pub fn after_epoch(epoch: u64) -> Self {
         Self { epoch, ..Self::default() }
     }
 
     /// Who has it.
-    pub fn holder(&self) -> Option<&Holder> {
+    pub fn holder(&self) -> Option<&LeaseHolder> {
         self.holder.as_ref()
     }
 
     /// Gives the lease to a session; from another one only if it is to `take` it. Returns the lease,
     /// and the one that ended with it.
-    pub fn take(
+    pub fn acquire(
         &mut self,
-        session: &Session,
+        session: &SessionName,
         take: bool,
         now: Instant,
         lasts: Duration,
-    ) -> Result<(Holder, Option<Lost>), Refused> {
-        if let Some(holder) = self.live(now).filter(|holder| holder.session == *session) {
-            let renewed = Holder { until: now + lasts, ..holder.clone() };
+    ) -> Result<(LeaseHolder, Option<EndedLease>), GatewayError> {
+        if let Some(holder) = self.current_holder(now).filter(|holder| holder.session == *session) {
+            let renewed = LeaseHolder { until: now + lasts, ..holder.clone() };
             self.holder = Some(renewed.clone());
             return Ok((renewed, None));
         }
-        if let Some(holder) = self.live(now).filter(|_| !take) {
+        if let Some(holder) = self.current_holder(now).filter(|_| !take) {
             let what = format!("{} commands this axis", holder.session);
-            return Err(lease(what)
+            return Err(lease_error(what)
                 .hint("wait until it is given back, or take it over on the server's page"));
         }
         let lost = self.end();
         self.epoch += 1;
-        let holder = Holder { session: session.clone(), epoch: self.epoch, until: now + lasts };
+        let holder =
+            LeaseHolder { session: session.clone(), epoch: self.epoch, until: now + lasts };
         self.holder = Some(holder.clone());
         Ok((holder, lost))
     }
@@ -83,71 +84,78 @@ impl Seat {
     /// Keeps it for longer.
     pub fn renew(
         &mut self,
-        session: &Session,
+        session: &SessionName,
         epoch: u64,
         now: Instant,
         lasts: Duration,
-    ) -> Result<Holder, Refused> {
-        let holder = self.held(session, epoch, now)?;
-        let renewed = Holder { until: now + lasts, ..holder.clone() };
+    ) -> Result<LeaseHolder, GatewayError> {
+        let holder = self.check_holder(session, epoch, now)?;
+        let renewed = LeaseHolder { until: now + lasts, ..holder.clone() };
         self.holder = Some(renewed.clone());
         Ok(renewed)
     }
 
     /// Gives it back.
-    pub fn give_back(
+    pub fn release(
         &mut self,
-        session: &Session,
+        session: &SessionName,
         epoch: u64,
         now: Instant,
-    ) -> Result<Option<Lost>, Refused> {
-        self.held(session, epoch, now)?;
+    ) -> Result<Option<EndedLease>, GatewayError> {
+        self.check_holder(session, epoch, now)?;
         Ok(self.end())
     }
 
     /// Ends it, whoever has it. What it set in motion is the caller's to stop.
-    pub fn end(&mut self) -> Option<Lost> {
+    pub fn end(&mut self) -> Option<EndedLease> {
         let moved = std::mem::take(&mut self.moved);
-        self.holder.take().map(|holder| Lost { holder, moved })
+        self.holder.take().map(|holder| EndedLease { holder, moved })
     }
 
     /// Ends it if its time is over.
-    pub fn expire(&mut self, now: Instant) -> Option<Lost> {
+    pub fn expire(&mut self, now: Instant) -> Option<EndedLease> {
         let over = self.holder.as_ref().is_some_and(|holder| holder.until <= now);
         if over { self.end() } else { None }
     }
 
     /// The lease, if it is its caller's and of this epoch, and not over.
-    pub fn held(&self, session: &Session, epoch: u64, now: Instant) -> Result<&Holder, Refused> {
-        match self.live(now) {
+    pub fn check_holder(
+        &self,
+        session: &SessionName,
+        epoch: u64,
+        now: Instant,
+    ) -> Result<&LeaseHolder, GatewayError> {
+        match self.current_holder(now) {
             Some(holder) if holder.session == *session && holder.epoch == epoch => Ok(holder),
             Some(holder) if holder.session == *session => {
                 let what = format!("epoch {epoch} is over, this is {}", holder.epoch);
-                Err(lease(what).hint("what was said under an older lease is not carried out"))
+                Err(lease_error(what).hint("what was said under an older lease is not carried out"))
             }
-            Some(holder) => Err(lease(format!("{} commands this axis", holder.session))
+            Some(holder) => Err(lease_error(format!("{} commands this axis", holder.session))
                 .hint("wait until it is given back, or take it over on the server's page")),
-            None => Err(lease("nobody has the lease of this axis").hint("take it, and renew it")),
+            None => {
+                Err(lease_error("nobody has the lease of this axis").hint("take it, and renew it"))
+            }
         }
     }
 
     /// Notes that something was set in motion under the lease.
-    pub fn moves(&mut self) {
+    pub fn mark_moved(&mut self) {
         self.moved = true;
     }
 
     /// Notes that what was set in motion was told to stop.
-    pub fn stopped(&mut self) {
+    pub fn mark_stopped(&mut self) {
         self.moved = false;
     }
 
-    fn live(&self, now: Instant) -> Option<&Holder> {
+    fn current_holder(&self, now: Instant) -> Option<&LeaseHolder> {
         self.holder.as_ref().filter(|holder| now < holder.until)
     }
 }
 
-fn lease(what: impl Into<String>) -> Refused {
-    Refused::new("gateway.lease", what)
+fn lease_error(what: impl Into<String>) -> GatewayError {
+    GatewayError::new("gateway.lease", what)
 }
 
 #[cfg(test)]
@@ -162,30 +170,30 @@ mod tests {
 
     #[test]
     fn a_lease_is_one_sessions_until_it_ends_or_is_taken() {
-        let (ann, bob): (Session, Session) = ("ann".into(), "bob".into());
-        let mut seat = Seat::default();
-        let (lease, lost) = seat.take(&ann, false, at(0), LASTS).unwrap();
+        let (ann, bob): (SessionName, SessionName) = ("ann".into(), "bob".into());
+        let mut seat = LeaseSlot::default();
+        let (lease, lost) = seat.acquire(&ann, false, at(0), LASTS).unwrap();
         assert!(lease.epoch == 1 && lost.is_none());
-        assert_eq!(seat.take(&bob, false, at(1), LASTS).unwrap_err().code, "gateway.lease");
-        seat.moves();
-        let (taken, lost) = seat.take(&bob, true, at(2), LASTS).unwrap();
+        assert_eq!(seat.acquire(&bob, false, at(1), LASTS).unwrap_err().code, "gateway.lease");
+        seat.mark_moved();
+        let (taken, lost) = seat.acquire(&bob, true, at(2), LASTS).unwrap();
         assert_eq!(taken.epoch, 2);
         assert!(lost.is_some_and(|lost| lost.moved && lost.holder.session == ann));
         assert!(seat.renew(&ann, 1, at(3), LASTS).is_err());
-        assert!(seat.held(&bob, 1, at(3)).is_err(), "an older epoch");
-        assert!(seat.held(&bob, 2, at(3)).is_ok());
+        assert!(seat.check_holder(&bob, 1, at(3)).is_err(), "an older epoch");
+        assert!(seat.check_holder(&bob, 2, at(3)).is_ok());
     }
 
     #[test]
     fn a_lease_that_is_not_renewed_ends_by_itself() {
-        let ann: Session = "ann".into();
-        let mut seat = Seat::default();
-        seat.take(&ann, false, at(0), LASTS).unwrap();
+        let ann: SessionName = "ann".into();
+        let mut seat = LeaseSlot::default();
+        seat.acquire(&ann, false, at(0), LASTS).unwrap();
         seat.renew(&ann, 1, at(1000), LASTS).unwrap();
         assert!(seat.expire(at(2499)).is_none());
-        assert!(seat.held(&ann, 1, at(2500)).is_err(), "over, though nobody looked yet");
+        assert!(seat.check_holder(&ann, 1, at(2500)).is_err(), "over, though nobody looked yet");
         assert!(seat.expire(at(2500)).is_some());
-        let (again, _) = seat.take(&ann, false, at(2600), LASTS).unwrap();
+        let (again, _) = seat.acquire(&ann, false, at(2600), LASTS).unwrap();
         assert_eq!(again.epoch, 2, "what was said before is not carried out after");
     }
 }

@@ -3,38 +3,38 @@
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
-use polepair::connect::Part;
+use polepair::connect::LinkPart;
 use polepair::simulate::Simulation;
 use polepair::wire::OpenWire;
 use polepair::{Axis, Connector, Error};
-use polepair_capture::{Decoder, Rules};
+use polepair_capture::{CaptureDecoder, Rules};
 use polepair_core::drives;
 use polepair_core::medium::MediumKind;
 use polepair_link::Cause;
 
-use super::Seat;
-use super::clock::Clock;
+use super::AxisEntry;
+use super::clock::BenchClock;
+use super::context::lock_unpoisoned;
 use super::describe::axis_info;
-use super::desk::Desk;
-use super::frames::Traffic;
-use super::look::Search;
-use super::shared::held;
-use super::simulated::Drive;
-use super::threads::no_thread;
-use super::wire::Wire;
-use crate::message::{AbsentAxis, Counter, LinkState, LinkView, Refused};
+use super::frames::FrameTraffic;
+use super::request_worker::RequestWorker;
+use super::scan::LinkScan;
+use super::simulated_drive::SimulatedDrive;
+use super::threads::thread_error;
+use super::wire::BenchWire;
+use crate::message::{AbsentAxis, GatewayError, LinkCounter, LinkState, LinkView};
 
 /// Axes of a bench.
 pub(super) const AXES_MAX: usize = 256;
 
 /// A link of the bench: one wire, whatever its connection string opens besides.
-pub(super) struct Link {
+pub(super) struct BenchLink {
     pub id: u16,
     pub url: String,
-    pub wire: Arc<Wire>,
-    pub desk: Arc<Desk>,
+    pub wire: Arc<BenchWire>,
+    pub request_worker: Arc<RequestWorker>,
     /// Looks for drives there.
-    pub search: Arc<Search>,
+    pub scan: Arc<LinkScan>,
     medium: MediumKind,
     opened: OnceLock<OpenedLink>,
     /// Axes that were not there when it was opened.
@@ -43,7 +43,7 @@ pub(super) struct Link {
 
 /// What a link is once it was opened.
 struct OpenedLink {
-    open: OpenWire,
+    wire: OpenWire,
     /// Its simulation, and the link's number there.
     simulation: Option<(Simulation, usize)>,
     /// Keeps the link open.
@@ -51,34 +51,34 @@ struct OpenedLink {
 }
 
 /// A bench that was opened.
-pub(super) struct Opened {
-    pub links: Vec<Link>,
+pub(super) struct OpenedBench {
+    pub links: Vec<BenchLink>,
     /// What each connection string opened, with the number of its first axis.
     pub roots: Vec<(u16, polepair::Link)>,
-    pub axes: Vec<Seat>,
-    pub clock: Clock,
+    pub axes: Vec<AxisEntry>,
+    pub clock: BenchClock,
     /// Links that could not be opened, and why.
-    pub dead: Vec<(u16, Refused)>,
+    pub failed: Vec<(u16, GatewayError)>,
 }
 
 /// Opens what the connection strings name, or the rack that there is without any. What is wrong with a
 /// string ends it before anything is opened. A link that cannot be opened is kept in its place, unless
 /// none can and none will by itself.
-pub(super) fn open(
+pub(super) fn open_links(
     urls: &[String],
     connector: &Connector,
-    traffic: &Arc<Traffic>,
-) -> Result<Opened, Refused> {
+    traffic: &Arc<FrameTraffic>,
+) -> Result<OpenedBench, GatewayError> {
     let rack = rack();
     let urls = if urls.is_empty() { &rack } else { urls };
-    let mut parts: Vec<Part> = Vec::new();
+    let mut parts: Vec<LinkPart> = Vec::new();
     for url in urls {
         parts.extend(connector.parts(url)?);
     }
     let tried = open_parts(&parts, connector, traffic)?;
     let failed = || tried.iter().filter_map(|tried| tried.as_ref().err());
     if failed().count() == tried.len()
-        && !failed().any(may_come_back)
+        && !failed().any(is_transient)
         && let Some(error) = failed().next()
     {
         return Err(error.clone().into());
@@ -90,44 +90,45 @@ pub(super) fn open(
         match tried {
             Ok((opened, absent)) => {
                 roots.push((axes.len() as u16, opened.clone()));
-                take((&part.url, connector), &opened, &mut links, &mut axes);
+                add_wires((&part.url, connector), &opened, &mut links, &mut axes);
                 links[usize::from(id)].set_absent(absent);
             }
             Err(error) => {
                 let medium = part.medium.unwrap_or(MediumKind::Serial);
-                links.push(Link::new((id, &part.url, medium), connector, Vec::new()));
+                links.push(BenchLink::new((id, &part.url, medium), connector, Vec::new()));
                 dead.push((id, error.into()));
             }
         }
     }
     if axes.len() > AXES_MAX {
         let what = format!("{} axes are more than a bench holds, {AXES_MAX}", axes.len());
-        return Err(Refused::new("gateway.request", what));
+        return Err(GatewayError::new("gateway.request", what));
     }
-    let clock = Clock::of(links.iter().filter_map(|link| Some(&link.simulation()?.0)));
-    let is_virtual = |link: &Link| match link.simulation() {
-        Some((simulation, _)) => simulation.pace() == polepair::simulate::Pace::Virtual,
+    let clock =
+        BenchClock::from_simulations(links.iter().filter_map(|link| Some(&link.simulation()?.0)));
+    let is_virtual = |link: &BenchLink| match link.simulation() {
+        Some((simulation, _)) => simulation.pace() == polepair::simulate::SimulationPace::Virtual,
         None => false,
     };
     if !clock.is_real() && !links.iter().all(is_virtual) {
         let what = "some links are in virtual time, others are not";
         return Err(
-            Refused::new("gateway.request", what).hint("say time=virtual on all, or on none")
+            GatewayError::new("gateway.request", what).hint("say time=virtual on all, or on none")
         );
     }
-    Ok(Opened { links, roots, axes, clock, dead })
+    Ok(OpenedBench { links, roots, axes, clock, failed: dead })
 }
 
 /// A link with those of its axes that are there, and the others.
-type Present = (polepair::Link, Vec<(u32, Error)>);
+type PresentLink = (polepair::Link, Vec<(u32, Error)>);
 
 /// Opens simulations one after the other, for they are what they are; and then all else at once, so that
 /// a host that does not answer keeps no motor of another from being stopped.
 fn open_parts(
-    parts: &[Part],
+    parts: &[LinkPart],
     connector: &Connector,
-    traffic: &Arc<Traffic>,
-) -> Result<Vec<Result<Present, Error>>, Refused> {
+    traffic: &Arc<FrameTraffic>,
+) -> Result<Vec<Result<PresentLink, Error>>, GatewayError> {
     let (mut count, mut firsts, mut simulated) = (0, Vec::new(), Vec::new());
     for part in parts {
         firsts.push(count);
@@ -136,29 +137,30 @@ fn open_parts(
             simulated.push(None);
             continue;
         }
-        let opened = tapped(connector, traffic, count).connect(&part.url)?;
-        let in_turn = wires(&opened).enumerate().all(|(n, of)| opened.wire_of(&of[0]) == Some(n));
+        let opened = tapped_connector(connector, traffic, count).connect(&part.url)?;
+        let in_turn =
+            axes_by_wire(&opened).enumerate().all(|(n, of)| opened.wire_index(&of[0]) == Some(n));
         if !in_turn {
             let what = format!("{} names no axis of a wire before one of which it does", part.url);
             let hint = "name an axis of each wire before it after `#`, or none";
-            return Err(Refused::new("gateway.request", what).hint(hint));
+            return Err(GatewayError::new("gateway.request", what).hint(hint));
         }
-        count += wires(&opened).count();
+        count += axes_by_wire(&opened).count();
         simulated.push(Some(opened));
     }
     std::thread::scope(|scope| {
         let opening = parts.iter().zip(firsts).zip(simulated).map(|((part, first), simulated)| {
             let present = move || match simulated {
                 Some(opened) => Ok((opened, Vec::new())),
-                None => tapped(connector, traffic, first).connect_present(&part.url),
+                None => tapped_connector(connector, traffic, first).connect_present(&part.url),
             };
             std::thread::Builder::new().spawn_scoped(scope, present)
         });
-        let opening: Vec<_> = opening.collect::<Result<_, _>>().map_err(|e| no_thread(&e))?;
+        let opening: Vec<_> = opening.collect::<Result<_, _>>().map_err(|e| thread_error(&e))?;
         let tried = opening.into_iter().map(|opening| match opening.join() {
             // What the caller says of it, and asks of it, cannot be: that is told before anything is
             // served.
-            Ok(Err(error)) if is_callers(&error) => Err(error.into()),
+            Ok(Err(error)) if is_usage_error(&error) => Err(error.into()),
             Ok(tried) => Ok(tried),
             Err(panic) => std::panic::resume_unwind(panic),
         });
@@ -167,19 +169,23 @@ fn open_parts(
 }
 
 /// A connector whose taps are those of the bench's links from that one on.
-pub(super) fn tapped(connector: &Connector, traffic: &Arc<Traffic>, first: usize) -> Connector {
+pub(super) fn tapped_connector(
+    connector: &Connector,
+    traffic: &Arc<FrameTraffic>,
+    first: usize,
+) -> Connector {
     let ears = Arc::clone(traffic);
-    connector.clone().with_taps(move |wire| ears.ear(first + wire))
+    connector.clone().with_taps(move |wire| ears.tap(first + wire))
 }
 
 /// Whether it is the caller's mistake, whatever becomes of ports and drives.
-pub(super) const fn is_callers(error: &Error) -> bool {
+pub(super) const fn is_usage_error(error: &Error) -> bool {
     matches!(error, Error::Usage { .. } | Error::Unsupported { .. } | Error::Interrupted { .. })
 }
 
 /// Whether a link that could not be opened may be there later, without anybody changing a file or a
 /// connection string.
-fn may_come_back(error: &Error) -> bool {
+fn is_transient(error: &Error) -> bool {
     match error {
         Error::Link(error) => error.cause() != Cause::Unsuitable,
         Error::Failed { .. } => true,
@@ -201,35 +207,35 @@ fn rack() -> Vec<String> {
 }
 
 /// The axes of each wire that has any.
-fn wires(opened: &polepair::Link) -> impl Iterator<Item = &[Axis]> {
-    opened.axes().chunk_by(|one, other| one.connection().is(other.connection()))
+fn axes_by_wire(opened: &polepair::Link) -> impl Iterator<Item = &[Axis]> {
+    opened.axes().chunk_by(|one, other| one.connection().is_same(other.connection()))
 }
 
 /// The wires of an opened link, with their axes.
-fn take(
+fn add_wires(
     (url, connector): (&str, &Connector),
     opened: &polepair::Link,
-    links: &mut Vec<Link>,
-    seats: &mut Vec<Seat>,
+    links: &mut Vec<BenchLink>,
+    seats: &mut Vec<AxisEntry>,
 ) {
     let root = Arc::new(Mutex::new(opened.clone()));
     let own = own_links(opened.simulation());
-    for (n, (axes, open)) in wires(opened).zip(opened.wires()).enumerate() {
+    for (n, (axes, open)) in axes_by_wire(opened).zip(opened.wires()).enumerate() {
         let id = links.len() as u16;
         let simulation = opened.simulation().cloned().zip(own.get(n).copied());
         let mut ids = Vec::new();
         for (place, axis) in axes.iter().enumerate() {
             let seat_id = seats.len() as u16;
             let drive = simulation.as_ref().and_then(|(simulation, link)| {
-                Drive::find(simulation, *link, axis.number(), place)
+                SimulatedDrive::find(simulation, *link, axis.number(), place)
             });
             let info = axis_info(seat_id, id, axis, drive.as_ref());
-            seats.push(Seat { link: links.len(), place, info, drive });
+            seats.push(AxisEntry { link: links.len(), local_index: place, info, drive });
             ids.push((seat_id, axis.clone()));
         }
-        let link = Link::new((id, url, open.medium), connector, ids);
-        link.search.opened(&root, n);
-        link.set_opened(OpenedLink { open: open.clone(), simulation, link: opened.clone() });
+        let link = BenchLink::new((id, url, open.medium), connector, ids);
+        link.scan.set_opened(&root, n);
+        link.set_opened(OpenedLink { wire: open.clone(), simulation, link: opened.clone() });
         links.push(link);
     }
 }
@@ -238,24 +244,24 @@ fn take(
 fn own_links(simulation: Option<&Simulation>) -> Vec<usize> {
     let Some(simulation) = simulation else { return Vec::new() };
     let description = simulation.description();
-    (0..simulation.links()).filter(|n| description.relay_to(*n).is_none()).collect()
+    (0..simulation.links()).filter(|n| description.relay_link(*n).is_none()).collect()
 }
 
-impl Link {
+impl BenchLink {
     fn new(
         (id, url, medium): (u16, &str, MediumKind),
         connector: &Connector,
         axes: Vec<(u16, Axis)>,
     ) -> Self {
-        let wire = Arc::new(Wire::new(axes));
-        let desk = Arc::new(Desk::new(&wire));
-        let search = Arc::new(Search::new(id, connector.clone()));
+        let wire = Arc::new(BenchWire::new(axes));
+        let request_worker = Arc::new(RequestWorker::new(&wire));
+        let scan = Arc::new(LinkScan::new(id, connector.clone()));
         let (opened, absent) = (OnceLock::new(), Mutex::default());
-        Self { id, url: url.to_owned(), wire, desk, search, medium, opened, absent }
+        Self { id, url: url.to_owned(), wire, request_worker, scan, medium, opened, absent }
     }
 
     /// Whether the drive of that number is one of its axes.
-    pub fn has(&self, number: u32) -> bool {
+    pub fn has_axis(&self, number: u32) -> bool {
         self.wire.axes.iter().any(|(_, axis)| axis.number() == number)
     }
 
@@ -266,26 +272,26 @@ impl Link {
 
     fn set_absent(&self, absent: Vec<(u32, Error)>) {
         let told = |(number, error): (u32, Error)| AbsentAxis { number, error: error.into() };
-        *held(&self.absent) = absent.into_iter().map(told).collect();
+        *lock_unpoisoned(&self.absent) = absent.into_iter().map(told).collect();
     }
 
     /// Its axes that are not there.
     pub fn absent(&self) -> Vec<AbsentAxis> {
-        held(&self.absent).clone()
+        lock_unpoisoned(&self.absent).clone()
     }
 
     /// One of them is there.
-    pub fn joined(&self, number: u32) {
-        held(&self.absent).retain(|axis| axis.number != number);
+    pub fn remove_absent(&self, number: u32) {
+        lock_unpoisoned(&self.absent).retain(|axis| axis.number != number);
     }
 
     /// It was opened after all, as one wire. Its axes are still to join.
-    pub fn opened_later(&self, opened: &polepair::Link, absent: Vec<(u32, Error)>) {
-        self.search.opened(&Arc::new(Mutex::new(opened.clone())), 0);
+    pub fn set_opened_later(&self, opened: &polepair::Link, absent: Vec<(u32, Error)>) {
+        self.scan.set_opened(&Arc::new(Mutex::new(opened.clone())), 0);
         self.set_absent(absent);
         if let Some(open) = opened.wires().first() {
             self.set_opened(OpenedLink {
-                open: open.clone(),
+                wire: open.clone(),
                 simulation: None,
                 link: opened.clone(),
             });
@@ -303,20 +309,20 @@ impl Link {
     }
 
     /// Its first axis, which stands for the wire.
-    fn axis(&self) -> Option<&Axis> {
+    fn first_axis(&self) -> Option<&Axis> {
         self.wire.axes.first().map(|(_, axis)| axis)
     }
 
     /// What explains its frames.
-    pub fn decoder(&self) -> Decoder {
+    pub fn decoder(&self) -> CaptureDecoder {
         let axes = self.wire.axes.iter().map(|(_, axis)| axis);
-        let protocols = self.opened.get().map_or(&[][..], |opened| &opened.open.protocols);
+        let protocols = self.opened.get().map_or(&[][..], |opened| &opened.wire.protocols);
         let several = axes.filter(|_| protocols.len() > 1);
         let stated = several.map(|axis| format!("{}@{}", axis.protocol(), axis.number()));
         let all = protocols.iter().map(|word| (*word).to_owned());
         let rules = stated.chain(all).collect::<Vec<_>>().join(",");
-        let profile = self.axis().map(Axis::profile);
-        Decoder::new(Rules::parse(&rules).unwrap_or_default()).with_profile(profile)
+        let profile = self.first_axis().map(Axis::profile);
+        CaptureDecoder::new(Rules::parse(&rules).unwrap_or_default()).with_profile(profile)
     }
 
     /// The share of the time so far in which it was busy, where that is known.
@@ -326,12 +332,12 @@ impl Link {
     }
 
     /// All but the debts of the server before.
-    pub fn told(&self) -> LinkView {
+    pub fn view(&self) -> LinkView {
         let medium = match self.medium {
             MediumKind::Serial => "serial",
             MediumKind::Can => "can",
         };
-        let lost = self.wire.lost();
+        let lost = self.wire.link_error();
         LinkView {
             id: self.id,
             url: self.url.clone(),
@@ -342,7 +348,7 @@ impl Link {
                 Some(_) if self.was_opened() => LinkState::Lost,
                 Some(_) => LinkState::NotOpen,
             },
-            since_ms: lost.as_ref().map(|(since, _)| Clock::ms(*since)),
+            since_ms: lost.as_ref().map(|(since, _)| BenchClock::wall_ms(*since)),
             error: lost.map(|(_, error)| error),
             absent: self.absent(),
             owed: Vec::new(),
@@ -351,8 +357,8 @@ impl Link {
         }
     }
 
-    fn counters(&self) -> Vec<Counter> {
-        let (Some(axis), Some(opened)) = (self.axis(), self.opened.get()) else {
+    fn counters(&self) -> Vec<LinkCounter> {
+        let (Some(axis), Some(opened)) = (self.first_axis(), self.opened.get()) else {
             return Vec::new();
         };
         let c = opened.link.counters(axis);
@@ -365,31 +371,31 @@ impl Link {
             ("echoed", c.echoed),
             ("skipped", c.skipped),
         ];
-        counts.map(|(name, count)| Counter { name: name.to_owned(), count }).into()
+        counts.map(|(name, count)| LinkCounter { name: name.to_owned(), count }).into()
     }
 }
 
 /// How many times faster than real motors the simulated ones live.
-pub(super) fn time_scale(links: &[Link]) -> Option<f64> {
-    let mut simulations = links.iter().filter_map(Link::simulation);
+pub(super) fn time_scale(links: &[BenchLink]) -> Option<f64> {
+    let mut simulations = links.iter().filter_map(BenchLink::simulation);
     simulations.next().map(|(simulation, _)| simulation.scale())
 }
 
 /// Sets it, for all of them.
 pub(super) fn set_time_scale(
-    links: &[Link],
+    links: &[BenchLink],
     scale: f64,
-) -> impl FnOnce() -> Result<(), Refused> + Send + 'static {
+) -> impl FnOnce() -> Result<(), GatewayError> + Send + 'static {
     let simulations = links.iter().filter_map(|link| Some(link.simulation()?.0.clone()));
     let simulations: Vec<Simulation> = simulations.collect();
     move || Ok(simulations.iter().try_for_each(|simulation| simulation.set_scale(scale))?)
 }
 
 /// Lets virtual time pass, once for each simulation: links of one share its world.
-pub(super) fn pass(links: &[Link], span: Duration) {
-    for (simulation, n) in links.iter().filter_map(Link::simulation) {
+pub(super) fn advance_time(links: &[BenchLink], span: Duration) {
+    for (simulation, n) in links.iter().filter_map(BenchLink::simulation) {
         if own_links(Some(simulation)).first() == Some(n) {
-            simulation.pass(span);
+            simulation.advance(span);
         }
     }
 }

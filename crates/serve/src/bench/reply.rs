@@ -7,29 +7,32 @@ use std::task::{Context, Poll};
 use tokio::sync::oneshot::Receiver;
 use tokio::sync::oneshot::error::TryRecvError;
 
-use crate::message::Refused;
+use crate::message::GatewayError;
 
 /// What comes of something that was asked. Dropped, it goes on by itself.
 #[derive(Debug)]
 #[must_use = "it goes on by itself, but nobody hears what came of it"]
-pub struct Reply<T>(Told<T>);
+pub struct PendingReply<T>(ReplyState<T>);
 
 #[derive(Debug)]
-enum Told<T> {
-    Ready(Option<Result<T, Refused>>),
-    Later(Receiver<Result<T, Refused>>),
+enum ReplyState<T> {
+    Ready(Option<Result<T, GatewayError>>),
+    Waiting(Receiver<Result<T, GatewayError>>),
 }
 
-impl<T> Reply<T> {
+impl<T> PendingReply<T> {
     /// One that is known already.
-    pub(super) fn ready(answer: Result<T, Refused>) -> Self {
-        Self(Told::Ready(Some(answer)))
+    pub(super) fn ready(answer: Result<T, GatewayError>) -> Self {
+        Self(ReplyState::Ready(Some(answer)))
     }
 
     /// One that comes later, if it could be asked for.
-    pub(super) fn of(told: Receiver<Result<T, Refused>>, asked: Result<(), Refused>) -> Self {
+    pub(super) fn from_receiver(
+        told: Receiver<Result<T, GatewayError>>,
+        asked: Result<(), GatewayError>,
+    ) -> Self {
         match asked {
-            Ok(()) => Self(Told::Later(told)),
+            Ok(()) => Self(ReplyState::Waiting(told)),
             Err(refused) => Self::ready(Err(refused)),
         }
     }
@@ -38,40 +41,47 @@ impl<T> Reply<T> {
     ///
     /// # Errors
     /// As it was refused.
-    pub fn wait(self) -> Result<T, Refused> {
+    pub fn wait(self) -> Result<T, GatewayError> {
         match self.0 {
-            Told::Ready(answer) => answer.unwrap_or_else(|| Err(closed())),
-            Told::Later(told) => told.blocking_recv().unwrap_or_else(|_| Err(closed())),
+            ReplyState::Ready(answer) => answer.unwrap_or_else(|| Err(closed_error())),
+            ReplyState::Waiting(told) => {
+                told.blocking_recv().unwrap_or_else(|_| Err(closed_error()))
+            }
         }
     }
 
     /// Takes it if it is there.
-    pub fn take(&mut self) -> Option<Result<T, Refused>> {
+    pub fn try_recv(&mut self) -> Option<Result<T, GatewayError>> {
         match &mut self.0 {
-            Told::Ready(answer) => answer.take(),
-            Told::Later(told) => match told.try_recv() {
+            ReplyState::Ready(answer) => answer.take(),
+            ReplyState::Waiting(told) => match told.try_recv() {
                 Ok(answer) => Some(answer),
                 Err(TryRecvError::Empty) => None,
-                Err(TryRecvError::Closed) => Some(Err(closed())),
+                Err(TryRecvError::Closed) => Some(Err(closed_error())),
             },
         }
     }
 }
 
-impl<T: Unpin> Future for Reply<T> {
-    type Output = Result<T, Refused>;
+impl<T: Unpin> Future for PendingReply<T> {
+    type Output = Result<T, GatewayError>;
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
         match &mut self.0 {
-            Told::Ready(answer) => Poll::Ready(answer.take().unwrap_or_else(|| Err(closed()))),
-            Told::Later(told) => {
-                Pin::new(told).poll(context).map(|told| told.unwrap_or_else(|_| Err(closed())))
+            ReplyState::Ready(answer) => {
+                Poll::Ready(answer.take().unwrap_or_else(|| Err(closed_error())))
             }
+            ReplyState::Waiting(told) => Pin::new(told)
+                .poll(context)
+                .map(|told| told.unwrap_or_else(|_| Err(closed_error()))),
         }
     }
 }
 
-fn closed() -> Refused {
-    let refused = Refused::new("gateway.busy", "the server ended before it was answered");
-    Refused { executed: None, ..refused.hint("see what the drive does before it is said again") }
+fn closed_error() -> GatewayError {
+    let refused = GatewayError::new("gateway.busy", "the server ended before it was answered");
+    GatewayError {
+        executed: None,
+        ..refused.hint("see what the drive does before it is said again")
+    }
 }

@@ -1,11 +1,11 @@
 //! What is known of an axis, in the words of its message. Nothing is asked.
 
 use polepair::Axis;
-use polepair_core::axis::State;
+use polepair_core::axis::AxisStatus;
 use polepair_core::profile::{Severity, Signal, SignalSource};
 use polepair_core::time::Instant;
 
-use crate::message::{AxisState, FaultTold, SignalValue};
+use crate::message::{ActiveFault, AxisState, SignalValue};
 
 /// All but lease and panel.
 pub(super) fn axis_state(id: u16, axis: &Axis) -> AxisState {
@@ -33,7 +33,7 @@ pub(super) fn axis_state(id: u16, axis: &Axis) -> AxisState {
 /// A signal's value, if it was ever read.
 pub(super) fn signal_value(
     axis: &Axis,
-    state: &State,
+    state: &AxisStatus,
     source: &SignalSource,
     now: Instant,
 ) -> Option<SignalValue> {
@@ -48,7 +48,7 @@ pub(super) fn signal_value(
 }
 
 /// Faults and warnings that stand; a code that nobody knows is told as it is.
-fn faults(axis: &Axis, state: &State) -> Vec<FaultTold> {
+fn faults(axis: &Axis, state: &AxisStatus) -> Vec<ActiveFault> {
     let reading = state.reading(Signal::Fault);
     let raw = u32::try_from(reading.raw).unwrap_or(0);
     if reading.at.is_none() || raw == 0 {
@@ -59,10 +59,10 @@ fn faults(axis: &Axis, state: &State) -> Vec<FaultTold> {
         let name = format!("fault {raw:#x}");
         let remedy = "look it up in the drive's manual".to_owned();
         let (symbol, cause, warning) = (name.clone(), String::new(), false);
-        return vec![FaultTold { code: raw, name, symbol, cause, remedy, warning }];
+        return vec![ActiveFault { code: raw, name, symbol, cause, remedy, warning }];
     }
     let stands = known.into_iter().filter(|fault| fault.severity != Severity::Note);
-    let told = stands.map(|fault| FaultTold {
+    let told = stands.map(|fault| ActiveFault {
         code: fault.code,
         name: if fault.text.is_empty() { fault.name } else { fault.text }.to_owned(),
         symbol: fault.name.to_owned(),

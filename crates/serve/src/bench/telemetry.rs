@@ -12,10 +12,10 @@ use polepair_core::profile::{ParameterId, Signal};
 use polepair_core::time::Instant;
 
 use super::Bench;
+use super::context::lock_unpoisoned;
 use super::open::AXES_MAX;
-use super::shared::held;
 use crate::message::telemetry::Sample;
-use crate::message::{Refused, Source as From};
+use crate::message::{GatewayError, SampleSource as From};
 
 /// Samples that are kept of each thing that is watched: eight seconds at 1 kHz.
 const SAMPLES_MAX: usize = 8192;
@@ -28,49 +28,49 @@ const HZ_MAX: f64 = 1000.0;
 /// What was not sent for so long is asked for.
 const SILENCE_US: u64 = 1_000_000;
 /// Samples by which a rate is told.
-const RATED: usize = 256;
+const RATE_SAMPLES: usize = 256;
 
 /// What is watched of an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum What {
+pub(super) enum WatchTarget {
     Signal(Signal),
     Parameter(ParameterId),
 }
 
 /// Something that is watched.
 #[derive(Debug)]
-pub(super) struct Source {
-    pub what: What,
+pub(super) struct TelemetrySource {
+    pub target: WatchTarget,
     unit: &'static str,
-    ring: Mutex<Ring>,
+    ring: Mutex<SampleRing>,
     /// The drive sends it by itself.
     pushed: AtomicBool,
     /// When the drive last did, µs.
     pushed_us: AtomicU64,
-    wanted: Mutex<Wanted>,
+    schedule: Mutex<PollSchedule>,
 }
 
 /// How often something is wanted, and when it is next to be asked for.
 #[derive(Debug, Default)]
-struct Wanted {
+struct PollSchedule {
     /// Of each who watches.
     rates: Vec<f64>,
     next: Instant,
 }
 
 #[derive(Debug, Default)]
-struct Ring {
+struct SampleRing {
     samples: VecDeque<Sample>,
     /// The number of the first that is kept.
     first: u64,
-    gaps: VecDeque<Gap>,
+    gaps: VecDeque<SampleGap>,
     /// Gaps that are forgotten.
     gaps_before: u64,
 }
 
 /// Samples that are not there.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Gap {
+pub struct SampleGap {
     /// After this time, µs.
     pub from_us: u64,
     /// Before this time, µs.
@@ -83,26 +83,26 @@ pub struct Gap {
 #[derive(Debug)]
 pub(super) struct Telemetry {
     /// What is watched of each axis.
-    by_axis: Mutex<Vec<Vec<Weak<Source>>>>,
+    by_axis: Mutex<Vec<Vec<Weak<TelemetrySource>>>>,
     /// Of each axis a bit for each signal that the drive was seen to send.
-    sends: Vec<AtomicU32>,
+    pushed_signals: Vec<AtomicU32>,
 }
 
 /// Something that can be watched.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Wish {
+pub(crate) struct ChannelRequest {
     axis: u16,
-    what: What,
+    target: WatchTarget,
     unit: &'static str,
     hz: f64,
 }
 
 /// What somebody watches. Dropped, it is watched no more.
 #[derive(Debug)]
-pub struct Channel {
-    source: Arc<Source>,
+pub struct TelemetryChannel {
+    source: Arc<TelemetrySource>,
     /// How often it is wanted here.
-    wanted: f64,
+    requested_hz: f64,
     /// The number of the next sample.
     next: u64,
     /// The number of the next gap.
@@ -123,177 +123,180 @@ impl Bench {
         signal: Option<&str>,
         parameter: Option<&str>,
         hz: f64,
-    ) -> Result<Channel, Refused> {
-        self.watch(self.wish(axis, signal, parameter, hz)?)
+    ) -> Result<TelemetryChannel, GatewayError> {
+        self.open_channel(self.resolve_channel(axis, signal, parameter, hz)?)
     }
 
     /// Whether that can be watched; shares no lock with who watches.
-    pub(crate) fn wish(
+    pub(crate) fn resolve_channel(
         &self,
         axis: u16,
         signal: Option<&str>,
         parameter: Option<&str>,
         hz: f64,
-    ) -> Result<Wish, Refused> {
-        let (link, place) = self.seat(axis)?;
+    ) -> Result<ChannelRequest, GatewayError> {
+        let (link, place) = self.find_axis(axis)?;
         let its = &link.wire.axes[place].1;
         if !(hz > 0.0 && hz <= HZ_MAX) {
             let what = format!("{hz} Hz is not more than 0 and at most {HZ_MAX}");
-            return Err(Refused::new("gateway.request", what));
+            return Err(GatewayError::new("gateway.request", what));
         }
         let (what, unit) = match (signal, parameter) {
             (Some(word), None) => {
                 let source = its.profile().signals.iter().find(|s| s.signal.name() == word);
                 let source = source.ok_or_else(|| {
-                    Refused::new("E213", format!("{} does not tell `{word}`", its.label()))
+                    GatewayError::new("E213", format!("{} does not tell `{word}`", its.label()))
                         .hint("the bench's list has what each axis can tell")
                 })?;
-                (What::Signal(source.signal), its.signal_unit(source.signal))
+                (WatchTarget::Signal(source.signal), its.signal_unit(source.signal))
             }
             (None, Some(name)) => {
                 let id = its.find(name)?;
-                (What::Parameter(id), its.unit(id).symbol())
+                (WatchTarget::Parameter(id), its.unit(id).symbol())
             }
-            _ => return Err(Refused::new("gateway.request", "name a signal, or a parameter")),
+            _ => return Err(GatewayError::new("gateway.request", "name a signal, or a parameter")),
         };
-        Ok(Wish { axis, what, unit, hz })
+        Ok(ChannelRequest { axis, target: what, unit, hz })
     }
 
     /// Watches it.
-    pub(crate) fn watch(&self, wish: Wish) -> Result<Channel, Refused> {
-        self.0.telemetry.watch(wish)
+    pub(crate) fn open_channel(
+        &self,
+        wish: ChannelRequest,
+    ) -> Result<TelemetryChannel, GatewayError> {
+        self.0.telemetry.open_channel(wish)
     }
 }
 
 impl Telemetry {
     pub fn new(axes: usize) -> Self {
         let by_axis = Mutex::new(vec![Vec::new(); axes]);
-        Self { by_axis, sends: (0..AXES_MAX).map(|_| AtomicU32::new(0)).collect() }
+        Self { by_axis, pushed_signals: (0..AXES_MAX).map(|_| AtomicU32::new(0)).collect() }
     }
 
     /// One more axis.
-    pub fn grow(&self) {
-        held(&self.by_axis).push(Vec::new());
+    pub fn add_axis(&self) {
+        lock_unpoisoned(&self.by_axis).push(Vec::new());
     }
 
     /// Takes a sample that a drive sent.
-    pub fn push(&self, axis: u16, what: What, sample: Sample) {
-        let Some(sends) = self.sends.get(usize::from(axis)) else { return };
-        if let What::Signal(signal) = what {
+    pub fn push(&self, axis: u16, what: WatchTarget, sample: Sample) {
+        let Some(sends) = self.pushed_signals.get(usize::from(axis)) else { return };
+        if let WatchTarget::Signal(signal) = what {
             sends.fetch_or(1 << signal as u32, Ordering::Relaxed);
         }
-        let by_axis = held(&self.by_axis);
+        let by_axis = lock_unpoisoned(&self.by_axis);
         let its = by_axis.get(usize::from(axis)).into_iter().flatten();
         let mut sources = its.filter_map(Weak::upgrade);
-        if let Some(source) = sources.find(|source| source.what == what) {
+        if let Some(source) = sources.find(|source| source.target == what) {
             source.push(sample);
         }
     }
 
     /// Notes that a drive sent more than could be taken.
-    pub fn missed(&self, axis: u16, lost: u64) {
-        self.of(axis).iter().for_each(|source| source.missed(lost));
+    pub fn record_loss(&self, axis: u16, lost: u64) {
+        self.sources_of(axis).iter().for_each(|source| source.record_loss(lost));
     }
 
     /// Whether a drive was seen to send a signal.
-    pub fn sends(&self, axis: u16, signal: Signal) -> bool {
-        let sends = self.sends.get(usize::from(axis));
+    pub fn is_pushed(&self, axis: u16, signal: Signal) -> bool {
+        let sends = self.pushed_signals.get(usize::from(axis));
         sends.is_some_and(|sends| sends.load(Ordering::Relaxed) & (1 << signal as u32) != 0)
     }
 
-    fn watch(&self, wish: Wish) -> Result<Channel, Refused> {
-        let Wish { axis, what, unit, hz } = wish;
-        let mut by_axis = held(&self.by_axis);
+    fn open_channel(&self, wish: ChannelRequest) -> Result<TelemetryChannel, GatewayError> {
+        let ChannelRequest { axis, target: what, unit, hz } = wish;
+        let mut by_axis = lock_unpoisoned(&self.by_axis);
         by_axis.iter_mut().for_each(|sources| sources.retain(|s| s.strong_count() > 0));
         let count: usize = by_axis.iter().map(Vec::len).sum();
         let sources = &mut by_axis[usize::from(axis)];
-        let known = sources.iter().filter_map(Weak::upgrade).find(|source| source.what == what);
+        let known = sources.iter().filter_map(Weak::upgrade).find(|source| source.target == what);
         let source = match known {
             Some(source) => source,
             None if count >= SOURCES_MAX => {
                 let what = format!("{SOURCES_MAX} things are watched already");
-                return Err(Refused::new("gateway.limit", what).hint("close a scope"));
+                return Err(GatewayError::new("gateway.limit", what).hint("close a scope"));
             }
             None => {
-                let source = Arc::new(Source::new(what, unit));
+                let source = Arc::new(TelemetrySource::new(what, unit));
                 sources.push(Arc::downgrade(&source));
                 source
             }
         };
-        Ok(source.channel(hz))
+        Ok(source.open_channel(hz))
     }
 
     /// What is watched of an axis.
-    pub fn of(&self, axis: u16) -> Vec<Arc<Source>> {
-        let by_axis = held(&self.by_axis);
+    pub fn sources_of(&self, axis: u16) -> Vec<Arc<TelemetrySource>> {
+        let by_axis = lock_unpoisoned(&self.by_axis);
         let sources = by_axis.get(usize::from(axis)).into_iter().flatten();
         sources.filter_map(Weak::upgrade).collect()
     }
 }
 
-impl Source {
-    fn new(what: What, unit: &'static str) -> Self {
+impl TelemetrySource {
+    fn new(target: WatchTarget, unit: &'static str) -> Self {
         Self {
-            what,
+            target,
             unit,
             ring: Mutex::default(),
             pushed: AtomicBool::new(false),
             pushed_us: AtomicU64::new(0),
-            wanted: Mutex::default(),
+            schedule: Mutex::default(),
         }
     }
 
     /// Lets somebody watch, so often.
-    fn channel(self: Arc<Self>, hz: f64) -> Channel {
-        held(&self.wanted).rates.push(hz);
-        Channel::new(self, hz)
+    fn open_channel(self: Arc<Self>, hz: f64) -> TelemetryChannel {
+        lock_unpoisoned(&self.schedule).rates.push(hz);
+        TelemetryChannel::new(self, hz)
     }
 
     /// Takes a sample that the drive sent.
     fn push(&self, sample: Sample) {
         self.pushed.store(true, Ordering::Relaxed);
         self.pushed_us.store(sample.t_us, Ordering::Relaxed);
-        held(&self.ring).take(sample);
+        lock_unpoisoned(&self.ring).push(sample);
     }
 
     /// Takes a sample that was asked for.
-    pub fn answered(&self, sample: Sample) {
+    pub fn push_polled(&self, sample: Sample) {
         self.pushed.store(false, Ordering::Relaxed);
-        held(&self.ring).take(sample);
+        lock_unpoisoned(&self.ring).push(sample);
     }
 
     /// Notes that the drive sent more than could be taken.
-    fn missed(&self, lost: u64) {
+    fn record_loss(&self, lost: u64) {
         if self.pushed.load(Ordering::Relaxed) {
-            held(&self.ring).miss(lost);
+            lock_unpoisoned(&self.ring).push_gap(lost);
         }
     }
 
     /// When it is next to be asked for: never, while the drive sends it.
-    pub fn due(&self, now_us: u64) -> Option<Instant> {
+    pub fn poll_due(&self, now_us: u64) -> Option<Instant> {
         let sent = self.pushed.load(Ordering::Relaxed)
             && now_us.saturating_sub(self.pushed_us.load(Ordering::Relaxed)) < SILENCE_US;
-        (!sent).then(|| held(&self.wanted).next)
+        (!sent).then(|| lock_unpoisoned(&self.schedule).next)
     }
 
     /// Notes that it is asked for now. What was too slow is not caught up with.
-    pub fn asked(&self, now: Instant) {
-        let mut wanted = held(&self.wanted);
+    pub fn mark_polled(&self, now: Instant) {
+        let mut wanted = lock_unpoisoned(&self.schedule);
         let period = Duration::from_secs_f64(1.0 / wanted.hz().max(1e-3));
         let on_time = wanted.next + period;
         wanted.next = if on_time > now { on_time } else { now + period };
     }
 }
 
-impl Wanted {
+impl PollSchedule {
     /// As often as the quickest wants it.
     fn hz(&self) -> f64 {
         self.rates.iter().copied().fold(0.0, f64::max)
     }
 }
 
-impl Ring {
-    fn take(&mut self, sample: Sample) {
+impl SampleRing {
+    fn push(&mut self, sample: Sample) {
         if self.samples.len() == SAMPLES_MAX {
             self.samples.pop_front();
             self.first += 1;
@@ -301,7 +304,7 @@ impl Ring {
         self.samples.push_back(sample);
     }
 
-    fn miss(&mut self, lost: u64) {
+    fn push_gap(&mut self, lost: u64) {
         if self.gaps.len() == GAPS_MAX {
             self.gaps.pop_front();
             self.gaps_before += 1;
@@ -309,23 +312,23 @@ impl Ring {
         // Those that were kept came after those that were thrown away.
         let to_us = self.samples.back().map_or(0, |sample| sample.t_us);
         let from_us = self.samples.len().checked_sub(2).map_or(0, |n| self.samples[n].t_us);
-        self.gaps.push_back(Gap { from_us, to_us, lost });
+        self.gaps.push_back(SampleGap { from_us, to_us, lost });
     }
 }
 
-impl Channel {
-    fn new(source: Arc<Source>, wanted: f64) -> Self {
+impl TelemetryChannel {
+    fn new(source: Arc<TelemetrySource>, requested_hz: f64) -> Self {
         let (next, next_gap) = {
-            let ring = held(&source.ring);
+            let ring = lock_unpoisoned(&source.ring);
             let next = ring.first + ring.samples.len() as u64;
             (next, ring.gaps_before + ring.gaps.len() as u64)
         };
-        Self { source, wanted, next, next_gap, seen_us: 0, lost: 0 }
+        Self { source, requested_hz, next, next_gap, seen_us: 0, lost: 0 }
     }
 
     /// Takes the samples that came since, behind what `out` has, and tells what was lost before them.
-    pub fn take(&mut self, out: &mut Vec<Sample>) -> Option<Gap> {
-        let ring = held(&self.source.ring);
+    pub fn drain_into(&mut self, out: &mut Vec<Sample>) -> Option<SampleGap> {
+        let ring = lock_unpoisoned(&self.source.ring);
         let fell_behind = ring.first.saturating_sub(self.next);
         let from = self.next.max(ring.first) - ring.first;
         let new = ring.samples.iter().skip(from as usize);
@@ -334,11 +337,11 @@ impl Channel {
         self.next = ring.first + ring.samples.len() as u64;
         let mut gap = (fell_behind > 0).then(|| {
             let to_us = out.get(before).map_or(self.seen_us, |sample| sample.t_us);
-            Gap { from_us: self.seen_us, to_us, lost: fell_behind }
+            SampleGap { from_us: self.seen_us, to_us, lost: fell_behind }
         });
         let missed = self.next_gap.saturating_sub(ring.gaps_before) as usize;
         for missed in ring.gaps.iter().skip(missed) {
-            gap = Some(gap.map_or(*missed, |gap| gap.and(missed)));
+            gap = Some(gap.map_or(*missed, |gap| gap.merge(missed)));
         }
         self.next_gap = ring.gaps_before + ring.gaps.len() as u64;
         self.seen_us = out.last().map_or(self.seen_us, |sample| sample.t_us);
@@ -370,31 +373,33 @@ impl Channel {
     /// How often it came, by the last samples; how often it is wanted while there are too few.
     #[must_use]
     pub fn hz(&self) -> f64 {
-        let ring = held(&self.source.ring);
-        let rated = ring.samples.len().min(RATED);
+        let ring = lock_unpoisoned(&self.source.ring);
+        let rated = ring.samples.len().min(RATE_SAMPLES);
         let span = || {
             let last = ring.samples.back()?.t_us;
             Some(last.saturating_sub(ring.samples.get(ring.samples.len() - rated)?.t_us))
         };
         match span() {
             Some(us) if rated > 1 && us > 0 => (rated - 1) as f64 * 1e6 / us as f64,
-            _ => held(&self.source.wanted).hz(),
+            _ => lock_unpoisoned(&self.source.schedule).hz(),
         }
     }
 }
 
-impl Drop for Channel {
+impl Drop for TelemetryChannel {
     fn drop(&mut self) {
-        let mut wanted = held(&self.source.wanted);
-        if let Some(own) = wanted.rates.iter().position(|hz| hz.total_cmp(&self.wanted).is_eq()) {
+        let mut wanted = lock_unpoisoned(&self.source.schedule);
+        if let Some(own) =
+            wanted.rates.iter().position(|hz| hz.total_cmp(&self.requested_hz).is_eq())
+        {
             wanted.rates.swap_remove(own);
         }
     }
 }
 
-impl Gap {
+impl SampleGap {
     /// Both together.
-    fn and(self, other: &Self) -> Self {
+    fn merge(self, other: &Self) -> Self {
         Self {
             from_us: self.from_us.min(other.from_us),
             to_us: self.to_us.max(other.to_us),
@@ -413,38 +418,43 @@ mod tests {
 
     #[test]
     fn who_falls_behind_loses_the_oldest_and_is_told() {
-        let source = Arc::new(Source::new(What::Signal(Signal::Velocity), "rad/s"));
-        let (mut slow, mut quick) = (source.clone().channel(20.0), source.clone().channel(50.0));
+        let source = Arc::new(TelemetrySource::new(WatchTarget::Signal(Signal::Velocity), "rad/s"));
+        let (mut slow, mut quick) =
+            (source.clone().open_channel(20.0), source.clone().open_channel(50.0));
         let (mut seen, mut all) = (Vec::new(), Vec::new());
         for n in 0..3 * SAMPLES_MAX as u64 {
             source.push(sample(n));
             if n % 100 == 99 {
-                assert_eq!(quick.take(&mut all), None);
+                assert_eq!(quick.drain_into(&mut all), None);
             }
         }
-        quick.take(&mut all);
+        quick.drain_into(&mut all);
         assert_eq!(all.len(), 3 * SAMPLES_MAX);
-        let gap = slow.take(&mut seen).expect("it lost some");
+        let gap = slow.drain_into(&mut seen).expect("it lost some");
         assert_eq!((gap.lost, slow.lost()), (2 * SAMPLES_MAX as u64, 2 * SAMPLES_MAX as u64));
         assert_eq!(seen.len(), SAMPLES_MAX);
         assert_eq!(gap.to_us, seen[0].t_us);
         assert!((quick.hz() - 1000.0).abs() < 0.1);
         assert_eq!(quick.source(), From::Pushed);
-        assert_eq!(held(&source.wanted).hz(), 50.0);
+        assert_eq!(lock_unpoisoned(&source.schedule).hz(), 50.0);
         drop(quick);
-        assert_eq!(held(&source.wanted).hz(), 20.0, "nobody wants it quicker any more");
+        assert_eq!(
+            lock_unpoisoned(&source.schedule).hz(),
+            20.0,
+            "nobody wants it quicker any more"
+        );
     }
 
     #[test]
     fn what_was_lost_on_the_way_here_is_told_once_to_each() {
-        let source = Arc::new(Source::new(What::Signal(Signal::Velocity), ""));
-        let mut channel = source.clone().channel(20.0);
+        let source = Arc::new(TelemetrySource::new(WatchTarget::Signal(Signal::Velocity), ""));
+        let mut channel = source.clone().open_channel(20.0);
         let mut out = Vec::new();
         source.push(sample(1));
         source.push(sample(9));
-        source.missed(5);
-        let gap = channel.take(&mut out);
-        assert_eq!(gap, Some(Gap { from_us: 1000, to_us: 9000, lost: 5 }));
-        assert_eq!((channel.take(&mut out), out.len(), channel.lost()), (None, 2, 5));
+        source.record_loss(5);
+        let gap = channel.drain_into(&mut out);
+        assert_eq!(gap, Some(SampleGap { from_us: 1000, to_us: 9000, lost: 5 }));
+        assert_eq!((channel.drain_into(&mut out), out.len(), channel.lost()), (None, 2, 5));
     }
 }

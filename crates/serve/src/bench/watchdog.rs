@@ -10,38 +10,39 @@ use serde_json::json;
 use tokio::sync::oneshot;
 
 use super::Bench;
-use super::lease::Session;
-use super::parameters::still_holds;
-use super::reply::Reply;
-use super::wire::{Go, Order};
-use crate::message::{Deed, Refused, SetWatchdog, WatchdogSet, WatchdogTold};
+use super::lease::SessionName;
+use super::parameters::check_lease_held;
+use super::reply::PendingReply;
+use super::wire::{Continuation, WireRequest};
+use crate::message::{GatewayError, JournalAction, SetWatchdog, WatchdogMode, WatchdogView};
 
 impl Bench {
     /// Reads how an axis' own watchdog is set now.
-    pub fn watchdog(&self, axis: u16) -> Reply<WatchdogTold> {
+    pub fn watchdog(&self, axis: u16) -> PendingReply<WatchdogView> {
         let (tell, told) = oneshot::channel();
-        let asked = self.seat(axis).map(|(link, place)| {
+        let asked = self.find_axis(axis).map(|(link, place)| {
             let axis = link.wire.axes[place].1.clone();
-            link.desk.ask(tell, move || Ok(shown(&axis, axis.watchdog()?)));
+            link.request_worker
+                .submit_query(tell, move || Ok(watchdog_view(&axis, axis.watchdog()?)));
         });
-        Reply::of(told, asked)
+        PendingReply::from_receiver(told, asked)
     }
 
     /// Sets it under a lease, once the journal keeps that, and reads how it is set then.
     pub fn set_watchdog(
         &self,
         axis: u16,
-        session: &Session,
+        session: &SessionName,
         wanted: SetWatchdog,
-    ) -> Reply<WatchdogTold> {
+    ) -> PendingReply<WatchdogView> {
         let (tell, told) = oneshot::channel();
-        let asked = self.seat(axis).and_then(|(link, place)| {
+        let asked = self.find_axis(axis).and_then(|(link, place)| {
             let SetWatchdog { after_ms, epoch } = wanted;
-            let after = after_ms.map(span).transpose()?.filter(|after| !after.is_zero());
+            let after = after_ms.map(parse_duration).transpose()?.filter(|after| !after.is_zero());
             let (id, wire) = (axis, Arc::clone(&link.wire));
-            let (desk, shared) = (Arc::clone(&link.desk), Arc::clone(&self.0.shared));
+            let (desk, shared) = (Arc::clone(&link.request_worker), Arc::clone(&self.0.context));
             let (its, who) = (wire.axes[place].1.clone(), session.clone());
-            let go: Go = Box::new(move |may| {
+            let go: Continuation = Box::new(move |may| {
                 // Who has gone does not want to know, here and below.
                 if let Err(refused) = may {
                     return drop(tell.send(Err(refused)));
@@ -49,45 +50,45 @@ impl Bench {
                 let name = its.watchdog_parameter().and_then(|id| its.profile().parameter(id));
                 let detail = json!({ "watchdog": name.map(|its| its.name), "after_ms": after_ms });
                 let (by, notes) = (who.clone(), Arc::clone(&shared));
-                let then: Go = Box::new(move |kept| match kept {
+                let then: Continuation = Box::new(move |kept| match kept {
                     Err(refused) => drop(tell.send(Err(refused))),
-                    Ok(()) => desk.ask(tell, move || {
-                        still_holds(&wire, place, epoch, &who)?;
-                        let set = its.set_watchdog(after).map_err(Refused::from);
-                        wire.note_watch(place, false);
+                    Ok(()) => desk.submit_query(tell, move || {
+                        check_lease_held(&wire, place, epoch, &who)?;
+                        let set = its.set_watchdog(after).map_err(GatewayError::from);
+                        wire.set_host_watched(place, false);
                         let detail = json!({ "error": set.as_ref().err() });
-                        shared.noted(&who, Deed::Outcome, Some(id), detail);
-                        Ok(shown(&its, set?))
+                        shared.record(&who, JournalAction::Outcome, Some(id), detail);
+                        Ok(watchdog_view(&its, set?))
                     }),
                 });
-                let what = (&by, Deed::Parameters, Some(id));
-                notes.notes.announce(what, detail, notes.now(), then);
+                let what = (&by, JournalAction::Parameters, Some(id));
+                notes.journal.write_ahead(what, detail, notes.now(), then);
             });
             let session = session.clone();
-            link.wire.order(Order::Write { axis: place, session, epoch, go })
+            link.wire.submit(WireRequest::Write { axis: place, session, epoch, then: go })
         });
-        Reply::of(told, asked)
+        PendingReply::from_receiver(told, asked)
     }
 }
 
-fn span(ms: f64) -> Result<Duration, Refused> {
-    let wrong = || Refused::new("E217", format!("{ms} ms is no time"));
+fn parse_duration(ms: f64) -> Result<Duration, GatewayError> {
+    let wrong = || GatewayError::new("E217", format!("{ms} ms is no time"));
     Duration::try_from_secs_f64(ms / 1e3).map_err(|_| wrong())
 }
 
-fn shown(axis: &Axis, state: WatchdogState) -> WatchdogTold {
+fn watchdog_view(axis: &Axis, state: WatchdogState) -> WatchdogView {
     let parameter = axis.watchdog_parameter().and_then(|id| axis.profile().parameter(id));
-    WatchdogTold {
+    WatchdogView {
         rule: axis.watchdog_rule(),
         set: match state {
-            WatchdogState::None => WatchdogSet::None,
-            WatchdogState::Off => WatchdogSet::Off,
-            WatchdogState::On(_) => WatchdogSet::On,
-            WatchdogState::Other { .. } => WatchdogSet::Other,
-            WatchdogState::NoReaction(_) => WatchdogSet::NoReaction,
-            WatchdogState::Untold => WatchdogSet::Untold,
+            WatchdogState::None => WatchdogMode::None,
+            WatchdogState::Off => WatchdogMode::Off,
+            WatchdogState::On(_) => WatchdogMode::On,
+            WatchdogState::OtherNode { .. } => WatchdogMode::Other,
+            WatchdogState::NoReaction(_) => WatchdogMode::NoReaction,
+            WatchdogState::Unknown => WatchdogMode::Untold,
         },
-        text: axis.watchdog_in_words(state),
+        text: axis.describe_watchdog(state),
         after_ms: state.after().map(|after| after.as_secs_f64() * 1e3),
         parameter: parameter.map(|parameter| parameter.name.to_owned()),
         caution: axis.watchdog_caution(false).unwrap_or_default(),

@@ -2,29 +2,33 @@ use super::*;
 use serde_json::json;
 
 /// A file of its own for each test.
-fn place(name: &str) -> PathBuf {
+fn temp_path(name: &str) -> PathBuf {
     let path = std::env::temp_dir().join(format!("polepair-{name}-{}.jsonl", std::process::id()));
     let _ = std::fs::remove_file(&path);
     path
 }
 
-fn written(name: &str, count: u16) -> PathBuf {
-    let path = place(name);
-    let (journal, cut) = Journal::open(&path).unwrap();
+fn write_journal(name: &str, count: u16) -> PathBuf {
+    let path = temp_path(name);
+    let (journal, cut) = JournalFile::open(&path).unwrap();
     assert_eq!(cut, 0);
     for axis in 0..count {
-        journal.write("ann", Deed::Command, Some(axis), &json!({ "verb": "enable" })).unwrap();
+        journal
+            .write("ann", JournalAction::Command, Some(axis), &json!({ "verb": "enable" }))
+            .unwrap();
     }
     path
 }
 
 #[test]
 fn what_was_written_is_verified_and_read_again() {
-    let path = written("whole", 600);
+    let path = write_journal("whole", 600);
     let verified = verify(&path).unwrap().unwrap();
-    assert_eq!((verified.records, verified.cut), (600, 0));
-    let (journal, _) = Journal::open(&path).unwrap();
-    let n = journal.write("bob", Deed::Stop, None, &json!({ "hash": ",\"hash\":\"" })).unwrap();
+    assert_eq!((verified.records, verified.truncated_bytes), (600, 0));
+    let (journal, _) = JournalFile::open(&path).unwrap();
+    let n = journal
+        .write("bob", JournalAction::Stop, None, &json!({ "hash": ",\"hash\":\"" }))
+        .unwrap();
     assert_eq!(n, 600);
     assert_eq!(verify(&path).unwrap().unwrap().records, 601);
     let some = journal.records(Some(298), 3).unwrap();
@@ -38,7 +42,7 @@ fn what_was_written_is_verified_and_read_again() {
 
 #[test]
 fn any_byte_that_is_flipped_names_its_record() {
-    let path = written("flipped", 5);
+    let path = write_journal("flipped", 5);
     let whole = std::fs::read(&path).unwrap();
     let ends: Vec<usize> =
         whole.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(at, _)| at).collect();
@@ -58,7 +62,7 @@ fn any_byte_that_is_flipped_names_its_record() {
 
 #[test]
 fn a_record_that_is_taken_out_is_missed() {
-    let path = written("out", 4);
+    let path = write_journal("out", 4);
     let text = std::fs::read_to_string(&path).unwrap();
     let without: String = text
         .split_inclusive('\n')
@@ -69,22 +73,22 @@ fn a_record_that_is_taken_out_is_missed() {
     let broken = verify::read(without.as_bytes(), &mut |_, _| {}).unwrap().unwrap_err();
     assert_eq!(broken.record, 1);
     std::fs::write(&path, without).unwrap();
-    assert_eq!(Journal::open(&path).unwrap_err().code, "E253");
+    assert_eq!(JournalFile::open(&path).unwrap_err().code, "E253");
     std::fs::remove_file(path).unwrap();
 }
 
 #[test]
 fn a_last_line_cut_anywhere_is_told_and_the_chain_goes_on() {
-    let path = written("cut", 2);
+    let path = write_journal("cut", 2);
     let whole = std::fs::read(&path).unwrap();
     let first = whole.iter().position(|b| *b == b'\n').unwrap() + 1;
     for length in first + 1..whole.len() {
         std::fs::write(&path, &whole[..length]).unwrap();
         let verified = verify(&path).unwrap().unwrap();
-        assert_eq!((verified.records, verified.cut), (1, (length - first) as u64));
-        let (journal, cut) = Journal::open(&path).unwrap();
-        assert_eq!(cut, verified.cut);
-        journal.write("ann", Deed::Stop, None, &Value::Null).unwrap();
+        assert_eq!((verified.records, verified.truncated_bytes), (1, (length - first) as u64));
+        let (journal, cut) = JournalFile::open(&path).unwrap();
+        assert_eq!(cut, verified.truncated_bytes);
+        journal.write("ann", JournalAction::Stop, None, &Value::Null).unwrap();
         assert_eq!(verify(&path).unwrap().unwrap().records, 2);
     }
     std::fs::remove_file(path).unwrap();
@@ -92,26 +96,26 @@ fn a_last_line_cut_anywhere_is_told_and_the_chain_goes_on() {
 
 #[test]
 fn two_servers_do_not_write_one_journal() {
-    let path = written("two", 1);
-    let (_first, _) = Journal::open(&path).unwrap();
-    assert_eq!(Journal::open(&path).unwrap_err().code, "E312");
+    let path = write_journal("two", 1);
+    let (_first, _) = JournalFile::open(&path).unwrap();
+    assert_eq!(JournalFile::open(&path).unwrap_err().code, "E312");
     std::fs::remove_file(path).unwrap();
 }
 
 #[test]
 fn a_broken_journal_names_whom_it_owes_a_stop() {
-    let path = written("owing", 2);
-    let (journal, _) = Journal::open(&path).unwrap();
+    let path = write_journal("owing", 2);
+    let (journal, _) = JournalFile::open(&path).unwrap();
     let owed = |number: u32| json!({ "link": "tmcl:///dev/ttyUSB0#1,3", "number": number });
-    journal.write("server", Deed::StopOwed, Some(0), &owed(1)).unwrap();
-    journal.write("server", Deed::StopOwed, Some(1), &owed(3)).unwrap();
-    journal.write("server", Deed::StopEnded, Some(0), &owed(1)).unwrap();
+    journal.write("server", JournalAction::StopOwed, Some(0), &owed(1)).unwrap();
+    journal.write("server", JournalAction::StopOwed, Some(1), &owed(3)).unwrap();
+    journal.write("server", JournalAction::StopEnded, Some(0), &owed(1)).unwrap();
     drop(journal);
     let mut bytes = std::fs::read(&path).unwrap();
     // Nobody's text any more.
     bytes[20] = 0xFF;
     std::fs::write(&path, bytes).unwrap();
-    let refusal = Journal::open(&path).unwrap_err();
+    let refusal = JournalFile::open(&path).unwrap_err();
     assert_eq!(refusal.code, "E253");
     assert!(refusal.why.contains("`polepair stop tmcl:///dev/ttyUSB0#3`"), "{refusal:?}");
     assert!(!refusal.why.contains("#1"), "{refusal:?}");
@@ -130,14 +134,14 @@ fn timeless(line: &str) -> String {
 #[test]
 fn the_format_of_records_is_pinned() {
     let golden = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/journal.jsonl");
-    let path = place("pinned");
+    let path = temp_path("pinned");
     if std::env::var_os("POLEPAIR_GOLDEN").is_none() {
         std::fs::copy(golden, &path).unwrap();
-        assert_eq!(verify(&path).unwrap().unwrap().cut, 0);
+        assert_eq!(verify(&path).unwrap().unwrap().truncated_bytes, 0);
     }
     let text = std::fs::read_to_string(golden).unwrap();
     let _ = std::fs::remove_file(&path);
-    let (journal, _) = Journal::open(&path).unwrap();
+    let (journal, _) = JournalFile::open(&path).unwrap();
     for line in text.lines() {
         let record: JournalRecord = serde_json::from_str(line).unwrap();
         assert_eq!(timeless(&serde_json::to_string(&record).unwrap()), timeless(line));

@@ -5,16 +5,16 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read as _};
 use std::path::Path;
 
-use super::{RECORD_MAX, chained};
+use super::{RECORD_MAX, chain_hash};
+use crate::error::SetupError;
 use crate::message::JournalRecord;
-use crate::refusal::Refusal;
 
 /// Between a record's text and its hash.
 const BEFORE_HASH: &str = ",\"hash\":\"";
 
 /// A journal whose chain holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Verified {
+pub struct VerifiedJournal {
     /// How many records it has.
     pub records: u64,
     /// Bytes of them.
@@ -22,19 +22,19 @@ pub struct Verified {
     /// The last one's hash.
     pub hash: [u8; 32],
     /// Bytes after them that are no whole record: the writer was killed.
-    pub cut: u64,
+    pub truncated_bytes: u64,
 }
 
 /// The first record of which something is not as it was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Broken {
+pub struct BrokenRecord {
     /// Which, from 0.
     pub record: u64,
     /// What is wrong with it.
     pub why: &'static str,
 }
 
-impl fmt::Display for Broken {
+impl fmt::Display for BrokenRecord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "record {} {}", self.record, self.why)
     }
@@ -44,17 +44,18 @@ impl fmt::Display for Broken {
 ///
 /// # Errors
 /// The file cannot be read. What is wrong in it is the inner error.
-pub fn verify(path: &Path) -> Result<Result<Verified, Broken>, Refusal> {
-    let file = File::open(path).map_err(|error| Refusal::file(path, "read", &error))?;
-    read(BufReader::new(file), &mut |_, _| {}).map_err(|error| Refusal::file(path, "read", &error))
+pub fn verify(path: &Path) -> Result<Result<VerifiedJournal, BrokenRecord>, SetupError> {
+    let file = File::open(path).map_err(|error| SetupError::file(path, "read", &error))?;
+    read(BufReader::new(file), &mut |_, _| {})
+        .map_err(|error| SetupError::file(path, "read", &error))
 }
 
 /// The same of anything; tells the number and the place of each record.
 pub(super) fn read(
     mut from: impl BufRead,
     each: &mut dyn FnMut(u64, u64),
-) -> io::Result<Result<Verified, Broken>> {
-    let mut so_far = Verified { records: 0, length: 0, hash: [0; 32], cut: 0 };
+) -> io::Result<Result<VerifiedJournal, BrokenRecord>> {
+    let mut so_far = VerifiedJournal { records: 0, length: 0, hash: [0; 32], truncated_bytes: 0 };
     let mut line = Vec::new();
     loop {
         line.clear();
@@ -66,14 +67,14 @@ pub(super) fn read(
         let Some(text) = line.strip_suffix(b"\n") else {
             if line.len() > RECORD_MAX {
                 let why = "is longer than any that was written";
-                return Ok(Err(Broken { record: so_far.records, why }));
+                return Ok(Err(BrokenRecord { record: so_far.records, why }));
             }
-            so_far.cut = line.len() as u64;
+            so_far.truncated_bytes = line.len() as u64;
             return Ok(Ok(so_far));
         };
-        match follow(&so_far, text) {
+        match verify_record(&so_far, text) {
             Ok(hash) => so_far.hash = hash,
-            Err(why) => return Ok(Err(Broken { record: so_far.records, why })),
+            Err(why) => return Ok(Err(BrokenRecord { record: so_far.records, why })),
         }
         each(so_far.records, so_far.length);
         so_far.records += 1;
@@ -82,14 +83,14 @@ pub(super) fn read(
 }
 
 /// The hash of the record that comes next, if it is what was written.
-fn follow(so_far: &Verified, text: &[u8]) -> Result<[u8; 32], &'static str> {
+fn verify_record(so_far: &VerifiedJournal, text: &[u8]) -> Result<[u8; 32], &'static str> {
     let text = std::str::from_utf8(text).map_err(|_| "is no text")?;
     let record: JournalRecord = serde_json::from_str(text).map_err(|_| "is no record")?;
     let (covered, _) = text.rsplit_once(BEFORE_HASH).ok_or("has no hash at its end")?;
     if record.n != so_far.records {
         return Err("has another number: one was taken out or put in before it");
     }
-    let hash = chained(&so_far.hash, format!("{covered}}}").as_bytes());
+    let hash = chain_hash(&so_far.hash, format!("{covered}}}").as_bytes());
     if text != format!("{covered}{BEFORE_HASH}{}\"}}", hash.to_hex()) {
         return Err("was changed after it was written");
     }

@@ -6,10 +6,12 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use patience::{MS, heard, order};
-use polepair_serve::bench::{Bench, Journal, Note, Options, Reply, Session};
+use polepair_serve::bench::{
+    Bench, BenchOptions, JournalEntry, JournalSink, PendingReply, SessionName,
+};
 use polepair_serve::message::{
-    CommandOrder, Deed, Ended, Given, LeaseAct, Outcome, Refused, SetWatchdog, StopClass,
-    StopOrder, WatchdogSet, WriteParameters,
+    CommandOutcome, CommandRequest, GatewayError, JournalAction, LeaseAction, OutcomeKind,
+    ParameterInput, SetWatchdog, StopClass, StopRequest, WatchdogMode, WriteParameters,
 };
 
 /// A bench of simulated drives in virtual time, and a client.
@@ -20,45 +22,51 @@ struct Desk {
 
 impl Desk {
     fn new(url: &str) -> Self {
-        Self { bench: Bench::open(&[url.into()], Options::default()).unwrap(), ids: 0 }
+        Self { bench: Bench::open(&[url.into()], BenchOptions::default()).unwrap(), ids: 0 }
     }
 
     /// Waits for an answer in virtual time.
-    fn hear<T>(&self, reply: Reply<T>) -> Result<T, Refused> {
+    fn hear<T>(&self, reply: PendingReply<T>) -> Result<T, GatewayError> {
         heard(&self.bench, reply)
     }
 
-    fn take(&self, who: &Session, axis: u16) -> u64 {
-        let lease = self.bench.lease(axis, who, LeaseAct::Take, 0);
+    fn take(&self, who: &SessionName, axis: u16) -> u64 {
+        let lease = self.bench.request_lease(axis, who, LeaseAction::Take, 0);
         self.hear(lease).unwrap().expect("a lease").epoch
     }
 
-    fn order(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> CommandOrder {
+    fn order(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> CommandRequest {
         self.ids += 1;
         order(&self.bench, self.ids, epoch, verb, velocity)
     }
 
-    fn tell(&mut self, who: &Session, epoch: u64, verb: &str, velocity: Option<f64>) -> Outcome {
+    fn tell(
+        &mut self,
+        who: &SessionName,
+        epoch: u64,
+        verb: &str,
+        velocity: Option<f64>,
+    ) -> CommandOutcome {
         let order = self.order(epoch, verb, velocity);
         self.hear(self.bench.command(0, who, order)).unwrap()
     }
 
     /// Arms, powers and turns axis 0.
-    fn spin(&mut self, who: &Session) -> u64 {
+    fn spin(&mut self, who: &SessionName) -> u64 {
         let epoch = self.take(who, 0);
         for (verb, velocity) in [("arm", None), ("enable", None), ("velocity", Some(10.0))] {
             if verb == "enable" && !self.can(verb) {
                 continue;
             }
             let outcome = self.tell(who, epoch, verb, velocity);
-            assert_eq!(outcome.outcome, Ended::Done, "{verb}: {:?}", outcome.error);
+            assert_eq!(outcome.outcome, OutcomeKind::Done, "{verb}: {:?}", outcome.error);
             self.keep(who, epoch);
         }
         epoch
     }
 
-    fn keep(&self, who: &Session, epoch: u64) {
-        self.hear(self.bench.lease(0, who, LeaseAct::Renew, epoch)).unwrap();
+    fn keep(&self, who: &SessionName, epoch: u64) {
+        self.hear(self.bench.request_lease(0, who, LeaseAction::Renew, epoch)).unwrap();
     }
 
     fn can(&self, verb: &str) -> bool {
@@ -73,24 +81,24 @@ impl Desk {
     }
 }
 
-fn code(outcome: &Outcome) -> &str {
+fn code(outcome: &CommandOutcome) -> &str {
     outcome.error.as_ref().map_or("", |error| &*error.code)
 }
 
 #[test]
 fn a_motor_turns_for_as_long_as_its_lease_is_renewed() {
-    let ann: Session = "ann".into();
+    let ann: SessionName = "ann".into();
     let mut desk = Desk::new("sim:tmcl?time=virtual");
     let epoch = desk.spin(&ann);
     for _ in 0..10 {
-        desk.bench.pass(300 * MS);
+        desk.bench.advance_time(300 * MS);
         desk.keep(&ann, epoch);
     }
     assert!(desk.speed() > 5.0, "{}", desk.speed());
-    desk.bench.pass(3000 * MS);
+    desk.bench.advance_time(3000 * MS);
     assert!(desk.speed() < 0.1, "the lease was its dead man's switch: {}", desk.speed());
     let late = desk.tell(&ann, epoch, "velocity", Some(5.0));
-    assert_eq!((late.outcome, code(&late)), (Ended::NotDone, "gateway.lease"));
+    assert_eq!((late.outcome, code(&late)), (OutcomeKind::NotDone, "gateway.lease"));
     let epoch = desk.take(&ann, 0);
     let unarmed = desk.tell(&ann, epoch, "velocity", Some(5.0));
     assert_eq!(code(&unarmed), "E219", "nothing moves again without being armed");
@@ -98,7 +106,7 @@ fn a_motor_turns_for_as_long_as_its_lease_is_renewed() {
 
 #[test]
 fn a_command_is_carried_out_once_and_while_it_is_fresh() {
-    let ann: Session = "ann".into();
+    let ann: SessionName = "ann".into();
     let mut desk = Desk::new("sim:tmcl?time=virtual");
     let epoch = desk.spin(&ann);
     let order = desk.order(epoch, "velocity", Some(20.0));
@@ -106,12 +114,12 @@ fn a_command_is_carried_out_once_and_while_it_is_fresh() {
     let starts = desk.bench.truth(0).unwrap().starts;
     desk.keep(&ann, epoch);
     let again = desk.hear(desk.bench.command(0, &ann, order)).unwrap();
-    assert_eq!(again, Outcome { replayed: true, ..first });
+    assert_eq!(again, CommandOutcome { replayed: true, ..first });
     assert_eq!(desk.bench.truth(0).unwrap().starts, starts, "nothing was sent");
     let old = desk.order(epoch, "velocity", Some(30.0));
-    desk.bench.pass(600 * MS);
+    desk.bench.advance_time(600 * MS);
     let old = desk.hear(desk.bench.command(0, &ann, old)).unwrap();
-    assert_eq!((old.outcome, code(&old)), (Ended::NotDone, "gateway.expired"));
+    assert_eq!((old.outcome, code(&old)), (OutcomeKind::NotDone, "gateway.expired"));
     let mut early = desk.order(epoch, "velocity", Some(30.0));
     early.issued_ms += 5000.0;
     let early = desk.hear(desk.bench.command(0, &ann, early)).unwrap();
@@ -121,68 +129,71 @@ fn a_command_is_carried_out_once_and_while_it_is_fresh() {
 
 #[test]
 fn a_stop_of_everything_needs_no_lease_and_locks_motion_until_it_is_released() {
-    let (ann, bob): (Session, Session) = ("ann".into(), "bob".into());
+    let (ann, bob): (SessionName, SessionName) = ("ann".into(), "bob".into());
     let mut desk = Desk::new("sim:tmcl?time=virtual");
     desk.spin(&ann);
-    desk.bench.pass(300 * MS);
-    let stopped = desk.hear(desk.bench.stop(&bob, &StopOrder::default())).unwrap();
+    desk.bench.advance_time(300 * MS);
+    let stopped = desk.hear(desk.bench.stop(&bob, &StopRequest::default())).unwrap();
     assert_eq!(stopped.axes[0].class, StopClass::Standing, "{stopped:?}");
     assert!(desk.speed() < 0.1);
-    assert!(desk.bench.axis(0).unwrap().lease.is_none(), "a stop revokes the lease");
+    assert!(desk.bench.axis_state(0).unwrap().lease.is_none(), "a stop revokes the lease");
     assert_eq!(desk.bench.snapshot().lock.expect("locked").by, "bob");
     let epoch = desk.take(&ann, 0);
     assert_eq!(code(&desk.tell(&ann, epoch, "arm", None)), "gateway.locked");
     assert_eq!(code(&desk.tell(&ann, epoch, "velocity", Some(9.0))), "gateway.locked");
-    let before = desk.bench.locks();
-    desk.hear(desk.bench.stop(&bob, &StopOrder::default())).unwrap();
+    let before = desk.bench.lock_count();
+    desk.hear(desk.bench.stop(&bob, &StopRequest::default())).unwrap();
     let late = desk.hear(desk.bench.release(&ann, before)).unwrap_err();
     assert_eq!(late.code, "gateway.expired", "ann knows nothing of the second stop");
     assert!(desk.bench.snapshot().lock.is_some());
-    desk.hear(desk.bench.release(&bob, desk.bench.locks())).unwrap();
+    desk.hear(desk.bench.release(&bob, desk.bench.lock_count())).unwrap();
     let epoch = desk.take(&ann, 0);
-    assert_eq!(desk.tell(&ann, epoch, "arm", None).outcome, Ended::Done);
-    assert_eq!(desk.tell(&ann, epoch, "velocity", Some(9.0)).outcome, Ended::Done);
+    assert_eq!(desk.tell(&ann, epoch, "arm", None).outcome, OutcomeKind::Done);
+    assert_eq!(desk.tell(&ann, epoch, "velocity", Some(9.0)).outcome, OutcomeKind::Done);
 }
 
 #[test]
 fn taking_over_stops_and_disarms_what_the_first_owner_moved() {
-    let (ann, bob): (Session, Session) = ("ann".into(), "bob".into());
+    let (ann, bob): (SessionName, SessionName) = ("ann".into(), "bob".into());
     let mut desk = Desk::new("sim:tmcl?time=virtual");
     let old = desk.spin(&ann);
-    let refused = desk.hear(desk.bench.lease(0, &bob, LeaseAct::Take, 0)).unwrap_err();
+    let refused = desk.hear(desk.bench.request_lease(0, &bob, LeaseAction::Take, 0)).unwrap_err();
     assert_eq!(refused.code, "gateway.lease");
-    let taken = desk.hear(desk.bench.lease(0, &bob, LeaseAct::TakeOver, 0)).unwrap().unwrap();
+    let taken =
+        desk.hear(desk.bench.request_lease(0, &bob, LeaseAction::TakeOver, 0)).unwrap().unwrap();
     assert_eq!(taken.epoch, old + 1);
     assert_eq!(code(&desk.tell(&ann, old, "velocity", Some(9.0))), "gateway.lease");
-    desk.bench.pass(1000 * MS);
-    assert!(desk.speed() < 0.1 && !desk.bench.axis(0).unwrap().armed);
+    desk.bench.advance_time(1000 * MS);
+    assert!(desk.speed() < 0.1 && !desk.bench.axis_state(0).unwrap().armed);
 }
 
 #[test]
 fn closing_and_a_client_that_goes_stop_what_moves() {
     for how in ["gone", "closing", "given back"] {
-        let ann: Session = "ann".into();
+        let ann: SessionName = "ann".into();
         let mut desk = Desk::new("sim:tmcl?time=virtual");
         let epoch = desk.spin(&ann);
-        desk.bench.pass(300 * MS);
+        desk.bench.advance_time(300 * MS);
         assert!(desk.speed() > 5.0);
         match how {
-            "gone" => desk.bench.gone(&ann),
+            "gone" => desk.bench.end_session(&ann),
             "closing" => assert!(desk.bench.shutdown().is_empty()),
-            _ => drop(desk.hear(desk.bench.lease(0, &ann, LeaseAct::Drop, epoch)).unwrap()),
+            _ => drop(
+                desk.hear(desk.bench.request_lease(0, &ann, LeaseAction::Drop, epoch)).unwrap(),
+            ),
         }
         // Less than a lease lasts: it was not that which ended it.
-        desk.bench.pass(800 * MS);
+        desk.bench.advance_time(800 * MS);
         assert!(desk.speed() < 0.1, "{how}: {}", desk.speed());
     }
 }
 
 #[test]
 fn parameters_are_planned_written_under_a_lease_and_never_move() {
-    let ann: Session = "ann".into();
+    let ann: SessionName = "ann".into();
     let desk = Desk::new("sim:tmcl?time=virtual");
     let one = |name: &str, text: &str| WriteParameters {
-        values: [(name.to_owned(), Given::Text(text.into()))].into(),
+        values: [(name.to_owned(), ParameterInput::Text(text.into()))].into(),
         keep: false,
         dry_run: true,
         raw: false,
@@ -192,36 +203,39 @@ fn parameters_are_planned_written_under_a_lease_and_never_move() {
     let current = infos.iter().find(|info| info.name == "max current").expect("it has one");
     assert!(current.writable && !current.unit.is_empty());
     let before = desk.hear(desk.bench.read_parameter(0, "max current")).unwrap();
-    let plan = desk.hear(desk.bench.apply(0, &ann, one("max current", "0.5 A"))).unwrap();
+    let plan =
+        desk.hear(desk.bench.write_parameters(0, &ann, one("max current", "0.5 A"))).unwrap();
     assert!(plan[0].changed && plan[0].from == before.value, "{plan:?}");
     let unleased = WriteParameters { dry_run: false, ..one("max current", "0.5 A") };
-    let refused = desk.hear(desk.bench.apply(0, &ann, unleased)).unwrap_err();
+    let refused = desk.hear(desk.bench.write_parameters(0, &ann, unleased)).unwrap_err();
     assert_eq!(refused.code, "gateway.lease");
     let epoch = desk.take(&ann, 0);
     let write = WriteParameters { dry_run: false, epoch, ..one("max current", "0.5 A") };
-    desk.hear(desk.bench.apply(0, &ann, write)).unwrap();
+    desk.hear(desk.bench.write_parameters(0, &ann, write)).unwrap();
     let after = desk.hear(desk.bench.read_parameter(0, "max current")).unwrap();
     assert_eq!(after.value, Some(plan[0].to));
-    let too_much = desk.hear(desk.bench.apply(0, &ann, one("max current", "500 A"))).unwrap_err();
+    let too_much =
+        desk.hear(desk.bench.write_parameters(0, &ann, one("max current", "500 A"))).unwrap_err();
     assert_eq!((&*too_much.code, too_much.executed), ("E216", Some(false)));
     let moves = infos.iter().find(|info| info.moves && info.readable).expect("it has one");
-    let refused = desk.hear(desk.bench.apply(0, &ann, one(&moves.name, "1"))).unwrap_err();
+    let refused =
+        desk.hear(desk.bench.write_parameters(0, &ann, one(&moves.name, "1"))).unwrap_err();
     assert_eq!(refused.code, "E219");
 }
 
 #[test]
 fn a_drives_own_watchdog_is_set_under_a_lease_and_kept_by_the_journal() {
-    let ann: Session = "ann".into();
+    let ann: SessionName = "ann".into();
     for (url, parameter) in [
         ("sim:tmcl?time=virtual", "serial heartbeat"),
         ("sim:cia402:5?heartbeat=100&time=virtual", "consumer heartbeat"),
     ] {
         let kept = Arc::new(Kept::default());
-        let options = Options { journal: kept.clone(), ..Options::default() };
+        let options = BenchOptions { journal: kept.clone(), ..BenchOptions::default() };
         let desk = Desk { bench: Bench::open(&[url.into()], options).unwrap(), ids: 0 };
         let half = |epoch| SetWatchdog { after_ms: Some(500.0), epoch };
         let told = desk.hear(desk.bench.watchdog(0)).unwrap();
-        assert_eq!((told.set, told.after_ms), (WatchdogSet::Off, None), "{told:?}");
+        assert_eq!((told.set, told.after_ms), (WatchdogMode::Off, None), "{told:?}");
         assert_eq!(told.parameter.as_deref(), Some(parameter));
         assert!(!told.caution.is_empty() && !told.rule.is_empty(), "{told:?}");
         let refused = desk.hear(desk.bench.set_watchdog(0, &ann, half(0))).unwrap_err();
@@ -234,19 +248,23 @@ fn a_drives_own_watchdog_is_set_under_a_lease_and_kept_by_the_journal() {
         assert_eq!(refused.executed, Some(false), "{url}: {refused:?}");
         *kept.full.lock().unwrap() = false;
         let told = desk.hear(desk.bench.watchdog(0)).unwrap();
-        assert_eq!(told.set, WatchdogSet::Off, "{url}: what the journal does not keep is not done");
+        assert_eq!(
+            told.set,
+            WatchdogMode::Off,
+            "{url}: what the journal does not keep is not done"
+        );
         let told = desk.hear(desk.bench.set_watchdog(0, &ann, half(epoch))).unwrap();
-        assert_eq!((told.set, told.after_ms), (WatchdogSet::On, Some(500.0)), "{url}: {told:?}");
-        let written = ("ann".to_owned(), Deed::Parameters);
+        assert_eq!((told.set, told.after_ms), (WatchdogMode::On, Some(500.0)), "{url}: {told:?}");
+        let written = ("ann".to_owned(), JournalAction::Parameters);
         assert!(kept.notes.lock().unwrap().contains(&written), "{url}");
         assert_eq!(desk.hear(desk.bench.watchdog(0)).unwrap(), told);
         let off = SetWatchdog { after_ms: None, epoch };
         let told = desk.hear(desk.bench.set_watchdog(0, &ann, off)).unwrap();
-        assert_eq!(told.set, WatchdogSet::Off, "{url}: {told:?}");
+        assert_eq!(told.set, WatchdogMode::Off, "{url}: {told:?}");
     }
     let desk = Desk::new("sim:modbus-rtu?time=virtual");
     let epoch = desk.take(&ann, 0);
-    assert_eq!(desk.hear(desk.bench.watchdog(0)).unwrap().set, WatchdogSet::None);
+    assert_eq!(desk.hear(desk.bench.watchdog(0)).unwrap().set, WatchdogMode::None);
     let half = SetWatchdog { after_ms: Some(500.0), epoch };
     let refused = desk.hear(desk.bench.set_watchdog(0, &ann, half)).unwrap_err();
     assert_eq!((&*refused.code, refused.executed), ("E218", Some(false)));
@@ -255,15 +273,15 @@ fn a_drives_own_watchdog_is_set_under_a_lease_and_kept_by_the_journal() {
 /// Keeps what it is told, or refuses it.
 #[derive(Default)]
 struct Kept {
-    notes: Mutex<Vec<(String, Deed)>>,
+    notes: Mutex<Vec<(String, JournalAction)>>,
     full: Mutex<bool>,
 }
 
-impl Journal for Kept {
-    fn note(&self, note: Note<'_>) -> Result<(), Refused> {
-        self.notes.lock().unwrap().push((note.who.to_owned(), note.deed));
+impl JournalSink for Kept {
+    fn write_entry(&self, note: JournalEntry<'_>) -> Result<(), GatewayError> {
+        self.notes.lock().unwrap().push((note.who.to_owned(), note.action));
         match *self.full.lock().unwrap() {
-            true => Err(Refused::new("gateway.busy", "the disk is full")),
+            true => Err(GatewayError::new("gateway.busy", "the disk is full")),
             false => Ok(()),
         }
     }
@@ -271,9 +289,9 @@ impl Journal for Kept {
 
 #[test]
 fn what_the_journal_cannot_keep_is_not_done_except_a_stop() {
-    let ann: Session = "ann".into();
+    let ann: SessionName = "ann".into();
     let kept = Arc::new(Kept::default());
-    let options = Options { journal: kept.clone(), ..Options::default() };
+    let options = BenchOptions { journal: kept.clone(), ..BenchOptions::default() };
     let bench = Bench::open(&["sim:tmcl?time=virtual".into()], options).unwrap();
     let mut desk = Desk { bench, ids: 0 };
     let epoch = desk.spin(&ann);
@@ -281,18 +299,22 @@ fn what_the_journal_cannot_keep_is_not_done_except_a_stop() {
     *kept.full.lock().unwrap() = true;
     let starts = desk.bench.truth(0).unwrap().starts;
     let refused = desk.tell(&ann, epoch, "velocity", Some(20.0));
-    assert_eq!(refused.outcome, Ended::NotDone);
+    assert_eq!(refused.outcome, OutcomeKind::NotDone);
     assert_eq!(desk.bench.truth(0).unwrap().starts, starts);
-    let stopped = desk.hear(desk.bench.stop(&ann, &StopOrder::default())).unwrap();
+    let stopped = desk.hear(desk.bench.stop(&ann, &StopRequest::default())).unwrap();
     assert_eq!(stopped.axes[0].class, StopClass::Standing);
-    let taken = desk.hear(desk.bench.lease(0, &ann, LeaseAct::Take, 0)).unwrap_err();
-    assert_eq!((&*taken.code, desk.bench.axis(0).unwrap().lease), ("gateway.busy", None));
+    let taken = desk.hear(desk.bench.request_lease(0, &ann, LeaseAction::Take, 0)).unwrap_err();
+    assert_eq!((&*taken.code, desk.bench.axis_state(0).unwrap().lease), ("gateway.busy", None));
     *kept.full.lock().unwrap() = false;
-    desk.bench.pass(2000 * MS);
+    desk.bench.advance_time(2000 * MS);
     let notes = kept.notes.lock().unwrap();
-    let deeds: Vec<Deed> = notes.iter().map(|(_, deed)| *deed).collect();
-    assert_eq!(deeds[..2], [Deed::Lease, Deed::Command]);
-    assert_eq!(deeds.last(), Some(&Deed::Missing), "what it refused was done, and is told of");
+    let deeds: Vec<JournalAction> = notes.iter().map(|(_, deed)| *deed).collect();
+    assert_eq!(deeds[..2], [JournalAction::Lease, JournalAction::Command]);
+    assert_eq!(
+        deeds.last(),
+        Some(&JournalAction::Missing),
+        "what it refused was done, and is told of"
+    );
 }
 
 /// Clients that hold leases, lose touch, forget to renew, take over, stop and release, by seed.
@@ -301,16 +323,16 @@ struct Crowd {
     random: u64,
     clients: Vec<Client>,
     /// Commands under way: who, under which epoch, when it was too old.
-    replies: Vec<Reply<Outcome>>,
+    replies: Vec<PendingReply<CommandOutcome>>,
     locked: bool,
 }
 
 struct Client {
-    name: Session,
+    name: SessionName,
     epoch: u64,
     /// It hears nothing and says nothing until then, ms.
     away_until: f64,
-    last: Option<CommandOrder>,
+    last: Option<CommandRequest>,
 }
 
 impl Crowd {
@@ -344,10 +366,10 @@ impl Crowd {
         }
         let (who, epoch) = (self.clients[n].name.clone(), self.clients[n].epoch);
         match what {
-            0..20 => self.lease(n, LeaseAct::Take),
-            20..24 => self.lease(n, LeaseAct::TakeOver),
-            24..50 => self.lease(n, LeaseAct::Renew),
-            50..53 => self.lease(n, LeaseAct::Drop),
+            0..20 => self.lease(n, LeaseAction::Take),
+            20..24 => self.lease(n, LeaseAction::TakeOver),
+            24..50 => self.lease(n, LeaseAction::Renew),
+            50..53 => self.lease(n, LeaseAction::Drop),
             53..63 => self.say(n, "arm", None, 0.0),
             63..84 => {
                 let (speed, late) = (self.below(20) as f64, self.below(2000) as f64);
@@ -357,17 +379,22 @@ impl Crowd {
             89..93 => self.clients[n].away_until = now + self.below(4000) as f64,
             93..95 => self.stop_all(&who),
             95..99 if self.locked => {
-                let released = self.desk.bench.release(&who, self.desk.bench.locks());
+                let released = self.desk.bench.release(&who, self.desk.bench.lock_count());
                 self.desk.hear(released).unwrap();
                 self.locked = false;
             }
-            _ => drop(self.desk.bench.lease(0, &who, LeaseAct::Renew, epoch.wrapping_sub(1))),
+            _ => drop(self.desk.bench.request_lease(
+                0,
+                &who,
+                LeaseAction::Renew,
+                epoch.wrapping_sub(1),
+            )),
         }
     }
 
-    fn lease(&mut self, n: usize, act: LeaseAct) {
+    fn lease(&mut self, n: usize, act: LeaseAction) {
         let Client { name, epoch, .. } = &self.clients[n];
-        let reply = self.desk.bench.lease(0, name, act, *epoch);
+        let reply = self.desk.bench.request_lease(0, name, act, *epoch);
         if let Ok(Some(lease)) = self.desk.hear(reply) {
             self.clients[n].epoch = lease.epoch;
         }
@@ -388,15 +415,15 @@ impl Crowd {
         let who = self.clients[n].name.clone();
         let starts = self.starts();
         let mut reply = self.desk.bench.command(0, &who, order);
-        if let Some(Ok(outcome)) = reply.take() {
+        if let Some(Ok(outcome)) = reply.try_recv() {
             assert!(outcome.replayed);
             assert_eq!(self.starts(), starts, "a command was carried out twice");
         }
     }
 
-    fn send(&mut self, who: &Session, order: CommandOrder) {
+    fn send(&mut self, who: &SessionName, order: CommandRequest) {
         let now = self.desk.bench.now_ms();
-        let held = self.desk.bench.axis(0).unwrap().lease;
+        let held = self.desk.bench.axis_state(0).unwrap().lease;
         let its = held.is_some_and(|l| l.owner == **who && l.epoch == order.epoch);
         let fresh = now - order.issued_ms <= order.ttl_ms;
         let moves = order.verb == "velocity";
@@ -407,15 +434,15 @@ impl Crowd {
             return;
         }
         let outcome = self.desk.hear(reply).unwrap();
-        assert_eq!(outcome.outcome, Ended::NotDone, "{outcome:?}");
+        assert_eq!(outcome.outcome, OutcomeKind::NotDone, "{outcome:?}");
         // Others' commands may be under way; without them nothing is sent.
         if moves && self.replies.is_empty() {
             assert_eq!(self.starts(), starts, "what was refused was sent");
         }
     }
 
-    fn stop_all(&mut self, who: &Session) {
-        let stopped = self.desk.hear(self.desk.bench.stop(who, &StopOrder::default())).unwrap();
+    fn stop_all(&mut self, who: &SessionName) {
+        let stopped = self.desk.hear(self.desk.bench.stop(who, &StopRequest::default())).unwrap();
         assert_eq!(stopped.axes[0].class, StopClass::Standing, "a stop lands: {stopped:?}");
         self.locked = true;
     }
@@ -426,13 +453,13 @@ impl Crowd {
 
     /// What holds at any time.
     fn check(&mut self) {
-        self.replies.retain_mut(|reply| reply.take().is_none());
+        self.replies.retain_mut(|reply| reply.try_recv().is_none());
         if self.locked {
             assert!(self.desk.speed() < 0.1, "it moves though everything was stopped");
         }
         let idle = self.clients.iter().all(|c| c.away_until > self.desk.bench.now_ms() + 3500.0);
-        if idle || self.desk.bench.axis(0).unwrap().lease.is_none() {
-            assert!(!self.desk.bench.axis(0).unwrap().armed, "armed by nobody");
+        if idle || self.desk.bench.axis_state(0).unwrap().lease.is_none() {
+            assert!(!self.desk.bench.axis_state(0).unwrap().armed, "armed by nobody");
         }
     }
 }
@@ -445,13 +472,13 @@ fn whoever_loses_touch_nothing_moves_but_under_its_lease() {
         for _ in 0..150 {
             crowd.step();
             let span = crowd.below(40) as u32;
-            crowd.desk.bench.pass(span * MS);
+            crowd.desk.bench.advance_time(span * MS);
             crowd.check();
         }
         // All of them lose touch: a lease later, and a ramp, it stands.
-        crowd.desk.bench.pass(5000 * MS);
+        crowd.desk.bench.advance_time(5000 * MS);
         assert!(crowd.desk.speed() < 0.1, "seed {seed}: {}", crowd.desk.speed());
-        assert!(!crowd.desk.bench.axis(0).unwrap().armed, "seed {seed}");
+        assert!(!crowd.desk.bench.axis_state(0).unwrap().armed, "seed {seed}");
     }
 }
 
@@ -459,19 +486,19 @@ fn whoever_loses_touch_nothing_moves_but_under_its_lease() {
 fn frames_are_filtered_explained_and_counted_from_when_somebody_watches() {
     let desk = Desk::new("sim:tmcl?time=virtual");
     desk.hear(desk.bench.read_parameter(0, "max current")).unwrap();
-    let mut all = desk.bench.frames(None).unwrap();
-    let mut none = desk.bench.frames(Some("not ok")).unwrap();
-    assert_eq!(desk.bench.frames(Some("axis =")).unwrap_err().code, "gateway.request");
+    let mut all = desk.bench.subscribe_frames(None).unwrap();
+    let mut none = desk.bench.subscribe_frames(Some("not ok")).unwrap();
+    assert_eq!(desk.bench.subscribe_frames(Some("axis =")).unwrap_err().code, "gateway.request");
     desk.hear(desk.bench.read_parameter(0, "max current")).unwrap();
-    desk.bench.pass(MS);
-    let (items, lost) = all.take(100);
+    desk.bench.advance_time(MS);
+    let (items, lost) = all.drain(100);
     assert!(items.len() == 2 && lost == 0, "a question and its answer: {items:?}");
     assert!(items.iter().all(|item| item.ok && !item.text.is_empty() && item.axis == Some(1)));
     assert!(items[0].t_us <= items[1].t_us && items[0].n + 1 == items[1].n);
-    let fields = desk.bench.explain(items[0].n).unwrap();
+    let fields = desk.bench.explain_frame(items[0].n).unwrap();
     assert!(fields.iter().any(|field| field.to > field.from && !field.name.is_empty()));
-    assert_eq!(desk.bench.explain(99).unwrap_err().code, "gateway.missing");
-    assert_eq!(none.take(100), (vec![], 0));
+    assert_eq!(desk.bench.explain_frame(99).unwrap_err().code, "gateway.missing");
+    assert_eq!(none.drain(100), (vec![], 0));
 }
 
 #[test]
@@ -505,7 +532,7 @@ fn a_drive_that_answers_twice_looks_like_two_with_one_address_and_is_told() {
     let open = |faults: &str| {
         let drive = "[[link.drive]]\nprofile = \"tmcm-171\"\n";
         std::fs::write(&file, format!("[[link]]\nname = \"l\"\n{faults}\n{drive}")).unwrap();
-        Bench::open(&[format!("sim:{}", file.display())], Options::default()).unwrap()
+        Bench::open(&[format!("sim:{}", file.display())], BenchOptions::default()).unwrap()
     };
     let alone = open("");
     let doubled = open("faults = { duplicate = 1.0 }");

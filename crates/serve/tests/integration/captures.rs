@@ -6,7 +6,7 @@ use std::io::Write as _;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use polepair_serve::bench::{Bench, CAPTURE_MAX, Options};
+use polepair_serve::bench::{Bench, BenchOptions, CAPTURE_MAX};
 use serde_json::Value;
 use site::Site;
 
@@ -43,7 +43,7 @@ fn a_capture_is_opened_and_read_page_by_page() {
 /// Threat 12: a few kilobytes can hold more than there is memory.
 #[test]
 fn t12_a_capture_is_bounded_by_what_it_unpacks_to() {
-    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], Options::default()).unwrap();
+    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], BenchOptions::default()).unwrap();
     let line = b"(1.000000) can0 123#1122334455667788\n";
     let packed = |lines: usize| {
         let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
@@ -61,7 +61,7 @@ fn t12_a_capture_is_bounded_by_what_it_unpacks_to() {
 /// Threat 12: what is packed twice is no capture, however much is in it.
 #[test]
 fn t12_what_is_packed_twice_is_not_unpacked_twice() {
-    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], Options::default()).unwrap();
+    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], BenchOptions::default()).unwrap();
     let packed = |bytes: &[u8]| {
         let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
         gzip.write_all(bytes).unwrap();
@@ -84,7 +84,7 @@ fn t12_what_is_packed_twice_is_not_unpacked_twice() {
 #[test]
 fn t12_containers_of_a_blf_count_unpacked() {
     const OBJECTS: usize = 8 << 20;
-    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], Options::default()).unwrap();
+    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], BenchOptions::default()).unwrap();
     // One frame, and then nothing that is an object; each container says what it unpacks to.
     let mut frame = b"LOBJ".to_vec();
     frame.extend([16, 0, 1, 0, 48, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]);

@@ -5,16 +5,17 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use polepair_link::clock;
-use polepair_serve::bench::{self, Bench, Note, Options, Reply, Session};
-use polepair_serve::journal::{Journal, verify};
+use polepair_serve::bench::{self, Bench, BenchOptions, JournalEntry, PendingReply, SessionName};
+use polepair_serve::journal::{JournalFile, verify};
 use polepair_serve::message::{
-    Arguments, CommandOrder, Ended, LeaseAct, Outcome, Refused, StopClass, StopOrder,
+    CommandArguments, CommandOutcome, CommandRequest, GatewayError, LeaseAction, OutcomeKind,
+    StopClass, StopRequest,
 };
 use serde_json::Value;
 
 /// A journal's file on a disk that stalls when it is told to.
 struct Disk {
-    journal: Journal,
+    journal: JournalFile,
     stalls: Mutex<bool>,
     called: Condvar,
 }
@@ -26,10 +27,10 @@ impl Disk {
     }
 }
 
-impl bench::Journal for Disk {
-    fn note(&self, note: Note<'_>) -> Result<(), Refused> {
+impl bench::JournalSink for Disk {
+    fn write_entry(&self, note: JournalEntry<'_>) -> Result<(), GatewayError> {
         drop(self.called.wait_while(self.stalls.lock().unwrap(), |stalls| *stalls).unwrap());
-        self.journal.write(note.who, note.deed, note.axis, note.detail).map(drop)
+        self.journal.write(note.who, note.action, note.axis, note.detail).map(drop)
     }
 }
 
@@ -38,7 +39,7 @@ struct Site {
     bench: Bench,
     disk: Arc<Disk>,
     file: PathBuf,
-    ann: Session,
+    ann: SessionName,
     epoch: u64,
     ids: u32,
 }
@@ -48,37 +49,42 @@ impl Site {
         let file = format!("polepair-stalls-{name}-{}.jsonl", std::process::id());
         let file = std::env::temp_dir().join(file);
         let _ = std::fs::remove_file(&file);
-        let (journal, _) = Journal::open(&file).unwrap();
+        let (journal, _) = JournalFile::open(&file).unwrap();
         let disk = Disk { journal, stalls: Mutex::default(), called: Condvar::new() };
-        let (disk, ann) = (Arc::new(disk), Session::from("ann"));
+        let (disk, ann) = (Arc::new(disk), SessionName::from("ann"));
         // Long enough to outlive what is tried here.
         let lease = Duration::from_secs(60);
-        let options = Options { journal: disk.clone(), lease, ..Options::default() };
+        let options = BenchOptions {
+            journal: disk.clone(),
+            lease_duration: lease,
+            ..BenchOptions::default()
+        };
         let bench = Bench::open(&["sim:tmcl".into()], options).unwrap();
-        let epoch = bench.lease(0, &ann, LeaseAct::Take, 0).wait().unwrap().unwrap().epoch;
+        let epoch =
+            bench.request_lease(0, &ann, LeaseAction::Take, 0).wait().unwrap().unwrap().epoch;
         let mut site = Self { bench, disk, file, ann, epoch, ids: 0 };
         for (verb, velocity) in [("arm", None), ("velocity", Some(10.0))] {
             let outcome = site.tell(verb, velocity).wait().unwrap();
-            assert_eq!(outcome.outcome, Ended::Done, "{verb}: {:?}", outcome.error);
+            assert_eq!(outcome.outcome, OutcomeKind::Done, "{verb}: {:?}", outcome.error);
         }
         site
     }
 
-    fn tell(&mut self, verb: &str, velocity: Option<f64>) -> Reply<Outcome> {
+    fn tell(&mut self, verb: &str, velocity: Option<f64>) -> PendingReply<CommandOutcome> {
         self.ids += 1;
-        let order = CommandOrder {
+        let order = CommandRequest {
             id: format!("id-{}", self.ids),
             issued_ms: self.bench.now_ms(),
             ttl_ms: 10_000.0,
             epoch: self.epoch,
             verb: verb.into(),
-            arguments: Arguments { velocity, ..Arguments::default() },
+            arguments: CommandArguments { velocity, ..CommandArguments::default() },
         };
         self.bench.command(0, &self.ann, order)
     }
 
     fn stop(&self, reason: &str) {
-        let order = StopOrder { axes: Some(vec![0]), reason: reason.into() };
+        let order = StopRequest { axes: Some(vec![0]), reason: reason.into() };
         let stopped = self.bench.stop(&"bob".into(), &order).wait().unwrap();
         assert_eq!(stopped.axes[0].class, StopClass::Standing, "{stopped:?}");
     }
@@ -94,7 +100,7 @@ impl Site {
         let text = std::fs::read_to_string(&self.file).unwrap();
         let records: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
         let verified = verify(&self.file).unwrap().unwrap();
-        assert_eq!((verified.records, verified.cut), (records.len() as u64, 0));
+        assert_eq!((verified.records, verified.truncated_bytes), (records.len() as u64, 0));
         std::fs::remove_file(&self.file).unwrap();
         records
     }
@@ -103,7 +109,7 @@ impl Site {
 /// Stops whose notes are more than there is room for.
 const MANY: u64 = 440;
 
-fn code(outcome: &Outcome) -> &str {
+fn code(outcome: &CommandOutcome) -> &str {
     outcome.error.as_ref().map_or("", |error| &*error.code)
 }
 
@@ -119,14 +125,14 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     let mut late = site.tell("velocity", Some(20.0));
     site.stop("");
     assert!(site.bench.truth(0).unwrap().velocity.abs() < 0.1);
-    assert!(late.take().is_none() && site.starts() == starts, "not kept, not done");
+    assert!(late.try_recv().is_none() && site.starts() == starts, "not kept, not done");
     pause(1100);
     // Each is refused at once: whoever waited for the disk would wait for ever.
     let refused = site.tell("velocity", Some(20.0)).wait().unwrap();
-    assert_eq!((refused.outcome, code(&refused)), (Ended::NotDone, "gateway.journal"));
-    let taken = site.bench.lease(0, &site.ann, LeaseAct::Take, 0).wait().unwrap_err();
+    assert_eq!((refused.outcome, code(&refused)), (OutcomeKind::NotDone, "gateway.journal"));
+    let taken = site.bench.request_lease(0, &site.ann, LeaseAction::Take, 0).wait().unwrap_err();
     assert_eq!(taken.code, "gateway.journal");
-    let released = site.bench.release(&site.ann, site.bench.locks()).wait().unwrap_err();
+    let released = site.bench.release(&site.ann, site.bench.lock_count()).wait().unwrap_err();
     assert_eq!(released.code, "gateway.journal");
     // Of a reason that nobody would read to its end, the beginning is kept.
     let reason = "x".repeat(50_000);
@@ -134,18 +140,18 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     pause(1000);
     site.disk.stall(false);
     let late = late.wait().unwrap();
-    assert_eq!((late.outcome, code(&late)), (Ended::NotDone, "gateway.journal"));
+    assert_eq!((late.outcome, code(&late)), (OutcomeKind::NotDone, "gateway.journal"));
     assert_eq!(site.starts(), starts, "what was announced long ago is not done");
     // What waited is written, and motion is let again.
     let end = Instant::now() + Duration::from_secs(60);
     site.epoch = loop {
-        match site.bench.lease(0, &site.ann, LeaseAct::Take, 0).wait() {
+        match site.bench.request_lease(0, &site.ann, LeaseAction::Take, 0).wait() {
             Ok(lease) => break lease.unwrap().epoch,
             Err(refused) => assert!(Instant::now() < end, "{refused:?}"),
         }
         pause(1);
     };
-    assert_eq!(site.tell("arm", None).wait().unwrap().outcome, Ended::Done);
+    assert_eq!(site.tell("arm", None).wait().unwrap().outcome, OutcomeKind::Done);
     let records = site.end();
     let deeds = |deed: &str| records.iter().filter(|r| r["deed"] == deed).collect::<Vec<_>>();
     let missing: u64 =
@@ -173,13 +179,13 @@ fn what_waits_for_the_disk_is_not_done_behind_a_stop() {
             "bob" => site.stop("too fast"),
             verb => {
                 let outcome = site.tell(verb, None).wait().unwrap();
-                assert_eq!(outcome.outcome, Ended::Done, "{verb}: {outcome:?}");
+                assert_eq!(outcome.outcome, OutcomeKind::Done, "{verb}: {outcome:?}");
             }
         }
         site.disk.stall(false);
         let outcome = moves.wait().unwrap();
         let told = (outcome.outcome, code(&outcome));
-        assert_eq!(told, (Ended::NotDone, "gateway.expired"), "{how}: {outcome:?}");
+        assert_eq!(told, (OutcomeKind::NotDone, "gateway.expired"), "{how}: {outcome:?}");
         assert_eq!(site.starts(), starts, "{how}");
         let records = site.end();
         let of = |id: &str| records.iter().filter(|r| r["detail"]["id"] == *id).count();

@@ -6,10 +6,12 @@ use crate::patience;
 use std::sync::{Arc, Mutex};
 
 use patience::{MS, heard, order};
-use polepair_serve::bench::{Bench, Event, Journal, Note, Options, Reply, Session};
+use polepair_serve::bench::{
+    Bench, BenchEvent, BenchOptions, JournalEntry, JournalSink, PendingReply, SessionName,
+};
 use polepair_serve::message::{
-    Act, Deed, DriveAt, Ended, LeaseAct, LookOrder, LookState, LookView, Outcome, Refused,
-    StopOrder, TakeIn,
+    AddDrives, CommandOutcome, DriveAddress, GatewayError, JournalAction, LeaseAction, OutcomeKind,
+    ScanRequest, ScanState, ScanView, SimulationAction, StopRequest,
 };
 
 const BUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/one-bus.toml");
@@ -17,56 +19,56 @@ const BUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/one-
 /// A bench, and somebody who works at it.
 struct Desk {
     bench: Bench,
-    ann: Session,
+    ann: SessionName,
     ids: u32,
 }
 
 impl Desk {
     fn new(urls: &[&str]) -> Self {
-        Self::with(urls, Options::default())
+        Self::with(urls, BenchOptions::default())
     }
 
-    fn with(urls: &[&str], options: Options) -> Self {
+    fn with(urls: &[&str], options: BenchOptions) -> Self {
         let urls: Vec<String> = urls.iter().map(|url| (*url).to_owned()).collect();
         Self { bench: Bench::open(&urls, options).unwrap(), ann: "ann".into(), ids: 0 }
     }
 
-    fn hear<T>(&self, reply: Reply<T>) -> Result<T, Refused> {
+    fn hear<T>(&self, reply: PendingReply<T>) -> Result<T, GatewayError> {
         heard(&self.bench, reply)
     }
 
-    fn begin(&self, link: u16, first: u32, last: u32) -> Result<LookView, Refused> {
-        let order = LookOrder { first: Some(first), last: Some(last) };
-        self.hear(self.bench.look(link, &self.ann, order))
+    fn begin(&self, link: u16, first: u32, last: u32) -> Result<ScanView, GatewayError> {
+        let order = ScanRequest { first: Some(first), last: Some(last) };
+        self.hear(self.bench.start_scan(link, &self.ann, order))
     }
 
-    fn ended(&self, link: u16) -> LookView {
+    fn ended(&self, link: u16) -> ScanView {
         for _ in 0..60_000 {
-            let view = self.bench.look_told(link).unwrap();
-            if view.state != LookState::UnderWay {
+            let view = self.bench.scan_view(link).unwrap();
+            if view.state != ScanState::UnderWay {
                 return view;
             }
-            self.bench.pass(MS);
+            self.bench.advance_time(MS);
         }
         panic!("the look does not end");
     }
 
-    fn look(&self, link: u16, first: u32, last: u32) -> LookView {
+    fn look(&self, link: u16, first: u32, last: u32) -> ScanView {
         let begun = self.begin(link, first, last).unwrap();
-        assert_eq!((begun.state, &*begun.by), (LookState::UnderWay, "ann"));
+        assert_eq!((begun.state, &*begun.by), (ScanState::UnderWay, "ann"));
         self.ended(link)
     }
 
-    fn take(&self, axis: u16) -> Result<u64, Refused> {
-        let lease = self.bench.lease(axis, &self.ann, LeaseAct::Take, 0);
+    fn take(&self, axis: u16) -> Result<u64, GatewayError> {
+        let lease = self.bench.request_lease(axis, &self.ann, LeaseAction::Take, 0);
         self.hear(lease).map(|lease| lease.expect("a lease").epoch)
     }
 
     fn drop(&self, axis: u16, epoch: u64) {
-        self.hear(self.bench.lease(axis, &self.ann, LeaseAct::Drop, epoch)).unwrap();
+        self.hear(self.bench.request_lease(axis, &self.ann, LeaseAction::Drop, epoch)).unwrap();
     }
 
-    fn tell(&mut self, axis: u16, epoch: u64, verb: &str, velocity: Option<f64>) -> Outcome {
+    fn tell(&mut self, axis: u16, epoch: u64, verb: &str, velocity: Option<f64>) -> CommandOutcome {
         self.ids += 1;
         let order = order(&self.bench, self.ids, epoch, verb, velocity);
         self.hear(self.bench.command(axis, &self.ann, order)).unwrap()
@@ -81,23 +83,29 @@ impl Desk {
                 continue;
             }
             let outcome = self.tell(axis, epoch, verb, velocity);
-            assert_eq!(outcome.outcome, Ended::Done, "{axis} {verb}: {:?}", outcome.error);
-            self.hear(self.bench.lease(axis, &self.ann, LeaseAct::Renew, epoch)).unwrap();
+            assert_eq!(outcome.outcome, OutcomeKind::Done, "{axis} {verb}: {:?}", outcome.error);
+            self.hear(self.bench.request_lease(axis, &self.ann, LeaseAction::Renew, epoch))
+                .unwrap();
         }
-        self.bench.pass(800 * MS);
+        self.bench.advance_time(800 * MS);
         let speed = self.bench.truth(axis).expect("simulated").velocity.abs();
         assert!(speed > 5.0, "axis {axis}: {speed} rad/s");
-        self.hear(self.bench.lease(axis, &self.ann, LeaseAct::Renew, epoch)).unwrap();
+        self.hear(self.bench.request_lease(axis, &self.ann, LeaseAction::Renew, epoch)).unwrap();
         for verb in ["stop", "disable"] {
             let info = &self.bench.snapshot().axes[usize::from(axis)];
             if info.verbs.iter().any(|known| known.verb == verb) {
                 let outcome = self.tell(axis, epoch, verb, None);
-                assert_eq!(outcome.outcome, Ended::Done, "{axis} {verb}: {:?}", outcome.error);
+                assert_eq!(
+                    outcome.outcome,
+                    OutcomeKind::Done,
+                    "{axis} {verb}: {:?}",
+                    outcome.error
+                );
             }
         }
-        self.bench.pass(1000 * MS);
+        self.bench.advance_time(1000 * MS);
         self.drop(axis, epoch);
-        self.bench.pass(1000 * MS);
+        self.bench.advance_time(1000 * MS);
         let read = self.bench.read_signals(axis, &["velocity", "enabled"]);
         drop(self.hear(read));
     }
@@ -111,39 +119,42 @@ impl Desk {
         let info = &self.bench.snapshot().axes[usize::from(axis)];
         let signal = info.signals[0].signal.clone();
         let mut channel = self.bench.subscribe(axis, Some(&signal), None, 20.0).unwrap();
-        self.bench.pass(1000 * MS);
+        self.bench.advance_time(1000 * MS);
         let mut samples = Vec::new();
-        assert_eq!(channel.take(&mut samples), None, "no gap");
+        assert_eq!(channel.drain_into(&mut samples), None, "no gap");
         samples.len()
     }
 }
 
-fn found(view: &LookView) -> Vec<(&str, u32)> {
+fn found(view: &ScanView) -> Vec<(&str, u32)> {
     view.found.iter().map(|one| (&*one.protocol, one.number)).collect()
 }
 
 #[test]
 fn a_serial_drive_is_found_taken_in_and_moved_and_the_old_axis_stays_what_it_was() {
     let mut desk = Desk::new(&["sim:tmcl?axes=3&time=virtual#1"]);
-    let mut events = desk.bench.events();
+    let mut events = desk.bench.subscribe_events();
     let view = desk.look(0, 1, 6);
-    assert_eq!((view.state, view.unasked), (LookState::Done, 0), "{view:?}");
+    assert_eq!((view.state, view.unasked), (ScanState::Done, 0), "{view:?}");
     assert_eq!(found(&view), [("tmcl", 3), ("tmcl", 4)], "{view:?}");
     assert!(view.found[0].drive.contains("TMCM-171"), "{view:?}");
     assert!(view.found.iter().all(|one| one.clash.is_none() && one.axis.is_none()), "{view:?}");
     assert_eq!((view.axes.len(), view.axes[0].answers), (1, true));
     assert!(view.tried.iter().any(|said| said.contains("addresses 1 to 6")), "{view:?}");
     let told = std::iter::from_fn(|| events.try_recv().ok());
-    let told = told.filter(|event| matches!(event, Event::Look(_))).count();
+    let told = told.filter(|event| matches!(event, BenchEvent::Scan(_))).count();
     assert!(told >= 3, "beginning, progress and end are told: {told}");
     assert_eq!(desk.numbers(), [1], "nothing is taken in unasked");
-    let four = TakeIn { drives: vec![DriveAt { protocol: "tmcl".into(), number: 4 }] };
-    assert_eq!(desk.hear(desk.bench.take_in(0, &desk.ann, &four)).unwrap().axes, [1]);
-    let twice = desk.hear(desk.bench.take_in(0, &desk.ann, &four)).unwrap_err();
+    let four = AddDrives { drives: vec![DriveAddress { protocol: "tmcl".into(), number: 4 }] };
+    assert_eq!(desk.hear(desk.bench.add_drives(0, &desk.ann, &four)).unwrap().axes, [1]);
+    let twice = desk.hear(desk.bench.add_drives(0, &desk.ann, &four)).unwrap_err();
     assert_eq!(twice.code, "gateway.look", "{twice}");
-    assert_eq!(desk.hear(desk.bench.take_in(0, &desk.ann, &TakeIn::default())).unwrap().axes, [2]);
+    assert_eq!(
+        desk.hear(desk.bench.add_drives(0, &desk.ann, &AddDrives::default())).unwrap().axes,
+        [2]
+    );
     assert_eq!(desk.numbers(), [1, 4, 3]);
-    let view = desk.bench.look_told(0).unwrap();
+    let view = desk.bench.scan_view(0).unwrap();
     assert_eq!(view.found.iter().map(|one| one.axis).collect::<Vec<_>>(), [Some(2), Some(1)]);
     for axis in [1, 0, 2] {
         desk.turn(axis);
@@ -159,7 +170,7 @@ fn modbus_drives_are_found_and_taken_in() {
     let view = desk.look(0, 1, 4);
     assert_eq!(found(&view), [("modbus-rtu", 1), ("modbus-rtu", 3)], "{view:?}");
     assert_eq!(
-        desk.hear(desk.bench.take_in(0, &desk.ann, &TakeIn::default())).unwrap().axes,
+        desk.hear(desk.bench.add_drives(0, &desk.ann, &AddDrives::default())).unwrap().axes,
         [1, 2]
     );
     for axis in 0..3 {
@@ -173,20 +184,20 @@ fn modbus_drives_are_found_and_taken_in() {
 fn a_bus_of_several_protocols_gets_axes_of_each() {
     let url = format!("sim:{BUS}?time=virtual#spindle,port");
     let mut desk = Desk::new(&[&url]);
-    let order = LookOrder::default();
-    desk.hear(desk.bench.look(0, &desk.ann, order)).unwrap();
+    let order = ScanRequest::default();
+    desk.hear(desk.bench.start_scan(0, &desk.ann, order)).unwrap();
     let view = desk.ended(0);
-    assert_eq!(view.state, LookState::Done, "{view:?}");
+    assert_eq!(view.state, ScanState::Done, "{view:?}");
     let there = [("technocan", 5), ("technocan", 7), ("thruster", 12)];
     assert_eq!(found(&view), there, "{view:?}");
     assert!(view.axes.iter().all(|one| one.answers), "{view:?}");
     assert_eq!(
-        desk.hear(desk.bench.take_in(0, &desk.ann, &TakeIn::default())).unwrap().axes,
+        desk.hear(desk.bench.add_drives(0, &desk.ann, &AddDrives::default())).unwrap().axes,
         [2, 3, 4]
     );
     let names: Vec<String> = desk.bench.snapshot().axes.into_iter().map(|a| a.name).collect();
     assert_eq!(names, ["spindle", "port", "x", "y", "starboard"], "a rack's names hold");
-    desk.bench.pass(2000 * MS);
+    desk.bench.advance_time(2000 * MS);
     for axis in [0, 2, 3] {
         desk.turn(axis);
     }
@@ -206,27 +217,29 @@ fn nobody_looks_where_something_may_move_nor_twice_and_nobody_commands_meanwhile
     assert!(refused(&desk).contains("ann commands"));
     desk.tell(0, epoch, "arm", None);
     desk.tell(0, epoch, "velocity", Some(10.0));
-    desk.hear(desk.bench.lease(0, &desk.ann, LeaseAct::Renew, epoch)).unwrap();
-    drop(desk.bench.stop(&desk.ann, &StopOrder { axes: Some(vec![0]), ..StopOrder::default() }));
+    desk.hear(desk.bench.request_lease(0, &desk.ann, LeaseAction::Renew, epoch)).unwrap();
+    drop(
+        desk.bench.stop(&desk.ann, &StopRequest { axes: Some(vec![0]), ..StopRequest::default() }),
+    );
     assert!(refused(&desk).contains("being stopped"));
-    desk.bench.pass(12_000 * MS);
+    desk.bench.advance_time(12_000 * MS);
     desk.begin(0, 1, 200).unwrap();
     assert!(desk.begin(1, 1, 9).unwrap_err().message.contains("already"));
     let commands = desk.take(0).unwrap_err();
     assert_eq!(commands.code, "gateway.look", "{commands}");
     let epoch = desk.take(1).expect("the other link is free");
     desk.drop(1, epoch);
-    assert_eq!(desk.bench.look_told(0).unwrap().state, LookState::UnderWay);
-    desk.bench.break_look_off(0, &desk.ann).unwrap();
+    assert_eq!(desk.bench.scan_view(0).unwrap().state, ScanState::UnderWay);
+    desk.bench.cancel_scan(0, &desk.ann).unwrap();
     let view = desk.ended(0);
-    assert_eq!(view.state, LookState::BrokenOff);
+    assert_eq!(view.state, ScanState::BrokenOff);
     assert!(view.unasked > 0 && !view.found.is_empty(), "{view:?}");
-    assert_eq!(desk.bench.break_look_off(0, &desk.ann).unwrap_err().code, "gateway.missing");
+    assert_eq!(desk.bench.cancel_scan(0, &desk.ann).unwrap_err().code, "gateway.missing");
     desk.turn(0);
-    let wrong = LookOrder { first: Some(9), last: Some(1) };
-    let wrong = desk.hear(desk.bench.look(0, &desk.ann, wrong)).unwrap_err();
+    let wrong = ScanRequest { first: Some(9), last: Some(1) };
+    let wrong = desk.hear(desk.bench.start_scan(0, &desk.ann, wrong)).unwrap_err();
     assert_eq!(wrong.code, "gateway.request");
-    assert_eq!(desk.bench.look_told(7).unwrap_err().code, "gateway.missing");
+    assert_eq!(desk.bench.scan_view(7).unwrap_err().code, "gateway.missing");
 }
 
 #[test]
@@ -242,8 +255,8 @@ fn a_stop_breaks_a_look_off_and_waits_for_one_question_at_most() {
         let (mut longest, mut last) = (0.0_f64, None);
         for _ in 0..3000 {
             let before = desk.bench.now_ms();
-            desk.bench.pass(MS);
-            let view = desk.bench.look_told(0).unwrap();
+            desk.bench.advance_time(MS);
+            let view = desk.bench.scan_view(0).unwrap();
             if view.number != last {
                 last = view.number;
                 longest = longest.max(desk.bench.now_ms() - before);
@@ -252,32 +265,32 @@ fn a_stop_breaks_a_look_off_and_waits_for_one_question_at_most() {
                 break;
             }
         }
-        let state = desk.bench.look_told(0).unwrap().state;
-        if url.contains("canopen") && state != LookState::UnderWay {
+        let state = desk.bench.scan_view(0).unwrap().state;
+        if url.contains("canopen") && state != ScanState::UnderWay {
             continue;
         }
-        assert_eq!(state, LookState::UnderWay, "{url}");
+        assert_eq!(state, ScanState::UnderWay, "{url}");
         let begun = desk.bench.now_ms();
-        let stop = desk.bench.stop(&desk.ann, &StopOrder::default());
+        let stop = desk.bench.stop(&desk.ann, &StopRequest::default());
         let stopped = desk.hear(stop).unwrap();
         let took = desk.bench.now_ms() - begun;
         assert!(stopped.axes[0].error.is_none(), "{url}: {stopped:?}");
         println!("{url}: {took:.0} ms from a stop to its end; an address takes {longest:.0} ms");
         assert!(took <= longest + 200.0, "{url}: {took} ms, an address takes {longest} ms");
-        assert_eq!(desk.ended(0).state, LookState::BrokenOff, "{url}");
+        assert_eq!(desk.ended(0).state, ScanState::BrokenOff, "{url}");
         assert!(desk.bench.snapshot().lock.is_some());
         let locked = desk.begin(0, 1, 3).unwrap();
-        assert_eq!(locked.state, LookState::UnderWay, "looking moves nothing");
-        assert_eq!(desk.ended(0).state, LookState::Done);
+        assert_eq!(locked.state, ScanState::UnderWay, "looking moves nothing");
+        assert_eq!(desk.ended(0).state, ScanState::Done);
     }
 }
 
 #[test]
 fn a_drive_that_is_gone_is_told_of_and_one_that_clashes_is_not_taken_in() {
     let desk = Desk::new(&["sim:tmcl?axes=3&time=virtual#1,3"]);
-    let act = Act { act: "supply".into(), value: Some(0.0) };
-    desk.hear(desk.bench.act(&desk.ann, 0, 1, &act)).unwrap();
-    desk.bench.pass(100 * MS);
+    let act = SimulationAction { act: "supply".into(), value: Some(0.0) };
+    desk.hear(desk.bench.apply_action(&desk.ann, 0, 1, &act)).unwrap();
+    desk.bench.advance_time(100 * MS);
     let view = desk.look(0, 1, 5);
     let answers: Vec<_> = view.axes.iter().map(|one| (one.axis, one.answers)).collect();
     assert_eq!(answers, [(0, true), (1, false)], "{view:?}");
@@ -293,23 +306,24 @@ fn a_drive_that_is_gone_is_told_of_and_one_that_clashes_is_not_taken_in() {
     assert_eq!(found(&view), [("tmcl", 3)], "{view:?}");
     let clash = view.found[0].clash.as_deref().unwrap_or_default();
     assert!(clash.contains("two drives with this address"), "{view:?}");
-    let all = doubled.hear(doubled.bench.take_in(0, &doubled.ann, &TakeIn::default())).unwrap();
+    let all =
+        doubled.hear(doubled.bench.add_drives(0, &doubled.ann, &AddDrives::default())).unwrap();
     assert!(all.axes.is_empty(), "what is said to it may reach two");
-    let three = TakeIn { drives: vec![DriveAt { protocol: "tmcl".into(), number: 3 }] };
-    let error = doubled.hear(doubled.bench.take_in(0, &doubled.ann, &three)).unwrap_err();
+    let three = AddDrives { drives: vec![DriveAddress { protocol: "tmcl".into(), number: 3 }] };
+    let error = doubled.hear(doubled.bench.add_drives(0, &doubled.ann, &three)).unwrap_err();
     assert_eq!(error.code, "gateway.look", "{error}");
-    let nobody = TakeIn { drives: vec![DriveAt { protocol: "tmcl".into(), number: 9 }] };
-    let error = doubled.hear(doubled.bench.take_in(0, &doubled.ann, &nobody)).unwrap_err();
+    let nobody = AddDrives { drives: vec![DriveAddress { protocol: "tmcl".into(), number: 9 }] };
+    let error = doubled.hear(doubled.bench.add_drives(0, &doubled.ann, &nobody)).unwrap_err();
     assert_eq!(error.code, "gateway.missing", "{error}");
 }
 
 /// What was done, by whom.
 #[derive(Default)]
-struct Notes(Mutex<Vec<(String, Deed)>>);
+struct Notes(Mutex<Vec<(String, JournalAction)>>);
 
-impl Journal for Notes {
-    fn note(&self, note: Note<'_>) -> Result<(), Refused> {
-        self.0.lock().unwrap().push((note.who.to_owned(), note.deed));
+impl JournalSink for Notes {
+    fn write_entry(&self, note: JournalEntry<'_>) -> Result<(), GatewayError> {
+        self.0.lock().unwrap().push((note.who.to_owned(), note.action));
         Ok(())
     }
 }
@@ -317,15 +331,21 @@ impl Journal for Notes {
 #[test]
 fn who_looked_and_who_took_in_is_written_down() {
     let notes = Arc::new(Notes::default());
-    let options = Options { journal: notes.clone(), ..Options::default() };
+    let options = BenchOptions { journal: notes.clone(), ..BenchOptions::default() };
     let desk = Desk::with(&["sim:tmcl?axes=2&time=virtual#1"], options);
     desk.look(0, 1, 4);
-    let take = || desk.hear(desk.bench.take_in(0, &desk.ann, &TakeIn::default())).unwrap().axes;
+    let take =
+        || desk.hear(desk.bench.add_drives(0, &desk.ann, &AddDrives::default())).unwrap().axes;
     assert_eq!(take(), [1]);
     assert!(take().is_empty(), "nothing is left, and nothing is done");
-    desk.bench.pass(5 * MS);
+    desk.bench.advance_time(5 * MS);
     let ann = |deed| ("ann", deed);
-    let expected = [ann(Deed::Look), ("server", Deed::Look), ann(Deed::TakeIn), ann(Deed::Outcome)];
+    let expected = [
+        ann(JournalAction::Look),
+        ("server", JournalAction::Look),
+        ann(JournalAction::TakeIn),
+        ann(JournalAction::Outcome),
+    ];
     let noted = notes.0.lock().unwrap();
     let noted: Vec<_> = noted.iter().map(|(who, deed)| (&**who, *deed)).collect();
     assert_eq!(noted, expected);
@@ -335,38 +355,38 @@ fn who_looked_and_who_took_in_is_written_down() {
 #[test]
 fn another_link_is_moved_and_watched_while_somebody_looks() {
     let mut desk = Desk::new(&["sim:tmcl?axes=3#1", "sim:tmcl"]);
-    desk.bench.pass(300 * MS);
+    desk.bench.advance_time(300 * MS);
     desk.begin(0, 1, 250).unwrap();
     let mut channel = desk.bench.subscribe(1, Some("velocity"), None, 50.0).unwrap();
     let epoch = desk.take(1).unwrap();
     desk.tell(1, epoch, "arm", None);
     desk.tell(1, epoch, "enable", None);
     let outcome = desk.tell(1, epoch, "velocity", Some(10.0));
-    assert_eq!(outcome.outcome, Ended::Done, "{:?}", outcome.error);
+    assert_eq!(outcome.outcome, OutcomeKind::Done, "{:?}", outcome.error);
     let mut samples = Vec::new();
     for _ in 0..20 {
-        desk.hear(desk.bench.lease(1, &desk.ann, LeaseAct::Renew, epoch)).unwrap();
-        desk.bench.pass(50 * MS);
-        assert_eq!(channel.take(&mut samples), None, "no gap");
+        desk.hear(desk.bench.request_lease(1, &desk.ann, LeaseAction::Renew, epoch)).unwrap();
+        desk.bench.advance_time(50 * MS);
+        assert_eq!(channel.drain_into(&mut samples), None, "no gap");
     }
     assert!(desk.bench.truth(1).expect("simulated").velocity > 5.0, "it turns all the time");
     assert!(samples.len() >= 10, "{} samples a second", samples.len());
-    let view = desk.bench.look_told(0).unwrap();
-    assert_eq!(view.state, LookState::UnderWay, "{view:?}");
+    let view = desk.bench.scan_view(0).unwrap();
+    assert_eq!(view.state, ScanState::UnderWay, "{view:?}");
     let begun = std::time::Instant::now();
-    desk.hear(desk.bench.stop(&desk.ann, &StopOrder::default())).unwrap();
-    assert_eq!(desk.ended(0).state, LookState::BrokenOff);
+    desk.hear(desk.bench.stop(&desk.ann, &StopRequest::default())).unwrap();
+    assert_eq!(desk.ended(0).state, ScanState::BrokenOff);
     println!("stop to its end while somebody looks: {:?}", begun.elapsed());
-    let view = desk.bench.look_told(0).unwrap();
+    let view = desk.bench.scan_view(0).unwrap();
     assert_eq!(found(&view), [("tmcl", 3), ("tmcl", 4)]);
     assert_eq!(
-        desk.hear(desk.bench.take_in(0, &desk.ann, &TakeIn::default())).unwrap().axes,
+        desk.hear(desk.bench.add_drives(0, &desk.ann, &AddDrives::default())).unwrap().axes,
         [2, 3]
     );
     let mut channel = desk.bench.subscribe(3, Some("position"), None, 20.0).unwrap();
     samples.clear();
-    desk.bench.pass(1000 * MS);
-    assert_eq!(channel.take(&mut samples), None);
+    desk.bench.advance_time(1000 * MS);
+    assert_eq!(channel.drain_into(&mut samples), None);
     assert!(samples.len() >= 5, "{} samples a second", samples.len());
     desk.bench.shutdown();
 }

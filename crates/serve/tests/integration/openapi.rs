@@ -7,13 +7,13 @@ fn the_committed_description_is_the_servers() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/reference/openapi.json");
     let committed = std::fs::read_to_string(file).unwrap();
     let again = "cargo run -p polepair-serve --example openapi > docs/reference/openapi.json";
-    assert!(committed == polepair_serve::description(), "stale: {again}");
+    assert!(committed == polepair_serve::openapi_json(), "stale: {again}");
 }
 
 /// What clients rely on: paths, operations, parameters, and for each schema its properties and words.
 /// Schemas are not named, for their names go over no wire.
 fn interface() -> String {
-    let description: Value = serde_json::from_str(&polepair_serve::description()).unwrap();
+    let description: Value = serde_json::from_str(&polepair_serve::openapi_json()).unwrap();
     let mut lines = Vec::new();
     for (path, operations) in description["paths"].as_object().unwrap() {
         for (method, operation) in operations.as_object().unwrap() {
@@ -69,7 +69,7 @@ fn every_path_and_field_is_pinned() {
 
 #[test]
 fn every_operation_has_a_name_of_its_own() {
-    let description = polepair_serve::description();
+    let description = polepair_serve::openapi_json();
     let mut names: Vec<&str> =
         description.lines().filter(|line| line.contains("\"operationId\"")).collect();
     let count = names.len();

@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use polepair::Connector;
-use polepair_serve::message::telemetry::{HEAD, SAMPLE};
-use polepair_serve::{Options, Server};
+use polepair_serve::message::telemetry::{HEADER_LEN, SAMPLE_LEN};
+use polepair_serve::{GatewayServer, ServerOptions};
 use serde_json::Value;
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
@@ -19,7 +19,7 @@ pub const LONG: Duration = Duration::from_secs(60);
 
 /// A server with simulated drives.
 pub struct Site {
-    pub server: Option<Server>,
+    pub server: Option<GatewayServer>,
     pub folder: PathBuf,
     pub address: SocketAddr,
 }
@@ -50,9 +50,9 @@ pub fn folder() -> PathBuf {
     folder
 }
 
-pub fn options(folder: PathBuf) -> Options {
+pub fn options(folder: PathBuf) -> ServerOptions {
     let bind = "127.0.0.1:0".parse().unwrap();
-    Options { bind, ..Options::in_folder(folder) }
+    ServerOptions { bind, ..ServerOptions::in_folder(folder) }
 }
 
 impl Site {
@@ -60,14 +60,14 @@ impl Site {
         Self::with(options(folder()))
     }
 
-    pub fn with(options: Options) -> Self {
+    pub fn with(options: ServerOptions) -> Self {
         Self::of(options, &["sim:tmcl?axes=2"])
     }
 
     /// A server of these links.
-    pub fn of(options: Options, urls: &[&str]) -> Self {
+    pub fn of(options: ServerOptions, urls: &[&str]) -> Self {
         let urls: Vec<String> = urls.iter().map(|url| (*url).to_owned()).collect();
-        let server = Server::start(&options, &urls, Connector::default()).unwrap();
+        let server = GatewayServer::start(&options, &urls, Connector::default()).unwrap();
         let address = SocketAddr::from(([127, 0, 0, 1], server.address().port()));
         Self { server: Some(server), folder: options.folder, address }
     }
@@ -164,7 +164,7 @@ impl Site {
         let bench = self.server.as_ref().unwrap().bench();
         let snapshot = serde_json::to_value(bench.snapshot()).unwrap();
         let axes = (0..2).map(|id| {
-            let axis = bench.axis(id).unwrap();
+            let axis = bench.axis_state(id).unwrap();
             serde_json::json!([axis.armed, axis.enabled, axis.lease, axis.faults])
         });
         serde_json::json!([snapshot["axes"], snapshot["lock"], axes.collect::<Vec<_>>()])
@@ -215,7 +215,7 @@ pub fn samples(bytes: &[u8]) -> (u16, Vec<(u64, f64)>) {
     let channel = u16::from_le_bytes(bytes[2..4].try_into().unwrap());
     let count = u32::from_le_bytes(bytes[4..8].try_into().unwrap());
     let t0 = u64::from_le_bytes(bytes[8..16].try_into().unwrap());
-    let rows = bytes[HEAD..].chunks_exact(SAMPLE).map(|row| {
+    let rows = bytes[HEADER_LEN..].chunks_exact(SAMPLE_LEN).map(|row| {
         let after = u32::from_le_bytes(row[..4].try_into().unwrap());
         (t0 + u64::from(after), f64::from_le_bytes(row[4..].try_into().unwrap()))
     });

@@ -4,9 +4,9 @@ use crate::site;
 
 use std::time::{Duration, Instant};
 
-use polepair_serve::bench::{Bench, Options, Session};
+use polepair_serve::bench::{Bench, BenchOptions, SessionName};
 use polepair_serve::message::{
-    Ended, Given, LeaseAct, LinkState, RawOrder, Source, WriteParameters,
+    LeaseAction, LinkState, OutcomeKind, ParameterInput, RawRequest, SampleSource, WriteParameters,
 };
 use serde_json::{Value, json};
 use site::{LONG, Site, folder, memory, options, samples, tell};
@@ -16,14 +16,15 @@ use tungstenite::Message;
 const BUS: &str = "sim:cia402:1,2,3,4?bitrate=1000000";
 
 /// Has a drive send its position and its speed every millisecond.
-fn send(bench: &Bench, who: &Session, axis: u16) {
-    let lease = || bench.lease(axis, who, LeaseAct::Take, 0).wait().unwrap().expect("a lease");
+fn send(bench: &Bench, who: &SessionName, axis: u16) {
+    let lease =
+        || bench.request_lease(axis, who, LeaseAction::Take, 0).wait().unwrap().expect("a lease");
     let say = |text: &str| {
         let (id, text) = (format!("{axis} {text}"), text.to_owned());
         let (issued_ms, ttl_ms, epoch) = (bench.now_ms(), 5000.0, lease().epoch);
-        let order = RawOrder { id, issued_ms, ttl_ms, epoch, text };
+        let order = RawRequest { id, issued_ms, ttl_ms, epoch, text };
         let outcome = bench.raw(axis, who, order).wait().unwrap();
-        assert_eq!(outcome.outcome, Ended::Done, "{outcome:?}");
+        assert_eq!(outcome.outcome, OutcomeKind::Done, "{outcome:?}");
     };
     say("nmt pre-operational");
     let identifier = bench.read_parameter(axis, "tpdo 1 identifier").wait().unwrap().raw;
@@ -39,10 +40,10 @@ fn send(bench: &Bench, who: &Session, axis: u16) {
         ("identifier", identifier & !(1 << 31)),
     ];
     for (name, raw) in settings {
-        let values = [(format!("tpdo 1 {name}"), Given::Number(raw as f64))].into();
+        let values = [(format!("tpdo 1 {name}"), ParameterInput::Number(raw as f64))].into();
         let epoch = lease().epoch;
         let write = WriteParameters { values, keep: false, dry_run: false, raw: false, epoch };
-        bench.apply(axis, who, write).wait().unwrap();
+        bench.write_parameters(axis, who, write).wait().unwrap();
     }
     say("nmt start");
 }
@@ -150,14 +151,17 @@ fn sixteen_channels_at_1_khz_lose_nothing_and_take_no_more_memory() {
 
 #[test]
 fn what_a_drive_does_not_send_is_asked_for_at_the_rate_that_is_wanted() {
-    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], Options::default()).unwrap();
+    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], BenchOptions::default()).unwrap();
     let mut speed = bench.subscribe(0, Some("velocity"), None, 20.0).unwrap();
     let mut current = bench.subscribe(0, None, Some("max current"), 5.0).unwrap();
     let (mut speeds, mut currents) = (Vec::new(), Vec::new());
     let begun = bench.now_ms();
     for _ in 0..2000 {
-        bench.pass(Duration::from_millis(1));
-        assert_eq!((speed.take(&mut speeds), current.take(&mut currents)), (None, None));
+        bench.advance_time(Duration::from_millis(1));
+        assert_eq!(
+            (speed.drain_into(&mut speeds), current.drain_into(&mut currents)),
+            (None, None)
+        );
     }
     // Asking takes time of its own.
     let seconds = (bench.now_ms() - begun) / 1e3;
@@ -165,20 +169,22 @@ fn what_a_drive_does_not_send_is_asked_for_at_the_rate_that_is_wanted() {
         let told = count as f64 / seconds;
         assert!((told / hz - 1.0).abs() < 0.2, "{told} Hz and not {hz}");
     }
-    assert_eq!((speed.source(), speed.unit()), (Source::Polled, "rad/s"));
+    assert_eq!((speed.source(), speed.unit()), (SampleSource::Polled, "rad/s"));
     assert!(bench.subscribe(0, Some("smell"), None, 20.0).is_err());
     assert!(bench.subscribe(0, Some("velocity"), None, f64::NAN).is_err());
 }
 
 #[test]
 fn what_is_wanted_oftener_than_the_wire_carries_does_not_keep_the_rest_from_being_asked_for() {
-    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], Options::default()).unwrap();
+    let bench = Bench::open(&["sim:tmcl?time=virtual".into()], BenchOptions::default()).unwrap();
     let watch = |signal| bench.subscribe(0, Some(signal), None, 1000.0).unwrap();
     let mut channels =
         ["position", "velocity", "current"].map(|signal| (watch(signal), Vec::new()));
     for _ in 0..2000 {
-        bench.pass(Duration::from_millis(1));
-        channels.iter_mut().for_each(|(channel, samples)| assert_eq!(channel.take(samples), None));
+        bench.advance_time(Duration::from_millis(1));
+        channels
+            .iter_mut()
+            .for_each(|(channel, samples)| assert_eq!(channel.drain_into(samples), None));
     }
     let counts = channels.map(|(_, samples)| samples.len());
     assert!(counts[0] > 10 && counts.iter().all(|count| count.abs_diff(counts[0]) <= 1));

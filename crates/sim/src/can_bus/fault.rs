@@ -16,13 +16,13 @@ pub struct CanFaults {
     pub error: Ppm,
     /// Disturbed in its last bit, which its sender alone notices: receivers take it, it is
     /// repeated, and they take it again (F3).
-    pub twice: Ppm,
+    pub last_bit: Ppm,
     /// A receiver's controller or adapter drops it, while others acknowledge it (F5).
     pub lose: Ppm,
     /// An adapter hands a drive's frame to its host late, and whatever comes behind it (F4).
     pub late: Ppm,
     /// The latest of those, ms.
-    pub latest_ms: u32,
+    pub late_max_ms: u32,
     /// The one it is meant for sees a shorter payload (F2), as behind a gateway with a fault: on the
     /// bus itself the CRC forbids it.
     pub cut: Ppm,
@@ -32,13 +32,13 @@ pub struct CanFaults {
 
 /// How many faults were made on a CAN bus, by kind.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct CanMade {
+pub struct InjectedCanFaults {
     /// Frames ended by an error frame.
     pub errors: u64,
     /// Frames that met another of their own identifier.
     pub collided: u64,
     /// Frames taken twice.
-    pub twice: u64,
+    pub taken_twice: u64,
     /// Frames that one receiver did not get.
     pub lost: u64,
     /// Frames that a host got late.
@@ -46,42 +46,42 @@ pub struct CanMade {
     /// Frames that one receiver got with a shorter payload.
     pub cut: u64,
     /// Controllers that went bus-off.
-    pub off: u64,
+    pub bus_off: u64,
     /// Frames of strangers.
-    pub strange: u64,
+    pub intruder_frames: u64,
 }
 
-impl CanMade {
+impl InjectedCanFaults {
     /// Adds another count to this one.
     pub fn add(&mut self, other: &Self) {
         self.errors += other.errors;
         self.collided += other.collided;
-        self.twice += other.twice;
+        self.taken_twice += other.taken_twice;
         self.lost += other.lost;
         self.late += other.late;
         self.cut += other.cut;
-        self.off += other.off;
-        self.strange += other.strange;
+        self.bus_off += other.bus_off;
+        self.intruder_frames += other.intruder_frames;
     }
 }
 
 impl CanFaults {
-    /// A set drawn from `random`; what is late comes within `latest_ms`. Each kind is on or off by
+    /// A set drawn from `random`; what is late comes within `late_max_ms`. Each kind is on or off by
     /// the toss of a coin, so that no kind hides behind another.
-    pub fn random(random: &mut Random, latest_ms: u32) -> Self {
+    pub fn random(random: &mut Random, late_max_ms: u32) -> Self {
         Self {
-            error: some(random, &[1_000, 10_000, 100_000]),
-            twice: some(random, &[500, 2_000, 20_000]),
-            lose: some(random, &[500, 2_000, 10_000]),
-            late: some(random, &[500, 2_000, 10_000]),
-            latest_ms,
-            cut: some(random, &[500, 2_000, 10_000]),
+            error: random_chance(random, &[1_000, 10_000, 100_000]),
+            last_bit: random_chance(random, &[500, 2_000, 20_000]),
+            lose: random_chance(random, &[500, 2_000, 10_000]),
+            late: random_chance(random, &[500, 2_000, 10_000]),
+            late_max_ms,
+            cut: random_chance(random, &[500, 2_000, 10_000]),
             echo: random.chance(Ppm(200_000)),
         }
     }
 }
 
 /// Off one time in two, else one of `choices`.
-fn some(random: &mut Random, choices: &[u32]) -> Ppm {
+fn random_chance(random: &mut Random, choices: &[u32]) -> Ppm {
     if random.chance(Ppm(500_000)) { Ppm(random.pick(choices)) } else { Ppm::NEVER }
 }

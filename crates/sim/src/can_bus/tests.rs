@@ -7,8 +7,8 @@ use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
 
 use super::CanFaults;
-use super::bits::{on_wire as bits_on_wire, until_they_differ};
-use crate::node::LoneCan;
+use super::bits::{bits_until_difference, wire_bits as bits_on_wire};
+use crate::node::CanStationNode;
 use crate::random::{Ppm, Random};
 use crate::world::{NodeId, WireId, World};
 
@@ -16,15 +16,15 @@ const BUS: CanLine = CanLine { bit_rate: 500_000 };
 
 /// Sends its frames one by one and keeps what it hears.
 #[derive(Debug)]
-struct Talker {
+struct ScriptedStation {
     to_send: Vec<Frame>,
-    seen: Seen,
+    received: ReceptionRecord,
 }
 
 #[derive(Clone, Debug, Default)]
-struct Seen(Arc<Mutex<(Vec<Frame>, Vec<LineEvent>)>>);
+struct ReceptionRecord(Arc<Mutex<(Vec<Frame>, Vec<LineEvent>)>>);
 
-impl Seen {
+impl ReceptionRecord {
     fn ids(&self) -> Vec<u32> {
         self.0.lock().expect("one thread").0.iter().map(|frame| frame.id).collect()
     }
@@ -34,19 +34,19 @@ impl Seen {
     }
 }
 
-impl Timed for Talker {
+impl Timed for ScriptedStation {
     fn handle_timeout(&mut self, _: Instant) {}
     fn poll_timeout(&self) -> Option<Instant> {
         None
     }
 }
 
-impl Station<Can> for Talker {
+impl Station<Can> for ScriptedStation {
     fn handle_input(&mut self, _: Instant, frame: &Frame) {
-        self.seen.0.lock().expect("one thread").0.push(*frame);
+        self.received.0.lock().expect("one thread").0.push(*frame);
     }
     fn handle_line(&mut self, _: Instant, event: LineEvent) {
-        self.seen.0.lock().expect("one thread").1.push(event);
+        self.received.0.lock().expect("one thread").1.push(event);
     }
     fn poll_transmit(&mut self, _: Instant, out: &mut Frame) -> Option<usize> {
         *out = self.to_send.pop()?;
@@ -58,9 +58,10 @@ impl Station<Can> for Talker {
 }
 
 /// Plugs in who sends these frames, the last one first.
-fn plug(world: &mut World, bus: WireId, to_send: Vec<Frame>) -> (NodeId, Seen) {
-    let seen = Seen::default();
-    let node = world.add(Box::new(LoneCan(Talker { to_send, seen: seen.clone() })));
+fn plug(world: &mut World, bus: WireId, to_send: Vec<Frame>) -> (NodeId, ReceptionRecord) {
+    let seen = ReceptionRecord::default();
+    let node = world
+        .add_node(Box::new(CanStationNode(ScriptedStation { to_send, received: seen.clone() })));
     world.plug_drive(bus, node, 0);
     (node, seen)
 }
@@ -72,7 +73,7 @@ fn data(id: u16, byte: u8) -> Frame {
 #[test]
 fn of_those_ready_at_one_instant_the_lowest_identifier_goes_first() {
     let mut world = World::new(1);
-    let bus = world.can(BUS);
+    let bus = world.add_can(BUS);
     plug(&mut world, bus, vec![data(0x300, 1), data(0x100, 1)]);
     plug(&mut world, bus, vec![data(0x200, 1), data(0x050, 1)]);
     let (_, seen) = plug(&mut world, bus, vec![]);
@@ -86,7 +87,7 @@ fn of_those_ready_at_one_instant_the_lowest_identifier_goes_first() {
 #[test]
 fn equal_frames_at_once_are_one_frame() {
     let mut world = World::new(1);
-    let bus = world.can(BUS);
+    let bus = world.add_can(BUS);
     let (_, first) = plug(&mut world, bus, vec![data(0x101, 7)]);
     plug(&mut world, bus, vec![data(0x101, 7)]);
     let (_, seen) = plug(&mut world, bus, vec![]);
@@ -97,14 +98,17 @@ fn equal_frames_at_once_are_one_frame() {
 #[test]
 fn one_identifier_with_different_data_at_once_puts_both_senders_off_the_bus() {
     let mut world = World::new(1);
-    let bus = world.can(BUS);
+    let bus = world.add_can(BUS);
     let (_, first) = plug(&mut world, bus, vec![data(0x101, 1)]);
     let (_, second) = plug(&mut world, bus, vec![data(0x101, 2)]);
     let (_, other) = plug(&mut world, bus, vec![data(0x700, 1)]);
     let (_, seen) = plug(&mut world, bus, vec![]);
     world.run_until(Instant::ZERO.plus_ms(100));
     // 32 failures of 8 each are more than 255; then the others get a word in.
-    assert_eq!((world.can_made(bus).collided, world.can_made(bus).off), (32, 2));
+    assert_eq!(
+        (world.injected_can_faults(bus).collided, world.injected_can_faults(bus).bus_off),
+        (32, 2)
+    );
     assert_eq!((seen.ids(), other.ids()), (vec![0x700], vec![]));
     for talker in [first, second] {
         assert_eq!(talker.events(), [LineEvent::BusOff, LineEvent::Up]);
@@ -116,51 +120,58 @@ fn one_identifier_with_different_data_at_once_puts_both_senders_off_the_bus() {
 #[test]
 fn two_hosts_that_go_bus_off_by_each_other_are_told_from_all_others() {
     let mut world = World::new(1);
-    let bus = world.can(BUS);
+    let bus = world.add_can(BUS);
     let talker = |world: &mut World, byte| {
         let to_send = vec![data(0, byte)];
-        world.add(Box::new(LoneCan(Talker { to_send, seen: Seen::default() })))
+        world.add_node(Box::new(CanStationNode(ScriptedStation {
+            to_send,
+            received: ReceptionRecord::default(),
+        })))
     };
     let hosts = [1, 3].map(|byte| talker(&mut world, byte));
     hosts.iter().for_each(|host| world.plug_host(bus, *host, 0));
     let drives = [1, 2].map(|byte| plug(&mut world, bus, vec![data(0x101, byte)]).0);
     world.run_until(Instant::ZERO.plus_ms(200));
-    let standing = |node| world.standing(bus, node).expect("on the bus");
+    let standing = |node| world.can_status(bus, node).expect("on the bus");
     for (node, clashed) in hosts
         .map(|host| (host, Some((0, false))))
         .into_iter()
         .chain(drives.map(|drive| (drive, None)))
     {
-        assert_eq!((standing(node).off, standing(node).clashed), (1, clashed), "{node:?}");
+        assert_eq!(
+            (standing(node).bus_off_count, standing(node).clash_id),
+            (1, clashed),
+            "{node:?}"
+        );
     }
     let host = hosts[0];
-    world.switch_off(bus, host);
-    assert_eq!(world.standing(bus, host).and_then(|standing| standing.clashed), None);
+    world.force_bus_off(bus, host);
+    assert_eq!(world.can_status(bus, host).and_then(|standing| standing.clash_id), None);
 }
 
 #[test]
 fn a_disturbed_frame_is_repeated_until_it_arrives() {
     let mut world = World::new(3);
-    let bus = world.can(BUS);
+    let bus = world.add_can(BUS);
     let frames: Vec<Frame> = (0..100).rev().map(|n| data(0x100 + n, 1)).collect();
     plug(&mut world, bus, frames);
     let (_, seen) = plug(&mut world, bus, vec![]);
     world.can_faults(bus).expect("a bus").error = Ppm(300_000);
     world.run_until(Instant::ZERO.plus_ms(1_000));
     assert_eq!(seen.ids(), (0x100..0x164).collect::<Vec<_>>());
-    assert!(world.can_made(bus).errors > 20);
+    assert!(world.injected_can_faults(bus).errors > 20);
 }
 
 #[test]
 fn a_frame_disturbed_in_its_last_bit_is_taken_twice() {
     let mut world = World::new(3);
-    let bus = world.can(BUS);
+    let bus = world.add_can(BUS);
     *world.can_faults(bus).expect("a bus") =
-        CanFaults { twice: Ppm(200_000), ..CanFaults::default() };
+        CanFaults { last_bit: Ppm(200_000), ..CanFaults::default() };
     plug(&mut world, bus, (0..50).map(|n| data(0x100 + n, 1)).collect());
     let (_, seen) = plug(&mut world, bus, vec![]);
     world.run_until(Instant::ZERO.plus_ms(1_000));
-    let (ids, twice) = (seen.ids(), world.can_made(bus).twice);
+    let (ids, twice) = (seen.ids(), world.injected_can_faults(bus).taken_twice);
     assert!(twice > 2 && ids.len() as u64 == 50 + twice, "{} and {twice}", ids.len());
     assert!(ids.is_sorted_by(|a, b| a >= b), "a repetition follows at once");
 }
@@ -168,10 +179,10 @@ fn a_frame_disturbed_in_its_last_bit_is_taken_twice() {
 #[test]
 fn a_controller_that_is_switched_off_hears_nothing_and_comes_back() {
     let mut world = World::new(3);
-    let bus = world.can(BUS);
-    let end = world.open(bus);
+    let bus = world.add_can(BUS);
+    let end = world.open_end(bus);
     let (node, seen) = plug(&mut world, bus, vec![]);
-    world.switch_off(bus, node);
+    world.force_bus_off(bus, node);
     world.send_frame(end, Instant::ZERO, &data(0x100, 1));
     world.run_until(Instant::ZERO.plus_ms(1));
     assert_eq!((seen.ids(), seen.events()), (vec![], vec![LineEvent::BusOff]));
@@ -185,9 +196,9 @@ fn a_controller_that_is_switched_off_hears_nothing_and_comes_back() {
 #[test]
 fn outside_ends_are_heard_and_hear() {
     let mut world = World::new(1);
-    let bus = world.can(BUS);
+    let bus = world.add_can(BUS);
     let (_, seen) = plug(&mut world, bus, vec![data(0x300, 1), data(0x300, 2)]);
-    let ends = [world.open(bus), world.open(bus)];
+    let ends = [world.open_end(bus), world.open_end(bus)];
     for id in [0x500, 0x400] {
         world.send_frame(ends[0], Instant::ZERO, &data(id, 3));
     }
@@ -204,7 +215,7 @@ fn outside_ends_are_heard_and_hear() {
 }
 
 /// Bit by bit, as the standard tells it.
-fn counted(frame: &Frame) -> u32 {
+fn count_bits(frame: &Frame) -> u32 {
     let mut bits = vec![];
     let mut put = |value: u32, width: u32| bits.extend((0..width).rev().map(|at| value >> at & 1));
     put(0, 1);
@@ -245,14 +256,15 @@ fn a_frame_takes_its_bits() {
     assert!((125..=135).contains(&bits_on_wire(&Frame::standard(0, &[0; 8]))));
     let mut random = Random::new(5);
     for _ in 0..2_000 {
-        let dense = random.pick(&[0, u64::MAX, 0x1F_1F1F, random.clone().word()]);
-        let mut frame = Frame::standard(0, &random.word().to_le_bytes().map(|b| b & dense as u8));
+        let dense = random.pick(&[0, u64::MAX, 0x1F_1F1F, random.clone().next_u64()]);
+        let mut frame =
+            Frame::standard(0, &random.next_u64().to_le_bytes().map(|b| b & dense as u8));
         frame.len = random.below(9) as u8;
         frame.extended = random.chance(Ppm(500_000));
         frame.remote = random.chance(Ppm(100_000));
         frame.id =
-            (random.word() & dense) as u32 & if frame.extended { 0x1FFF_FFFF } else { 0x7FF };
-        assert_eq!(bits_on_wire(&frame), counted(&frame), "{frame:?}");
+            (random.next_u64() & dense) as u32 & if frame.extended { 0x1FFF_FFFF } else { 0x7FF };
+        assert_eq!(bits_on_wire(&frame), count_bits(&frame), "{frame:?}");
     }
 }
 
@@ -261,5 +273,5 @@ fn two_frames_differ_in_the_first_bit_that_is_not_alike() {
     // Start, 11 bits of identifier, RTR, IDE, r0, 4 bits of length, then the data: the 20th bit,
     // and a stuff bit for each five alike before it.
     let (one, other) = (Frame::standard(0x555, &[0x80]), Frame::standard(0x555, &[0x00]));
-    assert_eq!(until_they_differ(&one, &other), 21);
+    assert_eq!(bits_until_difference(&one, &other), 21);
 }

@@ -10,14 +10,16 @@ use polepair_core::proto::HostOptions;
 use polepair_core::station::AxisIndex;
 use polepair_core::time::Instant;
 
-use super::axis::Axis;
-use super::client::Client;
-use super::inert::inert;
-use super::scene::{BEGIN_MS, Calamity, LATEST_IN_TIMEOUTS, OWN_MS, Scene, patience_ms};
-use super::stranger::{Deed, Stranger};
+use super::axis::SwarmAxis;
+use super::host_user::HostUser;
+use super::inert::inert_parameters;
+use super::intruder::{Intruder, IntruderAction};
+use super::scenario::{
+    BEGIN_MS, Disturbance, LATE_MAX_TIMEOUTS, OWN_MS, Scenario, host_timeout_ms,
+};
 use crate::can_bus::CanFaults;
-use crate::host::{self, Spoken};
-use crate::node::LoneCan;
+use crate::host::{self, HostProtocol};
+use crate::node::CanStationNode;
 use crate::rack::RackDrive;
 use crate::random::{Ppm, Random};
 use crate::world::{NodeId, WireId};
@@ -33,37 +35,37 @@ const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
 /// both programs' would answer with one identifier, and put each other off the bus.
 const SECOND_HOST: u32 = 28;
 /// How often a bus has no fault at all.
-const SOUND: Ppm = Ppm(125_000);
+const FAULT_FREE_CHANCE: Ppm = Ppm(125_000);
 /// How often each of the rarer calamities happens.
-const OFTEN: Ppm = Ppm(300_000);
-const SELDOM: Ppm = Ppm(150_000);
+const FREQUENT: Ppm = Ppm(300_000);
+const RARE: Ppm = Ppm(150_000);
 /// Frames of a drive's own at the slowest bit rate with a busy bus before them, ms.
 const QUEUE_MS: u32 = 20;
 
 /// A drive that is to be on a bus.
-struct Wanted {
-    spoken: Spoken,
+struct PlannedDrive {
+    protocol: HostProtocol,
     program: usize,
     host: Option<u32>,
     spec: RackDrive,
     drive: NodeId,
 }
 
-impl Wanted {
-    fn patience_ms(&self) -> u32 {
-        patience_ms(self.spec.profile)
+impl PlannedDrive {
+    fn host_timeout_ms(&self) -> u32 {
+        host_timeout_ms(self.spec.profile)
     }
 }
 
-impl Scene {
+impl Scenario {
     /// Adds a bus with all that is on it.
     pub(super) fn add_bus(&mut self, random: &mut Random) {
         let bit_rate = random.pick(&BIT_RATES);
-        let wire = self.world.can(CanLine { bit_rate });
+        let wire = self.world.add_can(CanLine { bit_rate });
         self.wires.push(wire);
-        self.note(format!("a bus at {} kbit/s", bit_rate / 1_000));
+        self.describe(format!("a bus at {} kbit/s", bit_rate / 1_000));
         let wanted = self.draw_drives(wire, random);
-        let first = self.clients.len();
+        let first = self.users.len();
         let programs = wanted.iter().map(|wanted| wanted.program).max().map_or(0, |n| n + 1);
         for program in 0..programs {
             let own: Vec<_> = wanted.iter().filter(|wanted| wanted.program == program).collect();
@@ -72,25 +74,25 @@ impl Scene {
         if programs > 1 {
             // Whoever has the lower identifiers could else keep the others from the bus for ever.
             let think_us = SHARE_BITS * 1_000_000 / u64::from(bit_rate);
-            self.clients[first..].iter_mut().for_each(|c| c.share(think_us, SHARE_OPEN_MAX));
+            self.users[first..].iter_mut().for_each(|c| c.limit_rate(think_us, SHARE_OPEN_MAX));
         }
-        let patience = wanted.iter().map(Wanted::patience_ms).min().unwrap_or(100);
-        let sound = random.chance(SOUND);
-        self.clients[first..].iter_mut().for_each(|client| client.sound = sound);
+        let patience = wanted.iter().map(PlannedDrive::host_timeout_ms).min().unwrap_or(100);
+        let sound = random.chance(FAULT_FREE_CHANCE);
+        self.users[first..].iter_mut().for_each(|client| client.fault_free = sound);
         if sound {
-            return self.note("no faults".into());
+            return self.describe("no faults".into());
         }
-        self.brew_bus(wire, first, patience, random);
-        for at in first..self.clients.len() {
-            self.brew_program(at, random);
+        self.plan_bus_faults(wire, first, patience, random);
+        for at in first..self.users.len() {
+            self.plan_program_faults(at, random);
         }
-        if let Some(wanted) = wanted.first().filter(|_| random.chance(SELDOM)) {
+        if let Some(wanted) = wanted.first().filter(|_| random.chance(RARE)) {
             self.add_twin(wire, wanted, random);
         }
     }
 
-    fn draw_drives(&mut self, wire: WireId, random: &mut Random) -> Vec<Wanted> {
-        let speaks = |p: &Spoken| drives::profiles().iter().any(|d| d.protocol == p.profile);
+    fn draw_drives(&mut self, wire: WireId, random: &mut Random) -> Vec<PlannedDrive> {
+        let speaks = |p: &HostProtocol| drives::profiles().iter().any(|d| d.protocol == p.profile);
         let spoken = host::protocols().into_iter();
         let spoken: Vec<_> = spoken.filter(|p| p.medium == MediumKind::Can && speaks(p)).collect();
         let programs = random.between(1, PROGRAMS_MAX) as u64;
@@ -102,7 +104,7 @@ impl Scene {
             let products: Vec<_> = drives::profiles().iter().copied().filter(speaks).collect();
             let mut spec = RackDrive::new(random.pick(&products), spoken.name);
             // Odd steps leave room for what hosts have between the drives.
-            (spec.address, spec.seed) = (Some(spoken.first_address + 2 * n), random.word());
+            (spec.address, spec.seed) = (Some(spoken.first_address + 2 * n), random.next_u64());
             let program = random.below(programs) as usize;
             let mut host = Some(SECOND_HOST).filter(|_| program > 0);
             let plain = spec.clone();
@@ -112,26 +114,32 @@ impl Scene {
             }
             if let Ok(drive) = spec.build(&mut self.world, wire, false) {
                 let (name, address) = (spec.profile.name, spec.address.unwrap_or(0));
-                self.note(format!("{drive:?}: {name} on {}, address {address}", spoken.name));
-                wanted.push(Wanted { spoken, program, host, spec, drive });
+                self.describe(format!("{drive:?}: {name} on {}, address {address}", spoken.name));
+                wanted.push(PlannedDrive { protocol: spoken, program, host, spec, drive });
             }
         }
         wanted
     }
 
     /// A program that commands these drives: one lane for each protocol.
-    fn add_program(&mut self, wire: WireId, bit_rate: u32, own: &[&Wanted], random: &mut Random) {
-        let mut lanes: BTreeMap<&str, Vec<&Wanted>> = BTreeMap::new();
-        own.iter().for_each(|w| lanes.entry(w.spoken.name).or_default().push(w));
-        let served = |w: &&Wanted| (w.spec.profile, w.spec.address.unwrap_or(0));
+    fn add_program(
+        &mut self,
+        wire: WireId,
+        bit_rate: u32,
+        own: &[&PlannedDrive],
+        random: &mut Random,
+    ) {
+        let mut lanes: BTreeMap<&str, Vec<&PlannedDrive>> = BTreeMap::new();
+        own.iter().for_each(|w| lanes.entry(w.protocol.name).or_default().push(w));
+        let served = |w: &&PlannedDrive| (w.spec.profile, w.spec.address.unwrap_or(0));
         let axes = lanes.values().flatten().enumerate().map(|(n, w)| {
             let index = AxisIndex(n as u8);
-            Axis::new(
+            SwarmAxis::new(
                 index,
                 w.drive,
                 w.spec.profile,
-                w.spoken.name,
-                inert(&w.spoken, w.spec.profile),
+                w.protocol.name,
+                inert_parameters(&w.protocol, w.spec.profile),
             )
         });
         let axes: Vec<_> = axes.collect();
@@ -139,90 +147,99 @@ impl Scene {
             .iter()
             .map(|(name, own)| {
                 let host = own.first().and_then(|w| w.host);
-                let doubt = random.chance(Ppm(500_000)).then(|| random.word() as u32);
-                let options = HostOptions { host, doubt, ..HostOptions::new(bit_rate) };
+                let doubt = random.chance(Ppm(500_000)).then(|| random.next_u64() as u32);
+                let options = HostOptions {
+                    host_address: host,
+                    probe_seed: doubt,
+                    ..HostOptions::new(bit_rate)
+                };
                 (*name, options, own.iter().map(served).collect::<Vec<_>>())
             })
             .collect();
-        let Some(lane) = host::mux(&lanes).filter(|_| !axes.is_empty()) else { return };
-        let host = self.world.add(lane);
+        let Some(lane) = host::can_program(&lanes).filter(|_| !axes.is_empty()) else { return };
+        let host = self.world.add_node(lane);
         self.world.plug_host(wire, host, 0);
-        self.note(format!(
+        self.describe(format!(
             "{host:?}: commands {:?}",
             axes.iter().map(|a| a.drive).collect::<Vec<_>>()
         ));
-        let client = Client::new(&self.world, host, wire, axes, random);
-        self.clients.push(client);
+        let client = HostUser::new(&self.world, host, wire, axes, random);
+        self.users.push(client);
     }
 
     /// Decides what will be wrong with a bus, and when.
-    fn brew_bus(&mut self, wire: WireId, at: usize, patience: u32, random: &mut Random) {
+    fn plan_bus_faults(&mut self, wire: WireId, at: usize, patience: u32, random: &mut Random) {
         let begin = Instant::ZERO.plus_ms(BEGIN_MS);
-        let latest = (LATEST_IN_TIMEOUTS * patience).saturating_sub(OWN_MS + QUEUE_MS);
+        let latest = (LATE_MAX_TIMEOUTS * patience).saturating_sub(OWN_MS + QUEUE_MS);
         let faults = CanFaults::random(random, latest);
-        self.befalls(begin, Calamity::Disturb(at, faults));
-        for deed in [Deed::Babble, Deed::Load(random.between(150, 2_000) as u32), Deed::Forge] {
-            if random.chance(SELDOM) {
-                let from = self.sometime(random);
-                let longest = if deed == Deed::Babble { i64::from(latest) } else { 3_000 };
-                let until = from.plus_ms(random.between(5, longest) as u32).min(self.calm_at);
-                self.note(format!("from {from:?} until {until:?}: {deed:?}"));
-                let stranger = Stranger::new(deed, (from, until), 0, random.fork());
-                let node = self.world.add(Box::new(LoneCan(stranger)));
-                self.world.plug_stranger(wire, node);
+        self.schedule(begin, Disturbance::CanFaults(at, faults));
+        for deed in [
+            IntruderAction::Babble,
+            IntruderAction::Load(random.between(150, 2_000) as u32),
+            IntruderAction::Forge,
+        ] {
+            if random.chance(RARE) {
+                let from = self.random_fault_time(random);
+                let longest =
+                    if deed == IntruderAction::Babble { i64::from(latest) } else { 3_000 };
+                let until = from.plus_ms(random.between(5, longest) as u32).min(self.faults_end);
+                self.describe(format!("from {from:?} until {until:?}: {deed:?}"));
+                let stranger = Intruder::new(deed, (from, until), 0, random.fork());
+                let node = self.world.add_node(Box::new(CanStationNode(stranger)));
+                self.world.plug_intruder(wire, node);
             }
         }
-        if random.chance(SELDOM) {
-            let from = self.sometime(random);
+        if random.chance(RARE) {
+            let from = self.random_fault_time(random);
             let until = from.plus_ms(random.between(1, 800) as u32);
-            self.befalls(from, Calamity::Cut(at, true));
-            self.befalls(until, Calamity::Cut(at, false));
+            self.schedule(from, Disturbance::Cut(at, true));
+            self.schedule(until, Disturbance::Cut(at, false));
         }
     }
 
     /// Decides what will happen to a program and its drives.
-    fn brew_program(&mut self, at: usize, random: &mut Random) {
-        let axes = self.clients[at].axes.len() as u64;
-        for _ in 0..random.below(3) * u64::from(random.chance(OFTEN)) {
-            let when = self.sometime(random);
-            self.befalls(when, Calamity::Off(at, None));
+    fn plan_program_faults(&mut self, at: usize, random: &mut Random) {
+        let axes = self.users[at].axes.len() as u64;
+        for _ in 0..random.below(3) * u64::from(random.chance(FREQUENT)) {
+            let when = self.random_fault_time(random);
+            self.schedule(when, Disturbance::BusOff(at, None));
         }
-        for _ in 0..random.below(3) * u64::from(random.chance(OFTEN)) {
-            let (when, which) = (self.sometime(random), random.below(axes) as usize);
-            self.befalls(when, Calamity::Off(at, Some(which)));
+        for _ in 0..random.below(3) * u64::from(random.chance(FREQUENT)) {
+            let (when, which) = (self.random_fault_time(random), random.below(axes) as usize);
+            self.schedule(when, Disturbance::BusOff(at, Some(which)));
         }
-        for _ in 0..random.below(3) * u64::from(random.chance(OFTEN)) {
-            let (when, which) = (self.sometime(random), random.below(axes) as usize);
-            self.befalls(when, Calamity::Reset(at, which));
+        for _ in 0..random.below(3) * u64::from(random.chance(FREQUENT)) {
+            let (when, which) = (self.random_fault_time(random), random.below(axes) as usize);
+            self.schedule(when, Disturbance::PowerCycle(at, which));
         }
-        if random.chance(SELDOM) {
-            let (from, which) = (self.sometime(random), random.below(axes) as usize);
+        if random.chance(RARE) {
+            let (from, which) = (self.random_fault_time(random), random.below(axes) as usize);
             let until = from.plus_ms(random.between(1, 500) as u32);
-            self.befalls(from, Calamity::Pull(at, which, true));
-            self.befalls(until, Calamity::Pull(at, which, false));
+            self.schedule(from, Disturbance::Unplug(at, which, true));
+            self.schedule(until, Disturbance::Unplug(at, which, false));
         }
     }
 
     /// For a while there is a second drive of one address (F8).
-    fn add_twin(&mut self, wire: WireId, wanted: &Wanted, random: &mut Random) {
-        let seed = random.word();
+    fn add_twin(&mut self, wire: WireId, wanted: &PlannedDrive, random: &mut Random) {
+        let seed = random.next_u64();
         let spec = RackDrive { seed, ..wanted.spec.clone() };
         let Ok(twin) = spec.build(&mut self.world, wire, false) else { return };
-        self.world.pull(wire, twin, true);
-        let owner = self.clients.iter().enumerate().find_map(|(at, client)| {
+        self.world.set_unplugged(wire, twin, true);
+        let owner = self.users.iter().enumerate().find_map(|(at, client)| {
             let which = client.axes.iter().position(|axis| axis.drive == wanted.drive)?;
             Some((at, which))
         });
         let Some((at, which)) = owner else { return };
-        let from = self.sometime(random);
-        let until = from.plus_ms(random.between(20, 1_500) as u32).min(self.calm_at);
-        self.befalls(from, Calamity::Twin(at, which, twin, true));
-        self.befalls(until, Calamity::Twin(at, which, twin, false));
+        let from = self.random_fault_time(random);
+        let until = from.plus_ms(random.between(20, 1_500) as u32).min(self.faults_end);
+        self.schedule(from, Disturbance::Twin(at, which, twin, true));
+        self.schedule(until, Disturbance::Twin(at, which, twin, false));
     }
 
     /// Some instant while faults may be.
-    fn sometime(&self, random: &mut Random) -> Instant {
+    fn random_fault_time(&self, random: &mut Random) -> Instant {
         let begin = Instant::ZERO.plus_ms(BEGIN_MS);
-        begin.plus_ns(random.below(self.calm_at.since(begin).as_nanos() as u64))
+        begin.plus_ns(random.below(self.faults_end.since(begin).as_nanos() as u64))
     }
 }

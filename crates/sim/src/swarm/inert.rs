@@ -13,12 +13,12 @@ use polepair_core::error::Outcome;
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::plan::{Compare, Step};
 use polepair_core::profile::{Access, ParameterId, Persistence, Profile};
-use polepair_core::proto::{HostOptions, Wire};
+use polepair_core::proto::{HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Ticket};
 
-use crate::host::{self, Spoken};
+use crate::host::{self, HostProtocol};
 use crate::rack::RackDrive;
-use crate::serial_line::Serial;
+use crate::serial_line::SerialWireConfig;
 use crate::world::{NodeId, WireId, World};
 
 /// Parameters that are kept per product.
@@ -26,7 +26,7 @@ const INERT_MAX: usize = 12;
 /// Parameters of a product that are tried.
 const TRIALS_MAX: usize = 60;
 /// What a drive is made to do in a trial.
-const TURNS: [Verb; 7] = [
+const TRIAL_VERBS: [Verb; 7] = [
     Verb::Enable,
     Verb::MoveBy,
     Verb::MoveTo,
@@ -42,26 +42,29 @@ const AXIS: AxisIndex = AxisIndex(0);
 
 /// A parameter that keeps what is written, within a few steps of the value from the factory.
 #[derive(Clone, Copy, Debug)]
-pub struct Inert {
+pub struct InertParameter {
     pub id: ParameterId,
     pub min: i64,
     pub max: i64,
     /// The values within that some plan requires.
-    pub wanted: &'static [i64],
+    pub required: &'static [i64],
 }
 
-type Known = HashMap<(&'static str, MediumKind, &'static str), &'static [Inert]>;
+type InertCache = HashMap<(&'static str, MediumKind, &'static str), &'static [InertParameter]>;
 
 /// The inert parameters of a product on a protocol; found once per process.
-pub fn inert(spoken: &Spoken, profile: &'static Profile) -> &'static [Inert] {
-    static KNOWN: OnceLock<Mutex<Known>> = OnceLock::new();
+pub fn inert_parameters(
+    spoken: &HostProtocol,
+    profile: &'static Profile,
+) -> &'static [InertParameter] {
+    static KNOWN: OnceLock<Mutex<InertCache>> = OnceLock::new();
     let mut known = KNOWN.get_or_init(Mutex::default).lock().unwrap_or_else(|e| e.into_inner());
     known
         .entry((spoken.name, spoken.medium, profile.name))
-        .or_insert_with(|| find(spoken, profile).leak())
+        .or_insert_with(|| find_inert(spoken, profile).leak())
 }
 
-fn find(spoken: &Spoken, profile: &'static Profile) -> Vec<Inert> {
+fn find_inert(spoken: &HostProtocol, profile: &'static Profile) -> Vec<InertParameter> {
     let ids = (0..profile.parameters.len()).filter_map(|n| u16::try_from(n).ok()).map(ParameterId);
     let candidates = ids.filter(|id| {
         profile.parameter(*id).is_some_and(|p| {
@@ -72,15 +75,15 @@ fn find(spoken: &Spoken, profile: &'static Profile) -> Vec<Inert> {
         })
     });
     candidates
-        .filter(|id| !planned(profile, *id))
+        .filter(|id| !is_planned(profile, *id))
         .take(TRIALS_MAX)
-        .filter_map(|id| try_one(spoken, profile, id))
+        .filter_map(|id| try_parameter(spoken, profile, id))
         .take(INERT_MAX)
         .collect()
 }
 
 /// Whether some plan of the product writes the parameter: then it is not ours alone.
-fn planned(profile: &Profile, id: ParameterId) -> bool {
+fn is_planned(profile: &Profile, id: ParameterId) -> bool {
     let steps = profile.plans.iter().flat_map(|plan| plan.steps.iter().chain(plan.undo));
     profile.ram.is_some_and(|ram| ram.parameter == id)
         || steps.into_iter().any(|step| match *step {
@@ -89,9 +92,13 @@ fn planned(profile: &Profile, id: ParameterId) -> bool {
         })
 }
 
-fn try_one(spoken: &Spoken, profile: &'static Profile, id: ParameterId) -> Option<Inert> {
+fn try_parameter(
+    spoken: &HostProtocol,
+    profile: &'static Profile,
+    id: ParameterId,
+) -> Option<InertParameter> {
     let parameter = profile.parameter(id)?;
-    let mut desk = Desk::new(spoken, profile)?;
+    let mut desk = ParameterTrial::new(spoken, profile)?;
     let usual = desk.read(id)?;
     let (min, max) =
         (parameter.min.max(usual.saturating_sub(20)), parameter.max.min(usual.saturating_add(20)));
@@ -102,16 +109,21 @@ fn try_one(spoken: &Spoken, profile: &'static Profile, id: ParameterId) -> Optio
     // A drive may change a flag of it by itself as it moves.
     let flags = (min..=max).rev().find(|raw| (raw + 1).count_ones() == 1).unwrap_or(max);
     desk.write(id, flags)?;
-    desk.turn();
+    desk.run_motion();
     (desk.read(id)? == flags).then_some(())?;
     desk.write(id, max)?;
     desk.power_cycle();
     desk.read(id)?;
-    (max - min >= 2).then(|| Inert { id, min, max, wanted: wanted(profile, id, min, max) })
+    (max - min >= 2).then(|| InertParameter {
+        id,
+        min,
+        max,
+        required: required_values(profile, id, min, max),
+    })
 }
 
 /// The values without which some plan of the product does not begin: a drive's mode.
-fn wanted(profile: &Profile, id: ParameterId, min: i64, max: i64) -> &'static [i64] {
+fn required_values(profile: &Profile, id: ParameterId, min: i64, max: i64) -> &'static [i64] {
     let steps = profile.plans.iter().flat_map(|plan| plan.steps);
     let tests: Vec<_> = steps
         .filter_map(|step| match *step {
@@ -125,25 +137,25 @@ fn wanted(profile: &Profile, id: ParameterId, min: i64, max: i64) -> &'static [i
 }
 
 /// One host and one drive on a wire that works.
-struct Desk {
+struct ParameterTrial {
     world: World,
     wire: WireId,
     host: NodeId,
     drive: NodeId,
 }
 
-impl Desk {
-    fn new(spoken: &Spoken, profile: &'static Profile) -> Option<Self> {
+impl ParameterTrial {
+    fn new(spoken: &HostProtocol, profile: &'static Profile) -> Option<Self> {
         let mut world = World::new(0);
         let wire = match spoken.medium {
-            MediumKind::Serial => world.serial(Serial::RS232),
-            MediumKind::Can => world.can(CanLine { bit_rate: spoken.baud }),
+            MediumKind::Serial => world.add_serial(SerialWireConfig::RS232),
+            MediumKind::Can => world.add_can(CanLine { bit_rate: spoken.baud }),
         };
         let mut spec = RackDrive::new(profile, spoken.name);
         spec.address = Some(spoken.first_address);
         let drive = spec.build(&mut world, wire, false).ok()?;
         let options = host_options(spoken, false, false);
-        let host = world.add(host::lane(
+        let host = world.add_node(host::host_lane(
             spoken.name,
             spoken.medium,
             options,
@@ -155,21 +167,22 @@ impl Desk {
     }
 
     fn read(&mut self, id: ParameterId) -> Option<i64> {
-        self.ask(|axes, now| axes.read(now, Ticket(0), AXIS, id).ok())
+        self.execute(|axes, now| axes.read_parameter(now, Ticket(0), AXIS, id).ok())
     }
 
     fn write(&mut self, id: ParameterId, raw: i64) -> Option<i64> {
-        self.ask(|axes, now| axes.write(now, Ticket(0), AXIS, id, raw, false).ok())
+        self.execute(|axes, now| axes.write_parameter(now, Ticket(0), AXIS, id, raw, false).ok())
     }
 
-    fn ask(
+    fn execute(
         &mut self,
         submit: impl FnOnce(&mut dyn Axes, polepair_core::time::Instant) -> Option<()>,
     ) -> Option<i64> {
-        self.world.with(self.host, |node, now| node.axes().and_then(|axes| submit(axes, now)))?;
+        self.world
+            .with_node(self.host, |node, now| node.axes().and_then(|axes| submit(axes, now)))?;
         let until = self.world.now().plus_ms(2_000);
         while self.world.now() < until {
-            let outcome = self.world.with(self.host, |n, _| n.axes()?.poll_outcome());
+            let outcome = self.world.with_node(self.host, |n, _| n.axes()?.poll_outcome());
             match outcome {
                 Some((_, Outcome::Done(raw))) => return Some(raw),
                 Some(_) => return None,
@@ -182,8 +195,8 @@ impl Desk {
     /// Whether the drive says nothing unasked: what it said could fill a bus.
     fn is_quiet(&mut self) -> bool {
         let said = |world: &World, wire, drive| match world.medium(wire) {
-            MediumKind::Serial => world.knowledge(wire, drive).sent.tag,
-            MediumKind::Can => world.standing(wire, drive).map_or(0, |s| s.sent.tag),
+            MediumKind::Serial => world.serial_status(wire, drive).last_sent.tag,
+            MediumKind::Can => world.can_status(wire, drive).map_or(0, |s| s.last_sent.tag),
         };
         let before = said(&self.world, self.wire, self.drive);
         self.world.run_until(self.world.now().plus_ms(QUIET_MS));
@@ -191,25 +204,25 @@ impl Desk {
     }
 
     /// Has the drive do whatever it does as it comes from the factory.
-    fn turn(&mut self) {
-        for verb in TURNS {
+    fn run_motion(&mut self) {
+        for verb in TRIAL_VERBS {
             let (target, velocity) = (Some(1.0), Some(1.0));
             let command = Command { target, velocity, ..Command::new(verb) };
-            self.ask(|axes, now| {
-                axes.arm(AXIS, true);
+            self.execute(|axes, now| {
+                axes.set_armed(AXIS, true);
                 axes.command(now, Ticket(0), AXIS, command).ok()
             });
         }
     }
 
     fn power_cycle(&mut self) {
-        self.world.with(self.drive, |n, now| n.bench().map(|b| b.act(now, Act::PowerCycle)));
+        self.world.with_node(self.drive, |n, now| n.bench().map(|b| b.act(now, Act::PowerCycle)));
         self.world.run_until(self.world.now().plus_ms(2_000));
     }
 }
 
 /// How a swarm's hosts are set. An echo there is on a bus only.
-pub fn host_options(spoken: &Spoken, bus: bool, echo: bool) -> HostOptions {
-    let wire = bus.then_some(Wire::Rs485);
-    HostOptions { echo, wire, ..HostOptions::new(spoken.baud) }
+pub fn host_options(spoken: &HostProtocol, bus: bool, echo: bool) -> HostOptions {
+    let wire = bus.then_some(SerialStandard::Rs485);
+    HostOptions { echo, standard: wire, ..HostOptions::new(spoken.baud) }
 }

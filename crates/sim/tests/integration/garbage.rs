@@ -7,16 +7,16 @@
 use std::collections::HashSet;
 
 use polepair_core::axis::{Command, Verb};
-use polepair_core::drives::{self, bench::Truth};
+use polepair_core::drives::{self, bench::GroundTruth};
 use polepair_core::error::Outcome;
-use polepair_core::explain::{Context, Cut, Direction, Dissector, Field, Sink};
+use polepair_core::explain::{Context, Direction, Dissector, ExplainSink, Field, FrameBoundary};
 use polepair_core::medium::{MediumKind, STREAM_UNIT_MAX};
 use polepair_core::profile::{Access, ParameterId, Profile};
 use polepair_core::proto::{self, HostOptions};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
-use polepair_sim::host::{self, Spoken};
-use polepair_sim::node::Node;
+use polepair_sim::host::{self, HostProtocol};
+use polepair_sim::node::SimNode;
 use polepair_sim::rack::RackDrive;
 use polepair_sim::random::{Ppm, Random};
 
@@ -72,17 +72,17 @@ fn harm(random: &mut Random, frames: &[Vec<u8>]) -> (Harm, Vec<u8>) {
             bytes[bit / 8] ^= 1 << (bit % 8);
             bytes[other / 8] ^= 1 << (other % 8);
         }
-        Harm::OneByte => bytes[at] = random.byte(),
-        Harm::Burst => bytes[at..].fill_with(|| random.byte()),
+        Harm::OneByte => bytes[at] = random.next_byte(),
+        Harm::Burst => bytes[at..].fill_with(|| random.next_byte()),
         Harm::Cut => bytes.truncate(at),
         Harm::Dropped => drop(bytes.remove(at)),
-        Harm::Inserted => bytes.insert(at, random.byte()),
+        Harm::Inserted => bytes.insert(at, random.next_byte()),
         Harm::Glued => {
             bytes.truncate(at);
             bytes.extend(&frames[random.below(frames.len() as u64) as usize]);
         }
         Harm::Random => {
-            bytes = (0..random.between(1, 40)).map(|_| random.byte()).collect();
+            bytes = (0..random.between(1, 40)).map(|_| random.next_byte()).collect();
         }
     }
     (kind, bytes)
@@ -94,9 +94,11 @@ fn passing<'a>(
     bytes: &'a [u8],
     direction: Direction,
 ) -> Option<&'a [u8]> {
-    (0..bytes.len()).find_map(|from| match dissector.cut(&bytes[from..], Some(direction), true) {
-        Cut::Frame(len) => Some(&bytes[from..from + len]),
-        _ => None,
+    (0..bytes.len()).find_map(|from| {
+        match dissector.find_frame(&bytes[from..], Some(direction), true) {
+            FrameBoundary::Frame(len) => Some(&bytes[from..from + len]),
+            _ => None,
+        }
     })
 }
 
@@ -108,7 +110,7 @@ fn whole<'a>(
 ) -> HashSet<&'a [u8]> {
     let mut all = HashSet::new();
     for mut rest in runs.iter().map(Vec::as_slice) {
-        while let Cut::Frame(len) = dissector.cut(rest, Some(direction), true) {
+        while let FrameBoundary::Frame(len) = dissector.find_frame(rest, Some(direction), true) {
             all.insert(&rest[..len]);
             rest = &rest[len..];
         }
@@ -140,13 +142,13 @@ impl Passed {
 
 /// A node on no wire, and its clock.
 struct Alone {
-    node: Box<dyn Node>,
+    node: Box<dyn SimNode>,
     now: Instant,
     said: Vec<u8>,
 }
 
 impl Alone {
-    fn new(node: Box<dyn Node>) -> Self {
+    fn new(node: Box<dyn SimNode>) -> Self {
         let mut alone = Self { node, now: Instant::ZERO, said: Vec::new() };
         alone.rest(2_000);
         alone
@@ -189,19 +191,20 @@ impl Alone {
         }
     }
 
-    fn truth(&mut self) -> Truth {
+    fn truth(&mut self) -> GroundTruth {
         let now = self.now;
-        self.node.bench().expect("a drive").truth(now)
+        self.node.bench().expect("a drive").ground_truth(now)
     }
 }
 
-fn lane(spoken: &Spoken, profile: &'static Profile) -> Alone {
+fn lane(spoken: &HostProtocol, profile: &'static Profile) -> Alone {
     let options = HostOptions::new(0);
-    let node = host::lane(spoken.name, spoken.medium, options, &[(profile, spoken.first_address)]);
+    let node =
+        host::host_lane(spoken.name, spoken.medium, options, &[(profile, spoken.first_address)]);
     Alone { node: node.expect("in the registry"), now: Instant::ZERO, said: Vec::new() }
 }
 
-fn drive(spoken: &Spoken, profile: &'static Profile) -> Alone {
+fn drive(spoken: &HostProtocol, profile: &'static Profile) -> Alone {
     let mut spec = RackDrive::new(profile, spoken.name);
     spec.address = Some(spoken.first_address);
     Alone::new(spec.device(false).expect("a drive as from the factory"))
@@ -213,11 +216,11 @@ fn readable(profile: &'static Profile) -> Vec<ParameterId> {
 }
 
 /// Begins to read a parameter. `None` when its scale must be read first.
-fn begin_read(spoken: &Spoken, profile: &'static Profile, id: ParameterId) -> Alone {
+fn begin_read(spoken: &HostProtocol, profile: &'static Profile, id: ParameterId) -> Alone {
     let mut host = lane(spoken, profile);
     let now = host.now;
     let axes = host.node.axes().expect("a lane");
-    axes.read(now, Ticket(1), AXIS, id).expect("a readable parameter");
+    axes.read_parameter(now, Ticket(1), AXIS, id).expect("a readable parameter");
     let end = host.now.plus_ms(1_000);
     host.speak();
     while host.said.is_empty() && host.now < end {
@@ -227,7 +230,7 @@ fn begin_read(spoken: &Spoken, profile: &'static Profile, id: ParameterId) -> Al
 }
 
 /// Good requests: every step of every verb, and reads.
-fn requests(spoken: &Spoken, profile: &'static Profile) -> Vec<Vec<u8>> {
+fn requests(spoken: &HostProtocol, profile: &'static Profile) -> Vec<Vec<u8>> {
     let mut all = Vec::new();
     let mut host = lane(spoken, profile);
     let axes = host.node.axes().expect("a lane");
@@ -251,7 +254,7 @@ fn requests(spoken: &Spoken, profile: &'static Profile) -> Vec<Vec<u8>> {
 }
 
 /// Good replies, as the drive gives them.
-fn replies(spoken: &Spoken, profile: &'static Profile, requests: &[Vec<u8>]) -> Vec<Vec<u8>> {
+fn replies(spoken: &HostProtocol, profile: &'static Profile, requests: &[Vec<u8>]) -> Vec<Vec<u8>> {
     let mut drive = drive(spoken, profile);
     let mut all = Vec::new();
     for request in requests {
@@ -264,10 +267,10 @@ fn replies(spoken: &Spoken, profile: &'static Profile, requests: &[Vec<u8>]) -> 
 }
 
 /// Every protocol with every product that speaks it.
-fn pairs() -> Vec<(Spoken, &'static dyn Dissector, &'static Profile)> {
+fn pairs() -> Vec<(HostProtocol, &'static dyn Dissector, &'static Profile)> {
     let mut all = Vec::new();
     for spoken in host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial) {
-        let dissector = proto::dissector(spoken.name).expect("every host has a dissector");
+        let dissector = proto::find_dissector(spoken.name).expect("every host has a dissector");
         let products = drives::profiles().iter().filter(|p| p.protocol == spoken.profile);
         all.extend(products.map(|profile| (spoken, dissector, *profile)));
     }
@@ -276,7 +279,7 @@ fn pairs() -> Vec<(Spoken, &'static dyn Dissector, &'static Profile)> {
 
 struct Count(usize);
 
-impl Sink for Count {
+impl ExplainSink for Count {
     fn kind(&mut self, _: &str) {}
     fn axis(&mut self, _: u32) {}
     fn field(&mut self, field: Field<'_>) {
@@ -311,18 +314,18 @@ fn deframers_survive_and_go_on() {
                         ..Context::default()
                     };
                     dissector.explain(rest, &context, &mut Count(0));
-                    at += match dissector.cut(rest, Some(direction), true) {
-                        Cut::Frame(n) => {
+                    at += match dissector.find_frame(rest, Some(direction), true) {
+                        FrameBoundary::Frame(n) => {
                             // Single bytes, such as acks, have no check that could fail.
                             through |= n > 1 && !good.contains(&rest[..n]);
                             assert!((1..=rest.len()).contains(&n), "a frame of {n} bytes");
                             n
                         }
-                        Cut::Broken(n) | Cut::Skip(n) => {
+                        FrameBoundary::Corrupt(n) | FrameBoundary::Skip(n) => {
                             assert!((1..=rest.len()).contains(&n), "{n} bytes of {}", rest.len());
                             n
                         }
-                        Cut::More => break,
+                        FrameBoundary::Incomplete => break,
                     };
                 }
                 passed.note(kind, through);
@@ -419,7 +422,7 @@ fn can_frames_say_what_they_are_or_what_is_wrong() {
         for _ in 0..frames() {
             let extended = random.chance(Ppm(500_000));
             let id = random.below(if extended { 1 << 29 } else { 1 << 11 }) as u32;
-            let bytes: Vec<u8> = (0..random.below(9)).map(|_| random.byte()).collect();
+            let bytes: Vec<u8> = (0..random.below(9)).map(|_| random.next_byte()).collect();
             let context = Context { id: Some(id), extended, ..Context::default() };
             let mut count = Count(0);
             dissector.explain(&bytes, &context, &mut count);

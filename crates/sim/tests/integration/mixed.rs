@@ -16,7 +16,7 @@ use polepair_core::stream::{PathKind, Point};
 use polepair_core::time::Instant;
 use polepair_sim::can_bus::bits;
 use polepair_sim::host;
-use polepair_sim::node::LoneCan;
+use polepair_sim::node::CanStationNode;
 use polepair_sim::rack::RackDrive;
 use polepair_sim::world::{NodeId, WireId, World};
 use std::sync::Arc;
@@ -74,8 +74,8 @@ impl Station<Can> for Ear {
     fn handle_input(&mut self, _: Instant, frame: &Frame) {
         let (extended, bytes) = (frame.extended, frame.bytes().len() as u32);
         self.0.frames.fetch_add(1, Ordering::Relaxed);
-        self.0.least.fetch_add(bits::nominal(extended, bytes).into(), Ordering::Relaxed);
-        self.0.most.fetch_add(bits::at_most(extended, bytes).into(), Ordering::Relaxed);
+        self.0.least.fetch_add(bits::unstuffed_bits(extended, bytes).into(), Ordering::Relaxed);
+        self.0.most.fetch_add(bits::max_wire_bits(extended, bytes).into(), Ordering::Relaxed);
     }
 
     fn handle_line(&mut self, _: Instant, _: LineEvent) {}
@@ -152,7 +152,7 @@ struct Bus {
 impl Bus {
     fn new() -> Self {
         let mut world = World::new(1);
-        let wire = world.can(CanLine { bit_rate: BIT_RATE });
+        let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
         let build = |(protocol, name, address): &(&str, &str, u32)| {
             let mut spec = RackDrive::new(profile(name), protocol);
             spec.address = Some(*address);
@@ -169,10 +169,10 @@ impl Bus {
             (protocol, HostOptions::new(BIT_RATE), axes)
         };
         let lanes = ["canopen", "technocan", "tmcl", "thruster"].map(lane);
-        let host = world.add(host::mux(&lanes).unwrap());
+        let host = world.add_node(host::can_program(&lanes).unwrap());
         world.plug_host(wire, host, 0);
         let tally = Arc::new(Tally::default());
-        let ear = world.add(Box::new(LoneCan(Ear(Arc::clone(&tally)))));
+        let ear = world.add_node(Box::new(CanStationNode(Ear(Arc::clone(&tally)))));
         world.plug_drive(wire, ear, 0);
         let target = Arc::new(AtomicI32::new(0));
         let (tickets, fed, paths) = (0, [0; 2], [Ticket(0); 2]);
@@ -194,7 +194,7 @@ impl Bus {
         self.tickets = self.tickets.wrapping_add(1);
         let ticket = Ticket(self.tickets);
         let asked = |axes: &mut dyn Axes, now| ask(axes, now, ticket);
-        let taken = self.world.with(self.host, |node, now| asked(node.axes().unwrap(), now));
+        let taken = self.world.with_node(self.host, |node, now| asked(node.axes().unwrap(), now));
         taken.unwrap_or_else(|error| panic!("{ticket:?}: {error:?}"));
         ticket
     }
@@ -202,8 +202,8 @@ impl Bus {
     /// What was asked must be done; returns the tickets that were waited for.
     fn settle(&mut self) -> Vec<Ticket> {
         let mut done = Vec::new();
-        let next = |node: &mut dyn polepair_sim::node::Node, _| node.axes()?.poll_outcome();
-        while let Some((ticket, outcome)) = self.world.look(self.host, next) {
+        let next = |node: &mut dyn polepair_sim::node::SimNode, _| node.axes()?.poll_outcome();
+        while let Some((ticket, outcome)) = self.world.inspect(self.host, next) {
             assert!(matches!(outcome, Outcome::Done(_)), "{ticket:?}: {outcome:?}");
             self.ended += 1;
             done.push(ticket);
@@ -221,7 +221,7 @@ impl Bus {
 
     fn command(&mut self, axis: u8, command: Command) -> Ticket {
         self.start(|axes, now, ticket| {
-            axes.arm(AxisIndex(axis), true);
+            axes.set_armed(AxisIndex(axis), true);
             axes.command(now, ticket, AxisIndex(axis), command)
         })
     }
@@ -232,7 +232,9 @@ impl Bus {
 
     fn read_speed(&mut self, axis: u8) {
         let source = profile(DRIVES[usize::from(axis)].1).signal(Signal::Velocity).unwrap();
-        self.start(|axes, now, ticket| axes.read(now, ticket, AxisIndex(axis), source.parameter));
+        self.start(|axes, now, ticket| {
+            axes.read_parameter(now, ticket, AxisIndex(axis), source.parameter)
+        });
     }
 
     /// Set-points with SYNC, and readings with it.
@@ -243,9 +245,9 @@ impl Bus {
             for (what, raw) in
                 [("entries", 0), ("entry 1", object), ("entries", 1), ("transmission", 1)]
             {
-                let id = profile(DRIVES[0].1).find(&format!("{pdo} {what}")).unwrap();
+                let id = profile(DRIVES[0].1).find_parameter(&format!("{pdo} {what}")).unwrap();
                 let write = self.start(|axes, now, ticket| {
-                    axes.write(now, ticket, AxisIndex(SPINDLE), id, raw, false)
+                    axes.write_parameter(now, ticket, AxisIndex(SPINDLE), id, raw, false)
                 });
                 self.finish(write);
             }
@@ -263,12 +265,13 @@ impl Bus {
             self.finish(turning);
         }
         let (target, next) = (Arc::clone(&self.target), self.world.now());
-        let cycle = self.world.add(Box::new(LoneCan(Cycle { target, next, frames: 0 })));
+        let cycle =
+            self.world.add_node(Box::new(CanStationNode(Cycle { target, next, frames: 0 })));
         self.world.plug_host(self.wire, cycle, 0);
         for (n, axis) in [X, Y].into_iter().enumerate() {
             self.paths[n] = self.start(|axes, now, ticket| {
-                axes.arm(AxisIndex(axis), true);
-                axes.stream(now, ticket, AxisIndex(axis), PathKind::Pvt)
+                axes.set_armed(AxisIndex(axis), true);
+                axes.start_path(now, ticket, AxisIndex(axis), PathKind::Pvt)
             });
         }
     }
@@ -283,8 +286,8 @@ impl Bus {
             };
             let points: Vec<_> = (self.fed[n] + 1..).take(POINTS).map(point).collect();
             let path = self.paths[n];
-            let taken = self.world.with(self.host, |node, _| {
-                node.axes().and_then(|axes| axes.feed(path, &points, false))
+            let taken = self.world.with_node(self.host, |node, _| {
+                node.axes().and_then(|axes| axes.feed_points(path, &points, false))
             });
             self.fed[n] += taken.expect("the path goes on") as u64;
         }
@@ -320,7 +323,7 @@ impl Bus {
         }
         // What was read is what was true, up to the steps of the reading.
         for axis in [GRIPPER, PORT, STARBOARD] {
-            let read = self.world.look(self.host, |node, _| {
+            let read = self.world.inspect(self.host, |node, _| {
                 node.axes().unwrap().state(AxisIndex(axis)).unwrap().reading(Signal::Velocity)
             });
             let turns = self.truth(axis).velocity;
@@ -332,9 +335,9 @@ impl Bus {
         }
     }
 
-    fn truth(&mut self, axis: u8) -> drives::bench::Truth {
+    fn truth(&mut self, axis: u8) -> drives::bench::GroundTruth {
         let drive = self.drives[usize::from(axis)];
-        self.world.look(drive, |node, now| node.bench().unwrap().truth(now))
+        self.world.inspect(drive, |node, now| node.bench().unwrap().ground_truth(now))
     }
 
     fn at(&mut self, axis: u8) -> f64 {
@@ -351,11 +354,11 @@ fn every_protocol_shares_one_bus_for_as_long_as_is_asked() {
     for n in 0..seconds {
         bus.second(n);
     }
-    let counters = bus.world.look(bus.host, |node, _| node.axes().unwrap().counters());
+    let counters = bus.world.inspect(bus.host, |node, _| node.axes().unwrap().counters());
     // Every lane hears all frames, so others' are foreign to it.
     assert_eq!((counters.late, counters.silent, counters.resent), (0, 0, 0), "{counters:?}");
-    let made = bus.world.can_made(bus.wire);
-    assert_eq!((made.collided, made.errors, made.off), (0, 0, 0), "{made:?}");
+    let made = bus.world.injected_can_faults(bus.wire);
+    assert_eq!((made.collided, made.errors, made.bus_off), (0, 0, 0), "{made:?}");
     let load = bus.world.can_load(bus.wire);
     let share = |bits: &AtomicU64| {
         bits.load(Ordering::Relaxed) as f64 / f64::from(BIT_RATE) / (bus.world.now().0 as f64 / 1e9)

@@ -1,24 +1,24 @@
 //! Programs on their way into drives, in virtual time: on every wire, and with what goes wrong on it.
 
 use polepair_core::axis::{Axes, Command, Verb};
-use polepair_core::drives::bench::{Act, Truth};
+use polepair_core::drives::bench::{Act, GroundTruth};
 use polepair_core::drives::technosoft::{Device, Technosoft};
 use polepair_core::drives::{DeviceOptions, Family};
 use polepair_core::error::{Failure, Outcome, Unsupported};
-use polepair_core::lane::{Piece, TransferKind};
+use polepair_core::lane::{MemoryBlock, TransferKind};
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::Profile;
-use polepair_core::program::{Label, Language, Order, Progress};
-use polepair_core::proto::tml::program::Tml;
-use polepair_core::proto::{HostOptions, Wire};
+use polepair_core::program::{ProgramCommand, ProgramLabel, ProgramLanguage, TransferProgress};
+use polepair_core::proto::tml::program::TmlLanguage;
+use polepair_core::proto::{HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 use polepair_sim::can_bus::CanFaults;
-use polepair_sim::fault::Faults;
+use polepair_sim::fault::SerialFaults;
 use polepair_sim::host;
-use polepair_sim::node::{CAN_PORT, Drive, SERIAL_PORT};
+use polepair_sim::node::{CAN_PORT, DriveNode, SERIAL_PORT};
 use polepair_sim::random::Ppm;
-use polepair_sim::serial_line::Serial;
+use polepair_sim::serial_line::SerialWireConfig;
 use polepair_sim::world::{NodeId, WireId, World};
 
 const BIT_RATE: u32 = 500_000;
@@ -41,7 +41,7 @@ fn profile() -> &'static Profile {
     Technosoft::profiles()[0]
 }
 
-fn device(address: u32, extra: &[(&str, &str)]) -> Box<Drive<Device>> {
+fn device(address: u32, extra: &[(&str, &str)]) -> Box<DriveNode<Device>> {
     let options = DeviceOptions {
         address: Some(address),
         wires: &["tml", "tmlcan"],
@@ -50,7 +50,7 @@ fn device(address: u32, extra: &[(&str, &str)]) -> Box<Drive<Device>> {
         seed: 1,
         extra,
     };
-    Box::new(Drive(Technosoft::device(profile(), &options).unwrap()))
+    Box::new(DriveNode(Technosoft::create_device(profile(), &options).unwrap()))
 }
 
 /// A world with one host and some drives; the one that is programmed is the last.
@@ -67,17 +67,21 @@ impl Bench {
     /// Drives on RS-232, or on a CAN bus; more than one on both: a relay and who is behind it.
     fn new(protocol: &str, bus: &str, axes: &[u32], seed: u64) -> Self {
         let mut world = World::new(seed);
-        let can = world.can(CanLine { bit_rate: BIT_RATE });
+        let can = world.add_can(CanLine { bit_rate: BIT_RATE });
         let (medium, wire, options) = match protocol {
-            "tml" => (MediumKind::Serial, world.serial(Serial::RS232), HostOptions::new(9600)),
+            "tml" => (
+                MediumKind::Serial,
+                world.add_serial(SerialWireConfig::RS232),
+                HostOptions::new(9600),
+            ),
             _ => (MediumKind::Can, can, HostOptions::new(BIT_RATE)),
         };
         let named: Vec<_> = axes.iter().map(|axis| (profile(), *axis)).collect();
-        let host = world.add(host::lane(protocol, medium, options, &named).unwrap());
+        let host = world.add_node(host::host_lane(protocol, medium, options, &named).unwrap());
         world.plug_host(wire, host, 0);
         let mut drives = Vec::new();
         for (n, axis) in axes.iter().enumerate() {
-            let drive = world.add(device(*axis, &[("can", bus)]));
+            let drive = world.add_node(device(*axis, &[("can", bus)]));
             if protocol == "tml" && n == 0 {
                 world.plug_drive(wire, drive, SERIAL_PORT);
             }
@@ -89,14 +93,16 @@ impl Bench {
 
     fn rs485(axes: &[u32]) -> Self {
         let mut world = World::new(1);
-        let wire = world.serial(Serial::RS485);
-        let options = HostOptions { wire: Some(Wire::Rs485), ..HostOptions::new(9600) };
+        let wire = world.add_serial(SerialWireConfig::RS485);
+        let options =
+            HostOptions { standard: Some(SerialStandard::Rs485), ..HostOptions::new(9600) };
         let named: Vec<_> = axes.iter().map(|axis| (profile(), *axis)).collect();
-        let host = world.add(host::lane("tml", MediumKind::Serial, options, &named).unwrap());
+        let host =
+            world.add_node(host::host_lane("tml", MediumKind::Serial, options, &named).unwrap());
         world.plug_host(wire, host, 0);
         let mut drives = Vec::new();
         for axis in axes {
-            let drive = world.add(device(*axis, &[("wire", "rs485")]));
+            let drive = world.add_node(device(*axis, &[("wire", "rs485")]));
             world.plug_drive(wire, drive, SERIAL_PORT);
             drives.push(drive);
         }
@@ -116,7 +122,7 @@ impl Bench {
     }
 
     fn axes<R>(&mut self, f: impl FnOnce(&mut dyn Axes, Instant) -> R) -> R {
-        self.world.with(self.host, |node, now| f(node.axes().unwrap(), now))
+        self.world.with_node(self.host, |node, now| f(node.axes().unwrap(), now))
     }
 
     fn begin(
@@ -127,7 +133,7 @@ impl Bench {
         let ticket = Ticket(self.tickets);
         let axis = self.axis;
         self.axes(|axes, now| {
-            axes.arm(axis, true);
+            axes.set_armed(axis, true);
             start(axes, now, ticket).map(|()| ticket)
         })
     }
@@ -146,9 +152,10 @@ impl Bench {
         panic!("nothing ended")
     }
 
-    fn transfer(&mut self, kind: TransferKind, pieces: &[Piece]) -> Outcome {
+    fn transfer(&mut self, kind: TransferKind, pieces: &[MemoryBlock]) -> Outcome {
         let axis = self.axis;
-        let begun = self.begin(|axes, now, ticket| axes.transfer(now, ticket, axis, kind, pieces));
+        let begun =
+            self.begin(|axes, now, ticket| axes.start_transfer(now, ticket, axis, kind, pieces));
         let ticket = begun.unwrap();
         self.end(ticket)
     }
@@ -165,23 +172,24 @@ impl Bench {
         let outcome = self.transfer(TransferKind::Read, &[piece(start, &vec![0; count])]);
         assert_eq!(outcome, Outcome::Done(count as i64));
         let axis = self.axis;
-        self.axes(|axes, _| axes.transferred(axis).unwrap().pieces()[0].words.clone())
+        self.axes(|axes, _| axes.last_transfer(axis).unwrap().blocks()[0].words.clone())
     }
 
-    fn progress(&mut self) -> Progress {
+    fn progress(&mut self) -> TransferProgress {
         let axis = self.axis;
-        self.axes(|axes, _| axes.transferred(axis).unwrap().progress())
+        self.axes(|axes, _| axes.last_transfer(axis).unwrap().progress())
     }
 
-    fn order(&mut self, order: Order) -> Outcome {
+    fn order(&mut self, order: ProgramCommand) -> Outcome {
         let axis = self.axis;
-        let begun = self.begin(|axes, now, ticket| axes.order(now, ticket, axis, order));
+        let begun =
+            self.begin(|axes, now, ticket| axes.send_program_command(now, ticket, axis, order));
         let ticket = begun.unwrap();
         self.end(ticket)
     }
 
     fn calls(&mut self) -> bool {
-        matches!(self.order(Order::Calling), Outcome::Done(raw) if raw & 0x0100 != 0)
+        matches!(self.order(ProgramCommand::QueryCall), Outcome::Done(raw) if raw & 0x0100 != 0)
     }
 
     fn verb(&mut self, verb: Verb) -> Outcome {
@@ -195,15 +203,16 @@ impl Bench {
         *self.drives.last().unwrap()
     }
 
-    fn truth(&mut self) -> Truth {
+    fn truth(&mut self) -> GroundTruth {
         let drive = self.drive();
-        self.world.look(drive, |node, now| node.bench().unwrap().truth(now))
+        self.world.inspect(drive, |node, now| node.bench().unwrap().ground_truth(now))
     }
 
     fn power_cycle(&mut self) {
         let drive = self.drive();
         assert!(
-            self.world.with(drive, |node, now| node.bench().unwrap().act(now, Act::PowerCycle))
+            self.world
+                .with_node(drive, |node, now| node.bench().unwrap().act(now, Act::PowerCycle))
         );
     }
 
@@ -213,14 +222,15 @@ impl Bench {
     }
 }
 
-fn piece(start: u16, words: &[u16]) -> Piece {
-    Piece { start, words: words.to_vec() }
+fn piece(start: u16, words: &[u16]) -> MemoryBlock {
+    MemoryBlock { start, words: words.to_vec() }
 }
 
 /// Words of a text, and the address of its label `back`.
 fn assemble(text: &str, origin: u16) -> (Vec<u16>, u16) {
-    let (mut words, mut labels) = ([0; 256], [Label::default(); 8]);
-    let made = Tml.assemble(text, origin, Some(profile()), &mut words, &mut labels).unwrap();
+    let (mut words, mut labels) = ([0; 256], [ProgramLabel::default(); 8]);
+    let made =
+        TmlLanguage.assemble(text, origin, Some(profile()), &mut words, &mut labels).unwrap();
     let back = labels.iter().find(|label| label.name == "back").map_or(0, |label| label.address);
     (words[..made.words].to_vec(), back)
 }
@@ -257,7 +267,7 @@ fn a_program_is_loaded_run_called_and_aborted_on_every_wire() {
         assert_eq!(bench.progress().repeated, 0, "{name}");
         assert_eq!(bench.read(RAM, words.len()), words, "{name}");
         assert_eq!(bench.flash_writes(), 0, "{name}");
-        assert!(matches!(bench.order(Order::Go(RAM)), Outcome::Done(_)), "{name}");
+        assert!(matches!(bench.order(ProgramCommand::Goto(RAM)), Outcome::Done(_)), "{name}");
         bench.wait(3000);
         // 20000 counts are ten turns.
         let turned = bench.truth().position / std::f64::consts::TAU;
@@ -266,11 +276,11 @@ fn a_program_is_loaded_run_called_and_aborted_on_every_wire() {
         let transfer = bench.write(RAM, &words);
         assert!(hint(transfer).is_some_and(|hint| hint.contains("has power")), "{name}");
         // The way back is cut short.
-        assert!(matches!(bench.order(Order::Call(back)), Outcome::Done(_)), "{name}");
+        assert!(matches!(bench.order(ProgramCommand::Call(back)), Outcome::Done(_)), "{name}");
         assert!(bench.calls(), "{name}");
         bench.wait(200);
         assert!(bench.truth().velocity < -1.0, "{name}");
-        for order in [Order::Abort, Order::End] {
+        for order in [ProgramCommand::Abort, ProgramCommand::End] {
             assert!(matches!(bench.order(order), Outcome::Done(_)), "{name}: {order:?}");
         }
         assert!(!bench.calls(), "{name}");
@@ -280,8 +290,8 @@ fn a_program_is_loaded_run_called_and_aborted_on_every_wire() {
         assert!((bench.truth().position - stopped.position).abs() < 0.05, "{name}: it stays");
         assert!(stopped.position > 1.0, "{name}: on its way");
         let unarmed = bench.axes(|axes, now| {
-            axes.arm(axis, false);
-            axes.order(now, Ticket(9999), axis, Order::Go(RAM))
+            axes.set_armed(axis, false);
+            axes.send_program_command(now, Ticket(9999), axis, ProgramCommand::Goto(RAM))
         });
         assert_eq!(unarmed, Err(Unsupported::NotArmed), "{name}");
     }
@@ -315,7 +325,8 @@ fn a_download_that_is_cut_short_leaves_nothing_that_starts_by_itself() {
     let axis = bench.axis;
     let pieces = [piece(EEPROM, &words)];
     let kind = TransferKind::Write;
-    let begun = bench.begin(|axes, now, ticket| axes.transfer(now, ticket, axis, kind, &pieces));
+    let begun =
+        bench.begin(|axes, now, ticket| axes.start_transfer(now, ticket, axis, kind, &pieces));
     let ticket = begun.unwrap();
     while bench.progress().done < 9 {
         bench.world.step();
@@ -323,9 +334,9 @@ fn a_download_that_is_cut_short_leaves_nothing_that_starts_by_itself() {
     let busy = bench
         .begin(|axes, now, ticket| axes.command(now, ticket, axis, Command::new(Verb::Enable)));
     assert_eq!(busy, Err(Unsupported::Busy), "nothing powers the axis meanwhile");
-    bench.world.cut(bench.wire, true);
+    bench.world.set_wire_down(bench.wire, true);
     assert_eq!(bench.end(ticket), Outcome::Unknown(Failure::LinkDown));
-    bench.world.cut(bench.wire, false);
+    bench.world.set_wire_down(bench.wire, false);
     bench.power_cycle();
     bench.wait(2000);
     assert_eq!(bench.truth().position, 0.0);
@@ -338,12 +349,14 @@ fn a_stop_overtakes_a_download_and_ends_it() {
     let mut bench = Bench::new("tml", "tmlcan", &[1], 1);
     let (axis, pieces) = (bench.axis, [piece(RAM, &noise(200))]);
     let kind = TransferKind::Write;
-    let begun = bench.begin(|axes, now, ticket| axes.transfer(now, ticket, axis, kind, &pieces));
+    let begun =
+        bench.begin(|axes, now, ticket| axes.start_transfer(now, ticket, axis, kind, &pieces));
     let ticket = begun.unwrap();
     while bench.progress().done < 20 {
         bench.world.step();
     }
-    let twice = bench.begin(|axes, now, ticket| axes.transfer(now, ticket, axis, kind, &pieces));
+    let twice =
+        bench.begin(|axes, now, ticket| axes.start_transfer(now, ticket, axis, kind, &pieces));
     assert_eq!(twice, Err(Unsupported::Busy));
     let stop = Command::new(Verb::Stop);
     bench.begin(|axes, now, ticket| axes.command(now, ticket, axis, stop)).unwrap();
@@ -359,10 +372,10 @@ fn what_a_drive_runs_or_locks_is_not_written() {
     bench.wait(10);
     let outcome = bench.write(EEPROM, &words);
     assert!(hint(outcome).is_some_and(|hint| hint.contains("AUTORUN")), "{outcome:?}");
-    assert!(matches!(bench.order(Order::End), Outcome::Done(_)));
+    assert!(matches!(bench.order(ProgramCommand::End), Outcome::Done(_)));
     let axis = bench.axis;
     let lock =
-        bench.begin(|axes, now, ticket| axes.raw(now, ticket, axis, "LOCKEEPROM 3")).unwrap();
+        bench.begin(|axes, now, ticket| axes.send_text(now, ticket, axis, "LOCKEEPROM 3")).unwrap();
     assert!(matches!(bench.end(lock), Outcome::Done(_)));
     let differs = Failure::Differs { start: EEPROM.into(), end: EEPROM.into() };
     assert_eq!(bench.write(EEPROM, &words), Outcome::Unknown(differs), "the drive's sum tells");
@@ -370,15 +383,15 @@ fn what_a_drive_runs_or_locks_is_not_written() {
         let kind = TransferKind::Write;
         let pieces = [piece(start, words)];
         let refused =
-            bench.begin(|axes, now, ticket| axes.transfer(now, ticket, axis, kind, &pieces));
+            bench.begin(|axes, now, ticket| axes.start_transfer(now, ticket, axis, kind, &pieces));
         assert!(refused.is_err(), "{start:04X}");
     }
 }
 
 /// After a transfer on a bad wire, the drive has the words or the outcome says that it may not.
 fn judge(bench: &mut Bench, outcome: Outcome, words: &[u16], start: u16) -> bool {
-    if let Some(faults) = bench.world.faults(bench.wire) {
-        *faults = Faults::NONE;
+    if let Some(faults) = bench.world.serial_faults(bench.wire) {
+        *faults = SerialFaults::NONE;
     }
     bench.wait(2000);
     let done = matches!(outcome, Outcome::Done(_));
@@ -395,7 +408,7 @@ fn judge(bench: &mut Bench, outcome: Outcome, words: &[u16], start: u16) -> bool
 #[test]
 fn lost_acknowledgements_and_damaged_bytes_leave_no_wrong_word_untold() {
     let (mut whole, mut repeated, mut made) = (0, 0, 0);
-    let kinds: [fn(&mut Faults); 4] = [
+    let kinds: [fn(&mut SerialFaults); 4] = [
         |faults| faults.lose_reply = Ppm(30_000),
         |faults| faults.lose_request = Ppm(20_000),
         |faults| faults.flip = Ppm(2_000),
@@ -406,12 +419,12 @@ fn lost_acknowledgements_and_damaged_bytes_leave_no_wrong_word_untold() {
             let behind = seed % 2 == 1;
             let axes: &[u32] = if behind { &[255, 1] } else { &[1] };
             let mut bench = Bench::new("tml", "tmlcan", axes, seed);
-            kind(bench.world.faults(bench.wire).unwrap());
+            kind(bench.world.serial_faults(bench.wire).unwrap());
             let start = if n % 2 == 0 { RAM } else { EEPROM };
             let words = noise(120);
             let outcome = bench.write(start, &words);
             repeated += bench.progress().repeated;
-            let wire = bench.world.made(bench.wire);
+            let wire = bench.world.injected_faults(bench.wire);
             made += wire.bytes + wire.requests_lost + wire.replies_lost;
             if start == EEPROM {
                 let most = u64::from(bench.flash_writes());
@@ -431,7 +444,7 @@ fn frames_that_are_lost_or_taken_twice_on_can_leave_no_wrong_word_untold() {
         let bus = if seed % 2 == 0 { "tmlcan" } else { "technocan" };
         let mut bench = Bench::new(bus, bus, &[1], seed);
         let faults = bench.world.can_faults(bench.wire).unwrap();
-        (faults.lose, faults.twice) = (Ppm(10_000), Ppm(3_000));
+        (faults.lose, faults.last_bit) = (Ppm(10_000), Ppm(3_000));
         let start = if seed % 3 == 0 { EEPROM } else { RAM };
         let words = noise(120);
         let outcome = bench.write(start, &words);
@@ -446,10 +459,10 @@ fn frames_that_are_lost_or_taken_twice_on_can_leave_no_wrong_word_untold() {
 #[test]
 fn a_lost_acknowledgement_is_no_reason_to_write_twice() {
     let mut bench = Bench::new("tml", "tmlcan", &[1], 3);
-    bench.world.faults(bench.wire).unwrap().lose_reply = Ppm(40_000);
+    bench.world.serial_faults(bench.wire).unwrap().lose_reply = Ppm(40_000);
     let words = noise(80);
     let outcome = bench.write(0x5000, &words);
-    assert!(bench.world.made(bench.wire).replies_lost > 2);
+    assert!(bench.world.injected_faults(bench.wire).replies_lost > 2);
     assert!(matches!(outcome, Outcome::Done(_)), "{outcome:?}");
     // The wire loses what drives say, never what they are told: each word was written once.
     assert_eq!((bench.progress().repeated, bench.truth().flash_writes), (0, 80));

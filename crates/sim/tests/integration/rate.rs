@@ -6,12 +6,12 @@ use polepair_core::drives::technosoft::{Device, Technosoft};
 use polepair_core::drives::{DeviceOptions, Family};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::MediumKind;
-use polepair_core::proto::{HostOptions, Wire};
+use polepair_core::proto::{HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 use polepair_sim::host;
-use polepair_sim::node::{Drive, SERIAL_PORT};
-use polepair_sim::serial_line::Serial;
+use polepair_sim::node::{DriveNode, SERIAL_PORT};
+use polepair_sim::serial_line::SerialWireConfig;
 use polepair_sim::world::{NodeId, World};
 
 const AXIS: AxisIndex = AxisIndex(0);
@@ -24,14 +24,16 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(serial: Serial, options: HostOptions, axes: &[u32]) -> Self {
+    fn new(serial: SerialWireConfig, options: HostOptions, axes: &[u32]) -> Self {
         let mut world = World::new(1);
-        let wire = world.serial(serial);
+        let wire = world.add_serial(serial);
         let profile = Technosoft::profiles()[0];
         let named: Vec<_> = axes.iter().map(|axis| (profile, *axis)).collect();
-        let host = world.add(host::lane("tml", MediumKind::Serial, options, &named).unwrap());
+        let host =
+            world.add_node(host::host_lane("tml", MediumKind::Serial, options, &named).unwrap());
         world.plug_host(wire, host, 0);
-        let standard = if options.wire == Some(Wire::Rs485) { "rs485" } else { "rs232" };
+        let standard =
+            if options.standard == Some(SerialStandard::Rs485) { "rs485" } else { "rs232" };
         let mut drives = Vec::new();
         for axis in axes {
             let options = DeviceOptions {
@@ -42,8 +44,8 @@ impl Bench {
                 seed: 1,
                 extra: &[("wire", standard)],
             };
-            let device: Device = Technosoft::device(profile, &options).unwrap();
-            let drive = world.add(Box::new(Drive(device)));
+            let device: Device = Technosoft::create_device(profile, &options).unwrap();
+            let drive = world.add_node(Box::new(DriveNode(device)));
             world.plug_drive(wire, drive, SERIAL_PORT);
             drives.push(drive);
         }
@@ -57,17 +59,17 @@ impl Bench {
     ) -> Outcome {
         self.tickets += 1;
         let ticket = Ticket(self.tickets);
-        self.world.with(self.host, |node, now| {
+        self.world.with_node(self.host, |node, now| {
             let axes = node.axes().unwrap();
-            axes.arm(AXIS, true);
+            axes.set_armed(AXIS, true);
             start(axes, now, ticket).unwrap();
         });
         let limit = self.world.now().plus_ms(60_000);
         while self.world.now() < limit {
             self.world.step();
             let axes =
-                |node: &mut dyn polepair_sim::node::Node, _| node.axes().unwrap().poll_outcome();
-            if let Some((ended, outcome)) = self.world.with(self.host, axes) {
+                |node: &mut dyn polepair_sim::node::SimNode, _| node.axes().unwrap().poll_outcome();
+            if let Some((ended, outcome)) = self.world.with_node(self.host, axes) {
                 assert_eq!(ended, ticket);
                 return outcome;
             }
@@ -76,31 +78,32 @@ impl Bench {
     }
 
     fn gain(&mut self) -> Outcome {
-        let id = Technosoft::profiles()[0].find("KPP").unwrap();
-        self.run(|axes, now, ticket| axes.read(now, ticket, AXIS, id))
+        let id = Technosoft::profiles()[0].find_parameter("KPP").unwrap();
+        self.run(|axes, now, ticket| axes.read_parameter(now, ticket, AXIS, id))
     }
 
     fn raw(&mut self, text: &str) -> Outcome {
-        self.run(|axes, now, ticket| axes.raw(now, ticket, AXIS, text))
+        self.run(|axes, now, ticket| axes.send_text(now, ticket, AXIS, text))
     }
 
     fn power_cycle(&mut self) {
         let drive = self.drives[0];
         assert!(
-            self.world.with(drive, |node, now| node.bench().unwrap().act(now, Act::PowerCycle))
+            self.world
+                .with_node(drive, |node, now| node.bench().unwrap().act(now, Act::PowerCycle))
         );
     }
 
     fn baud(&mut self, drive: usize) -> u32 {
         let drive = self.drives[drive];
-        self.world.look(drive, |node, _| node.stream(SERIAL_PORT).unwrap().line().baud)
+        self.world.inspect(drive, |node, _| node.stream(SERIAL_PORT).unwrap().line().baud)
     }
 }
 
 #[test]
 fn a_fresh_drive_is_brought_to_the_lines_rate_and_back_to_it() {
     for rate in [19_200, 38_400, 57_600, 115_200] {
-        let mut bench = Bench::new(Serial::RS232, HostOptions::new(rate), &[1]);
+        let mut bench = Bench::new(SerialWireConfig::RS232, HostOptions::new(rate), &[1]);
         assert_eq!(bench.baud(0), 9600);
         assert_eq!(bench.gain(), Outcome::Done(288), "{rate}: it was just switched on");
         assert_eq!(bench.baud(0), rate);
@@ -110,7 +113,7 @@ fn a_fresh_drive_is_brought_to_the_lines_rate_and_back_to_it() {
         assert_eq!(bench.baud(0), 9600, "{rate}: as after every reset");
         assert_eq!(bench.gain(), Outcome::Done(288), "{rate}");
         assert_eq!(bench.baud(0), rate);
-        let before = bench.world.with(bench.host, |node, _| node.axes().unwrap().counters());
+        let before = bench.world.with_node(bench.host, |node, _| node.axes().unwrap().counters());
         assert_eq!(before.silent, 0, "{rate}: nobody was told of silence");
         bench.power_cycle();
         assert_eq!(bench.gain(), Outcome::Done(288), "{rate}: after a power cut");
@@ -120,8 +123,9 @@ fn a_fresh_drive_is_brought_to_the_lines_rate_and_back_to_it() {
 
 #[test]
 fn where_several_drives_share_a_line_none_is_told_another_rate() {
-    let options = HostOptions { wire: Some(Wire::Rs485), ..HostOptions::new(115_200) };
-    let mut bench = Bench::new(Serial::RS485, options, &[1, 2]);
+    let options =
+        HostOptions { standard: Some(SerialStandard::Rs485), ..HostOptions::new(115_200) };
+    let mut bench = Bench::new(SerialWireConfig::RS485, options, &[1, 2]);
     assert_eq!(bench.gain(), Outcome::NotDone(Failure::Silent));
     assert_eq!((bench.baud(0), bench.baud(1)), (9600, 9600));
 }

@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use polepair_swarm::{Report, run};
+use polepair_swarm::{GatewayReport, run};
 
 /// Seeds, from 1; `POLEPAIR_GATEWAY_SEEDS` for more.
 const SEEDS: u64 = 200;
@@ -12,7 +12,7 @@ const SEEDS: u64 = 200;
 fn no_seeded_gateway_breaks_an_invariant() {
     let told = std::env::var("POLEPAIR_GATEWAY_SEEDS").ok().and_then(|n| n.parse().ok());
     let (seeds, next) = (told.unwrap_or(SEEDS), AtomicU64::new(1));
-    let sum = Mutex::new((Report::default(), Vec::new()));
+    let sum = Mutex::new((GatewayReport::default(), Vec::new()));
     let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     std::thread::scope(|scope| {
         for _ in 0..jobs {

@@ -1,64 +1,85 @@
 //! Guarding: a node is asked for its state, and answers with a bit that alternates.
 
-use super::odd;
-use super::sdo::{At, TIMEOUT_NS};
-use crate::session::{Exchange, Notice, Oddity, Outcome};
-use crate::stamp::Stamp;
+use super::anomaly;
+use super::sdo::{FrameRef, TIMEOUT_NS};
+use crate::session::{AnomalyKind, ExchangeNotice, ExchangeOutcome, SessionNotice};
+use crate::timestamp::Timestamp;
 
 /// The guarding of one node.
 #[derive(Debug, Default)]
-pub(super) struct Guard {
-    asked: Option<At>,
+pub(super) struct NodeGuardMonitor {
+    pending: Option<FrameRef>,
     toggle: Option<bool>,
-    heard: bool,
+    seen: bool,
     /// It did not answer last.
     lost: bool,
 }
 
-impl Guard {
+impl NodeGuardMonitor {
     /// It answered.
-    pub const fn is_heard(&self) -> bool {
-        self.heard
+    pub const fn is_seen(&self) -> bool {
+        self.seen
     }
 
     /// The node starts again: its bit too.
     pub const fn restart(&mut self) {
-        (self.toggle, self.asked) = (None, None);
+        (self.toggle, self.pending) = (None, None);
     }
 
     /// The node is asked.
-    pub const fn ask(&mut self, at: At) {
-        self.asked = Some(at);
+    pub const fn record_request(&mut self, at: FrameRef) {
+        self.pending = Some(at);
     }
 
     /// When the answer is missed.
-    pub fn due(&self) -> Option<Stamp> {
-        Some(Stamp(self.asked?.1?.0.saturating_add(TIMEOUT_NS)))
+    pub fn due(&self) -> Option<Timestamp> {
+        Some(Timestamp(self.pending?.1?.0.saturating_add(TIMEOUT_NS)))
     }
 
     /// No more is waited for an answer. True if one was due.
-    pub fn give_up(&mut self, node: u8, notices: &mut Vec<Notice>) -> bool {
-        let Some(asked) = self.asked.take() else { return false };
+    pub fn give_up(&mut self, node: u8, notices: &mut Vec<SessionNotice>) -> bool {
+        let Some(asked) = self.pending.take() else { return false };
         self.lost = true;
-        notices.push(Notice::Exchange(exchange(node, asked, None, Outcome::Unanswered)));
+        notices.push(SessionNotice::Exchange(guard_exchange(
+            node,
+            asked,
+            None,
+            ExchangeOutcome::Unanswered,
+        )));
         true
     }
 
     /// The node's state comes; `false` if nobody asked.
-    pub fn answer(&mut self, node: u8, toggle: bool, at: At, notices: &mut Vec<Notice>) -> bool {
-        let Some(asked) = self.asked.take() else { return false };
+    pub fn handle_answer(
+        &mut self,
+        node: u8,
+        toggle: bool,
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> bool {
+        let Some(asked) = self.pending.take() else { return false };
         let (known, lost) = (self.toggle.replace(toggle), core::mem::take(&mut self.lost));
-        self.heard = true;
-        notices.push(Notice::Exchange(exchange(node, asked, Some(at), Outcome::Done)));
+        self.seen = true;
+        notices.push(SessionNotice::Exchange(guard_exchange(
+            node,
+            asked,
+            Some(at),
+            ExchangeOutcome::Done,
+        )));
         if known == Some(toggle) && !lost {
             let text = "the toggle of its answer to guarding did not change".to_owned();
-            notices.push(odd(Oddity::Sequence, node, text));
+            notices.push(anomaly(AnomalyKind::Sequence, node, text));
         }
         true
     }
 }
 
-fn exchange(node: u8, asked: At, answered: Option<At>, outcome: Outcome) -> Exchange {
+fn guard_exchange(
+    node: u8,
+    asked: FrameRef,
+    answered: Option<FrameRef>,
+    outcome: ExchangeOutcome,
+) -> ExchangeNotice {
     let axis = Some(node.into());
-    Exchange { axis, op: "guarding", asked, answered, outcome, retries: 0 }
+    ExchangeNotice { axis, op: "guarding", requested: asked, answered, outcome, retries: 0 }
 }

@@ -6,203 +6,232 @@
 //! setting is owed an answer.
 
 use polepair_core::proto::canopen::explain::{lss_answers, lss_kind};
-use polepair_core::proto::canopen::lss::{Reply, Request};
+use polepair_core::proto::canopen::lss::{LssReply, LssRequest};
 
-use super::sdo::{At, FLASH_TIMEOUT_NS, TIMEOUT_NS};
-use crate::session::{Exchange, Name, Notice, Odd, Oddity, Outcome};
-use crate::stamp::Stamp;
+use super::sdo::{FLASH_TIMEOUT_NS, FrameRef, TIMEOUT_NS};
+use crate::session::{
+    AnomalyKind, AnomalyNotice, ExchangeNotice, ExchangeOutcome, InternedName, SessionNotice,
+};
+use crate::timestamp::Timestamp;
 
 /// The layer setting of one bus.
 #[derive(Debug, Default)]
-pub(super) struct Lss {
-    open: Option<Asked>,
+pub(super) struct LssTracker {
+    pending: Option<LssExchange>,
     /// What was answered last, and with what.
-    settled: Option<(Asked, [u8; 8])>,
+    last_answered: Option<(LssExchange, [u8; 8])>,
     /// What was given up.
-    given_up: Option<Asked>,
+    abandoned: Option<LssExchange>,
     /// A request was heard: what is answered now was not asked before the capture.
-    followed: bool,
+    sees_requests: bool,
 }
 
 /// What is asked.
 #[derive(Clone, Copy, Debug)]
-struct Asked {
+struct LssExchange {
     request: [u8; 8],
-    op: Name,
+    op: InternedName,
     /// Its first frame, and its last.
-    first: At,
-    last: At,
-    owed: Owed,
+    first: FrameRef,
+    last: FrameRef,
+    expectation: LssExpectation,
     retries: u16,
 }
 
 /// What a request is owed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Owed {
+enum LssExpectation {
     /// Nothing: it is an order, or more of it comes.
     Nothing,
     /// An answer where there is such a device; silence says that there is none.
-    Perhaps,
+    Optional,
     /// An answer.
-    Answer,
+    Required,
 }
 
-impl Owed {
-    const fn of(request: Request) -> Self {
+impl LssExpectation {
+    const fn for_request(request: LssRequest) -> Self {
         match request {
-            Request::SwitchGlobal(_) | Request::ActivateBitTiming(_) | Request::Other(_) => {
-                Self::Nothing
-            }
-            Request::SwitchSelective(..)
-            | Request::Identify(..)
-            | Request::IdentifyUnconfigured
-            | Request::FastScan { .. } => Self::Perhaps,
-            Request::SetNode(_)
-            | Request::SetBitTiming(..)
-            | Request::Store
-            | Request::Inquire(_)
-            | Request::InquireNode => Self::Answer,
+            LssRequest::SwitchGlobal(_)
+            | LssRequest::ActivateBitTiming(_)
+            | LssRequest::Other(_) => Self::Nothing,
+            LssRequest::SwitchSelective(..)
+            | LssRequest::Identify(..)
+            | LssRequest::IdentifyUnconfigured
+            | LssRequest::FastScan { .. } => Self::Optional,
+            LssRequest::SetNode(_)
+            | LssRequest::SetBitTiming(..)
+            | LssRequest::Store
+            | LssRequest::Inquire(_)
+            | LssRequest::InquireNode => Self::Required,
         }
     }
 }
 
-impl Asked {
-    fn patience(&self) -> u64 {
-        match Request::parse(&self.request) {
-            Ok(Request::Store) => FLASH_TIMEOUT_NS,
+impl LssExchange {
+    fn timeout_ns(&self) -> u64 {
+        match LssRequest::parse(&self.request) {
+            Ok(LssRequest::Store) => FLASH_TIMEOUT_NS,
             _ => TIMEOUT_NS,
         }
     }
 
-    fn exchange(&self, answered: Option<At>, outcome: Outcome) -> Notice {
+    fn exchange_notice(
+        &self,
+        answered: Option<FrameRef>,
+        outcome: ExchangeOutcome,
+    ) -> SessionNotice {
         let Self { op, first: asked, retries, .. } = *self;
-        Notice::Exchange(Exchange { axis: None, op, asked, answered, outcome, retries })
+        SessionNotice::Exchange(ExchangeNotice {
+            axis: None,
+            op,
+            requested: asked,
+            answered,
+            outcome,
+            retries,
+        })
     }
 }
 
-impl Lss {
+impl LssTracker {
     /// Takes eight bytes from the master.
-    pub fn request(&mut self, bytes: [u8; 8], at: At, notices: &mut Vec<Notice>) {
-        let Ok(request) = Request::parse(&bytes) else { return };
-        (self.followed, self.settled) = (true, None);
+    pub fn handle_request(
+        &mut self,
+        bytes: [u8; 8],
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) {
+        let Ok(request) = LssRequest::parse(&bytes) else { return };
+        (self.sees_requests, self.last_answered) = (true, None);
         let op = lss_kind(request);
-        let before = self.open.take();
+        let before = self.pending.take();
         if let Some(mut open) = before {
-            let more = open.op == op && open.owed == Owed::Perhaps && is_part(request);
-            let again = open.owed == Owed::Answer && open.request == bytes;
+            let more = open.op == op
+                && open.expectation == LssExpectation::Optional
+                && is_continuation(request);
+            let again = open.expectation == LssExpectation::Required && open.request == bytes;
             if more || again {
                 (open.request, open.last) = (bytes, at);
                 open.retries += u16::from(again);
-                self.open = Some(open);
+                self.pending = Some(open);
                 if again {
-                    notices.push(odd(Oddity::Retry, format!("{op} sent again before an answer")));
+                    notices.push(anomaly(
+                        AnomalyKind::Retry,
+                        format!("{op} sent again before an answer"),
+                    ));
                 }
                 return;
             }
             self.give_up(open, " before the next request", notices);
         }
-        let owed = Owed::of(request);
-        let asked = Asked { request: bytes, op, first: at, last: at, owed, retries: 0 };
+        let owed = LssExpectation::for_request(request);
+        let asked =
+            LssExchange { request: bytes, op, first: at, last: at, expectation: owed, retries: 0 };
         match owed {
-            Owed::Nothing => notices.push(asked.exchange(None, Outcome::Done)),
-            _ => self.open = Some(asked),
+            LssExpectation::Nothing => {
+                notices.push(asked.exchange_notice(None, ExchangeOutcome::Done))
+            }
+            _ => self.pending = Some(asked),
         }
     }
 
     /// Takes eight bytes from a device.
-    pub fn reply(&mut self, bytes: [u8; 8], at: At, notices: &mut Vec<Notice>) {
-        let fits = |asked: &Asked| lss_answers(&bytes, &asked.request);
-        if let Some(asked) = self.open.take_if(|asked| fits(asked)) {
-            self.settled = Some((asked, bytes));
-            let refused = refusal(bytes);
+    pub fn handle_reply(&mut self, bytes: [u8; 8], at: FrameRef, notices: &mut Vec<SessionNotice>) {
+        let fits = |asked: &LssExchange| lss_answers(&bytes, &asked.request);
+        if let Some(asked) = self.pending.take_if(|asked| fits(asked)) {
+            self.last_answered = Some((asked, bytes));
+            let refused = refusal_code(bytes);
             if let Some(error) = refused {
                 let text = format!("{} was refused, error {error}", asked.op);
-                notices.push(odd(Oddity::Refused, text));
+                notices.push(anomaly(AnomalyKind::Refused, text));
             }
-            let outcome = if refused.is_some() { Outcome::Refused } else { Outcome::Done };
-            return notices.push(asked.exchange(Some(at), outcome));
+            let outcome =
+                if refused.is_some() { ExchangeOutcome::Refused } else { ExchangeOutcome::Done };
+            return notices.push(asked.exchange_notice(Some(at), outcome));
         }
-        if let Some(asked) = self.given_up.take_if(|asked| fits(asked)) {
+        if let Some(asked) = self.abandoned.take_if(|asked| fits(asked)) {
             let ms = at.1.zip(asked.last.1).map_or(0, |(now, then)| now.since(then) / 1_000_000);
             let text = format!("{}: the answer came {ms} ms after its request", asked.op);
-            return notices.push(odd(Oddity::LateReply, text));
+            return notices.push(anomaly(AnomalyKind::LateReply, text));
         }
-        match &self.settled {
+        match &self.last_answered {
             // Whoever fits answers, and those that do are as many as there are.
-            Some((asked, _)) if fits(asked) && asked.owed == Owed::Perhaps => {}
+            Some((asked, _)) if fits(asked) && asked.expectation == LssExpectation::Optional => {}
             Some((asked, before)) if fits(asked) && *before == bytes => {
                 let text = format!("{}: the same answer twice", asked.op);
-                notices.push(odd(Oddity::DuplicateReply, text));
+                notices.push(anomaly(AnomalyKind::DuplicateReply, text));
             }
             Some((asked, _)) if fits(asked) => {
                 let text = format!("{}: two devices are in configuration at once", asked.op);
-                notices.push(odd(Oddity::DuplicateAddress, text));
+                notices.push(anomaly(AnomalyKind::DuplicateAddress, text));
             }
-            _ if self.followed => {
+            _ if self.sees_requests => {
                 let text = "an answer to layer setting that nobody asked for".to_owned();
-                notices.push(odd(Oddity::ForeignReply, text));
+                notices.push(anomaly(AnomalyKind::ForeignReply, text));
             }
             _ => {}
         }
     }
 
     /// When silence is an answer, or misses one.
-    pub fn due(&self) -> Option<Stamp> {
-        let open = self.open.as_ref()?;
-        Some(Stamp(open.last.1?.0.saturating_add(open.patience())))
+    pub fn due(&self) -> Option<Timestamp> {
+        let open = self.pending.as_ref()?;
+        Some(Timestamp(open.last.1?.0.saturating_add(open.timeout_ns())))
     }
 
     /// Time went on to `now`.
-    pub fn pass(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
+    pub fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
         if self.due().is_some_and(|due| due < now)
-            && let Some(open) = self.open.take()
+            && let Some(open) = self.pending.take()
         {
-            let ms = open.patience() / 1_000_000;
+            let ms = open.timeout_ns() / 1_000_000;
             self.give_up(open, &format!(" within {ms} ms"), notices);
         }
     }
 
     /// The capture ends: who was not given the time to answer is not accused.
-    pub fn end(&mut self, notices: &mut Vec<Notice>) {
-        notices.extend(self.open.take().map(|open| open.exchange(None, Outcome::Unknown)));
+    pub fn finish(&mut self, notices: &mut Vec<SessionNotice>) {
+        notices.extend(
+            self.pending.take().map(|open| open.exchange_notice(None, ExchangeOutcome::Unknown)),
+        );
     }
 
-    fn give_up(&mut self, asked: Asked, why: &str, notices: &mut Vec<Notice>) {
-        if asked.owed == Owed::Answer {
-            notices.push(asked.exchange(None, Outcome::Unanswered));
+    fn give_up(&mut self, asked: LssExchange, why: &str, notices: &mut Vec<SessionNotice>) {
+        if asked.expectation == LssExpectation::Required {
+            notices.push(asked.exchange_notice(None, ExchangeOutcome::Unanswered));
             let text = format!("{} was not answered{why}", asked.op);
             let time = asked.last.1;
-            let kind = Oddity::Unanswered;
-            notices.push(Notice::Odd(Odd { kind, axis: None, time, text }));
-            self.given_up = Some(asked);
+            let kind = AnomalyKind::Unanswered;
+            notices.push(SessionNotice::Anomaly(AnomalyNotice { kind, axis: None, time, text }));
+            self.abandoned = Some(asked);
         } else {
-            notices.push(asked.exchange(None, Outcome::Done));
+            notices.push(asked.exchange_notice(None, ExchangeOutcome::Done));
         }
     }
 }
 
 /// Whether a request goes on with what one of its kind began.
-const fn is_part(request: Request) -> bool {
-    use polepair_core::proto::canopen::lss::{Bound, Number};
+const fn is_continuation(request: LssRequest) -> bool {
+    use polepair_core::proto::canopen::lss::{IdentifyBound, IdentityNumber};
     match request {
-        Request::SwitchSelective(number, _) => !matches!(number, Number::Vendor),
-        Request::Identify(bound, _) => !matches!(bound, Bound::Vendor),
+        LssRequest::SwitchSelective(number, _) => !matches!(number, IdentityNumber::Vendor),
+        LssRequest::Identify(bound, _) => !matches!(bound, IdentifyBound::Vendor),
         _ => false,
     }
 }
 
 /// The error of an answer that refuses.
-fn refusal(bytes: [u8; 8]) -> Option<u8> {
-    match Reply::parse(&bytes) {
+fn refusal_code(bytes: [u8; 8]) -> Option<u8> {
+    match LssReply::parse(&bytes) {
         Ok(
-            Reply::SetNode(error @ 1.., _)
-            | Reply::SetBitTiming(error @ 1.., _)
-            | Reply::Store(error @ 1.., _),
+            LssReply::SetNode(error @ 1.., _)
+            | LssReply::SetBitTiming(error @ 1.., _)
+            | LssReply::Store(error @ 1.., _),
         ) => Some(error),
         _ => None,
     }
 }
 
-fn odd(kind: Oddity, text: String) -> Notice {
-    Notice::Odd(Odd { kind, axis: None, time: None, text })
+fn anomaly(kind: AnomalyKind, text: String) -> SessionNotice {
+    SessionNotice::Anomaly(AnomalyNotice { kind, axis: None, time: None, text })
 }

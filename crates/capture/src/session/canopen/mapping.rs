@@ -2,11 +2,11 @@
 //! out once, when the mapping is learnt.
 
 use polepair_core::proto::canopen::cia402;
-use polepair_core::proto::canopen::pdo::{BITS_MAX, Entry, Field};
-use polepair_core::proto::canopen::sdo::Object;
+use polepair_core::proto::canopen::pdo::{BITS_MAX, BitField, MappingEntry};
+use polepair_core::proto::canopen::sdo::ObjectIndex;
 
-use super::meaning::{Book, Meaning};
-use crate::session::{Name, Quality};
+use super::meaning::{ObjectLookup, ObjectMeaning};
+use crate::session::{InternedName, Quality};
 
 /// Entries of one mapping: one a bit.
 pub(super) const ENTRIES_MAX: usize = BITS_MAX as usize;
@@ -14,40 +14,40 @@ pub(super) const ENTRIES_MAX: usize = BITS_MAX as usize;
 /// The values of one PDO.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Mapping {
-    places: Vec<Place>,
-    entries: Vec<(Entry, Field)>,
+    values: Vec<MappedValue>,
+    entries: Vec<(MappingEntry, BitField)>,
     bytes: u8,
     quality: Quality,
 }
 
 /// One value: where it lies, and what it is.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Place {
-    above: u8,
-    rest: u8,
+pub struct MappedValue {
+    left_shift: u8,
+    right_shift: u8,
     signed: bool,
-    flag: bool,
-    watched: bool,
+    is_flag: bool,
+    tells_state: bool,
     mask: i64,
     equals: i64,
     factor: f64,
     /// The signal's name.
-    pub name: Name,
+    pub name: InternedName,
     /// Its unit; empty where nobody says.
-    pub unit: Name,
+    pub unit: InternedName,
     /// The object that it is a value of.
-    pub object: Object,
+    pub object: ObjectIndex,
 }
 
-impl Place {
-    fn new(field: Field, object: Object, meaning: &Meaning) -> Self {
-        let Meaning { name, unit, factor, signed, mask, equals } = *meaning;
+impl MappedValue {
+    fn new(field: BitField, object: ObjectIndex, meaning: &ObjectMeaning) -> Self {
+        let ObjectMeaning { name, unit, factor, signed, mask, equals } = *meaning;
         Self {
-            above: BITS_MAX - field.at - field.bits,
-            rest: BITS_MAX - field.bits,
+            left_shift: BITS_MAX - field.start - field.bits,
+            right_shift: BITS_MAX - field.bits,
             signed,
-            flag: equals.is_some(),
-            watched: equals.is_none() && is_watched(object),
+            is_flag: equals.is_some(),
+            tells_state: equals.is_none() && is_state_object(object),
             mask,
             equals: equals.unwrap_or(0),
             factor,
@@ -59,23 +59,23 @@ impl Place {
 
     /// It is the whole number, and no flag in it.
     pub(super) const fn is_number(&self) -> bool {
-        !self.flag
+        !self.is_flag
     }
 
     /// A state is told by it.
-    pub(super) const fn is_watched(&self) -> bool {
-        self.watched
+    pub(super) const fn tells_state(&self) -> bool {
+        self.tells_state
     }
 
     /// The integer that eight bytes, the first lowest, hold for it.
     #[inline]
     #[must_use]
     pub const fn exact(&self, data: u64) -> i64 {
-        let top = data << (self.above & 63);
-        let rest = self.rest & 63;
+        let top = data << (self.left_shift & 63);
+        let rest = self.right_shift & 63;
         let raw = if self.signed { top.cast_signed() >> rest } else { (top >> rest).cast_signed() };
         let masked = raw & self.mask;
-        if self.flag { (masked == self.equals) as i64 } else { masked }
+        if self.is_flag { (masked == self.equals) as i64 } else { masked }
     }
 
     /// That integer in the unit.
@@ -88,12 +88,16 @@ impl Place {
 
 impl Mapping {
     /// Entries one behind the other; `None` when they are none, or more than a frame has.
-    pub(super) fn new(entries: &[Entry], book: &Book<'_>, quality: Quality) -> Option<Self> {
-        let mut mapping = Self { places: Vec::new(), entries: Vec::new(), bytes: 0, quality };
+    pub(super) fn new(
+        entries: &[MappingEntry],
+        book: &ObjectLookup<'_>,
+        quality: Quality,
+    ) -> Option<Self> {
+        let mut mapping = Self { values: Vec::new(), entries: Vec::new(), bytes: 0, quality };
         let mut at = 0_u8;
         for entry in entries {
             let end = at.checked_add(entry.bits).filter(|end| *end <= BITS_MAX && *end > at)?;
-            mapping.add(*entry, Field { at, bits: entry.bits }, book);
+            mapping.push_entry(*entry, BitField { start: at, bits: entry.bits }, book);
             at = end;
         }
         mapping.bytes = at.div_ceil(8);
@@ -101,25 +105,25 @@ impl Mapping {
     }
 
     /// Of bytes that nobody knows.
-    pub(super) const fn none() -> Self {
-        Self { places: Vec::new(), entries: Vec::new(), bytes: 0, quality: Quality::Inferred }
+    pub(super) const fn empty() -> Self {
+        Self { values: Vec::new(), entries: Vec::new(), bytes: 0, quality: Quality::Inferred }
     }
 
-    fn add(&mut self, entry: Entry, field: Field, book: &Book<'_>) {
+    fn push_entry(&mut self, entry: MappingEntry, field: BitField, book: &ObjectLookup<'_>) {
         self.entries.push((entry, field));
         if entry.is_gap() {
             return;
         }
         let object = entry.object;
         let meanings = book.meanings(object);
-        self.places.extend(meanings.iter().map(|meaning| Place::new(field, object, meaning)));
+        self.values.extend(meanings.iter().map(|meaning| MappedValue::new(field, object, meaning)));
     }
 
     /// Gives each value that eight bytes hold, the first lowest: its place, the integer, and that in
     /// its unit.
     #[inline]
-    pub fn signals(&self, data: u64, mut each: impl FnMut(&Place, i64, f64)) {
-        for place in &self.places {
+    pub fn for_each_signal(&self, data: u64, mut each: impl FnMut(&MappedValue, i64, f64)) {
+        for place in &self.values {
             let exact = place.exact(data);
             each(place, exact, place.value(exact));
         }
@@ -139,17 +143,20 @@ impl Mapping {
 
     /// The values, and the flags in them, in order.
     #[must_use]
-    pub fn places(&self) -> &[Place] {
-        &self.places
+    pub fn mapped_values(&self) -> &[MappedValue] {
+        &self.values
     }
 
     /// Values that are whole numbers, in order.
-    pub(crate) fn numbers(&self) -> impl Iterator<Item = &Place> {
-        self.places.iter().filter(|place| place.is_number())
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = &MappedValue> {
+        self.values.iter().filter(|place| place.is_number())
     }
 
     /// The entries in order, where each lies, and what eight bytes hold for it.
-    pub(super) fn values(&self, data: u64) -> impl Iterator<Item = (Entry, Field, &Place, i64)> {
+    pub(super) fn entry_values(
+        &self,
+        data: u64,
+    ) -> impl Iterator<Item = (MappingEntry, BitField, &MappedValue, i64)> {
         let mapped = self.entries.iter().filter(|(entry, _)| !entry.is_gap());
         mapped
             .zip(self.numbers())
@@ -158,12 +165,12 @@ impl Mapping {
 }
 
 /// Error code, statusword and mode tell states.
-fn is_watched(object: Object) -> bool {
+fn is_state_object(object: ObjectIndex) -> bool {
     let states = [ERROR_CODE, cia402::STATUSWORD, MODE_DISPLAY];
     states.contains(&object)
 }
 
 /// The fault of a CiA 402 drive.
-pub(super) const ERROR_CODE: Object = Object::new(0x603F, 0);
+pub(super) const ERROR_CODE: ObjectIndex = ObjectIndex::new(0x603F, 0);
 /// The mode that it is in.
-pub(super) const MODE_DISPLAY: Object = Object::new(0x6061, 0);
+pub(super) const MODE_DISPLAY: ObjectIndex = ObjectIndex::new(0x6061, 0);

@@ -7,15 +7,15 @@ use std::sync::Arc;
 use polepair_core::drives;
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::cob::Cob;
-use polepair_core::proto::canopen::explain::{say, usual_mapping};
-use polepair_core::proto::canopen::pdo::{CobId, Entry};
-use polepair_core::proto::canopen::sdo::Object;
+use polepair_core::proto::canopen::explain::{default_mapping, meanings};
+use polepair_core::proto::canopen::pdo::{CobId, MappingEntry};
+use polepair_core::proto::canopen::sdo::ObjectIndex;
 
 use super::mapping::{ENTRIES_MAX, Mapping};
-use super::meaning::Book;
-use super::process::Process;
-use crate::explained::Explained;
-use crate::session::{Notice, Oddity, Quality};
+use super::meaning::ObjectLookup;
+use super::process_data::ProcessData;
+use crate::explanation::Explanation;
+use crate::session::{AnomalyKind, Quality, SessionNotice};
 
 /// PDOs of one link that are known; a capture with more is hostile.
 const PDOS_MAX: usize = 2048;
@@ -27,112 +27,126 @@ const BY_DEFAULT: u16 = 4;
 pub(super) struct Pdo {
     pub node: u8,
     /// From the node.
-    pub told: bool,
+    pub from_node: bool,
     /// From 1.
     pub number: u16,
     cob: Option<CobId>,
     count: Option<u8>,
-    entries: Vec<Option<Entry>>,
+    entries: Vec<Option<MappingEntry>>,
     /// The node started again since: what was written may be lost.
     stale: bool,
     /// `None` while it has to be worked out.
-    laid: Option<Laid>,
+    resolved: Option<ResolvedMapping>,
     /// Its wrong length was told.
-    pub accused: bool,
+    pub length_reported: bool,
     /// A frame was as long as the mapping: it is this node's.
-    fitted: bool,
+    length_matched: bool,
 }
 
 /// What frames of a length are read by.
 #[derive(Debug)]
-struct Laid {
-    process: Option<Arc<Process>>,
+struct ResolvedMapping {
+    process_data: Option<Arc<ProcessData>>,
     /// The length that it was concluded from, where it was.
-    by_len: Option<u8>,
+    inferred_len: Option<u8>,
     /// Nobody knows what they hold, and no words are wanted.
-    blank: bool,
+    unmapped: bool,
 }
 
 /// What is known beside the node's own objects.
 #[derive(Clone, Copy)]
-pub(super) struct Beside<'a> {
-    pub book: Book<'a>,
+pub(super) struct MappingContext<'a> {
+    pub lookup: ObjectLookup<'a>,
     /// The node is a drive by CiA 402.
-    pub drive: bool,
+    pub is_drive: bool,
     /// No words are wanted.
-    pub bare: bool,
+    pub values_only: bool,
 }
 
 impl Pdo {
-    fn new(node: u8, told: bool, number: u16) -> Self {
+    fn new(node: u8, from_node: bool, number: u16) -> Self {
         let (cob, count, entries) = (None, None, Vec::new());
-        let (stale, laid, accused, fitted) = (false, None, false, false);
-        Self { node, told, number, cob, count, entries, stale, laid, accused, fitted }
+        let (stale, resolved, length_reported, length_matched) = (false, None, false, false);
+        Self {
+            node,
+            from_node,
+            number,
+            cob,
+            count,
+            entries,
+            stale,
+            resolved,
+            length_reported,
+            length_matched,
+        }
     }
 
     /// Works out what a frame with so many bytes says.
-    pub fn map(&mut self, len: u8, beside: &Beside<'_>) {
-        let fits = |laid: &Laid| laid.by_len.is_none_or(|by| by == len);
-        if !self.laid.as_ref().is_some_and(fits) {
-            self.laid = Some(self.lay(len, beside));
+    pub fn resolve_mapping(&mut self, len: u8, beside: &MappingContext<'_>) {
+        let fits = |laid: &ResolvedMapping| laid.inferred_len.is_none_or(|by| by == len);
+        if !self.resolved.as_ref().is_some_and(fits) {
+            self.resolved = Some(self.build_mapping(len, beside));
         }
     }
 
     /// That by which the last frame was read.
-    pub fn last(&self) -> Option<&Arc<Process>> {
-        self.laid.as_ref()?.process.as_ref()
+    pub fn process_data(&self) -> Option<&Arc<ProcessData>> {
+        self.resolved.as_ref()?.process_data.as_ref()
     }
 
     /// That by which a frame with so many bytes is read, where one as long was and nothing changed.
     #[inline]
-    pub fn settled(&self, len: u8) -> Option<&Arc<Process>> {
-        let fits = |laid: &&Laid| (self.fitted || laid.blank) && !self.accused;
-        let laid = self.laid.as_ref().filter(fits)?;
-        let process = laid.process.as_ref()?;
+    pub fn matching_process_data(&self, len: u8) -> Option<&Arc<ProcessData>> {
+        let fits = |laid: &&ResolvedMapping| {
+            (self.length_matched || laid.unmapped) && !self.length_reported
+        };
+        let laid = self.resolved.as_ref().filter(fits)?;
+        let process = laid.process_data.as_ref()?;
         let need = process.mapping().bytes();
-        let right = len == need || (!self.told && len > need) || laid.blank;
-        (right && laid.by_len.is_none_or(|by| by == len)).then_some(process)
+        let right = len == need || (!self.from_node && len > need) || laid.unmapped;
+        (right && laid.inferred_len.is_none_or(|by| by == len)).then_some(process)
     }
 
     /// Says what bytes are by the mapping. False where there is none, or they are too few for it.
-    pub fn say(
+    pub fn explain(
         &mut self,
         bytes: &[u8],
         profile: Option<&'static Profile>,
-        said: &mut Explained,
+        said: &mut Explanation,
     ) -> bool {
         let name = self.name();
-        let laid = self.laid.as_mut().and_then(|laid| laid.process.as_mut());
-        let long = |process: &&mut Arc<Process>| bytes.len() >= process.mapping().bytes().into();
+        let laid = self.resolved.as_mut().and_then(|laid| laid.process_data.as_mut());
+        let long =
+            |process: &&mut Arc<ProcessData>| bytes.len() >= process.mapping().bytes().into();
         let Some(process) = laid.filter(long) else { return false };
-        Process::word(process, super::word(bytes), || name.to_string(), profile);
-        process.say(bytes, said);
+        ProcessData::learn_text(process, super::bytes_to_word(bytes), || name.to_string(), profile);
+        process.explain(bytes, said);
         true
     }
 
     /// What it is called: `TPDO1`.
-    pub const fn name(&self) -> Called {
-        Called { told: self.told, number: self.number }
+    pub const fn name(&self) -> PdoName {
+        PdoName { from_node: self.from_node, number: self.number }
     }
 
     /// Looks whether a frame of so many bytes is as long as its mapping: one that the capture shows,
     /// or a data sheet's, once a frame fitted it; until then the node may be another product. Who
     /// receives may be sent more.
-    pub fn measure(&mut self, len: u8, notices: &mut Vec<Notice>) {
-        let known = self.laid.as_ref().filter(|laid| !laid.blank);
-        let Some(process) = known.and_then(|laid| laid.process.as_ref()) else { return };
+    pub fn check_length(&mut self, len: u8, notices: &mut Vec<SessionNotice>) {
+        let known = self.resolved.as_ref().filter(|laid| !laid.unmapped);
+        let Some(process) = known.and_then(|laid| laid.process_data.as_ref()) else { return };
         let mapping = process.mapping();
         let (need, good) = (mapping.bytes(), mapping.quality() == Quality::Good);
-        let wrong = len < need || (self.told && len > need);
-        self.fitted |= !wrong;
-        let known = good && (self.fitted || self.is_captured());
+        let wrong = len < need || (self.from_node && len > need);
+        self.length_matched |= !wrong;
+        let known = good && (self.length_matched || self.is_captured());
         if !wrong || !known {
-            self.accused &= wrong;
+            self.length_reported &= wrong;
             return;
         }
-        if !core::mem::replace(&mut self.accused, true) {
+        if !core::mem::replace(&mut self.length_reported, true) {
             let text = format!("{} has {len} bytes, mapped are {need}", self.name());
-            notices.push(super::odd(Oddity::Length, self.node, text));
+            notices.push(super::anomaly(AnomalyKind::Length, self.node, text));
         }
     }
 
@@ -142,49 +156,53 @@ impl Pdo {
     }
 
     /// What a mapping hangs on changed.
-    pub fn forget(&mut self) {
-        (self.laid, self.accused, self.fitted) = (None, false, false);
+    pub fn clear_mapping(&mut self) {
+        (self.resolved, self.length_reported, self.length_matched) = (None, false, false);
     }
 
     /// The node started again.
-    pub fn restart(&mut self) {
+    pub fn mark_stale(&mut self) {
         if self.count.is_some() {
-            (self.stale, self.laid) = (true, None);
+            (self.stale, self.resolved) = (true, None);
         }
     }
 
-    fn lay(&self, len: u8, beside: &Beside<'_>) -> Laid {
-        let book = &beside.book;
-        if let Some((entries, quality)) = self.stated(book.profile) {
-            let process = self.process(Mapping::new(&entries, book, quality));
-            return Laid { process, by_len: None, blank: false };
+    fn build_mapping(&self, len: u8, beside: &MappingContext<'_>) -> ResolvedMapping {
+        let book = &beside.lookup;
+        if let Some((entries, quality)) = self.stated_entries(book.profile) {
+            let process = self.new_process_data(Mapping::new(&entries, book, quality));
+            return ResolvedMapping { process_data: process, inferred_len: None, unmapped: false };
         }
-        let usual = || usual_mapping(self.default_cob().filter(|_| beside.drive)?, len);
+        let usual = || default_mapping(self.default_cob().filter(|_| beside.is_drive)?, len);
         let known = self.count.is_some() || self.entries.iter().any(Option::is_some);
         let usual = if known { None } else { usual() };
-        let entries: Vec<Entry> =
+        let entries: Vec<MappingEntry> =
             usual.iter().flat_map(|map| map.fields()).map(|(e, _)| e).collect();
-        let process = self.process(Mapping::new(&entries, book, Quality::Inferred));
-        let blank = process.is_none() && beside.bare;
-        let process = if blank { self.process(Some(Mapping::none())) } else { process };
-        Laid { process, by_len: Some(len), blank }
+        let process = self.new_process_data(Mapping::new(&entries, book, Quality::Inferred));
+        let blank = process.is_none() && beside.values_only;
+        let process = if blank { self.new_process_data(Some(Mapping::empty())) } else { process };
+        ResolvedMapping { process_data: process, inferred_len: Some(len), unmapped: blank }
     }
 
-    fn process(&self, mapping: Option<Mapping>) -> Option<Arc<Process>> {
-        Some(Arc::new(Process::new(self.node, self.told, mapping?)))
+    fn new_process_data(&self, mapping: Option<Mapping>) -> Option<Arc<ProcessData>> {
+        Some(Arc::new(ProcessData::new(self.node, self.from_node, mapping?)))
     }
 
     /// Its entries, of the capture where that has them, else as the profile says they are at first.
-    fn stated(&self, profile: Option<&'static Profile>) -> Option<(Vec<Entry>, Quality)> {
-        let index = if self.told { 0x1A00 } else { 0x1600 } + (self.number - 1);
-        let default = |sub| default(profile, Object::new(index, sub));
+    fn stated_entries(
+        &self,
+        profile: Option<&'static Profile>,
+    ) -> Option<(Vec<MappingEntry>, Quality)> {
+        let index = if self.from_node { 0x1A00 } else { 0x1600 } + (self.number - 1);
+        let default = |sub| default_value(profile, ObjectIndex::new(index, sub));
         let mut captured = self.is_captured();
         let count = self.count.or_else(|| u8::try_from(default(0)?).ok())?;
         let mut entries = Vec::new();
         for sub in 1..=count {
             let own = self.entries.get(usize::from(sub) - 1).copied().flatten();
             captured &= own.is_some();
-            let known = own.or_else(|| Some(Entry::from(u32::try_from(default(sub)?).ok()?)));
+            let known =
+                own.or_else(|| Some(MappingEntry::from(u32::try_from(default(sub)?).ok()?)));
             entries.push(known?);
         }
         let sheet = profile.is_some_and(|profile| !is_built_in(profile)) && !self.stale;
@@ -194,11 +212,15 @@ impl Pdo {
     /// Whose identifier it has while nobody moves it.
     pub fn default_cob(&self) -> Option<Cob> {
         let number = u8::try_from(self.number).ok().filter(|_| self.number <= BY_DEFAULT)?;
-        Some(if self.told { Cob::Tpdo(number, self.node) } else { Cob::Rpdo(number, self.node) })
+        Some(if self.from_node {
+            Cob::Tpdo(number, self.node)
+        } else {
+            Cob::Rpdo(number, self.node)
+        })
     }
 
     /// Takes what an object of it holds.
-    fn learn(&mut self, mapping: bool, sub: u8, raw: u32) {
+    fn learn_object(&mut self, mapping: bool, sub: u8, raw: u32) {
         match (mapping, sub) {
             (false, 1) => self.cob = Some(CobId(raw)),
             (false, _) => return,
@@ -208,31 +230,31 @@ impl Pdo {
             (true, sub) if usize::from(sub) <= ENTRIES_MAX => {
                 let at = usize::from(sub) - 1;
                 self.entries.resize(self.entries.len().max(at + 1), None);
-                self.entries[at] = Some(Entry::from(raw));
+                self.entries[at] = Some(MappingEntry::from(raw));
             }
             _ => return,
         }
         self.stale = false;
-        self.forget();
+        self.clear_mapping();
     }
 }
 
 /// The name of a PDO.
 #[derive(Clone, Copy)]
-pub(super) struct Called {
-    told: bool,
+pub(super) struct PdoName {
+    from_node: bool,
     number: u16,
 }
 
-impl fmt::Display for Called {
+impl fmt::Display for PdoName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}PDO{}", if self.told { 'T' } else { 'R' }, self.number)
+        write!(f, "{}PDO{}", if self.from_node { 'T' } else { 'R' }, self.number)
     }
 }
 
 /// What a profile says that an object is at first.
-fn default(profile: Option<&'static Profile>, object: Object) -> Option<i64> {
-    say::parameter(object, profile)?.default
+fn default_value(profile: Option<&'static Profile>, object: ObjectIndex) -> Option<i64> {
+    meanings::find_parameter(object, profile)?.default
 }
 
 /// Whether a profile is of a product and not of the device that a data sheet describes.
@@ -242,21 +264,21 @@ fn is_built_in(profile: &'static Profile) -> bool {
 
 /// The PDOs of a link.
 #[derive(Debug, Default)]
-pub(super) struct Pdos {
+pub(super) struct PdoTable {
     pub all: Vec<Pdo>,
 }
 
 /// Where a PDO went: `None` when it is switched off.
-pub(super) struct Moved {
-    pub at: usize,
-    pub from: Option<u32>,
-    pub to: Option<u32>,
+pub(super) struct PdoMove {
+    pub index: usize,
+    pub old_id: Option<u32>,
+    pub new_id: Option<u32>,
 }
 
-impl Pdos {
+impl PdoTable {
     /// Where a PDO stands; it is made if there is room.
-    pub fn at(&mut self, node: u8, told: bool, number: u16) -> Option<usize> {
-        let same = |p: &Pdo| (p.node, p.told, p.number) == (node, told, number);
+    pub fn find_or_add(&mut self, node: u8, told: bool, number: u16) -> Option<usize> {
+        let same = |p: &Pdo| (p.node, p.from_node, p.number) == (node, told, number);
         let known = self.all.iter().position(same);
         known.or_else(|| {
             (self.all.len() < PDOS_MAX).then(|| {
@@ -267,7 +289,7 @@ impl Pdos {
     }
 
     /// Takes what an object of a node holds, and tells if a PDO has another identifier now.
-    pub fn learn(&mut self, node: u8, object: Object, raw: u32) -> Option<Moved> {
+    pub fn learn_object(&mut self, node: u8, object: ObjectIndex, raw: u32) -> Option<PdoMove> {
         let (told, mapping) = match object.index {
             0x1400..=0x15FF => (false, false),
             0x1600..=0x17FF => (false, true),
@@ -275,20 +297,24 @@ impl Pdos {
             0x1A00..=0x1BFF => (true, true),
             _ => return None,
         };
-        let at = self.at(node, told, (object.index & 0x1FF) + 1)?;
+        let at = self.find_or_add(node, told, (object.index & 0x1FF) + 1)?;
         let pdo = &mut self.all[at];
         let id = |pdo: &Pdo| match pdo.cob {
             Some(cob) => Some(cob.id()).filter(|_| cob.is_valid()),
             None => pdo.default_cob().map(|cob| cob.id().into()),
         };
         let from = id(pdo);
-        pdo.learn(mapping, object.sub, raw);
+        pdo.learn_object(mapping, object.sub, raw);
         let to = id(pdo);
-        (from != to || (!mapping && object.sub == 1)).then_some(Moved { at, from, to })
+        (from != to || (!mapping && object.sub == 1)).then_some(PdoMove {
+            index: at,
+            old_id: from,
+            new_id: to,
+        })
     }
 
     /// Those of a node.
-    pub fn of(&mut self, node: u8) -> impl Iterator<Item = &mut Pdo> {
+    pub fn of_node(&mut self, node: u8) -> impl Iterator<Item = &mut Pdo> {
         self.all.iter_mut().filter(move |pdo| pdo.node == node)
     }
 }

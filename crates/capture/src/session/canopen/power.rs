@@ -1,92 +1,93 @@
 //! The states of a CiA 402 drive, by its statusword and mode, wherever they come from.
 
 use polepair_core::profile::Profile;
-use polepair_core::proto::canopen::cia402::{Mode, STATUSWORD, State};
-use polepair_core::proto::canopen::explain::say;
-use polepair_core::proto::canopen::sdo::Object;
+use polepair_core::proto::canopen::cia402::{DriveState, OperationMode, STATUSWORD};
+use polepair_core::proto::canopen::explain::meanings;
+use polepair_core::proto::canopen::sdo::ObjectIndex;
 
-use super::emcy::{Faults, Words};
+use super::emcy::{FaultText, NodeFaults};
 use super::mapping::{ERROR_CODE, MODE_DISPLAY};
-use crate::session::{Change, Name, Notice};
+use crate::session::{ChangeNotice, InternedName, SessionNotice};
 
 /// What a drive says of itself.
 #[derive(Debug, Default)]
-pub(super) struct Power {
-    word: Option<u16>,
-    state: Option<State>,
+pub(super) struct PowerMonitor {
+    statusword: Option<u16>,
+    state: Option<DriveState>,
     mode: Option<i8>,
-    code: u16,
+    error_code: u16,
 }
 
-impl Power {
+impl PowerMonitor {
     /// An object has that value.
     #[inline]
-    pub fn take(
+    pub fn handle_value(
         &mut self,
         node: u8,
-        object: Object,
+        object: ObjectIndex,
         raw: i64,
-        faults: &mut Faults,
+        faults: &mut NodeFaults,
         profile: Option<&'static Profile>,
-        notices: &mut Vec<Notice>,
+        notices: &mut Vec<SessionNotice>,
     ) {
         match object {
-            STATUSWORD if self.word != Some(raw as u16) => {
-                self.word = Some(raw as u16);
-                self.enter(node, State::of(raw as u16), faults, profile, notices);
+            STATUSWORD if self.statusword != Some(raw as u16) => {
+                self.statusword = Some(raw as u16);
+                self.set_state(node, DriveState::of(raw as u16), faults, profile, notices);
             }
             MODE_DISPLAY if self.mode != Some(raw as i8) => {
-                let from = self.mode.map_or("", |mode| say::mode(Mode::from(mode)));
-                let to = say::mode(Mode::from(raw as i8));
+                let from =
+                    self.mode.map_or("", |mode| meanings::mode_name(OperationMode::from(mode)));
+                let to = meanings::mode_name(OperationMode::from(raw as i8));
                 self.mode = Some(raw as i8);
-                notices.push(change(node, "mode", from, to));
+                notices.push(change_notice(node, "mode", from, to));
             }
-            ERROR_CODE => self.code = raw as u16,
+            ERROR_CODE => self.error_code = raw as u16,
             _ => {}
         }
     }
 
-    /// Takes a value by which no state changes; false of one that has to be [taken](Self::take).
+    /// Takes a value by which no state changes; false of one that has to be [taken](Self::handle_value).
     #[inline]
-    pub fn stays(&mut self, object: Object, raw: i64) -> bool {
+    pub fn accept_unchanged(&mut self, object: ObjectIndex, raw: i64) -> bool {
         match object {
-            STATUSWORD if self.word != Some(raw as u16) => {
-                let state = State::of(raw as u16);
-                let same = self.state == Some(state) || matches!(state, State::Other(_));
+            STATUSWORD if self.statusword != Some(raw as u16) => {
+                let state = DriveState::of(raw as u16);
+                let same = self.state == Some(state) || matches!(state, DriveState::Other(_));
                 if same {
-                    self.word = Some(raw as u16);
+                    self.statusword = Some(raw as u16);
                 }
                 return same;
             }
             MODE_DISPLAY => return self.mode == Some(raw as i8),
-            ERROR_CODE => self.code = raw as u16,
+            ERROR_CODE => self.error_code = raw as u16,
             _ => {}
         }
         true
     }
 
-    fn enter(
+    fn set_state(
         &mut self,
         node: u8,
-        state: State,
-        faults: &mut Faults,
+        state: DriveState,
+        faults: &mut NodeFaults,
         profile: Option<&'static Profile>,
-        notices: &mut Vec<Notice>,
+        notices: &mut Vec<SessionNotice>,
     ) {
-        if self.state == Some(state) || matches!(state, State::Other(_)) {
+        if self.state == Some(state) || matches!(state, DriveState::Other(_)) {
             return;
         }
-        let from = self.state.map_or("", State::name);
-        notices.push(change(node, "power", from, state.name()));
-        let (was, is) = (self.state.is_some_and(faulty), faulty(state));
+        let from = self.state.map_or("", DriveState::name);
+        notices.push(change_notice(node, "power", from, state.name()));
+        let (was, is) = (self.state.is_some_and(is_faulty), is_faulty(state));
         self.state = Some(state);
         if is && faults.is_empty() {
-            let code = u32::from(self.code);
+            let code = u32::from(self.error_code);
             let words = match code {
-                0 => Words::UNNAMED,
-                code => Words::of(code, false, profile),
+                0 => FaultText::UNNAMED,
+                code => FaultText::lookup(code, false, profile),
             };
-            faults.open(node, code, words, notices);
+            faults.add(node, code, words, notices);
         }
         if was && !is {
             faults.clear(node, notices);
@@ -94,10 +95,15 @@ impl Power {
     }
 }
 
-const fn faulty(state: State) -> bool {
-    matches!(state, State::Fault | State::FaultReaction)
+const fn is_faulty(state: DriveState) -> bool {
+    matches!(state, DriveState::Fault | DriveState::FaultReaction)
 }
 
-fn change(node: u8, what: Name, from: Name, to: Name) -> Notice {
-    Notice::Change(Change { axis: Some(node.into()), what, from, to })
+fn change_notice(
+    node: u8,
+    what: InternedName,
+    from: InternedName,
+    to: InternedName,
+) -> SessionNotice {
+    SessionNotice::Change(ChangeNotice { axis: Some(node.into()), what, from, to })
 }

@@ -2,30 +2,30 @@
 //! was read of it (object 1018h by a data sheet, a register of its own by a built-in profile).
 
 use polepair_core::drives;
-use polepair_core::profile::{Ask, Identity, Profile};
-use polepair_core::proto::canopen::explain::say;
-use polepair_core::proto::canopen::sdo::Object;
+use polepair_core::profile::{Identity, IdentityQuery, Profile};
+use polepair_core::proto::canopen::explain::meanings;
+use polepair_core::proto::canopen::sdo::ObjectIndex;
 
-use crate::session::{Change, Name, name};
+use crate::session::{ChangeNotice, InternedName, intern};
 
 /// The device type tells what a device can do, not which it is.
 const DEVICE_TYPE: u16 = 0x1000;
 
 /// Which drive one node is.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) enum Product {
+pub(super) enum NodeProduct {
     /// It told nothing that says so.
     #[default]
     Unknown,
     /// That one.
     Known(&'static Profile),
     /// Another than was stated, in words.
-    Other(Name),
+    Other(InternedName),
 }
 
-impl Product {
+impl NodeProduct {
     /// The profile that has its names, where the link's is `usual`.
-    pub const fn names(self, usual: Option<&'static Profile>) -> Option<&'static Profile> {
+    pub const fn naming_profile(self, usual: Option<&'static Profile>) -> Option<&'static Profile> {
         match self {
             Self::Unknown => usual,
             Self::Known(profile) => Some(profile),
@@ -34,49 +34,51 @@ impl Product {
     }
 
     /// Takes what an object holds; tells when that says which drive it is.
-    pub fn learn(
+    pub fn learn_value(
         &mut self,
         node: u8,
-        object: Object,
+        object: ObjectIndex,
         raw: i64,
         stated: Option<&'static Profile>,
-    ) -> Option<Change> {
-        let (is, to) = self.told(object, raw, stated)?;
+    ) -> Option<ChangeNotice> {
+        let (is, to) = self.identify(object, raw, stated)?;
         let from = match *self {
             Self::Unknown => "",
             Self::Known(profile) => profile.title,
             Self::Other(said) => said,
         };
         *self = is;
-        (from != to).then_some(Change { axis: Some(node.into()), what: "product", from, to })
+        (from != to).then_some(ChangeNotice { axis: Some(node.into()), what: "product", from, to })
     }
 
     /// What a value says, where it says anything.
-    fn told(
+    fn identify(
         self,
-        object: Object,
+        object: ObjectIndex,
         raw: i64,
         stated: Option<&'static Profile>,
-    ) -> Option<(Self, Name)> {
+    ) -> Option<(Self, InternedName)> {
         let built_in = drives::profiles().iter().copied();
-        let says = |profile: &&'static Profile| is_told(profile, object, raw) == Some(true);
+        let says =
+            |profile: &&'static Profile| matches_identity(profile, object, raw) == Some(true);
         if let Some(found) = stated.into_iter().chain(built_in).find(says) {
             return Some((Self::Known(found), found.title));
         }
-        let stated = stated.filter(|profile| is_told(profile, object, raw) == Some(false))?;
-        let said = name(&format!("not {}", stated.title));
+        let stated =
+            stated.filter(|profile| matches_identity(profile, object, raw) == Some(false))?;
+        let said = intern(&format!("not {}", stated.title));
         Some((Self::Other(said), said))
     }
 }
 
 /// Whether a value says that a node is a product, or is not; `None` where it does not tell.
-fn is_told(profile: &'static Profile, object: Object, raw: i64) -> Option<bool> {
-    let Identity { ask: Ask::Parameter(id), mask, equals, .. } =
-        say::own(Some(profile))?.identity?
+fn matches_identity(profile: &'static Profile, object: ObjectIndex, raw: i64) -> Option<bool> {
+    let Identity { query: IdentityQuery::Parameter(id), mask, equals, .. } =
+        meanings::canopen_profile(Some(profile))?.identity?
     else {
         return None;
     };
     let asked = profile.parameter(id).filter(|asked| asked.index != DEVICE_TYPE)?;
-    let here = Object::new(asked.index, asked.space) == object && mask != 0;
+    let here = ObjectIndex::new(asked.index, asked.space) == object && mask != 0;
     here.then_some(raw & mask == equals)
 }

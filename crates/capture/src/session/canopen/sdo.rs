@@ -5,38 +5,38 @@ mod block;
 mod reply;
 mod request;
 
-use polepair_core::proto::canopen::explain::say;
-use polepair_core::proto::canopen::sdo::{Abort, Object, SEGMENT, crc};
+use polepair_core::proto::canopen::explain::meanings;
+use polepair_core::proto::canopen::sdo::{AbortCode, ObjectIndex, SEGMENT, crc};
 
-use super::odd;
-use crate::session::{Exchange, Notice, Odd, Oddity, Outcome};
-use crate::stamp::Stamp;
-use block::Block;
+use super::anomaly;
+use crate::session::{AnomalyKind, AnomalyNotice, ExchangeNotice, ExchangeOutcome, SessionNotice};
+use crate::timestamp::Timestamp;
+use block::BlockBuffer;
 
 /// How long a node may take for an answer, and a client for its next frame, ns.
 pub(super) const TIMEOUT_NS: u64 = 1_000_000_000;
 /// The same where flash is written: store, restore, programs.
 pub(super) const FLASH_TIMEOUT_NS: u64 = 10_000_000_000;
 /// An answer that was given up is waited for as many times as long: late is not lost.
-const LATE: u64 = 3;
+const LATE_FACTOR: u64 = 3;
 /// What is written has its effect within this, ns.
-const MOMENT_NS: u64 = 100_000_000;
+const RECENT_NS: u64 = 100_000_000;
 /// Bytes of a value that are kept: the head of what may be megabytes.
 pub(super) const HEAD_MAX: usize = 1024;
 /// So many requests one behind the other answered twice, and two nodes have the number.
-const TWICE_MAX: u8 = 3;
+const DOUBLE_ANSWERS_MAX: u8 = 3;
 
 /// Number and time of a frame.
-pub(super) type At = (u64, Option<Stamp>);
+pub(super) type FrameRef = (u64, Option<Timestamp>);
 
 /// Reading or writing.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Op {
+pub(super) enum SdoOperation {
     Read,
     Write,
 }
 
-impl Op {
+impl SdoOperation {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Read => "SDO read",
@@ -47,7 +47,7 @@ impl Op {
 
 /// What a frame is in its transfer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Part {
+pub(super) enum TransferPart {
     /// Nothing that its own words do not say.
     Plain,
     /// One of several.
@@ -55,24 +55,24 @@ pub(super) enum Part {
     /// A segment of a block, which has no words of its own.
     BlockSegment(u32),
     /// The last: the value is there.
-    Whole,
+    Complete,
 }
 
 /// A value that was read or written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Settled {
-    pub op: Op,
-    pub object: Object,
+pub(super) struct TransferredValue {
+    pub op: SdoOperation,
+    pub object: ObjectIndex,
     /// Up to eight bytes, the first lowest, and how many; 0 where the frame does not say.
     pub bits: u64,
     pub len: u8,
     /// The frame that asked.
-    pub asked: u64,
+    pub request_number: u64,
 }
 
 /// Whose turn it is, and for what.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Phase {
+enum TransferPhase {
     /// The node answers the first frame.
     First,
     /// The client sends a segment, or asks for one.
@@ -99,8 +99,8 @@ enum Phase {
     BlockUpDone,
 }
 
-impl Phase {
-    const fn is_nodes(self) -> bool {
+impl TransferPhase {
+    const fn is_node_turn(self) -> bool {
         matches!(
             self,
             Self::First
@@ -114,247 +114,269 @@ impl Phase {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum State {
+enum ChannelState {
     /// In the middle of something, until a transfer begins.
-    Adrift,
+    Unsynced,
     Idle,
     Open,
 }
 
 /// One transfer, also after its end.
 #[derive(Debug)]
-struct Transfer {
-    op: Op,
-    object: Object,
-    asked: At,
-    answered: Option<At>,
+struct SdoTransfer {
+    op: SdoOperation,
+    object: ObjectIndex,
+    requested: FrameRef,
+    answered: Option<FrameRef>,
     retries: u16,
     /// The client's last frame.
     request: [u8; 8],
-    phase: Phase,
+    phase: TransferPhase,
     toggle: bool,
-    last: bool,
+    last_segment: bool,
     size: Option<u32>,
-    got: u32,
+    received: u32,
     segments: u32,
-    head: Vec<u8>,
+    value_head: Vec<u8>,
     /// The frame that had the value did not say how many bytes count.
-    sizeless: bool,
+    size_unknown: bool,
     crc: u16,
-    checked: bool,
-    block: Block,
+    crc_agreed: bool,
+    block: BlockBuffer,
     /// It was said what is odd with it.
-    accused: bool,
+    anomaly_reported: bool,
     /// It may be the middle of one that began before the capture.
     doubtful: bool,
     /// When it last went on.
-    moved: Option<Stamp>,
+    last_progress: Option<Timestamp>,
 }
 
 /// A request that is waited for no more, and may be answered yet.
 #[derive(Debug)]
-struct GivenUp {
-    op: Op,
-    object: Object,
-    asked: At,
+struct AbandonedRequest {
+    op: SdoOperation,
+    object: ObjectIndex,
+    requested: FrameRef,
     /// When an answer is not to be expected any longer.
-    until: Option<Stamp>,
+    until: Option<Timestamp>,
     /// That it was not answered, which is told when no answer came by then.
-    held: Vec<Notice>,
+    held_notices: Vec<SessionNotice>,
 }
 
 /// A channel between a client and a node.
 #[derive(Debug)]
-pub(super) struct Channel {
+pub(super) struct SdoChannel {
     pub node: u8,
-    state: State,
-    transfer: Transfer,
+    state: ChannelState,
+    transfer: SdoTransfer,
     /// What was given up, and may be answered yet.
-    given_up: Option<GivenUp>,
+    abandoned: Option<AbandonedRequest>,
     /// The node's last frame.
-    reply: [u8; 8],
+    last_reply: [u8; 8],
     /// Answers that earlier, repeated requests may still get.
-    owed: u16,
+    extra_replies: u16,
     /// Requests in a row that were answered twice.
-    twice: u8,
+    double_answers: u8,
     /// The last one was.
-    doubled: bool,
+    last_doubled: bool,
     /// Since when nobody knows what is going on.
-    adrift: Option<Stamp>,
-    settled: Option<Settled>,
+    unsynced_since: Option<Timestamp>,
+    transferred: Option<TransferredValue>,
 }
 
-impl Channel {
+impl SdoChannel {
     /// A channel of which nothing was heard up to the beginning of the capture, `since`.
-    pub fn new(node: u8, since: Option<Stamp>) -> Self {
+    pub fn new(node: u8, since: Option<Timestamp>) -> Self {
         Self {
             node,
-            state: State::Adrift,
-            transfer: Transfer::new(),
-            given_up: None,
-            reply: [0xFF; 8],
-            owed: 0,
-            twice: 0,
-            doubled: false,
-            adrift: since,
-            settled: None,
+            state: ChannelState::Unsynced,
+            transfer: SdoTransfer::new(),
+            abandoned: None,
+            last_reply: [0xFF; 8],
+            extra_replies: 0,
+            double_answers: 0,
+            last_doubled: false,
+            unsynced_since: since,
+            transferred: None,
         }
     }
 
     /// The capture begins.
-    pub const fn since(&mut self, began: Option<Stamp>) {
-        self.adrift = began;
+    pub const fn set_start(&mut self, began: Option<Timestamp>) {
+        self.unsynced_since = began;
     }
 
     /// The object that a transfer under way is about, or was.
-    pub fn object(&self) -> Object {
+    pub fn object(&self) -> ObjectIndex {
         self.transfer.object
     }
 
     /// An object is being written, or was a moment ago.
-    pub fn is_setting(&self, object: Object, now: Option<Stamp>) -> bool {
+    pub fn is_writing(&self, object: ObjectIndex, now: Option<Timestamp>) -> bool {
         let t = &self.transfer;
-        let since = t.moved.zip(now).map_or(0, |(moved, now)| now.since(moved));
-        (t.op, t.object) == (Op::Write, object) && since < MOMENT_NS
+        let since = t.last_progress.zip(now).map_or(0, |(moved, now)| now.since(moved));
+        (t.op, t.object) == (SdoOperation::Write, object) && since < RECENT_NS
     }
 
     /// What the last transfer brought: the head of the value, how long it is, in how many segments.
     pub fn value(&self) -> (&[u8], u32, u32) {
-        (&self.transfer.head, self.transfer.got, self.transfer.segments)
+        (&self.transfer.value_head, self.transfer.received, self.transfer.segments)
     }
 
     /// Segments that the whole has, if its size was told.
-    pub fn segments_in_all(&self) -> Option<u32> {
+    pub fn segment_total(&self) -> Option<u32> {
         Some(self.transfer.size?.div_ceil(SEGMENT as u32))
     }
 
     /// What was read or written, once.
-    pub fn settled(&mut self) -> Option<Settled> {
-        self.settled.take()
+    pub fn take_transferred(&mut self) -> Option<TransferredValue> {
+        self.transferred.take()
     }
 
     /// Both answered the same requests, time and again.
     pub fn is_answered_by_two(&self) -> bool {
-        self.twice >= TWICE_MAX
+        self.double_answers >= DOUBLE_ANSWERS_MAX
     }
 
     /// When something is to be told if nothing comes.
-    pub fn due(&self) -> Option<Stamp> {
-        let held = self.given_up.as_ref().filter(|given_up| !given_up.held.is_empty());
+    pub fn due(&self) -> Option<Timestamp> {
+        let held = self.abandoned.as_ref().filter(|given_up| !given_up.held_notices.is_empty());
         let until = held.and_then(|given_up| given_up.until);
         self.transfer_due().into_iter().chain(until).min()
     }
 
     /// When the transfer under way is given up if nothing comes.
-    fn transfer_due(&self) -> Option<Stamp> {
-        let moved = self.transfer.moved.filter(|_| self.state == State::Open)?;
-        Some(moved.plus(self.transfer.patience()))
+    fn transfer_due(&self) -> Option<Timestamp> {
+        let moved = self.transfer.last_progress.filter(|_| self.state == ChannelState::Open)?;
+        Some(moved.plus(self.transfer.timeout_ns()))
     }
 
     /// Time went on to `now`.
-    pub fn pass(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
+    pub fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
         if self.transfer_due().is_some_and(|due| due < now) {
-            let ms = self.transfer.patience() / 1_000_000;
-            self.give_up(&format!(" within {ms} ms"), notices);
+            let ms = self.transfer.timeout_ns() / 1_000_000;
+            self.give_up_transfer(&format!(" within {ms} ms"), notices);
         }
-        let until = self.given_up.as_ref().and_then(|given_up| given_up.until);
+        let until = self.abandoned.as_ref().and_then(|given_up| given_up.until);
         if until.is_some_and(|until| until < now) {
-            self.tell_held(notices);
+            self.release_held(notices);
         }
     }
 
     /// Keeps back that a request was not answered, as it was told from `before` on: should the answer
     /// still come, then it is late, and nothing else.
-    pub fn hold(&mut self, before: usize, now: Option<Stamp>, notices: &mut Vec<Notice>) {
-        let Some(given_up) = self.given_up.as_mut().filter(|it| it.until.is_some()) else { return };
+    pub fn hold_unanswered(
+        &mut self,
+        before: usize,
+        now: Option<Timestamp>,
+        notices: &mut Vec<SessionNotice>,
+    ) {
+        let Some(given_up) = self.abandoned.as_mut().filter(|it| it.until.is_some()) else {
+            return;
+        };
         let mut at = before;
         while at < notices.len() {
             let mine = match &mut notices[at] {
-                Notice::Odd(odd) if is_unanswered(odd) => {
+                SessionNotice::Anomaly(odd) if is_unanswered(odd) => {
                     odd.time = now;
                     true
                 }
-                Notice::Exchange(exchange) => exchange.asked == given_up.asked,
+                SessionNotice::Exchange(exchange) => exchange.requested == given_up.requested,
                 _ => false,
             };
             match mine {
-                true => given_up.held.push(notices.remove(at)),
+                true => given_up.held_notices.push(notices.remove(at)),
                 false => at += 1,
             }
         }
     }
 
     /// No answer came.
-    fn tell_held(&mut self, notices: &mut Vec<Notice>) {
-        notices.extend(self.given_up.iter_mut().flat_map(|given_up| given_up.held.drain(..)));
+    fn release_held(&mut self, notices: &mut Vec<SessionNotice>) {
+        notices
+            .extend(self.abandoned.iter_mut().flat_map(|given_up| given_up.held_notices.drain(..)));
     }
 
     /// What may be answered yet is the transfer that ends now.
-    fn given_up(&mut self, notices: &mut Vec<Notice>) {
-        self.tell_held(notices);
+    fn abandon_transfer(&mut self, notices: &mut Vec<SessionNotice>) {
+        self.release_held(notices);
         let t = &self.transfer;
-        let moved = t.moved.filter(|_| t.phase == Phase::First);
-        let until = moved.map(|moved| moved.plus(LATE * t.patience()));
-        let (op, object, asked) = (t.op, t.object, t.asked);
-        self.given_up = Some(GivenUp { op, object, asked, until, held: Vec::new() });
+        let moved = t.last_progress.filter(|_| t.phase == TransferPhase::First);
+        let until = moved.map(|moved| moved.plus(LATE_FACTOR * t.timeout_ns()));
+        let (op, object, asked) = (t.op, t.object, t.requested);
+        self.abandoned = Some(AbandonedRequest {
+            op,
+            object,
+            requested: asked,
+            until,
+            held_notices: Vec::new(),
+        });
     }
 
     /// The capture ends. Who was not given the time to answer is not accused.
-    pub fn end(&mut self, notices: &mut Vec<Notice>) {
-        self.tell_held(notices);
-        if self.state == State::Open && !self.transfer.doubtful {
-            self.close(Outcome::Unknown, None, notices);
+    pub fn finish(&mut self, notices: &mut Vec<SessionNotice>) {
+        self.release_held(notices);
+        if self.state == ChannelState::Open && !self.transfer.doubtful {
+            self.close_transfer(ExchangeOutcome::Unknown, None, notices);
         }
     }
 
     /// The node starts again: what is under way ends without an answer. What was asked a moment ago
     /// may have met the boot-up on its way, or was written down before it: its answer may yet come.
-    pub fn reset(&mut self, now: Option<Stamp>, notices: &mut Vec<Notice>) {
-        if self.state == State::Open {
-            let since = self.transfer.moved.zip(now).map_or(0, |(moved, now)| now.since(moved));
-            if self.transfer.phase == Phase::First && since < MOMENT_NS {
+    pub fn reset(&mut self, now: Option<Timestamp>, notices: &mut Vec<SessionNotice>) {
+        if self.state == ChannelState::Open {
+            let since =
+                self.transfer.last_progress.zip(now).map_or(0, |(moved, now)| now.since(moved));
+            if self.transfer.phase == TransferPhase::First && since < RECENT_NS {
                 return;
             }
-            self.give_up(" before the node started again", notices);
+            self.give_up_transfer(" before the node started again", notices);
         }
-        self.tell_held(notices);
-        (self.given_up, self.owed) = (None, 0);
+        self.release_held(notices);
+        (self.abandoned, self.extra_replies) = (None, 0);
     }
 
     /// Nobody goes on with the transfer under way.
-    fn give_up(&mut self, why: &str, notices: &mut Vec<Notice>) {
-        self.given_up(notices);
+    fn give_up_transfer(&mut self, why: &str, notices: &mut Vec<SessionNotice>) {
+        self.abandon_transfer(notices);
         let t = &self.transfer;
-        let spelled = t.spelled();
+        let spelled = t.description();
         let (kind, text) = match t.phase {
-            Phase::First => (Oddity::Unanswered, format!("{spelled} was not answered{why}")),
+            TransferPhase::First => {
+                (AnomalyKind::Unanswered, format!("{spelled} was not answered{why}"))
+            }
             phase => {
-                let who = if phase.is_nodes() { "the node" } else { "the client" };
-                let how = format!("{who} did not go on after {}{why}", t.progress());
-                (Oddity::Incomplete, format!("{spelled} was broken off: {how}"))
+                let who = if phase.is_node_turn() { "the node" } else { "the client" };
+                let how = format!("{who} did not go on after {}{why}", t.progress_text());
+                (AnomalyKind::Incomplete, format!("{spelled} was broken off: {how}"))
             }
         };
-        self.accuse(kind, text, notices);
-        let outcome = self.transfer.left_outcome();
-        self.close(outcome, None, notices);
+        self.report_once(kind, text, notices);
+        let outcome = self.transfer.abandoned_outcome();
+        self.close_transfer(outcome, None, notices);
     }
 
     /// Tells what is odd with the transfer, once.
-    fn accuse(&mut self, kind: Oddity, text: String, notices: &mut Vec<Notice>) {
-        if !core::mem::replace(&mut self.transfer.accused, true) {
-            notices.push(odd(kind, self.node, text));
+    fn report_once(&mut self, kind: AnomalyKind, text: String, notices: &mut Vec<SessionNotice>) {
+        if !core::mem::replace(&mut self.transfer.anomaly_reported, true) {
+            notices.push(anomaly(kind, self.node, text));
         }
     }
 
     /// The transfer ends.
-    fn close(&mut self, outcome: Outcome, answered: Option<At>, notices: &mut Vec<Notice>) {
+    fn close_transfer(
+        &mut self,
+        outcome: ExchangeOutcome,
+        answered: Option<FrameRef>,
+        notices: &mut Vec<SessionNotice>,
+    ) {
         let t = &self.transfer;
-        self.state = State::Idle;
-        self.owed = t.retries;
-        notices.push(Notice::Exchange(Exchange {
+        self.state = ChannelState::Idle;
+        self.extra_replies = t.retries;
+        notices.push(SessionNotice::Exchange(ExchangeNotice {
             axis: Some(self.node.into()),
             op: t.op.name(),
-            asked: t.asked,
+            requested: t.requested,
             answered: answered.or(t.answered),
             outcome,
             retries: t.retries,
@@ -362,78 +384,106 @@ impl Channel {
     }
 
     /// The transfer is done.
-    fn done(&mut self, at: At, notices: &mut Vec<Notice>) -> Part {
+    fn complete_transfer(
+        &mut self,
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         let t = &self.transfer;
-        if let Some(size) = t.size.filter(|size| *size != t.got) {
-            let text = format!("{} announced {size} bytes and had {}", t.spelled(), t.got);
-            self.accuse(Oddity::Length, text, notices);
+        if let Some(size) = t.size.filter(|size| *size != t.received) {
+            let text = format!("{} announced {size} bytes and had {}", t.description(), t.received);
+            self.report_once(AnomalyKind::Length, text, notices);
         }
         let t = &self.transfer;
-        self.settled = t.settled();
+        self.transferred = t.transferred_value();
         let answered = t.answered.unwrap_or(at);
-        self.close(Outcome::Done, Some(answered), notices);
-        Part::Whole
+        self.close_transfer(ExchangeOutcome::Done, Some(answered), notices);
+        TransferPart::Complete
     }
 
     /// The node gives the transfer up.
-    fn refused(&mut self, abort: Abort, at: At, notices: &mut Vec<Notice>) {
-        let text = format!("{} was refused: {}", self.transfer.spelled(), say::abort(abort));
-        self.accuse(Oddity::Refused, text, notices);
-        self.close(Outcome::Refused, Some(at), notices);
+    fn refuse_transfer(
+        &mut self,
+        abort: AbortCode,
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) {
+        let text =
+            format!("{} was refused: {}", self.transfer.description(), meanings::abort_text(abort));
+        self.report_once(AnomalyKind::Refused, text, notices);
+        self.close_transfer(ExchangeOutcome::Refused, Some(at), notices);
     }
 }
 
-impl Transfer {
+impl SdoTransfer {
     fn new() -> Self {
         Self {
-            op: Op::Read,
-            object: Object::default(),
-            asked: (0, None),
+            op: SdoOperation::Read,
+            object: ObjectIndex::default(),
+            requested: (0, None),
             answered: None,
             retries: 0,
             request: [0; 8],
-            phase: Phase::First,
+            phase: TransferPhase::First,
             toggle: false,
-            last: false,
+            last_segment: false,
             size: None,
-            got: 0,
+            received: 0,
             segments: 0,
-            head: Vec::new(),
-            sizeless: false,
+            value_head: Vec::new(),
+            size_unknown: false,
             crc: 0,
-            checked: false,
-            block: Block::default(),
-            accused: false,
+            crc_agreed: false,
+            block: BlockBuffer::default(),
+            anomaly_reported: false,
             doubtful: false,
-            moved: None,
+            last_progress: None,
         }
     }
 
     /// Begins anew, in the same buffers.
-    fn begin(&mut self, op: Op, object: Object, request: [u8; 8], at: At) {
-        let (head, block) = (core::mem::take(&mut self.head), core::mem::take(&mut self.block));
-        *self = Self { op, object, request, asked: at, moved: at.1, head, block, ..Self::new() };
-        self.head.clear();
+    fn begin(&mut self, op: SdoOperation, object: ObjectIndex, request: [u8; 8], at: FrameRef) {
+        let (head, block) =
+            (core::mem::take(&mut self.value_head), core::mem::take(&mut self.block));
+        *self = Self {
+            op,
+            object,
+            request,
+            requested: at,
+            last_progress: at.1,
+            value_head: head,
+            block,
+            ..Self::new()
+        };
+        self.value_head.clear();
         self.block.clear();
     }
 
     /// Takes bytes of the value.
-    fn take(&mut self, bytes: &[u8]) {
-        self.got = self.got.saturating_add(bytes.len() as u32);
+    fn append_bytes(&mut self, bytes: &[u8]) {
+        self.received = self.received.saturating_add(bytes.len() as u32);
         self.crc = crc(self.crc, bytes);
-        let room = HEAD_MAX.saturating_sub(self.head.len());
-        self.head.extend_from_slice(&bytes[..bytes.len().min(room)]);
+        let room = HEAD_MAX.saturating_sub(self.value_head.len());
+        self.value_head.extend_from_slice(&bytes[..bytes.len().min(room)]);
     }
 
     /// The value, where it is short enough to be a number.
-    fn settled(&self) -> Option<Settled> {
-        let len = u8::try_from(self.got).ok().filter(|len| *len <= 8 && !self.head.is_empty())?;
-        let bits = super::word(&self.head);
-        let len = if self.sizeless { 0 } else { len };
-        Some(Settled { op: self.op, object: self.object, bits, len, asked: self.asked.0 })
+    fn transferred_value(&self) -> Option<TransferredValue> {
+        let len = u8::try_from(self.received)
+            .ok()
+            .filter(|len| *len <= 8 && !self.value_head.is_empty())?;
+        let bits = super::bytes_to_word(&self.value_head);
+        let len = if self.size_unknown { 0 } else { len };
+        Some(TransferredValue {
+            op: self.op,
+            object: self.object,
+            bits,
+            len,
+            request_number: self.requested.0,
+        })
     }
 
-    fn patience(&self) -> u64 {
+    fn timeout_ns(&self) -> u64 {
         match self.object.index {
             0x1010 | 0x1011 | 0x1F50 | 0x1F51 => FLASH_TIMEOUT_NS,
             _ => TIMEOUT_NS,
@@ -441,29 +491,29 @@ impl Transfer {
     }
 
     /// How it ends when nobody goes on: what was written in part may count or not.
-    const fn left_outcome(&self) -> Outcome {
+    const fn abandoned_outcome(&self) -> ExchangeOutcome {
         match (self.op, self.phase) {
-            (_, Phase::First) | (Op::Read, _) => Outcome::Unanswered,
-            (Op::Write, _) => Outcome::Unknown,
+            (_, TransferPhase::First) | (SdoOperation::Read, _) => ExchangeOutcome::Unanswered,
+            (SdoOperation::Write, _) => ExchangeOutcome::Unknown,
         }
     }
 
-    fn spelled(&self) -> String {
-        let Object { index, sub } = self.object;
-        let verb = if self.op == Op::Read { "reading" } else { "writing" };
+    fn description(&self) -> String {
+        let ObjectIndex { index, sub } = self.object;
+        let verb = if self.op == SdoOperation::Read { "reading" } else { "writing" };
         format!("{verb} 0x{index:04X}:{sub}")
     }
 
-    fn progress(&self) -> String {
+    fn progress_text(&self) -> String {
         match (self.segments, self.size) {
             (0, _) => "the first frame".to_owned(),
-            (n, Some(size)) => format!("{} of {size} bytes, {n} segments", self.got),
-            (n, None) => format!("{} bytes, {n} segments", self.got),
+            (n, Some(size)) => format!("{} of {size} bytes, {n} segments", self.received),
+            (n, None) => format!("{} bytes, {n} segments", self.received),
         }
     }
 }
 
 /// Told just now: what was kept back has its own time.
-pub(super) fn is_unanswered(odd: &Odd) -> bool {
-    odd.kind == Oddity::Unanswered && odd.time.is_none()
+pub(super) fn is_unanswered(odd: &AnomalyNotice) -> bool {
+    odd.kind == AnomalyKind::Unanswered && odd.time.is_none()
 }

@@ -2,12 +2,12 @@
 
 use polepair_core::proto::canopen::cob::Cob;
 
-use super::pdo::{Moved, Pdos};
+use super::pdo::{PdoMove, PdoTable};
 
 /// Identifiers of 11 bits.
-const SHORT: usize = 1 << 11;
+const STANDARD_IDS: usize = 1 << 11;
 /// Identifiers of 29 bits that a capture may give a service.
-const LONG_MAX: usize = 256;
+const EXTENDED_MAX: usize = 256;
 
 /// What an identifier is for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -15,7 +15,7 @@ pub(super) enum Service {
     /// Not looked up yet.
     Unknown,
     /// Nothing that is followed.
-    Nobody,
+    Untracked,
     /// Network management.
     Nmt,
     /// The beat.
@@ -36,30 +36,30 @@ pub(super) enum Service {
 
 /// Services by identifier.
 #[derive(Debug)]
-pub(super) struct Services {
-    short: Vec<Service>,
-    long: Vec<(u32, Service)>,
+pub(super) struct ServiceTable {
+    standard: Vec<Service>,
+    extended: Vec<(u32, Service)>,
 }
 
-impl Default for Services {
+impl Default for ServiceTable {
     fn default() -> Self {
-        Self { short: vec![Service::Unknown; SHORT], long: Vec::new() }
+        Self { standard: vec![Service::Unknown; STANDARD_IDS], extended: Vec::new() }
     }
 }
 
-impl Services {
+impl ServiceTable {
     /// What an identifier is for. One that nobody moved is what it is by default.
     #[inline]
-    pub fn of(&mut self, id: u32, extended: bool, pdos: &mut Pdos) -> Service {
+    pub fn lookup(&mut self, id: u32, extended: bool, pdos: &mut PdoTable) -> Service {
         if extended {
-            let known = self.long.iter().find(|(long, _)| *long == id);
-            return known.map_or(Service::Nobody, |(_, service)| *service);
+            let known = self.extended.iter().find(|(long, _)| *long == id);
+            return known.map_or(Service::Untracked, |(_, service)| *service);
         }
-        let at = id as usize & (SHORT - 1);
-        match self.short[at] {
+        let at = id as usize & (STANDARD_IDS - 1);
+        match self.standard[at] {
             Service::Unknown => {
-                self.short[at] = by_default(at as u16, pdos);
-                self.short[at]
+                self.standard[at] = default_service(at as u16, pdos);
+                self.standard[at]
             }
             known => known,
         }
@@ -67,59 +67,61 @@ impl Services {
 
     /// What an identifier of 11 bits was last for.
     #[inline]
-    pub fn known(&self, id: u32) -> Service {
-        self.short.get(id as usize).map_or(Service::Unknown, |service| *service)
+    pub fn cached(&self, id: u32) -> Service {
+        self.standard.get(id as usize).map_or(Service::Unknown, |service| *service)
     }
 
     /// Whether the capture gave an identifier to a service.
-    pub fn claims(&self, id: u32, extended: bool) -> bool {
+    pub fn claims_id(&self, id: u32, extended: bool) -> bool {
         match extended {
-            true => self.long.iter().any(|(long, _)| *long == id),
+            true => self.extended.iter().any(|(long, _)| *long == id),
             false => !matches!(
-                self.short.get(id as usize),
-                None | Some(Service::Unknown | Service::Nobody)
+                self.standard.get(id as usize),
+                None | Some(Service::Unknown | Service::Untracked)
             ),
         }
     }
 
     /// Gives an identifier to a service.
-    pub fn put(&mut self, id: u32, service: Service) {
-        if let Some(place) = self.short.get_mut(id as usize) {
+    pub fn assign(&mut self, id: u32, service: Service) {
+        if let Some(place) = self.standard.get_mut(id as usize) {
             *place = service;
             return;
         }
-        match self.long.iter().position(|(long, _)| *long == id) {
-            Some(at) => self.long[at].1 = service,
-            None if self.long.len() < LONG_MAX => self.long.push((id, service)),
+        match self.extended.iter().position(|(long, _)| *long == id) {
+            Some(at) => self.extended[at].1 = service,
+            None if self.extended.len() < EXTENDED_MAX => self.extended.push((id, service)),
             None => {}
         }
     }
 
     /// A PDO has another identifier. Where one node sends what others receive, it is the sender's.
-    pub fn moved(&mut self, moved: &Moved, pdos: &mut Pdos) {
-        let Ok(at) = u16::try_from(moved.at) else { return };
+    pub fn move_pdo(&mut self, moved: &PdoMove, pdos: &mut PdoTable) {
+        let Ok(at) = u16::try_from(moved.index) else { return };
         let service = Service::Pdo(at);
-        if let Some(from) = moved.from
-            && Some(from) != moved.to
-            && self.of(from, from > 0x7FF, pdos) == service
+        if let Some(from) = moved.old_id
+            && Some(from) != moved.new_id
+            && self.lookup(from, from > 0x7FF, pdos) == service
         {
-            self.put(from, Service::Nobody);
+            self.assign(from, Service::Untracked);
         }
-        let Some(to) = moved.to else { return };
-        let taken = match self.of(to, to > 0x7FF, pdos) {
-            Service::Pdo(other) => pdos.all.get(usize::from(other)).is_some_and(|pdo| pdo.told),
+        let Some(to) = moved.new_id else { return };
+        let taken = match self.lookup(to, to > 0x7FF, pdos) {
+            Service::Pdo(other) => {
+                pdos.all.get(usize::from(other)).is_some_and(|pdo| pdo.from_node)
+            }
             _ => false,
         };
-        if pdos.all[moved.at].told || !taken {
-            self.put(to, service);
+        if pdos.all[moved.index].from_node || !taken {
+            self.assign(to, service);
         }
     }
 }
 
-fn by_default(id: u16, pdos: &mut Pdos) -> Service {
-    let pdo = |pdos: &mut Pdos, node, told, number: u8| {
-        let at = pdos.at(node, told, number.into());
-        at.and_then(|at| u16::try_from(at).ok()).map_or(Service::Nobody, Service::Pdo)
+fn default_service(id: u16, pdos: &mut PdoTable) -> Service {
+    let pdo = |pdos: &mut PdoTable, node, told, number: u8| {
+        let at = pdos.find_or_add(node, told, number.into());
+        at.and_then(|at| u16::try_from(at).ok()).map_or(Service::Untracked, Service::Pdo)
     };
     match Cob::of(id) {
         Cob::Nmt => Service::Nmt,
@@ -132,6 +134,6 @@ fn by_default(id: u16, pdos: &mut Pdos) -> Service {
         Cob::SdoReply(node) => Service::Reply(u16::from(node)),
         Cob::LssRequest => Service::Lss(true),
         Cob::LssReply => Service::Lss(false),
-        _ => Service::Nobody,
+        _ => Service::Untracked,
     }
 }

@@ -1,16 +1,16 @@
 //! The beat of a bus: SYNC, its counter and its period.
 
-use super::beat::LONGEST_NS;
-use crate::session::{Notice, Odd, Oddity};
-use crate::stamp::Stamp;
+use super::heartbeat::LONGEST_NS;
+use crate::session::{AnomalyKind, AnomalyNotice, SessionNotice};
+use crate::timestamp::Timestamp;
 
 /// Intervals in a row that make a period.
 const STEADY: u32 = 16;
 
 /// SYNC of one bus.
 #[derive(Debug, Default)]
-pub(super) struct Beats {
-    last: Option<Stamp>,
+pub(super) struct SyncMonitor {
+    last: Option<Timestamp>,
     period: u64,
     steady: u32,
     counter: Option<u8>,
@@ -18,21 +18,26 @@ pub(super) struct Beats {
     overflow: Option<u8>,
 }
 
-impl Beats {
+impl SyncMonitor {
     /// The counter goes up to this.
     pub fn configure(&mut self, overflow: u8) {
         self.overflow = Some(overflow).filter(|overflow| *overflow > 1);
     }
 
     /// Who is ordered about may begin to count again.
-    pub const fn restart(&mut self) {
+    pub const fn restart_counter(&mut self) {
         (self.counter, self.steady) = (None, 0);
     }
 
     /// SYNC came.
-    pub fn take(&mut self, counter: Option<u8>, now: Option<Stamp>, notices: &mut Vec<Notice>) {
-        if let Some(text) = self.count(counter) {
-            notices.push(odd(Oddity::Sequence, text));
+    pub fn handle_sync(
+        &mut self,
+        counter: Option<u8>,
+        now: Option<Timestamp>,
+        notices: &mut Vec<SessionNotice>,
+    ) {
+        if let Some(text) = self.check_counter(counter) {
+            notices.push(anomaly(AnomalyKind::Sequence, text));
         }
         let Some(now) = now else { return };
         let Some(last) = self.last.replace(now) else { return };
@@ -47,13 +52,13 @@ impl Beats {
         if self.steady >= STEADY && off {
             let (us, period) = (interval / 1000, self.period / 1000);
             let text = format!("SYNC came after {us} us instead of {period} us");
-            notices.push(odd(Oddity::Jitter, text));
+            notices.push(anomaly(AnomalyKind::Jitter, text));
         }
         (self.period, self.steady) = (interval, 0);
     }
 
     /// What is wrong with the counter.
-    fn count(&mut self, counter: Option<u8>) -> Option<String> {
+    fn check_counter(&mut self, counter: Option<u8>) -> Option<String> {
         let now = counter?;
         let before = self.counter.replace(now)?;
         if now == 1 && before > 1 {
@@ -69,6 +74,6 @@ impl Beats {
     }
 }
 
-fn odd(kind: Oddity, text: String) -> Notice {
-    Notice::Odd(Odd { kind, axis: None, time: None, text })
+fn anomaly(kind: AnomalyKind, text: String) -> SessionNotice {
+    SessionNotice::Anomaly(AnomalyNotice { kind, axis: None, time: None, text })
 }

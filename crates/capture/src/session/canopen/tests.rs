@@ -8,34 +8,36 @@ mod process;
 mod transfer;
 
 use polepair_core::medium::Frame;
-use polepair_core::proto::canopen::pdo::Entry;
+use polepair_core::proto::canopen::pdo::MappingEntry;
 use polepair_core::proto::canopen::sdo::{
-    BlockSegment, Object, Reply, Request, Segment, Short, crc,
+    BlockSegment, ExpeditedData, ObjectIndex, SdoReply, SdoRequest, Segment, crc,
 };
 
-use crate::session::{Change, Exchange, Fault, Notice, Oddity, Signal};
-use crate::{Decoder, Rules, Stamp};
+use crate::session::{
+    AnomalyKind, ChangeNotice, ExchangeNotice, FaultNotice, SessionNotice, SignalNotice,
+};
+use crate::{CaptureDecoder, Rules, Timestamp};
 
 const NODE: u8 = 5;
-const NAME: Object = Object::new(0x1008, 0);
-const WORD: Object = Object::new(0x6041, 0);
+const NAME: ObjectIndex = ObjectIndex::new(0x1008, 0);
+const WORD: ObjectIndex = ObjectIndex::new(0x6041, 0);
 
 /// A capture that is made frame by frame, a millisecond apart.
 #[derive(Clone, Default)]
-struct Bus {
+struct CanopenLog {
     frames: Vec<(u64, Frame)>,
     now: u64,
 }
 
 /// What was told of it.
 #[derive(Debug, Default)]
-struct Told {
-    notices: Vec<Notice>,
+struct TrackerReport {
+    notices: Vec<SessionNotice>,
     lines: Vec<String>,
     wrong: usize,
 }
 
-impl Bus {
+impl CanopenLog {
     fn wait(&mut self, ms: u64) -> &mut Self {
         self.now += ms * 1_000_000;
         self
@@ -47,79 +49,83 @@ impl Bus {
         self
     }
 
-    fn say(&mut self, id: u16, data: &[u8]) -> &mut Self {
+    fn send(&mut self, id: u16, data: &[u8]) -> &mut Self {
         self.frame(Frame::standard(id, data))
     }
 
-    fn ask(&mut self, request: Request) -> &mut Self {
+    fn request(&mut self, request: SdoRequest) -> &mut Self {
         self.frame(request.emit(NODE))
     }
 
-    fn answer(&mut self, reply: Reply) -> &mut Self {
+    fn reply(&mut self, reply: SdoReply) -> &mut Self {
         self.frame(reply.emit(NODE))
     }
 
-    fn read(&mut self, object: Object, bits: u32, len: u8) -> &mut Self {
-        self.ask(Request::Read(object)).answer(Reply::Value(object, Short { bits, len }))
+    fn read(&mut self, object: ObjectIndex, bits: u32, len: u8) -> &mut Self {
+        self.request(SdoRequest::Read(object))
+            .reply(SdoReply::Value(object, ExpeditedData { bits, len }))
     }
 
-    fn write(&mut self, object: Object, bits: u32, len: u8) -> &mut Self {
-        self.ask(Request::Write(object, Short { bits, len })).answer(Reply::Written(object, 0))
+    fn write(&mut self, object: ObjectIndex, bits: u32, len: u8) -> &mut Self {
+        self.request(SdoRequest::Write(object, ExpeditedData { bits, len }))
+            .reply(SdoReply::Written(object, 0))
     }
 
     /// Reads a value in segments.
-    fn read_long(&mut self, object: Object, value: &[u8]) -> &mut Self {
+    fn read_long(&mut self, object: ObjectIndex, value: &[u8]) -> &mut Self {
         let size = u32::try_from(value.len()).ok();
-        self.ask(Request::Read(object)).answer(Reply::ValueLong(object, size));
+        self.request(SdoRequest::Read(object)).reply(SdoReply::ValueLong(object, size));
         for (n, segment) in segments(value).enumerate() {
-            self.ask(Request::ReadSegment(n % 2 == 1)).answer(Reply::ValueSegment(segment));
+            self.request(SdoRequest::ReadSegment(n % 2 == 1))
+                .reply(SdoReply::ValueSegment(segment));
         }
         self
     }
 
     /// Configures what TPDO1 of the node carries, and its identifier.
     fn map(&mut self, id: u32, entries: &[(u16, u8)]) -> &mut Self {
-        let cob = Object::new(0x1800, 1);
-        self.write(cob, id | 1 << 31, 4).write(Object::new(0x1A00, 0), 0, 1);
+        let cob = ObjectIndex::new(0x1800, 1);
+        self.write(cob, id | 1 << 31, 4).write(ObjectIndex::new(0x1A00, 0), 0, 1);
         for ((index, bits), sub) in entries.iter().zip(1..) {
-            let entry = Entry { object: Object::new(*index, 0), bits: *bits };
-            self.write(Object::new(0x1A00, sub), entry.into(), 4);
+            let entry = MappingEntry { object: ObjectIndex::new(*index, 0), bits: *bits };
+            self.write(ObjectIndex::new(0x1A00, sub), entry.into(), 4);
         }
-        self.write(Object::new(0x1A00, 0), entries.len() as u32, 1).write(cob, id, 4)
+        self.write(ObjectIndex::new(0x1A00, 0), entries.len() as u32, 1).write(cob, id, 4)
     }
 
     fn heartbeats(&mut self, state: u8, every: u64, count: usize) -> &mut Self {
         for _ in 0..count {
-            self.say(0x700 | u16::from(NODE), &[state]).wait(every - 1);
+            self.send(0x700 | u16::from(NODE), &[state]).wait(every - 1);
         }
         self
     }
 
-    fn told(&self) -> Told {
-        self.told_from(0)
+    fn report(&self) -> TrackerReport {
+        self.report_from(0)
     }
 
     /// What is told when the capture begins with that frame.
-    fn told_from(&self, first: usize) -> Told {
-        let (mut told, rules) = (Told::default(), Rules::parse("canopen").expect("a protocol"));
-        let mut decoder = Decoder::new(rules);
+    fn report_from(&self, first: usize) -> TrackerReport {
+        let (mut told, rules) =
+            (TrackerReport::default(), Rules::parse("canopen").expect("a protocol"));
+        let mut decoder = CaptureDecoder::new(rules);
         for (now, frame) in &self.frames[first..] {
-            let time = Some(Stamp(1_700_000_000_000_000_000 + now));
-            decoder.frame(time, "can0", None, frame, &mut |event| {
+            let time = Some(Timestamp(1_700_000_000_000_000_000 + now));
+            decoder.decode_frame(time, "can0", None, frame, &mut |event| {
                 told.notices.extend_from_slice(event.notices);
-                told.lines.push(format!("{}: {}", event.explained.kind, event.explained.text));
-                told.wrong += usize::from(event.wrong.is_some());
+                told.lines.push(format!("{}: {}", event.explanation.kind, event.explanation.text));
+                told.wrong += usize::from(event.defect.is_some());
             });
         }
-        decoder.ending(&mut |event| told.notices.extend_from_slice(event.notices));
+        decoder.finish_sessions(&mut |event| told.notices.extend_from_slice(event.notices));
         told
     }
 }
 
-impl Told {
-    fn odds(&self) -> Vec<Oddity> {
+impl TrackerReport {
+    fn anomalies(&self) -> Vec<AnomalyKind> {
         let odds = self.notices.iter().filter_map(|notice| match notice {
-            Notice::Odd(odd) => Some(odd.kind),
+            SessionNotice::Anomaly(odd) => Some(odd.kind),
             _ => None,
         });
         odds.collect()
@@ -127,36 +133,36 @@ impl Told {
 
     fn texts(&self) -> Vec<&str> {
         let odds = self.notices.iter().filter_map(|notice| match notice {
-            Notice::Odd(odd) => Some(odd.text.as_str()),
+            SessionNotice::Anomaly(odd) => Some(odd.text.as_str()),
             _ => None,
         });
         odds.collect()
     }
 
     /// Nothing odd, and every frame is understood.
-    fn clean(&self) -> &Self {
+    fn assert_clean(&self) -> &Self {
         assert_eq!(self.texts(), [""; 0], "{:#?}", self.lines);
         assert_eq!(self.wrong, 0, "{:#?}", self.lines);
         self
     }
 
     /// That alone is odd.
-    fn planted(&self, kind: Oddity) -> &Self {
-        assert_eq!(self.odds(), [kind], "{:?}\n{:#?}", self.texts(), self.lines);
+    fn assert_only(&self, kind: AnomalyKind) -> &Self {
+        assert_eq!(self.anomalies(), [kind], "{:?}\n{:#?}", self.texts(), self.lines);
         self
     }
 
-    fn exchanges(&self) -> Vec<Exchange> {
+    fn exchanges(&self) -> Vec<ExchangeNotice> {
         let all = self.notices.iter().filter_map(|notice| match notice {
-            Notice::Exchange(exchange) => Some(*exchange),
+            SessionNotice::Exchange(exchange) => Some(*exchange),
             _ => None,
         });
         all.collect()
     }
 
-    fn signals(&self, name: &str) -> Vec<Signal> {
+    fn signals(&self, name: &str) -> Vec<SignalNotice> {
         let all = self.notices.iter().filter_map(|notice| match notice {
-            Notice::Signal(signal) if signal.name == name => Some(*signal),
+            SessionNotice::Signal(signal) if signal.name == name => Some(*signal),
             _ => None,
         });
         all.collect()
@@ -164,15 +170,17 @@ impl Told {
 
     fn changes(&self, what: &str) -> Vec<(&str, &str)> {
         let all = self.notices.iter().filter_map(|notice| match notice {
-            Notice::Change(Change { what: of, from, to, .. }) if *of == what => Some((*from, *to)),
+            SessionNotice::Change(ChangeNotice { what: of, from, to, .. }) if *of == what => {
+                Some((*from, *to))
+            }
             _ => None,
         });
         all.collect()
     }
 
-    fn faults(&self) -> Vec<Fault> {
+    fn faults(&self) -> Vec<FaultNotice> {
         let all = self.notices.iter().filter_map(|notice| match notice {
-            Notice::Fault(fault) => Some(*fault),
+            SessionNotice::Fault(fault) => Some(*fault),
             _ => None,
         });
         all.collect()

@@ -1,28 +1,32 @@
 //! Requests under way, and the frames that settle them.
 
-mod whose;
+mod candidate;
+mod expiry;
 
 use core::fmt::Write as _;
 use std::collections::VecDeque;
 
-use polepair_core::explain::{Awaits, Owed, Raw, Talk};
+use polepair_core::explain::{ConversationContext, RawFrame, ReplyCount, ReplyExpectation};
 
-use super::{AXES_MAX, odd};
-use crate::explained::Explained;
-use crate::session::{Exchange, Heard, Name, Notice, Odd, Oddity, Outcome, Quality, name};
-use crate::stamp::Stamp;
+use super::{AXES_MAX, anomaly};
+use crate::explanation::Explanation;
+use crate::session::{
+    AnomalyKind, AnomalyNotice, ExchangeNotice, ExchangeOutcome, InternedName, ObservedFrame,
+    Quality, SessionNotice, intern,
+};
+use crate::timestamp::Timestamp;
 
 /// Requests of a link that are remembered, settled or not.
 const REQUESTS_MAX: usize = 64;
 /// Operations whose names are at hand.
-const OPS_MAX: usize = 64;
+const OPERATIONS_MAX: usize = 64;
 /// Shorter times to answer than this are not insisted on, ns: adapters and operating systems are
 /// slower than drives.
 const LIMIT_MIN: u64 = 100_000_000;
 /// Time to answer where no profile says one, ns.
 const LIMIT_UNKNOWN: u64 = 1_000_000_000;
 /// A request that is still open after so many times its limit will not be answered …
-const PATIENCE: u64 = 3;
+const PATIENCE_FACTOR: u64 = 3;
 /// … nor so long after it, ns; hosts that ask again do it within that time.
 const PATIENCE_MIN: u64 = 3_500_000_000;
 /// Repetitions that belong to one request; more are questions to nobody.
@@ -35,44 +39,44 @@ const FIRST_REQUESTS: u32 = 2;
 #[derive(Debug, Default)]
 pub(super) struct Pairing {
     /// The newest is the last.
-    requests: VecDeque<Request>,
-    ops: Vec<Name>,
+    requests: VecDeque<TrackedRequest>,
+    operations: Vec<InternedName>,
     /// For each axis the last request that told how it answers.
-    forms: Vec<(u32, Bytes)>,
+    format_requests: Vec<(u32, FrameBytes)>,
     /// When the next request is given up at the latest.
-    due: Option<Stamp>,
+    due: Option<Timestamp>,
     /// Axes that left a request unanswered since this was asked.
-    given_up: Vec<u32>,
+    given_up_axes: Vec<u32>,
     /// The frame that was answered last, and by which.
-    paired: (u64, u64),
-    asked: u32,
-    began: Option<Stamp>,
-    now: Option<Stamp>,
+    last_pair: (u64, u64),
+    request_count: u32,
+    start_time: Option<Timestamp>,
+    now: Option<Timestamp>,
     acks: u64,
     answers: u64,
     /// The longest that an answer which came in time took, ns, and the shortest.
     slowest: u64,
     fastest: Option<u64>,
     /// What it took lately, as a mean that forgets.
-    lately: Option<u64>,
+    recent_mean: Option<u64>,
     /// Requests that did not wait for the answer to the one before, to the same axis.
-    unwaited: u64,
+    overlapping: u64,
 }
 
 /// A frame that is kept.
 #[derive(Debug, Default)]
-struct Bytes {
+struct FrameBytes {
     bytes: Vec<u8>,
     id: Option<u32>,
     extended: bool,
 }
 
-impl Bytes {
-    fn raw(&self) -> Raw<'_> {
-        Raw { bytes: &self.bytes, id: self.id, extended: self.extended }
+impl FrameBytes {
+    fn raw(&self) -> RawFrame<'_> {
+        RawFrame { bytes: &self.bytes, id: self.id, extended: self.extended }
     }
 
-    fn keep(&mut self, raw: &Raw<'_>) {
+    fn store(&mut self, raw: &RawFrame<'_>) {
         self.bytes.clear();
         self.bytes.extend_from_slice(raw.bytes);
         (self.id, self.extended) = (raw.id, raw.extended);
@@ -80,16 +84,16 @@ impl Bytes {
 }
 
 #[derive(Debug)]
-struct Request {
-    told: Exchange,
-    frame: Bytes,
-    awaits: Awaits,
+struct TrackedRequest {
+    exchange: ExchangeNotice,
+    frame: FrameBytes,
+    awaits: ReplyExpectation,
     acks: u8,
     answers: u8,
     /// When it was sent last.
-    last: Option<Stamp>,
-    limit: u64,
-    state: State,
+    last_sent: Option<Timestamp>,
+    limit_ns: u64,
+    state: RequestState,
     /// Something that is no frame came where its answer was due.
     spoiled: bool,
     /// The bytes that settled it.
@@ -97,7 +101,7 @@ struct Request {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum State {
+enum RequestState {
     /// Something that it is owed may still come.
     Open,
     /// It has what it was owed.
@@ -108,36 +112,36 @@ enum State {
 
 /// What an answer was.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Settled {
+pub(super) struct AnswerMatch {
     /// Somebody asked for it.
-    pub asked: bool,
+    pub requested: bool,
     /// How far its values can be trusted.
     pub quality: Quality,
 }
 
-impl Request {
-    fn sure(&self) -> bool {
-        let sure = |owed| matches!(owed, Owed::Exactly(_));
+impl TrackedRequest {
+    fn requires_reply(&self) -> bool {
+        let sure = |owed| matches!(owed, ReplyCount::Exactly(_));
         sure(self.awaits.answers) || sure(self.awaits.acks)
     }
 
-    fn is_late(&self, now: Option<Stamp>) -> bool {
-        matches!((now, self.last), (Some(now), Some(last)) if now.since(last) > self.limit)
+    fn is_late(&self, now: Option<Timestamp>) -> bool {
+        matches!((now, self.last_sent), (Some(now), Some(last)) if now.since(last) > self.limit_ns)
     }
 
-    fn patience(&self) -> u64 {
-        PATIENCE_MIN.max(PATIENCE * self.limit)
+    fn patience_ns(&self) -> u64 {
+        PATIENCE_MIN.max(PATIENCE_FACTOR * self.limit_ns)
     }
 
-    fn owes_answer(&self) -> bool {
-        self.state == State::Open && self.awaits.answers != Owed::Nothing
+    fn awaits_answer(&self) -> bool {
+        self.state == RequestState::Open && self.awaits.answers != ReplyCount::Zero
     }
 
     /// `GAP to axis 1`.
-    fn name(&self) -> String {
-        let mut text = String::from(self.told.op);
+    fn description(&self) -> String {
+        let mut text = String::from(self.exchange.op);
         // Writing into a String cannot fail.
-        let _ = match self.told.axis {
+        let _ = match self.exchange.axis {
             Some(axis) => write!(text, " to axis {axis}"),
             None => write!(text, " to everybody"),
         };
@@ -147,506 +151,466 @@ impl Request {
 
 impl Pairing {
     /// The last request, while nothing answered it.
-    pub fn open(&self) -> Option<Raw<'_>> {
+    pub fn open_request(&self) -> Option<RawFrame<'_>> {
         let last = self.requests.back()?;
-        (last.state == State::Open).then(|| last.frame.raw())
+        (last.state == RequestState::Open).then(|| last.frame.raw())
     }
 
     /// The request that told how an axis answers.
-    pub fn form(&self, axis: Option<u32>) -> Option<Raw<'_>> {
+    pub fn format_request(&self, axis: Option<u32>) -> Option<RawFrame<'_>> {
         let axis = axis?;
-        self.forms.iter().find(|(of, _)| *of == axis).map(|(_, frame)| frame.raw())
+        self.format_requests.iter().find(|(of, _)| *of == axis).map(|(_, frame)| frame.raw())
     }
 
     /// The frame that frame `number` answers.
-    pub fn answered_by(&self, number: u64) -> Option<u64> {
-        (self.paired.1 == number && self.paired.0 > 0).then_some(self.paired.0)
+    pub fn request_of(&self, number: u64) -> Option<u64> {
+        (self.last_pair.1 == number && self.last_pair.0 > 0).then_some(self.last_pair.0)
     }
 
     /// Axes that left requests unanswered since this was called last.
-    pub fn given_up(&mut self) -> impl Iterator<Item = u32> + '_ {
-        self.given_up.drain(..)
+    pub fn take_given_up(&mut self) -> impl Iterator<Item = u32> + '_ {
+        self.given_up_axes.drain(..)
     }
 
     /// Takes a request.
-    pub fn ask(
+    pub fn handle_request(
         &mut self,
-        awaits: Awaits,
-        heard: &Heard<'_>,
-        said: &Explained,
-        notices: &mut Vec<Notice>,
+        awaits: ReplyExpectation,
+        heard: &ObservedFrame<'_>,
+        said: &Explanation,
+        notices: &mut Vec<SessionNotice>,
     ) {
-        self.begin(heard.time);
-        self.asked = self.asked.saturating_add(1);
-        if self.repeats(heard, said.axis, notices) {
+        self.note_start(heard.time);
+        self.request_count = self.request_count.saturating_add(1);
+        if self.match_retry(heard, said.axis, notices) {
             return;
         }
-        let before = self.requests.iter().rfind(|request| request.told.axis == said.axis);
-        self.unwaited += u64::from(before.is_some_and(Request::owes_answer));
-        self.overtake(awaits, heard, said.axis, notices);
-        let mut request = self.room(notices);
-        let op = self.op(&said.kind);
-        request.told = Exchange {
+        let before = self.requests.iter().rfind(|request| request.exchange.axis == said.axis);
+        self.overlapping += u64::from(before.is_some_and(TrackedRequest::awaits_answer));
+        self.expire_overtaken(awaits, heard, said.axis, notices);
+        let mut request = self.recycle_request(notices);
+        let op = self.intern_operation(&said.kind);
+        request.exchange = ExchangeNotice {
             axis: said.axis,
             op,
-            asked: (heard.number, heard.time),
+            requested: (heard.number, heard.time),
             answered: None,
-            outcome: Outcome::Unanswered,
+            outcome: ExchangeOutcome::Unanswered,
             retries: 0,
         };
-        request.frame.keep(&heard.raw);
+        request.frame.store(&heard.raw);
         request.awaits = awaits;
         (request.acks, request.answers, request.spoiled) = (0, 0, false);
-        request.last = heard.time;
-        request.limit = heard.profile.map_or(LIMIT_UNKNOWN, |profile| {
+        request.last_sent = heard.time;
+        request.limit_ns = heard.profile.map_or(LIMIT_UNKNOWN, |profile| {
             LIMIT_MIN.max(u64::from(profile.reply_timeout_ms) * 1_000_000)
         });
-        request.state = if awaits == Awaits::NOTHING { State::Settled } else { State::Open };
-        self.wait_for(&request);
+        request.state = if awaits == ReplyExpectation::NONE {
+            RequestState::Settled
+        } else {
+            RequestState::Open
+        };
+        self.schedule(&request);
         self.requests.push_back(request);
     }
 
     /// The same bytes again, before their answer.
-    fn repeats(&mut self, heard: &Heard<'_>, axis: Option<u32>, notices: &mut Vec<Notice>) -> bool {
-        let same = |request: &Request| {
-            request.state == State::Open && request.sure() && request.frame.raw() == heard.raw
+    fn match_retry(
+        &mut self,
+        heard: &ObservedFrame<'_>,
+        axis: Option<u32>,
+        notices: &mut Vec<SessionNotice>,
+    ) -> bool {
+        let same = |request: &TrackedRequest| {
+            request.state == RequestState::Open
+                && request.requires_reply()
+                && request.frame.raw() == heard.raw
         };
         let Some(at) = self.requests.iter().rposition(same) else { return false };
         // To a host whose answer was spoiled it is a new request, as after one whose check failed, and
         // to one that asked the axis something else meanwhile, and was answered.
-        let went_on = |later: &Request| later.told.axis == axis && later.state == State::Settled;
+        let went_on = |later: &TrackedRequest| {
+            later.exchange.axis == axis && later.state == RequestState::Settled
+        };
         let went_on = self.requests.iter().skip(at + 1).any(went_on);
         let request = &self.requests[at];
-        if request.told.retries == RETRIES_MAX || request.spoiled || went_on {
-            self.give_up(at, heard.time, notices);
+        if request.exchange.retries == RETRIES_MAX || request.spoiled || went_on {
+            self.give_up_request(at, heard.time, notices);
             return false;
         }
         let request = &mut self.requests[at];
-        request.told.retries = request.told.retries.saturating_add(1);
-        request.last = heard.time;
+        request.exchange.retries = request.exchange.retries.saturating_add(1);
+        request.last_sent = heard.time;
         let text = format!(
             "{} sent again before an answer, for the {} time",
-            request.name(),
-            ordinal(request.told.retries)
+            request.description(),
+            ordinal(request.exchange.retries)
         );
-        notices.push(odd(Oddity::Retry, axis, text));
+        notices.push(anomaly(AnomalyKind::Retry, axis, text));
         true
     }
 
     /// A new request to an axis ends the wait for the one before, on lines where one thing is said
     /// at a time. What went to the axis and is settled need not be remembered any longer.
-    fn overtake(
+    fn expire_overtaken(
         &mut self,
-        awaits: Awaits,
-        heard: &Heard<'_>,
+        awaits: ReplyExpectation,
+        heard: &ObservedFrame<'_>,
         axis: Option<u32>,
-        notices: &mut Vec<Notice>,
+        notices: &mut Vec<SessionNotice>,
     ) {
         let turns = heard.raw.id.is_none();
-        let acked = awaits.acks != Owed::Nothing;
+        let acked = awaits.acks != ReplyCount::Zero;
         for at in (0..self.requests.len()).rev() {
             let request = &self.requests[at];
-            let same_axis = request.told.axis == axis;
+            let same_axis = request.exchange.axis == axis;
             let unacked = turns && acked && request.acks == 0 && self.acks > 0;
             match request.state {
-                State::Open if unacked && request.awaits.acks == Owed::Exactly(1) => {
-                    self.unacknowledged(at, heard.time, notices);
+                RequestState::Open if unacked && request.awaits.acks == ReplyCount::Exactly(1) => {
+                    self.report_unacknowledged(at, heard.time, notices);
                 }
-                State::Open if turns && !acked && same_axis => {
-                    self.give_up(at, heard.time, notices);
+                RequestState::Open if turns && !acked && same_axis => {
+                    self.give_up_request(at, heard.time, notices);
                 }
-                State::Settled if same_axis => drop(self.requests.remove(at)),
+                RequestState::Settled if same_axis => drop(self.requests.remove(at)),
                 _ => {}
             }
         }
     }
 
     /// The next message came before the acknowledgement of this one.
-    fn unacknowledged(&mut self, at: usize, now: Option<Stamp>, notices: &mut Vec<Notice>) {
+    fn report_unacknowledged(
+        &mut self,
+        at: usize,
+        now: Option<Timestamp>,
+        notices: &mut Vec<SessionNotice>,
+    ) {
         let request = &mut self.requests[at];
-        if request.awaits.answers == Owed::Nothing {
-            return self.give_up(at, now, notices);
+        if request.awaits.answers == ReplyCount::Zero {
+            return self.give_up_request(at, now, notices);
         }
         // Its answer may still come.
-        request.awaits.acks = Owed::Nothing;
-        let text = format!("{}: not acknowledged", request.name());
-        notices.push(odd(Oddity::MissingAck, request.told.axis, text));
+        request.awaits.acks = ReplyCount::Zero;
+        let text = format!("{}: not acknowledged", request.description());
+        notices.push(anomaly(AnomalyKind::MissingAck, request.exchange.axis, text));
     }
 
     /// Takes an acknowledgement: of the oldest message that waits for one.
-    pub fn acknowledge(&mut self, heard: &Heard<'_>, notices: &mut Vec<Notice>) -> Quality {
-        self.begin(heard.time);
+    pub fn handle_acknowledge(
+        &mut self,
+        heard: &ObservedFrame<'_>,
+        notices: &mut Vec<SessionNotice>,
+    ) -> Quality {
+        self.note_start(heard.time);
         self.acks += 1;
-        let waits = |request: &&mut Request| {
-            request.state == State::Open
-                && request.awaits.acks != Owed::Nothing
+        let waits = |request: &&mut TrackedRequest| {
+            request.state == RequestState::Open
+                && request.awaits.acks != ReplyCount::Zero
                 && request.acks == 0
         };
         let Some(request) = self.requests.iter_mut().find(waits) else {
-            if let Some(request) = self.acknowledged(heard.time) {
-                let text = format!("{}: acknowledged twice", request.name());
-                notices.push(odd(Oddity::DuplicateReply, request.told.axis, text));
-            } else if self.settled_beginning(heard.time) {
+            if let Some(request) = self.last_acknowledged(heard.time) {
+                let text = format!("{}: acknowledged twice", request.description());
+                notices.push(anomaly(AnomalyKind::DuplicateReply, request.exchange.axis, text));
+            } else if self.is_past_start(heard.time) {
                 let text = "an acknowledgement that no message waits for".to_owned();
-                notices.push(odd(Oddity::ForeignReply, None, text));
+                notices.push(anomaly(AnomalyKind::ForeignReply, None, text));
             }
             return Quality::Good;
         };
         request.acks = 1;
-        if request.awaits.answers == Owed::Nothing {
+        if request.awaits.answers == ReplyCount::Zero {
             let late = request.is_late(heard.time);
-            request.state = State::Settled;
-            request.told.answered = Some((heard.number, heard.time));
-            request.told.outcome = if late { Outcome::Late } else { Outcome::Done };
-            notices.push(Notice::Exchange(request.told));
+            request.state = RequestState::Settled;
+            request.exchange.answered = Some((heard.number, heard.time));
+            request.exchange.outcome =
+                if late { ExchangeOutcome::Late } else { ExchangeOutcome::Done };
+            notices.push(SessionNotice::Exchange(request.exchange));
         }
         Quality::Good
     }
 
     /// The last message, if it was acknowledged a moment ago: a device that says so again means it.
-    fn acknowledged(&self, now: Option<Stamp>) -> Option<&Request> {
+    fn last_acknowledged(&self, now: Option<Timestamp>) -> Option<&TrackedRequest> {
         let last = self.requests.back().filter(|request| request.acks > 0)?;
-        let soon = now.zip(last.last).is_none_or(|(now, sent)| now.since(sent) <= last.limit);
+        let soon =
+            now.zip(last.last_sent).is_none_or(|(now, sent)| now.since(sent) <= last.limit_ns);
         soon.then_some(last)
     }
 
     /// Takes an answer, or what may have been told unasked.
-    pub fn answer(
+    pub fn handle_answer(
         &mut self,
         tells: bool,
-        heard: &Heard<'_>,
-        said: &Explained,
-        notices: &mut Vec<Notice>,
-    ) -> Settled {
-        self.begin(heard.time);
-        let fits = |request: &Request| heard.dissector.answers(&heard.raw, &request.frame.raw());
-        let open = self.candidate(heard);
+        heard: &ObservedFrame<'_>,
+        said: &Explanation,
+        notices: &mut Vec<SessionNotice>,
+    ) -> AnswerMatch {
+        self.note_start(heard.time);
+        let fits = |request: &TrackedRequest| {
+            heard.dissector.is_answer_to(&heard.raw, &request.frame.raw())
+        };
+        let open = self.find_candidate(heard);
         if let Some(at) = open {
             self.answers += 1;
-            self.overtaken(at, heard, notices);
-            let quality = self.settle(at, heard, notices);
-            return Settled { asked: true, quality };
+            self.expire_earlier(at, heard, notices);
+            let quality = self.settle_request(at, heard, notices);
+            return AnswerMatch { requested: true, quality };
         }
-        let again = |request: &Request| fits(request) && self.may_come_again(request, heard);
+        let again = |request: &TrackedRequest| fits(request) && self.may_come_again(request, heard);
         // What was given up a moment ago is still owed; what has its answer is not.
-        let owed = |request: &Request| {
-            let waited = request.last.zip(heard.time).map_or(0, |(last, now)| now.since(last));
-            request.state == State::GivenUp && waited <= request.patience() && fits(request)
+        let owed = |request: &TrackedRequest| {
+            let waited = request.last_sent.zip(heard.time).map_or(0, |(last, now)| now.since(last));
+            request.state == RequestState::GivenUp
+                && waited <= request.patience_ns()
+                && fits(request)
         };
         let owed = self.requests.iter().rposition(owed);
         let known = owed.or_else(|| self.requests.iter().rposition(again));
         let mut quality = Quality::Good;
         match known {
-            Some(at) if self.requests[at].state == State::GivenUp || !tells => {
-                quality = self.again(at, heard, notices);
+            Some(at) if self.requests[at].state == RequestState::GivenUp || !tells => {
+                quality = self.handle_repeated_answer(at, heard, notices);
             }
-            None if !tells && self.settled_beginning(heard.time) => {
+            None if !tells && self.is_past_start(heard.time) => {
                 let axis = said.axis.map_or(String::new(), |axis| format!(" of axis {axis}"));
                 let text = format!("an answer{axis} ({}) that nobody asked for", said.kind);
-                notices.push(odd(Oddity::ForeignReply, said.axis, text));
+                notices.push(anomaly(AnomalyKind::ForeignReply, said.axis, text));
             }
             _ => {}
         }
-        Settled { asked: known.is_some(), quality }
+        AnswerMatch { requested: known.is_some(), quality }
     }
 
     /// An axis answers in order: what it was asked before, and could be answered so too, is lost.
-    fn overtaken(&mut self, at: usize, heard: &Heard<'_>, notices: &mut Vec<Notice>) {
+    fn expire_earlier(
+        &mut self,
+        at: usize,
+        heard: &ObservedFrame<'_>,
+        notices: &mut Vec<SessionNotice>,
+    ) {
         for earlier in 0..at {
             let request = &self.requests[earlier];
-            let same = request.told.axis == self.requests[at].told.axis;
-            let fits = || heard.dissector.answers(&heard.raw, &request.frame.raw());
-            if same && request.owes_answer() && fits() {
-                self.give_up(earlier, heard.time, notices);
+            let same = request.exchange.axis == self.requests[at].exchange.axis;
+            let fits = || heard.dissector.is_answer_to(&heard.raw, &request.frame.raw());
+            if same && request.awaits_answer() && fits() {
+                self.give_up_request(earlier, heard.time, notices);
             }
         }
     }
 
     /// Whether an answer can belong to what is not waited for any more: soon after it, and where one
     /// thing is said at a time, before anything else was asked.
-    fn may_come_again(&self, request: &Request, heard: &Heard<'_>) -> bool {
-        if request.state == State::GivenUp {
+    fn may_come_again(&self, request: &TrackedRequest, heard: &ObservedFrame<'_>) -> bool {
+        if request.state == RequestState::GivenUp {
             return true;
         }
-        let answered = request.told.answered.map_or(request.last, |(_, time)| time);
-        let soon = |(now, then): (Stamp, Stamp)| now.since(then) <= request.limit;
-        let turns = heard.raw.id.is_none() && request.awaits.acks == Owed::Nothing;
+        let answered = request.exchange.answered.map_or(request.last_sent, |(_, time)| time);
+        let soon = |(now, then): (Timestamp, Timestamp)| now.since(then) <= request.limit_ns;
+        let turns = heard.raw.id.is_none() && request.awaits.acks == ReplyCount::Zero;
         let newest = self.requests.back().is_some_and(|last| core::ptr::eq(last, request));
         heard.time.zip(answered).is_none_or(soon) && (newest || !turns)
     }
 
     /// An answer to what waits for it.
-    fn settle(&mut self, at: usize, heard: &Heard<'_>, notices: &mut Vec<Notice>) -> Quality {
-        self.paired = (self.requests[at].told.asked.0, heard.number);
+    fn settle_request(
+        &mut self,
+        at: usize,
+        heard: &ObservedFrame<'_>,
+        notices: &mut Vec<SessionNotice>,
+    ) -> Quality {
+        self.last_pair = (self.requests[at].exchange.requested.0, heard.number);
         let request = &mut self.requests[at];
-        if request.awaits.acks == Owed::Exactly(1) && request.acks == 0 && self.acks > 0 {
-            let text = format!("{}: answered, but not acknowledged", request.name());
-            notices.push(odd(Oddity::MissingAck, request.told.axis, text));
+        if request.awaits.acks == ReplyCount::Exactly(1) && request.acks == 0 && self.acks > 0 {
+            let text = format!("{}: answered, but not acknowledged", request.description());
+            notices.push(anomaly(AnomalyKind::MissingAck, request.exchange.axis, text));
         }
         request.acks = request.acks.max(1);
         request.answers = request.answers.saturating_add(1);
-        request.told.answered = Some((heard.number, heard.time));
+        request.exchange.answered = Some((heard.number, heard.time));
         request.answer.clear();
         request.answer.extend_from_slice(heard.raw.bytes);
-        if matches!(request.awaits.answers, Owed::Exactly(count) if request.answers < count) {
+        if matches!(request.awaits.answers, ReplyCount::Exactly(count) if request.answers < count) {
             return Quality::Good;
         }
-        request.state = State::Settled;
-        let refused = heard.dissector.refuses(&heard.raw, &request.frame.raw());
+        request.state = RequestState::Settled;
+        let refused = heard.dissector.refusal_reason(&heard.raw, &request.frame.raw());
         let late = request.is_late(heard.time);
         if !late {
-            let took = request.told.latency().unwrap_or(0);
+            let took = request.exchange.latency().unwrap_or(0);
             self.slowest = self.slowest.max(took);
             self.fastest = Some(self.fastest.map_or(took, |fastest| fastest.min(took)));
-            self.lately = Some(self.lately.map_or(took, |lately| lately - lately / 8 + took / 8));
+            self.recent_mean =
+                Some(self.recent_mean.map_or(took, |lately| lately - lately / 8 + took / 8));
         }
-        request.told.outcome = match refused {
-            Some(_) => Outcome::Refused,
-            None if late => Outcome::Late,
-            None => Outcome::Done,
+        request.exchange.outcome = match refused {
+            Some(_) => ExchangeOutcome::Refused,
+            None if late => ExchangeOutcome::Late,
+            None => ExchangeOutcome::Done,
         };
         if let Some(why) = refused {
-            let text = format!("{}: {why}", request.name());
-            notices.push(odd(Oddity::Refused, request.told.axis, text));
+            let text = format!("{}: {why}", request.description());
+            notices.push(anomaly(AnomalyKind::Refused, request.exchange.axis, text));
         }
         if late {
-            let limit = request.limit / 1_000_000;
-            let took = request.told.latency().unwrap_or(0) / 1_000_000;
-            let text = format!("{}: answered after {took} ms, {limit} allowed", request.name());
-            notices.push(odd(Oddity::LateReply, request.told.axis, text));
+            let limit = request.limit_ns / 1_000_000;
+            let took = request.exchange.latency().unwrap_or(0) / 1_000_000;
+            let text =
+                format!("{}: answered after {took} ms, {limit} allowed", request.description());
+            notices.push(anomaly(AnomalyKind::LateReply, request.exchange.axis, text));
         }
-        notices.push(Notice::Exchange(request.told));
-        if refused.is_none() && heard.dissector.forms(&request.frame.raw()) {
-            self.form_by(at);
+        notices.push(SessionNotice::Exchange(request.exchange));
+        if refused.is_none() && heard.dissector.sets_reply_format(&request.frame.raw()) {
+            self.learn_format(at);
         }
         if late { Quality::Stale } else { Quality::Good }
     }
 
     /// Another answer to what was settled or given up.
-    fn again(&mut self, at: usize, heard: &Heard<'_>, notices: &mut Vec<Notice>) -> Quality {
+    fn handle_repeated_answer(
+        &mut self,
+        at: usize,
+        heard: &ObservedFrame<'_>,
+        notices: &mut Vec<SessionNotice>,
+    ) -> Quality {
         let request = &self.requests[at];
-        let axis = request.told.axis;
-        let talk = Talk { form: self.form(axis), profile: heard.profile, ..Talk::default() };
-        if heard.dissector.restarted(&heard.raw, &request.frame.raw(), &talk) {
+        let axis = request.exchange.axis;
+        let talk = ConversationContext {
+            format_request: self.format_request(axis),
+            profile: heard.profile,
+            ..ConversationContext::default()
+        };
+        if heard.dissector.shows_restart(&heard.raw, &request.frame.raw(), &talk) {
             let text = format!(
                 "{}: answered as from power-up, so the drive has started again",
-                request.name()
+                request.description()
             );
-            notices.push(odd(Oddity::Restart, axis, text));
-            self.forms.retain(|(of, _)| Some(*of) != axis);
+            notices.push(anomaly(AnomalyKind::Restart, axis, text));
+            self.format_requests.retain(|(of, _)| Some(*of) != axis);
             return Quality::Good;
         }
         let request = &mut self.requests[at];
-        let whose = request.name();
-        if request.state == State::GivenUp {
-            request.state = State::Settled;
+        let whose = request.description();
+        if request.state == RequestState::GivenUp {
+            request.state = RequestState::Settled;
             let text = format!("{whose}: answered after it had been given up");
-            notices.push(odd(Oddity::LateReply, axis, text));
+            notices.push(anomaly(AnomalyKind::LateReply, axis, text));
             return Quality::Stale;
         }
         let expected = match request.awaits.answers {
-            Owed::Perhaps => return Quality::Good,
-            Owed::Exactly(count) => u16::from(count),
-            Owed::Nothing => 0,
+            ReplyCount::Unknown => return Quality::Good,
+            ReplyCount::Exactly(count) => u16::from(count),
+            ReplyCount::Zero => 0,
         };
         let before = u16::from(request.answers);
         request.answers = request.answers.saturating_add(1);
         let (kind, text) = if expected == 0 {
-            (Oddity::ForeignReply, format!("{whose}: answered, though nobody should"))
-        } else if before < expected.saturating_mul(1 + request.told.retries) {
-            (Oddity::LateReply, format!("{whose}: answered once more, to its repetition"))
+            (AnomalyKind::ForeignReply, format!("{whose}: answered, though nobody should"))
+        } else if before < expected.saturating_mul(1 + request.exchange.retries) {
+            (AnomalyKind::LateReply, format!("{whose}: answered once more, to its repetition"))
         } else if request.answer == heard.raw.bytes {
-            (Oddity::DuplicateReply, format!("{whose}: the same answer twice"))
+            (AnomalyKind::DuplicateReply, format!("{whose}: the same answer twice"))
         } else {
             let text = format!("{whose}: two different answers, so two devices have one address");
-            (Oddity::DuplicateAddress, text)
+            (AnomalyKind::DuplicateAddress, text)
         };
-        notices.push(odd(kind, axis, text));
-        if kind == Oddity::DuplicateReply { Quality::Good } else { Quality::Stale }
+        notices.push(anomaly(kind, axis, text));
+        if kind == AnomalyKind::DuplicateReply { Quality::Good } else { Quality::Stale }
     }
 
     /// Something whose check fails came where an answer was due.
-    pub fn broken(&mut self, heard: &Heard<'_>, notices: &mut Vec<Notice>) {
-        let Some(at) = self.requests.iter().rposition(Request::owes_answer) else { return };
+    pub fn handle_broken_answer(
+        &mut self,
+        heard: &ObservedFrame<'_>,
+        notices: &mut Vec<SessionNotice>,
+    ) {
+        let Some(at) = self.requests.iter().rposition(TrackedRequest::awaits_answer) else {
+            return;
+        };
         let last = at + 1 == self.requests.len();
         // Behind a relay several may wait: whose it was cannot be told.
-        let alone = self.requests.iter().filter(|request| request.owes_answer()).count() == 1;
+        let alone = self.requests.iter().filter(|request| request.awaits_answer()).count() == 1;
         let request = &mut self.requests[at];
-        if !last || (request.awaits.acks != Owed::Nothing && !(alone && request.acks > 0)) {
+        if !last || (request.awaits.acks != ReplyCount::Zero && !(alone && request.acks > 0)) {
             return;
         }
-        request.state = State::Settled;
-        request.told.answered = Some((heard.number, heard.time));
-        request.told.outcome = Outcome::Broken;
-        notices.push(Notice::Exchange(request.told));
+        request.state = RequestState::Settled;
+        request.exchange.answered = Some((heard.number, heard.time));
+        request.exchange.outcome = ExchangeOutcome::BadCheck;
+        notices.push(SessionNotice::Exchange(request.exchange));
         // A good answer may yet come to a repetition of it, as to a new request.
         self.requests.remove(at);
     }
 
-    /// Bytes that are no frame came from a drive: the answer that is due may have been among them, and
-    /// may yet come whole.
-    pub fn spoil(&mut self) {
-        let last = self.requests.back_mut().filter(|request| request.owes_answer());
-        last.into_iter().for_each(|request| request.spoiled = true);
-    }
-
-    /// Time goes on.
-    pub fn pass(&mut self, now: Stamp, notices: &mut Vec<Notice>) {
-        self.now = Some(now);
-        if self.due.is_none_or(|due| now < due) {
-            return;
-        }
-        self.due = None;
-        for at in 0..self.requests.len() {
-            let request = &self.requests[at];
-            let waited = request.last.map_or(0, |last| now.since(last));
-            if request.state == State::Open && waited > request.patience() {
-                self.give_up(at, Some(now), notices);
-            }
-            self.due = earlier(self.due, due(&self.requests[at]));
-        }
-    }
-
-    /// The capture ends: what is due by then did not come, the rest is nobody's fault.
-    pub fn end(&mut self, notices: &mut Vec<Notice>) {
-        for at in 0..self.requests.len() {
-            let request = &mut self.requests[at];
-            if request.state != State::Open || !request.sure() {
-                continue;
-            }
-            if request.is_late(self.now) {
-                self.give_up(at, self.now, notices);
-            } else {
-                request.told.outcome = Outcome::Unknown;
-                notices.push(Notice::Exchange(request.told));
-            }
-        }
-        self.requests.clear();
-    }
-
-    fn give_up(&mut self, at: usize, now: Option<Stamp>, notices: &mut Vec<Notice>) {
-        let acks = self.acks;
-        let request = &mut self.requests[at];
-        request.state = State::GivenUp;
-        // A tool between host and drive may keep acknowledgements to itself.
-        let unheard = acks == 0 && self.answers > 0 && request.awaits.answers == Owed::Nothing;
-        if !request.sure() || unheard {
-            return;
-        }
-        if request.spoiled {
-            // That its answer was spoiled was told.
-            request.told.outcome = Outcome::Broken;
-            return notices.push(Notice::Exchange(request.told));
-        }
-        let due = request.last.map(|last| Stamp(last.0.saturating_add(request.limit)));
-        let time = due.map(|due| now.map_or(due, |now| now.min(due)));
-        let mut text = match (request.awaits.answers, request.answers) {
-            (Owed::Nothing, _) => format!("{}: not acknowledged", request.name()),
-            (Owed::Exactly(count), got @ 1..) => {
-                format!("{}: {got} of {count} answers", request.name())
-            }
-            _ => format!("{}: no answer", request.name()),
-        };
-        if request.told.retries > 0 {
-            let _ = write!(text, ", though sent {} times", request.told.retries + 1);
-        }
-        let kind = match (request.awaits.answers, request.answers) {
-            (Owed::Nothing, _) if acks > 0 => Oddity::MissingAck,
-            (_, 1..) => Oddity::Incomplete,
-            _ => Oddity::Unanswered,
-        };
-        let axis = request.told.axis;
-        notices.push(Notice::Exchange(request.told));
-        notices.push(Notice::Odd(Odd { kind, axis, time, text }));
-        if self.given_up.len() < AXES_MAX {
-            let times = 1 + usize::from(self.requests[at].told.retries);
-            self.given_up.extend(axis.into_iter().cycle().take(times));
-        }
-    }
-
-    /// How the axis answers from now on.
-    fn form_by(&mut self, at: usize) {
-        let request = &self.requests[at];
-        let Some(axis) = request.told.axis else { return };
-        let slot = self.forms.iter().position(|(of, _)| *of == axis);
-        let slot = slot.unwrap_or_else(|| {
-            if self.forms.len() == AXES_MAX {
-                self.forms.remove(0);
-            }
-            self.forms.push((axis, Bytes::default()));
-            self.forms.len() - 1
-        });
-        self.forms[slot].1.keep(&request.frame.raw());
-    }
-
     /// Room for another request; the oldest goes.
-    fn room(&mut self, notices: &mut Vec<Notice>) -> Request {
+    fn recycle_request(&mut self, notices: &mut Vec<SessionNotice>) -> TrackedRequest {
         if self.requests.len() == REQUESTS_MAX {
-            let settled = self.requests.iter().position(|request| request.state != State::Open);
+            let settled =
+                self.requests.iter().position(|request| request.state != RequestState::Open);
             let at = settled.unwrap_or(0);
             if settled.is_none() {
-                let now = self.requests[at].last;
-                self.give_up(at, now, notices);
+                let now = self.requests[at].last_sent;
+                self.give_up_request(at, now, notices);
             }
             if let Some(request) = self.requests.remove(at) {
                 return request;
             }
         }
-        Request {
-            told: Exchange {
+        TrackedRequest {
+            exchange: ExchangeNotice {
                 axis: None,
                 op: "",
-                asked: (0, None),
+                requested: (0, None),
                 answered: None,
-                outcome: Outcome::Unanswered,
+                outcome: ExchangeOutcome::Unanswered,
                 retries: 0,
             },
-            frame: Bytes::default(),
-            awaits: Awaits::NOTHING,
+            frame: FrameBytes::default(),
+            awaits: ReplyExpectation::NONE,
             acks: 0,
             answers: 0,
-            last: None,
-            limit: 0,
-            state: State::Settled,
+            last_sent: None,
+            limit_ns: 0,
+            state: RequestState::Settled,
             spoiled: false,
             answer: Vec::new(),
         }
     }
 
-    fn wait_for(&mut self, request: &Request) {
-        self.due = earlier(self.due, due(request));
+    fn schedule(&mut self, request: &TrackedRequest) {
+        self.due = earliest(self.due, deadline(request));
     }
 
-    fn begin(&mut self, now: Option<Stamp>) {
-        self.began = self.began.or(now);
+    fn note_start(&mut self, now: Option<Timestamp>) {
+        self.start_time = self.start_time.or(now);
     }
 
     /// What nobody is seen to have asked for was not asked before the capture began.
-    fn settled_beginning(&self, now: Option<Stamp>) -> bool {
-        let past = |now: Stamp, began: Stamp| now.since(began) > LIMIT_MIN;
-        let later = now.zip(self.began).is_none_or(|(now, began)| past(now, began));
-        later && self.asked >= FIRST_REQUESTS
+    fn is_past_start(&self, now: Option<Timestamp>) -> bool {
+        let past = |now: Timestamp, began: Timestamp| now.since(began) > LIMIT_MIN;
+        let later = now.zip(self.start_time).is_none_or(|(now, began)| past(now, began));
+        later && self.request_count >= FIRST_REQUESTS
     }
 
-    fn op(&mut self, kind: &str) -> Name {
-        if let Some(known) = self.ops.iter().find(|op| **op == kind) {
+    fn intern_operation(&mut self, kind: &str) -> InternedName {
+        if let Some(known) = self.operations.iter().find(|op| **op == kind) {
             return known;
         }
-        let op = name(kind);
-        if self.ops.len() < OPS_MAX {
-            self.ops.push(op);
+        let op = intern(kind);
+        if self.operations.len() < OPERATIONS_MAX {
+            self.operations.push(op);
         }
         op
     }
 }
 
-fn due(request: &Request) -> Option<Stamp> {
-    let open = request.state == State::Open;
-    let last = request.last.filter(|_| open)?;
-    Some(Stamp(last.0.saturating_add(request.patience() + 1)))
+fn deadline(request: &TrackedRequest) -> Option<Timestamp> {
+    let open = request.state == RequestState::Open;
+    let last = request.last_sent.filter(|_| open)?;
+    Some(Timestamp(last.0.saturating_add(request.patience_ns() + 1)))
 }
 
-fn earlier(one: Option<Stamp>, other: Option<Stamp>) -> Option<Stamp> {
+fn earliest(one: Option<Timestamp>, other: Option<Timestamp>) -> Option<Timestamp> {
     match (one, other) {
         (Some(one), Some(other)) => Some(one.min(other)),
         (one, other) => one.or(other),

@@ -2,29 +2,29 @@
 
 use core::fmt::Write as _;
 
-use polepair_core::explain::{Addressing, Dissector as _};
+use polepair_core::explain::{Dissector as _, EncodeOptions};
 use polepair_core::medium::Frame;
 use polepair_core::proto::modbus::rtu;
 use polepair_core::proto::modbus::wire::{ReplyPdu, RequestPdu, Space};
-use polepair_core::proto::thruster::wire::{Command, Reply as Echo, Request as Order};
+use polepair_core::proto::thruster::wire::{CommandWord, Reply as Echo, Request as Order};
 use polepair_core::proto::tmcl::opcode::{Opcode, Status};
 use polepair_core::proto::tmcl::wire::{Reply, Request};
 use polepair_core::proto::tml::explain::{SERIAL, TMLCAN};
-use polepair_core::proto::tml::online::{Cell, Online};
+use polepair_core::proto::tml::online::{Cell, OnlineMessage};
 use polepair_core::proto::tml::serial;
 use polepair_core::proto::tml::wire::{IdCode, Message};
 
-use crate::session::{Notice, Outcome};
-use crate::{Decoder, Rules};
+use crate::session::{ExchangeOutcome, SessionNotice};
+use crate::{CaptureDecoder, Rules};
 
 /// A capture that is written line by line.
 #[derive(Default)]
-struct Tape {
+struct SerialLog {
     text: String,
     micros: u64,
 }
 
-impl Tape {
+impl SerialLog {
     fn after(&mut self, ms: u64) -> &mut Self {
         self.micros += ms * 1000;
         self
@@ -41,11 +41,11 @@ impl Tape {
         self
     }
 
-    fn ask(&mut self, bytes: &[u8]) -> &mut Self {
+    fn request(&mut self, bytes: &[u8]) -> &mut Self {
         self.line('>', bytes)
     }
 
-    fn answer(&mut self, bytes: &[u8]) -> &mut Self {
+    fn reply(&mut self, bytes: &[u8]) -> &mut Self {
         self.line('<', bytes)
     }
 
@@ -62,50 +62,50 @@ impl Tape {
     }
 
     /// What its conversations tell.
-    fn heard(&self, protocol: &str) -> Heard {
-        let mut decoder = Decoder::new(Rules::parse(protocol).expect("a protocol"));
-        let mut heard = Heard::default();
-        decoder.feed(self.text.as_bytes(), &mut |event| heard.take(event.notices));
-        decoder.finish(&mut |event| heard.take(event.notices));
-        decoder.ending(&mut |event| heard.take(event.notices));
+    fn report(&self, protocol: &str) -> ConversationReport {
+        let mut decoder = CaptureDecoder::new(Rules::parse(protocol).expect("a protocol"));
+        let mut heard = ConversationReport::default();
+        decoder.feed(self.text.as_bytes(), &mut |event| heard.add(event.notices));
+        decoder.finish(&mut |event| heard.add(event.notices));
+        decoder.finish_sessions(&mut |event| heard.add(event.notices));
         heard
     }
 }
 
 /// Lets a tape be, that was written on.
-fn just(_: &mut Tape) {}
+fn discard(_: &mut SerialLog) {}
 
 /// What was told, as words.
 #[derive(Default, Debug)]
-struct Heard {
-    odd: Vec<String>,
-    ended: Vec<Outcome>,
+struct ConversationReport {
+    anomalies: Vec<String>,
+    outcomes: Vec<ExchangeOutcome>,
     retries: u16,
     signals: Vec<String>,
     faults: Vec<String>,
     changes: Vec<String>,
 }
 
-impl Heard {
-    fn take(&mut self, notices: &[Notice]) {
+impl ConversationReport {
+    fn add(&mut self, notices: &[SessionNotice]) {
         for notice in notices {
             match notice {
-                Notice::Odd(odd) => self.odd.push(odd.kind.word().to_owned()),
-                Notice::Exchange(exchange) => {
-                    self.ended.push(exchange.outcome);
+                SessionNotice::Anomaly(odd) => self.anomalies.push(odd.kind.as_str().to_owned()),
+                SessionNotice::Exchange(exchange) => {
+                    self.outcomes.push(exchange.outcome);
                     self.retries += exchange.retries;
                 }
-                Notice::Signal(signal) => self.signals.push(
+                SessionNotice::Signal(signal) => self.signals.push(
                     format!("{} {} = {} {}", signal.axis, signal.name, signal.value, signal.unit)
                         .trim_end()
                         .to_owned(),
                 ),
-                Notice::Fault(fault) => {
+                SessionNotice::Fault(fault) => {
                     let sign = if fault.gone { '-' } else { '+' };
                     assert!(!fault.text.is_empty());
                     self.faults.push(format!("{sign}{:04X}", fault.code));
                 }
-                Notice::Change(change) => {
+                SessionNotice::Change(change) => {
                     self.changes.push(format!("{} {}>{}", change.what, change.from, change.to));
                 }
             }
@@ -126,98 +126,105 @@ fn position(module: u8, value: i32) -> Vec<u8> {
 }
 
 /// A host that reads positions of axes 1 and 2, so often.
-fn polls(tape: &mut Tape, rounds: i32) {
+fn polls(tape: &mut SerialLog, rounds: i32) {
     for n in 0..rounds {
         for axis in [1, 2] {
-            tape.after(10).ask(&gap(axis, 1)).answer(&position(axis, 100 * n));
+            tape.after(10).request(&gap(axis, 1)).reply(&position(axis, 100 * n));
         }
     }
 }
 
 #[test]
 fn a_clean_conversation_accuses_nobody() {
-    let mut tape = Tape::default();
+    let mut tape = SerialLog::default();
     polls(&mut tape, 20);
-    let heard = tape.heard("tmcl");
-    assert_eq!(heard.odd, [""; 0]);
-    assert_eq!(heard.ended, [Outcome::Done; 40]);
+    let heard = tape.report("tmcl");
+    assert_eq!(heard.anomalies, [""; 0]);
+    assert_eq!(heard.outcomes, [ExchangeOutcome::Done; 40]);
     assert_eq!(heard.signals.len(), 40);
     assert_eq!(heard.signals[3], "2 Actual/Position = 8.7890625 deg");
 }
 
 #[test]
 fn what_was_cut_off_accuses_nobody() {
-    let mut tape = Tape::default();
-    tape.answer(&position(7, 1)[4..]).answer(&position(9, 1));
+    let mut tape = SerialLog::default();
+    tape.reply(&position(7, 1)[4..]).reply(&position(9, 1));
     polls(&mut tape, 3);
-    tape.ask(&gap(1, 1)).answer(&position(1, 5)[..3]);
-    assert_eq!(tape.heard("tmcl").odd, [""; 0]);
+    tape.request(&gap(1, 1)).reply(&position(1, 5)[..3]);
+    assert_eq!(tape.report("tmcl").anomalies, [""; 0]);
 }
 
 #[test]
 fn planted_in_tmcl() {
-    let planted = |plant: &dyn Fn(&mut Tape)| {
-        let mut tape = Tape::default();
+    let planted = |plant: &dyn Fn(&mut SerialLog)| {
+        let mut tape = SerialLog::default();
         polls(&mut tape, 8);
         plant(&mut tape);
         polls(&mut tape, 8);
-        tape.heard("tmcl").odd
+        tape.report("tmcl").anomalies
     };
     let ask = gap(1, 1);
     assert_eq!(
-        planted(&|t| just(t.ask(&ask).after(900).ask(&gap(1, 3)).answer(&position(1, 0)))),
+        planted(&|t| discard(
+            t.request(&ask).after(900).request(&gap(1, 3)).reply(&position(1, 0))
+        )),
         ["unanswered"]
     );
     assert_eq!(
-        planted(&|t| just(t.ask(&ask).after(900).ask(&ask).answer(&position(1, 0)))),
+        planted(&|t| discard(t.request(&ask).after(900).request(&ask).reply(&position(1, 0)))),
         ["retry"]
     );
-    assert_eq!(planted(&|t| just(t.ask(&ask).after(400).answer(&position(1, 0)))), ["late-reply"]);
-    let again = |t: &mut Tape| {
-        t.ask(&ask).after(400).ask(&ask).answer(&position(1, 0)).answer(&position(1, 1));
+    assert_eq!(
+        planted(&|t| discard(t.request(&ask).after(400).reply(&position(1, 0)))),
+        ["late-reply"]
+    );
+    let again = |t: &mut SerialLog| {
+        t.request(&ask).after(400).request(&ask).reply(&position(1, 0)).reply(&position(1, 1));
     };
     assert_eq!(planted(&again), ["retry", "late-reply"]);
-    assert_eq!(planted(&|t| just(t.answer(&position(5, 0)))), ["foreign-reply"]);
-    let twice = |t: &mut Tape| just(t.ask(&ask).answer(&position(1, 9)).answer(&position(1, 9)));
+    assert_eq!(planted(&|t| discard(t.reply(&position(5, 0)))), ["foreign-reply"]);
+    let twice =
+        |t: &mut SerialLog| discard(t.request(&ask).reply(&position(1, 9)).reply(&position(1, 9)));
     assert_eq!(planted(&twice), ["duplicate-reply"]);
-    let twins = |t: &mut Tape| just(t.ask(&ask).answer(&position(1, 9)).answer(&position(1, 7)));
+    let twins =
+        |t: &mut SerialLog| discard(t.request(&ask).reply(&position(1, 9)).reply(&position(1, 7)));
     assert_eq!(planted(&twins), ["duplicate-address"]);
     let refused = reply(1, Opcode::Gap, Status::WrongType, 0);
-    assert_eq!(planted(&|t| just(t.ask(&ask).answer(&refused))), ["refused"]);
+    assert_eq!(planted(&|t| discard(t.request(&ask).reply(&refused))), ["refused"]);
     let mut broken = position(1, 0);
     broken[5] ^= 4;
-    assert_eq!(planted(&|t| just(t.ask(&ask).answer(&broken))), ["bad-check"]);
-    assert_eq!(planted(&|t| just(t.answer(&[0x55, 0x13]))), ["stray"]);
+    assert_eq!(planted(&|t| discard(t.request(&ask).reply(&broken))), ["bad-check"]);
+    assert_eq!(planted(&|t| discard(t.reply(&[0x55, 0x13]))), ["stray"]);
 }
 
 #[test]
 fn an_axis_that_spoke_and_answers_no_more_is_silent() {
-    let mut tape = Tape::default();
+    let mut tape = SerialLog::default();
     polls(&mut tape, 8);
     for _ in 0..12 {
-        tape.after(200).ask(&gap(1, 1)).after(200).ask(&gap(2, 1)).answer(&position(2, 1));
+        tape.after(200).request(&gap(1, 1)).after(200).request(&gap(2, 1)).reply(&position(2, 1));
     }
-    let odd = tape.heard("tmcl").odd;
+    let odd = tape.report("tmcl").anomalies;
     assert_eq!(odd.iter().filter(|kind| *kind == "silent").count(), 1, "{odd:?}");
     assert!(odd.iter().any(|kind| kind == "unanswered"), "{odd:?}");
 }
 
 #[test]
 fn set_points_flags_and_faults_of_tmcl() {
-    let mut tape = Tape::default();
+    let mut tape = SerialLog::default();
     let ror = Request { address: 1, opcode: Opcode::Ror, kind: 0, motor: 0, value: 350 };
-    tape.ask(&ror.emit()).answer(&reply(1, Opcode::Ror, Status::Ok, 350));
+    tape.request(&ror.emit()).reply(&reply(1, Opcode::Ror, Status::Ok, 350));
     for flags in [0x00, 0x21, 0x20, 0x50] {
-        tape.ask(&gap(1, 156)).answer(&reply(1, Opcode::Gap, Status::Ok, flags));
+        tape.request(&gap(1, 156)).reply(&reply(1, Opcode::Gap, Status::Ok, flags));
     }
-    let heard = tape.heard("tmcl");
+    let heard = tape.report("tmcl");
     assert_eq!(heard.signals[0], "1 Setpoint/Velocity = 350 rpm");
     assert_eq!(heard.faults, ["+0001", "+0020", "-0001", "-0020"]);
     assert_eq!(
         heard.changes,
         ["power >on", "mode >velocity", "power on>off", "mode velocity>positioning"]
     );
-    assert_eq!(heard.odd, [""; 0]);
+    assert_eq!(heard.anomalies, [""; 0]);
 }
 
 #[test]
@@ -230,24 +237,24 @@ fn planted_in_tmcl_on_can() {
         let (opcode, status) = (Opcode::Gap, Status::Ok);
         Reply { host: 2, module, status, opcode, value }.emit_can(2, false)
     };
-    let polls = |tape: &mut Tape| {
+    let polls = |tape: &mut SerialLog| {
         // Both are asked before either answers.
         for n in 0..8 {
             tape.after(10).can(&ask(1)).can(&ask(3)).can(&answer(3, n)).can(&answer(1, n));
         }
     };
-    let planted = |plant: &dyn Fn(&mut Tape)| {
-        let mut tape = Tape::default();
+    let planted = |plant: &dyn Fn(&mut SerialLog)| {
+        let mut tape = SerialLog::default();
         polls(&mut tape);
         plant(&mut tape);
         tape.after(4000);
         polls(&mut tape);
-        tape.heard("tmcl").odd
+        tape.report("tmcl").anomalies
     };
     assert_eq!(planted(&|_| ()), [""; 0]);
-    assert_eq!(planted(&|t| just(t.can(&ask(3)))), ["unanswered"]);
-    assert_eq!(planted(&|t| just(t.can(&answer(5, 0)))), ["foreign-reply"]);
-    let twins = |t: &mut Tape| just(t.can(&ask(1)).can(&answer(1, 1)).can(&answer(1, 8)));
+    assert_eq!(planted(&|t| discard(t.can(&ask(3)))), ["unanswered"]);
+    assert_eq!(planted(&|t| discard(t.can(&answer(5, 0)))), ["foreign-reply"]);
+    let twins = |t: &mut SerialLog| discard(t.can(&ask(1)).can(&answer(1, 1)).can(&answer(1, 8)));
     assert_eq!(planted(&twins), ["duplicate-address"]);
 }
 
@@ -256,7 +263,7 @@ fn planted_in_tmcl_on_can() {
 #[test]
 fn a_lost_answer_on_can_does_not_shift_the_others() {
     let (address, opcode, motor, value) = (1, Opcode::Gap, 0, 0);
-    let mut tape = Tape::default();
+    let mut tape = SerialLog::default();
     for n in 0..40 {
         let ask = Request { address, opcode, kind: 1 + n % 2 * 2, motor, value };
         let reply = Reply { host: 2, module: 1, status: Status::Ok, opcode, value: n.into() };
@@ -265,31 +272,43 @@ fn a_lost_answer_on_can_does_not_shift_the_others() {
             tape.can(&reply.emit_can(2, false));
         }
     }
-    let heard = tape.heard("tmcl");
-    assert_eq!(heard.odd, ["unanswered"]);
-    let done = heard.ended.iter().filter(|ended| **ended == Outcome::Done).count();
-    assert_eq!((done, heard.ended.len()), (39, 40), "{:?}", heard.ended);
+    let heard = tape.report("tmcl");
+    assert_eq!(heard.anomalies, ["unanswered"]);
+    let done = heard.outcomes.iter().filter(|ended| **ended == ExchangeOutcome::Done).count();
+    assert_eq!((done, heard.outcomes.len()), (39, 40), "{:?}", heard.outcomes);
 }
 
 #[test]
 fn an_answer_that_is_cut_is_told_once() {
-    let mut tape = Tape::default();
+    let mut tape = SerialLog::default();
     polls(&mut tape, 4);
-    tape.after(200).ask(&gap(1, 1)).answer(&position(1, 7)[..4]);
+    tape.after(200).request(&gap(1, 1)).reply(&position(1, 7)[..4]);
     tape.after(200);
     polls(&mut tape, 4);
-    let heard = tape.heard("tmcl");
-    assert_eq!(heard.odd, ["malformed"]);
-    assert_eq!(heard.ended.iter().filter(|ended| **ended == Outcome::Broken).count(), 1);
+    let heard = tape.report("tmcl");
+    assert_eq!(heard.anomalies, ["malformed"]);
+    assert_eq!(
+        heard.outcomes.iter().filter(|ended| **ended == ExchangeOutcome::BadCheck).count(),
+        1
+    );
     // Noise before a good answer spoils nothing.
-    let mut tape = Tape::default();
+    let mut tape = SerialLog::default();
     polls(&mut tape, 4);
-    tape.after(200).ask(&gap(1, 1)).answer(&[0xFF]).after(30).answer(&position(1, 7));
+    tape.after(200).request(&gap(1, 1)).reply(&[0xFF]).after(30).reply(&position(1, 7));
     tape.after(200);
     polls(&mut tape, 4);
-    let heard = tape.heard("tmcl");
-    assert_eq!((heard.odd.len(), heard.odd[0].as_str()), (1, "stray"), "{:?}", heard.odd);
-    assert!(heard.ended.iter().all(|ended| *ended == Outcome::Done), "{:?}", heard.ended);
+    let heard = tape.report("tmcl");
+    assert_eq!(
+        (heard.anomalies.len(), heard.anomalies[0].as_str()),
+        (1, "stray"),
+        "{:?}",
+        heard.anomalies
+    );
+    assert!(
+        heard.outcomes.iter().all(|ended| *ended == ExchangeOutcome::Done),
+        "{:?}",
+        heard.outcomes
+    );
 }
 
 fn modbus(unit: u8, pdu: impl FnOnce(&mut [u8]) -> usize) -> Vec<u8> {
@@ -309,59 +328,64 @@ fn word(unit: u8, value: u16) -> Vec<u8> {
 
 #[test]
 fn planted_in_modbus() {
-    let polls = |tape: &mut Tape| {
+    let polls = |tape: &mut SerialLog| {
         for n in 0..8 {
-            tape.after(10).ask(&read(1, 0x1000)).answer(&word(1, n));
-            tape.after(10).ask(&read(2, 0x1000)).answer(&word(2, n));
+            tape.after(10).request(&read(1, 0x1000)).reply(&word(1, n));
+            tape.after(10).request(&read(2, 0x1000)).reply(&word(2, n));
         }
     };
-    let planted = |plant: &dyn Fn(&mut Tape)| {
-        let mut tape = Tape::default();
+    let planted = |plant: &dyn Fn(&mut SerialLog)| {
+        let mut tape = SerialLog::default();
         polls(&mut tape);
         plant(&mut tape);
         tape.after(50);
         polls(&mut tape);
-        tape.heard("modbus-rtu").odd
+        tape.report("modbus-rtu").anomalies
     };
     let ask = read(1, 0x1000);
     let write =
         |unit| modbus(unit, |out| RequestPdu::WriteRegister { address: 0x33, value: 9 }.emit(out));
     assert_eq!(planted(&|_| ()), [""; 0]);
-    assert_eq!(planted(&|t| just(t.ask(&write(0)).after(500))), [""; 0], "to everybody");
-    assert_eq!(planted(&|t| just(t.ask(&write(1)).answer(&write(1)))), [""; 0]);
-    assert_eq!(planted(&|t| just(t.ask(&write(1)).after(500))), ["unanswered"]);
+    assert_eq!(planted(&|t| discard(t.request(&write(0)).after(500))), [""; 0], "to everybody");
+    assert_eq!(planted(&|t| discard(t.request(&write(1)).reply(&write(1)))), [""; 0]);
+    assert_eq!(planted(&|t| discard(t.request(&write(1)).after(500))), ["unanswered"]);
     assert_eq!(
-        planted(&|t| just(t.ask(&write(1)).after(500).ask(&write(1)).answer(&write(1)))),
+        planted(&|t| discard(t.request(&write(1)).after(500).request(&write(1)).reply(&write(1)))),
         ["retry"]
     );
-    assert_eq!(planted(&|t| just(t.ask(&ask).after(300).answer(&word(1, 0)))), ["late-reply"]);
     assert_eq!(
-        planted(&|t| just(t.ask(&ask).answer(&word(2, 0)).answer(&word(1, 0)))),
+        planted(&|t| discard(t.request(&ask).after(300).reply(&word(1, 0)))),
+        ["late-reply"]
+    );
+    assert_eq!(
+        planted(&|t| discard(t.request(&ask).reply(&word(2, 0)).reply(&word(1, 0)))),
         ["foreign-reply"]
     );
     let refused = modbus(1, |out| {
         let exception = polepair_core::proto::modbus::wire::Exception::IllegalAddress;
         ReplyPdu::Exception { function: 3, exception }.emit(out)
     });
-    assert_eq!(planted(&|t| just(t.ask(&ask).answer(&refused))), ["refused"]);
+    assert_eq!(planted(&|t| discard(t.request(&ask).reply(&refused))), ["refused"]);
     let mut broken = word(1, 0);
     broken[3] ^= 1;
-    assert_eq!(planted(&|t| just(t.ask(&ask).answer(&broken))), ["bad-check"]);
-    let twins = |t: &mut Tape| just(t.ask(&ask).answer(&word(1, 1)).after(30).answer(&word(1, 2)));
+    assert_eq!(planted(&|t| discard(t.request(&ask).reply(&broken))), ["bad-check"]);
+    let twins = |t: &mut SerialLog| {
+        discard(t.request(&ask).reply(&word(1, 1)).after(30).reply(&word(1, 2)))
+    };
     assert_eq!(planted(&twins), ["duplicate-address"]);
 }
 
 #[test]
 fn a_line_without_directions_is_paired_too() {
-    let mut tape = Tape::default();
+    let mut tape = SerialLog::default();
     let write = modbus(1, |out| RequestPdu::WriteRegister { address: 0x33, value: 9 }.emit(out));
     for n in 0..8 {
         tape.after(10)
-            .ask(&write)
-            .answer(&write)
+            .request(&write)
+            .reply(&write)
             .after(10)
-            .ask(&read(1, 0x1000))
-            .answer(&word(1, n));
+            .request(&read(1, 0x1000))
+            .reply(&word(1, n));
     }
     tape.text = tape.text.replace("tty >", "tty -").replace("tty <", "tty -");
     tape.text = tape
@@ -369,83 +393,97 @@ fn a_line_without_directions_is_paired_too() {
         .lines()
         .filter_map(|line| line.split_once("tty -"))
         .fold(String::new(), |all, (_, bytes)| all + bytes.trim() + "\n");
-    let heard = tape.heard("modbus-rtu");
-    assert_eq!((heard.odd.len(), heard.ended), (0, vec![Outcome::Done; 16]), "{:?}", heard.odd);
+    let heard = tape.report("modbus-rtu");
+    assert_eq!(
+        (heard.anomalies.len(), heard.outcomes),
+        (0, vec![ExchangeOutcome::Done; 16]),
+        "{:?}",
+        heard.anomalies
+    );
 }
 
-fn tml(online: &Online, to: IdCode) -> Vec<u8> {
+fn tml(online: &OnlineMessage, to: IdCode) -> Vec<u8> {
     let mut out = [0; serial::FRAME_MAX];
     let len = serial::encode(&Message { to, instruction: online.emit() }, &mut out);
     out[..len].to_vec()
 }
 
-fn said(text: &str, axis: u32) -> Vec<u8> {
+fn encode_text(text: &str, axis: u32) -> Vec<u8> {
     let mut out = [0; 20];
-    let profile = polepair_core::drives::usual(&SERIAL);
-    let addressing = Addressing { axis: Some(axis), profile, ..Addressing::default() };
+    let profile = polepair_core::drives::usual_profile(&SERIAL);
+    let addressing = EncodeOptions { axis: Some(axis), profile, ..EncodeOptions::default() };
     let encoded = SERIAL.encode(text, &addressing, &mut out).expect("TML");
     out[..encoded.len].to_vec()
 }
 
-fn take(axis: u8, address: u16, value: u32) -> Vec<u8> {
+fn take_data(axis: u8, address: u16, value: u32) -> Vec<u8> {
     let cell = Cell::long(address);
-    tml(&Online::TakeData { sender: IdCode::axis(axis), cell, value }, IdCode::host_at(1))
+    tml(&OnlineMessage::TakeData { sender: IdCode::axis(axis), cell, value }, IdCode::host_at(1))
 }
 
-fn give(axis: u8, address: u16) -> Vec<u8> {
+fn give_me_data(axis: u8, address: u16) -> Vec<u8> {
     let cell = Cell::long(address);
-    tml(&Online::GiveMeData { sender: IdCode::host_at(1), cell }, IdCode::axis(axis))
+    tml(&OnlineMessage::GiveMeData { sender: IdCode::host_at(1), cell }, IdCode::axis(axis))
 }
 
 const APOS: u16 = 0x0228;
 
 #[test]
 fn planted_in_tml() {
-    let polls = |tape: &mut Tape| {
+    let polls = |tape: &mut SerialLog| {
         for n in 0..8 {
             // Through the relay both are asked before either answers.
-            tape.after(10).ask(&give(1, APOS)).answer(&[0x4F]).ask(&give(2, APOS)).answer(&[0x4F]);
-            tape.answer(&take(2, APOS, n)).answer(&take(1, APOS, n));
-            tape.after(10).ask(&said("CPOS=1000L", 1)).answer(&[0x4F]);
+            tape.after(10)
+                .request(&give_me_data(1, APOS))
+                .reply(&[0x4F])
+                .request(&give_me_data(2, APOS))
+                .reply(&[0x4F]);
+            tape.reply(&take_data(2, APOS, n)).reply(&take_data(1, APOS, n));
+            tape.after(10).request(&encode_text("CPOS=1000L", 1)).reply(&[0x4F]);
         }
     };
-    let planted = |plant: &dyn Fn(&mut Tape)| {
-        let mut tape = Tape::default();
+    let planted = |plant: &dyn Fn(&mut SerialLog)| {
+        let mut tape = SerialLog::default();
         polls(&mut tape);
         plant(&mut tape);
         tape.after(5000);
         polls(&mut tape);
-        tape.heard("tml").odd
+        tape.report("tml").anomalies
     };
     assert_eq!(planted(&|_| ()), [""; 0]);
-    let update = said("UPD", 1);
-    assert_eq!(planted(&|t| just(t.ask(&update))), ["missing-ack"]);
-    assert_eq!(planted(&|t| just(t.ask(&give(1, APOS)).answer(&[0x4F]))), ["unanswered"]);
-    let unacked = |t: &mut Tape| just(t.ask(&give(1, APOS)).answer(&take(1, APOS, 0)));
+    let update = encode_text("UPD", 1);
+    assert_eq!(planted(&|t| discard(t.request(&update))), ["missing-ack"]);
+    assert_eq!(
+        planted(&|t| discard(t.request(&give_me_data(1, APOS)).reply(&[0x4F]))),
+        ["unanswered"]
+    );
+    let unacked = |t: &mut SerialLog| {
+        discard(t.request(&give_me_data(1, APOS)).reply(&take_data(1, APOS, 0)))
+    };
     assert_eq!(planted(&unacked), ["missing-ack"]);
-    assert_eq!(planted(&|t| just(t.answer(&take(9, APOS, 0)))), ["foreign-reply"]);
-    assert_eq!(planted(&|t| just(t.answer(&[0x4F]))), ["duplicate-reply"]);
-    assert_eq!(planted(&|t| just(t.after(2000).answer(&[0x4F]))), ["foreign-reply"]);
+    assert_eq!(planted(&|t| discard(t.reply(&take_data(9, APOS, 0)))), ["foreign-reply"]);
+    assert_eq!(planted(&|t| discard(t.reply(&[0x4F]))), ["duplicate-reply"]);
+    assert_eq!(planted(&|t| discard(t.after(2000).reply(&[0x4F]))), ["foreign-reply"]);
     // What answers one variable does not answer the other, and the host asks on.
-    let lost = |t: &mut Tape| {
-        t.ask(&give(1, APOS)).answer(&[0x4F]);
-        t.ask(&give(1, 0x022C)).answer(&[0x4F]).answer(&take(1, 0x022C, 0));
-        t.ask(&give(1, APOS)).answer(&[0x4F]).answer(&take(1, APOS, 0));
+    let lost = |t: &mut SerialLog| {
+        t.request(&give_me_data(1, APOS)).reply(&[0x4F]);
+        t.request(&give_me_data(1, 0x022C)).reply(&[0x4F]).reply(&take_data(1, 0x022C, 0));
+        t.request(&give_me_data(1, APOS)).reply(&[0x4F]).reply(&take_data(1, APOS, 0));
     };
     assert_eq!(planted(&lost), ["unanswered"]);
-    let flipped = |t: &mut Tape| {
-        let mut answer = take(1, APOS, 0);
+    let flipped = |t: &mut SerialLog| {
+        let mut answer = take_data(1, APOS, 0);
         answer[8] ^= 1;
-        t.ask(&give(1, APOS)).answer(&[0x4F]).answer(&answer);
+        t.request(&give_me_data(1, APOS)).reply(&[0x4F]).reply(&answer);
     };
     assert_eq!(planted(&flipped), ["bad-check"]);
     let point = |counter: u8| {
         use polepair_core::proto::tml::online::PvtPoint;
         let point = PvtPoint { position: 10, velocity: 0, time: 20, counter };
-        tml(&Online::Pvt(point), IdCode::axis(1))
+        tml(&OnlineMessage::Pvt(point), IdCode::axis(1))
     };
     let path = |numbers: &[u8]| {
-        planted(&|t| numbers.iter().for_each(|n| just(t.ask(&point(*n)).answer(&[0x4F]))))
+        planted(&|t| numbers.iter().for_each(|n| discard(t.request(&point(*n)).reply(&[0x4F]))))
     };
     assert_eq!(path(&[1, 2, 3]), [""; 0]);
     assert_eq!(path(&[126, 127, 0, 1]), [""; 0]);
@@ -454,76 +492,80 @@ fn planted_in_tml() {
 
 #[test]
 fn variables_of_tml_have_names_and_faults_words() {
-    let profile = polepair_core::drives::usual(&SERIAL).expect("a profile");
+    let profile = polepair_core::drives::usual_profile(&SERIAL).expect("a profile");
     let mer = profile.parameters.iter().find(|p| p.symbol == "MER").expect("MER").index;
     let short = |value| {
         let cell = Cell::short(mer);
-        tml(&Online::TakeData { sender: IdCode::axis(1), cell, value }, IdCode::host_at(1))
+        tml(&OnlineMessage::TakeData { sender: IdCode::axis(1), cell, value }, IdCode::host_at(1))
     };
     let ask = tml(
-        &Online::GiveMeData { sender: IdCode::host_at(1), cell: Cell::short(mer) },
+        &OnlineMessage::GiveMeData { sender: IdCode::host_at(1), cell: Cell::short(mer) },
         IdCode::axis(1),
     );
-    let mut tape = Tape::default();
-    tape.ask(&give(1, APOS)).answer(&[0x4F]).answer(&take(1, APOS, 1000));
-    tape.ask(&said("CPOS=2000L", 1)).answer(&[0x4F]);
+    let mut tape = SerialLog::default();
+    tape.request(&give_me_data(1, APOS)).reply(&[0x4F]).reply(&take_data(1, APOS, 1000));
+    tape.request(&encode_text("CPOS=2000L", 1)).reply(&[0x4F]);
     for word in [2, 0] {
-        tape.ask(&ask).answer(&[0x4F]).answer(&short(word));
+        tape.request(&ask).reply(&[0x4F]).reply(&short(word));
     }
-    let heard = tape.heard("tml");
+    let heard = tape.report("tml");
     assert!(heard.signals[0].starts_with("1 Actual/Position ="), "{:?}", heard.signals);
     assert!(heard.signals[1].starts_with("1 position command = 2000"), "{:?}", heard.signals);
     assert_eq!(heard.faults, ["+0002", "-0002"]);
-    assert_eq!(heard.odd, [""; 0]);
+    assert_eq!(heard.anomalies, [""; 0]);
 }
 
 #[test]
 fn commands_on_tmlcan_are_owed_nothing() {
     let mut out = [0; 20];
-    let addressing = Addressing { axis: Some(3), ..Addressing::default() };
-    let mut tape = Tape::default();
+    let addressing = EncodeOptions { axis: Some(3), ..EncodeOptions::default() };
+    let mut tape = SerialLog::default();
     for text in ["UPD", "AXISON", "UPD"] {
         let encoded = TMLCAN.encode(text, &addressing, &mut out).expect("TML");
         let mut frame = Frame::standard(0, &out[..encoded.len]);
         (frame.id, frame.extended) = (encoded.id.expect("CAN"), true);
         tape.after(900).can(&frame);
     }
-    let heard = tape.heard("tmlcan");
-    assert_eq!((heard.odd, heard.ended.len()), (vec![], 0));
+    let heard = tape.report("tmlcan");
+    assert_eq!((heard.anomalies, heard.outcomes.len()), (vec![], 0));
 }
 
-fn order(command: Command, value: u16) -> Frame {
-    Order::with(command, value).frame(11)
+fn order(command: CommandWord, value: u16) -> Frame {
+    Order::with_value(command, value).frame(11)
 }
 
-fn echo(command: Command, data: u32) -> Frame {
+fn echo(command: CommandWord, data: u32) -> Frame {
     Echo { command, sub: 0, data }.frame(11)
 }
 
 #[test]
 fn planted_in_a_thruster() {
-    let polls = |tape: &mut Tape| {
+    let polls = |tape: &mut SerialLog| {
         for n in 0..8 {
-            tape.after(10).can(&Order::plain(Command::QP).frame(11)).can(&echo(Command::QP, 480));
-            tape.after(10).can(&order(Command::TC, n)).can(&echo(Command::TC, n.into()));
+            tape.after(10)
+                .can(&Order::without_value(CommandWord::QP).frame(11))
+                .can(&echo(CommandWord::QP, 480));
+            tape.after(10).can(&order(CommandWord::TC, n)).can(&echo(CommandWord::TC, n.into()));
         }
     };
-    let planted = |plant: &dyn Fn(&mut Tape)| {
-        let mut tape = Tape::default();
+    let planted = |plant: &dyn Fn(&mut SerialLog)| {
+        let mut tape = SerialLog::default();
         polls(&mut tape);
         plant(&mut tape);
-        tape.after(5000).can(&Order::plain(Command::QP).frame(11)).can(&echo(Command::QP, 480));
-        tape.heard("thruster").odd
+        tape.after(5000)
+            .can(&Order::without_value(CommandWord::QP).frame(11))
+            .can(&echo(CommandWord::QP, 480));
+        tape.report("thruster").anomalies
     };
-    let vm = |value: u16| (order(Command::VM, value), echo(Command::VM, value.into()));
-    let set = |t: &mut Tape, value| {
+    let vm = |value: u16| (order(CommandWord::VM, value), echo(CommandWord::VM, value.into()));
+    let set = |t: &mut SerialLog, value| {
         let (ask, answer) = vm(value);
         t.can(&ask).can(&answer);
     };
-    let tc = order(Command::TC, 5);
+    let tc = order(CommandWord::TC, 5);
     assert_eq!(planted(&|_| ()), [""; 0]);
-    assert_eq!(planted(&|t| just(t.can(&order(Command::ST, 500)))), ["unanswered"]);
-    assert_eq!(planted(&|t| just(t.can(&tc).can(&echo(Command::TC, 0xEEEE)))), ["refused"]);
+    assert_eq!(planted(&|t| discard(t.can(&order(CommandWord::ST, 500)))), ["unanswered"]);
+    assert_eq!(planted(&|t| discard(t.can(&tc).can(&echo(CommandWord::TC, 0xEEEE)))), ["refused"]);
     // Silent: nothing is owed, and an echo shows that it was forgotten.
     assert_eq!(
         planted(&|t| {
@@ -535,7 +577,7 @@ fn planted_in_a_thruster() {
     assert_eq!(
         planted(&|t| {
             set(t, 0x0200);
-            t.can(&tc).can(&echo(Command::TC, 5));
+            t.can(&tc).can(&echo(CommandWord::TC, 5));
         }),
         ["restart"]
     );
@@ -548,8 +590,8 @@ fn planted_in_a_thruster() {
         ["unanswered"]
     );
     let report = |part| {
-        use polepair_core::proto::thruster::wire::Report;
-        Report { of: b'T', part, words: [0; 3] }.frame(11)
+        use polepair_core::proto::thruster::wire::ReportFrame;
+        ReportFrame { source: b'T', part, words: [0; 3] }.frame(11)
     };
     assert_eq!(
         planted(&|t| {
@@ -569,12 +611,13 @@ fn planted_in_a_thruster() {
 
 #[test]
 fn readings_and_faults_of_a_thruster() {
-    let mut tape = Tape::default();
-    tape.can(&Order::plain(Command::QP).frame(11)).can(&echo(Command::QP, 480));
+    let mut tape = SerialLog::default();
+    tape.can(&Order::without_value(CommandWord::QP).frame(11)).can(&echo(CommandWord::QP, 480));
     for word in [0x0004, 0] {
-        tape.can(&Order::plain(Command::EF).frame(11)).can(&echo(Command::EF, word));
+        tape.can(&Order::without_value(CommandWord::EF).frame(11))
+            .can(&echo(CommandWord::EF, word));
     }
-    let heard = tape.heard("thruster");
+    let heard = tape.report("thruster");
     assert_eq!(heard.signals[0], "11 Actual/Voltage = 48 V");
     assert_eq!(heard.faults, ["+0004", "-0004"]);
 }

@@ -4,9 +4,12 @@ use polepair_core::profile::{
     Fault as Known, Parameter, ParameterId, Profile, Severity, Signal as Source, SignalSource,
 };
 
-use super::{AXES_MAX, odd};
-use crate::explained::{Explained, Of, Told};
-use crate::session::{Change, Fault, Heard, Name, Notice, Oddity, Quality, Signal, name};
+use super::{AXES_MAX, anomaly};
+use crate::explanation::{Explanation, StoredFrameValue, StoredValueSource};
+use crate::session::{
+    AnomalyKind, ChangeNotice, FaultNotice, InternedName, ObservedFrame, Quality, SessionNotice,
+    SignalNotice, intern,
+};
 
 /// States, faults and factors that are remembered.
 const KNOWN_MAX: usize = 4 * AXES_MAX;
@@ -15,14 +18,14 @@ const WRAP: i64 = 1 << 31;
 
 /// What is known of the axes of a link.
 #[derive(Debug, Default)]
-pub(super) struct Values {
+pub(super) struct ValueTracker {
     profile: Option<&'static Profile>,
     /// Parameters that others are scaled by.
     factors: Vec<ParameterId>,
     /// Their raw values.
-    known: Vec<((u32, ParameterId), i64)>,
+    factor_values: Vec<((u32, ParameterId), i64)>,
     /// States of axes, by what they are.
-    states: Vec<((u32, Name), Name)>,
+    states: Vec<((u32, InternedName), InternedName)>,
     /// Faults that are there.
     faults: Vec<(u32, u32)>,
     /// Each drive's own time.
@@ -31,101 +34,105 @@ pub(super) struct Values {
 
 /// A value with all that is to be said of it.
 #[derive(Clone, Copy)]
-struct Found<'a> {
-    told: &'a Told,
+struct ObservedValue<'a> {
+    frame_value: &'a StoredFrameValue,
     axis: u32,
     quality: Quality,
     request: Option<u64>,
 }
 
-impl Values {
+impl ValueTracker {
     /// Tells the values of a frame.
-    pub fn take(
+    pub fn handle_values(
         &mut self,
-        heard: &Heard<'_>,
-        said: &Explained,
+        heard: &ObservedFrame<'_>,
+        said: &Explanation,
         (quality, request): (Quality, Option<u64>),
-        notices: &mut Vec<Notice>,
+        notices: &mut Vec<SessionNotice>,
     ) {
-        let readings = said.readings();
+        let readings = said.frame_values();
         let (false, Some(axis)) = (readings.is_empty(), said.axis) else { return };
-        self.name_by(heard.profile);
+        self.set_profile(heard.profile);
         for told in readings {
-            let found = Found { told, axis, quality, request };
-            match told.of {
-                Of::Word(word) => {
-                    notices.push(found.signal(word, told.raw as f64, "", quality));
+            let found = ObservedValue { frame_value: told, axis, quality, request };
+            match told.source {
+                StoredValueSource::Named(word) => {
+                    notices.push(found.signal_notice(word, told.raw as f64, "", quality));
                 }
-                Of::Parameter(parameter) => {
+                StoredValueSource::Parameter(parameter) => {
                     let sure = match quality {
-                        Quality::Good if !heard.stated => Quality::Inferred,
+                        Quality::Good if !heard.profile_stated => Quality::Inferred,
                         other => other,
                     };
-                    self.parameter(parameter, Found { quality: sure, ..found }, notices);
+                    self.report_parameter(
+                        parameter,
+                        ObservedValue { quality: sure, ..found },
+                        notices,
+                    );
                 }
             }
         }
     }
 
-    fn name_by(&mut self, profile: Option<&'static Profile>) {
+    fn set_profile(&mut self, profile: Option<&'static Profile>) {
         let place = |profile: Option<&'static Profile>| profile.map(core::ptr::from_ref);
         if place(self.profile) == place(profile) {
             return;
         }
         self.profile = profile;
-        self.known.clear();
+        self.factor_values.clear();
         let scales = profile.into_iter().flat_map(|p| p.parameters).map(|p| p.scale);
         self.factors = scales.flat_map(|scale| [scale.times, scale.over]).flatten().collect();
         self.factors.sort_unstable();
         self.factors.dedup();
     }
 
-    fn parameter(
+    fn report_parameter(
         &mut self,
         parameter: &'static Parameter,
-        found: Found<'_>,
-        notices: &mut Vec<Notice>,
+        found: ObservedValue<'_>,
+        notices: &mut Vec<SessionNotice>,
     ) {
         let Some(profile) = self.profile else { return };
         let is_it = |id: ParameterId| {
             profile.parameter(id).is_some_and(|other| core::ptr::eq(other, parameter))
         };
         if let Some(id) = self.factors.iter().copied().find(|id| is_it(*id)) {
-            set(&mut self.known, (found.axis, id), found.told.raw);
+            replace_known(&mut self.factor_values, (found.axis, id), found.frame_value.raw);
         }
-        let (value, unit, quality) = self.scaled(profile, parameter, &found);
+        let (value, unit, quality) = self.scale_value(profile, parameter, &found);
         let mut named = false;
         for source in profile.signals.iter().filter(|source| is_it(source.parameter)) {
-            match plain(profile, source) {
+            match signal_name(profile, source) {
                 Some(word) => {
                     named = true;
-                    let word = parted(word, found.told.part);
-                    notices.push(found.signal(word, value, unit, quality));
+                    let word = motor_name(word, found.frame_value.motor);
+                    notices.push(found.signal_notice(word, value, unit, quality));
                 }
-                None if found.quality != Quality::BadCheck && !found.told.written => {
-                    self.state(profile, parameter, source, &found, notices);
+                None if found.quality != Quality::BadCheck && !found.frame_value.written => {
+                    self.report_state(profile, parameter, source, &found, notices);
                 }
                 None => {}
             }
         }
         if !named {
-            let word = parted(parameter.name, found.told.part);
-            notices.push(found.signal(word, value, unit, quality));
+            let word = motor_name(parameter.name, found.frame_value.motor);
+            notices.push(found.signal_notice(word, value, unit, quality));
         }
     }
 
     /// The value in the profile's unit; raw where it hangs on parameters that nobody has seen.
-    fn scaled(
+    fn scale_value(
         &self,
         profile: &'static Profile,
         parameter: &'static Parameter,
-        found: &Found<'_>,
-    ) -> (f64, Name, Quality) {
-        let (raw, scale) = (found.told.raw as f64, parameter.scale);
+        found: &ObservedValue<'_>,
+    ) -> (f64, InternedName, Quality) {
+        let (raw, scale) = (found.frame_value.raw as f64, parameter.scale);
         let mut quality = found.quality;
         let mut factor = |id: Option<ParameterId>| -> Option<f64> {
             let Some(id) = id else { return Some(1.0) };
-            let known = self.known.iter().find(|(of, _)| *of == (found.axis, id));
+            let known = self.factor_values.iter().find(|(of, _)| *of == (found.axis, id));
             if let Some((_, raw)) = known {
                 return Some(*raw as f64);
             }
@@ -141,64 +148,76 @@ impl Values {
     }
 
     /// What a register's value says of the drive's state.
-    fn state(
+    fn report_state(
         &mut self,
         profile: &'static Profile,
         parameter: &'static Parameter,
         source: &SignalSource,
-        found: &Found<'_>,
-        notices: &mut Vec<Notice>,
+        found: &ObservedValue<'_>,
+        notices: &mut Vec<SessionNotice>,
     ) {
-        let masked = found.told.raw & source.mask;
-        let part = found.told.part;
+        let masked = found.frame_value.raw & source.mask;
+        let part = found.frame_value.motor;
         match source.signal {
             Source::Fault => {
-                let word = parted("State/FaultCode", part);
-                notices.push(found.signal(word, masked as f64, "", found.quality));
-                self.faults(profile, found, notices);
+                let word = motor_name("State/FaultCode", part);
+                notices.push(found.signal_notice(word, masked as f64, "", found.quality));
+                self.report_faults(profile, found, notices);
             }
             Source::Enabled => {
                 let on = source.equals.map_or(masked != 0, |equals| masked == equals);
-                let word = parted("State/Enabled", part);
-                notices.push(found.signal(word, f64::from(u8::from(on)), "", found.quality));
+                let word = motor_name("State/Enabled", part);
+                notices.push(found.signal_notice(word, f64::from(u8::from(on)), "", found.quality));
                 let state = if on { "on" } else { "off" };
-                self.change(found.axis, parted("power", part), state, notices);
+                self.report_change(found.axis, motor_name("power", part), state, notices);
             }
             Source::Mode => {
-                let word = parted("State/Mode", part);
-                notices.push(found.signal(word, masked as f64, "", found.quality));
+                let word = motor_name("State/Mode", part);
+                notices.push(found.signal_notice(word, masked as f64, "", found.quality));
                 let names = source.values.iter().chain(parameter.values);
                 let known = names.into_iter().find(|(value, _)| *value == masked);
-                let mode = known.map_or_else(|| name(&format!("mode {masked}")), |(_, word)| word);
-                self.change(found.axis, parted("mode", part), mode, notices);
+                let mode =
+                    known.map_or_else(|| intern(&format!("mode {masked}")), |(_, word)| word);
+                self.report_change(found.axis, motor_name("mode", part), mode, notices);
             }
-            Source::Time => self.time(found, notices),
+            Source::Time => self.check_time(found, notices),
             _ => {}
         }
     }
 
-    fn change(&mut self, axis: u32, what: Name, to: Name, notices: &mut Vec<Notice>) {
-        let from = set(&mut self.states, (axis, what), to).unwrap_or("");
+    fn report_change(
+        &mut self,
+        axis: u32,
+        what: InternedName,
+        to: InternedName,
+        notices: &mut Vec<SessionNotice>,
+    ) {
+        let from = replace_known(&mut self.states, (axis, what), to).unwrap_or("");
         if from != to {
-            notices.push(Notice::Change(Change { axis: Some(axis), what, from, to }));
+            notices.push(SessionNotice::Change(ChangeNotice { axis: Some(axis), what, from, to }));
         }
     }
 
     /// A drive's own time that goes back has begun anew.
-    fn time(&mut self, found: &Found<'_>, notices: &mut Vec<Notice>) {
-        let (axis, now) = (found.axis, found.told.raw & 0xFFFF_FFFF);
-        let before = set(&mut self.times, axis, now).unwrap_or(0);
+    fn check_time(&mut self, found: &ObservedValue<'_>, notices: &mut Vec<SessionNotice>) {
+        let (axis, now) = (found.axis, found.frame_value.raw & 0xFFFF_FFFF);
+        let before = replace_known(&mut self.times, axis, now).unwrap_or(0);
         if now < before && before - now < WRAP {
             let text = format!(
                 "axis {axis} counts its time from anew ({before}, then {now}): it started again"
             );
-            notices.push(odd(Oddity::Restart, Some(axis), text));
+            notices.push(anomaly(AnomalyKind::Restart, Some(axis), text));
         }
     }
 
     /// Faults that came, and those that went.
-    fn faults(&mut self, profile: &'static Profile, found: &Found<'_>, notices: &mut Vec<Notice>) {
-        let (axis, raw) = (found.axis, found.told.raw);
+    fn report_faults(
+        &mut self,
+        profile: &'static Profile,
+        found: &ObservedValue<'_>,
+        notices: &mut Vec<SessionNotice>,
+    ) {
+        let (axis, raw) = (found.axis, found.frame_value.raw);
         let word = raw as u32;
         let bits = profile.faults.iter().all(|fault| fault.code.is_power_of_two());
         let is_set = |fault: &Known| match bits {
@@ -228,16 +247,22 @@ impl Values {
     }
 }
 
-impl Found<'_> {
-    fn signal(&self, name: Name, value: f64, unit: Name, quality: Quality) -> Notice {
-        let exact = Some(self.told.raw);
+impl ObservedValue<'_> {
+    fn signal_notice(
+        &self,
+        name: InternedName,
+        value: f64,
+        unit: InternedName,
+        quality: Quality,
+    ) -> SessionNotice {
+        let exact = Some(self.frame_value.raw);
         let Self { axis, request, .. } = *self;
-        Notice::Signal(Signal { axis, name, value, exact, unit, quality, request })
+        SessionNotice::Signal(SignalNotice { axis, name, value, exact, unit, quality, request })
     }
 }
 
 /// The contract's name of what is simply a number.
-fn plain(profile: &'static Profile, source: &SignalSource) -> Option<Name> {
+fn signal_name(profile: &'static Profile, source: &SignalSource) -> Option<InternedName> {
     let of = |signal| profile.signal(signal).map(|source| source.parameter);
     Some(match source.signal {
         Source::Position => "Actual/Position",
@@ -254,20 +279,20 @@ fn plain(profile: &'static Profile, source: &SignalSource) -> Option<Name> {
 }
 
 /// The name for one of several motors.
-fn parted(word: Name, part: u8) -> Name {
-    if part == 0 { word } else { name(&format!("{word} {part}")) }
+fn motor_name(word: InternedName, part: u8) -> InternedName {
+    if part == 0 { word } else { intern(&format!("{word} {part}")) }
 }
 
-fn fault_notice(axis: u32, code: u32, known: Option<&'static Known>, gone: bool) -> Notice {
+fn fault_notice(axis: u32, code: u32, known: Option<&'static Known>, gone: bool) -> SessionNotice {
     let (text, cause, remedy) = match known {
         Some(fault) => (fault.text, fault.cause, fault.remedy),
-        None => (name(&format!("fault 0x{code:04X}, which the profile does not name")), "", ""),
+        None => (intern(&format!("fault 0x{code:04X}, which the profile does not name")), "", ""),
     };
-    Notice::Fault(Fault { axis, code, text, cause, remedy, gone })
+    SessionNotice::Fault(FaultNotice { axis, code, text, cause, remedy, gone })
 }
 
 /// Sets what is known of a thing, and tells what was.
-fn set<K: PartialEq, V: Copy>(known: &mut Vec<(K, V)>, of: K, value: V) -> Option<V> {
+fn replace_known<K: PartialEq, V: Copy>(known: &mut Vec<(K, V)>, of: K, value: V) -> Option<V> {
     if let Some((_, slot)) = known.iter_mut().find(|(other, _)| *other == of) {
         return Some(core::mem::replace(slot, value));
     }

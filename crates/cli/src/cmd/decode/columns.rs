@@ -4,22 +4,23 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-use polepair_capture::{Decoder, Event};
+use polepair_capture::{CaptureDecoder, DecodedFrame};
 use polepair_columns::{
-    ArrowError, Builder, Built, Files, Keep, Numbering, Origin, Provenance, RecordBatch,
-    StoreError, Stored, Table, Tables,
+    ArrowError, BatchBuilder, BatchSink, BuiltBatches, CaptureOrigin, ColumnFormat,
+    DictionaryMerger, Provenance, RecordBatch, TableFileError, TableFiles, TableKind,
+    TablesBuilder,
 };
 
-use crate::capture::{Sink, Source};
+use crate::capture::{CaptureSource, EventSink};
 use crate::problem::{self, Exit, Problem, Result};
 
 /// Batches that wait to be written.
 const WAITING_MAX: usize = 2;
 
 /// What becomes of a capture.
-pub struct Wanted<'a> {
+pub struct ColumnsJob<'a> {
     /// The tables.
-    pub tables: &'a [Table],
+    pub tables: &'a [TableKind],
     /// The machine or gateway that recorded it.
     pub recorder: &'a str,
     /// What its rows are called by.
@@ -32,44 +33,44 @@ pub struct Wanted<'a> {
     pub jobs: usize,
 }
 
-impl Wanted<'_> {
-    fn tables(&self) -> Tables {
-        let origin = Origin { source: self.recorder.to_owned(), file: self.file.to_owned() };
-        Tables::new(self.tables, &origin)
+impl ColumnsJob<'_> {
+    fn tables_builder(&self) -> TablesBuilder {
+        let origin = CaptureOrigin { source: self.recorder.to_owned(), file: self.file.to_owned() };
+        TablesBuilder::new(self.tables, &origin)
     }
 }
 
 /// Decodes a capture into a folder with a file for each table.
 pub fn decode(
-    source: Source,
+    source: CaptureSource,
     path: &Path,
     out: &Path,
-    stored: Stored,
-    wanted: &Wanted<'_>,
-) -> Result<Decoder> {
-    let files = Files::create(out, wanted.tables, stored, wanted.jobs);
-    let files = files.map_err(|error| refused(out, error))?;
-    into(source, path, out, Box::new(files), wanted)
+    stored: ColumnFormat,
+    wanted: &ColumnsJob<'_>,
+) -> Result<CaptureDecoder> {
+    let files = TableFiles::create(out, wanted.tables, stored, wanted.jobs);
+    let files = files.map_err(|error| write_problem(out, error))?;
+    decode_into(source, path, out, Box::new(files), wanted)
 }
 
 /// Decodes a capture into what keeps its batches.
-pub fn into(
-    source: Source,
+pub fn decode_into(
+    source: CaptureSource,
     path: &Path,
     out: &Path,
-    keep: Box<dyn Keep>,
-    wanted: &Wanted<'_>,
-) -> Result<Decoder> {
-    let mut columns = Columns::new(keep, out, wanted);
+    keep: Box<dyn BatchSink>,
+    wanted: &ColumnsJob<'_>,
+) -> Result<CaptureDecoder> {
+    let mut columns = ColumnSink::new(keep, out, wanted);
     let source = source.without_words();
     let decoder = match path.as_os_str() == "-" {
-        true => source.read(path, &mut columns)?,
+        true => source.decode(path, &mut columns)?,
         false => {
             let mut builders: Vec<_> =
-                (0..wanted.jobs).map(|_| Builder::new(wanted.tables())).collect();
-            let put = &mut |builder: &mut Builder| columns.send(builder.built());
-            let mut decoder = source.read_by(path, &mut builders, put)?;
-            decoder.ending(&mut |event| columns.ending(event));
+                (0..wanted.jobs).map(|_| BatchBuilder::new(wanted.tables_builder())).collect();
+            let put = &mut |builder: &mut BatchBuilder| columns.send_built(builder.take_built());
+            let mut decoder = source.decode_parallel(path, &mut builders, put)?;
+            decoder.finish_sessions(&mut |event| columns.handle_final(event));
             columns.finish()?;
             decoder
         }
@@ -85,13 +86,13 @@ pub fn into(
 }
 
 /// The tables that `--tables` names.
-pub fn tables(words: Option<&str>) -> Result<Vec<Table>> {
-    let Some(words) = words else { return Ok(Table::ALL.to_vec()) };
+pub fn parse_tables(words: Option<&str>) -> Result<Vec<TableKind>> {
+    let Some(words) = words else { return Ok(TableKind::ALL.to_vec()) };
     let named = |word: &str| {
-        Table::named(word.trim()).ok_or_else(|| {
-            let known = Table::ALL.map(Table::name);
+        TableKind::from_name(word.trim()).ok_or_else(|| {
+            let known = TableKind::ALL.map(TableKind::name);
             Problem::usage("E250", format!("{word:?} is no table."))
-                .why(format!("A decoded capture has the tables {}.", problem::list(&known)))
+                .why(format!("A decoded capture has the tables {}.", problem::join_list(&known)))
         })
     };
     words.split(',').map(named).collect()
@@ -102,13 +103,13 @@ pub fn fingerprint(path: &Path) -> Result<String> {
     if path.as_os_str() == "-" {
         return Ok(String::new());
     }
-    polepair_columns::fingerprint(path).map_err(|error| problem::file(path, "read", &error))
+    polepair_columns::fingerprint(path).map_err(|error| problem::file_problem(path, "read", &error))
 }
 
-fn refused(out: &Path, error: StoreError) -> Problem {
+fn write_problem(out: &Path, error: TableFileError) -> Problem {
     match error {
-        StoreError::Io(error) => problem::file(out, "write", &error),
-        StoreError::Columns(error) => {
+        TableFileError::Io(error) => problem::file_problem(out, "write", &error),
+        TableFileError::Columns(error) => {
             Problem::new(Exit::Adapter, "E303", format!("cannot write {}.", out.display()))
                 .why(error.to_string())
         }
@@ -116,24 +117,24 @@ fn refused(out: &Path, error: StoreError) -> Problem {
 }
 
 /// Takes columns in order; they are compressed and written on a thread beside.
-struct Columns {
-    own: Builder,
-    numbering: Numbering,
-    batches: Option<SyncSender<Batch>>,
-    writer: Option<JoinHandle<Written>>,
+struct ColumnSink {
+    builder: BatchBuilder,
+    numbering: DictionaryMerger,
+    batches: Option<SyncSender<TableBatch>>,
+    writer: Option<JoinHandle<WriterResult>>,
     out: PathBuf,
 }
 
-type Batch = (Table, RecordBatch);
-type Written = std::result::Result<Box<dyn Keep>, StoreError>;
+type TableBatch = (TableKind, RecordBatch);
+type WriterResult = std::result::Result<Box<dyn BatchSink>, TableFileError>;
 
-impl Columns {
-    fn new(keep: Box<dyn Keep>, out: &Path, wanted: &Wanted<'_>) -> Self {
+impl ColumnSink {
+    fn new(keep: Box<dyn BatchSink>, out: &Path, wanted: &ColumnsJob<'_>) -> Self {
         let (batches, waiting) = sync_channel(WAITING_MAX);
-        let writer = std::thread::spawn(move || write(keep, &waiting));
+        let writer = std::thread::spawn(move || write_batches(keep, &waiting));
         Self {
-            own: Builder::new(wanted.tables()),
-            numbering: Numbering::default(),
+            builder: BatchBuilder::new(wanted.tables_builder()),
+            numbering: DictionaryMerger::default(),
             batches: Some(batches),
             writer: Some(writer),
             out: out.to_owned(),
@@ -141,55 +142,55 @@ impl Columns {
     }
 
     /// Sends what was built.
-    fn send(&mut self, built: Built) -> Result<()> {
-        let refused = |error: ArrowError| refused(&self.out, error.into());
+    fn send_built(&mut self, built: BuiltBatches) -> Result<()> {
+        let refused = |error: ArrowError| write_problem(&self.out, error.into());
         let Some(batches) = &self.batches else { return Ok(()) };
         let mut open = true;
         for (table, batch) in built.map_err(refused)? {
-            let batch = self.numbering.number(table, batch).map_err(refused)?;
+            let batch = self.numbering.renumber(table, batch).map_err(refused)?;
             open &= batches.send((table, batch)).is_ok();
         }
         // The writer goes away only when it failed.
-        if open { Ok(()) } else { self.written().map(|_| ()) }
+        if open { Ok(()) } else { self.join_writer().map(|_| ()) }
     }
 
-    fn written(&mut self) -> Result<Option<Box<dyn Keep>>> {
+    fn join_writer(&mut self) -> Result<Option<Box<dyn BatchSink>>> {
         self.batches = None;
         let Some(writer) = self.writer.take() else { return Ok(None) };
         match writer.join() {
-            Ok(written) => written.map(Some).map_err(|error| refused(&self.out, error)),
+            Ok(written) => written.map(Some).map_err(|error| write_problem(&self.out, error)),
             Err(panic) => std::panic::resume_unwind(panic),
         }
     }
 
     fn close(mut self, provenance: &Provenance) -> Result<()> {
-        let Some(keep) = self.written()? else { return Ok(()) };
-        keep.close(provenance).map_err(|error| refused(&self.out, error))
+        let Some(keep) = self.join_writer()? else { return Ok(()) };
+        keep.close(provenance).map_err(|error| write_problem(&self.out, error))
     }
 }
 
-fn write(mut keep: Box<dyn Keep>, waiting: &Receiver<Batch>) -> Written {
+fn write_batches(mut keep: Box<dyn BatchSink>, waiting: &Receiver<TableBatch>) -> WriterResult {
     for (table, batch) in waiting {
-        keep.batch(table, &batch)?;
+        keep.write_batch(table, &batch)?;
     }
     Ok(keep)
 }
 
-impl Sink for Columns {
-    fn take(&mut self, event: &Event<'_>) {
-        self.own.tables.take(event);
+impl EventSink for ColumnSink {
+    fn handle_event(&mut self, event: &DecodedFrame<'_>) {
+        self.builder.tables.add_event(event);
     }
 
-    fn settle(&mut self, now: bool) -> Result<()> {
-        if !now && !self.own.tables.is_full() {
+    fn flush(&mut self, now: bool) -> Result<()> {
+        if !now && !self.builder.tables.is_full() {
             return Ok(());
         }
-        self.own.flush();
-        let built = self.own.built();
-        self.send(built)
+        self.builder.flush();
+        let built = self.builder.take_built();
+        self.send_built(built)
     }
 
-    fn ending(&mut self, event: &Event<'_>) {
-        self.own.tables.ending(event.link, event.notices);
+    fn handle_final(&mut self, event: &DecodedFrame<'_>) {
+        self.builder.tables.add_final_notices(event.link, event.notices);
     }
 }

@@ -5,63 +5,63 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use polepair_capture::Format;
-use polepair_columns::{Done, Parts, Site, Table};
+use polepair_capture::CaptureFormat;
+use polepair_columns::{DatasetSite, DatasetWriter, DecodeRecord, TableKind};
 
-use super::columns::{self, Wanted};
-use crate::capture::{Stated, report};
+use super::columns::{self, ColumnsJob};
+use crate::capture::{CaptureArgs, report_left_out};
 use crate::problem::{self, Exit, Problem, Result};
-use crate::terminal::{colour_err, say};
+use crate::terminal::{colour_err, print_note};
 
 /// Captures that are decoded at once at most: each holds row groups in memory.
 const WORKERS_MAX: usize = 4;
 
 /// What becomes of a folder.
-pub struct Folder<'a> {
+pub struct FolderJob<'a> {
     /// Where the captures are.
     pub captures: &'a Path,
     /// What is stated about all of them.
-    pub stated: &'a Stated,
+    pub stated: &'a CaptureArgs,
     /// Where they go.
-    pub site: Site,
+    pub site: DatasetSite,
     /// The machine or gateway that recorded them.
     pub recorder: &'a str,
     /// The tables.
-    pub tables: &'a [Table],
+    pub tables: &'a [TableKind],
     /// Threads that decode.
     pub jobs: usize,
 }
 
 /// What became of the captures.
 #[derive(Default)]
-struct Tally {
+struct FolderTally {
     decoded: usize,
-    there: usize,
-    broken: usize,
+    already_decoded: usize,
+    unreadable: usize,
 }
 
-impl Folder<'_> {
+impl FolderJob<'_> {
     /// Decodes what is not decoded yet. A capture that cannot be read is told and passed over.
     pub fn decode(&self) -> Result {
         self.stated.source()?;
         let mut captures = Vec::new();
-        self.gather(self.captures, &mut captures)?;
+        self.collect_captures(self.captures, &mut captures)?;
         captures.sort();
         if captures.is_empty() {
             let what = format!("there is no capture in {}.", self.captures.display());
             let endings = "Captures are known by their names' endings: log, pcap, blf and so on.";
             return Err(Problem::usage("E250", what).why(endings));
         }
-        let (next, tally) = (AtomicUsize::new(0), Mutex::new(Tally::default()));
-        let bar = bar(captures.len());
+        let (next, tally) = (AtomicUsize::new(0), Mutex::new(FolderTally::default()));
+        let bar = progress_bar(captures.len());
         let workers = self.jobs.min(WORKERS_MAX).min(captures.len());
         let jobs = self.jobs / workers;
         std::thread::scope(|scope| {
             for _ in 0..workers {
                 scope.spawn(|| {
                     while let Some(path) = captures.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        let done = self.one(path, jobs);
-                        bar.suspend(|| count(&tally, path, done));
+                        let done = self.decode_one(path, jobs);
+                        bar.suspend(|| count_result(&tally, path, done));
                         bar.inc(1);
                     }
                 });
@@ -69,14 +69,16 @@ impl Folder<'_> {
         });
         bar.finish_and_clear();
         let tally = tally.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let Tally { decoded, there, broken } = tally;
-        say(&format!("{decoded} decoded, {there} were there already, {broken} could not be read"));
+        let FolderTally { decoded, already_decoded: there, unreadable: broken } = tally;
+        print_note(&format!(
+            "{decoded} decoded, {there} were there already, {broken} could not be read"
+        ));
         Ok(if broken > 0 { Exit::Corrupt } else { Exit::Ok })
     }
 
     /// Captures in a folder and those in it, but for what is hidden and the data set itself.
-    fn gather(&self, folder: &Path, captures: &mut Vec<PathBuf>) -> Result<()> {
-        let failed = |error| problem::file(folder, "read", &error);
+    fn collect_captures(&self, folder: &Path, captures: &mut Vec<PathBuf>) -> Result<()> {
+        let failed = |error| problem::file_problem(folder, "read", &error);
         for entry in std::fs::read_dir(folder).map_err(failed)? {
             let entry = entry.map_err(failed)?;
             let (path, kind) = (entry.path(), entry.file_type().map_err(failed)?);
@@ -85,8 +87,8 @@ impl Folder<'_> {
                 continue;
             }
             if kind.is_dir() {
-                self.gather(&path, captures)?;
-            } else if Format::of_path(&path).is_some() {
+                self.collect_captures(&path, captures)?;
+            } else if CaptureFormat::from_path(&path).is_some() {
                 captures.push(path);
             }
         }
@@ -94,37 +96,38 @@ impl Folder<'_> {
     }
 
     /// Decodes one capture; false if it is there already.
-    fn one(&self, path: &Path, jobs: usize) -> Result<bool> {
+    fn decode_one(&self, path: &Path, jobs: usize) -> Result<bool> {
         let blake3 = columns::fingerprint(path)?;
-        let done = Done::new(&self.site, &blake3, &self.stated.said(), self.tables);
-        if done.is_there(&self.site) {
+        let done = DecodeRecord::new(&self.site, &blake3, &self.stated.describe(), self.tables);
+        if done.exists(&self.site) {
             return Ok(false);
         }
         let file = path.strip_prefix(self.captures).unwrap_or(path).display().to_string();
         let profile = self.stated.profile_word();
         let (tables, recorder) = (self.tables, self.recorder);
-        let wanted = Wanted { tables, recorder, file: &file, blake3, profile, jobs };
-        let parts = Box::new(Parts::new(self.site.clone(), done, self.jobs));
-        let decoder = columns::into(self.stated.source()?, path, &self.site.root, parts, &wanted)?;
-        report(&decoder).map(|_| true)
+        let wanted = ColumnsJob { tables, recorder, file: &file, blake3, profile, jobs };
+        let parts = Box::new(DatasetWriter::new(self.site.clone(), done, self.jobs));
+        let decoder =
+            columns::decode_into(self.stated.source()?, path, &self.site.root, parts, &wanted)?;
+        report_left_out(&decoder).map(|_| true)
     }
 }
 
-fn count(tally: &Mutex<Tally>, path: &Path, done: Result<bool>) {
+fn count_result(tally: &Mutex<FolderTally>, path: &Path, done: Result<bool>) {
     let mut tally = tally.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     match done {
         Ok(true) => tally.decoded += 1,
-        Ok(false) => tally.there += 1,
+        Ok(false) => tally.already_decoded += 1,
         Err(problem) => {
-            tally.broken += 1;
-            say(&format!("{}: left out", path.display()));
-            say(problem.render(colour_err()).trim_end());
+            tally.unreadable += 1;
+            print_note(&format!("{}: left out", path.display()));
+            print_note(problem.render(colour_err()).trim_end());
         }
     }
 }
 
 /// How far it is, on a terminal.
-fn bar(captures: usize) -> ProgressBar {
+fn progress_bar(captures: usize) -> ProgressBar {
     let style = ProgressStyle::with_template("{bar:30} {pos} of {len} captures, {eta} left");
     let bar = ProgressBar::new(captures as u64);
     style.map_or(bar.clone(), |style| bar.with_style(style))

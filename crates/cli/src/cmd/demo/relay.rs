@@ -8,11 +8,11 @@ use polepair::{Axis, Error};
 use polepair_core::profile::Signal;
 use polepair_link::pty::Pty;
 
-use super::{Frames, connector};
+use super::{FrameLines, recording_connector};
 use crate::outcome;
 use crate::problem::{Problem, Result};
-use crate::session::signal;
-use crate::terminal::say;
+use crate::session::read_signal;
+use crate::terminal::print_note;
 
 const RACK: &str = r#"
 [[link]]
@@ -42,35 +42,35 @@ address = 2
 "#;
 
 /// Plays it. Returns what failed.
-pub(super) fn play() -> Result<Option<String>> {
-    let description = simulate::rack_of_text("demo", RACK, 1).map_err(outcome::error)?;
-    let lines = simulate::lines(&description, 1).map_err(outcome::error)?;
+pub(super) fn run_relay_scene() -> Result<Option<String>> {
+    let description = simulate::rack_of_text("demo", RACK, 1).map_err(outcome::to_problem)?;
+    let lines = simulate::drive_lines(&description, 1).map_err(outcome::to_problem)?;
     let Some(line) = lines.into_iter().next() else {
         return Err(Problem::usage("E244", "the demo's rack has no link."));
     };
-    let pty = Pty::open(None).map_err(|error| outcome::link_error(&error))?;
+    let pty = Pty::open(None).map_err(|error| outcome::link_problem(&error))?;
     let url = description.urls(0, &format!("serial://{}", pty.path())).remove(0);
     let _served = line.serve(Box::new(pty));
-    say("== Two axes on CAN behind a relay ==");
-    say(&format!("  opening {url}: axis 255 is the relay, 1 and 2 are on its bus"));
-    let frames = Frames::default();
-    let link = connector(&url, &frames).connect(&url).map_err(outcome::error)?;
+    print_note("== Two axes on CAN behind a relay ==");
+    print_note(&format!("  opening {url}: axis 255 is the relay, 1 and 2 are on its bus"));
+    let frames = FrameLines::default();
+    let link = recording_connector(&url, &frames).connect(&url).map_err(outcome::to_problem)?;
     let behind = &link.axes()[1..];
-    let ended = turn(behind, &frames);
+    let ended = turn_axes(behind, &frames);
     for frame in frames.lock().unwrap_or_else(PoisonError::into_inner).iter() {
-        say(&format!("      {frame}"));
+        print_note(&format!("      {frame}"));
     }
     for axis in behind {
-        if let Ok(Some(position)) = signal(axis, Signal::Position) {
-            say(&format!("  axis {:<3} {position}", axis.number()));
+        if let Ok(Some(position)) = read_signal(axis, Signal::Position) {
+            print_note(&format!("  axis {:<3} {position}", axis.number()));
         }
     }
-    say(if ended.is_ok() { "  both turned at once           ok\n" } else { "  FAILED\n" });
+    print_note(if ended.is_ok() { "  both turned at once           ok\n" } else { "  FAILED\n" });
     Ok(ended.err().map(|error| format!("behind the relay: {error}")))
 }
 
 /// All of them at once, two turns. The frames that are kept are those of the move.
-fn turn(axes: &[Axis], frames: &Frames) -> std::result::Result<(), Error> {
+fn turn_axes(axes: &[Axis], frames: &FrameLines) -> std::result::Result<(), Error> {
     for axis in axes {
         axis.arm(true);
         axis.enable()?;

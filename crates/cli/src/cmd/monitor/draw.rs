@@ -8,12 +8,12 @@ use ratatui_core::buffer::Buffer;
 use ratatui_core::layout::Rect;
 use ratatui_core::text::{Line, Span};
 
-use super::keys::View;
-use super::seen::{Came, Seen, Shows};
-pub use theme::{Role, Theme};
+use super::source::{AxisRow, MonitorSource, StopState};
+use super::view::View;
+pub use theme::{TextRole, Theme};
 
 /// Rows from which on the link has two lines.
-const TALL: u16 = 18;
+const TALL_ROWS: u16 = 18;
 
 const HELP: [(&str, &str); 12] = [
     ("Esc", "stop every axis of this view, whatever is on the screen"),
@@ -31,62 +31,62 @@ const HELP: [(&str, &str); 12] = [
 ];
 
 /// Draws everything.
-pub fn draw(monitor: &dyn Shows, view: &View, theme: Theme, buffer: &mut Buffer) {
-    let axes: Vec<Seen> = (0..monitor.count()).map(|n| monitor.axis(n)).collect();
-    let mut page = Page { area: buffer.area, used: 0, theme, buffer };
-    let tall = page.area.height >= TALL;
-    page.line(link(monitor, page.area.width, theme));
-    if let Some(line) = state_of_link(monitor, tall, theme) {
-        page.line(line);
+pub fn draw_monitor(monitor: &dyn MonitorSource, view: &View, theme: Theme, buffer: &mut Buffer) {
+    let axes: Vec<AxisRow> = (0..monitor.count()).map(|n| monitor.axis(n)).collect();
+    let mut page = ScreenPage { area: buffer.area, used: 0, theme, buffer };
+    let tall = page.area.height >= TALL_ROWS;
+    page.draw_line(link_line(monitor, page.area.width, theme));
+    if let Some(line) = link_state_line(monitor, tall, theme) {
+        page.draw_line(line);
     }
     if let Some(lock) = monitor.lock() {
-        page.line(Line::from(theme.span(lock, Role::Bad)));
+        page.draw_line(Line::from(theme.span(lock, TextRole::Bad)));
     }
-    for wanting in monitor.wanting() {
-        page.line(Line::from(theme.span(wanting, Role::Bad)));
+    for wanting in monitor.link_troubles() {
+        page.draw_line(Line::from(theme.span(wanting, TextRole::Bad)));
     }
-    if let Some(line) = stop(monitor, &axes, view, theme) {
-        page.line(line);
+    if let Some(line) = stop_line(monitor, &axes, view, theme) {
+        page.draw_line(line);
     }
-    let room = page.left().saturating_sub(1);
-    for line in axes::lines(&axes, monitor.chosen(), page.area.width, room, theme) {
-        page.line(line);
+    let room = page.rows_left().saturating_sub(1);
+    for line in axes::axis_lines(&axes, monitor.chosen(), page.area.width, room, theme) {
+        page.draw_line(line);
     }
-    page.line(frames::title(monitor, view, page.area.width, theme));
-    let room = page.left().saturating_sub(1);
-    for line in frames::lines(monitor, view, page.area.width, room, theme) {
-        page.line(line);
+    page.draw_line(frames::title_line(monitor, view, page.area.width, theme));
+    let room = page.rows_left().saturating_sub(1);
+    for line in frames::frame_lines(monitor, view, page.area.width, room, theme) {
+        page.draw_line(line);
     }
     page.used = page.area.height.saturating_sub(1);
-    page.line(footer(view, page.area.width, theme));
+    page.draw_line(footer_line(view, page.area.width, theme));
     if view.help {
-        help(&mut page);
+        draw_help(&mut page);
     }
 }
 
 /// What is drawn from top to bottom.
-struct Page<'a> {
+struct ScreenPage<'a> {
     area: Rect,
     used: u16,
     theme: Theme,
     buffer: &'a mut Buffer,
 }
 
-impl Page<'_> {
-    fn line(&mut self, line: Line<'_>) {
+impl ScreenPage<'_> {
+    fn draw_line(&mut self, line: Line<'_>) {
         if self.used < self.area.height {
             self.buffer.set_line(self.area.x, self.area.y + self.used, &line, self.area.width);
             self.used += 1;
         }
     }
 
-    fn left(&self) -> u16 {
+    fn rows_left(&self) -> u16 {
         self.area.height.saturating_sub(self.used)
     }
 }
 
 /// What it is, how long, how much passes, and how to stop it.
-fn link(monitor: &dyn Shows, width: u16, theme: Theme) -> Line<'static> {
+fn link_line(monitor: &dyn MonitorSource, width: u16, theme: Theme) -> Line<'static> {
     let seconds = monitor.age().as_secs();
     let mut facts = format!(
         "  {}:{:02}  {:.0} frames/s",
@@ -102,108 +102,113 @@ fn link(monitor: &dyn Shows, width: u16, theme: Theme) -> Line<'static> {
             facts.push_str(&format!("  {name}{:.0} % busy", load * 100.0));
         }
     }
-    let stop = if monitor.is_mute() { " listening " } else { " STOP ALL: Esc " };
+    let stop = if monitor.is_listen_only() { " listening " } else { " STOP ALL: Esc " };
     let rest = usize::from(width).saturating_sub(facts.chars().count() + stop.len() + 1);
-    let name = cut(monitor.url(), rest);
+    let name = truncate(monitor.url(), rest);
     let gap = rest - name.chars().count() + 1;
-    let badge = if monitor.is_mute() { Role::Dim } else { Role::Stop };
+    let badge = if monitor.is_listen_only() { TextRole::Dim } else { TextRole::Stop };
     Line::from(vec![
-        theme.span(name, Role::Strong),
-        theme.span(facts, Role::Plain),
+        theme.span(name, TextRole::Strong),
+        theme.span(facts, TextRole::Plain),
         Span::raw(" ".repeat(gap)),
         theme.span(stop, badge),
     ])
 }
 
 /// Why the link is down, else what went wrong on it so far.
-fn state_of_link(monitor: &dyn Shows, tall: bool, theme: Theme) -> Option<Line<'static>> {
+fn link_state_line(monitor: &dyn MonitorSource, tall: bool, theme: Theme) -> Option<Line<'static>> {
     if let Some(text) = monitor.trouble() {
-        return Some(Line::from(theme.span(text, Role::Bad)));
+        return Some(Line::from(theme.span(text, TextRole::Bad)));
     }
     let (count, _) = monitor.traffic().counts();
-    let mut spans = vec![theme.span(format!("{count} frames"), Role::Dim)];
-    for (count, word) in monitor.flaws().into_iter().filter(|(count, _)| *count > 0) {
-        spans.push(theme.span(format!("  {count} {word}"), Role::Warn));
+    let mut spans = vec![theme.span(format!("{count} frames"), TextRole::Dim)];
+    for (count, word) in monitor.flaw_counts().into_iter().filter(|(count, _)| *count > 0) {
+        spans.push(theme.span(format!("  {count} {word}"), TextRole::Warn));
     }
     let fine = spans.len() == 1;
     if fine {
-        let words = format!("  {}", monitor.fine());
-        spans.push(theme.span(words, Role::Dim));
+        let words = format!("  {}", monitor.no_flaws_text());
+        spans.push(theme.span(words, TextRole::Dim));
     }
     (tall || !fine).then(|| Line::from(spans))
 }
 
 /// How far the stop that was asked for has come.
-fn stop(monitor: &dyn Shows, axes: &[Seen], view: &View, theme: Theme) -> Option<Line<'static>> {
-    if let Some(text) = monitor.unsaid().filter(|_| view.stopped) {
-        return Some(Line::from(theme.span(text, Role::Bad)));
+fn stop_line(
+    monitor: &dyn MonitorSource,
+    axes: &[AxisRow],
+    view: &View,
+    theme: Theme,
+) -> Option<Line<'static>> {
+    if let Some(text) = monitor.stop_problem().filter(|_| view.stopped) {
+        return Some(Line::from(theme.span(text, TextRole::Bad)));
     }
     let stops = || axes.iter().filter_map(|axis| Some((axis, axis.stop.as_ref()?)));
-    let mut spans = vec![theme.span("STOP", Role::Strong)];
+    let mut spans = vec![theme.span("STOP", TextRole::Strong)];
     let failed: Vec<(&str, &str)> = stops()
-        .filter_map(|(axis, stop)| match &stop.class {
-            Came::Failed(why) => Some((axis.name.as_str(), why.as_str())),
+        .filter_map(|(axis, stop)| match &stop.state {
+            StopState::Failed(why) => Some((axis.name.as_str(), why.as_str())),
             _ => None,
         })
         .collect();
     if !failed.is_empty() {
         let names: Vec<&str> = failed.iter().map(|(name, _)| *name).collect();
         let text = format!("  {}: NOT CONFIRMED, cut its power", names.join(", "));
-        spans.push(theme.span(text, Role::Bad));
+        spans.push(theme.span(text, TextRole::Bad));
     }
     let classes = [
-        (Came::Sent, "sent", Role::Warn),
-        (Came::Acknowledged, "acknowledged", Role::Plain),
-        (Came::Unseen, "acknowledged, standing not known", Role::Warn),
-        (Came::Still, "standing still", Role::Good),
+        (StopState::Sent, "sent", TextRole::Warn),
+        (StopState::Acknowledged, "acknowledged", TextRole::Plain),
+        (StopState::Unobservable, "acknowledged, standing not known", TextRole::Warn),
+        (StopState::Standstill, "standing still", TextRole::Good),
     ];
     for (class, word, role) in classes {
-        let found: Vec<_> = stops().filter(|(_, stop)| stop.class == class).collect();
-        let Some(last) = found.iter().map(|(_, stop)| stop.took).max() else { continue };
+        let found: Vec<_> = stops().filter(|(_, stop)| stop.state == class).collect();
+        let Some(last) = found.iter().map(|(_, stop)| stop.elapsed).max() else { continue };
         let names: Vec<&str> = found.iter().map(|(axis, _)| axis.name.as_str()).collect();
         let text = format!("  {}: {word}, {:.2} s", names.join(", "), last.as_secs_f64());
         spans.push(theme.span(text, role));
     }
     if let Some((_, why)) = failed.first() {
-        spans.push(theme.span(format!("  ({why})"), Role::Bad));
+        spans.push(theme.span(format!("  ({why})"), TextRole::Bad));
     }
     (spans.len() > 1).then(|| Line::from(spans))
 }
 
-fn footer(view: &View, width: u16, theme: Theme) -> Line<'static> {
+fn footer_line(view: &View, width: u16, theme: Theme) -> Line<'static> {
     if view.typing {
         return Line::from(vec![
-            theme.span(format!("/{}", view.filter), Role::Strong),
-            theme.span("_", Role::Changed),
-            theme.span("  Enter: done", Role::Dim),
+            theme.span(format!("/{}", view.filter), TextRole::Strong),
+            theme.span("_", TextRole::Changed),
+            theme.span("  Enter: done", TextRole::Dim),
         ]);
     }
     let all =
         " q leave  ? help  space halt  t kinds  / filter  arrows axis  PgUp PgDn scroll  c clear";
     let short = " q leave  ? help  space halt  t kinds  / filter";
     let text = if usize::from(width) > all.len() { all } else { short };
-    Line::from(theme.span(text, Role::Dim))
+    Line::from(theme.span(text, TextRole::Dim))
 }
 
-fn help(page: &mut Page<'_>) {
+fn draw_help(page: &mut ScreenPage<'_>) {
     page.used = 0;
     let blank = " ".repeat(usize::from(page.area.width));
     for _ in 0..page.area.height {
-        page.line(Line::from(blank.clone()));
+        page.draw_line(Line::from(blank.clone()));
     }
     page.used = 0;
     let theme = page.theme;
-    page.line(Line::from(
-        theme.span("polepair monitor reads; only Esc sends a command", Role::Strong),
+    page.draw_line(Line::from(
+        theme.span("polepair monitor reads; only Esc sends a command", TextRole::Strong),
     ));
     for (key, what) in HELP {
-        let key = theme.span(format!("  {key:<12}"), Role::Strong);
-        page.line(Line::from(vec![key, theme.span(what, Role::Plain)]));
+        let key = theme.span(format!("  {key:<12}"), TextRole::Strong);
+        page.draw_line(Line::from(vec![key, theme.span(what, TextRole::Plain)]));
     }
 }
 
 /// A text that has at most so many characters; what is cut off is marked.
-fn cut(text: &str, most: usize) -> String {
+fn truncate(text: &str, most: usize) -> String {
     if text.chars().count() <= most {
         return text.to_owned();
     }

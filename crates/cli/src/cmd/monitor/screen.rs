@@ -17,49 +17,55 @@ use ratatui_crossterm::crossterm::terminal::{
 };
 
 use super::draw::{self, Theme};
-use super::keys::{Then, View};
-use super::seen::Shows;
+use super::source::MonitorSource;
+use super::view::{KeyOutcome, View};
 use crate::interrupt;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, say};
+use crate::terminal::{self, print_note};
 
 /// How long a wait for keys is.
-const LOOK: Duration = Duration::from_millis(10);
+const KEY_WAIT: Duration = Duration::from_millis(10);
 /// How often the screen is drawn while nobody presses a key.
 const DRAW_MS: u32 = 50;
 /// Keys that are taken before the link is looked after again.
 const KEYS_MAX: usize = 64;
 
 /// Shows it until the person leaves, or the time is over.
-pub fn run(monitor: &mut dyn Shows, span: Option<Duration>) -> Result {
-    let mut screen = Screen::open().map_err(|error| refused(&error))?;
-    let ended = watch(&mut screen, monitor, span);
+pub fn run(monitor: &mut dyn MonitorSource, span: Option<Duration>) -> Result {
+    let mut screen = TerminalScreen::open().map_err(|error| terminal_problem(&error))?;
+    let ended = run_loop(&mut screen, monitor, span);
     drop(screen);
-    monitor.farewell().iter().for_each(|line| say(line));
+    monitor.exit_notes().iter().for_each(|line| print_note(line));
     ended
 }
 
-fn watch(screen: &mut Screen, monitor: &mut dyn Shows, span: Option<Duration>) -> Result {
+fn run_loop(
+    screen: &mut TerminalScreen,
+    monitor: &mut dyn MonitorSource,
+    span: Option<Duration>,
+) -> Result {
     let theme = Theme { colour: terminal::colour_out() };
     let mut view = View::default();
     let mut drawn = Instant::ZERO;
     loop {
         let mut pressed = false;
         for _ in 0..KEYS_MAX {
-            let wait = if pressed { Duration::ZERO } else { LOOK };
-            if !event::poll(wait).map_err(|error| refused(&error))? {
+            let wait = if pressed { Duration::ZERO } else { KEY_WAIT };
+            if !event::poll(wait).map_err(|error| terminal_problem(&error))? {
                 break;
             }
             pressed = true;
-            let Event::Key(key) = event::read().map_err(|error| refused(&error))? else { continue };
-            match view.key(key, monitor) {
-                Then::Stay => {}
-                Then::Leave => return Ok(Exit::Ok),
-                Then::Interrupted => return Err(Problem::interrupted()),
+            let Event::Key(key) = event::read().map_err(|error| terminal_problem(&error))? else {
+                continue;
+            };
+            match view.handle_key(key, monitor) {
+                KeyOutcome::Continue => {}
+                KeyOutcome::Leave => return Ok(Exit::Ok),
+                KeyOutcome::Interrupted => return Err(Problem::interrupted()),
             }
         }
-        monitor.look()?;
-        if interrupt::came() {
+        monitor.poll()?;
+        if interrupt::was_interrupted() {
             return Err(Problem::interrupted());
         }
         if span.is_some_and(|span| monitor.age() >= span) {
@@ -68,67 +74,67 @@ fn watch(screen: &mut Screen, monitor: &mut dyn Shows, span: Option<Duration>) -
         let now = clock::now();
         if pressed || now >= drawn.plus_ms(DRAW_MS) || drawn == Instant::ZERO {
             drawn = now;
-            screen.draw(monitor, &view, theme).map_err(|error| refused(&error))?;
+            screen.draw(monitor, &view, theme).map_err(|error| terminal_problem(&error))?;
         }
     }
 }
 
-fn refused(error: &io::Error) -> Problem {
+fn terminal_problem(error: &io::Error) -> Problem {
     Problem::new(Exit::Adapter, "E304", "cannot draw on the terminal.")
         .why(format!("The system says: {error}."))
         .hint("polepair monitor --format text prints lines instead")
 }
 
 /// A terminal that is given back when this is dropped, and before a panic tells of itself.
-struct Screen {
-    terminal: Drawn,
+struct TerminalScreen {
+    terminal: ScreenTerminal,
     size: (u16, u16),
 }
 
-type Drawn = Terminal<CrosstermBackend<BufWriter<Stdout>>>;
+type ScreenTerminal = Terminal<CrosstermBackend<BufWriter<Stdout>>>;
 
-impl Screen {
+impl TerminalScreen {
     fn open() -> io::Result<Self> {
         let before = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
-            give_back();
+            restore_terminal();
             before(panic);
         }));
         let size = size()?;
         // From here on it is given back, also where the next step fails.
-        let mut taken = Self { terminal: of_size(size)?, size };
+        let mut taken = Self { terminal: terminal_of_size(size)?, size };
         enable_raw_mode()?;
         execute!(taken.terminal.backend_mut(), EnterAlternateScreen, Hide, Clear(ClearType::All))?;
         Ok(taken)
     }
 
-    fn draw(&mut self, monitor: &dyn Shows, view: &View, theme: Theme) -> io::Result<()> {
+    fn draw(&mut self, monitor: &dyn MonitorSource, view: &View, theme: Theme) -> io::Result<()> {
         let size = size()?;
         if size != self.size {
-            (self.terminal, self.size) = (of_size(size)?, size);
+            (self.terminal, self.size) = (terminal_of_size(size)?, size);
             execute!(self.terminal.backend_mut(), Clear(ClearType::All))?;
         }
-        self.terminal.draw(|frame| draw::draw(monitor, view, theme, frame.buffer_mut()))?;
+        self.terminal.draw(|frame| draw::draw_monitor(monitor, view, theme, frame.buffer_mut()))?;
         Ok(())
     }
 }
 
 /// A fixed area: one that follows the terminal's size would ask it where its cursor is, and wait for
 /// an answer that some never give.
-fn of_size((width, height): (u16, u16)) -> io::Result<Drawn> {
+fn terminal_of_size((width, height): (u16, u16)) -> io::Result<ScreenTerminal> {
     let viewport = Viewport::Fixed(Rect::new(0, 0, width, height));
     let backend = CrosstermBackend::new(BufWriter::new(io::stdout()));
     Terminal::with_options(backend, TerminalOptions { viewport })
 }
 
-impl Drop for Screen {
+impl Drop for TerminalScreen {
     fn drop(&mut self) {
-        give_back();
+        restore_terminal();
     }
 }
 
 /// Nothing can be done where the terminal is gone.
-fn give_back() {
+fn restore_terminal() {
     let _ = disable_raw_mode();
     let _ = execute!(io::stdout(), LeaveAlternateScreen, Show);
     let _ = io::stdout().flush();

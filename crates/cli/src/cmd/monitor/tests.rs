@@ -2,39 +2,39 @@
 
 use std::time::Duration;
 
-use polepair::axis::{Class, Stopping};
+use polepair::axis::{StopProgress, StopSequence};
 use polepair::{Connector, simulate};
 use polepair_core::drives::bench::Act;
 use polepair_core::profile::Signal;
-use polepair_link::{Served, pty::Pty};
+use polepair_link::{ServeThread, pty::Pty};
 use ratatui_core::backend::TestBackend;
 use ratatui_core::buffer::Buffer;
 use ratatui_core::style::{Color, Modifier};
 use ratatui_core::terminal::Terminal;
 use ratatui_crossterm::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
-use super::axes::Doing;
-use super::draw::{Theme, draw};
-use super::keys::{Then, View};
+use super::draw::{Theme, draw_monitor};
 use super::model::Monitor;
-use crate::ears::Ears;
+use super::monitored_axis::AxisActivity;
+use super::view::{KeyOutcome, View};
+use crate::tap_queue::TapQueue;
 
 const PERIOD: Duration = Duration::from_millis(100);
 
 /// A view of a link, as a person has it before them.
-struct Seat {
+struct TestScreen {
     monitor: Monitor,
     view: View,
     terminal: Terminal<TestBackend>,
 }
 
-impl Seat {
+impl TestScreen {
     fn new(url: &str, width: u16, height: u16) -> Self {
-        let ears = Ears::default();
+        let ears = TapQueue::default();
         let taps = ears.clone();
-        let connector = Connector::default().with_taps(move |wire| taps.on(wire));
+        let connector = Connector::default().with_taps(move |wire| taps.tap(wire));
         let link = connector.connect(url).expect("a link");
-        let monitor = Monitor::commanding(link, url, None, ears, PERIOD).expect("axes");
+        let monitor = Monitor::with_link(link, url, None, ears, PERIOD).expect("axes");
         let terminal = Terminal::new(TestBackend::new(width, height)).expect("a terminal");
         let mut seat = Self { monitor, view: View::default(), terminal };
         seat.wait(1);
@@ -44,14 +44,14 @@ impl Seat {
     /// Lets so many rounds of questions pass.
     fn wait(&mut self, rounds: u32) {
         for _ in 0..rounds {
-            self.monitor.look(&mut |_| ()).expect("a link");
-            self.monitor.settle(&mut |_| ());
+            self.monitor.poll(&mut |_| ()).expect("a link");
+            self.monitor.wait_answers(&mut |_| ());
             self.monitor.sleep(PERIOD);
         }
     }
 
-    fn press(&mut self, code: KeyCode) -> Then {
-        self.view.key(KeyEvent::new(code, KeyModifiers::NONE), &mut self.monitor)
+    fn press(&mut self, code: KeyCode) -> KeyOutcome {
+        self.view.handle_key(KeyEvent::new(code, KeyModifiers::NONE), &mut self.monitor)
     }
 
     fn type_in(&mut self, text: &str) {
@@ -66,7 +66,7 @@ impl Seat {
 
     fn screen_in(&mut self, theme: Theme) -> String {
         let Self { monitor, view, terminal } = self;
-        let drawn = terminal.draw(|frame| draw(monitor, view, theme, frame.buffer_mut()));
+        let drawn = terminal.draw(|frame| draw_monitor(monitor, view, theme, frame.buffer_mut()));
         drawn.expect("a frame");
         terminal
             .backend()
@@ -77,9 +77,9 @@ impl Seat {
     }
 
     /// Two axes on a port, of which only the first is there.
-    fn half_deserted() -> (Self, Served) {
+    fn half_deserted() -> (Self, ServeThread) {
         let rack = simulate::rack_of_words(&["tmcm-171:1"], 1).expect("a rack");
-        let line = simulate::lines(&rack, 1).expect("a line").remove(0);
+        let line = simulate::drive_lines(&rack, 1).expect("a line").remove(0);
         let pty = Pty::open(None).expect("a pseudo-terminal");
         let url = format!("tmcl+serial://{}?profile=tmcm-171#1,9", pty.path());
         let served = line.serve(Box::new(pty));
@@ -100,7 +100,7 @@ fn one_bus() -> String {
 #[test]
 fn axes_and_frames_are_shown_whatever_the_size() {
     for (width, height) in [(80, 24), (120, 40), (60, 15), (40, 8), (1, 1)] {
-        let mut seat = Seat::new("sim:tmcl?time=virtual&axes=2", width, height);
+        let mut seat = TestScreen::new("sim:tmcl?time=virtual&axes=2", width, height);
         let screen = seat.screen();
         assert_eq!(screen.lines().count(), usize::from(height));
         if width >= 60 {
@@ -115,12 +115,12 @@ fn axes_and_frames_are_shown_whatever_the_size() {
 
 #[test]
 fn a_frame_has_its_bytes_its_meaning_and_what_changed() {
-    let mut seat = Seat::new("sim:tmcl?time=virtual", 120, 30);
+    let mut seat = TestScreen::new("sim:tmcl?time=virtual", 120, 30);
     seat.wait(3);
     let screen = seat.screen();
     let line = "< 02 01 64 06 00 00 00 00 6D   actual position = 0";
     assert!(screen.contains(line), "{screen}");
-    let changes = |seat: &Seat| {
+    let changes = |seat: &TestScreen| {
         let speeds = seat.monitor.traffic.rows().iter();
         speeds.filter(|row| row.text.starts_with("actual velocity") && row.changed > 0).count()
     };
@@ -139,73 +139,76 @@ fn a_frame_has_its_bytes_its_meaning_and_what_changed() {
 
 #[test]
 fn esc_stops_what_turns_and_says_how_far_that_came() {
-    let mut seat = Seat::new("sim:tmcl?time=virtual&axes=2", 100, 24);
+    let mut seat = TestScreen::new("sim:tmcl?time=virtual&axes=2", 100, 24);
     let axis = seat.monitor.axes[1].axis.clone();
     axis.arm(true);
     axis.enable().expect("power");
     axis.velocity("600 rpm").expect("a speed");
     seat.wait(5);
-    assert_eq!(seat.monitor.axes[1].doing(), Doing::Turns);
+    assert_eq!(seat.monitor.axes[1].activity(), AxisActivity::Turning);
     assert!(seat.screen().contains("turns"));
-    assert!(seat.monitor.farewell()[0].contains("polepair stop 'sim:tmcl?"));
+    assert!(seat.monitor.exit_notes()[0].contains("polepair stop 'sim:tmcl?"));
     // Not even a filter that is being typed keeps it from going out.
     seat.type_in("/q");
-    assert_eq!(seat.press(KeyCode::Esc), Then::Stay);
+    assert_eq!(seat.press(KeyCode::Esc), KeyOutcome::Continue);
     assert!(!seat.view.typing);
-    assert_eq!(seat.monitor.axes[1].stopping.as_ref().expect("a stop").class(), &Class::Sent);
+    assert_eq!(
+        seat.monitor.axes[1].stopping.as_ref().expect("a stop").progress(),
+        &StopProgress::Sent
+    );
     assert!(seat.screen().contains("stop sent"));
     for _ in 0..2_000 {
-        seat.monitor.look(&mut |_| ()).expect("a link");
-        let class = |n: usize| seat.monitor.axes[n].stopping.as_ref().map(Stopping::class);
-        if [class(0), class(1)] == [Some(&Class::Still); 2] {
+        seat.monitor.poll(&mut |_| ()).expect("a link");
+        let class = |n: usize| seat.monitor.axes[n].stopping.as_ref().map(StopSequence::progress);
+        if [class(0), class(1)] == [Some(&StopProgress::Standstill); 2] {
             break;
         }
         seat.monitor.sleep(Duration::from_millis(5));
     }
     let screen = seat.screen();
     assert!(screen.contains("1, 3: standing still"), "{screen}");
-    assert!(seat.monitor.farewell().is_empty());
+    assert!(seat.monitor.exit_notes().is_empty());
     seat.wait(2);
-    assert_eq!(seat.monitor.axes[1].shown(Signal::Velocity).expect("a speed").raw, 0);
+    assert_eq!(seat.monitor.axes[1].display_value(Signal::Velocity).expect("a speed").raw, 0);
 }
 
 #[test]
 fn a_stop_without_an_answer_is_not_called_one() {
-    let (mut seat, _served) = Seat::half_deserted();
+    let (mut seat, _served) = TestScreen::half_deserted();
     seat.press(KeyCode::Esc);
     for watched in &mut seat.monitor.axes {
         let stopping = watched.stopping.as_mut().expect("a stop");
-        stopping.settle(&watched.axis, Duration::from_secs(60));
+        stopping.wait(&watched.axis, Duration::from_secs(60));
     }
     let screen = seat.screen();
     assert!(screen.contains("9: NOT CONFIRMED, cut its power"), "{screen}");
     assert!(screen.contains("STOP FAILED") && screen.contains("1: standing still"), "{screen}");
-    assert!(seat.monitor.farewell()[0].contains("axis 9 may not have stopped"));
+    assert!(seat.monitor.exit_notes()[0].contains("axis 9 may not have stopped"));
 }
 
 #[test]
 fn a_fault_comes_with_cause_and_remedy() {
-    let mut seat = Seat::new("sim:tmcm-171?time=virtual", 80, 24);
+    let mut seat = TestScreen::new("sim:tmcm-171?time=virtual", 80, 24);
     seat.simulate(0, Act::Supply(7.0));
     seat.wait(3);
     let screen = seat.screen();
-    assert_eq!(seat.monitor.axes[0].doing(), Doing::Fault, "{screen}");
+    assert_eq!(seat.monitor.axes[0].activity(), AxisActivity::Fault, "{screen}");
     assert!(screen.contains("FAULT") && screen.contains("remedy"), "{screen}");
 }
 
 #[test]
 fn an_axis_that_does_not_answer_keeps_no_other_waiting() {
-    let (mut seat, _served) = Seat::half_deserted();
+    let (mut seat, _served) = TestScreen::half_deserted();
     seat.wait(3);
     let screen = seat.screen();
-    assert_eq!(seat.monitor.axes[0].doing(), Doing::Off, "{screen}");
-    assert_eq!(seat.monitor.axes[1].doing(), Doing::Silent, "{screen}");
+    assert_eq!(seat.monitor.axes[0].activity(), AxisActivity::Off, "{screen}");
+    assert_eq!(seat.monitor.axes[1].activity(), AxisActivity::Silent, "{screen}");
     assert!(screen.contains("no answer") && screen.contains("silent"), "{screen}");
 }
 
 #[test]
 fn frames_are_filtered_halted_and_gathered_by_kind() {
-    let mut seat = Seat::new("sim:tmcl?time=virtual", 100, 24);
+    let mut seat = TestScreen::new("sim:tmcl?time=virtual", 100, 24);
     seat.wait(5);
     seat.type_in("/Velocity");
     seat.press(KeyCode::Enter);
@@ -232,7 +235,7 @@ fn frames_are_filtered_halted_and_gathered_by_kind() {
 
 #[test]
 fn every_protocol_of_a_bus_is_told_by_its_own_words() {
-    let mut seat = Seat::new(&one_bus(), 120, 40);
+    let mut seat = TestScreen::new(&one_bus(), 120, 40);
     seat.wait(12);
     assert_eq!(seat.monitor.traffic.counts().1, 0, "no frame breaks its protocol");
     let (name, load) = seat.monitor.traffic.wires().next().expect("a wire");
@@ -249,7 +252,7 @@ fn every_protocol_of_a_bus_is_told_by_its_own_words() {
 
 #[test]
 fn without_colours_nothing_is_told_by_colour() {
-    let mut seat = Seat::new("sim:tmcl?time=virtual", 100, 24);
+    let mut seat = TestScreen::new("sim:tmcl?time=virtual", 100, 24);
     let coloured = seat.screen();
     assert_eq!(seat.screen_in(Theme { colour: false }), coloured);
     let cells = seat.terminal.backend().buffer().content();
@@ -258,15 +261,15 @@ fn without_colours_nothing_is_told_by_colour() {
 
 #[test]
 fn help_is_left_by_the_key_that_called_it_and_stops_are_heard_in_it() {
-    let mut seat = Seat::new("sim:tmcl?time=virtual", 80, 24);
+    let mut seat = TestScreen::new("sim:tmcl?time=virtual", 80, 24);
     seat.type_in("?");
     assert!(seat.screen().contains("stop every axis of this view"));
-    assert_eq!(seat.press(KeyCode::Char('q')), Then::Stay);
+    assert_eq!(seat.press(KeyCode::Char('q')), KeyOutcome::Continue);
     assert!(!seat.view.help);
     seat.type_in("?");
     seat.press(KeyCode::Esc);
     assert!(!seat.view.help && seat.monitor.axes[0].stopping.is_some());
-    assert_eq!(seat.press(KeyCode::Char('q')), Then::Leave);
+    assert_eq!(seat.press(KeyCode::Char('q')), KeyOutcome::Leave);
 }
 
 /// Draws what `docs/images/monitor.svg` is made from:
@@ -275,7 +278,7 @@ fn help_is_left_by_the_key_that_called_it_and_stops_are_heard_in_it() {
 #[test]
 #[ignore = "it writes a file"]
 fn the_picture_of_the_guide() {
-    let mut seat = Seat::new(&one_bus(), 104, 30);
+    let mut seat = TestScreen::new(&one_bus(), 104, 30);
     for (n, speed) in [(0, "1200 rpm"), (1, "300 rpm")] {
         let axis = seat.monitor.axes[n].axis.clone();
         axis.arm(true);

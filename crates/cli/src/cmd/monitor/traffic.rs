@@ -6,13 +6,15 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use polepair::wire::OpenWire;
-use polepair_capture::{Changes, Decoder, Event, Rules, Stamp, about, meaning};
+use polepair_capture::{
+    ByteChanges, CaptureDecoder, DecodedFrame, Rules, Timestamp, meaning_text, visit_frame_key,
+};
 use polepair_core::explain::Direction as Said;
 use polepair_core::profile::Profile;
 use polepair_core::time::Instant;
 use polepair_link::{clock, tap};
 
-use crate::ears::{Heard, Unit, short};
+use crate::tap_queue::{QueuedUnit, UnitBuf, short_name};
 
 /// Frames that can be scrolled back to.
 pub const FRAMES_MAX: usize = 20_000;
@@ -25,7 +27,7 @@ const RATES_EVERY: Duration = Duration::from_secs(1);
 
 /// A frame as it is shown.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct FrameRow {
     /// Its number among all frames, from 0.
     pub number: u64,
     /// When, in nanoseconds since 1970.
@@ -47,14 +49,14 @@ pub struct Row {
     /// What is wrong with it; empty for nothing.
     pub wrong: String,
     /// Everything about it that a filter may name, in small letters.
-    pub haystack: String,
+    pub search_text: String,
 }
 
 /// Frames of one kind.
 #[derive(Clone, Debug)]
-pub struct Kind {
+pub struct FrameGroup {
     /// The last of them.
-    pub last: Row,
+    pub last: FrameRow,
     /// How many there were.
     pub count: u64,
     /// Nanoseconds from the last but one to the last.
@@ -62,24 +64,24 @@ pub struct Kind {
 }
 
 /// What makes frames one kind: the wire, and what they are about there.
-type Key = (usize, Vec<u8>);
+type FrameGroupKey = (usize, Vec<u8>);
 
 /// What passes on all wires.
-pub struct Traffic {
-    wires: Vec<Wire>,
+pub struct TrafficLog {
+    wires: Vec<WireTraffic>,
     listening: bool,
-    kept: Kept,
+    history: FrameHistory,
     /// When rates were last taken.
-    paced: Instant,
+    rates_at: Instant,
     per_second: f64,
     /// Units that came faster than they were looked at.
     pub lost: u64,
 }
 
 /// A wire, and what passed on it since rates were last taken.
-struct Wire {
+struct WireTraffic {
     name: String,
-    decoder: Decoder,
+    decoder: CaptureDecoder,
     /// Bits per second, where that is known.
     rate: Option<u32>,
     bits: u64,
@@ -87,10 +89,10 @@ struct Wire {
 }
 
 #[derive(Default)]
-struct Kept {
-    rows: VecDeque<Row>,
-    kinds: BTreeMap<Key, Kind>,
-    changes: Changes,
+struct FrameHistory {
+    rows: VecDeque<FrameRow>,
+    kinds: BTreeMap<FrameGroupKey, FrameGroup>,
+    changes: ByteChanges,
     count: u64,
     wrong: u64,
     /// Frames since rates were last taken.
@@ -99,19 +101,19 @@ struct Kept {
 
 /// How the frames of a wire are explained.
 #[derive(Default)]
-pub struct Spoken {
+pub struct WireDecoding {
     /// Which protocol is whose.
     pub rules: Rules,
     /// The drive whose names are used.
     pub profile: Option<&'static Profile>,
 }
 
-impl Traffic {
+impl TrafficLog {
     /// For these wires. Where nobody commands, who speaks is not known.
-    pub fn new(wires: &[OpenWire], spoken: Vec<Spoken>, listening: bool) -> Self {
-        let wire = |(wire, spoken): (&OpenWire, Spoken)| Wire {
-            name: short(&wire.name),
-            decoder: Decoder::new(spoken.rules).with_profile(spoken.profile),
+    pub fn new(wires: &[OpenWire], spoken: Vec<WireDecoding>, listening: bool) -> Self {
+        let wire = |(wire, spoken): (&OpenWire, WireDecoding)| WireTraffic {
+            name: short_name(&wire.name),
+            decoder: CaptureDecoder::new(spoken.rules).with_profile(spoken.profile),
             rate: wire.rate,
             bits: 0,
             load: None,
@@ -119,18 +121,18 @@ impl Traffic {
         Self {
             wires: wires.iter().zip(spoken).map(wire).collect(),
             listening,
-            kept: Kept::default(),
-            paced: Instant::ZERO,
+            history: FrameHistory::default(),
+            rates_at: Instant::ZERO,
             per_second: 0.0,
             lost: 0,
         }
     }
 
     /// For links that somebody else watches and explains.
-    pub fn told_of(links: Vec<String>) -> Self {
-        let wire = |name| Wire {
+    pub fn for_remote(links: Vec<String>) -> Self {
+        let wire = |name| WireTraffic {
             name,
-            decoder: Decoder::new(Rules::default()),
+            decoder: CaptureDecoder::new(Rules::default()),
             rate: None,
             bits: 0,
             load: None,
@@ -138,62 +140,62 @@ impl Traffic {
         Self {
             wires: links.into_iter().map(wire).collect(),
             listening: false,
-            kept: Kept::default(),
-            paced: Instant::ZERO,
+            history: FrameHistory::default(),
+            rates_at: Instant::ZERO,
             per_second: 0.0,
             lost: 0,
         }
     }
 
     /// Takes a frame that was explained elsewhere; what its kind is, is told by `about`.
-    pub fn told(&mut self, row: Row, about: &str) {
+    pub fn add_explained(&mut self, row: FrameRow, about: &str) {
         let key = (row.wire, about.as_bytes().to_vec());
-        let before = self.kept.kinds.get(&key).map(|kind| &kind.last.bytes);
+        let before = self.history.kinds.get(&key).map(|kind| &kind.last.bytes);
         let differs = |(n, byte): (usize, &u8)| before.is_some_and(|b| b.get(n) != Some(byte));
         let marked = row.bytes.iter().enumerate().take(64);
         let bits = marked.filter(|one| differs(*one)).fold(0, |bits, (n, _)| bits | 1 << n);
-        self.kept.put(Row { changed: bits, ..row }, key);
+        self.history.add_row(FrameRow { changed: bits, ..row }, key);
     }
 
     /// Explains what was heard; `show` sees each frame as the decoder gives it.
-    pub fn take(&mut self, heard: &Heard, show: &mut dyn FnMut(&Event<'_>)) {
-        let Heard { wire: number, at, direction, unit } = heard;
+    pub fn add_received(&mut self, heard: &QueuedUnit, show: &mut dyn FnMut(&DecodedFrame<'_>)) {
+        let QueuedUnit { wire: number, at, direction, unit } = heard;
         let Some(wire) = self.wires.get_mut(*number) else { return };
         let said = match direction {
             _ if self.listening => None,
-            tap::Direction::ToDrive => Some(Said::ToDrive),
-            tap::Direction::ToHost => Some(Said::ToHost),
+            tap::TapDirection::ToDrive => Some(Said::ToDrive),
+            tap::TapDirection::ToHost => Some(Said::ToHost),
         };
-        let time = Some(Stamp(clock::wall_ns(*at)));
-        let kept = &mut self.kept;
-        let mut take = |event: &Event<'_>| {
-            kept.keep(*number, event);
+        let time = Some(Timestamp(clock::wall_ns(*at)));
+        let kept = &mut self.history;
+        let mut take = |event: &DecodedFrame<'_>| {
+            kept.add_event(*number, event);
             show(event);
         };
         match unit {
-            Unit::Bytes(bytes) => {
-                wire.decoder.chunk(time, &wire.name, said, bytes, &mut take);
+            UnitBuf::Bytes(bytes) => {
+                wire.decoder.decode_bytes(time, &wire.name, said, bytes, &mut take);
                 wire.bits += bytes.len() as u64 * BITS_PER_BYTE;
             }
-            Unit::Frame(frame) => {
-                wire.decoder.frame(time, &wire.name, said, frame, &mut take);
+            UnitBuf::Frame(frame) => {
+                wire.decoder.decode_frame(time, &wire.name, said, frame, &mut take);
                 wire.bits += u64::from(polepair::frame_bits(frame));
             }
         }
     }
 
     /// Takes the rates, once a second.
-    pub fn pace(&mut self, now: Instant) {
-        if self.paced == Instant::ZERO {
-            self.paced = now;
+    pub fn update_rates(&mut self, now: Instant) {
+        if self.rates_at == Instant::ZERO {
+            self.rates_at = now;
         }
-        let spent = now.since(self.paced);
+        let spent = now.since(self.rates_at);
         if spent < RATES_EVERY {
             return;
         }
         let seconds = spent.as_secs_f64();
-        self.paced = now;
-        self.per_second = std::mem::take(&mut self.kept.recent) as f64 / seconds;
+        self.rates_at = now;
+        self.per_second = std::mem::take(&mut self.history.recent) as f64 / seconds;
         for wire in &mut self.wires {
             let bits = std::mem::take(&mut wire.bits) as f64;
             wire.load = wire.rate.map(|rate| bits / seconds / f64::from(rate));
@@ -213,29 +215,29 @@ impl Traffic {
 
     /// How many frames there were, and how many of them break their protocol.
     pub fn counts(&self) -> (u64, u64) {
-        (self.kept.count, self.kept.wrong)
+        (self.history.count, self.history.wrong)
     }
 
     /// The frames that are still kept.
-    pub fn rows(&self) -> &VecDeque<Row> {
-        &self.kept.rows
+    pub fn rows(&self) -> &VecDeque<FrameRow> {
+        &self.history.rows
     }
 
     /// The last frame of each kind, in the order of their wires and identifiers.
-    pub fn kinds(&self) -> impl Iterator<Item = &Kind> {
-        self.kept.kinds.values()
+    pub fn kinds(&self) -> impl Iterator<Item = &FrameGroup> {
+        self.history.kinds.values()
     }
 
     /// Forgets the frames, and counts anew.
     pub fn clear(&mut self) {
-        self.kept = Kept::default();
+        self.history = FrameHistory::default();
         self.lost = 0;
     }
 }
 
-impl Kept {
-    fn keep(&mut self, wire: usize, event: &Event<'_>) {
-        let row = Row {
+impl FrameHistory {
+    fn add_event(&mut self, wire: usize, event: &DecodedFrame<'_>) {
+        let row = FrameRow {
             number: self.count,
             time: event.time.map_or(0, |time| time.0),
             wire,
@@ -243,23 +245,23 @@ impl Kept {
             protocol: event.protocol,
             id: event.id.map(|id| (id, event.extended)),
             bytes: event.bytes.to_vec(),
-            changed: self.changes.take(event),
-            text: said(event),
-            wrong: event.wrong.map_or_else(String::new, |wrong| wrong.to_string()),
-            haystack: String::new(),
+            changed: self.changes.update(event),
+            text: event_text(event),
+            wrong: event.defect.map_or_else(String::new, |wrong| wrong.to_string()),
+            search_text: String::new(),
         };
-        self.put(row, key(wire, event));
+        self.add_row(row, kind_key(wire, event));
     }
 
-    fn put(&mut self, mut row: Row, key: Key) {
+    fn add_row(&mut self, mut row: FrameRow, key: FrameGroupKey) {
         row.number = self.count;
-        row.haystack = row.searched();
+        row.search_text = row.build_search_text();
         let known = self.kinds.contains_key(&key);
         self.count += 1;
         self.recent += 1;
         self.wrong += u64::from(!row.wrong.is_empty());
         if known || self.kinds.len() < KINDS_MAX {
-            let first = || Kind { last: row.clone(), count: 0, period: None };
+            let first = || FrameGroup { last: row.clone(), count: 0, period: None };
             let kind = self.kinds.entry(key).or_insert_with(first);
             kind.period = (kind.count > 0).then(|| row.time.saturating_sub(kind.last.time));
             kind.count += 1;
@@ -272,9 +274,9 @@ impl Kept {
     }
 }
 
-impl Row {
+impl FrameRow {
     /// `602#` or nothing, then the bytes.
-    pub fn head(&self) -> String {
+    pub fn id_text(&self) -> String {
         match self.id {
             None => String::new(),
             Some((id, true)) => format!("{id:08X}#"),
@@ -282,13 +284,13 @@ impl Row {
         }
     }
 
-    fn searched(&self) -> String {
+    fn build_search_text(&self) -> String {
         let arrow = match self.direction {
             Some(Said::ToDrive) => '>',
             Some(Said::ToHost) => '<',
             None => ' ',
         };
-        let mut text = format!("{arrow} {} {}", self.protocol.unwrap_or("?"), self.head());
+        let mut text = format!("{arrow} {} {}", self.protocol.unwrap_or("?"), self.id_text());
         for byte in &self.bytes {
             // Writing into a String cannot fail.
             let _ = write!(text, "{byte:02X} ");
@@ -301,13 +303,13 @@ impl Row {
     }
 }
 
-fn key(wire: usize, event: &Event<'_>) -> Key {
+fn kind_key(wire: usize, event: &DecodedFrame<'_>) -> FrameGroupKey {
     let mut key = Vec::new();
-    about(event, &mut |piece| key.extend_from_slice(piece));
+    visit_frame_key(event, &mut |piece| key.extend_from_slice(piece));
     (wire, key)
 }
 
-fn said(event: &Event<'_>) -> String {
-    let said = meaning(event);
+fn event_text(event: &DecodedFrame<'_>) -> String {
+    let said = meaning_text(event);
     if event.echo { format!("echo: {said}") } else { said.to_owned() }
 }

@@ -5,16 +5,16 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use polepair::Axis;
-use polepair::program::{Program, Source, is_software};
+use polepair::program::{AssemblyContext, Program, is_software};
 use polepair_core::profile::Profile;
-use polepair_core::program::{Language, Memory, Progress, sum};
+use polepair_core::program::{MemoryKind, ProgramLanguage, TransferProgress, checksum};
 use polepair_core::{drives, proto};
 
-use super::{address, only};
+use super::{parse_address, single_axis};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::target::Target;
-use crate::terminal::{self, Output, say};
+use crate::target::DriveArgs;
+use crate::terminal::{self, DataOutput, print_note};
 
 /// Words that are read at a time while the end of a program is looked for.
 const CHUNK: usize = 64;
@@ -23,7 +23,7 @@ const ERASED: u16 = 0xFFFF;
 
 /// Where a program lies.
 #[derive(Args, Debug)]
-struct Place {
+struct ProgramLocation {
     /// Into RAM: lost with the power
     #[arg(long)]
     ram: bool,
@@ -31,14 +31,14 @@ struct Place {
     #[arg(long, conflicts_with = "ram")]
     eeprom: bool,
     /// Where the first word of a text lies; else where RAM, or with --eeprom the EEPROM, begins
-    #[arg(long, value_name = "ADDRESS", value_parser = address)]
+    #[arg(long, value_name = "ADDRESS", value_parser = parse_address)]
     at: Option<u16>,
 }
 
-impl Place {
+impl ProgramLocation {
     /// Where a text's first word lies.
-    fn origin(&self, language: &dyn Language) -> u16 {
-        let rules = language.rules();
+    fn origin(&self, language: &dyn ProgramLanguage) -> u16 {
+        let rules = language.memory_rules();
         self.at.unwrap_or(if self.eeprom {
             *rules.permanent.start()
         } else {
@@ -47,18 +47,18 @@ impl Place {
     }
 
     /// Reads a file for an axis.
-    fn read(&self, axis: &Axis, path: &Path) -> Result<Program> {
-        let language = axis.language().map_err(outcome::error)?;
-        let source = axis.source(self.origin(language)).map_err(outcome::error)?;
-        let program = Program::read(path, &source).map_err(|e| outcome::error(e.into()))?;
+    fn read_program(&self, axis: &Axis, path: &Path) -> Result<Program> {
+        let language = axis.language().map_err(outcome::to_problem)?;
+        let source = axis.assembly_context(self.origin(language)).map_err(outcome::to_problem)?;
+        let program = Program::read(path, &source).map_err(|e| outcome::to_problem(e.into()))?;
         let lies = |memory| {
-            let rules = language.rules();
+            let rules = language.memory_rules();
             let mut pieces = program.pieces().iter();
-            pieces.any(|piece| rules.memory(piece.start, piece.words.len()) == Some(memory))
+            pieces.any(|piece| rules.memory_at(piece.start, piece.words.len()) == Some(memory))
         };
         let wrong = match () {
-            () if self.ram && lies(Memory::Permanent) => "in the EEPROM, not in RAM",
-            () if self.eeprom && lies(Memory::Volatile) => "in RAM, not in the EEPROM",
+            () if self.ram && lies(MemoryKind::Permanent) => "in the EEPROM, not in RAM",
+            () if self.eeprom && lies(MemoryKind::Volatile) => "in RAM, not in the EEPROM",
             () => return Ok(program),
         };
         let what = format!("a part of {} lies {wrong}.", path.display());
@@ -86,7 +86,7 @@ pub struct Assemble {
     #[arg(long, value_name = "DRIVE")]
     drive: Option<String>,
     #[command(flatten)]
-    place: Place,
+    place: ProgramLocation,
     #[command(flatten)]
     profiles: crate::cmd::ProfileFile,
 }
@@ -94,32 +94,32 @@ pub struct Assemble {
 impl Assemble {
     pub fn run(self) -> Result {
         let (language, profile) = self.language()?;
-        let source = Source { language, profile, origin: self.place.origin(language) };
+        let source = AssemblyContext { language, profile, origin: self.place.origin(language) };
         let read = Program::read(&self.path, &source);
-        let program = read.map_err(|error| outcome::error(error.into()))?;
+        let program = read.map_err(|error| outcome::to_problem(error.into()))?;
         let text = match is_software(&self.path) {
             true => program.listing(language, profile),
             false => program.to_sw(),
         };
-        let mut out = Output::to(self.output.as_deref())?;
+        let mut out = DataOutput::to_path(self.output.as_deref())?;
         out.buffer().extend_from_slice(text.as_bytes());
         out.flush()?;
-        describe(&program, language);
+        print_layout(&program, language);
         for (name, address) in program.labels() {
-            say(&format!("{name} = 0x{address:04X}"));
+            print_note(&format!("{name} = 0x{address:04X}"));
         }
         Ok(Exit::Ok)
     }
 
     /// The language that programs are written in, and whose names they use.
-    fn language(&self) -> Result<(&'static dyn Language, Option<&'static Profile>)> {
-        let known = self.profiles.known()?;
-        let named = self.drive.as_deref().map(|word| crate::cmd::params::find(&known, word));
+    fn language(&self) -> Result<(&'static dyn ProgramLanguage, Option<&'static Profile>)> {
+        let known = self.profiles.known_profiles()?;
+        let named = self.drive.as_deref().map(|word| crate::cmd::params::find_drive(&known, word));
         let named = named.transpose()?;
         let speaks = |name: &str| named.is_none_or(|profile| profile.protocol == name);
         let found = proto::dissectors().iter().find_map(|dissector| {
-            let language = dissector.programs().filter(|_| speaks(dissector.language()))?;
-            Some((language, named.or_else(|| drives::usual(*dissector))))
+            let language = dissector.program_language().filter(|_| speaks(dissector.language()))?;
+            Some((language, named.or_else(|| drives::usual_profile(*dissector))))
         });
         found.ok_or_else(|| Problem::usage("E218", "This drive takes no programs."))
     }
@@ -134,46 +134,49 @@ impl Assemble {
 Examples:
   polepair program load tml+serial:///dev/ttyUSB0:9600#1 moves.tml
   polepair program load tml+serial:///dev/ttyUSB0:9600#1 cell.sw --eeprom")]
-pub struct Load {
+pub struct ProgramLoad {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// A program's text, or a software file (.sw)
     #[arg(value_name = "FILE")]
     path: PathBuf,
     #[command(flatten)]
-    place: Place,
+    place: ProgramLocation,
     /// Say what would be written where, and write nothing
     #[arg(long)]
     dry_run: bool,
 }
 
-impl Load {
+impl ProgramLoad {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
-        let axis = only(&session)?;
-        let program = self.place.read(axis, &self.path)?;
-        let language = axis.language().map_err(outcome::error)?;
-        describe(&program, language);
+        let axis = single_axis(&session)?;
+        let program = self.place.read_program(axis, &self.path)?;
+        let language = axis.language().map_err(outcome::to_problem)?;
+        print_layout(&program, language);
         if self.dry_run {
-            say("dry run: nothing was written");
+            print_note("dry run: nothing was written");
             return Ok(Exit::Ok);
         }
-        session.listen();
-        let mut meter = Meter::new();
+        session.listen_for_interrupts();
+        let mut meter = TransferMeter::new();
         let written = axis.download(&program, self.place.eeprom, |progress| meter.show(progress));
         drop(meter);
-        let written = written.map_err(|error| incomplete(outcome::error(error)))?;
+        let written = written.map_err(|error| hint_incomplete(outcome::to_problem(error)))?;
         let again = match written.repeated {
             0 => String::new(),
             repeated => format!(", {repeated} of them once more because they were lost on the way"),
         };
-        say(&format!("{} words written and proven by the drive's sum{again}", program.words()));
+        print_note(&format!(
+            "{} words written and proven by the drive's sum{again}",
+            program.words()
+        ));
         Ok(Exit::Ok)
     }
 }
 
 /// What was begun and not ended is told.
-fn incomplete(problem: Problem) -> Problem {
+fn hint_incomplete(problem: Problem) -> Problem {
     match problem.exit {
         Exit::Usage | Exit::Refused => problem,
         _ => {
@@ -187,47 +190,47 @@ fn incomplete(problem: Problem) -> Problem {
 #[command(after_help = "\
 Example:
   polepair program verify tml+serial:///dev/ttyUSB0:9600#1 cell.sw")]
-pub struct Verify {
+pub struct ProgramVerify {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// A program's text, or a software file (.sw)
     #[arg(value_name = "FILE")]
     path: PathBuf,
     #[command(flatten)]
-    place: Place,
+    place: ProgramLocation,
     /// Read every word: sums do not see words that changed places
     #[arg(long)]
     words: bool,
 }
 
-impl Verify {
+impl ProgramVerify {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
-        let axis = only(&session)?;
-        let program = self.place.read(axis, &self.path)?;
-        session.listen();
+        let axis = single_axis(&session)?;
+        let program = self.place.read_program(axis, &self.path)?;
+        session.listen_for_interrupts();
         if self.words {
-            return compare(axis, &program);
+            return compare_words(axis, &program);
         }
-        axis.verify(&program).map_err(outcome::error)?;
-        say(&format!("the drive's sums over {} words agree", program.words()));
+        axis.verify(&program).map_err(outcome::to_problem)?;
+        print_note(&format!("the drive's sums over {} words agree", program.words()));
         Ok(Exit::Ok)
     }
 }
 
 /// Compares word by word.
-fn compare(axis: &Axis, program: &Program) -> Result {
+fn compare_words(axis: &Axis, program: &Program) -> Result {
     let mut different = 0;
     for piece in program.pieces() {
-        let mut meter = Meter::new();
+        let mut meter = TransferMeter::new();
         let read = axis.upload(piece.start, piece.words.len(), |progress| meter.show(progress));
         drop(meter);
-        let read = read.map_err(outcome::error)?;
+        let read = read.map_err(outcome::to_problem)?;
         let found = read.pieces().iter().flat_map(|piece| &piece.words);
         for ((at, word), found) in (piece.start..=u16::MAX).zip(&piece.words).zip(found) {
             if word != found {
                 different += 1;
-                say(&format!("{at:04X}: {found:04X} in the drive, {word:04X} in the file"));
+                print_note(&format!("{at:04X}: {found:04X} in the drive, {word:04X} in the file"));
             }
         }
     }
@@ -235,7 +238,7 @@ fn compare(axis: &Axis, program: &Program) -> Result {
         let what = format!("{different} of {} words differ.", program.words());
         return Err(Problem::new(Exit::Negative, "E103", what).hint("load the program again"));
     }
-    say(&format!("{} words agree", program.words()));
+    print_note(&format!("{} words agree", program.words()));
     Ok(Exit::Ok)
 }
 
@@ -247,55 +250,55 @@ fn compare(axis: &Axis, program: &Program) -> Result {
 Examples:
   polepair program save tml+serial:///dev/ttyUSB0:9600#1 backup.sw
   polepair program save tml+serial:///dev/ttyUSB0:9600#1 routine.tml --at 0x8270 --words 40")]
-pub struct Save {
+pub struct ProgramSave {
     #[command(flatten)]
-    target: Target,
+    target: DriveArgs,
     /// Where it goes; words if it is called .sw, else text
     #[arg(value_name = "FILE")]
     path: PathBuf,
     /// The first address; else where the drive starts by itself
-    #[arg(long, value_name = "ADDRESS", value_parser = address)]
+    #[arg(long, value_name = "ADDRESS", value_parser = parse_address)]
     at: Option<u16>,
     /// How many words
     #[arg(long, value_name = "N")]
     words: Option<u16>,
 }
 
-impl Save {
+impl ProgramSave {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
-        let axis = only(&session)?;
-        session.listen();
-        let language = axis.language().map_err(outcome::error)?;
-        let start = self.at.unwrap_or(language.rules().autorun.0);
+        let axis = single_axis(&session)?;
+        session.listen_for_interrupts();
+        let language = axis.language().map_err(outcome::to_problem)?;
+        let start = self.at.unwrap_or(language.memory_rules().autorun.0);
         let words = match self.words {
-            Some(count) => read(axis, start, count.into())?,
-            None => written(axis, start, *language.rules().permanent.end())?,
+            Some(count) => read_words(axis, start, count.into())?,
+            None => read_written(axis, start, *language.memory_rules().permanent.end())?,
         };
         if words.is_empty() {
             let what = format!("the memory from 0x{start:04X} on is erased.");
             return Err(Problem::new(Exit::Negative, "E110", what));
         }
-        let program = Program::of(start, words);
+        let program = Program::from_words(start, words);
         let text = match is_software(&self.path) {
             true => program.to_sw(),
             false => program.listing(language, Some(axis.profile())),
         };
-        let mut out = Output::file(&self.path)?;
+        let mut out = DataOutput::file(&self.path)?;
         out.buffer().extend_from_slice(text.as_bytes());
         out.flush()?;
-        describe(&program, language);
+        print_layout(&program, language);
         Ok(Exit::Ok)
     }
 }
 
 /// What was written from an address on, without the erased words behind it.
-fn written(axis: &Axis, start: u16, last: u16) -> Result<Vec<u16>> {
+fn read_written(axis: &Axis, start: u16, last: u16) -> Result<Vec<u16>> {
     let room = usize::from(last.saturating_sub(start)) + 1;
     let mut words = Vec::new();
     while words.len() < room {
         let at = start.wrapping_add(words.len() as u16);
-        let chunk = read(axis, at, CHUNK.min(room - words.len()))?;
+        let chunk = read_words(axis, at, CHUNK.min(room - words.len()))?;
         if chunk.iter().all(|word| *word == ERASED) {
             break;
         }
@@ -307,47 +310,50 @@ fn written(axis: &Axis, start: u16, last: u16) -> Result<Vec<u16>> {
     Ok(words)
 }
 
-fn read(axis: &Axis, start: u16, count: usize) -> Result<Vec<u16>> {
-    let mut meter = Meter::new();
+fn read_words(axis: &Axis, start: u16, count: usize) -> Result<Vec<u16>> {
+    let mut meter = TransferMeter::new();
     let read = axis.upload(start, count, |progress| meter.show(progress));
     drop(meter);
-    let read = read.map_err(outcome::error)?;
+    let read = read.map_err(outcome::to_problem)?;
     Ok(read.pieces().iter().flat_map(|piece| piece.words.clone()).collect())
 }
 
 /// Says where a program lies.
-fn describe(program: &Program, language: &dyn Language) {
+fn print_layout(program: &Program, language: &dyn ProgramLanguage) {
     for piece in program.pieces() {
         let count = piece.words.len();
-        let memory = match language.rules().memory(piece.start, count) {
-            Some(Memory::Permanent) => "EEPROM",
-            Some(Memory::Volatile) => "RAM",
+        let memory = match language.memory_rules().memory_at(piece.start, count) {
+            Some(MemoryKind::Permanent) => "EEPROM",
+            Some(MemoryKind::Volatile) => "RAM",
             None => "no memory for programs",
         };
         let end = usize::from(piece.start) + count - 1;
-        let sum = sum(&piece.words);
-        say(&format!("{:04X} to {end:04X}: {count} words, sum {sum:04X}, {memory}", piece.start));
+        let sum = checksum(&piece.words);
+        print_note(&format!(
+            "{:04X} to {end:04X}: {count} words, sum {sum:04X}, {memory}",
+            piece.start
+        ));
     }
 }
 
 /// One line on a terminal, drawn again and again.
-struct Meter {
+struct TransferMeter {
     shown: bool,
 }
 
-impl Meter {
+impl TransferMeter {
     fn new() -> Self {
         Self { shown: std::io::stderr().is_terminal() }
     }
 
-    fn show(&mut self, progress: Progress) {
+    fn show(&mut self, progress: TransferProgress) {
         if self.shown {
             terminal::draw(&format!("\r\x1b[K{} of {} words", progress.done, progress.total));
         }
     }
 }
 
-impl Drop for Meter {
+impl Drop for TransferMeter {
     fn drop(&mut self) {
         if self.shown {
             terminal::draw("\r\x1b[K");

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Duration;
 
-use polepair_capture::{Format, Packing, Record, WriteError, Writer};
+use polepair_capture::{CaptureFormat, CaptureWriter, Compression, Record, WriteError};
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
-use crate::capture::not_written;
+use crate::capture::write_problem;
 use crate::problem::{self, Result};
 use crate::value;
 
@@ -37,7 +37,7 @@ impl Rotation {
         match size {
             Some(bytes) if bytes >= 1e3 => Ok(Self::Size(bytes as u64)),
             Some(_) => Err("less than 1 kB".to_owned()),
-            None => match value::span(text) {
+            None => match value::parse_span(text) {
                 Ok(seconds) if seconds >= 1.0 => Ok(Self::Time(Duration::from_secs_f64(seconds))),
                 Ok(_) => Err("less than 1 s".to_owned()),
                 Err(_) => Err("100MB, 2GB, 30min, 1h".to_owned()),
@@ -47,45 +47,45 @@ impl Rotation {
 }
 
 /// Where records go.
-pub struct Files {
+pub struct CaptureFiles {
     path: PathBuf,
-    format: Format,
+    format: CaptureFormat,
     rotation: Option<Rotation>,
-    current: Open,
+    current: OpenCapture,
     /// The number of the current file, from 1.
     number: u32,
     records: u64,
 }
 
 /// The file that is written.
-struct Open {
+struct OpenCapture {
     path: PathBuf,
-    writer: Writer<Counted>,
+    writer: CaptureWriter<CountingFile>,
     bytes: Rc<Cell<u64>>,
     since: Instant,
 }
 
-impl Files {
+impl CaptureFiles {
     /// Begins the first file.
-    pub fn create(path: &Path, format: Format, rotation: Option<Rotation>) -> Result<Self> {
-        let first = if rotation.is_some() { numbered(path, 1) } else { path.to_owned() };
-        let current = Open::create(first, format)?;
+    pub fn create(path: &Path, format: CaptureFormat, rotation: Option<Rotation>) -> Result<Self> {
+        let first = if rotation.is_some() { numbered_path(path, 1) } else { path.to_owned() };
+        let current = OpenCapture::create(first, format)?;
         Ok(Self { path: path.to_owned(), format, rotation, current, number: 1, records: 0 })
     }
 
     /// Keeps a record.
     pub fn write(&mut self, record: &Record<'_>) -> Result<()> {
         if self.is_due() {
-            self.next()?;
+            self.start_next()?;
         }
         self.records += 1;
         let written = self.current.writer.write(record);
-        written.map_err(|error| not_written(&self.current.path, &error))
+        written.map_err(|error| write_problem(&self.current.path, &error))
     }
 
     /// Brings the file up to date.
     pub fn flush(&mut self) -> Result<()> {
-        self.current.writer.flush().map_err(|error| not_written(&self.current.path, &error))
+        self.current.writer.flush().map_err(|error| write_problem(&self.current.path, &error))
     }
 
     /// Completes the last file. Returns how many records there are, and how many files.
@@ -102,43 +102,44 @@ impl Files {
         }
     }
 
-    fn next(&mut self) -> Result<()> {
-        let next = Open::create(numbered(&self.path, self.number + 1), self.format)?;
+    fn start_next(&mut self) -> Result<()> {
+        let next = OpenCapture::create(numbered_path(&self.path, self.number + 1), self.format)?;
         self.number += 1;
         std::mem::replace(&mut self.current, next).finish()
     }
 }
 
-impl Open {
-    fn create(path: PathBuf, format: Format) -> Result<Self> {
-        let file = File::create(&path).map_err(|error| problem::file(&path, "write", &error))?;
+impl OpenCapture {
+    fn create(path: PathBuf, format: CaptureFormat) -> Result<Self> {
+        let file =
+            File::create(&path).map_err(|error| problem::file_problem(&path, "write", &error))?;
         let bytes = Rc::new(Cell::new(0));
-        let counted = Counted { file, bytes: Rc::clone(&bytes) };
-        let writer = Writer::new(format, Packing::of_path(&path), counted);
-        let writer = writer.map_err(|error| not_written(&path, &error))?;
+        let counted = CountingFile { file, bytes: Rc::clone(&bytes) };
+        let writer = CaptureWriter::new(format, Compression::from_path(&path), counted);
+        let writer = writer.map_err(|error| write_problem(&path, &error))?;
         Ok(Self { path, writer, bytes, since: clock::now() })
     }
 
     fn finish(self) -> Result<()> {
         let written = self.writer.finish().and_then(|mut file| Ok(file.flush()?));
-        written.map_err(|error: WriteError| not_written(&self.path, &error))
+        written.map_err(|error: WriteError| write_problem(&self.path, &error))
     }
 }
 
 /// `bus-0002.log.zst` for `bus.log.zst`.
-fn numbered(path: &Path, number: u32) -> PathBuf {
+fn numbered_path(path: &Path, number: u32) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let (stem, ends) = name.split_at(name.find('.').unwrap_or(name.len()));
     path.with_file_name(format!("{stem}-{number:04}{ends}"))
 }
 
 /// A file whose bytes are counted.
-struct Counted {
+struct CountingFile {
     file: File,
     bytes: Rc<Cell<u64>>,
 }
 
-impl Write for Counted {
+impl Write for CountingFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let count = self.file.write(bytes)?;
         self.bytes.set(self.bytes.get() + count as u64);
@@ -152,7 +153,7 @@ impl Write for Counted {
 
 #[cfg(test)]
 mod tests {
-    use super::{Rotation, numbered};
+    use super::{Rotation, numbered_path};
     use std::time::Duration;
 
     #[test]
@@ -165,7 +166,7 @@ mod tests {
 
     #[test]
     fn numbers_stand_before_the_ends_of_a_name() {
-        let name = |path: &str| numbered(path.as_ref(), 12).display().to_string();
+        let name = |path: &str| numbered_path(path.as_ref(), 12).display().to_string();
         assert_eq!(name("/tmp/a.b/bus.log.zst"), "/tmp/a.b/bus-0012.log.zst");
         assert_eq!(name("bus"), "bus-0012");
     }

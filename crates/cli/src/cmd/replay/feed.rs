@@ -4,21 +4,21 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-use polepair_capture::{Decoder, Event};
+use polepair_capture::{CaptureDecoder, DecodedFrame};
 
-use super::choose::{Choice, Item};
-use crate::capture::pieces;
+use super::selector::{FrameSelector, ReplayFrame};
+use crate::capture::read_pieces;
 use crate::problem::{Problem, Result};
 
 /// Batches of a wire that wait to be played; one is what a piece of the file holds.
 const BATCHES: usize = 4;
 
 /// What is read, and how often.
-pub struct Feed {
+pub struct CaptureFeed {
     pub path: PathBuf,
-    pub choice: Choice,
+    pub selector: FrameSelector,
     /// Makes a fresh decoder for each time.
-    pub decoder: Box<dyn Fn() -> Decoder + Send>,
+    pub make_decoder: Box<dyn Fn() -> CaptureDecoder + Send>,
     /// `None` is without end.
     pub times: Option<u64>,
     /// From the beginning of one time to that of the next, ns.
@@ -26,20 +26,20 @@ pub struct Feed {
 }
 
 /// The frames of a wire, in order.
-pub type Items = Receiver<Vec<Item>>;
+pub type FrameBatches = Receiver<Vec<ReplayFrame>>;
 
-impl Feed {
+impl CaptureFeed {
     /// Begins to read. The thread ends with the capture, or when a wire takes no more.
-    pub fn start(self, wires: usize) -> (JoinHandle<Result<()>>, Vec<Items>) {
+    pub fn start(self, wires: usize) -> (JoinHandle<Result<()>>, Vec<FrameBatches>) {
         let (senders, items) = (0..wires).map(|_| sync_channel(BATCHES)).unzip();
-        (std::thread::spawn(move || self.run(senders)), items)
+        (std::thread::spawn(move || self.read_all(senders)), items)
     }
 
-    fn run(self, wires: Vec<SyncSender<Vec<Item>>>) -> Result<()> {
+    fn read_all(self, wires: Vec<SyncSender<Vec<ReplayFrame>>>) -> Result<()> {
         let times = (0..).take_while(|time| self.times.is_none_or(|times| *time < times));
         for time in times {
             let begin = self.period.saturating_mul(time);
-            match self.once(begin, &wires) {
+            match self.read_once(begin, &wires) {
                 Ok(true) => {}
                 // Whoever ended the playing says why.
                 Ok(false) => return Ok(()),
@@ -50,18 +50,18 @@ impl Feed {
     }
 
     /// `false` when nobody takes frames any more.
-    fn once(&self, begin: u64, wires: &[SyncSender<Vec<Item>>]) -> Result<bool> {
-        let (mut decoder, mut choice) = ((self.decoder)(), self.choice.clone());
-        let mut batches: Vec<Vec<Item>> = wires.iter().map(|_| Vec::new()).collect();
+    fn read_once(&self, begin: u64, wires: &[SyncSender<Vec<ReplayFrame>>]) -> Result<bool> {
+        let (mut decoder, mut choice) = ((self.make_decoder)(), self.selector.clone());
+        let mut batches: Vec<Vec<ReplayFrame>> = wires.iter().map(|_| Vec::new()).collect();
         let mut taken = true;
-        let mut keep = |event: &Event<'_>, batches: &mut Vec<Vec<Item>>| {
-            if let Ok(item) = choice.take(event) {
-                batches[item.wire].push(Item { at: begin + item.at, ..item });
+        let mut keep = |event: &DecodedFrame<'_>, batches: &mut Vec<Vec<ReplayFrame>>| {
+            if let Ok(item) = choice.select(event) {
+                batches[item.wire].push(ReplayFrame { at: begin + item.at, ..item });
             }
         };
-        let read = pieces(&self.path, false, &mut |piece| {
+        let read = read_pieces(&self.path, false, &mut |piece| {
             decoder.feed(piece, &mut |event| keep(event, &mut batches));
-            taken = hand_over(&mut batches, wires);
+            taken = send_batches(&mut batches, wires);
             if taken { Ok(()) } else { Err(Problem::interrupted()) }
         });
         if !taken {
@@ -69,11 +69,11 @@ impl Feed {
         }
         read?;
         decoder.finish(&mut |event| keep(event, &mut batches));
-        Ok(hand_over(&mut batches, wires))
+        Ok(send_batches(&mut batches, wires))
     }
 }
 
-fn hand_over(batches: &mut [Vec<Item>], wires: &[SyncSender<Vec<Item>>]) -> bool {
+fn send_batches(batches: &mut [Vec<ReplayFrame>], wires: &[SyncSender<Vec<ReplayFrame>>]) -> bool {
     let mut pairs = batches.iter_mut().zip(wires).filter(|(batch, _)| !batch.is_empty());
     pairs.all(|(batch, wire)| wire.send(std::mem::take(batch)).is_ok())
 }

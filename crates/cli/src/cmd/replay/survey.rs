@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use polepair_capture::Event;
-use polepair_core::explain::Act;
+use polepair_capture::DecodedFrame;
+use polepair_core::explain::Impact;
 
-use super::choose::{Item, Left, Route, word};
+use super::selector::{ReplayFrame, ReplayRoute, SkipReason, effect_word};
 use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{Problem, Result};
-use crate::terminal::say;
+use crate::terminal::print_note;
 
 /// What is sent, and what is not.
 #[derive(Debug, Default)]
@@ -19,53 +19,57 @@ pub struct Survey {
     pub frames: u64,
     /// The time of the last one since the first, ns.
     pub span: u64,
-    left: [u64; 6],
+    skipped: [u64; 6],
     /// The first frame that needs leave to move, and how many do; the same of permanent memory.
-    moves: Option<(String, u64)>,
-    keeps: Option<(String, u64)>,
+    first_moving: Option<(String, u64)>,
+    first_keeping: Option<(String, u64)>,
     /// Links of the capture.
     pub links: Vec<String>,
 }
 
 impl Survey {
     /// Takes note of a frame and what becomes of it.
-    pub fn note(&mut self, event: &Event<'_>, chosen: &std::result::Result<Item, Left>) {
+    pub fn add_frame(
+        &mut self,
+        event: &DecodedFrame<'_>,
+        chosen: &std::result::Result<ReplayFrame, SkipReason>,
+    ) {
         if self.links.iter().all(|link| link != event.link) {
             self.links.push(event.link.to_owned());
         }
         let item = match chosen {
             Ok(item) => item,
             Err(left) => {
-                self.left[*left as usize] += 1;
+                self.skipped[*left as usize] += 1;
                 return;
             }
         };
         self.frames += 1;
         self.span = item.at;
-        *self.counts.entry(word(item.effect)).or_default() += 1;
+        *self.counts.entry(effect_word(item.effect)).or_default() += 1;
         let shown = || {
             let link = event.link;
-            format!("The first is frame {} on {link}: {}", event.number, event.explained.text)
+            format!("The first is frame {} on {link}: {}", event.number, event.explanation.text)
         };
-        if item.effect.act >= Act::Moves {
-            self.moves.get_or_insert_with(|| (shown(), 0)).1 += 1;
+        if item.effect.impact >= Impact::Motion {
+            self.first_moving.get_or_insert_with(|| (shown(), 0)).1 += 1;
         }
-        if item.effect.keeps {
-            self.keeps.get_or_insert_with(|| (shown(), 0)).1 += 1;
+        if item.effect.persistent {
+            self.first_keeping.get_or_insert_with(|| (shown(), 0)).1 += 1;
         }
     }
 
-    fn left(&self, left: Left) -> u64 {
-        self.left[left as usize]
+    fn skipped_count(&self, left: SkipReason) -> u64 {
+        self.skipped[left as usize]
     }
 
     /// Frames that no wire of the kind can carry.
-    pub fn unfit(&self) -> u64 {
-        self.left(Left::Unfit)
+    pub fn unfit_count(&self) -> u64 {
+        self.skipped_count(SkipReason::UnfitForWire)
     }
 
     /// Says what will be sent.
-    pub fn tell(&self, file: &str, wires: &[String]) {
+    pub fn print_summary(&self, file: &str, wires: &[String]) {
         let told = |word: &str, what: &str| {
             self.counts.get(word).map(|count| format!("{count} {what}")).into_iter()
         };
@@ -77,33 +81,42 @@ impl Survey {
         let (frames, seconds) = (plural(self.frames, "frame"), self.span as f64 / 1e9);
         let parts = parts.collect::<Vec<_>>().join(", ");
         if self.frames > 0 {
-            say(&format!("{file}: {frames} of {seconds:.1} s for {}: {parts}", wires.join(", ")));
+            print_note(&format!(
+                "{file}: {frames} of {seconds:.1} s for {}: {parts}",
+                wires.join(", ")
+            ));
         }
-        let out = |left: Left, what: &str| {
-            if self.left(left) > 0 {
-                say(&format!("{} left out: {what}", plural(self.left(left), "frame")));
+        let out = |left: SkipReason, what: &str| {
+            if self.skipped_count(left) > 0 {
+                print_note(&format!(
+                    "{} left out: {what}",
+                    plural(self.skipped_count(left), "frame")
+                ));
             }
         };
-        out(Left::Unknown, "nobody tells who sent them; --direction both sends them too");
-        out(Left::Unfit, "this wire has no such frames");
+        out(
+            SkipReason::UnknownSender,
+            "nobody tells who sent them; --direction both sends them too",
+        );
+        out(SkipReason::UnfitForWire, "this wire has no such frames");
     }
 
     /// Refuses what was not let through.
-    pub fn allow(&self, routes: &[Route], arm: bool, store: bool) -> Result<()> {
+    pub fn check_allowed(&self, routes: &[ReplayRoute], arm: bool, store: bool) -> Result<()> {
         if self.frames == 0 {
-            return Err(self.nothing(routes));
+            return Err(self.nothing_problem(routes));
         }
-        if let Some((first, count)) = self.moves.as_ref().filter(|_| !arm) {
+        if let Some((first, count)) = self.first_moving.as_ref().filter(|_| !arm) {
             let what = format!("{} may move motors.", plural(*count, "frame"));
             return Err(Problem::usage("E219", what)
-                .why(format!("{first}\n{}", outcome::unsent()))
+                .why(format!("{first}\n{}", outcome::sent_so_far()))
                 .hint("--dry-run shows all of them; --filter leaves some out")
                 .hint("--arm sends them: stand clear of what they move"));
         }
-        if let Some((first, count)) = self.keeps.as_ref().filter(|_| !store) {
+        if let Some((first, count)) = self.first_keeping.as_ref().filter(|_| !store) {
             let what = format!("permanent memory would be written: {}.", plural(*count, "frame"));
             return Err(Problem::usage("E251", what)
-                .why(format!("{first}\nFlash wears. {}", outcome::unsent()))
+                .why(format!("{first}\nFlash wears. {}", outcome::sent_so_far()))
                 .hint("--dry-run shows all of them; --filter leaves some out")
                 .hint("--store sends them"));
         }
@@ -111,20 +124,25 @@ impl Survey {
     }
 
     /// Why nothing is left to send.
-    fn nothing(&self, routes: &[Route]) -> Problem {
+    fn nothing_problem(&self, routes: &[ReplayRoute]) -> Problem {
         let links = self.links.join(", ");
         let problem = Problem::usage("E242", "no frame of this capture is to be sent.");
         let named = routes.iter().filter_map(|route| route.link.as_deref());
         if let Some(name) = named.clone().find(|name| self.links.iter().all(|link| link != name)) {
             return problem.why(format!("It has no link {name}; it has {links}."));
         }
-        let most = [Left::Filtered, Left::Unknown, Left::Other, Left::Unfit];
-        match most.into_iter().find(|left| self.left(*left) > 0) {
-            Some(Left::Filtered) => problem.why("The filter wants none of them."),
-            Some(Left::Unknown) => problem
+        let most = [
+            SkipReason::Filtered,
+            SkipReason::UnknownSender,
+            SkipReason::OtherDirection,
+            SkipReason::UnfitForWire,
+        ];
+        match most.into_iter().find(|left| self.skipped_count(*left) > 0) {
+            Some(SkipReason::Filtered) => problem.why("The filter wants none of them."),
+            Some(SkipReason::UnknownSender) => problem
                 .why("Nobody tells who sent them.")
                 .hint("--as PROTO says what is spoken; --direction both sends all of them"),
-            Some(Left::Other) => problem
+            Some(SkipReason::OtherDirection) => problem
                 .why("All of them were sent by the other side.")
                 .hint("--direction tx plays the host's part, rx the drives', both all of it"),
             Some(_) => problem.why("This wire has no such frames: a bus is not a serial line."),

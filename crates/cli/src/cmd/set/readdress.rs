@@ -1,27 +1,27 @@
 //! A drive that gets another address: it is written last, and read back where the drive then is.
 
-use polepair::url::{Target, shell_word};
+use polepair::url::{LinkTarget, shell_word};
 use polepair::{Axis, Connector};
-use polepair_core::profile::{ParameterId, Readdress};
+use polepair_core::profile::{AddressRole, ParameterId};
 
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::session::{Session, read};
-use crate::target::Target as Drive;
-use crate::terminal::{Output, say};
+use crate::session::{Session, read_parameter};
+use crate::target::DriveArgs as Drive;
+use crate::terminal::{DataOutput, print_note};
 
 /// A setting that changes how its drive is reached.
 #[derive(Clone, Copy)]
-pub struct Readdressing {
+pub struct AddressChange {
     id: ParameterId,
     raw: i64,
-    what: Readdress,
+    what: AddressRole,
 }
 
-impl Readdressing {
+impl AddressChange {
     /// Of one setting; `None` for one with which the drive is reached as before.
-    pub fn of(axis: &Axis, id: ParameterId, raw: i64) -> Result<Option<Self>> {
-        let what = axis.readdresses(id, raw).map_err(outcome::error)?;
+    pub fn for_setting(axis: &Axis, id: ParameterId, raw: i64) -> Result<Option<Self>> {
+        let what = axis.readdress_effect(id, raw).map_err(outcome::to_problem)?;
         Ok(what.map(|what| Self { id, raw, what }))
     }
 
@@ -36,18 +36,24 @@ impl Readdressing {
     }
 
     /// Writes it, and reads it back at its new place.
-    pub fn make(self, drive: &Drive, session: Session, keep: bool, out: &mut Output) -> Result<()> {
+    pub fn apply(
+        self,
+        drive: &Drive,
+        session: Session,
+        keep: bool,
+        out: &mut DataOutput,
+    ) -> Result<()> {
         let Self { id, raw, what } = self;
         let axis = &session.axes()[0];
         let name = axis.profile().parameter(id).map_or("?", |parameter| parameter.name);
         let (old, number, label) = (session.link.url().clone(), axis.number(), axis.label());
-        if axis.read(id).map_err(outcome::error)? == raw {
-            out.line(&format!("{name} = {raw}"));
+        if axis.read(id).map_err(outcome::to_problem)? == raw {
+            out.write_line(&format!("{name} = {raw}"));
             return Ok(());
         }
         if session.link.simulation().is_some() {
-            axis.write(id, raw, keep).map_err(outcome::error)?;
-            say(&format!(
+            axis.write(id, raw, keep).map_err(outcome::to_problem)?;
+            print_note(&format!(
                 "{label} took {name} = {raw}; it ends with this command, so nobody looked"
             ));
             return Ok(());
@@ -57,31 +63,31 @@ impl Readdressing {
         let connector = drive.connector()?;
         let session = match what {
             // A port is opened once at a time.
-            Readdress::Own => {
+            AddressRole::Drive => {
                 drop(session);
-                free(&connector, &new, address)?;
-                drive.open_by(&connector, &old.to_string())?
+                check_free(&connector, &new, address)?;
+                drive.open_with(&connector, &old.to_string())?
             }
-            Readdress::Host => session,
+            AddressRole::Host => session,
         };
         let written = session.axes()[0].write(id, raw, keep);
         drop(session);
-        match (written, drive.open_by(&connector, &new)) {
+        match (written, drive.open_with(&connector, &new)) {
             (_, Ok(session)) => {
                 let axis = &session.axes()[0];
-                let found = read(axis, id)?;
-                out.line(&format!("{name} = {found}"));
+                let found = read_parameter(axis, id)?;
+                out.write_line(&format!("{name} = {found}"));
                 if found.raw != raw {
                     let what = format!("{name:?} did not keep what was written.");
                     return Err(Problem::new(Exit::Negative, "E111", what));
                 }
                 let now = match what {
-                    Readdress::Own => format!("{label} is {} from now on", axis.label()),
-                    Readdress::Host => format!("{label} answers host {raw} from now on"),
+                    AddressRole::Drive => format!("{label} is {} from now on", axis.label()),
+                    AddressRole::Host => format!("{label} answers host {raw} from now on"),
                 };
                 match old.target {
-                    Target::Rack { .. } => say(&format!("{now}: change its rack file")),
-                    _ => say(&format!("{now}: {new}")),
+                    LinkTarget::Rack { .. } => print_note(&format!("{now}: change its rack file")),
+                    _ => print_note(&format!("{now}: {new}")),
                 }
                 Ok(())
             }
@@ -95,17 +101,17 @@ impl Readdressing {
                     )))
             }
             (Err(error), Err(_)) => {
-                Err(outcome::error(error).hint(format!("if it was executed it is at {new}")))
+                Err(outcome::to_problem(error).hint(format!("if it was executed it is at {new}")))
             }
         }
     }
 }
 
 /// Refuses an address at which somebody answers.
-fn free(connector: &Connector, url: &str, address: u32) -> Result<()> {
+fn check_free(connector: &Connector, url: &str, address: u32) -> Result<()> {
     match connector.connect(url) {
         Err(error) if error.exit() == Exit::NoReply => Ok(()),
-        Err(error) => Err(outcome::error(error)
+        Err(error) => Err(outcome::to_problem(error)
             .hint("the address that was asked for has to be free: nothing was written")),
         Ok(_) => {
             let what = format!("A drive answers at address {address} already.");

@@ -3,17 +3,17 @@
 use std::io::IsTerminal as _;
 use std::time::Duration;
 
-use polepair::{Axis, Error, Following};
-use polepair_core::stream::cyclic::{Account, Setpoint};
+use polepair::{Axis, CyclicAxes, Error};
+use polepair_core::stream::cyclic::{CycleStatistics, SetpointKind};
 use polepair_core::units::Quantity;
 
 use crate::interrupt;
-use crate::motion::{self, caution};
+use crate::motion::{self, print_caution};
 use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::session::Session;
-use crate::target::Target;
-use crate::terminal::{self, say};
+use crate::target::DriveArgs;
+use crate::terminal::{self, print_note};
 
 /// Times of a file that are apart by less than this are no other times, s.
 const SAME_S: f64 = 1e-6;
@@ -21,15 +21,15 @@ const SAME_S: f64 = 1e-6;
 const CYCLES_MAX: f64 = 3.6e6;
 
 /// A column of the file: whose, and what one of its unit is.
-struct Column {
+struct SetpointColumn {
     name: String,
     factor: f64,
     quantity: Option<Quantity>,
 }
 
 /// A file's set-points, in the order of its columns.
-struct Table {
-    columns: Vec<Column>,
+struct SetpointTable {
+    columns: Vec<SetpointColumn>,
     times: Vec<f64>,
     rows: Vec<Vec<f64>>,
 }
@@ -39,87 +39,103 @@ pub fn is_header(line: &str) -> bool {
     line.split(',').next().is_some_and(|cell| cell.trim().parse::<f64>().is_err())
 }
 
-pub fn run(
-    target: &Target,
+pub fn run_cyclic(
+    target: &DriveArgs,
     file: &str,
     lines: &[(usize, String)],
     period: Option<f64>,
-    mode: Option<Setpoint>,
+    mode: Option<SetpointKind>,
 ) -> Result {
-    let table = Table::read(file, lines)?;
+    let table = SetpointTable::parse_lines(file, lines)?;
     let setpoint = table.setpoint(mode)?;
     let period = table.period(file, period)?;
     let session = target.open()?;
-    let order = table.order(session.axes())?;
-    let setpoints = table.resampled(period, &order)?;
-    caution(&session);
-    session.listen();
-    follow(&session, setpoint, Duration::from_secs_f64(period), &setpoints)
+    let order = table.column_order(session.axes())?;
+    let setpoints = table.resample(period, &order)?;
+    print_caution(&session);
+    session.listen_for_interrupts();
+    follow_setpoints(&session, setpoint, Duration::from_secs_f64(period), &setpoints)
 }
 
-fn follow(session: &Session, setpoint: Setpoint, period: Duration, setpoints: &[f64]) -> Result {
-    let _holding = interrupt::hold(&session.words);
-    let following = Following::begin_along(session.axes(), setpoint, period, setpoints);
-    let following = following.map_err(outcome::error)?;
+fn follow_setpoints(
+    session: &Session,
+    setpoint: SetpointKind,
+    period: Duration,
+    setpoints: &[f64],
+) -> Result {
+    let _holding = interrupt::hold_motion(&session.arguments);
+    let following = CyclicAxes::begin_with_path(session.axes(), setpoint, period, setpoints);
+    let following = following.map_err(outcome::to_problem)?;
     let cycles = setpoints.len() / session.axes().len();
-    let live = Live { shown: std::io::stderr().is_terminal(), cycles };
+    let live = CycleMeter { shown: std::io::stderr().is_terminal(), cycles };
     let streamed = following.stream(setpoints.iter().copied(), |account| live.show(account));
     let ended = streamed.map_err(|error| match error {
         Error::Interrupted { .. } => Problem::interrupted(),
-        other => outcome::error(other),
+        other => outcome::to_problem(other),
     });
-    let (load, last) = (following.load(), following.account());
-    let released = following.release().map_err(outcome::error);
-    if let Some(account) = last.filter(|account| account.beats > 0) {
+    let (load, last) = (following.load(), following.cycle_statistics());
+    let released = following.release().map_err(outcome::to_problem);
+    if let Some(account) = last.filter(|account| account.syncs > 0) {
         let bus = load.map_or(String::new(), |load| format!("; {:.0} % of the bus", load * 100.0));
         let axes = session.axes().len();
-        say(&format!("{} cycles of {} ms, axes: {axes}{bus}", account.cycles, ms(period)));
-        tell(&account, setpoint);
+        print_note(&format!(
+            "{} cycles of {} ms, axes: {axes}{bus}",
+            account.cycles,
+            to_ms(period)
+        ));
+        print_statistics(&account, setpoint);
     }
     if released.is_err() {
         let axes: Vec<String> = session.axes().iter().map(Axis::label).collect();
-        say(&format!("{} may still turn: cut their supply", axes.join(", ")));
+        print_note(&format!("{} may still turn: cut their supply", axes.join(", ")));
     }
-    motion::over(ended.map(drop), released, "the motion was stopped")
+    motion::conclude(ended.map(drop), released, "the motion was stopped")
 }
 
-fn ms(span: Duration) -> f64 {
+fn to_ms(span: Duration) -> f64 {
     span.as_secs_f64() * 1e3
 }
 
 /// How well the drives followed, and how regular the beat was.
-fn tell(account: &Account, setpoint: Setpoint) {
+fn print_statistics(account: &CycleStatistics, setpoint: SetpointKind) {
     let unit = match setpoint {
-        Setpoint::Position => "rad (or m)",
-        Setpoint::Velocity => "rad/s (or m/s)",
-        Setpoint::Torque => "Nm",
+        SetpointKind::Position => "rad (or m)",
+        SetpointKind::Velocity => "rad/s (or m/s)",
+        SetpointKind::Torque => "Nm",
     };
-    let lag = account.lag;
-    say(&format!("greatest distance from the set-point of the cycle before: {lag:.4} {unit}"));
-    say(&format!("missed cycles: {}; answers that came late: {}", account.missed, account.late));
+    let lag = account.max_following_error;
+    print_note(&format!(
+        "greatest distance from the set-point of the cycle before: {lag:.4} {unit}"
+    ));
+    print_note(&format!(
+        "missed cycles: {}; answers that came late: {}",
+        account.missed_cycles, account.late_reports
+    ));
     if let Some((least, middle, most)) = account.lateness.summary() {
-        let (least, middle, most) = (ms(least), ms(middle), ms(most));
-        say(&format!("beats late by {least:.3} / {middle:.3} / {most:.3} ms (min/median/max)"));
+        let (least, middle, most) = (to_ms(least), to_ms(middle), to_ms(most));
+        print_note(&format!(
+            "beats late by {least:.3} / {middle:.3} / {most:.3} ms (min/median/max)"
+        ));
     }
-    say("this computer is no real-time controller: the beat is as regular as its scheduler");
+    print_note("this computer is no real-time controller: the beat is as regular as its scheduler");
 }
 
 /// One line on a terminal, drawn again and again.
-struct Live {
+struct CycleMeter {
     shown: bool,
     cycles: usize,
 }
 
-impl Live {
-    fn show(&self, account: &Account) {
+impl CycleMeter {
+    fn show(&self, account: &CycleStatistics) {
         if self.shown {
-            let (done, missed) = (account.cycles, account.missed);
+            let (done, missed) = (account.cycles, account.missed_cycles);
             terminal::draw(&format!("\r\x1b[Kcycle {done} of {}  missed {missed}", self.cycles));
         }
     }
 }
 
-impl Drop for Live {
+impl Drop for CycleMeter {
     fn drop(&mut self) {
         if self.shown {
             terminal::draw("\r\x1b[K");
@@ -127,8 +143,8 @@ impl Drop for Live {
     }
 }
 
-impl Table {
-    fn read(file: &str, lines: &[(usize, String)]) -> Result<Self> {
+impl SetpointTable {
+    fn parse_lines(file: &str, lines: &[(usize, String)]) -> Result<Self> {
         let headed = lines.first().is_some_and(|(_, line)| is_header(line));
         let wrong = |n: usize, why: String| {
             Problem::usage("E210", format!("{file}:{n}: {why}.")).why(
@@ -138,17 +154,17 @@ impl Table {
         };
         let mut cells = match lines.first() {
             Some((n, line)) if headed => {
-                let columns = line.split(',').map(column);
+                let columns = line.split(',').map(parse_column);
                 columns.collect::<std::result::Result<_, _>>().map_err(|why| wrong(*n, why))?
             }
             _ => Vec::new(),
         };
         let mut table = Self { columns: Vec::new(), times: Vec::new(), rows: Vec::new() };
         for (n, line) in lines.iter().skip(usize::from(headed)) {
-            let numbers = numbers(line)
+            let numbers = parse_numbers(line)
                 .ok_or_else(|| wrong(*n, format!("`{line}` is no line of numbers")))?;
             if cells.is_empty() {
-                cells.resize_with(numbers.len(), Column::bare);
+                cells.resize_with(numbers.len(), SetpointColumn::unnamed);
             }
             if numbers.len() != cells.len() || numbers.len() < 2 {
                 return Err(wrong(*n, format!("{} columns, not {}", numbers.len(), cells.len())));
@@ -169,14 +185,14 @@ impl Table {
     }
 
     /// What the set-points are, as the units say.
-    fn setpoint(&self, mode: Option<Setpoint>) -> Result<Setpoint> {
+    fn setpoint(&self, mode: Option<SetpointKind>) -> Result<SetpointKind> {
         let mut kind = mode;
         for column in &self.columns {
             let found = match column.quantity {
                 None => continue,
-                Some(Quantity::Position) => Some(Setpoint::Position),
-                Some(Quantity::Velocity) => Some(Setpoint::Velocity),
-                Some(Quantity::Torque) => Some(Setpoint::Torque),
+                Some(Quantity::Position) => Some(SetpointKind::Position),
+                Some(Quantity::Velocity) => Some(SetpointKind::Velocity),
+                Some(Quantity::Torque) => Some(SetpointKind::Torque),
                 Some(_) => None,
             };
             if found.is_none() || kind.is_some_and(|kind| found != Some(kind)) {
@@ -186,7 +202,7 @@ impl Table {
             }
             kind = found;
         }
-        Ok(kind.unwrap_or(Setpoint::Position))
+        Ok(kind.unwrap_or(SetpointKind::Position))
     }
 
     /// The period asked for, or the one that the file has throughout, s.
@@ -208,7 +224,7 @@ impl Table {
     }
 
     /// For each axis its column.
-    fn order(&self, axes: &[Axis]) -> Result<Vec<usize>> {
+    fn column_order(&self, axes: &[Axis]) -> Result<Vec<usize>> {
         if self.columns.len() != axes.len() {
             let what = format!("{} columns for {} axes.", self.columns.len(), axes.len());
             return Err(Problem::usage("E245", what)
@@ -219,7 +235,7 @@ impl Table {
         }
         let of = |axis: &Axis| {
             let number = axis.number().to_string();
-            let is = |column: &Column| column.name == number || column.name == axis.name();
+            let is = |column: &SetpointColumn| column.name == number || column.name == axis.name();
             self.columns.iter().position(is).ok_or_else(|| {
                 Problem::usage("E245", format!("no column is named `{number}`."))
                     .why("The header names each axis by its number, or its name in the rack.")
@@ -230,7 +246,7 @@ impl Table {
 
     /// Set-points every `period`, those of a cycle side by side in the order of the axes: on the
     /// straight line between two of the file.
-    fn resampled(&self, period: f64, order: &[usize]) -> Result<Vec<f64>> {
+    fn resample(&self, period: f64, order: &[usize]) -> Result<Vec<f64>> {
         let (first, last) = (self.times[0], self.times[self.times.len() - 1]);
         let cycles = ((last - first - SAME_S) / period).ceil();
         if cycles > CYCLES_MAX {
@@ -254,26 +270,26 @@ impl Table {
     }
 }
 
-impl Column {
-    fn bare() -> Self {
+impl SetpointColumn {
+    fn unnamed() -> Self {
         Self { name: String::new(), factor: 1.0, quantity: None }
     }
 }
 
-fn numbers(line: &str) -> Option<Vec<f64>> {
+fn parse_numbers(line: &str) -> Option<Vec<f64>> {
     let number = |cell: &str| cell.trim().parse::<f64>().ok().filter(|number| number.is_finite());
     line.split(',').map(number).collect()
 }
 
 /// `2 deg`, `2 [deg]`, `time s`.
-fn column(cell: &str) -> std::result::Result<Column, String> {
+fn parse_column(cell: &str) -> std::result::Result<SetpointColumn, String> {
     let cell = cell.trim();
     let (name, unit) = cell.split_once([' ', '[', '(']).unwrap_or((cell, ""));
     let unit = unit.trim_matches([' ', '[', ']', '(', ')']);
     let name = name.trim().to_owned();
     if unit.is_empty() {
-        return Ok(Column { name, ..Column::bare() });
+        return Ok(SetpointColumn { name, ..SetpointColumn::unnamed() });
     }
     let measure = polepair::quantity::parse(&format!("1 {unit}")).map_err(|e| e.to_string())?;
-    Ok(Column { name, factor: measure.si, quantity: measure.quantity })
+    Ok(SetpointColumn { name, factor: measure.si, quantity: measure.quantity })
 }

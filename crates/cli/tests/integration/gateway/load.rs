@@ -309,7 +309,7 @@ fn commands_and_stops_are_soon_on_the_wire_whatever_else_goes_on() {
     let commands = told("POLEPAIR_LOAD_COMMANDS", 100);
     let stops = told("POLEPAIR_LOAD_STOPS", 100);
     let (viewers, idle) = (told("POLEPAIR_LOAD_VIEWERS", 100), told("POLEPAIR_LOAD_IDLE", 1000));
-    let _ = polepair_link::open_files();
+    let _ = polepair_link::raise_file_limit();
     for run in 0..told("POLEPAIR_LOAD_RUNS", 1) {
         let bench = Bench::new();
         let mut live = bench.site.live();

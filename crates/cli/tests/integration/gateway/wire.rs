@@ -5,10 +5,10 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use polepair::simulate::{self, DriveLine};
-use polepair_core::drives::bench::Truth;
+use polepair_core::drives::bench::GroundTruth;
 use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::time::Instant as At;
-use polepair_link::{Link, LinkError, Received, Served, Waker, clock};
+use polepair_link::{LinkError, LinkIo, LinkWaker, Received, ServeThread, clock};
 
 use super::site::LONG;
 
@@ -46,16 +46,16 @@ impl Log {
 pub struct Drive {
     pub log: Log,
     line: DriveLine,
-    served: Option<Served>,
+    served: Option<ServeThread>,
 }
 
 impl Drive {
     /// Puts a simulated drive (`tmcl:1`) on that end.
-    pub fn on(end: Box<dyn Link<Stream>>, word: &str) -> Self {
+    pub fn on(end: Box<dyn LinkIo<Stream>>, word: &str) -> Self {
         let description = simulate::rack_of_words(&[word], 1).unwrap();
-        let line = simulate::lines(&description, 1).unwrap().remove(0);
+        let line = simulate::drive_lines(&description, 1).unwrap().remove(0);
         let log = Log::default();
-        let stamped: Box<dyn Link<Stream>> = Box::new(Stamped { end, log: log.clone() });
+        let stamped: Box<dyn LinkIo<Stream>> = Box::new(Stamped { end, log: log.clone() });
         Self { log, line: line.clone(), served: Some(line.serve(stamped)) }
     }
 
@@ -65,14 +65,14 @@ impl Drive {
     }
 
     /// Puts it on another end.
-    pub fn plug(&mut self, end: Box<dyn Link<Stream>>) {
-        let stamped: Box<dyn Link<Stream>> = Box::new(Stamped { end, log: self.log.clone() });
+    pub fn plug(&mut self, end: Box<dyn LinkIo<Stream>>) {
+        let stamped: Box<dyn LinkIo<Stream>> = Box::new(Stamped { end, log: self.log.clone() });
         self.served = Some(self.line.clone().serve(stamped));
     }
 
     /// What is true of its motor, whoever talks to it or not.
-    pub fn truth(&self) -> Truth {
-        self.line.bench(0, |bench| bench.truth(clock::now())).expect("it has a motor")
+    pub fn truth(&self) -> GroundTruth {
+        self.line.with_bench(0, |bench| bench.ground_truth(clock::now())).expect("it has a motor")
     }
 
     /// Waits until its motor stands.
@@ -92,11 +92,11 @@ impl Drop for Drive {
 }
 
 struct Stamped {
-    end: Box<dyn Link<Stream>>,
+    end: Box<dyn LinkIo<Stream>>,
     log: Log,
 }
 
-impl Link<Stream> for Stamped {
+impl LinkIo<Stream> for Stamped {
     fn now(&self) -> At {
         self.end.now()
     }
@@ -118,7 +118,7 @@ impl Link<Stream> for Stamped {
         self.end.set_line(line)
     }
 
-    fn waker(&self) -> Waker {
+    fn waker(&self) -> LinkWaker {
         self.end.waker()
     }
 

@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use polepair_link::pty::Pty;
-use polepair_link::{Link as _, Received, clock};
+use polepair_link::{LinkIo as _, Received, clock};
 
 /// How large it is.
 const ROWS: usize = 30;

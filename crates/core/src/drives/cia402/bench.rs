@@ -1,27 +1,27 @@
 //! The bench around the drive, whatever bus it is on.
 
 use super::drive::Drive;
-use super::faults::Fault;
-use crate::drives::bench::{Act, Bench, Truth};
+use super::faults::FaultCode;
+use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::time::Instant;
 
-impl Bench for Drive {
-    fn truth(&mut self, now: Instant) -> Truth {
+impl BenchControl for Drive {
+    fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         self.advance(now);
-        let (motor, (unrepeatable, starts)) = (self.shaft().motor(), self.counts());
-        Truth {
+        let (motor, (unrepeatable, starts)) = (self.shaft().motor(), self.motion_counts());
+        GroundTruth {
             position: motor.position(),
             velocity: motor.velocity(),
             current: motor.current(),
             torque: motor.torque(),
             winding: self.shaft().winding(),
-            enabled: self.shaft().powered(),
+            enabled: self.shaft().is_powered(),
             fault: self.fault().0.into(),
             flash_writes: self.flash_writes(),
             unrepeatable,
             starts,
             bounds: self.shaft().bounds(),
-            setpoint: self.shaft().regulated(),
+            setpoint: self.shaft().active_setpoint(),
         }
     }
 
@@ -35,11 +35,11 @@ impl Bench for Drive {
             Act::Supply(volts) => self.shaft_mut().supply = volts,
             Act::Ambient(celsius) => self.shaft_mut().set_ambient(celsius),
             Act::Input(number @ 1..=3, on) => {
-                self.lines_mut().drive(usize::from(number) - 1, on);
+                self.lines_mut().force_line(usize::from(number) - 1, on);
             }
             Act::Switch { which: which @ 0..=2, at } => {
                 let line = [2, 1, 0][usize::from(which)];
-                self.lines_mut().place(line, (!at.is_nan()).then_some(at));
+                self.lines_mut().set_switch(line, (!at.is_nan()).then_some(at));
             }
             Act::Switch { which: 3, at } => {
                 self.lines_mut().open_home((!at.is_nan()).then_some(at));
@@ -47,7 +47,7 @@ impl Bench for Drive {
             Act::EncoderBroken(broken) => self.shaft_mut().break_encoder(broken),
             Act::HallBroken(broken) => self.shaft_mut().hall_broken = broken,
             Act::Fault(code) => match u16::try_from(code) {
-                Ok(code) => self.raise(Fault(code)),
+                Ok(code) => self.raise_fault(FaultCode(code)),
                 Err(_) => return false,
             },
             Act::PowerCycle => self.power_cycle(),
@@ -56,7 +56,7 @@ impl Bench for Drive {
         true
     }
 
-    fn notice(&mut self) -> Option<&'static str> {
+    fn take_notice(&mut self) -> Option<&'static str> {
         self.take_notice()
     }
 }

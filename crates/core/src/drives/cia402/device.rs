@@ -3,9 +3,9 @@
 use super::drive::Drive;
 use super::objects::PDOS;
 use crate::drives;
-use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::medium::{Can, CanLine, Frame};
-use crate::proto::canopen::device::{CanEnd, Options};
+use crate::proto::canopen::device::{CanEndpoint, Quirks};
 use crate::station::{LineEvent, Station, Timed};
 use crate::time::{Instant, earliest};
 
@@ -13,7 +13,7 @@ use crate::time::{Instant, earliest};
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct Device {
-    end: CanEnd<PDOS>,
+    end: CanEndpoint<PDOS>,
     drive: Drive,
 }
 
@@ -21,7 +21,7 @@ impl Device {
     /// That drive, just powered.
     #[must_use]
     pub fn new(mut drive: Drive) -> Self {
-        Self { end: CanEnd::new(Options::STRICT, &mut drive), drive }
+        Self { end: CanEndpoint::new(Quirks::STRICT, &mut drive), drive }
     }
 
     /// The drive behind the bus.
@@ -39,12 +39,12 @@ impl Timed for Device {
 
     #[inline]
     fn poll_timeout(&self) -> Option<Instant> {
-        earliest(self.end.poll_timeout(), self.drive.due())
+        earliest(self.end.poll_timeout(), self.drive.next_due())
     }
 }
 
-impl drives::Device for Device {
-    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+impl drives::SimulatedDevice for Device {
+    fn can_station(&mut self) -> Option<&mut dyn Station<Can>> {
         Some(self)
     }
 }
@@ -71,9 +71,9 @@ impl Station<Can> for Device {
     }
 }
 
-impl Bench for Device {
-    fn truth(&mut self, now: Instant) -> Truth {
-        self.drive.truth(now)
+impl BenchControl for Device {
+    fn ground_truth(&mut self, now: Instant) -> GroundTruth {
+        self.drive.ground_truth(now)
     }
 
     fn act(&mut self, now: Instant, act: Act) -> bool {
@@ -84,7 +84,7 @@ impl Bench for Device {
         done
     }
 
-    fn notice(&mut self) -> Option<&'static str> {
+    fn take_notice(&mut self) -> Option<&'static str> {
         self.drive.take_notice()
     }
 }

@@ -2,57 +2,62 @@
 
 use core::f64::consts::TAU;
 
-use super::faults::Fault;
-use super::files::Files;
-use super::objects::{DICTIONARY, Objects, kept, read};
+use super::faults::FaultCode;
+use super::objects::{DICTIONARY, Objects, computed, stored};
 use super::shaft::{RATED_CURRENT, Shaft};
+use super::transfer_objects::TransferObjects;
 use crate::plant::{TICK_NS, Ticks};
 use crate::proto::canopen::device::motion::{
-    Axis, Event, Manner, Scene, Shaft as _, State as Power, is_method, modes,
+    MotionAxis, MotionContext, MotionEvent, MotionQuirks, MotorControl as _, PowerState as Power,
+    is_method, modes,
 };
-use crate::proto::canopen::device::{Firmware, Group};
+use crate::proto::canopen::device::{Firmware, SettingsGroup};
 use crate::proto::canopen::emcy::Emergency;
-use crate::proto::canopen::nmt::State;
+use crate::proto::canopen::nmt::NmtState;
 use crate::proto::canopen::od::Dictionary;
-use crate::proto::canopen::sdo::Abort;
+use crate::proto::canopen::sdo::AbortCode;
 use crate::proto::canopen::time::TimeOfDay;
 use crate::time::Instant;
 use crate::units::nearest;
 
 /// The standard leaves nothing of this open.
-const MANNER: Manner =
-    Manner { remote: true, fault_warns: false, in_turn: false, homing_by_edge: false };
+const MOTION_QUIRKS: MotionQuirks = MotionQuirks {
+    sets_remote_bit: true,
+    fault_warns: false,
+    enables_stepwise: false,
+    homing_by_edge: false,
+};
 /// Set-points that wait behind the one that runs (CiA 402: one).
-const POINTS: usize = 1;
+const QUEUED_POINTS: usize = 1;
 /// Inputs of 60FDh: limit switches and home switch.
 const INPUTS: usize = 3;
 
 /// Switches that the shaft closes, and lines that something outside closes. In the order of 60FDh:
 /// negative limit, positive limit, home.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Lines {
+pub struct SwitchLines {
     /// Shaft position of each switch, rad; infinite where there is none.
-    at: [f64; INPUTS],
+    switch_positions: [f64; INPUTS],
     /// Shaft position from which on the home switch is open again, rad.
     home_until: f64,
     /// Lines that something outside closes.
-    driven: [bool; INPUTS],
+    forced_closed: [bool; INPUTS],
 }
 
 /// Positions that no shaft comes to.
 const NOWHERE: [f64; INPUTS] = [f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
 
-impl Lines {
+impl SwitchLines {
     /// The home switch alone, at that shaft position (rad).
-    const fn home(at: f64) -> Self {
+    const fn with_home(at: f64) -> Self {
         let [negative, positive, _] = NOWHERE;
-        let at = [negative, positive, at];
-        Self { at, home_until: f64::INFINITY, driven: [false; INPUTS] }
+        let switch_positions = [negative, positive, at];
+        Self { switch_positions, home_until: f64::INFINITY, forced_closed: [false; INPUTS] }
     }
 
     /// Moves the switch of a line to a shaft position (rad), or takes it away.
-    pub fn place(&mut self, line: usize, at: Option<f64>) {
-        self.at[line] = at.unwrap_or(NOWHERE[line]);
+    pub fn set_switch(&mut self, line: usize, at: Option<f64>) {
+        self.switch_positions[line] = at.unwrap_or(NOWHERE[line]);
     }
 
     /// The home switch is open again from that shaft position (rad) on, or never.
@@ -61,29 +66,31 @@ impl Lines {
     }
 
     /// Something outside closes a line, or opens it.
-    pub const fn drive(&mut self, line: usize, closed: bool) {
-        self.driven[line] = closed;
+    pub const fn force_line(&mut self, line: usize, closed: bool) {
+        self.forced_closed[line] = closed;
     }
 
     #[inline]
-    fn negative(&self, position: f64) -> bool {
-        (position <= self.at[0]) | self.driven[0]
+    fn is_negative_closed(&self, position: f64) -> bool {
+        (position <= self.switch_positions[0]) | self.forced_closed[0]
     }
 
     #[inline]
-    fn positive(&self, position: f64) -> bool {
-        (position >= self.at[1]) | self.driven[1]
+    fn is_positive_closed(&self, position: f64) -> bool {
+        (position >= self.switch_positions[1]) | self.forced_closed[1]
     }
 
     #[inline]
-    fn is_home(&self, position: f64) -> bool {
-        ((position >= self.at[2]) & (position < self.home_until)) | self.driven[2]
+    fn is_home_closed(&self, position: f64) -> bool {
+        ((position >= self.switch_positions[2]) & (position < self.home_until))
+            | self.forced_closed[2]
     }
 
     /// Where the home switch's only edge is.
     #[inline]
     fn home_edge(&self) -> Option<f64> {
-        (self.home_until == f64::INFINITY && self.at[2] != f64::INFINITY).then_some(self.at[2])
+        (self.home_until == f64::INFINITY && self.switch_positions[2] != f64::INFINITY)
+            .then_some(self.switch_positions[2])
     }
 }
 
@@ -93,26 +100,26 @@ impl Lines {
 pub struct Drive {
     ticks: Ticks,
     now: Instant,
-    fault: Fault,
-    told: Fault,
+    fault: FaultCode,
+    reported_fault: FaultCode,
     /// Motions begun, and those that a repetition would have begun again.
     starts: u64,
-    lines: Lines,
+    lines: SwitchLines,
     objects: Objects,
     shaft: Shaft,
-    axis: Axis<POINTS>,
+    axis: MotionAxis<QUEUED_POINTS>,
     unrepeatable: u64,
     /// The time of day that was given, and when.
     clock: Option<(TimeOfDay, Instant)>,
     notice: Option<&'static str>,
     flash_writes: u64,
     node: u8,
-    kept_node: u8,
+    stored_node: u8,
     bit_rate: u32,
-    kept_bit_rate: u32,
+    stored_bit_rate: u32,
     serial: u32,
-    files: Files,
-    kept: Option<Objects>,
+    files: TransferObjects,
+    stored_objects: Option<Objects>,
 }
 
 impl Drive {
@@ -123,54 +130,54 @@ impl Drive {
             ticks: Ticks::new(Instant::ZERO),
             now: Instant::ZERO,
             shaft: Shaft::default(),
-            axis: Axis::new(MANNER, 0.0),
+            axis: MotionAxis::new(MOTION_QUIRKS, 0.0),
             objects: Objects::factory(),
             // Half a turn behind, so that homing finds it.
-            lines: Lines::home(-TAU / 2.0),
-            fault: Fault::NONE,
-            told: Fault::NONE,
+            lines: SwitchLines::with_home(-TAU / 2.0),
+            fault: FaultCode::NONE,
+            reported_fault: FaultCode::NONE,
             clock: None,
             notice: None,
             unrepeatable: 0,
             starts: 0,
             flash_writes: 0,
             node,
-            kept_node: node,
+            stored_node: node,
             bit_rate,
-            kept_bit_rate: bit_rate,
+            stored_bit_rate: bit_rate,
             serial,
-            files: Files::default(),
-            kept: None,
+            files: TransferObjects::default(),
+            stored_objects: None,
         }
     }
 
     /// The same with other values from the factory.
     #[must_use]
-    pub fn with(mut self, objects: Objects) -> Self {
+    pub fn with_objects(mut self, objects: Objects) -> Self {
         self.objects = objects.clone();
-        self.keep(objects);
+        self.set_reset_objects(objects);
         self
     }
 
     /// What every reset brings from now on, until its settings are stored or restored.
-    pub fn keep(&mut self, objects: Objects) {
-        self.kept = Some(objects);
+    pub fn set_reset_objects(&mut self, objects: Objects) {
+        self.stored_objects = Some(objects);
     }
 
     /// Lets time pass up to `now`.
     #[inline]
     pub fn advance(&mut self, now: Instant) {
-        let ticks = self.ticks.until(now);
+        let ticks = self.ticks.advance_to(now);
         self.now = self.now.max(now);
         if ticks > 0 {
-            self.pass(ticks);
+            self.run_ticks(ticks);
         }
     }
 
-    fn pass(&mut self, ticks: u64) {
-        if self.shaft.resting() {
-            self.shaft.rest(ticks);
-            return self.watch();
+    fn run_ticks(&mut self, ticks: u64) {
+        if self.shaft.is_resting() {
+            self.shaft.pass_rest(ticks);
+            return self.check_protections();
         }
         for _ in 0..ticks {
             self.tick();
@@ -179,8 +186,8 @@ impl Drive {
 
     /// When it next wants [`advance`](Self::advance) though nobody asks it anything.
     #[must_use]
-    pub fn due(&self) -> Option<Instant> {
-        (!self.shaft.resting()).then(|| self.ticks.at().plus_ns(TICK_NS))
+    pub fn next_due(&self) -> Option<Instant> {
+        (!self.shaft.is_resting()).then(|| self.ticks.at().plus_ns(TICK_NS))
     }
 
     /// The motor, and what acts on it.
@@ -195,19 +202,19 @@ impl Drive {
     }
 
     /// The switches, for what acts on them from outside.
-    pub const fn lines_mut(&mut self) -> &mut Lines {
+    pub const fn lines_mut(&mut self) -> &mut SwitchLines {
         &mut self.lines
     }
 
     /// The fault, if there is one.
     #[must_use]
-    pub const fn fault(&self) -> Fault {
+    pub const fn fault(&self) -> FaultCode {
         self.fault
     }
 
     /// Motions begun that a repetition of their order would have begun again, and all.
     #[must_use]
-    pub const fn counts(&self) -> (u64, u64) {
+    pub const fn motion_counts(&self) -> (u64, u64) {
         (self.unrepeatable, self.starts)
     }
 
@@ -223,40 +230,40 @@ impl Drive {
     }
 
     /// Something is wrong: power goes off as 605Eh says.
-    pub fn raise(&mut self, fault: Fault) {
-        if self.fault != Fault::NONE {
+    pub fn raise_fault(&mut self, fault: FaultCode) {
+        if self.fault != FaultCode::NONE {
             return;
         }
         self.fault = fault;
         self.notice = Some(fault.name());
-        self.act(Axis::fault);
+        self.with_axis(MotionAxis::handle_fault);
     }
 
     /// Power off and on.
     pub fn power_cycle(&mut self) {
-        (self.node, self.bit_rate) = (self.kept_node, self.kept_bit_rate);
+        (self.node, self.bit_rate) = (self.stored_node, self.stored_bit_rate);
         self.clock = None;
-        self.start_anew();
+        self.restart();
     }
 
-    fn start_anew(&mut self) {
-        self.shaft.release();
-        self.shaft.forget();
-        self.objects = self.kept.clone().unwrap_or_else(Objects::factory);
-        self.axis = Axis::new(MANNER, self.shaft.position());
-        (self.fault, self.told) = (Fault::NONE, Fault::NONE);
+    fn restart(&mut self) {
+        self.shaft.power_off();
+        self.shaft.reset_protections();
+        self.objects = self.stored_objects.clone().unwrap_or_else(Objects::factory);
+        self.axis = MotionAxis::new(MOTION_QUIRKS, self.shaft.position());
+        (self.fault, self.reported_fault) = (FaultCode::NONE, FaultCode::NONE);
     }
 
     #[inline]
-    fn act<R>(
+    fn with_axis<R>(
         &mut self,
-        act: impl FnOnce(&mut Axis<POINTS>, &mut Scene<'_, Shaft, Objects>) -> R,
+        act: impl FnOnce(&mut MotionAxis<QUEUED_POINTS>, &mut MotionContext<'_, Shaft, Objects>) -> R,
     ) -> R {
         let position = self.shaft.motor().position();
-        let mut scene = Scene {
-            negative: self.lines.negative(position),
-            positive: self.lines.positive(position),
-            home: self.lines.is_home(position),
+        let mut scene = MotionContext {
+            negative: self.lines.is_negative_closed(position),
+            positive: self.lines.is_positive_closed(position),
+            home: self.lines.is_home_closed(position),
             home_at: self.lines.home_edge(),
             shaft: &mut self.shaft,
             settings: &self.objects,
@@ -265,29 +272,29 @@ impl Drive {
     }
 
     fn tick(&mut self) {
-        let event = match self.axis.follows() {
-            true => self.act(Axis::follow),
-            false => self.act(Axis::tick),
+        let event = match self.axis.is_following() {
+            true => self.with_axis(MotionAxis::tick_following),
+            false => self.with_axis(MotionAxis::tick),
         };
-        if event == Some(Event::FollowingError) {
-            self.raise(Fault::FOLLOWING);
+        if event == Some(MotionEvent::FollowingError) {
+            self.raise_fault(FaultCode::FOLLOWING);
         }
         self.shaft.tick();
-        self.watch();
+        self.check_protections();
     }
 
     #[inline]
-    fn watch(&mut self) {
-        if let Some(fault) = self.shaft.trouble(|| self.axis.feels_for_stop()) {
-            self.raise(fault);
+    fn check_protections(&mut self) {
+        if let Some(fault) = self.shaft.check_protections(|| self.axis.seeks_hard_stop()) {
+            self.raise_fault(fault);
         }
     }
 
-    fn control(&mut self, word: u16) {
-        let starved = self.fault == Fault::UNDERVOLTAGE && !self.shaft.has_voltage();
-        let clear = !starved && self.shaft.lasting().is_none();
+    fn write_controlword(&mut self, word: u16) {
+        let starved = self.fault == FaultCode::UNDERVOLTAGE && !self.shaft.has_voltage();
+        let clear = !starved && self.shaft.lasting_fault().is_none();
         let before = self.axis.state();
-        if self.act(|axis, scene| axis.control(word, clear, scene)) {
+        if self.with_axis(|axis, scene| axis.handle_controlword(word, clear, scene)) {
             self.unrepeatable += 1;
             self.starts += 1;
         }
@@ -296,23 +303,23 @@ impl Drive {
             self.starts += 1;
         }
         if before == Power::Fault && after != Power::Fault {
-            self.fault = Fault::NONE;
-            self.shaft.forget();
+            self.fault = FaultCode::NONE;
+            self.shaft.reset_protections();
         }
     }
 
-    fn set_other(&mut self, tag: u16, value: u64) -> Result<(), Abort> {
+    fn set_slow_path(&mut self, tag: u16, value: u64) -> Result<(), AbortCode> {
         if !is_allowed(tag, value.cast_signed()) {
-            return Err(Abort::VALUE);
+            return Err(AbortCode::VALUE);
         }
         self.objects.set(tag, value as i32);
         match tag {
-            kept::CONTROL => self.control(value as u16),
+            stored::CONTROL => self.write_controlword(value as u16),
             // Only a new edge of the controlword takes it over.
-            kept::TARGET_POSITION if self.axis.mode() == modes::PROFILE_POSITION => {}
-            _ => self.act(Axis::changed),
+            stored::TARGET_POSITION if self.axis.mode() == modes::PROFILE_POSITION => {}
+            _ => self.with_axis(MotionAxis::handle_object_change),
         }
-        let turns = matches!(tag, kept::TARGET_VELOCITY | kept::TARGET_TORQUE | kept::MODE);
+        let turns = matches!(tag, stored::TARGET_VELOCITY | stored::TARGET_TORQUE | stored::MODE);
         if turns && self.axis.state().has_power() {
             self.starts += 1;
         }
@@ -322,54 +329,56 @@ impl Drive {
     /// Positions in user units, from where 0 is.
     #[inline]
     fn coordinate(&self, position: f64) -> i32 {
-        self.objects.position(position - self.axis.origin())
+        self.objects.to_user_position(position - self.axis.origin())
     }
 
     fn increments(&self, position: f64) -> i32 {
         let turns = (position - self.axis.origin()) / TAU;
-        nearest(turns * self.objects.turn()) as i32
+        nearest(turns * self.objects.increments_per_turn()) as i32
     }
 
     fn reading(&self, tag: u16) -> i64 {
         let shaft = &self.shaft;
         match tag {
-            read::STATUS => self.axis.status(shaft.has_voltage()).into(),
-            read::POSITION => self.coordinate(shaft.position()).into(),
-            read::VELOCITY | read::SENSOR_VELOCITY => {
-                self.objects.velocity(shaft.velocity()).into()
+            computed::STATUS => self.axis.status(shaft.has_voltage()).into(),
+            computed::POSITION => self.coordinate(shaft.position()).into(),
+            computed::VELOCITY | computed::SENSOR_VELOCITY => {
+                self.objects.to_user_velocity(shaft.velocity()).into()
             }
-            read::TORQUE | read::CURRENT => nearest(shaft.torque() * 1000.0),
-            read::ERROR_CODE => self.fault.0.into(),
-            read::MODE => self.axis.mode().into(),
-            read::POSITION_DEMAND => self.coordinate(shaft.setpoint().position).into(),
-            read::INCREMENTS => self.increments(shaft.position()).into(),
-            read::VELOCITY_DEMAND => self.objects.velocity(shaft.setpoint().velocity).into(),
-            read::TORQUE_DEMAND => nearest(self.axis.torque_demand() * 1000.0),
-            read::RATED_CURRENT => nearest(RATED_CURRENT * 1000.0),
-            read::RATED_TORQUE => nearest(shaft.rated_torque() * 1000.0),
-            read::VOLTAGE => nearest(shaft.supply * 1000.0),
-            read::FOLLOWING_ERROR => {
-                self.objects.position(shaft.setpoint().position - shaft.position()).into()
+            computed::TORQUE | computed::CURRENT => nearest(shaft.torque() * 1000.0),
+            computed::ERROR_CODE => self.fault.0.into(),
+            computed::MODE => self.axis.mode().into(),
+            computed::POSITION_DEMAND => self.coordinate(shaft.setpoint().position).into(),
+            computed::INCREMENTS => self.increments(shaft.position()).into(),
+            computed::VELOCITY_DEMAND => {
+                self.objects.to_user_velocity(shaft.setpoint().velocity).into()
             }
-            read::DEMAND_INCREMENTS => self.increments(shaft.setpoint().position).into(),
-            read::INPUTS => self.inputs(),
-            read::TEMPERATURE => nearest(shaft.temperature()),
-            read::CLOCK => self.clock(),
-            read::STREAMED => self.files.streamed().into(),
-            read::STREAM_CHECK => self.files.check().into(),
+            computed::TORQUE_DEMAND => nearest(self.axis.torque_demand() * 1000.0),
+            computed::RATED_CURRENT => nearest(RATED_CURRENT * 1000.0),
+            computed::RATED_TORQUE => nearest(shaft.rated_torque() * 1000.0),
+            computed::VOLTAGE => nearest(shaft.supply * 1000.0),
+            computed::FOLLOWING_ERROR => {
+                self.objects.to_user_position(shaft.setpoint().position - shaft.position()).into()
+            }
+            computed::DEMAND_INCREMENTS => self.increments(shaft.setpoint().position).into(),
+            computed::INPUTS => self.input_bits(),
+            computed::TEMPERATURE => nearest(shaft.temperature()),
+            computed::CLOCK => self.clock_value(),
+            computed::STREAMED => self.files.streamed().into(),
+            computed::STREAM_CHECK => self.files.stream_crc().into(),
             _ => 0,
         }
     }
 
-    fn inputs(&self) -> i64 {
+    fn input_bits(&self) -> i64 {
         let (lines, position) = (&self.lines, self.shaft.motor().position());
         let bit = |n: u8, closed: bool| i64::from(closed) << n;
-        bit(0, lines.negative(position))
-            | bit(1, lines.positive(position))
-            | bit(2, lines.is_home(position))
+        bit(0, lines.is_negative_closed(position))
+            | bit(1, lines.is_positive_closed(position))
+            | bit(2, lines.is_home_closed(position))
     }
 
-    fn clock(&self) -> i64 {
+    fn clock_value(&self) -> i64 {
         let Some((given, at)) = self.clock else { return 0 };
         let ms = given.unix_ms() + self.now.since(at).as_millis() as u64;
         let [a, b, c, d, e, f] = TimeOfDay::from_unix_ms(ms).unwrap_or_default().bytes();
@@ -380,7 +389,7 @@ impl Drive {
 /// What is refused though it lies within the entry's limits.
 const fn is_allowed(tag: u16, value: i64) -> bool {
     match tag {
-        kept::MODE => matches!(
+        stored::MODE => matches!(
             value as i8,
             0 | modes::PROFILE_POSITION
                 | modes::PROFILE_VELOCITY
@@ -390,7 +399,7 @@ const fn is_allowed(tag: u16, value: i64) -> bool {
                 | modes::CYCLIC_VELOCITY
                 | modes::CYCLIC_TORQUE
         ),
-        kept::HOMING_METHOD => is_method(value as i8),
+        stored::HOMING_METHOD => is_method(value as i8),
         _ => true,
     }
 }
@@ -414,7 +423,7 @@ impl Firmware for Drive {
 
     #[inline]
     fn get(&mut self, tag: u16) -> u64 {
-        if tag < read::FIRST {
+        if tag < computed::FIRST {
             return i64::from(self.objects.value(tag)).cast_unsigned();
         }
         self.reading(tag).cast_unsigned()
@@ -422,22 +431,22 @@ impl Firmware for Drive {
 
     /// What comes each cycle goes ahead of the rest.
     #[inline]
-    fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), Abort> {
+    fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
         match tag {
-            kept::CONTROL if value as u16 == self.axis.control_word() => {}
-            kept::TARGET_POSITION if self.axis.mode() == modes::CYCLIC_POSITION => {
+            stored::CONTROL if value as u16 == self.axis.control_word() => {}
+            stored::TARGET_POSITION if self.axis.mode() == modes::CYCLIC_POSITION => {
                 self.objects.set(tag, value as i32);
                 self.starts += u64::from(self.axis.state().has_power());
             }
-            _ => return self.set_other(tag, value),
+            _ => return self.set_slow_path(tag, value),
         }
         Ok(())
     }
 
     fn length(&mut self, tag: u16) -> u32 {
         match tag {
-            read::SCRATCH => self.files.length(),
-            _ => self.objects.value(kept::STREAM_LENGTH).cast_unsigned(),
+            computed::SCRATCH => self.files.scratch_len(),
+            _ => self.objects.value(stored::STREAM_LENGTH).cast_unsigned(),
         }
     }
 
@@ -445,62 +454,62 @@ impl Firmware for Drive {
         self.files.read(tag, offset, out);
     }
 
-    fn begin(&mut self, tag: u16, size: Option<u32>) -> Result<(), Abort> {
-        self.files.begin(tag, size)
+    fn begin_write(&mut self, tag: u16, size: Option<u32>) -> Result<(), AbortCode> {
+        self.files.begin_write(tag, size)
     }
 
-    fn write(&mut self, tag: u16, offset: u32, data: &[u8]) -> Result<(), Abort> {
+    fn write(&mut self, tag: u16, offset: u32, data: &[u8]) -> Result<(), AbortCode> {
         self.files.write(tag, offset, data)
     }
 
     #[inline]
-    fn synced(&mut self, _now: Instant) {
-        self.act(Axis::sync);
+    fn handle_sync(&mut self, _now: Instant) {
+        self.with_axis(MotionAxis::handle_sync);
     }
 
-    fn entered(&mut self, now: Instant, state: State) {
-        if state == State::Stopped {
-            self.lost(now);
+    fn handle_nmt_state(&mut self, now: Instant, state: NmtState) {
+        if state == NmtState::Stopped {
+            self.handle_link_loss(now);
         }
     }
 
     fn reset(&mut self, _now: Instant) {
-        self.start_anew();
+        self.restart();
     }
 
     /// As 6007h says.
-    fn lost(&mut self, _now: Instant) {
-        match self.objects.value(kept::ABORT_OPTION) {
-            1 => self.raise(Fault::LINK),
-            2 => self.act(Axis::disable),
-            3 => self.act(Axis::quick_stop),
+    fn handle_link_loss(&mut self, _now: Instant) {
+        match self.objects.value(stored::ABORT_OPTION) {
+            1 => self.raise_fault(FaultCode::LINK),
+            2 => self.with_axis(MotionAxis::disable),
+            3 => self.with_axis(MotionAxis::quick_stop),
             _ => {}
         }
     }
 
     fn error_register(&self) -> u8 {
-        self.fault.register()
+        self.fault.error_register()
     }
 
     #[inline]
     fn poll_emergency(&mut self) -> Option<Emergency> {
-        if self.told == self.fault {
+        if self.reported_fault == self.fault {
             return None;
         }
-        self.told = self.fault;
+        self.reported_fault = self.fault;
         Some(Emergency { code: self.fault.0, ..Emergency::default() })
     }
 
-    fn store(&mut self, group: Group) {
+    fn store(&mut self, group: SettingsGroup) {
         self.flash_writes += 1;
-        if group != Group::Communication {
-            self.kept = Some(self.objects.settings());
+        if group != SettingsGroup::Communication {
+            self.stored_objects = Some(self.objects.settings());
         }
     }
 
-    fn restore(&mut self, _group: Group) {
+    fn restore(&mut self, _group: SettingsGroup) {
         self.flash_writes += 1;
-        self.kept = None;
+        self.stored_objects = None;
     }
 
     fn set_node_id(&mut self, node: u8) {
@@ -514,11 +523,11 @@ impl Firmware for Drive {
 
     fn store_link(&mut self) -> bool {
         self.flash_writes += 1;
-        (self.kept_node, self.kept_bit_rate) = (self.node, self.bit_rate);
+        (self.stored_node, self.stored_bit_rate) = (self.node, self.bit_rate);
         true
     }
 
-    fn clock(&mut self, now: Instant, time: TimeOfDay) {
+    fn set_time_of_day(&mut self, now: Instant, time: TimeOfDay) {
         self.clock = Some((time, now));
     }
 

@@ -2,9 +2,9 @@
 
 /// An error code; 0 for none.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Fault(pub u16);
+pub struct FaultCode(pub u16);
 
-impl Fault {
+impl FaultCode {
     /// None.
     pub const NONE: Self = Self(0);
     /// Overloaded for too long: the current's square over time.
@@ -28,7 +28,7 @@ impl Fault {
 
     /// Bits of the error register (1001h).
     #[must_use]
-    pub const fn register(self) -> u8 {
+    pub const fn error_register(self) -> u8 {
         match self.0 >> 12 {
             0 => 0,
             2 => 0x03,

@@ -3,16 +3,16 @@
 //!
 //! What each part is: [`objects`] the dictionary and what its values mean; [`shaft`] motor, loops and
 //! protections; [`drive`] what joins them to the motion of
-//! [`proto::canopen`](crate::proto::canopen::device::motion); [`faults`] error codes; [`files`]
+//! [`proto::canopen`](crate::proto::canopen::device::motion); [`faults`] error codes; [`transfer_objects`]
 //! objects of any length; [`device`] the bus.
 
 mod bench;
 pub mod device;
 pub mod drive;
 pub mod faults;
-pub mod files;
 pub mod objects;
 pub mod profile;
+pub mod transfer_objects;
 
 pub mod shaft;
 
@@ -38,7 +38,7 @@ impl Family for Cia402 {
         &ALL
     }
 
-    fn device<'a>(
+    fn create_device<'a>(
         _profile: &'static Profile,
         options: &DeviceOptions<'a>,
     ) -> Result<Self::Device, &'a str> {

@@ -6,15 +6,18 @@
 //! (CiA 402, factor group).
 
 mod groups;
+mod motion_settings;
 
 use core::f64::consts::TAU;
 
 use groups::{IN_UNITS, NEEDED, UNSIGNED, bits, is_in};
 
 use crate::plant::Limits;
-use crate::proto::canopen::device::motion::{Braking, HomingSettings, Settings, Window};
-use crate::proto::canopen::device::{standard, standard_len};
-use crate::proto::canopen::od::{Access, Dictionary, Entry, OWN, Type, Worth, merge};
+use crate::proto::canopen::device::motion::{Braking, HomingSettings, MotionSettings, Window};
+use crate::proto::canopen::device::{standard_entries, standard_len};
+use crate::proto::canopen::od::{
+    DefaultValue, Dictionary, ObjectAccess, ObjectEntry, PROTOCOL_TAG, ValueType, merge,
+};
 use crate::units::nearest;
 
 /// PDOs each way.
@@ -27,7 +30,7 @@ pub const SCRATCH_MAX: usize = 1024;
 pub const STREAM_MAX: u32 = 16 << 20;
 
 /// Tags of the values that are kept as written.
-pub mod kept {
+pub mod stored {
     /// Controlword.
     pub const CONTROL: u16 = 0;
     /// Mode of operation.
@@ -130,11 +133,11 @@ pub mod kept {
     pub const COUNT: usize = 49;
 }
 
-/// The first so many of [`kept`] are commands, not settings.
-const COMMANDS: usize = kept::TARGET_TORQUE as usize + 1;
+/// The first so many of [`stored`] are commands, not settings.
+const COMMAND_COUNT: usize = stored::TARGET_TORQUE as usize + 1;
 
 /// Tags of what is read, and of what is not kept as written.
-pub mod read {
+pub mod computed {
     /// The first of them.
     pub const FIRST: u16 = 0x100;
     /// Error code.
@@ -187,214 +190,268 @@ pub mod read {
     pub const STREAM_CHECK: u16 = FIRST + 23;
 }
 
-const RO: Access = Access::RO.mappable();
-const RW: Access = Access::RW.mappable();
-const SET: Access = Access::RW;
-const FIXED: Access = Access::RO;
+const RO: ObjectAccess = ObjectAccess::RO.mappable();
+const RW: ObjectAccess = ObjectAccess::RW.mappable();
+const RW_UNMAPPED: ObjectAccess = ObjectAccess::RW;
+const RO_UNMAPPED: ObjectAccess = ObjectAccess::RO;
 
-const fn e(i: u16, s: u8, kind: Type, a: Access, tag: u16, name: &'static str) -> Entry {
-    Entry::new(i, s, kind, a, tag, name)
+const fn entry(
+    i: u16,
+    s: u8,
+    kind: ValueType,
+    a: ObjectAccess,
+    tag: u16,
+    name: &'static str,
+) -> ObjectEntry {
+    ObjectEntry::new(i, s, kind, a, tag, name)
 }
 
 /// rad/s of 1 rpm.
 const RPM: f64 = TAU / 60.0;
 
 /// Everything that is not the protocol's.
-const APPLICATION: [Entry; 85] = {
-    use kept as k;
-    use read as r;
-    let (u8, i8) = (Type::U8, Type::I8);
-    let (u16, i16) = (Type::U16, Type::I16);
-    let (u32, i32) = (Type::U32, Type::I32);
+const APPLICATION_ENTRIES: [ObjectEntry; 85] = {
+    use computed as r;
+    use stored as k;
+    let (u8, i8) = (ValueType::U8, ValueType::I8);
+    let (u16, i16) = (ValueType::U16, ValueType::I16);
+    let (u32, i32) = (ValueType::U32, ValueType::I32);
     let unsigned = i32::MAX as i64;
     [
-        e(0x2F00, 0, Type::DOMAIN, SET, r::SCRATCH, "scratch"),
-        e(0x2F01, 0, u8, FIXED, OWN, "stream: highest sub-index").worth(4),
-        e(0x2F01, 1, u32, SET, k::STREAM_LENGTH, "bytes that the stream gives")
-            .worth(889)
-            .within(0, STREAM_MAX as i64),
-        e(0x2F01, 2, Type::DOMAIN, SET, r::STREAM, "stream"),
-        e(0x2F01, 3, u32, FIXED, r::STREAMED, "bytes that the stream took"),
-        e(0x2F01, 4, u16, FIXED, r::STREAM_CHECK, "check over them"),
-        e(0x2F02, 0, Type::TIME_OF_DAY, FIXED, r::CLOCK, "time of day"),
-        e(0x2F03, 0, i16, RO, r::TEMPERATURE, "temperature of the power stage"),
-        e(0x6007, 0, i16, RW, k::ABORT_OPTION, "abort connection option code")
-            .worth(3)
-            .within(0, 3),
-        e(0x603F, 0, u16, RO, r::ERROR_CODE, "error code"),
-        e(0x6040, 0, u16, RW, k::CONTROL, "controlword"),
-        e(0x6041, 0, u16, RO, r::STATUS, "statusword"),
-        e(0x605A, 0, i16, RW, k::QUICK_STOP_OPTION, "quick stop option code").worth(2).within(0, 8),
-        e(0x605B, 0, i16, RW, k::SHUTDOWN_OPTION, "shutdown option code").within(0, 1),
-        e(0x605C, 0, i16, RW, k::DISABLE_OPTION, "disable operation option code")
-            .worth(1)
-            .within(0, 1),
-        e(0x605D, 0, i16, RW, k::HALT_OPTION, "halt option code").worth(1).within(1, 4),
-        e(0x605E, 0, i16, RW, k::FAULT_OPTION, "fault reaction option code").worth(2).within(0, 4),
-        e(0x6060, 0, i8, RW, k::MODE, "modes of operation"),
-        e(0x6061, 0, i8, RO, r::MODE, "modes of operation display"),
-        e(0x6062, 0, i32, RO, r::POSITION_DEMAND, "position demand value"),
-        e(0x6063, 0, i32, RO, r::INCREMENTS, "position actual internal value"),
-        e(0x6064, 0, i32, RO, r::POSITION, "position actual value"),
-        e(0x6065, 0, u32, RW, k::FOLLOWING_WINDOW, "following error window").worth(2 * INCREMENTS),
-        e(0x6066, 0, u16, RW, k::FOLLOWING_TIME, "following error time out"),
-        e(0x6067, 0, u32, RW, k::POSITION_WINDOW, "position window").worth(10),
-        e(0x6068, 0, u16, RW, k::POSITION_TIME, "position window time"),
-        e(0x6069, 0, i32, RO, r::SENSOR_VELOCITY, "velocity sensor actual value"),
-        e(0x606B, 0, i32, RO, r::VELOCITY_DEMAND, "velocity demand value"),
-        e(0x606C, 0, i32, RO, r::VELOCITY, "velocity actual value"),
-        e(0x606D, 0, u16, RW, k::VELOCITY_WINDOW, "velocity window").worth(1000),
-        e(0x606E, 0, u16, RW, k::VELOCITY_TIME, "velocity window time"),
-        e(0x606F, 0, u16, RW, k::STANDSTILL, "velocity threshold").worth(500),
-        e(0x6070, 0, u16, RW, k::STANDSTILL_TIME, "velocity threshold time"),
-        e(0x6071, 0, i16, RW, k::TARGET_TORQUE, "target torque"),
-        e(0x6072, 0, u16, RW, k::MAX_TORQUE, "max torque").worth(3000),
-        e(0x6074, 0, i16, RO, r::TORQUE_DEMAND, "torque demand"),
-        e(0x6075, 0, u32, RO, r::RATED_CURRENT, "motor rated current"),
-        e(0x6076, 0, u32, RO, r::RATED_TORQUE, "motor rated torque"),
-        e(0x6077, 0, i16, RO, r::TORQUE, "torque actual value"),
-        e(0x6078, 0, i16, RO, r::CURRENT, "current actual value"),
-        e(0x6079, 0, u32, RO, r::VOLTAGE, "DC link circuit voltage"),
-        e(0x607A, 0, i32, RW, k::TARGET_POSITION, "target position"),
-        e(0x607C, 0, i32, RW, k::HOME_OFFSET, "home offset"),
-        e(0x607D, 0, u8, FIXED, OWN, "software position limit: highest sub-index").worth(2),
-        e(0x607D, 1, i32, RW, k::POSITION_MIN, "min position limit"),
-        e(0x607D, 2, i32, RW, k::POSITION_MAX, "max position limit"),
-        e(0x607E, 0, u8, RW, k::POLARITY, "polarity"),
-        e(0x607F, 0, u32, RW, k::MAX_PROFILE_VELOCITY, "max profile velocity")
-            .worth(100 * INCREMENTS)
-            .within(0, unsigned),
-        e(0x6080, 0, u32, RW, k::MAX_MOTOR_SPEED, "max motor speed").worth(6000).within(0, 100_000),
-        e(0x6081, 0, u32, RW, k::PROFILE_VELOCITY, "profile velocity")
-            .worth(10 * INCREMENTS)
-            .within(0, unsigned),
-        e(0x6083, 0, u32, RW, k::ACCELERATION, "profile acceleration")
-            .worth(100 * INCREMENTS)
-            .within(0, unsigned),
-        e(0x6084, 0, u32, RW, k::DECELERATION, "profile deceleration")
-            .worth(100 * INCREMENTS)
-            .within(0, unsigned),
-        e(0x6085, 0, u32, RW, k::QUICK_STOP, "quick stop deceleration")
-            .worth(500 * INCREMENTS)
-            .within(0, unsigned),
-        e(0x6086, 0, i16, RW, k::PROFILE_TYPE, "motion profile type").within(0, 0),
-        e(0x6087, 0, u32, RW, k::TORQUE_SLOPE, "torque slope").worth(1000).within(0, unsigned),
-        e(0x6088, 0, i16, RW, k::TORQUE_PROFILE_TYPE, "torque profile type").within(0, 0),
-        e(0x608F, 0, u8, FIXED, OWN, "encoder resolution: highest sub-index").worth(2),
-        e(0x608F, 1, u32, FIXED, OWN, "encoder increments").worth(INCREMENTS),
-        e(0x608F, 2, u32, FIXED, OWN, "motor revolutions").worth(1),
-        e(0x6091, 0, u8, FIXED, OWN, "gear ratio: highest sub-index").worth(2),
-        e(0x6091, 1, u32, SET, k::GEAR_MOTOR, "motor revolutions").worth(1).within(1, unsigned),
-        e(0x6091, 2, u32, SET, k::GEAR_SHAFT, "shaft revolutions").worth(1).within(1, unsigned),
-        e(0x6092, 0, u8, FIXED, OWN, "feed constant: highest sub-index").worth(2),
-        e(0x6092, 1, u32, SET, k::FEED, "feed").worth(INCREMENTS).within(1, unsigned),
-        e(0x6092, 2, u32, SET, k::FEED_TURNS, "shaft revolutions").worth(1).within(1, unsigned),
-        e(0x6098, 0, i8, RW, k::HOMING_METHOD, "homing method").worth(37),
-        e(0x6099, 0, u8, FIXED, OWN, "homing speeds: highest sub-index").worth(2),
-        e(0x6099, 1, u32, RW, k::HOMING_FAST, "speed during search for switch")
-            .worth(5 * INCREMENTS)
-            .within(0, unsigned),
-        e(0x6099, 2, u32, RW, k::HOMING_SLOW, "speed during search for zero")
-            .worth(INCREMENTS / 2)
-            .within(0, unsigned),
-        e(0x609A, 0, u32, RW, k::HOMING_ACCELERATION, "homing acceleration")
-            .worth(100 * INCREMENTS)
-            .within(0, unsigned),
-        e(0x60B1, 0, i32, RW, k::VELOCITY_OFFSET, "velocity offset"),
-        e(0x60B2, 0, i16, RW, k::TORQUE_OFFSET, "torque offset"),
-        e(0x60C2, 0, u8, FIXED, OWN, "interpolation time period: highest sub-index").worth(2),
-        e(0x60C2, 1, u8, SET, k::PERIOD, "interpolation time period value").worth(1).within(1, 255),
-        e(0x60C2, 2, i8, SET, k::PERIOD_EXPONENT, "interpolation time index")
-            .worth(-3)
-            .within(-6, 0),
-        e(0x60F2, 0, u16, RW, k::POSITIONING, "positioning option code").within(0, 2),
-        e(0x60F4, 0, i32, RO, r::FOLLOWING_ERROR, "following error actual value"),
-        e(0x60FC, 0, i32, RO, r::DEMAND_INCREMENTS, "position demand internal value"),
-        e(0x60FD, 0, u32, RO, r::INPUTS, "digital inputs"),
-        e(0x60FE, 0, u8, FIXED, OWN, "digital outputs: highest sub-index").worth(2),
-        e(0x60FE, 1, u32, RW, k::OUTPUTS, "physical outputs"),
-        e(0x60FE, 2, u32, RW, k::OUTPUT_MASK, "output mask"),
-        e(0x60FF, 0, i32, RW, k::TARGET_VELOCITY, "target velocity"),
-        e(0x6402, 0, u16, FIXED, OWN, "motor type").worth(10),
-        e(0x6502, 0, u32, FIXED, OWN, "supported drive modes").worth(MODES),
+        entry(0x2F00, 0, ValueType::DOMAIN, RW_UNMAPPED, r::SCRATCH, "scratch"),
+        entry(0x2F01, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "stream: highest sub-index")
+            .with_default(4),
+        entry(0x2F01, 1, u32, RW_UNMAPPED, k::STREAM_LENGTH, "bytes that the stream gives")
+            .with_default(889)
+            .with_limits(0, STREAM_MAX as i64),
+        entry(0x2F01, 2, ValueType::DOMAIN, RW_UNMAPPED, r::STREAM, "stream"),
+        entry(0x2F01, 3, u32, RO_UNMAPPED, r::STREAMED, "bytes that the stream took"),
+        entry(0x2F01, 4, u16, RO_UNMAPPED, r::STREAM_CHECK, "check over them"),
+        entry(0x2F02, 0, ValueType::TIME_OF_DAY, RO_UNMAPPED, r::CLOCK, "time of day"),
+        entry(0x2F03, 0, i16, RO, r::TEMPERATURE, "temperature of the power stage"),
+        entry(0x6007, 0, i16, RW, k::ABORT_OPTION, "abort connection option code")
+            .with_default(3)
+            .with_limits(0, 3),
+        entry(0x603F, 0, u16, RO, r::ERROR_CODE, "error code"),
+        entry(0x6040, 0, u16, RW, k::CONTROL, "controlword"),
+        entry(0x6041, 0, u16, RO, r::STATUS, "statusword"),
+        entry(0x605A, 0, i16, RW, k::QUICK_STOP_OPTION, "quick stop option code")
+            .with_default(2)
+            .with_limits(0, 8),
+        entry(0x605B, 0, i16, RW, k::SHUTDOWN_OPTION, "shutdown option code").with_limits(0, 1),
+        entry(0x605C, 0, i16, RW, k::DISABLE_OPTION, "disable operation option code")
+            .with_default(1)
+            .with_limits(0, 1),
+        entry(0x605D, 0, i16, RW, k::HALT_OPTION, "halt option code")
+            .with_default(1)
+            .with_limits(1, 4),
+        entry(0x605E, 0, i16, RW, k::FAULT_OPTION, "fault reaction option code")
+            .with_default(2)
+            .with_limits(0, 4),
+        entry(0x6060, 0, i8, RW, k::MODE, "modes of operation"),
+        entry(0x6061, 0, i8, RO, r::MODE, "modes of operation display"),
+        entry(0x6062, 0, i32, RO, r::POSITION_DEMAND, "position demand value"),
+        entry(0x6063, 0, i32, RO, r::INCREMENTS, "position actual internal value"),
+        entry(0x6064, 0, i32, RO, r::POSITION, "position actual value"),
+        entry(0x6065, 0, u32, RW, k::FOLLOWING_WINDOW, "following error window")
+            .with_default(2 * INCREMENTS),
+        entry(0x6066, 0, u16, RW, k::FOLLOWING_TIME, "following error time out"),
+        entry(0x6067, 0, u32, RW, k::POSITION_WINDOW, "position window").with_default(10),
+        entry(0x6068, 0, u16, RW, k::POSITION_TIME, "position window time"),
+        entry(0x6069, 0, i32, RO, r::SENSOR_VELOCITY, "velocity sensor actual value"),
+        entry(0x606B, 0, i32, RO, r::VELOCITY_DEMAND, "velocity demand value"),
+        entry(0x606C, 0, i32, RO, r::VELOCITY, "velocity actual value"),
+        entry(0x606D, 0, u16, RW, k::VELOCITY_WINDOW, "velocity window").with_default(1000),
+        entry(0x606E, 0, u16, RW, k::VELOCITY_TIME, "velocity window time"),
+        entry(0x606F, 0, u16, RW, k::STANDSTILL, "velocity threshold").with_default(500),
+        entry(0x6070, 0, u16, RW, k::STANDSTILL_TIME, "velocity threshold time"),
+        entry(0x6071, 0, i16, RW, k::TARGET_TORQUE, "target torque"),
+        entry(0x6072, 0, u16, RW, k::MAX_TORQUE, "max torque").with_default(3000),
+        entry(0x6074, 0, i16, RO, r::TORQUE_DEMAND, "torque demand"),
+        entry(0x6075, 0, u32, RO, r::RATED_CURRENT, "motor rated current"),
+        entry(0x6076, 0, u32, RO, r::RATED_TORQUE, "motor rated torque"),
+        entry(0x6077, 0, i16, RO, r::TORQUE, "torque actual value"),
+        entry(0x6078, 0, i16, RO, r::CURRENT, "current actual value"),
+        entry(0x6079, 0, u32, RO, r::VOLTAGE, "DC link circuit voltage"),
+        entry(0x607A, 0, i32, RW, k::TARGET_POSITION, "target position"),
+        entry(0x607C, 0, i32, RW, k::HOME_OFFSET, "home offset"),
+        entry(
+            0x607D,
+            0,
+            u8,
+            RO_UNMAPPED,
+            PROTOCOL_TAG,
+            "software position limit: highest sub-index",
+        )
+        .with_default(2),
+        entry(0x607D, 1, i32, RW, k::POSITION_MIN, "min position limit"),
+        entry(0x607D, 2, i32, RW, k::POSITION_MAX, "max position limit"),
+        entry(0x607E, 0, u8, RW, k::POLARITY, "polarity"),
+        entry(0x607F, 0, u32, RW, k::MAX_PROFILE_VELOCITY, "max profile velocity")
+            .with_default(100 * INCREMENTS)
+            .with_limits(0, unsigned),
+        entry(0x6080, 0, u32, RW, k::MAX_MOTOR_SPEED, "max motor speed")
+            .with_default(6000)
+            .with_limits(0, 100_000),
+        entry(0x6081, 0, u32, RW, k::PROFILE_VELOCITY, "profile velocity")
+            .with_default(10 * INCREMENTS)
+            .with_limits(0, unsigned),
+        entry(0x6083, 0, u32, RW, k::ACCELERATION, "profile acceleration")
+            .with_default(100 * INCREMENTS)
+            .with_limits(0, unsigned),
+        entry(0x6084, 0, u32, RW, k::DECELERATION, "profile deceleration")
+            .with_default(100 * INCREMENTS)
+            .with_limits(0, unsigned),
+        entry(0x6085, 0, u32, RW, k::QUICK_STOP, "quick stop deceleration")
+            .with_default(500 * INCREMENTS)
+            .with_limits(0, unsigned),
+        entry(0x6086, 0, i16, RW, k::PROFILE_TYPE, "motion profile type").with_limits(0, 0),
+        entry(0x6087, 0, u32, RW, k::TORQUE_SLOPE, "torque slope")
+            .with_default(1000)
+            .with_limits(0, unsigned),
+        entry(0x6088, 0, i16, RW, k::TORQUE_PROFILE_TYPE, "torque profile type").with_limits(0, 0),
+        entry(0x608F, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "encoder resolution: highest sub-index")
+            .with_default(2),
+        entry(0x608F, 1, u32, RO_UNMAPPED, PROTOCOL_TAG, "encoder increments")
+            .with_default(INCREMENTS),
+        entry(0x608F, 2, u32, RO_UNMAPPED, PROTOCOL_TAG, "motor revolutions").with_default(1),
+        entry(0x6091, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "gear ratio: highest sub-index")
+            .with_default(2),
+        entry(0x6091, 1, u32, RW_UNMAPPED, k::GEAR_MOTOR, "motor revolutions")
+            .with_default(1)
+            .with_limits(1, unsigned),
+        entry(0x6091, 2, u32, RW_UNMAPPED, k::GEAR_SHAFT, "shaft revolutions")
+            .with_default(1)
+            .with_limits(1, unsigned),
+        entry(0x6092, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "feed constant: highest sub-index")
+            .with_default(2),
+        entry(0x6092, 1, u32, RW_UNMAPPED, k::FEED, "feed")
+            .with_default(INCREMENTS)
+            .with_limits(1, unsigned),
+        entry(0x6092, 2, u32, RW_UNMAPPED, k::FEED_TURNS, "shaft revolutions")
+            .with_default(1)
+            .with_limits(1, unsigned),
+        entry(0x6098, 0, i8, RW, k::HOMING_METHOD, "homing method").with_default(37),
+        entry(0x6099, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "homing speeds: highest sub-index")
+            .with_default(2),
+        entry(0x6099, 1, u32, RW, k::HOMING_FAST, "speed during search for switch")
+            .with_default(5 * INCREMENTS)
+            .with_limits(0, unsigned),
+        entry(0x6099, 2, u32, RW, k::HOMING_SLOW, "speed during search for zero")
+            .with_default(INCREMENTS / 2)
+            .with_limits(0, unsigned),
+        entry(0x609A, 0, u32, RW, k::HOMING_ACCELERATION, "homing acceleration")
+            .with_default(100 * INCREMENTS)
+            .with_limits(0, unsigned),
+        entry(0x60B1, 0, i32, RW, k::VELOCITY_OFFSET, "velocity offset"),
+        entry(0x60B2, 0, i16, RW, k::TORQUE_OFFSET, "torque offset"),
+        entry(
+            0x60C2,
+            0,
+            u8,
+            RO_UNMAPPED,
+            PROTOCOL_TAG,
+            "interpolation time period: highest sub-index",
+        )
+        .with_default(2),
+        entry(0x60C2, 1, u8, RW_UNMAPPED, k::PERIOD, "interpolation time period value")
+            .with_default(1)
+            .with_limits(1, 255),
+        entry(0x60C2, 2, i8, RW_UNMAPPED, k::PERIOD_EXPONENT, "interpolation time index")
+            .with_default(-3)
+            .with_limits(-6, 0),
+        entry(0x60F2, 0, u16, RW, k::POSITIONING, "positioning option code").with_limits(0, 2),
+        entry(0x60F4, 0, i32, RO, r::FOLLOWING_ERROR, "following error actual value"),
+        entry(0x60FC, 0, i32, RO, r::DEMAND_INCREMENTS, "position demand internal value"),
+        entry(0x60FD, 0, u32, RO, r::INPUTS, "digital inputs"),
+        entry(0x60FE, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "digital outputs: highest sub-index")
+            .with_default(2),
+        entry(0x60FE, 1, u32, RW, k::OUTPUTS, "physical outputs"),
+        entry(0x60FE, 2, u32, RW, k::OUTPUT_MASK, "output mask"),
+        entry(0x60FF, 0, i32, RW, k::TARGET_VELOCITY, "target velocity"),
+        entry(0x6402, 0, u16, RO_UNMAPPED, PROTOCOL_TAG, "motor type").with_default(10),
+        entry(0x6502, 0, u32, RO_UNMAPPED, PROTOCOL_TAG, "supported drive modes")
+            .with_default(MODES),
     ]
 };
 
 /// Bits of 6502h: PP, PV, PT, HM, CSP, CSV, CST.
 const MODES: i64 = 0x3AD;
 
-const fn number(index: u16, sub: u8, value: i64) -> (u16, u8, Worth) {
-    (index, sub, Worth::Number(value))
+const fn default_number(index: u16, sub: u8, value: i64) -> (u16, u8, DefaultValue) {
+    (index, sub, DefaultValue::Number(value))
 }
 
 /// Mappings as CiA 402 has them from the factory. Only the statusword is on, by change and every
 /// 100 ms: python canopen's drive node takes what came twice for periodic, its own frames on UDP
 /// among them, so what it is to send must be switched on by whoever wants it.
-const WORTHS: [(u16, u8, Worth); 34] = [
-    number(0x1018, 1, 0x0000_FFFF),
-    number(0x1018, 2, 0x0000_0402),
-    number(0x1018, 3, 0x0001_0000),
-    number(0x1018, 4, 1),
-    (0x1400, 1, Worth::PlusNode(1 << 31 | 0x200)),
-    (0x1401, 1, Worth::PlusNode(1 << 31 | 0x300)),
-    (0x1402, 1, Worth::PlusNode(1 << 31 | 0x400)),
-    (0x1403, 1, Worth::PlusNode(1 << 31 | 0x500)),
-    number(0x1600, 0, 1),
-    number(0x1600, 1, 0x6040_0010),
-    number(0x1601, 0, 2),
-    number(0x1601, 1, 0x6040_0010),
-    number(0x1601, 2, 0x6060_0008),
-    number(0x1602, 0, 2),
-    number(0x1602, 1, 0x6040_0010),
-    number(0x1602, 2, 0x607A_0020),
-    number(0x1603, 0, 2),
-    number(0x1603, 1, 0x6040_0010),
-    number(0x1603, 2, 0x60FF_0020),
-    number(0x1800, 5, 100),
-    (0x1801, 1, Worth::PlusNode(1 << 31 | 0x280)),
-    (0x1802, 1, Worth::PlusNode(1 << 31 | 0x380)),
-    (0x1803, 1, Worth::PlusNode(1 << 31 | 0x480)),
-    number(0x1A00, 0, 1),
-    number(0x1A00, 1, 0x6041_0010),
-    number(0x1A01, 0, 2),
-    number(0x1A01, 1, 0x6041_0010),
-    number(0x1A01, 2, 0x6061_0008),
-    number(0x1A02, 0, 2),
-    number(0x1A02, 1, 0x6041_0010),
-    number(0x1A02, 2, 0x6064_0020),
-    number(0x1A03, 0, 2),
-    number(0x1A03, 1, 0x6041_0010),
-    number(0x1A03, 2, 0x606C_0020),
+const DEFAULTS: [(u16, u8, DefaultValue); 34] = [
+    default_number(0x1018, 1, 0x0000_FFFF),
+    default_number(0x1018, 2, 0x0000_0402),
+    default_number(0x1018, 3, 0x0001_0000),
+    default_number(0x1018, 4, 1),
+    (0x1400, 1, DefaultValue::PlusNode(1 << 31 | 0x200)),
+    (0x1401, 1, DefaultValue::PlusNode(1 << 31 | 0x300)),
+    (0x1402, 1, DefaultValue::PlusNode(1 << 31 | 0x400)),
+    (0x1403, 1, DefaultValue::PlusNode(1 << 31 | 0x500)),
+    default_number(0x1600, 0, 1),
+    default_number(0x1600, 1, 0x6040_0010),
+    default_number(0x1601, 0, 2),
+    default_number(0x1601, 1, 0x6040_0010),
+    default_number(0x1601, 2, 0x6060_0008),
+    default_number(0x1602, 0, 2),
+    default_number(0x1602, 1, 0x6040_0010),
+    default_number(0x1602, 2, 0x607A_0020),
+    default_number(0x1603, 0, 2),
+    default_number(0x1603, 1, 0x6040_0010),
+    default_number(0x1603, 2, 0x60FF_0020),
+    default_number(0x1800, 5, 100),
+    (0x1801, 1, DefaultValue::PlusNode(1 << 31 | 0x280)),
+    (0x1802, 1, DefaultValue::PlusNode(1 << 31 | 0x380)),
+    (0x1803, 1, DefaultValue::PlusNode(1 << 31 | 0x480)),
+    default_number(0x1A00, 0, 1),
+    default_number(0x1A00, 1, 0x6041_0010),
+    default_number(0x1A01, 0, 2),
+    default_number(0x1A01, 1, 0x6041_0010),
+    default_number(0x1A01, 2, 0x6061_0008),
+    default_number(0x1A02, 0, 2),
+    default_number(0x1A02, 1, 0x6041_0010),
+    default_number(0x1A02, 2, 0x6064_0020),
+    default_number(0x1A03, 0, 2),
+    default_number(0x1A03, 1, 0x6041_0010),
+    default_number(0x1A03, 2, 0x606C_0020),
 ];
 
-const fn text(index: u16, name: &'static str, value: &'static str) -> Entry {
-    e(index, 0, Type::TEXT, FIXED, OWN, name).holding(Worth::Text(value))
+const fn default_text(index: u16, name: &'static str, value: &'static str) -> ObjectEntry {
+    entry(index, 0, ValueType::TEXT, RO_UNMAPPED, PROTOCOL_TAG, name)
+        .with_default_value(DefaultValue::Text(value))
 }
 
 /// What the node says of itself.
-const SELF: [Entry; 4] = [
-    e(0x1000, 0, Type::U32, FIXED, OWN, "device type").worth(0x0002_0192),
-    text(0x1008, "device name", "Polepair CiA 402 drive"),
-    text(0x1009, "hardware version", "simulated"),
-    text(0x100A, "software version", env!("CARGO_PKG_VERSION")),
+const DEVICE_ENTRIES: [ObjectEntry; 4] = [
+    entry(0x1000, 0, ValueType::U32, RO_UNMAPPED, PROTOCOL_TAG, "device type")
+        .with_default(0x0002_0192),
+    default_text(0x1008, "device name", "Polepair CiA 402 drive"),
+    default_text(0x1009, "hardware version", "simulated"),
+    default_text(0x100A, "software version", env!("CARGO_PKG_VERSION")),
 ];
 
 const STANDARD_LEN: usize = standard_len(PDOS, 0);
-const STANDARD: [Entry; STANDARD_LEN] = standard(PDOS as u16, &[], &WORTHS);
-const PROTOCOL_LEN: usize = STANDARD_LEN + SELF.len();
-static ENTRIES: [Entry; PROTOCOL_LEN + APPLICATION.len()] =
-    merge(&merge::<PROTOCOL_LEN>(&SELF, &STANDARD), &APPLICATION);
-static PLACES: [u16; 1024] = Dictionary::places(&ENTRIES);
+const STANDARD_ENTRIES: [ObjectEntry; STANDARD_LEN] = standard_entries(PDOS as u16, &[], &DEFAULTS);
+const PROTOCOL_LEN: usize = STANDARD_LEN + DEVICE_ENTRIES.len();
+static ENTRIES: [ObjectEntry; PROTOCOL_LEN + APPLICATION_ENTRIES.len()] =
+    merge(&merge::<PROTOCOL_LEN>(&DEVICE_ENTRIES, &STANDARD_ENTRIES), &APPLICATION_ENTRIES);
+static PLACES: [u16; 1024] = Dictionary::hash_slots(&ENTRIES);
 /// The drive's dictionary.
 pub static DICTIONARY: Dictionary = Dictionary::new(&ENTRIES, &PLACES);
 
 /// Values from the factory, by tag.
-const FACTORY: [i32; kept::COUNT] = {
-    let (mut values, mut at) = ([0; kept::COUNT], 0);
-    while at < APPLICATION.len() {
-        let entry = &APPLICATION[at];
-        if (entry.tag as usize) < kept::COUNT {
-            values[entry.tag as usize] = entry.factory(0) as i32;
+const FACTORY_VALUES: [i32; stored::COUNT] = {
+    let (mut values, mut at) = ([0; stored::COUNT], 0);
+    while at < APPLICATION_ENTRIES.len() {
+        let entry = &APPLICATION_ENTRIES[at];
+        if (entry.tag as usize) < stored::COUNT {
+            values[entry.tag as usize] = entry.default_bits(0) as i32;
         }
         at += 1;
     }
@@ -406,18 +463,18 @@ const FACTORY: [i32; kept::COUNT] = {
 #[repr(C)]
 pub struct Objects {
     /// rad of the motor in a user unit.
-    unit: f64,
+    rad_per_unit: f64,
     /// The same of a position and of a speed, with the sign of 607Eh.
-    position: f64,
-    velocity: f64,
+    rad_per_position: f64,
+    rad_per_velocity: f64,
     /// User units of a rad, and of a rad/s.
-    per_position: f64,
-    per_velocity: f64,
+    positions_per_rad: f64,
+    velocities_per_rad: f64,
     /// Settings for which this drive's own stand in while they are 0.
-    left_open: u64,
-    values: [i32; kept::COUNT],
+    zero_settings: u64,
+    values: [i32; stored::COUNT],
     /// Increments of the encoder in a turn.
-    turn: f64,
+    increments_per_turn: f64,
 }
 
 impl Objects {
@@ -425,16 +482,16 @@ impl Objects {
     #[must_use]
     pub fn factory() -> Self {
         let mut objects = Self {
-            values: FACTORY,
-            turn: INCREMENTS as f64,
-            left_open: 0,
-            unit: 1.0,
-            position: 1.0,
-            velocity: 1.0,
-            per_position: 1.0,
-            per_velocity: 1.0,
+            values: FACTORY_VALUES,
+            increments_per_turn: INCREMENTS as f64,
+            zero_settings: 0,
+            rad_per_unit: 1.0,
+            rad_per_position: 1.0,
+            rad_per_velocity: 1.0,
+            positions_per_rad: 1.0,
+            velocities_per_rad: 1.0,
         };
-        objects.take_factors();
+        objects.update_factors();
         objects
     }
 
@@ -442,30 +499,30 @@ impl Objects {
     /// encoder in a turn. Where its maker leaves open what the motor needs to turn, by 0 or by
     /// nothing at all, this drive's own value stands in until another is written \[I\].
     #[must_use]
-    pub fn of(values: impl IntoIterator<Item = (u16, i64)>, turn: u32) -> Self {
+    pub fn from_defaults(values: impl IntoIterator<Item = (u16, i64)>, turn: u32) -> Self {
         let mut objects = Self::factory();
-        objects.turn = f64::from(turn.max(1));
-        objects.left_open = NEEDED;
-        for tag in (0..kept::COUNT as u16).filter(|tag| is_in(*tag, NEEDED)) {
+        objects.increments_per_turn = f64::from(turn.max(1));
+        objects.zero_settings = NEEDED;
+        for tag in (0..stored::COUNT as u16).filter(|tag| is_in(*tag, NEEDED)) {
             objects.values[usize::from(tag)] = 0;
         }
         for (tag, value) in values {
             objects.set(tag, value as i32);
             if value != 0 {
-                objects.left_open &= !bits(&[tag]);
+                objects.zero_settings &= !bits(&[tag]);
             }
         }
-        objects.take_factors();
+        objects.update_factors();
         objects
     }
 
     /// Increments of the encoder in a turn.
     #[must_use]
-    pub const fn turn(&self) -> f64 {
-        self.turn
+    pub const fn increments_per_turn(&self) -> f64 {
+        self.increments_per_turn
     }
 
-    /// A value; 0 for a tag that is none of [`kept`].
+    /// A value; 0 for a tag that is none of [`stored`].
     #[inline]
     #[must_use]
     pub fn value(&self, tag: u16) -> i32 {
@@ -478,8 +535,8 @@ impl Objects {
         if let Some(place) = self.values.get_mut(usize::from(tag)) {
             *place = value;
         }
-        if (kept::GEAR_MOTOR..=kept::POLARITY).contains(&tag) {
-            self.take_factors();
+        if (stored::GEAR_MOTOR..=stored::POLARITY).contains(&tag) {
+            self.update_factors();
         }
     }
 
@@ -487,25 +544,27 @@ impl Objects {
     #[must_use]
     pub fn settings(&self) -> Self {
         let mut settings = self.clone();
-        settings.values[..COMMANDS].fill(0);
+        settings.values[..COMMAND_COUNT].fill(0);
         settings
     }
 
-    fn take_factors(&mut self) {
-        let ratio = |over, under| self.real(over) / self.real(under).max(1.0);
-        let gear = ratio(kept::GEAR_MOTOR, kept::GEAR_SHAFT);
-        let feed = ratio(kept::FEED, kept::FEED_TURNS);
-        self.unit = TAU * gear / feed;
-        let turned = |bit: i32| if self.value(kept::POLARITY) & bit != 0 { -1.0 } else { 1.0 };
-        (self.position, self.velocity) = (self.unit * turned(0x80), self.unit * turned(0x40));
-        (self.per_position, self.per_velocity) = (1.0 / self.position, 1.0 / self.velocity);
+    fn update_factors(&mut self) {
+        let ratio = |over, under| self.real_value(over) / self.real_value(under).max(1.0);
+        let gear = ratio(stored::GEAR_MOTOR, stored::GEAR_SHAFT);
+        let feed = ratio(stored::FEED, stored::FEED_TURNS);
+        self.rad_per_unit = TAU * gear / feed;
+        let turned = |bit: i32| if self.value(stored::POLARITY) & bit != 0 { -1.0 } else { 1.0 };
+        (self.rad_per_position, self.rad_per_velocity) =
+            (self.rad_per_unit * turned(0x80), self.rad_per_unit * turned(0x40));
+        (self.positions_per_rad, self.velocities_per_rad) =
+            (1.0 / self.rad_per_position, 1.0 / self.rad_per_velocity);
     }
 
     #[inline]
-    fn real(&self, tag: u16) -> f64 {
+    fn real_value(&self, tag: u16) -> f64 {
         let value = self.value(tag);
         match is_in(tag, UNSIGNED) {
-            _ if value == 0 && is_in(tag, self.left_open) => self.stand_in(tag),
+            _ if value == 0 && is_in(tag, self.zero_settings) => self.fallback_value(tag),
             true => f64::from(value.cast_unsigned()),
             false => f64::from(value),
         }
@@ -513,50 +572,53 @@ impl Objects {
 
     /// This drive's own value of a setting that was left open.
     #[cold]
-    fn stand_in(&self, tag: u16) -> f64 {
-        let own = f64::from(FACTORY[usize::from(tag)]);
+    fn fallback_value(&self, tag: u16) -> f64 {
+        let own = f64::from(FACTORY_VALUES[usize::from(tag)]);
         match tag {
-            kept::FEED => self.turn,
-            _ if is_in(tag, IN_UNITS) => own * TAU / (self.unit * INCREMENTS as f64),
+            stored::FEED => self.increments_per_turn,
+            _ if is_in(tag, IN_UNITS) => own * TAU / (self.rad_per_unit * INCREMENTS as f64),
             _ => own,
         }
     }
 
     /// A value in user units as rad of the motor.
     #[inline]
-    fn angle(&self, tag: u16) -> f64 {
-        self.real(tag) * self.unit
+    fn rad_value(&self, tag: u16) -> f64 {
+        self.real_value(tag) * self.rad_per_unit
     }
 
     /// An unsigned value of 32 bits in user units as rad of the motor.
     #[inline]
-    fn width(&self, tag: u16) -> f64 {
+    fn unsigned_rad_value(&self, tag: u16) -> f64 {
         match self.value(tag).cast_unsigned() {
             u32::MAX => f64::INFINITY,
-            _ => self.angle(tag),
+            _ => self.rad_value(tag),
         }
     }
 
     #[inline]
     fn window(&self, width: u16, ms: u16) -> Window {
-        Window { width: self.width(width), ms: self.value(ms).cast_unsigned() & 0xFFFF }
+        Window {
+            width: self.unsigned_rad_value(width),
+            ms: self.value(ms).cast_unsigned() & 0xFFFF,
+        }
     }
 
     /// A position, or a way, in user units.
     #[inline]
     #[must_use]
-    pub fn position(&self, rad: f64) -> i32 {
-        nearest(rad * self.per_position) as i32
+    pub fn to_user_position(&self, rad: f64) -> i32 {
+        nearest(rad * self.positions_per_rad) as i32
     }
 
     /// A speed in user units.
     #[inline]
     #[must_use]
-    pub fn velocity(&self, rad_per_s: f64) -> i32 {
-        nearest(rad_per_s * self.per_velocity) as i32
+    pub fn to_user_velocity(&self, rad_per_s: f64) -> i32 {
+        nearest(rad_per_s * self.velocities_per_rad) as i32
     }
 
-    fn braking(&self, tag: u16) -> Braking {
+    fn braking_option(&self, tag: u16) -> Braking {
         match self.value(tag) {
             0 => Braking::Coast,
             1 | 5 => Braking::Ramp,
@@ -564,133 +626,4 @@ impl Objects {
             _ => Braking::Hard,
         }
     }
-}
-
-impl Settings for Objects {
-    #[inline]
-    fn mode(&self) -> i8 {
-        self.value(kept::MODE) as i8
-    }
-
-    #[inline]
-    fn target_position(&self) -> f64 {
-        self.real(kept::TARGET_POSITION) * self.position
-    }
-
-    fn profile(&self) -> Limits {
-        let top = self.real(kept::PROFILE_VELOCITY).min(self.real(kept::MAX_PROFILE_VELOCITY));
-        Limits {
-            velocity: top * self.unit,
-            acceleration: self.angle(kept::ACCELERATION),
-            deceleration: self.angle(kept::DECELERATION),
-            smoothing_s: 0.0,
-        }
-    }
-
-    #[inline]
-    fn target_velocity(&self) -> f64 {
-        self.real(kept::TARGET_VELOCITY) * self.velocity
-    }
-
-    fn target_torque(&self) -> f64 {
-        self.real(kept::TARGET_TORQUE) / 1000.0
-    }
-
-    fn torque_slope(&self) -> f64 {
-        self.real(kept::TORQUE_SLOPE) / 1000.0
-    }
-
-    fn quick_stop(&self) -> f64 {
-        self.angle(kept::QUICK_STOP)
-    }
-
-    fn homing(&self) -> HomingSettings {
-        HomingSettings {
-            method: self.value(kept::HOMING_METHOD) as i8,
-            fast: self.angle(kept::HOMING_FAST),
-            slow: self.angle(kept::HOMING_SLOW),
-            acceleration: self.angle(kept::HOMING_ACCELERATION),
-            offset: self.real(kept::HOME_OFFSET) * self.position,
-        }
-    }
-
-    fn position_window(&self) -> Window {
-        self.window(kept::POSITION_WINDOW, kept::POSITION_TIME)
-    }
-
-    #[inline]
-    fn following_window(&self) -> Window {
-        self.window(kept::FOLLOWING_WINDOW, kept::FOLLOWING_TIME)
-    }
-
-    fn velocity_window(&self) -> Window {
-        self.window(kept::VELOCITY_WINDOW, kept::VELOCITY_TIME)
-    }
-
-    fn standstill(&self) -> Window {
-        self.window(kept::STANDSTILL, kept::STANDSTILL_TIME)
-    }
-
-    #[inline]
-    fn velocity_max(&self) -> f64 {
-        let motor = self.real(kept::MAX_MOTOR_SPEED) * RPM;
-        self.angle(kept::MAX_PROFILE_VELOCITY).min(motor)
-    }
-
-    fn torque_max(&self) -> f64 {
-        self.real(kept::MAX_TORQUE) / 1000.0
-    }
-
-    #[inline]
-    fn position_limits(&self) -> Option<(f64, f64)> {
-        let (least, greatest) = (kept::POSITION_MIN, kept::POSITION_MAX);
-        let are_set = self.value(least) < self.value(greatest);
-        let (one, other) = (self.real(least) * self.position, self.real(greatest) * self.position);
-        are_set.then(|| (one.min(other), one.max(other)))
-    }
-
-    #[inline]
-    fn offsets(&self) -> (f64, f64) {
-        (self.real(kept::VELOCITY_OFFSET) * self.velocity, self.real(kept::TORQUE_OFFSET) / 1000.0)
-    }
-
-    #[inline]
-    fn cycle_ms(&self) -> u32 {
-        match (self.value(kept::PERIOD), self.value(kept::PERIOD_EXPONENT)) {
-            (ms @ 1..=255, -3) => ms.cast_unsigned(),
-            (value, exponent) => milliseconds(value, exponent),
-        }
-    }
-
-    fn quick_stop_option(&self) -> (Braking, bool) {
-        let stays = self.value(kept::QUICK_STOP_OPTION) >= 5;
-        (self.braking(kept::QUICK_STOP_OPTION), stays)
-    }
-
-    fn shutdown_option(&self) -> Braking {
-        self.braking(kept::SHUTDOWN_OPTION)
-    }
-
-    fn disable_option(&self) -> Braking {
-        self.braking(kept::DISABLE_OPTION)
-    }
-
-    fn halt_option(&self) -> Braking {
-        self.braking(kept::HALT_OPTION)
-    }
-
-    fn fault_option(&self) -> Braking {
-        self.braking(kept::FAULT_OPTION)
-    }
-
-    fn relative_to(&self) -> u8 {
-        self.value(kept::POSITIONING) as u8
-    }
-}
-
-/// `value` times ten to the `exponent` seconds.
-fn milliseconds(value: i32, exponent: i32) -> u32 {
-    let tens = 10_i32.saturating_pow(exponent.saturating_add(3).unsigned_abs());
-    let ms = if exponent > -3 { value.saturating_mul(tens) } else { value / tens };
-    ms.clamp(1, 10_000).cast_unsigned()
 }

@@ -2,17 +2,17 @@
 
 use core::f64::consts::TAU;
 
-use super::faults::Fault;
+use super::faults::FaultCode;
 use crate::plant::{
-    Bounds, Conditions, Goal, Limits, Motor, MotorParameters, Servo, Setpoint, Stall, TICK_S,
-    Thermal,
+    Conditions, Goal, Limits, Motor, MotorParameters, Servo, ServoBounds, Setpoint, StallDetector,
+    TICK_S, ThermalModel,
 };
 use crate::proto::canopen::device::motion;
 
 /// Rated current, A; three times that is its peak.
 pub const RATED_CURRENT: f64 = 12.7;
 /// Supply from the factory, V.
-const SUPPLY: f64 = 48.0;
+const SUPPLY_V: f64 = 48.0;
 /// Supply below and above which it trips, V.
 const SUPPLY_LIMITS: (f64, f64) = (20.0, 60.0);
 /// A stall trips after so many ticks.
@@ -22,7 +22,7 @@ const PER_RATED_SQUARE: f64 = 1.0 / (RATED_CURRENT * RATED_CURRENT);
 /// Overload that trips: three times rated current for two seconds.
 const OVERLOAD: f64 = 16.0;
 /// Temperature of the power stage that trips, °C.
-const HOT: f64 = 85.0;
+const HOT_C: f64 = 85.0;
 /// Temperatures change slowly: they are reckoned once in so many ticks.
 const THERMAL_TICKS: u32 = 16;
 
@@ -31,13 +31,13 @@ const THERMAL_TICKS: u32 = 16;
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct Shaft {
-    stage: Thermal,
-    frozen: Option<f64>,
+    stage: ThermalModel,
+    frozen_position: Option<f64>,
     /// The hall or U, V, W signals are impossible.
     pub hall_broken: bool,
     ticks: u32,
-    stall: Stall,
-    before: f64,
+    stall: StallDetector,
+    previous_position: f64,
     overload: f64,
     /// Torque from outside, N·m.
     pub load: f64,
@@ -46,8 +46,8 @@ pub struct Shaft {
     motor: Motor,
     servo: Servo,
     /// Heat in the winding when temperatures were reckoned last, J.
-    copper: f64,
-    winding: Thermal,
+    copper_heat: f64,
+    winding: ThermalModel,
 }
 
 impl Default for Shaft {
@@ -60,16 +60,16 @@ impl Default for Shaft {
             motor,
             servo,
             load: 0.0,
-            supply: SUPPLY,
-            before: 0.0,
+            supply: SUPPLY_V,
+            previous_position: 0.0,
             overload: 0.0,
-            stall: Stall::after(STALL_TICKS),
+            stall: StallDetector::after(STALL_TICKS),
             ticks: 0,
-            frozen: None,
+            frozen_position: None,
             hall_broken: false,
-            copper: 0.0,
-            stage: Thermal::new(0.5, 150.0, 25.0),
-            winding: Thermal::new(1.0, 300.0, 25.0),
+            copper_heat: 0.0,
+            stage: ThermalModel::new(0.5, 150.0, 25.0),
+            winding: ThermalModel::new(1.0, 300.0, 25.0),
         }
     }
 }
@@ -113,30 +113,30 @@ impl Shaft {
 
     /// Holds the shaft, or lets it go.
     pub fn jam(&mut self, jammed: bool) {
-        self.motor.jam(jammed);
+        self.motor.set_jammed(jammed);
     }
 
     /// The encoder stops counting, or counts again.
     pub fn break_encoder(&mut self, broken: bool) {
-        self.frozen = broken.then(|| self.motor.position());
+        self.frozen_position = broken.then(|| self.motor.position());
     }
 
     /// Whether the power stage is on.
     #[must_use]
-    pub const fn powered(&self) -> bool {
+    pub const fn is_powered(&self) -> bool {
         self.servo.is_enabled()
     }
 
     /// What its loops are held to.
     #[must_use]
-    pub fn bounds(&self) -> Bounds {
+    pub fn bounds(&self) -> ServoBounds {
         self.servo.bounds()
     }
 
     /// Where the set-point is while it counts.
     #[must_use]
-    pub const fn regulated(&self) -> Option<Setpoint> {
-        self.servo.regulated()
+    pub const fn active_setpoint(&self) -> Option<Setpoint> {
+        self.servo.regulated_setpoint()
     }
 
     /// The supply suffices to drive the motor.
@@ -148,23 +148,23 @@ impl Shaft {
     /// True when nothing changes by itself except temperatures.
     #[inline]
     #[must_use]
-    pub fn resting(&self) -> bool {
-        !self.powered() && self.motor.velocity() == 0.0 && self.load == 0.0
+    pub fn is_resting(&self) -> bool {
+        !self.is_powered() && self.motor.velocity() == 0.0 && self.load == 0.0
     }
 
     /// So many ticks of rest at once.
-    pub fn rest(&mut self, ticks: u64) {
+    pub fn pass_rest(&mut self, ticks: u64) {
         let seconds = ticks as f64 * TICK_S;
         self.stage.step(0.0, seconds);
         self.winding.step(0.0, seconds);
         self.overload = (self.overload - seconds).max(0.0);
-        self.before = motion::Shaft::position(self);
+        self.previous_position = motion::MotorControl::position(self);
     }
 
     /// One tick.
     #[inline]
     pub fn tick(&mut self) {
-        self.before = motion::Shaft::position(self);
+        self.previous_position = motion::MotorControl::position(self);
         let conditions = Conditions { bus: self.supply, load: self.load };
         self.servo.step(&mut self.motor, conditions);
         let current = self.motor.current();
@@ -172,111 +172,114 @@ impl Shaft {
         self.overload = if grown > 0.0 { grown } else { 0.0 };
         self.ticks += 1;
         if self.ticks == THERMAL_TICKS {
-            self.warm();
+            self.update_temperatures();
         }
     }
 
     #[cold]
-    fn warm(&mut self) {
+    fn update_temperatures(&mut self) {
         let (heat, seconds) = (self.motor.energy().copper, f64::from(self.ticks) * TICK_S);
         let current = self.motor.current();
-        self.winding.step((heat - self.copper) / seconds, seconds);
+        self.winding.step((heat - self.copper_heat) / seconds, seconds);
         self.stage.step(3.0 + 0.02 * current * current, seconds);
-        (self.copper, self.ticks) = (heat, 0);
+        (self.copper_heat, self.ticks) = (heat, 0);
     }
 
     /// What the protections say after a tick. `blocked_is_fine` while homing feels for a stop.
     #[inline]
-    pub fn trouble(&mut self, blocked_is_fine: impl FnOnce() -> bool) -> Option<Fault> {
+    pub fn check_protections(
+        &mut self,
+        blocked_is_fine: impl FnOnce() -> bool,
+    ) -> Option<FaultCode> {
         let (velocity, current) = (self.motor.velocity(), self.motor.current());
         let stalled = self.stall.step(velocity, current, self.servo.max_current);
-        if stalled && self.powered() && !blocked_is_fine() {
-            return Some(Fault::BLOCKED);
+        if stalled && self.is_powered() && !blocked_is_fine() {
+            return Some(FaultCode::BLOCKED);
         }
         if self.overload > OVERLOAD {
-            return Some(Fault::OVERLOAD);
+            return Some(FaultCode::OVERLOAD);
         }
-        if self.is_well() { None } else { self.lasting() }
+        if self.is_fault_free() { None } else { self.lasting_fault() }
     }
 
-    /// [`lasting`](Self::lasting) would find nothing: every sign at once, for each tick asks.
+    /// [`lasting_fault`](Self::lasting_fault) would find nothing: every sign at once, for each tick asks.
     #[inline]
-    fn is_well(&self) -> bool {
+    fn is_fault_free(&self) -> bool {
         (self.supply >= SUPPLY_LIMITS.0)
             & (self.supply <= SUPPLY_LIMITS.1)
-            & (self.temperature() <= HOT)
-            & self.frozen.is_none()
+            & (self.temperature() <= HOT_C)
+            & self.frozen_position.is_none()
             & !self.hall_broken
     }
 
     /// What is wrong and stays so until somebody mends it.
     #[cold]
     #[must_use]
-    pub fn lasting(&self) -> Option<Fault> {
-        let on = self.powered();
+    pub fn lasting_fault(&self) -> Option<FaultCode> {
+        let on = self.is_powered();
         let signs = [
-            (self.supply > SUPPLY_LIMITS.1, Fault::OVERVOLTAGE),
-            (self.temperature() > HOT, Fault::HOT),
-            (on && self.supply < SUPPLY_LIMITS.0, Fault::UNDERVOLTAGE),
-            (self.frozen.is_some(), Fault::ENCODER),
-            (self.hall_broken, Fault::COMMUTATION),
+            (self.supply > SUPPLY_LIMITS.1, FaultCode::OVERVOLTAGE),
+            (self.temperature() > HOT_C, FaultCode::HOT),
+            (on && self.supply < SUPPLY_LIMITS.0, FaultCode::UNDERVOLTAGE),
+            (self.frozen_position.is_some(), FaultCode::ENCODER),
+            (self.hall_broken, FaultCode::COMMUTATION),
         ];
         signs.into_iter().find(|(there, _)| *there).map(|(_, fault)| fault)
     }
 
     /// What the protections summed up is forgotten.
-    pub fn forget(&mut self) {
+    pub fn reset_protections(&mut self) {
         self.overload = 0.0;
         self.stall.reset();
     }
 }
 
-impl motion::Shaft for Shaft {
-    fn power(&mut self) {
+impl motion::MotorControl for Shaft {
+    fn power_on(&mut self) {
         self.stall.reset();
         self.servo.enable(&self.motor);
     }
 
-    fn release(&mut self) {
+    fn power_off(&mut self) {
         self.servo.disable();
     }
 
-    fn manner(&mut self, limits: Limits) {
+    fn set_limits(&mut self, limits: Limits) {
         self.servo.set_limits(limits);
     }
 
     fn turn(&mut self, rad_per_s: f64) {
         let goal = Goal::Velocity(rad_per_s);
         match self.servo.goal() {
-            Goal::Current(_) => self.servo.go_from(&self.motor, goal),
-            _ => self.servo.go(goal),
+            Goal::Current(_) => self.servo.set_goal_from(&self.motor, goal),
+            _ => self.servo.set_goal(goal),
         }
     }
 
-    fn go(&mut self, position: f64) {
+    fn move_to(&mut self, position: f64) {
         let goal = Goal::Position(position);
         match self.servo.goal() {
-            Goal::Position(_) => self.servo.go(goal),
-            _ => self.servo.go_from(&self.motor, goal),
+            Goal::Position(_) => self.servo.set_goal(goal),
+            _ => self.servo.set_goal_from(&self.motor, goal),
         }
     }
 
-    fn push(&mut self, share: f64) {
-        self.servo.go(Goal::Current(share * RATED_CURRENT));
+    fn apply_torque(&mut self, share: f64) {
+        self.servo.set_goal(Goal::Current(share * RATED_CURRENT));
     }
 
     #[inline]
-    fn follow(&mut self, setpoint: Setpoint) {
+    fn follow_setpoint(&mut self, setpoint: Setpoint) {
         self.servo.follow(setpoint);
     }
 
-    fn hold(&mut self) {
+    fn hold_position(&mut self) {
         self.servo.hold(&self.motor);
     }
 
-    fn settle(&mut self) {
+    fn settle_position(&mut self) {
         if self.servo.goal() == Goal::Velocity(0.0) && self.servo.arrived() {
-            self.servo.go_from(&self.motor, Goal::Position(self.motor.position()));
+            self.servo.set_goal_from(&self.motor, Goal::Position(self.motor.position()));
         }
     }
 
@@ -285,27 +288,27 @@ impl motion::Shaft for Shaft {
         self.servo.setpoint()
     }
 
-    fn arrived(&self) -> bool {
+    fn has_arrived(&self) -> bool {
         self.servo.arrived()
     }
 
     #[inline]
     fn position(&self) -> f64 {
-        self.frozen.unwrap_or(self.motor.position())
+        self.frozen_position.unwrap_or(self.motor.position())
     }
 
-    fn before(&self) -> f64 {
-        self.before
+    fn previous_position(&self) -> f64 {
+        self.previous_position
     }
 
     #[inline]
     fn velocity(&self) -> f64 {
-        if self.frozen.is_some() { 0.0 } else { self.motor.velocity() }
+        if self.frozen_position.is_some() { 0.0 } else { self.motor.velocity() }
     }
 
     #[inline]
-    fn torque_reached(&self) -> bool {
-        self.powered() && self.motor.current().abs() >= 0.95 * self.servo.max_current
+    fn is_torque_limited(&self) -> bool {
+        self.is_powered() && self.motor.current().abs() >= 0.95 * self.servo.max_current
     }
 }
 

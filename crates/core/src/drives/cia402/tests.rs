@@ -7,10 +7,10 @@ use std::vec::Vec;
 
 use super::device::Device;
 use super::drive::Drive;
-use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::medium::Frame;
-use crate::proto::canopen::od::Type;
-use crate::proto::canopen::sdo::{Abort, Object, Reply, Request, Short};
+use crate::proto::canopen::od::ValueType;
+use crate::proto::canopen::sdo::{AbortCode, ExpeditedData, ObjectIndex, SdoReply, SdoRequest};
 use crate::station::{Station, Timed};
 use crate::time::Instant;
 
@@ -21,18 +21,18 @@ mod modes;
 mod power;
 
 /// A drive on a test's desk, operational.
-struct Desk {
+struct DriveFixture {
     device: Device,
     now: Instant,
-    heard: Vec<Frame>,
+    received: Vec<Frame>,
 }
 
-impl Desk {
+impl DriveFixture {
     fn new() -> Self {
         let device = Device::new(Drive::new(2, 7, 500_000));
-        let mut desk = Self { device, now: Instant(1_000_000_000), heard: Vec::new() };
+        let mut desk = Self { device, now: Instant(1_000_000_000), received: Vec::new() };
         desk.send(Frame::standard(0, &[1, 2]));
-        desk.heard.clear();
+        desk.received.clear();
         desk
     }
 
@@ -58,23 +58,23 @@ impl Desk {
     fn drain(&mut self) {
         let mut out = Frame::default();
         while self.device.poll_transmit(self.now, &mut out).is_some() {
-            self.heard.push(out);
+            self.received.push(out);
         }
     }
 
-    fn ask(&mut self, request: Request) -> Reply {
-        self.heard.clear();
+    fn request(&mut self, request: SdoRequest) -> SdoReply {
+        self.received.clear();
         self.send(request.emit(2));
-        let reply = self.heard.iter().find(|frame| frame.id == 0x582);
-        Reply::of(reply.unwrap().data)
+        let reply = self.received.iter().find(|frame| frame.id == 0x582);
+        SdoReply::of(reply.unwrap().data)
     }
 
-    fn try_write(&mut self, index: u16, sub: u8, value: i64) -> Result<(), Abort> {
+    fn try_write(&mut self, index: u16, sub: u8, value: i64) -> Result<(), AbortCode> {
         let entry = super::objects::DICTIONARY.find(index, sub).unwrap();
-        let short = Short { bits: value as u32, len: entry.kind.bytes().unwrap() };
-        match self.ask(Request::Write(Object::new(index, sub), short)) {
-            Reply::Written(..) => Ok(()),
-            Reply::Abort(_, abort) => Err(abort),
+        let short = ExpeditedData { bits: value as u32, len: entry.kind.bytes().unwrap() };
+        match self.request(SdoRequest::Write(ObjectIndex::new(index, sub), short)) {
+            SdoReply::Written(..) => Ok(()),
+            SdoReply::Abort(_, abort) => Err(abort),
             other => panic!("{other:?}"),
         }
     }
@@ -86,8 +86,8 @@ impl Desk {
 
     fn read(&mut self, index: u16, sub: u8) -> i64 {
         let entry = super::objects::DICTIONARY.find(index, sub).unwrap();
-        match self.ask(Request::Read(Object::new(index, sub))) {
-            Reply::Value(_, short) => Type::number(entry.kind, short.bits.into()),
+        match self.request(SdoRequest::Read(ObjectIndex::new(index, sub))) {
+            SdoReply::Value(_, short) => ValueType::number(entry.kind, short.bits.into()),
             other => panic!("{other:?}"),
         }
     }
@@ -105,13 +105,13 @@ impl Desk {
     }
 
     /// Hands over a set-point: bits 4 and `more` up, then down.
-    fn point(&mut self, target: i64, more: u16) {
+    fn hand_over_point(&mut self, target: i64, more: u16) {
         self.write(0x607A, 0, target);
         self.control(0x1F | more);
         self.control(0x0F | more);
     }
 
-    fn pass(&mut self, ms: u32) {
+    fn advance(&mut self, ms: u32) {
         for _ in 0..ms {
             self.now = self.now.plus_ms(1);
             self.device.handle_timeout(self.now);
@@ -124,12 +124,12 @@ impl Desk {
     }
 
     /// Waits for a bit of the statusword.
-    fn until(&mut self, bit: u16, within_ms: u32) {
+    fn wait_for_bit(&mut self, bit: u16, within_ms: u32) {
         for _ in 0..within_ms {
             if self.status() >> bit & 1 != 0 {
                 return;
             }
-            self.pass(1);
+            self.advance(1);
         }
         panic!("bit {bit} not set: {:04X} at {}", self.status(), self.position());
     }
@@ -138,8 +138,8 @@ impl Desk {
         assert!(self.device.act(self.now, act), "{act:?}");
     }
 
-    fn truth(&mut self) -> Truth {
-        self.device.truth(self.now)
+    fn truth(&mut self) -> GroundTruth {
+        self.device.ground_truth(self.now)
     }
 
     /// Turns a second of the motor.

@@ -1,18 +1,18 @@
 //! The TS on its wires: the Modbus and the CANopen end of one [`Drive`], and the bench around it.
 
 use super::alarm::Alarm;
-use super::drive::{Drive, Refusal, numbers};
+use super::drive::{Drive, RegisterError, register_numbers};
 use super::objects::PDOS;
 use super::options::Options;
-use super::panel::Key;
-use super::registers::{DN_BASE, fns};
+use super::panel::PanelKey;
+use super::registers::{DN_BASE, fn_registers};
 use crate::drives;
-use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::profile::Profile;
-use crate::proto::canopen::device::CanEnd;
-use crate::proto::modbus::device::{Firmware, Framing, SerialEnd, Wire};
-use crate::proto::modbus::wire::{Exception, Format, Function, Space};
+use crate::proto::canopen::device::CanEndpoint;
+use crate::proto::modbus::device::{Firmware, Framing, SerialEndpoint, SerialSettings};
+use crate::proto::modbus::wire::{Exception, Function, Space, WireFormat};
 use crate::station::{LineEvent, Station, Timed};
 use crate::time::{Instant, earliest};
 
@@ -28,17 +28,17 @@ const BAUDS: [u32; 7] = [2400, 9600, 38_400, 57_600, 115_200, 192_000, 512_000];
 /// A simulated TS on its wires.
 #[derive(Debug)]
 pub struct Device {
-    end: SerialEnd,
-    can: CanEnd<PDOS>,
-    modbus: Modbus,
+    endpoint: SerialEndpoint,
+    can: CanEndpoint<PDOS>,
+    modbus: ModbusSide,
 }
 
 /// The drive with what its Modbus side last took from Fn_3A, Fn_3C and Fn_3D.
 #[derive(Debug)]
-struct Modbus {
+struct ModbusSide {
     drive: Drive,
     address: u8,
-    wire: Wire,
+    wire: SerialSettings,
 }
 
 impl Device {
@@ -49,11 +49,11 @@ impl Device {
             0 => Framing::Length,
             ms => Framing::Silence { us: ms.saturating_mul(1000) },
         };
-        let wire = Wire { format: Format::Rtu, line: SerialLine::n81(0) };
-        let mut modbus = Modbus { drive: Drive::new(profile, options), address: 1, wire };
-        modbus.take_settings();
-        let can = CanEnd::new(options.can, &mut modbus.drive);
-        Self { end: SerialEnd::new(framing), can, modbus }
+        let wire = SerialSettings { format: WireFormat::Rtu, line: SerialLine::new_8n1(0) };
+        let mut modbus = ModbusSide { drive: Drive::new(profile, options), address: 1, wire };
+        modbus.apply_settings();
+        let can = CanEndpoint::new(options.can, &mut modbus.drive);
+        Self { endpoint: SerialEndpoint::new(framing), can, modbus }
     }
 
     /// The drive behind the line.
@@ -66,7 +66,7 @@ impl Device {
 impl Timed for Device {
     fn handle_timeout(&mut self, now: Instant) {
         self.modbus.drive.advance(now);
-        self.end.handle_timeout(now, &mut self.modbus);
+        self.endpoint.handle_timeout(now, &mut self.modbus);
         self.can.handle_timeout(now, &mut self.modbus.drive);
     }
 
@@ -74,19 +74,19 @@ impl Timed for Device {
         let drive = &self.modbus.drive;
         // Whatever changes is to be told on the bus within a tick.
         let due = drive
-            .due()
-            .map(|due| if self.can.is_live() { due.min(drive.next_tick()) } else { due });
-        let ends = earliest(self.end.poll_timeout(), self.can.poll_timeout());
+            .next_due()
+            .map(|due| if self.can.is_active() { due.min(drive.next_tick()) } else { due });
+        let ends = earliest(self.endpoint.poll_timeout(), self.can.poll_timeout());
         earliest(ends, due)
     }
 }
 
-impl drives::Device for Device {
-    fn stream(&mut self) -> Option<&mut dyn Station<Stream>> {
+impl drives::SimulatedDevice for Device {
+    fn serial_station(&mut self) -> Option<&mut dyn Station<Stream>> {
         Some(self)
     }
 
-    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+    fn can_station(&mut self) -> Option<&mut dyn Station<Can>> {
         Some(self)
     }
 }
@@ -114,15 +114,15 @@ impl Station<Can> for Device {
 impl Station<Stream> for Device {
     fn handle_input(&mut self, now: Instant, unit: &[u8]) {
         self.modbus.drive.advance(now);
-        self.end.handle_input(now, unit, &mut self.modbus);
+        self.endpoint.handle_input(now, unit, &mut self.modbus);
     }
 
     fn handle_line(&mut self, _now: Instant, event: LineEvent) {
-        self.end.handle_line(event);
+        self.endpoint.handle_line(event);
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
-        self.end.poll_transmit(now, out)
+        self.endpoint.poll_transmit(now, out)
     }
 
     fn line(&self) -> SerialLine {
@@ -130,27 +130,27 @@ impl Station<Stream> for Device {
     }
 }
 
-impl Modbus {
+impl ModbusSide {
     /// Address, baud rate and framing as the registers now are.
-    fn take_settings(&mut self) {
+    fn apply_settings(&mut self) {
         let registers = self.drive.registers();
-        let at = usize::from(registers.value(fns::BAUD));
+        let at = usize::from(registers.value(fn_registers::BAUD));
         let baud = if self.drive.options().untimed { 0 } else { BAUDS[at.min(BAUDS.len() - 1)] };
-        let format = match registers.value(fns::FORMAT) & 0xFF {
-            2 | 102 => Format::Ascii,
-            _ => Format::Rtu,
+        let format = match registers.value(fn_registers::FORMAT) & 0xFF {
+            2 | 102 => WireFormat::Ascii,
+            _ => WireFormat::Rtu,
         };
-        self.address = registers.value(fns::ADDRESS) as u8;
-        self.wire = Wire { format, line: SerialLine::n81(baud) };
+        self.address = registers.value(fn_registers::ADDRESS) as u8;
+        self.wire = SerialSettings { format, line: SerialLine::new_8n1(baud) };
     }
 }
 
-impl Firmware for Modbus {
+impl Firmware for ModbusSide {
     fn address(&self) -> u8 {
         self.address
     }
 
-    fn wire(&self) -> Wire {
+    fn serial_settings(&self) -> SerialSettings {
         self.wire
     }
 
@@ -158,15 +158,15 @@ impl Firmware for Modbus {
         matches!(function.code(), 0x01 | 0x02 | 0x03 | 0x06 | 0x10)
     }
 
-    fn words_max(&self, function: Function, format: Format) -> u16 {
+    fn words_max(&self, function: Function, format: WireFormat) -> u16 {
         match format {
-            Format::Ascii => ASCII_WORDS_MAX,
-            Format::Rtu if function.reads().is_some() => READ_WORDS_MAX,
-            Format::Rtu => WRITE_WORDS_MAX,
+            WireFormat::Ascii => ASCII_WORDS_MAX,
+            WireFormat::Rtu if function.read_space().is_some() => READ_WORDS_MAX,
+            WireFormat::Rtu => WRITE_WORDS_MAX,
         }
     }
 
-    fn whole_byte(&self) -> bool {
+    fn reads_whole_bytes(&self) -> bool {
         true
     }
 
@@ -199,7 +199,7 @@ impl Firmware for Modbus {
         out: &mut [u16],
     ) -> Result<(), Exception> {
         self.drive.advance(now);
-        for (address, word) in numbers(start).zip(out) {
+        for (address, word) in register_numbers(start).zip(out) {
             let value = match address.checked_sub(DN_BASE) {
                 Some(number) => self.drive.dn_value(number),
                 None => self.drive.fn_value(address),
@@ -222,35 +222,35 @@ impl Firmware for Modbus {
     ) -> Result<(), Exception> {
         self.drive.advance(now);
         self.drive.write(start, words).map_err(|refusal| match refusal {
-            Refusal::Address => Exception::IllegalAddress,
-            Refusal::Value => Exception::IllegalValue,
-            Refusal::Failure => Exception::DeviceFailure,
+            RegisterError::Address => Exception::IllegalAddress,
+            RegisterError::Value => Exception::IllegalValue,
+            RegisterError::Failure => Exception::DeviceFailure,
         })?;
-        if self.drive.options().at_once {
-            self.take_settings();
+        if self.drive.options().applies_at_once {
+            self.apply_settings();
         }
         Ok(())
     }
 }
 
-impl Bench for Device {
-    fn truth(&mut self, now: Instant) -> Truth {
+impl BenchControl for Device {
+    fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         let drive = &mut self.modbus.drive;
         drive.advance(now);
         let motor = drive.shaft().motor();
-        Truth {
+        GroundTruth {
             position: motor.position(),
             velocity: motor.velocity(),
             current: motor.current(),
             torque: motor.torque(),
             winding: drive.shaft().winding(),
-            enabled: drive.shaft().powered(),
+            enabled: drive.shaft().is_powered(),
             fault: u32::from(drive.alarm().0),
             flash_writes: drive.registers().wear(),
             unrepeatable: drive.unrepeatable(),
             starts: drive.starts(),
             bounds: drive.shaft().bounds(),
-            setpoint: drive.shaft().regulated(),
+            setpoint: drive.shaft().active_setpoint(),
         }
     }
 
@@ -264,26 +264,26 @@ impl Bench for Device {
             Act::Ambient(celsius) => drive.shaft_mut().set_ambient(celsius),
             Act::Input(number, on) => {
                 let at = usize::from(number).wrapping_sub(1);
-                let Some(line) = drive.lines_mut().driven.get_mut(at) else { return false };
+                let Some(line) = drive.lines_mut().forced_closed.get_mut(at) else { return false };
                 *line = on;
             }
             Act::Analog(0, volts) => drive.set_analog(volts),
-            Act::Pulses(count) => drive.pulse(count),
-            Act::Switch { which, at } => return switch(drive, which, at),
+            Act::Pulses(count) => drive.add_pulses(count),
+            Act::Switch { which, at } => return set_switch(drive, which, at),
             Act::EncoderBroken(broken) => drive.shaft_mut().break_encoder(broken),
             Act::HallBroken(broken) => drive.shaft_mut().hall_broken = broken,
             Act::Fault(code) => match u16::try_from(code) {
-                Ok(code) => drive.raise(Alarm(code)),
+                Ok(code) => drive.raise_alarm(Alarm(code)),
                 Err(_) => return false,
             },
             Act::PowerCycle => {
                 drive.power_cycle();
-                self.modbus.take_settings();
-                self.end.clear();
+                self.modbus.apply_settings();
+                self.endpoint.clear();
                 self.can.power_cycle(now, &mut self.modbus.drive);
             }
-            Act::Key(number, down) => match Key::of_number(number) {
-                Some(key) => drive.key(now, key, down),
+            Act::Key(number, down) => match PanelKey::of_number(number) {
+                Some(key) => drive.handle_key(now, key, down),
                 None => return false,
             },
             _ => return false,
@@ -291,17 +291,17 @@ impl Bench for Device {
         true
     }
 
-    fn panel(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+    fn panel_text(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
         self.modbus.drive.advance(now);
-        Some(self.modbus.drive.show(now, out))
+        Some(self.modbus.drive.write_display(now, out))
     }
 
-    fn notice(&mut self) -> Option<&'static str> {
+    fn take_notice(&mut self) -> Option<&'static str> {
         self.modbus.drive.take_notice()
     }
 }
 
-fn switch(drive: &mut Drive, which: u8, at: f64) -> bool {
+fn set_switch(drive: &mut Drive, which: u8, at: f64) -> bool {
     let lines = drive.lines_mut();
     let place = match which {
         0 => &mut lines.home_at,

@@ -8,13 +8,13 @@ mod view;
 use core::f64::consts::TAU;
 
 use super::alarm::Alarm;
-use super::external::External;
-use super::io::{Lines, Purpose, collide};
-use super::motion::{Motion, Scene, ramp};
+use super::external::ExternalSignals;
+use super::io::{InputLines, InputPurpose, has_duplicates};
+use super::motion::{Motion, TickContext, default_ramp};
 use super::options::{Options, Variant};
-use super::panel::{Code, Key, Panel, View, Wish};
+use super::panel::{DriveView, FrontPanel, PanelAction, PanelKey, RegisterCode};
 use super::paths::s_time_fits;
-use super::registers::{DN_COUNT, FN_COUNT, Registers, dns, fns, limits};
+use super::registers::{DN_COUNT, FN_COUNT, Registers, dn_registers, fn_registers, write_limits};
 use super::shaft::Shaft;
 use crate::plant::Ticks;
 use crate::profile::Profile;
@@ -46,7 +46,7 @@ const VERSION: u16 = 0x0102;
 
 /// Why a register access is refused.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Refusal {
+pub enum RegisterError {
     /// There is no such register, or it cannot be written.
     Address,
     /// The value is not allowed.
@@ -58,34 +58,34 @@ pub enum Refusal {
 /// A powered drive with its motor and panel.
 #[derive(Debug)]
 pub struct Drive {
-    core: Core,
-    panel: Panel,
+    core: DriveCore,
+    panel: FrontPanel,
 }
 
 /// Everything but the panel, which looks at it.
 #[derive(Debug)]
-struct Core {
+struct DriveCore {
     profile: &'static Profile,
     options: Options,
     registers: Registers,
     shaft: Shaft,
     motion: Motion,
-    lines: Lines,
+    lines: InputLines,
     alarm: Alarm,
     ticks: Ticks,
     now: Instant,
     /// Something outside has changed something since time last passed.
-    stirred: bool,
+    disturbed: bool,
     jogging: bool,
     jog: f64,
-    external: External,
+    external: ExternalSignals,
     /// Where the pulses have brought the set-point, rad.
-    pulsed: f64,
-    was: [bool; 4],
+    pulse_target: f64,
+    previous_inputs: [bool; 4],
     unrepeatable: u64,
     starts: u64,
     notice: Option<&'static str>,
-    node: canopen::Node,
+    canopen: canopen::CanopenNode,
 }
 
 impl Drive {
@@ -93,14 +93,15 @@ impl Drive {
     #[must_use]
     pub fn new(profile: &'static Profile, options: Options) -> Self {
         let mut registers = Registers::factory(profile);
-        registers.preset(fns::ADDRESS, u16::from(options.address));
-        registers.preset(fns::NODE, u16::from(options.address));
-        registers.preset(fns::MODE, options.mode);
-        registers.preset(fns::FORMAT, if options.ascii { 2 } else { 1 });
+        registers.preset(fn_registers::ADDRESS, u16::from(options.address));
+        registers.preset(fn_registers::NODE, u16::from(options.address));
+        registers.preset(fn_registers::MODE, options.mode);
+        registers.preset(fn_registers::FORMAT, if options.ascii { 2 } else { 1 });
         if options.ds102 {
-            registers.preset(fns::RATED_CURRENT, (super::shaft::RATED_CURRENT * 100.0) as u16);
+            registers
+                .preset(fn_registers::RATED_CURRENT, (super::shaft::RATED_CURRENT * 100.0) as u16);
         }
-        let mut core = Core {
+        let mut core = DriveCore {
             profile,
             options,
             registers,
@@ -110,34 +111,34 @@ impl Drive {
             alarm: Alarm::NONE,
             ticks: Ticks::new(Instant::ZERO),
             now: Instant::ZERO,
-            stirred: true,
+            disturbed: true,
             jogging: false,
             jog: 0.0,
             external: options.external,
-            pulsed: 0.0,
-            was: [false; 4],
+            pulse_target: 0.0,
+            previous_inputs: [false; 4],
             unrepeatable: 0,
             starts: 0,
             notice: None,
-            node: canopen::Node::new(0.0),
+            canopen: canopen::CanopenNode::new(0.0),
         };
         core.boot();
-        Self { core, panel: Panel::default() }
+        Self { core, panel: FrontPanel::default() }
     }
 
     /// Lets time pass up to `now`.
     pub fn advance(&mut self, now: Instant) {
         self.core.advance(now);
         if let Some(wish) = self.panel.tick(now, &self.core) {
-            self.fulfil(wish);
+            self.execute_panel_action(wish);
         }
     }
 
     /// When it next wants [`advance`](Self::advance) though nobody asks it anything.
     #[must_use]
-    pub fn due(&self) -> Option<Instant> {
-        let moving = (!self.core.shaft.resting()).then(|| self.core.now.plus_ms(WAKE_MS));
-        crate::time::earliest(self.panel.due(), moving)
+    pub fn next_due(&self) -> Option<Instant> {
+        let moving = (!self.core.shaft.is_resting()).then(|| self.core.now.plus_ms(WAKE_MS));
+        crate::time::earliest(self.panel.next_due(), moving)
     }
 
     /// The end of the tick that runs.
@@ -160,13 +161,13 @@ impl Drive {
 
     /// The motor, for what acts on it from outside.
     pub const fn shaft_mut(&mut self) -> &mut Shaft {
-        self.core.stirred = true;
+        self.core.disturbed = true;
         &mut self.core.shaft
     }
 
     /// The input lines and switches, for what acts on them from outside.
-    pub const fn lines_mut(&mut self) -> &mut Lines {
-        self.core.stirred = true;
+    pub const fn lines_mut(&mut self) -> &mut InputLines {
+        self.core.disturbed = true;
         &mut self.core.lines
     }
 
@@ -214,7 +215,7 @@ impl Drive {
     /// Reads Dn_nn.
     #[must_use]
     pub fn dn_value(&self, number: u16) -> Option<u16> {
-        (number < DN_COUNT).then(|| self.core.reading(number))
+        (number < DN_COUNT).then(|| self.core.dn_reading(number))
     }
 
     /// The inputs, the first in bit 0.
@@ -230,8 +231,8 @@ impl Drive {
         let lines = [
             !core.alarm.is_some(),
             core.alarm.is_some(),
-            !core.motion.busy(),
-            core.shaft.powered(),
+            !core.motion.is_busy(),
+            core.shaft.is_powered(),
         ];
         lines.iter().enumerate().fold(0, |bits, (at, on)| bits | u8::from(*on) << at)
     }
@@ -240,24 +241,24 @@ impl Drive {
     ///
     /// # Errors
     /// Why nothing was written.
-    pub fn write(&mut self, start: u16, values: &[u16]) -> Result<(), Refusal> {
-        self.core.stirred = true;
-        for (number, value) in numbers(start).zip(values) {
-            self.check(number, *value)?;
+    pub fn write(&mut self, start: u16, values: &[u16]) -> Result<(), RegisterError> {
+        self.core.disturbed = true;
+        for (number, value) in register_numbers(start).zip(values) {
+            self.check_write(number, *value)?;
         }
         self.core.check_s_times(start, values)?;
-        for (number, value) in numbers(start).zip(values) {
+        for (number, value) in register_numbers(start).zip(values) {
             let before = self.core.registers.value(number);
             self.core.registers.write(number, *value);
-            self.core.written(number, before, *value);
-            self.core.starts += u64::from(starts(number, before, *value));
+            self.core.handle_written(number, before, *value);
+            self.core.starts += u64::from(starts_motion(number, before, *value));
         }
         Ok(())
     }
 
     /// Raises an alarm from outside.
-    pub fn raise(&mut self, alarm: Alarm) {
-        self.core.raise(alarm);
+    pub fn raise_alarm(&mut self, alarm: Alarm) {
+        self.core.raise_alarm(alarm);
     }
 
     /// An analog input in volts.
@@ -266,76 +267,79 @@ impl Drive {
     }
 
     /// Pulses on the pulse input; negative ones by the other level of the direction.
-    pub fn pulse(&mut self, count: i32) {
-        self.core.external.pulse(count);
+    pub fn add_pulses(&mut self, count: i32) {
+        self.core.external.add_pulses(count);
     }
 
     /// A key of the panel goes down or up.
-    pub fn key(&mut self, now: Instant, key: Key, down: bool) {
-        if let Some(wish) = self.panel.key(now, key, down, &self.core) {
-            self.fulfil(wish);
+    pub fn handle_key(&mut self, now: Instant, key: PanelKey, down: bool) {
+        if let Some(wish) = self.panel.handle_key(now, key, down, &self.core) {
+            self.execute_panel_action(wish);
         }
-        self.core.jog = self.panel.jog();
-        self.core.follow_jog();
+        self.core.jog = self.panel.jog_direction();
+        self.core.update_jog();
     }
 
     /// What the panel shows. Returns how many characters.
-    pub fn show(&self, now: Instant, out: &mut [u8]) -> usize {
-        self.panel.show(now, &self.core, out)
+    pub fn write_display(&self, now: Instant, out: &mut [u8]) -> usize {
+        self.panel.write_display(now, &self.core, out)
     }
 
     /// Power off and on.
     pub fn power_cycle(&mut self) {
-        self.panel = Panel::default();
-        self.core.stirred = true;
+        self.panel = FrontPanel::default();
+        self.core.disturbed = true;
         self.core.registers.power_cycle();
         self.core.boot();
     }
 
-    fn fulfil(&mut self, wish: Wish) {
-        self.core.stirred = true;
+    fn execute_panel_action(&mut self, wish: PanelAction) {
+        self.core.disturbed = true;
         match wish {
-            Wish::Save(number, value) => self.save(number, value as u16),
-            Wish::ToggleJog => self.core.toggle_jog(),
-            Wish::ClearAlarm => self.core.clear_alarm(),
+            PanelAction::Save(number, value) => self.save_from_panel(number, value as u16),
+            PanelAction::ToggleJog => self.core.toggle_jog(),
+            PanelAction::ClearAlarm => self.core.clear_alarm(),
         }
     }
 
     /// Saved at the panel: kept in flash whatever Fn_99 says, that is for the line only `[I]`.
-    fn save(&mut self, number: u16, value: u16) {
+    fn save_from_panel(&mut self, number: u16, value: u16) {
         let allowed = self.core.check_value(number, value).is_ok()
             && self.core.check_s_times(number, &[value]).is_ok();
         if allowed {
             let before = self.core.registers.value(number);
-            self.core.registers.keep(number, value);
-            self.core.written(number, before, value);
+            self.core.registers.store(number, value);
+            self.core.handle_written(number, before, value);
         }
     }
 
-    fn check(&self, number: u16, value: u16) -> Result<(), Refusal> {
+    fn check_write(&self, number: u16, value: u16) -> Result<(), RegisterError> {
         self.core.check_value(number, value)?;
-        let unlocked = self.core.registers.value(fns::PASSWORD) == PASSWORD;
-        if self.core.options.locked(number) && !unlocked {
-            return Err(Refusal::Failure);
+        let unlocked = self.core.registers.value(fn_registers::PASSWORD) == PASSWORD;
+        if self.core.options.is_locked(number) && !unlocked {
+            return Err(RegisterError::Failure);
         }
         // The panel goes first (§1.4.2), but never keeps the line from stopping the motor.
-        let stops = matches!((number, value), (fns::SPEED | fns::ENABLE, 0) | (fns::PATH_STOP, 1));
-        let open = self.panel.editing() == Some(number);
-        if open && !stops { Err(Refusal::Failure) } else { Ok(()) }
+        let stops = matches!(
+            (number, value),
+            (fn_registers::SPEED | fn_registers::ENABLE, 0) | (fn_registers::PATH_STOP, 1)
+        );
+        let open = self.panel.edited_parameter() == Some(number);
+        if open && !stops { Err(RegisterError::Failure) } else { Ok(()) }
     }
 }
 
 /// Register numbers from `start` on; past the last one they begin anew, where nothing is written.
-pub fn numbers(start: u16) -> impl Iterator<Item = u16> {
+pub fn register_numbers(start: u16) -> impl Iterator<Item = u16> {
     (0..=u16::MAX).map(move |offset| start.wrapping_add(offset))
 }
 
 /// Whether such a write sets something going, in the modes where its register counts.
-const fn starts(number: u16, before: u16, value: u16) -> bool {
+const fn starts_motion(number: u16, before: u16, value: u16) -> bool {
     match number {
-        fns::SPEED => value != 0,
-        fns::ENABLE => value == 1,
-        fns::PATH_TRIGGER | fns::HOMING_TRIGGER => before == 0 && value == 1,
+        fn_registers::SPEED => value != 0,
+        fn_registers::ENABLE => value == 1,
+        fn_registers::PATH_TRIGGER | fn_registers::HOMING_TRIGGER => before == 0 && value == 1,
         _ => false,
     }
 }
@@ -343,43 +347,43 @@ const fn starts(number: u16, before: u16, value: u16) -> bool {
 /// A drive that is not at rest is looked at so often, ms, so that nobody waits for a long past.
 const WAKE_MS: u32 = 50;
 
-impl Core {
+impl DriveCore {
     fn boot(&mut self) {
-        self.shaft.release();
-        self.shaft.forget();
+        self.shaft.power_off();
+        self.shaft.reset_protections();
         self.unrepeatable += self.motion.unrepeatable();
         self.motion = Motion::new(self.shaft.position());
         self.alarm = Alarm::NONE;
-        self.node = canopen::Node::new(self.shaft.position());
+        self.canopen = canopen::CanopenNode::new(self.shaft.position());
         self.jogging = false;
-        self.was = [false; 4];
-        if collide(self.lines.purposes()) {
-            self.raise(Alarm::ID);
+        self.previous_inputs = [false; 4];
+        if has_duplicates(self.lines.purposes()) {
+            self.raise_alarm(Alarm::ID);
         }
-        if self.registers.value(fns::ENABLE) == 1 {
-            self.power();
+        if self.registers.value(fn_registers::ENABLE) == 1 {
+            self.power_on();
         }
     }
 
     fn mode(&self) -> u16 {
-        self.registers.value(fns::MODE)
+        self.registers.value(fn_registers::MODE)
     }
 
     #[inline]
     fn advance(&mut self, now: Instant) {
         let from = self.ticks.at();
-        let ticks = self.ticks.until(now);
+        let ticks = self.ticks.advance_to(now);
         self.now = now.max(self.now);
-        if ticks > 0 || self.stirred {
-            self.pass(from, ticks);
+        if ticks > 0 || self.disturbed {
+            self.run_ticks(from, ticks);
         }
     }
 
-    fn pass(&mut self, from: Instant, ticks: u64) {
-        self.stirred = false;
-        if self.shaft.resting() && !self.wired_changes() {
-            self.shaft.rest(ticks);
-            self.watch();
+    fn run_ticks(&mut self, from: Instant, ticks: u64) {
+        self.disturbed = false;
+        if self.shaft.is_resting() && !self.have_inputs_changed() {
+            self.shaft.pass_rest(ticks);
+            self.check_protections();
             return;
         }
         for tick in 1..=ticks {
@@ -388,39 +392,39 @@ impl Core {
     }
 
     fn tick(&mut self, now: Instant) {
-        self.follow_inputs(now);
+        self.handle_inputs(now);
         match self.mode() {
-            _ if !self.shaft.powered() => {}
+            _ if !self.shaft.is_powered() => {}
             MODE_POSITION => self.with_motion(now, Motion::tick),
-            MODE_CANOPEN => self.follow_bus(),
+            MODE_CANOPEN => self.tick_canopen(),
             _ => {
-                self.follow_external();
+                self.update_external();
                 self.hold_at_limits();
             }
         }
         self.shaft.tick();
-        self.watch();
+        self.check_protections();
     }
 
-    fn watch(&mut self) {
+    fn check_protections(&mut self) {
         if let Some(alarm) = self.motion.take_alarm() {
-            self.raise(alarm);
+            self.raise_alarm(alarm);
         }
-        let feels = self.motion.feels_for_stop() || self.node.feels_for_stop();
-        if let Some(alarm) = self.shaft.trouble(feels) {
-            self.raise(alarm);
+        let feels = self.motion.seeks_hard_stop() || self.canopen.seeks_hard_stop();
+        if let Some(alarm) = self.shaft.check_protections(feels) {
+            self.raise_alarm(alarm);
         }
     }
 
-    fn with_motion(&mut self, now: Instant, act: impl FnOnce(&mut Motion, &mut Scene<'_>)) {
+    fn with_motion(&mut self, now: Instant, act: impl FnOnce(&mut Motion, &mut TickContext<'_>)) {
         let position = self.shaft.motor().position();
-        let closed = |purpose| self.lines.closed(purpose, position);
-        let mut scene = Scene {
+        let closed = |purpose| self.lines.is_closed(purpose, position);
+        let mut scene = TickContext {
             now,
-            home: closed(Purpose::Home),
+            home: closed(InputPurpose::Home),
             home_at: self.lines.home_at,
-            forward_limit: closed(Purpose::ForwardLimit),
-            reverse_limit: closed(Purpose::ReverseLimit),
+            forward_limit: closed(InputPurpose::ForwardLimit),
+            reverse_limit: closed(InputPurpose::ReverseLimit),
             shaft: &mut self.shaft,
             registers: &self.registers,
         };
@@ -431,43 +435,47 @@ impl Core {
     fn hold_at_limits(&mut self) {
         let position = self.shaft.motor().position();
         let speed = self.shaft.setpoint().velocity;
-        let forward = speed > 0.0 && self.lines.closed(Purpose::ForwardLimit, position);
-        let reverse = speed < 0.0 && self.lines.closed(Purpose::ReverseLimit, position);
+        let forward = speed > 0.0 && self.lines.is_closed(InputPurpose::ForwardLimit, position);
+        let reverse = speed < 0.0 && self.lines.is_closed(InputPurpose::ReverseLimit, position);
         if forward || reverse {
             self.shaft.halt();
-            self.shaft.manner(ramp(TOP_RPM * TAU / 60.0));
+            self.shaft.set_limits(default_ramp(TOP_RPM * TAU / 60.0));
         } else {
-            self.shaft.settle();
+            self.shaft.settle_position();
         }
     }
 
     /// Inputs with an effect of their own, by the purposes of `was`.
-    fn wired(&self) -> [bool; 4] {
-        const ACTING: [Purpose; 4] =
-            [Purpose::ServoOn, Purpose::AlarmClear, Purpose::PathTrigger, Purpose::HomingTrigger];
-        ACTING.map(|purpose| self.lines.closed(purpose, 0.0))
+    fn wired_inputs(&self) -> [bool; 4] {
+        const ACTING: [InputPurpose; 4] = [
+            InputPurpose::ServoOn,
+            InputPurpose::AlarmClear,
+            InputPurpose::PathTrigger,
+            InputPurpose::HomingTrigger,
+        ];
+        ACTING.map(|purpose| self.lines.is_closed(purpose, 0.0))
     }
 
-    fn wired_changes(&self) -> bool {
-        self.wired() != self.was
+    fn have_inputs_changed(&self) -> bool {
+        self.wired_inputs() != self.previous_inputs
     }
 
-    fn follow_inputs(&mut self, now: Instant) {
-        let wired = self.wired();
-        let was = core::mem::replace(&mut self.was, wired);
+    fn handle_inputs(&mut self, now: Instant) {
+        let wired = self.wired_inputs();
+        let was = core::mem::replace(&mut self.previous_inputs, wired);
         let rises = |at: usize| wired[at] && !was[at];
         if rises(1) {
             self.clear_alarm();
         }
         if rises(0) {
-            self.power();
-        } else if was[0] && !wired[0] && !self.enabled_elsewhere() {
-            self.release();
+            self.power_on();
+        } else if was[0] && !wired[0] && !self.is_enabled_without_input() {
+            self.power_off();
         }
-        let by_inputs = self.registers.value(fns::TRIGGER_SOURCE) == 0;
+        let by_inputs = self.registers.value(fn_registers::TRIGGER_SOURCE) == 0;
         if by_inputs && self.runs_paths() {
             if rises(2) {
-                self.with_motion(now, Motion::trigger);
+                self.with_motion(now, Motion::trigger_path);
             }
             if rises(3) {
                 self.with_motion(now, Motion::trigger_homing);
@@ -476,86 +484,86 @@ impl Core {
     }
 
     fn runs_paths(&self) -> bool {
-        self.mode() == MODE_POSITION && self.shaft.powered()
+        self.mode() == MODE_POSITION && self.shaft.is_powered()
     }
 
     /// Fn_38 powers the motor in the two internal modes, the controlword in CANopen mode.
-    fn enabled_elsewhere(&self) -> bool {
+    fn is_enabled_without_input(&self) -> bool {
         let internal = matches!(self.mode(), MODE_SPEED | MODE_POSITION);
-        self.mode() == MODE_CANOPEN || (internal && self.registers.value(fns::ENABLE) == 1)
+        self.mode() == MODE_CANOPEN || (internal && self.registers.value(fn_registers::ENABLE) == 1)
     }
 
     /// Powers the motor if the mode, the alarm and the bus let it. It holds where it is, then does
     /// what the mode says.
-    fn power(&mut self) {
-        let by_register = self.registers.value(fns::ENABLE) == 1;
+    fn power_on(&mut self) {
+        let by_register = self.registers.value(fn_registers::ENABLE) == 1;
         let internal = matches!(self.mode(), MODE_SPEED | MODE_POSITION);
-        let wired = self.lines.closed(Purpose::ServoOn, 0.0);
+        let wired = self.lines.is_closed(InputPurpose::ServoOn, 0.0);
         let wanted = (by_register && internal) || wired || self.jogging;
-        if self.shaft.powered() || !wanted || self.mode() == MODE_CANOPEN {
+        if self.shaft.is_powered() || !wanted || self.mode() == MODE_CANOPEN {
             return;
         }
         if self.alarm.is_some() {
-            self.registers.set(fns::ENABLE, 0);
+            self.registers.set(fn_registers::ENABLE, 0);
             return;
         }
-        if !self.shaft.bus_ready() {
-            return self.raise(Alarm::DE);
+        if !self.shaft.is_bus_ready() {
+            return self.raise_alarm(Alarm::DE);
         }
-        self.shaft.power();
-        self.shaft.manner(ramp(TOP_RPM * TAU / 60.0));
+        self.shaft.power_on();
+        self.shaft.set_limits(default_ramp(TOP_RPM * TAU / 60.0));
         match self.mode() {
-            MODE_SPEED => self.follow_speed(),
-            MODE_POSITION => self.with_motion(self.now, Motion::powered),
+            MODE_SPEED => self.update_speed(),
+            MODE_POSITION => self.with_motion(self.now, Motion::handle_powered),
             _ => self.external.drop_pulses(),
         }
-        self.pulsed = self.shaft.position();
+        self.pulse_target = self.shaft.position();
     }
 
-    fn release(&mut self) {
-        self.shaft.release();
-        self.motion.released();
+    fn power_off(&mut self) {
+        self.shaft.power_off();
+        self.motion.handle_released();
     }
 
     /// An alarm takes the power off, and Fn_38 with it, so that clearing it starts nothing `[I]`.
-    fn raise(&mut self, alarm: Alarm) {
+    fn raise_alarm(&mut self, alarm: Alarm) {
         if self.alarm.is_some() || !alarm.is_some() {
             return;
         }
         self.alarm = alarm;
-        self.release();
+        self.power_off();
         self.jogging = false;
-        self.registers.set(fns::ENABLE, 0);
+        self.registers.set(fn_registers::ENABLE, 0);
         let known = self.profile.faults.iter().find(|f| f.code == u32::from(alarm.0));
         self.notice = Some(known.map_or("alarm", |fault| fault.name));
-        self.fault_on_bus();
+        self.fault_canopen();
     }
 
     fn clear_alarm(&mut self) {
         self.alarm = Alarm::NONE;
-        self.leave_bus();
-        self.shaft.forget();
-        if collide(self.lines.purposes()) {
-            self.raise(Alarm::ID);
+        self.reset_canopen();
+        self.shaft.reset_protections();
+        if has_duplicates(self.lines.purposes()) {
+            self.raise_alarm(Alarm::ID);
         }
     }
 
     fn toggle_jog(&mut self) {
         self.jogging = !self.jogging;
         if self.jogging {
-            self.power()
+            self.power_on()
         } else {
-            self.release()
+            self.power_off()
         }
-        self.jogging &= self.shaft.powered();
+        self.jogging &= self.shaft.is_powered();
     }
 
-    fn follow_speed(&mut self) {
-        let rpm = f64::from(self.registers.signed(fns::SPEED));
+    fn update_speed(&mut self) {
+        let rpm = f64::from(self.registers.signed(fn_registers::SPEED));
         self.shaft.turn(rpm * TAU / 60.0);
     }
 
-    fn follow_jog(&mut self) {
+    fn update_jog(&mut self) {
         if self.jogging && self.mode() == MODE_JOG {
             self.shaft.turn(self.jog * JOG_RPM * TAU / 60.0);
         }
@@ -563,19 +571,19 @@ impl Core {
 
     /// Modes 0, 2 and 4 follow what comes past the line. Which two of them a mixed mode has, and which
     /// input changes over, the manual does not tell: those hold.
-    fn follow_external(&mut self) {
+    fn update_external(&mut self) {
         match self.mode() {
-            MODE_ANALOG => self.shaft.turn(self.unless_limited(self.external.speed())),
+            MODE_ANALOG => self.shaft.turn(self.limit_direction(self.external.speed())),
             MODE_TORQUE => {
-                let limit = f64::from(self.registers.value(fns::TORQUE_SPEED));
+                let limit = f64::from(self.registers.value(fn_registers::TORQUE_SPEED));
                 let share = self.external.torque(self.shaft.rpm(), limit);
-                self.shaft.push(self.unless_limited(share));
+                self.shaft.apply_torque(self.limit_direction(share));
             }
             MODE_PULSES => {
-                let step = self.external.turn();
-                if self.unless_limited(step) != 0.0 {
-                    self.pulsed += step;
-                    self.shaft.go(self.pulsed);
+                let step = self.external.take_rotation();
+                if self.limit_direction(step) != 0.0 {
+                    self.pulse_target += step;
+                    self.shaft.move_to(self.pulse_target);
                 }
             }
             _ => {}
@@ -583,46 +591,47 @@ impl Core {
     }
 
     /// What drives the motor toward a closed limit switch is nothing `[I]`.
-    fn unless_limited(&self, wanted: f64) -> f64 {
+    fn limit_direction(&self, wanted: f64) -> f64 {
         let position = self.shaft.motor().position();
-        let limit = if wanted > 0.0 { Purpose::ForwardLimit } else { Purpose::ReverseLimit };
-        if self.lines.closed(limit, position) { 0.0 } else { wanted }
+        let limit =
+            if wanted > 0.0 { InputPurpose::ForwardLimit } else { InputPurpose::ReverseLimit };
+        if self.lines.is_closed(limit, position) { 0.0 } else { wanted }
     }
 
-    fn reading(&self, number: u16) -> u16 {
+    fn dn_reading(&self, number: u16) -> u16 {
         let ds102 = self.options.ds102;
         let counts = || self.shaft.counts(self.motion.origin());
         let rounded = |value: f64| nearest(value).clamp(-0x8000, 0x7FFF) as u16;
         match number {
-            dns::SPEED => rounded(self.shaft.rpm()),
-            dns::ALARM => self.alarm.0,
-            dns::PATH_STATE => u16::from(self.motion.busy()),
-            dns::POSITION_LOW => counts() as u16,
-            dns::POSITION_HIGH => (counts() >> 16) as u16,
-            dns::LOAD if ds102 => rounded(self.shaft.load_share() * 1000.0),
-            dns::VERSION if ds102 => VERSION,
-            dns::TEMPERATURE if ds102 => rounded(self.shaft.temperature()),
+            dn_registers::SPEED => rounded(self.shaft.rpm()),
+            dn_registers::ALARM => self.alarm.0,
+            dn_registers::PATH_STATE => u16::from(self.motion.is_busy()),
+            dn_registers::POSITION_LOW => counts() as u16,
+            dn_registers::POSITION_HIGH => (counts() >> 16) as u16,
+            dn_registers::LOAD if ds102 => rounded(self.shaft.load_share() * 1000.0),
+            dn_registers::VERSION if ds102 => VERSION,
+            dn_registers::TEMPERATURE if ds102 => rounded(self.shaft.temperature()),
             _ => 0,
         }
     }
 
-    fn check_value(&self, number: u16, value: u16) -> Result<(), Refusal> {
+    fn check_value(&self, number: u16, value: u16) -> Result<(), RegisterError> {
         if usize::from(number) >= FN_COUNT {
-            return Err(Refusal::Address);
+            return Err(RegisterError::Address);
         }
-        let (min, max, signed) = limits(self.profile, number);
+        let (min, max, signed) = write_limits(self.profile, number);
         let meant = if signed { i64::from(value as i16) } else { i64::from(value) };
         let fits = (min..=max).contains(&meant);
         let listed = match number {
-            fns::FORMAT => self.options.accepts_format(value),
-            fns::MODE => self.options.variant.has_mode(value),
+            fn_registers::FORMAT => self.options.accepts_format(value),
+            fn_registers::MODE => self.options.variant.has_mode(value),
             _ => true,
         };
-        if fits && listed { Ok(()) } else { Err(Refusal::Value) }
+        if fits && listed { Ok(()) } else { Err(RegisterError::Value) }
     }
 
     /// Ta/2 must be greater than Ts (§2.6.1), by the values that the write would leave `[I]`.
-    fn check_s_times(&self, start: u16, values: &[u16]) -> Result<(), Refusal> {
+    fn check_s_times(&self, start: u16, values: &[u16]) -> Result<(), RegisterError> {
         let after = |number: u16| {
             let written = number.checked_sub(start).and_then(|at| values.get(usize::from(at)));
             written.copied().unwrap_or_else(|| self.registers.value(number))
@@ -631,48 +640,52 @@ impl Core {
             number.checked_sub(start).is_some_and(|at| usize::from(at) < values.len())
         };
         let clash = (0..32).any(|path| {
-            let (ta, ts) = (fns::PATHS + 8 * path + 4, fns::S_TIMES + path);
+            let (ta, ts) = (fn_registers::PATHS + 8 * path + 4, fn_registers::S_TIMES + path);
             (touched(ta) || touched(ts)) && !s_time_fits(after(ta), after(ts))
         });
-        if clash { Err(Refusal::Value) } else { Ok(()) }
+        if clash { Err(RegisterError::Value) } else { Ok(()) }
     }
 
     /// What a write sets going.
-    fn written(&mut self, number: u16, before: u16, value: u16) {
+    fn handle_written(&mut self, number: u16, before: u16, value: u16) {
         let rises = before == 0 && value == 1;
-        let by_registers = self.registers.value(fns::TRIGGER_SOURCE) == 1;
+        let by_registers = self.registers.value(fn_registers::TRIGGER_SOURCE) == 1;
         match number {
-            fns::MODE if before != value => self.change_mode(),
-            fns::ENABLE if value == 1 => self.power(),
-            fns::ENABLE if self.mode() == MODE_CANOPEN => {}
-            fns::ENABLE if !self.lines.closed(Purpose::ServoOn, 0.0) => self.release(),
-            fns::SPEED if self.mode() == MODE_SPEED && self.shaft.powered() => self.follow_speed(),
-            fns::PATH_TRIGGER if rises && by_registers && self.runs_paths() => {
-                self.with_motion(self.now, Motion::trigger);
+            fn_registers::MODE if before != value => self.change_mode(),
+            fn_registers::ENABLE if value == 1 => self.power_on(),
+            fn_registers::ENABLE if self.mode() == MODE_CANOPEN => {}
+            fn_registers::ENABLE if !self.lines.is_closed(InputPurpose::ServoOn, 0.0) => {
+                self.power_off()
             }
-            fns::HOMING_TRIGGER if rises && by_registers && self.runs_paths() => {
+            fn_registers::SPEED if self.mode() == MODE_SPEED && self.shaft.is_powered() => {
+                self.update_speed()
+            }
+            fn_registers::PATH_TRIGGER if rises && by_registers && self.runs_paths() => {
+                self.with_motion(self.now, Motion::trigger_path);
+            }
+            fn_registers::HOMING_TRIGGER if rises && by_registers && self.runs_paths() => {
                 self.with_motion(self.now, Motion::trigger_homing);
             }
-            fns::PATH_STOP if value == 1 && self.runs_paths() => {
-                self.with_motion(self.now, Motion::stop);
+            fn_registers::PATH_STOP if value == 1 && self.runs_paths() => {
+                self.with_motion(self.now, Motion::stop_path);
             }
-            fns::CLEAR if value == 1 && self.options.ds102 => self.clear_alarm(),
-            0x2A..=0x2C if self.options.ds102 => self.follow_current_limit(),
+            fn_registers::CLEAR if value == 1 && self.options.ds102 => self.clear_alarm(),
+            0x2A..=0x2C if self.options.ds102 => self.update_current_limit(),
             _ => {}
         }
-        self.watch();
+        self.check_protections();
     }
 
     /// A new mode starts unpowered `[I]`.
     fn change_mode(&mut self) {
-        self.release();
-        self.leave_bus();
+        self.power_off();
+        self.reset_canopen();
         self.jogging = false;
-        self.registers.set(fns::ENABLE, 0);
+        self.registers.set(fn_registers::ENABLE, 0);
     }
 
     /// Fn_2A = 1 limits the current to a share of the rated peak value (DS102).
-    fn follow_current_limit(&mut self) {
+    fn update_current_limit(&mut self) {
         let peak = super::shaft::RATED_CURRENT * core::f64::consts::SQRT_2;
         let share = f64::from(self.registers.signed(0x2B).unsigned_abs()) / 100.0;
         let limited = self.registers.value(0x2A) == 1;

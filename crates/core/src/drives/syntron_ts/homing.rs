@@ -4,7 +4,7 @@
 
 /// What to do once the zero is found, digits A.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum After {
+pub enum AfterHoming {
     /// Overshoot, then come back onto the zero.
     Align,
     /// Run a path, 1 to 32.
@@ -17,7 +17,7 @@ pub enum After {
 
 /// What the zero is, digit C.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Mark {
+pub enum HomingMark {
     /// An edge of the home switch.
     HomeSwitch,
     /// The limit switch that lies in the direction of the search.
@@ -30,7 +30,7 @@ pub enum Mark {
 
 /// When homing starts, digit D.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Start {
+pub enum HomingStart {
     /// Never.
     Never,
     /// As soon as the motor is powered.
@@ -43,63 +43,63 @@ pub enum Start {
 
 /// A way of homing.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Way {
+pub struct HomingMethod {
     /// What to do at the zero.
-    pub after: After,
+    pub after: AfterHoming,
     /// Go on slowly to the next Z pulse; only where the mark is a switch.
     pub z_search: bool,
     /// What the zero is.
-    pub mark: Mark,
+    pub mark: HomingMark,
     /// +1 forward (CCW), -1 reverse (CW).
     pub direction: f64,
     /// When it starts.
-    pub start: Start,
+    pub start: HomingStart,
 }
 
-impl Way {
+impl HomingMethod {
     /// From Fn_200. `None` where digit C is not one of the eight ways.
     #[must_use]
     pub fn decode(word: u16) -> Option<Self> {
-        let (mark, direction) = mark(word / 1000 % 10)?;
-        let switch = matches!(mark, Mark::HomeSwitch | Mark::LimitSwitch);
+        let (mark, direction) = decode_mark(word / 1000 % 10)?;
+        let switch = matches!(mark, HomingMark::HomeSwitch | HomingMark::LimitSwitch);
         Some(Self {
-            after: after((word % 100) as u8),
+            after: decode_after((word % 100) as u8),
             z_search: switch && word / 100 % 10 == 1,
             mark,
             direction,
-            start: start((word / 10_000) as u8),
+            start: decode_start((word / 10_000) as u8),
         })
     }
 }
 
-const fn after(digits: u8) -> After {
+const fn decode_after(digits: u8) -> AfterHoming {
     match digits {
-        0 => After::Align,
-        1..=32 => After::Path(digits),
-        33 => After::Stop,
-        other => After::Unknown(other),
+        0 => AfterHoming::Align,
+        1..=32 => AfterHoming::Path(digits),
+        33 => AfterHoming::Stop,
+        other => AfterHoming::Unknown(other),
     }
 }
 
-const fn mark(digit: u16) -> Option<(Mark, f64)> {
+const fn decode_mark(digit: u16) -> Option<(HomingMark, f64)> {
     Some(match digit {
-        0 => (Mark::HomeSwitch, -1.0),
-        1 => (Mark::HomeSwitch, 1.0),
-        2 => (Mark::LimitSwitch, -1.0),
-        3 => (Mark::LimitSwitch, 1.0),
-        4 => (Mark::ZPulse, -1.0),
-        5 => (Mark::ZPulse, 1.0),
-        6 => (Mark::Torque, -1.0),
-        7 => (Mark::Torque, 1.0),
+        0 => (HomingMark::HomeSwitch, -1.0),
+        1 => (HomingMark::HomeSwitch, 1.0),
+        2 => (HomingMark::LimitSwitch, -1.0),
+        3 => (HomingMark::LimitSwitch, 1.0),
+        4 => (HomingMark::ZPulse, -1.0),
+        5 => (HomingMark::ZPulse, 1.0),
+        6 => (HomingMark::Torque, -1.0),
+        7 => (HomingMark::Torque, 1.0),
         _ => return None,
     })
 }
 
-const fn start(digit: u8) -> Start {
+const fn decode_start(digit: u8) -> HomingStart {
     match digit {
-        0 => Start::Never,
-        1 => Start::AtEnable,
-        2 => Start::ByTrigger,
-        other => Start::Unknown(other),
+        0 => HomingStart::Never,
+        1 => HomingStart::AtEnable,
+        2 => HomingStart::ByTrigger,
+        other => HomingStart::Unknown(other),
     }
 }

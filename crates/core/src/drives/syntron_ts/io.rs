@@ -8,7 +8,7 @@ pub const INPUTS: usize = 8;
 
 /// What an input is for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Purpose {
+pub enum InputPurpose {
     /// Nothing.
     Spare,
     /// Powers the motor.
@@ -27,7 +27,7 @@ pub enum Purpose {
     ForwardLimit,
 }
 
-impl Purpose {
+impl InputPurpose {
     const ALL: [Self; 8] = [
         Self::Spare,
         Self::ServoOn,
@@ -54,32 +54,32 @@ impl Purpose {
 }
 
 /// The default order `[I]`.
-pub const PURPOSES: [Purpose; INPUTS] = [
-    Purpose::ServoOn,
-    Purpose::AlarmClear,
-    Purpose::PathTrigger,
-    Purpose::HomingTrigger,
-    Purpose::Home,
-    Purpose::ReverseLimit,
-    Purpose::ForwardLimit,
-    Purpose::Spare,
+pub const PURPOSES: [InputPurpose; INPUTS] = [
+    InputPurpose::ServoOn,
+    InputPurpose::AlarmClear,
+    InputPurpose::PathTrigger,
+    InputPurpose::HomingTrigger,
+    InputPurpose::Home,
+    InputPurpose::ReverseLimit,
+    InputPurpose::ForwardLimit,
+    InputPurpose::Spare,
 ];
 
 /// True when two inputs have the same purpose: ERR_Id.
 #[must_use]
-pub fn collide(purposes: &[Purpose; INPUTS]) -> bool {
-    let used = |p: &&Purpose| **p != Purpose::Spare;
+pub fn has_duplicates(purposes: &[InputPurpose; INPUTS]) -> bool {
+    let used = |p: &&InputPurpose| **p != InputPurpose::Spare;
     purposes.iter().filter(used).any(|p| purposes.iter().filter(|q| *q == p).count() > 1)
 }
 
 /// The lines as they are, and the switches that the shaft closes.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Lines {
-    purposes: [Purpose; INPUTS],
+pub struct InputLines {
+    purposes: [InputPurpose; INPUTS],
     /// Which input each purpose has, counted from 1; 0 is none.
-    places: [u8; Purpose::ALL.len()],
+    inputs_by_purpose: [u8; InputPurpose::ALL.len()],
     /// Inputs that something outside closes.
-    pub driven: [bool; INPUTS],
+    pub forced_closed: [bool; INPUTS],
     /// Shaft position of the home switch, closed from there on forward, rad.
     pub home_at: Option<f64>,
     /// Shaft position of the positive limit, closed from there on forward, rad.
@@ -88,15 +88,15 @@ pub struct Lines {
     pub reverse_at: Option<f64>,
 }
 
-impl Lines {
+impl InputLines {
     /// Nothing is closed from outside, and the home switch alone is there, at that shaft position
     /// (rad).
     #[must_use]
-    pub fn new(purposes: [Purpose; INPUTS], home_at: f64) -> Self {
+    pub fn new(purposes: [InputPurpose; INPUTS], home_at: f64) -> Self {
         let mut lines = Self {
             purposes,
-            places: [0; Purpose::ALL.len()],
-            driven: [false; INPUTS],
+            inputs_by_purpose: [0; InputPurpose::ALL.len()],
+            forced_closed: [false; INPUTS],
             home_at: Some(home_at),
             forward_at: None,
             reverse_at: None,
@@ -107,44 +107,44 @@ impl Lines {
 
     /// What each input is for.
     #[must_use]
-    pub const fn purposes(&self) -> &[Purpose; INPUTS] {
+    pub const fn purposes(&self) -> &[InputPurpose; INPUTS] {
         &self.purposes
     }
 
     /// Says anew what each input is for. Of two with one purpose the first counts.
-    pub fn assign(&mut self, purposes: [Purpose; INPUTS]) {
+    pub fn assign(&mut self, purposes: [InputPurpose; INPUTS]) {
         self.purposes = purposes;
-        self.places = [0; Purpose::ALL.len()];
+        self.inputs_by_purpose = [0; InputPurpose::ALL.len()];
         for at in (0..INPUTS).rev() {
-            self.places[purposes[at] as usize] = at as u8 + 1;
+            self.inputs_by_purpose[purposes[at] as usize] = at as u8 + 1;
         }
     }
 
     /// Whether the input of that purpose is closed with the shaft at `position` (rad).
     #[inline]
     #[must_use]
-    pub fn closed(&self, purpose: Purpose, position: f64) -> bool {
-        let place = usize::from(self.places[purpose as usize]);
-        let driven = self.driven.get(place.wrapping_sub(1));
-        driven.is_some_and(|driven| *driven || self.by_shaft(purpose, position))
+    pub fn is_closed(&self, purpose: InputPurpose, position: f64) -> bool {
+        let place = usize::from(self.inputs_by_purpose[purpose as usize]);
+        let driven = self.forced_closed.get(place.wrapping_sub(1));
+        driven.is_some_and(|driven| *driven || self.is_closed_by_shaft(purpose, position))
     }
 
     /// All inputs, the first in bit 0.
     #[must_use]
     pub fn bits(&self, position: f64) -> u8 {
-        (0..INPUTS).fold(0, |bits, at| bits | u8::from(self.input(at, position)) << at)
+        (0..INPUTS).fold(0, |bits, at| bits | u8::from(self.is_input_closed(at, position)) << at)
     }
 
-    fn input(&self, at: usize, position: f64) -> bool {
-        self.driven[at] || self.by_shaft(self.purposes[at], position)
+    fn is_input_closed(&self, at: usize, position: f64) -> bool {
+        self.forced_closed[at] || self.is_closed_by_shaft(self.purposes[at], position)
     }
 
     #[inline]
-    fn by_shaft(&self, purpose: Purpose, position: f64) -> bool {
+    fn is_closed_by_shaft(&self, purpose: InputPurpose, position: f64) -> bool {
         match purpose {
-            Purpose::Home => self.home_at.is_some_and(|edge| position >= edge),
-            Purpose::ForwardLimit => self.forward_at.is_some_and(|edge| position >= edge),
-            Purpose::ReverseLimit => self.reverse_at.is_some_and(|edge| position <= edge),
+            InputPurpose::Home => self.home_at.is_some_and(|edge| position >= edge),
+            InputPurpose::ForwardLimit => self.forward_at.is_some_and(|edge| position >= edge),
+            InputPurpose::ReverseLimit => self.reverse_at.is_some_and(|edge| position <= edge),
             _ => false,
         }
     }

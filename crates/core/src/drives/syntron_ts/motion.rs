@@ -6,9 +6,9 @@
 use core::f64::consts::TAU;
 
 use super::alarm::Alarm;
-use super::homing::{After, Mark, Start, Way};
-use super::paths::{End, Kind, PATH_MAX, Path};
-use super::registers::{Registers, fns};
+use super::homing::{AfterHoming, HomingMark, HomingMethod, HomingStart};
+use super::paths::{DecodedPath, PATH_MAX, PathEnd, PathType};
+use super::registers::{Registers, fn_registers};
 use super::shaft::Shaft;
 use crate::plant::Limits;
 use crate::time::Instant;
@@ -20,7 +20,7 @@ pub const RAMP: f64 = 3000.0 / 60.0 * TAU / 0.2;
 
 /// What the motion has to do with at a tick.
 #[derive(Debug)]
-pub struct Scene<'a> {
+pub struct TickContext<'a> {
     /// The tick's end.
     pub now: Instant,
     /// The motor.
@@ -37,36 +37,36 @@ pub struct Scene<'a> {
     pub reverse_limit: bool,
 }
 
-impl Scene<'_> {
+impl TickContext<'_> {
     fn register(&self, number: u16) -> u16 {
         self.registers.value(number)
     }
 
     /// Where the Z pulse of this tick was, if there was one: it comes at whole turns.
-    fn index(&self) -> Option<f64> {
+    fn index_pulse(&self) -> Option<f64> {
         let turns = |position: f64| libm::floor(position / TAU);
-        let (was, is) = (turns(self.shaft.before()), turns(self.shaft.position()));
+        let (was, is) = (turns(self.shaft.previous_position()), turns(self.shaft.position()));
         (was != is).then(|| was.max(is) * TAU)
     }
 }
 
 /// What the motor is doing.
 #[derive(Clone, Copy, PartialEq, Debug)]
-enum Task {
+enum MotionTask {
     /// Holding.
     Idle,
     /// On a path. A SPEED path with a delay ends at `until`.
-    Path { path: Path, until: Option<Instant> },
+    Path { path: DecodedPath, until: Option<Instant> },
     /// Waiting to go on with a path, or for nothing.
     Pause { until: Instant, next: Option<u8> },
     /// Looking for the mark of a way of homing.
-    Search { way: Way, home: Option<bool>, toward: f64, turned: bool, torque: u16 },
+    Search { way: HomingMethod, home: Option<bool>, toward: f64, turned: bool, torque: u16 },
     /// Turning slowly to the Z pulse.
-    SlowZ { way: Way },
+    SearchZPulse { way: HomingMethod },
     /// Coming to rest after the zero.
-    Settle { way: Way, zero: f64 },
+    Settle { way: HomingMethod, zero: f64 },
     /// Going back to the zero.
-    Align { way: Way, zero: f64 },
+    Align { way: HomingMethod, zero: f64 },
     /// Coming to rest because it was told to stop.
     Stopping,
 }
@@ -74,7 +74,7 @@ enum Task {
 /// The engine of internal position mode.
 #[derive(Clone, Debug)]
 pub struct Motion {
-    task: Task,
+    task: MotionTask,
     origin: f64,
     /// End of the last command, rad of the shaft.
     commanded: f64,
@@ -88,7 +88,7 @@ impl Motion {
     #[must_use]
     pub fn new(position: f64) -> Self {
         Self {
-            task: Task::Idle,
+            task: MotionTask::Idle,
             origin: position,
             commanded: position,
             homed: false,
@@ -99,19 +99,19 @@ impl Motion {
 
     /// True while a path or homing runs: Dn_1C.
     #[must_use]
-    pub fn busy(&self) -> bool {
-        self.task != Task::Idle
+    pub fn is_busy(&self) -> bool {
+        self.task != MotionTask::Idle
     }
 
     /// True while homing searches, so that a blocked shaft is no fault.
     #[must_use]
-    pub fn feels_for_stop(&self) -> bool {
-        matches!(self.task, Task::Search { way, .. } if way.mark == Mark::Torque)
+    pub fn seeks_hard_stop(&self) -> bool {
+        matches!(self.task, MotionTask::Search { way, .. } if way.mark == HomingMark::Torque)
     }
 
     /// True once homing has found the zero.
     #[must_use]
-    pub const fn homed(&self) -> bool {
+    pub const fn is_homed(&self) -> bool {
         self.homed
     }
 
@@ -138,189 +138,198 @@ impl Motion {
     }
 
     /// The motor was just powered: it holds, and homes where Fn_200 says so.
-    pub fn powered(&mut self, scene: &mut Scene<'_>) {
-        self.task = Task::Idle;
+    pub fn handle_powered(&mut self, scene: &mut TickContext<'_>) {
+        self.task = MotionTask::Idle;
         self.commanded = scene.shaft.position();
-        let way = Way::decode(scene.register(fns::HOMING_WAY));
-        if let Some(way) = way.filter(|way| way.start == Start::AtEnable && !self.homed) {
-            self.search(way, scene);
+        let way = HomingMethod::decode(scene.register(fn_registers::HOMING_WAY));
+        if let Some(way) = way.filter(|way| way.start == HomingStart::AtEnable && !self.homed) {
+            self.start_search(way, scene);
         }
     }
 
     /// Power was taken off the motor: whatever ran has ended.
-    pub fn released(&mut self) {
-        self.task = Task::Idle;
+    pub fn handle_released(&mut self) {
+        self.task = MotionTask::Idle;
     }
 
     /// The path trigger, with the path of Fn_20B.
-    pub fn trigger(&mut self, scene: &mut Scene<'_>) {
-        let Ok(number) = u8::try_from(scene.register(fns::PATH_NUMBER)) else { return };
-        if blocked(scene) || !(1..=PATH_MAX).contains(&number) {
+    pub fn trigger_path(&mut self, scene: &mut TickContext<'_>) {
+        let Ok(number) = u8::try_from(scene.register(fn_registers::PATH_NUMBER)) else { return };
+        if is_blocked(scene) || !(1..=PATH_MAX).contains(&number) {
             return;
         }
-        if !self.busy() || path(scene.registers, number).interrupts {
+        if !self.is_busy() || read_path(scene.registers, number).interrupts {
             self.unrepeatable += 1;
-            self.start(number, scene);
+            self.start_path(number, scene);
         }
     }
 
     /// The homing trigger. A running path is not interrupted `[I]`.
-    pub fn trigger_homing(&mut self, scene: &mut Scene<'_>) {
-        let Some(way) = Way::decode(scene.register(fns::HOMING_WAY)) else {
+    pub fn trigger_homing(&mut self, scene: &mut TickContext<'_>) {
+        let Some(way) = HomingMethod::decode(scene.register(fn_registers::HOMING_WAY)) else {
             self.alarm = Some(Alarm::PA);
             return;
         };
-        let wanted = matches!(way.start, Start::AtEnable | Start::ByTrigger);
-        if wanted && !self.busy() && !blocked(scene) {
+        let wanted = matches!(way.start, HomingStart::AtEnable | HomingStart::ByTrigger);
+        if wanted && !self.is_busy() && !is_blocked(scene) {
             self.unrepeatable += 1;
-            self.search(way, scene);
+            self.start_search(way, scene);
         }
     }
 
     /// Fn_20E = 1: stops along the path's deceleration, or at once (Fn_209).
-    pub fn stop(&mut self, scene: &mut Scene<'_>) {
-        if scene.register(fns::STOP_SETTING) == 1 {
+    pub fn stop_path(&mut self, scene: &mut TickContext<'_>) {
+        if scene.register(fn_registers::STOP_SETTING) == 1 {
             scene.shaft.halt();
-        } else if self.busy() {
+        } else if self.is_busy() {
             scene.shaft.brake();
         }
-        if self.busy() {
-            self.task = Task::Stopping;
+        if self.is_busy() {
+            self.task = MotionTask::Stopping;
         }
     }
 
     /// What runs goes on: to be called before each tick of the shaft.
-    pub fn tick(&mut self, scene: &mut Scene<'_>) {
+    pub fn tick(&mut self, scene: &mut TickContext<'_>) {
         let speed = scene.shaft.setpoint().velocity;
         if (speed > 0.0 && scene.forward_limit) || (speed < 0.0 && scene.reverse_limit) {
-            self.at_limit(scene);
+            self.handle_limit(scene);
         }
         match self.task {
-            Task::Idle => scene.shaft.settle(),
-            Task::Path { path, until } => self.on_path(path, until, scene),
-            Task::Pause { until, next } if scene.now >= until => {
-                self.task = Task::Idle;
+            MotionTask::Idle => scene.shaft.settle_position(),
+            MotionTask::Path { path, until } => self.tick_path(path, until, scene),
+            MotionTask::Pause { until, next } if scene.now >= until => {
+                self.task = MotionTask::Idle;
                 if let Some(number) = next {
-                    self.start(number, scene);
+                    self.start_path(number, scene);
                 }
             }
-            Task::Pause { .. } => scene.shaft.settle(),
-            Task::Stopping if scene.shaft.arrived() => {
+            MotionTask::Pause { .. } => scene.shaft.settle_position(),
+            MotionTask::Stopping if scene.shaft.has_arrived() => {
                 self.commanded = scene.shaft.setpoint().position;
-                self.task = Task::Idle;
+                self.task = MotionTask::Idle;
             }
-            Task::Stopping => {}
-            _ => self.homing(scene),
+            MotionTask::Stopping => {}
+            _ => self.tick_homing(scene),
         }
     }
 
     /// Starts a path from whatever the set-point does now.
-    fn start(&mut self, number: u8, scene: &mut Scene<'_>) {
-        let path = path(scene.registers, number);
-        let turns = path.turns(scene.register(fns::MOTOR_TURNS), scene.register(fns::TRAVEL));
-        let positioning = matches!(path.kind, Kind::Single | Kind::Auto);
+    fn start_path(&mut self, number: u8, scene: &mut TickContext<'_>) {
+        let path = read_path(scene.registers, number);
+        let turns = path
+            .turns(scene.register(fn_registers::MOTOR_TURNS), scene.register(fn_registers::TRAVEL));
+        let positioning = matches!(path.kind, PathType::Single | PathType::Auto);
         let turns = match turns {
             // A path without a type, or one that would never arrive `[I]`.
-            _ if matches!(path.kind, Kind::Unknown(_)) => return self.refuse(Alarm::PA),
-            _ if positioning && path.rpm == 0 => return self.refuse(Alarm::SL),
+            _ if matches!(path.kind, PathType::Unknown(_)) => return self.refuse_path(Alarm::PA),
+            _ if positioning && path.rpm == 0 => return self.refuse_path(Alarm::SL),
             Some(turns) => turns,
-            None => return self.refuse(Alarm::PA),
+            None => return self.refuse_path(Alarm::PA),
         };
-        scene.shaft.manner(limits(&path));
+        scene.shaft.set_limits(path_limits(&path));
         if positioning {
-            self.commanded = turns * TAU + self.base(path.end, scene);
-            scene.shaft.go(self.commanded);
+            self.commanded = turns * TAU + self.coordinate_base(path.end, scene);
+            scene.shaft.move_to(self.commanded);
         } else {
-            scene.shaft.turn(rad_per_s(path.rpm) * sign(turns));
+            scene.shaft.turn(rad_per_s(path.rpm) * direction_of(turns));
         }
         // A SPEED path's delay counts from its trigger (§2.6.1); 0 is for ever.
-        let timed = path.kind == Kind::Speed && path.delay_ms > 0;
+        let timed = path.kind == PathType::Speed && path.delay_ms > 0;
         let until = timed.then(|| scene.now.plus_ms(u32::from(path.delay_ms)));
-        self.task = Task::Path { path, until };
+        self.task = MotionTask::Path { path, until };
     }
 
-    fn refuse(&mut self, alarm: Alarm) {
+    fn refuse_path(&mut self, alarm: Alarm) {
         self.alarm = Some(alarm);
     }
 
     /// What a coordinate counts from.
-    fn base(&self, end: End, scene: &Scene<'_>) -> f64 {
+    fn coordinate_base(&self, end: PathEnd, scene: &TickContext<'_>) -> f64 {
         match end {
-            End::Coordinate => self.origin,
-            End::LastCommand => self.commanded,
-            End::Feedback => scene.shaft.position(),
+            PathEnd::Coordinate => self.origin,
+            PathEnd::LastCommand => self.commanded,
+            PathEnd::Feedback => scene.shaft.position(),
         }
     }
 
-    fn on_path(&mut self, path: Path, until: Option<Instant>, scene: &mut Scene<'_>) {
-        if path.kind == Kind::Speed {
+    fn tick_path(
+        &mut self,
+        path: DecodedPath,
+        until: Option<Instant>,
+        scene: &mut TickContext<'_>,
+    ) {
+        if path.kind == PathType::Speed {
             self.commanded = scene.shaft.position();
             match path.next {
                 _ if until.is_none_or(|until| scene.now < until) => {}
-                Some(next) => self.start(next, scene),
+                Some(next) => self.start_path(next, scene),
                 // Nothing to load: it comes to rest `[I]`.
-                None => self.stop(scene),
+                None => self.stop_path(scene),
             }
-        } else if scene.shaft.in_position() {
-            let next = path.next.filter(|_| path.kind == Kind::Auto);
+        } else if scene.shaft.is_in_position() {
+            let next = path.next.filter(|_| path.kind == PathType::Auto);
             let until = scene.now.plus_ms(u32::from(path.delay_ms));
-            self.task = Task::Pause { until, next };
+            self.task = MotionTask::Pause { until, next };
         }
     }
 
-    fn search(&mut self, way: Way, scene: &mut Scene<'_>) {
-        let slow = way.z_search || matches!(way.after, After::Align | After::Unknown(_));
+    fn start_search(&mut self, way: HomingMethod, scene: &mut TickContext<'_>) {
+        let slow =
+            way.z_search || matches!(way.after, AfterHoming::Align | AfterHoming::Unknown(_));
         let still = |number| scene.register(number) == 0;
-        if still(fns::HOMING_SPEED) || (slow && still(fns::HOMING_SLOW)) {
+        if still(fn_registers::HOMING_SPEED) || (slow && still(fn_registers::HOMING_SLOW)) {
             // It would never arrive `[I]`.
-            return self.refuse(Alarm::SL);
+            return self.refuse_path(Alarm::SL);
         }
         self.homed = false;
         let toward = way.direction;
-        self.task = Task::Search { way, home: None, toward, turned: false, torque: 0 };
-        homing_speed(scene, fns::HOMING_SPEED, toward);
+        self.task = MotionTask::Search { way, home: None, toward, turned: false, torque: 0 };
+        set_homing_speed(scene, fn_registers::HOMING_SPEED, toward);
     }
 
-    fn homing(&mut self, scene: &mut Scene<'_>) {
+    fn tick_homing(&mut self, scene: &mut TickContext<'_>) {
         match self.task {
-            Task::Search { way, .. } => {
-                if let Some(zero) = self.mark(scene) {
-                    self.marked(way, zero, scene);
+            MotionTask::Search { way, .. } => {
+                if let Some(zero) = self.find_mark(scene) {
+                    self.handle_mark(way, zero, scene);
                 }
             }
-            Task::SlowZ { way } => {
-                if let Some(zero) = scene.index() {
-                    self.zeroed(way, zero, scene);
+            MotionTask::SearchZPulse { way } => {
+                if let Some(zero) = scene.index_pulse() {
+                    self.handle_zero(way, zero, scene);
                 }
             }
-            Task::Settle { way, zero } if scene.shaft.arrived() => match way.after {
-                After::Align | After::Unknown(_) => {
-                    let slow = rad_per_s(scene.register(fns::HOMING_SLOW));
-                    scene.shaft.manner(ramp(slow));
-                    scene.shaft.go(zero);
-                    self.task = Task::Align { way, zero };
+            MotionTask::Settle { way, zero } if scene.shaft.has_arrived() => match way.after {
+                AfterHoming::Align | AfterHoming::Unknown(_) => {
+                    let slow = rad_per_s(scene.register(fn_registers::HOMING_SLOW));
+                    scene.shaft.set_limits(default_ramp(slow));
+                    scene.shaft.move_to(zero);
+                    self.task = MotionTask::Align { way, zero };
                 }
-                After::Path(_) | After::Stop => self.finish(way, zero, scene),
+                AfterHoming::Path(_) | AfterHoming::Stop => self.finish_homing(way, zero, scene),
             },
-            Task::Align { way, zero } if scene.shaft.in_position() => self.finish(way, zero, scene),
+            MotionTask::Align { way, zero } if scene.shaft.is_in_position() => {
+                self.finish_homing(way, zero, scene)
+            }
             _ => {}
         }
     }
 
     /// Where the mark that is searched is, if it came in this tick.
-    fn mark(&mut self, scene: &Scene<'_>) -> Option<f64> {
-        let Task::Search { way, home, torque, .. } = &mut self.task else { return None };
+    fn find_mark(&mut self, scene: &TickContext<'_>) -> Option<f64> {
+        let MotionTask::Search { way, home, torque, .. } = &mut self.task else { return None };
         let here = scene.shaft.position();
         match way.mark {
-            Mark::HomeSwitch => {
+            HomingMark::HomeSwitch => {
                 let was = home.replace(scene.home)?;
                 (was != scene.home).then(|| scene.home_at.unwrap_or(here))
             }
-            Mark::LimitSwitch if way.direction > 0.0 => scene.forward_limit.then_some(here),
-            Mark::LimitSwitch => scene.reverse_limit.then_some(here),
-            Mark::ZPulse => scene.index(),
-            Mark::Torque => {
-                *torque = if scene.shaft.torque_reached() { *torque + 1 } else { 0 };
+            HomingMark::LimitSwitch if way.direction > 0.0 => scene.forward_limit.then_some(here),
+            HomingMark::LimitSwitch => scene.reverse_limit.then_some(here),
+            HomingMark::ZPulse => scene.index_pulse(),
+            HomingMark::Torque => {
+                *torque = if scene.shaft.is_torque_limited() { *torque + 1 } else { 0 };
                 (*torque >= TORQUE_TICKS).then_some(here)
             }
         }
@@ -328,82 +337,88 @@ impl Motion {
 
     /// The mark came: it is the zero, or the Z pulse after it is. Away from a limit switch the
     /// pulse is searched backwards `[I]`.
-    fn marked(&mut self, way: Way, zero: f64, scene: &mut Scene<'_>) {
+    fn handle_mark(&mut self, way: HomingMethod, zero: f64, scene: &mut TickContext<'_>) {
         if way.z_search {
-            let back = way.mark == Mark::LimitSwitch;
+            let back = way.mark == HomingMark::LimitSwitch;
             let toward = if back { -way.direction } else { way.direction };
-            self.task = Task::SlowZ { way };
-            homing_speed(scene, fns::HOMING_SLOW, toward);
+            self.task = MotionTask::SearchZPulse { way };
+            set_homing_speed(scene, fn_registers::HOMING_SLOW, toward);
         } else {
-            self.zeroed(way, zero, scene);
+            self.handle_zero(way, zero, scene);
         }
     }
 
-    fn zeroed(&mut self, way: Way, zero: f64, scene: &mut Scene<'_>) {
-        if way.after == After::Stop || way.mark == Mark::Torque {
+    fn handle_zero(&mut self, way: HomingMethod, zero: f64, scene: &mut TickContext<'_>) {
+        if way.after == AfterHoming::Stop || way.mark == HomingMark::Torque {
             scene.shaft.halt();
         } else {
             scene.shaft.brake();
         }
-        self.task = Task::Settle { way, zero };
+        self.task = MotionTask::Settle { way, zero };
     }
 
-    fn finish(&mut self, way: Way, zero: f64, scene: &mut Scene<'_>) {
+    fn finish_homing(&mut self, way: HomingMethod, zero: f64, scene: &mut TickContext<'_>) {
         self.homed = true;
         self.origin = zero - zero_coordinate(scene.registers);
         self.commanded = scene.shaft.setpoint().position;
-        let after = u8::try_from(scene.register(fns::HOMING_PATH)).unwrap_or(0);
+        let after = u8::try_from(scene.register(fn_registers::HOMING_PATH)).unwrap_or(0);
         let next = match way.after {
-            After::Path(number) => Some(number),
+            AfterHoming::Path(number) => Some(number),
             _ => (1..=PATH_MAX).contains(&after).then_some(after),
         };
-        let until = scene.now.plus_ms(u32::from(scene.register(fns::HOMING_DELAY)));
-        self.task = Task::Pause { until, next };
+        let until = scene.now.plus_ms(u32::from(scene.register(fn_registers::HOMING_DELAY)));
+        self.task = MotionTask::Pause { until, next };
     }
 
     /// A limit switch ends a path. Homing that searches another mark turns round once; a limit that
     /// is itself the mark is left to the search `[I]`.
-    fn at_limit(&mut self, scene: &mut Scene<'_>) {
+    fn handle_limit(&mut self, scene: &mut TickContext<'_>) {
         match &mut self.task {
-            Task::Search { way, .. } | Task::Settle { way, .. } | Task::SlowZ { way }
-                if way.mark == Mark::LimitSwitch => {}
-            Task::Search { toward, turned, .. } if !*turned => {
+            MotionTask::Search { way, .. }
+            | MotionTask::Settle { way, .. }
+            | MotionTask::SearchZPulse { way }
+                if way.mark == HomingMark::LimitSwitch => {}
+            MotionTask::Search { toward, turned, .. } if !*turned => {
                 *turned = true;
                 *toward = -*toward;
                 let back = *toward * scene.shaft.top_speed();
                 scene.shaft.turn(back);
             }
             // On the way round it still rolls a little further into the switch.
-            Task::Search { toward, .. } if *toward * scene.shaft.setpoint().velocity < 0.0 => {}
-            Task::Stopping => {}
+            MotionTask::Search { toward, .. }
+                if *toward * scene.shaft.setpoint().velocity < 0.0 => {}
+            MotionTask::Stopping => {}
             _ => {
                 scene.shaft.halt();
-                self.task = Task::Stopping;
+                self.task = MotionTask::Stopping;
             }
         }
     }
 }
 
-fn blocked(scene: &Scene<'_>) -> bool {
-    scene.register(fns::PATH_STOP) == 1
+fn is_blocked(scene: &TickContext<'_>) -> bool {
+    scene.register(fn_registers::PATH_STOP) == 1
 }
 
-fn homing_speed(scene: &mut Scene<'_>, register: u16, toward: f64) {
+fn set_homing_speed(scene: &mut TickContext<'_>, register: u16, toward: f64) {
     let speed = rad_per_s(scene.register(register));
-    scene.shaft.manner(ramp(speed));
+    scene.shaft.set_limits(default_ramp(speed));
     scene.shaft.turn(speed * toward);
 }
 
 /// The path of that number as its registers now are.
-fn path(registers: &Registers, number: u8) -> Path {
+fn read_path(registers: &Registers, number: u8) -> DecodedPath {
     let nth = u16::from(number) - 1;
-    let word = |offset| registers.value(fns::PATHS + 8 * nth + offset);
-    Path::decode([0, 1, 2, 3, 4, 5, 6, 7].map(word), registers.value(fns::S_TIMES + nth))
+    let word = |offset| registers.value(fn_registers::PATHS + 8 * nth + offset);
+    DecodedPath::decode(
+        [0, 1, 2, 3, 4, 5, 6, 7].map(word),
+        registers.value(fn_registers::S_TIMES + nth),
+    )
 }
 
 /// Times of a path as slopes. Rounding both ends of a ramp of Ta by Ts, within Ta, takes a steeper
 /// middle: speed ÷ (Ta - Ts).
-fn limits(path: &Path) -> Limits {
+fn path_limits(path: &DecodedPath) -> Limits {
     let speed = rad_per_s(path.rpm);
     let slope = |ms: u16| {
         let rounded = path.s_ms.min(ms / 2);
@@ -420,7 +435,7 @@ fn limits(path: &Path) -> Limits {
 
 /// The ramp where no path gives one.
 #[must_use]
-pub fn ramp(velocity: f64) -> Limits {
+pub fn default_ramp(velocity: f64) -> Limits {
     Limits::trapezoid(velocity, RAMP)
 }
 
@@ -429,7 +444,7 @@ fn rad_per_s(rpm: u16) -> f64 {
 }
 
 /// A positive coordinate, and none, turn forward (§2.6.1).
-fn sign(turns: f64) -> f64 {
+fn direction_of(turns: f64) -> f64 {
     if turns < 0.0 { -1.0 } else { 1.0 }
 }
 
@@ -437,8 +452,8 @@ fn sign(turns: f64) -> f64 {
 /// the mechanics' unit `[I]`. The manual's table calls them high and low word, its text turns and
 /// pulses.
 fn zero_coordinate(registers: &Registers) -> f64 {
-    let high = i32::from(registers.signed(fns::ZERO_HIGH)) << 16;
-    let units = f64::from(high | i32::from(registers.value(fns::ZERO_LOW))) / 1000.0;
-    let ratio = f64::from(registers.value(fns::MOTOR_TURNS));
-    units * ratio / f64::from(registers.value(fns::TRAVEL).max(1)) * TAU
+    let high = i32::from(registers.signed(fn_registers::ZERO_HIGH)) << 16;
+    let units = f64::from(high | i32::from(registers.value(fn_registers::ZERO_LOW))) / 1000.0;
+    let ratio = f64::from(registers.value(fn_registers::MOTOR_TURNS));
+    units * ratio / f64::from(registers.value(fn_registers::TRAVEL).max(1)) * TAU
 }

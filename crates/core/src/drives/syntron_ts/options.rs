@@ -1,7 +1,7 @@
 //! How a simulated TS is made: its variant, its siblings' registers, what is open to interpretation.
 
-use super::external::External;
-use super::io::{Lines, PURPOSES, Purpose};
+use super::external::ExternalSignals;
+use super::io::{InputLines, InputPurpose, PURPOSES};
 use crate::drives::DeviceOptions;
 use crate::proto::canopen::device as can;
 
@@ -24,17 +24,17 @@ pub enum Variant {
 /// The CAN end as the manual has it: short requests, mapping while operational, times of which 400 are
 /// 50 ms (§3.5.4), emergencies of two bytes (§3.5.2), answers that repeat what was written (§3.5.3);
 /// nothing that it does not name.
-const CAN: can::Options = can::Options {
+const CAN_QUIRKS: can::Quirks = can::Quirks {
     lenient: true,
-    echoes: true,
-    segments: false,
+    echoes_writes: true,
+    segmented_sdo: false,
     lss: false,
     time: false,
     guarding: false,
     short_emcy: true,
     inhibit_unit_us: 125,
     event_unit_us: 125,
-    timed_254: true,
+    type_254_by_timer: true,
 };
 
 /// How a drive is made.
@@ -45,7 +45,7 @@ pub struct Options {
     /// It has the registers that only drivers of the DS102 name.
     pub ds102: bool,
     /// Address, baud rate and framing act at once rather than at the next power-on `[I]`.
-    pub at_once: bool,
+    pub applies_at_once: bool,
     /// Fn_3D takes 0x0101 and 0x0102 rather than decimal 101 and 102 `[I]`.
     pub hex_format: bool,
     /// Silence that ends a frame, ms; 0 goes by the length of frames.
@@ -59,11 +59,11 @@ pub struct Options {
     /// Control mode from the factory (Fn_00).
     pub mode: u16,
     /// How the CAN end differs from the standard.
-    pub can: can::Options,
+    pub can: can::Quirks,
     /// Inputs and switches.
-    pub lines: Lines,
+    pub lines: InputLines,
     /// What the analog and the pulse input get from the start.
-    pub external: External,
+    pub external: ExternalSignals,
     locked: [Option<u16>; LOCKED_MAX],
 }
 
@@ -72,33 +72,36 @@ impl Options {
     ///
     /// # Errors
     /// The name of an unknown option, or the value that is none.
-    pub fn of<'a>(options: &DeviceOptions<'a>, ds102: bool) -> Result<Self, &'a str> {
+    pub fn from_device_options<'a>(
+        options: &DeviceOptions<'a>,
+        ds102: bool,
+    ) -> Result<Self, &'a str> {
         let address = options.address.unwrap_or(1);
         let mut made = Self {
             variant: Variant::All,
             ds102,
-            at_once: false,
+            applies_at_once: false,
             hex_format: false,
             gap_ms: if options.untimed { 0 } else { 10 },
             untimed: options.untimed,
             address: u8::try_from(address).ok().filter(|a| *a < 128).ok_or("address")?,
             ascii: options.wires.contains(&"modbus-ascii"),
             mode: 2,
-            can: CAN,
+            can: CAN_QUIRKS,
             // Half a turn behind, so that homing finds it `[I]`.
-            lines: Lines::new(PURPOSES, -core::f64::consts::PI),
-            external: External::default(),
+            lines: InputLines::new(PURPOSES, -core::f64::consts::PI),
+            external: ExternalSignals::default(),
             locked: [None; LOCKED_MAX],
         };
         for (key, value) in options.extra {
-            made.set(key, value)?;
+            made.set_option(key, value)?;
         }
         Ok(made)
     }
 
     /// Whether the password locks that register.
     #[must_use]
-    pub fn locked(&self, number: u16) -> bool {
+    pub fn is_locked(&self, number: u16) -> bool {
         self.locked.contains(&Some(number))
     }
 
@@ -113,36 +116,36 @@ impl Options {
         }
     }
 
-    fn set<'a>(&mut self, key: &'a str, value: &'a str) -> Result<(), &'a str> {
+    fn set_option<'a>(&mut self, key: &'a str, value: &'a str) -> Result<(), &'a str> {
         match (key, value) {
             ("variant", "standard") => self.variant = Variant::Standard,
             ("variant", "position") => self.variant = Variant::Position,
             ("variant", "canopen") => self.variant = Variant::Canopen,
             ("variant", "all") => self.variant = Variant::All,
             ("ds102", "0" | "1") => self.ds102 = value == "1",
-            ("settings", "at-once") => self.at_once = true,
-            ("settings", "power-cycle") => self.at_once = false,
+            ("settings", "at-once") => self.applies_at_once = true,
+            ("settings", "power-cycle") => self.applies_at_once = false,
             ("format", "decimal") => self.hex_format = false,
             ("format", "hex") => self.hex_format = true,
             ("gap", _) => self.gap_ms = value.parse().map_err(|_| value)?,
             ("fn00", _) => {
                 self.mode = value.parse().ok().filter(|mode| *mode <= 20).ok_or(value)?
             }
-            ("can", "true") => self.can = CAN,
-            ("can", "strict") => self.can = can::Options::STRICT,
+            ("can", "true") => self.can = CAN_QUIRKS,
+            ("can", "strict") => self.can = can::Quirks::STRICT,
             ("emcy", "2" | "8") => self.can.short_emcy = value == "2",
             ("pdo-timer", _) => self.set_pdo_timer(value)?,
             ("lss", "0" | "1") => self.can.lss = value == "1",
             ("time", "0" | "1") => self.can.time = value == "1",
             ("guarding", "0" | "1") => self.can.guarding = value == "1",
-            ("segments", "0" | "1") => self.can.segments = value == "1",
+            ("segments", "0" | "1") => self.can.segmented_sdo = value == "1",
             // Whoever commands needs no address here.
             ("host", _) => {}
-            ("inputs", _) => self.lines.assign(Purpose::of_digits(value).ok_or(value)?),
-            ("closed", _) => self.close(value)?,
-            ("analog", _) => self.external.set_volts(number(value)?),
-            ("pulses", _) => self.external.set_rate(number(value)?),
-            ("locked", _) => self.lock(value)?,
+            ("inputs", _) => self.lines.assign(InputPurpose::of_digits(value).ok_or(value)?),
+            ("closed", _) => self.close_inputs(value)?,
+            ("analog", _) => self.external.set_volts(parse_number(value)?),
+            ("pulses", _) => self.external.set_rate(parse_number(value)?),
+            ("locked", _) => self.lock_registers(value)?,
             ("variant" | "ds102" | "settings" | "format" | "can" | "emcy", _) => return Err(value),
             ("lss" | "time" | "guarding" | "segments", _) => return Err(value),
             _ => return Err(key),
@@ -158,16 +161,16 @@ impl Options {
     }
 
     /// Numbers of the inputs that something outside closes from the start, a digit each.
-    fn close<'a>(&mut self, list: &'a str) -> Result<(), &'a str> {
+    fn close_inputs<'a>(&mut self, list: &'a str) -> Result<(), &'a str> {
         for digit in list.bytes() {
             let at = usize::from(digit.wrapping_sub(b'1'));
-            *self.lines.driven.get_mut(at).ok_or(list)? = true;
+            *self.lines.forced_closed.get_mut(at).ok_or(list)? = true;
         }
         Ok(())
     }
 
     /// Register numbers in hexadecimal, joined by plus signs.
-    fn lock<'a>(&mut self, list: &'a str) -> Result<(), &'a str> {
+    fn lock_registers<'a>(&mut self, list: &'a str) -> Result<(), &'a str> {
         for (at, number) in list.split('+').enumerate() {
             let number = u16::from_str_radix(number, 16).map_err(|_| number)?;
             *self.locked.get_mut(at).ok_or(list)? = Some(number);
@@ -176,6 +179,6 @@ impl Options {
     }
 }
 
-fn number(text: &str) -> Result<f64, &str> {
+fn parse_number(text: &str) -> Result<f64, &str> {
     text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or(text)
 }

@@ -1,6 +1,6 @@
 //! The front panel: six characters, four keys, three layers (TS manual V2 §1.4.2).
 //!
-//! The panel only shows and asks: what it wants done it returns as a [`Wish`]. It has the highest
+//! The panel only shows and asks: what it wants done it returns as a [`PanelAction`]. It has the highest
 //! priority for changing parameters, so the drive asks it which register is being edited.
 
 use super::alarm::Alarm;
@@ -17,7 +17,7 @@ const VALUE_DIGITS: u8 = 5;
 
 /// A key, as the manual lists them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Key {
+pub enum PanelKey {
     /// MODE: between state and codes; out of a value without saving.
     Mode,
     /// ◀/SET: short moves the blinking digit, long enters or saves.
@@ -28,7 +28,7 @@ pub enum Key {
     Down,
 }
 
-impl Key {
+impl PanelKey {
     const ALL: [Self; 4] = [Self::Mode, Self::Set, Self::Up, Self::Down];
 
     /// The key of that number, counted from 0.
@@ -40,7 +40,7 @@ impl Key {
 
 /// A register as the panel names it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Code {
+pub enum RegisterCode {
     /// A parameter.
     Fn(u16),
     /// A reading.
@@ -49,7 +49,7 @@ pub enum Code {
 
 /// What the panel wants the drive to do.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Wish {
+pub enum PanelAction {
     /// Save a parameter.
     Save(u16, i32),
     /// Run or stop in jog mode.
@@ -59,9 +59,9 @@ pub enum Wish {
 }
 
 /// What the panel sees of the drive.
-pub trait View {
+pub trait DriveView {
     /// A register's value.
-    fn value(&self, code: Code) -> i32;
+    fn value(&self, code: RegisterCode) -> i32;
     /// What may be saved in a parameter.
     fn limits(&self, number: u16) -> (i32, i32);
     /// Motor speed, rpm.
@@ -69,14 +69,14 @@ pub trait View {
     /// The alarm.
     fn alarm(&self) -> Alarm;
     /// The motor is powered.
-    fn powered(&self) -> bool;
+    fn is_powered(&self) -> bool;
     /// The drive is in jog mode (Fn_00 = 3).
-    fn jog_mode(&self) -> bool;
+    fn is_jog_mode(&self) -> bool;
 }
 
 /// Where the panel is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Layer {
+enum PanelLayer {
     State,
     Codes,
     Value { shown: i32, digit: u8 },
@@ -84,81 +84,93 @@ enum Layer {
 
 /// The panel.
 #[derive(Clone, Copy, Debug)]
-pub struct Panel {
-    layer: Layer,
-    code: Code,
+pub struct FrontPanel {
+    layer: PanelLayer,
+    code: RegisterCode,
     digit: u8,
-    held: [bool; 4],
-    set_since: Option<Instant>,
+    keys_down: [bool; 4],
+    set_pressed_at: Option<Instant>,
 }
 
-impl Default for Panel {
+impl Default for FrontPanel {
     fn default() -> Self {
-        Self { layer: Layer::State, code: Code::Fn(0), digit: 0, held: [false; 4], set_since: None }
+        Self {
+            layer: PanelLayer::State,
+            code: RegisterCode::Fn(0),
+            digit: 0,
+            keys_down: [false; 4],
+            set_pressed_at: None,
+        }
     }
 }
 
-impl Panel {
+impl FrontPanel {
     /// A key goes down or up.
-    pub fn key(&mut self, now: Instant, key: Key, down: bool, view: &impl View) -> Option<Wish> {
-        if core::mem::replace(&mut self.held[key as usize], down) == down {
+    pub fn handle_key(
+        &mut self,
+        now: Instant,
+        key: PanelKey,
+        down: bool,
+        view: &impl DriveView,
+    ) -> Option<PanelAction> {
+        if core::mem::replace(&mut self.keys_down[key as usize], down) == down {
             return None;
         }
         match (key, down) {
-            (Key::Mode, true) => self.mode(),
-            (Key::Up, true) => self.change(1, view),
-            (Key::Down, true) => self.change(-1, view),
-            (Key::Set, true) => self.set_since = Some(now),
-            (Key::Set, false) => return self.released(now, view),
+            (PanelKey::Mode, true) => self.handle_mode_key(),
+            (PanelKey::Up, true) => self.change_value(1, view),
+            (PanelKey::Down, true) => self.change_value(-1, view),
+            (PanelKey::Set, true) => self.set_pressed_at = Some(now),
+            (PanelKey::Set, false) => return self.handle_set_released(now, view),
             (_, false) => {}
         }
         None
     }
 
-    /// To be called at or after [`due`](Self::due): a held SET has become a long press.
+    /// To be called at or after [`next_due`](Self::next_due): a held SET has become a long press.
     #[inline]
-    pub fn tick(&mut self, now: Instant, view: &impl View) -> Option<Wish> {
-        self.set_since.take_if(|since| now >= since.plus_ms(LONG_PRESS_MS))?;
-        self.long_press(view)
+    pub fn tick(&mut self, now: Instant, view: &impl DriveView) -> Option<PanelAction> {
+        self.set_pressed_at.take_if(|since| now >= since.plus_ms(LONG_PRESS_MS))?;
+        self.handle_long_press(view)
     }
 
     /// When a held SET becomes a long press.
     #[must_use]
-    pub fn due(&self) -> Option<Instant> {
-        self.set_since.map(|since| since.plus_ms(LONG_PRESS_MS))
+    pub fn next_due(&self) -> Option<Instant> {
+        self.set_pressed_at.map(|since| since.plus_ms(LONG_PRESS_MS))
     }
 
     /// Which way the keys jog: +1 forward while ▲ is held, -1 in reverse while ▼ is, else 0.
     #[must_use]
-    pub fn jog(&self) -> f64 {
-        if self.layer != Layer::State {
+    pub fn jog_direction(&self) -> f64 {
+        if self.layer != PanelLayer::State {
             return 0.0;
         }
-        f64::from(i8::from(self.held[Key::Up as usize]))
-            - f64::from(i8::from(self.held[Key::Down as usize]))
+        f64::from(i8::from(self.keys_down[PanelKey::Up as usize]))
+            - f64::from(i8::from(self.keys_down[PanelKey::Down as usize]))
     }
 
     /// The parameter that is open for editing.
     #[must_use]
-    pub fn editing(&self) -> Option<u16> {
+    pub fn edited_parameter(&self) -> Option<u16> {
         match (self.layer, self.code) {
-            (Layer::Value { .. }, Code::Fn(number)) => Some(number),
+            (PanelLayer::Value { .. }, RegisterCode::Fn(number)) => Some(number),
             _ => None,
         }
     }
 
     /// Writes what is shown and returns how many characters that are.
-    pub fn show(&self, now: Instant, view: &impl View, out: &mut [u8]) -> usize {
-        let mut text = Text::default();
+    pub fn write_display(&self, now: Instant, view: &impl DriveView, out: &mut [u8]) -> usize {
+        let mut text = DisplayText::default();
         let lit = (now.0 / 1_000_000 / BLINK_MS).is_multiple_of(2);
         match self.layer {
-            Layer::State => state_text(&mut text, lit, view),
-            Layer::Codes => self.code_text(&mut text, lit),
-            Layer::Value { shown, digit } => {
-                let live = self.editing().is_none();
-                text.number(if live { view.value(self.code) } else { shown }, digit + 1);
+            PanelLayer::State => write_state(&mut text, lit, view),
+            PanelLayer::Codes => self.write_code(&mut text, lit),
+            PanelLayer::Value { shown, digit } => {
+                let live = self.edited_parameter().is_none();
+                text.push_number(if live { view.value(self.code) } else { shown }, digit + 1);
                 if !live && !lit {
-                    text.blank(digit);
+                    text.blank_digit(digit);
                 }
             }
         }
@@ -167,23 +179,23 @@ impl Panel {
         len
     }
 
-    fn mode(&mut self) {
+    fn handle_mode_key(&mut self) {
         self.layer = match self.layer {
-            Layer::State | Layer::Value { .. } => Layer::Codes,
-            Layer::Codes => Layer::State,
+            PanelLayer::State | PanelLayer::Value { .. } => PanelLayer::Codes,
+            PanelLayer::Codes => PanelLayer::State,
         };
     }
 
     /// ▲ and ▼ change the blinking digit.
-    fn change(&mut self, step: i32, view: &impl View) {
+    fn change_value(&mut self, step: i32, view: &impl DriveView) {
         match self.layer {
-            Layer::State => {}
-            Layer::Codes => self.change_code(step),
-            Layer::Value { shown, digit } => {
-                if let Some(number) = self.editing() {
+            PanelLayer::State => {}
+            PanelLayer::Codes => self.change_code(step),
+            PanelLayer::Value { shown, digit } => {
+                if let Some(number) = self.edited_parameter() {
                     let (min, max) = view.limits(number);
                     let to = shown + step * 10_i32.pow(u32::from(digit));
-                    self.layer = Layer::Value { shown: to.clamp(min, max), digit };
+                    self.layer = PanelLayer::Value { shown: to.clamp(min, max), digit };
                 }
             }
         }
@@ -193,92 +205,94 @@ impl Panel {
     fn change_code(&mut self, step: i32) {
         if self.digit == 3 {
             self.code = match self.code {
-                Code::Fn(number) => Code::Dn(number.min(0x2F)),
-                Code::Dn(number) => Code::Fn(number),
+                RegisterCode::Fn(number) => RegisterCode::Dn(number.min(0x2F)),
+                RegisterCode::Dn(number) => RegisterCode::Fn(number),
             };
             return;
         }
         let by = step << (4 * self.digit);
         let moved = |number: u16, max: i32| (i32::from(number) + by).clamp(0, max) as u16;
         self.code = match self.code {
-            Code::Fn(number) => Code::Fn(moved(number, 0x2FF)),
-            Code::Dn(number) => Code::Dn(moved(number, 0x2F)),
+            RegisterCode::Fn(number) => RegisterCode::Fn(moved(number, 0x2FF)),
+            RegisterCode::Dn(number) => RegisterCode::Dn(moved(number, 0x2F)),
         };
     }
 
     /// SET let go: short unless its long press was already served.
-    fn released(&mut self, now: Instant, view: &impl View) -> Option<Wish> {
-        let since = self.set_since.take()?;
+    fn handle_set_released(&mut self, now: Instant, view: &impl DriveView) -> Option<PanelAction> {
+        let since = self.set_pressed_at.take()?;
         if now >= since.plus_ms(LONG_PRESS_MS) {
-            return self.long_press(view);
+            return self.handle_long_press(view);
         }
         match &mut self.layer {
-            Layer::State => return view.jog_mode().then_some(Wish::ToggleJog),
-            Layer::Codes => self.digit = (self.digit + 1) % 4,
-            Layer::Value { digit, .. } => *digit = (*digit + 1) % VALUE_DIGITS,
+            PanelLayer::State => return view.is_jog_mode().then_some(PanelAction::ToggleJog),
+            PanelLayer::Codes => self.digit = (self.digit + 1) % 4,
+            PanelLayer::Value { digit, .. } => *digit = (*digit + 1) % VALUE_DIGITS,
         }
         None
     }
 
-    fn long_press(&mut self, view: &impl View) -> Option<Wish> {
+    fn handle_long_press(&mut self, view: &impl DriveView) -> Option<PanelAction> {
         match self.layer {
-            Layer::State => view.alarm().is_some().then_some(Wish::ClearAlarm),
-            Layer::Codes => {
-                self.layer = Layer::Value { shown: view.value(self.code), digit: 0 };
+            PanelLayer::State => view.alarm().is_some().then_some(PanelAction::ClearAlarm),
+            PanelLayer::Codes => {
+                self.layer = PanelLayer::Value { shown: view.value(self.code), digit: 0 };
                 None
             }
-            Layer::Value { shown, .. } => self.editing().map(|number| Wish::Save(number, shown)),
+            PanelLayer::Value { shown, .. } => {
+                self.edited_parameter().map(|number| PanelAction::Save(number, shown))
+            }
         }
     }
 
-    fn code_text(&self, text: &mut Text, lit: bool) {
+    fn write_code(&self, text: &mut DisplayText, lit: bool) {
         let (letter, number) = match self.code {
-            Code::Fn(number) => (b'F', number),
-            Code::Dn(number) => (b'd', number),
+            RegisterCode::Fn(number) => (b'F', number),
+            RegisterCode::Dn(number) => (b'd', number),
         };
         text.push(letter);
         text.push(b'n');
         text.push(b'_');
         if number > 0xFF || self.digit == 2 {
-            text.push(hex(number >> 8));
+            text.push(hex_character(number >> 8));
         }
-        text.push(hex(number >> 4));
-        text.push(hex(number));
+        text.push(hex_character(number >> 4));
+        text.push(hex_character(number));
         match (lit, self.digit) {
             (true, _) => {}
             (false, 3) => text.bytes[0] = b' ',
-            (false, digit) => text.blank(digit),
+            (false, digit) => text.blank_digit(digit),
         }
     }
 }
 
 /// What stands there by itself: the alarm, the speed, or that the drive is ready. What the manual
 /// shows while the servo is off was a picture; `rdy` is `[I]`.
-fn state_text(text: &mut Text, lit: bool, view: &impl View) {
+fn write_state(text: &mut DisplayText, lit: bool, view: &impl DriveView) {
     let alarm = view.alarm();
     if alarm.is_some() {
         let [a, b] = alarm.glyphs();
         let shown = if lit { [b'E', b'r', b'r', b'_', a, b] } else { [b' '; DISPLAY_MAX] };
         shown.into_iter().for_each(|c| text.push(c));
-    } else if view.powered() {
-        text.number(view.rpm(), 1);
+    } else if view.is_powered() {
+        text.push_number(view.rpm(), 1);
     } else {
         b"rdy".iter().for_each(|c| text.push(*c));
     }
 }
 
-fn hex(digit: u16) -> u8 {
+fn hex_character(digit: u16) -> u8 {
     b"0123456789AbcdEF"[usize::from(digit & 0xF)]
 }
 
 /// What stands on the display.
 #[derive(Default)]
-struct Text {
+struct DisplayText {
     bytes: [u8; DISPLAY_MAX],
     len: usize,
 }
 
-impl Text {
+impl DisplayText {
     fn push(&mut self, c: u8) {
         if let Some(at) = self.bytes.get_mut(self.len) {
             *at = c;
@@ -287,7 +301,7 @@ impl Text {
     }
 
     /// A decimal number with at least so many digits.
-    fn number(&mut self, value: i32, at_least: u8) {
+    fn push_number(&mut self, value: i32, at_least: u8) {
         if value < 0 {
             self.push(b'-');
         }
@@ -299,7 +313,7 @@ impl Text {
     }
 
     /// Blanks the digit of that place, counted from the right.
-    fn blank(&mut self, place: u8) {
+    fn blank_digit(&mut self, place: u8) {
         if let Some(at) = self.len.checked_sub(1 + usize::from(place)) {
             self.bytes[at] = b' ';
         }

@@ -9,7 +9,7 @@ pub const PATH_MAX: u8 = 32;
 
 /// Type of a path, digit A of definition word 1.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Kind {
+pub enum PathType {
     /// Turn at a speed: for ever, or for a time counted from the trigger.
     Speed,
     /// Go and stop.
@@ -22,7 +22,7 @@ pub enum Kind {
 
 /// Where a path ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum End {
+pub enum PathEnd {
     /// At the coordinate.
     Coordinate,
     /// At the last command's end plus the coordinate.
@@ -33,13 +33,13 @@ pub enum End {
 
 /// A path, decoded.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Path {
+pub struct DecodedPath {
     /// Type.
-    pub kind: Kind,
+    pub kind: PathType,
     /// AutoLoadIndex: the next path, 1 to 32.
     pub next: Option<u8>,
     /// Where it ends.
-    pub end: End,
+    pub end: PathEnd,
     /// It may interrupt the path that runs.
     pub interrupts: bool,
     /// Coordinate in thousandths of the mechanics' unit.
@@ -56,17 +56,17 @@ pub struct Path {
     pub s_ms: u16,
 }
 
-impl Path {
+impl DecodedPath {
     /// From its eight registers and its S-time.
     #[must_use]
     pub fn decode(words: [u16; 8], s_ms: u16) -> Self {
         let [first, tens, rest, rpm, acceleration_ms, deceleration_ms, delay_ms, second] = words;
         Self {
-            kind: kind(first),
-            next: auto_load(first).or(auto_load(second)),
-            end: end(first, second),
+            kind: decode_kind(first),
+            next: decode_next(first).or(decode_next(second)),
+            end: decode_end(first, second),
             interrupts: second % 10 == 1,
-            thousandths: thousandths(tens, rest),
+            thousandths: decode_thousandths(tens, rest),
             rpm,
             acceleration_ms,
             deceleration_ms,
@@ -91,17 +91,17 @@ pub const fn s_time_fits(acceleration_ms: u16, s_ms: u16) -> bool {
     s_ms == 0 || (acceleration_ms as u32) > 2 * s_ms as u32
 }
 
-const fn kind(first: u16) -> Kind {
+const fn decode_kind(first: u16) -> PathType {
     match first % 10 {
-        1 => Kind::Speed,
-        2 => Kind::Single,
-        3 => Kind::Auto,
-        other => Kind::Unknown(other as u8),
+        1 => PathType::Speed,
+        2 => PathType::Single,
+        3 => PathType::Auto,
+        other => PathType::Unknown(other as u8),
     }
 }
 
 /// Digit pair B. Both words have one; the first that names a path counts `[I]`.
-fn auto_load(word: u16) -> Option<u8> {
+fn decode_next(word: u16) -> Option<u8> {
     let index = (word / 10 % 100) as u8;
     (1..=PATH_MAX).contains(&index).then_some(index)
 }
@@ -109,15 +109,15 @@ fn auto_load(word: u16) -> Option<u8> {
 /// Digit C of both words: the first says absolute or relative, the second relative to what. A
 /// relative path whose second word says "the coordinate itself" goes from the last command's end
 /// `[I]`.
-const fn end(first: u16, second: u16) -> End {
+const fn decode_end(first: u16, second: u16) -> PathEnd {
     match (first / 1000 % 10, second / 1000 % 10) {
-        (1, _) => End::Coordinate,
-        (_, 2) => End::Feedback,
-        _ => End::LastCommand,
+        (1, _) => PathEnd::Coordinate,
+        (_, 2) => PathEnd::Feedback,
+        _ => PathEnd::LastCommand,
     }
 }
 
 /// Two signed words, tens and thousandths, added `[I]`.
-fn thousandths(tens: u16, rest: u16) -> i32 {
+fn decode_thousandths(tens: u16, rest: u16) -> i32 {
     i32::from(tens as i16) * 10_000 + i32::from(rest as i16)
 }

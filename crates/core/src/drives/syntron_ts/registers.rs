@@ -10,7 +10,7 @@ pub const DN_COUNT: u16 = 0x30;
 pub const DN_BASE: u16 = 0x1000;
 
 /// Numbers of the Fn registers that do something.
-pub mod fns {
+pub mod fn_registers {
     /// Control mode.
     pub const MODE: u16 = 0x00;
     /// Rated current, 0.01 A (DS102).
@@ -74,7 +74,7 @@ pub mod fns {
 }
 
 /// Numbers of the Dn registers that tell something.
-pub mod dns {
+pub mod dn_registers {
     /// Motor speed, rpm.
     pub const SPEED: u16 = 0x00;
     /// Load, 0.1 % (DS102).
@@ -106,7 +106,7 @@ impl Registers {
     #[must_use]
     pub fn factory(profile: &Profile) -> Self {
         let mut flash = [0; FN_COUNT];
-        for parameter in profile.parameters.iter().filter(|p| is_single(p)) {
+        for parameter in profile.parameters.iter().filter(|p| is_single_register(p)) {
             if let Some(at) = flash.get_mut(usize::from(parameter.index)) {
                 *at = parameter.default.unwrap_or(0) as u16;
             }
@@ -128,7 +128,7 @@ impl Registers {
 
     /// The value that the next power-on brings.
     #[must_use]
-    pub fn kept(&self, number: u16) -> u16 {
+    pub fn stored(&self, number: u16) -> u16 {
         self.flash.get(usize::from(number)).copied().unwrap_or(0)
     }
 
@@ -154,7 +154,7 @@ impl Registers {
     }
 
     /// Changes what runs and what flash keeps. Each such write wears the flash, equal ones too.
-    pub fn keep(&mut self, number: u16, value: u16) {
+    pub fn store(&mut self, number: u16, value: u16) {
         self.preset(number, value);
         self.wear += 1;
     }
@@ -163,8 +163,8 @@ impl Registers {
     /// drive set to RAM once and find it so at every power-on (§2.5), so Fn_99 itself is always
     /// kept `[I]`.
     pub fn write(&mut self, number: u16, value: u16) {
-        if number == fns::RAM_ONLY || self.value(fns::RAM_ONLY) == 0 {
-            self.keep(number, value);
+        if number == fn_registers::RAM_ONLY || self.value(fn_registers::RAM_ONLY) == 0 {
+            self.store(number, value);
         } else {
             self.set(number, value);
         }
@@ -178,8 +178,8 @@ impl Registers {
 
 /// What may be written to an Fn register: least and greatest value, and whether it is signed.
 #[must_use]
-pub fn limits(profile: &Profile, number: u16) -> (i64, i64, bool) {
-    let known = profile.parameters.iter().find(|p| p.index == number && is_single(p));
+pub fn write_limits(profile: &Profile, number: u16) -> (i64, i64, bool) {
+    let known = profile.parameters.iter().find(|p| p.index == number && is_single_register(p));
     match known {
         Some(p) => (p.min, p.max, p.encoding == Encoding::I16),
         // The two words of a coordinate are signed each `[I]`.
@@ -187,7 +187,7 @@ pub fn limits(profile: &Profile, number: u16) -> (i64, i64, bool) {
     }
 }
 
-fn is_single(parameter: &Parameter) -> bool {
+fn is_single_register(parameter: &Parameter) -> bool {
     parameter.space == 0
         && parameter.access != Access::Read
         && matches!(parameter.encoding, Encoding::U16 | Encoding::I16)

@@ -4,8 +4,8 @@ use core::f64::consts::TAU;
 
 use super::alarm::Alarm;
 use crate::plant::{
-    Bounds, Conditions, Goal, Limits, Motor, MotorParameters, Servo, Setpoint, Stall, TICK_S,
-    Thermal,
+    Conditions, Goal, Limits, Motor, MotorParameters, Servo, ServoBounds, Setpoint, StallDetector,
+    TICK_S, ThermalModel,
 };
 use crate::units::nearest;
 
@@ -14,7 +14,7 @@ pub const COUNTS_PER_TURN: f64 = 10_000.0;
 /// Rated current of the simulated drive, A; three times that is its peak.
 pub const RATED_CURRENT: f64 = 12.7;
 /// Supply of the simulated drive, V.
-const SUPPLY: f64 = 48.0;
+const SUPPLY_V: f64 = 48.0;
 /// Supply below and above which it trips, V `[I]`.
 const SUPPLY_LIMITS: (f64, f64) = (20.0, 60.0);
 /// Following error that trips, rad `[I]`.
@@ -28,24 +28,24 @@ const OVERLOAD: f64 = 16.0;
 /// Braking power that trips at once, and on a mean over ten seconds, W `[I]`.
 const BRAKING: (f64, f64) = (2000.0, 200.0);
 /// Temperature of the power stage that trips, °C `[I]`.
-const HOT: f64 = 85.0;
+const HOT_C: f64 = 85.0;
 
 /// Motor, loops and protections.
 #[derive(Clone, Debug)]
 pub struct Shaft {
     motor: Motor,
     servo: Servo,
-    stage: Thermal,
-    winding: Thermal,
-    stall: Stall,
+    stage: ThermalModel,
+    winding: ThermalModel,
+    stall: StallDetector,
     /// Torque from outside, N·m.
     pub load: f64,
     /// Supply, V.
     pub supply: f64,
     /// The hall or U, V, W signals are impossible.
     pub hall_broken: bool,
-    frozen: Option<f64>,
-    before: f64,
+    frozen_position: Option<f64>,
+    previous_position: f64,
     overload: f64,
     braking: f64,
 }
@@ -59,14 +59,14 @@ impl Default for Shaft {
         Self {
             motor,
             servo,
-            stage: Thermal::new(0.5, 150.0, 25.0),
-            winding: Thermal::new(1.0, 300.0, 25.0),
-            stall: Stall::after(STALL_TICKS),
+            stage: ThermalModel::new(0.5, 150.0, 25.0),
+            winding: ThermalModel::new(1.0, 300.0, 25.0),
+            stall: StallDetector::after(STALL_TICKS),
             load: 0.0,
-            supply: SUPPLY,
+            supply: SUPPLY_V,
             hall_broken: false,
-            frozen: None,
-            before: 0.0,
+            frozen_position: None,
+            previous_position: 0.0,
             overload: 0.0,
             braking: 0.0,
         }
@@ -83,13 +83,13 @@ impl Shaft {
     /// Position as the encoder sees it, rad since it was made.
     #[must_use]
     pub fn position(&self) -> f64 {
-        self.frozen.unwrap_or(self.motor.position())
+        self.frozen_position.unwrap_or(self.motor.position())
     }
 
     /// The same a tick before.
     #[must_use]
-    pub const fn before(&self) -> f64 {
-        self.before
+    pub const fn previous_position(&self) -> f64 {
+        self.previous_position
     }
 
     /// Encoder counts at `origin` 0.
@@ -101,7 +101,7 @@ impl Shaft {
     /// Speed, rpm.
     #[must_use]
     pub fn rpm(&self) -> f64 {
-        if self.frozen.is_some() { 0.0 } else { self.motor.velocity() * 60.0 / TAU }
+        if self.frozen_position.is_some() { 0.0 } else { self.motor.velocity() * 60.0 / TAU }
     }
 
     /// Share of the rated current, 1 for all of it.
@@ -130,12 +130,12 @@ impl Shaft {
 
     /// Holds the shaft, or lets it go.
     pub fn jam(&mut self, jammed: bool) {
-        self.motor.jam(jammed);
+        self.motor.set_jammed(jammed);
     }
 
     /// The encoder stops counting, or counts again.
     pub fn break_encoder(&mut self, broken: bool) {
-        self.frozen = broken.then(|| self.position());
+        self.frozen_position = broken.then(|| self.position());
     }
 
     /// Current at most, A.
@@ -145,29 +145,29 @@ impl Shaft {
 
     /// True while the motor gives all the torque it may.
     #[must_use]
-    pub fn torque_reached(&self) -> bool {
-        self.powered() && self.motor.current().abs() >= 0.95 * self.servo.max_current
+    pub fn is_torque_limited(&self) -> bool {
+        self.is_powered() && self.motor.current().abs() >= 0.95 * self.servo.max_current
     }
 
     /// Switches the power stage on, holding where the shaft is.
-    pub fn power(&mut self) {
+    pub fn power_on(&mut self) {
         self.stall.reset();
         self.servo.enable(&self.motor);
     }
 
     /// Switches it off: the motor coasts.
-    pub fn release(&mut self) {
+    pub fn power_off(&mut self) {
         self.servo.disable();
     }
 
     /// Whether the power stage is on.
     #[must_use]
-    pub const fn powered(&self) -> bool {
+    pub const fn is_powered(&self) -> bool {
         self.servo.is_enabled()
     }
 
     /// How the set-point may move.
-    pub fn manner(&mut self, limits: Limits) {
+    pub fn set_limits(&mut self, limits: Limits) {
         self.servo.set_limits(limits);
     }
 
@@ -179,37 +179,37 @@ impl Shaft {
 
     /// What its loops are held to: a path's speed and ramp, the current limit.
     #[must_use]
-    pub fn bounds(&self) -> Bounds {
+    pub fn bounds(&self) -> ServoBounds {
         self.servo.bounds()
     }
 
     /// Where the set-point is while it counts.
     #[must_use]
-    pub const fn regulated(&self) -> Option<Setpoint> {
-        self.servo.regulated()
+    pub const fn active_setpoint(&self) -> Option<Setpoint> {
+        self.servo.regulated_setpoint()
     }
 
     /// Heads for a speed, rad/s. After driving a torque the set-point starts from the motor.
     pub fn turn(&mut self, rad_per_s: f64) {
         let goal = Goal::Velocity(rad_per_s);
         match self.servo.goal() {
-            Goal::Current(_) => self.servo.go_from(&self.motor, goal),
-            _ => self.servo.go(goal),
+            Goal::Current(_) => self.servo.set_goal_from(&self.motor, goal),
+            _ => self.servo.set_goal(goal),
         }
     }
 
     /// Heads for a position, rad. After turning at a speed the set-point starts from the motor.
-    pub fn go(&mut self, position: f64) {
+    pub fn move_to(&mut self, position: f64) {
         let goal = Goal::Position(position);
         match self.servo.goal() {
-            Goal::Position(_) => self.servo.go(goal),
-            _ => self.servo.go_from(&self.motor, goal),
+            Goal::Position(_) => self.servo.set_goal(goal),
+            _ => self.servo.set_goal_from(&self.motor, goal),
         }
     }
 
     /// Drives a share of the rated torque.
-    pub fn push(&mut self, share: f64) {
-        self.servo.go(Goal::Current(share * RATED_CURRENT));
+    pub fn apply_torque(&mut self, share: f64) {
+        self.servo.set_goal(Goal::Current(share * RATED_CURRENT));
     }
 
     /// Comes to rest along the ramp.
@@ -225,9 +225,9 @@ impl Shaft {
     }
 
     /// Once at rest after turning or braking: holds that position rather than speed zero.
-    pub fn settle(&mut self) {
+    pub fn settle_position(&mut self) {
         if self.servo.goal() == Goal::Velocity(0.0) && self.servo.arrived() {
-            self.servo.go_from(&self.motor, Goal::Position(self.motor.position()));
+            self.servo.set_goal_from(&self.motor, Goal::Position(self.motor.position()));
         }
     }
 
@@ -239,34 +239,34 @@ impl Shaft {
 
     /// True when the set-point has come to its goal.
     #[must_use]
-    pub fn arrived(&self) -> bool {
+    pub fn has_arrived(&self) -> bool {
         self.servo.arrived()
     }
 
     /// True when it has, and the motor is there too `[I]`.
     #[must_use]
-    pub fn in_position(&self) -> bool {
-        self.arrived() && (self.setpoint().position - self.position()).abs() < IN_POSITION
+    pub fn is_in_position(&self) -> bool {
+        self.has_arrived() && (self.setpoint().position - self.position()).abs() < IN_POSITION
     }
 
     /// True when nothing changes by itself except temperatures.
     #[must_use]
-    pub fn resting(&self) -> bool {
-        !self.powered() && self.motor.velocity() == 0.0 && self.load == 0.0
+    pub fn is_resting(&self) -> bool {
+        !self.is_powered() && self.motor.velocity() == 0.0 && self.load == 0.0
     }
 
     /// So many ticks of rest at once.
-    pub fn rest(&mut self, ticks: u64) {
+    pub fn pass_rest(&mut self, ticks: u64) {
         let seconds = ticks as f64 * TICK_S;
         self.stage.step(0.0, seconds);
         self.winding.step(0.0, seconds);
         self.overload = (self.overload - seconds).max(0.0);
-        self.before = self.position();
+        self.previous_position = self.position();
     }
 
     /// One tick.
     pub fn tick(&mut self) {
-        self.before = self.position();
+        self.previous_position = self.position();
         let given = self.motor.energy().electrical;
         let conditions = Conditions { bus: self.supply, load: self.load };
         self.servo.step(&mut self.motor, conditions);
@@ -280,14 +280,14 @@ impl Shaft {
     }
 
     /// What the protections say after a tick. `blocked_is_fine` while homing feels for a stop.
-    pub fn trouble(&mut self, blocked_is_fine: bool) -> Option<Alarm> {
+    pub fn check_protections(&mut self, blocked_is_fine: bool) -> Option<Alarm> {
         if self.supply > SUPPLY_LIMITS.1 {
             return Some(Alarm::OU);
         }
-        if self.temperature() > HOT {
+        if self.temperature() > HOT_C {
             return Some(Alarm::OT);
         }
-        if !self.powered() {
+        if !self.is_powered() {
             return None;
         }
         let limit = self.servo.max_current;
@@ -296,7 +296,7 @@ impl Shaft {
         let lag = (self.setpoint().position - self.motor.position()).abs();
         let follows = matches!(self.servo.goal(), Goal::Position(_));
         let signs = [
-            (self.frozen.is_some(), Alarm::EC),
+            (self.frozen_position.is_some(), Alarm::EC),
             (self.hall_broken, Alarm::EH),
             (self.supply < SUPPLY_LIMITS.0, Alarm::LU),
             (current.abs() > 1.2 * self.motor.parameters().max_current, Alarm::OC),
@@ -311,12 +311,12 @@ impl Shaft {
 
     /// True when the power bus can feed the motor.
     #[must_use]
-    pub fn bus_ready(&self) -> bool {
+    pub fn is_bus_ready(&self) -> bool {
         self.supply >= SUPPLY_LIMITS.0
     }
 
     /// What the protections summed up is forgotten, as by a power-off.
-    pub fn forget(&mut self) {
+    pub fn reset_protections(&mut self) {
         self.overload = 0.0;
         self.braking = 0.0;
         self.stall.reset();

@@ -5,8 +5,8 @@ extern crate std;
 use std::vec::Vec;
 
 use super::SyntronTs;
-use super::registers::fns;
-use crate::drives::bench::{Act, Bench, Truth};
+use super::registers::fn_registers;
+use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::drives::{DeviceOptions, Family};
 use crate::medium::{STREAM_UNIT_MAX, Stream};
 use crate::proto::modbus::{ascii, rtu};
@@ -35,26 +35,26 @@ const OPTIONS: DeviceOptions<'static> = DeviceOptions {
 };
 
 /// A drive on a test's desk.
-struct Desk {
+struct DriveFixture {
     device: Device,
     now: Instant,
     unit: u8,
     ascii: bool,
 }
 
-impl Desk {
+impl DriveFixture {
     fn new() -> Self {
         Self::with(&[])
     }
 
     fn with(extra: &[(&str, &str)]) -> Self {
         let options = DeviceOptions { extra, ..OPTIONS };
-        let device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
+        let device = SyntronTs::create_device(SyntronTs::profiles()[0], &options).unwrap();
         Self { device, now: Instant(1_000_000_000), unit: 1, ascii: false }
     }
 
     /// Sends a PDU and returns the answer's.
-    fn ask(&mut self, pdu: &[u8]) -> Option<Vec<u8>> {
+    fn request(&mut self, pdu: &[u8]) -> Option<Vec<u8>> {
         let mut frame = [0; STREAM_UNIT_MAX];
         let put = |out: &mut [u8]| {
             out[..pdu.len()].copy_from_slice(pdu);
@@ -75,7 +75,7 @@ impl Desk {
             assert_eq!(ascii::lrc(&bytes[..bytes.len() - 1]), bytes[bytes.len() - 1]);
             return Some(bytes[1..bytes.len() - 1].to_vec());
         }
-        let (unit, pdu) = rtu::open(&reply).unwrap();
+        let (unit, pdu) = rtu::decode(&reply).unwrap();
         assert_eq!(unit, self.unit);
         Some(pdu.to_vec())
     }
@@ -89,7 +89,7 @@ impl Desk {
             {
                 return Some(out[..len].to_vec());
             }
-            self.pass(1);
+            self.advance(1);
         }
         None
     }
@@ -98,7 +98,7 @@ impl Desk {
     fn try_write(&mut self, number: u16, value: u16) -> Result<(), u8> {
         let ([a, b], [c, d]) = (number.to_be_bytes(), value.to_be_bytes());
         let request = [6, a, b, c, d];
-        let reply = self.ask(&request).unwrap();
+        let reply = self.request(&request).unwrap();
         if reply == request { Ok(()) } else { Err(reply[1]) }
     }
 
@@ -108,14 +108,14 @@ impl Desk {
 
     fn read(&mut self, address: u16) -> u16 {
         let [a, b] = address.to_be_bytes();
-        let reply = self.ask(&[3, a, b, 0, 1]).unwrap();
+        let reply = self.request(&[3, a, b, 0, 1]).unwrap();
         assert_eq!(reply[..2], [3, 2], "{reply:X?}");
         u16::from_be_bytes([reply[2], reply[3]])
     }
 
     /// Encoder counts, from Dn_2E and Dn_2F.
     fn counts(&mut self) -> i32 {
-        let reply = self.ask(&[3, 0x10, 0x2E, 0, 2]).unwrap();
+        let reply = self.request(&[3, 0x10, 0x2E, 0, 2]).unwrap();
         i32::from_be_bytes([reply[4], reply[5], reply[2], reply[3]])
     }
 
@@ -131,7 +131,7 @@ impl Desk {
         self.read(0x101C) == 1
     }
 
-    fn pass(&mut self, ms: u32) {
+    fn advance(&mut self, ms: u32) {
         self.now = self.now.plus_ms(ms);
         self.device.handle_timeout(self.now);
     }
@@ -141,10 +141,10 @@ impl Desk {
         for _ in 0..within_ms / 10 {
             if !self.busy() {
                 // Friction lets go of the last counts slowly.
-                self.pass(800);
+                self.advance(800);
                 return;
             }
-            self.pass(10);
+            self.advance(10);
         }
         panic!("still busy after {within_ms} ms, alarm {:04X}", self.alarm());
     }
@@ -153,23 +153,23 @@ impl Desk {
         assert!(self.device.act(self.now, act), "{act:?}");
     }
 
-    fn truth(&mut self) -> Truth {
-        self.device.truth(self.now)
+    fn truth(&mut self) -> GroundTruth {
+        self.device.ground_truth(self.now)
     }
 
     fn shown(&mut self) -> std::string::String {
         let mut out = [0; 6];
-        let len = self.device.panel(self.now, &mut out).unwrap();
+        let len = self.device.panel_text(self.now, &mut out).unwrap();
         std::string::String::from_utf8(out[..len].to_vec()).unwrap()
     }
 
     /// A desk in internal position mode, powered, writes kept in RAM.
     fn positioning(extra: &[(&str, &str)]) -> Self {
         let mut desk = Self::with(extra);
-        desk.write(fns::MODE, 14);
-        desk.write(fns::RAM_ONLY, 1);
-        desk.write(fns::TRIGGER_SOURCE, 1);
-        desk.write(fns::ENABLE, 1);
+        desk.write(fn_registers::MODE, 14);
+        desk.write(fn_registers::RAM_ONLY, 1);
+        desk.write(fn_registers::TRIGGER_SOURCE, 1);
+        desk.write(fn_registers::ENABLE, 1);
         desk
     }
 
@@ -186,16 +186,16 @@ impl Desk {
             delay,
             second,
         ];
-        let [a, b] = (fns::PATHS + 8 * (number - 1)).to_be_bytes();
+        let [a, b] = (fn_registers::PATHS + 8 * (number - 1)).to_be_bytes();
         let mut pdu = std::vec![16, a, b, 0, 8, 16];
         pdu.extend(words.iter().flat_map(|word| word.to_be_bytes()));
-        assert_eq!(self.ask(&pdu).unwrap(), [16, a, b, 0, 8]);
+        assert_eq!(self.request(&pdu).unwrap(), [16, a, b, 0, 8]);
     }
 
     fn trigger(&mut self, number: u16) {
-        self.write(fns::PATH_NUMBER, number);
-        self.write(fns::PATH_TRIGGER, 1);
-        self.write(fns::PATH_TRIGGER, 0);
+        self.write(fn_registers::PATH_NUMBER, number);
+        self.write(fn_registers::PATH_TRIGGER, 1);
+        self.write(fn_registers::PATH_TRIGGER, 0);
     }
 
     /// Asserts the position, to a few encoder counts.

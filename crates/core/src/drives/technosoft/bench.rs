@@ -2,7 +2,7 @@
 
 use super::drive::Drive;
 use super::inputs::line;
-use super::status::{mer, put};
+use super::status::{mer, set_bits};
 use super::units;
 use crate::drives::bench::Act;
 use crate::time::Instant;
@@ -12,7 +12,7 @@ const LOGIC_V: f64 = 7.0;
 
 impl Drive {
     /// Whether the logic has no supply.
-    pub fn is_dead(&self) -> bool {
+    pub fn is_unpowered(&self) -> bool {
         self.shaft.supply < LOGIC_V
     }
 
@@ -25,21 +25,21 @@ impl Drive {
     pub fn act(&mut self, now: Instant, act: Act) -> bool {
         match act {
             Act::Load(torque) => self.shaft.load = torque,
-            Act::Jam(jammed) => self.shaft.motor.jam(jammed),
-            Act::Supply(volts) => self.supply(now, volts),
+            Act::Jam(jammed) => self.shaft.motor.set_jammed(jammed),
+            Act::Supply(volts) => self.set_supply(now, volts),
             Act::Ambient(celsius) => {
                 (self.shaft.stage.ambient, self.shaft.winding.ambient) = (celsius, celsius);
             }
             Act::Input(n @ 1..=6, high) => {
                 const LINES: [u16; 6] =
                     [line::HOME, 1 << 1, line::LSP, line::LSN, line::ENABLE, line::STO];
-                put(&mut self.around.levels, LINES[usize::from(n) - 1], high);
+                set_bits(&mut self.surroundings.levels, LINES[usize::from(n) - 1], high);
             }
-            Act::Analog(5, volts) => self.around.reference_v = volts.clamp(-10.0, 10.0),
+            Act::Analog(5, volts) => self.surroundings.reference_v = volts.clamp(-10.0, 10.0),
             Act::Switch { which: which @ 0..=2, at } => {
-                self.around.switches[usize::from(which)] = at;
+                self.surroundings.switches[usize::from(which)] = at;
             }
-            Act::HallBroken(broken) => self.around.hall_broken = broken,
+            Act::HallBroken(broken) => self.surroundings.hall_broken = broken,
             Act::Fault(bits) => {
                 let known = mer::FAULTS & bits as u16;
                 if known == 0 || u32::from(known) != bits {
@@ -47,20 +47,20 @@ impl Drive {
                 }
                 self.trip(known, "fault injected: motor off");
             }
-            Act::EncoderBroken(broken) => self.shaft.set_broken(broken),
+            Act::EncoderBroken(broken) => self.shaft.set_encoder_broken(broken),
             Act::PowerCycle => self.power_up(now),
             _ => return false,
         }
-        self.guard.old = true; // a tick must look at it
-        self.stale();
+        self.protections.limits_stale = true; // a tick must look at it
+        self.mark_stale();
         true
     }
 
     /// The supply's new value; the logic dies below a few volts and starts anew above.
-    fn supply(&mut self, now: Instant, volts: f64) {
-        let was_dead = self.is_dead();
+    fn set_supply(&mut self, now: Instant, volts: f64) {
+        let was_dead = self.is_unpowered();
         self.shaft.supply = volts.clamp(0.0, units::MEASURED_V);
-        if self.is_dead() {
+        if self.is_unpowered() {
             self.axis_off();
         } else if was_dead {
             self.power_up(now);

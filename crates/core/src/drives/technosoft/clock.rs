@@ -7,51 +7,51 @@ use crate::time::Instant;
 /// The clock of a drive. The loops of the model run at 1 kHz of its own time; what programs and
 /// hosts see is counted in slow loop periods.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Clock {
+pub(super) struct DriveClock {
     ppm: i32,
     slow_ns: u64,
     ticks: Ticks,
     /// Own time at which absolute time was zero, ns; may lie before the start.
-    zero: i64,
+    absolute_zero: i64,
     /// The same of relative time.
     relative_zero: i64,
 }
 
-impl Clock {
+impl DriveClock {
     /// A clock that starts at `now`.
     pub fn new(options: &Options, now: Instant) -> Self {
         let mut new = Self {
             ppm: options.clock_ppm,
             slow_ns: options.slow_ns,
             ticks: Ticks::new(Instant::ZERO),
-            zero: 0,
+            absolute_zero: 0,
             relative_zero: 0,
         };
-        let own = new.own(now);
+        let own = new.own_time(now);
         new.ticks = Ticks::new(own);
-        (new.zero, new.relative_zero) = (own.0.cast_signed(), own.0.cast_signed());
+        (new.absolute_zero, new.relative_zero) = (own.0.cast_signed(), own.0.cast_signed());
         new
     }
 
     /// Whole ticks up to `now`; they count as done.
-    pub fn until(&mut self, now: Instant) -> u64 {
-        let own = self.own(now);
-        self.ticks.until(own)
+    pub fn take_ticks(&mut self, now: Instant) -> u64 {
+        let own = self.own_time(now);
+        self.ticks.advance_to(own)
     }
 
     /// Absolute time (ATIME), slow loop periods, as of `now`.
-    pub fn absolute(&self, now: Instant) -> u32 {
-        self.periods(now, self.zero)
+    pub fn absolute_time(&self, now: Instant) -> u32 {
+        self.periods(now, self.absolute_zero)
     }
 
     /// Relative time (RTIME), slow loop periods, as of `now`.
-    pub fn relative(&self, now: Instant) -> u32 {
+    pub fn relative_time(&self, now: Instant) -> u32 {
         self.periods(now, self.relative_zero)
     }
 
     /// Makes absolute time read `periods` at `now`.
     pub fn set_absolute(&mut self, now: Instant, periods: u32) {
-        self.zero = self.zero_for(now, periods);
+        self.absolute_zero = self.zero_for(now, periods);
     }
 
     /// Makes relative time read `periods` at `now`.
@@ -60,8 +60,8 @@ impl Clock {
     }
 
     /// Moves absolute time by so many periods.
-    pub fn correct(&mut self, periods: i32) {
-        self.zero -= i64::from(periods) * self.slow_ns.cast_signed();
+    pub fn adjust_absolute(&mut self, periods: i32) {
+        self.absolute_zero -= i64::from(periods) * self.slow_ns.cast_signed();
     }
 
     /// When so many ticks from now on have ended.
@@ -80,7 +80,7 @@ impl Clock {
         self.after_ticks(0)
     }
 
-    fn own(&self, now: Instant) -> Instant {
+    fn own_time(&self, now: Instant) -> Instant {
         if self.ppm == 0 {
             return now;
         }
@@ -89,12 +89,12 @@ impl Clock {
     }
 
     fn periods(&self, now: Instant, zero: i64) -> u32 {
-        let since = self.own(now).0.cast_signed() - zero;
+        let since = self.own_time(now).0.cast_signed() - zero;
         since.div_euclid(self.slow_ns.cast_signed()) as u32
     }
 
     fn zero_for(&self, now: Instant, periods: u32) -> i64 {
         let span = i64::from(periods).saturating_mul(self.slow_ns.cast_signed());
-        self.own(now).0.cast_signed() - span
+        self.own_time(now).0.cast_signed() - span
     }
 }

@@ -3,7 +3,7 @@
 use super::drive::Drive;
 use super::options::Options;
 use super::profile;
-use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::drives::{self, DeviceOptions, Family};
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::profile::Profile;
@@ -23,11 +23,11 @@ impl Family for Technosoft {
         &profile::PROFILES
     }
 
-    fn device<'a>(
+    fn create_device<'a>(
         profile: &'static Profile,
         options: &DeviceOptions<'a>,
     ) -> Result<Device, &'a str> {
-        Ok(Device::new(Options::read(profile, options)?))
+        Ok(Device::new(Options::from_device_options(profile, options)?))
     }
 }
 
@@ -48,12 +48,12 @@ impl Device {
     }
 }
 
-impl drives::Device for Device {
-    fn stream(&mut self) -> Option<&mut dyn Station<Stream>> {
+impl drives::SimulatedDevice for Device {
+    fn serial_station(&mut self) -> Option<&mut dyn Station<Stream>> {
         Some(self)
     }
 
-    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+    fn can_station(&mut self) -> Option<&mut dyn Station<Can>> {
         Some(self)
     }
 }
@@ -61,17 +61,17 @@ impl drives::Device for Device {
 impl Timed for Device {
     fn handle_timeout(&mut self, now: Instant) {
         self.drive.advance(now);
-        self.wires.gather(now, &mut self.drive);
+        self.wires.forward_messages(now, &mut self.drive);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        earliest(self.wires.poll_timeout(), self.drive.next_event())
+        earliest(self.wires.poll_timeout(), self.drive.next_report_due())
     }
 }
 
 impl Station<Stream> for Device {
     fn handle_input(&mut self, now: Instant, unit: &[u8]) {
-        if self.drive.is_dead() {
+        if self.drive.is_unpowered() {
             return;
         }
         self.wires.handle_bytes(now, unit, &mut self.drive);
@@ -93,7 +93,7 @@ impl Station<Stream> for Device {
 
 impl Station<Can> for Device {
     fn handle_input(&mut self, now: Instant, unit: &Frame) {
-        if self.drive.is_dead() {
+        if self.drive.is_unpowered() {
             return;
         }
         self.wires.handle_frame(now, unit, &mut self.drive);
@@ -114,11 +114,11 @@ impl Station<Can> for Device {
     }
 }
 
-impl Bench for Device {
-    fn truth(&mut self, now: Instant) -> Truth {
+impl BenchControl for Device {
+    fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         self.drive.advance(now);
         let (drive, motor) = (&self.drive, &self.drive.shaft.motor);
-        Truth {
+        GroundTruth {
             position: motor.position(),
             velocity: motor.velocity(),
             current: motor.current(),
@@ -130,7 +130,7 @@ impl Bench for Device {
             unrepeatable: drive.unrepeatable,
             starts: drive.starts,
             bounds: drive.shaft.servo.bounds(),
-            setpoint: drive.shaft.servo.regulated(),
+            setpoint: drive.shaft.servo.regulated_setpoint(),
         }
     }
 
@@ -141,7 +141,7 @@ impl Bench for Device {
         self.drive.act(now, act)
     }
 
-    fn notice(&mut self) -> Option<&'static str> {
+    fn take_notice(&mut self) -> Option<&'static str> {
         self.drive.notice.take()
     }
 }

@@ -1,24 +1,24 @@
 //! The drive itself, apart from its wires: memory, registers, motor, and what happens in time.
 
-use super::at;
-use super::clock::Clock;
-use super::events::Events;
-use super::guard::Guard;
-use super::inputs::Around;
+use super::addresses;
+use super::change_reports::ChangeReports;
+use super::clock::DriveClock;
+use super::events::EventMonitor;
+use super::inputs::Surroundings;
 use super::memory::Memory;
-use super::motion::{Mode, Motion};
-use super::notices::Notices;
+use super::motion::{Motion, MotionMode};
 use super::options::Options;
 use super::outbox::Outbox;
-use super::points::Points;
-use super::program::Program;
+use super::points::PathBuffer;
+use super::program::ProgramExecution;
+use super::protections::Protections;
 use super::setup;
 use super::shaft::Shaft;
-use super::status::{Status, cer, mer, put, srh, srl};
-use super::sync::Sync;
+use super::status::{Status, cer, mer, set_bits, srh, srl};
+use super::sync::TimeSync;
 use super::units;
 use crate::plant::TICK_S;
-use crate::proto::tml::rules::Wire;
+use crate::proto::tml::rules::TmlWire;
 use crate::proto::tml::wire::{IdCode, Instruction, Message};
 use crate::time::Instant;
 
@@ -31,22 +31,22 @@ pub(super) struct Drive {
     pub options: Options,
     pub memory: Memory,
     pub status: Status,
-    pub clock: Clock,
+    pub clock: DriveClock,
     pub shaft: Shaft,
     pub motion: Motion,
-    pub points: Points,
-    pub guard: Guard,
-    pub program: Program,
-    pub events: Events,
-    pub around: Around,
-    pub notices: Notices,
-    pub sync: Sync,
+    pub points: PathBuffer,
+    pub protections: Protections,
+    pub program: ProgramExecution,
+    pub events: EventMonitor,
+    pub surroundings: Surroundings,
+    pub change_reports: ChangeReports,
+    pub sync: TimeSync,
     pub outbox: Outbox,
     pub limits_watched: bool,
     /// POSTRIGG1 to 4, those that were written.
     pub triggers: [Option<i32>; TRIGGERS],
     /// Ticks until AXISON is through.
-    pub starting: u16,
+    pub axis_on_ticks: u16,
     /// Axis ID and groups, as AAR tells them.
     pub axis: u8,
     pub groups: u8,
@@ -66,31 +66,31 @@ impl Drive {
     /// A drive as from the factory, powered.
     pub fn new(options: Options) -> Self {
         let mut memory = Memory::new();
-        setup::deliver(&mut memory, &options);
+        setup::load_factory_setup(&mut memory, &options);
         if options.axis != 0 {
-            memory.keep_last_axis(options.axis);
+            memory.store_last_axis(options.axis);
             memory.writes = 0;
         }
         if !options.setup {
-            memory.spoil_table();
+            memory.corrupt_table();
         }
         let mut new = Self {
             memory,
             status: Status::NEW,
-            clock: Clock::new(&options, Instant::ZERO),
+            clock: DriveClock::new(&options, Instant::ZERO),
             shaft: Shaft::new(&options),
             motion: Motion::REST,
-            points: Points::EMPTY,
-            guard: Guard::NEW,
-            program: Program::IDLE,
-            events: Events::NONE,
-            around: Around::NEW,
-            notices: Notices::NONE,
-            sync: Sync::SLAVE,
+            points: PathBuffer::EMPTY,
+            protections: Protections::NEW,
+            program: ProgramExecution::IDLE,
+            events: EventMonitor::NONE,
+            surroundings: Surroundings::NEW,
+            change_reports: ChangeReports::NONE,
+            sync: TimeSync::SLAVE,
             outbox: Outbox::EMPTY,
             limits_watched: false,
             triggers: [None; TRIGGERS],
-            starting: 0,
+            axis_on_ticks: 0,
             axis: 0,
             groups: 0,
             baud: 0,
@@ -109,24 +109,26 @@ impl Drive {
     /// RAM is lost, settings come from the set-up table if it is valid. The shaft stays as it is,
     /// unpowered.
     pub fn power_up(&mut self, now: Instant) {
-        self.memory.forget();
+        self.memory.clear_volatile();
         self.status = Status::NEW;
-        if self.memory.table_is_valid() {
+        if self.memory.is_table_valid() {
             self.memory.load_table();
         } else {
             self.status.mer = mer::INVALID_SETUP;
         }
-        (self.axis, self.groups) = (self.first_axis(), 1);
+        (self.axis, self.groups) = (self.initial_axis(), 1);
         (self.baud, self.bit_rate) = (self.options.baud, 500_000);
-        self.clock = Clock::new(&self.options, now);
+        self.clock = DriveClock::new(&self.options, now);
         self.busy_until = now;
         self.shaft.restart();
-        (self.motion, self.points, self.guard) = (Motion::REST, Points::EMPTY, Guard::NEW);
-        (self.notices, self.sync, self.outbox) = (Notices::NONE, Sync::SLAVE, Outbox::EMPTY);
-        self.events = Events::NONE;
-        (self.triggers, self.starting) = ([None; TRIGGERS], 0);
-        self.memory.put(at::MASTERID, IdCode::host_at(self.axis).word());
-        self.memory.put(at::CSR, self.hardware());
+        (self.motion, self.points, self.protections) =
+            (Motion::REST, PathBuffer::EMPTY, Protections::NEW);
+        (self.change_reports, self.sync, self.outbox) =
+            (ChangeReports::NONE, TimeSync::SLAVE, Outbox::EMPTY);
+        self.events = EventMonitor::NONE;
+        (self.triggers, self.axis_on_ticks) = ([None; TRIGGERS], 0);
+        self.memory.set(addresses::MASTERID, IdCode::host_at(self.axis).word());
+        self.memory.set(addresses::CSR, self.hardware_status());
         self.read_masks();
         self.autorun();
         self.published = false;
@@ -134,37 +136,37 @@ impl Drive {
 
     /// The axis ID at power-up (TML communication manual, chapter 2): from a valid set-up table,
     /// else the last that came from a valid one; where that says "H/W", the switches; else 255.
-    fn first_axis(&mut self) -> u8 {
+    fn initial_axis(&mut self) -> u8 {
         let from_hardware = self.options.switches.unwrap_or(255);
-        if !self.memory.table_is_valid() {
+        if !self.memory.is_table_valid() {
             return self.memory.last_axis().unwrap_or(from_hardware);
         }
-        match self.memory.word(at::AAR_TABLE) as u8 {
+        match self.memory.word(addresses::AAR_TABLE) as u8 {
             0 => from_hardware,
             axis => {
-                self.memory.keep_last_axis(axis);
+                self.memory.store_last_axis(axis);
                 axis
             }
         }
     }
 
     /// CSR: bit 14 tells that the axis ID came from hardware, bit 0 that the port is RS-485.
-    fn hardware(&self) -> u16 {
-        let from_table = self.memory.word(at::AAR_TABLE) != 0;
-        let rs485 = self.options.quirks.wire == Some(Wire::Rs485);
+    fn hardware_status(&self) -> u16 {
+        let from_table = self.memory.word(addresses::AAR_TABLE) != 0;
+        let rs485 = self.options.quirks.wire == Some(TmlWire::Rs485);
         u16::from(!from_table) << 14 | u16::from(rs485)
     }
 
     /// Runs the ticks up to `now`.
     pub fn advance(&mut self, now: Instant) {
-        let count = self.clock.until(now);
+        let count = self.clock.take_ticks(now);
         if count == 0 {
             return;
         }
         for n in 0..count {
             if self.is_idle() {
                 self.published = false;
-                return self.shaft.rest((count - n) as f64 * TICK_S);
+                return self.shaft.pass_time((count - n) as f64 * TICK_S);
             }
             self.tick();
         }
@@ -173,30 +175,30 @@ impl Drive {
     /// Whether nothing will happen until somebody does something. What the inputs and the supply
     /// did is seen at a tick, so the bench asks for one.
     fn is_idle(&self) -> bool {
-        self.shaft.is_still()
+        self.shaft.is_at_rest()
             && self.sync.ticks_left().is_none()
-            && self.starting == 0
-            && !self.guard.old
+            && self.axis_on_ticks == 0
+            && !self.protections.limits_stale
             && !self.program.is_active()
-            && !self.events.is_watched()
+            && !self.events.is_pending()
     }
 
     fn tick(&mut self) {
         self.published = false;
         let before = self.shaft.motor.position();
-        self.watch_inputs();
+        self.check_inputs();
         self.tick_program();
-        self.tick_start();
+        self.tick_axis_on();
         if self.shaft.servo.is_enabled() {
             self.tick_motion();
         }
         self.shaft.tick();
-        self.watch();
-        self.watch_index(before);
-        self.watch_triggers();
-        self.watch_event();
+        self.check_protections();
+        self.check_index(before);
+        self.check_triggers();
+        self.check_event();
         self.tick_sync();
-        self.tell();
+        self.report_changes();
     }
 
     /// Brings the variables that live elsewhere into memory, before somebody reads.
@@ -209,7 +211,7 @@ impl Drive {
     }
 
     /// What was published may be old.
-    pub fn stale(&mut self) {
+    pub fn mark_stale(&mut self) {
         self.published = false;
     }
 
@@ -221,7 +223,7 @@ impl Drive {
     }
 
     /// This drive's own address, as requests and answers name their sender.
-    pub const fn own(&self) -> IdCode {
+    pub const fn own_id(&self) -> IdCode {
         IdCode::axis(self.axis)
     }
 
@@ -229,44 +231,45 @@ impl Drive {
         let (shaft, memory) = (&self.shaft, &mut self.memory);
         let (actual, target) = (shaft.count(), shaft.target());
         let error = target.wrapping_sub(actual);
-        let speed = shaft.scale.counts_speed(shaft.velocity());
+        let speed = shaft.scale.counts_of_speed(shaft.velocity());
         let setpoint = shaft.servo.setpoint();
-        memory.put_long(at::APOS, actual);
-        memory.put_long(at::APOS_MT, actual);
-        memory.put_long(at::RPOS, actual.wrapping_sub(memory.long(at::POS0)));
-        memory.put_fixed(at::ASPD, speed);
-        memory.put_fixed(at::ASPD_LD, speed);
-        memory.put(at::POSERR, clamped(error).cast_unsigned());
-        memory.put_long(at::POSERRL, error);
-        memory.put(at::SPDREF, whole(shaft.scale.counts_speed(setpoint.velocity)));
-        memory.put_long(at::TPOS, target);
-        memory.put_fixed(at::TSPD, shaft.scale.counts_speed(setpoint.velocity));
-        memory.put_fixed(at::TACC, shaft.scale.counts_acceleration(setpoint.acceleration));
-        let current = units::current(shaft.motor.current()).cast_unsigned();
-        memory.put(at::IQ, current);
-        memory.put(at::IQREF, current);
-        memory.put(at::AD4, units::voltage(shaft.supply));
-        memory.put_long(at::I2TINT_M, self.guard.i2t_units());
-        memory.put(at::AD7, libm::round(shaft.stage.temperature()) as u16);
+        memory.set_long(addresses::APOS, actual);
+        memory.set_long(addresses::APOS_MT, actual);
+        memory.set_long(addresses::RPOS, actual.wrapping_sub(memory.long(addresses::POS0)));
+        memory.set_fixed(addresses::ASPD, speed);
+        memory.set_fixed(addresses::ASPD_LD, speed);
+        memory.set(addresses::POSERR, to_i16(error).cast_unsigned());
+        memory.set_long(addresses::POSERRL, error);
+        memory.set(addresses::SPDREF, to_u16(shaft.scale.counts_of_speed(setpoint.velocity)));
+        memory.set_long(addresses::TPOS, target);
+        memory.set_fixed(addresses::TSPD, shaft.scale.counts_of_speed(setpoint.velocity));
+        memory
+            .set_fixed(addresses::TACC, shaft.scale.counts_of_acceleration(setpoint.acceleration));
+        let current = units::units_of_amperes(shaft.motor.current()).cast_unsigned();
+        memory.set(addresses::IQ, current);
+        memory.set(addresses::IQREF, current);
+        memory.set(addresses::AD4, units::units_of_volts(shaft.supply));
+        memory.set_long(addresses::I2TINT_M, self.protections.i2t_units());
+        memory.set(addresses::AD7, libm::round(shaft.stage.temperature()) as u16);
     }
 
     fn publish_status(&mut self) {
-        let (now, status, levels) = (self.clock.now(), self.status, self.levels());
+        let (now, status, levels) = (self.clock.now(), self.status, self.input_levels());
         let points = self.points_status();
         let memory = &mut self.memory;
-        memory.put(at::SRL, status.srl);
-        memory.put(at::SRH, status.srh);
-        memory.put(at::MER, status.mer);
-        memory.put(at::DER, status.der);
-        memory.put(at::DER2, status.der2);
-        memory.put(at::CER, status.cer);
-        memory.put(at::ISR, status.isr);
-        memory.put(at::MSR, status.msr());
-        memory.put(at::INSTATUS, levels);
-        memory.put(at::PVTSTS, points);
-        memory.put(at::AAR, u16::from(self.groups) << 8 | u16::from(self.axis));
-        memory.put_long(at::ATIME, self.clock.absolute(now).cast_signed());
-        memory.put_long(at::RTIME, self.clock.relative(now).cast_signed());
+        memory.set(addresses::SRL, status.srl);
+        memory.set(addresses::SRH, status.srh);
+        memory.set(addresses::MER, status.mer);
+        memory.set(addresses::DER, status.der);
+        memory.set(addresses::DER2, status.der2);
+        memory.set(addresses::CER, status.cer);
+        memory.set(addresses::ISR, status.isr);
+        memory.set(addresses::MSR, status.msr());
+        memory.set(addresses::INSTATUS, levels);
+        memory.set(addresses::PVTSTS, points);
+        memory.set(addresses::AAR, u16::from(self.groups) << 8 | u16::from(self.axis));
+        memory.set_long(addresses::ATIME, self.clock.absolute_time(now).cast_signed());
+        memory.set_long(addresses::RTIME, self.clock.relative_time(now).cast_signed());
     }
 
     /// AXISON: the axis holds the position that it has. Not before ENDINIT, in fault or while
@@ -278,30 +281,30 @@ impl Drive {
             return false;
         }
         if self.options.axison_ms == 0 || self.shaft.servo.is_enabled() {
-            self.power();
-        } else if self.starting == 0 {
-            self.starting = self.options.axison_ms;
+            self.power_on();
+        } else if self.axis_on_ticks == 0 {
+            self.axis_on_ticks = self.options.axison_ms;
         }
         true
     }
 
     /// AXISON takes its time: the field is looked for, and the axis is not on yet.
-    fn tick_start(&mut self) {
-        if self.starting > 0 {
-            self.starting -= 1;
-            if self.starting == 0 {
-                self.power();
+    fn tick_axis_on(&mut self) {
+        if self.axis_on_ticks > 0 {
+            self.axis_on_ticks -= 1;
+            if self.axis_on_ticks == 0 {
+                self.power_on();
             }
         }
     }
 
-    fn power(&mut self) {
+    fn power_on(&mut self) {
         if !self.shaft.servo.is_enabled() {
             self.shaft.servo.enable(&self.shaft.motor);
-            self.motion.mode = Mode::Stopping;
+            self.motion.mode = MotionMode::Stopping;
             self.motion.moving = self.shaft.motor.velocity() != 0.0;
             if !self.motion.moving {
-                self.motion.mode = Mode::Hold;
+                self.motion.mode = MotionMode::Hold;
             }
         }
         self.status.srl |= srl::AXIS_ON;
@@ -311,19 +314,19 @@ impl Drive {
     /// AXISOFF: the motor coasts.
     pub fn axis_off(&mut self) {
         self.shaft.servo.disable();
-        self.starting = 0;
-        self.motion.mode = Mode::Hold;
-        put(&mut self.status.srl, srl::AXIS_ON, false);
-        put(&mut self.status.srh, srh::IN_GEAR, false);
-        self.complete();
+        self.axis_on_ticks = 0;
+        self.motion.mode = MotionMode::Hold;
+        set_bits(&mut self.status.srl, srl::AXIS_ON, false);
+        set_bits(&mut self.status.srh, srh::IN_GEAR, false);
+        self.complete_motion();
         self.status.srh &= !srh::TARGET_REACHED;
     }
 }
 
-fn clamped(value: i32) -> i16 {
+fn to_i16(value: i32) -> i16 {
     value.clamp(i16::MIN.into(), i16::MAX.into()) as i16
 }
 
-fn whole(value: f64) -> u16 {
-    clamped(libm::round(value) as i32).cast_unsigned()
+fn to_u16(value: f64) -> u16 {
+    to_i16(libm::round(value) as i32).cast_unsigned()
 }

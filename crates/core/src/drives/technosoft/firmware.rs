@@ -2,8 +2,8 @@
 
 use super::drive::Drive;
 use super::status::{cer, mer};
-use crate::proto::tml::device::{Firmware, Trouble};
-use crate::proto::tml::online::Online;
+use crate::proto::tml::device::{Firmware, LineFault};
+use crate::proto::tml::online::OnlineMessage;
 use crate::proto::tml::wire::Message;
 use crate::time::Instant;
 
@@ -27,14 +27,14 @@ impl Firmware for Drive {
     fn execute(&mut self, now: Instant, message: &Message) {
         self.advance(now);
         let (to, instruction) = (message.to, &message.instruction);
-        let request = Online::parse(instruction).filter(Online::is_request);
+        let request = OnlineMessage::parse(instruction).filter(OnlineMessage::is_request);
         if let Some(request) = request {
-            self.answer(to, &request);
-        } else if self.program.holds(instruction.opcode) {
-            self.hold(instruction);
+            self.answer_request(to, &request);
+        } else if self.program.must_hold(instruction.opcode) {
+            self.hold_message(instruction);
         } else {
             Drive::execute(self, instruction);
-            self.tell();
+            self.report_changes();
         }
     }
 
@@ -43,24 +43,24 @@ impl Firmware for Drive {
             return None;
         }
         let message = self.outbox.pop()?;
-        self.sent(now, &message);
+        self.handle_sent(now, &message);
         Some(message)
     }
 
     /// CER.6 goes by itself once a message came (help page on CER).
-    fn heard_can(&mut self) {
+    fn note_can_message(&mut self) {
         self.status.cer &= !cer::BUS_OFF;
     }
 
-    fn trouble(&mut self, trouble: Trouble) {
+    fn note_line_fault(&mut self, trouble: LineFault) {
         let (error, summary) = match trouble {
-            Trouble::SerialReceive => (cer::SERIAL_RECEIVE, mer::COMMUNICATION),
-            Trouble::SerialOverrun => (cer::SERIAL_TRANSMIT, mer::COMMUNICATION),
-            Trouble::CanOverrun => (cer::CAN_OVERRUN, mer::CAN),
-            Trouble::BusOff => (cer::BUS_OFF, mer::CAN),
+            LineFault::SerialReceive => (cer::SERIAL_RECEIVE, mer::COMMUNICATION),
+            LineFault::SerialOverrun => (cer::SERIAL_TRANSMIT, mer::COMMUNICATION),
+            LineFault::CanOverrun => (cer::CAN_OVERRUN, mer::CAN),
+            LineFault::BusOff => (cer::BUS_OFF, mer::CAN),
         };
         self.status.cer |= error;
         self.status.mer |= summary;
-        self.stale();
+        self.mark_stale();
     }
 }

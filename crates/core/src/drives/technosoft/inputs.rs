@@ -3,9 +3,9 @@
 //! \[I\] INSTATUS has bit n for input n, as the masks of IN(…) have: IN0 home, IN1 free, IN2 LSP,
 //! IN3 LSN; bit 14 STO, bit 15 ENABLE. The true order differs between products.
 
-use super::at;
+use super::addresses;
 use super::drive::{Drive, TRIGGERS};
-use super::status::{der, isr, mer, put, srh};
+use super::status::{der, isr, mer, set_bits, srh};
 
 /// Bits of INSTATUS.
 pub(super) mod line {
@@ -23,7 +23,7 @@ const ENABLE_SWITCHES_ON: u16 = 1 << 3;
 
 /// What is around the drive: the bench's side.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(super) struct Around {
+pub(super) struct Surroundings {
     /// Levels that the bench gives.
     pub levels: u16,
     /// Shaft positions of the home, LSP and LSN switches, rad; NaN where there is none.
@@ -32,31 +32,31 @@ pub(super) struct Around {
     pub reference_v: f64,
     pub hall_broken: bool,
     /// What edges are looked for: bits of [`line`], and for each the level to go to.
-    pub awaited: u16,
-    pub awaited_level: u16,
+    pub awaited_edges: u16,
+    pub awaited_levels: u16,
     /// The index pulse is looked for.
     pub index_awaited: bool,
-    was: u16,
+    previous_levels: u16,
 }
 
-impl Around {
+impl Surroundings {
     /// Enabled, with no switch anywhere.
     pub const NEW: Self = Self {
         levels: line::ENABLE | line::STO,
         switches: [f64::NAN; 3],
         reference_v: 0.0,
         hall_broken: false,
-        awaited: 0,
-        awaited_level: 0,
+        awaited_edges: 0,
+        awaited_levels: 0,
         index_awaited: false,
-        was: line::ENABLE | line::STO,
+        previous_levels: line::ENABLE | line::STO,
     };
 }
 
 impl Drive {
     /// What INSTATUS reads. Home and LSP are closed from their position on, LSN up to it.
-    pub fn levels(&self) -> u16 {
-        let (around, at) = (&self.around, self.shaft.motor.position());
+    pub fn input_levels(&self) -> u16 {
+        let (around, at) = (&self.surroundings, self.shaft.motor.position());
         let [home, lsp, lsn] = around.switches;
         let closed = |on: bool, bit: u16| if on { bit } else { 0 };
         around.levels
@@ -67,107 +67,108 @@ impl Drive {
 
     /// Looks at the inputs once a tick.
     #[inline]
-    pub fn watch_inputs(&mut self) {
-        let levels = self.levels();
-        let changed = levels ^ self.around.was;
+    pub fn check_inputs(&mut self) {
+        let levels = self.input_levels();
+        let changed = levels ^ self.surroundings.previous_levels;
         if changed != 0 {
-            self.around.was = levels;
-            self.edges(levels, changed);
+            self.surroundings.previous_levels = levels;
+            self.handle_edges(levels, changed);
         }
         if self.status.mer & (mer::LSP | mer::LSN) != 0 {
-            self.keep_from_limits();
+            self.stop_at_limits();
         }
         if self.limits_watched {
-            self.watch_software_limits();
+            self.check_software_limits();
         }
     }
 
     /// Whether a limit switch forbids this direction.
-    pub fn is_barred(&self, way: f64) -> bool {
+    pub fn is_direction_blocked(&self, way: f64) -> bool {
         let bar = if way > 0.0 { mer::LSP } else { mer::LSN };
         way != 0.0 && self.status.mer & bar != 0
     }
 
     /// ENCAPI and its like: looks for an edge of an input, or no more.
     pub fn await_edge(&mut self, bit: u16, level: Option<bool>) {
-        put(&mut self.around.awaited, bit, level.is_some());
-        put(&mut self.around.awaited_level, bit, level == Some(true));
+        set_bits(&mut self.surroundings.awaited_edges, bit, level.is_some());
+        set_bits(&mut self.surroundings.awaited_levels, bit, level == Some(true));
         let shown = match bit {
             line::LSP => srh::LSP,
             line::LSN => srh::LSN,
             _ => srh::CAPTURE,
         };
-        put(&mut self.status.srh, shown, false);
+        set_bits(&mut self.status.srh, shown, false);
     }
 
     /// The index pulse came by.
-    pub fn watch_index(&mut self, before: f64) {
+    pub fn check_index(&mut self, before: f64) {
         let crossed = self.shaft.encoder.index_between(before, self.shaft.motor.position());
-        if self.around.index_awaited && crossed {
-            self.around.index_awaited = false;
-            self.capture(srh::CAPTURE, isr::CAPTURE);
+        if self.surroundings.index_awaited && crossed {
+            self.surroundings.index_awaited = false;
+            self.capture_position(srh::CAPTURE, isr::CAPTURE);
         }
     }
 
-    fn edges(&mut self, levels: u16, changed: u16) {
+    fn handle_edges(&mut self, levels: u16, changed: u16) {
         let on = |bit: u16| levels & bit != 0;
-        put(&mut self.status.mer, mer::LSP, on(line::LSP));
-        put(&mut self.status.mer, mer::LSN, on(line::LSN));
+        set_bits(&mut self.status.mer, mer::LSP, on(line::LSP));
+        set_bits(&mut self.status.mer, mer::LSN, on(line::LSN));
         let enabled = on(line::ENABLE) && on(line::STO);
-        put(&mut self.status.mer, mer::DISABLED, !enabled);
+        set_bits(&mut self.status.mer, mer::DISABLED, !enabled);
         if changed & (line::ENABLE | line::STO) != 0 {
-            self.enable_changed(enabled);
+            self.handle_enable_change(enabled);
         }
-        let around = &mut self.around;
-        let hit = changed & around.awaited & !(levels ^ around.awaited_level);
-        around.awaited &= !hit;
+        let around = &mut self.surroundings;
+        let hit = changed & around.awaited_edges & !(levels ^ around.awaited_levels);
+        around.awaited_edges &= !hit;
         for (bit, shown, flag) in [
             (line::LSP, srh::LSP, isr::LSP),
             (line::LSN, srh::LSN, isr::LSN),
             (line::HOME, srh::CAPTURE, isr::CAPTURE),
         ] {
             if hit & bit != 0 {
-                self.capture(shown, flag);
+                self.capture_position(shown, flag);
             }
         }
-        self.stale();
+        self.mark_stale();
     }
 
-    fn enable_changed(&mut self, enabled: bool) {
+    fn handle_enable_change(&mut self, enabled: bool) {
         self.status.isr |= isr::ENABLE;
         if !enabled {
             if self.shaft.servo.is_enabled() {
                 self.notice = Some("ENABLE or STO: motor off");
             }
             self.axis_off();
-        } else if self.memory.word(at::ACR) & ENABLE_SWITCHES_ON != 0 {
+        } else if self.memory.word(addresses::ACR) & ENABLE_SWITCHES_ON != 0 {
             self.axis_on();
         }
     }
 
-    fn capture(&mut self, shown: u16, flag: u16) {
+    fn capture_position(&mut self, shown: u16, flag: u16) {
         self.status.srh |= shown;
         self.status.isr |= flag;
-        self.memory.put_long(at::CAPPOS, self.shaft.count());
-        self.stale();
+        self.memory.set_long(addresses::CAPPOS, self.shaft.count());
+        self.mark_stale();
     }
 
     /// An active limit switch stops what moves toward it.
-    fn keep_from_limits(&mut self) {
+    fn stop_at_limits(&mut self) {
         let speed = self.shaft.servo.setpoint().velocity;
-        if self.is_barred(speed) && !self.is_stopping() {
+        if self.is_direction_blocked(speed) && !self.is_stopping() {
             self.notice = Some("limit switch: motor stopped");
             self.quick_stop();
         }
     }
 
     /// SWPOSLS and SWNEGLS, while ASR.12 is set.
-    fn watch_software_limits(&mut self) {
+    fn check_software_limits(&mut self) {
         let count = self.shaft.count();
-        let (high, low) = (self.memory.long(at::SWPOSLS), self.memory.long(at::SWNEGLS));
+        let (high, low) =
+            (self.memory.long(addresses::SWPOSLS), self.memory.long(addresses::SWNEGLS));
         let (above, below) = (count >= high, count <= low);
-        put(&mut self.status.der, der::SOFTWARE_LSP, above);
-        put(&mut self.status.der, der::SOFTWARE_LSN, below);
+        set_bits(&mut self.status.der, der::SOFTWARE_LSP, above);
+        set_bits(&mut self.status.der, der::SOFTWARE_LSN, below);
         let speed = self.shaft.servo.setpoint().velocity;
         let outward = above && speed > 0.0 || below && speed < 0.0;
         if outward && !self.is_stopping() {
@@ -179,20 +180,20 @@ impl Drive {
     /// POSTRIGGn was written: from now on bit n of SRH tells whether the position has reached it. \[I\]
     /// Those that nobody wrote tell nothing.
     pub fn set_trigger(&mut self, address: u16) {
-        let n = (address - at::POSTRIGG1) / 2;
-        self.triggers[usize::from(n)] = Some(self.memory.long(at::POSTRIGG1 + 2 * n));
+        let n = (address - addresses::POSTRIGG1) / 2;
+        self.triggers[usize::from(n)] = Some(self.memory.long(addresses::POSTRIGG1 + 2 * n));
     }
 
     /// Looks whether the position passed a trigger.
     #[inline]
-    pub fn watch_triggers(&mut self) {
+    pub fn check_triggers(&mut self) {
         if self.triggers == [None; TRIGGERS] {
             return;
         }
         let (count, before) = (self.shaft.count(), self.status.srh);
         for (n, trigger) in (0..).zip(self.triggers) {
             let reached = trigger.is_some_and(|place| count >= place);
-            put(&mut self.status.srh, srh::TRIGGER_1 << n, reached);
+            set_bits(&mut self.status.srh, srh::TRIGGER_1 << n, reached);
         }
         if self.status.srh != before {
             self.status.isr |= isr::POSITION_TRIGGER;
@@ -201,7 +202,7 @@ impl Drive {
 
     /// Whether the software limits are to be watched, read when a setting was written.
     pub fn read_limit_switches(&mut self) {
-        self.limits_watched = self.memory.word(at::ASR) & SOFTWARE_LIMITS != 0;
+        self.limits_watched = self.memory.word(addresses::ASR) & SOFTWARE_LIMITS != 0;
         if !self.limits_watched {
             self.status.der &= !(der::SOFTWARE_LSP | der::SOFTWARE_LSN);
         }

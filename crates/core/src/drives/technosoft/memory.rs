@@ -7,13 +7,13 @@
 
 use core::ops::Range;
 
-use crate::proto::tml::online::Memory as Space;
+use crate::proto::tml::online::MemorySpace as Space;
 
 /// A write that memory does not take.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Barred {
+pub(super) enum WriteRefusal {
     /// There is no memory.
-    Nowhere,
+    NoMemory,
     /// This part of the EEPROM is locked (LOCKEEPROM).
     Locked,
 }
@@ -24,8 +24,8 @@ const RAM: Range<u16> = 0x8000..0xC000;
 
 /// Where a set-up table is kept: an image of both data pages behind a sum and in front of nothing.
 /// \[I\] Its true place and format are the set-up tool's secret.
-const TABLE: u16 = 0x7C00;
-const TABLE_PARTS: [Range<u16>; 2] = [0x0200..0x03B0, 0x0800..0x0A00];
+const SETUP_TABLE: u16 = 0x7C00;
+const SETUP_TABLE_PARTS: [Range<u16>; 2] = [0x0200..0x03B0, 0x0800..0x0A00];
 /// The last axis ID that came from a valid table.
 const LAST_AXIS: u16 = 0x7FFF;
 
@@ -66,8 +66,8 @@ impl Memory {
     /// Writes a word.
     ///
     /// # Errors
-    /// [`Barred`].
-    pub fn write(&mut self, space: Space, address: u16, value: u16) -> Result<(), Barred> {
+    /// [`WriteRefusal`].
+    pub fn write(&mut self, space: Space, address: u16, value: u16) -> Result<(), WriteRefusal> {
         match space {
             Space::Data if PAGES.contains(&address) => {
                 self.pages[usize::from(address - PAGES.start)] = value;
@@ -77,12 +77,12 @@ impl Memory {
             }
             Space::Program | Space::Spi if EEPROM.contains(&address) => {
                 if address >= self.first_locked() {
-                    return Err(Barred::Locked);
+                    return Err(WriteRefusal::Locked);
                 }
                 self.eeprom[usize::from(address - EEPROM.start)] = value;
                 self.writes += 1;
             }
-            _ => return Err(Barred::Nowhere),
+            _ => return Err(WriteRefusal::NoMemory),
         }
         Ok(())
     }
@@ -110,24 +110,24 @@ impl Memory {
     }
 
     /// Sets a variable of the firmware's own.
-    pub fn put(&mut self, address: u16, value: u16) {
+    pub fn set(&mut self, address: u16, value: u16) {
         let kept = self.write(Space::Data, address, value);
         debug_assert!(kept.is_ok(), "{address:04X}");
     }
 
     /// Sets a 32-bit variable of the firmware's own.
-    pub fn put_long(&mut self, address: u16, value: i32) {
-        self.put(address, value as u16);
-        self.put(address + 1, (value >> 16) as u16);
+    pub fn set_long(&mut self, address: u16, value: i32) {
+        self.set(address, value as u16);
+        self.set(address + 1, (value >> 16) as u16);
     }
 
     /// Sets a fixed-point variable of the firmware's own.
-    pub fn put_fixed(&mut self, address: u16, value: f64) {
-        self.put_long(address, libm::round(value * 65536.0) as i32);
+    pub fn set_fixed(&mut self, address: u16, value: f64) {
+        self.set_long(address, libm::round(value * 65536.0) as i32);
     }
 
     /// Everything but the EEPROM is lost.
-    pub fn forget(&mut self) {
+    pub fn clear_volatile(&mut self) {
         self.pages.fill(0);
         self.ram.fill(0);
     }
@@ -135,33 +135,33 @@ impl Memory {
     /// SAVE: the data pages go into the set-up table.
     ///
     /// # Errors
-    /// [`Barred::Locked`].
-    pub fn save_table(&mut self) -> Result<(), Barred> {
+    /// [`WriteRefusal::Locked`].
+    pub fn save_table(&mut self) -> Result<(), WriteRefusal> {
         let mut sum = 0_u16;
-        for (at, address) in (TABLE + 1..).zip(TABLE_PARTS.into_iter().flatten()) {
+        for (at, address) in (SETUP_TABLE + 1..).zip(SETUP_TABLE_PARTS.into_iter().flatten()) {
             let word = self.word(address);
             self.write(Space::Spi, at, word)?;
             sum = sum.wrapping_add(word);
         }
-        self.write(Space::Spi, TABLE, !sum)
+        self.write(Space::Spi, SETUP_TABLE, !sum)
     }
 
     /// Whether the set-up table's sum agrees.
-    pub fn table_is_valid(&self) -> bool {
-        let words = TABLE_PARTS.into_iter().flatten().count() as u16;
-        let kept = (TABLE + 1..=TABLE + words).map(|at| self.read(Space::Spi, at));
-        self.read(Space::Spi, TABLE) == !kept.fold(0_u16, u16::wrapping_add)
+    pub fn is_table_valid(&self) -> bool {
+        let words = SETUP_TABLE_PARTS.into_iter().flatten().count() as u16;
+        let kept = (SETUP_TABLE + 1..=SETUP_TABLE + words).map(|at| self.read(Space::Spi, at));
+        self.read(Space::Spi, SETUP_TABLE) == !kept.fold(0_u16, u16::wrapping_add)
     }
 
     /// Spoils the set-up table's sum.
-    pub fn spoil_table(&mut self) {
-        self.eeprom[usize::from(TABLE - EEPROM.start)] ^= 1;
+    pub fn corrupt_table(&mut self) {
+        self.eeprom[usize::from(SETUP_TABLE - EEPROM.start)] ^= 1;
     }
 
     /// The data pages come from the set-up table.
     pub fn load_table(&mut self) {
-        for (at, address) in (TABLE + 1..).zip(TABLE_PARTS.into_iter().flatten()) {
-            self.put(address, self.read(Space::Spi, at));
+        for (at, address) in (SETUP_TABLE + 1..).zip(SETUP_TABLE_PARTS.into_iter().flatten()) {
+            self.set(address, self.read(Space::Spi, at));
         }
     }
 
@@ -171,7 +171,7 @@ impl Memory {
     }
 
     /// Keeps an axis ID that came from a valid table.
-    pub fn keep_last_axis(&mut self, axis: u8) {
+    pub fn store_last_axis(&mut self, axis: u8) {
         if self.last_axis() != Some(axis) {
             self.eeprom[usize::from(LAST_AXIS - EEPROM.start)] = axis.into();
             self.writes += 1;

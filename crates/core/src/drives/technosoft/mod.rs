@@ -4,8 +4,9 @@
 //! for memory maps, captures of drives with firmware F514L and FA00G. What is concluded and not
 //! stated is marked \[I\], and `inferred` in the profiles.
 
-mod at;
+mod addresses;
 mod bench;
+mod change_reports;
 mod clock;
 mod control;
 mod device;
@@ -13,17 +14,16 @@ mod drive;
 mod events;
 mod execute;
 mod firmware;
-mod guard;
 mod inputs;
 mod memory;
 mod motion;
-mod notices;
 mod online;
 mod options;
 mod outbox;
 mod points;
 pub mod profile;
 mod program;
+mod protections;
 mod remote;
 mod setup;
 mod shaft;

@@ -4,7 +4,7 @@ use crate::drives::DeviceOptions;
 use crate::profile::Profile;
 use crate::proto;
 use crate::proto::tml::device::Quirks;
-use crate::proto::tml::rules::Wire;
+use crate::proto::tml::rules::TmlWire;
 
 /// How a drive is built, wired and set up.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -40,32 +40,32 @@ impl Options {
     ///
     /// # Errors
     /// The name or value that is unknown.
-    pub fn read<'a>(
+    pub fn from_device_options<'a>(
         profile: &'static Profile,
         options: &DeviceOptions<'a>,
     ) -> Result<Self, &'a str> {
-        let mut read = Self::of(profile);
+        let mut read = Self::for_profile(profile);
         read.quirks.untimed = options.untimed;
         let on = |word: &str| options.wires.contains(&word);
         let standard = match options.standard {
-            Some(proto::Wire::Rs485) => Wire::Rs485,
-            _ => Wire::Rs232,
+            Some(proto::SerialStandard::Rs485) => TmlWire::Rs485,
+            _ => TmlWire::Rs232,
         };
         read.quirks.wire = on("tml").then_some(standard);
         read.quirks.can = match (on("tmlcan"), on("technocan")) {
-            (_, true) => Some(Wire::TechnoCan),
-            (tmlcan, _) => tmlcan.then_some(Wire::TmlCan),
+            (_, true) => Some(TmlWire::TechnoCan),
+            (tmlcan, _) => tmlcan.then_some(TmlWire::TmlCan),
         };
         if let Some(address) = options.address {
             read.axis = u8::try_from(address).unwrap_or(u8::MAX);
         }
         for (key, value) in options.extra {
-            read.set(key, value)?;
+            read.set_option(key, value)?;
         }
         Ok(read)
     }
 
-    fn of(profile: &'static Profile) -> Self {
+    fn for_profile(profile: &'static Profile) -> Self {
         let late = profile.name.ends_with("fa00g");
         Self {
             quirks: Quirks::default(),
@@ -79,30 +79,34 @@ impl Options {
             clock_ppm: 0,
             eeprom_ms: 5,
             version: if late { *b"A00G" } else { *b"514L" },
-            srl_mask: if late { super::at::SRL_MASK_FA00G } else { super::at::SRL_MASK_F514L },
+            srl_mask: if late {
+                super::addresses::SRL_MASK_FA00G
+            } else {
+                super::addresses::SRL_MASK_F514L
+            },
         }
     }
 
-    fn set<'a>(&mut self, key: &'a str, value: &'a str) -> Result<(), &'a str> {
+    fn set_option<'a>(&mut self, key: &'a str, value: &'a str) -> Result<(), &'a str> {
         match (key, value) {
-            ("wire", "rs232") => self.quirks.wire = Some(Wire::Rs232),
-            ("wire", "rs485") => self.quirks.wire = Some(Wire::Rs485),
-            ("can", "tmlcan") => self.quirks.can = Some(Wire::TmlCan),
-            ("can", "technocan") => self.quirks.can = Some(Wire::TechnoCan),
+            ("wire", "rs232") => self.quirks.wire = Some(TmlWire::Rs232),
+            ("wire", "rs485") => self.quirks.wire = Some(TmlWire::Rs485),
+            ("can", "tmlcan") => self.quirks.can = Some(TmlWire::TmlCan),
+            ("can", "technocan") => self.quirks.can = Some(TmlWire::TechnoCan),
             // It answers whoever asks.
             ("host", _) => {}
             ("setup", "valid" | "invalid") => self.setup = value == "valid",
-            ("switches", _) => self.switches = Some(number(value, 1, 255)?),
-            ("counts", _) => self.counts = number(value, 4, 16_777_216)?,
-            ("slow-loop-us", _) => self.slow_ns = 1000 * number::<u64>(value, 100, 10_000)?,
+            ("switches", _) => self.switches = Some(parse_number(value, 1, 255)?),
+            ("counts", _) => self.counts = parse_number(value, 4, 16_777_216)?,
+            ("slow-loop-us", _) => self.slow_ns = 1000 * parse_number::<u64>(value, 100, 10_000)?,
             ("baud", "9600" | "19200" | "38400" | "57600" | "115200") => {
-                self.baud = number(value, 9600, 115_200)?;
+                self.baud = parse_number(value, 9600, 115_200)?;
             }
-            ("axison-ms", _) => self.axison_ms = number(value, 0, 10_000)?,
-            ("clock-ppm", _) => self.clock_ppm = number(value, -1000, 1000)?,
-            ("eeprom-ms", _) => self.eeprom_ms = number(value, 0, 1000)?,
+            ("axison-ms", _) => self.axison_ms = parse_number(value, 0, 10_000)?,
+            ("clock-ppm", _) => self.clock_ppm = parse_number(value, -1000, 1000)?,
+            ("eeprom-ms", _) => self.eeprom_ms = parse_number(value, 0, 1000)?,
             ("byte-timeout-ms", _) => {
-                self.quirks.byte_timeout_ms = Some(number(value, 1, 10_000)?);
+                self.quirks.byte_timeout_ms = Some(parse_number(value, 1, 10_000)?);
             }
             ("wire" | "can" | "setup" | "baud", _) => return Err(value),
             _ => return Err(key),
@@ -111,6 +115,10 @@ impl Options {
     }
 }
 
-fn number<T: core::str::FromStr + PartialOrd>(value: &str, least: T, most: T) -> Result<T, &str> {
+fn parse_number<T: core::str::FromStr + PartialOrd>(
+    value: &str,
+    least: T,
+    most: T,
+) -> Result<T, &str> {
     value.parse().ok().filter(|n| (least..=most).contains(n)).ok_or(value)
 }

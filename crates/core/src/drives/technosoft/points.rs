@@ -5,10 +5,10 @@
 //! 2074h takes there: bit 15 clears the buffer and the counter, bit 14 stops checking the counter,
 //! bit 13 sets it to bits 6 to 0, bit 7 sets how many points count as few to bits 11 to 8.
 
-use super::at;
+use super::addresses;
 use super::drive::Drive;
-use super::execute::Refused;
-use super::motion::Mode;
+use super::execute::ExecuteError;
+use super::motion::MotionMode;
 use crate::plant::{Setpoint, TICK_S};
 use crate::proto::tml::online::{PtPoint, PvtPoint};
 
@@ -17,7 +17,7 @@ const POINTS_MAX: usize = 285;
 /// Points of PVT that fit at most.
 const PVT_POINTS_MAX: u16 = 222;
 /// Points that count as few. \[I\]
-const FEW: u8 = 4;
+const LOW_POINTS: u8 = 4;
 
 mod sts {
     pub const QUICK_STOP: u16 = 1 << 11;
@@ -28,7 +28,7 @@ mod sts {
 }
 
 #[derive(Clone, Copy, PartialEq, Debug)]
-struct Point {
+struct PathPoint {
     position: i32,
     /// Counts a slow loop period; `None` for a PT point.
     velocity: Option<f32>,
@@ -37,46 +37,46 @@ struct Point {
 
 /// The buffer and the segment under way.
 #[derive(Clone, Debug)]
-pub(super) struct Points {
-    buffer: [Point; POINTS_MAX],
+pub(super) struct PathBuffer {
+    buffer: [PathPoint; POINTS_MAX],
     first: usize,
     len: usize,
-    few: u8,
+    low_threshold: u8,
     /// Counter that the next point must have.
     counter: u8,
     checked: bool,
     /// Bits 12 and 11 of PVTSTS.
-    trouble: u16,
+    error_bits: u16,
     running: bool,
     linear: bool,
     absolute: bool,
     /// Where the last segment ends, whole counts of the shaft.
     end: i64,
-    segment: Option<Segment>,
+    segment: Option<PathSegment>,
 }
 
 /// A cubic from one point to the next, rad and s.
 #[derive(Clone, Copy, Debug)]
-struct Segment {
+struct PathSegment {
     from: f64,
     velocity: f64,
-    square: f64,
-    cube: f64,
-    span: f64,
-    done: f64,
+    quadratic: f64,
+    cubic: f64,
+    duration: f64,
+    elapsed: f64,
     ends_at_rest: bool,
 }
 
-impl Segment {
-    fn new(from: Setpoint, to: f64, end_velocity: f64, span: f64) -> Self {
-        let mean = (to - from.position) / span;
+impl PathSegment {
+    fn new(from: Setpoint, to: f64, end_velocity: f64, duration: f64) -> Self {
+        let mean = (to - from.position) / duration;
         Self {
             from: from.position,
             velocity: from.velocity,
-            square: (3.0 * mean - 2.0 * from.velocity - end_velocity) / span,
-            cube: (from.velocity + end_velocity - 2.0 * mean) / (span * span),
-            span,
-            done: 0.0,
+            quadratic: (3.0 * mean - 2.0 * from.velocity - end_velocity) / duration,
+            cubic: (from.velocity + end_velocity - 2.0 * mean) / (duration * duration),
+            duration,
+            elapsed: 0.0,
             ends_at_rest: end_velocity == 0.0,
         }
     }
@@ -84,11 +84,16 @@ impl Segment {
     fn linear(from: Setpoint, to: f64, span: f64) -> Self {
         let velocity = (to - from.position) / span;
         let from = Setpoint { velocity, ..from };
-        Self { ends_at_rest: true, square: 0.0, cube: 0.0, ..Self::new(from, to, velocity, span) }
+        Self {
+            ends_at_rest: true,
+            quadratic: 0.0,
+            cubic: 0.0,
+            ..Self::new(from, to, velocity, span)
+        }
     }
 
     fn setpoint(&self, at: f64) -> Setpoint {
-        let Self { from, velocity, square, cube, .. } = *self;
+        let Self { from, velocity, quadratic: square, cubic: cube, .. } = *self;
         Setpoint {
             position: from + at * (velocity + at * (square + at * cube)),
             velocity: velocity + at * (2.0 * square + at * 3.0 * cube),
@@ -97,16 +102,16 @@ impl Segment {
     }
 }
 
-impl Points {
+impl PathBuffer {
     /// Nothing sent yet.
     pub const EMPTY: Self = Self {
-        buffer: [Point { position: 0, velocity: None, time: 0 }; POINTS_MAX],
+        buffer: [PathPoint { position: 0, velocity: None, time: 0 }; POINTS_MAX],
         first: 0,
         len: 0,
-        few: FEW,
+        low_threshold: LOW_POINTS,
         counter: 0,
         checked: true,
-        trouble: 0,
+        error_bits: 0,
         running: false,
         linear: false,
         absolute: false,
@@ -114,12 +119,12 @@ impl Points {
         segment: None,
     };
 
-    fn push(&mut self, point: Point) {
+    fn push(&mut self, point: PathPoint) {
         self.buffer[(self.first + self.len) % POINTS_MAX] = point;
         self.len += 1;
     }
 
-    fn pop(&mut self) -> Option<Point> {
+    fn pop(&mut self) -> Option<PathPoint> {
         if self.len == 0 {
             return None;
         }
@@ -131,65 +136,65 @@ impl Points {
 
     /// Whether points were ever sent or a path begun.
     pub const fn is_used(&self) -> bool {
-        self.running || self.len > 0 || self.trouble != 0
+        self.running || self.len > 0 || self.error_bits != 0
     }
 
     /// PVTSTS for a buffer of `room` points.
     fn status(&self, room: usize) -> u16 {
         let bit = |on: bool, bit: u16| if on { bit } else { 0 };
         bit(self.len == 0, sts::EMPTY)
-            | bit(self.len <= usize::from(self.few), sts::LOW)
+            | bit(self.len <= usize::from(self.low_threshold), sts::LOW)
             | bit(self.len >= room, sts::FULL)
-            | self.trouble
+            | self.error_bits
             | u16::from(self.counter)
     }
 
     /// Ticks until the segment under way ends.
     pub fn ticks_left(&self) -> Option<u64> {
         let segment = self.segment.as_ref()?;
-        Some(libm::ceil((segment.span - segment.done) / TICK_S).max(1.0) as u64)
+        Some(libm::ceil((segment.duration - segment.elapsed) / TICK_S).max(1.0) as u64)
     }
 }
 
 impl Drive {
     /// PVTP: a point with position, velocity and time.
-    pub fn take_pvt(&mut self, point: &PvtPoint) -> Result<(), Refused> {
+    pub fn accept_pvt(&mut self, point: &PvtPoint) -> Result<(), ExecuteError> {
         let velocity = Some((f64::from(point.velocity) / 65536.0) as f32);
         let PvtPoint { position, time, counter, .. } = *point;
-        self.take_point(Point { position, velocity, time }, counter)
+        self.accept_point(PathPoint { position, velocity, time }, counter)
     }
 
     /// PTP: a point with position and time.
-    pub fn take_pt(&mut self, point: &PtPoint) -> Result<(), Refused> {
+    pub fn accept_pt(&mut self, point: &PtPoint) -> Result<(), ExecuteError> {
         let PtPoint { position, time, counter } = *point;
-        self.take_point(Point { position, velocity: None, time }, counter)
+        self.accept_point(PathPoint { position, velocity: None, time }, counter)
     }
 
     /// SETPVT, SETPT.
-    pub fn set_points(&mut self, value: u16) {
+    pub fn configure_points(&mut self, value: u16) {
         let points = &mut self.points;
         if value & 0x8000 != 0 {
-            (points.first, points.len, points.counter, points.trouble) = (0, 0, 0, 0);
+            (points.first, points.len, points.counter, points.error_bits) = (0, 0, 0, 0);
         }
         points.checked = value & 0x4000 == 0;
         if value & 0x2000 != 0 {
             points.counter = (value & 0x7F) as u8;
         }
         if value & 0x0080 != 0 {
-            points.few = (value >> 8 & 0xF) as u8;
+            points.low_threshold = (value >> 8 & 0xF) as u8;
         }
-        self.memory.put(at::PVTMODE, value);
-        self.stale();
+        self.memory.set(addresses::PVTMODE, value);
+        self.mark_stale();
     }
 
     /// What PVTSTS reads.
     pub fn points_status(&self) -> u16 {
-        self.points.status(self.room())
+        self.points.status(self.points_capacity())
     }
 
     /// When the next point will be taken from the buffer, ticks from now.
     pub fn ticks_to_next_point(&self) -> Option<u64> {
-        (self.motion.mode == Mode::Points).then(|| self.points.ticks_left()).flatten()
+        (self.motion.mode == MotionMode::Points).then(|| self.points.ticks_left()).flatten()
     }
 
     /// UPD in mode PVT or PT: the path starts where the reference is.
@@ -197,10 +202,10 @@ impl Drive {
         let start = self.shaft.servo.setpoint();
         let points = &mut self.points;
         (points.linear, points.absolute, points.running) = (linear, absolute, true);
-        points.trouble &= !sts::QUICK_STOP;
-        points.end = self.shaft.whole(start.position);
+        points.error_bits &= !sts::QUICK_STOP;
+        points.end = self.shaft.whole_counts(start.position);
         points.segment = None;
-        self.memory.put_long(at::PVTPOS0, self.shaft.target());
+        self.memory.set_long(addresses::PVTPOS0, self.shaft.target());
         self.unrepeatable += u64::from(!absolute);
     }
 
@@ -209,16 +214,16 @@ impl Drive {
     pub fn tick_points(&mut self) {
         let mut at = match &mut self.points.segment {
             Some(segment) => {
-                segment.done += TICK_S;
-                segment.done
+                segment.elapsed += TICK_S;
+                segment.elapsed
             }
-            None if self.points.len == 0 => return self.complete(),
+            None if self.points.len == 0 => return self.complete_motion(),
             None => TICK_S,
         };
-        while self.points.segment.is_none_or(|segment| at > segment.span + 1e-9) {
-            at -= self.points.segment.map_or(0.0, |segment| segment.span);
+        while self.points.segment.is_none_or(|segment| at > segment.duration + 1e-9) {
+            at -= self.points.segment.map_or(0.0, |segment| segment.duration);
             if !self.next_segment(at) {
-                return self.run_dry();
+                return self.handle_underrun();
             }
         }
         if let Some(segment) = &self.points.segment {
@@ -226,32 +231,32 @@ impl Drive {
         }
     }
 
-    fn take_point(&mut self, point: Point, counter: u8) -> Result<(), Refused> {
-        let room = self.room();
-        self.stale();
+    fn accept_point(&mut self, point: PathPoint, counter: u8) -> Result<(), ExecuteError> {
+        let room = self.points_capacity();
+        self.mark_stale();
         let points = &mut self.points;
         if points.checked && counter != points.counter {
-            points.trouble |= sts::COUNTER_ERROR;
+            points.error_bits |= sts::COUNTER_ERROR;
             return Ok(());
         }
         if point.time == 0 {
-            return Err(Refused::NotNow);
+            return Err(ExecuteError::NotPossible);
         }
         if points.len >= room {
             return Ok(()); // the counter stands still: the host sees that it was not taken
         }
-        points.trouble &= !sts::COUNTER_ERROR;
+        points.error_bits &= !sts::COUNTER_ERROR;
         points.counter = counter.wrapping_add(1) & PvtPoint::COUNTER_MAX;
         points.push(point);
-        if points.running && points.segment.is_none() && self.motion.mode == Mode::Points {
-            self.set_off();
+        if points.running && points.segment.is_none() && self.motion.mode == MotionMode::Points {
+            self.note_motion_begun();
         }
         Ok(())
     }
 
     /// Points that fit: PVTBUFLEN, 7 of PVT or 9 of PT from the factory.
-    fn room(&self) -> usize {
-        let set = self.memory.word(at::PVTBUFLEN);
+    fn points_capacity(&self) -> usize {
+        let set = self.memory.word(addresses::PVTBUFLEN);
         let room = match self.points.linear {
             true if set == 7 => 9,
             true => set.min(POINTS_MAX as u16),
@@ -264,7 +269,7 @@ impl Drive {
     fn next_segment(&mut self, done: f64) -> bool {
         let Some(point) = self.points.pop() else { return false };
         let from = match &self.points.segment {
-            Some(segment) => segment.setpoint(segment.span),
+            Some(segment) => segment.setpoint(segment.duration),
             None => self.shaft.servo.setpoint(),
         };
         let by = if self.points.absolute {
@@ -277,23 +282,25 @@ impl Drive {
         let to = (end as f64 + 0.5) / scale.per_rad;
         let span = f64::from(point.time) * scale.slow_s;
         let segment = match point.velocity {
-            Some(velocity) => Segment::new(from, to, scale.speed(velocity.into()), span),
-            None => Segment::linear(from, to, span),
+            Some(velocity) => {
+                PathSegment::new(from, to, scale.speed_of_counts(velocity.into()), span)
+            }
+            None => PathSegment::linear(from, to, span),
         };
-        self.points.segment = Some(Segment { done, ..segment });
+        self.points.segment = Some(PathSegment { elapsed: done, ..segment });
         true
     }
 
     /// The last segment is over and there is no point.
-    fn run_dry(&mut self) {
+    fn handle_underrun(&mut self) {
         let Some(last) = self.points.segment.take() else { return };
-        let end = last.setpoint(last.span);
+        let end = last.setpoint(last.duration);
         if last.ends_at_rest {
             self.shaft.servo.follow(Setpoint { velocity: 0.0, acceleration: 0.0, ..end });
-            self.complete();
+            self.complete_motion();
         } else {
             self.shaft.servo.follow(end);
-            self.points.trouble |= sts::QUICK_STOP;
+            self.points.error_bits |= sts::QUICK_STOP;
             self.points.running = false;
             self.quick_stop();
         }

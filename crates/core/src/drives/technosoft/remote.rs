@@ -5,11 +5,11 @@
 //! value, a reading as a request of which the answer is awaited.
 
 use super::drive::Drive;
-use super::execute::Refused;
-use crate::proto::tml::online::{Cell, Memory as Space, Online};
+use super::execute::ExecuteError;
+use crate::proto::tml::online::{Cell, MemorySpace as Space, OnlineMessage};
 use crate::proto::tml::wire::{IdCode, Instruction, low_first, operand_address};
 
-type Done = Result<(), Refused>;
+type ExecuteResult = Result<(), ExecuteError>;
 
 impl Drive {
     /// `[ag]{instruction}`: the words behind a 94xx.
@@ -17,17 +17,17 @@ impl Drive {
         let done = match words {
             [to, opcode, data @ ..] => {
                 match (IdCode::from_word(*to), Instruction::new(*opcode, data)) {
-                    (Some(to), Some(instruction)) => self.order(to, &instruction),
-                    _ => Err(Refused::NotNow),
+                    (Some(to), Some(instruction)) => self.send_or_execute(to, &instruction),
+                    _ => Err(ExecuteError::NotPossible),
                 }
             }
-            _ => Err(Refused::Unknown),
+            _ => Err(ExecuteError::Unknown),
         };
-        self.note(done);
+        self.record_error(done);
     }
 
     /// B800, BC00: `[ag] V = V`.
-    pub fn assign_remote(&mut self, i: &Instruction) -> Done {
+    pub fn assign_remote(&mut self, i: &Instruction) -> ExecuteResult {
         let (to, operand) = (addressee(i)?, i.opcode & 0x3FF);
         let order = match i.opcode & 0x400 {
             0 => Instruction::of(0x2000 | operand, [self.memory.word(i.word(1))]),
@@ -36,55 +36,71 @@ impl Drive {
                 Instruction::of(0x2400 | operand, low_first(value))
             }
         };
-        self.order(to, &order)
+        self.send_or_execute(to, &order)
     }
 
     /// 98xx: `[ag] V,mem = V` and `[ag] (P),mem = V`.
-    pub fn store_remote(&mut self, i: &Instruction) -> Done {
+    pub fn store_remote(&mut self, i: &Instruction) -> ExecuteResult {
         let (to, variable) = (addressee(i)?, i.word(1));
         let opcode = 0x9000 | i.opcode & 0xEF;
-        let [low, high] = low_first(self.fetch(Space::Data, i.word(2), opcode & 1 != 0));
+        let [low, high] = low_first(self.read_memory(Space::Data, i.word(2), opcode & 1 != 0));
         let order = match opcode & 1 {
             0 => Instruction::of(opcode, [variable, low]),
             _ => Instruction::of(opcode, [variable, low, high]),
         };
-        self.order(to, &order)
+        self.send_or_execute(to, &order)
     }
 
     /// 9Cxx: `V = [ag] V,mem`. Through a pointer (9Dxx) nobody knows what goes over the wire.
-    pub fn fetch_remote(&mut self, i: &Instruction) -> Done {
+    pub fn fetch_remote(&mut self, i: &Instruction) -> ExecuteResult {
         if i.opcode & 0x100 != 0 {
-            return Err(Refused::Unknown);
+            return Err(ExecuteError::Unknown);
         }
         let (to, long) = (addressee(i)?, i.opcode & 1 != 0);
-        let memory = super::execute::space_of(i.opcode).ok_or(Refused::Unknown)?;
+        let memory = super::execute::space_of_opcode(i.opcode).ok_or(ExecuteError::Unknown)?;
         let cell = Cell { memory, address: i.word(1), long };
-        self.ask(to, &Online::GiveMeData { sender: self.own(), cell }, i.word(2), long)
+        self.request_value(
+            to,
+            &OnlineMessage::GiveMeData { sender: self.own_id(), cell },
+            i.word(2),
+            long,
+        )
     }
 
     /// E000, E400: `V = [ag] V`.
-    pub fn read_remote(&mut self, i: &Instruction) -> Done {
+    pub fn read_remote(&mut self, i: &Instruction) -> ExecuteResult {
         let (to, long) = (addressee(i)?, i.opcode & 0x400 != 0);
         let address = operand_address(i.opcode);
-        self.ask(to, &Online::GetData { sender: self.own(), address, long }, i.word(1), long)
+        self.request_value(
+            to,
+            &OnlineMessage::GetData { sender: self.own_id(), address, long },
+            i.word(1),
+            long,
+        )
     }
 
     /// An instruction for others, or for this drive itself.
-    fn order(&mut self, to: IdCode, instruction: &Instruction) -> Done {
+    fn send_or_execute(&mut self, to: IdCode, instruction: &Instruction) -> ExecuteResult {
         if !to.group && to.id == self.axis {
-            return self.obey(instruction);
+            return self.execute_instruction(instruction);
         }
         self.send(to, *instruction);
         Ok(())
     }
 
-    fn ask(&mut self, to: IdCode, request: &Online, variable: u16, long: bool) -> Done {
+    fn request_value(
+        &mut self,
+        to: IdCode,
+        request: &OnlineMessage,
+        variable: u16,
+        long: bool,
+    ) -> ExecuteResult {
         self.send(to, request.emit());
         self.wait_for_answer(variable, long);
         Ok(())
     }
 }
 
-fn addressee(i: &Instruction) -> Result<IdCode, Refused> {
-    IdCode::from_word(i.word(0)).ok_or(Refused::NotNow)
+fn addressee(i: &Instruction) -> Result<IdCode, ExecuteError> {
+    IdCode::from_word(i.word(0)).ok_or(ExecuteError::NotPossible)
 }

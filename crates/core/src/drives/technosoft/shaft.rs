@@ -1,8 +1,10 @@
 //! The motor with its encoder and loops, and how counts lie on its shaft.
 
 use super::options::Options;
-use super::units::{PEAK_A, Scale};
-use crate::plant::{Conditions, Encoder, Goal, Motor, MotorParameters, Servo, TICK_S, Thermal};
+use super::units::{CountScale, PEAK_A};
+use crate::plant::{
+    Conditions, Encoder, Goal, Motor, MotorParameters, Servo, TICK_S, ThermalModel,
+};
 
 /// Heat of the power stage per A², Ω.
 const STAGE_OHM: f64 = 0.02;
@@ -21,17 +23,17 @@ pub(super) struct Shaft {
     pub motor: Motor,
     pub servo: Servo,
     pub encoder: Encoder,
-    pub scale: Scale,
-    pub winding: Thermal,
-    pub stage: Thermal,
+    pub scale: CountScale,
+    pub winding: ThermalModel,
+    pub stage: ThermalModel,
     /// Torque from outside, N·m.
     pub load: f64,
     /// DC supply, V.
     pub supply: f64,
     /// Count of targets at shaft position 0.
-    zero: i64,
-    tuned_p: f64,
-    broke_at: f64,
+    zero_count: i64,
+    tuned_gain: f64,
+    encoder_broke_at: f64,
 }
 
 impl Shaft {
@@ -44,17 +46,17 @@ impl Shaft {
         servo.gains.deadband = servo.gains.deadband.min(DEADBAND / encoder.counts_per_rad());
         let slow_s = options.slow_ns as f64 * 1e-9;
         Self {
-            scale: Scale { per_rad: encoder.counts_per_rad(), slow_s },
-            tuned_p: servo.gains.position_p,
+            scale: CountScale { per_rad: encoder.counts_per_rad(), slow_s },
+            tuned_gain: servo.gains.position_p,
             servo,
             motor,
             encoder,
-            winding: Thermal::new(1.0, 120.0, 25.0),
-            stage: Thermal::new(2.0, 40.0, 25.0),
+            winding: ThermalModel::new(1.0, 120.0, 25.0),
+            stage: ThermalModel::new(2.0, 40.0, 25.0),
             load: 0.0,
             supply: 48.0,
-            zero: 0,
-            broke_at: 0.0,
+            zero_count: 0,
+            encoder_broke_at: 0.0,
         }
     }
 
@@ -65,18 +67,19 @@ impl Shaft {
 
     /// Where the set-point is (TPOS), counts.
     pub fn target(&self) -> i32 {
-        self.count_of(self.whole(self.servo.setpoint().position))
+        self.count_of(self.whole_counts(self.servo.setpoint().position))
     }
 
     /// Target minus actual, counts, not cut to whole ones.
-    pub fn error(&self) -> f64 {
-        self.errors().0 * self.scale.per_rad
+    pub fn position_error(&self) -> f64 {
+        self.loop_errors().0 * self.scale.per_rad
     }
 
     /// Target minus actual of the loop that is closed: position, rad, and speed, rad/s. Zero where
     /// there is no such loop.
-    pub fn errors(&self) -> (f64, f64) {
-        let actual = if self.encoder.is_broken() { self.broke_at } else { self.motor.position() };
+    pub fn loop_errors(&self) -> (f64, f64) {
+        let actual =
+            if self.encoder.is_broken() { self.encoder_broke_at } else { self.motor.position() };
         let setpoint = self.servo.setpoint();
         match self.servo.goal() {
             Goal::Position(_) | Goal::Follow(_) => (setpoint.position - actual, 0.0),
@@ -86,15 +89,15 @@ impl Shaft {
     }
 
     /// How far the shaft turned since the encoder broke, rad.
-    pub fn missed(&self) -> f64 {
-        self.motor.position() - self.broke_at
+    pub fn turn_since_break(&self) -> f64 {
+        self.motor.position() - self.encoder_broke_at
     }
 
     /// The shaft position, rad, in the middle of a count: the one nearest to the set-point, since
     /// counts wrap.
-    pub fn place(&self, count: i32) -> f64 {
+    pub fn position_of_count(&self, count: i32) -> f64 {
         let way = i64::from(count.wrapping_sub(self.target()));
-        let whole = self.whole(self.servo.setpoint().position);
+        let whole = self.whole_counts(self.servo.setpoint().position);
         ((whole + way) as f64 + 0.5) / self.scale.per_rad
     }
 
@@ -107,7 +110,7 @@ impl Shaft {
     pub fn set_count(&mut self, count: i32) {
         let by = count.wrapping_sub(self.count());
         self.encoder.preset(self.motor.position(), count.into());
-        self.zero = self.zero.wrapping_add(by.into());
+        self.zero_count = self.zero_count.wrapping_add(by.into());
     }
 
     /// After power-up both start at zero where the shaft is.
@@ -115,19 +118,19 @@ impl Shaft {
         self.servo.disable();
         self.servo.hold(&self.motor);
         self.set_count(0);
-        self.zero = self.zero.wrapping_sub(self.target().into());
+        self.zero_count = self.zero_count.wrapping_sub(self.target().into());
     }
 
     /// Breaks the encoder, or mends it.
-    pub fn set_broken(&mut self, broken: bool) {
-        self.broke_at = self.motor.position();
+    pub fn set_encoder_broken(&mut self, broken: bool) {
+        self.encoder_broke_at = self.motor.position();
         self.encoder.set_broken(self.motor.position(), broken);
     }
 
     /// The position loop's gain, from KPP with its shift. \[I\] Half to three times of what the
     /// model is tuned to: beyond, the model's shaft would creep or swing.
     pub fn set_gain(&mut self, kpp: f64) {
-        self.servo.gains.position_p = self.tuned_p * (kpp / KPP_TUNED).clamp(0.5, 3.0);
+        self.servo.gains.position_p = self.tuned_gain * (kpp / KPP_TUNED).clamp(0.5, 3.0);
     }
 
     /// Advances by one tick.
@@ -135,7 +138,7 @@ impl Shaft {
         let conditions = Conditions { bus: self.supply, load: self.load };
         let (mut position, mut velocity) = (self.motor.position(), self.motor.velocity());
         if self.encoder.is_broken() {
-            (position, velocity) = (self.broke_at, 0.0);
+            (position, velocity) = (self.encoder_broke_at, 0.0);
         }
         self.servo.step_measured(&mut self.motor, conditions, position, velocity);
         let current = self.motor.current();
@@ -144,26 +147,26 @@ impl Shaft {
     }
 
     /// Whether nothing will move until somebody does something.
-    pub fn is_still(&self) -> bool {
+    pub fn is_at_rest(&self) -> bool {
         !self.servo.is_enabled()
             && self.motor.velocity() == 0.0
             && self.load.abs() <= self.motor.parameters().stiction
     }
 
-    /// Time passes over a shaft that [is still](Self::is_still).
-    pub fn rest(&mut self, seconds: f64) {
+    /// Time passes over a shaft that [is still](Self::is_at_rest).
+    pub fn pass_time(&mut self, seconds: f64) {
         self.stage.step(0.0, seconds);
         self.winding.step(0.0, seconds);
     }
 
     /// Whole counts of the shaft at a position, rad, as the encoder would have counted from the
     /// start.
-    pub fn whole(&self, position: f64) -> i64 {
+    pub fn whole_counts(&self, position: f64) -> i64 {
         libm::floor(position * self.scale.per_rad + 1e-6) as i64
     }
 
     /// What [`whole`](Self::whole) counts are called now.
     pub const fn count_of(&self, whole: i64) -> i32 {
-        whole.wrapping_add(self.zero) as i32
+        whole.wrapping_add(self.zero_count) as i32
     }
 }

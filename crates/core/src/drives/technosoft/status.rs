@@ -138,6 +138,6 @@ impl Status {
 }
 
 /// Sets or clears bits of a register.
-pub(super) const fn put(register: &mut u16, bits: u16, on: bool) {
+pub(super) const fn set_bits(register: &mut u16, bits: u16, on: bool) {
     *register = if on { *register | bits } else { *register & !bits };
 }

@@ -6,26 +6,26 @@
 
 use super::drive::Drive;
 use crate::plant::TICK_NS;
-use crate::proto::tml::online::Online;
+use crate::proto::tml::online::OnlineMessage;
 use crate::proto::tml::wire::{IdCode, Message};
 use crate::time::Instant;
 
 /// A drive's part in keeping time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Sync {
+pub(super) struct TimeSync {
     /// Ticks from one synchronisation to the next, zero in a slave.
-    every: u64,
-    left: u64,
-    latched: u32,
+    period_ticks: u64,
+    ticks_left: u64,
+    latched_time: u32,
 }
 
-impl Sync {
+impl TimeSync {
     /// A slave.
-    pub const SLAVE: Self = Self { every: 0, left: 0, latched: 0 };
+    pub const SLAVE: Self = Self { period_ticks: 0, ticks_left: 0, latched_time: 0 };
 
     /// Ticks to the next synchronisation that this drive sends.
     pub fn ticks_left(&self) -> Option<u64> {
-        (self.every > 0).then_some(self.left.max(1))
+        (self.period_ticks > 0).then_some(self.ticks_left.max(1))
     }
 }
 
@@ -34,42 +34,42 @@ impl Drive {
     /// ends it. Less than a tick of the model is a tick.
     pub fn set_sync(&mut self, periods: u32) {
         let ns = u64::from(periods) * self.options.slow_ns;
-        self.sync.every = if periods == 0 { 0 } else { (ns / TICK_NS).max(1) };
-        self.sync.left = self.sync.every;
+        self.sync.period_ticks = if periods == 0 { 0 } else { (ns / TICK_NS).max(1) };
+        self.sync.ticks_left = self.sync.period_ticks;
     }
 
     /// A synchronisation message came, or went out.
     pub fn latch_time(&mut self, now: Instant) {
-        self.sync.latched = self.clock.absolute(now);
+        self.sync.latched_time = self.clock.absolute_time(now);
     }
 
     /// The master's time at the last synchronisation.
     pub fn follow_master(&mut self, master: u32) {
-        if self.sync.every == 0 {
-            self.clock.correct(master.wrapping_sub(self.sync.latched).cast_signed());
-            self.sync.latched = master;
-            self.stale();
+        if self.sync.period_ticks == 0 {
+            self.clock.adjust_absolute(master.wrapping_sub(self.sync.latched_time).cast_signed());
+            self.sync.latched_time = master;
+            self.mark_stale();
         }
     }
 
     /// Sends the synchronisation message when it is time.
     #[inline]
     pub fn tick_sync(&mut self) {
-        if self.sync.every == 0 {
+        if self.sync.period_ticks == 0 {
             return;
         }
-        self.sync.left -= 1;
-        if self.sync.left == 0 {
-            self.sync.left = self.sync.every;
-            self.send(IdCode::BROADCAST, Online::Synchronisation.emit());
+        self.sync.ticks_left -= 1;
+        if self.sync.ticks_left == 0 {
+            self.sync.ticks_left = self.sync.period_ticks;
+            self.send(IdCode::BROADCAST, OnlineMessage::Synchronisation.emit());
         }
     }
 
     /// A message goes out: behind a synchronisation follows the time at which it went.
-    pub fn sent(&mut self, now: Instant, message: &Message) {
-        if message.instruction == Online::Synchronisation.emit() {
+    pub fn handle_sent(&mut self, now: Instant, message: &Message) {
+        if message.instruction == OnlineMessage::Synchronisation.emit() {
             self.latch_time(now);
-            self.send(IdCode::BROADCAST, Online::MasterTime(self.sync.latched).emit());
+            self.send(IdCode::BROADCAST, OnlineMessage::MasterTime(self.sync.latched_time).emit());
         }
     }
 }

@@ -5,10 +5,10 @@ extern crate std;
 use std::vec::Vec;
 
 use super::{Device, Technosoft};
-use crate::drives::bench::{Act, Bench};
+use crate::drives::bench::{Act, BenchControl};
 use crate::drives::{DeviceOptions, Family};
 use crate::medium::{STREAM_UNIT_MAX, Stream};
-use crate::proto::tml::online::Online;
+use crate::proto::tml::online::OnlineMessage;
 use crate::proto::tml::serial::{self, ACK};
 use crate::proto::tml::wire::{IdCode, Instruction, Message, low_first};
 use crate::station::{Station, Timed};
@@ -39,14 +39,14 @@ const NOTHING: [u8; 0] = [];
 const EEPROM_MS_MAX: u32 = 100;
 
 /// A drive on a test's desk, its serial port connected.
-struct Desk {
+struct DriveFixture {
     device: Device,
     now: Instant,
     /// What came behind acknowledgements, unasked.
-    told: Vec<Message>,
+    unsolicited: Vec<Message>,
 }
 
-impl Desk {
+impl DriveFixture {
     fn new() -> Self {
         Self::with(&[])
     }
@@ -57,15 +57,15 @@ impl Desk {
 
     fn at(address: Option<u32>, extra: &[(&str, &str)]) -> Self {
         let options = DeviceOptions { address, extra, ..OPTIONS };
-        let device = Technosoft::device(Technosoft::profiles()[0], &options).unwrap();
-        Self { device, now: Instant(1_000_000_000), told: Vec::new() }
+        let device = Technosoft::create_device(Technosoft::profiles()[0], &options).unwrap();
+        Self { device, now: Instant(1_000_000_000), unsolicited: Vec::new() }
     }
 
     /// With the line's own timing.
     fn timed() -> Self {
         let options = DeviceOptions { address: Some(255), untimed: false, ..OPTIONS };
-        let device = Technosoft::device(Technosoft::profiles()[0], &options).unwrap();
-        Self { device, now: Instant(1_000_000_000), told: Vec::new() }
+        let device = Technosoft::create_device(Technosoft::profiles()[0], &options).unwrap();
+        Self { device, now: Instant(1_000_000_000), unsolicited: Vec::new() }
     }
 
     /// Sends bytes and returns what the drive sends back at once.
@@ -92,10 +92,10 @@ impl Desk {
     }
 
     /// Sends an instruction to the drive and expects its acknowledgement.
-    fn tell(&mut self, opcode: u16, words: &[u16]) {
+    fn send_instruction(&mut self, opcode: u16, words: &[u16]) {
         let answer = self.send(IdCode::axis(self.axis()), opcode, words);
         assert_eq!(answer.first(), Some(&ACK), "{opcode:04X} {words:04X?}");
-        self.told.extend(messages(&answer[1..]));
+        self.unsolicited.extend(messages(&answer[1..]));
     }
 
     fn send(&mut self, to: IdCode, opcode: u16, words: &[u16]) -> Vec<u8> {
@@ -105,12 +105,12 @@ impl Desk {
     /// A 32-bit assignment to a short address.
     fn long(&mut self, address: u16, value: i32) {
         let opcode = 0x2400 | if address < 0x800 { 0 } else { 0x200 } | address & 0x1FF;
-        self.tell(opcode, &low_first(value.cast_unsigned()));
+        self.send_instruction(opcode, &low_first(value.cast_unsigned()));
     }
 
     fn word(&mut self, address: u16, value: u16) {
         let opcode = 0x2000 | if address < 0x800 { 0 } else { 0x200 } | address & 0x1FF;
-        self.tell(opcode, &[value]);
+        self.send_instruction(opcode, &[value]);
     }
 
     fn fixed(&mut self, address: u16, value: f64) {
@@ -119,18 +119,18 @@ impl Desk {
 
     /// GiveMeData of a word, as the host on RS-232 asks it.
     fn read(&mut self, address: u16) -> u16 {
-        self.ask(0xB004, address) as u16
+        self.request(0xB004, address) as u16
     }
 
     fn read_long(&mut self, address: u16) -> i32 {
-        self.ask(0xB005, address).cast_signed()
+        self.request(0xB005, address).cast_signed()
     }
 
     fn read_fixed(&mut self, address: u16) -> f64 {
         f64::from(self.read_long(address)) / 65536.0
     }
 
-    fn ask(&mut self, opcode: u16, address: u16) -> u32 {
+    fn request(&mut self, opcode: u16, address: u16) -> u32 {
         let axis = self.axis();
         let host = IdCode::host_at(axis).word();
         let mut answer = self.send(IdCode::axis(axis), opcode, &[host, address]);
@@ -143,8 +143,8 @@ impl Desk {
             answer.extend(self.sent());
         }
         let messages = messages(&answer[1..]);
-        match Online::parse(&messages.last().expect("an answer").instruction) {
-            Some(Online::TakeData { value, .. }) => value,
+        match OnlineMessage::parse(&messages.last().expect("an answer").instruction) {
+            Some(OnlineMessage::TakeData { value, .. }) => value,
             other => panic!("{other:?}"),
         }
     }
@@ -154,25 +154,25 @@ impl Desk {
     }
 
     /// ENDINIT and AXISON.
-    fn on(&mut self) {
-        self.tell(0x0020, &[]);
-        self.tell(0x0102, &[]);
+    fn axis_on(&mut self) {
+        self.send_instruction(0x0020, &[]);
+        self.send_instruction(0x0102, &[]);
         assert_eq!(self.read(0x090E), 0x8400);
     }
 
     fn mode_pp(&mut self) {
-        self.tell(0x5909, &[0xBFC1, 0x8701]);
+        self.send_instruction(0x5909, &[0xBFC1, 0x8701]);
     }
 
     fn update(&mut self) {
-        self.tell(0x0108, &[]);
+        self.send_instruction(0x0108, &[]);
     }
 
     /// A trapezoid to a position.
-    fn go(&mut self, counts: i32) {
+    fn move_to(&mut self, counts: i32) {
         self.long(0x029E, counts);
         self.mode_pp();
-        self.tell(0x5909, &[0xFFFF, 0x2000]);
+        self.send_instruction(0x5909, &[0xFFFF, 0x2000]);
         self.update();
     }
 }
@@ -185,11 +185,11 @@ fn frame(to: IdCode, instruction: Instruction) -> Vec<u8> {
 
 /// The messages in what a drive sent.
 fn messages(bytes: &[u8]) -> Vec<Message> {
-    let mut deframer = serial::Deframer::new(serial::Recovery::Drop);
+    let mut deframer = serial::Deframer::new(serial::RecoveryPolicy::Drop);
     let mut found = Vec::new();
     for &byte in bytes {
         deframer.push(byte);
-        if let Some(serial::Piece::Message(message)) = deframer.next_piece() {
+        if let Some(serial::SerialPiece::Message(message)) = deframer.next_piece() {
             found.push(message);
         }
     }

@@ -10,52 +10,52 @@ pub(super) const I2T_LIMIT: i32 = 900_000;
 pub(super) const I2T_A2S: f64 = 1e-3;
 
 /// Current in A of internal units: 65,520 of them are twice the peak current.
-pub(super) fn ampere(units: i16) -> f64 {
+pub(super) fn amperes_of_units(units: i16) -> f64 {
     f64::from(units) * 2.0 * PEAK_A / 65_520.0
 }
 
 /// Internal units of a current in A.
-pub(super) fn current(ampere: f64) -> i16 {
+pub(super) fn units_of_amperes(ampere: f64) -> i16 {
     libm::round(ampere * 65_520.0 / (2.0 * PEAK_A)) as i16
 }
 
 /// DC voltage in V of internal units.
-pub(super) fn volt(units: u16) -> f64 {
+pub(super) fn volts_of_units(units: u16) -> f64 {
     f64::from(units) * MEASURED_V / 65_520.0
 }
 
 /// Internal units of a DC voltage in V.
-pub(super) fn voltage(volt: f64) -> u16 {
+pub(super) fn units_of_volts(volt: f64) -> u16 {
     libm::round(volt * 65_520.0 / MEASURED_V) as u16
 }
 
 /// Counts, and how they relate to the shaft and to time.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(super) struct Scale {
+pub(super) struct CountScale {
     /// Counts of a radian.
     pub per_rad: f64,
     /// Slow loop period, s.
     pub slow_s: f64,
 }
 
-impl Scale {
+impl CountScale {
     /// Speed in rad/s of counts a slow loop period.
-    pub fn speed(&self, counts: f64) -> f64 {
+    pub fn speed_of_counts(&self, counts: f64) -> f64 {
         counts / (self.per_rad * self.slow_s)
     }
 
     /// Counts a slow loop period of a speed in rad/s.
-    pub fn counts_speed(&self, speed: f64) -> f64 {
+    pub fn counts_of_speed(&self, speed: f64) -> f64 {
         speed * self.per_rad * self.slow_s
     }
 
     /// Acceleration in rad/s² of counts a squared slow loop period.
-    pub fn acceleration(&self, counts: f64) -> f64 {
+    pub fn acceleration_of_counts(&self, counts: f64) -> f64 {
         counts / (self.per_rad * self.slow_s * self.slow_s)
     }
 
     /// Counts a squared slow loop period of an acceleration in rad/s².
-    pub fn counts_acceleration(&self, acceleration: f64) -> f64 {
+    pub fn counts_of_acceleration(&self, acceleration: f64) -> f64 {
         acceleration * self.per_rad * self.slow_s * self.slow_s
     }
 }

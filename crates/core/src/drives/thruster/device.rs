@@ -3,20 +3,20 @@
 use super::drive::Drive;
 use super::options::Options;
 use super::profile;
-use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::drives::{self, DeviceOptions, Family};
 use crate::medium::{Can, CanLine, Frame};
 use crate::profile::Profile;
-use crate::proto::thruster::device::CanEnd;
+use crate::proto::thruster::device::CanEndpoint;
 use crate::proto::thruster::fault;
 use crate::station::{LineEvent, Station, Timed};
 use crate::time::Instant;
 
 /// The family.
 #[derive(Debug)]
-pub enum Thruster {}
+pub enum ThrusterFamily {}
 
-impl Family for Thruster {
+impl Family for ThrusterFamily {
     const NAME: &'static str = "thruster";
     type Device = Device;
 
@@ -26,11 +26,11 @@ impl Family for Thruster {
         &ALL
     }
 
-    fn device<'a>(
+    fn create_device<'a>(
         profile: &'static Profile,
         options: &DeviceOptions<'a>,
     ) -> Result<Device, &'a str> {
-        Ok(Device::new(Options::read(profile, options)?))
+        Ok(Device::new(Options::from_device_options(profile, options)?))
     }
 }
 
@@ -38,7 +38,7 @@ impl Family for Thruster {
 #[derive(Debug)]
 pub struct Device {
     pub(super) drive: Drive,
-    can: CanEnd,
+    can: CanEndpoint,
 }
 
 impl Device {
@@ -46,7 +46,7 @@ impl Device {
     #[must_use]
     fn new(options: Options) -> Self {
         let drive = Drive::new(options);
-        let can = CanEnd::new(options.quirks, &drive);
+        let can = CanEndpoint::new(options.quirks, &drive);
         Self { drive, can }
     }
 
@@ -58,8 +58,8 @@ impl Device {
     }
 }
 
-impl drives::Device for Device {
-    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+impl drives::SimulatedDevice for Device {
+    fn can_station(&mut self) -> Option<&mut dyn Station<Can>> {
         Some(self)
     }
 }
@@ -67,20 +67,20 @@ impl drives::Device for Device {
 impl Timed for Device {
     fn handle_timeout(&mut self, now: Instant) {
         self.drive.advance(now);
-        if !self.drive.is_dead() {
+        if !self.drive.is_unpowered() {
             self.can.handle_timeout(now, &self.drive);
         }
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        self.can.poll_timeout().filter(|_| !self.drive.is_dead())
+        self.can.poll_timeout().filter(|_| !self.drive.is_unpowered())
     }
 }
 
 impl Station<Can> for Device {
     fn handle_input(&mut self, now: Instant, unit: &Frame) {
         self.drive.advance(now);
-        if !self.drive.is_dead() {
+        if !self.drive.is_unpowered() {
             self.can.handle_input(now, unit, &mut self.drive);
         }
     }
@@ -99,11 +99,11 @@ impl Station<Can> for Device {
     }
 }
 
-impl Bench for Device {
-    fn truth(&mut self, now: Instant) -> Truth {
+impl BenchControl for Device {
+    fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         self.drive.advance(now);
         let Drive { shaft, faults, writes, unrepeatable, starts, .. } = &self.drive;
-        Truth {
+        GroundTruth {
             position: shaft.motor.position(),
             velocity: shaft.motor.velocity(),
             current: shaft.motor.current(),
@@ -115,7 +115,7 @@ impl Bench for Device {
             unrepeatable: *unrepeatable,
             starts: *starts,
             bounds: shaft.servo.bounds(),
-            setpoint: shaft.servo.regulated().filter(|_| shaft.signal.is_none()),
+            setpoint: shaft.servo.regulated_setpoint().filter(|_| shaft.signal.is_none()),
         }
     }
 
@@ -124,22 +124,22 @@ impl Bench for Device {
         let shaft = &mut self.drive.shaft;
         match act {
             Act::Load(torque) => shaft.load = torque,
-            Act::Jam(jammed) => shaft.motor.jam(jammed),
+            Act::Jam(jammed) => shaft.motor.set_jammed(jammed),
             Act::Ambient(celsius) => {
                 (shaft.stage.ambient, shaft.winding.ambient) = (celsius, celsius);
             }
             Act::Supply(volts) => {
-                if self.drive.supply(now, volts) {
+                if self.drive.set_supply(now, volts) {
                     self.can.restart(now, &self.drive);
                 }
             }
             Act::EncoderBroken(broken) if self.drive.options.encoder => {
-                shaft.broken_at = broken.then_some(shaft.motor.position());
+                shaft.encoder_broken_at = broken.then_some(shaft.motor.position());
                 if broken {
-                    self.drive.lose_encoder();
+                    self.drive.handle_encoder_loss();
                 }
             }
-            Act::Fault(bits) => return self.drive.inject(bits),
+            Act::Fault(bits) => return self.drive.inject_faults(bits),
             Act::PowerCycle => {
                 self.drive.power_up(now);
                 self.can.restart(now, &self.drive);
@@ -149,7 +149,7 @@ impl Bench for Device {
         true
     }
 
-    fn notice(&mut self) -> Option<&'static str> {
+    fn take_notice(&mut self) -> Option<&'static str> {
         self.drive.notice.take()
     }
 }

@@ -6,15 +6,15 @@
 mod device;
 mod drive;
 mod execute;
+mod faults;
 mod memory;
 mod options;
 pub mod profile;
 mod shaft;
-mod watch;
 mod water;
 
 #[cfg(test)]
 mod tests;
 
-pub use device::{Device, Thruster};
+pub use device::{Device, ThrusterFamily};
 pub use water::Water;

@@ -3,7 +3,7 @@
 use crate::drives::DeviceOptions;
 use crate::profile::Profile;
 use crate::proto::thruster::device::Quirks;
-use crate::proto::thruster::readings::Readings;
+use crate::proto::thruster::interpretation::Interpretation;
 
 /// How a drive is built and what of its manual is read how.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -15,7 +15,7 @@ pub(super) struct Options {
     /// It has an encoder, and with it positions.
     pub encoder: bool,
     /// Its absolute position goes round at half a turn instead of counting on.
-    pub round: bool,
+    pub wraps_around: bool,
     /// VC below 30 rpm runs at 30 instead of being refused.
     pub runs_slowly: bool,
     /// After LS nothing runs before CF.
@@ -29,59 +29,61 @@ pub(super) struct Options {
 }
 
 /// The id from the factory. \[I\]
-const ID: u8 = 1;
+const FACTORY_ID: u8 = 1;
 /// Thresholds of the supply: the manual's examples have 46.6 to 48 V. \[I\]
-const VOLTS: (f64, f64) = (36.0, 60.0);
+const SUPPLY_LIMITS_V: (f64, f64) = (36.0, 60.0);
 
 impl Options {
     /// Reads them.
     ///
     /// # Errors
     /// The name or value that is unknown.
-    pub fn read<'a>(
+    pub fn from_device_options<'a>(
         profile: &'static Profile,
         options: &DeviceOptions<'a>,
     ) -> Result<Self, &'a str> {
-        let mut read = Self::of(profile);
+        let mut read = Self::for_profile(profile);
         if let Some(address) = options.address {
-            read.id = u8::try_from(address).unwrap_or(ID).clamp(1, 127);
+            read.id = u8::try_from(address).unwrap_or(FACTORY_ID).clamp(1, 127);
         }
         for (key, value) in options.extra {
-            read.set(key, value)?;
+            read.set_option(key, value)?;
         }
         Ok(read)
     }
 
-    fn of(profile: &'static Profile) -> Self {
+    fn for_profile(profile: &'static Profile) -> Self {
         let encoder = profile.name != "thruster";
         Self {
-            quirks: Quirks { readings: Readings::of(profile), ..Quirks::default() },
-            id: ID,
+            quirks: Quirks { interpretation: Interpretation::of(profile), ..Quirks::default() },
+            id: FACTORY_ID,
             encoder,
-            round: false,
+            wraps_around: false,
             runs_slowly: false,
             latches_stop: false,
             zero_point: true,
             limit: 0.5,
-            volts: VOLTS,
+            volts: SUPPLY_LIMITS_V,
         }
     }
 
-    fn set<'a>(&mut self, key: &'a str, value: &'a str) -> Result<(), &'a str> {
+    fn set_option<'a>(&mut self, key: &'a str, value: &'a str) -> Result<(), &'a str> {
         let quirks = &mut self.quirks;
         match (key, value) {
-            ("vm-flags", "examples" | "table") => quirks.readings.table_flags = value == "table",
+            ("vm-flags", "examples" | "table") => {
+                quirks.interpretation.table_flags = value == "table"
+            }
             ("vm-reply", "echo" | "swapped") => quirks.swaps_vm = value == "swapped",
-            ("positions", "2+4" | "3+3") => quirks.readings.even_positions = value == "3+3",
+            ("positions", "2+4" | "3+3") => quirks.interpretation.even_positions = value == "3+3",
             ("refusal", "eeee" | "zero") => quirks.refuses_by_zero = value == "zero",
-            ("values", "16" | "32") => quirks.wide = value == "32",
+            ("values", "16" | "32") => quirks.wide_values = value == "32",
             ("slow-speed", "refused" | "runs") => self.runs_slowly = value == "runs",
             ("after-stop", "ready" | "latched") => self.latches_stop = value == "latched",
             ("zero-point", "on" | "off") => self.zero_point = value == "on",
-            ("round", "on" | "off") => self.round = value == "on",
-            ("limit-percent", _) => self.limit = number(value, 0.0, 100.0)? / 100.0,
-            ("under-volt", _) => self.volts.0 = number(value, 0.0, 1000.0)?,
-            ("over-volt", _) => self.volts.1 = number(value, 0.0, 1000.0)?,
+            ("round", "on" | "off") => self.wraps_around = value == "on",
+            ("limit-percent", _) => self.limit = parse_number(value, 0.0, 100.0)? / 100.0,
+            ("under-volt", _) => self.volts.0 = parse_number(value, 0.0, 1000.0)?,
+            ("over-volt", _) => self.volts.1 = parse_number(value, 0.0, 1000.0)?,
             (
                 "vm-flags" | "vm-reply" | "positions" | "refusal" | "values" | "slow-speed"
                 | "after-stop" | "zero-point" | "round",
@@ -93,6 +95,6 @@ impl Options {
     }
 }
 
-fn number(value: &str, least: f64, most: f64) -> Result<f64, &str> {
+fn parse_number(value: &str, least: f64, most: f64) -> Result<f64, &str> {
     value.parse().ok().filter(|n| (least..=most).contains(n)).ok_or(value)
 }

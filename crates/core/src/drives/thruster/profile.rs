@@ -3,9 +3,9 @@
 #![allow(clippy::large_const_arrays, reason = "rows that tables share, read while compiling")]
 
 use crate::axis::Verb;
-use crate::plan::{Argument, Compare, Operand, Plan, Step, Test};
+use crate::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use crate::profile::{
-    Access, Ask, AxisKind, Certainty, Encoding, Fault, Identity, Parameter, ParameterId,
+    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, Parameter, ParameterId,
     Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
 };
 use crate::units::Unit;
@@ -443,7 +443,7 @@ static THRUSTER_PLANS: [Plan; 7] = [
         verb: Verb::Enable,
         source: "manual section 3, zero-point protection: TC 0 first",
         steps: &[
-            Step::Send { function: 0x0, index: 0x5443, operand: Operand::Is(0), like: None },
+            Step::Send { function: 0x0, index: 0x5443, operand: Operand::Constant(0), like: None },
             Step::NoFault { read: ParameterId(7), mask: 0xcc7 },
         ],
         undo: &[],
@@ -451,26 +451,41 @@ static THRUSTER_PLANS: [Plan; 7] = [
     Plan {
         verb: Verb::Disable,
         source: "manual section 2.1: TC 0",
-        steps: &[Step::Send { function: 0x0, index: 0x5443, operand: Operand::Is(0), like: None }],
+        steps: &[Step::Send {
+            function: 0x0,
+            index: 0x5443,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
         undo: &[],
     },
     Plan {
         verb: Verb::Stop,
         source: "manual section 2.1: TC 0",
-        steps: &[Step::Send { function: 0x0, index: 0x5443, operand: Operand::Is(0), like: None }],
+        steps: &[Step::Send {
+            function: 0x0,
+            index: 0x5443,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
         undo: &[],
     },
     Plan {
         verb: Verb::QuickStop,
         source: "manual section 2.1: TC 0; LS is for drives with positions",
-        steps: &[Step::Send { function: 0x0, index: 0x5443, operand: Operand::Is(0), like: None }],
+        steps: &[Step::Send {
+            function: 0x0,
+            index: 0x5443,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
         undo: &[],
     },
     Plan {
         verb: Verb::Clear,
         source: "manual section 2.1: CF",
         steps: &[
-            Step::Send { function: 0x1, index: 0x4346, operand: Operand::Is(0), like: None },
+            Step::Send { function: 0x1, index: 0x4346, operand: Operand::Constant(0), like: None },
             Step::NoFault { read: ParameterId(7), mask: 0xcc7 },
         ],
         undo: &[],
@@ -484,7 +499,12 @@ static THRUSTER_PLANS: [Plan; 7] = [
             operand: Operand::Argument(Argument::Velocity),
             like: Some(ParameterId(2)),
         }],
-        undo: &[Step::Send { function: 0x0, index: 0x5443, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x0,
+            index: 0x5443,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
     Plan {
         verb: Verb::Torque,
@@ -495,7 +515,12 @@ static THRUSTER_PLANS: [Plan; 7] = [
             operand: Operand::Argument(Argument::Torque),
             like: Some(ParameterId(1)),
         }],
-        undo: &[Step::Send { function: 0x0, index: 0x5443, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x0,
+            index: 0x5443,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
 ];
 
@@ -512,13 +537,13 @@ pub static THRUSTER: Profile = Profile {
     signals: &THRUSTER_SIGNALS,
     plans: &THRUSTER_PLANS,
     identity: Some(Identity {
-        ask: Ask::Text("QP"),
+        query: IdentityQuery::Text("QP"),
         mask: 0x7f00000000000000,
         equals: 0x5100000000000000,
         firmware: 0x0,
     }),
     ram: None,
-    reach: &[ParameterId(12), ParameterId(13)],
+    link_settings: &[ParameterId(12), ParameterId(13)],
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,
@@ -960,26 +985,41 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
     Plan {
         verb: Verb::Disable,
         source: "manual section 4.3: LS",
-        steps: &[Step::Send { function: 0x0, index: 0x4c53, operand: Operand::Is(0), like: None }],
+        steps: &[Step::Send {
+            function: 0x0,
+            index: 0x4c53,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
         undo: &[],
     },
     Plan {
         verb: Verb::Stop,
         source: "manual section 4.3: LS",
-        steps: &[Step::Send { function: 0x0, index: 0x4c53, operand: Operand::Is(0), like: None }],
+        steps: &[Step::Send {
+            function: 0x0,
+            index: 0x4c53,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
         undo: &[],
     },
     Plan {
         verb: Verb::QuickStop,
         source: "manual section 4.3: LS",
-        steps: &[Step::Send { function: 0x0, index: 0x4c53, operand: Operand::Is(0), like: None }],
+        steps: &[Step::Send {
+            function: 0x0,
+            index: 0x4c53,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
         undo: &[],
     },
     Plan {
         verb: Verb::Clear,
         source: "manual section 2.1: CF",
         steps: &[
-            Step::Send { function: 0x1, index: 0x4346, operand: Operand::Is(0), like: None },
+            Step::Send { function: 0x1, index: 0x4346, operand: Operand::Constant(0), like: None },
             Step::NoFault { read: ParameterId(7), mask: 0xcc7 },
         ],
         undo: &[],
@@ -988,7 +1028,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
         verb: Verb::Velocity,
         source: "manual sections 2.1 and 3: VC 0 for zero-point protection, VC",
         steps: &[
-            Step::Send { function: 0x0, index: 0x5643, operand: Operand::Is(0), like: None },
+            Step::Send { function: 0x0, index: 0x5643, operand: Operand::Constant(0), like: None },
             Step::Send {
                 function: 0x0,
                 index: 0x5643,
@@ -996,13 +1036,18 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
                 like: Some(ParameterId(2)),
             },
         ],
-        undo: &[Step::Send { function: 0x0, index: 0x4c53, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x0,
+            index: 0x4c53,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
     Plan {
         verb: Verb::Torque,
         source: "manual sections 2.1 and 3: TC 0 for zero-point protection, TC, a share of the output",
         steps: &[
-            Step::Send { function: 0x0, index: 0x5443, operand: Operand::Is(0), like: None },
+            Step::Send { function: 0x0, index: 0x5443, operand: Operand::Constant(0), like: None },
             Step::Send {
                 function: 0x0,
                 index: 0x5443,
@@ -1010,7 +1055,12 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
                 like: Some(ParameterId(1)),
             },
         ],
-        undo: &[Step::Send { function: 0x0, index: 0x4c53, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x0,
+            index: 0x4c53,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
     Plan {
         verb: Verb::MoveTo,
@@ -1020,7 +1070,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
             Step::Send {
                 function: 0x4,
                 index: 0x5141,
-                operand: Operand::Given(Argument::Velocity),
+                operand: Operand::OptionalArgument(Argument::Velocity),
                 like: Some(ParameterId(2)),
             },
             Step::Send {
@@ -1030,7 +1080,12 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
                 like: Some(ParameterId(15)),
             },
         ],
-        undo: &[Step::Send { function: 0x0, index: 0x4c53, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x0,
+            index: 0x4c53,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
     Plan {
         verb: Verb::MoveBy,
@@ -1040,7 +1095,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
             Step::Send {
                 function: 0x4,
                 index: 0x5141,
-                operand: Operand::Given(Argument::Velocity),
+                operand: Operand::OptionalArgument(Argument::Velocity),
                 like: Some(ParameterId(2)),
             },
             Step::Send {
@@ -1050,7 +1105,12 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
                 like: Some(ParameterId(17)),
             },
         ],
-        undo: &[Step::Send { function: 0x0, index: 0x4c53, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x0,
+            index: 0x4c53,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
     Plan {
         verb: Verb::Reached,
@@ -1059,7 +1119,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
             Step::Wait { ms: 200 },
             Step::Until {
                 read: ParameterId(3),
-                test: Test { mask: -1, compare: Compare::Within, value: 0 },
+                test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 },
                 within_ms: 600000,
             },
             Step::NoFault { read: ParameterId(7), mask: 0x8c7 },
@@ -1081,13 +1141,13 @@ pub static THRUSTER_ACTUATOR: Profile = Profile {
     signals: &THRUSTER_ACTUATOR_SIGNALS,
     plans: &THRUSTER_ACTUATOR_PLANS,
     identity: Some(Identity {
-        ask: Ask::Text("QA"),
+        query: IdentityQuery::Text("QA"),
         mask: 0x7fff000000000000,
         equals: 0x5141000000000000,
         firmware: 0x0,
     }),
     ram: None,
-    reach: &[ParameterId(12), ParameterId(13)],
+    link_settings: &[ParameterId(12), ParameterId(13)],
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,
@@ -1212,13 +1272,13 @@ pub static THRUSTER_SERVO: Profile = Profile {
     signals: &THRUSTER_ACTUATOR_SIGNALS,
     plans: &THRUSTER_ACTUATOR_PLANS,
     identity: Some(Identity {
-        ask: Ask::Text("QA"),
+        query: IdentityQuery::Text("QA"),
         mask: 0x7fff000000000000,
         equals: 0x5141000000000000,
         firmware: 0x0,
     }),
     ram: None,
-    reach: &[ParameterId(12), ParameterId(13)],
+    link_settings: &[ParameterId(12), ParameterId(13)],
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,

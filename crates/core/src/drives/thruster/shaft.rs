@@ -2,7 +2,7 @@
 
 use super::options::Options;
 use super::water::Water;
-use crate::plant::{Conditions, Goal, Limits, Motor, MotorParameters, Servo, TICK_S, Thermal};
+use crate::plant::{Conditions, Goal, Limits, Motor, MotorParameters, Servo, TICK_S, ThermalModel};
 
 /// A thruster's motor: 48 V, 3,200 rpm with its propeller in water. \[I\]
 const THRUSTER: MotorParameters = MotorParameters {
@@ -39,8 +39,8 @@ pub(super) struct Shaft {
     pub motor: Motor,
     pub servo: Servo,
     pub water: Water,
-    pub winding: Thermal,
-    pub stage: Thermal,
+    pub winding: ThermalModel,
+    pub stage: ThermalModel,
     /// Torque from outside, N·m.
     pub load: f64,
     /// Supply, V.
@@ -48,11 +48,11 @@ pub(super) struct Shaft {
     /// Signal of TC, -1 to 1, while it sets the output.
     pub signal: Option<f64>,
     /// Share of the output that may be given.
-    pub limit: f64,
+    pub output_limit: f64,
     /// The highest speed that it is regulated to, rad/s.
-    top: f64,
+    speed_limit: f64,
     /// Where the encoder stopped, if it is broken, rad.
-    pub broken_at: Option<f64>,
+    pub encoder_broken_at: Option<f64>,
 }
 
 impl Shaft {
@@ -60,54 +60,54 @@ impl Shaft {
     pub fn new(options: &Options) -> Self {
         let motor = Motor::new(if options.encoder { GEARED } else { THRUSTER });
         let mut servo = Servo::new(motor.parameters());
-        let (top, ramp) = if options.encoder { (23.0, 100.0) } else { (400.0, 400.0) };
-        servo.set_limits(Limits::trapezoid(top, ramp));
+        let (speed_limit, ramp) = if options.encoder { (23.0, 100.0) } else { (400.0, 400.0) };
+        servo.set_limits(Limits::trapezoid(speed_limit, ramp));
         Self {
             servo,
             motor,
             water: if options.encoder { Water::NONE } else { Water::PROPELLER },
-            winding: Thermal::new(0.6, 200.0, 16.0),
-            stage: Thermal::new(1.5, 60.0, 16.0),
+            winding: ThermalModel::new(0.6, 200.0, 16.0),
+            stage: ThermalModel::new(1.5, 60.0, 16.0),
             load: 0.0,
             supply: 48.0,
             signal: None,
-            limit: 1.0,
-            top,
-            broken_at: None,
+            output_limit: 1.0,
+            speed_limit,
+            encoder_broken_at: None,
         }
     }
 
     /// No output: the shaft turns freely.
-    pub fn off(&mut self) {
+    pub fn disable_output(&mut self) {
         self.signal = None;
         self.servo.disable();
     }
 
     /// A share of the supply, open loop.
-    pub fn signal(&mut self, share: f64) {
+    pub fn drive_signal(&mut self, share: f64) {
         self.enable();
         self.signal = Some(share);
     }
 
     /// A speed, rad/s.
     pub fn turn(&mut self, velocity: f64) {
-        self.bound(self.top);
+        self.limit_speed(self.speed_limit);
         self.regulate(Goal::Velocity(velocity));
     }
 
     /// A shaft position, rad, at most so fast, rad/s.
-    pub fn go(&mut self, position: f64, velocity: f64) {
-        self.bound(velocity.min(self.top));
+    pub fn move_to(&mut self, position: f64, velocity: f64) {
+        self.limit_speed(velocity.min(self.speed_limit));
         self.regulate(Goal::Position(position));
     }
 
     /// Position that the encoder tells, rad.
     pub fn position(&self) -> f64 {
-        self.broken_at.unwrap_or(self.motor.position())
+        self.encoder_broken_at.unwrap_or(self.motor.position())
     }
 
     /// The same in tenths of a degree from a zero.
-    pub fn tenths(&self, zero: f64) -> i64 {
+    pub fn position_tenths(&self, zero: f64) -> i64 {
         libm::round((self.position() - zero) * TENTHS) as i64
     }
 
@@ -119,10 +119,10 @@ impl Shaft {
     /// Advances by one tick.
     pub fn tick(&mut self) {
         if let Some(share) = self.signal {
-            self.servo.go(Goal::Voltage(share * self.supply));
+            self.servo.set_goal(Goal::Voltage(share * self.supply));
         }
-        self.servo.pwm = self.limit;
-        let load = self.load + self.water.torque(self.motor.velocity());
+        self.servo.pwm = self.output_limit;
+        let load = self.load + self.water.drag_torque(self.motor.velocity());
         let conditions = Conditions { bus: self.supply, load };
         let (position, velocity) = (self.position(), self.velocity());
         self.servo.step_measured(&mut self.motor, conditions, position, velocity);
@@ -132,19 +132,19 @@ impl Shaft {
     }
 
     /// Whether nothing will move until somebody does something.
-    pub fn is_still(&self) -> bool {
+    pub fn is_at_rest(&self) -> bool {
         !self.servo.is_enabled()
             && self.motor.velocity() == 0.0
             && self.load.abs() <= self.motor.parameters().stiction
     }
 
-    /// Time passes over a shaft that [is still](Self::is_still).
-    pub fn rest(&mut self, seconds: f64) {
+    /// Time passes over a shaft that [is still](Self::is_at_rest).
+    pub fn pass_time(&mut self, seconds: f64) {
         self.stage.step(0.0, seconds);
         self.winding.step(0.0, seconds);
     }
 
-    fn bound(&mut self, velocity: f64) {
+    fn limit_speed(&mut self, velocity: f64) {
         let limits = Limits { velocity, ..*self.servo.limits() };
         self.servo.set_limits(limits);
     }
@@ -158,7 +158,7 @@ impl Shaft {
     fn regulate(&mut self, goal: Goal) {
         let open = self.signal.take().is_some() || !self.servo.is_enabled();
         self.enable();
-        if open { self.servo.go_from(&self.motor, goal) } else { self.servo.go(goal) }
+        if open { self.servo.set_goal_from(&self.motor, goal) } else { self.servo.set_goal(goal) }
     }
 }
 

@@ -7,9 +7,9 @@ mod faults;
 mod moves;
 mod wire;
 
-use super::device::{Device, Thruster};
+use super::device::{Device, ThrusterFamily};
 use super::profile;
-use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::drives::{DeviceOptions, Family};
 use crate::medium::{Can, Frame};
 use crate::profile::Profile;
@@ -18,7 +18,7 @@ use crate::time::Instant;
 use std::vec::Vec;
 
 /// A drive at id 11 and a clock.
-struct Rig {
+struct DriveFixture {
     device: Device,
     now: Instant,
 }
@@ -26,7 +26,7 @@ struct Rig {
 /// Data bytes of what is heard, and what a refusal ends with.
 type Data = Vec<u8>;
 
-impl Rig {
+impl DriveFixture {
     fn with(profile: &'static Profile, extra: &[(&'static str, &'static str)]) -> Self {
         let wires = &["thruster"];
         let options = DeviceOptions {
@@ -37,7 +37,7 @@ impl Rig {
             seed: 1,
             extra,
         };
-        let device = Thruster::device(profile, &options).expect("known options");
+        let device = ThrusterFamily::create_device(profile, &options).expect("known options");
         Self { device, now: Instant::ZERO }
     }
 
@@ -64,7 +64,7 @@ impl Rig {
     }
 
     /// Sends hexadecimal bytes and gives the data of the one answer.
-    fn ask(&mut self, text: &str) -> Data {
+    fn request(&mut self, text: &str) -> Data {
         let answers = self.to(11, &hex(text));
         assert_eq!(answers.len(), 1, "{text}: {answers:?}");
         assert_eq!(answers[0].id, 0x28B, "{text}");
@@ -88,12 +88,12 @@ impl Rig {
     /// Sends what must be repeated.
     fn ok(&mut self, text: &str) {
         let bytes = hex(text);
-        let answer = self.ask(text);
+        let answer = self.request(text);
         assert_eq!(answer[..bytes.len()], bytes, "{text}: {answer:02X?}");
     }
 
     fn refused(&mut self, text: &str) {
-        let answer = self.ask(text);
+        let answer = self.request(text);
         assert_eq!(answer[..4], hex(text)[..4], "{text}");
         assert_eq!(answer[4..], [0, 0, 0xEE, 0xEE], "{text}");
     }
@@ -116,8 +116,8 @@ impl Rig {
         assert!(self.device.act(self.now, act), "{act:?}");
     }
 
-    fn truth(&mut self) -> Truth {
-        self.device.truth(self.now)
+    fn truth(&mut self) -> GroundTruth {
+        self.device.ground_truth(self.now)
     }
 }
 

@@ -17,7 +17,7 @@ impl Water {
 
     /// Torque on the shaft at a speed (rad/s), N·m: always against it.
     #[must_use]
-    pub fn torque(&self, velocity: f64) -> f64 {
+    pub fn drag_torque(&self, velocity: f64) -> f64 {
         -self.drag * velocity * velocity.abs()
     }
 

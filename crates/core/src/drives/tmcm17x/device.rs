@@ -3,11 +3,11 @@
 use super::flags;
 use super::module::Module;
 use super::profile;
-use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::drives::{self, DeviceOptions, Family};
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::profile::Profile;
-use crate::proto::tmcl::device::{BadSum, CanEnd, Quirks, SerialEnd};
+use crate::proto::tmcl::device::{CanEndpoint, ChecksumErrorReply, Quirks, SerialEndpoint};
 use crate::station::{LineEvent, Station, Timed};
 use crate::time::{Instant, earliest};
 
@@ -24,7 +24,7 @@ impl Family for Tmcm17x {
         &ALL
     }
 
-    fn device<'a>(
+    fn create_device<'a>(
         profile: &'static Profile,
         options: &DeviceOptions<'a>,
     ) -> Result<Device, &'a str> {
@@ -34,29 +34,31 @@ impl Family for Tmcm17x {
             quirks.byte_timeout_ms = Some(UNTIMED_BYTE_TIMEOUT_MS);
         }
         if let Some(address) = options.address {
-            module.memory.deliver(66, i32::from(address as u8));
-            module.memory.deliver(71, i32::from(address as u16 & 0x7FF));
+            module.memory.preset_global(66, i32::from(address as u8));
+            module.memory.preset_global(71, i32::from(address as u16 & 0x7FF));
         }
         for (key, value) in options.extra {
             match (*key, *value) {
                 ("dlc", "7") => quirks.eight_bytes = false,
                 ("dlc", "8") => quirks.eight_bytes = true,
-                ("bad-sum", "mine") => quirks.bad_sum = BadSum::AnswerIfMine,
-                ("bad-sum", "always") => quirks.bad_sum = BadSum::AnswerAlways,
-                ("bad-sum", "ignore") => quirks.bad_sum = BadSum::Ignore,
+                ("bad-sum", "mine") => {
+                    quirks.checksum_error_reply = ChecksumErrorReply::IfAddressed
+                }
+                ("bad-sum", "always") => quirks.checksum_error_reply = ChecksumErrorReply::Always,
+                ("bad-sum", "ignore") => quirks.checksum_error_reply = ChecksumErrorReply::Never,
                 ("settings", "before-reply") => quirks.settings_before_reply = true,
                 ("settings", "after-reply") => quirks.settings_before_reply = false,
                 ("host", host) => {
                     let host = host.parse::<u16>().ok().filter(|id| *id <= 0x7FF).ok_or(host)?;
                     if host <= 0xFF {
-                        module.memory.deliver(76, i32::from(host));
+                        module.memory.preset_global(76, i32::from(host));
                     }
-                    module.memory.deliver(70, i32::from(host));
+                    module.memory.preset_global(70, i32::from(host));
                 }
-                ("deaf-ms", ms) => quirks.deaf_after_foreign_ms = ms.parse().map_err(|_| ms)?,
+                ("deaf-ms", ms) => quirks.ignore_after_foreign_ms = ms.parse().map_err(|_| ms)?,
                 ("power-on-hallerr", "0" | "1") => {
                     module.hallerr_at_power_on = *value == "1";
-                    module.flags.put(flags::HALLERR, *value == "1");
+                    module.flags.set(flags::HALLERR, *value == "1");
                 }
                 ("dlc" | "bad-sum" | "settings" | "power-on-hallerr", value) => return Err(value),
                 (key, _) => return Err(key),
@@ -73,25 +75,26 @@ const UNTIMED_BYTE_TIMEOUT_MS: u32 = 200;
 #[derive(Debug)]
 pub struct Device {
     pub(super) module: Module,
-    serial: SerialEnd,
-    can: CanEnd,
+    serial: SerialEndpoint,
+    can: CanEndpoint,
 }
 
 impl Device {
     /// That module, just powered.
     #[must_use]
     fn new(module: Module, quirks: Quirks) -> Self {
-        let (serial, can) = (SerialEnd::new(quirks, &module), CanEnd::new(quirks, &module));
+        let (serial, can) =
+            (SerialEndpoint::new(quirks, &module), CanEndpoint::new(quirks, &module));
         Self { module, serial, can }
     }
 }
 
-impl drives::Device for Device {
-    fn stream(&mut self) -> Option<&mut dyn Station<Stream>> {
+impl drives::SimulatedDevice for Device {
+    fn serial_station(&mut self) -> Option<&mut dyn Station<Stream>> {
         Some(self)
     }
 
-    fn can(&mut self) -> Option<&mut dyn Station<Can>> {
+    fn can_station(&mut self) -> Option<&mut dyn Station<Can>> {
         Some(self)
     }
 }
@@ -109,10 +112,10 @@ impl Timed for Device {
 impl Station<Stream> for Device {
     fn handle_input(&mut self, now: Instant, unit: &[u8]) {
         self.module.advance(now);
-        if self.module.is_deaf(now) {
+        if self.module.is_unresponsive(now) {
             return self.serial.handle_break();
         }
-        self.module.heard.serial = Some(now);
+        self.module.last_requests.serial = Some(now);
         self.serial.handle_input(now, unit, &mut self.module);
     }
 
@@ -135,10 +138,10 @@ impl Station<Stream> for Device {
 impl Station<Can> for Device {
     fn handle_input(&mut self, now: Instant, unit: &Frame) {
         self.module.advance(now);
-        if self.module.is_deaf(now) {
+        if self.module.is_unresponsive(now) {
             return;
         }
-        self.module.heard.can = Some(now);
+        self.module.last_requests.can = Some(now);
         self.can.handle_input(now, unit, &mut self.module);
     }
 
@@ -157,23 +160,23 @@ impl Station<Can> for Device {
     }
 }
 
-impl Bench for Device {
-    fn truth(&mut self, now: Instant) -> Truth {
+impl BenchControl for Device {
+    fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         self.module.advance(now);
         let (module, motor) = (&self.module, &self.module.motor);
-        Truth {
+        GroundTruth {
             position: motor.position(),
             velocity: motor.velocity(),
             current: motor.current(),
             torque: motor.torque(),
             winding: module.winding.temperature(),
             enabled: module.servo.is_enabled(),
-            fault: module.status() & flags::TRIPS,
+            fault: module.current_flags() & flags::TRIPS,
             flash_writes: module.memory.writes,
             unrepeatable: module.unrepeatable,
             starts: module.starts,
             bounds: module.bounds(),
-            setpoint: module.servo.regulated(),
+            setpoint: module.servo.regulated_setpoint(),
         }
     }
 
@@ -183,11 +186,11 @@ impl Bench for Device {
         self.module.advance(now);
         let module = &mut self.module;
         let is_171 = module.has_programs();
-        let around = &mut module.around;
+        let around = &mut module.surroundings;
         match act {
             Act::Load(torque) => around.load = torque,
-            Act::Jam(jammed) => module.motor.jam(jammed),
-            Act::Supply(volts) => module.supply(now, volts),
+            Act::Jam(jammed) => module.motor.set_jammed(jammed),
+            Act::Supply(volts) => module.set_supply(now, volts),
             Act::Ambient(celsius) => {
                 (module.stage.ambient, module.winding.ambient) = (celsius, celsius);
             }
@@ -206,7 +209,7 @@ impl Bench for Device {
             }
             Act::HallBroken(broken) => around.hall_broken = broken,
             Act::Fault(code) => {
-                module.flags.put(code & flags::TRIPS, true);
+                module.flags.set(code & flags::TRIPS, true);
                 if code & flags::TRIPS != 0 {
                     module.trip("fault injected: motor off");
                 }
@@ -217,7 +220,7 @@ impl Bench for Device {
         true
     }
 
-    fn notice(&mut self) -> Option<&'static str> {
+    fn take_notice(&mut self) -> Option<&'static str> {
         self.module.notice.take()
     }
 }

@@ -1,17 +1,17 @@
 //! What each request does.
 
 use super::flags;
-use super::memory::{readable, writable};
+use super::memory::{check_readable, check_writable};
 use super::module::Module;
-use super::program::{Running, is_direct, is_program_only};
-use crate::proto::tmcl::device::{Echo, Event, Firmware, Response};
+use super::program::{ProgramState, is_direct, is_program_only};
+use crate::proto::tmcl::device::{AsciiEcho, DeferredEvent, Firmware, Response};
 use crate::proto::tmcl::{Opcode, Request, Status};
 use crate::time::Instant;
 
 /// Value of 137 and 255 without which nothing happens.
-const SURE: i32 = 1234;
+const CONFIRM_VALUE: i32 = 1234;
 /// Value that unlocks the EEPROM.
-const UNLOCK: i32 = 4321;
+const UNLOCK_VALUE: i32 = 4321;
 /// So long a module is silent after its factory settings, ms (TMCL reference, 137).
 const FACTORY_SILENCE_MS: u32 = 5000;
 /// Firmware version that 136 tells: the manual's.
@@ -53,11 +53,11 @@ impl Firmware for Module {
         RATES[(self.memory.global[69] - 1).clamp(0, 7) as usize]
     }
 
-    fn ascii(&self) -> Option<Echo> {
+    fn ascii(&self) -> Option<AsciiEcho> {
         let echo = match self.memory.global[67] >> 4 & 3 {
-            0 => Echo::Characters,
-            1 => Echo::Line,
-            _ => Echo::None,
+            0 => AsciiEcho::Characters,
+            1 => AsciiEcho::Line,
+            _ => AsciiEcho::None,
         };
         self.ascii.then_some(echo)
     }
@@ -68,16 +68,16 @@ impl Firmware for Module {
 
     fn execute(&mut self, now: Instant, request: &Request) -> Response {
         self.advance(now);
-        if self.is_deaf(now) {
+        if self.is_unresponsive(now) {
             return Response::Silent;
         }
-        if let Some(response) = self.loading(request) {
+        if let Some(response) = self.handle_download(request) {
             return response;
         }
         match request.opcode {
             Opcode::Version if request.kind == 0 => Response::Text(self.version_text()),
             Opcode::ReadMemory if self.has_programs() => self.read_memory(request),
-            Opcode::SoftwareReset if request.value == SURE => {
+            Opcode::SoftwareReset if request.value == CONFIRM_VALUE => {
                 self.power_up(now);
                 Response::Silent // [I] the reset comes before the reply
             }
@@ -86,9 +86,9 @@ impl Firmware for Module {
                 self.booting = true;
                 Response::Silent
             }
-            _ => match self.obey(now, request) {
+            _ => match self.execute_request(now, request) {
                 Ok(value) => {
-                    self.starts += u64::from(starts(request));
+                    self.starts += u64::from(starts_motion(request));
                     Response::ok(value)
                 }
                 Err(status) => Response::refused(status, request),
@@ -96,13 +96,13 @@ impl Firmware for Module {
         }
     }
 
-    fn poll_event(&mut self, now: Instant) -> Option<Event> {
+    fn poll_deferred_event(&mut self, now: Instant) -> Option<DeferredEvent> {
         self.advance(now);
         if !self.event_armed || !self.flags.any(flags::POS_END) {
             return None;
         }
         self.event_armed = false;
-        Some(Event { opcode: Opcode::PositionReached, value: 1 })
+        Some(DeferredEvent { opcode: Opcode::PositionReached, value: 1 })
     }
 }
 
@@ -111,7 +111,11 @@ impl Module {
     ///
     /// # Errors
     /// The status to answer.
-    pub(super) fn obey(&mut self, now: Instant, request: &Request) -> Result<i32, Status> {
+    pub(super) fn execute_request(
+        &mut self,
+        now: Instant,
+        request: &Request,
+    ) -> Result<i32, Status> {
         match request.opcode {
             Opcode::Ror
             | Opcode::Rol
@@ -120,16 +124,16 @@ impl Module {
             | Opcode::Sap
             | Opcode::Gap
             | Opcode::Stap
-            | Opcode::Rsap => self.obey_axis(request),
+            | Opcode::Rsap => self.execute_axis(request),
             Opcode::Sgp | Opcode::Ggp | Opcode::Stgp | Opcode::Rsgp => {
-                self.obey_global(now, request)
+                self.execute_global(now, request)
             }
-            Opcode::Sio | Opcode::Gio => self.obey_ports(request),
-            _ => self.obey_module(now, request),
+            Opcode::Sio | Opcode::Gio => self.execute_ports(request),
+            _ => self.execute_module(now, request),
         }
     }
 
-    fn obey_axis(&mut self, request: &Request) -> Result<i32, Status> {
+    fn execute_axis(&mut self, request: &Request) -> Result<i32, Status> {
         let (kind, value) = (request.kind, request.value);
         if request.motor != 0 {
             return Err(Status::InvalidValue); // [I] "always set to zero" (§2.1)
@@ -138,7 +142,7 @@ impl Module {
             Opcode::Ror => self.rotate(value)?,
             Opcode::Rol => self.rotate(value.checked_neg().ok_or(Status::InvalidValue)?)?,
             Opcode::Mst => self.halt(),
-            Opcode::Mvp => return self.obey_move(kind, value),
+            Opcode::Mvp => return self.execute_move(kind, value),
             Opcode::Sap => self.set_axis(kind, value)?,
             Opcode::Gap => return self.read_axis(kind),
             Opcode::Stap => self.memory.store_axis(kind)?,
@@ -149,7 +153,7 @@ impl Module {
 
     /// MVP: 0 ABS, 1 REL. COORD (2) is for several axes. \[I\] REL counts from where the motor is,
     /// and answers where it will be.
-    fn obey_move(&mut self, kind: u8, value: i32) -> Result<i32, Status> {
+    fn execute_move(&mut self, kind: u8, value: i32) -> Result<i32, Status> {
         let target = match kind {
             0 => value,
             1 => self.counter().checked_add(value).ok_or(Status::InvalidValue)?,
@@ -160,15 +164,15 @@ impl Module {
         Ok(target)
     }
 
-    fn obey_global(&mut self, now: Instant, request: &Request) -> Result<i32, Status> {
+    fn execute_global(&mut self, now: Instant, request: &Request) -> Result<i32, Status> {
         let (kind, value) = (request.kind, request.value);
         match (request.motor, request.opcode) {
             (0, Opcode::Sgp) => self.set_global(now, kind, value),
             (0, Opcode::Ggp) => self.read_global(now, kind),
             (0, opcode) => {
-                readable(self.memory.global_parameter(kind))?;
+                check_readable(self.memory.global_parameter(kind))?;
                 if opcode == Opcode::Rsgp {
-                    self.memory.global[usize::from(kind)] = self.memory.kept_global(kind);
+                    self.memory.global[usize::from(kind)] = self.memory.stored_global(kind);
                 } else if self.memory.is_locked() {
                     return Err(Status::EepromLocked);
                 }
@@ -189,10 +193,10 @@ impl Module {
     }
 
     fn set_global(&mut self, now: Instant, kind: u8, value: i32) -> Result<i32, Status> {
-        writable(self.memory.global_parameter(kind), value)?;
+        check_writable(self.memory.global_parameter(kind), value)?;
         match (kind, value) {
-            (73, SURE) => self.memory.lock(true),
-            (73, UNLOCK) => self.memory.lock(false),
+            (73, CONFIRM_VALUE) => self.memory.lock(true),
+            (73, UNLOCK_VALUE) => self.memory.lock(false),
             (73, _) => return Err(Status::InvalidValue),
             (132, _) => {
                 let ms = u64::try_from(value).map_err(|_| Status::InvalidValue)?;
@@ -200,21 +204,21 @@ impl Module {
             }
             (81, _) => {
                 let before = self.memory.global[81];
-                self.memory.keep_global(kind, value)?;
+                self.memory.store_global(kind, value)?;
                 if before & 1 == 1 && value & 1 == 0 {
-                    self.memory.program = super::program::Program::EMPTY;
+                    self.memory.program = super::program::ProgramMemory::EMPTY;
                 }
             }
-            _ => self.memory.keep_global(kind, value)?,
+            _ => self.memory.store_global(kind, value)?,
         }
         Ok(value)
     }
 
     fn read_global(&self, now: Instant, kind: u8) -> Result<i32, Status> {
-        readable(self.memory.global_parameter(kind))?;
+        check_readable(self.memory.global_parameter(kind))?;
         Ok(match kind {
             73 => self.memory.is_locked().into(),
-            128 => self.running() as i32,
+            128 => self.program_state() as i32,
             129 => self.download.is_some().into(),
             130 => self.program.counter,
             132 => (now.since(self.timer_zero).as_millis() & 0x7FFF_FFFF) as i32,
@@ -224,7 +228,7 @@ impl Module {
 
     /// Ports \[I\]: bank 0 digital 0 to 3 = AIN0 to AIN3 at half range, 4 = /STOP; bank 1 analog
     /// 0 to 3 in 1023rds of the range; bank 2 outputs 0 and 1.
-    fn obey_ports(&mut self, request: &Request) -> Result<i32, Status> {
+    fn execute_ports(&mut self, request: &Request) -> Result<i32, Status> {
         let (port, value) = (request.kind, request.value);
         let analog = usize::from(port.min(3));
         let range = if port == 1 { 10.0 } else { 5.0 };
@@ -237,7 +241,7 @@ impl Module {
                 Ok(value)
             }
             (Opcode::Gio, 0, 0..=3) => Ok((self.analog[analog] > range / 2.0).into()),
-            (Opcode::Gio, 0, 4) => Ok(self.around.stop_high.into()),
+            (Opcode::Gio, 0, 4) => Ok(self.surroundings.stop_high.into()),
             (Opcode::Gio, 1, 0..=3) => {
                 let share = (self.analog[analog] / range).clamp(0.0, 1.0);
                 Ok(libm::round(share * 1023.0) as i32)
@@ -248,14 +252,14 @@ impl Module {
         }
     }
 
-    fn obey_module(&mut self, now: Instant, request: &Request) -> Result<i32, Status> {
+    fn execute_module(&mut self, now: Instant, request: &Request) -> Result<i32, Status> {
         let value = request.value;
         match request.opcode {
             Opcode::Version if request.kind == 1 => {
-                Ok(self.number() << 16 | VERSION.0 << 8 | VERSION.1)
+                Ok(self.type_number() << 16 | VERSION.0 << 8 | VERSION.1)
             }
             Opcode::Version => Err(Status::WrongType),
-            Opcode::FactoryDefault => self.factory(now, value),
+            Opcode::FactoryDefault => self.restore_factory(now, value),
             Opcode::PositionReached => {
                 self.event_armed = value & 1 != 0;
                 Ok(value)
@@ -264,56 +268,56 @@ impl Module {
             Opcode::SoftwareReset | Opcode::Boot => Err(Status::InvalidValue),
             opcode if self.has_programs() => match opcode {
                 opcode if is_program_only(opcode) => Err(Status::NotAvailable),
-                _ => self.obey_program(request),
+                _ => self.execute_program(request),
             },
             _ => Err(Status::InvalidCommand),
         }
     }
 
-    fn factory(&mut self, now: Instant, value: i32) -> Result<i32, Status> {
-        if value != SURE {
+    fn restore_factory(&mut self, now: Instant, value: i32) -> Result<i32, Status> {
+        if value != CONFIRM_VALUE {
             return Err(Status::InvalidValue);
         }
         if self.memory.is_locked() {
             return Err(Status::EepromLocked);
         }
-        self.memory.factory();
+        self.memory.write_factory_settings();
         self.power_up(now);
         self.silent_until = now.plus_ms(FACTORY_SILENCE_MS);
         Ok(value)
     }
 
-    fn obey_program(&mut self, request: &Request) -> Result<i32, Status> {
+    fn execute_program(&mut self, request: &Request) -> Result<i32, Status> {
         let value = request.value;
         match (request.opcode, request.kind) {
-            (Opcode::ProgramStop, _) => self.program.running = Running::Stop,
+            (Opcode::ProgramStop, _) => self.program.state = ProgramState::Stop,
             (Opcode::ProgramRun, 0) => self.program.run(None),
             (Opcode::ProgramRun, 1) => {
-                self.memory.program.at(value).ok_or(Status::InvalidValue)?;
+                self.memory.program.instruction_at(value).ok_or(Status::InvalidValue)?;
                 self.program.run(Some(value));
             }
             (Opcode::ProgramRun, _) => return Err(Status::WrongType),
-            (Opcode::ProgramStep, _) => self.program.running = Running::Step,
+            (Opcode::ProgramStep, _) => self.program.state = ProgramState::Step,
             (Opcode::ProgramReset, _) => {
                 self.program = super::program::Interpreter::NEW;
-                self.program.running = Running::Reset;
+                self.program.state = ProgramState::Reset;
             }
             (Opcode::DownloadStart, _) => {
-                self.memory.program.at(value).ok_or(Status::InvalidValue)?;
+                self.memory.program.instruction_at(value).ok_or(Status::InvalidValue)?;
                 if self.memory.global[81] & 2 != 0 || self.program.is_active() {
                     return Err(Status::DownloadNotPossible);
                 }
                 self.download = Some(value);
             }
             (Opcode::DownloadEnd, _) => {}
-            (Opcode::ProgramStatus, _) => return Ok(self.running() as i32),
+            (Opcode::ProgramStatus, _) => return Ok(self.program_state() as i32),
             _ => return Err(Status::InvalidCommand),
         }
         Ok(value)
     }
 
     /// Between 132 and 133 commands go into program memory.
-    fn loading(&mut self, request: &Request) -> Option<Response> {
+    fn handle_download(&mut self, request: &Request) -> Option<Response> {
         let at = self.download?;
         if request.opcode == Opcode::DownloadEnd {
             self.download = None;
@@ -337,13 +341,13 @@ impl Module {
         if self.memory.global[81] & 1 != 0 {
             return Response::refused(Status::NotAvailable, request);
         }
-        match self.memory.program.at(request.value) {
+        match self.memory.program.instruction_at(request.value) {
             Some(instruction) => Response::Instruction(instruction),
             None => Response::refused(Status::InvalidValue, request),
         }
     }
 
-    fn number(&self) -> i32 {
+    fn type_number(&self) -> i32 {
         if self.has_programs() { 171 } else { 170 }
     }
 
@@ -353,7 +357,7 @@ impl Module {
 }
 
 /// Whether a request, once executed, has powered the motor or given it somewhere to go.
-const fn starts(request: &Request) -> bool {
+const fn starts_motion(request: &Request) -> bool {
     match (request.opcode, request.kind) {
         (Opcode::Ror | Opcode::Rol, _) | (Opcode::Sap, 2 | 155 | 255) => request.value != 0,
         (Opcode::Mvp | Opcode::ProgramRun, _) | (Opcode::Sap, 0) => true,

@@ -25,9 +25,9 @@ pub const ENCERR: u32 = 1 << 9;
 /// What switches the motor off.
 pub const TRIPS: u32 = UNDERVOLT | OVERTEMP | HALLERR | OVERVOLT | ENCERR;
 /// What lasts as long as its cause.
-pub const STANDING: u32 = UNDERVOLT | OVERTEMP | OVERVOLT;
+pub const PERSISTENT: u32 = UNDERVOLT | OVERTEMP | OVERVOLT;
 /// What reading clears.
-pub const READ_CLEARS: u32 = HALLERR | ENCERR;
+pub const CLEARED_BY_READ: u32 = HALLERR | ENCERR;
 
 /// Motor off below, on again above, V.
 pub const UNDERVOLT_V: (f64, f64) = (10.0, 12.0);
@@ -52,33 +52,33 @@ impl Flags {
     }
 
     /// Sets or clears.
-    pub const fn put(&mut self, mask: u32, on: bool) {
+    pub const fn set(&mut self, mask: u32, on: bool) {
         self.0 = if on { self.0 | mask } else { self.0 & !mask };
     }
 
     /// Takes supply and temperature; tells what newly trips.
-    pub fn watch(&mut self, supply: f64, protected: bool, celsius: f64) -> u32 {
+    pub fn update(&mut self, supply: f64, protected: bool, celsius: f64) -> u32 {
         let before = self.0;
-        self.hysteresis(UNDERVOLT, supply < UNDERVOLT_V.0, supply >= UNDERVOLT_V.1);
+        self.apply_hysteresis(UNDERVOLT, supply < UNDERVOLT_V.0, supply >= UNDERVOLT_V.1);
         let over = protected && supply > OVERVOLT_V.0;
-        self.hysteresis(OVERVOLT, over, !protected || supply < OVERVOLT_V.1);
-        self.hysteresis(OVERTEMP, celsius > OVERTEMP_C.0, celsius < OVERTEMP_C.1);
-        self.put(TEMPWARN, celsius > TEMPWARN_C);
+        self.apply_hysteresis(OVERVOLT, over, !protected || supply < OVERVOLT_V.1);
+        self.apply_hysteresis(OVERTEMP, celsius > OVERTEMP_C.0, celsius < OVERTEMP_C.1);
+        self.set(TEMPWARN, celsius > TEMPWARN_C);
         self.0 & !before & TRIPS
     }
 
     /// What GAP 156 answers; it clears what reading clears.
-    pub fn read(&mut self) -> u32 {
+    pub fn read_and_clear(&mut self) -> u32 {
         let read = self.0;
-        self.0 &= !READ_CLEARS;
+        self.0 &= !CLEARED_BY_READ;
         read
     }
 
-    fn hysteresis(&mut self, mask: u32, on: bool, off: bool) {
+    fn apply_hysteresis(&mut self, mask: u32, on: bool, off: bool) {
         if on {
-            self.put(mask, true);
+            self.set(mask, true);
         } else if off {
-            self.put(mask, false);
+            self.set(mask, false);
         }
     }
 }

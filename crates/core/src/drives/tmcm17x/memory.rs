@@ -1,6 +1,6 @@
 //! Settings in RAM and what of them is in the EEPROM, with access and ranges from the profile.
 
-use super::program::Program;
+use super::program::ProgramMemory;
 use crate::profile::{Access, Parameter, Persistence, Profile};
 use crate::proto::tmcl::Status;
 
@@ -23,8 +23,8 @@ struct Eeprom {
 #[derive(Clone, Debug)]
 pub struct Memory {
     profile: &'static Profile,
-    axis_at: [u16; 256],
-    global_at: [u16; 256],
+    axis_index: [u16; 256],
+    global_index: [u16; 256],
     /// Axis parameters by number.
     pub axis: [i32; 256],
     /// Global parameters of bank 0 by number.
@@ -33,7 +33,7 @@ pub struct Memory {
     pub variables: [i32; VARIABLES],
     eeprom: Eeprom,
     /// The stand-alone program, in EEPROM.
-    pub program: Program,
+    pub program: ProgramMemory,
     /// Writes to the EEPROM since the module was made.
     pub writes: u64,
 }
@@ -59,16 +59,16 @@ impl Memory {
             Eeprom { axis: [0; 256], global: [0; 256], variables: [0; VARIABLES], locked: false };
         let mut new = Self {
             profile,
-            axis_at,
-            global_at,
+            axis_index: axis_at,
+            global_index: global_at,
             axis: [0; 256],
             global: [0; 256],
             variables: [0; VARIABLES],
             eeprom,
-            program: Program::EMPTY,
+            program: ProgramMemory::EMPTY,
             writes: 0,
         };
-        new.factory();
+        new.write_factory_settings();
         new.load();
         new
     }
@@ -76,13 +76,13 @@ impl Memory {
     /// What the profile says of an axis parameter.
     #[must_use]
     pub fn axis_parameter(&self, number: u8) -> Option<&'static Parameter> {
-        self.profile.parameters.get(usize::from(self.axis_at[usize::from(number)]))
+        self.profile.parameters.get(usize::from(self.axis_index[usize::from(number)]))
     }
 
     /// What the profile says of a global parameter of bank 0.
     #[must_use]
     pub fn global_parameter(&self, number: u8) -> Option<&'static Parameter> {
-        self.profile.parameters.get(usize::from(self.global_at[usize::from(number)]))
+        self.profile.parameters.get(usize::from(self.global_index[usize::from(number)]))
     }
 
     /// Whether the EEPROM is locked (global parameter 73).
@@ -98,7 +98,7 @@ impl Memory {
     }
 
     /// Puts the factory's settings into the EEPROM. RAM keeps what it has.
-    pub fn factory(&mut self) {
+    pub fn write_factory_settings(&mut self) {
         for parameter in self.profile.parameters {
             let value = parameter.default.unwrap_or(0) as i32;
             match (parameter.space, self.eeprom.axis.get_mut(usize::from(parameter.index))) {
@@ -115,7 +115,7 @@ impl Memory {
     /// Power-up: RAM from EEPROM, which is made anew if its magic is not there.
     pub fn load(&mut self) {
         if self.eeprom.global[64] != MAGIC {
-            self.factory();
+            self.write_factory_settings();
         }
         self.axis = self.eeprom.axis;
         self.global = self.eeprom.global;
@@ -127,8 +127,8 @@ impl Memory {
     /// # Errors
     /// [`Status::WrongType`], [`Status::EepromLocked`].
     pub fn store_axis(&mut self, number: u8) -> Result<(), Status> {
-        self.storable(number)?;
-        self.unlocked()?;
+        self.check_storable(number)?;
+        self.check_unlocked()?;
         self.eeprom.axis[usize::from(number)] = self.axis[usize::from(number)];
         self.writes += 1;
         Ok(())
@@ -139,7 +139,7 @@ impl Memory {
     /// # Errors
     /// [`Status::WrongType`].
     pub fn stored_axis(&self, number: u8) -> Result<i32, Status> {
-        self.storable(number)?;
+        self.check_storable(number)?;
         Ok(self.eeprom.axis[usize::from(number)])
     }
 
@@ -147,8 +147,8 @@ impl Memory {
     ///
     /// # Errors
     /// [`Status::EepromLocked`].
-    pub fn keep_global(&mut self, number: u8, value: i32) -> Result<(), Status> {
-        self.unlocked()?;
+    pub fn store_global(&mut self, number: u8, value: i32) -> Result<(), Status> {
+        self.check_unlocked()?;
         self.global[usize::from(number)] = value;
         self.eeprom.global[usize::from(number)] = value;
         self.writes += 1;
@@ -156,14 +156,14 @@ impl Memory {
     }
 
     /// Sets a global parameter of bank 0 before delivery: no write is counted.
-    pub const fn deliver(&mut self, number: u8, value: i32) {
+    pub const fn preset_global(&mut self, number: u8, value: i32) {
         self.global[number as usize] = value;
         self.eeprom.global[number as usize] = value;
     }
 
     /// The kept value of a global parameter of bank 0.
     #[must_use]
-    pub fn kept_global(&self, number: u8) -> i32 {
+    pub fn stored_global(&self, number: u8) -> i32 {
         self.eeprom.global[usize::from(number)]
     }
 
@@ -172,7 +172,7 @@ impl Memory {
     /// # Errors
     /// [`Status::EepromLocked`].
     pub fn store_variable(&mut self, number: u8) -> Result<(), Status> {
-        self.unlocked()?;
+        self.check_unlocked()?;
         self.eeprom.variables[usize::from(number)] = self.variables[usize::from(number)];
         self.writes += 1;
         Ok(())
@@ -183,14 +183,14 @@ impl Memory {
         self.variables[usize::from(number)] = self.eeprom.variables[usize::from(number)];
     }
 
-    fn storable(&self, number: u8) -> Result<(), Status> {
+    fn check_storable(&self, number: u8) -> Result<(), Status> {
         match self.axis_parameter(number) {
             Some(p) if p.persistence == Persistence::Storable => Ok(()),
             _ => Err(Status::WrongType),
         }
     }
 
-    fn unlocked(&self) -> Result<(), Status> {
+    fn check_unlocked(&self) -> Result<(), Status> {
         if self.eeprom.locked { Err(Status::EepromLocked) } else { Ok(()) }
     }
 }
@@ -199,7 +199,7 @@ impl Memory {
 ///
 /// # Errors
 /// [`Status::WrongType`] for what is not there or only read, [`Status::InvalidValue`].
-pub fn writable(parameter: Option<&Parameter>, value: i32) -> Result<&Parameter, Status> {
+pub fn check_writable(parameter: Option<&Parameter>, value: i32) -> Result<&Parameter, Status> {
     let parameter = parameter.ok_or(Status::WrongType)?;
     if parameter.access == Access::Read {
         return Err(Status::WrongType);
@@ -214,7 +214,7 @@ pub fn writable(parameter: Option<&Parameter>, value: i32) -> Result<&Parameter,
 ///
 /// # Errors
 /// [`Status::WrongType`] for what is not there or only written.
-pub fn readable(parameter: Option<&Parameter>) -> Result<&Parameter, Status> {
+pub fn check_readable(parameter: Option<&Parameter>) -> Result<&Parameter, Status> {
     match parameter {
         Some(p) if p.access != Access::Write => Ok(p),
         _ => Err(Status::WrongType),

@@ -2,10 +2,10 @@
 
 use super::flags::{self, Flags};
 use super::memory::Memory;
-use super::program::{Interpreter, Running, Wait, Wanted};
+use super::program::{Interpreter, InterpreterStep, ProgramState, WaitCondition};
 use crate::plant::{
-    Conditions, Encoder, Goal, Motor, MotorParameters, Servo, Stall, TICK_NS, TICK_S, Thermal,
-    Ticks,
+    Conditions, Encoder, Goal, Motor, MotorParameters, Servo, StallDetector, TICK_NS, TICK_S,
+    ThermalModel, Ticks,
 };
 use crate::profile::Profile;
 use crate::time::Instant;
@@ -18,7 +18,7 @@ const STAGE_OHM: f64 = 0.02;
 
 /// What the motor is regulated to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Mode {
+pub enum ControlMode {
     /// A speed.
     Velocity,
     /// A position.
@@ -36,7 +36,7 @@ pub struct Module {
     pub(super) servo: Servo,
     pub(super) encoder: Encoder,
     pub(super) flags: Flags,
-    pub(super) mode: Mode,
+    pub(super) mode: ControlMode,
     /// Where the last move goes, counts.
     pub(super) target: i32,
     /// Speed last asked for, rpm.
@@ -47,7 +47,7 @@ pub struct Module {
     pub(super) outputs: u8,
     pub(super) analog: [f64; 4],
     /// Current as the module shows it, filtered (parameter 134), A.
-    pub(super) shown_current: f64,
+    pub(super) filtered_current: f64,
     pub(super) stopped: bool,
     pub(super) event_armed: bool,
     pub(super) ascii: bool,
@@ -56,28 +56,28 @@ pub struct Module {
     pub(super) timer_zero: Instant,
     pub(super) unrepeatable: u64,
     pub(super) starts: u64,
-    pub(super) heard: Heard,
-    pub(super) around: Around,
-    pub(super) stage: Thermal,
-    pub(super) winding: Thermal,
+    pub(super) last_requests: LastRequests,
+    pub(super) surroundings: ModuleSurroundings,
+    pub(super) stage: ThermalModel,
+    pub(super) winding: ThermalModel,
     pub(super) notice: Option<&'static str>,
     pub(super) hallerr_at_power_on: bool,
-    stall: Stall,
+    stall: StallDetector,
     ticks: Ticks,
-    switch_was: bool,
-    dead: bool,
+    switch_was_active: bool,
+    is_unpowered: bool,
 }
 
 /// When each wire last brought a request.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Heard {
+pub(super) struct LastRequests {
     pub serial: Option<Instant>,
     pub can: Option<Instant>,
 }
 
 /// What is around the module: the bench's side.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Around {
+pub(super) struct ModuleSurroundings {
     pub supply: f64,
     pub load: f64,
     /// Level of the /STOP input.
@@ -100,7 +100,7 @@ impl Module {
     #[must_use]
     pub fn new(profile: &'static Profile) -> Self {
         let motor = Motor::new(MotorParameters::BLDC_24V);
-        let around = Around {
+        let around = ModuleSurroundings {
             supply: 24.0,
             load: 0.0,
             stop_high: true,
@@ -117,14 +117,14 @@ impl Module {
             motor,
             encoder: Encoder::new(4096),
             flags: Flags(0),
-            mode: Mode::Velocity,
+            mode: ControlMode::Velocity,
             target: 0,
             target_rpm: 0,
             program: Interpreter::NEW,
             download: None,
             outputs: 0,
             analog: [0.0; 4],
-            shown_current: 0.0,
+            filtered_current: 0.0,
             stopped: false,
             event_armed: false,
             ascii: false,
@@ -133,16 +133,16 @@ impl Module {
             timer_zero: Instant::ZERO,
             unrepeatable: 0,
             starts: 0,
-            heard: Heard { serial: None, can: None },
-            around,
-            stage: Thermal::new(4.0, 20.0, 25.0),
-            winding: Thermal::new(1.5, 60.0, 25.0),
+            last_requests: LastRequests { serial: None, can: None },
+            surroundings: around,
+            stage: ThermalModel::new(4.0, 20.0, 25.0),
+            winding: ThermalModel::new(1.5, 60.0, 25.0),
             notice: None,
             hallerr_at_power_on: false,
-            stall: Stall::after(STALL_TICKS),
+            stall: StallDetector::after(STALL_TICKS),
             ticks: Ticks::new(Instant::ZERO),
-            switch_was: false,
-            dead: false,
+            switch_was_active: false,
+            is_unpowered: false,
         };
         new.memory.writes = 0;
         new.power_up(Instant::ZERO);
@@ -154,17 +154,17 @@ impl Module {
         self.memory.load();
         self.servo.disable();
         self.flags = Flags(if self.hallerr_at_power_on { flags::HALLERR } else { 0 });
-        self.mode = Mode::Velocity;
+        self.mode = ControlMode::Velocity;
         self.program = Interpreter::NEW;
         self.download = None;
         self.outputs = 0;
         self.stopped = false;
         self.event_armed = false;
         self.booting = false;
-        self.dead = false;
+        self.is_unpowered = false;
         self.ascii = self.memory.global[67] & 1 != 0;
         self.timer_zero = now;
-        self.heard = Heard { serial: None, can: None };
+        self.last_requests = LastRequests { serial: None, can: None };
         self.encoder.preset(self.motor.position(), 0);
         (self.target, self.target_rpm) = (0, 0);
         self.apply_settings();
@@ -172,7 +172,11 @@ impl Module {
             self.program.run(None);
         }
         if self.axis(128) == 2 {
-            self.flags.watch(self.around.supply, self.axis(245) != 0, self.stage.temperature());
+            self.flags.update(
+                self.surroundings.supply,
+                self.axis(245) != 0,
+                self.stage.temperature(),
+            );
             let _ = self.rotate(self.axis(157));
         }
     }
@@ -180,10 +184,10 @@ impl Module {
     /// Runs the ticks up to `now`.
     pub fn advance(&mut self, now: Instant) {
         let before = self.ticks.at();
-        let count = self.ticks.until(now);
+        let count = self.ticks.advance_to(now);
         for n in 0..count {
             if self.is_idle() {
-                return self.rest((count - n) as f64 * TICK_S);
+                return self.pass_time((count - n) as f64 * TICK_S);
             }
             self.tick(before.plus_ns((n + 1) * TICK_NS));
         }
@@ -191,8 +195,8 @@ impl Module {
 
     /// Whether the logic has supply and listens.
     #[must_use]
-    pub fn is_deaf(&self, now: Instant) -> bool {
-        self.dead || self.booting || now < self.silent_until
+    pub fn is_unresponsive(&self, now: Instant) -> bool {
+        self.is_unpowered || self.booting || now < self.silent_until
     }
 
     /// An axis parameter in RAM.
@@ -216,19 +220,19 @@ impl Module {
     /// Whether the stop switch is active and watched (parameters 164 and 166).
     #[must_use]
     pub fn switch_active(&self) -> bool {
-        let closed = self.around.switch_at.is_some_and(|at| self.motor.position() >= at);
-        let low = closed || !self.around.stop_high;
+        let closed = self.surroundings.switch_at.is_some_and(|at| self.motor.position() >= at);
+        let low = closed || !self.surroundings.stop_high;
         let active_high = self.axis(166) & 1 != 0;
         self.axis(164) & 1 != 0 && low != active_high
     }
 
     /// Takes the supply's new value; the logic dies below 7 V and starts anew above.
-    pub fn supply(&mut self, now: Instant, volts: f64) {
-        self.around.supply = volts;
+    pub fn set_supply(&mut self, now: Instant, volts: f64) {
+        self.surroundings.supply = volts;
         if volts < flags::LOGIC_V {
             self.servo.disable();
-            self.dead = true;
-        } else if self.dead {
+            self.is_unpowered = true;
+        } else if self.is_unpowered {
             self.power_up(now);
         }
     }
@@ -245,64 +249,64 @@ impl Module {
         let p = self.motor.parameters();
         !self.servo.is_enabled()
             && self.motor.velocity() == 0.0
-            && self.around.load.abs() <= p.stiction
+            && self.surroundings.load.abs() <= p.stiction
             && !self.program.is_active()
             && self.axis(128) != 1
-            && self.switch_was == self.switch_active()
+            && self.switch_was_active == self.switch_active()
     }
 
     /// Time passes over a module that does nothing.
-    fn rest(&mut self, seconds: f64) {
+    fn pass_time(&mut self, seconds: f64) {
         self.stage.step(0.0, seconds);
         self.winding.step(0.0, seconds);
-        self.shown_current = 0.0;
-        if !self.dead {
-            self.watch();
+        self.filtered_current = 0.0;
+        if !self.is_unpowered {
+            self.check_protections();
         }
     }
 
     fn tick(&mut self, now: Instant) {
-        if !self.dead {
-            self.watch();
-            self.watch_switch();
-            self.watch_hosts(now);
-            self.stand_alone();
+        if !self.is_unpowered {
+            self.check_protections();
+            self.check_switch();
+            self.check_heartbeats(now);
+            self.run_stand_alone();
             self.run_program(now);
         }
         let before = self.motor.position();
-        self.drive();
+        self.tick_motor();
         self.clear_at_index(before);
-        self.warm();
-        self.watch_motion();
+        self.update_temperatures();
+        self.check_arrival();
     }
 
-    fn watch(&mut self) {
+    fn check_protections(&mut self) {
         let celsius = self.stage.temperature();
-        match self.flags.watch(self.around.supply, self.axis(245) != 0, celsius) {
+        match self.flags.update(self.surroundings.supply, self.axis(245) != 0, celsius) {
             0 => {}
             new if new & flags::UNDERVOLT != 0 => self.trip("under-voltage: motor off"),
             new if new & flags::OVERVOLT != 0 => self.trip("over-voltage: motor off"),
             _ => self.trip("over-temperature: motor off"),
         }
-        if self.around.hall_broken {
-            self.flags.put(flags::HALLERR, true);
+        if self.surroundings.hall_broken {
+            self.flags.set(flags::HALLERR, true);
             self.trip("hall sensor error: motor off");
         }
         // Modes 3 and 4 compare the counter with the index pulse, so a turn must pass.
-        let turned = (self.motor.position() - self.around.encoder_broke_at).abs();
+        let turned = (self.motor.position() - self.surroundings.encoder_broke_at).abs();
         let compares = matches!(self.axis(249), 3 | 4);
         if self.encoder.is_broken() && compares && turned > core::f64::consts::TAU {
-            self.flags.put(flags::ENCERR, true);
+            self.flags.set(flags::ENCERR, true);
             self.trip("encoder error: motor off");
         }
     }
 
     /// The edge of the stop switch stops the motor and may clear the counter. \[I\] A command that
     /// comes later is carried out, or nobody could leave the switch.
-    fn watch_switch(&mut self) {
+    fn check_switch(&mut self) {
         let active = self.switch_active();
-        let came = active && !self.switch_was;
-        self.switch_was = active;
+        let came = active && !self.switch_was_active;
+        self.switch_was_active = active;
         if !came {
             return;
         }
@@ -326,22 +330,22 @@ impl Module {
     }
 
     /// Heartbeats, parameters 68 and 82: once a wire has spoken, its silence stops the motor. \[I\]
-    fn watch_hosts(&mut self, now: Instant) {
+    fn check_heartbeats(&mut self, now: Instant) {
         let late = |limit: i32, heard: Option<Instant>| {
             let limit = u32::try_from(limit).unwrap_or(0);
             limit > 0 && heard.is_some_and(|at| now > at.plus_ms(limit))
         };
-        if late(self.memory.global[68], self.heard.serial) {
-            self.heard.serial = None;
-            self.lost("no serial request: motor stopped");
+        if late(self.memory.global[68], self.last_requests.serial) {
+            self.last_requests.serial = None;
+            self.handle_heartbeat_loss("no serial request: motor stopped");
         }
-        if late(self.memory.global[82], self.heard.can) {
-            self.heard.can = None;
-            self.lost("no CAN request: motor stopped");
+        if late(self.memory.global[82], self.last_requests.can) {
+            self.last_requests.can = None;
+            self.handle_heartbeat_loss("no CAN request: motor stopped");
         }
     }
 
-    fn lost(&mut self, why: &'static str) {
+    fn handle_heartbeat_loss(&mut self, why: &'static str) {
         if self.servo.is_enabled() {
             self.halt();
             self.notice = Some(why);
@@ -349,7 +353,7 @@ impl Module {
     }
 
     /// Mode 1: speed by analog input 1, 0 to 10 V (parameters 128 and 157).
-    fn stand_alone(&mut self) {
+    fn run_stand_alone(&mut self) {
         if self.axis(128) == 1 {
             let share = (self.analog[1] / 10.0).clamp(0.0, 1.0);
             let rpm = libm::round(f64::from(self.axis(157)) * share) as i32;
@@ -361,12 +365,13 @@ impl Module {
 
     /// A level at the step input: in mode 3 each rising edge adds parameter 157 to the target.
     pub fn step_input(&mut self, high: bool) {
-        let rising = high && !self.around.step_high;
-        self.around.step_high = high;
-        if rising && self.axis(128) == 3 && !self.dead {
+        let rising = high && !self.surroundings.step_high;
+        self.surroundings.step_high = high;
+        if rising && self.axis(128) == 3 && !self.is_unpowered {
             let by = self.axis(157);
-            let by = if self.around.backward { by.wrapping_neg() } else { by };
-            let from = if self.mode == Mode::Position { self.target } else { self.counter() };
+            let by = if self.surroundings.backward { by.wrapping_neg() } else { by };
+            let from =
+                if self.mode == ControlMode::Position { self.target } else { self.counter() };
             let _ = self.move_to(from.wrapping_add(by));
         }
     }
@@ -377,26 +382,26 @@ impl Module {
         }
         let (reached, switch) = (self.flags.any(flags::POS_END), self.switch_active());
         let met = |what| match what {
-            Wait::Ticks => false,
-            Wait::Position => reached,
-            Wait::Switch => switch,
+            WaitCondition::Ticks => false,
+            WaitCondition::Position => reached,
+            WaitCondition::Switch => switch,
         };
-        if let Wanted::Command(request) = self.program.tick(&self.memory.program, met) {
-            let outcome = self.obey(now, &request);
-            self.program.take(outcome, request.opcode.only_reads());
+        if let InterpreterStep::Command(request) = self.program.tick(&self.memory.program, met) {
+            let outcome = self.execute_request(now, &request);
+            self.program.accept_outcome(outcome, request.opcode.only_reads());
         }
     }
 
-    fn drive(&mut self) {
+    fn tick_motor(&mut self) {
         let (mut position, mut velocity) = (self.motor.position(), self.motor.velocity());
         if self.encoder.is_broken() {
-            (position, velocity) = (self.around.encoder_broke_at, 0.0);
+            (position, velocity) = (self.surroundings.encoder_broke_at, 0.0);
         }
         self.wait_for_motor();
-        let conditions = Conditions { bus: self.around.supply, load: self.around.load };
+        let conditions = Conditions { bus: self.surroundings.supply, load: self.surroundings.load };
         self.servo.step_measured(&mut self.motor, conditions, position, velocity);
         let limit = self.servo.max_current;
-        let regulated = self.servo.is_enabled() && self.mode != Mode::Torque;
+        let regulated = self.servo.is_enabled() && self.mode != ControlMode::Torque;
         let limit = if regulated { limit } else { 0.0 };
         if self.stall.step(velocity, self.motor.current(), limit) {
             self.stall.reset();
@@ -407,27 +412,27 @@ impl Module {
     /// Parameter 9: the ramp starts again from the motor when it is too far ahead.
     fn wait_for_motor(&mut self) {
         let distance = self.axis(9);
-        if distance == 0 || self.mode == Mode::Torque || !self.servo.is_enabled() {
+        if distance == 0 || self.mode == ControlMode::Torque || !self.servo.is_enabled() {
             return;
         }
         let ahead = (self.servo.setpoint().position - self.motor.position()).abs();
         if ahead * self.encoder.counts_per_rad().abs() > f64::from(distance) * 256.0 {
             let goal = self.servo.goal();
-            self.servo.go_from(&self.motor, goal);
+            self.servo.set_goal_from(&self.motor, goal);
         }
     }
 
-    fn warm(&mut self) {
+    fn update_temperatures(&mut self) {
         let current = self.motor.current();
         self.stage.step(STAGE_OHM * current * current, TICK_S);
         self.winding.step(self.motor.copper_w(), TICK_S);
         let share = 1.0 / (1.0 + f64::from(self.axis(134)));
-        self.shown_current += share * (current - self.shown_current);
+        self.filtered_current += share * (current - self.filtered_current);
     }
 
     /// POS_END: near enough and slow enough (parameters 10 and 7).
-    fn watch_motion(&mut self) {
-        if self.mode != Mode::Position || !self.servo.is_enabled() {
+    fn check_arrival(&mut self) {
+        if self.mode != ControlMode::Position || !self.servo.is_enabled() {
             return;
         }
         let left = self.target.wrapping_sub(self.counter()).unsigned_abs();
@@ -435,25 +440,26 @@ impl Module {
         let speed = rpm(self.motor.velocity()).abs();
         let near = left <= self.axis(10).unsigned_abs();
         if near && ramp + speed <= f64::from(self.axis(7)) {
-            self.flags.put(flags::POS_END, true);
+            self.flags.set(flags::POS_END, true);
         }
     }
 
     /// Whether something happens by itself that a host waits for.
     #[must_use]
     pub fn next_tick(&self) -> Option<Instant> {
-        let waits = self.event_armed && self.mode == Mode::Position && self.servo.is_enabled();
+        let waits =
+            self.event_armed && self.mode == ControlMode::Position && self.servo.is_enabled();
         waits.then(|| self.ticks.at().plus_ns(TICK_NS))
     }
 
     /// State of the program for global parameter 128.
     #[must_use]
-    pub const fn running(&self) -> Running {
-        self.program.running
+    pub const fn program_state(&self) -> ProgramState {
+        self.program.state
     }
 
     /// The watch over stalls starts again.
-    pub(super) fn forget_stall(&mut self) {
+    pub(super) fn reset_stall(&mut self) {
         self.stall.reset();
     }
 

@@ -3,9 +3,9 @@
 #![allow(clippy::large_const_arrays, reason = "rows that tables share, read while compiling")]
 
 use crate::axis::Verb;
-use crate::plan::{Argument, Compare, Operand, Plan, Step, Test};
+use crate::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use crate::profile::{
-    Access, Ask, AxisKind, Certainty, Encoding, Fault, Identity, Parameter, ParameterId,
+    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, Parameter, ParameterId,
     Persistence, Profile, Scale, Severity, Signal, SignalSource, Watchdog,
 };
 use crate::units::Unit;
@@ -6204,10 +6204,10 @@ static TMCM_170_PLANS: [Plan; 12] = [
         steps: &[
             Step::Read(ParameterId(33)),
             Step::NoFault { read: ParameterId(33), mask: 0x323 },
-            Step::Write(ParameterId(78), Operand::Is(1)),
+            Step::Write(ParameterId(78), Operand::Constant(1)),
             Step::Until {
                 read: ParameterId(33),
-                test: Test { mask: 0x10, compare: Compare::Equal, value: 0 },
+                test: ParameterTest { mask: 0x10, compare: Compare::Equal, value: 0 },
                 within_ms: 1000,
             },
         ],
@@ -6216,17 +6216,17 @@ static TMCM_170_PLANS: [Plan; 12] = [
     Plan {
         verb: Verb::Disable,
         source: "parameter 255 of sibling modules",
-        steps: &[Step::Write(ParameterId(78), Operand::Is(0))],
+        steps: &[Step::Write(ParameterId(78), Operand::Constant(0))],
         undo: &[],
     },
     Plan {
         verb: Verb::Stop,
         source: "3.1.3 MST",
         steps: &[
-            Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None },
+            Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
             Step::Until {
                 read: ParameterId(3),
-                test: Test { mask: -1, compare: Compare::Within, value: 5 },
+                test: ParameterTest { mask: -1, compare: Compare::Within, value: 5 },
                 within_ms: 10000,
             },
         ],
@@ -6236,10 +6236,10 @@ static TMCM_170_PLANS: [Plan; 12] = [
         verb: Verb::QuickStop,
         source: "3.1.3 MST; the module has no faster stop that keeps control of the shaft",
         steps: &[
-            Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None },
+            Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
             Step::Until {
                 read: ParameterId(3),
-                test: Test { mask: -1, compare: Compare::Within, value: 5 },
+                test: ParameterTest { mask: -1, compare: Compare::Within, value: 5 },
                 within_ms: 10000,
             },
         ],
@@ -6255,7 +6255,7 @@ static TMCM_170_PLANS: [Plan; 12] = [
         verb: Verb::Velocity,
         source: "3.1.1 ROR",
         steps: &[
-            Step::Write(ParameterId(11), Operand::Given(Argument::Acceleration)),
+            Step::Write(ParameterId(11), Operand::OptionalArgument(Argument::Acceleration)),
             Step::Send {
                 function: 0x1,
                 index: 0x0,
@@ -6263,20 +6263,30 @@ static TMCM_170_PLANS: [Plan; 12] = [
                 like: Some(ParameterId(2)),
             },
         ],
-        undo: &[Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x3,
+            index: 0x0,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
     Plan {
         verb: Verb::Torque,
         source: "parameter 155 of sibling modules; the torque is given as motor current",
         steps: &[Step::Write(ParameterId(32), Operand::Argument(Argument::Torque))],
-        undo: &[Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x3,
+            index: 0x0,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
     Plan {
         verb: Verb::MoveTo,
         source: "3.1.4 MVP ABS",
         steps: &[
-            Step::Write(ParameterId(11), Operand::Given(Argument::Acceleration)),
-            Step::Write(ParameterId(4), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(11), Operand::OptionalArgument(Argument::Acceleration)),
+            Step::Write(ParameterId(4), Operand::OptionalArgument(Argument::Velocity)),
             Step::Send {
                 function: 0x4,
                 index: 0x0,
@@ -6284,14 +6294,19 @@ static TMCM_170_PLANS: [Plan; 12] = [
                 like: Some(ParameterId(1)),
             },
         ],
-        undo: &[Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x3,
+            index: 0x0,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
     Plan {
         verb: Verb::MoveBy,
         source: "3.1.4 MVP REL",
         steps: &[
-            Step::Write(ParameterId(11), Operand::Given(Argument::Acceleration)),
-            Step::Write(ParameterId(4), Operand::Given(Argument::Velocity)),
+            Step::Write(ParameterId(11), Operand::OptionalArgument(Argument::Acceleration)),
+            Step::Write(ParameterId(4), Operand::OptionalArgument(Argument::Velocity)),
             Step::Send {
                 function: 0x4,
                 index: 0x1,
@@ -6299,7 +6314,12 @@ static TMCM_170_PLANS: [Plan; 12] = [
                 like: Some(ParameterId(1)),
             },
         ],
-        undo: &[Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x3,
+            index: 0x0,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
     Plan {
         verb: Verb::Home,
@@ -6308,21 +6328,26 @@ static TMCM_170_PLANS: [Plan; 12] = [
             Step::Ensure(ParameterId(40), 1),
             Step::Read(ParameterId(33)),
             Step::NoFault { read: ParameterId(33), mask: 0x323 },
-            Step::Send { function: 0x1, index: 0x0, operand: Operand::Is(100), like: None },
+            Step::Send { function: 0x1, index: 0x0, operand: Operand::Constant(100), like: None },
             Step::Until {
                 read: ParameterId(33),
-                test: Test { mask: 0x8, compare: Compare::Equal, value: 8 },
+                test: ParameterTest { mask: 0x8, compare: Compare::Equal, value: 8 },
                 within_ms: 60000,
             },
-            Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None },
+            Step::Send { function: 0x3, index: 0x0, operand: Operand::Constant(0), like: None },
             Step::Until {
                 read: ParameterId(3),
-                test: Test { mask: -1, compare: Compare::Within, value: 2 },
+                test: ParameterTest { mask: -1, compare: Compare::Within, value: 2 },
                 within_ms: 5000,
             },
-            Step::Write(ParameterId(1), Operand::Is(0)),
+            Step::Write(ParameterId(1), Operand::Constant(0)),
         ],
-        undo: &[Step::Send { function: 0x3, index: 0x0, operand: Operand::Is(0), like: None }],
+        undo: &[Step::Send {
+            function: 0x3,
+            index: 0x0,
+            operand: Operand::Constant(0),
+            like: None,
+        }],
     },
     Plan {
         verb: Verb::Reached,
@@ -6331,7 +6356,7 @@ static TMCM_170_PLANS: [Plan; 12] = [
             Step::NoFault { read: ParameterId(33), mask: 0x333 },
             Step::Until {
                 read: ParameterId(33),
-                test: Test { mask: 0x80, compare: Compare::Equal, value: 128 },
+                test: ParameterTest { mask: 0x80, compare: Compare::Equal, value: 128 },
                 within_ms: 600000,
             },
         ],
@@ -6341,21 +6366,21 @@ static TMCM_170_PLANS: [Plan; 12] = [
         verb: Verb::Store,
         source: "STAP, a parameter at a time",
         steps: &[
-            Step::Send { function: 0x7, index: 0x4, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0x5, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0x6, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0x7, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0xa, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0xb, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0x82, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0x8c, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0x8d, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0xa4, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0xa6, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0xf9, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0xfa, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0xfb, operand: Operand::Is(0), like: None },
-            Step::Send { function: 0x7, index: 0xfd, operand: Operand::Is(0), like: None },
+            Step::Send { function: 0x7, index: 0x4, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0x5, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0x6, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0x7, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0xa, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0xb, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0x82, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0x8c, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0x8d, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0xa4, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0xa6, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0xf9, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0xfa, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0xfb, operand: Operand::Constant(0), like: None },
+            Step::Send { function: 0x7, index: 0xfd, operand: Operand::Constant(0), like: None },
         ],
         undo: &[],
     },
@@ -6374,13 +6399,13 @@ pub static TMCM_170: Profile = Profile {
     signals: &TMCM_170_SIGNALS,
     plans: &TMCM_170_PLANS,
     identity: Some(Identity {
-        ask: Ask::Text("GET VERSION 1, 0, 0"),
+        query: IdentityQuery::Text("GET VERSION 1, 0, 0"),
         mask: 0xffff0000,
         equals: 0xaa0000,
         firmware: 0xffff,
     }),
     ram: None,
-    reach: &[
+    link_settings: &[
         ParameterId(80),
         ParameterId(81),
         ParameterId(82),
@@ -6439,13 +6464,13 @@ pub static TMCM_171: Profile = Profile {
     signals: &TMCM_170_SIGNALS,
     plans: &TMCM_170_PLANS,
     identity: Some(Identity {
-        ask: Ask::Text("GET VERSION 1, 0, 0"),
+        query: IdentityQuery::Text("GET VERSION 1, 0, 0"),
         mask: 0xffff0000,
         equals: 0xab0000,
         firmware: 0xffff,
     }),
     ram: None,
-    reach: &[
+    link_settings: &[
         ParameterId(80),
         ParameterId(81),
         ParameterId(82),

@@ -13,19 +13,19 @@ pub const CALLS_MAX: usize = 8;
 
 /// Program memory.
 #[derive(Clone, Debug)]
-pub struct Program {
+pub struct ProgramMemory {
     memory: [Instruction; PROGRAM_MAX],
 }
 
 const STOP: Instruction = Instruction { opcode: 28, kind: 0, motor: 0, value: 0 };
 
-impl Program {
+impl ProgramMemory {
     /// Nothing but STOP.
     pub const EMPTY: Self = Self { memory: [STOP; PROGRAM_MAX] };
 
     /// The instruction at an address.
     #[must_use]
-    pub fn at(&self, address: i32) -> Option<Instruction> {
+    pub fn instruction_at(&self, address: i32) -> Option<Instruction> {
         self.memory.get(usize::try_from(address).ok()?).copied()
     }
 
@@ -48,7 +48,7 @@ impl Program {
 /// What a program is doing (global parameter 128).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u8)]
-pub enum Running {
+pub enum ProgramState {
     /// Stopped.
     Stop = 0,
     /// Running.
@@ -61,7 +61,7 @@ pub enum Running {
 
 /// What a WAIT waits for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Wait {
+pub enum WaitCondition {
     /// Only time.
     Ticks,
     /// The position.
@@ -72,7 +72,7 @@ pub enum Wait {
 
 /// What an instruction wants of the module.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Wanted {
+pub enum InterpreterStep {
     /// Nothing.
     Nothing,
     /// To carry out a command; a read's value goes to the accumulator.
@@ -83,26 +83,26 @@ pub enum Wanted {
 #[derive(Clone, Debug)]
 pub struct Interpreter {
     /// What it is doing.
-    pub running: Running,
+    pub state: ProgramState,
     /// Next instruction.
     pub counter: i32,
     accumulator: i32,
-    x: i32,
+    x_register: i32,
     compared: i32,
     timed_out: bool,
     failed: bool,
     calls: [i32; CALLS_MAX],
     depth: usize,
-    wait: Option<(Wait, Option<u32>)>,
+    wait: Option<(WaitCondition, Option<u32>)>,
 }
 
 impl Interpreter {
     /// Stopped at the first instruction.
     pub const NEW: Self = Self {
-        running: Running::Stop,
+        state: ProgramState::Stop,
         counter: 0,
         accumulator: 0,
-        x: 0,
+        x_register: 0,
         compared: 0,
         timed_out: false,
         failed: false,
@@ -116,17 +116,17 @@ impl Interpreter {
         if let Some(address) = address {
             *self = Self { counter: address, ..Self::NEW };
         }
-        self.running = Running::Run;
+        self.state = ProgramState::Run;
     }
 
     /// Whether it has anything to do.
     #[must_use]
     pub const fn is_active(&self) -> bool {
-        matches!(self.running, Running::Run | Running::Step)
+        matches!(self.state, ProgramState::Run | ProgramState::Step)
     }
 
     /// Takes the outcome of a command that it wanted.
-    pub fn take(&mut self, outcome: Result<i32, Status>, reads: bool) {
+    pub fn accept_outcome(&mut self, outcome: Result<i32, Status>, reads: bool) {
         match outcome {
             Ok(value) if reads => self.accumulator = value,
             Ok(_) => {}
@@ -135,27 +135,31 @@ impl Interpreter {
     }
 
     /// One tick of 1 ms. `met` tells whether what is waited for is there.
-    pub fn tick(&mut self, program: &Program, met: impl Fn(Wait) -> bool) -> Wanted {
-        if !self.is_active() || !self.done_waiting(met) {
-            return Wanted::Nothing;
+    pub fn tick(
+        &mut self,
+        program: &ProgramMemory,
+        met: impl Fn(WaitCondition) -> bool,
+    ) -> InterpreterStep {
+        if !self.is_active() || !self.is_wait_over(met) {
+            return InterpreterStep::Nothing;
         }
-        if self.running == Running::Step {
-            self.running = Running::Stop;
+        if self.state == ProgramState::Step {
+            self.state = ProgramState::Stop;
         }
-        let Some(instruction) = program.at(self.counter) else {
-            self.running = Running::Stop;
-            return Wanted::Nothing;
+        let Some(instruction) = program.instruction_at(self.counter) else {
+            self.state = ProgramState::Stop;
+            return InterpreterStep::Nothing;
         };
         self.counter += 1;
-        self.obey(&instruction)
+        self.execute_instruction(&instruction)
     }
 
-    fn done_waiting(&mut self, met: impl Fn(Wait) -> bool) -> bool {
+    fn is_wait_over(&mut self, met: impl Fn(WaitCondition) -> bool) -> bool {
         let Some((what, left)) = self.wait else { return true };
-        if what != Wait::Ticks && met(what) {
+        if what != WaitCondition::Ticks && met(what) {
             self.wait = None;
         } else if left == Some(0) {
-            self.timed_out = what != Wait::Ticks;
+            self.timed_out = what != WaitCondition::Ticks;
             self.wait = None;
         } else {
             self.wait = Some((what, left.map(|ms| ms - 1)));
@@ -164,23 +168,25 @@ impl Interpreter {
         true
     }
 
-    fn obey(&mut self, i: &Instruction) -> Wanted {
+    fn execute_instruction(&mut self, i: &Instruction) -> InterpreterStep {
         let value = i.value;
         match Opcode::from(i.opcode) {
             Opcode::Calc => self.accumulator = self.calculate(i.kind, self.accumulator, value),
             Opcode::Calcx if i.kind == 10 => {
-                core::mem::swap(&mut self.accumulator, &mut self.x);
+                core::mem::swap(&mut self.accumulator, &mut self.x_register);
             }
-            Opcode::Calcx if i.kind == 9 => self.x = self.accumulator,
-            Opcode::Calcx => self.accumulator = self.calculate(i.kind, self.accumulator, self.x),
+            Opcode::Calcx if i.kind == 9 => self.x_register = self.accumulator,
+            Opcode::Calcx => {
+                self.accumulator = self.calculate(i.kind, self.accumulator, self.x_register)
+            }
             Opcode::Comp => self.compared = value,
-            Opcode::Jc if self.holds(i.kind) => self.counter = value,
+            Opcode::Jc if self.condition_holds(i.kind) => self.counter = value,
             Opcode::Jc => {}
             Opcode::Ja => self.counter = value,
             Opcode::Csub => self.call(value),
-            Opcode::Rsub => self.back(),
+            Opcode::Rsub => self.return_from_call(),
             Opcode::Wait => self.wait_for(i.kind, value),
-            Opcode::Stop => self.running = Running::Stop,
+            Opcode::Stop => self.state = ProgramState::Stop,
             Opcode::Cle => (self.failed, self.timed_out) = (false, false),
             Opcode::Djnz => {
                 self.accumulator = self.accumulator.wrapping_sub(1);
@@ -188,18 +194,18 @@ impl Interpreter {
                     self.counter = value;
                 }
             }
-            Opcode::Aap => return command(Opcode::Sap, i, self.accumulator),
-            Opcode::Agp => return command(Opcode::Sgp, i, self.accumulator),
-            Opcode::Mvpa => return command(Opcode::Mvp, i, self.accumulator),
-            Opcode::Rora => return command(Opcode::Ror, i, self.accumulator),
-            Opcode::Rola => return command(Opcode::Rol, i, self.accumulator),
-            opcode if is_direct(opcode) => return command(opcode, i, value),
+            Opcode::Aap => return execute_command(Opcode::Sap, i, self.accumulator),
+            Opcode::Agp => return execute_command(Opcode::Sgp, i, self.accumulator),
+            Opcode::Mvpa => return execute_command(Opcode::Mvp, i, self.accumulator),
+            Opcode::Rora => return execute_command(Opcode::Ror, i, self.accumulator),
+            Opcode::Rola => return execute_command(Opcode::Rol, i, self.accumulator),
+            opcode if is_direct(opcode) => return execute_command(opcode, i, value),
             _ => {
                 self.failed = true;
-                self.running = Running::Stop; // \[I\] what it cannot do ends it
+                self.state = ProgramState::Stop; // \[I\] what it cannot do ends it
             }
         }
-        Wanted::Nothing
+        InterpreterStep::Nothing
     }
 
     /// CALC and CALCX, types 0 to 9 (TMCL reference).
@@ -228,7 +234,7 @@ impl Interpreter {
 
     /// Conditions of JC (TMCL reference): 0 to 7 compare, 8 is a wait timed out, 10 an
     /// error in a calculation or command. 9 (external alarm) and 12 have no source here.
-    fn holds(&self, kind: u8) -> bool {
+    fn condition_holds(&self, kind: u8) -> bool {
         let (a, b) = (self.accumulator, self.compared);
         match kind {
             0 => a == 0,
@@ -248,7 +254,7 @@ impl Interpreter {
     fn call(&mut self, address: i32) {
         let Some(slot) = self.calls.get_mut(self.depth) else {
             self.failed = true;
-            self.running = Running::Stop;
+            self.state = ProgramState::Stop;
             return;
         };
         *slot = self.counter;
@@ -256,13 +262,13 @@ impl Interpreter {
         self.counter = address;
     }
 
-    fn back(&mut self) {
+    fn return_from_call(&mut self) {
         match self.depth.checked_sub(1) {
             Some(depth) => {
                 self.depth = depth;
                 self.counter = self.calls[depth];
             }
-            None => self.running = Running::Stop,
+            None => self.state = ProgramState::Stop,
         }
     }
 
@@ -272,9 +278,9 @@ impl Interpreter {
         let ms = u32::try_from(value).unwrap_or(0).saturating_mul(10);
         let limit = (ms > 0).then_some(ms);
         self.wait = match kind {
-            0 => Some((Wait::Ticks, Some(ms.saturating_sub(1)))),
-            1 => Some((Wait::Position, limit)),
-            2 | 3 => Some((Wait::Switch, limit)),
+            0 => Some((WaitCondition::Ticks, Some(ms.saturating_sub(1)))),
+            1 => Some((WaitCondition::Position, limit)),
+            2 | 3 => Some((WaitCondition::Switch, limit)),
             _ => {
                 self.failed = true;
                 None
@@ -283,8 +289,8 @@ impl Interpreter {
     }
 }
 
-fn command(opcode: Opcode, i: &Instruction, value: i32) -> Wanted {
-    Wanted::Command(Request { address: 0, opcode, kind: i.kind, motor: i.motor, value })
+fn execute_command(opcode: Opcode, i: &Instruction, value: i32) -> InterpreterStep {
+    InterpreterStep::Command(Request { address: 0, opcode, kind: i.kind, motor: i.motor, value })
 }
 
 /// Commands that do in a program what they do from a host.

@@ -1,9 +1,9 @@
 //! Axis parameters and motion: what they do and what they tell.
 
 use super::flags;
-use super::memory::{readable, writable};
-use super::module::{Mode, Module, rad_per_s, rpm};
-use crate::drives::bench::Bounds;
+use super::memory::{check_readable, check_writable};
+use super::module::{ControlMode, Module, rad_per_s, rpm};
+use crate::drives::bench::ServoBounds;
 use crate::plant::{Gains, Goal, Limits};
 use crate::proto::tmcl::Status;
 
@@ -15,18 +15,18 @@ impl Module {
     ///
     /// # Errors
     /// [`Status::NotAvailable`] while it is switched off by parameter 255 or a fault lasts. \[I\]
-    pub(super) fn power(&mut self) -> Result<(), Status> {
-        let faulty = self.flags.any(flags::STANDING) || self.around.hall_broken;
+    pub(super) fn power_on(&mut self) -> Result<(), Status> {
+        let faulty = self.flags.any(flags::PERSISTENT) || self.surroundings.hall_broken;
         if self.axis(255) == 0 || faulty {
             return Err(Status::NotAvailable);
         }
         if !self.servo.is_enabled() {
-            self.mode = Mode::Velocity;
+            self.mode = ControlMode::Velocity;
             self.target_rpm = 0;
             self.set_limits();
-            self.forget_stall();
+            self.reset_stall();
             self.servo.enable(&self.motor);
-            self.servo.go(Goal::Velocity(0.0));
+            self.servo.set_goal(Goal::Velocity(0.0));
             self.target = self.counter();
         }
         Ok(())
@@ -37,24 +37,24 @@ impl Module {
         if !(-RPM_MAX..=RPM_MAX).contains(&rpm) {
             return Err(Status::InvalidValue);
         }
-        self.power()?;
+        self.power_on()?;
         self.target_rpm = rpm;
-        self.begin(Mode::Velocity, Goal::Velocity(rad_per_s(rpm)));
+        self.begin_mode(ControlMode::Velocity, Goal::Velocity(rad_per_s(rpm)));
         Ok(())
     }
 
     /// MVP ABS, or parameter 0.
     pub(super) fn move_to(&mut self, target: i32) -> Result<(), Status> {
-        self.power()?;
+        self.power_on()?;
         self.target = target;
-        self.begin(Mode::Position, self.goal_of(target));
+        self.begin_mode(ControlMode::Position, self.goal_of(target));
         Ok(())
     }
 
     /// Parameter 155.
-    pub(super) fn push(&mut self, milliamperes: i32) -> Result<(), Status> {
-        self.power()?;
-        self.begin(Mode::Torque, Goal::Current(f64::from(milliamperes) / 1000.0));
+    pub(super) fn apply_current(&mut self, milliamperes: i32) -> Result<(), Status> {
+        self.power_on()?;
+        self.begin_mode(ControlMode::Torque, Goal::Current(f64::from(milliamperes) / 1000.0));
         Ok(())
     }
 
@@ -62,29 +62,29 @@ impl Module {
     pub(super) fn halt(&mut self) {
         self.stopped = true;
         self.target_rpm = 0;
-        self.flags.put(flags::POS_END, false);
+        self.flags.set(flags::POS_END, false);
         if self.servo.is_enabled() {
-            self.begin(Mode::Velocity, Goal::Velocity(0.0));
+            self.begin_mode(ControlMode::Velocity, Goal::Velocity(0.0));
             self.stopped = true;
         }
     }
 
-    fn begin(&mut self, mode: Mode, goal: Goal) {
+    fn begin_mode(&mut self, mode: ControlMode, goal: Goal) {
         // Regulated speed keeps no position, and a regulated torque neither: what comes then starts
         // from the motor.
         let from_motor = match mode {
-            Mode::Torque => false,
-            Mode::Velocity => self.mode == Mode::Torque,
-            Mode::Position => self.mode != Mode::Position,
+            ControlMode::Torque => false,
+            ControlMode::Velocity => self.mode == ControlMode::Torque,
+            ControlMode::Position => self.mode != ControlMode::Position,
         };
         self.mode = mode;
         self.stopped = false;
-        self.flags.put(flags::POS_END, false);
+        self.flags.set(flags::POS_END, false);
         self.set_limits();
         if from_motor {
-            self.servo.go_from(&self.motor, goal);
+            self.servo.set_goal_from(&self.motor, goal);
         } else {
-            self.servo.go(goal);
+            self.servo.set_goal(goal);
         }
     }
 
@@ -93,19 +93,19 @@ impl Module {
         let shift = count.wrapping_sub(self.counter());
         self.encoder.preset(self.motor.position(), count.into());
         self.target = self.target.wrapping_add(shift);
-        self.flags.put(flags::POS_END, false);
+        self.flags.set(flags::POS_END, false);
     }
 
     /// SAP.
     pub(super) fn set_axis(&mut self, number: u8, value: i32) -> Result<(), Status> {
-        writable(self.memory.axis_parameter(number), value)?;
+        check_writable(self.memory.axis_parameter(number), value)?;
         match number {
             0 => return self.move_to(value),
             1 => self.set_counter(value),
             2 => return self.rotate(value),
             15 | 160 => {}
             155 => {
-                self.push(value)?;
+                self.apply_current(value)?;
                 self.memory.axis[155] = value;
             }
             255 => return self.set_driver(value),
@@ -124,7 +124,7 @@ impl Module {
             self.target_rpm = 0;
             return Ok(());
         }
-        let powered = self.power();
+        let powered = self.power_on();
         if powered.is_err() {
             self.memory.axis[255] = before;
         }
@@ -133,7 +133,7 @@ impl Module {
 
     /// GAP.
     pub(super) fn read_axis(&mut self, number: u8) -> Result<i32, Status> {
-        readable(self.memory.axis_parameter(number))?;
+        check_readable(self.memory.axis_parameter(number))?;
         let setpoint = self.servo.setpoint();
         let lag = setpoint.position - self.motor.position();
         let lag = libm::round(lag * self.encoder.counts_per_rad()) as i32;
@@ -145,11 +145,11 @@ impl Module {
             3 if self.encoder.is_broken() => 0,
             3 => libm::round(rpm(self.motor.velocity())) as i32,
             13 => libm::round(rpm(setpoint.velocity)) as i32,
-            150 => libm::round(self.shown_current * 1000.0) as i32,
-            151 => libm::round(self.around.supply * 10.0) as i32,
+            150 => libm::round(self.filtered_current * 1000.0) as i32,
+            151 => libm::round(self.surroundings.supply * 10.0) as i32,
             152 => libm::round(self.stage.temperature()) as i32,
             156 => self.read_flags(),
-            200 | 226 if self.mode == Mode::Position => lag,
+            200 | 226 if self.mode == ControlMode::Position => lag,
             228 => libm::round(rpm(slower)) as i32,
             229 => libm::round(self.servo.integral() * 1000.0) as i32,
             _ => self.axis(number),
@@ -157,17 +157,17 @@ impl Module {
     }
 
     /// Flags as they stand: what is latched and what is so right now.
-    pub(super) fn status(&self) -> u32 {
+    pub(super) fn current_flags(&self) -> u32 {
         let mut shown = self.flags;
-        shown.put(flags::HALTED, !self.servo.is_enabled());
-        shown.put(flags::POSMOD, self.mode == Mode::Position);
-        shown.put(flags::STOPSWITCH, self.stopped || self.switch_active());
+        shown.set(flags::HALTED, !self.servo.is_enabled());
+        shown.set(flags::POSMOD, self.mode == ControlMode::Position);
+        shown.set(flags::STOPSWITCH, self.stopped || self.switch_active());
         shown.0
     }
 
     fn read_flags(&mut self) -> i32 {
-        let status = self.status();
-        self.flags.read();
+        let status = self.current_flags();
+        self.flags.read_and_clear();
         status as i32
     }
 
@@ -184,7 +184,7 @@ impl Module {
         let (counts, inverted) = (self.axis(250).unsigned_abs(), self.axis(251) != 0);
         let turned = inverted != (self.encoder.counts_per_rad() < 0.0);
         if counts != self.encoder.counts_per_turn() || turned {
-            self.encoder.set(self.motor.position(), counts, inverted);
+            self.encoder.reconfigure(self.motor.position(), counts, inverted);
         }
         self.servo.max_current = f64::from(self.axis(6)) * 0.1;
         self.servo.pwm = f64::from(self.axis(5)) / 255.0;
@@ -202,23 +202,23 @@ impl Module {
     }
 
     /// What the parameters hold the motor to, read from them and not from the loops.
-    pub(super) fn bounds(&self) -> Bounds {
+    pub(super) fn bounds(&self) -> ServoBounds {
         if !self.servo.is_enabled() {
-            return Bounds::NONE;
+            return ServoBounds::NONE;
         }
         let velocity = match self.mode {
-            Mode::Velocity => rad_per_s(self.target_rpm).abs(),
-            Mode::Position => rad_per_s(self.axis(4)),
-            Mode::Torque => f64::INFINITY,
+            ControlMode::Velocity => rad_per_s(self.target_rpm).abs(),
+            ControlMode::Position => rad_per_s(self.axis(4)),
+            ControlMode::Torque => f64::INFINITY,
         };
-        let ramped = self.mode != Mode::Torque && self.axis(146) != 0 && self.axis(11) != 0;
+        let ramped = self.mode != ControlMode::Torque && self.axis(146) != 0 && self.axis(11) != 0;
         let acceleration = if ramped { rad_per_s(self.axis(11)) } else { f64::INFINITY };
-        Bounds { velocity, acceleration, current: f64::from(self.axis(6)) * 0.1 }
+        ServoBounds { velocity, acceleration, current: f64::from(self.axis(6)) * 0.1 }
     }
 
     fn set_limits(&mut self) {
         let top = match self.mode {
-            Mode::Position => self.axis(4),
+            ControlMode::Position => self.axis(4),
             _ => RPM_MAX,
         };
         let ramp = if self.axis(146) == 0 { 0 } else { self.axis(11) };

@@ -2,7 +2,7 @@ extern crate std;
 
 use super::device::{Device, Tmcm17x};
 use super::{flags, profile};
-use crate::drives::bench::{Act, Bench};
+use crate::drives::bench::{Act, BenchControl};
 use crate::drives::{DeviceOptions, Family};
 use crate::medium::{Can, Frame, SerialLine, Stream};
 use crate::profile::{Access, Profile};
@@ -23,7 +23,7 @@ fn options<'a>(extra: &'a [(&'a str, &'a str)]) -> DeviceOptions<'a> {
 
 impl Rig {
     fn of(profile: &'static Profile) -> Self {
-        Self { device: Tmcm17x::device(profile, &options(&[])).unwrap(), now: Instant::ZERO }
+        Self { device: Tmcm17x::create_device(profile, &options(&[])).unwrap(), now: Instant::ZERO }
     }
 
     fn new() -> Self {
@@ -130,7 +130,7 @@ fn every_refusal_has_its_status() {
         assert_eq!(rig.say(opcode, kind, motor, value).0, status, "{request:?}");
     }
     assert_eq!(rig.gap(3), 0);
-    assert!(!rig.device.truth(rig.now).enabled, "nothing of this powered the motor");
+    assert!(!rig.device.ground_truth(rig.now).enabled, "nothing of this powered the motor");
 }
 
 #[test]
@@ -185,7 +185,7 @@ fn every_parameter_takes_its_extremes_and_nothing_beyond() {
             }
         }
         rig.wait(2000);
-        assert!(rig.device.truth(rig.now).position.is_finite());
+        assert!(rig.device.ground_truth(rig.now).position.is_finite());
     }
 }
 
@@ -202,7 +202,7 @@ fn it_moves_both_ways_and_says_when_it_is_there() {
     assert_eq!(rig.flags() & flags::POS_END, 0, "a new move clears it");
     rig.wait(3000);
     assert!((rig.gap(1) - (from - 12288)).abs() <= 10);
-    assert_eq!(rig.device.truth(rig.now).unrepeatable, 1);
+    assert_eq!(rig.device.ground_truth(rig.now).unrepeatable, 1);
     rig.sap(1, 0);
     assert_eq!(rig.flags() & flags::POS_END, 0, "so does a new actual position, until it is seen");
     rig.wait(100);
@@ -215,21 +215,21 @@ fn enabling_never_jumps_and_disabling_frees_the_shaft() {
     assert_ne!(rig.flags() & flags::HALTED, 0);
     rig.act(Act::Load(0.1));
     rig.wait(300);
-    assert!(rig.device.truth(rig.now).velocity > 1.0, "off, it gives way");
+    assert!(rig.device.ground_truth(rig.now).velocity > 1.0, "off, it gives way");
     rig.act(Act::Load(0.0));
     rig.wait(5000);
-    let at = rig.device.truth(rig.now).position;
+    let at = rig.device.ground_truth(rig.now).position;
     rig.sap(255, 1);
     rig.wait(1000);
-    assert!((rig.device.truth(rig.now).position - at).abs() < 0.01);
+    assert!((rig.device.ground_truth(rig.now).position - at).abs() < 0.01);
     assert_eq!(rig.flags() & flags::HALTED, 0);
     rig.ok(1, 0, 1000);
     rig.wait(1500);
     rig.sap(255, 0);
-    let truth = rig.device.truth(rig.now);
+    let truth = rig.device.ground_truth(rig.now);
     assert!(!truth.enabled && truth.velocity > 50.0);
     rig.wait(1);
-    assert_eq!(rig.device.truth(rig.now).current, 0.0);
+    assert_eq!(rig.device.ground_truth(rig.now).current, 0.0);
     assert_eq!(rig.say(1, 0, 0, 1000).0, 6, "switched off, it refuses to turn");
     assert_eq!(rig.say(4, 1, 0, 1000).0, 6);
 }
@@ -254,7 +254,7 @@ fn voltage_trips_with_hysteresis() {
         assert_eq!(rig.flags() & flag != 0, on, "{volts} V");
         assert_eq!(rig.gap(151), (volts * 10.0) as i32);
     }
-    assert!(!rig.device.truth(rig.now).enabled, "it stays off until told");
+    assert!(!rig.device.ground_truth(rig.now).enabled, "it stays off until told");
     rig.act(Act::Supply(9.5));
     rig.wait(5);
     assert_eq!(rig.say(1, 0, 0, 500).0, 6);
@@ -279,7 +279,7 @@ fn heat_warns_then_trips_then_lets_go() {
     rig.act(Act::Ambient(125.0));
     rig.wait(400_000);
     assert_ne!(rig.flags() & flags::OVERTEMP, 0);
-    assert!(!rig.device.truth(rig.now).enabled);
+    assert!(!rig.device.ground_truth(rig.now).enabled);
     rig.act(Act::Ambient(110.0));
     rig.wait(600_000);
     assert_ne!(rig.flags() & flags::OVERTEMP, 0, "105 °C is where it ends");
@@ -295,7 +295,7 @@ fn hall_and_encoder_errors_clear_by_reading() {
     rig.wait(1000);
     rig.act(Act::HallBroken(true));
     rig.wait(5);
-    assert!(!rig.device.truth(rig.now).enabled);
+    assert!(!rig.device.ground_truth(rig.now).enabled);
     rig.act(Act::HallBroken(false));
     assert_ne!(rig.flags() & flags::HALLERR, 0);
     assert_eq!(rig.flags() & flags::HALLERR, 0);
@@ -303,7 +303,7 @@ fn hall_and_encoder_errors_clear_by_reading() {
     rig.wait(1000);
     rig.act(Act::EncoderBroken(true));
     rig.wait(1000);
-    assert_eq!(rig.device.truth(rig.now).fault, flags::ENCERR);
+    assert_eq!(rig.device.ground_truth(rig.now).fault, flags::ENCERR);
     rig.act(Act::EncoderBroken(false));
     assert_ne!(rig.flags() & flags::ENCERR, 0);
     assert_eq!(rig.flags() & flags::ENCERR, 0);
@@ -318,8 +318,8 @@ fn a_stalled_motor_trips() {
     rig.wait(500);
     assert!((rig.gap(150) - 10_000).abs() < 500, "at its current limit");
     rig.wait(2500);
-    assert!(!rig.device.truth(rig.now).enabled);
-    assert_eq!(rig.device.notice(), Some("stalled: motor off"));
+    assert!(!rig.device.ground_truth(rig.now).enabled);
+    assert_eq!(rig.device.take_notice(), Some("stalled: motor off"));
     assert_ne!(rig.flags() & flags::HALTED, 0);
 }
 
@@ -335,7 +335,7 @@ fn the_stop_switch_stops_and_zeroes() {
     assert_ne!(rig.flags() & flags::STOPSWITCH, 0);
     assert_eq!(rig.gap(3), 0);
     assert_eq!(rig.gap(162), 0, "only once");
-    let truth = rig.device.truth(rig.now);
+    let truth = rig.device.ground_truth(rig.now);
     assert!(truth.position > 20.0 && truth.position < 21.0, "{truth:?}");
     let counts = (truth.position - 20.0) / core::f64::consts::TAU * 4096.0;
     assert!((f64::from(rig.gap(1)) - counts).abs() < 12.0);
@@ -381,7 +381,7 @@ fn settings_are_stored_restored_locked_and_lost() {
     rig.say(9, 64, 0, 1);
     rig.act(Act::PowerCycle);
     assert_eq!(rig.gap(4), 3000, "without its magic the EEPROM starts anew");
-    assert!(rig.device.truth(rig.now).flash_writes > 5);
+    assert!(rig.device.ground_truth(rig.now).flash_writes > 5);
 }
 
 #[test]
@@ -411,10 +411,10 @@ fn address_host_and_baud_change_after_the_reply() {
     rig.bytes(&to(7, 9, 87, 40));
     assert!(rig.bytes(&to(40, 5, 4, 55)).is_empty(), "a group is obeyed without an answer");
     assert_eq!(rig.bytes(&to(7, 6, 4, 0))[7], 55);
-    assert_eq!(Station::<Stream>::line(&rig.device), SerialLine::n81(9600));
+    assert_eq!(Station::<Stream>::line(&rig.device), SerialLine::new_8n1(9600));
     rig.bytes(&to(7, 9, 65, 7));
     rig.sent();
-    assert_eq!(Station::<Stream>::line(&rig.device), SerialLine::n81(115_200));
+    assert_eq!(Station::<Stream>::line(&rig.device), SerialLine::new_8n1(115_200));
     rig.bytes(&to(7, 9, 75, 20));
     rig.wait(20);
     rig.sent();
@@ -436,7 +436,7 @@ fn silence_stops_the_motor_where_a_heartbeat_is_set() {
     }
     rig.wait(1500);
     assert_eq!(rig.gap(3), 0);
-    assert_eq!(rig.device.notice(), Some("no serial request: motor stopped"));
+    assert_eq!(rig.device.take_notice(), Some("no serial request: motor stopped"));
 }
 
 #[test]
@@ -462,7 +462,7 @@ fn torque_mode_pushes_with_its_current() {
     rig.sap(155, 2500);
     rig.wait(5000);
     assert_eq!(rig.gap(150), 2500);
-    assert!(rig.device.truth(rig.now).enabled, "torque against a stop is no stall");
+    assert!(rig.device.ground_truth(rig.now).enabled, "torque against a stop is no stall");
     rig.sap(6, 10);
     rig.wait(200);
     assert_eq!(rig.gap(150), 1000, "the limit is above it");
@@ -470,10 +470,10 @@ fn torque_mode_pushes_with_its_current() {
     rig.act(Act::Jam(false));
     rig.sap(155, 1000);
     rig.wait(500);
-    let speed = rig.device.truth(rig.now).velocity;
+    let speed = rig.device.ground_truth(rig.now).velocity;
     rig.ok(1, 0, 0);
     rig.wait(1);
-    let after = rig.device.truth(rig.now).velocity;
+    let after = rig.device.ground_truth(rig.now).velocity;
     assert!((speed - after).abs() < 20.0, "back to speed without a jump: {speed} {after}");
 }
 
@@ -598,7 +598,7 @@ fn it_speaks_on_can_too() {
 
 #[test]
 fn options_are_known_or_named() {
-    let refused = |extra| Tmcm17x::device(&profile::TMCM_171, &options(extra)).err();
+    let refused = |extra| Tmcm17x::create_device(&profile::TMCM_171, &options(extra)).err();
     assert_eq!(refused(&[("dlc", "8"), ("deaf-ms", "50")]), None);
     assert_eq!(refused(&[("dlc", "9")]), Some("9"));
     assert_eq!(refused(&[("colour", "red")]), Some("colour"));
@@ -613,10 +613,10 @@ fn a_move_begins_where_the_motor_is_and_not_where_it_once_stood() {
     rig.wait(300);
     rig.act(Act::Load(0.0));
     rig.wait(2000);
-    let before = rig.device.truth(rig.now);
+    let before = rig.device.ground_truth(rig.now);
     assert!(before.position > 1.0 && before.enabled && before.velocity.abs() < 0.1, "{before:?}");
     rig.ok(4, 1, 0);
     rig.wait(500);
-    let moved = rig.device.truth(rig.now).position - before.position;
+    let moved = rig.device.ground_truth(rig.now).position - before.position;
     assert!(moved.abs() < 0.1, "no way, but it went {moved} rad");
 }

@@ -1,19 +1,19 @@
 //! What requests of every protocol may do.
 
 use super::Effect;
-use crate::drives::{assumed, profiles};
-use crate::explain::{Addressing, Raw};
-use crate::proto::dissector;
+use crate::drives::{assumed_profile, profiles};
+use crate::explain::{EncodeOptions, RawFrame};
+use crate::proto::find_dissector;
 
 /// Of a text in a protocol's own language.
-fn of(protocol: &str, text: &str) -> Effect {
-    let dissector = dissector(protocol).expect("a protocol");
+fn effect_of(protocol: &str, text: &str) -> Effect {
+    let dissector = find_dissector(protocol).expect("a protocol");
     let speaks = |p: &&&'static crate::profile::Profile| dissector.language() == p.protocol;
-    let profile = assumed(dissector).or_else(|| profiles().iter().find(speaks).copied());
+    let profile = assumed_profile(dissector).or_else(|| profiles().iter().find(speaks).copied());
     let mut out = [0; 520];
-    let addressing = Addressing { profile, ..Addressing::default() };
+    let addressing = EncodeOptions { profile, ..EncodeOptions::default() };
     let encoded = dissector.encode(text, &addressing, &mut out).expect(text);
-    let raw = Raw { bytes: &out[..encoded.len], id: encoded.id, extended: encoded.extended };
+    let raw = RawFrame { bytes: &out[..encoded.len], id: encoded.id, extended: encoded.extended };
     dissector.effect(&raw, profile)
 }
 
@@ -31,24 +31,24 @@ fn what_asks_or_stops_does_nothing() {
         ("thruster", "QV"),
         ("thruster", "VC 0"),
     ] {
-        assert_eq!(of(protocol, text), Effect::NOTHING, "{protocol} {text}");
+        assert_eq!(effect_of(protocol, text), Effect::NOTHING, "{protocol} {text}");
     }
 }
 
 #[test]
 fn what_may_move_a_motor_is_told_from_what_only_sets() {
     for (protocol, text, effect) in [
-        ("tmcl", "ROR 0, 350", Effect::MOVES),
-        ("tmcl", "SAP 6, 0, 100", Effect::SETS),
-        ("tml", "KPP=0x1234", Effect::SETS),
-        ("tml", "UPD", Effect::MOVES),
-        ("technocan", "AXISON", Effect::MOVES),
-        ("canopen", "write 0x6040:0 u16 0x000F", Effect::MOVES),
-        ("canopen", "write 0x6081:0 u32 100", Effect::SETS),
+        ("tmcl", "ROR 0, 350", Effect::MOTION),
+        ("tmcl", "SAP 6, 0, 100", Effect::SETTINGS),
+        ("tml", "KPP=0x1234", Effect::SETTINGS),
+        ("tml", "UPD", Effect::MOTION),
+        ("technocan", "AXISON", Effect::MOTION),
+        ("canopen", "write 0x6040:0 u16 0x000F", Effect::MOTION),
+        ("canopen", "write 0x6081:0 u32 100", Effect::SETTINGS),
         ("canopen", "write 0x2000:0 u32 100", Effect::UNKNOWN),
-        ("thruster", "VC 300", Effect::MOVES),
+        ("thruster", "VC 300", Effect::MOTION),
     ] {
-        assert_eq!(of(protocol, text), effect, "{protocol} {text}");
+        assert_eq!(effect_of(protocol, text), effect, "{protocol} {text}");
     }
 }
 
@@ -61,6 +61,6 @@ fn what_reaches_permanent_memory_is_told() {
         ("canopen", "write 0x1010:1 u32 0x65766173"),
         ("thruster", "CI 12"),
     ] {
-        assert!(of(protocol, text).keeps, "{protocol} {text}");
+        assert!(effect_of(protocol, text).persistent, "{protocol} {text}");
     }
 }

@@ -1,20 +1,20 @@
 //! What all CiA 402 drives have in common: the states that the statusword tells, what the
 //! controlword orders, and the modes.
 
-use super::sdo::Object;
+use super::sdo::ObjectIndex;
 
 /// Controlword.
-pub const CONTROLWORD: Object = Object::new(0x6040, 0);
+pub const CONTROLWORD: ObjectIndex = ObjectIndex::new(0x6040, 0);
 /// Statusword.
-pub const STATUSWORD: Object = Object::new(0x6041, 0);
+pub const STATUSWORD: ObjectIndex = ObjectIndex::new(0x6041, 0);
 /// Device type, of which the lower half tells the device profile.
-pub const DEVICE_TYPE: Object = Object::new(0x1000, 0);
+pub const DEVICE_TYPE: ObjectIndex = ObjectIndex::new(0x1000, 0);
 /// The device profile's number, as the device type has it.
 pub const PROFILE_NUMBER: u16 = 402;
 
 /// The states of the power drive system (CiA 402-2, finite state automaton).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum State {
+pub enum DriveState {
     /// It tests itself.
     NotReady,
     /// No power may be switched on.
@@ -35,7 +35,7 @@ pub enum State {
     Other(u16),
 }
 
-impl State {
+impl DriveState {
     /// What a statusword says. Bits that have no part in it, voltage enabled among them, do not
     /// count: so the TS's words with bit 4 (0x0050, 0x0031, 0x0033, 0x0037) are read alike.
     #[must_use]
@@ -74,7 +74,7 @@ impl State {
 
 /// What a controlword orders, by its bits 0 to 3 and 7.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Order {
+pub enum ControlCommand {
     /// To ready to switch on.
     Shutdown,
     /// To switched on; from operation enabled back to it.
@@ -89,7 +89,7 @@ pub enum Order {
     ResetFault,
 }
 
-impl Order {
+impl ControlCommand {
     /// What a controlword orders.
     #[must_use]
     pub const fn of(controlword: u16) -> Self {
@@ -119,7 +119,7 @@ impl Order {
 
 /// Modes of operation (object 6060h).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Mode {
+pub enum OperationMode {
     /// None.
     None,
     /// Profile position.
@@ -144,7 +144,7 @@ pub enum Mode {
     Other(i8),
 }
 
-impl From<i8> for Mode {
+impl From<i8> for OperationMode {
     fn from(number: i8) -> Self {
         match number {
             0 => Self::None,
@@ -162,20 +162,20 @@ impl From<i8> for Mode {
     }
 }
 
-impl From<Mode> for i8 {
-    fn from(mode: Mode) -> Self {
+impl From<OperationMode> for i8 {
+    fn from(mode: OperationMode) -> Self {
         match mode {
-            Mode::None => 0,
-            Mode::ProfilePosition => 1,
-            Mode::Velocity => 2,
-            Mode::ProfileVelocity => 3,
-            Mode::ProfileTorque => 4,
-            Mode::Homing => 6,
-            Mode::Interpolated => 7,
-            Mode::CyclicPosition => 8,
-            Mode::CyclicVelocity => 9,
-            Mode::CyclicTorque => 10,
-            Mode::Other(other) => other,
+            OperationMode::None => 0,
+            OperationMode::ProfilePosition => 1,
+            OperationMode::Velocity => 2,
+            OperationMode::ProfileVelocity => 3,
+            OperationMode::ProfileTorque => 4,
+            OperationMode::Homing => 6,
+            OperationMode::Interpolated => 7,
+            OperationMode::CyclicPosition => 8,
+            OperationMode::CyclicVelocity => 9,
+            OperationMode::CyclicTorque => 10,
+            OperationMode::Other(other) => other,
         }
     }
 }

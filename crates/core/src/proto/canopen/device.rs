@@ -2,19 +2,19 @@
 //! CiA 301 and LSS of CiA 305.
 //!
 //! The [`Firmware`] is lent to each call. What the protocol itself keeps, objects 1000h to 1FFFh
-//! with the tag [`OWN`](super::od::OWN), lives in the [`CanEnd`]; everything else is the firmware's
+//! with the tag [`OWN`](super::od::OWN), lives in the [`CanEndpoint`]; everything else is the firmware's
 //! and reached by the tag of its [`Entry`](super::od::Entry). What devices do otherwise than the
-//! standard has it is a switch in [`Options`].
+//! standard has it is a switch in [`Quirks`].
 
-mod comm;
+mod communication;
 mod emcy;
-mod link;
 mod lss;
 pub mod motion;
-mod net;
+mod network;
 mod objects;
 mod pdo;
 mod sdo;
+mod send_slots;
 mod sync;
 #[cfg(test)]
 mod tests;
@@ -22,18 +22,18 @@ mod tests;
 use super::emcy::Emergency;
 use super::nmt;
 use super::od::Dictionary;
-use super::sdo::Abort;
+use super::sdo::AbortCode;
 use super::time::TimeOfDay;
 use crate::medium::{CanLine, Frame};
 use crate::station::LineEvent;
 use crate::time::Instant;
 
-pub use comm::{CONSUMERS_MAX, is_own, standard, standard_len};
+pub use communication::{CONSUMERS_MAX, is_protocol_object, standard_entries, standard_len};
 pub use emcy::HISTORY_MAX;
 
 /// Which settings are stored or restored (objects 1010h and 1011h).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Group {
+pub enum SettingsGroup {
     /// All that are there.
     All,
     /// Objects 1000h to 1FFFh.
@@ -62,7 +62,7 @@ pub trait Firmware {
     ///
     /// # Errors
     /// Why it does not.
-    fn set(&mut self, now: Instant, tag: u16, value: u64) -> Result<(), Abort>;
+    fn set(&mut self, now: Instant, tag: u16, value: u64) -> Result<(), AbortCode>;
     /// Length of an object of any length, bytes.
     fn length(&mut self, tag: u16) -> u32 {
         let _ = tag;
@@ -76,48 +76,48 @@ pub trait Firmware {
     ///
     /// # Errors
     /// Why it cannot.
-    fn begin(&mut self, tag: u16, size: Option<u32>) -> Result<(), Abort> {
+    fn begin_write(&mut self, tag: u16, size: Option<u32>) -> Result<(), AbortCode> {
         let _ = (tag, size);
-        Err(Abort::MEMORY)
+        Err(AbortCode::MEMORY)
     }
     /// Part of it, in order.
     ///
     /// # Errors
     /// Why it is not taken.
-    fn write(&mut self, tag: u16, offset: u32, data: &[u8]) -> Result<(), Abort> {
+    fn write(&mut self, tag: u16, offset: u32, data: &[u8]) -> Result<(), AbortCode> {
         let _ = (tag, offset, data);
-        Err(Abort::MEMORY)
+        Err(AbortCode::MEMORY)
     }
     /// All of it is written, and checked where there was a check.
     ///
     /// # Errors
     /// Why it is not taken.
-    fn finish(&mut self, now: Instant, tag: u16, size: u32) -> Result<(), Abort> {
+    fn finish_write(&mut self, now: Instant, tag: u16, size: u32) -> Result<(), AbortCode> {
         let _ = (now, tag, size);
         Ok(())
     }
     /// A SYNC came in state operational, after the PDOs that wait for it were taken.
-    fn synced(&mut self, now: Instant) {
+    fn handle_sync(&mut self, now: Instant) {
         let _ = now;
     }
     /// The node is in another state.
-    fn entered(&mut self, now: Instant, state: nmt::State) {
+    fn handle_nmt_state(&mut self, now: Instant, state: nmt::NmtState) {
         let _ = (now, state);
     }
     /// "Reset node": everything as after power-on.
     fn reset(&mut self, now: Instant);
     /// The bus or the master is lost: bus-off, a heartbeat or guarding that failed to come.
-    fn lost(&mut self, now: Instant);
+    fn handle_link_loss(&mut self, now: Instant);
     /// What 1001h shows, apart from bit 4, which is the protocol's.
     fn error_register(&self) -> u8;
     /// The next emergency. The register is filled in by the protocol.
     fn poll_emergency(&mut self) -> Option<Emergency>;
     /// Stores its settings.
-    fn store(&mut self, group: Group) {
+    fn store(&mut self, group: SettingsGroup) {
         let _ = group;
     }
     /// From the next reset on, settings are those from the factory.
-    fn restore(&mut self, group: Group) {
+    fn restore(&mut self, group: SettingsGroup) {
         let _ = group;
     }
     /// LSS gave another node-ID; 255 is none.
@@ -134,7 +134,7 @@ pub trait Firmware {
         false
     }
     /// The time of day came.
-    fn clock(&mut self, now: Instant, time: TimeOfDay) {
+    fn set_time_of_day(&mut self, now: Instant, time: TimeOfDay) {
         let _ = (now, time);
     }
     /// Its own time of day, if it has one to tell others.
@@ -146,14 +146,14 @@ pub trait Firmware {
 
 /// What a node does otherwise than the standard has it, or does not do (SIM-15).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Options {
+pub struct Quirks {
     /// SDO requests may be short, and their size need not be the object's; PDOs are mapped in any
     /// state without being switched off first; a PDO may be shorter than its mapping.
     pub lenient: bool,
     /// The acknowledgement of a write repeats the data.
-    pub echoes: bool,
+    pub echoes_writes: bool,
     /// It knows segmented and block transfer.
-    pub segments: bool,
+    pub segmented_sdo: bool,
     /// It has layer setting services.
     pub lss: bool,
     /// It takes the time of day.
@@ -167,22 +167,22 @@ pub struct Options {
     /// Unit of a PDO's event timer, µs.
     pub event_unit_us: u32,
     /// Transmission type 254 goes by the event timer alone.
-    pub timed_254: bool,
+    pub type_254_by_timer: bool,
 }
 
-impl Options {
+impl Quirks {
     /// As the standard has it.
     pub const STRICT: Self = Self {
         lenient: false,
-        echoes: false,
-        segments: true,
+        echoes_writes: false,
+        segmented_sdo: true,
         lss: true,
         time: true,
         guarding: true,
         short_emcy: false,
         inhibit_unit_us: 100,
         event_unit_us: 1000,
-        timed_254: false,
+        type_254_by_timer: false,
     };
 }
 
@@ -192,51 +192,51 @@ impl Options {
 /// firmware that is kept behind it begins with what it needs each cycle.
 #[derive(Clone, Debug)]
 #[repr(C)]
-pub struct CanEnd<const N: usize = 4> {
-    store: comm::Store<N>,
-    comm: comm::Comm<N>,
-    net: net::Net,
-    lss: lss::Slave,
-    options: Options,
+pub struct CanEndpoint<const N: usize = 4> {
+    settings_store: communication::SettingsStore<N>,
+    communication: communication::CommunicationObjects<N>,
+    network: network::NetworkTimers,
+    lss: lss::LssSlave,
+    quirks: Quirks,
     bit_rate: u32,
-    alarms: emcy::Alarms,
-    server: sdo::Server,
-    mail: link::Mail,
-    due: Instant,
-    state: nmt::State,
+    emergencies: emcy::EmergencyQueue,
+    sdo_server: sdo::SdoServer,
+    send_slots: send_slots::SendSlots,
+    next_due: Instant,
+    state: nmt::NmtState,
     node: u8,
     /// PDOs that came and wait for SYNC, a bit each.
-    waiting: u32,
-    /// Identifiers of the PDOs that are received; [`pdo::NONE`] for one that is not there.
-    heard: [u32; N],
-    sync: sync::Sync,
-    takes: [pdo::Take; N],
-    sends: pdo::Sends<N>,
+    rpdos_waiting: u32,
+    /// Identifiers of the PDOs that are received; [`pdo::NO_ID`] for one that is not there.
+    rpdo_ids: [u32; N],
+    sync: sync::SyncState,
+    rpdos: [pdo::ReceivePdo; N],
+    tpdos: pdo::TransmitPdos<N>,
 }
 
-impl<const N: usize> CanEnd<N> {
+impl<const N: usize> CanEndpoint<N> {
     /// The end of a node that was just powered.
     #[must_use]
-    pub fn new(options: Options, firmware: &mut impl Firmware) -> Self {
-        let comm = comm::Comm::EMPTY;
+    pub fn new(options: Quirks, firmware: &mut impl Firmware) -> Self {
+        let comm = communication::CommunicationObjects::EMPTY;
         let mut end = Self {
             node: 0,
-            state: nmt::State::BootUp,
-            sync: sync::Sync::default(),
-            heard: [pdo::NONE; N],
-            waiting: 0,
-            due: Instant::FAR,
-            sends: pdo::Sends::new(),
-            takes: [pdo::Take::default(); N],
-            net: net::Net::default(),
-            mail: link::Mail::default(),
-            server: sdo::Server::default(),
-            options,
-            alarms: emcy::Alarms::default(),
-            lss: lss::Slave::default(),
+            state: nmt::NmtState::BootUp,
+            sync: sync::SyncState::default(),
+            rpdo_ids: [pdo::NO_ID; N],
+            rpdos_waiting: 0,
+            next_due: Instant::FAR_FUTURE,
+            tpdos: pdo::TransmitPdos::new(),
+            rpdos: [pdo::ReceivePdo::default(); N],
+            network: network::NetworkTimers::default(),
+            send_slots: send_slots::SendSlots::default(),
+            sdo_server: sdo::SdoServer::default(),
+            quirks: options,
+            emergencies: emcy::EmergencyQueue::default(),
+            lss: lss::LssSlave::default(),
             bit_rate: firmware.bit_rate(),
-            comm,
-            store: comm::Store::default(),
+            communication: comm,
+            settings_store: communication::SettingsStore::default(),
         };
         end.boot(Instant::ZERO, firmware);
         end
@@ -250,67 +250,67 @@ impl<const N: usize> CanEnd<N> {
 
     /// What the node is in.
     #[must_use]
-    pub const fn state(&self) -> nmt::State {
+    pub const fn state(&self) -> nmt::NmtState {
         self.state
     }
 
     /// Power off and on. What was being stored is not.
     pub fn power_cycle(&mut self, now: Instant, firmware: &mut impl Firmware) {
-        self.store.lose();
+        self.settings_store.abort_write();
         self.bit_rate = firmware.bit_rate();
-        self.lss = lss::Slave::default();
-        self.alarms.forget();
+        self.lss = lss::LssSlave::default();
+        self.emergencies.reset();
         self.boot(now, firmware);
     }
 
     /// Takes a frame from the bus.
     #[inline]
     pub fn handle_input(&mut self, now: Instant, frame: &Frame, firmware: &mut impl Firmware) {
-        if frame.extended || self.mail.is_quiet(now) {
+        if frame.extended || self.send_slots.is_silenced(now) {
             return;
         }
         if frame.remote {
-            return self.asked(now, frame.id, firmware);
+            return self.handle_remote_request(now, frame.id, firmware);
         }
-        if self.state == nmt::State::Operational {
+        if self.state == nmt::NmtState::Operational {
             if frame.id == self.sync.id {
-                return self.synced(now, frame.bytes(), firmware);
+                return self.handle_sync(now, frame.bytes(), firmware);
             }
-            if let Some(n) = self.heard.iter().position(|id| *id == frame.id) {
-                return self.take(now, n, frame, firmware);
+            if let Some(n) = self.rpdo_ids.iter().position(|id| *id == frame.id) {
+                return self.handle_rpdo(now, n, frame, firmware);
             }
         }
-        self.serve(now, frame, firmware);
+        self.handle_service(now, frame, firmware);
     }
 
     /// To be called when [`poll_timeout`](Self::poll_timeout) says so, and after anything that may
     /// have changed a value.
     #[inline]
     pub fn handle_timeout(&mut self, now: Instant, firmware: &mut impl Firmware) {
-        self.collect(now, firmware);
-        if now >= self.due {
-            self.timers(now, firmware);
+        self.collect_emergencies(now, firmware);
+        if now >= self.next_due {
+            self.run_timers(now, firmware);
         }
-        self.look(now, firmware);
+        self.check_changes(now, firmware);
     }
 
     /// When it next wants [`handle_timeout`](Self::handle_timeout).
     #[inline]
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        (self.due != Instant::FAR).then_some(self.due)
+        (self.next_due != Instant::FAR_FUTURE).then_some(self.next_due)
     }
 
     /// Somebody has set it going: what changes by time is worth a look each tick.
     #[must_use]
-    pub const fn is_live(&self) -> bool {
-        matches!(self.state, nmt::State::Operational)
+    pub const fn is_active(&self) -> bool {
+        matches!(self.state, nmt::NmtState::Operational)
     }
 
     /// What happened to the wire.
     pub fn handle_line(&mut self, now: Instant, event: LineEvent, firmware: &mut impl Firmware) {
         if event == LineEvent::BusOff {
-            self.lose(now, emcy::BUS_OFF, firmware);
+            self.handle_link_loss(now, emcy::BUS_OFF, firmware);
         }
     }
 
@@ -322,7 +322,7 @@ impl<const N: usize> CanEnd<N> {
 
     /// Something is to be done at `at`.
     #[inline]
-    fn arm(&mut self, at: Instant) {
-        self.due = self.due.min(at);
+    fn schedule(&mut self, at: Instant) {
+        self.next_due = self.next_due.min(at);
     }
 }

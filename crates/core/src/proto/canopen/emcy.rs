@@ -56,7 +56,7 @@ impl Emergency {
 /// What the standard means by the upper byte of a code, the most special words that fit (CiA 301,
 /// table 26). Drives of their own numbers (the TS) mean something else.
 #[must_use]
-pub const fn class(code: u16) -> &'static str {
+pub const fn class_text(code: u16) -> &'static str {
     match (code >> 8) as u8 {
         0x00 => "no error",
         0x10 => "generic error",

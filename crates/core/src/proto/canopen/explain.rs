@@ -7,36 +7,39 @@
 
 mod effect;
 mod fields;
+mod kinds;
+pub mod meanings;
 mod names;
-pub mod say;
 
 use core::fmt::Write as _;
 
 use super::cia402;
 use super::cob::Cob;
 use super::lss;
-use super::nmt::{Command, State};
-use super::sdo::{Abort, BLOCK_MAX, Reply, Request, Short};
+use super::nmt::{NmtCommand, NmtState};
+use super::sdo::{AbortCode, BLOCK_MAX, ExpeditedData, SdoReply, SdoRequest};
 use super::sync;
-use super::text::{self, Said};
+use super::text::{self, Statement};
 use super::{NODE_MAX, emcy};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, Effect, EncodeError, Encoded, Field, Raw, Sink,
-    TextError, Value,
+    Context, Direction, Dissector, Effect, EncodeError, EncodeOptions, EncodedFrame, ExplainSink,
+    Field, FieldValue, FrameBoundary, RawFrame, TextError,
 };
 use crate::medium::Frame;
 use crate::profile::Profile;
-use fields::Fields;
-pub use fields::usual_mapping;
-use say::Pieces;
+use fields::FieldWriter;
+pub use fields::default_mapping;
+pub use kinds::lss_kind;
+use kinds::{cob_kind, message_kind};
+use meanings::SinkWriter;
 
 /// The protocol in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
 pub struct CanopenDissector;
 
 /// Node that a text is encoded for when none is named.
-const NODE: u32 = 1;
+const DEFAULT_NODE: u32 = 1;
 const DAY_MS: u32 = 86_400_000;
 
 impl Dissector for CanopenDissector {
@@ -44,24 +47,33 @@ impl Dissector for CanopenDissector {
         "canopen"
     }
 
-    fn cut(&self, bytes: &[u8], _direction: Option<Direction>, ended: bool) -> Cut {
-        if ended || !bytes.is_empty() { Cut::Skip(bytes.len()) } else { Cut::More }
+    fn find_frame(
+        &self,
+        bytes: &[u8],
+        _direction: Option<Direction>,
+        ended: bool,
+    ) -> FrameBoundary {
+        if ended || !bytes.is_empty() {
+            FrameBoundary::Skip(bytes.len())
+        } else {
+            FrameBoundary::Incomplete
+        }
     }
 
-    fn claims(&self, id: u32, extended: bool) -> bool {
-        !extended && cob(id).is_some()
+    fn claims_id(&self, id: u32, extended: bool) -> bool {
+        !extended && cob_of_id(id).is_some()
     }
 
     fn claims_remote(&self, id: u32, extended: bool) -> bool {
-        !extended && matches!(cob(id), Some(Cob::Tpdo(..) | Cob::Heartbeat(_)))
+        !extended && matches!(cob_of_id(id), Some(Cob::Tpdo(..) | Cob::Heartbeat(_)))
     }
 
-    fn shares(&self, id: u32, extended: bool) -> bool {
-        !extended && matches!(cob(id), Some(Cob::Tpdo(2, _) | Cob::Rpdo(2, _)))
+    fn shares_id(&self, id: u32, extended: bool) -> bool {
+        !extended && matches!(cob_of_id(id), Some(Cob::Tpdo(2, _) | Cob::Rpdo(2, _)))
     }
 
-    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
-        let Some(frame) = frame(bytes, context) else {
+    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
+        let Some(frame) = to_frame(bytes, context) else {
             sink.kind("canopen");
             return sink.error(WireError::Identifier { found: context.id.unwrap_or(0) });
         };
@@ -71,18 +83,18 @@ impl Dissector for CanopenDissector {
             _ => cob.node(),
         };
         node.into_iter().for_each(|node| sink.axis(node.into()));
-        sink.kind(kind_of(cob));
-        match Said::of(&frame, false) {
-            Ok(said) => explain(&said, &frame, node.unwrap_or(0), context, sink),
+        sink.kind(cob_kind(cob));
+        match Statement::of(&frame, false) {
+            Ok(said) => explain_message(&said, &frame, node.unwrap_or(0), context, sink),
             Err(error) => {
-                let _ = text::write(&Said::Raw(frame), &|_| false, &mut Pieces(sink));
+                let _ = text::write(&Statement::Raw(frame), &|_| false, &mut SinkWriter(sink));
                 sink.error(error);
             }
         }
     }
 
-    fn plain(&self, frame: &Raw<'_>) -> Option<u32> {
-        match frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8).and_then(cob) {
+    fn process_data_axis(&self, frame: &RawFrame<'_>) -> Option<u32> {
+        match frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8).and_then(cob_of_id) {
             Some(Cob::Tpdo(_, node) | Cob::Rpdo(_, node)) => Some(node.into()),
             _ => None,
         }
@@ -91,15 +103,15 @@ impl Dissector for CanopenDissector {
     fn encode(
         &self,
         text: &str,
-        addressing: &Addressing,
+        addressing: &EncodeOptions,
         out: &mut [u8],
-    ) -> Result<Encoded, EncodeError> {
+    ) -> Result<EncodedFrame, EncodeError> {
         let said = text::parse(text, addressing.profile)?;
-        let axis = addressing.axis.unwrap_or(NODE);
+        let axis = addressing.axis.unwrap_or(DEFAULT_NODE);
         let (said, node) = match said {
-            Said::Order(command, _) if axis == 0 => (Said::Order(command, true), 0),
+            Statement::Order(command, _) if axis == 0 => (Statement::Order(command, true), 0),
             // It has its identifier.
-            Said::Raw(frame) => (Said::Raw(frame), 0),
+            Statement::Raw(frame) => (Statement::Raw(frame), 0),
             said => {
                 let expected = "a node-ID, 1 to 127, for --axis";
                 let wrong = TextError { at: 0, expected };
@@ -111,70 +123,70 @@ impl Dissector for CanopenDissector {
         let room = TextError { at: 0, expected: "room for eight bytes" };
         let len = if frame.remote { 0 } else { frame.bytes().len() };
         out.get_mut(..len).ok_or(room)?.copy_from_slice(&frame.bytes()[..len]);
-        Ok(Encoded {
+        Ok(EncodedFrame {
             len,
             id: Some(frame.id),
             extended: false,
-            remote: frame.remote.then_some(frame.len),
-            answer: answer(&frame),
-            warning: warning(&said),
+            remote_len: frame.remote.then_some(frame.len),
+            answer_len: answer_len(&frame),
+            warning: warning_for(&said),
         })
     }
 
-    fn code(&self, code: u32) -> Option<&'static str> {
-        if let Some(text) = Abort(code).text() {
+    fn code_meaning(&self, code: u32) -> Option<&'static str> {
+        if let Some(text) = AbortCode(code).text() {
             return Some(text);
         }
         let code = u16::try_from(code).ok()?;
         if code >> 8 >= 0x10 {
-            return Some(emcy::class(code)).filter(|class| *class != "unknown class");
+            return Some(emcy::class_text(code)).filter(|class| *class != "unknown class");
         }
-        Some(match cia402::State::of(code) {
-            cia402::State::Other(_) => return None,
+        Some(match cia402::DriveState::of(code) {
+            cia402::DriveState::Other(_) => return None,
             state => state.name(),
         })
     }
 
-    fn named(
+    fn explain_named_value(
         &self,
         name: &str,
         value: u32,
         profile: Option<&'static Profile>,
-        sink: &mut dyn Sink,
+        sink: &mut dyn ExplainSink,
     ) -> bool {
         let is = |word: &str| name.eq_ignore_ascii_case(word);
         if is("statusword") || is("0x6041:0") || is("0x6041") {
-            return word(value as u16, false, sink);
+            return explain_word_bits(value as u16, false, sink);
         }
         if is("controlword") || is("0x6040:0") || is("0x6040") {
-            return word(value as u16, true, sink);
+            return explain_word_bits(value as u16, true, sink);
         }
         if is("emcy") {
             sink.kind("emcy");
-            sink.text(say::fault(value as u16, profile));
+            sink.text(meanings::fault_text(value as u16, profile));
             return true;
         }
         if is("abort") {
             sink.kind("abort");
-            sink.text(say::abort(Abort(value)));
+            sink.text(meanings::abort_text(AbortCode(value)));
             return true;
         }
-        let Some(object) = text::named_object(name, profile).filter(|_| !is_hex(name)) else {
+        let Some(object) = text::named_object(name, profile).filter(|_| !is_hex_byte(name)) else {
             return false;
         };
         sink.kind("object");
-        let number = say::number(object, value, 0, profile);
-        let _ = say::value(object, number, profile, &mut Pieces(sink));
+        let number = meanings::decode_number(object, value, 0, profile);
+        let _ = meanings::write_value(object, number, profile, &mut SinkWriter(sink));
         true
     }
 
-    fn asks(&self, frame: &Raw<'_>) -> bool {
-        let asks = |id| matches!(cob(id), Some(Cob::SdoRequest(_) | Cob::LssRequest));
+    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
+        let asks = |id| matches!(cob_of_id(id), Some(Cob::SdoRequest(_) | Cob::LssRequest));
         !frame.extended && frame.id.is_some_and(asks)
     }
 
-    fn answers(&self, frame: &Raw<'_>, request: &Raw<'_>) -> bool {
-        match (frame.id.and_then(cob), request.id.and_then(cob)) {
+    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        match (frame.id.and_then(cob_of_id), request.id.and_then(cob_of_id)) {
             (Some(Cob::SdoReply(from)), Some(Cob::SdoRequest(to))) if from == to => {
                 service_answers(frame.bytes, request.bytes)
             }
@@ -183,24 +195,31 @@ impl Dissector for CanopenDissector {
         }
     }
 
-    fn speaker(&self, frame: &Raw<'_>, _: Option<Raw<'_>>) -> Option<Direction> {
-        effect::speaker(frame.id.filter(|_| !frame.extended).and_then(cob)?)
+    fn direction(&self, frame: &RawFrame<'_>, _: Option<RawFrame<'_>>) -> Option<Direction> {
+        effect::direction_of(frame.id.filter(|_| !frame.extended).and_then(cob_of_id)?)
     }
 
-    fn effect(&self, frame: &Raw<'_>, profile: Option<&'static Profile>) -> Effect {
-        match frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8).and_then(cob) {
-            Some(cob) => effect::of(cob, frame.bytes, profile),
+    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
+        match frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8).and_then(cob_of_id) {
+            Some(cob) => effect::effect_of(cob, frame.bytes, profile),
             None => Effect::UNKNOWN,
         }
     }
 
-    fn expect(&self, request: &Raw<'_>, addressing: &Addressing, sink: &mut dyn Sink) {
-        let Some(Cob::SdoRequest(node)) = request.id.and_then(cob) else { return };
+    fn explain_expected_reply(
+        &self,
+        request: &RawFrame<'_>,
+        addressing: &EncodeOptions,
+        sink: &mut dyn ExplainSink,
+    ) {
+        let Some(Cob::SdoRequest(node)) = request.id.and_then(cob_of_id) else { return };
         let asked = Frame::standard(0x600 + u16::from(node), request.bytes);
-        let Ok(Said::Request(asked, _)) = Said::of(&asked, false) else { return };
+        let Ok(Statement::Request(asked, _)) = Statement::of(&asked, false) else { return };
         let reply = match asked {
-            Request::Write(object, _) | Request::WriteLong(object, _) => Reply::Written(object, 0),
-            Request::WriteSegment(segment) => Reply::WrittenSegment(segment.toggle),
+            SdoRequest::Write(object, _) | SdoRequest::WriteLong(object, _) => {
+                SdoReply::Written(object, 0)
+            }
+            SdoRequest::WriteSegment(segment) => SdoReply::WrittenSegment(segment.toggle),
             _ => return,
         };
         let frame = reply.emit(node);
@@ -212,55 +231,61 @@ impl Dissector for CanopenDissector {
 
 /// Explains a segment of a block, which nobody but who follows the transfer can tell from a command:
 /// `bytes` are eight, and the identifier that of the node's default channel.
-pub fn explain_part(bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
-    let Some(frame) = frame(bytes, context) else { return };
+pub fn explain_block_segment(bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
+    let Some(frame) = to_frame(bytes, context) else { return };
     let node = Cob::of(frame.id as u16).node().unwrap_or(0);
     sink.axis(node.into());
-    if let Ok(said) = Said::of(&frame, true) {
-        explain(&said, &frame, node, context, sink);
+    if let Ok(said) = Statement::of(&frame, true) {
+        explain_message(&said, &frame, node, context, sink);
     }
 }
 
 /// What an identifier of the predefined connection set is for.
-fn cob(id: u32) -> Option<Cob> {
+fn cob_of_id(id: u32) -> Option<Cob> {
     let id = u16::try_from(id).ok().filter(|id| *id <= 0x7FF)?;
     Some(Cob::of(id)).filter(|cob| !matches!(cob, Cob::Other(_)))
 }
 
 /// A bare hexadecimal byte, as frames have them.
-fn is_hex(name: &str) -> bool {
+fn is_hex_byte(name: &str) -> bool {
     name.len() == 2 && name.bytes().all(|byte| byte.is_ascii_hexdigit())
 }
 
 /// The frame, if it can be one of this protocol's.
-fn frame(bytes: &[u8], context: &Context<'_>) -> Option<Frame> {
-    let id = context.id.filter(|id| !context.extended && cob(*id).is_some())?;
+fn to_frame(bytes: &[u8], context: &Context<'_>) -> Option<Frame> {
+    let id = context.id.filter(|id| !context.extended && cob_of_id(*id).is_some())?;
     let fits = bytes.len() <= 8;
     let frame = fits.then(|| Frame::standard(id as u16, bytes))?;
     Some(Frame { remote: context.remote, ..frame })
 }
 
-fn explain(said: &Said, frame: &Frame, node: u8, context: &Context<'_>, sink: &mut dyn Sink) {
+fn explain_message(
+    said: &Statement,
+    frame: &Frame,
+    node: u8,
+    context: &Context<'_>,
+    sink: &mut dyn ExplainSink,
+) {
     let profile = context.profile;
-    sink.kind(kind(said, frame));
-    Fields { frame, profile, sink }.of(said);
-    let signs = |object| say::signed(object, profile);
+    sink.kind(message_kind(said, frame));
+    FieldWriter { frame, profile, sink }.emit_message(said);
+    let signs = |object| meanings::is_signed(object, profile);
     let again = said.frame(node);
     // Who asks for a state asks for whatever length.
     let same = frame.remote || again.bytes() == frame.bytes();
-    let mut pieces = Pieces(sink);
+    let mut pieces = SinkWriter(sink);
     let written = same && text::write(said, &signs, &mut pieces).unwrap_or(false);
     if !written {
-        let _ = text::write(&Said::Raw(*frame), &signs, &mut pieces);
+        let _ = text::write(&Statement::Raw(*frame), &signs, &mut pieces);
     }
-    remark(said, frame, context, sink);
-    if let Some(error) = broken(said, frame) {
+    write_remark(said, frame, context, sink);
+    if let Some(error) = frame_error(said, frame) {
         sink.error(error);
     }
 }
 
 /// What a frame breaks that says something all the same.
-fn broken(said: &Said, frame: &Frame) -> Option<WireError> {
+fn frame_error(said: &Statement, frame: &Frame) -> Option<WireError> {
     let unexpected = |at: u16| {
         let found = frame.data[usize::from(at)];
         Some(WireError::Unexpected { at, found })
@@ -268,24 +293,31 @@ fn broken(said: &Said, frame: &Frame) -> Option<WireError> {
     let count = |at: u16, found: u8| Some(WireError::Count { at, found: found.into() });
     let blocks = 1..=BLOCK_MAX;
     match *said {
-        Said::Order(Command::Other(_), _) => unexpected(0),
-        Said::State(heartbeat) if matches!(heartbeat.state, State::Other(_)) => unexpected(0),
-        Said::Sync(sync::Sync { counter: Some(counter @ (0 | 241..)) }) => count(0, counter),
-        Said::Time(time) if time.ms >= DAY_MS => unexpected(3),
-        Said::Lss(lss::Request::Other(_)) | Said::LssReply(lss::Reply::Other(_)) => unexpected(0),
-        Said::Request(Request::Other(_), _) | Said::Reply(Reply::Other(_), _) => unexpected(0),
-        Said::Request(
-            Request::ReadBlock { segments, .. } | Request::ReadBlockAck { segments, .. },
+        Statement::Order(NmtCommand::Other(_), _) => unexpected(0),
+        Statement::State(heartbeat) if matches!(heartbeat.state, NmtState::Other(_)) => {
+            unexpected(0)
+        }
+        Statement::Sync(sync::SyncMessage { counter: Some(counter @ (0 | 241..)) }) => {
+            count(0, counter)
+        }
+        Statement::Time(time) if time.ms >= DAY_MS => unexpected(3),
+        Statement::Lss(lss::LssRequest::Other(_))
+        | Statement::LssReply(lss::LssReply::Other(_)) => unexpected(0),
+        Statement::Request(SdoRequest::Other(_), _) | Statement::Reply(SdoReply::Other(_), _) => {
+            unexpected(0)
+        }
+        Statement::Request(
+            SdoRequest::ReadBlock { segments, .. } | SdoRequest::ReadBlockAck { segments, .. },
             _,
         )
-        | Said::Reply(
-            Reply::WriteBlockReady { segments, .. } | Reply::WriteBlockAck { segments, .. },
+        | Statement::Reply(
+            SdoReply::WriteBlockReady { segments, .. } | SdoReply::WriteBlockAck { segments, .. },
             _,
         ) if !blocks.contains(&segments) => {
             let at = if said.object().is_some() { 4 } else { 2 };
             count(at, segments)
         }
-        Said::Request(_, 7) | Said::Reply(_, 7) if !is_whole_in_seven(said) => {
+        Statement::Request(_, 7) | Statement::Reply(_, 7) if !is_complete_in_seven(said) => {
             Some(WireError::Short { need: 8, found: 7 })
         }
         _ => None,
@@ -293,15 +325,18 @@ fn broken(said: &Said, frame: &Frame) -> Option<WireError> {
 }
 
 /// Whether the byte that lacks of eight would not count anyway.
-fn is_whole_in_seven(said: &Said) -> bool {
+fn is_complete_in_seven(said: &Statement) -> bool {
     matches!(
         said,
-        Said::Request(
-            Request::Write(_, Short { len: 1..=3, .. })
-                | Request::Read(_)
-                | Request::ReadSegment(_),
+        Statement::Request(
+            SdoRequest::Write(_, ExpeditedData { len: 1..=3, .. })
+                | SdoRequest::Read(_)
+                | SdoRequest::ReadSegment(_),
             _
-        ) | Said::Reply(Reply::Written(..) | Reply::Value(_, Short { len: 1..=3, .. }), _)
+        ) | Statement::Reply(
+            SdoReply::Written(..) | SdoReply::Value(_, ExpeditedData { len: 1..=3, .. }),
+            _
+        )
     )
 }
 
@@ -313,67 +348,72 @@ fn service_answers(reply: &[u8], request: &[u8]) -> bool {
         (bytes.len() >= 7).then_some(all)
     };
     let (Some(reply), Some(request)) = (eight(reply), eight(request)) else { return false };
-    let (reply, request) = (Reply::of(reply), Request::of(request));
+    let (reply, request) = (SdoReply::of(reply), SdoRequest::of(request));
     if let (Some(told), Some(asked)) = (reply.object(), request.object()) {
         return told == asked;
     }
     // One with another toggle answers an older segment.
     match (reply, request) {
-        (Reply::ValueSegment(told), Request::ReadSegment(asked)) => return told.toggle == asked,
-        (Reply::WrittenSegment(told), Request::WriteSegment(asked)) => return told == asked.toggle,
+        (SdoReply::ValueSegment(told), SdoRequest::ReadSegment(asked)) => {
+            return told.toggle == asked;
+        }
+        (SdoReply::WrittenSegment(told), SdoRequest::WriteSegment(asked)) => {
+            return told == asked.toggle;
+        }
         _ => {}
     }
     matches!(
         (reply, request),
-        (Reply::WriteBlockDone, Request::WriteBlockEnd { .. })
-            | (Reply::ReadBlockEnd { .. }, Request::ReadBlockAck { .. })
-            | (Reply::Abort(..), _)
+        (SdoReply::WriteBlockDone, SdoRequest::WriteBlockEnd { .. })
+            | (SdoReply::ReadBlockEnd { .. }, SdoRequest::ReadBlockAck { .. })
+            | (SdoReply::Abort(..), _)
     )
 }
 
 /// Whether a reply of layer setting can be to that request.
 #[must_use]
 pub fn lss_answers(reply: &[u8], request: &[u8]) -> bool {
-    let (Ok(reply), Ok(request)) = (lss::Reply::parse(reply), lss::Request::parse(request)) else {
+    let (Ok(reply), Ok(request)) = (lss::LssReply::parse(reply), lss::LssRequest::parse(request))
+    else {
         return false;
     };
-    use lss::{Reply, Request};
+    use lss::{LssReply, LssRequest};
     match (reply, request) {
-        (Reply::Selected, Request::SwitchSelective(..))
-        | (Reply::SetNode(..), Request::SetNode(_))
-        | (Reply::SetBitTiming(..), Request::SetBitTiming(..))
-        | (Reply::Store(..), Request::Store)
-        | (Reply::Node(_), Request::InquireNode)
-        | (Reply::Identified, Request::Identify(..) | Request::FastScan { .. })
-        | (Reply::Unconfigured, Request::IdentifyUnconfigured) => true,
-        (Reply::Number(told, _), Request::Inquire(asked)) => told == asked,
+        (LssReply::Selected, LssRequest::SwitchSelective(..))
+        | (LssReply::SetNode(..), LssRequest::SetNode(_))
+        | (LssReply::SetBitTiming(..), LssRequest::SetBitTiming(..))
+        | (LssReply::Store(..), LssRequest::Store)
+        | (LssReply::Node(_), LssRequest::InquireNode)
+        | (LssReply::Identified, LssRequest::Identify(..) | LssRequest::FastScan { .. })
+        | (LssReply::Unconfigured, LssRequest::IdentifyUnconfigured) => true,
+        (LssReply::Number(told, _), LssRequest::Inquire(asked)) => told == asked,
         _ => false,
     }
 }
 
 /// How many bytes the answer has, if there is one.
-fn answer(frame: &Frame) -> Option<usize> {
+fn answer_len(frame: &Frame) -> Option<usize> {
     match Cob::of(frame.id as u16) {
         Cob::Heartbeat(_) if frame.remote => Some(1),
         Cob::SdoRequest(_) => Some(8),
-        Cob::LssRequest => match lss::Request::parse(frame.bytes()).ok()? {
-            lss::Request::SwitchGlobal(_)
-            | lss::Request::ActivateBitTiming(_)
-            | lss::Request::Other(_) => None,
+        Cob::LssRequest => match lss::LssRequest::parse(frame.bytes()).ok()? {
+            lss::LssRequest::SwitchGlobal(_)
+            | lss::LssRequest::ActivateBitTiming(_)
+            | lss::LssRequest::Other(_) => None,
             _ => Some(8),
         },
         _ => None,
     }
 }
 
-fn warning(said: &Said) -> &'static str {
+fn warning_for(said: &Statement) -> &'static str {
     match *said {
-        Said::Write(_, _, 5..) => "the first frame: eight bytes go in segments behind it",
-        Said::Order(_, true) => "to every node on the bus",
-        Said::Lss(lss::Request::SwitchGlobal(true)) => {
+        Statement::Write(_, _, 5..) => "the first frame: eight bytes go in segments behind it",
+        Statement::Order(_, true) => "to every node on the bus",
+        Statement::Lss(lss::LssRequest::SwitchGlobal(true)) => {
             "to every device: where there are several, all of them take the next node-ID"
         }
-        Said::Lss(lss::Request::ActivateBitTiming(_)) => {
+        Statement::Lss(lss::LssRequest::ActivateBitTiming(_)) => {
             "every node in configuration changes its bit rate: those that do not are lost"
         }
         _ => "",
@@ -381,21 +421,26 @@ fn warning(said: &Said) -> &'static str {
 }
 
 /// What the language does not say, in parentheses.
-fn remark(said: &Said, frame: &Frame, context: &Context<'_>, sink: &mut dyn Sink) {
-    let mut out = Remark { sink, open: false };
-    let _ = remarks(said, frame, context, &mut out);
+fn write_remark(
+    said: &Statement,
+    frame: &Frame,
+    context: &Context<'_>,
+    sink: &mut dyn ExplainSink,
+) {
+    let mut out = RemarkWriter { sink, open: false };
+    let _ = write_remarks(said, frame, context, &mut out);
     if out.open {
         sink.text(")");
     }
 }
 
 /// Parentheses that open with the first piece.
-struct Remark<'a> {
-    sink: &'a mut dyn Sink,
+struct RemarkWriter<'a> {
+    sink: &'a mut dyn ExplainSink,
     open: bool,
 }
 
-impl core::fmt::Write for Remark<'_> {
+impl core::fmt::Write for RemarkWriter<'_> {
     fn write_str(&mut self, piece: &str) -> core::fmt::Result {
         if !self.open && !piece.is_empty() {
             self.sink.text(" (");
@@ -410,86 +455,95 @@ impl core::fmt::Write for Remark<'_> {
     }
 }
 
-fn remarks(
-    said: &Said,
+fn write_remarks(
+    said: &Statement,
     frame: &Frame,
     context: &Context<'_>,
-    out: &mut Remark<'_>,
+    out: &mut RemarkWriter<'_>,
 ) -> core::fmt::Result {
     let profile = context.profile;
     match *said {
-        Said::Request(Request::Write(object, short), _)
-        | Said::Reply(Reply::Value(object, short), _) => {
-            say::value(object, say::number(object, short.bits, short.len, profile), profile, out)?;
+        Statement::Request(SdoRequest::Write(object, short), _)
+        | Statement::Reply(SdoReply::Value(object, short), _) => {
+            meanings::write_value(
+                object,
+                meanings::decode_number(object, short.bits, short.len, profile),
+                profile,
+                out,
+            )?;
             if matches!(short.len, 1..=3) && short.bits >> (8 * short.len) != 0 {
                 out.write_str("; the command's size is too small for it")?;
             }
         }
-        Said::Reply(Reply::Written(object, echo), _) => {
-            out.write_str(say::name(object, profile))?;
+        Statement::Reply(SdoReply::Written(object, echo), _) => {
+            out.write_str(meanings::object_name(object, profile))?;
             if echo != 0 {
                 out.write_str(if out.open { "; " } else { "" })?;
                 out.write_str("repeats the data, which the standard leaves zero")?;
             }
         }
-        Said::Request(Request::Abort(_, abort), _) | Said::Reply(Reply::Abort(_, abort), _) => {
-            out.write_str(say::abort(abort))?;
+        Statement::Request(SdoRequest::Abort(_, abort), _)
+        | Statement::Reply(SdoReply::Abort(_, abort), _) => {
+            out.write_str(meanings::abort_text(abort))?;
             let object = said.object().unwrap_or_default();
-            let name = say::name(object, profile);
+            let name = meanings::object_name(object, profile);
             if !name.is_empty() {
                 write!(out, ": {name}")?;
             }
         }
-        Said::Emergency(emergency, short) => emergency_remark(emergency.code, short, profile, out)?,
-        Said::Process { len, .. } => process_remark(frame, len, profile, out)?,
-        Said::LssReply(
-            lss::Reply::SetNode(error @ 1.., _)
-            | lss::Reply::SetBitTiming(error @ 1.., _)
-            | lss::Reply::Store(error @ 1.., _),
+        Statement::Emergency(emergency, short) => {
+            write_emergency_remark(emergency.code, short, profile, out)?
+        }
+        Statement::Process { len, .. } => write_process_remark(frame, len, profile, out)?,
+        Statement::LssReply(
+            lss::LssReply::SetNode(error @ 1.., _)
+            | lss::LssReply::SetBitTiming(error @ 1.., _)
+            | lss::LssReply::Store(error @ 1.., _),
         ) => write!(out, "refused, error {error}")?,
-        Said::Lss(lss::Request::SetBitTiming(0, index)) => {
+        Statement::Lss(lss::LssRequest::SetBitTiming(0, index)) => {
             match lss::KBIT_PER_S.get(usize::from(index)) {
                 Some(rate @ 1..) => write!(out, "{rate} kbit/s")?,
                 _ => out.write_str("no bit rate of the standard's table")?,
             }
         }
-        Said::State(heartbeat) if heartbeat.toggle => out.write_str("answer to guarding")?,
-        Said::Guard => out.write_str("asks for the state")?,
+        Statement::State(heartbeat) if heartbeat.toggle => out.write_str("answer to guarding")?,
+        Statement::Guard => out.write_str("asks for the state")?,
         _ => {
-            let object = said.object().map_or("", |object| say::name(object, profile));
+            let object = said.object().map_or("", |object| meanings::object_name(object, profile));
             out.write_str(object)?;
         }
     }
-    if matches!(said, Said::Request(_, 7) | Said::Reply(_, 7)) {
+    if matches!(said, Statement::Request(_, 7) | Statement::Reply(_, 7)) {
         let join = if out.open { "; " } else { "" };
         write!(out, "{join}7 of 8 bytes, which the standard ignores and the TS drive takes")?;
     }
     Ok(())
 }
 
-fn emergency_remark(
+fn write_emergency_remark(
     code: u16,
     short: bool,
     profile: Option<&'static Profile>,
-    out: &mut Remark<'_>,
+    out: &mut RemarkWriter<'_>,
 ) -> core::fmt::Result {
-    let known = say::own(profile).and_then(|p| p.faults.iter().find(|f| f.code == u32::from(code)));
-    match (known, say::shown(code).filter(|_| short)) {
+    let known = meanings::canopen_profile(profile)
+        .and_then(|p| p.faults.iter().find(|f| f.code == u32::from(code)));
+    match (known, meanings::panel_characters(code).filter(|_| short)) {
         (Some(fault), _) => write!(out, "{}: {}", fault.name, fault.text.trim_end_matches('.')),
         (None, Some([a, b])) => write!(out, "two bytes, as a TS drive that shows {a}{b}"),
-        (None, None) => out.write_str(emcy::class(code)),
+        (None, None) => out.write_str(emcy::class_text(code)),
     }
 }
 
 /// Process data by the mapping that drives have from the factory, if their length is its.
-fn process_remark(
+fn write_process_remark(
     frame: &Frame,
     len: u8,
     profile: Option<&'static Profile>,
-    out: &mut Remark<'_>,
+    out: &mut RemarkWriter<'_>,
 ) -> core::fmt::Result {
     let cob = Cob::of(frame.id as u16);
-    let Some(map) = fields::usual_mapping(cob, len) else {
+    let Some(map) = fields::default_mapping(cob, len) else {
         let (object, number) = match cob {
             Cob::Rpdo(number, _) => (0x1600, number),
             Cob::Tpdo(number, _) => (0x1A00, number),
@@ -501,33 +555,33 @@ fn process_remark(
     let data = u64::from_le_bytes(frame.data);
     let mut join = " ";
     for (entry, field) in map.fields() {
-        let raw = match say::signed(entry.object, profile) {
+        let raw = match meanings::is_signed(entry.object, profile) {
             true => field.signed(data),
             false => field.unsigned(data).cast_signed(),
         };
         out.write_str(join)?;
-        say::value(entry.object, raw, profile, out)?;
+        meanings::write_value(entry.object, raw, profile, out)?;
         join = "; ";
     }
     Ok(())
 }
 
 /// Shows a controlword's or statusword's bits.
-fn word(word: u16, orders: bool, sink: &mut dyn Sink) -> bool {
+fn explain_word_bits(word: u16, orders: bool, sink: &mut dyn ExplainSink) -> bool {
     let (kind, low, bits) = match orders {
-        true => ("controlword", &CONTROL_LOW[..], &say::CONTROL_BITS),
-        false => ("statusword", &STATUS_LOW[..], &say::STATUS_BITS),
+        true => ("controlword", &CONTROL_LOW[..], &meanings::CONTROL_BITS),
+        false => ("statusword", &STATUS_LOW[..], &meanings::STATUS_BITS),
     };
     sink.kind(kind);
-    let mut pieces = Pieces(sink);
+    let mut pieces = SinkWriter(sink);
     let _ = match orders {
-        true => say::controlword(word, &mut pieces),
-        false => say::statusword(word, &mut pieces),
+        true => meanings::write_controlword(word, &mut pieces),
+        false => meanings::write_statusword(word, &mut pieces),
     };
     let mut all = [(0, ""); 16];
     low.iter().chain(bits).for_each(|(bit, name)| all[usize::from(*bit)] = (*bit, name));
     for (bit, name) in all.into_iter().filter(|(_, name)| !name.is_empty()) {
-        let value = Value::Int((word >> bit & 1).into());
+        let value = FieldValue::Int((word >> bit & 1).into());
         let start = u16::from(bit);
         sink.field(Field { name: "bit", start, end: start + 1, value, meaning: name });
     }
@@ -552,107 +606,3 @@ const STATUS_LOW: [(u8, &str); 8] = [
     (6, "switch on disabled"),
     (9, "remote"),
 ];
-
-/// What a frame of that identifier is called before its bytes are read.
-const fn kind_of(cob: Cob) -> &'static str {
-    match cob {
-        Cob::Nmt => "NMT",
-        Cob::Sync => "SYNC",
-        Cob::Time => "TIME",
-        Cob::Emcy(_) => "EMCY",
-        Cob::Rpdo(1, _) => "RPDO1",
-        Cob::Rpdo(2, _) => "RPDO2",
-        Cob::Rpdo(3, _) => "RPDO3",
-        Cob::Rpdo(..) => "RPDO4",
-        Cob::Tpdo(1, _) => "TPDO1",
-        Cob::Tpdo(2, _) => "TPDO2",
-        Cob::Tpdo(3, _) => "TPDO3",
-        Cob::Tpdo(..) => "TPDO4",
-        Cob::SdoReply(_) | Cob::SdoRequest(_) => "SDO",
-        Cob::Heartbeat(_) => "heartbeat",
-        Cob::LssReply | Cob::LssRequest => "LSS",
-        Cob::Other(_) => "canopen",
-    }
-}
-
-fn kind(said: &Said, frame: &Frame) -> &'static str {
-    match *said {
-        Said::State(heartbeat) if heartbeat.state == State::BootUp => "boot-up",
-        Said::Guard => "guarding",
-        Said::Request(request, _) => request_kind(request),
-        Said::Reply(reply, _) => reply_kind(reply),
-        Said::Part(_, false) => "SDO block write segment",
-        Said::Part(_, true) => "SDO block read segment",
-        Said::Lss(request) => lss_kind(request),
-        Said::LssReply(reply) => lss_reply_kind(reply),
-        _ => kind_of(Cob::of(frame.id as u16)),
-    }
-}
-
-const fn request_kind(request: Request) -> &'static str {
-    match request {
-        Request::Write(..) => "SDO write",
-        Request::WriteLong(..) => "SDO segmented write",
-        Request::WriteSegment(_) => "SDO write segment",
-        Request::Read(_) => "SDO read",
-        Request::ReadSegment(_) => "SDO read segment",
-        Request::WriteBlock { .. } => "SDO block write",
-        Request::WriteBlockEnd { .. } => "SDO block write end",
-        Request::ReadBlock { .. } => "SDO block read",
-        Request::ReadBlockStart => "SDO block read start",
-        Request::ReadBlockAck { .. } => "SDO block read acknowledge",
-        Request::ReadBlockEnd => "SDO block read done",
-        Request::Abort(..) => "SDO abort",
-        Request::Other(_) => "SDO unknown request",
-    }
-}
-
-const fn reply_kind(reply: Reply) -> &'static str {
-    match reply {
-        Reply::Written(..) => "SDO written",
-        Reply::WrittenSegment(_) => "SDO written segment",
-        Reply::Value(..) => "SDO value",
-        Reply::ValueLong(..) => "SDO segmented value",
-        Reply::ValueSegment(_) => "SDO value segment",
-        Reply::WriteBlockReady { .. } => "SDO block write ready",
-        Reply::WriteBlockAck { .. } => "SDO block write acknowledge",
-        Reply::WriteBlockDone => "SDO block write done",
-        Reply::ReadBlockReady { .. } => "SDO block read ready",
-        Reply::ReadBlockEnd { .. } => "SDO block read end",
-        Reply::Abort(..) => "SDO abort",
-        Reply::Other(_) => "SDO unknown reply",
-    }
-}
-
-/// The word for a request of layer setting.
-#[must_use]
-pub const fn lss_kind(request: lss::Request) -> &'static str {
-    use lss::Request;
-    match request {
-        Request::SwitchGlobal(_) => "LSS switch all",
-        Request::SwitchSelective(..) => "LSS select",
-        Request::SetNode(_) => "LSS set node-ID",
-        Request::SetBitTiming(..) => "LSS set bit timing",
-        Request::ActivateBitTiming(_) => "LSS activate bit timing",
-        Request::Store => "LSS store",
-        Request::Inquire(_) | Request::InquireNode => "LSS inquire",
-        Request::Identify(..) => "LSS identify",
-        Request::IdentifyUnconfigured => "LSS identify unconfigured",
-        Request::FastScan { .. } => "LSS fast scan",
-        Request::Other(_) => "LSS unknown request",
-    }
-}
-
-const fn lss_reply_kind(reply: lss::Reply) -> &'static str {
-    use lss::Reply;
-    match reply {
-        Reply::Selected => "LSS selected",
-        Reply::SetNode(..) => "LSS node-ID set",
-        Reply::SetBitTiming(..) => "LSS bit timing set",
-        Reply::Store(..) => "LSS stored",
-        Reply::Number(..) | Reply::Node(_) => "LSS answer",
-        Reply::Identified => "LSS identified",
-        Reply::Unconfigured => "LSS unconfigured",
-        Reply::Other(_) => "LSS unknown reply",
-    }
-}

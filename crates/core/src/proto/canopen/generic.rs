@@ -51,7 +51,7 @@ pub static GENERIC: Profile = Profile {
     signals: &[],
     plans: &[],
     ram: None,
-    reach: &[],
+    link_settings: &[],
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: REPLY_TIMEOUT_MS,

@@ -1,15 +1,15 @@
 //! Boot-up, heartbeat and guarding: one byte each (CiA 301, 7.2.8.3).
 
 use super::cob;
-use super::nmt::State;
+use super::nmt::NmtState;
 use crate::error::WireError;
 use crate::medium::Frame;
 
 /// What a node says of itself, by itself or because it was asked.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Heartbeat {
-    /// Its state; [`State::BootUp`] only once after a reset.
-    pub state: State,
+    /// Its state; [`NmtState::BootUp`] only once after a reset.
+    pub state: NmtState,
     /// Answers to guarding requests alternate; heartbeats have it clear.
     pub toggle: bool,
 }
@@ -36,7 +36,7 @@ impl Heartbeat {
 
 /// The remote request that guards `node`.
 #[must_use]
-pub fn guard(node: u8) -> Frame {
+pub fn guarding_request(node: u8) -> Frame {
     let id = u32::from(cob::HEARTBEAT | u16::from(node));
     Frame { id, remote: true, len: 1, ..Frame::default() }
 }

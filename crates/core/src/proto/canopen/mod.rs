@@ -4,7 +4,6 @@
 //! (drives); chapter 3 of the TS servo drive's communication manual for what that drive does
 //! otherwise. What no source states is marked \[I\].
 
-pub mod ask;
 pub mod axis;
 pub mod cia402;
 pub mod cob;
@@ -14,8 +13,9 @@ pub mod explain;
 pub mod generic;
 pub mod heartbeat;
 pub mod host;
+pub mod host_request;
+pub mod known_pdo;
 pub mod lss;
-pub mod mapped;
 pub mod nmt;
 pub mod od;
 pub mod pdo;
@@ -24,11 +24,11 @@ pub mod sync;
 pub mod text;
 pub mod time;
 
-pub use ask::{Answer, Ask};
 pub use axis::{Axis, Canopen};
 pub use cob::Cob;
 pub use explain::CanopenDissector;
-pub use host::Host;
+pub use host::CanHost;
+pub use host_request::{Answer, HostRequest};
 
 use crate::error::WireError;
 

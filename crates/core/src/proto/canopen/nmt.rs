@@ -6,7 +6,7 @@ use crate::medium::Frame;
 
 /// What the master orders.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Command {
+pub enum NmtCommand {
     /// To operational: process data flow.
     Start,
     /// To stopped: nothing but network management.
@@ -21,7 +21,7 @@ pub enum Command {
     Other(u8),
 }
 
-impl From<u8> for Command {
+impl From<u8> for NmtCommand {
     fn from(specifier: u8) -> Self {
         match specifier {
             1 => Self::Start,
@@ -34,20 +34,20 @@ impl From<u8> for Command {
     }
 }
 
-impl From<Command> for u8 {
-    fn from(command: Command) -> Self {
+impl From<NmtCommand> for u8 {
+    fn from(command: NmtCommand) -> Self {
         match command {
-            Command::Start => 1,
-            Command::Stop => 2,
-            Command::PreOperational => 128,
-            Command::ResetNode => 129,
-            Command::ResetCommunication => 130,
-            Command::Other(other) => other,
+            NmtCommand::Start => 1,
+            NmtCommand::Stop => 2,
+            NmtCommand::PreOperational => 128,
+            NmtCommand::ResetNode => 129,
+            NmtCommand::ResetCommunication => 130,
+            NmtCommand::Other(other) => other,
         }
     }
 }
 
-impl Command {
+impl NmtCommand {
     /// The word for it.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -64,7 +64,7 @@ impl Command {
 
 /// What a node says of itself.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum State {
+pub enum NmtState {
     /// It has just booted.
     BootUp,
     /// Nothing but network management.
@@ -77,7 +77,7 @@ pub enum State {
     Other(u8),
 }
 
-impl From<u8> for State {
+impl From<u8> for NmtState {
     /// Bit 7, the guarding toggle, does not count.
     fn from(byte: u8) -> Self {
         match byte & 0x7F {
@@ -90,19 +90,19 @@ impl From<u8> for State {
     }
 }
 
-impl From<State> for u8 {
-    fn from(state: State) -> Self {
+impl From<NmtState> for u8 {
+    fn from(state: NmtState) -> Self {
         match state {
-            State::BootUp => 0,
-            State::Stopped => 4,
-            State::Operational => 5,
-            State::PreOperational => 0x7F,
-            State::Other(other) => other,
+            NmtState::BootUp => 0,
+            NmtState::Stopped => 4,
+            NmtState::Operational => 5,
+            NmtState::PreOperational => 0x7F,
+            NmtState::Other(other) => other,
         }
     }
 }
 
-impl State {
+impl NmtState {
     /// The word for it.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -118,14 +118,14 @@ impl State {
 
 /// An order to one node, or to all.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Order {
+pub struct NmtMessage {
     /// What to do.
-    pub command: Command,
+    pub command: NmtCommand,
     /// Who; 0 is everybody.
     pub node: u8,
 }
 
-impl Order {
+impl NmtMessage {
     /// The frame that carries it.
     #[must_use]
     pub fn emit(self) -> Frame {

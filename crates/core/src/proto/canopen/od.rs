@@ -5,10 +5,10 @@
 //! of places that is made once, at compile time for drives that are built in.
 //!
 //! ```
-//! use polepair_core::proto::canopen::od::{Access, Dictionary, Entry, Type};
-//! static ENTRIES: [Entry; 2] = [
-//!     Entry::new(0x1000, 0, Type::U32, Access::RO, 0, "device type").worth(0x20192),
-//!     Entry::new(0x6040, 0, Type::U16, Access::RW.mappable(), 1, "controlword"),
+//! use polepair_core::proto::canopen::od::{ObjectAccess, Dictionary, ObjectEntry, ValueType};
+//! static ENTRIES: [ObjectEntry; 2] = [
+//!     ObjectEntry::new(0x1000, 0, ValueType::U32, ObjectAccess::RO, 0, "device type").worth(0x20192),
+//!     ObjectEntry::new(0x6040, 0, ValueType::U16, ObjectAccess::RW.mappable(), 1, "controlword"),
 //! ];
 //! static PLACES: [u16; 4] = Dictionary::places(&ENTRIES);
 //! static DICTIONARY: Dictionary = Dictionary::new(&ENTRIES, &PLACES);
@@ -18,9 +18,9 @@
 
 /// A data type by its number (CiA 301, data type definitions).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Type(pub u8);
+pub struct ValueType(pub u8);
 
-impl Type {
+impl ValueType {
     /// One bit.
     pub const BOOLEAN: Self = Self(0x01);
     /// Signed, 8 bits.
@@ -104,9 +104,9 @@ impl Type {
 
 /// What may be done with an entry.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Access(u8);
+pub struct ObjectAccess(u8);
 
-impl Access {
+impl ObjectAccess {
     const READ: u8 = 1;
     const WRITE: u8 = 2;
     const TPDO: u8 = 4;
@@ -140,14 +140,14 @@ impl Access {
     /// It may be read.
     #[inline]
     #[must_use]
-    pub const fn reads(self) -> bool {
+    pub const fn is_readable(self) -> bool {
         self.0 & Self::READ != 0
     }
 
     /// It may be written.
     #[inline]
     #[must_use]
-    pub const fn writes(self) -> bool {
+    pub const fn is_writable(self) -> bool {
         self.0 & Self::WRITE != 0
     }
 
@@ -166,7 +166,7 @@ impl Access {
 
 /// Value from the factory.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Worth {
+pub enum DefaultValue {
     /// A number.
     Number(i64),
     /// A number to which the node-ID is added: `$NODEID+0x600`.
@@ -177,57 +177,57 @@ pub enum Worth {
 
 /// One sub-index of one object.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Entry {
+pub struct ObjectEntry {
     key: u32,
     /// Its type.
-    pub kind: Type,
+    pub kind: ValueType,
     /// What may be done with it.
-    pub access: Access,
-    /// The firmware's own number for it, or [`OWN`] for the protocol's objects.
+    pub access: ObjectAccess,
+    /// The firmware's own number for it, or [`PROTOCOL_TAG`] for the protocol's objects.
     pub tag: u16,
     /// What it is called; empty for what has no name.
     pub name: &'static str,
     /// Value from the factory.
-    pub worth: Worth,
+    pub default: DefaultValue,
     /// Least and greatest value that may be written.
     pub limits: (i64, i64),
 }
 
-/// [`Entry::tag`] of objects that the protocol itself keeps, 1000h to 1FFFh.
-pub const OWN: u16 = u16::MAX;
+/// [`ObjectEntry::tag`] of objects that the protocol itself keeps, 1000h to 1FFFh.
+pub const PROTOCOL_TAG: u16 = u16::MAX;
 
-impl Entry {
+impl ObjectEntry {
     /// An entry whose value from the factory is 0, without limits.
     #[must_use]
     pub const fn new(
         index: u16,
         sub: u8,
-        kind: Type,
-        access: Access,
+        kind: ValueType,
+        access: ObjectAccess,
         tag: u16,
         name: &'static str,
     ) -> Self {
-        let (worth, limits) = (Worth::Number(0), (i64::MIN, i64::MAX));
-        Self { key: key(index, sub), kind, access, tag, name, worth, limits }
+        let (default, limits) = (DefaultValue::Number(0), (i64::MIN, i64::MAX));
+        Self { key: key(index, sub), kind, access, tag, name, default, limits }
     }
 
     /// The same with a number from the factory.
     #[must_use]
-    pub const fn worth(mut self, number: i64) -> Self {
-        self.worth = Worth::Number(number);
+    pub const fn with_default(mut self, number: i64) -> Self {
+        self.default = DefaultValue::Number(number);
         self
     }
 
     /// The same with a value from the factory.
     #[must_use]
-    pub const fn holding(mut self, worth: Worth) -> Self {
-        self.worth = worth;
+    pub const fn with_default_value(mut self, worth: DefaultValue) -> Self {
+        self.default = worth;
         self
     }
 
     /// The same with limits.
     #[must_use]
-    pub const fn within(mut self, least: i64, greatest: i64) -> Self {
+    pub const fn with_limits(mut self, least: i64, greatest: i64) -> Self {
         self.limits = (least, greatest);
         self
     }
@@ -252,11 +252,11 @@ impl Entry {
 
     /// Its value from the factory as the bytes of its type, the first lowest; 0 for a text.
     #[must_use]
-    pub const fn factory(&self, node: u8) -> u64 {
-        match self.worth {
-            Worth::Number(number) => number as u64,
-            Worth::PlusNode(number) => number as u64 + node as u64,
-            Worth::Text(_) => 0,
+    pub const fn default_bits(&self, node: u8) -> u64 {
+        match self.default {
+            DefaultValue::Number(number) => number as u64,
+            DefaultValue::PlusNode(number) => number as u64 + node as u64,
+            DefaultValue::Text(_) => 0,
         }
     }
 }
@@ -271,35 +271,35 @@ pub const fn key(index: u16, sub: u8) -> u32 {
 /// The entries of a kind of node.
 #[derive(Clone, Copy, Debug)]
 pub struct Dictionary {
-    entries: &'static [Entry],
-    places: &'static [u16],
+    entries: &'static [ObjectEntry],
+    slots: &'static [u16],
 }
 
 /// A place that no entry has.
-const EMPTY: u16 = u16::MAX;
+const EMPTY_SLOT: u16 = u16::MAX;
 
 impl Dictionary {
     /// A dictionary of entries in ascending order, with what [`places`](Self::places) or
-    /// [`fill`](Self::fill) made of them.
+    /// [`fill_slots`](Self::fill_slots) made of them.
     ///
     /// # Panics
     /// When the entries are not in order: at compile time where it is a constant.
     #[must_use]
-    pub const fn new(entries: &'static [Entry], places: &'static [u16]) -> Self {
+    pub const fn new(entries: &'static [ObjectEntry], slots: &'static [u16]) -> Self {
         let mut at = 1;
         while at < entries.len() {
             assert!(entries[at - 1].key < entries[at].key, "entries are not in order");
             at += 1;
         }
-        assert!(places.len().is_power_of_two() && places.len() > entries.len());
-        Self { entries, places }
+        assert!(slots.len().is_power_of_two() && slots.len() > entries.len());
+        Self { entries, slots }
     }
 
     /// Where `entries` are found: `N` is a power of two, at least twice their number.
     #[must_use]
-    pub const fn places<const N: usize>(entries: &[Entry]) -> [u16; N] {
-        let mut places = [EMPTY; N];
-        Self::fill(entries, &mut places);
+    pub const fn hash_slots<const N: usize>(entries: &[ObjectEntry]) -> [u16; N] {
+        let mut places = [EMPTY_SLOT; N];
+        Self::fill_slots(entries, &mut places);
         places
     }
 
@@ -307,17 +307,17 @@ impl Dictionary {
     ///
     /// # Panics
     /// When its length is no power of two, or less than twice the number of entries.
-    pub const fn fill(entries: &[Entry], places: &mut [u16]) {
+    pub const fn fill_slots(entries: &[ObjectEntry], places: &mut [u16]) {
         assert!(places.len().is_power_of_two() && places.len() >= 2 * entries.len());
         let mut at = 0;
         while at < places.len() {
-            places[at] = EMPTY;
+            places[at] = EMPTY_SLOT;
             at += 1;
         }
         let mut entry = 0;
         while entry < entries.len() {
             let mut place = hash(entries[entry].key) & (places.len() - 1);
-            while places[place] != EMPTY {
+            while places[place] != EMPTY_SLOT {
                 place = (place + 1) & (places.len() - 1);
             }
             places[place] = entry as u16;
@@ -327,18 +327,18 @@ impl Dictionary {
 
     /// All entries, in ascending order of index and sub-index.
     #[must_use]
-    pub const fn entries(&self) -> &'static [Entry] {
+    pub const fn entries(&self) -> &'static [ObjectEntry] {
         self.entries
     }
 
     /// The entry of that index and sub-index.
     #[inline]
     #[must_use]
-    pub fn find(&self, index: u16, sub: u8) -> Option<&'static Entry> {
-        let (wanted, mask) = (key(index, sub), self.places.len() - 1);
+    pub fn find(&self, index: u16, sub: u8) -> Option<&'static ObjectEntry> {
+        let (wanted, mask) = (key(index, sub), self.slots.len() - 1);
         let mut place = hash(wanted) & mask;
         loop {
-            let entry = self.entries.get(usize::from(*self.places.get(place)?))?;
+            let entry = self.entries.get(usize::from(*self.slots.get(place)?))?;
             if entry.key == wanted {
                 return Some(entry);
             }
@@ -348,7 +348,7 @@ impl Dictionary {
 
     /// The entries of one object.
     #[must_use]
-    pub fn object(&self, index: u16) -> &'static [Entry] {
+    pub fn object(&self, index: u16) -> &'static [ObjectEntry] {
         let start = self.entries.partition_point(|entry| entry.index() < index);
         let end = self.entries.partition_point(|entry| entry.index() <= index);
         &self.entries[start..end]
@@ -366,9 +366,12 @@ const fn hash(key: u32) -> usize {
 /// # Panics
 /// When `N` is not the sum of their lengths: at compile time where it is a constant.
 #[must_use]
-pub const fn merge<const N: usize>(first: &[Entry], second: &[Entry]) -> [Entry; N] {
+pub const fn merge<const N: usize>(
+    first: &[ObjectEntry],
+    second: &[ObjectEntry],
+) -> [ObjectEntry; N] {
     assert!(first.len() + second.len() == N, "N is not the number of entries");
-    let mut all = [Entry::new(0, 0, Type::U8, Access::RO, OWN, ""); N];
+    let mut all = [ObjectEntry::new(0, 0, ValueType::U8, ObjectAccess::RO, PROTOCOL_TAG, ""); N];
     let (mut one, mut other) = (0, 0);
     while one + other < N {
         let ended = other == second.len();

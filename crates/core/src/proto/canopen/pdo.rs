@@ -1,8 +1,8 @@
 //! Process data: up to eight bytes that are the values of mapped objects (CiA 301, 7.2.2).
 
-use super::sdo::Object;
+use super::sdo::ObjectIndex;
 
-/// Objects that [`Map`] holds unless told otherwise: one a byte.
+/// Objects that [`PdoMapping`] holds unless told otherwise: one a byte.
 pub const MAPPED_MAX: usize = 8;
 /// Bits of a frame.
 pub const BITS_MAX: u8 = 64;
@@ -94,7 +94,7 @@ impl CobId {
 
 /// The communication parameters of a PDO (objects 1400h and 1800h on).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Communication {
+pub struct PdoParameters {
     /// Sub-index 1.
     pub cob: CobId,
     /// Sub-index 2.
@@ -109,27 +109,27 @@ pub struct Communication {
 
 /// One entry of a mapping (objects 1600h and 1A00h on): an object and how many bits of it.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
-pub struct Entry {
+pub struct MappingEntry {
     /// What is mapped. Indices 1 to 7 are gaps of that data type's length.
-    pub object: Object,
+    pub object: ObjectIndex,
     /// Its length.
     pub bits: u8,
 }
 
-impl From<u32> for Entry {
+impl From<u32> for MappingEntry {
     fn from(raw: u32) -> Self {
-        let object = Object { index: (raw >> 16) as u16, sub: (raw >> 8) as u8 };
+        let object = ObjectIndex { index: (raw >> 16) as u16, sub: (raw >> 8) as u8 };
         Self { object, bits: raw as u8 }
     }
 }
 
-impl From<Entry> for u32 {
-    fn from(Entry { object, bits }: Entry) -> Self {
+impl From<MappingEntry> for u32 {
+    fn from(MappingEntry { object, bits }: MappingEntry) -> Self {
         Self::from(object.index) << 16 | Self::from(object.sub) << 8 | Self::from(bits)
     }
 }
 
-impl Entry {
+impl MappingEntry {
     /// It maps nothing: bits that are there to be skipped.
     #[must_use]
     pub const fn is_gap(self) -> bool {
@@ -140,86 +140,91 @@ impl Entry {
 /// Bits of a standard frame with so many bytes at most: every stuff bit there can be, and the pause
 /// behind it (ISO 11898-1).
 #[must_use]
-pub const fn frame_bits(bytes: u8) -> u32 {
+pub const fn max_frame_bits(bytes: u8) -> u32 {
     let stuffed = 34 + 8 * bytes as u32;
     stuffed + 13 + (stuffed - 1) / 4
 }
 
 /// Where a value lies among the 64 bits of a frame, byte 0 lowest.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Field {
+pub struct BitField {
     /// Its lowest bit.
-    pub at: u8,
+    pub start: u8,
     /// Its length, 1 to 64.
     pub bits: u8,
 }
 
-impl Field {
+impl BitField {
     /// Its value, without sign.
     #[inline]
     #[must_use]
     pub const fn unsigned(self, data: u64) -> u64 {
-        data << self.above() >> self.rest()
+        data << self.bits_above() >> self.unused_bits()
     }
 
     /// Its value, the uppermost bit being the sign.
     #[inline]
     #[must_use]
     pub const fn signed(self, data: u64) -> i64 {
-        (data << self.above()).cast_signed() >> self.rest()
+        (data << self.bits_above()).cast_signed() >> self.unused_bits()
     }
 
     /// `data` with `value` put there; bits of it that do not fit are cut.
     #[inline]
     #[must_use]
-    pub const fn put(self, data: u64, value: u64) -> u64 {
-        let ones = u64::MAX >> self.rest() << (self.at & 63);
-        data & !ones | value << (self.at & 63) & ones
+    pub const fn insert(self, data: u64, value: u64) -> u64 {
+        let ones = u64::MAX >> self.unused_bits() << (self.start & 63);
+        data & !ones | value << (self.start & 63) & ones
     }
 
     /// Bits of the frame above it. Masked, so that no field whatever panics.
-    const fn above(self) -> u32 {
-        64u8.wrapping_sub(self.at).wrapping_sub(self.bits) as u32 & 63
+    const fn bits_above(self) -> u32 {
+        64u8.wrapping_sub(self.start).wrapping_sub(self.bits) as u32 & 63
     }
 
     /// Bits that it lacks of 64.
-    const fn rest(self) -> u32 {
+    const fn unused_bits(self) -> u32 {
         64u8.wrapping_sub(self.bits) as u32 & 63
     }
 }
 
 /// A mapping worked out: entries and where each lies.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Map<const N: usize = MAPPED_MAX> {
-    entries: [Entry; N],
-    fields: [Field; N],
+pub struct PdoMapping<const N: usize = MAPPED_MAX> {
+    entries: [MappingEntry; N],
+    fields: [BitField; N],
     len: u8,
     bits: u8,
 }
 
-impl<const N: usize> Default for Map<N> {
+impl<const N: usize> Default for PdoMapping<N> {
     fn default() -> Self {
-        Self { entries: [Entry::default(); N], fields: [Field::default(); N], len: 0, bits: 0 }
+        Self {
+            entries: [MappingEntry::default(); N],
+            fields: [BitField::default(); N],
+            len: 0,
+            bits: 0,
+        }
     }
 }
 
 /// Why an entry does not fit into a mapping.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum MapError {
+pub enum MappingError {
     /// It has no bits.
-    Empty,
+    EmptyEntry,
     /// There would be more than [`BITS_MAX`] bits.
-    Long,
+    TooLong,
     /// There would be more entries than places.
-    Many,
+    TooMany,
 }
 
-impl<const N: usize> Map<N> {
+impl<const N: usize> PdoMapping<N> {
     /// The mapping of these entries, in order.
     ///
     /// # Errors
-    /// [`MapError`] for the first one that does not fit.
-    pub fn new(entries: impl IntoIterator<Item = Entry>) -> Result<Self, MapError> {
+    /// [`MappingError`] for the first one that does not fit.
+    pub fn new(entries: impl IntoIterator<Item = MappingEntry>) -> Result<Self, MappingError> {
         let mut map = Self::default();
         entries.into_iter().try_for_each(|entry| map.push(entry))?;
         Ok(map)
@@ -228,26 +233,26 @@ impl<const N: usize> Map<N> {
     /// One more entry, behind the others.
     ///
     /// # Errors
-    /// [`MapError`], and nothing is changed.
-    pub fn push(&mut self, entry: Entry) -> Result<(), MapError> {
+    /// [`MappingError`], and nothing is changed.
+    pub fn push(&mut self, entry: MappingEntry) -> Result<(), MappingError> {
         let n = usize::from(self.len);
         if entry.bits == 0 {
-            return Err(MapError::Empty);
+            return Err(MappingError::EmptyEntry);
         }
         let bits = self.bits.checked_add(entry.bits).filter(|bits| *bits <= BITS_MAX);
-        let bits = bits.ok_or(MapError::Long)?;
+        let bits = bits.ok_or(MappingError::TooLong)?;
         if n == N {
-            return Err(MapError::Many);
+            return Err(MappingError::TooMany);
         }
         self.entries[n] = entry;
-        self.fields[n] = Field { at: self.bits, bits: entry.bits };
+        self.fields[n] = BitField { start: self.bits, bits: entry.bits };
         (self.len, self.bits) = (self.len + 1, bits);
         Ok(())
     }
 
     /// Entries and where each lies.
     #[inline]
-    pub fn fields(&self) -> impl ExactSizeIterator<Item = (Entry, Field)> + '_ {
+    pub fn fields(&self) -> impl ExactSizeIterator<Item = (MappingEntry, BitField)> + '_ {
         let len = usize::from(self.len).min(N);
         self.entries[..len].iter().copied().zip(self.fields[..len].iter().copied())
     }

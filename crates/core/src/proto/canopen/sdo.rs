@@ -19,14 +19,14 @@ pub const BLOCK_MAX: u8 = 127;
 
 /// One entry of a node's dictionary.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
-pub struct Object {
+pub struct ObjectIndex {
     /// Index.
     pub index: u16,
     /// Sub-index.
     pub sub: u8,
 }
 
-impl Object {
+impl ObjectIndex {
     /// The object of that index and sub-index.
     #[must_use]
     pub const fn new(index: u16, sub: u8) -> Self {
@@ -36,14 +36,14 @@ impl Object {
 
 /// Up to four bytes that lie in the first frame itself.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Short {
+pub struct ExpeditedData {
     /// The bytes, the first one lowest.
     pub bits: u32,
     /// How many of them there are, 1 to 4; 0 when the frame does not say.
     pub len: u8,
 }
 
-impl Short {
+impl ExpeditedData {
     /// The bytes; all four when the frame does not say how many there are.
     #[must_use]
     pub const fn bytes(&self) -> ([u8; 4], usize) {
@@ -103,21 +103,21 @@ impl BlockSegment {
 
 /// From the client, the host.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Request {
+pub enum SdoRequest {
     /// Write up to four bytes.
-    Write(Object, Short),
+    Write(ObjectIndex, ExpeditedData),
     /// Write what follows in segments; the size, if known.
-    WriteLong(Object, Option<u32>),
+    WriteLong(ObjectIndex, Option<u32>),
     /// Part of what is written.
     WriteSegment(Segment),
     /// Read.
-    Read(Object),
+    Read(ObjectIndex),
     /// The next part of what is read; toggle.
     ReadSegment(bool),
     /// Write what follows in blocks.
     WriteBlock {
         /// What is written.
-        object: Object,
+        object: ObjectIndex,
         /// The client can compute the check.
         crc: bool,
         /// Size, if known.
@@ -133,12 +133,12 @@ pub enum Request {
     /// Read in blocks.
     ReadBlock {
         /// What is read.
-        object: Object,
+        object: ObjectIndex,
         /// The client can compute the check.
         crc: bool,
         /// Segments of a block, 1 to 127.
         segments: u8,
-        /// The server may answer as to [`Request::Read`] when there are no more bytes than this; 0 is
+        /// The server may answer as to [`SdoRequest::Read`] when there are no more bytes than this; 0 is
         /// never.
         threshold: u8,
     },
@@ -154,28 +154,28 @@ pub enum Request {
     /// Everything arrived and the check agrees.
     ReadBlockEnd,
     /// The transfer is over.
-    Abort(Object, Abort),
+    Abort(ObjectIndex, AbortCode),
     /// None that the standard has.
     Other(u8),
 }
 
 /// From the server, the drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Reply {
+pub enum SdoReply {
     /// Written, or ready for segments. The last four bytes are reserved; the TS repeats the data.
-    Written(Object, u32),
+    Written(ObjectIndex, u32),
     /// A segment was taken; toggle.
     WrittenSegment(bool),
     /// What was read, up to four bytes.
-    Value(Object, Short),
+    Value(ObjectIndex, ExpeditedData),
     /// What was read comes in segments; the size, if known.
-    ValueLong(Object, Option<u32>),
+    ValueLong(ObjectIndex, Option<u32>),
     /// Part of what is read.
     ValueSegment(Segment),
     /// Ready for blocks.
     WriteBlockReady {
         /// What is written.
-        object: Object,
+        object: ObjectIndex,
         /// The server can compute the check.
         crc: bool,
         /// Segments of a block, 1 to 127.
@@ -193,7 +193,7 @@ pub enum Reply {
     /// What is read comes in blocks.
     ReadBlockReady {
         /// What is read.
-        object: Object,
+        object: ObjectIndex,
         /// The server can compute the check.
         crc: bool,
         /// Size, if known.
@@ -207,25 +207,25 @@ pub enum Reply {
         crc: u16,
     },
     /// The transfer is over.
-    Abort(Object, Abort),
+    Abort(ObjectIndex, AbortCode),
     /// None that the standard has.
     Other(u8),
 }
 
-impl Request {
+impl SdoRequest {
     /// Reads eight bytes of which [`BlockSegment`]s were sorted out.
     #[inline]
     #[must_use]
     pub const fn of(bytes: [u8; 8]) -> Self {
-        let word = Word(u64::from_le_bytes(bytes));
+        let word = FrameWord(u64::from_le_bytes(bytes));
         let head = bytes[0];
         match head >> 5 {
             0 => Self::WriteSegment(word.segment()),
-            1 if head & 2 != 0 => Self::Write(word.object(), word.short()),
+            1 if head & 2 != 0 => Self::Write(word.object(), word.expedited_data()),
             1 => Self::WriteLong(word.object(), word.size(head & 1 != 0)),
             2 => Self::Read(word.object()),
             3 => Self::ReadSegment(word.toggle()),
-            4 => Self::Abort(word.object(), Abort(word.upper())),
+            4 => Self::Abort(word.object(), AbortCode(word.upper())),
             5 => match head & 3 {
                 0 => Self::ReadBlock {
                     object: word.object(),
@@ -252,24 +252,24 @@ impl Request {
     #[must_use]
     pub const fn bytes(self) -> [u8; 8] {
         let word = match self {
-            Self::Write(object, short) => Word::short_of(0x22, object, short),
-            Self::WriteLong(object, size) => Word::sized(0x20, 1, object, size),
+            Self::Write(object, short) => FrameWord::with_data(0x22, object, short),
+            Self::WriteLong(object, size) => FrameWord::with_size(0x20, 1, object, size),
             Self::WriteSegment(segment) => return segment_bytes(segment),
-            Self::Read(object) => Word::new(0x40, object, 0),
-            Self::ReadSegment(toggle) => Word(0x60 | (toggle as u64) << 4),
+            Self::Read(object) => FrameWord::new(0x40, object, 0),
+            Self::ReadSegment(toggle) => FrameWord(0x60 | (toggle as u64) << 4),
             Self::WriteBlock { object, crc, size } => {
-                Word::sized(0xC0 | (crc as u8) << 2, 2, object, size)
+                FrameWord::with_size(0xC0 | (crc as u8) << 2, 2, object, size)
             }
-            Self::WriteBlockEnd { unused, crc } => Word::end(unused, crc),
+            Self::WriteBlockEnd { unused, crc } => FrameWord::block_end(unused, crc),
             Self::ReadBlock { object, crc, segments, threshold } => {
                 let upper = segments as u32 | (threshold as u32) << 8;
-                Word::new(0xA0 | (crc as u8) << 2, object, upper)
+                FrameWord::new(0xA0 | (crc as u8) << 2, object, upper)
             }
-            Self::ReadBlockStart => Word(0xA3),
-            Self::ReadBlockAck { arrived, segments } => Word::ack(arrived, segments),
-            Self::ReadBlockEnd => Word(0xA1),
-            Self::Abort(object, abort) => Word::new(0x80, object, abort.0),
-            Self::Other(head) => Word(head as u64),
+            Self::ReadBlockStart => FrameWord(0xA3),
+            Self::ReadBlockAck { arrived, segments } => FrameWord::block_ack(arrived, segments),
+            Self::ReadBlockEnd => FrameWord(0xA1),
+            Self::Abort(object, abort) => FrameWord::new(0x80, object, abort.0),
+            Self::Other(head) => FrameWord(head as u64),
         };
         word.0.to_le_bytes()
     }
@@ -283,7 +283,7 @@ impl Request {
 
     /// What it is about, where it says.
     #[must_use]
-    pub const fn object(self) -> Option<Object> {
+    pub const fn object(self) -> Option<ObjectIndex> {
         match self {
             Self::Write(object, _)
             | Self::WriteLong(object, _)
@@ -296,20 +296,20 @@ impl Request {
     }
 }
 
-impl Reply {
+impl SdoReply {
     /// Reads eight bytes of which [`BlockSegment`]s were sorted out.
     #[inline]
     #[must_use]
     pub const fn of(bytes: [u8; 8]) -> Self {
-        let word = Word(u64::from_le_bytes(bytes));
+        let word = FrameWord(u64::from_le_bytes(bytes));
         let head = bytes[0];
         match head >> 5 {
             0 => Self::ValueSegment(word.segment()),
             1 => Self::WrittenSegment(word.toggle()),
-            2 if head & 2 != 0 => Self::Value(word.object(), word.short()),
+            2 if head & 2 != 0 => Self::Value(word.object(), word.expedited_data()),
             2 => Self::ValueLong(word.object(), word.size(head & 1 != 0)),
             3 => Self::Written(word.object(), word.upper()),
-            4 => Self::Abort(word.object(), Abort(word.upper())),
+            4 => Self::Abort(word.object(), AbortCode(word.upper())),
             5 => match head & 3 {
                 0 => Self::WriteBlockReady {
                     object: word.object(),
@@ -335,22 +335,22 @@ impl Reply {
     #[must_use]
     pub const fn bytes(self) -> [u8; 8] {
         let word = match self {
-            Self::Written(object, echo) => Word::new(0x60, object, echo),
-            Self::WrittenSegment(toggle) => Word(0x20 | (toggle as u64) << 4),
-            Self::Value(object, short) => Word::short_of(0x42, object, short),
-            Self::ValueLong(object, size) => Word::sized(0x40, 1, object, size),
+            Self::Written(object, echo) => FrameWord::new(0x60, object, echo),
+            Self::WrittenSegment(toggle) => FrameWord(0x20 | (toggle as u64) << 4),
+            Self::Value(object, short) => FrameWord::with_data(0x42, object, short),
+            Self::ValueLong(object, size) => FrameWord::with_size(0x40, 1, object, size),
             Self::ValueSegment(segment) => return segment_bytes(segment),
             Self::WriteBlockReady { object, crc, segments } => {
-                Word::new(0xA0 | (crc as u8) << 2, object, segments as u32)
+                FrameWord::new(0xA0 | (crc as u8) << 2, object, segments as u32)
             }
-            Self::WriteBlockAck { arrived, segments } => Word::ack(arrived, segments),
-            Self::WriteBlockDone => Word(0xA1),
+            Self::WriteBlockAck { arrived, segments } => FrameWord::block_ack(arrived, segments),
+            Self::WriteBlockDone => FrameWord(0xA1),
             Self::ReadBlockReady { object, crc, size } => {
-                Word::sized(0xC0 | (crc as u8) << 2, 2, object, size)
+                FrameWord::with_size(0xC0 | (crc as u8) << 2, 2, object, size)
             }
-            Self::ReadBlockEnd { unused, crc } => Word::end(unused, crc),
-            Self::Abort(object, abort) => Word::new(0x80, object, abort.0),
-            Self::Other(head) => Word(head as u64),
+            Self::ReadBlockEnd { unused, crc } => FrameWord::block_end(unused, crc),
+            Self::Abort(object, abort) => FrameWord::new(0x80, object, abort.0),
+            Self::Other(head) => FrameWord(head as u64),
         };
         word.0.to_le_bytes()
     }
@@ -364,7 +364,7 @@ impl Reply {
 
     /// What it is about, where it says.
     #[must_use]
-    pub const fn object(self) -> Option<Object> {
+    pub const fn object(self) -> Option<ObjectIndex> {
         match self {
             Self::Written(object, _)
             | Self::Value(object, _)
@@ -377,15 +377,20 @@ impl Reply {
     }
 }
 
-/// What `reply` brings, if it is the whole answer to `request` and that is [`Request::Read`]: looked
+/// What `reply` brings, if it is the whole answer to `request` and that is [`SdoRequest::Read`]: looked
 /// at as one number each, because nearly every answer is one.
 #[inline]
 #[must_use]
-pub const fn answer(request: [u8; 8], reply: [u8; 8]) -> Option<(Object, Short)> {
-    let (asked, said) = (Word(u64::from_le_bytes(request)), Word(u64::from_le_bytes(reply)));
+pub const fn read_answer(request: [u8; 8], reply: [u8; 8]) -> Option<(ObjectIndex, ExpeditedData)> {
+    let (asked, said) =
+        (FrameWord(u64::from_le_bytes(request)), FrameWord(u64::from_le_bytes(reply)));
     // Specifier 2 with the bit for data in the frame itself, and the very object.
     let wanted = asked.0 as u32 | 0x02;
-    if said.0 as u32 & 0xFFFF_FFE2 == wanted { Some((said.object(), said.short())) } else { None }
+    if said.0 as u32 & 0xFFFF_FFE2 == wanted {
+        Some((said.object(), said.expedited_data()))
+    } else {
+        None
+    }
 }
 
 /// The eight bytes that `data` must be.
@@ -393,24 +398,24 @@ pub const fn answer(request: [u8; 8], reply: [u8; 8]) -> Option<(Object, Short)>
 /// # Errors
 /// [`WireError::Short`]: the standard has no shorter one. A [`Frame`] holds zeros behind its data,
 /// so who is lenient takes its eight bytes as they are.
-pub fn whole(data: &[u8]) -> Result<[u8; 8], WireError> {
+pub fn as_eight_bytes(data: &[u8]) -> Result<[u8; 8], WireError> {
     data.try_into().map_err(|_| super::wrong_length(8, data))
 }
 
 /// Eight bytes as one number: a load, shifts, a store.
 #[derive(Clone, Copy)]
-struct Word(u64);
+struct FrameWord(u64);
 
-impl Word {
+impl FrameWord {
     #[inline]
-    const fn new(head: u8, object: Object, upper: u32) -> Self {
+    const fn new(head: u8, object: ObjectIndex, upper: u32) -> Self {
         let multiplexer = (object.index as u64) << 8 | (object.sub as u64) << 24;
         Self(head as u64 | multiplexer | (upper as u64) << 32)
     }
 
     /// `head` says by bit `flag` whether there is a size.
     #[inline]
-    const fn sized(head: u8, flag: u8, object: Object, size: Option<u32>) -> Self {
+    const fn with_size(head: u8, flag: u8, object: ObjectIndex, size: Option<u32>) -> Self {
         match size {
             Some(size) => Self::new(head | flag, object, size),
             None => Self::new(head, object, 0),
@@ -418,7 +423,7 @@ impl Word {
     }
 
     #[inline]
-    const fn short_of(head: u8, object: Object, short: Short) -> Self {
+    const fn with_data(head: u8, object: ObjectIndex, short: ExpeditedData) -> Self {
         let size = match short.len {
             1..=4 => (4 - short.len) << 2 | 1,
             _ => 0,
@@ -426,17 +431,17 @@ impl Word {
         Self::new(head | size, object, short.bits)
     }
 
-    const fn ack(arrived: u8, segments: u8) -> Self {
+    const fn block_ack(arrived: u8, segments: u8) -> Self {
         Self(0xA2 | (arrived as u64) << 8 | (segments as u64) << 16)
     }
 
-    const fn end(unused: u8, crc: u16) -> Self {
+    const fn block_end(unused: u8, crc: u16) -> Self {
         Self(0xC1 | (unused as u64 & 7) << 2 | (crc as u64) << 8)
     }
 
     #[inline]
-    const fn object(self) -> Object {
-        Object { index: (self.0 >> 8) as u16, sub: (self.0 >> 24) as u8 }
+    const fn object(self) -> ObjectIndex {
+        ObjectIndex { index: (self.0 >> 8) as u16, sub: (self.0 >> 24) as u8 }
     }
 
     #[inline]
@@ -445,10 +450,10 @@ impl Word {
     }
 
     #[inline]
-    const fn short(self) -> Short {
+    const fn expedited_data(self) -> ExpeditedData {
         let head = self.0 as u8;
         let len = if head & 1 != 0 { 4 - (head >> 2 & 3) } else { 0 };
-        Short { bits: self.upper(), len }
+        ExpeditedData { bits: self.upper(), len }
     }
 
     const fn size(self, indicated: bool) -> Option<u32> {
@@ -515,9 +520,9 @@ const CRC: [u16; 256] = {
 
 /// Why a transfer ended.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub struct Abort(pub u32);
+pub struct AbortCode(pub u32);
 
-impl Abort {
+impl AbortCode {
     /// Toggle bit not alternated.
     pub const TOGGLE: Self = Self(0x0503_0000);
     /// SDO protocol timed out.

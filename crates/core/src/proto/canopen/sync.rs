@@ -6,15 +6,15 @@ use crate::medium::Frame;
 
 /// With a counter from 1 to what object 1019h says, or without.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Sync {
+pub struct SyncMessage {
     /// The counter, where there is one.
     pub counter: Option<u8>,
 }
 
 /// What object 1019h may be, if not 0.
-pub const OVERFLOW: core::ops::RangeInclusive<u8> = 2..=240;
+pub const OVERFLOW_RANGE: core::ops::RangeInclusive<u8> = 2..=240;
 
-impl Sync {
+impl SyncMessage {
     /// The frame with the usual identifier.
     #[must_use]
     pub fn emit(self) -> Frame {

@@ -7,20 +7,20 @@ mod parse;
 mod write;
 
 pub use parse::{named_object, parse};
-pub use write::{Signs, write};
+pub use write::{SignLookup, write};
 
-use super::ask::Ask;
 use super::cob::Cob;
 use super::emcy::Emergency;
 use super::heartbeat::{self, Heartbeat};
+use super::host_request::HostRequest;
 use super::lss;
-use super::nmt::{Command, Order};
-use super::sdo::{self, BlockSegment, Object, Reply, Request, Short};
-use super::sync::Sync;
+use super::nmt::{NmtCommand, NmtMessage};
+use super::sdo::{self, BlockSegment, ExpeditedData, ObjectIndex, SdoReply, SdoRequest};
+use super::sync::SyncMessage;
 use super::time::TimeOfDay;
 use crate::error::{Failure, WireError};
 use crate::medium::Frame;
-use crate::station::Class;
+use crate::station::RequestClass;
 
 /// Types of values, with their bytes.
 const TYPES: [(&str, u8); 10] = [
@@ -36,48 +36,48 @@ const TYPES: [(&str, u8); 10] = [
     ("i64", 8),
 ];
 
-const COMMANDS: [(&str, Command); 5] = [
-    ("start", Command::Start),
-    ("stop", Command::Stop),
-    ("pre-operational", Command::PreOperational),
-    ("reset", Command::ResetNode),
-    ("reset-communication", Command::ResetCommunication),
+const COMMANDS: [(&str, NmtCommand); 5] = [
+    ("start", NmtCommand::Start),
+    ("stop", NmtCommand::Stop),
+    ("pre-operational", NmtCommand::PreOperational),
+    ("reset", NmtCommand::ResetNode),
+    ("reset-communication", NmtCommand::ResetCommunication),
 ];
 
-const NUMBERS: [(&str, lss::Number); 4] = [
-    ("vendor", lss::Number::Vendor),
-    ("product", lss::Number::Product),
-    ("revision", lss::Number::Revision),
-    ("serial", lss::Number::Serial),
+const NUMBERS: [(&str, lss::IdentityNumber); 4] = [
+    ("vendor", lss::IdentityNumber::Vendor),
+    ("product", lss::IdentityNumber::Product),
+    ("revision", lss::IdentityNumber::Revision),
+    ("serial", lss::IdentityNumber::Serial),
 ];
 
-const BOUNDS: [(&str, lss::Bound); 6] = [
-    ("vendor", lss::Bound::Vendor),
-    ("product", lss::Bound::Product),
-    ("revision-low", lss::Bound::RevisionLow),
-    ("revision-high", lss::Bound::RevisionHigh),
-    ("serial-low", lss::Bound::SerialLow),
-    ("serial-high", lss::Bound::SerialHigh),
+const BOUNDS: [(&str, lss::IdentifyBound); 6] = [
+    ("vendor", lss::IdentifyBound::Vendor),
+    ("product", lss::IdentifyBound::Product),
+    ("revision-low", lss::IdentifyBound::RevisionLow),
+    ("revision-high", lss::IdentifyBound::RevisionHigh),
+    ("serial-low", lss::IdentifyBound::SerialLow),
+    ("serial-high", lss::IdentifyBound::SerialHigh),
 ];
 
 /// The first frame of a fast scan: is there anybody without node-ID?
-const FAST_SCAN: lss::Request = lss::Request::FastScan {
+const FAST_SCAN: lss::LssRequest = lss::LssRequest::FastScan {
     number: 0,
     bit: lss::FAST_SCAN_BEGIN,
-    sub: lss::Number::Vendor,
-    next: lss::Number::Vendor,
+    sub: lss::IdentityNumber::Vendor,
+    next: lss::IdentityNumber::Vendor,
 };
 
-/// Segments of a block that [`Said::Upload`] asks for.
+/// Segments of a block that [`Statement::Upload`] asks for.
 const SEGMENTS: u8 = sdo::BLOCK_MAX;
 
 /// What a text or a frame says.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Said {
+pub enum Statement {
     /// An order; true to everybody.
-    Order(Command, bool),
+    Order(NmtCommand, bool),
     /// SYNC.
-    Sync(Sync),
+    Sync(SyncMessage),
     /// The time of day.
     Time(TimeOfDay),
     /// An emergency; true in the short form, the code alone.
@@ -98,23 +98,23 @@ pub enum Said {
         len: u8,
     },
     /// The remote request for process data of the node: number, bytes.
-    AskProcess(u8, u8),
+    RequestProcess(u8, u8),
     /// Service data to the node, and how many bytes the frame has.
-    Request(Request, u8),
+    Request(SdoRequest, u8),
     /// Service data from the node, and how many bytes the frame has.
-    Reply(Reply, u8),
+    Reply(SdoReply, u8),
     /// A segment of a block; true from the node.
-    Part(BlockSegment, bool),
+    BlockSegment(BlockSegment, bool),
     /// Writes an object of up to eight bytes; of more than four the first frame.
-    Write(Object, u64, u8),
+    Write(ObjectIndex, u64, u8),
     /// Reads an object of any length, true in blocks; the first frame.
-    Upload(Object, bool),
+    Upload(ObjectIndex, bool),
     /// Writes an object of any length: how many bytes, true in blocks; the first frame.
-    Download(Object, u32, bool),
+    Download(ObjectIndex, u32, bool),
     /// A layer setting service.
-    Lss(lss::Request),
+    Lss(lss::LssRequest),
     /// An answer to one.
-    LssReply(lss::Reply),
+    LssReply(lss::LssReply),
     /// Finds one device without node-ID; the first frame.
     FastScan,
     /// A frame in bytes.
@@ -123,11 +123,11 @@ pub enum Said {
 
 /// What a text asks of `node`, as far as a host asks such things.
 #[must_use]
-pub fn request(text: &str, node: u8) -> Option<Ask> {
-    parse(text, None).ok()?.ask(node)
+pub fn parse_request(text: &str, node: u8) -> Option<HostRequest> {
+    parse(text, None).ok()?.to_host_request(node)
 }
 
-impl Said {
+impl Statement {
     /// What a frame says. `part` tells that it is a segment of a block, which the frame alone does
     /// not; a service of seven bytes counts as one of eight with a zero behind.
     ///
@@ -136,14 +136,14 @@ impl Said {
     pub fn of(frame: &Frame, part: bool) -> Result<Self, WireError> {
         let (cob, bytes) = (Cob::of(frame.id as u16), frame.bytes());
         Ok(match cob {
-            Cob::Tpdo(number, _) if frame.remote => Self::AskProcess(number, frame.len),
+            Cob::Tpdo(number, _) if frame.remote => Self::RequestProcess(number, frame.len),
             Cob::Heartbeat(_) if frame.remote => Self::Guard,
             _ if frame.remote => return Err(WireError::Identifier { found: frame.id }),
             Cob::Nmt => {
-                let Order { command, node } = Order::parse(bytes)?;
+                let NmtMessage { command, node } = NmtMessage::parse(bytes)?;
                 Self::Order(command, node == 0)
             }
-            Cob::Sync => Self::Sync(Sync::parse(bytes)?),
+            Cob::Sync => Self::Sync(SyncMessage::parse(bytes)?),
             Cob::Time => Self::Time(TimeOfDay::parse(bytes)?),
             Cob::Emcy(_) => Self::Emergency(Emergency::parse(bytes)?, bytes.len() == 2),
             Cob::Heartbeat(_) => Self::State(Heartbeat::parse(bytes)?),
@@ -153,12 +153,12 @@ impl Said {
             }
             Cob::SdoRequest(_) | Cob::SdoReply(_) if part => {
                 let told = matches!(cob, Cob::SdoReply(_));
-                Self::Part(BlockSegment::of(sdo::whole(bytes)?), told)
+                Self::BlockSegment(BlockSegment::of(sdo::as_eight_bytes(bytes)?), told)
             }
-            Cob::SdoRequest(_) => Self::Request(Request::of(service(bytes)?), frame.len),
-            Cob::SdoReply(_) => Self::Reply(Reply::of(service(bytes)?), frame.len),
-            Cob::LssRequest => Self::Lss(lss::Request::parse(bytes)?),
-            Cob::LssReply => Self::LssReply(lss::Reply::parse(bytes)?),
+            Cob::SdoRequest(_) => Self::Request(SdoRequest::of(service_bytes(bytes)?), frame.len),
+            Cob::SdoReply(_) => Self::Reply(SdoReply::of(service_bytes(bytes)?), frame.len),
+            Cob::LssRequest => Self::Lss(lss::LssRequest::parse(bytes)?),
+            Cob::LssReply => Self::LssReply(lss::LssReply::parse(bytes)?),
             Cob::Other(_) => return Err(WireError::Identifier { found: frame.id }),
         })
     }
@@ -167,42 +167,44 @@ impl Said {
     #[must_use]
     pub fn frame(self, node: u8) -> Frame {
         match self {
-            Self::Order(command, true) => Order { command, node: 0 }.emit(),
-            Self::Order(command, false) => Order { command, node }.emit(),
+            Self::Order(command, true) => NmtMessage { command, node: 0 }.emit(),
+            Self::Order(command, false) => NmtMessage { command, node }.emit(),
             Self::Sync(sync) => sync.emit(),
             Self::Time(time) => time.emit(),
             Self::Emergency(emergency, true) => emergency.emit_short(node),
             Self::Emergency(emergency, false) => emergency.emit(node),
             Self::State(heartbeat) => heartbeat.emit(node),
-            Self::Guard => heartbeat::guard(node),
+            Self::Guard => heartbeat::guarding_request(node),
             Self::Process { told, number, data, len } => {
                 let cob = if told { Cob::Tpdo(number, node) } else { Cob::Rpdo(number, node) };
                 Frame::standard(cob.id(), &data[..usize::from(len.min(8))])
             }
-            Self::AskProcess(number, len) => {
+            Self::RequestProcess(number, len) => {
                 let id = Cob::Tpdo(number, node).id().into();
                 Frame { id, remote: true, len, ..Frame::default() }
             }
             Self::Request(request, len) => Frame { len, ..request.emit(node) },
             Self::Reply(reply, len) => Frame { len, ..reply.emit(node) },
-            Self::Part(part, told) => {
+            Self::BlockSegment(part, told) => {
                 let cob = if told { Cob::SdoReply(node) } else { Cob::SdoRequest(node) };
                 Frame::standard(cob.id(), &part.bytes())
             }
             Self::Write(object, bits, len @ 0..=4) => {
-                Request::Write(object, Short { bits: bits as u32, len }).emit(node)
+                SdoRequest::Write(object, ExpeditedData { bits: bits as u32, len }).emit(node)
             }
-            Self::Write(object, _, len) => Request::WriteLong(object, Some(len.into())).emit(node),
-            Self::Upload(object, false) => Request::Read(object).emit(node),
+            Self::Write(object, _, len) => {
+                SdoRequest::WriteLong(object, Some(len.into())).emit(node)
+            }
+            Self::Upload(object, false) => SdoRequest::Read(object).emit(node),
             Self::Upload(object, true) => {
                 let (crc, segments, threshold) = (true, SEGMENTS, 0);
-                Request::ReadBlock { object, crc, segments, threshold }.emit(node)
+                SdoRequest::ReadBlock { object, crc, segments, threshold }.emit(node)
             }
             Self::Download(object, size, false) => {
-                Request::WriteLong(object, Some(size)).emit(node)
+                SdoRequest::WriteLong(object, Some(size)).emit(node)
             }
             Self::Download(object, size, true) => {
-                Request::WriteBlock { object, crc: true, size: Some(size) }.emit(node)
+                SdoRequest::WriteBlock { object, crc: true, size: Some(size) }.emit(node)
             }
             Self::Lss(request) => request.emit(),
             Self::LssReply(reply) => reply.emit(),
@@ -213,38 +215,43 @@ impl Said {
 
     /// What it asks of `node`, if it is what a host asks. Orders to everybody and process data are
     /// not: they would move other axes too, or pass by what the lane knows of this one.
-    pub(super) fn ask(self, node: u8) -> Option<Ask> {
+    pub(super) fn to_host_request(self, node: u8) -> Option<HostRequest> {
         Some(match self {
-            Self::Order(Command::Other(_), _) | Self::Order(_, true) => return None,
-            Self::Order(command, false) => Ask::Order(Order { command, node }),
-            Self::Sync(Sync { counter }) => Ask::Sync(counter),
-            Self::Time(time) => Ask::Time(time),
-            Self::Guard => Ask::Guard { node },
-            Self::Request(Request::Read(object), 8) => Ask::Read { node, object },
-            Self::Request(Request::Write(object, short @ Short { len: len @ 1.., .. }), 8) => {
+            Self::Order(NmtCommand::Other(_), _) | Self::Order(_, true) => return None,
+            Self::Order(command, false) => HostRequest::Nmt(NmtMessage { command, node }),
+            Self::Sync(SyncMessage { counter }) => HostRequest::Sync(counter),
+            Self::Time(time) => HostRequest::Time(time),
+            Self::Guard => HostRequest::Guard { node },
+            Self::Request(SdoRequest::Read(object), 8) => HostRequest::Read { node, object },
+            Self::Request(
+                SdoRequest::Write(object, short @ ExpeditedData { len: len @ 1.., .. }),
+                8,
+            ) => {
                 let bits = short.bits.into();
-                Ask::Write { node, object, bits, len, class: Class::Never }
+                HostRequest::Write { node, object, bits, len, class: RequestClass::NoRetry }
             }
             Self::Write(object, bits, len @ 1..) => {
-                Ask::Write { node, object, bits, len, class: Class::Never }
+                HostRequest::Write { node, object, bits, len, class: RequestClass::NoRetry }
             }
-            Self::Upload(object, block) => Ask::Upload { node, object, block },
-            Self::Download(object, size, block) => Ask::Download { node, object, block, size },
-            Self::FastScan => Ask::FastScan,
+            Self::Upload(object, block) => HostRequest::Upload { node, object, block },
+            Self::Download(object, size, block) => {
+                HostRequest::Download { node, object, block, size }
+            }
+            Self::FastScan => HostRequest::FastScan,
             Self::Lss(
-                request @ (lss::Request::SetNode(_)
-                | lss::Request::SwitchGlobal(_)
-                | lss::Request::Store
-                | lss::Request::Inquire(_)
-                | lss::Request::InquireNode),
-            ) => Ask::Lss(request),
+                request @ (lss::LssRequest::SetNode(_)
+                | lss::LssRequest::SwitchGlobal(_)
+                | lss::LssRequest::Store
+                | lss::LssRequest::Inquire(_)
+                | lss::LssRequest::InquireNode),
+            ) => HostRequest::Lss(request),
             _ => return None,
         })
     }
 
     /// The object that it is about, where it says.
     #[must_use]
-    pub const fn object(&self) -> Option<Object> {
+    pub const fn object(&self) -> Option<ObjectIndex> {
         match *self {
             Self::Request(request, _) => request.object(),
             Self::Reply(reply, _) => reply.object(),
@@ -257,10 +264,10 @@ impl Said {
 }
 
 /// Service data of eight bytes, or of seven: nine requests of the TS manual are printed so.
-fn service(bytes: &[u8]) -> Result<[u8; 8], WireError> {
+fn service_bytes(bytes: &[u8]) -> Result<[u8; 8], WireError> {
     match bytes.len() {
         7 => Ok(padded(bytes)),
-        _ => sdo::whole(bytes),
+        _ => sdo::as_eight_bytes(bytes),
     }
 }
 
@@ -274,14 +281,14 @@ fn padded(bytes: &[u8]) -> [u8; 8] {
 ///
 /// # Errors
 /// [`Failure::Refused`] with the service's own error.
-pub fn outcome(reply: lss::Reply) -> Result<i64, Failure> {
-    use lss::Reply;
+pub fn lss_outcome(reply: lss::LssReply) -> Result<i64, Failure> {
+    use lss::LssReply;
     match reply {
-        Reply::SetNode(error @ 1.., _)
-        | Reply::SetBitTiming(error @ 1.., _)
-        | Reply::Store(error @ 1.., _) => Err(Failure::Refused { code: error.into() }),
-        Reply::Number(_, value) => Ok(value.into()),
-        Reply::Node(node) => Ok(node.into()),
+        LssReply::SetNode(error @ 1.., _)
+        | LssReply::SetBitTiming(error @ 1.., _)
+        | LssReply::Store(error @ 1.., _) => Err(Failure::Refused { code: error.into() }),
+        LssReply::Number(_, value) => Ok(value.into()),
+        LssReply::Node(node) => Ok(node.into()),
         _ => Ok(0),
     }
 }

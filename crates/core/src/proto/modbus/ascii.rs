@@ -29,7 +29,7 @@ pub fn emit(unit: u8, out: &mut [u8], pdu: impl FnOnce(&mut [u8]) -> usize) -> u
     bytes[end] = lrc(&bytes[..end]);
     out[0] = START;
     for (pair, &byte) in out[1..].chunks_exact_mut(2).zip(&bytes[..=end]) {
-        pair.copy_from_slice(&[digit(byte >> 4), digit(byte & 0xF)]);
+        pair.copy_from_slice(&[hex_digit(byte >> 4), hex_digit(byte & 0xF)]);
     }
     let at = 1 + 2 * (end + 1);
     out[at..at + 2].copy_from_slice(b"\r\n");
@@ -40,7 +40,7 @@ pub fn emit(unit: u8, out: &mut [u8], pdu: impl FnOnce(&mut [u8]) -> usize) -> u
 ///
 /// # Errors
 /// [`WireError::Short`] or [`WireError::Checksum`].
-pub fn open(bytes: &[u8]) -> Result<(u8, &[u8]), WireError> {
+pub fn decode(bytes: &[u8]) -> Result<(u8, &[u8]), WireError> {
     if bytes.len() < BYTES_MIN {
         return Err(WireError::Short { need: BYTES_MIN as u16, found: bytes.len() as u16 });
     }
@@ -55,7 +55,7 @@ pub fn open(bytes: &[u8]) -> Result<(u8, &[u8]), WireError> {
 
 /// The value of a hexadecimal character of either case.
 #[must_use]
-pub const fn nibble(character: u8) -> Option<u8> {
+pub const fn hex_value(character: u8) -> Option<u8> {
     match character {
         b'0'..=b'9' => Some(character - b'0'),
         b'A'..=b'F' => Some(character - b'A' + 10),
@@ -66,60 +66,72 @@ pub const fn nibble(character: u8) -> Option<u8> {
 
 /// What a character did.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Fed {
+pub enum FeedResult {
     /// It belongs to a frame that goes on.
-    Goes,
-    /// It ended a frame: see [`Collector::bytes`].
-    Ended,
+    Incomplete,
+    /// It ended a frame: see [`AsciiDeframer::bytes`].
+    Complete,
     /// It, and with it so many characters before it, belong to no frame.
     Skipped(usize),
 }
 
 /// Gathers characters into the bytes of a frame. Bounded; recovers at the next colon.
 #[derive(Clone, Debug)]
-pub struct Collector {
+pub struct AsciiDeframer {
     bytes: [u8; ADU_MAX],
     len: usize,
     characters: usize,
-    high: Option<u8>,
-    state: State,
+    high_nibble: Option<u8>,
+    state: DeframerState,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum State {
-    Outside,
-    Inside,
-    Return,
+enum DeframerState {
+    Idle,
+    InFrame,
+    AwaitLineFeed,
 }
 
-impl Default for Collector {
+impl Default for AsciiDeframer {
     fn default() -> Self {
-        Self { bytes: [0; ADU_MAX], len: 0, characters: 0, high: None, state: State::Outside }
+        Self {
+            bytes: [0; ADU_MAX],
+            len: 0,
+            characters: 0,
+            high_nibble: None,
+            state: DeframerState::Idle,
+        }
     }
 }
 
-impl Collector {
+impl AsciiDeframer {
     /// Takes one character.
-    pub fn feed(&mut self, character: u8) -> Fed {
+    pub fn feed(&mut self, character: u8) -> FeedResult {
         match (self.state, character) {
             (_, START) => {
                 let skipped = self.pending();
-                self.start();
-                return if skipped == 0 { Fed::Goes } else { Fed::Skipped(skipped) };
+                self.start_frame();
+                return if skipped == 0 {
+                    FeedResult::Incomplete
+                } else {
+                    FeedResult::Skipped(skipped)
+                };
             }
-            (State::Inside, b'\r') if self.high.is_none() => self.state = State::Return,
-            (State::Inside, _) => match nibble(character) {
-                Some(nibble) if self.len < ADU_MAX - 1 => self.push(nibble),
-                _ => return self.abandon(),
+            (DeframerState::InFrame, b'\r') if self.high_nibble.is_none() => {
+                self.state = DeframerState::AwaitLineFeed
+            }
+            (DeframerState::InFrame, _) => match hex_value(character) {
+                Some(nibble) if self.len < ADU_MAX - 1 => self.push_nibble(nibble),
+                _ => return self.abandon_frame(),
             },
-            (State::Return, b'\n') => {
-                self.state = State::Outside;
-                return Fed::Ended;
+            (DeframerState::AwaitLineFeed, b'\n') => {
+                self.state = DeframerState::Idle;
+                return FeedResult::Complete;
             }
-            _ => return self.abandon(),
+            _ => return self.abandon_frame(),
         }
         self.characters += 1;
-        Fed::Goes
+        FeedResult::Incomplete
     }
 
     /// The bytes of the frame that just ended, check included.
@@ -131,25 +143,25 @@ impl Collector {
     /// Characters held of a frame that is not complete.
     #[must_use]
     pub fn pending(&self) -> usize {
-        if matches!(self.state, State::Outside) { 0 } else { self.characters }
+        if matches!(self.state, DeframerState::Idle) { 0 } else { self.characters }
     }
 
     /// Forgets what was gathered.
     pub fn clear(&mut self) {
-        self.state = State::Outside;
+        self.state = DeframerState::Idle;
         self.characters = 0;
     }
 
-    fn start(&mut self) {
-        self.state = State::Inside;
+    fn start_frame(&mut self) {
+        self.state = DeframerState::InFrame;
         self.len = 0;
-        self.high = None;
+        self.high_nibble = None;
         self.characters = 1;
     }
 
-    fn push(&mut self, nibble: u8) {
-        match self.high.take() {
-            None => self.high = Some(nibble),
+    fn push_nibble(&mut self, nibble: u8) {
+        match self.high_nibble.take() {
+            None => self.high_nibble = Some(nibble),
             Some(high) => {
                 self.bytes[self.len] = high << 4 | nibble;
                 self.len += 1;
@@ -157,13 +169,13 @@ impl Collector {
         }
     }
 
-    fn abandon(&mut self) -> Fed {
+    fn abandon_frame(&mut self) -> FeedResult {
         let skipped = self.pending() + 1;
         self.clear();
-        Fed::Skipped(skipped)
+        FeedResult::Skipped(skipped)
     }
 }
 
-const fn digit(nibble: u8) -> u8 {
+const fn hex_digit(nibble: u8) -> u8 {
     b"0123456789ABCDEF"[nibble as usize]
 }

@@ -4,16 +4,16 @@
 //! `send FUNCTION INDEX VALUE`: functions 05, 06 and 10 write the value at the index, 01 to 04 read
 //! so many from it.
 
-use super::encoding::{decode, encode, registers};
-use super::request::{Answer, Ask, COILS_MAX, Request, WORDS_MAX};
-use super::text::{self, Said};
+use super::encoding::{decode, encode, register_count};
+use super::host_request::{Answer, COILS_MAX, HostRequest, RequestBody, WORDS_MAX};
+use super::text::{self, ParsedRequest};
 use super::wire::{BROADCAST, Function, RequestPdu, Space};
 use super::{ascii, rtu};
 use crate::axis::Driver;
 use crate::error::{Failure, Unsupported};
-use crate::explain::Raw;
+use crate::explain::RawFrame;
 use crate::profile::{AxisKind, Parameter, Profile, Watchdog};
-use crate::station::Class;
+use crate::station::RequestClass;
 
 /// What is known of a Modbus drive of which nothing is known.
 pub static GENERIC: Profile = Profile {
@@ -29,7 +29,7 @@ pub static GENERIC: Profile = Profile {
     plans: &[],
     identity: None,
     ram: None,
-    reach: &[],
+    link_settings: &[],
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
@@ -50,16 +50,20 @@ impl Axis {
         Self { profile, unit: address as u8 }
     }
 
-    fn request(&self, ask: Ask, class: Class) -> Result<Request, Unsupported> {
-        if self.unit == BROADCAST && ask.function().reads().is_some() {
+    fn new_request(
+        &self,
+        ask: RequestBody,
+        class: RequestClass,
+    ) -> Result<HostRequest, Unsupported> {
+        if self.unit == BROADCAST && ask.function().read_space().is_some() {
             return Err(Unsupported::Forbidden("a broadcast brings no answer: it cannot read"));
         }
-        Ok(Request { unit: self.unit, ask, class })
+        Ok(HostRequest { unit: self.unit, body: ask, class })
     }
 }
 
 impl Driver for Axis {
-    type Request = Request;
+    type Request = HostRequest;
     type Answer = Answer;
 
     fn profile(&self) -> &'static Profile {
@@ -70,24 +74,33 @@ impl Driver for Axis {
         u32::from(self.unit)
     }
 
-    fn read(&self, parameter: &Parameter) -> Result<Request, Unsupported> {
+    fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
         let space = Space::of_number(parameter.space).ok_or(Unsupported::NoSuchParameter)?;
-        let count = if space.is_bits() { 1 } else { registers(parameter.encoding) };
-        self.request(Ask::Read { space, start: parameter.index, count }, Class::Idempotent)
+        let count = if space.is_bits() { 1 } else { register_count(parameter.encoding) };
+        self.new_request(
+            RequestBody::Read { space, start: parameter.index, count },
+            RequestClass::Idempotent,
+        )
     }
 
-    fn write(&self, parameter: &Parameter, raw: i64, class: Class) -> Result<Request, Unsupported> {
+    fn write_request(
+        &self,
+        parameter: &Parameter,
+        raw: i64,
+        class: RequestClass,
+    ) -> Result<HostRequest, Unsupported> {
         match Space::of_number(parameter.space) {
-            Some(Space::Coil) => {
-                self.request(Ask::WriteCoil { address: parameter.index, on: raw != 0 }, class)
-            }
+            Some(Space::Coil) => self.new_request(
+                RequestBody::WriteCoil { address: parameter.index, on: raw != 0 },
+                class,
+            ),
             Some(Space::Holding) => {
                 let pair = encode(parameter.encoding, raw).ok_or(Unsupported::BadArgument)?;
-                let ask = match registers(parameter.encoding) {
-                    1 => Ask::WriteRegister { address: parameter.index, value: pair[0] },
-                    _ => two(parameter.index, pair),
+                let ask = match register_count(parameter.encoding) {
+                    1 => RequestBody::WriteRegister { address: parameter.index, value: pair[0] },
+                    _ => write_pair(parameter.index, pair),
                 };
-                self.request(ask, class)
+                self.new_request(ask, class)
             }
             Some(Space::Discrete | Space::Input) => {
                 Err(Unsupported::Forbidden("inputs can only be read"))
@@ -96,61 +109,75 @@ impl Driver for Axis {
         }
     }
 
-    fn send(&self, function: u8, index: u16, value: i64) -> Result<Request, Unsupported> {
+    fn function_request(
+        &self,
+        function: u8,
+        index: u16,
+        value: i64,
+    ) -> Result<HostRequest, Unsupported> {
         let word = || {
             let right = (-32_768..=65_535).contains(&value);
             if right { Ok(value as u16) } else { Err(Unsupported::BadArgument) }
         };
         let function = Function::of_code(function);
-        if let Some(space) = function.reads() {
+        if let Some(space) = function.read_space() {
             let most = if space.is_bits() { COILS_MAX } else { space.read_max() };
             let count = word()?;
             if !(1..=most).contains(&count) {
                 return Err(Unsupported::BadArgument);
             }
-            return self.request(Ask::Read { space, start: index, count }, Class::Idempotent);
+            return self.new_request(
+                RequestBody::Read { space, start: index, count },
+                RequestClass::Idempotent,
+            );
         }
         let ask = match function {
-            Function::WriteCoil => Ask::WriteCoil { address: index, on: value != 0 },
-            Function::WriteRegister => Ask::WriteRegister { address: index, value: word()? },
+            Function::WriteCoil => RequestBody::WriteCoil { address: index, on: value != 0 },
+            Function::WriteRegister => {
+                RequestBody::WriteRegister { address: index, value: word()? }
+            }
             Function::WriteRegisters => {
                 let mut words = [0; WORDS_MAX];
                 words[0] = word()?;
-                Ask::WriteRegisters { start: index, count: 1, words }
+                RequestBody::WriteRegisters { start: index, count: 1, words }
             }
             _ => return Err(Unsupported::Forbidden("no such Modbus function in plans")),
         };
-        self.request(ask, Class::Never)
+        self.new_request(ask, RequestClass::NoRetry)
     }
 
-    fn parse(&self, text: &str) -> Result<Request, Unsupported> {
+    fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
         let said = text::parse(text, Some(self.profile)).map_err(|_| Unsupported::BadText)?;
-        let ask = ask_of(&said).ok_or(Unsupported::BadText)?;
-        let reads = said.function.reads().is_some();
-        self.request(ask, if reads { Class::Idempotent } else { Class::Never })
+        let ask = body_of_text(&said).ok_or(Unsupported::BadText)?;
+        let reads = said.function.read_space().is_some();
+        self.new_request(ask, if reads { RequestClass::Idempotent } else { RequestClass::NoRetry })
     }
 
     /// A frame of RTU, or of ASCII where it begins with a colon.
-    fn decode(&self, frame: &Raw<'_>) -> Result<Request, Unsupported> {
+    fn decode_request(&self, frame: &RawFrame<'_>) -> Result<HostRequest, Unsupported> {
         let mut plain = [0; ADU_MAX];
         let (_, pdu) = match frame.bytes {
-            [b':', characters @ ..] => unpacked(characters, &mut plain),
-            bytes => rtu::open(bytes).ok(),
+            [b':', characters @ ..] => unpack_ascii(characters, &mut plain),
+            bytes => rtu::decode(bytes).ok(),
         }
         .filter(|(unit, _)| frame.id.is_none() && *unit == self.unit)
         .ok_or(Unsupported::BadBytes)?;
-        let ask = RequestPdu::parse(pdu).ok().and_then(|pdu| ask_of_pdu(&pdu));
+        let ask = RequestPdu::parse(pdu).ok().and_then(|pdu| body_of_pdu(&pdu));
         let ask = ask.ok_or(Unsupported::BadBytes)?;
-        let reads = ask.function().reads().is_some();
-        self.request(ask, if reads { Class::Idempotent } else { Class::Never })
+        let reads = ask.function().read_space().is_some();
+        self.new_request(ask, if reads { RequestClass::Idempotent } else { RequestClass::NoRetry })
     }
 
-    fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
-        let reads = answer.function.reads();
+    fn decode_answer(
+        &mut self,
+        parameter: Option<&Parameter>,
+        answer: &Answer,
+    ) -> Result<i64, Failure> {
+        let reads = answer.function.read_space();
         match (parameter, reads) {
             (Some(_), Some(space)) if space.is_bits() => Ok(i64::from(answer.words[0] & 1)),
             (Some(parameter), Some(_)) => {
-                if answer.count != registers(parameter.encoding) {
+                if answer.count != register_count(parameter.encoding) {
                     return Err(Failure::Misbehaved);
                 }
                 Ok(decode(parameter.encoding, [answer.words[0], answer.words[1]]))
@@ -163,10 +190,10 @@ impl Driver for Axis {
     }
 }
 
-fn two(start: u16, pair: [u16; 2]) -> Ask {
+fn write_pair(start: u16, pair: [u16; 2]) -> RequestBody {
     let mut words = [0; WORDS_MAX];
     words[..2].copy_from_slice(&pair);
-    Ask::WriteRegisters { start, count: 2, words }
+    RequestBody::WriteRegisters { start, count: 2, words }
 }
 
 /// The request of a text; `None` when it carries more than a request holds.
@@ -174,60 +201,64 @@ fn two(start: u16, pair: [u16; 2]) -> Ask {
 const ADU_MAX: usize = 256;
 
 /// The unit and the PDU of an ASCII frame behind its colon, whose LRC agrees.
-fn unpacked<'a>(characters: &[u8], plain: &'a mut [u8; ADU_MAX]) -> Option<(u8, &'a [u8])> {
+fn unpack_ascii<'a>(characters: &[u8], plain: &'a mut [u8; ADU_MAX]) -> Option<(u8, &'a [u8])> {
     let digits = characters.strip_suffix(b"\r\n")?;
     let (pairs, []) = digits.as_chunks::<2>() else { return None };
     let bytes = plain.get_mut(..pairs.len())?;
     for (byte, [high, low]) in bytes.iter_mut().zip(pairs) {
-        *byte = ascii::nibble(*high)? << 4 | ascii::nibble(*low)?;
+        *byte = ascii::hex_value(*high)? << 4 | ascii::hex_value(*low)?;
     }
-    ascii::open(&plain[..pairs.len()]).ok()
+    ascii::decode(&plain[..pairs.len()]).ok()
 }
 
 /// What a request on the wire asks, as far as a host asks such things.
-fn ask_of_pdu(pdu: &RequestPdu<'_>) -> Option<Ask> {
+fn body_of_pdu(pdu: &RequestPdu<'_>) -> Option<RequestBody> {
     Some(match *pdu {
-        RequestPdu::Read { space, start, count } => Ask::Read { space, start, count },
-        RequestPdu::WriteCoil { address, on } => Ask::WriteCoil { address, on },
-        RequestPdu::WriteRegister { address, value } => Ask::WriteRegister { address, value },
+        RequestPdu::Read { space, start, count } => RequestBody::Read { space, start, count },
+        RequestPdu::WriteCoil { address, on } => RequestBody::WriteCoil { address, on },
+        RequestPdu::WriteRegister { address, value } => {
+            RequestBody::WriteRegister { address, value }
+        }
         RequestPdu::WriteCoils { start, count, bits: given } => {
             let mut bits = [0; COILS_MAX as usize / 8];
             bits.get_mut(..given.len())?.copy_from_slice(given);
-            Ask::WriteCoils { start, count, bits }
+            RequestBody::WriteCoils { start, count, bits }
         }
         RequestPdu::WriteRegisters { start, words: given } => {
             let (pairs, _) = given.as_chunks::<2>();
             let mut words = [0; WORDS_MAX];
             let its = words.get_mut(..pairs.len())?;
             its.iter_mut().zip(pairs).for_each(|(word, pair)| *word = u16::from_be_bytes(*pair));
-            Ask::WriteRegisters { start, count: pairs.len() as u8, words }
+            RequestBody::WriteRegisters { start, count: pairs.len() as u8, words }
         }
         RequestPdu::Unknown { .. } => return None,
     })
 }
 
-fn ask_of(said: &Said) -> Option<Ask> {
+fn body_of_text(said: &ParsedRequest) -> Option<RequestBody> {
     let (start, count) = (said.start, said.count);
-    if let Some(space) = said.function.reads() {
-        return Some(Ask::Read { space, start, count });
+    if let Some(space) = said.function.read_space() {
+        return Some(RequestBody::Read { space, start, count });
     }
     match said.function {
-        Function::WriteCoil => Some(Ask::WriteCoil { address: start, on: said.words[0] != 0 }),
+        Function::WriteCoil => {
+            Some(RequestBody::WriteCoil { address: start, on: said.words[0] != 0 })
+        }
         Function::WriteRegister => {
-            Some(Ask::WriteRegister { address: start, value: said.words[0] })
+            Some(RequestBody::WriteRegister { address: start, value: said.words[0] })
         }
         Function::WriteCoils => {
             let mut bits = [0; COILS_MAX as usize / 8];
             for (at, &word) in said.words.iter().enumerate().take(usize::from(count)) {
                 bits[at / 8] |= (word as u8 & 1) << (at % 8);
             }
-            Some(Ask::WriteCoils { start, count, bits })
+            Some(RequestBody::WriteCoils { start, count, bits })
         }
         _ if usize::from(count) > WORDS_MAX => None,
         _ => {
             let mut words = [0; WORDS_MAX];
             words.copy_from_slice(&said.words[..WORDS_MAX]);
-            Some(Ask::WriteRegisters { start, count: count as u8, words })
+            Some(RequestBody::WriteRegisters { start, count: count as u8, words })
         }
     }
 }

@@ -5,11 +5,11 @@
 //! the CRC, which survives splits, noise and glued frames; or by silence alone, as the TS drive does
 //! (TS manual V2 §2.3: "more than 10 ms of silence is the end").
 
-use super::ascii::{self, Collector, Fed};
+use super::ascii::{self, AsciiDeframer, FeedResult};
 use super::rtu::{self, ADU_MAX, ADU_MIN};
 use super::wire::{
-    BROADCAST, Exception, Format, Function, PDU_MAX, READ_WORDS_MAX, ReplyPdu, RequestPdu, Space,
-    Span, WRITE_WORDS_MAX, words,
+    AnnouncedLength, BROADCAST, Exception, Function, PDU_MAX, READ_WORDS_MAX, ReplyPdu, RequestPdu,
+    Space, WRITE_WORDS_MAX, WireFormat, words,
 };
 use crate::error::WireError;
 use crate::medium::SerialLine;
@@ -22,13 +22,13 @@ const BUFFER_MAX: usize = 2 * ADU_MAX;
 /// shorter than any host waits for a reply.
 const STALE_MS: u32 = 50;
 /// A function without a known length is looked for at most over so many bytes.
-const UNKNOWN_MAX: usize = 32;
+const UNKNOWN_LEN_MAX: usize = 32;
 
 /// How a drive now speaks.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Wire {
+pub struct SerialSettings {
     /// RTU or ASCII.
-    pub format: Format,
+    pub format: WireFormat,
     /// Baud rate and character.
     pub line: SerialLine,
 }
@@ -40,7 +40,7 @@ pub trait Firmware {
 
     /// How it now speaks. Asked before every frame: a drive that changes it at power-up says so
     /// from then on.
-    fn wire(&self) -> Wire;
+    fn serial_settings(&self) -> SerialSettings;
 
     /// Whether it knows a function; others are refused with exception 01.
     fn supports(&self, function: Function) -> bool {
@@ -49,15 +49,15 @@ pub trait Firmware {
 
     /// Most registers that one request of `function` may carry in `format`; more is refused with
     /// exception 03. The TS drive takes 12 in ASCII (TS manual V2 §2.4) \[I\].
-    fn words_max(&self, function: Function, format: Format) -> u16 {
+    fn words_max(&self, function: Function, format: WireFormat) -> u16 {
         let _ = format;
-        if function.reads().is_some() { READ_WORDS_MAX } else { WRITE_WORDS_MAX }
+        if function.read_space().is_some() { READ_WORDS_MAX } else { WRITE_WORDS_MAX }
     }
 
     /// Whether a read of one bit brings all lines from there on, eight to the byte. The TS manual
     /// V2 §2.3 asks for length 1 and gets 0F. If so, [`read_bits`](Self::read_bits) is asked for
     /// eight, and lines that the drive does not have are to read as 0.
-    fn whole_byte(&self) -> bool {
+    fn reads_whole_bytes(&self) -> bool {
         false
     }
 
@@ -127,7 +127,7 @@ impl Framing {
 
 /// What an obeying end counted.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub struct Heard {
+pub struct EndpointCounters {
     /// Requests for this station that were carried out, broadcasts included.
     pub executed: u64,
     /// Requests that were answered with an exception, or would have been if not broadcast.
@@ -142,63 +142,63 @@ pub struct Heard {
 
 /// The protocol's obeying end on one serial line.
 #[derive(Clone, Debug)]
-pub struct SerialEnd {
+pub struct SerialEndpoint {
     framing: Framing,
-    format: Format,
+    format: WireFormat,
     buffer: [u8; BUFFER_MAX],
     len: usize,
     overrun: bool,
     backlog: bool,
-    characters: Collector,
+    ascii: AsciiDeframer,
     last_byte: Instant,
     reply: [u8; ascii::FRAME_MAX],
     reply_len: usize,
     reply_at: Instant,
-    heard: Heard,
+    counters: EndpointCounters,
 }
 
-impl SerialEnd {
+impl SerialEndpoint {
     /// An end that just got power.
     #[must_use]
     pub fn new(framing: Framing) -> Self {
         Self {
             framing,
-            format: Format::Rtu,
+            format: WireFormat::Rtu,
             buffer: [0; BUFFER_MAX],
             len: 0,
             overrun: false,
             backlog: false,
-            characters: Collector::default(),
+            ascii: AsciiDeframer::default(),
             last_byte: Instant::ZERO,
             reply: [0; ascii::FRAME_MAX],
             reply_len: 0,
             reply_at: Instant::ZERO,
-            heard: Heard::default(),
+            counters: EndpointCounters::default(),
         }
     }
 
     /// What it counted.
     #[must_use]
-    pub const fn heard(&self) -> Heard {
-        self.heard
+    pub const fn counters(&self) -> EndpointCounters {
+        self.counters
     }
 
     /// Takes bytes; `now` is when the last of them arrived.
     pub fn handle_input<F: Firmware>(&mut self, now: Instant, bytes: &[u8], firmware: &mut F) {
-        self.follow(firmware);
+        self.apply_format(firmware);
         match self.format {
-            Format::Ascii => self.store(bytes),
-            Format::Rtu => {
-                let first = firmware.wire().line.characters_ns(bytes.len() as u32);
+            WireFormat::Ascii => self.buffer_bytes(bytes),
+            WireFormat::Rtu => {
+                let first = firmware.serial_settings().line.characters_ns(bytes.len() as u32);
                 let silence = now.0.saturating_sub(first).saturating_sub(self.last_byte.0);
-                if self.len > 0 && silence > self.end_ns() {
-                    self.silence(now, firmware);
+                if self.len > 0 && silence > self.frame_end_ns() {
+                    self.handle_silence(now, firmware);
                 }
-                self.store(bytes);
+                self.buffer_bytes(bytes);
             }
         }
         self.last_byte = now;
-        self.work(now, firmware);
+        self.process_buffer(now, firmware);
     }
 
     /// Takes what happened to the wire: whatever was half received or half sent is gone.
@@ -210,12 +210,12 @@ impl SerialEnd {
 
     /// To be called at or after [`poll_timeout`](Self::poll_timeout).
     pub fn handle_timeout<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
-        self.follow(firmware);
-        let due = now.0 > self.last_byte.0.saturating_add(self.end_ns());
-        if self.reply_len == 0 && matches!(self.format, Format::Rtu) && self.len > 0 && due {
-            self.silence(now, firmware);
+        self.apply_format(firmware);
+        let due = now.0 > self.last_byte.0.saturating_add(self.frame_end_ns());
+        if self.reply_len == 0 && matches!(self.format, WireFormat::Rtu) && self.len > 0 && due {
+            self.handle_silence(now, firmware);
         }
-        self.work(now, firmware);
+        self.process_buffer(now, firmware);
     }
 
     /// When it next wants [`handle_timeout`](Self::handle_timeout), or
@@ -228,8 +228,8 @@ impl SerialEnd {
         match self.format {
             _ if self.len == 0 => None,
             _ if self.backlog => Some(self.last_byte),
-            Format::Ascii => None,
-            Format::Rtu => Some(self.last_byte.plus_ns(self.end_ns() + 1)),
+            WireFormat::Ascii => None,
+            WireFormat::Rtu => Some(self.last_byte.plus_ns(self.frame_end_ns() + 1)),
         }
     }
 
@@ -250,11 +250,11 @@ impl SerialEnd {
         self.overrun = false;
         self.backlog = false;
         self.reply_len = 0;
-        self.characters.clear();
+        self.ascii.clear();
     }
 
     /// Silence after which what was received is judged, ns.
-    fn end_ns(&self) -> u64 {
+    fn frame_end_ns(&self) -> u64 {
         match self.framing {
             Framing::Length => u64::from(STALE_MS) * 1_000_000,
             Framing::Silence { us } => u64::from(us) * 1000,
@@ -262,25 +262,25 @@ impl SerialEnd {
     }
 
     const fn ends_by_silence(&self) -> bool {
-        matches!((self.format, self.framing), (Format::Rtu, Framing::Silence { .. }))
+        matches!((self.format, self.framing), (WireFormat::Rtu, Framing::Silence { .. }))
     }
 
     /// Speaks as the firmware now does.
-    fn follow<F: Firmware>(&mut self, firmware: &F) {
-        let format = firmware.wire().format;
+    fn apply_format<F: Firmware>(&mut self, firmware: &F) {
+        let format = firmware.serial_settings().format;
         if format != self.format && self.reply_len == 0 {
             self.clear();
             self.format = format;
         }
     }
 
-    fn store(&mut self, bytes: &[u8]) {
+    fn buffer_bytes(&mut self, bytes: &[u8]) {
         let room = BUFFER_MAX - self.len;
         let kept = bytes.len().min(room);
         self.buffer[self.len..self.len + kept].copy_from_slice(&bytes[..kept]);
         self.len += kept;
         self.overrun |= kept < bytes.len();
-        self.heard.skipped += (bytes.len() - kept) as u64;
+        self.counters.skipped += (bytes.len() - kept) as u64;
     }
 
     fn drop_front(&mut self, count: usize) {
@@ -289,24 +289,24 @@ impl SerialEnd {
     }
 
     /// Carries out what is complete, until a reply waits to be sent.
-    fn work<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
+    fn process_buffer<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
         match (self.format, self.framing) {
-            (Format::Ascii, _) => self.work_ascii(now, firmware),
-            (Format::Rtu, Framing::Length) => self.work_by_length(now, firmware),
-            (Format::Rtu, Framing::Silence { .. }) => {}
+            (WireFormat::Ascii, _) => self.process_ascii(now, firmware),
+            (WireFormat::Rtu, Framing::Length) => self.process_by_length(now, firmware),
+            (WireFormat::Rtu, Framing::Silence { .. }) => {}
         }
         self.backlog = self.reply_len > 0 && self.len > 0 && !self.ends_by_silence();
     }
 
     /// The silence that ends a frame has passed.
-    fn silence<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
+    fn handle_silence<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
         match self.framing {
-            Framing::Silence { .. } => self.take_all(now, firmware),
+            Framing::Silence { .. } => self.process_whole_buffer(now, firmware),
             Framing::Length => {
                 while self.len > 0 && self.reply_len == 0 {
-                    self.work_by_length(now, firmware);
+                    self.process_by_length(now, firmware);
                     if self.len > 0 && self.reply_len == 0 {
-                        self.heard.skipped += 1;
+                        self.counters.skipped += 1;
                         self.drop_front(1);
                     }
                 }
@@ -315,74 +315,74 @@ impl SerialEnd {
     }
 
     /// Everything since the last silence is one frame, good or bad.
-    fn take_all<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
+    fn process_whole_buffer<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
         let len = core::mem::take(&mut self.len);
         let whole = !core::mem::take(&mut self.overrun) && (ADU_MIN..=ADU_MAX).contains(&len);
-        if whole && rtu::agrees(&self.buffer[..len]) {
-            self.take_rtu(now, len, firmware);
+        if whole && rtu::crc_matches(&self.buffer[..len]) {
+            self.handle_rtu_frame(now, len, firmware);
         } else {
-            self.heard.corrupt += 1;
+            self.counters.corrupt += 1;
         }
     }
 
-    fn work_by_length<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
+    fn process_by_length<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
         while self.reply_len == 0 && self.len > 0 {
-            match cut(&self.buffer[..self.len], firmware.address()) {
-                Cut::Frame(len) => {
-                    self.take_rtu(now, len, firmware);
+            match scan_head(&self.buffer[..self.len], firmware.address()) {
+                RequestScan::Frame(len) => {
+                    self.handle_rtu_frame(now, len, firmware);
                     self.drop_front(len);
                 }
-                Cut::Skip => {
-                    self.heard.skipped += 1;
+                RequestScan::Skip => {
+                    self.counters.skipped += 1;
                     self.drop_front(1);
                 }
-                Cut::More => break,
+                RequestScan::More => break,
             }
         }
     }
 
-    fn work_ascii<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
+    fn process_ascii<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
         let mut used = 0;
         while used < self.len && self.reply_len == 0 {
-            let fed = self.characters.feed(self.buffer[used]);
+            let fed = self.ascii.feed(self.buffer[used]);
             used += 1;
             match fed {
-                Fed::Goes => {}
-                Fed::Skipped(count) => self.heard.skipped += count as u64,
-                Fed::Ended => self.take_ascii(now, firmware),
+                FeedResult::Incomplete => {}
+                FeedResult::Skipped(count) => self.counters.skipped += count as u64,
+                FeedResult::Complete => self.handle_ascii_frame(now, firmware),
             }
         }
         self.drop_front(used);
     }
 
-    fn take_rtu<F: Firmware>(&mut self, now: Instant, len: usize, firmware: &mut F) {
+    fn handle_rtu_frame<F: Firmware>(&mut self, now: Instant, len: usize, firmware: &mut F) {
         let mut adu = [0; ADU_MAX];
         adu[..len].copy_from_slice(&self.buffer[..len]);
-        self.take(now, adu[0], &adu[1..len - 2], firmware);
+        self.handle_pdu(now, adu[0], &adu[1..len - 2], firmware);
     }
 
-    fn take_ascii<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
+    fn handle_ascii_frame<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
         let mut bytes = [0; ADU_MAX];
-        let len = self.characters.bytes().len();
-        bytes[..len].copy_from_slice(self.characters.bytes());
-        match ascii::open(&bytes[..len]) {
-            Ok((unit, pdu)) if !pdu.is_empty() => self.take(now, unit, pdu, firmware),
-            _ => self.heard.corrupt += 1,
+        let len = self.ascii.bytes().len();
+        bytes[..len].copy_from_slice(self.ascii.bytes());
+        match ascii::decode(&bytes[..len]) {
+            Ok((unit, pdu)) if !pdu.is_empty() => self.handle_pdu(now, unit, pdu, firmware),
+            _ => self.counters.corrupt += 1,
         }
     }
 
     /// Carries out one frame whose check agrees. A broadcast is obeyed in silence.
-    fn take<F: Firmware>(&mut self, now: Instant, unit: u8, pdu: &[u8], firmware: &mut F) {
+    fn handle_pdu<F: Firmware>(&mut self, now: Instant, unit: u8, pdu: &[u8], firmware: &mut F) {
         if unit != BROADCAST && unit != firmware.address() {
-            self.heard.foreign += 1;
+            self.counters.foreign += 1;
             return;
         }
-        let wire = firmware.wire();
+        let wire = firmware.serial_settings();
         let mut reply = [0; PDU_MAX + 3];
         let result = execute(now, pdu, unit == BROADCAST, self.format, firmware, &mut reply);
         match result {
-            Ok(_) => self.heard.executed += 1,
-            Err(_) => self.heard.refused += 1,
+            Ok(_) => self.counters.executed += 1,
+            Err(_) => self.counters.refused += 1,
         }
         if unit == BROADCAST {
             return;
@@ -396,8 +396,8 @@ impl SerialEnd {
             len
         };
         self.reply_len = match self.format {
-            Format::Rtu => rtu::emit(unit, &mut self.reply, put),
-            Format::Ascii => ascii::emit(unit, &mut self.reply, put),
+            WireFormat::Rtu => rtu::emit(unit, &mut self.reply, put),
+            WireFormat::Ascii => ascii::emit(unit, &mut self.reply, put),
         };
         self.reply_at = now.plus_ns(self.turnaround_ns(&wire.line));
     }
@@ -406,13 +406,13 @@ impl SerialEnd {
     /// 2.5.1.1); an end that waited for silence already has waited.
     fn turnaround_ns(&self, line: &SerialLine) -> u64 {
         match (self.format, self.framing) {
-            (Format::Rtu, Framing::Length) => rtu::silence_ns(line),
+            (WireFormat::Rtu, Framing::Length) => rtu::silence_ns(line),
             _ => 0,
         }
     }
 }
 
-enum Cut {
+enum RequestScan {
     Frame(usize),
     Skip,
     More,
@@ -420,35 +420,37 @@ enum Cut {
 
 /// What the head of `bytes` is to the station `own`: requests to it or to all, or anything whole of
 /// and for other stations, which is stepped over.
-fn cut(bytes: &[u8], own: u8) -> Cut {
+fn scan_head(bytes: &[u8], own: u8) -> RequestScan {
     let unit = bytes[0];
-    let request = whole(bytes, rtu::request_span(bytes), unit == own || unit == BROADCAST);
-    if matches!(request, Cut::Frame(_)) || unit == own || unit == BROADCAST {
+    let request = check_span(bytes, rtu::request_span(bytes), unit == own || unit == BROADCAST);
+    if matches!(request, RequestScan::Frame(_)) || unit == own || unit == BROADCAST {
         return request;
     }
-    match whole(bytes, rtu::reply_span(bytes), false) {
-        Cut::Skip => request,
+    match check_span(bytes, rtu::reply_span(bytes), false) {
+        RequestScan::Skip => request,
         reply => reply,
     }
 }
 
-fn whole(bytes: &[u8], span: Span, mine: bool) -> Cut {
+fn check_span(bytes: &[u8], span: AnnouncedLength, mine: bool) -> RequestScan {
     match span {
-        Span::Bytes(len) if bytes.len() < len => Cut::More,
-        Span::Bytes(len) if rtu::agrees(&bytes[..len]) => Cut::Frame(len),
-        Span::More => Cut::More,
-        Span::Unknown if mine => search(bytes),
-        Span::Bytes(_) | Span::Unknown | Span::Never => Cut::Skip,
+        AnnouncedLength::Bytes(len) if bytes.len() < len => RequestScan::More,
+        AnnouncedLength::Bytes(len) if rtu::crc_matches(&bytes[..len]) => RequestScan::Frame(len),
+        AnnouncedLength::More => RequestScan::More,
+        AnnouncedLength::Unknown if mine => find_by_crc(bytes),
+        AnnouncedLength::Bytes(_) | AnnouncedLength::Unknown | AnnouncedLength::Never => {
+            RequestScan::Skip
+        }
     }
 }
 
 /// A frame of a function whose length is not known ends where the check first agrees.
-fn search(bytes: &[u8]) -> Cut {
-    let most = bytes.len().min(UNKNOWN_MAX);
-    match (ADU_MIN..=most).find(|&len| rtu::agrees(&bytes[..len])) {
-        Some(len) => Cut::Frame(len),
-        None if bytes.len() < UNKNOWN_MAX => Cut::More,
-        None => Cut::Skip,
+fn find_by_crc(bytes: &[u8]) -> RequestScan {
+    let most = bytes.len().min(UNKNOWN_LEN_MAX);
+    match (ADU_MIN..=most).find(|&len| rtu::crc_matches(&bytes[..len])) {
+        Some(len) => RequestScan::Frame(len),
+        None if bytes.len() < UNKNOWN_LEN_MAX => RequestScan::More,
+        None => RequestScan::Skip,
     }
 }
 
@@ -457,7 +459,7 @@ fn execute<F: Firmware>(
     now: Instant,
     pdu: &[u8],
     broadcast: bool,
-    format: Format,
+    format: WireFormat,
     firmware: &mut F,
     reply: &mut [u8],
 ) -> Result<usize, Exception> {
@@ -465,14 +467,14 @@ fn execute<F: Firmware>(
     if !firmware.supports(function) {
         return Err(Exception::IllegalFunction);
     }
-    let request = RequestPdu::parse(pdu).map_err(refusal)?;
+    let request = RequestPdu::parse(pdu).map_err(exception_for)?;
     match request {
         RequestPdu::Read { .. } if broadcast => Err(Exception::IllegalFunction),
         RequestPdu::Read { space, start, count } if space.is_bits() => {
             read_bits(now, space, start, count, firmware, reply)
         }
         RequestPdu::Read { space, start, count } => {
-            limit(count, firmware.words_max(function, format))?;
+            check_count(count, firmware.words_max(function, format))?;
             read_words(now, space, start, count, firmware, reply)
         }
         RequestPdu::WriteCoil { address, on } => {
@@ -489,7 +491,7 @@ fn execute<F: Firmware>(
         }
         RequestPdu::WriteRegisters { start, words: data } => {
             let count = (data.len() / 2) as u16;
-            limit(count, firmware.words_max(function, format))?;
+            check_count(count, firmware.words_max(function, format))?;
             write_words(now, start, data, firmware)?;
             Ok(ReplyPdu::Wrote { coils: false, start, count }.emit(reply))
         }
@@ -498,16 +500,16 @@ fn execute<F: Firmware>(
 }
 
 /// A request that contradicts itself is an illegal value (MAP 7, exception 03).
-const fn refusal(_: WireError) -> Exception {
+const fn exception_for(_: WireError) -> Exception {
     Exception::IllegalValue
 }
 
-const fn limit(count: u16, most: u16) -> Result<(), Exception> {
+const fn check_count(count: u16, most: u16) -> Result<(), Exception> {
     if count > most { Err(Exception::IllegalValue) } else { Ok(()) }
 }
 
 /// An address range must not run over FFFF.
-const fn range(start: u16, count: u16) -> Result<(), Exception> {
+const fn check_range(start: u16, count: u16) -> Result<(), Exception> {
     match start.checked_add(count - 1) {
         Some(_) => Ok(()),
         None => Err(Exception::IllegalAddress),
@@ -522,8 +524,8 @@ fn read_bits<F: Firmware>(
     firmware: &mut F,
     reply: &mut [u8],
 ) -> Result<usize, Exception> {
-    range(start, count)?;
-    let asked = if count == 1 && firmware.whole_byte() { 8 } else { count };
+    check_range(start, count)?;
+    let asked = if count == 1 && firmware.reads_whole_bytes() { 8 } else { count };
     let mut bits = [0; PDU_MAX - 2];
     let bits = &mut bits[..usize::from(asked).div_ceil(8)];
     firmware.read_bits(now, space, start, asked, bits)?;
@@ -538,7 +540,7 @@ fn read_words<F: Firmware>(
     firmware: &mut F,
     reply: &mut [u8],
 ) -> Result<usize, Exception> {
-    range(start, count)?;
+    check_range(start, count)?;
     let mut values = [0; READ_WORDS_MAX as usize];
     let values = &mut values[..usize::from(count)];
     firmware.read_words(now, space, start, values)?;
@@ -556,7 +558,7 @@ fn write_coils<F: Firmware>(
     bits: &[u8],
     firmware: &mut F,
 ) -> Result<(), Exception> {
-    range(start, count)?;
+    check_range(start, count)?;
     for at in 0..count {
         let on = bits[usize::from(at / 8)] >> (at % 8) & 1 == 1;
         firmware.write_bit(now, start + at, on)?;
@@ -572,7 +574,7 @@ fn write_words<F: Firmware>(
 ) -> Result<(), Exception> {
     let mut values = [0; WRITE_WORDS_MAX as usize];
     let count = data.len() / 2;
-    range(start, count as u16)?;
+    check_range(start, count as u16)?;
     for (value, word) in values.iter_mut().zip(words(data)) {
         *value = word;
     }

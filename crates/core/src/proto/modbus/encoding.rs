@@ -4,7 +4,7 @@ use crate::profile::Encoding;
 
 /// Registers that an encoding takes.
 #[must_use]
-pub const fn registers(encoding: Encoding) -> u16 {
+pub const fn register_count(encoding: Encoding) -> u16 {
     match encoding {
         Encoding::Bit | Encoding::U8 | Encoding::I8 | Encoding::U16 | Encoding::I16 => 1,
         Encoding::U32

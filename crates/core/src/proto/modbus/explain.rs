@@ -3,24 +3,24 @@
 //! Where frames end in a capture is decided by the check. Without a known direction a frame is
 //! tried as a request first, then as a reply.
 
-mod cut;
-mod say;
-mod talk;
+mod conversation;
+mod framing;
+mod number_text;
 
-use super::encoding::{decode, registers};
+use super::encoding::{decode, register_count};
 use super::text;
-use super::wire::{Exception, Format, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, word};
+use super::wire::{Exception, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, WireFormat, word};
 use super::{ascii, rtu};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, Effect, EncodeError, Encoded, Field, Raw, Sink,
-    Talk, TextError, Turn, Value,
+    Context, ConversationContext, Direction, Dissector, Effect, EncodeError, EncodeOptions,
+    EncodedFrame, ExplainSink, Field, FieldValue, FrameBoundary, FrameRole, RawFrame, TextError,
 };
 use crate::profile::{Encoding, Parameter, Profile};
-use say::{decimal, hexadecimal, scaled};
+use number_text::{write_decimal, write_hex, write_scaled};
 
 /// Station that a text is encoded for when none is named: the factory's (TS manual V2 §2.2).
-const UNIT: u8 = 1;
+const DEFAULT_UNIT: u8 = 1;
 /// Registers of one reply that the line of text names; the fields have them all.
 const NAMED_MAX: usize = 4;
 /// Lines of a reply that are on and told by number.
@@ -28,51 +28,51 @@ const BITS_MAX: usize = 16;
 
 /// Modbus RTU or ASCII in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
-pub struct ModbusDissector(pub Format);
+pub struct ModbusDissector(pub WireFormat);
 
 impl Dissector for ModbusDissector {
     fn name(&self) -> &'static str {
         match self.0 {
-            Format::Rtu => "modbus-rtu",
-            Format::Ascii => "modbus-ascii",
+            WireFormat::Rtu => "modbus-rtu",
+            WireFormat::Ascii => "modbus-ascii",
         }
     }
 
-    fn cut(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> Cut {
+    fn find_frame(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
         match self.0 {
-            Format::Rtu => cut::rtu(bytes, direction, ended),
-            Format::Ascii => cut::ascii(bytes, ended),
+            WireFormat::Rtu => framing::cut_rtu(bytes, direction, ended),
+            WireFormat::Ascii => framing::cut_ascii(bytes, ended),
         }
     }
 
-    fn whole(&self, bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
+    fn valid_frame_len(&self, bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
         match self.0 {
-            Format::Rtu => cut::rtu_whole(bytes, direction),
-            Format::Ascii => match cut::ascii(bytes, true) {
-                Cut::Frame(len) => Some(len),
+            WireFormat::Rtu => framing::rtu_frame_len(bytes, direction),
+            WireFormat::Ascii => match framing::cut_ascii(bytes, true) {
+                FrameBoundary::Frame(len) => Some(len),
                 _ => None,
             },
         }
     }
 
-    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
+    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
         match self.0 {
-            Format::Rtu => {
-                let request = context.request.and_then(|request| rtu::open(request).ok());
-                let place = Place { format: Format::Rtu, check: 2 };
-                whole(place, bytes, rtu::open(bytes).err(), request, context, sink);
+            WireFormat::Rtu => {
+                let request = context.request.and_then(|request| rtu::decode(request).ok());
+                let place = FrameLayout { format: WireFormat::Rtu, check_len: 2 };
+                explain_frame(place, bytes, rtu::decode(bytes).err(), request, context, sink);
             }
-            Format::Ascii => {
+            WireFormat::Ascii => {
                 let (mut store, mut asked) = ([0; rtu::ADU_MAX], [0; rtu::ADU_MAX]);
                 let request =
-                    context.request.and_then(|request| gathered(request, &mut asked).ok());
-                let request = request.and_then(|bytes| ascii::open(bytes).ok());
-                let (adu, error) = match gathered(bytes, &mut store) {
-                    Ok(adu) => (adu, ascii::open(adu).err()),
+                    context.request.and_then(|request| collect_ascii(request, &mut asked).ok());
+                let request = request.and_then(|bytes| ascii::decode(bytes).ok());
+                let (adu, error) = match collect_ascii(bytes, &mut store) {
+                    Ok(adu) => (adu, ascii::decode(adu).err()),
                     Err(error) => (&[][..], Some(error)),
                 };
-                let place = Place { format: Format::Ascii, check: 1 };
-                whole(place, adu, error, request, context, sink);
+                let place = FrameLayout { format: WireFormat::Ascii, check_len: 1 };
+                explain_frame(place, adu, error, request, context, sink);
             }
         }
     }
@@ -80,65 +80,72 @@ impl Dissector for ModbusDissector {
     fn encode(
         &self,
         text: &str,
-        addressing: &Addressing,
+        addressing: &EncodeOptions,
         out: &mut [u8],
-    ) -> Result<Encoded, EncodeError> {
+    ) -> Result<EncodedFrame, EncodeError> {
         // In parentheses at the end is a remark, as explaining puts it there.
         let command = text.split(" (").next().unwrap_or(text);
         let said = text::parse(command, addressing.profile)?;
         let expected = "a station address, 0 to 247";
-        let unit = addressing.axis.unwrap_or(u32::from(UNIT));
+        let unit = addressing.axis.unwrap_or(u32::from(DEFAULT_UNIT));
         let unit = u8::try_from(unit).ok().filter(|&unit| unit <= 247);
         let unit = unit.ok_or(TextError { at: 0, expected })?;
         let mut data = [0; PDU_MAX];
-        let request = request_of(&said, &mut data);
+        let request = request_pdu(&said, &mut data);
         let mut frame = [0; ascii::FRAME_MAX];
         let len = match self.0 {
-            Format::Rtu => rtu::emit(unit, &mut frame, |out| request.emit(out)),
-            Format::Ascii => ascii::emit(unit, &mut frame, |out| request.emit(out)),
+            WireFormat::Rtu => rtu::emit(unit, &mut frame, |out| request.emit(out)),
+            WireFormat::Ascii => ascii::emit(unit, &mut frame, |out| request.emit(out)),
         };
         let expected = "a text whose frame fits the buffer";
         let room = out.get_mut(..len).ok_or(TextError { at: text.len(), expected })?;
         room.copy_from_slice(&frame[..len]);
         let answer = request.reply_len().filter(|_| unit != 0).map(|pdu| match self.0 {
-            Format::Rtu => pdu + 3,
-            Format::Ascii => 2 * pdu + 7,
+            WireFormat::Rtu => pdu + 3,
+            WireFormat::Ascii => 2 * pdu + 7,
         });
-        Ok(Encoded { len, id: None, extended: false, remote: None, answer, warning: "" })
+        Ok(EncodedFrame {
+            len,
+            id: None,
+            extended: false,
+            remote_len: None,
+            answer_len: answer,
+            warning: "",
+        })
     }
 
-    fn code(&self, code: u32) -> Option<&'static str> {
+    fn code_meaning(&self, code: u32) -> Option<&'static str> {
         match Exception::of_code(u8::try_from(code).ok()?) {
             Exception::Unknown(_) => None,
             exception => Some(exception.text()),
         }
     }
 
-    fn assumes_names(&self) -> bool {
+    fn explains_by_name(&self) -> bool {
         true
     }
 
-    fn answers(&self, frame: &Raw<'_>, request: &Raw<'_>) -> bool {
-        self.replies(frame, request)
+    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        self.answers_request(frame, request)
     }
 
-    fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
-        self.taken(frame, talk)
+    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
+        self.frame_role(frame, talk)
     }
 
-    fn effect(&self, frame: &Raw<'_>, profile: Option<&'static Profile>) -> Effect {
-        self.does(frame, profile)
+    fn effect(&self, frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
+        self.frame_effect(frame, profile)
     }
 
-    fn refuses(&self, answer: &Raw<'_>, _: &Raw<'_>) -> Option<&'static str> {
-        self.refused(answer)
+    fn refusal_reason(&self, answer: &RawFrame<'_>, _: &RawFrame<'_>) -> Option<&'static str> {
+        self.exception_text(answer)
     }
 }
 
 /// The request PDU that a text means; its data is put into `data`.
-fn request_of<'a>(said: &text::Said, data: &'a mut [u8; PDU_MAX]) -> RequestPdu<'a> {
+fn request_pdu<'a>(said: &text::ParsedRequest, data: &'a mut [u8; PDU_MAX]) -> RequestPdu<'a> {
     let (start, count) = (said.start, said.count);
-    if let Some(space) = said.function.reads() {
+    if let Some(space) = said.function.read_space() {
         return RequestPdu::Read { space, start, count };
     }
     let values = &said.words[..usize::from(count)];
@@ -161,21 +168,21 @@ fn request_of<'a>(said: &text::Said, data: &'a mut [u8; PDU_MAX]) -> RequestPdu<
 }
 
 /// The bytes of an ASCII frame.
-fn gathered<'a>(
+fn collect_ascii<'a>(
     characters: &[u8],
     store: &'a mut [u8; rtu::ADU_MAX],
 ) -> Result<&'a [u8], WireError> {
-    let mut collector = ascii::Collector::default();
+    let mut collector = ascii::AsciiDeframer::default();
     for (at, &character) in characters.iter().enumerate() {
         match collector.feed(character) {
-            ascii::Fed::Goes => {}
-            ascii::Fed::Ended => {
+            ascii::FeedResult::Incomplete => {}
+            ascii::FeedResult::Complete => {
                 let bytes = collector.bytes();
                 store[..bytes.len()].copy_from_slice(bytes);
                 return Ok(&store[..bytes.len()]);
             }
-            ascii::Fed::Skipped(_) if character == ascii::START => {}
-            ascii::Fed::Skipped(_) => {
+            ascii::FeedResult::Skipped(_) if character == ascii::START => {}
+            ascii::FeedResult::Skipped(_) => {
                 return Err(WireError::Unexpected { at: at as u16, found: character });
             }
         }
@@ -186,70 +193,85 @@ fn gathered<'a>(
 
 /// Where the bytes of a frame lie on the wire.
 #[derive(Clone, Copy)]
-struct Place {
-    format: Format,
+struct FrameLayout {
+    format: WireFormat,
     /// Bytes of the check.
-    check: usize,
+    check_len: usize,
 }
 
-impl Place {
-    fn at(self, byte: usize) -> u16 {
+impl FrameLayout {
+    fn offset_of(self, byte: usize) -> u16 {
         match self.format {
-            Format::Rtu => byte as u16,
-            Format::Ascii => (1 + 2 * byte) as u16,
+            WireFormat::Rtu => byte as u16,
+            WireFormat::Ascii => (1 + 2 * byte) as u16,
         }
     }
 
-    fn field(
+    fn emit_field(
         self,
-        sink: &mut dyn Sink,
+        sink: &mut dyn ExplainSink,
         name: &'static str,
         bytes: core::ops::Range<usize>,
-        value: Value<'_>,
+        value: FieldValue<'_>,
         meaning: &'static str,
     ) {
-        let (start, end) = (self.at(bytes.start), self.at(bytes.end));
+        let (start, end) = (self.offset_of(bytes.start), self.offset_of(bytes.end));
         sink.field(Field { name, start, end, value, meaning });
     }
 
     /// The check as it stands in the frame behind `len` bytes.
-    fn checked(self, len: usize, check: &[u8], error: Option<WireError>, sink: &mut dyn Sink) {
+    fn emit_check(
+        self,
+        len: usize,
+        check: &[u8],
+        error: Option<WireError>,
+        sink: &mut dyn ExplainSink,
+    ) {
         let name = match self.format {
-            Format::Rtu => "crc",
-            Format::Ascii => "lrc",
+            WireFormat::Rtu => "crc",
+            WireFormat::Ascii => "lrc",
         };
         let found = check.iter().fold(0, |found, &byte| found << 8 | u64::from(byte));
         let wrong = matches!(error, Some(WireError::Checksum { .. }));
-        let value = Value::Hex(found, 2 * check.len() as u8);
-        self.field(sink, name, len..len + check.len(), value, if wrong { "wrong" } else { "" });
+        let value = FieldValue::Hex(found, 2 * check.len() as u8);
+        self.emit_field(
+            sink,
+            name,
+            len..len + check.len(),
+            value,
+            if wrong { "wrong" } else { "" },
+        );
     }
 }
 
 /// Tells a frame; `adu` are its bytes, the check's among them.
-fn whole(
-    place: Place,
+fn explain_frame(
+    place: FrameLayout,
     adu: &[u8],
     error: Option<WireError>,
     request: Option<(u8, &[u8])>,
     context: &Context<'_>,
-    sink: &mut dyn Sink,
+    sink: &mut dyn ExplainSink,
 ) {
     let mut error = error;
-    let (body, check) = adu.split_at(adu.len().saturating_sub(place.check));
+    let (body, check) = adu.split_at(adu.len().saturating_sub(place.check_len));
     if let [unit, pdu @ ..] = body
         && !pdu.is_empty()
     {
         sink.axis(u32::from(*unit));
         let everyone = if *unit == 0 { "broadcast" } else { "" };
-        place.field(sink, "address", 0..1, Value::Int(i64::from(*unit)), everyone);
-        let teller = Teller { place, profile: context.profile.filter(|_| !context.assumed) };
+        place.emit_field(sink, "address", 0..1, FieldValue::Int(i64::from(*unit)), everyone);
+        let teller = PduExplainer {
+            layout: place,
+            profile: context.profile.filter(|_| !context.profile_assumed),
+        };
         let asked = request.filter(|(asked, _)| asked == unit).map(|(_, pdu)| pdu);
-        let wrong = teller.pdu(pdu, context.direction, asked, sink);
-        if sink.words() {
-            talk::values(pdu, context, asked, sink);
+        let wrong = teller.explain_pdu(pdu, context.direction, asked, sink);
+        if sink.wants_text() {
+            conversation::report_values(pdu, context, asked, sink);
         }
-        error = error.or(wrong.map(shifted));
-        place.checked(body.len(), check, error, sink);
+        error = error.or(wrong.map(shift_error_offset));
+        place.emit_check(body.len(), check, error, sink);
     } else {
         sink.kind("incomplete");
         sink.text("no whole frame");
@@ -260,7 +282,7 @@ fn whole(
 }
 
 /// An offset in the PDU as one in the bytes of the frame.
-fn shifted(error: WireError) -> WireError {
+fn shift_error_offset(error: WireError) -> WireError {
     match error {
         WireError::Count { at, found } => WireError::Count { at: at + 1, found },
         WireError::Unexpected { at, found } => WireError::Unexpected { at: at + 1, found },
@@ -281,105 +303,121 @@ fn is_reply(pdu: &[u8], direction: Option<Direction>, asked: Option<&[u8]>) -> b
 }
 
 /// Tells a PDU in fields and words.
-struct Teller {
-    place: Place,
+struct PduExplainer {
+    layout: FrameLayout,
     profile: Option<&'static Profile>,
 }
 
-impl Teller {
-    fn pdu(
+impl PduExplainer {
+    fn explain_pdu(
         &self,
         pdu: &[u8],
         direction: Option<Direction>,
         asked: Option<&[u8]>,
-        sink: &mut dyn Sink,
+        sink: &mut dyn ExplainSink,
     ) -> Option<WireError> {
         let function = Function::of_code(pdu[0] & 0x7F);
         let refused = pdu[0] & 0x80 != 0;
         sink.kind(if refused { "exception" } else { function.name() });
-        let code = Value::Hex(u64::from(pdu[0]), 2);
-        self.place.field(sink, "function", 1..2, code, function.name());
+        let code = FieldValue::Hex(u64::from(pdu[0]), 2);
+        self.layout.emit_field(sink, "function", 1..2, code, function.name());
         let told = match is_reply(pdu, direction, asked) {
-            true => ReplyPdu::parse(pdu).map(|reply| self.reply(&reply, asked, sink)),
-            false => RequestPdu::parse(pdu).map(|request| self.request(&request, sink)),
+            true => ReplyPdu::parse(pdu).map(|reply| self.explain_reply(&reply, asked, sink)),
+            false => RequestPdu::parse(pdu).map(|request| self.explain_request(&request, sink)),
         };
         told.err()
     }
 
-    fn request(&self, request: &RequestPdu<'_>, sink: &mut dyn Sink) {
+    fn explain_request(&self, request: &RequestPdu<'_>, sink: &mut dyn ExplainSink) {
         match *request {
             RequestPdu::Read { space, start, count } => {
-                self.start_count(start, count, sink);
+                self.emit_start_count(start, count, sink);
                 sink.text("read ");
-                self.name(space, start, count, sink);
+                self.write_name(space, start, count, sink);
             }
             RequestPdu::WriteCoil { address, on } => {
-                self.coil(address, on, sink);
+                self.emit_coil(address, on, sink);
                 sink.text("write ");
-                self.state(address, on, sink);
+                self.write_coil_state(address, on, sink);
             }
             RequestPdu::WriteRegister { address, value } => {
-                self.single(address, value, sink);
+                self.emit_register(address, value, sink);
                 sink.text("write ");
-                self.values(Space::Holding, address, &value.to_be_bytes(), sink);
+                self.write_values(Space::Holding, address, &value.to_be_bytes(), sink);
             }
             RequestPdu::WriteCoils { start, count, bits } => {
-                self.start_count(start, count, sink);
-                self.counted(6, bits, Space::Coil, sink);
+                self.emit_start_count(start, count, sink);
+                self.emit_data(6, bits, Space::Coil, sink);
                 sink.text("write ");
-                self.name(Space::Coil, start, count, sink);
+                self.write_name(Space::Coil, start, count, sink);
                 sink.text(" = ");
-                bits_text(bits, count, usize::MAX, sink);
+                write_bits(bits, count, usize::MAX, sink);
             }
             RequestPdu::WriteRegisters { start, words } => {
-                self.start_count(start, (words.len() / 2) as u16, sink);
-                self.counted(6, words, Space::Holding, sink);
+                self.emit_start_count(start, (words.len() / 2) as u16, sink);
+                self.emit_data(6, words, Space::Holding, sink);
                 // One register by the function of many must not read as by that of one.
                 sink.text(if words.len() == 2 { "write multiple: " } else { "write " });
                 let (named, rest) = words.split_at(words.len().min(2 * NAMED_MAX));
-                self.values(Space::Holding, start, named, sink);
+                self.write_values(Space::Holding, start, named, sink);
                 for (at, value) in rest.chunks_exact(2).enumerate() {
                     sink.text(if at == 0 { ", then " } else { " " });
-                    decimal(i64::from(word(value, 0)), sink);
+                    write_decimal(i64::from(word(value, 0)), sink);
                 }
             }
-            RequestPdu::Unknown { function, data } => self.unknown(function, data, sink),
+            RequestPdu::Unknown { function, data } => self.explain_unknown(function, data, sink),
         }
     }
 
-    fn reply(&self, reply: &ReplyPdu<'_>, asked: Option<&[u8]>, sink: &mut dyn Sink) {
+    fn explain_reply(
+        &self,
+        reply: &ReplyPdu<'_>,
+        asked: Option<&[u8]>,
+        sink: &mut dyn ExplainSink,
+    ) {
         match *reply {
-            ReplyPdu::Read { space, data } => self.read(space, data, asked, sink),
+            ReplyPdu::Read { space, data } => self.explain_read(space, data, asked, sink),
             ReplyPdu::WroteCoil { address, on } => {
-                self.coil(address, on, sink);
+                self.emit_coil(address, on, sink);
                 sink.text("written: ");
-                self.state(address, on, sink);
+                self.write_coil_state(address, on, sink);
             }
             ReplyPdu::WroteRegister { address, value } => {
-                self.single(address, value, sink);
+                self.emit_register(address, value, sink);
                 sink.text("written: ");
-                self.values(Space::Holding, address, &value.to_be_bytes(), sink);
+                self.write_values(Space::Holding, address, &value.to_be_bytes(), sink);
             }
             ReplyPdu::Wrote { coils, start, count } => {
-                self.start_count(start, count, sink);
+                self.emit_start_count(start, count, sink);
                 sink.text("written: ");
-                self.name(if coils { Space::Coil } else { Space::Holding }, start, count, sink);
+                self.write_name(
+                    if coils { Space::Coil } else { Space::Holding },
+                    start,
+                    count,
+                    sink,
+                );
             }
             ReplyPdu::Exception { function, exception } => {
-                let code = Value::Int(i64::from(exception.code()));
-                self.place.field(sink, "exception", 2..3, code, exception.text());
+                let code = FieldValue::Int(i64::from(exception.code()));
+                self.layout.emit_field(sink, "exception", 2..3, code, exception.text());
                 sink.text(Function::of_code(function).name());
                 sink.text(" refused: ");
                 sink.text(exception.text());
             }
-            ReplyPdu::Unknown { function, data } => self.unknown(function, data, sink),
+            ReplyPdu::Unknown { function, data } => self.explain_unknown(function, data, sink),
         }
     }
 
     /// What was read, under the names of what was asked for.
-    fn read(&self, space: Space, data: &[u8], asked: Option<&[u8]>, sink: &mut dyn Sink) {
-        self.counted(2, data, space, sink);
-        if !sink.words() {
+    fn explain_read(
+        &self,
+        space: Space,
+        data: &[u8],
+        asked: Option<&[u8]>,
+        sink: &mut dyn ExplainSink,
+    ) {
+        self.emit_data(2, data, space, sink);
+        if !sink.wants_text() {
             return;
         }
         let asked = asked.and_then(|pdu| RequestPdu::parse(pdu).ok());
@@ -390,92 +428,101 @@ impl Teller {
                 if space.is_bits() {
                     // A TS drive answers a read of one line with all of them (TS manual V2 §2.3).
                     let shown = if count == 1 { 8 } else { count };
-                    self.name(space, start, count, sink);
+                    self.write_name(space, start, count, sink);
                     sink.text(" = ");
-                    bits_text(data, shown, BITS_MAX, sink);
+                    write_bits(data, shown, BITS_MAX, sink);
                 } else {
-                    self.values(space, start, data, sink);
+                    self.write_values(space, start, data, sink);
                 }
             }
-            _ if space.is_bits() => bits_text(data, 8 * data.len() as u16, BITS_MAX, sink),
-            _ => self.plain_values(data, sink),
+            _ if space.is_bits() => write_bits(data, 8 * data.len() as u16, BITS_MAX, sink),
+            _ => self.write_plain_values(data, sink),
         }
     }
 
-    fn start_count(&self, start: u16, count: u16, sink: &mut dyn Sink) {
-        self.address("start", start, sink);
-        self.place.field(sink, "count", 4..6, Value::Int(i64::from(count)), "");
+    fn emit_start_count(&self, start: u16, count: u16, sink: &mut dyn ExplainSink) {
+        self.emit_address("start", start, sink);
+        self.layout.emit_field(sink, "count", 4..6, FieldValue::Int(i64::from(count)), "");
     }
 
-    fn address(&self, name: &'static str, address: u16, sink: &mut dyn Sink) {
-        let symbol = self.parameter(Space::Holding, address).map_or("", |p| p.symbol);
-        self.place.field(sink, name, 2..4, Value::Hex(u64::from(address), 4), symbol);
+    fn emit_address(&self, name: &'static str, address: u16, sink: &mut dyn ExplainSink) {
+        let symbol = self.find_parameter(Space::Holding, address).map_or("", |p| p.symbol);
+        self.layout.emit_field(sink, name, 2..4, FieldValue::Hex(u64::from(address), 4), symbol);
     }
 
-    fn single(&self, address: u16, value: u16, sink: &mut dyn Sink) {
-        self.address("register", address, sink);
-        let parameter = self.parameter(Space::Holding, address);
+    fn emit_register(&self, address: u16, value: u16, sink: &mut dyn ExplainSink) {
+        self.emit_address("register", address, sink);
+        let parameter = self.find_parameter(Space::Holding, address);
         let encoding = parameter.map_or(Encoding::U16, |p| p.encoding);
-        let raw =
-            if registers(encoding) == 1 { decode(encoding, [value, 0]) } else { i64::from(value) };
-        let meaning = parameter.map_or("", |p| meaning(p, raw));
-        self.place.field(sink, "value", 4..6, Value::Int(raw), meaning);
+        let raw = if register_count(encoding) == 1 {
+            decode(encoding, [value, 0])
+        } else {
+            i64::from(value)
+        };
+        let meaning = parameter.map_or("", |p| value_meaning(p, raw));
+        self.layout.emit_field(sink, "value", 4..6, FieldValue::Int(raw), meaning);
     }
 
-    fn coil(&self, address: u16, on: bool, sink: &mut dyn Sink) {
-        let symbol = self.parameter(Space::Coil, address).map_or("", |p| p.symbol);
-        self.place.field(sink, "coil", 2..4, Value::Hex(u64::from(address), 4), symbol);
+    fn emit_coil(&self, address: u16, on: bool, sink: &mut dyn ExplainSink) {
+        let symbol = self.find_parameter(Space::Coil, address).map_or("", |p| p.symbol);
+        self.layout.emit_field(sink, "coil", 2..4, FieldValue::Hex(u64::from(address), 4), symbol);
         let word = if on { "on" } else { "off" };
-        self.place.field(sink, "value", 4..6, Value::Int(i64::from(on)), word);
+        self.layout.emit_field(sink, "value", 4..6, FieldValue::Int(i64::from(on)), word);
     }
 
     /// Byte count at `at` (in the frame's bytes) and the data behind it.
-    fn counted(&self, at: usize, data: &[u8], space: Space, sink: &mut dyn Sink) {
-        let count = Value::Int(data.len() as i64);
-        self.place.field(sink, "byte_count", at..at + 1, count, "");
+    fn emit_data(&self, at: usize, data: &[u8], space: Space, sink: &mut dyn ExplainSink) {
+        let count = FieldValue::Int(data.len() as i64);
+        self.layout.emit_field(sink, "byte_count", at..at + 1, count, "");
         let bytes = at + 1..at + 1 + data.len();
         match data {
             _ if !space.is_bits() => {
-                self.place.field(sink, "values", bytes, Value::Words(data), "");
+                self.layout.emit_field(sink, "values", bytes, FieldValue::Words(data), "");
             }
             [bits] => {
-                self.place.field(sink, "bits", bytes, Value::Hex(u64::from(*bits), 2), "");
+                self.layout.emit_field(
+                    sink,
+                    "bits",
+                    bytes,
+                    FieldValue::Hex(u64::from(*bits), 2),
+                    "",
+                );
             }
             _ => {
                 for (n, bits) in data.iter().enumerate() {
-                    let value = Value::Hex(u64::from(*bits), 2);
-                    self.place.field(sink, "bits", at + 1 + n..at + 2 + n, value, "");
+                    let value = FieldValue::Hex(u64::from(*bits), 2);
+                    self.layout.emit_field(sink, "bits", at + 1 + n..at + 2 + n, value, "");
                 }
             }
         }
     }
 
-    fn unknown(&self, function: u8, data: &[u8], sink: &mut dyn Sink) {
+    fn explain_unknown(&self, function: u8, data: &[u8], sink: &mut dyn ExplainSink) {
         for (n, byte) in data.iter().enumerate() {
-            let value = Value::Hex(u64::from(*byte), 2);
-            self.place.field(sink, "data", 2 + n..3 + n, value, "");
+            let value = FieldValue::Hex(u64::from(*byte), 2);
+            self.layout.emit_field(sink, "data", 2 + n..3 + n, value, "");
         }
         sink.text("function ");
-        hexadecimal(u64::from(function), 2, sink);
+        write_hex(u64::from(function), 2, sink);
         sink.text(", ");
-        decimal(data.len() as i64, sink);
+        write_decimal(data.len() as i64, sink);
         sink.text(" bytes of data");
     }
 
-    fn parameter(&self, space: Space, address: u16) -> Option<&'static Parameter> {
+    fn find_parameter(&self, space: Space, address: u16) -> Option<&'static Parameter> {
         let parameters = self.profile?.parameters;
         parameters.iter().find(|p| p.space == space.number() && p.index == address)
     }
 
     /// `Fn_33 internal speed` or `holding register 0x0033`, and how many more.
-    fn name(&self, space: Space, start: u16, count: u16, sink: &mut dyn Sink) {
+    fn write_name(&self, space: Space, start: u16, count: u16, sink: &mut dyn ExplainSink) {
         let mut covered = 1;
-        match self.parameter(space, start) {
+        match self.find_parameter(space, start) {
             Some(parameter) => {
                 sink.text(parameter.symbol);
                 sink.text(" ");
                 sink.text(parameter.name);
-                covered = if space.is_bits() { 1 } else { registers(parameter.encoding) };
+                covered = if space.is_bits() { 1 } else { register_count(parameter.encoding) };
             }
             None => {
                 sink.text(match space {
@@ -484,23 +531,23 @@ impl Teller {
                     Space::Coil => "coil ",
                     Space::Discrete => "discrete input ",
                 });
-                hexadecimal(u64::from(start), 4, sink);
+                write_hex(u64::from(start), 4, sink);
             }
         }
         if count > covered {
             sink.text(", ");
-            decimal(i64::from(count), sink);
+            write_decimal(i64::from(count), sink);
             sink.text(if space.is_bits() { " bits" } else { " registers" });
         }
     }
 
-    fn state(&self, address: u16, on: bool, sink: &mut dyn Sink) {
-        self.name(Space::Coil, address, 1, sink);
+    fn write_coil_state(&self, address: u16, on: bool, sink: &mut dyn ExplainSink) {
+        self.write_name(Space::Coil, address, 1, sink);
         sink.text(if on { " = on" } else { " = off" });
     }
 
     /// `name = value unit` of each register, as far as a line goes.
-    fn values(&self, space: Space, start: u16, data: &[u8], sink: &mut dyn Sink) {
+    fn write_values(&self, space: Space, start: u16, data: &[u8], sink: &mut dyn ExplainSink) {
         let count = data.len() / 2;
         let mut at = 0;
         for shown in 0..NAMED_MAX {
@@ -510,59 +557,59 @@ impl Teller {
             sink.text(if shown > 0 { ", " } else { "" });
             let address = start.wrapping_add(at as u16);
             let first = word(data, 2 * at);
-            let parameter = self.parameter(space, address);
-            let wide = parameter.map_or(1, |p| usize::from(registers(p.encoding)));
-            self.name(space, address, 1, sink);
+            let parameter = self.find_parameter(space, address);
+            let wide = parameter.map_or(1, |p| usize::from(register_count(p.encoding)));
+            self.write_name(space, address, 1, sink);
             sink.text(" = ");
             match parameter {
                 Some(parameter) if at + wide <= count => {
                     let second = if wide == 2 { word(data, 2 * at + 2) } else { 0 };
                     let raw = decode(parameter.encoding, [first, second]);
-                    scaled(parameter, raw, sink);
+                    write_scaled(parameter, raw, sink);
                     at += wide;
                 }
                 _ => {
-                    decimal(i64::from(first), sink);
+                    write_decimal(i64::from(first), sink);
                     at += 1;
                 }
             }
         }
-        more(count - at, sink);
+        write_more(count - at, sink);
     }
 
-    fn plain_values(&self, data: &[u8], sink: &mut dyn Sink) {
+    fn write_plain_values(&self, data: &[u8], sink: &mut dyn ExplainSink) {
         let count = data.len() / 2;
         sink.text("values ");
         for n in 0..count.min(NAMED_MAX) {
             sink.text(if n > 0 { ", " } else { "" });
-            decimal(i64::from(word(data, 2 * n)), sink);
+            write_decimal(i64::from(word(data, 2 * n)), sink);
         }
-        more(count.saturating_sub(NAMED_MAX), sink);
+        write_more(count.saturating_sub(NAMED_MAX), sink);
     }
 }
 
-fn more(count: usize, sink: &mut dyn Sink) {
+fn write_more(count: usize, sink: &mut dyn ExplainSink) {
     if count > 0 {
         sink.text(" and ");
-        decimal(count as i64, sink);
+        write_decimal(count as i64, sink);
         sink.text(" more");
     }
 }
 
-fn meaning(parameter: &'static Parameter, raw: i64) -> &'static str {
+fn value_meaning(parameter: &'static Parameter, raw: i64) -> &'static str {
     parameter.values.iter().find(|(value, _)| *value == raw).map_or("", |(_, name)| name)
 }
 
 /// Lines that are on, counted from 1 as the TS manual V2 §2.3 does; at most so many by number.
-fn bits_text(bits: &[u8], count: u16, most: usize, sink: &mut dyn Sink) {
+fn write_bits(bits: &[u8], count: u16, most: usize, sink: &mut dyn ExplainSink) {
     let on = |at: &u16| bits.get(usize::from(at / 8)).is_some_and(|byte| byte >> (at % 8) & 1 == 1);
     let all = (0..count).filter(on).count();
     for (nth, at) in (0..count).filter(on).take(most).enumerate() {
         sink.text(if nth > 0 { " " } else { "on: " });
-        decimal(i64::from(at) + 1, sink);
+        write_decimal(i64::from(at) + 1, sink);
     }
     if all == 0 {
         sink.text("all off");
     }
-    more(all.saturating_sub(most), sink);
+    write_more(all.saturating_sub(most), sink);
 }

@@ -15,19 +15,21 @@
 mod proof;
 mod receive;
 
-use super::ascii::{self, Collector};
-use super::request::{Answer, Ask, Request};
+use super::ascii::{self, AsciiDeframer};
+use super::host_request::{Answer, HostRequest, RequestBody};
 use super::rtu::{self, ADU_MAX};
-use super::wire::{BROADCAST, Format, Space};
+use super::wire::{BROADCAST, Space, WireFormat};
 use crate::error::Failure;
 use crate::medium::{SerialLine, Stream};
 use crate::proto::HostOptions;
-use crate::proto::events::Events;
-use crate::proto::pace::{Pace, tolerated};
-use crate::proto::proven::Proven;
-use crate::station::{self, Class, Counters, Event, LineEvent, Station, Ticket, Timed, To};
+use crate::proto::early_bytes::{EarlyBytes, with_clock_tolerance};
+use crate::proto::event_ring::EventRing;
+use crate::proto::proven_addresses::ProvenAddresses;
+use crate::station::{
+    self, Counters, EventSubject, HostEvent, LineEvent, RequestClass, Station, Ticket, Timed,
+};
 use crate::time::Instant;
-use proof::Proof;
+use proof::StationProof;
 
 /// Times that one request is put on the wire at most.
 pub const ATTEMPTS_MAX: u8 = 3;
@@ -42,51 +44,51 @@ pub const GAP_TRUE_CHARACTERS: u32 = HostOptions::GAP_CHARACTERS;
 /// neighbours' replies too, so a shorter pause would make one bad frame of them and its request \[I\].
 pub const STATION_GAP_US: u32 = 10_500;
 /// Stands for whoever spoke on the line while it was somebody else's: no station has it.
-const STRANGER: u8 = 255;
+const INTRUDER_UNIT: u8 = 255;
 
 /// Requests in a row whose only reply came sooner than its bytes can travel, after which the baud
 /// rate is taken for fiction (a virtual port).
-const EARLY_MAX: u8 = 2;
+const EARLY_STREAK_MAX: u8 = 2;
 /// Replies in a row that took their time, after which it is believed again.
-const TIMELY_MIN: u8 = 16;
+const TIMELY_STREAK_MIN: u8 = 16;
 const QUARANTINE_TIMEOUTS: u64 = 3;
 const RECEIVE_MAX: usize = 2 * ADU_MAX;
-const OWED_MAX: usize = 8;
+const OUTSTANDING_MAX: usize = 8;
 const EVENTS_MAX: usize = 4;
 /// Places among them that a request needs: its own end, and that of one that it cuts short.
-const ROOM_MIN: usize = 2;
+const EVENT_ROOM_MIN: usize = 2;
 /// A reply equal to the last one but to another question, so soon after it on a wire without
 /// timing, may be that one's duplicate: it is held back, at least for as long.
-const SUSPECT_NS: u64 = 1_000_000;
+const DUPLICATE_WINDOW_NS: u64 = 1_000_000;
 
 /// The commanding end of a line.
 #[derive(Clone, Debug)]
-pub struct Host {
-    format: Format,
+pub struct SerialHost {
+    format: WireFormat,
     line: SerialLine,
     timeout_ns: u64,
     /// Silence before a frame: what the options say, and what the standard does.
     gap_ns: Option<u64>,
     silence_ns: u64,
-    echo: Echo,
+    echo: EchoState,
     /// Cleared when replies come faster than the baud rate allows: the wire is none.
-    timed: bool,
+    is_timed: bool,
     /// It never is.
     untimed: bool,
-    pace: Pace,
+    early_bytes: EarlyBytes,
     /// The frame in hand began before the request had left.
-    soon: bool,
+    frame_is_early: bool,
     /// Requests in a row whose only reply came too soon; replies in a row that took their time.
     early_streak: u8,
-    timely: u8,
+    timely_streak: u8,
 
-    current: Option<Current>,
-    sending: Option<Sending>,
+    current: Option<CurrentExchange>,
+    sending: Option<PendingSend>,
     /// Deadline of what was sent last, and whether the line is in quarantine until then.
     deadline: Option<Instant>,
     quarantine: bool,
-    owed: [Owed; OWED_MAX],
-    owed_len: usize,
+    outstanding: [AwaitedReply; OUTSTANDING_MAX],
+    outstanding_len: usize,
 
     sent: [u8; ascii::FRAME_MAX],
     sent_len: usize,
@@ -97,68 +99,68 @@ pub struct Host {
     /// Since the last frame was sent: its echo came; bytes came, or were thrown away.
     echo_seen: bool,
     /// A reply to what was sent last came sooner than its bytes can travel, and was left alone.
-    early: bool,
-    heard: bool,
-    junk: bool,
+    early_reply_seen: bool,
+    received_any: bool,
+    received_noise: bool,
     /// A station that answered the last request it got.
-    alive: Option<u8>,
+    responsive_unit: Option<u8>,
 
     received: [u8; RECEIVE_MAX],
     received_len: usize,
-    characters: Collector,
-    active_at: Option<Instant>,
+    ascii: AsciiDeframer,
+    last_activity: Option<Instant>,
 
     payload: [u8; ADU_MAX],
     payload_len: usize,
-    answered: Option<Answered>,
+    last_read: Option<LastRead>,
     /// When the answer came that is held back.
-    held: Option<Instant>,
-    events: Events<Answer, EVENTS_MAX>,
+    held_since: Option<Instant>,
+    events: EventRing<Answer, EVENTS_MAX>,
     counters: Counters,
 
     /// Stations of which it is known that nothing older can come.
-    proven: Proven,
+    proven_addresses: ProvenAddresses,
     /// While the present request waits for its station to be proven.
-    proof: Option<Proof>,
+    proof: Option<StationProof>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Current {
+struct CurrentExchange {
     ticket: Ticket,
-    request: Request,
+    request: HostRequest,
     attempts: u8,
     since: Instant,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Sending {
+enum PendingSend {
     Request,
     Probe,
 }
 
 /// Whether we hear our own bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Echo {
+enum EchoState {
     /// The user said so.
     Always,
     /// The last exchange that could tell had an echo.
-    Learnt,
+    Detected,
     /// It had none, or there was no such exchange yet.
-    Unknown,
+    NotDetected,
 }
 
 /// A reply that may still come.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct Owed {
+struct AwaitedReply {
     unit: u8,
     function: u8,
     /// Address and value or count that a write's reply repeats; the byte count of a read's.
-    echo: (u16, u16),
-    role: Role,
+    reply_fields: (u16, u16),
+    role: ReplyRole,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Role {
+enum ReplyRole {
     Request,
     Probe,
     /// Its ticket was closed for a stop.
@@ -168,7 +170,7 @@ enum Role {
 /// The exchange before, if it was a read: what was asked, and when the answer came. What was read
 /// still lies where the payload begins.
 #[derive(Clone, Copy, Debug)]
-struct Answered {
+struct LastRead {
     at: Instant,
     latency_ns: u64,
     unit: u8,
@@ -178,80 +180,81 @@ struct Answered {
     len: usize,
 }
 
-const NOTHING_OWED: Owed = Owed { unit: 0, function: 0, echo: (0, 0), role: Role::Abandoned };
+const NOTHING_OUTSTANDING: AwaitedReply =
+    AwaitedReply { unit: 0, function: 0, reply_fields: (0, 0), role: ReplyRole::Abandoned };
 
-impl Owed {
+impl AwaitedReply {
     #[inline]
-    fn of(request: &Request, role: Role) -> Self {
-        let echo = match request.ask {
-            Ask::Read { space, count, .. } => (0, space.reply_bytes(count) as u16),
-            _ => request.ask.echo(),
+    fn of(request: &HostRequest, role: ReplyRole) -> Self {
+        let reply_fields = match request.body {
+            RequestBody::Read { space, count, .. } => (0, space.reply_bytes(count) as u16),
+            _ => request.body.reply_fields(),
         };
-        Self { unit: request.unit, function: request.ask.function().code(), echo, role }
+        Self { unit: request.unit, function: request.body.function().code(), reply_fields, role }
     }
 
     /// Bytes of the PDU that is owed, if it is no exception.
     #[inline]
     fn pdu_len(self) -> usize {
-        match Space::read_by(self.function) {
-            Some(_) => 2 + usize::from(self.echo.1),
+        match Space::of_read_code(self.function) {
+            Some(_) => 2 + usize::from(self.reply_fields.1),
             None => 5,
         }
     }
 }
 
-impl Host {
+impl SerialHost {
     /// A host that sends `format`.
     #[must_use]
-    pub fn new(format: Format, options: &HostOptions) -> Self {
+    pub fn new(format: WireFormat, options: &HostOptions) -> Self {
         let timeout_ms = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
-        let line = SerialLine::n81(options.baud);
+        let line = SerialLine::new_8n1(options.baud);
         Self {
             format,
             line,
             timeout_ns: u64::from(timeout_ms.max(1)) * 1_000_000,
             gap_ns: options.gap_us.map(|gap| match gap {
-                GAP_TRUE_CHARACTERS => rtu::true_silence_ns(&line),
+                GAP_TRUE_CHARACTERS => rtu::character_silence_ns(&line),
                 us => u64::from(us) * 1000,
             }),
             silence_ns: match format {
-                Format::Rtu => rtu::silence_ns(&line),
-                Format::Ascii => 0,
+                WireFormat::Rtu => rtu::silence_ns(&line),
+                WireFormat::Ascii => 0,
             },
-            echo: if options.echo { Echo::Always } else { Echo::Unknown },
-            timed: options.pace() != 0,
+            echo: if options.echo { EchoState::Always } else { EchoState::NotDetected },
+            is_timed: options.timed_baud() != 0,
             untimed: options.untimed,
-            pace: Pace::new(&SerialLine::n81(options.pace())),
-            soon: false,
+            early_bytes: EarlyBytes::new(&SerialLine::new_8n1(options.timed_baud())),
+            frame_is_early: false,
             early_streak: 0,
-            timely: 0,
+            timely_streak: 0,
             current: None,
             sending: None,
             deadline: None,
             quarantine: false,
-            owed: [NOTHING_OWED; OWED_MAX],
-            owed_len: 0,
+            outstanding: [NOTHING_OUTSTANDING; OUTSTANDING_MAX],
+            outstanding_len: 0,
             sent: [0; ascii::FRAME_MAX],
             sent_len: 0,
             sent_at: Instant::ZERO,
             sent_unit: None,
             sent_ns: 0,
             echo_seen: false,
-            early: false,
-            heard: false,
-            junk: false,
-            alive: None,
+            early_reply_seen: false,
+            received_any: false,
+            received_noise: false,
+            responsive_unit: None,
             received: [0; RECEIVE_MAX],
             received_len: 0,
-            characters: Collector::default(),
-            active_at: None,
+            ascii: AsciiDeframer::default(),
+            last_activity: None,
             payload: [0; ADU_MAX],
             payload_len: 0,
-            answered: None,
-            held: None,
-            events: Events::new(),
+            last_read: None,
+            held_since: None,
+            events: EventRing::new(),
             counters: Counters::default(),
-            proven: Proven::new(options.doubt),
+            proven_addresses: ProvenAddresses::new(options.probe_seed),
             proof: None,
         }
     }
@@ -263,27 +266,27 @@ impl Host {
         &self.payload[..self.payload_len]
     }
 
-    fn owed(&self) -> &[Owed] {
-        &self.owed[..self.owed_len]
+    fn outstanding(&self) -> &[AwaitedReply] {
+        &self.outstanding[..self.outstanding_len]
     }
 
     /// The present request was answered; what it read is the payload.
     #[inline]
-    fn succeed(&mut self) {
-        let Some(Current { ticket, request, .. }) = &self.current else { return };
+    fn complete_current(&mut self) {
+        let Some(CurrentExchange { ticket, request, .. }) = &self.current else { return };
         self.counters.answered += 1;
-        self.alive = Some(request.unit);
-        let event = self.events.push(To::Ticket(*ticket), Ok(Answer::BLANK));
+        self.responsive_unit = Some(request.unit);
+        let event = self.events.push(EventSubject::Request(*ticket), Ok(Answer::BLANK));
         if let Ok(answer) = event {
             answer.fill(request, &self.payload[..self.payload_len]);
         }
-        self.close();
+        self.clear_current();
     }
 
     /// The present request was refused, or brought no answer.
     #[cold]
-    fn fail(&mut self, failure: Failure) {
-        let Some(Current { ticket, request, .. }) = &self.current else { return };
+    fn fail_current(&mut self, failure: Failure) {
+        let Some(CurrentExchange { ticket, request, .. }) = &self.current else { return };
         match failure {
             Failure::Refused { .. } => self.counters.answered += 1,
             Failure::Silent => self.counters.silent += 1,
@@ -291,30 +294,30 @@ impl Host {
         }
         match failure {
             Failure::Cancelled => {}
-            Failure::Silent => self.alive = None,
-            _ => self.alive = Some(request.unit),
+            Failure::Silent => self.responsive_unit = None,
+            _ => self.responsive_unit = Some(request.unit),
         }
-        self.events.push(To::Ticket(*ticket), Err(failure));
-        self.close();
+        self.events.push(EventSubject::Request(*ticket), Err(failure));
+        self.clear_current();
     }
 
     #[inline]
-    fn close(&mut self) {
+    fn clear_current(&mut self) {
         self.current = None;
         self.proof = None;
-        if self.sending == Some(Sending::Request) {
+        if self.sending == Some(PendingSend::Request) {
             self.sending = None;
         }
     }
 
     /// Nothing is outstanding and nothing can still come.
     #[inline]
-    fn settle(&mut self) {
+    fn end_quarantine(&mut self) {
         self.quarantine = false;
         self.deadline = None;
-        self.owed_len = 0;
-        self.held = None;
-        if self.sending == Some(Sending::Probe) {
+        self.outstanding_len = 0;
+        self.held_since = None;
+        if self.sending == Some(PendingSend::Probe) {
             self.sending = None;
         }
     }
@@ -322,29 +325,29 @@ impl Host {
     /// When the next frame may go out: after the silence that the line needs, but no later than a
     /// timeout after it was asked for, however much the line babbles.
     fn send_at(&self) -> Instant {
-        self.quiet().min(self.latest())
+        self.silent_at().min(self.latest_send_at())
     }
 
     /// When the line has been silent for long enough.
     #[inline]
-    fn quiet(&self) -> Instant {
-        let Some(active) = self.active_at else { return Instant::ZERO };
+    fn silent_at(&self) -> Instant {
+        let Some(active) = self.last_activity else { return Instant::ZERO };
         let unit = match (self.sending, &self.current) {
-            (Some(Sending::Request), Some(current)) => Some(current.request.unit),
+            (Some(PendingSend::Request), Some(current)) => Some(current.request.unit),
             (_, Some(current)) if self.proof.is_some() => Some(current.request.unit),
             _ => self.sent_unit,
         };
-        let gap = self.gap_ns.unwrap_or(if self.timed { self.silence_ns } else { 0 });
+        let gap = self.gap_ns.unwrap_or(if self.is_timed { self.silence_ns } else { 0 });
         if unit == self.sent_unit && unit != Some(BROADCAST) {
             return active.plus_ns(gap);
         }
-        active.plus_ns(gap.max(self.other_gap_ns()))
+        active.plus_ns(gap.max(self.station_gap_ns()))
     }
 
     /// Least silence before a frame to another station than the one spoken to last.
     #[cold]
-    fn other_gap_ns(&self) -> u64 {
-        let timed = self.timed && self.format == Format::Rtu && self.gap_ns.is_none();
+    fn station_gap_ns(&self) -> u64 {
+        let timed = self.is_timed && self.format == WireFormat::Rtu && self.gap_ns.is_none();
         match self.sent_unit {
             Some(BROADCAST) => u64::from(STATION_GAP_US) * 1000,
             Some(_) if timed => u64::from(STATION_GAP_US) * 1000,
@@ -352,205 +355,209 @@ impl Host {
         }
     }
 
-    fn latest(&self) -> Instant {
+    fn latest_send_at(&self) -> Instant {
         let patience = self.timeout_ns.max(2 * u64::from(STATION_GAP_US) * 1000);
         match (self.sending, &self.current) {
-            (Some(Sending::Request), Some(current)) => current.since.plus_ns(patience),
+            (Some(PendingSend::Request), Some(current)) => current.since.plus_ns(patience),
             (_, Some(current)) if self.proof.is_some() => current.since.plus_ns(patience),
-            _ => self.deadline.unwrap_or(Instant::FAR),
+            _ => self.deadline.unwrap_or(Instant::FAR_FUTURE),
         }
     }
 
     /// A read of one bit or register with a function code that is not owed.
-    fn probe(&self) -> Option<Request> {
+    fn quarantine_probe(&self) -> Option<HostRequest> {
         let unit = self.sent_unit.filter(|&unit| unit != BROADCAST)?;
         let spaces = [Space::Holding, Space::Coil, Space::Input, Space::Discrete];
         let free = |space: &Space| {
-            let code = space.read().code();
-            !self.owed().iter().any(|owed| owed.function == code)
+            let code = space.read_function().code();
+            !self.outstanding().iter().any(|owed| owed.function == code)
         };
         let space = spaces.into_iter().find(free)?;
-        let ask = Ask::Read { space, start: 0, count: 1 };
-        Some(Request { unit, ask, class: Class::Idempotent })
+        let ask = RequestBody::Read { space, start: 0, count: 1 };
+        Some(HostRequest { unit, body: ask, class: RequestClass::Idempotent })
     }
 
     /// Notes that what lies in `sent` goes out now, and what is owed for it.
     #[inline]
-    fn note_sent(&mut self, now: Instant, owed: Owed) {
+    fn note_sent(&mut self, now: Instant, owed: AwaitedReply) {
         let gone = self.line.characters_ns(self.sent_len as u32);
         self.sending = None;
         self.sent_at = now;
         self.sent_unit = Some(owed.unit);
-        self.active_at = Some(now.plus_ns(gone));
+        self.last_activity = Some(now.plus_ns(gone));
         self.sent_ns = gone;
         self.echo_seen = false;
-        self.early &= owed.role == Role::Probe;
-        self.heard &= owed.role == Role::Probe;
+        self.early_reply_seen &= owed.role == ReplyRole::Probe;
+        self.received_any &= owed.role == ReplyRole::Probe;
         if self.received_len > 0 {
-            self.skip(self.received_len);
+            self.skip_bytes(self.received_len);
         }
-        self.junk = false;
-        self.characters.clear();
-        self.pace.sent(now, tolerated(gone));
+        self.received_noise = false;
+        self.ascii.clear();
+        self.early_bytes.note_sent(now, with_clock_tolerance(gone));
         self.counters.sent += 1;
         if owed.unit == BROADCAST {
-            self.succeed();
-            return self.settle();
+            self.complete_current();
+            return self.end_quarantine();
         }
         // A probe may be answered as late as any request.
-        let timeouts = self.timeouts();
-        let reply = self.line.characters_ns(self.characters_of(owed.pdu_len()) as u32);
+        let timeouts = self.deadline_timeouts();
+        let reply = self.line.characters_ns(self.frame_characters(owed.pdu_len()) as u32);
         self.deadline = Some(now.plus_ns(gone + reply + timeouts * self.timeout_ns));
-        self.owe(owed);
+        self.add_outstanding(owed);
     }
 
     /// Characters of a frame around a PDU of so many bytes.
     #[inline]
-    fn characters_of(&self, pdu_len: usize) -> usize {
+    fn frame_characters(&self, pdu_len: usize) -> usize {
         match self.format {
-            Format::Rtu => pdu_len + 3,
-            Format::Ascii => 2 * pdu_len + 7,
+            WireFormat::Rtu => pdu_len + 3,
+            WireFormat::Ascii => 2 * pdu_len + 7,
         }
     }
 
     #[inline]
-    fn owe(&mut self, owed: Owed) {
-        if let Some(place) = self.owed.get_mut(self.owed_len) {
+    fn add_outstanding(&mut self, owed: AwaitedReply) {
+        if let Some(place) = self.outstanding.get_mut(self.outstanding_len) {
             *place = owed;
-            self.owed_len += 1;
+            self.outstanding_len += 1;
         }
     }
 
-    fn late(&mut self, now: Instant) {
+    fn handle_deadline(&mut self, now: Instant) {
         if self.proof.is_some() {
-            return self.not_proved();
+            return self.handle_proof_timeout();
         }
         if self.quarantine {
-            return self.give_up(now);
+            return self.expire_quarantine(now);
         }
         self.quarantine = true;
-        if self.owed_len < OWED_MAX && self.probe().is_some() {
-            self.sending = Some(Sending::Probe);
+        if self.outstanding_len < OUTSTANDING_MAX && self.quarantine_probe().is_some() {
+            self.sending = Some(PendingSend::Probe);
         }
-        self.prolong();
+        self.extend_deadline();
     }
 
     /// The deadline becomes that of the latest possible reply.
-    fn prolong(&mut self) {
+    fn extend_deadline(&mut self) {
         let more = (QUARANTINE_TIMEOUTS - 1) * self.timeout_ns;
         self.deadline = self.deadline.map(|deadline| deadline.plus_ns(more));
     }
 
     /// The wire was away. A reply that is owed may still come once it is back, and nothing shows
     /// what it answers: until the latest is past, the line stays closed.
-    fn abandon(&mut self) {
+    fn abandon_outstanding(&mut self) {
         self.sending = None;
-        self.held = None;
-        self.alive = None;
-        self.characters.clear();
-        self.skip(self.received_len);
-        if self.owed_len == 0 {
+        self.held_since = None;
+        self.responsive_unit = None;
+        self.ascii.clear();
+        self.skip_bytes(self.received_len);
+        if self.outstanding_len == 0 {
             self.sent_unit = None;
-            return self.settle();
+            return self.end_quarantine();
         }
-        self.owed[..self.owed_len].iter_mut().for_each(|owed| owed.role = Role::Abandoned);
+        self.outstanding[..self.outstanding_len]
+            .iter_mut()
+            .for_each(|owed| owed.role = ReplyRole::Abandoned);
         if !core::mem::replace(&mut self.quarantine, true) {
-            self.prolong();
+            self.extend_deadline();
         }
     }
 
     #[inline]
-    fn begin(&mut self, now: Instant, ticket: Ticket, request: Request) {
-        self.held = None;
+    fn start_request(&mut self, now: Instant, ticket: Ticket, request: HostRequest) {
+        self.held_since = None;
         self.payload_len = 0;
-        self.current = Some(Current { ticket, request, attempts: 1, since: now });
-        self.sending = Some(Sending::Request);
+        self.current = Some(CurrentExchange { ticket, request, attempts: 1, since: now });
+        self.sending = Some(PendingSend::Request);
     }
 
     /// Takes a request where something stands against it, and gives it back if too much does: a
     /// stop takes the place of the present request in a quarantined line.
     #[cold]
-    fn submit_in_doubt(
+    fn submit_slow_path(
         &mut self,
         now: Instant,
         ticket: Ticket,
-        request: Request,
-    ) -> Result<(), Request> {
-        let full = self.events.room() < ROOM_MIN;
+        request: HostRequest,
+    ) -> Result<(), HostRequest> {
+        let full = self.events.room() < EVENT_ROOM_MIN;
         let busy = self.current.is_some() || self.quarantine;
         let stop = station::Request::is_stop(&request);
         if full || (busy && !(stop && self.quarantine && self.proof.is_none())) {
             return Err(request);
         }
         if !busy && !stop && request.unit != BROADCAST {
-            self.prove(now, ticket, request);
+            self.begin_proof(now, ticket, request);
             return Ok(());
         }
         // Who asked hears why a read was not asked again.
-        let again = |current: &Current| {
-            current.request.class == Class::Idempotent && current.attempts < ATTEMPTS_MAX
+        let again = |current: &CurrentExchange| {
+            current.request.class == RequestClass::Idempotent && current.attempts < ATTEMPTS_MAX
         };
         let given_up = self.current.as_ref().is_some_and(again);
-        self.fail(if given_up { Failure::Cancelled } else { Failure::Silent });
-        for owed in &mut self.owed[..self.owed_len] {
-            if owed.role == Role::Request {
-                owed.role = Role::Abandoned;
+        self.fail_current(if given_up { Failure::Cancelled } else { Failure::Silent });
+        for owed in &mut self.outstanding[..self.outstanding_len] {
+            if owed.role == ReplyRole::Request {
+                owed.role = ReplyRole::Abandoned;
             }
         }
-        self.begin(now, ticket, request);
-        if request.unit == BROADCAST && request.ask.function().reads().is_some() {
+        self.start_request(now, ticket, request);
+        if request.unit == BROADCAST && request.body.function().read_space().is_some() {
             // Nobody answers a broadcast (MSL 2.1): a read of it is silence without a byte sent.
-            self.fail(Failure::Silent);
+            self.fail_current(Failure::Silent);
         }
         Ok(())
     }
 
     /// The quarantine ran out: nothing can still come.
-    fn give_up(&mut self, now: Instant) {
-        let worth = self.heard || self.current.is_some_and(|c| self.alive == Some(c.request.unit));
-        self.settle();
+    fn expire_quarantine(&mut self, now: Instant) {
+        let worth = self.received_any
+            || self.current.is_some_and(|c| self.responsive_unit == Some(c.request.unit));
+        self.end_quarantine();
         if worth {
-            self.lost(now);
+            self.retry_or_fail(now);
         } else {
-            self.fail(Failure::Silent);
+            self.fail_current(Failure::Silent);
         }
     }
 
     /// The request or its reply was lost, and the line is clean.
-    fn lost(&mut self, now: Instant) {
-        if self.early {
+    fn retry_or_fail(&mut self, now: Instant) {
+        if self.early_reply_seen {
             self.early_streak += 1;
-            self.timed &= self.early_streak < EARLY_MAX;
+            self.is_timed &= self.early_streak < EARLY_STREAK_MAX;
         }
         let Some(current) = &mut self.current else { return };
-        let harmless = matches!(current.request.class, Class::Idempotent | Class::Stop);
-        if harmless && current.attempts < ATTEMPTS_MAX && self.owed_len == 0 {
+        let harmless =
+            matches!(current.request.class, RequestClass::Idempotent | RequestClass::Stop);
+        if harmless && current.attempts < ATTEMPTS_MAX && self.outstanding_len == 0 {
             current.attempts += 1;
             current.since = now;
             self.counters.resent += 1;
-            self.sending = Some(Sending::Request);
+            self.sending = Some(PendingSend::Request);
             self.quarantine = false;
             self.deadline = None;
         } else {
-            self.fail(Failure::Silent);
+            self.fail_current(Failure::Silent);
         }
     }
 }
 
-impl Timed for Host {
+impl Timed for SerialHost {
     fn handle_timeout(&mut self, now: Instant) {
         if self.deadline.is_none_or(|deadline| now < deadline)
-            || self.sending == Some(Sending::Request)
+            || self.sending == Some(PendingSend::Request)
         {
             return;
         }
-        match self.held.take() {
+        match self.held_since.take() {
             Some(at) => {
-                self.remember(at, now);
-                self.settle();
-                self.succeed();
+                self.remember_read(at, now);
+                self.end_quarantine();
+                self.complete_current();
             }
-            None => self.late(now),
+            None => self.handle_deadline(now),
         }
     }
 
@@ -562,44 +569,44 @@ impl Timed for Host {
     }
 }
 
-impl Station<Stream> for Host {
+impl Station<Stream> for SerialHost {
     #[inline]
     fn handle_input(&mut self, now: Instant, unit: &[u8]) {
-        self.active_at = Some(self.active_at.map_or(now, |active| active.max(now)));
-        self.heard = true;
-        if self.format == Format::Ascii {
-            return self.work_ascii(now, unit);
+        self.last_activity = Some(self.last_activity.map_or(now, |active| active.max(now)));
+        self.received_any = true;
+        if self.format == WireFormat::Ascii {
+            return self.process_ascii(now, unit);
         }
-        match self.plain_read(unit) {
-            Some(data) => self.read(now, unit.len(), data),
-            None => self.collect(now, unit),
+        match self.expected_read_data(unit) {
+            Some(data) => self.accept_read(now, unit.len(), data),
+            None => self.buffer_bytes(now, unit),
         }
     }
 
     fn handle_line(&mut self, _now: Instant, event: LineEvent) {
         if matches!(event, LineEvent::Down | LineEvent::BusOff) {
-            self.fail(Failure::LinkDown);
+            self.fail_current(Failure::LinkDown);
         }
         if !matches!(event, LineEvent::Break) && self.current.is_none() {
-            self.abandon();
+            self.abandon_outstanding();
         }
     }
 
     #[inline]
     fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
         let sending = self.sending?;
-        if now < self.quiet() && now < self.latest() {
+        if now < self.silent_at() && now < self.latest_send_at() {
             return None;
         }
         let (request, role) = match sending {
-            Sending::Request => (&self.current.as_ref()?.request, Role::Request),
-            Sending::Probe => (&self.next_probe()?, Role::Probe),
+            PendingSend::Request => (&self.current.as_ref()?.request, ReplyRole::Request),
+            PendingSend::Probe => (&self.probe_request()?, ReplyRole::Probe),
         };
         self.sent_len = request.emit(self.format, &mut self.sent);
-        let owed = Owed::of(request, role);
+        let owed = AwaitedReply::of(request, role);
         self.note_sent(now, owed);
-        if self.sent_len == rtu::SHORT {
-            *out.first_chunk_mut::<{ rtu::SHORT }>()? = *self.sent.first_chunk()?;
+        if self.sent_len == rtu::SHORT_FRAME_LEN {
+            *out.first_chunk_mut::<{ rtu::SHORT_FRAME_LEN }>()? = *self.sent.first_chunk()?;
         } else {
             out.get_mut(..self.sent_len)?.copy_from_slice(&self.sent[..self.sent_len]);
         }
@@ -611,62 +618,71 @@ impl Station<Stream> for Host {
     }
 }
 
-impl station::Host<Stream> for Host {
-    type Request = Request;
+impl station::Host<Stream> for SerialHost {
+    type Request = HostRequest;
     type Answer = Answer;
 
     #[inline]
-    fn submit(&mut self, now: Instant, ticket: Ticket, request: Request) -> Result<(), Request> {
+    fn submit(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        request: HostRequest,
+    ) -> Result<(), HostRequest> {
         let busy = self.current.is_some() || self.quarantine;
         let unit = request.unit;
-        if busy || self.events.room() < ROOM_MIN || unit == BROADCAST || !self.proven.holds(unit) {
-            return self.submit_in_doubt(now, ticket, request);
+        if busy
+            || self.events.room() < EVENT_ROOM_MIN
+            || unit == BROADCAST
+            || !self.proven_addresses.contains(unit)
+        {
+            return self.submit_slow_path(now, ticket, request);
         }
-        self.begin(now, ticket, request);
+        self.start_request(now, ticket, request);
         Ok(())
     }
 
     /// A request that waits for the line to be silent, for the first time or once more.
-    fn recall(&mut self, _stop: &Request) -> Option<Ticket> {
-        let unsent = self.sending == Some(Sending::Request) || self.proof.is_some();
+    fn recall(&mut self, _stop: &HostRequest) -> Option<Ticket> {
+        let unsent = self.sending == Some(PendingSend::Request) || self.proof.is_some();
         let current = self.current.as_ref().filter(|_| unsent)?;
         if station::Request::is_stop(&current.request) {
             return None;
         }
         let ticket = current.ticket;
-        self.close();
-        if self.owed_len == 0 {
-            self.settle();
+        self.clear_current();
+        if self.outstanding_len == 0 {
+            self.end_quarantine();
         }
         Some(ticket)
     }
 
-    fn send_once(&mut self, ticket: Ticket) {
+    fn disable_retries(&mut self, ticket: Ticket) {
         if let Some(current) = self.current.as_mut().filter(|current| current.ticket == ticket) {
             current.attempts = ATTEMPTS_MAX;
         }
     }
 
     #[inline]
-    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+    fn poll_event(&mut self) -> Option<&HostEvent<Answer>> {
         self.events.next()
     }
 
-    fn emit(&self, request: &Request, out: &mut [u8]) -> usize {
+    fn encode_request(&self, request: &HostRequest, out: &mut [u8]) -> usize {
         request.emit(self.format, out)
     }
 
-    fn disturbed(&mut self, now: Instant) {
-        self.active_at = Some(now);
+    fn handle_resume(&mut self, now: Instant) {
+        self.last_activity = Some(now);
         // To whom nobody here has spoken: that frame is another station's in any case.
-        self.sent_unit = Some(STRANGER);
+        self.sent_unit = Some(INTRUDER_UNIT);
     }
 
     fn counters(&self) -> Counters {
         self.counters
     }
 
-    fn unread(&self) -> usize {
-        self.received_len + self.characters.pending()
+    fn unparsed_len(&self) -> usize {
+        self.received_len + self.ascii.pending()
     }
 }

@@ -9,7 +9,7 @@ pub mod device;
 pub mod encoding;
 pub mod explain;
 pub mod host;
-pub mod request;
+pub mod host_request;
 pub mod rtu;
 pub mod text;
 pub mod wire;
@@ -24,13 +24,13 @@ use crate::profile::Profile;
 
 pub use axis::Axis;
 pub use explain::ModbusDissector;
-pub use host::Host;
-pub use request::{Answer, Request};
+pub use host::SerialHost;
+pub use host_request::{Answer, HostRequest};
 
 /// RTU in captures and the encoder.
-pub const RTU: ModbusDissector = ModbusDissector(wire::Format::Rtu);
+pub const RTU: ModbusDissector = ModbusDissector(wire::WireFormat::Rtu);
 /// ASCII in captures and the encoder.
-pub const ASCII: ModbusDissector = ModbusDissector(wire::Format::Ascii);
+pub const ASCII: ModbusDissector = ModbusDissector(wire::WireFormat::Ascii);
 
 /// Modbus RTU.
 #[derive(Debug)]
@@ -44,28 +44,28 @@ macro_rules! protocol {
     ($kind:ident, $name:literal) => {
         impl Protocol for $kind {
             type Medium = Stream;
-            type Host = Host;
+            type Host = SerialHost;
             const NAME: &'static str = $name;
-            const PROFILE: &'static str = "modbus";
+            const PROFILE_PROTOCOL: &'static str = "modbus";
             // TS manual V2 §2.2: 1 to 127 on the drives known here; the standard
             // allows up to 247.
-            const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
-            const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 1..=247;
-            const EVERYBODY: Option<u32> = Some(wire::BROADCAST as u32);
-            const BAUD: u32 = 115_200;
+            const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
+            const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=247;
+            const BROADCAST_ADDRESS: Option<u32> = Some(wire::BROADCAST as u32);
+            const DEFAULT_RATE: u32 = 115_200;
 
-            fn generic() -> &'static Profile {
+            fn generic_profile() -> &'static Profile {
                 &axis::GENERIC
             }
 
-            fn host(options: &HostOptions, _axes: &[u32]) -> Host {
-                Host::new(wire::Format::$kind, options)
+            fn create_host(options: &HostOptions, _axes: &[u32]) -> SerialHost {
+                SerialHost::new(wire::WireFormat::$kind, options)
             }
 
-            fn driver(
+            fn create_driver(
                 profile: &'static Profile,
                 address: u32,
-            ) -> impl Driver<Request = Request, Answer = Answer> + Send + 'static {
+            ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
                 Axis::new(profile, address)
             }
         }

@@ -5,7 +5,7 @@
 //! does not survive USB adapters, pseudo-terminals and TCP. Where a drive goes by silence alone, its
 //! own end does (see `device`).
 
-use super::wire::{self, RequestPdu, Span};
+use super::wire::{self, AnnouncedLength, RequestPdu};
 use crate::error::WireError;
 use crate::medium::SerialLine;
 
@@ -15,10 +15,10 @@ pub const ADU_MAX: usize = 256;
 pub const ADU_MIN: usize = 4;
 
 /// Bytes of a read or of a single write.
-pub(super) const SHORT: usize = 8;
+pub(super) const SHORT_FRAME_LEN: usize = 8;
 
 /// CRC of one byte followed by so many zero bytes: slicing by eight.
-static TABLES: [[u16; 256]; 8] = tables();
+static CRC_TABLES: [[u16; 256]; 8] = crc_tables();
 
 /// CRC-16/MODBUS: polynomial 8005 reflected, start FFFF.
 #[must_use]
@@ -28,16 +28,16 @@ pub fn crc16(bytes: &[u8]) -> u16 {
     let mut crc = 0xFFFF;
     for eight in eights {
         let head = u16::from_le_bytes([eight[0], eight[1]]) ^ crc;
-        crc = of(7, head as u8)
-            ^ of(6, (head >> 8) as u8)
-            ^ of(5, eight[2])
-            ^ of(4, eight[3])
-            ^ of(3, eight[4])
-            ^ of(2, eight[5])
-            ^ of(1, eight[6])
-            ^ of(0, eight[7]);
+        crc = table_entry(7, head as u8)
+            ^ table_entry(6, (head >> 8) as u8)
+            ^ table_entry(5, eight[2])
+            ^ table_entry(4, eight[3])
+            ^ table_entry(3, eight[4])
+            ^ table_entry(2, eight[5])
+            ^ table_entry(1, eight[6])
+            ^ table_entry(0, eight[7]);
     }
-    crc_rest(crc, rest)
+    crc_tail(crc, rest)
 }
 
 /// Writes address, PDU and CRC around a PDU that `pdu` emits, and returns the length.
@@ -55,10 +55,10 @@ pub fn emit(unit: u8, out: &mut [u8], pdu: impl FnOnce(&mut [u8]) -> usize) -> u
 /// Writes a request and returns its length, as [`emit`] does.
 #[inline(always)]
 pub fn emit_request(unit: u8, pdu: &RequestPdu<'_>, out: &mut [u8]) -> usize {
-    match pdu.short() {
+    match pdu.as_short() {
         Some(pdu) => {
-            out[..SHORT].copy_from_slice(&short(unit, pdu));
-            SHORT
+            out[..SHORT_FRAME_LEN].copy_from_slice(&short_frame(unit, pdu));
+            SHORT_FRAME_LEN
         }
         None => emit(unit, out, |out| pdu.emit(out)),
     }
@@ -67,7 +67,10 @@ pub fn emit_request(unit: u8, pdu: &RequestPdu<'_>, out: &mut [u8]) -> usize {
 /// A frame around a PDU of five bytes. It is put together in a register: bytes just written one by
 /// one are slow to read again.
 #[inline(always)]
-pub(super) fn short(unit: u8, (code, first, second): (u8, u16, u16)) -> [u8; SHORT] {
+pub(super) fn short_frame(
+    unit: u8,
+    (code, first, second): (u8, u16, u16),
+) -> [u8; SHORT_FRAME_LEN] {
     let head = u64::from(unit) | u64::from(code) << 8;
     let body = head | u64::from(first.swap_bytes()) << 16 | u64::from(second.swap_bytes()) << 32;
     let [a, b, c, d, e, f, _, _] = body.to_le_bytes();
@@ -77,7 +80,7 @@ pub(super) fn short(unit: u8, (code, first, second): (u8, u16, u16)) -> [u8; SHO
 /// Whether the check of a whole frame agrees. The CRC over a frame and its own CRC is zero.
 #[must_use]
 #[inline]
-pub fn agrees(adu: &[u8]) -> bool {
+pub fn crc_matches(adu: &[u8]) -> bool {
     adu.len() >= ADU_MIN && crc16(adu) == 0
 }
 
@@ -87,17 +90,17 @@ pub fn agrees(adu: &[u8]) -> bool {
 /// [`WireError::Short`], [`WireError::Long`] or [`WireError::Checksum`]; a CRC is printed in the
 /// order of the wire.
 #[inline]
-pub fn open(adu: &[u8]) -> Result<(u8, &[u8]), WireError> {
+pub fn decode(adu: &[u8]) -> Result<(u8, &[u8]), WireError> {
     match adu {
         [unit, pdu @ .., _, _] if !pdu.is_empty() && adu.len() <= ADU_MAX && crc16(adu) == 0 => {
             Ok((*unit, pdu))
         }
-        _ => Err(wrong(adu)),
+        _ => Err(check_error(adu)),
     }
 }
 
 #[cold]
-fn wrong(adu: &[u8]) -> WireError {
+fn check_error(adu: &[u8]) -> WireError {
     let found = adu.len() as u16;
     if adu.len() < ADU_MIN {
         return WireError::Short { need: ADU_MIN as u16, found };
@@ -112,14 +115,14 @@ fn wrong(adu: &[u8]) -> WireError {
 
 /// Length of the request frame that begins with `head`.
 #[must_use]
-pub fn request_span(head: &[u8]) -> Span {
-    framed(head, wire::request_span)
+pub fn request_span(head: &[u8]) -> AnnouncedLength {
+    frame_span(head, wire::request_span)
 }
 
 /// Length of the reply frame that begins with `head`.
 #[must_use]
-pub fn reply_span(head: &[u8]) -> Span {
-    framed(head, wire::reply_span)
+pub fn reply_span(head: &[u8]) -> AnnouncedLength {
+    frame_span(head, wire::reply_span)
 }
 
 /// Silence between frames by the standard (MSL 2.5.1.1): 3.5 characters, fixed at 1.75 ms above
@@ -128,64 +131,72 @@ pub fn reply_span(head: &[u8]) -> Span {
 pub const fn silence_ns(line: &SerialLine) -> u64 {
     match line.baud {
         0 => 0,
-        1..=19_200 => true_silence_ns(line),
+        1..=19_200 => character_silence_ns(line),
         _ => 1_750_000,
     }
 }
 
 /// 3.5 characters whatever the baud rate, for fast lines. In ns.
 #[must_use]
-pub const fn true_silence_ns(line: &SerialLine) -> u64 {
+pub const fn character_silence_ns(line: &SerialLine) -> u64 {
     line.characters_ns(7) / 2
 }
 
-fn framed(head: &[u8], span: fn(&[u8]) -> Span) -> Span {
+fn frame_span(head: &[u8], span: fn(&[u8]) -> AnnouncedLength) -> AnnouncedLength {
     match span(head.get(1..).unwrap_or_default()) {
-        Span::Bytes(pdu) if pdu > wire::PDU_MAX => Span::Never,
-        Span::Bytes(pdu) => Span::Bytes(pdu + 3),
+        AnnouncedLength::Bytes(pdu) if pdu > wire::PDU_MAX => AnnouncedLength::Never,
+        AnnouncedLength::Bytes(pdu) => AnnouncedLength::Bytes(pdu + 3),
         other => other,
     }
 }
 
 #[inline(always)]
-fn of(zeros: usize, byte: u8) -> u16 {
-    TABLES[zeros][usize::from(byte)]
+fn table_entry(zeros: usize, byte: u8) -> u16 {
+    CRC_TABLES[zeros][usize::from(byte)]
 }
 
 /// The last up to seven bytes: those of a short request or answer at once, others in steps of four,
 /// two and one.
 #[inline(always)]
-fn crc_rest(mut crc: u16, mut rest: &[u8]) -> u16 {
+fn crc_tail(mut crc: u16, mut rest: &[u8]) -> u16 {
     match *rest {
         [a, b, c, d, e, f] => {
             let head = u16::from_le_bytes([a, b]) ^ crc;
-            let tail = of(3, c) ^ of(2, d) ^ of(1, e) ^ of(0, f);
-            return of(5, head as u8) ^ of(4, (head >> 8) as u8) ^ tail;
+            let tail =
+                table_entry(3, c) ^ table_entry(2, d) ^ table_entry(1, e) ^ table_entry(0, f);
+            return table_entry(5, head as u8) ^ table_entry(4, (head >> 8) as u8) ^ tail;
         }
         [a, b, c, d, e, f, g] => {
             let head = u16::from_le_bytes([a, b]) ^ crc;
-            let tail = of(4, c) ^ of(3, d) ^ of(2, e) ^ of(1, f) ^ of(0, g);
-            return of(6, head as u8) ^ of(5, (head >> 8) as u8) ^ tail;
+            let tail = table_entry(4, c)
+                ^ table_entry(3, d)
+                ^ table_entry(2, e)
+                ^ table_entry(1, f)
+                ^ table_entry(0, g);
+            return table_entry(6, head as u8) ^ table_entry(5, (head >> 8) as u8) ^ tail;
         }
         _ => {}
     }
     if let Some((&[a, b, c, d], after)) = rest.split_first_chunk::<4>() {
         let head = u16::from_le_bytes([a, b]) ^ crc;
-        crc = of(3, head as u8) ^ of(2, (head >> 8) as u8) ^ of(1, c) ^ of(0, d);
+        crc = table_entry(3, head as u8)
+            ^ table_entry(2, (head >> 8) as u8)
+            ^ table_entry(1, c)
+            ^ table_entry(0, d);
         rest = after;
     }
     if let Some((&pair, after)) = rest.split_first_chunk::<2>() {
         let head = u16::from_le_bytes(pair) ^ crc;
-        crc = of(1, head as u8) ^ of(0, (head >> 8) as u8);
+        crc = table_entry(1, head as u8) ^ table_entry(0, (head >> 8) as u8);
         rest = after;
     }
     match rest {
-        [byte, ..] => (crc >> 8) ^ of(0, crc as u8 ^ byte),
+        [byte, ..] => (crc >> 8) ^ table_entry(0, crc as u8 ^ byte),
         [] => crc,
     }
 }
 
-const fn tables() -> [[u16; 256]; 8] {
+const fn crc_tables() -> [[u16; 256]; 8] {
     let mut tables = [[0; 256]; 8];
     let mut byte = 0;
     while byte < 256 {

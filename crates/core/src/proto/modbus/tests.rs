@@ -1,11 +1,11 @@
 extern crate std;
 
 mod axis;
-mod back;
 mod checks;
 mod codec;
 mod doubt;
 mod pair;
+mod round_trip;
 mod world;
 
 use super::rtu;

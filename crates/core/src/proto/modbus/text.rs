@@ -6,7 +6,7 @@
 
 mod list;
 
-use super::encoding::{self, registers};
+use super::encoding::{self, register_count};
 use super::wire::{Function, READ_WORDS_MAX, Space, WRITE_WORDS_MAX};
 use crate::explain::TextError;
 use crate::profile::{Parameter, Profile};
@@ -15,7 +15,7 @@ const TOKENS_MAX: usize = WRITE_WORDS_MAX as usize + 16;
 
 /// What a text asks.
 #[derive(Clone, Copy, Debug)]
-pub struct Said {
+pub struct ParsedRequest {
     /// The function.
     pub function: Function,
     /// First address.
@@ -27,38 +27,38 @@ pub struct Said {
 }
 
 /// Phrases that begin a text, the longer before those they begin with.
-const PHRASES: [(&str, Verb); 27] = [
-    ("read holding registers", Verb::Read(Space::Holding)),
-    ("read holding register", Verb::Read(Space::Holding)),
-    ("read input registers", Verb::Read(Space::Input)),
-    ("read input register", Verb::Read(Space::Input)),
-    ("read discrete inputs", Verb::Read(Space::Discrete)),
-    ("read discrete input", Verb::Read(Space::Discrete)),
-    ("read registers", Verb::Read(Space::Holding)),
-    ("read register", Verb::Read(Space::Holding)),
-    ("read coils", Verb::Read(Space::Coil)),
-    ("read coil", Verb::Read(Space::Coil)),
-    ("read inputs", Verb::Read(Space::Discrete)),
-    ("input registers", Verb::Read(Space::Input)),
-    ("registers", Verb::Read(Space::Holding)),
-    ("coils", Verb::Read(Space::Coil)),
-    ("inputs", Verb::Read(Space::Discrete)),
-    ("read", Verb::ReadNamed),
-    ("write multiple registers", Verb::Write(Function::WriteRegisters)),
-    ("write multiple coils", Verb::Write(Function::WriteCoils)),
-    ("write single register", Verb::Write(Function::WriteRegister)),
-    ("write single coil", Verb::Write(Function::WriteCoil)),
-    ("write registers", Verb::Write(Function::WriteRegisters)),
-    ("write register", Verb::Write(Function::WriteRegister)),
-    ("write coils", Verb::Write(Function::WriteCoils)),
-    ("write coil", Verb::Write(Function::WriteCoil)),
-    ("write", Verb::WriteNamed),
-    ("set", Verb::WriteNamed),
-    ("coil", Verb::Write(Function::WriteCoil)),
+const PHRASES: [(&str, TextVerb); 27] = [
+    ("read holding registers", TextVerb::Read(Space::Holding)),
+    ("read holding register", TextVerb::Read(Space::Holding)),
+    ("read input registers", TextVerb::Read(Space::Input)),
+    ("read input register", TextVerb::Read(Space::Input)),
+    ("read discrete inputs", TextVerb::Read(Space::Discrete)),
+    ("read discrete input", TextVerb::Read(Space::Discrete)),
+    ("read registers", TextVerb::Read(Space::Holding)),
+    ("read register", TextVerb::Read(Space::Holding)),
+    ("read coils", TextVerb::Read(Space::Coil)),
+    ("read coil", TextVerb::Read(Space::Coil)),
+    ("read inputs", TextVerb::Read(Space::Discrete)),
+    ("input registers", TextVerb::Read(Space::Input)),
+    ("registers", TextVerb::Read(Space::Holding)),
+    ("coils", TextVerb::Read(Space::Coil)),
+    ("inputs", TextVerb::Read(Space::Discrete)),
+    ("read", TextVerb::ReadNamed),
+    ("write multiple registers", TextVerb::Write(Function::WriteRegisters)),
+    ("write multiple coils", TextVerb::Write(Function::WriteCoils)),
+    ("write single register", TextVerb::Write(Function::WriteRegister)),
+    ("write single coil", TextVerb::Write(Function::WriteCoil)),
+    ("write registers", TextVerb::Write(Function::WriteRegisters)),
+    ("write register", TextVerb::Write(Function::WriteRegister)),
+    ("write coils", TextVerb::Write(Function::WriteCoils)),
+    ("write coil", TextVerb::Write(Function::WriteCoil)),
+    ("write", TextVerb::WriteNamed),
+    ("set", TextVerb::WriteNamed),
+    ("coil", TextVerb::Write(Function::WriteCoil)),
 ];
 
 #[derive(Clone, Copy)]
-enum Verb {
+enum TextVerb {
     Read(Space),
     ReadNamed,
     Write(Function),
@@ -77,7 +77,7 @@ impl Token<'_> {
     }
 }
 
-struct Target {
+struct RegisterTarget {
     space: Space,
     start: u16,
     parameter: Option<&'static Parameter>,
@@ -87,10 +87,10 @@ struct Target {
 ///
 /// # Errors
 /// [`TextError`] with the place and what was expected there.
-pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<Said, TextError> {
+pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<ParsedRequest, TextError> {
     let mut store = [Token::default(); TOKENS_MAX];
-    let tokens = split(text, &mut store)?;
-    if let Some(said) = list::parse(text, tokens)? {
+    let tokens = tokenize(text, &mut store)?;
+    if let Some(said) = list::parse_list(text, tokens)? {
         return Ok(said);
     }
     let Some((verb, words)) = PHRASES.iter().find_map(|(phrase, verb)| {
@@ -104,14 +104,14 @@ pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<Said, Text
     };
     let rest = &tokens[words..];
     match verb {
-        Verb::Read(space) => read(text, rest, Some(space), profile),
-        Verb::ReadNamed => read(text, rest, None, profile),
-        Verb::Write(function) => write(text, rest, Some(function), profile),
-        Verb::WriteNamed => write(text, rest, None, profile),
+        TextVerb::Read(space) => parse_read(text, rest, Some(space), profile),
+        TextVerb::ReadNamed => parse_read(text, rest, None, profile),
+        TextVerb::Write(function) => parse_write(text, rest, Some(function), profile),
+        TextVerb::WriteNamed => parse_write(text, rest, None, profile),
     }
 }
 
-fn split<'a, 't>(
+fn tokenize<'a, 't>(
     text: &'t str,
     store: &'a mut [Token<'t>; TOKENS_MAX],
 ) -> Result<&'a [Token<'t>], TextError> {
@@ -131,7 +131,7 @@ fn split<'a, 't>(
 }
 
 /// A number, decimal or with `0x` hexadecimal, with or without sign.
-fn number(text: &str) -> Option<i64> {
+fn parse_number(text: &str) -> Option<i64> {
     let (sign, digits) = match text.strip_prefix('-') {
         Some(digits) => (-1, digits),
         None => (1, text.strip_prefix('+').unwrap_or(text)),
@@ -145,46 +145,47 @@ fn number(text: &str) -> Option<i64> {
 }
 
 /// The register that the first tokens mean, and the tokens behind it.
-fn target<'a, 't>(
+fn parse_target<'a, 't>(
     text: &str,
     tokens: &'a [Token<'t>],
     space: Option<Space>,
     profile: Option<&'static Profile>,
-) -> Result<(Target, &'a [Token<'t>]), TextError> {
+) -> Result<(RegisterTarget, &'a [Token<'t>]), TextError> {
     let missing = TextError { at: text.len(), expected: "a register: a number or a name" };
     let first = tokens.first().ok_or(missing)?;
-    if let Some(value) = number(first.text) {
+    if let Some(value) = parse_number(first.text) {
         let expected = "a register address, 0 to 0xFFFF";
         let start = u16::try_from(value).map_err(|_| TextError { at: first.at, expected })?;
         let space = space.unwrap_or(Space::Holding);
-        return Ok((Target { space, start, parameter: None }, &tokens[1..]));
+        return Ok((RegisterTarget { space, start, parameter: None }, &tokens[1..]));
     }
-    let plain = tokens.iter().rposition(|token| number(token.text).is_none()).unwrap_or(0) + 1;
+    let plain =
+        tokens.iter().rposition(|token| parse_number(token.text).is_none()).unwrap_or(0) + 1;
     for count in plain..=tokens.len() {
         let last = tokens[count - 1];
         let name = &text[first.at..last.at + last.text.len()];
-        if let Some(found) = named(name, profile) {
+        if let Some(found) = find_named(name, profile) {
             return Ok((found, &tokens[count..]));
         }
     }
-    match by_symbol(first.text) {
+    match parse_symbol(first.text) {
         Some(start) => {
             let space = space.unwrap_or(Space::Holding);
-            Ok((Target { space, start, parameter: None }, &tokens[1..]))
+            Ok((RegisterTarget { space, start, parameter: None }, &tokens[1..]))
         }
         None => Err(TextError { at: first.at, expected: "a register: a number or a known name" }),
     }
 }
 
-fn named(name: &str, profile: Option<&'static Profile>) -> Option<Target> {
+fn find_named(name: &str, profile: Option<&'static Profile>) -> Option<RegisterTarget> {
     let profile = profile?;
-    let parameter = profile.parameter(profile.find(name)?)?;
+    let parameter = profile.parameter(profile.find_parameter(name)?)?;
     let space = Space::of_number(parameter.space)?;
-    Some(Target { space, start: parameter.index, parameter: Some(parameter) })
+    Some(RegisterTarget { space, start: parameter.index, parameter: Some(parameter) })
 }
 
 /// `Fn_33` is register 33h, `Dn_12` is 1012h (TS manual V2 §2.2).
-fn by_symbol(text: &str) -> Option<u16> {
+fn parse_symbol(text: &str) -> Option<u16> {
     let (head, digits) = text.split_at_checked(2)?;
     let digits = digits.strip_prefix('_').unwrap_or(digits);
     let number = u16::from_str_radix(digits, 16).ok()?;
@@ -195,21 +196,21 @@ fn by_symbol(text: &str) -> Option<u16> {
     }
 }
 
-fn read(
+fn parse_read(
     text: &str,
     tokens: &[Token<'_>],
     space: Option<Space>,
     profile: Option<&'static Profile>,
-) -> Result<Said, TextError> {
-    let (target, rest) = target(text, tokens, space, profile)?;
+) -> Result<ParsedRequest, TextError> {
+    let (target, rest) = parse_target(text, tokens, space, profile)?;
     let count = match rest {
-        [] => target.parameter.map_or(1, |parameter| registers(parameter.encoding)),
+        [] => target.parameter.map_or(1, |parameter| register_count(parameter.encoding)),
         [_, extra] if !(extra.is("registers") || extra.is("bits")) => {
             return Err(TextError { at: extra.at, expected: "the end of the text" });
         }
         [count] | [count, _] => {
             let most = i64::from(target.space.read_max());
-            let value = number(count.text).filter(|value| (1..=most).contains(value));
+            let value = parse_number(count.text).filter(|value| (1..=most).contains(value));
             let expected = "how many: 1 to 125 registers, or 1 to 2000 bits";
             value.ok_or(TextError { at: count.at, expected })? as u16
         }
@@ -217,35 +218,42 @@ fn read(
             return Err(TextError { at: extra.at, expected: "the end of the text" });
         }
     };
-    let start = fits(target.start, count, tokens)?;
-    Ok(Said { function: target.space.read(), start, count, words: [0; READ_WORDS_MAX as usize] })
+    let start = check_address_range(target.start, count, tokens)?;
+    Ok(ParsedRequest {
+        function: target.space.read_function(),
+        start,
+        count,
+        words: [0; READ_WORDS_MAX as usize],
+    })
 }
 
-fn write(
+fn parse_write(
     text: &str,
     tokens: &[Token<'_>],
     function: Option<Function>,
     profile: Option<&'static Profile>,
-) -> Result<Said, TextError> {
+) -> Result<ParsedRequest, TextError> {
     let coils = matches!(function, Some(Function::WriteCoil | Function::WriteCoils));
     let space = if coils { Space::Coil } else { Space::Holding };
     // What is no number behind the address can only be the word of a coil's state.
-    let states = tokens.iter().rev().take_while(|token| state(token.text).is_some()).count();
-    let worded = tokens.iter().any(|token| number(token.text).is_none() && is_word(token.text));
+    let states =
+        tokens.iter().rev().take_while(|token| parse_coil_state(token.text).is_some()).count();
+    let worded =
+        tokens.iter().any(|token| parse_number(token.text).is_none() && is_word(token.text));
     let cut = if worded { tokens.len() - states.min(tokens.len().saturating_sub(1)) } else { 0 };
     let (target, values) = match worded {
         true => {
-            let (target, _) = target(text, &tokens[..cut], Some(space), profile)?;
+            let (target, _) = parse_target(text, &tokens[..cut], Some(space), profile)?;
             (target, &tokens[cut..])
         }
-        false => target(text, tokens, Some(space), profile)?,
+        false => parse_target(text, tokens, Some(space), profile)?,
     };
     if values.is_empty() {
         return Err(TextError { at: text.len(), expected: "a value" });
     }
     match target.space {
-        Space::Holding => write_registers(&target, values, tokens, function),
-        Space::Coil => write_coils(&target, values, tokens, function),
+        Space::Holding => parse_register_values(&target, values, tokens, function),
+        Space::Coil => parse_coil_values(&target, values, tokens, function),
         Space::Discrete | Space::Input => {
             Err(TextError { at: tokens[0].at, expected: "a register that can be written" })
         }
@@ -257,7 +265,7 @@ fn is_word(text: &str) -> bool {
 }
 
 /// The state of a coil, in a word or as 0 or 1.
-fn state(text: &str) -> Option<u16> {
+fn parse_coil_state(text: &str) -> Option<u16> {
     match text {
         _ if text.eq_ignore_ascii_case("on") => Some(1),
         _ if text.eq_ignore_ascii_case("off") => Some(0),
@@ -267,27 +275,27 @@ fn state(text: &str) -> Option<u16> {
     }
 }
 
-fn write_registers(
-    target: &Target,
+fn parse_register_values(
+    target: &RegisterTarget,
     values: &[Token<'_>],
     tokens: &[Token<'_>],
     function: Option<Function>,
-) -> Result<Said, TextError> {
+) -> Result<ParsedRequest, TextError> {
     let mut words = [0; READ_WORDS_MAX as usize];
     let mut count = values.len();
     match (values, target.parameter) {
         ([value], Some(parameter)) => {
             let expected = "a value in the parameter's range";
             let wrong = TextError { at: value.at, expected };
-            let raw = number(value.text).ok_or(wrong)?;
+            let raw = parse_number(value.text).ok_or(wrong)?;
             let pair = encoding::encode(parameter.encoding, raw).ok_or(wrong)?;
-            count = usize::from(registers(parameter.encoding));
+            count = usize::from(register_count(parameter.encoding));
             words[..count].copy_from_slice(&pair[..count]);
         }
         _ => {
             for (word, value) in words.iter_mut().zip(values) {
                 let expected = "a value, -32768 to 65535";
-                *word = number(value.text)
+                *word = parse_number(value.text)
                     .filter(|value| (-32_768..=65_535).contains(value))
                     .ok_or(TextError { at: value.at, expected })? as u16;
             }
@@ -299,30 +307,31 @@ fn write_registers(
         return Err(TextError { at, expected: "fewer values" });
     }
     let single = if count == 1 { Function::WriteRegister } else { Function::WriteRegisters };
-    let start = fits(target.start, count as u16, tokens)?;
-    Ok(Said { function: function.unwrap_or(single), start, count: count as u16, words })
+    let start = check_address_range(target.start, count as u16, tokens)?;
+    Ok(ParsedRequest { function: function.unwrap_or(single), start, count: count as u16, words })
 }
 
-fn write_coils(
-    target: &Target,
+fn parse_coil_values(
+    target: &RegisterTarget,
     values: &[Token<'_>],
     tokens: &[Token<'_>],
     function: Option<Function>,
-) -> Result<Said, TextError> {
+) -> Result<ParsedRequest, TextError> {
     let mut words = [0; READ_WORDS_MAX as usize];
     let count = values.len();
     if count > words.len() || (function == Some(Function::WriteCoil) && count > 1) {
         return Err(TextError { at: values[1].at, expected: "fewer coils" });
     }
     for (word, value) in words.iter_mut().zip(values) {
-        *word = state(value.text).ok_or(TextError { at: value.at, expected: "on, off, 1 or 0" })?;
+        *word = parse_coil_state(value.text)
+            .ok_or(TextError { at: value.at, expected: "on, off, 1 or 0" })?;
     }
     let single = if count == 1 { Function::WriteCoil } else { Function::WriteCoils };
-    let start = fits(target.start, count as u16, tokens)?;
-    Ok(Said { function: function.unwrap_or(single), start, count: count as u16, words })
+    let start = check_address_range(target.start, count as u16, tokens)?;
+    Ok(ParsedRequest { function: function.unwrap_or(single), start, count: count as u16, words })
 }
 
-fn fits(start: u16, count: u16, tokens: &[Token<'_>]) -> Result<u16, TextError> {
+fn check_address_range(start: u16, count: u16, tokens: &[Token<'_>]) -> Result<u16, TextError> {
     let end = start.checked_add(count.max(1) - 1);
     let expected = "addresses up to 0xFFFF";
     end.map(|_| start).ok_or(TextError { at: tokens[0].at, expected })

@@ -26,7 +26,7 @@ const COIL_ON: u16 = 0xFF00;
 
 /// How bytes are put on the wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Format {
+pub enum WireFormat {
     /// Binary with CRC.
     Rtu,
     /// Hexadecimal characters with LRC.
@@ -79,7 +79,7 @@ impl Space {
     /// The function that reads it.
     #[must_use]
     #[inline(always)]
-    pub const fn read(self) -> Function {
+    pub const fn read_function(self) -> Function {
         match self {
             Self::Holding => Function::ReadHoldingRegisters,
             Self::Coil => Function::ReadCoils,
@@ -91,7 +91,7 @@ impl Space {
     /// The space that a function code reads.
     #[must_use]
     #[inline]
-    pub const fn read_by(code: u8) -> Option<Self> {
+    pub const fn of_read_code(code: u8) -> Option<Self> {
         match code {
             0x01 => Some(Self::Coil),
             0x02 => Some(Self::Discrete),
@@ -173,7 +173,7 @@ impl Function {
 
     /// The space that it reads; `None` for what does not read.
     #[must_use]
-    pub const fn reads(self) -> Option<Space> {
+    pub const fn read_space(self) -> Option<Space> {
         match self {
             Self::ReadCoils => Some(Space::Coil),
             Self::ReadDiscreteInputs => Some(Space::Discrete),
@@ -357,13 +357,13 @@ impl<'a> RequestPdu<'a> {
         match function {
             Function::WriteCoil => Self::parse_write_coil(pdu),
             Function::WriteRegister => {
-                exactly(pdu, 5)?;
+                check_len(pdu, 5)?;
                 Ok(Self::WriteRegister { address: word(pdu, 1), value: word(pdu, 3) })
             }
             Function::WriteCoils => Self::parse_write_coils(pdu),
             Function::WriteRegisters => Self::parse_write_registers(pdu),
             Function::Unknown(function) => Ok(Self::Unknown { function, data }),
-            _ => match function.reads() {
+            _ => match function.read_space() {
                 Some(space) => Self::parse_read(space, pdu),
                 None => Ok(Self::Unknown { function: code, data }),
             },
@@ -395,7 +395,7 @@ impl<'a> RequestPdu<'a> {
 
     /// Function and two words, where there is nothing else: reads and single writes.
     #[inline(always)]
-    pub(super) const fn short(&self) -> Option<(u8, u16, u16)> {
+    pub(super) const fn as_short(&self) -> Option<(u8, u16, u16)> {
         let (first, second) = match *self {
             Self::Read { start, count, .. } => (start, count),
             Self::WriteCoil { address, on } => (address, if on { COIL_ON } else { 0 }),
@@ -410,7 +410,7 @@ impl<'a> RequestPdu<'a> {
     #[inline(always)]
     pub const fn function(&self) -> Function {
         match *self {
-            Self::Read { space, .. } => space.read(),
+            Self::Read { space, .. } => space.read_function(),
             Self::WriteCoil { .. } => Function::WriteCoil,
             Self::WriteRegister { .. } => Function::WriteRegister,
             Self::WriteCoils { .. } => Function::WriteCoils,
@@ -431,13 +431,13 @@ impl<'a> RequestPdu<'a> {
     }
 
     fn parse_read(space: Space, pdu: &[u8]) -> Result<Self, WireError> {
-        exactly(pdu, 5)?;
-        let count = within(pdu, 3, space.read_max())?;
+        check_len(pdu, 5)?;
+        let count = count_within(pdu, 3, space.read_max())?;
         Ok(Self::Read { space, start: word(pdu, 1), count })
     }
 
     fn parse_write_coil(pdu: &[u8]) -> Result<Self, WireError> {
-        exactly(pdu, 5)?;
+        check_len(pdu, 5)?;
         match word(pdu, 3) {
             0 => Ok(Self::WriteCoil { address: word(pdu, 1), on: false }),
             COIL_ON => Ok(Self::WriteCoil { address: word(pdu, 1), on: true }),
@@ -446,8 +446,8 @@ impl<'a> RequestPdu<'a> {
     }
 
     fn parse_write_coils(pdu: &'a [u8]) -> Result<Self, WireError> {
-        let bits = block(pdu)?;
-        let count = within(pdu, 3, WRITE_BITS_MAX)?;
+        let bits = block_data(pdu)?;
+        let count = count_within(pdu, 3, WRITE_BITS_MAX)?;
         if bits.len() != usize::from(count).div_ceil(8) {
             return Err(WireError::Count { at: 5, found: bits.len() as u16 });
         }
@@ -455,8 +455,8 @@ impl<'a> RequestPdu<'a> {
     }
 
     fn parse_write_registers(pdu: &'a [u8]) -> Result<Self, WireError> {
-        let words = block(pdu)?;
-        let count = within(pdu, 3, WRITE_WORDS_MAX)?;
+        let words = block_data(pdu)?;
+        let count = count_within(pdu, 3, WRITE_WORDS_MAX)?;
         if words.len() != usize::from(count) * 2 {
             return Err(WireError::Count { at: 5, found: words.len() as u16 });
         }
@@ -521,7 +521,7 @@ impl<'a> ReplyPdu<'a> {
     #[inline]
     pub fn parse(pdu: &'a [u8]) -> Result<Self, WireError> {
         let (&code, data) = pdu.split_first().ok_or(WireError::Short { need: 1, found: 0 })?;
-        match Space::read_by(code) {
+        match Space::of_read_code(code) {
             Some(space) => Self::parse_read(space, data),
             None => Self::parse_other(code, pdu, data),
         }
@@ -529,7 +529,7 @@ impl<'a> ReplyPdu<'a> {
 
     fn parse_other(code: u8, pdu: &'a [u8], data: &'a [u8]) -> Result<Self, WireError> {
         if code & EXCEPTION_BIT != 0 {
-            exactly(pdu, 2)?;
+            check_len(pdu, 2)?;
             let exception = Exception::of_code(pdu[1]);
             return Ok(Self::Exception { function: code & !EXCEPTION_BIT, exception });
         }
@@ -537,7 +537,7 @@ impl<'a> ReplyPdu<'a> {
         if let Function::Unknown(function) = function {
             return Ok(Self::Unknown { function, data });
         }
-        exactly(pdu, 5)?;
+        check_len(pdu, 5)?;
         let (first, second) = (word(pdu, 1), word(pdu, 3));
         match function {
             Function::WriteCoil if second != 0 && second != COIL_ON => {
@@ -557,7 +557,7 @@ impl<'a> ReplyPdu<'a> {
     pub fn emit(&self, out: &mut [u8]) -> usize {
         match *self {
             Self::Read { space, data } => {
-                out[0] = space.read().code();
+                out[0] = space.read_function().code();
                 out[1] = data.len() as u8;
                 out[2..2 + data.len()].copy_from_slice(data);
                 2 + data.len()
@@ -582,7 +582,7 @@ impl<'a> ReplyPdu<'a> {
     #[inline]
     fn parse_read(space: Space, data: &'a [u8]) -> Result<Self, WireError> {
         let (&count, data) = data.split_first().ok_or(WireError::Short { need: 2, found: 1 })?;
-        exactly(data, usize::from(count))?;
+        check_len(data, usize::from(count))?;
         if count == 0 || (!space.is_bits() && count % 2 != 0) {
             return Err(WireError::Count { at: 1, found: u16::from(count) });
         }
@@ -592,7 +592,7 @@ impl<'a> ReplyPdu<'a> {
 
 /// How many bytes a frame has, told by its head.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Span {
+pub enum AnnouncedLength {
     /// So many.
     Bytes(usize),
     /// The head is too short to tell.
@@ -606,35 +606,35 @@ pub enum Span {
 /// The length of the request PDU that begins with `head` (MAP 6; the functions that are only named
 /// here included, so that a station can refuse them as a whole).
 #[must_use]
-pub fn request_span(head: &[u8]) -> Span {
-    let Some(&code) = head.first() else { return Span::More };
+pub fn request_span(head: &[u8]) -> AnnouncedLength {
+    let Some(&code) = head.first() else { return AnnouncedLength::More };
     match code {
-        0x01..=0x06 | 0x08 => Span::Bytes(5),
-        0x07 | 0x0B | 0x0C | 0x11 => Span::Bytes(1),
-        0x0F | 0x10 => counted(head, 5, 1, WRITE_WORDS_MAX as usize * 2),
-        0x14 | 0x15 => counted(head, 1, 1, 0xFB),
-        0x16 => Span::Bytes(7),
-        0x17 => counted(head, 9, 1, 121 * 2),
-        0x18 => Span::Bytes(3),
-        0x2B => Span::Bytes(4),
-        0 | 0x80.. => Span::Never,
-        _ => Span::Unknown,
+        0x01..=0x06 | 0x08 => AnnouncedLength::Bytes(5),
+        0x07 | 0x0B | 0x0C | 0x11 => AnnouncedLength::Bytes(1),
+        0x0F | 0x10 => counted_span(head, 5, 1, WRITE_WORDS_MAX as usize * 2),
+        0x14 | 0x15 => counted_span(head, 1, 1, 0xFB),
+        0x16 => AnnouncedLength::Bytes(7),
+        0x17 => counted_span(head, 9, 1, 121 * 2),
+        0x18 => AnnouncedLength::Bytes(3),
+        0x2B => AnnouncedLength::Bytes(4),
+        0 | 0x80.. => AnnouncedLength::Never,
+        _ => AnnouncedLength::Unknown,
     }
 }
 
 /// The length of the reply PDU that begins with `head`.
 #[must_use]
-pub fn reply_span(head: &[u8]) -> Span {
-    let Some(&code) = head.first() else { return Span::More };
+pub fn reply_span(head: &[u8]) -> AnnouncedLength {
+    let Some(&code) = head.first() else { return AnnouncedLength::More };
     match code {
-        0x01..=0x04 | 0x0C | 0x11 | 0x14 | 0x15 | 0x17 => counted(head, 1, 0, 251),
-        0x05 | 0x06 | 0x08 | 0x0B | 0x0F | 0x10 => Span::Bytes(5),
-        0x07 => Span::Bytes(2),
-        0x16 => Span::Bytes(7),
-        0x80 => Span::Never,
-        0x81.. => Span::Bytes(2),
-        0 => Span::Never,
-        _ => Span::Unknown,
+        0x01..=0x04 | 0x0C | 0x11 | 0x14 | 0x15 | 0x17 => counted_span(head, 1, 0, 251),
+        0x05 | 0x06 | 0x08 | 0x0B | 0x0F | 0x10 => AnnouncedLength::Bytes(5),
+        0x07 => AnnouncedLength::Bytes(2),
+        0x16 => AnnouncedLength::Bytes(7),
+        0x80 => AnnouncedLength::Never,
+        0x81.. => AnnouncedLength::Bytes(2),
+        0 => AnnouncedLength::Never,
+        _ => AnnouncedLength::Unknown,
     }
 }
 
@@ -651,16 +651,16 @@ pub fn words(bytes: &[u8]) -> impl Iterator<Item = u16> + '_ {
     bytes.as_chunks::<2>().0.iter().map(|pair| u16::from_be_bytes(*pair))
 }
 
-fn counted(head: &[u8], at: usize, least: usize, most: usize) -> Span {
+fn counted_span(head: &[u8], at: usize, least: usize, most: usize) -> AnnouncedLength {
     match head.get(at).map(|&count| usize::from(count)) {
-        None => Span::More,
-        Some(count) if count < least || count > most => Span::Never,
-        Some(count) => Span::Bytes(at + 1 + count),
+        None => AnnouncedLength::More,
+        Some(count) if count < least || count > most => AnnouncedLength::Never,
+        Some(count) => AnnouncedLength::Bytes(at + 1 + count),
     }
 }
 
 #[inline]
-fn exactly(bytes: &[u8], need: usize) -> Result<(), WireError> {
+fn check_len(bytes: &[u8], need: usize) -> Result<(), WireError> {
     let (need, found) = (need as u16, bytes.len() as u16);
     match found.cmp(&need) {
         core::cmp::Ordering::Less => Err(WireError::Short { need, found }),
@@ -669,18 +669,18 @@ fn exactly(bytes: &[u8], need: usize) -> Result<(), WireError> {
     }
 }
 
-fn within(pdu: &[u8], at: usize, most: u16) -> Result<u16, WireError> {
+fn count_within(pdu: &[u8], at: usize, most: u16) -> Result<u16, WireError> {
     let found = word(pdu, at);
     let right = (1..=most).contains(&found);
     if right { Ok(found) } else { Err(WireError::Count { at: at as u16, found }) }
 }
 
 /// The data of a PDU that carries start, count, byte count and data.
-fn block(pdu: &[u8]) -> Result<&[u8], WireError> {
+fn block_data(pdu: &[u8]) -> Result<&[u8], WireError> {
     if pdu.len() < 6 {
         return Err(WireError::Short { need: 6, found: pdu.len() as u16 });
     }
-    exactly(pdu, 6 + usize::from(pdu[5]))?;
+    check_len(pdu, 6 + usize::from(pdu[5]))?;
     Ok(&pdu[6..])
 }
 

@@ -8,45 +8,49 @@
 
 use super::generic::GENERIC;
 use super::host::CanHost;
-use super::readings::{Readings, is_command};
+use super::interpretation::{Interpretation, is_command};
 use super::rules;
 use super::rules::class_of;
-use super::session::{Answer, Ask};
-use super::text::{self, Said};
-use super::wire::{Command, Heard, Reply, Report, Request, Width, node};
-use crate::axis::{self, Driver, TOLD_MAX, Told};
+use super::session::{Answer, HostRequest};
+use super::text::{self, Statement};
+use super::wire::{CommandWord, DriveMessage, Reply, ReportFrame, Request, Width, node_of_id};
+use crate::axis::{self, DriveReport, Driver, REPORTS_MAX};
 use crate::error::{Failure, Unsupported};
-use crate::explain::Raw;
+use crate::explain::RawFrame;
 use crate::medium::{Can, Frame};
 use crate::plan::Argument;
 use crate::profile::{Encoding, Parameter, ParameterId, Profile};
 use crate::proto::{HostOptions, Protocol};
-use crate::station::Class;
+use crate::station::RequestClass;
 
 /// One drive.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
     profile: &'static Profile,
     id: u8,
-    readings: Readings,
+    interpretation: Interpretation,
 }
 
 impl Axis {
     /// The drive of that id.
     #[must_use]
     pub fn new(profile: &'static Profile, address: u32) -> Self {
-        Self { profile, id: address as u8, readings: Readings::of(profile) }
+        Self { profile, id: address as u8, interpretation: Interpretation::of(profile) }
     }
 
     /// A request that keeps the rules.
-    fn ask(&self, request: Request, class: Option<Class>) -> Result<Ask, Unsupported> {
+    fn new_request(
+        &self,
+        request: Request,
+        class: Option<RequestClass>,
+    ) -> Result<HostRequest, Unsupported> {
         rules::check(&request).map_err(Unsupported::Forbidden)?;
         let class = class.unwrap_or_else(|| class_of(&request));
-        Ok(Ask { id: self.id, request, class, readings: self.readings })
+        Ok(HostRequest { id: self.id, request, class, interpretation: self.interpretation })
     }
 
     /// What a command reads or writes.
-    fn parameter(&self, command: Command) -> Option<(ParameterId, &'static Parameter)> {
+    fn find_parameter(&self, command: CommandWord) -> Option<(ParameterId, &'static Parameter)> {
         let of_command = |p: &Parameter| is_command(p, command);
         let at = self.profile.parameters.iter().position(of_command)?;
         let id = ParameterId(u16::try_from(at).ok()?);
@@ -54,77 +58,77 @@ impl Axis {
     }
 
     /// LA or LR: the speed is the caller's, if he names one.
-    fn positioning(
+    fn positioning_request(
         &self,
-        command: Command,
+        command: CommandWord,
         given: Option<f64>,
         usual: u16,
         way: i64,
-    ) -> Result<Ask, Unsupported> {
-        let sub = match (given, self.parameter(Command::VC)) {
+    ) -> Result<HostRequest, Unsupported> {
+        let sub = match (given, self.find_parameter(CommandWord::VC)) {
             (None, _) | (_, None) => usual,
             (Some(si), Some((id, speed))) => {
-                let raw = libm::round(si.abs() / (speed.scale.factor * speed.unit.si()));
+                let raw = libm::round(si.abs() / (speed.scale.factor * speed.unit.si_factor()));
                 let (max, value) = (speed.max.min(u16::MAX.into()), raw as i64);
                 let wrong = Unsupported::OutOfRange { parameter: id, value, min: 1, max };
                 Some(value).filter(|v| (1..=max).contains(v)).ok_or(wrong)? as u16
             }
         };
         let way = i32::try_from(way).map_err(|_| Unsupported::BadArgument)?;
-        self.ask(Request { command, sub, data: Some(way.cast_unsigned()) }, None)
+        self.new_request(Request { command, sub, data: Some(way.cast_unsigned()) }, None)
     }
 
     /// A value of a parameter, told by a report.
-    fn told(&self, command: Command, raw: i64) -> Option<Told> {
-        self.parameter(command).map(|(id, _)| Told::Parameter(id, raw))
+    fn parameter_report(&self, command: CommandWord, raw: i64) -> Option<DriveReport> {
+        self.find_parameter(command).map(|(id, _)| DriveReport::Parameter(id, raw))
     }
 
-    fn report(&self, report: &Report) -> [Option<Told>; TOLD_MAX] {
+    fn decode_report(&self, report: &ReportFrame) -> [Option<DriveReport>; REPORTS_MAX] {
         let [a, b, c] = report.words;
         let signed = |word: u16| i64::from(word.cast_signed());
         match report.part {
             1 => [
-                self.told(Command::QV, signed(a)),
-                self.told(Command::QP, b.into()),
-                self.told(Command::QC, signed(c)),
+                self.parameter_report(CommandWord::QV, signed(a)),
+                self.parameter_report(CommandWord::QP, b.into()),
+                self.parameter_report(CommandWord::QC, signed(c)),
                 None,
             ],
             2 => [
-                self.told(Command::EF, a.into()),
-                self.told(Command::QT, signed(b)),
-                self.told(Command::EQ, signed(c)),
+                self.parameter_report(CommandWord::EF, a.into()),
+                self.parameter_report(CommandWord::QT, signed(b)),
+                self.parameter_report(CommandWord::EQ, signed(c)),
                 None,
             ],
             _ => {
-                let (absolute, relative) = self.readings.positions(report);
-                let absolute = self.told(Command::QA, absolute.into());
-                [absolute, self.told(Command::QR, relative.into()), None, None]
+                let (absolute, relative) = self.interpretation.positions(report);
+                let absolute = self.parameter_report(CommandWord::QA, absolute.into());
+                [absolute, self.parameter_report(CommandWord::QR, relative.into()), None, None]
             }
         }
     }
 }
 
 /// The data of a value: as wide as the profile says that this drive wants it.
-fn data_of(parameter: Option<&Parameter>, command: Command, value: i64) -> u32 {
+fn encode_value(parameter: Option<&Parameter>, command: CommandWord, value: i64) -> u32 {
     match parameter.map(|parameter| parameter.encoding) {
         Some(Encoding::I32) => value as u32,
-        Some(Encoding::I16) => Width::Signed.write(value),
-        _ => command.width().write(value),
+        Some(Encoding::I16) => Width::Signed.encode(value),
+        _ => command.width().encode(value),
     }
 }
 
-fn value_of(parameter: &Parameter, data: u32) -> i64 {
+fn decode_value(parameter: &Parameter, data: u32) -> i64 {
     match (parameter.space, parameter.encoding) {
         (2, _) => i64::from(((data >> 16) as u16).cast_signed()),
         (3, _) => i64::from((data as u16).cast_signed()),
-        (_, Encoding::I16) => Width::Signed.read(data),
-        (_, Encoding::I32) => Width::Long.read(data),
-        _ => Width::Unsigned.read(data),
+        (_, Encoding::I16) => Width::Signed.decode(data),
+        (_, Encoding::I32) => Width::Long.decode(data),
+        _ => Width::Unsigned.decode(data),
     }
 }
 
 impl Driver for Axis {
-    type Request = Ask;
+    type Request = HostRequest;
     type Answer = Answer;
 
     fn profile(&self) -> &'static Profile {
@@ -135,106 +139,120 @@ impl Driver for Axis {
         self.id.into()
     }
 
-    fn read(&self, parameter: &Parameter) -> Result<Ask, Unsupported> {
+    fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
         let request = match parameter.space {
-            0 => Request::plain(Command(parameter.index)),
-            _ => Request { sub: parameter.index, ..Request::plain(Command::RP) },
+            0 => Request::without_value(CommandWord(parameter.index)),
+            _ => Request { sub: parameter.index, ..Request::without_value(CommandWord::RP) },
         };
-        self.ask(request, Some(Class::Idempotent))
+        self.new_request(request, Some(RequestClass::Idempotent))
     }
 
-    fn write(&self, parameter: &Parameter, raw: i64, class: Class) -> Result<Ask, Unsupported> {
+    fn write_request(
+        &self,
+        parameter: &Parameter,
+        raw: i64,
+        class: RequestClass,
+    ) -> Result<HostRequest, Unsupported> {
         let request = match parameter.space {
             0 => {
-                let command = Command(parameter.index);
-                let data = data_of(Some(parameter), command, raw);
+                let command = CommandWord(parameter.index);
+                let data = encode_value(Some(parameter), command, raw);
                 Request { command, sub: 0, data: Some(data) }
             }
-            _ => Request { command: Command::SP, sub: parameter.index, data: Some(raw as u32) },
+            _ => Request { command: CommandWord::SP, sub: parameter.index, data: Some(raw as u32) },
         };
-        let stop = class_of(&request) == Class::Stop;
-        self.ask(request, Some(if stop { Class::Stop } else { class }))
+        let stop = class_of(&request) == RequestClass::Stop;
+        self.new_request(request, Some(if stop { RequestClass::Stop } else { class }))
     }
 
-    fn send(&self, function: u8, index: u16, value: i64) -> Result<Ask, Unsupported> {
-        let command = Command(index);
+    fn function_request(
+        &self,
+        function: u8,
+        index: u16,
+        value: i64,
+    ) -> Result<HostRequest, Unsupported> {
+        let command = CommandWord(index);
         match function {
             0 => {
-                let parameter = self.parameter(command).map(|(_, parameter)| parameter);
-                let data = Some(data_of(parameter, command, value));
-                self.ask(Request { command, sub: 0, data }, None)
+                let parameter = self.find_parameter(command).map(|(_, parameter)| parameter);
+                let data = Some(encode_value(parameter, command, value));
+                self.new_request(Request { command, sub: 0, data }, None)
             }
-            1 => self.ask(Request::plain(command), None),
-            2 => self.positioning(Command::LA, None, index, value),
-            3 => self.positioning(Command::LR, None, index, value),
-            4 => self.ask(Request::plain(command), Some(Class::Idempotent)),
+            1 => self.new_request(Request::without_value(command), None),
+            2 => self.positioning_request(CommandWord::LA, None, index, value),
+            3 => self.positioning_request(CommandWord::LR, None, index, value),
+            4 => self.new_request(Request::without_value(command), Some(RequestClass::Idempotent)),
             _ => Err(Unsupported::NoPlan),
         }
     }
 
-    fn send_for(
+    fn command_request(
         &self,
         command: &axis::Command,
         function: u8,
         index: u16,
         value: i64,
-    ) -> Result<Ask, Unsupported> {
+    ) -> Result<HostRequest, Unsupported> {
         let velocity = command.argument(Argument::Velocity);
         match function {
-            2 => self.positioning(Command::LA, velocity, index, value),
-            3 => self.positioning(Command::LR, velocity, index, value),
-            _ => self.send(function, index, value),
+            2 => self.positioning_request(CommandWord::LA, velocity, index, value),
+            3 => self.positioning_request(CommandWord::LR, velocity, index, value),
+            _ => self.function_request(function, index, value),
         }
     }
 
-    fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
+    fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
         use crate::explain::EncodeError;
-        match text::parse(text, self.readings) {
-            Ok(Said::Request(request)) => self.ask(request, None),
+        match text::parse(text, self.interpretation) {
+            Ok(Statement::Request(request)) => self.new_request(request, None),
             Err(EncodeError::Forbidden(rule)) => Err(Unsupported::Forbidden(rule)),
             _ => Err(Unsupported::BadText),
         }
     }
 
-    fn decode(&self, frame: &Raw<'_>) -> Result<Ask, Unsupported> {
+    fn decode_request(&self, frame: &RawFrame<'_>) -> Result<HostRequest, Unsupported> {
         let request = Request::parse(frame.bytes).map_err(|_| Unsupported::BadBytes)?;
         let its = request.frame(self.id);
         match (frame.id, frame.extended) {
             (Some(id), false) if id == its.id && frame.bytes == its.bytes() => {
-                self.ask(request, None)
+                self.new_request(request, None)
             }
             _ => Err(Unsupported::BadBytes),
         }
     }
 
     /// Without a parameter, a reply is its eight bytes.
-    fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
+    fn decode_answer(
+        &mut self,
+        parameter: Option<&Parameter>,
+        answer: &Answer,
+    ) -> Result<i64, Failure> {
         let bytes = |frame: Frame| u64::from_be_bytes(frame.data).cast_signed();
         Ok(match (answer, parameter) {
-            (Answer::Reply(reply), Some(parameter)) => value_of(parameter, reply.data),
+            (Answer::Reply(reply), Some(parameter)) => decode_value(parameter, reply.data),
             (Answer::Reply(reply), None) => bytes(reply.frame(self.id)),
             (Answer::Report(report), _) => bytes(report.frame(self.id)),
-            (Answer::Bare(bare), _) => bytes(bare.frame(self.id)),
-            (Answer::Off { faults }, _) => (*faults).into(),
+            (Answer::Headerless(bare), _) => bytes(bare.frame(self.id)),
+            (Answer::OutputOff { faults }, _) => (*faults).into(),
             (Answer::Proven, _) => 0,
         })
     }
 
-    fn unasked(&mut self, answer: &Answer) -> [Option<Told>; TOLD_MAX] {
+    fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
         match answer {
             Answer::Reply(Reply { command, data, .. }) => {
-                let told = self.parameter(*command);
-                let told = told.map(|(id, p)| Told::Parameter(id, value_of(p, *data)));
+                let told = self.find_parameter(*command);
+                let told = told.map(|(id, p)| DriveReport::Parameter(id, decode_value(p, *data)));
                 [told, None, None, None]
             }
-            Answer::Report(report) => self.report(report),
-            Answer::Bare(bare) => [
-                self.told(Command::QV, bare.rpm.into()),
-                self.told(Command::QP, bare.decivolt.into()),
-                self.told(Command::QC, bare.deciamp.into()),
-                self.told(Command::EF, bare.status.into()),
+            Answer::Report(report) => self.decode_report(report),
+            Answer::Headerless(bare) => [
+                self.parameter_report(CommandWord::QV, bare.rpm.into()),
+                self.parameter_report(CommandWord::QP, bare.decivolt.into()),
+                self.parameter_report(CommandWord::QC, bare.deciamp.into()),
+                self.parameter_report(CommandWord::EF, bare.status.into()),
             ],
-            Answer::Proven | Answer::Off { .. } => [None; TOLD_MAX],
+            Answer::Proven | Answer::OutputOff { .. } => [None; REPORTS_MAX],
         }
     }
 }
@@ -247,41 +265,46 @@ impl Protocol for Thruster {
     type Medium = Can;
     type Host = CanHost;
     const NAME: &'static str = "thruster";
-    const PROFILE: &'static str = "thruster";
-    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
-    const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 1..=127;
+    const PROFILE_PROTOCOL: &'static str = "thruster";
+    const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
+    const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
     // The manual does not state it; public drivers use this one. [I]
-    const BAUD: u32 = 500_000;
+    const DEFAULT_RATE: u32 = 500_000;
 
-    fn generic() -> &'static Profile {
+    fn generic_profile() -> &'static Profile {
         &GENERIC
     }
 
-    fn host(options: &HostOptions, _axes: &[u32]) -> CanHost {
+    fn create_host(options: &HostOptions, _axes: &[u32]) -> CanHost {
         CanHost::new(options)
     }
 
-    fn uses(address: u32, id: u32, extended: bool) -> bool {
-        let named = node(id).filter(|_| !extended);
+    fn uses_can_id(address: u32, id: u32, extended: bool) -> bool {
+        let named = node_of_id(id).filter(|_| !extended);
         named.is_some_and(|(Ok(node) | Err(node))| u32::from(node) == address)
     }
 
     /// Only what no mapped value is likely to be: a report of SR, or a value of a known command.
-    fn sender(_options: &HostOptions, frame: &Frame) -> Option<u32> {
-        let Some(Err(id)) = node(frame.id).filter(|_| !frame.extended && !frame.remote) else {
+    fn frame_sender(_options: &HostOptions, frame: &Frame) -> Option<u32> {
+        let Some(Err(id)) = node_of_id(frame.id).filter(|_| !frame.extended && !frame.remote)
+        else {
             return None;
         };
-        match Heard::parse(frame.bytes()).ok()? {
-            Heard::Reply(reply) if reply.sub == 0 => reply.command.known().map(|_| id.into()),
-            Heard::Report(Report { of: Report::BY_ITSELF, .. }) => Some(id.into()),
+        match DriveMessage::parse(frame.bytes()).ok()? {
+            DriveMessage::Reply(reply) if reply.sub == 0 => {
+                reply.command.definition().map(|_| id.into())
+            }
+            DriveMessage::Report(ReportFrame { source: ReportFrame::UNSOLICITED, .. }) => {
+                Some(id.into())
+            }
             _ => None,
         }
     }
 
-    fn driver(
+    fn create_driver(
         profile: &'static Profile,
         address: u32,
-    ) -> impl Driver<Request = Ask, Answer = Answer> + Send + 'static {
+    ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
         Axis::new(profile, address)
     }
 }

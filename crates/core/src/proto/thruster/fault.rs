@@ -2,7 +2,7 @@
 
 /// One bit of the fault word.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Bit {
+pub struct FaultBit {
     /// The bit alone.
     pub mask: u16,
     /// Its name, for fields.
@@ -10,7 +10,7 @@ pub struct Bit {
     /// Its name, for people.
     pub name: &'static str,
     /// 1 closes the output, 2 limits it or only reports. Data: what the drive does is
-    /// [`OUTPUT_OFF`], [`LIMITED`], [`FORBIDDEN`], for communication timeout is of level 2 and
+    /// [`OUTPUT_OFF`], [`OUTPUT_LIMITED`], [`POSITION_FORBIDDEN`], for communication timeout is of level 2 and
     /// closes the output.
     pub level: u8,
     /// It goes away by itself with its cause; else CF or a restart clears it.
@@ -47,26 +47,26 @@ pub const MOTOR_TEMPERATURE: u16 = 1 << 14;
 pub const MOTOR_SENSOR: u16 = 1 << 13;
 
 /// Faults that close the output until they are cleared.
-pub const CLOSED: u16 = EE_ACCESS | EE_DATA | OVER_CURRENT | STALL;
+pub const OUTPUT_CLOSED: u16 = EE_ACCESS | EE_DATA | OVER_CURRENT | STALL;
 /// Faults with which there is no output.
-pub const OUTPUT_OFF: u16 = CLOSED | TIMEOUT | ZERO_POINT;
+pub const OUTPUT_OFF: u16 = OUTPUT_CLOSED | TIMEOUT | ZERO_POINT;
 /// Faults that limit it.
-pub const LIMITED: u16 = DRIVER_HOT | MOTOR_HOT;
+pub const OUTPUT_LIMITED: u16 = DRIVER_HOT | MOTOR_HOT;
 /// Faults that void position commands.
-pub const FORBIDDEN: u16 = ENCODER;
+pub const POSITION_FORBIDDEN: u16 = ENCODER;
 /// Faults that only CF or a restart clears.
-pub const LATCHED: u16 = CLOSED | ENCODER;
+pub const LATCHED: u16 = OUTPUT_CLOSED | ENCODER;
 
 /// Every bit that has a name, the highest first.
-pub const BITS: [Bit; 14] = {
+pub const BITS: [FaultBit; 14] = {
     const fn bit(
         mask: u16,
         field: &'static str,
         name: &'static str,
         level: u8,
         recovers: bool,
-    ) -> Bit {
-        Bit { mask, field, name, level, recovers }
+    ) -> FaultBit {
+        FaultBit { mask, field, name, level, recovers }
     }
     [
         bit(MOTOR_TEMPERATURE, "motor_temperature", "undocumented motor temperature", 2, true),
@@ -87,6 +87,6 @@ pub const BITS: [Bit; 14] = {
 };
 
 /// The bits of a word that have a name.
-pub fn named(word: u16) -> impl Iterator<Item = &'static Bit> {
+pub fn named_bits(word: u16) -> impl Iterator<Item = &'static FaultBit> {
     BITS.iter().filter(move |bit| word & bit.mask != 0)
 }

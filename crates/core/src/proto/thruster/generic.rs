@@ -1,7 +1,7 @@
 //! What all drives of this protocol have in common, for one that no profile describes: reading, and
 //! taking the signal away.
 
-use super::wire::Command;
+use super::wire::CommandWord;
 use crate::axis::Verb;
 use crate::plan::{Operand, Plan, Step};
 use crate::profile::{
@@ -32,14 +32,14 @@ pub static GENERIC: Profile = Profile {
         source: "thruster protocol manual 2.1, TC 0",
         steps: &[Step::Send {
             function: 0,
-            index: Command::TC.0,
-            operand: Operand::Is(0),
+            index: CommandWord::TC.0,
+            operand: Operand::Constant(0),
             like: None,
         }],
         undo: &[],
     }],
     ram: None,
-    reach: &[],
+    link_settings: &[],
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
@@ -49,13 +49,13 @@ pub static GENERIC: Profile = Profile {
 };
 
 const PARAMETERS: &[Parameter] = &[
-    reading(Command::QP, "voltage", "QP", Unit::Volt, 0.1, Encoding::U16),
-    reading(Command::QV, "speed", "QV", Unit::Rpm, 1.0, Encoding::I16),
-    reading(Command::QC, "current", "QC", Unit::Ampere, 0.1, Encoding::I16),
-    reading(Command::QT, "motor temperature", "QT", Unit::Celsius, 1.0, Encoding::I16),
-    reading(Command::EQ, "driver temperature", "EQ", Unit::Celsius, 1.0, Encoding::I16),
-    reading(Command::EF, "faults", "EF", Unit::None, 1.0, Encoding::U16),
-    reading(Command::FR, "faults since start", "FR", Unit::None, 1.0, Encoding::U16),
+    reading(CommandWord::QP, "voltage", "QP", Unit::Volt, 0.1, Encoding::U16),
+    reading(CommandWord::QV, "speed", "QV", Unit::Rpm, 1.0, Encoding::I16),
+    reading(CommandWord::QC, "current", "QC", Unit::Ampere, 0.1, Encoding::I16),
+    reading(CommandWord::QT, "motor temperature", "QT", Unit::Celsius, 1.0, Encoding::I16),
+    reading(CommandWord::EQ, "driver temperature", "EQ", Unit::Celsius, 1.0, Encoding::I16),
+    reading(CommandWord::EF, "faults", "EF", Unit::None, 1.0, Encoding::U16),
+    reading(CommandWord::FR, "faults since start", "FR", Unit::None, 1.0, Encoding::U16),
 ];
 
 const fn signal(signal: Signal, at: u16) -> SignalSource {
@@ -63,7 +63,7 @@ const fn signal(signal: Signal, at: u16) -> SignalSource {
 }
 
 const fn reading(
-    command: Command,
+    command: CommandWord,
     name: &'static str,
     symbol: &'static str,
     unit: Unit,

@@ -1,11 +1,11 @@
 //! The commanding end: the host that a controller is in the manual's words.
 
-use super::session::{Answer, Ask, Session, Soonest};
-use super::wire::{Heard, node};
+use super::session::{Answer, HostRequest, MinExchangeTime, Session};
+use super::wire::{DriveMessage, node_of_id};
 use crate::medium::{Can, CanLine, Frame};
 use crate::proto::HostOptions;
-use crate::proto::pace::tolerated;
-use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
+use crate::proto::early_bytes::with_clock_tolerance;
+use crate::station::{Counters, Host, HostEvent, LineEvent, Station, Ticket, Timed};
 use crate::time::Instant;
 
 /// Time allowed for a reply unless somebody says otherwise, ms. Drives answer at once (section
@@ -32,8 +32,10 @@ impl CanHost {
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
         let ns =
             |bits| u64::checked_div(bits * 1_000_000_000, options.bit_rate.into()).unwrap_or(0);
-        let soonest =
-            Soonest { plain_ns: tolerated(ns(EXCHANGE_BITS)), value_ns: tolerated(ns(VALUE_BITS)) };
+        let soonest = MinExchangeTime {
+            base_ns: with_clock_tolerance(ns(EXCHANGE_BITS)),
+            value_extra_ns: with_clock_tolerance(ns(VALUE_BITS)),
+        };
         Self { session: Session::new(timeout, soonest), bit_rate: options.bit_rate }
     }
 }
@@ -53,9 +55,9 @@ impl Station<Can> for CanHost {
         if frame.extended || frame.remote {
             return;
         }
-        let Some(Err(id)) = node(frame.id) else { return };
-        match Heard::parse(frame.bytes()) {
-            Ok(heard) => self.session.heard(id, heard, now),
+        let Some(Err(id)) = node_of_id(frame.id) else { return };
+        match DriveMessage::parse(frame.bytes()) {
+            Ok(heard) => self.session.handle_message(id, heard, now),
             Err(_) => self.session.counters.foreign += 1,
         }
     }
@@ -76,24 +78,29 @@ impl Station<Can> for CanHost {
 }
 
 impl Host<Can> for CanHost {
-    type Request = Ask;
+    type Request = HostRequest;
     type Answer = Answer;
 
-    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+    fn submit(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        request: HostRequest,
+    ) -> Result<(), HostRequest> {
         self.session.submit(now, ticket, request)
     }
 
-    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+    fn poll_event(&mut self) -> Option<&HostEvent<Answer>> {
         self.session.poll_event()
     }
 
-    fn emit(&self, request: &Ask, out: &mut Frame) -> usize {
+    fn encode_request(&self, request: &HostRequest, out: &mut Frame) -> usize {
         *out = request.request.frame(request.id);
         1
     }
 
-    fn keeps_alive(&self) -> bool {
-        self.session.feeds()
+    fn sends_keepalive(&self) -> bool {
+        self.session.needs_feeding()
     }
 
     fn counters(&self) -> Counters {

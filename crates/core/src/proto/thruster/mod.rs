@@ -11,8 +11,8 @@ pub mod explain;
 pub mod fault;
 pub mod generic;
 pub mod host;
+pub mod interpretation;
 mod node;
-pub mod readings;
 pub mod rules;
 pub mod session;
 pub mod text;
@@ -21,8 +21,8 @@ pub mod wire;
 pub use axis::{Axis, Thruster};
 pub use explain::ThrusterDissector;
 pub use host::CanHost;
-pub use session::{Answer, Ask};
-pub use wire::{Command, Heard, Reply, Request};
+pub use session::{Answer, HostRequest};
+pub use wire::{CommandWord, DriveMessage, Reply, Request};
 
 #[cfg(test)]
 mod tests;

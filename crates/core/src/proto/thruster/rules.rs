@@ -1,30 +1,36 @@
 //! What a host does not send, and why.
 
 use super::wire::{
-    BIT_RATES, Command, ID_MAX, POSITION_MAX, RANGE, REFUSED, RPM_MIN, Request, Shape, TIMEOUT_MS,
+    BIT_RATES, CommandKind, CommandWord, ID_MAX, POSITION_MAX, RANGE_PARAMETER, REFUSED, RPM_MIN,
+    Request, TIMEOUT_MS,
 };
-use crate::station::Class;
+use crate::station::RequestClass;
 
 /// The class that a request has by itself.
 #[must_use]
-pub fn class_of(request: &Request) -> Class {
+pub fn class_of(request: &Request) -> RequestClass {
     let value = request.data.unwrap_or(0);
-    match (request.command, request.command.known()) {
-        (Command::TC | Command::VC, _) if value == 0 => Class::Stop,
-        (Command::LS, _) => Class::Stop,
+    match (request.command, request.command.definition()) {
+        (CommandWord::TC | CommandWord::VC, _) if value == 0 => RequestClass::Stop,
+        (CommandWord::LS, _) => RequestClass::Stop,
         // Speed 0 starts nothing.
-        (Command::LA | Command::LR, _) if request.sub == 0 => Class::Confirm,
-        (_, Some((Shape::Query, _))) => Class::Idempotent,
-        (Command::VM | Command::ST, _) | (_, Some((Shape::Order, _))) => Class::Confirm,
-        _ => Class::Never,
+        (CommandWord::LA | CommandWord::LR, _) if request.sub == 0 => RequestClass::ReadBack,
+        (_, Some((CommandKind::Query, _))) => RequestClass::Idempotent,
+        (CommandWord::VM | CommandWord::ST, _) | (_, Some((CommandKind::Order, _))) => {
+            RequestClass::ReadBack
+        }
+        _ => RequestClass::NoRetry,
     }
 }
 
 /// Whether a drive keeps what a request sets over power-off (sections 2.2, 2.4, 4.1). \[I\] SP and
 /// AZ, whose manual only says that they set.
 #[must_use]
-pub const fn keeps(request: &Request) -> bool {
-    matches!(request.command, Command::CI | Command::CB | Command::SR | Command::SP | Command::AZ)
+pub const fn is_stored(request: &Request) -> bool {
+    matches!(
+        request.command,
+        CommandWord::CI | CommandWord::CB | CommandWord::SR | CommandWord::SP | CommandWord::AZ
+    )
 }
 
 /// Whether a request may be sent.
@@ -33,12 +39,12 @@ pub const fn keeps(request: &Request) -> bool {
 /// The rule that it breaks, and what to do instead.
 pub fn check(request: &Request) -> Result<(), &'static str> {
     let Request { command, sub, data } = *request;
-    let Some((shape, _)) = command.known() else {
+    let Some((shape, _)) = command.definition() else {
         return Err("the manual has no such command");
     };
     let Some(data) = data else {
         return match shape {
-            Shape::Set => Err("this command needs a value: without one drives refuse it"),
+            CommandKind::Set => Err("this command needs a value: without one drives refuse it"),
             _ => Ok(()),
         };
     };
@@ -46,40 +52,40 @@ pub fn check(request: &Request) -> Result<(), &'static str> {
         return Err("its last two bytes would be EE EE, which in the reply means refused: \
                     choose a neighbouring value");
     }
-    let value = command.width().read(data);
+    let value = command.width().decode(data);
     let within = |least: i64, most: i64| (least..=most).contains(&value);
     match command {
-        Command::TC if !within(-100, 100) => Err("the signal goes from -100 to 100 %"),
-        Command::VC if value != 0 && value.abs() < i64::from(RPM_MIN) => {
+        CommandWord::TC if !within(-100, 100) => Err("the signal goes from -100 to 100 %"),
+        CommandWord::VC if value != 0 && value.abs() < i64::from(RPM_MIN) => {
             Err("the slowest speed is 30 rpm; 0 stops")
         }
-        Command::VC if value.abs() > i64::from(i16::MAX) => {
+        CommandWord::VC if value.abs() > i64::from(i16::MAX) => {
             Err("a speed has 16 bits: at most 32767 rpm")
         }
-        Command::CI if !within(1, ID_MAX.into()) => Err("ids are 1 to 127"),
-        Command::CB if !BIT_RATES.iter().any(|rate| i64::from(*rate) == value) => {
+        CommandWord::CI if !within(1, ID_MAX.into()) => Err("ids are 1 to 127"),
+        CommandWord::CB if !BIT_RATES.iter().any(|rate| i64::from(*rate) == value) => {
             Err("bit rates are 1000, 800, 666, 500, 400, 333, 250, 200, 150, 125, 100, 83, 80, \
                  66, 50, 40, 33, 20 and 10 kbit/s")
         }
-        Command::ST if value != 0 && !is_timeout(value) => {
+        CommandWord::ST if value != 0 && !is_valid_timeout(value) => {
             Err("the time is 100 to 60000 ms, or 0 for never")
         }
-        Command::VM if value > 0xFFFF => Err("VM has two bytes: flags and frames"),
-        Command::SR if value > 0xFF_FFFF => Err("SR has three bytes: frames and an interval"),
-        Command::LA if value.abs() > i64::from(POSITION_MAX) => {
+        CommandWord::VM if value > 0xFFFF => Err("VM has two bytes: flags and frames"),
+        CommandWord::SR if value > 0xFF_FFFF => Err("SR has three bytes: frames and an interval"),
+        CommandWord::LA if value.abs() > i64::from(POSITION_MAX) => {
             Err("absolute positions go from -179.9 to 179.9 degrees")
         }
-        Command::SP if sub == RANGE => range(data),
+        CommandWord::SP if sub == RANGE_PARAMETER => check_range(data),
         _ => Ok(()),
     }
 }
 
-fn is_timeout(value: i64) -> bool {
+fn is_valid_timeout(value: i64) -> bool {
     u16::try_from(value).is_ok_and(|ms| TIMEOUT_MS.contains(&ms))
 }
 
-fn range(data: u32) -> Result<(), &'static str> {
-    let (reverse, forward) = ends(data);
+fn check_range(data: u32) -> Result<(), &'static str> {
+    let (reverse, forward) = range_ends(data);
     let most = POSITION_MAX as i16;
     if (-most..=0).contains(&reverse) && (0..=most).contains(&forward) {
         return Ok(());
@@ -89,12 +95,12 @@ fn range(data: u32) -> Result<(), &'static str> {
 
 /// The ends of a safe range, tenths of a degree: reverse, forward.
 #[must_use]
-pub const fn ends(data: u32) -> (i16, i16) {
+pub const fn range_ends(data: u32) -> (i16, i16) {
     (((data >> 16) as u16).cast_signed(), (data as u16).cast_signed())
 }
 
 /// The data of a safe range, tenths of a degree.
 #[must_use]
-pub const fn range_of(reverse: i16, forward: i16) -> u32 {
+pub const fn range_data(reverse: i16, forward: i16) -> u32 {
     (reverse.cast_unsigned() as u32) << 16 | forward.cast_unsigned() as u32
 }

@@ -5,7 +5,7 @@
 //! drive to host  280 + id   the first four bytes again, and the value; or a report
 //! ```
 //! All big-endian. Where the manual contradicts itself, the reading is stated at the place and the
-//! other one is a switch of the profile ([`Readings`](super::readings::Readings)).
+//! other one is a switch of the profile ([`Interpretation`](super::readings::Interpretation)).
 
 use crate::error::WireError;
 use crate::medium::Frame;
@@ -25,7 +25,7 @@ pub const POSITION_MAX: i32 = 1799;
 /// Time of ST, ms; 0 turns it off (section 2.3).
 pub const TIMEOUT_MS: core::ops::RangeInclusive<u16> = 100..=60_000;
 /// The type of SP and RP that is the safe range of positions (section 4.1).
-pub const RANGE: u16 = Command::LA.0;
+pub const RANGE_PARAMETER: u16 = CommandWord::LA.0;
 /// Bit rates that CB takes, kbit/s (section 2.2). \[I\] 666, 333, 83, 66 and 33 are those of the
 /// manual's list that have a fraction: 666.66 …
 pub const BIT_RATES: [u16; 19] =
@@ -33,11 +33,11 @@ pub const BIT_RATES: [u16; 19] =
 
 /// A command word: two letters, the first one first.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub struct Command(pub u16);
+pub struct CommandWord(pub u16);
 
 /// What a command carries and brings.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Shape {
+pub enum CommandKind {
     /// Four bytes; the reply has a value.
     Query,
     /// Four bytes; the reply repeats them.
@@ -48,7 +48,7 @@ pub enum Shape {
     Set,
 }
 
-impl Command {
+impl CommandWord {
     /// Signal, percent.
     pub const TC: Self = Self::of(*b"TC");
     /// Speed, rpm.
@@ -107,8 +107,8 @@ impl Command {
     pub const LS: Self = Self::of(*b"LS");
 
     /// Every command of the manual: its letters, its shape and what it does.
-    pub const ALL: [(Self, Shape, &'static str); 28] = {
-        use Shape::{Order, Query, Set, Zeros};
+    pub const ALL: [(Self, CommandKind, &'static str); 28] = {
+        use CommandKind::{Order, Query, Set, Zeros};
         [
             (Self::TC, Set, "signal control"),
             (Self::VC, Set, "speed control"),
@@ -149,7 +149,7 @@ impl Command {
 
     /// Shape and meaning, if the manual has it.
     #[must_use]
-    pub fn known(self) -> Option<(Shape, &'static str)> {
+    pub fn definition(self) -> Option<(CommandKind, &'static str)> {
         let entry = Self::ALL.iter().find(|(command, ..)| *command == self);
         entry.map(|(_, shape, text)| (*shape, *text))
     }
@@ -163,10 +163,10 @@ impl Command {
 
     /// The command of two letters, whatever their case.
     #[must_use]
-    pub fn named(text: &str) -> Option<Self> {
+    pub fn parse(text: &str) -> Option<Self> {
         let [a, b] = <[u8; 2]>::try_from(text.as_bytes()).ok()?;
         let command = Self::of([a.to_ascii_uppercase(), b.to_ascii_uppercase()]);
-        command.known().map(|_| command)
+        command.definition().map(|_| command)
     }
 
     /// True for what sets the output: TC and VC, which VM tells how to answer.
@@ -205,7 +205,7 @@ const fn is_letters(a: u8, b: u8) -> bool {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Request {
     /// What to do.
-    pub command: Command,
+    pub command: CommandWord,
     /// Speed of LA and LR, type of SP and RP, else zero.
     pub sub: u16,
     /// The last four bytes, if it has them.
@@ -215,14 +215,14 @@ pub struct Request {
 impl Request {
     /// A command alone, in four bytes or eight as the manual prints it.
     #[must_use]
-    pub fn plain(command: Command) -> Self {
-        let zeros = matches!(command.known(), Some((Shape::Zeros, _)));
+    pub fn without_value(command: CommandWord) -> Self {
+        let zeros = matches!(command.definition(), Some((CommandKind::Zeros, _)));
         Self { command, sub: 0, data: zeros.then_some(0) }
     }
 
     /// A command with a value in 16 bits; the two bytes before them are zero, as printed for TC -5.
     #[must_use]
-    pub const fn with(command: Command, value: u16) -> Self {
+    pub const fn with_value(command: CommandWord, value: u16) -> Self {
         Self { command, sub: 0, data: Some(value as u32) }
     }
 
@@ -246,7 +246,7 @@ impl Request {
             other => return Err(wrong_length(other.len())),
         };
         let [a, b, c, d] = head;
-        let (command, sub) = (Command::of([a, b]), u16::from_be_bytes([c, d]));
+        let (command, sub) = (CommandWord::of([a, b]), u16::from_be_bytes([c, d]));
         Ok(Self { command, sub, data: tail.map(u32::from_be_bytes) })
     }
 }
@@ -264,7 +264,7 @@ fn wrong_length(len: usize) -> WireError {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Reply {
     /// The command that it answers.
-    pub command: Command,
+    pub command: CommandWord,
     /// The request's sub-command.
     pub sub: u16,
     /// The value written or read, or [`REFUSED`].
@@ -276,41 +276,41 @@ impl Reply {
     #[must_use]
     pub fn frame(&self, id: u8) -> Frame {
         let head = (u64::from(self.command.0) << 48) | (u64::from(self.sub) << 32);
-        from_drive(id, head | u64::from(self.data))
+        drive_frame(id, head | u64::from(self.data))
     }
 }
 
-fn from_drive(id: u8, data: u64) -> Frame {
+fn drive_frame(id: u8, data: u64) -> Frame {
     Frame::standard(TO_HOST + u16::from(id & ID_MAX), &data.to_be_bytes())
 }
 
 /// One of the three frames of VM and SR, with its header (sections 2.4, 2.5).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Report {
+pub struct ReportFrame {
     /// The first letter of what it reports on: T, V, or A for what is sent by itself.
-    pub of: u8,
+    pub source: u8,
     /// Which: 1, 2 or 3.
     pub part: u8,
     /// The six bytes behind the header, as three words.
     pub words: [u16; 3],
 }
 
-impl Report {
+impl ReportFrame {
     /// What SR puts in place of the command's first letter.
-    pub const BY_ITSELF: u8 = b'A';
+    pub const UNSOLICITED: u8 = b'A';
 
     /// The frame from the drive of that id.
     #[must_use]
     pub fn frame(&self, id: u8) -> Frame {
         let [a, b, c] = self.words.map(u64::from);
-        let header = u64::from(u16::from_be_bytes([self.of, self.part]));
-        from_drive(id, header << 48 | a << 32 | b << 16 | c)
+        let header = u64::from(u16::from_be_bytes([self.source, self.part]));
+        drive_frame(id, header << 48 | a << 32 | b << 16 | c)
     }
 }
 
 /// The one frame without a header: speed, voltage, current, status.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Bare {
+pub struct HeaderlessReport {
     /// Speed, rpm.
     pub rpm: i16,
     /// Voltage, 0.1 V.
@@ -321,28 +321,28 @@ pub struct Bare {
     pub status: u16,
 }
 
-impl Bare {
+impl HeaderlessReport {
     /// The frame from the drive of that id.
     #[must_use]
     pub fn frame(&self, id: u8) -> Frame {
         let words = [self.rpm.cast_unsigned(), self.decivolt, self.deciamp.cast_unsigned()];
         let [a, b, c] = words.map(u64::from);
-        from_drive(id, a << 48 | b << 32 | c << 16 | u64::from(self.status))
+        drive_frame(id, a << 48 | b << 32 | c << 16 | u64::from(self.status))
     }
 }
 
 /// What comes from a drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Heard {
+pub enum DriveMessage {
     /// The usual reply.
     Reply(Reply),
     /// A report with a header.
-    Report(Report),
+    Report(ReportFrame),
     /// A report without one.
-    Bare(Bare),
+    Headerless(HeaderlessReport),
 }
 
-impl Heard {
+impl DriveMessage {
     /// Reads data bytes. A frame without a header begins with a speed: one that looks like two
     /// letters would be of 16,640 rpm and more, so letters are letters.
     ///
@@ -359,14 +359,14 @@ impl Heard {
         let all = u64::from_be_bytes(*bytes);
         let words = [(all >> 32) as u16, (all >> 16) as u16, all as u16];
         Ok(match *bytes {
-            [of @ (b'T' | b'V' | Report::BY_ITSELF), part @ 1..=3, ..] => {
-                Self::Report(Report { of, part, words })
+            [of @ (b'T' | b'V' | ReportFrame::UNSOLICITED), part @ 1..=3, ..] => {
+                Self::Report(ReportFrame { source: of, part, words })
             }
             [a, b, ..] if is_letters(a, b) => {
-                let (command, sub) = (Command::of([a, b]), words[0]);
+                let (command, sub) = (CommandWord::of([a, b]), words[0]);
                 Self::Reply(Reply { command, sub, data: all as u32 })
             }
-            [a, b, ..] => Self::Bare(Bare {
+            [a, b, ..] => Self::Headerless(HeaderlessReport {
                 rpm: i16::from_be_bytes([a, b]),
                 decivolt: words[0],
                 deciamp: words[1].cast_signed(),
@@ -378,7 +378,7 @@ impl Heard {
 
 /// Who a frame is to or from: `Ok` for the drive that it goes to, `Err` for the one that sent it.
 #[must_use]
-pub const fn node(id: u32) -> Option<Result<u8, u8>> {
+pub const fn node_of_id(id: u32) -> Option<Result<u8, u8>> {
     let number = (id & 0x7F) as u8;
     match id & !0x7F {
         0x300 if number > 0 => Some(Ok(number)),
@@ -400,7 +400,7 @@ pub enum Width {
     Long,
 }
 
-impl Command {
+impl CommandWord {
     /// How its value lies in the data.
     #[must_use]
     pub const fn width(self) -> Width {
@@ -419,7 +419,7 @@ impl Width {
     /// The value of data bytes. The manual says "32 bits", prints -5 as `00 00 FF FB`, and a public
     /// driver sends `FF FF FF FB`: both are -5.
     #[must_use]
-    pub const fn read(self, data: u32) -> i64 {
+    pub const fn decode(self, data: u32) -> i64 {
         let low = data as u16;
         let short = data >> 16 == 0;
         match self {
@@ -434,7 +434,7 @@ impl Width {
 
     /// The data bytes of a value as the manual prints them; wider ones where it does not fit.
     #[must_use]
-    pub const fn write(self, value: i64) -> u32 {
+    pub const fn encode(self, value: i64) -> u32 {
         match self {
             Self::Signed if value >= i16::MIN as i64 && value <= i16::MAX as i64 => {
                 (value as i16).cast_unsigned() as u32

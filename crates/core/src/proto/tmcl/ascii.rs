@@ -14,12 +14,12 @@ pub const LINE_MAX: usize = 40;
 
 /// A line as it grows. One that grows too long is remembered as unreadable.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Line {
+pub struct AsciiLine {
     bytes: [u8; LINE_MAX],
     len: usize,
 }
 
-impl Line {
+impl AsciiLine {
     /// Nothing yet.
     pub const EMPTY: Self = Self { bytes: [0; LINE_MAX], len: 0 };
 
@@ -45,7 +45,7 @@ impl Line {
 
 /// What a line asks.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Command {
+pub enum AsciiCommand {
     /// A request.
     Request(Request),
     /// `BIN`: back to datagrams.
@@ -54,13 +54,13 @@ pub enum Command {
     Unreadable,
 }
 
-impl Command {
+impl AsciiCommand {
     /// Reads a line without its carriage return: the address and what it asks. `None` when it does
     /// not begin with a letter.
     #[must_use]
     pub fn parse(line: &[u8]) -> Option<(u8, Self)> {
         let line = core::str::from_utf8(line).ok()?.trim();
-        let address = number_of_letter(line.bytes().next()?)?;
+        let address = address_of_letter(line.bytes().next()?)?;
         let command = line[1..].trim();
         let request = |opcode| Request { address, opcode, kind: 0, motor: 0, value: 0 };
         let parsed = if command.eq_ignore_ascii_case("BIN") {
@@ -71,7 +71,7 @@ impl Command {
             Self::Request(request(Opcode::ProgramStop))
         } else {
             match text::parse(command, address) {
-                Ok(request) if has_line(request.opcode) => Self::Request(request),
+                Ok(request) if has_ascii_form(request.opcode) => Self::Request(request),
                 _ => Self::Unreadable,
             }
         };
@@ -81,13 +81,13 @@ impl Command {
 
 /// Writes a request as a line with its carriage return. `false` when this mode has no such command
 /// or no letter for the address.
-pub fn write_request(line: &mut Line, request: &Request) -> bool {
-    let Some(letter) = letter(request.address) else { return false };
+pub fn write_request(line: &mut AsciiLine, request: &Request) -> bool {
+    let Some(letter) = letter_of_address(request.address) else { return false };
     line.push(letter);
     match request.opcode {
         Opcode::ProgramRun if request.kind == 0 => line.push_str("RUN"),
         Opcode::ProgramStop => line.push_str("STOP"),
-        opcode if has_line(opcode) => text::write(request, &mut |piece| line.push_str(piece)),
+        opcode if has_ascii_form(opcode) => text::write(request, &mut |piece| line.push_str(piece)),
         _ => return false,
     }
     line.push(b'\r');
@@ -95,9 +95,9 @@ pub fn write_request(line: &mut Line, request: &Request) -> bool {
 }
 
 /// Writes a reply with its carriage return.
-pub fn write_reply(line: &mut Line, host: u8, module: u8, status: Status, value: i32) {
-    line.push(letter(host).unwrap_or(b'?'));
-    line.push(letter(module).unwrap_or(b'?'));
+pub fn write_reply(line: &mut AsciiLine, host: u8, module: u8, status: Status, value: i32) {
+    line.push(letter_of_address(host).unwrap_or(b'?'));
+    line.push(letter_of_address(module).unwrap_or(b'?'));
     line.push(b' ');
     line.push_str(Decimal::of(status.number().into()).as_str());
     line.push(b' ');
@@ -107,7 +107,7 @@ pub fn write_reply(line: &mut Line, host: u8, module: u8, status: Status, value:
 
 /// A reply in ASCII. It does not tell the opcode.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Answer {
+pub struct AsciiReply {
     /// Host address.
     pub host: u8,
     /// Module address.
@@ -118,32 +118,32 @@ pub struct Answer {
     pub value: i32,
 }
 
-impl Answer {
+impl AsciiReply {
     /// Reads a line without its carriage return.
     #[must_use]
     pub fn parse(line: &[u8]) -> Option<Self> {
         let line = core::str::from_utf8(line).ok()?.trim();
         let (letters, rest) = line.split_at_checked(2)?;
         let &[host, module] = letters.as_bytes() else { return None };
-        let (host, module) = (number_of_letter(host)?, number_of_letter(module)?);
+        let (host, module) = (address_of_letter(host)?, address_of_letter(module)?);
         let mut numbers = rest.split_ascii_whitespace();
-        let status = text::number(numbers.next()?).and_then(|n| u8::try_from(n).ok())?;
-        let value = text::number(numbers.next()?).and_then(|n| i32::try_from(n).ok())?;
+        let status = text::parse_number(numbers.next()?).and_then(|n| u8::try_from(n).ok())?;
+        let value = text::parse_number(numbers.next()?).and_then(|n| i32::try_from(n).ok())?;
         let whole = numbers.next().is_none();
         whole.then_some(Self { host, module, status: Status::from(status), value })
     }
 }
 
 /// Commands that the manuals list for this mode.
-const fn has_line(opcode: Opcode) -> bool {
+const fn has_ascii_form(opcode: Opcode) -> bool {
     matches!(opcode.number(), 1..=15 | 30..=32 | 64..=71)
 }
 
 /// A for 1 to Z for 26.
-fn letter(address: u8) -> Option<u8> {
+fn letter_of_address(address: u8) -> Option<u8> {
     (1..=26).contains(&address).then(|| b'A' + address - 1)
 }
 
-fn number_of_letter(letter: u8) -> Option<u8> {
+fn address_of_letter(letter: u8) -> Option<u8> {
     letter.is_ascii_alphabetic().then(|| letter.to_ascii_uppercase() - b'A' + 1)
 }

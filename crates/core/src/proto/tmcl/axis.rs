@@ -5,19 +5,19 @@
 //! the vendor's host library does.
 
 use super::generic::GENERIC;
-use super::host::{CanHost, SerialHost, sender};
+use super::host::{CanHost, SerialHost, reply_sender};
 use super::opcode::{Opcode, Status};
-use super::session::{Answer, Ask};
+use super::session::{Answer, HostRequest};
 use super::text;
 use super::wire::Request;
-use crate::axis::{Driver, TOLD_MAX, Told};
+use crate::axis::{DriveReport, Driver, REPORTS_MAX};
 use crate::error::{Failure, Unsupported};
-use crate::explain::Raw;
+use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
-use crate::profile::{Parameter, Profile, Readdress, Signal};
-use crate::program::Order;
+use crate::profile::{AddressRole, Parameter, Profile, Signal};
+use crate::program::ProgramCommand;
 use crate::proto::{HostOptions, Protocol};
-use crate::station::Class;
+use crate::station::RequestClass;
 
 /// Bits of the motor byte that name the axis, where parameter numbers go beyond 255. \[I\]
 pub const AXIS_BITS: u8 = 4;
@@ -28,13 +28,13 @@ pub struct Axis {
     profile: &'static Profile,
     module: u8,
     /// Numbers of the global parameters that hold the module's address and its host's.
-    addresses: [u16; 2],
+    address_parameters: [u16; 2],
 }
 
 /// Serial address and serial host address (TMCL reference, global parameters of bank 0).
-const SERIAL: [u16; 2] = [66, 76];
+const SERIAL_ADDRESS_PARAMETERS: [u16; 2] = [66, 76];
 /// CAN id of requests and of replies (the same).
-const CAN: [u16; 2] = [71, 70];
+const CAN_ADDRESS_PARAMETERS: [u16; 2] = [71, 70];
 /// The space of bank 0.
 const BANK_0: u8 = 1;
 
@@ -42,17 +42,17 @@ impl Axis {
     /// The first axis of the module at `address` of a serial line.
     #[must_use]
     pub fn new(profile: &'static Profile, address: u32) -> Self {
-        Self { profile, module: address as u8, addresses: SERIAL }
+        Self { profile, module: address as u8, address_parameters: SERIAL_ADDRESS_PARAMETERS }
     }
 
     /// The first axis of the module that has the CAN id `address`.
     #[must_use]
     pub fn on_can(profile: &'static Profile, address: u32) -> Self {
-        Self { addresses: CAN, ..Self::new(profile, address) }
+        Self { address_parameters: CAN_ADDRESS_PARAMETERS, ..Self::new(profile, address) }
     }
 
     /// A request on a parameter, by the opcodes for axis and for global ones.
-    fn on(
+    fn parameter_request(
         &self,
         parameter: &Parameter,
         [axis, global]: [Opcode; 2],
@@ -71,7 +71,7 @@ impl Axis {
 }
 
 impl Driver for Axis {
-    type Request = Ask;
+    type Request = HostRequest;
     type Answer = Answer;
 
     fn profile(&self) -> &'static Profile {
@@ -82,50 +82,61 @@ impl Driver for Axis {
         self.module.into()
     }
 
-    fn read(&self, parameter: &Parameter) -> Result<Ask, Unsupported> {
-        self.on(parameter, [Opcode::Gap, Opcode::Ggp], 0).map(Ask::of)
+    fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
+        self.parameter_request(parameter, [Opcode::Gap, Opcode::Ggp], 0).map(HostRequest::of)
     }
 
-    fn write(&self, parameter: &Parameter, raw: i64, class: Class) -> Result<Ask, Unsupported> {
-        let request = self.on(parameter, [Opcode::Sap, Opcode::Sgp], wire_value(raw)?)?;
-        Ok(Ask { request, class })
+    fn write_request(
+        &self,
+        parameter: &Parameter,
+        raw: i64,
+        class: RequestClass,
+    ) -> Result<HostRequest, Unsupported> {
+        let request =
+            self.parameter_request(parameter, [Opcode::Sap, Opcode::Sgp], wire_value(raw)?)?;
+        Ok(HostRequest { request, class })
     }
 
-    fn keep(&self, parameter: &Parameter) -> Result<Ask, Unsupported> {
-        self.on(parameter, [Opcode::Stap, Opcode::Stgp], 0).map(Ask::of)
+    fn store_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
+        self.parameter_request(parameter, [Opcode::Stap, Opcode::Stgp], 0).map(HostRequest::of)
     }
 
     /// `function` is the opcode, `index` the type and, in its high byte, the motor or bank.
-    fn send(&self, function: u8, index: u16, value: i64) -> Result<Ask, Unsupported> {
+    fn function_request(
+        &self,
+        function: u8,
+        index: u16,
+        value: i64,
+    ) -> Result<HostRequest, Unsupported> {
         let [motor, kind] = index.to_be_bytes();
-        let (opcode, value) = turned(Opcode::from(function), wire_value(value)?);
-        Ok(Ask::of(Request { address: self.module, opcode, kind, motor, value }))
+        let (opcode, value) = normalize_rotation(Opcode::from(function), wire_value(value)?);
+        Ok(HostRequest::of(Request { address: self.module, opcode, kind, motor, value }))
     }
 
     /// MST has the motor in a byte of its own (TMCL reference).
-    fn order(&self, order: Order) -> Option<Ask> {
-        let Order::StopMotor(motor) = order else { return None };
+    fn program_request(&self, order: ProgramCommand) -> Option<HostRequest> {
+        let ProgramCommand::StopMotor(motor) = order else { return None };
         let address = self.module;
-        Some(Ask::of(Request { address, opcode: Opcode::Mst, kind: 0, motor, value: 0 }))
+        Some(HostRequest::of(Request { address, opcode: Opcode::Mst, kind: 0, motor, value: 0 }))
     }
 
     /// A change holds from the next datagram on \[I\].
-    fn readdresses(&self, parameter: &Parameter) -> Option<Readdress> {
-        let [own, host] = self.addresses;
+    fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {
+        let [own, host] = self.address_parameters;
         match parameter.index {
             _ if parameter.space != BANK_0 => None,
-            index if index == own => Some(Readdress::Own),
-            index if index == host => Some(Readdress::Host),
+            index if index == own => Some(AddressRole::Drive),
+            index if index == host => Some(AddressRole::Host),
             _ => None,
         }
     }
 
-    fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
-        text::parse(text, self.module).map(Ask::of).map_err(|_| Unsupported::BadText)
+    fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
+        text::parse(text, self.module).map(HostRequest::of).map_err(|_| Unsupported::BadText)
     }
 
     /// Nine bytes on a serial line; on CAN seven, or eight, under the module's address.
-    fn decode(&self, frame: &Raw<'_>) -> Result<Ask, Unsupported> {
+    fn decode_request(&self, frame: &RawFrame<'_>) -> Result<HostRequest, Unsupported> {
         let request = match frame.id {
             None => Request::parse(frame.bytes),
             Some(id) if id == u32::from(self.module) && !frame.extended => {
@@ -134,10 +145,14 @@ impl Driver for Axis {
             Some(_) => return Err(Unsupported::BadBytes),
         };
         let to_it = |request: &Request| request.address == self.module;
-        request.ok().filter(to_it).map(Ask::of).ok_or(Unsupported::BadBytes)
+        request.ok().filter(to_it).map(HostRequest::of).ok_or(Unsupported::BadBytes)
     }
 
-    fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
+    fn decode_answer(
+        &mut self,
+        parameter: Option<&Parameter>,
+        answer: &Answer,
+    ) -> Result<i64, Failure> {
         use crate::profile::Encoding;
         match answer {
             // Somebody has the module store instructions: this one was not carried out either.
@@ -156,11 +171,11 @@ impl Driver for Axis {
         }
     }
 
-    fn unasked(&mut self, answer: &Answer) -> [Option<Told>; TOLD_MAX] {
-        let mut told = [None; TOLD_MAX];
+    fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
+        let mut told = [None; REPORTS_MAX];
         if let Answer::Event(reply) = answer {
             let reached = i64::from(reply.value & 1);
-            told[0] = Some(Told::Signal(Signal::Reached, reached));
+            told[0] = Some(DriveReport::Signal(Signal::Reached, reached));
         }
         told
     }
@@ -168,7 +183,7 @@ impl Driver for Axis {
 
 /// Speeds go both ways: `ROR` with a negative one is `ROL` with a positive one, because the TMCL
 /// manuals give both a range from 0 on.
-fn turned(opcode: Opcode, value: i32) -> (Opcode, i32) {
+fn normalize_rotation(opcode: Opcode, value: i32) -> (Opcode, i32) {
     match (opcode, value.checked_neg()) {
         (Opcode::Ror, Some(positive)) if value < 0 => (Opcode::Rol, positive),
         (Opcode::Rol, Some(positive)) if value < 0 => (Opcode::Ror, positive),
@@ -191,24 +206,24 @@ impl Protocol for Tmcl {
     type Medium = Stream;
     type Host = SerialHost;
     const NAME: &'static str = "tmcl";
-    const PROFILE: &'static str = "tmcl";
-    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
-    const HOST: Option<u32> = Some(super::wire::HOST as u32);
-    const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 0..=255;
-    const BAUD: u32 = 9600;
+    const PROFILE_PROTOCOL: &'static str = "tmcl";
+    const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
+    const HOST_ADDRESS: Option<u32> = Some(super::wire::HOST as u32);
+    const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 0..=255;
+    const DEFAULT_RATE: u32 = 9600;
 
-    fn generic() -> &'static Profile {
+    fn generic_profile() -> &'static Profile {
         &GENERIC
     }
 
-    fn host(options: &HostOptions, _axes: &[u32]) -> SerialHost {
+    fn create_host(options: &HostOptions, _axes: &[u32]) -> SerialHost {
         SerialHost::new(options)
     }
 
-    fn driver(
+    fn create_driver(
         profile: &'static Profile,
         address: u32,
-    ) -> impl Driver<Request = Ask, Answer = Answer> + Send + 'static {
+    ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
         Axis::new(profile, address)
     }
 }
@@ -221,34 +236,34 @@ impl Protocol for TmclCan {
     type Medium = Can;
     type Host = CanHost;
     const NAME: &'static str = "tmcl";
-    const PROFILE: &'static str = "tmcl";
-    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
+    const PROFILE_PROTOCOL: &'static str = "tmcl";
+    const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
     // Identifiers go to 0x7FF, but a request holds its address in a byte: beyond it another module
     // would be meant.
-    const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 0..=255;
-    const HOST: Option<u32> = Some(super::wire::HOST as u32);
-    const BAUD: u32 = 250_000;
+    const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 0..=255;
+    const HOST_ADDRESS: Option<u32> = Some(super::wire::HOST as u32);
+    const DEFAULT_RATE: u32 = 250_000;
 
-    fn generic() -> &'static Profile {
+    fn generic_profile() -> &'static Profile {
         &GENERIC
     }
 
-    fn host(options: &HostOptions, _axes: &[u32]) -> CanHost {
+    fn create_host(options: &HostOptions, _axes: &[u32]) -> CanHost {
         CanHost::new(options)
     }
 
-    fn uses(address: u32, id: u32, extended: bool) -> bool {
+    fn uses_can_id(address: u32, id: u32, extended: bool) -> bool {
         !extended && id == address
     }
 
-    fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
-        sender(options, frame)
+    fn frame_sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+        reply_sender(options, frame)
     }
 
-    fn driver(
+    fn create_driver(
         profile: &'static Profile,
         address: u32,
-    ) -> impl Driver<Request = Ask, Answer = Answer> + Send + 'static {
+    ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
         Axis::on_can(profile, address)
     }
 }

@@ -1,7 +1,7 @@
 //! The obeying end: datagrams in, the firmware asked, replies out.
 //!
-//! The [`Firmware`] is lent to each call, so that one drive object sits behind a [`SerialEnd`] and
-//! a [`CanEnd`].
+//! The [`Firmware`] is lent to each call, so that one drive object sits behind a [`SerialEndpoint`] and
+//! a [`CanEndpoint`].
 //!
 //! What the TMCM-170/171 manual leaves open follows Trinamic's own published RS-485 firmware for
 //! the stepRocker, as it behaves: nine bytes are a datagram, a pause between two bytes starts a new
@@ -48,7 +48,7 @@ impl Response {
 
 /// What a module sends later by itself: the second reply to opcode 138.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Event {
+pub struct DeferredEvent {
     /// The opcode that ordered it.
     pub opcode: Opcode,
     /// Its value: the mask of motors.
@@ -57,7 +57,7 @@ pub struct Event {
 
 /// How an ASCII interface shows what is typed (global parameter 67, bits 4 and 5).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Echo {
+pub enum AsciiEcho {
     /// 00: each character as it comes.
     Characters,
     /// 01: the line, when it is whole.
@@ -88,7 +88,7 @@ pub trait Firmware {
     /// CAN bit rate that the module now uses (global parameter 69).
     fn can_bit_rate(&self) -> u32;
     /// Whether the serial interface is in ASCII mode, and how it echoes.
-    fn ascii(&self) -> Option<Echo> {
+    fn ascii(&self) -> Option<AsciiEcho> {
         None
     }
     /// Opcode 139 came, or `BIN`.
@@ -98,7 +98,7 @@ pub trait Firmware {
     /// Carries out a request that is addressed to this module and whose check agrees.
     fn execute(&mut self, now: Instant, request: &Request) -> Response;
     /// The next later event, if one happened.
-    fn poll_event(&mut self, now: Instant) -> Option<Event> {
+    fn poll_deferred_event(&mut self, now: Instant) -> Option<DeferredEvent> {
         let _ = now;
         None
     }
@@ -106,21 +106,21 @@ pub trait Firmware {
 
 /// Who is told of a wrong checksum.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum BadSum {
+pub enum ChecksumErrorReply {
     /// Status 1 if the first byte is the module's address (stepRocker firmware).
-    AnswerIfMine,
+    IfAddressed,
     /// Status 1 whatever the address, with the module and opcode of the reply before (evaluation
     /// board firmware).
-    AnswerAlways,
+    Always,
     /// Nothing.
-    Ignore,
+    Never,
 }
 
 /// What differs between firmware versions, or is not stated.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Quirks {
     /// Who is told of a wrong checksum.
-    pub bad_sum: BadSum,
+    pub checksum_error_reply: ChecksumErrorReply,
     /// A pause between two bytes that starts a new datagram, ms; `None`: bytes are only counted
     /// (evaluation board firmware). \[I\]
     pub byte_timeout_ms: Option<u32>,
@@ -130,17 +130,17 @@ pub struct Quirks {
     pub eight_bytes: bool,
     /// After a datagram for another module, requests are ignored for so long, ms: the RS-485 fault
     /// of TMCM-171 firmware before 1.03 (hardware manual, firmware history).
-    pub deaf_after_foreign_ms: u32,
+    pub ignore_after_foreign_ms: u32,
 }
 
 impl Default for Quirks {
     fn default() -> Self {
         Self {
-            bad_sum: BadSum::AnswerIfMine,
+            checksum_error_reply: ChecksumErrorReply::IfAddressed,
             byte_timeout_ms: Some(BYTE_TIMEOUT_MS),
             settings_before_reply: false,
             eight_bytes: false,
-            deaf_after_foreign_ms: 0,
+            ignore_after_foreign_ms: 0,
         }
     }
 }
@@ -155,23 +155,23 @@ pub const OUT_MAX: usize = 2 * ascii::LINE_MAX + DATAGRAM * DATAGRAM;
 
 /// The serial end of a module.
 #[derive(Debug)]
-pub struct SerialEnd {
+pub struct SerialEndpoint {
     quirks: Quirks,
     datagram: [u8; DATAGRAM],
-    have: usize,
+    received: usize,
     last_byte: Instant,
-    deaf_until: Instant,
-    line: ascii::Line,
+    ignore_until: Instant,
+    ascii_line: ascii::AsciiLine,
     out: [u8; OUT_MAX],
-    len: usize,
-    due: Instant,
-    last: Reply,
+    out_len: usize,
+    reply_due: Instant,
+    last_reply: Reply,
     /// 138 came in here, so its event goes out here.
     subscribed: bool,
     baud: u32,
 }
 
-impl SerialEnd {
+impl SerialEndpoint {
     /// The end of a module that was just powered.
     #[must_use]
     pub fn new(quirks: Quirks, firmware: &impl Firmware) -> Self {
@@ -185,14 +185,14 @@ impl SerialEnd {
         Self {
             quirks,
             datagram: [0; DATAGRAM],
-            have: 0,
+            received: 0,
             last_byte: Instant::ZERO,
-            deaf_until: Instant::ZERO,
-            line: ascii::Line::EMPTY,
+            ignore_until: Instant::ZERO,
+            ascii_line: ascii::AsciiLine::EMPTY,
             out: [0; OUT_MAX],
-            len: 0,
-            due: Instant::ZERO,
-            last: nothing,
+            out_len: 0,
+            reply_due: Instant::ZERO,
+            last_reply: nothing,
             subscribed: false,
             baud: firmware.baud(),
         }
@@ -203,12 +203,12 @@ impl SerialEnd {
         if let Some(pause) = self.quirks.byte_timeout_ms
             && now > self.last_byte.plus_ms(pause)
         {
-            self.have = 0;
+            self.received = 0;
         }
         for &byte in bytes {
             match firmware.ascii() {
-                Some(echo) => self.character(now, byte, echo, firmware),
-                None => self.byte(now, byte, firmware),
+                Some(echo) => self.handle_character(now, byte, echo, firmware),
+                None => self.push_byte(now, byte, firmware),
             }
         }
         self.last_byte = now;
@@ -216,8 +216,8 @@ impl SerialEnd {
 
     /// Bytes were lost or garbled on the wire: what there is of a datagram is dropped.
     pub fn handle_break(&mut self) {
-        self.have = 0;
-        self.line = ascii::Line::EMPTY;
+        self.received = 0;
+        self.ascii_line = ascii::AsciiLine::EMPTY;
     }
 
     /// What is to be sent now, into `out` (at least [`OUT_MAX`] bytes).
@@ -227,14 +227,14 @@ impl SerialEnd {
         out: &mut [u8],
         firmware: &mut impl Firmware,
     ) -> Option<usize> {
-        if self.len == 0 {
+        if self.out_len == 0 {
             self.baud = firmware.baud();
-            self.event(now, firmware);
+            self.send_deferred_event(now, firmware);
         }
-        if self.len == 0 || now < self.due {
+        if self.out_len == 0 || now < self.reply_due {
             return None;
         }
-        let len = core::mem::take(&mut self.len).min(out.len());
+        let len = core::mem::take(&mut self.out_len).min(out.len());
         out[..len].copy_from_slice(&self.out[..len]);
         Some(len)
     }
@@ -242,39 +242,39 @@ impl SerialEnd {
     /// When a reply that waits for its pause is due.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        (self.len > 0).then_some(self.due)
+        (self.out_len > 0).then_some(self.reply_due)
     }
 
     /// How this end now drives the wire. \[I\] A new baud rate holds once the reply to its own
     /// change is out.
     #[must_use]
     pub fn line(&self) -> SerialLine {
-        SerialLine::n81(self.baud)
+        SerialLine::new_8n1(self.baud)
     }
 
-    fn byte(&mut self, now: Instant, byte: u8, firmware: &mut impl Firmware) {
-        self.datagram[self.have] = byte;
-        self.have += 1;
-        if self.have == DATAGRAM {
-            self.have = 0;
-            self.whole(now, firmware);
+    fn push_byte(&mut self, now: Instant, byte: u8, firmware: &mut impl Firmware) {
+        self.datagram[self.received] = byte;
+        self.received += 1;
+        if self.received == DATAGRAM {
+            self.received = 0;
+            self.handle_datagram(now, firmware);
         }
     }
 
-    fn whole(&mut self, now: Instant, firmware: &mut impl Firmware) {
+    fn handle_datagram(&mut self, now: Instant, firmware: &mut impl Firmware) {
         let addressed = self.datagram[0];
         let mine = addressed == firmware.address();
         let group = firmware.secondary_address() == Some(addressed);
         match Request::parse(&self.datagram) {
-            Ok(request) if (mine || group) && now >= self.deaf_until => {
-                self.execute(now, &request, mine, firmware);
+            Ok(request) if (mine || group) && now >= self.ignore_until => {
+                self.execute_request(now, &request, mine, firmware);
             }
-            Ok(_) => self.deaf_until = now.plus_ms(self.quirks.deaf_after_foreign_ms),
-            Err(_) => self.bad_sum(now, mine, firmware),
+            Ok(_) => self.ignore_until = now.plus_ms(self.quirks.ignore_after_foreign_ms),
+            Err(_) => self.handle_checksum_error(now, mine, firmware),
         }
     }
 
-    fn execute(
+    fn execute_request(
         &mut self,
         now: Instant,
         request: &Request,
@@ -285,7 +285,7 @@ impl SerialEnd {
         let response = firmware.execute(now, request);
         let after = (firmware.host_address(), firmware.address());
         let (host, module) = if self.quirks.settings_before_reply { after } else { before };
-        note_order(request, &response, &mut self.subscribed);
+        update_subscription(request, &response, &mut self.subscribed);
         if request.opcode == Opcode::EnterAscii && is_ok(&response) {
             firmware.set_ascii(true);
         }
@@ -295,98 +295,109 @@ impl SerialEnd {
             }
             Response::Instruction(instruction) => instruction.into_reply(host),
             Response::Text(text) if answer => {
-                return self.send(now, &VersionText { host, text }.emit(), firmware);
+                return self.queue_bytes(now, &VersionText { host, text }.emit(), firmware);
             }
             Response::Text(_) | Response::Silent => return,
         };
-        self.last = reply;
+        self.last_reply = reply;
         if answer {
-            self.send(now, &reply.emit(), firmware);
+            self.queue_bytes(now, &reply.emit(), firmware);
         }
     }
 
-    fn bad_sum(&mut self, now: Instant, mine: bool, firmware: &mut impl Firmware) {
+    fn handle_checksum_error(&mut self, now: Instant, mine: bool, firmware: &mut impl Firmware) {
         let host = firmware.host_address();
-        let (module, opcode) = match self.quirks.bad_sum {
-            BadSum::AnswerIfMine if mine => (firmware.address(), Opcode::from(0)),
-            BadSum::AnswerAlways => (self.last.module, self.last.opcode),
+        let (module, opcode) = match self.quirks.checksum_error_reply {
+            ChecksumErrorReply::IfAddressed if mine => (firmware.address(), Opcode::from(0)),
+            ChecksumErrorReply::Always => (self.last_reply.module, self.last_reply.opcode),
             _ => return,
         };
         let reply = Reply { host, module, status: Status::WrongChecksum, opcode, value: 0 };
-        self.send(now, &reply.emit(), firmware);
+        self.queue_bytes(now, &reply.emit(), firmware);
     }
 
     /// The later reply of opcode 138, at a moment when nothing else waits to be sent.
-    fn event(&mut self, now: Instant, firmware: &mut impl Firmware) {
+    fn send_deferred_event(&mut self, now: Instant, firmware: &mut impl Firmware) {
         if !self.subscribed || firmware.ascii().is_some() {
             return;
         }
-        if let Some(event) = firmware.poll_event(now) {
+        if let Some(event) = firmware.poll_deferred_event(now) {
             self.subscribed = false;
             let (host, module) = (firmware.host_address(), firmware.address());
-            let reply = event_reply(event, host, module);
-            self.send(now, &reply.emit(), firmware);
+            let reply = deferred_event_reply(event, host, module);
+            self.queue_bytes(now, &reply.emit(), firmware);
         }
     }
 
-    fn send(&mut self, now: Instant, bytes: &[u8], firmware: &impl Firmware) {
-        let room = OUT_MAX - self.len;
+    fn queue_bytes(&mut self, now: Instant, bytes: &[u8], firmware: &impl Firmware) {
+        let room = OUT_MAX - self.out_len;
         let count = bytes.len().min(room);
-        self.out[self.len..self.len + count].copy_from_slice(&bytes[..count]);
-        self.len += count;
-        self.due = now.plus_ms(firmware.reply_pause_ms().into());
+        self.out[self.out_len..self.out_len + count].copy_from_slice(&bytes[..count]);
+        self.out_len += count;
+        self.reply_due = now.plus_ms(firmware.reply_pause_ms().into());
     }
 
-    fn character(&mut self, now: Instant, byte: u8, echo: Echo, firmware: &mut impl Firmware) {
-        if echo == Echo::Characters {
-            self.send(now, &[byte], firmware);
+    fn handle_character(
+        &mut self,
+        now: Instant,
+        byte: u8,
+        echo: AsciiEcho,
+        firmware: &mut impl Firmware,
+    ) {
+        if echo == AsciiEcho::Characters {
+            self.queue_bytes(now, &[byte], firmware);
         }
         if byte != b'\r' {
-            return self.line.push(byte);
+            return self.ascii_line.push(byte);
         }
-        let line = core::mem::replace(&mut self.line, ascii::Line::EMPTY);
-        if echo == Echo::Line {
-            self.send(now, line.bytes(), firmware);
-            self.send(now, b"\r", firmware);
+        let line = core::mem::replace(&mut self.ascii_line, ascii::AsciiLine::EMPTY);
+        if echo == AsciiEcho::Line {
+            self.queue_bytes(now, line.bytes(), firmware);
+            self.queue_bytes(now, b"\r", firmware);
         }
         // [I] The manuals write the line that leaves this mode with and without the module's
         // letter; without one it can be no command for module B, which has none called `IN`.
         if line.bytes().trim_ascii().eq_ignore_ascii_case(b"BIN") {
-            return self.obey(now, ascii::Command::Binary, firmware);
+            return self.execute_ascii(now, ascii::AsciiCommand::Binary, firmware);
         }
-        match ascii::Command::parse(line.bytes()) {
+        match ascii::AsciiCommand::parse(line.bytes()) {
             Some((address, command)) if address == firmware.address() => {
-                self.obey(now, command, firmware);
+                self.execute_ascii(now, command, firmware);
             }
             _ => {}
         }
     }
 
-    fn obey(&mut self, now: Instant, command: ascii::Command, firmware: &mut impl Firmware) {
+    fn execute_ascii(
+        &mut self,
+        now: Instant,
+        command: ascii::AsciiCommand,
+        firmware: &mut impl Firmware,
+    ) {
         let (host, module) = (firmware.host_address(), firmware.address());
         let (status, value) = match command {
-            ascii::Command::Binary => {
+            ascii::AsciiCommand::Binary => {
                 firmware.set_ascii(false);
                 (Status::Ok, 0)
             }
-            ascii::Command::Unreadable => (Status::InvalidCommand, 0),
-            ascii::Command::Request(request) => match firmware.execute(now, &request) {
+            ascii::AsciiCommand::Unreadable => (Status::InvalidCommand, 0),
+            ascii::AsciiCommand::Request(request) => match firmware.execute(now, &request) {
                 Response::Reply { status, value } => (status, value),
                 _ => (Status::NotAvailable, 0),
             },
         };
-        let mut line = ascii::Line::EMPTY;
+        let mut line = ascii::AsciiLine::EMPTY;
         ascii::write_reply(&mut line, host, module, status, value);
-        self.send(now, line.bytes(), firmware);
+        self.queue_bytes(now, line.bytes(), firmware);
     }
 }
 
 /// The CAN end of a module.
 #[derive(Debug)]
-pub struct CanEnd {
+pub struct CanEndpoint {
     quirks: Quirks,
     out: [Frame; CAN_OUT_MAX],
-    len: usize,
+    out_len: usize,
     subscribed: bool,
     bit_rate: u32,
 }
@@ -394,18 +405,18 @@ pub struct CanEnd {
 /// Replies that wait for the bus at most; a request beyond them is not heard.
 pub const CAN_OUT_MAX: usize = 4;
 
-impl CanEnd {
+impl CanEndpoint {
     /// The end of a module that was just powered.
     #[must_use]
     pub fn new(quirks: Quirks, firmware: &impl Firmware) -> Self {
         let out = [Frame::default(); CAN_OUT_MAX];
-        Self { quirks, out, len: 0, subscribed: false, bit_rate: firmware.can_bit_rate() }
+        Self { quirks, out, out_len: 0, subscribed: false, bit_rate: firmware.can_bit_rate() }
     }
 
     /// Takes a frame from the bus.
     pub fn handle_input(&mut self, now: Instant, frame: &Frame, firmware: &mut impl Firmware) {
         let mine = frame.id == u32::from(firmware.can_id()) && !frame.extended && !frame.remote;
-        if !mine || self.len == CAN_OUT_MAX {
+        if !mine || self.out_len == CAN_OUT_MAX {
             return;
         }
         let Ok(request) = Request::parse_can(frame.bytes(), firmware.address()) else { return };
@@ -414,34 +425,35 @@ impl CanEnd {
         let response = firmware.execute(now, &request);
         let after = (firmware.can_reply_id(), firmware.can_id() as u8);
         let (id, module) = if self.quirks.settings_before_reply { after } else { before };
-        note_order(&request, &response, &mut self.subscribed);
+        update_subscription(&request, &response, &mut self.subscribed);
         let host = firmware.host_address();
         let reply = match response {
             Response::Reply { status, value } => {
                 Reply { host, module, status, opcode: request.opcode, value }
             }
             Response::Instruction(instruction) => instruction.into_reply(host),
-            Response::Text(text) => return self.send(Frame::standard(id, &text)),
+            Response::Text(text) => return self.queue_frame(Frame::standard(id, &text)),
             Response::Silent => return,
         };
-        self.send(reply.emit_can(id, self.quirks.eight_bytes));
+        self.queue_frame(reply.emit_can(id, self.quirks.eight_bytes));
     }
 
     /// The next frame to send.
     pub fn poll_transmit(&mut self, now: Instant, firmware: &mut impl Firmware) -> Option<Frame> {
-        if self.len == 0 {
+        if self.out_len == 0 {
             self.bit_rate = firmware.can_bit_rate();
             if self.subscribed
-                && let Some(event) = firmware.poll_event(now)
+                && let Some(event) = firmware.poll_deferred_event(now)
             {
                 self.subscribed = false;
-                let reply = event_reply(event, firmware.host_address(), firmware.can_id() as u8);
-                self.send(reply.emit_can(firmware.can_reply_id(), self.quirks.eight_bytes));
+                let reply =
+                    deferred_event_reply(event, firmware.host_address(), firmware.can_id() as u8);
+                self.queue_frame(reply.emit_can(firmware.can_reply_id(), self.quirks.eight_bytes));
             }
         }
-        let first = *self.out[..self.len].first()?;
+        let first = *self.out[..self.out_len].first()?;
         self.out.rotate_left(1);
-        self.len -= 1;
+        self.out_len -= 1;
         Some(first)
     }
 
@@ -451,10 +463,10 @@ impl CanEnd {
         CanLine { bit_rate: self.bit_rate }
     }
 
-    fn send(&mut self, frame: Frame) {
-        if let Some(slot) = self.out.get_mut(self.len) {
+    fn queue_frame(&mut self, frame: Frame) {
+        if let Some(slot) = self.out.get_mut(self.out_len) {
             *slot = frame;
-            self.len += 1;
+            self.out_len += 1;
         }
     }
 }
@@ -463,12 +475,12 @@ fn is_ok(response: &Response) -> bool {
     matches!(response, Response::Reply { status: Status::Ok, .. })
 }
 
-fn note_order(request: &Request, response: &Response, subscribed: &mut bool) {
+fn update_subscription(request: &Request, response: &Response, subscribed: &mut bool) {
     if request.opcode == Opcode::PositionReached && is_ok(response) {
         *subscribed = request.value != 0;
     }
 }
 
-fn event_reply(event: Event, host: u8, module: u8) -> Reply {
+fn deferred_event_reply(event: DeferredEvent, host: u8, module: u8) -> Reply {
     Reply { host, module, status: Status::Event, opcode: event.opcode, value: event.value }
 }

@@ -28,11 +28,11 @@ pub static GENERIC: Profile = Profile {
     plans: &[Plan {
         verb: Verb::Stop,
         source: "TMCL reference, MST",
-        steps: &[Step::Send { function: 3, index: 0, operand: Operand::Is(0), like: None }],
+        steps: &[Step::Send { function: 3, index: 0, operand: Operand::Constant(0), like: None }],
         undo: &[],
     }],
     ram: None,
-    reach: &[],
+    link_settings: &[],
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,

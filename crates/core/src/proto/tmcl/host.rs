@@ -7,12 +7,12 @@
 
 use super::ascii;
 use super::opcode::Opcode;
-use super::session::{Answer, Ask, Burst, Session};
+use super::session::{Answer, Burst, HostRequest, Session};
 use super::wire::{DATAGRAM, HOST, Reply, Request, VersionText, checksum};
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use crate::proto::HostOptions;
-use crate::proto::pace::{Pace, tolerated};
-use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
+use crate::proto::early_bytes::{EarlyBytes, with_clock_tolerance};
+use crate::station::{Counters, Host, HostEvent, LineEvent, Station, Ticket, Timed};
 use crate::time::Instant;
 
 /// Time allowed for a reply when neither caller nor profile says one, ms.
@@ -21,13 +21,13 @@ pub const REPLY_TIMEOUT_MS: u32 = 100;
 /// speaks.
 const QUIET_CHARACTERS: u32 = 2;
 /// The byte that is sent alone, to make a module that lost count of bytes count on.
-const SHIFT: u8 = 0;
+const FILLER_BYTE: u8 = 0;
 /// It is followed by so long a silence, that a module with a time limit between bytes drops it.
-const SHIFT_PAUSE_MS: u32 = 35;
+const FILLER_PAUSE_MS: u32 = 35;
 /// Bytes of a request that goes out at each place of a module's count, without those before and after.
-const BURST: usize = DATAGRAM * (DATAGRAM + 1);
+const BURST_LEN: usize = DATAGRAM * (DATAGRAM + 1);
 /// The same with those.
-const BURST_MAX: usize = BURST + 2 * (DATAGRAM - 1);
+const BURST_LEN_MAX: usize = BURST_LEN + 2 * (DATAGRAM - 1);
 
 /// The host on RS-232, RS-485, a pseudo-terminal or TCP.
 #[derive(Debug)]
@@ -36,176 +36,179 @@ pub struct SerialHost {
     line: SerialLine,
     /// How long a request and its reply take on the wire, at least and at most.
     on_wire_ns: (u64, u64),
-    pace: Pace,
+    early_bytes: EarlyBytes,
     /// Silence before a request after bytes that were no reply.
-    quiet_ns: u64,
-    host: u8,
+    noise_gap_ns: u64,
+    host_address: u8,
     gap_ns: u64,
     buffer: [u8; DATAGRAM],
-    len: usize,
+    buffer_len: usize,
     sent: [u8; DATAGRAM],
-    echo_due: bool,
+    echo_pending: bool,
     /// So many bytes that went out alone may come back before anything else.
-    shift_echo_due: u8,
+    filler_echoes_pending: u8,
     /// Bytes that are still to come of a frame whose check failed.
-    spoiled: usize,
+    corrupt_bytes_left: usize,
     /// What was thrown away since the end of a line: a module in ASCII mode answers in text.
-    text: ascii::Line,
+    discarded_text: ascii::AsciiLine,
     /// Until when the line has to be silent.
-    quiet: Instant,
+    silent_until: Instant,
 }
 
 impl SerialHost {
     /// A host as `options` say.
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
-        let host = options.host.and_then(|host| u8::try_from(host).ok()).unwrap_or(HOST);
+        let host_address =
+            options.host_address.and_then(|host| u8::try_from(host).ok()).unwrap_or(HOST);
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
-        let line = SerialLine::n81(options.baud);
-        let paced = SerialLine::n81(options.pace());
-        let soonest_ns = tolerated(paced.characters_ns(2 * DATAGRAM as u32));
+        let line = SerialLine::new_8n1(options.baud);
+        let paced = SerialLine::new_8n1(options.timed_baud());
+        let soonest_ns = with_clock_tolerance(paced.characters_ns(2 * DATAGRAM as u32));
         let on_wire_ns = line.characters_ns(2 * DATAGRAM as u32);
-        let quiet_ns = line.characters_ns(QUIET_CHARACTERS);
+        let noise_gap_ns = line.characters_ns(QUIET_CHARACTERS);
         let gap_ns = match options.gap_us {
             Some(HostOptions::GAP_CHARACTERS) => line.characters_ns(7) / 2,
             gap => u64::from(gap.unwrap_or(0)) * 1_000,
         };
         Self {
-            session: Session::new(host.into(), timeout, options.doubt).counting_bytes(),
+            session: Session::new(host_address.into(), timeout, options.probe_seed)
+                .with_byte_counting(),
             line,
             on_wire_ns: (soonest_ns, on_wire_ns),
-            pace: Pace::new(&paced),
-            quiet_ns,
-            host,
+            early_bytes: EarlyBytes::new(&paced),
+            noise_gap_ns,
+            host_address,
             gap_ns,
             buffer: [0; DATAGRAM],
-            len: 0,
+            buffer_len: 0,
             sent: [0; DATAGRAM],
-            echo_due: false,
-            shift_echo_due: 0,
-            spoiled: 0,
-            text: ascii::Line::EMPTY,
-            quiet: Instant(quiet_ns.max(gap_ns)),
+            echo_pending: false,
+            filler_echoes_pending: 0,
+            corrupt_bytes_left: 0,
+            discarded_text: ascii::AsciiLine::EMPTY,
+            silent_until: Instant(noise_gap_ns.max(gap_ns)),
         }
     }
 
     /// Takes nine bytes that are just the good reply that is waited for. Returns false when they are
     /// not. An echo never is: no module has the host's address.
     #[inline]
-    fn usual(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> bool {
+    fn try_fast_reply(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> bool {
         let reply = Reply::unchecked(window);
-        self.pace.early() == 0
+        self.early_bytes.count() == 0
             && checksum(window) == window[DATAGRAM - 1]
-            && reply.host == self.host
-            && self.session.usual(now, reply)
+            && reply.host == self.host_address
+            && self.session.try_fast_reply(now, reply)
     }
 
     /// Judges nine bytes and returns how many of them are done with: all, or one.
-    fn window(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
-        if self.echo_due && *window == self.sent {
-            self.echo_due = false;
+    fn process_window(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
+        if self.echo_pending && *window == self.sent {
+            self.echo_pending = false;
             self.session.counters.echoed += 1;
-            return self.whole();
+            return self.finish_frame();
         }
         if checksum(window) == window[DATAGRAM - 1] {
             let reply = Reply::unchecked(window);
-            if reply.host == self.host
-                && (reply.status.is_named() || self.wants(Opcode::ReadMemory))
+            if reply.host == self.host_address
+                && (reply.status.is_named() || self.expects_opcode(Opcode::ReadMemory))
             {
-                self.shift_echo_due = 0;
-                self.session.reply(now, reply, self.pace.early() > 0);
-                return self.whole();
+                self.filler_echoes_pending = 0;
+                self.session.handle_reply(now, reply, self.early_bytes.count() > 0);
+                return self.finish_frame();
             }
             if reply.status.is_named() {
                 self.session.counters.foreign += 1;
-                return self.whole();
+                return self.finish_frame();
             }
         }
-        self.text_or_noise(now, window)
+        self.process_text_or_noise(now, window)
     }
 
     /// Nine bytes that are no reply with a checksum.
     #[cold]
-    fn text_or_noise(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
+    fn process_text_or_noise(&mut self, now: Instant, window: &[u8; DATAGRAM]) -> usize {
         if let Ok(text) = VersionText::parse(window)
-            && self.wants_text()
-            && text.host == self.host
+            && self.expects_version_text()
+            && text.host == self.host_address
         {
-            self.session.text(now, text);
-            return self.whole();
+            self.session.handle_version_text(now, text);
+            return self.finish_frame();
         }
-        if window[0] == self.host && self.spoiled == 0 {
+        if window[0] == self.host_address && self.corrupt_bytes_left == 0 {
             self.session.counters.corrupt += 1;
-            self.spoiled = DATAGRAM;
+            self.corrupt_bytes_left = DATAGRAM;
         }
-        self.skip(window[0]);
-        self.quiet = self.quiet.max(now.plus_ns(self.quiet_ns));
+        self.skip_byte(window[0]);
+        self.silent_until = self.silent_until.max(now.plus_ns(self.noise_gap_ns));
         1
     }
 
     /// A frame ends here, and all of it is done with.
-    const fn whole(&mut self) -> usize {
-        self.spoiled = 0;
+    const fn finish_frame(&mut self) -> usize {
+        self.corrupt_bytes_left = 0;
         DATAGRAM
     }
 
     /// Throws a byte away. Those of a frame that was counted are not counted again.
-    fn skip(&mut self, byte: u8) {
-        if self.spoiled > 0 {
-            self.spoiled -= 1;
-            return self.text.push(byte);
+    fn skip_byte(&mut self, byte: u8) {
+        if self.corrupt_bytes_left > 0 {
+            self.corrupt_bytes_left -= 1;
+            return self.discarded_text.push(byte);
         }
-        if byte == SHIFT && self.shift_echo_due > 0 {
-            self.shift_echo_due -= 1;
+        if byte == FILLER_BYTE && self.filler_echoes_pending > 0 {
+            self.filler_echoes_pending -= 1;
             self.session.counters.echoed += 1;
             return;
         }
         self.session.counters.skipped += 1;
         if byte != b'\r' {
-            return self.text.push(byte);
+            return self.discarded_text.push(byte);
         }
-        let line = core::mem::replace(&mut self.text, ascii::Line::EMPTY);
-        self.session.counters.texts += u64::from(ascii::Answer::parse(line.bytes()).is_some());
+        let line = core::mem::replace(&mut self.discarded_text, ascii::AsciiLine::EMPTY);
+        self.session.counters.texts += u64::from(ascii::AsciiReply::parse(line.bytes()).is_some());
     }
 
     /// Throws away what is held.
-    fn skip_held(&mut self) {
-        let (held, len) = (self.buffer, core::mem::take(&mut self.len));
-        held[..len].iter().for_each(|&byte| self.skip(byte));
+    fn skip_buffered(&mut self) {
+        let (held, len) = (self.buffer, core::mem::take(&mut self.buffer_len));
+        held[..len].iter().for_each(|&byte| self.skip_byte(byte));
     }
 
     /// Takes nine bytes that came at once and are something else.
     #[cold]
-    fn unusual(&mut self, now: Instant, window: &[u8; DATAGRAM]) {
-        let done = self.window(now, window);
-        self.pace.took(done);
+    fn process_received_window(&mut self, now: Instant, window: &[u8; DATAGRAM]) {
+        let done = self.process_window(now, window);
+        self.early_bytes.consume(done);
         if done < DATAGRAM {
-            self.collect(now, &window[done..]);
+            self.buffer_bytes(now, &window[done..]);
         }
     }
 
     /// Takes bytes one by one.
     #[cold]
-    fn collect(&mut self, now: Instant, bytes: &[u8]) {
+    fn buffer_bytes(&mut self, now: Instant, bytes: &[u8]) {
         for &byte in bytes {
-            self.buffer[self.len] = byte;
-            self.len += 1;
-            if self.len == DATAGRAM {
+            self.buffer[self.buffer_len] = byte;
+            self.buffer_len += 1;
+            if self.buffer_len == DATAGRAM {
                 let window = self.buffer;
-                let done = self.window(now, &window);
-                self.pace.took(done);
+                let done = self.process_window(now, &window);
+                self.early_bytes.consume(done);
                 self.buffer.copy_within(done.., 0);
-                self.len -= done;
+                self.buffer_len -= done;
             }
         }
     }
 
-    fn wants(&self, opcode: Opcode) -> bool {
-        self.session.expected().is_some_and(|request| request.opcode == opcode)
+    fn expects_opcode(&self, opcode: Opcode) -> bool {
+        self.session.expected_request().is_some_and(|request| request.opcode == opcode)
     }
 
-    fn wants_text(&self) -> bool {
-        self.wants(Opcode::Version) && self.session.expected().is_some_and(|r| r.kind == 0)
+    fn expects_version_text(&self) -> bool {
+        self.expects_opcode(Opcode::Version)
+            && self.session.expected_request().is_some_and(|r| r.kind == 0)
     }
 }
 
@@ -222,22 +225,22 @@ impl Timed for SerialHost {
 impl Station<Stream> for SerialHost {
     #[inline]
     fn handle_input(&mut self, now: Instant, bytes: &[u8]) {
-        self.quiet = self.quiet.max(now.plus_ns(self.gap_ns));
-        self.pace.heard(now, self.len + bytes.len());
+        self.silent_until = self.silent_until.max(now.plus_ns(self.gap_ns));
+        self.early_bytes.note_received(now, self.buffer_len + bytes.len());
         // A whole datagram at once, as nearly always, is looked at where it lies.
-        if self.len == 0
+        if self.buffer_len == 0
             && let Ok(window) = bytes.try_into()
         {
-            if !self.usual(now, window) {
-                self.unusual(now, window);
+            if !self.try_fast_reply(now, window) {
+                self.process_received_window(now, window);
             }
         } else {
-            self.collect(now, bytes);
+            self.buffer_bytes(now, bytes);
         }
     }
 
     fn handle_line(&mut self, now: Instant, event: LineEvent) {
-        self.skip_held();
+        self.skip_buffered();
         self.session.handle_line(now, event);
     }
 
@@ -246,17 +249,17 @@ impl Station<Stream> for SerialHost {
         if !self.session.has_unsent() {
             return None;
         }
-        let shift = self.session.take_shift(now);
+        let shift = self.session.take_filler_bytes(now);
         if shift > 0 {
-            self.session.hold(now.plus_ms(SHIFT_PAUSE_MS));
-            self.shift_echo_due = shift;
-            out.get_mut(..shift.into())?.fill(SHIFT);
+            self.session.delay_sending(now.plus_ms(FILLER_PAUSE_MS));
+            self.filler_echoes_pending = shift;
+            out.get_mut(..shift.into())?.fill(FILLER_BYTE);
             return Some(shift.into());
         }
-        if now < self.quiet {
-            self.session.hold(self.quiet);
+        if now < self.silent_until {
+            self.session.delay_sending(self.silent_until);
         }
-        let burst = self.session.burst().filter(|_| out.len() >= BURST_MAX);
+        let burst = self.session.burst().filter(|_| out.len() >= BURST_LEN_MAX);
         let on_wire_ns = match burst {
             // Their own answers may be as many, and are nobody's.
             Some(burst) => {
@@ -265,17 +268,17 @@ impl Station<Stream> for SerialHost {
             None => self.on_wire_ns,
         };
         let request = self.session.transmit(now, on_wire_ns, burst)?;
-        if self.len > 0 {
-            self.skip_held();
+        if self.buffer_len > 0 {
+            self.skip_buffered();
         }
-        self.pace.sent(now, self.on_wire_ns.0 / 2);
+        self.early_bytes.note_sent(now, self.on_wire_ns.0 / 2);
         let bytes = request.emit();
         self.sent = bytes;
-        self.echo_due = true;
+        self.echo_pending = true;
         *out.first_chunk_mut()? = bytes;
         if let Some(burst) = burst {
-            self.quiet = self.quiet.max(now.plus_ns(on_wire_ns.1));
-            return Some(repeat_shifted(bytes, out, burst));
+            self.silent_until = self.silent_until.max(now.plus_ns(on_wire_ns.1));
+            return Some(write_burst(bytes, out, burst));
         }
         Some(DATAGRAM)
     }
@@ -286,52 +289,57 @@ impl Station<Stream> for SerialHost {
 }
 
 impl Host<Stream> for SerialHost {
-    type Request = Ask;
+    type Request = HostRequest;
     type Answer = Answer;
 
     #[inline]
-    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+    fn submit(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        request: HostRequest,
+    ) -> Result<(), HostRequest> {
         self.session.submit(now, ticket, request)
     }
 
-    fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
+    fn recall(&mut self, _stop: &HostRequest) -> Option<Ticket> {
         self.session.recall()
     }
 
-    fn send_once(&mut self, ticket: Ticket) {
-        self.session.send_once(ticket);
+    fn disable_retries(&mut self, ticket: Ticket) {
+        self.session.disable_retries(ticket);
     }
 
     fn own_address(&self) -> Option<u32> {
-        Some(self.host.into())
+        Some(self.host_address.into())
     }
 
     #[inline]
-    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+    fn poll_event(&mut self) -> Option<&HostEvent<Answer>> {
         self.session.poll_event()
     }
 
-    fn emit(&self, request: &Ask, out: &mut [u8]) -> usize {
+    fn encode_request(&self, request: &HostRequest, out: &mut [u8]) -> usize {
         let bytes = request.request.emit();
         let len = bytes.len().min(out.len());
         out[..len].copy_from_slice(&bytes[..len]);
         len
     }
 
-    fn mistrust(&mut self, now: Instant, address: u32) {
-        self.session.mistrust(now, address);
+    fn quarantine_drive(&mut self, now: Instant, address: u32) {
+        self.session.quarantine_module(now, address);
     }
 
-    fn disturbed(&mut self, now: Instant) {
-        self.quiet = self.quiet.max(now.plus_ns(self.gap_ns));
+    fn handle_resume(&mut self, now: Instant) {
+        self.silent_until = self.silent_until.max(now.plus_ns(self.gap_ns));
     }
 
     fn counters(&self) -> Counters {
         self.session.counters
     }
 
-    fn unread(&self) -> usize {
-        self.len
+    fn unparsed_len(&self) -> usize {
+        self.buffer_len
     }
 }
 
@@ -343,8 +351,8 @@ pub struct CanHost {
     bit_rate: u32,
     /// A request and its reply take at least so long. What comes sooner is the second copy of an
     /// older reply, which a disturbed last bit makes its sender repeat.
-    soonest_ns: u64,
-    eight: bool,
+    min_exchange_ns: u64,
+    eight_bytes: bool,
 }
 
 /// Bits of a request and its reply without a single stuff bit: 47 each and seven bytes, less the
@@ -357,17 +365,18 @@ impl CanHost {
     pub fn new(options: &HostOptions) -> Self {
         let reply_id = reply_id(options);
         let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
-        let session = Session::new(reply_id, timeout, options.doubt);
+        let session = Session::new(reply_id, timeout, options.probe_seed);
         let bit_rate = options.bit_rate;
         let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
-        let soonest_ns = tolerated(exchange_ns.checked_div(bit_rate.into()).unwrap_or(0));
-        Self { session, reply_id, bit_rate, soonest_ns, eight: false }
+        let min_exchange_ns =
+            with_clock_tolerance(exchange_ns.checked_div(bit_rate.into()).unwrap_or(0));
+        Self { session, reply_id, bit_rate, min_exchange_ns, eight_bytes: false }
     }
 
     /// Sends eight data bytes, the last one the serial checksum, as the vendor's library does.
     #[must_use]
-    pub fn sending_eight(mut self) -> Self {
-        self.eight = true;
+    pub fn with_eight_bytes(mut self) -> Self {
+        self.eight_bytes = true;
         self
     }
 }
@@ -388,15 +397,15 @@ impl Station<Can> for CanHost {
             return;
         }
         let host = self.reply_id as u8;
-        let expected = self.session.expected();
+        let expected = self.session.expected_request();
         let text = expected.is_some_and(|r| r.opcode == Opcode::Version && r.kind == 0);
         let memory = expected.is_some_and(|r| r.opcode == Opcode::ReadMemory);
         if text && let Ok(text) = VersionText::parse_can(frame.bytes(), host) {
-            return self.session.text(now, text);
+            return self.session.handle_version_text(now, text);
         }
         match Reply::parse_can(frame.bytes(), host) {
             Ok(reply) if reply.status.is_named() || memory => {
-                self.session.reply(now, reply, false);
+                self.session.handle_reply(now, reply, false);
             }
             _ => self.session.counters.corrupt += 1,
         }
@@ -407,8 +416,8 @@ impl Station<Can> for CanHost {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
-        let request = self.session.transmit(now, (self.soonest_ns, 0), None)?;
-        *out = self.frame(&request);
+        let request = self.session.transmit(now, (self.min_exchange_ns, 0), None)?;
+        *out = self.encode_frame(&request);
         Some(1)
     }
 
@@ -418,37 +427,42 @@ impl Station<Can> for CanHost {
 }
 
 impl Host<Can> for CanHost {
-    type Request = Ask;
+    type Request = HostRequest;
     type Answer = Answer;
 
     #[inline]
-    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
+    fn submit(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        request: HostRequest,
+    ) -> Result<(), HostRequest> {
         self.session.submit(now, ticket, request)
     }
 
-    fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
+    fn recall(&mut self, _stop: &HostRequest) -> Option<Ticket> {
         self.session.recall()
     }
 
-    fn send_once(&mut self, ticket: Ticket) {
-        self.session.send_once(ticket);
+    fn disable_retries(&mut self, ticket: Ticket) {
+        self.session.disable_retries(ticket);
     }
 
     fn own_address(&self) -> Option<u32> {
         Some(self.reply_id.into())
     }
 
-    fn mistrust(&mut self, now: Instant, address: u32) {
-        self.session.mistrust(now, address);
+    fn quarantine_drive(&mut self, now: Instant, address: u32) {
+        self.session.quarantine_module(now, address);
     }
 
     #[inline]
-    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+    fn poll_event(&mut self) -> Option<&HostEvent<Answer>> {
         self.session.poll_event()
     }
 
-    fn emit(&self, request: &Ask, out: &mut Frame) -> usize {
-        *out = self.frame(&request.request);
+    fn encode_request(&self, request: &HostRequest, out: &mut Frame) -> usize {
+        *out = self.encode_frame(&request.request);
         1
     }
 
@@ -458,18 +472,18 @@ impl Host<Can> for CanHost {
 }
 
 impl CanHost {
-    fn frame(&self, request: &Request) -> Frame {
-        request.emit_can(request.address.into(), self.eight)
+    fn encode_frame(&self, request: &Request) -> Frame {
+        request.emit_can(request.address.into(), self.eight_bytes)
     }
 }
 
 fn reply_id(options: &HostOptions) -> u16 {
-    let host = options.host.and_then(|id| u16::try_from(id).ok()).filter(|id| *id <= 0x7FF);
+    let host = options.host_address.and_then(|id| u16::try_from(id).ok()).filter(|id| *id <= 0x7FF);
     host.unwrap_or(HOST.into())
 }
 
 /// The module that sent a reply, if the frame is one.
-pub(super) fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+pub(super) fn reply_sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
     let to_host = frame.id == u32::from(reply_id(options)) && !frame.extended && !frame.remote;
     let reply = Reply::parse_can(frame.bytes(), HOST).ok().filter(|_| to_host)?;
     reply.status.is_named().then_some(reply.module.into())
@@ -477,17 +491,17 @@ pub(super) fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
 
 /// Bytes of a request that goes out for every place.
 fn burst_len(burst: Burst) -> u64 {
-    BURST as u64 + u64::from(burst.lead) + u64::from(burst.trail)
+    BURST_LEN as u64 + u64::from(burst.lead_bytes) + u64::from(burst.trail_bytes)
 }
 
 /// A datagram nine times, with a byte between: whatever a module that counts to nine has counted, one of
 /// them is the next that it takes, and its count is then as before, but for the bytes before and after.
 /// Returns how many bytes that are.
-fn repeat_shifted(datagram: [u8; DATAGRAM], out: &mut [u8], burst: Burst) -> usize {
+fn write_burst(datagram: [u8; DATAGRAM], out: &mut [u8], burst: Burst) -> usize {
     let len = burst_len(burst) as usize;
-    out[..len].fill(SHIFT);
-    let lead = usize::from(burst.lead);
-    for place in out[lead..lead + BURST].chunks_exact_mut(DATAGRAM + 1) {
+    out[..len].fill(FILLER_BYTE);
+    let lead = usize::from(burst.lead_bytes);
+    for place in out[lead..lead + BURST_LEN].chunks_exact_mut(DATAGRAM + 1) {
         place[..DATAGRAM].copy_from_slice(&datagram);
     }
     len

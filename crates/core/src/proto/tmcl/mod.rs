@@ -19,7 +19,7 @@ pub use axis::{Axis, Tmcl, TmclCan};
 pub use explain::TmclDissector;
 pub use host::{CanHost, SerialHost};
 pub use opcode::{Opcode, Status};
-pub use session::{Answer, Ask};
+pub use session::{Answer, HostRequest};
 pub use wire::{Instruction, Reply, Request, VersionText};
 
 #[cfg(test)]

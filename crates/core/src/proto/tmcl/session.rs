@@ -13,24 +13,25 @@
 //! probe's own answer comes while the next one is awaited, and is not taken for that. So a value that
 //! is wrong takes as many older replies as there are probes, of just these opcodes in this order.
 
-mod modules;
-mod motors;
+mod alignment;
+mod matching;
+mod module_set;
+mod motor_stops;
 mod proof;
-mod quiet;
 mod suspects;
 
 use super::opcode::{Opcode, Status};
 use super::wire::{Instruction, Reply, Request, VersionText};
 use crate::error::{Failure, Unsupported};
-use crate::proto::events::Events;
-use crate::proto::proven::Proven;
-use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
+use crate::proto::event_ring::EventRing;
+use crate::proto::proven_addresses::ProvenAddresses;
+use crate::station::{Counters, EventSubject, HostEvent, LineEvent, RequestClass, Ticket};
 use crate::time::Instant;
-use modules::Modules;
-use motors::Motors;
-use proof::{PROBES, Waiting};
-pub(super) use quiet::Burst;
-use quiet::{Count, Plan, Quiet};
+pub(super) use alignment::Burst;
+use alignment::{ByteAlignment, SendPlan, SilentModule};
+use module_set::ModuleSet;
+use motor_stops::MotorStops;
+use proof::{PROBES, UnprovenRequest};
 
 /// Times an idempotent request is sent at most.
 pub const ATTEMPTS_MAX: u8 = 3;
@@ -41,11 +42,11 @@ pub const SUSPECTS_MAX: usize = 4;
 /// Events that wait to be taken at most; before that, nothing new is accepted.
 pub const EVENTS_MAX: usize = 8;
 /// Places among them kept for the ends of requests.
-const ROOM_MIN: usize = 4;
+const EVENT_ROOM_MIN: usize = 4;
 /// Requests remembered, for whose replies one may be taken that comes too soon.
 const RECENT_MAX: usize = 8;
 /// Opcodes remembered of a suspect: three attempts and every probe.
-const TAGS_MAX: usize = 10;
+const OUTSTANDING_MAX: usize = 10;
 /// A reply is possible for so many times the reply timeout after its request.
 const LATEST_TIMEOUTS: u64 = 3;
 /// After "wrong checksum" the true reply of another module may still come for so long.
@@ -53,30 +54,30 @@ const GRACE_NS: u64 = 20_000_000;
 
 /// A request with what may be done when no answer comes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Ask {
+pub struct HostRequest {
     /// What is sent.
     pub request: Request,
     /// Whether it may be sent again.
-    pub class: Class,
+    pub class: RequestClass,
 }
 
-impl Ask {
+impl HostRequest {
     /// A request with the class that its opcode has by itself.
     #[must_use]
     pub const fn of(request: Request) -> Self {
         let class = match request.opcode {
-            Opcode::Mst => Class::Stop,
-            Opcode::Ror | Opcode::Rol if request.value == 0 => Class::Stop,
-            Opcode::Sap | Opcode::Sgp | Opcode::Sio => Class::Confirm,
-            opcode if opcode.only_reads() => Class::Idempotent,
-            _ => Class::Never,
+            Opcode::Mst => RequestClass::Stop,
+            Opcode::Ror | Opcode::Rol if request.value == 0 => RequestClass::Stop,
+            Opcode::Sap | Opcode::Sgp | Opcode::Sio => RequestClass::ReadBack,
+            opcode if opcode.only_reads() => RequestClass::Idempotent,
+            _ => RequestClass::NoRetry,
         };
         Self { request, class }
     }
 }
 
-impl crate::station::Request for Ask {
-    fn class(&self) -> Class {
+impl crate::station::Request for HostRequest {
+    fn class(&self) -> RequestClass {
         self.class
     }
 }
@@ -97,74 +98,79 @@ pub enum Answer {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Pending {
+struct PendingExchange {
     /// `None` for a probe.
     ticket: Option<Ticket>,
-    ask: Ask,
+    host_request: HostRequest,
     attempts: u8,
     sent: bool,
     /// How it goes out, once that is known.
-    plan: Option<Plan>,
+    send_plan: Option<SendPlan>,
     /// It went out at each place of its module's count.
     burst: Option<Burst>,
     /// When it could first have been sent.
-    ready: Instant,
+    ready_at: Instant,
     not_before: Instant,
-    earliest: Instant,
+    earliest_reply: Instant,
     deadline: Instant,
-    doubts: Doubts,
+    flags: PendingFlags,
 }
 
 /// What makes the next reply less than certain.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct Doubts {
+struct PendingFlags {
     /// Replies of the same opcode that may still come for older requests.
-    ambiguous: u8,
-    bad_sum: bool,
-    bad_sum_of_module: bool,
-    early: bool,
+    stale_replies: u8,
+    checksum_error: bool,
+    checksum_error_by_module: bool,
+    early_reply: bool,
     /// The reply to another motor's stop may still come, or to another program's.
-    anothers: bool,
+    other_motors_reply: bool,
     /// A stop waits, or it was to be sent once: no further attempt.
-    cut_short: bool,
+    no_retry: bool,
 }
 
-impl Doubts {
+impl PendingFlags {
     const NONE: Self = Self {
-        ambiguous: 0,
-        bad_sum: false,
-        bad_sum_of_module: false,
-        early: false,
-        anothers: false,
-        cut_short: false,
+        stale_replies: 0,
+        checksum_error: false,
+        checksum_error_by_module: false,
+        early_reply: false,
+        other_motors_reply: false,
+        no_retry: false,
     };
 }
 
-impl Pending {
+impl PendingExchange {
     #[inline]
-    const fn new(now: Instant, ticket: Option<Ticket>, ask: Ask, ambiguous: u8) -> Self {
+    const fn new(
+        now: Instant,
+        ticket: Option<Ticket>,
+        host_request: HostRequest,
+        ambiguous: u8,
+    ) -> Self {
         Self {
             ticket,
-            ask,
+            host_request,
             attempts: 0,
             sent: false,
-            plan: None,
+            send_plan: None,
             burst: None,
-            ready: now,
+            ready_at: now,
             not_before: now,
-            earliest: now,
+            earliest_reply: now,
             deadline: now,
-            doubts: Doubts { ambiguous, ..Doubts::NONE },
+            flags: PendingFlags { stale_replies: ambiguous, ..PendingFlags::NONE },
         }
     }
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Suspect {
+struct SuspectModule {
     module: u8,
     /// Opcodes of requests whose answers may still come, each with until when.
-    tags: [(u8, Instant); TAGS_MAX],
-    count: u8,
+    outstanding: [(u8, Instant); OUTSTANDING_MAX],
+    outstanding_len: u8,
     probes: u8,
     probe_due: bool,
     until: Instant,
@@ -173,132 +179,147 @@ struct Suspect {
 /// The session of one host.
 #[derive(Debug)]
 pub struct Session {
-    host: u16,
+    host_address: u16,
     timeout_ns: u64,
-    pending: Option<Pending>,
-    stop: Option<(Ticket, Ask)>,
-    suspects: [Option<Suspect>; SUSPECTS_MAX],
+    pending: Option<PendingExchange>,
+    pending_stop: Option<(Ticket, HostRequest)>,
+    suspects: [Option<SuspectModule>; SUSPECTS_MAX],
     /// Something is in doubt: a suspect, a module that is not heard, or whose stop a reply is.
     suspicious: bool,
-    quiet: [Option<Quiet>; SUSPECTS_MAX],
+    silent_modules: [Option<SilentModule>; SUSPECTS_MAX],
     /// Whose stops may still be answered.
-    motors: Motors,
+    motor_stops: MotorStops,
     /// Modules of which no older reply can come but those that are known of.
-    proven: Proven,
+    proven_addresses: ProvenAddresses,
     /// A request that waits for its module to be proven.
-    waiting: Option<Waiting>,
+    unproven_request: Option<UnprovenRequest>,
     /// The last requests: module, opcode and when.
     recent: [(u8, u8, Instant); RECENT_MAX],
-    recent_at: usize,
-    events: Events<Answer, EVENTS_MAX>,
+    next_recent: usize,
+    events: EventRing<Answer, EVENTS_MAX>,
     /// Modules that ever answered.
-    heard: Modules,
+    answered_modules: ModuleSet,
     /// Modules of which nothing was heard since a request to them was not answered.
-    unheard: Modules,
+    unanswered_modules: ModuleSet,
     /// Replies that came sooner than the baud rate allows, in a row; past the limit the baud rate
     /// is taken for fiction (USB).
     early_streak: u8,
-    count: Count,
+    alignment: ByteAlignment,
     /// Replies in a row that took their time.
-    timely: u64,
-    up: bool,
+    timely_streak: u64,
+    link_up: bool,
     pub(super) counters: Counters,
 }
 
 /// Requests in a row whose only reply came too soon, after which replies are taken as they come.
-const EARLY_MAX: u8 = 2;
+const EARLY_STREAK_MAX: u8 = 2;
 /// Replies in a row that took their time, after which the baud rate is believed again.
-const TIMELY_MIN: u64 = 16;
+const TIMELY_STREAK_MIN: u64 = 16;
 
 impl Session {
-    pub(super) fn new(host: u16, timeout_ms: u32, doubt: Option<u32>) -> Self {
+    pub(super) fn new(host_address: u16, timeout_ms: u32, doubt: Option<u32>) -> Self {
         Self {
-            proven: Proven::new(doubt),
-            waiting: None,
+            proven_addresses: ProvenAddresses::new(doubt),
+            unproven_request: None,
             recent: [(0, 0, Instant::ZERO); RECENT_MAX],
-            recent_at: 0,
-            host,
+            next_recent: 0,
+            host_address,
             timeout_ns: u64::from(timeout_ms) * 1_000_000,
             pending: None,
-            stop: None,
+            pending_stop: None,
             suspects: [None; SUSPECTS_MAX],
             suspicious: false,
-            quiet: [None; SUSPECTS_MAX],
-            motors: Motors::NONE,
-            events: Events::new(),
-            heard: Modules::NONE,
-            unheard: Modules::NONE,
+            silent_modules: [None; SUSPECTS_MAX],
+            motor_stops: MotorStops::NONE,
+            events: EventRing::new(),
+            answered_modules: ModuleSet::NONE,
+            unanswered_modules: ModuleSet::NONE,
             early_streak: 0,
-            count: Count::NONE,
-            timely: 0,
-            up: true,
+            alignment: ByteAlignment::NONE,
+            timely_streak: 0,
+            link_up: true,
             counters: Counters::default(),
         }
     }
 
     #[inline]
-    pub(super) fn submit(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
-        let own = u16::from(ask.request.address) == self.host;
+    pub(super) fn submit(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        ask: HostRequest,
+    ) -> Result<(), HostRequest> {
+        let own = u16::from(ask.request.address) == self.host_address;
         if self.pending.is_some()
             || self.suspicious
-            || !self.proven.holds(ask.request.address)
-            || !self.up
+            || !self.proven_addresses.contains(ask.request.address)
+            || !self.link_up
             || own
-            || self.events.room() < ROOM_MIN
+            || self.events.room() < EVENT_ROOM_MIN
         {
-            return self.submit_in_doubt(now, ticket, ask);
+            return self.submit_slow_path(now, ticket, ask);
         }
-        self.pending = Some(Pending::new(now, Some(ticket), ask, 0));
+        self.pending = Some(PendingExchange::new(now, Some(ticket), ask, 0));
         Ok(())
     }
 
     /// Takes back what was not sent yet, for a stop.
     pub(super) fn recall(&mut self) -> Option<Ticket> {
-        if let Some(waiting) = self.waiting.take_if(|waiting| waiting.ask.class != Class::Stop) {
+        if let Some(waiting) = self
+            .unproven_request
+            .take_if(|waiting| waiting.host_request.class != RequestClass::Stop)
+        {
             return Some(waiting.ticket);
         }
-        let unsent = |p: &&Pending| !p.sent && p.attempts == 0 && p.ask.class != Class::Stop;
+        let unsent = |p: &&PendingExchange| {
+            !p.sent && p.attempts == 0 && p.host_request.class != RequestClass::Stop
+        };
         let ticket = self.pending.as_ref().filter(unsent)?.ticket?;
         self.pending = None;
         Some(ticket)
     }
 
     /// The request of that ticket, of which nothing is on the wire yet, gets one attempt.
-    pub(super) fn send_once(&mut self, ticket: Ticket) {
-        let its = |p: &&mut Pending| p.ticket == Some(ticket);
+    pub(super) fn disable_retries(&mut self, ticket: Ticket) {
+        let its = |p: &&mut PendingExchange| p.ticket == Some(ticket);
         if let Some(pending) = self.pending.as_mut().filter(its) {
-            pending.doubts.cut_short = true;
+            pending.flags.no_retry = true;
         }
     }
 
     /// Takes a request where something stands against it.
     #[cold]
-    fn submit_in_doubt(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
-        if self.events.room() < ROOM_MIN {
+    fn submit_slow_path(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        ask: HostRequest,
+    ) -> Result<(), HostRequest> {
+        if self.events.room() < EVENT_ROOM_MIN {
             return Err(ask);
         }
-        if let Some(failure) = self.refusal(&ask) {
-            self.events.push(To::Ticket(ticket), Err(failure));
+        if let Some(failure) = self.rejection_of(&ask) {
+            self.events.push(EventSubject::Request(ticket), Err(failure));
             return Ok(());
         }
-        let stop = ask.class == Class::Stop;
+        let stop = ask.class == RequestClass::Stop;
         if self.pending.is_some() {
-            return if stop { self.overtake(now, ticket, ask) } else { Err(ask) };
+            return if stop { self.overtake_pending(now, ticket, ask) } else { Err(ask) };
         }
-        if self.suspicious && !stop && !self.trusts(now, ask.request.address) {
+        if self.suspicious && !stop && !self.is_trusted(now, ask.request.address) {
             return Err(ask);
         }
-        if stop || self.proven.holds(ask.request.address) {
-            self.start(now, Some(ticket), ask);
+        if stop || self.proven_addresses.contains(ask.request.address) {
+            self.start_request(now, Some(ticket), ask);
         } else {
-            self.waiting = Some(Waiting::new(ticket, ask, false));
-            self.prove(now);
+            self.unproven_request = Some(UnprovenRequest::new(ticket, ask, false));
+            self.send_proof_probe(now);
         }
         Ok(())
     }
 
     #[inline]
-    pub(super) fn poll_event(&mut self) -> Option<&Event<Answer>> {
+    pub(super) fn poll_event(&mut self) -> Option<&HostEvent<Answer>> {
         self.events.next()
     }
 
@@ -317,21 +338,22 @@ impl Session {
             return None;
         }
         pending.burst = burst;
-        let request = pending.ask.request;
+        let request = pending.host_request.request;
         pending.sent = true;
         if request.opcode == Opcode::Mst {
             if pending.attempts == 0 {
-                pending.doubts.anothers =
-                    self.motors.may_be_anothers(&request) || !self.proven.holds(request.address);
+                pending.flags.other_motors_reply = self.motor_stops.is_reply_ambiguous(&request)
+                    || !self.proven_addresses.contains(request.address);
             }
-            self.motors.told(&request);
+            self.motor_stops.note_stop_sent(&request);
             self.suspicious = true;
         }
-        self.recent[self.recent_at % RECENT_MAX] = (request.address, request.opcode.number(), now);
-        self.recent_at = self.recent_at.wrapping_add(1);
-        pending.earliest = now.plus_ns(soonest_ns);
+        self.recent[self.next_recent % RECENT_MAX] =
+            (request.address, request.opcode.number(), now);
+        self.next_recent = self.next_recent.wrapping_add(1);
+        pending.earliest_reply = now.plus_ns(soonest_ns);
         pending.deadline = now.plus_ns(on_wire_ns + self.timeout_ns);
-        self.count.sends(burst, pending.deadline);
+        self.alignment.note_sent(burst, pending.deadline);
         self.counters.sent += 1;
         if pending.attempts > 0 {
             self.counters.resent += 1;
@@ -340,7 +362,7 @@ impl Session {
         if matches!(request.opcode, Opcode::Boot | Opcode::BootStart) {
             let ticket = pending.ticket;
             self.pending = None;
-            self.end(ticket, Ok(Answer::NoReply));
+            self.finish_ticket(ticket, Ok(Answer::NoReply));
         }
         Some(request)
     }
@@ -352,17 +374,20 @@ impl Session {
     }
 
     /// What waits for an answer now.
-    pub(super) fn expected(&self) -> Option<&Request> {
-        self.pending.as_ref().filter(|pending| pending.sent).map(|pending| &pending.ask.request)
+    pub(super) fn expected_request(&self) -> Option<&Request> {
+        self.pending
+            .as_ref()
+            .filter(|pending| pending.sent)
+            .map(|pending| &pending.host_request.request)
     }
 
     /// Puts the sending off, but no stop, and nothing for longer than the reply timeout.
-    pub(super) fn hold(&mut self, until: Instant) {
+    pub(super) fn delay_sending(&mut self, until: Instant) {
         let timeout = self.timeout_ns;
         if let Some(pending) = &mut self.pending
-            && pending.ask.class != Class::Stop
+            && pending.host_request.class != RequestClass::Stop
         {
-            let until = until.min(pending.ready.plus_ns(timeout));
+            let until = until.min(pending.ready_at.plus_ns(timeout));
             pending.not_before = pending.not_before.max(until);
         }
     }
@@ -370,48 +395,52 @@ impl Session {
     /// Takes the good reply that is waited for, where nothing is in doubt: what happens most, so it
     /// is looked at first. Returns false when it is something else.
     #[inline]
-    pub(super) fn usual(&mut self, now: Instant, reply: Reply) -> bool {
+    pub(super) fn try_fast_reply(&mut self, now: Instant, reply: Reply) -> bool {
         let Some(pending) = &self.pending else { return false };
-        let request = &pending.ask.request;
+        let request = &pending.host_request.request;
         let ours = reply.module == request.address
             && reply.opcode == request.opcode
             && reply.status == Status::Ok
             && request.opcode != Opcode::ReadMemory;
-        let plain = pending.sent && pending.attempts == 1 && pending.doubts == Doubts::NONE;
-        let trusted = !self.suspicious && self.early_streak == 0 && now >= pending.earliest;
+        let plain = pending.sent && pending.attempts == 1 && pending.flags == PendingFlags::NONE;
+        let trusted = !self.suspicious && self.early_streak == 0 && now >= pending.earliest_reply;
         let (true, true, true, Some(ticket)) = (ours, plain, trusted, pending.ticket) else {
             return false;
         };
-        self.timely += 1;
-        self.heard.add(reply.module);
+        self.timely_streak += 1;
+        self.answered_modules.insert(reply.module);
         self.counters.answered += 1;
         self.pending = None;
-        self.events.push(To::Ticket(ticket), Ok(Answer::Reply(reply)));
+        self.events.push(EventSubject::Request(ticket), Ok(Answer::Reply(reply)));
         true
     }
 
     /// Takes a reply that passed every check of the wire.
-    pub(super) fn reply(&mut self, now: Instant, reply: Reply, soon: bool) {
+    pub(super) fn handle_reply(&mut self, now: Instant, reply: Reply, soon: bool) {
         // Who complains of a checksum may have lost count.
         if self.suspicious && reply.status != Status::WrongChecksum {
-            self.is_heard(reply.module);
+            self.note_received(reply.module);
         }
-        if is_event(&reply) { self.event(reply) } else { self.judge(now, reply, soon) }
+        if is_event(&reply) {
+            self.push_unsolicited(reply)
+        } else {
+            self.match_reply(now, reply, soon)
+        }
     }
 
     /// Takes the version as text.
-    pub(super) fn text(&mut self, now: Instant, text: VersionText) {
-        self.answered(now, Ok(Answer::Text(text)));
+    pub(super) fn handle_version_text(&mut self, now: Instant, text: VersionText) {
+        self.finish_with_answer(now, Ok(Answer::Text(text)));
     }
 
     pub(super) fn handle_timeout(&mut self, now: Instant) {
         if self.pending.is_some_and(|pending| pending.sent && now >= pending.deadline) {
-            self.expired(now);
+            self.handle_reply_timeout(now);
         }
         if self.suspicious {
             self.expire_suspects(now);
         }
-        self.next(now);
+        self.start_next(now);
     }
 
     #[inline]
@@ -425,39 +454,44 @@ impl Session {
     }
 
     pub(super) fn handle_line(&mut self, now: Instant, event: LineEvent) {
-        self.up = match event {
+        self.link_up = match event {
             LineEvent::Down | LineEvent::BusOff => false,
             LineEvent::Up => true,
-            LineEvent::Break => self.up,
+            LineEvent::Break => self.link_up,
         };
-        if self.up {
+        if self.link_up {
             return;
         }
         if let Some(pending) = self.pending.take() {
-            self.suspect(now, &pending, false);
-            self.end(pending.ticket, Err(Failure::LinkDown));
+            self.mark_suspect(now, &pending, false);
+            self.finish_ticket(pending.ticket, Err(Failure::LinkDown));
         }
-        let waiting = self.waiting.take().map(|waiting| waiting.ticket);
-        let stop = self.stop.take().map(|(ticket, _)| ticket);
+        let waiting = self.unproven_request.take().map(|waiting| waiting.ticket);
+        let stop = self.pending_stop.take().map(|(ticket, _)| ticket);
         for ticket in stop.into_iter().chain(waiting) {
-            self.end(Some(ticket), Err(Failure::LinkDown));
+            self.finish_ticket(Some(ticket), Err(Failure::LinkDown));
         }
     }
 
-    fn refusal(&self, ask: &Ask) -> Option<Failure> {
+    fn rejection_of(&self, ask: &HostRequest) -> Option<Failure> {
         const RULE: &str = "this is the host's own address; give the host another with host=";
-        if !self.up {
+        if !self.link_up {
             return Some(Failure::LinkDown);
         }
-        let is_own = u16::from(ask.request.address) == self.host;
+        let is_own = u16::from(ask.request.address) == self.host_address;
         is_own.then_some(Failure::Impossible(Unsupported::Forbidden(RULE)))
     }
 
     /// A stop, while something is outstanding: a probe is given up at once; a request keeps its
     /// present chance, because its reply may be on the wire, but gets no further one.
-    fn overtake(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
+    fn overtake_pending(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        ask: HostRequest,
+    ) -> Result<(), HostRequest> {
         let Some(pending) = &mut self.pending else { return Err(ask) };
-        if self.stop.is_some() || pending.ask.class == Class::Stop {
+        if self.pending_stop.is_some() || pending.host_request.class == RequestClass::Stop {
             return Err(ask);
         }
         match (pending.ticket, pending.sent) {
@@ -466,231 +500,166 @@ impl Session {
             (Some(waiting), false) => {
                 let pending = *pending;
                 self.pending = None;
-                self.suspect(now, &pending, true);
-                self.end(Some(waiting), Err(Failure::Silent));
-                self.start(now, Some(ticket), ask);
+                self.mark_suspect(now, &pending, true);
+                self.finish_ticket(Some(waiting), Err(Failure::Silent));
+                self.start_request(now, Some(ticket), ask);
             }
             (Some(_), true) => {
-                pending.doubts.cut_short = true;
-                self.stop = Some((ticket, ask));
+                pending.flags.no_retry = true;
+                self.pending_stop = Some((ticket, ask));
             }
             (None, _) => {
                 let probe = *pending;
                 self.pending = None;
-                self.suspect(now, &probe, true);
-                self.start(now, Some(ticket), ask);
+                self.mark_suspect(now, &probe, true);
+                self.start_request(now, Some(ticket), ask);
             }
         }
         Ok(())
     }
 
-    fn start(&mut self, now: Instant, ticket: Option<Ticket>, ask: Ask) {
+    fn start_request(&mut self, now: Instant, ticket: Option<Ticket>, ask: HostRequest) {
         let mut ambiguous = 0;
         // After a lost MST another MST is the same request, and nothing but stops was sent since.
         if self.suspicious && ask.request.opcode != Opcode::Mst {
             let opcode = ask.request.opcode.number();
-            let of_module = |s: &&Suspect| s.module == ask.request.address;
+            let of_module = |s: &&SuspectModule| s.module == ask.request.address;
             if let Some(suspect) = self.suspects.iter().flatten().find(of_module) {
-                ambiguous = suspect.owes(now).filter(|tag| *tag == opcode).count() as u8;
+                ambiguous =
+                    suspect.outstanding_opcodes(now).filter(|tag| *tag == opcode).count() as u8;
             }
         }
-        self.pending = Some(Pending::new(now, ticket, ask, ambiguous));
-    }
-
-    fn judge(&mut self, now: Instant, reply: Reply, soon: bool) {
-        let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
-            self.unasked(&reply);
-            self.older(reply.module);
-            return;
-        };
-        let request = &pending.ask.request;
-        if reply.status == Status::WrongChecksum {
-            if pending.burst.is_some() {
-                // One of its pieces; the next one may be whole.
-                return;
-            }
-            self.counters.corrupt += 1;
-            pending.doubts.bad_sum = true;
-            pending.doubts.bad_sum_of_module = reply.module == request.address;
-            pending.deadline = pending.deadline.min(now.plus_ns(GRACE_NS));
-            return;
-        }
-        let ours = reply.module == request.address && reply.opcode == request.opcode;
-        let refusal = ours && reply.status.ends_request();
-        let refused = refusal && !reply.status.is_good();
-        let stored = request.opcode == Opcode::ReadMemory && !refused;
-        if !refusal && !stored {
-            self.unasked(&reply);
-            self.older(reply.module);
-            return;
-        }
-        let soon = soon || now < pending.earliest;
-        let (module, opcode, again) =
-            (request.address, request.opcode.number(), pending.attempts > 1);
-        // What comes too soon is believed where no earlier request could own it; that shows that the
-        // line has no baud rate, unless that was believed: then somebody else asked for it.
-        let probe = pending.ticket.is_none() && self.waiting.is_some();
-        let proof = probe && !self.proven.holds(module);
-        if soon && self.early_streak < EARLY_MAX && !proof {
-            let believed = self.timely >= TIMELY_MIN;
-            if again || believed || self.could_own(now, module, opcode) {
-                if let Some(pending) = &mut self.pending {
-                    pending.doubts.early = true;
-                }
-                self.counters.late += 1;
-                self.counters.early += 1;
-                return;
-            }
-            self.early_streak = EARLY_MAX;
-        }
-        let Some(pending) = self.pending.as_mut() else { return };
-        if let Some(waiting) = self.waiting.as_mut().filter(|_| proof) {
-            waiting.soon &= soon;
-        }
-        self.timely = if soon { 0 } else { self.timely + 1 };
-        if pending.doubts.anothers && (refused || pending.ask.request.motor > 0) {
-            return self.say_behind_a_probe(now);
-        }
-        if pending.doubts.ambiguous > 0 {
-            pending.doubts.ambiguous -= 1;
-            self.counters.late += 1;
-            return;
-        }
-        if stored {
-            return self.answered(now, Ok(Answer::Instruction(Instruction::of_reply(&reply))));
-        }
-        if refused {
-            let code = reply.status.number().into();
-            return self.answered(now, Err(Failure::Refused { code }));
-        }
-        if let Some(ticket) = pending.ticket {
-            self.events.push(To::Ticket(ticket), Ok(Answer::Reply(reply)));
-        }
-        self.close(now);
+        self.pending = Some(PendingExchange::new(now, ticket, ask, ambiguous));
     }
 
     /// Any other answer than the usual reply.
     #[cold]
-    fn answered(&mut self, now: Instant, answer: Result<Answer, Failure>) {
+    fn finish_with_answer(&mut self, now: Instant, answer: Result<Answer, Failure>) {
         let Some(pending) = &self.pending else { return };
-        self.end(pending.ticket, answer);
-        self.close(now);
+        self.finish_ticket(pending.ticket, answer);
+        self.finish_pending(now);
     }
 
     /// What is outstanding was answered: what that says of the module, and what comes next.
-    fn close(&mut self, now: Instant) {
+    fn finish_pending(&mut self, now: Instant) {
         let Some(pending) = self.pending.take() else { return };
-        let (probe, module) = (pending.ticket.is_none(), pending.ask.request.address);
-        let doubtful = pending.attempts > 1 || pending.doubts.bad_sum || pending.burst.is_some();
-        self.heard.add(module);
-        if self.early_streak < EARLY_MAX || self.timely >= TIMELY_MIN {
+        let (probe, module) = (pending.ticket.is_none(), pending.host_request.request.address);
+        let doubtful =
+            pending.attempts > 1 || pending.flags.checksum_error || pending.burst.is_some();
+        self.answered_modules.insert(module);
+        if self.early_streak < EARLY_STREAK_MAX || self.timely_streak >= TIMELY_STREAK_MIN {
             self.early_streak = 0;
         }
         self.counters.answered += 1;
         if probe && pending.burst.is_none() {
-            self.trust(module);
+            self.clear_suspect(module);
         } else if doubtful {
-            self.suspect(now, &pending, true);
+            self.mark_suspect(now, &pending, true);
         }
-        if probe && self.waiting.is_some() {
-            return self.proved(now);
+        if probe && self.unproven_request.is_some() {
+            return self.handle_proof(now);
         }
-        if pending.ask.request.opcode != Opcode::Mst && self.waiting.is_none() {
-            self.stops_are_past(module);
+        if pending.host_request.request.opcode != Opcode::Mst && self.unproven_request.is_none() {
+            self.forget_stops(module);
         }
-        self.next(now);
+        self.start_next(now);
     }
 
     #[cold]
-    fn event(&mut self, reply: Reply) {
-        if self.events.room() > ROOM_MIN {
-            self.events.push(To::Address(reply.module.into()), Ok(Answer::Event(reply)));
+    fn push_unsolicited(&mut self, reply: Reply) {
+        if self.events.room() > EVENT_ROOM_MIN {
+            self.events
+                .push(EventSubject::Unsolicited(reply.module.into()), Ok(Answer::Event(reply)));
         } else {
             self.counters.foreign += 1;
         }
     }
 
     /// No answer in time.
-    fn expired(&mut self, now: Instant) {
+    fn handle_reply_timeout(&mut self, now: Instant) {
         let Some(mut pending) = self.pending.take() else { return };
-        self.unheard(now, &pending);
-        if pending.doubts.early {
-            self.early_streak = (self.early_streak + 1).min(EARLY_MAX);
+        self.note_unanswered(now, &pending);
+        if pending.flags.early_reply {
+            self.early_streak = (self.early_streak + 1).min(EARLY_STREAK_MAX);
         }
-        let resendable = matches!(pending.ask.class, Class::Idempotent | Class::Stop);
-        let attempts = if self.knows(pending.ask.request.address) { ATTEMPTS_MAX } else { 2 };
+        let resendable =
+            matches!(pending.host_request.class, RequestClass::Idempotent | RequestClass::Stop);
+        let attempts =
+            if self.has_answered(pending.host_request.request.address) { ATTEMPTS_MAX } else { 2 };
         let user = pending.ticket.is_some();
-        if !user && self.waiting.is_some() {
-            return self.not_proved(now, &pending);
+        if !user && self.unproven_request.is_some() {
+            return self.handle_proof_timeout(now, &pending);
         }
-        if user && resendable && pending.attempts < attempts && !pending.doubts.cut_short {
-            (pending.sent, pending.plan) = (false, None);
-            pending.doubts.bad_sum = false;
-            pending.ready = now;
+        if user && resendable && pending.attempts < attempts && !pending.flags.no_retry {
+            (pending.sent, pending.send_plan) = (false, None);
+            pending.flags.checksum_error = false;
+            pending.ready_at = now;
             pending.not_before = now;
             self.pending = Some(pending);
             return;
         }
         // Others answer, this one never did: it is probably not there, and a probe would only
         // make a scan slower.
-        let worth = self.knows(pending.ask.request.address) || self.heard.is_empty();
-        self.suspect(now, &pending, worth);
+        let worth = self.has_answered(pending.host_request.request.address)
+            || self.answered_modules.is_empty();
+        self.mark_suspect(now, &pending, worth);
         if user {
-            let damaged = pending.doubts.bad_sum && pending.doubts.bad_sum_of_module;
+            let damaged = pending.flags.checksum_error && pending.flags.checksum_error_by_module;
             // Who asked hears why it was not asked again.
-            let given_up = pending.doubts.cut_short
+            let given_up = pending.flags.no_retry
                 && pending.attempts < attempts
-                && pending.ask.class == Class::Idempotent;
+                && pending.host_request.class == RequestClass::Idempotent;
             self.counters.silent += u64::from(damaged || !given_up);
             let failure = match damaged {
                 true => Failure::Refused { code: Status::WrongChecksum.number().into() },
                 false if given_up => Failure::Cancelled,
                 false => Failure::Silent,
             };
-            self.end(pending.ticket, Err(failure));
+            self.finish_ticket(pending.ticket, Err(failure));
         }
     }
 
     /// What comes next when nothing is outstanding: a stop that waits, then what it overtook, then a
     /// probe.
     #[inline]
-    fn next(&mut self, now: Instant) {
-        let waits = self.stop.is_some() || self.waiting.is_some();
+    fn start_next(&mut self, now: Instant) {
+        let waits = self.pending_stop.is_some() || self.unproven_request.is_some();
         if self.pending.is_none() && (waits || self.suspicious) {
-            self.stop_or_probe(now);
+            self.start_stop_or_probe(now);
         }
     }
 
     #[cold]
-    fn stop_or_probe(&mut self, now: Instant) {
-        if let Some((ticket, ask)) = self.stop.take() {
-            self.start(now, Some(ticket), ask);
-        } else if let Some(waiting) = &mut self.waiting {
-            let proven = self.proven.holds(waiting.ask.request.address);
-            *waiting = Waiting::new(waiting.ticket, waiting.ask, proven);
-            self.prove(now);
-        } else if let Some(ask) = self.probe(now) {
-            self.start(now, None, ask);
+    fn start_stop_or_probe(&mut self, now: Instant) {
+        if let Some((ticket, ask)) = self.pending_stop.take() {
+            self.start_request(now, Some(ticket), ask);
+        } else if let Some(waiting) = &mut self.unproven_request {
+            let proven = self.proven_addresses.contains(waiting.host_request.request.address);
+            *waiting = UnprovenRequest::new(waiting.ticket, waiting.host_request, proven);
+            self.send_proof_probe(now);
+        } else if let Some(ask) = self.next_probe(now) {
+            self.start_request(now, None, ask);
         }
     }
 
-    fn probe(&mut self, now: Instant) -> Option<Ask> {
+    fn next_probe(&mut self, now: Instant) -> Option<HostRequest> {
         let suspect = self.suspects.iter_mut().flatten().find(|suspect| suspect.probe_due)?;
         suspect.probe_due = false;
-        let is_free = |opcode: Opcode| suspect.owes(now).all(|tag| tag != opcode.number());
+        let is_free =
+            |opcode: Opcode| suspect.outstanding_opcodes(now).all(|tag| tag != opcode.number());
         let (opcode, kind) = PROBES.into_iter().find(|(opcode, _)| is_free(*opcode))?;
         suspect.probes += 1;
         let request = Request { address: suspect.module, opcode, kind, motor: 0, value: 0 };
-        Some(Ask { request, class: Class::Idempotent })
+        Some(HostRequest { request, class: RequestClass::Idempotent })
     }
 
-    fn knows(&self, module: u8) -> bool {
-        self.heard.holds(module)
+    fn has_answered(&self, module: u8) -> bool {
+        self.answered_modules.contains(module)
     }
 
-    fn end(&mut self, ticket: Option<Ticket>, result: Result<Answer, Failure>) {
+    fn finish_ticket(&mut self, ticket: Option<Ticket>, result: Result<Answer, Failure>) {
         if let Some(ticket) = ticket {
-            self.events.push(To::Ticket(ticket), result);
+            self.events.push(EventSubject::Request(ticket), result);
         }
     }
 }

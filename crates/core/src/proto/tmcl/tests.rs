@@ -18,7 +18,9 @@ use super::text;
 use super::wire::{DATAGRAM, Instruction, Reply, Request, VersionText};
 use super::{TmclDissector, ascii};
 use crate::error::WireError;
-use crate::explain::{Addressing, Context, Cut, Direction, Dissector, Field, Sink, Value};
+use crate::explain::{
+    Context, Direction, Dissector, EncodeOptions, ExplainSink, Field, FieldValue, FrameBoundary,
+};
 
 /// Marsaglia's xorshift: the tests' only randomness, by seed.
 pub(super) struct Random(pub u64);
@@ -57,7 +59,7 @@ impl Seen {
     }
 }
 
-impl Sink for Seen {
+impl ExplainSink for Seen {
     fn kind(&mut self, kind: &str) {
         self.kind = kind.into();
     }
@@ -66,7 +68,8 @@ impl Sink for Seen {
     }
     fn field(&mut self, field: Field<'_>) {
         assert!(field.start < field.end, "{field:?}");
-        self.fields.push((field.name, if let Value::Int(value) = field.value { value } else { 0 }));
+        self.fields
+            .push((field.name, if let FieldValue::Int(value) = field.value { value } else { 0 }));
     }
     fn text(&mut self, piece: &str) {
         self.text.push_str(piece);
@@ -143,11 +146,21 @@ fn check_serial(v: &Vector) {
     assert_eq!(seen.error.is_none(), v.valid, "{}: {seen:?}", v.name);
     if !v.valid {
         assert!(matches!(Reply::parse(&v.bytes), Err(WireError::Checksum { .. })), "{}", v.name);
-        assert_eq!(TmclDissector.cut(&v.bytes, direction, true), Cut::Broken(9), "{}", v.name);
+        assert_eq!(
+            TmclDissector.find_frame(&v.bytes, direction, true),
+            FrameBoundary::Corrupt(9),
+            "{}",
+            v.name
+        );
         return;
     }
     assert_eq!(re(&v.bytes)[..], v.bytes, "{}", v.name);
-    assert_eq!(TmclDissector.cut(&v.bytes, direction, false), Cut::Frame(9), "{}", v.name);
+    assert_eq!(
+        TmclDissector.find_frame(&v.bytes, direction, false),
+        FrameBoundary::Frame(9),
+        "{}",
+        v.name
+    );
     for (name, value) in v.json["fields"].as_object().into_iter().flatten() {
         assert_eq!(seen.field(name), value.as_i64(), "{}: {name}", v.name);
     }
@@ -157,7 +170,8 @@ fn check_serial(v: &Vector) {
         text::write(&request, &mut |piece| line.push_str(piece));
         assert_eq!(text::parse(&line, request.address), Ok(request), "{}: {line}", v.name);
         let mut out = [0; 16];
-        let addressing = Addressing { axis: Some(request.address.into()), ..Addressing::default() };
+        let addressing =
+            EncodeOptions { axis: Some(request.address.into()), ..EncodeOptions::default() };
         let encoded = TmclDissector.encode(&line, &addressing, &mut out).unwrap();
         assert_eq!(out[..encoded.len], v.bytes, "{}: {line}", v.name);
     }
@@ -222,7 +236,12 @@ fn truncations_and_flips_are_refused() {
             flipped[bit / 8] ^= 1 << (bit % 8);
             // The sum sees every single flip: it changes one term by a power of two below 256.
             assert!(matches!(Reply::parse(&flipped), Err(WireError::Checksum { .. })));
-            assert_eq!(TmclDissector.cut(&flipped, None, true), Cut::Broken(9), "{}", v.name);
+            assert_eq!(
+                TmclDissector.find_frame(&flipped, None, true),
+                FrameBoundary::Corrupt(9),
+                "{}",
+                v.name
+            );
             let seen = Seen::of(&flipped, &Context::default());
             assert!(seen.error.is_some());
         }
@@ -282,42 +301,45 @@ fn text_undoes_itself_for_every_request() {
 
 #[test]
 fn ascii_lines_go_both_ways() {
-    let parse = |line: &str| ascii::Command::parse(line.as_bytes());
+    let parse = |line: &str| ascii::AsciiCommand::parse(line.as_bytes());
     let mvp = text::parse("MVP ABS, 1, 50000", 1).unwrap();
-    assert_eq!(parse("AMVP ABS, 1, 50000"), Some((1, ascii::Command::Request(mvp))));
-    assert_eq!(parse("A MVP ABS, 1, 50000"), Some((1, ascii::Command::Request(mvp))));
-    assert_eq!(parse("BBIN"), Some((2, ascii::Command::Binary)));
-    assert_eq!(parse("AWAIT TICKS, 0, 1"), Some((1, ascii::Command::Unreadable)));
+    assert_eq!(parse("AMVP ABS, 1, 50000"), Some((1, ascii::AsciiCommand::Request(mvp))));
+    assert_eq!(parse("A MVP ABS, 1, 50000"), Some((1, ascii::AsciiCommand::Request(mvp))));
+    assert_eq!(parse("BBIN"), Some((2, ascii::AsciiCommand::Binary)));
+    assert_eq!(parse("AWAIT TICKS, 0, 1"), Some((1, ascii::AsciiCommand::Unreadable)));
     assert_eq!(parse("1 MST"), None);
-    let mut line = ascii::Line::EMPTY;
+    let mut line = ascii::AsciiLine::EMPTY;
     assert!(ascii::write_request(&mut line, &mvp));
     assert_eq!(line.bytes(), b"AMVP ABS, 1, 50000\r");
-    let mut line = ascii::Line::EMPTY;
+    let mut line = ascii::AsciiLine::EMPTY;
     ascii::write_reply(&mut line, 2, 1, Status::Ok, -5000);
     assert_eq!(line.bytes(), b"BA 100 -5000\r");
-    let answer = ascii::Answer { host: 2, module: 1, status: Status::Ok, value: -5000 };
-    assert_eq!(ascii::Answer::parse(b"BA 100 -5000"), Some(answer));
+    let answer = ascii::AsciiReply { host: 2, module: 1, status: Status::Ok, value: -5000 };
+    assert_eq!(ascii::AsciiReply::parse(b"BA 100 -5000"), Some(answer));
 }
 
 #[test]
 fn cut_finds_the_next_boundary() {
     let good = hex("02 01 64 06 00 00 02 c7 36");
-    let cut = |bytes: &[u8], ended| TmclDissector.cut(bytes, Some(Direction::ToHost), ended);
+    let cut = |bytes: &[u8], ended| TmclDissector.find_frame(bytes, Some(Direction::ToHost), ended);
     for split in 0..DATAGRAM {
-        assert_eq!(cut(&good[..split], false), Cut::More);
+        assert_eq!(cut(&good[..split], false), FrameBoundary::Incomplete);
     }
     let noisy: Vec<u8> = [&[0x55, 0x02][..], &good].concat();
-    assert_eq!(cut(&noisy, false), Cut::Skip(2));
+    assert_eq!(cut(&noisy, false), FrameBoundary::Skip(2));
     let mut bad = good.clone();
     bad[6] ^= 1;
-    assert_eq!(cut(&bad, true), Cut::Broken(9));
-    assert_eq!(cut(&bad, false), Cut::More);
-    assert_eq!(cut(&[bad.clone(), good.clone()].concat(), false), Cut::Broken(9));
-    assert_eq!(cut(&[good[..8].to_vec(), good.clone()].concat(), false), Cut::Skip(8));
-    assert_eq!(cut(&hex("02 30 30 32 36 56 33 31 31"), false), Cut::Frame(9));
-    assert_eq!(TmclDissector.cut(b"AMVP ABS, 1, 50000\r", None, false), Cut::Frame(19));
-    assert_eq!(cut(&good[..8], true), Cut::Broken(8));
-    assert_eq!(cut(&good[..2], true), Cut::Skip(2));
+    assert_eq!(cut(&bad, true), FrameBoundary::Corrupt(9));
+    assert_eq!(cut(&bad, false), FrameBoundary::Incomplete);
+    assert_eq!(cut(&[bad.clone(), good.clone()].concat(), false), FrameBoundary::Corrupt(9));
+    assert_eq!(cut(&[good[..8].to_vec(), good.clone()].concat(), false), FrameBoundary::Skip(8));
+    assert_eq!(cut(&hex("02 30 30 32 36 56 33 31 31"), false), FrameBoundary::Frame(9));
+    assert_eq!(
+        TmclDissector.find_frame(b"AMVP ABS, 1, 50000\r", None, false),
+        FrameBoundary::Frame(19)
+    );
+    assert_eq!(cut(&good[..8], true), FrameBoundary::Corrupt(8));
+    assert_eq!(cut(&good[..2], true), FrameBoundary::Skip(2));
 }
 
 #[test]
@@ -341,6 +363,6 @@ fn explains_in_words() {
     assert_eq!(version.text, "done, value 11141390 (module 170, version 1.14)");
     let broken = seen("02 01 64 06 00 00 02 c7 37", &Context::default());
     assert_eq!(broken.error, Some(WireError::Checksum { computed: 0x36, found: 0x37 }));
-    assert_eq!(TmclDissector.code(5), Some("configuration EEPROM locked"));
-    assert_eq!(TmclDissector.code(77), None);
+    assert_eq!(TmclDissector.code_meaning(5), Some("configuration EEPROM locked"));
+    assert_eq!(TmclDissector.code_meaning(77), None);
 }

@@ -12,7 +12,7 @@ use crate::explain::TextError;
 
 /// Which fields a command's line has.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Shape {
+pub struct CommandFields {
     /// The type byte.
     pub kind: bool,
     /// The motor or bank byte.
@@ -20,12 +20,12 @@ pub struct Shape {
     /// The value.
     pub value: bool,
     /// Words for the type.
-    pub words: &'static [(u8, &'static str)],
+    pub type_words: &'static [(u8, &'static str)],
 }
 
-const MOVES: &[(u8, &str)] = &[(0, "ABS"), (1, "REL"), (2, "COORD")];
-const SEARCHES: &[(u8, &str)] = &[(0, "START"), (1, "STOP"), (2, "STATUS")];
-const SUMS_WITH_X: &[(u8, &str)] = &[
+const MOVE_TYPES: &[(u8, &str)] = &[(0, "ABS"), (1, "REL"), (2, "COORD")];
+const SEARCH_TYPES: &[(u8, &str)] = &[(0, "START"), (1, "STOP"), (2, "STATUS")];
+const CALCX_OPERATIONS: &[(u8, &str)] = &[
     (0, "ADD"),
     (1, "SUB"),
     (2, "MUL"),
@@ -38,7 +38,7 @@ const SUMS_WITH_X: &[(u8, &str)] = &[
     (9, "LOAD"),
     (10, "SWAP"),
 ];
-const SUMS: &[(u8, &str)] = SUMS_WITH_X.split_at(10).0;
+const CALC_OPERATIONS: &[(u8, &str)] = CALCX_OPERATIONS.split_at(10).0;
 const CONDITIONS: &[(u8, &str)] = &[
     (0, "ZE"),
     (1, "NZ"),
@@ -52,10 +52,11 @@ const CONDITIONS: &[(u8, &str)] = &[
     (9, "EAL"),
     (12, "ESD"),
 ];
-const WAITS: &[(u8, &str)] = &[(0, "TICKS"), (1, "POS"), (2, "REFSW"), (3, "LIMSW"), (4, "RFS")];
+const WAIT_TYPES: &[(u8, &str)] =
+    &[(0, "TICKS"), (1, "POS"), (2, "REFSW"), (3, "LIMSW"), (4, "RFS")];
 const ERRORS: &[(u8, &str)] = &[(0, "ALL"), (1, "ETO"), (2, "EAL"), (3, "EDV"), (4, "EPO")];
 
-impl Shape {
+impl CommandFields {
     /// The shape of an opcode's line.
     #[must_use]
     pub const fn of(opcode: Opcode) -> Self {
@@ -63,8 +64,8 @@ impl Shape {
         match opcode {
             O::Ror | O::Rol => Self::new(false, true, true, &[]),
             O::Mst | O::Rola | O::Rora => Self::new(false, true, false, &[]),
-            O::Mvp => Self::new(true, true, true, MOVES),
-            O::Mvpa => Self::new(true, true, false, MOVES),
+            O::Mvp => Self::new(true, true, true, MOVE_TYPES),
+            O::Mvpa => Self::new(true, true, false, MOVE_TYPES),
             O::Gap
             | O::Ggp
             | O::Stap
@@ -78,11 +79,11 @@ impl Shape {
             | O::Aap
             | O::Agp
             | O::Aco => Self::new(true, true, false, &[]),
-            O::Rfs => Self::new(true, true, false, SEARCHES),
-            O::Calc => Self::new(true, false, true, SUMS),
-            O::Calcx => Self::new(true, false, false, SUMS_WITH_X),
+            O::Rfs => Self::new(true, true, false, SEARCH_TYPES),
+            O::Calc => Self::new(true, false, true, CALC_OPERATIONS),
+            O::Calcx => Self::new(true, false, false, CALCX_OPERATIONS),
             O::Jc | O::Call => Self::new(true, false, true, CONDITIONS),
-            O::Wait => Self::new(true, true, true, WAITS),
+            O::Wait => Self::new(true, true, true, WAIT_TYPES),
             O::Comp | O::Ja | O::Csub | O::Rst => Self::new(false, false, true, &[]),
             O::Rsub | O::Stop | O::Reti => Self::new(false, false, false, &[]),
             O::Ei | O::Di => Self::new(true, false, false, &[]),
@@ -97,15 +98,15 @@ impl Shape {
         kind: bool,
         motor: bool,
         value: bool,
-        words: &'static [(u8, &'static str)],
+        type_words: &'static [(u8, &'static str)],
     ) -> Self {
-        Self { kind, motor, value, words }
+        Self { kind, motor, value, type_words }
     }
 
     /// The word for a type, if it has one.
     #[must_use]
-    pub fn word(&self, kind: u8) -> Option<&'static str> {
-        self.words.iter().find(|(number, _)| *number == kind).map(|(_, word)| *word)
+    pub fn type_word(&self, kind: u8) -> Option<&'static str> {
+        self.type_words.iter().find(|(number, _)| *number == kind).map(|(_, word)| *word)
     }
 
     /// Whether a line of this shape says all of a request.
@@ -122,12 +123,12 @@ impl Shape {
 /// # Errors
 /// [`TextError`] with the place and what was expected there.
 pub fn parse(text: &str, address: u8) -> Result<Request, TextError> {
-    let mut words = Words { text, at: 0 };
-    let (start, name) = words.name();
-    let opcode = opcode(name).ok_or(TextError { at: start, expected: "a TMCL mnemonic" })?;
-    let shape = Shape::of(opcode);
+    let mut words = Tokenizer { text, at: 0 };
+    let (start, name) = words.read_mnemonic();
+    let opcode = parse_opcode(name).ok_or(TextError { at: start, expected: "a TMCL mnemonic" })?;
+    let shape = CommandFields::of(opcode);
     let mut request = Request { address, opcode, kind: 0, motor: 0, value: 0 };
-    let (mut fields, count) = words.fields()?;
+    let (mut fields, count) = words.read_fields()?;
     // All three fields may always be given: then they are type, motor, value.
     let full = count == 3;
     let mut next = || {
@@ -139,17 +140,17 @@ pub fn parse(text: &str, address: u8) -> Result<Request, TextError> {
     if (shape.kind || full)
         && let Some((at, word)) = next()
     {
-        request.kind = kind(&shape, at, word)?;
+        request.kind = parse_type(&shape, at, word)?;
     }
     if (shape.motor || full)
         && let Some((at, word)) = next()
     {
-        request.motor = byte(at, word, "a motor or bank, 0 to 255")?;
+        request.motor = parse_byte(at, word, "a motor or bank, 0 to 255")?;
     }
     if (shape.value || full)
         && let Some((at, word)) = next()
     {
-        request.value = value(at, word)?;
+        request.value = parse_value(at, word)?;
     }
     match next() {
         Some((at, _)) => {
@@ -161,7 +162,7 @@ pub fn parse(text: &str, address: u8) -> Result<Request, TextError> {
 
 /// Writes a request as a line, piece by piece.
 pub fn write(request: &Request, show: &mut dyn FnMut(&str)) {
-    let shape = Shape::of(request.opcode);
+    let shape = CommandFields::of(request.opcode);
     match request.opcode.word() {
         "" => show(Decimal::of(request.opcode.number().into()).as_str()),
         word => show(word),
@@ -174,7 +175,7 @@ pub fn write(request: &Request, show: &mut dyn FnMut(&str)) {
         separator = ", ";
     };
     if shape.kind || full {
-        match shape.word(request.kind) {
+        match shape.type_word(request.kind) {
             Some(word) => field(word),
             None => field(Decimal::of(request.kind.into()).as_str()),
         }
@@ -227,7 +228,7 @@ impl Decimal {
 
 /// A decimal or hexadecimal number.
 #[must_use]
-pub fn number(text: &str) -> Option<i64> {
+pub fn parse_number(text: &str) -> Option<i64> {
     let (negative, digits) = match text.strip_prefix('-') {
         Some(rest) => (true, rest),
         None => (false, text.strip_prefix('+').unwrap_or(text)),
@@ -241,49 +242,49 @@ pub fn number(text: &str) -> Option<i64> {
     Some(if negative { -magnitude } else { magnitude })
 }
 
-fn opcode(name: &str) -> Option<Opcode> {
+fn parse_opcode(name: &str) -> Option<Opcode> {
     Opcode::of_word(name)
-        .or_else(|| number(name).and_then(|n| u8::try_from(n).ok()).map(Opcode::from))
+        .or_else(|| parse_number(name).and_then(|n| u8::try_from(n).ok()).map(Opcode::from))
 }
 
-fn kind(shape: &Shape, at: usize, word: &str) -> Result<u8, TextError> {
-    if let Some((number, _)) = shape.words.iter().find(|(_, w)| w.eq_ignore_ascii_case(word)) {
+fn parse_type(shape: &CommandFields, at: usize, word: &str) -> Result<u8, TextError> {
+    if let Some((number, _)) = shape.type_words.iter().find(|(_, w)| w.eq_ignore_ascii_case(word)) {
         return Ok(*number);
     }
-    let expected = match shape.words.first() {
+    let expected = match shape.type_words.first() {
         Some((_, "ABS")) => "ABS, REL or COORD",
         Some((_, "START")) => "START, STOP or STATUS",
         Some((_, "TICKS")) => "TICKS, POS, REFSW, LIMSW or RFS",
         Some(_) => "an operation's name or number",
         None => "a type or parameter number, 0 to 255",
     };
-    byte(at, word, expected)
+    parse_byte(at, word, expected)
 }
 
-fn byte(at: usize, word: &str, expected: &'static str) -> Result<u8, TextError> {
-    number(word).and_then(|n| u8::try_from(n).ok()).ok_or(TextError { at, expected })
+fn parse_byte(at: usize, word: &str, expected: &'static str) -> Result<u8, TextError> {
+    parse_number(word).and_then(|n| u8::try_from(n).ok()).ok_or(TextError { at, expected })
 }
 
 /// A value: signed, or the unsigned twin of a negative one.
-fn value(at: usize, word: &str) -> Result<i32, TextError> {
+fn parse_value(at: usize, word: &str) -> Result<i32, TextError> {
     let expected = "a value, -2147483648 to 4294967295";
-    let number = number(word).ok_or(TextError { at, expected })?;
+    let number = parse_number(word).ok_or(TextError { at, expected })?;
     i32::try_from(number)
         .or_else(|_| u32::try_from(number).map(u32::cast_signed))
         .map_err(|_| TextError { at, expected })
 }
 
 /// Fields of a line with their places, and how many there are.
-type Fields<'a> = ([Option<(usize, &'a str)>; 3], usize);
+type LineFields<'a> = ([Option<(usize, &'a str)>; 3], usize);
 
-struct Words<'a> {
+struct Tokenizer<'a> {
     text: &'a str,
     at: usize,
 }
 
-impl<'a> Words<'a> {
+impl<'a> Tokenizer<'a> {
     /// The mnemonic: one word, or two for names such as `GET VERSION`.
-    fn name(&mut self) -> (usize, &'a str) {
+    fn read_mnemonic(&mut self) -> (usize, &'a str) {
         let rest = self.text.trim_start();
         let start = self.text.len() - rest.len();
         let name = Opcode::NAMED
@@ -297,7 +298,7 @@ impl<'a> Words<'a> {
         (start, &rest[..name])
     }
 
-    fn fields(&mut self) -> Result<Fields<'a>, TextError> {
+    fn read_fields(&mut self) -> Result<LineFields<'a>, TextError> {
         let mut fields = [None; 3];
         let mut count = 0;
         // A comma behind the name does no harm: `136, 0, 0`.

@@ -25,7 +25,7 @@ pub const HOST: u8 = 2;
 #[must_use]
 #[inline]
 pub fn checksum([body @ .., _]: &[u8; DATAGRAM]) -> u8 {
-    sum(u64::from_le_bytes(*body))
+    byte_sum(u64::from_le_bytes(*body))
 }
 
 /// What a host asks.
@@ -50,7 +50,7 @@ impl Request {
     /// [`WireError::Short`], [`WireError::Long`], [`WireError::Checksum`].
     #[inline]
     pub fn parse(bytes: &[u8]) -> Result<Self, WireError> {
-        let [first, body @ .., _] = whole(bytes)?;
+        let [first, body @ .., _] = checked_datagram(bytes)?;
         Ok(Self::from_body(*first, *body))
     }
 
@@ -66,7 +66,7 @@ impl Request {
     #[must_use]
     #[inline]
     pub fn emit(&self) -> [u8; DATAGRAM] {
-        summed([self.address, self.opcode.number(), self.kind, self.motor], self.value)
+        with_checksum([self.address, self.opcode.number(), self.kind, self.motor], self.value)
     }
 
     /// The CAN frame, of seven data bytes, or of eight with the serial checksum as the last.
@@ -104,7 +104,7 @@ impl Reply {
     /// [`WireError::Short`], [`WireError::Long`], [`WireError::Checksum`].
     #[inline]
     pub fn parse(bytes: &[u8]) -> Result<Self, WireError> {
-        let [first, body @ .., _] = whole(bytes)?;
+        let [first, body @ .., _] = checked_datagram(bytes)?;
         Ok(Self::from_body(*first, *body))
     }
 
@@ -126,7 +126,10 @@ impl Reply {
     #[must_use]
     #[inline]
     pub fn emit(&self) -> [u8; DATAGRAM] {
-        summed([self.host, self.module, self.status.number(), self.opcode.number()], self.value)
+        with_checksum(
+            [self.host, self.module, self.status.number(), self.opcode.number()],
+            self.value,
+        )
     }
 
     /// The CAN frame, of seven data bytes, or of eight with a zero as the last, as the TMCM-1260
@@ -161,8 +164,8 @@ impl VersionText {
     /// # Errors
     /// [`WireError::Short`], [`WireError::Long`], [`WireError::Unexpected`].
     pub fn parse(bytes: &[u8]) -> Result<Self, WireError> {
-        let nine = nine(bytes)?;
-        Self::checked(
+        let nine = as_datagram(bytes)?;
+        Self::from_printable(
             nine[0],
             [nine[1], nine[2], nine[3], nine[4], nine[5], nine[6], nine[7], nine[8]],
         )
@@ -174,7 +177,10 @@ impl VersionText {
     /// [`WireError::Short`], [`WireError::Unexpected`].
     pub fn parse_can(data: &[u8], host: u8) -> Result<Self, WireError> {
         let found = data.len().min(usize::from(u16::MAX)) as u16;
-        Self::checked(host, data.try_into().map_err(|_| WireError::Short { need: 8, found })?)
+        Self::from_printable(
+            host,
+            data.try_into().map_err(|_| WireError::Short { need: 8, found })?,
+        )
     }
 
     /// The nine bytes on a serial line.
@@ -186,7 +192,7 @@ impl VersionText {
         out
     }
 
-    fn checked(host: u8, text: [u8; 8]) -> Result<Self, WireError> {
+    fn from_printable(host: u8, text: [u8; 8]) -> Result<Self, WireError> {
         match text.iter().position(|c| !(b' '..=b'~').contains(c)) {
             Some(at) => Err(WireError::Unexpected { at: at as u16 + 1, found: text[at] }),
             None => Ok(Self { host, text }),
@@ -241,30 +247,30 @@ impl Instruction {
 /// Four bytes, a value and their sum. They are put together in a register: bytes just written one
 /// by one are slow to read again.
 #[inline]
-fn summed(head: [u8; 4], value: i32) -> [u8; DATAGRAM] {
+fn with_checksum(head: [u8; 4], value: i32) -> [u8; DATAGRAM] {
     let value = u32::from_le_bytes(value.to_be_bytes());
     let body = u64::from(u32::from_le_bytes(head)) | u64::from(value) << 32;
-    let mut out = [sum(body); DATAGRAM];
+    let mut out = [byte_sum(body); DATAGRAM];
     out[..DATAGRAM - 1].copy_from_slice(&body.to_le_bytes());
     out
 }
 
 /// The sum of eight bytes, modulo 256: pairs are added first, then all four pairs at once.
 #[inline]
-const fn sum(bytes: u64) -> u8 {
+const fn byte_sum(bytes: u64) -> u8 {
     const EVEN: u64 = 0x00FF_00FF_00FF_00FF;
     let pairs = (bytes & EVEN) + (bytes >> 8 & EVEN);
     (pairs.wrapping_mul(0x0001_0001_0001_0001) >> 48) as u8
 }
 
 #[inline]
-fn nine(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
+fn as_datagram(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
     bytes.try_into().map_err(|_| wrong_length(bytes))
 }
 
 #[inline]
-fn whole(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
-    let nine = nine(bytes)?;
+fn checked_datagram(bytes: &[u8]) -> Result<&[u8; DATAGRAM], WireError> {
+    let nine = as_datagram(bytes)?;
     let (computed, found) = (checksum(nine), nine[DATAGRAM - 1]);
     if computed != found {
         return Err(WireError::Checksum { computed: computed.into(), found: found.into() });

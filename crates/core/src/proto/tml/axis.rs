@@ -3,28 +3,30 @@
 //! Parameters are variables in the drive's memory: space 0 is data memory, 1 program memory, 2 the
 //! EEPROM. Which address a name has depends on the firmware, so it is the profile's.
 
-use super::ask::{Answer, Ask, With, assigned, assignment};
 use super::generic::GENERIC;
-use super::host::{CanHost, Encapsulation, Extended, HOST_ID, SerialHost, Standard};
-use super::instruction::{Scope, assemble};
-use super::online::{Online, PtPoint, PvtPoint};
+use super::host::{CanHost, Encapsulation, ExtendedIds, HOST_ID, SerialHost, StandardIds};
+use super::host_request::{
+    Answer, Confirmation, HostRequest, assign_instruction, assigned_variable,
+};
+use super::instruction::{LanguageScope, assemble};
+use super::online::{OnlineMessage, PtPoint, PvtPoint};
 use super::program;
-use super::session::discovery;
-use super::technocan::Class as Service;
+use super::session::discovery_message;
+use super::technocan::MessageClass as Service;
 use super::wire::{IdCode, Instruction, Message, low_first};
 use super::{serial, technocan, tmlcan};
-use crate::axis::{Driver, TOLD_MAX, Told};
+use crate::axis::{DriveReport, Driver, REPORTS_MAX};
 use crate::error::{Failure, Unsupported};
-use crate::explain::Raw;
+use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
 use crate::profile::{Encoding, Parameter, ParameterId, Profile};
-use crate::program::{MemoryRules, Order, TransferStep};
+use crate::program::{MemoryRules, ProgramCommand, TransferStep};
 use crate::proto::{GROUP, HostOptions, Protocol};
-use crate::station::Class;
+use crate::station::RequestClass;
 use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, RawPoint};
 
 /// Parameters whose bits make a drive speak unasked: it is told to whom first.
-const MASKS: [&str; 3] = ["SRL_MASK", "SRH_MASK", "MER_MASK"];
+const EVENT_MASKS: [&str; 3] = ["SRL_MASK", "SRH_MASK", "MER_MASK"];
 /// The parameter that silences reports of the PVT buffer while it is not zero.
 const PVT_SILENCE: &str = "PVTSENDOFF";
 
@@ -33,53 +35,60 @@ const PVT_SILENCE: &str = "PVTSENDOFF";
 pub struct Axis {
     profile: &'static Profile,
     address: u32,
-    to: IdCode,
+    destination: IdCode,
 }
 
 impl Axis {
     /// The axis of that ID, or the groups that an address with [`GROUP`] names.
     #[must_use]
     pub const fn new(profile: &'static Profile, address: u32) -> Self {
-        let to = match address & GROUP {
+        let destination = match address & GROUP {
             0 => IdCode::axis(address as u8),
             _ => IdCode::groups(address as u8),
         };
-        Self { profile, address, to }
+        Self { profile, address, destination }
     }
 
     /// Whether an assignment makes the drive speak unasked.
-    fn is_loud(&self, address: u16, value: u32) -> bool {
+    fn enables_unsolicited(&self, address: u16, value: u32) -> bool {
         let at_address = |parameter: &&Parameter| parameter.index == address;
         let mut symbols = self.profile.parameters.iter().filter(at_address).map(|p| p.symbol);
         symbols.any(|symbol| match symbol {
             PVT_SILENCE => value == 0,
-            _ => value != 0 && MASKS.contains(&symbol),
+            _ => value != 0 && EVENT_MASKS.contains(&symbol),
         })
     }
 
     /// An instruction as it is asked of this axis.
-    fn said(&self, mut instruction: Instruction) -> Result<Ask, Unsupported> {
-        if let (true, Some(Online::GiveMeData { sender, cell })) =
-            (self.to.group, Online::parse(&instruction))
+    fn instruction_request(
+        &self,
+        mut instruction: Instruction,
+    ) -> Result<HostRequest, Unsupported> {
+        if let (true, Some(OnlineMessage::GiveMeData { sender, cell })) =
+            (self.destination.group, OnlineMessage::parse(&instruction))
         {
-            instruction = Online::GiveMeData2 { sender, cell }.emit();
+            instruction = OnlineMessage::GiveMeData2 { sender, cell }.emit();
         }
-        let loud =
-            assigned(&instruction).is_some_and(|(address, value, _)| self.is_loud(address, value));
-        Ok(self.ask(instruction).with(if loud { With::Master } else { With::Proof }))
+        let loud = assigned_variable(&instruction)
+            .is_some_and(|(address, value, _)| self.enables_unsolicited(address, value));
+        Ok(self.new_request(instruction).with_confirmation(if loud {
+            Confirmation::MasterFirst
+        } else {
+            Confirmation::Proof
+        }))
     }
 
-    const fn ask(&self, instruction: Instruction) -> Ask {
-        Ask::of(Message { to: self.to, instruction })
+    const fn new_request(&self, instruction: Instruction) -> HostRequest {
+        HostRequest::of(Message { to: self.destination, instruction })
     }
 }
 
 /// What a plan's `send FUNCTION INDEX VALUE` says, by its function. The index is the opcode, or the
 /// variable's address.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Form {
+pub enum SendForm {
     /// 0: the opcode alone, as `AXISON`.
-    Bare,
+    OpcodeOnly,
     /// 1: the value as one word, as `SETPVT` has it.
     Word,
     /// 2: the value as two words, low one first, as `SAP` has it.
@@ -90,10 +99,10 @@ pub enum Form {
     FarMasks,
 }
 
-impl Form {
+impl SendForm {
     const fn of(function: u8) -> Option<Self> {
         Some(match function {
-            0 => Self::Bare,
+            0 => Self::OpcodeOnly,
             1 => Self::Word,
             2 => Self::Long,
             3 => Self::Masks,
@@ -102,10 +111,10 @@ impl Form {
         })
     }
 
-    const fn instruction(self, index: u16, value: u32) -> Instruction {
+    const fn to_instruction(self, index: u16, value: u32) -> Instruction {
         let [low, high] = low_first(value);
         match self {
-            Self::Bare => Instruction::of(index, []),
+            Self::OpcodeOnly => Instruction::of(index, []),
             Self::Word => Instruction::of(index, [low]),
             Self::Long => Instruction::of(index, [low, high]),
             Self::Masks => Instruction::of(index, [high, low]),
@@ -115,7 +124,7 @@ impl Form {
 }
 
 impl Driver for Axis {
-    type Request = Ask;
+    type Request = HostRequest;
     type Answer = Answer;
 
     fn profile(&self) -> &'static Profile {
@@ -127,23 +136,28 @@ impl Driver for Axis {
     }
 
     fn is_group(&self) -> bool {
-        self.to.group
+        self.destination.group
     }
 
     /// GiveMeData of one axis; GiveMeData2 of a group, each of which answers (manual, chapter 4).
-    fn read(&self, parameter: &Parameter) -> Result<Ask, Unsupported> {
+    fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
         let memory = match parameter.space {
             0 => 0x4,
             1 => 0x0,
             2 => 0x8,
             _ => return Err(Unsupported::NoSuchParameter),
         };
-        let give = if self.to.group { 0xB200 } else { 0xB000 };
+        let give = if self.destination.group { 0xB200 } else { 0xB000 };
         let opcode = give | memory | u16::from(is_long(parameter.encoding));
-        Ok(self.ask(Instruction::of(opcode, [0, parameter.index])))
+        Ok(self.new_request(Instruction::of(opcode, [0, parameter.index])))
     }
 
-    fn write(&self, parameter: &Parameter, raw: i64, class: Class) -> Result<Ask, Unsupported> {
+    fn write_request(
+        &self,
+        parameter: &Parameter,
+        raw: i64,
+        class: RequestClass,
+    ) -> Result<HostRequest, Unsupported> {
         let long = is_long(parameter.encoding);
         if parameter.space != 0 {
             return Err(Unsupported::Forbidden(
@@ -151,25 +165,33 @@ impl Driver for Axis {
             ));
         }
         let value = wire_value(raw, long)?;
-        let loud = self.is_loud(parameter.index, value);
-        let with = if loud { With::Master } else { With::Proof };
-        Ok(self.ask(assignment(parameter.index, value, long)).held_to(class).with(with))
+        let loud = self.enables_unsolicited(parameter.index, value);
+        let with = if loud { Confirmation::MasterFirst } else { Confirmation::Proof };
+        Ok(self
+            .new_request(assign_instruction(parameter.index, value, long))
+            .with_class(class)
+            .with_confirmation(with))
     }
 
-    /// `function` is a [`Form`].
-    fn send(&self, function: u8, index: u16, value: i64) -> Result<Ask, Unsupported> {
-        let form = Form::of(function).ok_or(Unsupported::BadArgument)?;
-        Ok(self.ask(form.instruction(index, wire_value(value, true)?)))
+    /// `function` is a [`SendForm`].
+    fn function_request(
+        &self,
+        function: u8,
+        index: u16,
+        value: i64,
+    ) -> Result<HostRequest, Unsupported> {
+        let form = SendForm::of(function).ok_or(Unsupported::BadArgument)?;
+        Ok(self.new_request(form.to_instruction(index, wire_value(value, true)?)))
     }
 
     /// A question to a group asks each of its drives.
-    fn parse(&self, text: &str) -> Result<Ask, Unsupported> {
-        let scope = Scope { profile: Some(self.profile), ..Scope::default() };
-        self.said(assemble(text, &scope).map_err(|_| Unsupported::BadText)?)
+    fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
+        let scope = LanguageScope { profile: Some(self.profile), ..LanguageScope::default() };
+        self.instruction_request(assemble(text, &scope).map_err(|_| Unsupported::BadText)?)
     }
 
     /// A message on a serial line, or a CAN frame in either encapsulation.
-    fn decode(&self, frame: &Raw<'_>) -> Result<Ask, Unsupported> {
+    fn decode_request(&self, frame: &RawFrame<'_>) -> Result<HostRequest, Unsupported> {
         let bad = |_| Unsupported::BadBytes;
         let can = |id: u32| match (frame.extended, frame.bytes.len()) {
             (_, 9..) => Err(Unsupported::BadBytes),
@@ -188,92 +210,104 @@ impl Driver for Axis {
             None => serial::decode(frame.bytes).map_err(bad)?,
             Some(id) => can(id)?,
         };
-        if message.to != self.to {
+        if message.to != self.destination {
             return Err(Unsupported::BadBytes);
         }
-        self.said(message.instruction)
+        self.instruction_request(message.instruction)
     }
 
-    fn answer(&mut self, parameter: Option<&Parameter>, answer: &Answer) -> Result<i64, Failure> {
+    fn decode_answer(
+        &mut self,
+        parameter: Option<&Parameter>,
+        answer: &Answer,
+    ) -> Result<i64, Failure> {
         let encoding = parameter.map(|parameter| parameter.encoding);
         match *answer {
-            Answer::Taken(value) => Ok(raw(encoding, value)),
+            Answer::Accepted(value) => Ok(raw_value(encoding, value)),
             Answer::Value { value, long, .. } => match encoding {
                 Some(encoding) if is_long(encoding) != long => Err(Failure::Misbehaved),
-                Some(_) => Ok(raw(encoding, value)),
+                Some(_) => Ok(raw_value(encoding, value)),
                 None if long => Ok(value.cast_signed().into()),
                 None => Ok(value.into()),
             },
             // Four characters are the four bytes of the outcome's value.
             Answer::Version(text) => Ok(u32::from_be_bytes(text).into()),
-            Answer::Gathered(count) => Ok(count.into()),
+            Answer::GroupAnswered(count) => Ok(count.into()),
         }
     }
 
     fn path_parameters(&self) -> Option<PathParameters> {
-        let find = |symbol| self.profile.find(symbol);
-        (!self.to.group).then_some(PathParameters {
+        let find = |symbol| self.profile.find_parameter(symbol);
+        (!self.destination.group).then_some(PathParameters {
             position: find("TPOS")?,
             velocity: find("CSPD")?,
             time: find("RTIME")?,
             status: find("PVTSTS")?,
-            room: find("PVTBUFLEN")?,
+            capacity: find("PVTBUFLEN")?,
         })
     }
 
     /// MODE PVT or PT, points counted from one to the next (CPR), TUM1, SETPVT, the points, UPD.
-    fn path(&self, step: PathStep) -> Option<Result<Ask, Unsupported>> {
+    fn path_request(&self, step: PathStep) -> Option<Result<HostRequest, Unsupported>> {
         let instruction = match step {
-            PathStep::Prepare { number, kind, few } => prepared(number, kind, few)?,
-            PathStep::Point(kind, raw) => match point(kind, &raw) {
+            PathStep::Prepare { number, kind, low_mark: few } => {
+                path_preparation(number, kind, few)?
+            }
+            PathStep::Point(kind, raw) => match path_point(kind, &raw) {
                 Some(point) => {
-                    return Some(Ok(self.ask(point.emit()).with(With::Nothing)));
+                    return Some(Ok(self
+                        .new_request(point.emit())
+                        .with_confirmation(Confirmation::None)));
                 }
                 None => return Some(Err(Unsupported::Forbidden(NO_POINT))),
             },
             PathStep::Start => Instruction::of(0x0108, []),
             PathStep::Stop => Instruction::of(0x01C4, []),
         };
-        Some(Ok(self.ask(instruction)))
+        Some(Ok(self.new_request(instruction)))
     }
 
     /// PVTSTS: bit 15 empty, 14 low, 13 full, 12 integrity counter wrong, 11 stopped because it ran
     /// empty, 6 to 0 the counter (object 2072h of the same drives with CANopen).
-    fn path_status(&self, raw: i64) -> PathStatus {
+    fn decode_path_status(&self, raw: i64) -> PathStatus {
         let bit = |n: u32| raw >> n & 1 != 0;
         PathStatus {
             empty: bit(15),
-            few: bit(14),
+            low: bit(14),
             full: bit(13),
             lost: bit(12),
-            ran_dry: bit(11),
+            underrun: bit(11),
             counter: raw as u32 & u32::from(PvtPoint::COUNTER_MAX),
-            counters: u32::from(PvtPoint::COUNTER_MAX) + 1,
+            counter_modulus: u32::from(PvtPoint::COUNTER_MAX) + 1,
         }
     }
 
     /// A program is one drive's: what a group has nobody could prove.
-    fn memory(&self) -> Option<&'static MemoryRules> {
-        (!self.to.group).then_some(&program::RULES)
+    fn memory_rules(&self) -> Option<&'static MemoryRules> {
+        (!self.destination.group).then_some(&program::RULES)
     }
 
-    fn transfer(&self, step: TransferStep) -> Option<Result<Ask, Unsupported>> {
-        let (instruction, class) = program::transfer(step);
-        let ask = self.ask(instruction).held_to(class);
+    fn transfer_request(&self, step: TransferStep) -> Option<Result<HostRequest, Unsupported>> {
+        let (instruction, class) = program::transfer_instruction(step);
+        let ask = self.new_request(instruction).with_class(class);
         // The pointer proves what was written.
-        let with = if matches!(step, TransferStep::Put(..)) { With::Nothing } else { With::Proof };
-        (!self.to.group).then_some(Ok(ask.with(with)))
+        let with = if matches!(step, TransferStep::Write(..)) {
+            Confirmation::None
+        } else {
+            Confirmation::Proof
+        };
+        (!self.destination.group).then_some(Ok(ask.with_confirmation(with)))
     }
 
-    fn order(&self, order: Order) -> Option<Ask> {
-        let (instruction, class) = program::order(order)?;
-        (!self.to.group).then_some(self.ask(instruction).held_to(class))
+    fn program_request(&self, order: ProgramCommand) -> Option<HostRequest> {
+        let (instruction, class) = program::order_instruction(order)?;
+        (!self.destination.group).then_some(self.new_request(instruction).with_class(class))
     }
 
     /// A value told unasked is that of the parameter at its address; of a long one the halves may be
     /// parameters too, as SRL and SRH are.
-    fn unasked(&mut self, answer: &Answer) -> [Option<Told>; TOLD_MAX] {
-        let mut told = [None; TOLD_MAX];
+    fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
+        let mut told = [None; REPORTS_MAX];
         let Answer::Value { address, value, long } = *answer else { return told };
         let high = address.wrapping_add(1);
         let found = (0..).zip(self.profile.parameters).filter_map(|(id, parameter)| {
@@ -284,8 +318,8 @@ impl Driver for Axis {
                 (true, false) if index == high => value >> 16,
                 _ => return None,
             };
-            let raw = raw(Some(parameter.encoding), part);
-            (parameter.space == 0).then_some(Told::Parameter(ParameterId(id), raw))
+            let raw = raw_value(Some(parameter.encoding), part);
+            (parameter.space == 0).then_some(DriveReport::Parameter(ParameterId(id), raw))
         });
         for (place, told) in told.iter_mut().zip(found) {
             *place = Some(told);
@@ -299,7 +333,7 @@ const fn is_long(encoding: Encoding) -> bool {
 }
 
 /// The raw value of what is on the wire.
-fn raw(encoding: Option<Encoding>, value: u32) -> i64 {
+fn raw_value(encoding: Option<Encoding>, value: u32) -> i64 {
     match encoding {
         Some(Encoding::I16) => (value as u16).cast_signed().into(),
         Some(Encoding::Bit | Encoding::U16 | Encoding::U32) | None => value.into(),
@@ -324,7 +358,7 @@ const NO_POINT: &str = "a point goes at most 8,388,607 counts beyond the one bef
 /// The preparations of a path, in order. \[I\] SETPVT takes what object 2074h takes on the same
 /// drives with CANopen: bit 15 clears the buffer, 13 sets the counter to bits 6 to 0, 7 sets how
 /// many points count as few to bits 11 to 8.
-fn prepared(number: u8, kind: PathKind, few: u8) -> Option<Instruction> {
+fn path_preparation(number: u8, kind: PathKind, few: u8) -> Option<Instruction> {
     let mcr = |and, or| Instruction::of(0x5909, [and, or]);
     Some(match (number, kind) {
         (0, PathKind::Pvt) => mcr(0xFFC1, 0x8709),
@@ -337,7 +371,7 @@ fn prepared(number: u8, kind: PathKind, few: u8) -> Option<Instruction> {
 }
 
 /// A point in the drive's numbers, if they fit.
-fn point(kind: PathKind, raw: &RawPoint) -> Option<Online> {
+fn path_point(kind: PathKind, raw: &RawPoint) -> Option<OnlineMessage> {
     let position = i32::try_from(raw.distance).ok()?;
     let velocity = i32::try_from(raw.velocity).ok()?;
     let time = u16::try_from(raw.time).ok()?;
@@ -345,24 +379,24 @@ fn point(kind: PathKind, raw: &RawPoint) -> Option<Online> {
     let pvt = PvtPoint { position, velocity, time, counter };
     match kind {
         _ if time == 0 => None,
-        PathKind::Pvt => pvt.fits().then_some(Online::Pvt(pvt)),
-        PathKind::Pt => Some(Online::Pt(PtPoint { position, time, counter })),
+        PathKind::Pvt => pvt.fits().then_some(OnlineMessage::Pvt(pvt)),
+        PathKind::Pt => Some(OnlineMessage::Pt(PtPoint { position, time, counter })),
     }
 }
 
 macro_rules! driver {
     () => {
-        const PROFILE: &'static str = "tml";
-        const EVERY_ADDRESS: core::ops::RangeInclusive<u32> = 1..=255;
+        const PROFILE_PROTOCOL: &'static str = "tml";
+        const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
 
-        fn generic() -> &'static Profile {
+        fn generic_profile() -> &'static Profile {
             &GENERIC
         }
 
-        fn driver(
+        fn create_driver(
             profile: &'static Profile,
             address: u32,
-        ) -> impl Driver<Request = Ask, Answer = Answer> + Send + 'static {
+        ) -> impl Driver<Request = HostRequest, Answer = Answer> + Send + 'static {
             Axis::new(profile, address)
         }
     };
@@ -376,12 +410,12 @@ impl Protocol for Tml {
     type Medium = Stream;
     type Host = SerialHost;
     const NAME: &'static str = "tml";
-    const STANDARDS: bool = true;
-    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
+    const HAS_SERIAL_STANDARDS: bool = true;
+    const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
     const GROUPS: u8 = 8;
-    const BAUD: u32 = 9600;
+    const DEFAULT_RATE: u32 = 9600;
 
-    fn host(options: &HostOptions, axes: &[u32]) -> SerialHost {
+    fn create_host(options: &HostOptions, axes: &[u32]) -> SerialHost {
         SerialHost::new(options, axes)
     }
 
@@ -394,27 +428,27 @@ pub enum TmlCan {}
 
 impl Protocol for TmlCan {
     type Medium = Can;
-    type Host = CanHost<Extended>;
+    type Host = CanHost<ExtendedIds>;
     const NAME: &'static str = "tmlcan";
-    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
-    const HOST: Option<u32> = Some(HOST_ID as u32);
+    const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
+    const HOST_ADDRESS: Option<u32> = Some(HOST_ID as u32);
     const GROUPS: u8 = 8;
-    const BAUD: u32 = 500_000;
+    const DEFAULT_RATE: u32 = 500_000;
 
-    fn host(options: &HostOptions, axes: &[u32]) -> Self::Host {
+    fn create_host(options: &HostOptions, axes: &[u32]) -> Self::Host {
         CanHost::new(options, axes)
     }
 
-    fn uses(_address: u32, _id: u32, extended: bool) -> bool {
+    fn uses_can_id(_address: u32, _id: u32, extended: bool) -> bool {
         extended
     }
 
-    fn discover(options: &HostOptions) -> Option<Frame> {
-        discover::<Extended>(options)
+    fn discovery_frame(options: &HostOptions) -> Option<Frame> {
+        discovery_frame::<ExtendedIds>(options)
     }
 
-    fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
-        sender::<Extended>(options, frame)
+    fn frame_sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+        discovery_sender::<ExtendedIds>(options, frame)
     }
 
     driver!();
@@ -426,23 +460,23 @@ pub enum TechnoCan {}
 
 impl Protocol for TechnoCan {
     type Medium = Can;
-    type Host = CanHost<Standard>;
+    type Host = CanHost<StandardIds>;
     const NAME: &'static str = "technocan";
-    const ADDRESSES: core::ops::RangeInclusive<u32> = 1..=31;
-    const HOST: Option<u32> = Some(HOST_ID as u32);
+    const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=31;
+    const HOST_ADDRESS: Option<u32> = Some(HOST_ID as u32);
     const GROUPS: u8 = 5;
-    const BAUD: u32 = 500_000;
+    const DEFAULT_RATE: u32 = 500_000;
 
-    fn host(options: &HostOptions, axes: &[u32]) -> Self::Host {
+    fn create_host(options: &HostOptions, axes: &[u32]) -> Self::Host {
         CanHost::new(options, axes)
     }
 
     /// Messages to groups have identifiers of every class: all are taken wherever one axis is.
-    fn uses(_address: u32, id: u32, extended: bool) -> bool {
+    fn uses_can_id(_address: u32, id: u32, extended: bool) -> bool {
         !extended && Service::of_id(id).is_some()
     }
 
-    fn forbids(address: u32) -> Option<&'static str> {
+    fn forbidden_reason(address: u32) -> Option<&'static str> {
         let free = !address.is_multiple_of(32);
         (!free).then_some(
             "TechnoCAN takes an axis ID by its last five bits, and a multiple of 32 leaves none: its \
@@ -450,30 +484,30 @@ impl Protocol for TechnoCan {
         )
     }
 
-    fn discover(options: &HostOptions) -> Option<Frame> {
-        discover::<Standard>(options)
+    fn discovery_frame(options: &HostOptions) -> Option<Frame> {
+        discovery_frame::<StandardIds>(options)
     }
 
-    fn sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
-        sender::<Standard>(options, frame)
+    fn frame_sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
+        discovery_sender::<StandardIds>(options, frame)
     }
 
     driver!();
 }
 
 fn host_id(options: &HostOptions) -> IdCode {
-    IdCode::axis(options.host.and_then(|id| u8::try_from(id).ok()).unwrap_or(HOST_ID))
+    IdCode::axis(options.host_address.and_then(|id| u8::try_from(id).ok()).unwrap_or(HOST_ID))
 }
 
 /// GiveMeData2 of AAR to everybody: all answer, in the order of their IDs.
-fn discover<E: Encapsulation>(options: &HostOptions) -> Option<Frame> {
-    E::encode(&discovery(host_id(options))).ok()
+fn discovery_frame<E: Encapsulation>(options: &HostOptions) -> Option<Frame> {
+    E::encode(&discovery_message(host_id(options))).ok()
 }
 
-/// The axis that answered [`discover`].
-fn sender<E: Encapsulation>(options: &HostOptions, frame: &Frame) -> Option<u32> {
+/// The axis that answered [`discovery_frame`].
+fn discovery_sender<E: Encapsulation>(options: &HostOptions, frame: &Frame) -> Option<u32> {
     let (to, instruction) = E::decode(frame)?.ok()?;
     let ours = to.is_none_or(|to| to.id == host_id(options).id && !to.group);
-    let axis = Online::parse(&instruction)?.answered_by()?;
+    let axis = OnlineMessage::parse(&instruction)?.answered_by()?;
     ours.then_some(axis.into())
 }

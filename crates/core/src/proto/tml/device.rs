@@ -1,14 +1,14 @@
 //! The obeying end: frames in, the firmware asked, acknowledgements and messages out.
 //!
-//! The [`Firmware`] is lent to each call, so that one drive object sits behind a [`SerialEnd`] and
-//! a [`CanEnd`]; [`Relay`](super::relay::Relay) is both, with the way from one to the other.
+//! The [`Firmware`] is lent to each call, so that one drive object sits behind a [`SerialEndpoint`] and
+//! a [`CanEndpoint`]; [`Relay`](super::relay::Relay) is both, with the way from one to the other.
 //!
 //! What a drive does with a broken frame follows the manual's recovery (TML communication manual,
 //! chapter 3): bytes are counted by the length byte and by nothing else, so a lost byte costs the
 //! boundary until the host has sent enough of `0D`.
 
-use super::rules::Wire;
-use super::serial::{self, ACK, Deframer, FRAME_MAX, Piece, Recovery, SYNC};
+use super::rules::TmlWire;
+use super::serial::{self, ACK, Deframer, FRAME_MAX, RecoveryPolicy, SYNC, SerialPiece};
 use super::wire::{IdCode, Instruction, Message};
 use super::{technocan, tmlcan};
 use crate::medium::{CanLine, Frame, Parity, SerialLine};
@@ -16,7 +16,7 @@ use crate::time::Instant;
 
 /// What goes wrong on a drive's wires, for its communication error register.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Trouble {
+pub enum LineFault {
     /// A character without stop bit, or a break.
     SerialReceive,
     /// More to send than the serial line takes.
@@ -42,9 +42,9 @@ pub trait Firmware {
     /// The next message that the drive has to send: an answer, a notice, an order to other drives.
     fn poll_message(&mut self, now: Instant) -> Option<Message>;
     /// A CAN message arrived whole, for whomever it is.
-    fn heard_can(&mut self) {}
+    fn note_can_message(&mut self) {}
     /// Something went wrong on a wire.
-    fn trouble(&mut self, trouble: Trouble) {
+    fn note_line_fault(&mut self, trouble: LineFault) {
         let _ = trouble;
     }
 }
@@ -54,9 +54,9 @@ pub trait Firmware {
 pub struct Quirks {
     /// Which standard the serial port follows: RS-232 (also for Ethernet) or RS-485. `None` if
     /// nothing is connected: what is sent there is lost.
-    pub wire: Option<Wire>,
+    pub wire: Option<TmlWire>,
     /// Which protocol the CAN port speaks: TMLCAN or TechnoCAN. `None` as for the serial port.
-    pub can: Option<Wire>,
+    pub can: Option<TmlWire>,
     /// A pause between two bytes that ends a broken frame, ms. \[I\] `None`: the manual knows of
     /// no such pause, only of synchronisation.
     pub byte_timeout_ms: Option<u32>,
@@ -66,7 +66,7 @@ pub struct Quirks {
 
 impl Default for Quirks {
     fn default() -> Self {
-        let (wire, can) = (Some(Wire::Rs232), Some(Wire::TmlCan));
+        let (wire, can) = (Some(TmlWire::Rs232), Some(TmlWire::TmlCan));
         Self { wire, can, byte_timeout_ms: None, untimed: false }
     }
 }
@@ -78,37 +78,37 @@ pub const CAN_OUT_MAX: usize = 32;
 
 /// The serial end of a drive.
 #[derive(Debug)]
-pub struct SerialEnd {
+pub struct SerialEndpoint {
     quirks: Quirks,
     deframer: Deframer,
     last_byte: Instant,
     /// Acknowledgements and `0D` go before messages.
-    prompt: [u8; PROMPT_MAX],
-    prompt_len: usize,
-    out: Queue<SERIAL_OUT_MAX>,
+    control_bytes: [u8; CONTROL_BYTES_MAX],
+    control_len: usize,
+    out: MessageQueue<SERIAL_OUT_MAX>,
     /// When the last character of what was handed out has left.
-    free: Instant,
+    free_at: Instant,
     /// Something waits for the line to be free.
-    waits: bool,
+    is_waiting: bool,
     baud: u32,
 }
 
 /// Single bytes that wait for the line at most.
-const PROMPT_MAX: usize = 16;
+const CONTROL_BYTES_MAX: usize = 16;
 
-impl SerialEnd {
+impl SerialEndpoint {
     /// The end of a drive that was just powered.
     #[must_use]
     pub fn new(quirks: Quirks, firmware: &impl Firmware) -> Self {
         Self {
             quirks,
-            deframer: Deframer::new(Recovery::Drop),
+            deframer: Deframer::new(RecoveryPolicy::Drop),
             last_byte: Instant::ZERO,
-            prompt: [0; PROMPT_MAX],
-            prompt_len: 0,
-            out: Queue::EMPTY,
-            free: Instant::ZERO,
-            waits: false,
+            control_bytes: [0; CONTROL_BYTES_MAX],
+            control_len: 0,
+            out: MessageQueue::EMPTY,
+            free_at: Instant::ZERO,
+            is_waiting: false,
             baud: firmware.baud(),
         }
     }
@@ -123,11 +123,11 @@ impl SerialEnd {
         self.last_byte = now;
         self.deframer.push(byte);
         match self.deframer.next_piece()? {
-            Piece::Message(message) => Some(message),
-            Piece::Sync => self.synchronise(SYNC),
-            Piece::Stray(byte) => self.synchronise(byte),
+            SerialPiece::Message(message) => Some(message),
+            SerialPiece::Sync => self.handle_sync(SYNC),
+            SerialPiece::Stray(byte) => self.handle_sync(byte),
             // On RS-485 the answers and acknowledgements of the others are heard too.
-            Piece::Ack | Piece::Broken(_) => None,
+            SerialPiece::Ack | SerialPiece::Broken(_) => None,
         }
     }
 
@@ -135,8 +135,8 @@ impl SerialEnd {
     /// drive's to give.
     pub fn acknowledge(&mut self, to: IdCode, axis: u8) {
         let Some(wire) = self.quirks.wire else { return };
-        if wire.acknowledges(to) && (wire == Wire::Rs232 || to.id == axis) {
-            self.say(ACK);
+        if wire.acknowledges(to) && (wire == TmlWire::Rs232 || to.id == axis) {
+            self.queue_control(ACK);
         }
     }
 
@@ -158,19 +158,19 @@ impl SerialEnd {
         out: &mut [u8],
         firmware: &impl Firmware,
     ) -> Option<usize> {
-        self.waits = false;
-        if now < self.free {
-            let full = self.prompt_len > 0 || !self.out.is_empty();
-            self.waits = full || self.baud != firmware.baud();
+        self.is_waiting = false;
+        if now < self.free_at {
+            let full = self.control_len > 0 || !self.out.is_empty();
+            self.is_waiting = full || self.baud != firmware.baud();
             return None;
         }
-        let len = self.take(out);
+        let len = self.take_control_bytes(out);
         if len == 0 {
             self.baud = firmware.baud();
             return None;
         }
         if !self.quirks.untimed {
-            self.free = now.plus_ns(self.line().characters_ns(len as u32));
+            self.free_at = now.plus_ns(self.line().characters_ns(len as u32));
         }
         Some(len)
     }
@@ -178,7 +178,7 @@ impl SerialEnd {
     /// When the line is free for what waits.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Instant> {
-        self.waits.then_some(self.free)
+        self.is_waiting.then_some(self.free_at)
     }
 
     /// How this end now drives the line: 8 data bits, 2 stop bits (manual, chapter 3). A new baud
@@ -190,24 +190,24 @@ impl SerialEnd {
 
     /// "0D; larger values are accepted too". Real drives answer any of them with `0D`. \[I\] On
     /// RS-485 nobody answers: all would at once.
-    fn synchronise(&mut self, byte: u8) -> Option<Message> {
-        if serial::is_sync(byte) && self.quirks.wire == Some(Wire::Rs232) {
-            self.say(SYNC);
+    fn handle_sync(&mut self, byte: u8) -> Option<Message> {
+        if serial::is_sync(byte) && self.quirks.wire == Some(TmlWire::Rs232) {
+            self.queue_control(SYNC);
         }
         None
     }
 
-    fn say(&mut self, byte: u8) {
-        if let Some(slot) = self.prompt.get_mut(self.prompt_len) {
+    fn queue_control(&mut self, byte: u8) {
+        if let Some(slot) = self.control_bytes.get_mut(self.control_len) {
             *slot = byte;
-            self.prompt_len += 1;
+            self.control_len += 1;
         }
     }
 
-    fn take(&mut self, out: &mut [u8]) -> usize {
-        if self.prompt_len > 0 {
-            let len = core::mem::take(&mut self.prompt_len).min(out.len());
-            out[..len].copy_from_slice(&self.prompt[..len]);
+    fn take_control_bytes(&mut self, out: &mut [u8]) -> usize {
+        if self.control_len > 0 {
+            let len = core::mem::take(&mut self.control_len).min(out.len());
+            out[..len].copy_from_slice(&self.control_bytes[..len]);
             return len;
         }
         let Some(message) = self.out.pop() else { return 0 };
@@ -220,17 +220,17 @@ impl SerialEnd {
 
 /// The CAN end of a drive.
 #[derive(Debug)]
-pub struct CanEnd {
-    protocol: Option<Wire>,
-    out: Queue<CAN_OUT_MAX>,
+pub struct CanEndpoint {
+    protocol: Option<TmlWire>,
+    out: MessageQueue<CAN_OUT_MAX>,
     bit_rate: u32,
 }
 
-impl CanEnd {
+impl CanEndpoint {
     /// The end of a drive that was just powered.
     #[must_use]
     pub fn new(quirks: Quirks, firmware: &impl Firmware) -> Self {
-        Self { protocol: quirks.can, out: Queue::EMPTY, bit_rate: firmware.bit_rate() }
+        Self { protocol: quirks.can, out: MessageQueue::EMPTY, bit_rate: firmware.bit_rate() }
     }
 
     /// The message in a frame that concerns a drive with this axis ID and these groups, its ID as
@@ -240,7 +240,7 @@ impl CanEnd {
         if !self.concerns(frame, axis, groups) {
             return None;
         }
-        if self.protocol == Some(Wire::TmlCan) {
+        if self.protocol == Some(TmlWire::TmlCan) {
             return tmlcan::decode(frame).ok();
         }
         let mut message = technocan::decode(frame).ok()?.message()?;
@@ -260,7 +260,7 @@ impl CanEnd {
     pub fn poll_transmit(&mut self, firmware: &impl Firmware) -> Option<Frame> {
         while let Some(message) = self.out.pop() {
             match self.protocol {
-                Some(Wire::TmlCan) => return Some(tmlcan::encode(&message)),
+                Some(TmlWire::TmlCan) => return Some(tmlcan::encode(&message)),
                 _ => {
                     if let Ok(frame) = technocan::encode(&message) {
                         return Some(frame);
@@ -281,7 +281,7 @@ impl CanEnd {
     /// Looks at the identifier alone.
     fn concerns(&self, frame: &Frame, axis: u8, groups: u8) -> bool {
         let id = frame.id;
-        if self.protocol == Some(Wire::TmlCan) {
+        if self.protocol == Some(TmlWire::TmlCan) {
             let to = IdCode { group: id >> 21 & 1 != 0, id: (id >> 13) as u8, host: false };
             return frame.extended && to.concerns(axis, groups);
         }
@@ -298,14 +298,14 @@ impl CanEnd {
 
 /// Messages in the order in which they came.
 #[derive(Clone, Debug)]
-struct Queue<const N: usize> {
+struct MessageQueue<const N: usize> {
     messages: [Message; N],
     first: usize,
     len: usize,
 }
 
-impl<const N: usize> Queue<N> {
-    const EMPTY: Self = Self { messages: [NOTHING; N], first: 0, len: 0 };
+impl<const N: usize> MessageQueue<N> {
+    const EMPTY: Self = Self { messages: [EMPTY_MESSAGE; N], first: 0, len: 0 };
 
     const fn is_empty(&self) -> bool {
         self.len == 0
@@ -331,4 +331,5 @@ impl<const N: usize> Queue<N> {
     }
 }
 
-const NOTHING: Message = Message { to: IdCode::BROADCAST, instruction: Instruction::of(0, []) };
+const EMPTY_MESSAGE: Message =
+    Message { to: IdCode::BROADCAST, instruction: Instruction::of(0, []) };

@@ -1,58 +1,59 @@
 //! Messages for people: where one ends in a stream, what its fields are, what it means, and what is
 //! expected as its answer.
 
-mod expect;
+mod conversation;
+mod expected_reply;
 mod layout;
+mod message;
 mod names;
 mod register;
-mod say;
-mod talk;
 
-use super::online::Online;
-use super::rules::{self, Rule, Wire};
+use super::online::OnlineMessage;
+use super::rules::{self, TmlWire, WireRule};
 use super::serial::{self, ACK, FRAME_MAX, SYNC};
 use super::wire::{IdCode, Message};
 use super::{technocan, tmlcan};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, Effect, EncodeError, Encoded, Place, Raw, Sink,
-    Talk, TextError, Turn, Via,
+    Context, ConversationContext, Direction, Dissector, Effect, EncodeError, EncodeOptions,
+    EncodedFrame, ExplainSink, FrameBoundary, FrameRole, RawFrame, SequencePosition, TextError,
+    WireKind,
 };
 use crate::medium::Frame;
 use crate::profile::{Parameter, Profile};
-use crate::program::Language;
-use layout::Said;
+use crate::program::ProgramLanguage;
+use layout::ParsedFrame;
 
 /// The axis ID that drives have from the factory, and hosts by default.
-const AXIS: u8 = 255;
+const DEFAULT_AXIS: u8 = 255;
 /// What was seen to be sent to synchronise, beside [`SYNC`].
-const SYNC_TOO: u8 = 0xFF;
+const SYNC_ALTERNATE: u8 = 0xFF;
 
 /// TML in captures, dashboards and the encoder, on one of its wires.
 #[derive(Clone, Copy, Debug)]
-pub struct TmlDissector(Encapsulation);
+pub struct TmlDissector(EncapsulationKind);
 
 /// How messages are packed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Encapsulation {
+enum EncapsulationKind {
     Serial,
     TmlCan,
     TechnoCan,
 }
 
 /// On RS-232, RS-485 and Ethernet.
-pub const SERIAL: TmlDissector = TmlDissector(Encapsulation::Serial);
+pub const SERIAL: TmlDissector = TmlDissector(EncapsulationKind::Serial);
 /// On CAN with 29-bit identifiers.
-pub const TMLCAN: TmlDissector = TmlDissector(Encapsulation::TmlCan);
+pub const TMLCAN: TmlDissector = TmlDissector(EncapsulationKind::TmlCan);
 /// On CAN with 11-bit identifiers.
-pub const TECHNOCAN: TmlDissector = TmlDissector(Encapsulation::TechnoCan);
+pub const TECHNOCAN: TmlDissector = TmlDissector(EncapsulationKind::TechnoCan);
 
 impl Dissector for TmlDissector {
     fn name(&self) -> &'static str {
         match self.0 {
-            Encapsulation::Serial => "tml",
-            Encapsulation::TmlCan => "tmlcan",
-            Encapsulation::TechnoCan => "technocan",
+            EncapsulationKind::Serial => "tml",
+            EncapsulationKind::TmlCan => "tmlcan",
+            EncapsulationKind::TechnoCan => "technocan",
         }
     }
 
@@ -60,50 +61,52 @@ impl Dissector for TmlDissector {
         "tml"
     }
 
-    fn speaks_in_names(&self) -> bool {
+    fn encodes_by_name(&self) -> bool {
         true
     }
 
-    fn programs(&self) -> Option<&'static dyn Language> {
-        Some(&super::program::Tml)
+    fn program_language(&self) -> Option<&'static dyn ProgramLanguage> {
+        Some(&super::program::TmlLanguage)
     }
 
     fn has_groups(&self) -> bool {
         true
     }
 
-    fn cut(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> Cut {
+    fn find_frame(&self, bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
         match self.0 {
-            Encapsulation::Serial => cut(bytes, direction, ended),
+            EncapsulationKind::Serial => cut_serial(bytes, direction, ended),
             // CAN frames need no cutting, and bytes without an identifier are none of theirs.
-            _ => Cut::Skip(bytes.len()),
+            _ => FrameBoundary::Skip(bytes.len()),
         }
     }
 
-    fn claims(&self, id: u32, extended: bool) -> bool {
+    fn claims_id(&self, id: u32, extended: bool) -> bool {
         let frame = Frame { id, extended, ..Frame::default() };
         match self.0 {
-            Encapsulation::Serial => false,
-            Encapsulation::TmlCan => tmlcan::decode(&frame)
+            EncapsulationKind::Serial => false,
+            EncapsulationKind::TmlCan => tmlcan::decode(&frame)
                 .is_ok_and(|message| names::is_opcode(message.instruction.opcode)),
-            Encapsulation::TechnoCan => !extended && technocan::Class::of_id(id).is_some(),
+            EncapsulationKind::TechnoCan => {
+                !extended && technocan::MessageClass::of_id(id).is_some()
+            }
         }
     }
 
-    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn Sink) {
-        let raw = Raw { bytes, id: context.id, extended: context.extended };
-        if let (Encapsulation::Serial, &[byte]) = (self.0, bytes) {
-            return self.single(byte, context, sink);
+    fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
+        let raw = RawFrame { bytes, id: context.id, extended: context.extended };
+        if let (EncapsulationKind::Serial, &[byte]) = (self.0, bytes) {
+            return self.explain_single_byte(byte, context, sink);
         }
-        let request = self.request(context);
-        match self.open(&raw) {
+        let request = self.context_request(context);
+        match self.decode(&raw) {
             Ok(said) => {
-                say::message(&said, request.as_ref(), context.profile, sink);
-                talk::value(&said, context.profile, sink);
+                message::explain_message(&said, request.as_ref(), context.profile, sink);
+                conversation::report_value(&said, context.profile, sink);
             }
             Err((error, said)) => {
                 match said {
-                    Some(said) => say::message(&said, None, context.profile, sink),
+                    Some(said) => message::explain_message(&said, None, context.profile, sink),
                     None => sink.kind("TML"),
                 }
                 sink.error(error);
@@ -114,121 +117,139 @@ impl Dissector for TmlDissector {
     fn encode(
         &self,
         text: &str,
-        addressing: &Addressing,
+        addressing: &EncodeOptions,
         out: &mut [u8],
-    ) -> Result<Encoded, EncodeError> {
-        let wire = self.wire(addressing.via)?;
+    ) -> Result<EncodedFrame, EncodeError> {
+        let wire = self.wire_for(addressing.wire)?;
         let to = destination(addressing)?;
-        let host = host(wire, to, addressing)?;
+        let host = host_id(wire, to, addressing)?;
         let sender = match wire {
-            Wire::Rs232 => IdCode::host_at(host),
+            TmlWire::Rs232 => IdCode::host_at(host),
             _ => IdCode::axis(host),
         };
         let instruction = names::assemble(text, addressing.profile, sender)?;
         let message = Message { to, instruction };
         wire.check(&message).map_err(forbidden)?;
         let answered = rules::is_request(instruction.opcode);
-        if answered && !to.group && wire != Wire::Rs232 {
-            wire.host_id(host, to.id).map_err(forbidden)?;
+        if answered && !to.group && wire != TmlWire::Rs232 {
+            wire.check_host_id(host, to.id).map_err(forbidden)?;
         }
-        let (bytes, len, id) = self.pack(&message).map_err(forbidden)?;
+        let (bytes, len, id) = self.encode_message(&message).map_err(forbidden)?;
         let room = TextError { at: 0, expected: "room for 14 bytes" };
         out.get_mut(..len).ok_or(room)?.copy_from_slice(&bytes[..len]);
-        let extended = self.0 == Encapsulation::TmlCan;
-        let answer = expect::length(&message, wire);
-        Ok(Encoded { len, id, extended, remote: None, answer, warning: warning(wire, to) })
+        let extended = self.0 == EncapsulationKind::TmlCan;
+        let answer = expected_reply::reply_len(&message, wire);
+        Ok(EncodedFrame {
+            len,
+            id,
+            extended,
+            remote_len: None,
+            answer_len: answer,
+            warning: warning(wire, to),
+        })
     }
 
-    fn named(
+    fn explain_named_value(
         &self,
         name: &str,
         value: u32,
         profile: Option<&'static Profile>,
-        sink: &mut dyn Sink,
+        sink: &mut dyn ExplainSink,
     ) -> bool {
-        register::explain(name, value, profile, sink)
+        register::explain_register(name, value, profile, sink)
     }
 
-    fn reach(&self, parameter: &Parameter, sink: &mut dyn Sink) {
-        names::reach(parameter, sink);
+    fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {
+        names::explain_reach(parameter, sink);
     }
 
-    fn code(&self, _: u32) -> Option<&'static str> {
+    fn code_meaning(&self, _: u32) -> Option<&'static str> {
         None
     }
 
-    fn expect(&self, request: &Raw<'_>, addressing: &Addressing, sink: &mut dyn Sink) {
-        let Ok(wire) = self.wire(addressing.via) else { return };
-        if let Ok(said) = self.open(request) {
-            expect::explain(&said, wire, addressing.profile, sink);
+    fn explain_expected_reply(
+        &self,
+        request: &RawFrame<'_>,
+        addressing: &EncodeOptions,
+        sink: &mut dyn ExplainSink,
+    ) {
+        let Ok(wire) = self.wire_for(addressing.wire) else { return };
+        if let Ok(said) = self.decode(request) {
+            expected_reply::explain_reply(&said, wire, addressing.profile, sink);
         }
     }
 
-    fn asks(&self, frame: &Raw<'_>) -> bool {
+    fn is_request(&self, frame: &RawFrame<'_>) -> bool {
         match self.0 {
             // Every frame is acknowledged; single bytes are no frames.
-            Encapsulation::Serial => frame.bytes.len() > 1,
-            _ => self.open(frame).is_ok_and(|said| rules::is_request(said.instruction.opcode)),
+            EncapsulationKind::Serial => frame.bytes.len() > 1,
+            _ => self.decode(frame).is_ok_and(|said| rules::is_request(said.instruction.opcode)),
         }
     }
 
-    fn answers(&self, frame: &Raw<'_>, request: &Raw<'_>) -> bool {
-        let (Ok(said), Ok(asked)) = (self.open(frame), self.open(request)) else { return false };
-        answers(&said, &asked)
+    fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        let (Ok(said), Ok(asked)) = (self.decode(frame), self.decode(request)) else {
+            return false;
+        };
+        is_answer(&said, &asked)
     }
 
-    fn turn(&self, frame: &Raw<'_>, talk: &Talk<'_>) -> Turn {
-        let serial = self.0 == Encapsulation::Serial;
+    fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
+        let serial = self.0 == EncapsulationKind::Serial;
         if let (true, &[byte]) = (serial, frame.bytes) {
             let acks = byte == ACK && talk.direction != Some(Direction::ToDrive);
-            return if acks { Turn::Acknowledges } else { Turn::Aside };
+            return if acks { FrameRole::Acknowledgement } else { FrameRole::Unrelated };
         }
-        self.open(frame).map_or(Turn::Aside, |said| talk::turn(&said, serial, talk.direction))
+        self.decode(frame).map_or(FrameRole::Unrelated, |said| {
+            conversation::frame_role(&said, serial, talk.direction)
+        })
     }
 
-    fn effect(&self, frame: &Raw<'_>, _: Option<&'static Profile>) -> Effect {
+    fn effect(&self, frame: &RawFrame<'_>, _: Option<&'static Profile>) -> Effect {
         match frame.bytes {
             // An acknowledgement, or bytes that synchronise.
-            [_] if self.0 == Encapsulation::Serial => Effect::NOTHING,
-            _ => self.open(frame).map_or(Effect::UNKNOWN, |said| talk::effect(&said)),
+            [_] if self.0 == EncapsulationKind::Serial => Effect::NOTHING,
+            _ => self.decode(frame).map_or(Effect::UNKNOWN, |said| conversation::effect_of(&said)),
         }
     }
 
-    fn place(&self, request: &Raw<'_>) -> Option<Place> {
-        talk::place(&self.open(request).ok()?)
+    fn sequence_position(&self, request: &RawFrame<'_>) -> Option<SequencePosition> {
+        conversation::sequence_position(&self.decode(request).ok()?)
     }
 }
 
 impl TmlDissector {
     /// What a frame says, or what is wrong with it and what it says all the same.
-    fn open(&self, raw: &Raw<'_>) -> Result<Said, (WireError, Option<Said>)> {
+    fn decode(&self, raw: &RawFrame<'_>) -> Result<ParsedFrame, (WireError, Option<ParsedFrame>)> {
         match (self.0, raw.id) {
-            (Encapsulation::Serial, _) => layout::serial(raw.bytes),
+            (EncapsulationKind::Serial, _) => layout::parse_serial(raw.bytes),
             (_, None) => Err((WireError::Identifier { found: 0 }, None)),
-            (Encapsulation::TmlCan, Some(id)) => layout::tmlcan(&frame(id, raw)),
-            (Encapsulation::TechnoCan, Some(id)) => layout::technocan(&frame(id, raw)),
+            (EncapsulationKind::TmlCan, Some(id)) => layout::parse_tmlcan(&to_frame(id, raw)),
+            (EncapsulationKind::TechnoCan, Some(id)) => layout::parse_technocan(&to_frame(id, raw)),
         }
     }
 
     /// The request that a frame is known to belong to.
-    fn request(&self, context: &Context<'_>) -> Option<Said> {
+    fn context_request(&self, context: &Context<'_>) -> Option<ParsedFrame> {
         let bytes = context.request?;
-        self.open(&Raw { bytes, id: context.request_id, extended: context.extended }).ok()
+        self.decode(&RawFrame { bytes, id: context.request_id, extended: context.extended }).ok()
     }
 
     /// A byte between frames.
-    fn single(&self, byte: u8, context: &Context<'_>, sink: &mut dyn Sink) {
+    fn explain_single_byte(&self, byte: u8, context: &Context<'_>, sink: &mut dyn ExplainSink) {
         let (to_drive, to_host) = match context.direction {
             Some(direction) => (direction == Direction::ToDrive, direction == Direction::ToHost),
             None => (false, false),
         };
         match byte {
-            ACK if !to_drive => say::ack(self.request(context).as_ref(), context.profile, sink),
-            SYNC => say::sync(byte, context.direction, sink),
-            SYNC.. if !to_host => say::sync(byte, context.direction, sink),
+            ACK if !to_drive => {
+                message::explain_ack(self.context_request(context).as_ref(), context.profile, sink)
+            }
+            SYNC => message::explain_sync(byte, context.direction, sink),
+            SYNC.. if !to_host => message::explain_sync(byte, context.direction, sink),
             found => {
                 sink.kind("TML");
-                sink.error(match serial::span(found) {
+                sink.error(match serial::frame_len(found) {
                     Some(need) => WireError::Short { need: need as u16, found: 1 },
                     None => WireError::Count { at: 0, found: found.into() },
                 });
@@ -237,28 +258,33 @@ impl TmlDissector {
     }
 
     /// The wire whose rules hold.
-    fn wire(&self, via: Via) -> Result<Wire, EncodeError> {
+    fn wire_for(&self, via: WireKind) -> Result<TmlWire, EncodeError> {
         let both = "CAN carries TML in two ways; say tmlcan or technocan";
         let other = "this wire has no serial form; say tml";
         match (self.0, via) {
-            (Encapsulation::Serial, Via::Usual | Via::Serial) => Ok(Wire::Rs232),
-            (Encapsulation::Serial, Via::Rs485) => Ok(Wire::Rs485),
-            (Encapsulation::TmlCan, Via::Usual | Via::Can) => Ok(Wire::TmlCan),
-            (Encapsulation::TechnoCan, Via::Usual | Via::Can) => Ok(Wire::TechnoCan),
-            (Encapsulation::Serial, Via::Can) => Err(EncodeError::Forbidden(both)),
+            (EncapsulationKind::Serial, WireKind::Default | WireKind::Serial) => Ok(TmlWire::Rs232),
+            (EncapsulationKind::Serial, WireKind::Rs485) => Ok(TmlWire::Rs485),
+            (EncapsulationKind::TmlCan, WireKind::Default | WireKind::Can) => Ok(TmlWire::TmlCan),
+            (EncapsulationKind::TechnoCan, WireKind::Default | WireKind::Can) => {
+                Ok(TmlWire::TechnoCan)
+            }
+            (EncapsulationKind::Serial, WireKind::Can) => Err(EncodeError::Forbidden(both)),
             _ => Err(EncodeError::Forbidden(other)),
         }
     }
 
-    fn pack(&self, message: &Message) -> Result<([u8; FRAME_MAX], usize, Option<u32>), Rule> {
+    fn encode_message(
+        &self,
+        message: &Message,
+    ) -> Result<([u8; FRAME_MAX], usize, Option<u32>), WireRule> {
         let mut out = [0; FRAME_MAX];
         let frame = match self.0 {
-            Encapsulation::Serial => {
+            EncapsulationKind::Serial => {
                 let len = serial::encode(message, &mut out);
                 return Ok((out, len, None));
             }
-            Encapsulation::TmlCan => tmlcan::encode(message),
-            Encapsulation::TechnoCan => technocan::encode(message)?,
+            EncapsulationKind::TmlCan => tmlcan::encode(message),
+            EncapsulationKind::TechnoCan => technocan::encode(message)?,
         };
         let data = frame.bytes();
         out[..data.len()].copy_from_slice(data);
@@ -267,8 +293,8 @@ impl TmlDissector {
 }
 
 /// What TechnoCAN does to axis IDs above 31.
-const fn warning(wire: Wire, to: IdCode) -> &'static str {
-    if matches!(wire, Wire::TechnoCan) && !to.group && technocan::is_ambiguous(to.id) {
+const fn warning(wire: TmlWire, to: IdCode) -> &'static str {
+    if matches!(wire, TmlWire::TechnoCan) && !to.group && technocan::is_ambiguous(to.id) {
         "TechnoCAN takes axis IDs modulo 32, so another axis may obey too; give drives IDs from 1 to \
          31"
     } else {
@@ -276,11 +302,11 @@ const fn warning(wire: Wire, to: IdCode) -> &'static str {
     }
 }
 
-const fn forbidden(rule: Rule) -> EncodeError {
+const fn forbidden(rule: WireRule) -> EncodeError {
     EncodeError::Forbidden(rule.sentence())
 }
 
-fn frame(id: u32, raw: &Raw<'_>) -> Frame {
+fn to_frame(id: u32, raw: &RawFrame<'_>) -> Frame {
     let mut frame = Frame::standard(0, raw.bytes);
     (frame.id, frame.extended) = (id, raw.extended);
     frame
@@ -288,9 +314,9 @@ fn frame(id: u32, raw: &Raw<'_>) -> Frame {
 
 /// Whether `said` is an answer to `asked`: by what both say, and by whom it is for where a request
 /// names its sender.
-fn answers(said: &Said, asked: &Said) -> bool {
+fn is_answer(said: &ParsedFrame, asked: &ParsedFrame) -> bool {
     let (Some(answer), Some(request)) =
-        (Online::parse(&said.instruction), Online::parse(&asked.instruction))
+        (OnlineMessage::parse(&said.instruction), OnlineMessage::parse(&asked.instruction))
     else {
         return false;
     };
@@ -304,81 +330,85 @@ fn answers(said: &Said, asked: &Said) -> bool {
 }
 
 /// Whom a text is for; by default the axis with the ID from the factory.
-fn destination(addressing: &Addressing) -> Result<IdCode, TextError> {
+fn destination(addressing: &EncodeOptions) -> Result<IdCode, TextError> {
     let expected = "an axis ID, 0 to 255";
-    let id = addressing.axis.unwrap_or(AXIS.into());
+    let id = addressing.axis.unwrap_or(DEFAULT_AXIS.into());
     let id = u8::try_from(id).map_err(|_| TextError { at: 0, expected })?;
     Ok(if addressing.groups { IdCode::groups(id) } else { IdCode::axis(id) })
 }
 
 /// The host's ID. By default that of the drive on RS-232, and elsewhere the factory's or the one
 /// below it, so that it is not the drive's.
-fn host(wire: Wire, to: IdCode, addressing: &Addressing) -> Result<u8, TextError> {
+fn host_id(wire: TmlWire, to: IdCode, addressing: &EncodeOptions) -> Result<u8, TextError> {
     let expected = "a host ID, 1 to 255";
     let usual = match wire {
-        Wire::Rs232 if !to.group && to.id != 0 => to.id,
-        Wire::Rs232 => AXIS,
-        _ if wire.host_id(AXIS, to.id).is_err() && !to.group => AXIS - 1,
-        _ => AXIS,
+        TmlWire::Rs232 if !to.group && to.id != 0 => to.id,
+        TmlWire::Rs232 => DEFAULT_AXIS,
+        _ if wire.check_host_id(DEFAULT_AXIS, to.id).is_err() && !to.group => DEFAULT_AXIS - 1,
+        _ => DEFAULT_AXIS,
     };
     let host = addressing.host.unwrap_or(usual.into());
     u8::try_from(host).ok().filter(|host| *host != 0).ok_or(TextError { at: 0, expected })
 }
 
 /// Where a piece of a serial stream ends.
-fn cut(bytes: &[u8], direction: Option<Direction>, ended: bool) -> Cut {
-    let Some(&first) = bytes.first() else { return Cut::More };
-    let Some(whole) = serial::span(first) else {
-        return if is_single(first, direction) { Cut::Frame(1) } else { Cut::Skip(1) };
+fn cut_serial(bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
+    let Some(&first) = bytes.first() else { return FrameBoundary::Incomplete };
+    let Some(whole) = serial::frame_len(first) else {
+        return if is_single_byte(first, direction) {
+            FrameBoundary::Frame(1)
+        } else {
+            FrameBoundary::Skip(1)
+        };
     };
     match bytes.get(..whole) {
-        Some(frame) if serial::decode(frame).is_ok() => Cut::Frame(whole),
+        Some(frame) if serial::decode(frame).is_ok() => FrameBoundary::Frame(whole),
         Some(_) => resynchronise(bytes, whole, ended),
-        None if !ended => Cut::More,
-        None => match inside(bytes, bytes.len()) {
-            Some(at) => Cut::Skip(at),
-            None if has_id_code(bytes) => Cut::Broken(bytes.len()),
-            None => Cut::Skip(1),
+        None if !ended => FrameBoundary::Incomplete,
+        None => match find_inner_frame(bytes, bytes.len()) {
+            Some(at) => FrameBoundary::Skip(at),
+            None if has_id_code(bytes) => FrameBoundary::Corrupt(bytes.len()),
+            None => FrameBoundary::Skip(1),
         },
     }
 }
 
 /// Whether a byte between frames is known to stand there: acks from drives, synchronisation both
 /// ways.
-fn is_single(byte: u8, direction: Option<Direction>) -> bool {
+fn is_single_byte(byte: u8, direction: Option<Direction>) -> bool {
     match direction {
-        Some(Direction::ToDrive) => matches!(byte, SYNC | SYNC_TOO),
+        Some(Direction::ToDrive) => matches!(byte, SYNC | SYNC_ALTERNATE),
         Some(Direction::ToHost) => matches!(byte, ACK | SYNC),
-        None => matches!(byte, ACK | SYNC | SYNC_TOO),
+        None => matches!(byte, ACK | SYNC | SYNC_ALTERNATE),
     }
 }
 
 /// The bytes have a frame's length and are none. If a good frame begins among them, what is before
 /// it lost a byte, or belongs to none; else they are a broken one.
-fn resynchronise(bytes: &[u8], whole: usize, ended: bool) -> Cut {
+fn resynchronise(bytes: &[u8], whole: usize, ended: bool) -> FrameBoundary {
     let follows = bytes.get(whole..).is_some_and(is_frame);
     let shaped = has_id_code(bytes);
-    match inside(bytes, whole) {
+    match find_inner_frame(bytes, whole) {
         Some(at) if !follows => {
             if shaped && at >= serial::FRAME_MIN - 1 {
-                Cut::Broken(at)
+                FrameBoundary::Corrupt(at)
             } else {
-                Cut::Skip(at)
+                FrameBoundary::Skip(at)
             }
         }
-        None if !ended && !follows && bytes.len() < whole + FRAME_MAX => Cut::More,
-        _ if shaped => Cut::Broken(whole),
-        _ => Cut::Skip(1),
+        None if !ended && !follows && bytes.len() < whole + FRAME_MAX => FrameBoundary::Incomplete,
+        _ if shaped => FrameBoundary::Corrupt(whole),
+        _ => FrameBoundary::Skip(1),
     }
 }
 
 /// Where, before `end`, a good frame begins.
-fn inside(bytes: &[u8], end: usize) -> Option<usize> {
+fn find_inner_frame(bytes: &[u8], end: usize) -> Option<usize> {
     (1..end).find(|at| is_frame(&bytes[*at..]))
 }
 
 fn is_frame(bytes: &[u8]) -> bool {
-    let whole = bytes.first().and_then(|length| serial::span(*length));
+    let whole = bytes.first().and_then(|length| serial::frame_len(*length));
     whole.and_then(|whole| bytes.get(..whole)).is_some_and(|frame| serial::decode(frame).is_ok())
 }
 

@@ -32,7 +32,7 @@ pub static GENERIC: Profile = Profile {
         Plan { verb: Verb::Disable, source: "AXISOFF", steps: &[send(0x0002)], undo: &[] },
     ],
     ram: None,
-    reach: &[],
+    link_settings: &[],
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 500,
@@ -97,5 +97,5 @@ const fn variable(
 }
 
 const fn send(opcode: u16) -> Step {
-    Step::Send { function: 0, index: opcode, operand: Operand::Is(0), like: None }
+    Step::Send { function: 0, index: opcode, operand: Operand::Constant(0), like: None }
 }

@@ -3,30 +3,30 @@
 //! Sources: TML communication manual, chapters 3 to 5. Serial servers put bytes of their own between
 //! frames (00, 0D, 0A, what is left of an older connection); those are skipped and counted.
 
-mod rate;
+mod baud_recovery;
 
 use core::marker::PhantomData;
 
-use super::ask::{Answer, Ask};
-use super::rules::{Rule, Wire};
-use super::serial::{self, Deframer, FRAME_MAX, Piece, Recovery};
-use super::session::{Fallback, Out, Place, SYNCS_MAX, Session, Waits};
+use super::host_request::{Answer, HostRequest};
+use super::rules::{TmlWire, WireRule};
+use super::serial::{self, Deframer, FRAME_MAX, RecoveryPolicy, SerialPiece};
+use super::session::{BaudFallback, Outgoing, SYNCS_MAX, Session, Timeouts, Topology};
 use super::wire::{IdCode, Instruction, Message};
 use super::{technocan, tmlcan};
 use crate::error::WireError;
 use crate::medium::{Can, CanLine, Frame, SerialLine, Stream};
-use crate::proto::pace::{Pace, tolerated};
+use crate::proto::early_bytes::{EarlyBytes, with_clock_tolerance};
 use crate::proto::{self, GROUP, HostOptions};
-use crate::station::{Counters, Event, Host, LineEvent, Station, Ticket, Timed};
+use crate::station::{Counters, Host, HostEvent, LineEvent, Station, Ticket, Timed};
 use crate::time::Instant;
-use rate::Rate;
+use baud_recovery::BaudRecovery;
 
 /// Time allowed for an answer when neither caller nor profile says one, ms.
 pub const REPLY_TIMEOUT_MS: u32 = 100;
 /// The same on a serial port while somebody looks for drives: a relay acknowledges for each address
 /// behind it, so there silence is known by the missing answer. What a relay and its bus take, and
 /// twice an adapter's latency.
-const PROBING_MS: u32 = 40;
+const SCAN_ANSWER_MS: u32 = 40;
 /// Time allowed for an acknowledgement, and for each SYNC byte, on a serial port, ms. The manual's
 /// typical value is 2 (chapter 3); adapters need more.
 pub const ACK_SERIAL_MS: u32 = 20;
@@ -36,7 +36,7 @@ pub const ACK_NETWORK_MS: u32 = 100;
 pub const ACK_MIN_MS: u32 = 2;
 /// Between messages to axes behind a relay, where the line itself does not pace them, µs: longer
 /// than a CAN frame takes at 250 kbit/s.
-const PACE_US: u32 = 600;
+const RELAY_GAP_US: u32 = 600;
 /// The host's axis ID on RS-485 and CAN, unless an axis has it; 255 is what drives have from the
 /// factory.
 pub const HOST_ID: u8 = 254;
@@ -46,7 +46,7 @@ pub const HOST_ID: u8 = 254;
 pub struct SerialHost {
     session: Session,
     line: SerialLine,
-    pace: Pace,
+    early_bytes: EarlyBytes,
     untimed: bool,
     deframer: Deframer,
     gap_ns: u64,
@@ -54,7 +54,7 @@ pub struct SerialHost {
     stale_ns: u64,
     last_byte: Instant,
     sent: Option<Message>,
-    rate: Rate,
+    baud_recovery: BaudRecovery,
     ack_ns: u64,
 }
 
@@ -62,25 +62,28 @@ impl SerialHost {
     /// A host of these axes, as `options` say. On RS-232 the first axis is the drive connected.
     #[must_use]
     pub fn new(options: &HostOptions, axes: &[u32]) -> Self {
-        let wire = match options.wire {
-            Some(proto::Wire::Rs485) => Wire::Rs485,
-            _ => Wire::Rs232,
+        let wire = match options.standard {
+            Some(proto::SerialStandard::Rs485) => TmlWire::Rs485,
+            _ => TmlWire::Rs232,
         };
-        let line = SerialLine { stop_bits: 2, ..SerialLine::n81(options.baud) };
-        let waits = Waits::new(options, line.characters_ns(1));
-        let place = place(wire, options, axes);
-        let alone = (wire == Wire::Rs232 || place.alone) && !place.probing;
-        let rate = Rate::new(options.baud, place.relay.or(place.first).filter(|_| alone));
+        let line = SerialLine { stop_bits: 2, ..SerialLine::new_8n1(options.baud) };
+        let waits = Timeouts::new(options, line.characters_ns(1));
+        let place = topology_of(wire, options, axes);
+        let alone = (wire == TmlWire::Rs232 || place.single_drive) && !place.scanning;
+        let baud_recovery = BaudRecovery::new(
+            options.baud,
+            place.relay_axis.or(place.first_axis).filter(|_| alone),
+        );
         let mut session = Session::new(place, waits);
-        if rate.is_restored() {
-            session.fallback = Fallback::Armed;
+        if baud_recovery.can_restore() {
+            session.fallback = BaudFallback::Armed;
         }
         Self {
             session,
             line,
-            pace: pace(options.untimed, &line),
+            early_bytes: early_bytes_of(options.untimed, &line),
             untimed: options.untimed,
-            deframer: Deframer::new(Recovery::Search),
+            deframer: Deframer::new(RecoveryPolicy::Search),
             gap_ns: match options.gap_us {
                 Some(HostOptions::GAP_CHARACTERS) => line.characters_ns(7) / 2,
                 gap => u64::from(gap.unwrap_or(0)) * 1_000,
@@ -88,46 +91,46 @@ impl SerialHost {
             stale_ns: waits.ack_ns + line.characters_ns(2),
             last_byte: Instant::ZERO,
             sent: None,
-            rate,
+            baud_recovery,
             ack_ns: waits.ack_ns,
         }
     }
 
     /// Takes what can be told of the bytes so far.
     #[inline]
-    fn pieces(&mut self, now: Instant) {
+    fn process_pieces(&mut self, now: Instant) {
         let mut held = self.deframer.pending().len();
         while let Some(piece) = self.deframer.next_piece() {
-            let early = self.pace.early() > 0;
+            let early = self.early_bytes.count() > 0;
             let left = self.deframer.pending().len();
-            self.pace.took(held - left);
+            self.early_bytes.consume(held - left);
             held = left;
-            self.piece(now, piece, early);
+            self.handle_piece(now, piece, early);
         }
     }
 
     #[inline]
-    fn piece(&mut self, now: Instant, piece: Piece, early: bool) {
+    fn handle_piece(&mut self, now: Instant, piece: SerialPiece, early: bool) {
         match piece {
-            Piece::Message(message) if self.sent == Some(message) => {
+            SerialPiece::Message(message) if self.sent == Some(message) => {
                 self.sent = None;
                 self.session.counters.echoed += 1;
             }
-            Piece::Message(Message { to, instruction }) => {
+            SerialPiece::Message(Message { to, instruction }) => {
                 match early {
-                    true => self.session.heard_early(now, Some(to), &instruction),
-                    false => self.session.heard(now, Some(to), &instruction),
+                    true => self.session.handle_early_message(now, Some(to), &instruction),
+                    false => self.session.handle_message(now, Some(to), &instruction),
                 }
-                self.hears();
+                self.rearm_fallback();
             }
-            Piece::Ack if self.rate.acknowledged(now) => {}
-            Piece::Ack => {
-                self.session.acknowledged(now, early);
-                self.hears();
+            SerialPiece::Ack if self.baud_recovery.handle_ack(now) => {}
+            SerialPiece::Ack => {
+                self.session.handle_ack(now, early);
+                self.rearm_fallback();
             }
-            Piece::Sync => self.session.synchronised(now),
-            Piece::Stray(_) => self.session.counters.skipped += 1,
-            Piece::Broken(error) => {
+            SerialPiece::Sync => self.session.handle_sync(now),
+            SerialPiece::Stray(_) => self.session.counters.skipped += 1,
+            SerialPiece::Broken(error) => {
                 let corrupt = matches!(error, WireError::Checksum { .. });
                 self.session.counters.corrupt += u64::from(corrupt);
                 self.session.counters.skipped += 1;
@@ -136,35 +139,35 @@ impl SerialHost {
     }
 
     /// The drive is there, so that silence from now on may again be another rate's.
-    fn hears(&mut self) {
-        if self.rate.is_restored() && self.session.fallback == Fallback::Spent {
-            self.session.fallback = Fallback::Armed;
+    fn rearm_fallback(&mut self) {
+        if self.baud_recovery.can_restore() && self.session.fallback == BaudFallback::Exhausted {
+            self.session.fallback = BaudFallback::Armed;
         }
     }
 
     /// Has the line's rate back where RESET or power-up took it.
-    fn restore(&mut self, now: Instant) {
+    fn restore_baud(&mut self, now: Instant) {
         if self.session.is_idle() {
-            self.rate.is_reset(now);
+            self.baud_recovery.note_reset(now);
         }
-        if self.session.fallback == Fallback::Due && self.rate.is_right() {
-            self.rate.fall_back(now);
+        if self.session.fallback == BaudFallback::Requested && self.baud_recovery.is_at_wanted() {
+            self.baud_recovery.fall_back(now);
         }
-        if self.rate.advance(now) {
-            self.session.fell_back(now);
+        if self.baud_recovery.advance(now) {
+            self.session.finish_fallback(now);
         }
-        let baud = self.rate.baud();
+        let baud = self.baud_recovery.baud();
         if self.line.baud != baud {
             self.line.baud = baud;
-            self.pace = pace(self.untimed, &self.line);
+            self.early_bytes = early_bytes_of(self.untimed, &self.line);
             self.deframer.clear();
         }
     }
 
     /// What the drive is told at the rate that it has after RESET.
-    fn tell_rate(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+    fn send_baud(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
         let left = now.plus_ns(self.line.characters_ns(FRAME_MAX as u32) + self.ack_ns);
-        let message = self.rate.tell(now, left)?;
+        let message = self.baud_recovery.next_message(now, left)?;
         let mut frame = [0; FRAME_MAX];
         let len = serial::encode(&message, &mut frame);
         self.sent = Some(message);
@@ -174,7 +177,7 @@ impl SerialHost {
 
     /// What looks like the head of a frame is none: its end never came. What stands behind its first
     /// byte is looked at again.
-    fn look_again(&mut self, now: Instant) {
+    fn rescan_pending(&mut self, now: Instant) {
         let mut bytes = [0; FRAME_MAX];
         for _ in 0..FRAME_MAX {
             let held = self.deframer.pending();
@@ -187,78 +190,78 @@ impl SerialHost {
             self.session.counters.skipped += 1;
             for &byte in &bytes[1..len] {
                 self.deframer.push(byte);
-                self.pieces(now);
+                self.process_pieces(now);
             }
         }
     }
 }
 
 /// On a port whose baud rate is fiction nothing comes too soon.
-const fn pace(untimed: bool, line: &SerialLine) -> Pace {
-    Pace::new(&SerialLine { baud: if untimed { 0 } else { line.baud }, ..*line })
+const fn early_bytes_of(untimed: bool, line: &SerialLine) -> EarlyBytes {
+    EarlyBytes::new(&SerialLine { baud: if untimed { 0 } else { line.baud }, ..*line })
 }
 
-impl Waits {
+impl Timeouts {
     fn new(options: &HostOptions, character_ns: u64) -> Self {
         let usual = if options.baud == 0 { ACK_NETWORK_MS } else { ACK_SERIAL_MS };
         let ms = |given: Option<u32>| u64::from(given.unwrap_or(usual).max(ACK_MIN_MS)) * 1_000_000;
-        let quick = options.probing && options.baud != 0;
-        let usual_answer = if quick { PROBING_MS } else { REPLY_TIMEOUT_MS };
+        let quick = options.scanning && options.baud != 0;
+        let usual_answer = if quick { SCAN_ANSWER_MS } else { REPLY_TIMEOUT_MS };
         let answer = options.reply_timeout_ms.unwrap_or(usual_answer);
-        let pace_us = if options.baud == 0 { PACE_US } else { 0 };
+        let pace_us = if options.baud == 0 { RELAY_GAP_US } else { 0 };
         Self {
             ack_ns: ms(options.ack_timeout_ms),
-            pause_ns: ms(options.pause_ms.or(options.ack_timeout_ms)),
+            sync_pause_ns: ms(options.resync_pause_ms.or(options.ack_timeout_ms)),
             answer_ns: u64::from(answer) * 1_000_000 + FRAME_MAX as u64 * character_ns,
             character_ns,
-            pace_ns: u64::from(pace_us) * 1_000,
+            relay_gap_ns: u64::from(pace_us) * 1_000,
         }
     }
 }
 
 /// Where the host stands on a wire with these axes.
-fn place(wire: Wire, options: &HostOptions, axes: &[u32]) -> Place {
+fn topology_of(wire: TmlWire, options: &HostOptions, axes: &[u32]) -> Topology {
     let single = |axis: &&u32| **axis & GROUP == 0;
     let first = axes.iter().find(single).map(|axis| *axis as u8);
-    let given = options.host.and_then(|host| u8::try_from(host).ok());
+    let given = options.host_address.and_then(|host| u8::try_from(host).ok());
     let id = match wire {
-        Wire::Rs232 => given.or(first).unwrap_or(u8::MAX),
+        TmlWire::Rs232 => given.or(first).unwrap_or(u8::MAX),
         _ => given.unwrap_or_else(|| free_id(wire, axes)),
     };
-    let relay = (wire == Wire::Rs232).then(|| first.unwrap_or(id));
-    Place {
+    let relay = (wire == TmlWire::Rs232).then(|| first.unwrap_or(id));
+    Topology {
         wire,
-        own: wire.sender(id),
-        relay,
-        first,
-        alone: axes.len() == 1 && first.is_some(),
-        behind_technocan: options.answers_only,
-        probing: options.probing,
-        broken: relay.and_then(|relay| wire.host_id(id, relay).err()),
+        own_code: wire.host_id_code(id),
+        relay_axis: relay,
+        first_axis: first,
+        single_drive: axes.len() == 1 && first.is_some(),
+        behind_technocan: options.relay_answers_only,
+        scanning: options.scanning,
+        broken_rule: relay.and_then(|relay| wire.check_host_id(id, relay).err()),
     }
 }
 
 /// An axis ID that none of these axes has, the usual one if possible.
-fn free_id(wire: Wire, axes: &[u32]) -> u8 {
-    let number = |id: u8| if wire == Wire::TechnoCan { id % 32 } else { id };
+fn free_id(wire: TmlWire, axes: &[u32]) -> u8 {
+    let number = |id: u8| if wire == TmlWire::TechnoCan { id % 32 } else { id };
     let taken = |id: u8| axes.iter().any(|axis| number(*axis as u8) == number(id));
     (1..=HOST_ID).rev().find(|id| number(*id) != 0 && !taken(*id)).unwrap_or(HOST_ID)
 }
 
 impl Timed for SerialHost {
     fn handle_timeout(&mut self, now: Instant) {
-        if self.session.lacks_ack(now) {
-            self.look_again(now);
+        if self.session.is_ack_overdue(now) {
+            self.rescan_pending(now);
         }
         self.session.handle_timeout(now);
-        self.restore(now);
+        self.restore_baud(now);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        match self.rate.is_right() {
+        match self.baud_recovery.is_at_wanted() {
             true => self.session.poll_timeout(),
             // What waits in the session waits for the line.
-            false => self.rate.due(),
+            false => self.baud_recovery.deadline(),
         }
     }
 }
@@ -266,15 +269,15 @@ impl Timed for SerialHost {
 impl Station<Stream> for SerialHost {
     fn handle_input(&mut self, now: Instant, bytes: &[u8]) {
         if now >= self.last_byte.plus_ns(self.stale_ns) {
-            self.look_again(now);
+            self.rescan_pending(now);
         }
         self.last_byte = now;
-        self.pace.heard(now, self.deframer.pending().len() + bytes.len());
+        self.early_bytes.note_received(now, self.deframer.pending().len() + bytes.len());
         for &byte in bytes {
             self.deframer.push(byte);
-            self.pieces(now);
+            self.process_pieces(now);
         }
-        self.restore(now);
+        self.restore_baud(now);
     }
 
     fn handle_line(&mut self, now: Instant, event: LineEvent) {
@@ -284,27 +287,28 @@ impl Station<Stream> for SerialHost {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
-        if !self.rate.is_right() {
-            return self.tell_rate(now, out);
+        if !self.baud_recovery.is_at_wanted() {
+            return self.send_baud(now, out);
         }
         if !self.session.has_unsent() {
             return None;
         }
         let quiet = self.last_byte.plus_ns(self.gap_ns);
         if now < quiet {
-            self.session.hold(quiet);
+            self.session.delay_sending(quiet);
         }
         match self.session.transmit(now)? {
-            Out::Message(message) => {
+            Outgoing::Message(message) => {
                 let mut frame = [0; FRAME_MAX];
                 let len = serial::encode(&message, &mut frame);
-                self.pace.sent(now, tolerated(self.line.characters_ns(len as u32)));
+                self.early_bytes
+                    .note_sent(now, with_clock_tolerance(self.line.characters_ns(len as u32)));
                 self.sent = Some(message);
-                self.rate.sends(&message);
+                self.baud_recovery.note_sent(&message);
                 out.get_mut(..len)?.copy_from_slice(&frame[..len]);
                 Some(len)
             }
-            Out::Sync(byte, count) => {
+            Outgoing::Sync(byte, count) => {
                 let count = usize::from(count.min(SYNCS_MAX));
                 out.get_mut(..count)?.fill(byte);
                 Some(count)
@@ -318,31 +322,36 @@ impl Station<Stream> for SerialHost {
 }
 
 impl Host<Stream> for SerialHost {
-    type Request = Ask;
+    type Request = HostRequest;
     type Answer = Answer;
 
     #[inline]
-    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
-        self.session.once.take_if(|once| *once == ticket);
+    fn submit(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        request: HostRequest,
+    ) -> Result<(), HostRequest> {
+        self.session.no_retry_ticket.take_if(|once| *once == ticket);
         self.session.submit(now, ticket, request)
     }
 
-    fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
+    fn recall(&mut self, _stop: &HostRequest) -> Option<Ticket> {
         self.session.recall()
     }
 
-    fn send_once(&mut self, ticket: Ticket) {
-        self.session.once = Some(ticket);
+    fn disable_retries(&mut self, ticket: Ticket) {
+        self.session.no_retry_ticket = Some(ticket);
     }
 
     #[inline]
-    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+    fn poll_event(&mut self) -> Option<&HostEvent<Answer>> {
         self.session.poll_event()
     }
 
-    fn emit(&self, request: &Ask, out: &mut [u8]) -> usize {
+    fn encode_request(&self, request: &HostRequest, out: &mut [u8]) -> usize {
         let mut frame = [0; FRAME_MAX];
-        let len = serial::encode(&self.session.addressed(&request.message), &mut frame);
+        let len = serial::encode(&self.session.with_own_sender(&request.message), &mut frame);
         let len = len.min(out.len());
         out[..len].copy_from_slice(&frame[..len]);
         len
@@ -352,27 +361,28 @@ impl Host<Stream> for SerialHost {
         self.session.counters
     }
 
-    fn unread(&self) -> usize {
+    fn unparsed_len(&self) -> usize {
         self.deframer.pending().len()
     }
 
-    fn may_join(&self, address: u32) -> bool {
-        let busy = !self.rate.is_still() || self.session.fallback == Fallback::Due;
-        !busy && self.session.may_join(address)
+    fn can_add_drive(&self, address: u32) -> bool {
+        let busy =
+            !self.baud_recovery.is_settled() || self.session.fallback == BaudFallback::Requested;
+        !busy && self.session.can_add_drive(address)
     }
 
-    fn joined(&mut self, _address: u32) {
-        self.session.joined();
+    fn add_drive(&mut self, _address: u32) {
+        self.session.add_drive();
         // A drive that is not alone is not told another rate, or the others no longer understand.
-        if self.session.wire() != Wire::Rs232 {
-            self.rate = Rate::new(self.line.baud, None);
-            self.session.fallback = Fallback::Spent;
+        if self.session.wire() != TmlWire::Rs232 {
+            self.baud_recovery = BaudRecovery::new(self.line.baud, None);
+            self.session.fallback = BaudFallback::Exhausted;
         }
     }
 
-    fn disturbed(&mut self, now: Instant) {
+    fn handle_resume(&mut self, now: Instant) {
         // What lay here of a frame before is no beginning of the next.
-        self.look_again(now);
+        self.rescan_pending(now);
         self.last_byte = now;
     }
 }
@@ -380,12 +390,12 @@ impl Host<Stream> for SerialHost {
 /// How TML lies in CAN frames.
 pub trait Encapsulation: core::fmt::Debug + Send + 'static {
     /// Its rules.
-    const WIRE: Wire;
+    const WIRE: TmlWire;
     /// The frame that carries a message.
     ///
     /// # Errors
     /// The rule that forbids it.
-    fn encode(message: &Message) -> Result<Frame, Rule>;
+    fn encode(message: &Message) -> Result<Frame, WireRule>;
     /// What a frame carries, and for whom, where it says so; `None` for other protocols' frames.
     ///
     /// # Errors
@@ -395,16 +405,16 @@ pub trait Encapsulation: core::fmt::Debug + Send + 'static {
 
 /// 29-bit identifiers.
 #[derive(Debug)]
-pub enum Extended {}
+pub enum ExtendedIds {}
 
 /// 11-bit identifiers that CANopen leaves free.
 #[derive(Debug)]
-pub enum Standard {}
+pub enum StandardIds {}
 
-impl Encapsulation for Extended {
-    const WIRE: Wire = Wire::TmlCan;
+impl Encapsulation for ExtendedIds {
+    const WIRE: TmlWire = TmlWire::TmlCan;
 
-    fn encode(message: &Message) -> Result<Frame, Rule> {
+    fn encode(message: &Message) -> Result<Frame, WireRule> {
         Ok(tmlcan::encode(message))
     }
 
@@ -417,10 +427,10 @@ impl Encapsulation for Extended {
     }
 }
 
-impl Encapsulation for Standard {
-    const WIRE: Wire = Wire::TechnoCan;
+impl Encapsulation for StandardIds {
+    const WIRE: TmlWire = TmlWire::TechnoCan;
 
-    fn encode(message: &Message) -> Result<Frame, Rule> {
+    fn encode(message: &Message) -> Result<Frame, WireRule> {
         technocan::encode(message)
     }
 
@@ -445,8 +455,8 @@ impl<E: Encapsulation> CanHost<E> {
     /// A host of these axes, as `options` say.
     #[must_use]
     pub fn new(options: &HostOptions, axes: &[u32]) -> Self {
-        let waits = Waits::new(options, 0);
-        let session = Session::new(place(E::WIRE, options, axes), waits);
+        let waits = Timeouts::new(options, 0);
+        let session = Session::new(topology_of(E::WIRE, options, axes), waits);
         Self { session, bit_rate: options.bit_rate, encapsulation: PhantomData }
     }
 }
@@ -465,7 +475,7 @@ impl<E: Encapsulation> Station<Can> for CanHost<E> {
     #[inline]
     fn handle_input(&mut self, now: Instant, frame: &Frame) {
         match E::decode(frame) {
-            Some(Ok((to, instruction))) => self.session.heard(now, to, &instruction),
+            Some(Ok((to, instruction))) => self.session.handle_message(now, to, &instruction),
             Some(Err(_)) => self.session.counters.corrupt += 1,
             None => {}
         }
@@ -476,7 +486,7 @@ impl<E: Encapsulation> Station<Can> for CanHost<E> {
     }
 
     fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
-        let Out::Message(message) = self.session.transmit(now)? else { return None };
+        let Outgoing::Message(message) = self.session.transmit(now)? else { return None };
         // What the rules forbid never got here; so much the sooner is the rest refused.
         *out = E::encode(&message).ok()?;
         Some(1)
@@ -488,43 +498,48 @@ impl<E: Encapsulation> Station<Can> for CanHost<E> {
 }
 
 impl<E: Encapsulation> Host<Can> for CanHost<E> {
-    type Request = Ask;
+    type Request = HostRequest;
     type Answer = Answer;
     /// On CAN no message of type A is acknowledged (TML communication manual, chapter 4).
     const CONFIRMED: bool = false;
 
     #[inline]
-    fn submit(&mut self, now: Instant, ticket: Ticket, request: Ask) -> Result<(), Ask> {
-        self.session.once.take_if(|once| *once == ticket);
+    fn submit(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        request: HostRequest,
+    ) -> Result<(), HostRequest> {
+        self.session.no_retry_ticket.take_if(|once| *once == ticket);
         self.session.submit(now, ticket, request)
     }
 
-    fn recall(&mut self, _stop: &Ask) -> Option<Ticket> {
+    fn recall(&mut self, _stop: &HostRequest) -> Option<Ticket> {
         self.session.recall()
     }
 
-    fn send_once(&mut self, ticket: Ticket) {
-        self.session.once = Some(ticket);
+    fn disable_retries(&mut self, ticket: Ticket) {
+        self.session.no_retry_ticket = Some(ticket);
     }
 
     #[inline]
-    fn poll_event(&mut self) -> Option<&Event<Answer>> {
+    fn poll_event(&mut self) -> Option<&HostEvent<Answer>> {
         self.session.poll_event()
     }
 
-    fn emit(&self, request: &Ask, out: &mut Frame) -> usize {
-        let frame = E::encode(&self.session.addressed(&request.message));
+    fn encode_request(&self, request: &HostRequest, out: &mut Frame) -> usize {
+        let frame = E::encode(&self.session.with_own_sender(&request.message));
         let count = usize::from(frame.is_ok());
         *out = frame.unwrap_or_default();
         count
     }
 
-    fn may_join(&self, address: u32) -> bool {
-        self.session.may_join(address)
+    fn can_add_drive(&self, address: u32) -> bool {
+        self.session.can_add_drive(address)
     }
 
-    fn joined(&mut self, _address: u32) {
-        self.session.joined();
+    fn add_drive(&mut self, _address: u32) {
+        self.session.add_drive();
     }
 
     fn counters(&self) -> Counters {

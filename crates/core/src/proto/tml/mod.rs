@@ -5,12 +5,12 @@
 //! on instruction coding; what only drivers in the field or captures show is marked in the tables.
 //! What no source states is marked \[I\].
 
-pub mod ask;
 pub mod axis;
 pub mod device;
 pub mod explain;
 pub mod generic;
 pub mod host;
+pub mod host_request;
 pub mod instruction;
 pub mod online;
 pub mod program;

@@ -8,7 +8,7 @@ use super::wire::{IdCode, Instruction, low_first, operand_address, short_operand
 
 /// A memory of the drive; its number stands in bits 3 and 2 of the opcode.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
-pub enum Memory {
+pub enum MemorySpace {
     /// `pm`: TML programs.
     Program,
     /// `dm`: variables, parameters, registers.
@@ -18,7 +18,7 @@ pub enum Memory {
     Spi,
 }
 
-impl Memory {
+impl MemorySpace {
     /// As the language writes it.
     #[must_use]
     pub const fn word(self) -> &'static str {
@@ -43,7 +43,7 @@ impl Memory {
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Cell {
     /// In which memory.
-    pub memory: Memory,
+    pub memory: MemorySpace,
     /// Its address, that of the lower word.
     pub address: u16,
     /// 32 bits.
@@ -54,13 +54,13 @@ impl Cell {
     /// A variable of 16 bits.
     #[must_use]
     pub const fn short(address: u16) -> Self {
-        Self { memory: Memory::Data, address, long: false }
+        Self { memory: MemorySpace::Data, address, long: false }
     }
 
     /// A variable of 32 bits.
     #[must_use]
     pub const fn long(address: u16) -> Self {
-        Self { memory: Memory::Data, address, long: true }
+        Self { memory: MemorySpace::Data, address, long: true }
     }
 }
 
@@ -94,7 +94,7 @@ impl PvtPoint {
             && self.counter <= Self::COUNTER_MAX
     }
 
-    const fn of(instruction: &Instruction) -> Self {
+    const fn parse(instruction: &Instruction) -> Self {
         let [low, middle, high, time] = instruction.padded();
         let position = (low as u32) << 8 | ((middle & 0xFF00) as u32) << 16;
         let velocity = (high as u32) << 16 | ((middle & 0xFF) as u32) << 8;
@@ -107,7 +107,7 @@ impl PvtPoint {
     }
 
     /// Bits that do not fit are lost; see [`fits`](Self::fits).
-    const fn instruction(&self) -> Instruction {
+    const fn emit(&self) -> Instruction {
         let (position, velocity) = (self.position.cast_unsigned(), self.velocity.cast_unsigned());
         let middle = (position >> 8) as u16 & 0xFF00 | (velocity >> 8) as u16 & 0xFF;
         Instruction::of(
@@ -130,7 +130,7 @@ pub struct PtPoint {
 
 /// An instruction that is exchanged on-line.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Online {
+pub enum OnlineMessage {
     /// Asks one axis for a value.
     GiveMeData {
         /// Whom the answer is for.
@@ -215,7 +215,7 @@ pub enum Online {
         /// Whom the answer is for.
         sender: IdCode,
         /// Which.
-        memory: Memory,
+        memory: MemorySpace,
         /// First address.
         start: u16,
         /// Last address.
@@ -224,7 +224,7 @@ pub enum Online {
     /// Answers [`GetChecksum`](Self::GetChecksum). It does not say who answers.
     TakeChecksum {
         /// Which.
-        memory: Memory,
+        memory: MemorySpace,
         /// The sum of all words, modulo 65536.
         sum: u16,
     },
@@ -259,7 +259,7 @@ mod code {
     pub const PTP: u16 = 0xC800;
 }
 
-impl Online {
+impl OnlineMessage {
     /// Reads an instruction. `None` when it is not one of these, or has other data words than they
     /// have.
     #[must_use]
@@ -269,7 +269,7 @@ impl Online {
             (0x10, 0) if instruction.opcode == code::SYNCHRONISATION => Some(Self::Synchronisation),
             (0x14, 2) => Self::parse_time(instruction),
             (0x18, 4) if instruction.opcode & 0x80 == 0 => {
-                Some(Self::Pvt(PvtPoint::of(instruction)))
+                Some(Self::Pvt(PvtPoint::parse(instruction)))
             }
             (0xA0..=0xAF, _) => Self::parse_short(instruction, count),
             (0xB0..=0xB7, _) => Self::parse_cell(instruction, count),
@@ -289,40 +289,41 @@ impl Online {
     pub fn emit(&self) -> Instruction {
         match *self {
             Self::GiveMeData { sender, cell } => {
-                Instruction::of(code::GIVE_ME_DATA | bits(cell), [sender.word(), cell.address])
+                Instruction::of(code::GIVE_ME_DATA | cell_bits(cell), [sender.word(), cell.address])
             }
-            Self::GiveMeData2 { sender, cell } => {
-                Instruction::of(code::GIVE_ME_DATA_2 | bits(cell), [sender.word(), cell.address])
-            }
+            Self::GiveMeData2 { sender, cell } => Instruction::of(
+                code::GIVE_ME_DATA_2 | cell_bits(cell),
+                [sender.word(), cell.address],
+            ),
             Self::TakeData { sender, cell, value } => {
-                let opcode = code::TAKE_DATA | bits(cell);
-                valued(opcode, &[sender.word(), cell.address], cell.long, value)
+                let opcode = code::TAKE_DATA | cell_bits(cell);
+                with_value(opcode, &[sender.word(), cell.address], cell.long, value)
             }
             Self::TakeData2 { sender, address, long, value } => {
                 let opcode = code::TAKE_DATA_2 | u16::from(long) << 8 | u16::from(sender);
-                valued(opcode, &[address], long, value)
+                with_value(opcode, &[address], long, value)
             }
             Self::GetData { sender, address, long } => {
                 Instruction::of(code::GET_DATA | short_bits(address, long), [sender.word()])
             }
             Self::GotData { sender, address, long, value } => {
                 let opcode = code::GOT_DATA | short_bits(address, long);
-                valued(opcode, &[sender.word()], long, value)
+                with_value(opcode, &[sender.word()], long, value)
             }
             Self::GetVersion { sender } => Instruction::of(code::VERSION, [sender.word()]),
-            Self::TakeVersion { version } => Instruction::of(code::VERSION, letters(version)),
+            Self::TakeVersion { version } => Instruction::of(code::VERSION, pack_letters(version)),
             Self::Ping { sender, word } => Instruction::of(code::PING, [sender.word(), word]),
             Self::Pong { sender, version } => {
-                Instruction::of(code::PING | u16::from(sender), letters(version))
+                Instruction::of(code::PING | u16::from(sender), pack_letters(version))
             }
             Self::GetChecksum { sender, memory, start, end } => {
-                Instruction::of(checksum(memory), [sender.word(), start, end])
+                Instruction::of(checksum_opcode(memory), [sender.word(), start, end])
             }
-            Self::TakeChecksum { memory, sum } => Instruction::of(checksum(memory), [sum]),
+            Self::TakeChecksum { memory, sum } => Instruction::of(checksum_opcode(memory), [sum]),
             Self::Synchronisation => Instruction::of(code::SYNCHRONISATION, []),
             Self::MasterTime(time) => Instruction::of(code::MASTER_TIME, low_first(time)),
             Self::SetSync(period) => Instruction::of(code::SET_SYNC, low_first(period)),
-            Self::Pvt(point) => point.instruction(),
+            Self::Pvt(point) => point.emit(),
             Self::Pt(point) => {
                 let [low, high] = low_first(point.position.cast_unsigned());
                 let opcode = code::PTP | u16::from(point.counter & PvtPoint::COUNTER_MAX);
@@ -423,7 +424,7 @@ impl Online {
             return None;
         }
         let long = opcode & 1 != 0;
-        let memory = Memory::of_bits(opcode >> 2)?;
+        let memory = MemorySpace::of_bits(opcode >> 2)?;
         let sender = IdCode::from_word(instruction.word(0))?;
         let cell = Cell { memory, address: instruction.word(1), long };
         match (opcode & 0xFE00, count) {
@@ -461,7 +462,7 @@ impl Online {
                 Some(Self::Pong { sender: instruction.opcode as u8, version: version() })
             }
             (opcode, n) if opcode & 0xFF9F == code::CHECKSUM => {
-                let memory = Memory::of_bits(opcode >> 5)?;
+                let memory = MemorySpace::of_bits(opcode >> 5)?;
                 let (start, end) = (instruction.word(1), instruction.word(2));
                 match n {
                     1 => Some(Self::TakeChecksum { memory, sum: instruction.word(0) }),
@@ -474,7 +475,7 @@ impl Online {
     }
 }
 
-const fn bits(cell: Cell) -> u16 {
+const fn cell_bits(cell: Cell) -> u16 {
     (cell.memory as u16) << 2 | cell.long as u16
 }
 
@@ -485,16 +486,16 @@ fn short_bits(address: u16, long: bool) -> u16 {
     operand | if long { code::LONG_DATA } else { 0 }
 }
 
-const fn checksum(memory: Memory) -> u16 {
+const fn checksum_opcode(memory: MemorySpace) -> u16 {
     code::CHECKSUM | (memory as u16) << 5
 }
 
-const fn letters([a, b, c, d]: [u8; 4]) -> [u16; 2] {
+const fn pack_letters([a, b, c, d]: [u8; 4]) -> [u16; 2] {
     [u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d])]
 }
 
 /// `head` with the value behind it, at most four words together.
-fn valued(opcode: u16, head: &[u16], long: bool, value: u32) -> Instruction {
+fn with_value(opcode: u16, head: &[u16], long: bool, value: u32) -> Instruction {
     let mut words = [0; 4];
     let count = head.len();
     words[..count].copy_from_slice(head);

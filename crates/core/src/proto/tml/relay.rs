@@ -4,9 +4,9 @@
 //! A drive needs no setting for it: the host takes the axis ID of the drive that it is connected
 //! to, and the host bit tells the two apart.
 
-use super::device::{CanEnd, Firmware, Quirks, SerialEnd, Trouble};
-use super::online::Online;
-use super::rules::Wire;
+use super::device::{CanEndpoint, Firmware, LineFault, Quirks, SerialEndpoint};
+use super::online::OnlineMessage;
+use super::rules::TmlWire;
 use super::wire::{IdCode, Message};
 use crate::medium::{CanLine, Frame, SerialLine};
 use crate::station::LineEvent;
@@ -16,8 +16,8 @@ use crate::time::Instant;
 #[derive(Debug)]
 pub struct Relay {
     quirks: Quirks,
-    serial: SerialEnd,
-    can: CanEnd,
+    serial: SerialEndpoint,
+    can: CanEndpoint,
     dropped: u64,
 }
 
@@ -28,7 +28,8 @@ impl Relay {
     /// The wires of a drive that was just powered.
     #[must_use]
     pub fn new(quirks: Quirks, firmware: &impl Firmware) -> Self {
-        let (serial, can) = (SerialEnd::new(quirks, firmware), CanEnd::new(quirks, firmware));
+        let (serial, can) =
+            (SerialEndpoint::new(quirks, firmware), CanEndpoint::new(quirks, firmware));
         Self { quirks, serial, can, dropped: 0 }
     }
 
@@ -45,7 +46,7 @@ impl Relay {
                 if !is_answer(&message) {
                     self.serial.acknowledge(message.to, firmware.axis());
                 }
-                self.take_serial(now, &message, firmware);
+                self.handle_serial_message(now, &message, firmware);
             }
         }
     }
@@ -54,10 +55,10 @@ impl Relay {
     pub fn handle_frame(&mut self, now: Instant, frame: &Frame, firmware: &mut impl Firmware) {
         let (axis, groups) = (firmware.axis(), firmware.groups());
         let Some(message) = self.can.handle_frame(frame, axis, groups) else { return };
-        firmware.heard_can();
+        firmware.note_can_message();
         if !message.to.host {
             firmware.execute(now, &message);
-        } else if self.quirks.wire == Some(Wire::Rs232) {
+        } else if self.quirks.wire == Some(TmlWire::Rs232) {
             self.send_serial(&message, firmware);
         }
     }
@@ -65,7 +66,7 @@ impl Relay {
     /// Takes what happened to the serial line.
     pub fn handle_serial_line(&mut self, event: LineEvent, firmware: &mut impl Firmware) {
         match event {
-            LineEvent::Break => firmware.trouble(Trouble::SerialReceive),
+            LineEvent::Break => firmware.note_line_fault(LineFault::SerialReceive),
             LineEvent::Down => {}
             _ => return,
         }
@@ -75,7 +76,7 @@ impl Relay {
     /// Takes what happened to the CAN bus.
     pub fn handle_can_line(&mut self, event: LineEvent, firmware: &mut impl Firmware) {
         if event == LineEvent::BusOff {
-            firmware.trouble(Trouble::BusOff);
+            firmware.note_line_fault(LineFault::BusOff);
         }
     }
 
@@ -86,24 +87,24 @@ impl Relay {
         out: &mut [u8],
         firmware: &mut impl Firmware,
     ) -> Option<usize> {
-        self.gather(now, firmware);
+        self.forward_messages(now, firmware);
         self.serial.poll_transmit(now, out, firmware)
     }
 
     /// What is to be sent on the CAN bus now.
     pub fn poll_frame(&mut self, now: Instant, firmware: &mut impl Firmware) -> Option<Frame> {
-        self.gather(now, firmware);
+        self.forward_messages(now, firmware);
         self.can.poll_transmit(firmware)
     }
 
     /// Takes what the drive has to say and sends each where it belongs. To be called whenever it
     /// may have something new.
-    pub fn gather(&mut self, now: Instant, firmware: &mut impl Firmware) {
+    pub fn forward_messages(&mut self, now: Instant, firmware: &mut impl Firmware) {
         for _ in 0..MESSAGES_MAX {
             let Some(message) = firmware.poll_message(now) else { return };
             let for_host = message.to.host && message.to.id == firmware.axis();
             match self.quirks.wire {
-                Some(Wire::Rs485) => self.send_serial(&message, firmware),
+                Some(TmlWire::Rs485) => self.send_serial(&message, firmware),
                 _ if for_host => self.send_serial(&message, firmware),
                 _ => self.send_can(&message, firmware),
             }
@@ -129,9 +130,14 @@ impl Relay {
     }
 
     /// A message from the host, or on RS-485 from whoever speaks.
-    fn take_serial(&mut self, now: Instant, message: &Message, firmware: &mut impl Firmware) {
+    fn handle_serial_message(
+        &mut self,
+        now: Instant,
+        message: &Message,
+        firmware: &mut impl Firmware,
+    ) {
         let to = message.to;
-        let rs232 = self.quirks.wire == Some(Wire::Rs232);
+        let rs232 = self.quirks.wire == Some(TmlWire::Rs232);
         if to.host && rs232 && to.id == firmware.axis() {
             return; // the host's own address: nobody else has it
         }
@@ -146,14 +152,14 @@ impl Relay {
     fn send_serial(&mut self, message: &Message, firmware: &mut impl Firmware) {
         if !self.serial.send(message) {
             self.dropped += 1;
-            firmware.trouble(Trouble::SerialOverrun);
+            firmware.note_line_fault(LineFault::SerialOverrun);
         }
     }
 
     fn send_can(&mut self, message: &Message, firmware: &mut impl Firmware) {
         if !self.can.send(message) {
             self.dropped += 1;
-            firmware.trouble(Trouble::CanOverrun);
+            firmware.note_line_fault(LineFault::CanOverrun);
         }
     }
 }
@@ -165,8 +171,8 @@ fn is_for_others(to: IdCode, axis: u8) -> bool {
 /// Whether it answers what a drive asked of another on RS-485: nobody acknowledges an answer
 /// (manual, chapter 3).
 fn is_answer(message: &Message) -> bool {
-    use Online::{GotData, Pong, TakeChecksum, TakeData, TakeData2, TakeVersion};
-    Online::parse(&message.instruction).is_some_and(|online| {
+    use OnlineMessage::{GotData, Pong, TakeChecksum, TakeData, TakeData2, TakeVersion};
+    OnlineMessage::parse(&message.instruction).is_some_and(|online| {
         matches!(
             online,
             GotData { .. }

@@ -7,7 +7,7 @@ use crate::error::Unsupported;
 
 /// A wire with its rules.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Wire {
+pub enum TmlWire {
     /// RS-232 or Ethernet: one drive, which relays to the others on its CAN bus.
     Rs232,
     /// RS-485: many drives, one of whom may speak at a time.
@@ -20,13 +20,13 @@ pub enum Wire {
 
 /// A rule that a message breaks.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Rule {
+pub enum WireRule {
     /// GiveMeData is for one axis.
     GiveMeDataToGroup,
     /// Nothing that is answered goes to a group on RS-485.
     Rs485AnswersFromGroup,
     /// On RS-485 no drive speaks unasked.
-    Rs485Unasked,
+    Rs485Unsolicited,
     /// On RS-232 the host has its drive's axis ID.
     Rs232HostId,
     /// On RS-485 and CAN the host has an axis ID of its own.
@@ -43,7 +43,7 @@ pub enum Rule {
     Incomplete,
 }
 
-impl Rule {
+impl WireRule {
     /// The rule, and what to do instead.
     #[must_use]
     pub const fn sentence(self) -> &'static str {
@@ -55,7 +55,7 @@ impl Rule {
                 "on RS-485 no request for data goes to a group: the answers would collide; ask \
                  the axes one by one"
             }
-            Self::Rs485Unasked => {
+            Self::Rs485Unsolicited => {
                 "on RS-485 no drive speaks unasked: leave SRL_MASK, SRH_MASK and MER_MASK at zero, \
                  use no SEND, and poll instead"
             }
@@ -83,23 +83,23 @@ impl Rule {
     }
 }
 
-impl From<Rule> for Unsupported {
-    fn from(rule: Rule) -> Self {
+impl From<WireRule> for Unsupported {
+    fn from(rule: WireRule) -> Self {
         Self::Forbidden(rule.sentence())
     }
 }
 
-impl Wire {
+impl TmlWire {
     /// Whether the host's own ID has the host bit set: it shares its drive's axis ID.
     #[must_use]
-    pub const fn shares_id(self) -> bool {
+    pub const fn shares_drive_id(self) -> bool {
         matches!(self, Self::Rs232)
     }
 
     /// The ID code by which drives answer to the host.
     #[must_use]
-    pub const fn sender(self, host: u8) -> IdCode {
-        IdCode { group: false, id: host, host: self.shares_id() }
+    pub const fn host_id_code(self, host: u8) -> IdCode {
+        IdCode { group: false, id: host, host: self.shares_drive_id() }
     }
 
     /// Whether a drive acknowledges a message to `to`. On RS-485 neither groups nor axis ID 0 \[I\]:
@@ -116,10 +116,10 @@ impl Wire {
     /// Whether drives may speak unasked (SRL_MASK and its like, SEND).
     ///
     /// # Errors
-    /// [`Rule::Rs485Unasked`].
-    pub const fn unasked(self) -> Result<(), Rule> {
+    /// [`WireRule::Rs485Unsolicited`].
+    pub const fn check_unsolicited(self) -> Result<(), WireRule> {
         match self {
-            Self::Rs485 => Err(Rule::Rs485Unasked),
+            Self::Rs485 => Err(WireRule::Rs485Unsolicited),
             _ => Ok(()),
         }
     }
@@ -128,15 +128,15 @@ impl Wire {
     /// on RS-232, any on the others.
     ///
     /// # Errors
-    /// [`Rule::Rs232HostId`], [`Rule::OwnHostId`].
-    pub const fn host_id(self, host: u8, drive: u8) -> Result<(), Rule> {
+    /// [`WireRule::Rs232HostId`], [`WireRule::OwnHostId`].
+    pub const fn check_host_id(self, host: u8, drive: u8) -> Result<(), WireRule> {
         let same = match self {
             Self::TechnoCan => host % 32 == drive % 32,
             _ => host == drive,
         };
         match (self, same) {
-            (Self::Rs232, false) => Err(Rule::Rs232HostId),
-            (Self::Rs485 | Self::TmlCan | Self::TechnoCan, true) => Err(Rule::OwnHostId),
+            (Self::Rs232, false) => Err(WireRule::Rs232HostId),
+            (Self::Rs485 | Self::TmlCan | Self::TechnoCan, true) => Err(WireRule::OwnHostId),
             _ => Ok(()),
         }
     }
@@ -145,13 +145,13 @@ impl Wire {
     ///
     /// # Errors
     /// The rule that it breaks.
-    pub fn check(self, message: &Message) -> Result<(), Rule> {
+    pub fn check(self, message: &Message) -> Result<(), WireRule> {
         let Message { to, instruction } = message;
         let many = to.group || to.id == 0;
         match instruction.opcode & 0xFE00 {
-            0xB000 if to.group => return Err(Rule::GiveMeDataToGroup),
+            0xB000 if to.group => return Err(WireRule::GiveMeDataToGroup),
             _ if self == Self::Rs485 && many && is_request(instruction.opcode) => {
-                return Err(Rule::Rs485AnswersFromGroup);
+                return Err(WireRule::Rs485AnswersFromGroup);
             }
             _ => {}
         }
@@ -173,7 +173,7 @@ pub const fn is_request(opcode: u16) -> bool {
 
 /// After these a drive does not answer where it was: RESET, AXISID, baud and bit rates.
 #[must_use]
-pub(super) const fn leaves(opcode: u16) -> bool {
+pub(super) const fn breaks_contact(opcode: u16) -> bool {
     matches!(opcode, 0x0402 | 0x0801 | 0x0901 | 0x0820 | 0x0920 | 0x0804)
 }
 

@@ -30,7 +30,7 @@ pub fn encode(message: &Message, out: &mut [u8; FRAME_MAX]) -> usize {
         pair.copy_from_slice(&word.to_be_bytes());
     }
     let end = FRAME_MIN - 1 + 2 * words;
-    out[end] = sum(&out[..end]);
+    out[end] = checksum(&out[..end]);
     end + 1
 }
 
@@ -43,7 +43,7 @@ pub fn encode(message: &Message, out: &mut [u8; FRAME_MAX]) -> usize {
 #[inline]
 pub fn decode(frame: &[u8]) -> Result<Message, WireError> {
     let &length = frame.first().ok_or(WireError::Short { need: FRAME_MIN as u16, found: 0 })?;
-    let whole = span(length).ok_or(WireError::Count { at: 0, found: length.into() })?;
+    let whole = frame_len(length).ok_or(WireError::Count { at: 0, found: length.into() })?;
     let (need, found) = (whole as u16, frame.len() as u16);
     match frame.len() {
         len if len < whole => return Err(WireError::Short { need, found }),
@@ -51,17 +51,17 @@ pub fn decode(frame: &[u8]) -> Result<Message, WireError> {
         _ => {}
     }
     let (body, check) = frame.split_at(whole - 1);
-    let (computed, found) = (sum(body), check[0]);
+    let (computed, found) = (checksum(body), check[0]);
     if computed != found {
         return Err(WireError::Checksum { computed: computed.into(), found: found.into() });
     }
-    open(body)
+    decode_body(body)
 }
 
 /// Bytes of the frame that begins with this length byte. `None` when none does.
 #[must_use]
 #[inline]
-pub const fn span(length: u8) -> Option<usize> {
+pub const fn frame_len(length: u8) -> Option<usize> {
     match length {
         4 | 6 | 8 | 10 | 12 => Some(length as usize + 2),
         _ => None,
@@ -76,23 +76,23 @@ pub const fn is_sync(byte: u8) -> bool {
 }
 
 #[inline]
-fn sum(bytes: &[u8]) -> u8 {
+fn checksum(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
 }
 
 #[inline]
-fn open(body: &[u8]) -> Result<Message, WireError> {
+fn decode_body(body: &[u8]) -> Result<Message, WireError> {
     let mut words = [0; DATA_WORDS_MAX + 2];
     for (word, pair) in words.iter_mut().zip(body[1..].as_chunks::<2>().0) {
         *word = u16::from_be_bytes(*pair);
     }
     let [code, opcode, data @ ..] = words;
-    let to = IdCode::from_word(code).ok_or_else(|| odd_bits(code))?;
+    let to = IdCode::from_word(code).ok_or_else(|| id_code_error(code))?;
     let count = body.len() / 2 - 2;
     Ok(Message { to, instruction: Instruction::from_padded(opcode, data, count) })
 }
 
-const fn odd_bits(code: u16) -> WireError {
+const fn id_code_error(code: u16) -> WireError {
     let [high, low] = code.to_be_bytes();
     if high & 0xE0 != 0 {
         WireError::Unexpected { at: 1, found: high }
@@ -103,7 +103,7 @@ const fn odd_bits(code: u16) -> WireError {
 
 /// What stands at the head of a stream.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Piece {
+pub enum SerialPiece {
     /// A whole frame.
     Message(Message),
     /// [`ACK`] between frames.
@@ -118,7 +118,7 @@ pub enum Piece {
 
 /// What becomes of bytes in which no frame was found.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Recovery {
+pub enum RecoveryPolicy {
     /// They are dropped as a whole, as a drive does: the boundary is lost until it is synchronised
     /// (manual, chapter 3).
     Drop,
@@ -132,7 +132,7 @@ pub enum Recovery {
 /// Give it a byte, then take pieces until there are none.
 #[derive(Clone, Copy, Debug)]
 pub struct Deframer {
-    recovery: Recovery,
+    recovery: RecoveryPolicy,
     len: u8,
     bytes: [u8; FRAME_MAX],
 }
@@ -140,7 +140,7 @@ pub struct Deframer {
 impl Deframer {
     /// An empty one.
     #[must_use]
-    pub const fn new(recovery: Recovery) -> Self {
+    pub const fn new(recovery: RecoveryPolicy) -> Self {
         Self { recovery, len: 0, bytes: [0; FRAME_MAX] }
     }
 
@@ -167,14 +167,14 @@ impl Deframer {
 
     /// Takes the next piece off the stream, if enough is there to tell.
     #[inline]
-    pub fn next_piece(&mut self) -> Option<Piece> {
+    pub fn next_piece(&mut self) -> Option<SerialPiece> {
         let &first = self.pending().first()?;
-        let Some(whole) = span(first) else {
+        let Some(whole) = frame_len(first) else {
             self.consume(1);
             return Some(match first {
-                ACK => Piece::Ack,
-                SYNC => Piece::Sync,
-                other => Piece::Stray(other),
+                ACK => SerialPiece::Ack,
+                SYNC => SerialPiece::Sync,
+                other => SerialPiece::Stray(other),
             });
         };
         let read = match self.pending().get(..whole) {
@@ -182,21 +182,21 @@ impl Deframer {
             None => Err(self.impossible_head()?),
         };
         match (read, self.recovery) {
-            (Err(_), Recovery::Search) => self.consume(1),
+            (Err(_), RecoveryPolicy::Search) => self.consume(1),
             _ => self.consume(whole),
         }
-        Some(read.map_or_else(Piece::Broken, Piece::Message))
+        Some(read.map_or_else(SerialPiece::Broken, SerialPiece::Message))
     }
 
     /// What is wrong with the beginning of a frame already: its ID code. A host that searches need
     /// not wait for the rest, behind a byte that only looked like a length.
     fn impossible_head(&self) -> Option<WireError> {
         let code = match (self.recovery, self.pending()) {
-            (Recovery::Search, [_, high, low, ..]) => u16::from_be_bytes([*high, *low]),
-            (Recovery::Search, [_, high]) => u16::from_be_bytes([*high, 0]),
+            (RecoveryPolicy::Search, [_, high, low, ..]) => u16::from_be_bytes([*high, *low]),
+            (RecoveryPolicy::Search, [_, high]) => u16::from_be_bytes([*high, 0]),
             _ => return None,
         };
-        IdCode::from_word(code).is_none().then(|| odd_bits(code))
+        IdCode::from_word(code).is_none().then(|| id_code_error(code))
     }
 
     fn consume(&mut self, count: usize) {

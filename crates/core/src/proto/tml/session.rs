@@ -10,25 +10,27 @@
 //! On CAN, and for axes behind a relay, nothing tells that a drive took an instruction. There a
 //! question to the same drive follows it; an assignment is read back by it.
 
-mod acknowledge;
-mod doubt;
-mod gather;
+mod acknowledgement;
+mod group_answers;
+mod matching;
 mod overtake;
 mod recovery;
+mod stale_replies;
 
-use super::ask::{
-    self, Answer, Ask, MASTERID, SRL, With, assigned, assignment, give_me_data, signed,
+use super::host_request::{
+    self, Answer, Confirmation, HostRequest, MASTERID, SRL, assign_instruction, assigned_variable,
+    give_me_data, with_sender,
 };
-use super::online::Online;
-use super::rules::{Rule, Wire, leaves};
+use super::online::OnlineMessage;
+use super::rules::{TmlWire, WireRule, breaks_contact};
 use super::serial::FRAME_MIN;
 use super::wire::{IdCode, Instruction, Message};
 use crate::error::{Failure, Unsupported};
 use crate::proto::GROUP;
-use crate::station::{Class, Counters, Event, LineEvent, Ticket, To};
+use crate::station::{Counters, EventSubject, HostEvent, LineEvent, RequestClass, Ticket};
 use crate::time::Instant;
-use doubt::Doubts;
-use gather::Gather;
+use group_answers::GroupAnswers;
+use stale_replies::StaleReplies;
 
 /// Times a question or a stop is sent at most.
 pub const ATTEMPTS_MAX: u8 = 3;
@@ -36,13 +38,13 @@ pub const ATTEMPTS_MAX: u8 = 3;
 pub const SYNCS_MAX: u8 = 15;
 /// The same while somebody looks for drives: most addresses are nobody's, and on most lines some drive
 /// hears the first one.
-const SYNCS_PROBING: u8 = 2;
+const SYNCS_SCANNING: u8 = 2;
 /// Questions asked at most to end one doubt.
 pub const PROBES_MAX: u8 = 4;
 /// Events that wait to be taken at most; what drives say unasked beyond that is counted and lost.
 pub const EVENTS_MAX: usize = 64;
 /// Places among them that the ends of requests need.
-const EVENTS_KEPT: usize = 8;
+const EVENT_ROOM_MIN: usize = 8;
 /// An acknowledgement or answer is possible for so many times the time allowed for it.
 const LATEST_TIMEOUTS: u64 = 3;
 /// Messages whose only acknowledgement came too soon, after which they are taken as they come.
@@ -55,20 +57,20 @@ const DRAIN_NS: u64 = 50_000_000;
 
 /// How long is waited for what.
 #[derive(Clone, Copy, Debug)]
-pub struct Waits {
+pub struct Timeouts {
     /// For an acknowledgement, once the frame has left.
     pub ack_ns: u64,
     /// For what a SYNC byte brings.
-    pub pause_ns: u64,
+    pub sync_pause_ns: u64,
     /// For an answer, once the request was heard.
     pub answer_ns: u64,
     /// One character on the line; 0 where characters take no time.
     pub character_ns: u64,
     /// Between messages to axes behind a relay that nothing else paces.
-    pub pace_ns: u64,
+    pub relay_gap_ns: u64,
 }
 
-impl Waits {
+impl Timeouts {
     fn frame_ns(&self, message: &Message) -> u64 {
         self.character_ns * (FRAME_MIN + 2 * message.instruction.data().len()) as u64
     }
@@ -76,28 +78,28 @@ impl Waits {
 
 /// Who the host is on its wire.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct Topology {
     /// The wire and its rules.
-    pub wire: Wire,
+    pub wire: TmlWire,
     /// The host's own ID code.
-    pub own: IdCode,
+    pub own_code: IdCode,
     /// The drive on the other end of an RS-232 line.
-    pub relay: Option<u8>,
+    pub relay_axis: Option<u8>,
     /// The first axis that is no group.
-    pub first: Option<u8>,
+    pub first_axis: Option<u8>,
     /// One drive is all there is on the line.
-    pub alone: bool,
+    pub single_drive: bool,
     /// The relay's bus is TechnoCAN.
     pub behind_technocan: bool,
     /// Somebody looks for drives.
-    pub probing: bool,
+    pub scanning: bool,
     /// What the host's ID breaks.
-    pub broken: Option<Rule>,
+    pub broken_rule: Option<WireRule>,
 }
 
 /// What is to be put on the wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Out {
+pub enum Outgoing {
     /// A message.
     Message(Message),
     /// So many bytes that synchronise.
@@ -105,193 +107,200 @@ pub enum Out {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Pending {
+struct PendingExchange {
     /// `None` for a question that is to end a doubt.
     ticket: Option<Ticket>,
-    ask: Ask,
-    stage: Stage,
-    phase: Phase,
+    host_request: HostRequest,
+    stage: RequestStage,
+    phase: RequestPhase,
     attempts: u8,
     /// Something like an acknowledgement came before the message had left.
-    early: bool,
+    early_ack: bool,
     /// And there was none before it, in all the time that a copy may take.
-    first: bool,
+    early_ack_is_first: bool,
 }
 
 /// Which of its messages a request is at.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Stage {
-    Master,
-    Itself,
+enum RequestStage {
+    SetMaster,
+    Request,
     /// The question behind an instruction.
     Proof,
 }
 
-impl Stage {
+impl RequestStage {
     /// What goes out first.
-    fn first(ask: &Ask) -> Self {
-        if ask.with == With::Master { Self::Master } else { Self::Itself }
+    fn first_for(ask: &HostRequest) -> Self {
+        if ask.confirmation == Confirmation::MasterFirst { Self::SetMaster } else { Self::Request }
     }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Phase {
+enum RequestPhase {
     /// Not on the wire before then.
     Ready(Instant),
-    Ack(Instant),
-    Answer(Instant),
+    AwaitAck(Instant),
+    AwaitAnswer(Instant),
     /// So many SYNC bytes are out.
-    Sync(u8, Instant),
+    AwaitSync(u8, Instant),
     /// The next SYNC byte is to be sent.
-    SyncDue(u8),
+    SendSync(u8),
     Drain(Instant),
 }
 
 /// What the host can still try when a drive is silent: another baud rate.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Fallback {
+pub(super) enum BaudFallback {
     /// It was tried in vain, or there is none.
-    Spent,
+    Exhausted,
     /// It was not tried since the drive was last heard.
     Armed,
     /// A question waits for it.
-    Due,
+    Requested,
 }
 
 /// The session of one host.
 #[derive(Debug)]
 pub struct Session {
-    place: Place,
-    waits: Waits,
-    pending: Option<Pending>,
+    topology: Topology,
+    timeouts: Timeouts,
+    pending: Option<PendingExchange>,
     /// Is sent once, however silent its drive.
-    pub(super) once: Option<Ticket>,
+    pub(super) no_retry_ticket: Option<Ticket>,
     /// A stop that waits for the line.
-    stop: Option<(Ticket, Ask)>,
+    pending_stop: Option<(Ticket, HostRequest)>,
     /// A question that a stop overtook.
-    aside: Option<Pending>,
-    doubts: Doubts,
-    gather: Gather,
-    events: [Event<Answer>; EVENTS_MAX],
+    overtaken: Option<PendingExchange>,
+    stale_replies: StaleReplies,
+    group_answers: GroupAnswers,
+    events: [HostEvent<Answer>; EVENTS_MAX],
     /// The gathered answer that is being handed on.
-    part: Event<Answer>,
-    first: usize,
-    count: usize,
+    current_part: HostEvent<Answer>,
+    events_first: usize,
+    events_len: usize,
     /// Axes that ever answered.
-    known: [u64; 4],
+    answered_axes: [u64; 4],
     /// Until when the last message to somebody behind a relay is taken to be on its way.
-    paced: Instant,
+    relay_free_at: Instant,
     /// How sure it is that the line's baud rate is fiction (a virtual port): acknowledgements come
     /// before their messages can have left.
-    fiction: u8,
+    fiction_score: u8,
     /// When something like an acknowledgement came last.
-    told: Option<Instant>,
-    pub(super) fallback: Fallback,
-    up: bool,
+    last_ack: Option<Instant>,
+    pub(super) fallback: BaudFallback,
+    link_up: bool,
     pub(super) counters: Counters,
 }
 
 impl Session {
-    pub(super) fn new(place: Place, waits: Waits) -> Self {
+    pub(super) fn new(topology: Topology, timeouts: Timeouts) -> Self {
         Self {
-            place,
-            waits,
+            topology,
+            timeouts,
             pending: None,
-            once: None,
-            stop: None,
-            aside: None,
-            doubts: Doubts::new(),
-            gather: Gather::new(),
-            events: [NOTHING; EVENTS_MAX],
-            part: NOTHING,
-            first: 0,
-            count: 0,
-            known: [0; 4],
-            paced: Instant::ZERO,
-            fiction: 0,
-            told: None,
-            fallback: Fallback::Spent,
-            up: true,
+            no_retry_ticket: None,
+            pending_stop: None,
+            overtaken: None,
+            stale_replies: StaleReplies::new(),
+            group_answers: GroupAnswers::new(),
+            events: [EMPTY_EVENT; EVENTS_MAX],
+            current_part: EMPTY_EVENT,
+            events_first: 0,
+            events_len: 0,
+            answered_axes: [0; 4],
+            relay_free_at: Instant::ZERO,
+            fiction_score: 0,
+            last_ack: None,
+            fallback: BaudFallback::Exhausted,
+            link_up: true,
             counters: Counters::default(),
         }
     }
 
     #[inline]
-    pub(super) const fn wire(&self) -> Wire {
-        self.place.wire
+    pub(super) const fn wire(&self) -> TmlWire {
+        self.topology.wire
     }
 
     /// Whether a drive of that address can be asked: not with the host's own.
-    pub(super) fn may_join(&self, address: u32) -> bool {
-        let on_bus = self.place.wire != Wire::Rs232;
-        !on_bus || address & GROUP != 0 || !self.same_axis(address as u8, self.place.own.id)
+    pub(super) fn can_add_drive(&self, address: u32) -> bool {
+        let on_bus = self.topology.wire != TmlWire::Rs232;
+        !on_bus || address & GROUP != 0 || !self.same_axis(address as u8, self.topology.own_code.id)
     }
 
     /// There is one more axis.
-    pub(super) const fn joined(&mut self) {
-        self.place.alone = false;
+    pub(super) const fn add_drive(&mut self) {
+        self.topology.single_drive = false;
     }
 
-    pub(super) fn submit(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
-        if self.count > EVENTS_MAX - EVENTS_KEPT || self.gather.is_draining() {
+    pub(super) fn submit(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        ask: HostRequest,
+    ) -> Result<(), HostRequest> {
+        if self.events_len > EVENTS_MAX - EVENT_ROOM_MIN || self.group_answers.is_draining() {
             return Err(ask);
         }
-        if let Some(failure) = self.refusal(&ask) {
-            self.push(To::Ticket(ticket), Err(failure));
+        if let Some(failure) = self.rejection_of(&ask) {
+            self.push_event(EventSubject::Request(ticket), Err(failure));
             return Ok(());
         }
-        let stop = ask.class == Class::Stop;
+        let stop = ask.class == RequestClass::Stop;
         if self.pending.is_some() {
-            return if stop { self.overtake(now, ticket, ask) } else { Err(ask) };
+            return if stop { self.overtake_pending(now, ticket, ask) } else { Err(ask) };
         }
         if !stop && self.must_wait(now, &ask) {
             return Err(ask);
         }
-        self.start(now, Some(ticket), ask);
+        self.start_request(now, Some(ticket), ask);
         Ok(())
     }
 
-    pub(super) fn poll_event(&mut self) -> Option<&Event<Answer>> {
-        if self.count > 0 {
-            let event = &self.events[self.first];
-            self.first = (self.first + 1) % EVENTS_MAX;
-            self.count -= 1;
+    pub(super) fn poll_event(&mut self) -> Option<&HostEvent<Answer>> {
+        if self.events_len > 0 {
+            let event = &self.events[self.events_first];
+            self.events_first = (self.events_first + 1) % EVENTS_MAX;
+            self.events_len -= 1;
             return Some(event);
         }
-        self.part = self.gather.next_event()?;
-        Some(&self.part)
+        self.current_part = self.group_answers.next_event()?;
+        Some(&self.current_part)
     }
 
     /// What to put on the wire now, if anything.
     #[inline]
-    pub(super) fn transmit(&mut self, now: Instant) -> Option<Out> {
+    pub(super) fn transmit(&mut self, now: Instant) -> Option<Outgoing> {
         let pending = self.pending.as_mut()?;
         match pending.phase {
-            Phase::Ready(at) if at <= now => {}
-            Phase::SyncDue(sent) => return Some(self.synchronise(now, sent)),
+            RequestPhase::Ready(at) if at <= now => {}
+            RequestPhase::SendSync(sent) => return Some(self.next_sync(now, sent)),
             _ => return None,
         }
-        let (ask, stage) = (pending.ask, pending.stage);
+        let (ask, stage) = (pending.host_request, pending.stage);
         self.counters.sent += 1;
         self.counters.resent += u64::from(pending.attempts > 0);
-        (pending.attempts, pending.early) = (pending.attempts + 1, false);
-        let message = self.message(&ask, stage);
-        let left = now.plus_ns(self.waits.frame_ns(&message));
-        if self.place.wire.acknowledges(message.to) {
-            self.phase(Phase::Ack(left.plus_ns(self.waits.character_ns + self.waits.ack_ns)));
+        (pending.attempts, pending.early_ack) = (pending.attempts + 1, false);
+        let message = self.stage_message(&ask, stage);
+        let left = now.plus_ns(self.timeouts.frame_ns(&message));
+        if self.topology.wire.acknowledges(message.to) {
+            self.set_phase(RequestPhase::AwaitAck(
+                left.plus_ns(self.timeouts.character_ns + self.timeouts.ack_ns),
+            ));
         } else {
-            self.taken(left);
+            self.handle_accepted(left);
         }
-        Some(Out::Message(message))
+        Some(Outgoing::Message(message))
     }
 
     /// Puts the sending off, but no stop.
-    pub(super) fn hold(&mut self, until: Instant) {
+    pub(super) fn delay_sending(&mut self, until: Instant) {
         if let Some(pending) = &mut self.pending
-            && pending.ask.class != Class::Stop
-            && let Phase::Ready(at) = pending.phase
+            && pending.host_request.class != RequestClass::Stop
+            && let RequestPhase::Ready(at) = pending.phase
         {
-            pending.phase = Phase::Ready(at.max(until));
+            pending.phase = RequestPhase::Ready(at.max(until));
         }
     }
 
@@ -301,27 +310,28 @@ impl Session {
     }
 
     /// The other rate was tried: a question that waited for that is asked again.
-    pub(super) fn fell_back(&mut self, now: Instant) {
-        if self.fallback == Fallback::Due {
-            self.recovered(now);
+    pub(super) fn finish_fallback(&mut self, now: Instant) {
+        if self.fallback == BaudFallback::Requested {
+            self.resume_after_recovery(now);
         }
-        self.fallback = Fallback::Spent;
+        self.fallback = BaudFallback::Exhausted;
     }
 
     /// True while a message waits to be sent.
     pub(super) fn has_unsent(&self) -> bool {
-        self.pending.is_some_and(|p| matches!(p.phase, Phase::Ready(_) | Phase::SyncDue(_)))
+        self.pending
+            .is_some_and(|p| matches!(p.phase, RequestPhase::Ready(_) | RequestPhase::SendSync(_)))
     }
 
     /// True when an acknowledgement should have come by now.
-    pub(super) fn lacks_ack(&self, now: Instant) -> bool {
-        self.pending.is_some_and(|p| matches!(p.phase, Phase::Ack(at) if now >= at))
+    pub(super) fn is_ack_overdue(&self, now: Instant) -> bool {
+        self.pending.is_some_and(|p| matches!(p.phase, RequestPhase::AwaitAck(at) if now >= at))
     }
 
     /// Takes a drive's answer to SYNC.
-    pub(super) fn synchronised(&mut self, now: Instant) {
-        if self.pending.is_some_and(|p| matches!(p.phase, Phase::Sync(..))) {
-            self.recovered(now);
+    pub(super) fn handle_sync(&mut self, now: Instant) {
+        if self.pending.is_some_and(|p| matches!(p.phase, RequestPhase::AwaitSync(..))) {
+            self.resume_after_recovery(now);
         } else {
             self.counters.skipped += 1;
         }
@@ -330,359 +340,301 @@ impl Session {
     /// Takes a message that passed every check of the wire. `to` is `None` where the wire does not
     /// say whom it is for.
     #[inline]
-    pub(super) fn heard(&mut self, now: Instant, to: Option<IdCode>, said: &Instruction) {
-        let own = |code: IdCode| !code.group && self.same_axis(code.id, self.place.own.id);
+    pub(super) fn handle_message(&mut self, now: Instant, to: Option<IdCode>, said: &Instruction) {
+        let own = |code: IdCode| !code.group && self.same_axis(code.id, self.topology.own_code.id);
         if !to.is_none_or(own) {
             self.counters.foreign += 1;
             return;
         }
-        let Some(said) = Online::parse(said) else {
+        let Some(said) = OnlineMessage::parse(said) else {
             self.counters.foreign += 1;
             return;
         };
-        if !self.judge(now, &said) {
+        if !self.match_answer(now, &said) {
             match said {
-                Online::TakeData2 { sender, .. } => self.event(sender, &said),
+                OnlineMessage::TakeData2 { sender, .. } => self.push_unsolicited(sender, &said),
                 _ => self.counters.late += 1,
             }
         }
     }
 
     pub(super) fn handle_timeout(&mut self, now: Instant) {
-        self.expire(now);
-        self.doubts.expire(now);
-        self.next(now);
+        self.expire_phase(now);
+        self.stale_replies.expire(now);
+        self.start_next(now);
     }
 
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        let Some(pending) = self.pending else { return self.doubts.until() };
+        let Some(pending) = self.pending else { return self.stale_replies.deadline() };
         match pending.phase {
-            Phase::Ready(at)
-            | Phase::Ack(at)
-            | Phase::Answer(at)
-            | Phase::Sync(_, at)
-            | Phase::Drain(at) => Some(at),
-            Phase::SyncDue(_) => Some(Instant::ZERO),
+            RequestPhase::Ready(at)
+            | RequestPhase::AwaitAck(at)
+            | RequestPhase::AwaitAnswer(at)
+            | RequestPhase::AwaitSync(_, at)
+            | RequestPhase::Drain(at) => Some(at),
+            RequestPhase::SendSync(_) => Some(Instant::ZERO),
         }
     }
 
     pub(super) fn handle_line(&mut self, _: Instant, event: LineEvent) {
-        self.up = match event {
+        self.link_up = match event {
             LineEvent::Down | LineEvent::BusOff => false,
             LineEvent::Up => true,
-            LineEvent::Break => self.up,
+            LineEvent::Break => self.link_up,
         };
-        if self.up {
+        if self.link_up {
             return;
         }
-        self.gather.clear();
-        let asked = [self.pending.take(), self.aside.take()];
+        self.group_answers.clear();
+        let asked = [self.pending.take(), self.overtaken.take()];
         let asked = asked.map(|pending| pending.and_then(|pending| pending.ticket));
-        let stop = self.stop.take().map(|(ticket, _)| ticket);
+        let stop = self.pending_stop.take().map(|(ticket, _)| ticket);
         for ticket in asked.into_iter().chain([stop]).flatten() {
-            self.push(To::Ticket(ticket), Err(Failure::LinkDown));
+            self.push_event(EventSubject::Request(ticket), Err(Failure::LinkDown));
         }
     }
 
     /// The message as it goes on the wire: in a request the host fills in its own ID code.
-    pub(super) fn addressed(&self, message: &Message) -> Message {
+    pub(super) fn with_own_sender(&self, message: &Message) -> Message {
         let mut message = *message;
-        if ask::question(&message.instruction).is_some() {
-            message.instruction = signed(&message.instruction, self.place.own);
+        if host_request::query_of(&message.instruction).is_some() {
+            message.instruction = with_sender(&message.instruction, self.topology.own_code);
         }
         message
     }
 
-    fn message(&self, ask: &Ask, stage: Stage) -> Message {
+    fn stage_message(&self, ask: &HostRequest, stage: RequestStage) -> Message {
         let to = ask.message.to;
         let instruction = match stage {
-            Stage::Itself => return self.addressed(&ask.message),
-            Stage::Master => {
-                let own = IdCode { host: true, ..self.place.own };
-                return Message { to, instruction: assignment(MASTERID, own.word().into(), false) };
+            RequestStage::Request => return self.with_own_sender(&ask.message),
+            RequestStage::SetMaster => {
+                let own = IdCode { host: true, ..self.topology.own_code };
+                return Message {
+                    to,
+                    instruction: assign_instruction(MASTERID, own.word().into(), false),
+                };
             }
-            Stage::Proof => match assigned(&ask.message.instruction) {
+            RequestStage::Proof => match assigned_variable(&ask.message.instruction) {
                 Some((address, _, long)) => give_me_data(address, long),
                 None => give_me_data(SRL, false),
             },
         };
-        self.addressed(&Message { to, instruction })
+        self.with_own_sender(&Message { to, instruction })
     }
 
-    fn question(&self, pending: &Pending) -> Option<Online> {
-        ask::question(&self.message(&pending.ask, pending.stage).instruction)
+    fn query_of(&self, pending: &PendingExchange) -> Option<OnlineMessage> {
+        host_request::query_of(
+            &self.stage_message(&pending.host_request, pending.stage).instruction,
+        )
     }
 
     /// What forbids a request, whatever the time.
-    fn refusal(&self, ask: &Ask) -> Option<Failure> {
-        if !self.up {
+    fn rejection_of(&self, ask: &HostRequest) -> Option<Failure> {
+        if !self.link_up {
             return Some(Failure::LinkDown);
         }
-        let Place { wire, own, relay, behind_technocan, broken, .. } = self.place;
+        let Topology {
+            wire,
+            own_code: own,
+            relay_axis: relay,
+            behind_technocan,
+            broken_rule: broken,
+            ..
+        } = self.topology;
         let Message { to, instruction } = &ask.message;
         let many = to.group || to.id == 0;
-        let question = ask::question(instruction);
-        let speaks = ask.with == With::Master;
-        let beyond = wire == Wire::Rs232 && (to.group || relay != Some(to.id));
-        let may_speak = if speaks { wire.unasked() } else { Ok(()) };
-        let second = speaks || question.is_some_and(|question| ask::gathers(&question));
-        let rule = match (broken, wire.check(&self.addressed(&ask.message)), may_speak) {
+        let question = host_request::query_of(instruction);
+        let speaks = ask.confirmation == Confirmation::MasterFirst;
+        let beyond = wire == TmlWire::Rs232 && (to.group || relay != Some(to.id));
+        let may_speak = if speaks { wire.check_unsolicited() } else { Ok(()) };
+        let second =
+            speaks || question.is_some_and(|question| host_request::is_group_query(&question));
+        let rule = match (broken, wire.check(&self.with_own_sender(&ask.message)), may_speak) {
             (Some(rule), ..) | (_, Err(rule), _) | (.., Err(rule)) => Some(rule),
-            _ if wire != Wire::Rs232 && !many && self.same_axis(to.id, own.id) => {
-                Some(Rule::OwnHostId)
+            _ if wire != TmlWire::Rs232 && !many && self.same_axis(to.id, own.id) => {
+                Some(WireRule::OwnHostId)
             }
-            _ if behind_technocan && beyond && second => Some(Rule::TechnoCanRelay),
+            _ if behind_technocan && beyond && second => Some(WireRule::TechnoCanRelay),
             _ => None,
         };
-        let harmless = matches!(ask.class, Class::Idempotent | Class::Stop);
+        let harmless = matches!(ask.class, RequestClass::Idempotent | RequestClass::Stop);
         match rule {
             Some(rule) => Some(Failure::Impossible(Unsupported::Forbidden(rule.sentence()))),
-            None if !many && !harmless && self.doubts.are_twins(to.id) => Some(TWINS),
+            None if !many && !harmless && self.stale_replies.has_duplicate_axis(to.id) => {
+                Some(DUPLICATE_AXIS)
+            }
             None => None,
         }
     }
 
     /// True while an answer to this could be taken for another's, or the reverse.
-    fn must_wait(&mut self, now: Instant, ask: &Ask) -> bool {
-        self.doubts.expire(now);
+    fn must_wait(&mut self, now: Instant, ask: &HostRequest) -> bool {
+        self.stale_replies.expire(now);
         let Message { to, instruction } = &ask.message;
-        match ask::question(instruction) {
-            Some(question) => !to.group && self.doubts.concern(to.id, ask::tag(&question)),
-            None => self.place.wire.acknowledges(*to) && self.doubts.concern_acks(),
+        match host_request::query_of(instruction) {
+            Some(question) => {
+                !to.group
+                    && self
+                        .stale_replies
+                        .may_answer_be_stale(to.id, host_request::answer_tag(&question))
+            }
+            None => self.topology.wire.acknowledges(*to) && self.stale_replies.may_ack_be_stale(),
         }
     }
 
     /// Whether two axis IDs are one on this wire: TechnoCAN has five bits for them.
     fn same_axis(&self, a: u8, b: u8) -> bool {
-        match self.place.wire {
-            Wire::TechnoCan => a % 32 == b % 32,
+        match self.topology.wire {
+            TmlWire::TechnoCan => a % 32 == b % 32,
             _ => a == b,
         }
     }
 
-    fn start(&mut self, now: Instant, ticket: Option<Ticket>, ask: Ask) {
-        let stage = Stage::first(&ask);
-        let at = if ask.class == Class::Stop { now } else { now.max(self.paced) };
-        let phase = Phase::Ready(at);
+    fn start_request(&mut self, now: Instant, ticket: Option<Ticket>, ask: HostRequest) {
+        let stage = RequestStage::first_for(&ask);
+        let at = if ask.class == RequestClass::Stop { now } else { now.max(self.relay_free_at) };
+        let phase = RequestPhase::Ready(at);
         let (attempts, early, first) = (0, false, false);
-        self.pending = Some(Pending { ticket, ask, stage, phase, attempts, early, first });
+        self.pending = Some(PendingExchange {
+            ticket,
+            host_request: ask,
+            stage,
+            phase,
+            attempts,
+            early_ack: early,
+            early_ack_is_first: first,
+        });
     }
 
-    fn phase(&mut self, phase: Phase) {
+    fn set_phase(&mut self, phase: RequestPhase) {
         if let Some(pending) = &mut self.pending {
             pending.phase = phase;
         }
     }
 
     /// On with the request's next message.
-    fn advance(&mut self, now: Instant, stage: Stage) {
+    fn enter_stage(&mut self, now: Instant, stage: RequestStage) {
         if let Some(pending) = &mut self.pending {
-            (pending.stage, pending.attempts, pending.early) = (stage, 0, false);
-            pending.phase = Phase::Ready(now);
+            (pending.stage, pending.attempts, pending.early_ack) = (stage, 0, false);
+            pending.phase = RequestPhase::Ready(now);
         }
     }
 
     /// A message was acknowledged, or is on a wire that acknowledges nothing.
-    fn taken(&mut self, now: Instant) {
+    fn handle_accepted(&mut self, now: Instant) {
         let Some(pending) = self.pending else { return };
-        if let Some(question) = self.question(&pending) {
-            if self.stop.is_some() && self.place.wire != Wire::Rs485 {
-                return self.give_way(now);
+        if let Some(question) = self.query_of(&pending) {
+            if self.pending_stop.is_some() && self.topology.wire != TmlWire::Rs485 {
+                return self.start_pending_stop(now);
             }
-            if ask::gathers(&question) && is_for_many(&pending) {
-                self.gather.begin(pending.ticket);
+            if host_request::is_group_query(&question) && is_group_request(&pending) {
+                self.group_answers.begin(pending.ticket);
             }
-            return self.phase(Phase::Answer(now.plus_ns(self.waits.answer_ns)));
+            return self.set_phase(RequestPhase::AwaitAnswer(now.plus_ns(self.timeouts.answer_ns)));
         }
-        let instruction = &pending.ask.message.instruction;
+        let instruction = &pending.host_request.message.instruction;
         match pending.stage {
-            Stage::Master => self.advance(now, Stage::Itself),
-            _ if !self.wants_proof(&pending.ask) => {
-                self.paced = now.plus_ns(self.pace_ns(&pending.ask.message));
-                let value = assigned(instruction).map_or(0, |(_, value, _)| value);
-                self.end(now, Ok(Answer::Taken(value)));
+            RequestStage::SetMaster => self.enter_stage(now, RequestStage::Request),
+            _ if !self.needs_proof(&pending.host_request) => {
+                self.relay_free_at = now.plus_ns(self.relay_gap_ns(&pending.host_request.message));
+                let value = assigned_variable(instruction).map_or(0, |(_, value, _)| value);
+                self.finish_pending(now, Ok(Answer::Accepted(value)));
             }
             // The drive will be somewhere else, or start anew: nobody is there to be asked.
-            _ if leaves(instruction.opcode) => self.end(now, Err(Failure::Silent)),
-            _ => self.advance(now, Stage::Proof),
+            _ if breaks_contact(instruction.opcode) => {
+                self.finish_pending(now, Err(Failure::Silent))
+            }
+            _ => self.enter_stage(now, RequestStage::Proof),
         }
     }
 
     /// Whether only a question tells that the drive took an instruction.
-    fn wants_proof(&self, ask: &Ask) -> bool {
+    fn needs_proof(&self, ask: &HostRequest) -> bool {
         let to = ask.message.to;
-        let heard_by_itself = match self.place.wire {
-            Wire::Rs232 => self.place.relay == Some(to.id),
-            Wire::Rs485 => true,
-            Wire::TmlCan | Wire::TechnoCan => false,
+        let heard_by_itself = match self.topology.wire {
+            TmlWire::Rs232 => self.topology.relay_axis == Some(to.id),
+            TmlWire::Rs485 => true,
+            TmlWire::TmlCan | TmlWire::TechnoCan => false,
         };
-        ask.with != With::Nothing && !to.group && to.id != 0 && !heard_by_itself
+        ask.confirmation != Confirmation::None && !to.group && to.id != 0 && !heard_by_itself
     }
 
-    fn pace_ns(&self, message: &Message) -> u64 {
-        let behind = message.to.group || self.place.relay != Some(message.to.id);
-        if self.place.wire == Wire::Rs232 && behind { self.waits.pace_ns } else { 0 }
-    }
-
-    /// Whether what was said answers what was asked, now or a moment ago.
-    fn judge(&mut self, now: Instant, said: &Online) -> bool {
-        // It was asked for, so it is not late; and nobody takes it, so it is no answer.
-        if self.answers_aside(said) {
-            return true;
-        }
-        let pending = self.pending.filter(|pending| pending.attempts > 0);
-        let asked = pending.and_then(|pending| Some((pending, self.question(&pending)?)));
-        let Some((pending, question)) = asked else { return self.double(said) };
-        let Some(answer) = ask::answer(said).filter(|_| said.answers(&question, ANYBODY)) else {
-            return self.double(said);
-        };
-        let (from, to) = (said.answered_by(), pending.ask.message.to);
-        if self.gather.is_open() {
-            return self.gathered(now, from, answer);
-        }
-        if from.is_some_and(|from| to.id != 0 && !self.same_axis(from, to.id)) {
-            return self.double(said);
-        }
-        self.answered(now, &pending, question, answer);
-        true
-    }
-
-    /// Whether this answers the question that a stop overtook, which was on the wire before the
-    /// stop's own: a drive answers in order, so it proves nothing of the stop. It is asked again.
-    fn answers_aside(&mut self, said: &Online) -> bool {
-        let aside = self.aside.filter(|aside| aside.attempts > 0);
-        let Some(question) = aside.and_then(|aside| self.question(&aside)) else { return false };
-        let to = aside.map_or(IdCode::BROADCAST, |aside| aside.ask.message.to);
-        let fits = said.answers(&question, ANYBODY)
-            && said.answered_by().is_none_or(|from| to.id == 0 || self.same_axis(from, to.id));
-        if let Some(aside) = self.aside.as_mut().filter(|_| fits) {
-            aside.attempts -= 1;
-        }
-        fits
-    }
-
-    fn gathered(&mut self, now: Instant, from: Option<u8>, answer: Answer) -> bool {
-        let Some(from) = from else { return false };
-        self.know(from);
-        if !self.gather.take(from, answer) {
-            self.doubts.doubled(from);
-        }
-        self.phase(Phase::Answer(now.plus_ns(self.waits.answer_ns)));
-        true
-    }
-
-    fn answered(&mut self, now: Instant, pending: &Pending, question: Online, answer: Answer) {
-        let axis = pending.ask.message.to.id;
-        self.know(axis);
-        self.answered_before_its_acknowledgement(pending);
-        self.counters.answered += 1;
-        self.doubts.answered(axis, question, self.place.wire == Wire::Rs232, pending.attempts == 1);
-        if pending.attempts > 1 {
-            let until = now.plus_ns(LATEST_TIMEOUTS * self.waits.answer_ns);
-            self.doubts.add(axis, ask::tag(&question), until, true);
-            if self.place.wire.acknowledges(pending.ask.message.to) {
-                // It names nothing, and comes as often as was asked.
-                self.doubts.add_ack(axis, until);
-            }
-        }
-        if pending.stage == Stage::Itself {
-            return self.end(now, Ok(answer));
-        }
-        let assigned = assigned(&pending.ask.message.instruction);
-        let found = match answer {
-            Answer::Value { value, .. } => value,
-            _ => 0,
-        };
-        let result = match assigned {
-            Some((_, value, _)) if pending.ask.class == Class::Confirm && value != found => {
-                Err(Failure::Misbehaved)
-            }
-            Some((_, value, _)) => Ok(Answer::Taken(value)),
-            None => Ok(Answer::Taken(0)),
-        };
-        self.end(now, result);
-    }
-
-    /// An answer of a moment ago is given again: by a second drive of that ID, if it happens always.
-    pub(super) fn double(&mut self, said: &Online) -> bool {
-        if self.doubts.is_double(said) {
-            self.counters.late += 1;
-            return true;
-        }
-        false
+    fn relay_gap_ns(&self, message: &Message) -> u64 {
+        let behind = message.to.group || self.topology.relay_axis != Some(message.to.id);
+        if self.topology.wire == TmlWire::Rs232 && behind { self.timeouts.relay_gap_ns } else { 0 }
     }
 
     /// Ends what is outstanding.
-    fn end(&mut self, now: Instant, result: Result<Answer, Failure>) {
+    fn finish_pending(&mut self, now: Instant, result: Result<Answer, Failure>) {
         let Some(pending) = self.pending.take() else { return };
         if let Some(ticket) = pending.ticket {
-            self.push(To::Ticket(ticket), result);
+            self.push_event(EventSubject::Request(ticket), result);
         }
-        self.next(now);
+        self.start_next(now);
     }
 
     /// What comes next when nothing is outstanding: a stop that waits, what it overtook, then a
     /// question that ends a doubt.
-    fn next(&mut self, now: Instant) {
-        if self.pending.is_some() || !self.up {
+    fn start_next(&mut self, now: Instant) {
+        if self.pending.is_some() || !self.link_up {
             return;
         }
-        if let Some((ticket, ask)) = self.stop.take() {
-            return self.start(now, Some(ticket), ask);
+        if let Some((ticket, ask)) = self.pending_stop.take() {
+            return self.start_request(now, Some(ticket), ask);
         }
-        if let Some(pending) = self.aside.take() {
-            self.pending = Some(Pending { phase: Phase::Ready(now), ..pending });
+        if let Some(pending) = self.overtaken.take() {
+            self.pending = Some(PendingExchange { phase: RequestPhase::Ready(now), ..pending });
             return;
         }
-        if let Some((axis, address)) = self.doubts.probe() {
+        if let Some((axis, address)) = self.stale_replies.next_probe() {
             let instruction = give_me_data(address, false);
             let message = Message { to: IdCode::axis(axis), instruction };
-            self.start(now, None, Ask::of(message));
+            self.start_request(now, None, HostRequest::of(message));
         }
     }
 
-    fn event(&mut self, from: u8, said: &Online) {
-        match ask::answer(said) {
-            Some(answer) if self.count < EVENTS_MAX - EVENTS_KEPT => {
-                self.know(from);
-                self.push(To::Address(from.into()), Ok(answer));
+    fn push_unsolicited(&mut self, from: u8, said: &OnlineMessage) {
+        match host_request::answer_of(said) {
+            Some(answer) if self.events_len < EVENTS_MAX - EVENT_ROOM_MIN => {
+                self.note_answered(from);
+                self.push_event(EventSubject::Unsolicited(from.into()), Ok(answer));
             }
             _ => self.counters.foreign += 1,
         }
     }
 
-    fn push(&mut self, to: To, result: Result<Answer, Failure>) {
-        debug_assert!(self.count < EVENTS_MAX, "submit leaves room for every end");
-        self.events[(self.first + self.count) % EVENTS_MAX] = (to, result);
-        self.count += 1;
+    fn push_event(&mut self, to: EventSubject, result: Result<Answer, Failure>) {
+        debug_assert!(self.events_len < EVENTS_MAX, "submit leaves room for every end");
+        self.events[(self.events_first + self.events_len) % EVENTS_MAX] = (to, result);
+        self.events_len += 1;
     }
 
-    fn know(&mut self, axis: u8) {
-        self.known[usize::from(axis >> 6)] |= 1 << (axis & 63);
+    fn note_answered(&mut self, axis: u8) {
+        self.answered_axes[usize::from(axis >> 6)] |= 1 << (axis & 63);
     }
 
-    fn knows(&self, axis: u8) -> bool {
-        self.known[usize::from(axis >> 6)] & 1 << (axis & 63) != 0
+    fn has_answered(&self, axis: u8) -> bool {
+        self.answered_axes[usize::from(axis >> 6)] & 1 << (axis & 63) != 0
     }
 }
 
 /// The question that everybody on a CAN bus answers: where they are.
-pub(super) fn discovery(own: IdCode) -> Message {
+pub(super) fn discovery_message(own: IdCode) -> Message {
     let instruction = Instruction::of(0xB204, [own.word(), AAR]);
     Message { to: IdCode::BROADCAST, instruction }
 }
 
-const NOTHING: Event<Answer> = (To::Address(0), Err(Failure::Silent));
+const EMPTY_EVENT: HostEvent<Answer> = (EventSubject::Unsolicited(0), Err(Failure::Silent));
 
 /// Whoever answers.
 const ANYBODY: IdCode = IdCode::axis(0);
 
-const TWINS: Failure = Failure::NotReady {
+const DUPLICATE_AXIS: Failure = Failure::NotReady {
     hint: "two drives answer as this axis: disconnect one, give the other an axis ID of its own, \
            and connect again",
 };
 
-fn is_for_many(pending: &Pending) -> bool {
-    let to = pending.ask.message.to;
+fn is_group_request(pending: &PendingExchange) -> bool {
+    let to = pending.host_request.message.to;
     to.group || to.id == 0
 }

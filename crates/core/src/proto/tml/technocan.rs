@@ -14,7 +14,7 @@
 //! Axis IDs are 1 to 31: 255, the drives' default, acts as 31, others above 31 as what remains
 //! modulo 32. A multiple of 32 has no identifier: 100, TakeData2 of axis 0, is CANopen's TIME.
 
-use super::rules::Rule;
+use super::rules::WireRule;
 use super::tmlcan::word_count;
 use super::wire::{DATA_WORDS_MAX, IdCode, Instruction, Message};
 use crate::error::WireError;
@@ -23,7 +23,7 @@ use crate::medium::Frame;
 /// The highest axis ID that has identifiers of its own.
 pub const AXIS_MAX: u8 = 31;
 /// Groups 1 to 5 have a bit in the identifier.
-pub const GROUPS: u8 = 0x1F;
+pub const GROUP_MASK: u8 = 0x1F;
 /// Data words of a message other than PVT and TakeData.
 pub const WORDS_MAX: usize = 3;
 
@@ -37,7 +37,7 @@ const PONG: u16 = 0xD600;
 
 /// The classes of messages, PONG apart from TakeData2 with which it shares identifiers.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Class {
+pub enum MessageClass {
     /// To groups.
     Group,
     /// Synchronisation, to everybody.
@@ -58,7 +58,7 @@ pub enum Class {
     Broadcast,
 }
 
-impl Class {
+impl MessageClass {
     /// The manual's word.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -104,9 +104,9 @@ impl Class {
 
 /// What a frame carries. TechnoCAN leaves out some of what the other wires say.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Heard {
+pub struct FrameContent {
     /// Its class.
-    pub class: Class,
+    pub class: MessageClass,
     /// Whom it is for. `None` for TakeData2 and PONG, whose identifier is the sender's, and for
     /// [`misprinted`](Self::misprinted) TakeData.
     pub to: Option<IdCode>,
@@ -116,12 +116,12 @@ pub struct Heard {
     pub instruction: Instruction,
 }
 
-impl Heard {
+impl FrameContent {
     /// TakeData as the manual's example 2 prints it: the identifier is the sender's (165) and not
     /// the destination's (163). Real drives send the destination's.
     #[must_use]
     pub fn misprinted(&self) -> bool {
-        self.class == Class::TakeData && self.to.is_none()
+        self.class == MessageClass::TakeData && self.to.is_none()
     }
 
     /// As a message, where the frame says whom it is for.
@@ -134,11 +134,11 @@ impl Heard {
 /// The number that stands for an axis ID in identifiers.
 ///
 /// # Errors
-/// [`Rule::TechnoCanAxis`] for a multiple of 32.
+/// [`WireRule::TechnoCanAxis`] for a multiple of 32.
 #[inline]
-pub const fn axis_number(id: u8) -> Result<u8, Rule> {
+pub const fn axis_number(id: u8) -> Result<u8, WireRule> {
     match id % 32 {
-        0 => Err(Rule::TechnoCanAxis),
+        0 => Err(WireRule::TechnoCanAxis),
         number => Ok(number),
     }
 }
@@ -153,22 +153,22 @@ pub const fn is_ambiguous(id: u8) -> bool {
 /// The class that carries a message.
 ///
 /// # Errors
-/// The rule that forbids it: [`Rule::GiveMeDataToGroup`], [`Rule::TechnoCanWords`].
+/// The rule that forbids it: [`WireRule::GiveMeDataToGroup`], [`WireRule::TechnoCanWords`].
 #[inline]
-pub fn class_of(message: &Message) -> Result<Class, Rule> {
+pub fn class_of(message: &Message) -> Result<MessageClass, WireRule> {
     let Message { to, instruction } = message;
     let opcode = instruction.opcode;
     let class = match opcode & 0xFC00 {
-        _ if to.group => grouped(*to, opcode)?,
-        TAKE_DATA => return Ok(Class::TakeData),
-        TAKE_DATA_2 if opcode & 0x200 == 0 => return Ok(Class::TakeData2),
-        TAKE_DATA_2 if opcode & 0xFF00 == PONG && opcode != PONG => return Ok(Class::Pong),
-        _ if to.host => Class::Host,
-        _ if is_point(instruction) => return Ok(Class::Pvt),
-        _ => Class::Normal,
+        _ if to.group => group_class(*to, opcode)?,
+        TAKE_DATA => return Ok(MessageClass::TakeData),
+        TAKE_DATA_2 if opcode & 0x200 == 0 => return Ok(MessageClass::TakeData2),
+        TAKE_DATA_2 if opcode & 0xFF00 == PONG && opcode != PONG => return Ok(MessageClass::Pong),
+        _ if to.host => MessageClass::Host,
+        _ if is_point(instruction) => return Ok(MessageClass::Pvt),
+        _ => MessageClass::Normal,
     };
-    if instruction.count() > WORDS_MAX {
-        return Err(Rule::TechnoCanWords);
+    if instruction.word_count() > WORDS_MAX {
+        return Err(WireRule::TechnoCanWords);
     }
     Ok(class)
 }
@@ -176,25 +176,27 @@ pub fn class_of(message: &Message) -> Result<Class, Rule> {
 /// The frame that carries a message.
 ///
 /// # Errors
-/// The rule that forbids it, beside those of [`class_of`]: [`Rule::TechnoCanAxis`],
-/// [`Rule::TechnoCanGroups`].
+/// The rule that forbids it, beside those of [`class_of`]: [`WireRule::TechnoCanAxis`],
+/// [`WireRule::TechnoCanGroups`].
 #[inline]
-pub fn encode(message: &Message) -> Result<Frame, Rule> {
+pub fn encode(message: &Message) -> Result<Frame, WireRule> {
     let class = class_of(message)?;
     let Message { to, instruction } = message;
-    let count = instruction.count() as u8;
+    let count = instruction.word_count() as u8;
     let plain = || (instruction.packed() << 16 | u64::from(instruction.opcode), 2 * count + 2);
     let (number, (data, len)) = match class {
-        Class::Group if to.id & !GROUPS != 0 => return Err(Rule::TechnoCanGroups),
-        Class::Group => (to.id, plain()),
-        Class::Synchronisation => (0, (0, 0)),
-        Class::Broadcast => (0, plain()),
-        Class::Normal | Class::Host => (axis_number(to.id)?, plain()),
-        Class::Pvt => (axis_number(to.id)?, (packed_point(instruction), 8)),
-        Class::TakeData => (axis_number(to.id)?, (packed_take_data(*to, instruction)?, 2 * count)),
-        Class::TakeData2 | Class::Pong => {
+        MessageClass::Group if to.id & !GROUP_MASK != 0 => return Err(WireRule::TechnoCanGroups),
+        MessageClass::Group => (to.id, plain()),
+        MessageClass::Synchronisation => (0, (0, 0)),
+        MessageClass::Broadcast => (0, plain()),
+        MessageClass::Normal | MessageClass::Host => (axis_number(to.id)?, plain()),
+        MessageClass::Pvt => (axis_number(to.id)?, (pack_point(instruction), 8)),
+        MessageClass::TakeData => {
+            (axis_number(to.id)?, (pack_take_data(*to, instruction)?, 2 * count))
+        }
+        MessageClass::TakeData2 | MessageClass::Pong => {
             let sender = axis_number(instruction.opcode as u8)?;
-            (sender, (packed_take_data_2(instruction)?, 2 * count + 1))
+            (sender, (pack_take_data_2(instruction)?, 2 * count + 1))
         }
     };
     let id = u32::from(class.base() | u16::from(number));
@@ -208,52 +210,54 @@ pub fn encode(message: &Message) -> Result<Frame, Rule> {
 /// [`WireError::Short`], [`WireError::Long`] and [`WireError::Count`] for data that its class does
 /// not have.
 #[inline]
-pub fn decode(frame: &Frame) -> Result<Heard, WireError> {
+pub fn decode(frame: &Frame) -> Result<FrameContent, WireError> {
     let foreign = WireError::Identifier { found: frame.id };
     if frame.extended || frame.remote {
         return Err(foreign);
     }
-    let class = Class::of_id(frame.id).ok_or(foreign)?;
+    let class = MessageClass::of_id(frame.id).ok_or(foreign)?;
     let number = frame.id as u8 & 0x1F;
     let (data, len) = (u64::from_le_bytes(frame.data), frame.len);
     let (to, instruction) = match class {
-        Class::Group => (IdCode::groups(number), plain_instruction(data, len)?),
-        Class::Normal => (IdCode::axis(number), plain_instruction(data, len)?),
-        Class::Host => (IdCode::host_at(number), plain_instruction(data, len)?),
-        Class::Broadcast => (IdCode::BROADCAST, plain_instruction(data, len)?),
-        Class::Synchronisation => {
-            within(len, 0, 0)?;
+        MessageClass::Group => (IdCode::groups(number), decode_plain(data, len)?),
+        MessageClass::Normal => (IdCode::axis(number), decode_plain(data, len)?),
+        MessageClass::Host => (IdCode::host_at(number), decode_plain(data, len)?),
+        MessageClass::Broadcast => (IdCode::BROADCAST, decode_plain(data, len)?),
+        MessageClass::Synchronisation => {
+            check_len(len, 0, 0)?;
             (IdCode::BROADCAST, Instruction::of(SYNCHRONISE, []))
         }
-        Class::Pvt => {
-            within(len, 8, 8)?;
-            (IdCode::axis(number), opened_point(data))
+        MessageClass::Pvt => {
+            check_len(len, 8, 8)?;
+            (IdCode::axis(number), unpack_point(data))
         }
-        Class::TakeData => return opened_take_data(data, len, number),
-        Class::TakeData2 | Class::Pong => return opened_take_data_2(data, len, number),
+        MessageClass::TakeData => return unpack_take_data(data, len, number),
+        MessageClass::TakeData2 | MessageClass::Pong => {
+            return unpack_take_data_2(data, len, number);
+        }
     };
-    Ok(Heard { class, to: Some(to), sender: None, instruction })
+    Ok(FrameContent { class, to: Some(to), sender: None, instruction })
 }
 
-fn grouped(to: IdCode, opcode: u16) -> Result<Class, Rule> {
+fn group_class(to: IdCode, opcode: u16) -> Result<MessageClass, WireRule> {
     match opcode & 0xFE00 {
-        0xB000 => Err(Rule::GiveMeDataToGroup),
-        _ if !to.is_broadcast() => Ok(Class::Group),
-        _ if opcode == SYNCHRONISE => Ok(Class::Synchronisation),
-        _ => Ok(Class::Broadcast),
+        0xB000 => Err(WireRule::GiveMeDataToGroup),
+        _ if !to.is_broadcast() => Ok(MessageClass::Group),
+        _ if opcode == SYNCHRONISE => Ok(MessageClass::Synchronisation),
+        _ => Ok(MessageClass::Broadcast),
     }
 }
 
 /// PVTP with its point in the data words.
 #[inline]
 fn is_point(instruction: &Instruction) -> bool {
-    instruction.opcode & 0xFF80 == PVTP && instruction.count() == 4
+    instruction.opcode & 0xFF80 == PVTP && instruction.word_count() == 4
 }
 
 /// Opcode and data words, all low byte first.
 #[inline]
-fn plain_instruction(data: u64, len: u8) -> Result<Instruction, WireError> {
-    within(len, 2, 8)?;
+fn decode_plain(data: u64, len: u8) -> Result<Instruction, WireError> {
+    check_len(len, 2, 8)?;
     let count = word_count(len)? - 1;
     Ok(Instruction::from_packed(data as u16, data >> 16, count))
 }
@@ -261,13 +265,13 @@ fn plain_instruction(data: u64, len: u8) -> Result<Instruction, WireError> {
 /// The first three data words as they are; the last gives nine bits of time and takes the counter
 /// from the opcode.
 #[inline]
-const fn packed_point(instruction: &Instruction) -> u64 {
+const fn pack_point(instruction: &Instruction) -> u64 {
     let last = instruction.word(3) & 0x1FF | (instruction.opcode & 0x7F) << 9;
     instruction.packed() & 0xFFFF_FFFF_FFFF | (last as u64) << 48
 }
 
 #[inline]
-const fn opened_point(data: u64) -> Instruction {
+const fn unpack_point(data: u64) -> Instruction {
     let last = (data >> 48) as u16;
     let words = data & 0x01FF_FFFF_FFFF_FFFF;
     Instruction::from_packed(PVTP | last >> 9, words, DATA_WORDS_MAX)
@@ -275,9 +279,9 @@ const fn opened_point(data: u64) -> Instruction {
 
 /// The sender's word shrinks to five bits; the destination's H takes a bit of the opcode's byte.
 #[inline]
-const fn packed_take_data(to: IdCode, instruction: &Instruction) -> Result<u64, Rule> {
-    if instruction.count() < 2 {
-        return Err(Rule::Incomplete);
+const fn pack_take_data(to: IdCode, instruction: &Instruction) -> Result<u64, WireRule> {
+    if instruction.word_count() < 2 {
+        return Err(WireRule::Incomplete);
     }
     let sender = match axis_number((instruction.word(0) >> 4) as u8) {
         Ok(number) => number,
@@ -289,14 +293,14 @@ const fn packed_take_data(to: IdCode, instruction: &Instruction) -> Result<u64, 
 }
 
 #[inline]
-fn opened_take_data(data: u64, len: u8, number: u8) -> Result<Heard, WireError> {
-    within(len, 4, 8)?;
+fn unpack_take_data(data: u64, len: u8, number: u8) -> Result<FrameContent, WireError> {
+    check_len(len, 4, 8)?;
     let head = data as u16;
     let sender = (head >> 11) as u8;
     let to = IdCode { group: false, id: number, host: head & 0x400 != 0 };
     let words = data & !0xFFFF | u64::from(IdCode::axis(sender).word());
-    Ok(Heard {
-        class: Class::TakeData,
+    Ok(FrameContent {
+        class: MessageClass::TakeData,
         to: (sender != number || to.host).then_some(to),
         sender: Some(sender),
         instruction: Instruction::from_packed(TAKE_DATA | head & 0x3FF, words, word_count(len)?),
@@ -305,9 +309,9 @@ fn opened_take_data(data: u64, len: u8, number: u8) -> Result<Heard, WireError> 
 
 /// Bit 7 of the first byte is VT, bit 6 P; then data words.
 #[inline]
-const fn packed_take_data_2(instruction: &Instruction) -> Result<u64, Rule> {
-    if instruction.count() > WORDS_MAX {
-        return Err(Rule::TechnoCanWords);
+const fn pack_take_data_2(instruction: &Instruction) -> Result<u64, WireRule> {
+    if instruction.word_count() > WORDS_MAX {
+        return Err(WireRule::TechnoCanWords);
     }
     let pong = instruction.opcode & 0x200 != 0;
     let wide = !pong && instruction.opcode & 0x100 != 0;
@@ -315,24 +319,24 @@ const fn packed_take_data_2(instruction: &Instruction) -> Result<u64, Rule> {
 }
 
 #[inline]
-fn opened_take_data_2(data: u64, len: u8, number: u8) -> Result<Heard, WireError> {
-    within(len, 1, 7)?;
+fn unpack_take_data_2(data: u64, len: u8, number: u8) -> Result<FrameContent, WireError> {
+    check_len(len, 1, 7)?;
     let flags = data as u8;
     if flags & 0x3F != 0 {
         return Err(WireError::Unexpected { at: 0, found: flags });
     }
     let (class, kind) = match flags {
-        flags if flags & 0x40 != 0 => (Class::Pong, PONG),
-        0x80 => (Class::TakeData2, TAKE_DATA_2 | 0x100),
-        _ => (Class::TakeData2, TAKE_DATA_2),
+        flags if flags & 0x40 != 0 => (MessageClass::Pong, PONG),
+        0x80 => (MessageClass::TakeData2, TAKE_DATA_2 | 0x100),
+        _ => (MessageClass::TakeData2, TAKE_DATA_2),
     };
     let opcode = kind | u16::from(number);
     let instruction = Instruction::from_packed(opcode, data >> 8, word_count(len - 1)?);
-    Ok(Heard { class, to: None, sender: Some(number), instruction })
+    Ok(FrameContent { class, to: None, sender: Some(number), instruction })
 }
 
 #[inline]
-fn within(len: u8, least: u8, most: u8) -> Result<(), WireError> {
+fn check_len(len: u8, least: u8, most: u8) -> Result<(), WireError> {
     let found = len.into();
     match len {
         len if len < least => Err(WireError::Short { need: least.into(), found }),

@@ -25,7 +25,7 @@ pub fn encode(message: &Message) -> Frame {
         | u32::from(to.host) << 9
         | opcode & 0x1FF;
     let data = instruction.packed().to_le_bytes();
-    Frame { id, extended: true, remote: false, len: 2 * instruction.count() as u8, data }
+    Frame { id, extended: true, remote: false, len: 2 * instruction.word_count() as u8, data }
 }
 
 /// Reads the message that a frame carries.

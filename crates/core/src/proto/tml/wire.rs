@@ -119,7 +119,7 @@ impl Instruction {
     /// How many data words.
     #[must_use]
     #[inline]
-    pub const fn count(&self) -> usize {
+    pub const fn word_count(&self) -> usize {
         self.len as usize
     }
 

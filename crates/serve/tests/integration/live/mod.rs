@@ -210,7 +210,7 @@ fn a_thousand_visits_leave_nothing_behind() {
     }
     all_gone(&site);
     let bench = site.server.as_ref().unwrap().bench();
-    let places: Vec<_> = (0..256).map(|_| bench.frames(None)).collect();
+    let places: Vec<_> = (0..256).map(|_| bench.subscribe_frames(None)).collect();
     assert!(places.iter().all(Result::is_ok), "a place to watch frames is still taken");
     let grown = memory().saturating_sub(before);
     assert!(grown < 16 << 20, "{grown} bytes more");

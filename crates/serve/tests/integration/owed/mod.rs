@@ -7,14 +7,17 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use polepair::simulate::{self, DriveLine};
-use polepair_core::drives::bench::Truth;
+use polepair_core::drives::bench::GroundTruth;
 use polepair_core::medium::Stream;
 use polepair_link::tcp::TcpServer;
-use polepair_link::{Served, clock};
-use polepair_serve::bench::{Bench, Event, Journal, Note, Options, Reply, Session};
+use polepair_link::{ServeThread, clock};
+use polepair_serve::bench::{
+    Bench, BenchEvent, BenchOptions, JournalEntry, JournalSink, PendingReply, SessionName,
+};
 use polepair_serve::message::{
-    Arguments, AxisState, CommandOrder, Deed, DismissReason, DismissStop, Ended, LeaseAct,
-    LinkState, Outcome, OwedWhy, Refused, StopClass, StopOrder, StopOwed,
+    AxisState, CommandArguments, CommandOutcome, CommandRequest, DismissReason, DismissStop,
+    GatewayError, JournalAction, LeaseAction, LinkState, OutcomeKind, PendingStopView, StopCause,
+    StopClass, StopRequest,
 };
 use proxy::{Mode, Proxy};
 use serde_json::Value;
@@ -26,18 +29,18 @@ const STANDS: f64 = 0.6;
 
 /// Keeps what it is told.
 #[derive(Default)]
-struct Kept(Mutex<Vec<(String, Deed, Value)>>);
+struct Kept(Mutex<Vec<(String, JournalAction, Value)>>);
 
-impl Journal for Kept {
-    fn note(&self, note: Note<'_>) -> Result<(), Refused> {
-        let record = (note.who.to_owned(), note.deed, note.detail.clone());
+impl JournalSink for Kept {
+    fn write_entry(&self, note: JournalEntry<'_>) -> Result<(), GatewayError> {
+        let record = (note.who.to_owned(), note.action, note.detail.clone());
         self.0.lock().unwrap().push(record);
         Ok(())
     }
 }
 
 impl Kept {
-    fn of(&self, wanted: Deed) -> Vec<Value> {
+    fn of(&self, wanted: JournalAction) -> Vec<Value> {
         let records = self.0.lock().unwrap();
         records.iter().filter(|(_, deed, _)| *deed == wanted).map(|(.., d)| d.clone()).collect()
     }
@@ -50,8 +53,8 @@ struct Site {
     kept: Arc<Kept>,
     line: DriveLine,
     ids: u32,
-    ann: Session,
-    _served: Served,
+    ann: SessionName,
+    _served: ServeThread,
 }
 
 impl Site {
@@ -76,51 +79,61 @@ impl Site {
         let end = TcpServer::bind("127.0.0.1:0").unwrap();
         let proxy = Proxy::to(end.address());
         let description = simulate::rack_of_words(&[word], 1).unwrap();
-        let line = simulate::lines(&description, 1).unwrap().remove(0);
+        let line = simulate::drive_lines(&description, 1).unwrap().remove(0);
         let served = line.clone().serve::<Stream>(Box::new(end));
         let url = format!("{scheme}+tcp://{}#{axes}", proxy.address);
         let owed_before = before(&url, &line, &proxy);
         let kept = Arc::new(Kept::default());
-        let options = Options {
+        let options = BenchOptions {
             journal: kept.clone(),
-            owed_before,
+            inherited_stops: owed_before,
             // Nobody renews here while something else is waited for.
-            lease: LONG,
-            ..Options::default()
+            lease_duration: LONG,
+            ..BenchOptions::default()
         };
         let bench = Bench::open(&[url], options).unwrap();
         Self { bench, proxy, kept, line, ids: 0, ann: "ann".into(), _served: served }
     }
 
-    fn truth(&self) -> Truth {
+    fn truth(&self) -> GroundTruth {
         truth(&self.line)
     }
 
     fn state(&self) -> AxisState {
-        self.bench.axis(0).unwrap()
+        self.bench.axis_state(0).unwrap()
     }
 
     fn take(&self) -> u64 {
-        self.bench.lease(0, &self.ann, LeaseAct::Take, 0).wait().unwrap().expect("a lease").epoch
+        self.bench
+            .request_lease(0, &self.ann, LeaseAction::Take, 0)
+            .wait()
+            .unwrap()
+            .expect("a lease")
+            .epoch
     }
 
-    fn start(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> Reply<Outcome> {
+    fn start(
+        &mut self,
+        epoch: u64,
+        verb: &str,
+        velocity: Option<f64>,
+    ) -> PendingReply<CommandOutcome> {
         self.ids += 1;
-        let order = CommandOrder {
+        let order = CommandRequest {
             id: format!("id-{}", self.ids),
             issued_ms: self.bench.now_ms(),
             ttl_ms: 10_000.0,
             epoch,
             verb: verb.into(),
-            arguments: Arguments { velocity, ..Arguments::default() },
+            arguments: CommandArguments { velocity, ..CommandArguments::default() },
         };
         self.bench.command(0, &self.ann, order)
     }
 
-    fn say(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> Result<(), Refused> {
+    fn say(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> Result<(), GatewayError> {
         let outcome = self.start(epoch, verb, velocity).wait().unwrap();
         match outcome.outcome {
-            Ended::Done => Ok(()),
+            OutcomeKind::Done => Ok(()),
             _ => Err(outcome.error.expect("why not")),
         }
     }
@@ -139,7 +152,7 @@ impl Site {
     }
 
     /// Waits until it is owed a stop that is so.
-    fn owed(&self, what: &str, is_so: impl Fn(&StopOwed) -> bool) -> StopOwed {
+    fn owed(&self, what: &str, is_so: impl Fn(&PendingStopView) -> bool) -> PendingStopView {
         let mut seen = None;
         until(what, || {
             seen = self.state().owed.filter(&is_so);
@@ -161,19 +174,20 @@ impl Site {
     /// Each debt that was written down was ended, so.
     fn ended(&self, how: &str) {
         until("the journal has it", || {
-            self.kept.of(Deed::StopEnded).len() == self.kept.of(Deed::StopOwed).len()
+            self.kept.of(JournalAction::StopEnded).len()
+                == self.kept.of(JournalAction::StopOwed).len()
         });
-        let ended = self.kept.of(Deed::StopEnded);
+        let ended = self.kept.of(JournalAction::StopEnded);
         assert_eq!(ended.last().map(|detail| &detail["how"]), Some(&Value::from(how)), "{ended:?}");
     }
 }
 
-fn truth(line: &DriveLine) -> Truth {
+fn truth(line: &DriveLine) -> GroundTruth {
     truth_of(line, 0)
 }
 
-fn truth_of(line: &DriveLine, drive: usize) -> Truth {
-    line.bench(drive, |bench| bench.truth(clock::now())).expect("it has a motor")
+fn truth_of(line: &DriveLine, drive: usize) -> GroundTruth {
+    line.with_bench(drive, |bench| bench.ground_truth(clock::now())).expect("it has a motor")
 }
 
 /// Has every motor of a line turn, by a program that then goes.
@@ -203,8 +217,8 @@ fn a_stop_that_is_said_while_the_port_is_refused_arrives_once_it_is_open() {
         site.spin();
         site.proxy.set(Mode::Refuse);
         until("the link is lost", || site.is_lost());
-        site.owed("it is owed a stop", |owed| owed.why == OwedWhy::LinkLost);
-        let stopped = site.bench.stop(&"bob".into(), &StopOrder::default()).wait().unwrap();
+        site.owed("it is owed a stop", |owed| owed.why == StopCause::LinkLost);
+        let stopped = site.bench.stop(&"bob".into(), &StopRequest::default()).wait().unwrap();
         assert_eq!(stopped.axes[0].class, StopClass::Owed, "{stopped:?}");
         assert!(stopped.axes[0].error.is_some(), "why it did not arrive: {stopped:?}");
         assert!(site.state().owed.is_some() && site.truth().velocity.abs() > 10.0);
@@ -222,7 +236,7 @@ fn a_stop_outlives_a_port_that_takes_connections_and_drops_them() {
         let before = site.proxy.taken();
         site.proxy.set(Mode::Drop);
         until("it was dropped often", || site.proxy.taken() >= before + 4);
-        drop(site.bench.stop(&"bob".into(), &StopOrder::default()));
+        drop(site.bench.stop(&"bob".into(), &StopRequest::default()));
         until("it was dropped again", || site.proxy.taken() >= before + 8);
         site.owed("it is owed a stop", |_| true);
         assert!(site.truth().velocity.abs() > 10.0);
@@ -237,15 +251,15 @@ fn a_stop_into_silence_is_said_until_the_motor_stands_and_never_called_taken_bef
     for (word, scheme) in KINDS {
         let mut site = Site::new(word, scheme);
         site.spin();
-        let mut events = site.bench.events();
+        let mut events = site.bench.subscribe_events();
         site.proxy.set(Mode::Silent);
         let lost = site.proxy.lost();
         // Its client is gone: nobody says STOP.
-        site.bench.gone(&site.ann);
+        site.bench.end_session(&site.ann);
         site.owed("it was said again", |owed| owed.said >= 3 && owed.error.is_some());
         assert!(site.proxy.lost() > lost && site.truth().velocity.abs() > 10.0);
         while let Ok(event) = events.try_recv() {
-            let Event::Stopped(stopped) = event else { continue };
+            let BenchEvent::Stopped(stopped) = event else { continue };
             assert!(stopped.class <= StopClass::Sent, "{stopped:?}");
         }
         site.proxy.set(Mode::Pass);
@@ -265,7 +279,7 @@ fn a_stop_of_which_the_last_step_alone_was_answered_is_owed() {
     let mut site = Site::new("modbus-rtu:1", "modbus-rtu");
     site.spin();
     site.proxy.set(Mode::Lose(is_first_of_a_stop));
-    drop(site.bench.stop(&"bob".into(), &StopOrder::default()));
+    drop(site.bench.stop(&"bob".into(), &StopRequest::default()));
     site.owed("it was said again", |owed| owed.said >= 2 && owed.class <= StopClass::Sent);
     assert!(site.truth().velocity.abs() > 10.0, "what stops it in speed mode was lost");
     site.proxy.set(Mode::Pass);
@@ -292,7 +306,7 @@ fn a_stop_under_a_lease_is_said_until_the_motor_stands() {
         assert!(site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Pass);
         let outcome = stop.wait().unwrap();
-        assert_eq!(outcome.outcome, Ended::Done, "{outcome:?}");
+        assert_eq!(outcome.outcome, OutcomeKind::Done, "{outcome:?}");
         site.paid();
         site.ended("standing");
     }
@@ -303,7 +317,7 @@ fn nothing_moves_that_is_owed_a_stop_unless_its_holder_takes_it_over_knowingly()
     let mut site = Site::new("tmcl:1", "tmcl");
     site.spin();
     site.proxy.set(Mode::Silent);
-    drop(site.bench.stop(&site.ann, &StopOrder { axes: Some(vec![0]), reason: String::new() }));
+    drop(site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), reason: String::new() }));
     site.owed("it is owed a stop", |owed| owed.error.is_some());
     let epoch = site.take();
     assert_eq!(site.say(epoch, "arm", None).unwrap_err().code, "gateway.owed");
@@ -317,12 +331,12 @@ fn nothing_moves_that_is_owed_a_stop_unless_its_holder_takes_it_over_knowingly()
     site.say(epoch, "arm", None).unwrap();
     site.ended("dismissed");
     // Anybody may know that the drive is gone.
-    drop(site.bench.stop(&site.ann, &StopOrder { axes: Some(vec![0]), reason: String::new() }));
+    drop(site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), reason: String::new() }));
     site.owed("it is owed a stop", |_| true);
     let gone = dismiss(DismissReason::DriveGone, 0);
     site.bench.dismiss(0, &"bob".into(), gone).wait().unwrap();
     assert!(site.state().owed.is_none());
-    let ended = site.kept.of(Deed::StopEnded);
+    let ended = site.kept.of(JournalAction::StopEnded);
     assert_eq!(ended.last().unwrap()["reason"], "drive_gone", "{ended:?}");
 }
 
@@ -333,8 +347,8 @@ fn what_the_server_before_owed_a_stop_is_stopped_by_the_next() {
         vec![(url.to_owned(), 1)]
     });
     site.paid();
-    assert_eq!(site.kept.of(Deed::StopOwed).len(), 0, "it was written down already");
-    until("the journal has it", || site.kept.of(Deed::StopEnded).len() == 1);
+    assert_eq!(site.kept.of(JournalAction::StopOwed).len(), 0, "it was written down already");
+    until("the journal has it", || site.kept.of(JournalAction::StopEnded).len() == 1);
 }
 
 #[test]
@@ -351,13 +365,13 @@ fn an_axis_that_was_not_there_is_stopped_when_it_answers_though_the_others_turn(
     until("it is asked for again", || site.proxy.lost() > lost);
     site.proxy.set(Mode::Pass);
     until("it joins", || link().absent.is_empty());
-    until("its debt ends", || site.bench.axis(1).is_ok_and(|state| state.owed.is_none()));
+    until("its debt ends", || site.bench.axis_state(1).is_ok_and(|state| state.owed.is_none()));
     let turns = |drive| truth_of(&site.line, drive).velocity.abs();
     assert!(turns(1) < STANDS, "{}", turns(1));
     assert!(turns(0) > 10.0, "nobody said that this one is to stop: {}", turns(0));
     assert!(link().owed.is_empty());
-    assert_eq!(site.kept.of(Deed::TakeIn).len(), 1);
-    until("the journal has it", || site.kept.of(Deed::StopEnded).len() == 1);
+    assert_eq!(site.kept.of(JournalAction::TakeIn).len(), 1);
+    until("the journal has it", || site.kept.of(JournalAction::StopEnded).len() == 1);
 }
 
 #[test]
@@ -371,10 +385,10 @@ fn an_axis_that_is_owed_nothing_joins_once_the_others_are_at_rest() {
     site.proxy.set(Mode::Pass);
     std::thread::sleep(Duration::from_secs(5));
     assert_eq!(site.bench.snapshot().axes.len(), 1, "a look would delay who commands axis 1");
-    site.bench.stop(&"bob".into(), &StopOrder::default()).wait().expect("it is answered");
+    site.bench.stop(&"bob".into(), &StopRequest::default()).wait().expect("it is answered");
     site.paid();
     // Its holder gives it back.
-    let _ = site.bench.lease(0, &site.ann, LeaseAct::Drop, epoch).wait();
+    let _ = site.bench.request_lease(0, &site.ann, LeaseAction::Drop, epoch).wait();
     until("it joins", || site.bench.snapshot().axes.len() == 2);
     let bench = site.bench.snapshot();
     assert!(bench.links[0].absent.is_empty() && bench.axes[1].number == 3, "{bench:?}");
@@ -388,8 +402,8 @@ fn a_server_that_ends_names_who_was_not_seen_standing() {
     let left = site.bench.shutdown();
     assert!(left.len() == 1 && left[0].contains("tmcl+tcp://"), "{left:?}");
     until("the journal has it", || {
-        let outcomes = site.kept.of(Deed::Outcome);
+        let outcomes = site.kept.of(JournalAction::Outcome);
         outcomes.iter().any(|detail| detail["class"] == "owed")
     });
-    assert_eq!(site.kept.of(Deed::StopEnded).len(), 0, "the next server owes it");
+    assert_eq!(site.kept.of(JournalAction::StopEnded).len(), 0, "the next server owes it");
 }

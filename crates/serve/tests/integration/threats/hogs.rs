@@ -54,7 +54,7 @@ fn t11_who_says_nothing_or_little_is_closed() {
 
 #[test]
 fn t11_who_does_not_greet_an_encrypted_server_is_closed() {
-    let site = Site::with(polepair_serve::Options { tls: true, ..options(folder()) });
+    let site = Site::with(polepair_serve::ServerOptions { tls: true, ..options(folder()) });
     let mut half = site.connect();
     half.write_all(&[22, 3, 1, 1]).unwrap();
     let idle = site.connect();

@@ -9,7 +9,7 @@ mod tls;
 use crate::{authority, site};
 
 use polepair::Connector;
-use polepair_serve::{Needs, Options, ROUTES, Route, Server, TRIES_MAX};
+use polepair_serve::{AccessRule, ApiRoute, GatewayServer, ROUTES, ServerOptions, TRIES_MAX};
 use serde_json::{Value, json};
 use site::{Site, folder, next, now_ms, options, tell};
 
@@ -22,8 +22,8 @@ fn filled(path: &str) -> String {
 }
 
 /// The headers with which it takes a body.
-fn marked(route: &Route) -> String {
-    let kind = if route.takes_file { "octet-stream" } else { "json" };
+fn marked(route: &ApiRoute) -> String {
+    let kind = if route.accepts_file { "octet-stream" } else { "json" };
     format!("Content-Type: application/{kind}\r\nX-Polepair: 1\r\n")
 }
 
@@ -89,7 +89,7 @@ fn t02_names_that_others_made_up_do_not_reach_it() {
 fn t03_nothing_answers_without_a_token() {
     let site = Site::new();
     let wrong = format!("Authorization: Bearer {}\r\n", "0".repeat(64));
-    for route in ROUTES.iter().filter(|route| route.needs != Needs::Nothing) {
+    for route in ROUTES.iter().filter(|route| route.access != AccessRule::Public) {
         let line = format!("{} {}", route.method, filled(route.path));
         let answer = site.send(&line, &marked(route), "{}");
         assert_eq!(answer.status, 401, "{route:?}");
@@ -112,8 +112,8 @@ fn t03_nothing_answers_without_a_token() {
 fn t04_elsewhere_only_encrypted_and_no_guessing() {
     let start = |bind: &str| {
         let bind = bind.parse().unwrap();
-        let options = polepair_serve::Options { bind, ..options(folder()) };
-        Server::start(&options, &["sim:tmcl".into()], Connector::default())
+        let options = polepair_serve::ServerOptions { bind, ..options(folder()) };
+        GatewayServer::start(&options, &["sim:tmcl".into()], Connector::default())
     };
     for bind in ["0.0.0.0:0", "[::]:0"] {
         let refusal = start(bind).unwrap_err();
@@ -204,7 +204,7 @@ fn t06_a_browser_outlives_the_servers_restart_and_not_its_token() {
     let site = Site::new();
     let cookie = format!("Cookie: {}\r\n", site.cookie());
     let (folder, bind) = (site.folder.clone(), site.address);
-    let start = || Site::with(Options { bind, ..options(folder.clone()) });
+    let start = || Site::with(ServerOptions { bind, ..options(folder.clone()) });
     assert_eq!(site.get("/api/v1/bench", &cookie).status, 200);
     drop(site);
     let site = start();
@@ -295,7 +295,7 @@ fn t08_what_is_late_or_said_twice_is_not_carried_out() {
         (&late["outcome"], &late["error"]["code"]),
         (&json!("not_done"), &json!("gateway.expired"))
     );
-    assert!(!site.server.as_ref().unwrap().bench().axis(0).unwrap().armed);
+    assert!(!site.server.as_ref().unwrap().bench().axis_state(0).unwrap().armed);
     let twice = arm("twice", now_ms());
     tell(&mut ann, &twice);
     let first = next(&mut ann, "outcome");
@@ -436,7 +436,8 @@ fn t15_others_on_this_machine_read_nothing() {
     drop(site);
     let tokens = folder.join("tokens");
     std::fs::set_permissions(&tokens, std::fs::Permissions::from_mode(0o644)).unwrap();
-    let refused = Server::start(&options(folder.clone()), &[], Connector::default()).unwrap_err();
+    let refused =
+        GatewayServer::start(&options(folder.clone()), &[], Connector::default()).unwrap_err();
     assert_eq!(refused.code, "E305");
     std::fs::remove_dir_all(folder).unwrap();
 }
@@ -474,7 +475,7 @@ fn a_server_that_is_killed_leaves_a_journal_that_goes_on() {
     let whole = std::fs::read(&file).unwrap();
     std::fs::write(&file, &whole[..whole.len() - 10]).unwrap();
     let site = Site::with(options(folder));
-    assert!(site.server.as_ref().unwrap().cut() > 0);
+    assert!(site.server.as_ref().unwrap().truncated_bytes() > 0);
     let last: Value = site.journal().pop().unwrap();
     assert!(last["deed"] == "started" && last["detail"]["cut"].as_u64().unwrap() > 0, "{last}");
     assert!(polepair_serve::journal::verify(&file).unwrap().is_ok());

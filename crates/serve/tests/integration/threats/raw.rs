@@ -1,6 +1,6 @@
 //! Requests in a protocol's own text: who may, once, and never past the lock.
 
-use polepair_serve::Options;
+use polepair_serve::ServerOptions;
 use serde_json::{Value, json};
 
 use super::site::{Answer, Site, folder, now_ms, options};
@@ -13,7 +13,7 @@ fn site(scopes: &str) -> Site {
     let mut tokens = std::fs::read_to_string(&file).unwrap();
     tokens += &format!("{} read,stop,move,raw expert\n", "cd".repeat(32));
     std::fs::write(&file, tokens).unwrap();
-    Site::with(Options { scopes: scopes.parse().unwrap(), ..options(folder) })
+    Site::with(ServerOptions { scopes: scopes.parse().unwrap(), ..options(folder) })
 }
 
 fn lease(site: &Site) -> Value {

@@ -2,7 +2,7 @@
 
 use std::net::TcpStream;
 
-use polepair_serve::{Needs, Options, ROUTES, Route};
+use polepair_serve::{AccessRule, ApiRoute, ROUTES, ServerOptions};
 use serde_json::json;
 use tungstenite::{Message, WebSocket};
 
@@ -27,11 +27,11 @@ fn site(scopes: &str) -> Site {
         token(n, word, word) + &token(n + 16, &both, &format!("live-{word}"))
     });
     std::fs::write(folder.join("tokens"), lines.collect::<String>()).unwrap();
-    Site::with(Options { scopes: scopes.parse().unwrap(), ..options(folder) })
+    Site::with(ServerOptions { scopes: scopes.parse().unwrap(), ..options(folder) })
 }
 
 /// Who may.
-fn may(route: &Route) -> &'static [&'static str] {
+fn may(route: &ApiRoute) -> &'static [&'static str] {
     match (route.method, route.path) {
         ("GET", _) | (_, "/api/v1/captures") => &["read"],
         (_, "/api/v1/stop") => &["stop"],
@@ -47,7 +47,7 @@ fn may(route: &Route) -> &'static [&'static str] {
 }
 
 /// Whether a request is refused for its scope alone.
-fn is_denied(site: &Site, route: &Route, who: &str) -> bool {
+fn is_denied(site: &Site, route: &ApiRoute, who: &str) -> bool {
     let line = format!("{} {}", route.method, filled(route.path));
     // What is let through is stopped by what is wrong with it.
     let heads = format!("{}{}", site.bearer(who), marked(route));
@@ -57,7 +57,7 @@ fn is_denied(site: &Site, route: &Route, who: &str) -> bool {
 #[test]
 fn t10_a_scope_grants_nothing_else() {
     let site = site("read,stop,move,configure,raw");
-    for route in ROUTES.iter().filter(|route| route.needs != Needs::Nothing) {
+    for route in ROUTES.iter().filter(|route| route.access != AccessRule::Public) {
         for word in WORDS {
             let denied = is_denied(&site, route, word);
             assert_eq!(denied, !may(route).contains(&word), "{route:?} as {word}");
@@ -69,7 +69,7 @@ fn t10_a_scope_grants_nothing_else() {
 #[test]
 fn t10_a_token_grants_no_more_than_its_server() {
     let site = site("read");
-    for route in ROUTES.iter().filter(|route| route.needs != Needs::Nothing) {
+    for route in ROUTES.iter().filter(|route| route.access != AccessRule::Public) {
         for word in WORDS {
             let reads = word == "read" && may(route).contains(&"read");
             assert_eq!(is_denied(&site, route, word), !reads, "{route:?} as {word}");

@@ -51,7 +51,7 @@ fn asked(site: &Site, shown: Option<Shown>) -> String {
 
 #[test]
 fn t16_only_the_newest_tls_and_the_certificate_that_was_shown() {
-    let site = Site::with(polepair_serve::Options { tls: true, ..options(folder()) });
+    let site = Site::with(polepair_serve::ServerOptions { tls: true, ..options(folder()) });
     let fingerprint = site.server.as_ref().unwrap().fingerprint().unwrap().to_owned();
     assert_eq!(fingerprint.len(), 95);
     let mut old = site.connect();
@@ -73,7 +73,11 @@ fn t16_where_clients_show_certificates_a_token_alone_is_not_enough() {
     let (ours, others) = (folder.join("ours.pem"), folder.join("others.pem"));
     let (ours, others) = (authority(&ours), authority(&others));
     let clients = Some(folder.join("ours.pem"));
-    let site = Site::with(polepair_serve::Options { tls: true, clients, ..options(folder) });
+    let site = Site::with(polepair_serve::ServerOptions {
+        tls: true,
+        client_ca: clients,
+        ..options(folder)
+    });
     assert_eq!(asked(&site, Some(vouched_by(&ours))), "HTTP/1.1 200");
     assert_eq!(asked(&site, Some(vouched_by(&others))), "", "vouched for by somebody else");
     assert_eq!(asked(&site, None), "", "by nobody");

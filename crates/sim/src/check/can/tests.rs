@@ -7,7 +7,7 @@ use polepair_core::proto::HostOptions;
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 
-use super::CanWatch;
+use super::CanChecker;
 use crate::can_bus::CanFaults;
 use crate::host;
 use crate::rack::RackDrive;
@@ -22,17 +22,17 @@ const BIT_RATE: u32 = 500_000;
 fn copies_within_what_copies_have_shifted_are_copies_too() {
     let profile = drives::profiles().iter().find(|p| p.name == "tmcm-171").expect("a module");
     let mut world = World::new(5);
-    let wire = world.can(CanLine { bit_rate: BIT_RATE });
+    let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
     let mut spec = RackDrive::new(profile, "tmcl");
     spec.address = Some(1);
     spec.build(&mut world, wire, false).expect("a module");
     let options = HostOptions::new(BIT_RATE);
-    let lane = host::lane("tmcl", MediumKind::Can, options, &[(*profile, 1)]).expect("a lane");
-    let node = world.add(lane);
+    let lane = host::host_lane("tmcl", MediumKind::Can, options, &[(*profile, 1)]).expect("a lane");
+    let node = world.add_node(lane);
     world.plug_host(wire, node, 0);
-    let mut watch = CanWatch::new(node, wire, BIT_RATE);
+    let mut watch = CanChecker::new(node, wire, BIT_RATE);
     *world.can_faults(wire).expect("a bus") =
-        CanFaults { error: Ppm(100_000), twice: Ppm(60_000), ..CanFaults::default() };
+        CanFaults { error: Ppm(100_000), last_bit: Ppm(60_000), ..CanFaults::default() };
     let ids: Vec<ParameterId> = (0..profile.parameters.len() as u16).map(ParameterId).collect();
     let named = |name| {
         *ids.iter().find(|id| profile.parameters[usize::from(id.0)].name == name).expect(name)
@@ -43,15 +43,17 @@ fn copies_within_what_copies_have_shifted_are_copies_too() {
     let mut tickets = 0;
     while world.now() < end {
         let axis = AxisIndex(0);
-        while world.look(node, |n, _| n.axes().and_then(|axes| axes.poll_outcome())).is_some() {}
+        while world.inspect(node, |n, _| n.axes().and_then(|axes| axes.poll_outcome())).is_some() {}
         // Two wait at any time, so that the host never rests.
         for _ in 0..2 {
             tickets += 1;
             let id = random.pick(&asked);
-            world.with(node, |n, now| n.axes().map(|a| a.read(now, Ticket(tickets), axis, id)));
+            world.with_node(node, |n, now| {
+                n.axes().map(|a| a.read_parameter(now, Ticket(tickets), axis, id))
+            });
         }
         world.step();
-        assert_eq!(watch.after(&mut world, &[]), None);
+        assert_eq!(watch.check_event(&mut world, &[]), None);
     }
     assert!(watch.copies_taken > 100, "{}", watch.copies_taken);
 }

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use polepair_core::drives::bench;
-use polepair_sim::node::{CAN_PORT, Node};
+use polepair_sim::node::{CAN_PORT, SimNode};
 
 use super::*;
 
@@ -20,7 +20,7 @@ fn a_babbling_node_makes_commands_fail_and_repeats_none() {
         let before = [0, 1].map(|axis| bench.truth(axis));
         // From a moment to longer than every deadline, without a pause.
         let ms = 20 + bench.random.below(1_500) as u32;
-        let noise = Frame::standard(FOREMOST, &bench.random.word().to_le_bytes());
+        let noise = Frame::standard(FOREMOST, &bench.random.next_u64().to_le_bytes());
         let pause = bench.random.below(30) as u32;
         let by = Command { target: Some(1.0), ..Command::new(Verb::MoveBy) };
         let tickets = [0, 1].map(|axis| bench.commanded(axis, by));
@@ -81,7 +81,7 @@ fn a_host_off_the_bus_ends_what_runs_and_disarms() {
         let at = bench.world.now().plus_ns(pause * 1_000);
         bench.world.run_until(at);
         let (wire, host) = (bench.wire, bench.host);
-        bench.world.switch_off(wire, host);
+        bench.world.force_bus_off(wire, host);
         let outcome = bench.end(ticket);
         let executed = bench.truth(0).unrepeatable - before;
         match outcome {
@@ -112,7 +112,7 @@ fn a_node_off_the_bus_stops_as_configured_and_tells_when_it_is_back() {
             let pause = bench.random.below(50) as u32;
             bench.pass(pause);
             let (wire, node) = (bench.wire, bench.drives[0]);
-            bench.world.switch_off(wire, node);
+            bench.world.force_bus_off(wire, node);
             bench.pass(3_000);
             bench.turns(1, 20.0);
             match option {
@@ -137,7 +137,7 @@ fn twin(bench: &mut Bench) -> NodeId {
 }
 
 fn starts(bench: &mut Bench, drive: NodeId) -> u64 {
-    bench.world.look(drive, |node, now| node.bench().unwrap().truth(now)).starts
+    bench.world.inspect(drive, |node, now| node.bench().unwrap().ground_truth(now)).starts
 }
 
 /// Both answer in the same bit: frames that differ destroy each other until both are off the bus.
@@ -149,7 +149,7 @@ fn two_nodes_of_one_number_that_answer_at_once_are_silent_and_move_nothing() {
         // The second one's shaft is elsewhere.
         let turn = |bench: &mut Bench, torque: f64| {
             let act = Act::Load(torque);
-            bench.world.with(twin, |node, now| node.bench().unwrap().act(now, act));
+            bench.world.with_node(twin, |node, now| node.bench().unwrap().act(now, act));
         };
         turn(&mut bench, 0.5);
         let pause = 50 + bench.random.below(100) as u32;
@@ -157,7 +157,7 @@ fn two_nodes_of_one_number_that_answer_at_once_are_silent_and_move_nothing() {
         turn(&mut bench, 0.0);
         bench.pass(10_000);
         let elsewhere =
-            bench.world.look(twin, |node, now| node.bench().unwrap().truth(now)).position;
+            bench.world.inspect(twin, |node, now| node.bench().unwrap().ground_truth(now)).position;
         assert!(elsewhere > 0.1, "{elsewhere} rad");
         assert_eq!(bench.read(0, "serial number"), Outcome::NotDone(Failure::Silent));
         // It is told why: both had to leave the bus.
@@ -178,7 +178,7 @@ fn two_nodes_of_one_number_that_answer_in_turn_are_told_and_not_moved() {
     seeds(|seed| {
         let mut bench = Bench::new(seed, &[cia402(), cia402()]);
         let late_us = 50 + bench.random.below(150);
-        let twin = bench.world.add(Box::new(Late::new(drive(cia402(), 2), late_us)));
+        let twin = bench.world.add_node(Box::new(Late::new(drive(cia402(), 2), late_us)));
         bench.world.plug_drive(bench.wire, twin, CAN_PORT);
         bench.pass(10);
         for _ in 0..4 {
@@ -200,7 +200,7 @@ fn two_nodes_of_one_number_that_answer_in_turn_are_told_and_not_moved() {
         // A stop goes out whoever answers.
         done(bench.verb(0, Verb::Disable));
         // Once one of them is gone, the other obeys.
-        bench.world.pull(bench.wire, twin, true);
+        bench.world.set_unplugged(bench.wire, twin, true);
         done(bench.read(0, "statusword"));
         done(bench.read(0, "statusword"));
         bench.spin(0, 20.0);
@@ -209,7 +209,7 @@ fn two_nodes_of_one_number_that_answer_in_turn_are_told_and_not_moved() {
 
 /// A drive whose frames come a moment later than they could.
 struct Late {
-    drive: Box<dyn Node>,
+    drive: Box<dyn SimNode>,
     late_us: u64,
     held: VecDeque<(Instant, Frame)>,
 }
@@ -268,12 +268,12 @@ impl Station<Can> for Late {
     }
 }
 
-impl Node for Late {
+impl SimNode for Late {
     fn can(&mut self, port: u8) -> Option<&mut dyn Station<Can>> {
         (port == CAN_PORT).then_some(self as _)
     }
 
-    fn bench(&mut self) -> Option<&mut dyn bench::Bench> {
+    fn bench(&mut self) -> Option<&mut dyn bench::BenchControl> {
         self.drive.bench()
     }
 }

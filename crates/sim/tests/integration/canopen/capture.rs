@@ -1,40 +1,42 @@
 //! What the analyser makes of our buses: nothing odd of those that are well, and what is planted.
 
-use polepair_capture::session::{Notice, Oddity};
-use polepair_capture::{Decoder, Rules, Stamp};
-use polepair_sim::world::{Carried, Heard};
+use polepair_capture::session::{AnomalyKind, SessionNotice};
+use polepair_capture::{CaptureDecoder, Rules, Timestamp};
+use polepair_sim::world::{Reception, ReceptionData};
 
 use super::*;
 
 /// What is odd with what everybody heard, as the kinds and the sentences.
-fn odds(bench: &mut Bench) -> Vec<(Oddity, String)> {
-    let mut decoder = Decoder::new(Rules::parse("canopen").unwrap());
+fn odds(bench: &mut Bench) -> Vec<(AnomalyKind, String)> {
+    let mut decoder = CaptureDecoder::new(Rules::parse("canopen").unwrap());
     let (mut odds, mut seen) = (Vec::new(), None);
-    let mut keep = |notices: &[Notice]| {
+    let mut keep = |notices: &[SessionNotice]| {
         odds.extend(notices.iter().filter_map(|notice| match notice {
-            Notice::Odd(odd) => Some((odd.kind, format!("{:?}: {}", odd.axis, odd.text))),
+            SessionNotice::Anomaly(odd) => {
+                Some((odd.kind, format!("{:?}: {}", odd.axis, odd.text)))
+            }
             _ => None,
         }));
     };
-    for Heard { at, carried, .. } in bench.world.take_log() {
-        let Carried::Frame(frame, _) = carried else { continue };
+    for Reception { at, data: carried, .. } in bench.world.take_log() {
+        let ReceptionData::Frame(frame, _) = carried else { continue };
         // Everybody hears a frame at the same time.
         if seen.replace((at, frame)) == Some((at, frame)) {
             continue;
         }
-        let time = Some(Stamp(at.since(Instant::ZERO).as_nanos() as u64));
-        decoder.frame(time, "can0", None, &frame, &mut |event| {
-            assert_eq!(event.wrong, None, "{frame}: {}", event.explained.text);
+        let time = Some(Timestamp(at.since(Instant::ZERO).as_nanos() as u64));
+        decoder.decode_frame(time, "can0", None, &frame, &mut |event| {
+            assert_eq!(event.defect, None, "{frame}: {}", event.explanation.text);
             keep(event.notices);
         });
     }
-    decoder.ending(&mut |event| keep(event.notices));
+    decoder.finish_sessions(&mut |event| keep(event.notices));
     odds
 }
 
 fn listened(seed: u64, profiles: &[&'static Profile]) -> Bench {
     let mut bench = Bench::new(seed, profiles);
-    bench.world.keep_log();
+    bench.world.enable_log();
     bench
 }
 
@@ -74,8 +76,8 @@ fn a_node_that_leaves_the_bus_is_silent_once() {
         bench.pass(5_000);
         done(bench.read(1, "statusword"));
         let odds = odds(&mut bench);
-        let kinds: Vec<Oddity> = odds.iter().map(|(kind, _)| *kind).collect();
-        assert_eq!(kinds, [Oddity::Silent], "{odds:?}");
+        let kinds: Vec<AnomalyKind> = odds.iter().map(|(kind, _)| *kind).collect();
+        assert_eq!(kinds, [AnomalyKind::Silent], "{odds:?}");
     });
 }
 
@@ -91,7 +93,7 @@ fn two_nodes_with_one_number_are_found() {
         bench.flood(beat, 40, 100_000);
         bench.pass(3_000);
         let odds = odds(&mut bench);
-        let kinds: Vec<Oddity> = odds.iter().map(|(kind, _)| *kind).collect();
-        assert_eq!(kinds, [Oddity::DuplicateAddress], "{odds:?}");
+        let kinds: Vec<AnomalyKind> = odds.iter().map(|(kind, _)| *kind).collect();
+        assert_eq!(kinds, [AnomalyKind::DuplicateAddress], "{odds:?}");
     });
 }

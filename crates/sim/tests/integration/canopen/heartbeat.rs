@@ -52,7 +52,7 @@ fn a_lost_master_stops_the_motor_within_the_time_and_as_configured() {
         let within = 60 + 10 * seed as u32;
         for option in OPTIONS {
             let mut bench = watched(seed, option, within);
-            bench.world.pull(bench.wire, bench.host, true);
+            bench.world.set_unplugged(bench.wire, bench.host, true);
             let reacted = until_it_reacts(&mut bench, 2 * within);
             // From its last heartbeat on, which was a moment ago.
             assert!(option == 0 || reacted <= within + 2, "{option}: {reacted} of {within} ms");

@@ -15,21 +15,21 @@ mod ts;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use polepair_core::axis::{Axes, Command, Verb};
-use polepair_core::drives::bench::{Act, Truth};
+use polepair_core::drives::bench::{Act, GroundTruth};
 use polepair_core::drives::{cia402, syntron_ts};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{Can, CanLine, Frame, MediumKind};
 use polepair_core::profile::{Profile, Signal};
 use polepair_core::proto::HostOptions;
-use polepair_core::proto::canopen::ask::{Answer, Ask};
-use polepair_core::proto::canopen::host::Host;
-use polepair_core::proto::canopen::sdo::Object;
+use polepair_core::proto::canopen::host::CanHost;
+use polepair_core::proto::canopen::host_request::{Answer, HostRequest};
+use polepair_core::proto::canopen::sdo::ObjectIndex;
 use polepair_core::station::{
-    AxisIndex, Class, Counters, Host as _, LineEvent, Station, Ticket, Timed, To,
+    AxisIndex, Counters, EventSubject, Host as _, LineEvent, RequestClass, Station, Ticket, Timed,
 };
 use polepair_core::time::Instant;
 use polepair_sim::host;
-use polepair_sim::node::LoneCan;
+use polepair_sim::node::CanStationNode;
 use polepair_sim::rack::RackDrive;
 use polepair_sim::random::Random;
 use polepair_sim::world::{NodeId, WireId, World};
@@ -106,11 +106,11 @@ impl Bench {
     /// The program's heartbeat comes so often, ms, while the program asks something.
     fn beating(seed: u64, heartbeat_ms: Option<u32>, profiles: &[&'static Profile]) -> Self {
         let mut world = World::new(seed);
-        let wire = world.can(CanLine { bit_rate: BIT_RATE });
+        let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
         let axes: Vec<_> = profiles.iter().copied().zip(2..).collect();
         let options = HostOptions { heartbeat_ms, ..HostOptions::new(BIT_RATE) };
-        let lane = host::lane("canopen", MediumKind::Can, options, &axes).unwrap();
-        let host = world.add(lane);
+        let lane = host::host_lane("canopen", MediumKind::Can, options, &axes).unwrap();
+        let host = world.add_node(lane);
         world.plug_host(wire, host, 0);
         let drives = axes
             .iter()
@@ -129,7 +129,7 @@ impl Bench {
     }
 
     fn axes<R>(&mut self, f: impl FnOnce(&mut dyn Axes, Instant) -> R) -> R {
-        self.world.with(self.host, |node, now| f(node.axes().unwrap(), now))
+        self.world.with_node(self.host, |node, now| f(node.axes().unwrap(), now))
     }
 
     fn start(
@@ -166,14 +166,16 @@ impl Bench {
     }
 
     fn read(&mut self, axis: u8, name: &str) -> Outcome {
-        let id = self.profiles[usize::from(axis)].find(name).unwrap();
-        self.run(|axes, now, ticket| axes.read(now, ticket, AxisIndex(axis), id))
+        let id = self.profiles[usize::from(axis)].find_parameter(name).unwrap();
+        self.run(|axes, now, ticket| axes.read_parameter(now, ticket, AxisIndex(axis), id))
     }
 
     fn write(&mut self, axis: u8, name: &str, raw: i64) -> Outcome {
-        let id = self.profiles[usize::from(axis)].find(name).unwrap();
-        self.axes(|axes, _| axes.arm(AxisIndex(axis), true));
-        self.run(|axes, now, ticket| axes.write(now, ticket, AxisIndex(axis), id, raw, false))
+        let id = self.profiles[usize::from(axis)].find_parameter(name).unwrap();
+        self.axes(|axes, _| axes.set_armed(AxisIndex(axis), true));
+        self.run(|axes, now, ticket| {
+            axes.write_parameter(now, ticket, AxisIndex(axis), id, raw, false)
+        })
     }
 
     /// Writes that must be done.
@@ -190,7 +192,7 @@ impl Bench {
 
     /// Starts a verb, and does not wait for its end.
     fn commanded(&mut self, axis: u8, command: Command) -> Ticket {
-        self.axes(|axes, _| axes.arm(AxisIndex(axis), true));
+        self.axes(|axes, _| axes.set_armed(AxisIndex(axis), true));
         self.start(|axes, now, ticket| axes.command(now, ticket, AxisIndex(axis), command))
     }
 
@@ -218,14 +220,14 @@ impl Bench {
         assert!(truth.velocity.abs() < 0.5, "axis {axis}: {truth:?}");
     }
 
-    fn truth(&mut self, axis: u8) -> Truth {
+    fn truth(&mut self, axis: u8) -> GroundTruth {
         let drive = self.drives[usize::from(axis)];
-        self.world.look(drive, |node, now| node.bench().unwrap().truth(now))
+        self.world.inspect(drive, |node, now| node.bench().unwrap().ground_truth(now))
     }
 
     fn act(&mut self, axis: u8, act: Act) {
         let drive = self.drives[usize::from(axis)];
-        assert!(self.world.with(drive, |node, now| node.bench().unwrap().act(now, act)));
+        assert!(self.world.with_node(drive, |node, now| node.bench().unwrap().act(now, act)));
     }
 
     fn is_armed(&mut self, axis: u8) -> bool {
@@ -242,7 +244,7 @@ impl Bench {
     }
 
     fn pull(&mut self, axis: u8, away: bool) {
-        self.world.pull(self.wire, self.drives[usize::from(axis)], away);
+        self.world.set_unplugged(self.wire, self.drives[usize::from(axis)], away);
     }
 
     /// Says a frame from elsewhere on the bus.
@@ -253,8 +255,9 @@ impl Bench {
 
     /// Somebody says that frame again and again: so many times, so many µs apart.
     fn flood(&mut self, frame: Frame, times: u32, every_us: u64) {
-        let talker = self.world.add(Box::new(LoneCan(Talker::new(frame, times, every_us))));
-        self.world.plug_stranger(self.wire, talker);
+        let talker =
+            self.world.add_node(Box::new(CanStationNode(Talker::new(frame, times, every_us))));
+        self.world.plug_intruder(self.wire, talker);
     }
 }
 
@@ -307,14 +310,14 @@ impl Station<Can> for Talker {
 
 /// A host without a lane, shared by the world and the test: for what only the protocol has.
 #[derive(Clone)]
-struct Bare(Arc<Mutex<Host>>);
+struct Bare(Arc<Mutex<CanHost>>);
 
 impl Bare {
     fn new() -> Self {
-        Self(Arc::new(Mutex::new(Host::new(&HostOptions::new(BIT_RATE)))))
+        Self(Arc::new(Mutex::new(CanHost::new(&HostOptions::new(BIT_RATE)))))
     }
 
-    fn host(&self) -> MutexGuard<'_, Host> {
+    fn host(&self) -> MutexGuard<'_, CanHost> {
         self.0.lock().unwrap()
     }
 }

@@ -133,24 +133,27 @@ fn a_storm_of_emergencies_keeps_nobody_from_working() {
 fn a_storm_that_nobody_listens_to_is_bounded_and_counted() {
     seeds(|seed| {
         let mut world = World::new(seed);
-        let wire = world.can(CanLine { bit_rate: BIT_RATE });
+        let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
         let bare = Bare::new();
-        let host = world.add(Box::new(LoneCan(bare.clone())));
+        let host = world.add_node(Box::new(CanStationNode(bare.clone())));
         world.plug_host(wire, host, 0);
         drive(cia402(), 2).build(&mut world, wire, false).unwrap();
         let mut random = Random::new(seed);
         let times = 1_000 + random.below(2_000) as u32;
         let frame = Frame::standard(0x083, &[0x10, 0x23, 2, 0, 0, 0, 0, 0]);
-        let storm = world.add(Box::new(LoneCan(Talker::new(frame, times, 300))));
-        world.plug_stranger(wire, storm);
+        let storm = world.add_node(Box::new(CanStationNode(Talker::new(frame, times, 300))));
+        world.plug_intruder(wire, storm);
         world.run_until(Instant::ZERO.plus_ms(random.below(500) as u32));
-        let ask = Ask::Read { node: 2, object: Object::new(0x1000, 0) };
-        world.with(host, |_, now| bare.host().submit(now, Ticket(1), ask)).unwrap();
+        let ask = HostRequest::Read { node: 2, object: ObjectIndex::new(0x1000, 0) };
+        world.with_node(host, |_, now| bare.host().submit(now, Ticket(1), ask)).unwrap();
         world.run_until(Instant::ZERO.plus_ms(3_000));
         let mut host = bare.host();
         let events: Vec<_> = std::iter::from_fn(|| host.poll_event().copied()).collect();
-        assert!(events.iter().any(|(to, end)| *to == To::Ticket(Ticket(1)) && end.is_ok()));
-        let told = events.iter().filter(|(to, _)| *to == To::Address(3)).count() as u64;
+        assert!(
+            events.iter().any(|(to, end)| *to == EventSubject::Request(Ticket(1)) && end.is_ok())
+        );
+        let told =
+            events.iter().filter(|(to, _)| *to == EventSubject::Unsolicited(3)).count() as u64;
         assert!((1..u64::from(times)).contains(&told), "{told} of {times}");
         assert_eq!(told + host.counters().late, u64::from(times), "none is lost uncounted");
     });

@@ -6,8 +6,8 @@ use super::*;
 
 const NODE: u8 = 2;
 /// The object that takes and gives any number of bytes, and how many it gives.
-const STREAM: Object = Object::new(0x2F01, 2);
-const LENGTH: Object = Object::new(0x2F01, 1);
+const STREAM: ObjectIndex = ObjectIndex::new(0x2F01, 2);
+const LENGTH: ObjectIndex = ObjectIndex::new(0x2F01, 1);
 const SIZE: u32 = 3_000;
 
 /// What happens to the node in the middle.
@@ -29,9 +29,9 @@ struct Desk {
 impl Desk {
     fn new(seed: u64) -> Self {
         let mut world = World::new(seed);
-        let wire = world.can(CanLine { bit_rate: BIT_RATE });
+        let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
         let bare = Bare::new();
-        let node = world.add(Box::new(LoneCan(bare.clone())));
+        let node = world.add_node(Box::new(CanStationNode(bare.clone())));
         world.plug_host(wire, node, 0);
         let drives = vec![drive(cia402(), NODE.into()).build(&mut world, wire, false).unwrap()];
         let (random, profiles, ends) = (Random::new(seed), vec![cia402()], Vec::new());
@@ -39,22 +39,23 @@ impl Desk {
             Bench { world, random, wire, host: node, drives, profiles, tickets: 0, ends };
         bench.pass(50);
         let mut desk = Self { bench, bare, node };
-        let length = Ask::Write {
+        let length = HostRequest::Write {
             node: NODE,
             object: LENGTH,
             bits: SIZE.into(),
             len: 4,
-            class: Class::Confirm,
+            class: RequestClass::ReadBack,
         };
         assert!(desk.ask(length).is_ok());
         desk
     }
 
-    fn begin(&mut self, ask: Ask) -> Ticket {
+    fn begin(&mut self, ask: HostRequest) -> Ticket {
         self.bench.tickets += 1;
         let ticket = Ticket(self.bench.tickets);
         let bare = &self.bare;
-        let taken = self.bench.world.with(self.node, |_, now| bare.host().submit(now, ticket, ask));
+        let taken =
+            self.bench.world.with_node(self.node, |_, now| bare.host().submit(now, ticket, ask));
         taken.expect("the node is idle");
         ticket
     }
@@ -64,12 +65,14 @@ impl Desk {
         while self.bench.world.now() < until {
             let mut bytes = [0; 100];
             let bare = &self.bare;
-            let end = self.bench.world.with(self.node, |_, _| {
+            let end = self.bench.world.with_node(self.node, |_, _| {
                 let mut host = bare.host();
                 let _ = host.poll_bytes(ticket, &mut bytes);
                 let _ = host.feed_bytes(ticket, &bytes);
                 let mut ends = std::iter::from_fn(|| host.poll_event().copied());
-                ends.find_map(|(to, result)| (to == To::Ticket(ticket)).then_some(result))
+                ends.find_map(|(to, result)| {
+                    (to == EventSubject::Request(ticket)).then_some(result)
+                })
             });
             if end.is_some() {
                 return end;
@@ -79,7 +82,7 @@ impl Desk {
         None
     }
 
-    fn ask(&mut self, ask: Ask) -> Result<Answer, Failure> {
+    fn ask(&mut self, ask: HostRequest) -> Result<Answer, Failure> {
         let ticket = self.begin(ask);
         let until = self.bench.world.now().plus_ms(20_000);
         self.finish(ticket, until).expect("every ticket ends")
@@ -93,17 +96,17 @@ impl Desk {
     }
 }
 
-fn upload(block: bool) -> Ask {
-    Ask::Upload { node: NODE, object: STREAM, block }
+fn upload(block: bool) -> HostRequest {
+    HostRequest::Upload { node: NODE, object: STREAM, block }
 }
 
-fn download(block: bool) -> Ask {
-    Ask::Download { node: NODE, object: STREAM, block, size: SIZE }
+fn download(block: bool) -> HostRequest {
+    HostRequest::Download { node: NODE, object: STREAM, block, size: SIZE }
 }
 
 /// The node is lost somewhere within the transfer; the ticket ends, whoever is asked next is
 /// answered, and the same transfer goes through.
-fn lost_in_the_middle(ask: Ask) {
+fn lost_in_the_middle(ask: HostRequest) {
     seeds(|seed| {
         let mut desk = Desk::new(seed);
         // How long it takes when nothing goes wrong.
@@ -113,12 +116,12 @@ fn lost_in_the_middle(ask: Ask) {
         let took = desk.bench.world.now().since(begun).as_nanos() as u64;
         for loss in [Loss::Pulled, Loss::Powered] {
             if loss == Loss::Powered {
-                let length = Ask::Write {
+                let length = HostRequest::Write {
                     node: NODE,
                     object: LENGTH,
                     bits: SIZE.into(),
                     len: 4,
-                    class: Class::Confirm,
+                    class: RequestClass::ReadBack,
                 };
                 assert!(desk.ask(length).is_ok());
             }
@@ -139,7 +142,7 @@ fn lost_in_the_middle(ask: Ask) {
             desk.bench.pull(0, false);
             desk.bench.pass(10);
             // Its server is free: for something short, and for the same again.
-            let answer = desk.ask(Ask::Read { node: NODE, object: LENGTH });
+            let answer = desk.ask(HostRequest::Read { node: NODE, object: LENGTH });
             assert!(matches!(answer, Ok(Answer::Value { .. })), "{loss:?}: {answer:?}");
             if loss == Loss::Pulled {
                 assert_eq!(desk.ask(ask), whole, "{loss:?}");
@@ -177,9 +180,9 @@ fn host_lost_in_the_middle_leaves_a_server_that_answers_the_next() {
             let ticket = desk.begin(ask);
             let middle = desk.bench.world.now().plus_ns(1 + desk.bench.random.below(20_000_000));
             assert_eq!(desk.finish(ticket, middle), None);
-            *desk.bare.host() = Host::new(&HostOptions::new(BIT_RATE));
+            *desk.bare.host() = CanHost::new(&HostOptions::new(BIT_RATE));
             desk.bench.pass(5);
-            let answer = desk.ask(Ask::Read { node: NODE, object: LENGTH });
+            let answer = desk.ask(HostRequest::Read { node: NODE, object: LENGTH });
             assert!(matches!(answer, Ok(Answer::Value { .. })), "{ask:?}: {answer:?}");
             assert_eq!(desk.ask(ask), Ok(Answer::Transferred(SIZE)), "{ask:?}");
         }

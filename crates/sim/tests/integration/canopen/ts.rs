@@ -71,8 +71,10 @@ fn power_lost_while_registers_are_kept_leaves_each_old_or_new() {
     seeds(|seed| {
         let mut bench = Bench::new(seed, &[ts()]);
         let keep = |bench: &mut Bench, name: &str, raw| {
-            let id = ts().find(name).unwrap();
-            bench.start(|axes, now, ticket| axes.write(now, ticket, AxisIndex(0), id, raw, true))
+            let id = ts().find_parameter(name).unwrap();
+            bench.start(|axes, now, ticket| {
+                axes.write_parameter(now, ticket, AxisIndex(0), id, raw, true)
+            })
         };
         for (name, old, _) in SETTINGS {
             let ticket = keep(&mut bench, name, old);

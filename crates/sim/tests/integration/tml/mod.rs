@@ -3,21 +3,21 @@
 mod clash;
 mod verbs;
 
-use polepair_core::axis::{Axes, Command, Part, Verb};
-use polepair_core::drives::bench::Truth;
+use polepair_core::axis::{Axes, Command, GroupAnswer, Verb};
+use polepair_core::drives::bench::GroundTruth;
 use polepair_core::drives::technosoft::{Device, Technosoft};
 use polepair_core::drives::{DeviceOptions, Family};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::profile::{Profile, Signal};
-use polepair_core::proto::{GROUP, HostOptions, Wire};
+use polepair_core::proto::{GROUP, HostOptions, SerialStandard};
 use polepair_core::station::{AxisIndex, Counters, Ticket};
 use polepair_core::stream::{PathKind, Point};
 use polepair_core::time::Instant;
 use polepair_sim::host;
-use polepair_sim::node::{CAN_PORT, Drive, SERIAL_PORT};
+use polepair_sim::node::{CAN_PORT, DriveNode, SERIAL_PORT};
 use polepair_sim::random::Ppm;
-use polepair_sim::serial_line::Serial;
+use polepair_sim::serial_line::SerialWireConfig;
 use polepair_sim::world::{NodeId, WireId, World};
 
 const BIT_RATE: u32 = 500_000;
@@ -36,7 +36,7 @@ fn profile() -> &'static Profile {
     Technosoft::profiles()[0]
 }
 
-fn device(address: u32, extra: &[(&str, &str)]) -> Box<Drive<Device>> {
+fn device(address: u32, extra: &[(&str, &str)]) -> Box<DriveNode<Device>> {
     let wires = &["tml", "tmlcan"];
     let options = DeviceOptions {
         address: Some(address),
@@ -46,13 +46,17 @@ fn device(address: u32, extra: &[(&str, &str)]) -> Box<Drive<Device>> {
         seed: 1,
         extra,
     };
-    Box::new(Drive(Technosoft::device(profile(), &options).unwrap()))
+    Box::new(DriveNode(Technosoft::create_device(profile(), &options).unwrap()))
 }
 
-fn lane(protocol: &str, options: HostOptions, axes: &[u32]) -> Box<dyn polepair_sim::node::Node> {
+fn lane(
+    protocol: &str,
+    options: HostOptions,
+    axes: &[u32],
+) -> Box<dyn polepair_sim::node::SimNode> {
     let medium = if protocol == "tml" { MediumKind::Serial } else { MediumKind::Can };
     let axes: Vec<_> = axes.iter().map(|axis| (profile(), *axis)).collect();
-    host::lane(protocol, medium, options, &axes).unwrap()
+    host::host_lane(protocol, medium, options, &axes).unwrap()
 }
 
 impl Bench {
@@ -63,13 +67,16 @@ impl Bench {
 
     fn relay_at(baud: u32, bus: &str, axes: &[u32]) -> Self {
         let mut world = World::new(1);
-        let (wire, can) = (world.serial(Serial::RS232), world.can(CanLine { bit_rate: BIT_RATE }));
-        let host = world.add(lane("tml", HostOptions::new(baud), axes));
+        let (wire, can) = (
+            world.add_serial(SerialWireConfig::RS232),
+            world.add_can(CanLine { bit_rate: BIT_RATE }),
+        );
+        let host = world.add_node(lane("tml", HostOptions::new(baud), axes));
         world.plug_host(wire, host, 0);
         let single: Vec<u32> = axes.iter().copied().filter(|axis| axis & GROUP == 0).collect();
         let mut drives = Vec::new();
         for (n, axis) in single.iter().enumerate() {
-            let drive = world.add(device(*axis, &[("can", bus), ("baud", &baud.to_string())]));
+            let drive = world.add_node(device(*axis, &[("can", bus), ("baud", &baud.to_string())]));
             if n == 0 {
                 world.plug_drive(wire, drive, SERIAL_PORT);
             }
@@ -82,13 +89,13 @@ impl Bench {
     /// A host on RS-485 with all axes.
     fn rs485(options: HostOptions, axes: &[u32], on_line: &[u32]) -> Self {
         let mut world = World::new(1);
-        let wire = world.serial(Serial::RS485);
-        let options = HostOptions { wire: Some(Wire::Rs485), ..options };
-        let host = world.add(lane("tml", options, axes));
+        let wire = world.add_serial(SerialWireConfig::RS485);
+        let options = HostOptions { standard: Some(SerialStandard::Rs485), ..options };
+        let host = world.add_node(lane("tml", options, axes));
         world.plug_host(wire, host, 0);
         let mut drives = Vec::new();
         for axis in on_line {
-            let drive = world.add(device(*axis, &[("wire", "rs485")]));
+            let drive = world.add_node(device(*axis, &[("wire", "rs485")]));
             world.plug_drive(wire, drive, SERIAL_PORT);
             drives.push(drive);
         }
@@ -103,12 +110,12 @@ impl Bench {
     /// The drives' clocks are fast by so many parts per million.
     fn drifting(ppm: &str, bus: &str, options: HostOptions, axes: &[u32], on_bus: &[u32]) -> Self {
         let mut world = World::new(1);
-        let wire = world.can(CanLine { bit_rate: BIT_RATE });
-        let host = world.add(lane(bus, options, axes));
+        let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
+        let host = world.add_node(lane(bus, options, axes));
         world.plug_host(wire, host, 0);
         let mut drives = Vec::new();
         for axis in on_bus {
-            let drive = world.add(device(*axis, &[("can", bus), ("clock-ppm", ppm)]));
+            let drive = world.add_node(device(*axis, &[("can", bus), ("clock-ppm", ppm)]));
             world.plug_drive(wire, drive, CAN_PORT);
             drives.push(drive);
         }
@@ -122,7 +129,7 @@ impl Bench {
     }
 
     fn axes<R>(&mut self, f: impl FnOnce(&mut dyn Axes, Instant) -> R) -> R {
-        self.world.with(self.host, |node, now| f(node.axes().unwrap(), now))
+        self.world.with_node(self.host, |node, now| f(node.axes().unwrap(), now))
     }
 
     /// Starts something and lives on until it ends.
@@ -138,7 +145,11 @@ impl Bench {
             self.world.step();
             let (outcome, parts) = self.axes(|axes, _| {
                 let outcome = axes.poll_outcome();
-                (outcome, std::iter::from_fn(|| axes.poll_part(ticket)).collect::<Vec<Part>>())
+                (
+                    outcome,
+                    std::iter::from_fn(|| axes.poll_group_answer(ticket))
+                        .collect::<Vec<GroupAnswer>>(),
+                )
             });
             self.parts.extend(parts.iter().map(|part| (part.address, part.raw)));
             match outcome {
@@ -151,18 +162,20 @@ impl Bench {
     }
 
     fn read(&mut self, axis: u8, name: &str) -> Outcome {
-        let id = profile().find(name).unwrap();
-        self.run(|axes, now, ticket| axes.read(now, ticket, AxisIndex(axis), id))
+        let id = profile().find_parameter(name).unwrap();
+        self.run(|axes, now, ticket| axes.read_parameter(now, ticket, AxisIndex(axis), id))
     }
 
     fn write(&mut self, axis: u8, name: &str, raw: i64) -> Outcome {
-        let id = profile().find(name).unwrap();
-        self.axes(|axes, _| axes.arm(AxisIndex(axis), true));
-        self.run(|axes, now, ticket| axes.write(now, ticket, AxisIndex(axis), id, raw, false))
+        let id = profile().find_parameter(name).unwrap();
+        self.axes(|axes, _| axes.set_armed(AxisIndex(axis), true));
+        self.run(|axes, now, ticket| {
+            axes.write_parameter(now, ticket, AxisIndex(axis), id, raw, false)
+        })
     }
 
     fn command(&mut self, axis: u8, command: Command) -> Outcome {
-        self.axes(|axes, _| axes.arm(AxisIndex(axis), true));
+        self.axes(|axes, _| axes.set_armed(AxisIndex(axis), true));
         self.run(|axes, now, ticket| axes.command(now, ticket, AxisIndex(axis), command))
     }
 
@@ -171,12 +184,12 @@ impl Bench {
     }
 
     fn raw(&mut self, axis: u8, text: &str) -> Outcome {
-        self.axes(|axes, _| axes.arm(AxisIndex(axis), true));
-        self.run(|axes, now, ticket| axes.raw(now, ticket, AxisIndex(axis), text))
+        self.axes(|axes, _| axes.set_armed(AxisIndex(axis), true));
+        self.run(|axes, now, ticket| axes.send_text(now, ticket, AxisIndex(axis), text))
     }
 
-    fn truth(&mut self, drive: usize) -> Truth {
-        self.world.look(self.drives[drive], |node, now| node.bench().unwrap().truth(now))
+    fn truth(&mut self, drive: usize) -> GroundTruth {
+        self.world.inspect(self.drives[drive], |node, now| node.bench().unwrap().ground_truth(now))
     }
 
     fn counters(&mut self) -> Counters {
@@ -223,7 +236,7 @@ fn a_host_reads_the_gain_of_an_axis_behind_the_relay() {
 
 #[test]
 fn a_group_answers_in_the_order_of_its_ids() {
-    let options = HostOptions { host: Some(3), ..HostOptions::new(BIT_RATE) };
+    let options = HostOptions { host_address: Some(3), ..HostOptions::new(BIT_RATE) };
     let mut bench = Bench::can("tmlcan", options, &[5, 7, GROUP | 1], &[7, 5]);
     assert_eq!(bench.read(2, "axis address"), Outcome::NotDone(bench_differs()));
     assert_eq!(bench.parts, [(5, 0x0105), (7, 0x0107)]);
@@ -298,15 +311,16 @@ fn a_question_to_a_group_on_rs485_is_refused_before_a_byte_is_sent() {
 
 #[test]
 fn behind_a_technocan_relay_nobody_speaks_but_when_asked() {
-    let options = HostOptions { answers_only: true, ..HostOptions::new(9600) };
+    let options = HostOptions { relay_answers_only: true, ..HostOptions::new(9600) };
     let mut world = World::new(1);
-    let (wire, can) = (world.serial(Serial::RS232), world.can(CanLine { bit_rate: BIT_RATE }));
-    let host = world.add(lane("tml", options, &[255, 1, GROUP | 1]));
+    let (wire, can) =
+        (world.add_serial(SerialWireConfig::RS232), world.add_can(CanLine { bit_rate: BIT_RATE }));
+    let host = world.add_node(lane("tml", options, &[255, 1, GROUP | 1]));
     world.plug_host(wire, host, 0);
     let drives: Vec<NodeId> = [255, 1]
         .iter()
         .map(|axis| {
-            let drive = world.add(device(*axis, &[("can", "technocan")]));
+            let drive = world.add_node(device(*axis, &[("can", "technocan")]));
             world.plug_drive(can, drive, CAN_PORT);
             drive
         })
@@ -322,7 +336,7 @@ fn behind_a_technocan_relay_nobody_speaks_but_when_asked() {
 
 #[test]
 fn the_wrong_host_id_is_refused_with_its_reason() {
-    let wrong = HostOptions { host: Some(5), ..HostOptions::new(BIT_RATE) };
+    let wrong = HostOptions { host_address: Some(5), ..HostOptions::new(BIT_RATE) };
     let mut bench = Bench::can("tmlcan", wrong, &[5], &[5]);
     let outcome = bench.read(0, "KPP");
     assert!(rule(outcome).is_some_and(|rule| rule.contains("an axis ID that no drive has")));
@@ -346,14 +360,14 @@ fn stream_as(kind: PathKind, bench: &mut Bench, axis: u8, count: usize, time: f6
     bench.tickets += 1;
     let ticket = Ticket(bench.tickets);
     bench.axes(|axes, now| {
-        axes.arm(AxisIndex(axis), true);
-        axes.stream(now, ticket, AxisIndex(axis), kind).unwrap();
+        axes.set_armed(AxisIndex(axis), true);
+        axes.start_path(now, ticket, AxisIndex(axis), kind).unwrap();
     });
     let (mut fed, limit) = (0, bench.world.now().plus_ms(1_000_000));
     while bench.world.now() < limit {
         let points: Vec<Point> = (fed + 1..=count).take(64).map(path).collect();
         let complete = fed + points.len() == count;
-        let taken = bench.axes(|axes, _| axes.feed(ticket, &points, complete));
+        let taken = bench.axes(|axes, _| axes.feed_points(ticket, &points, complete));
         fed += taken.unwrap_or(0);
         let until = bench.world.now().plus_ms(50);
         bench.world.run_until(until);
@@ -424,12 +438,12 @@ fn a_point_whose_acknowledgement_is_lost_is_sent_once() {
     let mut bench = Bench::relay("tmlcan", &[1]);
     assert!(done(bench.verb(0, Verb::Enable)));
     // One transmission in a hundred is lost, questions and acknowledgements alike.
-    if let Some(faults) = bench.world.faults(bench.wire) {
+    if let Some(faults) = bench.world.serial_faults(bench.wire) {
         (faults.lose_request, faults.lose_reply) = (Ppm(3_000), Ppm(3_000));
     }
     let outcome = stream(&mut bench, 0, 500, 0.060);
-    if let Some(faults) = bench.world.faults(bench.wire) {
-        *faults = polepair_sim::fault::Faults::default();
+    if let Some(faults) = bench.world.serial_faults(bench.wire) {
+        *faults = polepair_sim::fault::SerialFaults::default();
     }
     assert_eq!(outcome, Outcome::Done(500));
     assert!(bench.counters().silent > 0, "{:?}", bench.counters());
@@ -442,11 +456,11 @@ fn a_stop_ends_a_path() {
     let mut bench = Bench::relay("tmlcan", &[1]);
     assert!(done(bench.verb(0, Verb::Enable)));
     let ticket = Ticket(900);
-    bench.axes(|axes, now| axes.stream(now, ticket, AxisIndex(0), PathKind::Pvt).unwrap());
+    bench.axes(|axes, now| axes.start_path(now, ticket, AxisIndex(0), PathKind::Pvt).unwrap());
     let far: Vec<Point> = (1..=400)
         .map(|n| Point { position: f64::from(n) * 0.2, velocity: 10.0, time: 0.02 })
         .collect();
-    assert_eq!(bench.axes(|axes, _| axes.feed(ticket, &far, false)), Some(400));
+    assert_eq!(bench.axes(|axes, _| axes.feed_points(ticket, &far, false)), Some(400));
     let until = bench.world.now().plus_ms(500);
     bench.world.run_until(until);
     assert!((bench.truth(0).velocity - 10.0).abs() < 1.0);
@@ -461,7 +475,7 @@ fn a_stop_ends_a_path() {
     ends.sort_by_key(|(ticket, _)| ticket.0);
     assert_eq!(ends[0], (ticket, Outcome::Unknown(Failure::Cancelled)));
     assert!(matches!(ends[1], (Ticket(901), Outcome::Done(_))));
-    assert_eq!(bench.axes(|axes, _| axes.feed(ticket, &far, false)), None);
+    assert_eq!(bench.axes(|axes, _| axes.feed_points(ticket, &far, false)), None);
 }
 
 #[test]
@@ -469,11 +483,11 @@ fn a_path_that_starves_is_told() {
     let mut bench = Bench::can("tmlcan", HostOptions::new(BIT_RATE), &[1], &[1]);
     assert!(done(bench.verb(0, Verb::Enable)));
     let ticket = Ticket(900);
-    bench.axes(|axes, now| axes.stream(now, ticket, AxisIndex(0), PathKind::Pvt).unwrap());
+    bench.axes(|axes, now| axes.start_path(now, ticket, AxisIndex(0), PathKind::Pvt).unwrap());
     let few: Vec<Point> = (1..=20)
         .map(|n| Point { position: f64::from(n) * 0.2, velocity: 10.0, time: 0.02 })
         .collect();
-    bench.axes(|axes, _| axes.feed(ticket, &few, false));
+    bench.axes(|axes, _| axes.feed_points(ticket, &few, false));
     let until = bench.world.now().plus_ms(3000);
     bench.world.run_until(until);
     let outcome = bench.axes(|axes, _| axes.poll_outcome());
@@ -502,15 +516,15 @@ fn a_group_starts_at_once_with_one_message() {
 #[test]
 fn setsync_keeps_ten_drives_within_a_slow_loop() {
     let mut world = World::new(1);
-    let wire = world.can(CanLine { bit_rate: BIT_RATE });
+    let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
     let axes: Vec<u32> = (1..=10).collect();
     let with_group: Vec<u32> = axes.iter().copied().chain([GROUP | 1]).collect();
-    let host = world.add(lane("tmlcan", HostOptions::new(BIT_RATE), &with_group));
+    let host = world.add_node(lane("tmlcan", HostOptions::new(BIT_RATE), &with_group));
     world.plug_host(wire, host, 0);
     let mut drives = Vec::new();
     for axis in &axes {
         let ppm = (i64::from(*axis) * 180 - 990).to_string();
-        let drive = world.add(device(*axis, &[("can", "tmlcan"), ("clock-ppm", &ppm)]));
+        let drive = world.add_node(device(*axis, &[("can", "tmlcan"), ("clock-ppm", &ppm)]));
         world.plug_drive(wire, drive, CAN_PORT);
         drives.push(drive);
     }

@@ -41,7 +41,7 @@ impl Bench {
 
     fn act(&mut self, act: Act) {
         let drive = self.drives[0];
-        assert!(self.world.look(drive, |node, now| node.bench().unwrap().act(now, act)));
+        assert!(self.world.inspect(drive, |node, now| node.bench().unwrap().act(now, act)));
     }
 
     /// The drive's position, counts.

@@ -4,10 +4,10 @@ use polepair_core::proto::canopen::sdo::{BLOCK_MAX, BlockSegment, SEGMENT};
 
 /// What came of a block.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Block {
+pub(super) struct BlockBuffer {
     bytes: Vec<u8>,
     /// Segments of the block at most.
-    pub room: u8,
+    pub segments_max: u8,
     /// The last one that came in order.
     pub count: u8,
     /// That was the last of all.
@@ -16,11 +16,11 @@ pub(super) struct Block {
     tail: Option<[u8; SEGMENT]>,
 }
 
-impl Block {
+impl BlockBuffer {
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.bytes.clear();
-        (self.room, self.count, self.last, self.tail) = (BLOCK_MAX, 0, false, None);
+        (self.segments_max, self.count, self.last, self.tail) = (BLOCK_MAX, 0, false, None);
     }
 
     /// Takes a segment; `false` if it is not the next one.
@@ -35,12 +35,12 @@ impl Block {
 
     /// No more segments come before an acknowledgement.
     pub const fn is_full(&self) -> bool {
-        self.last || self.count >= self.room
+        self.last || self.count >= self.segments_max
     }
 
     /// So many segments arrived: gives their bytes, but not those of the last of all, which wait
     /// until it is said how many of them count. The next block has `room`.
-    pub fn arrived(&mut self, arrived: u8, room: u8, mut each: impl FnMut(&[u8])) {
+    pub fn acknowledge(&mut self, arrived: u8, room: u8, mut each: impl FnMut(&[u8])) {
         let all = arrived >= self.count && self.last;
         let len = usize::from(arrived.min(self.count)) * SEGMENT;
         let (whole, _) = self.bytes.split_at(len);
@@ -52,11 +52,11 @@ impl Block {
             _ => each(whole),
         }
         self.bytes.clear();
-        (self.room, self.count, self.last) = (room, 0, all);
+        (self.segments_max, self.count, self.last) = (room, 0, all);
     }
 
     /// The bytes of the last segment that count.
-    pub fn tail(&mut self, unused: u8) -> Option<([u8; SEGMENT], usize)> {
+    pub fn take_tail(&mut self, unused: u8) -> Option<([u8; SEGMENT], usize)> {
         let tail = self.tail.take()?;
         Some((tail, SEGMENT.saturating_sub(unused.into())))
     }

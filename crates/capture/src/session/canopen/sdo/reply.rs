@@ -1,336 +1,393 @@
 //! What the node sends, and what both do with blocks.
 
-use polepair_core::proto::canopen::sdo::{Abort, BlockSegment, Object, Reply, Segment, Short};
+use polepair_core::proto::canopen::sdo::{
+    AbortCode, BlockSegment, ExpeditedData, ObjectIndex, SdoReply, Segment,
+};
 
-use super::{At, Channel, GivenUp, Op, Part, Phase, State, TIMEOUT_NS, TWICE_MAX};
-use crate::session::{Exchange, Notice, Oddity, Outcome};
+use super::{
+    AbandonedRequest, ChannelState, DOUBLE_ANSWERS_MAX, FrameRef, SdoChannel, SdoOperation,
+    TIMEOUT_NS, TransferPart, TransferPhase,
+};
+use crate::session::{AnomalyKind, ExchangeNotice, ExchangeOutcome, SessionNotice};
 
-impl Channel {
+impl SdoChannel {
     /// Takes eight bytes from the node. `followed` says that requests are heard on this bus.
-    pub fn reply(
+    pub fn handle_reply(
         &mut self,
         bytes: [u8; 8],
-        at: At,
+        at: FrameRef,
         followed: bool,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
-        let before = core::mem::replace(&mut self.reply, bytes);
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
+        let before = core::mem::replace(&mut self.last_reply, bytes);
         match self.state {
-            State::Adrift => self.reply_adrift(bytes, at, followed, notices),
-            State::Idle => self.unasked(bytes, before, at, notices),
-            State::Open => {
-                let block = self.transfer.phase == Phase::BlockUp && bytes[0] != 0x80;
-                self.transfer.moved = at.1.or(self.transfer.moved);
+            ChannelState::Unsynced => self.reply_unsynced(bytes, at, followed, notices),
+            ChannelState::Idle => self.handle_unsolicited(bytes, before, at, notices),
+            ChannelState::Open => {
+                let block = self.transfer.phase == TransferPhase::BlockUp && bytes[0] != 0x80;
+                self.transfer.last_progress = at.1.or(self.transfer.last_progress);
                 match block {
-                    true => self.block_up(bytes, at, notices),
-                    false => self.answer(bytes, before, at, notices),
+                    true => self.handle_block_up(bytes, at, notices),
+                    false => self.match_reply(bytes, before, at, notices),
                 }
             }
         }
     }
 
     /// It may go on with what began before the capture.
-    fn reply_adrift(
+    fn reply_unsynced(
         &mut self,
         bytes: [u8; 8],
-        at: At,
+        at: FrameRef,
         followed: bool,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
-        let waited = at.1.zip(self.adrift).map_or(0, |(now, since)| now.since(since));
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
+        let waited = at.1.zip(self.unsynced_since).map_or(0, |(now, since)| now.since(since));
         if waited <= TIMEOUT_NS || !followed {
-            self.adrift = at.1;
+            self.unsynced_since = at.1;
         } else {
-            self.foreign(bytes, "nobody asked for", notices);
-            self.state = State::Idle;
+            self.report_foreign(bytes, "nobody asked for", notices);
+            self.state = ChannelState::Idle;
         }
-        Part::Plain
+        TransferPart::Plain
     }
 
     /// An answer while nothing is asked.
-    fn unasked(
+    fn handle_unsolicited(
         &mut self,
         bytes: [u8; 8],
         before: [u8; 8],
-        at: At,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
-        if self.owed > 0 {
-            self.owed -= 1;
-            return Part::Plain;
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
+        if self.extra_replies > 0 {
+            self.extra_replies -= 1;
+            return TransferPart::Plain;
         }
-        if self.is_late(bytes, at, notices) {
-            return Part::Plain;
+        if self.handle_late_reply(bytes, at, notices) {
+            return TransferPart::Plain;
         }
-        let soon = at.1.zip(self.transfer.moved).is_none_or(|(now, at)| now.since(at) < TIMEOUT_NS);
-        let same = Reply::of(bytes).object() == Some(self.transfer.object);
+        let soon =
+            at.1.zip(self.transfer.last_progress)
+                .is_none_or(|(now, at)| now.since(at) < TIMEOUT_NS);
+        let same = SdoReply::of(bytes).object() == Some(self.transfer.object);
         if soon && (bytes == before || same) {
-            self.double(bytes, before, notices);
+            self.report_double(bytes, before, notices);
         } else {
-            self.foreign(bytes, "nobody asked for", notices);
+            self.report_foreign(bytes, "nobody asked for", notices);
         }
-        Part::Plain
+        TransferPart::Plain
     }
 
     /// The same request answered twice: by one node once, by two always. What tells products apart
     /// is never two things.
-    fn double(&mut self, bytes: [u8; 8], before: [u8; 8], notices: &mut Vec<Notice>) {
-        let object = Reply::of(bytes).object().map(|object| object.index);
+    fn report_double(&mut self, bytes: [u8; 8], before: [u8; 8], notices: &mut Vec<SessionNotice>) {
+        let object = SdoReply::of(bytes).object().map(|object| object.index);
         let differs = bytes != before && matches!(object, Some(0x1000 | 0x1008..=0x100A | 0x1018));
-        self.doubled = true;
-        self.twice = if differs { TWICE_MAX } else { self.twice.saturating_add(1) };
-        if self.twice == 1 {
+        self.last_doubled = true;
+        self.double_answers =
+            if differs { DOUBLE_ANSWERS_MAX } else { self.double_answers.saturating_add(1) };
+        if self.double_answers == 1 {
             let how = if bytes == before { "" } else { ", with two values" };
             let text = format!("a request was answered twice{how}");
-            notices.push(super::odd(Oddity::DuplicateReply, self.node, text));
+            notices.push(super::anomaly(AnomalyKind::DuplicateReply, self.node, text));
         }
     }
 
     /// It answers what had been given up.
-    fn is_late(&mut self, bytes: [u8; 8], at: At, notices: &mut Vec<Notice>) -> bool {
-        let Some(GivenUp { op, object, asked, .. }) = self.given_up else { return false };
-        let reply = Reply::of(bytes);
+    fn handle_late_reply(
+        &mut self,
+        bytes: [u8; 8],
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> bool {
+        let Some(AbandonedRequest { op, object, requested: asked, .. }) = self.abandoned else {
+            return false;
+        };
+        let reply = SdoReply::of(bytes);
         let fits = match (reply, op) {
-            (Reply::Abort(told, _), _) => told == object,
-            (Reply::Written(told, _), Op::Write) | (Reply::Value(told, _), Op::Read) => {
-                told == object
-            }
-            (Reply::ValueLong(told, _) | Reply::ReadBlockReady { object: told, .. }, Op::Read) => {
-                told == object
-            }
+            (SdoReply::Abort(told, _), _) => told == object,
+            (SdoReply::Written(told, _), SdoOperation::Write)
+            | (SdoReply::Value(told, _), SdoOperation::Read) => told == object,
+            (
+                SdoReply::ValueLong(told, _) | SdoReply::ReadBlockReady { object: told, .. },
+                SdoOperation::Read,
+            ) => told == object,
             _ => false,
         };
         if fits {
             // Both sides gave up.
-            if matches!(reply, Reply::Abort(_, Abort::TIMEOUT)) {
-                self.tell_held(notices);
-                self.given_up = None;
+            if matches!(reply, SdoReply::Abort(_, AbortCode::TIMEOUT)) {
+                self.release_held(notices);
+                self.abandoned = None;
                 return true;
             }
-            let held = self.given_up.take().map_or_else(Vec::new, |given_up| given_up.held);
-            notices.extend(held.into_iter().filter_map(|notice| answered_late(notice, at)));
+            let held =
+                self.abandoned.take().map_or_else(Vec::new, |given_up| given_up.held_notices);
+            notices.extend(held.into_iter().filter_map(|notice| late_exchange(notice, at)));
             let ms = at.1.zip(asked.1).map_or(0, |(now, asked)| now.since(asked) / 1_000_000);
-            let Object { index, sub } = object;
+            let ObjectIndex { index, sub } = object;
             let text = format!("the answer for 0x{index:04X}:{sub} came {ms} ms after its request");
-            notices.push(super::odd(Oddity::LateReply, self.node, text));
+            notices.push(super::anomaly(AnomalyKind::LateReply, self.node, text));
         }
         fits
     }
 
-    fn foreign(&mut self, bytes: [u8; 8], why: &str, notices: &mut Vec<Notice>) {
-        let what = match Reply::of(bytes).object() {
-            Some(Object { index, sub }) => format!("an answer for 0x{index:04X}:{sub}"),
+    fn report_foreign(&mut self, bytes: [u8; 8], why: &str, notices: &mut Vec<SessionNotice>) {
+        let what = match SdoReply::of(bytes).object() {
+            Some(ObjectIndex { index, sub }) => format!("an answer for 0x{index:04X}:{sub}"),
             None => "an answer".to_owned(),
         };
-        notices.push(super::odd(Oddity::ForeignReply, self.node, format!("{what} that {why}")));
+        notices.push(super::anomaly(
+            AnomalyKind::ForeignReply,
+            self.node,
+            format!("{what} that {why}"),
+        ));
     }
 
-    fn answer(
+    fn match_reply(
         &mut self,
         bytes: [u8; 8],
         before: [u8; 8],
-        at: At,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         let t = &mut self.transfer;
-        let reply = Reply::of(bytes);
+        let reply = SdoReply::of(bytes);
         let mine = reply.object().is_none_or(|object| object == t.object);
         match (reply, t.phase, t.op) {
-            (Reply::Abort(object, abort), ..) => self.abort(object, abort, bytes, at, notices),
-            (Reply::Value(_, short), Phase::First, Op::Read) if mine => {
-                self.short(short, at, notices)
+            (SdoReply::Abort(object, abort), ..) => {
+                self.handle_abort(object, abort, bytes, at, notices)
             }
-            (Reply::ValueLong(_, size), Phase::First, Op::Read) if mine => {
-                (t.size, t.phase) = (size, Phase::Client);
-                self.first()
+            (SdoReply::Value(_, short), TransferPhase::First, SdoOperation::Read) if mine => {
+                self.finish_expedited(short, at, notices)
             }
-            (Reply::Written(..), Phase::First, Op::Write) if mine && t.last => {
-                self.done(at, notices)
+            (SdoReply::ValueLong(_, size), TransferPhase::First, SdoOperation::Read) if mine => {
+                (t.size, t.phase) = (size, TransferPhase::Client);
+                self.confirm_first()
             }
-            (Reply::Written(..), Phase::First, Op::Write) if mine => {
-                t.phase = Phase::Client;
-                self.first()
+            (SdoReply::Written(..), TransferPhase::First, SdoOperation::Write)
+                if mine && t.last_segment =>
+            {
+                self.complete_transfer(at, notices)
             }
-            (Reply::ValueSegment(segment), Phase::Node, Op::Read) => {
-                self.value_segment(&segment, at, notices)
+            (SdoReply::Written(..), TransferPhase::First, SdoOperation::Write) if mine => {
+                t.phase = TransferPhase::Client;
+                self.confirm_first()
             }
-            (Reply::WrittenSegment(toggle), Phase::Node, Op::Write) => {
-                self.written_segment(toggle, at, notices)
+            (SdoReply::ValueSegment(segment), TransferPhase::Node, SdoOperation::Read) => {
+                self.handle_value_segment(&segment, at, notices)
             }
-            (Reply::ReadBlockReady { crc, size, .. }, Phase::First, Op::Read) if mine => {
-                (t.size, t.phase, t.checked) = (size, Phase::BlockUpStart, t.checked && crc);
-                self.first()
+            (SdoReply::WrittenSegment(toggle), TransferPhase::Node, SdoOperation::Write) => {
+                self.handle_written_segment(toggle, at, notices)
             }
-            (Reply::WriteBlockReady { crc, segments, .. }, Phase::First, Op::Write) if mine => {
-                (t.phase, t.checked, t.block.room) = (Phase::BlockDown, t.checked && crc, segments);
-                self.first()
+            (
+                SdoReply::ReadBlockReady { crc, size, .. },
+                TransferPhase::First,
+                SdoOperation::Read,
+            ) if mine => {
+                (t.size, t.phase, t.crc_agreed) =
+                    (size, TransferPhase::BlockUpStart, t.crc_agreed && crc);
+                self.confirm_first()
+            }
+            (
+                SdoReply::WriteBlockReady { crc, segments, .. },
+                TransferPhase::First,
+                SdoOperation::Write,
+            ) if mine => {
+                (t.phase, t.crc_agreed, t.block.segments_max) =
+                    (TransferPhase::BlockDown, t.crc_agreed && crc, segments);
+                self.confirm_first()
             }
             // A node may acknowledge before the block is full, where it missed a segment.
             (
-                Reply::WriteBlockAck { arrived, segments },
-                Phase::BlockDownAck | Phase::BlockDown,
+                SdoReply::WriteBlockAck { arrived, segments },
+                TransferPhase::BlockDownAck | TransferPhase::BlockDown,
                 _,
-            ) => self.block_arrived(arrived, segments, notices),
-            (Reply::WriteBlockDone, Phase::BlockDownDone, _) => self.done(at, notices),
-            (Reply::ReadBlockEnd { unused, crc }, Phase::BlockUpEnd, _) => {
-                (t.phase, t.answered) = (Phase::BlockUpDone, Some(at));
-                self.block_end(unused, crc, notices);
-                Part::Plain
+            ) => self.acknowledge_block(arrived, segments, notices),
+            (SdoReply::WriteBlockDone, TransferPhase::BlockDownDone, _) => {
+                self.complete_transfer(at, notices)
             }
-            _ => self.misfit(bytes, before, at, notices),
+            (SdoReply::ReadBlockEnd { unused, crc }, TransferPhase::BlockUpEnd, _) => {
+                (t.phase, t.answered) = (TransferPhase::BlockUpDone, Some(at));
+                self.finish_block(unused, crc, notices);
+                TransferPart::Plain
+            }
+            _ => self.handle_misfit(bytes, before, at, notices),
         }
     }
 
     /// The transfer began: it is none of before the capture.
-    fn first(&mut self) -> Part {
+    fn confirm_first(&mut self) -> TransferPart {
         self.transfer.doubtful = false;
-        Part::Plain
+        TransferPart::Plain
     }
 
-    fn short(&mut self, short: Short, at: At, notices: &mut Vec<Notice>) -> Part {
+    fn finish_expedited(
+        &mut self,
+        short: ExpeditedData,
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         let (data, len) = short.bytes();
-        self.transfer.take(&data[..len]);
-        self.transfer.sizeless = short.len == 0;
-        self.done(at, notices)
+        self.transfer.append_bytes(&data[..len]);
+        self.transfer.size_unknown = short.len == 0;
+        self.complete_transfer(at, notices)
     }
 
-    fn value_segment(&mut self, segment: &Segment, at: At, notices: &mut Vec<Notice>) -> Part {
+    fn handle_value_segment(
+        &mut self,
+        segment: &Segment,
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         let t = &mut self.transfer;
         let wrong = segment.toggle != t.toggle;
-        t.take(segment.bytes());
-        (t.phase, t.toggle, t.segments) = (Phase::Client, !t.toggle, t.segments + 1);
+        t.append_bytes(segment.bytes());
+        (t.phase, t.toggle, t.segments) = (TransferPhase::Client, !t.toggle, t.segments + 1);
         let n = t.segments;
         if wrong {
-            let text = format!("{}: segment {n} from the node has a wrong toggle", t.spelled());
-            self.accuse(Oddity::Sequence, text, notices);
+            let text = format!("{}: segment {n} from the node has a wrong toggle", t.description());
+            self.report_once(AnomalyKind::Sequence, text, notices);
         }
-        if segment.last { self.done(at, notices) } else { Part::Segment(n) }
+        if segment.last { self.complete_transfer(at, notices) } else { TransferPart::Segment(n) }
     }
 
-    fn written_segment(&mut self, toggle: bool, at: At, notices: &mut Vec<Notice>) -> Part {
+    fn handle_written_segment(
+        &mut self,
+        toggle: bool,
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         let t = &mut self.transfer;
         let wrong = toggle != t.toggle;
-        (t.phase, t.toggle) = (Phase::Client, !t.toggle);
-        let (n, last) = (t.segments, t.last);
+        (t.phase, t.toggle) = (TransferPhase::Client, !t.toggle);
+        let (n, last) = (t.segments, t.last_segment);
         if wrong {
-            let text = format!("{}: segment {n} was taken with a wrong toggle", t.spelled());
-            self.accuse(Oddity::Sequence, text, notices);
+            let text = format!("{}: segment {n} was taken with a wrong toggle", t.description());
+            self.report_once(AnomalyKind::Sequence, text, notices);
         }
-        if last { self.done(at, notices) } else { Part::Segment(n) }
+        if last { self.complete_transfer(at, notices) } else { TransferPart::Segment(n) }
     }
 
-    fn abort(
+    fn handle_abort(
         &mut self,
-        object: Object,
-        abort: Abort,
+        object: ObjectIndex,
+        abort: AbortCode,
         bytes: [u8; 8],
-        at: At,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
-        let mine = object == self.transfer.object || object == Object::default();
-        if !mine && self.is_late(bytes, at, notices) {
-            return Part::Plain;
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
+        let mine = object == self.transfer.object || object == ObjectIndex::default();
+        if !mine && self.handle_late_reply(bytes, at, notices) {
+            return TransferPart::Plain;
         }
         self.transfer.doubtful = false;
-        self.refused(abort, at, notices);
-        Part::Plain
+        self.refuse_transfer(abort, at, notices);
+        TransferPart::Plain
     }
 
     /// An answer that the transfer has no place for.
-    fn misfit(
+    fn handle_misfit(
         &mut self,
         bytes: [u8; 8],
         before: [u8; 8],
-        at: At,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         if self.transfer.doubtful {
-            return self.drift(at);
+            return self.lose_sync(at);
         }
-        if self.owed > 0 {
-            self.owed -= 1;
+        if self.extra_replies > 0 {
+            self.extra_replies -= 1;
         } else if bytes[..4] == before[..4] && bytes[0] >> 5 != 0 {
-            self.double(bytes, before, notices);
-        } else if !self.is_late(bytes, at, notices) {
-            let Object { index, sub } = self.transfer.object;
+            self.report_double(bytes, before, notices);
+        } else if !self.handle_late_reply(bytes, at, notices) {
+            let ObjectIndex { index, sub } = self.transfer.object;
             let why = format!("does not belong to 0x{index:04X}:{sub}, which was asked");
-            self.foreign(bytes, &why, notices);
+            self.report_foreign(bytes, &why, notices);
         }
-        Part::Plain
+        TransferPart::Plain
     }
 
-    fn block_up(&mut self, bytes: [u8; 8], at: At, notices: &mut Vec<Notice>) -> Part {
+    fn handle_block_up(
+        &mut self,
+        bytes: [u8; 8],
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         self.transfer.answered = Some(at);
-        let part = self.block_segment(&BlockSegment::of(bytes), notices);
+        let part = self.add_block_segment(&BlockSegment::of(bytes), notices);
         if self.transfer.block.is_full() {
-            self.transfer.phase = Phase::BlockUpAck;
+            self.transfer.phase = TransferPhase::BlockUpAck;
         }
         part
     }
 
     /// Takes a segment of a block in either direction.
-    pub(super) fn block_segment(
+    pub(super) fn add_block_segment(
         &mut self,
         segment: &BlockSegment,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         let t = &mut self.transfer;
         let before = t.block.count;
         let n = t.segments + u32::from(segment.number);
         if !t.block.push(segment) {
             let found = segment.number;
-            let text = format!("{}: segment {found} of a block came after {before}", t.spelled());
-            self.accuse(Oddity::Sequence, text, notices);
+            let text =
+                format!("{}: segment {found} of a block came after {before}", t.description());
+            self.report_once(AnomalyKind::Sequence, text, notices);
         }
-        Part::BlockSegment(n)
+        TransferPart::BlockSegment(n)
     }
 
     /// So many segments of the block arrived; the others come again.
-    pub(super) fn block_arrived(
+    pub(super) fn acknowledge_block(
         &mut self,
         arrived: u8,
         room: u8,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         let t = &mut self.transfer;
         let sent = t.block.count;
         let mut block = core::mem::take(&mut t.block);
-        block.arrived(arrived, room, |bytes| t.take(bytes));
+        block.acknowledge(arrived, room, |bytes| t.append_bytes(bytes));
         (t.segments, t.block) = (t.segments + u32::from(arrived.min(sent)), block);
         t.phase = match (t.op, t.block.last) {
-            (Op::Write, true) => Phase::BlockDownEnd,
-            (Op::Write, false) => Phase::BlockDown,
-            (Op::Read, true) => Phase::BlockUpEnd,
-            (Op::Read, false) => Phase::BlockUp,
+            (SdoOperation::Write, true) => TransferPhase::BlockDownEnd,
+            (SdoOperation::Write, false) => TransferPhase::BlockDown,
+            (SdoOperation::Read, true) => TransferPhase::BlockUpEnd,
+            (SdoOperation::Read, false) => TransferPhase::BlockUp,
         };
         if arrived < sent {
             t.retries = t.retries.saturating_add(1);
             let text = format!(
                 "{}: {arrived} of {sent} segments of a block arrived, the others go again",
-                t.spelled()
+                t.description()
             );
-            notices.push(super::odd(Oddity::Retry, self.node, text));
+            notices.push(super::anomaly(AnomalyKind::Retry, self.node, text));
         }
-        Part::Plain
+        TransferPart::Plain
     }
 
     /// All blocks are there: the last segment's end, and the check.
-    pub(super) fn block_end(&mut self, unused: u8, crc: u16, notices: &mut Vec<Notice>) {
+    pub(super) fn finish_block(&mut self, unused: u8, crc: u16, notices: &mut Vec<SessionNotice>) {
         let t = &mut self.transfer;
-        if let Some((tail, len)) = t.block.tail(unused) {
-            t.take(&tail[..len]);
+        if let Some((tail, len)) = t.block.take_tail(unused) {
+            t.append_bytes(&tail[..len]);
         }
-        if t.checked && t.crc != crc {
+        if t.crc_agreed && t.crc != crc {
             let text =
-                format!("{}: the check is {crc:04X}, of the bytes {:04X}", t.spelled(), t.crc);
-            self.accuse(Oddity::BadCheck, text, notices);
+                format!("{}: the check is {crc:04X}, of the bytes {:04X}", t.description(), t.crc);
+            self.report_once(AnomalyKind::BadCheck, text, notices);
         }
     }
 }
 
 /// What is left of a request that was held to be unanswered, and was not.
-fn answered_late(notice: Notice, at: At) -> Option<Notice> {
-    let Notice::Exchange(exchange) = notice else { return None };
-    let (answered, outcome) = (Some(at), Outcome::Late);
-    Some(Notice::Exchange(Exchange { answered, outcome, ..exchange }))
+fn late_exchange(notice: SessionNotice, at: FrameRef) -> Option<SessionNotice> {
+    let SessionNotice::Exchange(exchange) = notice else { return None };
+    let (answered, outcome) = (Some(at), ExchangeOutcome::Late);
+    Some(SessionNotice::Exchange(ExchangeNotice { answered, outcome, ..exchange }))
 }

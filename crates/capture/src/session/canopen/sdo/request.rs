@@ -1,50 +1,69 @@
 //! What the client sends.
 
-use polepair_core::proto::canopen::sdo::{Abort, BlockSegment, Object, Request, Segment, Short};
+use polepair_core::proto::canopen::sdo::{
+    AbortCode, BlockSegment, ExpeditedData, ObjectIndex, SdoRequest, Segment,
+};
 
-use super::{At, Channel, Op, Part, Phase, State, TWICE_MAX};
-use crate::session::{Notice, Oddity, Outcome};
+use super::{
+    ChannelState, DOUBLE_ANSWERS_MAX, FrameRef, SdoChannel, SdoOperation, TransferPart,
+    TransferPhase,
+};
+use crate::session::{AnomalyKind, ExchangeOutcome, SessionNotice};
 
-impl Channel {
+impl SdoChannel {
     /// Takes eight bytes from the client.
-    pub fn request(&mut self, bytes: [u8; 8], at: At, notices: &mut Vec<Notice>) -> Part {
-        if self.is_block_before_the_capture(bytes) {
-            return self.drift(at);
+    pub fn handle_request(
+        &mut self,
+        bytes: [u8; 8],
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
+        if self.is_earlier_block(bytes) {
+            return self.lose_sync(at);
         }
-        if self.state == State::Open && self.is_block_segment(bytes) {
-            return self.block_down(bytes, at, notices);
+        if self.state == ChannelState::Open && self.is_block_segment(bytes) {
+            return self.handle_block_down(bytes, at, notices);
         }
-        let open = self.state == State::Open;
-        match Request::of(bytes) {
-            Request::Abort(object, abort) => self.client_abort(object, abort, at, notices),
-            _ if open && self.is_retry(bytes) => self.again(at, notices),
-            Request::Read(object) => self.begin(Op::Read, object, bytes, at, notices),
-            Request::Write(object, short) => self.begin_short(object, short, bytes, at, notices),
-            Request::WriteLong(object, size) => {
-                self.begin(Op::Write, object, bytes, at, notices);
+        let open = self.state == ChannelState::Open;
+        match SdoRequest::of(bytes) {
+            SdoRequest::Abort(object, abort) => {
+                self.handle_client_abort(object, abort, at, notices)
+            }
+            _ if open && self.is_retry(bytes) => self.count_retry(at, notices),
+            SdoRequest::Read(object) => {
+                self.begin_transfer(SdoOperation::Read, object, bytes, at, notices)
+            }
+            SdoRequest::Write(object, short) => {
+                self.begin_expedited(object, short, bytes, at, notices)
+            }
+            SdoRequest::WriteLong(object, size) => {
+                self.begin_transfer(SdoOperation::Write, object, bytes, at, notices);
                 self.transfer.size = size;
-                Part::Plain
+                TransferPart::Plain
             }
-            Request::WriteBlock { object, crc, size } => {
-                self.begin(Op::Write, object, bytes, at, notices);
-                (self.transfer.size, self.transfer.checked) = (size, crc);
-                Part::Plain
+            SdoRequest::WriteBlock { object, crc, size } => {
+                self.begin_transfer(SdoOperation::Write, object, bytes, at, notices);
+                (self.transfer.size, self.transfer.crc_agreed) = (size, crc);
+                TransferPart::Plain
             }
-            Request::ReadBlock { object, crc, segments, .. } => {
-                self.begin(Op::Read, object, bytes, at, notices);
-                (self.transfer.block.room, self.transfer.checked) = (segments, crc);
-                Part::Plain
+            SdoRequest::ReadBlock { object, crc, segments, .. } => {
+                self.begin_transfer(SdoOperation::Read, object, bytes, at, notices);
+                (self.transfer.block.segments_max, self.transfer.crc_agreed) = (segments, crc);
+                TransferPart::Plain
             }
-            _ if !open => self.out_of_nothing(at, notices),
-            _ if self.transfer.doubtful && self.transfer.phase == Phase::First => self.drift(at),
-            request => self.go_on(request, bytes, at, notices),
+            _ if !open => self.handle_unexpected(at, notices),
+            _ if self.transfer.doubtful && self.transfer.phase == TransferPhase::First => {
+                self.lose_sync(at)
+            }
+            request => self.continue_transfer(request, bytes, at, notices),
         }
     }
 
     /// A block may look like a beginning: its segments count on, commands do not.
-    fn is_block_before_the_capture(&self, bytes: [u8; 8]) -> bool {
+    fn is_earlier_block(&self, bytes: [u8; 8]) -> bool {
         let t = &self.transfer;
-        let open = self.state == State::Open && t.doubtful && t.phase == Phase::First;
+        let open =
+            self.state == ChannelState::Open && t.doubtful && t.phase == TransferPhase::First;
         open && bytes[0] == t.request[0].wrapping_add(1)
     }
 
@@ -53,171 +72,192 @@ impl Channel {
     fn is_block_segment(&self, bytes: [u8; 8]) -> bool {
         let t = &self.transfer;
         let reads = bytes[0] == 0x40 && bytes[4..] == [0; 4] && t.block.count + 1 != 0x40;
-        t.phase == Phase::BlockDown && bytes[0] != 0x80 && !reads
+        t.phase == TransferPhase::BlockDown && bytes[0] != 0x80 && !reads
     }
 
-    pub(super) fn drift(&mut self, at: At) -> Part {
-        (self.state, self.adrift) = (State::Adrift, at.1);
-        Part::Plain
+    pub(super) fn lose_sync(&mut self, at: FrameRef) -> TransferPart {
+        (self.state, self.unsynced_since) = (ChannelState::Unsynced, at.1);
+        TransferPart::Plain
     }
 
     /// The node owes an answer to these very bytes.
     fn is_retry(&self, bytes: [u8; 8]) -> bool {
-        self.transfer.phase.is_nodes()
-            && self.transfer.phase != Phase::BlockUp
+        self.transfer.phase.is_node_turn()
+            && self.transfer.phase != TransferPhase::BlockUp
             && self.transfer.request == bytes
     }
 
-    fn again(&mut self, at: At, notices: &mut Vec<Notice>) -> Part {
+    fn count_retry(&mut self, at: FrameRef, notices: &mut Vec<SessionNotice>) -> TransferPart {
         self.transfer.retries = self.transfer.retries.saturating_add(1);
-        self.transfer.moved = at.1;
-        let text = format!("{} was asked again, unanswered", self.transfer.spelled());
-        notices.push(super::odd(Oddity::Retry, self.node, text));
-        Part::Plain
+        self.transfer.last_progress = at.1;
+        let text = format!("{} was asked again, unanswered", self.transfer.description());
+        notices.push(super::anomaly(AnomalyKind::Retry, self.node, text));
+        TransferPart::Plain
     }
 
-    fn begin(
+    fn begin_transfer(
         &mut self,
-        op: Op,
-        object: Object,
+        op: SdoOperation,
+        object: ObjectIndex,
         bytes: [u8; 8],
-        at: At,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         match self.state {
-            State::Open if self.transfer.doubtful && self.transfer.phase == Phase::First => {}
-            State::Open => self.give_up(" before the client went on", notices),
+            ChannelState::Open
+                if self.transfer.doubtful && self.transfer.phase == TransferPhase::First => {}
+            ChannelState::Open => self.give_up_transfer(" before the client went on", notices),
             _ => {}
         }
         // Once two nodes are known to have the number, that stays.
-        if !core::mem::take(&mut self.doubled) && self.twice < TWICE_MAX {
-            self.twice = 0;
+        if !core::mem::take(&mut self.last_doubled) && self.double_answers < DOUBLE_ANSWERS_MAX {
+            self.double_answers = 0;
         }
-        let doubtful = self.state == State::Adrift;
+        let doubtful = self.state == ChannelState::Unsynced;
         self.transfer.begin(op, object, bytes, at);
         self.transfer.doubtful = doubtful;
-        self.state = State::Open;
-        Part::Plain
+        self.state = ChannelState::Open;
+        TransferPart::Plain
     }
 
-    fn begin_short(
+    fn begin_expedited(
         &mut self,
-        object: Object,
-        short: Short,
+        object: ObjectIndex,
+        short: ExpeditedData,
         bytes: [u8; 8],
-        at: At,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
-        self.begin(Op::Write, object, bytes, at, notices);
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
+        self.begin_transfer(SdoOperation::Write, object, bytes, at, notices);
         let (data, len) = short.bytes();
-        self.transfer.take(&data[..len]);
-        (self.transfer.last, self.transfer.sizeless) = (true, short.len == 0);
-        Part::Plain
+        self.transfer.append_bytes(&data[..len]);
+        (self.transfer.last_segment, self.transfer.size_unknown) = (true, short.len == 0);
+        TransferPart::Plain
     }
 
     /// A frame that goes on with what nobody began.
-    fn out_of_nothing(&mut self, at: At, notices: &mut Vec<Notice>) -> Part {
-        if self.state == State::Idle {
+    fn handle_unexpected(
+        &mut self,
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
+        if self.state == ChannelState::Idle {
             let text = "the client went on with a transfer that had ended".to_owned();
-            notices.push(super::odd(Oddity::Sequence, self.node, text));
+            notices.push(super::anomaly(AnomalyKind::Sequence, self.node, text));
         }
-        self.drift(at)
+        self.lose_sync(at)
     }
 
-    fn go_on(
+    fn continue_transfer(
         &mut self,
-        request: Request,
+        request: SdoRequest,
         bytes: [u8; 8],
-        at: At,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         let t = &mut self.transfer;
-        (t.request, t.moved) = (bytes, at.1);
+        (t.request, t.last_progress) = (bytes, at.1);
         match (request, t.phase, t.op) {
-            (Request::WriteSegment(segment), Phase::Client, Op::Write) => {
-                self.write_segment(&segment, notices)
+            (SdoRequest::WriteSegment(segment), TransferPhase::Client, SdoOperation::Write) => {
+                self.handle_write_segment(&segment, notices)
             }
-            (Request::ReadSegment(toggle), Phase::Client, Op::Read) => {
-                t.phase = Phase::Node;
+            (SdoRequest::ReadSegment(toggle), TransferPhase::Client, SdoOperation::Read) => {
+                t.phase = TransferPhase::Node;
                 let wrong = toggle != t.toggle;
                 if wrong {
-                    let text = format!("{}: the client's toggle did not change", t.spelled());
-                    self.accuse(Oddity::Sequence, text, notices);
+                    let text = format!("{}: the client's toggle did not change", t.description());
+                    self.report_once(AnomalyKind::Sequence, text, notices);
                 }
-                Part::Segment(self.transfer.segments + 1)
+                TransferPart::Segment(self.transfer.segments + 1)
             }
-            (Request::WriteBlockEnd { unused, crc }, Phase::BlockDownEnd, _) => {
-                t.phase = Phase::BlockDownDone;
-                self.block_end(unused, crc, notices);
-                Part::Plain
+            (SdoRequest::WriteBlockEnd { unused, crc }, TransferPhase::BlockDownEnd, _) => {
+                t.phase = TransferPhase::BlockDownDone;
+                self.finish_block(unused, crc, notices);
+                TransferPart::Plain
             }
-            (Request::ReadBlockStart, Phase::BlockUpStart, _) => {
-                t.phase = Phase::BlockUp;
-                Part::Plain
+            (SdoRequest::ReadBlockStart, TransferPhase::BlockUpStart, _) => {
+                t.phase = TransferPhase::BlockUp;
+                TransferPart::Plain
             }
             // A client may acknowledge less than a whole block, where it missed a segment.
             (
-                Request::ReadBlockAck { arrived, segments },
-                Phase::BlockUpAck | Phase::BlockUp,
+                SdoRequest::ReadBlockAck { arrived, segments },
+                TransferPhase::BlockUpAck | TransferPhase::BlockUp,
                 _,
-            ) => self.block_arrived(arrived, segments, notices),
-            (Request::ReadBlockEnd, Phase::BlockUpDone, _) => self.done(at, notices),
+            ) => self.acknowledge_block(arrived, segments, notices),
+            (SdoRequest::ReadBlockEnd, TransferPhase::BlockUpDone, _) => {
+                self.complete_transfer(at, notices)
+            }
             _ => {
-                let text = format!("{}: a frame out of turn from the client", t.spelled());
-                self.accuse(Oddity::Sequence, text, notices);
-                Part::Plain
+                let text = format!("{}: a frame out of turn from the client", t.description());
+                self.report_once(AnomalyKind::Sequence, text, notices);
+                TransferPart::Plain
             }
         }
     }
 
-    fn write_segment(&mut self, segment: &Segment, notices: &mut Vec<Notice>) -> Part {
+    fn handle_write_segment(
+        &mut self,
+        segment: &Segment,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         let t = &mut self.transfer;
         let wrong = segment.toggle != t.toggle;
-        t.take(segment.bytes());
-        (t.phase, t.last, t.segments) = (Phase::Node, segment.last, t.segments + 1);
+        t.append_bytes(segment.bytes());
+        (t.phase, t.last_segment, t.segments) = (TransferPhase::Node, segment.last, t.segments + 1);
         if wrong {
             let n = t.segments;
-            let text = format!("{}: segment {n} from the client has a wrong toggle", t.spelled());
-            self.accuse(Oddity::Sequence, text, notices);
+            let text =
+                format!("{}: segment {n} from the client has a wrong toggle", t.description());
+            self.report_once(AnomalyKind::Sequence, text, notices);
         }
-        Part::Segment(self.transfer.segments)
+        TransferPart::Segment(self.transfer.segments)
     }
 
-    fn block_down(&mut self, bytes: [u8; 8], at: At, notices: &mut Vec<Notice>) -> Part {
+    fn handle_block_down(
+        &mut self,
+        bytes: [u8; 8],
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
         let t = &mut self.transfer;
-        (t.request, t.moved) = (bytes, at.1);
-        let part = self.block_segment(&BlockSegment::of(bytes), notices);
+        (t.request, t.last_progress) = (bytes, at.1);
+        let part = self.add_block_segment(&BlockSegment::of(bytes), notices);
         if self.transfer.block.is_full() {
-            self.transfer.phase = Phase::BlockDownAck;
+            self.transfer.phase = TransferPhase::BlockDownAck;
         }
         part
     }
 
-    fn client_abort(
+    fn handle_client_abort(
         &mut self,
-        object: Object,
-        abort: Abort,
-        at: At,
-        notices: &mut Vec<Notice>,
-    ) -> Part {
-        let mine = object == self.transfer.object || object == Object::default();
-        if self.state != State::Open || !mine {
-            return if self.state == State::Adrift { self.drift(at) } else { Part::Plain };
+        object: ObjectIndex,
+        abort: AbortCode,
+        at: FrameRef,
+        notices: &mut Vec<SessionNotice>,
+    ) -> TransferPart {
+        let mine = object == self.transfer.object || object == ObjectIndex::default();
+        if self.state != ChannelState::Open || !mine {
+            return if self.state == ChannelState::Unsynced {
+                self.lose_sync(at)
+            } else {
+                TransferPart::Plain
+            };
         }
         let t = &self.transfer;
-        let (spelled, first) = (t.spelled(), t.phase == Phase::First);
-        let why = polepair_core::proto::canopen::explain::say::abort(abort);
+        let (spelled, first) = (t.description(), t.phase == TransferPhase::First);
+        let why = polepair_core::proto::canopen::explain::meanings::abort_text(abort);
         let (kind, outcome, what) = match first {
-            true => (Oddity::Unanswered, Outcome::Unanswered, "before an answer"),
-            false => (Oddity::Incomplete, t.left_outcome(), "in the middle"),
+            true => (AnomalyKind::Unanswered, ExchangeOutcome::Unanswered, "before an answer"),
+            false => (AnomalyKind::Incomplete, t.abandoned_outcome(), "in the middle"),
         };
         let text = format!("the client gave up {spelled} {what}: {why}");
-        self.given_up(notices);
+        self.abandon_transfer(notices);
         // Who wants no more of a value than a number's bytes lets the rest go.
-        if abort != Abort::MEMORY || first {
-            self.accuse(kind, text, notices);
+        if abort != AbortCode::MEMORY || first {
+            self.report_once(kind, text, notices);
         }
-        self.close(outcome, None, notices);
-        Part::Plain
+        self.close_transfer(outcome, None, notices);
+        TransferPart::Plain
     }
 }

@@ -3,9 +3,9 @@
 use super::*;
 
 /// Numbers by a seed (Steele, Lea and Flood's SplitMix64).
-struct Dice(u64);
+struct SplitMix64(u64);
 
-impl Dice {
+impl SplitMix64 {
     fn word(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mixed = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -19,7 +19,7 @@ impl Dice {
 }
 
 /// One node's services, its configuration above all.
-fn frame(dice: &mut Dice) -> Frame {
+fn random_frame(dice: &mut SplitMix64) -> Frame {
     const HEADS: [u8; 24] = [
         0x40, 0x42, 0x43, 0x4B, 0x4F, 0x41, 0x60, 0x70, 0x20, 0x21, 0x22, 0x23, 0x2B, 0x2F, 0x00,
         0x10, 0x80, 0xA0, 0xA1, 0xA2, 0xA3, 0xC0, 0xC1, 0xC6,
@@ -48,9 +48,9 @@ fn frame(dice: &mut Dice) -> Frame {
 #[test]
 fn garbage_breaks_nothing() {
     for seed in 0..20 {
-        let (mut dice, mut bus) = (Dice(seed), Bus::default());
+        let (mut dice, mut bus) = (SplitMix64(seed), CanopenLog::default());
         for _ in 0..5_000 {
-            let next = frame(&mut dice);
+            let next = random_frame(&mut dice);
             bus.now = match dice.below(200) {
                 0 => dice.word() >> 1,
                 1 => bus.now.saturating_sub(dice.below(10_000_000_000)),
@@ -59,7 +59,7 @@ fn garbage_breaks_nothing() {
             bus.now = bus.now.min(u64::MAX >> 2);
             bus.frame(next);
         }
-        let told = bus.told();
+        let told = bus.report();
         assert!(!told.notices.is_empty());
     }
 }

@@ -5,10 +5,10 @@ use crate::session::Quality;
 
 #[test]
 fn a_mapping_of_the_capture_names_every_object() {
-    let mut bus = Bus::default();
+    let mut bus = CanopenLog::default();
     bus.map(0x185, &[(0x6041, 16), (0x6064, 32), (0x2345, 8)]);
-    let told = bus.say(0x185, &[0x37, 0x06, 0xFF, 0xFF, 0xFF, 0xFF, 9]).told();
-    told.clean();
+    let told = bus.send(0x185, &[0x37, 0x06, 0xFF, 0xFF, 0xFF, 0xFF, 9]).report();
+    told.assert_clean();
     let [place] = told.signals("Actual/Position")[..] else { panic!("{told:?}") };
     assert_eq!((place.exact, place.quality), (Some(-1), Quality::Good));
     assert_eq!(told.signals("0x2345:0")[0].value, 9.0);
@@ -20,21 +20,25 @@ fn a_mapping_of_the_capture_names_every_object() {
 
 #[test]
 fn a_mapping_that_is_read_counts_too() {
-    let mut bus = Bus::default();
-    let velocity = Entry { object: Object::new(0x606C, 0), bits: 32 };
-    bus.read(Object::new(0x1A02, 0), 1, 1).read(Object::new(0x1A02, 1), velocity.into(), 4);
-    let told = bus.say(0x385, &[1, 0, 0, 0]).told();
-    told.clean();
+    let mut bus = CanopenLog::default();
+    let velocity = MappingEntry { object: ObjectIndex::new(0x606C, 0), bits: 32 };
+    bus.read(ObjectIndex::new(0x1A02, 0), 1, 1).read(
+        ObjectIndex::new(0x1A02, 1),
+        velocity.into(),
+        4,
+    );
+    let told = bus.send(0x385, &[1, 0, 0, 0]).report();
+    told.assert_clean();
     assert_eq!(told.signals("Actual/Velocity")[0].value, 1.0);
 }
 
 #[test]
 fn a_pdo_that_moved_is_recognised_and_its_old_identifier_is_not() {
     for id in [0x1C0, 0x6F1, 0x001] {
-        let mut bus = Bus::default();
+        let mut bus = CanopenLog::default();
         bus.map(id, &[(0x6064, 32)]);
-        let told = bus.say(id as u16, &[7, 0, 0, 0]).say(0x185, &[1, 2]).told();
-        told.clean();
+        let told = bus.send(id as u16, &[7, 0, 0, 0]).send(0x185, &[1, 2]).report();
+        told.assert_clean();
         let [place] = told.signals("Actual/Position")[..] else { panic!("{id:03X} {told:#?}") };
         assert_eq!((place.axis, place.value), (5, 7.0));
         assert!(told.lines[told.lines.len() - 2].starts_with("TPDO1: "), "{:#?}", told.lines);
@@ -43,45 +47,46 @@ fn a_pdo_that_moved_is_recognised_and_its_old_identifier_is_not() {
 
 #[test]
 fn another_length_than_mapped_is_told_once() {
-    let mut bus = Bus::default();
-    bus.map(0x185, &[(0x6041, 16), (0x6064, 32)]).say(0x185, &[0x37, 6, 0, 0, 0, 0]);
-    bus.say(0x185, &[0x37, 6]).say(0x185, &[0x37, 6]);
-    let told = bus.told();
-    told.planted(Oddity::Length);
+    let mut bus = CanopenLog::default();
+    bus.map(0x185, &[(0x6041, 16), (0x6064, 32)]).send(0x185, &[0x37, 6, 0, 0, 0, 0]);
+    bus.send(0x185, &[0x37, 6]).send(0x185, &[0x37, 6]);
+    let told = bus.report();
+    told.assert_only(AnomalyKind::Length);
     assert_eq!(told.signals("Actual/Position").len(), 1);
 }
 
 #[test]
 fn what_is_not_known_is_not_guessed() {
-    let mut bus = Bus::default();
-    let told = bus.say(0x185, &[1, 2, 3]).say(0x205, &[1, 2]).told();
-    told.clean();
+    let mut bus = CanopenLog::default();
+    let told = bus.send(0x185, &[1, 2, 3]).send(0x205, &[1, 2]).report();
+    told.assert_clean();
     assert!(told.signals("statusword").is_empty());
     // The device type says that it is a drive: then the usual mapping is likely.
-    let mut bus = Bus::default();
-    let told = bus.read(Object::new(0x1000, 0), 0x0002_0192, 4).say(0x185, &[0x37, 6]).told();
-    told.clean();
+    let mut bus = CanopenLog::default();
+    let told =
+        bus.read(ObjectIndex::new(0x1000, 0), 0x0002_0192, 4).send(0x185, &[0x37, 6]).report();
+    told.assert_clean();
     assert_eq!(told.signals("statusword")[0].quality, Quality::Inferred);
 }
 
 #[test]
 fn a_start_makes_what_was_written_doubtful() {
-    let mut bus = Bus::default();
-    bus.map(0x185, &[(0x6041, 16), (0x6064, 32)]).say(0x000, &[0x81, NODE]);
-    bus.say(0x705, &[0]).say(0x185, &[0x37, 6]).told().clean();
+    let mut bus = CanopenLog::default();
+    bus.map(0x185, &[(0x6041, 16), (0x6064, 32)]).send(0x000, &[0x81, NODE]);
+    bus.send(0x705, &[0]).send(0x185, &[0x37, 6]).report().assert_clean();
 }
 
 #[test]
 fn the_states_of_a_drive_are_changes() {
-    let mut bus = Bus::default();
+    let mut bus = CanopenLog::default();
     bus.map(0x185, &[(0x6041, 16), (0x6061, 8)]);
     for (word, mode) in
         [(0x40, 0), (0x21, 1), (0x23, 1), (0x27, 1), (0x427, 1), (0x08, 1), (0x40, 1)]
     {
-        bus.say(0x185, &[(word & 0xFF) as u8, (word >> 8) as u8, mode]);
+        bus.send(0x185, &[(word & 0xFF) as u8, (word >> 8) as u8, mode]);
     }
-    let told = bus.told();
-    told.clean();
+    let told = bus.report();
+    told.assert_clean();
     let power = told.changes("power");
     assert_eq!(power.len(), 6, "{power:?}");
     assert_eq!(power[0], ("", "switch on disabled"));
@@ -93,22 +98,22 @@ fn the_states_of_a_drive_are_changes() {
 
 #[test]
 fn sync_counts_on() {
-    let mut bus = Bus::default();
+    let mut bus = CanopenLog::default();
     for counter in (1..=10).cycle().take(35) {
-        bus.say(0x80, &[counter]).wait(9);
+        bus.send(0x80, &[counter]).wait(9);
     }
-    bus.told().clean();
+    bus.report().assert_clean();
     bus.frames.remove(20);
-    let told = bus.told();
+    let told = bus.report();
     // What lacks is seen in the counter and in the beat.
-    assert_eq!(told.odds(), [Oddity::Sequence, Oddity::Jitter]);
+    assert_eq!(told.anomalies(), [AnomalyKind::Sequence, AnomalyKind::Jitter]);
 }
 
 #[test]
 fn a_beat_that_was_steady_and_slips_is_told_once() {
-    let mut bus = Bus::default();
+    let mut bus = CanopenLog::default();
     (0..40).for_each(|n| {
-        bus.say(0x80, &[]).wait(if n == 30 { 25 } else { 9 });
+        bus.send(0x80, &[]).wait(if n == 30 { 25 } else { 9 });
     });
-    bus.told().planted(Oddity::Jitter);
+    bus.report().assert_only(AnomalyKind::Jitter);
 }

@@ -4,26 +4,26 @@ use std::time::Duration;
 
 use ratatui_core::text::{Line, Span};
 
-use super::super::axes::Doing;
-use super::super::plain::age;
-use super::super::seen::{Came, Seen, Value};
-use super::{Role, Theme, cut};
+use super::super::local_printer::format_age;
+use super::super::monitored_axis::AxisActivity;
+use super::super::source::{AxisRow, ShownValue, StopState};
+use super::{TextRole, Theme, truncate};
 
 /// A value that is older is shown as old.
-const OLD: Duration = Duration::from_secs(1);
+const OLD_AGE: Duration = Duration::from_secs(1);
 /// Columns, in the order in which they are left out when there is no room for all.
-const LEFT_OUT: [&str; 4] = ["drive", "mode", "torque", "age"];
+const DROPPED_COLUMNS: [&str; 4] = ["drive", "mode", "torque", "age"];
 /// The least share of the rows that is kept for frames: one part of so many.
 const FRAMES_PART: u16 = 2;
 
 /// One column of the table.
-struct Column {
+struct AxisColumn {
     head: &'static str,
     right: bool,
-    cells: Vec<(String, Role)>,
+    cells: Vec<(String, TextRole)>,
 }
 
-impl Column {
+impl AxisColumn {
     fn width(&self) -> usize {
         let cells = self.cells.iter().map(|(text, _)| text.chars().count());
         cells.chain([self.head.len()]).max().unwrap_or(0)
@@ -36,8 +36,8 @@ impl Column {
 }
 
 /// As many lines as there is room for, frames given their share.
-pub fn lines(
-    axes: &[Seen],
+pub fn axis_lines(
+    axes: &[AxisRow],
     chosen: usize,
     width: u16,
     room: u16,
@@ -47,61 +47,61 @@ pub fn lines(
         return Vec::new();
     }
     let room = usize::from(room - room / FRAMES_PART);
-    let mut details = details(axes.get(chosen), usize::from(width), theme);
+    let mut details = detail_lines(axes.get(chosen), usize::from(width), theme);
     let rows = axes.len().min(room.saturating_sub(1 + details.len()).max(room / 2)).max(1);
     details.truncate(room.saturating_sub(1 + rows));
     let first = (chosen + 1).saturating_sub(rows);
-    let columns = fitting(columns(&axes[first..], rows), usize::from(width));
-    let mut lines = vec![heads(&columns, theme)];
+    let columns = fit_columns(axis_columns(&axes[first..], rows), usize::from(width));
+    let mut lines = vec![head_line(&columns, theme)];
     for n in 0..rows.min(axes.len() - first) {
         let is_chosen = first + n == chosen && axes.len() > 1;
-        lines.push(row(&columns, n, is_chosen, theme));
+        lines.push(row_line(&columns, n, is_chosen, theme));
     }
     lines.extend(details);
     lines
 }
 
-fn heads(columns: &[Column], theme: Theme) -> Line<'static> {
+fn head_line(columns: &[AxisColumn], theme: Theme) -> Line<'static> {
     let heads = columns.iter().map(|column| format!("{}  ", column.pad(column.head)));
-    Line::from(theme.span(format!("  {}", heads.collect::<String>().trim_end()), Role::Dim))
+    Line::from(theme.span(format!("  {}", heads.collect::<String>().trim_end()), TextRole::Dim))
 }
 
-fn row(columns: &[Column], n: usize, chosen: bool, theme: Theme) -> Line<'static> {
-    let mut spans = vec![theme.span(if chosen { "> " } else { "  " }, Role::Strong)];
+fn row_line(columns: &[AxisColumn], n: usize, chosen: bool, theme: Theme) -> Line<'static> {
+    let mut spans = vec![theme.span(if chosen { "> " } else { "  " }, TextRole::Strong)];
     for column in columns {
         let (text, role) = &column.cells[n];
-        let role = if chosen && *role == Role::Plain { Role::Strong } else { *role };
+        let role = if chosen && *role == TextRole::Plain { TextRole::Strong } else { *role };
         spans.push(theme.span(column.pad(text), role));
         spans.push(Span::raw("  "));
     }
     Line::from(spans)
 }
 
-fn columns(axes: &[Seen], rows: usize) -> Vec<Column> {
-    let column = |head, right, cell: &dyn Fn(&Seen) -> (String, Role)| Column {
+fn axis_columns(axes: &[AxisRow], rows: usize) -> Vec<AxisColumn> {
+    let column = |head, right, cell: &dyn Fn(&AxisRow) -> (String, TextRole)| AxisColumn {
         head,
         right,
         cells: axes.iter().take(rows).map(cell).collect(),
     };
     vec![
-        column("axis", false, &|axis| (axis.name.clone(), Role::Plain)),
-        column("drive", false, &|axis| (axis.drive[0].clone(), Role::Dim)),
-        column("state", false, &state),
-        column("mode", false, &|axis| value(axis.mode.as_ref())),
-        column("position", true, &|axis| value(axis.position.as_ref())),
-        column("velocity", true, &|axis| value(axis.velocity.as_ref())),
-        column("torque", true, &|axis| value(axis.effort.as_ref())),
+        column("axis", false, &|axis| (axis.name.clone(), TextRole::Plain)),
+        column("drive", false, &|axis| (axis.drive[0].clone(), TextRole::Dim)),
+        column("state", false, &state_cell),
+        column("mode", false, &|axis| value_cell(axis.mode.as_ref())),
+        column("position", true, &|axis| value_cell(axis.position.as_ref())),
+        column("velocity", true, &|axis| value_cell(axis.velocity.as_ref())),
+        column("torque", true, &|axis| value_cell(axis.effort.as_ref())),
         column("age", true, &|axis| match axis.age {
-            Some(old) if old > OLD => (age(old), Role::Warn),
-            Some(fresh) => (age(fresh), Role::Dim),
-            None => ("-".to_owned(), Role::Dim),
+            Some(old) if old > OLD_AGE => (format_age(old), TextRole::Warn),
+            Some(fresh) => (format_age(fresh), TextRole::Dim),
+            None => ("-".to_owned(), TextRole::Dim),
         }),
     ]
 }
 
 /// Leaves columns out until the others fit.
-fn fitting(mut columns: Vec<Column>, width: usize) -> Vec<Column> {
-    for head in LEFT_OUT {
+fn fit_columns(mut columns: Vec<AxisColumn>, width: usize) -> Vec<AxisColumn> {
+    for head in DROPPED_COLUMNS {
         let taken: usize = columns.iter().map(|column| column.width() + 2).sum();
         if taken <= width {
             break;
@@ -111,62 +111,64 @@ fn fitting(mut columns: Vec<Column>, width: usize) -> Vec<Column> {
     columns
 }
 
-fn state(axis: &Seen) -> (String, Role) {
-    match axis.stop.as_ref().map(|stop| &stop.class) {
-        Some(Came::Sent) => return ("stop sent".to_owned(), Role::Warn),
-        Some(Came::Acknowledged) => return ("stop taken".to_owned(), Role::Warn),
-        Some(Came::Failed(_)) => return ("STOP FAILED".to_owned(), Role::Bad),
-        Some(Came::Unseen) => return ("stop taken, standing not known".to_owned(), Role::Warn),
-        Some(Came::Still) | None => {}
+fn state_cell(axis: &AxisRow) -> (String, TextRole) {
+    match axis.stop.as_ref().map(|stop| &stop.state) {
+        Some(StopState::Sent) => return ("stop sent".to_owned(), TextRole::Warn),
+        Some(StopState::Acknowledged) => return ("stop taken".to_owned(), TextRole::Warn),
+        Some(StopState::Failed(_)) => return ("STOP FAILED".to_owned(), TextRole::Bad),
+        Some(StopState::Unobservable) => {
+            return ("stop taken, standing not known".to_owned(), TextRole::Warn);
+        }
+        Some(StopState::Standstill) | None => {}
     }
-    let doing = axis.doing;
+    let doing = axis.activity;
     let role = match doing {
-        Doing::Fault | Doing::Silent => Role::Bad,
-        Doing::Warning => Role::Warn,
-        Doing::Turns => Role::Good,
-        Doing::Holds => Role::Strong,
-        Doing::Off | Doing::Stands | Doing::Unknown => Role::Dim,
+        AxisActivity::Fault | AxisActivity::Silent => TextRole::Bad,
+        AxisActivity::Warning => TextRole::Warn,
+        AxisActivity::Turning => TextRole::Good,
+        AxisActivity::Holding => TextRole::Strong,
+        AxisActivity::Off | AxisActivity::Standing | AxisActivity::Unknown => TextRole::Dim,
     };
     (doing.word().to_owned(), role)
 }
 
-fn value(value: Option<&Value>) -> (String, Role) {
+fn value_cell(value: Option<&ShownValue>) -> (String, TextRole) {
     match value {
-        None => ("-".to_owned(), Role::Dim),
-        Some(Value { text, age }) if *age > OLD => (text.clone(), Role::Dim),
-        Some(Value { text, .. }) => (text.clone(), Role::Plain),
+        None => ("-".to_owned(), TextRole::Dim),
+        Some(ShownValue { text, age }) if *age > OLD_AGE => (text.clone(), TextRole::Dim),
+        Some(ShownValue { text, .. }) => (text.clone(), TextRole::Plain),
     }
 }
 
 /// The chosen axis: what is wrong with it and what helps, then what else it tells.
-fn details(axis: Option<&Seen>, width: usize, theme: Theme) -> Vec<Line<'static>> {
+fn detail_lines(axis: Option<&AxisRow>, width: usize, theme: Theme) -> Vec<Line<'static>> {
     let Some(axis) = axis else { return Vec::new() };
     let mut lines = Vec::new();
     for (text, stops) in &axis.troubles {
         let role = match (*stops, text.starts_with(' ')) {
-            (true, _) => Role::Bad,
-            (false, true) => Role::Plain,
-            (false, false) => Role::Warn,
+            (true, _) => TextRole::Bad,
+            (false, true) => TextRole::Plain,
+            (false, false) => TextRole::Warn,
         };
-        for piece in wrapped(text, width.saturating_sub(2)) {
+        for piece in wrap_text(text, width.saturating_sub(2)) {
             lines.push(Line::from(theme.span(format!("  {piece}"), role)));
         }
     }
     let title = format!("  {}: {}", axis.label, axis.drive[1]);
     let mut facts = String::new();
-    for (word, Value { text, age: old }) in &axis.facts {
+    for (word, ShownValue { text, age: old }) in &axis.facts {
         let gap = if word.is_empty() { "" } else { " " };
-        facts.push_str(&format!("  {word}{gap}{text} ({})", age(*old)));
+        facts.push_str(&format!("  {word}{gap}{text} ({})", format_age(*old)));
     }
-    lines.push(Line::from(theme.span(cut(&title, width), Role::Plain)));
+    lines.push(Line::from(theme.span(truncate(&title, width), TextRole::Plain)));
     if !facts.is_empty() {
-        lines.push(Line::from(theme.span(cut(&facts, width), Role::Dim)));
+        lines.push(Line::from(theme.span(truncate(&facts, width), TextRole::Dim)));
     }
     lines
 }
 
 /// A text in lines of at most so many characters, broken between words.
-fn wrapped(text: &str, width: usize) -> Vec<String> {
+fn wrap_text(text: &str, width: usize) -> Vec<String> {
     let indent: String = text.chars().take_while(|letter| *letter == ' ').collect();
     let mut lines = vec![indent.clone()];
     for word in text.split_whitespace() {

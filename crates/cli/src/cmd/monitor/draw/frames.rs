@@ -3,21 +3,26 @@
 use polepair_core::explain::Direction as Said;
 use ratatui_core::text::{Line, Span};
 
-use super::super::keys::View;
-use super::super::seen::Shows;
-use super::super::traffic::{Kind, Row};
-use super::{Role, Theme, cut};
+use super::super::source::MonitorSource;
+use super::super::traffic::{FrameGroup, FrameRow};
+use super::super::view::View;
+use super::{TextRole, Theme, truncate};
 
 /// Bytes of a frame that are shown at most, where there is room and where there is not.
-const BYTES: [usize; 2] = [9, 16];
+const BYTES_SHOWN: [usize; 2] = [9, 16];
 /// Columns from which on bytes are set apart by spaces, from which on protocols are named, and from
 /// which on more bytes are shown.
-const WIDE: [u16; 3] = [80, 100, 120];
+const WIDTH_STEPS: [u16; 3] = [80, 100, 120];
 /// A kind of frame that did not come for so long is shown as old.
 const OLD_NS: u64 = 2_000_000_000;
 
 /// What is shown below it.
-pub fn title(monitor: &dyn Shows, view: &View, width: u16, theme: Theme) -> Line<'static> {
+pub fn title_line(
+    monitor: &dyn MonitorSource,
+    view: &View,
+    width: u16,
+    theme: Theme,
+) -> Line<'static> {
     let mut text = match view.by_kind {
         true => "── frames, the last of each kind: count, every, bytes ".to_owned(),
         false => "── frames ".to_owned(),
@@ -33,15 +38,15 @@ pub fn title(monitor: &dyn Shows, view: &View, width: u16, theme: Theme) -> Line
     let rest = usize::from(width).saturating_sub(text.chars().count());
     let (head, special) = text.split_at(text.char_indices().nth(plain).map_or(text.len(), |c| c.0));
     Line::from(vec![
-        theme.span(head.to_owned(), Role::Dim),
-        theme.span(special.to_owned(), Role::Warn),
-        theme.span("─".repeat(rest), Role::Dim),
+        theme.span(head.to_owned(), TextRole::Dim),
+        theme.span(special.to_owned(), TextRole::Warn),
+        theme.span("─".repeat(rest), TextRole::Dim),
     ])
 }
 
 /// As many frames as there is room for.
-pub fn lines(
-    monitor: &dyn Shows,
+pub fn frame_lines(
+    monitor: &dyn MonitorSource,
     view: &View,
     width: u16,
     room: u16,
@@ -51,12 +56,14 @@ pub fn lines(
     let room = usize::from(room);
     if view.by_kind {
         let kinds = view.kinds(monitor, room);
-        return kinds.into_iter().map(|kind| grid.kind(monitor, kind)).collect();
+        return kinds.into_iter().map(|kind| grid.kind_line(monitor, kind)).collect();
     }
-    let began = monitor.began();
+    let began = monitor.started_ns();
     let frames = view.frames(monitor, room).into_iter();
     frames
-        .map(|row| grid.line(grid.time(row.time.saturating_sub(began)), row, Role::Plain))
+        .map(|row| {
+            grid.frame_line(grid.time_text(row.time.saturating_sub(began)), row, TextRole::Plain)
+        })
         .collect()
 }
 
@@ -74,7 +81,7 @@ struct Grid {
 }
 
 impl Grid {
-    fn new(monitor: &dyn Shows, width: u16, theme: Theme) -> Self {
+    fn new(monitor: &dyn MonitorSource, width: u16, theme: Theme) -> Self {
         let wires: Vec<String> =
             monitor.traffic().wires().map(|(name, _)| name.to_owned()).collect();
         let longest = wires.iter().map(|name| name.chars().count()).max().unwrap_or(0).min(8);
@@ -97,13 +104,13 @@ impl Grid {
                 protocols.push(protocol);
             }
         }
-        let most = BYTES[usize::from(width >= WIDE[2])];
-        let named = protocols.len() > 1 && width >= WIDE[1];
+        let most = BYTES_SHOWN[usize::from(width >= WIDTH_STEPS[2])];
+        let named = protocols.len() > 1 && width >= WIDTH_STEPS[1];
         let protocol = protocols.iter().map(|name| name.len()).max().filter(|_| named);
         Self {
             theme,
             width: usize::from(width),
-            spaced: width >= WIDE[0],
+            spaced: width >= WIDTH_STEPS[0],
             id,
             bytes: bytes.min(most),
             wire: if wires.len() > 1 { longest } else { 0 },
@@ -113,58 +120,60 @@ impl Grid {
     }
 
     /// Seconds since it was begun.
-    fn time(&self, since_ns: u64) -> String {
+    fn time_text(&self, since_ns: u64) -> String {
         let seconds = since_ns as f64 / 1e9;
         if self.spaced { format!("{seconds:>9.3} ") } else { format!("{seconds:>7.2} ") }
     }
 
-    fn kind(&self, monitor: &dyn Shows, kind: &Kind) -> Line<'static> {
+    fn kind_line(&self, monitor: &dyn MonitorSource, kind: &FrameGroup) -> Line<'static> {
         let every = kind.period.map_or_else(String::new, |ns| match ns {
             0..100_000_000 => format!("{:.1} ms", ns as f64 / 1e6),
             100_000_000..10_000_000_000 => format!("{} ms", ns / 1_000_000),
             _ => format!("{:.1} s", ns as f64 / 1e9),
         });
-        let now = monitor.began() + monitor.age().as_nanos() as u64;
+        let now = monitor.started_ns() + monitor.age().as_nanos() as u64;
         let old = now.saturating_sub(kind.last.time) > OLD_NS;
-        let role = if old { Role::Dim } else { Role::Plain };
-        self.line(format!("{:>6} {every:>8} ", kind.count), &kind.last, role)
+        let role = if old { TextRole::Dim } else { TextRole::Plain };
+        self.frame_line(format!("{:>6} {every:>8} ", kind.count), &kind.last, role)
     }
 
-    fn line(&self, before: String, row: &Row, role: Role) -> Line<'static> {
+    fn frame_line(&self, before: String, row: &FrameRow, role: TextRole) -> Line<'static> {
         let (arrow, arrow_role) = match row.direction {
-            Some(Said::ToDrive) => ("> ", Role::ToDrive),
-            Some(Said::ToHost) => ("< ", Role::Plain),
-            None => ("  ", Role::Plain),
+            Some(Said::ToDrive) => ("> ", TextRole::ToDrive),
+            Some(Said::ToHost) => ("< ", TextRole::Plain),
+            None => ("  ", TextRole::Plain),
         };
         let mut spans =
-            vec![self.theme.span(before, Role::Dim), self.theme.span(arrow, arrow_role)];
+            vec![self.theme.span(before, TextRole::Dim), self.theme.span(arrow, arrow_role)];
         for (text, width) in [
             (self.wires.get(row.wire).map_or("", String::as_str), self.wire),
             (row.protocol.unwrap_or("?"), self.protocol),
         ] {
             if width > 0 {
-                spans.push(self.theme.span(format!("{:<width$} ", cut(text, width)), Role::Dim));
+                spans.push(
+                    self.theme.span(format!("{:<width$} ", truncate(text, width)), TextRole::Dim),
+                );
             }
         }
-        self.bytes(row, role, &mut spans);
+        self.push_bytes(row, role, &mut spans);
         let used: usize = spans.iter().map(Span::width).sum();
         let room = self.width.saturating_sub(used);
-        let text = cut(&row.text, room);
+        let text = truncate(&row.text, room);
         let room = room.saturating_sub(text.chars().count() + 2);
         spans.push(self.theme.span(text, role));
         if !row.wrong.is_empty() {
             let wrong = format!("  ! {}", row.wrong);
-            spans.push(self.theme.span(cut(&wrong, room + 2), Role::Bad));
+            spans.push(self.theme.span(truncate(&wrong, room + 2), TextRole::Bad));
         }
         Line::from(spans)
     }
 
-    fn bytes(&self, row: &Row, role: Role, spans: &mut Vec<Span<'static>>) {
+    fn push_bytes(&self, row: &FrameRow, role: TextRole, spans: &mut Vec<Span<'static>>) {
         let (id, gap) = (self.id, if self.spaced { " " } else { "" });
-        spans.push(self.theme.span(format!("{:>id$}", row.head()), Role::Strong));
+        spans.push(self.theme.span(format!("{:>id$}", row.id_text()), TextRole::Strong));
         for (n, byte) in row.bytes.iter().enumerate().take(self.bytes) {
             let changed = row.changed >> n & 1 == 1;
-            let role = if changed { Role::Changed } else { role };
+            let role = if changed { TextRole::Changed } else { role };
             spans.push(self.theme.span(format!("{byte:02X}"), role));
             spans.push(Span::raw(gap));
         }

@@ -7,7 +7,7 @@ use ratatui_core::text::Span;
 
 /// What a piece of text is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Role {
+pub enum TextRole {
     /// Nothing special.
     Plain,
     /// Less important, or old.
@@ -37,22 +37,22 @@ pub struct Theme {
 
 impl Theme {
     /// A piece of text.
-    pub fn span<'a>(self, text: impl Into<Cow<'a, str>>, role: Role) -> Span<'a> {
+    pub fn span<'a>(self, text: impl Into<Cow<'a, str>>, role: TextRole) -> Span<'a> {
         Span::styled(text, self.style(role))
     }
 
     /// How a role looks. The terminal's own colours for text and ground are left alone.
-    pub fn style(self, role: Role) -> Style {
+    pub fn style(self, role: TextRole) -> Style {
         let (colour, modifier) = match role {
-            Role::Plain => (Color::Reset, Modifier::empty()),
-            Role::Dim => (Color::Reset, Modifier::DIM),
-            Role::Strong => (Color::Reset, Modifier::BOLD),
-            Role::Good => (Color::Green, Modifier::empty()),
-            Role::Warn => (Color::Magenta, Modifier::BOLD),
-            Role::Bad => (Color::Red, Modifier::BOLD),
-            Role::ToDrive => (Color::Cyan, Modifier::empty()),
-            Role::Changed => (Color::Magenta, Modifier::BOLD.union(Modifier::UNDERLINED)),
-            Role::Stop => (Color::Red, Modifier::BOLD.union(Modifier::REVERSED)),
+            TextRole::Plain => (Color::Reset, Modifier::empty()),
+            TextRole::Dim => (Color::Reset, Modifier::DIM),
+            TextRole::Strong => (Color::Reset, Modifier::BOLD),
+            TextRole::Good => (Color::Green, Modifier::empty()),
+            TextRole::Warn => (Color::Magenta, Modifier::BOLD),
+            TextRole::Bad => (Color::Red, Modifier::BOLD),
+            TextRole::ToDrive => (Color::Cyan, Modifier::empty()),
+            TextRole::Changed => (Color::Magenta, Modifier::BOLD.union(Modifier::UNDERLINED)),
+            TextRole::Stop => (Color::Red, Modifier::BOLD.union(Modifier::REVERSED)),
         };
         let style = Style::new().add_modifier(modifier);
         if self.colour && colour != Color::Reset { style.fg(colour) } else { style }

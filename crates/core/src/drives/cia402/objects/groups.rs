@@ -1,6 +1,6 @@
 //! Which settings are alike: sets of tags, a bit each.
 
-use super::kept;
+use super::stored;
 
 /// A bit for each of these tags.
 pub(super) const fn bits(tags: &[u16]) -> u64 {
@@ -14,40 +14,40 @@ pub(super) const fn bits(tags: &[u16]) -> u64 {
 
 /// Settings of 32 bits without sign.
 pub(super) const UNSIGNED: u64 = bits(&[
-    kept::PROFILE_VELOCITY,
-    kept::ACCELERATION,
-    kept::DECELERATION,
-    kept::QUICK_STOP,
-    kept::TORQUE_SLOPE,
-    kept::MAX_PROFILE_VELOCITY,
-    kept::MAX_MOTOR_SPEED,
-    kept::FOLLOWING_WINDOW,
-    kept::POSITION_WINDOW,
-    kept::HOMING_FAST,
-    kept::HOMING_SLOW,
-    kept::HOMING_ACCELERATION,
-    kept::GEAR_MOTOR,
-    kept::GEAR_SHAFT,
-    kept::FEED,
-    kept::FEED_TURNS,
+    stored::PROFILE_VELOCITY,
+    stored::ACCELERATION,
+    stored::DECELERATION,
+    stored::QUICK_STOP,
+    stored::TORQUE_SLOPE,
+    stored::MAX_PROFILE_VELOCITY,
+    stored::MAX_MOTOR_SPEED,
+    stored::FOLLOWING_WINDOW,
+    stored::POSITION_WINDOW,
+    stored::HOMING_FAST,
+    stored::HOMING_SLOW,
+    stored::HOMING_ACCELERATION,
+    stored::GEAR_MOTOR,
+    stored::GEAR_SHAFT,
+    stored::FEED,
+    stored::FEED_TURNS,
 ]);
 /// What keeps a motor from turning while it is 0, or no target from being reached.
 pub(super) const NEEDED: u64 =
-    UNSIGNED | bits(&[kept::MAX_TORQUE, kept::VELOCITY_WINDOW, kept::STANDSTILL]);
+    UNSIGNED | bits(&[stored::MAX_TORQUE, stored::VELOCITY_WINDOW, stored::STANDSTILL]);
 /// What counts user units.
 pub(super) const IN_UNITS: u64 = bits(&[
-    kept::PROFILE_VELOCITY,
-    kept::ACCELERATION,
-    kept::DECELERATION,
-    kept::QUICK_STOP,
-    kept::MAX_PROFILE_VELOCITY,
-    kept::FOLLOWING_WINDOW,
-    kept::POSITION_WINDOW,
-    kept::VELOCITY_WINDOW,
-    kept::STANDSTILL,
-    kept::HOMING_FAST,
-    kept::HOMING_SLOW,
-    kept::HOMING_ACCELERATION,
+    stored::PROFILE_VELOCITY,
+    stored::ACCELERATION,
+    stored::DECELERATION,
+    stored::QUICK_STOP,
+    stored::MAX_PROFILE_VELOCITY,
+    stored::FOLLOWING_WINDOW,
+    stored::POSITION_WINDOW,
+    stored::VELOCITY_WINDOW,
+    stored::STANDSTILL,
+    stored::HOMING_FAST,
+    stored::HOMING_SLOW,
+    stored::HOMING_ACCELERATION,
 ]);
 
 /// Whether the tag is one of them.

@@ -11,14 +11,14 @@ use super::super::device::Device;
 use super::super::drive::Drive;
 use super::super::profile::CIA402;
 use crate::axis::{Axes, Command, Verb};
-use crate::drives::bench::{Act, Bench, Truth};
+use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::error::{Failure, Outcome, Unsupported};
 use crate::lane::Lane;
 use crate::medium::{Can, Frame};
 use crate::proto::HostOptions;
-use crate::proto::canopen::{Axis, Host};
+use crate::proto::canopen::{Axis, CanHost};
 use crate::station::{AxisIndex, Station, Ticket, Timed};
-use crate::stream::cyclic::{Bounds, Following, Setpoint};
+use crate::stream::cyclic::{CyclicConfig, SetpointBounds, SetpointKind};
 use crate::time::Instant;
 
 const AXES: usize = 8;
@@ -27,8 +27,8 @@ const PERIOD: Duration = Duration::from_millis(1);
 const WATCH_MS: u32 = 150;
 
 /// Eight drives and their host on a wire without timing.
-struct Rig {
-    lane: Lane<Can, Host>,
+struct MultiAxisFixture {
+    lane: Lane<Can, CanHost>,
     devices: Vec<Device>,
     now: Instant,
     /// Which drive's plug is out.
@@ -41,13 +41,13 @@ struct Rig {
     sent: Vec<Frame>,
 }
 
-impl Rig {
+impl MultiAxisFixture {
     fn new() -> Self {
         Self::at(0)
     }
 
     fn at(bit_rate: u32) -> Self {
-        let host = Host::new(&HostOptions::new(bit_rate));
+        let host = CanHost::new(&HostOptions::new(bit_rate));
         let nodes = 1..=AXES as u8;
         let drivers = nodes.clone().map(|node| Box::new(Axis::new(&CIA402, node.into())) as _);
         let mut rig = Self {
@@ -78,7 +78,7 @@ impl Rig {
                 self.now = self.now.plus_ns(self.frame_ns);
                 self.syncs += u32::from(frame.id == 0x80);
                 self.sent.push(frame);
-                self.hear(usize::MAX, &frame);
+                self.receive(usize::MAX, &frame);
             }
             for n in 0..self.devices.len() {
                 let device = &mut self.devices[n];
@@ -86,7 +86,7 @@ impl Rig {
                     said = true;
                     self.now = self.now.plus_ns(self.frame_ns);
                     if self.unplugged != Some(n) {
-                        self.hear(n, &frame);
+                        self.receive(n, &frame);
                     }
                 }
             }
@@ -97,7 +97,7 @@ impl Rig {
         panic!("never quiet");
     }
 
-    fn hear(&mut self, from: usize, frame: &Frame) {
+    fn receive(&mut self, from: usize, frame: &Frame) {
         if from != usize::MAX && !self.frozen {
             self.lane.handle_input(self.now, frame);
         }
@@ -108,7 +108,7 @@ impl Rig {
         }
     }
 
-    fn pass(&mut self, ms: u32) {
+    fn advance(&mut self, ms: u32) {
         let end = self.now.plus_ms(ms);
         while self.now < end {
             let own = if self.frozen { None } else { self.lane.poll_timeout() };
@@ -128,7 +128,7 @@ impl Rig {
     }
 
     fn arm(&mut self) {
-        Self::axes().into_iter().for_each(|axis| self.lane.arm(axis, true));
+        Self::axes().into_iter().for_each(|axis| self.lane.set_armed(axis, true));
     }
 
     fn command(&mut self, n: u8, command: Command) -> Result<(), Unsupported> {
@@ -143,7 +143,7 @@ impl Rig {
         }
         let mut ended = 0;
         for _ in 0..3_000 {
-            self.pass(1);
+            self.advance(1);
             while let Some((n, outcome)) = self.outcome() {
                 assert!(matches!(outcome, Outcome::Done(_)), "{n}: {outcome:?}");
                 ended += 1;
@@ -160,11 +160,15 @@ impl Rig {
         self.run(Command { period: Some(PERIOD.as_secs_f64()), ..Command::new(verb) });
     }
 
-    fn follow(&mut self, setpoint: Setpoint, bounds: Bounds) -> Result<(), Unsupported> {
+    fn follow(
+        &mut self,
+        setpoint: SetpointKind,
+        bounds: SetpointBounds,
+    ) -> Result<(), Unsupported> {
         let axes = Self::axes();
         let bounds = [bounds; AXES];
-        let following = Following { axes: &axes, bounds: &bounds, setpoint, period: PERIOD };
-        self.lane.follow(self.now, Ticket(1), &following)
+        let following = CyclicConfig { axes: &axes, bounds: &bounds, setpoint, period: PERIOD };
+        self.lane.start_cyclic(self.now, Ticket(1), &following)
     }
 
     /// Feeds that motion of so many cycles as room comes free, until it ends or `more` says stop.
@@ -185,7 +189,7 @@ impl Rig {
             {
                 fed += count * AXES;
             }
-            self.pass(1);
+            self.advance(1);
             if let Some((1, outcome)) = self.outcome() {
                 return Some(outcome);
             }
@@ -196,9 +200,9 @@ impl Rig {
         panic!("never ended");
     }
 
-    fn truth(&mut self, n: usize) -> Truth {
+    fn truth(&mut self, n: usize) -> GroundTruth {
         let now = self.now;
-        self.devices[n].truth(now)
+        self.devices[n].ground_truth(now)
     }
 
     fn moves(&mut self) -> bool {
@@ -217,11 +221,15 @@ fn circle(k: usize, n: usize) -> f64 {
 
 #[test]
 fn positions_are_followed_by_all_on_one_sync() {
-    let mut rig = Rig::new();
+    let mut rig = MultiAxisFixture::new();
     rig.ready(Verb::FollowPosition);
     let before: Vec<f64> = (0..AXES).map(|n| rig.truth(n).position).collect();
-    let limits = Bounds { velocity: Some(30.0), acceleration: Some(300.0), ..Bounds::default() };
-    rig.follow(Setpoint::Position, limits).expect("follows");
+    let limits = SetpointBounds {
+        velocity: Some(30.0),
+        acceleration: Some(300.0),
+        ..SetpointBounds::default()
+    };
+    rig.follow(SetpointKind::Position, limits).expect("follows");
     let mut far: f64 = 0.0;
     let outcome = rig.stream(1001, circle, |rig| {
         far = far.max(rig.truth(3).position.abs());
@@ -229,10 +237,10 @@ fn positions_are_followed_by_all_on_one_sync() {
     });
     assert_eq!(outcome, Some(Outcome::Done(1001)));
     assert!(far > 1.0, "it went round: {far}");
-    let account = rig.lane.account(AxisIndex(0)).expect("an account").clone();
-    assert_eq!((account.cycles, account.missed, account.late), (1001, 0, 0));
+    let account = rig.lane.cycle_statistics(AxisIndex(0)).expect("an account").clone();
+    assert_eq!((account.cycles, account.missed_cycles, account.late_reports), (1001, 0, 0));
     // Two cycles behind at up to 12.6 rad/s: one by the drive's own interpolation.
-    assert!(account.lag < 0.026, "lag {}", account.lag);
+    assert!(account.max_following_error < 0.026, "lag {}", account.max_following_error);
     for (n, before) in before.iter().enumerate() {
         let end = rig.truth(n).position;
         assert!((end - before).abs() < 0.01, "axis {n} ends at {end}");
@@ -248,9 +256,9 @@ fn positions_are_followed_by_all_on_one_sync() {
 
 #[test]
 fn every_axis_changes_its_set_point_on_the_same_sync() {
-    let mut rig = Rig::new();
+    let mut rig = MultiAxisFixture::new();
     rig.ready(Verb::FollowVelocity);
-    rig.follow(Setpoint::Velocity, Bounds::default()).expect("follows");
+    rig.follow(SetpointKind::Velocity, SetpointBounds::default()).expect("follows");
     let mut changed = [None; AXES];
     let outcome = rig.stream(
         400,
@@ -273,9 +281,9 @@ fn every_axis_changes_its_set_point_on_the_same_sync() {
 
 #[test]
 fn speeds_and_torques_are_followed() {
-    let mut rig = Rig::new();
+    let mut rig = MultiAxisFixture::new();
     rig.ready(Verb::FollowVelocity);
-    rig.follow(Setpoint::Velocity, Bounds::default()).expect("follows");
+    rig.follow(SetpointKind::Velocity, SetpointBounds::default()).expect("follows");
     let ramp = |k: usize, n: usize| match k {
         0..500 => k as f64 / 500.0 * (5.0 + n as f64),
         500..1000 => 5.0 + n as f64,
@@ -292,7 +300,7 @@ fn speeds_and_torques_are_followed() {
         assert!((top - 5.0 - n as f64).abs() < 0.5, "axis {n}: {top}");
     }
     rig.ready(Verb::FollowTorque);
-    rig.follow(Setpoint::Torque, Bounds::default()).expect("follows");
+    rig.follow(SetpointKind::Torque, SetpointBounds::default()).expect("follows");
     let mut torque: f64 = 0.0;
     let outcome = rig.stream(
         301,
@@ -309,9 +317,9 @@ fn speeds_and_torques_are_followed() {
 
 #[test]
 fn a_drive_that_is_unplugged_stops_all_within_its_watch() {
-    let mut rig = Rig::new();
+    let mut rig = MultiAxisFixture::new();
     rig.ready(Verb::FollowVelocity);
-    rig.follow(Setpoint::Velocity, Bounds::default()).expect("follows");
+    rig.follow(SetpointKind::Velocity, SetpointBounds::default()).expect("follows");
     let turn = |k: usize, _| if k < 5_000 { (k as f64 / 100.0).min(5.0) } else { 0.0 };
     let mut left = 1_500;
     let outcome = rig.stream(5_001, turn, |rig| {
@@ -323,23 +331,26 @@ fn a_drive_that_is_unplugged_stops_all_within_its_watch() {
         true
     });
     assert_eq!(outcome, Some(Outcome::Unknown(Failure::Silent)));
-    rig.pass(WATCH_MS + 100);
+    rig.advance(WATCH_MS + 100);
     assert!(!rig.moves(), "all of them, the lost one too");
     // Nobody goes on by itself, nor when told so without being armed anew.
     rig.unplugged = None;
     let syncs = rig.syncs;
-    rig.pass(500);
+    rig.advance(500);
     assert!(!rig.moves() && rig.syncs == syncs);
-    assert_eq!(rig.follow(Setpoint::Velocity, Bounds::default()), Err(Unsupported::NotArmed));
+    assert_eq!(
+        rig.follow(SetpointKind::Velocity, SetpointBounds::default()),
+        Err(Unsupported::NotArmed)
+    );
     let ready = Command { period: Some(1e-3), ..Command::new(Verb::FollowVelocity) };
     assert_eq!(rig.command(0, ready), Err(Unsupported::NotArmed));
 }
 
 #[test]
 fn a_host_that_hangs_stops_the_drives_and_itself_when_it_wakes() {
-    let mut rig = Rig::new();
+    let mut rig = MultiAxisFixture::new();
     rig.ready(Verb::FollowVelocity);
-    rig.follow(Setpoint::Velocity, Bounds::default()).expect("follows");
+    rig.follow(SetpointKind::Velocity, SetpointBounds::default()).expect("follows");
     let turn = |k: usize, _| if k < 5_000 { (k as f64 / 100.0).min(5.0) } else { 0.0 };
     let mut left = 1_500;
     rig.stream(5_001, turn, |_| {
@@ -348,45 +359,48 @@ fn a_host_that_hangs_stops_the_drives_and_itself_when_it_wakes() {
     });
     assert!(rig.moves());
     rig.frozen = true;
-    rig.pass(WATCH_MS + 200);
+    rig.advance(WATCH_MS + 200);
     assert!(!rig.moves(), "the drives watch the host");
     rig.frozen = false;
-    rig.pass(20);
+    rig.advance(20);
     let Some((1, Outcome::Unknown(failure))) = rig.outcome() else { panic!("an outcome") };
     assert!(matches!(failure, Failure::NotReady { .. }), "{failure:?}");
-    rig.pass(500);
+    rig.advance(500);
     assert!(!rig.moves());
-    assert_eq!(rig.follow(Setpoint::Velocity, Bounds::default()), Err(Unsupported::NotArmed));
+    assert_eq!(
+        rig.follow(SetpointKind::Velocity, SetpointBounds::default()),
+        Err(Unsupported::NotArmed)
+    );
 }
 
 #[test]
 fn a_hiccup_is_counted_and_made_up_for_by_nobody() {
-    let mut rig = Rig::new();
+    let mut rig = MultiAxisFixture::new();
     rig.ready(Verb::FollowPosition);
-    rig.follow(Setpoint::Position, Bounds::default()).expect("follows");
+    rig.follow(SetpointKind::Position, SetpointBounds::default()).expect("follows");
     let mut left = 500;
     let outcome = rig.stream(1001, circle, |rig| {
         left -= 1;
         if left == 0 {
             rig.frozen = true;
-            rig.pass(10);
+            rig.advance(10);
             rig.frozen = false;
         }
         true
     });
     assert_eq!(outcome, Some(Outcome::Done(1001)));
-    let account = rig.lane.account(AxisIndex(7)).expect("an account");
+    let account = rig.lane.cycle_statistics(AxisIndex(7)).expect("an account");
     assert_eq!(account.cycles, 1001, "none is left out");
-    assert!((9..=11).contains(&account.missed), "{}", account.missed);
+    assert!((9..=11).contains(&account.missed_cycles), "{}", account.missed_cycles);
     let (_, _, most) = account.lateness.summary().expect("beats");
     assert!(most <= PERIOD, "what is left of it: {most:?}");
 }
 
 #[test]
 fn a_stop_of_one_stops_all_at_once() {
-    let mut rig = Rig::new();
+    let mut rig = MultiAxisFixture::new();
     rig.ready(Verb::FollowVelocity);
-    rig.follow(Setpoint::Velocity, Bounds::default()).expect("follows");
+    rig.follow(SetpointKind::Velocity, SetpointBounds::default()).expect("follows");
     let turn = |k: usize, _| if k < 5_000 { (k as f64 / 100.0).min(5.0) } else { 0.0 };
     let mut left = 1_000;
     let outcome = rig.stream(5_001, turn, |rig| {
@@ -397,13 +411,13 @@ fn a_stop_of_one_stops_all_at_once() {
         true
     });
     assert_eq!(outcome, Some(Outcome::Unknown(Failure::Cancelled)));
-    rig.pass(100);
+    rig.advance(100);
     assert!(!rig.moves());
 }
 
 #[test]
 fn what_lies_apart_or_goes_too_fast_moves_nothing() {
-    let bounds = Bounds {
+    let bounds = SetpointBounds {
         position: Some((-0.3, 0.3)),
         velocity: Some(20.0),
         acceleration: Some(2_000.0),
@@ -418,14 +432,14 @@ fn what_lies_apart_or_goes_too_fast_moves_nothing() {
         ("finite", |k| if k < 300 { 0.0 } else { f64::NAN }),
     ];
     for (what, point) in cases {
-        let mut rig = Rig::new();
+        let mut rig = MultiAxisFixture::new();
         rig.ready(Verb::FollowPosition);
-        rig.follow(Setpoint::Position, bounds).expect("follows");
+        rig.follow(SetpointKind::Position, bounds).expect("follows");
         let points: Vec<f64> = (0..500).flat_map(|k| [point(k); AXES]).collect();
-        rig.pass(5);
+        rig.advance(5);
         // All 500 cycles come at once: the drives are still held where they are.
         while rig.lane.feed_cycles(Ticket(1), &points, false).is_some_and(|taken| taken == 0) {}
-        rig.pass(5);
+        rig.advance(5);
         let (_, outcome) = rig.outcome().expect(what);
         let Outcome::NotDone(Failure::Impossible(why)) = outcome else { panic!("{outcome:?}") };
         match why {
@@ -438,19 +452,19 @@ fn what_lies_apart_or_goes_too_fast_moves_nothing() {
 
 #[test]
 fn an_end_in_motion_and_a_want_of_points_stop() {
-    let mut rig = Rig::new();
+    let mut rig = MultiAxisFixture::new();
     rig.ready(Verb::FollowVelocity);
-    rig.follow(Setpoint::Velocity, Bounds::default()).expect("follows");
+    rig.follow(SetpointKind::Velocity, SetpointBounds::default()).expect("follows");
     assert_eq!(rig.lane.feed_cycles(Ticket(1), &[1.0; AXES], true), None);
-    rig.pass(5);
+    rig.advance(5);
     assert!(matches!(rig.outcome(), Some((1, Outcome::NotDone(Failure::NotReady { .. })))));
     rig.ready(Verb::FollowVelocity);
-    rig.follow(Setpoint::Velocity, Bounds::default()).expect("follows");
+    rig.follow(SetpointKind::Velocity, SetpointBounds::default()).expect("follows");
     let speeds: Vec<f64> = (0..200).flat_map(|k| [f64::from(k) / 100.0; AXES]).collect();
     assert_eq!(rig.lane.feed_cycles(Ticket(1), &speeds, false), Some(200));
-    rig.pass(150);
+    rig.advance(150);
     assert!(rig.moves());
-    rig.pass(150);
+    rig.advance(150);
     let Some((1, Outcome::Unknown(Failure::NotReady { hint }))) = rig.outcome() else { panic!() };
     assert!(hint.contains("feed them faster"), "{hint}");
     assert!(!rig.moves());
@@ -458,17 +472,17 @@ fn an_end_in_motion_and_a_want_of_points_stop() {
 
 #[test]
 fn a_bus_that_is_full_is_refused_and_what_was_set_is_taken_back() {
-    let mut rig = Rig::at(1_000_000);
+    let mut rig = MultiAxisFixture::at(1_000_000);
     rig.ready(Verb::FollowPosition);
-    let ns = rig.lane.cycle_ns(&Rig::axes()).expect("ready");
+    let ns = rig.lane.cycle_ns(&MultiAxisFixture::axes()).expect("ready");
     // Eight times two frames of six bytes, 115 bits each with every stuff bit, and SYNC's 55.
     assert_eq!(ns, (8 * 2 * 115 + 55) * 1_000);
-    let refused = rig.follow(Setpoint::Position, Bounds::default());
+    let refused = rig.follow(SetpointKind::Position, SetpointBounds::default());
     assert!(matches!(refused, Err(Unsupported::Forbidden(text)) if text.contains("80 %")));
-    let watch = |rig: &mut Rig| {
-        let id = CIA402.find("consumer heartbeat").expect("a parameter");
-        rig.lane.read(rig.now, Ticket(9), AxisIndex(3), id).expect("taken");
-        rig.pass(5);
+    let watch = |rig: &mut MultiAxisFixture| {
+        let id = CIA402.find_parameter("consumer heartbeat").expect("a parameter");
+        rig.lane.read_parameter(rig.now, Ticket(9), AxisIndex(3), id).expect("taken");
+        rig.advance(5);
         rig.outcome()
     };
     assert_eq!(watch(&mut rig), Some((9, Outcome::Done(0x7F_0096))));
@@ -478,9 +492,9 @@ fn a_bus_that_is_full_is_refused_and_what_was_set_is_taken_back() {
 
 #[test]
 fn a_fault_of_one_stops_all() {
-    let mut rig = Rig::new();
+    let mut rig = MultiAxisFixture::new();
     rig.ready(Verb::FollowPosition);
-    rig.follow(Setpoint::Position, Bounds::default()).expect("follows");
+    rig.follow(SetpointKind::Position, SetpointBounds::default()).expect("follows");
     let mut left = 700;
     let outcome = rig.stream(1001, circle, |rig| {
         left -= 1;
@@ -491,13 +505,13 @@ fn a_fault_of_one_stops_all() {
         true
     });
     assert_eq!(outcome, Some(Outcome::Unknown(Failure::Faulted { code: 0x2310 })));
-    rig.pass(200);
+    rig.advance(200);
     assert!(!rig.moves());
 }
 
 #[test]
 fn moves_that_were_made_ready_begin_on_one_sync() {
-    let mut rig = Rig::new();
+    let mut rig = MultiAxisFixture::new();
     rig.arm();
     for n in 0..AXES as u8 {
         let command = Command {
@@ -509,7 +523,7 @@ fn moves_that_were_made_ready_begin_on_one_sync() {
     }
     let mut ended = 0;
     for _ in 0..1_000 {
-        rig.pass(1);
+        rig.advance(1);
         while let Some((n, outcome)) = rig.outcome() {
             assert!(matches!(outcome, Outcome::Done(_)), "{n}: {outcome:?}");
             ended += 1;
@@ -520,7 +534,7 @@ fn moves_that_were_made_ready_begin_on_one_sync() {
     rig.command(0, Command::new(Verb::Begin)).expect("taken");
     let mut begun = [None; AXES];
     for _ in 0..50 {
-        rig.pass(1);
+        rig.advance(1);
         for (n, begun) in begun.iter_mut().enumerate() {
             let moves = rig.truth(n).setpoint.is_some_and(|s| s.velocity.abs() > 0.0);
             *begun = begun.or(moves.then_some(rig.now));
@@ -530,7 +544,7 @@ fn moves_that_were_made_ready_begin_on_one_sync() {
     assert_eq!(begun, [begun[0]; AXES], "spread zero");
     assert!(matches!(rig.outcome(), Some((100, Outcome::Done(_)))));
     rig.run(Command::new(Verb::Begun));
-    rig.pass(2_000);
+    rig.advance(2_000);
     for n in 0..AXES {
         let target = if n % 2 == 0 { 6.0 } else { -3.0 };
         assert!((rig.truth(n).position - target).abs() < 0.02, "axis {n}");

@@ -33,16 +33,16 @@ fn expected(method: i8, start: f64) -> f64 {
 }
 
 /// A drive with all switches, its motor at `start` (rad).
-fn desk_at(method: i8, start: f64) -> Desk {
-    let mut desk = Desk::enabled(1);
+fn desk_at(method: i8, start: f64) -> DriveFixture {
+    let mut desk = DriveFixture::enabled(1);
     let positive = matches!(method, 3 | 4 | 19 | 20);
     let negative = matches!(method, 5 | 6 | 21 | 22);
     desk.act(Act::Switch { which: 1, at: LIMITS.1 });
     desk.act(Act::Switch { which: 2, at: LIMITS.0 });
     desk.act(Act::Switch { which: 0, at: if negative { -1e9 } else { HOME.0 } });
     desk.act(Act::Switch { which: 3, at: if positive { 1e9 } else { HOME.1 } });
-    desk.point((start / TAU * 10_000.0) as i64, 0);
-    desk.until(10, 3000);
+    desk.hand_over_point((start / TAU * 10_000.0) as i64, 0);
+    desk.wait_for_bit(10, 3000);
     desk
 }
 
@@ -56,12 +56,12 @@ fn every_method_finds_its_zero_from_everywhere() {
             desk.write(0x6098, 0, method.into());
             desk.write(0x607C, 0, 1000);
             desk.control(0x1F);
-            desk.pass(1);
+            desk.advance(1);
             if method != 37 {
                 assert_eq!(desk.status() & 0x3400, 0, "{method}: under way");
             }
-            desk.until(12, 30_000);
-            desk.until(10, 100);
+            desk.wait_for_bit(12, 30_000);
+            desk.wait_for_bit(10, 100);
             assert_eq!(desk.status() & 0x3400, 0x1400, "{method}: attained");
             // The zero is 1000 increments beyond the home position.
             let found = desk.truth().position - (desk.position() + 1000) as f64 / 10_000.0 * TAU;
@@ -74,16 +74,16 @@ fn every_method_finds_its_zero_from_everywhere() {
 #[test]
 fn a_mechanical_stop_is_felt() {
     for (method, index) in [(-17, false), (-18, false), (-1, true), (-2, true)] {
-        let mut desk = Desk::enabled(6);
+        let mut desk = DriveFixture::enabled(6);
         desk.write(0x6098, 0, method);
         desk.control(0x1F);
-        desk.pass(300);
+        desk.advance(300);
         desk.act(Act::Jam(true));
         let stop = desk.truth().position;
         assert_eq!(stop > 0.0, matches!(method, -2 | -18));
-        desk.pass(300);
+        desk.advance(300);
         desk.act(Act::Jam(false));
-        desk.until(12, 5000);
+        desk.wait_for_bit(12, 5000);
         let zero = desk.truth().position - desk.position() as f64 / 10_000.0 * TAU;
         let back = if stop > 0.0 { libm::floor(stop / TAU) } else { libm::ceil(stop / TAU) } * TAU;
         let wanted = if index { back } else { stop };
@@ -93,21 +93,21 @@ fn a_mechanical_stop_is_felt() {
 
 #[test]
 fn homing_is_interrupted_halted_and_fails() {
-    let mut desk = Desk::enabled(6);
+    let mut desk = DriveFixture::enabled(6);
     for wrong in [15, 16, 31, 32, 36, 38, -3] {
-        assert_eq!(desk.try_write(0x6098, 0, wrong), Err(Abort::VALUE), "reserved");
+        assert_eq!(desk.try_write(0x6098, 0, wrong), Err(AbortCode::VALUE), "reserved");
     }
     desk.write(0x6098, 0, 1);
     desk.control(0x1F);
-    desk.pass(200);
+    desk.advance(200);
     assert!(desk.turns() < -1.0);
     desk.control(0x0F);
-    desk.until(10, 300);
+    desk.wait_for_bit(10, 300);
     assert_eq!(desk.status() & 0x3400, 0x0400, "interrupted");
     desk.control(0x1F);
-    desk.pass(200);
+    desk.advance(200);
     desk.control(0x11F);
-    desk.until(10, 300);
+    desk.wait_for_bit(10, 300);
     assert!(desk.turns().abs() < 0.1);
     // No switch anywhere: both limits are met, again and again.
     desk.act(Act::Switch { which: 0, at: f64::NAN });
@@ -116,12 +116,12 @@ fn homing_is_interrupted_halted_and_fails() {
     desk.write(0x6098, 0, 7);
     desk.control(0x0F);
     desk.control(0x1F);
-    desk.until(13, 60_000);
+    desk.wait_for_bit(13, 60_000);
     assert_eq!(desk.status() & 0x1000, 0, "an error, not a zero");
     desk.write(0x6099, 2, 0);
     desk.control(0x0F);
     desk.control(0x1F);
     assert_eq!(desk.status() & 0x2000, 0, "until the tick");
-    desk.pass(1);
+    desk.advance(1);
     assert_eq!(desk.status() & 0x2000, 0x2000, "without speed it would never arrive");
 }

@@ -9,7 +9,7 @@ const ENABLED: u16 = 0x0237;
 
 #[test]
 fn every_transition_of_the_standard() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     let steps: [(u16, u16); 24] = [
         (0x00, DISABLED), // nothing
         (0x07, DISABLED), // switch on is not yet possible
@@ -38,7 +38,7 @@ fn every_transition_of_the_standard() {
     ];
     for (n, (control, status)) in steps.into_iter().enumerate() {
         desk.control(control);
-        desk.pass(2);
+        desk.advance(2);
         assert_eq!(desk.status(), status, "step {n}: {control:04X}");
         assert_eq!(desk.truth().enabled, status == ENABLED);
     }
@@ -49,22 +49,22 @@ fn quick_stops_end_as_their_option_says() {
     // 605Ah: state afterwards, and how long it takes from 10 turns a second, ms.
     let ends = [(0, 0x50, 0), (1, 0x50, 100), (2, 0x50, 20), (5, 0x17, 100), (6, 0x17, 20)];
     for (option, state, ms) in ends {
-        let mut desk = Desk::enabled(3);
+        let mut desk = DriveFixture::enabled(3);
         desk.write(0x605A, 0, option);
         desk.write(0x60FF, 0, 100_000);
-        desk.pass(200);
+        desk.advance(200);
         assert!((desk.turns() - 10.0).abs() < 0.2);
         desk.control(0x02);
         if ms > 0 {
             assert_eq!(desk.status() & 0x6F, 0x07, "it is quick-stopping");
-            desk.pass(ms / 2);
+            desk.advance(ms / 2);
             assert!(desk.turns() > 2.0, "{option}: too fast");
-            desk.pass(ms / 2 + 60);
+            desk.advance(ms / 2 + 60);
             assert!(desk.turns().abs() < 0.1, "{option}: {}", desk.turns());
         }
         assert_eq!(desk.status() & 0x7F, state, "{option}");
         desk.control(0x0F);
-        desk.pass(2);
+        desk.advance(2);
         let back = if state == 0x17 { 0x37 } else { 0x50 };
         assert_eq!(desk.status() & 0x7F, back, "{option}: transition 16");
     }
@@ -72,17 +72,17 @@ fn quick_stops_end_as_their_option_says() {
 
 #[test]
 fn disabling_brakes_first_if_told_so() {
-    let mut desk = Desk::enabled(3);
+    let mut desk = DriveFixture::enabled(3);
     desk.write(0x60FF, 0, 50_000);
-    desk.pass(200);
+    desk.advance(200);
     desk.control(0x07);
     assert_eq!(desk.status() & 0x6F, 0x27, "still enabled while it brakes");
-    desk.pass(150);
+    desk.advance(150);
     assert_eq!(desk.status() & 0x6F, 0x23);
     assert!(desk.turns().abs() < 0.1);
     desk.write(0x605C, 0, 0);
     desk.control(0x0F);
-    desk.pass(200);
+    desk.advance(200);
     desk.control(0x07);
     assert_eq!(desk.status() & 0x6F, 0x23, "at once");
     assert!(desk.turns() > 3.0, "it coasts");

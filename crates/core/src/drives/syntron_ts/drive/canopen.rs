@@ -2,24 +2,29 @@
 //! profile's objects command (TS manual V2, chapter 3).
 
 use super::super::objects::{
-    Commands, DICTIONARY, DN, KEPT, Objects, READ, is_method, is_mode, kept, read,
+    COMPUTED_TAGS, CommandedObjects, DICTIONARY, DN_TAGS, Objects, STORED_TAGS, computed,
+    is_method, is_mode, stored,
 };
 use super::super::shaft::COUNTS_PER_TURN;
 use super::*;
 use crate::plant::{Limits, Setpoint};
 use crate::proto::canopen::device::Firmware;
-use crate::proto::canopen::device::motion::{self, Axis, Event, Manner, modes};
+use crate::proto::canopen::device::motion::{self, MotionAxis, MotionEvent, MotionQuirks, modes};
 use crate::proto::canopen::emcy::Emergency;
-use crate::proto::canopen::nmt::State as Nmt;
+use crate::proto::canopen::nmt::NmtState as Nmt;
 use crate::proto::canopen::od::Dictionary;
-use crate::proto::canopen::sdo::Abort;
+use crate::proto::canopen::sdo::AbortCode;
 
 /// Set-points that wait behind the one that runs (§3.6.2).
-const POINTS: usize = 32;
+const QUEUED_POINTS: usize = 32;
 /// Bit 9 stays 0 and an alarm shows 0088h (§3.3); enabling takes 6, 7 and F in turn `[I]`; the
 /// recipe takes bit 4 back at once and homing goes on (§3.6.4).
-const MANNER: Manner =
-    Manner { remote: false, fault_warns: true, in_turn: true, homing_by_edge: true };
+const MOTION_QUIRKS: MotionQuirks = MotionQuirks {
+    sets_remote_bit: false,
+    fault_warns: true,
+    enables_stepwise: true,
+    homing_by_edge: true,
+};
 
 /// States of which an emergency tells (chapter 4).
 const FORWARD_LIMIT: u16 = 0x8681;
@@ -28,159 +33,167 @@ const ARRIVED: u16 = 0x8683;
 
 /// What CANopen mode needs beside the registers.
 #[derive(Debug)]
-pub(super) struct Node {
-    axis: Axis<POINTS>,
+pub(super) struct CanopenNode {
+    axis: MotionAxis<QUEUED_POINTS>,
     objects: Objects,
     /// The alarm that was told last.
-    told: Alarm,
-    arrived: bool,
+    reported_alarm: Alarm,
+    arrival_pending: bool,
     /// Limit switches as they were told last.
-    limits: [bool; 2],
+    reported_limits: [bool; 2],
 }
 
-impl Node {
+impl CanopenNode {
     /// After power-on, with the shaft at `position`, rad.
     pub(super) fn new(position: f64) -> Self {
-        let axis = Axis::new(MANNER, position);
+        let axis = MotionAxis::new(MOTION_QUIRKS, position);
         Self {
             axis,
             objects: Objects::default(),
-            told: Alarm::NONE,
-            arrived: false,
-            limits: [false; 2],
+            reported_alarm: Alarm::NONE,
+            arrival_pending: false,
+            reported_limits: [false; 2],
         }
     }
 
-    pub(super) const fn feels_for_stop(&self) -> bool {
-        self.axis.feels_for_stop()
+    pub(super) const fn seeks_hard_stop(&self) -> bool {
+        self.axis.seeks_hard_stop()
     }
 }
 
-impl Core {
+impl DriveCore {
     /// Lends the motion what it has to do with.
     fn with_axis<R>(
         &mut self,
-        act: impl FnOnce(&mut Axis<POINTS>, &mut motion::Scene<'_, Shaft, Commands<'_>>) -> R,
+        act: impl FnOnce(
+            &mut MotionAxis<QUEUED_POINTS>,
+            &mut motion::MotionContext<'_, Shaft, CommandedObjects<'_>>,
+        ) -> R,
     ) -> R {
         let position = self.shaft.motor().position();
-        let closed = |purpose| self.lines.closed(purpose, position);
-        let settings = Commands { objects: &self.node.objects, registers: &self.registers };
-        let mut scene = motion::Scene {
-            home: closed(Purpose::Home),
+        let closed = |purpose| self.lines.is_closed(purpose, position);
+        let settings =
+            CommandedObjects { objects: &self.canopen.objects, registers: &self.registers };
+        let mut scene = motion::MotionContext {
+            home: closed(InputPurpose::Home),
             home_at: self.lines.home_at,
-            positive: closed(Purpose::ForwardLimit),
-            negative: closed(Purpose::ReverseLimit),
+            positive: closed(InputPurpose::ForwardLimit),
+            negative: closed(InputPurpose::ReverseLimit),
             shaft: &mut self.shaft,
             settings: &settings,
         };
-        act(&mut self.node.axis, &mut scene)
+        act(&mut self.canopen.axis, &mut scene)
     }
 
     /// One tick of CANopen mode, before the shaft's.
-    pub(super) fn follow_bus(&mut self) {
-        let origin = self.node.axis.origin();
+    pub(super) fn tick_canopen(&mut self) {
+        let origin = self.canopen.axis.origin();
         let event = self.with_axis(|axis, scene| axis.tick(scene));
-        if event == Some(Event::FollowingError) {
-            self.raise(Alarm::PE);
+        if event == Some(MotionEvent::FollowingError) {
+            self.raise_alarm(Alarm::PE);
         }
-        self.node.arrived |=
-            event == Some(Event::Arrived) && self.node.axis.mode() == modes::PROFILE_POSITION;
-        if origin != self.node.axis.origin() {
-            self.motion.set_origin(self.node.axis.origin());
+        self.canopen.arrival_pending |= event == Some(MotionEvent::Arrived)
+            && self.canopen.axis.mode() == modes::PROFILE_POSITION;
+        if origin != self.canopen.axis.origin() {
+            self.motion.set_origin(self.canopen.axis.origin());
         }
     }
 
     /// An alarm was raised, in whatever mode.
-    pub(super) fn fault_on_bus(&mut self) {
-        self.with_axis(|axis, scene| axis.fault(scene));
+    pub(super) fn fault_canopen(&mut self) {
+        self.with_axis(|axis, scene| axis.handle_fault(scene));
     }
 
     /// Another mode, or power-on: nothing is commanded.
-    pub(super) fn leave_bus(&mut self) {
-        let mut node = Node::new(self.motion.origin());
-        (node.told, node.limits) = (self.node.told, self.node.limits);
-        node.objects = core::mem::take(&mut self.node.objects);
-        node.objects.set(kept::CONTROL, 0);
-        self.node = node;
+    pub(super) fn reset_canopen(&mut self) {
+        let mut node = CanopenNode::new(self.motion.origin());
+        (node.reported_alarm, node.reported_limits) =
+            (self.canopen.reported_alarm, self.canopen.reported_limits);
+        node.objects = core::mem::take(&mut self.canopen.objects);
+        node.objects.set(stored::CONTROL, 0);
+        self.canopen = node;
         if self.alarm.is_some() {
-            self.fault_on_bus();
+            self.fault_canopen();
         }
     }
 
-    fn control(&mut self, word: u16) {
+    fn write_controlword(&mut self, word: u16) {
         if self.mode() != MODE_CANOPEN {
             return;
         }
-        let before = self.node.axis.state();
-        if !before.has_power() && !self.shaft.bus_ready() && word & 0x0F == 0x0F {
-            return self.raise(Alarm::DE);
+        let before = self.canopen.axis.state();
+        if !before.has_power() && !self.shaft.is_bus_ready() && word & 0x0F == 0x0F {
+            return self.raise_alarm(Alarm::DE);
         }
-        if self.with_axis(|axis, scene| axis.control(word, true, scene)) {
+        if self.with_axis(|axis, scene| axis.handle_controlword(word, true, scene)) {
             self.unrepeatable += 1;
             self.starts += 1;
         }
-        let after = self.node.axis.state();
+        let after = self.canopen.axis.state();
         self.starts += u64::from(!before.has_power() && after.has_power());
-        if before == motion::State::Fault && after != before {
+        if before == motion::PowerState::Fault && after != before {
             self.clear_alarm();
         }
     }
 
-    fn set_object(&mut self, tag: u16, value: i32) -> Result<(), Abort> {
+    fn set_object(&mut self, tag: u16, value: i32) -> Result<(), AbortCode> {
         let allowed = match tag {
-            kept::MODE => is_mode(value as i8),
-            kept::HOMING_METHOD => is_method(value as i8),
+            stored::MODE => is_mode(value as i8),
+            stored::HOMING_METHOD => is_method(value as i8),
             _ => true,
         };
         if !allowed {
-            return Err(Abort::VALUE);
+            return Err(AbortCode::VALUE);
         }
-        self.node.objects.set(tag, value);
+        self.canopen.objects.set(tag, value);
         match tag {
-            kept::CONTROL => self.control(value as u16),
-            kept::TARGET_POSITION => {}
-            _ => self.with_axis(|axis, scene| axis.changed(scene)),
+            stored::CONTROL => self.write_controlword(value as u16),
+            stored::TARGET_POSITION => {}
+            _ => self.with_axis(|axis, scene| axis.handle_object_change(scene)),
         }
-        let turns = matches!(tag, kept::TARGET_VELOCITY | kept::TARGET_TORQUE | kept::MODE);
-        self.starts += u64::from(turns && self.node.axis.state().has_power());
+        let turns = matches!(tag, stored::TARGET_VELOCITY | stored::TARGET_TORQUE | stored::MODE);
+        self.starts += u64::from(turns && self.canopen.axis.state().has_power());
         Ok(())
     }
 
-    fn object(&self, tag: u16) -> i64 {
-        let (node, shaft) = (&self.node, &self.shaft);
+    fn object_value(&self, tag: u16) -> i64 {
+        let (node, shaft) = (&self.canopen, &self.shaft);
         let origin = self.motion.origin();
         let demand = || shaft.setpoint();
         let increments = |position: f64| nearest((position - origin) / TAU * COUNTS_PER_TURN);
         let pulses = |rad: f64| i64::from(node.objects.pulses(rad));
         match tag {
-            read::STATUS if self.mode() == MODE_CANOPEN => node.axis.status(true).into(),
-            read::STATUS if self.alarm.is_some() => 0x88,
-            read::STATUS => 0x50,
-            read::MODE => node.axis.mode().into(),
-            read::POSITION_DEMAND => pulses(demand().position - origin),
-            read::POSITION => pulses(shaft.position() - origin),
-            read::INCREMENTS => increments(shaft.position()),
-            read::DEMAND_INCREMENTS => increments(demand().position),
-            read::SENSOR_VELOCITY => nearest(shaft.rpm() * 10.0),
-            read::VELOCITY_DEMAND => nearest(demand().velocity / TAU * 600.0),
-            read::VELOCITY => nearest(shaft.rpm()),
-            read::FOLLOWING_ERROR => pulses(demand().position - shaft.position()),
-            read::ERROR_CODE => self.alarm.0.into(),
-            read::TORQUE => nearest(shaft.load_share() * 1000.0),
+            computed::STATUS if self.mode() == MODE_CANOPEN => node.axis.status(true).into(),
+            computed::STATUS if self.alarm.is_some() => 0x88,
+            computed::STATUS => 0x50,
+            computed::MODE => node.axis.mode().into(),
+            computed::POSITION_DEMAND => pulses(demand().position - origin),
+            computed::POSITION => pulses(shaft.position() - origin),
+            computed::INCREMENTS => increments(shaft.position()),
+            computed::DEMAND_INCREMENTS => increments(demand().position),
+            computed::SENSOR_VELOCITY => nearest(shaft.rpm() * 10.0),
+            computed::VELOCITY_DEMAND => nearest(demand().velocity / TAU * 600.0),
+            computed::VELOCITY => nearest(shaft.rpm()),
+            computed::FOLLOWING_ERROR => pulses(demand().position - shaft.position()),
+            computed::ERROR_CODE => self.alarm.0.into(),
+            computed::TORQUE => nearest(shaft.load_share() * 1000.0),
             _ => node.objects.value(tag).into(),
         }
     }
 
     /// Limit switches are told as they close, in CANopen mode.
-    fn limit_notice(&mut self) -> Option<u16> {
+    fn next_limit_emergency(&mut self) -> Option<u16> {
         if self.mode() != MODE_CANOPEN {
             return None;
         }
         let position = self.shaft.motor().position();
-        let ends = [(Purpose::ForwardLimit, FORWARD_LIMIT), (Purpose::ReverseLimit, REVERSE_LIMIT)];
+        let ends = [
+            (InputPurpose::ForwardLimit, FORWARD_LIMIT),
+            (InputPurpose::ReverseLimit, REVERSE_LIMIT),
+        ];
         ends.into_iter().enumerate().find_map(|(n, (purpose, code))| {
-            let is = self.lines.closed(purpose, position);
-            let was = core::mem::replace(&mut self.node.limits[n], is);
+            let is = self.lines.is_closed(purpose, position);
+            let was = core::mem::replace(&mut self.canopen.reported_limits[n], is);
             (is && !was).then_some(code)
         })
     }
@@ -192,11 +205,11 @@ impl Firmware for Drive {
     }
 
     fn node_id(&self) -> u8 {
-        self.core.registers.value(fns::NODE) as u8
+        self.core.registers.value(fn_registers::NODE) as u8
     }
 
     fn bit_rate(&self) -> u32 {
-        u32::from(self.core.registers.value(fns::BIT_RATE)) * 1000
+        u32::from(self.core.registers.value(fn_registers::BIT_RATE)) * 1000
     }
 
     fn serial(&self) -> u32 {
@@ -207,28 +220,28 @@ impl Firmware for Drive {
     fn get(&mut self, tag: u16) -> u64 {
         let core = &self.core;
         match tag {
-            0..DN => core.registers.value(tag).into(),
-            DN..KEPT => core.reading(tag - DN).into(),
-            _ => core.object(tag).cast_unsigned(),
+            0..DN_TAGS => core.registers.value(tag).into(),
+            DN_TAGS..STORED_TAGS => core.dn_reading(tag - DN_TAGS).into(),
+            _ => core.object_value(tag).cast_unsigned(),
         }
     }
 
-    fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), Abort> {
-        self.core.stirred = true;
+    fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
+        self.core.disturbed = true;
         match tag {
-            0..DN => self.write(tag, &[value as u16]).map_err(|refusal| match refusal {
-                Refusal::Address => Abort::NO_OBJECT,
-                Refusal::Value => Abort::VALUE,
-                Refusal::Failure => Abort::LOCAL,
+            0..DN_TAGS => self.write(tag, &[value as u16]).map_err(|refusal| match refusal {
+                RegisterError::Address => AbortCode::NO_OBJECT,
+                RegisterError::Value => AbortCode::VALUE,
+                RegisterError::Failure => AbortCode::LOCAL,
             }),
-            KEPT..READ => self.core.set_object(tag, value as i32),
-            _ => Err(Abort::READ_ONLY),
+            STORED_TAGS..COMPUTED_TAGS => self.core.set_object(tag, value as i32),
+            _ => Err(AbortCode::READ_ONLY),
         }
     }
 
-    fn entered(&mut self, now: Instant, state: Nmt) {
+    fn handle_nmt_state(&mut self, now: Instant, state: Nmt) {
         if state == Nmt::Stopped {
-            self.lost(now);
+            self.handle_link_loss(now);
         }
     }
 
@@ -237,9 +250,9 @@ impl Firmware for Drive {
     }
 
     /// `[I]` ERR_Lo where the motor is powered through the bus.
-    fn lost(&mut self, _now: Instant) {
-        if self.core.node.axis.state().has_power() {
-            self.raise(Alarm::LO);
+    fn handle_link_loss(&mut self, _now: Instant) {
+        if self.core.canopen.axis.state().has_power() {
+            self.raise_alarm(Alarm::LO);
         }
     }
 
@@ -251,96 +264,96 @@ impl Firmware for Drive {
     fn poll_emergency(&mut self) -> Option<Emergency> {
         let core = &mut self.core;
         let tell = |code| Some(Emergency { code, ..Emergency::default() });
-        if core.node.told != core.alarm {
-            core.node.told = core.alarm;
+        if core.canopen.reported_alarm != core.alarm {
+            core.canopen.reported_alarm = core.alarm;
             return tell(core.alarm.0);
         }
-        if core::mem::take(&mut core.node.arrived) {
+        if core::mem::take(&mut core.canopen.arrival_pending) {
             return tell(ARRIVED);
         }
-        core.limit_notice().and_then(tell)
+        core.next_limit_emergency().and_then(tell)
     }
 
     fn set_node_id(&mut self, node: u8) {
-        self.core.registers.set(fns::NODE, node.into());
+        self.core.registers.set(fn_registers::NODE, node.into());
     }
 
     fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
         let kbit = (bit_rate / 1000) as u16;
-        let fits = self.core.check_value(fns::BIT_RATE, kbit).is_ok();
+        let fits = self.core.check_value(fn_registers::BIT_RATE, kbit).is_ok();
         if fits {
-            self.core.registers.set(fns::BIT_RATE, kbit);
+            self.core.registers.set(fn_registers::BIT_RATE, kbit);
         }
         fits
     }
 
     fn store_link(&mut self) -> bool {
-        for number in [fns::NODE, fns::BIT_RATE] {
-            self.core.registers.keep(number, self.core.registers.value(number));
+        for number in [fn_registers::NODE, fn_registers::BIT_RATE] {
+            self.core.registers.store(number, self.core.registers.value(number));
         }
         true
     }
 }
 
-impl motion::Shaft for Shaft {
-    fn power(&mut self) {
-        Self::power(self);
+impl motion::MotorControl for Shaft {
+    fn power_on(&mut self) {
+        Self::power_on(self);
     }
 
-    fn release(&mut self) {
-        Self::release(self);
+    fn power_off(&mut self) {
+        Self::power_off(self);
     }
 
-    fn manner(&mut self, limits: Limits) {
-        Self::manner(self, limits);
+    fn set_limits(&mut self, limits: Limits) {
+        Self::set_limits(self, limits);
     }
 
     fn turn(&mut self, rad_per_s: f64) {
         Self::turn(self, rad_per_s);
     }
 
-    fn go(&mut self, position: f64) {
-        Self::go(self, position);
+    fn move_to(&mut self, position: f64) {
+        Self::move_to(self, position);
     }
 
-    fn push(&mut self, share: f64) {
-        Self::push(self, share);
+    fn apply_torque(&mut self, share: f64) {
+        Self::apply_torque(self, share);
     }
 
     /// The drive has no mode in which the host makes the way.
-    fn follow(&mut self, setpoint: Setpoint) {
-        Self::go(self, setpoint.position);
+    fn follow_setpoint(&mut self, setpoint: Setpoint) {
+        Self::move_to(self, setpoint.position);
     }
 
-    fn hold(&mut self) {
+    fn hold_position(&mut self) {
         Self::halt(self);
     }
 
-    fn settle(&mut self) {
-        Self::settle(self);
+    fn settle_position(&mut self) {
+        Self::settle_position(self);
     }
 
     fn setpoint(&self) -> Setpoint {
         Self::setpoint(self)
     }
 
-    fn arrived(&self) -> bool {
-        Self::arrived(self)
+    fn has_arrived(&self) -> bool {
+        Self::has_arrived(self)
     }
 
     fn position(&self) -> f64 {
         Self::position(self)
     }
 
-    fn before(&self) -> f64 {
-        Self::before(self)
+    fn previous_position(&self) -> f64 {
+        Self::previous_position(self)
     }
 
     fn velocity(&self) -> f64 {
         self.rpm() / 60.0 * TAU
     }
 
-    fn torque_reached(&self) -> bool {
-        Self::torque_reached(self)
+    fn is_torque_limited(&self) -> bool {
+        Self::is_torque_limited(self)
     }
 }

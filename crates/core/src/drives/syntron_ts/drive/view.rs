@@ -2,20 +2,25 @@
 
 use super::*;
 
-impl View for Core {
-    fn value(&self, code: Code) -> i32 {
+impl DriveView for DriveCore {
+    fn value(&self, code: RegisterCode) -> i32 {
         let (word, signed) = match code {
-            Code::Fn(number) => (self.registers.value(number), limits(self.profile, number).2),
-            Code::Dn(number) => {
-                let signed = matches!(number, dns::SPEED | dns::LOAD | dns::TEMPERATURE);
-                (self.reading(number), signed)
+            RegisterCode::Fn(number) => {
+                (self.registers.value(number), write_limits(self.profile, number).2)
+            }
+            RegisterCode::Dn(number) => {
+                let signed = matches!(
+                    number,
+                    dn_registers::SPEED | dn_registers::LOAD | dn_registers::TEMPERATURE
+                );
+                (self.dn_reading(number), signed)
             }
         };
         if signed { i32::from(word as i16) } else { i32::from(word) }
     }
 
     fn limits(&self, number: u16) -> (i32, i32) {
-        let (min, max, _) = limits(self.profile, number);
+        let (min, max, _) = write_limits(self.profile, number);
         (min as i32, max as i32)
     }
 
@@ -27,11 +32,11 @@ impl View for Core {
         self.alarm
     }
 
-    fn powered(&self) -> bool {
-        self.shaft.powered()
+    fn is_powered(&self) -> bool {
+        self.shaft.is_powered()
     }
 
-    fn jog_mode(&self) -> bool {
+    fn is_jog_mode(&self) -> bool {
         self.mode() == MODE_JOG
     }
 }

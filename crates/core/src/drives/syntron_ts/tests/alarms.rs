@@ -4,19 +4,19 @@ use crate::profile::Severity;
 use std::string::ToString;
 
 /// Fn_00 = 1, RAM, so many rpm, on.
-fn turning(rpm: i16) -> Desk {
-    let mut desk = Desk::new();
+fn turning(rpm: i16) -> DriveFixture {
+    let mut desk = DriveFixture::new();
     for (number, value) in [(0x00, 1), (0x99, 1), (0x33, rpm as u16), (0x38, 1)] {
         desk.write(number, value);
     }
-    desk.pass(1000);
+    desk.advance(1000);
     assert_eq!(desk.rpm(), rpm);
     desk
 }
 
-fn trips(desk: &mut Desk, within_ms: u32, text: &str) {
+fn trips(desk: &mut DriveFixture, within_ms: u32, text: &str) {
     for _ in 0..within_ms / 10 {
-        desk.pass(10);
+        desk.advance(10);
         if desk.alarm() != 0 {
             break;
         }
@@ -48,7 +48,7 @@ fn every_code_is_its_characters_and_stops_the_motor() {
         desk.act(Act::Fault(fault.code));
         assert_eq!(u32::from(desk.alarm()), fault.code);
         assert!(!desk.truth().enabled);
-        assert_eq!(desk.device.notice(), Some(fault.name));
+        assert_eq!(desk.device.take_notice(), Some(fault.name));
         let blinking = desk.shown().trim().to_uppercase();
         assert_eq!(blinking, shown(fault.name, &desk), "{}", fault.name);
         count += 1;
@@ -57,7 +57,7 @@ fn every_code_is_its_characters_and_stops_the_motor() {
 }
 
 /// The panel blinks, so a name is there or nothing is.
-fn shown(name: &str, desk: &Desk) -> std::string::String {
+fn shown(name: &str, desk: &DriveFixture) -> std::string::String {
     let lit = (desk.now.0 / 250_000_000).is_multiple_of(2);
     if lit { name.to_uppercase() } else { "".to_string() }
 }
@@ -71,10 +71,10 @@ fn a_blocked_motor_stalls() {
 
 #[test]
 fn a_blocked_path_has_a_following_error() {
-    let mut desk = Desk::positioning(&[]);
+    let mut desk = DriveFixture::positioning(&[]);
     desk.fill(1, 1002, 3_600_000, 600, [100, 100, 0, 0]);
     desk.trigger(1);
-    desk.pass(300);
+    desk.advance(300);
     desk.act(Act::Jam(true));
     trips(&mut desk, 2000, "PE");
     assert!(!desk.busy());
@@ -84,7 +84,7 @@ fn a_blocked_path_has_a_following_error() {
 fn too_much_load_for_too_long_is_an_overload() {
     let mut desk = turning(300);
     desk.act(Act::Load(-1.2));
-    desk.pass(20_000);
+    desk.advance(20_000);
     assert_eq!(desk.alarm(), 0, "less than the rated 1.3 N·m is for ever");
     desk.act(Act::Load(-3.0));
     trips(&mut desk, 10_000, "oL");
@@ -106,7 +106,7 @@ fn the_supply_is_watched() {
     let mut desk = turning(300);
     desk.act(Act::Supply(75.0));
     trips(&mut desk, 100, "oU");
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     desk.write(0x00, 1);
     desk.act(Act::Supply(0.0));
     desk.write(0x38, 1);
@@ -127,7 +127,7 @@ fn the_sensors_are_watched() {
 fn heat_is_watched() {
     let mut desk = turning(300);
     desk.act(Act::Ambient(95.0));
-    desk.pass(20_000);
+    desk.advance(20_000);
     assert_eq!(desk.alarm(), 0, "metal takes its time");
     trips(&mut desk, 400_000, "ot");
 }
@@ -141,10 +141,10 @@ fn a_load_that_is_braked_all_the_time_heats_the_braking_circuit() {
 
 #[test]
 fn two_inputs_of_one_purpose_are_an_alarm() {
-    let mut desk = Desk::with(&[("inputs", "12345660")]);
+    let mut desk = DriveFixture::with(&[("inputs", "12345660")]);
     trips(&mut desk, 10, "Id");
     assert!(
-        SyntronTs::device(
+        SyntronTs::create_device(
             SyntronTs::profiles()[0],
             &DeviceOptions { extra: &[("inputs", "1234")], ..OPTIONS }
         )
@@ -155,32 +155,32 @@ fn two_inputs_of_one_purpose_are_an_alarm() {
 #[test]
 fn paths_that_make_no_sense_are_alarms() {
     for (first, rpm, text) in [(9, 100, "PA"), (1002, 0, "SL")] {
-        let mut desk = Desk::positioning(&[]);
+        let mut desk = DriveFixture::positioning(&[]);
         desk.fill(1, first, 90_000, rpm, [100, 100, 0, 0]);
         desk.trigger(1);
         trips(&mut desk, 10, text);
     }
-    let mut desk = Desk::positioning(&[]);
-    desk.write(fns::HOMING_WAY, 28_000 - 2000);
-    desk.write(fns::HOMING_TRIGGER, 1);
+    let mut desk = DriveFixture::positioning(&[]);
+    desk.write(fn_registers::HOMING_WAY, 28_000 - 2000);
+    desk.write(fn_registers::HOMING_TRIGGER, 1);
     assert!(desk.busy(), "C = 6 is a way");
-    let mut desk = Desk::positioning(&[]);
-    desk.write(fns::HOMING_WAY, 9000);
-    desk.write(fns::HOMING_TRIGGER, 1);
+    let mut desk = DriveFixture::positioning(&[]);
+    desk.write(fn_registers::HOMING_WAY, 9000);
+    desk.write(fn_registers::HOMING_TRIGGER, 1);
     trips(&mut desk, 10, "PA");
 }
 
-fn cleared(mut desk: Desk, clear: impl FnOnce(&mut Desk)) {
+fn cleared(mut desk: DriveFixture, clear: impl FnOnce(&mut DriveFixture)) {
     desk.act(Act::Fault(0x1614));
     desk.write(0x38, 1);
     assert!(!desk.truth().enabled && desk.read(0x38) == 0, "no power with an alarm");
     clear(&mut desk);
     assert_eq!(desk.alarm(), 0);
-    desk.pass(500);
+    desk.advance(500);
     assert!(!desk.truth().enabled, "clearing starts nothing");
     desk.write(0x33, 100);
     desk.write(0x38, 1);
-    desk.pass(500);
+    desk.advance(500);
     assert_eq!(desk.rpm(), 100);
 }
 
@@ -189,14 +189,14 @@ fn four_ways_clear_an_alarm() {
     cleared(turning(300), |desk| desk.act(Act::PowerCycle));
     cleared(turning(300), |desk| {
         desk.act(Act::Key(1, true));
-        desk.pass(1100);
+        desk.advance(1100);
         desk.act(Act::Key(1, false));
     });
     cleared(turning(300), |desk| {
         desk.act(Act::Input(2, true));
-        desk.pass(5);
+        desk.advance(5);
     });
-    let mut desk = Desk::with(&[("ds102", "1")]);
+    let mut desk = DriveFixture::with(&[("ds102", "1")]);
     desk.write(0x00, 1);
     desk.write(0x99, 1);
     cleared(desk, |desk| desk.write(0x53, 1));
@@ -215,6 +215,6 @@ fn an_alarm_comes_back_while_its_cause_is_there() {
     trips(&mut desk, 100, "oU");
     desk.act(Act::Supply(48.0));
     desk.act(Act::PowerCycle);
-    desk.pass(100);
+    desk.advance(100);
     assert_eq!(desk.alarm(), 0);
 }

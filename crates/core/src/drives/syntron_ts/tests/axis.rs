@@ -15,19 +15,21 @@ use crate::station::{AxisIndex, Ticket};
 const AXIS: AxisIndex = AxisIndex(0);
 
 /// A host and a drive on one wire.
-struct Pair {
+struct HostAndDrive {
     lane: Lane<Stream, <Rtu as Protocol>::Host>,
-    desk: Desk,
+    desk: DriveFixture,
 }
 
-impl Pair {
+impl HostAndDrive {
     fn new(profile: &'static Profile) -> Self {
         let options = HostOptions::new(0);
-        let mut lane =
-            Lane::new(Rtu::host(&options, &[1]), [Box::new(Rtu::driver(profile, 1)) as _]);
-        lane.arm(AXIS, true);
-        let mut desk = Desk::new();
-        desk.device = SyntronTs::device(profile, &OPTIONS).unwrap();
+        let mut lane = Lane::new(
+            Rtu::create_host(&options, &[1]),
+            [Box::new(Rtu::create_driver(profile, 1)) as _],
+        );
+        lane.set_armed(AXIS, true);
+        let mut desk = DriveFixture::new();
+        desk.device = SyntronTs::create_device(profile, &OPTIONS).unwrap();
         Self { lane, desk }
     }
 
@@ -39,7 +41,7 @@ impl Pair {
     fn run_while(
         &mut self,
         command: Command,
-        mut meanwhile: impl FnMut(&mut Desk, &[u8]),
+        mut meanwhile: impl FnMut(&mut DriveFixture, &[u8]),
     ) -> Outcome {
         self.lane.command(self.desk.now, Ticket(1), AXIS, command).unwrap();
         for _ in 0..100_000 {
@@ -61,7 +63,7 @@ impl Pair {
                 assert_eq!(ticket, Ticket(1));
                 return outcome;
             }
-            self.desk.pass(1);
+            self.desk.advance(1);
             self.lane.handle_timeout(self.desk.now);
         }
         panic!("{command:?} never ends");
@@ -92,7 +94,7 @@ fn radians(degrees: f64) -> f64 {
 
 #[test]
 fn the_host_refuses_to_move_until_the_mode_fits() {
-    let mut pair = Pair::new(usual());
+    let mut pair = HostAndDrive::new(usual());
     let target = Some(1.0);
     for command in [
         Command::new(Verb::Enable),
@@ -111,13 +113,13 @@ fn the_host_refuses_to_move_until_the_mode_fits() {
 
 #[test]
 fn speed_runs_stops_and_costs_one_flash_write() {
-    let mut pair = Pair::new(usual());
-    pair.desk.write(fns::MODE, 1);
+    let mut pair = HostAndDrive::new(usual());
+    pair.desk.write(fn_registers::MODE, 1);
     let before = pair.desk.truth().flash_writes;
     let velocity = Some(300.0 * core::f64::consts::TAU / 60.0);
     for _ in 0..2 {
         pair.done(Command { velocity, ..Command::new(Verb::Velocity) });
-        pair.desk.pass(1000);
+        pair.desk.advance(1000);
         assert_eq!(pair.desk.rpm(), 300);
         pair.done(Command::new(Verb::Stop));
         assert!(pair.desk.truth().velocity.abs() < 0.6 && pair.desk.truth().enabled);
@@ -131,17 +133,17 @@ fn speed_runs_stops_and_costs_one_flash_write() {
 
 #[test]
 fn moves_reach_degrees_of_the_shaft() {
-    let mut pair = Pair::new(usual());
-    pair.desk.write(fns::MODE, 14);
-    pair.desk.write(fns::MOTOR_TURNS, 3);
-    pair.desk.write(fns::TRAVEL, 10);
+    let mut pair = HostAndDrive::new(usual());
+    pair.desk.write(fn_registers::MODE, 14);
+    pair.desk.write(fn_registers::MOTOR_TURNS, 3);
+    pair.desk.write(fn_registers::TRAVEL, 10);
     let velocity = Some(60.0);
     for (verb, degrees, end) in
         [(Verb::MoveTo, 90.0, 90.0), (Verb::MoveBy, -450.0, -360.0), (Verb::MoveTo, 7.5, 7.5)]
     {
         pair.done(Command { target: Some(radians(degrees)), velocity, ..Command::new(verb) });
         pair.done(Command::new(Verb::Reached));
-        pair.desk.pass(800);
+        pair.desk.advance(800);
         let found = pair.degrees();
         assert!((found - end).abs() < 0.3, "{verb:?} {degrees}: at {found}");
     }
@@ -152,10 +154,10 @@ fn moves_reach_degrees_of_the_shaft() {
 /// took the trigger, as every register, and did not move.
 #[test]
 fn an_alarm_between_the_first_look_and_the_trigger_is_told() {
-    let mut pair = Pair::new(usual());
-    pair.desk.write(fns::MODE, 14);
+    let mut pair = HostAndDrive::new(usual());
+    pair.desk.write(fn_registers::MODE, 14);
     let command = Command { target: Some(radians(90.0)), ..Command::new(Verb::MoveBy) };
-    let [high, low] = fns::ENABLE.to_be_bytes();
+    let [high, low] = fn_registers::ENABLE.to_be_bytes();
     let outcome = pair.run_while(command, |desk, request| {
         if request[1..4] == [3, high, low] {
             desk.act(Act::Fault(0x1614));
@@ -169,36 +171,36 @@ fn an_alarm_between_the_first_look_and_the_trigger_is_told() {
 #[test]
 fn a_stop_ends_a_move_and_the_next_one_starts() {
     for verb in [Verb::Stop, Verb::QuickStop] {
-        let mut pair = Pair::new(usual());
-        pair.desk.write(fns::MODE, 14);
+        let mut pair = HostAndDrive::new(usual());
+        pair.desk.write(fn_registers::MODE, 14);
         let target = Some(radians(36_000.0));
         pair.done(Command { target, ..Command::new(Verb::MoveTo) });
-        pair.desk.pass(1000);
+        pair.desk.advance(1000);
         pair.done(Command::new(verb));
         let truth = pair.desk.truth();
         assert!(truth.velocity.abs() < 0.6 && truth.enabled, "{verb:?}");
-        assert_eq!(pair.desk.read(fns::PATH_STOP), 0, "not left blocked");
+        assert_eq!(pair.desk.read(fn_registers::PATH_STOP), 0, "not left blocked");
         pair.done(Command { target: Some(0.0), ..Command::new(Verb::MoveTo) });
         pair.done(Command::new(Verb::Reached));
-        pair.desk.pass(800);
+        pair.desk.advance(800);
         assert!(pair.degrees().abs() < 0.3);
     }
 }
 
 #[test]
 fn home_finds_the_switch() {
-    let mut pair = Pair::new(usual());
-    pair.desk.write(fns::MODE, 14);
+    let mut pair = HostAndDrive::new(usual());
+    pair.desk.write(fn_registers::MODE, 14);
     pair.done(Command::new(Verb::Home));
-    pair.desk.pass(800);
+    pair.desk.advance(800);
     assert!(pair.degrees().abs() < 0.3);
     assert!((pair.desk.truth().position + core::f64::consts::PI).abs() < 0.01);
 }
 
 #[test]
 fn an_alarm_stops_the_plans_and_the_way_out_is_told() {
-    let mut pair = Pair::new(usual());
-    pair.desk.write(fns::MODE, 1);
+    let mut pair = HostAndDrive::new(usual());
+    pair.desk.write(fn_registers::MODE, 1);
     pair.done(Command::new(Verb::Clear));
     pair.desk.act(Act::Fault(0x1614));
     assert_eq!(pair.verb(Verb::Enable), Outcome::NotDone(Failure::Faulted { code: 0x1614 }));
@@ -210,8 +212,8 @@ fn an_alarm_stops_the_plans_and_the_way_out_is_told() {
 
 #[test]
 fn the_sibling_clears_over_the_line_and_tells_its_torque() {
-    let mut pair = Pair::new(SyntronTs::profiles()[1]);
-    pair.desk.write(fns::MODE, 1);
+    let mut pair = HostAndDrive::new(SyntronTs::profiles()[1]);
+    pair.desk.write(fn_registers::MODE, 1);
     pair.desk.act(Act::Fault(0x1614));
     pair.done(Command::new(Verb::Clear));
     pair.done(Command::new(Verb::Enable));

@@ -4,13 +4,13 @@ use std::vec::Vec;
 
 use super::*;
 use crate::medium::{Can, Frame};
-use crate::proto::canopen::sdo::{Abort, Object, Reply, Request, Short};
+use crate::proto::canopen::sdo::{AbortCode, ExpeditedData, ObjectIndex, SdoReply, SdoRequest};
 
 /// A drive with node-ID 2, as in the manual's examples; its operator has set Fn_00 = 20.
-struct Bus {
+struct CanopenFixture {
     device: Device,
     now: Instant,
-    heard: Vec<Frame>,
+    received: Vec<Frame>,
 }
 
 /// `602 2B 40 60 00 06 00 00 00` as a frame.
@@ -21,14 +21,14 @@ fn frame(line: &str) -> Frame {
     Frame::standard(id, &data)
 }
 
-impl Bus {
+impl CanopenFixture {
     fn with(extra: &[(&str, &str)]) -> Self {
         let options = DeviceOptions { address: Some(2), wires: &["canopen"], extra, ..OPTIONS };
-        let device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
-        let mut bus = Self { device, now: Instant(1_000_000_000), heard: Vec::new() };
-        bus.pass(1);
-        assert_eq!(bus.heard, [frame("702 00")], "boot-up");
-        bus.heard.clear();
+        let device = SyntronTs::create_device(SyntronTs::profiles()[0], &options).unwrap();
+        let mut bus = Self { device, now: Instant(1_000_000_000), received: Vec::new() };
+        bus.advance(1);
+        assert_eq!(bus.received, [frame("702 00")], "boot-up");
+        bus.received.clear();
         bus
     }
 
@@ -36,32 +36,32 @@ impl Bus {
         Self::with(&[("fn00", "20")])
     }
 
-    fn hear(&mut self, frame: Frame) {
+    fn receive(&mut self, frame: Frame) {
         Station::<Can>::handle_input(&mut self.device, self.now, &frame);
         self.drain();
     }
 
     /// Sends lines as the manual prints them, a millisecond apart; each SDO is acknowledged.
-    fn play(&mut self, lines: &[&str]) {
+    fn send_lines(&mut self, lines: &[&str]) {
         for line in lines {
-            self.heard.clear();
-            self.hear(frame(line));
+            self.received.clear();
+            self.receive(frame(line));
             if line.starts_with("602") {
-                let answered = self.heard.iter().any(|f| f.id == 0x582 && f.data[0] == 0x60);
-                assert!(answered, "{line}: {:?}", self.heard);
+                let answered = self.received.iter().any(|f| f.id == 0x582 && f.data[0] == 0x60);
+                assert!(answered, "{line}: {:?}", self.received);
             }
-            self.pass(1);
+            self.advance(1);
         }
     }
 
     fn drain(&mut self) {
         let mut out = Frame::default();
         while Station::<Can>::poll_transmit(&mut self.device, self.now, &mut out).is_some() {
-            self.heard.push(out);
+            self.received.push(out);
         }
     }
 
-    fn pass(&mut self, ms: u32) {
+    fn advance(&mut self, ms: u32) {
         for _ in 0..ms {
             self.now = self.now.plus_ms(1);
             self.device.handle_timeout(self.now);
@@ -69,25 +69,25 @@ impl Bus {
         }
     }
 
-    fn ask(&mut self, request: Request) -> Reply {
-        self.heard.clear();
-        self.hear(request.emit(2));
-        Reply::of(self.heard.iter().find(|f| f.id == 0x582).unwrap().data)
+    fn request(&mut self, request: SdoRequest) -> SdoReply {
+        self.received.clear();
+        self.receive(request.emit(2));
+        SdoReply::of(self.received.iter().find(|f| f.id == 0x582).unwrap().data)
     }
 
     fn read(&mut self, index: u16, sub: u8) -> i32 {
-        match self.ask(Request::Read(Object::new(index, sub))) {
-            Reply::Value(_, Short { bits, len: 2 }) => i32::from(bits as i16),
-            Reply::Value(_, short) => short.bits as i32,
+        match self.request(SdoRequest::Read(ObjectIndex::new(index, sub))) {
+            SdoReply::Value(_, ExpeditedData { bits, len: 2 }) => i32::from(bits as i16),
+            SdoReply::Value(_, short) => short.bits as i32,
             other => panic!("{index:04X}: {other:?}"),
         }
     }
 
-    fn write(&mut self, index: u16, value: i32) -> Result<(), Abort> {
-        let short = Short { bits: value as u32, len: 4 };
-        match self.ask(Request::Write(Object::new(index, 0), short)) {
-            Reply::Written(_, echo) if echo == value as u32 => Ok(()),
-            Reply::Abort(_, abort) => Err(abort),
+    fn write(&mut self, index: u16, value: i32) -> Result<(), AbortCode> {
+        let short = ExpeditedData { bits: value as u32, len: 4 };
+        match self.request(SdoRequest::Write(ObjectIndex::new(index, 0), short)) {
+            SdoReply::Written(_, echo) if echo == value as u32 => Ok(()),
+            SdoReply::Abort(_, abort) => Err(abort),
             other => panic!("{other:?}"),
         }
     }
@@ -96,8 +96,8 @@ impl Bus {
         self.read(0x6041, 0)
     }
 
-    fn truth(&mut self) -> Truth {
-        self.device.truth(self.now)
+    fn truth(&mut self) -> GroundTruth {
+        self.device.ground_truth(self.now)
     }
 
     fn rpm(&mut self) -> f64 {
@@ -111,7 +111,7 @@ impl Bus {
     /// Codes of the emergencies since the last question.
     fn emergencies(&self) -> Vec<u16> {
         let of = |frame: &Frame| u16::from_le_bytes([frame.data[0], frame.data[1]]);
-        self.heard.iter().filter(|f| f.id == 0x82).map(of).collect()
+        self.received.iter().filter(|f| f.id == 0x82).map(of).collect()
     }
 }
 
@@ -132,41 +132,45 @@ const MAPPING: [&str; 8] = [
 
 #[test]
 fn the_speed_recipe_turns_the_motor() {
-    let mut bus = Bus::new();
-    bus.play(&["000 01 02"]);
-    bus.play(&MAPPING);
-    bus.play(&["602 23 02 16 01 20 00 FF 60", "602 2F 02 16 00 01 00 00 00"]);
-    bus.play(&["602 2F 60 60 00 03 00 00 00", "302 E8 03 00 00 E8 03 00 00", "402 64 00 00 00"]);
+    let mut bus = CanopenFixture::new();
+    bus.send_lines(&["000 01 02"]);
+    bus.send_lines(&MAPPING);
+    bus.send_lines(&["602 23 02 16 01 20 00 FF 60", "602 2F 02 16 00 01 00 00 00"]);
+    bus.send_lines(&[
+        "602 2F 60 60 00 03 00 00 00",
+        "302 E8 03 00 00 E8 03 00 00",
+        "402 64 00 00 00",
+    ]);
     let states = [0x0031, 0x0033, 0x0037];
     assert_eq!(bus.status(), 0x0050);
     for (line, state) in ENABLE.iter().zip(states) {
-        bus.hear(frame(line));
+        bus.receive(frame(line));
         assert_eq!(bus.status(), state, "{line}");
     }
-    bus.pass(200);
+    bus.advance(200);
     assert!((bus.rpm() - 10.0).abs() < 1.0, "100 is 10 rpm: {}", bus.rpm());
     // Enabled, it obeys at once; a second from rest to 3000 rpm.
-    bus.hear(frame("402 98 3A 00 00"));
-    bus.pass(250);
+    bus.receive(frame("402 98 3A 00 00"));
+    bus.advance(250);
     assert!((bus.rpm() - 750.0).abs() < 60.0, "{}", bus.rpm());
-    bus.pass(400);
+    bus.advance(400);
     let units =
         [bus.read(0x606C, 0), bus.read(0x6069, 0), bus.read(0x606B, 0), bus.read(0x3000, 0)];
     for (value, wanted) in units.into_iter().zip([1500, 15_000, 15_000, 1500]) {
         assert!((value - wanted).abs() <= wanted / 100, "{units:?}");
     }
     assert_eq!(bus.status(), 0x0437, "speed reached");
-    bus.hear(frame("202 07 00"));
+    bus.receive(frame("202 07 00"));
     assert_eq!((bus.status(), bus.truth().enabled), (0x0033, false));
 }
 
 #[test]
 fn the_position_recipe_moves_so_many_pulses() {
-    let mut bus = Bus::new();
-    bus.play(&["000 01 02"]);
-    bus.play(&MAPPING);
-    bus.play(&["602 23 02 16 01 20 00 7A 60", "602 2F 02 16 00 01 00 00 00"]);
-    bus.play(&[
+    let mut bus = CanopenFixture::new();
+    bus.send_lines(&["000 01 02"]);
+    bus.send_lines(&MAPPING);
+    bus.send_lines(&["602 23 02 16 01 20 00 7A 60", "602 2F 02 16 00 01 00 00 00"]);
+    bus.send_lines(&[
         "602 2F 03 16 00 00 00 00",
         "602 23 03 16 01 20 00 81 60",
         "602 2F 03 16 00 01 00 00 00",
@@ -177,18 +181,18 @@ fn the_position_recipe_moves_so_many_pulses() {
         "602 2B 93 60 01 01 00 00 00",
         "602 2B 93 60 02 01 00 00 00",
     ]);
-    bus.play(&ENABLE);
-    bus.play(&["202 0F 00", "202 5F 00", "202 4F 00"]);
-    bus.pass(600);
+    bus.send_lines(&ENABLE);
+    bus.send_lines(&["202 0F 00", "202 5F 00", "202 4F 00"]);
+    bus.advance(600);
     assert!((bus.rpm() - 300.0).abs() < 5.0, "300 rpm: {}", bus.rpm());
-    bus.heard.clear();
-    bus.pass(1500);
+    bus.received.clear();
+    bus.advance(1500);
     assert_eq!(bus.emergencies(), [0x8683], "position reached");
     assert!((bus.read(0x6064, 0) - 60_000).abs() <= 3);
     assert_eq!(bus.status(), 0x0437);
     // The same edge again goes on by as much; a factor of 2 makes two increments of a pulse.
-    bus.play(&["602 23 93 60 01 02 00 00 00", "202 5F 00", "202 4F 00"]);
-    bus.pass(4000);
+    bus.send_lines(&["602 23 93 60 01 02 00 00 00", "202 5F 00", "202 4F 00"]);
+    bus.advance(4000);
     assert!((bus.read(0x6063, 0) - 180_000).abs() <= 6);
     assert!((bus.read(0x6064, 0) - 90_000).abs() <= 3);
     let counts = bus.read(0x302E, 0) as u16 as i32 | bus.read(0x302F, 0) << 16;
@@ -197,20 +201,20 @@ fn the_position_recipe_moves_so_many_pulses() {
 
 #[test]
 fn thirty_two_set_points_wait_and_the_next_is_lost() {
-    let mut bus = Bus::new();
-    bus.play(&["000 01 02", "602 2F 60 60 00 01 00 00 00"]);
-    bus.play(&MAPPING);
-    bus.play(&ENABLE);
+    let mut bus = CanopenFixture::new();
+    bus.send_lines(&["000 01 02", "602 2F 60 60 00 01 00 00 00"]);
+    bus.send_lines(&MAPPING);
+    bus.send_lines(&ENABLE);
     bus.write(0x6081, 30_000).unwrap();
     bus.write(0x607A, 500).unwrap();
     for n in 1..=40 {
-        bus.hear(frame("202 5F 00"));
+        bus.receive(frame("202 5F 00"));
         assert_eq!(bus.status() & 0x1000, 0x1000, "{n}: taken");
-        bus.hear(frame("202 4F 00"));
+        bus.receive(frame("202 4F 00"));
         let full = bus.status() & 0x1000 != 0;
         assert_eq!(full, n > 32, "{n}: bit 12 stays when no other has room");
     }
-    bus.pass(10_000);
+    bus.advance(10_000);
     // One ran and 32 waited: what came behind them is lost.
     assert!((bus.read(0x6064, 0) - 33 * 500).abs() <= 5, "{}", bus.read(0x6064, 0));
 }
@@ -220,27 +224,27 @@ fn the_torque_recipe_as_printed_leaves_it_standing_and_corrected_turns_it() {
     for (mode, turns) in
         [("602 2F 60 60 00 03 00 00 00", false), ("602 2F 60 60 00 04 00 00 00", true)]
     {
-        let mut bus = Bus::new();
-        bus.play(&[
+        let mut bus = CanopenFixture::new();
+        bus.send_lines(&[
             "000 01 02",
             mode,
             "602 2F 87 60 00 E8 03 00 00",
             "602 2F 71 60 00 64 00 00 00",
         ]);
-        bus.play(&ENABLE);
+        bus.send_lines(&ENABLE);
         assert_eq!(
             (bus.read(0x6087, 0), bus.read(0x6071, 0)),
             (1000, 100),
             "width from the object"
         );
         bus.write(0x2095, 600).unwrap();
-        bus.pass(2000);
+        bus.advance(2000);
         assert_eq!(bus.rpm().abs() > 100.0, turns, "{}", bus.rpm());
         assert!(bus.rpm() < 610.0, "Fn_95 limits the speed: {}", bus.rpm());
         assert_eq!(bus.status() & 0x6F, 0x27);
         if turns {
             bus.act(Act::Jam(true));
-            bus.pass(100);
+            bus.advance(100);
             assert!((bus.truth().current / 12.7 - 0.1).abs() < 0.01, "10 % of the rated torque");
         }
     }
@@ -248,9 +252,9 @@ fn the_torque_recipe_as_printed_leaves_it_standing_and_corrected_turns_it() {
 
 #[test]
 fn the_homing_recipe_finds_the_switch() {
-    let mut bus = Bus::new();
+    let mut bus = CanopenFixture::new();
     bus.act(Act::Switch { which: 0, at: 3.0 });
-    bus.play(&[
+    bus.send_lines(&[
         "000 01 02",
         "602 2F 60 60 00 06 00 00 00",
         "602 2F 98 60 00 14 00 00 00",
@@ -260,15 +264,15 @@ fn the_homing_recipe_finds_the_switch() {
         "602 23 93 60 01 01 00 00 00",
         "602 23 93 60 02 01 00 00 00",
     ]);
-    bus.play(&ENABLE);
-    bus.play(&[
+    bus.send_lines(&ENABLE);
+    bus.send_lines(&[
         "602 2B 40 60 00 0F 00 00 00",
         "602 2B 40 60 00 5F 00 00 00",
         "602 2B 40 60 00 4F 00 00 00",
     ]);
-    bus.pass(300);
+    bus.advance(300);
     assert_eq!(bus.status() & 0x3400, 0, "under way though bit 4 fell");
-    bus.pass(10_000);
+    bus.advance(10_000);
     assert_eq!(bus.status() & 0x3400, 0x1400, "attained");
     let zero =
         bus.truth().position - f64::from(bus.read(0x6064, 0)) / 10_000.0 * core::f64::consts::TAU;
@@ -282,98 +286,98 @@ fn the_homing_recipe_finds_the_switch() {
 
 #[test]
 fn without_fn_00_20_the_controlword_moves_nothing() {
-    let mut bus = Bus::with(&[]);
-    bus.play(&["000 01 02", "602 2F 60 60 00 03 00 00 00", "602 23 FF 60 00 64 00 00 00"]);
-    bus.play(&ENABLE);
-    bus.pass(100);
+    let mut bus = CanopenFixture::with(&[]);
+    bus.send_lines(&["000 01 02", "602 2F 60 60 00 03 00 00 00", "602 23 FF 60 00 64 00 00 00"]);
+    bus.send_lines(&ENABLE);
+    bus.advance(100);
     assert_eq!((bus.status(), bus.truth().enabled), (0x0050, false));
-    bus.play(&["602 2B 00 20 00 14 00 00 00"]);
-    bus.play(&ENABLE);
-    bus.pass(100);
+    bus.send_lines(&["602 2B 00 20 00 14 00 00 00"]);
+    bus.send_lines(&ENABLE);
+    bus.advance(100);
     assert_eq!(bus.status() & 0x6F, 0x27);
     assert!(bus.rpm() > 5.0);
     // Another mode takes the power off.
-    bus.play(&["602 2B 00 20 00 01 00 00 00"]);
+    bus.send_lines(&["602 2B 00 20 00 01 00 00 00"]);
     assert_eq!((bus.status(), bus.truth().enabled), (0x0050, false));
 }
 
 #[test]
 fn one_store_lies_behind_both_wires() {
-    let mut bus = Bus::new();
+    let mut bus = CanopenFixture::new();
     bus.write(0x2099, 1).unwrap();
-    bus.heard.clear();
-    bus.hear(frame("602 2B 33 20 00 C8 00 00 00"));
-    assert_eq!(bus.heard, [frame("582 60 33 20 00 C8 00 00 00")], "the data is repeated");
-    let mut desk = Desk { device: bus.device, now: bus.now, unit: 2, ascii: false };
+    bus.received.clear();
+    bus.receive(frame("602 2B 33 20 00 C8 00 00 00"));
+    assert_eq!(bus.received, [frame("582 60 33 20 00 C8 00 00 00")], "the data is repeated");
+    let mut desk = DriveFixture { device: bus.device, now: bus.now, unit: 2, ascii: false };
     assert_eq!(desk.read(0x33), 200);
     desk.write(0x33, 100);
     desk.write(0x00, 1);
     desk.write(0x38, 1);
-    desk.pass(500);
-    let mut bus = Bus { device: desk.device, now: desk.now, heard: Vec::new() };
+    desk.advance(500);
+    let mut bus = CanopenFixture { device: desk.device, now: desk.now, received: Vec::new() };
     assert_eq!(bus.read(0x2033, 0), 100);
     let seen = bus.read(0x3000, 0);
     assert!((seen - 100).abs() <= 2, "{seen}");
-    assert_eq!(bus.write(0x3000, 1), Err(Abort::READ_ONLY));
-    assert_eq!(bus.write(0x203A, 128), Err(Abort::VALUE), "an address above 127");
-    assert_eq!(bus.write(0x2300, 1), Err(Abort::NO_OBJECT));
+    assert_eq!(bus.write(0x3000, 1), Err(AbortCode::READ_ONLY));
+    assert_eq!(bus.write(0x203A, 128), Err(AbortCode::VALUE), "an address above 127");
+    assert_eq!(bus.write(0x2300, 1), Err(AbortCode::NO_OBJECT));
 }
 
 #[test]
 fn alarms_are_two_bytes_and_state_0088() {
-    let mut bus = Bus::new();
-    bus.play(&["000 01 02", "602 2F 60 60 00 03 00 00 00", "602 23 FF 60 00 10 27 00 00"]);
-    bus.play(&ENABLE);
-    bus.pass(300);
-    bus.heard.clear();
+    let mut bus = CanopenFixture::new();
+    bus.send_lines(&["000 01 02", "602 2F 60 60 00 03 00 00 00", "602 23 FF 60 00 10 27 00 00"]);
+    bus.send_lines(&ENABLE);
+    bus.advance(300);
+    bus.received.clear();
     bus.act(Act::Supply(90.0));
-    bus.pass(2);
-    let told: Vec<_> = bus.heard.iter().filter(|f| f.id == 0x82).copied().collect();
+    bus.advance(2);
+    let told: Vec<_> = bus.received.iter().filter(|f| f.id == 0x82).copied().collect();
     assert_eq!(told, [frame("082 1C 16")], "ERR_oU");
     assert_eq!((bus.status(), bus.read(0x3012, 0), bus.read(0x603F, 0)), (0x0088, 0x161C, 0x161C));
     bus.act(Act::Supply(48.0));
-    bus.play(&["602 2B 40 60 00 80 00 00 00"]);
+    bus.send_lines(&["602 2B 40 60 00 80 00 00 00"]);
     assert_eq!((bus.status(), bus.read(0x3012, 0)), (0x0050, 0));
-    bus.pass(500);
+    bus.advance(500);
     assert!(!bus.truth().enabled, "clearing it starts nothing");
-    let mut wide = Bus::with(&[("fn00", "20"), ("emcy", "8")]);
+    let mut wide = CanopenFixture::with(&[("fn00", "20"), ("emcy", "8")]);
     wide.act(Act::Fault(0x160C));
-    wide.pass(1);
-    assert_eq!(wide.heard, [frame("082 0C 16 81 00 00 00 00 00")]);
-    wide.heard.clear();
-    wide.play(&["602 2B 40 60 00 80 00 00 00"]);
+    wide.advance(1);
+    assert_eq!(wide.received, [frame("082 0C 16 81 00 00 00 00 00")]);
+    wide.received.clear();
+    wide.send_lines(&["602 2B 40 60 00 80 00 00 00"]);
     assert_eq!(wide.emergencies(), [0], "all is well again");
 }
 
 #[test]
 fn limit_switches_are_told_and_a_lost_heartbeat_is_err_lo() {
-    let mut bus = Bus::new();
+    let mut bus = CanopenFixture::new();
     bus.act(Act::Switch { which: 1, at: 20.0 });
-    bus.play(&["000 01 02", "602 2F 60 60 00 03 00 00 00", "602 23 FF 60 00 10 27 00 00"]);
-    bus.play(&ENABLE);
-    bus.heard.clear();
-    bus.pass(1000);
+    bus.send_lines(&["000 01 02", "602 2F 60 60 00 03 00 00 00", "602 23 FF 60 00 10 27 00 00"]);
+    bus.send_lines(&ENABLE);
+    bus.received.clear();
+    bus.advance(1000);
     assert_eq!(bus.emergencies(), [0x8681], "positive limit, once");
     assert!(bus.rpm().abs() < 1.0);
-    bus.play(&["602 23 FF 60 00 F0 D8 FF FF"]);
-    bus.pass(500);
+    bus.send_lines(&["602 23 FF 60 00 F0 D8 FF FF"]);
+    bus.advance(500);
     assert!(bus.rpm() < -900.0, "{}", bus.rpm());
-    bus.play(&["602 23 16 10 01 64 00 7F 00"]);
+    bus.send_lines(&["602 23 16 10 01 64 00 7F 00"]);
     for _ in 0..5 {
-        bus.hear(frame("77F 05"));
-        bus.pass(90);
+        bus.receive(frame("77F 05"));
+        bus.advance(90);
     }
     assert!(bus.rpm() < -900.0);
-    bus.heard.clear();
-    bus.pass(30);
+    bus.received.clear();
+    bus.advance(30);
     assert_eq!(bus.read(0x3012, 0), 0x1416, "ERR_Lo");
     assert!(!bus.truth().enabled);
 }
 
 #[test]
 fn timed_pdos_go_by_the_manuals_50_ms() {
-    let mut bus = Bus::new();
-    bus.play(&[
+    let mut bus = CanopenFixture::new();
+    bus.send_lines(&[
         "000 01 02",
         "602 2F 01 1A 00 00 00 00 00",
         "602 23 01 1A 01 20 00 64 60",
@@ -383,36 +387,36 @@ fn timed_pdos_go_by_the_manuals_50_ms() {
         "602 2F 01 18 03 90 01 00 00",
         "602 2F 01 18 02 FE 00 00 00",
     ]);
-    bus.heard.clear();
-    bus.pass(500);
-    assert_eq!(bus.heard.iter().filter(|f| f.id == 0x282 && f.len == 8).count(), 10);
+    bus.received.clear();
+    bus.advance(500);
+    assert_eq!(bus.received.iter().filter(|f| f.id == 0x282 && f.len == 8).count(), 10);
 }
 
 #[test]
 fn heartbeat_node_id_and_bit_rate_are_set_as_printed() {
-    let mut bus = Bus::new();
-    bus.play(&["602 2B 17 10 00 64 00 00"]);
-    bus.heard.clear();
-    bus.pass(1000);
-    assert_eq!(bus.heard, [frame("702 7F"); 10]);
-    bus.play(&["602 2B 17 10 00 00 00 00"]);
-    bus.heard.clear();
-    bus.pass(300);
-    assert_eq!(bus.heard, []);
+    let mut bus = CanopenFixture::new();
+    bus.send_lines(&["602 2B 17 10 00 64 00 00"]);
+    bus.received.clear();
+    bus.advance(1000);
+    assert_eq!(bus.received, [frame("702 7F"); 10]);
+    bus.send_lines(&["602 2B 17 10 00 00 00 00"]);
+    bus.received.clear();
+    bus.advance(300);
+    assert_eq!(bus.received, []);
     bus.write(0x209A, 9).unwrap();
     bus.write(0x209C, 250).unwrap();
     assert_eq!(bus.read(0x209A, 0), 9, "still node 2");
-    bus.heard.clear();
+    bus.received.clear();
     bus.act(Act::PowerCycle);
-    bus.pass(1);
-    assert_eq!(bus.heard, [frame("709 00")]);
+    bus.advance(1);
+    assert_eq!(bus.received, [frame("709 00")]);
     assert_eq!(Station::<Can>::line(&bus.device).bit_rate, 250_000);
-    let mut bus = Bus::new();
+    let mut bus = CanopenFixture::new();
     for silent in ["7E5 04 01 00 00 00 00 00 00", "100 00 00 00 00 00 00"] {
-        bus.heard.clear();
-        bus.hear(frame(silent));
-        assert_eq!(bus.heard, [], "no such service");
+        bus.received.clear();
+        bus.receive(frame(silent));
+        assert_eq!(bus.received, [], "no such service");
     }
-    let refused = Reply::Abort(Object::new(0x2033, 0), Abort::SPECIFIER);
-    assert_eq!(bus.ask(Request::WriteLong(Object::new(0x2033, 0), Some(2))), refused);
+    let refused = SdoReply::Abort(ObjectIndex::new(0x2033, 0), AbortCode::SPECIFIER);
+    assert_eq!(bus.request(SdoRequest::WriteLong(ObjectIndex::new(0x2033, 0), Some(2))), refused);
 }

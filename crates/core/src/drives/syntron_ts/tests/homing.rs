@@ -1,23 +1,26 @@
 use core::f64::consts::{PI, TAU};
 
-use super::super::homing::{After, Mark, Start, Way};
+use super::super::homing::{AfterHoming, HomingMark, HomingMethod, HomingStart};
 use super::*;
 
 #[test]
 fn the_way_is_decimal_digits() {
-    let way = Way::decode(21_133).unwrap();
-    assert_eq!((way.after, way.z_search, way.start), (After::Stop, true, Start::ByTrigger));
-    assert_eq!((way.mark, way.direction), (Mark::HomeSwitch, 1.0));
-    assert!(!Way::decode(4100).unwrap().z_search, "Z only after a switch");
-    assert_eq!(Way::decode(17).unwrap().after, After::Path(17));
-    assert_eq!(Way::decode(8000), None);
+    let way = HomingMethod::decode(21_133).unwrap();
+    assert_eq!(
+        (way.after, way.z_search, way.start),
+        (AfterHoming::Stop, true, HomingStart::ByTrigger)
+    );
+    assert_eq!((way.mark, way.direction), (HomingMark::HomeSwitch, 1.0));
+    assert!(!HomingMethod::decode(4100).unwrap().z_search, "Z only after a switch");
+    assert_eq!(HomingMethod::decode(17).unwrap().after, AfterHoming::Path(17));
+    assert_eq!(HomingMethod::decode(8000), None);
 }
 
-fn home(desk: &mut Desk, way: u16) {
-    desk.write(fns::HOMING_WAY, way);
-    desk.write(fns::HOMING_TRIGGER, 0);
-    desk.write(fns::HOMING_TRIGGER, 1);
-    desk.write(fns::HOMING_TRIGGER, 0);
+fn home(desk: &mut DriveFixture, way: u16) {
+    desk.write(fn_registers::HOMING_WAY, way);
+    desk.write(fn_registers::HOMING_TRIGGER, 0);
+    desk.write(fn_registers::HOMING_TRIGGER, 1);
+    desk.write(fn_registers::HOMING_TRIGGER, 0);
     assert!(desk.busy(), "way {way}");
     desk.settle(30_000);
 }
@@ -25,7 +28,7 @@ fn home(desk: &mut Desk, way: u16) {
 /// TS manual V2 §2.6.2, "homing", step by step, with the simulated drive's own home switch.
 #[test]
 fn the_homing_recipe_finds_the_switch() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     for (number, value) in [(0x00, 14), (0x20A, 1), (0x20D, 0), (0x38, 1), (0x20D, 1), (0x20D, 0)] {
         desk.write(number, value);
     }
@@ -51,7 +54,7 @@ fn every_way_finds_its_zero() {
         (5, 0, None, TAU),
     ];
     for (c, b, switch, zero) in cases {
-        let mut desk = Desk::positioning(&[]);
+        let mut desk = DriveFixture::positioning(&[]);
         desk.act(Act::Switch { which: 0, at: f64::NAN });
         if let Some((which, at)) = switch {
             desk.act(Act::Switch { which, at });
@@ -71,10 +74,10 @@ fn every_way_finds_its_zero() {
 #[test]
 fn a_mechanical_stop_is_a_zero() {
     for (c, direction) in [(6, -1.0), (7, 1.0)] {
-        let mut desk = Desk::positioning(&[]);
-        desk.write(fns::HOMING_WAY, 20_000 + c * 1000);
-        desk.write(fns::HOMING_TRIGGER, 1);
-        desk.pass(1000);
+        let mut desk = DriveFixture::positioning(&[]);
+        desk.write(fn_registers::HOMING_WAY, 20_000 + c * 1000);
+        desk.write(fn_registers::HOMING_TRIGGER, 1);
+        desk.advance(1000);
         desk.act(Act::Jam(true));
         let stop = desk.truth().position;
         assert!(stop * direction > 5.0, "it was on its way");
@@ -88,15 +91,15 @@ fn a_mechanical_stop_is_a_zero() {
 fn what_follows_the_zero_is_the_digits_a() {
     let switch = Act::Switch { which: 0, at: 20.0 };
     for (a, at_zero) in [(0, true), (33, false)] {
-        let mut desk = Desk::positioning(&[]);
+        let mut desk = DriveFixture::positioning(&[]);
         desk.act(switch);
-        desk.write(fns::HOMING_SPEED, 600);
+        desk.write(fn_registers::HOMING_SPEED, 600);
         home(&mut desk, 21_000 + a);
         let counts = desk.counts();
         assert_eq!(counts.abs() <= 5, at_zero, "A = {a}: at {counts}");
         assert!(counts >= -5, "overshot, not short: {counts}");
     }
-    let mut desk = Desk::positioning(&[]);
+    let mut desk = DriveFixture::positioning(&[]);
     desk.act(switch);
     desk.fill(5, 1002, 720_000, 300, [100, 100, 0, 0]);
     home(&mut desk, 21_005);
@@ -106,22 +109,22 @@ fn what_follows_the_zero_is_the_digits_a() {
 
 #[test]
 fn delay_path_and_coordinate_of_the_zero() {
-    let mut desk = Desk::positioning(&[]);
-    desk.write(fns::HOMING_DELAY, 700);
-    desk.write(fns::HOMING_PATH, 2);
+    let mut desk = DriveFixture::positioning(&[]);
+    desk.write(fn_registers::HOMING_DELAY, 700);
+    desk.write(fn_registers::HOMING_PATH, 2);
     // 90.000 degrees as 90000 thousandths: 1 * 65536 + 24464.
-    desk.write(fns::ZERO_HIGH, 1);
-    desk.write(fns::ZERO_LOW, 24_464);
+    desk.write(fn_registers::ZERO_HIGH, 1);
+    desk.write(fn_registers::ZERO_LOW, 24_464);
     desk.fill(2, 1002, 360_000, 600, [100, 100, 0, 0]);
-    desk.write(fns::HOMING_WAY, 20_000);
-    desk.write(fns::HOMING_TRIGGER, 1);
+    desk.write(fn_registers::HOMING_WAY, 20_000);
+    desk.write(fn_registers::HOMING_TRIGGER, 1);
     for _ in 0..2000 {
-        desk.pass(5);
+        desk.advance(5);
         if (desk.counts() - 2500).abs() <= 3 && desk.rpm() == 0 {
             break;
         }
     }
-    desk.pass(400);
+    desk.advance(400);
     assert!(desk.busy(), "the delay belongs to homing");
     desk.is_at(2500);
     desk.settle(3000);
@@ -130,23 +133,23 @@ fn delay_path_and_coordinate_of_the_zero() {
 
 #[test]
 fn digit_d_says_when() {
-    let mut desk = Desk::positioning(&[]);
-    desk.write(fns::HOMING_WAY, 0);
-    desk.write(fns::HOMING_TRIGGER, 1);
+    let mut desk = DriveFixture::positioning(&[]);
+    desk.write(fn_registers::HOMING_WAY, 0);
+    desk.write(fn_registers::HOMING_TRIGGER, 1);
     assert!(!desk.busy(), "D = 0");
-    desk.write(fns::ENABLE, 0);
-    desk.write(fns::HOMING_WAY, 10_000);
-    desk.write(fns::ENABLE, 1);
+    desk.write(fn_registers::ENABLE, 0);
+    desk.write(fn_registers::HOMING_WAY, 10_000);
+    desk.write(fn_registers::ENABLE, 1);
     assert!(desk.busy(), "D = 1: as soon as powered");
     desk.settle(10_000);
-    desk.write(fns::ENABLE, 0);
-    desk.write(fns::ENABLE, 1);
+    desk.write(fn_registers::ENABLE, 0);
+    desk.write(fn_registers::ENABLE, 1);
     assert!(!desk.busy(), "once is enough");
 }
 
 #[test]
 fn the_wrong_side_of_the_switch_is_left_at_the_limit() {
-    let mut desk = Desk::positioning(&[]);
+    let mut desk = DriveFixture::positioning(&[]);
     desk.act(Act::Switch { which: 0, at: 6.0 });
     desk.act(Act::Switch { which: 2, at: -8.0 });
     home(&mut desk, 20_000);
@@ -156,12 +159,12 @@ fn the_wrong_side_of_the_switch_is_left_at_the_limit() {
 
 #[test]
 fn a_stop_ends_homing() {
-    let mut desk = Desk::positioning(&[]);
+    let mut desk = DriveFixture::positioning(&[]);
     desk.act(Act::Switch { which: 0, at: f64::NAN });
-    desk.write(fns::HOMING_TRIGGER, 1);
-    desk.pass(5000);
+    desk.write(fn_registers::HOMING_TRIGGER, 1);
+    desk.advance(5000);
     assert!(desk.busy(), "nothing to find");
-    desk.write(fns::PATH_STOP, 1);
+    desk.write(fn_registers::PATH_STOP, 1);
     desk.settle(1000);
     assert_eq!(desk.rpm(), 0);
 }
@@ -169,21 +172,21 @@ fn a_stop_ends_homing() {
 #[test]
 fn a_speed_that_never_arrives_is_an_alarm() {
     for (number, a, alarm) in [(0x201, 0, 0x1A14), (0x202, 0, 0x1A14), (0x202, 33, 0)] {
-        let mut desk = Desk::positioning(&[]);
+        let mut desk = DriveFixture::positioning(&[]);
         desk.write(number, 0);
-        desk.write(fns::HOMING_WAY, 20_000 + a);
-        desk.write(fns::HOMING_TRIGGER, 1);
-        desk.pass(2);
+        desk.write(fn_registers::HOMING_WAY, 20_000 + a);
+        desk.write(fn_registers::HOMING_TRIGGER, 1);
+        desk.advance(2);
         assert_eq!((desk.alarm(), desk.busy()), (alarm, alarm == 0), "Fn_{number:X}, A = {a}");
     }
 }
 
 #[test]
 fn an_input_triggers_homing() {
-    let mut desk = Desk::positioning(&[]);
-    desk.write(fns::TRIGGER_SOURCE, 0);
+    let mut desk = DriveFixture::positioning(&[]);
+    desk.write(fn_registers::TRIGGER_SOURCE, 0);
     desk.act(Act::Input(4, true));
-    desk.pass(5);
+    desk.advance(5);
     desk.settle(10_000);
     assert!((desk.truth().position + PI).abs() < 0.005);
 }

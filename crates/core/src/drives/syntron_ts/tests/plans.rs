@@ -7,7 +7,7 @@ use crate::profile::Profile;
 fn writes(profile: &Profile, plan: &Plan) -> Vec<(&'static str, i64)> {
     let symbol = |id| profile.parameter(id).unwrap().symbol;
     let write = |step: &Step| match *step {
-        Step::Write(to, Operand::Is(raw)) => Some((symbol(to), raw)),
+        Step::Write(to, Operand::Constant(raw)) => Some((symbol(to), raw)),
         Step::Write(to, Operand::Argument(Argument::Velocity)) => Some((symbol(to), VELOCITY)),
         Step::Write(to, Operand::Argument(Argument::Target)) => Some((symbol(to), TARGET)),
         Step::Ensure(to, raw) => Some((symbol(to), raw)),

@@ -3,17 +3,17 @@ use super::*;
 /// TS manual V2 §2.5, step by step.
 #[test]
 fn the_speed_recipe_turns_the_motor() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     for (number, value) in [(0x00, 1), (0x99, 1), (0x33, 0), (0x38, 0), (0x33, 200), (0x38, 1)] {
         desk.write(number, value);
     }
-    desk.pass(500);
+    desk.advance(500);
     assert_eq!(desk.rpm(), 200);
     desk.write(0x33, (-150_i16) as u16);
-    desk.pass(500);
+    desk.advance(500);
     assert_eq!(desk.rpm(), -150);
     desk.write(0x33, 0);
-    desk.pass(500);
+    desk.advance(500);
     assert_eq!(desk.rpm(), 0);
     assert!(desk.truth().enabled, "speed zero holds");
     desk.write(0x38, 0);
@@ -23,13 +23,13 @@ fn the_speed_recipe_turns_the_motor() {
 #[test]
 fn enabling_holds_the_position_it_finds() {
     for mode in [1, 14] {
-        let mut desk = Desk::new();
+        let mut desk = DriveFixture::new();
         desk.write(0x00, mode);
         let before = desk.truth().position;
         desk.write(0x38, 1);
-        desk.pass(200);
+        desk.advance(200);
         desk.act(Act::Load(0.5));
-        desk.pass(1000);
+        desk.advance(1000);
         let moved = (desk.truth().position - before).abs();
         assert!(desk.truth().enabled && moved < 0.02, "mode {mode} gave way by {moved}");
     }
@@ -37,12 +37,12 @@ fn enabling_holds_the_position_it_finds() {
 
 #[test]
 fn a_factory_drive_obeys_no_modbus_motion() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     assert_eq!(desk.read(0x00), 2);
     for (number, value) in [(0x99, 1), (0x33, 500), (0x38, 1), (0x20B, 1), (0x20C, 1), (0x20D, 1)] {
         desk.write(number, value);
     }
-    desk.pass(1000);
+    desk.advance(1000);
     let truth = desk.truth();
     assert_eq!((truth.position, truth.enabled), (0.0, false));
 }
@@ -50,127 +50,127 @@ fn a_factory_drive_obeys_no_modbus_motion() {
 #[test]
 fn other_modes_are_powered_by_their_input_and_rest() {
     for mode in [0, 2, 4, 5, 6, 7, 8, 9, 10] {
-        let mut desk = Desk::new();
+        let mut desk = DriveFixture::new();
         desk.write(0x00, mode);
         desk.act(Act::Input(1, true));
-        desk.pass(500);
+        desk.advance(500);
         let truth = desk.truth();
         assert!(truth.enabled && truth.velocity == 0.0, "mode {mode}");
         desk.act(Act::Input(1, false));
-        desk.pass(2);
+        desk.advance(2);
         assert!(!desk.truth().enabled);
     }
 }
 
 #[test]
 fn the_analog_input_gives_the_speed_in_mode_0() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     desk.write(0x00, 0);
     desk.act(Act::Input(1, true));
-    desk.pass(10);
+    desk.advance(10);
     desk.act(Act::Analog(0, -2.0));
-    desk.pass(1000);
+    desk.advance(1000);
     assert_eq!(desk.rpm(), -600);
 }
 
 /// §3.6.3: Fn_95 limits the speed while torque is controlled.
 #[test]
 fn the_analog_input_gives_the_torque_in_mode_4() {
-    let mut desk = Desk::with(&[("closed", "1"), ("analog", "2.0")]);
+    let mut desk = DriveFixture::with(&[("closed", "1"), ("analog", "2.0")]);
     desk.write(0x00, 4);
     desk.act(Act::Input(1, false));
-    desk.pass(2);
+    desk.advance(2);
     desk.act(Act::Jam(true));
     desk.act(Act::Input(1, true));
-    desk.pass(200);
+    desk.advance(200);
     let share = desk.truth().current / crate::drives::syntron_ts::shaft::RATED_CURRENT;
     assert!((share - 0.2).abs() < 0.01, "2 V give {share}");
     desk.write(0x95, 300);
     desk.act(Act::Jam(false));
-    desk.pass(3000);
+    desk.advance(3000);
     assert!((280..=302).contains(&desk.rpm()), "{}", desk.rpm());
     desk.act(Act::Analog(0, -2.0));
-    desk.pass(3000);
+    desk.advance(3000);
     assert!((-302..=-280).contains(&desk.rpm()), "{}", desk.rpm());
     // More than ±10 V is no more.
     desk.write(0x95, 0);
     desk.act(Act::Jam(true));
     desk.act(Act::Analog(0, 99.0));
-    desk.pass(200);
+    desk.advance(200);
     assert!(desk.truth().current < 1.02 * crate::drives::syntron_ts::shaft::RATED_CURRENT);
 }
 
 /// §2.2: mode 2 is the factory's.
 #[test]
 fn pulses_turn_the_motor_in_mode_2() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     desk.act(Act::Pulses(5_000));
     desk.act(Act::Input(1, true));
-    desk.pass(500);
+    desk.advance(500);
     assert_eq!(desk.counts(), 0, "what came before power is lost");
     desk.act(Act::Pulses(5_000));
-    desk.pass(1_000);
+    desk.advance(1_000);
     assert!((desk.counts() - 5_000).abs() < 4, "{}", desk.counts());
     desk.act(Act::Pulses(-12_000));
-    desk.pass(1_000);
+    desk.advance(1_000);
     assert!((desk.counts() + 7_000).abs() < 4, "{}", desk.counts());
     // Toward a closed limit they are lost, away from it they count.
     desk.act(Act::Input(6, true));
-    desk.pass(2);
+    desk.advance(2);
     desk.act(Act::Pulses(-1_000));
-    desk.pass(500);
+    desk.advance(500);
     desk.act(Act::Pulses(1_000));
-    desk.pass(1_000);
+    desk.advance(1_000);
     assert!((desk.counts() + 6_000).abs() < 4, "{}", desk.counts());
 }
 
 #[test]
 fn a_train_of_pulses_is_a_speed() {
-    let mut desk = Desk::with(&[("closed", "1"), ("pulses", "-20000")]);
-    desk.pass(1_500);
+    let mut desk = DriveFixture::with(&[("closed", "1"), ("pulses", "-20000")]);
+    desk.advance(1_500);
     assert!((desk.rpm() + 120).abs() <= 1, "{}", desk.rpm());
     for wrong in [("closed", "9"), ("closed", "0"), ("analog", "nan"), ("pulses", "many")] {
         let options = DeviceOptions { extra: &[wrong], ..OPTIONS };
-        let refused = SyntronTs::device(SyntronTs::profiles()[0], &options).err();
+        let refused = SyntronTs::create_device(SyntronTs::profiles()[0], &options).err();
         assert_eq!(refused, Some(wrong.1));
     }
 }
 
 #[test]
 fn a_limit_switch_counts_in_mode_0_too() {
-    let mut desk = Desk::with(&[("analog", "0.5")]);
+    let mut desk = DriveFixture::with(&[("analog", "0.5")]);
     desk.write(0x00, 0);
     desk.act(Act::Input(1, true));
     desk.act(Act::Switch { which: 1, at: 10.0 });
-    desk.pass(5000);
+    desk.advance(5000);
     let stopped = desk.truth().position;
     assert!((10.0..10.5).contains(&stopped), "stopped at {stopped}");
-    desk.pass(5000);
+    desk.advance(5000);
     assert!((desk.truth().position - stopped).abs() < 0.01, "{}", desk.truth().position);
     desk.act(Act::Analog(0, -0.5));
-    desk.pass(5000);
+    desk.advance(5000);
     assert!(desk.truth().position < 0.0, "the way back is free");
 }
 
 #[test]
 fn a_limit_switch_keeps_the_motor_from_going_on() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     desk.act(Act::Switch { which: 1, at: 10.0 });
     for (number, value) in [(0x00, 1), (0x99, 1), (0x33, 100), (0x38, 1)] {
         desk.write(number, value);
     }
-    desk.pass(3000);
+    desk.advance(3000);
     let stopped = desk.truth().position;
     assert!((10.0..10.5).contains(&stopped), "stopped at {stopped}");
     desk.write(0x33, (-100_i16) as u16);
-    desk.pass(3000);
+    desk.advance(3000);
     assert!(desk.truth().position < 0.0, "the way back is free");
 }
 
 /// Fn_99 = 1 was kept, so the power-on state is that of flash (§2.5).
 #[test]
 fn what_is_in_ram_is_gone_after_power_off() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     for (number, value) in [(0x00, 1), (0x99, 1), (0x33, 200), (0x38, 1)] {
         desk.write(number, value);
     }
@@ -182,11 +182,11 @@ fn what_is_in_ram_is_gone_after_power_off() {
 /// Why step 1 of §2.5 wants Fn_38 = 0: with Fn_99 = 0 it would be in flash.
 #[test]
 fn an_enable_in_flash_starts_the_motor_at_power_on() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     for (number, value) in [(0x00, 1), (0x33, 100), (0x38, 1)] {
         desk.write(number, value);
     }
     desk.act(Act::PowerCycle);
-    desk.pass(1000);
+    desk.advance(1000);
     assert_eq!(desk.rpm(), 100);
 }

@@ -16,33 +16,33 @@ fn printed_frames_are_answered_as_printed() {
         ),
     ];
     let options = DeviceOptions { untimed: false, ..OPTIONS };
-    let mut desk = Desk::new();
-    desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
+    let mut desk = DriveFixture::new();
+    desk.device = SyntronTs::create_device(SyntronTs::profiles()[0], &options).unwrap();
     desk.act(Act::Switch { which: 0, at: f64::NAN });
     for (request, reply) in cases {
         Station::<Stream>::handle_input(&mut desk.device, desk.now, request);
         let mut out = [0; STREAM_UNIT_MAX];
-        desk.pass(10);
+        desk.advance(10);
         assert_eq!(
             Station::<Stream>::poll_transmit(&mut desk.device, desk.now, &mut out),
             None,
             "10 ms are not over"
         );
-        desk.pass(1);
+        desk.advance(1);
         let len = Station::<Stream>::poll_transmit(&mut desk.device, desk.now, &mut out).unwrap();
         assert_eq!(out[..len.min(reply.len())], *reply);
-        desk.pass(20);
+        desk.advance(20);
     }
 }
 
 #[test]
 fn two_requests_within_the_silence_are_one_bad_frame() {
     let options = DeviceOptions { untimed: false, ..OPTIONS };
-    let mut desk = Desk::new();
-    desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
+    let mut desk = DriveFixture::new();
+    desk.device = SyntronTs::create_device(SyntronTs::profiles()[0], &options).unwrap();
     let request = [0x01, 0x06, 0x00, 0x33, 0x00, 0xC8, 0x78, 0x53];
     Station::<Stream>::handle_input(&mut desk.device, desk.now, &request);
-    desk.pass(5);
+    desk.advance(5);
     Station::<Stream>::handle_input(&mut desk.device, desk.now, &request);
     assert_eq!(desk.reply(), None);
     Station::<Stream>::handle_input(&mut desk.device, desk.now, &request);
@@ -51,7 +51,7 @@ fn two_requests_within_the_silence_are_one_bad_frame() {
 
 #[test]
 fn only_five_functions_are_known() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     for (pdu, code) in [
         (&[4, 0, 0, 0, 1][..], 0x84),
         (&[5, 0, 0, 0xFF, 0], 0x85),
@@ -59,22 +59,22 @@ fn only_five_functions_are_known() {
         (&[22, 0, 0, 0, 0, 0, 0], 0x96),
         (&[0x43, 0, 0], 0xC3),
     ] {
-        assert_eq!(desk.ask(pdu).unwrap(), [code, 1]);
+        assert_eq!(desk.request(pdu).unwrap(), [code, 1]);
     }
 }
 
 #[test]
 fn registers_exist_as_far_as_the_manual_says() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     for address in [0x0000, 0x02FF, 0x1000, 0x102F] {
         desk.read(address);
     }
     for address in [0x0300_u16, 0x0FFF, 0x1030, 0x2000, 0xFFFF] {
         let [a, b] = address.to_be_bytes();
-        assert_eq!(desk.ask(&[3, a, b, 0, 1]).unwrap(), [0x83, 2]);
+        assert_eq!(desk.request(&[3, a, b, 0, 1]).unwrap(), [0x83, 2]);
         assert_eq!(desk.try_write(address, 0), Err(2));
     }
-    assert_eq!(desk.ask(&[3, 2, 0xFF, 0, 2]).unwrap(), [0x83, 2]);
+    assert_eq!(desk.request(&[3, 2, 0xFF, 0, 2]).unwrap(), [0x83, 2]);
     assert_eq!(desk.try_write(0x1000, 0), Err(2), "readings cannot be written");
     desk.write(0x02AB, 0xBEEF);
     assert_eq!(desk.read(0x02AB), 0xBEEF, "unnamed registers store");
@@ -83,7 +83,7 @@ fn registers_exist_as_far_as_the_manual_says() {
 
 #[test]
 fn limits_are_kept_and_a_block_is_written_whole_or_not_at_all() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     for (number, value) in
         [(0x00, 21), (0x38, 2), (0x3A, 128), (0x3C, 7), (0x99, 2), (0x20B, 33), (0x20E, 2)]
     {
@@ -97,31 +97,31 @@ fn limits_are_kept_and_a_block_is_written_whole_or_not_at_all() {
     }
     desk.write(0x33, (-3000_i16) as u16);
     let block = [16, 0x02, 0x0A, 0, 2, 4, 0, 0, 0, 33];
-    assert_eq!(desk.ask(&block).unwrap(), [0x90, 3]);
+    assert_eq!(desk.request(&block).unwrap(), [0x90, 3]);
     assert_eq!(desk.read(0x20A), 1, "the good half was not written either");
 }
 
 #[test]
 fn lines_are_read_eight_at_once() {
-    let mut desk = Desk::new();
-    assert_eq!(desk.ask(&[1, 0, 0, 0, 1]).unwrap(), [1, 1, 0b0101], "ready, path done");
+    let mut desk = DriveFixture::new();
+    assert_eq!(desk.request(&[1, 0, 0, 0, 1]).unwrap(), [1, 1, 0b0101], "ready, path done");
     desk.write(0x00, 1);
     desk.write(0x38, 1);
-    assert_eq!(desk.ask(&[1, 0, 0, 0, 1]).unwrap(), [1, 1, 0b1101], "and powered");
-    assert_eq!(desk.ask(&[1, 0, 3, 0, 1]).unwrap(), [1, 1, 1], "shifted by the start");
+    assert_eq!(desk.request(&[1, 0, 0, 0, 1]).unwrap(), [1, 1, 0b1101], "and powered");
+    assert_eq!(desk.request(&[1, 0, 3, 0, 1]).unwrap(), [1, 1, 1], "shifted by the start");
     desk.act(Act::Fault(0x1614));
-    assert_eq!(desk.ask(&[1, 0, 0, 0, 4]).unwrap(), [1, 1, 0b0110]);
+    assert_eq!(desk.request(&[1, 0, 0, 0, 4]).unwrap(), [1, 1, 0b0110]);
     desk.act(Act::Input(8, true));
     // The shaft stands forward of the home switch, so input 5 is closed too.
-    assert_eq!(desk.ask(&[2, 0, 0, 0, 1]).unwrap(), [2, 1, 0b1001_0000]);
-    assert_eq!(desk.ask(&[2, 0, 4, 0, 2]).unwrap(), [2, 1, 1]);
-    assert_eq!(desk.ask(&[1, 0, 4, 0, 1]).unwrap(), [0x81, 2]);
-    assert_eq!(desk.ask(&[2, 0, 8, 0, 1]).unwrap(), [0x82, 2]);
+    assert_eq!(desk.request(&[2, 0, 0, 0, 1]).unwrap(), [2, 1, 0b1001_0000]);
+    assert_eq!(desk.request(&[2, 0, 4, 0, 2]).unwrap(), [2, 1, 1]);
+    assert_eq!(desk.request(&[1, 0, 4, 0, 1]).unwrap(), [0x81, 2]);
+    assert_eq!(desk.request(&[2, 0, 8, 0, 1]).unwrap(), [0x82, 2]);
 }
 
 #[test]
 fn flash_wears_unless_writes_are_kept_in_ram() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     for _ in 0..3 {
         desk.write(0x33, 100);
     }
@@ -147,7 +147,7 @@ fn variants_refuse_modes_they_were_not_bought_with() {
         ("canopen", [false, true]),
         ("all", [true, true]),
     ] {
-        let mut desk = Desk::with(&[("variant", variant)]);
+        let mut desk = DriveFixture::with(&[("variant", variant)]);
         for (mode, allowed) in [14, 20].into_iter().zip(allowed) {
             let wanted = if allowed { Ok(()) } else { Err(3) };
             assert_eq!(desk.try_write(0x00, mode), wanted, "{variant} {mode}");
@@ -155,14 +155,14 @@ fn variants_refuse_modes_they_were_not_bought_with() {
         desk.write(0x00, 1);
     }
     let bad = DeviceOptions { extra: &[("variant", "deluxe")], ..OPTIONS };
-    assert_eq!(SyntronTs::device(SyntronTs::profiles()[0], &bad).err(), Some("deluxe"));
+    assert_eq!(SyntronTs::create_device(SyntronTs::profiles()[0], &bad).err(), Some("deluxe"));
     let bad = DeviceOptions { extra: &[("colour", "red")], ..OPTIONS };
-    assert_eq!(SyntronTs::device(SyntronTs::profiles()[0], &bad).err(), Some("colour"));
+    assert_eq!(SyntronTs::create_device(SyntronTs::profiles()[0], &bad).err(), Some("colour"));
 }
 
 #[test]
 fn a_password_locks_what_it_is_told_to() {
-    let mut desk = Desk::with(&[("locked", "00+3A")]);
+    let mut desk = DriveFixture::with(&[("locked", "00+3A")]);
     assert_eq!(desk.try_write(0x00, 1), Err(4));
     assert_eq!(desk.try_write(0x3A, 5), Err(4));
     desk.write(0x33, 5);
@@ -174,9 +174,9 @@ fn a_password_locks_what_it_is_told_to() {
 
 #[test]
 fn address_baud_and_framing_act_at_the_next_power_on() {
-    let mut desk = Desk::with(&[]);
+    let mut desk = DriveFixture::with(&[]);
     let options = DeviceOptions { untimed: false, extra: &[("gap", "0")], ..OPTIONS };
-    desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
+    desk.device = SyntronTs::create_device(SyntronTs::profiles()[0], &options).unwrap();
     assert_eq!(Station::<Stream>::line(&desk.device).baud, 115_200);
     for (number, value) in [(0x3A, 7), (0x3C, 1), (0x3D, 102)] {
         desk.write(number, value);
@@ -184,9 +184,9 @@ fn address_baud_and_framing_act_at_the_next_power_on() {
     assert_eq!(desk.read(0x3A), 7, "still answers as before");
     desk.act(Act::PowerCycle);
     assert_eq!(Station::<Stream>::line(&desk.device).baud, 9600);
-    assert_eq!(desk.ask(&[3, 0, 0x3A, 0, 1]), None, "not at address 1, not in RTU");
+    assert_eq!(desk.request(&[3, 0, 0x3A, 0, 1]), None, "not at address 1, not in RTU");
     desk.ascii = true;
-    assert_eq!(desk.ask(&[3, 0, 0x3A, 0, 1]), None, "not at address 1");
+    assert_eq!(desk.request(&[3, 0, 0x3A, 0, 1]), None, "not at address 1");
     desk.unit = 7;
     assert_eq!(desk.read(0x3A), 7);
     for (value, baud) in [2400, 9600, 38_400, 57_600, 115_200, 192_000, 512_000].iter().enumerate()
@@ -199,9 +199,9 @@ fn address_baud_and_framing_act_at_the_next_power_on() {
 
 #[test]
 fn settings_can_act_at_once() {
-    let mut desk = Desk::with(&[("settings", "at-once")]);
+    let mut desk = DriveFixture::with(&[("settings", "at-once")]);
     desk.write(0x3A, 7);
-    assert_eq!(desk.ask(&[3, 0, 0x3A, 0, 1]), None);
+    assert_eq!(desk.request(&[3, 0, 0x3A, 0, 1]), None);
     desk.unit = 7;
     assert_eq!(desk.read(0x3A), 7);
 }
@@ -209,29 +209,29 @@ fn settings_can_act_at_once() {
 #[test]
 fn ascii_takes_twelve_words() {
     let options = DeviceOptions { wires: &["modbus-ascii"], ..OPTIONS };
-    let mut desk = Desk::new();
-    desk.device = SyntronTs::device(SyntronTs::profiles()[0], &options).unwrap();
+    let mut desk = DriveFixture::new();
+    desk.device = SyntronTs::create_device(SyntronTs::profiles()[0], &options).unwrap();
     desk.ascii = true;
     assert_eq!(desk.read(0x3D), 2);
-    assert_eq!(desk.ask(&[3, 0, 0, 0, 12]).unwrap().len(), 2 + 24);
-    assert_eq!(desk.ask(&[3, 0, 0, 0, 13]).unwrap(), [0x83, 3]);
+    assert_eq!(desk.request(&[3, 0, 0, 0, 12]).unwrap().len(), 2 + 24);
+    assert_eq!(desk.request(&[3, 0, 0, 0, 13]).unwrap(), [0x83, 3]);
 }
 
 #[test]
 fn a_broadcast_is_obeyed_in_silence() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     desk.unit = 0;
-    assert_eq!(desk.ask(&[6, 0, 0x33, 0, 100]), None);
+    assert_eq!(desk.request(&[6, 0, 0x33, 0, 100]), None);
     desk.unit = 1;
     assert_eq!(desk.read(0x33), 100);
 }
 
 #[test]
 fn the_encoder_position_comes_low_word_first() {
-    let mut desk = Desk::positioning(&[]);
+    let mut desk = DriveFixture::positioning(&[]);
     // The manual's example value: 0x000BF32D counts.
-    desk.write(fns::MOTOR_TURNS, 1);
-    desk.write(fns::TRAVEL, 10);
+    desk.write(fn_registers::MOTOR_TURNS, 1);
+    desk.write(fn_registers::TRAVEL, 10);
     desk.fill(1, 1002, 783_149, 3000, [100, 100, 0, 0]);
     desk.trigger(1);
     desk.settle(10_000);
@@ -242,13 +242,13 @@ fn the_encoder_position_comes_low_word_first() {
 #[test]
 fn the_sibling_tells_load_version_and_temperature() {
     let readings = [0x1002, 0x1008, 0x1016];
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     assert_eq!(readings.map(|address| desk.read(address)), [0; 3]);
-    let mut desk = Desk::with(&[("ds102", "1")]);
+    let mut desk = DriveFixture::with(&[("ds102", "1")]);
     desk.write(0x00, 1);
     desk.write(0x38, 1);
     desk.act(Act::Load(-0.65));
-    desk.pass(500);
+    desk.advance(500);
     let [load, version, temperature] = readings.map(|address| desk.read(address));
     assert!((450..550).contains(&load), "half the rated torque, not {load}");
     assert_eq!((version, temperature), (0x0102, 25));
@@ -257,6 +257,6 @@ fn the_sibling_tells_load_version_and_temperature() {
         desk.write(number, value);
     }
     desk.act(Act::Load(0.0));
-    desk.pass(20);
+    desk.advance(20);
     assert!(desk.truth().current.abs() < 1.9, "limited: {}", desk.truth().current);
 }

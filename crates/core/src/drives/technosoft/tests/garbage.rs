@@ -1,7 +1,7 @@
 //! Whatever comes over the wires, nothing breaks, and nothing moves that was not ordered.
 
-use super::{Desk, OPTIONS, Technosoft, Vec, frame};
-use crate::drives::bench::Bench;
+use super::{DriveFixture, OPTIONS, Technosoft, Vec, frame};
+use crate::drives::bench::BenchControl;
 use crate::drives::{DeviceOptions, Family};
 use crate::medium::{Can, Frame, Stream};
 use crate::proto::tml::wire::{IdCode, Instruction};
@@ -9,9 +9,9 @@ use crate::station::{LineEvent, Station, Timed};
 use crate::time::Instant;
 
 /// Xorshift: the test's own source of noise.
-struct Noise(u64);
+struct NoiseSource(u64);
 
-impl Noise {
+impl NoiseSource {
     fn next(&mut self) -> u64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
@@ -22,9 +22,9 @@ impl Noise {
 
 #[test]
 fn frames_whose_sum_fails_move_nothing() {
-    let mut desk = Desk::new();
-    desk.on();
-    let mut noise = Noise(7);
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
+    let mut noise = NoiseSource(7);
     let orders = [
         frame(IdCode::axis(255), Instruction::of(0x249E, [0x4E20, 0])),
         frame(IdCode::axis(255), Instruction::of(0x5909, [0xBFC1, 0x8701])),
@@ -38,15 +38,15 @@ fn frames_whose_sum_fails_move_nothing() {
         desk.wait(1);
     }
     assert_eq!((desk.read_long(0x0228), desk.read_long(0x029E)), (0, 0));
-    assert_eq!(desk.device.truth(desk.now).position, 0.0);
+    assert_eq!(desk.device.ground_truth(desk.now).position, 0.0);
 }
 
 /// Well-formed messages of random words, and bytes and frames of none: the drive may do anything but
 /// panic, and does the same each time.
-fn storm(seed: u64) -> (Vec<u8>, [u64; 3]) {
+fn run_noise(seed: u64) -> (Vec<u8>, [u64; 3]) {
     let options = DeviceOptions { address: Some(1), ..OPTIONS };
-    let mut device = Technosoft::device(Technosoft::profiles()[0], &options).unwrap();
-    let (mut noise, mut now, mut sent) = (Noise(seed), Instant::ZERO, Vec::new());
+    let mut device = Technosoft::create_device(Technosoft::profiles()[0], &options).unwrap();
+    let (mut noise, mut now, mut sent) = (NoiseSource(seed), Instant::ZERO, Vec::new());
     for _ in 0..4000 {
         now = now.plus_ns(noise.next() % 5_000_000);
         let words = [(); 4].map(|()| noise.next() as u16);
@@ -64,7 +64,8 @@ fn storm(seed: u64) -> (Vec<u8>, [u64; 3]) {
             }
             2 => Station::<Stream>::handle_line(&mut device, now, LineEvent::Break),
             _ => {
-                let count = crate::proto::tml::instruction::words(opcode).unwrap_or(2).min(4);
+                let count =
+                    crate::proto::tml::instruction::data_word_count(opcode).unwrap_or(2).min(4);
                 let order = Instruction::new(opcode, &words[..count]).unwrap();
                 let axis = device.drive.axis;
                 let bytes = frame(IdCode::axis(axis), order);
@@ -81,16 +82,16 @@ fn storm(seed: u64) -> (Vec<u8>, [u64; 3]) {
             sent.extend_from_slice(unit.bytes());
         }
     }
-    let truth = device.truth(now);
+    let truth = device.ground_truth(now);
     (sent, [truth.position.to_bits(), truth.velocity.to_bits(), truth.flash_writes])
 }
 
 #[test]
 fn a_storm_of_instructions_ends_the_same_each_time() {
     for seed in 1..=20 {
-        let (sent, truth) = storm(seed);
+        let (sent, truth) = run_noise(seed);
         assert!(!sent.is_empty());
-        assert_eq!((sent, truth), storm(seed), "{seed}");
+        assert_eq!((sent, truth), run_noise(seed), "{seed}");
         assert!(f64::from_bits(truth[0]).is_finite());
     }
 }

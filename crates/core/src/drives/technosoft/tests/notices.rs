@@ -1,19 +1,19 @@
 //! Messages of type C.
 
 use super::Vec;
-use super::{Desk, NOTHING, messages};
+use super::{DriveFixture, NOTHING, messages};
 use crate::drives::bench::Act;
-use crate::proto::tml::online::Online;
+use crate::proto::tml::online::OnlineMessage;
 use crate::proto::tml::wire::IdCode;
 
 /// TML communication manual, chapter 3, example 3.
 #[test]
 fn motion_complete_is_told_as_printed() {
-    let mut desk = Desk::new();
-    desk.on();
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     desk.word(0x0962, 0x0400);
-    desk.go(2000);
-    assert_eq!(desk.told.len(), 1, "the start");
+    desk.move_to(2000);
+    assert_eq!(desk.unsolicited.len(), 1, "the start");
     let mut told = Vec::new();
     for _ in 0..1000 {
         desk.wait(1);
@@ -25,24 +25,29 @@ fn motion_complete_is_told_as_printed() {
 
 #[test]
 fn the_start_of_a_motion_is_told_too() {
-    let mut desk = Desk::new();
-    desk.on();
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     desk.word(0x0962, 0x0400);
     desk.long(0x029E, 2000);
     desk.mode_pp();
     let answer = desk.send(IdCode::axis(255), 0x0108, &[]);
     let told = messages(&answer[1..]);
     assert_eq!(
-        Online::parse(&told[0].instruction),
-        Some(Online::TakeData2 { sender: 255, address: 0x090E, long: true, value: 0x0001_8000 })
+        OnlineMessage::parse(&told[0].instruction),
+        Some(OnlineMessage::TakeData2 {
+            sender: 255,
+            address: 0x090E,
+            long: true,
+            value: 0x0001_8000
+        })
     );
     assert_eq!(told[0].to, IdCode::host_at(255));
 }
 
 #[test]
 fn an_error_is_told_by_its_mask() {
-    let mut desk = Desk::new();
-    desk.on();
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     desk.word(0x0965, 1 << 12);
     desk.act(Act::Supply(70.0));
     let mut told = Vec::new();
@@ -52,19 +57,19 @@ fn an_error_is_told_by_its_mask() {
     }
     let told = messages(&told);
     assert_eq!(
-        Online::parse(&told[0].instruction),
-        Some(Online::TakeData2 { sender: 255, address: 0x08FC, long: false, value: 0x1000 })
+        OnlineMessage::parse(&told[0].instruction),
+        Some(OnlineMessage::TakeData2 { sender: 255, address: 0x08FC, long: false, value: 0x1000 })
     );
 }
 
 #[test]
 fn on_rs485_nobody_speaks_unasked() {
-    let mut desk = Desk::at(Some(1), &[("wire", "rs485")]);
-    desk.tell(0x0020, &[]);
-    desk.tell(0x0102, &[]);
+    let mut desk = DriveFixture::at(Some(1), &[("wire", "rs485")]);
+    desk.send_instruction(0x0020, &[]);
+    desk.send_instruction(0x0102, &[]);
     desk.word(0x0962, 0x0400);
     desk.word(0x0927, 0x0FF1);
-    desk.go(2000);
+    desk.move_to(2000);
     for _ in 0..1000 {
         desk.wait(1);
         assert_eq!(desk.sent(), NOTHING);
@@ -74,11 +79,11 @@ fn on_rs485_nobody_speaks_unasked() {
 #[test]
 fn a_drive_wakes_by_itself_to_tell() {
     use crate::station::Timed;
-    let mut desk = Desk::new();
-    desk.on();
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     assert_eq!(desk.device.poll_timeout(), None);
     desk.word(0x0962, 0x0400);
-    desk.go(2000);
+    desk.move_to(2000);
     for _ in 0..1000 {
         let at = desk.device.poll_timeout().expect("there is something to tell");
         desk.now = desk.now.max(at);

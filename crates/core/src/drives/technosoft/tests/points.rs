@@ -1,20 +1,20 @@
 //! PVT and PT.
 
-use super::Desk;
-use crate::proto::tml::online::{Online, PtPoint, PvtPoint};
+use super::DriveFixture;
+use crate::proto::tml::online::{OnlineMessage, PtPoint, PvtPoint};
 
-impl Desk {
+impl DriveFixture {
     fn pvt(&mut self, position: i32, velocity: f64, time: u16, counter: u8) {
         let velocity = (velocity * 65536.0) as i32;
-        let point = Online::Pvt(PvtPoint { position, velocity, time, counter }).emit();
-        self.tell(point.opcode, point.data());
+        let point = OnlineMessage::Pvt(PvtPoint { position, velocity, time, counter }).emit();
+        self.send_instruction(point.opcode, point.data());
     }
 
     fn mode_pvt(&mut self, relative: bool) {
-        self.tell(0x5909, &[0xFFC1, 0x8709]);
-        self.tell(0x5909, if relative { &[0xDFFF, 0] } else { &[0xFFFF, 0x2000] });
-        self.tell(0x5909, &[0xFFFF, 0x4000]);
-        self.tell(0x1880, &[0x8000]);
+        self.send_instruction(0x5909, &[0xFFC1, 0x8709]);
+        self.send_instruction(0x5909, if relative { &[0xDFFF, 0] } else { &[0xFFFF, 0x2000] });
+        self.send_instruction(0x5909, &[0xFFFF, 0x4000]);
+        self.send_instruction(0x1880, &[0x8000]);
     }
 }
 
@@ -22,10 +22,10 @@ impl Desk {
 /// end. That does not rest, so the drive stops quickly.
 #[test]
 fn the_printed_point_is_reached_and_its_speed_stopped() {
-    let mut desk = Desk::new();
-    desk.on();
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     desk.mode_pvt(true);
-    desk.tell(0x1800, &[0xFC18, 0xFF00, 0xFFF6, 0x01F4]);
+    desk.send_instruction(0x1800, &[0xFC18, 0xFF00, 0xFFF6, 0x01F4]);
     desk.update();
     desk.wait(250);
     let half_way = desk.read_long(0x02B2);
@@ -41,8 +41,8 @@ fn the_printed_point_is_reached_and_its_speed_stopped() {
 
 #[test]
 fn a_path_of_points_is_followed() {
-    let mut desk = Desk::new();
-    desk.on();
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     desk.mode_pvt(false);
     desk.pvt(500, 10.0, 100, 0);
     desk.pvt(1500, 10.0, 100, 1);
@@ -63,8 +63,8 @@ fn a_path_of_points_is_followed() {
 
 #[test]
 fn a_wrong_counter_takes_no_point_until_the_right_one_comes() {
-    let mut desk = Desk::new();
-    desk.on();
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     desk.mode_pvt(true);
     desk.pvt(100, 0.0, 100, 0);
     desk.pvt(100, 0.0, 100, 2);
@@ -78,8 +78,8 @@ fn a_wrong_counter_takes_no_point_until_the_right_one_comes() {
 
 #[test]
 fn a_full_buffer_takes_no_point_and_the_counter_shows_it() {
-    let mut desk = Desk::new();
-    desk.on();
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     desk.mode_pvt(true);
     for counter in 0..9 {
         desk.pvt(10, 0.0, 100, counter);
@@ -89,14 +89,14 @@ fn a_full_buffer_takes_no_point_and_the_counter_shows_it() {
 
 #[test]
 fn pt_points_are_joined_by_lines() {
-    let mut desk = Desk::new();
-    desk.on();
-    desk.tell(0x5909, &[0xFFC0, 0x870A]);
-    desk.tell(0x5909, &[0xDFFF, 0]);
-    desk.tell(0x1880, &[0x8000]);
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
+    desk.send_instruction(0x5909, &[0xFFC0, 0x870A]);
+    desk.send_instruction(0x5909, &[0xDFFF, 0]);
+    desk.send_instruction(0x1880, &[0x8000]);
     for counter in 0..3 {
-        let point = Online::Pt(PtPoint { position: 500, time: 100, counter }).emit();
-        desk.tell(point.opcode, point.data());
+        let point = OnlineMessage::Pt(PtPoint { position: 500, time: 100, counter }).emit();
+        desk.send_instruction(point.opcode, point.data());
     }
     desk.update();
     desk.wait(250);

@@ -1,14 +1,14 @@
 //! What switches the motor off, and limits.
 
-use super::Desk;
-use crate::drives::bench::{Act, Bench};
+use super::DriveFixture;
+use crate::drives::bench::{Act, BenchControl};
 use core::f64::consts::TAU;
 
-fn running() -> Desk {
-    let mut desk = Desk::new();
-    desk.on();
+fn running() -> DriveFixture {
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     desk.fixed(0x02A0, 10.0);
-    desk.tell(0x5909, &[0xBBC1, 0x8301]);
+    desk.send_instruction(0x5909, &[0xBBC1, 0x8301]);
     desk.update();
     desk.wait(300);
     desk
@@ -16,18 +16,18 @@ fn running() -> Desk {
 
 #[test]
 fn a_jammed_shaft_is_a_control_error() {
-    let mut desk = Desk::new();
-    desk.on();
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     desk.act(Act::Jam(true));
-    desk.go(20_000);
+    desk.move_to(20_000);
     desk.wait(1000);
     assert_eq!(desk.read(0x08FC), 0x0008);
     assert_eq!((desk.read(0x090E) & 0x8000, desk.read(0x090F) & 0x8000), (0, 0x8000));
-    desk.tell(0x0102, &[]);
+    desk.send_instruction(0x0102, &[]);
     assert_eq!(desk.read(0x090E) & 0x8000, 0, "not before FAULTR");
     desk.act(Act::Jam(false));
-    desk.tell(0x1C04, &[]);
-    desk.tell(0x0102, &[]);
+    desk.send_instruction(0x1C04, &[]);
+    desk.send_instruction(0x0102, &[]);
     assert_eq!((desk.read(0x08FC), desk.read(0x090E) & 0x8000), (0, 0x8000));
 }
 
@@ -38,12 +38,12 @@ fn voltages_out_of_bounds_stop_the_motor() {
         desk.act(Act::Supply(volts));
         desk.wait(5);
         assert_eq!(desk.read(0x08FC), bit);
-        assert!(!desk.device.truth(desk.now).enabled);
-        desk.tell(0x1C04, &[]);
+        assert!(!desk.device.ground_truth(desk.now).enabled);
+        desk.send_instruction(0x1C04, &[]);
         desk.wait(5);
         assert_eq!(desk.read(0x08FC), bit, "the cause is still there");
         desk.act(Act::Supply(48.0));
-        desk.tell(0x1C04, &[]);
+        desk.send_instruction(0x1C04, &[]);
         desk.wait(5);
         assert_eq!(desk.read(0x08FC), 0);
     }
@@ -60,7 +60,7 @@ fn enable_and_sto_switch_off_without_a_fault() {
         desk.act(Act::Input(input, true));
         desk.wait(5);
         assert_eq!(desk.read(0x08FC), 0);
-        assert!(!desk.device.truth(desk.now).enabled, "AXISON is up to the host");
+        assert!(!desk.device.ground_truth(desk.now).enabled, "AXISON is up to the host");
     }
 }
 
@@ -72,22 +72,22 @@ fn limit_switches_stop_what_moves_toward_them_only() {
     assert_eq!(desk.read(0x08FC), 0x0040);
     let at = desk.read_long(0x0228);
     assert!((12_000..12_400).contains(&at), "{at}");
-    desk.go(20_000);
+    desk.move_to(20_000);
     desk.wait(500);
     assert!(desk.read_long(0x0228) < at + 100);
-    desk.go(5000);
+    desk.move_to(5000);
     desk.wait(2000);
     assert_eq!((desk.read_long(0x0228), desk.read(0x08FC)), (5000, 0));
 }
 
 #[test]
 fn software_limits_stop_once_they_are_watched() {
-    let mut desk = Desk::new();
-    desk.on();
+    let mut desk = DriveFixture::new();
+    desk.axis_on();
     desk.long(0x088C, 3000);
     desk.long(0x088A, -3000);
-    desk.tell(0x5801, &[0xFFFF, 0x1000]);
-    desk.go(20_000);
+    desk.send_instruction(0x5801, &[0xFFFF, 0x1000]);
+    desk.move_to(20_000);
     desk.wait(2000);
     let at = desk.read_long(0x0228);
     assert!((3000..5000).contains(&at), "{at}");

@@ -1,22 +1,23 @@
 //! A host on RS-232, a relay, and drives behind it on CAN.
 
 use super::Vec;
-use super::{Desk, frame, messages};
+use super::{DriveFixture, frame, messages};
 use crate::medium::{Can, Frame};
-use crate::proto::tml::online::{Cell, Online};
+use crate::proto::tml::online::{Cell, OnlineMessage};
 use crate::proto::tml::wire::{IdCode, Instruction};
 use crate::station::Station;
 
 /// Drives on one bus, the first with the host on its serial port.
-struct Bus {
-    desks: Vec<Desk>,
+struct RelayFixture {
+    desks: Vec<DriveFixture>,
     /// All that went over the bus.
     log: Vec<Frame>,
 }
 
-impl Bus {
+impl RelayFixture {
     fn new(axes: &[u32], can: &str) -> Self {
-        let desks = axes.iter().map(|axis| Desk::at(Some(*axis), &[("can", can)])).collect();
+        let desks =
+            axes.iter().map(|axis| DriveFixture::at(Some(*axis), &[("can", can)])).collect();
         Self { desks, log: Vec::new() }
     }
 
@@ -59,7 +60,7 @@ impl Bus {
 /// TML communication manual, chapter 3, examples 1 and 2, remarks a.
 #[test]
 fn a_host_sets_and_reads_kpp_of_an_axis_behind_the_relay() {
-    let mut bus = Bus::new(&[255, 1], "tmlcan");
+    let mut bus = RelayFixture::new(&[255, 1], "tmlcan");
     assert_eq!(bus.host(&[0x06, 0x00, 0x10, 0x20, 0x5E, 0x00, 0x05, 0x99]), [0x4F]);
     let ask = frame(IdCode::axis(1), Instruction::of(0xB004, [0x0FF1, 0x025E]));
     let heard = bus.host(&ask);
@@ -75,39 +76,47 @@ fn a_host_sets_and_reads_kpp_of_an_axis_behind_the_relay() {
 /// Chapter 4, example 2, with the host behind a relay.
 #[test]
 fn a_group_answers_in_the_order_of_axis_ids() {
-    let mut bus = Bus::new(&[3, 7, 5], "tmlcan");
-    let request = Online::GiveMeData2 { sender: IdCode::host_at(3), cell: Cell::short(0x030C) };
+    let mut bus = RelayFixture::new(&[3, 7, 5], "tmlcan");
+    let request =
+        OnlineMessage::GiveMeData2 { sender: IdCode::host_at(3), cell: Cell::short(0x030C) };
     let heard = bus.host(&frame(IdCode::groups(1), request.emit()));
     let answers: Vec<_> = messages(&heard[1..])
         .iter()
-        .map(|message| Online::parse(&message.instruction).unwrap())
+        .map(|message| OnlineMessage::parse(&message.instruction).unwrap())
         .collect();
     let expected: Vec<_> = [(3, 0x0103), (5, 0x0105), (7, 0x0107)]
-        .map(|(sender, value)| Online::TakeData2 { sender, address: 0x030C, long: false, value })
+        .map(|(sender, value)| OnlineMessage::TakeData2 {
+            sender,
+            address: 0x030C,
+            long: false,
+            value,
+        })
         .into();
     assert_eq!(answers, expected);
 }
 
 #[test]
 fn behind_technocan_an_axis_is_read_but_no_group() {
-    let mut bus = Bus::new(&[255, 1, 2], "technocan");
+    let mut bus = RelayFixture::new(&[255, 1, 2], "technocan");
     let cell = Cell::short(0x025E);
     let sender = IdCode::host_at(255);
-    let heard = bus.host(&frame(IdCode::axis(2), Online::GiveMeData { sender, cell }.emit()));
+    let heard =
+        bus.host(&frame(IdCode::axis(2), OnlineMessage::GiveMeData { sender, cell }.emit()));
     let answer = messages(&heard[1..])[0];
     assert_eq!(answer.to, IdCode::host_at(255), "the ID is whole again");
     let sender = IdCode::axis(2);
-    let expected = Online::TakeData { sender, cell, value: 288 };
-    assert_eq!(Online::parse(&answer.instruction), Some(expected));
+    let expected = OnlineMessage::TakeData { sender, cell, value: 288 };
+    assert_eq!(OnlineMessage::parse(&answer.instruction), Some(expected));
     assert_eq!(bus.log[1].id, 0x17F, "TakeData to 255, which acts as 31");
     let sender = IdCode::host_at(255);
-    let heard = bus.host(&frame(IdCode::groups(1), Online::GiveMeData2 { sender, cell }.emit()));
+    let heard =
+        bus.host(&frame(IdCode::groups(1), OnlineMessage::GiveMeData2 { sender, cell }.emit()));
     assert_eq!(messages(&heard[1..]).len(), 1, "the relay's own; no drive receives TakeData2");
 }
 
 #[test]
 fn an_axis_behind_the_relay_speaks_unasked() {
-    let mut bus = Bus::new(&[255, 1], "tmlcan");
+    let mut bus = RelayFixture::new(&[255, 1], "tmlcan");
     for (opcode, words) in [
         (0x2327, &[0x0FF1][..]),
         (0x2362, &[0x0400]),
@@ -125,15 +134,20 @@ fn an_axis_behind_the_relay_speaks_unasked() {
     bus.settle();
     let told = messages(&bus.desks[0].sent());
     assert_eq!(
-        Online::parse(&told[0].instruction),
-        Some(Online::TakeData2 { sender: 1, address: 0x090E, long: true, value: 0x0201_8400 })
+        OnlineMessage::parse(&told[0].instruction),
+        Some(OnlineMessage::TakeData2 {
+            sender: 1,
+            address: 0x090E,
+            long: true,
+            value: 0x0201_8400
+        })
     );
     assert_eq!(bus.log.last().unwrap().id, 0x1A9F_E301, "chapter 4, example 3");
 }
 
 #[test]
 fn a_full_queue_drops_and_counts() {
-    let mut desk = Desk::at(Some(255), &[]);
+    let mut desk = DriveFixture::at(Some(255), &[]);
     let order = frame(IdCode::axis(1), Instruction::of(0x205E, [1]));
     for _ in 0..40 {
         assert_eq!(desk.bytes(&order), [0x4F], "an acknowledgement says only that it was heard");

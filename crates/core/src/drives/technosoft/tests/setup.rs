@@ -1,31 +1,31 @@
 //! Axis IDs, groups, settings that change the wire, permanent memory.
 
-use super::Desk;
-use crate::drives::bench::{Act, Bench};
+use super::DriveFixture;
+use crate::drives::bench::{Act, BenchControl};
 use crate::medium::Stream;
 use crate::proto::tml::wire::IdCode;
 use crate::station::Station;
 
 #[test]
 fn the_axis_id_at_power_up_is_found_as_the_manual_says() {
-    assert_eq!(Desk::at(None, &[]).axis(), 1);
-    assert_eq!(Desk::at(Some(0), &[]).axis(), 255, "the table says H/W, and no switches");
-    assert_eq!(Desk::at(Some(0), &[("switches", "9")]).axis(), 9, "the table says H/W");
-    assert_eq!(Desk::at(Some(4), &[("switches", "9")]).axis(), 4, "the table says 4");
+    assert_eq!(DriveFixture::at(None, &[]).axis(), 1);
+    assert_eq!(DriveFixture::at(Some(0), &[]).axis(), 255, "the table says H/W, and no switches");
+    assert_eq!(DriveFixture::at(Some(0), &[("switches", "9")]).axis(), 9, "the table says H/W");
+    assert_eq!(DriveFixture::at(Some(4), &[("switches", "9")]).axis(), 4, "the table says 4");
     let invalid = [("setup", "invalid"), ("switches", "9")];
-    assert_eq!(Desk::at(Some(4), &invalid).axis(), 4, "the last valid table said 4");
-    assert_eq!(Desk::at(Some(0), &invalid).axis(), 9, "there was never a valid one");
+    assert_eq!(DriveFixture::at(Some(4), &invalid).axis(), 4, "the last valid table said 4");
+    assert_eq!(DriveFixture::at(Some(0), &invalid).axis(), 9, "there was never a valid one");
 }
 
 #[test]
 fn every_drive_starts_in_group_1_and_can_change() {
-    let mut desk = Desk::at(Some(5), &[]);
+    let mut desk = DriveFixture::at(Some(5), &[]);
     assert_eq!(desk.read(0x030C), 0x0105);
-    desk.tell(0x0840, &[0x0A]);
+    desk.send_instruction(0x0840, &[0x0A]);
     assert_eq!(desk.read(0x030C), 0x0B05);
-    desk.tell(0x0880, &[0x03]);
+    desk.send_instruction(0x0880, &[0x03]);
     assert_eq!(desk.read(0x030C), 0x0805);
-    desk.tell(0x0801, &[7]);
+    desk.send_instruction(0x0801, &[7]);
     assert_eq!(desk.axis(), 7);
     assert_eq!(desk.send(IdCode::groups(8), 0x205E, &[77]), [0x4F]);
     assert_eq!(desk.read(0x025E), 77);
@@ -33,19 +33,19 @@ fn every_drive_starts_in_group_1_and_can_change() {
 
 #[test]
 fn an_invalid_setup_table_is_told_and_keeps_the_axis_off() {
-    let mut desk = Desk::with(&[("setup", "invalid")]);
+    let mut desk = DriveFixture::with(&[("setup", "invalid")]);
     assert_eq!(desk.read(0x08FC), 0x0004);
-    desk.tell(0x0020, &[]);
-    desk.tell(0x0102, &[]);
+    desk.send_instruction(0x0020, &[]);
+    desk.send_instruction(0x0102, &[]);
     assert_eq!(desk.read(0x090E) & 0x8000, 0);
     assert_eq!(desk.read(0x08FC), 0x4004);
 }
 
 #[test]
 fn the_baud_rate_changes_behind_the_acknowledgement() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     assert_eq!(Station::<Stream>::line(&desk.device).baud, 9600);
-    desk.tell(0x0820, &[4]);
+    desk.send_instruction(0x0820, &[4]);
     assert_eq!(Station::<Stream>::line(&desk.device).baud, 115_200);
     assert_eq!(desk.send(IdCode::axis(255), 0x0402, &[]), [0x4F]);
     assert_eq!(Station::<Stream>::line(&desk.device).baud, 9600, "as after every reset");
@@ -53,32 +53,32 @@ fn the_baud_rate_changes_behind_the_acknowledgement() {
 
 #[test]
 fn settings_survive_only_if_saved() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     desk.word(0x025E, 400);
     desk.act(Act::PowerCycle);
     assert_eq!(desk.read(0x025E), 288);
     desk.word(0x025E, 400);
-    assert_eq!(desk.device.truth(desk.now).flash_writes, 0);
-    desk.tell(0x1C08, &[]);
-    assert!(desk.device.truth(desk.now).flash_writes > 0);
+    assert_eq!(desk.device.ground_truth(desk.now).flash_writes, 0);
+    desk.send_instruction(0x1C08, &[]);
+    assert!(desk.device.ground_truth(desk.now).flash_writes > 0);
     desk.act(Act::PowerCycle);
     assert_eq!(desk.read(0x025E), 400);
 }
 
 #[test]
 fn status_cannot_be_written() {
-    let mut desk = Desk::with(&[("setup", "invalid")]);
+    let mut desk = DriveFixture::with(&[("setup", "invalid")]);
     desk.word(0x08FC, 0);
     assert_eq!(desk.read(0x08FC), 0x0004);
 }
 
 #[test]
 fn what_no_firmware_knows_is_a_command_error() {
-    let mut desk = Desk::new();
-    desk.tell(0x6000, &[]);
+    let mut desk = DriveFixture::new();
+    desk.send_instruction(0x6000, &[]);
     assert_eq!(desk.read(0x08FC), 0x4000);
-    desk.tell(0x1C04, &[]);
+    desk.send_instruction(0x1C04, &[]);
     assert_eq!(desk.read(0x08FC), 0);
-    desk.tell(0x0102, &[1]);
+    desk.send_instruction(0x0102, &[1]);
     assert_eq!(desk.read(0x08FC), 0x4000, "a data word too many");
 }

@@ -1,6 +1,6 @@
 //! One time for several drives.
 
-use super::Desk;
+use super::DriveFixture;
 use super::Vec;
 use crate::medium::{Can, Frame};
 use crate::station::Station;
@@ -10,15 +10,15 @@ use crate::station::Station;
 fn ten_drives_keep_within_a_period_of_their_master() {
     for can in ["tmlcan", "technocan"] {
         let drift = ["0", "100", "-100", "50", "-50", "80", "-80", "30", "-30", "10"];
-        let mut desks: Vec<Desk> = drift
+        let mut desks: Vec<DriveFixture> = drift
             .iter()
             .zip(1..)
-            .map(|(ppm, axis)| Desk::at(Some(axis), &[("clock-ppm", ppm), ("can", can)]))
+            .map(|(ppm, axis)| DriveFixture::at(Some(axis), &[("clock-ppm", ppm), ("can", can)]))
             .collect();
         for (desk, ahead) in desks.iter_mut().zip(0..) {
             desk.long(0x02C0, ahead * 1000);
         }
-        desks[0].tell(0x1404, &[20, 0]);
+        desks[0].send_instruction(0x1404, &[20, 0]);
         for ms in 0..60_000 {
             for desk in &mut desks {
                 desk.wait(1);

@@ -1,12 +1,12 @@
 //! The examples of the communication manual, chapter 3, byte for byte.
 
-use super::{Desk, NOTHING, frame, messages};
-use crate::proto::tml::online::{Cell, Online};
+use super::{DriveFixture, NOTHING, frame, messages};
+use crate::proto::tml::online::{Cell, OnlineMessage};
 use crate::proto::tml::wire::{IdCode, Instruction};
 
 #[test]
 fn kpp_is_set_and_read_as_printed() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     let ask = [0x08, 0x0F, 0xF0, 0xB0, 0x04, 0x0F, 0xF1, 0x02, 0x5E, 0x1B];
     let printed = [0x0A, 0x0F, 0xF1, 0xB4, 0x04, 0x0F, 0xF0, 0x02, 0x5E, 0x01, 0x20, 0x42];
     let answer = desk.bytes(&ask);
@@ -19,7 +19,7 @@ fn kpp_is_set_and_read_as_printed() {
 
 #[test]
 fn a_bad_sum_is_met_with_silence_and_changes_nothing() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     assert_eq!(desk.bytes(&[0x06, 0x0F, 0xF0, 0x20, 0x5E, 0x00, 0x05, 0x89]), NOTHING);
     let ask = [0x08, 0x0F, 0xF0, 0xB0, 0x04, 0x0F, 0xF1, 0x02, 0x5E, 0x1B];
     assert_eq!(desk.bytes(&ask)[10..12], [1, 0x20]);
@@ -27,7 +27,7 @@ fn a_bad_sum_is_met_with_silence_and_changes_nothing() {
 
 #[test]
 fn a_lost_byte_is_made_up_for_by_synchronisation() {
-    let mut desk = Desk::new();
+    let mut desk = DriveFixture::new();
     assert_eq!(desk.bytes(&[0x06, 0x0F, 0xF0, 0x5E, 0x00, 0x05, 0x88]), NOTHING);
     assert_eq!(desk.bytes(&[0x0D]), NOTHING, "it ends the broken frame");
     assert_eq!(desk.bytes(&[0x0D]), [0x0D]);
@@ -37,7 +37,7 @@ fn a_lost_byte_is_made_up_for_by_synchronisation() {
 
 #[test]
 fn on_rs485_one_axis_acknowledges_and_nobody_else_does() {
-    let mut desk = Desk::at(Some(1), &[("wire", "rs485")]);
+    let mut desk = DriveFixture::at(Some(1), &[("wire", "rs485")]);
     assert_eq!(desk.read(0x030B), 1, "CSR");
     let order = Instruction::of(0x205E, [7]);
     assert_eq!(desk.bytes(&frame(IdCode::axis(1), order)), [0x4F]);
@@ -45,28 +45,28 @@ fn on_rs485_one_axis_acknowledges_and_nobody_else_does() {
         assert_eq!(desk.bytes(&frame(to, order)), NOTHING, "{to:?}");
     }
     let cell = Cell::short(0x025E);
-    let ask = Online::GiveMeData { sender: IdCode::axis(255), cell }.emit();
+    let ask = OnlineMessage::GiveMeData { sender: IdCode::axis(255), cell }.emit();
     assert_eq!(desk.bytes(&frame(IdCode::axis(0), ask)), NOTHING);
     assert_eq!(desk.bytes(&[0x0D; 15]), NOTHING, "all would answer at once");
     let answer = desk.bytes(&frame(IdCode::axis(1), ask));
     let sender = IdCode::axis(1);
     assert_eq!(messages(&answer[1..])[0].to, IdCode::axis(255), "no host bit");
     assert_eq!(
-        Online::parse(&messages(&answer[1..])[0].instruction),
-        Some(Online::TakeData { sender, cell, value: 7 })
+        OnlineMessage::parse(&messages(&answer[1..])[0].instruction),
+        Some(OnlineMessage::TakeData { sender, cell, value: 7 })
     );
 }
 
 /// TML communication manual, chapter 3: where there is no host, a drive may be master on RS-485.
 #[test]
 fn a_drive_is_master_on_rs485() {
-    let mut master = Desk::at(Some(1), &[("wire", "rs485")]);
-    let mut slave = Desk::at(Some(2), &[("wire", "rs485")]);
+    let mut master = DriveFixture::at(Some(1), &[("wire", "rs485")]);
+    let mut slave = DriveFixture::at(Some(2), &[("wire", "rs485")]);
     slave.long(0x0368, 1234);
     // [2]{KPP = 5}; VAR_LF = [2] VAR_LF; END
     let program = [0x9401, 0x0020, 0x205E, 5, 0xE568, 0x0020, 0x0368, 0x0001];
     master.load(0x8300, &program);
-    master.tell(0x7400, &[0x8300]);
+    master.send_instruction(0x7400, &[0x8300]);
     for _ in 0..10 {
         master.wait(1);
         let said = master.sent();
@@ -81,12 +81,13 @@ fn a_drive_is_master_on_rs485() {
 fn a_slow_line_holds_back_what_it_cannot_carry_yet() {
     use crate::medium::{STREAM_UNIT_MAX, Stream};
     use crate::station::{Station, Timed};
-    let mut desk = Desk::timed();
+    let mut desk = DriveFixture::timed();
     let ask = [0x08, 0x0F, 0xF0, 0xB0, 0x04, 0x0F, 0xF1, 0x02, 0x5E, 0x1B];
     Station::<Stream>::handle_input(&mut desk.device, desk.now, &ask);
     let mut out = [0; STREAM_UNIT_MAX];
-    let mut poll =
-        |desk: &mut Desk| Station::<Stream>::poll_transmit(&mut desk.device, desk.now, &mut out);
+    let mut poll = |desk: &mut DriveFixture| {
+        Station::<Stream>::poll_transmit(&mut desk.device, desk.now, &mut out)
+    };
     assert_eq!(poll(&mut desk), Some(1), "the acknowledgement");
     assert_eq!(poll(&mut desk), None);
     let free = desk.device.poll_timeout().unwrap();

@@ -5,9 +5,9 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use super::{Rig, profile};
+use super::{DriveFixture, profile};
 use crate::axis::{Axes, Command, Verb};
-use crate::drives::bench::{Act, Bench};
+use crate::drives::bench::{Act, BenchControl};
 use crate::error::{Failure, Outcome, Unsupported};
 use crate::lane::Lane;
 use crate::medium::{Can, Frame};
@@ -21,7 +21,7 @@ const X: AxisIndex = AxisIndex(0);
 
 /// A lane and a drive on a wire without delay.
 struct Pair {
-    rig: Rig,
+    rig: DriveFixture,
     lane: Lane<Can, CanHost>,
     now: Instant,
     sent: Vec<Frame>,
@@ -30,9 +30,9 @@ struct Pair {
 
 impl Pair {
     fn new(profile: &'static Profile) -> Self {
-        let host = thruster::Thruster::host(&HostOptions::new(0), &[11]);
+        let host = thruster::Thruster::create_host(&HostOptions::new(0), &[11]);
         let lane = Lane::new(host, [Box::new(Axis::new(profile, 11)) as _]);
-        let rig = Rig::with(profile, &[]);
+        let rig = DriveFixture::with(profile, &[]);
         Self { rig, lane, now: Instant::ZERO, sent: Vec::new(), tickets: 0 }
     }
 
@@ -95,19 +95,19 @@ impl Pair {
     }
 
     fn read(&mut self, name: &str) -> Outcome {
-        let id = self.lane.profile(X).and_then(|p| p.find(name)).expect(name);
-        self.lane.read(self.now, Ticket(900), X, id).expect("readable");
+        let id = self.lane.profile(X).and_then(|p| p.find_parameter(name)).expect(name);
+        self.lane.read_parameter(self.now, Ticket(900), X, id).expect("readable");
         self.ended()
     }
 
     fn write(&mut self, name: &str, raw: i64) -> Result<Outcome, Unsupported> {
-        let id = self.lane.profile(X).and_then(|p| p.find(name)).expect(name);
-        self.lane.write(self.now, Ticket(901), X, id, raw, false)?;
+        let id = self.lane.profile(X).and_then(|p| p.find_parameter(name)).expect(name);
+        self.lane.write_parameter(self.now, Ticket(901), X, id, raw, false)?;
         Ok(self.ended())
     }
 
     fn raw(&mut self, text: &str) -> Result<Outcome, Unsupported> {
-        self.lane.raw(self.now, Ticket(902), X, text)?;
+        self.lane.send_text(self.now, Ticket(902), X, text)?;
         Ok(self.ended())
     }
 }
@@ -126,7 +126,7 @@ fn moving(verb: Verb, degrees: f64, rpm: Option<f64>) -> Command {
 fn a_thruster_is_enabled_spun_and_stopped() {
     let mut pair = Pair::new(&profile::THRUSTER);
     assert_eq!(pair.command(turning(500.0)), Err(Unsupported::NotArmed));
-    pair.lane.arm(X, true);
+    pair.lane.set_armed(X, true);
     // Without the zero signal the drive refuses, and says why.
     let told = pair.command(turning(500.0));
     assert_eq!(told, Ok(Outcome::NotDone(Failure::Faulted { code: 0x0400 })));
@@ -147,7 +147,7 @@ fn a_thruster_is_enabled_spun_and_stopped() {
 #[test]
 fn limits_hold_before_a_byte_is_sent() {
     let mut pair = Pair::new(&profile::THRUSTER_SERVO);
-    pair.lane.arm(X, true);
+    pair.lane.set_armed(X, true);
     let refused =
         |told| matches!(told, Err(Unsupported::OutOfRange { .. } | Unsupported::Forbidden(_)));
     assert!(refused(pair.command(turning(201.0))));
@@ -167,7 +167,7 @@ fn limits_hold_before_a_byte_is_sent() {
 #[test]
 fn a_servo_goes_where_it_is_told_and_says_when_it_is_there() {
     let mut pair = Pair::new(&profile::THRUSTER_SERVO);
-    pair.lane.arm(X, true);
+    pair.lane.set_armed(X, true);
     assert!(matches!(pair.verb(Verb::Enable), Outcome::Done(_)));
     assert!(matches!(pair.command(moving(Verb::MoveTo, 90.0, Some(60.0))), Ok(Outcome::Done(_))));
     let la = pair.sent.iter().find(|f| f.data.starts_with(b"LA")).expect("sent");
@@ -194,7 +194,7 @@ fn a_servo_goes_where_it_is_told_and_says_when_it_is_there() {
 #[test]
 fn reports_that_nobody_asked_for_are_heard() {
     let mut pair = Pair::new(&profile::THRUSTER);
-    pair.lane.arm(X, true);
+    pair.lane.set_armed(X, true);
     assert!(matches!(pair.verb(Verb::Enable), Outcome::Done(_)));
     assert!(matches!(pair.raw("MM"), Ok(Outcome::Done(_))));
     assert!(matches!(pair.command(turning(600.0)), Ok(Outcome::Done(_))));
@@ -215,7 +215,7 @@ fn reports_that_nobody_asked_for_are_heard() {
 #[test]
 fn the_timeout_stop_is_fed_while_the_program_lives() {
     let mut pair = Pair::new(&profile::THRUSTER);
-    pair.lane.arm(X, true);
+    pair.lane.set_armed(X, true);
     assert!(matches!(pair.verb(Verb::Enable), Outcome::Done(_)));
     assert!(matches!(pair.write("command timeout", 300), Ok(Outcome::Done(_))));
     assert!(matches!(pair.command(turning(600.0)), Ok(Outcome::Done(_))));
@@ -226,5 +226,5 @@ fn the_timeout_stop_is_fed_while_the_program_lives() {
     assert!(pair.rig.truth().enabled, "one request in 900 ms keeps it running");
     pair.run(1000 + 300 + 10);
     assert!(!pair.rig.truth().enabled, "a program that hangs does not");
-    assert_eq!(pair.rig.device.notice(), Some("no command in time: output off"));
+    assert_eq!(pair.rig.device.take_notice(), Some("no command in time: output off"));
 }

@@ -2,12 +2,12 @@
 
 extern crate std;
 
-use super::{Rig, profile};
-use crate::drives::bench::{Act, Bench};
+use super::{DriveFixture, profile};
+use crate::drives::bench::{Act, BenchControl};
 use crate::proto::thruster::fault;
 
-fn running() -> Rig {
-    let mut rig = Rig::thruster();
+fn running() -> DriveFixture {
+    let mut rig = DriveFixture::thruster();
     rig.ok("54 43 00 00 00 00 00 00");
     rig.ok("54 43 00 00 00 00 00 32");
     rig.wait(2000);
@@ -16,7 +16,7 @@ fn running() -> Rig {
 
 #[test]
 fn thrust_and_drag_grow_with_the_square_of_the_speed() {
-    let mut rig = Rig::thruster();
+    let mut rig = DriveFixture::thruster();
     rig.ok("54 43 00 00 00 00 00 00");
     let mut at = |rpm: i16| {
         let [a, b] = rpm.to_be_bytes();
@@ -52,7 +52,7 @@ fn a_signal_is_open_loop_and_water_brakes() {
 
 #[test]
 fn output_is_forbidden_until_the_signal_was_zero() {
-    let mut rig = Rig::thruster();
+    let mut rig = DriveFixture::thruster();
     assert_eq!(rig.word("EF"), 0);
     rig.refused("54 43 00 00 00 00 00 05");
     rig.refused("56 43 00 00 00 00 01 F4");
@@ -101,7 +101,7 @@ fn a_jammed_propeller_trips_until_it_is_cleared() {
     rig.act(Act::Jam(true));
     rig.wait(1500);
     assert!(!rig.truth().enabled);
-    assert_eq!(rig.device.notice(), Some("stalled: output off"));
+    assert_eq!(rig.device.take_notice(), Some("stalled: output off"));
     rig.refused("54 43 00 00 00 00 00 05");
     rig.ok("54 43 00 00 00 00 00 00");
     rig.refused("56 43 00 00 00 00 01 F4");
@@ -174,14 +174,14 @@ fn faults_can_be_brought_by_their_bits() {
         }
         assert_eq!(rig.word("FR"), bit.mask, "{}", bit.name);
     }
-    let mut rig = Rig::thruster();
+    let mut rig = DriveFixture::thruster();
     assert!(!rig.device.act(rig.now, Act::Fault(0x8000)), "reserved");
     assert!(!rig.device.act(rig.now, Act::EncoderBroken(true)), "it has none");
 }
 
 #[test]
 fn a_servo_without_its_encoder_takes_no_positions() {
-    let mut rig = Rig::servo();
+    let mut rig = DriveFixture::servo();
     rig.ok("4C 41 00 1E 00 00 03 84");
     rig.wait(200);
     rig.act(Act::EncoderBroken(true));
@@ -195,7 +195,7 @@ fn a_servo_without_its_encoder_takes_no_positions() {
     rig.act(Act::EncoderBroken(false));
     rig.ok("43 46 00 00");
     rig.ok("4C 41 00 1E 00 00 00 00");
-    let mut rig = Rig::with(&profile::THRUSTER_SERVO, &[("after-stop", "latched")]);
+    let mut rig = DriveFixture::with(&profile::THRUSTER_SERVO, &[("after-stop", "latched")]);
     rig.ok("4C 53 00 00 00 00 00 00");
     rig.refused("4C 41 00 1E 00 00 00 00");
     rig.ok("43 46 00 00");

@@ -1,22 +1,22 @@
 //! Positions: absolute, relative, zeros, the safe range, the emergency stop.
 
-use super::{Rig, profile};
+use super::{DriveFixture, profile};
 use crate::drives::bench::Act;
 
-impl Rig {
+impl DriveFixture {
     fn position(&mut self) -> i16 {
         self.value("QA")
     }
 
     fn relative(&mut self) -> i32 {
-        let data = self.ask("51 52 00 00");
+        let data = self.request("51 52 00 00");
         i32::from_be_bytes([data[4], data[5], data[6], data[7]])
     }
 }
 
 #[test]
 fn absolute_moves_arrive_and_may_be_repeated() {
-    let mut rig = Rig::servo();
+    let mut rig = DriveFixture::servo();
     for _ in 0..3 {
         rig.ok("4C 41 00 1E 00 00 03 84");
         rig.wait(700);
@@ -37,7 +37,7 @@ fn absolute_moves_arrive_and_may_be_repeated() {
 
 #[test]
 fn speed_zero_starts_nothing() {
-    let mut rig = Rig::servo();
+    let mut rig = DriveFixture::servo();
     rig.ok("4C 41 00 00 00 00 03 84");
     rig.ok("4C 52 00 00 00 00 00 64");
     rig.wait(1000);
@@ -49,7 +49,7 @@ fn speed_zero_starts_nothing() {
 
 #[test]
 fn each_relative_move_adds() {
-    let mut rig = Rig::servo();
+    let mut rig = DriveFixture::servo();
     for _ in 0..3 {
         rig.ok("4C 52 00 1E 00 00 00 64");
         rig.wait(20);
@@ -64,7 +64,7 @@ fn each_relative_move_adds() {
     rig.ok("4C 52 00 64 00 00 0E 10");
     rig.wait(3000);
     assert_eq!((rig.relative(), rig.position()), (3700, 3700));
-    let mut rig = Rig::with(&profile::THRUSTER_SERVO, &[("round", "on")]);
+    let mut rig = DriveFixture::with(&profile::THRUSTER_SERVO, &[("round", "on")]);
     rig.ok("4C 52 00 64 00 00 0E 74");
     rig.wait(3000);
     assert_eq!((rig.relative(), rig.position()), (3700, 100));
@@ -72,7 +72,7 @@ fn each_relative_move_adds() {
 
 #[test]
 fn zeros_are_set_here_and_kept() {
-    let mut rig = Rig::servo();
+    let mut rig = DriveFixture::servo();
     rig.ok("4C 41 00 1E 00 00 01 F4");
     rig.wait(2000);
     rig.ok("52 5A 00 00 00 00 00 00");
@@ -94,10 +94,10 @@ fn zeros_are_set_here_and_kept() {
 
 #[test]
 fn nothing_goes_beyond_the_safe_range() {
-    let mut rig = Rig::servo();
-    assert_eq!(rig.ask("52 50 4C 41")[4..], [0xF8, 0xF9, 0x07, 0x07]);
+    let mut rig = DriveFixture::servo();
+    assert_eq!(rig.request("52 50 4C 41")[4..], [0xF8, 0xF9, 0x07, 0x07]);
     rig.ok("53 50 4C 41 FC 7C 03 84");
-    assert_eq!(rig.ask("52 50 4C 41")[4..], [0xFC, 0x7C, 0x03, 0x84]);
+    assert_eq!(rig.request("52 50 4C 41")[4..], [0xFC, 0x7C, 0x03, 0x84]);
     rig.refused("4C 41 00 1E 00 00 03 85");
     rig.refused("4C 41 00 1E FF FF FC 7B");
     rig.refused("4C 52 00 1E 00 00 03 85");
@@ -108,14 +108,14 @@ fn nothing_goes_beyond_the_safe_range() {
     rig.refused("4C 41 00 1E 00 00 03 85");
     let before = rig.truth().flash_writes;
     rig.ok("53 50 4C 41 00 64 00 64");
-    assert_eq!(rig.ask("52 50 4C 41")[4..], [0xFF, 0x9C, 0x00, 0x64], "a magnitude");
+    assert_eq!(rig.request("52 50 4C 41")[4..], [0xFF, 0x9C, 0x00, 0x64], "a magnitude");
     assert_eq!(rig.truth().flash_writes, before + 1);
     rig.refused("53 50 4C 41 F8 F8 00 64");
 }
 
 #[test]
 fn the_emergency_stop_gives_up_moves_and_output() {
-    let mut rig = Rig::servo();
+    let mut rig = DriveFixture::servo();
     rig.ok("4C 52 00 1E 00 00 07 08");
     rig.wait(200);
     rig.ok("4C 53 00 00 00 00 00 00");
@@ -130,14 +130,14 @@ fn the_emergency_stop_gives_up_moves_and_output() {
 
 #[test]
 fn thrusters_have_no_positions_and_actuators_have() {
-    let mut rig = Rig::thruster();
+    let mut rig = DriveFixture::thruster();
     for frame in
         ["51 41 00 00", "51 52 00 00", "52 50 4C 41", "4C 41 00 1E 00 00 00 64", "41 5A 00 00"]
     {
         rig.refused(frame);
     }
     rig.ok("4C 53 00 00 00 00 00 00");
-    let mut rig = Rig::with(&profile::THRUSTER_ACTUATOR, &[]);
+    let mut rig = DriveFixture::with(&profile::THRUSTER_ACTUATOR, &[]);
     rig.ok("4C 41 00 1E 00 00 07 07");
     rig.wait(3000);
     rig.ok("4C 52 00 1E 00 00 00 64");

@@ -2,7 +2,7 @@
 
 extern crate std;
 
-use super::{Rig, hex, profile};
+use super::{DriveFixture, hex, profile};
 use crate::drives::bench::Act;
 use crate::drives::{DeviceOptions, Family};
 use crate::medium::Frame;
@@ -14,7 +14,7 @@ fn data(frames: &[Frame]) -> Vec<&[u8]> {
 
 #[test]
 fn the_printed_frames_are_answered_as_printed() {
-    let mut rig = Rig::thruster();
+    let mut rig = DriveFixture::thruster();
     rig.ok("54 43 00 00 00 00 00 00");
     for frame in [
         "54 43 00 00 00 00 00 05",
@@ -30,14 +30,14 @@ fn the_printed_frames_are_answered_as_printed() {
     }
     for query in ["51 56 00 00", "51 43 00 00", "51 50 00 00", "46 52 00 00", "43 46 00 00"] {
         let padded = std::format!("{query} 00 00 00 00");
-        assert_eq!(rig.ask(query), rig.ask(&padded), "{query}");
+        assert_eq!(rig.request(query), rig.request(&padded), "{query}");
     }
     assert_eq!(rig.value("QP"), 480);
 }
 
 #[test]
 fn what_is_not_understood_is_refused_and_not_for_it_ignored() {
-    let mut rig = Rig::thruster();
+    let mut rig = DriveFixture::thruster();
     rig.refused("58 58 00 00");
     rig.refused("54 43 00 00");
     rig.refused("53 50 12 34 00 00 00 01");
@@ -51,7 +51,7 @@ fn what_is_not_understood_is_refused_and_not_for_it_ignored() {
 
 #[test]
 fn values_out_of_range_are_refused() {
-    let mut rig = Rig::thruster();
+    let mut rig = DriveFixture::thruster();
     rig.ok("54 43 00 00 00 00 00 00");
     for frame in [
         "54 43 00 00 00 00 00 65",
@@ -74,7 +74,7 @@ fn values_out_of_range_are_refused() {
 
 #[test]
 fn id_and_bit_rate_hold_from_the_next_start_on() {
-    let mut rig = Rig::thruster();
+    let mut rig = DriveFixture::thruster();
     rig.ok("43 49 00 00 00 00 00 7F");
     rig.ok("43 42 00 00 00 00 00 53");
     rig.ok("51 50 00 00");
@@ -88,7 +88,7 @@ fn id_and_bit_rate_hold_from_the_next_start_on() {
 
 #[test]
 fn the_traces_of_vm() {
-    let mut rig = Rig::thruster();
+    let mut rig = DriveFixture::thruster();
     rig.ok("54 43 00 00 00 00 00 00");
     rig.ok("56 43 00 00 00 00 01 F4");
     rig.wait(3000);
@@ -120,15 +120,16 @@ fn the_traces_of_vm() {
 fn the_other_readings_can_be_chosen() {
     let extra =
         [("vm-flags", "table"), ("refusal", "zero"), ("vm-reply", "swapped"), ("values", "32")];
-    let mut rig = Rig::with(&profile::THRUSTER, &extra);
-    assert_eq!(rig.ask("54 43 00 00 00 00 00 05")[4..], [0; 4], "refused by zero");
+    let mut rig = DriveFixture::with(&profile::THRUSTER, &extra);
+    assert_eq!(rig.request("54 43 00 00 00 00 00 05")[4..], [0; 4], "refused by zero");
     rig.ok("54 43 00 00 00 00 00 00");
     rig.ok("54 43 00 00 00 00 FF FB");
     rig.wait(1000);
-    assert_eq!(rig.ask("51 56 00 00")[4..6], [0xFF, 0xFF], "32 bits");
-    assert_eq!(rig.ask("56 4D 00 00 00 00 01 00")[6..], [0, 1], "swapped");
+    assert_eq!(rig.request("51 56 00 00")[4..6], [0xFF, 0xFF], "32 bits");
+    assert_eq!(rig.request("56 4D 00 00 00 00 01 00")[6..], [0, 1], "swapped");
     assert!(rig.to(11, &hex("54 43 00 00 00 00 00 05")).is_empty(), "bit 0 is silent");
-    let mut rig = Rig::with(&profile::THRUSTER, &[("slow-speed", "runs"), ("zero-point", "off")]);
+    let mut rig =
+        DriveFixture::with(&profile::THRUSTER, &[("slow-speed", "runs"), ("zero-point", "off")]);
     rig.ok("56 43 00 00 00 00 00 05");
     rig.wait(2000);
     assert_eq!(rig.value("QV"), 30);
@@ -141,12 +142,15 @@ fn the_other_readings_can_be_chosen() {
         seed: 1,
         extra: &wrong,
     };
-    assert_eq!(super::Thruster::device(&profile::THRUSTER, &options).err(), Some("both"));
+    assert_eq!(
+        super::ThrusterFamily::create_device(&profile::THRUSTER, &options).err(),
+        Some("both")
+    );
 }
 
 #[test]
 fn what_is_sent_by_itself() {
-    let mut rig = Rig::thruster();
+    let mut rig = DriveFixture::thruster();
     rig.ok("4D 4D 00 00");
     let heard = rig.wait(1000);
     assert_eq!(heard.len(), 20, "two every 100 ms");

@@ -1,9 +1,9 @@
 //! Emergencies: what waits to be sent, what was sent (object 1003h), and the error register.
 
-use super::{CanEnd, Firmware};
+use super::{CanEndpoint, Firmware};
 use crate::medium::Frame;
 use crate::proto::canopen::emcy::Emergency;
-use crate::proto::canopen::nmt::State;
+use crate::proto::canopen::nmt::NmtState;
 use crate::proto::canopen::pdo::CobId;
 use crate::time::Instant;
 
@@ -29,120 +29,120 @@ const COMMUNICATION: u8 = 1 << 4;
 
 /// What waits and what was.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Alarms {
-    waiting: [Emergency; WAITING_MAX],
-    len: usize,
+pub(super) struct EmergencyQueue {
+    queue: [Emergency; WAITING_MAX],
+    queue_len: usize,
     history: [u32; HISTORY_MAX],
-    remembered: u8,
-    communication: bool,
+    history_len: u8,
+    communication_error: bool,
     free_at: Instant,
 }
 
-impl Alarms {
+impl EmergencyQueue {
     fn push(&mut self, emergency: Emergency) {
         if emergency.code != 0 {
             self.history.rotate_right(1);
             self.history[0] = emergency.code.into();
-            self.remembered = (self.remembered + 1).min(HISTORY_MAX as u8);
+            self.history_len = (self.history_len + 1).min(HISTORY_MAX as u8);
         }
-        if let Some(place) = self.waiting.get_mut(self.len) {
+        if let Some(place) = self.queue.get_mut(self.queue_len) {
             *place = emergency;
-            self.len += 1;
+            self.queue_len += 1;
         }
     }
 
     /// Nothing waits and nothing was.
-    pub(super) fn forget(&mut self) {
+    pub(super) fn reset(&mut self) {
         *self = Self::default();
     }
 
     /// What waits is not sent any more.
-    pub(super) fn drop_waiting(&mut self) {
-        self.len = 0;
-        self.communication = false;
+    pub(super) fn clear_queue(&mut self) {
+        self.queue_len = 0;
+        self.communication_error = false;
     }
 
     /// When the next one that waits may be sent.
     pub(super) fn due(&self, now: Instant) -> Instant {
-        if self.len > 0 && self.free_at > now { self.free_at } else { Instant::FAR }
+        if self.queue_len > 0 && self.free_at > now { self.free_at } else { Instant::FAR_FUTURE }
     }
 
     /// Object 1003h.
     pub(super) fn history(&self, sub: u8) -> Option<u32> {
         match sub {
-            0 => Some(self.remembered.into()),
-            _ if sub > self.remembered => None,
+            0 => Some(self.history_len.into()),
+            _ if sub > self.history_len => None,
             _ => Some(self.history[usize::from(sub) - 1]),
         }
     }
 
     /// Writing 0 to 1003h sub-index 0.
     pub(super) fn clear_history(&mut self) {
-        self.remembered = 0;
+        self.history_len = 0;
     }
 }
 
-impl<const N: usize> CanEnd<N> {
+impl<const N: usize> CanEndpoint<N> {
     /// Object 1001h.
     pub(super) fn error_register(&self, firmware: &impl Firmware) -> u8 {
-        let own = if self.alarms.communication { COMMUNICATION | 1 } else { 0 };
+        let own = if self.emergencies.communication_error { COMMUNICATION | 1 } else { 0 };
         own | firmware.error_register()
     }
 
-    fn note(&mut self, emergency: Emergency) {
-        self.alarms.push(emergency);
-        self.mail.alarms(true);
+    fn queue_emergency(&mut self, emergency: Emergency) {
+        self.emergencies.push(emergency);
+        self.send_slots.set_emergencies(true);
     }
 
     /// The protocol's own error.
-    pub(super) fn raise(&mut self, code: u16, lasts: bool, firmware: &impl Firmware) {
-        self.alarms.communication |= lasts;
+    pub(super) fn raise_error(&mut self, code: u16, lasts: bool, firmware: &impl Firmware) {
+        self.emergencies.communication_error |= lasts;
         let register = self.error_register(firmware) | COMMUNICATION;
-        self.note(Emergency { code, register, vendor: [0; 5] });
+        self.queue_emergency(Emergency { code, register, vendor: [0; 5] });
     }
 
     /// What lasted is over.
-    pub(super) fn calm(&mut self, firmware: &impl Firmware) {
-        if core::mem::take(&mut self.alarms.communication) {
+    pub(super) fn clear_error(&mut self, firmware: &impl Firmware) {
+        if core::mem::take(&mut self.emergencies.communication_error) {
             let register = self.error_register(firmware);
-            self.note(Emergency { code: 0, register, vendor: [0; 5] });
+            self.queue_emergency(Emergency { code: 0, register, vendor: [0; 5] });
         }
     }
 
     /// Takes the emergencies that the firmware has.
     #[inline]
-    pub(super) fn collect(&mut self, now: Instant, firmware: &mut impl Firmware) {
+    pub(super) fn collect_emergencies(&mut self, now: Instant, firmware: &mut impl Firmware) {
         while let Some(mut emergency) = firmware.poll_emergency() {
             emergency.register = self.error_register(firmware);
             let is_fault = emergency.code != 0 && emergency.register & !COMMUNICATION != 0;
-            self.note(emergency);
+            self.queue_emergency(emergency);
             if is_fault {
-                self.behave(now, 1, firmware);
+                self.apply_error_behaviour(now, 1, firmware);
             }
         }
     }
 
     /// The next emergency that may be sent now.
     pub(super) fn next_emergency(&mut self, now: Instant) -> Option<Frame> {
-        let cob = CobId(self.comm.emcy_cob);
-        let speaks = matches!(self.state, State::Operational | State::PreOperational);
-        self.mail.alarms(self.alarms.len > 0);
-        if self.alarms.len == 0 || !speaks || now < self.alarms.free_at {
+        let cob = CobId(self.communication.emcy_cob);
+        let speaks = matches!(self.state, NmtState::Operational | NmtState::PreOperational);
+        self.send_slots.set_emergencies(self.emergencies.queue_len > 0);
+        if self.emergencies.queue_len == 0 || !speaks || now < self.emergencies.free_at {
             return None;
         }
-        let first = self.alarms.waiting[0];
-        self.alarms.waiting.rotate_left(1);
-        self.alarms.len -= 1;
-        if !cob.is_valid() || (self.options.short_emcy && first.code == 0) {
+        let first = self.emergencies.queue[0];
+        self.emergencies.queue.rotate_left(1);
+        self.emergencies.queue_len -= 1;
+        if !cob.is_valid() || (self.quirks.short_emcy && first.code == 0) {
             return self.next_emergency(now);
         }
-        let inhibit = u64::from(self.comm.emcy_inhibit) * 100_000;
-        self.alarms.free_at = now.plus_ns(inhibit);
+        let inhibit = u64::from(self.communication.emcy_inhibit) * 100_000;
+        self.emergencies.free_at = now.plus_ns(inhibit);
         if inhibit > 0 {
-            self.arm(self.alarms.free_at);
+            self.schedule(self.emergencies.free_at);
         }
         let whole = first.emit(self.node);
-        let whole = if self.options.short_emcy { first.emit_short(self.node) } else { whole };
+        let whole = if self.quirks.short_emcy { first.emit_short(self.node) } else { whole };
         Some(Frame { id: cob.id(), ..whole })
     }
 }

@@ -1,23 +1,23 @@
-//! The motion of a CiA 402 drive, for the firmware of simulated ones: [`Axis`] is the power state
-//! machine with the modes of operation, on a motor that the family lends as a [`Shaft`].
+//! The motion of a CiA 402 drive, for the firmware of simulated ones: [`MotionAxis`] is the power state
+//! machine with the modes of operation, on a motor that the family lends as a [`MotorControl`].
 //!
 //! Everything here is SI and independent of a family's objects and units: those come through
-//! [`Settings`]. What the standard leaves to the manufacturer is a switch in [`Manner`].
+//! [`MotionSettings`]. What the standard leaves to the manufacturer is a switch in [`MotionQuirks`].
 //!
 //! Why: SIM-11, SIM-16.
 
 mod axis;
-mod follow;
 mod homing;
+mod interpolator;
 mod point;
 mod power;
-mod watch;
+mod window_timer;
 
 use crate::plant::{Limits, Setpoint};
 
-pub use axis::{Axis, Event, Manner, Scene};
+pub use axis::{MotionAxis, MotionContext, MotionEvent, MotionQuirks};
 pub use homing::is_method;
-pub use power::State;
+pub use power::PowerState;
 
 /// Modes of operation (6060h).
 pub mod modes {
@@ -38,37 +38,37 @@ pub mod modes {
 }
 
 /// The motor with its control loops, as the motion drives it.
-pub trait Shaft {
+pub trait MotorControl {
     /// Switches the power stage on, holding where the shaft is.
-    fn power(&mut self);
+    fn power_on(&mut self);
     /// Switches it off: the motor coasts.
-    fn release(&mut self);
+    fn power_off(&mut self);
     /// How the set-point may move.
-    fn manner(&mut self, limits: Limits);
+    fn set_limits(&mut self, limits: Limits);
     /// Heads for a speed, rad/s.
     fn turn(&mut self, rad_per_s: f64);
     /// Heads for a position, rad.
-    fn go(&mut self, position: f64);
+    fn move_to(&mut self, position: f64);
     /// Drives a share of the rated torque.
-    fn push(&mut self, share: f64);
+    fn apply_torque(&mut self, share: f64);
     /// Is told where to be at the end of the next tick.
-    fn follow(&mut self, setpoint: Setpoint);
+    fn follow_setpoint(&mut self, setpoint: Setpoint);
     /// Holds where the shaft is, and forgets how hard it tried to go elsewhere.
-    fn hold(&mut self);
+    fn hold_position(&mut self);
     /// Once at rest after turning: holds that position rather than speed zero.
-    fn settle(&mut self);
+    fn settle_position(&mut self);
     /// Where the set-point is.
     fn setpoint(&self) -> Setpoint;
     /// True when the set-point has come to its goal.
-    fn arrived(&self) -> bool;
+    fn has_arrived(&self) -> bool;
     /// Position as the encoder sees it, rad since power-on.
     fn position(&self) -> f64;
     /// The same a tick before.
-    fn before(&self) -> f64;
+    fn previous_position(&self) -> f64;
     /// Speed, rad/s.
     fn velocity(&self) -> f64;
     /// True while the motor gives all the torque it may.
-    fn torque_reached(&self) -> bool;
+    fn is_torque_limited(&self) -> bool;
 }
 
 /// How a drive comes to rest.
@@ -109,7 +109,7 @@ pub struct HomingSettings {
 }
 
 /// What the drive's objects say, in SI. Positions are the user's coordinates.
-pub trait Settings {
+pub trait MotionSettings {
     /// Mode of operation asked for (6060h).
     fn mode(&self) -> i8;
     /// Target position (607Ah), rad.

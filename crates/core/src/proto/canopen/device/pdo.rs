@@ -1,78 +1,78 @@
 //! The PDO engine: mappings resolved when they are written, so that a frame costs a few shifts.
 
-use super::comm::{MAPPED_MAX, Pdo};
-use super::{CanEnd, Firmware, emcy};
+use super::communication::{MAPPED_MAX, PdoObjects};
+use super::{CanEndpoint, Firmware, emcy};
 use crate::medium::Frame;
-use crate::proto::canopen::nmt::State;
+use crate::proto::canopen::nmt::NmtState;
 use crate::proto::canopen::od::Dictionary;
-use crate::proto::canopen::pdo::{CobId, Entry, Transmission};
+use crate::proto::canopen::pdo::{CobId, MappingEntry, Transmission};
 use crate::time::Instant;
 
 /// The identifier of a PDO that is not there: no frame has it.
-pub(super) const NONE: u32 = u32::MAX;
+pub(super) const NO_ID: u32 = u32::MAX;
 
 /// One mapped value. Bits that map nothing have none.
 #[derive(Clone, Copy, Debug, Default)]
-struct Slot {
+struct MappedSlot {
     tag: u16,
     /// Bits of the frame above it.
-    above: u8,
-    /// Bits that it lacks of 64, and [`Slot::SIGNED`].
-    lacks: u8,
+    bits_above: u8,
+    /// Bits that it lacks of 64, and [`MappedSlot::SIGNED`].
+    bits_missing: u8,
 }
 
-impl Slot {
+impl MappedSlot {
     const SIGNED: u8 = 0x80;
 
     /// A value of so many bits from bit `at` on.
     const fn new(tag: u16, at: u8, bits: u8, signed: bool) -> Self {
         let lacks = 64u8.saturating_sub(bits);
-        let above = lacks.saturating_sub(at);
-        Self { tag, above, lacks: if signed { lacks | Self::SIGNED } else { lacks } }
+        let bits_above = lacks.saturating_sub(at);
+        Self { tag, bits_above, bits_missing: if signed { lacks | Self::SIGNED } else { lacks } }
     }
 
     /// `value` at its place, what does not fit cut off, among zeros.
     #[inline]
-    const fn place(self, value: u64) -> u64 {
-        value << (self.lacks & 63) >> (self.above & 63)
+    const fn shift_in(self, value: u64) -> u64 {
+        value << (self.bits_missing & 63) >> (self.bits_above & 63)
     }
 
     /// The value at its place.
     #[inline]
-    const fn value(self, data: u64) -> u64 {
-        let top = data << (self.above & 63);
-        if self.lacks & Self::SIGNED != 0 {
-            return (top.cast_signed() >> (self.lacks & 63)).cast_unsigned();
+    const fn extract(self, data: u64) -> u64 {
+        let top = data << (self.bits_above & 63);
+        if self.bits_missing & Self::SIGNED != 0 {
+            return (top.cast_signed() >> (self.bits_missing & 63)).cast_unsigned();
         }
-        top >> (self.lacks & 63)
+        top >> (self.bits_missing & 63)
     }
 
     /// Whether so many bits of a frame hold all of it.
     #[inline]
     const fn is_within(self, bits: u8) -> bool {
-        64 - self.above <= bits
+        64 - self.bits_above <= bits
     }
 }
 
 /// The values of a frame.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
-pub(super) struct Layout {
+pub(super) struct PdoLayout {
     bytes: u8,
     count: u8,
-    slots: [Slot; MAPPED_MAX],
+    slots: [MappedSlot; MAPPED_MAX],
 }
 
-impl Layout {
+impl PdoLayout {
     /// What the objects of a PDO map.
-    fn of(pdo: &Pdo, dictionary: &Dictionary) -> Self {
+    fn of(pdo: &PdoObjects, dictionary: &Dictionary) -> Self {
         let mut layout = Self::default();
         let mut at = 0;
         for raw in pdo.map.iter().take(usize::from(pdo.count)) {
-            let entry = Entry::from(*raw);
+            let entry = MappingEntry::from(*raw);
             let found = dictionary.find(entry.object.index, entry.object.sub);
             if let Some(found) = found.filter(|_| !entry.is_gap()) {
-                let slot = Slot::new(found.tag, at, entry.bits, found.kind.is_signed());
+                let slot = MappedSlot::new(found.tag, at, entry.bits, found.kind.is_signed());
                 layout.slots[usize::from(layout.count)] = slot;
                 layout.count += 1;
             }
@@ -83,13 +83,13 @@ impl Layout {
     }
 
     #[inline]
-    fn slots(&self) -> &[Slot] {
+    fn slots(&self) -> &[MappedSlot] {
         &self.slots[..usize::from(self.count).min(MAPPED_MAX)]
     }
 
     #[inline]
     fn pack(&self, firmware: &mut impl Firmware) -> u64 {
-        self.slots().iter().fold(0, |data, slot| data | slot.place(firmware.get(slot.tag)))
+        self.slots().iter().fold(0, |data, slot| data | slot.shift_in(firmware.get(slot.tag)))
     }
 
     /// Hands over the values that lie within `bits` bits.
@@ -100,7 +100,7 @@ impl Layout {
                 return;
             }
             // What the object does not take stays as it was; no service tells the sender.
-            let _ = firmware.set(now, slot.tag, slot.value(data));
+            let _ = firmware.set(now, slot.tag, slot.extract(data));
         }
     }
 }
@@ -108,28 +108,34 @@ impl Layout {
 /// A PDO that is received.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
-pub(super) struct Take {
+pub(super) struct ReceivePdo {
     /// By when the next one must have come, once one has.
-    pub(super) missed_at: Instant,
+    pub(super) deadline: Instant,
     /// How long the next one may take, ns; 0 is for ever.
-    within_ns: u64,
+    timeout_ns: u64,
     /// What came last and may wait for SYNC: data and bits.
-    latest: (u64, u8),
-    by_sync: bool,
-    layout: Layout,
+    last_data: (u64, u8),
+    on_sync: bool,
+    layout: PdoLayout,
 }
 
-impl Default for Take {
+impl Default for ReceivePdo {
     fn default() -> Self {
-        let layout = Layout::default();
-        Self { layout, by_sync: false, latest: (0, 0), within_ns: 0, missed_at: Instant::FAR }
+        let layout = PdoLayout::default();
+        Self {
+            layout,
+            on_sync: false,
+            last_data: (0, 0),
+            timeout_ns: 0,
+            deadline: Instant::FAR_FUTURE,
+        }
     }
 }
 
 /// A PDO that is sent.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
-struct Send {
+struct TransmitPdo {
     free_at: Instant,
     event_at: Instant,
     /// Least time between two, ns.
@@ -140,58 +146,58 @@ struct Send {
     kind: Transmission,
     remote: bool,
     /// Something was changed and waits for the inhibit time.
-    wanted: bool,
+    send_pending: bool,
     start: u8,
     /// SYNCs until the next one is sent; 0 waits for the start value.
-    left: u8,
-    layout: Layout,
+    syncs_left: u8,
+    layout: PdoLayout,
 }
 
 /// The PDOs that are sent.
 #[derive(Clone, Debug)]
-pub(super) struct Sends<const N: usize> {
+pub(super) struct TransmitPdos<const N: usize> {
     /// Those to be sent, a bit each.
     pub(super) ready: u32,
     /// Those that go by change.
-    pub(super) watch: u32,
+    pub(super) event_driven: u32,
     /// Those that go by SYNC.
-    synced: u32,
+    sync_driven: u32,
     /// Those that go by the SYNC after a change.
-    on_change: u32,
-    all: [Send; N],
+    sync_after_change: u32,
+    all: [TransmitPdo; N],
 }
 
-impl<const N: usize> Sends<N> {
+impl<const N: usize> TransmitPdos<N> {
     pub(super) const fn new() -> Self {
         const { assert!(N <= 32, "a PDO is a bit") };
-        let slots = [Slot::new(0, 0, 0, false); MAPPED_MAX];
-        let none = Send {
-            layout: Layout { slots, count: 0, bytes: 0 },
-            id: NONE,
+        let slots = [MappedSlot::new(0, 0, 0, false); MAPPED_MAX];
+        let none = TransmitPdo {
+            layout: PdoLayout { slots, count: 0, bytes: 0 },
+            id: NO_ID,
             kind: Transmission::Profile,
             remote: false,
             data: 0,
-            left: 0,
+            syncs_left: 0,
             start: 0,
-            wanted: false,
+            send_pending: false,
             inhibit_ns: 0,
             free_at: Instant::ZERO,
-            event_at: Instant::FAR,
+            event_at: Instant::FAR_FUTURE,
         };
-        Self { ready: 0, watch: 0, synced: 0, on_change: 0, all: [none; N] }
+        Self { ready: 0, event_driven: 0, sync_driven: 0, sync_after_change: 0, all: [none; N] }
     }
 
     pub(super) fn due(&self) -> Instant {
-        let at = |send: &Send| match send.wanted {
+        let at = |send: &TransmitPdo| match send.send_pending {
             true => send.event_at.min(send.free_at),
             false => send.event_at,
         };
-        self.all.iter().map(at).fold(Instant::FAR, Instant::min)
+        self.all.iter().map(at).fold(Instant::FAR_FUTURE, Instant::min)
     }
 }
 
 /// Numbers of the bits that are set.
-fn bits(mut mask: u32) -> impl Iterator<Item = usize> {
+fn set_bits(mut mask: u32) -> impl Iterator<Item = usize> {
     core::iter::from_fn(move || {
         let n = mask.trailing_zeros();
         mask &= mask.wrapping_sub(1);
@@ -199,56 +205,61 @@ fn bits(mut mask: u32) -> impl Iterator<Item = usize> {
     })
 }
 
-impl<const N: usize> CanEnd<N> {
+impl<const N: usize> CanEndpoint<N> {
     /// All PDOs as their objects now say.
     pub(super) fn apply_pdos(&mut self, now: Instant, firmware: &mut impl Firmware) {
         for n in 0..N {
-            self.apply_take(n, firmware);
-            self.apply_send(now, n, firmware);
+            self.apply_rpdo(n, firmware);
+            self.apply_tpdo(now, n, firmware);
         }
     }
 
     /// An RPDO's objects were written.
-    pub(super) fn apply_take(&mut self, n: usize, firmware: &impl Firmware) {
-        let pdo = &self.comm.rpdo[n];
+    pub(super) fn apply_rpdo(&mut self, n: usize, firmware: &impl Firmware) {
+        let pdo = &self.communication.rpdo[n];
         let exists = pdo.is_valid() && pdo.count > 0;
-        self.heard[n] = if exists { CobId(pdo.cob).id() } else { NONE };
-        let layout = Layout::of(pdo, firmware.dictionary());
-        self.waiting &= !(1 << n);
-        let within_ns = u64::from(pdo.event) * u64::from(self.options.event_unit_us) * 1000;
-        self.takes[n] = Take { layout, by_sync: pdo.kind <= 240, within_ns, ..Take::default() };
+        self.rpdo_ids[n] = if exists { CobId(pdo.cob).id() } else { NO_ID };
+        let layout = PdoLayout::of(pdo, firmware.dictionary());
+        self.rpdos_waiting &= !(1 << n);
+        let within_ns = u64::from(pdo.event) * u64::from(self.quirks.event_unit_us) * 1000;
+        self.rpdos[n] = ReceivePdo {
+            layout,
+            on_sync: pdo.kind <= 240,
+            timeout_ns: within_ns,
+            ..ReceivePdo::default()
+        };
     }
 
     /// A TPDO's objects were written.
-    pub(super) fn apply_send(&mut self, now: Instant, n: usize, firmware: &mut impl Firmware) {
-        let pdo = &self.comm.tpdo[n];
+    pub(super) fn apply_tpdo(&mut self, now: Instant, n: usize, firmware: &mut impl Firmware) {
+        let pdo = &self.communication.tpdo[n];
         let exists = pdo.is_valid() && pdo.count > 0;
         let kind = Transmission::from(pdo.kind);
         let bit = 1 << n;
-        let send = &mut self.sends.all[n];
-        send.layout = Layout::of(pdo, firmware.dictionary());
-        send.id = if exists { CobId(pdo.cob).id() } else { NONE };
+        let send = &mut self.tpdos.all[n];
+        send.layout = PdoLayout::of(pdo, firmware.dictionary());
+        send.id = if exists { CobId(pdo.cob).id() } else { NO_ID };
         send.remote = pdo.cob & CobId::FLAG == 0;
         (send.kind, send.start) = (kind, pdo.start);
-        send.inhibit_ns = u64::from(pdo.inhibit) * u64::from(self.options.inhibit_unit_us) * 1000;
-        (send.wanted, send.event_at) = (false, Instant::FAR);
+        send.inhibit_ns = u64::from(pdo.inhibit) * u64::from(self.quirks.inhibit_unit_us) * 1000;
+        (send.send_pending, send.event_at) = (false, Instant::FAR_FUTURE);
         let event = matches!(kind, Transmission::Manufacturer | Transmission::Profile);
-        let timed = kind == Transmission::Manufacturer && self.options.timed_254;
+        let timed = kind == Transmission::Manufacturer && self.quirks.type_254_by_timer;
         let put = |mask: &mut u32, on: bool| *mask = if on { *mask | bit } else { *mask & !bit };
-        put(&mut self.sends.watch, exists && event && !timed);
-        put(&mut self.sends.synced, exists && kind.is_synchronous());
-        put(&mut self.sends.on_change, exists && kind == Transmission::OnChange);
-        put(&mut self.sends.ready, false);
-        if self.state == State::Operational && exists {
+        put(&mut self.tpdos.event_driven, exists && event && !timed);
+        put(&mut self.tpdos.sync_driven, exists && kind.is_synchronous());
+        put(&mut self.tpdos.sync_after_change, exists && kind == Transmission::OnChange);
+        put(&mut self.tpdos.ready, false);
+        if self.state == NmtState::Operational && exists {
             self.start_pdo(now, n, firmware);
         }
     }
 
     /// Operational begins.
     pub(super) fn start_pdos(&mut self, now: Instant, firmware: &mut impl Firmware) {
-        self.waiting = 0;
+        self.rpdos_waiting = 0;
         for n in 0..N {
-            if self.sends.all[n].id != NONE {
+            if self.tpdos.all[n].id != NO_ID {
                 self.start_pdo(now, n, firmware);
             }
         }
@@ -256,81 +267,83 @@ impl<const N: usize> CanEnd<N> {
 
     /// Those that go by events are sent once, so that whoever listens knows.
     fn start_pdo(&mut self, now: Instant, n: usize, firmware: &mut impl Firmware) {
-        let send = &mut self.sends.all[n];
+        let send = &mut self.tpdos.all[n];
         send.data = send.layout.pack(firmware);
         send.free_at = now;
-        send.left = match (send.kind, send.start) {
+        send.syncs_left = match (send.kind, send.start) {
             (_, 1..) => 0,
             (Transmission::Cyclic(every), _) => every,
             _ => 1,
         };
-        if self.sends.watch >> n & 1 != 0 || send.kind == Transmission::OnChange {
-            self.want(now, n);
+        if self.tpdos.event_driven >> n & 1 != 0 || send.kind == Transmission::OnChange {
+            self.request_send(now, n);
         }
         self.arm_event(now, n);
     }
 
     fn arm_event(&mut self, now: Instant, n: usize) {
-        let event = u64::from(self.comm.tpdo[n].event) * u64::from(self.options.event_unit_us);
-        let send = &mut self.sends.all[n];
+        let event =
+            u64::from(self.communication.tpdo[n].event) * u64::from(self.quirks.event_unit_us);
+        let send = &mut self.tpdos.all[n];
         let timed = matches!(send.kind, Transmission::Manufacturer | Transmission::Profile);
-        send.event_at = if event > 0 && timed { now.plus_ns(event * 1000) } else { Instant::FAR };
+        send.event_at =
+            if event > 0 && timed { now.plus_ns(event * 1000) } else { Instant::FAR_FUTURE };
         let at = send.event_at;
-        self.arm(at);
+        self.schedule(at);
     }
 
     /// A PDO is to be sent, as soon as its inhibit time lets it; one of type 0 with the next SYNC.
     #[inline]
-    fn want(&mut self, now: Instant, n: usize) {
-        let send = &mut self.sends.all[n];
+    fn request_send(&mut self, now: Instant, n: usize) {
+        let send = &mut self.tpdos.all[n];
         if send.kind == Transmission::OnChange || now < send.free_at {
-            send.wanted = true;
+            send.send_pending = true;
             let at = send.free_at;
             if send.kind != Transmission::OnChange {
-                self.arm(at);
+                self.schedule(at);
             }
         } else {
-            self.sends.ready |= 1 << n;
+            self.tpdos.ready |= 1 << n;
         }
     }
 
     /// Looks whether values have changed that are sent when they do.
     #[inline]
-    pub(super) fn look(&mut self, now: Instant, firmware: &mut impl Firmware) {
-        let watched = self.sends.watch | self.sends.on_change;
-        if watched != 0 && self.is_live() {
-            self.compare(now, watched, firmware);
+    pub(super) fn check_changes(&mut self, now: Instant, firmware: &mut impl Firmware) {
+        let watched = self.tpdos.event_driven | self.tpdos.sync_after_change;
+        if watched != 0 && self.is_active() {
+            self.compare_values(now, watched, firmware);
         }
     }
 
-    fn compare(&mut self, now: Instant, watched: u32, firmware: &mut impl Firmware) {
-        for n in bits(watched) {
-            let send = &mut self.sends.all[n];
+    fn compare_values(&mut self, now: Instant, watched: u32, firmware: &mut impl Firmware) {
+        for n in set_bits(watched) {
+            let send = &mut self.tpdos.all[n];
             let data = send.layout.pack(firmware);
             if data != send.data {
                 send.data = data;
-                self.want(now, n);
+                self.request_send(now, n);
             }
         }
     }
 
-    pub(super) fn pdo_timers(&mut self, now: Instant, firmware: &mut impl Firmware) {
-        let operational = self.state == State::Operational;
+    pub(super) fn run_pdo_timers(&mut self, now: Instant, firmware: &mut impl Firmware) {
+        let operational = self.state == NmtState::Operational;
         for n in 0..N {
-            let send = &mut self.sends.all[n];
-            let (freed, event) = (send.wanted && now >= send.free_at, now >= send.event_at);
+            let send = &mut self.tpdos.all[n];
+            let (freed, event) = (send.send_pending && now >= send.free_at, now >= send.event_at);
             if freed && send.kind != Transmission::OnChange {
-                send.wanted = false;
-                self.sends.ready |= u32::from(operational) << n;
+                send.send_pending = false;
+                self.tpdos.ready |= u32::from(operational) << n;
             }
             if event {
                 send.data = send.layout.pack(firmware);
                 self.arm_event(now, n);
-                self.sends.ready |= u32::from(operational) << n;
+                self.tpdos.ready |= u32::from(operational) << n;
             }
-            if now >= self.takes[n].missed_at {
-                self.takes[n].missed_at = Instant::FAR;
-                self.raise(emcy::PDO_MISSING, false, firmware);
+            if now >= self.rpdos[n].deadline {
+                self.rpdos[n].deadline = Instant::FAR_FUTURE;
+                self.raise_error(emcy::PDO_MISSING, false, firmware);
             }
         }
     }
@@ -338,12 +351,12 @@ impl<const N: usize> CanEnd<N> {
     /// The next PDO to send, unless its SYNC window is over.
     #[inline]
     pub(super) fn next_pdo(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
-        while self.sends.ready != 0 {
-            let n = self.sends.ready.trailing_zeros() as usize;
-            self.sends.ready &= self.sends.ready - 1;
-            let send = &mut self.sends.all[n];
-            let late = self.sends.synced >> n & 1 != 0 && now > self.sync.open_until;
-            if send.id == NONE || late {
+        while self.tpdos.ready != 0 {
+            let n = self.tpdos.ready.trailing_zeros() as usize;
+            self.tpdos.ready &= self.tpdos.ready - 1;
+            let send = &mut self.tpdos.all[n];
+            let late = self.tpdos.sync_driven >> n & 1 != 0 && now > self.sync.window_until;
+            if send.id == NO_ID || late {
                 continue;
             }
             if send.inhibit_ns > 0 {
@@ -351,7 +364,7 @@ impl<const N: usize> CanEnd<N> {
             }
             let (id, len) = (send.id, send.layout.bytes);
             let data = send.data.to_le_bytes();
-            if send.event_at != Instant::FAR {
+            if send.event_at != Instant::FAR_FUTURE {
                 self.arm_event(now, n);
             }
             *out = Frame { id, extended: false, remote: false, len, data };
@@ -362,79 +375,79 @@ impl<const N: usize> CanEnd<N> {
 
     /// A PDO came.
     #[inline]
-    pub(super) fn take(
+    pub(super) fn handle_rpdo(
         &mut self,
         now: Instant,
         n: usize,
         frame: &Frame,
         firmware: &mut impl Firmware,
     ) {
-        let take = &mut self.takes[n];
+        let take = &mut self.rpdos[n];
         let (len, bytes) = (frame.len, take.layout.bytes);
         if len != bytes {
             if len > bytes {
-                self.raise_length(emcy::PDO_LONG, firmware);
-            } else if !self.options.lenient {
-                return self.raise_length(emcy::PDO_SHORT, firmware);
+                self.raise_length_error(emcy::PDO_LONG, firmware);
+            } else if !self.quirks.lenient {
+                return self.raise_length_error(emcy::PDO_SHORT, firmware);
             }
         }
-        let take = &mut self.takes[n];
+        let take = &mut self.rpdos[n];
         let (data, bits) = (u64::from_le_bytes(frame.data), 8 * len.min(8));
-        if take.within_ns > 0 {
-            take.missed_at = now.plus_ns(take.within_ns);
-            self.due = self.due.min(take.missed_at);
+        if take.timeout_ns > 0 {
+            take.deadline = now.plus_ns(take.timeout_ns);
+            self.next_due = self.next_due.min(take.deadline);
         }
-        if take.by_sync {
-            if now <= self.sync.open_until {
-                take.latest = (data, bits);
-                self.waiting |= 1 << n;
+        if take.on_sync {
+            if now <= self.sync.window_until {
+                take.last_data = (data, bits);
+                self.rpdos_waiting |= 1 << n;
             }
             return;
         }
         take.layout.unpack(now, data, bits, firmware);
-        self.look(now, firmware);
+        self.check_changes(now, firmware);
     }
 
     #[cold]
-    fn raise_length(&mut self, code: u16, firmware: &impl Firmware) {
-        if !self.options.lenient {
-            self.raise(code, false, firmware);
+    fn raise_length_error(&mut self, code: u16, firmware: &impl Firmware) {
+        if !self.quirks.lenient {
+            self.raise_error(code, false, firmware);
         }
     }
 
     /// What waited for SYNC is taken.
     #[inline]
-    pub(super) fn take_waiting(&mut self, now: Instant, firmware: &mut impl Firmware) {
-        for n in bits(core::mem::take(&mut self.waiting)) {
-            let (data, bits) = self.takes[n].latest;
-            self.takes[n].layout.unpack(now, data, bits, firmware);
+    pub(super) fn apply_waiting_rpdos(&mut self, now: Instant, firmware: &mut impl Firmware) {
+        for n in set_bits(core::mem::take(&mut self.rpdos_waiting)) {
+            let (data, bits) = self.rpdos[n].last_data;
+            self.rpdos[n].layout.unpack(now, data, bits, firmware);
         }
     }
 
     /// What goes with SYNC is sampled and sent.
     #[inline]
-    pub(super) fn sample(&mut self, counter: u8, firmware: &mut impl Firmware) {
-        for n in bits(self.sends.synced) {
-            let send = &mut self.sends.all[n];
+    pub(super) fn sample_tpdos(&mut self, counter: u8, firmware: &mut impl Firmware) {
+        for n in set_bits(self.tpdos.sync_driven) {
+            let send = &mut self.tpdos.all[n];
             match send.kind {
                 Transmission::Cyclic(every) => {
-                    if send.left == 0 {
+                    if send.syncs_left == 0 {
                         if counter != send.start {
                             continue;
                         }
-                        send.left = 1;
+                        send.syncs_left = 1;
                     }
-                    send.left -= 1;
-                    if send.left == 0 {
-                        send.left = every;
+                    send.syncs_left -= 1;
+                    if send.syncs_left == 0 {
+                        send.syncs_left = every;
                         send.data = send.layout.pack(firmware);
-                        self.sends.ready |= 1 << n;
+                        self.tpdos.ready |= 1 << n;
                     }
                 }
-                Transmission::OnChange if send.wanted => {
-                    send.wanted = false;
+                Transmission::OnChange if send.send_pending => {
+                    send.send_pending = false;
                     send.data = send.layout.pack(firmware);
-                    self.sends.ready |= 1 << n;
+                    self.tpdos.ready |= 1 << n;
                 }
                 Transmission::SampledOnRequest => send.data = send.layout.pack(firmware),
                 _ => {}
@@ -443,19 +456,24 @@ impl<const N: usize> CanEnd<N> {
     }
 
     /// A remote request for a PDO.
-    pub(super) fn pdo_asked(&mut self, now: Instant, id: u32, firmware: &mut impl Firmware) {
-        if self.state != State::Operational {
+    pub(super) fn handle_pdo_request(
+        &mut self,
+        now: Instant,
+        id: u32,
+        firmware: &mut impl Firmware,
+    ) {
+        if self.state != NmtState::Operational {
             return;
         }
-        let Some(n) = self.sends.all.iter().position(|send| send.id == id && send.remote) else {
+        let Some(n) = self.tpdos.all.iter().position(|send| send.id == id && send.remote) else {
             return;
         };
-        let send = &mut self.sends.all[n];
+        let send = &mut self.tpdos.all[n];
         if send.kind != Transmission::SampledOnRequest {
             send.data = send.layout.pack(firmware);
         }
         // What is sampled by SYNC is sent outside its window too when somebody asks.
-        self.sync.open_until = self.sync.open_until.max(now);
-        self.sends.ready |= 1 << n;
+        self.sync.window_until = self.sync.window_until.max(now);
+        self.tpdos.ready |= 1 << n;
     }
 }

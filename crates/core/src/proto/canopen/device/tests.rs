@@ -5,8 +5,10 @@ extern crate std;
 use std::vec::Vec;
 
 use super::*;
-use crate::proto::canopen::od::{Access, Entry, OWN, Type, Worth, merge};
-use crate::proto::canopen::sdo::{self, Object, Reply, Request, Short};
+use crate::proto::canopen::od::{
+    DefaultValue, ObjectAccess, ObjectEntry, PROTOCOL_TAG, ValueType, merge,
+};
+use crate::proto::canopen::sdo::{self, ExpeditedData, ObjectIndex, SdoReply, SdoRequest};
 
 mod emergencies;
 mod layer;
@@ -16,7 +18,7 @@ mod service;
 
 /// A firmware with a few values and a file.
 #[derive(Default)]
-struct Toy {
+struct ToyFirmware {
     node: u8,
     kept_node: u8,
     bit_rate: u32,
@@ -25,7 +27,7 @@ struct Toy {
     syncs: u32,
     resets: u32,
     losses: u32,
-    stored: Vec<Group>,
+    stored: Vec<SettingsGroup>,
     time: TimeOfDay,
     emergencies: Vec<Emergency>,
     register: u8,
@@ -41,41 +43,44 @@ const FILE_AT: u16 = 6;
 const RO_AT: u16 = 7;
 const WO_AT: u16 = 0;
 
-const FIRST: [Entry; 2] = [
-    Entry::new(0x1000, 0, Type::U32, Access::RO, OWN, "device type").worth(0x1234_0192),
-    Entry::new(0x1008, 0, Type::TEXT, Access::RO, OWN, "device name").holding(Worth::Text(NAME)),
+const FIRST: [ObjectEntry; 2] = [
+    ObjectEntry::new(0x1000, 0, ValueType::U32, ObjectAccess::RO, PROTOCOL_TAG, "device type")
+        .with_default(0x1234_0192),
+    ObjectEntry::new(0x1008, 0, ValueType::TEXT, ObjectAccess::RO, PROTOCOL_TAG, "device name")
+        .with_default_value(DefaultValue::Text(NAME)),
 ];
 const NAME: &str = "a name of several segments";
-const APPLICATION: [Entry; 9] = [
-    Entry::new(0x2000, 0, Type::U8, Access::RW.mappable(), U8_AT, "u8"),
-    Entry::new(0x2001, 0, Type::I16, Access::RW.mappable(), I16_AT, "i16"),
-    Entry::new(0x2002, 0, Type::U32, Access::RW.mappable(), U32_AT, "u32"),
-    Entry::new(0x2003, 0, Type::I32, Access::RW.mappable(), I32_AT, "i32"),
-    Entry::new(0x2004, 0, Type::U64, Access::RW.mappable(), U64_AT, "u64"),
-    Entry::new(0x2005, 0, Type::I16, Access::RW, LIMITED_AT, "limited").within(-5, 5),
-    Entry::new(0x2006, 0, Type::DOMAIN, Access::RW, FILE_AT, "file"),
-    Entry::new(0x2007, 0, Type::U16, Access::RO.mappable(), RO_AT, "read only"),
-    Entry::new(0x2008, 0, Type::U8, Access::WO, WO_AT, "written only"),
+const APPLICATION: [ObjectEntry; 9] = [
+    ObjectEntry::new(0x2000, 0, ValueType::U8, ObjectAccess::RW.mappable(), U8_AT, "u8"),
+    ObjectEntry::new(0x2001, 0, ValueType::I16, ObjectAccess::RW.mappable(), I16_AT, "i16"),
+    ObjectEntry::new(0x2002, 0, ValueType::U32, ObjectAccess::RW.mappable(), U32_AT, "u32"),
+    ObjectEntry::new(0x2003, 0, ValueType::I32, ObjectAccess::RW.mappable(), I32_AT, "i32"),
+    ObjectEntry::new(0x2004, 0, ValueType::U64, ObjectAccess::RW.mappable(), U64_AT, "u64"),
+    ObjectEntry::new(0x2005, 0, ValueType::I16, ObjectAccess::RW, LIMITED_AT, "limited")
+        .with_limits(-5, 5),
+    ObjectEntry::new(0x2006, 0, ValueType::DOMAIN, ObjectAccess::RW, FILE_AT, "file"),
+    ObjectEntry::new(0x2007, 0, ValueType::U16, ObjectAccess::RO.mappable(), RO_AT, "read only"),
+    ObjectEntry::new(0x2008, 0, ValueType::U8, ObjectAccess::WO, WO_AT, "written only"),
 ];
 const COMMUNICATION_LEN: usize = standard_len(4, 0);
-const COMMUNICATION: [Entry; COMMUNICATION_LEN] = standard(
+const COMMUNICATION: [ObjectEntry; COMMUNICATION_LEN] = standard_entries(
     4,
     &[],
     &[
-        (0x1018, 1, Worth::Number(0x11)),
-        (0x1018, 2, Worth::Number(0x22)),
-        (0x1018, 3, Worth::Number(0x33)),
-        (0x1018, 4, Worth::Number(0x44)),
-        (0x1800, 2, Worth::Number(254)),
+        (0x1018, 1, DefaultValue::Number(0x11)),
+        (0x1018, 2, DefaultValue::Number(0x22)),
+        (0x1018, 3, DefaultValue::Number(0x33)),
+        (0x1018, 4, DefaultValue::Number(0x44)),
+        (0x1800, 2, DefaultValue::Number(254)),
     ],
 );
 const PROTOCOL_LEN: usize = COMMUNICATION_LEN + FIRST.len();
-static ENTRIES: [Entry; PROTOCOL_LEN + APPLICATION.len()] =
+static ENTRIES: [ObjectEntry; PROTOCOL_LEN + APPLICATION.len()] =
     merge(&merge::<PROTOCOL_LEN>(&FIRST, &COMMUNICATION), &APPLICATION);
-static PLACES: [u16; 1024] = Dictionary::places(&ENTRIES);
+static PLACES: [u16; 1024] = Dictionary::hash_slots(&ENTRIES);
 static DICTIONARY: Dictionary = Dictionary::new(&ENTRIES, &PLACES);
 
-impl Firmware for Toy {
+impl Firmware for ToyFirmware {
     fn dictionary(&self) -> &'static Dictionary {
         &DICTIONARY
     }
@@ -88,7 +93,7 @@ impl Firmware for Toy {
     fn get(&mut self, tag: u16) -> u64 {
         self.values[usize::from(tag)]
     }
-    fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), Abort> {
+    fn set(&mut self, _now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
         self.values[usize::from(tag)] = value;
         Ok(())
     }
@@ -98,23 +103,23 @@ impl Firmware for Toy {
     fn read(&mut self, _tag: u16, offset: u32, out: &mut [u8]) {
         out.copy_from_slice(&self.file[offset as usize..][..out.len()]);
     }
-    fn begin(&mut self, _tag: u16, size: Option<u32>) -> Result<(), Abort> {
+    fn begin_write(&mut self, _tag: u16, size: Option<u32>) -> Result<(), AbortCode> {
         self.file.clear();
-        if size > Some(4 << 20) { Err(Abort::MEMORY) } else { Ok(()) }
+        if size > Some(4 << 20) { Err(AbortCode::MEMORY) } else { Ok(()) }
     }
-    fn write(&mut self, _tag: u16, offset: u32, data: &[u8]) -> Result<(), Abort> {
+    fn write(&mut self, _tag: u16, offset: u32, data: &[u8]) -> Result<(), AbortCode> {
         assert_eq!(offset as usize, self.file.len());
         self.file.extend_from_slice(data);
         Ok(())
     }
-    fn synced(&mut self, _now: Instant) {
+    fn handle_sync(&mut self, _now: Instant) {
         self.syncs += 1;
     }
     fn reset(&mut self, _now: Instant) {
         self.resets += 1;
         self.values = [0; 8];
     }
-    fn lost(&mut self, _now: Instant) {
+    fn handle_link_loss(&mut self, _now: Instant) {
         self.losses += 1;
     }
     fn error_register(&self) -> u8 {
@@ -123,7 +128,7 @@ impl Firmware for Toy {
     fn poll_emergency(&mut self) -> Option<Emergency> {
         self.emergencies.pop()
     }
-    fn store(&mut self, group: Group) {
+    fn store(&mut self, group: SettingsGroup) {
         self.stored.push(group);
     }
     fn set_node_id(&mut self, node: u8) {
@@ -137,7 +142,7 @@ impl Firmware for Toy {
         self.kept_node = self.node;
         true
     }
-    fn clock(&mut self, _now: Instant, time: TimeOfDay) {
+    fn set_time_of_day(&mut self, _now: Instant, time: TimeOfDay) {
         self.time = time;
     }
     fn time_of_day(&mut self, _now: Instant) -> Option<TimeOfDay> {
@@ -146,37 +151,37 @@ impl Firmware for Toy {
 }
 
 /// A node on a test's desk.
-struct Desk {
-    toy: Toy,
-    end: CanEnd,
+struct NodeFixture {
+    toy: ToyFirmware,
+    end: CanEndpoint,
     now: Instant,
 }
 
-impl Desk {
+impl NodeFixture {
     fn new() -> Self {
-        Self::with(Options::STRICT)
+        Self::with(Quirks::STRICT)
     }
 
-    fn with(options: Options) -> Self {
+    fn with(options: Quirks) -> Self {
         let mut desk = Self::at(5, options);
         assert_eq!(desk.sent(), [frame(0x705, &[0])], "boot-up");
         desk
     }
 
-    fn at(node: u8, options: Options) -> Self {
-        let mut toy = Toy { node, bit_rate: 500_000, ..Toy::default() };
-        let end = CanEnd::new(options, &mut toy);
+    fn at(node: u8, options: Quirks) -> Self {
+        let mut toy = ToyFirmware { node, bit_rate: 500_000, ..ToyFirmware::default() };
+        let end = CanEndpoint::new(options, &mut toy);
         Self { toy, end, now: Instant(1_000_000_000) }
     }
 
     fn operational() -> Self {
         let mut desk = Self::new();
-        desk.hear(frame(0, &[1, 5]));
+        desk.receive(frame(0, &[1, 5]));
         desk.sent();
         desk
     }
 
-    fn hear(&mut self, frame: Frame) {
+    fn receive(&mut self, frame: Frame) {
         self.end.handle_input(self.now, &frame, &mut self.toy);
     }
 
@@ -191,11 +196,11 @@ impl Desk {
 
     /// What it sends to one frame.
     fn answers(&mut self, frame: Frame) -> Vec<Frame> {
-        self.hear(frame);
+        self.receive(frame);
         self.sent()
     }
 
-    fn pass_us(&mut self, us: u64) -> Vec<Frame> {
+    fn advance_us(&mut self, us: u64) -> Vec<Frame> {
         let end = self.now.plus_ns(us * 1000);
         let mut all = Vec::new();
         while let Some(due) = self.end.poll_timeout().filter(|due| *due <= end) {
@@ -209,31 +214,31 @@ impl Desk {
         all
     }
 
-    fn pass(&mut self, ms: u64) -> Vec<Frame> {
-        self.pass_us(ms * 1000)
+    fn advance(&mut self, ms: u64) -> Vec<Frame> {
+        self.advance_us(ms * 1000)
     }
 
-    fn ask(&mut self, request: Request) -> Reply {
+    fn request(&mut self, request: SdoRequest) -> SdoReply {
         let answers = self.answers(request.emit(5));
         assert_eq!(answers.len(), 1, "{request:?}: {answers:?}");
         assert_eq!(answers[0].id, 0x585);
-        Reply::of(answers[0].data)
+        SdoReply::of(answers[0].data)
     }
 
-    fn write(&mut self, index: u16, sub: u8, value: u32, len: u8) -> Result<(), Abort> {
-        let object = Object::new(index, sub);
-        match self.ask(Request::Write(object, Short { bits: value, len })) {
-            Reply::Written(of, 0) if of == object => Ok(()),
-            Reply::Abort(of, abort) if of == object => Err(abort),
+    fn write(&mut self, index: u16, sub: u8, value: u32, len: u8) -> Result<(), AbortCode> {
+        let object = ObjectIndex::new(index, sub);
+        match self.request(SdoRequest::Write(object, ExpeditedData { bits: value, len })) {
+            SdoReply::Written(of, 0) if of == object => Ok(()),
+            SdoReply::Abort(of, abort) if of == object => Err(abort),
             other => panic!("{other:?}"),
         }
     }
 
-    fn read(&mut self, index: u16, sub: u8) -> Result<u32, Abort> {
-        let object = Object::new(index, sub);
-        match self.ask(Request::Read(object)) {
-            Reply::Value(of, short) if of == object => Ok(short.bits),
-            Reply::Abort(of, abort) if of == object => Err(abort),
+    fn read(&mut self, index: u16, sub: u8) -> Result<u32, AbortCode> {
+        let object = ObjectIndex::new(index, sub);
+        match self.request(SdoRequest::Read(object)) {
+            SdoReply::Value(of, short) if of == object => Ok(short.bits),
+            SdoReply::Abort(of, abort) if of == object => Err(abort),
             other => panic!("{other:?}"),
         }
     }
@@ -262,7 +267,7 @@ fn remote(id: u16) -> Frame {
     Frame { id: id.into(), remote: true, ..Frame::default() }
 }
 
-/// As [`Desk::map`]'s PDO: the n-th that is sent.
+/// As [`NodeFixture::map`]'s PDO: the n-th that is sent.
 const fn tpdo(n: u16) -> u16 {
     0x400 + n
 }

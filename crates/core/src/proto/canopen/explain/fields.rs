@@ -1,241 +1,269 @@
 //! The fields of frames, byte by byte.
 
-use super::say;
-use crate::explain::{Field, Sink, Value};
+use super::meanings;
+use crate::explain::{ExplainSink, Field, FieldValue};
 use crate::medium::Frame;
 use crate::profile::Profile;
 use crate::proto::canopen::cia402::{CONTROLWORD, STATUSWORD};
 use crate::proto::canopen::cob::Cob;
 use crate::proto::canopen::lss;
-use crate::proto::canopen::nmt::State;
-use crate::proto::canopen::pdo::{Entry, Map};
-use crate::proto::canopen::sdo::{Object, Reply, Request, Segment, Short};
-use crate::proto::canopen::text::Said;
+use crate::proto::canopen::nmt::NmtState;
+use crate::proto::canopen::pdo::{MappingEntry, PdoMapping};
+use crate::proto::canopen::sdo::{ExpeditedData, ObjectIndex, SdoReply, SdoRequest, Segment};
+use crate::proto::canopen::text::Statement;
 
 /// Where fields go, and what is known of their frame.
-pub(super) struct Fields<'a> {
+pub(super) struct FieldWriter<'a> {
     pub frame: &'a Frame,
     pub profile: Option<&'static Profile>,
-    pub sink: &'a mut dyn Sink,
+    pub sink: &'a mut dyn ExplainSink,
 }
 
-impl Fields<'_> {
-    fn put(&mut self, name: &'static str, range: (u16, u16), value: Value<'_>, is: &'static str) {
+impl FieldWriter<'_> {
+    fn emit_field(
+        &mut self,
+        name: &'static str,
+        range: (u16, u16),
+        value: FieldValue<'_>,
+        is: &'static str,
+    ) {
         let (start, end) = range;
         let end = end.min(self.frame.len.into());
         self.sink.field(Field { name, start: start.min(end), end, value, meaning: is });
     }
 
-    fn int(&mut self, name: &'static str, range: (u16, u16), value: impl Into<i64>) {
-        self.put(name, range, Value::Int(value.into()), "");
+    fn emit_int(&mut self, name: &'static str, range: (u16, u16), value: impl Into<i64>) {
+        self.emit_field(name, range, FieldValue::Int(value.into()), "");
     }
 
     /// The bytes from `start` to `end` as one number in the order in which they stand.
-    fn bytes(&mut self, name: &'static str, start: u16, end: u16) {
+    fn emit_bytes(&mut self, name: &'static str, start: u16, end: u16) {
         let end = end.min(self.frame.len.into());
         let bytes = self.frame.data.get(start.into()..end.into()).unwrap_or_default();
         let number = bytes.iter().fold(0, |number, byte| number << 8 | u64::from(*byte));
-        self.put(name, (start, end), Value::Hex(number, 2 * bytes.len() as u8), "");
+        self.emit_field(name, (start, end), FieldValue::Hex(number, 2 * bytes.len() as u8), "");
     }
 
     /// All fields of what the frame says.
-    pub(super) fn of(&mut self, said: &Said) {
+    pub(super) fn emit_message(&mut self, said: &Statement) {
         let first = self.frame.data[0];
         match *said {
-            Said::Order(command, _) => {
-                self.put("command", (0, 1), Value::Int(first.into()), command.name());
+            Statement::Order(command, _) => {
+                self.emit_field("command", (0, 1), FieldValue::Int(first.into()), command.name());
                 let node = self.frame.data[1];
                 let meaning = if node == 0 { "all nodes" } else { "" };
-                self.put("node", (1, 2), Value::Int(node.into()), meaning);
+                self.emit_field("node", (1, 2), FieldValue::Int(node.into()), meaning);
             }
-            Said::Sync(sync) => {
-                sync.counter.into_iter().for_each(|counter| self.int("counter", (0, 1), counter));
+            Statement::Sync(sync) => {
+                sync.counter
+                    .into_iter()
+                    .for_each(|counter| self.emit_int("counter", (0, 1), counter));
             }
-            Said::Time(time) => {
-                self.int("ms", (0, 4), time.ms);
-                self.put("days", (4, 6), Value::Int(time.days.into()), "since 1984-01-01");
+            Statement::Time(time) => {
+                self.emit_int("ms", (0, 4), time.ms);
+                self.emit_field(
+                    "days",
+                    (4, 6),
+                    FieldValue::Int(time.days.into()),
+                    "since 1984-01-01",
+                );
             }
-            Said::Emergency(emergency, short) => {
-                let meaning = say::fault(emergency.code, self.profile);
-                self.put("code", (0, 2), Value::Hex(emergency.code.into(), 4), meaning);
+            Statement::Emergency(emergency, short) => {
+                let meaning = meanings::fault_text(emergency.code, self.profile);
+                self.emit_field("code", (0, 2), FieldValue::Hex(emergency.code.into(), 4), meaning);
                 if !short {
-                    self.put("register", (2, 3), Value::Hex(emergency.register.into(), 2), "");
-                    self.bytes("vendor", 3, 8);
+                    self.emit_field(
+                        "register",
+                        (2, 3),
+                        FieldValue::Hex(emergency.register.into(), 2),
+                        "",
+                    );
+                    self.emit_bytes("vendor", 3, 8);
                 }
             }
-            Said::State(heartbeat) => {
+            Statement::State(heartbeat) => {
                 let state = i64::from(u8::from(heartbeat.state));
-                self.put("state", (0, 1), Value::Int(state), heartbeat.state.name());
-                if heartbeat.toggle || heartbeat.state == State::BootUp {
-                    self.int("toggle", (0, 1), heartbeat.toggle);
+                self.emit_field("state", (0, 1), FieldValue::Int(state), heartbeat.state.name());
+                if heartbeat.toggle || heartbeat.state == NmtState::BootUp {
+                    self.emit_int("toggle", (0, 1), heartbeat.toggle);
                 }
             }
-            Said::Process { len, .. } => self.process(len),
-            Said::Request(request, _) => self.request(request),
-            Said::Reply(reply, _) => self.reply(reply),
-            Said::Part(part, _) => {
-                self.int("segment", (0, 1), part.number);
-                self.int("last", (0, 1), part.last);
-                self.bytes("data", 1, 8);
+            Statement::Process { len, .. } => self.emit_process(len),
+            Statement::Request(request, _) => self.emit_request(request),
+            Statement::Reply(reply, _) => self.emit_reply(reply),
+            Statement::BlockSegment(part, _) => {
+                self.emit_int("segment", (0, 1), part.number);
+                self.emit_int("last", (0, 1), part.last);
+                self.emit_bytes("data", 1, 8);
             }
-            Said::Lss(request) => self.lss(request),
-            Said::LssReply(reply) => self.lss_reply(reply),
+            Statement::Lss(request) => self.emit_lss_request(request),
+            Statement::LssReply(reply) => self.emit_lss_reply(reply),
             _ => {}
         }
     }
 
-    fn process(&mut self, len: u8) {
-        self.bytes("data", 0, len.into());
-        let Some(map) = usual_mapping(Cob::of(self.frame.id as u16), len) else { return };
+    fn emit_process(&mut self, len: u8) {
+        self.emit_bytes("data", 0, len.into());
+        let Some(map) = default_mapping(Cob::of(self.frame.id as u16), len) else { return };
         let data = u64::from_le_bytes(self.frame.data);
         for (entry, field) in map.fields() {
-            let (name, start) = (say::name(entry.object, self.profile), u16::from(field.at));
+            let (name, start) =
+                (meanings::object_name(entry.object, self.profile), u16::from(field.start));
             let range = (start / 8, (start + u16::from(field.bits)) / 8);
             let bits = field.unsigned(data);
             match entry.object {
-                CONTROLWORD | STATUSWORD => self.put(name, range, Value::Hex(bits, 4), ""),
-                object if say::signed(object, self.profile) => {
-                    self.int(name, range, field.signed(data));
+                CONTROLWORD | STATUSWORD => {
+                    self.emit_field(name, range, FieldValue::Hex(bits, 4), "")
                 }
-                _ => self.int(name, range, bits.cast_signed()),
+                object if meanings::is_signed(object, self.profile) => {
+                    self.emit_int(name, range, field.signed(data));
+                }
+                _ => self.emit_int(name, range, bits.cast_signed()),
             }
         }
     }
 
-    fn head(&mut self, meaning: &'static str) {
-        self.put("command", (0, 1), Value::Hex(self.frame.data[0].into(), 2), meaning);
+    fn emit_head(&mut self, meaning: &'static str) {
+        self.emit_field("command", (0, 1), FieldValue::Hex(self.frame.data[0].into(), 2), meaning);
     }
 
-    fn object(&mut self, object: Object) {
-        let name = say::name(object, self.profile);
-        self.put("index", (1, 3), Value::Hex(object.index.into(), 4), name);
-        self.int("sub", (3, 4), object.sub);
+    fn emit_object(&mut self, object: ObjectIndex) {
+        let name = meanings::object_name(object, self.profile);
+        self.emit_field("index", (1, 3), FieldValue::Hex(object.index.into(), 4), name);
+        self.emit_int("sub", (3, 4), object.sub);
     }
 
-    fn short(&mut self, object: Object, short: Short) {
+    fn emit_expedited(&mut self, object: ObjectIndex, short: ExpeditedData) {
         let (_, len) = short.bytes();
-        self.int("size", (0, 1), short.len);
-        let number = say::number(object, short.bits, short.len, self.profile);
+        self.emit_int("size", (0, 1), short.len);
+        let number = meanings::decode_number(object, short.bits, short.len, self.profile);
         let beyond = short.len > 0 && len < 4 && short.bits >> (8 * len) != 0;
         let end = if beyond { 8 } else { 4 + len as u16 };
-        self.int("value", (4, end), number);
+        self.emit_int("value", (4, end), number);
     }
 
-    fn size(&mut self, size: Option<u32>) {
-        size.into_iter().for_each(|size| self.int("size", (4, 8), size));
+    fn emit_size(&mut self, size: Option<u32>) {
+        size.into_iter().for_each(|size| self.emit_int("size", (4, 8), size));
     }
 
-    fn segment(&mut self, segment: Segment) {
-        self.int("toggle", (0, 1), segment.toggle);
-        self.int("last", (0, 1), segment.last);
-        self.bytes("data", 1, 1 + u16::from(segment.len));
+    fn emit_segment(&mut self, segment: Segment) {
+        self.emit_int("toggle", (0, 1), segment.toggle);
+        self.emit_int("last", (0, 1), segment.last);
+        self.emit_bytes("data", 1, 1 + u16::from(segment.len));
     }
 
-    fn end(&mut self, unused: u8, crc: u16) {
-        self.int("unused", (0, 1), unused);
-        self.put("crc", (1, 3), Value::Hex(crc.into(), 4), "");
+    fn emit_block_end(&mut self, unused: u8, crc: u16) {
+        self.emit_int("unused", (0, 1), unused);
+        self.emit_field("crc", (1, 3), FieldValue::Hex(crc.into(), 4), "");
     }
 
-    fn ack(&mut self, arrived: u8, segments: u8) {
-        self.int("arrived", (1, 2), arrived);
-        self.int("segments", (2, 3), segments);
+    fn emit_block_ack(&mut self, arrived: u8, segments: u8) {
+        self.emit_int("arrived", (1, 2), arrived);
+        self.emit_int("segments", (2, 3), segments);
     }
 
-    fn abort(&mut self, abort: crate::proto::canopen::sdo::Abort) {
-        self.put("abort", (4, 8), Value::Hex(abort.0.into(), 8), say::abort(abort));
+    fn emit_abort(&mut self, abort: crate::proto::canopen::sdo::AbortCode) {
+        self.emit_field(
+            "abort",
+            (4, 8),
+            FieldValue::Hex(abort.0.into(), 8),
+            meanings::abort_text(abort),
+        );
     }
 
-    fn request(&mut self, request: Request) {
-        self.head(super::request_kind(request));
-        request.object().into_iter().for_each(|object| self.object(object));
+    fn emit_request(&mut self, request: SdoRequest) {
+        self.emit_head(super::kinds::request_kind(request));
+        request.object().into_iter().for_each(|object| self.emit_object(object));
         match request {
-            Request::Write(object, short) => self.short(object, short),
-            Request::WriteLong(_, size) => self.size(size),
-            Request::WriteSegment(segment) => self.segment(segment),
-            Request::ReadSegment(toggle) => self.int("toggle", (0, 1), toggle),
-            Request::WriteBlock { crc, size, .. } => {
-                self.int("crc", (0, 1), crc);
-                self.size(size);
+            SdoRequest::Write(object, short) => self.emit_expedited(object, short),
+            SdoRequest::WriteLong(_, size) => self.emit_size(size),
+            SdoRequest::WriteSegment(segment) => self.emit_segment(segment),
+            SdoRequest::ReadSegment(toggle) => self.emit_int("toggle", (0, 1), toggle),
+            SdoRequest::WriteBlock { crc, size, .. } => {
+                self.emit_int("crc", (0, 1), crc);
+                self.emit_size(size);
             }
-            Request::WriteBlockEnd { unused, crc } => self.end(unused, crc),
-            Request::ReadBlock { crc, segments, threshold, .. } => {
-                self.int("crc", (0, 1), crc);
-                self.int("segments", (4, 5), segments);
-                self.int("threshold", (5, 6), threshold);
+            SdoRequest::WriteBlockEnd { unused, crc } => self.emit_block_end(unused, crc),
+            SdoRequest::ReadBlock { crc, segments, threshold, .. } => {
+                self.emit_int("crc", (0, 1), crc);
+                self.emit_int("segments", (4, 5), segments);
+                self.emit_int("threshold", (5, 6), threshold);
             }
-            Request::ReadBlockAck { arrived, segments } => self.ack(arrived, segments),
-            Request::Abort(_, abort) => self.abort(abort),
-            Request::Read(_)
-            | Request::ReadBlockStart
-            | Request::ReadBlockEnd
-            | Request::Other(_) => {}
+            SdoRequest::ReadBlockAck { arrived, segments } => {
+                self.emit_block_ack(arrived, segments)
+            }
+            SdoRequest::Abort(_, abort) => self.emit_abort(abort),
+            SdoRequest::Read(_)
+            | SdoRequest::ReadBlockStart
+            | SdoRequest::ReadBlockEnd
+            | SdoRequest::Other(_) => {}
         }
     }
 
-    fn reply(&mut self, reply: Reply) {
-        self.head(super::reply_kind(reply));
-        reply.object().into_iter().for_each(|object| self.object(object));
+    fn emit_reply(&mut self, reply: SdoReply) {
+        self.emit_head(super::kinds::reply_kind(reply));
+        reply.object().into_iter().for_each(|object| self.emit_object(object));
         match reply {
-            Reply::Written(_, 0) => {}
-            Reply::Written(_, echo) => self.int("echo", (4, 8), echo),
-            Reply::WrittenSegment(toggle) => self.int("toggle", (0, 1), toggle),
-            Reply::Value(object, short) => self.short(object, short),
-            Reply::ValueLong(_, size) => self.size(size),
-            Reply::ValueSegment(segment) => self.segment(segment),
-            Reply::WriteBlockReady { crc, segments, .. } => {
-                self.int("crc", (0, 1), crc);
-                self.int("segments", (4, 5), segments);
+            SdoReply::Written(_, 0) => {}
+            SdoReply::Written(_, echo) => self.emit_int("echo", (4, 8), echo),
+            SdoReply::WrittenSegment(toggle) => self.emit_int("toggle", (0, 1), toggle),
+            SdoReply::Value(object, short) => self.emit_expedited(object, short),
+            SdoReply::ValueLong(_, size) => self.emit_size(size),
+            SdoReply::ValueSegment(segment) => self.emit_segment(segment),
+            SdoReply::WriteBlockReady { crc, segments, .. } => {
+                self.emit_int("crc", (0, 1), crc);
+                self.emit_int("segments", (4, 5), segments);
             }
-            Reply::WriteBlockAck { arrived, segments } => self.ack(arrived, segments),
-            Reply::ReadBlockReady { crc, size, .. } => {
-                self.int("crc", (0, 1), crc);
-                self.size(size);
+            SdoReply::WriteBlockAck { arrived, segments } => self.emit_block_ack(arrived, segments),
+            SdoReply::ReadBlockReady { crc, size, .. } => {
+                self.emit_int("crc", (0, 1), crc);
+                self.emit_size(size);
             }
-            Reply::ReadBlockEnd { unused, crc } => self.end(unused, crc),
-            Reply::Abort(_, abort) => self.abort(abort),
-            Reply::WriteBlockDone | Reply::Other(_) => {}
+            SdoReply::ReadBlockEnd { unused, crc } => self.emit_block_end(unused, crc),
+            SdoReply::Abort(_, abort) => self.emit_abort(abort),
+            SdoReply::WriteBlockDone | SdoReply::Other(_) => {}
         }
     }
 
-    fn lss(&mut self, request: lss::Request) {
-        use lss::Request;
-        self.head(super::lss_kind(request));
+    fn emit_lss_request(&mut self, request: lss::LssRequest) {
+        use lss::LssRequest;
+        self.emit_head(super::kinds::lss_kind(request));
         match request {
-            Request::SwitchGlobal(on) => self.int("mode", (1, 2), on),
-            Request::SwitchSelective(_, value) | Request::Identify(_, value) => {
-                self.put("number", (1, 5), Value::Hex(value.into(), 8), "");
+            LssRequest::SwitchGlobal(on) => self.emit_int("mode", (1, 2), on),
+            LssRequest::SwitchSelective(_, value) | LssRequest::Identify(_, value) => {
+                self.emit_field("number", (1, 5), FieldValue::Hex(value.into(), 8), "");
             }
-            Request::SetNode(node) => self.int("node", (1, 2), node),
-            Request::SetBitTiming(table, index) => {
-                self.int("table", (1, 2), table);
-                self.int("index", (2, 3), index);
+            LssRequest::SetNode(node) => self.emit_int("node", (1, 2), node),
+            LssRequest::SetBitTiming(table, index) => {
+                self.emit_int("table", (1, 2), table);
+                self.emit_int("index", (2, 3), index);
             }
-            Request::ActivateBitTiming(ms) => self.int("delay_ms", (1, 3), ms),
-            Request::FastScan { number, bit, sub, next } => {
-                self.put("number", (1, 5), Value::Hex(number.into(), 8), "");
-                self.int("bit", (5, 6), bit);
-                self.int("sub", (6, 7), sub as u8);
-                self.int("next", (7, 8), next as u8);
+            LssRequest::ActivateBitTiming(ms) => self.emit_int("delay_ms", (1, 3), ms),
+            LssRequest::FastScan { number, bit, sub, next } => {
+                self.emit_field("number", (1, 5), FieldValue::Hex(number.into(), 8), "");
+                self.emit_int("bit", (5, 6), bit);
+                self.emit_int("sub", (6, 7), sub as u8);
+                self.emit_int("next", (7, 8), next as u8);
             }
             _ => {}
         }
     }
 
-    fn lss_reply(&mut self, reply: lss::Reply) {
-        use lss::Reply;
-        self.head(super::lss_reply_kind(reply));
+    fn emit_lss_reply(&mut self, reply: lss::LssReply) {
+        use lss::LssReply;
+        self.emit_head(super::kinds::lss_reply_kind(reply));
         match reply {
-            Reply::SetNode(error, own)
-            | Reply::SetBitTiming(error, own)
-            | Reply::Store(error, own) => {
+            LssReply::SetNode(error, own)
+            | LssReply::SetBitTiming(error, own)
+            | LssReply::Store(error, own) => {
                 let meaning = if error == 0 { "done" } else { "refused" };
-                self.put("error", (1, 2), Value::Int(error.into()), meaning);
-                self.int("own", (2, 3), own);
+                self.emit_field("error", (1, 2), FieldValue::Int(error.into()), meaning);
+                self.emit_int("own", (2, 3), own);
             }
-            Reply::Number(_, value) => {
-                self.put("number", (1, 5), Value::Hex(value.into(), 8), "");
+            LssReply::Number(_, value) => {
+                self.emit_field("number", (1, 5), FieldValue::Hex(value.into(), 8), "");
             }
-            Reply::Node(node) => self.int("node", (1, 2), node),
+            LssReply::Node(node) => self.emit_int("node", (1, 2), node),
             _ => {}
         }
     }
@@ -244,18 +272,18 @@ impl Fields<'_> {
 /// The mapping that CiA 402 gives a PDO of that length from the factory; what a drive's is now
 /// stands in its objects.
 #[must_use]
-pub fn usual_mapping(cob: Cob, len: u8) -> Option<Map> {
+pub fn default_mapping(cob: Cob, len: u8) -> Option<PdoMapping> {
     let (word, second) = match cob {
         Cob::Rpdo(number, _) => (CONTROLWORD, [0, 0x6060, 0x607A, 0x60FF].get(number as usize - 1)),
         Cob::Tpdo(number, _) => (STATUSWORD, [0, 0x6061, 0x6064, 0x606C].get(number as usize - 1)),
         _ => return None,
     };
-    let word = Entry { object: word, bits: 16 };
+    let word = MappingEntry { object: word, bits: 16 };
     let map = match *second? {
-        0 => Map::new([word]),
+        0 => PdoMapping::new([word]),
         index => {
             let bits = if index < 0x6062 { 8 } else { 32 };
-            Map::new([word, Entry { object: Object::new(index, 0), bits }])
+            PdoMapping::new([word, MappingEntry { object: ObjectIndex::new(index, 0), bits }])
         }
     };
     map.ok().filter(|map| map.bytes() == len)

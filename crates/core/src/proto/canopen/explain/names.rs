@@ -1,13 +1,13 @@
 //! Names of the standards' objects (CiA 301, 7.5; CiA 302; CiA 402-2), for where no profile names
 //! them better.
 
-use crate::proto::canopen::sdo::Object;
+use crate::proto::canopen::sdo::ObjectIndex;
 
 /// First index, last index, name, and whether values have a sign.
-type Row = (u16, u16, &'static str, bool);
+type ObjectName = (u16, u16, &'static str, bool);
 
 /// In the order of indices.
-const OBJECTS: [Row; 105] = [
+const OBJECTS: [ObjectName; 105] = [
     (0x1000, 0x1000, "device type", false),
     (0x1001, 0x1001, "error register", false),
     (0x1002, 0x1002, "manufacturer status register", false),
@@ -116,7 +116,7 @@ const OBJECTS: [Row; 105] = [
 ];
 
 /// The standards' name for an object, and whether its values have a sign.
-pub(super) fn standard(object: Object) -> Option<(&'static str, bool)> {
+pub(super) fn standard_name(object: ObjectIndex) -> Option<(&'static str, bool)> {
     let below = OBJECTS.partition_point(|(first, ..)| *first <= object.index);
     let (_, last, name, signed) = *OBJECTS.get(below.checked_sub(1)?)?;
     // Sub-index 0 of what has more is their number.

@@ -1,279 +1,323 @@
 //! What a node's answers make of its transfer.
 
-use super::channel::{Channel, Doubt, Sort, Stage, Step};
-use super::long::Long;
+use super::channel::{ChannelStage, ChannelStep, NodeChannel, ReplyKind, StaleAnswers};
+use super::transfer_buffer::TransferBuffer;
 use crate::error::Failure;
-use crate::proto::canopen::ask::{Answer, Ask};
-use crate::proto::canopen::sdo::{Abort, BlockSegment, Object, Reply, SEGMENT, Segment};
+use crate::proto::canopen::host_request::{Answer, HostRequest};
+use crate::proto::canopen::sdo::{
+    AbortCode, BlockSegment, ObjectIndex, SEGMENT, SdoReply, Segment,
+};
 use crate::time::Instant;
 
 /// Bytes of a value that go into an outcome.
-const SHORT: u32 = 8;
+const VALUE_BYTES_MAX: u32 = 8;
 
-impl Channel {
+impl NodeChannel {
     /// Takes what the node says; `deadline` is when it must say more.
-    pub fn reply(
+    pub fn handle_reply(
         &mut self,
         deadline: Instant,
         data: [u8; 8],
-        long: Option<&mut Long>,
-    ) -> (Step, Sort) {
-        if let Stage::BlockReading(arrived) = self.stage
+        long: Option<&mut TransferBuffer>,
+    ) -> (ChannelStep, ReplyKind) {
+        if let ChannelStage::BlockReading(arrived) = self.stage
             && data[0] != 0x80
         {
             self.deadline = deadline;
-            return (self.block_came(BlockSegment::of(data), arrived, long), Sort::Answer);
+            return (
+                self.handle_block_segment(BlockSegment::of(data), arrived, long),
+                ReplyKind::Expected,
+            );
         }
         // What is said to a stop ahead of the probe may be said to what was before.
-        let sure = self.stage != Stage::Ahead;
-        match self.step(deadline, Reply::of(data), long) {
-            Some(step) => (step, if sure { Sort::Answer } else { Sort::Late }),
-            None => (Step::Wait, Sort::Late),
+        let sure = self.stage != ChannelStage::StopFirst;
+        match self.step_for_reply(deadline, SdoReply::of(data), long) {
+            Some(step) => (step, if sure { ReplyKind::Expected } else { ReplyKind::Late }),
+            None => (ChannelStep::Wait, ReplyKind::Late),
         }
     }
 
     /// What a reply leads to; `None` for one that is not waited for.
-    fn step(&mut self, deadline: Instant, reply: Reply, long: Option<&mut Long>) -> Option<Step> {
+    fn step_for_reply(
+        &mut self,
+        deadline: Instant,
+        reply: SdoReply,
+        long: Option<&mut TransferBuffer>,
+    ) -> Option<ChannelStep> {
         let object = self.object();
         match (self.stage, reply) {
-            (Stage::Idle | Stage::Guard | Stage::Drain, _) => None,
-            (Stage::Probe, Reply::Abort(named, _))
-            | (Stage::Probe, Reply::Value(named, _) | Reply::ValueLong(named, _))
-                if named == self.probe() =>
+            (ChannelStage::Idle | ChannelStage::Guard | ChannelStage::Drain, _) => None,
+            (ChannelStage::Probe, SdoReply::Abort(named, _))
+            | (ChannelStage::Probe, SdoReply::Value(named, _) | SdoReply::ValueLong(named, _))
+                if named == self.probe_object() =>
             {
-                self.doubt = Doubt::None;
-                self.stage = Stage::Begin;
-                Some(Step::Send)
+                self.stale_answers = StaleAnswers::None;
+                self.stage = ChannelStage::Request;
+                Some(ChannelStep::Send)
             }
-            (Stage::Ahead, Reply::Written(named, _) | Reply::Abort(named, _))
+            (ChannelStage::StopFirst, SdoReply::Written(named, _) | SdoReply::Abort(named, _))
                 if named == object =>
             {
-                self.stage = Stage::Probe;
-                Some(Step::Send)
+                self.stage = ChannelStage::Probe;
+                Some(ChannelStep::Send)
             }
-            (Stage::Probe | Stage::Ahead, _) => None,
-            (stage, Reply::Abort(named, abort))
-                if named == object || stage != Stage::Begin && named == Object::default() =>
+            (ChannelStage::Probe | ChannelStage::StopFirst, _) => None,
+            (stage, SdoReply::Abort(named, abort))
+                if named == object
+                    || stage != ChannelStage::Request && named == ObjectIndex::default() =>
             {
-                self.doubt = Doubt::None;
-                Some(Step::End(Err(Failure::Refused { code: abort.0 })))
+                self.stale_answers = StaleAnswers::None;
+                Some(ChannelStep::End(Err(Failure::Refused { code: abort.0 })))
             }
-            (Stage::Begin, reply) if reply.object() == Some(object) => {
-                let step = self.begun(reply, long)?;
-                self.doubt = Doubt::None;
+            (ChannelStage::Request, reply) if reply.object() == Some(object) => {
+                let step = self.handle_begun(reply, long)?;
+                self.stale_answers = StaleAnswers::None;
                 Some(step)
             }
-            (Stage::Reading, Reply::ValueSegment(segment)) => {
-                Some(self.came(deadline, segment, long))
+            (ChannelStage::Reading, SdoReply::ValueSegment(segment)) => {
+                Some(self.handle_segment(deadline, segment, long))
             }
-            (Stage::Writing, Reply::WrittenSegment(toggle)) => {
-                Some(self.went(deadline, toggle, long))
+            (ChannelStage::Writing, SdoReply::WrittenSegment(toggle)) => {
+                Some(self.handle_segment_ack(deadline, toggle, long))
             }
-            (Stage::BlockReadEnd, Reply::ReadBlockEnd { unused, crc }) => {
-                Some(self.all_came((unused, crc), long?))
+            (ChannelStage::BlockReadEnd, SdoReply::ReadBlockEnd { unused, crc }) => {
+                Some(self.handle_block_end((unused, crc), long?))
             }
-            (Stage::BlockWriting(sent), Reply::WriteBlockAck { arrived, segments }) => {
-                Some(self.block_went(deadline, sent, (arrived, segments), long?))
+            (ChannelStage::BlockWriting(sent), SdoReply::WriteBlockAck { arrived, segments }) => {
+                Some(self.handle_block_ack(deadline, sent, (arrived, segments), long?))
             }
-            (Stage::BlockWriteEnd, Reply::WriteBlockDone) => Some(self.through()),
+            (ChannelStage::BlockWriteEnd, SdoReply::WriteBlockDone) => Some(self.finish_write()),
             _ => None,
         }
     }
 
     /// The node took the request, and a longer transfer begins.
-    fn begun(&mut self, reply: Reply, long: Option<&mut Long>) -> Option<Step> {
-        self.stage = match (reply, self.ask) {
-            (Reply::ValueLong(_, size), Ask::Read { .. } | Ask::Upload { block: false, .. }) => {
+    fn handle_begun(
+        &mut self,
+        reply: SdoReply,
+        long: Option<&mut TransferBuffer>,
+    ) -> Option<ChannelStep> {
+        self.stage = match (reply, self.host_request) {
+            (
+                SdoReply::ValueLong(_, size),
+                HostRequest::Read { .. } | HostRequest::Upload { block: false, .. },
+            ) => {
                 self.size = size;
-                Stage::Reading
+                ChannelStage::Reading
             }
             // Short after all.
-            (Reply::Value(_, short), Ask::Upload { .. }) => {
+            (SdoReply::Value(_, short), HostRequest::Upload { .. }) => {
                 let (bytes, len) = short.bytes();
-                self.done = len as u32;
-                long?.came(&bytes[..len]);
-                return Some(self.drain());
+                self.bytes_done = len as u32;
+                long?.push_segment(&bytes[..len]);
+                return Some(self.begin_drain());
             }
-            (Reply::Written(object, _), Ask::Write { bits, len: 0..=4, .. }) => {
-                return Some(Step::End(Ok(Answer::Written { object, bits })));
+            (SdoReply::Written(object, _), HostRequest::Write { bits, len: 0..=4, .. }) => {
+                return Some(ChannelStep::End(Ok(Answer::Written { object, bits })));
             }
-            (Reply::Written(..), Ask::Write { .. }) => Stage::Writing,
-            (Reply::Written(..), Ask::Download { block: false, .. }) => {
-                self.stage = Stage::Writing;
-                return Some(self.go_on(long?));
+            (SdoReply::Written(..), HostRequest::Write { .. }) => ChannelStage::Writing,
+            (SdoReply::Written(..), HostRequest::Download { block: false, .. }) => {
+                self.stage = ChannelStage::Writing;
+                return Some(self.resume(long?));
             }
-            (Reply::ReadBlockReady { crc, .. }, Ask::Upload { block: true, .. }) => {
-                self.checked = crc;
-                Stage::BlockStart
+            (SdoReply::ReadBlockReady { crc, .. }, HostRequest::Upload { block: true, .. }) => {
+                self.uses_crc = crc;
+                ChannelStage::BlockStart
             }
-            (Reply::WriteBlockReady { crc, segments, .. }, Ask::Download { block: true, .. }) => {
-                if !(1..=Long::SEGMENTS).contains(&segments) {
-                    return Some(self.broken(Abort::BLOCK_SIZE));
+            (
+                SdoReply::WriteBlockReady { crc, segments, .. },
+                HostRequest::Download { block: true, .. },
+            ) => {
+                if !(1..=TransferBuffer::SEGMENTS).contains(&segments) {
+                    return Some(self.abort_broken(AbortCode::BLOCK_SIZE));
                 }
-                (self.checked, self.segments) = (crc, segments);
-                self.stage = Stage::BlockWriting(0);
-                return Some(self.go_on(long?));
+                (self.uses_crc, self.segments) = (crc, segments);
+                self.stage = ChannelStage::BlockWriting(0);
+                return Some(self.resume(long?));
             }
             _ => return None,
         };
-        Some(Step::Send)
+        Some(ChannelStep::Send)
     }
 
     /// A segment came.
-    fn came(&mut self, deadline: Instant, segment: Segment, long: Option<&mut Long>) -> Step {
+    fn handle_segment(
+        &mut self,
+        deadline: Instant,
+        segment: Segment,
+        long: Option<&mut TransferBuffer>,
+    ) -> ChannelStep {
         if segment.toggle != self.toggle {
-            return self.copy(deadline);
+            return self.handle_duplicate(deadline);
         }
         let bytes = segment.bytes();
         for byte in bytes {
-            if self.done < SHORT {
-                self.bits |= u64::from(*byte) << (8 * self.done);
+            if self.bytes_done < VALUE_BYTES_MAX {
+                self.bits |= u64::from(*byte) << (8 * self.bytes_done);
             }
-            self.done += 1;
+            self.bytes_done += 1;
         }
-        (self.toggle, self.copied) = (!self.toggle, false);
+        (self.toggle, self.duplicate_seen) = (!self.toggle, false);
         if let Some(long) = long {
-            long.came(bytes);
-            return if segment.last { self.drain() } else { self.go_on(long) };
+            long.push_segment(bytes);
+            return if segment.last { self.begin_drain() } else { self.resume(long) };
         }
         let value = |len| Answer::Value { object: self.object(), bits: self.bits, len };
-        match (segment.last, self.size.is_some_and(|size| size != self.done)) {
-            (true, true) => self.broken(Abort::LENGTH),
-            (true, false) => Step::End(Ok(value(self.done))),
+        match (segment.last, self.size.is_some_and(|size| size != self.bytes_done)) {
+            (true, true) => self.abort_broken(AbortCode::LENGTH),
+            (true, false) => ChannelStep::End(Ok(value(self.bytes_done))),
             // The outcome has room for no more.
-            (false, _) if self.done >= SHORT => {
-                let len = self.size.unwrap_or(self.done).max(self.done);
-                Step::Abort(Abort::MEMORY, Ok(value(len)))
+            (false, _) if self.bytes_done >= VALUE_BYTES_MAX => {
+                let len = self.size.unwrap_or(self.bytes_done).max(self.bytes_done);
+                ChannelStep::Abort(AbortCode::MEMORY, Ok(value(len)))
             }
-            (false, _) => Step::Send,
+            (false, _) => ChannelStep::Send,
         }
     }
 
     /// A segment was taken.
-    fn went(&mut self, deadline: Instant, toggle: bool, long: Option<&mut Long>) -> Step {
+    fn handle_segment_ack(
+        &mut self,
+        deadline: Instant,
+        toggle: bool,
+        long: Option<&mut TransferBuffer>,
+    ) -> ChannelStep {
         if toggle != self.toggle {
-            return self.copy(deadline);
+            return self.handle_duplicate(deadline);
         }
-        (self.toggle, self.copied) = (!self.toggle, false);
-        match (long, self.ask) {
-            (Some(long), Ask::Download { size, .. }) => {
-                self.done = size;
-                if long.arrived(1) { self.through() } else { self.go_on(long) }
+        (self.toggle, self.duplicate_seen) = (!self.toggle, false);
+        match (long, self.host_request) {
+            (Some(long), HostRequest::Download { size, .. }) => {
+                self.bytes_done = size;
+                if long.acknowledge_segments(1) { self.finish_write() } else { self.resume(long) }
             }
-            (_, Ask::Write { object, bits, len, .. }) => {
-                self.done += SEGMENT as u32;
-                match self.done < len.into() {
-                    true => Step::Send,
-                    false => Step::End(Ok(Answer::Written { object, bits })),
+            (_, HostRequest::Write { object, bits, len, .. }) => {
+                self.bytes_done += SEGMENT as u32;
+                match self.bytes_done < len.into() {
+                    true => ChannelStep::Send,
+                    false => ChannelStep::End(Ok(Answer::Written { object, bits })),
                 }
             }
-            _ => Step::Wait,
+            _ => ChannelStep::Wait,
         }
     }
 
     /// A segment with the other's toggle: once it may be a copy of the one before.
-    fn copy(&mut self, deadline: Instant) -> Step {
-        if core::mem::replace(&mut self.copied, true) {
-            return self.broken(Abort::TOGGLE);
+    fn handle_duplicate(&mut self, deadline: Instant) -> ChannelStep {
+        if core::mem::replace(&mut self.duplicate_seen, true) {
+            return self.abort_broken(AbortCode::TOGGLE);
         }
         self.deadline = deadline;
-        Step::Wait
+        ChannelStep::Wait
     }
 
     /// A segment of a block came. Those behind a gap do not count; they are sent again.
-    fn block_came(&mut self, segment: BlockSegment, arrived: u8, long: Option<&mut Long>) -> Step {
-        let Some(long) = long else { return self.broken(Abort::INTERNAL) };
+    fn handle_block_segment(
+        &mut self,
+        segment: BlockSegment,
+        arrived: u8,
+        long: Option<&mut TransferBuffer>,
+    ) -> ChannelStep {
+        let Some(long) = long else { return self.abort_broken(AbortCode::INTERNAL) };
         let BlockSegment { number, last, data } = segment;
         let wanted = number == arrived + 1;
         if wanted {
-            self.stage = Stage::BlockReading(number);
+            self.stage = ChannelStage::BlockReading(number);
             self.attempts = 0;
-            self.done += SEGMENT as u32;
-            long.block_came(data, last);
+            self.bytes_done += SEGMENT as u32;
+            long.push_block_segment(data, last);
         }
         match last || number >= self.segments {
-            true => self.go_on(long),
-            false => Step::Wait,
+            true => self.resume(long),
+            false => ChannelStep::Wait,
         }
     }
 
-    fn all_came(&mut self, (unused, crc): (u8, u16), long: &mut Long) -> Step {
-        let computed = long.all_came(unused);
-        self.done = self.done.saturating_sub(unused.into());
-        if self.checked && computed != crc {
-            return self.broken(Abort::CRC);
+    fn handle_block_end(
+        &mut self,
+        (unused, crc): (u8, u16),
+        long: &mut TransferBuffer,
+    ) -> ChannelStep {
+        let computed = long.finish_blocks(unused);
+        self.bytes_done = self.bytes_done.saturating_sub(unused.into());
+        if self.uses_crc && computed != crc {
+            return self.abort_broken(AbortCode::CRC);
         }
-        self.stage = Stage::BlockReadDone;
-        Step::Send
+        self.stage = ChannelStage::BlockReadDone;
+        ChannelStep::Send
     }
 
     /// The node took so many segments of a block, and the next one has so many.
-    fn block_went(
+    fn handle_block_ack(
         &mut self,
         deadline: Instant,
         sent: u8,
         (arrived, segments): (u8, u8),
-        long: &mut Long,
-    ) -> Step {
+        long: &mut TransferBuffer,
+    ) -> ChannelStep {
         if arrived > sent {
-            return self.broken(Abort::SEQUENCE);
+            return self.abort_broken(AbortCode::SEQUENCE);
         }
-        if !(1..=Long::SEGMENTS).contains(&segments) {
-            return self.broken(Abort::BLOCK_SIZE);
+        if !(1..=TransferBuffer::SEGMENTS).contains(&segments) {
+            return self.abort_broken(AbortCode::BLOCK_SIZE);
         }
         self.attempts = if arrived == 0 { self.attempts + 1 } else { 0 };
         if self.attempts > Self::BLOCKS_LOST_MAX {
-            return self.broken(Abort::SEQUENCE);
+            return self.abort_broken(AbortCode::SEQUENCE);
         }
         self.deadline = deadline;
         self.segments = segments;
-        if long.arrived(arrived) {
-            self.stage = Stage::BlockWriteEnd;
-            return Step::Send;
+        if long.acknowledge_segments(arrived) {
+            self.stage = ChannelStage::BlockWriteEnd;
+            return ChannelStep::Send;
         }
-        self.stage = Stage::BlockWriting(0);
-        self.go_on(long)
+        self.stage = ChannelStage::BlockWriting(0);
+        self.resume(long)
     }
 
     /// The node breaks the protocol.
-    fn broken(&mut self, abort: Abort) -> Step {
-        self.doubt.add(self.object());
-        Step::Abort(abort, Err(Failure::Misbehaved))
+    fn abort_broken(&mut self, abort: AbortCode) -> ChannelStep {
+        self.stale_answers.insert(self.object());
+        ChannelStep::Abort(abort, Err(Failure::Misbehaved))
     }
 
     /// Everything was written.
-    fn through(&self) -> Step {
-        let Ask::Download { size, .. } = self.ask else { return Step::Wait };
-        Step::End(Ok(Answer::Transferred(size)))
+    fn finish_write(&self) -> ChannelStep {
+        let HostRequest::Download { size, .. } = self.host_request else {
+            return ChannelStep::Wait;
+        };
+        ChannelStep::End(Ok(Answer::Transferred(size)))
     }
 
     /// Everything came; it is over when somebody has taken it.
-    fn drain(&mut self) -> Step {
-        self.stage = Stage::Drain;
+    fn begin_drain(&mut self) -> ChannelStep {
+        self.stage = ChannelStage::Drain;
         self.stalled = true;
-        Step::Wait
+        ChannelStep::Wait
     }
 
     /// Goes on with a long transfer if there are bytes, or room for them.
-    fn go_on(&mut self, long: &Long) -> Step {
+    fn resume(&mut self, long: &TransferBuffer) -> ChannelStep {
         let able = match self.stage {
-            Stage::Reading => long.segments() > 0,
-            Stage::BlockReading(_) => long.has_last() || long.segments() > 0,
-            Stage::Writing => long.segment(0).is_some(),
-            Stage::BlockWriting(sent) => long.segment(sent).is_some(),
+            ChannelStage::Reading => long.free_segments() > 0,
+            ChannelStage::BlockReading(_) => long.has_last() || long.free_segments() > 0,
+            ChannelStage::Writing => long.segment(0).is_some(),
+            ChannelStage::BlockWriting(sent) => long.segment(sent).is_some(),
             _ => true,
         };
         self.stalled = !able;
-        if able { Step::Send } else { Step::Wait }
+        if able { ChannelStep::Send } else { ChannelStep::Wait }
     }
 
     /// Somebody took or gave bytes.
-    pub fn stirred(&mut self, long: &Long) -> Step {
+    pub fn resume_stalled(&mut self, long: &TransferBuffer) -> ChannelStep {
         match self.stage {
-            Stage::Drain if long.is_empty() => Step::End(Ok(Answer::Transferred(self.done))),
-            Stage::Drain => Step::Wait,
-            _ if self.stalled => self.go_on(long),
-            _ => Step::Wait,
+            ChannelStage::Drain if long.is_empty() => {
+                ChannelStep::End(Ok(Answer::Transferred(self.bytes_done)))
+            }
+            ChannelStage::Drain => ChannelStep::Wait,
+            _ if self.stalled => self.resume(long),
+            _ => ChannelStep::Wait,
         }
     }
 }

@@ -9,14 +9,17 @@ use crate::error::WireError;
 use crate::medium::Frame;
 use crate::proto::canopen::Cob;
 use crate::proto::canopen::emcy::Emergency;
-use crate::proto::canopen::heartbeat::{Heartbeat, guard};
-use crate::proto::canopen::lss::{self, Bound, Number};
-use crate::proto::canopen::nmt::{Command, Order, State};
-use crate::proto::canopen::pdo::{CobId, Entry, Field, Map, MapError, Transmission};
-use crate::proto::canopen::sdo::{
-    self, Abort, BlockSegment, Object, Reply, Request, SEGMENT, Segment, Short,
+use crate::proto::canopen::heartbeat::{Heartbeat, guarding_request};
+use crate::proto::canopen::lss::{self, IdentifyBound, IdentityNumber};
+use crate::proto::canopen::nmt::{NmtCommand, NmtMessage, NmtState};
+use crate::proto::canopen::pdo::{
+    BitField, CobId, MappingEntry, MappingError, PdoMapping, Transmission,
 };
-use crate::proto::canopen::sync::Sync;
+use crate::proto::canopen::sdo::{
+    self, AbortCode, BlockSegment, ExpeditedData, ObjectIndex, SEGMENT, SdoReply, SdoRequest,
+    Segment,
+};
+use crate::proto::canopen::sync::SyncMessage;
 use crate::proto::canopen::time::TimeOfDay;
 
 const VECTORS: &str = include_str!("../../../../../../vectors/canopen.json");
@@ -44,17 +47,17 @@ pub fn vectors() -> Vec<Vector> {
 }
 
 /// The frame made anew from what was read in it.
-fn again(v: &Vector) -> Frame {
+fn reencode(v: &Vector) -> Frame {
     let (frame, bytes) = (&v.frame, v.frame.bytes());
     match Cob::of(frame.id as u16) {
-        Cob::Nmt => Order::parse(bytes).unwrap().emit(),
-        Cob::Sync => Sync::parse(bytes).unwrap().emit(),
+        Cob::Nmt => NmtMessage::parse(bytes).unwrap().emit(),
+        Cob::Sync => SyncMessage::parse(bytes).unwrap().emit(),
         Cob::Emcy(node) if frame.len == 2 => Emergency::parse(bytes).unwrap().emit_short(node),
         Cob::Emcy(node) => Emergency::parse(bytes).unwrap().emit(node),
-        Cob::SdoReply(node) => Reply::of(frame.data).emit(node),
+        Cob::SdoReply(node) => SdoReply::of(frame.data).emit(node),
         // The manual prints nine requests with seven bytes; zeros stand for what lacks.
-        Cob::SdoRequest(node) => Frame { len: frame.len, ..Request::of(frame.data).emit(node) },
-        Cob::Heartbeat(node) if frame.remote => guard(node),
+        Cob::SdoRequest(node) => Frame { len: frame.len, ..SdoRequest::of(frame.data).emit(node) },
+        Cob::Heartbeat(node) if frame.remote => guarding_request(node),
         Cob::Heartbeat(node) => Heartbeat::parse(bytes).unwrap().emit(node),
         Cob::Tpdo(..) | Cob::Rpdo(..) => *frame,
         other => panic!("{}: {other:?}", v.name),
@@ -66,7 +69,7 @@ fn every_printed_frame_is_read_and_made_again() {
     let vectors = vectors();
     assert!(vectors.len() >= 150);
     for v in &vectors {
-        assert_eq!(again(v), v.frame, "{}", v.name);
+        assert_eq!(reencode(v), v.frame, "{}", v.name);
         let kind = match Cob::of(v.frame.id as u16) {
             Cob::Nmt => "nmt",
             Cob::Emcy(_) => "emcy",
@@ -112,17 +115,17 @@ fn every_specifier_is_read_and_made_again() {
     for head in 0..=255 {
         let bytes = [head, 0x40, 0x60, 2, 0x78, 0x56, 0x34, 0x12];
         // What is read is what is written of it, whatever reserved bits were.
-        let request = Request::of(bytes);
-        assert_eq!(Request::of(request.bytes()), request, "{head:02X}");
-        let reply = Reply::of(bytes);
-        assert_eq!(Reply::of(reply.bytes()), reply, "{head:02X}");
-        let lss = lss::Request::parse(&bytes).unwrap();
-        assert_eq!(lss::Request::parse(&lss.bytes()), Ok(lss), "{head:02X}");
-        let lss = lss::Reply::parse(&bytes).unwrap();
-        assert_eq!(lss::Reply::parse(&lss.bytes()), Ok(lss), "{head:02X}");
+        let request = SdoRequest::of(bytes);
+        assert_eq!(SdoRequest::of(request.bytes()), request, "{head:02X}");
+        let reply = SdoReply::of(bytes);
+        assert_eq!(SdoReply::of(reply.bytes()), reply, "{head:02X}");
+        let lss = lss::LssRequest::parse(&bytes).unwrap();
+        assert_eq!(lss::LssRequest::parse(&lss.bytes()), Ok(lss), "{head:02X}");
+        let lss = lss::LssReply::parse(&bytes).unwrap();
+        assert_eq!(lss::LssReply::parse(&lss.bytes()), Ok(lss), "{head:02X}");
         assert_eq!(BlockSegment::of(bytes).bytes(), bytes);
-        assert_eq!(u8::from(Command::from(head)), head);
-        assert_eq!(u8::from(State::from(head)), head & 0x7F);
+        assert_eq!(u8::from(NmtCommand::from(head)), head);
+        assert_eq!(u8::from(NmtState::from(head)), head & 0x7F);
         assert_eq!(u8::from(Transmission::from(head)), head);
         let heartbeat = Heartbeat::parse(&[head]).unwrap();
         assert_eq!(heartbeat.emit(5), Frame::standard(0x705, &[head]));
@@ -131,49 +134,55 @@ fn every_specifier_is_read_and_made_again() {
 
 #[test]
 fn transfers_have_the_standards_bytes() {
-    let object = Object::new(0x1008, 3);
-    let head = |request: Request| request.bytes()[0];
-    let short = |len| Short { bits: 0x44332211, len };
-    assert_eq!(Request::Write(object, short(4)).bytes(), [0x23, 8, 0x10, 3, 17, 34, 51, 68]);
-    let heads: [(Request, u8); 10] = [
-        (Request::Write(object, short(1)), 0x2F),
-        (Request::Write(object, short(2)), 0x2B),
-        (Request::Write(object, short(3)), 0x27),
-        (Request::Write(object, short(0)), 0x22),
-        (Request::WriteLong(object, Some(9)), 0x21),
-        (Request::WriteLong(object, None), 0x20),
-        (Request::ReadSegment(true), 0x70),
-        (Request::ReadBlockStart, 0xA3),
-        (Request::ReadBlockEnd, 0xA1),
-        (Request::WriteBlock { object, crc: true, size: Some(9) }, 0xC6),
+    let object = ObjectIndex::new(0x1008, 3);
+    let head = |request: SdoRequest| request.bytes()[0];
+    let short = |len| ExpeditedData { bits: 0x44332211, len };
+    assert_eq!(SdoRequest::Write(object, short(4)).bytes(), [0x23, 8, 0x10, 3, 17, 34, 51, 68]);
+    let heads: [(SdoRequest, u8); 10] = [
+        (SdoRequest::Write(object, short(1)), 0x2F),
+        (SdoRequest::Write(object, short(2)), 0x2B),
+        (SdoRequest::Write(object, short(3)), 0x27),
+        (SdoRequest::Write(object, short(0)), 0x22),
+        (SdoRequest::WriteLong(object, Some(9)), 0x21),
+        (SdoRequest::WriteLong(object, None), 0x20),
+        (SdoRequest::ReadSegment(true), 0x70),
+        (SdoRequest::ReadBlockStart, 0xA3),
+        (SdoRequest::ReadBlockEnd, 0xA1),
+        (SdoRequest::WriteBlock { object, crc: true, size: Some(9) }, 0xC6),
     ];
     for (request, specifier) in heads {
         assert_eq!(head(request), specifier, "{request:?}");
     }
-    let read = Request::ReadBlock { object, crc: true, segments: 127, threshold: 21 };
+    let read = SdoRequest::ReadBlock { object, crc: true, segments: 127, threshold: 21 };
     assert_eq!(read.bytes(), [0xA4, 8, 0x10, 3, 127, 21, 0, 0]);
-    assert_eq!(Request::WriteBlockEnd { unused: 5, crc: 0x1234 }.bytes()[..3], [0xD5, 0x34, 0x12]);
-    assert_eq!(Reply::WriteBlockAck { arrived: 4, segments: 7 }.bytes()[..3], [0xA2, 4, 7]);
     assert_eq!(
-        Reply::ReadBlockReady { object, crc: false, size: Some(0x0102) }.bytes(),
+        SdoRequest::WriteBlockEnd { unused: 5, crc: 0x1234 }.bytes()[..3],
+        [0xD5, 0x34, 0x12]
+    );
+    assert_eq!(SdoReply::WriteBlockAck { arrived: 4, segments: 7 }.bytes()[..3], [0xA2, 4, 7]);
+    assert_eq!(
+        SdoReply::ReadBlockReady { object, crc: false, size: Some(0x0102) }.bytes(),
         [0xC2, 8, 0x10, 3, 2, 1, 0, 0]
     );
-    assert_eq!(sdo::whole(&[0; 7]), Err(WireError::Short { need: 8, found: 7 }));
+    assert_eq!(sdo::as_eight_bytes(&[0; 7]), Err(WireError::Short { need: 8, found: 7 }));
 }
 
 #[test]
 fn segments_say_how_many_of_their_bytes_count() {
     for len in 0..=SEGMENT as u8 {
         let segment = Segment { toggle: len % 2 == 0, last: len < 7, len, data: *b"segment" };
-        assert_eq!(Request::of(Request::WriteSegment(segment).bytes()), {
-            Request::WriteSegment(segment)
+        assert_eq!(SdoRequest::of(SdoRequest::WriteSegment(segment).bytes()), {
+            SdoRequest::WriteSegment(segment)
         });
-        assert_eq!(Reply::of(Reply::ValueSegment(segment).bytes()), Reply::ValueSegment(segment));
+        assert_eq!(
+            SdoReply::of(SdoReply::ValueSegment(segment).bytes()),
+            SdoReply::ValueSegment(segment)
+        );
         assert_eq!(segment.bytes(), &b"segment"[..usize::from(len)]);
     }
     // The last segment of "Tiny Node - Mega Domains !", as the standard's users send it.
-    let last = Reply::of([0x05, b'i', b'n', b's', b' ', b'!', 0, 0]);
-    let Reply::ValueSegment(segment) = last else { panic!("{last:?}") };
+    let last = SdoReply::of([0x05, b'i', b'n', b's', b' ', b'!', 0, 0]);
+    let SdoReply::ValueSegment(segment) = last else { panic!("{last:?}") };
     assert_eq!((segment.last, segment.bytes()), (true, &b"ins !"[..]));
 }
 
@@ -189,12 +198,14 @@ fn every_abort_of_the_standard_has_its_words() {
     let vectors = vectors();
     let aborts = vectors.iter().filter(|v| v.name.starts_with("o_abort_"));
     for v in aborts {
-        let Reply::Abort(object, abort) = Reply::of(v.frame.data) else { panic!("{}", v.name) };
-        assert_eq!(object, Object::new(0x2033, 0));
+        let SdoReply::Abort(object, abort) = SdoReply::of(v.frame.data) else {
+            panic!("{}", v.name)
+        };
+        assert_eq!(object, ObjectIndex::new(0x2033, 0));
         assert_eq!(std::format!("o_abort_{:08x}", abort.0), v.name);
         assert!(abort.text().is_some(), "{}", v.name);
     }
-    assert_eq!(Abort(0x1234).text(), None);
+    assert_eq!(AbortCode(0x1234).text(), None);
 }
 
 #[test]
@@ -222,39 +233,42 @@ fn time_begins_in_1984() {
 
 #[test]
 fn lss_has_the_standards_bytes() {
-    let bytes = |request: lss::Request| request.bytes();
-    assert_eq!(bytes(lss::Request::SwitchGlobal(true))[..2], [4, 1]);
-    let selective = lss::Request::SwitchSelective(Number::Serial, 0x1234_5678);
+    let bytes = |request: lss::LssRequest| request.bytes();
+    assert_eq!(bytes(lss::LssRequest::SwitchGlobal(true))[..2], [4, 1]);
+    let selective = lss::LssRequest::SwitchSelective(IdentityNumber::Serial, 0x1234_5678);
     assert_eq!(bytes(selective)[..5], [0x43, 0x78, 0x56, 0x34, 0x12]);
-    let bound = lss::Request::Identify(Bound::SerialHigh, 9);
+    let bound = lss::LssRequest::Identify(IdentifyBound::SerialHigh, 9);
     assert_eq!(bytes(bound)[..2], [0x4B, 9]);
-    let scan = lss::Request::FastScan {
+    let scan = lss::LssRequest::FastScan {
         number: 0x0102_0304,
         bit: 31,
-        sub: Number::Product,
-        next: Number::Revision,
+        sub: IdentityNumber::Product,
+        next: IdentityNumber::Revision,
     };
     assert_eq!(bytes(scan), [0x51, 4, 3, 2, 1, 31, 1, 2]);
-    assert_eq!(lss::Reply::Identified.emit(), Frame::standard(0x7E4, &[0x4F, 0, 0, 0, 0, 0, 0, 0]));
-    assert_eq!(lss::Request::InquireNode.emit().id, 0x7E5);
-    assert!(lss::Reply::parse(&[0x4F]).is_err());
+    assert_eq!(
+        lss::LssReply::Identified.emit(),
+        Frame::standard(0x7E4, &[0x4F, 0, 0, 0, 0, 0, 0, 0])
+    );
+    assert_eq!(lss::LssRequest::InquireNode.emit().id, 0x7E5);
+    assert!(lss::LssReply::parse(&[0x4F]).is_err());
 }
 
 #[test]
 fn network_management_is_two_bytes() {
-    let order = Order { command: Command::Start, node: 6 };
+    let order = NmtMessage { command: NmtCommand::Start, node: 6 };
     assert_eq!(order.emit(), Frame::standard(0, &[1, 6]));
-    assert_eq!(Order::parse(&[1]), Err(WireError::Short { need: 2, found: 1 }));
-    assert_eq!(Order::parse(&[1, 128]), Err(WireError::Unexpected { at: 1, found: 128 }));
-    assert_eq!(Sync::parse(&[7]), Ok(Sync { counter: Some(7) }));
-    assert!(Sync::parse(&[7, 8]).is_err());
+    assert_eq!(NmtMessage::parse(&[1]), Err(WireError::Short { need: 2, found: 1 }));
+    assert_eq!(NmtMessage::parse(&[1, 128]), Err(WireError::Unexpected { at: 1, found: 128 }));
+    assert_eq!(SyncMessage::parse(&[7]), Ok(SyncMessage { counter: Some(7) }));
+    assert!(SyncMessage::parse(&[7, 8]).is_err());
     assert!(Heartbeat::parse(&[]).is_err());
 }
 
 #[test]
 fn a_mapping_lays_values_one_behind_the_other() {
     let raw = [0x6041_0010, 0x0005_0008, 0x6064_0020, 0x6061_0008];
-    let map: Map = Map::new(raw.map(Entry::from)).unwrap();
+    let map: PdoMapping = PdoMapping::new(raw.map(MappingEntry::from)).unwrap();
     assert_eq!(map.bytes(), 8);
     let data = u64::from_le_bytes([0x37, 0x06, 0, 0xFE, 0xFF, 0xFF, 0xFF, 0xFF]);
     let values: Vec<i64> = map.fields().map(|(_, field)| field.signed(data)).collect();
@@ -267,29 +281,29 @@ fn a_mapping_lays_values_one_behind_the_other() {
 
 #[test]
 fn a_mapping_has_64_bits() {
-    let entry = |bits| Entry { object: Object::new(0x2000, 1), bits };
-    let mut map: Map<3> = Map::new([entry(32), entry(31)]).unwrap();
-    assert_eq!(map.push(entry(2)), Err(MapError::Long));
-    assert_eq!(map.push(entry(0)), Err(MapError::Empty));
+    let entry = |bits| MappingEntry { object: ObjectIndex::new(0x2000, 1), bits };
+    let mut map: PdoMapping<3> = PdoMapping::new([entry(32), entry(31)]).unwrap();
+    assert_eq!(map.push(entry(2)), Err(MappingError::TooLong));
+    assert_eq!(map.push(entry(0)), Err(MappingError::EmptyEntry));
     assert_eq!(map.push(entry(1)), Ok(()));
     assert_eq!(map.bytes(), 8);
-    let full: Map<1> = Map::new([entry(8)]).unwrap();
-    assert_eq!({ full }.push(entry(8)), Err(MapError::Many));
-    assert_eq!(Map::<1>::default().push(entry(255)), Err(MapError::Long));
+    let full: PdoMapping<1> = PdoMapping::new([entry(8)]).unwrap();
+    assert_eq!({ full }.push(entry(8)), Err(MappingError::TooMany));
+    assert_eq!(PdoMapping::<1>::default().push(entry(255)), Err(MappingError::TooLong));
 }
 
 #[test]
 fn what_is_put_into_a_field_comes_out_and_nothing_else_changes() {
     for at in 0..64 {
         for bits in 1..=64 - at {
-            let field = Field { at, bits };
+            let field = BitField { start: at, bits };
             let value = 0xA5A5_5A5A_0F0F_F0F1_u64 & u64::MAX >> (64 - bits);
             for around in [0, u64::MAX] {
-                let data = field.put(around, value);
+                let data = field.insert(around, value);
                 assert_eq!(field.unsigned(data), value);
                 let sign = value >> (bits - 1) & 1 != 0;
                 assert_eq!(field.signed(data) < 0, sign);
-                assert_eq!(field.put(data, field.unsigned(around)), around);
+                assert_eq!(field.insert(data, field.unsigned(around)), around);
             }
         }
     }

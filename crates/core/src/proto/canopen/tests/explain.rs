@@ -9,16 +9,17 @@ use super::codec::vectors;
 use crate::drives;
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Dissector, EncodeError, Encoded, Field, Raw, Sink, Value,
+    Context, Dissector, EncodeError, EncodeOptions, EncodedFrame, ExplainSink, Field, FieldValue,
+    RawFrame,
 };
 use crate::medium::Frame;
 use crate::profile::Profile;
 use crate::proto::canopen::CanopenDissector;
-use crate::proto::canopen::sdo::{Object, Reply, Request, Segment};
+use crate::proto::canopen::sdo::{ObjectIndex, SdoReply, SdoRequest, Segment};
 
 /// What an explainer found, as text.
 #[derive(Default)]
-struct Found {
+struct RecordingSink {
     kind: String,
     axis: Option<u32>,
     text: String,
@@ -26,7 +27,7 @@ struct Found {
     error: Option<WireError>,
 }
 
-impl Sink for Found {
+impl ExplainSink for RecordingSink {
     fn kind(&mut self, kind: &str) {
         self.kind = kind.into();
     }
@@ -35,11 +36,11 @@ impl Sink for Found {
     }
     fn field(&mut self, field: Field<'_>) {
         let value = match field.value {
-            Value::Int(n) => std::format!("{n}"),
-            Value::Hex(n, digits) => std::format!("0x{n:0digits$X}", digits = digits.into()),
-            Value::Real(n) => std::format!("{n:?}"),
-            Value::Text(text) => text.into(),
-            Value::Words(words) => std::format!("{words:?}"),
+            FieldValue::Int(n) => std::format!("{n}"),
+            FieldValue::Hex(n, digits) => std::format!("0x{n:0digits$X}", digits = digits.into()),
+            FieldValue::Real(n) => std::format!("{n:?}"),
+            FieldValue::Text(text) => text.into(),
+            FieldValue::Words(words) => std::format!("{words:?}"),
         };
         assert!(field.start <= field.end && field.end <= 16, "{}", field.name);
         self.fields.push((field.name, value, field.meaning));
@@ -52,21 +53,25 @@ impl Sink for Found {
     }
 }
 
-impl Found {
+impl RecordingSink {
     fn value(&self, name: &str) -> &str {
         self.fields.iter().find(|(n, ..)| *n == name).map_or("", |(_, value, _)| value)
     }
 }
 
-fn explain_with(frame: &Frame, request: Option<&[u8]>, profile: Option<&'static Profile>) -> Found {
-    let mut found = Found::default();
+fn explain_with(
+    frame: &Frame,
+    request: Option<&[u8]>,
+    profile: Option<&'static Profile>,
+) -> RecordingSink {
+    let mut found = RecordingSink::default();
     let (id, remote) = (Some(frame.id), frame.remote);
     let context = Context { id, remote, request, profile, ..Context::default() };
     CanopenDissector.explain(frame.bytes(), &context, &mut found);
     found
 }
 
-fn explain(frame: &Frame) -> Found {
+fn explain(frame: &Frame) -> RecordingSink {
     explain_with(frame, None, None)
 }
 
@@ -75,9 +80,10 @@ fn encode_with(
     axis: Option<u32>,
     profile: Option<&'static Profile>,
 ) -> Result<Frame, EncodeError> {
-    let addressing = Addressing { axis, profile, ..Addressing::default() };
+    let addressing = EncodeOptions { axis, profile, ..EncodeOptions::default() };
     let mut out = [0; 8];
-    let Encoded { len, id, remote, .. } = CanopenDissector.encode(text, &addressing, &mut out)?;
+    let EncodedFrame { len, id, remote_len: remote, .. } =
+        CanopenDissector.encode(text, &addressing, &mut out)?;
     let frame = Frame::standard(id.expect("an identifier") as u16, &out[..len]);
     let len = remote.unwrap_or(frame.len);
     Ok(Frame { remote: remote.is_some(), len, ..frame })
@@ -115,7 +121,7 @@ fn every_printed_frame_is_explained_and_encoded_again() {
 }
 
 /// What the vector says that the frame means.
-fn agrees(meaning: &str, found: &Found) {
+fn agrees(meaning: &str, found: &RecordingSink) {
     let said = found.text.to_ascii_lowercase();
     let object = |text: &str| {
         let (index, sub) = text.split_once(':').expect("an object");
@@ -301,35 +307,36 @@ fn what_breaks_is_named() {
 
 #[test]
 fn replies_belong_to_the_requests_of_their_node() {
-    fn raw(frame: &Frame) -> Raw<'_> {
-        Raw { bytes: frame.bytes(), id: Some(frame.id), extended: false }
+    fn raw(frame: &Frame) -> RawFrame<'_> {
+        RawFrame { bytes: frame.bytes(), id: Some(frame.id), extended: false }
     }
-    let answers = |reply: &Frame, asked: &Frame| CanopenDissector.answers(&raw(reply), &raw(asked));
-    let word = Object::new(0x6041, 0);
-    let asked = Request::Read(word).emit(2);
-    assert!(CanopenDissector.asks(&raw(&asked)));
+    let answers =
+        |reply: &Frame, asked: &Frame| CanopenDissector.is_answer_to(&raw(reply), &raw(asked));
+    let word = ObjectIndex::new(0x6041, 0);
+    let asked = SdoRequest::Read(word).emit(2);
+    assert!(CanopenDissector.is_request(&raw(&asked)));
     let reply = frame("582#4B41600037000000");
-    assert!(!CanopenDissector.asks(&raw(&reply)) && answers(&reply, &asked));
+    assert!(!CanopenDissector.is_request(&raw(&reply)) && answers(&reply, &asked));
     assert!(!answers(&frame("583#4B41600037000000"), &asked));
     assert!(!answers(&frame("582#4B40600037000000"), &asked));
     assert!(answers(&frame("582#8041600000000206"), &asked));
     let part = Segment { toggle: true, last: true, len: 1, data: [0; 7] };
-    let reply = Reply::ValueSegment(part).emit(2);
-    let in_turn = Request::ReadSegment(true).emit(2);
-    let out_of_turn = Request::ReadSegment(false).emit(2);
+    let reply = SdoReply::ValueSegment(part).emit(2);
+    let in_turn = SdoRequest::ReadSegment(true).emit(2);
+    let out_of_turn = SdoRequest::ReadSegment(false).emit(2);
     assert!(answers(&reply, &in_turn) && !answers(&reply, &out_of_turn));
 }
 
 #[test]
 fn codes_and_words_are_named() {
-    let code = |code| CanopenDissector.code(code);
+    let code = |code| CanopenDissector.code_meaning(code);
     assert_eq!(code(0x0602_0000), Some("object does not exist"));
     assert_eq!(code(0x8130), Some("communication"));
     assert_eq!(code(0x0237), Some("operation enabled"));
     assert_eq!(code(0x0602_0001), None);
     let named = |name: &str, value| {
-        let mut found = Found::default();
-        CanopenDissector.named(name, value, None, &mut found).then_some(found)
+        let mut found = RecordingSink::default();
+        CanopenDissector.explain_named_value(name, value, None, &mut found).then_some(found)
     };
     let word = named("statusword", 0x0237).expect("a word");
     assert!(word.text.starts_with("operation enabled"), "{}", word.text);

@@ -2,23 +2,25 @@
 
 use core::fmt::{self, Write};
 
-use super::{BOUNDS, COMMANDS, NUMBERS, Said};
+use super::{BOUNDS, COMMANDS, NUMBERS, Statement};
 use crate::proto::canopen::emcy::Emergency;
 use crate::proto::canopen::heartbeat::Heartbeat;
 use crate::proto::canopen::lss;
-use crate::proto::canopen::nmt::{Command, State};
-use crate::proto::canopen::sdo::{BlockSegment, Object, Reply, Request, Segment, Short};
-use crate::proto::canopen::sync::Sync;
+use crate::proto::canopen::nmt::{NmtCommand, NmtState};
+use crate::proto::canopen::sdo::{
+    BlockSegment, ExpeditedData, ObjectIndex, SdoReply, SdoRequest, Segment,
+};
+use crate::proto::canopen::sync::SyncMessage;
 use crate::proto::canopen::time::TimeOfDay;
 
 /// Which values have a sign.
-pub type Signs<'a> = &'a dyn Fn(Object) -> bool;
+pub type SignLookup<'a> = &'a dyn Fn(ObjectIndex) -> bool;
 
 const DAY_MS: u32 = 86_400_000;
 
-struct Spelled(Object);
+struct ObjectText(ObjectIndex);
 
-impl fmt::Display for Spelled {
+impl fmt::Display for ObjectText {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "0x{:04X}:{}", self.0.index, self.0.sub)
     }
@@ -28,84 +30,94 @@ impl fmt::Display for Spelled {
 ///
 /// # Errors
 /// Those of `out`.
-pub fn write(said: &Said, signs: Signs<'_>, out: &mut dyn Write) -> Result<bool, fmt::Error> {
+pub fn write(
+    said: &Statement,
+    signs: SignLookup<'_>,
+    out: &mut dyn Write,
+) -> Result<bool, fmt::Error> {
     match *said {
-        Said::Order(command, all) => order(command, all, out)?,
-        Said::Sync(Sync { counter: None }) => out.write_str("sync")?,
-        Said::Sync(Sync { counter: Some(counter) }) => write!(out, "sync {counter}")?,
-        Said::Time(time) => time_of_day(time, out)?,
-        Said::Emergency(emergency, short) => emergency_words(emergency, short, out)?,
-        Said::State(heartbeat) => state(heartbeat, out)?,
-        Said::Guard => out.write_str("guard")?,
-        Said::Process { told, number, data, len } => {
+        Statement::Order(command, all) => write_nmt(command, all, out)?,
+        Statement::Sync(SyncMessage { counter: None }) => out.write_str("sync")?,
+        Statement::Sync(SyncMessage { counter: Some(counter) }) => write!(out, "sync {counter}")?,
+        Statement::Time(time) => write_time_of_day(time, out)?,
+        Statement::Emergency(emergency, short) => write_emergency(emergency, short, out)?,
+        Statement::State(heartbeat) => write_state(heartbeat, out)?,
+        Statement::Guard => out.write_str("guard")?,
+        Statement::Process { told, number, data, len } => {
             write!(out, "{}pdo{number}", if told { 't' } else { 'r' })?;
-            bytes(&data[..usize::from(len.min(8))], out)?;
+            write_bytes(&data[..usize::from(len.min(8))], out)?;
         }
-        Said::AskProcess(number, len) => write!(out, "tpdo{number} remote {len}")?,
-        Said::Request(Request::Other(_), _) | Said::Reply(Reply::Other(_), _) => return Ok(false),
-        Said::Request(Request::WriteSegment(segment), _)
-        | Said::Reply(Reply::ValueSegment(segment), _)
-            if !is_clean(segment) =>
+        Statement::RequestProcess(number, len) => write!(out, "tpdo{number} remote {len}")?,
+        Statement::Request(SdoRequest::Other(_), _) | Statement::Reply(SdoReply::Other(_), _) => {
+            return Ok(false);
+        }
+        Statement::Request(SdoRequest::WriteSegment(segment), _)
+        | Statement::Reply(SdoReply::ValueSegment(segment), _)
+            if !has_zero_padding(segment) =>
         {
             return Ok(false);
         }
-        Said::Request(asked, len) => {
-            request(asked, signs, out)?;
-            dlc(len, out)?;
+        Statement::Request(asked, len) => {
+            write_request(asked, signs, out)?;
+            write_dlc(len, out)?;
         }
-        Said::Reply(told, len) => {
-            reply(told, signs, out)?;
-            dlc(len, out)?;
+        Statement::Reply(told, len) => {
+            write_reply(told, signs, out)?;
+            write_dlc(len, out)?;
         }
-        Said::Part(BlockSegment { number, last, data }, told) => {
+        Statement::BlockSegment(BlockSegment { number, last, data }, told) => {
             let verb = if told { "value" } else { "write" };
             write!(out, "{verb} block part {number}{}", if last { " last" } else { "" })?;
-            bytes(&data, out)?;
+            write_bytes(&data, out)?;
         }
-        Said::Lss(lss::Request::Other(_)) | Said::LssReply(lss::Reply::Other(_)) => {
+        Statement::Lss(lss::LssRequest::Other(_))
+        | Statement::LssReply(lss::LssReply::Other(_)) => {
             return Ok(false);
         }
-        Said::Lss(request) => lss_request(request, out)?,
-        Said::LssReply(reply) => lss_reply(reply, out)?,
-        Said::Raw(frame) if frame.remote || frame.extended => return Ok(false),
-        Said::Raw(frame) => {
+        Statement::Lss(request) => write_lss_request(request, out)?,
+        Statement::LssReply(reply) => write_lss_reply(reply, out)?,
+        Statement::Raw(frame) if frame.remote || frame.extended => return Ok(false),
+        Statement::Raw(frame) => {
             write!(out, "raw 0x{:03X}", frame.id)?;
-            bytes(frame.bytes(), out)?;
+            write_bytes(frame.bytes(), out)?;
         }
         // Frames are read as the requests that these begin with.
-        Said::Write(..) | Said::Upload(..) | Said::Download(..) | Said::FastScan => {
+        Statement::Write(..)
+        | Statement::Upload(..)
+        | Statement::Download(..)
+        | Statement::FastScan => {
             return Ok(false);
         }
     }
     Ok(true)
 }
 
-fn bytes(bytes: &[u8], out: &mut dyn Write) -> fmt::Result {
+fn write_bytes(bytes: &[u8], out: &mut dyn Write) -> fmt::Result {
     bytes.iter().try_for_each(|byte| write!(out, " {byte:02X}"))
 }
 
-fn dlc(len: u8, out: &mut dyn Write) -> fmt::Result {
+fn write_dlc(len: u8, out: &mut dyn Write) -> fmt::Result {
     if len == 8 { Ok(()) } else { write!(out, " dlc {len}") }
 }
 
-fn word<T: PartialEq>(known: &[(&'static str, T)], wanted: &T) -> &'static str {
+fn word_for<T: PartialEq>(known: &[(&'static str, T)], wanted: &T) -> &'static str {
     known.iter().find(|(_, value)| value == wanted).map_or("", |(name, _)| name)
 }
 
-fn order(command: Command, all: bool, out: &mut dyn Write) -> fmt::Result {
+fn write_nmt(command: NmtCommand, all: bool, out: &mut dyn Write) -> fmt::Result {
     match command {
-        Command::Other(specifier) => write!(out, "nmt 0x{specifier:02X}")?,
-        command => write!(out, "nmt {}", word(&COMMANDS, &command))?,
+        NmtCommand::Other(specifier) => write!(out, "nmt 0x{specifier:02X}")?,
+        command => write!(out, "nmt {}", word_for(&COMMANDS, &command))?,
     }
     out.write_str(if all { " all" } else { "" })
 }
 
-fn time_of_day(time: TimeOfDay, out: &mut dyn Write) -> fmt::Result {
+fn write_time_of_day(time: TimeOfDay, out: &mut dyn Write) -> fmt::Result {
     let TimeOfDay { days, ms } = time;
     if ms >= DAY_MS {
         return write!(out, "time day {days} ms {ms}");
     }
-    let (year, month, day) = date(days);
+    let (year, month, day) = date_of_days(days);
     write!(out, "time {year:04}-{month:02}-{day:02} ")?;
     let (seconds, ms) = (ms / 1000, ms % 1000);
     let (hours, minutes, seconds) = (seconds / 3600, seconds / 60 % 60, seconds % 60);
@@ -127,7 +139,7 @@ pub(super) const fn month_days(year: u32, month: u32) -> u32 {
 }
 
 /// Year, month and day of a number of days since 1984-01-01.
-fn date(days: u16) -> (u32, u32, u32) {
+fn date_of_days(days: u16) -> (u32, u32, u32) {
     let (mut rest, mut year, mut month) = (u32::from(days), 1984, 1);
     while rest >= year_days(year) {
         rest -= year_days(year);
@@ -140,7 +152,7 @@ fn date(days: u16) -> (u32, u32, u32) {
     (year, month, rest + 1)
 }
 
-fn emergency_words(emergency: Emergency, short: bool, out: &mut dyn Write) -> fmt::Result {
+fn write_emergency(emergency: Emergency, short: bool, out: &mut dyn Write) -> fmt::Result {
     let Emergency { code, register, vendor } = emergency;
     write!(out, "emcy 0x{code:04X}")?;
     if short {
@@ -151,94 +163,94 @@ fn emergency_words(emergency: Emergency, short: bool, out: &mut dyn Write) -> fm
         return Ok(());
     }
     out.write_str(" vendor")?;
-    bytes(&vendor, out)
+    write_bytes(&vendor, out)
 }
 
-fn state(heartbeat: Heartbeat, out: &mut dyn Write) -> fmt::Result {
+fn write_state(heartbeat: Heartbeat, out: &mut dyn Write) -> fmt::Result {
     match heartbeat.state {
-        State::BootUp => out.write_str("boot-up")?,
-        State::Other(number) => write!(out, "heartbeat 0x{number:02X}")?,
+        NmtState::BootUp => out.write_str("boot-up")?,
+        NmtState::Other(number) => write!(out, "heartbeat 0x{number:02X}")?,
         state => write!(out, "heartbeat {}", state.name())?,
     }
     out.write_str(if heartbeat.toggle { " toggled" } else { "" })
 }
 
-fn request(request: Request, signs: Signs<'_>, out: &mut dyn Write) -> fmt::Result {
+fn write_request(request: SdoRequest, signs: SignLookup<'_>, out: &mut dyn Write) -> fmt::Result {
     match request {
-        Request::Write(object, short) => {
-            write!(out, "write {}", Spelled(object))?;
-            short_words(short, signs(object), out)
+        SdoRequest::Write(object, short) => {
+            write!(out, "write {}", ObjectText(object))?;
+            write_expedited(short, signs(object), out)
         }
-        Request::WriteLong(object, size) => {
-            write!(out, "write {}", Spelled(object))?;
-            long(size, out)
+        SdoRequest::WriteLong(object, size) => {
+            write!(out, "write {}", ObjectText(object))?;
+            write_long_size(size, out)
         }
-        Request::WriteSegment(segment) => segment_words("write", segment, out),
-        Request::Read(object) => write!(out, "read {}", Spelled(object)),
-        Request::ReadSegment(toggle) => write!(out, "read segment {}", u8::from(toggle)),
-        Request::WriteBlock { object, crc, size } => {
-            write!(out, "write block {}{}", Spelled(object), crc_word(crc))?;
+        SdoRequest::WriteSegment(segment) => write_segment("write", segment, out),
+        SdoRequest::Read(object) => write!(out, "read {}", ObjectText(object)),
+        SdoRequest::ReadSegment(toggle) => write!(out, "read segment {}", u8::from(toggle)),
+        SdoRequest::WriteBlock { object, crc, size } => {
+            write!(out, "write block {}{}", ObjectText(object), crc_word(crc))?;
             size.map_or(Ok(()), |size| write!(out, " size {size}"))
         }
-        Request::WriteBlockEnd { unused, crc } => {
+        SdoRequest::WriteBlockEnd { unused, crc } => {
             write!(out, "write block end unused {unused} crc 0x{crc:04X}")
         }
-        Request::ReadBlock { object, crc, segments, threshold } => {
+        SdoRequest::ReadBlock { object, crc, segments, threshold } => {
             let crc = crc_word(crc);
-            write!(out, "read block {}{crc} segments {segments}", Spelled(object))?;
+            write!(out, "read block {}{crc} segments {segments}", ObjectText(object))?;
             if threshold == 0 { Ok(()) } else { write!(out, " threshold {threshold}") }
         }
-        Request::ReadBlockStart => out.write_str("read block start"),
-        Request::ReadBlockAck { arrived, segments } => {
+        SdoRequest::ReadBlockStart => out.write_str("read block start"),
+        SdoRequest::ReadBlockAck { arrived, segments } => {
             write!(out, "read block ack {arrived} segments {segments}")
         }
-        Request::ReadBlockEnd => out.write_str("read block end"),
-        Request::Abort(object, abort) => {
-            write!(out, "abort {} 0x{:08X}", Spelled(object), abort.0)
+        SdoRequest::ReadBlockEnd => out.write_str("read block end"),
+        SdoRequest::Abort(object, abort) => {
+            write!(out, "abort {} 0x{:08X}", ObjectText(object), abort.0)
         }
-        Request::Other(_) => Ok(()),
+        SdoRequest::Other(_) => Ok(()),
     }
 }
 
-fn reply(reply: Reply, signs: Signs<'_>, out: &mut dyn Write) -> fmt::Result {
+fn write_reply(reply: SdoReply, signs: SignLookup<'_>, out: &mut dyn Write) -> fmt::Result {
     match reply {
-        Reply::Written(object, echo) => {
-            write!(out, "written {}", Spelled(object))?;
+        SdoReply::Written(object, echo) => {
+            write!(out, "written {}", ObjectText(object))?;
             if echo == 0 { Ok(()) } else { write!(out, " echo 0x{echo:08X}") }
         }
-        Reply::WrittenSegment(toggle) => write!(out, "written segment {}", u8::from(toggle)),
-        Reply::Value(object, short) => {
-            write!(out, "value {}", Spelled(object))?;
-            short_words(short, signs(object), out)
+        SdoReply::WrittenSegment(toggle) => write!(out, "written segment {}", u8::from(toggle)),
+        SdoReply::Value(object, short) => {
+            write!(out, "value {}", ObjectText(object))?;
+            write_expedited(short, signs(object), out)
         }
-        Reply::ValueLong(object, size) => {
-            write!(out, "value {}", Spelled(object))?;
-            long(size, out)
+        SdoReply::ValueLong(object, size) => {
+            write!(out, "value {}", ObjectText(object))?;
+            write_long_size(size, out)
         }
-        Reply::ValueSegment(segment) => segment_words("value", segment, out),
-        Reply::WriteBlockReady { object, crc, segments } => {
+        SdoReply::ValueSegment(segment) => write_segment("value", segment, out),
+        SdoReply::WriteBlockReady { object, crc, segments } => {
             let crc = crc_word(crc);
-            write!(out, "written block {}{crc} segments {segments}", Spelled(object))
+            write!(out, "written block {}{crc} segments {segments}", ObjectText(object))
         }
-        Reply::WriteBlockAck { arrived, segments } => {
+        SdoReply::WriteBlockAck { arrived, segments } => {
             write!(out, "written block ack {arrived} segments {segments}")
         }
-        Reply::WriteBlockDone => out.write_str("written block done"),
-        Reply::ReadBlockReady { object, crc, size } => {
-            write!(out, "value block {}{}", Spelled(object), crc_word(crc))?;
+        SdoReply::WriteBlockDone => out.write_str("written block done"),
+        SdoReply::ReadBlockReady { object, crc, size } => {
+            write!(out, "value block {}{}", ObjectText(object), crc_word(crc))?;
             size.map_or(Ok(()), |size| write!(out, " size {size}"))
         }
-        Reply::ReadBlockEnd { unused, crc } => {
+        SdoReply::ReadBlockEnd { unused, crc } => {
             write!(out, "value block end unused {unused} crc 0x{crc:04X}")
         }
-        Reply::Abort(object, abort) => {
-            write!(out, "refused {} 0x{:08X}", Spelled(object), abort.0)
+        SdoReply::Abort(object, abort) => {
+            write!(out, "refused {} 0x{:08X}", ObjectText(object), abort.0)
         }
-        Reply::Other(_) => Ok(()),
+        SdoReply::Other(_) => Ok(()),
     }
 }
 
-fn long(size: Option<u32>, out: &mut dyn Write) -> fmt::Result {
+fn write_long_size(size: Option<u32>, out: &mut dyn Write) -> fmt::Result {
     match size {
         None => out.write_str(" long"),
         Some(size) => write!(out, " size {size}"),
@@ -250,8 +262,8 @@ const fn crc_word(crc: bool) -> &'static str {
 }
 
 /// A type and a value; `wide` where bytes beyond the type's are not zero.
-fn short_words(short: Short, signed: bool, out: &mut dyn Write) -> fmt::Result {
-    let Short { bits, len } = short;
+fn write_expedited(short: ExpeditedData, signed: bool, out: &mut dyn Write) -> fmt::Result {
+    let ExpeditedData { bits, len } = short;
     let (width, letter) = (8 * u32::from(len), if signed { 'i' } else { 'u' });
     match len {
         0 => write!(out, " unsized 0x{bits:08X}"),
@@ -265,55 +277,57 @@ fn short_words(short: Short, signed: bool, out: &mut dyn Write) -> fmt::Result {
 }
 
 /// Whether bytes that do not count are zero, so that words say all of it.
-fn is_clean(segment: Segment) -> bool {
+fn has_zero_padding(segment: Segment) -> bool {
     segment.data.iter().skip(segment.len.into()).all(|byte| *byte == 0)
 }
 
-fn segment_words(verb: &str, segment: Segment, out: &mut dyn Write) -> fmt::Result {
+fn write_segment(verb: &str, segment: Segment, out: &mut dyn Write) -> fmt::Result {
     let last = if segment.last { " last" } else { "" };
     write!(out, "{verb} segment {}{last}", u8::from(segment.toggle))?;
-    bytes(segment.bytes(), out)
+    write_bytes(segment.bytes(), out)
 }
 
-fn lss_request(request: lss::Request, out: &mut dyn Write) -> fmt::Result {
-    use lss::Request;
+fn write_lss_request(request: lss::LssRequest, out: &mut dyn Write) -> fmt::Result {
+    use lss::LssRequest;
     out.write_str("lss ")?;
     match request {
-        Request::SwitchGlobal(true) => out.write_str("configuration"),
-        Request::SwitchGlobal(false) => out.write_str("waiting"),
-        Request::SwitchSelective(number, value) => {
-            write!(out, "select {} 0x{value:08X}", word(&NUMBERS, &number))
+        LssRequest::SwitchGlobal(true) => out.write_str("configuration"),
+        LssRequest::SwitchGlobal(false) => out.write_str("waiting"),
+        LssRequest::SwitchSelective(number, value) => {
+            write!(out, "select {} 0x{value:08X}", word_for(&NUMBERS, &number))
         }
-        Request::SetNode(node) => write!(out, "node {node}"),
-        Request::SetBitTiming(table, index) => write!(out, "bit-timing {table} {index}"),
-        Request::ActivateBitTiming(ms) => write!(out, "activate {ms}"),
-        Request::Store => out.write_str("store"),
-        Request::Inquire(number) => write!(out, "inquire {}", word(&NUMBERS, &number)),
-        Request::InquireNode => out.write_str("inquire node"),
-        Request::Identify(bound, value) => {
-            write!(out, "identify {} 0x{value:08X}", word(&BOUNDS, &bound))
+        LssRequest::SetNode(node) => write!(out, "node {node}"),
+        LssRequest::SetBitTiming(table, index) => write!(out, "bit-timing {table} {index}"),
+        LssRequest::ActivateBitTiming(ms) => write!(out, "activate {ms}"),
+        LssRequest::Store => out.write_str("store"),
+        LssRequest::Inquire(number) => write!(out, "inquire {}", word_for(&NUMBERS, &number)),
+        LssRequest::InquireNode => out.write_str("inquire node"),
+        LssRequest::Identify(bound, value) => {
+            write!(out, "identify {} 0x{value:08X}", word_for(&BOUNDS, &bound))
         }
-        Request::IdentifyUnconfigured => out.write_str("unconfigured"),
-        Request::FastScan { number, bit, sub, next } => {
-            let (sub, next) = (word(&NUMBERS, &sub), word(&NUMBERS, &next));
+        LssRequest::IdentifyUnconfigured => out.write_str("unconfigured"),
+        LssRequest::FastScan { number, bit, sub, next } => {
+            let (sub, next) = (word_for(&NUMBERS, &sub), word_for(&NUMBERS, &next));
             write!(out, "scan {sub} 0x{number:08X} bit {bit} next {next}")
         }
-        Request::Other(_) => Ok(()),
+        LssRequest::Other(_) => Ok(()),
     }
 }
 
-fn lss_reply(reply: lss::Reply, out: &mut dyn Write) -> fmt::Result {
-    use lss::Reply;
+fn write_lss_reply(reply: lss::LssReply, out: &mut dyn Write) -> fmt::Result {
+    use lss::LssReply;
     out.write_str("lss reply ")?;
     match reply {
-        Reply::Selected => out.write_str("selected"),
-        Reply::SetNode(error, own) => write!(out, "node {error} {own}"),
-        Reply::SetBitTiming(error, own) => write!(out, "bit-timing {error} {own}"),
-        Reply::Store(error, own) => write!(out, "store {error} {own}"),
-        Reply::Number(number, value) => write!(out, "{} 0x{value:08X}", word(&NUMBERS, &number)),
-        Reply::Node(node) => write!(out, "node-id {node}"),
-        Reply::Identified => out.write_str("identified"),
-        Reply::Unconfigured => out.write_str("unconfigured"),
-        Reply::Other(_) => Ok(()),
+        LssReply::Selected => out.write_str("selected"),
+        LssReply::SetNode(error, own) => write!(out, "node {error} {own}"),
+        LssReply::SetBitTiming(error, own) => write!(out, "bit-timing {error} {own}"),
+        LssReply::Store(error, own) => write!(out, "store {error} {own}"),
+        LssReply::Number(number, value) => {
+            write!(out, "{} 0x{value:08X}", word_for(&NUMBERS, &number))
+        }
+        LssReply::Node(node) => write!(out, "node-id {node}"),
+        LssReply::Identified => out.write_str("identified"),
+        LssReply::Unconfigured => out.write_str("unconfigured"),
+        LssReply::Other(_) => Ok(()),
     }
 }

@@ -1,22 +1,22 @@
 //! Receiving: frames found in the bytes, echoes taken out, replies struck from the ledger.
 
 use super::{
-    Answered, Current, Echo, Host, Owed, QUARANTINE_TIMEOUTS, RECEIVE_MAX, Role, SUSPECT_NS,
-    TIMELY_MIN,
+    AwaitedReply, CurrentExchange, DUPLICATE_WINDOW_NS, EchoState, LastRead, QUARANTINE_TIMEOUTS,
+    RECEIVE_MAX, ReplyRole, SerialHost, TIMELY_STREAK_MIN,
 };
 use crate::error::Failure;
-use crate::proto::modbus::ascii::{self, Fed};
-use crate::proto::modbus::request::Ask;
+use crate::proto::modbus::ascii::{self, FeedResult};
+use crate::proto::modbus::host_request::RequestBody;
 use crate::proto::modbus::rtu::{self, ADU_MAX};
 use crate::proto::modbus::wire::{
-    BROADCAST, EXCEPTION_BIT, Format, PDU_MAX, ReplyPdu, Space, Span,
+    AnnouncedLength, BROADCAST, EXCEPTION_BIT, PDU_MAX, ReplyPdu, Space, WireFormat,
 };
 use crate::station::Counters;
 use crate::time::Instant;
 
-impl Host {
-    pub(super) fn skip(&mut self, count: usize) {
-        self.junk |= count > 0;
+impl SerialHost {
+    pub(super) fn skip_bytes(&mut self, count: usize) {
+        self.received_noise |= count > 0;
         self.counters.skipped += count as u64;
         self.drop_front(count);
     }
@@ -24,155 +24,160 @@ impl Host {
     fn drop_front(&mut self, count: usize) {
         self.received.copy_within(count..self.received_len, 0);
         self.received_len -= count;
-        self.pace.took(count);
+        self.early_bytes.consume(count);
     }
 
     /// The data in these bytes, if they are the whole reply to the one read that is owed, and
     /// nothing is in doubt: what happens most, so it is looked at first and where it lies.
     #[inline]
-    pub(super) fn plain_read<'a>(&self, adu: &'a [u8]) -> Option<&'a [u8]> {
-        let [owed] = self.owed() else { return None };
+    pub(super) fn expected_read_data<'a>(&self, adu: &'a [u8]) -> Option<&'a [u8]> {
+        let [owed] = self.outstanding() else { return None };
         let [unit, function, count, data @ .., _, _] = adu else { return None };
-        let plain = self.received_len == 0 && !self.quarantine && owed.role == Role::Request;
-        let owed_len = usize::from(owed.echo.1);
+        let plain = self.received_len == 0 && !self.quarantine && owed.role == ReplyRole::Request;
+        let owed_len = usize::from(owed.reply_fields.1);
         let fits = (owed.unit, owed.function, owed_len) == (*unit, *function, data.len())
             && usize::from(*count) == data.len()
             && (1..=PDU_MAX - 2).contains(&data.len())
-            && Space::read_by(*function).is_some();
+            && Space::of_read_code(*function).is_some();
         let echo = || adu.starts_with(&self.sent[..self.sent_len]);
-        (plain && fits && !echo() && rtu::agrees(adu)).then_some(data)
+        (plain && fits && !echo() && rtu::crc_matches(adu)).then_some(data)
     }
 
     /// Takes the data that came as a plain read.
     #[inline]
-    pub(super) fn read(&mut self, now: Instant, adu_len: usize, data: &[u8]) {
-        self.pace.heard(now, adu_len);
-        self.soon = self.pace.early() > 0;
-        self.pace.took(adu_len);
-        if self.too_early(now, adu_len) {
+    pub(super) fn accept_read(&mut self, now: Instant, adu_len: usize, data: &[u8]) {
+        self.early_bytes.note_received(now, adu_len);
+        self.frame_is_early = self.early_bytes.count() > 0;
+        self.early_bytes.consume(adu_len);
+        if self.is_too_early(now, adu_len) {
             self.counters.late += 1;
             self.counters.early += 1;
             return;
         }
-        self.owed_len = 0;
-        self.answered(now, data);
-        if self.held.is_none() {
-            self.settle();
+        self.outstanding_len = 0;
+        self.accept_answer(now, data);
+        if self.held_since.is_none() {
+            self.end_quarantine();
         }
     }
 
     /// Takes bytes to those that no frame was made of yet.
     #[cold]
-    pub(super) fn collect(&mut self, now: Instant, bytes: &[u8]) {
+    pub(super) fn buffer_bytes(&mut self, now: Instant, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
             if self.received_len == RECEIVE_MAX {
-                self.skip(1);
+                self.skip_bytes(1);
             }
             let room = (RECEIVE_MAX - self.received_len).min(rest.len());
             let (head, tail) = rest.split_at(room);
             self.received[self.received_len..self.received_len + room].copy_from_slice(head);
             self.received_len += room;
-            self.pace.heard(now, self.received_len);
-            self.work_rtu(now);
+            self.early_bytes.note_received(now, self.received_len);
+            self.process_rtu(now);
             rest = tail;
         }
     }
 
-    fn work_rtu(&mut self, now: Instant) {
+    fn process_rtu(&mut self, now: Instant) {
         while self.received_len > 0 {
-            match self.cut() {
-                Cut::Skip(count) => self.skip(count),
-                Cut::More => break,
-                Cut::Echo => {
-                    self.identical(now);
+            match self.scan_received() {
+                ReplyScan::Skip(count) => self.skip_bytes(count),
+                ReplyScan::More => break,
+                ReplyScan::Echo => {
+                    self.handle_identical(now);
                     self.drop_front(self.sent_len);
                 }
-                Cut::Frame(len) => {
+                ReplyScan::Frame(len) => {
                     let mut adu = [0; ADU_MAX];
                     adu[..len].copy_from_slice(&self.received[..len]);
-                    self.soon = self.pace.early() > 0;
+                    self.frame_is_early = self.early_bytes.count() > 0;
                     self.drop_front(len);
-                    self.frame(now, adu[0], &adu[1..len - 2]);
+                    self.handle_frame(now, adu[0], &adu[1..len - 2]);
                 }
             }
         }
     }
 
     /// What the head of the received bytes is.
-    fn cut(&mut self) -> Cut {
+    fn scan_received(&mut self) -> ReplyScan {
         let bytes = &self.received[..self.received_len];
         let sent = &self.sent[..self.sent_len];
         if !sent.is_empty() && bytes.starts_with(sent) {
-            return Cut::Echo;
+            return ReplyScan::Echo;
         }
         let span = rtu::reply_span(bytes);
         match span {
-            Span::Bytes(len) if len <= bytes.len() && rtu::agrees(&bytes[..len]) => {
-                return Cut::Frame(len);
+            AnnouncedLength::Bytes(len)
+                if len <= bytes.len() && rtu::crc_matches(&bytes[..len]) =>
+            {
+                return ReplyScan::Frame(len);
             }
-            Span::Bytes(len) if len > bytes.len() && self.awaited(bytes) => return Cut::More,
+            AnnouncedLength::Bytes(len) if len > bytes.len() && self.is_expected_head(bytes) => {
+                return ReplyScan::More;
+            }
             _ => {}
         }
         let perhaps = sent.starts_with(bytes)
-            || span == Span::More
-            || matches!(span, Span::Bytes(len) if len > bytes.len());
+            || span == AnnouncedLength::More
+            || matches!(span, AnnouncedLength::Bytes(len) if len > bytes.len());
         if perhaps {
-            return self.expected_within(bytes).map_or(Cut::More, Cut::Skip);
+            return self.find_expected_reply(bytes).map_or(ReplyScan::More, ReplyScan::Skip);
         }
-        if self.awaited(bytes) && !sent.starts_with(&bytes[..3]) {
+        if self.is_expected_head(bytes) && !sent.starts_with(&bytes[..3]) {
             self.counters.corrupt += 1;
         }
-        Cut::Skip(1)
+        ReplyScan::Skip(1)
     }
 
     /// Whether bytes begin as a reply does that is owed.
-    fn awaited(&self, bytes: &[u8]) -> bool {
+    fn is_expected_head(&self, bytes: &[u8]) -> bool {
         let [unit, function, ..] = *bytes else { return false };
-        let ours = |owed: &Owed| owed.unit == unit && owed.function == function & !EXCEPTION_BIT;
-        self.owed().iter().any(ours)
+        let ours =
+            |owed: &AwaitedReply| owed.unit == unit && owed.function == function & !EXCEPTION_BIT;
+        self.outstanding().iter().any(ours)
     }
 
     /// Where, behind bytes that look like the head of a longer frame, a whole reply lies that is
     /// owed: those bytes are noise.
-    fn expected_within(&self, bytes: &[u8]) -> Option<usize> {
+    fn find_expected_reply(&self, bytes: &[u8]) -> Option<usize> {
         (1..bytes.len().saturating_sub(rtu::ADU_MIN)).find(|&at| {
             let rest = &bytes[at..];
             match rtu::reply_span(rest) {
-                Span::Bytes(len) if len <= rest.len() => {
-                    self.awaited(rest) && rtu::agrees(&rest[..len])
+                AnnouncedLength::Bytes(len) if len <= rest.len() => {
+                    self.is_expected_head(rest) && rtu::crc_matches(&rest[..len])
                 }
                 _ => false,
             }
         })
     }
 
-    pub(super) fn work_ascii(&mut self, now: Instant, bytes: &[u8]) {
-        let held = self.characters.pending();
-        self.pace.heard(now, held + bytes.len());
-        let early = self.pace.early();
-        self.pace.took(early);
-        self.soon |= held > 0 && early > 0;
+    pub(super) fn process_ascii(&mut self, now: Instant, bytes: &[u8]) {
+        let held = self.ascii.pending();
+        self.early_bytes.note_received(now, held + bytes.len());
+        let early = self.early_bytes.count();
+        self.early_bytes.consume(early);
+        self.frame_is_early |= held > 0 && early > 0;
         for (at, &character) in bytes.iter().enumerate() {
             if character == ascii::START {
-                self.soon = held + at < early;
+                self.frame_is_early = held + at < early;
             }
-            match self.characters.feed(character) {
-                Fed::Goes => {}
-                Fed::Skipped(count) => {
+            match self.ascii.feed(character) {
+                FeedResult::Incomplete => {}
+                FeedResult::Skipped(count) => {
                     self.counters.skipped += count as u64;
-                    self.junk = true;
+                    self.received_noise = true;
                 }
-                Fed::Ended => self.ended_ascii(now),
+                FeedResult::Complete => self.handle_ascii_frame(now),
             }
         }
     }
 
-    fn ended_ascii(&mut self, now: Instant) {
+    fn handle_ascii_frame(&mut self, now: Instant) {
         let mut bytes = [0; ADU_MAX];
-        let len = self.characters.bytes().len();
-        bytes[..len].copy_from_slice(self.characters.bytes());
-        let Ok((unit, pdu)) = ascii::open(&bytes[..len]) else {
+        let len = self.ascii.bytes().len();
+        bytes[..len].copy_from_slice(self.ascii.bytes());
+        let Ok((unit, pdu)) = ascii::decode(&bytes[..len]) else {
             self.counters.corrupt += 1;
             return;
         };
@@ -182,74 +187,77 @@ impl Host {
             pdu.len()
         });
         if again[..again_len] == self.sent[..self.sent_len] {
-            self.identical(now);
+            self.handle_identical(now);
         } else {
-            self.frame(now, unit, pdu);
+            self.handle_frame(now, unit, pdu);
         }
     }
 
     /// The very bytes that were sent last: our echo, or the reply to a single write, which has the
     /// same bytes. Where there is an echo, the first of them is it: if the echo was damaged, that
     /// costs an answer, where the other guess would make an answer of an echo.
-    fn identical(&mut self, now: Instant) {
-        let single = |owed: &Owed| matches!(owed.function, 0x05 | 0x06);
-        let Some(last) = self.owed().last().copied().filter(single) else {
-            return self.idle_identical();
+    fn handle_identical(&mut self, now: Instant) {
+        let single = |owed: &AwaitedReply| matches!(owed.function, 0x05 | 0x06);
+        let Some(last) = self.outstanding().last().copied().filter(single) else {
+            return self.handle_idle_identical();
         };
-        let known = self.echo != Echo::Unknown && !self.echo_seen;
-        let early = self.timed && now < self.earliest(self.sent_len) && !self.echo_seen;
+        let known = self.echo != EchoState::NotDetected && !self.echo_seen;
+        let early = self.is_timed && now < self.earliest_reply(self.sent_len) && !self.echo_seen;
         if early || known {
             self.counters.echoed += 1;
             self.echo_seen = true;
-            self.learn(early);
+            self.learn_echo(early);
             return;
         }
-        self.soon = false;
-        let (address, value) = last.echo;
+        self.frame_is_early = false;
+        let (address, value) = last.reply_fields;
         let mut pdu = [0; 5];
         pdu[0] = last.function;
         pdu[1..3].copy_from_slice(&address.to_be_bytes());
         pdu[3..5].copy_from_slice(&value.to_be_bytes());
-        self.frame(now, last.unit, &pdu);
+        self.handle_frame(now, last.unit, &pdu);
     }
 
     /// The same, where no reply with these bytes can be owed.
-    fn idle_identical(&mut self) {
+    fn handle_idle_identical(&mut self) {
         let single = matches!(self.sent_function(), 0x05 | 0x06);
         if single && self.sent_unit != Some(BROADCAST) {
             self.counters.late += 1;
         } else {
             self.counters.echoed += 1;
             self.echo_seen = true;
-            self.learn(true);
+            self.learn_echo(true);
         }
     }
 
     fn sent_function(&self) -> u8 {
         match self.format {
-            Format::Rtu => self.sent[1],
-            Format::Ascii => {
-                let nibble = |at: usize| ascii::nibble(self.sent[at]).unwrap_or(0);
+            WireFormat::Rtu => self.sent[1],
+            WireFormat::Ascii => {
+                let nibble = |at: usize| ascii::hex_value(self.sent[at]).unwrap_or(0);
                 nibble(3) << 4 | nibble(4)
             }
         }
     }
 
-    fn learn(&mut self, sure: bool) {
-        if sure && self.echo == Echo::Unknown {
-            self.echo = Echo::Learnt;
+    fn learn_echo(&mut self, sure: bool) {
+        if sure && self.echo == EchoState::NotDetected {
+            self.echo = EchoState::Detected;
         }
     }
 
     /// One whole frame whose check agrees.
-    fn frame(&mut self, now: Instant, unit: u8, pdu: &[u8]) {
+    fn handle_frame(&mut self, now: Instant, unit: u8, pdu: &[u8]) {
         let Ok(reply) = ReplyPdu::parse(pdu) else {
             self.counters.foreign += 1;
             return;
         };
-        let Some(at) = self.owed().iter().position(|owed| owed.unit == unit && fits(owed, &reply))
+        let Some(at) = self
+            .outstanding()
+            .iter()
+            .position(|owed| owed.unit == unit && matches_outstanding(owed, &reply))
         else {
-            let idle = self.owed_len == 0;
+            let idle = self.outstanding_len == 0;
             if idle {
                 self.counters.late += 1
             } else {
@@ -257,124 +265,127 @@ impl Host {
             }
             return;
         };
-        if at + 1 == self.owed_len
+        if at + 1 == self.outstanding_len
             && !self.quarantine
-            && self.too_early(now, self.characters_of(pdu.len()))
+            && self.is_too_early(now, self.frame_characters(pdu.len()))
         {
             self.counters.late += 1;
             self.counters.early += 1;
             return;
         }
-        let role = self.owed[at].role;
-        let lost = self.paid(at);
+        let role = self.outstanding[at].role;
+        let lost = self.remove_outstanding(at);
         match role {
-            Role::Request => self.answer(now, &reply),
-            Role::Abandoned => self.counters.late += 1,
-            Role::Probe => {}
+            ReplyRole::Request => self.handle_reply(now, &reply),
+            ReplyRole::Abandoned => self.counters.late += 1,
+            ReplyRole::Probe => {}
         }
-        if self.owed_len == 0 && self.held.is_none() {
-            self.settle();
-            self.proved(now);
+        if self.outstanding_len == 0 && self.held_since.is_none() {
+            self.end_quarantine();
+            self.handle_proof(now);
         } else if self.quarantine {
             // A drive answers in order: what it still owes may be as late again.
             self.deadline = Some(now.plus_ns(QUARANTINE_TIMEOUTS * self.timeout_ns));
         }
         if lost {
-            self.lost(now);
+            self.retry_or_fail(now);
         }
     }
 
     /// Strikes an entry and all older ones of its station from the ledger. Returns whether the
     /// present request was among the older ones: its reply will not come any more.
-    fn paid(&mut self, at: usize) -> bool {
-        let unit = self.owed[at].unit;
+    fn remove_outstanding(&mut self, at: usize) -> bool {
+        let unit = self.outstanding[at].unit;
         let mut kept = 0;
         let mut lost = false;
-        for n in 0..self.owed_len {
-            let owed = self.owed[n];
+        for n in 0..self.outstanding_len {
+            let owed = self.outstanding[n];
             if n > at || owed.unit != unit {
-                self.owed[kept] = owed;
+                self.outstanding[kept] = owed;
                 kept += 1;
             } else if n < at {
-                lost |= owed.role == Role::Request;
+                lost |= owed.role == ReplyRole::Request;
             }
         }
-        self.owed_len = kept;
+        self.outstanding_len = kept;
         lost
     }
 
     /// Whether a reply comes sooner than its bytes can travel. In the first exchange of all it shows
     /// that the wire has no timing, whatever its baud rate (a pseudo-terminal); later it is left
     /// alone, and shows the same if nothing else comes.
-    fn too_early(&mut self, now: Instant, len: usize) -> bool {
-        let soon = self.soon || now < self.earliest(len);
+    fn is_too_early(&mut self, now: Instant, len: usize) -> bool {
+        let soon = self.frame_is_early || now < self.earliest_reply(len);
         if self.line.baud != 0 && !self.untimed {
-            self.timely = if soon { 0 } else { self.timely.saturating_add(1) };
-            self.timed |= self.timely >= TIMELY_MIN;
+            self.timely_streak = if soon { 0 } else { self.timely_streak.saturating_add(1) };
+            self.is_timed |= self.timely_streak >= TIMELY_STREAK_MIN;
         }
         if !soon {
             self.early_streak = 0;
             return false;
         }
-        if !self.timed {
+        if !self.is_timed {
             return false;
         }
         let Counters { answered, late, silent, echoed, resent, .. } = self.counters;
-        self.timed = answered + late + silent + echoed + resent > 0;
-        self.early = self.timed;
-        self.timed
+        self.is_timed = answered + late + silent + echoed + resent > 0;
+        self.early_reply_seen = self.is_timed;
+        self.is_timed
     }
 
     /// When a reply of so many characters to what was sent last can be complete. A twentieth is left to
     /// clocks that differ.
-    fn earliest(&self, len: usize) -> Instant {
+    fn earliest_reply(&self, len: usize) -> Instant {
         let whole = self.sent_ns + self.line.characters_ns(len as u32);
         self.sent_at.plus_ns(whole - whole / 20)
     }
 
-    fn answer(&mut self, now: Instant, reply: &ReplyPdu<'_>) {
+    fn handle_reply(&mut self, now: Instant, reply: &ReplyPdu<'_>) {
         match *reply {
             ReplyPdu::Exception { exception, .. } => {
-                self.doubt_echo();
-                self.fail(Failure::Refused { code: u32::from(exception.code()) });
+                self.note_missing_echo();
+                self.fail_current(Failure::Refused { code: u32::from(exception.code()) });
             }
-            ReplyPdu::Read { data, .. } => self.answered(now, data),
-            _ => self.answered(now, &[]),
+            ReplyPdu::Read { data, .. } => self.accept_answer(now, data),
+            _ => self.accept_answer(now, &[]),
         }
     }
 
     /// An exchange that could tell of an echo had none.
     #[inline]
-    fn doubt_echo(&mut self) {
-        if self.echo != Echo::Learnt || self.echo_seen || self.junk {
+    fn note_missing_echo(&mut self) {
+        if self.echo != EchoState::Detected || self.echo_seen || self.received_noise {
             return;
         }
-        let Some(Current { request, .. }) = &self.current else { return };
-        if !matches!(request.ask, Ask::WriteCoil { .. } | Ask::WriteRegister { .. }) {
-            self.echo = Echo::Unknown;
+        let Some(CurrentExchange { request, .. }) = &self.current else { return };
+        if !matches!(
+            request.body,
+            RequestBody::WriteCoil { .. } | RequestBody::WriteRegister { .. }
+        ) {
+            self.echo = EchoState::NotDetected;
         }
     }
 
     /// The present request was answered, a read with these data.
     #[inline]
-    fn answered(&mut self, now: Instant, data: &[u8]) {
-        self.doubt_echo();
-        if self.held.take().is_some() {
+    fn accept_answer(&mut self, now: Instant, data: &[u8]) {
+        self.note_missing_echo();
+        if self.held_since.take().is_some() {
             self.counters.late += 1;
-            self.answered = None;
+            self.last_read = None;
         }
-        let suspect = self.suspect(now, data);
-        self.keep(data);
+        let suspect = self.is_suspected_duplicate(now, data);
+        self.store_payload(data);
         if suspect {
-            return self.hold(now);
+            return self.hold_answer(now);
         }
-        self.remember(now, now);
-        self.succeed();
+        self.remember_read(now, now);
+        self.complete_current();
     }
 
     /// Makes the data of a read the payload. One register is not worth a call that copies.
     #[inline]
-    fn keep(&mut self, data: &[u8]) {
+    fn store_payload(&mut self, data: &[u8]) {
         self.payload_len = data.len();
         match *data {
             [high, low] => self.payload[..2].copy_from_slice(&[high, low]),
@@ -384,22 +395,22 @@ impl Host {
 
     /// Holds the answer back until another had its time to come.
     #[cold]
-    fn hold(&mut self, now: Instant) {
+    fn hold_answer(&mut self, now: Instant) {
         let Some(current) = &self.current else { return };
-        let owed = Owed::of(&current.request, Role::Request);
-        self.held = Some(now);
-        self.owe(owed);
-        let usual = self.answered.map_or(0, |before| before.latency_ns);
-        let wait = (2 * usual).clamp(SUSPECT_NS, SUSPECT_NS.max(self.timeout_ns));
+        let owed = AwaitedReply::of(&current.request, ReplyRole::Request);
+        self.held_since = Some(now);
+        self.add_outstanding(owed);
+        let usual = self.last_read.map_or(0, |before| before.latency_ns);
+        let wait = (2 * usual).clamp(DUPLICATE_WINDOW_NS, DUPLICATE_WINDOW_NS.max(self.timeout_ns));
         self.deadline = Some(now.plus_ns(wait));
     }
 
     /// Notes the present exchange for the next one's sake: the answer came then, and is taken now.
     #[inline]
-    pub(super) fn remember(&mut self, came: Instant, now: Instant) {
-        let Some(Current { request, .. }) = &self.current else { return };
-        self.answered = match request.ask {
-            Ask::Read { space, start, count } => Some(Answered {
+    pub(super) fn remember_read(&mut self, came: Instant, now: Instant) {
+        let Some(CurrentExchange { request, .. }) = &self.current else { return };
+        self.last_read = match request.body {
+            RequestBody::Read { space, start, count } => Some(LastRead {
                 at: came,
                 latency_ns: now.0.saturating_sub(self.sent_at.0),
                 unit: request.unit,
@@ -415,20 +426,20 @@ impl Host {
     /// Whether this may be the duplicate of the reply before: the same bytes to another question,
     /// at once, on a wire where timing tells nothing.
     #[inline]
-    fn suspect(&self, now: Instant, data: &[u8]) -> bool {
-        let (Some(before), Some(current)) = (&self.answered, &self.current) else { return false };
-        let Ask::Read { space, start, count } = current.request.ask else { return false };
-        !self.timed
+    fn is_suspected_duplicate(&self, now: Instant, data: &[u8]) -> bool {
+        let (Some(before), Some(current)) = (&self.last_read, &self.current) else { return false };
+        let RequestBody::Read { space, start, count } = current.request.body else { return false };
+        !self.is_timed
             && before.start != start
             && before.count == count
             && before.unit == current.request.unit
             && before.space == space
-            && now.0.saturating_sub(before.at.0) < SUSPECT_NS
+            && now.0.saturating_sub(before.at.0) < DUPLICATE_WINDOW_NS
             && self.payload[..before.len] == *data
     }
 }
 
-enum Cut {
+enum ReplyScan {
     Frame(usize),
     Echo,
     Skip(usize),
@@ -436,21 +447,22 @@ enum Cut {
 }
 
 /// Whether a reply is of the kind that is owed: function, byte count, address and value.
-fn fits(owed: &Owed, reply: &ReplyPdu<'_>) -> bool {
+fn matches_outstanding(owed: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
     let coil = |on: bool| if on { 0xFF00 } else { 0 };
     match *reply {
         ReplyPdu::Exception { function, .. } => function == owed.function,
         ReplyPdu::Read { space, data } => {
-            space.read().code() == owed.function && data.len() == usize::from(owed.echo.1)
+            space.read_function().code() == owed.function
+                && data.len() == usize::from(owed.reply_fields.1)
         }
         ReplyPdu::WroteCoil { address, on } => {
-            owed.function == 0x05 && owed.echo == (address, coil(on))
+            owed.function == 0x05 && owed.reply_fields == (address, coil(on))
         }
         ReplyPdu::WroteRegister { address, value } => {
-            owed.function == 0x06 && owed.echo == (address, value)
+            owed.function == 0x06 && owed.reply_fields == (address, value)
         }
         ReplyPdu::Wrote { coils, start, count } => {
-            owed.function == if coils { 0x0F } else { 0x10 } && owed.echo == (start, count)
+            owed.function == if coils { 0x0F } else { 0x10 } && owed.reply_fields == (start, count)
         }
         ReplyPdu::Unknown { .. } => false,
     }

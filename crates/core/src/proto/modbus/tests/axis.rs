@@ -5,9 +5,9 @@ use crate::axis::Driver as _;
 use crate::error::{Failure, Unsupported};
 use crate::profile::{Access, Certainty, Encoding, Parameter, Persistence, Scale};
 use crate::proto::modbus::axis::{Axis, GENERIC};
-use crate::proto::modbus::request::{Answer, Ask, Request, WORDS_MAX};
+use crate::proto::modbus::host_request::{Answer, HostRequest, RequestBody, WORDS_MAX};
 use crate::proto::modbus::wire::{Function, Space};
-use crate::station::Class::{self, Confirm, Idempotent, Never, Stop};
+use crate::station::RequestClass::{self, Idempotent, NoRetry, ReadBack, Stop};
 use crate::units::Unit;
 
 /// Numbers of the spaces in profiles.
@@ -53,12 +53,12 @@ fn all() -> Axis {
     Axis::new(&GENERIC, 0)
 }
 
-fn asks(ask: Ask, class: Class) -> Result<Request, Unsupported> {
-    Ok(Request { unit: 17, ask, class })
+fn asks(ask: RequestBody, class: RequestClass) -> Result<HostRequest, Unsupported> {
+    Ok(HostRequest { unit: 17, body: ask, class })
 }
 
-fn reads(space: Space, start: u16, count: u16) -> Result<Request, Unsupported> {
-    asks(Ask::Read { space, start, count }, Idempotent)
+fn reads(space: Space, start: u16, count: u16) -> Result<HostRequest, Unsupported> {
+    asks(RequestBody::Read { space, start, count }, Idempotent)
 }
 
 fn words<const N: usize>(values: [u16; N]) -> [u16; WORDS_MAX] {
@@ -79,48 +79,49 @@ fn the_low_byte_of_an_address_is_the_station() {
 
 #[test]
 fn a_parameter_is_read_where_it_lies_and_whole() {
-    assert_eq!(axis().read(&SPEED), reads(Space::Holding, 7, 1));
-    assert_eq!(axis().read(&PLACE), reads(Space::Holding, 0x20, 2));
-    assert_eq!(axis().read(&OUTPUT), reads(Space::Coil, 3, 1));
-    assert_eq!(axis().read(&LINE), reads(Space::Discrete, 4, 1));
-    assert_eq!(axis().read(&HEAT), reads(Space::Input, 5, 1));
-    assert_eq!(axis().read(&NOWHERE), Err(Unsupported::NoSuchParameter));
-    assert!(matches!(all().read(&SPEED), Err(Unsupported::Forbidden(_))));
+    assert_eq!(axis().read_request(&SPEED), reads(Space::Holding, 7, 1));
+    assert_eq!(axis().read_request(&PLACE), reads(Space::Holding, 0x20, 2));
+    assert_eq!(axis().read_request(&OUTPUT), reads(Space::Coil, 3, 1));
+    assert_eq!(axis().read_request(&LINE), reads(Space::Discrete, 4, 1));
+    assert_eq!(axis().read_request(&HEAT), reads(Space::Input, 5, 1));
+    assert_eq!(axis().read_request(&NOWHERE), Err(Unsupported::NoSuchParameter));
+    assert!(matches!(all().read_request(&SPEED), Err(Unsupported::Forbidden(_))));
 }
 
 #[test]
 fn a_write_has_the_class_it_is_given() {
-    for class in [Confirm, Never, Stop] {
-        let one = Ask::WriteRegister { address: 7, value: 0xFFFE };
-        assert_eq!(axis().write(&SPEED, -2, class), asks(one, class));
-        let two = Ask::WriteRegisters { start: 0x20, count: 2, words: words([0xFFFE, 0xFFFF]) };
-        assert_eq!(axis().write(&PLACE, -2, class), asks(two, class));
-        let coil = Ask::WriteCoil { address: 3, on: true };
-        assert_eq!(axis().write(&OUTPUT, 5, class), asks(coil, class));
+    for class in [ReadBack, NoRetry, Stop] {
+        let one = RequestBody::WriteRegister { address: 7, value: 0xFFFE };
+        assert_eq!(axis().write_request(&SPEED, -2, class), asks(one, class));
+        let two =
+            RequestBody::WriteRegisters { start: 0x20, count: 2, words: words([0xFFFE, 0xFFFF]) };
+        assert_eq!(axis().write_request(&PLACE, -2, class), asks(two, class));
+        let coil = RequestBody::WriteCoil { address: 3, on: true };
+        assert_eq!(axis().write_request(&OUTPUT, 5, class), asks(coil, class));
     }
-    assert!(all().write(&SPEED, 1, Never).is_ok(), "a broadcast may write");
+    assert!(all().write_request(&SPEED, 1, NoRetry).is_ok(), "a broadcast may write");
 }
 
 #[test]
 fn what_cannot_be_written_is_refused() {
-    assert_eq!(axis().write(&SPEED, 40_000, Never), Err(Unsupported::BadArgument));
-    assert_eq!(axis().write(&PLACE, 1 << 31, Never), Err(Unsupported::BadArgument));
-    assert!(matches!(axis().write(&LINE, 1, Never), Err(Unsupported::Forbidden(_))));
-    assert!(matches!(axis().write(&HEAT, 1, Never), Err(Unsupported::Forbidden(_))));
-    assert_eq!(axis().write(&NOWHERE, 1, Never), Err(Unsupported::NoSuchParameter));
+    assert_eq!(axis().write_request(&SPEED, 40_000, NoRetry), Err(Unsupported::BadArgument));
+    assert_eq!(axis().write_request(&PLACE, 1 << 31, NoRetry), Err(Unsupported::BadArgument));
+    assert!(matches!(axis().write_request(&LINE, 1, NoRetry), Err(Unsupported::Forbidden(_))));
+    assert!(matches!(axis().write_request(&HEAT, 1, NoRetry), Err(Unsupported::Forbidden(_))));
+    assert_eq!(axis().write_request(&NOWHERE, 1, NoRetry), Err(Unsupported::NoSuchParameter));
 }
 
 #[test]
 fn a_step_of_a_plan_is_never_sent_twice_unless_it_reads() {
-    assert_eq!(axis().send(3, 0x102E, 2), reads(Space::Holding, 0x102E, 2));
-    assert_eq!(axis().send(1, 0, 256), reads(Space::Coil, 0, 256));
-    let coil = Ask::WriteCoil { address: 9, on: false };
-    assert_eq!(axis().send(5, 9, 0), asks(coil, Never));
+    assert_eq!(axis().function_request(3, 0x102E, 2), reads(Space::Holding, 0x102E, 2));
+    assert_eq!(axis().function_request(1, 0, 256), reads(Space::Coil, 0, 256));
+    let coil = RequestBody::WriteCoil { address: 9, on: false };
+    assert_eq!(axis().function_request(5, 9, 0), asks(coil, NoRetry));
     for (value, word) in [(-32_768, 0x8000), (-1, 0xFFFF), (65_535, 0xFFFF)] {
-        let one = Ask::WriteRegister { address: 9, value: word };
-        assert_eq!(axis().send(6, 9, value), asks(one, Never));
-        let list = Ask::WriteRegisters { start: 9, count: 1, words: words([word]) };
-        assert_eq!(axis().send(0x10, 9, value), asks(list, Never));
+        let one = RequestBody::WriteRegister { address: 9, value: word };
+        assert_eq!(axis().function_request(6, 9, value), asks(one, NoRetry));
+        let list = RequestBody::WriteRegisters { start: 9, count: 1, words: words([word]) };
+        assert_eq!(axis().function_request(0x10, 9, value), asks(list, NoRetry));
     }
 }
 
@@ -128,64 +129,67 @@ fn a_step_of_a_plan_is_never_sent_twice_unless_it_reads() {
 fn a_step_that_says_nothing_sensible_is_refused() {
     for (function, value) in [(6, -32_769), (6, 65_536), (0x10, 65_536), (3, 0), (3, 126), (1, 257)]
     {
-        let sent = axis().send(function, 9, value);
+        let sent = axis().function_request(function, 9, value);
         assert_eq!(sent, Err(Unsupported::BadArgument), "{function} {value}");
     }
     for function in [0, 0x0F, 0x17, 0x2B] {
-        assert!(matches!(axis().send(function, 9, 1), Err(Unsupported::Forbidden(_))));
+        assert!(matches!(axis().function_request(function, 9, 1), Err(Unsupported::Forbidden(_))));
     }
-    assert!(matches!(all().send(3, 0, 1), Err(Unsupported::Forbidden(_))));
+    assert!(matches!(all().function_request(3, 0, 1), Err(Unsupported::Forbidden(_))));
 }
 
 #[test]
 fn no_request_keeps_a_value_over_power_off() {
-    assert_eq!(axis().keep(&SPEED), Err(Unsupported::NoPlan));
+    assert_eq!(axis().store_request(&SPEED), Err(Unsupported::NoPlan));
 }
 
 #[test]
 fn a_text_becomes_what_it_says() {
-    assert_eq!(axis().parse("read 0x102E 2"), reads(Space::Holding, 0x102E, 2));
-    assert_eq!(axis().parse("inputs 0 4"), reads(Space::Discrete, 0, 4));
-    let one = Ask::WriteRegister { address: 0x33, value: 200 };
-    assert_eq!(axis().parse("write Fn_33 200"), asks(one, Never));
-    let two = Ask::WriteRegisters { start: 0x30, count: 2, words: words([5, 6]) };
-    assert_eq!(axis().parse("write 0x30 5 6"), asks(two, Never));
-    assert_eq!(axis().parse("coil 3 on"), asks(Ask::WriteCoil { address: 3, on: true }, Never));
+    assert_eq!(axis().parse_request("read 0x102E 2"), reads(Space::Holding, 0x102E, 2));
+    assert_eq!(axis().parse_request("inputs 0 4"), reads(Space::Discrete, 0, 4));
+    let one = RequestBody::WriteRegister { address: 0x33, value: 200 };
+    assert_eq!(axis().parse_request("write Fn_33 200"), asks(one, NoRetry));
+    let two = RequestBody::WriteRegisters { start: 0x30, count: 2, words: words([5, 6]) };
+    assert_eq!(axis().parse_request("write 0x30 5 6"), asks(two, NoRetry));
+    assert_eq!(
+        axis().parse_request("coil 3 on"),
+        asks(RequestBody::WriteCoil { address: 3, on: true }, NoRetry)
+    );
     let mut bits = [0; 32];
     bits[..2].copy_from_slice(&[0b0000_0101, 0b10]);
-    let coils = Ask::WriteCoils { start: 4, count: 10, bits };
-    assert_eq!(axis().parse("write coils 4 1 0 1 0 0 0 0 0 0 1"), asks(coils, Never));
+    let coils = RequestBody::WriteCoils { start: 4, count: 10, bits };
+    assert_eq!(axis().parse_request("write coils 4 1 0 1 0 0 0 0 0 0 1"), asks(coils, NoRetry));
 }
 
 #[test]
 fn a_text_that_means_nothing_is_refused() {
     let seventeen = "write registers 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17";
     for text in ["", "jump 3", "read", "write 3", "read 70000", seventeen] {
-        assert_eq!(axis().parse(text), Err(Unsupported::BadText), "{text}");
+        assert_eq!(axis().parse_request(text), Err(Unsupported::BadText), "{text}");
     }
-    assert!(matches!(all().parse("read 3"), Err(Unsupported::Forbidden(_))));
+    assert!(matches!(all().parse_request("read 3"), Err(Unsupported::Forbidden(_))));
 }
 
 #[test]
 fn an_answer_is_the_number_it_holds() {
     let (bits, holding) = (Function::ReadCoils, Function::ReadHoldingRegisters);
     // A drive may bring its other lines too.
-    assert_eq!(axis().answer(Some(&OUTPUT), &answer(bits, 1, [0b0110])), Ok(0));
-    assert_eq!(axis().answer(Some(&OUTPUT), &answer(bits, 1, [0b0111])), Ok(1));
-    assert_eq!(axis().answer(Some(&SPEED), &answer(holding, 1, [0xFFFE])), Ok(-2));
+    assert_eq!(axis().decode_answer(Some(&OUTPUT), &answer(bits, 1, [0b0110])), Ok(0));
+    assert_eq!(axis().decode_answer(Some(&OUTPUT), &answer(bits, 1, [0b0111])), Ok(1));
+    assert_eq!(axis().decode_answer(Some(&SPEED), &answer(holding, 1, [0xFFFE])), Ok(-2));
     let place = answer(holding, 2, [0xF32D, 0x000B]);
-    assert_eq!(axis().answer(Some(&PLACE), &place), Ok(783_149));
-    assert_eq!(axis().answer(None, &place), Ok(0xF32D_000B));
+    assert_eq!(axis().decode_answer(Some(&PLACE), &place), Ok(783_149));
+    assert_eq!(axis().decode_answer(None, &place), Ok(0xF32D_000B));
     let written = answer(Function::WriteRegister, 1, [0xFFFE]);
-    assert_eq!(axis().answer(Some(&SPEED), &written), Ok(-2));
+    assert_eq!(axis().decode_answer(Some(&SPEED), &written), Ok(-2));
     let list = answer(Function::WriteRegisters, 2, [0]);
-    assert_eq!(axis().answer(Some(&PLACE), &list), Ok(2), "how many: no value is repeated");
+    assert_eq!(axis().decode_answer(Some(&PLACE), &list), Ok(2), "how many: no value is repeated");
 }
 
 #[test]
 fn an_answer_of_another_length_is_no_value() {
     for (parameter, count) in [(&SPEED, 2), (&PLACE, 1), (&PLACE, 3)] {
         let brought = answer(Function::ReadHoldingRegisters, count, [1, 2]);
-        assert_eq!(axis().answer(Some(parameter), &brought), Err(Failure::Misbehaved));
+        assert_eq!(axis().decode_answer(Some(parameter), &brought), Err(Failure::Misbehaved));
     }
 }

@@ -7,10 +7,10 @@ use std::println;
 use std::vec::Vec;
 
 use super::world::UNTIMED;
-use crate::proto::modbus::request::{Ask, Request};
-use crate::proto::modbus::wire::{Format, ReplyPdu, Space};
-use crate::proto::modbus::{Host, ascii, rtu};
-use crate::station::{Class, Host as _, Station as _, Ticket};
+use crate::proto::modbus::host_request::{HostRequest, RequestBody};
+use crate::proto::modbus::wire::{ReplyPdu, Space, WireFormat};
+use crate::proto::modbus::{SerialHost, ascii, rtu};
+use crate::station::{Host as _, RequestClass, Station as _, Ticket};
 use crate::time::Instant;
 
 /// Address and PDU of a reply to a read of one register, and that register.
@@ -18,26 +18,26 @@ const BODY: [u8; 5] = [1, 3, 2, 0x03, 0xEF];
 const VALUE: u16 = 0x03EF;
 
 /// It as a frame.
-fn reply(format: Format) -> Vec<u8> {
+fn reply(format: WireFormat) -> Vec<u8> {
     let mut out = [0; 32];
     let put = |out: &mut [u8]| ReplyPdu::Read { space: Space::Holding, data: &BODY[3..] }.emit(out);
     let len = match format {
-        Format::Rtu => rtu::emit(1, &mut out, put),
-        Format::Ascii => ascii::emit(1, &mut out, put),
+        WireFormat::Rtu => rtu::emit(1, &mut out, put),
+        WireFormat::Ascii => ascii::emit(1, &mut out, put),
     };
     out[..len].to_vec()
 }
 
 /// How many there are, how many the check lets through, how many the host takes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct Count {
+struct SweepCount {
     changed: usize,
     passed: usize,
     taken: usize,
 }
 
-impl Count {
-    fn of(format: Format, frames: impl Iterator<Item = Vec<u8>>) -> Self {
+impl SweepCount {
+    fn of(format: WireFormat, frames: impl Iterator<Item = Vec<u8>>) -> Self {
         let good = reply(format);
         let mut count = Self { changed: 0, passed: 0, taken: 0 };
         for frame in frames.filter(|frame| *frame != good) {
@@ -48,7 +48,7 @@ impl Count {
         count
     }
 
-    fn told(self, what: &str, format: Format) -> Self {
+    fn print(self, what: &str, format: WireFormat) -> Self {
         let Self { changed, passed, taken } = self;
         println!("{format:?} {what}: {passed} of {changed} pass the check, {taken} the host");
         self
@@ -57,23 +57,23 @@ impl Count {
 
 /// Whether some frame in it passes its check and holds other bytes than the good reply. A small
 /// letter for a capital is no other byte.
-fn passes(format: Format, frame: &[u8]) -> bool {
-    if format == Format::Rtu {
-        return rtu::open(frame).is_ok();
+fn passes(format: WireFormat, frame: &[u8]) -> bool {
+    if format == WireFormat::Rtu {
+        return rtu::decode(frame).is_ok();
     }
-    let mut collector = ascii::Collector::default();
+    let mut collector = ascii::AsciiDeframer::default();
     frame.iter().any(|&character| {
-        let ended = collector.feed(character) == ascii::Fed::Ended;
+        let ended = collector.feed(character) == ascii::FeedResult::Complete;
         let bytes = collector.bytes();
-        ended && ascii::open(bytes).is_ok() && bytes[..bytes.len() - 1] != BODY
+        ended && ascii::decode(bytes).is_ok() && bytes[..bytes.len() - 1] != BODY
     })
 }
 
 /// Whether the host answers its caller with another value.
-fn takes(format: Format, frame: &[u8]) -> bool {
-    let mut host = Host::new(format, &UNTIMED);
-    let ask = Ask::Read { space: Space::Holding, start: 3, count: 1 };
-    let request = Request { unit: 1, ask, class: Class::Idempotent };
+fn takes(format: WireFormat, frame: &[u8]) -> bool {
+    let mut host = SerialHost::new(format, &UNTIMED);
+    let ask = RequestBody::Read { space: Space::Holding, start: 3, count: 1 };
+    let request = HostRequest { unit: 1, body: ask, class: RequestClass::Idempotent };
     host.submit(Instant(1), Ticket(1), request).unwrap();
     host.poll_transmit(Instant(1), &mut [0; 64]).unwrap();
     host.handle_input(Instant(1).plus_ms(5), frame);
@@ -97,26 +97,26 @@ fn swapped(frame: &[u8], a: usize, b: usize) -> Vec<u8> {
 }
 
 /// One-bit errors, two-bit errors and swaps of two bytes of a reply.
-fn sweep(format: Format) -> [Count; 3] {
+fn sweep(format: WireFormat) -> [SweepCount; 3] {
     let good = reply(format);
     let (bits, bytes) = (8 * good.len(), good.len());
     let single = (0..bits).map(|bit| flipped(&good, &[bit]));
     let double = pairs(bits).map(|(a, b)| flipped(&good, &[a, b]));
     let swaps = pairs(bytes).map(|(a, b)| swapped(&good, a, b));
     [
-        Count::of(format, single).told("one-bit errors", format),
-        Count::of(format, double).told("two-bit errors", format),
-        Count::of(format, swaps).told("swaps of two bytes", format),
+        SweepCount::of(format, single).print("one-bit errors", format),
+        SweepCount::of(format, double).print("two-bit errors", format),
+        SweepCount::of(format, swaps).print("swaps of two bytes", format),
     ]
 }
 
 #[test]
 fn what_the_checks_cannot_see() {
-    let none = |changed| Count { changed, passed: 0, taken: 0 };
+    let none = |changed| SweepCount { changed, passed: 0, taken: 0 };
     // Two bytes of the seven are alike.
-    assert_eq!(sweep(Format::Rtu), [none(56), none(1540), none(20)]);
-    let [single, double, swaps] = sweep(Format::Ascii);
+    assert_eq!(sweep(WireFormat::Rtu), [none(56), none(1540), none(20)]);
+    let [single, double, swaps] = sweep(WireFormat::Ascii);
     assert_eq!(single, none(120));
-    assert_eq!(double, Count { changed: 7140, passed: 35, taken: 7 });
-    assert_eq!(swaps, Count { changed: 94, passed: 19, taken: 5 });
+    assert_eq!(double, SweepCount { changed: 7140, passed: 35, taken: 7 });
+    assert_eq!(swaps, SweepCount { changed: 94, passed: 19, taken: 5 });
 }

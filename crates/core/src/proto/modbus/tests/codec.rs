@@ -7,24 +7,25 @@ use std::string::{String, ToString};
 use std::vec;
 use std::vec::Vec;
 
-use super::world::{Drive, UNTIMED, World};
+use super::world::{RegisterDrive, TestWorld, UNTIMED};
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Field, Sink, Value,
+    Context, Direction, Dissector, EncodeError, EncodeOptions, ExplainSink, Field, FieldValue,
+    FrameBoundary,
 };
 use crate::profile::Encoding;
-use crate::proto::modbus::device::{Framing, SerialEnd};
-use crate::proto::modbus::request::{Ask, Request};
-use crate::proto::modbus::wire::{Exception, Format, ReplyPdu, RequestPdu, Space};
-use crate::proto::modbus::{ASCII, Host, ModbusDissector, RTU, ascii, encoding, rtu};
-use crate::station::{Class, Host as _, Station, Ticket, Timed};
+use crate::proto::modbus::device::{Framing, SerialEndpoint};
+use crate::proto::modbus::host_request::{HostRequest, RequestBody};
+use crate::proto::modbus::wire::{Exception, ReplyPdu, RequestPdu, Space, WireFormat};
+use crate::proto::modbus::{ASCII, ModbusDissector, RTU, SerialHost, ascii, encoding, rtu};
+use crate::station::{Host as _, RequestClass, Station, Ticket, Timed};
 use crate::time::Instant;
 
 const VECTORS: &str = include_str!("../../../../../../vectors/modbus.json");
 
 /// What a sink was told.
 #[derive(Default, Debug)]
-pub struct Told {
+pub struct RecordingSink {
     pub kind: String,
     pub axis: Option<u32>,
     pub fields: Vec<(&'static str, String)>,
@@ -32,7 +33,7 @@ pub struct Told {
     pub error: Option<String>,
 }
 
-impl Sink for Told {
+impl ExplainSink for RecordingSink {
     fn kind(&mut self, kind: &str) {
         self.kind = kind.to_string();
     }
@@ -42,8 +43,8 @@ impl Sink for Told {
     fn field(&mut self, field: Field<'_>) {
         assert!(field.start < field.end, "{field:?}");
         let value = match field.value {
-            Value::Int(n) => format!("{n}"),
-            Value::Hex(n, _) => format!("{n:X}"),
+            FieldValue::Int(n) => format!("{n}"),
+            FieldValue::Hex(n, _) => format!("{n:X}"),
             other => format!("{other:?}"),
         };
         self.fields.push((field.name, value));
@@ -56,8 +57,8 @@ impl Sink for Told {
     }
 }
 
-fn told(dissector: ModbusDissector, bytes: &[u8], context: &Context<'_>) -> Told {
-    let mut told = Told::default();
+fn explain_frame(dissector: ModbusDissector, bytes: &[u8], context: &Context<'_>) -> RecordingSink {
+    let mut told = RecordingSink::default();
     dissector.explain(bytes, context, &mut told);
     told
 }
@@ -96,18 +97,18 @@ fn vectors() -> Vec<Vector> {
 }
 
 /// Decodes a frame by the wire types and emits it again.
-fn again(vector: &Vector) -> Vec<u8> {
+fn reencode(vector: &Vector) -> Vec<u8> {
     let mut store = [0; 256];
     let (unit, pdu) = match vector.dissector.0 {
-        Format::Rtu => rtu::open(&vector.bytes).unwrap(),
-        Format::Ascii => {
-            let mut collector = ascii::Collector::default();
+        WireFormat::Rtu => rtu::decode(&vector.bytes).unwrap(),
+        WireFormat::Ascii => {
+            let mut collector = ascii::AsciiDeframer::default();
             for &character in &vector.bytes {
                 collector.feed(character);
             }
             let len = collector.bytes().len();
             store[..len].copy_from_slice(collector.bytes());
-            ascii::open(&store[..len]).unwrap()
+            ascii::decode(&store[..len]).unwrap()
         }
     };
     let mut out = [0; 520];
@@ -116,8 +117,8 @@ fn again(vector: &Vector) -> Vec<u8> {
         Direction::ToHost => ReplyPdu::parse(pdu).unwrap().emit(out),
     };
     let len = match vector.dissector.0 {
-        Format::Rtu => rtu::emit(unit, &mut out, put),
-        Format::Ascii => ascii::emit(unit, &mut out, put),
+        WireFormat::Rtu => rtu::emit(unit, &mut out, put),
+        WireFormat::Ascii => ascii::emit(unit, &mut out, put),
     };
     out[..len].to_vec()
 }
@@ -128,22 +129,22 @@ fn every_vector_encodes_and_decodes_exactly() {
     assert!(list.len() >= 39);
     for vector in &list {
         let name = &vector.name;
-        let cut = vector.dissector.cut(&vector.bytes, Some(vector.direction), true);
+        let cut = vector.dissector.find_frame(&vector.bytes, Some(vector.direction), true);
         let context = Context {
             direction: Some(vector.direction),
             request: vector.request.as_deref(),
             ..Context::default()
         };
-        let told = told(vector.dissector, &vector.bytes, &context);
+        let told = explain_frame(vector.dissector, &vector.bytes, &context);
         match vector.verdict.as_str() {
             "ok" => {
-                assert_eq!(cut, Cut::Frame(vector.bytes.len()), "{name}");
-                assert_eq!(again(vector), vector.bytes, "{name}");
+                assert_eq!(cut, FrameBoundary::Frame(vector.bytes.len()), "{name}");
+                assert_eq!(reencode(vector), vector.bytes, "{name}");
                 assert_eq!(told.error, None, "{name}");
             }
-            "accept" => assert!(!matches!(cut, Cut::Broken(_)), "{name}: {cut:?}"),
+            "accept" => assert!(!matches!(cut, FrameBoundary::Corrupt(_)), "{name}: {cut:?}"),
             _ => {
-                assert!(!matches!(cut, Cut::Frame(_)), "{name}: {cut:?}");
+                assert!(!matches!(cut, FrameBoundary::Frame(_)), "{name}: {cut:?}");
                 assert!(told.error.is_some(), "{name}");
             }
         }
@@ -152,7 +153,7 @@ fn every_vector_encodes_and_decodes_exactly() {
         }
         if let Some(text) = &vector.text {
             let mut out = [0; 520];
-            let addressing = Addressing { axis: told.axis, ..Addressing::default() };
+            let addressing = EncodeOptions { axis: told.axis, ..EncodeOptions::default() };
             let encoded = vector.dissector.encode(text, &addressing, &mut out).unwrap();
             assert_eq!(out[..encoded.len], vector.bytes, "{name}: {text}");
         }
@@ -229,8 +230,14 @@ fn what_is_emitted_parses_to_the_same() {
         let len = said.emit(&mut out);
         assert_eq!(ReplyPdu::parse(&out[..len]), Ok(said));
         let len = rtu::emit(7, &mut out, |out| asked.emit(out));
-        assert_eq!(RTU.cut(&out[..len], Some(Direction::ToDrive), false), Cut::Frame(len));
-        assert_eq!(RTU.cut(&out[..len - 1], Some(Direction::ToDrive), false), Cut::More);
+        assert_eq!(
+            RTU.find_frame(&out[..len], Some(Direction::ToDrive), false),
+            FrameBoundary::Frame(len)
+        );
+        assert_eq!(
+            RTU.find_frame(&out[..len - 1], Some(Direction::ToDrive), false),
+            FrameBoundary::Incomplete
+        );
     }
 }
 
@@ -251,11 +258,11 @@ fn codes_and_encodings_are_total() {
     assert_eq!(encoding::encode(Encoding::I16, 40_000), None);
 }
 
-fn device(format: Format) -> (SerialEnd, Drive) {
-    (SerialEnd::new(Framing::Length), Drive::new(1, format, 0))
+fn device(format: WireFormat) -> (SerialEndpoint, RegisterDrive) {
+    (SerialEndpoint::new(Framing::Length), RegisterDrive::new(1, format, 0))
 }
 
-fn drain(end: &mut SerialEnd, drive: &mut Drive, now: Instant) -> Vec<Vec<u8>> {
+fn drain(end: &mut SerialEndpoint, drive: &mut RegisterDrive, now: Instant) -> Vec<Vec<u8>> {
     let mut replies = vec![];
     let mut out = [0; 520];
     for _ in 0..1000 {
@@ -290,7 +297,7 @@ fn every_split_gives_the_same_and_no_damage_is_executed() {
             end.handle_input(Instant(2), &bytes[at..], &mut drive);
             assert_eq!(drain(&mut end, &mut drive, Instant(2)), whole, "{} at {at}", vector.name);
         }
-        if format == Format::Ascii {
+        if format == WireFormat::Ascii {
             continue; // Its 8-bit sum lets some damage through.
         }
         for bit in 0..8 * bytes.len() {
@@ -307,11 +314,11 @@ fn every_split_gives_the_same_and_no_damage_is_executed() {
 
 #[test]
 fn glued_frames_are_all_answered_in_order() {
-    for (format, dissector) in [(Format::Rtu, RTU), (Format::Ascii, ASCII)] {
+    for (format, dissector) in [(WireFormat::Rtu, RTU), (WireFormat::Ascii, ASCII)] {
         let mut glued = vec![0x55, 0x01];
         for value in 0..3 {
             let mut out = [0; 520];
-            let addressing = Addressing::default();
+            let addressing = EncodeOptions::default();
             let text = format!("write 0x10 {value}");
             let len = dissector.encode(&text, &addressing, &mut out).unwrap().len;
             glued.extend(&out[..len]);
@@ -347,13 +354,13 @@ const GARBAGE: usize = 300_000;
 fn garbage_never_hangs_a_device() {
     let good: Vec<_> = vectors().into_iter().map(|vector| vector.bytes).collect();
     for (format, framing) in [
-        (Format::Rtu, Framing::Length),
-        (Format::Rtu, Framing::TS),
-        (Format::Ascii, Framing::Length),
+        (WireFormat::Rtu, Framing::Length),
+        (WireFormat::Rtu, Framing::TS),
+        (WireFormat::Ascii, Framing::Length),
     ] {
         let mut random = Random(7);
-        let mut end = SerialEnd::new(framing);
-        let mut drive = Drive::new(1, format, 0);
+        let mut end = SerialEndpoint::new(framing);
+        let mut drive = RegisterDrive::new(1, format, 0);
         let mut now = Instant(1);
         for _ in 0..GARBAGE {
             now = now.plus_ns(random.below(20_000_000));
@@ -362,8 +369,8 @@ fn garbage_never_hangs_a_device() {
         }
         // A CRC lets one in 65536 through; damage that leaves a whole frame inside is that frame.
         let frame = match format {
-            Format::Rtu => good[8].clone(),
-            Format::Ascii => b":0106003300C8FE\r\n".to_vec(),
+            WireFormat::Rtu => good[8].clone(),
+            WireFormat::Ascii => b":0106003300C8FE\r\n".to_vec(),
         };
         now = now.plus_ms(1000);
         end.handle_timeout(now, &mut drive);
@@ -378,16 +385,16 @@ fn garbage_never_hangs_a_device() {
 #[test]
 fn garbage_ends_every_request_of_a_host() {
     let good: Vec<_> = vectors().into_iter().map(|vector| vector.bytes).collect();
-    for format in [Format::Rtu, Format::Ascii] {
+    for format in [WireFormat::Rtu, WireFormat::Ascii] {
         let mut random = Random(11);
-        let mut host = Host::new(format, &UNTIMED);
+        let mut host = SerialHost::new(format, &UNTIMED);
         let mut now = Instant(1);
         let mut out = [0; 520];
         let (mut asked, mut ended) = (0, 0);
         for _ in 0..GARBAGE {
             now = now.plus_ns(random.below(30_000_000));
-            let ask = Ask::Read { space: Space::Holding, start: 0x102E, count: 2 };
-            let request = Request { unit: 1, ask, class: Class::Idempotent };
+            let ask = RequestBody::Read { space: Space::Holding, start: 0x102E, count: 2 };
+            let request = HostRequest { unit: 1, body: ask, class: RequestClass::Idempotent };
             asked += u32::from(host.submit(now, Ticket(asked), request).is_ok());
             host.handle_timeout(now);
             while host.poll_transmit(now, &mut out).is_some() {}
@@ -420,13 +427,17 @@ fn garbage_is_cut_and_explained_without_end() {
             let direction = directions[n % 3];
             let mut rest = &bytes[..];
             while !rest.is_empty() {
-                let len = match dissector.cut(rest, direction, true) {
-                    Cut::Frame(len) | Cut::Broken(len) => {
-                        told(dissector, &rest[..len], &Context { direction, ..Context::default() });
+                let len = match dissector.find_frame(rest, direction, true) {
+                    FrameBoundary::Frame(len) | FrameBoundary::Corrupt(len) => {
+                        explain_frame(
+                            dissector,
+                            &rest[..len],
+                            &Context { direction, ..Context::default() },
+                        );
                         len
                     }
-                    Cut::Skip(len) => len,
-                    Cut::More => panic!("more, though it ended: {rest:02X?}"),
+                    FrameBoundary::Skip(len) => len,
+                    FrameBoundary::Incomplete => panic!("more, though it ended: {rest:02X?}"),
                 };
                 assert!((1..=rest.len()).contains(&len));
                 rest = &rest[len..];
@@ -439,9 +450,9 @@ fn garbage_is_cut_and_explained_without_end() {
 fn a_lone_frame_with_a_bad_check_says_both_checks() {
     let bytes = bytes_of("01 06 00 33 00 C8 78 54");
     for direction in [None, Some(Direction::ToDrive), Some(Direction::ToHost)] {
-        assert_eq!(RTU.cut(&bytes, direction, true), Cut::Broken(8));
+        assert_eq!(RTU.find_frame(&bytes, direction, true), FrameBoundary::Corrupt(8));
     }
-    let told = told(RTU, &bytes, &Context::default());
+    let told = explain_frame(RTU, &bytes, &Context::default());
     assert_eq!(told.error.unwrap(), "checksum: computed 7853, found 7854");
     assert_eq!(told.kind, "write single register");
     assert_eq!(told.fields[3], ("value", "200".to_string()));
@@ -451,17 +462,17 @@ fn a_lone_frame_with_a_bad_check_says_both_checks() {
 fn both_directions_glued_are_cut_by_the_check() {
     let frames = ["01 03 10 2E 00 02 A0 C2", "01 03 04 F3 2D 00 0B 18 B9", "01 86 06 C2 62"];
     let glued: Vec<u8> = frames.iter().flat_map(|frame| bytes_of(frame)).collect();
-    assert_eq!(RTU.cut(&glued, None, false), Cut::Frame(8));
-    assert_eq!(RTU.cut(&glued[8..], None, false), Cut::Frame(9));
-    assert_eq!(RTU.cut(&glued[17..], None, false), Cut::Frame(5));
-    assert_eq!(RTU.cut(&glued[3..], None, false), Cut::Skip(5));
+    assert_eq!(RTU.find_frame(&glued, None, false), FrameBoundary::Frame(8));
+    assert_eq!(RTU.find_frame(&glued[8..], None, false), FrameBoundary::Frame(9));
+    assert_eq!(RTU.find_frame(&glued[17..], None, false), FrameBoundary::Frame(5));
+    assert_eq!(RTU.find_frame(&glued[3..], None, false), FrameBoundary::Skip(5));
 }
 
 #[test]
 fn the_language_is_what_people_expect() {
     let encode = |text: &str| {
         let mut out = [0; 520];
-        let addressing = Addressing { axis: Some(1), ..Addressing::default() };
+        let addressing = EncodeOptions { axis: Some(1), ..EncodeOptions::default() };
         RTU.encode(text, &addressing, &mut out).map(|encoded| out[1..encoded.len - 2].to_vec())
     };
     for (text, pdu) in [
@@ -497,7 +508,7 @@ fn the_language_is_what_people_expect() {
 
 #[test]
 fn a_foreign_unit_answers_nothing_of_ours() {
-    let mut world = World::plain(Format::Rtu);
+    let mut world = TestWorld::plain(WireFormat::Rtu);
     world.fault = std::boxed::Box::new(|n, mut bytes| {
         if n == 1 {
             bytes[0] = 2;

@@ -7,21 +7,24 @@ use std::collections::VecDeque;
 use std::vec;
 use std::vec::Vec;
 
-use super::world::World;
+use super::world::TestWorld;
 use crate::error::Failure;
 use crate::proto::HostOptions;
 use crate::proto::modbus::device::Framing;
-use crate::proto::modbus::request::{Ask, Request};
+use crate::proto::modbus::host_request::{HostRequest, RequestBody};
 use crate::proto::modbus::rtu;
-use crate::proto::modbus::wire::{Format, Space};
-use crate::station::{Class, Host as _, Ticket, To};
+use crate::proto::modbus::wire::{Space, WireFormat};
+use crate::station::{EventSubject, Host as _, RequestClass, Ticket};
 
 const MS: u64 = 1_000_000;
 
-fn in_doubt(format: Format, baud: u32, seed: u32) -> World {
-    let options =
-        HostOptions { doubt: Some(seed), reply_timeout_ms: Some(100), ..HostOptions::new(baud) };
-    World::new(format, Framing::Length, &options)
+fn in_doubt(format: WireFormat, baud: u32, seed: u32) -> TestWorld {
+    let options = HostOptions {
+        probe_seed: Some(seed),
+        reply_timeout_ms: Some(100),
+        ..HostOptions::new(baud)
+    };
+    TestWorld::new(format, Framing::Length, &options)
 }
 
 /// The reply to an older read of so many registers, all of them `word`.
@@ -33,7 +36,7 @@ fn owed_read(count: u8, word: u16) -> Vec<u8> {
 }
 
 /// Every reply comes as late, those that an earlier program is owed first.
-fn behind(world: &mut World, every_ms: u64, owed: Vec<Vec<u8>>) {
+fn with_owed_replies(world: &mut TestWorld, every_ms: u64, owed: Vec<Vec<u8>>) {
     let mut owed = VecDeque::from(owed);
     world.fault = Box::new(move |_, bytes| {
         let mut all: Vec<_> = owed.drain(..).map(|old| (every_ms * MS, old)).collect();
@@ -47,8 +50,12 @@ fn the_answer_owed_to_an_earlier_program_is_not_taken() {
     for baud in [0, 9600] {
         for seed in 0..40 {
             for every_ms in [1, 25, 60, 90] {
-                let mut world = in_doubt(Format::Rtu, baud, seed);
-                behind(&mut world, every_ms, vec![owed_read(1, 4711), owed_read(2, 4712)]);
+                let mut world = in_doubt(WireFormat::Rtu, baud, seed);
+                with_owed_replies(
+                    &mut world,
+                    every_ms,
+                    vec![owed_read(1, 4711), owed_read(2, 4712)],
+                );
                 for n in [7, 8, 9] {
                     let read = world.read(n, 1);
                     let raw = read.map(|answer| answer.raw());
@@ -65,21 +72,21 @@ fn the_answer_owed_to_an_earlier_program_is_not_taken() {
 
 #[test]
 fn without_doubt_it_would_be_taken() {
-    let mut world = World::plain(Format::Rtu);
-    behind(&mut world, 1, vec![owed_read(1, 4711)]);
+    let mut world = TestWorld::plain(WireFormat::Rtu);
+    with_owed_replies(&mut world, 1, vec![owed_read(1, 4711)]);
     assert_eq!(world.read(7, 1).map(|answer| answer.raw()), Ok(4711));
 }
 
 #[test]
 fn a_stop_passes_before_anything_is_proven() {
-    for format in [Format::Rtu, Format::Ascii] {
+    for format in [WireFormat::Rtu, WireFormat::Ascii] {
         let mut world = in_doubt(format, 9600, 3);
-        let ask = Ask::Read { space: Space::Holding, start: 7, count: 1 };
-        let read = Request { unit: 1, ask, class: Class::Idempotent };
+        let ask = RequestBody::Read { space: Space::Holding, start: 7, count: 1 };
+        let read = HostRequest { unit: 1, body: ask, class: RequestClass::Idempotent };
         assert_eq!(world.host.submit(world.now, Ticket(98), read), Ok(()));
         assert!(world.step());
-        let ask = Ask::WriteRegister { address: 5, value: 0 };
-        let stop = Request { unit: 1, ask, class: Class::Stop };
+        let ask = RequestBody::WriteRegister { address: 5, value: 0 };
+        let stop = HostRequest { unit: 1, body: ask, class: RequestClass::Stop };
         let back = world.host.submit(world.now, Ticket(99), stop);
         if let Err(stop) = back {
             assert_eq!(world.host.recall(&stop), Some(Ticket(98)), "nothing of it was sent");
@@ -88,7 +95,7 @@ fn a_stop_passes_before_anything_is_proven() {
         world.rest();
         assert_eq!(world.drive.writes, [(5, vec![0])]);
         let (to, end) = *world.host.poll_event().expect("an end");
-        assert_eq!((to, end.is_ok()), (To::Ticket(Ticket(99)), true));
+        assert_eq!((to, end.is_ok()), (EventSubject::Request(Ticket(99)), true));
         assert_eq!(world.read(7, 1).map(|answer| answer.raw()), Ok(7 * 257));
     }
 }
@@ -97,7 +104,7 @@ fn a_stop_passes_before_anything_is_proven() {
 #[test]
 fn a_drive_that_answers_reads_of_registers_alone_is_proven_by_them() {
     for seed in 0..20 {
-        let mut world = in_doubt(Format::Rtu, 9600, seed);
+        let mut world = in_doubt(WireFormat::Rtu, 9600, seed);
         world.fault = Box::new(|_, bytes| match bytes[1] {
             3 | 6 => vec![(0, bytes)],
             _ => vec![],
@@ -111,7 +118,7 @@ fn a_drive_that_answers_reads_of_registers_alone_is_proven_by_them() {
 
 #[test]
 fn silence_ends_what_waits_for_a_proof() {
-    let mut world = in_doubt(Format::Rtu, 9600, 9);
+    let mut world = in_doubt(WireFormat::Rtu, 9600, 9);
     world.fault = Box::new(|_, _| vec![]);
     assert_eq!(world.write(5, 9), Err(Failure::Silent));
     assert_eq!(world.drive.writes, [], "what is not proven is not sent");

@@ -8,20 +8,20 @@ use std::vec::Vec;
 use crate::error::Failure;
 use crate::medium::SerialLine;
 use crate::proto::HostOptions;
-use crate::proto::modbus::device::{Firmware, Framing, SerialEnd, Wire};
-use crate::proto::modbus::host::Host;
-use crate::proto::modbus::request::{Answer, Ask, Request};
-use crate::proto::modbus::wire::{Exception, Format, Function, Space};
-use crate::station::{Class, Host as _, Station, Ticket, Timed, To};
+use crate::proto::modbus::device::{Firmware, Framing, SerialEndpoint, SerialSettings};
+use crate::proto::modbus::host::SerialHost;
+use crate::proto::modbus::host_request::{Answer, HostRequest, RequestBody};
+use crate::proto::modbus::wire::{Exception, Function, Space, WireFormat};
+use crate::station::{EventSubject, Host as _, RequestClass, Station, Ticket, Timed};
 use crate::time::Instant;
 
 pub const UNTIMED: HostOptions = HostOptions { reply_timeout_ms: Some(100), ..HostOptions::new(0) };
 
 /// A register file that notes what was written.
 #[derive(Debug)]
-pub struct Drive {
+pub struct RegisterDrive {
     pub address: u8,
-    pub format: Format,
+    pub format: WireFormat,
     pub baud: u32,
     pub whole_byte: bool,
     pub registers: BTreeMap<u16, u16>,
@@ -29,32 +29,32 @@ pub struct Drive {
     pub writes: Vec<(u16, Vec<u16>)>,
 }
 
-impl Drive {
-    pub fn new(address: u8, format: Format, baud: u32) -> Self {
+impl RegisterDrive {
+    pub fn new(address: u8, format: WireFormat, baud: u32) -> Self {
         let registers = (0..0x200_u16).map(|n| (n, n.wrapping_mul(257))).collect();
         let (coils, writes) = (0b0101, Vec::new());
         Self { address, format, baud, whole_byte: false, registers, coils, writes }
     }
 }
 
-impl Firmware for Drive {
+impl Firmware for RegisterDrive {
     fn address(&self) -> u8 {
         self.address
     }
 
-    fn wire(&self) -> Wire {
-        Wire { format: self.format, line: SerialLine::n81(self.baud) }
+    fn serial_settings(&self) -> SerialSettings {
+        SerialSettings { format: self.format, line: SerialLine::new_8n1(self.baud) }
     }
 
-    fn words_max(&self, function: Function, format: Format) -> u16 {
+    fn words_max(&self, function: Function, format: WireFormat) -> u16 {
         match format {
-            Format::Ascii => 12,
-            Format::Rtu if function.reads().is_some() => 125,
-            Format::Rtu => 123,
+            WireFormat::Ascii => 12,
+            WireFormat::Rtu if function.read_space().is_some() => 125,
+            WireFormat::Rtu => 123,
         }
     }
 
-    fn whole_byte(&self) -> bool {
+    fn reads_whole_bytes(&self) -> bool {
         self.whole_byte
     }
 
@@ -116,17 +116,17 @@ impl Firmware for Drive {
 }
 
 /// What becomes of a reply on its way: when, after it was sent, which bytes arrive.
-pub type Fault = std::boxed::Box<dyn FnMut(usize, Vec<u8>) -> Vec<(u64, Vec<u8>)>>;
+pub type ReplyFault = std::boxed::Box<dyn FnMut(usize, Vec<u8>) -> Vec<(u64, Vec<u8>)>>;
 
 /// Host and drive on one wire.
 #[allow(missing_debug_implementations)]
-pub struct World {
+pub struct TestWorld {
     pub now: Instant,
-    pub host: Host,
-    pub end: SerialEnd,
-    pub drive: Drive,
+    pub host: SerialHost,
+    pub end: SerialEndpoint,
+    pub drive: RegisterDrive,
     /// Applied to each reply, counted from 1.
-    pub fault: Fault,
+    pub fault: ReplyFault,
     pub replies: usize,
     /// The host hears itself.
     pub echo: bool,
@@ -137,13 +137,13 @@ pub struct World {
     ticket: u32,
 }
 
-impl World {
-    pub fn new(format: Format, framing: Framing, options: &HostOptions) -> Self {
+impl TestWorld {
+    pub fn new(format: WireFormat, framing: Framing, options: &HostOptions) -> Self {
         Self {
             now: Instant(1_000_000_000),
-            host: Host::new(format, options),
-            end: SerialEnd::new(framing),
-            drive: Drive::new(1, format, options.baud),
+            host: SerialHost::new(format, options),
+            end: SerialEndpoint::new(framing),
+            drive: RegisterDrive::new(1, format, options.baud),
             fault: std::boxed::Box::new(|_, bytes| std::vec![(0, bytes)]),
             replies: 0,
             echo: false,
@@ -154,12 +154,12 @@ impl World {
         }
     }
 
-    pub fn plain(format: Format) -> Self {
+    pub fn plain(format: WireFormat) -> Self {
         Self::new(format, Framing::Length, &UNTIMED)
     }
 
     fn pieces(&self, at: Instant, bytes: &[u8]) -> Vec<(Instant, Vec<u8>)> {
-        let line = SerialLine::n81(self.drive.baud);
+        let line = SerialLine::new_8n1(self.drive.baud);
         let mut sent = 0;
         let piece = |piece: &[u8]| {
             sent += piece.len();
@@ -220,10 +220,15 @@ impl World {
     }
 
     /// Asks and runs until the answer.
-    pub fn ask(&mut self, unit: u8, ask: Ask, class: Class) -> Result<Answer, Failure> {
+    pub fn request(
+        &mut self,
+        unit: u8,
+        ask: RequestBody,
+        class: RequestClass,
+    ) -> Result<Answer, Failure> {
         self.ticket += 1;
         let ticket = Ticket(self.ticket);
-        let request = Request { unit, ask, class };
+        let request = HostRequest { unit, body: ask, class };
         let mut steps = 0;
         while self.host.submit(self.now, ticket, request).is_err() {
             assert!(self.step(), "nothing to come, yet the host is not free");
@@ -232,7 +237,7 @@ impl World {
         }
         for _ in 0..10_000 {
             if let Some((to, result)) = self.host.poll_event() {
-                assert_eq!(*to, To::Ticket(ticket));
+                assert_eq!(*to, EventSubject::Request(ticket));
                 return *result;
             }
             assert!(self.step(), "nothing to come, yet no outcome");
@@ -241,11 +246,15 @@ impl World {
     }
 
     pub fn read(&mut self, start: u16, count: u16) -> Result<Answer, Failure> {
-        self.ask(1, Ask::Read { space: Space::Holding, start, count }, Class::Idempotent)
+        self.request(
+            1,
+            RequestBody::Read { space: Space::Holding, start, count },
+            RequestClass::Idempotent,
+        )
     }
 
     pub fn write(&mut self, address: u16, value: u16) -> Result<Answer, Failure> {
-        self.ask(1, Ask::WriteRegister { address, value }, Class::Never)
+        self.request(1, RequestBody::WriteRegister { address, value }, RequestClass::NoRetry)
     }
 
     /// Runs until nothing more happens.

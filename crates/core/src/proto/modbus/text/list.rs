@@ -1,7 +1,7 @@
 //! Writes of many as a decoder tells them: `write register 0x0030 = 5, register 0x0031 = 5`,
 //! `write coil 0x0013, 10 bits = on: 1 3 4`.
 
-use super::{Said, Token, by_symbol, fits, number};
+use super::{ParsedRequest, Token, check_address_range, parse_number, parse_symbol};
 use crate::explain::TextError;
 use crate::proto::modbus::wire::{Function, READ_WORDS_MAX, WRITE_WORDS_MAX};
 
@@ -9,31 +9,31 @@ use crate::proto::modbus::wire::{Function, READ_WORDS_MAX, WRITE_WORDS_MAX};
 ///
 /// # Errors
 /// [`TextError`] with the place and what was expected there.
-pub fn parse(text: &str, tokens: &[Token<'_>]) -> Result<Option<Said>, TextError> {
+pub fn parse_list(text: &str, tokens: &[Token<'_>]) -> Result<Option<ParsedRequest>, TextError> {
     let [first, rest @ ..] = tokens else { return Ok(None) };
     if !first.is("write") {
         return Ok(None);
     }
     let has = |word: &str| rest.iter().any(|token| token.is(word));
     match rest {
-        [multiple, rest @ ..] if multiple.is("multiple:") => registers(text, rest).map(Some),
+        [multiple, rest @ ..] if multiple.is("multiple:") => parse_registers(text, rest).map(Some),
         [kind, list @ ..] if kind.is("coil") && (has("on:") || has("all")) => {
-            coils(text, list).map(Some)
+            parse_coils(text, list).map(Some)
         }
-        [kind, list @ ..] if kind.is("register") && (has("then") || has_two(list)) => {
-            registers(text, rest).map(Some)
+        [kind, list @ ..] if kind.is("register") && (has("then") || has_register_word(list)) => {
+            parse_registers(text, rest).map(Some)
         }
         _ => Ok(None),
     }
 }
 
-fn has_two(list: &[Token<'_>]) -> bool {
+fn has_register_word(list: &[Token<'_>]) -> bool {
     list.iter().any(|token| token.is("register"))
 }
 
 /// `register A = v, register B = v, then v v`: addresses in order, without a gap.
-fn registers(text: &str, tokens: &[Token<'_>]) -> Result<Said, TextError> {
-    let mut said = Said {
+fn parse_registers(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, TextError> {
+    let mut said = ParsedRequest {
         function: Function::WriteRegisters,
         start: 0,
         count: 0,
@@ -43,19 +43,19 @@ fn registers(text: &str, tokens: &[Token<'_>]) -> Result<Said, TextError> {
     while let [kind, address, value, more @ ..] = rest
         && kind.is("register")
     {
-        let next = self::address(address)?;
+        let next = self::parse_address(address)?;
         if said.count == 0 {
             said.start = next;
         } else if Some(next) != said.start.checked_add(said.count) {
             return Err(TextError { at: address.at, expected: "the register that follows" });
         }
-        push(&mut said, value)?;
+        push_value(&mut said, value)?;
         rest = more;
     }
     if let [then, values @ ..] = rest
         && then.is("then")
     {
-        values.iter().try_for_each(|value| push(&mut said, value))?;
+        values.iter().try_for_each(|value| push_value(&mut said, value))?;
         rest = &[];
     }
     match (rest.first(), said.count) {
@@ -63,28 +63,28 @@ fn registers(text: &str, tokens: &[Token<'_>]) -> Result<Said, TextError> {
             Err(TextError { at: token.at, expected: "register ADDRESS = VALUE, or then VALUES" })
         }
         (None, 0) => Err(TextError { at: text.len(), expected: "register ADDRESS = VALUE" }),
-        (None, count) => fits(said.start, count, tokens).map(|_| said),
+        (None, count) => check_address_range(said.start, count, tokens).map(|_| said),
     }
 }
 
-fn push(said: &mut Said, token: &Token<'_>) -> Result<(), TextError> {
+fn push_value(said: &mut ParsedRequest, token: &Token<'_>) -> Result<(), TextError> {
     if said.count == WRITE_WORDS_MAX {
         return Err(TextError { at: token.at, expected: "at most 123 values" });
     }
     let expected = "a value, -32768 to 65535";
-    let value = number(token.text).filter(|value| (-32_768..=65_535).contains(value));
+    let value = parse_number(token.text).filter(|value| (-32_768..=65_535).contains(value));
     said.words[usize::from(said.count)] = value.ok_or(TextError { at: token.at, expected })? as u16;
     said.count += 1;
     Ok(())
 }
 
 /// `A, n bits = on: 1 3` or `A = all off`. Lines are counted from 1.
-fn coils(text: &str, tokens: &[Token<'_>]) -> Result<Said, TextError> {
+fn parse_coils(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, TextError> {
     let missing = TextError { at: text.len(), expected: "a coil's address" };
     let (first, rest) = tokens.split_first().ok_or(missing)?;
-    let start = address(first)?;
+    let start = parse_address(first)?;
     let (count, rest) = match rest {
-        [count, unit, rest @ ..] if unit.is("bits") => (position(count)?, rest),
+        [count, unit, rest @ ..] if unit.is("bits") => (parse_position(count)?, rest),
         rest => (1, rest),
     };
     let mut words = [0; READ_WORDS_MAX as usize];
@@ -92,7 +92,7 @@ fn coils(text: &str, tokens: &[Token<'_>]) -> Result<Said, TextError> {
         [all, off] if all.is("all") && off.is("off") => {}
         [on, lines @ ..] if on.is("on:") && !lines.is_empty() => {
             for line in lines {
-                let at = position(line)?;
+                let at = parse_position(line)?;
                 let expected = "a line among those that are written";
                 let outside = TextError { at: line.at, expected };
                 *words[..usize::from(count)].get_mut(usize::from(at) - 1).ok_or(outside)? = 1;
@@ -100,19 +100,19 @@ fn coils(text: &str, tokens: &[Token<'_>]) -> Result<Said, TextError> {
         }
         _ => return Err(TextError { at: first.at, expected: "A, N bits = on: LINES, or all off" }),
     }
-    fits(start, count, tokens)?;
-    Ok(Said { function: Function::WriteCoils, start, count, words })
+    check_address_range(start, count, tokens)?;
+    Ok(ParsedRequest { function: Function::WriteCoils, start, count, words })
 }
 
-fn address(token: &Token<'_>) -> Result<u16, TextError> {
-    let plain = number(token.text).and_then(|value| u16::try_from(value).ok());
+fn parse_address(token: &Token<'_>) -> Result<u16, TextError> {
+    let plain = parse_number(token.text).and_then(|value| u16::try_from(value).ok());
     let expected = "a register address, 0 to 0xFFFF";
-    plain.or_else(|| by_symbol(token.text)).ok_or(TextError { at: token.at, expected })
+    plain.or_else(|| parse_symbol(token.text)).ok_or(TextError { at: token.at, expected })
 }
 
-fn position(token: &Token<'_>) -> Result<u16, TextError> {
+fn parse_position(token: &Token<'_>) -> Result<u16, TextError> {
     let most = i64::from(READ_WORDS_MAX);
-    let found = number(token.text).filter(|value| (1..=most).contains(value));
+    let found = parse_number(token.text).filter(|value| (1..=most).contains(value));
     found
         .map(|value| value as u16)
         .ok_or(TextError { at: token.at, expected: "a number, 1 to 125" })

@@ -6,16 +6,18 @@ use std::string::String;
 use std::vec::Vec;
 
 use crate::error::WireError;
-use crate::explain::{Addressing, Context, Dissector, EncodeError, Encoded, Field, Sink, Value};
+use crate::explain::{
+    Context, Dissector, EncodeError, EncodeOptions, EncodedFrame, ExplainSink, Field, FieldValue,
+};
 use crate::medium::Frame;
 use crate::proto::thruster::ThrusterDissector;
-use crate::proto::thruster::wire::{Command, Heard, Request, Width, node};
+use crate::proto::thruster::wire::{CommandWord, DriveMessage, Request, Width, node_of_id};
 
 const VECTORS: &str = include_str!("../../../../../../vectors/thruster.json");
 
 /// What an explainer found, as text.
 #[derive(Default)]
-pub struct Found {
+pub struct RecordingSink {
     pub kind: String,
     pub axis: u32,
     pub text: String,
@@ -23,7 +25,7 @@ pub struct Found {
     pub error: Option<WireError>,
 }
 
-impl Sink for Found {
+impl ExplainSink for RecordingSink {
     fn kind(&mut self, kind: &str) {
         self.kind = kind.into();
     }
@@ -32,11 +34,11 @@ impl Sink for Found {
     }
     fn field(&mut self, field: Field<'_>) {
         let value = match field.value {
-            Value::Int(n) => std::format!("{n}"),
-            Value::Hex(n, digits) => std::format!("0x{n:0digits$X}", digits = digits.into()),
-            Value::Real(n) => std::format!("{n:?}"),
-            Value::Text(text) => text.into(),
-            Value::Words(words) => std::format!("{words:?}"),
+            FieldValue::Int(n) => std::format!("{n}"),
+            FieldValue::Hex(n, digits) => std::format!("0x{n:0digits$X}", digits = digits.into()),
+            FieldValue::Real(n) => std::format!("{n:?}"),
+            FieldValue::Text(text) => text.into(),
+            FieldValue::Words(words) => std::format!("{words:?}"),
         };
         self.fields.push((field.name, value, field.meaning));
     }
@@ -48,23 +50,23 @@ impl Sink for Found {
     }
 }
 
-impl Found {
+impl RecordingSink {
     fn value(&self, name: &str) -> &str {
         self.fields.iter().find(|(n, ..)| *n == name).map_or("", |(_, value, _)| value)
     }
 }
 
-pub fn explain(frame: &Frame, request: Option<&[u8]>) -> Found {
-    let mut found = Found::default();
+pub fn explain(frame: &Frame, request: Option<&[u8]>) -> RecordingSink {
+    let mut found = RecordingSink::default();
     let context = Context { id: Some(frame.id), request, ..Context::default() };
     ThrusterDissector.explain(frame.bytes(), &context, &mut found);
     found
 }
 
 pub fn encode(text: &str, axis: u32) -> Result<Frame, EncodeError> {
-    let addressing = Addressing { axis: Some(axis), ..Addressing::default() };
+    let addressing = EncodeOptions { axis: Some(axis), ..EncodeOptions::default() };
     let mut out = [0; 8];
-    let Encoded { len, id, .. } = ThrusterDissector.encode(text, &addressing, &mut out)?;
+    let EncodedFrame { len, id, .. } = ThrusterDissector.encode(text, &addressing, &mut out)?;
     Ok(Frame::standard(id.expect("an identifier") as u16, &out[..len]))
 }
 
@@ -82,7 +84,7 @@ fn every_vector_in_both_directions() {
         let text = |key: &str| v[key].as_str().unwrap_or("");
         let frame = frame_of(text("can_id"), text("bytes"));
         assert_eq!(frame.len as u64, v["dlc"].as_u64().expect("a length"), "{}", text("name"));
-        let to_drive = matches!(node(frame.id), Some(Ok(_)));
+        let to_drive = matches!(node_of_id(frame.id), Some(Ok(_)));
         let request = asked.filter(|_| !to_drive);
         let found = explain(&frame, request.as_ref().map(Frame::bytes));
         assert_eq!(found.axis, frame.id & 0x7F);
@@ -105,7 +107,7 @@ fn every_vector_in_both_directions() {
 }
 
 /// The values that the vector states.
-fn agrees(v: &serde_json::Value, found: &Found) {
+fn agrees(v: &serde_json::Value, found: &RecordingSink) {
     let name = &v["name"];
     if let Some(value) = v["value"].as_f64() {
         assert_eq!(found.value("value").parse(), Ok(value), "{name}: {:?}", found.fields);
@@ -136,12 +138,12 @@ fn each_text_that_decode_prints_is_read_again() {
     let mut both = |frame: Frame| {
         let found = explain(&frame, None);
         match encode(&found.text, 5) {
-            Err(EncodeError::Forbidden(_)) => assert!(matches!(node(frame.id), Some(Ok(_)))),
+            Err(EncodeError::Forbidden(_)) => assert!(matches!(node_of_id(frame.id), Some(Ok(_)))),
             again => assert_eq!(again, Ok(frame), "{}", found.text),
         }
         tried += 1;
     };
-    for (command, ..) in Command::ALL {
+    for (command, ..) in CommandWord::ALL {
         for sub in [0, 10, 0x4C41, 0xFFFF] {
             both(Request { command, sub, data: None }.frame(5));
             for data in datas {
@@ -243,24 +245,24 @@ fn mistakes_are_pointed_at() {
 #[test]
 fn values_are_read_in_whatever_width_they_come() {
     for data in [0x0000_FFFB, 0xFFFF_FFFB] {
-        assert_eq!(Width::Signed.read(data), -5);
+        assert_eq!(Width::Signed.decode(data), -5);
     }
-    assert_eq!(Width::Signed.read(0x0001_0000), 65536);
-    assert_eq!(Width::Unsigned.read(0xEA60), 60000);
-    assert_eq!(Width::Absolute.read(63737), -1799);
-    assert_eq!(Width::Absolute.read(63736), 63736);
-    assert_eq!(Width::Long.read(63737), 63737, "a relative way may be so long");
-    assert_eq!(Width::Long.read(0xFFFF_FC7C), -900);
+    assert_eq!(Width::Signed.decode(0x0001_0000), 65536);
+    assert_eq!(Width::Unsigned.decode(0xEA60), 60000);
+    assert_eq!(Width::Absolute.decode(63737), -1799);
+    assert_eq!(Width::Absolute.decode(63736), 63736);
+    assert_eq!(Width::Long.decode(63737), 63737, "a relative way may be so long");
+    assert_eq!(Width::Long.decode(0xFFFF_FC7C), -900);
 }
 
 #[test]
 fn identifiers_of_others_are_not_claimed() {
-    let claims = |id| ThrusterDissector.claims(id, false);
+    let claims = |id| ThrusterDissector.claims_id(id, false);
     assert!(claims(0x281) && claims(0x2FF) && claims(0x301) && claims(0x37F));
     for id in [0x280, 0x300, 0x27F, 0x380, 0x001, 0x181, 0x581, 0x701] {
         assert!(!claims(id), "{id:03X}");
     }
-    assert!(!ThrusterDissector.claims(0x301, true) && ThrusterDissector.shares(0x301, false));
+    assert!(!ThrusterDissector.claims_id(0x301, true) && ThrusterDissector.shares_id(0x301, false));
 }
 
 #[test]
@@ -271,5 +273,5 @@ fn lengths_that_are_none_are_told() {
         let found = explain(&Frame::standard(0x28B, &[0x54; 8][..len]), None);
         assert!(matches!(found.error, Some(WireError::Short { .. })), "{len}");
     }
-    assert_eq!(Heard::parse(&[0; 9]), Err(WireError::Long { need: 8, found: 9 }));
+    assert_eq!(DriveMessage::parse(&[0; 9]), Err(WireError::Long { need: 8, found: 9 }));
 }

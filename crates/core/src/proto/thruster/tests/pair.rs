@@ -8,82 +8,87 @@ use std::vec::Vec;
 use crate::error::Failure;
 use crate::medium::{Can, Frame};
 use crate::proto::HostOptions;
-use crate::proto::thruster::device::{CanEnd, Firmware, Quirks, Response, Telemetry};
+use crate::proto::thruster::device::{CanEndpoint, Firmware, Quirks, Response, TelemetryValues};
 use crate::proto::thruster::fault;
 use crate::proto::thruster::host::CanHost;
-use crate::proto::thruster::readings::Readings;
+use crate::proto::thruster::interpretation::Interpretation;
 use crate::proto::thruster::rules::class_of;
-use crate::proto::thruster::session::{Answer, Ask};
-use crate::proto::thruster::wire::{Command, REFUSED, Reply, Request};
-use crate::station::{Class, Host, LineEvent, Station, Ticket, Timed, To};
+use crate::proto::thruster::session::{Answer, HostRequest};
+use crate::proto::thruster::wire::{CommandWord, REFUSED, Reply, Request};
+use crate::station::{EventSubject, Host, LineEvent, RequestClass, Station, Ticket, Timed};
 use crate::time::{Instant, earliest};
 
 /// What a fault makes of the n-th frame of its way: when it arrives, ms, as often as listed.
-type Fault = Box<dyn Fn(u32) -> Option<Vec<u32>>>;
+type FrameFault = Box<dyn Fn(u32) -> Option<Vec<u32>>>;
 
-fn sound() -> Fault {
+fn no_fault() -> FrameFault {
     Box::new(|_| None)
 }
 
-fn on(nth: u32, what: &'static [u32]) -> Fault {
+fn fault_on(nth: u32, what: &'static [u32]) -> FrameFault {
     Box::new(move |n| (n == nth).then(|| what.to_vec()))
 }
 
 /// A drive that notes what it is told and has a number for every question.
 #[derive(Default)]
-struct Notes {
+struct RecordingDrive {
     id: u8,
     done: Vec<Request>,
     faults: u16,
     refuses: bool,
 }
 
-impl Firmware for Notes {
+impl Firmware for RecordingDrive {
     fn id(&self) -> u8 {
         self.id
     }
     fn bit_rate(&self) -> u32 {
         500_000
     }
-    fn reports(&self) -> (u8, u16) {
+    fn report_settings(&self) -> (u8, u16) {
         (0, 0)
     }
-    fn heard(&mut self, _now: Instant, request: &Request) {
+    fn note_request(&mut self, _now: Instant, request: &Request) {
         self.done.push(*request);
     }
     fn execute(&mut self, _now: Instant, request: &Request) -> Response {
         match request.command {
-            Command::EF => Response::Value(self.faults.into()),
-            Command::QV => Response::Value(self.done.len() as u32),
-            Command::QP => Response::Value(480),
-            Command::QC | Command::QT | Command::EQ => Response::Value(7),
+            CommandWord::EF => Response::Value(self.faults.into()),
+            CommandWord::QV => Response::Value(self.done.len() as u32),
+            CommandWord::QP => Response::Value(480),
+            CommandWord::QC | CommandWord::QT | CommandWord::EQ => Response::Value(7),
             _ if self.refuses => Response::Refused,
             _ => Response::Done,
         }
     }
-    fn telemetry(&self) -> Telemetry {
-        Telemetry { rpm: 499, decivolt: 466, faults: self.faults, ..Telemetry::default() }
+    fn telemetry(&self) -> TelemetryValues {
+        TelemetryValues {
+            rpm: 499,
+            decivolt: 466,
+            faults: self.faults,
+            ..TelemetryValues::default()
+        }
     }
 }
 
-struct Wire {
+struct TestWire {
     now: Instant,
     host: CanHost,
-    ends: Vec<(CanEnd, Notes)>,
+    ends: Vec<(CanEndpoint, RecordingDrive)>,
     to_host: Vec<(Instant, Frame)>,
     to_drive: Vec<(Instant, Frame)>,
-    requests: Fault,
-    replies: Fault,
+    requests: FrameFault,
+    replies: FrameFault,
     counts: [u32; 2],
     tickets: u32,
-    told: Vec<(u32, Answer)>,
+    unsolicited: Vec<(u32, Answer)>,
 }
 
-impl Wire {
+impl TestWire {
     fn new() -> Self {
         let end = |id| {
-            let notes = Notes { id, ..Notes::default() };
-            (CanEnd::new(Quirks::default(), &notes), notes)
+            let notes = RecordingDrive { id, ..RecordingDrive::default() };
+            (CanEndpoint::new(Quirks::default(), &notes), notes)
         };
         Self {
             now: Instant::ZERO.plus_ms(1),
@@ -91,11 +96,11 @@ impl Wire {
             ends: Vec::from([end(11), end(12)]),
             to_host: Vec::new(),
             to_drive: Vec::new(),
-            requests: sound(),
-            replies: sound(),
+            requests: no_fault(),
+            replies: no_fault(),
             counts: [0; 2],
             tickets: 0,
-            told: Vec::new(),
+            unsolicited: Vec::new(),
         }
     }
 
@@ -146,7 +151,7 @@ impl Wire {
         }
     }
 
-    fn submit(&mut self, ask: Ask) -> Ticket {
+    fn submit(&mut self, ask: HostRequest) -> Ticket {
         self.tickets += 1;
         let ticket = Ticket(self.tickets);
         let limit = self.now.plus_ms(2_000);
@@ -163,8 +168,10 @@ impl Wire {
         loop {
             while let Some((to, result)) = self.host.poll_event() {
                 match (*to, *result) {
-                    (To::Ticket(ended), result) if ended == ticket => return result,
-                    (To::Address(address), Ok(answer)) => self.told.push((address, answer)),
+                    (EventSubject::Request(ended), result) if ended == ticket => return result,
+                    (EventSubject::Unsolicited(address), Ok(answer)) => {
+                        self.unsolicited.push((address, answer))
+                    }
                     other => panic!("{other:?}"),
                 }
             }
@@ -173,34 +180,39 @@ impl Wire {
         }
     }
 
-    fn ask(&mut self, ask: Ask) -> Result<Answer, Failure> {
+    fn request(&mut self, ask: HostRequest) -> Result<Answer, Failure> {
         let ticket = self.submit(ask);
         self.end(ticket)
     }
 
-    fn done(&self, command: Command) -> usize {
+    fn done(&self, command: CommandWord) -> usize {
         self.ends[0].1.done.iter().filter(|request| request.command == command).count()
     }
 
-    fn notes(&mut self) -> &mut Notes {
+    fn notes(&mut self) -> &mut RecordingDrive {
         &mut self.ends[0].1
     }
 }
 
-fn ask(request: Request) -> Ask {
-    Ask { id: 11, class: class_of(&request), request, readings: Readings::default() }
+fn ask(request: Request) -> HostRequest {
+    HostRequest {
+        id: 11,
+        class: class_of(&request),
+        request,
+        interpretation: Interpretation::default(),
+    }
 }
 
-fn plain(command: Command) -> Ask {
-    ask(Request::plain(command))
+fn plain(command: CommandWord) -> HostRequest {
+    ask(Request::without_value(command))
 }
 
-fn with(command: Command, value: i16) -> Ask {
-    ask(Request::with(command, value.cast_unsigned()))
+fn with(command: CommandWord, value: i16) -> HostRequest {
+    ask(Request::with_value(command, value.cast_unsigned()))
 }
 
-fn lr() -> Ask {
-    ask(Request { command: Command::LR, sub: 30, data: Some(100) })
+fn lr() -> HostRequest {
+    ask(Request { command: CommandWord::LR, sub: 30, data: Some(100) })
 }
 
 fn value(answer: Result<Answer, Failure>) -> u32 {
@@ -213,17 +225,17 @@ fn value(answer: Result<Answer, Failure>) -> u32 {
 #[test]
 fn requests_have_the_class_that_fits_them() {
     for (asked, class) in [
-        (plain(Command::QP), Class::Idempotent),
-        (with(Command::TC, 0), Class::Stop),
-        (with(Command::VC, 0), Class::Stop),
-        (plain(Command::LS), Class::Stop),
-        (with(Command::TC, 5), Class::Never),
-        (with(Command::VC, -500), Class::Never),
-        (lr(), Class::Never),
-        (with(Command::VM, 0x100), Class::Confirm),
-        (plain(Command::CF), Class::Confirm),
-        (with(Command::CI, 5), Class::Never),
-        (plain(Command::AZ), Class::Never),
+        (plain(CommandWord::QP), RequestClass::Idempotent),
+        (with(CommandWord::TC, 0), RequestClass::Stop),
+        (with(CommandWord::VC, 0), RequestClass::Stop),
+        (plain(CommandWord::LS), RequestClass::Stop),
+        (with(CommandWord::TC, 5), RequestClass::NoRetry),
+        (with(CommandWord::VC, -500), RequestClass::NoRetry),
+        (lr(), RequestClass::NoRetry),
+        (with(CommandWord::VM, 0x100), RequestClass::ReadBack),
+        (plain(CommandWord::CF), RequestClass::ReadBack),
+        (with(CommandWord::CI, 5), RequestClass::NoRetry),
+        (plain(CommandWord::AZ), RequestClass::NoRetry),
     ] {
         assert_eq!(asked.class, class, "{asked:?}");
     }
@@ -231,26 +243,27 @@ fn requests_have_the_class_that_fits_them() {
 
 #[test]
 fn a_lost_or_late_reply_gives_no_wrong_value_and_no_error() {
-    type Disturbed = fn() -> Fault;
+    type Disturbed = fn() -> FrameFault;
     let all: [(&str, Disturbed, Disturbed); 6] = [
-        ("sound", sound, sound),
-        ("request lost", || on(3, &[]), sound),
-        ("reply lost", sound, || on(3, &[])),
-        ("reply late", sound, || on(3, &[70])),
-        ("reply very late", sound, || on(3, &[120])),
-        ("reply doubled", sound, || on(3, &[0, 5])),
+        ("sound", no_fault, no_fault),
+        ("request lost", || fault_on(3, &[]), no_fault),
+        ("reply lost", no_fault, || fault_on(3, &[])),
+        ("reply late", no_fault, || fault_on(3, &[70])),
+        ("reply very late", no_fault, || fault_on(3, &[120])),
+        ("reply doubled", no_fault, || fault_on(3, &[0, 5])),
     ];
     for (name, requests, replies) in all {
-        let mut wire = Wire::new();
+        let mut wire = TestWire::new();
         (wire.requests, wire.replies) = (requests(), replies());
         for n in 0..20 {
-            let command = [Command::QP, Command::QT, Command::QV, Command::EQ][n % 4];
+            let command =
+                [CommandWord::QP, CommandWord::QT, CommandWord::QV, CommandWord::EQ][n % 4];
             let before = wire.ends[0].1.done.len() as u32;
-            let told = value(wire.ask(plain(command)));
+            let told = value(wire.request(plain(command)));
             match command {
-                Command::QP => assert_eq!(told, 480, "{name}"),
+                CommandWord::QP => assert_eq!(told, 480, "{name}"),
                 // QV tells how much was asked before: an older answer would be smaller.
-                Command::QV => assert!(told > before, "{name}: {told} after {before}"),
+                CommandWord::QV => assert!(told > before, "{name}: {told} after {before}"),
                 _ => assert_eq!(told, 7, "{name}"),
             }
             wire.rest(10);
@@ -261,68 +274,70 @@ fn a_lost_or_late_reply_gives_no_wrong_value_and_no_error() {
 
 #[test]
 fn a_late_answer_is_not_taken_for_the_next() {
-    let mut wire = Wire::new();
-    assert_eq!(value(wire.ask(plain(Command::QV))), 1);
+    let mut wire = TestWire::new();
+    assert_eq!(value(wire.request(plain(CommandWord::QV))), 1);
     // All three tries are answered, but late.
     wire.replies = Box::new(|n| (2..=4).contains(&n).then(|| Vec::from([140])));
-    let first = wire.ask(plain(Command::QV));
+    let first = wire.request(plain(CommandWord::QV));
     assert!(first.is_err() || first.is_ok_and(|a| matches!(a, Answer::Reply(r) if r.data >= 2)));
-    wire.replies = sound();
+    wire.replies = no_fault();
     let before = wire.ends[0].1.done.len() as u32;
-    assert!(value(wire.ask(plain(Command::QV))) > before);
+    assert!(value(wire.request(plain(CommandWord::QV))) > before);
 }
 
 #[test]
 fn a_relative_move_is_never_sent_twice() {
-    for (requests, replies) in
-        [(on(2, &[]), sound()), (sound(), on(2, &[])), (sound(), on(2, &[200]))]
-    {
-        let mut wire = Wire::new();
+    for (requests, replies) in [
+        (fault_on(2, &[]), no_fault()),
+        (no_fault(), fault_on(2, &[])),
+        (no_fault(), fault_on(2, &[200])),
+    ] {
+        let mut wire = TestWire::new();
         (wire.requests, wire.replies) = (requests, replies);
-        assert_eq!(value(wire.ask(plain(Command::QP))), 480);
-        assert_eq!(wire.ask(lr()), Err(Failure::Silent));
+        assert_eq!(value(wire.request(plain(CommandWord::QP))), 480);
+        assert_eq!(wire.request(lr()), Err(Failure::Silent));
         wire.rest(500);
-        assert!(wire.done(Command::LR) <= 1);
-        assert_eq!(value(wire.ask(plain(Command::QP))), 480);
+        assert!(wire.done(CommandWord::LR) <= 1);
+        assert_eq!(value(wire.request(plain(CommandWord::QP))), 480);
     }
     // A doubled reply ends one move, not two.
-    let mut wire = Wire::new();
-    wire.replies = on(1, &[0, 1]);
-    assert!(wire.ask(lr()).is_ok());
+    let mut wire = TestWire::new();
+    wire.replies = fault_on(1, &[0, 1]);
+    assert!(wire.request(lr()).is_ok());
     wire.rest(5);
-    wire.requests = on(2, &[]);
-    assert_eq!(wire.ask(lr()), Err(Failure::Silent));
+    wire.requests = fault_on(2, &[]);
+    assert_eq!(wire.request(lr()), Err(Failure::Silent));
     assert_eq!(wire.host.counters().late, 1);
 }
 
 #[test]
 fn a_refusal_is_explained_by_the_fault_word() {
-    let mut wire = Wire::new();
+    let mut wire = TestWire::new();
     wire.notes().refuses = true;
     wire.notes().faults = fault::STALL;
     let code = u32::from(fault::STALL);
-    assert_eq!(wire.ask(with(Command::TC, 5)), Err(Failure::Faulted { code }));
-    assert_eq!((wire.done(Command::TC), wire.done(Command::EF)), (1, 1));
-    assert!(matches!(wire.told[..], [(11, Answer::Reply(Reply { data: 0x40, .. }))]));
+    assert_eq!(wire.request(with(CommandWord::TC, 5)), Err(Failure::Faulted { code }));
+    assert_eq!((wire.done(CommandWord::TC), wire.done(CommandWord::EF)), (1, 1));
+    assert!(matches!(wire.unsolicited[..], [(11, Answer::Reply(Reply { data: 0x40, .. }))]));
     // A stop is refused because there is no output.
-    let off = Answer::Off { faults: fault::STALL };
-    assert_eq!(wire.ask(with(Command::TC, 0)), Ok(off));
+    let off = Answer::OutputOff { faults: fault::STALL };
+    assert_eq!(wire.request(with(CommandWord::TC, 0)), Ok(off));
     // No fault, or one that only reports: it was the value.
     for faults in [0, fault::UNDER_VOLTAGE] {
         wire.notes().faults = faults;
-        assert_eq!(wire.ask(with(Command::CI, 5)), Err(Failure::Refused { code: REFUSED }));
+        assert_eq!(wire.request(with(CommandWord::CI, 5)), Err(Failure::Refused { code: REFUSED }));
     }
-    assert_eq!(wire.ask(plain(Command::QA)), Err(Failure::Refused { code: REFUSED }));
+    assert_eq!(wire.request(plain(CommandWord::QA)), Err(Failure::Refused { code: REFUSED }));
 }
 
 #[test]
 fn what_comes_back_changed_was_not_accepted() {
-    let mut wire = Wire::new();
-    let ticket = wire.submit(with(Command::TC, 5));
+    let mut wire = TestWire::new();
+    let ticket = wire.submit(with(CommandWord::TC, 5));
     wire.transmit();
     wire.to_drive.clear();
     wire.notes().faults = fault::OVER_CURRENT;
-    let stopped = Reply { command: Command::TC, sub: 0, data: 0 };
+    let stopped = Reply { command: CommandWord::TC, sub: 0, data: 0 };
     wire.to_host.push((wire.now, stopped.frame(11)));
     let code = u32::from(fault::OVER_CURRENT);
     assert_eq!(wire.end(ticket), Err(Failure::Faulted { code }));
@@ -330,132 +345,134 @@ fn what_comes_back_changed_was_not_accepted() {
 
 #[test]
 fn the_forms_of_vm_are_all_understood() {
-    let mut wire = Wire::new();
-    let vm = |value: i16| with(Command::VM, value);
-    assert!(wire.ask(vm(0x0100)).is_ok());
-    assert!(matches!(wire.ask(with(Command::VC, 500)), Ok(Answer::Bare(bare)) if bare.rpm == 499));
-    assert!(wire.ask(vm(0x0007)).is_ok());
-    wire.told.clear();
-    let told = wire.ask(with(Command::TC, 5));
+    let mut wire = TestWire::new();
+    let vm = |value: i16| with(CommandWord::VM, value);
+    assert!(wire.request(vm(0x0100)).is_ok());
+    assert!(
+        matches!(wire.request(with(CommandWord::VC, 500)), Ok(Answer::Headerless(bare)) if bare.rpm == 499)
+    );
+    assert!(wire.request(vm(0x0007)).is_ok());
+    wire.unsolicited.clear();
+    let told = wire.request(with(CommandWord::TC, 5));
     assert!(matches!(told, Ok(Answer::Report(report)) if report.part == 3), "{told:?}");
-    assert_eq!(wire.told.len(), 3, "each report is told");
+    assert_eq!(wire.unsolicited.len(), 3, "each report is told");
     // The status in it says that there is no output.
-    assert!(wire.ask(vm(0x0002)).is_ok());
+    assert!(wire.request(vm(0x0002)).is_ok());
     wire.notes().faults = fault::ZERO_POINT;
-    assert_eq!(wire.ask(with(Command::TC, 5)), Err(Failure::Faulted { code: 0x0400 }));
+    assert_eq!(wire.request(with(CommandWord::TC, 5)), Err(Failure::Faulted { code: 0x0400 }));
     wire.notes().faults = 0;
     // Silence is no loss: a fault word behind the request proves that it arrived.
-    assert!(wire.ask(vm(0x0200)).is_ok());
-    let before = wire.done(Command::EF);
-    assert_eq!(wire.ask(with(Command::TC, 5)), Ok(Answer::Proven));
-    assert_eq!(wire.done(Command::EF), before + 1);
+    assert!(wire.request(vm(0x0200)).is_ok());
+    let before = wire.done(CommandWord::EF);
+    assert_eq!(wire.request(with(CommandWord::TC, 5)), Ok(Answer::Proven));
+    assert_eq!(wire.done(CommandWord::EF), before + 1);
     wire.notes().faults = fault::STALL;
-    assert_eq!(wire.ask(with(Command::TC, 5)), Err(Failure::Faulted { code: 0x40 }));
-    let off = Answer::Off { faults: fault::STALL };
-    assert_eq!(wire.ask(with(Command::TC, 0)), Ok(off));
-    assert_eq!((wire.done(Command::TC), wire.host.counters().silent), (5, 0));
+    assert_eq!(wire.request(with(CommandWord::TC, 5)), Err(Failure::Faulted { code: 0x40 }));
+    let off = Answer::OutputOff { faults: fault::STALL };
+    assert_eq!(wire.request(with(CommandWord::TC, 0)), Ok(off));
+    assert_eq!((wire.done(CommandWord::TC), wire.host.counters().silent), (5, 0));
     // A host that does not know of the form takes a report for an answer, too.
-    let mut wire = Wire::new();
-    assert!(wire.ask(vm(0x0100)).is_ok());
+    let mut wire = TestWire::new();
+    assert!(wire.request(vm(0x0100)).is_ok());
     wire.host = CanHost::new(&HostOptions::new(0));
-    assert!(matches!(wire.ask(with(Command::VC, 500)), Ok(Answer::Bare(_))));
+    assert!(matches!(wire.request(with(CommandWord::VC, 500)), Ok(Answer::Headerless(_))));
 }
 
 #[test]
 fn a_swapped_reply_to_vm_is_accepted() {
-    let mut wire = Wire::new();
+    let mut wire = TestWire::new();
     let quirks = Quirks { swaps_vm: true, ..Quirks::default() };
-    let notes = Notes { id: 11, ..Notes::default() };
-    wire.ends[0] = (CanEnd::new(quirks, &notes), notes);
-    assert!(wire.ask(with(Command::VM, 0x0100)).is_ok());
-    assert!(matches!(wire.ask(with(Command::VC, 500)), Ok(Answer::Bare(_))));
+    let notes = RecordingDrive { id: 11, ..RecordingDrive::default() };
+    wire.ends[0] = (CanEndpoint::new(quirks, &notes), notes);
+    assert!(wire.request(with(CommandWord::VM, 0x0100)).is_ok());
+    assert!(matches!(wire.request(with(CommandWord::VC, 500)), Ok(Answer::Headerless(_))));
 }
 
 #[test]
 fn drives_do_not_wait_for_each_other() {
-    let mut wire = Wire::new();
-    let twelve = Ask { id: 12, ..plain(Command::QP) };
-    let absent = Ask { id: 13, ..plain(Command::QP) };
+    let mut wire = TestWire::new();
+    let twelve = HostRequest { id: 12, ..plain(CommandWord::QP) };
+    let absent = HostRequest { id: 13, ..plain(CommandWord::QP) };
     let first = wire.submit(absent);
-    assert_eq!(value(wire.ask(twelve)), 480);
+    assert_eq!(value(wire.request(twelve)), 480);
     assert!(wire.now < Instant::ZERO.plus_ms(5));
     assert_eq!(wire.end(first), Err(Failure::Silent));
     // One at a time of one drive.
-    wire.submit(plain(Command::QP));
-    assert!(wire.host.submit(wire.now, Ticket(99), plain(Command::QT)).is_err());
+    wire.submit(plain(CommandWord::QP));
+    assert!(wire.host.submit(wire.now, Ticket(99), plain(CommandWord::QT)).is_err());
     assert!(wire.host.submit(wire.now, Ticket(99), twelve).is_ok());
 }
 
 #[test]
 fn a_stop_is_let_in_at_any_time() {
-    let mut wire = Wire::new();
-    assert_eq!(value(wire.ask(plain(Command::QP))), 480);
+    let mut wire = TestWire::new();
+    assert_eq!(value(wire.request(plain(CommandWord::QP))), 480);
     wire.replies = Box::new(|n| (2..40).contains(&n).then(Vec::new));
     // While something is out: at once, and the other one ends as it does.
-    let first = wire.submit(with(Command::TC, 50));
+    let first = wire.submit(with(CommandWord::TC, 50));
     wire.rest(1);
-    let stop = wire.submit(with(Command::TC, 0));
+    let stop = wire.submit(with(CommandWord::TC, 0));
     wire.rest(1);
-    assert_eq!(wire.done(Command::TC), 2);
+    assert_eq!(wire.done(CommandWord::TC), 2);
     assert_eq!(wire.end(first), Err(Failure::Silent));
     assert_eq!(wire.end(stop), Err(Failure::Silent));
-    assert_eq!(wire.done(Command::TC), 4, "the stop was sent three times, the start once");
+    assert_eq!(wire.done(CommandWord::TC), 4, "the stop was sent three times, the start once");
     // In doubt: nothing else.
-    let query = plain(Command::QP);
+    let query = plain(CommandWord::QP);
     assert_eq!(wire.host.submit(wire.now, Ticket(99), query), Err(query));
-    let stop = wire.submit(plain(Command::LS));
-    wire.replies = sound();
+    let stop = wire.submit(plain(CommandWord::LS));
+    wire.replies = no_fault();
     assert!(wire.end(stop).is_ok());
-    assert_eq!(value(wire.ask(query)), 480);
+    assert_eq!(value(wire.request(query)), 480);
 }
 
 /// Swarm can:11986: on a full bus the reply to a query came late, and a stop had taken its second
 /// chance from it.
 #[test]
 fn a_query_that_a_stop_cuts_short_ends_as_that() {
-    let mut wire = Wire::new();
-    assert_eq!(value(wire.ask(plain(Command::QP))), 480);
-    wire.replies = on(2, &[]);
-    let query = wire.submit(plain(Command::QP));
+    let mut wire = TestWire::new();
+    assert_eq!(value(wire.request(plain(CommandWord::QP))), 480);
+    wire.replies = fault_on(2, &[]);
+    let query = wire.submit(plain(CommandWord::QP));
     wire.rest(1);
-    let stop = wire.submit(with(Command::TC, 0));
+    let stop = wire.submit(with(CommandWord::TC, 0));
     assert!(wire.end(stop).is_ok());
     assert_eq!(wire.end(query), Err(Failure::Cancelled));
-    assert_eq!(wire.done(Command::QP), 2, "not asked again");
+    assert_eq!(wire.done(CommandWord::QP), 2, "not asked again");
 }
 
 #[test]
 fn the_late_echo_of_a_start_is_not_the_answer_to_a_stop() {
-    let mut wire = Wire::new();
+    let mut wire = TestWire::new();
     // The echo of TC 50 comes behind its timeout, when the stop is out; the stop is lost once.
-    wire.replies = on(1, &[60]);
-    assert_eq!(wire.ask(with(Command::TC, 50)), Err(Failure::Silent));
-    wire.requests = on(2, &[]);
-    assert!(wire.ask(with(Command::TC, 0)).is_ok());
-    let last = wire.ends[0].1.done.iter().rfind(|request| request.command == Command::TC);
+    wire.replies = fault_on(1, &[60]);
+    assert_eq!(wire.request(with(CommandWord::TC, 50)), Err(Failure::Silent));
+    wire.requests = fault_on(2, &[]);
+    assert!(wire.request(with(CommandWord::TC, 0)).is_ok());
+    let last = wire.ends[0].1.done.iter().rfind(|request| request.command == CommandWord::TC);
     assert_eq!(last.and_then(|request| request.data), Some(0), "it was sent again");
 }
 
 #[test]
 fn a_dead_link_ends_everything_and_feeds_nobody() {
-    let mut wire = Wire::new();
-    assert!(wire.ask(with(Command::ST, 300)).is_ok());
+    let mut wire = TestWire::new();
+    assert!(wire.request(with(CommandWord::ST, 300)).is_ok());
     wire.rest(350);
-    assert!(wire.done(Command::EF) >= 3, "fed three times in its time");
-    let open = wire.submit(with(Command::TC, 5));
+    assert!(wire.done(CommandWord::EF) >= 3, "fed three times in its time");
+    let open = wire.submit(with(CommandWord::TC, 5));
     wire.host.handle_line(wire.now, LineEvent::Down);
     assert_eq!(wire.end(open), Err(Failure::LinkDown));
-    assert_eq!(wire.ask(plain(Command::QP)), Err(Failure::LinkDown));
+    assert_eq!(wire.request(plain(CommandWord::QP)), Err(Failure::LinkDown));
     wire.host.handle_line(wire.now, LineEvent::Up);
-    let fed = wire.done(Command::EF);
+    let fed = wire.done(CommandWord::EF);
     wire.rest(1000);
-    assert_eq!(wire.done(Command::EF), fed);
+    assert_eq!(wire.done(CommandWord::EF), fed);
 }
 
 #[test]
 fn foreign_frames_are_passed_over() {
-    let mut wire = Wire::new();
-    let ticket = wire.submit(plain(Command::QP));
+    let mut wire = TestWire::new();
+    let ticket = wire.submit(plain(CommandWord::QP));
     wire.transmit();
     for (id, bytes) in [
         (0x28Cu16, &b"QP\0\0\0\0\0\x01"[..]),
@@ -477,12 +494,12 @@ fn foreign_frames_are_passed_over() {
 /// can have left (swarm seed can:187).
 #[test]
 fn a_copy_that_comes_too_soon_is_no_answer() {
-    let mut wire = Wire::new();
+    let mut wire = TestWire::new();
     wire.host = CanHost::new(&HostOptions::new(500_000));
-    let ticket = wire.submit(plain(Command::QP));
+    let ticket = wire.submit(plain(CommandWord::QP));
     wire.transmit();
     wire.to_drive.clear();
-    let copy = Reply { command: Command::QP, sub: 0, data: 1 };
+    let copy = Reply { command: CommandWord::QP, sub: 0, data: 1 };
     wire.host.handle_input(wire.now.plus_ns(240_000), &copy.frame(11));
     assert!(wire.host.poll_event().is_none());
     wire.to_host.push((wire.now.plus_ms(1), Reply { data: 480, ..copy }.frame(11)));

@@ -1,24 +1,27 @@
 //! How a module is proven of which nothing is known: what an earlier program asked may still be
 //! answered.
 
-use super::{Ask, EARLY_MAX, LATEST_TIMEOUTS, Pending, RECENT_MAX, Session, Suspect};
+use super::{
+    EARLY_STREAK_MAX, HostRequest, LATEST_TIMEOUTS, PendingExchange, RECENT_MAX, Session,
+    SuspectModule,
+};
 use crate::error::Failure;
 use crate::proto::tmcl::opcode::Opcode;
 use crate::proto::tmcl::wire::{Reply, Request};
-use crate::station::{Class, Ticket};
+use crate::station::{RequestClass, Ticket};
 use crate::time::Instant;
 
 /// Probes that prove a module of which nothing is known.
-pub(super) const PROOFS: u8 = 3;
+pub(super) const PROOFS_NEEDED: u8 = 3;
 /// Probes into silence to a module that answered before.
-const KNOWN_MAX: u8 = 2 * PROOFS;
+const KNOWN_PROBES_MAX: u8 = 2 * PROOFS_NEEDED;
 /// The same to one that never did.
-const UNKNOWN_MAX: u8 = 2;
+const UNKNOWN_PROBES_MAX: u8 = 2;
 /// The same to one that may have lost count.
-const SENT_MAX: u8 = 40;
+const MISALIGNED_PROBES_MAX: u8 = 40;
 
 /// Probes that are answered among older replies, after which those are taken for somebody else's.
-const OLDER_MAX: u8 = 16;
+const STALE_PROOFS_MAX: u8 = 16;
 
 /// Reads that change nothing, each with an opcode of its own.
 pub(super) const PROBES: [(Opcode, u8); 6] = [
@@ -32,35 +35,35 @@ pub(super) const PROBES: [(Opcode, u8); 6] = [
 
 /// A request whose module is being proven.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Waiting {
+pub(super) struct UnprovenRequest {
     pub(super) ticket: Ticket,
-    pub(super) ask: Ask,
+    pub(super) host_request: HostRequest,
     /// Probes still to be answered.
-    pub(super) proofs: u8,
+    pub(super) proofs_left: u8,
     /// Probes that were sent.
-    pub(super) sent: u8,
+    pub(super) probes_sent: u8,
     /// All that were answered came sooner than the baud rate allows.
-    pub(super) soon: bool,
+    pub(super) all_early: bool,
     /// The probe before, which the next one differs from.
-    pub(super) last: Option<u8>,
+    pub(super) last_probe: Option<u8>,
     /// Since the present probe the module said something else: older replies are on their way.
-    pub(super) older: bool,
+    pub(super) stale_reply_seen: bool,
     /// How many probes were answered so.
-    pub(super) olders: u8,
+    pub(super) stale_proofs: u8,
 }
 
-impl Waiting {
+impl UnprovenRequest {
     /// Nothing proven yet. Of a module that is `proven` one answer more shows what is past.
-    pub(super) const fn new(ticket: Ticket, ask: Ask, proven: bool) -> Self {
+    pub(super) const fn new(ticket: Ticket, host_request: HostRequest, proven: bool) -> Self {
         Self {
             ticket,
-            ask,
-            proofs: if proven { 1 } else { PROOFS },
-            sent: 0,
-            soon: !proven,
-            last: None,
-            older: false,
-            olders: if proven { OLDER_MAX } else { 0 },
+            host_request,
+            proofs_left: if proven { 1 } else { PROOFS_NEEDED },
+            probes_sent: 0,
+            all_early: !proven,
+            last_probe: None,
+            stale_reply_seen: false,
+            stale_proofs: if proven { STALE_PROOFS_MAX } else { 0 },
         }
     }
 }
@@ -68,99 +71,102 @@ impl Waiting {
 impl Session {
     /// Sends the next probe for the request that waits.
     #[cold]
-    pub(super) fn prove(&mut self, now: Instant) {
-        let Some(mut waiting) = self.waiting else { return };
-        let module = waiting.ask.request.address;
+    pub(super) fn send_proof_probe(&mut self, now: Instant) {
+        let Some(mut waiting) = self.unproven_request else { return };
+        let module = waiting.host_request.request.address;
         let suspect = self.suspects.iter().flatten().find(|suspect| suspect.module == module);
         let fresh = |(opcode, _): &(Opcode, u8)| {
-            let is_owed = |suspect: &Suspect| suspect.owes(now).any(|tag| tag == opcode.number());
-            waiting.last != Some(opcode.number()) && !suspect.is_some_and(is_owed)
+            let is_owed = |suspect: &SuspectModule| {
+                suspect.outstanding_opcodes(now).any(|tag| tag == opcode.number())
+            };
+            waiting.last_probe != Some(opcode.number()) && !suspect.is_some_and(is_owed)
         };
         let choices = PROBES.iter().filter(|probe| fresh(probe)).count();
-        let nth = self.proven.below(choices);
+        let nth = self.proven_addresses.random_below(choices);
         let probe = PROBES.iter().filter(|probe| fresh(probe)).nth(nth).unwrap_or(&PROBES[0]);
-        waiting.sent = waiting.sent.saturating_add(1);
-        waiting.last = Some(probe.0.number());
-        self.waiting = Some(waiting);
+        waiting.probes_sent = waiting.probes_sent.saturating_add(1);
+        waiting.last_probe = Some(probe.0.number());
+        self.unproven_request = Some(waiting);
         let request =
             Request { address: module, opcode: probe.0, kind: probe.1, motor: 0, value: 0 };
-        self.start(now, None, Ask { request, class: Class::Idempotent });
+        self.start_request(now, None, HostRequest { request, class: RequestClass::Idempotent });
     }
 
     /// A probe for the request that waits was answered.
-    pub(super) fn proved(&mut self, now: Instant) {
-        let Some(waiting) = &mut self.waiting else { return };
-        waiting.proofs = waiting.proofs.saturating_sub(1);
-        if core::mem::take(&mut waiting.older) && waiting.olders < OLDER_MAX {
+    pub(super) fn handle_proof(&mut self, now: Instant) {
+        let Some(waiting) = &mut self.unproven_request else { return };
+        waiting.proofs_left = waiting.proofs_left.saturating_sub(1);
+        if core::mem::take(&mut waiting.stale_reply_seen) && waiting.stale_proofs < STALE_PROOFS_MAX
+        {
             // What answered it may be one of them.
-            waiting.olders += 1;
-            (waiting.proofs, waiting.sent) = (PROOFS, 0);
+            waiting.stale_proofs += 1;
+            (waiting.proofs_left, waiting.probes_sent) = (PROOFS_NEEDED, 0);
         }
-        if waiting.proofs > 0 {
-            return self.prove(now);
+        if waiting.proofs_left > 0 {
+            return self.send_proof_probe(now);
         }
-        let Waiting { ticket, ask, soon, .. } = *waiting;
+        let UnprovenRequest { ticket, host_request: ask, all_early: soon, .. } = *waiting;
         let module = ask.request.address;
-        self.waiting = None;
-        self.proven.add(module);
-        self.stops_are_past(module);
+        self.unproven_request = None;
+        self.proven_addresses.insert(module);
+        self.forget_stops(module);
         if soon {
             // Nobody else could own these answers: the line has no baud rate.
-            self.early_streak = EARLY_MAX;
+            self.early_streak = EARLY_STREAK_MAX;
         }
-        self.start(now, Some(ticket), ask);
+        self.start_request(now, Some(ticket), ask);
     }
 
     /// The module that is being proven said what nobody asks now.
-    pub(super) fn older(&mut self, module: u8) {
-        if let Some(waiting) = &mut self.waiting
-            && waiting.ask.request.address == module
+    pub(super) fn note_stale_reply(&mut self, module: u8) {
+        if let Some(waiting) = &mut self.unproven_request
+            && waiting.host_request.request.address == module
         {
-            waiting.older = true;
+            waiting.stale_reply_seen = true;
         }
     }
 
     /// Whether an earlier request could be answered by such a reply.
-    pub(super) fn could_own(&self, now: Instant, module: u8, opcode: u8) -> bool {
+    pub(super) fn may_answer_older(&self, now: Instant, module: u8, opcode: u8) -> bool {
         let latest = LATEST_TIMEOUTS * self.timeout_ns;
-        let newest = self.recent_at.wrapping_sub(1) % RECENT_MAX;
+        let newest = self.next_recent.wrapping_sub(1) % RECENT_MAX;
         self.recent.iter().enumerate().any(|(n, (to, what, at))| {
             n != newest && (*to, *what) == (module, opcode) && now < at.plus_ns(latest)
         })
     }
 
     /// Counts an answer to nothing that waits: a late one where it was asked for.
-    pub(super) fn unasked(&mut self, reply: &Reply) {
-        let asked = self.was_asked(reply.module, reply.opcode.number());
+    pub(super) fn count_unexpected(&mut self, reply: &Reply) {
+        let asked = self.is_recent_request(reply.module, reply.opcode.number());
         self.counters.late += u64::from(asked);
         self.counters.foreign += u64::from(!asked);
     }
 
     /// Whether such a reply answers one of the last requests.
-    fn was_asked(&self, module: u8, opcode: u8) -> bool {
+    fn is_recent_request(&self, module: u8, opcode: u8) -> bool {
         self.recent.iter().any(|(to, what, _)| (*to, *what) == (module, opcode))
     }
 
     /// A probe for the request that waits brought nothing: its answer may still come, so that the
     /// proof begins again with others.
     #[cold]
-    pub(super) fn not_proved(&mut self, now: Instant, probe: &Pending) {
-        self.suspect(now, probe, false);
-        let module = probe.ask.request.address;
-        let most = match self.knows(module) {
-            true if self.is_searched(module) => SENT_MAX,
-            true => KNOWN_MAX,
-            false if self.may_be_shifted(module) => SENT_MAX,
-            false => UNKNOWN_MAX,
+    pub(super) fn handle_proof_timeout(&mut self, now: Instant, probe: &PendingExchange) {
+        self.mark_suspect(now, probe, false);
+        let module = probe.host_request.request.address;
+        let most = match self.has_answered(module) {
+            true if self.is_searching_offset(module) => MISALIGNED_PROBES_MAX,
+            true => KNOWN_PROBES_MAX,
+            false if self.may_start_misaligned(module) => MISALIGNED_PROBES_MAX,
+            false => UNKNOWN_PROBES_MAX,
         };
-        let Some(waiting) = &mut self.waiting else { return };
-        waiting.proofs = PROOFS;
-        if waiting.sent < most {
-            return self.prove(now);
+        let Some(waiting) = &mut self.unproven_request else { return };
+        waiting.proofs_left = PROOFS_NEEDED;
+        if waiting.probes_sent < most {
+            return self.send_proof_probe(now);
         }
         let ticket = waiting.ticket;
-        self.waiting = None;
+        self.unproven_request = None;
         self.counters.silent += 1;
-        self.end(Some(ticket), Err(Failure::Silent));
+        self.finish_ticket(Some(ticket), Err(Failure::Silent));
     }
 }

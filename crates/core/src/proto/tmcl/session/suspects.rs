@@ -1,28 +1,28 @@
 //! Modules of which an answer to an earlier request may still come.
 
 use super::{
-    Ask, LATEST_TIMEOUTS, Opcode, PROBES_MAX, Pending, Request, SUSPECTS_MAX, Session, Suspect,
-    TAGS_MAX,
+    HostRequest, LATEST_TIMEOUTS, OUTSTANDING_MAX, Opcode, PROBES_MAX, PendingExchange, Request,
+    SUSPECTS_MAX, Session, SuspectModule,
 };
 use crate::time::Instant;
 
-impl Suspect {
+impl SuspectModule {
     /// Opcodes of requests whose answers may still come.
-    pub(super) fn owes(&self, now: Instant) -> impl Iterator<Item = u8> {
-        let tags = &self.tags[..usize::from(self.count)];
+    pub(super) fn outstanding_opcodes(&self, now: Instant) -> impl Iterator<Item = u8> {
+        let tags = &self.outstanding[..usize::from(self.outstanding_len)];
         tags.iter().filter(move |(_, until)| now < *until).map(|(opcode, _)| *opcode)
     }
 
     /// Lets go of requests whose answers can come no more.
-    fn forget(&mut self, now: Instant) {
+    fn drop_expired(&mut self, now: Instant) {
         let mut kept = 0;
-        for n in 0..usize::from(self.count) {
-            if now < self.tags[n].1 {
-                self.tags[kept] = self.tags[n];
+        for n in 0..usize::from(self.outstanding_len) {
+            if now < self.outstanding[n].1 {
+                self.outstanding[kept] = self.outstanding[n];
                 kept += 1;
             }
         }
-        self.count = kept as u8;
+        self.outstanding_len = kept as u8;
     }
 }
 
@@ -30,69 +30,80 @@ impl Session {
     /// What a module said of a parameter cannot be: since a copy of an older reply each answer may be the one
     /// to the question before, and the last is still to come. So a probe of another opcode is asked.
     #[cold]
-    pub(in crate::proto::tmcl) fn mistrust(&mut self, now: Instant, address: u32) {
+    pub(in crate::proto::tmcl) fn quarantine_module(&mut self, now: Instant, address: u32) {
         let Ok(address) = u8::try_from(address) else { return };
         let request = Request { address, opcode: Opcode::Gap, kind: 0, motor: 0, value: 0 };
-        let owed = Pending { attempts: 1, ..Pending::new(now, None, Ask::of(request), 0) };
-        self.suspect(now, &owed, true);
-        self.next(now);
+        let owed = PendingExchange {
+            attempts: 1,
+            ..PendingExchange::new(now, None, HostRequest::of(request), 0)
+        };
+        self.mark_suspect(now, &owed, true);
+        self.start_next(now);
     }
 
     /// Notes that replies of `pending` may still come.
-    pub(super) fn suspect(&mut self, now: Instant, pending: &Pending, probe: bool) {
+    pub(super) fn mark_suspect(&mut self, now: Instant, pending: &PendingExchange, probe: bool) {
         if pending.attempts == 0 {
             return;
         }
-        let module = pending.ask.request.address;
+        let module = pending.host_request.request.address;
         let until = now.plus_ns(LATEST_TIMEOUTS * self.timeout_ns);
-        let of_module = |s: &Option<Suspect>| s.is_some_and(|s| s.module == module);
-        let free = |slots: &[Option<Suspect>]| slots.iter().position(Option::is_none);
+        let of_module = |s: &Option<SuspectModule>| s.is_some_and(|s| s.module == module);
+        let free = |slots: &[Option<SuspectModule>]| slots.iter().position(Option::is_none);
         let place = self.suspects.iter().position(of_module).or_else(|| free(&self.suspects));
         // A full table keeps its oldest entry longest: the line is closed until one is out.
         let place = place.unwrap_or(SUSPECTS_MAX - 1);
-        let tags = [(0, until); TAGS_MAX];
-        let fresh = Suspect { module, tags, count: 0, probes: 0, probe_due: false, until };
+        let tags = [(0, until); OUTSTANDING_MAX];
+        let fresh = SuspectModule {
+            module,
+            outstanding: tags,
+            outstanding_len: 0,
+            probes: 0,
+            probe_due: false,
+            until,
+        };
         let suspect = self.suspects[place].get_or_insert(fresh);
-        suspect.forget(now);
+        suspect.drop_expired(now);
         for _ in 0..pending.attempts {
-            if let Some(tag) = suspect.tags.get_mut(usize::from(suspect.count)) {
-                *tag = (pending.ask.request.opcode.number(), until);
-                suspect.count += 1;
+            if let Some(tag) = suspect.outstanding.get_mut(usize::from(suspect.outstanding_len)) {
+                *tag = (pending.host_request.request.opcode.number(), until);
+                suspect.outstanding_len += 1;
             }
         }
         suspect.until = suspect.until.max(until);
         // A module that says "wrong checksum" is there and quick: it is worth trying on.
-        suspect.probe_due = probe && (suspect.probes < PROBES_MAX || pending.doubts.bad_sum);
+        suspect.probe_due = probe && (suspect.probes < PROBES_MAX || pending.flags.checksum_error);
         self.suspicious = true;
     }
 
-    pub(super) fn trust(&mut self, module: u8) {
+    pub(super) fn clear_suspect(&mut self, module: u8) {
         for slot in &mut self.suspects {
             if slot.is_some_and(|suspect| suspect.module == module) {
                 *slot = None;
             }
         }
-        self.note_suspicion();
+        self.update_suspicious();
     }
 
     pub(super) fn expire_suspects(&mut self, now: Instant) {
-        let probed = self.pending.map(|pending| pending.ask.request.address);
+        let probed = self.pending.map(|pending| pending.host_request.request.address);
         for slot in &mut self.suspects {
-            let over = |s: &Suspect| now >= s.until && probed != Some(s.module);
-            let Some(Suspect { module, .. }) = slot.filter(over) else { continue };
+            let over = |s: &SuspectModule| now >= s.until && probed != Some(s.module);
+            let Some(SuspectModule { module, .. }) = slot.filter(over) else { continue };
             *slot = None;
             // Time has passed, and proves nothing.
-            self.proven.remove(module);
+            self.proven_addresses.remove(module);
         }
-        self.note_suspicion();
+        self.update_suspicious();
     }
 
-    pub(super) fn note_suspicion(&mut self) {
+    pub(super) fn update_suspicious(&mut self) {
         let suspects = self.suspects.iter().any(Option::is_some);
-        self.suspicious = suspects || !self.unheard.is_empty() || !self.motors.is_empty();
+        self.suspicious =
+            suspects || !self.unanswered_modules.is_empty() || !self.motor_stops.is_empty();
     }
 
-    pub(super) fn trusts(&mut self, now: Instant, module: u8) -> bool {
+    pub(super) fn is_trusted(&mut self, now: Instant, module: u8) -> bool {
         self.expire_suspects(now);
         let full = self.suspects.iter().all(Option::is_some);
         !full && !self.suspects.iter().flatten().any(|suspect| suspect.module == module)

@@ -6,15 +6,15 @@ use std::boxed::Box;
 use std::vec::Vec;
 
 use super::Random;
-use super::pair::{MODULE, Wire, request, sixty, sound};
+use super::pair::{MODULE, TestWire, no_fault, request, sixty_reads};
 use crate::error::Failure;
 use crate::proto::HostOptions;
 use crate::proto::tmcl::device::Quirks;
-use crate::proto::tmcl::{Answer, Ask, Opcode, Reply, SerialHost, Status};
-use crate::station::{Host, Ticket, To};
+use crate::proto::tmcl::{Answer, HostRequest, Opcode, Reply, SerialHost, Status};
+use crate::station::{EventSubject, Host, Ticket};
 
 /// As `/dev/ttyACM0`: a baud rate is set, and the answer is there a millisecond after the request.
-fn without_baud_rate(mut wire: Wire, ms: u32) -> Wire {
+fn without_baud_rate(mut wire: TestWire, ms: u32) -> TestWire {
     wire.baud = 0;
     wire.replies = Box::new(move |_, reply| Some(Vec::from([(ms, reply.to_vec())])));
     wire
@@ -24,9 +24,10 @@ fn without_baud_rate(mut wire: Wire, ms: u32) -> Wire {
 fn answers_of_a_port_whose_baud_rate_is_fiction_are_believed_from_the_first_on() {
     for baud in [9_600, 115_200] {
         for doubt in [None, Some(1), Some(2), Some(77)] {
-            let mut wire = without_baud_rate(Wire::new(baud, Quirks::default()), 1);
-            wire.host = SerialHost::new(&HostOptions { doubt, ..HostOptions::new(baud) });
-            assert_eq!(sixty(&mut wire, 5), (0, 0), "{baud} {doubt:?}");
+            let mut wire = without_baud_rate(TestWire::new(baud, Quirks::default()), 1);
+            wire.host =
+                SerialHost::new(&HostOptions { probe_seed: doubt, ..HostOptions::new(baud) });
+            assert_eq!(sixty_reads(&mut wire, 5), (0, 0), "{baud} {doubt:?}");
             let counters = wire.host.counters();
             assert_eq!((counters.resent, counters.silent, counters.late), (0, 0, 0), "{baud}");
         }
@@ -35,23 +36,23 @@ fn answers_of_a_port_whose_baud_rate_is_fiction_are_believed_from_the_first_on()
 
 #[test]
 fn a_copy_that_an_earlier_request_owns_is_not_believed_on_a_real_line() {
-    let mut wire = Wire::new(9600, Quirks::default());
+    let mut wire = TestWire::new(9600, Quirks::default());
     // Right behind the reply, when the next request is just leaving.
     wire.replies = Box::new(|_, r| Some(Vec::from([(0, r.to_vec()), (3, r.to_vec())])));
-    assert_eq!(sixty(&mut wire, 0).0, 0);
+    assert_eq!(sixty_reads(&mut wire, 0).0, 0);
 }
 
 /// What is owed to a program that has ended comes in: `owed` replies, one in so many ms.
-fn sixty_behind(seed: u32, every_ms: u32, owed: &[(Opcode, i32)]) -> (u32, u32) {
-    let mut wire = Wire::new(9600, Quirks::default());
-    wire.host = SerialHost::new(&HostOptions { doubt: Some(seed), ..HostOptions::new(9600) });
+fn sixty_reads_behind(seed: u32, every_ms: u32, owed: &[(Opcode, i32)]) -> (u32, u32) {
+    let mut wire = TestWire::new(9600, Quirks::default());
+    wire.host = SerialHost::new(&HostOptions { probe_seed: Some(seed), ..HostOptions::new(9600) });
     for (n, (opcode, value)) in owed.iter().enumerate() {
         let status = Status::Ok;
         let reply = Reply { host: 2, module: MODULE, status, opcode: *opcode, value: *value };
         let at = wire.now.plus_ms(20 + every_ms * n as u32);
         wire.to_host.push((at, reply.emit().to_vec()));
     }
-    sixty(&mut wire, 0)
+    sixty_reads(&mut wire, 0)
 }
 
 #[test]
@@ -59,7 +60,7 @@ fn the_answer_owed_to_an_earlier_program_is_not_taken() {
     for seed in 0..40 {
         for every_ms in [1, 25, 60, 110, 250] {
             let gap = [(Opcode::Gap, 4_711); 3];
-            assert_eq!(sixty_behind(seed, every_ms, &gap).0, 0, "seed {seed}, {every_ms} ms");
+            assert_eq!(sixty_reads_behind(seed, every_ms, &gap).0, 0, "seed {seed}, {every_ms} ms");
         }
     }
 }
@@ -68,26 +69,29 @@ fn the_answer_owed_to_an_earlier_program_is_not_taken() {
 #[test]
 fn only_replies_in_the_order_that_is_drawn_pass_the_probes() {
     let owed = [(Opcode::Version, 1), (Opcode::Ggp, 2), (Opcode::Gap, 4_711), (Opcode::Gap, 4_711)];
-    let fooled = (0..200).filter(|seed| sixty_behind(*seed, 25, &owed).0 > 0).count();
+    let fooled = (0..200).filter(|seed| sixty_reads_behind(*seed, 25, &owed).0 > 0).count();
     assert!(fooled < 40, "{fooled} of 200");
 }
 
 #[test]
 fn a_stop_passes_before_anything_is_proven() {
-    let mut wire = Wire::new(9600, Quirks::default());
-    wire.host = SerialHost::new(&HostOptions { doubt: Some(3), ..HostOptions::new(9600) });
-    let read = Ask::of(request(Opcode::Gap, 1, 0));
+    let mut wire = TestWire::new(9600, Quirks::default());
+    wire.host = SerialHost::new(&HostOptions { probe_seed: Some(3), ..HostOptions::new(9600) });
+    let read = HostRequest::of(request(Opcode::Gap, 1, 0));
     assert_eq!(wire.host.submit(wire.now, Ticket(98), read), Ok(()));
     wire.rest(1);
-    let halt = Ask::of(request(Opcode::Mst, 0, 0));
+    let halt = HostRequest::of(request(Opcode::Mst, 0, 0));
     assert_eq!(wire.host.submit(wire.now, Ticket(99), halt), Ok(()));
     wire.rest(15);
     assert!(wire.firmware.done.iter().any(|done| done.opcode == Opcode::Mst), "it is out at once");
     wire.rest(500);
     let ends: Vec<_> = std::iter::from_fn(|| wire.host.poll_event().copied()).collect();
-    assert!(ends.iter().any(|(to, end)| *to == To::Ticket(Ticket(99)) && end.is_ok()), "{ends:?}");
+    assert!(
+        ends.iter().any(|(to, end)| *to == EventSubject::Request(Ticket(99)) && end.is_ok()),
+        "{ends:?}"
+    );
     let value = ends.iter().find_map(|(to, end)| match (to, end) {
-        (To::Ticket(Ticket(98)), Ok(Answer::Reply(reply))) => Some(reply.value),
+        (EventSubject::Request(Ticket(98)), Ok(Answer::Reply(reply))) => Some(reply.value),
         _ => None,
     });
     assert_eq!(value, Some(1007), "{ends:?}");
@@ -95,11 +99,11 @@ fn a_stop_passes_before_anything_is_proven() {
 
 #[test]
 fn silence_ends_what_waits_for_a_proof() {
-    let mut wire = Wire::new(9600, Quirks::default());
-    wire.host = SerialHost::new(&HostOptions { doubt: Some(9), ..HostOptions::new(9600) });
+    let mut wire = TestWire::new(9600, Quirks::default());
+    wire.host = SerialHost::new(&HostOptions { probe_seed: Some(9), ..HostOptions::new(9600) });
     wire.requests = Box::new(|_, _| Some(Vec::new()));
     assert_eq!(wire.read(1), Err(Failure::Silent));
-    wire.requests = sound();
+    wire.requests = no_fault();
     assert_eq!(wire.read(1), Ok(1007));
 }
 
@@ -116,7 +120,7 @@ fn a_backlog_of_earlier_programs_is_not_taken() {
             owed.extend((0..3).map(|_| (probe(&mut random), 1)));
             owed.push((Opcode::Gap, 4_711));
         }
-        fooled += u32::from(sixty_behind(seed, 0, &owed).0 > 0);
+        fooled += u32::from(sixty_reads_behind(seed, 0, &owed).0 > 0);
     }
     assert!(fooled <= 20, "{fooled} of 1000");
 }

@@ -1,17 +1,18 @@
 //! What requests may do to a module.
 
-use crate::drives::assumed;
-use crate::explain::{Act, Dissector, Effect, Raw};
+use crate::drives::assumed_profile;
+use crate::explain::{Dissector, Effect, Impact, RawFrame};
 use crate::proto::tmcl::TmclDissector;
 use crate::proto::tmcl::opcode::Opcode;
-use crate::proto::tmcl::session::Ask;
+use crate::proto::tmcl::session::HostRequest;
 use crate::proto::tmcl::wire::Request;
-use crate::station::Class;
+use crate::station::RequestClass;
 
 fn effect(opcode: Opcode, kind: u8, value: i32) -> Effect {
     let request = Request { address: 1, opcode, kind, motor: 0, value };
     let bytes = request.emit();
-    TmclDissector.effect(&Raw { bytes: &bytes, ..Raw::default() }, assumed(&TmclDissector))
+    TmclDissector
+        .effect(&RawFrame { bytes: &bytes, ..RawFrame::default() }, assumed_profile(&TmclDissector))
 }
 
 /// What a host never sends twice is never told as harmless, nor what only reads as anything else.
@@ -22,12 +23,14 @@ fn effects_agree_with_the_classes_of_requests() {
             let opcode = Opcode::from(number);
             let request = Request { address: 1, opcode, kind: 0, motor: 0, value };
             let effect = effect(opcode, 0, value);
-            match Ask::of(request).class {
-                Class::Idempotent | Class::Stop => {
+            match HostRequest::of(request).class {
+                RequestClass::Idempotent | RequestClass::Stop => {
                     assert_eq!(effect, Effect::NOTHING, "{opcode:?}")
                 }
-                Class::Confirm => assert!(effect.act >= Act::Sets, "{opcode:?}"),
-                Class::Never => assert!(effect.keeps || effect.act >= Act::Moves, "{opcode:?}"),
+                RequestClass::ReadBack => assert!(effect.impact >= Impact::Settings, "{opcode:?}"),
+                RequestClass::NoRetry => {
+                    assert!(effect.persistent || effect.impact >= Impact::Motion, "{opcode:?}")
+                }
             }
         }
     }
@@ -35,10 +38,10 @@ fn effects_agree_with_the_classes_of_requests() {
 
 #[test]
 fn parameters_move_by_the_profile_and_what_it_does_not_have_is_unknown() {
-    assert_eq!(effect(Opcode::Sap, 0, 100).act, Act::Moves, "target position");
-    assert_eq!(effect(Opcode::Sap, 6, 100).act, Act::Sets, "max current");
+    assert_eq!(effect(Opcode::Sap, 0, 100).impact, Impact::Motion, "target position");
+    assert_eq!(effect(Opcode::Sap, 6, 100).impact, Impact::Settings, "max current");
     assert_eq!(effect(Opcode::Sap, 199, 100), Effect::UNKNOWN);
-    assert!(effect(Opcode::Stap, 6, 0).keeps && effect(Opcode::Rsap, 6, 0).keeps);
-    let broken = Raw { bytes: &[1, 2, 3], ..Raw::default() };
+    assert!(effect(Opcode::Stap, 6, 0).persistent && effect(Opcode::Rsap, 6, 0).persistent);
+    let broken = RawFrame { bytes: &[1, 2, 3], ..RawFrame::default() };
     assert_eq!(TmclDissector.effect(&broken, None), Effect::UNKNOWN);
 }

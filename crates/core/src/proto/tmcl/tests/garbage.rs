@@ -6,13 +6,15 @@ use std::println;
 use std::vec::Vec;
 
 use super::Random;
-use super::pair::{Bench, MODULE, Wire, request};
-use crate::explain::{Cut, Direction, Dissector};
+use super::pair::{MODULE, TestFirmware, TestWire, request};
+use crate::explain::{Direction, Dissector, FrameBoundary};
 use crate::medium::Frame;
 use crate::proto::HostOptions;
-use crate::proto::tmcl::device::{BYTE_TIMEOUT_MS, BadSum, CanEnd, Quirks, SerialEnd};
+use crate::proto::tmcl::device::{
+    BYTE_TIMEOUT_MS, CanEndpoint, ChecksumErrorReply, Quirks, SerialEndpoint,
+};
 use crate::proto::tmcl::wire::{DATAGRAM, Reply};
-use crate::proto::tmcl::{Answer, Ask, CanHost, Opcode, SerialHost, Status, TmclDissector};
+use crate::proto::tmcl::{Answer, CanHost, HostRequest, Opcode, SerialHost, Status, TmclDissector};
 use crate::station::{Host, Station, Ticket, Timed};
 use crate::time::Instant;
 
@@ -51,7 +53,7 @@ fn every_request_ends_whatever_comes() {
     for _ in 0..FRAMES {
         let opcode = [Opcode::Gap, Opcode::Version, Opcode::ReadMemory, Opcode::Mvp, Opcode::Mst]
             [random.below(5) as usize];
-        let ask = Ask::of(request(opcode, random.below(2) as u8, 0));
+        let ask = HostRequest::of(request(opcode, random.below(2) as u8, 0));
         submitted += u32::from(host.submit(now, Ticket(0), ask).is_ok());
         let mut out = [0; 32];
         while host.poll_transmit(now, &mut out).is_some() {}
@@ -59,7 +61,7 @@ fn every_request_ends_whatever_comes() {
         now = now.plus_ms(random.below(40) as u32);
         host.handle_timeout(now);
         while let Some((to, _)) = host.poll_event() {
-            ended += u32::from(matches!(to, crate::station::To::Ticket(_)));
+            ended += u32::from(matches!(to, crate::station::EventSubject::Request(_)));
         }
     }
     for _ in 0..20 {
@@ -67,7 +69,7 @@ fn every_request_ends_whatever_comes() {
         host.handle_timeout(now);
         while host.poll_transmit(now, &mut [0; 32]).is_some() {}
         while let Some((to, _)) = host.poll_event() {
-            ended += u32::from(matches!(to, crate::station::To::Ticket(_)));
+            ended += u32::from(matches!(to, crate::station::EventSubject::Request(_)));
         }
     }
     assert_eq!(submitted, ended);
@@ -80,7 +82,7 @@ fn the_can_host_survives_frames() {
     let mut host = CanHost::new(&options(250_000));
     let mut now = Instant(1);
     for _ in 0..FRAMES {
-        let ask = Ask::of(request(Opcode::Gap, 1, 0));
+        let ask = HostRequest::of(request(Opcode::Gap, 1, 0));
         let _ = host.submit(now, Ticket(0), ask);
         while host.poll_transmit(now, &mut Frame::default()).is_some() {}
         let data = random.next().to_be_bytes();
@@ -95,11 +97,13 @@ fn the_can_host_survives_frames() {
 
 #[test]
 fn a_module_obeys_nothing_whose_sum_fails() {
-    for bad_sum in [BadSum::AnswerIfMine, BadSum::AnswerAlways, BadSum::Ignore] {
+    for bad_sum in
+        [ChecksumErrorReply::IfAddressed, ChecksumErrorReply::Always, ChecksumErrorReply::Never]
+    {
         let mut random = Random(3);
-        let mut firmware = Bench::default();
-        let quirks = Quirks { bad_sum, ..Quirks::default() };
-        let mut end = SerialEnd::new(quirks, &firmware);
+        let mut firmware = TestFirmware::default();
+        let quirks = Quirks { checksum_error_reply: bad_sum, ..Quirks::default() };
+        let mut end = SerialEndpoint::new(quirks, &firmware);
         let good = request(Opcode::Ror, 0, 350).emit();
         let mut now = Instant(1);
         let mut passed = 0;
@@ -124,13 +128,13 @@ fn a_module_obeys_nothing_whose_sum_fails() {
 #[test]
 fn ascii_and_can_ends_survive() {
     let mut random = Random(4);
-    let mut firmware = Bench::default();
-    let mut end = SerialEnd::new(Quirks::default(), &firmware);
-    let mut can = CanEnd::new(Quirks::default(), &firmware);
+    let mut firmware = TestFirmware::default();
+    let mut end = SerialEndpoint::new(Quirks::default(), &firmware);
+    let mut can = CanEndpoint::new(Quirks::default(), &firmware);
     let mut out = [0; 128];
     for n in 0..FRAMES {
         let now = Instant(n as u64);
-        firmware.ascii = Some(crate::proto::tmcl::device::Echo::Characters);
+        firmware.ascii = Some(crate::proto::tmcl::device::AsciiEcho::Characters);
         end.handle_input(now, &frame(&mut random, b"AMVP ABS, 0, 1000\r"), &mut firmware);
         while end.poll_transmit(now, &mut out, &mut firmware).is_some() {}
         let data = random.next().to_be_bytes();
@@ -142,9 +146,9 @@ fn ascii_and_can_ends_survive() {
     }
 }
 
-struct Nothing;
+struct DiscardingSink;
 
-impl crate::explain::Sink for Nothing {
+impl crate::explain::ExplainSink for DiscardingSink {
     fn kind(&mut self, _: &str) {}
     fn axis(&mut self, _: u32) {}
     fn field(&mut self, _: crate::explain::Field<'_>) {}
@@ -161,21 +165,21 @@ fn the_dissector_cuts_anything_to_the_end() {
         let direction = [None, Some(Direction::ToDrive), Some(Direction::ToHost)][n % 3];
         let mut at = 0;
         while at < stream.len() {
-            let len = match TmclDissector.cut(&stream[at..], direction, true) {
-                Cut::Frame(len) | Cut::Broken(len) => {
+            let len = match TmclDissector.find_frame(&stream[at..], direction, true) {
+                FrameBoundary::Frame(len) | FrameBoundary::Corrupt(len) => {
                     let context = crate::explain::Context { direction, ..Default::default() };
-                    TmclDissector.explain(&stream[at..at + len], &context, &mut Nothing);
+                    TmclDissector.explain(&stream[at..at + len], &context, &mut DiscardingSink);
                     len
                 }
-                Cut::Skip(len) => len,
-                Cut::More => panic!("the end was told"),
+                FrameBoundary::Skip(len) => len,
+                FrameBoundary::Incomplete => panic!("the end was told"),
             };
             assert!(len > 0 && at + len <= stream.len());
             at += len;
         }
         let id = Some(random.below(4) as u32);
         let context = crate::explain::Context { direction, id, ..Default::default() };
-        TmclDissector.explain(&stream[..stream.len().min(8)], &context, &mut Nothing);
+        TmclDissector.explain(&stream[..stream.len().min(8)], &context, &mut DiscardingSink);
     }
 }
 
@@ -215,7 +219,7 @@ fn measure(frames: &[Vec<u8>], good: &[u8]) -> (usize, usize, usize) {
     for bytes in frames.iter().filter(|f| Reply::parse(f).is_ok()) {
         let mut host = SerialHost::new(&options(0));
         let now = Instant(1);
-        host.submit(now, Ticket(1), Ask::of(request(Opcode::Gap, 1, 0))).unwrap();
+        host.submit(now, Ticket(1), HostRequest::of(request(Opcode::Gap, 1, 0))).unwrap();
         host.poll_transmit(now, &mut [0; 32]).unwrap();
         host.handle_input(now.plus_ms(1), bytes);
         taken += usize::from(matches!(host.poll_event(), Some((_, Ok(Answer::Reply(_))))));
@@ -226,8 +230,8 @@ fn measure(frames: &[Vec<u8>], good: &[u8]) -> (usize, usize, usize) {
 #[test]
 fn every_split_of_a_reply_gives_the_same_answer() {
     for split in 0..=DATAGRAM {
-        let mut wire = Wire::new(0, Quirks::default());
-        let ask = Ask::of(request(Opcode::Gap, 1, 0));
+        let mut wire = TestWire::new(0, Quirks::default());
+        let ask = HostRequest::of(request(Opcode::Gap, 1, 0));
         wire.host.submit(wire.now, Ticket(1), ask).unwrap();
         wire.host.poll_transmit(wire.now, &mut [0; 32]).unwrap();
         let reply =

@@ -5,7 +5,7 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use super::pair::Wire;
+use super::pair::TestWire;
 use crate::error::Failure;
 use crate::proto::HostOptions;
 use crate::proto::tmcl::SerialHost;
@@ -17,7 +17,7 @@ fn a_spoiled_reply_is_one_frame_with_a_wrong_check() {
     for baud in [9600, 115_200] {
         // With 0, and with the value of the byte that goes out alone, in it.
         for flip in [0x55, 0xAA] {
-            let mut wire = Wire::new(baud, Quirks::default());
+            let mut wire = TestWire::new(baud, Quirks::default());
             let spoiled = move |r: &[u8]| r.iter().map(|byte| byte ^ flip).collect::<Vec<_>>();
             wire.replies = Box::new(move |_, r| {
                 Some(Vec::from([(0, [&r[..1], &spoiled(&r[1..])[..]].concat())]))
@@ -32,7 +32,7 @@ fn a_spoiled_reply_is_one_frame_with_a_wrong_check() {
 
 #[test]
 fn a_request_that_the_module_calls_spoiled_is_counted() {
-    let mut wire = Wire::new(9600, Quirks::default());
+    let mut wire = TestWire::new(9600, Quirks::default());
     wire.requests = Box::new(|_, r| {
         let mut spoiled = r.to_vec();
         *spoiled.last_mut()? ^= 0xFF;
@@ -45,8 +45,8 @@ fn a_request_that_the_module_calls_spoiled_is_counted() {
 
 #[test]
 fn a_late_answer_is_nobody_elses() {
-    let mut wire = Wire::new(9600, Quirks::default());
-    wire.host = SerialHost::new(&HostOptions { doubt: Some(7), ..HostOptions::new(9600) });
+    let mut wire = TestWire::new(9600, Quirks::default());
+    wire.host = SerialHost::new(&HostOptions { probe_seed: Some(7), ..HostOptions::new(9600) });
     wire.replies = Box::new(|_, r| Some(Vec::from([(250, r.to_vec())])));
     assert_eq!(wire.read(1), Err(Failure::Silent));
     let counted = wire.host.counters();

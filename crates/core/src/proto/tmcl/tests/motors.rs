@@ -5,33 +5,33 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use super::pair::{Fault, MODULE, Wire, request};
+use super::pair::{MODULE, TestWire, WireFault, request};
 use crate::error::Failure;
 use crate::proto::HostOptions;
 use crate::proto::tmcl::device::Quirks;
-use crate::proto::tmcl::{Answer, Ask, Opcode, Reply, Request, SerialHost, Status};
+use crate::proto::tmcl::{Answer, HostRequest, Opcode, Reply, Request, SerialHost, Status};
 use crate::station::{Host, Ticket};
 
 const INVALID_VALUE: Failure = Failure::Refused { code: 4 };
 
-fn stop(motor: u8) -> Ask {
-    Ask::of(Request { motor, ..request(Opcode::Mst, 0, 0) })
+fn stop(motor: u8) -> HostRequest {
+    HostRequest::of(Request { motor, ..request(Opcode::Mst, 0, 0) })
 }
 
-fn wire(motors: u8, doubt: Option<u32>, replies: Fault) -> Wire {
-    let mut wire = Wire::new(9600, Quirks::default());
-    wire.host = SerialHost::new(&HostOptions { doubt, ..HostOptions::new(9600) });
+fn wire(motors: u8, doubt: Option<u32>, replies: WireFault) -> TestWire {
+    let mut wire = TestWire::new(9600, Quirks::default());
+    wire.host = SerialHost::new(&HostOptions { probe_seed: doubt, ..HostOptions::new(9600) });
     wire.firmware.motors = motors;
     wire.replies = replies;
     wire
 }
 
 /// Stops motor after motor, as `polepair stop` does, several times; what came of each is true.
-fn stops_are_true(wire: &mut Wire, context: &str, answered: bool) {
+fn stops_are_true(wire: &mut TestWire, context: &str, answered: bool) {
     let motors = wire.firmware.motors;
     for round in 0..8 {
         for motor in (0..=motors).chain([0]) {
-            let ended = wire.ask(stop(motor));
+            let ended = wire.request(stop(motor));
             let own = match motor < motors {
                 true => matches!(ended, Ok(Answer::Reply(_))),
                 false => ended == Err(INVALID_VALUE),
@@ -80,12 +80,12 @@ fn a_reply_owed_to_an_earlier_program_counts_for_no_motor() {
             for (motor, status, own) in
                 [(1, Status::Ok, Err(INVALID_VALUE)), (0, Status::InvalidValue, Ok(()))]
             {
-                let mut wire = wire(1, Some(seed), super::pair::sound());
+                let mut wire = wire(1, Some(seed), super::pair::no_fault());
                 let opcode = Opcode::Mst;
                 let owed = Reply { host: 2, module: MODULE, status, opcode, value: 0 };
                 wire.to_host.push((wire.now.plus_ms(at_ms), owed.emit().to_vec()));
                 wire.firmware.pause = 40;
-                let ended = wire.ask(stop(motor)).map(drop);
+                let ended = wire.request(stop(motor)).map(drop);
                 assert_eq!(ended, own, "seed {seed}, {at_ms} ms, motor {motor}");
             }
         }
@@ -95,7 +95,7 @@ fn a_reply_owed_to_an_earlier_program_counts_for_no_motor() {
 /// Whatever is in doubt, the stop of each motor goes out at once.
 #[test]
 fn a_stop_of_any_motor_waits_for_no_probe() {
-    let mut wire = wire(4, Some(3), super::pair::sound());
+    let mut wire = wire(4, Some(3), super::pair::no_fault());
     for motor in 0..4 {
         let already = wire.firmware.done.len();
         assert_eq!(wire.host.submit(wire.now, Ticket(90), stop(motor)), Ok(()));

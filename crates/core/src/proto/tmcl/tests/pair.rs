@@ -2,6 +2,8 @@
 
 extern crate std;
 
+mod can;
+
 use core::cell::Cell;
 use std::boxed::Box;
 use std::rc::Rc;
@@ -11,20 +13,25 @@ use super::Random;
 use crate::error::{Failure, Unsupported};
 use crate::medium::{Frame, Stream};
 use crate::proto::HostOptions;
-use crate::proto::tmcl::device::{BadSum, CanEnd, Event, Firmware, Quirks, Response, SerialEnd};
-use crate::proto::tmcl::{Answer, Ask, CanHost, Instruction, Opcode, Request, SerialHost, Status};
-use crate::station::{Class, Host, Station, Ticket, Timed, To};
+use crate::proto::tmcl::device::{
+    CanEndpoint, ChecksumErrorReply, DeferredEvent, Firmware, Quirks, Response, SerialEndpoint,
+};
+use crate::proto::tmcl::{
+    Answer, CanHost, HostRequest, Instruction, Opcode, Request, SerialHost, Status,
+};
+use crate::station::{EventSubject, Host, RequestClass, Station, Ticket, Timed};
 use crate::time::{Instant, earliest};
+use can::{ask_position, position};
 
 pub const MODULE: u8 = 1;
 
 /// A module with as much behind it as the tests look at.
 #[derive(Debug)]
-pub struct Bench {
+pub struct TestFirmware {
     pub address: u8,
     pub pause: u8,
     pub baud: u32,
-    pub ascii: Option<crate::proto::tmcl::device::Echo>,
+    pub ascii: Option<crate::proto::tmcl::device::AsciiEcho>,
     pub done: Vec<Request>,
     /// How many motors it has; it refuses the stop of any other.
     pub motors: u8,
@@ -33,7 +40,7 @@ pub struct Bench {
     pub event: Option<i32>,
 }
 
-impl Default for Bench {
+impl Default for TestFirmware {
     fn default() -> Self {
         let done = Vec::new();
         let (address, motors, baud) = (MODULE, u8::MAX, 9600);
@@ -41,7 +48,7 @@ impl Default for Bench {
     }
 }
 
-impl Firmware for Bench {
+impl Firmware for TestFirmware {
     fn address(&self) -> u8 {
         self.address
     }
@@ -63,11 +70,11 @@ impl Firmware for Bench {
     fn can_bit_rate(&self) -> u32 {
         250_000
     }
-    fn ascii(&self) -> Option<crate::proto::tmcl::device::Echo> {
+    fn ascii(&self) -> Option<crate::proto::tmcl::device::AsciiEcho> {
         self.ascii
     }
     fn set_ascii(&mut self, on: bool) {
-        self.ascii = on.then_some(crate::proto::tmcl::device::Echo::None);
+        self.ascii = on.then_some(crate::proto::tmcl::device::AsciiEcho::None);
     }
     fn execute(&mut self, _: Instant, request: &Request) -> Response {
         let unknown = Response::refused(Status::InvalidCommand, request);
@@ -104,51 +111,51 @@ impl Firmware for Bench {
             _ => unknown,
         }
     }
-    fn poll_event(&mut self, _: Instant) -> Option<Event> {
+    fn poll_deferred_event(&mut self, _: Instant) -> Option<DeferredEvent> {
         let value = self.event.take()?;
-        Some(Event { opcode: Opcode::PositionReached, value })
+        Some(DeferredEvent { opcode: Opcode::PositionReached, value })
     }
 }
 
 /// What becomes of a run of bytes: later by so many ms, these bytes.
-pub type Fault = Box<dyn FnMut(u32, &[u8]) -> Option<Vec<(u32, Vec<u8>)>>>;
+pub type WireFault = Box<dyn FnMut(u32, &[u8]) -> Option<Vec<(u32, Vec<u8>)>>>;
 
-pub fn sound() -> Fault {
+pub fn no_fault() -> WireFault {
     Box::new(|_, _| None)
 }
 
-pub struct Wire {
+pub struct TestWire {
     pub now: Instant,
     pub host: SerialHost,
-    pub end: SerialEnd,
-    pub firmware: Bench,
+    pub end: SerialEndpoint,
+    pub firmware: TestFirmware,
     pub baud: u32,
     echo: bool,
     pub to_host: Vec<(Instant, Vec<u8>)>,
     to_drive: Vec<(Instant, Vec<u8>)>,
-    pub replies: Fault,
-    pub requests: Fault,
+    pub replies: WireFault,
+    pub requests: WireFault,
     /// Follows the time, for faults that end.
     pub clock: Option<Rc<Cell<Instant>>>,
     counts: [u32; 2],
     tickets: u32,
 }
 
-impl Wire {
+impl TestWire {
     pub fn new(baud: u32, quirks: Quirks) -> Self {
-        let firmware = Bench::default();
+        let firmware = TestFirmware::default();
         let options = HostOptions::new(baud);
         Self {
             now: Instant(1_000_000_000),
             host: SerialHost::new(&options),
-            end: SerialEnd::new(quirks, &firmware),
+            end: SerialEndpoint::new(quirks, &firmware),
             firmware,
             baud,
             echo: false,
             to_host: Vec::new(),
             to_drive: Vec::new(),
-            replies: sound(),
-            requests: sound(),
+            replies: no_fault(),
+            requests: no_fault(),
             clock: None,
             counts: [0; 2],
             tickets: 0,
@@ -156,7 +163,7 @@ impl Wire {
     }
 
     fn on_wire_ns(&self, bytes: usize) -> u64 {
-        crate::medium::SerialLine::n81(self.baud).characters_ns(bytes as u32)
+        crate::medium::SerialLine::new_8n1(self.baud).characters_ns(bytes as u32)
     }
 
     fn transmit(&mut self) {
@@ -216,7 +223,7 @@ impl Wire {
     }
 
     /// Asks and waits for the end, which must come within five seconds.
-    pub fn ask(&mut self, ask: Ask) -> Result<Answer, Failure> {
+    pub fn request(&mut self, ask: HostRequest) -> Result<Answer, Failure> {
         self.tickets += 1;
         let ticket = Ticket(self.tickets);
         let limit = self.now.plus_ms(5_000);
@@ -226,7 +233,7 @@ impl Wire {
         }
         loop {
             while let Some((to, result)) = self.host.poll_event() {
-                if *to == To::Ticket(ticket) {
+                if *to == EventSubject::Request(ticket) {
                     return *result;
                 }
             }
@@ -243,7 +250,7 @@ impl Wire {
     }
 
     pub fn read(&mut self, parameter: u8) -> Result<i32, Failure> {
-        match self.ask(Ask::of(request(Opcode::Gap, parameter, 0)))? {
+        match self.request(HostRequest::of(request(Opcode::Gap, parameter, 0)))? {
             Answer::Reply(reply) => Ok(reply.value),
             other => panic!("{other:?}"),
         }
@@ -255,7 +262,7 @@ pub fn request(opcode: Opcode, kind: u8, value: i32) -> Request {
 }
 
 /// Sixty reads of six parameters, as the peers are measured: wrong values and errors.
-pub fn sixty(wire: &mut Wire, rest_ms: u32) -> (u32, u32) {
+pub fn sixty_reads(wire: &mut TestWire, rest_ms: u32) -> (u32, u32) {
     let (mut wrong, mut errors) = (0, 0);
     let mut random = Random(7);
     for _ in 0..60 {
@@ -269,30 +276,38 @@ pub fn sixty(wire: &mut Wire, rest_ms: u32) -> (u32, u32) {
     (wrong, errors)
 }
 
-fn on(nth: u32, what: impl Fn(&[u8]) -> Vec<(u32, Vec<u8>)> + 'static) -> Fault {
+fn fault_on(nth: u32, what: impl Fn(&[u8]) -> Vec<(u32, Vec<u8>)> + 'static) -> WireFault {
     Box::new(move |n, bytes| (n == nth).then(|| what(bytes)))
 }
 
 #[test]
 fn one_fault_gives_no_wrong_value_and_no_error() {
     let cut = |bytes: &[u8], n: usize| bytes[..bytes.len() - n].to_vec();
-    let faults: Vec<(&str, Fault, Fault)> = Vec::from([
-        ("none", sound(), sound()),
-        ("late by 50 ms", on(5, |r| Vec::from([(150, r.to_vec())])), sound()),
-        ("lost", on(5, |_| Vec::new()), sound()),
-        ("noise before", on(5, |r| Vec::from([(0, [&[0x55], r].concat())])), sound()),
-        ("noise after", on(5, |r| Vec::from([(0, [r, &[0x55]].concat())])), sound()),
-        ("byte lost", on(5, move |r| Vec::from([(0, cut(r, 1))])), sound()),
-        ("first byte lost", on(5, |r| Vec::from([(0, r[1..].to_vec())])), sound()),
-        ("duplicated", on(5, |r| Vec::from([(0, [r, r].concat())])), sound()),
-        ("split", on(5, |r| Vec::from([(0, r[..4].to_vec()), (30, r[4..].to_vec())])), sound()),
-        ("request lost", sound(), on(5, |_| Vec::new())),
-        ("request with noise", sound(), on(5, |r| Vec::from([(0, [&[0x55], r].concat())]))),
-        ("request cut", sound(), on(5, move |r| Vec::from([(0, cut(r, 1))]))),
+    let faults: Vec<(&str, WireFault, WireFault)> = Vec::from([
+        ("none", no_fault(), no_fault()),
+        ("late by 50 ms", fault_on(5, |r| Vec::from([(150, r.to_vec())])), no_fault()),
+        ("lost", fault_on(5, |_| Vec::new()), no_fault()),
+        ("noise before", fault_on(5, |r| Vec::from([(0, [&[0x55], r].concat())])), no_fault()),
+        ("noise after", fault_on(5, |r| Vec::from([(0, [r, &[0x55]].concat())])), no_fault()),
+        ("byte lost", fault_on(5, move |r| Vec::from([(0, cut(r, 1))])), no_fault()),
+        ("first byte lost", fault_on(5, |r| Vec::from([(0, r[1..].to_vec())])), no_fault()),
+        ("duplicated", fault_on(5, |r| Vec::from([(0, [r, r].concat())])), no_fault()),
+        (
+            "split",
+            fault_on(5, |r| Vec::from([(0, r[..4].to_vec()), (30, r[4..].to_vec())])),
+            no_fault(),
+        ),
+        ("request lost", no_fault(), fault_on(5, |_| Vec::new())),
+        (
+            "request with noise",
+            no_fault(),
+            fault_on(5, |r| Vec::from([(0, [&[0x55], r].concat())])),
+        ),
+        ("request cut", no_fault(), fault_on(5, move |r| Vec::from([(0, cut(r, 1))]))),
         (
             "request flipped",
-            sound(),
-            on(5, |r| {
+            no_fault(),
+            fault_on(5, |r| {
                 let mut r = r.to_vec();
                 r[2] ^= 4;
                 Vec::from([(0, r)])
@@ -301,14 +316,14 @@ fn one_fault_gives_no_wrong_value_and_no_error() {
         (
             "four late",
             Box::new(|n, r| (5..9).contains(&n).then(|| Vec::from([(150, r.to_vec())]))),
-            sound(),
+            no_fault(),
         ),
     ]);
     let mut faults = faults;
     for (name, replies, requests) in faults.drain(..) {
-        let wire = &mut Wire::new(9600, Quirks::default());
+        let wire = &mut TestWire::new(9600, Quirks::default());
         (wire.replies, wire.requests) = (replies, requests);
-        assert_eq!(sixty(wire, 5), (0, 0), "{name} {:?}", wire.host.counters());
+        assert_eq!(sixty_reads(wire, 5), (0, 0), "{name} {:?}", wire.host.counters());
     }
 }
 
@@ -316,12 +331,13 @@ fn one_fault_gives_no_wrong_value_and_no_error() {
 fn the_same_on_a_wire_without_timing_and_with_echo() {
     for baud in [0, 115_200] {
         for echo in [false, true] {
-            let late: Fault = Box::new(|n, r| (n % 7 == 5).then(|| Vec::from([(150, r.to_vec())])));
-            let twice = on(5, |r| Vec::from([(0, [r, r].concat())]));
-            for fault in [sound(), late, twice] {
-                let mut wire = Wire::new(baud, Quirks::default());
+            let late: WireFault =
+                Box::new(|n, r| (n % 7 == 5).then(|| Vec::from([(150, r.to_vec())])));
+            let twice = fault_on(5, |r| Vec::from([(0, [r, r].concat())]));
+            for fault in [no_fault(), late, twice] {
+                let mut wire = TestWire::new(baud, Quirks::default());
                 (wire.echo, wire.replies) = (echo, fault);
-                assert_eq!(sixty(&mut wire, 5), (0, 0), "{baud} {echo}");
+                assert_eq!(sixty_reads(&mut wire, 5), (0, 0), "{baud} {echo}");
                 let (echoed, skipped) = (wire.host.counters().echoed, wire.host.counters().skipped);
                 let good = if echo { echoed >= 60 && skipped == 0 } else { echoed == 0 };
                 assert!(good, "{echoed}");
@@ -332,36 +348,44 @@ fn the_same_on_a_wire_without_timing_and_with_echo() {
 
 #[test]
 fn a_read_that_a_stop_cuts_short_ends_as_that() {
-    let mut wire = Wire::new(9600, Quirks::default());
+    let mut wire = TestWire::new(9600, Quirks::default());
     assert_eq!(wire.read(1), Ok(1007));
-    wire.replies = on(2, |_| Vec::new());
+    wire.replies = fault_on(2, |_| Vec::new());
     let (read, stop) = (Ticket(98), Ticket(99));
-    let ask = Ask::of(request(Opcode::Gap, 1, 0));
+    let ask = HostRequest::of(request(Opcode::Gap, 1, 0));
     assert_eq!(wire.host.submit(wire.now, read, ask), Ok(()));
     wire.rest(1);
-    let halt = Ask::of(request(Opcode::Mst, 0, 0));
+    let halt = HostRequest::of(request(Opcode::Mst, 0, 0));
     assert_eq!(wire.host.submit(wire.now, stop, halt), Ok(()));
     wire.rest(500);
     let ends: Vec<_> = std::iter::from_fn(|| wire.host.poll_event().copied()).collect();
-    let of = |ticket| ends.iter().find(|(to, _)| *to == To::Ticket(ticket)).map(|(_, end)| *end);
+    let of = |ticket| {
+        ends.iter().find(|(to, _)| *to == EventSubject::Request(ticket)).map(|(_, end)| *end)
+    };
     assert_eq!(of(read), Some(Err(Failure::Cancelled)));
     assert!(matches!(of(stop), Some(Ok(_))), "{ends:?}");
 }
 
 #[test]
 fn always_just_too_late_is_never_wrong() {
-    let mut wire = Wire::new(0, Quirks::default());
+    let mut wire = TestWire::new(0, Quirks::default());
     wire.replies = Box::new(|n, r| (n >= 5).then(|| Vec::from([(102, r.to_vec())])));
-    let (wrong, _) = sixty(&mut wire, 0);
+    let (wrong, _) = sixty_reads(&mut wire, 0);
     assert_eq!(wrong, 0);
 }
 
 #[test]
 fn a_module_that_only_counts_bytes_is_brought_back() {
-    for bad_sum in [BadSum::AnswerAlways, BadSum::AnswerIfMine, BadSum::Ignore] {
+    for bad_sum in
+        [ChecksumErrorReply::Always, ChecksumErrorReply::IfAddressed, ChecksumErrorReply::Never]
+    {
         for extra in 1..9 {
-            let quirks = Quirks { bad_sum, byte_timeout_ms: None, ..Quirks::default() };
-            let mut wire = Wire::new(9600, quirks);
+            let quirks = Quirks {
+                checksum_error_reply: bad_sum,
+                byte_timeout_ms: None,
+                ..Quirks::default()
+            };
+            let mut wire = TestWire::new(9600, quirks);
             assert_eq!(wire.read(4), Ok(4007));
             let junk = [0x55; 9];
             wire.end.handle_input(wire.now, &junk[..extra], &mut wire.firmware);
@@ -379,14 +403,15 @@ fn a_module_that_only_counts_bytes_is_brought_back() {
 
 #[test]
 fn a_relative_move_is_never_sent_twice() {
-    for (replies, requests) in [(on(2, |_| Vec::new()), sound()), (sound(), on(2, |_| Vec::new()))]
+    for (replies, requests) in
+        [(fault_on(2, |_| Vec::new()), no_fault()), (no_fault(), fault_on(2, |_| Vec::new()))]
     {
-        let mut wire = Wire::new(9600, Quirks::default());
+        let mut wire = TestWire::new(9600, Quirks::default());
         (wire.replies, wire.requests) = (replies, requests);
         assert_eq!(wire.read(1), Ok(1007));
-        let mvp = Ask::of(request(Opcode::Mvp, 1, 500));
-        assert_eq!(mvp.class, Class::Never);
-        assert_eq!(wire.ask(mvp), Err(Failure::Silent));
+        let mvp = HostRequest::of(request(Opcode::Mvp, 1, 500));
+        assert_eq!(mvp.class, RequestClass::NoRetry);
+        assert_eq!(wire.request(mvp), Err(Failure::Silent));
         assert_eq!(wire.read(4), Ok(4007));
         assert!(wire.firmware.done.len() <= 1, "{:?}", wire.firmware.done);
         assert_eq!(wire.host.counters().silent, 1);
@@ -395,100 +420,102 @@ fn a_relative_move_is_never_sent_twice() {
 
 #[test]
 fn nothing_but_a_stop_is_let_into_quarantine() {
-    let mut wire = Wire::new(9600, Quirks::default());
+    let mut wire = TestWire::new(9600, Quirks::default());
     wire.replies = Box::new(|n, _| (2..20).contains(&n).then(Vec::new));
     assert_eq!(wire.read(1), Ok(1007));
     let ror = request(Opcode::Ror, 0, 350);
-    assert_eq!(wire.ask(Ask::of(ror)), Err(Failure::Silent));
-    let read = Ask::of(request(Opcode::Gap, 1, 0));
+    assert_eq!(wire.request(HostRequest::of(ror)), Err(Failure::Silent));
+    let read = HostRequest::of(request(Opcode::Gap, 1, 0));
     assert_eq!(wire.host.submit(wire.now, Ticket(900), read), Err(read));
-    let mst = Ask::of(request(Opcode::Mst, 0, 0));
-    assert_eq!(wire.ask(mst), Err(Failure::Silent), "nobody answers the stop either");
+    let mst = HostRequest::of(request(Opcode::Mst, 0, 0));
+    assert_eq!(wire.request(mst), Err(Failure::Silent), "nobody answers the stop either");
     assert!(wire.firmware.done.iter().filter(|r| r.opcode == Opcode::Mst).count() >= 2);
-    wire.replies = sound();
-    assert!(matches!(wire.ask(mst), Ok(Answer::Reply(reply)) if reply.opcode == Opcode::Mst));
+    wire.replies = no_fault();
+    assert!(matches!(wire.request(mst), Ok(Answer::Reply(reply)) if reply.opcode == Opcode::Mst));
     assert_eq!(wire.read(5), Ok(5007));
 }
 
 #[test]
 fn a_stop_by_the_lost_opcode_is_not_answered_by_the_lost_reply() {
-    let mut wire = Wire::new(0, Quirks::default());
+    let mut wire = TestWire::new(0, Quirks::default());
     // The reply to ROR 350 comes 30 ms after its timeout, when the stop ROR 0 is out.
-    wire.replies = on(1, |r| Vec::from([(130, r.to_vec())]));
-    assert_eq!(wire.ask(Ask::of(request(Opcode::Ror, 0, 350))), Err(Failure::Silent));
-    wire.requests = on(2, |_| Vec::new());
-    let stop = Ask::of(request(Opcode::Ror, 0, 0));
-    assert_eq!(stop.class, Class::Stop);
+    wire.replies = fault_on(1, |r| Vec::from([(130, r.to_vec())]));
+    assert_eq!(wire.request(HostRequest::of(request(Opcode::Ror, 0, 350))), Err(Failure::Silent));
+    wire.requests = fault_on(2, |_| Vec::new());
+    let stop = HostRequest::of(request(Opcode::Ror, 0, 0));
+    assert_eq!(stop.class, RequestClass::Stop);
     wire.counts[0] = 1;
-    let answer = wire.ask(stop);
+    let answer = wire.request(stop);
     let executed = wire.firmware.done.iter().any(|r| r.value == 0);
     assert!(answer.is_err() || executed, "{answer:?}");
 }
 
 #[test]
 fn special_replies() {
-    let mut wire = Wire::new(9600, Quirks::default());
-    let text = wire.ask(Ask::of(request(Opcode::Version, 0, 0)));
+    let mut wire = TestWire::new(9600, Quirks::default());
+    let text = wire.request(HostRequest::of(request(Opcode::Version, 0, 0)));
     assert!(matches!(text, Ok(Answer::Text(v)) if v.text == *b"170V1.14"), "{text:?}");
-    let binary = wire.ask(Ask::of(request(Opcode::Version, 1, 0)));
+    let binary = wire.request(HostRequest::of(request(Opcode::Version, 1, 0)));
     assert!(matches!(binary, Ok(Answer::Reply(r)) if r.value == 0x00AA_010E), "{binary:?}");
-    let stored = wire.ask(Ask::of(request(Opcode::ReadMemory, 0, 17)));
+    let stored = wire.request(HostRequest::of(request(Opcode::ReadMemory, 0, 17)));
     let expected = Instruction { opcode: 5, kind: 4, motor: 0, value: 17 };
     assert_eq!(stored, Ok(Answer::Instruction(expected)));
-    let boot = wire.ask(Ask::of(request(Opcode::Boot, 0x81, 0)));
+    let boot = wire.request(HostRequest::of(request(Opcode::Boot, 0x81, 0)));
     assert_eq!(boot, Ok(Answer::NoReply));
-    let wrong = wire.ask(Ask::of(request(Opcode::Gap, 253, 0)));
+    let wrong = wire.request(HostRequest::of(request(Opcode::Gap, 253, 0)));
     assert_eq!(wrong, Err(Failure::Refused { code: 3 }));
     assert_eq!(wire.host.counters().silent, 0);
 }
 
 #[test]
 fn the_position_event_comes_unasked() {
-    let mut wire = Wire::new(9600, Quirks::default());
+    let mut wire = TestWire::new(9600, Quirks::default());
     wire.firmware.event = Some(1);
     assert_eq!(wire.read(1), Ok(1007), "nobody ordered the event");
     wire.rest(50);
     assert_eq!(wire.firmware.event, Some(1));
-    wire.ask(Ask::of(request(Opcode::PositionReached, 0, 1))).unwrap();
+    wire.request(HostRequest::of(request(Opcode::PositionReached, 0, 1))).unwrap();
     wire.rest(50);
     let event = wire.host.poll_event().copied();
-    let Some((To::Address(1), Ok(Answer::Event(reply)))) = event else { panic!("{event:?}") };
+    let Some((EventSubject::Unsolicited(1), Ok(Answer::Event(reply)))) = event else {
+        panic!("{event:?}")
+    };
     assert_eq!((reply.status, reply.value), (Status::Event, 1));
 }
 
 #[test]
 fn a_change_of_address_or_baud_answers_from_the_old_one() {
-    let mut wire = Wire::new(9600, Quirks::default());
-    assert!(wire.ask(Ask::of(request(Opcode::Sgp, 65, 7))).is_ok());
+    let mut wire = TestWire::new(9600, Quirks::default());
+    assert!(wire.request(HostRequest::of(request(Opcode::Sgp, 65, 7))).is_ok());
     assert_eq!(wire.end.line().baud, 115_200);
-    assert!(wire.ask(Ask::of(request(Opcode::Sgp, 66, 9))).is_ok());
+    assert!(wire.request(HostRequest::of(request(Opcode::Sgp, 66, 9))).is_ok());
     assert_eq!(wire.read(1), Err(Failure::Silent));
     let read = Request { address: 9, ..request(Opcode::Gap, 1, 0) };
-    assert!(wire.ask(Ask::of(read)).is_ok());
+    assert!(wire.request(HostRequest::of(read)).is_ok());
     let after = Quirks { settings_before_reply: true, ..Quirks::default() };
-    let mut wire = Wire::new(9600, after);
-    assert_eq!(wire.ask(Ask::of(request(Opcode::Sgp, 66, 9))), Err(Failure::Silent));
+    let mut wire = TestWire::new(9600, after);
+    assert_eq!(wire.request(HostRequest::of(request(Opcode::Sgp, 66, 9))), Err(Failure::Silent));
 }
 
 #[test]
 fn telegram_pause_and_foreign_modules() {
-    let mut wire = Wire::new(9600, Quirks::default());
+    let mut wire = TestWire::new(9600, Quirks::default());
     wire.firmware.pause = 20;
     let start = wire.now;
     assert_eq!(wire.read(1), Ok(1007));
     assert!(wire.now.since(start).as_millis() >= 38, "18 characters and the pause");
     let other = Request { address: 7, ..request(Opcode::Gap, 1, 0) };
-    assert_eq!(wire.ask(Ask::of(other)), Err(Failure::Silent));
+    assert_eq!(wire.request(HostRequest::of(other)), Err(Failure::Silent));
     assert_eq!(wire.read(4), Ok(4007));
     let host = Request { address: 2, ..other };
-    let outcome = wire.ask(Ask::of(host));
+    let outcome = wire.request(HostRequest::of(host));
     assert!(matches!(outcome, Err(Failure::Impossible(Unsupported::Forbidden(_)))), "{outcome:?}");
 }
 
 #[test]
 fn ascii_mode_on_the_wire() {
-    let mut wire = Wire::new(9600, Quirks::default());
-    wire.ask(Ask::of(request(Opcode::EnterAscii, 0, 0))).unwrap();
+    let mut wire = TestWire::new(9600, Quirks::default());
+    wire.request(HostRequest::of(request(Opcode::EnterAscii, 0, 0))).unwrap();
     let mut say = |line: &[u8]| {
         wire.end.handle_input(wire.now, line, &mut wire.firmware);
         let mut out = [0; 128];
@@ -501,75 +528,12 @@ fn ascii_mode_on_the_wire() {
     assert_eq!(say(b"CGAP 3\r"), b"");
     assert_eq!(say(b"ABIN\r"), b"BA 100 0\r");
     assert_eq!(wire.read(4), Ok(4007));
-    wire.ask(Ask::of(request(Opcode::EnterAscii, 0, 0))).unwrap();
+    wire.request(HostRequest::of(request(Opcode::EnterAscii, 0, 0))).unwrap();
     let mut out = [0; 128];
     wire.end.handle_input(wire.now, b"BIN\r", &mut wire.firmware);
     let len = wire.end.poll_transmit(wire.now, &mut out, &mut wire.firmware).unwrap_or(0);
     assert_eq!(&out[..len], b"BA 100 0\r");
     assert_eq!(wire.read(4), Ok(4007));
-}
-
-#[test]
-fn the_same_module_on_can() {
-    let options = HostOptions::new(250_000);
-    for eight in [false, true] {
-        let mut host = CanHost::new(&options);
-        if eight {
-            host = host.sending_eight();
-        }
-        let mut firmware = Bench::default();
-        let quirks = Quirks { eight_bytes: eight, ..Quirks::default() };
-        let mut end = CanEnd::new(quirks, &firmware);
-        let mut now = Instant(1);
-        let mut ask = |request| {
-            host.submit(now, Ticket(1), Ask::of(request)).unwrap();
-            let mut frame = Frame::default();
-            host.poll_transmit(now, &mut frame).unwrap();
-            assert_eq!((frame.id, frame.len), (1, if eight { 8 } else { 7 }));
-            end.handle_input(now, &frame, &mut firmware);
-            now = now.plus_ms(1);
-            while let Some(frame) = end.poll_transmit(now, &mut firmware) {
-                assert_eq!(frame.id, 2);
-                host.handle_input(now, &frame);
-            }
-            host.poll_event().map(|(_, answer)| *answer)
-        };
-        let gap = ask(request(Opcode::Gap, 1, 0));
-        assert!(matches!(gap, Some(Ok(Answer::Reply(r))) if r.value == 1007), "{gap:?}");
-        let version = ask(request(Opcode::Version, 0, 0));
-        assert!(matches!(version, Some(Ok(Answer::Text(v))) if v.text == *b"170V1.14"));
-        let stored = ask(request(Opcode::ReadMemory, 0, 3));
-        assert!(matches!(stored, Some(Ok(Answer::Instruction(i))) if i.value == 3));
-    }
-}
-
-/// Asks a module on CAN for its actual position.
-fn ask_position(host: &mut CanHost, now: Instant) {
-    host.submit(now, Ticket(1), Ask::of(request(Opcode::Gap, 1, 0))).unwrap();
-    host.poll_transmit(now, &mut Frame::default()).unwrap();
-}
-
-/// What it says.
-fn position(value: u8) -> Frame {
-    Frame::standard(2, &[1, 100, 6, 0, 0, 0, value])
-}
-
-/// A reply disturbed in its last bit is heard twice, the second time before the next request can
-/// have left (swarm seed can:9).
-#[test]
-fn a_copy_on_can_that_comes_too_soon_is_no_answer() {
-    let mut host = CanHost::new(&HostOptions::new(250_000));
-    ask_position(&mut host, Instant(1));
-    host.handle_input(Instant(1).plus_ms(1), &position(5));
-    assert!(host.poll_event().is_some());
-    let now = Instant(1).plus_ms(1);
-    ask_position(&mut host, now);
-    // 130 bits: an error frame and the reply again.
-    host.handle_input(now.plus_ns(130 * 4_000), &position(5));
-    assert!(host.poll_event().is_none());
-    host.handle_input(now.plus_ns(250 * 4_000), &position(9));
-    let answer = host.poll_event().map(|(_, answer)| *answer);
-    assert!(matches!(answer, Some(Ok(Answer::Reply(r))) if r.value == 9), "{answer:?}");
 }
 
 /// What a stranger asked in the program's name is answered before the program's own request can have left, or
@@ -610,7 +574,7 @@ fn an_answer_that_comes_too_soon_is_no_answer_where_others_took_their_time() {
 fn nothing_older_is_taken_from_a_module_that_is_mistrusted() {
     let mut host = CanHost::new(&HostOptions::new(250_000));
     let mut frame = Frame::default();
-    let gap = Ask::of(request(Opcode::Gap, 250, 0));
+    let gap = HostRequest::of(request(Opcode::Gap, 250, 0));
     let reply = |opcode, value| Frame::standard(2, &[1, 100, opcode, 0, 0, 0, value]);
     let mut now = Instant(1);
     host.submit(now, Ticket(1), gap).unwrap();
@@ -618,7 +582,7 @@ fn nothing_older_is_taken_from_a_module_that_is_mistrusted() {
     now = now.plus_ms(1);
     host.handle_input(now, &reply(6, 167));
     assert!(host.poll_event().is_some(), "the copy is taken");
-    host.mistrust(now, 1);
+    host.quarantine_drive(now, 1);
     assert_eq!(host.submit(now, Ticket(2), gap), Err(gap));
     host.poll_transmit(now, &mut frame).unwrap();
     assert_eq!((frame.data[0], frame.data[1]), (Opcode::Version.number(), 1));
@@ -640,7 +604,7 @@ fn chaos_is_never_wrong_without_corruption() {
     let (mut asked, mut failed) = (0, 0);
     for seed in 1..=150 {
         let baud = if seed % 2 == 0 { 9600 } else { 115_200 };
-        let mut wire = Wire::new(baud, Quirks::default());
+        let mut wire = TestWire::new(baud, Quirks::default());
         let mut random = Random(seed);
         let untimed = wire.baud == 0;
         wire.replies = Box::new(move |_, bytes| match random.below(20) {
@@ -667,7 +631,7 @@ fn chaos_is_never_wrong_without_corruption() {
 #[test]
 fn nothing_runs_twice_in_chaos() {
     for seed in 1..=100 {
-        let mut wire = Wire::new(115_200, Quirks::default());
+        let mut wire = TestWire::new(115_200, Quirks::default());
         let mut random = Random(seed);
         wire.replies = Box::new(move |_, bytes| match random.below(8) {
             0 => Some(Vec::new()),
@@ -675,7 +639,7 @@ fn nothing_runs_twice_in_chaos() {
             _ => None,
         });
         for n in 0..30 {
-            let answer = wire.ask(Ask::of(request(Opcode::Mvp, 1, n)));
+            let answer = wire.request(HostRequest::of(request(Opcode::Mvp, 1, n)));
             let times = wire.firmware.done.iter().filter(|r| r.value == n).count();
             assert_eq!(times, 1, "seed {seed}, move {n}: {answer:?}");
         }
@@ -684,13 +648,16 @@ fn nothing_runs_twice_in_chaos() {
 
 #[test]
 fn unplugged_ends_what_is_out() {
-    let mut wire = Wire::new(9600, Quirks::default());
-    let read = Ask::of(request(Opcode::Gap, 1, 0));
+    let mut wire = TestWire::new(9600, Quirks::default());
+    let read = HostRequest::of(request(Opcode::Gap, 1, 0));
     wire.host.submit(wire.now, Ticket(1), read).unwrap();
     wire.transmit();
     Station::<Stream>::handle_line(&mut wire.host, wire.now, crate::station::LineEvent::Down);
-    assert_eq!(wire.host.poll_event(), Some(&(To::Ticket(Ticket(1)), Err(Failure::LinkDown))));
-    assert_eq!(wire.ask(read), Err(Failure::LinkDown));
+    assert_eq!(
+        wire.host.poll_event(),
+        Some(&(EventSubject::Request(Ticket(1)), Err(Failure::LinkDown)))
+    );
+    assert_eq!(wire.request(read), Err(Failure::LinkDown));
     Station::<Stream>::handle_line(&mut wire.host, wire.now, crate::station::LineEvent::Up);
     assert_eq!(wire.read(4), Ok(4007));
 }

@@ -7,11 +7,11 @@ use std::boxed::Box;
 use std::rc::Rc;
 use std::vec::Vec;
 
-use super::pair::{Wire, request, sixty};
+use super::pair::{TestWire, request, sixty_reads};
 use crate::proto::HostOptions;
-use crate::proto::tmcl::device::{BadSum, Quirks};
+use crate::proto::tmcl::device::{ChecksumErrorReply, Quirks};
 use crate::proto::tmcl::wire::{DATAGRAM, Request, checksum};
-use crate::proto::tmcl::{Answer, Ask, Opcode, SerialHost};
+use crate::proto::tmcl::{Answer, HostRequest, Opcode, SerialHost};
 use crate::station::Host;
 use crate::time::Instant;
 
@@ -19,14 +19,18 @@ use crate::time::Instant;
 /// answers were lost, it may have lost count.
 const SOON_MS: [u128; 2] = [2_500, 1_400];
 
-const BAD_SUMS: [BadSum; 3] = [BadSum::AnswerAlways, BadSum::AnswerIfMine, BadSum::Ignore];
+const BAD_SUMS: [ChecksumErrorReply; 3] =
+    [ChecksumErrorReply::Always, ChecksumErrorReply::IfAddressed, ChecksumErrorReply::Never];
 
-fn counting(baud: u32, bad_sum: BadSum) -> Wire {
-    Wire::new(baud, Quirks { bad_sum, byte_timeout_ms: None, ..Quirks::default() })
+fn counting(baud: u32, bad_sum: ChecksumErrorReply) -> TestWire {
+    TestWire::new(
+        baud,
+        Quirks { checksum_error_reply: bad_sum, byte_timeout_ms: None, ..Quirks::default() },
+    )
 }
 
-fn stop(wire: &mut Wire) -> bool {
-    matches!(wire.ask(Ask::of(request(Opcode::Mst, 0, 0))), Ok(Answer::Reply(_)))
+fn stop(wire: &mut TestWire) -> bool {
+    matches!(wire.request(HostRequest::of(request(Opcode::Mst, 0, 0))), Ok(Answer::Reply(_)))
 }
 
 /// A stop arrives at once, whoever asks it of a module of which nothing is known yet; and the module
@@ -37,7 +41,8 @@ fn a_stop_reaches_a_module_that_lost_count() {
         for extra in 1..DATAGRAM {
             for (baud, doubt) in [(9600, None), (9600, Some(5)), (0, Some(5))] {
                 let mut wire = counting(baud, bad_sum);
-                wire.host = SerialHost::new(&HostOptions { doubt, ..HostOptions::new(baud) });
+                wire.host =
+                    SerialHost::new(&HostOptions { probe_seed: doubt, ..HostOptions::new(baud) });
                 wire.end.handle_input(wire.now, &[0x55; 9][..extra], &mut wire.firmware);
                 let start = wire.now;
                 assert!(stop(&mut wire), "{bad_sum:?} {extra} {baud}: {:?}", wire.host);
@@ -48,7 +53,7 @@ fn a_stop_reaches_a_module_that_lost_count() {
                     errors += 1;
                     assert!(errors < 8, "{bad_sum:?} {extra} {baud}: {:?}", wire.host);
                 }
-                assert_eq!(sixty(&mut wire, 0), (0, 0), "{bad_sum:?} {extra} {baud}");
+                assert_eq!(sixty_reads(&mut wire, 0), (0, 0), "{bad_sum:?} {extra} {baud}");
             }
         }
     }
@@ -59,7 +64,7 @@ fn a_stop_reaches_a_module_that_lost_count() {
 fn a_module_that_is_late_stays_in_step() {
     for late_ms in [110, 150, 190, 230, 270] {
         for stops in [false, true] {
-            let mut wire = counting(9600, BadSum::AnswerIfMine);
+            let mut wire = counting(9600, ChecksumErrorReply::IfAddressed);
             assert_eq!(wire.read(4), Ok(4007));
             wire.replies = Box::new(move |_, r| Some(Vec::from([(late_ms, r.to_vec())])));
             let until = wire.now.plus_ms(1_300);
@@ -67,10 +72,10 @@ fn a_module_that_is_late_stays_in_step() {
                 // It may be answered, and need not.
                 let _ = if stops { stop(&mut wire) } else { wire.read(9).is_ok() };
             }
-            wire.replies = super::pair::sound();
+            wire.replies = super::pair::no_fault();
             wire.rest(400);
             assert!(stop(&mut wire), "{late_ms}");
-            assert_eq!(sixty(&mut wire, 0), (0, 0), "{late_ms}: {:?}", wire.host);
+            assert_eq!(sixty_reads(&mut wire, 0), (0, 0), "{late_ms}: {:?}", wire.host);
         }
     }
 }
@@ -80,7 +85,7 @@ fn a_module_that_is_late_stays_in_step() {
 #[test]
 fn a_stop_whose_answer_was_lost_is_answered_on_two_wires() {
     for quirks in [Quirks::default(), Quirks { byte_timeout_ms: None, ..Quirks::default() }] {
-        let mut wire = Wire::new(9600, quirks);
+        let mut wire = TestWire::new(9600, quirks);
         assert_eq!(wire.read(4), Ok(4007));
         let sends = Rc::new(Cell::new(false));
         let long = Rc::clone(&sends);
@@ -93,7 +98,7 @@ fn a_stop_whose_answer_was_lost_is_answered_on_two_wires() {
         while !stop(&mut wire) {
             assert!(wire.now.since(start).as_millis() < 1000, "{:?}", wire.host);
         }
-        assert_eq!(sixty(&mut wire, 0), (0, 0), "{:?}", wire.host);
+        assert_eq!(sixty_reads(&mut wire, 0), (0, 0), "{:?}", wire.host);
     }
 }
 
@@ -105,9 +110,12 @@ fn a_module_that_knows_a_pause_is_heard_when_its_answers_come_again() {
         for (baud, lost_ms) in [(9600, 700), (9600, 2000), (0, 2000), (0, 2600), (115_200, 4100)] {
             for stops in [1, 2, 5, 100] {
                 let quirks = Quirks { byte_timeout_ms: Some(pause_ms), ..Quirks::default() };
-                let mut wire = Wire::new(baud, Quirks { bad_sum: BadSum::Ignore, ..quirks });
+                let mut wire = TestWire::new(
+                    baud,
+                    Quirks { checksum_error_reply: ChecksumErrorReply::Never, ..quirks },
+                );
                 wire.host =
-                    SerialHost::new(&HostOptions { doubt: Some(5), ..HostOptions::new(baud) });
+                    SerialHost::new(&HostOptions { probe_seed: Some(5), ..HostOptions::new(baud) });
                 assert_eq!(wire.read(4), Ok(4007));
                 wire.replies = Box::new(|_, _| Some(Vec::new()));
                 let (until, mut asked) = (wire.now.plus_ms(lost_ms), 0);
@@ -115,7 +123,7 @@ fn a_module_that_knows_a_pause_is_heard_when_its_answers_come_again() {
                     asked += 1;
                     let _ = if asked % stops == 0 { stop(&mut wire) } else { wire.read(9).is_ok() };
                 }
-                wire.replies = super::pair::sound();
+                wire.replies = super::pair::no_fault();
                 let start = wire.now;
                 while wire.read(9) != Ok(9007) {
                     let took = wire.now.since(start).as_millis();
@@ -131,14 +139,14 @@ fn a_module_that_knows_a_pause_is_heard_when_its_answers_come_again() {
 #[test]
 fn a_motor_that_is_silent_leaves_its_module_in_step() {
     for (baud, doubt) in [(9600, None), (9600, Some(5)), (0, Some(5))] {
-        let mut wire = counting(baud, BadSum::Ignore);
-        wire.host = SerialHost::new(&HostOptions { doubt, ..HostOptions::new(baud) });
+        let mut wire = counting(baud, ChecksumErrorReply::Never);
+        wire.host = SerialHost::new(&HostOptions { probe_seed: doubt, ..HostOptions::new(baud) });
         wire.firmware.silent = Some(2);
         for round in 0..4 {
             for motor in 0..6 {
                 let start = wire.now;
                 let stop = Request { motor, ..request(Opcode::Mst, 0, 0) };
-                let ended = wire.ask(Ask::of(stop));
+                let ended = wire.request(HostRequest::of(stop));
                 assert_eq!(ended.is_ok(), motor != 2, "{baud} {round} {motor}: {:?}", wire.host);
                 let took = wire.now.since(start).as_millis();
                 assert!(motor == 2 || took < 250, "{baud} {round} {motor}: {took} ms");
@@ -152,16 +160,16 @@ fn a_motor_that_is_silent_leaves_its_module_in_step() {
 #[test]
 fn a_module_that_is_gone_leaves_the_others_in_step() {
     for (baud, doubt) in [(9600, None), (9600, Some(5)), (0, Some(5))] {
-        let mut wire = counting(baud, BadSum::AnswerIfMine);
-        wire.host = SerialHost::new(&HostOptions { doubt, ..HostOptions::new(baud) });
-        let gone = |opcode| Ask::of(Request { address: 3, ..request(opcode, 4, 0) });
+        let mut wire = counting(baud, ChecksumErrorReply::IfAddressed);
+        wire.host = SerialHost::new(&HostOptions { probe_seed: doubt, ..HostOptions::new(baud) });
+        let gone = |opcode| HostRequest::of(Request { address: 3, ..request(opcode, 4, 0) });
         wire.firmware.address = 3;
-        assert!(wire.ask(gone(Opcode::Gap)).is_ok());
+        assert!(wire.request(gone(Opcode::Gap)).is_ok());
         wire.firmware.address = 1;
         assert_eq!(wire.read(9), Ok(9007));
         for round in 0..20 {
             let opcode = if round % 3 == 2 { Opcode::Gap } else { Opcode::Mst };
-            assert!(wire.ask(gone(opcode)).is_err());
+            assert!(wire.request(gone(opcode)).is_err());
             let start = wire.now;
             assert!(stop(&mut wire), "{baud} {round}");
             let took = wire.now.since(start).as_millis();
@@ -175,7 +183,7 @@ fn a_module_that_is_gone_leaves_the_others_in_step() {
 /// A program that was killed may have left it so: the next one must reach it by its first question.
 #[test]
 fn a_new_session_reaches_a_module_that_lost_count() {
-    let doubt = |seed| HostOptions { doubt: Some(seed), ..HostOptions::new(9600) };
+    let doubt = |seed| HostOptions { probe_seed: Some(seed), ..HostOptions::new(9600) };
     for bad_sum in BAD_SUMS {
         for extra in 1..DATAGRAM {
             let mut wire = counting(9600, bad_sum);
@@ -188,11 +196,11 @@ fn a_new_session_reaches_a_module_that_lost_count() {
         }
     }
     // Asking one that is not there leaves the others in step.
-    let mut wire = counting(9600, BadSum::AnswerIfMine);
+    let mut wire = counting(9600, ChecksumErrorReply::IfAddressed);
     wire.host = SerialHost::new(&doubt(3));
-    let gone = Ask::of(Request { address: 3, ..request(Opcode::Gap, 4, 0) });
+    let gone = HostRequest::of(Request { address: 3, ..request(Opcode::Gap, 4, 0) });
     let start = wire.now;
-    assert!(wire.ask(gone).is_err());
+    assert!(wire.request(gone).is_err());
     assert!(wire.now.since(start).as_millis() < 2_000);
     wire.host = SerialHost::new(&doubt(4));
     let start = wire.now;
@@ -220,7 +228,7 @@ fn a_stop_that_is_shifted_is_no_other_request() {
 }
 
 /// Silence of a wire: until when, and what of it is lost meanwhile.
-fn mute(wire: &mut Wire, silence_ms: u32, both: bool) -> Instant {
+fn mute(wire: &mut TestWire, silence_ms: u32, both: bool) -> Instant {
     let until = wire.now.plus_ms(silence_ms);
     let clock = Rc::new(Cell::new(wire.now));
     let (down, up) = (Rc::clone(&clock), Rc::clone(&clock));
@@ -232,7 +240,7 @@ fn mute(wire: &mut Wire, silence_ms: u32, both: bool) -> Instant {
 
 /// What the program does while it hears nothing: reads, stops, or a stop and then reads of standing.
 #[derive(Clone, Copy, PartialEq, Debug)]
-enum Doing {
+enum HostActivity {
     Reads,
     Stops,
     Both,
@@ -240,11 +248,11 @@ enum Doing {
     Pauses,
 }
 
-impl Doing {
+impl HostActivity {
     const ALL: [Self; 4] = [Self::Reads, Self::Stops, Self::Both, Self::Pauses];
 
     /// Does the nth thing. True where a module in step has answered.
-    fn once(self, wire: &mut Wire, nth: u32) -> bool {
+    fn run_once(self, wire: &mut TestWire, nth: u32) -> bool {
         let stops = match self {
             Self::Reads => false,
             Self::Stops => true,
@@ -267,16 +275,22 @@ fn a_module_in_step_is_heard_soon_after_a_silence() {
     for silence_ms in silences {
         for byte_timeout_ms in pauses {
             for (baud, both) in [(0, true), (9600, true), (0, false), (9600, false)] {
-                for doing in Doing::ALL {
+                for doing in HostActivity::ALL {
                     let bad_sum = BAD_SUMS[silence_ms as usize % 3];
-                    let quirks = Quirks { bad_sum, byte_timeout_ms, ..Quirks::default() };
-                    let mut wire = Wire::new(baud, quirks);
-                    wire.host =
-                        SerialHost::new(&HostOptions { doubt: Some(5), ..HostOptions::new(baud) });
+                    let quirks = Quirks {
+                        checksum_error_reply: bad_sum,
+                        byte_timeout_ms,
+                        ..Quirks::default()
+                    };
+                    let mut wire = TestWire::new(baud, quirks);
+                    wire.host = SerialHost::new(&HostOptions {
+                        probe_seed: Some(5),
+                        ..HostOptions::new(baud)
+                    });
                     assert_eq!(wire.read(4), Ok(4007));
                     let until = mute(&mut wire, silence_ms, both);
                     let mut nth = 0;
-                    while !(doing.once(&mut wire, nth) && wire.now >= until) {
+                    while !(doing.run_once(&mut wire, nth) && wire.now >= until) {
                         nth += 1;
                         if wire.now > until.plus_ms(10_000) {
                             break;
@@ -299,8 +313,8 @@ fn a_module_in_step_is_heard_soon_after_a_silence() {
 #[test]
 fn a_module_that_lost_count_on_two_wires_is_brought_back() {
     for extra in 1..DATAGRAM {
-        for doing in [Doing::Reads, Doing::Stops] {
-            let mut wire = counting(9600, BadSum::Ignore);
+        for doing in [HostActivity::Reads, HostActivity::Stops] {
+            let mut wire = counting(9600, ChecksumErrorReply::Never);
             assert_eq!(wire.read(4), Ok(4007));
             wire.end.handle_input(wire.now, &[0x55; 9][..extra], &mut wire.firmware);
             let sends = Rc::new(Cell::new(false));
@@ -311,7 +325,7 @@ fn a_module_that_lost_count_on_two_wires_is_brought_back() {
             });
             wire.replies = Box::new(move |_, _| sends.get().then(Vec::new));
             let start = wire.now;
-            while !doing.once(&mut wire, 0) {
+            while !doing.run_once(&mut wire, 0) {
                 let took = wire.now.since(start).as_millis();
                 assert!(took < 10_000, "{extra} {doing:?}: {:?}", wire.host);
             }

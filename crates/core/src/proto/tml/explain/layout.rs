@@ -3,24 +3,24 @@
 use crate::error::WireError;
 use crate::medium::Frame;
 use crate::proto::tml::serial;
-use crate::proto::tml::technocan::{self, Class};
+use crate::proto::tml::technocan::{self, MessageClass};
 use crate::proto::tml::tmlcan;
 use crate::proto::tml::wire::{DATA_WORDS_MAX, IdCode, Instruction, Message};
 
 /// First byte and the byte after the last; equal for what stands in the identifier.
-pub(super) type Range = (u16, u16);
+pub(super) type ByteRange = (u16, u16);
 
-const IN_IDENTIFIER: Range = (0, 0);
+const IN_IDENTIFIER: ByteRange = (0, 0);
 
 /// A message with the places of its parts.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Said {
+pub(super) struct ParsedFrame {
     /// Whom it is for, where the frame says so.
     pub to: Option<IdCode>,
     /// Who sent it, where TechnoCAN says so outside the instruction.
     pub sender: Option<u8>,
     /// TechnoCAN's class.
-    pub class: Option<Class>,
+    pub class: Option<MessageClass>,
     /// TakeData with the sender's identifier, as the manual prints it.
     pub misprinted: bool,
     /// What it says.
@@ -28,17 +28,17 @@ pub(super) struct Said {
     /// The length byte.
     pub length: Option<u8>,
     /// The ID code.
-    pub code: Range,
+    pub id_code_range: ByteRange,
     /// The opcode, or what is left of it.
-    pub opcode: Range,
+    pub opcode_range: ByteRange,
     /// Data words.
-    pub words: [Range; DATA_WORDS_MAX],
+    pub word_ranges: [ByteRange; DATA_WORDS_MAX],
     /// The checksum's place and value.
-    pub sum: Option<(u16, u8)>,
+    pub checksum: Option<(u16, u8)>,
 }
 
-impl Said {
-    fn of(message: Message) -> Self {
+impl ParsedFrame {
+    fn from_message(message: Message) -> Self {
         Self {
             to: Some(message.to),
             sender: None,
@@ -46,35 +46,35 @@ impl Said {
             misprinted: false,
             instruction: message.instruction,
             length: None,
-            code: IN_IDENTIFIER,
-            opcode: IN_IDENTIFIER,
-            words: pairs(0),
-            sum: None,
+            id_code_range: IN_IDENTIFIER,
+            opcode_range: IN_IDENTIFIER,
+            word_ranges: word_ranges_from(0),
+            checksum: None,
         }
     }
 
     /// The places of data words from `first` on, so many.
-    pub fn span(&self, first: usize, count: usize) -> Range {
+    pub fn words_range(&self, first: usize, count: usize) -> ByteRange {
         let last = (first + count).clamp(1, DATA_WORDS_MAX) - 1;
-        (self.words[first.min(DATA_WORDS_MAX - 1)].0, self.words[last].1)
+        (self.word_ranges[first.min(DATA_WORDS_MAX - 1)].0, self.word_ranges[last].1)
     }
 }
 
 /// Words one behind the other from a byte on.
-fn pairs(from: u16) -> [Range; DATA_WORDS_MAX] {
+fn word_ranges_from(from: u16) -> [ByteRange; DATA_WORDS_MAX] {
     let at = |n: u16| (from + 2 * n, from + 2 * n + 2);
     [at(0), at(1), at(2), at(3)]
 }
 
 /// A frame of a serial line. A frame whose sum alone is wrong says something all the same.
-pub(super) fn serial(bytes: &[u8]) -> Result<Said, (WireError, Option<Said>)> {
-    let place = |message| Said {
+pub(super) fn parse_serial(bytes: &[u8]) -> Result<ParsedFrame, (WireError, Option<ParsedFrame>)> {
+    let place = |message| ParsedFrame {
         length: bytes.first().copied(),
-        code: (1, 3),
-        opcode: (3, 5),
-        words: pairs(5),
-        sum: bytes.split_last().map(|(sum, body)| (body.len() as u16, *sum)),
-        ..Said::of(message)
+        id_code_range: (1, 3),
+        opcode_range: (3, 5),
+        word_ranges: word_ranges_from(5),
+        checksum: bytes.split_last().map(|(sum, body)| (body.len() as u16, *sum)),
+        ..ParsedFrame::from_message(message)
     };
     match serial::decode(bytes) {
         Ok(message) => Ok(place(message)),
@@ -90,33 +90,39 @@ pub(super) fn serial(bytes: &[u8]) -> Result<Said, (WireError, Option<Said>)> {
 }
 
 /// A CAN frame with 29 bits.
-pub(super) fn tmlcan(frame: &Frame) -> Result<Said, (WireError, Option<Said>)> {
-    tmlcan::decode(frame).map(Said::of).map_err(|error| (error, None))
+pub(super) fn parse_tmlcan(frame: &Frame) -> Result<ParsedFrame, (WireError, Option<ParsedFrame>)> {
+    tmlcan::decode(frame).map(ParsedFrame::from_message).map_err(|error| (error, None))
 }
 
 /// A CAN frame with 11 bits.
-pub(super) fn technocan(frame: &Frame) -> Result<Said, (WireError, Option<Said>)> {
+pub(super) fn parse_technocan(
+    frame: &Frame,
+) -> Result<ParsedFrame, (WireError, Option<ParsedFrame>)> {
     let heard = technocan::decode(frame).map_err(|error| (error, None))?;
     let to = heard.to.unwrap_or_default();
-    let said = Said {
+    let said = ParsedFrame {
         to: heard.to,
         sender: heard.sender,
         class: Some(heard.class),
         misprinted: heard.misprinted(),
-        opcode: (0, 2),
-        words: pairs(2),
-        ..Said::of(Message { to, instruction: heard.instruction })
+        opcode_range: (0, 2),
+        word_ranges: word_ranges_from(2),
+        ..ParsedFrame::from_message(Message { to, instruction: heard.instruction })
     };
     Ok(match heard.class {
-        Class::Synchronisation => Said { opcode: IN_IDENTIFIER, ..said },
+        MessageClass::Synchronisation => ParsedFrame { opcode_range: IN_IDENTIFIER, ..said },
         // Counter and time share the last two bytes.
-        Class::Pvt => Said { opcode: (7, 8), words: pairs(0), ..said },
-        // The sender's word shrank to bits of the second byte.
-        Class::TakeData => {
-            let [_, a, b, c] = pairs(0);
-            Said { words: [(1, 2), a, b, c], ..said }
+        MessageClass::Pvt => {
+            ParsedFrame { opcode_range: (7, 8), word_ranges: word_ranges_from(0), ..said }
         }
-        Class::TakeData2 | Class::Pong => Said { opcode: (0, 1), words: pairs(1), ..said },
+        // The sender's word shrank to bits of the second byte.
+        MessageClass::TakeData => {
+            let [_, a, b, c] = word_ranges_from(0);
+            ParsedFrame { word_ranges: [(1, 2), a, b, c], ..said }
+        }
+        MessageClass::TakeData2 | MessageClass::Pong => {
+            ParsedFrame { opcode_range: (0, 1), word_ranges: word_ranges_from(1), ..said }
+        }
         _ => said,
     })
 }

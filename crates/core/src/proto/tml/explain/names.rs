@@ -1,18 +1,18 @@
 //! Names for what stands in messages: variables, and instructions in the language.
 
-use crate::explain::{Field, Sink, TextError, Value};
+use crate::explain::{ExplainSink, Field, FieldValue, TextError};
 use crate::profile::{Parameter, Profile};
-use crate::proto::tml::instruction::{self, Kind, Scope};
-use crate::proto::tml::online::{Cell, Memory};
+use crate::proto::tml::instruction::{self, LanguageScope, VariableKind};
+use crate::proto::tml::online::{Cell, MemorySpace};
 use crate::proto::tml::wire::{IdCode, Instruction, short_operand};
 
 /// What the profile calls a place.
-pub(super) fn variable(
+pub(super) fn find_variable(
     cell: Cell,
     profile: Option<&'static Profile>,
 ) -> Option<&'static Parameter> {
     match cell.memory {
-        Memory::Data => instruction::name_at(profile, cell.address, cell.long),
+        MemorySpace::Data => instruction::name_at_address(profile, cell.address, cell.long),
         _ => None,
     }
 }
@@ -23,12 +23,16 @@ pub(super) fn disassemble(
     profile: Option<&'static Profile>,
     show: &mut dyn FnMut(&str),
 ) {
-    instruction::disassemble(instruction, &Scope { profile, ..Scope::default() }, show);
+    instruction::disassemble(
+        instruction,
+        &LanguageScope { profile, ..LanguageScope::default() },
+        show,
+    );
 }
 
 /// The group that an instruction belongs to.
 pub(super) fn category(instruction: &Instruction) -> &'static str {
-    let form = instruction::form_of(instruction, &Scope::default());
+    let form = instruction::form_of(instruction, &LanguageScope::default());
     form.map_or("unknown instruction", |form| form.category.name())
 }
 
@@ -43,33 +47,33 @@ pub(super) fn assemble(
     profile: Option<&'static Profile>,
     sender: IdCode,
 ) -> Result<Instruction, TextError> {
-    instruction::assemble(text, &Scope { profile, sender, ..Scope::default() })
+    instruction::assemble(text, &LanguageScope { profile, sender, ..LanguageScope::default() })
 }
 
 /// How a variable is reached: its address, the page of short addresses that it is on, its type, and
 /// the opcodes that assign and ask for it.
-pub(super) fn reach(variable: &Parameter, sink: &mut dyn Sink) {
+pub(super) fn explain_reach(variable: &Parameter, sink: &mut dyn ExplainSink) {
     let Parameter { index: address, encoding, .. } = *variable;
-    let kind = Kind::of(encoding);
+    let kind = VariableKind::of(encoding);
     let long = u16::from(kind.is_long());
     let mut field = |name, value, meaning| {
         sink.field(Field { name, start: 0, end: 0, value, meaning });
     };
-    field("address", Value::Hex(address.into(), 4), "");
-    field("type", Value::Text(kind.name()), "");
+    field("address", FieldValue::Hex(address.into(), 4), "");
+    field("type", FieldValue::Text(kind.name()), "");
     match short_operand(address) {
         Some(operand) => {
             let page = if address < 0x0800 { "0200-03FF" } else { "0800-09FF" };
-            field("page", Value::Text(page), "short");
+            field("page", FieldValue::Text(page), "short");
             let assign = 0x2000 | long << 10 | operand;
-            field("opcode", Value::Hex(assign.into(), 4), "NAME = value");
+            field("opcode", FieldValue::Hex(assign.into(), 4), "NAME = value");
             let ask = 0xA000 | long << 10 | operand;
-            field("short request", Value::Hex(ask.into(), 4), "?TML NAME");
+            field("short request", FieldValue::Hex(ask.into(), 4), "?TML NAME");
         }
         None => {
-            field("page", Value::Text("none"), "whole addresses only");
-            field("opcode", Value::Hex((0x9004 | long).into(), 4), "NAME,dm = value");
+            field("page", FieldValue::Text("none"), "whole addresses only");
+            field("opcode", FieldValue::Hex((0x9004 | long).into(), 4), "NAME,dm = value");
         }
     }
-    field("request", Value::Hex((0xB004 | long).into(), 4), "?NAME");
+    field("request", FieldValue::Hex((0xB004 | long).into(), 4), "?NAME");
 }

@@ -2,40 +2,41 @@
 
 use core::fmt::Write as _;
 
-use super::say::Text;
-use crate::explain::{Field, Sink, Value};
+use super::message::SinkWriter;
+use crate::explain::{ExplainSink, Field, FieldValue};
 use crate::profile::{Fault, Profile, Signal};
 use crate::proto::tml::instruction::{self, Register};
 
 /// Explains a register's value. `false` when no register has that name.
-pub(super) fn explain(
+pub(super) fn explain_register(
     name: &str,
     value: u32,
     profile: Option<&'static Profile>,
-    sink: &mut dyn Sink,
+    sink: &mut dyn ExplainSink,
 ) -> bool {
     let mut before = "";
-    for (register, value, first) in halves(name, value) {
+    for (register, value, first) in register_parts(name, value) {
         sink.kind(register.name);
-        let _ = write!(Text(sink), "{before}0x{value:04X}, {}", register.about);
-        for bits in register.read(value) {
+        let _ = write!(SinkWriter(sink), "{before}0x{value:04X}, {}", register.about);
+        for bits in register.shown_fields(value) {
             let (start, end) = (first + bits.low, first + bits.high + 1);
-            let (number, meaning) = (Value::Int(bits.of(value).into()), bits.meaning(value));
+            let (number, meaning) =
+                (FieldValue::Int(bits.value_in(value).into()), bits.meaning(value));
             let (start, end) = (start.into(), end.into());
             sink.field(Field { name: bits.name, start, end, value: number, meaning });
         }
-        faults(register, value, profile).for_each(|fault| tell(fault, sink));
+        shown_faults(register, value, profile).for_each(|fault| explain_fault(fault, sink));
         before = "; ";
     }
     !before.is_empty()
 }
 
 /// The register of that name, its value and where its bits begin; of SR32 both halves.
-fn halves(name: &str, value: u32) -> impl Iterator<Item = (&'static Register, u32, u8)> {
+fn register_parts(name: &str, value: u32) -> impl Iterator<Item = (&'static Register, u32, u8)> {
     let both = name.eq_ignore_ascii_case("SR32");
     let named = [
-        (instruction::register(if both { "SRL" } else { name }), value, 0),
-        (instruction::register("SRH").filter(|_| both), value >> 16, 16),
+        (instruction::find_register(if both { "SRL" } else { name }), value, 0),
+        (instruction::find_register("SRH").filter(|_| both), value >> 16, 16),
     ];
     let value_of = move |value: u32| if both { value & 0xFFFF } else { value };
     let known = move |(register, value, first): (Option<_>, _, _)| {
@@ -45,7 +46,7 @@ fn halves(name: &str, value: u32) -> impl Iterator<Item = (&'static Register, u3
 }
 
 /// The profile's faults that the value shows, when this is the register that it has them from.
-fn faults(
+fn shown_faults(
     register: &Register,
     value: u32,
     profile: Option<&'static Profile>,
@@ -58,15 +59,15 @@ fn faults(
     source.unwrap_or_default().iter().filter(move |fault| fault.code & value != 0)
 }
 
-fn tell(fault: &Fault, sink: &mut dyn Sink) {
+fn explain_fault(fault: &Fault, sink: &mut dyn ExplainSink) {
     let Fault { name, text, cause, remedy, .. } = fault;
-    let _ = write!(Text(sink), "\n{name}: {text}\n  cause   {cause}\n  remedy  {remedy}");
+    let _ = write!(SinkWriter(sink), "\n{name}: {text}\n  cause   {cause}\n  remedy  {remedy}");
 }
 
 /// What a register's value says, for a line: `axis on, motion complete`.
-pub(super) fn words(name: &str, value: u32, mut tell: impl FnMut(&'static str)) {
-    for (register, value, _) in halves(name, value) {
-        let meanings = register.read(value).map(|bits| bits.meaning(value));
+pub(super) fn write_register_text(name: &str, value: u32, mut tell: impl FnMut(&'static str)) {
+    for (register, value, _) in register_parts(name, value) {
+        let meanings = register.shown_fields(value).map(|bits| bits.meaning(value));
         meanings.filter(|meaning| !meaning.is_empty()).for_each(&mut tell);
     }
 }

@@ -12,17 +12,17 @@ pub struct Form {
     /// Opcode bits that tell it from others; the rest is operand.
     pub mask: u16,
     /// Data words.
-    pub words: u8,
+    pub word_count: u8,
     /// What the first data words are, where they are part of the instruction.
-    pub fixed: &'static [u16],
+    pub fixed_words: &'static [u16],
     /// The text.
-    pub pieces: &'static [Piece],
+    pub pieces: &'static [FormPiece],
     /// Another way to write a form that stands elsewhere: read, never written.
     pub alias: bool,
     /// How sure the coding is.
-    pub certainty: Certainty,
+    pub certainty: CodingCertainty,
     /// Where it is from.
-    pub source: Source,
+    pub source: CodingSource,
 }
 
 /// Groups of instructions, as the manual orders them.
@@ -81,7 +81,7 @@ impl Category {
 
 /// How sure a coding is.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Certainty {
+pub enum CodingCertainty {
     /// Official, or seen on drives, or in two sources that do not know one another.
     Verified,
     /// One source that may be wrong, or the pattern of its neighbours.
@@ -90,7 +90,7 @@ pub enum Certainty {
     Unknown,
 }
 
-impl Certainty {
+impl CodingCertainty {
     /// The word.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -104,7 +104,7 @@ impl Certainty {
 
 /// Where a coding is from.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Source {
+pub enum CodingSource {
     /// The vendor's "TML communication" chapters.
     Manual,
     /// The vendor's library TML_LIB_light.
@@ -121,7 +121,7 @@ pub enum Source {
     Nowhere,
 }
 
-impl Source {
+impl CodingSource {
     /// For tables.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -140,7 +140,7 @@ impl Source {
 /// One piece of an instruction's text. A number is the data word that an operand begins in; operands
 /// without one stand in the opcode.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Piece {
+pub enum FormPiece {
     /// A word of the language, in any case.
     Word(&'static str),
     /// Signs, with the spaces that look well; when read, spaces do not matter.
@@ -212,18 +212,18 @@ pub enum Piece {
 impl Form {
     /// Whether an opcode and its data words are this form's.
     #[must_use]
-    pub fn holds(&self, opcode: u16, data: &[u16]) -> bool {
+    pub fn matches(&self, opcode: u16, data: &[u16]) -> bool {
         opcode & self.mask == self.opcode
             && data.len() == usize::from(self.words_for(opcode))
-            && data.starts_with(self.fixed)
+            && data.starts_with(self.fixed_words)
     }
 
     /// Data words behind this opcode: one that carries another instruction has that one's as well.
     #[must_use]
     pub const fn words_for(&self, opcode: u16) -> u8 {
         match self.pieces {
-            [.., Piece::Inner(_), Piece::Sign(_)] => self.words + (opcode & 3) as u8,
-            _ => self.words,
+            [.., FormPiece::Inner(_), FormPiece::Sign(_)] => self.word_count + (opcode & 3) as u8,
+            _ => self.word_count,
         }
     }
 }
@@ -232,17 +232,32 @@ impl Form {
 pub(super) const fn form(
     category: Category,
     (opcode, mask, words): (u16, u16, u8),
-    pieces: &'static [Piece],
-    source: Source,
+    pieces: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     let certainty = match source {
-        Source::Manual | Source::Library | Source::Labels => Certainty::Verified,
-        Source::Decompiler | Source::Drivers | Source::Pattern => Certainty::Inferred,
-        Source::Nowhere => Certainty::Unknown,
+        CodingSource::Manual | CodingSource::Library | CodingSource::Labels => {
+            CodingCertainty::Verified
+        }
+        CodingSource::Decompiler | CodingSource::Drivers | CodingSource::Pattern => {
+            CodingCertainty::Inferred
+        }
+        CodingSource::Nowhere => CodingCertainty::Unknown,
     };
     let (fixed, alias): (&[u16], _) = (&[], false);
-    Form { about, category, opcode, mask, words, fixed, pieces, alias, certainty, source }
+    Form {
+        about,
+        category,
+        opcode,
+        mask,
+        word_count: words,
+        fixed_words: fixed,
+        pieces,
+        alias,
+        certainty,
+        source,
+    }
 }
 
 impl Form {
@@ -254,7 +269,7 @@ impl Form {
 
     /// What its first data words are.
     pub(super) const fn with(mut self, fixed: &'static [u16]) -> Self {
-        self.fixed = fixed;
+        self.fixed_words = fixed;
         self
     }
 }

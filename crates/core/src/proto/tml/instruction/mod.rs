@@ -2,9 +2,9 @@
 //!
 //! ```
 //! use polepair_core::drives::technosoft::profile::TECHNOSOFT_F514L;
-//! use polepair_core::proto::tml::instruction::{Scope, assemble, disassemble};
+//! use polepair_core::proto::tml::instruction::{LanguageScope, assemble, disassemble};
 //!
-//! let scope = Scope { profile: Some(&TECHNOSOFT_F514L), ..Scope::default() };
+//! let scope = LanguageScope { profile: Some(&TECHNOSOFT_F514L), ..LanguageScope::default() };
 //! let move_to = assemble("cpos = -1000L;", &scope).unwrap();
 //! assert_eq!((move_to.opcode, move_to.data()), (0x249E, &[0xFC18, 0xFFFF][..]));
 //! let mut text = String::new();
@@ -27,37 +27,37 @@ mod variable;
 
 pub use assemble::assemble;
 pub use disassemble::{disassemble, disassemble_word, form_of};
-pub use form::{Category, Certainty, Form, Piece, Source};
-pub use registers::{Bits, Register, register, registers};
+pub use form::{Category, CodingCertainty, CodingSource, Form, FormPiece};
+pub use registers::{Register, RegisterField, find_register, registers};
 pub use table::forms;
-pub use variable::{Kind, Variable, at, name_at, named, symbol};
+pub use variable::{Variable, VariableKind, at_address, find_by_name, name_at_address, symbol};
 
 use super::wire::IdCode;
 use crate::profile::Profile;
-use crate::program::Label;
+use crate::program::ProgramLabel;
 
 /// What texts are read and written with.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Scope<'l> {
+pub struct LanguageScope<'l> {
     /// Names of variables; without it they stand by their addresses.
     pub profile: Option<&'static Profile>,
     /// Whom the answers to requests are for, or who answers, where the text does not say.
     pub sender: IdCode,
     /// Names of addresses in the program that the text is of; one without a name is any.
-    pub labels: &'l [Label<'l>],
+    pub labels: &'l [ProgramLabel<'l>],
 }
 
 /// Data words that follow an opcode in a program. `None` for an opcode that the table does not have:
 /// nobody knows where the next instruction begins.
 #[must_use]
-pub fn words(opcode: u16) -> Option<usize> {
+pub fn data_word_count(opcode: u16) -> Option<usize> {
     let mut known = forms().filter(|form| !form.alias && form.category != Category::Online);
     let form = known.find(|form| opcode & form.mask == form.opcode)?;
     Some(form.words_for(opcode).into())
 }
 
 /// What begins words that the table does not know.
-const RAW: &str = ".word";
+const RAW_DIRECTIVE: &str = ".word";
 
 /// Memories as the language names them, in the order of their bits.
 const MEMORIES: [&str; 3] = ["pm", "dm", "spi"];

@@ -14,12 +14,12 @@ pub struct Register {
     /// What it is for.
     pub about: &'static str,
     /// Its bits, the highest first; reserved ones are left out.
-    pub bits: &'static [Bits],
+    pub bits: &'static [RegisterField],
 }
 
 /// A bit, or several that belong together.
 #[derive(Clone, Copy, Debug)]
-pub struct Bits {
+pub struct RegisterField {
     /// The highest of them.
     pub high: u8,
     /// The lowest of them.
@@ -30,10 +30,10 @@ pub struct Bits {
     pub values: &'static [&'static str],
 }
 
-impl Bits {
+impl RegisterField {
     /// Their value in the whole register.
     #[must_use]
-    pub const fn of(&self, register: u32) -> u32 {
+    pub const fn value_in(&self, register: u32) -> u32 {
         let width = self.high - self.low + 1;
         (register >> self.low) & ((1 << width) - 1)
     }
@@ -41,21 +41,23 @@ impl Bits {
     /// What their value means; empty when nothing is to be said.
     #[must_use]
     pub fn meaning(&self, register: u32) -> &'static str {
-        self.values.get(self.of(register) as usize).copied().unwrap_or("")
+        self.values.get(self.value_in(register) as usize).copied().unwrap_or("")
     }
 }
 
 impl Register {
     /// What a value says: every field that is not zero, or whose zero means something.
-    pub fn read(&'static self, value: u32) -> impl Iterator<Item = &'static Bits> {
-        let tells = move |bits: &&Bits| bits.of(value) != 0 || !bits.meaning(value).is_empty();
+    pub fn shown_fields(&'static self, value: u32) -> impl Iterator<Item = &'static RegisterField> {
+        let tells = move |bits: &&RegisterField| {
+            bits.value_in(value) != 0 || !bits.meaning(value).is_empty()
+        };
         self.bits.iter().filter(tells)
     }
 }
 
 /// The register of that name, letter case ignored.
 #[must_use]
-pub fn register(name: &str) -> Option<&'static Register> {
+pub fn find_register(name: &str) -> Option<&'static Register> {
     registers().find(|register| register.name.eq_ignore_ascii_case(name))
 }
 
@@ -65,11 +67,16 @@ pub fn registers() -> impl Iterator<Item = &'static Register> {
 }
 
 /// A bit that says something when it is set.
-const fn set(bit: u8, name: &'static str, meaning: &'static [&'static str; 2]) -> Bits {
-    Bits { high: bit, low: bit, name, values: meaning }
+const fn flag(bit: u8, name: &'static str, meaning: &'static [&'static str; 2]) -> RegisterField {
+    RegisterField { high: bit, low: bit, name, values: meaning }
 }
 
 /// Bits that are a number.
-const fn field(high: u8, low: u8, name: &'static str, values: &'static [&'static str]) -> Bits {
-    Bits { high, low, name, values }
+const fn field(
+    high: u8,
+    low: u8,
+    name: &'static str,
+    values: &'static [&'static str],
+) -> RegisterField {
+    RegisterField { high, low, name, values }
 }

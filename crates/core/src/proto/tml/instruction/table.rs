@@ -10,7 +10,7 @@ mod mode;
 mod online;
 mod output;
 
-use super::form::{Category, Form, Piece, Source, form};
+use super::form::{Category, CodingSource, Form, FormPiece, form};
 
 /// Every form, special ones before the general ones that they are cases of.
 pub fn forms() -> impl Iterator<Item = &'static Form> {
@@ -42,8 +42,8 @@ const fn short(opcode: u16, words: u8) -> (u16, u16, u8) {
 const fn plain(
     category: Category,
     opcode: u16,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(category, whole(opcode, 0), text, source, about)

@@ -6,16 +6,17 @@ mod labels;
 mod language;
 mod table;
 
-use super::{Scope, assemble, disassemble};
+use super::{LanguageScope, assemble, disassemble};
 use crate::drives::technosoft::profile::{TECHNOSOFT_F514L, TECHNOSOFT_FA00G};
 use crate::proto::tml::wire::{IdCode, Instruction};
 use std::string::String;
 
-const BARE: Scope<'_> = Scope { profile: None, sender: IdCode::host_at(255), labels: &[] };
-const F514L: Scope<'_> = Scope { profile: Some(&TECHNOSOFT_F514L), ..BARE };
-const FA00G: Scope<'_> = Scope { profile: Some(&TECHNOSOFT_FA00G), ..BARE };
+const BARE: LanguageScope<'_> =
+    LanguageScope { profile: None, sender: IdCode::host_at(255), labels: &[] };
+const F514L: LanguageScope<'_> = LanguageScope { profile: Some(&TECHNOSOFT_F514L), ..BARE };
+const FA00G: LanguageScope<'_> = LanguageScope { profile: Some(&TECHNOSOFT_FA00G), ..BARE };
 
-fn text(instruction: &Instruction, scope: &Scope<'_>) -> String {
+fn text(instruction: &Instruction, scope: &LanguageScope<'_>) -> String {
     let mut text = String::new();
     disassemble(instruction, scope, &mut |piece| text.push_str(piece));
     text
@@ -47,14 +48,14 @@ fn whatever_is_disassembled_assembles_to_the_same() {
             let count = usize::from(random(&mut state) % 5);
             let words = [(); 4].map(|()| word(&mut state));
             check(&Instruction::new(opcode, &words[..count]).unwrap(), &scope);
-            if let Some(count) = super::words(opcode) {
+            if let Some(count) = super::data_word_count(opcode) {
                 check(&Instruction::new(opcode, &words[..count.min(4)]).unwrap(), &scope);
             }
         }
     }
 }
 
-fn check(instruction: &Instruction, scope: &Scope<'_>) {
+fn check(instruction: &Instruction, scope: &LanguageScope<'_>) {
     let text = text(instruction, scope);
     match assemble(&text, scope) {
         Ok(again) => assert_eq!(again, *instruction, "{text}"),

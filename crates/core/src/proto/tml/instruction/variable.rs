@@ -4,7 +4,7 @@ use crate::profile::{Encoding, Parameter, Profile};
 
 /// What a variable holds.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Kind {
+pub enum VariableKind {
     /// 16 bits; nothing says whether they are signed.
     Word,
     /// 16 bits, signed.
@@ -21,7 +21,7 @@ pub enum Kind {
     Fixed,
 }
 
-impl Kind {
+impl VariableKind {
     /// 32 bits.
     #[must_use]
     pub const fn is_long(self) -> bool {
@@ -61,7 +61,7 @@ pub struct Variable {
     /// Its address, that of the lower word.
     pub address: u16,
     /// What it holds.
-    pub kind: Kind,
+    pub kind: VariableKind,
 }
 
 /// What the language calls a parameter.
@@ -72,14 +72,14 @@ pub const fn symbol(parameter: &Parameter) -> &'static str {
 
 /// The variable of that name, letter case ignored.
 #[must_use]
-pub fn named(profile: Option<&'static Profile>, name: &str) -> Option<Variable> {
+pub fn find_by_name(profile: Option<&'static Profile>, name: &str) -> Option<Variable> {
     let mut parameters = profile?.parameters.iter();
     let found = parameters.find(|p| symbol(p).eq_ignore_ascii_case(name))?;
-    Some(Variable { address: found.index, kind: Kind::of(found.encoding) })
+    Some(Variable { address: found.index, kind: VariableKind::of(found.encoding) })
 }
 
 /// The variables that begin at an address; of names that share it the described one comes first.
-pub fn at(
+pub fn at_address(
     profile: Option<&'static Profile>,
     address: u16,
 ) -> impl Iterator<Item = &'static Parameter> {
@@ -90,7 +90,7 @@ pub fn at(
 
 /// The name of a 16- or 32-bit variable at an address, as a form can be written with it.
 #[must_use]
-pub fn name_at(
+pub fn name_at_address(
     profile: Option<&'static Profile>,
     address: u16,
     long: bool,
@@ -99,5 +99,6 @@ pub fn name_at(
         let plain = |c: u8| c.is_ascii_alphanumeric() || c == b'_';
         !text.is_empty() && !text.as_bytes()[0].is_ascii_digit() && text.bytes().all(plain)
     };
-    at(profile, address).find(|p| Kind::of(p.encoding).is_long() == long && is_name(symbol(p)))
+    at_address(profile, address)
+        .find(|p| VariableKind::of(p.encoding).is_long() == long && is_name(symbol(p)))
 }

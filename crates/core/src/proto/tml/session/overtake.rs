@@ -1,28 +1,37 @@
 //! How a stop gets past what is outstanding.
 
-use super::{Phase, Session, Stage};
+use super::{RequestPhase, RequestStage, Session};
 use crate::error::Failure;
-use crate::proto::tml::ask::Ask;
-use crate::proto::tml::rules::Wire;
-use crate::station::{Class, Ticket, To};
+use crate::proto::tml::host_request::HostRequest;
+use crate::proto::tml::rules::TmlWire;
+use crate::station::{EventSubject, RequestClass, Ticket};
 use crate::time::Instant;
 
 impl Session {
     /// A stop, while something is outstanding. Where both may speak at once it does not wait for
     /// answers; on RS-485 it must, or they would collide. An acknowledgement that is on its way is
     /// waited for, because it names nothing: it could be taken for the stop's.
-    pub(super) fn overtake(&mut self, now: Instant, ticket: Ticket, ask: Ask) -> Result<(), Ask> {
-        let Some(pending) = self.pending.filter(|pending| pending.ask.class != Class::Stop) else {
+    pub(super) fn overtake_pending(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        ask: HostRequest,
+    ) -> Result<(), HostRequest> {
+        let Some(pending) =
+            self.pending.filter(|pending| pending.host_request.class != RequestClass::Stop)
+        else {
             return Err(ask);
         };
-        if self.stop.is_some() {
+        if self.pending_stop.is_some() {
             return Err(ask);
         }
-        self.stop = Some((ticket, ask));
+        self.pending_stop = Some((ticket, ask));
         match pending.phase {
-            Phase::Ready(_) => self.give_way(now),
-            Phase::Answer(_) if self.place.wire != Wire::Rs485 => self.give_way(now),
-            Phase::Sync(sent, _) => self.phase(Phase::SyncDue(sent)),
+            RequestPhase::Ready(_) => self.start_pending_stop(now),
+            RequestPhase::AwaitAnswer(_) if self.topology.wire != TmlWire::Rs485 => {
+                self.start_pending_stop(now)
+            }
+            RequestPhase::AwaitSync(sent, _) => self.set_phase(RequestPhase::SendSync(sent)),
             _ => {}
         }
         Ok(())
@@ -30,9 +39,12 @@ impl Session {
 
     /// Takes back what was not sent yet, for a stop.
     pub(in crate::proto::tml) fn recall(&mut self) -> Option<Ticket> {
-        let pending = self.pending.as_ref().filter(|pending| pending.ask.class != Class::Stop)?;
-        let unsent = matches!(pending.phase, Phase::Ready(_)) && pending.attempts == 0;
-        if !unsent || pending.stage != Stage::first(&pending.ask) {
+        let pending = self
+            .pending
+            .as_ref()
+            .filter(|pending| pending.host_request.class != RequestClass::Stop)?;
+        let unsent = matches!(pending.phase, RequestPhase::Ready(_)) && pending.attempts == 0;
+        if !unsent || pending.stage != RequestStage::first_for(&pending.host_request) {
             return None;
         }
         let ticket = pending.ticket?;
@@ -41,20 +53,21 @@ impl Session {
     }
 
     /// The stop that waits takes the line. A question is asked again when the stop is through.
-    pub(super) fn give_way(&mut self, now: Instant) {
-        let (Some((ticket, ask)), Some(pending)) = (self.stop.take(), self.pending.take()) else {
+    pub(super) fn start_pending_stop(&mut self, now: Instant) {
+        let (Some((ticket, ask)), Some(pending)) = (self.pending_stop.take(), self.pending.take())
+        else {
             return;
         };
-        self.gather.clear();
-        match (pending.ticket, self.question(&pending)) {
-            (None, _) => self.doubts.again(pending.ask.message.to.id),
-            (Some(_), Some(_)) => self.aside = Some(pending),
+        self.group_answers.clear();
+        match (pending.ticket, self.query_of(&pending)) {
+            (None, _) => self.stale_replies.repeat_probe(pending.host_request.message.to.id),
+            (Some(_), Some(_)) => self.overtaken = Some(pending),
             (Some(waiting), None) => {
-                let sent = pending.attempts > 0 || pending.stage != Stage::Itself;
+                let sent = pending.attempts > 0 || pending.stage != RequestStage::Request;
                 let failure = if sent { Failure::Silent } else { Failure::Cancelled };
-                self.push(To::Ticket(waiting), Err(failure));
+                self.push_event(EventSubject::Request(waiting), Err(failure));
             }
         }
-        self.start(now, Some(ticket), ask);
+        self.start_request(now, Some(ticket), ask);
     }
 }

@@ -7,9 +7,9 @@ use std::vec::Vec;
 
 use crate::error::WireError;
 use crate::medium::Frame;
-use crate::proto::tml::rules::{Rule, Wire};
-use crate::proto::tml::serial::{self, Deframer, FRAME_MAX, Piece, Recovery};
-use crate::proto::tml::technocan::{self, Class};
+use crate::proto::tml::rules::{TmlWire, WireRule};
+use crate::proto::tml::serial::{self, Deframer, FRAME_MAX, RecoveryPolicy, SerialPiece};
+use crate::proto::tml::technocan::{self, MessageClass};
 use crate::proto::tml::tmlcan;
 use crate::proto::tml::wire::{IdCode, Instruction, Message};
 
@@ -94,7 +94,7 @@ fn read_serial(text: &str) -> Message {
     serial::decode(&hex(text)).expect(text)
 }
 
-fn read_technocan(id: u16, text: &str) -> technocan::Heard {
+fn read_technocan(id: u16, text: &str) -> technocan::FrameContent {
     technocan::decode(&Frame::standard(id, &hex(text))).expect(text)
 }
 
@@ -113,7 +113,7 @@ fn one_message_on_every_wire() {
 #[test]
 fn technocan_gives_the_whole_instruction_back() {
     let answer = read_technocan(0x163, "04 28 2A 02 02 00");
-    assert_eq!(answer.class, Class::TakeData);
+    assert_eq!(answer.class, MessageClass::TakeData);
     assert_eq!((answer.to, answer.sender), (Some(IdCode::axis(3)), Some(5)));
     assert_eq!(answer.instruction, Instruction::of(0xB404, [0x0050, 0x022A, 2]));
     let point = read_technocan(0x045, "18 FC 00 FF F6 FF F4 01");
@@ -122,7 +122,7 @@ fn technocan_gives_the_whole_instruction_back() {
     assert_eq!((status.to, status.sender), (None, Some(1)));
     assert_eq!(status.instruction, Instruction::of(0xD501, [0x090E, 0x8400, 0x0201]));
     let pong = read_technocan(0x107, "40 31 35 4C 34");
-    assert_eq!(pong.class, Class::Pong);
+    assert_eq!(pong.class, MessageClass::Pong);
     assert_eq!(pong.instruction, Instruction::of(0xD607, [0x3531, 0x344C]));
     let sync = read_technocan(0x020, "");
     assert_eq!(sync.message().unwrap().to, IdCode::BROADCAST);
@@ -136,7 +136,7 @@ fn the_misprinted_answer_is_read_and_flagged() {
     assert!(!read_technocan(0x163, "04 28 2A 02 02 00").misprinted());
 }
 
-fn to(to: IdCode, instruction: Instruction) -> Result<u32, Rule> {
+fn to(to: IdCode, instruction: Instruction) -> Result<u32, WireRule> {
     technocan::encode(&Message { to, instruction }).map(|frame| frame.id)
 }
 
@@ -148,28 +148,28 @@ fn technocan_axis_ids_and_groups() {
     assert_eq!(to(IdCode::axis(33), kpp), Ok(0x121));
     assert!(technocan::is_ambiguous(33) && !technocan::is_ambiguous(255));
     assert_eq!(to(IdCode::groups(0b1_0001), kpp), Ok(0x011));
-    assert_eq!(to(IdCode::groups(0b10_0000), kpp), Err(Rule::TechnoCanGroups));
+    assert_eq!(to(IdCode::groups(0b10_0000), kpp), Err(WireRule::TechnoCanGroups));
     assert_eq!(to(IdCode::BROADCAST, kpp), Ok(0x200));
     assert_eq!(to(IdCode::host_at(7), Instruction::of(0xA85E, [0x10, 5])), Ok(0x147));
     for id in [0, 32, 64, 224] {
-        assert_eq!(to(IdCode::axis(id), kpp), Err(Rule::TechnoCanAxis));
+        assert_eq!(to(IdCode::axis(id), kpp), Err(WireRule::TechnoCanAxis));
     }
     let from_32 = Instruction::of(0xD420, [0x0228, 1]);
-    assert_eq!(to(IdCode::host_at(9), from_32), Err(Rule::TechnoCanAxis));
+    assert_eq!(to(IdCode::host_at(9), from_32), Err(WireRule::TechnoCanAxis));
 }
 
 #[test]
 fn technocan_has_room_for_three_words() {
     let four = Instruction::of(0x9401, [0x10, 0x205E, 5, 0]);
-    assert_eq!(to(IdCode::axis(5), four), Err(Rule::TechnoCanWords));
+    assert_eq!(to(IdCode::axis(5), four), Err(WireRule::TechnoCanWords));
     let point = Instruction::of(0x1805, [1, 2, 3, 4]);
     assert_eq!(to(IdCode::axis(5), point), Ok(0x045));
-    assert_eq!(to(IdCode::groups(1), point), Err(Rule::TechnoCanWords));
+    assert_eq!(to(IdCode::groups(1), point), Err(WireRule::TechnoCanWords));
     let answer = Instruction::of(0xB405, [0x50, 0x0228, 1, 0]);
     assert_eq!(to(IdCode::axis(3), answer), Ok(0x163));
     let request = Instruction::of(0xB004, [0x30, 0x022A]);
-    assert_eq!(to(IdCode::groups(1), request), Err(Rule::GiveMeDataToGroup));
-    assert_eq!(to(IdCode::BROADCAST, request), Err(Rule::GiveMeDataToGroup));
+    assert_eq!(to(IdCode::groups(1), request), Err(WireRule::GiveMeDataToGroup));
+    assert_eq!(to(IdCode::BROADCAST, request), Err(WireRule::GiveMeDataToGroup));
 }
 
 /// CiA 301's identifiers as the manual's table lists them.
@@ -182,7 +182,7 @@ fn is_canopens(id: u32) -> bool {
 #[test]
 fn canopens_identifiers_are_never_touched() {
     for id in 0..=0x7FF {
-        let ours = Class::of_id(id).is_some();
+        let ours = MessageClass::of_id(id).is_some();
         assert!(!(ours && is_canopens(id)), "{id:03X}");
         let read = technocan::decode(&Frame::standard(id as u16, &[0; 8]));
         assert_eq!(read == Err(WireError::Identifier { found: id }), !ours, "{id:03X}");
@@ -192,7 +192,7 @@ fn canopens_identifiers_are_never_touched() {
         for opcode in [0x205E, 0x1000, 0x1800, 0xB404, 0xD401, 0xD6FF, 0xD7FF, 0xFFFF] {
             let message = Message { to, instruction: Instruction::of(opcode, [0x10, 0x0228]) };
             if let Ok(frame) = technocan::encode(&message) {
-                assert!(Class::of_id(frame.id).is_some(), "{message:?}: {:03X}", frame.id);
+                assert!(MessageClass::of_id(frame.id).is_some(), "{message:?}: {:03X}", frame.id);
             }
         }
     }
@@ -212,7 +212,7 @@ fn broken_serial_frames_are_named() {
     assert_eq!(err(&hex("04 2F F0 00 02 25")), WireError::Unexpected { at: 1, found: 0x2F });
 }
 
-fn pieces(recovery: Recovery, bytes: &[u8]) -> Vec<Piece> {
+fn pieces(recovery: RecoveryPolicy, bytes: &[u8]) -> Vec<SerialPiece> {
     let mut deframer = Deframer::new(recovery);
     let mut all = Vec::new();
     for byte in bytes {
@@ -225,10 +225,11 @@ fn pieces(recovery: Recovery, bytes: &[u8]) -> Vec<Piece> {
 #[test]
 fn acks_and_syncs_stand_between_frames() {
     let stream = hex("4F 0A 0F F1 B4 04 0F F0 02 5E 01 20 42 FF 0D 4F");
-    let answer = Piece::Message(read_serial("0A 0F F1 B4 04 0F F0 02 5E 01 20 42"));
-    let expected = [Piece::Ack, answer, Piece::Stray(0xFF), Piece::Sync, Piece::Ack];
-    assert_eq!(pieces(Recovery::Drop, &stream), expected);
-    assert_eq!(pieces(Recovery::Search, &stream), expected);
+    let answer = SerialPiece::Message(read_serial("0A 0F F1 B4 04 0F F0 02 5E 01 20 42"));
+    let expected =
+        [SerialPiece::Ack, answer, SerialPiece::Stray(0xFF), SerialPiece::Sync, SerialPiece::Ack];
+    assert_eq!(pieces(RecoveryPolicy::Drop, &stream), expected);
+    assert_eq!(pieces(RecoveryPolicy::Search, &stream), expected);
     assert!(serial::is_sync(0x0D) && serial::is_sync(0xFF) && !serial::is_sync(0x0C));
 }
 
@@ -237,16 +238,21 @@ fn a_drive_is_lost_until_it_is_synchronised() {
     // A byte of the frame was lost: the next frame's first byte is taken for its sum.
     let mut stream = hex("06 0F F0 20 5E 05 88");
     stream.extend([serial::SYNC; 2]);
-    let found = pieces(Recovery::Drop, &stream);
-    assert!(matches!(found[..], [Piece::Broken(WireError::Checksum { .. }), Piece::Sync]));
+    let found = pieces(RecoveryPolicy::Drop, &stream);
+    assert!(matches!(
+        found[..],
+        [SerialPiece::Broken(WireError::Checksum { .. }), SerialPiece::Sync]
+    ));
 }
 
 #[test]
 fn a_host_finds_the_answer_behind_a_made_up_byte() {
     let stream = hex("0A 4F 0A 0F F1 B4 04 0F F0 02 5E 01 20 42");
-    let found = pieces(Recovery::Search, &stream);
-    let answer = Piece::Message(read_serial("0A 0F F1 B4 04 0F F0 02 5E 01 20 42"));
-    assert!(matches!(found[..], [Piece::Broken(_), Piece::Ack, last] if last == answer));
+    let found = pieces(RecoveryPolicy::Search, &stream);
+    let answer = SerialPiece::Message(read_serial("0A 0F F1 B4 04 0F F0 02 5E 01 20 42"));
+    assert!(
+        matches!(found[..], [SerialPiece::Broken(_), SerialPiece::Ack, last] if last == answer)
+    );
 }
 
 #[test]
@@ -256,23 +262,33 @@ fn rules_of_the_serial_wires() {
         instruction: Instruction::of(opcode, [0x0FF0, 0x022A]),
     };
     assert_eq!(
-        Wire::Rs485.check(&ask(IdCode::groups(1), 0xB204)),
-        Err(Rule::Rs485AnswersFromGroup)
+        TmlWire::Rs485.check(&ask(IdCode::groups(1), 0xB204)),
+        Err(WireRule::Rs485AnswersFromGroup)
     );
-    assert_eq!(Wire::Rs485.check(&ask(IdCode::axis(0), 0xB004)), Err(Rule::Rs485AnswersFromGroup));
-    assert_eq!(Wire::Rs485.check(&ask(IdCode::axis(1), 0xB004)), Ok(()));
-    assert_eq!(Wire::Rs232.check(&ask(IdCode::groups(1), 0xB204)), Ok(()));
-    assert_eq!(Wire::TmlCan.check(&ask(IdCode::groups(1), 0xB004)), Err(Rule::GiveMeDataToGroup));
-    assert_eq!(Wire::Rs485.unasked(), Err(Rule::Rs485Unasked));
-    assert_eq!(Wire::Rs232.host_id(255, 255), Ok(()));
-    assert_eq!(Wire::Rs232.host_id(3, 255), Err(Rule::Rs232HostId));
-    assert_eq!(Wire::TmlCan.host_id(5, 5), Err(Rule::OwnHostId));
-    assert_eq!(Wire::TechnoCan.host_id(255, 31), Err(Rule::OwnHostId), "255 acts as 31");
-    assert!(Wire::Rs485.acknowledges(IdCode::axis(1)));
-    assert!(!Wire::Rs485.acknowledges(IdCode::groups(1)));
-    assert!(Wire::Rs232.acknowledges(IdCode::groups(1)));
-    assert_eq!(Wire::Rs232.sender(255).word(), 0x0FF1);
-    assert_eq!(Wire::Rs485.sender(255).word(), 0x0FF0);
+    assert_eq!(
+        TmlWire::Rs485.check(&ask(IdCode::axis(0), 0xB004)),
+        Err(WireRule::Rs485AnswersFromGroup)
+    );
+    assert_eq!(TmlWire::Rs485.check(&ask(IdCode::axis(1), 0xB004)), Ok(()));
+    assert_eq!(TmlWire::Rs232.check(&ask(IdCode::groups(1), 0xB204)), Ok(()));
+    assert_eq!(
+        TmlWire::TmlCan.check(&ask(IdCode::groups(1), 0xB004)),
+        Err(WireRule::GiveMeDataToGroup)
+    );
+    assert_eq!(TmlWire::Rs485.check_unsolicited(), Err(WireRule::Rs485Unsolicited));
+    assert_eq!(TmlWire::Rs232.check_host_id(255, 255), Ok(()));
+    assert_eq!(TmlWire::Rs232.check_host_id(3, 255), Err(WireRule::Rs232HostId));
+    assert_eq!(TmlWire::TmlCan.check_host_id(5, 5), Err(WireRule::OwnHostId));
+    assert_eq!(
+        TmlWire::TechnoCan.check_host_id(255, 31),
+        Err(WireRule::OwnHostId),
+        "255 acts as 31"
+    );
+    assert!(TmlWire::Rs485.acknowledges(IdCode::axis(1)));
+    assert!(!TmlWire::Rs485.acknowledges(IdCode::groups(1)));
+    assert!(TmlWire::Rs232.acknowledges(IdCode::groups(1)));
+    assert_eq!(TmlWire::Rs232.host_id_code(255).word(), 0x0FF1);
+    assert_eq!(TmlWire::Rs485.host_id_code(255).word(), 0x0FF0);
 }
 
 #[test]

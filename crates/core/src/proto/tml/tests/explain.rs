@@ -9,10 +9,11 @@ use std::vec::Vec;
 use crate::drives::technosoft::profile::TECHNOSOFT_F514L;
 use crate::error::WireError;
 use crate::explain::{
-    Addressing, Context, Cut, Direction, Dissector, EncodeError, Field, Raw, Sink, Value, Via,
+    Context, Direction, Dissector, EncodeError, EncodeOptions, ExplainSink, Field, FieldValue,
+    FrameBoundary, RawFrame, WireKind,
 };
 use crate::proto::tml::explain::{SERIAL, TECHNOCAN, TMLCAN};
-use crate::proto::tml::rules::Rule;
+use crate::proto::tml::rules::WireRule;
 
 #[derive(Default, Debug)]
 struct Seen {
@@ -23,7 +24,7 @@ struct Seen {
     error: Option<WireError>,
 }
 
-impl Sink for Seen {
+impl ExplainSink for Seen {
     fn kind(&mut self, kind: &str) {
         self.kind = kind.into();
     }
@@ -33,11 +34,11 @@ impl Sink for Seen {
     fn field(&mut self, field: Field<'_>) {
         assert!(field.start <= field.end, "{field:?}");
         let value = match field.value {
-            Value::Text(text) => text.to_string(),
-            Value::Int(value) => value.to_string(),
-            Value::Hex(value, _) => format!("{value:X}"),
-            Value::Real(value) => value.to_string(),
-            Value::Words(words) => format!("{words:02X?}"),
+            FieldValue::Text(text) => text.to_string(),
+            FieldValue::Int(value) => value.to_string(),
+            FieldValue::Hex(value, _) => format!("{value:X}"),
+            FieldValue::Real(value) => value.to_string(),
+            FieldValue::Words(words) => format!("{words:02X?}"),
         };
         self.fields.push((field.name, (field.start, field.end), value));
     }
@@ -120,10 +121,14 @@ fn can_frames_say_what_their_class_leaves() {
 #[test]
 fn bytes_between_frames_are_frames_of_their_own() {
     let (host, drive) = (Some(Direction::ToDrive), Some(Direction::ToHost));
-    assert_eq!(SERIAL.cut(&hex("4F 0D"), drive, false), Cut::Frame(1));
-    assert_eq!(SERIAL.cut(&hex("FF FF"), host, false), Cut::Frame(1));
-    assert_eq!(SERIAL.cut(&hex("4F"), host, false), Cut::Skip(1), "hosts acknowledge nothing");
-    assert_eq!(SERIAL.cut(&hex("41"), None, false), Cut::Skip(1));
+    assert_eq!(SERIAL.find_frame(&hex("4F 0D"), drive, false), FrameBoundary::Frame(1));
+    assert_eq!(SERIAL.find_frame(&hex("FF FF"), host, false), FrameBoundary::Frame(1));
+    assert_eq!(
+        SERIAL.find_frame(&hex("4F"), host, false),
+        FrameBoundary::Skip(1),
+        "hosts acknowledge nothing"
+    );
+    assert_eq!(SERIAL.find_frame(&hex("41"), None, false), FrameBoundary::Skip(1));
     let request = hex(ASK);
     let context = Context { request: Some(&request), direction: drive, ..Context::default() };
     let ack = serial("4F", &context);
@@ -135,68 +140,79 @@ fn bytes_between_frames_are_frames_of_their_own() {
 
 #[test]
 fn streams_are_cut_and_cut_again_behind_junk() {
-    let cut = |text: &str, ended: bool| SERIAL.cut(&hex(text), None, ended);
-    assert_eq!(cut(TAKE, false), Cut::Frame(12));
-    assert_eq!(cut("0A 0F F1 B4", false), Cut::More);
-    assert_eq!(cut("0A 0F F1 B4", true), Cut::Broken(4));
+    let cut = |text: &str, ended: bool| SERIAL.find_frame(&hex(text), None, ended);
+    assert_eq!(cut(TAKE, false), FrameBoundary::Frame(12));
+    assert_eq!(cut("0A 0F F1 B4", false), FrameBoundary::Incomplete);
+    assert_eq!(cut("0A 0F F1 B4", true), FrameBoundary::Corrupt(4));
     let wrong = TAKE.replace("01 20", "01 21");
-    assert_eq!(cut(&wrong, true), Cut::Broken(12));
-    assert_eq!(cut(&wrong, false), Cut::More, "a good frame may begin among its bytes");
-    assert_eq!(cut(&format!("{wrong} {ASK}"), false), Cut::Broken(12));
+    assert_eq!(cut(&wrong, true), FrameBoundary::Corrupt(12));
+    assert_eq!(
+        cut(&wrong, false),
+        FrameBoundary::Incomplete,
+        "a good frame may begin among its bytes"
+    );
+    assert_eq!(cut(&format!("{wrong} {ASK}"), false), FrameBoundary::Corrupt(12));
     // A serial server made up a byte that could be a length.
-    assert_eq!(cut(&format!("0A {TAKE}"), false), Cut::Skip(1));
+    assert_eq!(cut(&format!("0A {TAKE}"), false), FrameBoundary::Skip(1));
     // A byte was lost: the next frame's length stands where the sum should.
-    assert_eq!(cut(&format!("06 0F F0 20 5E 05 88 {ASK}"), false), Cut::Broken(7));
+    assert_eq!(cut(&format!("06 0F F0 20 5E 05 88 {ASK}"), false), FrameBoundary::Corrupt(7));
     assert_eq!(serial(&wrong, &Context::default()).field("value"), "289");
 }
 
 #[test]
 fn answers_find_their_requests() {
-    let raw = |bytes| Raw { bytes, ..Raw::default() };
+    let raw = |bytes| RawFrame { bytes, ..RawFrame::default() };
     let (ask, take) = (hex(ASK), hex(TAKE));
     let other = hex("0A 0F F1 B4 04 0F F0 02 5E 01 20 42");
-    assert!(SERIAL.asks(&raw(&ask)) && !SERIAL.asks(&raw(&[0xFF])));
-    assert!(SERIAL.answers(&raw(&take), &raw(&ask)));
-    assert!(!SERIAL.answers(&raw(&other), &raw(&ask)), "another axis answers");
-    let frame = |id, bytes| Raw { bytes, id: Some(id), extended: false };
+    assert!(SERIAL.is_request(&raw(&ask)) && !SERIAL.is_request(&raw(&[0xFF])));
+    assert!(SERIAL.is_answer_to(&raw(&take), &raw(&ask)));
+    assert!(!SERIAL.is_answer_to(&raw(&other), &raw(&ask)), "another axis answers");
+    let frame = |id, bytes| RawFrame { bytes, id: Some(id), extended: false };
     let (ask, take) = (hex("04 B0 30 00 2A 02"), hex("04 28 2A 02 02 00"));
     let (ask, take) = (frame(0x125, ask.as_slice()), frame(0x163, take.as_slice()));
-    assert!(TECHNOCAN.asks(&ask) && !TECHNOCAN.asks(&take) && TECHNOCAN.answers(&take, &ask));
+    assert!(
+        TECHNOCAN.is_request(&ask)
+            && !TECHNOCAN.is_request(&take)
+            && TECHNOCAN.is_answer_to(&take, &ask)
+    );
 }
 
-fn refusal(dissector: &dyn Dissector, text: &str, addressing: Addressing) -> EncodeError {
+fn refusal(dissector: &dyn Dissector, text: &str, addressing: EncodeOptions) -> EncodeError {
     dissector.encode(text, &addressing, &mut [0; 14]).expect_err("a refusal")
 }
 
 #[test]
 fn what_a_wire_forbids_is_refused_in_a_sentence() {
-    let to = |axis| Addressing { axis: Some(axis), ..Addressing::default() };
-    let group = Addressing { groups: true, via: Via::Rs485, ..to(1) };
-    let forbidden = |rule: Rule| EncodeError::Forbidden(rule.sentence());
+    let to = |axis| EncodeOptions { axis: Some(axis), ..EncodeOptions::default() };
+    let group = EncodeOptions { groups: true, wire: WireKind::Rs485, ..to(1) };
+    let forbidden = |rule: WireRule| EncodeError::Forbidden(rule.sentence());
     let ask_2 = ".word 0xB204, 0x0FF0, 0x022A";
-    assert_eq!(refusal(&SERIAL, ask_2, group), forbidden(Rule::Rs485AnswersFromGroup));
-    assert_eq!(refusal(&TECHNOCAN, ".word 0x0002", to(64)), forbidden(Rule::TechnoCanAxis));
-    let sixth = Addressing { groups: true, ..to(0x20) };
-    assert_eq!(refusal(&TECHNOCAN, ".word 0x0002", sixth), forbidden(Rule::TechnoCanGroups));
-    let same = Addressing { host: Some(5), ..to(5) };
-    assert_eq!(refusal(&TMLCAN, ".word 0xB004, 0x0050, 0x022A", same), forbidden(Rule::OwnHostId));
+    assert_eq!(refusal(&SERIAL, ask_2, group), forbidden(WireRule::Rs485AnswersFromGroup));
+    assert_eq!(refusal(&TECHNOCAN, ".word 0x0002", to(64)), forbidden(WireRule::TechnoCanAxis));
+    let sixth = EncodeOptions { groups: true, ..to(0x20) };
+    assert_eq!(refusal(&TECHNOCAN, ".word 0x0002", sixth), forbidden(WireRule::TechnoCanGroups));
+    let same = EncodeOptions { host: Some(5), ..to(5) };
+    assert_eq!(
+        refusal(&TMLCAN, ".word 0xB004, 0x0050, 0x022A", same),
+        forbidden(WireRule::OwnHostId)
+    );
     assert!(matches!(refusal(&SERIAL, "not TML", to(1)), EncodeError::Text(_)));
-    let via_can = Addressing { via: Via::Can, ..to(1) };
+    let via_can = EncodeOptions { wire: WireKind::Can, ..to(1) };
     assert!(matches!(refusal(&SERIAL, ".word 0x0002", via_can), EncodeError::Forbidden(_)));
 }
 
 #[test]
 fn the_answer_is_told_as_far_as_it_is_known() {
-    let expected = |dissector: &dyn Dissector, text: &str, addressing: Addressing| {
+    let expected = |dissector: &dyn Dissector, text: &str, addressing: EncodeOptions| {
         let mut bytes = [0; 14];
         let encoded = dissector.encode(text, &addressing, &mut bytes).expect("a message");
         let (bytes, id) = (&bytes[..encoded.len], encoded.id);
-        let raw = Raw { bytes, id, extended: encoded.extended };
+        let raw = RawFrame { bytes, id, extended: encoded.extended };
         let mut seen = Seen::default();
-        dissector.expect(&raw, &addressing, &mut seen);
-        (encoded.answer, seen)
+        dissector.explain_expected_reply(&raw, &addressing, &mut seen);
+        (encoded.answer_len, seen)
     };
-    let to = |axis| Addressing { axis: Some(axis), ..Addressing::default() };
+    let to = |axis| EncodeOptions { axis: Some(axis), ..EncodeOptions::default() };
     let (bytes, seen) = expected(&SERIAL, ".word 0x205E, 0x0005", to(255));
     assert_eq!((bytes, seen.kind.as_str(), seen.text.as_str()), (Some(1), "ack", "4F"));
     let (bytes, seen) = expected(&SERIAL, ".word 0xB004, 0x0FF1, 0x025E", to(255));
@@ -204,7 +220,7 @@ fn the_answer_is_told_as_far_as_it_is_known() {
     assert_eq!(seen.field("frame"), "0A 0F F1 B4 04 0F F0 02 5E ?? ?? ??");
     let (bytes, seen) = expected(&TECHNOCAN, ".word 0xB005, 0x0030, 0x0228", to(5));
     assert_eq!((bytes, seen.field("frame")), (Some(8), "163#05282802????????"));
-    let group = Addressing { groups: true, ..to(1) };
+    let group = EncodeOptions { groups: true, ..to(1) };
     let (bytes, seen) = expected(&TMLCAN, ".word 0xB204, 0x0030, 0x022A", group);
     assert_eq!((bytes, seen.field("frame")), (None, "2A 02 ?? ??"));
     let (bytes, seen) = expected(&TMLCAN, ".word 0x205E, 0x0005", to(5));
@@ -215,7 +231,7 @@ fn the_answer_is_told_as_far_as_it_is_known() {
 fn a_register_is_told_bit_by_bit() {
     let named = |name: &str, value| {
         let mut seen = Seen::default();
-        let found = SERIAL.named(name, value, Some(&TECHNOSOFT_F514L), &mut seen);
+        let found = SERIAL.explain_named_value(name, value, Some(&TECHNOSOFT_F514L), &mut seen);
         found.then_some(seen)
     };
     let error = named("mer", 0x0008).expect("a register");

@@ -7,9 +7,9 @@ use std::println;
 use std::vec::Vec;
 
 use crate::medium::Frame;
-use crate::proto::tml::online::{Cell, Online};
-use crate::proto::tml::serial::{self, Deframer, FRAME_MAX, Piece, Recovery};
-use crate::proto::tml::technocan::{self, Class};
+use crate::proto::tml::online::{Cell, OnlineMessage};
+use crate::proto::tml::serial::{self, Deframer, FRAME_MAX, RecoveryPolicy, SerialPiece};
+use crate::proto::tml::technocan::{self, MessageClass};
 use crate::proto::tml::tmlcan;
 use crate::proto::tml::wire::{IdCode, Message};
 
@@ -32,8 +32,11 @@ impl Random {
 }
 
 fn answer() -> ([u8; FRAME_MAX], usize) {
-    let taken =
-        Online::TakeData { sender: IdCode::axis(5), cell: Cell::long(0x0228), value: 0x1234_5678 };
+    let taken = OnlineMessage::TakeData {
+        sender: IdCode::axis(5),
+        cell: Cell::long(0x0228),
+        value: 0x1234_5678,
+    };
     let message = Message { to: IdCode::host_at(255), instruction: taken.emit() };
     let mut frame = [0; FRAME_MAX];
     let len = serial::encode(&message, &mut frame);
@@ -56,9 +59,11 @@ fn what_the_sum_cannot_see() {
             tried += 1;
             let Ok(message) = serial::decode(&two[..len]) else { continue };
             passed += 1;
-            let request =
-                Online::GiveMeData { sender: IdCode::host_at(255), cell: Cell::long(0x0228) };
-            let read = Online::parse(&message.instruction);
+            let request = OnlineMessage::GiveMeData {
+                sender: IdCode::host_at(255),
+                cell: Cell::long(0x0228),
+            };
+            let read = OnlineMessage::parse(&message.instruction);
             let answers = read.is_some_and(|read| read.answers(&request, IdCode::axis(5)));
             believed += u32::from(answers && message.to == good.to);
         }
@@ -90,7 +95,7 @@ fn can_frames_that_are_read_are_written_the_same() {
             // What no message says is refused: TakeData from axis 0, requests to groups.
             if let Ok(again) = technocan::encode(&message) {
                 // In PONG the VT bit has no meaning.
-                let other = heard.misprinted() || heard.class == Class::Pong;
+                let other = heard.misprinted() || heard.class == MessageClass::Pong;
                 let same = again == frame || other || heard.class != class(&message);
                 assert!(same, "{frame:02X?} becomes {again:02X?}");
                 short += 1;
@@ -105,14 +110,14 @@ fn can_frames_that_are_read_are_written_the_same() {
     assert!(short > 1000 && long > 1000, "{short} and {long}");
 }
 
-fn class(message: &Message) -> Class {
+fn class(message: &Message) -> MessageClass {
     technocan::class_of(message).expect("it was encoded")
 }
 
 #[test]
 fn a_deframer_gives_back_every_byte_it_is_given() {
     let (frame, len) = answer();
-    for recovery in [Recovery::Drop, Recovery::Search] {
+    for recovery in [RecoveryPolicy::Drop, RecoveryPolicy::Search] {
         let (mut random, mut deframer) = (Random(3), Deframer::new(recovery));
         let mut found = 0;
         for _ in 0..FRAMES {
@@ -127,13 +132,13 @@ fn a_deframer_gives_back_every_byte_it_is_given() {
             for byte in bytes {
                 deframer.push(byte);
                 while let Some(piece) = deframer.next_piece() {
-                    found += u32::from(matches!(piece, Piece::Message(_)));
+                    found += u32::from(matches!(piece, SerialPiece::Message(_)));
                 }
                 assert!(deframer.pending().len() < FRAME_MAX);
             }
         }
         // A host loses the damaged frames alone; a drive those behind them too.
-        let least = if recovery == Recovery::Search { FRAMES / 4 } else { FRAMES / 100 };
+        let least = if recovery == RecoveryPolicy::Search { FRAMES / 4 } else { FRAMES / 100 };
         assert!(found > least, "{recovery:?}: {found} of {FRAMES}");
     }
 }

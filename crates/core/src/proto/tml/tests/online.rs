@@ -1,69 +1,90 @@
 //! What is exchanged on-line, as the manual's examples and captures have it.
 
-use crate::proto::tml::online::{Cell, Memory, Online, PtPoint, PvtPoint};
+use crate::proto::tml::online::{Cell, MemorySpace, OnlineMessage, PtPoint, PvtPoint};
 use crate::proto::tml::wire::{IdCode, Instruction, operand_address, short_operand};
 
 const HOST: IdCode = IdCode::host_at(255);
 
 /// The instruction's words, and what they say, in both directions.
-const EXCHANGES: &[(&[u16], Online)] = &[
-    (&[0xB004, 0x0FF1, 0x025E], Online::GiveMeData { sender: HOST, cell: Cell::short(0x025E) }),
+const EXCHANGES: &[(&[u16], OnlineMessage)] = &[
+    (
+        &[0xB004, 0x0FF1, 0x025E],
+        OnlineMessage::GiveMeData { sender: HOST, cell: Cell::short(0x025E) },
+    ),
     (
         &[0xB405, 0x0030, 0x0228, 0x5678, 0x1234],
-        Online::TakeData { sender: IdCode::axis(3), cell: Cell::long(0x0228), value: 0x1234_5678 },
+        OnlineMessage::TakeData {
+            sender: IdCode::axis(3),
+            cell: Cell::long(0x0228),
+            value: 0x1234_5678,
+        },
     ),
     (
         &[0xB404, 0x0FF0, 0x025E, 0x0120],
-        Online::TakeData { sender: IdCode::axis(255), cell: Cell::short(0x025E), value: 288 },
+        OnlineMessage::TakeData {
+            sender: IdCode::axis(255),
+            cell: Cell::short(0x025E),
+            value: 288,
+        },
     ),
     (
         &[0xB204, 0x0030, 0x022A],
-        Online::GiveMeData2 { sender: IdCode::axis(3), cell: Cell::short(0x022A) },
+        OnlineMessage::GiveMeData2 { sender: IdCode::axis(3), cell: Cell::short(0x022A) },
     ),
     (
         &[0xB009, 0x0FF1, 0x4000],
-        Online::GiveMeData {
+        OnlineMessage::GiveMeData {
             sender: HOST,
-            cell: Cell { memory: Memory::Spi, address: 0x4000, long: true },
+            cell: Cell { memory: MemorySpace::Spi, address: 0x4000, long: true },
         },
     ),
     (
         &[0xD405, 0x022A, 0x0002],
-        Online::TakeData2 { sender: 5, address: 0x022A, long: false, value: 2 },
+        OnlineMessage::TakeData2 { sender: 5, address: 0x022A, long: false, value: 2 },
     ),
     (
         &[0xD5FF, 0x090E, 0x8400, 0x0201],
-        Online::TakeData2 { sender: 255, address: 0x090E, long: true, value: 0x0201_8400 },
+        OnlineMessage::TakeData2 { sender: 255, address: 0x090E, long: true, value: 0x0201_8400 },
     ),
-    (&[0xA25E, 0x0FF1], Online::GetData { sender: HOST, address: 0x085E, long: false }),
+    (&[0xA25E, 0x0FF1], OnlineMessage::GetData { sender: HOST, address: 0x085E, long: false }),
     (
         &[0xAD68, 0x0020, 0x5678, 0x1234],
-        Online::GotData {
+        OnlineMessage::GotData {
             sender: IdCode::axis(2),
             address: 0x0368,
             long: true,
             value: 0x1234_5678,
         },
     ),
-    (&[0xD801, 0x0FF1], Online::GetVersion { sender: HOST }),
-    (&[0xD801, 0x3531, 0x344C], Online::TakeVersion { version: *b"514L" }),
-    (&[0xD600, 0x0FF1, 0x07D0], Online::Ping { sender: HOST, word: 2000 }),
-    (&[0xD607, 0x3531, 0x344C], Online::Pong { sender: 7, version: *b"514L" }),
+    (&[0xD801, 0x0FF1], OnlineMessage::GetVersion { sender: HOST }),
+    (&[0xD801, 0x3531, 0x344C], OnlineMessage::TakeVersion { version: *b"514L" }),
+    (&[0xD600, 0x0FF1, 0x07D0], OnlineMessage::Ping { sender: HOST, word: 2000 }),
+    (&[0xD607, 0x3531, 0x344C], OnlineMessage::Pong { sender: 7, version: *b"514L" }),
     (
         &[0xDA50, 0x0FF1, 0x4000, 0x4010],
-        Online::GetChecksum { sender: HOST, memory: Memory::Spi, start: 0x4000, end: 0x4010 },
+        OnlineMessage::GetChecksum {
+            sender: HOST,
+            memory: MemorySpace::Spi,
+            start: 0x4000,
+            end: 0x4010,
+        },
     ),
-    (&[0xDA10, 0xBEEF], Online::TakeChecksum { memory: Memory::Program, sum: 0xBEEF }),
-    (&[0x1000], Online::Synchronisation),
-    (&[0x1401, 0xC46F, 0x0246], Online::MasterTime(0x0246_C46F)),
-    (&[0x1404, 20, 0], Online::SetSync(20)),
+    (&[0xDA10, 0xBEEF], OnlineMessage::TakeChecksum { memory: MemorySpace::Program, sum: 0xBEEF }),
+    (&[0x1000], OnlineMessage::Synchronisation),
+    (&[0x1401, 0xC46F, 0x0246], OnlineMessage::MasterTime(0x0246_C46F)),
+    (&[0x1404, 20, 0], OnlineMessage::SetSync(20)),
     (
         &[0x1800, 0xFC18, 0xFF00, 0xFFF6, 0x01F4],
-        Online::Pvt(PvtPoint { position: -1000, velocity: -10 << 16, time: 500, counter: 0 }),
+        OnlineMessage::Pvt(PvtPoint {
+            position: -1000,
+            velocity: -10 << 16,
+            time: 500,
+            counter: 0,
+        }),
     ),
     (
         &[0xC864, 0xFC18, 0xFFFF, 20],
-        Online::Pt(PtPoint { position: -1000, time: 20, counter: 100 }),
+        OnlineMessage::Pt(PtPoint { position: -1000, time: 20, counter: 100 }),
     ),
 ];
 
@@ -75,7 +96,7 @@ fn instruction(words: &[u16]) -> Instruction {
 fn what_is_exchanged_reads_and_writes() {
     for (words, online) in EXCHANGES {
         let instruction = instruction(words);
-        assert_eq!(Online::parse(&instruction), Some(*online), "{instruction:?}");
+        assert_eq!(OnlineMessage::parse(&instruction), Some(*online), "{instruction:?}");
         assert_eq!(online.emit(), instruction, "{online:?}");
     }
 }
@@ -87,7 +108,7 @@ fn whatever_reads_writes_the_same() {
         for words in 0..=4 {
             let data = [0x0FF1, 0x0228, 0x0102, 0x0034];
             let instruction = Instruction::new(opcode, &data[..words]).expect("four words");
-            if let Some(online) = Online::parse(&instruction) {
+            if let Some(online) = OnlineMessage::parse(&instruction) {
                 assert_eq!(online.emit(), instruction, "{online:?}");
             }
         }
@@ -96,8 +117,8 @@ fn whatever_reads_writes_the_same() {
 
 #[test]
 fn an_answer_is_for_its_request() {
-    let ask = Online::GiveMeData { sender: HOST, cell: Cell::short(0x025E) };
-    let take = |id: u8, address: u16| Online::TakeData {
+    let ask = OnlineMessage::GiveMeData { sender: HOST, cell: Cell::short(0x025E) };
+    let take = |id: u8, address: u16| OnlineMessage::TakeData {
         sender: IdCode::axis(id),
         cell: Cell::short(address),
         value: 5,
@@ -105,8 +126,8 @@ fn an_answer_is_for_its_request() {
     assert!(take(1, 0x025E).answers(&ask, IdCode::axis(1)));
     assert!(!take(2, 0x025E).answers(&ask, IdCode::axis(1)), "another axis");
     assert!(!take(1, 0x025F).answers(&ask, IdCode::axis(1)), "another variable");
-    let group = Online::GiveMeData2 { sender: HOST, cell: Cell::short(0x022A) };
-    let from_7 = Online::TakeData2 { sender: 7, address: 0x022A, long: false, value: 1 };
+    let group = OnlineMessage::GiveMeData2 { sender: HOST, cell: Cell::short(0x022A) };
+    let from_7 = OnlineMessage::TakeData2 { sender: 7, address: 0x022A, long: false, value: 1 };
     assert!(from_7.answers(&group, IdCode::groups(1)) && !from_7.answers(&ask, IdCode::axis(7)));
     assert!(ask.is_request() && !from_7.is_request());
     assert_eq!((ask.reply_to(), from_7.answered_by()), (Some(HOST), Some(7)));
@@ -117,7 +138,10 @@ fn points_that_do_not_fit_are_told() {
     let velocity = 0x1234_5600;
     let point = PvtPoint { position: -0x7E_DCBA, velocity, time: 511, counter: 127 };
     assert!(point.fits());
-    assert_eq!(Online::parse(&Online::Pvt(point).emit()), Some(Online::Pvt(point)));
+    assert_eq!(
+        OnlineMessage::parse(&OnlineMessage::Pvt(point).emit()),
+        Some(OnlineMessage::Pvt(point))
+    );
     for wrong in [
         PvtPoint { position: 0x80_0000, ..point },
         PvtPoint { position: -0x80_0000, ..point },

@@ -8,16 +8,16 @@ use std::vec::Vec;
 
 use crate::error::{Failure, Unsupported};
 use crate::medium::Frame;
-use crate::proto::tml::ask::{Answer, Ask, assignment, give_me_data};
 use crate::proto::tml::device::{Firmware, Quirks};
-use crate::proto::tml::host::{CanHost, Encapsulation, Extended, SerialHost};
-use crate::proto::tml::online::{Cell, Online};
+use crate::proto::tml::host::{CanHost, Encapsulation, ExtendedIds, SerialHost};
+use crate::proto::tml::host_request::{Answer, HostRequest, assign_instruction, give_me_data};
+use crate::proto::tml::online::{Cell, OnlineMessage};
 use crate::proto::tml::relay::Relay;
-use crate::proto::tml::rules::Wire as Kind;
+use crate::proto::tml::rules::TmlWire as Kind;
 use crate::proto::tml::serial::{ACK, SYNC};
 use crate::proto::tml::wire::{IdCode, Instruction, Message};
-use crate::proto::{HostOptions, Wire};
-use crate::station::{Class, Host, Station, Ticket, Timed, To};
+use crate::proto::{HostOptions, SerialStandard};
+use crate::station::{EventSubject, Host, RequestClass, Station, Ticket, Timed};
 use crate::time::{Instant, earliest};
 
 const AXIS: u8 = 7;
@@ -51,8 +51,8 @@ impl Firmware for Toy {
         500_000
     }
     fn execute(&mut self, _: Instant, message: &Message) {
-        let online = Online::parse(&message.instruction);
-        if let Some(Online::GiveMeData { sender: to, cell }) = online {
+        let online = OnlineMessage::parse(&message.instruction);
+        if let Some(OnlineMessage::GiveMeData { sender: to, cell }) = online {
             let value = match cell.address {
                 KPP => self.kpp,
                 TICKS => {
@@ -62,7 +62,7 @@ impl Firmware for Toy {
                 _ => 0,
             };
             let sender = IdCode::axis(self.axis);
-            let answer = Online::TakeData { sender, cell, value: value.into() };
+            let answer = OnlineMessage::TakeData { sender, cell, value: value.into() };
             self.out.push_back(Message { to, instruction: answer.emit() });
             return;
         }
@@ -106,13 +106,13 @@ const CHARACTER_NS: u64 = 11 * 1_000_000_000 / 9600;
 
 impl Line {
     fn rs232() -> Self {
-        Self::new(Wire::Rs232, &[AXIS])
+        Self::new(SerialStandard::Rs232, &[AXIS])
     }
 
-    fn new(wire: Wire, axes: &[u8]) -> Self {
-        let options = HostOptions { wire: Some(wire), ..HostOptions::new(9600) };
+    fn new(wire: SerialStandard, axes: &[u8]) -> Self {
+        let options = HostOptions { standard: Some(wire), ..HostOptions::new(9600) };
         let addresses: Vec<u32> = axes.iter().map(|axis| u32::from(*axis)).collect();
-        let kind = if wire == Wire::Rs232 { Kind::Rs232 } else { Kind::Rs485 };
+        let kind = if wire == SerialStandard::Rs232 { Kind::Rs232 } else { Kind::Rs485 };
         let quirks = Quirks { wire: Some(kind), ..Quirks::default() };
         let drive = |axis: &u8| {
             let (done, out) = (Vec::new(), VecDeque::new());
@@ -133,7 +133,7 @@ impl Line {
         }
     }
 
-    fn submit(&mut self, ask: Ask) -> Option<Ticket> {
+    fn submit(&mut self, ask: HostRequest) -> Option<Ticket> {
         self.tickets += 1;
         let ticket = Ticket(self.tickets);
         self.host.submit(self.now, ticket, ask).ok().map(|()| ticket)
@@ -141,7 +141,7 @@ impl Line {
 
     /// Submits as soon as the host takes it, and lives on until it ends.
     fn ask(&mut self, axis: u8, instruction: Instruction) -> Result<Answer, Failure> {
-        let ask = Ask::of(Message { to: IdCode::axis(axis), instruction });
+        let ask = HostRequest::of(Message { to: IdCode::axis(axis), instruction });
         let limit = self.now.plus_ms(5_000);
         let ticket = loop {
             if let Some(ticket) = self.submit(ask) {
@@ -157,7 +157,7 @@ impl Line {
         let limit = self.now.plus_ms(5_000);
         loop {
             while let Some((to, answer)) = self.host.poll_event().copied() {
-                if to == To::Ticket(ticket) {
+                if to == EventSubject::Request(ticket) {
                     return answer;
                 }
             }
@@ -174,7 +174,7 @@ impl Line {
     }
 
     fn set(&mut self, value: u16) -> Result<Answer, Failure> {
-        self.ask(AXIS, assignment(KPP, value.into(), false))
+        self.ask(AXIS, assign_instruction(KPP, value.into(), false))
     }
 
     fn live(&mut self, ms: u32) {
@@ -250,9 +250,9 @@ fn executed(line: &Line, opcode: u16) -> usize {
 fn questions_and_instructions_are_answered() {
     let mut line = Line::rs232();
     assert_eq!(line.value(KPP), Ok(5));
-    assert_eq!(line.set(9), Ok(Answer::Taken(9)));
+    assert_eq!(line.set(9), Ok(Answer::Accepted(9)));
     assert_eq!(line.value(KPP), Ok(9));
-    assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Taken(0)));
+    assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)));
     assert_eq!(executed(&line, 0x0108), 1);
     let counters = line.host.counters();
     assert_eq!((counters.sent, counters.late, counters.skipped), (4, 0, 0));
@@ -264,7 +264,7 @@ fn a_lost_acknowledgement_repeats_no_motion() {
     line.replies = once(0, |_| Vec::new());
     assert_eq!(line.ask(AXIS, UPD), Err(Failure::Silent));
     assert_eq!(executed(&line, 0x0108), 1, "it was carried out, nobody knows");
-    assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Taken(0)));
+    assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)));
     assert_eq!(executed(&line, 0x0108), 2);
 }
 
@@ -288,7 +288,7 @@ fn whatever_byte_of_a_motion_is_lost_or_changed_it_starts_once_or_not_at_all() {
             assert_eq!(executed(&line, 0x0108), 0, "{at} {flip:?}");
             // The line works again, and the next one is the first.
             assert_eq!(line.value(KPP), Ok(5), "{at} {flip:?}");
-            assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Taken(0)), "{at} {flip:?}");
+            assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)), "{at} {flip:?}");
             assert_eq!(executed(&line, 0x0108), 1, "{at} {flip:?}");
             assert_eq!(line.drives[0].1.done, [0x0108], "{at} {flip:?}");
         }
@@ -356,9 +356,9 @@ fn a_late_acknowledgement_is_nobodys_acknowledgement() {
         });
         let first = line.set(11);
         let second = line.set(22);
-        assert_ne!(second, Ok(Answer::Taken(22)), "{ms}: {first:?}");
+        assert_ne!(second, Ok(Answer::Accepted(22)), "{ms}: {first:?}");
         assert_eq!(line.drives[0].1.kpp, 11, "{ms}");
-        assert_eq!(line.set(33), Ok(Answer::Taken(33)), "{ms}");
+        assert_eq!(line.set(33), Ok(Answer::Accepted(33)), "{ms}");
     }
 }
 
@@ -374,7 +374,7 @@ fn an_acknowledgement_that_came_too_soon_has_no_motion_told_as_done() {
             false => std::vec![(0, [&bytes[..1], &[0x94], &bytes[1..]].concat())],
         });
         line.replies = once(2, |ack| std::vec![(0, ack.to_vec()), (2, ack.to_vec())]);
-        assert_eq!(line.set(9), Ok(Answer::Taken(9)));
+        assert_eq!(line.set(9), Ok(Answer::Accepted(9)));
         assert_eq!(line.counts, [2, 3]);
         let (said, opcode) = if stops { (STOP, 0x01C4) } else { (UPD, 0x0108) };
         let outcome = line.ask(AXIS, said);
@@ -384,7 +384,7 @@ fn an_acknowledgement_that_came_too_soon_has_no_motion_told_as_done() {
         assert_eq!(line.host.counters().early, 1, "{lost}");
         // One copy makes no fiction of the baud rate.
         assert_eq!(line.value(KPP), Ok(9));
-        assert_eq!(line.ask(AXIS, said), Ok(Answer::Taken(0)));
+        assert_eq!(line.ask(AXIS, said), Ok(Answer::Accepted(0)));
         assert_eq!(executed(&line, opcode), repeated + 1, "{lost}");
     }
 }
@@ -402,7 +402,7 @@ fn a_copy_of_an_answer_is_not_the_next_one() {
         line.drives[0].1.kpp = 9;
         assert_eq!(line.value(KPP), Ok(9), "{ms}");
         assert_eq!(line.host.counters().early, 1, "{ms}");
-        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Taken(0)), "{ms}");
+        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)), "{ms}");
         assert_eq!(line.counts[0], 3, "{ms}: nothing was asked again");
     }
 }
@@ -413,8 +413,8 @@ fn what_serial_servers_add_is_skipped() {
         let mut line = Line::rs232();
         line.replies = Box::new(move |_, bytes| Some(std::vec![(0, [junk, bytes].concat())]));
         assert_eq!(line.value(KPP), Ok(5), "{junk:02X?}");
-        assert_eq!(line.set(9), Ok(Answer::Taken(9)), "{junk:02X?}");
-        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Taken(0)), "{junk:02X?}");
+        assert_eq!(line.set(9), Ok(Answer::Accepted(9)), "{junk:02X?}");
+        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)), "{junk:02X?}");
         assert_eq!(executed(&line, 0x0108), 1);
         assert_eq!(line.host.counters().silent, 0, "{junk:02X?}");
     }
@@ -439,14 +439,14 @@ fn a_stop_waits_for_nothing_on_rs232() {
     let mut line = Line::rs232();
     line.replies = Box::new(|_, bytes| (bytes[0] != ACK).then(Vec::new));
     let question =
-        Ask::of(Message { to: IdCode::axis(AXIS), instruction: give_me_data(KPP, false) });
+        HostRequest::of(Message { to: IdCode::axis(AXIS), instruction: give_me_data(KPP, false) });
     let waiting = line.submit(question).unwrap();
     line.live(20);
-    let stop = Ask::of(Message { to: IdCode::axis(AXIS), instruction: STOP });
-    assert_eq!(stop.class, Class::Stop);
+    let stop = HostRequest::of(Message { to: IdCode::axis(AXIS), instruction: STOP });
+    assert_eq!(stop.class, RequestClass::Stop);
     let begun = line.now;
     let ticket = line.submit(stop).unwrap();
-    assert_eq!(line.end(ticket), Ok(Answer::Taken(0)));
+    assert_eq!(line.end(ticket), Ok(Answer::Accepted(0)));
     assert!(line.now.since(begun).as_millis() < 12);
     assert_eq!(executed(&line, 0x01C4), 1);
     line.replies = sound();
@@ -457,25 +457,28 @@ fn a_stop_waits_for_nothing_on_rs232() {
 /// (swarm seed can:58).
 #[test]
 fn the_answer_to_what_a_stop_overtook_is_no_proof_of_the_stop() {
-    let mut host = CanHost::<Extended>::new(&HostOptions::new(500_000), &[AXIS.into()]);
+    let mut host = CanHost::<ExtendedIds>::new(&HostOptions::new(500_000), &[AXIS.into()]);
     let (now, mut frame) = (Instant(1), Frame::default());
     let to = IdCode::axis(AXIS);
     let status = Cell { address: 0x090E, ..Cell::default() };
-    let value = Online::TakeData { sender: to, cell: status, value: 4 };
+    let value = OnlineMessage::TakeData { sender: to, cell: status, value: 4 };
     let answer = Message { to: IdCode::axis(254), instruction: value.emit() };
-    let answer = Extended::encode(&answer).unwrap();
+    let answer = ExtendedIds::encode(&answer).unwrap();
     let question = Message { to, instruction: give_me_data(0x090E, false) };
-    host.submit(now, Ticket(1), Ask::of(question)).unwrap();
+    host.submit(now, Ticket(1), HostRequest::of(question)).unwrap();
     host.poll_transmit(now, &mut frame).unwrap();
-    host.submit(now, Ticket(2), Ask::of(Message { to, instruction: STOP })).unwrap();
+    host.submit(now, Ticket(2), HostRequest::of(Message { to, instruction: STOP })).unwrap();
     while host.poll_transmit(now, &mut frame).is_some() {}
     host.handle_input(now, &answer);
     assert_eq!(host.poll_event(), None);
     host.handle_input(now, &answer);
-    assert_eq!(host.poll_event(), Some(&(To::Ticket(Ticket(2)), Ok(Answer::Taken(0)))));
+    assert_eq!(
+        host.poll_event(),
+        Some(&(EventSubject::Request(Ticket(2)), Ok(Answer::Accepted(0))))
+    );
     host.poll_transmit(now, &mut frame).expect("the question once more");
     host.handle_input(now, &answer);
-    assert!(matches!(host.poll_event(), Some((To::Ticket(Ticket(1)), Ok(_)))));
+    assert!(matches!(host.poll_event(), Some((EventSubject::Request(Ticket(1)), Ok(_)))));
     let counters = host.counters();
     assert_eq!((counters.answered, counters.late), (2, 0), "each was asked for");
 }
@@ -484,20 +487,20 @@ fn the_answer_to_what_a_stop_overtook_is_no_proof_of_the_stop() {
 fn a_stop_whose_acknowledgement_is_lost_is_sent_again() {
     let mut line = Line::rs232();
     line.replies = once(0, |_| Vec::new());
-    assert_eq!(line.ask(AXIS, STOP), Ok(Answer::Taken(0)));
+    assert_eq!(line.ask(AXIS, STOP), Ok(Answer::Accepted(0)));
     assert_eq!(executed(&line, 0x01C4), 2);
 }
 
 #[test]
 fn several_drives_on_rs485_hear_no_sync() {
     for axes in [&[AXIS][..], &[AXIS, 9]] {
-        let mut line = Line::new(Wire::Rs485, axes);
+        let mut line = Line::new(SerialStandard::Rs485, axes);
         assert_eq!(line.value(KPP), Ok(5));
         line.requests = once(1, |_| Vec::new());
         assert_eq!(line.value(KPP), Ok(5), "asked again");
         let synced = line.said.windows(15).any(|run| run.iter().all(|byte| *byte == run[0]));
         assert_eq!(synced, axes.len() == 1, "the manual's way is for one drive");
-        assert_eq!(line.set(9), Ok(Answer::Taken(9)));
+        assert_eq!(line.set(9), Ok(Answer::Accepted(9)));
         assert!(line.drives[1..].iter().all(|(_, toy)| toy.kpp == 5));
     }
 }
@@ -507,7 +510,7 @@ fn several_drives_on_rs485_hear_no_sync() {
 #[test]
 fn nobody_speaks_on_rs485_while_a_probe_may_be_answered() {
     for axes in [&[AXIS][..], &[AXIS, 9]] {
-        let mut line = Line::new(Wire::Rs485, axes);
+        let mut line = Line::new(SerialStandard::Rs485, axes);
         assert_eq!(line.value(KPP), Ok(5));
         line.replies = Box::new(|_, bytes| Some(std::vec![(25, bytes.to_vec())]));
         assert_eq!(line.ask(AXIS, UPD), Err(Failure::Silent));
@@ -515,21 +518,21 @@ fn nobody_speaks_on_rs485_while_a_probe_may_be_answered() {
         line.live(300);
         assert_eq!(line.said.len() - before, 10, "one probe ends the doubt");
         line.replies = sound();
-        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Taken(0)));
+        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)));
     }
 }
 
 #[test]
 fn a_group_on_rs485_obeys_without_a_word() {
-    let mut line = Line::new(Wire::Rs485, &[AXIS, 9]);
+    let mut line = Line::new(SerialStandard::Rs485, &[AXIS, 9]);
     let to = IdCode::groups(1);
-    let ticket = line.submit(Ask::of(Message { to, instruction: UPD })).unwrap();
-    assert_eq!(line.end(ticket), Ok(Answer::Taken(0)));
+    let ticket = line.submit(HostRequest::of(Message { to, instruction: UPD })).unwrap();
+    assert_eq!(line.end(ticket), Ok(Answer::Accepted(0)));
     line.live(20);
     assert!(line.drives.iter().all(|(_, toy)| toy.done == [0x0108]));
     assert_eq!(line.counts[1], 0);
-    let request = Online::GiveMeData2 { sender: IdCode::axis(0), cell: Cell::short(KPP) };
-    let ticket = line.submit(Ask::of(Message { to, instruction: request.emit() })).unwrap();
+    let request = OnlineMessage::GiveMeData2 { sender: IdCode::axis(0), cell: Cell::short(KPP) };
+    let ticket = line.submit(HostRequest::of(Message { to, instruction: request.emit() })).unwrap();
     assert!(matches!(line.end(ticket), Err(Failure::Impossible(Unsupported::Forbidden(_)))));
 }
 
@@ -546,18 +549,18 @@ fn two_drives_of_one_id_are_not_moved() {
     }
     assert!(matches!(line.ask(AXIS, UPD), Err(Failure::NotReady { .. })));
     assert_eq!(executed(&line, 0x0108), 0);
-    assert_eq!(line.ask(AXIS, STOP), Ok(Answer::Taken(0)), "a stop gets through");
+    assert_eq!(line.ask(AXIS, STOP), Ok(Answer::Accepted(0)), "a stop gets through");
     line.replies = sound();
     line.live(100);
     assert_eq!(line.value(KPP), Ok(5));
     assert_eq!(line.value(KPP), Ok(5));
-    assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Taken(0)), "one drive again");
+    assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)), "one drive again");
 }
 
 #[test]
 fn the_wrong_host_on_rs232_says_nothing() {
     let mut line = Line::rs232();
-    let options = HostOptions { host: Some(3), ..HostOptions::new(9600) };
+    let options = HostOptions { host_address: Some(3), ..HostOptions::new(9600) };
     line.host = SerialHost::new(&options, &[AXIS.into()]);
     let Err(Failure::Impossible(Unsupported::Forbidden(rule))) = line.value(KPP) else { panic!() };
     assert!(rule.contains("the host ID equals the axis ID"));

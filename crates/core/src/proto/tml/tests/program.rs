@@ -6,8 +6,10 @@ use std::string::String;
 use std::vec::Vec;
 
 use crate::drives::technosoft::profile::TECHNOSOFT_F514L;
-use crate::program::{Assembled, Label, Language, Listing, Memory, SourceError};
-use crate::proto::tml::program::{RULES, Tml};
+use crate::program::{
+    AssemblySize, ListingSink, MemoryKind, ProgramLabel, ProgramLanguage, SourceError,
+};
+use crate::proto::tml::program::{RULES, TmlLanguage};
 
 const ROOM: usize = 256;
 
@@ -15,14 +17,14 @@ type Labels = Vec<(String, u16)>;
 
 fn assemble(text: &str) -> Result<(Vec<u16>, Labels), SourceError> {
     let mut words = [0; ROOM];
-    let mut labels = [Label::default(); 8];
+    let mut labels = [ProgramLabel::default(); 8];
     let profile = Some(&TECHNOSOFT_F514L);
-    let made = Tml.assemble(text, 0x4000, profile, &mut words, &mut labels)?;
+    let made = TmlLanguage.assemble(text, 0x4000, profile, &mut words, &mut labels)?;
     let named = labels[..made.labels].iter().map(|l| (l.name.into(), l.address)).collect();
     Ok((words[..made.words].to_vec(), named))
 }
 
-impl Listing for String {
+impl ListingSink for String {
     fn instruction(&mut self, _: u16, _: &[u16]) {
         self.push('\n');
     }
@@ -34,7 +36,7 @@ impl Listing for String {
 
 fn listing(words: &[u16]) -> String {
     let mut text = String::new();
-    Tml.disassemble(0x4000, words, Some(&TECHNOSOFT_F514L), &mut text);
+    TmlLanguage.disassemble(0x4000, words, Some(&TECHNOSOFT_F514L), &mut text);
     text
 }
 
@@ -105,18 +107,18 @@ fn errors_name_line_place_and_what_should_stand_there() {
     assert!(refused("a: b: c: d: e: f: g: h: i: NOP").2.contains("fewer labels"));
     assert!(refused(&"CPOS = 1;".repeat(ROOM)).2.contains("a shorter program"));
     let mut words = [0; ROOM];
-    let end = Tml.assemble("NOP; NOP", 0xFFFF, None, &mut words, &mut []).unwrap_err();
+    let end = TmlLanguage.assemble("NOP; NOP", 0xFFFF, None, &mut words, &mut []).unwrap_err();
     assert!(end.expected.contains("a shorter program"), "{end:?}");
-    let nothing = Tml.assemble("// nothing\n\n", 0, None, &mut [], &mut []);
-    assert_eq!(nothing, Ok(Assembled::default()));
+    let nothing = TmlLanguage.assemble("// nothing\n\n", 0, None, &mut [], &mut []);
+    assert_eq!(nothing, Ok(AssemblySize::default()));
 }
 
 #[test]
 fn memory_is_told_by_its_addresses() {
-    assert_eq!(RULES.memory(0x4000, 0x4000), Some(Memory::Permanent));
-    assert_eq!(RULES.memory(0x4000, 0x4001), None, "it begins in one and ends in another");
-    assert_eq!(RULES.memory(0x8270, 1), Some(Memory::Volatile));
-    assert_eq!(RULES.memory(0x826F, 1), None, "the firmware's own");
-    assert_eq!(RULES.memory(0xFFFF, 2), None);
-    assert_eq!(RULES.memory(0x0200, 1), None, "variables are no program");
+    assert_eq!(RULES.memory_at(0x4000, 0x4000), Some(MemoryKind::Permanent));
+    assert_eq!(RULES.memory_at(0x4000, 0x4001), None, "it begins in one and ends in another");
+    assert_eq!(RULES.memory_at(0x8270, 1), Some(MemoryKind::Volatile));
+    assert_eq!(RULES.memory_at(0x826F, 1), None, "the firmware's own");
+    assert_eq!(RULES.memory_at(0xFFFF, 2), None);
+    assert_eq!(RULES.memory_at(0x0200, 1), None, "variables are no program");
 }

@@ -3,21 +3,21 @@
 mod cyclic;
 mod profiled;
 
-use super::follow::Cycle;
-use super::homing::{Found, Homing};
-use super::point::{Point, Points};
-use super::power::{Change, Order, State, change};
-use super::watch::Watch;
-use super::{Braking, Settings, Shaft, modes};
+use super::homing::{Homing, HomingResult};
+use super::interpolator::Interpolator;
+use super::point::{PointQueue, ProfilePoint};
+use super::power::{PowerCommand, PowerState, StateChange, change_for};
+use super::window_timer::WindowTimer;
+use super::{Braking, MotionSettings, MotorControl, modes};
 use crate::plant::Limits;
 
 /// Bits of the controlword that modes use.
 const NEW_POINT: u16 = 1 << 4;
-const AT_ONCE: u16 = 1 << 5;
+const CHANGE_AT_ONCE: u16 = 1 << 5;
 const RELATIVE: u16 = 1 << 6;
 const RESET: u16 = 1 << 7;
 const HALT: u16 = 1 << 8;
-const PASSING: u16 = 1 << 9;
+const CHANGE_IN_PASSING: u16 = 1 << 9;
 
 /// Bits of the statusword.
 const VOLTAGE: u16 = 1 << 4;
@@ -33,20 +33,20 @@ const AT_REST: f64 = 0.5;
 
 /// What differs between makers where the standard leaves it open, or is not followed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Manner {
+pub struct MotionQuirks {
     /// Bit 9 of the statusword is set.
-    pub remote: bool,
+    pub sets_remote_bit: bool,
     /// A fault shows bit 7 and hides bit 4.
     pub fault_warns: bool,
     /// From ready it takes switched on before enabled.
-    pub in_turn: bool,
+    pub enables_stepwise: bool,
     /// Homing goes on when bit 4 falls.
     pub homing_by_edge: bool,
 }
 
 /// What the motion has to do with at a call.
 #[derive(Debug)]
-pub struct Scene<'a, S, T> {
+pub struct MotionContext<'a, S, T> {
     /// The motor.
     pub shaft: &'a mut S,
     /// The objects.
@@ -61,21 +61,21 @@ pub struct Scene<'a, S, T> {
     pub negative: bool,
 }
 
-impl<S: Shaft, T> Scene<'_, S, T> {
+impl<S: MotorControl, T> MotionContext<'_, S, T> {
     /// A limit switch is closed in that direction.
-    pub(super) fn blocked(&self, toward: f64) -> bool {
+    pub(super) fn is_blocked(&self, toward: f64) -> bool {
         (toward > 0.0 && self.positive) || (toward < 0.0 && self.negative)
     }
 
     /// Where the edge of a switch is that was just crossed.
-    pub(super) fn edge_at(&self, home: bool) -> f64 {
+    pub(super) fn edge_position(&self, home: bool) -> f64 {
         self.home_at.filter(|_| home).unwrap_or(self.shaft.position())
     }
 }
 
 /// Something that the family may want to tell.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Event {
+pub enum MotionEvent {
     /// The motor is too far behind its set-point.
     FollowingError,
     /// The target was reached.
@@ -85,70 +85,70 @@ pub enum Event {
 /// A drive's motion. `N` set-points wait for the one that runs. It lies in memory in this order.
 #[derive(Clone, Debug)]
 #[repr(C)]
-pub struct Axis<const N: usize> {
-    state: State,
-    manner: Manner,
+pub struct MotionAxis<const N: usize> {
+    state: PowerState,
+    manner: MotionQuirks,
     mode: i8,
-    control: u16,
+    controlword: u16,
     /// Bits 10 to 13 of the statusword.
     flags: u16,
     /// It comes to rest, then leaves for that state.
-    leaving: Option<State>,
+    leaving_for: Option<PowerState>,
     /// Something that the mode goes by has changed.
-    dirty: bool,
+    needs_update: bool,
     limited: bool,
     acknowledged: bool,
-    through: bool,
+    passes_through: bool,
     homing_failed: bool,
     homed: bool,
     /// The shaft position of coordinate 0, rad.
     origin: f64,
-    cycle: Cycle,
-    behind: Watch,
-    window: Watch,
-    slow: Watch,
+    interpolator: Interpolator,
+    following_timer: WindowTimer,
+    target_timer: WindowTimer,
+    standstill_timer: WindowTimer,
     /// Torque demand, share of the rated one.
     torque: f64,
     /// End of the last command, user's coordinate.
     commanded: Option<f64>,
     homing: Homing,
-    running: Option<Point>,
-    points: Points<N>,
+    current_point: Option<ProfilePoint>,
+    queued_points: PointQueue<N>,
 }
 
-impl<const N: usize> Axis<N> {
+impl<const N: usize> MotionAxis<N> {
     /// After power-on, with the shaft at `position` (rad), which gets coordinate 0.
     #[must_use]
-    pub fn new(manner: Manner, position: f64) -> Self {
+    pub fn new(manner: MotionQuirks, position: f64) -> Self {
         Self {
-            state: State::SwitchOnDisabled,
+            state: PowerState::SwitchOnDisabled,
             manner,
             mode: 0,
-            control: 0,
+            controlword: 0,
             flags: 0,
-            leaving: None,
-            dirty: false,
+            leaving_for: None,
+            needs_update: false,
             limited: false,
             acknowledged: false,
-            through: false,
+            passes_through: false,
             homing_failed: false,
             homed: false,
             origin: position,
             commanded: None,
             torque: 0.0,
-            cycle: Cycle::default(),
-            window: Watch::default(),
-            slow: Watch::default(),
-            behind: Watch::default(),
+            interpolator: Interpolator::default(),
+            target_timer: WindowTimer::default(),
+            standstill_timer: WindowTimer::default(),
+            following_timer: WindowTimer::default(),
             homing: Homing::new(),
-            running: None,
-            points: Points::new(),
+            current_point: None,
+            queued_points: PointQueue::new(),
         }
     }
 
     /// Where it is in the power state machine.
     #[must_use]
-    pub const fn state(&self) -> State {
+    pub const fn state(&self) -> PowerState {
         self.state
     }
 
@@ -161,7 +161,7 @@ impl<const N: usize> Axis<N> {
     /// The controlword as last written.
     #[must_use]
     pub const fn control_word(&self) -> u16 {
-        self.control
+        self.controlword
     }
 
     /// The shaft position of coordinate 0, rad.
@@ -178,30 +178,33 @@ impl<const N: usize> Axis<N> {
 
     /// Homing pushes against a stop, so that a blocked shaft is no fault.
     #[must_use]
-    pub const fn feels_for_stop(&self) -> bool {
-        self.homing.feels_for_stop()
+    pub const fn seeks_hard_stop(&self) -> bool {
+        self.homing.seeks_hard_stop()
     }
 
     /// The statusword. `voltage`: the motor's supply is there.
     #[must_use]
     pub const fn status(&self, voltage: bool) -> u16 {
-        let fault = matches!(self.state, State::Fault);
+        let fault = matches!(self.state, PowerState::Fault);
         let warned = self.manner.fault_warns & fault;
         let flags = if self.state.has_power() { self.flags } else { 0 };
         self.state.bits()
             | bit(voltage & !warned, VOLTAGE)
             | bit(warned, WARNING)
-            | bit(self.manner.remote, REMOTE)
+            | bit(self.manner.sets_remote_bit, REMOTE)
             | bit(self.limited, LIMITED)
             | flags
     }
 
     /// An object changed that the mode goes by: the mode itself, a target, a ramp.
     #[inline]
-    pub fn changed<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
-        self.dirty = true;
+    pub fn handle_object_change<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        self.needs_update = true;
         if scene.settings.mode() != self.mode {
-            self.take_mode(scene);
+            self.enter_mode(scene);
         }
         let settings = scene.settings;
         // A new target is not reached by what was reached before.
@@ -214,91 +217,112 @@ impl<const N: usize> Axis<N> {
             _ => false,
         };
         if left {
-            self.set(REACHED, false);
+            self.set_flags(REACHED, false);
         }
     }
 
     /// The controlword was written. `clear` says that no cause of a fault lasts. Returns whether a
     /// motion began that repeating the word would not double, but a new edge would.
-    pub fn control<S: Shaft, T: Settings>(
+    pub fn handle_controlword<S: MotorControl, T: MotionSettings>(
         &mut self,
         word: u16,
         clear: bool,
-        scene: &mut Scene<'_, S, T>,
+        scene: &mut MotionContext<'_, S, T>,
     ) -> bool {
-        let before = core::mem::replace(&mut self.control, word);
+        let before = core::mem::replace(&mut self.controlword, word);
         if word == before {
             return false;
         }
         let rises = word & !before;
-        self.dirty = true;
-        if rises & RESET != 0 && self.state == State::Fault && clear {
-            self.state = State::SwitchOnDisabled;
+        self.needs_update = true;
+        if rises & RESET != 0 && self.state == PowerState::Fault && clear {
+            self.state = PowerState::SwitchOnDisabled;
         }
         let (_, stays) = scene.settings.quick_stop_option();
-        self.order(change(self.state, Order::of(word), stays, self.manner.in_turn), scene);
-        if self.state == State::Enabled && Order::of(word) == Order::Enable {
-            self.leaving = None;
-            return self.mode_bits(rises, before & !word, scene);
+        self.apply_change(
+            change_for(self.state, PowerCommand::of(word), stays, self.manner.enables_stepwise),
+            scene,
+        );
+        if self.state == PowerState::Enabled && PowerCommand::of(word) == PowerCommand::Enable {
+            self.leaving_for = None;
+            return self.handle_mode_bits(rises, before & !word, scene);
         }
         false
     }
 
     /// A fault: power goes off, after coming to rest if 605Eh says so.
-    pub fn fault<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
+    pub fn handle_fault<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
         let how = scene.settings.fault_option();
         let brakes = self.state.has_power() && how != Braking::Coast;
-        self.forget();
+        self.clear_commands();
         if brakes {
-            self.state = State::FaultReaction;
+            self.state = PowerState::FaultReaction;
             self.brake(how, scene);
         } else {
-            self.state = State::Fault;
-            scene.shaft.release();
+            self.state = PowerState::Fault;
+            scene.shaft.power_off();
         }
     }
 
     /// Quick stop, as the controlword would order it: for a lost link.
-    pub fn quick_stop<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
-        if self.state == State::Enabled {
-            self.order(Change::QuickStop, scene);
+    pub fn quick_stop<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        if self.state == PowerState::Enabled {
+            self.apply_change(StateChange::QuickStop, scene);
         }
     }
 
     /// Power off, as the controlword's disable voltage orders it.
-    pub fn disable<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
+    pub fn disable<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
         if self.state.has_power() {
-            self.order(Change::To(State::SwitchOnDisabled), scene);
+            self.apply_change(StateChange::To(PowerState::SwitchOnDisabled), scene);
         }
     }
 
     /// A SYNC came: what the host commands each cycle counts from here on.
     #[inline]
-    pub fn sync<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
-        if self.mode == modes::CYCLIC_POSITION && self.state == State::Enabled {
-            self.aim(scene);
+    pub fn handle_sync<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        if self.mode == modes::CYCLIC_POSITION && self.state == PowerState::Enabled {
+            self.aim_interpolator(scene);
         }
     }
 
     /// The host makes the way, cycle by cycle: [`follow`](Self::follow) is the next tick.
     #[inline]
     #[must_use]
-    pub const fn follows(&self) -> bool {
-        let enabled = matches!(self.state, State::Enabled) && self.leaving.is_none();
+    pub const fn is_following(&self) -> bool {
+        let enabled = matches!(self.state, PowerState::Enabled) && self.leaving_for.is_none();
         enabled && self.mode == modes::CYCLIC_POSITION
     }
 
     /// One tick of the host's way, for whoever would rather not prepare all that other modes need.
     #[inline]
-    pub fn follow<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) -> Option<Event> {
-        self.cyclic_position(scene)
+    pub fn tick_following<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
+        self.tick_cyclic_position(scene)
     }
 
     /// To be called before each tick of the shaft.
-    pub fn tick<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) -> Option<Event> {
+    pub fn tick<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
         match self.state {
-            State::Enabled => self.enabled(scene),
-            State::QuickStop | State::FaultReaction => {
+            PowerState::Enabled => self.tick_enabled(scene),
+            PowerState::QuickStop | PowerState::FaultReaction => {
                 self.come_to_rest(scene);
                 None
             }
@@ -306,116 +330,126 @@ impl<const N: usize> Axis<N> {
         }
     }
 
-    fn enabled<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) -> Option<Event> {
-        if self.leaving.is_some() {
+    fn tick_enabled<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
+        if self.leaving_for.is_some() {
             self.come_to_rest(scene);
             return None;
         }
         if self.is_halted() {
-            return self.stand(scene);
+            return self.tick_halted(scene);
         }
-        let dirty = core::mem::take(&mut self.dirty);
+        let dirty = core::mem::take(&mut self.needs_update);
         match self.mode {
-            modes::PROFILE_POSITION => self.position(dirty, scene),
-            modes::PROFILE_VELOCITY => self.velocity(dirty, scene),
-            modes::PROFILE_TORQUE => self.drive(scene),
-            modes::HOMING => self.home(scene),
-            modes::CYCLIC_POSITION => self.cyclic_position(scene),
-            modes::CYCLIC_VELOCITY => self.cyclic_velocity(scene),
-            modes::CYCLIC_TORQUE => self.cyclic_torque(scene),
+            modes::PROFILE_POSITION => self.tick_position(dirty, scene),
+            modes::PROFILE_VELOCITY => self.tick_velocity(dirty, scene),
+            modes::PROFILE_TORQUE => self.tick_torque(scene),
+            modes::HOMING => self.tick_homing(scene),
+            modes::CYCLIC_POSITION => self.tick_cyclic_position(scene),
+            modes::CYCLIC_VELOCITY => self.tick_cyclic_velocity(scene),
+            modes::CYCLIC_TORQUE => self.tick_cyclic_torque(scene),
             _ => None,
         }
     }
 
-    fn order<S: Shaft, T: Settings>(&mut self, change: Change, scene: &mut Scene<'_, S, T>) {
+    fn apply_change<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        change: StateChange,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
         match change {
-            Change::None => {}
-            Change::To(state) => {
+            StateChange::None => {}
+            StateChange::To(state) => {
                 if self.state.has_power() {
-                    self.forget();
-                    scene.shaft.release();
+                    self.clear_commands();
+                    scene.shaft.power_off();
                 }
                 self.state = state;
             }
-            Change::Enable => self.enable(scene),
-            Change::QuickStop => {
-                self.forget();
+            StateChange::Enable => self.enable(scene),
+            StateChange::QuickStop => {
+                self.clear_commands();
                 let (how, _) = scene.settings.quick_stop_option();
                 if how == Braking::Coast {
-                    return self.order(Change::To(State::SwitchOnDisabled), scene);
+                    return self.apply_change(StateChange::To(PowerState::SwitchOnDisabled), scene);
                 }
-                self.state = State::QuickStop;
+                self.state = PowerState::QuickStop;
                 self.brake(how, scene);
             }
-            Change::Leave(state) => {
+            StateChange::LeaveOperation(state) => {
                 let how = match state {
-                    State::Ready => scene.settings.shutdown_option(),
+                    PowerState::Ready => scene.settings.shutdown_option(),
                     _ => scene.settings.disable_option(),
                 };
                 if how == Braking::Coast {
-                    return self.order(Change::To(state), scene);
+                    return self.apply_change(StateChange::To(state), scene);
                 }
-                self.forget();
-                self.leaving = Some(state);
+                self.clear_commands();
+                self.leaving_for = Some(state);
                 self.brake(how, scene);
             }
         }
     }
 
-    fn enable<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
+    fn enable<S: MotorControl, T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, S, T>) {
         if !self.state.has_power() {
-            scene.shaft.power();
+            scene.shaft.power_on();
         }
-        self.state = State::Enabled;
-        self.take_mode(scene);
+        self.state = PowerState::Enabled;
+        self.enter_mode(scene);
     }
 
     /// Whatever ran has ended; what was waiting is lost.
-    fn forget(&mut self) {
-        self.points.clear();
-        self.running = None;
-        self.through = false;
+    fn clear_commands(&mut self) {
+        self.queued_points.clear();
+        self.current_point = None;
+        self.passes_through = false;
         self.acknowledged = false;
         self.commanded = None;
-        self.leaving = None;
+        self.leaving_for = None;
         self.limited = false;
         self.flags = 0;
         self.torque = 0.0;
         self.homing.end();
-        self.window.reset();
-        self.slow.reset();
-        self.behind.reset();
+        self.target_timer.reset();
+        self.standstill_timer.reset();
+        self.following_timer.reset();
     }
 
     /// The mode of 6060h comes into force, with nothing commanded in it yet. A motor that turns in
     /// another mode is braked.
-    fn take_mode<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
+    fn enter_mode<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
         self.mode = scene.settings.mode();
-        self.forget();
+        self.clear_commands();
         self.homing_failed = false;
-        self.dirty = true;
-        if self.state == State::Enabled {
-            self.cycle = Cycle::resting(scene.shaft.position() - self.origin);
+        self.needs_update = true;
+        if self.state == PowerState::Enabled {
+            self.interpolator = Interpolator::at_rest(scene.shaft.position() - self.origin);
             self.brake(Braking::Ramp, scene);
         }
     }
 
     /// What bits 4 to 9 of the controlword do in the mode. Returns whether a new edge would do it
     /// again.
-    fn mode_bits<S: Shaft, T: Settings>(
+    fn handle_mode_bits<S: MotorControl, T: MotionSettings>(
         &mut self,
         rises: u16,
         falls: u16,
-        scene: &mut Scene<'_, S, T>,
+        scene: &mut MotionContext<'_, S, T>,
     ) -> bool {
         if rises & HALT != 0 {
             self.homing.end();
-            self.set(REACHED, false);
+            self.set_flags(REACHED, false);
             self.brake(scene.settings.halt_option(), scene);
         }
         let begins = rises & NEW_POINT != 0;
         match self.mode {
-            modes::PROFILE_POSITION if begins => self.new_point(scene),
+            modes::PROFILE_POSITION if begins => self.handle_new_point(scene),
             modes::PROFILE_POSITION => self.free_acknowledge(),
             modes::HOMING if begins && !self.is_halted() => {
                 self.flags = 0;
@@ -430,8 +464,11 @@ impl<const N: usize> Axis<N> {
         begins
     }
 
-    fn interrupt_homing<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
-        if self.homing.runs() {
+    fn interrupt_homing<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        if self.homing.is_running() {
             self.homing.end();
             self.brake(Braking::Ramp, scene);
         }
@@ -439,60 +476,70 @@ impl<const N: usize> Axis<N> {
 
     const fn is_halted(&self) -> bool {
         let cyclic = matches!(self.mode, 8..=10);
-        self.control & HALT != 0 && !cyclic
+        self.controlword & HALT != 0 && !cyclic
     }
 
     /// Comes to rest as `how` says.
-    fn brake<S: Shaft, T: Settings>(&self, how: Braking, scene: &mut Scene<'_, S, T>) {
+    fn brake<S: MotorControl, T: MotionSettings>(
+        &self,
+        how: Braking,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
         let profile = scene.settings.profile();
         let deceleration = match how {
             Braking::Coast | Braking::Ramp => profile.deceleration,
             Braking::Quick => scene.settings.quick_stop(),
             Braking::Hard => 0.0,
         };
-        scene.shaft.manner(Limits { velocity: f64::INFINITY, deceleration, ..profile });
+        scene.shaft.set_limits(Limits { velocity: f64::INFINITY, deceleration, ..profile });
         scene.shaft.turn(0.0);
     }
 
     /// On the way out of operation.
-    fn come_to_rest<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
-        if !at_rest(scene.shaft) {
+    fn come_to_rest<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        if !is_at_rest(scene.shaft) {
             return;
         }
         let (_, stays) = scene.settings.quick_stop_option();
         let next = match self.state {
-            State::QuickStop if stays => {
+            PowerState::QuickStop if stays => {
                 self.flags |= REACHED;
-                return scene.shaft.settle();
+                return scene.shaft.settle_position();
             }
-            State::QuickStop => State::SwitchOnDisabled,
-            State::FaultReaction => State::Fault,
-            _ => self.leaving.unwrap_or(State::SwitchedOn),
+            PowerState::QuickStop => PowerState::SwitchOnDisabled,
+            PowerState::FaultReaction => PowerState::Fault,
+            _ => self.leaving_for.unwrap_or(PowerState::SwitchedOn),
         };
-        self.leaving = None;
+        self.leaving_for = None;
         self.state = next;
         self.flags = 0;
-        scene.shaft.release();
+        scene.shaft.power_off();
     }
 
     /// Halted: bit 10 tells that it is at rest.
-    fn stand<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) -> Option<Event> {
-        let rest = at_rest(scene.shaft);
+    fn tick_halted<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
+        let rest = is_at_rest(scene.shaft);
         self.torque = 0.0;
-        self.set(REACHED, rest);
+        self.set_flags(REACHED, rest);
         if rest {
-            scene.shaft.settle();
+            scene.shaft.settle_position();
         }
-        self.dirty = true;
+        self.needs_update = true;
         None
     }
 
-    const fn set(&mut self, bits: u16, on: bool) {
+    const fn set_flags(&mut self, bits: u16, on: bool) {
         self.flags = if on { self.flags | bits } else { self.flags & !bits };
     }
 
     /// The user's coordinate of a shaft position.
-    fn user(&self, position: f64) -> f64 {
+    fn user_coordinate(&self, position: f64) -> f64 {
         position - self.origin
     }
 }
@@ -503,8 +550,8 @@ const fn bit(on: bool, bit: u16) -> u16 {
 }
 
 /// At rest, as far as the drive can tell.
-fn at_rest(shaft: &impl Shaft) -> bool {
-    shaft.arrived() && shaft.velocity().abs() < AT_REST
+fn is_at_rest(shaft: &impl MotorControl) -> bool {
+    shaft.has_arrived() && shaft.velocity().abs() < AT_REST
 }
 
 /// -1, 0 or 1.

@@ -8,14 +8,14 @@
 
 use core::f64::consts::TAU;
 
-use super::axis::{Scene, signum};
-use super::{HomingSettings, Settings, Shaft};
+use super::axis::{MotionContext, signum};
+use super::{HomingSettings, MotionSettings, MotorControl};
 use crate::plant::Limits;
 
 /// Torque must last so many ticks to count as a stop \[I\].
 const TORQUE_TICKS: u16 = 50;
 /// Turns at limit switches and edges after which a search gives up.
-const TURNS_MAX: u8 = 8;
+const REVERSALS_MAX: u8 = 8;
 
 /// Whether a method is one of the standard's or of the four with a stop. 15, 16, 31, 32 and 36 are
 /// reserved.
@@ -26,7 +26,7 @@ pub const fn is_method(method: i8) -> bool {
 
 /// What is searched.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Signal {
+enum HomingSwitch {
     Home,
     Negative,
     Positive,
@@ -34,19 +34,19 @@ enum Signal {
 
 /// How the zero is found.
 #[derive(Clone, Copy, PartialEq, Debug)]
-enum Way {
+enum HomingStrategy {
     /// It is here.
-    Here,
+    CurrentPosition,
     /// The first index pulse in that direction.
     Index(f64),
     /// The mechanical stop in that direction, or the index pulse before it.
     Stop { toward: f64, index: bool },
     /// An edge of a switch: `edge` -1 is the one on its negative side; crossed going `toward`; a
     /// search from outside the switch begins going `first`.
-    Edge { signal: Signal, edge: f64, toward: f64, first: f64, index: bool },
+    Edge { signal: HomingSwitch, edge: f64, toward: f64, first: f64, index: bool },
 }
 
-impl Way {
+impl HomingStrategy {
     const fn of(method: i8) -> Option<Self> {
         let (method, index) = match method {
             -1 => return Some(Self::Stop { toward: -1.0, index: true }),
@@ -55,26 +55,26 @@ impl Way {
             -18 => return Some(Self::Stop { toward: 1.0, index: false }),
             33 => return Some(Self::Index(-1.0)),
             34 => return Some(Self::Index(1.0)),
-            35 | 37 => return Some(Self::Here),
+            35 | 37 => return Some(Self::CurrentPosition),
             1..=14 => (method, true),
             17..=30 => (method - 16, false),
             _ => return None,
         };
         let (signal, edge, toward, first) = match method {
-            1 => (Signal::Negative, 1.0, 1.0, -1.0),
-            2 => (Signal::Positive, -1.0, -1.0, 1.0),
-            3 => (Signal::Home, -1.0, -1.0, 1.0),
-            4 => (Signal::Home, -1.0, 1.0, 1.0),
-            5 => (Signal::Home, 1.0, 1.0, -1.0),
-            6 => (Signal::Home, 1.0, -1.0, -1.0),
-            7 => (Signal::Home, -1.0, -1.0, 1.0),
-            8 => (Signal::Home, -1.0, 1.0, 1.0),
-            9 => (Signal::Home, 1.0, -1.0, 1.0),
-            10 => (Signal::Home, 1.0, 1.0, 1.0),
-            11 => (Signal::Home, 1.0, 1.0, -1.0),
-            12 => (Signal::Home, 1.0, -1.0, -1.0),
-            13 => (Signal::Home, -1.0, 1.0, -1.0),
-            _ => (Signal::Home, -1.0, -1.0, -1.0),
+            1 => (HomingSwitch::Negative, 1.0, 1.0, -1.0),
+            2 => (HomingSwitch::Positive, -1.0, -1.0, 1.0),
+            3 => (HomingSwitch::Home, -1.0, -1.0, 1.0),
+            4 => (HomingSwitch::Home, -1.0, 1.0, 1.0),
+            5 => (HomingSwitch::Home, 1.0, 1.0, -1.0),
+            6 => (HomingSwitch::Home, 1.0, -1.0, -1.0),
+            7 => (HomingSwitch::Home, -1.0, -1.0, 1.0),
+            8 => (HomingSwitch::Home, -1.0, 1.0, 1.0),
+            9 => (HomingSwitch::Home, 1.0, -1.0, 1.0),
+            10 => (HomingSwitch::Home, 1.0, 1.0, 1.0),
+            11 => (HomingSwitch::Home, 1.0, 1.0, -1.0),
+            12 => (HomingSwitch::Home, 1.0, -1.0, -1.0),
+            13 => (HomingSwitch::Home, -1.0, 1.0, -1.0),
+            _ => (HomingSwitch::Home, -1.0, -1.0, -1.0),
         };
         Some(Self::Edge { signal, edge, toward, first, index })
     }
@@ -82,9 +82,9 @@ impl Way {
 
 /// What a search does now.
 #[derive(Clone, Copy, PartialEq, Debug)]
-enum Phase {
+enum HomingPhase {
     /// No search.
-    None,
+    Idle,
     /// Looking for an edge.
     Edge { was: bool, slow: bool },
     /// Pushing against the stop.
@@ -92,25 +92,25 @@ enum Phase {
     /// Going slowly to the index pulse.
     Index,
     /// Coming to rest with the zero known.
-    Rest { zero: f64 },
+    ComingToRest { zero: f64 },
 }
 
 /// How a search ended.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub enum Found {
+pub enum HomingResult {
     /// The home position, rad of the shaft.
-    Zero(f64),
+    HomePosition(f64),
     /// It gave up.
-    Nothing,
+    NotFound,
 }
 
 /// A search for the home position.
 #[derive(Clone, Debug)]
 pub struct Homing {
-    phase: Phase,
-    way: Way,
-    toward: f64,
-    turns: u8,
+    phase: HomingPhase,
+    strategy: HomingStrategy,
+    direction: f64,
+    reversals: u8,
     settings: HomingSettings,
 }
 
@@ -120,45 +120,56 @@ impl Homing {
     pub const fn new() -> Self {
         let settings =
             HomingSettings { method: 0, fast: 0.0, slow: 0.0, acceleration: 0.0, offset: 0.0 };
-        Self { phase: Phase::None, way: Way::Here, toward: 0.0, turns: 0, settings }
+        Self {
+            phase: HomingPhase::Idle,
+            strategy: HomingStrategy::CurrentPosition,
+            direction: 0.0,
+            reversals: 0,
+            settings,
+        }
     }
 
     /// A search runs.
     #[must_use]
-    pub fn runs(&self) -> bool {
-        self.phase != Phase::None
+    pub fn is_running(&self) -> bool {
+        self.phase != HomingPhase::Idle
     }
 
     /// It pushes against a stop, so that a blocked shaft is no fault.
     #[must_use]
-    pub const fn feels_for_stop(&self) -> bool {
-        matches!(self.phase, Phase::Stop { .. })
+    pub const fn seeks_hard_stop(&self) -> bool {
+        matches!(self.phase, HomingPhase::Stop { .. })
     }
 
     /// Ends it where it is.
     pub const fn end(&mut self) {
-        self.phase = Phase::None;
+        self.phase = HomingPhase::Idle;
     }
 
     /// Begins one. False when the method is none, or would never arrive.
-    pub fn begin<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) -> bool {
+    pub fn begin<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> bool {
         let settings = scene.settings.homing();
-        let Some(way) = Way::of(settings.method) else { return false };
-        (self.way, self.settings, self.turns) = (way, settings, 0);
+        let Some(way) = HomingStrategy::of(settings.method) else { return false };
+        (self.strategy, self.settings, self.reversals) = (way, settings, 0);
         let still = settings.slow == 0.0 || settings.fast == 0.0;
-        if still && way != Way::Here {
+        if still && way != HomingStrategy::CurrentPosition {
             return false;
         }
         match way {
-            Way::Here => self.phase = Phase::Rest { zero: scene.shaft.position() },
-            Way::Index(toward) => self.seek_index(toward, scene),
-            Way::Stop { toward, .. } => {
-                self.phase = Phase::Stop { ticks: 0 };
+            HomingStrategy::CurrentPosition => {
+                self.phase = HomingPhase::ComingToRest { zero: scene.shaft.position() }
+            }
+            HomingStrategy::Index(toward) => self.seek_index(toward, scene),
+            HomingStrategy::Stop { toward, .. } => {
+                self.phase = HomingPhase::Stop { ticks: 0 };
                 self.turn(toward, settings.fast, scene);
             }
-            Way::Edge { signal, edge, first, .. } => {
-                let was = active(signal, scene);
-                self.phase = Phase::Edge { was, slow: false };
+            HomingStrategy::Edge { signal, edge, first, .. } => {
+                let was = is_active(signal, scene);
+                self.phase = HomingPhase::Edge { was, slow: false };
                 self.turn(if was { edge } else { first }, settings.fast, scene);
             }
         }
@@ -166,130 +177,156 @@ impl Homing {
     }
 
     /// One tick of it; what came of it when it has ended.
-    pub fn tick<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) -> Option<Found> {
+    pub fn tick<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<HomingResult> {
         match self.phase {
-            Phase::None => {}
-            Phase::Edge { was, slow } => return self.on_edge(was, slow, scene),
-            Phase::Stop { ticks } => self.on_stop(ticks, scene),
-            Phase::Index => {
-                if let Some(zero) = index(scene.shaft) {
-                    self.rest(zero, scene);
-                } else if scene.blocked(self.toward) {
-                    return Some(self.give_up(scene));
+            HomingPhase::Idle => {}
+            HomingPhase::Edge { was, slow } => return self.tick_edge(was, slow, scene),
+            HomingPhase::Stop { ticks } => self.tick_stop(ticks, scene),
+            HomingPhase::Index => {
+                if let Some(zero) = index_pulse(scene.shaft) {
+                    self.come_to_rest(zero, scene);
+                } else if scene.is_blocked(self.direction) {
+                    return Some(self.abort_search(scene));
                 }
             }
-            Phase::Rest { zero } if scene.shaft.arrived() => {
-                self.phase = Phase::None;
-                return Some(Found::Zero(zero));
+            HomingPhase::ComingToRest { zero } if scene.shaft.has_arrived() => {
+                self.phase = HomingPhase::Idle;
+                return Some(HomingResult::HomePosition(zero));
             }
-            Phase::Rest { .. } => {}
+            HomingPhase::ComingToRest { .. } => {}
         }
         None
     }
 
-    fn on_edge<S: Shaft, T: Settings>(
+    fn tick_edge<S: MotorControl, T: MotionSettings>(
         &mut self,
         was: bool,
         slow: bool,
-        scene: &mut Scene<'_, S, T>,
-    ) -> Option<Found> {
-        let Way::Edge { signal, edge, toward, index, .. } = self.way else { return None };
-        let is = active(signal, scene);
-        self.phase = Phase::Edge { was: is, slow };
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<HomingResult> {
+        let HomingStrategy::Edge { signal, edge, toward, index, .. } = self.strategy else {
+            return None;
+        };
+        let is = is_active(signal, scene);
+        self.phase = HomingPhase::Edge { was: is, slow };
         if was != is {
             // While it turns round it still goes the other way. Going forward a switch closes at
             // its negative side; the way back mirrors it.
-            let going = signum(scene.shaft.position() - scene.shaft.before());
+            let going = signum(scene.shaft.position() - scene.shaft.previous_position());
             if edge != if is { -going } else { going } {
                 return None;
             }
             if !slow || going != toward {
-                self.phase = Phase::Edge { was: is, slow: true };
-                self.toward = going;
-                return self.round(self.settings.slow, scene);
+                self.phase = HomingPhase::Edge { was: is, slow: true };
+                self.direction = going;
+                return self.reverse(self.settings.slow, scene);
             }
-            let zero = scene.edge_at(signal == Signal::Home);
-            if index { self.seek_index(toward, scene) } else { self.rest(zero, scene) }
-        } else if scene.blocked(self.toward) && !limits(signal, self.toward) {
+            let zero = scene.edge_position(signal == HomingSwitch::Home);
+            if index { self.seek_index(toward, scene) } else { self.come_to_rest(zero, scene) }
+        } else if scene.is_blocked(self.direction) && !is_searched_limit(signal, self.direction) {
             let speed = if slow { self.settings.slow } else { self.settings.fast };
-            return self.round(speed, scene);
+            return self.reverse(speed, scene);
         }
         None
     }
 
-    fn on_stop<S: Shaft, T: Settings>(&mut self, ticks: u16, scene: &mut Scene<'_, S, T>) {
-        let Way::Stop { toward, index } = self.way else { return };
-        let ticks = if scene.shaft.torque_reached() { ticks + 1 } else { 0 };
-        self.phase = Phase::Stop { ticks };
+    fn tick_stop<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        ticks: u16,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        let HomingStrategy::Stop { toward, index } = self.strategy else { return };
+        let ticks = if scene.shaft.is_torque_limited() { ticks + 1 } else { 0 };
+        self.phase = HomingPhase::Stop { ticks };
         if ticks < TORQUE_TICKS {
             return;
         }
-        scene.shaft.hold();
+        scene.shaft.hold_position();
         if index {
             self.seek_index(-toward, scene)
         } else {
-            self.rest(scene.shaft.position(), scene)
+            self.come_to_rest(scene.shaft.position(), scene)
         }
     }
 
-    fn seek_index<S: Shaft, T: Settings>(&mut self, toward: f64, scene: &mut Scene<'_, S, T>) {
-        self.phase = Phase::Index;
+    fn seek_index<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        toward: f64,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        self.phase = HomingPhase::Index;
         self.turn(toward, self.settings.slow, scene);
     }
 
-    fn rest<S: Shaft, T: Settings>(&mut self, zero: f64, scene: &mut Scene<'_, S, T>) {
-        self.phase = Phase::Rest { zero };
+    fn come_to_rest<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        zero: f64,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        self.phase = HomingPhase::ComingToRest { zero };
         self.turn(0.0, self.settings.slow, scene);
     }
 
     /// The other way, at most so often.
-    fn round<S: Shaft, T: Settings>(
+    fn reverse<S: MotorControl, T: MotionSettings>(
         &mut self,
         speed: f64,
-        scene: &mut Scene<'_, S, T>,
-    ) -> Option<Found> {
-        self.turns += 1;
-        if self.turns > TURNS_MAX {
-            return Some(self.give_up(scene));
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<HomingResult> {
+        self.reversals += 1;
+        if self.reversals > REVERSALS_MAX {
+            return Some(self.abort_search(scene));
         }
-        self.turn(-self.toward, speed, scene);
+        self.turn(-self.direction, speed, scene);
         None
     }
 
-    fn give_up<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) -> Found {
-        self.phase = Phase::None;
+    fn abort_search<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> HomingResult {
+        self.phase = HomingPhase::Idle;
         scene.shaft.turn(0.0);
-        Found::Nothing
+        HomingResult::NotFound
     }
 
-    fn turn<S: Shaft, T: Settings>(
+    fn turn<S: MotorControl, T: MotionSettings>(
         &mut self,
         toward: f64,
         speed: f64,
-        scene: &mut Scene<'_, S, T>,
+        scene: &mut MotionContext<'_, S, T>,
     ) {
-        self.toward = toward;
-        scene.shaft.manner(Limits::trapezoid(speed, self.settings.acceleration));
+        self.direction = toward;
+        scene.shaft.set_limits(Limits::trapezoid(speed, self.settings.acceleration));
         scene.shaft.turn(toward * speed);
     }
 }
 
-fn active<S: Shaft, T: Settings>(signal: Signal, scene: &Scene<'_, S, T>) -> bool {
+fn is_active<S: MotorControl, T: MotionSettings>(
+    signal: HomingSwitch,
+    scene: &MotionContext<'_, S, T>,
+) -> bool {
     match signal {
-        Signal::Home => scene.home,
-        Signal::Negative => scene.negative,
-        Signal::Positive => scene.positive,
+        HomingSwitch::Home => scene.home,
+        HomingSwitch::Negative => scene.negative,
+        HomingSwitch::Positive => scene.positive,
     }
 }
 
 /// The limit switch that lies in that direction is itself what is searched.
-fn limits(signal: Signal, toward: f64) -> bool {
-    matches!((signal, toward > 0.0), (Signal::Negative, false) | (Signal::Positive, true))
+fn is_searched_limit(signal: HomingSwitch, toward: f64) -> bool {
+    matches!(
+        (signal, toward > 0.0),
+        (HomingSwitch::Negative, false) | (HomingSwitch::Positive, true)
+    )
 }
 
 /// Where the index pulse of this tick was, if there was one: it comes at whole turns.
-fn index(shaft: &impl Shaft) -> Option<f64> {
+fn index_pulse(shaft: &impl MotorControl) -> Option<f64> {
     let turns = |position: f64| libm::floor(position / TAU);
-    let (was, is) = (turns(shaft.before()), turns(shaft.position()));
+    let (was, is) = (turns(shaft.previous_position()), turns(shaft.position()));
     (was != is).then(|| was.max(is) * TAU)
 }

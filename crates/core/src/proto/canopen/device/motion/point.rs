@@ -4,33 +4,37 @@ use crate::plant::Limits;
 
 /// Where to go, and how.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Point {
+pub struct ProfilePoint {
     /// User's coordinate, rad.
     pub target: f64,
     /// Speed and ramps.
     pub limits: Limits,
     /// The next one is taken over in passing, at speed (controlword bit 9).
-    pub passing: bool,
+    pub changes_in_passing: bool,
 }
 
 /// Up to `N` points that wait for the one that runs.
 #[derive(Clone, Debug)]
-pub struct Points<const N: usize> {
-    ring: [Point; N],
+pub struct PointQueue<const N: usize> {
+    ring: [ProfilePoint; N],
     first: usize,
     len: usize,
 }
 
-impl<const N: usize> Points<N> {
+impl<const N: usize> PointQueue<N> {
     /// None.
     #[must_use]
     pub const fn new() -> Self {
-        let nowhere = Point { target: 0.0, limits: Limits::trapezoid(0.0, 0.0), passing: false };
+        let nowhere = ProfilePoint {
+            target: 0.0,
+            limits: Limits::trapezoid(0.0, 0.0),
+            changes_in_passing: false,
+        };
         Self { ring: [nowhere; N], first: 0, len: 0 }
     }
 
     /// Notes one more. False when there is no room: it is lost.
-    pub fn push(&mut self, point: Point) -> bool {
+    pub fn push(&mut self, point: ProfilePoint) -> bool {
         let room = !self.is_full();
         if room {
             self.ring[(self.first + self.len) % N] = point;
@@ -40,8 +44,8 @@ impl<const N: usize> Points<N> {
     }
 
     /// The oldest.
-    pub fn pop(&mut self) -> Option<Point> {
-        let point = self.first()?;
+    pub fn pop(&mut self) -> Option<ProfilePoint> {
+        let point = self.peek()?;
         self.first = (self.first + 1) % N;
         self.len -= 1;
         Some(point)
@@ -49,7 +53,7 @@ impl<const N: usize> Points<N> {
 
     /// The oldest, which stays.
     #[must_use]
-    pub fn first(&self) -> Option<Point> {
+    pub fn peek(&self) -> Option<ProfilePoint> {
         (self.len > 0).then(|| self.ring[self.first])
     }
 

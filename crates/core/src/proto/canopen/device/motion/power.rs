@@ -2,7 +2,7 @@
 
 /// A state of the power drive system.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum State {
+pub enum PowerState {
     /// Switched on, power disabled: after power-on.
     SwitchOnDisabled,
     /// Ready to switch on.
@@ -19,7 +19,7 @@ pub enum State {
     Fault,
 }
 
-impl State {
+impl PowerState {
     /// Bits 0 to 3, 5 and 6 of the statusword.
     #[must_use]
     pub const fn bits(self) -> u16 {
@@ -43,7 +43,7 @@ impl State {
 
 /// What a controlword orders.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Order {
+pub enum PowerCommand {
     /// `x0000110`: to ready.
     Shutdown,
     /// `x0000111`: to switched on; from enabled it disables operation.
@@ -56,7 +56,7 @@ pub enum Order {
     QuickStop,
 }
 
-impl Order {
+impl PowerCommand {
     /// What the lower bits of `control` order; bit 7 is looked at for its rising edge alone.
     #[must_use]
     pub const fn of(control: u16) -> Self {
@@ -72,15 +72,15 @@ impl Order {
 
 /// What becomes of a state by an order.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Change {
+pub enum StateChange {
     /// Nothing.
     None,
     /// Another state at once.
-    To(State),
+    To(PowerState),
     /// Operation begins.
     Enable,
     /// Operation ends: it comes to rest first, as 605Bh (shutdown) or 605Ch (disable) say.
-    Leave(State),
+    LeaveOperation(PowerState),
     /// The quick stop begins.
     QuickStop,
 }
@@ -88,23 +88,28 @@ pub enum Change {
 /// Transitions 2 to 12 and 16 of the standard. `stays` says that a quick stop may be left for
 /// operation (605Ah = 5 to 8), `in_turn` that ready is not left for enabled in one step.
 #[must_use]
-pub const fn change(state: State, order: Order, stays: bool, in_turn: bool) -> Change {
-    use Order as O;
-    use State as S;
+pub const fn change_for(
+    state: PowerState,
+    order: PowerCommand,
+    stays: bool,
+    in_turn: bool,
+) -> StateChange {
+    use PowerCommand as O;
+    use PowerState as S;
     match (state, order) {
-        (S::SwitchOnDisabled, O::Shutdown) => Change::To(S::Ready),
-        (S::Ready, O::SwitchOn) => Change::To(S::SwitchedOn),
-        (S::Ready, O::Enable) if in_turn => Change::To(S::SwitchedOn),
-        (S::Ready | S::SwitchedOn, O::Enable) => Change::Enable,
-        (S::QuickStop, O::Enable) if stays => Change::Enable,
-        (S::SwitchedOn, O::Shutdown) => Change::To(S::Ready),
+        (S::SwitchOnDisabled, O::Shutdown) => StateChange::To(S::Ready),
+        (S::Ready, O::SwitchOn) => StateChange::To(S::SwitchedOn),
+        (S::Ready, O::Enable) if in_turn => StateChange::To(S::SwitchedOn),
+        (S::Ready | S::SwitchedOn, O::Enable) => StateChange::Enable,
+        (S::QuickStop, O::Enable) if stays => StateChange::Enable,
+        (S::SwitchedOn, O::Shutdown) => StateChange::To(S::Ready),
         (S::Ready | S::SwitchedOn, O::DisableVoltage | O::QuickStop) => {
-            Change::To(S::SwitchOnDisabled)
+            StateChange::To(S::SwitchOnDisabled)
         }
-        (S::Enabled, O::SwitchOn) => Change::Leave(S::SwitchedOn),
-        (S::Enabled, O::Shutdown) => Change::Leave(S::Ready),
-        (S::Enabled, O::QuickStop) => Change::QuickStop,
-        (S::Enabled | S::QuickStop, O::DisableVoltage) => Change::To(S::SwitchOnDisabled),
-        _ => Change::None,
+        (S::Enabled, O::SwitchOn) => StateChange::LeaveOperation(S::SwitchedOn),
+        (S::Enabled, O::Shutdown) => StateChange::LeaveOperation(S::Ready),
+        (S::Enabled, O::QuickStop) => StateChange::QuickStop,
+        (S::Enabled | S::QuickStop, O::DisableVoltage) => StateChange::To(S::SwitchOnDisabled),
+        _ => StateChange::None,
     }
 }

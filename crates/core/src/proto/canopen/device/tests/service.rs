@@ -3,7 +3,7 @@
 use super::*;
 use crate::proto::canopen::sdo::{BLOCK_MAX, BlockSegment, SEGMENT, Segment};
 
-const FILE: Object = Object::new(0x2006, 0);
+const FILE: ObjectIndex = ObjectIndex::new(0x2006, 0);
 
 /// Sizes around every boundary there is, and some.
 const SIZES: [usize; 14] = [0, 1, 3, 4, 5, 7, 8, 14, 15, 888, 889, 890, 10_000, 2_000_000];
@@ -12,18 +12,20 @@ fn content(size: usize) -> Vec<u8> {
     (0..size).map(|n| (n * 7 + n / 256) as u8).collect()
 }
 
-fn upload(desk: &mut Desk, object: Object) -> Vec<u8> {
-    let size = match desk.ask(Request::Read(object)) {
-        Reply::Value(_, short) => {
+fn upload(desk: &mut NodeFixture, object: ObjectIndex) -> Vec<u8> {
+    let size = match desk.request(SdoRequest::Read(object)) {
+        SdoReply::Value(_, short) => {
             let (bytes, len) = short.bytes();
             return bytes[..len].to_vec();
         }
-        Reply::ValueLong(_, size) => size.unwrap(),
+        SdoReply::ValueLong(_, size) => size.unwrap(),
         other => panic!("{other:?}"),
     };
     let (mut all, mut toggle) = (Vec::new(), false);
     loop {
-        let Reply::ValueSegment(segment) = desk.ask(Request::ReadSegment(toggle)) else { panic!() };
+        let SdoReply::ValueSegment(segment) = desk.request(SdoRequest::ReadSegment(toggle)) else {
+            panic!()
+        };
         assert_eq!(segment.toggle, toggle);
         all.extend_from_slice(segment.bytes());
         toggle = !toggle;
@@ -34,10 +36,15 @@ fn upload(desk: &mut Desk, object: Object) -> Vec<u8> {
     }
 }
 
-fn download(desk: &mut Desk, object: Object, data: &[u8], size: Option<u32>) -> Result<(), Abort> {
-    match desk.ask(Request::WriteLong(object, size)) {
-        Reply::Written(..) => {}
-        Reply::Abort(_, abort) => return Err(abort),
+fn download(
+    desk: &mut NodeFixture,
+    object: ObjectIndex,
+    data: &[u8],
+    size: Option<u32>,
+) -> Result<(), AbortCode> {
+    match desk.request(SdoRequest::WriteLong(object, size)) {
+        SdoReply::Written(..) => {}
+        SdoReply::Abort(_, abort) => return Err(abort),
         other => panic!("{other:?}"),
     }
     let count = data.len().div_ceil(SEGMENT).max(1);
@@ -50,9 +57,9 @@ fn download(desk: &mut Desk, object: Object, data: &[u8], size: Option<u32>) -> 
             ..Segment::default()
         };
         segment.data[..piece.len()].copy_from_slice(piece);
-        match desk.ask(Request::WriteSegment(segment)) {
-            Reply::WrittenSegment(toggle) => assert_eq!(toggle, segment.toggle),
-            Reply::Abort(_, abort) => return Err(abort),
+        match desk.request(SdoRequest::WriteSegment(segment)) {
+            SdoReply::WrittenSegment(toggle) => assert_eq!(toggle, segment.toggle),
+            SdoReply::Abort(_, abort) => return Err(abort),
             other => panic!("{other:?}"),
         }
     }
@@ -61,7 +68,7 @@ fn download(desk: &mut Desk, object: Object, data: &[u8], size: Option<u32>) -> 
 
 #[test]
 fn segments_carry_every_size_both_ways() {
-    let mut desk = Desk::new();
+    let mut desk = NodeFixture::new();
     for size in SIZES {
         let data = content(size);
         assert_eq!(download(&mut desk, FILE, &data, Some(size as u32)), Ok(()));
@@ -74,42 +81,42 @@ fn segments_carry_every_size_both_ways() {
 
 #[test]
 fn a_fixed_value_can_come_in_segments() {
-    let mut desk = Desk::new();
+    let mut desk = NodeFixture::new();
     let eight = 0x1122_3344_5566_7788_u64;
-    let object = Object::new(0x2004, 0);
+    let object = ObjectIndex::new(0x2004, 0);
     assert_eq!(download(&mut desk, object, &eight.to_le_bytes(), Some(8)), Ok(()));
     assert_eq!(desk.toy.values[usize::from(U64_AT)], eight);
     assert_eq!(upload(&mut desk, object), eight.to_le_bytes());
-    assert_eq!(download(&mut desk, object, &[0; 9], Some(9)), Err(Abort::TOO_LONG));
-    assert_eq!(download(&mut desk, object, &[0; 7], Some(7)), Err(Abort::TOO_SHORT));
-    assert_eq!(download(&mut desk, object, &[0; 9], None), Err(Abort::TOO_LONG));
-    assert_eq!(download(&mut desk, object, &[0; 6], None), Err(Abort::TOO_SHORT));
+    assert_eq!(download(&mut desk, object, &[0; 9], Some(9)), Err(AbortCode::TOO_LONG));
+    assert_eq!(download(&mut desk, object, &[0; 7], Some(7)), Err(AbortCode::TOO_SHORT));
+    assert_eq!(download(&mut desk, object, &[0; 9], None), Err(AbortCode::TOO_LONG));
+    assert_eq!(download(&mut desk, object, &[0; 6], None), Err(AbortCode::TOO_SHORT));
     assert_eq!(desk.toy.values[usize::from(U64_AT)], eight, "nothing of these was taken");
-    assert_eq!(upload(&mut desk, Object::new(0x1008, 0)), NAME.as_bytes());
+    assert_eq!(upload(&mut desk, ObjectIndex::new(0x1008, 0)), NAME.as_bytes());
 }
 
 #[test]
 fn a_toggle_that_does_not_alternate_ends_it() {
-    let mut desk = Desk::new();
+    let mut desk = NodeFixture::new();
     desk.toy.file = content(20);
-    desk.ask(Request::Read(FILE));
-    let refused = Reply::Abort(FILE, Abort::TOGGLE);
-    assert_eq!(desk.ask(Request::ReadSegment(true)), refused);
-    let over = Reply::Abort(Object::default(), Abort::SPECIFIER);
-    assert_eq!(desk.ask(Request::ReadSegment(false)), over);
-    desk.ask(Request::WriteLong(FILE, None));
+    desk.request(SdoRequest::Read(FILE));
+    let refused = SdoReply::Abort(FILE, AbortCode::TOGGLE);
+    assert_eq!(desk.request(SdoRequest::ReadSegment(true)), refused);
+    let over = SdoReply::Abort(ObjectIndex::default(), AbortCode::SPECIFIER);
+    assert_eq!(desk.request(SdoRequest::ReadSegment(false)), over);
+    desk.request(SdoRequest::WriteLong(FILE, None));
     let segment = Segment { toggle: true, len: 7, ..Segment::default() };
-    assert_eq!(desk.ask(Request::WriteSegment(segment)), refused);
+    assert_eq!(desk.request(SdoRequest::WriteSegment(segment)), refused);
 }
 
 /// Reads in blocks of `segments`, losing every segment whose running number `loses` names.
-fn read_block(desk: &mut Desk, segments: u8, loses: impl Fn(usize) -> bool) -> Vec<u8> {
-    let start = Request::ReadBlock { object: FILE, crc: true, segments, threshold: 0 };
-    let Reply::ReadBlockReady { crc: true, size: Some(size), .. } = desk.ask(start) else {
+fn read_block(desk: &mut NodeFixture, segments: u8, loses: impl Fn(usize) -> bool) -> Vec<u8> {
+    let start = SdoRequest::ReadBlock { object: FILE, crc: true, segments, threshold: 0 };
+    let SdoReply::ReadBlockReady { crc: true, size: Some(size), .. } = desk.request(start) else {
         panic!()
     };
     let (mut all, mut seen, mut ended) = (Vec::new(), 0, false);
-    let mut request = Request::ReadBlockStart;
+    let mut request = SdoRequest::ReadBlockStart;
     while !ended {
         let frames = desk.answers(request.emit(5));
         let mut arrived = 0;
@@ -124,19 +131,19 @@ fn read_block(desk: &mut Desk, segments: u8, loses: impl Fn(usize) -> bool) -> V
             all.extend_from_slice(&segment.data);
             ended = segment.last;
         }
-        request = Request::ReadBlockAck { arrived, segments };
+        request = SdoRequest::ReadBlockAck { arrived, segments };
     }
-    let Reply::ReadBlockEnd { unused, crc } = desk.ask(request) else { panic!() };
+    let SdoReply::ReadBlockEnd { unused, crc } = desk.request(request) else { panic!() };
     all.truncate(all.len() - usize::from(unused));
     assert_eq!(all.len(), size as usize);
     assert_eq!(crc, sdo::crc(0, &all));
-    assert_eq!(desk.answers(Request::ReadBlockEnd.emit(5)), []);
+    assert_eq!(desk.answers(SdoRequest::ReadBlockEnd.emit(5)), []);
     all
 }
 
 #[test]
 fn blocks_are_read_whatever_is_lost() {
-    let mut desk = Desk::new();
+    let mut desk = NodeFixture::new();
     for size in SIZES {
         desk.toy.file = content(size);
         assert_eq!(read_block(&mut desk, BLOCK_MAX, |_| false), desk.toy.file, "{size}");
@@ -150,20 +157,22 @@ fn blocks_are_read_whatever_is_lost() {
 
 #[test]
 fn few_bytes_may_go_the_ordinary_way() {
-    let mut desk = Desk::new();
-    let ask = |threshold| Request::ReadBlock { object: FILE, crc: true, segments: 9, threshold };
+    let mut desk = NodeFixture::new();
+    let ask = |threshold| SdoRequest::ReadBlock { object: FILE, crc: true, segments: 9, threshold };
     desk.toy.file = content(4);
-    assert!(matches!(desk.ask(ask(4)), Reply::Value(FILE, Short { len: 4, .. })));
+    assert!(matches!(desk.request(ask(4)), SdoReply::Value(FILE, ExpeditedData { len: 4, .. })));
     desk.toy.file = content(20);
-    assert_eq!(desk.ask(ask(20)), Reply::ValueLong(FILE, Some(20)));
-    assert!(matches!(desk.ask(ask(19)), Reply::ReadBlockReady { .. }));
+    assert_eq!(desk.request(ask(20)), SdoReply::ValueLong(FILE, Some(20)));
+    assert!(matches!(desk.request(ask(19)), SdoReply::ReadBlockReady { .. }));
 }
 
 /// Writes in blocks; `loses` as in [`read_block`].
-fn write_block(desk: &mut Desk, data: &[u8], loses: impl Fn(usize) -> bool) -> Reply {
+fn write_block(desk: &mut NodeFixture, data: &[u8], loses: impl Fn(usize) -> bool) -> SdoReply {
     let size = Some(data.len() as u32);
-    let start = Request::WriteBlock { object: FILE, crc: true, size };
-    let Reply::WriteBlockReady { crc: true, segments, .. } = desk.ask(start) else { panic!() };
+    let start = SdoRequest::WriteBlock { object: FILE, crc: true, size };
+    let SdoReply::WriteBlockReady { crc: true, segments, .. } = desk.request(start) else {
+        panic!()
+    };
     let count = data.len().div_ceil(SEGMENT).max(1);
     let (mut done, mut sent) = (0, 0);
     while done < count {
@@ -181,78 +190,81 @@ fn write_block(desk: &mut Desk, data: &[u8], loses: impl Fn(usize) -> bool) -> R
                 answer = desk.answers(frame(0x605, &segment.bytes()));
             }
         }
-        let Reply::WriteBlockAck { arrived, .. } = Reply::of(answer[0].data) else { panic!() };
+        let SdoReply::WriteBlockAck { arrived, .. } = SdoReply::of(answer[0].data) else {
+            panic!()
+        };
         done += usize::from(arrived);
     }
     let unused = (count * SEGMENT - data.len()) as u8;
-    desk.ask(Request::WriteBlockEnd { unused, crc: sdo::crc(0, data) })
+    desk.request(SdoRequest::WriteBlockEnd { unused, crc: sdo::crc(0, data) })
 }
 
 #[test]
 fn blocks_are_written_whatever_is_lost() {
-    let mut desk = Desk::new();
+    let mut desk = NodeFixture::new();
     for size in SIZES {
         let data = content(size);
-        assert_eq!(write_block(&mut desk, &data, |_| false), Reply::WriteBlockDone, "{size}");
+        assert_eq!(write_block(&mut desk, &data, |_| false), SdoReply::WriteBlockDone, "{size}");
         assert_eq!(desk.toy.file, data);
     }
     let data = content(5000);
-    assert_eq!(write_block(&mut desk, &data, |n| n % 17 == 2), Reply::WriteBlockDone);
+    assert_eq!(write_block(&mut desk, &data, |n| n % 17 == 2), SdoReply::WriteBlockDone);
     assert_eq!(desk.toy.file, data);
 }
 
 #[test]
 fn a_block_with_a_wrong_check_is_refused() {
-    let mut desk = Desk::new();
-    desk.ask(Request::WriteBlock { object: FILE, crc: true, size: Some(7) });
+    let mut desk = NodeFixture::new();
+    desk.request(SdoRequest::WriteBlock { object: FILE, crc: true, size: Some(7) });
     let segment = BlockSegment { number: 1, last: true, data: [1; 7] };
     desk.answers(frame(0x605, &segment.bytes()));
-    let end = Request::WriteBlockEnd { unused: 0, crc: 1 };
-    assert_eq!(desk.ask(end), Reply::Abort(FILE, Abort::CRC));
-    let start = Request::ReadBlock { object: FILE, crc: true, segments: 128, threshold: 0 };
-    assert_eq!(desk.ask(start), Reply::Abort(FILE, Abort::BLOCK_SIZE));
+    let end = SdoRequest::WriteBlockEnd { unused: 0, crc: 1 };
+    assert_eq!(desk.request(end), SdoReply::Abort(FILE, AbortCode::CRC));
+    let start = SdoRequest::ReadBlock { object: FILE, crc: true, segments: 128, threshold: 0 };
+    assert_eq!(desk.request(start), SdoReply::Abort(FILE, AbortCode::BLOCK_SIZE));
     desk.toy.file = content(30);
-    desk.ask(Request::ReadBlock { object: FILE, crc: true, segments: 2, threshold: 0 });
-    assert_eq!(desk.answers(Request::ReadBlockStart.emit(5)).len(), 2);
-    let ack = Request::ReadBlockAck { arrived: 3, segments: 2 };
-    assert_eq!(desk.ask(ack), Reply::Abort(FILE, Abort::SEQUENCE));
+    desk.request(SdoRequest::ReadBlock { object: FILE, crc: true, segments: 2, threshold: 0 });
+    assert_eq!(desk.answers(SdoRequest::ReadBlockStart.emit(5)).len(), 2);
+    let ack = SdoRequest::ReadBlockAck { arrived: 3, segments: 2 };
+    assert_eq!(desk.request(ack), SdoReply::Abort(FILE, AbortCode::SEQUENCE));
 }
 
 #[test]
 fn an_abort_ends_a_block_in_silence() {
-    let mut desk = Desk::new();
-    desk.ask(Request::WriteBlock { object: FILE, crc: true, size: None });
-    assert_eq!(desk.answers(Request::Abort(FILE, Abort::GENERAL).emit(5)), []);
+    let mut desk = NodeFixture::new();
+    desk.request(SdoRequest::WriteBlock { object: FILE, crc: true, size: None });
+    assert_eq!(desk.answers(SdoRequest::Abort(FILE, AbortCode::GENERAL).emit(5)), []);
     assert_eq!(desk.read(0x2000, 0), Ok(0), "the next request is one");
 }
 
 #[test]
 fn values_have_lengths_signs_limits_and_rights() {
-    let mut desk = Desk::new();
+    let mut desk = NodeFixture::new();
     desk.write(0x2001, 0, 0xFFFE, 2).unwrap();
     assert_eq!(desk.toy.values[usize::from(I16_AT)] as i64, -2, "with its sign");
     assert_eq!(desk.read(0x2001, 0), Ok(0xFFFE), "without what lies above");
-    assert_eq!(desk.write(0x2001, 0, 1, 4), Err(Abort::LENGTH));
-    assert_eq!(desk.write(0x2002, 0, 1, 3), Err(Abort::LENGTH));
+    assert_eq!(desk.write(0x2001, 0, 1, 4), Err(AbortCode::LENGTH));
+    assert_eq!(desk.write(0x2002, 0, 1, 3), Err(AbortCode::LENGTH));
     assert_eq!(desk.write(0x2002, 0, 0xAABB_CCDD, 0), Ok(()), "size not told");
     assert_eq!(desk.read(0x2002, 0), Ok(0xAABB_CCDD));
-    assert_eq!(desk.write(0x2005, 0, 6, 2), Err(Abort::TOO_HIGH));
-    assert_eq!(desk.write(0x2005, 0, 0xFFFA, 2), Err(Abort::TOO_LOW));
+    assert_eq!(desk.write(0x2005, 0, 6, 2), Err(AbortCode::TOO_HIGH));
+    assert_eq!(desk.write(0x2005, 0, 0xFFFA, 2), Err(AbortCode::TOO_LOW));
     assert_eq!(desk.write(0x2005, 0, 0xFFFB, 2), Ok(()));
-    assert_eq!(desk.write(0x2007, 0, 1, 2), Err(Abort::READ_ONLY));
-    assert_eq!(desk.read(0x2008, 0), Err(Abort::WRITE_ONLY));
-    assert_eq!(desk.read(0x2000, 1), Err(Abort::NO_SUB));
-    assert_eq!(desk.read(0x5000, 0), Err(Abort::NO_OBJECT));
+    assert_eq!(desk.write(0x2007, 0, 1, 2), Err(AbortCode::READ_ONLY));
+    assert_eq!(desk.read(0x2008, 0), Err(AbortCode::WRITE_ONLY));
+    assert_eq!(desk.read(0x2000, 1), Err(AbortCode::NO_SUB));
+    assert_eq!(desk.read(0x5000, 0), Err(AbortCode::NO_OBJECT));
     assert_eq!(desk.read(0x1000, 0), Ok(0x1234_0192));
-    let nothing = Reply::Abort(Object::default(), Abort::SPECIFIER);
-    assert_eq!(desk.ask(Request::Other(0xE0)), nothing);
+    let nothing = SdoReply::Abort(ObjectIndex::default(), AbortCode::SPECIFIER);
+    assert_eq!(desk.request(SdoRequest::Other(0xE0)), nothing);
 }
 
 #[test]
 fn a_short_request_is_not_heard_unless_lenient() {
     let short = frame(0x605, &[0x2F, 0x00, 0x20, 0, 7, 0, 0]);
-    assert_eq!(Desk::new().answers(short), []);
-    let mut lenient = Desk::with(Options { lenient: true, echoes: true, ..Options::STRICT });
+    assert_eq!(NodeFixture::new().answers(short), []);
+    let mut lenient =
+        NodeFixture::with(Quirks { lenient: true, echoes_writes: true, ..Quirks::STRICT });
     let echoed = frame(0x585, &[0x60, 0x00, 0x20, 0, 7, 0, 0, 0]);
     assert_eq!(lenient.answers(short), [echoed]);
     // What was lost of a value is not zero.
@@ -266,33 +278,33 @@ fn a_short_request_is_not_heard_unless_lenient() {
     // One byte told, two meant: 2F with an object of two bytes.
     lenient.answers(frame(0x605, &[0x2F, 0x01, 0x20, 0, 0xE8, 0x03, 0, 0]));
     assert_eq!(lenient.toy.values[usize::from(I16_AT)], 1000);
-    let mut plain = Desk::with(Options { segments: false, ..Options::STRICT });
-    let refused = Reply::Abort(FILE, Abort::SPECIFIER);
-    assert_eq!(plain.ask(Request::WriteLong(FILE, None)), refused);
+    let mut plain = NodeFixture::with(Quirks { segmented_sdo: false, ..Quirks::STRICT });
+    let refused = SdoReply::Abort(FILE, AbortCode::SPECIFIER);
+    assert_eq!(plain.request(SdoRequest::WriteLong(FILE, None)), refused);
 }
 
 #[test]
 fn a_stopped_node_serves_nobody() {
-    let mut desk = Desk::new();
-    desk.hear(frame(0, &[2, 0]));
-    assert_eq!(desk.answers(Request::Read(FILE).emit(5)), []);
-    desk.hear(frame(0, &[128, 5]));
+    let mut desk = NodeFixture::new();
+    desk.receive(frame(0, &[2, 0]));
+    assert_eq!(desk.answers(SdoRequest::Read(FILE).emit(5)), []);
+    desk.receive(frame(0, &[128, 5]));
     assert_eq!(desk.read(0x2000, 0), Ok(0));
 }
 
 #[test]
 fn a_transfer_that_was_left_is_forgotten() {
-    let mut desk = Desk::new();
+    let mut desk = NodeFixture::new();
     desk.toy.file = content(100);
-    desk.ask(Request::Read(FILE));
-    desk.ask(Request::ReadSegment(false));
+    desk.request(SdoRequest::Read(FILE));
+    desk.request(SdoRequest::ReadSegment(false));
     // The client died here; the next one begins anew.
     assert_eq!(desk.read(0x2000, 0), Ok(0));
-    let over = Reply::Abort(Object::default(), Abort::SPECIFIER);
-    assert_eq!(desk.ask(Request::ReadSegment(true)), over);
+    let over = SdoReply::Abort(ObjectIndex::default(), AbortCode::SPECIFIER);
+    assert_eq!(desk.request(SdoRequest::ReadSegment(true)), over);
     assert_eq!(upload(&mut desk, FILE), content(100));
-    assert_eq!(download(&mut desk, FILE, &content(20), Some(30)), Err(Abort::TOO_SHORT));
-    assert_eq!(download(&mut desk, FILE, &content(40), Some(30)), Err(Abort::TOO_LONG));
+    assert_eq!(download(&mut desk, FILE, &content(20), Some(30)), Err(AbortCode::TOO_SHORT));
+    assert_eq!(download(&mut desk, FILE, &content(40), Some(30)), Err(AbortCode::TOO_LONG));
 }
 
 #[test]
@@ -300,7 +312,7 @@ fn every_entry_is_found_and_nothing_else() {
     let entries = DICTIONARY.entries();
     for entry in entries {
         let found = DICTIONARY.find(entry.index(), entry.sub());
-        assert_eq!(found.map(Entry::key), Some(entry.key()));
+        assert_eq!(found.map(ObjectEntry::key), Some(entry.key()));
     }
     let found = (0..=u16::MAX).flat_map(|index| DICTIONARY.object(index)).count();
     assert_eq!(found, entries.len());

@@ -1,16 +1,16 @@
 //! Assignments, sums, products and shifts.
 
-use super::super::form::Piece::{
+use super::super::form::FormPiece::{
     Count, Far16, Far32, Hex, Long, Near16, Near32, Number, Sign, Var16, Var32, Word,
 };
-use super::{Category, Form, Piece, Source, form, short, whole};
-use Source::{Labels, Library, Manual};
+use super::{Category, CodingSource, Form, FormPiece, form, short, whole};
+use CodingSource::{Labels, Library, Manual};
 
 const fn near(
     opcode: u16,
     words: u8,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(Category::Arithmetic, short(opcode, words), text, source, about)
@@ -19,27 +19,27 @@ const fn near(
 const fn with(
     opcode: u16,
     words: u8,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(Category::Arithmetic, whole(opcode, words), text, source, about)
 }
 
 /// A shift by up to 15 bits, whose number stands in the opcode.
-const fn shift(opcode: u16, words: u8, text: &'static [Piece], about: &'static str) -> Form {
+const fn shift(opcode: u16, words: u8, text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Arithmetic, (opcode, 0xFFF0, words), text, Labels, about)
 }
 
-const IS: Piece = Sign(" = ");
-const MINUS: Piece = Sign(" = -");
-const ADD: Piece = Sign(" += ");
-const SUBTRACT: Piece = Sign(" -= ");
-const COMMA: Piece = Sign(", ");
-const UP: Piece = Sign(" <<= ");
-const DOWN: Piece = Sign(" >>= ");
-const TIMES: Piece = Sign(" * ");
-const BY: Piece = Count(4, 15);
+const IS: FormPiece = Sign(" = ");
+const MINUS: FormPiece = Sign(" = -");
+const ADD: FormPiece = Sign(" += ");
+const SUBTRACT: FormPiece = Sign(" -= ");
+const COMMA: FormPiece = Sign(", ");
+const UP: FormPiece = Sign(" <<= ");
+const DOWN: FormPiece = Sign(" >>= ");
+const TIMES: FormPiece = Sign(" * ");
+const BY: FormPiece = Count(4, 15);
 
 pub(super) const FORMS: &[Form] = &[
     with(0x2CB2, 1, &[Word("STA")], Library, "makes the actual position the target")

@@ -1,28 +1,28 @@
 //! From drive to drive: the first data word says to or from whom.
 
-use super::super::form::Piece::{
+use super::super::form::FormPiece::{
     Axis, Inner, Memory, Near16, Near32, Pointer, Sign, Step, Var16, Var32, Word,
 };
-use super::{Category, Form, Piece, Source, form, short, whole};
-use Source::{Decompiler, Labels};
+use super::{Category, CodingSource, Form, FormPiece, form, short, whole};
+use CodingSource::{Decompiler, Labels};
 
-const fn near(opcode: u16, words: u8, text: &'static [Piece], about: &'static str) -> Form {
+const fn near(opcode: u16, words: u8, text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Axes, short(opcode, words), text, Labels, about)
 }
 
-const fn direct(opcode: u16, text: &'static [Piece], about: &'static str) -> Form {
+const fn direct(opcode: u16, text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Axes, whole(opcode, 3), text, Labels, about)
 }
 
 /// Memory and step of the pointer stand in the opcode.
-const fn pointed(opcode: u16, text: &'static [Piece], about: &'static str) -> Form {
+const fn pointed(opcode: u16, text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Axes, (opcode, 0xFF73, 3), text, Labels, about)
 }
 
-const OPEN: Piece = Sign("[");
-const CLOSE: Piece = Sign("] ");
-const FROM: Piece = Sign(" = [");
-const IS: Piece = Sign(" = ");
+const OPEN: FormPiece = Sign("[");
+const CLOSE: FormPiece = Sign("] ");
+const FROM: FormPiece = Sign(" = [");
+const IS: FormPiece = Sign(" = ");
 
 pub(super) const FORMS: &[Form] = &[
     form(

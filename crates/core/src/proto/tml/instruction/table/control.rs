@@ -1,25 +1,30 @@
 //! Power, start and stop, configuration of the drive.
 
-use super::super::form::Piece::{Axis, Count, Groups, Number, Sign, Var16, Var32, Word};
-use super::{Category, Form, Piece, Source, form, plain as plain_in, whole};
-use Source::{Decompiler, Labels, Library, Manual, Nowhere};
+use super::super::form::FormPiece::{Axis, Count, Groups, Number, Sign, Var16, Var32, Word};
+use super::{Category, CodingSource, Form, FormPiece, form, plain as plain_in, whole};
+use CodingSource::{Decompiler, Labels, Library, Manual, Nowhere};
 
-const fn plain(opcode: u16, text: &'static [Piece], source: Source, about: &'static str) -> Form {
+const fn plain(
+    opcode: u16,
+    text: &'static [FormPiece],
+    source: CodingSource,
+    about: &'static str,
+) -> Form {
     plain_in(Category::Control, opcode, text, source, about)
 }
 
 const fn with(
     opcode: u16,
     words: u8,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(Category::Control, whole(opcode, words), text, source, about)
 }
 
 /// A name without an opcode.
-const fn unknown(text: &'static [Piece], about: &'static str) -> Form {
+const fn unknown(text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Control, (1, 0, 0), text, Nowhere, about)
 }
 
@@ -89,14 +94,14 @@ pub(super) const FORMS: &[Form] = &[
     form(
         Category::Control,
         whole(0x1401, 2),
-        &[Word("MASTERTIME"), Piece::Long(0)],
+        &[Word("MASTERTIME"), FormPiece::Long(0)],
         Manual,
         "tells the master's time at the last synchronisation",
     ),
     form(
         Category::Control,
         whole(0x1404, 2),
-        &[Word("SETSYNC"), Piece::Long(0)],
+        &[Word("SETSYNC"), FormPiece::Long(0)],
         Library,
         "synchronises the others so often; 0 ends it",
     ),
@@ -112,7 +117,7 @@ pub(super) const FORMS: &[Form] = &[
     with(0xF012, 0, &[Word("CLEARERROR")], Decompiler, "forgets the stored errors"),
     with(0xF080, 0, &[Word("INITSLAVES")], Decompiler, "starts the slaves of a controller"),
     with(0xF100, 1, &[Word("SETMODE"), Number(0)], Decompiler, "sets the slaves' mode"),
-    with(0xF600, 2, &[Word("TIMEOUT"), Piece::Long(0)], Decompiler, "sets a time-out"),
+    with(0xF600, 2, &[Word("TIMEOUT"), FormPiece::Long(0)], Decompiler, "sets a time-out"),
     with(0xD802, 1, &[Word("SETWS"), Number(0)], Decompiler, "sets wait states"),
     with(0x5965, 2, &[Word("STOPLOG")], Decompiler, "stops the data logger")
         .with(&[0xFFFC, 0x0000]),

@@ -1,8 +1,8 @@
 //! Events: what UPD!, STOP! and WAIT! wait for. The first data word is the variable that is watched.
 
-use super::super::form::Piece::{Fixed, High, Line, Long, Sign, Var32, Word};
-use super::{Category, Form, Piece, Source, form, whole};
-use Source::Labels;
+use super::super::form::FormPiece::{Fixed, High, Line, Long, Sign, Var32, Word};
+use super::{Category, CodingSource, Form, FormPiece, form, whole};
+use CodingSource::Labels;
 
 /// The watched variable against a number: opcode 70nn; and against another variable: 71nn.
 macro_rules! event {
@@ -32,11 +32,11 @@ const fn alias([number, variable]: [Form; 2]) -> [Form; 2] {
     [number.alias(), variable.alias()]
 }
 
-const fn plain(opcode: u16, text: &'static [Piece], about: &'static str) -> Form {
+const fn plain(opcode: u16, text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Event, whole(opcode, 0), text, Labels, about)
 }
 
-const fn with(opcode: u16, words: u8, text: &'static [Piece], about: &'static str) -> Form {
+const fn with(opcode: u16, words: u8, text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Event, whole(opcode, words), text, Labels, about)
 }
 
@@ -70,7 +70,7 @@ const TIMES: [[Form; 2]; 2] = [
     event!("RT", 0xB9, 0x02C2, Long(1), "relative time reached"),
 ];
 
-const COMMA: Piece = Sign(", ");
+const COMMA: FormPiece = Sign(", ");
 
 const OTHERS: [Form; 10] = [
     plain(0x700F, &[Sign("!"), Word("MC")], "motion complete"),

@@ -1,21 +1,21 @@
 //! Jumps, calls, functions, interrupts and waiting.
 
-use super::super::form::Piece::{Condition, Count, Long, Sign, Target, Var16, Var32, Word};
-use super::{Category, Form, Piece, Source, form, whole};
-use Source::{Decompiler, Labels, Library};
+use super::super::form::FormPiece::{Condition, Count, Long, Sign, Target, Var16, Var32, Word};
+use super::{Category, CodingSource, Form, FormPiece, form, whole};
+use CodingSource::{Decompiler, Labels, Library};
 
 const fn with(
     opcode: u16,
     words: u8,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(Category::Flow, whole(opcode, words), text, source, about)
 }
 
 /// A jump on the comparison of a variable with zero: its bits stand in the opcode.
-const fn conditional(opcode: u16, text: &'static [Piece], source: Source) -> Form {
+const fn conditional(opcode: u16, text: &'static [FormPiece], source: CodingSource) -> Form {
     form(Category::Flow, (opcode, 0xFF81, 2), text, source, "the same if the variable is so")
 }
 
@@ -63,4 +63,4 @@ pub(super) const FORMS: &[Form] = &[
     ),
 ];
 
-const COMMA: Piece = Sign(", ");
+const COMMA: FormPiece = Sign(", ");

@@ -1,17 +1,17 @@
 //! Memory by address or pointer. In the low byte bit 0 is 32 bits, bits 3 and 2 the memory, bit 4 a
 //! variable as source, bit 5 a pointer, bit 7 that the pointer stays.
 
-use super::super::form::Piece::{
+use super::super::form::FormPiece::{
     Hex, Long, Memory, MemoryHigh, Narrow, Number, Pointer, Sign, Step, Var16, Var32, Wide, Word,
 };
-use super::{Category, Form, Piece, Source, form, whole};
-use Source::{Decompiler, Labels, Library};
+use super::{Category, CodingSource, Form, FormPiece, form, whole};
+use CodingSource::{Decompiler, Labels, Library};
 
 const fn direct(
     opcode: u16,
     words: u8,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(Category::Memory, whole(opcode, words), text, source, about)
@@ -21,23 +21,28 @@ const fn direct(
 const fn pointed(
     opcode: u16,
     words: u8,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(Category::Memory, (opcode, 0xFF73, words), text, source, about)
 }
 
 /// The memory stands in bits 6 and 5.
-const fn sum(opcode: u16, text: &'static [Piece], source: Source, about: &'static str) -> Form {
+const fn sum(
+    opcode: u16,
+    text: &'static [FormPiece],
+    source: CodingSource,
+    about: &'static str,
+) -> Form {
     form(Category::Memory, (opcode, 0xFF9F, 3), text, source, about)
 }
 
-const DM: Piece = Sign(",dm = ");
-const OPEN: Piece = Sign("(");
-const CLOSE: Piece = Sign("),");
-const IS: Piece = Sign(" = ");
-const COMMA: Piece = Sign(", ");
+const DM: FormPiece = Sign(",dm = ");
+const OPEN: FormPiece = Sign("(");
+const CLOSE: FormPiece = Sign("),");
+const IS: FormPiece = Sign(" = ");
+const COMMA: FormPiece = Sign(", ");
 
 pub(super) const FORMS: &[Form] = &[
     direct(0x9004, 2, &[Var16(0), DM, Number(1)], Library, "16 bits of data become a number"),

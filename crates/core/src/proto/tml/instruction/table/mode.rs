@@ -1,10 +1,10 @@
 //! Motion modes: masks on MCR that have names, and points, segments and cams.
 
-use super::super::form::Piece::{
+use super::super::form::FormPiece::{
     Counter, Fixed, Long, Near16, Number, Point, Sign, Var16, Var32, Word,
 };
-use super::{Category, Form, Piece, Source, form, short, whole};
-use Source::{Decompiler, Labels, Library, Manual};
+use super::{Category, CodingSource, Form, FormPiece, form, short, whole};
+use CodingSource::{Decompiler, Labels, Library, Manual};
 
 /// `SRB MCR` with two masks.
 macro_rules! mode {
@@ -16,19 +16,19 @@ macro_rules! mode {
 const fn with(
     opcode: u16,
     words: u8,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(Category::Mode, whole(opcode, words), text, source, about)
 }
 
 /// A point of a path: its counter stands in the opcode.
-const fn point(opcode: u16, words: u8, text: &'static [Piece], source: Source) -> Form {
+const fn point(opcode: u16, words: u8, text: &'static [FormPiece], source: CodingSource) -> Form {
     form(Category::Mode, (opcode, 0xFF80, words), text, source, "the next point of a path")
 }
 
-const COMMA: Piece = Sign(", ");
+const COMMA: FormPiece = Sign(", ");
 
 pub(super) const FORMS: &[Form] = &[
     mode!("MODE PP", 0xBFC1, 0x8701, Library, "position profile"),

@@ -1,24 +1,24 @@
 //! Requests and answers on the line: `?` asks with GiveMeData, `??` with GiveMeData2, `?TML` with
 //! GetTMLData, and `==` answers.
 
-use super::super::form::Piece::{
+use super::super::form::FormPiece::{
     AxisNumber, From, FromAxis, Hex, Long, MemoryHigh, Near16, Near32, Number, Sign, Var16, Var32,
     Version, Word,
 };
-use super::{Category, Form, Piece, Source, form, short, whole};
-use Source::{Labels, Library, Manual, Pattern};
+use super::{Category, CodingSource, Form, FormPiece, form, short, whole};
+use CodingSource::{Labels, Library, Manual, Pattern};
 
 const fn with(
     opcode: u16,
     words: u8,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(Category::Online, whole(opcode, words), text, source, about)
 }
 
-const fn near(opcode: u16, words: u8, text: &'static [Piece], about: &'static str) -> Form {
+const fn near(opcode: u16, words: u8, text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Online, short(opcode, words), text, Labels, about)
 }
 
@@ -26,15 +26,15 @@ const fn near(opcode: u16, words: u8, text: &'static [Piece], about: &'static st
 const fn signed(
     opcode: u16,
     words: u8,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(Category::Online, (opcode, 0xFF00, words), text, source, about)
 }
 
 /// The memory stands in bits 6 and 5.
-const fn sum(words: u8, text: &'static [Piece], about: &'static str) -> Form {
+const fn sum(words: u8, text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Online, (0xDA10, 0xFF9F, words), text, Labels, about)
 }
 
@@ -54,8 +54,8 @@ macro_rules! requests {
 
 const ONE: [Form; 6] = requests!("?", 0xB000, "GiveMeData: asks one axis");
 const MANY: [Form; 6] = requests!("??", 0xB200, "GiveMeData2: asks axes or groups");
-const EQUALS: Piece = Sign(" == ");
-const COMMA: Piece = Sign(", ");
+const EQUALS: FormPiece = Sign(" == ");
+const COMMA: FormPiece = Sign(", ");
 
 pub(super) const FORMS: &[Form] = &[
     near(0xA000, 1, &[Sign("?"), Word("TML"), Near16, From(0)], "GetTMLData: asks for 16 bits"),

@@ -1,20 +1,20 @@
 //! Digital inputs and outputs: the first data word has a bit a line.
 
-use super::super::form::Piece::{Line, Lines, Number, Sign, Var16, Word};
-use super::{Category, Form, Piece, Source, form, whole};
-use Source::{Labels, Library, Pattern};
+use super::super::form::FormPiece::{Line, Lines, Number, Sign, Var16, Word};
+use super::{Category, CodingSource, Form, FormPiece, form, whole};
+use CodingSource::{Labels, Library, Pattern};
 
 const fn with(
     opcode: u16,
     words: u8,
-    text: &'static [Piece],
-    source: Source,
+    text: &'static [FormPiece],
+    source: CodingSource,
     about: &'static str,
 ) -> Form {
     form(Category::InputOutput, whole(opcode, words), text, source, about)
 }
 
-const IS: Piece = Sign(" = ");
+const IS: FormPiece = Sign(" = ");
 
 pub(super) const FORMS: &[Form] = &[
     with(0xE800, 2, &[Var16(1), IS, Word("IN"), Lines(0)], Labels, "reads inputs"),

@@ -5,8 +5,8 @@ extern crate std;
 
 use super::{F514L, text};
 use crate::medium::Frame;
-use crate::proto::tml::instruction::{Scope, assemble};
-use crate::proto::tml::online::Online;
+use crate::proto::tml::instruction::{LanguageScope, assemble};
+use crate::proto::tml::online::OnlineMessage;
 use crate::proto::tml::wire::{IdCode, Instruction, Message};
 use crate::proto::tml::{serial, technocan};
 use std::prelude::v1::*;
@@ -57,11 +57,11 @@ fn labels() -> Vec<Label> {
 }
 
 /// Labels leave out who asks or answers: it stood in another field.
-fn scope(instruction: &Instruction) -> Scope<'static> {
-    let online = Online::parse(instruction);
+fn scope(instruction: &Instruction) -> LanguageScope<'static> {
+    let online = OnlineMessage::parse(instruction);
     let answered = online.and_then(|it| it.answered_by()).map(IdCode::axis);
     let sender = online.and_then(|it| it.reply_to()).or(answered).unwrap_or_default();
-    Scope { sender, ..F514L }
+    LanguageScope { sender, ..F514L }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::{BARE, F514L, FA00G, text};
 use crate::explain::TextError;
-use crate::proto::tml::instruction::{Scope, assemble};
+use crate::proto::tml::instruction::{LanguageScope, assemble};
 use crate::proto::tml::wire::Instruction;
 
 fn words(text: &str) -> Instruction {
@@ -60,7 +60,7 @@ fn variables_by_name_half_and_address() {
     assert_eq!(text(&words("var_i1 = var_lf(H)"), &F514L), "VAR_I1 = VAR_LF(H)");
     assert_eq!(text(&words("KPP = 5"), &BARE), "@0x025E = 0x0005");
     assert_eq!(text(&Instruction::of(0x255E, [1, 0]), &F514L), "@0x035EL = 1");
-    assert_eq!(error("KPPP = 5").expected, super::super::assemble::NOTHING);
+    assert_eq!(error("KPPP = 5").expected, super::super::assemble::EXPECTED_INSTRUCTION);
     assert_eq!(error("KPP = APOS").at, 6);
     assert!(error("KPP = APOS").expected.contains("16 bits"));
 }
@@ -176,7 +176,7 @@ fn errors_tell_the_place_that_made_no_sense() {
 
 #[test]
 fn no_text_whatever_is_more_than_refused() {
-    let scope = Scope { profile: F514L.profile, ..Scope::default() };
+    let scope = LanguageScope { profile: F514L.profile, ..LanguageScope::default() };
     for text in ["é = 5", "KPP = é", "@", "@0x", "0x", "-", "?", "[", "[]", "{", "(", "!", ".word"]
     {
         assert!(assemble(text, &scope).is_err(), "{text}");

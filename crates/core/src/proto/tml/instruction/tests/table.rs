@@ -2,20 +2,20 @@
 
 extern crate std;
 
-use super::super::{Certainty, forms, registers, words};
+use super::super::{CodingCertainty, data_word_count, forms, registers};
 use std::vec::Vec;
 
 #[test]
 fn no_row_has_bits_outside_its_mask_or_hides_a_later_one() {
-    let rows: Vec<_> = forms().filter(|form| form.certainty != Certainty::Unknown).collect();
+    let rows: Vec<_> = forms().filter(|form| form.certainty != CodingCertainty::Unknown).collect();
     for (n, form) in rows.iter().enumerate() {
         assert_eq!(form.opcode & !form.mask, 0, "{form:?}");
         let hidden = |other: &&&super::super::Form| {
             !other.alias
                 && form.mask & other.mask == other.mask
                 && form.opcode & other.mask == other.opcode
-                && form.words == other.words
-                && form.fixed.starts_with(other.fixed)
+                && form.word_count == other.word_count
+                && form.fixed_words.starts_with(other.fixed_words)
         };
         if !form.alias {
             let hides = rows[..n].iter().find(hidden);
@@ -26,11 +26,11 @@ fn no_row_has_bits_outside_its_mask_or_hides_a_later_one() {
 
 #[test]
 fn a_program_can_be_walked() {
-    assert_eq!(words(0x249E), Some(2));
-    assert_eq!(words(0x5909), Some(2));
-    assert_eq!(words(0x9402), Some(4));
-    assert_eq!(words(0x7092), Some(3));
-    assert_eq!(words(0x7777), None);
+    assert_eq!(data_word_count(0x249E), Some(2));
+    assert_eq!(data_word_count(0x5909), Some(2));
+    assert_eq!(data_word_count(0x9402), Some(4));
+    assert_eq!(data_word_count(0x7092), Some(3));
+    assert_eq!(data_word_count(0x7777), None);
 }
 
 #[test]

@@ -2,57 +2,60 @@
 
 use super::*;
 
-impl<const N: usize> Axis<N> {
+impl<const N: usize> MotionAxis<N> {
     /// The next position of the host's way.
     #[inline]
-    pub(super) fn aim<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
-        let target = self.within(scene.settings.target_position(), scene);
-        let blocked = scene.blocked(target - self.cycle.at());
+    pub(super) fn aim_interpolator<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        let target = self.clamp_to_limits(scene.settings.target_position(), scene);
+        let blocked = scene.is_blocked(target - self.interpolator.position());
         self.limited |= blocked;
-        let target = if blocked { self.cycle.at() } else { target };
-        self.cycle.aim(target, scene.settings.cycle_ms());
+        let target = if blocked { self.interpolator.position() } else { target };
+        self.interpolator.set_target(target, scene.settings.cycle_ms());
     }
 
     #[inline]
-    pub(super) fn cyclic_position<S: Shaft, T: Settings>(
+    pub(super) fn tick_cyclic_position<S: MotorControl, T: MotionSettings>(
         &mut self,
-        scene: &mut Scene<'_, S, T>,
-    ) -> Option<Event> {
-        if self.cycle.is_over() {
-            self.aim(scene);
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
+        if self.interpolator.is_over() {
+            self.aim_interpolator(scene);
         }
         let (velocity, _) = scene.settings.offsets();
-        let mut setpoint = self.cycle.step(scene.settings.velocity_max(), velocity);
+        let mut setpoint = self.interpolator.step(scene.settings.velocity_max(), velocity);
         setpoint.position += self.origin;
-        scene.shaft.follow(setpoint);
-        self.set(BIT_12, true);
-        self.is_behind(scene).then_some(Event::FollowingError)
+        scene.shaft.follow_setpoint(setpoint);
+        self.set_flags(BIT_12, true);
+        self.check_following_error(scene).then_some(MotionEvent::FollowingError)
     }
 
-    pub(super) fn cyclic_velocity<S: Shaft, T: Settings>(
+    pub(super) fn tick_cyclic_velocity<S: MotorControl, T: MotionSettings>(
         &mut self,
-        scene: &mut Scene<'_, S, T>,
-    ) -> Option<Event> {
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
         let (settings, top) = (scene.settings, scene.settings.velocity_max());
         let asked = settings.target_velocity() + settings.offsets().0;
         let target = asked.clamp(-top, top);
-        let blocked = scene.blocked(target);
+        let blocked = scene.is_blocked(target);
         self.limited = blocked || target != asked;
-        scene.shaft.manner(Limits::trapezoid(top, 0.0));
+        scene.shaft.set_limits(Limits::trapezoid(top, 0.0));
         scene.shaft.turn(if blocked { 0.0 } else { target });
-        self.set(BIT_12, true);
+        self.set_flags(BIT_12, true);
         None
     }
 
-    pub(super) fn cyclic_torque<S: Shaft, T: Settings>(
+    pub(super) fn tick_cyclic_torque<S: MotorControl, T: MotionSettings>(
         &mut self,
-        scene: &mut Scene<'_, S, T>,
-    ) -> Option<Event> {
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
         let settings = scene.settings;
         let max = settings.torque_max();
         self.torque = (settings.target_torque() + settings.offsets().1).clamp(-max, max);
-        self.push(self.torque, scene);
-        self.set(BIT_12, true);
+        self.apply_torque(self.torque, scene);
+        self.set_flags(BIT_12, true);
         None
     }
 }

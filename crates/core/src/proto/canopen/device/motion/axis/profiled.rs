@@ -6,30 +6,37 @@ use crate::plant::TICK_S;
 /// Torque given up for each rad/s beyond the speed limit, share of the rated torque.
 const OVERSPEED_GAIN: f64 = 0.05;
 
-impl<const N: usize> Axis<N> {
+impl<const N: usize> MotionAxis<N> {
     /// A set-point is handed over by the rising edge of bit 4.
-    pub(super) fn new_point<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
+    pub(super) fn handle_new_point<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
         let settings = scene.settings;
         let base = match settings.relative_to() {
-            _ if self.control & RELATIVE == 0 => 0.0,
-            1 => self.user(scene.shaft.setpoint().position),
-            2 => self.user(scene.shaft.position()),
-            _ => self.commanded.unwrap_or(self.user(scene.shaft.setpoint().position)),
+            _ if self.controlword & RELATIVE == 0 => 0.0,
+            1 => self.user_coordinate(scene.shaft.setpoint().position),
+            2 => self.user_coordinate(scene.shaft.position()),
+            _ => self.commanded.unwrap_or(self.user_coordinate(scene.shaft.setpoint().position)),
         };
         let mut limits = settings.profile();
         limits.velocity = limits.velocity.min(settings.velocity_max());
         let asked = settings.target_position() + base;
-        let target = self.within(asked, scene);
-        let point = Point { target, limits, passing: self.control & PASSING != 0 };
+        let target = self.clamp_to_limits(asked, scene);
+        let point = ProfilePoint {
+            target,
+            limits,
+            changes_in_passing: self.controlword & CHANGE_IN_PASSING != 0,
+        };
         self.acknowledged = true;
-        if self.control & AT_ONCE != 0 {
-            self.points.clear();
+        if self.controlword & CHANGE_AT_ONCE != 0 {
+            self.queued_points.clear();
             self.commanded = Some(target);
-            self.start(point, scene);
-        } else if self.running.is_none() && !self.is_halted() {
+            self.start_point(point, scene);
+        } else if self.current_point.is_none() && !self.is_halted() {
             self.commanded = Some(target);
-            self.start(point, scene);
-        } else if self.points.push(point) {
+            self.start_point(point, scene);
+        } else if self.queued_points.push(point) {
             self.commanded = Some(target);
         }
         self.free_acknowledge();
@@ -37,109 +44,134 @@ impl<const N: usize> Axis<N> {
 
     /// Bit 12 falls when bit 4 is low and another set-point has room.
     pub(super) const fn free_acknowledge(&mut self) {
-        if self.control & NEW_POINT == 0 && !self.points.is_full() {
+        if self.controlword & NEW_POINT == 0 && !self.queued_points.is_full() {
             self.acknowledged = false;
         }
-        self.set(BIT_12, self.acknowledged);
+        self.set_flags(BIT_12, self.acknowledged);
     }
 
-    fn start<S: Shaft, T: Settings>(&mut self, point: Point, scene: &mut Scene<'_, S, T>) {
-        self.running = Some(point);
-        self.through = false;
-        self.window.reset();
-        self.set(REACHED, false);
+    fn start_point<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        point: ProfilePoint,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        self.current_point = Some(point);
+        self.passes_through = false;
+        self.target_timer.reset();
+        self.set_flags(REACHED, false);
         if !self.is_halted() {
-            scene.shaft.manner(point.limits);
-            scene.shaft.go(point.target + self.origin);
+            scene.shaft.set_limits(point.limits);
+            scene.shaft.move_to(point.target + self.origin);
         }
     }
 
     /// The position cut to the limits of 607Dh.
     #[inline]
-    pub(super) fn within<S, T: Settings>(&mut self, target: f64, scene: &Scene<'_, S, T>) -> f64 {
+    pub(super) fn clamp_to_limits<S, T: MotionSettings>(
+        &mut self,
+        target: f64,
+        scene: &MotionContext<'_, S, T>,
+    ) -> f64 {
         let Some((least, greatest)) = scene.settings.position_limits() else { return target };
         let cut = target.max(least).min(greatest);
         self.limited = cut != target;
         cut
     }
 
-    pub(super) fn position<S: Shaft, T: Settings>(
+    pub(super) fn tick_position<S: MotorControl, T: MotionSettings>(
         &mut self,
         dirty: bool,
-        scene: &mut Scene<'_, S, T>,
-    ) -> Option<Event> {
-        if self.is_at_limit(scene) {
-            self.running = None;
-            self.points.clear();
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
+        if self.stop_at_limit_switch(scene) {
+            self.current_point = None;
+            self.queued_points.clear();
             self.free_acknowledge();
         }
-        if self.running.is_some() {
-            self.set(REACHED, false);
+        if self.current_point.is_some() {
+            self.set_flags(REACHED, false);
         }
-        match self.running {
+        match self.current_point {
             // After a halt it goes on.
-            Some(point) if dirty && !self.through => {
-                scene.shaft.manner(point.limits);
-                scene.shaft.go(point.target + self.origin);
+            Some(point) if dirty && !self.passes_through => {
+                scene.shaft.set_limits(point.limits);
+                scene.shaft.move_to(point.target + self.origin);
             }
-            Some(point) => self.go_on(point, scene),
-            None => scene.shaft.settle(),
+            Some(point) => self.advance_points(point, scene),
+            None => scene.shaft.settle_position(),
         }
-        let arrived = self.tell_arrival(scene);
-        if self.is_behind(scene) { Some(Event::FollowingError) } else { arrived }
+        let arrived = self.check_arrival(scene);
+        if self.check_following_error(scene) { Some(MotionEvent::FollowingError) } else { arrived }
     }
 
-    fn go_on<S: Shaft, T: Settings>(&mut self, point: Point, scene: &mut Scene<'_, S, T>) {
-        let next = self.points.first();
-        if self.through {
-            let at = self.user(scene.shaft.setpoint().position);
-            let is_passed = |next: Point| (point.target - at) * (next.target - point.target) <= 0.0;
+    fn advance_points<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        point: ProfilePoint,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        let next = self.queued_points.peek();
+        if self.passes_through {
+            let at = self.user_coordinate(scene.shaft.setpoint().position);
+            let is_passed =
+                |next: ProfilePoint| (point.target - at) * (next.target - point.target) <= 0.0;
             if next.is_none_or(is_passed) {
-                self.load(scene);
+                self.load_next_point(scene);
             }
-        } else if scene.shaft.arrived() {
-            self.running = None;
-            self.load(scene);
-        } else if let Some(next) = next.filter(|next| next.passing) {
-            let at = self.user(scene.shaft.setpoint().position);
+        } else if scene.shaft.has_arrived() {
+            self.current_point = None;
+            self.load_next_point(scene);
+        } else if let Some(next) = next.filter(|next| next.changes_in_passing) {
+            let at = self.user_coordinate(scene.shaft.setpoint().position);
             if (next.target - point.target) * (point.target - at) > 0.0 {
-                self.through = true;
-                scene.shaft.go(next.target + self.origin);
+                self.passes_through = true;
+                scene.shaft.move_to(next.target + self.origin);
             }
         }
     }
 
-    fn load<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) {
-        if let Some(next) = self.points.pop() {
-            self.start(next, scene);
+    fn load_next_point<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
+        if let Some(next) = self.queued_points.pop() {
+            self.start_point(next, scene);
         }
         self.free_acknowledge();
     }
 
     /// Bit 10: the target was reached and the motor has been there long enough.
-    fn tell_arrival<S: Shaft, T: Settings>(&mut self, scene: &Scene<'_, S, T>) -> Option<Event> {
-        let target = self.commanded.filter(|_| self.running.is_none())?;
-        let distance = self.user(scene.shaft.position()) - target;
-        let there = self.window.within(distance, scene.settings.position_window());
+    fn check_arrival<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
+        let target = self.commanded.filter(|_| self.current_point.is_none())?;
+        let distance = self.user_coordinate(scene.shaft.position()) - target;
+        let there = self.target_timer.within(distance, scene.settings.position_window());
         let was = self.flags & REACHED != 0;
-        self.set(REACHED, there);
-        (there && !was).then_some(Event::Arrived)
+        self.set_flags(REACHED, there);
+        (there && !was).then_some(MotionEvent::Arrived)
     }
 
     /// Bit 13: too far behind for too long.
     #[inline]
-    pub(super) fn is_behind<S: Shaft, T: Settings>(&mut self, scene: &Scene<'_, S, T>) -> bool {
+    pub(super) fn check_following_error<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &MotionContext<'_, S, T>,
+    ) -> bool {
         let window = scene.settings.following_window();
         let distance = scene.shaft.setpoint().position - scene.shaft.position();
-        let behind = self.behind.beyond(distance, window);
-        self.set(BIT_13, behind);
+        let behind = self.following_timer.beyond(distance, window);
+        self.set_flags(BIT_13, behind);
         behind
     }
 
     /// On its way into a limit switch it stops hard.
-    fn is_at_limit<S: Shaft, T: Settings>(&mut self, scene: &mut Scene<'_, S, T>) -> bool {
+    fn stop_at_limit_switch<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> bool {
         let toward = scene.shaft.setpoint().velocity;
-        let blocked = scene.blocked(toward);
+        let blocked = scene.is_blocked(toward);
         if blocked {
             self.brake(Braking::Hard, scene);
         }
@@ -148,48 +180,52 @@ impl<const N: usize> Axis<N> {
         blocked
     }
 
-    pub(super) fn velocity<S: Shaft, T: Settings>(
+    pub(super) fn tick_velocity<S: MotorControl, T: MotionSettings>(
         &mut self,
         dirty: bool,
-        scene: &mut Scene<'_, S, T>,
-    ) -> Option<Event> {
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
         let settings = scene.settings;
         let (asked, top) = (settings.target_velocity(), settings.velocity_max());
         let target = asked.clamp(-top, top);
-        let blocked = scene.blocked(target);
+        let blocked = scene.is_blocked(target);
         if blocked {
-            self.is_at_limit(scene);
+            self.stop_at_limit_switch(scene);
         } else if dirty || self.limited {
-            scene.shaft.manner(Limits { velocity: top, ..settings.profile() });
+            scene.shaft.set_limits(Limits { velocity: top, ..settings.profile() });
             scene.shaft.turn(target);
         }
         self.limited = blocked || target != asked;
         let speed = scene.shaft.velocity();
-        let reached = self.window.within(speed - asked, settings.velocity_window());
-        let moves = self.slow.beyond(speed, settings.standstill());
-        self.set(REACHED, reached);
-        self.set(BIT_12, !moves);
+        let reached = self.target_timer.within(speed - asked, settings.velocity_window());
+        let moves = self.standstill_timer.beyond(speed, settings.standstill());
+        self.set_flags(REACHED, reached);
+        self.set_flags(BIT_12, !moves);
         None
     }
 
     /// Profile torque: along the slope, less what would make it faster than allowed.
-    pub(super) fn drive<S: Shaft, T: Settings>(
+    pub(super) fn tick_torque<S: MotorControl, T: MotionSettings>(
         &mut self,
-        scene: &mut Scene<'_, S, T>,
-    ) -> Option<Event> {
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
         let settings = scene.settings;
         let max = settings.torque_max();
         let target = settings.target_torque().clamp(-max, max);
         let slope = settings.torque_slope() * TICK_S;
         let step = if slope > 0.0 { slope } else { f64::INFINITY };
         self.torque += (target - self.torque).clamp(-step, step);
-        self.push(self.torque, scene);
-        self.set(REACHED, self.torque == target);
+        self.apply_torque(self.torque, scene);
+        self.set_flags(REACHED, self.torque == target);
         None
     }
 
     /// Drives a torque, within the speed limit and not into a limit switch.
-    pub(super) fn push<S: Shaft, T: Settings>(&mut self, torque: f64, scene: &mut Scene<'_, S, T>) {
+    pub(super) fn apply_torque<S: MotorControl, T: MotionSettings>(
+        &mut self,
+        torque: f64,
+        scene: &mut MotionContext<'_, S, T>,
+    ) {
         let (top, speed) = (scene.settings.velocity_max(), scene.shaft.velocity());
         let (back, ahead) =
             (if scene.negative { 0.0 } else { top }, if scene.positive { 0.0 } else { top });
@@ -197,31 +233,31 @@ impl<const N: usize> Axis<N> {
         let least = (-back - speed) * OVERSPEED_GAIN;
         let allowed = torque.min(most).max(least);
         self.limited = allowed != torque;
-        scene.shaft.push(allowed);
+        scene.shaft.apply_torque(allowed);
     }
 
-    pub(super) fn home<S: Shaft, T: Settings>(
+    pub(super) fn tick_homing<S: MotorControl, T: MotionSettings>(
         &mut self,
-        scene: &mut Scene<'_, S, T>,
-    ) -> Option<Event> {
-        if self.homing.runs() {
+        scene: &mut MotionContext<'_, S, T>,
+    ) -> Option<MotionEvent> {
+        if self.homing.is_running() {
             match self.homing.tick(scene) {
-                Some(Found::Zero(zero)) => {
+                Some(HomingResult::HomePosition(zero)) => {
                     self.homed = true;
                     self.origin = zero + scene.settings.homing().offset;
                 }
-                Some(Found::Nothing) => self.homing_failed = true,
+                Some(HomingResult::NotFound) => self.homing_failed = true,
                 None => {}
             }
         }
-        let runs = self.homing.runs();
+        let runs = self.homing.is_running();
         let was = self.flags & BIT_12 != 0;
-        self.set(REACHED, !runs && at_rest(scene.shaft));
-        self.set(BIT_12, self.homed && !runs);
-        self.set(BIT_13, self.homing_failed);
+        self.set_flags(REACHED, !runs && is_at_rest(scene.shaft));
+        self.set_flags(BIT_12, self.homed && !runs);
+        self.set_flags(BIT_13, self.homing_failed);
         if !runs {
-            scene.shaft.settle();
+            scene.shaft.settle_position();
         }
-        (self.homed && !was).then_some(Event::Arrived)
+        (self.homed && !was).then_some(MotionEvent::Arrived)
     }
 }

@@ -1,0 +1,190 @@
+//! Frames into batches. Process data whose mapping is known, and by which no state changes, are not
+//! explained: their conversation is told that they came, and their bytes go into the batch. Neither
+//! are frames that say what an earlier one said with the same bytes.
+//!
+//! Why: DEC-3, DEC-6.
+
+use polepair_core::medium::Frame;
+
+use super::{CaptureDecoder, DecodedFrame, LinkDecoder};
+use crate::batch::{ContentRef, FrameBatch};
+use crate::read::LineScan;
+use crate::record::{Record, RecordData};
+
+/// Takes a batch that is full; what comes then goes into it anew.
+type BatchCallback<'a> = &'a mut dyn FnMut(&mut FrameBatch);
+
+impl CaptureDecoder {
+    /// Takes a piece of the capture, cut anywhere. Its frames are put into `batch`, which `full` is
+    /// given as often as it has as many as it should.
+    pub fn decode_batch(&mut self, piece: &[u8], batch: &mut FrameBatch, full: BatchCallback<'_>) {
+        batch.begin_chunk(self.layout);
+        let mut reader = core::mem::take(&mut self.reader);
+        reader.feed(piece, &mut |record| {
+            self.batch_record(record, self.known_link(record), batch, full)
+        });
+        self.reader = reader;
+    }
+
+    /// The same of a piece that begins where a line does, and was looked through.
+    pub fn decode_scanned(
+        &mut self,
+        piece: &[u8],
+        scan: &LineScan,
+        batch: &mut FrameBatch,
+        full: BatchCallback<'_>,
+    ) {
+        if scan.lines().is_empty() || !self.reader.skip_lines(0, 0) {
+            return self.decode_batch(piece, batch, full);
+        }
+        batch.begin_chunk(self.layout);
+        let mut reader = core::mem::take(&mut self.reader);
+        let before = reader.received_bytes();
+        // What a line behind another is does not hang on that one: the reader is told of them later.
+        let (mut from, mut at, mut lines) = (0, 0, 0);
+        // Where each link of the piece is, once it is known.
+        let mut wires = [None; LineScan::LINKS_MAX];
+        for line in scan.lines() {
+            if batch.is_stopped() {
+                break;
+            }
+            if line.start > at {
+                reader.skip_lines(lines, (at - from) as u64);
+                let between = &piece[at..line.start];
+                reader.feed(between, &mut |record| {
+                    self.batch_record(record, self.known_link(record), batch, full);
+                });
+                (from, lines) = (line.start, 0);
+            }
+            let (record, wire) =
+                (scan.line_record(line, before), &mut wires[usize::from(line.link)]);
+            *wire = wire.or_else(|| self.known_link(&record));
+            self.batch_record(&record, *wire, batch, full);
+            (at, lines) = (line.end, lines + 1);
+        }
+        reader.skip_lines(lines, (at - from) as u64);
+        reader.feed(&piece[at..], &mut |record| {
+            self.batch_record(record, self.known_link(record), batch, full)
+        });
+        self.reader = reader;
+    }
+
+    /// Ends the capture: what waits for more is put into `batch` as it is.
+    pub fn finish_batch(&mut self, batch: &mut FrameBatch, full: BatchCallback<'_>) {
+        batch.begin_chunk(self.layout);
+        let mut head = self.layout;
+        self.finish(&mut |event| store_frame(event, &mut head, batch, full));
+        self.layout = head;
+    }
+
+    /// Which link a record is of, where one before was.
+    fn known_link(&self, record: &Record<'_>) -> Option<usize> {
+        self.links.iter().position(|wire| *wire.name == *record.link)
+    }
+
+    /// Takes a record of that link, if one of it came before.
+    #[inline]
+    fn batch_record(
+        &mut self,
+        record: &Record<'_>,
+        wire: Option<usize>,
+        batch: &mut FrameBatch,
+        full: BatchCallback<'_>,
+    ) {
+        if batch.is_stopped() {
+            return;
+        }
+        if let RecordData::Frame(frame) = &record.data
+            && let Some(at) = wire
+            && (self.batch_process_data(at, record, frame, batch)
+                || self.batch_repeat(at, record, frame, batch))
+        {
+            if batch.is_full() {
+                flush_batch(self.layout, batch, full);
+            }
+            return;
+        }
+        let mut head = self.layout;
+        self.decode_record(record, &mut |event| store_frame(event, &mut head, batch, full));
+        self.layout = head;
+    }
+
+    /// Whether a frame changes nothing; then it is put into the batch.
+    #[inline]
+    fn batch_process_data(
+        &mut self,
+        at: usize,
+        record: &Record<'_>,
+        frame: &Frame,
+        batch: &mut FrameBatch,
+    ) -> bool {
+        let Some(now) = record.time.filter(|_| self.tracks_sessions) else { return false };
+        let LinkDecoder { name, routes: lanes, session, .. } = &mut self.links[at];
+        let Some(lane) = lanes.deferred_mut(frame) else { return false };
+        let Some(process) = session.unchanged_process_data(frame, now) else { return false };
+        let whose = (ContentRef::ProcessData(process), &*name, lane.dissector.name());
+        let added =
+            batch.push_compact(record, (self.frame_count + 1, frame), &mut lane.template, whose);
+        self.frame_count += u64::from(added);
+        added
+    }
+
+    /// Whether a frame says what an earlier one said; then its conversation takes it, and it is put
+    /// into the batch.
+    fn batch_repeat(
+        &mut self,
+        at: usize,
+        record: &Record<'_>,
+        frame: &Frame,
+        batch: &mut FrameBatch,
+    ) -> bool {
+        let LinkDecoder { name, repeats, conversation, session, .. } = &mut self.links[at];
+        let Some(known) = repeats.find(frame, record.direction) else { return false };
+        let protocol = known.route.dissector.name();
+        if !session.is_repeatable(protocol, frame.id) {
+            return false;
+        }
+        self.frame_count += 1;
+        self.explanation.copy_from(&known.explanation);
+        self.notices.clear();
+        if known.is_request {
+            conversation.push_request(&super::raw_frame(frame));
+        }
+        let heard = known.route.observe(self.frame_count, record, frame, None);
+        session.handle_frame(&heard, &mut self.explanation, &mut self.notices);
+        if self.notices.is_empty() && self.explanation.is_same_as(&known.explanation) {
+            let whose = (ContentRef::Constant(&known.explanation), &*name, protocol);
+            if batch.push_compact(record, (self.frame_count, frame), &mut known.template, whose) {
+                return true;
+            }
+        }
+        let said = (&self.explanation, &*self.notices);
+        let event = DecodedFrame::from_frame(
+            record,
+            (self.frame_count, frame),
+            (name, Some(protocol)),
+            said,
+        );
+        self.layout.include(&event);
+        batch.push_stored(&event);
+        true
+    }
+}
+
+fn store_frame(
+    event: &DecodedFrame<'_>,
+    head: &mut crate::text::LineLayout,
+    batch: &mut FrameBatch,
+    full: BatchCallback<'_>,
+) {
+    head.include(event);
+    batch.push_stored(event);
+    if batch.is_full() {
+        flush_batch(*head, batch, full);
+    }
+}
+
+fn flush_batch(head: crate::text::LineLayout, batch: &mut FrameBatch, full: BatchCallback<'_>) {
+    full(batch);
+    batch.reset(head);
+}

@@ -1,0 +1,89 @@
+//! Frames that say what an earlier one with the same bytes said: the beat, heartbeats, orders and
+//! requests come again and again, and what each says by itself hangs on its bytes alone.
+//!
+//! Why: DEC-6.
+
+use std::sync::Arc;
+
+use polepair_core::explain::Direction;
+use polepair_core::medium::Frame;
+
+use super::route::FrameRoute;
+use crate::explanation::Explanation;
+
+/// Frames of a link that are remembered: a power of two.
+const SLOTS: usize = 1 << 9;
+
+/// What frames said that may come again, each where its bytes lead; one that takes the place of
+/// another is explained again.
+#[derive(Default)]
+pub(super) struct RepeatCache(Vec<Option<(RepeatKey, Option<RepeatedFrame>)>>);
+
+/// What makes frames the same.
+type RepeatKey = (u32, u8, [u8; 8], Option<Direction>);
+
+/// What a frame said.
+pub(super) struct RepeatedFrame {
+    pub route: FrameRoute,
+    /// Answers belong to it.
+    pub is_request: bool,
+    pub explanation: Arc<Explanation>,
+    /// Where in a batch its voice was last.
+    pub template: u16,
+}
+
+impl core::fmt::Debug for RepeatCache {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{} of {SLOTS}", self.0.iter().flatten().count())
+    }
+}
+
+impl RepeatCache {
+    /// What the frame said when it came before.
+    pub fn find(
+        &mut self,
+        frame: &Frame,
+        direction: Option<Direction>,
+    ) -> Option<&mut RepeatedFrame> {
+        let key = repeat_key(frame, direction);
+        let (known, said) = self.0.get_mut(slot_index(&key))?.as_mut()?;
+        said.as_mut().filter(|_| *known == key && !frame.extended && !frame.remote)
+    }
+
+    /// Takes note of what a frame of 11 bits said: from the second time on it is kept.
+    pub fn record(
+        &mut self,
+        frame: &Frame,
+        direction: Option<Direction>,
+        lane: FrameRoute,
+        it: &Explanation,
+    ) {
+        self.0.resize_with(SLOTS, || None);
+        let key = repeat_key(frame, direction);
+        match &mut self.0[slot_index(&key)] {
+            Some((known, Some(_))) if *known == key => {}
+            Some((known, said)) if *known == key => {
+                let raw = super::raw_frame(frame);
+                let (asks, said_now) = (lane.dissector.is_request(&raw), Arc::new(it.duplicate()));
+                *said = Some(RepeatedFrame {
+                    route: lane,
+                    is_request: asks,
+                    explanation: said_now,
+                    template: 0,
+                });
+            }
+            other => *other = Some((key, None)),
+        }
+    }
+}
+
+fn repeat_key(frame: &Frame, direction: Option<Direction>) -> RepeatKey {
+    (frame.id, frame.len, frame.data, direction)
+}
+
+fn slot_index((id, len, data, _): &RepeatKey) -> usize {
+    /// 2 to the 64th by the golden ratio: near numbers become far ones.
+    const SPREAD: u64 = 0x9E37_79B9_7F4A_7C15;
+    let mixed = u64::from_le_bytes(*data) ^ u64::from(*id) << 48 ^ u64::from(*len) << 60;
+    (mixed.wrapping_mul(SPREAD) >> 40) as usize & (SLOTS - 1)
+}

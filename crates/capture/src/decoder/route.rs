@@ -1,0 +1,185 @@
+//! Which protocol a CAN frame is of: found by its rules frame by frame, and kept for identifiers whose
+//! frames all go the same way.
+
+use polepair_core::drives;
+use polepair_core::error::WireError;
+use polepair_core::explain::{Context, Dissector};
+use polepair_core::medium::Frame;
+use polepair_core::profile::Profile;
+
+use super::FrameDefect;
+use crate::conversation::Conversation;
+use crate::explanation::Explanation;
+use crate::record::{Record, STANDARD_MAX};
+use crate::rules::{Rule, RuleScope};
+use crate::session::{LinkSession, ObservedFrame};
+
+/// Whose the frames of an identifier are, and by which names they are told.
+#[derive(Clone, Copy)]
+pub(super) struct FrameRoute {
+    pub dissector: &'static dyn Dissector,
+    pub profile: Option<&'static Profile>,
+    /// The profile was stated and is not a usual drive's.
+    pub profile_stated: bool,
+    /// The axis, where the frame is left to its conversation to explain.
+    pub deferred_axis: Option<u32>,
+    /// Where in a batch its voice was last.
+    pub template: u16,
+}
+
+impl FrameRoute {
+    /// A frame as its follower hears it.
+    pub fn observe<'a>(
+        &self,
+        number: u64,
+        record: &Record<'_>,
+        frame: &'a Frame,
+        error: Option<WireError>,
+    ) -> ObservedFrame<'a> {
+        ObservedFrame {
+            number,
+            time: record.time,
+            direction: record.direction,
+            raw: super::raw_frame(frame),
+            remote: frame.remote,
+            echo: false,
+            defect: error.map(FrameDefect::Wire),
+            stray: false,
+            deferred: self.deferred_axis.is_some(),
+            dissector: self.dissector,
+            profile: self.profile,
+            profile_stated: self.profile_stated,
+        }
+    }
+}
+
+/// What was found of identifiers whose frames all go the same way, whatever they hold.
+#[derive(Default)]
+pub(super) struct RouteTable(Vec<Option<FrameRoute>>);
+
+impl core::fmt::Debug for RouteTable {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{} of {}", self.0.iter().flatten().count(), self.0.len())
+    }
+}
+
+impl RouteTable {
+    pub fn get(&self, frame: &Frame) -> Option<FrameRoute> {
+        let known = *self.0.get(frame.id as usize)?;
+        known.filter(|_| !frame.extended && !frame.remote)
+    }
+
+    /// The same, to be changed, of one whose frames are left to their conversation.
+    pub fn deferred_mut(&mut self, frame: &Frame) -> Option<&mut FrameRoute> {
+        let known = self.0.get_mut(frame.id as usize)?.as_mut()?;
+        (known.deferred_axis.is_some() && !frame.extended && !frame.remote).then_some(known)
+    }
+
+    /// Keeps it for the identifier, if it has 11 bits.
+    pub fn insert(&mut self, frame: &Frame, lane: FrameRoute) {
+        self.0.resize(STANDARD_MAX as usize + 1, None);
+        if let Some(place) = self.0.get_mut(frame.id as usize).filter(|_| !frame.extended) {
+            *place = Some(lane);
+        }
+    }
+}
+
+/// The profile, if it is one of the protocol's that a rule names.
+pub(super) fn profile_for_rule(
+    profile: Option<&'static Profile>,
+    rule: &Rule,
+) -> Option<&'static Profile> {
+    profile.filter(|profile| profile_speaks(profile, rule.dissector))
+}
+
+/// Whether drives of a profile speak a protocol.
+pub(crate) fn profile_speaks(profile: &Profile, dissector: &dyn Dissector) -> bool {
+    dissector.language().starts_with(profile.protocol)
+}
+
+/// The rule of the protocol that a capture gave an identifier to which is not its own.
+pub(super) fn claiming_rule(rules: &[Rule], session: &LinkSession, frame: &Frame) -> Option<usize> {
+    let name = session.claiming_protocol(frame.id, frame.extended)?;
+    rules.iter().position(|rule| rule.dissector.name() == name)
+}
+
+/// Lets rules explain a frame.
+pub(super) struct RuleExplainer {
+    pub detected: bool,
+    /// Conversations are followed.
+    pub tracks_sessions: bool,
+    /// The axis of a frame that was left to its conversation to explain.
+    pub deferred_axis: Option<u32>,
+    /// Rules that were tried: by the frame's identifier alone where it is one that leaves it.
+    pub rules_tried: usize,
+}
+
+impl RuleExplainer {
+    /// Lets the first rule that holds for the frame explain it, as what it asks or answers.
+    pub fn explain(
+        &mut self,
+        rules: &[Rule],
+        frame: &Frame,
+        context: &Context<'_>,
+        conversation: &mut Conversation,
+        explained: &mut Explanation,
+    ) -> Option<usize> {
+        let claims = |(_, rule): &(usize, &Rule)| match frame.remote {
+            true => rule.dissector.claims_remote(frame.id, frame.extended),
+            false => rule.dissector.claims_id(frame.id, frame.extended),
+        };
+        for (at, rule) in rules.iter().enumerate().filter(claims) {
+            self.apply_rule(rule, frame, context, conversation, explained);
+            // What is said to everybody is said to each axis.
+            let meant = |axis| explained.axis.is_none_or(|found| found == axis);
+            let shared = || rule.dissector.shares_id(frame.id, frame.extended);
+            match rule.scope {
+                RuleScope::Axis(axis) | RuleScope::AxisOn(_, axis) if !meant(axis) => {}
+                RuleScope::Link(_) if self.detected && shared() => {}
+                _ => return Some(at),
+            }
+        }
+        explained.clear();
+        self.deferred_axis = None;
+        let whole = |rule: &Rule| !matches!(rule.scope, RuleScope::Axis(_) | RuleScope::AxisOn(..));
+        let stated = |rule: &Rule| !self.detected && !frame.remote && whole(rule);
+        let at = rules.iter().position(stated)?;
+        self.apply_rule(&rules[at], frame, context, conversation, explained);
+        Some(at)
+    }
+
+    fn apply_rule(
+        &mut self,
+        rule: &Rule,
+        frame: &Frame,
+        context: &Context<'_>,
+        conversation: &mut Conversation,
+        explained: &mut Explanation,
+    ) {
+        let raw = super::raw_frame(frame);
+        explained.clear();
+        self.rules_tried += 1;
+        self.deferred_axis = rule
+            .dissector
+            .process_data_axis(&raw)
+            .filter(|_| self.tracks_sessions && !frame.remote);
+        if self.deferred_axis.is_some() {
+            explained.axis = self.deferred_axis;
+            return;
+        }
+        let asks = rule.dissector.is_request(&raw);
+        let request = if asks { None } else { conversation.find_request(rule.dissector, &raw) };
+        let stated = profile_for_rule(context.profile, rule);
+        let context = Context {
+            request: request.map(|request| request.bytes),
+            request_id: request.and_then(|request| request.id),
+            profile: stated.or_else(|| drives::assumed_profile(rule.dissector)),
+            profile_assumed: stated.is_none(),
+            ..*context
+        };
+        rule.dissector.explain(frame.bytes(), &context, explained);
+        if asks {
+            conversation.push_request(&raw);
+        }
+    }
+}

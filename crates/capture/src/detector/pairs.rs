@@ -1,0 +1,79 @@
+//! Answers on CAN that belong to requests: where identifiers and checksums leave doubt, a protocol
+//! that finds them is spoken.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use polepair_core::explain::{Dissector, RawFrame};
+
+use super::AXES_MAX;
+use crate::decoder::DecodedFrame;
+use crate::timestamp::Timestamp;
+
+/// Requests that are remembered.
+const REQUESTS_MAX: usize = 16;
+/// An answer comes within this time, ns.
+const ANSWER_MAX_NS: u64 = 200_000_000;
+/// Pairs of an axis that cannot be an accident: mapped values that repeat each other with the
+/// letters of a command in them, again and again, are none.
+pub(super) const PROOF_PAIRS: u64 = 3;
+
+/// Requests and the answers that were found to them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Pairs {
+    requests: VecDeque<PairCandidate>,
+    /// Pairs found.
+    pub found: u64,
+    axes: BTreeMap<u32, u64>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct PairCandidate {
+    data: [u8; 8],
+    len: u8,
+    id: u32,
+    extended: bool,
+    time: Option<Timestamp>,
+}
+
+impl PairCandidate {
+    fn raw(&self) -> RawFrame<'_> {
+        let bytes = &self.data[..usize::from(self.len)];
+        RawFrame { bytes, id: Some(self.id), extended: self.extended }
+    }
+}
+
+impl Pairs {
+    /// Takes a whole frame.
+    pub fn observe(&mut self, dissector: &dyn Dissector, event: &DecodedFrame<'_>) {
+        let (Some(id), len @ 0..=8) = (event.id, event.bytes.len()) else { return };
+        let raw = RawFrame { bytes: event.bytes, id: Some(id), extended: event.extended };
+        if dissector.is_request(&raw) {
+            if self.requests.len() == REQUESTS_MAX {
+                self.requests.pop_front();
+            }
+            let mut data = [0; 8];
+            data[..len].copy_from_slice(event.bytes);
+            let (extended, time) = (event.extended, event.time);
+            self.requests.push_back(PairCandidate { data, len: len as u8, id, extended, time });
+            return;
+        }
+        let soon = |asked: &PairCandidate| {
+            asked.time.zip(event.time).is_none_or(|(then, now)| now.since(then) <= ANSWER_MAX_NS)
+        };
+        let fits =
+            |asked: &PairCandidate| soon(asked) && dissector.is_answer_to(&raw, &asked.raw());
+        let Some(at) = self.requests.iter().position(fits) else { return };
+        self.requests.remove(at);
+        self.found += 1;
+        if let Some(axis) = event.explanation.axis
+            && (self.axes.len() < AXES_MAX || self.axes.contains_key(&axis))
+        {
+            *self.axes.entry(axis).or_default() += 1;
+        }
+    }
+
+    /// The axes that are proven by them.
+    pub fn proven_axes(&self) -> impl Iterator<Item = u32> + '_ {
+        self.axes.iter().filter(|(_, pairs)| **pairs >= PROOF_PAIRS).map(|(axis, _)| *axis)
+    }
+}

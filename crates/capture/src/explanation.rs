@@ -1,0 +1,263 @@
+//! What a dissector found in one frame, kept in buffers that are used again for the next.
+
+use polepair_core::error::WireError;
+use polepair_core::explain::{ExplainSink, Field, FieldValue, FrameValue, ValueSource};
+use polepair_core::profile::Parameter;
+
+use crate::session::{InternedName, intern};
+
+/// The kind of a CAN FD frame.
+pub const CAN_FD: &str = "can-fd";
+/// The kind of what a CAN controller reports.
+pub const ERROR_FRAME: &str = "error-frame";
+/// What is said of a remote request that no protocol explains.
+pub(crate) const REMOTE_REQUEST: &str = "remote request";
+
+/// An explained frame.
+#[derive(Debug, Default)]
+pub struct Explanation {
+    /// The protocol's word for the frame; empty if it has none.
+    pub kind: String,
+    /// The axis, station or module it concerns.
+    pub axis: Option<u32>,
+    /// The one-line meaning.
+    pub text: String,
+    /// What the frame breaks first.
+    pub error: Option<WireError>,
+    fields: Vec<StoredField>,
+    bytes: Vec<u8>,
+    frame_values: Vec<StoredFrameValue>,
+    detail: ExplanationDetail,
+}
+
+/// What is wanted of a frame.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+enum ExplanationDetail {
+    #[default]
+    Full,
+    /// Kind, axis, error, and the values that it carries.
+    Values,
+    /// Kind, axis and error.
+    Kind,
+}
+
+/// A value that the frame carries.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StoredFrameValue {
+    pub source: StoredValueSource,
+    /// The integer on the wire.
+    pub raw: i64,
+    /// The host tells the drive.
+    pub written: bool,
+    /// Which motor of the axis' address.
+    pub motor: u8,
+}
+
+/// What a value is of.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum StoredValueSource {
+    Parameter(&'static Parameter),
+    Named(InternedName),
+}
+
+#[derive(Clone, Copy, PartialEq, Debug)]
+struct StoredField {
+    name: &'static str,
+    start: u16,
+    end: u16,
+    value: StoredValue,
+    meaning: &'static str,
+}
+
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum StoredValue {
+    Int(i64),
+    Hex(u64, u8),
+    Real(f64),
+    Text(usize, usize),
+    Words(usize, usize),
+}
+
+/// One field of an explained frame.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct ExplanationField<'a> {
+    /// The protocol's name for it, `snake_case`.
+    pub name: &'static str,
+    /// First byte in the frame.
+    pub start: u16,
+    /// Byte after the last.
+    pub end: u16,
+    /// Its value.
+    pub value: ExplanationValue<'a>,
+    /// What the value means; empty if there is no name for it.
+    pub meaning: &'static str,
+}
+
+/// Value of an [`ExplanationField`].
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum ExplanationValue<'a> {
+    /// A number, shown in decimal.
+    Int(i64),
+    /// A number, shown in hexadecimal with so many digits.
+    Hex(u64, u8),
+    /// A real number.
+    Real(f64),
+    /// Text.
+    Text(&'a str),
+    /// Big-endian 16-bit words.
+    Words(&'a [u8]),
+}
+
+impl Explanation {
+    /// One that keeps kinds, axes and errors alone.
+    pub(crate) fn kind_only() -> Self {
+        Self { detail: ExplanationDetail::Kind, ..Self::default() }
+    }
+
+    /// One that keeps no words and no fields, but what the frame carries.
+    pub(crate) fn values_only() -> Self {
+        Self { detail: ExplanationDetail::Values, ..Self::default() }
+    }
+
+    /// What the frame carries is wanted, and no words.
+    pub(crate) fn is_values_only(&self) -> bool {
+        self.detail == ExplanationDetail::Values
+    }
+
+    /// Forgets the frame before.
+    pub fn clear(&mut self) {
+        self.kind.clear();
+        self.axis = None;
+        self.text.clear();
+        self.error = None;
+        self.fields.clear();
+        self.bytes.clear();
+        self.frame_values.clear();
+    }
+
+    /// Becomes what another one is, in its own buffers.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        let Self {
+            kind,
+            axis,
+            text,
+            error,
+            fields: items,
+            bytes,
+            frame_values: readings,
+            detail: keeps,
+        } = other;
+        self.kind.clone_from(kind);
+        self.text.clone_from(text);
+        self.fields.clone_from(items);
+        self.bytes.clone_from(bytes);
+        self.frame_values.clone_from(readings);
+        (self.axis, self.error, self.detail) = (*axis, *error, *keeps);
+    }
+
+    /// Another one that says the same.
+    pub(crate) fn duplicate(&self) -> Self {
+        let mut copy = Self::default();
+        copy.copy_from(self);
+        copy
+    }
+
+    /// Says the same.
+    pub(crate) fn is_same_as(&self, other: &Self) -> bool {
+        (self.axis, self.error) == (other.axis, other.error)
+            && (&self.kind, &self.text) == (&other.kind, &other.text)
+            && (&self.fields, &self.bytes) == (&other.fields, &other.bytes)
+    }
+
+    /// The values that the frame carries.
+    pub(crate) fn frame_values(&self) -> &[StoredFrameValue] {
+        &self.frame_values
+    }
+
+    /// Says what belongs to no protocol.
+    pub(crate) fn set_text(&mut self, kind: &str, text: core::fmt::Arguments<'_>) {
+        self.clear();
+        self.kind.push_str(kind);
+        // Writing into a String cannot fail.
+        let _ = core::fmt::Write::write_fmt(&mut self.text, format_args!("{kind}: {text}"));
+    }
+
+    /// The fields in the order in which they were found.
+    pub fn fields(&self) -> impl ExactSizeIterator<Item = ExplanationField<'_>> {
+        self.fields.iter().map(|stored| self.resolve_field(stored))
+    }
+
+    fn resolve_field(&self, stored: &StoredField) -> ExplanationField<'_> {
+        let value = match stored.value {
+            StoredValue::Int(value) => ExplanationValue::Int(value),
+            StoredValue::Hex(value, digits) => ExplanationValue::Hex(value, digits),
+            StoredValue::Real(value) => ExplanationValue::Real(value),
+            StoredValue::Words(from, to) => ExplanationValue::Words(&self.bytes[from..to]),
+            StoredValue::Text(from, to) => ExplanationValue::Text(
+                std::str::from_utf8(&self.bytes[from..to]).unwrap_or_default(),
+            ),
+        };
+        let StoredField { name, start, end, meaning, .. } = *stored;
+        ExplanationField { name, start, end, value, meaning }
+    }
+
+    fn store_bytes(&mut self, bytes: &[u8]) -> (usize, usize) {
+        let from = self.bytes.len();
+        self.bytes.extend_from_slice(bytes);
+        (from, self.bytes.len())
+    }
+}
+
+impl ExplainSink for Explanation {
+    fn kind(&mut self, kind: &str) {
+        self.kind.clear();
+        self.kind.push_str(kind);
+    }
+
+    fn axis(&mut self, axis: u32) {
+        self.axis = Some(axis);
+    }
+
+    fn field(&mut self, field: Field<'_>) {
+        if self.detail != ExplanationDetail::Full {
+            return;
+        }
+        let value = match field.value {
+            FieldValue::Int(value) => StoredValue::Int(value),
+            FieldValue::Hex(value, digits) => StoredValue::Hex(value, digits),
+            FieldValue::Real(value) => StoredValue::Real(value),
+            FieldValue::Text(text) => {
+                let (from, to) = self.store_bytes(text.as_bytes());
+                StoredValue::Text(from, to)
+            }
+            FieldValue::Words(words) => {
+                let (from, to) = self.store_bytes(words);
+                StoredValue::Words(from, to)
+            }
+        };
+        let Field { name, start, end, meaning, .. } = field;
+        self.fields.push(StoredField { name, start, end, value, meaning });
+    }
+
+    fn text(&mut self, piece: &str) {
+        if self.detail == ExplanationDetail::Full {
+            self.text.push_str(piece);
+        }
+    }
+
+    fn error(&mut self, error: WireError) {
+        self.error.get_or_insert(error);
+    }
+
+    fn frame_value(&mut self, reading: FrameValue<'_>) {
+        if self.detail == ExplanationDetail::Kind {
+            return;
+        }
+        let FrameValue { source: what, raw, written, motor: part } = reading;
+        let of = match what {
+            ValueSource::Parameter(parameter) => StoredValueSource::Parameter(parameter),
+            ValueSource::Named(word) => StoredValueSource::Named(intern(word)),
+        };
+        self.frame_values.push(StoredFrameValue { source: of, raw, written, motor: part });
+    }
+}

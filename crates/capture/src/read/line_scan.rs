@@ -1,0 +1,91 @@
+//! Lines of candump's log in their usual form, found and read without regard to what stands before
+//! them: pieces of a capture that end where lines do may be read on several threads at once.
+
+use polepair_core::medium::Frame;
+
+use super::text::{LineContext, parse_usual_line};
+use crate::record::{Record, RecordData};
+
+/// Lines that are looked at before a piece is given up in which there are no such lines.
+const TRIES: usize = 64;
+
+/// The lines of one piece that are in their usual form. All others are for a reader.
+#[derive(Debug, Default)]
+pub struct LineScan {
+    lines: Vec<ScannedLine>,
+    links: Vec<String>,
+}
+
+/// One line.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ScannedLine {
+    /// Where it begins, and where the next one does.
+    pub start: usize,
+    pub end: usize,
+    /// On which of the links.
+    pub link: u8,
+    time: crate::Timestamp,
+    frame: Frame,
+}
+
+impl LineScan {
+    /// Links of one piece that are told apart.
+    pub(crate) const LINKS_MAX: usize = 64;
+
+    /// Looks through a piece that begins where a line does.
+    pub fn scan(&mut self, piece: &[u8]) {
+        self.lines.clear();
+        self.links.clear();
+        let (mut at, mut before, mut tried) = (0, LineContext::default(), 0);
+        // The link of the line before, and how often it had changed by then.
+        let (mut number, mut changes) = (0, 0);
+        while at < piece.len() {
+            let rest = &piece[at..];
+            if let Some((record, len)) = parse_usual_line(rest, &mut before)
+                && let (Some(time), RecordData::Frame(frame)) = (record.time, record.data)
+                && let Some(same) = match before.link_changes() == changes {
+                    true => Some(number),
+                    false => link_index(&mut self.links, before.link()),
+                }
+            {
+                (number, changes, at) = (same, before.link_changes(), at + len);
+                self.lines.push(ScannedLine {
+                    start: at - len,
+                    end: at,
+                    link: number as u8,
+                    time,
+                    frame,
+                });
+                continue;
+            }
+            tried += 1;
+            let end = memchr::memchr(b'\n', rest);
+            let Some(end) = end.filter(|_| tried < TRIES || !self.lines.is_empty()) else { return };
+            at += end + 1;
+        }
+    }
+
+    /// The lines in order.
+    pub(crate) fn lines(&self) -> &[ScannedLine] {
+        &self.lines
+    }
+
+    /// What a line says, in a capture of which so many bytes came before.
+    pub(crate) fn line_record(&self, line: &ScannedLine, before: u64) -> Record<'_> {
+        let link = self.links.get(usize::from(line.link)).map_or("-", String::as_str);
+        let (time, data, at) =
+            (Some(line.time), RecordData::Frame(line.frame), before + line.start as u64);
+        Record { time, link, direction: None, data, offset: at }
+    }
+}
+
+/// Which of the links it is.
+fn link_index(links: &mut Vec<String>, link: &str) -> Option<usize> {
+    let known = links.iter().position(|known| known == link);
+    known.or_else(|| {
+        (links.len() < LineScan::LINKS_MAX).then(|| {
+            links.push(link.to_owned());
+            links.len() - 1
+        })
+    })
+}

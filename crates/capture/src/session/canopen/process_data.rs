@@ -1,0 +1,113 @@
+//! What frames of one PDO say, put together from its mapping: nothing of it hangs on anything but
+//! their bytes, so that whoever writes lines or columns may do so later, and on another thread.
+
+use std::sync::Arc;
+
+use polepair_core::explain::ExplainSink as _;
+use polepair_core::profile::Profile;
+
+use super::mapping::{MappedValue, Mapping};
+use super::power::PowerMonitor;
+use super::process_text::ProcessText;
+use crate::explanation::Explanation;
+use crate::session::{Quality, SessionNotice, SignalNotice};
+
+/// Process data of one PDO, as they are mapped.
+#[derive(Clone, Debug)]
+pub struct ProcessData {
+    node: u8,
+    mapping: Mapping,
+    /// The node tells its states by values of it.
+    from_node: bool,
+    state_values: Vec<MappedValue>,
+    /// The mapping in words, once they are wanted.
+    text: Option<ProcessText>,
+}
+
+impl ProcessData {
+    pub(super) fn new(node: u8, from_node: bool, mapping: Mapping) -> Self {
+        let watches = |place: &&MappedValue| from_node && place.tells_state();
+        let state_values = mapping.mapped_values().iter().filter(watches).copied().collect();
+        Self { node, mapping, from_node, state_values, text: None }
+    }
+
+    /// Whose they are.
+    #[must_use]
+    pub fn axis(&self) -> u32 {
+        self.node.into()
+    }
+
+    /// Where their values lie.
+    #[must_use]
+    pub const fn mapping(&self) -> &Mapping {
+        &self.mapping
+    }
+
+    /// How far they can be trusted.
+    #[must_use]
+    pub const fn quality(&self) -> Quality {
+        self.mapping.quality()
+    }
+
+    pub(crate) const fn text(&self) -> Option<&ProcessText> {
+        self.text.as_ref()
+    }
+
+    /// Puts words together for what these bytes hold, where there are none yet.
+    pub(super) fn learn_text(
+        this: &mut Arc<Self>,
+        data: u64,
+        name: impl FnOnce() -> String,
+        profile: Option<&'static Profile>,
+    ) {
+        let known = |wording: &ProcessText| wording.has_text(&this.mapping, data);
+        if !this.text.as_ref().is_some_and(known) {
+            let Self { mapping, text: wording, .. } = Arc::make_mut(this);
+            let wording = wording.get_or_insert_with(|| ProcessText::new(name(), mapping, profile));
+            wording.learn_text(mapping, data);
+        }
+    }
+
+    /// A state is told by that value of it.
+    pub(super) const fn tells_state(&self, place: &MappedValue) -> bool {
+        self.from_node && place.tells_state()
+    }
+
+    /// Nothing changes by these values: neither a state nor the words that are known.
+    pub(super) fn is_unchanged(&self, data: u64, power: &mut PowerMonitor) -> bool {
+        let known = self.text.as_ref().is_none_or(|words| words.has_text(&self.mapping, data));
+        known
+            && self
+                .state_values
+                .iter()
+                .all(|place| power.accept_unchanged(place.object, place.exact(data)))
+    }
+
+    /// Says what bytes are.
+    pub(crate) fn explain(&self, bytes: &[u8], said: &mut Explanation) {
+        said.axis(self.axis());
+        if let Some(wording) = &self.text {
+            wording.explain(&self.mapping, bytes, said);
+        }
+    }
+
+    /// A value that they hold.
+    pub(crate) fn signal_notice(
+        &self,
+        place: &MappedValue,
+        exact: i64,
+        value: f64,
+    ) -> SessionNotice {
+        let (MappedValue { name, unit, .. }, axis, exact) = (*place, self.axis(), Some(exact));
+        let quality = self.quality();
+        SessionNotice::Signal(SignalNotice {
+            axis,
+            name,
+            value,
+            exact,
+            unit,
+            quality,
+            request: None,
+        })
+    }
+}

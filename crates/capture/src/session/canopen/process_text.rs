@@ -1,0 +1,244 @@
+//! Process data in words: what does not hang on their bytes is put together once, when the mapping
+//! is learnt, so that a frame's text is copied pieces and its numbers.
+
+use core::fmt::{self, Write as _};
+
+use polepair_core::explain::{ExplainSink as _, Field, FieldValue};
+use polepair_core::profile::Profile;
+use polepair_core::proto::canopen::explain::meanings;
+use polepair_core::proto::canopen::sdo::ObjectIndex;
+
+use super::mapping::Mapping;
+use crate::explanation::Explanation;
+use crate::line_buffer::{HexColumns, LineBuffer, TextPiece};
+use crate::number_text;
+use crate::session::{InternedName, Quality};
+
+/// The words of one PDO.
+#[derive(Clone, Debug)]
+pub(crate) struct ProcessText {
+    /// `TPDO1`.
+    kind: String,
+    /// `tpdo1`.
+    prefix: TextPiece,
+    values: Vec<ValueText>,
+    /// What stands behind the last value.
+    end: TextPiece,
+    profile: Option<&'static Profile>,
+}
+
+/// Words for numbers of one value that are kept; those of further ones are put together each time.
+const SUFFIXES_MAX: usize = 8;
+
+/// The words of one value.
+#[derive(Clone, Debug)]
+struct ValueText {
+    object: ObjectIndex,
+    name: InternedName,
+    bytes: (u16, u16),
+    /// What stands in front of the number, behind the bytes or the value before.
+    label: TextPiece,
+    /// What stands behind it, by numbers that came; of one alone where it is steady.
+    suffixes: Vec<(i64, TextPiece)>,
+    /// The same stands behind all numbers.
+    constant_suffix: bool,
+}
+
+impl ProcessText {
+    /// Words for `mapping` of the PDO of that name.
+    pub fn new(name: String, mapping: &Mapping, profile: Option<&'static Profile>) -> Self {
+        let good = mapping.quality() == Quality::Good;
+        let mut join = if good { " (" } else { " (if mapped as usual: " };
+        let words = mapping.entry_values(0).map(|(entry, field, place, _)| {
+            let (start, end) = (u16::from(field.start), u16::from(field.start + field.bits));
+            let bytes = (start / 8, end.div_ceil(8));
+            let join = core::mem::replace(&mut join, " | ");
+            ValueText::new(join, entry.object, place.name, bytes, profile)
+        });
+        let values: Vec<ValueText> = words.collect();
+        // Where bits are mapped to nothing, that is said.
+        let end = if values.is_empty() { format!("{join})") } else { ")".to_owned() };
+        let (verb, end) = (name.to_lowercase(), TextPiece::new(end.as_bytes()));
+        Self { prefix: TextPiece::new(verb.as_bytes()), values, end, kind: name, profile }
+    }
+
+    /// Whether the words of each number that eight bytes hold are kept, or are not to be.
+    #[inline]
+    pub fn has_text(&self, mapping: &Mapping, data: u64) -> bool {
+        let mut pairs = self.values.iter().zip(mapping.numbers());
+        pairs.all(|(word, place)| word.has_suffix(place.exact(data)))
+    }
+
+    /// Keeps the words of each number that eight bytes hold.
+    pub fn learn_text(&mut self, mapping: &Mapping, data: u64) {
+        for (word, place) in self.values.iter_mut().zip(mapping.numbers()) {
+            word.learn_suffix(place.exact(data), self.profile);
+        }
+    }
+
+    /// Says what the bytes of a frame are.
+    pub fn explain(&self, mapping: &Mapping, bytes: &[u8], said: &mut Explanation) {
+        said.kind.push_str(&self.kind);
+        said.field(field("data", (0, bytes.len() as u16), FieldValue::Words(bytes)));
+        let mut text = core::mem::take(&mut said.text).into_bytes();
+        self.prefix.append_to(&mut text);
+        for byte in bytes {
+            let [high, low] = number_text::hex_digits(*byte);
+            text.extend_from_slice(&[b' ', high, low]);
+        }
+        for (word, (.., raw)) in
+            self.values.iter().zip(mapping.entry_values(super::bytes_to_word(bytes)))
+        {
+            word.append_to(raw, self.profile, &mut text);
+            said.field(field(word.name, word.bytes, FieldValue::Int(raw)));
+        }
+        self.end.append_to(&mut text);
+        // Names are text, and so is all between them.
+        said.text = String::from_utf8(text).unwrap_or_default();
+    }
+
+    /// Bytes that a line takes of them at most.
+    pub fn len_max(&self) -> usize {
+        let words = self
+            .values
+            .iter()
+            .map(|word| word.label.len() + word.longest_suffix() + LineBuffer::NUMBER_MAX);
+        self.prefix.len() + self.end.len() + words.sum::<usize>()
+    }
+
+    /// Puts the same into a line, and its end; false where words are not kept.
+    #[inline]
+    pub fn append_line(
+        &self,
+        mapping: &Mapping,
+        data: u64,
+        (hex, len): (HexColumns, u8),
+        page: &mut LineBuffer,
+    ) -> bool {
+        page.push_piece(&self.prefix);
+        page.push_word(b' '.into(), 1);
+        page.push_hex(hex, (3 * usize::from(len)).saturating_sub(1));
+        for (word, place) in self.values.iter().zip(mapping.numbers()) {
+            let raw = place.exact(data);
+            let Some(behind) = word.suffix(raw) else { return false };
+            page.push_piece(&word.label);
+            page.push_signed(raw);
+            page.push_piece(behind);
+        }
+        page.push_piece(&self.end);
+        page.push_word(b'\n'.into(), 1);
+        true
+    }
+}
+
+const fn field(name: InternedName, (start, end): (u16, u16), value: FieldValue<'_>) -> Field<'_> {
+    Field { name, start, end, value, meaning: "" }
+}
+
+impl ValueText {
+    fn new(
+        join: &str,
+        object: ObjectIndex,
+        name: InternedName,
+        bytes: (u16, u16),
+        profile: Option<&'static Profile>,
+    ) -> Self {
+        let steady = meanings::has_constant_meaning(object, profile);
+        let mut label = join.to_owned();
+        let mut clean = RemarkText(&mut label);
+        if meanings::object_name(object, profile).is_empty() {
+            let _ = write!(clean, "{name} = ");
+        }
+        let _ = meanings::write_label(object, profile, &mut clean);
+        let label = TextPiece::new(label.as_bytes());
+        let mut word =
+            Self { object, name, bytes, label, suffixes: Vec::new(), constant_suffix: steady };
+        if steady {
+            word.suffixes.push((0, word.suffix_for(0, profile)));
+        }
+        word
+    }
+
+    /// What stands behind a number.
+    fn suffix_for(&self, raw: i64, profile: Option<&'static Profile>) -> TextPiece {
+        let mut behind = String::new();
+        let _ = meanings::write_meaning(self.object, raw, profile, &mut RemarkText(&mut behind));
+        TextPiece::new(behind.as_bytes())
+    }
+
+    /// Bytes of the longest that is kept.
+    fn longest_suffix(&self) -> usize {
+        self.suffixes.iter().map(|(_, words)| words.len()).max().unwrap_or(0)
+    }
+
+    #[inline]
+    fn suffix(&self, raw: i64) -> Option<&TextPiece> {
+        let mut behind = self.suffixes.iter();
+        behind.find(|(of, _)| self.constant_suffix || *of == raw).map(|(_, words)| words)
+    }
+
+    #[inline]
+    fn has_suffix(&self, raw: i64) -> bool {
+        self.constant_suffix || self.suffixes.len() == SUFFIXES_MAX || self.suffix(raw).is_some()
+    }
+
+    fn learn_suffix(&mut self, raw: i64, profile: Option<&'static Profile>) {
+        if !self.has_suffix(raw) {
+            self.suffixes.push((raw, self.suffix_for(raw, profile)));
+        }
+    }
+
+    fn append_to(&self, raw: i64, profile: Option<&'static Profile>, text: &mut Vec<u8>) {
+        self.label.append_to(text);
+        number_text::append_signed(raw, text);
+        match self.suffix(raw) {
+            Some(words) => words.append_to(text),
+            None => self.suffix_for(raw, profile).append_to(text),
+        }
+    }
+}
+
+/// Keeps out what would end a remark or an instruction.
+pub(super) struct RemarkText<'a>(pub &'a mut String);
+
+impl fmt::Write for RemarkText<'_> {
+    fn write_str(&mut self, piece: &str) -> fmt::Result {
+        let kept = piece.chars().filter(|c| !matches!(c, '(' | ')'));
+        self.0.extend(kept.map(|c| if c == ';' { ',' } else { c }));
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use polepair_core::drives::cia402::profile::CIA402;
+    use polepair_core::drives::syntron_ts::profile::SYNTRON_TS_CANOPEN;
+
+    use super::{ObjectIndex, RemarkText, ValueText, meanings};
+
+    /// Every object of the standards and of two drives, with numbers one after the other.
+    #[test]
+    fn words_put_together_are_those_of_each_value() {
+        let indices = (0x1000..0x1020).chain(0x1400..0x1404).chain(0x1600..0x1604);
+        let standard = indices.chain(0x6040..0x6100).flat_map(|index| [(index, 0), (index, 1)]);
+        for profile in [None, Some(&CIA402), Some(&SYNTRON_TS_CANOPEN)] {
+            let own = profile.map_or(&[][..], |profile| profile.parameters);
+            let own = own.iter().map(|parameter| (parameter.index, parameter.space));
+            for (index, sub) in standard.clone().chain(own) {
+                let object = ObjectIndex::new(index, sub);
+                let mut word = ValueText::new(" | ", object, "0x2000:1", (0, 4), profile);
+                for raw in [0, 7, 7, -1, 0x1637, 0x000F, 0x6061_0008, i64::MAX, 0, -12345] {
+                    let (mut text, mut plain) = (Vec::new(), " | ".to_owned());
+                    word.learn_suffix(raw, profile);
+                    word.append_to(raw, profile, &mut text);
+                    if meanings::object_name(object, profile).is_empty() {
+                        plain.push_str("0x2000:1 = ");
+                    }
+                    meanings::write_value(object, raw, profile, &mut RemarkText(&mut plain))
+                        .expect("text");
+                    assert_eq!(String::from_utf8(text).expect("text"), plain, "{object:?}");
+                }
+            }
+        }
+    }
+}

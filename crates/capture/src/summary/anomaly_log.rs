@@ -1,0 +1,130 @@
+//! The oddest moments: what matters most and is rarest. A burst of one thing is one moment.
+
+use std::collections::BTreeMap;
+
+use super::AxisKey;
+use crate::session::AnomalyKind;
+use crate::timestamp::Timestamp;
+
+/// One thing that comes again within this time goes on, ns.
+const BURST_NS: u64 = 1_000_000_000;
+/// Things that are told apart; further ones are counted by their sort alone.
+const SERIES_MAX: usize = 1024;
+/// Moments of one thing that are kept: those with the most in them.
+const BURSTS_MAX: usize = 10;
+
+/// A moment: one thing, once or several times in a row.
+#[derive(Clone, PartialEq, Debug)]
+pub struct AnomalyBurst {
+    /// What sort of thing.
+    pub kind: AnomalyKind,
+    /// Whose.
+    pub who: AxisKey,
+    /// The frame that told it first, and when; 0 at the end of the capture.
+    pub number: u64,
+    /// When.
+    pub time: Option<Timestamp>,
+    /// When it came last.
+    pub last: Option<Timestamp>,
+    /// How often.
+    pub count: u64,
+    /// What was said first.
+    pub text: String,
+}
+
+/// One sort of thing of one axis.
+#[derive(Clone, Debug, Default)]
+struct AnomalySeries {
+    stored: Vec<AnomalyBurst>,
+    current: Option<AnomalyBurst>,
+    burst_count: u64,
+}
+
+/// Oddities as they come.
+#[derive(Clone, Debug, Default)]
+pub struct AnomalyLog {
+    series: BTreeMap<(AnomalyKind, AxisKey), AnomalySeries>,
+    counts: BTreeMap<AnomalyKind, u64>,
+}
+
+impl AnomalyLog {
+    /// Takes an oddity.
+    pub fn add(&mut self, moment: AnomalyBurst) {
+        *self.counts.entry(moment.kind).or_default() += 1;
+        let key = (moment.kind, moment.who);
+        if self.series.len() == SERIES_MAX && !self.series.contains_key(&key) {
+            return;
+        }
+        let thing = self.series.entry(key).or_default();
+        match &mut thing.current {
+            Some(open) if continues(open, &moment) => {
+                open.count += 1;
+                open.last = moment.time.or(open.last);
+            }
+            _ => {
+                thing.burst_count += 1;
+                let ended = thing.current.replace(moment);
+                thing.store_burst(ended);
+            }
+        }
+    }
+
+    /// How often each sort came.
+    pub fn counts(&self) -> impl ExactSizeIterator<Item = (AnomalyKind, u64)> {
+        self.counts.iter().map(|(kind, count)| (*kind, *count))
+    }
+
+    /// How often each sort came, axis by axis.
+    pub fn by_axis(&self) -> impl Iterator<Item = (AnomalyKind, AxisKey, u64)> {
+        self.series.iter().map(|((kind, who), thing)| (*kind, *who, thing.total()))
+    }
+
+    /// The oddest so many, in the order of time.
+    #[must_use]
+    pub fn most_notable(&self, most: usize) -> Vec<&AnomalyBurst> {
+        let mut bursts = BTreeMap::<AnomalyKind, u64>::new();
+        for ((kind, _), thing) in &self.series {
+            *bursts.entry(*kind).or_default() += thing.burst_count;
+        }
+        let mut ranked: Vec<(f64, &AnomalyBurst)> = Vec::new();
+        for thing in self.series.values() {
+            let mut moments: Vec<&AnomalyBurst> =
+                thing.stored.iter().chain(&thing.current).collect();
+            moments.sort_by_key(|moment| (core::cmp::Reverse(moment.count), moment.number));
+            for (nth, moment) in moments.into_iter().enumerate() {
+                let rarity = 1.0 + (bursts[&moment.kind] as f64).ln();
+                // The same thing again says less than another would.
+                let score = f64::from(moment.kind.severity()) / rarity / (1.0 + 0.5 * nth as f64);
+                ranked.push((score, moment));
+            }
+        }
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.number.cmp(&b.1.number)));
+        let mut oddest: Vec<&AnomalyBurst> =
+            ranked.into_iter().take(most).map(|(_, one)| one).collect();
+        oddest.sort_by_key(|moment| (moment.number == 0, moment.time, moment.number));
+        oddest
+    }
+}
+
+impl AnomalySeries {
+    fn store_burst(&mut self, moment: Option<AnomalyBurst>) {
+        let Some(moment) = moment else { return };
+        self.stored.push(moment);
+        if self.stored.len() > BURSTS_MAX {
+            let fewest = self.stored.iter().map(|kept| kept.count).min();
+            let at = self.stored.iter().rposition(|kept| Some(kept.count) == fewest);
+            at.map(|at| self.stored.remove(at));
+        }
+    }
+
+    fn total(&self) -> u64 {
+        self.stored.iter().chain(&self.current).map(|moment| moment.count).sum()
+    }
+}
+
+fn continues(open: &AnomalyBurst, next: &AnomalyBurst) -> bool {
+    match (open.last.or(open.time), next.time) {
+        (Some(last), Some(time)) => time.since(last) <= BURST_NS,
+        _ => true,
+    }
+}

@@ -1,0 +1,158 @@
+//! Lines of a batch: those of frames that change nothing are put together out of pieces, which for
+//! process data are their mapping's words.
+
+use polepair_core::explain::Direction;
+
+use super::{BYTES_WIDTH, FrameTextWriter, LineLayout, NoticeLevel, append_padded, protocol_word};
+use crate::batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate, TemplateContent};
+use crate::line_buffer::{HexColumns, LineBuffer, TextPiece};
+use crate::session::canopen::{ProcessData, ProcessText};
+
+/// What is the same in all lines of a voice.
+struct LineTemplate<'a> {
+    /// What stands between the time and the bytes.
+    prefix: TextPiece,
+    /// Columns from the identifier's end to the meaning.
+    bytes_width: usize,
+    /// Bytes of its frames.
+    len: u8,
+    suffix: LineSuffix<'a>,
+}
+
+/// What stands behind the bytes.
+enum LineSuffix<'a> {
+    ProcessData(&'a ProcessData, &'a ProcessText),
+    /// The same in all lines.
+    Constant(TextPiece),
+}
+
+impl<'a> LineSuffix<'a> {
+    fn new(said: &'a TemplateContent) -> Option<Self> {
+        Some(match said {
+            TemplateContent::ProcessData(process) => Self::ProcessData(process, process.text()?),
+            TemplateContent::Constant(explained) => {
+                let text = Some(&explained.text).filter(|text| !text.is_empty());
+                let text = text.unwrap_or(&explained.kind);
+                Self::Constant(TextPiece::new(format!("{text}\n").as_bytes()))
+            }
+        })
+    }
+
+    /// Bytes that they take at most.
+    fn len_max(&self) -> usize {
+        match self {
+            Self::ProcessData(_, wording) => wording.len_max(),
+            Self::Constant(piece) => piece.len(),
+        }
+    }
+
+    /// Puts them and the line's end down; false where they have to be put together first.
+    #[inline]
+    fn append(&self, data: u64, hex: (HexColumns, u8), page: &mut LineBuffer) -> bool {
+        match self {
+            Self::ProcessData(process, wording) => {
+                wording.append_line(process.mapping(), data, hex, page)
+            }
+            Self::Constant(piece) => {
+                page.push_piece(piece);
+                true
+            }
+        }
+    }
+}
+
+impl FrameTextWriter {
+    /// Appends the lines of a batch. Marks of changed bytes need all batches in their order, all else
+    /// needs none but this one.
+    pub fn write_batch(&mut self, batch: &FrameBatch, out: &mut Vec<u8>) {
+        self.layout = batch.layout;
+        let style = self.style;
+        if style.colour || style.marks || style.notices == NoticeLevel::All {
+            return batch.for_each_frame(&mut |event| self.write(event, out));
+        }
+        let mut page = core::mem::take(&mut self.buffer);
+        let (mut head, mut lines) = (self.layout, line_templates(batch, self.layout));
+        for decoded in batch.runs() {
+            match decoded {
+                FrameRun::Compact(run) => {
+                    for plain in run {
+                        let at = usize::from(plain.template);
+                        let line = lines.get(at).and_then(Option::as_ref);
+                        if !line.is_some_and(|line| line.append(plain, self.layout, &mut page, out))
+                        {
+                            page.flush(out);
+                            let voice = &batch.templates()[at];
+                            voice.expand(plain, &mut |event| self.write(event, out));
+                        }
+                    }
+                }
+                FrameRun::Stored(at) => {
+                    page.flush(out);
+                    batch.with_stored(at, |event| self.write(event, out));
+                    if self.layout != head {
+                        (head, lines) = (self.layout, self::line_templates(batch, self.layout));
+                    }
+                }
+            }
+        }
+        page.flush(out);
+        self.buffer = page;
+    }
+}
+
+/// The lines of a batch's voices; `None` for those that are not put together so.
+fn line_templates(batch: &FrameBatch, head: LineLayout) -> Vec<Option<LineTemplate<'_>>> {
+    batch.templates().iter().map(|voice| LineTemplate::new(voice, head)).collect()
+}
+
+impl<'a> LineTemplate<'a> {
+    fn new(voice: &'a FrameTemplate, head: LineLayout) -> Option<Self> {
+        /// Columns of an identifier of 11 bits.
+        const ID: usize = 4;
+        let mut front = Vec::new();
+        append_padded(&voice.link, head.link_width, &mut front);
+        front.extend_from_slice(match voice.direction {
+            Some(Direction::ToDrive) => b" > ",
+            Some(Direction::ToHost) => b" < ",
+            None => b"   ",
+        });
+        append_padded(protocol_word(Some(voice.protocol)), head.protocol_width, &mut front);
+        front.extend_from_slice(b"  ");
+        front.extend_from_slice(
+            &voice.id.to_be_bytes().map(crate::number_text::hex_digits).as_flattened()[5..],
+        );
+        front.push(b'#');
+        let shown = (3 * usize::from(voice.len)).saturating_sub(1);
+        let bytes = (shown + ID).max(BYTES_WIDTH) + 2 - ID;
+        let (front, len, words) =
+            (TextPiece::new(&front), voice.len, LineSuffix::new(&voice.content)?);
+        let line = Self { prefix: front, bytes_width: bytes, len, suffix: words };
+        let room = line.prefix.len() + 3 * LineBuffer::NUMBER_MAX + line.suffix.len_max();
+        (room <= LineBuffer::LINE_MAX).then_some(line)
+    }
+
+    /// Puts a line down; false where it has words that have to be put together first.
+    #[inline]
+    fn append(
+        &self,
+        plain: &CompactFrame,
+        head: LineLayout,
+        page: &mut LineBuffer,
+        out: &mut Vec<u8>,
+    ) -> bool {
+        let Some(since) = head.first.map(|first| plain.time.since(first)) else { return false };
+        if since / 1_000_000_000 > LineBuffer::SECONDS_MAX {
+            return false;
+        }
+        let begin = page.begin_line(out);
+        let hex = HexColumns::new(plain.data, self.len);
+        page.push_time(since);
+        page.push_piece(&self.prefix);
+        page.push_hex(hex, self.bytes_width);
+        let said = self.suffix.append(plain.data, (hex, self.len), page);
+        if !said {
+            page.rewind(begin);
+        }
+        said
+    }
+}

@@ -1,0 +1,43 @@
+//! Frames that a filter wants, and no others.
+
+use polepair_capture::{DecodedFrame, FrameFilter};
+
+use crate::capture::EventSink;
+use crate::problem::Result;
+
+/// Passes on what its filter wants.
+pub struct FilteredSink<'a> {
+    filter: FrameFilter,
+    inner: Box<dyn EventSink + 'a>,
+}
+
+impl<'a> FilteredSink<'a> {
+    /// In front of `inner`.
+    pub fn new(filter: FrameFilter, inner: Box<dyn EventSink + 'a>) -> Self {
+        Self { filter, inner }
+    }
+}
+
+impl EventSink for FilteredSink<'_> {
+    fn handle_event(&mut self, event: &DecodedFrame<'_>) {
+        if self.filter.matches(event) {
+            self.inner.handle_event(event);
+        } else {
+            self.inner.skip_event(event);
+        }
+    }
+
+    fn flush(&mut self, now: bool) -> Result<()> {
+        self.inner.flush(now)
+    }
+
+    fn finish(&mut self) -> Result<()> {
+        self.inner.finish()
+    }
+
+    fn handle_final(&mut self, event: &DecodedFrame<'_>) {
+        if self.filter.matches(event) {
+            self.inner.handle_final(event);
+        }
+    }
+}

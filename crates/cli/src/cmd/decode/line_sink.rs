@@ -1,0 +1,101 @@
+//! Frames as lines: text for people, JSON for programs.
+
+use std::path::Path;
+
+use polepair_capture::parallel::BatchConsumer;
+use polepair_capture::{CaptureDecoder, DecodedFrame, FrameBatch, jsonl, text};
+
+use crate::capture::{CaptureSource, EventSink};
+use crate::problem::Result;
+use crate::terminal::{self, DataOutput};
+
+/// Writes a line a frame.
+pub struct LineSink {
+    out: DataOutput,
+    text: Option<text::FrameTextWriter>,
+    style: text::TextStyle,
+}
+
+/// Writes the lines of batches, for others to hand them on.
+struct LineFormatter {
+    text: Option<text::FrameTextWriter>,
+    lines: Vec<u8>,
+}
+
+impl BatchConsumer for LineFormatter {
+    fn consume(&mut self, batch: &FrameBatch) {
+        let Self { text, lines } = self;
+        match text {
+            Some(text) => text.write_batch(batch, lines),
+            None => batch.for_each_frame(&mut |event| jsonl::write_frame(event, lines)),
+        }
+    }
+}
+
+impl LineSink {
+    /// One aligned line a frame. `style` says all but whether there are colours.
+    pub fn text(path: Option<&Path>, style: text::TextStyle) -> Result<Self> {
+        let colour = path.is_none() && terminal::colour_out();
+        let style = text::TextStyle { colour, ..style };
+        Ok(Self {
+            out: DataOutput::to_path(path)?,
+            text: Some(text::FrameTextWriter::new(style)),
+            style,
+        })
+    }
+
+    /// One JSON object a frame.
+    pub fn jsonl(path: Option<&Path>) -> Result<Self> {
+        Ok(Self { out: DataOutput::to_path(path)?, text: None, style: text::TextStyle::default() })
+    }
+
+    /// Writes a capture file, on several threads where no line hangs on those before.
+    pub fn write_file(
+        mut self,
+        source: CaptureSource,
+        path: &Path,
+        jobs: usize,
+    ) -> Result<CaptureDecoder> {
+        let marks = self.style.colour || self.style.marks;
+        let pen = || LineFormatter {
+            text: self.text.as_ref().map(|_| text::FrameTextWriter::new(self.style)),
+            lines: Vec::new(),
+        };
+        let mut pens: Vec<LineFormatter> =
+            (0..if marks { 1 } else { jobs }).map(|_| pen()).collect();
+        let out = &mut self.out;
+        let mut decoder = source.decode_parallel(path, &mut pens, &mut |pen| {
+            // What is written leaves its room to the pen.
+            std::mem::swap(out.buffer(), &mut pen.lines);
+            out.flush()
+        })?;
+        decoder.finish_sessions(&mut |event| self.handle_final(event));
+        self.finish()?;
+        Ok(decoder)
+    }
+}
+
+impl EventSink for LineSink {
+    fn handle_event(&mut self, event: &DecodedFrame<'_>) {
+        match &mut self.text {
+            Some(text) => text.write(event, self.out.buffer()),
+            None => jsonl::write_frame(event, self.out.buffer()),
+        }
+    }
+
+    fn skip_event(&mut self, event: &DecodedFrame<'_>) {
+        if let Some(text) = &mut self.text {
+            text.skip_frame(event);
+        }
+    }
+
+    fn handle_final(&mut self, event: &DecodedFrame<'_>) {
+        if let Some(text) = &mut self.text {
+            text.write_open_notices(event, self.out.buffer());
+        }
+    }
+
+    fn flush(&mut self, now: bool) -> Result<()> {
+        if now { self.out.flush() } else { self.out.flush_if_full() }
+    }
+}

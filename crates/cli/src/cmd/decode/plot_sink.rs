@@ -1,0 +1,66 @@
+//! Signals of a capture, drawn: in the terminal, or into an SVG file.
+
+use std::path::{Path, PathBuf};
+
+use polepair_capture::plot::Plot;
+use polepair_capture::{DecodedFrame, Glob};
+
+use crate::capture::EventSink;
+use crate::problem::{Exit, Problem, Result};
+use crate::terminal::{self, DataOutput, print_note};
+
+/// Signals that are named when none of those wanted is there.
+const NAMED_MAX: usize = 12;
+
+/// Gathers signals, and draws them at the end of the capture.
+pub struct PlotSink {
+    plot: Plot,
+    out: Option<PathBuf>,
+}
+
+impl PlotSink {
+    /// Of signals such as `*/Actual/Position`.
+    pub fn new(signals: &[String], out: Option<&Path>) -> Self {
+        let globs = signals.iter().flat_map(|list| list.split(',')).map(Glob::new);
+        Self { plot: Plot::new(globs.collect()), out: out.map(Path::to_owned) }
+    }
+}
+
+impl EventSink for PlotSink {
+    fn handle_event(&mut self, event: &DecodedFrame<'_>) {
+        self.plot.add_frame(event);
+    }
+
+    fn skip_event(&mut self, event: &DecodedFrame<'_>) {
+        self.plot.note_time(event);
+    }
+
+    fn finish(&mut self) -> Result<()> {
+        let (plot, path) = (&self.plot, self.out.as_deref());
+        if plot.is_empty() {
+            return Err(no_signal_problem(plot));
+        }
+        if plot.dropped_values > 0 {
+            print_note(&format!("{} values of further signals are left out", plot.dropped_values));
+        }
+        let mut out = DataOutput::to_path(path)?;
+        let picture = match path {
+            Some(_) => plot.svg(),
+            None => plot.terminal(terminal::width(), terminal::colour_out()),
+        };
+        out.buffer().extend(picture.bytes());
+        out.flush()
+    }
+}
+
+fn no_signal_problem(plot: &Plot) -> Problem {
+    let others: Vec<String> = plot.other_signals().take(NAMED_MAX).collect();
+    let told = match others.is_empty() {
+        true => "It tells no values at all, as far as its protocol is understood.".to_owned(),
+        false => format!("It has {}.", others.join(", ")),
+    };
+    Problem::new(Exit::Negative, "E113", "the capture has no such signal.")
+        .why(told)
+        .hint("--plot '*/Actual/*' takes whatever drives tell of themselves")
+        .hint("--profile NAME names parameters as a drive's manual does")
+}

@@ -1,0 +1,264 @@
+//! Axes and frames as lines: for pipes, files, and programs.
+
+use std::time::Duration;
+
+use polepair_capture::{DecodedFrame, jsonl, text};
+use polepair_core::profile::{Severity, Signal};
+use polepair_link::clock;
+
+use super::model::Monitor;
+use super::monitored_axis::{AxisActivity, MonitoredAxis};
+use crate::interrupt;
+use crate::problem::{Exit, Problem, Result};
+use crate::terminal::{self, DataOutput, TextTable, print_note};
+
+/// How often it is looked what came.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// How often the link is told of, as JSON.
+const LINK_EVERY: Duration = Duration::from_secs(1);
+
+/// How it is printed.
+#[derive(Clone, Copy, Debug)]
+pub struct PrintStyle {
+    /// As JSON objects.
+    pub jsonl: bool,
+    /// One round of questions.
+    pub once: bool,
+}
+
+/// Prints until the time is over, or somebody ends it.
+pub fn run(mut monitor: Monitor, style: PrintStyle, span: Option<Duration>) -> Result {
+    let mut lines = LocalPrinter::new(style.jsonl);
+    let ended = print_until(&mut monitor, style, span, &mut lines);
+    if !matches!(&ended, Err(problem) if problem.exit != Exit::Interrupted) {
+        lines.print_link(&monitor);
+        lines.out.flush()?;
+        monitor.exit_notes().iter().for_each(|line| print_note(line));
+    }
+    ended
+}
+
+fn print_until(
+    monitor: &mut Monitor,
+    style: PrintStyle,
+    span: Option<Duration>,
+    lines: &mut LocalPrinter,
+) -> Result {
+    let mut told = Duration::ZERO;
+    loop {
+        if monitor.poll(&mut |event| lines.print_frame(event))? {
+            monitor.wait_answers(&mut |event| lines.print_frame(event));
+            lines.print_axes(monitor);
+        }
+        let age = monitor.age();
+        if style.jsonl && age >= told + LINK_EVERY {
+            told = age;
+            lines.print_link(monitor);
+        }
+        lines.out.flush()?;
+        if interrupt::was_interrupted() {
+            return Err(Problem::interrupted());
+        }
+        if style.once || span.is_some_and(|span| age >= span) {
+            return Ok(Exit::Ok);
+        }
+        monitor.sleep(POLL_INTERVAL.min(monitor.period()));
+    }
+}
+
+struct LocalPrinter {
+    out: DataOutput,
+    jsonl: bool,
+    text: text::FrameTextWriter,
+    /// What each axis did when its table was printed.
+    last_activity: Vec<(AxisActivity, usize)>,
+}
+
+impl LocalPrinter {
+    fn new(jsonl: bool) -> Self {
+        let style =
+            text::TextStyle { colour: terminal::colour_out(), ..text::TextStyle::default() };
+        Self {
+            out: DataOutput::stdout(),
+            jsonl,
+            text: text::FrameTextWriter::new(style),
+            last_activity: Vec::new(),
+        }
+    }
+
+    fn print_frame(&mut self, event: &DecodedFrame<'_>) {
+        match self.jsonl {
+            true => jsonl::write_frame(event, self.out.buffer()),
+            false => self.text.write(event, self.out.buffer()),
+        }
+    }
+
+    /// A table when an axis does something else than in the last one; as JSON each time.
+    fn print_axes(&mut self, monitor: &Monitor) {
+        if self.jsonl {
+            return monitor.axes.iter().for_each(|axis| write_axis_json(axis, self.out.buffer()));
+        }
+        let do_now = |axis: &MonitoredAxis| (axis.activity(), axis.faults().len());
+        let did: Vec<(AxisActivity, usize)> = monitor.axes.iter().map(do_now).collect();
+        if did != self.last_activity {
+            self.last_activity = did;
+            self.out.buffer().extend_from_slice(axes_table(&monitor.axes).as_bytes());
+        }
+    }
+
+    fn print_link(&mut self, monitor: &Monitor) {
+        match self.jsonl {
+            true => write_link_json(monitor, self.out.buffer()),
+            false => self.out.write_line(&summary_line(monitor)),
+        }
+    }
+}
+
+/// The axes, and below them their faults with cause and remedy.
+fn axes_table(axes: &[MonitoredAxis]) -> String {
+    let heads = ["axis", "drive", "state", "mode", "position", "velocity", "torque", "age"];
+    let mut table = TextTable::with_heads(&heads);
+    for watched in axes {
+        let cell = |signal| {
+            watched.display_value(signal).map_or_else(|| "-".to_owned(), |s| s.to_string())
+        };
+        table.add_row([
+            watched.name(),
+            watched.axis.profile().name.to_owned(),
+            watched.activity().word().to_owned(),
+            cell(Signal::Mode),
+            cell(Signal::Position),
+            cell(Signal::Velocity),
+            watched.effort().map_or_else(|| "-".to_owned(), |shown| shown.to_string()),
+            watched.age().map_or_else(|| "-".to_owned(), format_age),
+        ]);
+    }
+    let mut text = table.render(terminal::colour_out());
+    for watched in axes {
+        for (line, _) in trouble_lines(watched) {
+            text.push_str(&format!("{}: {line}\n", watched.axis.label()));
+        }
+    }
+    text
+}
+
+/// What is wrong with an axis, a line each, and whether it stopped the drive.
+pub fn trouble_lines(watched: &MonitoredAxis) -> Vec<(String, bool)> {
+    let mut lines = Vec::new();
+    if let Some((_, why)) = &watched.silent {
+        lines.push((why.clone(), true));
+    }
+    for fault in watched.faults() {
+        let Some(fault) = fault else {
+            let code = watched.display_value(Signal::Fault).map_or(0, |shown| shown.raw);
+            lines.push((format!("FAULT code {code}: not known to this profile"), true));
+            continue;
+        };
+        let stops = fault.severity == Severity::Fault;
+        let word = if stops { "FAULT" } else { "warning" };
+        lines.push((format!("{word} {}: {}", fault.name, fault.text), stops));
+        for (word, sentence) in [("cause", fault.cause), ("remedy", fault.remedy)] {
+            if !sentence.is_empty() {
+                lines.push((format!("  {word}: {sentence}"), false));
+            }
+        }
+    }
+    lines
+}
+
+/// An age as people say it.
+pub fn format_age(age: Duration) -> String {
+    match age.as_millis() {
+        ms @ 0..1000 => format!("{ms} ms"),
+        ms @ 1000..100_000 => format!("{:.1} s", ms as f64 / 1e3),
+        ms => format!("{} s", ms / 1000),
+    }
+}
+
+fn summary_line(monitor: &Monitor) -> String {
+    let (count, wrong) = monitor.traffic.counts();
+    let mut text = format!("{count} frames");
+    if monitor.age() >= LINK_EVERY {
+        text.push_str(&format!(" in {}", format_age(monitor.age())));
+    }
+    for (name, load) in monitor.traffic.wires() {
+        if let Some(load) = load {
+            text.push_str(&format!(", {name} {:.1} % busy", load * 100.0));
+        }
+    }
+    for (count, word) in trouble_counts(monitor, wrong) {
+        if count > 0 {
+            text.push_str(&format!(", {count} {word}"));
+        }
+    }
+    text
+}
+
+/// What went wrong on the link, by its word.
+pub fn trouble_counts(monitor: &Monitor, wrong: u64) -> [(u64, &'static str); 8] {
+    let counters = monitor.counters().unwrap_or_default();
+    let losses = monitor.losses();
+    [
+        (counters.silent, "silent"),
+        (counters.resent, "resent"),
+        (counters.late, "late"),
+        (counters.foreign, "foreign"),
+        (counters.corrupt, "corrupt"),
+        (wrong, "wrong"),
+        (losses.errors, "bus errors"),
+        (monitor.traffic.lost + losses.overrun + losses.malformed, "lost"),
+    ]
+}
+
+fn write_axis_json(watched: &MonitoredAxis, out: &mut Vec<u8>) {
+    let now = clock::wall_ns(watched.axis.connection().now());
+    let add = |out: &mut Vec<u8>, text: &str| out.extend_from_slice(text.as_bytes());
+    let pair = |out: &mut Vec<u8>, key: &str, text: &str| {
+        add(out, &format!(",\"{key}\":"));
+        jsonl::write_string(out, text);
+    };
+    add(out, &format!("{{\"time\":{:.6},\"axis\":{}", now as f64 / 1e9, watched.axis.number()));
+    pair(out, "name", watched.axis.name());
+    pair(out, "drive", watched.axis.profile().name);
+    pair(out, "protocol", watched.axis.protocol());
+    pair(out, "state", watched.activity().word());
+    add(out, ",\"signals\":{");
+    let shown = Signal::ALL.into_iter().filter_map(|s| Some((s, watched.display_value(s)?)));
+    for (n, (signal, shown)) in shown.enumerate() {
+        add(out, if n > 0 { "," } else { "" });
+        jsonl::write_string(out, signal.name());
+        add(out, ":{\"value\":");
+        jsonl::write_real(out, shown.value);
+        pair(out, "unit", shown.unit);
+        if let Some(word) = shown.word {
+            pair(out, "word", word);
+        }
+        add(out, &format!(",\"age\":{:.6}}}", shown.age.as_secs_f64()));
+    }
+    add(out, "},\"troubles\":[");
+    for (n, (line, _)) in trouble_lines(watched).iter().enumerate() {
+        add(out, if n > 0 { "," } else { "" });
+        jsonl::write_string(out, line.trim());
+    }
+    add(out, "]}\n");
+}
+
+fn write_link_json(monitor: &Monitor, out: &mut Vec<u8>) {
+    let add = |out: &mut Vec<u8>, text: &str| out.extend_from_slice(text.as_bytes());
+    let (count, wrong) = monitor.traffic.counts();
+    add(out, &format!("{{\"time\":{:.6},\"url\":", clock::wall_ns(monitor.now()) as f64 / 1e9));
+    jsonl::write_string(out, &monitor.url);
+    let (age, rate) = (monitor.age().as_secs_f64(), monitor.traffic.per_second());
+    add(out, &format!(",\"age\":{age:.3},\"frames\":{count},\"per second\":{rate:.1}"));
+    for (count, word) in trouble_counts(monitor, wrong) {
+        add(out, &format!(",\"{word}\":{count}"));
+    }
+    add(out, ",\"load\":{");
+    for (n, (name, load)) in monitor.traffic.wires().enumerate() {
+        add(out, if n > 0 { "," } else { "" });
+        jsonl::write_string(out, name);
+        let load = load.map_or("null".to_owned(), |load| format!("{load:.4}"));
+        add(out, &format!(":{load}"));
+    }
+    add(out, "}}\n");
+}

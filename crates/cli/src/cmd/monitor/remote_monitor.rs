@@ -1,0 +1,437 @@
+//! A running server as the screen shows it. It tells by itself: nothing is asked of a drive, and only
+//! Esc sends anything.
+
+use std::time::Duration;
+
+use polepair_client::message::{
+    AxisInfo, AxisState, AxisStopReport, FrameDirection, FrameItem, PendingStopView, StopClass,
+    StopReport, StopRequest,
+};
+use polepair_client::{FrameStream, Gateway, GatewayError, LiveConnection, PendingOperation};
+use polepair_core::explain::Direction;
+use polepair_core::profile::Signal;
+use polepair_core::proto;
+use polepair_core::time::Instant;
+use polepair_link::clock;
+
+use super::monitored_axis::AxisActivity;
+use super::remote_printer::{activity, axis_address, axis_name, exit_note, trouble_lines};
+use super::source::{AxisRow, MonitorSource, ShownValue, StopState, StopSummary, format_steady};
+use super::traffic::{FrameRow, TrafficLog};
+use crate::problem::Result;
+use crate::remote::{self, RemoteSession};
+
+/// How long it is told that the server is gone before the screen ends.
+const LOST_MAX: Duration = Duration::from_secs(10);
+/// How long a stop that has succeeded is told of.
+const STOP_SHOWN_MAX: Duration = Duration::from_secs(10);
+/// A stop that was said less long ago is under way; one that is owed for longer is an alarm.
+const FRESH_STOP_MAX: Duration = Duration::from_secs(1);
+/// How long leaving waits for a stop that is under way.
+const STOP_MAX: Duration = Duration::from_secs(2);
+
+/// A server that is watched.
+pub struct RemoteMonitor {
+    gateway: Gateway,
+    live: LiveConnection,
+    frames: FrameStream,
+    axes: Vec<AxisInfo>,
+    /// As it told them last: they stay to be seen when it is gone.
+    states: Vec<Option<(AxisState, Instant)>>,
+    traffic: TrafficLog,
+    /// The links, as frames name them.
+    links: Vec<u16>,
+    chosen: usize,
+    /// Every axis of the server is meant: a stop then locks motion.
+    all_axes: bool,
+    started_at: Instant,
+    /// The server's time of the first frame, and ours, in nanoseconds.
+    first_frame: Option<(f64, u64)>,
+    lost: Option<(Instant, GatewayError)>,
+    stop: Option<RequestedStop>,
+    flaw_count: u64,
+}
+
+/// A stop that was asked for here.
+struct RequestedStop {
+    at: Instant,
+    pending: PendingOperation<StopReport>,
+    /// Why it was not taken.
+    refused: Option<GatewayError>,
+}
+
+impl RemoteMonitor {
+    pub fn new(server: &RemoteSession, axes: Vec<AxisInfo>, all: bool) -> Result<Self> {
+        let gateway = server.gateway.clone();
+        let live = gateway.live().map_err(remote::refusal_problem)?;
+        let frames = live.subscribe_frames(None).map_err(remote::refusal_problem)?;
+        crate::interrupt::listen(|| {});
+        let links = &server.bench.links;
+        Ok(Self {
+            gateway,
+            live,
+            frames,
+            states: vec![None; axes.len()],
+            axes,
+            traffic: TrafficLog::for_remote(links.iter().map(|link| link.id.to_string()).collect()),
+            links: links.iter().map(|link| link.id).collect(),
+            chosen: 0,
+            all_axes: all,
+            started_at: clock::now(),
+            first_frame: None,
+            lost: None,
+            stop: None,
+            flaw_count: 0,
+        })
+    }
+
+    fn process_updates(&mut self) -> std::result::Result<(), GatewayError> {
+        let (items, lost) = self.frames.drain()?;
+        self.traffic.lost = lost;
+        if self.all_axes {
+            // Axes whose link was opened later, or that were taken in, join.
+            let mut joined = self.live.axes_from(self.axes.len());
+            if self.links.len() > 1 {
+                joined.iter_mut().for_each(remote::label_with_link);
+            }
+            self.axes.extend(joined);
+            self.states.resize(self.axes.len(), None);
+        }
+        for item in items {
+            self.add_frame(item);
+        }
+        for (n, axis) in self.axes.iter().enumerate() {
+            if let Some(state) = self.live.state(axis.id)? {
+                self.states[n] = Some((state, clock::now()));
+            }
+        }
+        Ok(())
+    }
+
+    fn add_frame(&mut self, item: FrameItem) {
+        let ours = || clock::wall_ns(clock::now());
+        let (theirs, ours) = *self.first_frame.get_or_insert_with(|| (item.t_us, ours()));
+        let since = ((item.t_us - theirs).max(0.0) * 1e3) as u64;
+        self.flaw_count += u64::from(!item.ok);
+        let wire = self.links.iter().position(|link| *link == item.link).unwrap_or(0);
+        let (id, bytes) = parse_raw(&item.raw);
+        let (text, wrong) = match item.text.rsplit_once(" ! ").filter(|_| !item.ok) {
+            Some((text, wrong)) => (text.to_owned(), wrong.to_owned()),
+            None => (item.text.clone(), String::new()),
+        };
+        // What is said alike but for its numbers is of one kind.
+        let words = || text.split_whitespace().next().unwrap_or_default();
+        let kind = match id {
+            Some((id, extended)) => format!("{id:08X} {extended}"),
+            None => format!("{:?} {:?} {}", item.dir, item.axis, words()),
+        };
+        let row = FrameRow {
+            number: 0,
+            time: ours + since,
+            wire,
+            direction: item.dir.map(|direction| match direction {
+                FrameDirection::Tx => Direction::ToDrive,
+                FrameDirection::Rx => Direction::ToHost,
+            }),
+            protocol: proto::find_dissector(&item.protocol).map(|found| found.name()),
+            id,
+            bytes,
+            changed: 0,
+            text,
+            wrong,
+            search_text: String::new(),
+        };
+        self.traffic.add_explained(row, &kind);
+    }
+
+    fn aged_state(&self, n: usize) -> Option<AxisState> {
+        let (mut state, at) = self.states[n].clone()?;
+        let ms = clock::now().since(at).as_secs_f64() * 1e3;
+        state.signals.iter_mut().for_each(|signal| signal.age_ms += ms);
+        Some(state)
+    }
+
+    /// How far the stop came that was asked for here.
+    fn stop_summary(&self, axis: &AxisInfo) -> Option<StopSummary> {
+        let asked = self.stop.as_ref()?;
+        let now = clock::now();
+        let heard = self.live.last_stop(axis.id).filter(|(_, at)| *at >= asked.at);
+        let Some((stopped, at)) = heard else {
+            let took = now.since(asked.at);
+            return asked
+                .refused
+                .is_none()
+                .then_some(StopSummary { state: StopState::Sent, elapsed: took });
+        };
+        let why = || match &stopped.error {
+            Some(error) => error.message.clone(),
+            None => "nobody answered".to_owned(),
+        };
+        let class = match stopped.class {
+            StopClass::Standing => StopState::Standstill,
+            StopClass::Acknowledged => StopState::Acknowledged,
+            StopClass::Sent if stopped.error.is_none() => StopState::Sent,
+            StopClass::Sent | StopClass::Owed | StopClass::Failed => StopState::Failed(why()),
+        };
+        let over = class == StopState::Standstill && now.since(at) > STOP_SHOWN_MAX;
+        let took = Duration::from_secs_f64(stopped.ms.clamp(0.0, 1e9) / 1e3);
+        (!over).then_some(StopSummary { state: class, elapsed: took })
+    }
+}
+
+impl MonitorSource for RemoteMonitor {
+    fn url(&self) -> &str {
+        self.gateway.url()
+    }
+
+    fn age(&self) -> Duration {
+        clock::now().since(self.started_at)
+    }
+
+    fn started_ns(&self) -> u64 {
+        clock::wall_ns(self.started_at)
+    }
+
+    fn traffic(&self) -> &TrafficLog {
+        &self.traffic
+    }
+
+    fn traffic_mut(&mut self) -> &mut TrafficLog {
+        self.flaw_count = 0;
+        &mut self.traffic
+    }
+
+    fn count(&self) -> usize {
+        self.axes.len()
+    }
+
+    fn axis(&self, n: usize) -> AxisRow {
+        let axis = &self.axes[n];
+        let mut seen = AxisRow {
+            name: axis_name(axis),
+            label: axis.label.clone(),
+            drive: [axis.profile.clone(), axis.drive.clone()],
+            activity: AxisActivity::Unknown,
+            stop: self.stop_summary(axis),
+            mode: None,
+            position: None,
+            velocity: None,
+            effort: None,
+            age: None,
+            troubles: Vec::new(),
+            facts: Vec::new(),
+        };
+        if let Some(state) = self.aged_state(n) {
+            fill_summary(&state, &mut seen);
+        }
+        if let Some(state) = self.aged_state(n).filter(|_| self.lost.is_none()) {
+            seen.stop = merge_stop(seen.stop, state.owed.as_ref());
+        }
+        if let (None, Err(gone)) = (&self.lost, self.live.check_link(axis.id)) {
+            seen.activity = AxisActivity::Silent;
+            seen.troubles.insert(0, (gone.message, true));
+        }
+        seen
+    }
+
+    fn chosen(&self) -> usize {
+        self.chosen
+    }
+
+    fn choose(&mut self, n: usize) {
+        self.chosen = n;
+    }
+
+    fn is_listen_only(&self) -> bool {
+        false
+    }
+
+    fn trouble(&self) -> Option<String> {
+        let (since, why) = self.lost.as_ref()?;
+        let seconds = clock::now().since(*since).as_secs();
+        let why = &why.message;
+        Some(format!("SERVER GONE for {seconds} s, nothing here is known any more: {why}"))
+    }
+
+    fn lock(&self) -> Option<String> {
+        let lock = self.live.motion_lock().filter(|_| self.lost.is_none())?;
+        let why =
+            if lock.reason.is_empty() { String::new() } else { format!(" ({})", lock.reason) };
+        Some(format!("LOCKED: {} stopped everything{why}; the server's page releases it", lock.by))
+    }
+
+    fn link_troubles(&self) -> Vec<String> {
+        let links = if self.lost.is_none() { self.live.links() } else { Vec::new() };
+        links.iter().flat_map(remote::link_troubles).collect()
+    }
+
+    fn flaw_counts(&self) -> Vec<(u64, &'static str)> {
+        vec![(self.flaw_count, "wrong"), (self.traffic.lost, "lost")]
+    }
+
+    fn no_flaws_text(&self) -> &'static str {
+        "none wrong or lost"
+    }
+
+    fn poll(&mut self) -> Result<()> {
+        if let Some(asked) = &mut self.stop
+            && asked.refused.is_none()
+        {
+            asked.refused = asked.pending.wait(Duration::ZERO).err();
+        }
+        let now = clock::now();
+        if self.lost.is_none()
+            && let Err(gone) = self.process_updates()
+        {
+            self.lost = Some((now, gone));
+        }
+        self.traffic.update_rates(now);
+        match &self.lost {
+            Some((since, why)) if now.since(*since) > LOST_MAX => {
+                Err(remote::refusal_problem(why.clone()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn stop(&mut self) {
+        let ids = self.axes.iter().map(|axis| axis.id).collect();
+        let axes = (!self.all_axes).then_some(ids);
+        let order = StopRequest { axes, reason: "polepair monitor".to_owned() };
+        let pending = self.gateway.spawn(move |gateway| gateway.stop(&order));
+        self.stop = Some(RequestedStop { at: clock::now(), pending, refused: None });
+    }
+
+    fn stop_problem(&self) -> Option<String> {
+        let refused = self.stop.as_ref()?.refused.as_ref()?;
+        Some(format!("STOP NOT CONFIRMED: {}; cut the power if it turns", refused.message))
+    }
+
+    fn exit_notes(&mut self) -> Vec<String> {
+        let mut said = Vec::new();
+        match self.stop.as_mut().map(|asked| asked.pending.wait(STOP_MAX)) {
+            None => {}
+            Some(Err(why)) => said.push(format!("the stop is not confirmed: {}", why.message)),
+            Some(Ok(None)) => said.push(
+                "the stop is not confirmed: the server does not answer; cut the power if it turns"
+                    .into(),
+            ),
+            Some(Ok(Some(stopped))) => {
+                let failed = |axis: &&AxisStopReport| axis.error.is_some();
+                said.extend(stopped.axes.iter().filter(failed).map(|axis| {
+                    let why = axis.error.as_ref().map_or("", |error| &*error.message);
+                    format!("axis {} may not have stopped: {why}", axis.id)
+                }));
+            }
+        }
+        // What came of it in the meantime.
+        let _ = self.process_updates();
+        let here = self.live.check().is_ok().then(|| self.url());
+        for n in 0..self.axes.len() {
+            let (axis, state) = (&self.axes[n], self.aged_state(n));
+            let told = state.and_then(|s| exit_note(here, &axis.label, &axis_address(axis), &s));
+            said.extend(told);
+        }
+        said
+    }
+}
+
+/// What is shown of the stop that was asked for here, and of the one that the axis is owed, whoever
+/// said that: it is told for as long as it is owed.
+fn merge_stop(own: Option<StopSummary>, owed: Option<&PendingStopView>) -> Option<StopSummary> {
+    match (own, owed) {
+        (Some(own), Some(_)) if own.elapsed < FRESH_STOP_MAX && !own.state.is_failed() => Some(own),
+        (_, Some(owed)) => Some(pending_stop_summary(owed)),
+        (Some(own), None) if own.state.is_failed() => None,
+        (own, None) => own,
+    }
+}
+
+/// A stop that is owed.
+fn pending_stop_summary(owed: &PendingStopView) -> StopSummary {
+    let since_ms = clock::wall_ns(clock::now()) as f64 / 1e6 - owed.since_ms;
+    let why = match &owed.error {
+        Some(error) => error.message.clone(),
+        None => "it was not seen standing yet".to_owned(),
+    };
+    StopSummary { state: StopState::Failed(why), elapsed: duration_from_ms(since_ms) }
+}
+
+fn fill_summary(state: &AxisState, seen: &mut AxisRow) {
+    let value = |signal: Signal| {
+        let told = state.signals.iter().find(|told| told.signal == signal.name())?;
+        Some(ShownValue {
+            text: format_steady(told.value?, &told.unit),
+            age: duration_from_ms(told.age_ms),
+        })
+    };
+    let ages = || state.signals.iter().map(|signal| signal.age_ms);
+    let newest = duration_from_ms(ages().fold(f64::MAX, f64::min));
+    seen.activity = activity(state);
+    seen.mode = state.mode.clone().map(|text| ShownValue { text, age: newest });
+    seen.position = value(Signal::Position);
+    seen.velocity = value(Signal::Velocity);
+    seen.effort = value(Signal::Torque).or_else(|| value(Signal::Current));
+    seen.age = ages().reduce(f64::max).map(duration_from_ms);
+    seen.troubles = trouble_lines(state)
+        .into_iter()
+        .map(|line| {
+            let stops = !line.starts_with(' ');
+            (line, stops)
+        })
+        .collect();
+    for (word, signal) in [
+        ("target", Signal::TargetPosition),
+        ("target", Signal::TargetVelocity),
+        ("supply", Signal::Voltage),
+        ("", Signal::Temperature),
+    ] {
+        seen.facts.extend(value(signal).map(|value| (word, value)));
+    }
+    if let Some(lease) = &state.lease {
+        seen.facts.push(("commanded by", ShownValue { text: lease.owner.clone(), age: newest }));
+    }
+}
+
+fn duration_from_ms(ms: f64) -> Duration {
+    Duration::from_secs_f64(ms.clamp(0.0, 1e9) / 1e3)
+}
+
+/// `123#0102` or `0102` as identifier and bytes.
+fn parse_raw(raw: &str) -> (Option<(u32, bool)>, Vec<u8>) {
+    let (id, data) = match raw.split_once('#') {
+        Some((id, data)) => (u32::from_str_radix(id, 16).ok().map(|n| (n, id.len() > 3)), data),
+        None => (None, raw),
+    };
+    let byte = |at| u8::from_str_radix(data.get(at..at + 2)?, 16).ok();
+    (id, (0..data.len()).step_by(2).map_while(byte).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use polepair_client::message::StopCause;
+
+    use super::*;
+
+    #[test]
+    fn a_stop_is_an_alarm_for_exactly_as_long_as_it_is_owed() {
+        let owed = PendingStopView {
+            since_ms: clock::wall_ns(clock::now()) as f64 / 1e6 - 5000.0,
+            why: StopCause::LinkLost,
+            by: "server".into(),
+            class: StopClass::Failed,
+            said: 0,
+            error: None,
+        };
+        let own =
+            |class, ms| Some(StopSummary { state: class, elapsed: Duration::from_millis(ms) });
+        let class = |own, owed| merge_stop(own, owed).map(|stop| stop.state);
+        let alarm = |shown: Option<StopState>| shown.is_some_and(|class| class.is_failed());
+        assert!(alarm(class(None, Some(&owed))) && class(None, None).is_none());
+        assert_eq!(class(own(StopState::Sent, 100), Some(&owed)), Some(StopState::Sent));
+        assert!(alarm(class(own(StopState::Sent, 3000), Some(&owed))));
+        assert!(alarm(class(own(StopState::Failed("silent".into()), 10), Some(&owed))));
+        assert_eq!(class(own(StopState::Failed("silent".into()), 10), None), None, "dismissed");
+        assert_eq!(class(own(StopState::Standstill, 3000), None), Some(StopState::Standstill));
+    }
+}

@@ -1,0 +1,251 @@
+//! What the screen shows, whoever knows it: a link of one's own, or a server.
+
+use std::time::Duration;
+
+use polepair::axis::{StopProgress, StopSequence};
+use polepair::url::shell_word;
+use polepair_core::profile::Signal;
+
+use super::local_printer::{trouble_counts, trouble_lines};
+use super::model::Monitor;
+use super::monitored_axis::{AxisActivity, DisplayValue, MonitoredAxis};
+use super::traffic::TrafficLog;
+use crate::problem::Result;
+
+/// What is watched, and what can be done to it.
+pub trait MonitorSource {
+    /// How the user named it.
+    fn url(&self) -> &str;
+    /// How long it has been watched.
+    fn age(&self) -> Duration;
+    /// When it was begun, in nanoseconds since 1970, as frames have it.
+    fn started_ns(&self) -> u64;
+    /// The frames that pass.
+    fn traffic(&self) -> &TrafficLog;
+    /// The same, to forget them.
+    fn traffic_mut(&mut self) -> &mut TrafficLog;
+    /// How many axes there are.
+    fn count(&self) -> usize;
+    /// One of them.
+    fn axis(&self, n: usize) -> AxisRow;
+    /// Which one is chosen.
+    fn chosen(&self) -> usize;
+    /// Chooses one.
+    fn choose(&mut self, n: usize);
+    /// It only listens: nothing can be stopped from here.
+    fn is_listen_only(&self) -> bool;
+    /// Why nothing comes, in a line.
+    fn trouble(&self) -> Option<String>;
+    /// Why nothing may move, in a line.
+    fn lock(&self) -> Option<String>;
+    /// Links that are not open, and what is missing of them, a line each.
+    fn link_troubles(&self) -> Vec<String>;
+    /// What was not as it should be with the frames, by its word.
+    fn flaw_counts(&self) -> Vec<(u64, &'static str)>;
+    /// The same where all was.
+    fn no_flaws_text(&self) -> &'static str;
+    /// Takes what came; waits for nothing.
+    ///
+    /// # Errors
+    /// When it is gone and does not come back.
+    fn poll(&mut self) -> Result<()>;
+    /// Stops every axis.
+    fn stop(&mut self);
+    /// Why the stop could not be said, in a line.
+    fn stop_problem(&self) -> Option<String>;
+    /// What a person who leaves must know.
+    fn exit_notes(&mut self) -> Vec<String>;
+}
+
+/// An axis.
+pub struct AxisRow {
+    /// Short, for the table.
+    pub name: String,
+    /// What people call it.
+    pub label: String,
+    /// The drive's word, and its full name.
+    pub drive: [String; 2],
+    /// What it does.
+    pub activity: AxisActivity,
+    /// How far its stop came, since somebody asked for one.
+    pub stop: Option<StopSummary>,
+    /// Its mode of operation.
+    pub mode: Option<ShownValue>,
+    pub position: Option<ShownValue>,
+    pub velocity: Option<ShownValue>,
+    /// Its torque, or the current that stands for it.
+    pub effort: Option<ShownValue>,
+    /// The age of the oldest value of the table.
+    pub age: Option<Duration>,
+    /// What is wrong, a line each, and whether it stopped the drive.
+    pub troubles: Vec<(String, bool)>,
+    /// What else there is to say of it when it is chosen, by a word or without.
+    pub facts: Vec<(&'static str, ShownValue)>,
+}
+
+/// A value as it is written.
+#[derive(Clone, Debug)]
+pub struct ShownValue {
+    pub text: String,
+    pub age: Duration,
+}
+
+/// How far a stop came.
+pub struct StopSummary {
+    pub state: StopState,
+    /// After how long.
+    pub elapsed: Duration,
+}
+
+/// What is certain of a stop.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum StopState {
+    Sent,
+    Acknowledged,
+    Standstill,
+    /// The drive answered all of it, and tells nothing by which it could be seen to stand.
+    Unobservable,
+    Failed(String),
+}
+
+impl StopState {
+    /// Whether it is an alarm.
+    pub const fn is_failed(&self) -> bool {
+        matches!(self, Self::Failed(_))
+    }
+}
+
+impl MonitorSource for Monitor {
+    fn link_troubles(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    fn url(&self) -> &str {
+        &self.url
+    }
+
+    fn age(&self) -> Duration {
+        self.age()
+    }
+
+    fn started_ns(&self) -> u64 {
+        self.started_ns()
+    }
+
+    fn traffic(&self) -> &TrafficLog {
+        &self.traffic
+    }
+
+    fn traffic_mut(&mut self) -> &mut TrafficLog {
+        &mut self.traffic
+    }
+
+    fn count(&self) -> usize {
+        self.axes.len()
+    }
+
+    fn axis(&self, n: usize) -> AxisRow {
+        axis_row(&self.axes[n], n == self.chosen)
+    }
+
+    fn chosen(&self) -> usize {
+        self.chosen
+    }
+
+    fn choose(&mut self, n: usize) {
+        self.chosen = n;
+    }
+
+    fn is_listen_only(&self) -> bool {
+        self.is_listening()
+    }
+
+    fn trouble(&self) -> Option<String> {
+        let (since, error) = self.trouble()?;
+        Some(format!("LINK DOWN for {} s: {error}. Trying to open it again.", since.as_secs()))
+    }
+
+    fn lock(&self) -> Option<String> {
+        None
+    }
+
+    fn flaw_counts(&self) -> Vec<(u64, &'static str)> {
+        trouble_counts(self, self.traffic.counts().1).into()
+    }
+
+    fn no_flaws_text(&self) -> &'static str {
+        "none lost, late, foreign, corrupt or unanswered"
+    }
+
+    fn poll(&mut self) -> Result<()> {
+        self.poll(&mut |_| ()).map(drop)
+    }
+
+    fn stop(&mut self) {
+        self.stop();
+    }
+
+    fn stop_problem(&self) -> Option<String> {
+        let link = shell_word(self.url.split('#').next().unwrap_or_default());
+        let told = format!("NOT STOPPED: this view only listens; polepair stop {link}");
+        self.is_listening().then_some(told)
+    }
+
+    fn exit_notes(&mut self) -> Vec<String> {
+        self.exit_notes()
+    }
+}
+
+fn axis_row(watched: &MonitoredAxis, chosen: bool) -> AxisRow {
+    let profile = watched.axis.profile();
+    let value = |signal| watched.display_value(signal).map(|shown| shown_value(&shown));
+    let details = [
+        ("target", Signal::TargetPosition),
+        ("target", Signal::TargetVelocity),
+        ("supply", Signal::Voltage),
+        ("", Signal::Temperature),
+    ];
+    let facts = details.into_iter().filter(|_| chosen);
+    AxisRow {
+        name: watched.name(),
+        label: watched.axis.label(),
+        drive: [profile.name.to_owned(), profile.title.to_owned()],
+        activity: watched.activity(),
+        stop: watched.stopping.as_ref().map(stop_summary),
+        mode: value(Signal::Mode),
+        position: value(Signal::Position),
+        velocity: value(Signal::Velocity),
+        effort: watched.effort().map(|shown| shown_value(&shown)),
+        age: watched.age(),
+        troubles: if chosen { trouble_lines(watched) } else { Vec::new() },
+        facts: facts.filter_map(|(word, signal)| Some((word, value(signal)?))).collect(),
+    }
+}
+
+fn stop_summary(stopping: &StopSequence) -> StopSummary {
+    let class = match stopping.progress() {
+        StopProgress::Sent => StopState::Sent,
+        StopProgress::Acknowledged => StopState::Acknowledged,
+        StopProgress::Standstill => StopState::Standstill,
+        StopProgress::Unobservable => StopState::Unobservable,
+        StopProgress::Failed(why) => StopState::Failed(why.to_string()),
+    };
+    StopSummary { state: class, elapsed: stopping.elapsed() }
+}
+
+fn shown_value(shown: &DisplayValue) -> ShownValue {
+    let text = match shown.word {
+        Some(word) => word.to_owned(),
+        None => format_steady(shown.value, shown.unit),
+    };
+    ShownValue { text, age: shown.age }
+}
+
+/// A value with as many decimals whatever it is, so that the eye finds it in its place.
+pub fn format_steady(value: f64, unit: &str) -> String {
+    match unit {
+        "" => crate::value::format_number(value),
+        "A" | "V" => format!("{value:.2} {unit}"),
+        _ => format!("{value:.1} {unit}"),
+    }
+}

@@ -1,0 +1,165 @@
+//! What keys do. None of them blocks, and none but Esc sends anything.
+
+use ratatui_crossterm::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+
+use super::source::MonitorSource;
+use super::traffic::{FrameGroup, FrameRow};
+
+/// Letters that a filter may have.
+const FILTER_MAX: usize = 64;
+/// Rows that a page of frames moves by.
+const PAGE_ROWS: usize = 10;
+
+/// How the person wants to look at it.
+#[derive(Clone, Debug, Default)]
+pub struct View {
+    /// One row a kind of frame instead of every frame.
+    pub by_kind: bool,
+    /// Only frames that contain this, in small letters.
+    pub filter: String,
+    /// The filter is being typed.
+    pub typing: bool,
+    /// How many frames there were when it was halted, and the kinds as they were.
+    pub halted: Option<(u64, Vec<FrameGroup>)>,
+    /// Frames scrolled back from the last, or kinds on from the first.
+    pub scrolled: usize,
+    /// The help is shown.
+    pub help: bool,
+    /// A stop was asked for.
+    pub stopped: bool,
+}
+
+/// What comes of a key.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum KeyOutcome {
+    /// It goes on.
+    Continue,
+    /// The person leaves.
+    Leave,
+    /// Ctrl-C.
+    Interrupted,
+}
+
+impl View {
+    /// Does what a key means.
+    pub fn handle_key(&mut self, key: KeyEvent, monitor: &mut dyn MonitorSource) -> KeyOutcome {
+        if key.kind == KeyEventKind::Release {
+            return KeyOutcome::Continue;
+        }
+        let control = key.modifiers.contains(KeyModifiers::CONTROL);
+        match key.code {
+            KeyCode::Char('c') if control => return KeyOutcome::Interrupted,
+            // Whatever is on the screen: a stop gets through.
+            KeyCode::Esc => self.stop(monitor),
+            code if self.typing => self.type_filter(code, control),
+            KeyCode::Char('q') if self.help => self.help = false,
+            KeyCode::Char('q') => return KeyOutcome::Leave,
+            KeyCode::Char('?') | KeyCode::F(1) => self.help = !self.help,
+            code => self.handle_command_key(code, monitor),
+        }
+        KeyOutcome::Continue
+    }
+
+    fn stop(&mut self, monitor: &mut dyn MonitorSource) {
+        if self.typing {
+            self.filter.clear();
+        }
+        (self.typing, self.help) = (false, false);
+        self.stopped = true;
+        monitor.stop();
+    }
+
+    fn type_filter(&mut self, code: KeyCode, control: bool) {
+        match code {
+            KeyCode::Enter => self.typing = false,
+            KeyCode::Backspace => drop(self.filter.pop()),
+            KeyCode::Char('u') if control => self.filter.clear(),
+            KeyCode::Char(letter) if !control && self.filter.len() < FILTER_MAX => {
+                self.filter.extend(letter.to_lowercase());
+            }
+            _ => {}
+        }
+    }
+
+    fn handle_command_key(&mut self, code: KeyCode, monitor: &mut dyn MonitorSource) {
+        let last = monitor.count().saturating_sub(1);
+        match code {
+            KeyCode::Char('/') => {
+                self.filter.clear();
+                self.typing = true;
+            }
+            KeyCode::Char(' ') => self.toggle_halt(monitor),
+            KeyCode::Char('t') => (self.by_kind, self.scrolled) = (!self.by_kind, 0),
+            KeyCode::Char('c') => {
+                monitor.traffic_mut().clear();
+                (self.halted, self.scrolled) = (None, 0);
+            }
+            KeyCode::Up => monitor.choose(monitor.chosen().saturating_sub(1)),
+            KeyCode::Down => monitor.choose((monitor.chosen() + 1).min(last)),
+            KeyCode::PageUp => self.scroll(PAGE_ROWS as isize, monitor),
+            KeyCode::PageDown => self.scroll(-(PAGE_ROWS as isize), monitor),
+            KeyCode::Home => self.scroll(isize::MAX, monitor),
+            KeyCode::End => self.resume(),
+            _ => {}
+        }
+    }
+
+    fn toggle_halt(&mut self, monitor: &dyn MonitorSource) {
+        match self.halted {
+            Some(_) => self.resume(),
+            None => self.halt(monitor),
+        }
+    }
+
+    fn resume(&mut self) {
+        self.halted = None;
+        self.scrolled = if self.by_kind { self.scrolled } else { 0 };
+    }
+
+    fn halt(&mut self, monitor: &dyn MonitorSource) {
+        let now = || (monitor.traffic().counts().0, monitor.traffic().kinds().cloned().collect());
+        self.halted.get_or_insert_with(now);
+    }
+
+    /// Scrolls up, or down by less than nothing. Frames that one scrolls in stand still.
+    fn scroll(&mut self, up: isize, monitor: &dyn MonitorSource) {
+        if self.by_kind {
+            let most = monitor.traffic().kinds().count().saturating_sub(1);
+            self.scrolled = self.scrolled.saturating_add_signed(up.saturating_neg()).min(most);
+        } else {
+            self.halt(monitor);
+            let most = monitor.traffic().rows().len().saturating_sub(1);
+            self.scrolled = self.scrolled.saturating_add_signed(up).min(most);
+        }
+    }
+
+    /// Whether a frame is one that the person wants to see.
+    fn shows_row(&self, row: &FrameRow) -> bool {
+        let passed = self.halted.as_ref().is_none_or(|(count, _)| row.number < *count);
+        passed && self.matches_filter(row)
+    }
+
+    fn matches_filter(&self, row: &FrameRow) -> bool {
+        self.filter.is_empty() || row.search_text.contains(&self.filter)
+    }
+
+    /// The last so many frames that are to be seen, oldest first.
+    pub fn frames<'a>(&self, monitor: &'a dyn MonitorSource, most: usize) -> Vec<&'a FrameRow> {
+        let rows = monitor.traffic().rows().iter().rev().filter(|row| self.shows_row(row));
+        let mut rows: Vec<&FrameRow> = rows.skip(self.scrolled).take(most).collect();
+        rows.reverse();
+        rows
+    }
+
+    /// The kinds of frames that are to be seen, from the one scrolled to.
+    pub fn kinds<'a>(&'a self, monitor: &'a dyn MonitorSource, most: usize) -> Vec<&'a FrameGroup> {
+        let all: Vec<&FrameGroup> = match &self.halted {
+            Some((_, kinds)) => kinds.iter().collect(),
+            None => monitor.traffic().kinds().collect(),
+        };
+        let found: Vec<&FrameGroup> =
+            all.into_iter().filter(|kind| self.matches_filter(&kind.last)).collect();
+        let first = self.scrolled.min(found.len().saturating_sub(most));
+        found.into_iter().skip(first).take(most).collect()
+    }
+}

@@ -1,0 +1,57 @@
+//! What is done with what is heard: a capture, lines on stdout, or both.
+
+use polepair_capture::{Record, RecordData, Timestamp};
+use polepair_core::explain::Direction as Said;
+use polepair_link::clock;
+use polepair_link::tap::TapDirection;
+
+use super::files::CaptureFiles;
+use super::live_printer::LivePrinter;
+use crate::problem::Result;
+use crate::tap_queue::{QueuedUnit, TapQueue, UnitBuf};
+
+/// Keeps what passes on wires.
+pub struct TrafficRecorder {
+    pub tap_queue: TapQueue,
+    /// Of each wire.
+    pub names: Vec<String>,
+    pub files: Option<CaptureFiles>,
+    pub printer: Option<LivePrinter>,
+    /// Who spoke is told by the way it passed: we are the host. Else nobody knows.
+    pub is_host: bool,
+}
+
+impl TrafficRecorder {
+    /// Keeps what was heard since. Returns how many units are lost for good.
+    pub fn process_received(&mut self) -> Result<u64> {
+        let (heard, lost) = self.tap_queue.drain();
+        for QueuedUnit { wire, at, direction, unit } in &heard {
+            let record = Record {
+                offset: 0,
+                time: Some(Timestamp(clock::wall_ns(*at))),
+                link: self.names.get(*wire).map_or("-", String::as_str),
+                direction: self.is_host.then_some(match direction {
+                    TapDirection::ToDrive => Said::ToDrive,
+                    TapDirection::ToHost => Said::ToHost,
+                }),
+                data: match unit {
+                    UnitBuf::Bytes(bytes) => RecordData::Bytes(bytes),
+                    UnitBuf::Frame(frame) => RecordData::Frame(*frame),
+                },
+            };
+            if let Some(files) = &mut self.files {
+                files.write(&record)?;
+            }
+            if let Some(shown) = &mut self.printer {
+                shown.explain(&record);
+            }
+        }
+        self.printer.as_mut().map_or(Ok(()), LivePrinter::submit)?;
+        Ok(lost)
+    }
+
+    /// Brings the file up to date.
+    pub fn flush(&mut self) -> Result<()> {
+        self.files.as_mut().map_or(Ok(()), CaptureFiles::flush)
+    }
+}

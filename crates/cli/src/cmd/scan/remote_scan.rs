@@ -1,0 +1,170 @@
+//! `polepair --server URL scan --look`: the server looks for drives on its links.
+
+use std::io::IsTerminal as _;
+use std::ops::RangeInclusive;
+use std::time::Duration;
+
+use polepair_capture::jsonl;
+use polepair_client::message::{AddDrives, AxisInfo, FoundDrive, ScanRequest, ScanState, ScanView};
+use polepair_link::clock;
+
+use super::conflicts_result;
+use crate::interrupt;
+use crate::problem::{Exit, Problem, Result};
+use crate::remote::{RemoteSession, refusal_problem};
+use crate::target::OutputFormat;
+use crate::terminal::{self, DataOutput, TextTable, colour_out, csv_line, print_note};
+
+/// Between two questions how far it is.
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
+
+/// Looks on each link that one of these axes is on, one after the other.
+pub fn run_remote_scan(
+    server: &RemoteSession,
+    axes: &[AxisInfo],
+    ids: Option<RangeInclusive<u32>>,
+    format: OutputFormat,
+    take: bool,
+) -> Result {
+    interrupt::listen(|| {});
+    let mut links: Vec<u16> = axes.iter().map(|axis| axis.link).collect();
+    // Axes that were taken in stand behind all others.
+    links.sort_unstable();
+    links.dedup();
+    let order = ScanRequest {
+        first: ids.as_ref().map(|ids| *ids.start()),
+        last: ids.as_ref().map(|ids| *ids.end()),
+    };
+    let mut views = Vec::new();
+    for link in links {
+        let view = scan_link(server, link, &order)?;
+        let ends = view.state == ScanState::BrokenOff;
+        views.push(view);
+        if ends {
+            break;
+        }
+    }
+    print_found(&views, format)?;
+    for view in &views {
+        report_scan(server, view);
+    }
+    if let Some(error) = views.iter().find_map(|view| view.error.clone()) {
+        return Err(refusal_problem(error));
+    }
+    if let Some(view) = views.iter().find(|view| view.state == ScanState::BrokenOff) {
+        print_note(&format!("broken off: {} addresses were not asked", view.unasked));
+        return Err(match interrupt::was_interrupted() {
+            true => Problem::interrupted(),
+            false => Problem::new(Exit::Refused, "E102", "somebody broke the look off.")
+                .hint("look again when nothing has to be stopped"),
+        });
+    }
+    if take {
+        for view in views.iter().filter(|view| view.found.iter().any(|one| one.clash.is_none())) {
+            let taken = server
+                .gateway
+                .add_drives(view.link, &AddDrives::default())
+                .map_err(refusal_problem)?;
+            let count = taken.axes.len();
+            print_note(&format!("link {}: {count} taken in, behind all other axes", view.link));
+        }
+    }
+    let found = || views.iter().flat_map(|view| &view.found);
+    conflicts_result(found().filter(|one| one.clash.is_some()).count(), found().count())
+}
+
+/// Looks on a link until the end.
+fn scan_link(server: &RemoteSession, link: u16, order: &ScanRequest) -> Result<ScanView> {
+    let live = std::io::stderr().is_terminal();
+    let mut view = server.gateway.start_scan(link, order).map_err(refusal_problem)?;
+    let mut broken = false;
+    while view.state == ScanState::UnderWay {
+        if interrupt::was_interrupted() && !std::mem::replace(&mut broken, true) {
+            // It may just have ended.
+            let _ = server.gateway.cancel_scan(link);
+        }
+        if let Some(number) = view.number.filter(|_| live) {
+            terminal::draw(&format!(
+                "\r\x1b[Kasking address {number} ({} of {})",
+                view.done + 1,
+                view.of
+            ));
+        }
+        clock::sleep_until(clock::now() + POLL_INTERVAL);
+        view = server.gateway.scan_view(link).map_err(refusal_problem)?;
+    }
+    if live {
+        terminal::draw("\r\x1b[K");
+    }
+    Ok(view)
+}
+
+fn print_found(views: &[ScanView], format: OutputFormat) -> Result<()> {
+    let mut out = DataOutput::stdout();
+    let found = || views.iter().flat_map(|view| view.found.iter().map(move |one| (view.link, one)));
+    match format {
+        OutputFormat::Text if found().next().is_none() => {}
+        OutputFormat::Text => {
+            let mut table =
+                TextTable::with_heads(&["axis", "link", "drive", "known by", "product"]);
+            for (link, one) in found() {
+                let FoundDrive { number, profile, known, drive, .. } = one.clone();
+                table.add_row([number.to_string(), link.to_string(), profile, known, drive]);
+            }
+            out.buffer().extend_from_slice(table.render(colour_out()).as_bytes());
+            for (link, one) in found() {
+                if let Some(clash) = &one.clash {
+                    out.write_line(&format!("axis {} of link {link}: {clash}", one.number));
+                }
+            }
+        }
+        OutputFormat::Jsonl => found().for_each(|(link, one)| write_json(link, one, out.buffer())),
+        OutputFormat::Csv => {
+            out.write_line("axis,link,drive,known,product,clash");
+            for (link, one) in found() {
+                let (number, link) = (one.number.to_string(), link.to_string());
+                let clash = one.clash.as_deref().unwrap_or_default();
+                out.write_line(&csv_line([
+                    &*number,
+                    &link,
+                    &one.profile,
+                    &one.known,
+                    &one.drive,
+                    clash,
+                ]));
+            }
+        }
+    }
+    out.flush()
+}
+
+fn write_json(link: u16, found: &FoundDrive, out: &mut Vec<u8>) {
+    let head = format!("{{\"axis\":{},\"link\":{link},\"drive\":", found.number);
+    out.extend_from_slice(head.as_bytes());
+    jsonl::write_string(out, &found.profile);
+    out.extend_from_slice(b",\"product\":");
+    jsonl::write_string(out, &found.drive);
+    out.extend_from_slice(b",\"known\":");
+    jsonl::write_string(out, &found.known);
+    out.extend_from_slice(format!(",\"clash\":{}}}\n", found.clash.is_some()).as_bytes());
+}
+
+/// What there is to say of a look besides.
+fn report_scan(server: &RemoteSession, view: &ScanView) {
+    for tried in &view.tried {
+        print_note(&format!("link {}: tried {tried}", view.link));
+    }
+    let label = |id: u16| server.bench.axes.iter().find(|axis| axis.id == id).map(|a| &*a.label);
+    for asked in &view.axes {
+        let label = label(asked.axis).unwrap_or("an axis");
+        if !asked.answers {
+            print_note(&format!("{label} did not answer"));
+        }
+        if let Some(clash) = &asked.clash {
+            print_note(&format!("{label}: {clash}"));
+        }
+    }
+    if view.found.is_empty() {
+        print_note(&format!("link {}: no drive answered that is no axis", view.link));
+    }
+}

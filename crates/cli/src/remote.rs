@@ -1,0 +1,334 @@
+//! `--server URL`: verbs on the axes of a running server instead of a link of one's own.
+//!
+//! A verb has the same words and prints in the same formats. What stands where its URL would are axes
+//! of the server: numbers, names, `LINK#NUMBER`, or `all`. Numbers go without a unit nowhere: a drive's
+//! own units are not the server's.
+
+mod motion;
+
+use std::path::PathBuf;
+
+use clap::{Arg, Args, Command};
+pub use polepair_client::ALL;
+use polepair_client::message::{AxisInfo, BenchView, LinkState, LinkView};
+use polepair_client::{Gateway, GatewayError, GatewayOptions, select_axes};
+use polepair_core::drives;
+use polepair_core::units::Unit;
+use polepair_link::clock;
+
+pub use motion::{
+    ANSWER_MAX, MotionOrder, fresh_state, fresh_text, parse_argument, read_fresh, run_motion,
+    silent_problem,
+};
+
+use crate::outcome::to_sentence;
+use crate::problem::{Problem, Result};
+use crate::target::DriveArgs;
+use crate::value;
+
+/// Verbs that a server carries out, and which axes they are about.
+const SERVER_VERBS: [(&str, AxesScope); 18] = [
+    ("clear", AxesScope::Named),
+    ("disable", AxesScope::Named),
+    ("dismiss", AxesScope::Named),
+    ("enable", AxesScope::Named),
+    ("get", AxesScope::Named),
+    ("home", AxesScope::Named),
+    ("info", AxesScope::AllUnlessNamed),
+    ("jog", AxesScope::Named),
+    ("monitor", AxesScope::AllUnlessNamed),
+    ("move", AxesScope::Named),
+    ("release", AxesScope::None),
+    ("scan", AxesScope::AllUnlessNamed),
+    ("set", AxesScope::Named),
+    ("spin", AxesScope::Named),
+    ("stop", AxesScope::AllUnlessNamed),
+    ("torque", AxesScope::Named),
+    ("watch", AxesScope::Named),
+    ("watchdog", AxesScope::AllUnlessNamed),
+];
+
+/// Which axes of a server a verb is about.
+#[derive(Clone, Copy, PartialEq)]
+enum AxesScope {
+    /// Those that are named.
+    Named,
+    /// Those that are named, else all.
+    AllUnlessNamed,
+    /// It is about the server.
+    None,
+}
+
+/// Options that help does not show, because they are about links.
+const LINK_OPTIONS: [&str; 9] =
+    ["arm", "detach", "file", "listen", "quick", "rules", "sync", "trace", "verbose"];
+
+/// What a stop of all axes does besides.
+const STOP_HELP: &str = "\
+Without AXES everything stops, whoever commands it, and motion is locked until somebody releases it:
+on the server's page, or by `release`. With AXES these stop, and nothing is locked.";
+
+/// What a scan does there.
+const SCAN_HELP: &str = "\
+Without --look it lists the server's axes. With it the server looks for drives on the links of AXES, by
+reads only, while nobody commands an axis there; Ctrl-C breaks that off.";
+
+/// Which server, and what lets us in.
+#[derive(Args, Debug, Default)]
+#[command(next_help_heading = "On a running server")]
+pub struct ServerArgs {
+    /// Have this `polepair serve` do it: http://127.0.0.1:7365. URL is then which of its axes:
+    /// numbers, names, LINK#NUMBER, or all
+    #[arg(long, value_name = "URL", global = true)]
+    server: Option<String>,
+    /// A token of the server; without it POLEPAIR_TOKEN, else, on this machine, the one of your own
+    /// server
+    #[arg(long, value_name = "FILE", global = true, hide_short_help = true)]
+    token_file: Option<PathBuf>,
+    /// The certificate that an https server must have, or its SHA-256; without it your own server's
+    #[arg(long, value_name = "FILE|SHA256", global = true)]
+    #[arg(hide_short_help = true)]
+    certificate: Option<String>,
+    /// The certificate that is shown to a server with --client-ca, in PEM
+    #[arg(long, value_name = "FILE", global = true, hide_short_help = true)]
+    client_cert: Option<PathBuf>,
+    /// Its key; without it --client-cert holds both
+    #[arg(long, value_name = "FILE", global = true)]
+    #[arg(hide_short_help = true)]
+    client_key: Option<PathBuf>,
+}
+
+impl ServerArgs {
+    /// The command line's grammar where a server is named: URLs are axes.
+    pub fn reword_help(command: Command) -> Command {
+        SERVER_VERBS.iter().fold(command, |command, (verb, all)| {
+            let axes = |url: Arg| {
+                let url =
+                    url.value_name("AXES").help("Axes of the server: 1,3, a name, LINK#1, all");
+                if *all == AxesScope::AllUnlessNamed {
+                    url.required(false).default_value(ALL)
+                } else {
+                    url
+                }
+            };
+            let dry = *verb != "set";
+            let its = |arg: Arg| match arg.get_id().as_str() {
+                "url" => axes(arg),
+                "dry_run" => arg.hide(dry),
+                "look" | "take" => arg.hide(false),
+                id if LINK_OPTIONS.contains(&id) => arg.hide(true),
+                _ => arg,
+            };
+            let note = match *verb {
+                "scan" => SCAN_HELP,
+                "stop" => STOP_HELP,
+                _ => "",
+            };
+            command.mut_subcommand(verb, |verb| verb.mut_args(its).after_help(note))
+        })
+    }
+
+    /// The same grammar, in which the help of verbs that are nothing for a server does not show it.
+    pub fn hide_server_options(command: Command) -> Command {
+        let own = Self::augment_args(Command::new(""));
+        command.mut_subcommands(|verb| {
+            match SERVER_VERBS.iter().any(|(word, _)| *word == verb.get_name()) {
+                true => verb,
+                false => verb.args(own.get_arguments().cloned().map(|arg| arg.hide(true))),
+            }
+        })
+    }
+
+    /// Whether a server is named.
+    pub fn is_given(&self) -> bool {
+        self.server.is_some()
+    }
+
+    /// Whether what is said of a server is complete: the options may stand before the verb and behind it,
+    /// so the grammar cannot tell.
+    ///
+    /// # Errors
+    /// A usage error where something is said of a server, and none is named.
+    pub fn check(&self) -> Result<()> {
+        let Self { server, token_file, certificate, client_cert, client_key } = self;
+        let needs = [
+            ("--token-file", token_file.is_some(), "--server URL", server.is_some()),
+            ("--certificate", certificate.is_some(), "--server URL", server.is_some()),
+            ("--client-cert", client_cert.is_some(), "--server URL", server.is_some()),
+            ("--client-key", client_key.is_some(), "--server URL", server.is_some()),
+            ("--client-key", client_key.is_some(), "--client-cert FILE", client_cert.is_some()),
+        ];
+        match needs.iter().find(|(_, given, _, beside)| *given && !beside) {
+            Some((option, _, needed, _)) => {
+                Err(Problem::usage("E242", format!("{option} needs {needed} beside it.")))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Joins it, and hears what it has.
+    pub fn open(self) -> Result<RemoteSession> {
+        RemoteSession::new(self.gateway()?)
+    }
+
+    /// Joins it without asking anything.
+    pub fn gateway(self) -> Result<Gateway> {
+        let Self { server, token_file, certificate, client_cert, client_key } = self;
+        let url = server.unwrap_or_default();
+        let options = GatewayOptions { url, token_file, certificate, client_cert, client_key };
+        Gateway::new(&options).map_err(refusal_problem)
+    }
+}
+
+/// A server, and what it has.
+pub struct RemoteSession {
+    pub gateway: Gateway,
+    pub bench: BenchView,
+}
+
+impl RemoteSession {
+    pub fn new(gateway: Gateway) -> Result<Self> {
+        let mut bench =
+            gateway.bench().map_err(|error| refusal_problem(hint_unresponsive(error)))?;
+        if bench.links.len() > 1 {
+            bench.axes.iter_mut().for_each(label_with_link);
+        }
+        Ok(Self { gateway, bench })
+    }
+
+    /// The axes that are meant.
+    pub fn axes_of(&self, target: &DriveArgs) -> Result<Vec<AxisInfo>> {
+        self.axes_named(target.remote_axes()?)
+    }
+
+    /// The axes that words mean.
+    pub fn axes_named(&self, words: &str) -> Result<Vec<AxisInfo>> {
+        select_axes(&self.bench, words).map_err(refusal_problem)
+    }
+
+    /// `#1 ` before what concerns an axis, where there are several.
+    pub fn axis_prefix(&self, axes: &[AxisInfo], axis: &AxisInfo) -> String {
+        match (axes.len(), &*axis.name) {
+            (0 | 1, _) => String::new(),
+            (_, "") if self.bench.links.len() > 1 => format!("{}#{} ", axis.link, axis.number),
+            (_, "") => format!("#{} ", axis.number),
+            (_, name) => format!("{name} "),
+        }
+    }
+}
+
+/// Tells an axis from those of other links.
+pub fn label_with_link(axis: &mut AxisInfo) {
+    axis.label += &format!(" of link {}", axis.link);
+}
+
+/// What is missing of a link, a line each: why it is not open, and which of its axes are not there.
+pub fn link_troubles(link: &LinkView) -> Vec<String> {
+    let LinkView { id, url, state, error, since_ms, absent, owed, .. } = link;
+    let now_ms = clock::wall_ns(clock::now()) as f64 / 1e6;
+    let seconds = since_ms.map_or(0.0, |since_ms| ((now_ms - since_ms) / 1e3).max(0.0));
+    let word = match state {
+        LinkState::Open => None,
+        LinkState::Lost => Some("LOST"),
+        LinkState::NotOpen => Some("NOT OPEN"),
+    };
+    let hinted = |error: &GatewayError| match &*error.hint {
+        "" => error.message.clone(),
+        hint => format!("{}; {hint}", error.message),
+    };
+    let mut lines = Vec::new();
+    if let Some(word) = word {
+        let why = error
+            .as_ref()
+            .map_or_else(String::new, |error| format!(": {} ({})", hinted(error), error.code));
+        lines.push(format!("LINK {id} IS {word} for {seconds:.0} s, {url}{why}"));
+    }
+    if *state == LinkState::NotOpen {
+        lines.push(format!(
+            "nothing stops the motors of link {id}, however many it has; it is tried again"
+        ));
+    }
+    for axis in absent {
+        let why = hinted(&axis.error);
+        lines.push(format!("axis {} of link {id} is not there: {why}", axis.number));
+    }
+    for number in owed {
+        lines.push(format!(
+            "AXIS {number} OF LINK {id} MAY BE TURNING, CUT ITS SUPPLY: the server before was told to \
+             stop it, and it is not there"
+        ));
+    }
+    lines
+}
+
+/// A server that says nothing holds its ports, and stops nothing.
+fn hint_unresponsive(error: GatewayError) -> GatewayError {
+    match &*error.code {
+        "E313" => error.hint(
+            "end the server's process and start it again; `polepair stop URL` stops what turns on its \
+             link meanwhile, else cut its supply",
+        ),
+        _ => error,
+    }
+}
+
+/// What the server refuses, or what became of it.
+pub fn refusal_problem(refused: GatewayError) -> Problem {
+    let (exit, what) = (refused.exit(), to_sentence(&refused.sentence()));
+    let GatewayError { code, hint, .. } = refused;
+    Problem::new(exit, code, what).hint_if(Some(hint).filter(|hint| !hint.is_empty()))
+}
+
+/// A verb or an option that a server does not have.
+pub fn unsupported_problem(what: &str, why: &str) -> Problem {
+    Problem::usage("E257", format!("{what} is nothing that a server does.")).why(why)
+}
+
+/// Frames are the server's own affair.
+pub fn refuse_dry_run(dry_run: bool) -> Result<()> {
+    match dry_run {
+        false => Ok(()),
+        true => Err(unsupported_problem("--dry-run", "Only who opens a link can tell the frames.")),
+    }
+}
+
+/// The drive's own numbers are for who opens a link.
+pub fn refuse_raw(raw: bool) -> Result<()> {
+    match raw {
+        false => Ok(()),
+        true => Err(unsupported_problem("--raw with motion", "It takes values with their units.")),
+    }
+}
+
+/// A verb that is for links, or for files.
+pub fn no_such_verb(verb: &str) -> Problem {
+    let known: Vec<&str> = SERVER_VERBS.iter().map(|(verb, _)| *verb).collect();
+    unsupported_problem(
+        &format!("`{verb}`"),
+        &format!("A server does {}.", crate::problem::join_list(&known)),
+    )
+    .hint("leave --server out; the server's link has to be free, so end the server first")
+}
+
+/// The unit in which people read a signal of a server's axis, as on a link of one's own: that of the
+/// drive's profile, where this program knows the profile and it measures the same.
+pub fn signal_unit(axis: &AxisInfo, signal: &str, si: &str) -> Option<Unit> {
+    let profile = drives::profiles().iter().find(|profile| profile.name == axis.profile)?;
+    let source = profile.signals.iter().find(|source| source.signal.name() == signal)?;
+    let unit = profile.parameter(source.parameter)?.unit;
+    (source.equals.is_none() && !si.is_empty() && unit.si_symbol() == si).then_some(unit)
+}
+
+/// A signal's value, which a server tells in SI, as people read it.
+pub fn format_signal(axis: &AxisInfo, signal: &str, value: f64, si: &str) -> String {
+    match signal_unit(axis, signal, si) {
+        Some(unit) => format_value(value / unit.si_factor(), unit.symbol()),
+        None => format_value(value, si),
+    }
+}
+
+/// A value in its unit, as people read it.
+pub fn format_value(value: f64, unit: &str) -> String {
+    let number = value::format_number(value);
+    if unit.is_empty() { number } else { format!("{number} {unit}") }
+}

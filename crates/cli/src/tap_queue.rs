@@ -1,0 +1,112 @@
+//! What taps heard and nobody has looked at yet: they are called on whatever thread reads the link,
+//! so they only keep.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use polepair_core::medium::{Can, Frame, Stream};
+use polepair_core::time::Instant;
+use polepair_link::tap::{Tap, TapDirection};
+
+use crate::trace::FrameTrace;
+
+/// Units that wait to be looked at; the oldest go when there are more, and are counted.
+const WAITING_MAX: usize = 1 << 16;
+
+/// A unit that passed on a wire.
+#[derive(Debug)]
+pub struct QueuedUnit {
+    /// The wire's number.
+    pub wire: usize,
+    /// When.
+    pub at: Instant,
+    /// Which way, by whose end of the link it passed.
+    pub direction: TapDirection,
+    /// What.
+    pub unit: UnitBuf,
+}
+
+/// Bytes of a serial line, or a CAN frame.
+#[derive(Debug)]
+pub enum UnitBuf {
+    /// Bytes that were read or written at once.
+    Bytes(Vec<u8>),
+    /// A frame.
+    Frame(Frame),
+}
+
+/// Where every tap puts what it hears.
+#[derive(Clone, Default)]
+pub struct TapQueue(Arc<Mutex<TapBuffer>>);
+
+#[derive(Default)]
+struct TapBuffer {
+    units: VecDeque<QueuedUnit>,
+    lost: u64,
+    /// What keeps the units as a capture, if anything does.
+    trace: Option<FrameTrace>,
+}
+
+/// The tap of one wire.
+pub struct QueueTap {
+    wire: usize,
+    queue: TapQueue,
+}
+
+impl TapQueue {
+    /// Ears that also keep what they hear as a capture.
+    pub fn with_trace(trace: Option<FrameTrace>) -> Self {
+        Self(Arc::new(Mutex::new(TapBuffer { trace, ..TapBuffer::default() })))
+    }
+
+    /// The tap of a wire.
+    pub fn tap(&self, wire: usize) -> QueueTap {
+        QueueTap { wire, queue: self.clone() }
+    }
+
+    /// What was heard since, and how much of it is lost for good.
+    pub fn drain(&self) -> (VecDeque<QueuedUnit>, u64) {
+        let mut waiting = self.lock();
+        (std::mem::take(&mut waiting.units), std::mem::take(&mut waiting.lost))
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, TapBuffer> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl TapBuffer {
+    fn push(&mut self, heard: QueuedUnit) {
+        if let Some(trace) = &mut self.trace {
+            match &heard.unit {
+                UnitBuf::Bytes(bytes) => trace.write_bytes(heard.at, heard.direction, bytes),
+                UnitBuf::Frame(frame) => trace.write_frame(heard.at, heard.direction, frame),
+            }
+        }
+        if self.units.len() == WAITING_MAX {
+            self.units.pop_front();
+            self.lost += 1;
+        }
+        self.units.push_back(heard);
+    }
+}
+
+impl Tap<Stream> for QueueTap {
+    fn record_unit(&mut self, at: Instant, direction: TapDirection, bytes: &[u8]) {
+        let unit = UnitBuf::Bytes(bytes.to_vec());
+        self.queue.lock().push(QueuedUnit { wire: self.wire, at, direction, unit });
+    }
+}
+
+impl Tap<Can> for QueueTap {
+    fn record_unit(&mut self, at: Instant, direction: TapDirection, frame: &Frame) {
+        let unit = UnitBuf::Frame(*frame);
+        self.queue.lock().push(QueuedUnit { wire: self.wire, at, direction, unit });
+    }
+}
+
+/// The last part of a link's address, as captures name links.
+pub fn short_name(name: &str) -> String {
+    let name = name.strip_prefix("sim:").unwrap_or(name);
+    name.rsplit('/').find(|part| !part.is_empty()).unwrap_or(name).to_owned()
+}

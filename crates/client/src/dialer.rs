@@ -1,0 +1,179 @@
+//! A connection to the server, encrypted or not.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use http_body_util::{BodyExt as _, Empty, Limited};
+use hyper::Request;
+use hyper::body::Bytes;
+use hyper::client::conn::http1::handshake;
+use hyper::header::HOST;
+use hyper_util::rt::TokioIo;
+use polepair_messages::{PROOF_BYTES, Proof, token_proof};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+use tokio_rustls::rustls;
+use tokio_rustls::rustls::AlertDescription as Alert;
+use tokio_rustls::rustls::pki_types::ServerName;
+
+use crate::GatewayError;
+use crate::address::Address;
+use crate::rest::server_lost;
+use crate::secret::{Secret, VARIABLE};
+use crate::tls::ClientTls;
+
+/// How long connecting may take.
+const CONNECT_MAX: Duration = Duration::from_secs(5);
+
+/// Bytes of the answer by which a server proves to be our own.
+const PROOF_MAX: usize = 4096;
+
+/// Either end of what bytes go through.
+pub(crate) trait ServerStream: AsyncRead + AsyncWrite + Unpin + Send {}
+impl<T: AsyncRead + AsyncWrite + Unpin + Send> ServerStream for T {}
+
+/// Where the server is, and what lets us in.
+#[derive(Clone)]
+pub(crate) struct Dialer {
+    pub address: Arc<Address>,
+    pub secret: Secret,
+    pub tls: Option<ClientTls>,
+}
+
+impl std::fmt::Debug for Dialer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Wire").field("address", &self.address).finish_non_exhaustive()
+    }
+}
+
+impl Dialer {
+    /// Connects.
+    ///
+    /// # Errors
+    /// `E314`, `E315` where nobody listens, `E321` where somebody else does, `E256` where a certificate
+    /// of ours is wanted and there is none, or who has none of our tokens would be sent our own.
+    pub async fn dial(&self) -> Result<Box<dyn ServerStream>, GatewayError> {
+        let late = || self.unreachable("no answer within 5 s");
+        let dialled = async {
+            let (stream, there) = self.connect().await?;
+            match self.secret.token_to_prove() {
+                Some(token) => self.verify_server(stream, there, token).await,
+                None => Ok(stream),
+            }
+        };
+        timeout(CONNECT_MAX, dialled).await.map_err(|_| late())?
+    }
+
+    /// The connection, once the server at its other end has proved to have our token.
+    async fn verify_server(
+        &self,
+        stream: Box<dyn ServerStream>,
+        there: SocketAddr,
+        token: &[u8; PROOF_BYTES],
+    ) -> Result<Box<dyn ServerStream>, GatewayError> {
+        let mut challenge = [0; PROOF_BYTES];
+        getrandom::fill(&mut challenge).map_err(|error| {
+            GatewayError::new("E318", format!("there is no randomness: {error}"))
+        })?;
+        let digits: String = challenge.iter().map(|byte| format!("{byte:02x}")).collect();
+        let request = Request::get(format!("/api/v1/proof/{digits}"))
+            .header(HOST, self.address.authority())
+            .body(Empty::<Bytes>::new())
+            .map_err(|error| GatewayError::new("E256", format!("nothing can be asked: {error}")))?;
+        let shaken = handshake(TokioIo::new(stream)).await;
+        let (mut sender, connection) = shaken.map_err(|error| unsent(connection_error(&error)))?;
+        let after = tokio::spawn(connection.without_shutdown());
+        let answer =
+            sender.send_request(request).await.map_err(|error| unsent(connection_error(&error)))?;
+        let body = Limited::new(answer.into_body(), PROOF_MAX).collect().await;
+        let body = body.map_err(|error| unsent(server_lost(&error.to_string())))?.to_bytes();
+        drop(sender);
+        let told = serde_json::from_slice::<Proof>(&body).map(|told| told.proof);
+        if !told.is_ok_and(|told| told == token_proof(token, &challenge, there)) {
+            return Err(self.unproven());
+        }
+        match after.await {
+            Ok(Ok(parts)) if parts.read_buf.is_empty() => Ok(parts.io.into_inner()),
+            _ => Err(unsent(server_lost("it hung up"))),
+        }
+    }
+
+    fn unproven(&self) -> GatewayError {
+        let what = format!("{} is not this account's own server", self.address.authority());
+        GatewayError::new("E256", what).hint(format!(
+            "--token-file or {VARIABLE} with a token of that server: the one of your own is sent to \
+             nobody who does not prove to have it"
+        ))
+    }
+
+    async fn connect(&self) -> Result<(Box<dyn ServerStream>, SocketAddr), GatewayError> {
+        let Address { host, port, .. } = &*self.address;
+        let stream = TcpStream::connect((host.as_str(), *port)).await;
+        let stream = stream.map_err(|error| match error.kind() {
+            std::io::ErrorKind::ConnectionRefused => self.not_listening_error(),
+            _ => self.unreachable(&error.to_string()),
+        })?;
+        // A socket that cannot be told so is slower, no worse.
+        let _ = stream.set_nodelay(true);
+        let there = stream.peer_addr().map_err(|error| self.unreachable(&error.to_string()))?;
+        let Some(tls) = &self.tls else { return Ok((Box::new(stream), there)) };
+        let name = ServerName::try_from(host.clone())
+            .map_err(|error| self.unreachable(&error.to_string()))?;
+        let (connector, unmet) = tls.connector();
+        let encrypted = connector.connect(name, stream).await;
+        let encrypted = encrypted.map_err(|error| self.wrong_server_error(&error))?;
+        match unmet.was_requested() {
+            true => Err(certificate_error("it wants a certificate of its clients")),
+            false => Ok((Box::new(encrypted), there)),
+        }
+    }
+
+    fn not_listening_error(&self) -> GatewayError {
+        GatewayError::new("E314", format!("no server listens on {}", self.address.authority()))
+            .hint("start one: polepair serve URL; it prints where it listens")
+    }
+
+    fn unreachable(&self, why: &str) -> GatewayError {
+        GatewayError::new("E315", format!("{} cannot be reached: {why}", self.address.authority()))
+    }
+
+    fn wrong_server_error(&self, error: &std::io::Error) -> GatewayError {
+        let what = format!("{} is not the server that is meant: {error}", self.address.authority());
+        GatewayError::new("E321", what)
+            .hint("compare its certificate's SHA-256, which `polepair serve --tls` prints")
+    }
+}
+
+/// Nothing that may move something has been sent yet.
+fn unsent(refused: GatewayError) -> GatewayError {
+    GatewayError { executed: Some(false), ..refused }
+}
+
+/// What broke a connection: that the server takes no certificate of ours, else that it went away.
+pub(crate) fn connection_error(error: &(dyn std::error::Error + 'static)) -> GatewayError {
+    let mut cause = Some(error);
+    while let Some(error) = cause {
+        let inner = error.downcast_ref::<std::io::Error>().and_then(std::io::Error::get_ref);
+        if let Some(rustls::Error::AlertReceived(
+            Alert::CertificateRequired
+            | Alert::UnknownCA
+            | Alert::BadCertificate
+            | Alert::CertificateUnknown
+            | Alert::CertificateExpired
+            | Alert::DecryptError,
+        )) = inner.and_then(|inner| inner.downcast_ref())
+        {
+            return certificate_error(&error.to_string());
+        }
+        cause = error.source();
+    }
+    server_lost(&error.to_string())
+}
+
+/// Nothing that was said has got as far as the server.
+fn certificate_error(why: &str) -> GatewayError {
+    GatewayError::new("E256", format!("the server does not let this client in: {why}"))
+        .hint("--client-cert with one that its --client-ca signed, and the key in the same file")
+}

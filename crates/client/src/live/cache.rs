@@ -1,0 +1,352 @@
+//! What the task has heard, for those who ask.
+
+use std::collections::{HashMap, VecDeque};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::task::Waker;
+use std::time::Duration;
+
+use polepair_core::time::Instant;
+use polepair_link::clock;
+use polepair_messages::telemetry::Sample;
+use polepair_messages::{
+    AxisInfo, AxisState, AxisStopReport, BenchView, FrameItem, LinkState, LinkView, MotionLock,
+};
+
+use crate::GatewayError;
+use crate::rest::{action_error, query_error, server_lost};
+
+/// Samples that wait for whoever watches; the oldest are lost first, and counted.
+const SAMPLES_MAX: usize = 65_536;
+/// Frames that wait likewise.
+const FRAMES_MAX: usize = 16_384;
+
+/// What is known of the server and of what we hold.
+#[derive(Debug)]
+pub(crate) struct LiveCache {
+    /// Our name there.
+    pub session: String,
+    state: Mutex<CachedState>,
+}
+
+#[derive(Debug)]
+struct CachedState {
+    /// The server's time, and when it said so.
+    server: (f64, Instant),
+    /// Each axis that is ours, by the epoch of its lease; or why it is ours no more.
+    leases: HashMap<u16, Result<u64, GatewayError>>,
+    /// Each axis as the server said it last, and when.
+    states: HashMap<u16, (AxisState, Instant)>,
+    /// The links and axes that there are, as the server said it last.
+    bench: (Vec<LinkView>, Vec<AxisInfo>),
+    /// Axes whose link is lost, and why.
+    lost_links: HashMap<u16, String>,
+    /// How far the last stop of each axis came, and when that was heard.
+    stops: HashMap<u16, (AxisStopReport, Instant)>,
+    /// Who locked motion.
+    motion_lock: Option<MotionLock>,
+    /// Why the server is gone.
+    connection_error: Option<GatewayError>,
+}
+
+impl LiveCache {
+    pub fn new(session: String, server_ms: f64) -> Self {
+        let told = CachedState {
+            server: (server_ms, clock::now()),
+            leases: HashMap::new(),
+            states: HashMap::new(),
+            bench: Default::default(),
+            lost_links: HashMap::new(),
+            stops: HashMap::new(),
+            motion_lock: None,
+            connection_error: None,
+        };
+        Self { session, state: Mutex::new(told) }
+    }
+
+    /// The server's time now: clocks of two machines differ.
+    pub fn now_ms(&self) -> f64 {
+        let (server_ms, at) = self.lock_state().server;
+        server_ms + clock::now().since(at).as_secs_f64() * 1e3
+    }
+
+    pub fn set_time(&self, server_ms: f64) {
+        self.lock_state().server = (server_ms, clock::now());
+    }
+
+    /// How long the server has said nothing.
+    pub fn silence(&self) -> Duration {
+        clock::now().since(self.lock_state().server.1)
+    }
+
+    pub fn set_lease(&self, axis: u16, lease: Result<u64, GatewayError>) {
+        self.lock_state().leases.insert(axis, lease);
+    }
+
+    /// Ends a lease, if it is ours; true if it was.
+    pub fn end_lease(&self, axis: u16, epoch: u64) -> bool {
+        let mut told = self.lock_state();
+        let ours = told.leases.get(&axis).is_some_and(|lease| *lease == Ok(epoch));
+        if ours {
+            told.leases.remove(&axis);
+        }
+        ours
+    }
+
+    pub fn set_state(&self, state: AxisState) {
+        self.lock_state().states.insert(state.id, (state, clock::now()));
+    }
+
+    /// An axis as the server said it last, its values as old as they are now; `None` before it did.
+    pub fn state(&self, axis: u16) -> Option<AxisState> {
+        let (mut state, at) = self.lock_state().states.get(&axis).cloned()?;
+        let since_ms = clock::now().since(at).as_secs_f64() * 1e3;
+        state.signals.iter_mut().for_each(|signal| signal.age_ms += since_ms);
+        Some(state)
+    }
+
+    pub fn set_links(&self, bench: &BenchView) {
+        let lost = |id| bench.links.iter().find(|l| l.id == id && l.state == LinkState::Lost);
+        let why = bench.axes.iter().filter_map(|axis| {
+            let link = lost(axis.link)?;
+            let reason = link.error.as_ref().map_or("nobody knows why", |error| &error.message);
+            Some((axis.id, format!("the link of {} went away: {reason}", axis.label)))
+        });
+        let mut told = self.lock_state();
+        (told.lost_links, told.motion_lock) = (why.collect(), bench.lock.clone());
+        told.bench = (bench.links.clone(), bench.axes.clone());
+    }
+
+    pub fn links(&self) -> Vec<LinkView> {
+        self.lock_state().bench.0.clone()
+    }
+
+    /// Axes behind the first so many.
+    pub fn axes_from(&self, first: usize) -> Vec<AxisInfo> {
+        self.lock_state().bench.1.get(first..).unwrap_or_default().to_vec()
+    }
+
+    pub fn set_lock(&self, lock: Option<MotionLock>) {
+        self.lock_state().motion_lock = lock;
+    }
+
+    pub fn motion_lock(&self) -> Option<MotionLock> {
+        self.lock_state().motion_lock.clone()
+    }
+
+    pub fn set_stopped(&self, axes: Vec<AxisStopReport>) {
+        let now = clock::now();
+        let mut told = self.lock_state();
+        told.stops.extend(axes.into_iter().map(|stopped| (stopped.id, (stopped, now))));
+    }
+
+    pub fn last_stop(&self, axis: u16) -> Option<(AxisStopReport, Instant)> {
+        self.lock_state().stops.get(&axis).cloned()
+    }
+
+    /// Whether the server is there, and has the link of an axis.
+    pub fn check_link(&self, axis: u16) -> Result<(), GatewayError> {
+        self.check_connected()?;
+        let why = self.lock_state().lost_links.get(&axis).cloned();
+        why.map_or(Ok(()), |why| {
+            Err(GatewayError::new("E313", why).hint("the server opens it again by itself"))
+        })
+    }
+
+    /// Every lease that is ours.
+    pub fn leases(&self) -> Vec<(u16, u64)> {
+        let told = self.lock_state();
+        told.leases
+            .iter()
+            .filter_map(|(axis, epoch)| Some((*axis, *epoch.as_ref().ok()?)))
+            .collect()
+    }
+
+    pub fn holds(&self, axis: u16, epoch: u64) -> bool {
+        self.lock_state().leases.get(&axis).is_some_and(|lease| *lease == Ok(epoch))
+    }
+
+    /// Whether a lease is still ours.
+    pub fn check(&self, axis: u16, epoch: u64) -> Result<(), GatewayError> {
+        let told = self.lock_state();
+        if let Some(why) = &told.connection_error {
+            return Err(action_error(why.clone()));
+        }
+        match told.leases.get(&axis) {
+            Some(Ok(ours)) if *ours == epoch => Ok(()),
+            Some(Err(why)) => Err(why.clone()),
+            _ => Err(GatewayError::new("gateway.lease", "the lease was given back")),
+        }
+    }
+
+    pub fn set_disconnected(&self, why: GatewayError) {
+        self.lock_state().connection_error = Some(why);
+    }
+
+    /// Whether the server is there.
+    pub fn check_connected(&self) -> Result<(), GatewayError> {
+        self.lock_state().connection_error.clone().map_or(Ok(()), |why| Err(query_error(why)))
+    }
+
+    /// Why it is not.
+    pub fn disconnect_reason(&self) -> GatewayError {
+        self.lock_state()
+            .connection_error
+            .clone()
+            .unwrap_or_else(|| server_lost("the connection has ended"))
+    }
+
+    fn lock_state(&self) -> MutexGuard<'_, CachedState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Frames that pass on the server's links.
+#[derive(Debug, Default)]
+pub(crate) struct FrameBuffer(Mutex<BufferedFrames>);
+
+#[derive(Debug, Default)]
+struct BufferedFrames {
+    waiting: VecDeque<FrameItem>,
+    lost: u64,
+    /// Why there are none.
+    error: Option<GatewayError>,
+}
+
+impl FrameBuffer {
+    pub fn push(&self, items: Vec<FrameItem>, lost: u64) {
+        let mut passed = self.lock();
+        passed.lost += lost;
+        passed.waiting.extend(items);
+        let over = passed.waiting.len().saturating_sub(FRAMES_MAX);
+        passed.waiting.drain(..over);
+        passed.lost += over as u64;
+    }
+
+    pub fn fail(&self, why: GatewayError) {
+        self.lock().error = Some(why);
+    }
+
+    pub fn drain(&self) -> Result<(Vec<FrameItem>, u64), GatewayError> {
+        let mut passed = self.lock();
+        match &passed.error {
+            Some(why) => Err(why.clone()),
+            None => Ok((passed.waiting.drain(..).collect(), passed.lost)),
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, BufferedFrames> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Samples of one channel.
+#[derive(Debug, Default)]
+pub(crate) struct SampleBuffer(Mutex<BufferedSamples>);
+
+#[derive(Debug, Default)]
+struct BufferedSamples {
+    waiting: VecDeque<Sample>,
+    /// And when it came.
+    last: Option<(Sample, Instant)>,
+    /// What the server lost on the way, and what was lost here.
+    lost: (u64, u64),
+    /// Who waits for the next.
+    waker: Option<Waker>,
+}
+
+impl SampleBuffer {
+    pub fn push(&self, lost_total: u64, samples: &[Sample], at: Instant) {
+        let mut feed = self.lock();
+        feed.lost.0 = lost_total;
+        for sample in samples {
+            if feed.waiting.len() == SAMPLES_MAX {
+                feed.waiting.pop_front();
+                feed.lost.1 += 1;
+            }
+            feed.waiting.push_back(*sample);
+            feed.last = Some((*sample, at));
+        }
+        drop(feed);
+        self.wake();
+    }
+
+    /// True when there is something to drain; else the waker is woken once there is. The last who
+    /// waits is the one who is woken.
+    pub fn poll_ready(&self, waker: &Waker) -> bool {
+        let mut feed = self.lock();
+        let ready = !feed.waiting.is_empty();
+        if !ready {
+            feed.waker = Some(waker.clone());
+        }
+        ready
+    }
+
+    /// Wakes whoever waits.
+    pub fn wake(&self) {
+        let waits = self.lock().waker.take();
+        waits.into_iter().for_each(Waker::wake);
+    }
+
+    /// The last sample, if it came within so long.
+    pub fn last(&self, within: Duration) -> Option<Sample> {
+        let last = self.lock().last.filter(|(_, at)| clock::now().since(*at) <= within);
+        last.map(|(sample, _)| sample)
+    }
+
+    pub fn drain(&self) -> (Vec<Sample>, u64) {
+        let mut feed = self.lock();
+        (feed.waiting.drain(..).collect(), feed.lost.0 + feed.lost.1)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, BufferedSamples> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_who_watches_fills_the_memory() {
+        let feed = SampleBuffer::default();
+        let samples = |from: u64| -> Vec<Sample> {
+            (from..from + SAMPLES_MAX as u64).map(|t_us| Sample { t_us, value: 0.0 }).collect()
+        };
+        let now = clock::now();
+        feed.push(0, &samples(0), now);
+        feed.push(5, &samples(SAMPLES_MAX as u64)[..3], now);
+        let (kept, lost) = feed.drain();
+        assert_eq!((kept.len(), kept[0].t_us, lost), (SAMPLES_MAX, 3, 8));
+        assert_eq!(feed.last(Duration::MAX).unwrap().t_us, SAMPLES_MAX as u64 + 2);
+        assert!(feed.drain().0.is_empty());
+    }
+
+    #[test]
+    fn a_sample_is_the_last_for_so_long_only() {
+        let feed = SampleBuffer::default();
+        feed.push(0, &[Sample { t_us: 1, value: 1.0 }], Instant::default());
+        clock::sleep_until(clock::now().plus_ms(2));
+        assert!(
+            feed.last(Duration::MAX).is_some() && feed.last(Duration::from_millis(1)).is_none()
+        );
+    }
+
+    #[test]
+    fn what_is_given_back_is_renewed_no_more_and_a_newer_lease_stays() {
+        let known = LiveCache::new("ann 1".into(), 0.0);
+        known.set_lease(1, Ok(7));
+        assert!(!known.end_lease(1, 6) && known.leases() == [(1, 7)]);
+        assert!(known.end_lease(1, 7) && known.leases().is_empty());
+        assert!(known.check(1, 7).is_err());
+    }
+
+    #[test]
+    fn time_is_the_servers_and_goes_on() {
+        let known = LiveCache::new("ann 1".into(), 1e12);
+        let now = known.now_ms();
+        assert!((1e12..1e12 + 60_000.0).contains(&now), "{now}");
+        known.set_time(5e11);
+        assert!(known.now_ms() < 6e11, "a clock that was set is followed");
+    }
+}

@@ -1,0 +1,122 @@
+//! What was asked about the lease of one axis. Answers may come in another order than what they answer,
+//! and a refusal does not say of which lease: so refusals wait until all else is answered.
+
+use std::collections::VecDeque;
+
+use polepair_messages::LeaseAction;
+
+use super::ResponseSender;
+use crate::GatewayError;
+
+/// What is not answered yet, in the order in which it was asked.
+#[derive(Debug, Default)]
+pub(super) struct PendingLeaseRequests {
+    waiting: VecDeque<PendingLeaseRequest>,
+    refusals: VecDeque<GatewayError>,
+}
+
+/// One thing that was asked.
+#[derive(Debug)]
+pub(super) struct PendingLeaseRequest {
+    pub act: LeaseAction,
+    /// Of the lease that it is about; 0 where there is none yet.
+    pub epoch: u64,
+    /// Who waits for the answer: nobody, for a renewal.
+    pub reply: Option<ResponseSender<u64>>,
+}
+
+impl PendingLeaseRequests {
+    pub fn push(&mut self, one: PendingLeaseRequest) {
+        self.waiting.push_back(one);
+    }
+
+    /// What a lease that is held from now on, or was given back, answers.
+    pub fn match_reply(&mut self, epoch: u64, held: bool) -> Option<PendingLeaseRequest> {
+        let its = |one: &PendingLeaseRequest, act| one.act == act && one.epoch == epoch;
+        let at = match held {
+            true => {
+                let renewed = self.waiting.iter().position(|one| its(one, LeaseAction::Renew));
+                renewed.or_else(|| self.waiting.iter().position(PendingLeaseRequest::is_acquire))
+            }
+            false => self.waiting.iter().position(|one| its(one, LeaseAction::Drop)),
+        };
+        at.and_then(|at| self.waiting.remove(at))
+    }
+
+    pub fn push_refusal(&mut self, why: GatewayError) {
+        self.refusals.push_back(why);
+    }
+
+    /// What is known to be refused: all that waits, once there are as many refusals.
+    pub fn drain_settled(&mut self) -> Vec<(PendingLeaseRequest, GatewayError)> {
+        match self.refusals.len() < self.waiting.len() {
+            true => Vec::new(),
+            false => self.waiting.drain(..).zip(self.refusals.drain(..)).collect(),
+        }
+    }
+
+    /// Whoever waits.
+    pub fn into_senders(self) -> impl Iterator<Item = ResponseSender<u64>> {
+        self.waiting.into_iter().filter_map(|one| one.reply)
+    }
+}
+
+impl PendingLeaseRequest {
+    pub const fn is_acquire(&self) -> bool {
+        matches!(self.act, LeaseAction::Take | LeaseAction::TakeOver)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn one(act: LeaseAction, epoch: u64) -> PendingLeaseRequest {
+        PendingLeaseRequest { act, epoch, reply: None }
+    }
+
+    fn no() -> GatewayError {
+        GatewayError::new("gateway.lease", "no")
+    }
+
+    /// The axis was stopped: the renewal that was under way comes too late, what is taken anew is ours.
+    #[test]
+    fn a_late_renewal_does_not_fail_what_is_taken_after_it() {
+        let mut asked = PendingLeaseRequests::default();
+        asked.push(one(LeaseAction::Renew, 3));
+        asked.push(one(LeaseAction::Take, 0));
+        asked.push_refusal(no());
+        assert!(asked.drain_settled().is_empty(), "it may be of either");
+        let taken = asked.match_reply(4, true).expect("a grant");
+        assert!(taken.is_acquire());
+        let settled = asked.drain_settled();
+        assert_eq!(
+            (settled.len(), settled[0].0.act, settled[0].0.epoch),
+            (1, LeaseAction::Renew, 3)
+        );
+    }
+
+    #[test]
+    fn a_refused_take_does_not_end_the_lease_that_is_renewed() {
+        let mut asked = PendingLeaseRequests::default();
+        asked.push(one(LeaseAction::Take, 0));
+        asked.push(one(LeaseAction::Renew, 3));
+        asked.push_refusal(no());
+        assert_eq!(asked.match_reply(3, true).expect("a renewal").act, LeaseAction::Renew);
+        let settled = asked.drain_settled();
+        assert!(settled.len() == 1 && settled[0].0.is_acquire());
+    }
+
+    #[test]
+    fn what_is_alone_is_refused_at_once_and_leaves_nothing() {
+        let mut asked = PendingLeaseRequests::default();
+        asked.push(one(LeaseAction::Drop, 3));
+        assert!(asked.match_reply(2, false).is_none(), "of another lease");
+        asked.push_refusal(no());
+        assert_eq!(asked.drain_settled().len(), 1);
+        asked.push_refusal(no());
+        assert!(asked.drain_settled().is_empty(), "of nothing that was asked");
+        asked.push(one(LeaseAction::Take, 0));
+        assert!(asked.drain_settled().is_empty(), "it is not the next one's");
+    }
+}

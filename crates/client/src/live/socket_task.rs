@@ -1,0 +1,375 @@
+//! The task on the WebSocket.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Weak};
+use std::time::Duration;
+
+use futures_util::{SinkExt as _, StreamExt as _};
+use hyper::header::{AUTHORIZATION, HeaderValue, SEC_WEBSOCKET_PROTOCOL};
+use polepair_core::time::Instant;
+use polepair_link::clock;
+use polepair_messages::{
+    ClientMessage, ErrorBody, LeaseAction, ServerMessage, WEBSOCKET_PROTOCOL, telemetry,
+};
+use tokio::sync::mpsc;
+use tokio::time::{MissedTickBehavior, interval, timeout};
+use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
+use tokio_tungstenite::tungstenite::{Error, Message};
+use tokio_tungstenite::{WebSocketStream, client_async};
+
+use super::lease_requests::{PendingLeaseRequest, PendingLeaseRequests};
+use super::{ChannelInfo, FrameBuffer, LiveCache, LiveRequest, ResponseSender, SampleBuffer};
+use crate::GatewayError;
+use crate::dialer::{Dialer, ServerStream, connection_error};
+use crate::lease::outcome_result;
+use crate::rest::{action_error, invalid_response, query_error, server_lost};
+
+/// How often leases are renewed: they last three times as long.
+const RENEW: Duration = Duration::from_millis(500);
+/// How long a server may say nothing: it asks each second whether we are there.
+const SILENT_MAX: Duration = Duration::from_secs(5);
+
+type ClientSocket = WebSocketStream<Box<dyn ServerStream>>;
+
+/// Connects, hears who we are, and leaves the rest to a task of its own.
+pub(super) async fn spawn_task(
+    wire: &Dialer,
+    asked: mpsc::Receiver<LiveRequest>,
+) -> Result<Arc<LiveCache>, GatewayError> {
+    let mut socket = connect_socket(wire).await?;
+    let welcome = timeout(SILENT_MAX, await_welcome(&mut socket)).await;
+    let (session, server_ms) = welcome.unwrap_or_else(|_| Err(server_lost("it says nothing")))?;
+    let known = Arc::new(LiveCache::new(session, server_ms));
+    let task = SocketTask {
+        socket,
+        cache: Arc::clone(&known),
+        commands: HashMap::new(),
+        lease_requests: HashMap::new(),
+        sample_buffers: HashMap::new(),
+        pending_subscriptions: HashMap::new(),
+        frame_buffer: None,
+        last_received: clock::now(),
+    };
+    tokio::spawn(task.run(asked));
+    Ok(known)
+}
+
+async fn connect_socket(wire: &Dialer) -> Result<ClientSocket, GatewayError> {
+    let stream = wire.dial().await?;
+    let url = format!("ws://{}/api/v1/live", wire.address.authority());
+    let wrong =
+        |error: &dyn std::fmt::Display| GatewayError::new("E256", format!("{url}: {error}"));
+    let mut request = url.as_str().into_client_request().map_err(|error| wrong(&error))?;
+    let bearer = HeaderValue::from_str(&wire.secret.bearer()).map_err(|error| wrong(&error))?;
+    request.headers_mut().insert(AUTHORIZATION, bearer);
+    request
+        .headers_mut()
+        .insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(WEBSOCKET_PROTOCOL));
+    let shaken = timeout(SILENT_MAX, client_async(request, stream)).await;
+    let (socket, _) =
+        shaken.map_err(|_| server_lost("it does not answer"))?.map_err(handshake_error)?;
+    Ok(socket)
+}
+
+/// What the server says instead of a WebSocket.
+fn handshake_error(error: Error) -> GatewayError {
+    let Error::Http(answer) = error else { return connection_error(&error) };
+    let body = answer.body().as_deref().unwrap_or_default();
+    let told = serde_json::from_slice::<ErrorBody>(body);
+    told.map_or_else(|error| invalid_response(&error.to_string()), |body| body.error)
+}
+
+async fn await_welcome(socket: &mut ClientSocket) -> Result<(String, f64), GatewayError> {
+    while let Some(heard) = socket.next().await {
+        if let Message::Text(text) = heard.map_err(|error| server_lost(&error.to_string()))? {
+            return match serde_json::from_str(&text) {
+                Ok(ServerMessage::Welcome(welcome)) => Ok((welcome.session, welcome.server_ms)),
+                Ok(_) => Err(invalid_response("it does not begin with a welcome")),
+                Err(error) => Err(invalid_response(&error.to_string())),
+            };
+        }
+    }
+    Err(server_lost("it hung up"))
+}
+
+/// What is on its way.
+struct SocketTask {
+    socket: ClientSocket,
+    cache: Arc<LiveCache>,
+    commands: HashMap<String, ResponseSender<()>>,
+    lease_requests: HashMap<u16, PendingLeaseRequests>,
+    /// Of each channel; it is watched as long as somebody has it.
+    sample_buffers: HashMap<u16, Weak<SampleBuffer>>,
+    pending_subscriptions: HashMap<u16, ResponseSender<ChannelInfo>>,
+    /// Where frames go; they are sent as long as somebody has it.
+    frame_buffer: Option<Weak<FrameBuffer>>,
+    last_received: Instant,
+}
+
+impl SocketTask {
+    async fn run(mut self, mut asked: mpsc::Receiver<LiveRequest>) {
+        let mut renew = interval(RENEW);
+        renew.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let ended = loop {
+            let went_on = tokio::select! {
+                biased;
+                _ = renew.tick() => self.renew_leases().await,
+                ask = asked.recv() => match ask {
+                    Some(ask) => self.handle_request(ask).await,
+                    // Nobody holds or watches anything any more.
+                    None => {
+                        let _ = timeout(RENEW, self.socket.close(None)).await;
+                        return;
+                    }
+                },
+                heard = self.socket.next() => self.handle_frame(heard),
+            };
+            if let Err(why) = went_on {
+                break why;
+            }
+        };
+        // From here on nothing more is taken, and what was not said yet never will be.
+        asked.close();
+        self.cache.set_disconnected(ended.clone());
+        self.wake_streams();
+        while let Some(ask) = asked.recv().await {
+            ask.fail(GatewayError { executed: Some(false), ..ended.clone() });
+        }
+        // Who waited has gone, or hears it; here and below.
+        let (done, asked) = (action_error(ended.clone()), query_error(ended));
+        self.commands.into_values().for_each(|tell| drop(tell.send(Err(done.clone()))));
+        let leases = self.lease_requests.into_values().flat_map(PendingLeaseRequests::into_senders);
+        leases.for_each(|tell| drop(tell.send(Err(done.clone()))));
+        self.pending_subscriptions
+            .into_values()
+            .for_each(|tell| drop(tell.send(Err(asked.clone()))));
+    }
+
+    /// Keeps what is ours, and looks whether the server is there.
+    async fn renew_leases(&mut self) -> Result<(), GatewayError> {
+        if clock::now().since(self.last_received) >= SILENT_MAX {
+            return Err(server_lost("it says nothing"));
+        }
+        let leases = self.cache.leases();
+        for (axis, epoch) in &leases {
+            let (axis, epoch, act) = (*axis, *epoch, LeaseAction::Renew);
+            self.lease_requests.entry(axis).or_default().push(PendingLeaseRequest {
+                act,
+                epoch,
+                reply: None,
+            });
+            self.send_message(&ClientMessage::Lease { axis, act, epoch }).await?;
+        }
+        if !leases.is_empty() {
+            self.send_message(&ClientMessage::Ping { client_ms: 0.0 }).await?;
+        }
+        self.unsubscribe_unused().await
+    }
+
+    /// Has whoever watches look whether there is still something to see.
+    fn wake_streams(&self) {
+        self.sample_buffers.values().filter_map(Weak::upgrade).for_each(|feed| feed.wake());
+    }
+
+    /// Ends channels and frames that nobody watches any more.
+    async fn unsubscribe_unused(&mut self) -> Result<(), GatewayError> {
+        if self.frame_buffer.take_if(|passing| passing.strong_count() == 0).is_some() {
+            self.send_message(&ClientMessage::Frames { on: false, filter: None }).await?;
+        }
+        for (channel, _) in self.sample_buffers.extract_if(|_, feed| feed.strong_count() == 0) {
+            let text = to_json(&ClientMessage::Unsubscribe { channel })?;
+            send_text(&mut self.socket, text).await?;
+        }
+        Ok(())
+    }
+
+    async fn handle_request(&mut self, ask: LiveRequest) -> Result<(), GatewayError> {
+        let message = match ask {
+            LiveRequest::Command { axis, request: order, reply: tell } => {
+                self.commands.insert(order.id.clone(), tell);
+                ClientMessage::Command { axis, command: order }
+            }
+            LiveRequest::Lease { axis, act, epoch, reply: tell } => {
+                if act == LeaseAction::Drop {
+                    self.cache.end_lease(axis, epoch);
+                }
+                self.lease_requests.entry(axis).or_default().push(PendingLeaseRequest {
+                    act,
+                    epoch,
+                    reply: Some(tell),
+                });
+                ClientMessage::Lease { axis, act, epoch }
+            }
+            LiveRequest::Subscribe { channel, spec: what, buffer: feed, reply: tell } => {
+                // A client has a number of channels at most.
+                self.unsubscribe_unused().await?;
+                self.sample_buffers.insert(channel, Arc::downgrade(&feed));
+                self.pending_subscriptions.insert(channel, tell);
+                let super::ChannelSpec { axis, signal, parameter, hz } = what;
+                ClientMessage::Subscribe { channel, axis, signal, parameter, hz }
+            }
+            LiveRequest::Frames { filter, buffer: passing } => {
+                self.frame_buffer = Some(Arc::downgrade(&passing));
+                ClientMessage::Frames { on: true, filter }
+            }
+        };
+        self.send_message(&message).await
+    }
+
+    async fn send_message(&mut self, message: &ClientMessage) -> Result<(), GatewayError> {
+        send_text(&mut self.socket, to_json(message)?).await
+    }
+
+    fn handle_frame(&mut self, heard: Option<Result<Message, Error>>) -> Result<(), GatewayError> {
+        self.last_received = clock::now();
+        match heard {
+            Some(Ok(Message::Text(text))) => {
+                // What a later version says besides is nothing to this one.
+                if let Ok(message) = serde_json::from_str(&text) {
+                    self.handle_message(message);
+                }
+            }
+            Some(Ok(Message::Binary(bytes))) => {
+                if let Some((channel, lost_total, samples)) = telemetry::decode(&bytes)
+                    && let Some(feed) = self.sample_buffers.get(&channel).and_then(Weak::upgrade)
+                {
+                    feed.push(lost_total, &samples, self.last_received);
+                }
+            }
+            Some(Ok(Message::Close(_))) | None => return Err(server_lost("it hung up")),
+            Some(Ok(_)) => {}
+            Some(Err(error)) => return Err(server_lost(&error.to_string())),
+        }
+        Ok(())
+    }
+
+    fn handle_message(&mut self, message: ServerMessage) {
+        match message {
+            ServerMessage::Outcome(outcome) => {
+                if let Some(tell) = self.commands.remove(&outcome.id) {
+                    let _ = tell.send(outcome_result(outcome));
+                }
+            }
+            ServerMessage::Leased { axis, epoch, expires_ms } => {
+                self.handle_leased(axis, epoch, expires_ms.is_some());
+            }
+            ServerMessage::Subscribed { channel, hz, source, unit } => {
+                if let Some(tell) = self.pending_subscriptions.remove(&channel) {
+                    let _ = tell.send(Ok(ChannelInfo { hz, source, unit }));
+                }
+            }
+            ServerMessage::Pong { server_ms, .. } => self.cache.set_time(server_ms),
+            ServerMessage::Axis(state) => {
+                let newer = state.lease.as_ref().filter(|lease| lease.owner != self.cache.session);
+                if let Some(lease) = newer
+                    && self.cache.leases().iter().any(|(a, e)| *a == state.id && *e < lease.epoch)
+                {
+                    let what = format!("{} took the axis over", lease.owner);
+                    self.cache.set_lease(state.id, Err(GatewayError::new("gateway.lease", what)));
+                }
+                self.cache.set_state(state);
+            }
+            ServerMessage::Bench(bench) => {
+                self.cache.set_links(&bench);
+                self.wake_streams();
+            }
+            ServerMessage::Locked(lock) => self.cache.set_lock(Some(lock)),
+            ServerMessage::Unlocked => self.cache.set_lock(None),
+            ServerMessage::Stopped(stopped) => self.cache.set_stopped(stopped.axes),
+            ServerMessage::Frames { items, lost } => {
+                if let Some(passing) = self.frame_buffer.as_ref().and_then(Weak::upgrade) {
+                    passing.push(items, lost);
+                }
+            }
+            ServerMessage::Error { error, about: Some(about), .. } if about == "frames" => {
+                if let Some(passing) = self.frame_buffer.as_ref().and_then(Weak::upgrade) {
+                    passing.fail(error);
+                }
+            }
+            ServerMessage::Error { error, about, subject: Some(subject) } => {
+                self.handle_error(about.as_deref(), subject, error);
+            }
+            _ => {}
+        }
+    }
+
+    /// A lease was given, renewed or given back.
+    fn handle_leased(&mut self, axis: u16, epoch: u64, held: bool) {
+        let asked = self.lease_requests.entry(axis).or_default();
+        if let Some(one) = asked.match_reply(epoch, held) {
+            // One that nobody waits for any more is not renewed, and ends.
+            if one.is_acquire() && one.reply.as_ref().is_some_and(|tell| !tell.is_closed()) {
+                self.cache.set_lease(axis, Ok(epoch));
+            }
+            // Who asked may have gone; here and below.
+            one.reply.map(|tell| tell.send(Ok(epoch)));
+        }
+        self.settle_leases(axis);
+    }
+
+    fn handle_error(&mut self, about: Option<&str>, subject: u16, error: GatewayError) {
+        match about {
+            Some("lease") => {
+                self.lease_requests.entry(subject).or_default().push_refusal(error);
+                self.settle_leases(subject);
+            }
+            Some("subscribe") => {
+                self.sample_buffers.remove(&subject);
+                if let Some(tell) = self.pending_subscriptions.remove(&subject) {
+                    let _ = tell.send(Err(error));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Says what is refused by now.
+    fn settle_leases(&mut self, axis: u16) {
+        let settled = self.lease_requests.entry(axis).or_default().drain_settled();
+        for (PendingLeaseRequest { epoch, reply: tell, .. }, error) in settled {
+            match tell {
+                Some(tell) => drop(tell.send(Err(error))),
+                // A renewal came too late: somebody stopped or took the axis, or we slept.
+                None if self.cache.holds(axis, epoch) => {
+                    self.cache.set_lease(axis, Err(lease_end_error(&error)));
+                }
+                None => {}
+            }
+        }
+    }
+}
+
+fn to_json(message: &ClientMessage) -> Result<String, GatewayError> {
+    serde_json::to_string(message).map_err(|error| server_lost(&error.to_string()))
+}
+
+async fn send_text(socket: &mut ClientSocket, text: String) -> Result<(), GatewayError> {
+    let said = timeout(SILENT_MAX, socket.send(Message::text(text))).await;
+    said.map_err(|_| server_lost("it takes nothing"))?
+        .map_err(|error| server_lost(&error.to_string()))
+}
+
+/// Why a lease ended that was not given back.
+fn lease_end_error(error: &GatewayError) -> GatewayError {
+    if error.code == "E313" {
+        return error.clone();
+    }
+    GatewayError::new("gateway.lease", format!("the lease ended: {}", error.message))
+        .hint("somebody stopped the axis or took it over; the server's journal tells who")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lease_that_ended_with_its_link_is_nobodys_stop() {
+        let lost = GatewayError::new("E313", "the link of axis 1 went away").hint("cut its supply");
+        assert_eq!(lease_end_error(&lost), lost);
+        let stopped = lease_end_error(&GatewayError::new(
+            "gateway.lease",
+            "nobody has the lease of this axis",
+        ));
+        assert!(stopped.code == "gateway.lease" && stopped.hint.contains("somebody stopped"));
+    }
+}

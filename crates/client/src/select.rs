@@ -1,0 +1,170 @@
+//! Which axes of a server are meant, and in what they are measured.
+
+use polepair_core::units::Unit;
+use polepair_messages::{AxisInfo, BenchView, LinkView};
+
+use crate::GatewayError;
+
+/// The word for every axis.
+pub const ALL: &str = "all";
+
+/// `all`, or names and numbers with commas between them; behind `LINK#` those of a link, which goes by
+/// its number or its URL: `1,3`, `0#1,2`, `0#1,1#2`. A number alone has to be one axis' alone, and no
+/// axis is named twice: it would be told twice.
+///
+/// # Errors
+/// `E212` for what the server does not have or may have several of, `E210` for an axis that is named twice;
+/// the error of its link for one that is not there.
+pub fn select_axes(bench: &BenchView, words: &str) -> Result<Vec<AxisInfo>, GatewayError> {
+    let axes = select_each(bench, words)?.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let is_twice =
+        |(at, axis): &(usize, &AxisInfo)| axes[..*at].iter().any(|its| its.id == axis.id);
+    match axes.iter().enumerate().find(is_twice) {
+        None => Ok(axes),
+        Some((_, axis)) => {
+            let what = format!("{words:?} names axis {} twice", full_name(axis));
+            Err(GatewayError::new("E210", what).hint("name each axis once"))
+        }
+    }
+}
+
+/// As [`select_axes`], each by itself, for whom the others matter though one is not there.
+///
+/// # Errors
+/// `E212` for a link that the server has not, and for `all` where it has no axis.
+pub fn select_each(
+    bench: &BenchView,
+    words: &str,
+) -> Result<Vec<Result<AxisInfo, GatewayError>>, GatewayError> {
+    if words == ALL {
+        return match bench.axes.is_empty() {
+            true => Err(unknown_axis_error(bench, words)),
+            false => Ok(bench.axes.iter().cloned().map(Ok).collect()),
+        };
+    }
+    let mut axes = Vec::new();
+    let (mut link, mut segments) = (None, words.split('#').peekable());
+    while let Some(segment) = segments.next() {
+        let (numbers, next) = match segments.peek() {
+            Some(_) => before_link(bench, segment)?,
+            None => (Some(segment), None),
+        };
+        let numbers = numbers.iter().flat_map(|numbers| numbers.split(','));
+        axes.extend(numbers.map(|word| find_axis(bench, link, word.trim())));
+        link = next.or(link);
+    }
+    Ok(axes)
+}
+
+/// What stands before a `#`: axes of the link before, and a link, whose URL may have commas.
+fn before_link<'a>(
+    bench: &'a BenchView,
+    segment: &'a str,
+) -> Result<(Option<&'a str>, Option<&'a LinkView>), GatewayError> {
+    if segment.is_empty() {
+        return Ok((None, None));
+    }
+    let commas =
+        segment.match_indices(',').map(|(at, _)| (Some(&segment[..at]), &segment[at + 1..]));
+    let mut ways = std::iter::once((None, segment)).chain(commas);
+    let found = ways.find_map(|(axes, word)| Some((axes, Some(find_link(bench, word.trim())?))));
+    found.ok_or_else(|| {
+        let known = bench.links.iter().map(|link| format!("{} ({})", link.id, link.url));
+        let word = segment.rsplit(',').next().unwrap_or(segment).trim();
+        GatewayError::new("E212", format!("the server has no link {word:?}")).hint(list_hint(known))
+    })
+}
+
+/// A link by its number, its URL, or its URL without axes.
+#[must_use]
+pub fn find_link<'a>(bench: &'a BenchView, word: &str) -> Option<&'a LinkView> {
+    let plain = |url: &str| url.split('#').next() == Some(word);
+    bench
+        .links
+        .iter()
+        .find(|link| word.parse() == Ok(link.id) || link.url == word || plain(&link.url))
+}
+
+fn find_axis(
+    bench: &BenchView,
+    link: Option<&LinkView>,
+    word: &str,
+) -> Result<AxisInfo, GatewayError> {
+    let on_link = |axis: &&AxisInfo| link.is_none_or(|link| axis.link == link.id);
+    let named = |axis: &&AxisInfo| {
+        (!axis.name.is_empty() && axis.name == word) || word.parse() == Ok(axis.number)
+    };
+    let found: Vec<_> = bench.axes.iter().filter(on_link).filter(named).collect();
+    match found[..] {
+        [one] => Ok(one.clone()),
+        [] => {
+            let links = bench.links.iter().filter(|its| link.is_none_or(|link| its.id == link.id));
+            let mut absent = links.filter_map(|link| absent_error(link, word.parse().ok()?));
+            Err(absent.next().unwrap_or_else(|| unknown_axis_error(bench, word)))
+        }
+        _ => {
+            let all: Vec<_> = found.into_iter().map(full_name).collect();
+            let what = format!("the server has several axes {word:?}: {}", all.join(", "));
+            Err(GatewayError::new("E212", what).hint("name the link as well"))
+        }
+    }
+}
+
+/// Why an axis that the server's link should have is not there.
+fn absent_error(link: &LinkView, number: u32) -> Option<GatewayError> {
+    let LinkView { id, absent, owed, error, .. } = link;
+    let absent = absent.iter().find(|axis| axis.number == number).map(|axis| &axis.error);
+    let is_owed = owed.contains(&number);
+    let why = absent.or(error.as_ref().filter(|_| is_owed))?;
+    let what =
+        format!("axis {number} of link {id} is not there, and was told nothing: {}", why.message);
+    let hint = match is_owed {
+        true => {
+            "cut its supply: the server before was told to stop it, and it is as soon as it answers"
+        }
+        false => "cut its supply if it turns; it joins the server as soon as it answers",
+    };
+    Some(GatewayError {
+        executed: Some(false),
+        message: what,
+        hint: hint.to_owned(),
+        ..why.clone()
+    })
+}
+
+fn unknown_axis_error(bench: &BenchView, word: &str) -> GatewayError {
+    let what = format!("the server has no axis {word:?}");
+    GatewayError::new("E212", what).hint(list_hint(bench.axes.iter().map(full_name)))
+}
+
+/// What there is instead.
+fn list_hint(all: impl Iterator<Item = String>) -> String {
+    let all: Vec<_> = all.collect();
+    if all.is_empty() { "it has none".to_owned() } else { format!("it has {}", all.join(", ")) }
+}
+
+/// What means this axis and no other.
+fn full_name(axis: &AxisInfo) -> String {
+    match &*axis.name {
+        "" => format!("{}#{}", axis.link, axis.number),
+        name => name.to_owned(),
+    }
+}
+
+/// What is measured in an SI unit of the server's.
+#[must_use]
+pub fn display_unit(si: &str) -> Unit {
+    match si {
+        "rad" => Unit::Radian,
+        "rad/s" => Unit::Rpm,
+        "rad/s²" => Unit::RpmPerSecond,
+        "m" => Unit::Millimetre,
+        "m/s" => Unit::MillimetrePerSecond,
+        "m/s²" => Unit::MillimetrePerSecondSquared,
+        "N·m" => Unit::NewtonMetre,
+        "A" => Unit::Ampere,
+        "V" => Unit::Volt,
+        "s" => Unit::Second,
+        _ => Unit::Percent,
+    }
+}

@@ -1,0 +1,274 @@
+//! Batches into files: Parquet, or Arrow's own file format.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+use arrow_array::RecordBatch;
+use arrow_ipc::writer::{DictionaryHandling, FileWriter, IpcWriteOptions};
+use arrow_schema::ArrowError;
+use parquet::errors::ParquetError;
+
+use crate::parquet_file::ParquetFile;
+use crate::schema::TableKind;
+
+/// How columns are stored.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum ColumnFormat {
+    /// Parquet, compressed.
+    Parquet,
+    /// Arrow's file format (Feather 2), as it lies in memory.
+    Arrow,
+}
+
+impl ColumnFormat {
+    /// How its files end.
+    #[must_use]
+    pub const fn extension(self) -> &'static str {
+        match self {
+            Self::Parquet => "parquet",
+            Self::Arrow => "arrow",
+        }
+    }
+}
+
+/// By what a decode can be repeated: stands in every file's metadata.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Provenance {
+    /// The capture's file name.
+    pub file: String,
+    /// BLAKE3 of its bytes, hexadecimal.
+    pub blake3: String,
+    /// Protocols that were stated or found, as `--as` takes them.
+    pub rules: String,
+    /// The drive whose names were stated; empty for usual ones.
+    pub profile: String,
+}
+
+/// The version of the decoder that wrote a file.
+pub const DECODER: &str = env!("CARGO_PKG_VERSION");
+
+impl Provenance {
+    /// Keys and values of the metadata.
+    #[must_use]
+    pub fn pairs(&self) -> [(&'static str, &str); 5] {
+        [
+            ("polepair.decoder", DECODER),
+            ("polepair.source.file", &self.file),
+            ("polepair.source.blake3", &self.blake3),
+            ("polepair.rules", &self.rules),
+            ("polepair.profile", &self.profile),
+        ]
+    }
+}
+
+/// What can go wrong with a file of columns.
+#[derive(Debug)]
+pub enum TableFileError {
+    /// The operating system.
+    Io(std::io::Error),
+    /// Arrow or Parquet.
+    Columns(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl core::fmt::Display for TableFileError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Io(error) => error.fmt(f),
+            Self::Columns(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for TableFileError {}
+
+impl From<std::io::Error> for TableFileError {
+    fn from(error: std::io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+impl From<ArrowError> for TableFileError {
+    fn from(error: ArrowError) -> Self {
+        match error {
+            ArrowError::IoError(_, error) => Self::Io(error),
+            error => Self::Columns(Box::new(error)),
+        }
+    }
+}
+
+impl From<ParquetError> for TableFileError {
+    fn from(error: ParquetError) -> Self {
+        match error {
+            ParquetError::External(error) => match error.downcast::<std::io::Error>() {
+                Ok(error) => Self::Io(*error),
+                Err(error) => Self::Columns(error),
+            },
+            error => Self::Columns(Box::new(error)),
+        }
+    }
+}
+
+/// One file under way. It has a temporary name until it is [closed](Self::close): a file with its own
+/// name is whole.
+#[derive(Debug)]
+pub struct TableFile {
+    path: PathBuf,
+    writer: TableFileWriter,
+}
+
+enum TableFileWriter {
+    Parquet(Box<ParquetFile>),
+    Arrow(Box<FileWriter<BufWriter<File>>>),
+}
+
+impl core::fmt::Debug for TableFileWriter {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Parquet(_) => "Parquet",
+            Self::Arrow(_) => "Arrow",
+        })
+    }
+}
+
+impl TableFile {
+    /// Begins a file, whose columns so many threads encode.
+    ///
+    /// # Errors
+    /// [`TableFileError`] when it cannot be created.
+    pub fn create(
+        path: &Path,
+        table: TableKind,
+        stored: ColumnFormat,
+        jobs: usize,
+    ) -> Result<Self, TableFileError> {
+        let file = BufWriter::new(File::create(temporary_path(path))?);
+        let schema = table.schema();
+        let writer = match stored {
+            ColumnFormat::Parquet => {
+                TableFileWriter::Parquet(Box::new(ParquetFile::create(file, table, jobs)?))
+            }
+            ColumnFormat::Arrow => {
+                // Words are added as they come: later batches have more of them than the first.
+                let options =
+                    IpcWriteOptions::default().with_dictionary_handling(DictionaryHandling::Delta);
+                let writer = FileWriter::try_new_with_options(file, &schema, options)?;
+                TableFileWriter::Arrow(Box::new(writer))
+            }
+        };
+        Ok(Self { path: path.to_owned(), writer })
+    }
+
+    /// Adds rows.
+    ///
+    /// # Errors
+    /// [`TableFileError`] when they cannot be written.
+    pub fn write(&mut self, batch: &RecordBatch) -> Result<(), TableFileError> {
+        match &mut self.writer {
+            TableFileWriter::Parquet(writer) => writer.write(batch)?,
+            TableFileWriter::Arrow(writer) => writer.write(batch)?,
+        }
+        Ok(())
+    }
+
+    /// Writes what is gathered in memory.
+    ///
+    /// # Errors
+    /// [`TableFileError`] when it cannot be written.
+    pub fn flush(&mut self) -> Result<(), TableFileError> {
+        match &mut self.writer {
+            TableFileWriter::Parquet(writer) => Ok(writer.flush()?),
+            TableFileWriter::Arrow(_) => Ok(()),
+        }
+    }
+
+    /// Ends the file and gives it its name.
+    ///
+    /// # Errors
+    /// [`TableFileError`] when it cannot be written.
+    pub fn close(self, provenance: &Provenance) -> Result<(), TableFileError> {
+        let Self { path, writer } = self;
+        let file = match writer {
+            TableFileWriter::Parquet(writer) => writer.close(provenance)?,
+            TableFileWriter::Arrow(mut writer) => {
+                for (key, value) in provenance.pairs() {
+                    writer.write_metadata(key, value);
+                }
+                writer.finish()?;
+                writer.into_inner()?
+            }
+        };
+        let file = file.into_inner().map_err(std::io::IntoInnerError::into_error)?;
+        file.sync_all()?;
+        Ok(std::fs::rename(temporary_path(&path), path)?)
+    }
+}
+
+/// The files of one decoded capture, a table each, in one folder: `frames.parquet` and so on.
+#[derive(Debug)]
+pub struct TableFiles {
+    stores: Vec<(TableKind, TableFile)>,
+}
+
+impl TableFiles {
+    /// Begins a file for each table, so that each is there even without a row; so many threads encode
+    /// its columns.
+    ///
+    /// # Errors
+    /// [`TableFileError`] when the folder or a file cannot be created.
+    pub fn create(
+        folder: &Path,
+        tables: &[TableKind],
+        stored: ColumnFormat,
+        jobs: usize,
+    ) -> Result<Self, TableFileError> {
+        std::fs::create_dir_all(folder)?;
+        let store = |table: &TableKind| {
+            let path = folder.join(table.name()).with_extension(stored.extension());
+            Ok((*table, TableFile::create(&path, *table, stored, jobs)?))
+        };
+        Ok(Self { stores: tables.iter().map(store).collect::<Result<_, TableFileError>>()? })
+    }
+}
+
+/// Takes the batches of one capture.
+pub trait BatchSink: Send {
+    /// Takes some rows of a table.
+    ///
+    /// # Errors
+    /// [`TableFileError`] when they cannot be written.
+    fn write_batch(&mut self, table: TableKind, batch: &RecordBatch) -> Result<(), TableFileError>;
+
+    /// Ends the files and gives them their names.
+    ///
+    /// # Errors
+    /// [`TableFileError`] when they cannot be written.
+    fn close(self: Box<Self>, provenance: &Provenance) -> Result<(), TableFileError>;
+}
+
+/// BLAKE3 of a file, hexadecimal.
+///
+/// # Errors
+/// Those of the operating system.
+pub fn fingerprint(path: &Path) -> std::io::Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    std::io::copy(&mut File::open(path)?, &mut hasher)?;
+    Ok(hasher.finalize().to_hex().to_string())
+}
+
+impl BatchSink for TableFiles {
+    fn write_batch(&mut self, table: TableKind, batch: &RecordBatch) -> Result<(), TableFileError> {
+        let mut stores = self.stores.iter_mut();
+        stores.find(|(of, _)| *of == table).map_or(Ok(()), |(_, store)| store.write(batch))
+    }
+
+    fn close(self: Box<Self>, provenance: &Provenance) -> Result<(), TableFileError> {
+        self.stores.into_iter().try_for_each(|(_, store)| store.close(provenance))
+    }
+}
+
+/// The name of a file that is not whole yet. Readers of data sets pass over names with a dot first.
+fn temporary_path(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".{name}.part"))
+}

@@ -1,0 +1,34 @@
+//! What a rehearsal shows: the steps of a verb, and the bytes that each would send.
+
+use crate::medium::Frame;
+use crate::profile::ParameterId;
+
+/// Something a rehearsal would do.
+#[derive(Clone, Copy, Debug)]
+pub struct RehearsalStep<'a> {
+    /// What the step does, and to which parameter.
+    pub action: RehearsalAction,
+    /// The bytes on the wire; a CAN frame's data.
+    pub bytes: &'a [u8],
+    /// The frame that carries them, on CAN.
+    pub frame: Option<&'a Frame>,
+}
+
+/// What a rehearsed step does.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum RehearsalAction {
+    /// Reads a parameter.
+    Read(ParameterId),
+    /// Writes a raw value.
+    Write(ParameterId, i64),
+    /// Has the parameter's value kept over power-off.
+    Store(ParameterId),
+    /// Writes a raw value if the parameter holds another.
+    WriteIfDifferent(ParameterId, i64),
+    /// Writes what a read will bring; the bytes show the read.
+    WriteReadValue(ParameterId, ParameterId),
+    /// Sends the protocol's own request.
+    Send,
+    /// Waits, sending nothing.
+    Wait(u32),
+}

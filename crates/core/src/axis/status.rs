@@ -1,0 +1,50 @@
+//! What is known of an axis, and how old it is.
+
+use crate::profile::Signal;
+use crate::time::Instant;
+
+/// One value of an axis and its age.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Reading {
+    /// SI value; flags are 0 or 1, codes and modes are themselves. NaN while a parameter that the
+    /// scale depends on was never read.
+    pub value: f64,
+    /// Raw value.
+    pub raw: i64,
+    /// When its reply arrived; `None` before the first.
+    pub at: Option<Instant>,
+}
+
+/// What is known of an axis. Values carry their age: nothing here is fresher than its `at`.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct AxisStatus {
+    readings: [Reading; Signal::COUNT],
+    /// Motion commands are let through.
+    pub armed: bool,
+    /// Writes to permanent memory that this lane made.
+    pub flash_writes: u32,
+    /// A motion was sent, and since then it was not acknowledged that the axis arrived, was stopped or
+    /// was switched off. It stays when the link is lost: then the motor may turn.
+    pub motion_active: bool,
+}
+
+impl AxisStatus {
+    /// Nothing known, disarmed.
+    pub const UNKNOWN: Self = Self {
+        readings: [Reading { value: 0.0, raw: 0, at: None }; Signal::COUNT],
+        armed: false,
+        flash_writes: 0,
+        motion_active: false,
+    };
+
+    /// The last reading of a signal.
+    #[must_use]
+    pub const fn reading(&self, signal: Signal) -> Reading {
+        self.readings[signal as usize]
+    }
+
+    /// Notes a reading.
+    pub const fn set_reading(&mut self, signal: Signal, reading: Reading) {
+        self.readings[signal as usize] = reading;
+    }
+}

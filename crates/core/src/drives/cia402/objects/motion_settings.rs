@@ -1,0 +1,140 @@
+//! The objects as the motion of the drive reads them, in SI units.
+
+use super::*;
+
+impl MotionSettings for Objects {
+    #[inline]
+    fn mode(&self) -> i8 {
+        self.value(stored::MODE) as i8
+    }
+
+    #[inline]
+    fn target_position(&self) -> f64 {
+        self.real_value(stored::TARGET_POSITION) * self.rad_per_position
+    }
+
+    fn profile(&self) -> Limits {
+        let top = self
+            .real_value(stored::PROFILE_VELOCITY)
+            .min(self.real_value(stored::MAX_PROFILE_VELOCITY));
+        Limits {
+            velocity: top * self.rad_per_unit,
+            acceleration: self.rad_value(stored::ACCELERATION),
+            deceleration: self.rad_value(stored::DECELERATION),
+            smoothing_s: 0.0,
+        }
+    }
+
+    #[inline]
+    fn target_velocity(&self) -> f64 {
+        self.real_value(stored::TARGET_VELOCITY) * self.rad_per_velocity
+    }
+
+    fn target_torque(&self) -> f64 {
+        self.real_value(stored::TARGET_TORQUE) / 1000.0
+    }
+
+    fn torque_slope(&self) -> f64 {
+        self.real_value(stored::TORQUE_SLOPE) / 1000.0
+    }
+
+    fn quick_stop(&self) -> f64 {
+        self.rad_value(stored::QUICK_STOP)
+    }
+
+    fn homing(&self) -> HomingSettings {
+        HomingSettings {
+            method: self.value(stored::HOMING_METHOD) as i8,
+            fast: self.rad_value(stored::HOMING_FAST),
+            slow: self.rad_value(stored::HOMING_SLOW),
+            acceleration: self.rad_value(stored::HOMING_ACCELERATION),
+            offset: self.real_value(stored::HOME_OFFSET) * self.rad_per_position,
+        }
+    }
+
+    fn position_window(&self) -> Window {
+        self.window(stored::POSITION_WINDOW, stored::POSITION_TIME)
+    }
+
+    #[inline]
+    fn following_window(&self) -> Window {
+        self.window(stored::FOLLOWING_WINDOW, stored::FOLLOWING_TIME)
+    }
+
+    fn velocity_window(&self) -> Window {
+        self.window(stored::VELOCITY_WINDOW, stored::VELOCITY_TIME)
+    }
+
+    fn standstill(&self) -> Window {
+        self.window(stored::STANDSTILL, stored::STANDSTILL_TIME)
+    }
+
+    #[inline]
+    fn velocity_max(&self) -> f64 {
+        let motor = self.real_value(stored::MAX_MOTOR_SPEED) * RPM;
+        self.rad_value(stored::MAX_PROFILE_VELOCITY).min(motor)
+    }
+
+    fn torque_max(&self) -> f64 {
+        self.real_value(stored::MAX_TORQUE) / 1000.0
+    }
+
+    #[inline]
+    fn position_limits(&self) -> Option<(f64, f64)> {
+        let (least, greatest) = (stored::POSITION_MIN, stored::POSITION_MAX);
+        let are_set = self.value(least) < self.value(greatest);
+        let (one, other) = (
+            self.real_value(least) * self.rad_per_position,
+            self.real_value(greatest) * self.rad_per_position,
+        );
+        are_set.then(|| (one.min(other), one.max(other)))
+    }
+
+    #[inline]
+    fn offsets(&self) -> (f64, f64) {
+        (
+            self.real_value(stored::VELOCITY_OFFSET) * self.rad_per_velocity,
+            self.real_value(stored::TORQUE_OFFSET) / 1000.0,
+        )
+    }
+
+    #[inline]
+    fn cycle_ms(&self) -> u32 {
+        match (self.value(stored::PERIOD), self.value(stored::PERIOD_EXPONENT)) {
+            (ms @ 1..=255, -3) => ms.cast_unsigned(),
+            (value, exponent) => milliseconds(value, exponent),
+        }
+    }
+
+    fn quick_stop_option(&self) -> (Braking, bool) {
+        let stays = self.value(stored::QUICK_STOP_OPTION) >= 5;
+        (self.braking_option(stored::QUICK_STOP_OPTION), stays)
+    }
+
+    fn shutdown_option(&self) -> Braking {
+        self.braking_option(stored::SHUTDOWN_OPTION)
+    }
+
+    fn disable_option(&self) -> Braking {
+        self.braking_option(stored::DISABLE_OPTION)
+    }
+
+    fn halt_option(&self) -> Braking {
+        self.braking_option(stored::HALT_OPTION)
+    }
+
+    fn fault_option(&self) -> Braking {
+        self.braking_option(stored::FAULT_OPTION)
+    }
+
+    fn relative_to(&self) -> u8 {
+        self.value(stored::POSITIONING) as u8
+    }
+}
+
+/// `value` times ten to the `exponent` seconds.
+pub(super) fn milliseconds(value: i32, exponent: i32) -> u32 {
+    let tens = 10_i32.saturating_pow(exponent.saturating_add(3).unsigned_abs());
+    let ms = if exponent > -3 { value.saturating_mul(tens) } else { value / tens };
+    ms.clamp(1, 10_000).cast_unsigned()
+}

@@ -1,0 +1,152 @@
+//! What a frame is in its conversation, and the values that it carries.
+
+use super::{Direction, RawFrame};
+use crate::profile::{Parameter, Profile};
+
+/// What is known of the conversation that a frame stands in.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ConversationContext<'a> {
+    /// Who sent the frame, if known.
+    pub direction: Option<Direction>,
+    /// The last request on the line that is not answered yet.
+    pub open_request: Option<RawFrame<'a>>,
+    /// The last request to the axis that [told how it answers](super::Dissector::sets_reply_format).
+    pub format_request: Option<RawFrame<'a>>,
+    /// The product's tables.
+    pub profile: Option<&'static Profile>,
+}
+
+/// What a frame is in its conversation.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum FrameRole {
+    /// Nobody can tell, or it belongs to no exchange.
+    #[default]
+    Unrelated,
+    /// From a host: asks, and is owed so much.
+    Request(ReplyExpectation),
+    /// From a drive: it has understood a request.
+    Acknowledgement,
+    /// From a drive: the answer to a request.
+    Answer,
+    /// From a drive: the answer to a request, or told unasked.
+    Report,
+}
+
+impl FrameRole {
+    /// Who sends such a frame.
+    #[must_use]
+    pub const fn direction(self) -> Option<Direction> {
+        match self {
+            Self::Unrelated => None,
+            Self::Request(_) => Some(Direction::ToDrive),
+            Self::Acknowledgement | Self::Answer | Self::Report => Some(Direction::ToHost),
+        }
+    }
+}
+
+/// What a request is owed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct ReplyExpectation {
+    /// Acknowledgements.
+    pub acks: ReplyCount,
+    /// Answers.
+    pub answers: ReplyCount,
+}
+
+impl ReplyExpectation {
+    /// One answer.
+    pub const ONE_ANSWER: Self = Self { acks: ReplyCount::Zero, answers: ReplyCount::Exactly(1) };
+    /// Nothing that is sure to come.
+    pub const UNKNOWN: Self = Self { acks: ReplyCount::Zero, answers: ReplyCount::Unknown };
+    /// Nothing.
+    pub const NONE: Self = Self { acks: ReplyCount::Zero, answers: ReplyCount::Zero };
+}
+
+/// How many frames a request is owed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum ReplyCount {
+    /// None.
+    #[default]
+    Zero,
+    /// Any number: nobody can tell how many.
+    Unknown,
+    /// So many.
+    Exactly(u8),
+}
+
+/// A value that a frame carries.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct FrameValue<'a> {
+    /// Of what.
+    pub source: ValueSource<'a>,
+    /// The integer on the wire.
+    pub raw: i64,
+    /// The host tells the drive, not the drive the host.
+    pub written: bool,
+    /// Which motor of the axis' address, where one address has several.
+    pub motor: u8,
+}
+
+/// What a value is of.
+#[derive(Clone, Copy, Debug)]
+pub enum ValueSource<'a> {
+    /// A parameter of the profile.
+    Parameter(&'static Parameter),
+    /// What the protocol calls it, where no profile has it.
+    Named(&'a str),
+}
+
+impl PartialEq for ValueSource<'_> {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Parameter(one), Self::Parameter(other)) => core::ptr::eq(*one, *other),
+            (Self::Named(one), Self::Named(other)) => one == other,
+            _ => false,
+        }
+    }
+}
+
+/// A place in a sequence of frames that go to an axis one after the other.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum SequencePosition {
+    /// Whatever was counted ends: the next one may have any number.
+    Restart,
+    /// The number of this one, and after how many it begins anew.
+    Number(u32, u32),
+}
+
+/// A short text on the stack, for the name of what has none.
+#[derive(Clone, Copy, Debug)]
+pub struct ShortText {
+    bytes: [u8; Self::MAX],
+    len: usize,
+}
+
+impl ShortText {
+    /// Longest label; what does not fit is cut.
+    pub const MAX: usize = 40;
+
+    /// What is displayed.
+    #[must_use]
+    pub fn from_display(text: impl core::fmt::Display) -> Self {
+        let mut label = Self { bytes: [0; Self::MAX], len: 0 };
+        // What does not fit is cut.
+        let _ = core::fmt::Write::write_fmt(&mut label, format_args!("{text}"));
+        label
+    }
+
+    /// The text.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        core::str::from_utf8(&self.bytes[..self.len]).unwrap_or("")
+    }
+}
+
+impl core::fmt::Write for ShortText {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
+        let room = self.bytes.get_mut(self.len..self.len + text.len()).ok_or(core::fmt::Error)?;
+        room.copy_from_slice(text.as_bytes());
+        self.len += text.len();
+        Ok(())
+    }
+}

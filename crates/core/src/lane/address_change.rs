@@ -1,0 +1,40 @@
+//! Writes that change an address: what is refused before a byte is sent.
+
+use super::Lane;
+use crate::error::Unsupported;
+use crate::medium::Medium;
+use crate::profile::{AddressRole, Parameter};
+use crate::station::{AxisIndex, Host};
+
+const HOST_ADDRESS: &str = "that is the address of this host, which the drives answer: a drive that has it \
+                    could not be asked any more";
+const ADDRESS_TAKEN: &str =
+    "another drive of this link has that address: both would answer at once";
+const DRIVE_ADDRESS: &str =
+    "a drive of this link has that address: answers would look like requests to it";
+
+impl<M: Medium, H: Host<M>> Lane<M, H> {
+    /// What a write changes at once of how the drive is reached. Refuses an address at which nobody
+    /// could talk with it any more, or with another one.
+    pub(super) fn check_address_change(
+        &self,
+        axis: AxisIndex,
+        parameter: &Parameter,
+        raw: i64,
+    ) -> Result<Option<AddressRole>, Unsupported> {
+        let driver = &self.slot(axis)?.driver;
+        let Some(readdress) = driver.address_role(parameter) else { return Ok(None) };
+        let Ok(address) = u32::try_from(raw) else { return Ok(Some(readdress)) };
+        let has = |address: u32| self.slots.iter().any(|slot| slot.driver.address() == address);
+        match readdress {
+            AddressRole::Drive if Some(address) == self.host.own_address() => {
+                Err(Unsupported::Forbidden(HOST_ADDRESS))
+            }
+            AddressRole::Drive if address != driver.address() && has(address) => {
+                Err(Unsupported::Forbidden(ADDRESS_TAKEN))
+            }
+            AddressRole::Host if has(address) => Err(Unsupported::Forbidden(DRIVE_ADDRESS)),
+            _ => Ok(Some(readdress)),
+        }
+    }
+}

@@ -1,0 +1,452 @@
+//! Set-points for several axes on one beat: what goes out next, and what the drives tell of it.
+//!
+//! A beat is a frame for each axis and the signal that makes all of them take it over. Nothing is
+//! allocated once it has begun. Whatever goes wrong ends it the same way: every axis is told to come
+//! to rest, on one last beat, and is disarmed.
+//!
+//! Why: CANOPEN-10, CANOPEN-11.
+
+use alloc::boxed::Box;
+use alloc::collections::VecDeque;
+use core::time::Duration;
+
+use super::slot::AxisSlot;
+use crate::error::{Failure, Outcome, Unsupported};
+use crate::profile::{ParameterId, Signal};
+use crate::station::{AxisIndex, Request, Ticket};
+use crate::stream::cyclic::{
+    AXES_MAX, BoundsViolation, CYCLES_MAX, CycleStatistics, CyclicConfig, SetpointBounds,
+    SetpointCommand, SetpointKind, SetpointTracker,
+};
+use crate::time::Instant;
+
+/// So much of the motion waits before it begins, so that a caller who is late now and then is not
+/// felt.
+const PREFILL: Duration = Duration::from_millis(100);
+/// A drive that tells nothing for so long, and for so many beats, is lost.
+const SILENCE_MAX: Duration = Duration::from_millis(100);
+const SILENT_CYCLES: u32 = 4;
+/// A host that is late by more than this is no hiccup: drives that watch it have given up.
+const HOST_PAUSE_MAX: Duration = Duration::from_millis(100);
+const UNDERRUN: &str = "there was no set-point for the next cycle, so every axis was stopped: feed them \
+                   faster, or choose a longer period";
+const HOST_PAUSED: &str = "this computer paused for longer than drives may be left alone, so every axis was \
+                    stopped: arm and begin anew; a longer period, or less other work, helps";
+const START_TOO_FAR: &str = "the path begins away from where the axis stands: move there first, or begin it \
+                    there";
+const DRIVE_DISABLED: &str = "a drive is no longer enabled or armed, so every axis was stopped: see its fault \
+                    and statusword, then arm and begin anew";
+const NOT_AT_REST: &str =
+    "the last set-point is not one at rest, so every axis was stopped: end with zero";
+
+/// One axis of the beat.
+#[derive(Debug)]
+struct CyclicAxis {
+    axis: u8,
+    target: ParameterId,
+    bounds: SetpointBounds,
+    /// Where what was fed so far ends; `None` before its first set-point.
+    tracker: Option<SetpointTracker>,
+    /// What goes out with this beat, raw, and what went out with the one before.
+    raw: i64,
+    previous_raw: i64,
+    /// When it last told where it is, and whether it has since the last beat.
+    reported_at: Instant,
+    reported: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum CyclicStage {
+    /// Every axis is held, until all were heard and there is enough to begin with.
+    Hold,
+    Run,
+    /// One last beat: come to rest.
+    Stop(Outcome),
+    Ended,
+}
+
+/// Several axes on one beat.
+#[derive(Debug)]
+pub struct CyclicMotion {
+    ticket: Ticket,
+    setpoint_kind: SetpointKind,
+    period: Duration,
+    axes: Box<[CyclicAxis]>,
+    /// Raw, those of a cycle side by side.
+    queue: VecDeque<i64>,
+    complete: bool,
+    stage: CyclicStage,
+    /// When this beat is due, and which of its frames is next.
+    due: Instant,
+    next_axis: usize,
+    statistics: CycleStatistics,
+    outcome: Option<Outcome>,
+}
+
+impl CyclicMotion {
+    /// With these axes, each of which was made ready.
+    ///
+    /// # Errors
+    /// [`Unsupported`]: an axis that is not armed, or not ready; no axis, too many, or one twice.
+    pub fn new<R: Request, A: Copy + 'static>(
+        now: Instant,
+        ticket: Ticket,
+        following: &CyclicConfig<'_>,
+        slots: &[AxisSlot<R, A>],
+    ) -> Result<Self, Unsupported> {
+        let axes = following.axes;
+        let twice = axes.iter().enumerate().any(|(n, axis)| axes[..n].contains(axis));
+        if axes.is_empty() || axes.len() > AXES_MAX || twice || following.period.is_zero() {
+            return Err(Unsupported::BadArgument);
+        }
+        let members = axes.iter().enumerate().map(|(n, axis)| {
+            let slot = slots.get(usize::from(axis.0)).ok_or(Unsupported::NoSuchAxis)?;
+            let bounds = following.bounds.get(n).copied().unwrap_or_default();
+            CyclicAxis::new(now, *axis, slot, following.setpoint, bounds)
+        });
+        let members: Box<[CyclicAxis]> = members.collect::<Result<_, _>>()?;
+        Ok(Self {
+            ticket,
+            setpoint_kind: following.setpoint,
+            period: following.period,
+            queue: VecDeque::with_capacity(CYCLES_MAX * members.len()),
+            axes: members,
+            complete: false,
+            stage: CyclicStage::Hold,
+            due: now,
+            next_axis: 0,
+            statistics: CycleStatistics::new(),
+            outcome: None,
+        })
+    }
+
+    /// Whether it commands an axis now.
+    pub fn is_commanding(&self, axis: AxisIndex) -> bool {
+        self.is_running() && self.has_axis(axis)
+    }
+
+    pub fn has_axis(&self, axis: AxisIndex) -> bool {
+        self.axes.iter().any(|member| member.axis == axis.0)
+    }
+
+    pub const fn statistics(&self) -> &CycleStatistics {
+        &self.statistics
+    }
+
+    pub const fn ticket(&self) -> Ticket {
+        self.ticket
+    }
+
+    /// True until all that it has to say is said.
+    pub fn is_running(&self) -> bool {
+        self.stage != CyclicStage::Ended
+    }
+
+    /// When it next has something to say.
+    #[inline]
+    pub fn due(&self) -> Option<Instant> {
+        self.is_running().then_some(self.due)
+    }
+
+    pub fn take_outcome(&mut self) -> Option<(Ticket, Outcome)> {
+        self.outcome.take().map(|outcome| (self.ticket, outcome))
+    }
+
+    /// Takes as many whole cycles as there is room for, and tells how many; `None` once it has
+    /// ended.
+    pub fn feed_cycles<R: Request, A: Copy + 'static>(
+        &mut self,
+        slots: &[AxisSlot<R, A>],
+        setpoints: &[f64],
+        complete: bool,
+    ) -> Option<usize> {
+        if !matches!(self.stage, CyclicStage::Hold | CyclicStage::Run) || self.complete {
+            return None;
+        }
+        let axes = self.axes.len();
+        let room = CYCLES_MAX - self.queue.len() / axes;
+        let (all, mut taken) = (setpoints.len() / axes, Ok(()));
+        for cycle in setpoints.chunks_exact(axes).take(room) {
+            taken = taken.and_then(|()| self.queue_cycle(slots, cycle));
+        }
+        self.complete = complete && all <= room;
+        let rests =
+            |member: &CyclicAxis| member.tracker.is_none_or(|fed| fed.may_end(self.setpoint_kind));
+        if self.complete && !self.axes.iter().all(rests) {
+            taken = taken.and(Err(Failure::NotReady { hint: NOT_AT_REST }));
+        }
+        match taken {
+            Ok(()) => Some(all.min(room)),
+            Err(failure) => {
+                self.fail(failure);
+                None
+            }
+        }
+    }
+
+    /// Takes the set-points of one cycle, each held to its bounds.
+    fn queue_cycle<R: Request, A: Copy + 'static>(
+        &mut self,
+        slots: &[AxisSlot<R, A>],
+        cycle: &[f64],
+    ) -> Result<(), Failure> {
+        let period = self.period.as_secs_f64();
+        for (member, si) in self.axes.iter_mut().zip(cycle) {
+            let slot = &slots[usize::from(member.axis)];
+            let raw = member
+                .check_setpoint(slot, self.setpoint_kind, *si, period)
+                .map_err(Failure::Impossible)?;
+            self.queue.push_back(raw);
+        }
+        Ok(())
+    }
+
+    /// The next thing to say, if it is time.
+    #[inline]
+    pub fn poll_request<R: Request, A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &mut [AxisSlot<R, A>],
+    ) -> Option<R> {
+        if now < self.due || self.stage == CyclicStage::Ended {
+            return None;
+        }
+        if self.next_axis == 0 && !matches!(self.stage, CyclicStage::Stop(_)) {
+            self.begin_cycle(now, slots);
+            let (goes, over) = (self.stage == CyclicStage::Run, self.stage == CyclicStage::Ended);
+            for member in &self.axes {
+                let state = &mut slots[usize::from(member.axis)].state;
+                state.motion_active = (state.motion_active || goes) && !over;
+            }
+        }
+        let order = match self.stage {
+            CyclicStage::Ended => return None,
+            CyclicStage::Stop(_) => SetpointCommand::Stop,
+            CyclicStage::Hold | CyclicStage::Run => SetpointCommand::Follow,
+        };
+        // A drive whose mapping is no longer known cannot be told; it has restarted.
+        while let Some(member) = self.axes.get(self.next_axis) {
+            self.next_axis += 1;
+            let driver = &slots[usize::from(member.axis)].driver;
+            if let Some(request) = driver.setpoint_request(self.setpoint_kind, member.raw, order) {
+                return Some(request);
+            }
+        }
+        let beat = slots[usize::from(self.axes[0].axis)].driver.sync_request();
+        self.finish_cycle(now, slots);
+        beat
+    }
+
+    /// The beat itself is on its way.
+    fn finish_cycle<R: Request, A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &mut [AxisSlot<R, A>],
+    ) {
+        self.next_axis = 0;
+        if let CyclicStage::Stop(outcome) = self.stage {
+            (self.stage, self.outcome) = (CyclicStage::Ended, Some(outcome));
+            for member in &self.axes {
+                slots[usize::from(member.axis)].state.armed = false;
+            }
+            return;
+        }
+        self.statistics.syncs += 1;
+        self.statistics.lateness.record(now.since(self.due).as_nanos() as u64);
+        self.due = self.due + self.period;
+        self.axes.iter_mut().for_each(|member| member.reported = false);
+    }
+
+    /// A beat begins: is everybody there, and what comes next?
+    fn begin_cycle<R: Request, A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &[AxisSlot<R, A>],
+    ) {
+        let late = now.since(self.due);
+        if late > HOST_PAUSE_MAX.max(self.period) && self.statistics.syncs > 0 {
+            return self.fail(Failure::NotReady { hint: HOST_PAUSED });
+        }
+        let missed = (late.as_nanos() / self.period.as_nanos()) as u32;
+        self.statistics.missed_cycles += u64::from(missed);
+        self.due = self.due + self.period * missed;
+        if let Some(failure) = self.check_reports(now, slots) {
+            return self.fail(failure);
+        }
+        match self.stage {
+            CyclicStage::Hold if self.is_ready() => {
+                self.stage = CyclicStage::Run;
+                self.advance();
+            }
+            CyclicStage::Run => self.advance(),
+            _ => {}
+        }
+    }
+
+    /// What is wrong with a drive that has not told its state.
+    fn check_reports<R: Request, A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &[AxisSlot<R, A>],
+    ) -> Option<Failure> {
+        let patience = SILENCE_MAX.max(self.period * SILENT_CYCLES);
+        let mut absent = None;
+        for member in self.axes.iter().filter(|_| self.statistics.syncs > 0) {
+            self.statistics.late_reports += u64::from(!member.reported);
+            if !slots[usize::from(member.axis)].state.armed {
+                absent = Some(Failure::NotReady { hint: DRIVE_DISABLED });
+            } else if now.since(member.reported_at) > patience {
+                absent = Some(Failure::Silent);
+            }
+        }
+        absent
+    }
+
+    /// Every drive has answered a beat, and there is enough to begin with.
+    fn is_ready(&self) -> bool {
+        let cycles = self.queue.len() / self.axes.len();
+        let enough =
+            self.period * cycles as u32 >= PREFILL || cycles == CYCLES_MAX || self.complete;
+        self.statistics.syncs > 0 && enough && self.axes.iter().all(|member| member.reported)
+    }
+
+    /// The set-points of the next cycle.
+    fn advance(&mut self) {
+        if self.queue.is_empty() {
+            if !self.complete {
+                return self.fail(Failure::NotReady { hint: UNDERRUN });
+            }
+            self.stage = CyclicStage::Ended;
+            self.outcome = Some(Outcome::Done(self.statistics.cycles.cast_signed()));
+            return;
+        }
+        for member in &mut self.axes {
+            member.previous_raw = member.raw;
+            member.raw = self.queue.pop_front().unwrap_or(member.raw);
+        }
+        self.statistics.cycles += 1;
+    }
+
+    /// An axis told something: is it well, and where it should be?
+    pub fn handle_report<R: Request, A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        address: u32,
+        slots: &[AxisSlot<R, A>],
+    ) {
+        if !matches!(self.stage, CyclicStage::Hold | CyclicStage::Run) {
+            return;
+        }
+        let of =
+            |member: &&mut CyclicAxis| slots[usize::from(member.axis)].driver.address() == address;
+        let Some(member) = self.axes.iter_mut().find(of) else { return };
+        let slot = &slots[usize::from(member.axis)];
+        let fault = slot.state.reading(Signal::Fault);
+        if fault.at == Some(now) && fault.raw != 0 {
+            return self.fail(Failure::Faulted { code: fault.raw as u32 });
+        }
+        let actual = slot.state.reading(actual_signal(self.setpoint_kind));
+        if actual.at != Some(now) {
+            return;
+        }
+        (member.reported_at, member.reported) = (now, true);
+        if slot.state.reading(Signal::Enabled).raw == 0 {
+            return self.fail(Failure::NotReady { hint: DRIVE_DISABLED });
+        }
+        if self.stage == CyclicStage::Run
+            && let Some(asked) = slot.to_si(member.target, member.previous_raw)
+        {
+            self.statistics.max_following_error =
+                self.statistics.max_following_error.max((asked - actual.value).abs());
+        }
+    }
+
+    /// A stop of one of its axes came: all of them stop, ahead of it.
+    pub fn cancel(&mut self) {
+        self.fail(Failure::Cancelled);
+    }
+
+    /// The link is down: nobody can be told any more.
+    pub fn handle_link_down(&mut self) {
+        self.fail(Failure::LinkDown);
+        if let CyclicStage::Stop(outcome) = self.stage {
+            (self.stage, self.outcome) = (CyclicStage::Ended, Some(outcome));
+        }
+    }
+
+    fn fail(&mut self, failure: Failure) {
+        self.stage = match self.stage {
+            CyclicStage::Hold => CyclicStage::Stop(Outcome::NotDone(failure)),
+            CyclicStage::Run => CyclicStage::Stop(Outcome::Unknown(failure)),
+            CyclicStage::Stop(_) | CyclicStage::Ended => return,
+        };
+        (self.next_axis, self.due) = (0, Instant::ZERO);
+    }
+}
+
+impl CyclicAxis {
+    fn new<R: Request, A: Copy + 'static>(
+        now: Instant,
+        axis: AxisIndex,
+        slot: &AxisSlot<R, A>,
+        setpoint: SetpointKind,
+        bounds: SetpointBounds,
+    ) -> Result<Self, Unsupported> {
+        const NOT_READY: &str = "the drive was not made ready to follow such set-points";
+        if !slot.state.armed {
+            return Err(Unsupported::NotArmed);
+        }
+        let target = slot
+            .driver
+            .setpoint_parameter(setpoint)
+            .filter(|_| slot.setpoint_kind == Some(setpoint));
+        let target = target.ok_or(Unsupported::Forbidden(NOT_READY))?;
+        let raw = match setpoint {
+            SetpointKind::Position => slot.state.reading(Signal::Position).raw,
+            SetpointKind::Velocity | SetpointKind::Torque => 0,
+        };
+        let axis = axis.0;
+        Ok(Self {
+            axis,
+            target,
+            bounds,
+            tracker: None,
+            raw,
+            previous_raw: raw,
+            reported_at: now,
+            reported: true,
+        })
+    }
+
+    /// The raw value of the next set-point, if it is within all bounds.
+    fn check_setpoint<R: Request, A: Copy + 'static>(
+        &mut self,
+        slot: &AxisSlot<R, A>,
+        setpoint: SetpointKind,
+        si: f64,
+        period: f64,
+    ) -> Result<i64, Unsupported> {
+        let raw = slot.to_raw(self.target, si).ok_or(Unsupported::BadArgument)?;
+        slot.check_writable(self.target, raw)?;
+        let first = self.tracker.is_none();
+        let held = || slot.to_si(self.target, self.raw).map(SetpointTracker::at_rest);
+        let mut trend = self.tracker.or_else(held).ok_or(Unsupported::BadArgument)?;
+        let leaps = || (si - trend.last).abs() > self.bounds.max_start_offset(period);
+        if first && setpoint == SetpointKind::Position && leaps() {
+            return Err(Unsupported::Forbidden(START_TOO_FAR));
+        }
+        let judged = trend.accept(&self.bounds, setpoint, si, period);
+        judged.map_err(|excess: BoundsViolation| Unsupported::Forbidden(excess.hint()))?;
+        self.tracker = Some(trend);
+        Ok(raw)
+    }
+}
+
+/// What tells how well a drive obeys.
+const fn actual_signal(setpoint: SetpointKind) -> Signal {
+    match setpoint {
+        SetpointKind::Position => Signal::Position,
+        SetpointKind::Velocity => Signal::Velocity,
+        SetpointKind::Torque => Signal::Torque,
+    }
+}

@@ -1,0 +1,152 @@
+//! What happens to axes unasked, kept for those who listen.
+
+use alloc::collections::VecDeque;
+use alloc::vec::Vec;
+
+use super::slot::AxisSlot;
+use crate::axis::{AxisEvent, AxisEventKind, AxisStatus, DriveReport};
+use crate::profile::{ParameterId, Signal};
+use crate::station::{AxisIndex, Request};
+use crate::time::Instant;
+
+/// Changes that wait to be taken at most; the oldest go first, and are counted. More than the
+/// longest piece of a stream can tell.
+pub const AXIS_EVENTS_MAX: usize = 1024;
+
+/// Changes that nobody has taken yet, and what listeners know of each axis.
+pub struct EventQueue {
+    queue: VecDeque<AxisEvent>,
+    missed: u32,
+    reported: Vec<ReportedState>,
+}
+
+/// What listeners know of an axis: the next time, only what differs is told.
+#[derive(Clone, Copy)]
+struct ReportedState {
+    armed: bool,
+    fault: u32,
+}
+
+impl ReportedState {
+    fn from_status(state: &AxisStatus) -> Self {
+        Self { armed: state.armed, fault: state.reading(Signal::Fault).raw as u32 }
+    }
+}
+
+impl EventQueue {
+    /// Nothing yet; what is so already is no news.
+    pub fn new<'a>(states: impl Iterator<Item = &'a AxisStatus>) -> Self {
+        let reported = states.map(ReportedState::from_status).collect();
+        Self { queue: VecDeque::with_capacity(AXIS_EVENTS_MAX), missed: 0, reported }
+    }
+
+    /// One more axis, of which this is known.
+    pub fn add_axis(&mut self, state: &AxisStatus) {
+        self.reported.push(ReportedState::from_status(state));
+    }
+
+    /// The next change.
+    pub fn pop(&mut self, now: Instant) -> Option<AxisEvent> {
+        if self.missed > 0 {
+            let change = AxisEventKind::Missed(core::mem::take(&mut self.missed));
+            return Some(AxisEvent { at: now, axis: AxisIndex(0), kind: change });
+        }
+        self.queue.pop_front()
+    }
+
+    /// Tells of axes what differs from what listeners know.
+    pub fn compare<R: Request, A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &[AxisSlot<R, A>],
+    ) {
+        for (n, slot) in slots.iter().enumerate() {
+            self.compare_one(now, n, slot);
+        }
+    }
+
+    fn compare_one<R: Request, A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        n: usize,
+        slot: &AxisSlot<R, A>,
+    ) {
+        let Some(known) = self.reported.get_mut(n) else { return };
+        let (before, is) = (*known, ReportedState::from_status(&slot.state));
+        *known = is;
+        if before.fault != is.fault {
+            let at = slot.state.reading(Signal::Fault).at.unwrap_or(now);
+            for (in_one, not_in, appeared) in
+                [(is.fault, before.fault, true), (before.fault, is.fault, false)]
+            {
+                for code in
+                    fault_codes(slot, in_one).filter(|c| fault_codes(slot, not_in).all(|d| d != *c))
+                {
+                    self.push(at, n, AxisEventKind::Fault { code, appeared });
+                }
+            }
+        }
+        if before.armed != is.armed {
+            self.push(now, n, AxisEventKind::Armed(is.armed));
+        }
+    }
+
+    /// Tells what the drive of axis `n` said, once its slot has taken it; `before` is its state
+    /// before that.
+    pub fn push_report<R: Request, A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        n: usize,
+        (slot, before): (&AxisSlot<R, A>, &AxisStatus),
+        told: DriveReport,
+    ) {
+        match told {
+            DriveReport::Presence(presence) => self.push(now, n, AxisEventKind::Presence(presence)),
+            DriveReport::Signal(signal, _) => {
+                self.push(now, n, AxisEventKind::Signal(signal, slot.state.reading(signal)));
+            }
+            DriveReport::Parameter(id, raw) => {
+                self.push_parameter(now, n, (slot, before), (id, raw))
+            }
+        }
+        self.compare_one(now, n, slot);
+    }
+
+    fn push_parameter<R: Request, A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        n: usize,
+        (slot, before): (&AxisSlot<R, A>, &AxisStatus),
+        (id, raw): (ParameterId, i64),
+    ) {
+        let mut told = false;
+        for source in slot.signal_sources(id) {
+            let whole = source.equals.is_none() && source.mask == -1;
+            let (is, was) = (slot.state.reading(source.signal), before.reading(source.signal));
+            let changed = was.at.is_none() || was.raw != is.raw;
+            if changed || whole && source.signal.is_measured() {
+                self.push(now, n, AxisEventKind::Signal(source.signal, is));
+            }
+            told |= whole;
+        }
+        if !told {
+            let si = slot.to_si(id, raw).unwrap_or(f64::NAN);
+            self.push(now, n, AxisEventKind::Parameter(id, raw, si));
+        }
+    }
+
+    fn push(&mut self, at: Instant, n: usize, change: AxisEventKind) {
+        if self.queue.len() == AXIS_EVENTS_MAX {
+            self.queue.pop_front();
+            self.missed = self.missed.saturating_add(1);
+        }
+        self.queue.push_back(AxisEvent { at, axis: AxisIndex(n as u8), kind: change });
+    }
+}
+
+/// The faults in a word: those that the profile knows, else the word itself.
+fn fault_codes<R, A>(slot: &AxisSlot<R, A>, word: u32) -> impl Iterator<Item = u32> {
+    let mut known = slot.profile.faults_for_code(word).map(|fault| fault.code).peekable();
+    let whole = (word != 0 && known.peek().is_none()).then_some(word);
+    known.filter(move |_| word != 0).chain(whole)
+}

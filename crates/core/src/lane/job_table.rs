@@ -1,0 +1,394 @@
+//! The table of jobs: who has something to send, who waits, who is through.
+
+use alloc::boxed::Box;
+
+use super::execute::{self, JobState};
+use super::job::{GroupResult, InFlight, Job, JobTask};
+use super::slot::{self, AxisSlot};
+use super::transfer::TransferKind;
+use super::{JOBS_MAX, RESERVED_STOP_JOBS};
+use crate::axis::GroupAnswer;
+use crate::error::{Failure, Outcome, Unsupported};
+use crate::station::{AxisIndex, EventSubject, HostEvent, Request, Ticket};
+use crate::time::{Instant, earliest};
+
+/// At most [`JOBS_MAX`] jobs. Bit n of each mask stands for job n.
+pub struct JobTable<R> {
+    jobs: Box<[Option<Job<R>>; JOBS_MAX]>,
+    used: u64,
+    /// Has something to send.
+    ready: u64,
+    /// Goes before the others.
+    urgent: u64,
+    /// Runs a plan that moves or powers the motor: until it waits, nothing but a stop comes between
+    /// its steps, so that nobody changes what an earlier step made sure of.
+    motion: u64,
+    /// Waits for a time.
+    sleeping: u64,
+    /// Has its outcome.
+    ended: u64,
+    /// Those behind who was served last: the next one is looked for among them first.
+    after_last: u64,
+    /// When the first of those that wait goes on.
+    pub wake_at: Option<Instant>,
+}
+
+impl<R: Request> JobTable<R> {
+    pub fn new() -> Self {
+        Self {
+            jobs: Box::new([const { None }; JOBS_MAX]),
+            used: 0,
+            ready: 0,
+            urgent: 0,
+            motion: 0,
+            sleeping: 0,
+            ended: 0,
+            after_last: !1,
+            wake_at: None,
+        }
+    }
+
+    /// Takes a job in. A stop has places that nothing else takes, and goes before all else.
+    #[inline]
+    pub fn add(
+        &mut self,
+        ticket: Ticket,
+        axis: AxisIndex,
+        task: JobTask<R>,
+        stop: bool,
+    ) -> Result<(), Unsupported> {
+        let n = (!self.used).trailing_zeros() as usize;
+        if n >= JOBS_MAX - if stop { 0 } else { RESERVED_STOP_JOBS } {
+            return Err(Unsupported::Busy);
+        }
+        let moves = match &task {
+            JobTask::Run(run) => run.needs_arming(),
+            JobTask::Path => true,
+            _ => false,
+        };
+        self.jobs[n] = Some(Job {
+            ticket,
+            axis: axis.0,
+            task,
+            in_flight: InFlight::Nothing,
+            cancelled: false,
+            no_retry: false,
+            group_result: GroupResult::None,
+            sleeps_until: Instant::ZERO,
+            outcome: None,
+        });
+        let bit = 1 << n;
+        self.used |= bit;
+        self.ready |= bit;
+        if stop || moves || (self.urgent | self.motion) & bit != 0 {
+            self.urgent = self.urgent & !bit | u64::from(stop) << n;
+            self.motion = self.motion & !bit | u64::from(moves) << n;
+        }
+        Ok(())
+    }
+
+    /// Whose turn it is of those `open`: stops first, then what is going, then all others in a ring.
+    #[inline]
+    pub fn next_ready(&mut self, open: u64) -> Option<(usize, &mut Job<R>)> {
+        let ready = self.ready & open;
+        if ready == 0 {
+            return None;
+        }
+        let mut from = ready;
+        if from & (self.urgent | self.motion) != 0 {
+            let urgent = from & self.urgent;
+            from &= if urgent == 0 { self.motion } else { urgent };
+        }
+        let behind = from & self.after_last;
+        let pick = if behind == 0 { from } else { behind };
+        let n = pick.trailing_zeros() as usize;
+        Some((n, self.jobs.get_mut(n)?.as_mut()?))
+    }
+
+    /// Job `n`.
+    pub fn get_mut(&mut self, n: usize) -> Option<&mut Job<R>> {
+        self.jobs.get_mut(n)?.as_mut()
+    }
+
+    /// The axis that job `n` is for.
+    pub fn axis_of(&self, n: usize) -> Option<u8> {
+        Some(self.jobs.get(n)?.as_ref()?.axis)
+    }
+
+    /// The jobs of the axis that job `n` is for.
+    #[cold]
+    pub fn same_axis_mask(&self, n: usize) -> u64 {
+        let axis = |n: usize| self.jobs[n].as_ref().map(|job| job.axis);
+        set_bits(self.used).filter(|m| axis(*m) == axis(n)).fold(0, |mask, m| mask | 1 << m)
+    }
+
+    /// What the host calls the protocol's own request that runs under `ticket`.
+    pub fn raw_request_ticket(&self, ticket: Ticket) -> Option<Ticket> {
+        let is = |n: &usize| {
+            let job = self.jobs[*n].as_ref();
+            job.is_some_and(|job| job.ticket == ticket && matches!(job.task, JobTask::Raw(_)))
+        };
+        set_bits(self.used & !self.ended).find(is).map(|n| Ticket(n as u32))
+    }
+
+    /// The request of job `n` is out: the next turn is another's.
+    #[inline]
+    pub fn mark_sent(&mut self, n: usize) {
+        self.ready &= !(1 << n);
+        self.after_last = !1 << n;
+    }
+
+    /// The host gave the request of job `n` back, unsent: a stop has its place.
+    #[cold]
+    pub fn return_unsent(&mut self, n: usize) {
+        let Some(Some(job)) = self.jobs.get_mut(n) else { return };
+        job.in_flight = InFlight::Nothing;
+        if job.cancelled {
+            let outcome = execute::abort_outcome(job, Failure::Cancelled);
+            self.end_job(n, outcome);
+        } else {
+            self.ready |= 1 << n;
+        }
+    }
+
+    /// Job `n` had its turn and sent nothing.
+    pub fn apply_unsent(&mut self, n: usize, next: JobState) {
+        self.ready &= !(1 << n);
+        self.apply(n, next);
+    }
+
+    /// Takes the answer to a read of a parameter, if the event is one: what happens most, so it is
+    /// looked at first. Returns false when it is something else.
+    #[inline]
+    pub fn handle_read_answer<A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &mut [AxisSlot<R, A>],
+        event: &HostEvent<A>,
+    ) -> bool {
+        let (EventSubject::Request(Ticket(n)), Ok(answer)) = event else { return false };
+        let n = *n as usize;
+        let Some(Some(job)) = self.jobs.get_mut(n) else { return false };
+        let (JobTask::Read(_), InFlight::Read(id), GroupResult::None) =
+            (&job.task, job.in_flight, job.group_result)
+        else {
+            return false;
+        };
+        let Some(slot) = slots.get_mut(usize::from(job.axis)) else { return false };
+        match slot.handle_answer(now, id, answer) {
+            Ok(raw) => self.end_job(n, Outcome::Done(raw)),
+            Err(failure) => self.fail_job(n, failure),
+        }
+        true
+    }
+
+    /// What the answer to its request makes of job `n`.
+    pub fn handle_answer<A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &mut [AxisSlot<R, A>],
+        n: usize,
+        answer: &Result<A, Failure>,
+    ) {
+        let Some(Some(job)) = self.jobs.get_mut(n) else { return };
+        let Some(slot) = slots.get_mut(usize::from(job.axis)) else { return };
+        let parameter = job.in_flight.parameter().and_then(|id| slot.profile.parameter(id));
+        let raw = match answer {
+            Ok(answer) => slot.driver.decode_answer(parameter, answer),
+            Err(failure) => Err(*failure),
+        };
+        let raw = execute::merge_group_result(job, raw);
+        let next = execute::handle_answer(now, job, slot, raw);
+        if matches!(next, JobState::Ended(Outcome::Done(_))) && job.ends_motion() {
+            slot.state.motion_active = false;
+        }
+        self.apply(n, next);
+    }
+
+    /// Takes what one drive of a group answered to the request of job `n`.
+    #[cold]
+    pub fn handle_group_answer<A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        slots: &mut [AxisSlot<R, A>],
+        (n, address): (usize, u32),
+        answer: &Result<A, Failure>,
+    ) -> Option<GroupAnswer> {
+        let job = self.jobs.get_mut(n)?.as_mut()?;
+        let slot = slots.get_mut(usize::from(job.axis))?;
+        let (profile, asked) = (slot.profile, job.in_flight.parameter());
+        let parameter = asked.and_then(|id| profile.parameter(id));
+        let raw = slot.driver.decode_answer(parameter, answer.as_ref().ok()?).ok()?;
+        job.group_result = job.group_result.combine(raw, execute::passes_test(job, raw));
+        let part = GroupAnswer { ticket: job.ticket, address, raw };
+        if let Some(id) = asked {
+            slot::record_group_answer(now, slots, &part, (profile, id));
+        }
+        // What the lane asks for itself is nobody else's business.
+        matches!(job.in_flight, InFlight::Read(_) | InFlight::Send(_)).then_some(part)
+    }
+
+    fn apply(&mut self, n: usize, next: JobState) {
+        match next {
+            JobState::Ready => self.ready |= 1 << n,
+            JobState::Sleeping(until) => {
+                if let Some(job) = &mut self.jobs[n] {
+                    job.sleeps_until = until;
+                }
+                self.sleeping |= 1 << n;
+                self.wake_at = earliest(self.wake_at, Some(until));
+            }
+            JobState::NeedsPoints => {}
+            JobState::Ended(outcome) => self.end_job(n, outcome),
+        }
+    }
+
+    /// Ends a job that neither is ready nor sleeps.
+    #[inline]
+    fn end_job(&mut self, n: usize, outcome: Outcome) {
+        if let Some(job) = &mut self.jobs[n] {
+            job.outcome = Some(outcome);
+            job.in_flight = InFlight::Nothing;
+        }
+        self.ended |= 1 << n;
+    }
+
+    #[cold]
+    fn fail_job(&mut self, n: usize, failure: Failure) {
+        self.end_job(n, Outcome::NotDone(failure));
+    }
+
+    /// Ends a job wherever it is.
+    fn abort_job(&mut self, n: usize, outcome: Outcome) {
+        self.ready &= !(1 << n);
+        self.sleeping &= !(1 << n);
+        self.end_job(n, outcome);
+    }
+
+    /// Gives out one that is through.
+    #[inline]
+    pub fn pop_outcome(&mut self) -> Option<(Ticket, Outcome)> {
+        if self.ended == 0 {
+            return None;
+        }
+        let n = self.ended.trailing_zeros() as usize;
+        self.ended &= !(1 << n);
+        self.used &= !(1 << n);
+        let place = self.jobs.get_mut(n)?;
+        let job = place.as_ref()?;
+        // Made anew, as one number: what was just written in parts is slow to read as a whole.
+        if let Some(Outcome::Done(raw)) = job.outcome {
+            let ticket = job.ticket;
+            *place = None;
+            return Some((ticket, Outcome::Done(raw)));
+        }
+        take_ended(place)
+    }
+
+    /// Ends what runs on an axis, reads excepted: a stop is next.
+    pub fn cancel_axis(&mut self, axis: AxisIndex) {
+        for n in set_bits(self.used & !self.ended) {
+            let Some(job) = &mut self.jobs[n] else { continue };
+            if job.axis != axis.0 || matches!(job.task, JobTask::Read(_)) {
+                continue;
+            }
+            if job.in_flight == InFlight::Nothing {
+                let outcome = execute::abort_outcome(job, Failure::Cancelled);
+                self.abort_job(n, outcome);
+            } else {
+                job.cancelled = true;
+            }
+        }
+    }
+
+    /// The link is down: whatever is under way ends.
+    pub fn handle_link_down(&mut self) {
+        for n in set_bits(self.used & !self.ended) {
+            let Some(job) = &self.jobs[n] else { continue };
+            let outcome = execute::abort_outcome(job, Failure::LinkDown);
+            self.abort_job(n, outcome);
+        }
+    }
+
+    /// Whether an axis runs a plan that moves or stops it.
+    pub fn is_moving(&self, axis: AxisIndex) -> bool {
+        set_bits(self.used & !self.ended).filter_map(|n| self.jobs[n].as_ref()).any(|job| {
+            let moves = match &job.task {
+                JobTask::Run(run) => run.needs_arming() || run.is_stop(),
+                JobTask::Path | JobTask::Transfer(TransferKind::Write) => true,
+                _ => false,
+            };
+            job.axis == axis.0 && moves
+        })
+    }
+
+    /// Whether words are on their way into an axis' memory or out of it.
+    pub fn has_transfer(&self, axis: AxisIndex) -> bool {
+        let jobs = set_bits(self.used & !self.ended).filter_map(|n| self.jobs[n].as_ref());
+        let mut transfers = jobs.filter(|job| matches!(job.task, JobTask::Transfer(_)));
+        transfers.any(|job| job.axis == axis.0)
+    }
+
+    /// No request of the job of this ticket is sent again.
+    pub fn disable_retries(&mut self, ticket: Ticket) {
+        for n in set_bits(self.used & !self.ended) {
+            if let Some(job) = self.jobs[n].as_mut().filter(|job| job.ticket == ticket) {
+                job.no_retry = true;
+            }
+        }
+    }
+
+    /// The axis on whose path the job of this ticket is, which goes on because there are points.
+    pub fn resume_path(&mut self, ticket: Ticket) -> Option<u8> {
+        for n in set_bits(self.used & !self.ended) {
+            let Some(job) = &self.jobs[n] else { continue };
+            if job.ticket != ticket || !matches!(job.task, JobTask::Path) {
+                continue;
+            }
+            if job.in_flight == InFlight::Nothing {
+                self.sleeping &= !(1 << n);
+                self.ready |= 1 << n;
+            }
+            return Some(job.axis);
+        }
+        None
+    }
+
+    /// Lets those whose time has come go on.
+    #[inline]
+    pub fn wake_due_jobs(&mut self, now: Instant) {
+        if self.wake_at.is_some_and(|wake| wake <= now) {
+            self.scan_sleeping_jobs(now);
+        }
+    }
+
+    fn scan_sleeping_jobs(&mut self, now: Instant) {
+        self.wake_at = None;
+        for n in set_bits(self.sleeping) {
+            let Some(job) = &self.jobs[n] else { continue };
+            if job.sleeps_until > now {
+                self.wake_at = earliest(self.wake_at, Some(job.sleeps_until));
+            } else {
+                self.sleeping &= !(1 << n);
+                self.ready |= 1 << n;
+            }
+        }
+    }
+}
+
+/// Takes a job that is through out of its place.
+#[cold]
+fn take_ended<R>(place: &mut Option<Job<R>>) -> Option<(Ticket, Outcome)> {
+    let job = place.take()?;
+    Some((job.ticket, job.outcome?))
+}
+
+fn set_bits(mut mask: u64) -> impl Iterator<Item = usize> {
+    core::iter::from_fn(move || {
+        let n = mask.trailing_zeros() as usize;
+        (mask != 0).then(|| {
+            mask &= mask - 1;
+            n
+        })
+    })
+}

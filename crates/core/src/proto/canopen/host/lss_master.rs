@@ -1,0 +1,212 @@
+//! The layer setting master: one service at a time, and the search for a device without node-ID, bit
+//! by bit (CiA 305, fast scan).
+
+use crate::error::Failure;
+use crate::medium::Frame;
+use crate::proto::canopen::host_request::Answer;
+use crate::proto::canopen::lss::{FAST_SCAN_BEGIN, IdentityNumber, LssReply, LssRequest};
+use crate::station::Ticket;
+use crate::time::{Instant, earliest};
+
+/// Silence that is a device's "no", ms.
+const SILENCE_MS: u32 = 25;
+
+/// What begins a scan: whoever has no node-ID answers.
+pub const BEGIN_REQUEST: LssRequest = LssRequest::FastScan {
+    number: 0,
+    bit: FAST_SCAN_BEGIN,
+    sub: IdentityNumber::Vendor,
+    next: IdentityNumber::Vendor,
+};
+
+type FinishedTicket = (Ticket, Result<Answer, Failure>);
+
+#[derive(Debug, Default)]
+pub struct LssMaster {
+    pending: Option<(Ticket, LssTask)>,
+    unsent: bool,
+    deadline: Option<Instant>,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum LssTask {
+    Request(LssRequest),
+    Scan(FastScan),
+}
+
+/// How far a scan is.
+#[derive(Clone, Copy, Debug)]
+struct FastScan {
+    found: [u32; 4],
+    number_index: usize,
+    /// The bit in question; [`FAST_SCAN_BEGIN`] before the first. After the last one the number as a
+    /// whole is asked, with bit 0 again.
+    bit: u8,
+    asks_whole_number: bool,
+    answered: bool,
+}
+
+impl LssMaster {
+    pub fn is_idle(&self) -> bool {
+        self.pending.is_none()
+    }
+
+    /// Takes a service, or a scan without one.
+    pub fn submit(&mut self, ticket: Ticket, request: Option<LssRequest>) -> Result<(), ()> {
+        if !self.is_idle() {
+            return Err(());
+        }
+        let scan = FastScan {
+            found: [0; 4],
+            number_index: 0,
+            bit: FAST_SCAN_BEGIN,
+            asks_whole_number: false,
+            answered: false,
+        };
+        self.pending = Some((ticket, request.map_or(LssTask::Scan(scan), LssTask::Request)));
+        self.unsent = true;
+        Ok(())
+    }
+
+    pub fn cancel(&mut self) -> Option<(Ticket, ())> {
+        self.unsent = false;
+        self.deadline = None;
+        self.pending.take().map(|(ticket, _)| (ticket, ()))
+    }
+
+    pub fn deadline(&self) -> Option<Instant> {
+        earliest(self.deadline, None)
+    }
+
+    pub fn transmit(&mut self, now: Instant, timeout_ns: u64) -> Option<Frame> {
+        let (_, task) = self.pending.as_mut().filter(|_| self.unsent)?;
+        self.unsent = false;
+        let (request, wait) = match task {
+            LssTask::Request(request) => (*request, timeout_ns),
+            LssTask::Scan(scan) => {
+                scan.answered = false;
+                (scan.next_request(), u64::from(SILENCE_MS) * 1_000_000)
+            }
+        };
+        self.deadline = Some(now.plus_ns(wait));
+        Some(request.emit())
+    }
+
+    /// Ends what nobody answers, once it is sent.
+    pub fn finish_unanswered(&mut self) -> Option<FinishedTicket> {
+        let Some((ticket, LssTask::Request(request))) = self.pending else { return None };
+        let last = IdentityNumber::Serial;
+        let silent = match request {
+            LssRequest::SwitchGlobal(_)
+            | LssRequest::ActivateBitTiming(_)
+            | LssRequest::Other(_) => true,
+            LssRequest::SwitchSelective(number, _) => number != last,
+            _ => false,
+        };
+        if !silent {
+            return None;
+        }
+        self.cancel();
+        Some((ticket, Ok(Answer::Sent)))
+    }
+
+    pub fn handle_reply(&mut self, now: Instant, reply: LssReply) -> Option<FinishedTicket> {
+        let (ticket, task) = self.pending.as_mut().filter(|_| !self.unsent)?;
+        match task {
+            LssTask::Request(request) if is_answer(request, &reply) => {
+                let ended = (*ticket, Ok(Answer::Lss(reply)));
+                self.cancel();
+                Some(ended)
+            }
+            // Several devices may answer; the question is over when its time is, so that none of
+            // them is taken for an answer to the next.
+            LssTask::Scan(scan) => {
+                scan.answered |= reply == LssReply::Identified;
+                let _ = now;
+                None
+            }
+            LssTask::Request(_) => None,
+        }
+    }
+
+    pub fn handle_timeout(&mut self, now: Instant) -> Option<FinishedTicket> {
+        if self.deadline.is_none_or(|deadline| deadline > now) {
+            return None;
+        }
+        let (ticket, task) = self.pending.as_mut()?;
+        let ticket = *ticket;
+        let ended = match task {
+            LssTask::Request(_) => Some(Err(Failure::Silent)),
+            LssTask::Scan(scan) => scan.advance(),
+        };
+        self.deadline = None;
+        match ended {
+            Some(result) => {
+                self.cancel();
+                Some((ticket, result))
+            }
+            None => {
+                self.unsent = true;
+                None
+            }
+        }
+    }
+}
+
+impl FastScan {
+    fn next_request(&self) -> LssRequest {
+        let (sub, next) = (
+            IdentityNumber::ALL[self.number_index],
+            IdentityNumber::ALL[(self.number_index + 1) % 4],
+        );
+        match self.bit {
+            FAST_SCAN_BEGIN => BEGIN_REQUEST,
+            bit => LssRequest::FastScan {
+                number: self.found[self.number_index],
+                bit,
+                sub,
+                next: if self.asks_whole_number { next } else { sub },
+            },
+        }
+    }
+
+    /// What silence, or an answer before it, leads to.
+    fn advance(&mut self) -> Option<Result<Answer, Failure>> {
+        match (self.bit, self.asks_whole_number) {
+            (FAST_SCAN_BEGIN, _) if self.answered => self.bit = 31,
+            // A number that nobody has as a whole: two devices answered for each other's bits.
+            (FAST_SCAN_BEGIN, _) => return Some(Err(Failure::Silent)),
+            (_, true) if !self.answered => return Some(Err(Failure::Misbehaved)),
+            (_, true) if self.number_index == 3 => return Some(Ok(Answer::Identity(self.found))),
+            (_, true) => {
+                (self.number_index, self.bit, self.asks_whole_number) =
+                    (self.number_index + 1, 31, false)
+            }
+            (bit, false) => {
+                if !self.answered {
+                    self.found[self.number_index] |= 1 << bit;
+                }
+                match bit {
+                    0 => self.asks_whole_number = true,
+                    bit => self.bit = bit - 1,
+                }
+            }
+        }
+        None
+    }
+}
+
+/// Whether a reply is of the service that was asked.
+fn is_answer(request: &LssRequest, reply: &LssReply) -> bool {
+    match (request, reply) {
+        (LssRequest::SwitchSelective(..), LssReply::Selected)
+        | (LssRequest::SetNode(_), LssReply::SetNode(..))
+        | (LssRequest::SetBitTiming(..), LssReply::SetBitTiming(..))
+        | (LssRequest::Store, LssReply::Store(..))
+        | (LssRequest::InquireNode, LssReply::Node(_))
+        | (LssRequest::Identify(..) | LssRequest::FastScan { .. }, LssReply::Identified)
+        | (LssRequest::IdentifyUnconfigured, LssReply::Unconfigured) => true,
+        (LssRequest::Inquire(asked), LssReply::Number(told, _)) => asked == told,
+        _ => false,
+    }
+}

@@ -1,0 +1,175 @@
+//! What a host is asked to say, and what nodes say.
+
+use super::cob::Cob;
+use super::emcy::Emergency;
+use super::lss;
+use super::nmt::{self, NmtMessage};
+use super::sdo::ObjectIndex;
+use super::time::TimeOfDay;
+use crate::station::{Request, RequestClass};
+
+/// Something to be said on the bus.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum HostRequest {
+    /// Reads an object of at most eight bytes; of a longer one the first eight, then it is let go.
+    Read {
+        /// Whose.
+        node: u8,
+        /// Which.
+        object: ObjectIndex,
+    },
+    /// Writes an object of at most eight bytes.
+    Write {
+        /// Whose.
+        node: u8,
+        /// Which.
+        object: ObjectIndex,
+        /// The bytes, the first one lowest.
+        bits: u64,
+        /// How many of them, 1 to 8.
+        len: u8,
+        /// Whether it may be sent again.
+        class: RequestClass,
+    },
+    /// Reads an object of any length, whose bytes are taken by
+    /// [`Host::poll_bytes`](crate::station::Host::poll_bytes).
+    Upload {
+        /// Whose.
+        node: u8,
+        /// Which.
+        object: ObjectIndex,
+        /// In blocks.
+        block: bool,
+    },
+    /// Writes an object of any length, whose bytes are given by
+    /// [`Host::feed_bytes`](crate::station::Host::feed_bytes).
+    Download {
+        /// Whose.
+        node: u8,
+        /// Which.
+        object: ObjectIndex,
+        /// In blocks.
+        block: bool,
+        /// How many bytes there will be.
+        size: u32,
+    },
+    /// Asks a node for its state (guarding).
+    Guard {
+        /// Which.
+        node: u8,
+    },
+    /// Orders a state. Nobody answers.
+    Nmt(NmtMessage),
+    /// Process data to whoever takes it. Nobody answers.
+    Process {
+        /// Which.
+        cob: Cob,
+        /// The bytes, the first one lowest.
+        data: u64,
+        /// How many of them.
+        len: u8,
+    },
+    /// SYNC, once, with a counter or without. Nobody answers.
+    Sync(Option<u8>),
+    /// SYNC every so many µs from now on; 0 is no more.
+    SyncEvery(u32),
+    /// Has a node watch the host's heartbeat, which is to come within so many ms from now on; 0 is no
+    /// more. It is written to the first place of object 1016h.
+    WatchHeartbeat {
+        /// Which.
+        node: u8,
+        /// Within so long, ms.
+        ms: u16,
+    },
+    /// The time of day. Nobody answers.
+    Time(TimeOfDay),
+    /// A layer setting service.
+    Lss(lss::LssRequest),
+    /// Finds one device without node-ID and brings it to configuration.
+    FastScan,
+}
+
+impl HostRequest {
+    /// The node whose answer it waits for.
+    #[must_use]
+    pub const fn node(&self) -> Option<u8> {
+        match *self {
+            Self::Read { node, .. }
+            | Self::Write { node, .. }
+            | Self::Upload { node, .. }
+            | Self::Download { node, .. }
+            | Self::WatchHeartbeat { node, .. }
+            | Self::Guard { node } => Some(node),
+            _ => None,
+        }
+    }
+
+    /// The object that it is about.
+    #[must_use]
+    pub const fn object(&self) -> Option<ObjectIndex> {
+        match *self {
+            Self::Read { object, .. }
+            | Self::Write { object, .. }
+            | Self::Upload { object, .. }
+            | Self::Download { object, .. } => Some(object),
+            _ => None,
+        }
+    }
+}
+
+impl Request for HostRequest {
+    /// To stop a node takes its process data away, so it counts as a stop; process data and SYNC may
+    /// start motion.
+    fn class(&self) -> RequestClass {
+        match *self {
+            Self::Write { class, .. } => class,
+            Self::Nmt(NmtMessage { command: nmt::NmtCommand::Stop, .. }) => RequestClass::Stop,
+            Self::Process { .. } | Self::Sync(_) | Self::SyncEvery(1..) => RequestClass::NoRetry,
+            Self::Read { .. } | Self::Upload { .. } | Self::Guard { .. } => {
+                RequestClass::Idempotent
+            }
+            Self::Lss(lss::LssRequest::Inquire(_) | lss::LssRequest::InquireNode) => {
+                RequestClass::Idempotent
+            }
+            _ => RequestClass::ReadBack,
+        }
+    }
+}
+
+/// What came of it, or what a node said unasked.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Answer {
+    /// What was read.
+    Value {
+        /// Which object.
+        object: ObjectIndex,
+        /// Its first eight bytes, the first one lowest.
+        bits: u64,
+        /// How many bytes it has, as far as is known; 0 when the node does not say.
+        len: u32,
+    },
+    /// It is written.
+    Written {
+        /// Which object.
+        object: ObjectIndex,
+        /// What was written, its first eight bytes.
+        bits: u64,
+    },
+    /// So many bytes went over.
+    Transferred(u32),
+    /// It is sent; nobody answers such a thing.
+    Sent,
+    /// A node is in that state: asked by guarding, or after boot-up, or because its heartbeat tells
+    /// another one than before.
+    State(nmt::NmtState),
+    /// A node's heartbeat has failed to come.
+    HeartbeatLost,
+    /// A fault, or its end.
+    Emergency(Emergency),
+    /// Process data of a node: number, bytes, how many.
+    Process(u8, u64, u8),
+    /// An answer to a layer setting service.
+    Lss(lss::LssReply),
+    /// The four numbers of a device that a fast scan found.
+    Identity([u32; 4]),
+}

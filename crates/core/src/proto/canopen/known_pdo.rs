@@ -1,0 +1,88 @@
+//! How a node's process data lie, by the mapping that was read or written.
+
+use super::pdo::{BITS_MAX, BitField, MappingEntry};
+use crate::axis::{DriveReport, REPORTS_MAX};
+use crate::profile::{ParameterId, Profile};
+
+/// Objects of one mapping that are kept.
+const ENTRIES_MAX: usize = super::pdo::MAPPED_MAX;
+
+/// One PDO as far as it is known.
+#[derive(Clone, Copy, Debug)]
+pub struct KnownPdo {
+    /// It is switched on, as far as is known.
+    pub enabled: bool,
+    entries: [Option<MappingEntry>; ENTRIES_MAX],
+    /// Parameters in it; none until the whole mapping is known.
+    fields: [Option<(ParameterId, BitField, bool)>; REPORTS_MAX],
+    /// Bytes that it has.
+    bytes: u8,
+}
+
+impl KnownPdo {
+    /// Nothing is known.
+    pub const UNKNOWN: Self = Self {
+        enabled: false,
+        entries: [None; ENTRIES_MAX],
+        fields: [None; REPORTS_MAX],
+        bytes: 0,
+    };
+
+    /// Takes what sub-index `sub` of the mapping holds; 0 is how many count.
+    pub fn learn(&mut self, sub: u8, raw: u32, profile: &'static Profile) {
+        (self.fields, self.bytes) = ([None; REPORTS_MAX], 0);
+        if sub == 0 {
+            self.lay_out(raw as usize, profile);
+        } else if let Some(entry) = self.entries.get_mut(usize::from(sub) - 1) {
+            *entry = Some(MappingEntry::from(raw));
+        }
+    }
+
+    /// Lays the first so many entries one behind the other; leaves all unknown if one of them is.
+    fn lay_out(&mut self, count: usize, profile: &'static Profile) {
+        let Some(entries) = self.entries.get(..count) else { return };
+        let (mut at, mut places) = (0, self.fields.iter_mut());
+        for entry in entries {
+            let Some(MappingEntry { object, bits: bits @ 1..=BITS_MAX }) = *entry else { return };
+            if at + bits > BITS_MAX {
+                return;
+            }
+            let is =
+                |p: &crate::profile::Parameter| (p.index, p.space) == (object.index, object.sub);
+            if let Some(id) = profile.parameters.iter().position(is)
+                && let Some(place) = places.next()
+            {
+                let (_, signed) = super::axis::encoding_width(profile.parameters[id].encoding);
+                *place = Some((ParameterId(id as u16), BitField { start: at, bits }, signed));
+            }
+            at += bits;
+        }
+        self.bytes = at.div_ceil(8);
+    }
+
+    /// Where a parameter lies.
+    pub fn field(&self, wanted: ParameterId) -> Option<BitField> {
+        let known = self.fields.iter().flatten();
+        known.clone().find(|(id, ..)| *id == wanted).map(|(_, field, _)| *field)
+    }
+
+    /// Bytes of its frame; 0 while that is not known.
+    pub const fn bytes(&self) -> u8 {
+        self.bytes
+    }
+
+    /// What `len` bytes tell: nothing if they are fewer than the mapping has.
+    pub fn decode_values(&self, data: u64, len: u8) -> [Option<DriveReport>; REPORTS_MAX] {
+        if self.bytes == 0 || len < self.bytes {
+            return [None; REPORTS_MAX];
+        }
+        self.fields.map(|field| {
+            let (id, field, signed) = field?;
+            let raw = match signed {
+                true => field.signed(data),
+                false => field.unsigned(data).cast_signed(),
+            };
+            Some(DriveReport::Parameter(id, raw))
+        })
+    }
+}

@@ -1,0 +1,307 @@
+//! Frames in their conversation: who speaks, what is owed, which values are told.
+
+use super::number_text::write_scaled;
+use super::{ModbusDissector, NAMED_MAX, collect_ascii, is_reply};
+use crate::explain::{
+    Context, ConversationContext, Direction, Effect, ExplainSink, FrameRole, FrameValue, RawFrame,
+    ReplyExpectation, ShortText, ValueSource,
+};
+use crate::profile::{Parameter, Profile};
+use crate::proto::modbus::encoding::{decode, register_count};
+use crate::proto::modbus::wire::{
+    BROADCAST, EXCEPTION_BIT, Exception, ReplyPdu, RequestPdu, Space, WireFormat, word,
+};
+use crate::proto::modbus::{ascii, rtu};
+
+impl ModbusDissector {
+    /// Station and PDU of a frame whose check agrees.
+    fn decode_frame<'a>(
+        self,
+        bytes: &'a [u8],
+        store: &'a mut [u8; rtu::ADU_MAX],
+    ) -> Option<(u8, &'a [u8])> {
+        let (unit, pdu) = match self.0 {
+            WireFormat::Rtu => rtu::decode(bytes).ok()?,
+            WireFormat::Ascii => ascii::decode(collect_ascii(bytes, store).ok()?).ok()?,
+        };
+        (!pdu.is_empty()).then_some((unit, pdu))
+    }
+
+    pub(super) fn frame_role(
+        self,
+        frame: &RawFrame<'_>,
+        talk: &ConversationContext<'_>,
+    ) -> FrameRole {
+        let mut store = [0; rtu::ADU_MAX];
+        let Some((unit, pdu)) = self.decode_frame(frame.bytes, &mut store) else {
+            return FrameRole::Unrelated;
+        };
+        let asks = match talk.direction {
+            Some(direction) => direction == Direction::ToDrive,
+            // A write's reply repeats it: which comes second is the reply.
+            None => {
+                let answers =
+                    talk.open_request.is_some_and(|open| self.answers_request(frame, &open));
+                !answers && RequestPdu::parse(pdu).is_ok()
+            }
+        };
+        match asks {
+            true if unit == BROADCAST => FrameRole::Request(ReplyExpectation::NONE),
+            true => FrameRole::Request(ReplyExpectation::ONE_ANSWER),
+            false => FrameRole::Answer,
+        }
+    }
+
+    /// A write may reach any of its registers or coils.
+    pub(super) fn frame_effect(
+        self,
+        frame: &RawFrame<'_>,
+        profile: Option<&'static Profile>,
+    ) -> Effect {
+        let mut store = [0; rtu::ADU_MAX];
+        let Some((_, pdu)) = self.decode_frame(frame.bytes, &mut store) else {
+            return Effect::UNKNOWN;
+        };
+        let (space, start, count) = match RequestPdu::parse(pdu) {
+            Ok(RequestPdu::Read { .. }) => return Effect::NOTHING,
+            Ok(RequestPdu::WriteRegister { address, .. }) => (Space::Holding, address, 1),
+            Ok(RequestPdu::WriteRegisters { start, words }) => {
+                (Space::Holding, start, words.len() as u16 / 2)
+            }
+            Ok(RequestPdu::WriteCoil { address, .. }) => (Space::Coil, address, 1),
+            Ok(RequestPdu::WriteCoils { start, count, .. }) => (Space::Coil, start, count),
+            Ok(RequestPdu::Unknown { .. }) | Err(_) => return Effect::UNKNOWN,
+        };
+        let of = |address| Effect::from_write(parameter_covering(profile, space, address));
+        (0..count).map(|at| of(start.wrapping_add(at))).fold(Effect::NOTHING, Effect::combine)
+    }
+
+    /// A reply has its request's station and function, and as much data as was asked for or the
+    /// address that was written.
+    pub(super) fn answers_request(self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        let (mut one, mut other) = ([0; rtu::ADU_MAX], [0; rtu::ADU_MAX]);
+        let (Some((from, reply)), Some((to, asked))) = (
+            self.decode_frame(frame.bytes, &mut one),
+            self.decode_frame(request.bytes, &mut other),
+        ) else {
+            return false;
+        };
+        if from != to || reply[0] & !EXCEPTION_BIT != asked[0] {
+            return false;
+        }
+        match (ReplyPdu::parse(reply), RequestPdu::parse(asked)) {
+            (Ok(ReplyPdu::Exception { .. }), _) => true,
+            (Ok(ReplyPdu::Read { data, .. }), Ok(RequestPdu::Read { space, count, .. })) => {
+                data.len() == space.reply_bytes(count)
+            }
+            (
+                Ok(ReplyPdu::WroteCoil { .. } | ReplyPdu::WroteRegister { .. }),
+                Ok(RequestPdu::WriteCoil { .. } | RequestPdu::WriteRegister { .. }),
+            )
+            | (Ok(ReplyPdu::Wrote { .. }), Ok(_)) => reply.get(1..3) == asked.get(1..3),
+            (Ok(ReplyPdu::Unknown { .. }), Ok(RequestPdu::Unknown { .. })) => true,
+            _ => false,
+        }
+    }
+
+    /// An exception that acknowledges refuses nothing.
+    pub(super) fn exception_text(self, answer: &RawFrame<'_>) -> Option<&'static str> {
+        let mut store = [0; rtu::ADU_MAX];
+        let (_, pdu) = self.decode_frame(answer.bytes, &mut store)?;
+        match ReplyPdu::parse(pdu) {
+            Ok(ReplyPdu::Exception { exception, .. }) if exception != Exception::Acknowledge => {
+                Some(exception.text())
+            }
+            _ => None,
+        }
+    }
+}
+
+/// The parameter that a register or coil is of, be it the second one of two.
+fn parameter_covering(
+    profile: Option<&'static Profile>,
+    space: Space,
+    address: u16,
+) -> Option<&'static Parameter> {
+    profile?.parameters.iter().find(|p| {
+        let width = if space.is_bits() { 1 } else { register_count(p.encoding) };
+        p.space == space.number() && (p.index..p.index.saturating_add(width)).contains(&address)
+    })
+}
+
+/// The values that a PDU carries. Where nobody stated the drive, the line of text has the registers'
+/// numbers, and here the names of a usual drive are put behind it.
+pub(super) fn report_values(
+    pdu: &[u8],
+    context: &Context<'_>,
+    asked: Option<&[u8]>,
+    sink: &mut dyn ExplainSink,
+) {
+    let reply = is_reply(pdu, context.direction, asked);
+    let doubted = context.profile.filter(|_| context.profile_assumed);
+    let mut values = ValueReporter {
+        profile: context.profile,
+        written: !reply,
+        assumed_profile: doubted,
+        names_shown: 0,
+        next_parameter: 0,
+        sink,
+    };
+    if reply {
+        let asked = asked.and_then(|pdu| RequestPdu::parse(pdu).ok());
+        if let (Ok(ReplyPdu::Read { data, .. }), Some(RequestPdu::Read { space, start, count })) =
+            (ReplyPdu::parse(pdu), asked)
+            && pdu[0] == space.read_function().code()
+            && data.len() == space.reply_bytes(count)
+        {
+            values.report_read((space, start, count), data);
+        }
+    } else if let Ok(request) = RequestPdu::parse(pdu) {
+        values.report_request(&request);
+    }
+    values.close_remark();
+}
+
+/// Tells values by the parameters that they are of.
+struct ValueReporter<'a> {
+    profile: Option<&'static Profile>,
+    written: bool,
+    /// Whose names have to be marked.
+    assumed_profile: Option<&'static Profile>,
+    /// Names in the line of text.
+    names_shown: usize,
+    /// Behind the parameter that was found last.
+    next_parameter: usize,
+    sink: &'a mut dyn ExplainSink,
+}
+
+impl ValueReporter<'_> {
+    /// What is written, and the names of what is asked for.
+    fn report_request(&mut self, request: &RequestPdu<'_>) {
+        match *request {
+            RequestPdu::Read { space, start, count } if self.assumed_profile.is_some() => {
+                for address in (0..count).map(|at| start.wrapping_add(at)) {
+                    self.find_parameter(space, address)
+                        .into_iter()
+                        .for_each(|p| self.write_name(p, None));
+                }
+            }
+            RequestPdu::WriteRegister { address, value } => {
+                self.report_words(Space::Holding, address, &value.to_be_bytes());
+            }
+            RequestPdu::WriteRegisters { start, words } => {
+                self.report_words(Space::Holding, start, words)
+            }
+            RequestPdu::WriteCoil { address, on } => {
+                self.report_bits(Space::Coil, address, 1, &[u8::from(on)]);
+            }
+            RequestPdu::WriteCoils { start, count, bits } => {
+                self.report_bits(Space::Coil, start, count, bits);
+            }
+            RequestPdu::Read { .. } | RequestPdu::Unknown { .. } => {}
+        }
+    }
+
+    /// What was read from `start` on.
+    fn report_read(&mut self, (space, start, count): (Space, u16, u16), data: &[u8]) {
+        match space.is_bits() {
+            true => self.report_bits(space, start, count, data),
+            false => self.report_words(space, start, data),
+        }
+    }
+
+    /// A name of a drive that nobody stated, behind the line.
+    fn write_name(&mut self, parameter: &'static Parameter, raw: Option<i64>) {
+        let Some(profile) = self.assumed_profile.filter(|_| self.names_shown < NAMED_MAX) else {
+            return;
+        };
+        self.sink.text(if self.names_shown == 0 { " (" } else { ", " });
+        if self.names_shown == 0 {
+            self.sink.text(profile.name);
+            self.sink.text("? ");
+        }
+        self.names_shown += 1;
+        self.sink.text(parameter.symbol);
+        self.sink.text(" ");
+        self.sink.text(parameter.name);
+        if let Some(raw) = raw {
+            self.sink.text(" = ");
+            write_scaled(parameter, raw, self.sink);
+        }
+    }
+
+    fn close_remark(&mut self) {
+        if self.names_shown > 0 {
+            self.sink.text(")");
+        }
+    }
+
+    /// Registers that follow one another stand so in the table, as a rule.
+    fn find_parameter(&mut self, space: Space, address: u16) -> Option<&'static Parameter> {
+        let parameters = self.profile?.parameters;
+        let is_it = |p: &&Parameter| p.space == space.number() && p.index == address;
+        let near = parameters.get(self.next_parameter..).unwrap_or_default();
+        let at = match near.first().filter(is_it) {
+            Some(_) => self.next_parameter,
+            None => parameters.iter().position(|p| is_it(&p))?,
+        };
+        self.next_parameter = at + 1;
+        parameters.get(at)
+    }
+
+    fn report_words(&mut self, space: Space, start: u16, data: &[u8]) {
+        let (count, mut at) = (data.len() / 2, 0);
+        while at < count {
+            let address = start.wrapping_add(at as u16);
+            let parameter = self.find_parameter(space, address);
+            let wide = parameter.map_or(1, |p| usize::from(register_count(p.encoding)));
+            let first = word(data, 2 * at);
+            let second = if wide == 2 && at + 1 < count { word(data, 2 * at + 2) } else { 0 };
+            match parameter.filter(|_| at + wide <= count) {
+                Some(parameter) => {
+                    let raw = decode(parameter.encoding, [first, second]);
+                    self.report_parameter(parameter, raw);
+                    at += wide;
+                }
+                None => {
+                    let label = self.value_label(space, address);
+                    self.emit_frame_value(ValueSource::Named(label.as_str()), first.into());
+                    at += 1;
+                }
+            }
+        }
+    }
+
+    fn report_bits(&mut self, space: Space, start: u16, count: u16, data: &[u8]) {
+        for at in 0..count {
+            let Some(byte) = data.get(usize::from(at / 8)) else { return };
+            let (address, raw) = (start.wrapping_add(at), i64::from(byte >> (at % 8) & 1));
+            match self.find_parameter(space, address) {
+                Some(parameter) => self.report_parameter(parameter, raw),
+                None => {
+                    let label = self.value_label(space, address);
+                    self.emit_frame_value(ValueSource::Named(label.as_str()), raw);
+                }
+            }
+        }
+    }
+
+    fn value_label(&self, space: Space, address: u16) -> ShortText {
+        let word = match space {
+            Space::Holding => "register",
+            Space::Input => "input register",
+            Space::Coil => "coil",
+            Space::Discrete => "discrete input",
+        };
+        ShortText::from_display(format_args!("{word} 0x{address:04X}"))
+    }
+
+    fn report_parameter(&mut self, parameter: &'static Parameter, raw: i64) {
+        self.emit_frame_value(ValueSource::Parameter(parameter), raw);
+        self.write_name(parameter, Some(raw));
+    }
+
+    fn emit_frame_value(&mut self, what: ValueSource<'_>, raw: i64) {
+        self.sink.frame_value(FrameValue { source: what, raw, written: self.written, motor: 0 });
+    }
+}

@@ -1,0 +1,118 @@
+//! Where frames end in a stream.
+
+use crate::explain::{Direction, FrameBoundary};
+use crate::proto::modbus::rtu::{self, ADU_MAX, ADU_MIN};
+use crate::proto::modbus::wire::AnnouncedLength;
+use crate::proto::modbus::{ascii, wire};
+
+/// How far the beginning of the next frame is looked for.
+const SEARCH_MAX: usize = 2 * ADU_MAX;
+
+enum HeadScan {
+    Frame(usize),
+    /// Whole by its length, but the check fails.
+    Broken(usize),
+    More,
+    Nothing,
+}
+
+pub(super) fn cut_rtu(bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
+    let broken = match scan_head(bytes, direction) {
+        HeadScan::Frame(len) => return FrameBoundary::Frame(len),
+        HeadScan::More if !ended => return FrameBoundary::Incomplete,
+        HeadScan::Broken(len) => Some(len),
+        HeadScan::More | HeadScan::Nothing => None,
+    };
+    let most = bytes.len().min(SEARCH_MAX);
+    let next =
+        (1..most).find(|&at| matches!(scan_head(&bytes[at..], direction), HeadScan::Frame(_)));
+    match (next, broken) {
+        (Some(at), _) if has_announced_len(&bytes[..at], direction) => FrameBoundary::Corrupt(at),
+        (Some(at), _) => FrameBoundary::Skip(at),
+        (None, _) if !ended && bytes.len() < SEARCH_MAX => FrameBoundary::Incomplete,
+        (None, Some(len)) => FrameBoundary::Corrupt(len),
+        (None, None) if (ADU_MIN..=ADU_MAX).contains(&bytes.len()) => {
+            FrameBoundary::Corrupt(bytes.len())
+        }
+        (None, None) => FrameBoundary::Skip(most.max(1)),
+    }
+}
+
+/// The frame at the head of the bytes, without a search for the next.
+pub(super) fn rtu_frame_len(bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
+    match scan_head(bytes, direction) {
+        HeadScan::Frame(len) => Some(len),
+        _ => None,
+    }
+}
+
+pub(super) fn cut_ascii(bytes: &[u8], ended: bool) -> FrameBoundary {
+    let Some(&first) = bytes.first() else { return FrameBoundary::Incomplete };
+    if first != ascii::START {
+        let next = bytes.iter().position(|&character| character == ascii::START);
+        return FrameBoundary::Skip(next.unwrap_or(bytes.len()));
+    }
+    let mut collector = ascii::AsciiDeframer::default();
+    for (at, &character) in bytes.iter().enumerate() {
+        match collector.feed(character) {
+            ascii::FeedResult::Incomplete => {}
+            ascii::FeedResult::Complete => {
+                let right = ascii::decode(collector.bytes()).is_ok_and(|(_, pdu)| !pdu.is_empty());
+                return if right {
+                    FrameBoundary::Frame(at + 1)
+                } else {
+                    FrameBoundary::Corrupt(at + 1)
+                };
+            }
+            ascii::FeedResult::Skipped(_) if character == ascii::START => {
+                return FrameBoundary::Skip(at);
+            }
+            ascii::FeedResult::Skipped(_) => return FrameBoundary::Skip(at + 1),
+        }
+    }
+    if ended { FrameBoundary::Skip(bytes.len()) } else { FrameBoundary::Incomplete }
+}
+
+fn scan_head(bytes: &[u8], direction: Option<Direction>) -> HeadScan {
+    let request = match direction {
+        Some(Direction::ToHost) => HeadScan::Nothing,
+        _ => check_span(bytes, rtu::request_span(bytes)),
+    };
+    let reply = match direction {
+        Some(Direction::ToDrive) => HeadScan::Nothing,
+        _ => check_span(bytes, rtu::reply_span(bytes)),
+    };
+    match (request, reply) {
+        (HeadScan::Frame(len), _) | (_, HeadScan::Frame(len)) => HeadScan::Frame(len),
+        (HeadScan::More, _) | (_, HeadScan::More) => HeadScan::More,
+        (HeadScan::Broken(a), HeadScan::Broken(b)) => {
+            HeadScan::Broken(if b == bytes.len() { b } else { a })
+        }
+        (HeadScan::Broken(len), _) | (_, HeadScan::Broken(len)) => HeadScan::Broken(len),
+        _ => HeadScan::Nothing,
+    }
+}
+
+fn check_span(bytes: &[u8], span: AnnouncedLength) -> HeadScan {
+    match span {
+        AnnouncedLength::Bytes(len) if bytes.len() < len => HeadScan::More,
+        AnnouncedLength::Bytes(len) if rtu::crc_matches(&bytes[..len]) => HeadScan::Frame(len),
+        AnnouncedLength::Bytes(len) => HeadScan::Broken(len),
+        AnnouncedLength::More => HeadScan::More,
+        AnnouncedLength::Unknown if rtu::crc_matches(bytes) && bytes.len() <= wire::PDU_MAX + 3 => {
+            HeadScan::Frame(bytes.len())
+        }
+        AnnouncedLength::Unknown | AnnouncedLength::Never => HeadScan::Nothing,
+    }
+}
+
+/// Whether so many bytes are just what their head announces.
+fn has_announced_len(bytes: &[u8], direction: Option<Direction>) -> bool {
+    let request = rtu::request_span(bytes) == AnnouncedLength::Bytes(bytes.len());
+    let reply = rtu::reply_span(bytes) == AnnouncedLength::Bytes(bytes.len());
+    match direction {
+        Some(Direction::ToDrive) => request,
+        Some(Direction::ToHost) => reply,
+        None => request || reply,
+    }
+}

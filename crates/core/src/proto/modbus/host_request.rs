@@ -1,0 +1,214 @@
+//! What the commanding end is asked for and what it brings back, as small values.
+
+use super::wire::{Function, RequestPdu, Space, WRITE_BITS_MAX, WireFormat, words};
+use super::{ascii, rtu};
+use crate::station::{self, RequestClass};
+
+/// Registers that a request or an answer carries inline.
+pub const WORDS_MAX: usize = 16;
+/// Coils that a request writes.
+pub const COILS_MAX: u16 = 256;
+
+const _: () = assert!(COILS_MAX <= WRITE_BITS_MAX);
+
+/// One request to one station, or to all.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct HostRequest {
+    /// Station address; 0 is every station, which none answers.
+    pub unit: u8,
+    /// What it asks.
+    pub body: RequestBody,
+    /// Whether it may be resent, and whether it is a stop: the driver says so.
+    pub class: RequestClass,
+}
+
+/// What a request asks.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum RequestBody {
+    /// 01 to 04.
+    Read {
+        /// Where.
+        space: Space,
+        /// First address.
+        start: u16,
+        /// How many.
+        count: u16,
+    },
+    /// 05.
+    WriteCoil {
+        /// Which.
+        address: u16,
+        /// On or off.
+        on: bool,
+    },
+    /// 06.
+    WriteRegister {
+        /// Which.
+        address: u16,
+        /// Its new value.
+        value: u16,
+    },
+    /// 0F.
+    WriteCoils {
+        /// First address.
+        start: u16,
+        /// How many, at most [`COILS_MAX`].
+        count: u16,
+        /// Eight to a byte, lowest address in bit 0.
+        bits: [u8; COILS_MAX as usize / 8],
+    },
+    /// 10.
+    WriteRegisters {
+        /// First address.
+        start: u16,
+        /// How many of `words` count, at most [`WORDS_MAX`].
+        count: u8,
+        /// The values.
+        words: [u16; WORDS_MAX],
+    },
+}
+
+impl RequestBody {
+    /// Its function.
+    #[must_use]
+    #[inline]
+    pub const fn function(&self) -> Function {
+        match *self {
+            Self::Read { space, .. } => space.read_function(),
+            Self::WriteCoil { .. } => Function::WriteCoil,
+            Self::WriteRegister { .. } => Function::WriteRegister,
+            Self::WriteCoils { .. } => Function::WriteCoils,
+            Self::WriteRegisters { .. } => Function::WriteRegisters,
+        }
+    }
+
+    /// Hands the PDU to `with`.
+    pub fn with_pdu<T>(&self, with: impl FnOnce(RequestPdu<'_>) -> T) -> T {
+        match *self {
+            Self::Read { space, start, count } => with(RequestPdu::Read { space, start, count }),
+            Self::WriteCoil { address, on } => with(RequestPdu::WriteCoil { address, on }),
+            Self::WriteRegister { address, value } => {
+                with(RequestPdu::WriteRegister { address, value })
+            }
+            Self::WriteCoils { start, count, ref bits } => {
+                let count = count.min(COILS_MAX);
+                let bits = &bits[..usize::from(count).div_ceil(8)];
+                with(RequestPdu::WriteCoils { start, count, bits })
+            }
+            Self::WriteRegisters { start, count, ref words } => {
+                let mut data = [0; 2 * WORDS_MAX];
+                for (pair, word) in data.as_chunks_mut::<2>().0.iter_mut().zip(words) {
+                    *pair = word.to_be_bytes();
+                }
+                let len = 2 * usize::from(count).min(WORDS_MAX);
+                with(RequestPdu::WriteRegisters { start, words: &data[..len] })
+            }
+        }
+    }
+
+    /// First address and what a good answer repeats with it: the value, or the count.
+    #[must_use]
+    #[inline]
+    pub const fn reply_fields(&self) -> (u16, u16) {
+        match *self {
+            Self::Read { start, count, .. } => (start, count),
+            Self::WriteCoil { address, on } => (address, if on { 0xFF00 } else { 0 }),
+            Self::WriteRegister { address, value } => (address, value),
+            Self::WriteCoils { start, count, .. } => (start, count),
+            Self::WriteRegisters { start, count, .. } => (start, count as u16),
+        }
+    }
+}
+
+impl HostRequest {
+    /// Writes the frame and returns its length.
+    #[inline]
+    pub fn emit(&self, format: WireFormat, out: &mut [u8]) -> usize {
+        // What happens most, ahead of everything else: a read.
+        if let (WireFormat::Rtu, RequestBody::Read { space, start, count }) = (format, self.body) {
+            return rtu::emit_request(self.unit, &RequestPdu::Read { space, start, count }, out);
+        }
+        self.emit_any(format, out)
+    }
+
+    #[inline(never)]
+    fn emit_any(&self, format: WireFormat, out: &mut [u8]) -> usize {
+        self.body.with_pdu(|pdu| match format {
+            WireFormat::Rtu => rtu::emit_request(self.unit, &pdu, out),
+            WireFormat::Ascii => ascii::emit(self.unit, out, |out| pdu.emit(out)),
+        })
+    }
+}
+
+impl station::Request for HostRequest {
+    fn class(&self) -> RequestClass {
+        self.class
+    }
+}
+
+/// What a station answered to a request that it did not refuse.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Answer {
+    /// Station address.
+    pub unit: u8,
+    /// Function.
+    pub function: Function,
+    /// First address asked.
+    pub start: u16,
+    /// Bits or registers read or written.
+    pub count: u16,
+    /// What was read, up to [`WORDS_MAX`] words; bits lie sixteen to a word, the lowest address in
+    /// bit 0. The value that a single write repeated, 0 or 1 for a coil. Longer reads: see
+    /// [`Host::payload`](super::host::Host::payload).
+    pub words: [u16; WORDS_MAX],
+}
+
+impl Answer {
+    /// To be filled in.
+    pub(super) const BLANK: Self =
+        Self { unit: 0, function: Function::Unknown(0), start: 0, count: 0, words: [0; WORDS_MAX] };
+
+    /// Makes a blank the good answer to a request, with the data of a read.
+    #[inline]
+    pub(super) fn fill(&mut self, request: &HostRequest, data: &[u8]) {
+        self.unit = request.unit;
+        self.function = request.body.function();
+        (self.start, self.count) = request.body.reply_fields();
+        match request.body {
+            RequestBody::Read { space, .. } if space.is_bits() => {
+                for (at, &byte) in data.iter().enumerate().take(2 * WORDS_MAX) {
+                    self.words[at / 2] |= u16::from(byte) << (8 * (at % 2));
+                }
+            }
+            RequestBody::Read { count: 1, .. } => {
+                self.words[0] = words(data).next().unwrap_or_default();
+            }
+            RequestBody::Read { .. } => {
+                self.words.iter_mut().zip(words(data)).for_each(|(place, word)| *place = word);
+            }
+            RequestBody::WriteCoil { on, .. } => (self.count, self.words[0]) = (1, on.into()),
+            RequestBody::WriteRegister { value, .. } => (self.count, self.words[0]) = (1, value),
+            RequestBody::WriteCoils { .. } | RequestBody::WriteRegisters { .. } => {}
+        }
+    }
+
+    /// The answer as one number, the first register highest, as far as 64 bits reach; bits with the
+    /// lowest address in bit 0; the value written, or how many.
+    #[must_use]
+    pub fn raw(&self) -> i64 {
+        match self.function.read_space() {
+            Some(space) if space.is_bits() => {
+                let len = usize::from(self.count).div_ceil(16).min(4);
+                self.words[..len].iter().rev().fold(0, |raw, &word| raw << 16 | i64::from(word))
+            }
+            Some(_) => {
+                let len = usize::from(self.count).min(4);
+                self.words[..len].iter().fold(0, |raw, &word| raw << 16 | i64::from(word))
+            }
+            None if matches!(self.function, Function::WriteCoil | Function::WriteRegister) => {
+                i64::from(self.words[0])
+            }
+            None => i64::from(self.count),
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! Frames in their conversation: who speaks, what is owed by the VM in force, which values are told.
+
+use super::interpretation_of;
+use crate::explain::{
+    ConversationContext, Effect, ExplainSink, FrameRole, FrameValue, Impact, RawFrame, ReplyCount,
+    ReplyExpectation, ValueSource,
+};
+use crate::profile::Profile;
+use crate::proto::thruster::interpretation::{Interpretation, ReplyFormat, is_command};
+use crate::proto::thruster::rules::{self, class_of};
+use crate::proto::thruster::wire::{
+    CommandKind, CommandWord, DriveMessage, HeaderlessReport, REFUSED, Reply, ReportFrame, Request,
+    node_of_id,
+};
+
+pub(super) fn frame_role(frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
+    match frame.id.filter(|_| !frame.extended).and_then(node_of_id) {
+        Some(Ok(_)) => FrameRole::Request(expected_replies(frame, talk)),
+        Some(Err(_)) => match DriveMessage::parse(frame.bytes) {
+            Ok(DriveMessage::Report(ReportFrame { source: ReportFrame::UNSOLICITED, .. })) => {
+                FrameRole::Report
+            }
+            // ML and MM make a drive tell these by itself.
+            Ok(DriveMessage::Reply(Reply {
+                command: CommandWord::QC | CommandWord::QV, ..
+            })) => FrameRole::Report,
+            Ok(DriveMessage::Reply(reply)) if reply.command.definition().is_none() => {
+                FrameRole::Unrelated
+            }
+            Ok(_) => FrameRole::Answer,
+            Err(_) => FrameRole::Unrelated,
+        },
+        None => FrameRole::Unrelated,
+    }
+}
+
+/// What is no command of this protocol is another one's on the same identifiers.
+pub(super) fn effect_of(frame: &RawFrame<'_>) -> Effect {
+    match (frame.id.filter(|_| !frame.extended).and_then(node_of_id), Request::parse(frame.bytes)) {
+        (Some(Err(_)), _) => Effect::NOTHING,
+        (Some(Ok(_)), Ok(request)) if request.command.definition().is_some() => {
+            let keeps = rules::is_stored(&request);
+            let act = if keeps {
+                Impact::Settings
+            } else {
+                Effect::from_class(class_of(&request)).impact
+            };
+            Effect { impact: act, persistent: keeps }
+        }
+        _ => Effect::UNKNOWN,
+    }
+}
+
+fn expected_replies(request: &RawFrame<'_>, talk: &ConversationContext<'_>) -> ReplyExpectation {
+    match Request::parse(request.bytes) {
+        Ok(request) if request.command.is_output() => expected_output_replies(reply_format(talk)),
+        Ok(request) if request.command.definition().is_some() => ReplyExpectation::ONE_ANSWER,
+        _ => ReplyExpectation::NONE,
+    }
+}
+
+/// TC and VC are answered as VM says; nobody knows how while no VM was seen.
+fn expected_output_replies(form: Option<ReplyFormat>) -> ReplyExpectation {
+    match form {
+        None => ReplyExpectation::UNKNOWN,
+        Some(ReplyFormat::Silent) => ReplyExpectation::NONE,
+        Some(ReplyFormat::Echo | ReplyFormat::Headerless) => ReplyExpectation::ONE_ANSWER,
+        Some(ReplyFormat::Frames(frames)) => ReplyExpectation {
+            acks: ReplyCount::Zero,
+            answers: ReplyCount::Exactly(frames.count_ones() as u8),
+        },
+    }
+}
+
+fn reply_format(talk: &ConversationContext<'_>) -> Option<ReplyFormat> {
+    let request = Request::parse(talk.format_request?.bytes).ok()?;
+    Some(interpretation_of(talk.profile).reply_format(request.data? as u16))
+}
+
+pub(super) fn sets_reply_format(request: &RawFrame<'_>) -> bool {
+    Request::parse(request.bytes).is_ok_and(|r| r.command == CommandWord::VM && r.data.is_some())
+}
+
+/// The value that means refusal, or a setting that comes back as another than was sent.
+pub(super) fn refusal_reason(
+    answer: &RawFrame<'_>,
+    request: &RawFrame<'_>,
+) -> Option<&'static str> {
+    let Ok(DriveMessage::Reply(reply)) = DriveMessage::parse(answer.bytes) else { return None };
+    let asked = Request::parse(request.bytes).ok()?.data;
+    if reply.data == REFUSED && asked != Some(REFUSED) {
+        return Some("refused: a fault, an output that is forbidden, or a bad value");
+    }
+    let set = matches!(reply.command.definition(), Some((CommandKind::Set, _)));
+    let read = |data| reply.command.width().decode(data);
+    let other = asked.is_some_and(|asked| read(asked) != read(reply.data));
+    (set && other).then_some("not what was asked: not accepted, or stopped")
+}
+
+/// From power-up a drive repeats TC and VC; one that was told otherwise by VM and repeats them has
+/// forgotten it.
+pub(super) fn shows_restart(
+    answer: &RawFrame<'_>,
+    request: &RawFrame<'_>,
+    talk: &ConversationContext<'_>,
+) -> bool {
+    let output = Request::parse(request.bytes).is_ok_and(|asked| asked.command.is_output());
+    let told = reply_format(talk).is_some_and(|form| form != ReplyFormat::Echo);
+    let repeats = matches!(
+        DriveMessage::parse(answer.bytes),
+        Ok(DriveMessage::Reply(Reply { command, data, .. })) if command.is_output() && data != REFUSED
+    );
+    output && told && repeats
+}
+
+/// What is set.
+pub(super) fn report_request_values(
+    request: &Request,
+    profile: Option<&'static Profile>,
+    sink: &mut dyn ExplainSink,
+) {
+    let set = matches!(request.command.definition(), Some((CommandKind::Set, _)));
+    if let (true, Some(data)) = (set && request.command != CommandWord::SP, request.data) {
+        emit_frame_value(
+            request.command,
+            request.command.width().decode(data),
+            true,
+            profile,
+            sink,
+        );
+    }
+}
+
+/// What a drive says.
+pub(super) fn report_message_values(
+    heard: &DriveMessage,
+    asked: Option<u32>,
+    profile: Option<&'static Profile>,
+    sink: &mut dyn ExplainSink,
+) {
+    let mut say =
+        |command: CommandWord, raw: i64| emit_frame_value(command, raw, false, profile, sink);
+    match heard {
+        DriveMessage::Reply(Reply { command, data, .. }) => {
+            let query = matches!(command.definition(), Some((CommandKind::Query, _)));
+            let refused = *data == REFUSED && asked != Some(REFUSED);
+            if query && !refused && *command != CommandWord::RP {
+                say(*command, command.width().decode(*data));
+            }
+        }
+        DriveMessage::Report(report) => {
+            visit_report_values(report, interpretation_of(profile), &mut say)
+        }
+        DriveMessage::Headerless(HeaderlessReport { rpm, decivolt, deciamp, status }) => {
+            say(CommandWord::QV, (*rpm).into());
+            say(CommandWord::QP, (*decivolt).into());
+            say(CommandWord::QC, (*deciamp).into());
+            say(CommandWord::EF, (*status).into());
+        }
+    }
+}
+
+fn visit_report_values(
+    report: &ReportFrame,
+    readings: Interpretation,
+    say: &mut dyn FnMut(CommandWord, i64),
+) {
+    let [a, b, c] = report.words;
+    let signed = |word: u16| i64::from(word.cast_signed());
+    match report.part {
+        1 => {
+            say(CommandWord::QV, signed(a));
+            say(CommandWord::QP, b.into());
+            say(CommandWord::QC, signed(c));
+        }
+        2 => {
+            say(CommandWord::EF, a.into());
+            say(CommandWord::QT, signed(b));
+            say(CommandWord::EQ, signed(c));
+        }
+        _ => {
+            let (absolute, relative) = readings.positions(report);
+            say(CommandWord::QA, absolute.into());
+            say(CommandWord::QR, relative.into());
+        }
+    }
+}
+
+fn emit_frame_value(
+    command: CommandWord,
+    raw: i64,
+    written: bool,
+    profile: Option<&'static Profile>,
+    sink: &mut dyn ExplainSink,
+) {
+    let mut parameters = profile.into_iter().flat_map(|profile| profile.parameters);
+    let parameter = parameters.find(|parameter| is_command(parameter, command));
+    let letters = command.letters();
+    let what = parameter.map_or(ValueSource::Named(letters.as_str()), ValueSource::Parameter);
+    sink.frame_value(FrameValue { source: what, raw, written, motor: 0 });
+}

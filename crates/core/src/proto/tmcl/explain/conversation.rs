@@ -1,0 +1,243 @@
+//! Datagrams in their conversation: who speaks, what is owed, which values are told.
+
+use super::{
+    PartialFrameSink, ascii_line_len, is_reply, parameter_of, unchecked_reply, unchecked_request,
+};
+use crate::explain::{
+    Context, ConversationContext, Direction, Effect, ExplainSink, FrameRole, FrameValue, RawFrame,
+    ReplyExpectation, ShortText, ValueSource,
+};
+use crate::profile::{Parameter, Profile, Signal};
+use crate::proto::tmcl::ascii;
+use crate::proto::tmcl::opcode::{Opcode, Status};
+use crate::proto::tmcl::wire::{CAN_DATAGRAM, DATAGRAM, HOST, Reply, Request, VersionText};
+
+/// What stands in the place of a motor and is less is one: opcodes from here on are no motors.
+const MOTORS_MAX: u8 = 4;
+
+pub(super) fn frame_role(frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
+    let reply = match (talk.direction, frame.id) {
+        (Some(direction), _) => direction == Direction::ToHost,
+        (None, Some(id)) => is_can_reply(frame.bytes, id),
+        (None, None) => {
+            talk.open_request.is_some_and(|open| is_answer_to(frame, &open))
+                || is_serial_reply(frame.bytes)
+        }
+    };
+    match (reply, reply_status(frame)) {
+        (true, Some(Status::Event)) => FrameRole::Report,
+        (true, _) => FrameRole::Answer,
+        (false, _) => FrameRole::Request(expected_replies(frame)),
+    }
+}
+
+/// A module that resets or goes into its bootloader may have no time to say so.
+fn expected_replies(request: &RawFrame<'_>) -> ReplyExpectation {
+    match parse_request(request).map(|request| request.opcode) {
+        Some(Opcode::Boot | Opcode::BootStart) => ReplyExpectation::NONE,
+        Some(Opcode::SoftwareReset | Opcode::EnterAscii) => ReplyExpectation::UNKNOWN,
+        _ => ReplyExpectation::ONE_ANSWER,
+    }
+}
+
+/// A reply names its module and the opcode that it answers; the version as text names neither, and
+/// a line of ASCII mode no opcode.
+pub(super) fn is_answer_to(frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+    if frame.id.is_some() != request.id.is_some() {
+        return false;
+    }
+    if let Some(answer) = ascii_line_of(frame).and_then(ascii::AsciiReply::parse) {
+        let asked = ascii_line_of(request).and_then(ascii::AsciiCommand::parse);
+        return asked.is_some_and(|(address, _)| address == answer.module);
+    }
+    let Some(asked) = parse_request(request) else { return false };
+    let is_text = asked.opcode == Opcode::Version && asked.kind == 0;
+    if is_text && is_version_reply(frame) {
+        return true;
+    }
+    let same_id = frame.id.is_some() && frame.id == request.id;
+    parse_reply(frame).is_some_and(|reply| {
+        !same_id && reply.module == asked.address && reply.opcode == asked.opcode
+    })
+}
+
+/// RSAP, RSGP and FACTORY DEFAULT bring back what is kept; instructions go into permanent memory
+/// while a program is loaded.
+pub(super) fn effect_of(frame: &RawFrame<'_>, profile: Option<&'static Profile>) -> Effect {
+    use Opcode as O;
+    let Some(request) = parse_request(frame) else { return Effect::UNKNOWN };
+    match request.opcode {
+        O::Mst => Effect::NOTHING,
+        O::Ror | O::Rol if request.value == 0 => Effect::NOTHING,
+        O::Sap | O::Sgp => Effect::from_write(parameter_of(&request, profile)),
+        O::Sio => Effect::SETTINGS,
+        O::Stap | O::Rsap | O::Stgp | O::Rsgp | O::FactoryDefault => Effect::PERSISTENT,
+        O::DownloadStart | O::DownloadEnd | O::Boot | O::BootErase => Effect::PERSISTENT,
+        O::BootWriteBuffer | O::BootWritePage | O::BootWriteLength => Effect::PERSISTENT,
+        opcode if opcode.only_reads() => Effect::NOTHING,
+        opcode if opcode.is_named() => Effect::MOTION,
+        _ => Effect::UNKNOWN,
+    }
+}
+
+pub(super) fn refusal_reason(answer: &RawFrame<'_>) -> Option<&'static str> {
+    let status = reply_status(answer)?;
+    let refused = !status.is_good() && status != Status::Event && status != Status::Busy;
+    (refused && status.is_named()).then(|| status.text())
+}
+
+/// On CAN nothing but their shape tells requests from replies to a host that is not at its usual
+/// address: a reply has a good status where a request has its type, and an opcode for a motor.
+pub(super) fn is_can_reply(data: &[u8], id: u32) -> bool {
+    let shaped = |data: &[u8]| {
+        let good = Status::from(data[1]).is_good();
+        good && data[2] >= MOTORS_MAX && Opcode::from(data[2]).is_named()
+    };
+    id == u32::from(HOST)
+        || (data.len() >= CAN_DATAGRAM && shaped(data) && u32::from(data[0]) != id)
+}
+
+fn is_serial_reply(bytes: &[u8]) -> bool {
+    match ascii_line_len(bytes) {
+        Some(end) => ascii::AsciiReply::parse(&bytes[..end - 1]).is_some(),
+        None => bytes
+            .first_chunk::<DATAGRAM>()
+            .is_some_and(|whole| is_reply(whole, &Context::default())),
+    }
+}
+
+fn ascii_line_of<'a>(frame: &RawFrame<'a>) -> Option<&'a [u8]> {
+    let end = ascii_line_len(frame.bytes).filter(|_| frame.id.is_none())?;
+    frame.bytes.get(..end - 1)
+}
+
+fn parse_request(request: &RawFrame<'_>) -> Option<Request> {
+    match request.id {
+        Some(id) => Request::parse_can(request.bytes, id as u8).ok(),
+        None => match ascii_line_of(request) {
+            Some(line) => match ascii::AsciiCommand::parse(line)? {
+                (_, ascii::AsciiCommand::Request(request)) => Some(request),
+                _ => None,
+            },
+            None => Some(unchecked_request(request.bytes.first_chunk()?)),
+        },
+    }
+}
+
+fn parse_reply(frame: &RawFrame<'_>) -> Option<Reply> {
+    match frame.id {
+        Some(_) => Reply::parse_can(frame.bytes, HOST).ok(),
+        None => frame.bytes.first_chunk().map(unchecked_reply),
+    }
+}
+
+fn reply_status(frame: &RawFrame<'_>) -> Option<Status> {
+    match ascii_line_of(frame) {
+        Some(line) => ascii::AsciiReply::parse(line).map(|answer| answer.status),
+        None if is_version_reply(frame) => None,
+        None => parse_reply(frame).map(|reply| reply.status),
+    }
+}
+
+fn is_version_reply(frame: &RawFrame<'_>) -> bool {
+    let text = match frame.id {
+        Some(_) => VersionText::parse_can(frame.bytes, HOST),
+        None if Request::parse(frame.bytes).is_ok() => return false,
+        None => VersionText::parse(frame.bytes),
+    };
+    text.is_ok_and(|version| version.text.contains(&b'V'))
+}
+
+/// Set-points and settings that a request carries.
+pub(super) fn report_request_values(
+    request: &Request,
+    profile: Option<&'static Profile>,
+    sink: &mut dyn ExplainSink,
+) {
+    let Request { opcode, kind, motor, value, .. } = *request;
+    let raw = i64::from(value);
+    let signal = |signal| signal_parameter(profile, signal);
+    match opcode {
+        Opcode::Ror => {
+            report_setpoint(signal(Signal::TargetVelocity), "target velocity", raw, motor, sink)
+        }
+        Opcode::Rol => {
+            report_setpoint(signal(Signal::TargetVelocity), "target velocity", -raw, motor, sink)
+        }
+        Opcode::Mst => {
+            report_setpoint(signal(Signal::TargetVelocity), "target velocity", 0, motor, sink)
+        }
+        Opcode::Mvp if kind == 0 => {
+            report_setpoint(signal(Signal::TargetPosition), "target position", raw, motor, sink);
+        }
+        Opcode::Sap | Opcode::Sgp => report_parameter(request, raw, true, profile, sink),
+        _ => {}
+    }
+}
+
+/// What a parameter was found to be.
+pub(super) fn report_reply_values(
+    asked: &Request,
+    reply: &Reply,
+    profile: Option<&'static Profile>,
+    sink: &mut dyn ExplainSink,
+) {
+    let reads = matches!(asked.opcode, Opcode::Gap | Opcode::Ggp);
+    if reads && reply.opcode == asked.opcode && reply.status == Status::Ok {
+        report_parameter(asked, reply.value.into(), false, profile, sink);
+    }
+}
+
+fn signal_parameter(
+    profile: Option<&'static Profile>,
+    signal: Signal,
+) -> Option<&'static Parameter> {
+    let profile = profile?;
+    profile.parameter(profile.signal(signal)?.parameter)
+}
+
+fn report_setpoint(
+    parameter: Option<&'static Parameter>,
+    name: &str,
+    raw: i64,
+    part: u8,
+    sink: &mut dyn ExplainSink,
+) {
+    let what = parameter.map_or(ValueSource::Named(name), ValueSource::Parameter);
+    sink.frame_value(FrameValue { source: what, raw, written: true, motor: part });
+}
+
+fn report_parameter(
+    request: &Request,
+    raw: i64,
+    written: bool,
+    profile: Option<&'static Profile>,
+    sink: &mut dyn ExplainSink,
+) {
+    let Request { opcode, kind, motor, .. } = *request;
+    let of_axis = matches!(opcode, Opcode::Sap | Opcode::Gap);
+    let part = if of_axis { motor } else { 0 };
+    if let Some(parameter) = parameter_of(request, profile) {
+        let what = ValueSource::Parameter(parameter);
+        return sink.frame_value(FrameValue { source: what, raw, written, motor: part });
+    }
+    let label = match of_axis {
+        true => ShortText::from_display(format_args!("AP {kind}")),
+        false => ShortText::from_display(format_args!("GP {motor}, {kind}")),
+    };
+    sink.frame_value(FrameValue {
+        source: ValueSource::Named(label.as_str()),
+        raw,
+        written,
+        motor: part,
+    });
+}
+
+impl PartialFrameSink<'_> {
+    /// Values stand at the end of a datagram: they are there when it is whole.
+    pub(super) fn forward_value(&mut self, reading: FrameValue<'_>) {
+        if self.enough_for_text {
+            self.sink.frame_value(reading);
+        }
+    }
+}

@@ -1,0 +1,357 @@
+//! Modules that are not heard: they may have lost count of bytes.
+//!
+//! Some modules count to nine and know no pause: one that got a byte too many or too few takes no
+//! request any more. A single byte between two requests moves its count on by one, so that it is in
+//! step again after nine of them at most. Others drop after a pause what is not whole, and such a byte then
+//! spoils the request behind it; so every fourth request goes without. A module that is only late must not
+//! get that byte, so it waits until the latest possible reply is past. The others of the line count that byte
+//! too: while one of them answers, a module that does not is probably gone, and no byte is put between.
+
+use super::proof::PROBES;
+use super::{Opcode, PendingExchange, RECENT_MAX, Request, SUSPECTS_MAX, Session};
+use crate::proto::tmcl::wire::{DATAGRAM, checksum};
+use crate::station::RequestClass;
+use crate::time::Instant;
+
+/// Timeouts after the first request that was not answered, before bytes are put between requests.
+const FILLER_TIMEOUTS: u64 = 2;
+/// Requests that were not answered, before that.
+const UNANSWERED_MIN: u8 = 2;
+/// The same where all of them were stops: a stop that goes out for every place reaches a module whatever it
+/// has counted, so that no answer to one says little of its count. A motor may be silent, and its module
+/// answers for another.
+const UNANSWERED_STOPS_MIN: u8 = 6;
+
+/// Of so many requests to a module that is searched for, one goes without a byte before it; and of so many
+/// to one of which nothing comes, one goes out for every place and one without a byte.
+const ATTEMPT_CYCLE: u8 = 3;
+
+/// Places of a module's count.
+const OFFSETS: u8 = DATAGRAM as u8;
+
+/// A module of which nothing was heard since requests to it were not answered.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SilentModule {
+    module: u8,
+    since: Instant,
+    unanswered: u8,
+    /// Bytes that were put between requests to it, while nobody had ever answered.
+    fillers: u8,
+    /// Something else than a stop was not answered.
+    missed_non_stop: bool,
+    attempt: u8,
+    /// The place that was tried last, while nothing was heard.
+    last_offset: u8,
+    /// It answered what went out for every place: it is there, and gets what is sent.
+    answered_burst: bool,
+    /// It did so just now.
+    just_answered_burst: bool,
+    /// Places that were tried since it was found.
+    offsets_tried: u8,
+}
+
+impl SilentModule {
+    const fn new(module: u8, since: Instant) -> Self {
+        let (missed_non_stop, answered_burst, just_answered_burst) = (false, false, false);
+        let (unanswered, fillers, attempt, last_offset, offsets_tried) = (0, 0, 0, 0, 0);
+        Self {
+            module,
+            since,
+            unanswered,
+            fillers,
+            missed_non_stop,
+            attempt,
+            last_offset,
+            answered_burst,
+            just_answered_burst,
+            offsets_tried,
+        }
+    }
+
+    const fn next_attempt(&mut self) -> u8 {
+        let turn = self.attempt;
+        self.attempt = (turn + 1) % (2 * ATTEMPT_CYCLE);
+        turn
+    }
+
+    /// The next place to try while nothing is heard.
+    const fn next_search_offset(&mut self) -> u8 {
+        self.last_offset = self.last_offset % (OFFSETS - 1) + 1;
+        self.last_offset
+    }
+
+    /// The next place to try where it was found. It is there that a byte was lost with what went before,
+    /// if the wire came back between two requests.
+    const fn next_found_offset(&mut self) -> u8 {
+        // Its own place goes without a byte, as it is.
+        self.offsets_tried += if self.offsets_tried == self.last_offset { 2 } else { 1 };
+        (self.last_offset + 1 + OFFSETS - self.offsets_tried) % OFFSETS
+    }
+}
+
+/// How a request goes out once for every place of a module's count.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::proto::tmcl) struct Burst {
+    /// Bytes before it. They undo what was put between the requests before.
+    pub lead_bytes: u8,
+    /// Bytes after it, so that what goes out alone next is tried at another place.
+    pub trail_bytes: u8,
+}
+
+/// How a request goes out.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SendPlan {
+    /// Bytes that go out alone before it.
+    filler_bytes: u8,
+    burst: Option<Burst>,
+}
+
+impl SendPlan {
+    const PLAIN: Self = Self { filler_bytes: 0, burst: None };
+
+    /// At another place, from the present one.
+    const fn at_offset(place: u8, from: u8) -> Self {
+        Self { filler_bytes: (OFFSETS + place - from) % OFFSETS, burst: None }
+    }
+}
+
+/// How modules of the line count.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ByteAlignment {
+    /// They know no frame but by counting bytes: on serial lines.
+    counts_bytes: bool,
+    /// Bytes beyond whole datagrams that went out since one was heard.
+    offset: u8,
+    /// What went out last did so for every place.
+    last_was_burst: bool,
+    /// When its answer was due.
+    answer_due: Instant,
+}
+
+impl ByteAlignment {
+    pub(super) const NONE: Self =
+        Self { counts_bytes: false, offset: 0, last_was_burst: false, answer_due: Instant::ZERO };
+
+    const fn advance(&mut self, bytes: u8) {
+        self.offset = (self.offset + bytes) % OFFSETS;
+    }
+
+    pub(super) fn note_sent(&mut self, burst: Option<Burst>, due: Instant) {
+        self.last_was_burst = burst.is_some();
+        self.answer_due = due;
+        self.advance(burst.map_or(0, |burst| burst.lead_bytes + burst.trail_bytes));
+    }
+}
+
+impl Session {
+    /// For modules that know no frame but by counting bytes.
+    pub(in crate::proto::tmcl) fn with_byte_counting(mut self) -> Self {
+        self.alignment.counts_bytes = true;
+        self
+    }
+
+    /// Notes that a request was not answered.
+    pub(super) fn note_unanswered(&mut self, now: Instant, pending: &PendingExchange) {
+        let module = pending.host_request.request.address;
+        let same = |quiet: &Option<SilentModule>| quiet.is_some_and(|quiet| quiet.module == module);
+        let free = |slots: &[Option<SilentModule>]| slots.iter().position(Option::is_none);
+        let place =
+            self.silent_modules.iter().position(same).or_else(|| free(&self.silent_modules));
+        let quiet = &mut self.silent_modules[place.unwrap_or(SUSPECTS_MAX - 1)];
+        if !same(quiet) {
+            *quiet = Some(SilentModule::new(module, now));
+        }
+        if let Some(quiet) = quiet {
+            if quiet.unanswered == 0 && quiet.offsets_tried == 0 {
+                quiet.since = now;
+            }
+            quiet.unanswered = quiet.unanswered.checked_add(1).unwrap_or(u8::MAX - 1);
+            quiet.missed_non_stop |= !is_stop(pending);
+            // It is gone again.
+            quiet.answered_burst &= pending.burst.is_none();
+        }
+        self.unanswered_modules.insert(module);
+        self.suspicious = true;
+    }
+
+    /// Notes that a module was heard: it counts as this host does, unless it answered what went out for every
+    /// place.
+    pub(super) fn note_received(&mut self, module: u8) {
+        let newest = self.next_recent.wrapping_sub(1) % RECENT_MAX;
+        if self.alignment.last_was_burst
+            && self.recent[newest].0 == module
+            && let Some(quiet) = self.silent_module_mut(module)
+        {
+            (quiet.unanswered, quiet.missed_non_stop) = (0, false);
+            if !quiet.answered_burst {
+                (quiet.attempt, quiet.offsets_tried) = (1, 0);
+            }
+            (quiet.answered_burst, quiet.just_answered_burst) = (true, true);
+            return;
+        }
+        for place in &mut self.silent_modules {
+            if place.is_some_and(|quiet| quiet.module == module) {
+                *place = None;
+            }
+        }
+        self.alignment.offset = 0;
+        self.unanswered_modules.remove(module);
+        self.update_suspicious();
+    }
+
+    fn silent_module_mut(&mut self, module: u8) -> Option<&mut SilentModule> {
+        self.silent_modules.iter_mut().flatten().find(|quiet| quiet.module == module)
+    }
+
+    fn silent_module(&self, module: u8) -> Option<&SilentModule> {
+        self.silent_modules.iter().flatten().find(|quiet| quiet.module == module)
+    }
+
+    /// Bytes that are to go before the request that is sent next: that goes to a module that may have
+    /// lost count of bytes, and is no stop, which waits for no byte. They count as sent.
+    pub(in crate::proto::tmcl) fn take_filler_bytes(&mut self, now: Instant) -> u8 {
+        if !self.suspicious {
+            return 0;
+        }
+        let Some(pending) = self.pending.filter(|pending| !pending.sent) else { return 0 };
+        let mut plan = pending.send_plan.unwrap_or_else(|| self.plan_send(now, &pending));
+        let shift = core::mem::take(&mut plan.filler_bytes);
+        self.alignment.advance(shift);
+        if let Some(pending) = &mut self.pending {
+            pending.send_plan = Some(plan);
+        }
+        shift
+    }
+
+    /// Whether a module is there, and not every place of its count was tried yet.
+    pub(super) fn is_searching_offset(&self, module: u8) -> bool {
+        self.silent_module(module)
+            .is_some_and(|quiet| quiet.answered_burst && quiet.offsets_tried < OFFSETS)
+    }
+
+    /// How the request that is sent next goes out for every place, if it does.
+    pub(in crate::proto::tmcl) fn burst(&self) -> Option<Burst> {
+        self.pending.filter(|pending| !pending.sent)?.send_plan?.burst
+    }
+
+    /// How a request goes out.
+    fn plan_send(&mut self, now: Instant, pending: &PendingExchange) -> SendPlan {
+        let module = pending.host_request.request.address;
+        let lost = self.is_misaligned(now, module);
+        let shiftable = !self.has_answered(module) && self.may_start_misaligned(module);
+        let ByteAlignment { offset: place, answer_due: due, .. } = self.alignment;
+        // Who knows a pause is in step behind one.
+        let paused = now >= due.plus_ns(self.timeout_ns / 2);
+        let Some(quiet) = self.silent_module_mut(module) else { return SendPlan::PLAIN };
+        let back = if quiet.answered_burst { 0 } else { (OFFSETS - place) % OFFSETS };
+        let burst = |trail| SendPlan {
+            filler_bytes: 0,
+            burst: Some(Burst { lead_bytes: back, trail_bytes: trail }),
+        };
+        if is_stop(pending) {
+            // On two wires its answer meets the bytes that are still being sent: every second goes alone.
+            let alone = quiet.unanswered.is_multiple_of(2);
+            let elsewhere =
+                !alone && lost && !quiet.answered_burst && quiet.next_attempt() % 2 == 1;
+            return match (alone, elsewhere) {
+                (true, _) => SendPlan::PLAIN,
+                (_, true) => burst(quiet.next_search_offset()),
+                _ => burst(0),
+            };
+        }
+        if core::mem::take(&mut quiet.just_answered_burst) {
+            // It is most likely in step.
+            return if quiet.offsets_tried == 0 {
+                SendPlan::at_offset(0, place)
+            } else {
+                SendPlan::PLAIN
+            };
+        }
+        if !lost {
+            return SendPlan::PLAIN;
+        }
+        let repeats = is_safe_to_burst(pending);
+        if quiet.answered_burst && quiet.offsets_tried < OFFSETS {
+            return match quiet.next_attempt() % ATTEMPT_CYCLE {
+                _ if paused => SendPlan::PLAIN,
+                0 => SendPlan::PLAIN,
+                _ => SendPlan::at_offset(quiet.next_found_offset(), place),
+            };
+        }
+        quiet.answered_burst = false;
+        if shiftable {
+            quiet.fillers += 1;
+            return SendPlan { filler_bytes: 1, burst: None };
+        }
+        if paused && quiet.attempt > 0 {
+            return SendPlan::PLAIN;
+        }
+        match quiet.next_attempt() % ATTEMPT_CYCLE {
+            0 if repeats => burst(0),
+            2 => SendPlan::at_offset(quiet.next_search_offset(), place),
+            _ => SendPlan::at_offset(0, place),
+        }
+    }
+
+    /// Whether a module of which nothing was ever heard may have lost count still: a program that was killed
+    /// may have left the modules of the line in the middle of it. Where nobody answers, a byte goes before
+    /// each of nine requests, so that who was in step is so again at the end.
+    pub(super) fn may_start_misaligned(&self, module: u8) -> bool {
+        let shifts = self.silent_module(module).map_or(0, |quiet| quiet.fillers);
+        self.alignment.counts_bytes && self.answered_modules.is_empty() && shifts < OFFSETS
+    }
+
+    /// Whether a module answered what it was asked last.
+    fn is_aligned(&self, module: u8) -> bool {
+        self.has_answered(module) && !self.unanswered_modules.contains(module)
+    }
+
+    /// Whether a module may have lost count of bytes, by what it did not answer so far.
+    fn is_misaligned(&self, now: Instant, module: u8) -> bool {
+        // Others hear the byte too: it is for none that was never there, and puts out of step who counts.
+        let worth = self.has_answered(module) || self.answered_modules.is_empty();
+        let alone = !self.recent.iter().any(|(to, ..)| *to != module && self.is_aligned(*to));
+        let quiet = self.silent_module(module).filter(|_| worth && alone);
+        quiet.is_some_and(|quiet| {
+            let past = now >= quiet.since.plus_ns(FILLER_TIMEOUTS * self.timeout_ns);
+            let least = match quiet.missed_non_stop {
+                true if quiet.offsets_tried > 0 => 1,
+                true => UNANSWERED_MIN,
+                false => UNANSWERED_STOPS_MIN,
+            };
+            past && quiet.unanswered >= least
+        })
+    }
+}
+
+fn is_stop(pending: &PendingExchange) -> bool {
+    pending.host_request.class == RequestClass::Stop
+        && pending.host_request.request.opcode == Opcode::Mst
+}
+
+/// Whether a read may go out for every place: no other piece of these bytes may be a request.
+fn is_safe_to_burst(pending: &PendingExchange) -> bool {
+    let Request { opcode, kind, .. } = pending.host_request.request;
+    let known = PROBES.iter().any(|(probe, _)| *probe == opcode);
+    if !known
+        || (opcode, kind) == (Opcode::Version, 0)
+        || pending.host_request.class != RequestClass::Idempotent
+    {
+        return false;
+    }
+    let datagram = pending.host_request.request.emit();
+    let mut bytes = [0; 2 * DATAGRAM + 1];
+    bytes[..DATAGRAM].copy_from_slice(&datagram);
+    let last = has_no_shifted_request(&bytes);
+    bytes[DATAGRAM + 1..].copy_from_slice(&datagram);
+    last && has_no_shifted_request(&bytes)
+}
+
+/// Whether what comes behind the first datagram of these bytes is no request at any place.
+fn has_no_shifted_request(bytes: &[u8; 2 * DATAGRAM + 1]) -> bool {
+    let is_request = |w: &[u8]| {
+        let sum = w.try_into().map(|w: &[u8; DATAGRAM]| checksum(w));
+        w[0] != 0 && w[1] != 0 && sum.is_ok_and(|sum| sum == w[DATAGRAM - 1])
+    };
+    !bytes.windows(DATAGRAM).skip(1).take(DATAGRAM).any(is_request)
+}

@@ -1,0 +1,81 @@
+//! Which request a reply answers.
+
+use super::{
+    Answer, EARLY_STREAK_MAX, EventSubject, Failure, GRACE_NS, Instant, Instruction, Opcode, Reply,
+    Session, Status, TIMELY_STREAK_MIN,
+};
+
+impl Session {
+    pub(super) fn match_reply(&mut self, now: Instant, reply: Reply, soon: bool) {
+        let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
+            self.count_unexpected(&reply);
+            self.note_stale_reply(reply.module);
+            return;
+        };
+        let request = &pending.host_request.request;
+        if reply.status == Status::WrongChecksum {
+            if pending.burst.is_some() {
+                // One of its pieces; the next one may be whole.
+                return;
+            }
+            self.counters.corrupt += 1;
+            pending.flags.checksum_error = true;
+            pending.flags.checksum_error_by_module = reply.module == request.address;
+            pending.deadline = pending.deadline.min(now.plus_ns(GRACE_NS));
+            return;
+        }
+        let ours = reply.module == request.address && reply.opcode == request.opcode;
+        let refusal = ours && reply.status.ends_request();
+        let refused = refusal && !reply.status.is_good();
+        let stored = request.opcode == Opcode::ReadMemory && !refused;
+        if !refusal && !stored {
+            self.count_unexpected(&reply);
+            self.note_stale_reply(reply.module);
+            return;
+        }
+        let soon = soon || now < pending.earliest_reply;
+        let (module, opcode, again) =
+            (request.address, request.opcode.number(), pending.attempts > 1);
+        // What comes too soon is believed where no earlier request could own it; that shows that the
+        // line has no baud rate, unless that was believed: then somebody else asked for it.
+        let probe = pending.ticket.is_none() && self.unproven_request.is_some();
+        let proof = probe && !self.proven_addresses.contains(module);
+        if soon && self.early_streak < EARLY_STREAK_MAX && !proof {
+            let believed = self.timely_streak >= TIMELY_STREAK_MIN;
+            if again || believed || self.may_answer_older(now, module, opcode) {
+                if let Some(pending) = &mut self.pending {
+                    pending.flags.early_reply = true;
+                }
+                self.counters.late += 1;
+                self.counters.early += 1;
+                return;
+            }
+            self.early_streak = EARLY_STREAK_MAX;
+        }
+        let Some(pending) = self.pending.as_mut() else { return };
+        if let Some(waiting) = self.unproven_request.as_mut().filter(|_| proof) {
+            waiting.all_early &= soon;
+        }
+        self.timely_streak = if soon { 0 } else { self.timely_streak + 1 };
+        if pending.flags.other_motors_reply && (refused || pending.host_request.request.motor > 0) {
+            return self.repeat_after_probe(now);
+        }
+        if pending.flags.stale_replies > 0 {
+            pending.flags.stale_replies -= 1;
+            self.counters.late += 1;
+            return;
+        }
+        if stored {
+            return self
+                .finish_with_answer(now, Ok(Answer::Instruction(Instruction::of_reply(&reply))));
+        }
+        if refused {
+            let code = reply.status.number().into();
+            return self.finish_with_answer(now, Err(Failure::Refused { code }));
+        }
+        if let Some(ticket) = pending.ticket {
+            self.events.push(EventSubject::Request(ticket), Ok(Answer::Reply(reply)));
+        }
+        self.finish_pending(now);
+    }
+}

@@ -1,0 +1,74 @@
+//! Stops of several motors behind one address: a reply to `MST` does not name its motor.
+//!
+//! So a reply that is late, or comes twice, looks like the one to the stop of another motor. A module answers
+//! in order: once it has answered something else, all replies to stops that were sent before are past. A
+//! stop whose reply could be another motor's goes out at once, like every stop, but that reply is not
+//! believed: a probe is asked, and then the stop is said once more. So it is with a module that is not
+//! proven: an earlier program may have stopped another motor. For motor 0, whose standing is looked
+//! at, a good reply is taken as it comes; a refusal of another's stop would say that its own was not executed.
+
+use super::Session;
+use super::module_set::ModuleSet;
+use super::proof::UnprovenRequest;
+use crate::error::Failure;
+use crate::proto::tmcl::wire::Request;
+use crate::time::Instant;
+
+/// Modules that answered nothing else yet since stops were sent to them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MotorStops {
+    first_motor: ModuleSet,
+    other_motors: ModuleSet,
+}
+
+impl MotorStops {
+    pub(super) const NONE: Self =
+        Self { first_motor: ModuleSet::NONE, other_motors: ModuleSet::NONE };
+
+    /// A stop goes out.
+    pub(super) fn note_stop_sent(&mut self, request: &Request) {
+        match request.motor {
+            0 => self.first_motor.insert(request.address),
+            _ => self.other_motors.insert(request.address),
+        }
+    }
+
+    /// Whether a reply may come that looks like the one to this stop and is that to another motor's.
+    pub(super) fn is_reply_ambiguous(&self, request: &Request) -> bool {
+        let module = request.address;
+        self.other_motors.contains(module) || request.motor > 0 && self.first_motor.contains(module)
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.first_motor.is_empty() && self.other_motors.is_empty()
+    }
+}
+
+impl Session {
+    /// The module answered something that is no stop.
+    pub(super) fn forget_stops(&mut self, module: u8) {
+        self.motor_stops.first_motor.remove(module);
+        self.motor_stops.other_motors.remove(module);
+        self.update_suspicious();
+    }
+
+    /// What came may be the reply to another motor's stop: the present one is said again, behind a probe.
+    #[cold]
+    pub(super) fn repeat_after_probe(&mut self, now: Instant) {
+        let Some(pending) = self.pending.take() else { return };
+        self.counters.late += 1;
+        match pending.ticket {
+            Some(ticket) if self.unproven_request.is_none() => {
+                let proven = self.proven_addresses.contains(pending.host_request.request.address);
+                self.unproven_request =
+                    Some(UnprovenRequest::new(ticket, pending.host_request, proven));
+            }
+            // Something else waits for the same.
+            ticket => {
+                self.counters.silent += 1;
+                self.finish_ticket(ticket, Err(Failure::Silent));
+            }
+        }
+        self.start_next(now);
+    }
+}

@@ -1,0 +1,70 @@
+//! The same module on CAN.
+
+use super::{
+    Answer, CanEndpoint, CanHost, Frame, HostOptions, HostRequest, Instant, Opcode, Quirks,
+    TestFirmware, Ticket, request,
+};
+use crate::station::{Host as _, Station as _};
+
+#[test]
+fn the_same_module_on_can() {
+    let options = HostOptions::new(250_000);
+    for eight in [false, true] {
+        let mut host = CanHost::new(&options);
+        if eight {
+            host = host.with_eight_bytes();
+        }
+        let mut firmware = TestFirmware::default();
+        let quirks = Quirks { eight_bytes: eight, ..Quirks::default() };
+        let mut end = CanEndpoint::new(quirks, &firmware);
+        let mut now = Instant(1);
+        let mut ask = |request| {
+            host.submit(now, Ticket(1), HostRequest::of(request)).unwrap();
+            let mut frame = Frame::default();
+            host.poll_transmit(now, &mut frame).unwrap();
+            assert_eq!((frame.id, frame.len), (1, if eight { 8 } else { 7 }));
+            end.handle_input(now, &frame, &mut firmware);
+            now = now.plus_ms(1);
+            while let Some(frame) = end.poll_transmit(now, &mut firmware) {
+                assert_eq!(frame.id, 2);
+                host.handle_input(now, &frame);
+            }
+            host.poll_event().map(|(_, answer)| *answer)
+        };
+        let gap = ask(request(Opcode::Gap, 1, 0));
+        assert!(matches!(gap, Some(Ok(Answer::Reply(r))) if r.value == 1007), "{gap:?}");
+        let version = ask(request(Opcode::Version, 0, 0));
+        assert!(matches!(version, Some(Ok(Answer::Text(v))) if v.text == *b"170V1.14"));
+        let stored = ask(request(Opcode::ReadMemory, 0, 3));
+        assert!(matches!(stored, Some(Ok(Answer::Instruction(i))) if i.value == 3));
+    }
+}
+
+/// Asks a module on CAN for its actual position.
+pub(super) fn ask_position(host: &mut CanHost, now: Instant) {
+    host.submit(now, Ticket(1), HostRequest::of(request(Opcode::Gap, 1, 0))).unwrap();
+    host.poll_transmit(now, &mut Frame::default()).unwrap();
+}
+
+/// What it says.
+pub(super) fn position(value: u8) -> Frame {
+    Frame::standard(2, &[1, 100, 6, 0, 0, 0, value])
+}
+
+/// A reply disturbed in its last bit is heard twice, the second time before the next request can
+/// have left (swarm seed can:9).
+#[test]
+fn a_copy_on_can_that_comes_too_soon_is_no_answer() {
+    let mut host = CanHost::new(&HostOptions::new(250_000));
+    ask_position(&mut host, Instant(1));
+    host.handle_input(Instant(1).plus_ms(1), &position(5));
+    assert!(host.poll_event().is_some());
+    let now = Instant(1).plus_ms(1);
+    ask_position(&mut host, now);
+    // 130 bits: an error frame and the reply again.
+    host.handle_input(now.plus_ns(130 * 4_000), &position(5));
+    assert!(host.poll_event().is_none());
+    host.handle_input(now.plus_ns(250 * 4_000), &position(9));
+    let answer = host.poll_event().map(|(_, answer)| *answer);
+    assert!(matches!(answer, Some(Ok(Answer::Reply(r))) if r.value == 9), "{answer:?}");
+}

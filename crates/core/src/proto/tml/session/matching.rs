@@ -1,0 +1,117 @@
+//! Which request a message answers.
+
+use super::super::host_request;
+use super::{
+    ANYBODY, Answer, Failure, IdCode, Instant, LATEST_TIMEOUTS, OnlineMessage, PendingExchange,
+    RequestClass, RequestPhase, RequestStage, Session, TmlWire, assigned_variable,
+};
+
+impl Session {
+    /// Whether what was said answers what was asked, now or a moment ago.
+    pub(super) fn match_answer(&mut self, now: Instant, said: &OnlineMessage) -> bool {
+        // It was asked for, so it is not late; and nobody takes it, so it is no answer.
+        if self.answers_overtaken(said) {
+            return true;
+        }
+        let pending = self.pending.filter(|pending| pending.attempts > 0);
+        let asked = pending.and_then(|pending| Some((pending, self.query_of(&pending)?)));
+        let Some((pending, question)) = asked else { return self.note_duplicate(said) };
+        let Some(answer) =
+            host_request::answer_of(said).filter(|_| said.answers(&question, ANYBODY))
+        else {
+            return self.note_duplicate(said);
+        };
+        let (from, to) = (said.answered_by(), pending.host_request.message.to);
+        if self.group_answers.is_open() {
+            return self.collect_answer(now, from, answer);
+        }
+        if from.is_some_and(|from| to.id != 0 && !self.same_axis(from, to.id)) {
+            return self.note_duplicate(said);
+        }
+        self.finish_query(now, &pending, question, answer);
+        true
+    }
+
+    /// Whether this answers the question that a stop overtook, which was on the wire before the
+    /// stop's own: a drive answers in order, so it proves nothing of the stop. It is asked again.
+    pub(super) fn answers_overtaken(&mut self, said: &OnlineMessage) -> bool {
+        let aside = self.overtaken.filter(|aside| aside.attempts > 0);
+        let Some(question) = aside.and_then(|aside| self.query_of(&aside)) else { return false };
+        let to = aside.map_or(IdCode::BROADCAST, |aside| aside.host_request.message.to);
+        let fits = said.answers(&question, ANYBODY)
+            && said.answered_by().is_none_or(|from| to.id == 0 || self.same_axis(from, to.id));
+        if let Some(aside) = self.overtaken.as_mut().filter(|_| fits) {
+            aside.attempts -= 1;
+        }
+        fits
+    }
+
+    pub(super) fn collect_answer(
+        &mut self,
+        now: Instant,
+        from: Option<u8>,
+        answer: Answer,
+    ) -> bool {
+        let Some(from) = from else { return false };
+        self.note_answered(from);
+        if !self.group_answers.add(from, answer) {
+            self.stale_replies.count_duplicate(from);
+        }
+        self.set_phase(RequestPhase::AwaitAnswer(now.plus_ns(self.timeouts.answer_ns)));
+        true
+    }
+
+    pub(super) fn finish_query(
+        &mut self,
+        now: Instant,
+        pending: &PendingExchange,
+        question: OnlineMessage,
+        answer: Answer,
+    ) {
+        let axis = pending.host_request.message.to.id;
+        self.note_answered(axis);
+        self.confirm_early_ack(pending);
+        self.counters.answered += 1;
+        self.stale_replies.clear_answered(
+            axis,
+            question,
+            self.topology.wire == TmlWire::Rs232,
+            pending.attempts == 1,
+        );
+        if pending.attempts > 1 {
+            let until = now.plus_ns(LATEST_TIMEOUTS * self.timeouts.answer_ns);
+            self.stale_replies.add_answer(axis, host_request::answer_tag(&question), until, true);
+            if self.topology.wire.acknowledges(pending.host_request.message.to) {
+                // It names nothing, and comes as often as was asked.
+                self.stale_replies.add_ack(axis, until);
+            }
+        }
+        if pending.stage == RequestStage::Request {
+            return self.finish_pending(now, Ok(answer));
+        }
+        let assigned = assigned_variable(&pending.host_request.message.instruction);
+        let found = match answer {
+            Answer::Value { value, .. } => value,
+            _ => 0,
+        };
+        let result = match assigned {
+            Some((_, value, _))
+                if pending.host_request.class == RequestClass::ReadBack && value != found =>
+            {
+                Err(Failure::Misbehaved)
+            }
+            Some((_, value, _)) => Ok(Answer::Accepted(value)),
+            None => Ok(Answer::Accepted(0)),
+        };
+        self.finish_pending(now, result);
+    }
+
+    /// An answer of a moment ago is given again: by a second drive of that ID, if it happens always.
+    pub(in super::super) fn note_duplicate(&mut self, said: &OnlineMessage) -> bool {
+        if self.stale_replies.note_duplicate(said) {
+            self.counters.late += 1;
+            return true;
+        }
+        false
+    }
+}

@@ -1,0 +1,140 @@
+//! A connection's insides with the medium erased: serial lines and CAN buses look alike from here.
+
+use std::any::Any;
+use std::task;
+
+use polepair_core::axis::Axes;
+use polepair_core::error::{Outcome, Unsupported};
+use polepair_core::medium::Medium;
+use polepair_core::station::Ticket;
+use polepair_core::time::Instant;
+
+use super::mailbox::{Mailbox, MailboxListener};
+use super::{ConnectionInner, WaitResult, background, borrow, leader};
+use crate::error::LinkError;
+use crate::link::Losses;
+
+/// What is submitted; called at most once.
+pub(super) type SubmitFn<'a> =
+    dyn FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported> + 'a;
+
+/// See the methods of [`Connection`](super::Connection) and [`Pending`](super::Pending).
+pub(super) trait ErasedConnection: Send + Sync {
+    fn submit(&self, request: &mut SubmitFn<'_>) -> Result<(Ticket, u64), Unsupported>;
+    fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> WaitResult;
+    fn poll_or_wake(&self, ticket: Ticket, waker: &task::Waker) -> Option<Outcome>;
+    fn abandon(&self, ticket: Ticket);
+    fn wait_for_room(&self, deadline: Instant) -> bool;
+    fn with_axes(&self, look: &mut dyn FnMut(&mut dyn Axes, Instant));
+    fn now(&self) -> Instant;
+    fn link_error(&self) -> Option<LinkError>;
+    fn describe(&self) -> String;
+    fn losses(&self) -> Losses;
+    fn add_listener(&self, listener: MailboxListener);
+    fn remove_listener(&self, mailbox: &Mailbox, source: usize);
+    fn catch_up(&self);
+    fn interrupt(&self);
+    fn shut_down(&self);
+    fn close(&self);
+    fn borrow_link(&self, until: Instant) -> Result<Option<Box<dyn Any + Send>>, LinkError>;
+    #[cfg(test)]
+    fn slot_count(&self) -> usize;
+}
+
+impl<M: Medium> ErasedConnection for ConnectionInner<M> {
+    fn submit(&self, request: &mut SubmitFn<'_>) -> Result<(Ticket, u64), Unsupported> {
+        leader::submit(self, request)
+    }
+
+    fn close(&self) {
+        let mut state = self.lock();
+        state.close();
+        leader::release_lock(self, state);
+    }
+
+    fn wait(&self, ticket: Ticket, deadline: Instant, interrupts: &mut u64) -> WaitResult {
+        leader::wait(self, ticket, deadline, interrupts)
+    }
+
+    fn poll_or_wake(&self, ticket: Ticket, waker: &task::Waker) -> Option<Outcome> {
+        leader::poll_or_wake(self, ticket, waker)
+    }
+
+    fn abandon(&self, ticket: Ticket) {
+        leader::abandon(self, ticket);
+    }
+
+    fn wait_for_room(&self, deadline: Instant) -> bool {
+        leader::wait_for_room(self, deadline)
+    }
+
+    fn with_axes(&self, look: &mut dyn FnMut(&mut dyn Axes, Instant)) {
+        let mut state = self.lock();
+        let now = state.link.now();
+        look(&mut *state.lane, now);
+        // Arming changes there.
+        if !state.listeners.is_empty() {
+            state.deliver_axis_events(now);
+            leader::release_lock(self, state);
+        }
+    }
+
+    fn now(&self) -> Instant {
+        self.lock().link.now()
+    }
+
+    fn link_error(&self) -> Option<LinkError> {
+        self.lock().link_error.clone()
+    }
+
+    fn describe(&self) -> String {
+        self.lock().link.describe()
+    }
+
+    fn losses(&self) -> Losses {
+        self.lock().link.losses()
+    }
+
+    fn add_listener(&self, listener: MailboxListener) {
+        leader::add_listener(self, listener);
+    }
+
+    fn remove_listener(&self, mailbox: &Mailbox, source: usize) {
+        leader::remove_listener(self, mailbox, source);
+    }
+
+    fn catch_up(&self) {
+        leader::catch_up(self);
+    }
+
+    fn interrupt(&self) {
+        let mut state = self.lock();
+        state.interrupts += 1;
+        for n in 0..state.listeners.len() {
+            let waker = state.listeners[n].mailbox.set_interrupted();
+            state.to_wake.extend(waker);
+        }
+        state.slots.unpark_all();
+        state.link.waker().wake();
+        leader::release_lock(self, state);
+    }
+
+    fn shut_down(&self) {
+        background::shut_down(self);
+    }
+
+    fn borrow_link(&self, until: Instant) -> Result<Option<Box<dyn Any + Send>>, LinkError> {
+        borrow::borrow_link(self, until)
+    }
+
+    #[cfg(test)]
+    fn slot_count(&self) -> usize {
+        self.lock().slots.len()
+    }
+}
+
+impl std::fmt::Debug for dyn ErasedConnection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Engine").finish_non_exhaustive()
+    }
+}

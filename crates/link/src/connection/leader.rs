@@ -1,0 +1,309 @@
+//! Waiting, by leading or by following.
+
+use std::borrow::{Borrow, BorrowMut};
+use std::sync::{Arc, MutexGuard};
+use std::task;
+use std::time::Duration;
+
+use polepair_core::error::{Outcome, Unsupported};
+use polepair_core::medium::Medium;
+use polepair_core::station::Ticket;
+use polepair_core::time::Instant;
+
+use super::background;
+use super::mailbox::{Mailbox, MailboxListener};
+use super::state::{ConnectionState, Leader};
+use super::{ConnectionInner, NOT_SENT_OUTCOME, SubmitFn, WaitResult};
+use crate::link::Received;
+
+/// Reads before a submission that throw out what came while nobody read.
+pub(super) const STALE_READS_MAX: usize = 64;
+/// The same, for those who catch up with what came.
+const CATCH_UP_READS_MAX: usize = 1 << 17;
+/// What has lain unread for less than this before a request goes out is no different from what
+/// comes as much later; the host tells that from an answer, or nobody can. So exchanges back to
+/// back save a system call.
+const FRESH_NS: u64 = 200_000;
+/// With fewer requests pending, a lane that says busy means something else.
+const BUSY_PENDING_MIN: usize = 16;
+/// A follower looks again after this long, whatever happens to its leader.
+const PARK_MAX: Duration = Duration::from_millis(500);
+/// Pause between two attempts to open a lost link.
+pub(super) const REOPEN_INTERVAL_NS: u64 = 250_000_000;
+
+pub(super) type StateGuard<'a, M> = MutexGuard<'a, ConnectionState<M>>;
+
+pub(super) fn submit<M: Medium>(
+    shared: &ConnectionInner<M>,
+    request: &mut SubmitFn<'_>,
+) -> Result<(Ticket, u64), Unsupported> {
+    let mut state = shared.lock();
+    if state.link_error.is_some() {
+        state = reopen_link(shared, state);
+    }
+    let ticket = state.slots.open_slot().ok_or(Unsupported::Busy)?;
+    let interrupts = state.interrupts;
+    let mut now = state.link.now();
+    let unread = state.leader == Leader::Nobody && now >= state.read_at.plus_ns(FRESH_NS);
+    if unread && state.link_error.is_none() {
+        read_stale(&mut state, STALE_READS_MAX);
+        now = state.link.now();
+    }
+    if state.link_error.is_some() {
+        state.end_request(ticket, NOT_SENT_OUTCOME);
+        release_lock(shared, state);
+        return Ok((ticket, interrupts));
+    }
+    if let Err(unsupported) = request(&mut *state.lane, now, ticket) {
+        state.slots.free_slot(ticket);
+        release_lock(shared, state);
+        return Err(unsupported);
+    }
+    state.pump(now);
+    release_lock(shared, state);
+    Ok((ticket, interrupts))
+}
+
+pub(super) fn wait<M: Medium>(
+    shared: &ConnectionInner<M>,
+    ticket: Ticket,
+    deadline: Instant,
+    interrupts: &mut u64,
+) -> WaitResult {
+    let mut buffer = M::buffer();
+    let mut state = shared.lock();
+    let mut last_look = false;
+    loop {
+        let waited = if let Some(outcome) = state.slots.take_outcome(ticket) {
+            Some(WaitResult::Ended(outcome))
+        } else if state.interrupts != *interrupts {
+            *interrupts = state.interrupts;
+            Some(WaitResult::Interrupted)
+        } else {
+            last_look.then_some(WaitResult::TimedOut)
+        };
+        if let Some(waited) = waited {
+            state.slots.set_thread(ticket, None);
+            hand_over_lead(&state);
+            release_lock(shared, state);
+            return waited;
+        }
+        // By a time that may be stale: then the next round finds out, and does not wait.
+        last_look = deadline <= state.latest_time;
+        state = match state.leader {
+            Leader::Nobody => lead_round(shared, state, Leader::Caller, deadline, &mut buffer),
+            _ if last_look => state,
+            _ => follow_leader(shared, state, ticket, deadline),
+        };
+    }
+}
+
+pub(super) fn poll_or_wake<M: Medium>(
+    shared: &ConnectionInner<M>,
+    ticket: Ticket,
+    waker: &task::Waker,
+) -> Option<Outcome> {
+    let mut state = shared.lock();
+    let outcome = state.slots.take_outcome(ticket);
+    if outcome.is_none() {
+        state.slots.set_waker(ticket, waker);
+        background::request_lead(shared, &mut state);
+    }
+    release_lock(shared, state);
+    outcome
+}
+
+pub(super) fn abandon<M: Medium>(shared: &ConnectionInner<M>, ticket: Ticket) {
+    // Called while unwinding, too.
+    let Ok(mut state) = shared.state.lock() else { return };
+    state.slots.abandon(ticket);
+    release_lock(shared, state);
+}
+
+/// Reads once as `leader`, without the lock while waiting, and pumps.
+pub(super) fn lead_round<'a, M: Medium>(
+    shared: &'a ConnectionInner<M>,
+    mut state: StateGuard<'a, M>,
+    leader: Leader,
+    until: Instant,
+    buffer: &mut M::Buffer,
+) -> StateGuard<'a, M> {
+    let until = until.min(state.sleep_until());
+    (state.leader, state.sleeps_until) = (leader, until);
+    let link = Arc::clone(&state.link);
+    let wakers = std::mem::take(&mut state.to_wake);
+    drop(state);
+    wakers.into_iter().for_each(task::Waker::wake);
+    let received = link.receive(buffer.borrow_mut(), until);
+    let mut state = shared.lock();
+    state.leader = Leader::Nobody;
+    state.read_count = state.read_count.wrapping_add(1);
+    // Otherwise a sender has found the link lost meanwhile; what this one says is of the past.
+    if state.link_error.is_none() && Arc::ptr_eq(&link, &state.link) {
+        state.handle_received(received, (*buffer).borrow());
+    }
+    if state.room_waiters > 0 && std::mem::take(&mut state.room_freed) {
+        shared.room_available.notify_one();
+    }
+    state
+}
+
+/// Sleeps until the leader has something for this ticket, or leaves.
+pub(super) fn follow_leader<'a, M: Medium>(
+    shared: &'a ConnectionInner<M>,
+    mut state: StateGuard<'a, M>,
+    ticket: Ticket,
+    deadline: Instant,
+) -> StateGuard<'a, M> {
+    if state.leader == Leader::Background && !state.lead_wanted {
+        state.lead_wanted = true;
+        state.link.waker().wake();
+    }
+    let left = deadline.since(state.link.now()).min(PARK_MAX);
+    state.slots.set_thread(ticket, Some(std::thread::current()));
+    drop(state);
+    std::thread::park_timeout(left);
+    let mut state = shared.lock();
+    state.latest_time = state.latest_time.max(state.link.now());
+    state.slots.set_thread(ticket, None);
+    state
+}
+
+/// Waits until a request ended, so that the lane may take another. False when so few are pending
+/// that it is not for want of room that the lane refused, and at `deadline`.
+pub(super) fn wait_for_room<M: Medium>(shared: &ConnectionInner<M>, deadline: Instant) -> bool {
+    let mut state = shared.lock();
+    let left = deadline.since(state.link.now()).min(PARK_MAX);
+    if left.is_zero() || state.slots.pending().count() < BUSY_PENDING_MIN {
+        return false;
+    }
+    state.room_waiters += 1;
+    let waited = shared.room_available.wait_timeout(state, left);
+    waited.expect("a lane panicked on another thread").0.room_waiters -= 1;
+    true
+}
+
+/// Lets the next one lead.
+pub(super) fn hand_over_lead<M: Medium>(state: &ConnectionState<M>) {
+    if state.leader == Leader::Nobody {
+        state.slots.unpark_one();
+    }
+}
+
+/// Releases the lock as everybody must who has changed something: the leader's sleep is cut short
+/// if the lane now wants time earlier, the keeper is nudged if nobody else sees to the lane, and
+/// wakers are woken.
+pub(super) fn release_lock<M: Medium>(shared: &ConnectionInner<M>, mut state: StateGuard<'_, M>) {
+    if state.room_waiters > 0 && std::mem::take(&mut state.room_freed) {
+        shared.room_available.notify_one();
+    }
+    if state.leader == Leader::Nobody {
+        if background::is_needed(&state) {
+            background::ensure_watching(shared, &mut state);
+        }
+    } else if state.due().is_some_and(|due| due < state.sleeps_until) {
+        state.sleeps_until = Instant::ZERO;
+        state.link.waker().wake();
+    }
+    let wakers = std::mem::take(&mut state.to_wake);
+    drop(state);
+    wakers.into_iter().for_each(task::Waker::wake);
+}
+
+/// Tries to open a lost link again, if it is time to. The lock is released meanwhile.
+pub(super) fn reopen_link<'a, M: Medium>(
+    shared: &'a ConnectionInner<M>,
+    mut state: StateGuard<'a, M>,
+) -> StateGuard<'a, M> {
+    if state.reopening.under_way || state.link.now() < state.reopening.next_attempt {
+        return state;
+    }
+    state.reopening.under_way = true;
+    let lost = Arc::clone(&state.link);
+    drop(state);
+    let link = lost.reopen();
+    let mut state = shared.lock();
+    state.reopening.under_way = false;
+    state.reopening.attempts = state.reopening.attempts.saturating_add(1);
+    state.reopening.next_attempt = state.link.now().plus_ns(REOPEN_INTERVAL_NS);
+    match link {
+        // Closed meanwhile.
+        _ if !Arc::ptr_eq(&lost, &state.link) => {}
+        Ok(link) => state.resume_with(link),
+        Err(error) => state.link_error = Some(error),
+    }
+    state
+}
+
+/// Takes a listener in. The keeper reads for it when nobody else does.
+pub(super) fn add_listener<M: Medium>(shared: &ConnectionInner<M>, listener: MailboxListener) {
+    let mut state = shared.lock();
+    if state.listeners.is_empty() {
+        state.lane.enable_events(true);
+    }
+    state.listeners.push(listener);
+    if state.must_read_for_listeners() {
+        background::request_lead(shared, &mut state);
+    }
+    release_lock(shared, state);
+}
+
+pub(super) fn remove_listener<M: Medium>(
+    shared: &ConnectionInner<M>,
+    mailbox: &Mailbox,
+    source: usize,
+) {
+    // Called while unwinding, too.
+    let Ok(mut state) = shared.state.lock() else { return };
+    state.listeners.retain(|listener| !listener.is_same(mailbox, source));
+    if state.listeners.is_empty() {
+        state.lane.enable_events(false);
+        // The keeper may read for nobody now.
+        if state.leader == Leader::Background {
+            state.link.waker().wake();
+        }
+    }
+    release_lock(shared, state);
+}
+
+/// Takes in what came, for those who listen, unless a caller reads. The keeper gives way. A lost link
+/// in virtual time, which no keeper opens again, is tried here.
+pub(super) fn catch_up<M: Medium>(shared: &ConnectionInner<M>) {
+    let mut state = shared.lock();
+    if state.link_error.is_some() && !state.link.is_real_time() {
+        state = reopen_link(shared, state);
+    }
+    if state.leader == Leader::Background {
+        let Some(ticket) = state.slots.open_slot() else { return };
+        while state.leader == Leader::Background {
+            state = follow_leader(shared, state, ticket, Instant::FAR_FUTURE);
+        }
+        state.slots.free_slot(ticket);
+    }
+    if state.leader == Leader::Nobody && state.link_error.is_none() {
+        state.read_count = state.read_count.wrapping_add(1);
+        read_stale(&mut state, CATCH_UP_READS_MAX);
+    }
+    hand_over_lead(&state);
+    release_lock(shared, state);
+}
+
+/// Takes what came while nobody read: before the next request goes out, a late answer must not
+/// pass for an answer to that.
+pub(super) fn read_stale<M: Medium>(state: &mut ConnectionState<M>, reads_max: usize) {
+    let mut buffer = M::buffer();
+    for _ in 0..reads_max {
+        match state.link.receive(buffer.borrow_mut(), Instant::ZERO) {
+            Ok(Received::TimedOut | Received::Woken) => break,
+            received => state.handle_received(received, buffer.borrow()),
+        }
+        if state.link_error.is_some() {
+            return;
+        }
+    }
+    let now = state.link.now();
+    if state.due().is_some_and(|due| due <= now) {
+        state.lane.handle_timeout(now);
+        state.pump(now);
+    }
+}

@@ -1,0 +1,54 @@
+//! How server and client find and know each other.
+
+use std::net::SocketAddr;
+
+use rustls::crypto::ring::cipher_suite::TLS13_AES_128_GCM_SHA256;
+
+/// Bytes of a challenge, of a token, and of what answers a challenge.
+pub const PROOF_BYTES: usize = 32;
+
+/// Where a server listens unless told otherwise.
+pub const PORT: u16 = 7365;
+/// The WebSocket's sub-protocol.
+pub const WEBSOCKET_PROTOCOL: &str = "polepair.v1";
+
+/// SHA-256 of a certificate in DER, as a server prints it, browsers show it and clients compare it:
+/// `AB:CD:…`.
+#[must_use]
+pub fn certificate_fingerprint(certificate: &[u8]) -> String {
+    let suite = TLS13_AES_128_GCM_SHA256.tls13();
+    let hash = suite.map(|suite| suite.common.hash_provider.hash(certificate));
+    let bytes = hash.iter().flat_map(|hash| hash.as_ref().iter());
+    bytes.map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(":")
+}
+
+/// What a server that has a token answers to a challenge where the connection ends at `address`: 64
+/// hexadecimal digits, BLAKE3 keyed with the token. It shows nothing of the token. Whoever passes the
+/// challenge on to the server has an answer for the server's address, which is not their own.
+#[must_use]
+pub fn token_proof(
+    token: &[u8; PROOF_BYTES],
+    challenge: &[u8; PROOF_BYTES],
+    address: SocketAddr,
+) -> String {
+    let mut hash = blake3::Hasher::new_keyed(token);
+    hash.update(b"polepair proof 1\n").update(challenge);
+    let address = SocketAddr::new(address.ip().to_canonical(), address.port());
+    hash.update(address.to_string().as_bytes());
+    hash.finalize().to_hex().to_string()
+}
+
+/// Bytes of 64 hexadecimal digits, as tokens and challenges are written.
+#[must_use]
+pub fn parse_hex(text: &str) -> Option<[u8; PROOF_BYTES]> {
+    let text = text.as_bytes();
+    let digit = |at: usize| char::from(text[at]).to_digit(16);
+    let mut bytes = [0; PROOF_BYTES];
+    if text.len() != 2 * PROOF_BYTES {
+        return None;
+    }
+    for (at, byte) in bytes.iter_mut().enumerate() {
+        *byte = (digit(2 * at)? << 4 | digit(2 * at + 1)?) as u8;
+    }
+    Some(bytes)
+}

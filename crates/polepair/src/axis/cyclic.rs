@@ -1,0 +1,393 @@
+//! Several axes of one wire that follow set-points cycle by cycle.
+//!
+//! Why: CANOPEN-10.
+
+use super::failure::RequestKind;
+use super::together::{require_plan, run_all};
+use super::{Axis, RunningRequest, STOP_RETRY_MAX, stop_with_retry};
+use crate::error::Error;
+use polepair_core::axis::{Command, Verb};
+use polepair_core::error::{Failure, Outcome, Unsupported};
+use polepair_core::plan::{Argument, Operand, Step};
+use polepair_core::profile::Signal;
+use polepair_core::stream::cyclic::{
+    self, BoundsViolation, CYCLES_MAX, CycleStatistics, LOAD_MAX_PERCENT, SetpointBounds,
+    SetpointKind, SetpointTracker,
+};
+use std::time::Duration;
+
+/// How often set-points are handed over; a lane holds hundreds of cycles.
+const FEED_INTERVAL: Duration = Duration::from_millis(20);
+/// From rest to the greatest speed in less than this is no motion, but a mistake in the path, where
+/// the drive names no greatest acceleration, s \[I\].
+const FULL_SPEED_S: f64 = 0.010;
+
+/// Axes that were made ready to follow set-points on one beat: powered where they stand, and watching
+/// this host. Dropping it stops and disables them and takes back what it set; errors are then lost,
+/// so that who needs to know calls [`release`](Self::release).
+///
+/// The beat is this computer's: it is as regular as its scheduler lets it be. [`CycleStatistics`] tells how
+/// regular that was.
+///
+/// ```
+/// use polepair::CyclicAxes;
+/// use polepair_core::stream::cyclic::SetpointKind;
+/// use std::time::Duration;
+/// let link = polepair::connect("sim:cia402:1,2?time=virtual")?;
+/// let following = CyclicAxes::begin(link.axes(), SetpointKind::Velocity, Duration::from_millis(4))?;
+/// let ramp = |k: i32| f64::from(k.min(200 - k)) * 0.02;
+/// let speeds: Vec<f64> = (0..=200).flat_map(|k| [ramp(k), -ramp(k)]).collect();
+/// following.check(&speeds)?;
+/// let account = following.stream(speeds, |_| {})?;
+/// assert_eq!((account.cycles, account.missed), (201, 0));
+/// following.release()?;
+/// # Ok::<(), polepair::Error>(())
+/// ```
+#[derive(Debug)]
+#[must_use = "the axes are disabled when this is dropped"]
+pub struct CyclicAxes {
+    axes: Vec<Axis>,
+    setpoint: SetpointKind,
+    period: Duration,
+    bounds: Vec<SetpointBounds>,
+    released: bool,
+}
+
+impl CyclicAxes {
+    /// Arms and powers the axes, which must be on one wire, for set-points of that kind and period.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217` for a period that a drive cannot count; [`Error::Unsupported`] for
+    /// drives without such a mode, and when a cycle would take more than 80 % of the bus. Others by
+    /// blame. What was made ready is then taken back.
+    pub fn begin(axes: &[Axis], setpoint: SetpointKind, period: Duration) -> Result<Self, Error> {
+        Self::inspect_axes(axes, setpoint, period)?.power_up()
+    }
+
+    /// The same for a whole path, as [`check`](Self::check) takes it: it is held to the limits, and
+    /// compared with where the axes stand, before any of them has power.
+    ///
+    /// # Errors
+    /// As [`begin`](Self::begin) and [`check`](Self::check); `E222` where the path begins away from
+    /// where an axis stands. Nothing was changed in a drive then.
+    pub fn begin_with_path(
+        axes: &[Axis],
+        setpoint: SetpointKind,
+        period: Duration,
+        setpoints: &[f64],
+    ) -> Result<Self, Error> {
+        let looked_at = Self::inspect_axes(axes, setpoint, period)?;
+        looked_at.check(setpoints)?;
+        looked_at.check_start_positions(setpoints)?;
+        looked_at.power_up()
+    }
+
+    /// What can be known without changing anything.
+    fn inspect_axes(
+        axes: &[Axis],
+        setpoint: SetpointKind,
+        period: Duration,
+    ) -> Result<Self, Error> {
+        let verb = follow_verb(setpoint);
+        check_one_wire(axes.iter())?;
+        axes.iter().try_for_each(Axis::check_unmounted)?;
+        axes.iter().try_for_each(|axis| require_plan(axis, verb))?;
+        axes.iter().try_for_each(|axis| check_period(axis, verb, period))?;
+        let bounds = axes.iter().map(read_bounds).collect::<Result<_, _>>()?;
+        // There is nothing to take back yet.
+        Ok(Self { axes: axes.to_vec(), setpoint, period, bounds, released: true })
+    }
+
+    fn power_up(mut self) -> Result<Self, Error> {
+        self.axes.iter().for_each(|axis| axis.arm(true));
+        self.released = false;
+        let period = Some(self.period.as_secs_f64());
+        run_all(
+            &self.command_for_each(Command { period, ..Command::new(follow_verb(self.setpoint)) }),
+        )?;
+        self.check_bus_load()?;
+        Ok(self)
+    }
+
+    /// Compares the first position of each axis with where it stands now.
+    fn check_start_positions(&self, setpoints: &[f64]) -> Result<(), Error> {
+        if self.setpoint != SetpointKind::Position {
+            return Ok(());
+        }
+        for ((axis, bounds), begins) in self.axes.iter().zip(&self.bounds).zip(setpoints) {
+            axis.check_start_position(*begins, bounds.max_start_offset(self.period.as_secs_f64()))?;
+        }
+        Ok(())
+    }
+
+    fn command_for_each(&self, command: Command) -> Vec<(&Axis, Command)> {
+        self.axes.iter().map(|axis| (axis, command)).collect()
+    }
+
+    /// Share of the bus that a cycle takes at most; `None` on a link that has no bit rate of its own.
+    #[must_use]
+    pub fn load(&self) -> Option<f64> {
+        let indices: Vec<_> = self.axes.iter().map(|axis| axis.index).collect();
+        let ns = self.axes[0].connection.with_axes(|axes, _| axes.cycle_ns(&indices)).unwrap_or(0);
+        let load = Duration::from_nanos(ns).as_secs_f64() / self.period.as_secs_f64();
+        (ns > 0).then_some(load)
+    }
+
+    fn check_bus_load(&self) -> Result<(), Error> {
+        let most = LOAD_MAX_PERCENT as f64 / 100.0;
+        let Some(load) = self.load().filter(|load| *load > most) else { return Ok(()) };
+        let shortest = (self.period.as_secs_f64() * load / most * 1e3).ceil();
+        let count = self.axes.len();
+        let what = format!(
+            "set-points for {count} axes every {} ms take {:.0} % of the bus; {LOAD_MAX_PERCENT} % \
+             can be planned for",
+            self.period.as_secs_f64() * 1e3,
+            load * 100.0
+        );
+        let hint = format!("choose a period of {shortest} ms or more, or a higher bit rate");
+        Err(Error::Unsupported { what, why: Unsupported::Forbidden("bus load"), hint })
+    }
+
+    /// What the set-points of each axis are held to, by the drives' own limits.
+    #[must_use]
+    pub fn bounds(&self) -> &[SetpointBounds] {
+        &self.bounds
+    }
+
+    /// Holds a whole path to the limits before any of it is sent: set-points in SI, those of a cycle
+    /// side by side in the order of the axes. It may begin anywhere; where the axes stand is looked
+    /// at when it is streamed.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E216` with cycle, axis and limit.
+    pub fn check(&self, setpoints: &[f64]) -> Result<(), Error> {
+        let (count, period) = (self.axes.len(), self.period.as_secs_f64());
+        let from = |n: usize| match self.setpoint {
+            SetpointKind::Position => setpoints.get(n).copied().unwrap_or(0.0),
+            SetpointKind::Velocity | SetpointKind::Torque => 0.0,
+        };
+        let mut trends: Vec<SetpointTracker> =
+            (0..count).map(|n| SetpointTracker::at_rest(from(n))).collect();
+        for (k, si) in setpoints.iter().enumerate() {
+            let n = k % count;
+            trends[n].accept(&self.bounds[n], self.setpoint, *si, period).map_err(
+                |excess: BoundsViolation| {
+                    let (cycle, axis) = (k / count + 1, self.axes[n].label());
+                    let what = format!("{axis}, cycle {cycle} ({si:.6}): {}", excess.hint());
+                    Error::usage("E216", what, "nothing was moved")
+                },
+            )?;
+        }
+        match trends.iter().position(|trend| !trend.may_end(self.setpoint)) {
+            Some(n) => {
+                let what = format!("{}: the path does not end at rest", self.axes[n].label());
+                Err(Error::usage("E216", what, "end with zero; nothing was moved"))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Gives the drives one set-point after the other, those of a cycle side by side in the order of
+    /// the axes, and waits for the end. `progress` is told now and then how it goes.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; whatever it is, all axes were told to come to rest, on one signal, and are
+    /// disarmed. [`Error::Interrupted`] likewise.
+    pub fn stream(
+        &self,
+        setpoints: impl IntoIterator<Item = f64>,
+        mut progress: impl FnMut(&CycleStatistics),
+    ) -> Result<CycleStatistics, Error> {
+        const WHAT: &str = "following set-points";
+        let first = &self.axes[0];
+        let indices: Vec<_> = self.axes.iter().map(|axis| axis.index).collect();
+        let following = cyclic::CyclicConfig {
+            axes: &indices,
+            bounds: &self.bounds,
+            setpoint: self.setpoint,
+            period: self.period,
+        };
+        let submit =
+            first.connection.submit(|axes, now, ticket| axes.start_cyclic(now, ticket, &following));
+        let pending = submit.map_err(|why| first.unsupported_error(WHAT, why))?;
+        let ticket = pending.ticket();
+        let mut running = RunningRequest {
+            axis: first.clone(),
+            pending,
+            what: WHAT.to_owned(),
+            kind: RequestKind::Command,
+        };
+        let (mut rest, chunk_len) = (setpoints.into_iter().fuse(), CYCLES_MAX * self.axes.len());
+        let mut chunk: Vec<f64> = Vec::with_capacity(chunk_len);
+        let mut fed = false;
+        let ended = loop {
+            chunk.extend(rest.by_ref().take(chunk_len - chunk.len()));
+            let last = chunk.len() < chunk_len;
+            if !fed {
+                let feed = |axes: &mut dyn polepair_core::axis::Axes| {
+                    axes.feed_cycles(ticket, &chunk, last)
+                };
+                match first.connection.with_axes(|axes, _| feed(axes)) {
+                    Some(cycles) => drop(chunk.drain(..cycles * self.axes.len())),
+                    None => break running.finish(),
+                }
+                fed = last && chunk.len() < self.axes.len();
+            }
+            if let Some(account) = self.cycle_statistics() {
+                progress(&account);
+            }
+            match running.wait(FEED_INTERVAL) {
+                Ok(None) => {}
+                Ok(Some(cycles)) => break Ok(cycles),
+                Err(error) => break Err(error),
+            }
+        };
+        match ended {
+            Ok(_) => Ok(self.cycle_statistics().unwrap_or_default()),
+            Err(error) => {
+                let _ = run_all(&self.command_for_each(Command::new(Verb::Stop)));
+                Err(error)
+            }
+        }
+    }
+
+    /// How the present, or the last, stream went.
+    #[must_use]
+    pub fn cycle_statistics(&self) -> Option<CycleStatistics> {
+        let index = self.axes[0].index;
+        self.axes[0].connection.with_axes(|axes, _| axes.cycle_statistics(index).cloned())
+    }
+
+    /// Stops, disables and disarms, and takes back what was set in the drives.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; everything was tried though something failed.
+    pub fn release(mut self) -> Result<(), Error> {
+        self.stop_and_disarm()
+    }
+
+    fn stop_and_disarm(&mut self) -> Result<(), Error> {
+        self.released = true;
+        let stopped: Result<(), Error> =
+            stop_with_retry(&self.axes, STOP_RETRY_MAX, |_, _| true).into_iter().collect();
+        let ended = [Verb::Disable, Verb::Unfollow]
+            .map(|verb| run_all(&self.command_for_each(Command::new(verb))));
+        self.axes.iter().for_each(|axis| axis.arm(false));
+        stopped.and(ended.into_iter().collect())
+    }
+}
+
+impl Drop for CyclicAxes {
+    fn drop(&mut self) {
+        if !self.released {
+            let _ = self.stop_and_disarm();
+        }
+    }
+}
+
+const fn follow_verb(setpoint: SetpointKind) -> Verb {
+    match setpoint {
+        SetpointKind::Position => Verb::FollowPosition,
+        SetpointKind::Velocity => Verb::FollowVelocity,
+        SetpointKind::Torque => Verb::FollowTorque,
+    }
+}
+
+impl Axis {
+    /// Refuses a path that begins more than `most` away from where the axis stands now, both in SI.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] `E222`; what reading the position brings.
+    pub(super) fn check_start_position(&self, begins: f64, most: f64) -> Result<(), Error> {
+        let stands = self.signals(&[Signal::Position])?[0].value;
+        // Where the scale is not known, the lane compares raw values.
+        if !stands.is_finite() || (begins - stands).abs() <= most {
+            return Ok(());
+        }
+        let shown = |si| self.format_signal(Signal::Position, si);
+        let (stands, begins) = (shown(stands), shown(begins));
+        Err(Error::Unsupported {
+            what: format!("{} stands at {stands}, the path begins at {begins}", self.label()),
+            why: Unsupported::Forbidden("the path begins away from where the axis stands"),
+            hint: "move there first, or begin the path where it stands".to_owned(),
+        })
+    }
+
+    /// A signal's SI value in the unit that people read it in.
+    fn format_signal(&self, signal: Signal, si: f64) -> String {
+        let Some(source) = self.profile.signal(signal) else { return format!("{si}") };
+        let unit = self.unit(source.parameter);
+        let shown = (si / unit.si_factor() * 1e3).round() / 1e3 + 0.0;
+        format!("{shown} {}", unit.symbol()).trim_end().to_owned()
+    }
+}
+
+/// Axes that obey one signal: one at least, on one connection.
+pub(super) fn check_one_wire<'a>(axes: impl Iterator<Item = &'a Axis>) -> Result<(), Error> {
+    let axes: Vec<&Axis> = axes.collect();
+    let Some(first) = axes.first() else {
+        return Err(Error::usage("E245", "there is no axis", "name one: URL#1"));
+    };
+    if axes.iter().all(|axis| axis.connection.is_same(&first.connection)) {
+        return Ok(());
+    }
+    let what = "axes that obey one signal must be on one wire";
+    Err(Error::usage("E245", what, "command those of each link by themselves"))
+}
+
+/// A period that the drive would round is another period.
+fn check_period(axis: &Axis, verb: Verb, period: Duration) -> Result<(), Error> {
+    let steps = axis.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
+    let seconds = period.as_secs_f64();
+    for step in steps {
+        let Step::Write(id, Operand::Argument(Argument::Period)) = *step else { continue };
+        let (back, parameter) = axis.connection.with_axes(|axes, _| {
+            let raw = axes.to_raw(axis.index, id, seconds);
+            (raw.and_then(|raw| axes.to_si(axis.index, id, raw)), axis.profile.parameter(id))
+        });
+        let (Some(back), Some(parameter)) = (back, parameter) else { continue };
+        let raw = back / parameter.unit.si_factor() / parameter.scale.factor;
+        let allowed = (parameter.min.max(1) as f64..=parameter.max as f64).contains(&raw.round());
+        if (back - seconds).abs() > 1e-9 || !allowed {
+            let what = format!("a period of {} ms is none for {}", seconds * 1e3, axis.label());
+            let hint = format!(
+                "`{}` counts in {} {}, {} at most",
+                parameter.name,
+                parameter.scale.factor,
+                parameter.unit.symbol(),
+                parameter.max
+            );
+            return Err(Error::usage("E217", what, hint));
+        }
+    }
+    Ok(())
+}
+
+/// What the drive says of its own limits, as far as it does; zero is none.
+fn read_bounds(axis: &Axis) -> Result<SetpointBounds, Error> {
+    let read = |name: &str| read_limit(axis, name);
+    let some = |value: Option<f64>| value.filter(|value| *value > 0.0);
+    let least = |a: Option<f64>, b: Option<f64>| match (a, b) {
+        (Some(a), Some(b)) => Some(a.min(b)),
+        (a, b) => a.or(b),
+    };
+    let velocity = least(some(read("max profile velocity")?), some(read("max motor speed")?));
+    let acceleration = some(read("max acceleration")?);
+    let range = read("position limit min")?.zip(read("position limit max")?);
+    Ok(SetpointBounds {
+        position: range.filter(|(least, most)| least < most),
+        velocity,
+        acceleration: acceleration.or(velocity.map(|velocity| velocity / FULL_SPEED_S)),
+        torque: some(read("max torque")?),
+    })
+}
+
+/// A limit in SI; `None` where the drive has none such.
+fn read_limit(axis: &Axis, name: &str) -> Result<Option<f64>, Error> {
+    let Some(id) = axis.profile.find_parameter(name) else { return Ok(None) };
+    match axis.read(id).and_then(|raw| axis.value(id, raw)) {
+        Ok(value) => Ok(Some(value.value * value.unit.si_factor()).filter(|si| si.is_finite())),
+        Err(Error::Failed { outcome: Outcome::NotDone(Failure::Refused { .. }), .. }) => Ok(None),
+        Err(error) => Err(error),
+    }
+}

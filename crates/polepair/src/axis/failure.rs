@@ -1,0 +1,312 @@
+//! Outcomes in words: what was asked, what came of it, what to try.
+
+use super::Axis;
+use crate::error::Error;
+use crate::identify::Identification;
+use crate::no_reply::NoReplyDetails;
+use polepair_core::axis::Verb;
+use polepair_core::error::{Extent, Failure, Outcome, Unsupported};
+use polepair_core::lane::write_steps;
+use polepair_core::plan::{Operand, Step};
+use polepair_core::profile::{Fault, ParameterId, Watchdog};
+use polepair_link::Cause;
+
+/// What a request is, so that its end can be told.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) enum RequestKind {
+    /// It changes nothing: there is nothing to execute.
+    Query,
+    /// It asks whether a motor stands that was told to stop.
+    StandstillQuery,
+    /// A plan of the profile.
+    Verb(Verb),
+    /// A parameter is set to this raw value, and kept over power-off if the last is true.
+    Write(ParameterId, i64, bool),
+    /// Anything else that may change the drive.
+    Command,
+}
+
+/// Steps that are named one by one at most.
+const NAMED_STEPS_MAX: usize = 6;
+
+impl Axis {
+    /// The error for an outcome that is not [`Outcome::Done`].
+    pub(crate) fn outcome_error(&self, what: &str, asked: RequestKind, outcome: Outcome) -> Error {
+        let failure = outcome.failure().unwrap_or(Failure::Misbehaved);
+        // The stop was told: it is the question that was not carried out.
+        let outcome = match (asked, outcome) {
+            (RequestKind::StandstillQuery, Outcome::NotDone(failure)) => Outcome::Unknown(failure),
+            _ => outcome,
+        };
+        if let (Failure::Impossible(why), Outcome::NotDone(_)) = (failure, outcome) {
+            return self.unsupported_error(what, why);
+        }
+        // Who closed it knows that it is no lost link, but not that a motor was left turning.
+        if let (Failure::LinkDown, Some(closed)) = (failure, self.connection.link_error())
+            && closed.cause() == Cause::Closed
+            && asked != RequestKind::StandstillQuery
+            && !self.may_turn()
+        {
+            return Error::Link(closed);
+        }
+        let heard = self.no_reply_details(failure);
+        let (reason, mut hint) = match failure {
+            Failure::Silent => (no_answer_text(&heard), heard.hint().to_owned()),
+            failure => self.failure_reason(failure),
+        };
+        let may_turn = self.is_out_of_reach(asked, failure);
+        if let (true, Watchdog::Fixed { after_ms }) = (may_turn, self.profile.watchdog) {
+            hint = format!("the drive should stop {after_ms} ms after the link died; {hint}");
+        }
+        Error::Failed {
+            what: format!("{}: {what}: {reason}", self.label()),
+            execution: self.execution_text(asked, outcome, failure),
+            outcome,
+            received: Box::new(heard),
+            may_turn,
+            hint,
+        }
+    }
+
+    /// What came instead of an answer.
+    fn no_reply_details(&self, failure: Failure) -> NoReplyDetails {
+        match failure {
+            Failure::Silent => NoReplyDetails::from_counters(
+                &self.connection.with_axes(|axes, _| axes.silence_counters(self.index)),
+            ),
+            _ => NoReplyDetails::default(),
+        }
+    }
+
+    /// Whether the motor may turn, and nothing can be done about it from here: the link is lost, or
+    /// its stop was not answered.
+    fn is_out_of_reach(&self, asked: RequestKind, failure: Failure) -> bool {
+        let stop = matches!(
+            asked,
+            RequestKind::StandstillQuery | RequestKind::Verb(Verb::Stop | Verb::QuickStop)
+        );
+        match failure {
+            Failure::LinkDown => stop || self.may_turn(),
+            Failure::Silent | Failure::Misbehaved => stop,
+            _ => false,
+        }
+    }
+
+    /// Whether it was told to move, or was last seen moving, and since then neither arrived, nor
+    /// acknowledged a stop, nor was switched off, as far as this link knows.
+    #[must_use]
+    pub fn may_turn(&self) -> bool {
+        self.state().motion_active || self.is_turning() == Some(true)
+    }
+
+    /// Whether it was executed, and how far; empty where there was nothing to execute, and where the
+    /// drive's own answer says it.
+    fn execution_text(&self, asked: RequestKind, outcome: Outcome, failure: Failure) -> String {
+        let of_the_wire =
+            matches!(failure, Failure::Silent | Failure::Misbehaved | Failure::LinkDown);
+        match (asked, outcome) {
+            (RequestKind::Query | RequestKind::StandstillQuery, _) | (_, Outcome::Done(_)) => {
+                String::new()
+            }
+            (_, Outcome::NotDone(_)) if of_the_wire => "it was not executed".to_owned(),
+            (_, Outcome::NotDone(_)) => String::new(),
+            (_, Outcome::Unknown(_)) => "it may have been executed".to_owned(),
+            (_, Outcome::Partly(_, extent)) => self.partial_execution_text(asked, extent),
+        }
+    }
+
+    /// How far a plan went, step by step.
+    fn partial_execution_text(&self, asked: RequestKind, extent: Extent) -> String {
+        let steps = match asked {
+            RequestKind::Verb(verb) => self.profile.plan(verb).map(|plan| plan.steps.to_vec()),
+            RequestKind::Write(id, raw, keep) => Some(write_steps(self.profile, id, raw, keep)),
+            RequestKind::Query | RequestKind::StandstillQuery | RequestKind::Command => None,
+        };
+        let steps = steps.unwrap_or_default();
+        let named = |word: &str, mask: u64| {
+            let its = (0..64).filter(|n| mask >> n & 1 == 1);
+            let names: Vec<String> = its.map(|n| self.step_name(n, steps.get(n))).collect();
+            let left = names.len().saturating_sub(NAMED_STEPS_MAX);
+            let first = names[left..].join(", ");
+            match (names.len(), left) {
+                (0, _) => None,
+                (_, 0) => Some(format!("{word}: {first}")),
+                _ => Some(format!("{word}: {left} steps and {first}")),
+            }
+        };
+        let told = [
+            named("done", extent.done),
+            named("refused", extent.refused),
+            named("not known whether done", extent.unknown),
+            extent.rolled_back.then(|| "what was done was taken back".to_owned()),
+        ];
+        let told: Vec<String> = told.into_iter().flatten().collect();
+        format!("it was executed in part; {}", told.join("; "))
+    }
+
+    fn step_name(&self, n: usize, step: Option<&Step>) -> String {
+        let set = |id: ParameterId, raw: Option<i64>| {
+            let parameter = self.profile.parameter(id);
+            let name = parameter.map_or("?", |parameter| parameter.name);
+            let word = |raw| parameter?.values.iter().find(|(value, _)| *value == raw);
+            match raw {
+                None => format!("`{name}`"),
+                Some(raw) => match word(raw) {
+                    Some((_, word)) => format!("`{name}` = {word}"),
+                    // Bits, as manuals write them.
+                    None if raw > 9 => format!("`{name}` = {raw:X}h"),
+                    None => format!("`{name}` = {raw}"),
+                },
+            }
+        };
+        match step {
+            Some(Step::Write(id, Operand::Constant(raw)) | Step::Ensure(id, raw)) => {
+                set(*id, Some(*raw))
+            }
+            Some(Step::Write(id, _) | Step::Copy { to: id, .. }) => set(*id, None),
+            Some(Step::Send { like: Some(id), .. }) => set(*id, None),
+            Some(Step::Store(id)) => format!("keeping {}", set(*id, None)),
+            _ => format!("step {}", n + 1),
+        }
+    }
+
+    fn failure_reason(&self, failure: Failure) -> (String, String) {
+        let said = |reason: &str, hint: &str| (reason.to_owned(), hint.to_owned());
+        match failure {
+            Failure::Refused { code } => self.refusal_reason(code),
+            Failure::Misbehaved => said(
+                "what came back was corrupt or answered another question",
+                "look for two drives with one address, an echoing adapter, noise or a wrong baud \
+                 rate; `-v` shows the frames",
+            ),
+            Failure::NotReached => said("not reached in time", "see whether something blocks it"),
+            Failure::NotReady { hint } => said("the drive is not ready", hint),
+            Failure::Faulted { code } => self.fault_reason(code),
+            Failure::Differs { start, end } => (
+                format!("the drive has other words at {start:04X} to {end:04X}"),
+                "load the program again; if that does not help, that memory is locked \
+                 (LOCKEEPROM), not there, or worn out"
+                    .to_owned(),
+            ),
+            Failure::Cancelled => said("a stop or a newer command came between", ""),
+            Failure::LinkDown => {
+                let trouble = self.connection.link_error();
+                let hint = trouble.as_ref().map(|t| t.hint().to_owned()).unwrap_or_default();
+                let reason = trouble.map_or("the link is down".to_owned(), |t| t.to_string());
+                (reason, hint)
+            }
+            Failure::Impossible(why) => self.unsupported_reason(why),
+            other => (format!("it ended as {other:?}"), String::new()),
+        }
+    }
+
+    fn refusal_reason(&self, code: u32) -> (String, String) {
+        let dissector = polepair_core::proto::find_dissector(self.protocol);
+        let meaning = dissector.and_then(|dissector| dissector.code_meaning(code));
+        // Long ones are never written otherwise, as abort codes of CANopen.
+        let code = if code > 0xFFFF { format!("0x{code:08X}") } else { code.to_string() };
+        let reason = match meaning {
+            Some(meaning) => format!("the drive refused: {meaning} (code {code})"),
+            None => format!("the drive refused with code {code}"),
+        };
+        (reason, String::new())
+    }
+
+    fn fault_reason(&self, code: u32) -> (String, String) {
+        let known = matching_faults(self.profile.faults, code);
+        let Some(first) = known.first() else {
+            return (format!("the drive reports fault {code:#x}"), String::new());
+        };
+        let texts: Vec<String> =
+            known.iter().map(|fault| format!("{} ({})", fault.text, fault.name)).collect();
+        let hint = [first.cause, first.remedy].map(|s| s.trim_end_matches('.'));
+        let hint: Vec<&str> = hint.into_iter().filter(|s| !s.is_empty()).collect();
+        (format!("the drive reports: {}", texts.join(", ")), hint.join(". "))
+    }
+
+    /// The error for what cannot be; nothing was sent.
+    pub(crate) fn unsupported_error(&self, what: &str, why: Unsupported) -> Error {
+        let (reason, hint) = self.unsupported_reason(why);
+        Error::Unsupported { what: format!("{}: {what}: {reason}", self.label()), why, hint }
+    }
+
+    fn unsupported_reason(&self, why: Unsupported) -> (String, String) {
+        let product = self.profile.name;
+        let name = |id: ParameterId| self.profile.parameter(id).map_or("it", |p| p.name);
+        match why {
+            Unsupported::NoSuchAxis => ("there is no such axis".into(), String::new()),
+            Unsupported::NoSuchParameter => ("there is no such parameter".into(), String::new()),
+            Unsupported::NoPlan => {
+                let verbs: Vec<&str> =
+                    self.profile.plans.iter().map(|plan| plan.verb.name()).collect();
+                let hint = match (&self.identified, verbs.is_empty()) {
+                    (Identification::Generic, _) => {
+                        "no known drive answers so; `?profile=` says what it is".to_owned()
+                    }
+                    (_, true) => "it can nothing of the kind".to_owned(),
+                    (_, false) => format!("it can {}", verbs.join(", ")),
+                };
+                (format!("{product} cannot do that, or it is not known how"), hint)
+            }
+            Unsupported::ReadOnly(id) => {
+                (format!("`{}` can only be read", name(id)), String::new())
+            }
+            Unsupported::WriteOnly(id) => {
+                (format!("`{}` can only be written", name(id)), String::new())
+            }
+            Unsupported::OutOfRange { parameter, value, min, max } => {
+                self.range_reason(parameter, value, min, max)
+            }
+            Unsupported::BadArgument => {
+                ("a value is missing, or is no finite number".into(), String::new())
+            }
+            Unsupported::NotArmed => {
+                ("the axis is not armed".into(), "arm it first: motion needs an armed axis".into())
+            }
+            Unsupported::Busy => (
+                "the axis is busy with another command".into(),
+                "wait for it, or stop the axis".into(),
+            ),
+            Unsupported::BadText => {
+                (format!("that is no {} text", self.protocol), "`polepair encode` shows how".into())
+            }
+            Unsupported::Forbidden(rule) => (rule.to_owned(), String::new()),
+            other => (format!("{other:?}"), String::new()),
+        }
+    }
+
+    fn range_reason(&self, id: ParameterId, value: i64, min: i64, max: i64) -> (String, String) {
+        let name = self.profile.parameter(id).map_or("it", |p| p.name);
+        let (unit, factor) = (self.unit(id), self.factor(id));
+        // Without asking the drive: an unknown scale is shown raw.
+        let shown = |raw: i64| {
+            let si = self.connection.with_axes(|axes, _| axes.to_si(self.index, id, raw));
+            match si {
+                Some(si) => {
+                    let number = (si / factor / unit.si_factor() * 1e6).round() / 1e6;
+                    format!("{number} {}", unit.symbol()).trim_end().to_owned()
+                }
+                None => format!("{raw} (raw)"),
+            }
+        };
+        let (value, min, max) = (shown(value), shown(min), shown(max));
+        (format!("{value} is outside the limits of `{name}`"), format!("it can be {min} to {max}"))
+    }
+}
+
+/// That nobody answered, and what came instead.
+fn no_answer_text(heard: &NoReplyDetails) -> String {
+    match heard.is_nothing() {
+        true => "no answer".to_owned(),
+        false => format!("no answer, but {heard}"),
+    }
+}
+
+/// The faults that a code means: the one of that code, or those whose bits are in it.
+fn matching_faults(table: &'static [Fault], code: u32) -> Vec<&'static Fault> {
+    if let Some(fault) = table.iter().find(|fault| fault.code == code) {
+        return vec![fault];
+    }
+    let masks = table.iter().all(|fault| fault.code.count_ones() == 1);
+    table.iter().filter(|fault| masks && fault.code & code != 0).collect()
+}

@@ -1,0 +1,97 @@
+//! Values that are written together with what scales them: an electronic gear and a position, a count
+//! of turns and a speed. The drive takes each as a raw number, and what that number means is decided by
+//! the scale that holds then, not by the one that holds now.
+
+use super::Axis;
+use crate::amount::{Amount, ResolvedAmount, Value};
+use crate::error::Error;
+use polepair_core::profile::{Parameter, ParameterId};
+use polepair_core::units::Unit;
+
+/// Raw values that are to be written before others.
+#[derive(Clone, Debug, Default)]
+pub struct PendingWrites(Vec<(ParameterId, i64)>);
+
+impl PendingWrites {
+    /// Takes one more in.
+    pub fn insert(&mut self, id: ParameterId, raw: i64) {
+        self.0.retain(|(other, _)| *other != id);
+        self.0.push((id, raw));
+    }
+
+    fn get(&self, id: ParameterId) -> Option<i64> {
+        self.0.iter().find(|(other, _)| *other == id).map(|(_, raw)| *raw)
+    }
+}
+
+impl Axis {
+    /// Whether other parameters are scaled by this one: it is written before they are converted.
+    #[must_use]
+    pub fn scales(&self, id: ParameterId) -> bool {
+        let mut scales = self.profile.parameters.iter().map(|parameter| parameter.scale);
+        scales.any(|scale| scale.times == Some(id) || scale.over == Some(id))
+    }
+
+    /// The raw value that an amount means for a parameter once what is pending was written.
+    ///
+    /// # Errors
+    /// As [`raw_of`](Self::raw_of).
+    pub fn raw_of_after(
+        &self,
+        id: ParameterId,
+        amount: &Amount,
+        pending: &PendingWrites,
+    ) -> Result<i64, Error> {
+        let Some(parameter) = self.rescaled(id, pending) else { return self.raw_of(id, amount) };
+        let si = match amount.resolve(parameter, self.unit(id))? {
+            ResolvedAmount::Raw(raw) => return Ok(raw),
+            ResolvedAmount::Si(si) => si * self.factor(id),
+        };
+        let raw = (si / self.raw_step_after(parameter, pending)?).round();
+        // Beyond this a float no longer counts single steps; no drive has such a number.
+        if raw.is_finite() && raw.abs() < 9.0e15 {
+            return Ok(raw as i64);
+        }
+        let what = format!("`{}`: its scale would be zero or nothing", parameter.name);
+        Err(Error::usage("E217", what, "write what it is scaled by with another value"))
+    }
+
+    /// A raw value of a parameter in its unit, as it is once what is pending was written.
+    ///
+    /// # Errors
+    /// As [`value`](Self::value).
+    pub fn value_after(
+        &self,
+        id: ParameterId,
+        raw: i64,
+        pending: &PendingWrites,
+    ) -> Result<Value, Error> {
+        let value = self.value(id, raw)?;
+        let Some(parameter) = self.rescaled(id, pending) else { return Ok(value) };
+        let (unit, factor) = (self.unit(id), self.factor(id));
+        let step = self.raw_step_after(parameter, pending)? / factor / unit.si_factor();
+        Ok(Value { value: raw as f64 * step, step: step.abs(), ..value })
+    }
+
+    /// The parameter, if what is pending changes its scale.
+    fn rescaled(&self, id: ParameterId, pending: &PendingWrites) -> Option<&'static Parameter> {
+        let parameter = self.profile.parameter(id)?;
+        let factors = [parameter.scale.times, parameter.scale.over].into_iter().flatten();
+        let touched = factors.into_iter().any(|factor| pending.get(factor).is_some());
+        (touched && !self.is_unscaled(id)).then_some(parameter)
+    }
+
+    /// The drive's SI value of one raw unit, once what is pending was written.
+    fn raw_step_after(&self, parameter: &Parameter, pending: &PendingWrites) -> Result<f64, Error> {
+        let factor = |id: Option<ParameterId>| match id {
+            None => Ok(1.0),
+            Some(id) => match pending.get(id) {
+                Some(raw) => Ok(raw as f64),
+                None => self.read(id).map(|raw| raw as f64),
+            },
+        };
+        let scale = parameter.scale;
+        let unit = if parameter.unit == Unit::None { 1.0 } else { parameter.unit.si_factor() };
+        Ok(scale.factor * factor(scale.times)? / factor(scale.over)? * unit)
+    }
+}

@@ -1,0 +1,161 @@
+//! A request under way.
+
+use super::Axis;
+use super::failure::RequestKind;
+use crate::error::Error;
+use polepair_core::axis::{Axes, Command};
+use polepair_core::error::{Outcome, Unsupported};
+use polepair_core::profile::ParameterId;
+use polepair_core::station::Ticket;
+use polepair_core::time::Instant;
+use polepair_link::{PendingRequest, WaitResult};
+use std::task;
+use std::time::Duration;
+
+/// A verb that was looked at and can be started: see [`Axis::prepare`].
+#[derive(Clone, Debug)]
+#[must_use = "nothing moves before it is started"]
+pub struct PreparedCommand {
+    pub(super) axis: Axis,
+    pub(super) command: Command,
+}
+
+impl PreparedCommand {
+    /// Starts it, and does not wait for its end.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`]: nothing was sent.
+    pub fn start(&self) -> Result<RunningRequest, Error> {
+        let Self { axis, command } = self;
+        let submit = |axes: &mut dyn Axes, now: Instant, ticket: Ticket| {
+            axes.command(now, ticket, axis.index, *command)
+        };
+        let verb = command.verb.name();
+        let pending =
+            axis.connection.submit(submit).map_err(|why| axis.unsupported_error(verb, why))?;
+        let (what, asked) = (verb.to_owned(), RequestKind::Verb(command.verb));
+        Ok(RunningRequest { axis: axis.clone(), pending, what, kind: asked })
+    }
+}
+
+/// A request under way. Dropped before its end, it goes on by itself.
+#[derive(Debug)]
+#[must_use = "wait for it, or drop it to let it go on by itself"]
+pub struct RunningRequest {
+    pub(super) axis: Axis,
+    pub(super) pending: PendingRequest,
+    pub(super) what: String,
+    pub(super) kind: RequestKind,
+}
+
+impl Axis {
+    /// Begins to read a parameter and does not wait for its value, which the axis'
+    /// [`state`](Self::state) has afterwards as well, if it is a signal's.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`]: nothing was sent.
+    pub fn start_read(&self, id: ParameterId) -> Result<RunningRequest, Error> {
+        let what = format!("reading `{}`", self.parameter(id)?.name);
+        let ask =
+            |axes: &mut dyn Axes, now, ticket| axes.read_parameter(now, ticket, self.index, id);
+        self.submit(what, RequestKind::Query, ask)
+    }
+}
+
+impl Axis {
+    /// Begins to write a parameter, raw, and does not wait until it is done: as
+    /// [`write_parameter`](Self::write_parameter).
+    ///
+    /// # Errors
+    /// [`Error::Usage`] and [`Error::Unsupported`]: nothing was sent.
+    pub fn start_write(
+        &self,
+        id: ParameterId,
+        raw: i64,
+        keep: bool,
+    ) -> Result<RunningRequest, Error> {
+        let what = format!("setting `{}`", self.parameter(id)?.name);
+        self.check_write(id, raw)?;
+        let ask = |axes: &mut dyn Axes, now, ticket| {
+            axes.write_parameter(now, ticket, self.index, id, raw, keep)
+        };
+        self.submit(what, RequestKind::Write(id, raw, keep), ask)
+    }
+
+    /// Begins a request in the protocol's own text, and does not wait for the answer: as
+    /// [`raw`](Self::raw).
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`]: nothing was sent.
+    pub fn start_raw(&self, text: &str) -> Result<RunningRequest, Error> {
+        let what = format!("`{text}`");
+        let ask = |axes: &mut dyn Axes, now, ticket| axes.send_text(now, ticket, self.index, text);
+        self.submit(what, RequestKind::Command, ask)
+    }
+
+    pub(super) fn submit(
+        &self,
+        what: String,
+        asked: RequestKind,
+        request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+    ) -> Result<RunningRequest, Error> {
+        let pending = self.connection.submit_when_ready(Instant::FAR_FUTURE, request);
+        let pending = pending.map_err(|why| self.unsupported_error(&what, why))?;
+        Ok(RunningRequest { axis: self.clone(), pending, what, kind: asked })
+    }
+}
+
+impl RunningRequest {
+    /// Waits for the end. The value is the last one read.
+    ///
+    /// # Errors
+    /// [`Error::Failed`] by blame, [`Error::Interrupted`] when somebody interrupts; it then goes
+    /// on, and can be waited for again.
+    pub fn finish(&mut self) -> Result<i64, Error> {
+        match self.wait_until(Instant::FAR_FUTURE)? {
+            Some(raw) => Ok(raw),
+            None => Err(Error::Interrupted { what: self.description() }),
+        }
+    }
+
+    /// Waits for the end at most so long; `None` when it goes on.
+    ///
+    /// # Errors
+    /// As [`finish`](Self::finish).
+    pub fn wait(&mut self, at_most: Duration) -> Result<Option<i64>, Error> {
+        self.wait_until(self.axis.connection.now() + at_most)
+    }
+
+    /// Looks whether it has ended, without waiting.
+    ///
+    /// # Errors
+    /// [`Error::Failed`] by blame.
+    pub fn poll(&mut self) -> Result<Option<i64>, Error> {
+        let outcome = self.pending.poll();
+        outcome.map(|outcome| self.to_result(outcome)).transpose()
+    }
+
+    /// Looks whether it has ended, and has `waker` woken when it does otherwise.
+    pub fn poll_or_wake(&mut self, waker: &task::Waker) -> bool {
+        self.pending.poll_or_wake(waker).is_some()
+    }
+
+    pub(super) fn wait_until(&mut self, deadline: Instant) -> Result<Option<i64>, Error> {
+        match self.pending.wait(deadline) {
+            WaitResult::Ended(outcome) => self.to_result(outcome).map(Some),
+            WaitResult::TimedOut => Ok(None),
+            WaitResult::Interrupted => Err(Error::Interrupted { what: self.description() }),
+        }
+    }
+
+    fn to_result(&self, outcome: Outcome) -> Result<i64, Error> {
+        match outcome {
+            Outcome::Done(raw) => Ok(raw),
+            other => Err(self.axis.outcome_error(&self.what, self.kind, other)),
+        }
+    }
+
+    fn description(&self) -> String {
+        format!("{}: {}", self.axis.label(), self.what)
+    }
+}

@@ -1,0 +1,209 @@
+//! Stops that are said until they are confirmed.
+
+use super::stop_sequence::STANDSTILL_WAIT_MAX;
+use super::{Axis, Standstill, StopProgress, StopSequence};
+use crate::error::Error;
+use crate::url::AxisNumber;
+use polepair_core::axis::Verb;
+use polepair_core::error::Failure;
+use polepair_core::time::Instant;
+use std::time::Duration;
+
+/// How long a stop that nobody confirmed is said again by those who end a motion and then go.
+pub const STOP_RETRY_MAX: Duration = Duration::from_secs(10);
+/// Pause before it is said again.
+const RETRY_PAUSE: Duration = Duration::from_millis(250);
+
+/// While an axis is waited for, the others are looked at after so long.
+const POLL_SLICE: Duration = Duration::from_millis(20);
+/// A motor that turns on though its drive was told to stop is told again after so long, first and then.
+const RESEND_AFTER: Duration = Duration::from_secs(1);
+const RESEND_AFTER_MAX: Duration = Duration::from_secs(2);
+/// A motor that brakes turns so many times as fast after a while.
+const BRAKING_RATIO: f64 = 0.98;
+
+/// Stops axes that somebody here has set in motion, and tells how each stop ended: all are sent
+/// before the first is waited for. A motor that turns on is told again, and a stop that was lost with
+/// its wire, or in silence, is said again for `within` at most; `again` is told of the latter each
+/// time, and `false` from it ends that. An axis whose profile has no stop is passed over.
+///
+/// ```
+/// use polepair::axis::{STOP_RETRY_MAX, stop_owed};
+/// let link = polepair::connect("sim:tmcl?axes=2&time=virtual")?;
+/// let ended = stop_with_retry(link.axes(), STOP_RETRY_MAX, |_, _| true);
+/// assert!(ended.iter().all(Result::is_ok));
+/// # Ok::<(), polepair::Error>(())
+/// ```
+pub fn stop_with_retry(
+    axes: &[Axis],
+    within: Duration,
+    again: impl FnMut(&Axis, &Error) -> bool,
+) -> Vec<Result<(), Error>> {
+    let has_stop = |axis: &&Axis| axis.profile.plan(Verb::Stop).is_some();
+    let stopped: Vec<&Axis> = axes.iter().filter(has_stop).collect();
+    let mut ended = stop_until_standstill(&stopped, within, again).into_iter();
+    let result = |axis| match has_stop(&axis) {
+        true => ended.next().map_or(Ok(()), |ended| ended.map(drop)),
+        false => Ok(()),
+    };
+    axes.iter().map(result).collect()
+}
+
+/// Stops axes, and waits until each is seen to stand: all are told before the first is waited for, and
+/// none waits for another. A stop that is lost is said again for `within` as [`stop_with_retry`] does. A motor
+/// that does not become slower has to stand soon; one that does, within what its profile gives it.
+pub(crate) fn stop_until_standstill(
+    axes: &[&Axis],
+    within: Duration,
+    mut again: impl FnMut(&Axis, &Error) -> bool,
+) -> Vec<Result<Standstill, Error>> {
+    let mut stops: Vec<_> = axes.iter().map(|axis| RepeatedStop::begin(axis, within)).collect();
+    while stops.iter().any(|stop| stop.ended.is_none()) {
+        for (axis, stop) in axes.iter().zip(&mut stops) {
+            if stop.ended.is_none() {
+                stop.step(axis, &mut again);
+            }
+        }
+    }
+    stops.into_iter().filter_map(|stop| stop.ended).collect()
+}
+
+/// The stop of one axis, said until its motor was seen to stand.
+struct RepeatedStop {
+    stopping: StopSequence,
+    sent_at: Instant,
+    /// Before it is said again to a motor that turns on.
+    pause: Duration,
+    /// When it is said again after it was lost.
+    retry_at: Option<Instant>,
+    /// Until when it is said again where it is lost.
+    retry_until: Instant,
+    /// Since when it was to stand; it went on.
+    started_at: Instant,
+    /// The slowest that the motor was seen to turn, and when.
+    slowest: (f64, Instant),
+    /// One that was said before may have been executed.
+    may_be_executed: bool,
+    ended: Option<Result<Standstill, Error>>,
+}
+
+impl RepeatedStop {
+    fn begin(axis: &Axis, within: Duration) -> Self {
+        let now = axis.connection.now();
+        Self {
+            stopping: StopSequence::begin(axis).with_retries(),
+            sent_at: now,
+            pause: RESEND_AFTER,
+            retry_at: None,
+            retry_until: now + within,
+            started_at: now,
+            slowest: (f64::MAX, now),
+            may_be_executed: false,
+            ended: None,
+        }
+    }
+
+    fn resend(&mut self, stopping: StopSequence, now: Instant) {
+        (self.stopping, self.sent_at, self.retry_at) = (stopping.with_retries(), now, None);
+    }
+
+    /// Whether the motor became slower of late, or was told only just now.
+    fn may_be_braking(&mut self, axis: &Axis, now: Instant) -> bool {
+        if let Some(rate) = self.stopping.rate()
+            && rate < BRAKING_RATIO * self.slowest.0
+        {
+            self.slowest = (rate, now);
+        }
+        now.since(self.slowest.1) < STANDSTILL_WAIT_MAX
+            && now.since(self.started_at) < axis.standstill_timeout()
+    }
+
+    fn step(&mut self, axis: &Axis, again: &mut impl FnMut(&Axis, &Error) -> bool) {
+        if let Some(at) = self.retry_at {
+            let now = axis.connection.now();
+            if now < at {
+                return axis.sleep(at.since(now).min(POLL_SLICE));
+            }
+            (self.started_at, self.slowest) = (now, (f64::MAX, now));
+            self.resend(StopSequence::resend(axis), now);
+        }
+        self.stopping.wait(axis, POLL_SLICE);
+        let now = axis.connection.now();
+        let trouble = self.stopping.trouble().cloned();
+        let error = match self.stopping.progress() {
+            StopProgress::Standstill => return self.ended = Some(Ok(Standstill::Observed)),
+            StopProgress::Unobservable => return self.ended = Some(Ok(Standstill::Unobservable)),
+            StopProgress::Failed(error) => Some(error.clone()),
+            _ if self.stopping.has_ended() => trouble.clone(),
+            _ => None,
+        };
+        if let Some(error) = error {
+            self.may_be_executed |= error.executed() != Some(false);
+            if (may_be_lost(&error) || is_superseded(&error))
+                && now < self.retry_until
+                && again(axis, &error)
+            {
+                self.retry_at = Some(now + RETRY_PAUSE);
+            } else {
+                self.ended = Some(Err(if self.may_be_executed {
+                    error.after_earlier_attempt()
+                } else {
+                    error
+                }));
+            }
+        } else if !self.may_be_braking(axis, now) {
+            let is_group = AxisNumber(axis.number).is_group();
+            self.ended = Some(match trouble {
+                Some(error) => Err(error),
+                // Drives of a group rarely tell the same.
+                None if is_group && !self.stopping.is_seen_turning() => {
+                    Ok(Standstill::Unobservable)
+                }
+                None => Err(axis.not_at_rest_error(now.since(self.started_at))),
+            });
+        } else if self.stopping.is_seen_turning() && now >= self.sent_at + self.pause {
+            // Its drive took the one before, and answers.
+            (self.pause, self.may_be_executed) = (RESEND_AFTER_MAX, true);
+            self.resend(StopSequence::begin(axis), now);
+        }
+    }
+}
+
+impl Axis {
+    /// Ends what a program of the drive does, as [`abort`](Self::abort), and says it again as
+    /// [`stop_with_retry`] does.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn abort_with_retry(
+        &self,
+        within: Duration,
+        mut again: impl FnMut(&Self, &Error) -> bool,
+    ) -> Result<(), Error> {
+        let until = self.connection.now() + within;
+        loop {
+            let ended = self.abort();
+            match &ended {
+                Err(error)
+                    if may_be_lost(error)
+                        && self.connection.now() < until
+                        && again(self, error) =>
+                {
+                    self.sleep(RETRY_PAUSE);
+                }
+                _ => return ended,
+            }
+        }
+    }
+}
+
+/// Whether it ended because somebody else said a stop, or a motion, since: it is owed all the same.
+fn is_superseded(error: &Error) -> bool {
+    matches!(error, Error::Failed { outcome, .. } if outcome.failure() == Some(Failure::Cancelled))
+}
+
+/// Whether a stop that is said again may still arrive. A drive that refused it has heard it.
+fn may_be_lost(error: &Error) -> bool {
+    let Error::Failed { outcome, .. } = error else { return false };
+    matches!(outcome.failure(), Some(Failure::Silent | Failure::Misbehaved | Failure::LinkDown))
+}

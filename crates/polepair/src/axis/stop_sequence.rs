@@ -1,0 +1,586 @@
+//! A stop, and how far it is known to have come.
+//!
+//! It is told to the drive, answered step by step, and then looked for in what the drive measures:
+//! its speed, or its position twice. Where a drive tells both, they must agree: a motor whose position
+//! runs does not stand, whatever its drive tells of its speed. Only readings that were asked after the
+//! last of its steps was answered count. What was read before, or what a trajectory says that the motor
+//! should do, does not.
+//!
+//! Why: STOP-7.
+
+mod requests;
+mod standstill;
+
+use std::time::Duration;
+
+use super::{Axis, RunningRequest};
+use crate::error::Error;
+use crate::url::AxisNumber;
+use polepair_core::axis::{AxisStatus, StopPart, Verb};
+use polepair_core::error::{Failure, Outcome, Unsupported};
+use polepair_core::plan::{Compare, ParameterTest, Step};
+use polepair_core::profile::{ParameterId, RamMode, Signal};
+use polepair_core::time::Instant;
+use polepair_core::units::Unit;
+
+/// Between two readings whether the motor stands, at least and at most.
+const POLL_INTERVAL: Duration = Duration::from_millis(10);
+const POLL_INTERVAL_MAX: Duration = Duration::from_secs(2);
+/// For so long a motor that brakes is looked at without a rest.
+const BRAKING_TIME: Duration = Duration::from_secs(2);
+/// After that the pause is so many times what a reading took: a motor that turns on takes 5 % of its wire.
+const PAUSE_FACTOR: u32 = 19;
+/// Readings of the speed in a row that say so: one may lie in a change of direction.
+const STANDSTILL_READINGS_MIN: u32 = 2;
+/// Two positions so far apart that differ by one raw step, or by no more than these speeds make: the
+/// motor stands. A servo that holds its place is never quite still.
+const POSITION_SPAN: Duration = Duration::from_millis(100);
+const HOLDING_SPEED_RAD: f64 = 0.05;
+const HOLDING_SPEED_M: f64 = 0.001;
+/// Beside a speed that says that the motor stands, two positions may differ by so many raw steps, because
+/// each may be one off, or by so many times the speed that the stop takes for standing.
+const POSITION_DITHER: u64 = 2;
+const SLOW_FACTOR: f64 = 2.0;
+/// A motor that was told to stop, and of which speed and position do not agree, is told again after so long.
+const RESEND_AFTER: Duration = Duration::from_secs(1);
+/// So long a motor whose stop was carried out is waited for until it stands.
+pub(super) const STANDSTILL_WAIT_MAX: Duration = Duration::from_secs(5);
+/// So long a group's drives, which do not tell the same, are asked whether they stand.
+const GROUP_WAIT_MAX: Duration = Duration::from_secs(10);
+
+/// The stop of one axis, for those who wait for nothing: they look again and again.
+#[derive(Debug)]
+pub struct StopSequence {
+    started_at: Instant,
+    stage: StopStage,
+    progress: StopProgress,
+    elapsed: Duration,
+    trouble: Option<Error>,
+    /// Whether the motor stands is asked again where that is not answered, as anything else.
+    retries: bool,
+}
+
+/// How far a stop is known to have come.
+#[derive(Clone, PartialEq, Debug)]
+pub enum StopProgress {
+    /// It is on the wire.
+    Sent,
+    /// The drive answered all of it.
+    Acknowledged,
+    /// The motor stands: that was measured after the drive had answered.
+    Standstill,
+    /// The drive answered all of it, and measures nothing by which it could be seen to stand.
+    Unobservable,
+    /// It could not be sent, or was not confirmed; why.
+    Failed(Error),
+}
+
+/// What is known of a motor whose stop was carried out.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Standstill {
+    /// Its measured speed, or two of its positions, say that it stands.
+    Observed,
+    /// Its drive tells nothing of that.
+    Unobservable,
+}
+
+#[derive(Debug)]
+enum StopStage {
+    /// Asks whether what a stop writes stays out of permanent memory: it is said again.
+    CheckingRamMode(RunningRequest, RamMode),
+    /// Sees to it.
+    SettingRamMode(RunningRequest),
+    Sending(RunningRequest),
+    Observing(StandstillMonitor),
+    /// Tells what a motor that stands is told.
+    Releasing(RunningRequest, StopProgress),
+    Ended,
+}
+
+impl StopSequence {
+    /// Sends it.
+    #[must_use]
+    pub fn begin(axis: &Axis) -> Self {
+        let mut stopping = Self::new(axis);
+        stopping.send_stop(axis, false);
+        stopping
+    }
+
+    /// Sends it again to a drive that did not answer, or whose link was away: each of its requests once,
+    /// so that a drive that is gone keeps the others' wire for no longer than one question. A drive
+    /// that would write permanent memory by it, because it lost its supply, is told not to first.
+    #[must_use]
+    pub fn resend(axis: &Axis) -> Self {
+        let mut stopping = Self::new(axis);
+        match axis.stop_ram_mode() {
+            Some(ram) => match axis.start_ram_mode_read(ram.parameter) {
+                Ok(running) => stopping.stage = StopStage::CheckingRamMode(running, ram),
+                Err(error) => stopping.fail(error),
+            },
+            None => stopping.send_stop(axis, true),
+        }
+        stopping
+    }
+
+    /// Of one that was carried out elsewhere: is it seen to stand?
+    fn observe_executed(axis: &Axis) -> Self {
+        let (mut stopping, now) = (Self::new(axis).with_retries(), axis.connection().now());
+        stopping.set_progress(StopProgress::Acknowledged, now);
+        stopping.start_observing(axis, now);
+        stopping
+    }
+
+    /// For who waits for this axis alone: an answer that is lost is asked for again.
+    pub(super) fn with_retries(mut self) -> Self {
+        self.retries = true;
+        self
+    }
+
+    fn start_observing(&mut self, axis: &Axis, now: Instant) {
+        self.stage = StopStage::Observing(StandstillMonitor {
+            single_attempt: !self.retries,
+            ..StandstillMonitor::new(axis, now)
+        });
+    }
+
+    fn new(axis: &Axis) -> Self {
+        let (started_at, stage) = (axis.connection().now(), StopStage::Ended);
+        Self {
+            started_at,
+            stage,
+            progress: StopProgress::Sent,
+            elapsed: Duration::ZERO,
+            trouble: None,
+            retries: false,
+        }
+    }
+
+    fn send_stop(&mut self, axis: &Axis, once: bool) {
+        match axis.start_stop(StopPart::Halt, once) {
+            Ok(running) => self.stage = StopStage::Sending(running),
+            Err(error) => self.fail(error),
+        }
+    }
+
+    fn fail(&mut self, error: Error) {
+        (self.progress, self.stage) = (StopProgress::Failed(error), StopStage::Ended);
+    }
+
+    /// How far it has come.
+    #[must_use]
+    pub fn progress(&self) -> &StopProgress {
+        &self.progress
+    }
+
+    /// Why it goes no further, where it was answered and the drive then fell silent, or tells that the
+    /// motor stands while its position runs.
+    #[must_use]
+    pub fn trouble(&self) -> Option<&Error> {
+        match &self.stage {
+            StopStage::Observing(watch) => watch.mismatch.as_ref(),
+            _ => self.trouble.as_ref(),
+        }
+    }
+
+    /// How long that took.
+    #[must_use]
+    pub fn elapsed(&self) -> Duration {
+        self.elapsed
+    }
+
+    /// Whether it came to its end, and that was told for so long.
+    #[must_use]
+    pub fn is_expired(&self, axis: &Axis, told: Duration) -> bool {
+        let age = axis.connection().now().since(self.started_at);
+        matches!(self.progress, StopProgress::Standstill | StopProgress::Unobservable)
+            && age > self.elapsed + told
+    }
+
+    /// Whether something of it is still to be answered: nothing that moves is to be sent meanwhile.
+    #[must_use]
+    pub fn is_under_way(&self) -> bool {
+        !matches!(self.stage, StopStage::Observing(_) | StopStage::Ended)
+    }
+
+    /// Whether nothing of it is on the wire yet: its drive is asked something else first.
+    #[must_use]
+    pub fn is_held_back(&self) -> bool {
+        matches!(self.stage, StopStage::CheckingRamMode(..) | StopStage::SettingRamMode(_))
+    }
+
+    /// Whether nothing more is known of it unless it is said again.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        matches!(self.stage, StopStage::Ended)
+    }
+
+    /// Whether the drive answered all of it and the last reading says that its motor still turns.
+    #[must_use]
+    pub fn is_seen_turning(&self) -> bool {
+        matches!(&self.stage, StopStage::Observing(watch) if watch.is_turning || watch.mismatch.is_some())
+    }
+
+    /// How fast the motor turned at the last reading, where that says that it does: in a unit of the
+    /// drive's own, the same for all readings.
+    pub(super) fn rate(&self) -> Option<f64> {
+        match &self.stage {
+            StopStage::Observing(watch) if watch.is_turning => watch.rate,
+            _ => None,
+        }
+    }
+
+    /// Looks how far it has come. Waits for nothing.
+    pub fn poll(&mut self, axis: &Axis, now: Instant) {
+        self.step(axis, now);
+    }
+
+    /// Waits for its end, at most so long.
+    pub fn wait(&mut self, axis: &Axis, at_most: Duration) {
+        let end = axis.connection().now() + at_most;
+        while !self.has_ended() {
+            let left = end.since(axis.connection().now());
+            if left.is_zero() {
+                return;
+            }
+            // What it comes to is looked at below.
+            let _ = match &mut self.stage {
+                StopStage::CheckingRamMode(running, _)
+                | StopStage::SettingRamMode(running)
+                | StopStage::Sending(running)
+                | StopStage::Releasing(running, _) => running.wait(left),
+                StopStage::Observing(StandstillMonitor {
+                    in_flight: Some((running, ..)), ..
+                }) => running.wait(left),
+                StopStage::Observing(watch) => {
+                    axis.sleep(watch.next_poll.since(axis.connection().now()).min(left));
+                    Ok(None)
+                }
+                StopStage::Ended => Ok(None),
+            };
+            self.step(axis, axis.connection().now());
+        }
+    }
+
+    fn step(&mut self, axis: &Axis, now: Instant) {
+        match std::mem::replace(&mut self.stage, StopStage::Ended) {
+            StopStage::CheckingRamMode(mut running, ram) => match running.poll() {
+                Ok(None) => self.stage = StopStage::CheckingRamMode(running, ram),
+                Ok(Some(raw)) if raw == ram.ram => self.send_stop(axis, false),
+                Ok(Some(_)) => match axis.start_write(ram.parameter, ram.ram, false) {
+                    Ok(running) => self.stage = StopStage::SettingRamMode(running),
+                    Err(_) => self.send_stop(axis, false),
+                },
+                // It answers: to stop is worth a write to its memory.
+                Err(error) if !is_communication_error(&error) => self.send_stop(axis, false),
+                Err(error) => self.fail(error),
+            },
+            StopStage::SettingRamMode(mut running) => match running.poll() {
+                Ok(None) => self.stage = StopStage::SettingRamMode(running),
+                Err(error) if is_communication_error(&error) => self.fail(error),
+                Ok(Some(_)) | Err(_) => self.send_stop(axis, false),
+            },
+            StopStage::Sending(mut running) => match running.poll() {
+                Ok(None) => self.stage = StopStage::Sending(running),
+                Ok(Some(_)) => {
+                    // Where nobody answers it, it may have been lost.
+                    let index = axis.index;
+                    if axis.connection().with_axes(|axes, _| axes.is_confirmed(index)) {
+                        self.set_progress(StopProgress::Acknowledged, now);
+                    }
+                    self.start_observing(axis, now);
+                    self.step(axis, now);
+                }
+                Err(error) => self.fail(error),
+            },
+            StopStage::Observing(mut watch) => match watch.poll(axis, now) {
+                Ok(None) => self.stage = StopStage::Observing(watch),
+                Ok(Some(class)) => self.start_release(axis, class, now),
+                Err(error) => self.trouble = Some(error),
+            },
+            StopStage::Releasing(mut running, class) => match running.poll() {
+                Ok(None) => self.stage = StopStage::Releasing(running, class),
+                Ok(Some(_)) => self.set_progress(class, now),
+                Err(error) => self.trouble = Some(error),
+            },
+            StopStage::Ended => {}
+        }
+    }
+
+    fn set_progress(&mut self, class: StopProgress, now: Instant) {
+        (self.progress, self.elapsed) = (class, now.since(self.started_at));
+    }
+
+    /// The motor stands: what is left of the stop is said.
+    fn start_release(&mut self, axis: &Axis, class: StopProgress, now: Instant) {
+        let plan = axis.profile().plan(Verb::Stop);
+        if plan.is_none_or(|plan| plan.after_wait().is_empty()) {
+            return self.set_progress(class, now);
+        }
+        match axis.start_stop(StopPart::Release, false) {
+            Ok(running) => self.stage = StopStage::Releasing(running, class),
+            Err(error) => self.trouble = Some(error),
+        }
+    }
+}
+
+/// What is measured of a motor that was told to stop.
+#[derive(Debug)]
+struct StandstillMonitor {
+    since: Instant,
+    /// The first is asked for; what the drive does not tell is left out.
+    sources: Vec<StandstillSource>,
+    in_flight: Option<(RunningRequest, Instant, StandstillSource)>,
+    /// A drive that is silent is asked once.
+    single_attempt: bool,
+    next_poll: Instant,
+    /// Readings of the speed in a row that passed, and how many they were at the last position.
+    standstill_readings: u32,
+    readings_at_position: u32,
+    /// The first of the positions that agree, and when it was asked for.
+    position: Option<(Instant, i64)>,
+    /// The last reading says that the motor turns.
+    is_turning: bool,
+    /// The speed says that it stands, and the last two positions do not.
+    mismatch: Option<Error>,
+    /// They do as well.
+    positions_agree: bool,
+    /// The speed that was read last.
+    speed: i64,
+    /// How fast that is, or how far the position went in a second.
+    rate: Option<f64>,
+    /// Parameters that were read because the scale of the position depends on them.
+    factors_read: usize,
+}
+
+/// What tells whether a motor stands.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum StandstillSource {
+    Speed(ParameterId, ParameterTest),
+    Position(ParameterId),
+    /// What the scale of the position depends on.
+    Factor(ParameterId),
+}
+
+impl StandstillSource {
+    /// What there is for an axis, the most telling first: a speed for which the stop says what is none,
+    /// a position, any other speed.
+    fn for_axis(axis: &Axis) -> Vec<Self> {
+        let parameter = |signal| axis.profile().signal(signal).map(|source| source.parameter);
+        let position = parameter(Signal::Position).map(Self::Position);
+        let Some(speed) = parameter(Signal::Velocity) else {
+            return position.into_iter().collect();
+        };
+        match axis.standstill_test() {
+            Some(test) => [Self::Speed(speed, test)].into_iter().chain(position).collect(),
+            None => {
+                let test = ParameterTest { mask: -1, compare: Compare::Equal, value: 0 };
+                position.into_iter().chain([Self::Speed(speed, test)]).collect()
+            }
+        }
+    }
+
+    fn parameter(self) -> ParameterId {
+        match self {
+            Self::Speed(id, _) | Self::Position(id) | Self::Factor(id) => id,
+        }
+    }
+}
+
+impl StandstillMonitor {
+    fn new(axis: &Axis, now: Instant) -> Self {
+        let (since, sources) = (now, StandstillSource::for_axis(axis));
+        Self {
+            since,
+            sources,
+            in_flight: None,
+            single_attempt: true,
+            next_poll: now,
+            standstill_readings: 0,
+            readings_at_position: 0,
+            position: None,
+            is_turning: false,
+            mismatch: None,
+            positions_agree: false,
+            speed: 0,
+            rate: None,
+            factors_read: 0,
+        }
+    }
+
+    /// Whether positions are to agree with a speed that says what is none.
+    fn compares_positions(&self) -> bool {
+        matches!(self.sources[..], [StandstillSource::Speed(..), StandstillSource::Position(_)])
+    }
+
+    /// What is asked next: a position behind each speed that says that the motor stands.
+    fn next_source(&self, axis: &Axis) -> Option<StandstillSource> {
+        match self.sources[..] {
+            [StandstillSource::Speed(..), place @ StandstillSource::Position(id)]
+                if self.standstill_readings > self.readings_at_position =>
+            {
+                Some(
+                    axis.unread_factor(id, self.factors_read)
+                        .map_or(place, StandstillSource::Factor),
+                )
+            }
+            _ => self.sources.first().copied(),
+        }
+    }
+
+    /// What is known when it is; an error when the drive answers no longer.
+    fn poll(&mut self, axis: &Axis, now: Instant) -> Result<Option<StopProgress>, Error> {
+        let Some(source) = self.next_source(axis) else {
+            return Ok(Some(StopProgress::Unobservable));
+        };
+        let Some((running, asked, source)) = &mut self.in_flight else {
+            if now >= self.next_poll {
+                self.start_reading(axis, source, now);
+            }
+            return Ok(None);
+        };
+        let (asked, source) = (*asked, *source);
+        let read = match running.poll() {
+            Ok(None) => return Ok(None),
+            Ok(Some(raw)) => Ok(raw),
+            Err(error) => Err(error),
+        };
+        self.in_flight = None;
+        let rest = now.since(asked) * PAUSE_FACTOR;
+        self.next_poll = now
+            + match now.since(self.since) < BRAKING_TIME {
+                true => POLL_INTERVAL,
+                false => rest.clamp(POLL_INTERVAL, POLL_INTERVAL_MAX),
+            };
+        match read {
+            Ok(raw) => {
+                let stands = self.evaluate(axis, source, raw, (asked, now));
+                if let Some((since, _)) = self.position
+                    && (self.standstill_readings >= STANDSTILL_READINGS_MIN
+                        || !self.compares_positions())
+                {
+                    // Nothing is told by what is read before.
+                    self.next_poll = self.next_poll.max(since + POSITION_SPAN);
+                }
+                Ok(stands.then_some(StopProgress::Standstill))
+            }
+            Err(error) if is_communication_error(&error) => Err(error),
+            Err(error) => {
+                let differ = matches!(failure_of(&error), Some(Failure::NotReady { .. }))
+                    && self.sources.first() == Some(&source);
+                if !differ || now.since(self.since) >= GROUP_WAIT_MAX {
+                    self.drop_source(source);
+                    self.next_poll = now;
+                }
+                Ok(None)
+            }
+        }
+    }
+
+    fn start_reading(&mut self, axis: &Axis, source: StandstillSource, now: Instant) {
+        match axis.start_standstill_read(source.parameter(), self.single_attempt) {
+            Ok(running) => self.in_flight = Some((running, now, source)),
+            Err(Error::Unsupported { why: Unsupported::Busy, .. }) => {
+                self.next_poll = now + POLL_INTERVAL;
+            }
+            Err(_) => self.drop_source(source),
+        }
+    }
+
+    /// The drive does not tell it.
+    fn drop_source(&mut self, source: StandstillSource) {
+        match source {
+            // A position without a scale cannot be held against a speed.
+            StandstillSource::Factor(_) => {
+                self.sources.retain(|other| !matches!(other, StandstillSource::Position(_)))
+            }
+            source => self.sources.retain(|other| *other != source),
+        }
+    }
+
+    /// Whether the motor stands, by a value that was asked for and then told.
+    fn evaluate(
+        &mut self,
+        axis: &Axis,
+        source: StandstillSource,
+        raw: i64,
+        at: (Instant, Instant),
+    ) -> bool {
+        match source {
+            StandstillSource::Speed(_, test) => {
+                (self.is_turning, self.speed) = (!test.passes(raw), raw);
+                self.rate = Some(raw.unsigned_abs() as f64);
+                if self.is_turning {
+                    (self.standstill_readings, self.readings_at_position, self.position) =
+                        (0, 0, None);
+                    (self.mismatch, self.positions_agree) = (None, false);
+                } else {
+                    self.standstill_readings += 1;
+                }
+            }
+            StandstillSource::Factor(_) => {
+                self.factors_read += 1;
+                return false;
+            }
+            StandstillSource::Position(id) if self.compares_positions() => {
+                self.readings_at_position = self.standstill_readings;
+                self.compare_positions(axis, id, raw, at);
+            }
+            StandstillSource::Position(id) => {
+                let (since, first) = *self.position.get_or_insert((at.0, raw));
+                let over = at.0.since(since);
+                if over < POSITION_SPAN {
+                    return false;
+                }
+                self.is_turning =
+                    raw.abs_diff(first) > 1 && axis.has_drifted(id, (first, raw), over, 0.0);
+                if self.is_turning {
+                    self.position = Some((at.0, raw));
+                    self.rate = Some(raw.abs_diff(first) as f64 / over.as_secs_f64());
+                }
+                return !self.is_turning;
+            }
+        }
+        self.standstill_readings >= STANDSTILL_READINGS_MIN
+            && (self.positions_agree || !self.compares_positions())
+    }
+
+    /// Holds a position against the one before, where the speed says that the motor stands.
+    fn compare_positions(
+        &mut self,
+        axis: &Axis,
+        id: ParameterId,
+        raw: i64,
+        (asked, told): (Instant, Instant),
+    ) {
+        if axis.raw_to_si(id, raw).is_none() {
+            return self.drop_source(StandstillSource::Factor(id));
+        }
+        let (since, first) = *self.position.get_or_insert((asked, raw));
+        if asked.since(since) < POSITION_SPAN {
+            return;
+        }
+        // No longer than this lies between them, so that they are not called faster than they are.
+        let over = told.since(since);
+        let slow = axis.standstill_speed().unwrap_or(0.0) * SLOW_FACTOR;
+        let runs =
+            raw.abs_diff(first) > POSITION_DITHER && axis.has_drifted(id, (first, raw), over, slow);
+        self.mismatch = runs.then(|| axis.speed_mismatch_error(self.speed, (id, first, raw), over));
+        (self.positions_agree, self.position) = (!runs, Some((asked, raw)));
+        if runs {
+            self.standstill_readings = 0;
+            self.readings_at_position = 0;
+        }
+    }
+}
+
+fn failure_of(error: &Error) -> Option<Failure> {
+    let Error::Failed { outcome, .. } = error else { return None };
+    outcome.failure()
+}
+
+/// Whether a request ended so because the drive was not heard: it may be answered once it is said again.
+fn is_communication_error(error: &Error) -> bool {
+    use Failure::{Cancelled, LinkDown, Misbehaved, Silent};
+    let failed = matches!(failure_of(error), Some(Silent | Misbehaved | Cancelled | LinkDown));
+    failed || matches!(error, Error::Link(_))
+}

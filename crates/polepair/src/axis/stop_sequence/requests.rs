@@ -1,0 +1,83 @@
+//! What a stop sends, and asks of its drive: nothing of it waits.
+
+use super::super::failure::RequestKind;
+use super::super::{Axis, RunningRequest};
+use crate::error::Error;
+use polepair_core::axis::{Axes, StopPart, Verb};
+use polepair_core::error::Unsupported;
+use polepair_core::plan::Step;
+use polepair_core::profile::{ParameterId, Persistence, RamMode};
+use polepair_core::station::Ticket;
+use polepair_core::time::Instant;
+
+impl Axis {
+    /// Whether its stop writes what the drive keeps over power-off unless it was told not to, and how
+    /// it is told.
+    pub(super) fn stop_ram_mode(&self) -> Option<RamMode> {
+        let ram = self.profile.ram?;
+        let kept = |id: &ParameterId| {
+            let parameter = self.profile.parameter(*id);
+            parameter.is_some_and(|found| found.persistence == Persistence::UnlessRam)
+        };
+        let steps = self.profile.plan(Verb::Stop)?.steps;
+        let writes = |step: &Step| matches!(step, Step::Write(id, _) if kept(id));
+        steps.iter().any(writes).then_some(ram)
+    }
+
+    pub(super) fn start_stop(&self, part: StopPart, once: bool) -> Result<RunningRequest, Error> {
+        let asked = RequestKind::Verb(Verb::Stop);
+        self.submit_now("stop".to_owned(), asked, |axes, now, ticket| {
+            axes.stop(now, ticket, self.index, part)?;
+            if once {
+                axes.disable_retries(ticket);
+            }
+            Ok(())
+        })
+    }
+
+    /// Asks what a stop that is said again hangs on.
+    pub(super) fn start_ram_mode_read(&self, id: ParameterId) -> Result<RunningRequest, Error> {
+        let what = format!("stop: reading `{}` first", self.parameter(id)?.name);
+        self.start_read_now(id, what, RequestKind::Verb(Verb::Stop), true)
+    }
+
+    /// Asks whether a motor stands that was told to stop.
+    pub(super) fn start_standstill_read(
+        &self,
+        id: ParameterId,
+        once: bool,
+    ) -> Result<RunningRequest, Error> {
+        let what =
+            format!("was told to stop and not seen to stand: `{}`", self.parameter(id)?.name);
+        self.start_read_now(id, what, RequestKind::StandstillQuery, once)
+    }
+
+    /// As [`start_read`](Self::start_read), but waits for no room; and a drive that is silent may be
+    /// asked `once`.
+    fn start_read_now(
+        &self,
+        id: ParameterId,
+        what: String,
+        asked: RequestKind,
+        once: bool,
+    ) -> Result<RunningRequest, Error> {
+        self.submit_now(what, asked, |axes, now, ticket| {
+            axes.read_parameter(now, ticket, self.index, id)?;
+            if once {
+                axes.disable_retries(ticket);
+            }
+            Ok(())
+        })
+    }
+
+    fn submit_now(
+        &self,
+        what: String,
+        asked: RequestKind,
+        request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+    ) -> Result<RunningRequest, Error> {
+        let pending =
+            self.connection.submit(request).map_err(|why| self.unsupported_error(&what, why))?;
+        Ok(RunningRequest { axis: self.clone(), pending, what, kind: asked })
+    }
+}

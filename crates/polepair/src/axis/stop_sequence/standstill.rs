@@ -1,0 +1,142 @@
+//! Whether a motor turns, and how long to wait until it does not.
+
+use super::*;
+
+impl Axis {
+    /// Whether the last velocity that was read is more than what the drive's stop takes for standing;
+    /// `None` where none was read.
+    #[must_use]
+    pub fn is_turning(&self) -> Option<bool> {
+        self.is_turning_in(&self.state())
+    }
+
+    pub(in crate::axis) fn is_turning_in(&self, state: &AxisStatus) -> Option<bool> {
+        let reading = state.reading(Signal::Velocity);
+        reading.at?;
+        let standing = self.standstill_test();
+        Some(standing.map_or(reading.raw != 0, |test| !test.passes(reading.raw)))
+    }
+
+    /// Waits until its motor, which another verb brings to rest, is seen to stand: where that waited for a
+    /// measured speed itself, by its position.
+    pub(crate) fn wait_standstill(&self, stopped: Result<(), Error>) -> Result<Standstill, Error> {
+        stopped?;
+        let is_group = AxisNumber(self.number).is_group();
+        let places = self.profile.signal(Signal::Position).is_some();
+        if self.standstill_test().is_some() && (is_group || !places) {
+            return Ok(Standstill::Observed);
+        }
+        let end = self.connection.now() + STANDSTILL_WAIT_MAX;
+        let mut stopping = StopSequence::observe_executed(self);
+        let mut left = STANDSTILL_WAIT_MAX;
+        while !left.is_zero() && !stopping.has_ended() {
+            stopping.wait(self, left.min(RESEND_AFTER));
+            left = end.since(self.connection.now());
+            if stopping.trouble().is_some() && !stopping.has_ended() && !left.is_zero() {
+                stopping = StopSequence::begin(self);
+            }
+        }
+        let (turns, trouble) = (stopping.is_seen_turning(), stopping.trouble().cloned());
+        match (stopping.progress, trouble) {
+            (StopProgress::Standstill, _) => Ok(Standstill::Observed),
+            (StopProgress::Unobservable, _) => Ok(Standstill::Unobservable),
+            (StopProgress::Failed(error), _) | (_, Some(error)) => Err(error),
+            // Drives of a group rarely tell the same.
+            _ if is_group && !turns => Ok(Standstill::Unobservable),
+            _ => Err(self.not_at_rest_error(STANDSTILL_WAIT_MAX)),
+        }
+    }
+
+    /// How long its motor may take to stand once it was told to stop.
+    pub(crate) fn standstill_timeout(&self) -> Duration {
+        let steps = self.profile.plan(Verb::Stop).map_or(&[][..], |plan| plan.steps);
+        let waits = steps.iter().filter_map(|step| match step {
+            Step::Until { within_ms, .. } => Some(Duration::from_millis((*within_ms).into())),
+            _ => None,
+        });
+        waits.fold(STANDSTILL_WAIT_MAX, Duration::max)
+    }
+
+    /// It was told to stop, and turns on after so long.
+    pub(crate) fn not_at_rest_error(&self, after: Duration) -> Error {
+        let what = format!("is not at rest after {} s", after.as_secs());
+        self.still_turning_error(&what, "give its ramp more time, or cut its power")
+    }
+
+    /// Its speed says that the motor stands, and two positions say that it does not.
+    pub(super) fn speed_mismatch_error(
+        &self,
+        speed: i64,
+        (id, from, to): (ParameterId, i64, i64),
+        over: Duration,
+    ) -> Error {
+        let told = |id, raw| match self.raw_to_si(id, raw).and_then(|_| self.value(id, raw).ok()) {
+            Some(value) => value.to_string(),
+            None => raw.to_string(),
+        };
+        let velocity = self.profile.signal(Signal::Velocity);
+        let speed = velocity.map_or_else(String::new, |source| told(source.parameter, speed));
+        let (from, to, ms) = (told(id, from), told(id, to), over.as_millis());
+        let what = format!(
+            "tells a speed of {speed}, but its position went from {from} to {to} in {ms} ms"
+        );
+        self.still_turning_error(&what, "cut its power; then see why its speed is not measured")
+    }
+
+    pub(super) fn still_turning_error(&self, what: &str, hint: &str) -> Error {
+        Error::Failed {
+            what: format!("{} was told to stop and {what}", self.label()),
+            execution: String::new(),
+            outcome: Outcome::Unknown(Failure::NotReached),
+            may_turn: true,
+            received: Box::default(),
+            hint: hint.to_owned(),
+        }
+    }
+
+    pub(super) fn raw_to_si(&self, id: ParameterId, raw: i64) -> Option<f64> {
+        self.connection.with_axes(|axes, _| axes.to_si(self.index, id, raw))
+    }
+
+    /// Whether a motor went further in that time than one that holds its place, or turns at that speed.
+    pub(super) fn has_drifted(
+        &self,
+        id: ParameterId,
+        (from, to): (i64, i64),
+        over: Duration,
+        speed: f64,
+    ) -> bool {
+        let holds = match self.profile.parameter(id).map(|parameter| parameter.unit) {
+            Some(Unit::Millimetre) => HOLDING_SPEED_M,
+            _ => HOLDING_SPEED_RAD,
+        };
+        let went = self
+            .raw_to_si(id, from)
+            .zip(self.raw_to_si(id, to))
+            .map(|(from, to)| (to - from).abs());
+        went.is_none_or(|went| went > holds.max(speed) * over.as_secs_f64())
+    }
+
+    /// The nth parameter that the scale of this one depends on, while that is not known.
+    pub(super) fn unread_factor(&self, id: ParameterId, nth: usize) -> Option<ParameterId> {
+        let scale = self.profile.parameter(id)?.scale;
+        let factors = [scale.times, scale.over].into_iter().flatten();
+        factors.filter(|_| self.raw_to_si(id, 0).is_none()).nth(nth)
+    }
+
+    /// The greatest speed that the drive's stop takes for none.
+    pub(super) fn standstill_speed(&self) -> Option<f64> {
+        let speed = self.profile.signal(Signal::Velocity)?.parameter;
+        Some(self.raw_to_si(speed, self.standstill_test()?.value)?.abs())
+    }
+
+    /// What the drive's stop takes for no measured speed, where it waits for that.
+    pub(super) fn standstill_test(&self) -> Option<ParameterTest> {
+        let speed = self.profile.signal(Signal::Velocity)?.parameter;
+        let steps = self.profile.plan(Verb::Stop).map_or(&[][..], |plan| plan.steps);
+        steps.iter().find_map(|step| match step {
+            Step::Until { read, test, .. } if *read == speed => Some(*test),
+            _ => None,
+        })
+    }
+}

@@ -1,0 +1,107 @@
+//! Who is at the addresses that a connection string names.
+
+use super::{Connector, Link, ProtocolLine, identify_expected};
+use crate::error::Error;
+use crate::identify::{IDENTIFY_RETRY_MAX, Identification, Prober};
+use crate::url::{AxisNumber, Url};
+use polepair_core::profile::Profile;
+use polepair_link::clock;
+
+impl Connector {
+    /// Opens a link as [`connect`](Self::connect), and leaves out the axes that do not answer, or are not
+    /// what they should be: their addresses come beside it, each with its error.
+    ///
+    /// # Errors
+    /// As [`connect`](Self::connect); the first axis' error when there is none left.
+    pub fn connect_present(&self, text: &str) -> Result<(Link, Vec<(u32, Error)>), Error> {
+        let url = self.url(text)?;
+        let (mut lines, simulation) = self.open_lines(&url)?;
+        match self.assemble_link(url.clone(), &lines, simulation.clone(), true) {
+            Ok(link) => return Ok((link, Vec::new())),
+            // Of several, the others are looked for: on the same link, for a serial server may let
+            // nobody in a second time.
+            Err(Error::Failed { .. }) if url.axes.len() != 1 => {}
+            Err(error) => return Err(error),
+        }
+        let (mut absent, mut names) = (Vec::new(), Vec::new());
+        for line in &mut lines {
+            let named = self.chosen_profile(&url, &line.protocol)?;
+            for at in (0..line.axis_numbers.len()).rev() {
+                let Err(error) = self.identify_axis(line, at, named, true) else { continue };
+                if matches!(error, Error::Link(_)) {
+                    return Err(error);
+                }
+                absent.insert(0, (line.axis_numbers.remove(at), error));
+                names.push(line.entries.remove(at).name);
+            }
+        }
+        lines.retain(|line| !line.axis_numbers.is_empty());
+        if let (true, Some((_, error))) = (lines.is_empty(), absent.first()) {
+            return Err(error.clone());
+        }
+        let found = Url { names: Vec::new(), ..url.clone() };
+        let link =
+            Link { url: url.clone(), ..self.assemble_link(found, &lines, simulation, true)? };
+        let mut wanted = url.names.iter().filter(|name| !names.contains(name));
+        wanted.try_for_each(|name| link.axis_named(name).map(drop))?;
+        Ok((link, absent))
+    }
+
+    /// What each axis of a line is: as the string says, or by asking, where a rack says what is to be
+    /// there.
+    pub(super) fn identify_axes(
+        &self,
+        url: &Url,
+        line: &ProtocolLine,
+        ask: bool,
+    ) -> Result<Vec<(&'static Profile, Identification)>, Error> {
+        let named = self.chosen_profile(url, &line.protocol)?;
+        let each = (0..line.axis_numbers.len()).map(|at| self.identify_axis(line, at, named, ask));
+        let mut found = each.collect::<Result<Vec<_>, _>>()?;
+        // Drives of a group cannot all be asked: they are taken for what the first axis is.
+        if let Some((profile, _)) =
+            found.iter().find(|(_, how)| *how != Identification::Group).cloned()
+        {
+            let groups = found.iter_mut().filter(|(_, how)| *how == Identification::Group);
+            groups.for_each(|(of_group, _)| *of_group = profile);
+        }
+        Ok(found)
+    }
+
+    /// What one axis of a line is, by its place.
+    fn identify_axis(
+        &self,
+        line: &ProtocolLine,
+        at: usize,
+        named: Option<&'static Profile>,
+        ask: bool,
+    ) -> Result<(&'static Profile, Identification), Error> {
+        let number = line.axis_numbers[at];
+        Ok(match (named, &line.entries[at].profile) {
+            (Some(profile), _) => (profile, Identification::Named),
+            _ if AxisNumber(number).is_group() => (line.protocol.generic, Identification::Group),
+            (None, Some((profile, _))) if !ask => (*profile, Identification::Named),
+            (None, Some((profile, place))) => {
+                let prober = Prober::new(line, &self.config);
+                identify_expected(prober.with_candidate(profile), number, profile, place.as_ref())?
+            }
+            (None, None) => self.query_identity(line, number)?,
+        })
+    }
+
+    /// What one says that it is. Who takes power off motors asks again and again.
+    fn query_identity(
+        &self,
+        line: &ProtocolLine,
+        number: u32,
+    ) -> Result<(&'static Profile, Identification), Error> {
+        let (prober, end) = (Prober::new(line, &self.config), clock::now() + IDENTIFY_RETRY_MAX);
+        loop {
+            match prober.identify(number) {
+                Err(Error::Failed { .. }) if self.is_for_stop && clock::now() < end => {}
+                Err(error) if self.is_for_stop => return Err(prober.with_profile_hint(error)),
+                asked => return asked,
+            }
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! What an open link remembers of how it was opened, so that more drives can be looked for and taken
+//! in. The link itself is its connections' alone: one that was lost is not kept open here.
+
+use super::{Link, ProtocolLine, RackEntry};
+use crate::axis::Axis;
+use crate::error::Error;
+use crate::identify::Identification;
+use crate::mounting::ResolvedMounting;
+use crate::registry::ProtocolInfo;
+use crate::scan::DetectedDrive;
+use crate::url::AxisNumber;
+use crate::wire::SharedLink;
+use polepair_core::medium::{Can, MediumKind, Stream};
+use polepair_core::profile::Profile;
+use polepair_core::proto::HostOptions;
+use polepair_link::{BorrowedLink, Connection};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long a look waits until nothing else is under way on a link.
+const IDLE_WAIT_MAX: Duration = Duration::from_secs(6);
+
+/// One protocol on a wire, without the wire.
+#[derive(Clone)]
+pub(crate) struct LineConfig {
+    wire: usize,
+    pub(crate) protocol: ProtocolInfo,
+    options: HostOptions,
+    relay_axis: Option<u32>,
+    rack_entries: Arc<[(u32, RackEntry)]>,
+}
+
+impl std::fmt::Debug for LineConfig {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.protocol.name)
+    }
+}
+
+/// A connection that is set aside; its link is lent for as long as this is there.
+pub(crate) enum AnyBorrowedLink {
+    Serial(BorrowedLink<Stream>),
+    Can(BorrowedLink<Can>),
+}
+
+impl AnyBorrowedLink {
+    /// The link of a connection.
+    pub(crate) fn borrow(connection: &Connection, medium: MediumKind) -> Result<Self, Error> {
+        let until = connection.now() + IDLE_WAIT_MAX;
+        let lent = match medium {
+            MediumKind::Serial => connection.borrow_link(until)?.map(Self::Serial),
+            MediumKind::Can => connection.borrow_link(until)?.map(Self::Can),
+        };
+        lent.ok_or_else(|| {
+            let what = format!("something is under way on {}", connection.describe());
+            let hint = "end it first: nobody can be looked for meanwhile, nor while drives have to hear \
+                        this host in time (heartbeat, SYNC, a watchdog that it feeds)";
+            Error::usage("E220", what, hint)
+        })
+    }
+
+    pub(crate) fn link(&self) -> SharedLink {
+        match self {
+            Self::Serial(aside) => SharedLink::borrowed_serial(aside.link()),
+            Self::Can(aside) => SharedLink::borrowed_can(aside.link()),
+        }
+    }
+}
+
+impl ProtocolLine {
+    /// What is remembered of it.
+    pub(super) fn to_config(&self) -> LineConfig {
+        let Self { wire, protocol: spoken, options, relay_axis: relay, rack_entries: all, .. } =
+            self;
+        let (spoken, all) = (spoken.clone(), Arc::clone(all));
+        LineConfig {
+            wire: *wire,
+            protocol: spoken,
+            options: *options,
+            relay_axis: *relay,
+            rack_entries: all,
+        }
+    }
+}
+
+impl LineConfig {
+    /// The same, where its wire is the only one that matters.
+    pub(crate) fn with_single_wire(self) -> Self {
+        Self { wire: 0, ..self }
+    }
+
+    /// The same on a link.
+    pub(crate) fn on_link(&self, link: SharedLink) -> ProtocolLine {
+        let Self { wire, protocol: spoken, options, relay_axis: relay, rack_entries: all } =
+            self.clone();
+        let (numbers, seats) = (Vec::new(), Vec::new());
+        ProtocolLine {
+            wire,
+            link,
+            protocol: spoken,
+            options,
+            axis_numbers: numbers,
+            relay_axis: relay,
+            entries: seats,
+            rack_entries: all,
+        }
+    }
+
+    /// What a rack says of an address.
+    fn rack_entry(&self, number: u32) -> RackEntry {
+        let known = self.rack_entries.iter().find(|(other, _)| *other == number);
+        known.map_or_else(RackEntry::default, |(_, seat)| seat.clone())
+    }
+
+    /// What a rack says that a found drive is, where what answers can be it.
+    fn expected_profile(
+        &self,
+        found: &DetectedDrive,
+        seat: &RackEntry,
+    ) -> Result<&'static Profile, Error> {
+        match &seat.profile {
+            None => Ok(found.profile),
+            Some((expected, _)) if std::ptr::eq(*expected, found.profile) => Ok(found.profile),
+            Some((expected, _)) if expected.identity.is_none() => Ok(expected),
+            Some((expected, place)) => {
+                let reason = format!("what answers at {} is no `{}`", found.number, expected.name);
+                let error = place.as_ref().map(|place| place.error(&reason).into());
+                Err(error.unwrap_or_else(|| Error::usage("E213", reason, "")))
+            }
+        }
+    }
+}
+
+impl Link {
+    /// The axes of a wire, with their places among all of the link, in the order of its connection.
+    pub(crate) fn axes_on(&self, wire: usize) -> Vec<(usize, &Axis)> {
+        let Some((Some(connection), _)) = self.line_configs.get(wire) else { return Vec::new() };
+        let axes = self.axes.iter().enumerate();
+        axes.filter(|(_, axis)| axis.connection.is_same(connection)).collect()
+    }
+
+    /// The number of an axis' wire, among [all of them](Self::wires).
+    #[must_use]
+    pub fn wire_index(&self, axis: &Axis) -> Option<usize> {
+        let its = |connection: &Connection| connection.is_same(&axis.connection);
+        self.line_configs.iter().position(|(connection, _)| connection.as_ref().is_some_and(its))
+    }
+
+    /// What is spoken on a wire.
+    pub(crate) fn line_configs_on(&self, wire: usize) -> Result<&Arc<[LineConfig]>, Error> {
+        self.line_configs.get(wire).map(|(_, kept)| kept).ok_or_else(|| {
+            let what = format!("this link has no wire {wire}");
+            Error::usage("E212", what, "wires count from 0")
+        })
+    }
+
+    /// The same link with drives that a [look](crate::scan::Look) found on a wire, behind the axes
+    /// that it has. Nothing is sent. What those axes are doing goes on, and this link's handles and
+    /// the new one's are the same axes. What a rack says of an address (name, mounting and its limits)
+    /// holds for the drive.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E212` for a wire that there is not, for an address that is an axis already
+    /// or that no drive can have, `E213` where a rack says that there is another drive, `E220` when no
+    /// more axes fit, or a drive cannot join: it has the host's own address, or is an axis that this
+    /// handle does not know. No drive has joined then.
+    pub fn add_drives(&self, wire: usize, found: &[DetectedDrive]) -> Result<Self, Error> {
+        let kept = self.line_configs_on(wire)?;
+        let known = self.axes_on(wire);
+        let connection = known.first().map(|(_, axis)| axis.connection.clone());
+        let connection = connection.ok_or_else(|| Error::usage("E212", "no axis is there", ""))?;
+        let mut ready: Vec<(usize, &DetectedDrive, RackEntry, &'static Profile)> = Vec::new();
+        for found in found {
+            let lane = kept.iter().position(|kept| kept.protocol.name == found.protocol);
+            let lane = lane.ok_or_else(|| {
+                let what = format!("nobody speaks {} on this wire", found.protocol);
+                Error::usage("E212", what, "look for drives on this link first")
+            })?;
+            kept[lane].protocol.check_address(found.number)?;
+            let same =
+                |number: u32, protocol: &str| number == found.number && protocol == found.protocol;
+            if known.iter().any(|(_, axis)| same(axis.number, axis.protocol))
+                || ready.iter().any(|(_, other, ..)| same(other.number, other.protocol))
+            {
+                let what = format!("the drive at {} is an axis already", AxisNumber(found.number));
+                return Err(Error::usage("E212", what, "it need not be taken in"));
+            }
+            let seat = kept[lane].rack_entry(found.number);
+            let profile = kept[lane].expected_profile(found, &seat)?;
+            ready.push((lane, found, seat, profile));
+        }
+        let model = known[0].1.clone();
+        // All of them or none.
+        let joined = connection.with_axes(|axes, _| {
+            if axes.axis_count() + ready.len() > 256 {
+                let what = format!("{} more axes do not fit on this link", ready.len());
+                return Err(Error::usage("E220", what, "256 are the most"));
+            }
+            let cannot = ready.iter().find(|(lane, found, ..)| !axes.can_add_axis(*lane, found.number));
+            if let Some((_, found, ..)) = cannot {
+                let what = format!("the drive at {} cannot join", AxisNumber(found.number));
+                let hint = "it has the host's own address (give it another), or is an axis already, or \
+                            the line is being set to its baud rate: then try again";
+                return Err(Error::usage("E220", what, hint));
+            }
+            let join = |(lane, found, _, profile): &(usize, &DetectedDrive, RackEntry, &'static Profile)| {
+                axes.add_axis(*lane, profile, found.number)
+            };
+            Ok(ready.iter().filter_map(join).collect::<Vec<_>>())
+        })?;
+        let mut link = self.clone();
+        for ((lane, found, seat, profile), index) in ready.into_iter().zip(joined) {
+            let mounted = seat.mounting.map(|m| Arc::new(ResolvedMounting::new(m, profile)));
+            let identified = match std::ptr::eq(profile, found.profile) {
+                true => found.identified.clone(),
+                false => Identification::Named,
+            };
+            link.axes.push(Axis {
+                index,
+                number: found.number,
+                name: seat.name,
+                protocol: kept[lane].protocol.name,
+                profile,
+                identified,
+                mounted,
+                ..model.clone()
+            });
+        }
+        Ok(link)
+    }
+}

@@ -1,0 +1,89 @@
+//! The profile that a connection string chooses, and what of the user's files can be done without.
+
+use super::Connector;
+use crate::error::Error;
+use crate::registry::ProtocolInfo;
+use crate::spelling;
+use crate::toml_file::FileError;
+use crate::url::Url;
+use polepair_core::profile::Profile;
+use std::path::Path;
+use std::sync::PoisonError;
+
+impl Connector {
+    /// For those who bring motors to rest: a drive's profile, set-up or data sheet that the connection
+    /// string names and that is wrong, or that nobody knows, is [passed over](Self::ignored_files), and
+    /// the drive is taken for what it answers. An axis that the string names twice is one.
+    #[must_use]
+    pub fn for_stop(mut self) -> Self {
+        self.is_for_stop = true;
+        self
+    }
+
+    /// Files that were wrong and done without: those of the configuration, and what was passed over. A
+    /// profile of a name that nobody knows stands there as the connection string has it.
+    #[must_use]
+    pub fn ignored_files(&self) -> Vec<FileError> {
+        let more = self.ignored_files.lock().unwrap_or_else(PoisonError::into_inner);
+        self.config.broken.iter().chain(more.iter()).cloned().collect()
+    }
+
+    /// The profile that a connection string chooses: by name, or a drive's set-up archive.
+    pub(crate) fn chosen_profile(
+        &self,
+        url: &Url,
+        spoken: &ProtocolInfo,
+    ) -> Result<Option<&'static Profile>, Error> {
+        let error = match self.read_chosen_profile(url, spoken) {
+            Err(Error::File(error)) if self.is_for_stop => error,
+            Err(Error::Usage { what, .. }) if self.is_for_stop => {
+                let key =
+                    ["setup", "eds", "profile"].into_iter().find(|key| url.key(key).is_some());
+                let key = key.unwrap_or_default();
+                FileError::for_file(format!("{key}={}", url.key(key).unwrap_or_default()), what)
+            }
+            chosen => return chosen,
+        };
+        let mut over = self.ignored_files.lock().unwrap_or_else(PoisonError::into_inner);
+        if !over.contains(&error) {
+            over.push(error);
+        }
+        Ok(None)
+    }
+
+    fn read_chosen_profile(
+        &self,
+        url: &Url,
+        spoken: &ProtocolInfo,
+    ) -> Result<Option<&'static Profile>, Error> {
+        if let Some((key, file)) =
+            ["setup", "eds"].iter().find_map(|key| Some((key, url.key(key)?)))
+        {
+            let profile = crate::profile::load(Path::new(file))?;
+            if profile.protocol == spoken.profile {
+                return Ok(Some(profile));
+            }
+            let what = format!("{file} is not of a {} drive", spoken.name);
+            let hint = format!("choose another file, or leave {key}= out");
+            return Err(Error::usage("E213", what, hint));
+        }
+        url.key("profile").map(|name| self.named_profile(name, spoken)).transpose()
+    }
+
+    fn named_profile(&self, name: &str, spoken: &ProtocolInfo) -> Result<&'static Profile, Error> {
+        let speaks = |p: &&'static Profile| p.protocol == spoken.profile;
+        let mut fitting = self.config.all_profiles().filter(speaks);
+        let generic = spoken.generic;
+        let found = fitting.find(|p| p.name == name || p.family == name);
+        if let Some(profile) = found.or((name == generic.name).then_some(generic)) {
+            return Ok(profile);
+        }
+        if let Some(error) = self.config.broken_profile(name) {
+            return Err(error.clone().into());
+        }
+        let known: Vec<&str> = self.config.all_profiles().filter(speaks).map(|p| p.name).collect();
+        let near = spelling::suggestion(name, known.iter().copied());
+        let what = format!("no profile `{name}` speaks {}{near}", spoken.name);
+        Err(Error::usage("E213", what, format!("known are {}", known.join(", "))))
+    }
+}

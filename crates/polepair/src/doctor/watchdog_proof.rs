@@ -1,0 +1,365 @@
+//! Whether a drive's own watchdog works: the motor turns, the host falls silent, and the drive is asked
+//! whether it stands.
+
+use super::{CheckResult, read_watchdog};
+use crate::axis::{Axis, STOP_RETRY_MAX, WatchdogState, stop_with_retry};
+use crate::error::{Error, Exit, MAY_TURN};
+use polepair_core::axis::Verb;
+use polepair_core::profile::{AxisKind, ParameterId, Persistence, Signal, Watchdog};
+use std::fmt;
+use std::time::Duration;
+
+/// How long the motor may take until it is seen to turn.
+const SPIN_UP_MAX: Duration = Duration::from_secs(3);
+/// How long it may take to brake from so slow a speed.
+const BRAKING_MAX: Duration = Duration::from_secs(2);
+/// How long a host's heartbeat goes on after the program's last question.
+const HEARTBEAT_LEASE: Duration = Duration::from_secs(1);
+/// How long it is spoken to before that ends: longer than a heartbeat's usual period.
+const HOST_ALIVE_TIME: Duration = Duration::from_millis(500);
+/// Between two looks whether it turns.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// The longest watchdog that is waited for.
+const WATCHDOG_MAX: Duration = Duration::from_secs(60);
+
+/// The speed at which [`prove_watchdog`] turns an axis: slow, and not too slow for any drive.
+#[must_use]
+pub const fn proving_speed(kind: AxisKind) -> &'static str {
+    match kind {
+        AxisKind::Linear => "5 mm/s",
+        AxisKind::Rotary | AxisKind::Ratio => "60 rpm",
+    }
+}
+
+/// Who has a watchdog proven. A closure that takes checks is one that never ends it.
+pub trait ProofObserver {
+    /// Takes what was found, as soon as it is.
+    fn report_check(&mut self, check: CheckResult);
+
+    /// Whether it is to end now: the motor is then stopped at once. It is asked all the time.
+    fn is_cancelled(&self) -> bool {
+        false
+    }
+
+    /// A stop was not confirmed, and is said again unless this is false. `turns` is false where the motor
+    /// was seen to stand, or was never told to turn.
+    fn retry_stop(&mut self, axis: &Axis, turns: bool) -> bool {
+        let _ = (axis, turns);
+        true
+    }
+}
+
+impl<F: FnMut(CheckResult)> ProofObserver for F {
+    fn report_check(&mut self, check: CheckResult) {
+        self(check);
+    }
+}
+
+/// Why nothing was proven.
+#[derive(Clone, PartialEq, Debug)]
+pub struct ProofError {
+    /// What went wrong; [`Error::Interrupted`] where the witness ended it.
+    pub error: Box<Error>,
+    /// The motor was told to turn.
+    pub moved: bool,
+    /// It was not seen to stand since.
+    pub may_turn: bool,
+}
+
+impl From<Error> for ProofError {
+    fn from(error: Error) -> Self {
+        Self { may_turn: error.may_turn(), moved: false, error: error.into() }
+    }
+}
+
+impl fmt::Display for ProofError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.error.sentence())?;
+        if self.may_turn { write!(f, "; {MAY_TURN}") } else { Ok(()) }
+    }
+}
+
+impl std::error::Error for ProofError {}
+
+/// Turns the motor at [`proving_speed`], says nothing for as long as the drive's watchdog and the way
+/// to rest take, and asks then whether it stands. With `after` the watchdog is set to that first, and put
+/// back at the end, unless the motor may still turn: it may be what stops it. The motor is stopped and
+/// switched off in any case, a stop that is lost is said again for [`STOP_RETRY_MAX`]. It must be free to turn:
+/// this moves it.
+///
+/// # Errors
+/// [`ProofError`]: by blame, and what the motor may do.
+pub fn prove_watchdog(
+    axis: &Axis,
+    after: Option<Duration>,
+    witness: &mut dyn ProofObserver,
+) -> Result<(), ProofError> {
+    let Some(after) = after else { return run_proof(axis, read_watchdog(axis)?, witness) };
+    if let Watchdog::None | Watchdog::Fixed { .. } = axis.profile().watchdog {
+        return Ok(axis.set_watchdog(Some(after)).map(drop)?);
+    }
+    // Its firmware may have none, whatever its profile says.
+    if read_watchdog(axis)? == WatchdogState::None {
+        return run_proof(axis, WatchdogState::None, witness);
+    }
+    let before = axis.watchdog_setting()?;
+    check_cancelled(axis, witness)?;
+    let proven = match axis.set_watchdog(Some(after)) {
+        Ok(state) => run_proof(axis, state, witness),
+        // It takes no such time: nothing was sent.
+        Err(error) if error.exit() == Exit::Usage => return Err(error.into()),
+        Err(error) => Err(error.into()),
+    };
+    let may_turn = proven.as_ref().is_err_and(|unproven| unproven.may_turn);
+    witness.report_check(match may_turn {
+        false => restore_watchdog(axis, before),
+        // It may be what stops a motor that was not seen to stand.
+        true => {
+            let said = "its watchdog stays set: the motor was not seen to stand";
+            CheckResult::suspicious(&axis.label(), said, "`polepair watchdog URL off`, or a time")
+        }
+    });
+    proven
+}
+
+/// Sets the watchdog to what it was, where that is known.
+fn restore_watchdog(axis: &Axis, before: Option<Vec<(ParameterId, i64)>>) -> CheckResult {
+    let about = axis.label();
+    let Some(before) = before else {
+        let said = "its watchdog stays set: the drive does not tell how it was set before";
+        return CheckResult::suspicious(&about, said, "`polepair watchdog URL off`, or a time");
+    };
+    let kept = |id: &ParameterId| {
+        let parameter = axis.profile().parameter(*id);
+        parameter.is_some_and(|found| found.persistence == Persistence::Always)
+    };
+    let memory = match before.iter().any(|(id, _)| kept(id)) {
+        true => ", in its permanent memory",
+        false => "",
+    };
+    let put = || axis.restore_settings(&before).and_then(|()| axis.watchdog());
+    let put = match put() {
+        // Who ends the proof has it put back, too.
+        Err(Error::Interrupted { .. }) => put(),
+        done => done,
+    };
+    match put {
+        Ok(state) => {
+            let state = axis.describe_watchdog(state);
+            CheckResult::ok(&about, format!("its watchdog is set as before{memory}: {state}"))
+        }
+        Err(error) => CheckResult::wrong(
+            &about,
+            error.exit(),
+            format!("its watchdog could not be set as before{memory}: {error}"),
+            "`polepair watchdog URL` shows how it is set, and sets it",
+        ),
+    }
+}
+
+/// What was seen of a motor whose host fell silent.
+enum MotorObservation {
+    /// It had not turned before.
+    NeverTurned,
+    StandingStill,
+    StillTurning,
+}
+
+fn run_proof(
+    axis: &Axis,
+    state: WatchdogState,
+    witness: &mut dyn ProofObserver,
+) -> Result<(), ProofError> {
+    let about = axis.label();
+    let after = match state {
+        WatchdogState::On(after) if after <= WATCHDOG_MAX => after,
+        other => {
+            let said = format!("its watchdog is {other}: nothing was proven, and nothing moved");
+            let remedy = match other {
+                WatchdogState::None => "an emergency stop that needs no computer",
+                _ => "--prove-watchdog=500ms sets it first",
+            };
+            witness.report_check(CheckResult::wrong(&about, Exit::Negative, said, remedy));
+            return Ok(());
+        }
+    };
+    let beats = matches!(axis.profile().watchdog, Watchdog::Heartbeat { .. });
+    if beats && !axis.connection().with_axes(|axes, _| axes.sends_keepalive()) {
+        let said = "it watches a heartbeat, and this connection sends none: nothing was proven";
+        let remedy = "add heartbeat=100 to the connection";
+        witness.report_check(CheckResult::wrong(&about, Exit::Negative, said, remedy));
+        return Ok(());
+    }
+    if !axis.provides_signal(Signal::Velocity)? {
+        let said = "it does not tell its speed: nothing was proven, and nothing moved";
+        let remedy = "look at the shaft while a program is ended";
+        witness.report_check(CheckResult::wrong(&about, Exit::Negative, said, remedy));
+        return Ok(());
+    }
+    let silence = after + BRAKING_MAX + if beats { HEARTBEAT_LEASE } else { Duration::ZERO };
+    check_cancelled(axis, witness)?;
+    axis.arm_exclusively()?;
+    let mut motor = ArmedMotor { axis, moved: false, released: false };
+    let seen = motor.power_up().and_then(|()| motor.observe_silence(silence, witness));
+    let moved = motor.moved;
+    let stands = matches!(seen, Ok(MotorObservation::StandingStill));
+    let released = motor.release(stands, witness);
+    let may_turn = moved && !(stands || released.at_standstill);
+    let unproven = |error: Error| {
+        let may_turn = may_turn || !moved && error.may_turn();
+        Err(ProofError { error: error.into(), moved, may_turn })
+    };
+    let seen = match (seen, &released.result) {
+        (Ok(seen), _) => seen,
+        // Whoever ended it is told that the motor was not stopped.
+        (Err(Error::Interrupted { .. }), Err(stop)) => return unproven(stop.clone()),
+        (Err(error), _) => return unproven(error),
+    };
+    let seconds = silence.as_secs_f64();
+    witness.report_check(match seen {
+        MotorObservation::NeverTurned => {
+            let said = "the motor did not turn: nothing was proven";
+            CheckResult::wrong(&about, Exit::Negative, said, "`polepair spin` tells why")
+        }
+        MotorObservation::StandingStill => CheckResult::ok(
+            &about,
+            format!("its watchdog works: it stood when it was asked after {seconds} s of silence"),
+        ),
+        MotorObservation::StillTurning => CheckResult::wrong(
+            &about,
+            Exit::Negative,
+            format!("its watchdog did not stop it: it turned after {seconds} s of silence"),
+            "an emergency stop that needs no computer; whether this firmware has a watchdog",
+        ),
+    });
+    match released.result {
+        // A drive that its watchdog has stopped may have a fault from it, which is no news.
+        Err(error) if stands && !is_communication_error(&error) => Ok(()),
+        Err(error) => unproven(error),
+        Ok(()) => Ok(()),
+    }
+}
+
+fn is_communication_error(error: &Error) -> bool {
+    matches!(error.exit(), Exit::NoReply | Exit::Corrupt | Exit::Adapter)
+}
+
+/// Goes on unless somebody wants it to end.
+fn check_cancelled(axis: &Axis, witness: &dyn ProofObserver) -> Result<(), Error> {
+    match witness.is_cancelled() {
+        false => Ok(()),
+        true => Err(Error::Interrupted { what: format!("{}: proving its watchdog", axis.label()) }),
+    }
+}
+
+/// Waits, unless somebody wants it to end.
+fn sleep_unless_cancelled(
+    axis: &Axis,
+    span: Duration,
+    witness: &dyn ProofObserver,
+) -> Result<(), Error> {
+    let now = || axis.connection().now();
+    let end = now() + span;
+    loop {
+        check_cancelled(axis, witness)?;
+        let left = end.since(now());
+        if left.is_zero() {
+            return Ok(());
+        }
+        axis.sleep(left.min(POLL_INTERVAL));
+    }
+}
+
+/// Whether it is seen to turn, by asking.
+fn poll_turning(axis: &Axis) -> Result<bool, Error> {
+    axis.signals(&[Signal::Velocity])?;
+    Ok(axis.is_turning() == Some(true))
+}
+
+/// An armed motor. Whatever ends the proof stops it, a panic too.
+struct ArmedMotor<'a> {
+    axis: &'a Axis,
+    /// It was told to turn, whether that was heard or not.
+    moved: bool,
+    released: bool,
+}
+
+/// How a motor was stopped and switched off.
+struct ReleaseResult {
+    result: Result<(), Error>,
+    /// It was seen to stand.
+    at_standstill: bool,
+}
+
+impl ArmedMotor<'_> {
+    fn power_up(&self) -> Result<(), Error> {
+        match self.axis.profile().plan(Verb::Enable) {
+            Some(_) => self.axis.enable(),
+            None => Ok(()),
+        }
+    }
+
+    /// Has it turn, and looks what it does after so long a silence.
+    fn observe_silence(
+        &mut self,
+        silence: Duration,
+        witness: &dyn ProofObserver,
+    ) -> Result<MotorObservation, Error> {
+        let axis = self.axis;
+        let now = || axis.connection().now();
+        check_cancelled(axis, witness)?;
+        self.moved = true;
+        axis.velocity(proving_speed(axis.profile().axis))?;
+        let end = now() + SPIN_UP_MAX;
+        while !poll_turning(axis)? {
+            if now() >= end {
+                return Ok(MotorObservation::NeverTurned);
+            }
+            sleep_unless_cancelled(axis, POLL_INTERVAL, witness)?;
+        }
+        // A watch begins with the first word, or heartbeat, behind its setting.
+        let end = now() + HOST_ALIVE_TIME;
+        while now() < end {
+            poll_turning(axis)?;
+            sleep_unless_cancelled(axis, POLL_INTERVAL, witness)?;
+        }
+        sleep_unless_cancelled(axis, silence, witness)?;
+        poll_turning(axis)?;
+        Ok(if axis.is_turning() == Some(false) {
+            MotorObservation::StandingStill
+        } else {
+            MotorObservation::StillTurning
+        })
+    }
+
+    /// Stops it, switches it off and disarms it.
+    fn release(mut self, stands: bool, witness: &mut dyn ProofObserver) -> ReleaseResult {
+        let turns = self.moved && !stands;
+        self.stop_and_disarm(&mut |axis| witness.retry_stop(axis, turns))
+    }
+
+    fn stop_and_disarm(&mut self, again: &mut dyn FnMut(&Axis) -> bool) -> ReleaseResult {
+        self.released = true;
+        let axis = self.axis;
+        let one = std::slice::from_ref(axis);
+        let stopped = stop_with_retry(one, STOP_RETRY_MAX, |axis, _| again(axis));
+        let stopped: Result<(), Error> = stopped.into_iter().collect();
+        // Also after a stop that failed: a motor without power at least does not drive.
+        let has_switch = axis.profile().plan(Verb::Disable).is_some();
+        let off = if has_switch { axis.disable() } else { Ok(()) };
+        axis.arm(false);
+        let is_off = has_switch && off.is_ok();
+        let coasted =
+            || axis.signals(&[Signal::Velocity]).is_ok() && axis.is_turning() == Some(false);
+        let stands = stopped.is_ok() || is_off && coasted();
+        ReleaseResult { result: stopped.and(off), at_standstill: stands }
+    }
+}
+
+impl Drop for ArmedMotor<'_> {
+    fn drop(&mut self) {
+        if !self.released {
+            self.stop_and_disarm(&mut |_| true);
+        }
+    }
+}

@@ -1,0 +1,236 @@
+//! What came back of a question that brought no answer: silence is said only where there was silence.
+//!
+//! Why: REQ-4.
+
+use polepair_core::station::Counters;
+use std::fmt;
+
+/// What came while a question without an answer was on the wire, its repeats included. All are 0
+/// where nothing came; 65535 stands for more as well.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+#[non_exhaustive]
+pub struct NoReplyDetails {
+    /// Frames whose check failed, here or by what the drive says of a request.
+    pub corrupt: u16,
+    /// Fitting answers that came sooner than the line's rate lets them, and were not believed.
+    pub early: u16,
+    /// Answers that came when their time was over.
+    pub late: u16,
+    /// Times that the drive acknowledged.
+    pub acknowledged: u16,
+    /// Times that another drive acknowledged in its place, which passes on what is for it.
+    pub relayed: u16,
+    /// Answers as lines of text.
+    pub texts: u16,
+    /// Frames of other drives, or to other questions.
+    pub foreign: u16,
+    /// Our own bytes or frames.
+    pub echoed: u16,
+    /// Bytes that belong to no frame.
+    pub bytes: u16,
+}
+
+/// What it most likely was, the surest first.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub enum NoReplyCause {
+    /// Nothing came.
+    NothingReceived,
+    /// The drive speaks text.
+    Text,
+    /// Another drive acknowledged in its place.
+    Relayed,
+    /// It acknowledged, and did not answer.
+    Acknowledged,
+    /// Answers came too soon to be believed.
+    Early,
+    /// Answers had wrong checks.
+    Corrupt,
+    /// Answers came too late.
+    Late,
+    /// Others spoke.
+    Foreign,
+    /// Bytes came that are none of the protocol's.
+    Noise,
+    /// Our own bytes came back, and nothing else.
+    Echo,
+}
+
+impl NoReplyDetails {
+    /// What was counted meanwhile.
+    #[must_use]
+    pub const fn from_counters(counted: &Counters) -> Self {
+        Self {
+            corrupt: saturate_u16(counted.corrupt),
+            early: saturate_u16(counted.early),
+            late: saturate_u16(counted.late.saturating_sub(counted.early)),
+            acknowledged: saturate_u16(counted.acknowledged),
+            relayed: saturate_u16(counted.relayed),
+            texts: saturate_u16(counted.texts),
+            foreign: saturate_u16(counted.foreign),
+            echoed: saturate_u16(counted.echoed),
+            bytes: saturate_u16(counted.skipped),
+        }
+    }
+
+    /// What kind of silence it is.
+    #[must_use]
+    pub const fn cause(&self) -> NoReplyCause {
+        match *self {
+            Self { texts: 1.., .. } => NoReplyCause::Text,
+            Self { early: 1.., .. } => NoReplyCause::Early,
+            Self { corrupt: 1.., .. } => NoReplyCause::Corrupt,
+            Self { acknowledged: 1.., .. } => NoReplyCause::Acknowledged,
+            Self { relayed: 1.., .. } => NoReplyCause::Relayed,
+            Self { late: 1.., .. } => NoReplyCause::Late,
+            Self { bytes: 1.., .. } => NoReplyCause::Noise,
+            Self { foreign: 1.., .. } => NoReplyCause::Foreign,
+            Self { echoed: 1.., .. } => NoReplyCause::Echo,
+            _ => NoReplyCause::NothingReceived,
+        }
+    }
+
+    /// Whether nothing at all came.
+    #[must_use]
+    pub const fn is_nothing(&self) -> bool {
+        matches!(self.cause(), NoReplyCause::NothingReceived)
+    }
+
+    /// Both together.
+    #[must_use]
+    pub const fn plus(self, other: Self) -> Self {
+        Self {
+            corrupt: self.corrupt.saturating_add(other.corrupt),
+            early: self.early.saturating_add(other.early),
+            late: self.late.saturating_add(other.late),
+            acknowledged: self.acknowledged.saturating_add(other.acknowledged),
+            relayed: self.relayed.saturating_add(other.relayed),
+            texts: self.texts.saturating_add(other.texts),
+            foreign: self.foreign.saturating_add(other.foreign),
+            echoed: self.echoed.saturating_add(other.echoed),
+            bytes: self.bytes.saturating_add(other.bytes),
+        }
+    }
+
+    /// What of it came from somebody else than the address that was asked: a drive acknowledges for those
+    /// behind it, and an adapter echoes, whoever is asked.
+    pub(crate) const fn only_foreign(self) -> Self {
+        Self { acknowledged: 0, relayed: 0, echoed: 0, ..self }
+    }
+
+    /// What to try.
+    #[must_use]
+    pub const fn hint(&self) -> &'static str {
+        match self.cause() {
+            NoReplyCause::NothingReceived => {
+                "check power, wiring, baud rate and address; `polepair scan` looks for other addresses"
+            }
+            NoReplyCause::Text => {
+                "it is a module in ASCII mode: switch it off and on, or send it `BIN` from a terminal"
+            }
+            NoReplyCause::Relayed => {
+                "the drive at the cable is there, the axis behind it is not: check its own power, its \
+                 axis ID and the cable between the two"
+            }
+            NoReplyCause::Acknowledged => {
+                "it hears us: see which host ID it answers to, and whether it needs more time \
+                 (`?timeout=`)"
+            }
+            NoReplyCause::Early => {
+                "a port without a real line behind it (USB) answers so; on a real line an older \
+                 answer comes twice, or a second host asks"
+            }
+            NoReplyCause::Corrupt => {
+                "noise, a missing terminator or common ground, two drives with one address, a baud \
+                 rate that is a little off; `-v` shows the frames"
+            }
+            NoReplyCause::Late => "it needs more time: `?timeout=` allows more",
+            NoReplyCause::Foreign => {
+                "somebody else is there: check the address; `polepair scan` looks for others"
+            }
+            NoReplyCause::Noise => {
+                "another baud rate or another protocol: `polepair doctor --try-bauds` asks at other \
+                 rates; `-v` shows the bytes"
+            }
+            NoReplyCause::Echo => {
+                "the adapter echoes, or a module in ASCII mode does, which is switched off and on; \
+                 then check power, wiring and address"
+            }
+        }
+    }
+}
+
+const fn saturate_u16(count: u64) -> u16 {
+    if count < u16::MAX as u64 { count as u16 } else { u16::MAX }
+}
+
+impl fmt::Display for NoReplyDetails {
+    /// All of it with its counts; `nothing came back` where nothing did.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kinds = [
+            (self.texts, "line of text", "lines of text"),
+            (self.early, "answer too soon to be believed", "answers too soon to be believed"),
+            (self.corrupt, "frame with a wrong check", "frames with a wrong check"),
+            (self.acknowledged, "acknowledgement", "acknowledgements"),
+            (
+                self.relayed,
+                "acknowledgement by the drive at the cable",
+                "acknowledgements by the drive at the cable",
+            ),
+            (self.late, "answer too late", "answers too late"),
+            (
+                self.foreign,
+                "frame of others or to another question",
+                "frames of others or to other questions",
+            ),
+            (self.echoed, "echo of our own", "echoes of our own"),
+            (self.bytes, "byte of no frame", "bytes of no frame"),
+        ];
+        let mut came = kinds.into_iter().filter(|(count, ..)| *count > 0).peekable();
+        if came.peek().is_none() {
+            return f.write_str("nothing came back");
+        }
+        for (n, (count, one, more)) in came.enumerate() {
+            let mark = if n == 0 { "" } else { ", " };
+            write!(f, "{mark}{count} {}", if count == 1 { one } else { more })?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_kind_is_told_with_its_counts_and_what_to_try() {
+        let counted = |change: fn(&mut Counters)| {
+            let mut counters = Counters { sent: 3, resent: 2, silent: 1, ..Counters::default() };
+            change(&mut counters);
+            NoReplyDetails::from_counters(&counters)
+        };
+        for (heard, silence, said) in [
+            (counted(|_| ()), NoReplyCause::NothingReceived, "nothing came back"),
+            (counted(|c| c.texts = 1), NoReplyCause::Text, "1 line of text"),
+            (
+                counted(|c| c.relayed = 2),
+                NoReplyCause::Relayed,
+                "2 acknowledgements by the drive at",
+            ),
+            (counted(|c| c.acknowledged = 3), NoReplyCause::Acknowledged, "3 acknowledgements"),
+            (counted(|c| (c.late, c.early) = (2, 2)), NoReplyCause::Early, "2 answers too soon"),
+            (counted(|c| c.corrupt = 1), NoReplyCause::Corrupt, "1 frame with a wrong check"),
+            (counted(|c| c.late = 1), NoReplyCause::Late, "1 answer too late"),
+            (counted(|c| c.foreign = 4), NoReplyCause::Foreign, "4 frames of others"),
+            (counted(|c| c.skipped = 7), NoReplyCause::Noise, "7 bytes of no frame"),
+            (counted(|c| c.echoed = 9), NoReplyCause::Echo, "9 echoes of our own"),
+        ] {
+            assert_eq!(heard.cause(), silence);
+            assert!(heard.to_string().starts_with(said), "{heard}");
+            assert_eq!(heard.is_nothing(), silence == NoReplyCause::NothingReceived);
+            assert!(!heard.hint().is_empty());
+        }
+        let both = counted(|c| c.corrupt = 1).plus(counted(|c| c.skipped = 5));
+        assert_eq!(both.to_string(), "1 frame with a wrong check, 5 bytes of no frame");
+    }
+}

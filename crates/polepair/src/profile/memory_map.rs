@@ -1,0 +1,169 @@
+//! A drive's memory as its set-up archive lists it: `TYPE NAME @0xADDR [unit]`, one name a line.
+//!
+//! A map is the whole truth of a firmware: parameters that are known keep their words and take its
+//! addresses and types, others come without words, and what the map does not name is not there.
+
+use super::draft::{Draft, DraftParameter};
+use super::missing::remove_missing;
+use super::read::{ENTRIES_MAX, encoding_range};
+use crate::spelling::fold;
+use crate::toml_file::{FileError, FileLocation, Located};
+use polepair_core::profile::{Access, Certainty, Encoding, Persistence};
+use polepair_core::units::Unit;
+use std::collections::{HashMap, HashSet};
+
+/// What speeds and positions are computed with.
+const COUNTS_PER_TURN: &str = "ENCRESLONG";
+
+/// Types for which the drive has instructions.
+const TYPES: [(&str, Encoding); 5] = [
+    ("INT", Encoding::I16),
+    ("UINT", Encoding::U16),
+    ("LONG", Encoding::I32),
+    ("ULONG", Encoding::U32),
+    ("FIXED", Encoding::Fixed),
+];
+
+/// Types that a map may name and no instruction reaches.
+const UNSUPPORTED_TYPES: [&str; 2] = ["FLOAT", "DOUBLE"];
+
+/// One name of a map.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct MapEntry<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) address: u16,
+    pub(crate) encoding: Encoding,
+    /// The unit in which the vendor's tools show it: `[rot]`; empty for none.
+    pub(crate) unit: &'a str,
+}
+
+/// Makes the draft's parameters those of the map.
+pub(crate) fn apply_map(draft: &mut Draft, map: &Located<String>) -> Result<(), FileError> {
+    let entries = parse_entries(&map.value, true).map_err(|reason| map.location.error(reason))?;
+    apply_entries(draft, entries, &map.location);
+    Ok(())
+}
+
+/// As [`apply_map`], of names that are read already.
+pub(crate) fn apply_entries(draft: &mut Draft, entries: Vec<MapEntry<'_>>, place: &FileLocation) {
+    let known = draft.parameters.drain(..).map(|p| (fold(symbol_or_name(&p)), p));
+    let mut known: HashMap<String, DraftParameter> = known.collect();
+    let mut parameters = Vec::with_capacity(entries.len());
+    for entry in entries {
+        parameters.push(match known.remove(&fold(entry.name)) {
+            Some(parameter) => relocated(parameter, &entry),
+            None => undescribed(&entry, place),
+        });
+    }
+    draft.parameters = parameters;
+    remove_missing(draft);
+}
+
+/// The vendor's word for a type.
+pub(crate) fn type_word(encoding: Encoding) -> &'static str {
+    TYPES.iter().find(|(_, known)| *known == encoding).map_or("INT", |(word, _)| word)
+}
+
+fn symbol_or_name(p: &DraftParameter) -> &str {
+    if p.symbol.is_empty() { &p.name } else { &p.symbol }
+}
+
+/// The names of a map; what lies outside the address space or has a foreign type is left out. Lines
+/// that make no sense are errors in a `strict` map, which people write; in a tool's they are left
+/// out as well, as is a name's second line.
+pub(crate) fn parse_entries(text: &str, strict: bool) -> Result<Vec<MapEntry<'_>>, String> {
+    let mut entries: Vec<MapEntry<'_>> = Vec::new();
+    let mut names = HashSet::new();
+    for (at, line) in text.lines().enumerate() {
+        let line = line.split('#').next().unwrap_or("").trim();
+        if line.is_empty() {
+            continue;
+        }
+        match parse_entry(line) {
+            Ok(entry) => {
+                let new = |entry: &MapEntry<'_>| strict || names.insert(fold(entry.name));
+                entries.extend(entry.filter(new));
+            }
+            Err(reason) if strict => return Err(format!("map, line {}: {reason}", at + 1)),
+            Err(_) => {}
+        }
+        if entries.len() > ENTRIES_MAX {
+            return Err(format!("the map has more than {ENTRIES_MAX} names"));
+        }
+    }
+    Ok(entries)
+}
+
+fn parse_entry(line: &str) -> Result<Option<MapEntry<'_>>, String> {
+    let mut words = line.split_whitespace();
+    let kind = words.next().unwrap_or("");
+    let name = words.next().ok_or("a name is missing behind the type")?;
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    if !name.chars().all(plain) || name.starts_with(|c: char| c.is_ascii_digit()) {
+        return Err(format!("`{name}` is no name"));
+    }
+    let address = words.next().and_then(|word| word.strip_prefix("@0x"));
+    let address = address.and_then(|digits| u32::from_str_radix(digits, 16).ok());
+    let address = address.ok_or_else(|| format!("`{name}` needs an address: @0x0228"))?;
+    let unit = words.find(|word| word.starts_with('[')).unwrap_or("");
+    if UNSUPPORTED_TYPES.contains(&kind) {
+        return Ok(None);
+    }
+    let known = TYPES.iter().find(|(word, _)| *word == kind);
+    let (_, encoding) = known.ok_or_else(|| format!("`{kind}` is no type"))?;
+    let address = u16::try_from(address).ok();
+    Ok(address.map(|address| MapEntry { name, address, encoding: *encoding, unit }))
+}
+
+/// A known parameter where this map has it.
+fn relocated(mut p: DraftParameter, entry: &MapEntry<'_>) -> DraftParameter {
+    p.index = entry.address;
+    if p.encoding != entry.encoding {
+        p.encoding = entry.encoding;
+        (p.min, p.max) = encoding_range(entry.encoding);
+    }
+    p
+}
+
+/// A parameter of which only the map's line is known.
+fn undescribed(entry: &MapEntry<'_>, place: &FileLocation) -> DraftParameter {
+    let (min, max) = encoding_range(entry.encoding);
+    let (unit, factor, per_turn) = unit_and_factor(entry);
+    let over = || Located { value: COUNTS_PER_TURN.to_owned(), location: place.clone() };
+    DraftParameter {
+        location: place.clone(),
+        name: entry.name.into(),
+        symbol: entry.name.into(),
+        about: String::new(),
+        space: 0,
+        index: entry.address,
+        encoding: entry.encoding,
+        unit,
+        factor,
+        times: None,
+        over: per_turn.then(over),
+        min,
+        max,
+        default: None,
+        access: Access::ReadWrite,
+        persistence: Persistence::Volatile,
+        certainty: Certainty::Inferred,
+        moves: true,
+        section: String::new(),
+        values: Vec::new(),
+    }
+}
+
+/// Unit, factor, and whether it is divided by the counts of a turn. Speeds count slow loops of 1 ms,
+/// the drives' default; currents and voltages depend on the drive's size, so they stay raw.
+fn unit_and_factor(entry: &MapEntry<'_>) -> (Unit, f64, bool) {
+    let fixed = entry.encoding == Encoding::Fixed;
+    let fraction = if fixed { 1.0 / 65536.0 } else { 1.0 };
+    match entry.unit {
+        "[rot]" => (Unit::Turn, 1.0, true),
+        "[rpm]" => (Unit::Rpm, 60e3 * fraction, true),
+        "[rad/s^2]" => (Unit::RpmPerSecond, 60e6 * fraction, true),
+        "[s]" => (Unit::Second, 0.001, false),
+        _ => (Unit::None, fraction, false),
+    }
+}

@@ -1,0 +1,374 @@
+//! A search that goes on address by address: on lines of its own, or between what an open link does.
+
+use super::{
+    ScanAddresses, ScanProgress, ScanReport, addresses_to_query, exclude_clashing, mark_clashes,
+};
+use crate::axis::Axis;
+use crate::bus::{self, BusAddress};
+use crate::connect::{AnyBorrowedLink, Connector, LineConfig, Link, ProtocolLine};
+use crate::error::Error;
+use crate::identify::{ProbeResult, Prober, is_answer};
+use crate::no_reply::NoReplyDetails;
+use crate::scan::DetectedDrive;
+use crate::url::AxisNumber;
+use polepair_core::profile::{Access, ParameterId};
+use polepair_link::{Connection, LinkError};
+use std::collections::VecDeque;
+
+/// A look for drives, one address after the other. Only reads are sent.
+///
+/// On an open link its axes are told apart from what is new: they are asked as always, and only
+/// whether they answer. Before each other address the link is waited for until nothing else is under
+/// way, and between two addresses whatever else was said meanwhile goes first. So what waits, waits
+/// for one address at most; and where `broken` says that somebody cannot wait, for one question.
+///
+/// ```
+/// # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
+/// use polepair::scan::DriveScanner;
+/// let connector = polepair::Connector::default();
+/// let link = connector.connect("sim:tmcl?axes=3&time=virtual#1")?;
+/// let mut look = DriveScanner::on_link(&connector, &link, 0, 1..=5)?;
+/// while look.next_address(&|| false)?.is_some() {
+///     look.ask(&|| false)?;
+/// }
+/// let scan = look.finish();
+/// assert!(scan.axes[0].answers);
+/// let link = link.take_in(0, &scan.found)?;
+/// assert_eq!(link.axes().iter().map(|axis| axis.number()).collect::<Vec<_>>(), [1, 3, 4]);
+/// # }
+/// # Ok::<(), polepair::Error>(())
+/// ```
+#[derive(Debug)]
+pub struct DriveScanner {
+    connector: Connector,
+    /// What is asked one after the other.
+    targets: Vec<ScanTarget>,
+    addresses: ScanAddresses,
+    /// The addresses that a connection string names.
+    named_axes: Vec<u32>,
+    known_axes: Vec<KnownAxis>,
+    /// Whose turn it is, and whether it began.
+    current: usize,
+    started: bool,
+    queue: VecDeque<u32>,
+    done: usize,
+    damaged: Vec<u32>,
+    /// What came from addresses where nobody answered, of the present protocol.
+    received: NoReplyDetails,
+    /// Of each that was found.
+    found_addresses: Vec<(usize, BusAddress)>,
+    report: ScanReport,
+}
+
+/// One protocol on one wire.
+enum ScanTarget {
+    /// On a line that is this look's alone.
+    OwnLine(Box<ProtocolLine>),
+    /// On a link that somebody has open.
+    OpenLink(Box<LineConfig>, Connection),
+}
+
+/// An axis that is there already.
+#[derive(Debug)]
+struct KnownAxis {
+    index: usize,
+    axis: Axis,
+    bus_address: (usize, BusAddress),
+}
+
+/// Whether an axis that the link has answered.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct AxisAnswer {
+    /// Its place in [`Link::axes`].
+    pub index: usize,
+    /// Its address.
+    pub number: u32,
+    /// Whether it said anything.
+    pub answers: bool,
+    /// Set when more came back than was asked for: another drive may have its address.
+    pub clash: Option<String>,
+}
+
+impl std::fmt::Debug for ScanTarget {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::OwnLine(line) => line.protocol.name,
+            Self::OpenLink(kept, _) => kept.protocol.name,
+        })
+    }
+}
+
+impl ScanTarget {
+    fn protocol_name(&self) -> &'static str {
+        match self {
+            Self::OwnLine(line) => line.protocol.name,
+            Self::OpenLink(kept, _) => kept.protocol.name,
+        }
+    }
+
+    /// The line, and what keeps others from it meanwhile.
+    fn open_line(&self) -> Result<(ProtocolLine, Option<AnyBorrowedLink>), Error> {
+        match self {
+            Self::OwnLine(line) => Ok((ProtocolLine::clone(line), None)),
+            Self::OpenLink(kept, connection) => {
+                let lent = AnyBorrowedLink::borrow(connection, kept.protocol.medium)?;
+                Ok((kept.on_link(lent.link()), Some(lent)))
+            }
+        }
+    }
+}
+
+impl DriveScanner {
+    /// On lines that were opened for it; of their addresses those in `axes`, unless there are none.
+    pub(super) fn on_lines(
+        connector: &Connector,
+        lines: Vec<ProtocolLine>,
+        axes: Vec<u32>,
+        numbers: ScanAddresses,
+    ) -> Self {
+        let asked = lines.into_iter().map(|line| ScanTarget::OwnLine(Box::new(line))).collect();
+        Self::new(connector, asked, axes, numbers)
+    }
+
+    /// On one wire of an open link, for every protocol that is spoken there. Without `numbers` every
+    /// address is asked, whichever the link was opened with.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E212` for a wire that there is not.
+    pub fn on_link(
+        connector: &Connector,
+        link: &Link,
+        wire: usize,
+        numbers: impl Into<ScanAddresses>,
+    ) -> Result<Self, Error> {
+        let mut kept = link.line_configs_on(wire)?.to_vec();
+        bus::sort_guests_last(&mut kept, |kept| &kept.protocol);
+        let axes = link.axes_on(wire);
+        let known = axes.iter().filter(|(_, axis)| !AxisNumber(axis.number()).is_group());
+        let known = known.filter_map(|(place, axis)| {
+            let spoken = &kept.iter().find(|kept| kept.protocol.name == axis.protocol())?.protocol;
+            let seat = BusAddress { protocol: spoken.clone(), address: axis.number() };
+            Some(KnownAxis { index: *place, axis: Axis::clone(axis), bus_address: (0, seat) })
+        });
+        let known = known.collect();
+        let connection = axes.first().map(|(_, axis)| axis.connection().clone());
+        let connection = connection.ok_or_else(|| Error::usage("E212", "no axis is there", ""))?;
+        let asked = kept.into_iter().map(|kept| {
+            ScanTarget::OpenLink(Box::new(kept.with_single_wire()), connection.clone())
+        });
+        let look = Self::new(connector, asked.collect(), Vec::new(), numbers.into());
+        Ok(Self { known_axes: known, ..look })
+    }
+
+    fn new(
+        connector: &Connector,
+        targets: Vec<ScanTarget>,
+        named_axes: Vec<u32>,
+        addresses: ScanAddresses,
+    ) -> Self {
+        Self {
+            connector: connector.clone(),
+            targets,
+            addresses,
+            named_axes,
+            known_axes: Vec::new(),
+            current: 0,
+            started: false,
+            queue: VecDeque::new(),
+            done: 0,
+            damaged: Vec::new(),
+            received: NoReplyDetails::default(),
+            found_addresses: Vec::new(),
+            report: ScanReport::default(),
+        }
+    }
+
+    /// The address that [`ask`](Self::ask) asks next; `None` when all were. On a CAN bus this may
+    /// first listen who is there, until `broken` says otherwise.
+    ///
+    /// # Errors
+    /// [`Error::Link`] when the link is lost, [`Error::Usage`] `E220` when others do not let it be
+    /// for so much as an instant.
+    pub fn next_address(
+        &mut self,
+        broken: &dyn Fn() -> bool,
+    ) -> Result<Option<ScanProgress>, Error> {
+        loop {
+            if let Some(&number) = self.queue.front() {
+                let (done, of) = (self.done, self.done + self.queue.len());
+                return Ok(Some(ScanProgress { number, done, of }));
+            }
+            if std::mem::take(&mut self.started) {
+                self.report_damaged();
+                self.current += 1;
+            }
+            if self.current >= self.targets.len() {
+                return Ok(None);
+            }
+            self.begin_target(broken)?;
+        }
+    }
+
+    /// Finds out whom there is to ask of the next protocol.
+    fn begin_target(&mut self, broken: &dyn Fn() -> bool) -> Result<(), Error> {
+        let (line, lent) = self.targets[self.current].open_line()?;
+        let numbers = self.addresses.on_line(&line, &self.named_axes);
+        let every = self.addresses.0.is_none() && self.named_axes.is_empty();
+        let known = self.known_axes.iter().map(|known| &known.bus_address);
+        let own: Vec<u32> = known
+            .clone()
+            .filter(|(_, seat)| seat.protocol.name == line.protocol.name)
+            .filter(|(_, seat)| every || numbers.contains(&seat.address))
+            .map(|(_, seat)| seat.address)
+            .collect();
+        let seats: Vec<(usize, BusAddress)> = known.chain(&self.found_addresses).cloned().collect();
+        let tried = &mut self.report.tried;
+        let mut wanted = addresses_to_query(&line, numbers, every, tried, broken)?;
+        // Who was not heard for a moment is asked all the same where it should be there.
+        if !own.is_empty() {
+            wanted.extend(own);
+            wanted.sort_unstable();
+            wanted.dedup();
+        }
+        exclude_clashing(&line, &seats, &mut wanted, tried);
+        drop((line, lent));
+        (self.queue, self.done, self.started) = (wanted.into(), 0, true);
+        Ok(())
+    }
+
+    /// Asks who is at the next address. Where `broken` says in between that somebody cannot wait, the
+    /// look ends there.
+    ///
+    /// # Errors
+    /// As [`next_address`](Self::next_address). That nobody answers is no error.
+    pub fn query_next(&mut self, broken: &dyn Fn() -> bool) -> Result<(), Error> {
+        let Some(&number) = self.queue.front() else { return Ok(()) };
+        let name = self.targets[self.current].protocol_name();
+        let its =
+            |known: &&KnownAxis| known.axis.number() == number && known.axis.protocol() == name;
+        match self.known_axes.iter().find(its) {
+            Some(known) => self.report.axes.extend(known.check_answer()),
+            None => self.probe_address(number, broken)?,
+        }
+        if self.queue.pop_front().is_some() {
+            self.done += 1;
+        }
+        Ok(())
+    }
+
+    fn probe_address(&mut self, number: u32, broken: &dyn Fn() -> bool) -> Result<(), Error> {
+        let asked = &self.targets[self.current];
+        let (line, lent) = asked.open_line()?;
+        let prober = Prober::new(&line, &self.connector.config).scanning().with_cancel(broken);
+        let probe = prober.probe(number)?;
+        drop(lent);
+        if let ScanTarget::OpenLink(_, connection) = asked
+            && let Some(trouble) = connection.link_error()
+        {
+            return Err(trouble.into());
+        }
+        match probe {
+            ProbeResult::Silent(_) if broken() => self.cancel(),
+            ProbeResult::Silent(heard) => self.record_unanswered(heard),
+            ProbeResult::Damaged(_) => self.damaged.push(number),
+            ProbeResult::Forbidden(hint) => {
+                self.report.tried.push(format!("not address {number}: {hint}"));
+            }
+            ProbeResult::Found { profile, identified, stray, .. } => {
+                let found = DetectedDrive::with_known_profile(&line, number, profile);
+                self.report.found.push(DetectedDrive {
+                    identified,
+                    clash: stray_conflict(stray),
+                    ..found
+                });
+                self.found_addresses.push((line.wire, line.bus_address(number)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes what came where nobody answered.
+    fn record_unanswered(&mut self, heard: NoReplyDetails) {
+        self.received = self.received.plus(heard.only_foreign());
+    }
+
+    fn report_damaged(&mut self) {
+        let heard = std::mem::take(&mut self.received);
+        if !heard.is_nothing() {
+            let hint = heard.hint();
+            self.report.received = self.report.received.plus(heard);
+            self.report.tried.push(format!(
+                "addresses that did not answer, though something came ({heard}): {hint}"
+            ));
+        }
+        let damaged = std::mem::take(&mut self.damaged);
+        if let (Some(first), Some(last)) = (damaged.first(), damaged.last()) {
+            self.report.tried.push(format!(
+                "{} addresses from {first} to {last} where only damaged answers came: two drives \
+                 with one address, noise, or another baud rate?",
+                damaged.len()
+            ));
+        }
+    }
+
+    /// Ends it here: what was found is kept.
+    pub fn cancel(&mut self) {
+        self.report.not_queried = self.queue.len();
+        self.queue.clear();
+        self.targets.truncate(self.current + usize::from(self.started));
+    }
+
+    /// Ends it because the link is lost: what was found is kept, the others are told as not asked. The
+    /// address at which it was lost is one of them.
+    pub(super) fn set_link_lost(&mut self, error: LinkError) {
+        let left = |asked: &ScanTarget| {
+            let line = asked.open_line().ok()?.0;
+            Some(self.addresses.on_line(&line, &self.named_axes).len())
+        };
+        let rest =
+            self.targets.iter().skip(self.current + usize::from(self.started)).filter_map(left);
+        let rest: usize = rest.sum();
+        self.cancel();
+        self.report.not_queried += rest;
+        self.report.link_error = Some(error);
+    }
+
+    /// What was tried and found.
+    #[must_use]
+    pub fn finish(mut self) -> ScanReport {
+        if self.started {
+            self.report_damaged();
+        }
+        let known: Vec<_> = self.known_axes.iter().map(|known| known.bus_address.clone()).collect();
+        mark_clashes(&self.found_addresses, &known, &mut self.report.found);
+        self.report
+    }
+}
+
+impl KnownAxis {
+    /// Asks the axis for something as always. `None` where it has nothing that can be asked for.
+    fn check_answer(&self) -> Option<AxisAnswer> {
+        let profile = self.axis.profile();
+        let readable = |id: &ParameterId| {
+            profile.parameter(*id).is_some_and(|parameter| parameter.access != Access::Write)
+        };
+        let told = profile.signals.iter().map(|source| source.parameter);
+        let all = (0..).map(ParameterId).take(profile.parameters.len());
+        let id = told.chain(all).find(readable)?;
+        let counters = || self.axis.connection().with_axes(|axes, _| axes.counters());
+        let before = counters();
+        let answers = match self.axis.read(id) {
+            Ok(_) => true,
+            Err(Error::Failed { outcome, .. }) => is_answer(outcome),
+            Err(_) => false,
+        };
+        let clash = stray_conflict(counters().since(before).unaccounted());
+        let clash = clash.filter(|_| answers);
+        Some(AxisAnswer { index: self.index, number: self.axis.number(), answers, clash })
+    }
+}
+
+fn stray_conflict(stray: u64) -> Option<String> {
+    (stray > 0)
+        .then(|| format!("{stray} answers too many or damaged: two drives with this address?"))
+}

@@ -1,0 +1,171 @@
+//! The drives of a rack as stations that `serve` puts on real wires: one world, an end for each link.
+
+use super::RackDescription;
+use crate::error::Error;
+use polepair_core::drives::bench::BenchControl;
+use polepair_core::medium::{Can, CanLine, Frame, Medium, SerialLine, Stream};
+use polepair_core::station::{LineEvent, Station, Timed};
+use polepair_core::time::Instant;
+use polepair_link::{LinkIo, LinkWaker, ServeThread};
+use polepair_sim::fault::SerialFaults;
+use polepair_sim::rack::RackWire;
+use polepair_sim::serial_line::{Duplex, Timing};
+use polepair_sim::world::{EndId, NodeId, World};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// The drives of a rack, a line for each of its links, in order. Real wires have their own timing,
+/// or none: bytes and frames arrive here as they come, unless the rack says `timing`. Which faults come
+/// when follows from `seed`.
+///
+/// # Errors
+/// [`Error::Usage`] `E231` when a drive cannot be built as described.
+pub fn drive_lines(description: &RackDescription, seed: u64) -> Result<Vec<DriveLine>, Error> {
+    let mut rack = description.rack.clone();
+    for (link, wire) in rack.links.iter_mut().zip(&description.wires) {
+        match &mut link.wire {
+            RackWire::Serial(serial) if wire.timed => serial.baud = Some(wire.baud),
+            RackWire::Serial(serial) => {
+                serial.timing = Timing::Cdc;
+                // Without timing a drive cannot tell a neighbour's reply from a request.
+                if wire.faults == SerialFaults::NONE && !serial.echo && !wire.shared {
+                    serial.duplex = Duplex::Full;
+                }
+            }
+            RackWire::Can(line) => line.bit_rate = 0,
+        }
+    }
+    let mut world = World::new(seed);
+    let built = rack.build(&mut world);
+    let built = built.map_err(|error| Error::usage("E231", error.to_string(), ""))?;
+    description.set_faults(&mut world, &built);
+    let ends: Vec<EndId> = built.links.iter().map(|(wire, _)| world.open_end(*wire)).collect();
+    let doors = ends.iter().map(|end| LinePort { end: *end, waker: None }).collect();
+    let shared = Arc::new(Mutex::new(LineWorld { world, ports: doors }));
+    let line = |((_, nodes), end)| DriveLine { shared: Arc::clone(&shared), end, nodes };
+    Ok(built.links.into_iter().zip(ends).map(line).collect())
+}
+
+/// The drives of one link of a rack, behind a wire that does to what they say what the rack says.
+/// Clones are the same drives.
+#[derive(Clone)]
+pub struct DriveLine {
+    shared: Arc<Mutex<LineWorld>>,
+    end: EndId,
+    nodes: Vec<NodeId>,
+}
+
+struct LineWorld {
+    world: World,
+    ports: Vec<LinePort>,
+}
+
+/// Where a line leaves the world, and what makes its server look there.
+struct LinePort {
+    end: EndId,
+    waker: Option<LinkWaker>,
+}
+
+impl LineWorld {
+    /// Brings the world up to `now`, and calls the servers of other lines where something arrived.
+    fn advance(&mut self, now: Instant, mine: EndId) {
+        self.world.run_until(now);
+        for door in self.ports.iter().filter(|door| door.end != mine) {
+            if let Some(waker) = door.waker.as_ref().filter(|_| self.world.has_pending(door.end)) {
+                waker.wake();
+            }
+        }
+    }
+}
+
+impl std::fmt::Debug for DriveLine {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "DriveLine of {}", self.nodes.len())
+    }
+}
+
+impl DriveLine {
+    /// Serves the drives on a real wire, on a thread of its own.
+    pub fn serve<M: Medium>(self, wire: Box<dyn LinkIo<M>>) -> ServeThread
+    where
+        Self: Station<M>,
+    {
+        let waker = wire.waker();
+        let door = |door: &&mut LinePort| door.end == self.end;
+        if let Some(door) = self.lock().ports.iter_mut().find(door) {
+            door.waker = Some(waker);
+        }
+        ServeThread::new(wire, Box::new(self))
+    }
+
+    /// How many drives there are.
+    #[must_use]
+    pub fn drives(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Lends the bench of the drive of that number, counted from 0.
+    pub fn with_bench<R>(
+        &self,
+        drive: usize,
+        f: impl FnOnce(&mut dyn BenchControl) -> R,
+    ) -> Option<R> {
+        let node = *self.nodes.get(drive)?;
+        self.lock().world.with_node(node, |node, _| node.bench().map(f))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, LineWorld> {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Timed for DriveLine {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.lock().advance(now, self.end);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.lock().world.next_event()
+    }
+}
+
+impl Station<Stream> for DriveLine {
+    fn handle_input(&mut self, now: Instant, unit: &[u8]) {
+        let mut shared = self.lock();
+        shared.world.send(self.end, now, unit);
+        // What was sent arrives at once.
+        shared.advance(now, self.end);
+    }
+
+    fn handle_line(&mut self, _now: Instant, _event: LineEvent) {}
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
+        let mut shared = self.lock();
+        shared.advance(now, self.end);
+        shared.world.receive(self.end, out).map(|(_, count)| count)
+    }
+
+    fn line(&self) -> SerialLine {
+        SerialLine::new_8n1(0)
+    }
+}
+
+impl Station<Can> for DriveLine {
+    fn handle_input(&mut self, now: Instant, frame: &Frame) {
+        let mut shared = self.lock();
+        shared.world.send_frame(self.end, now, frame);
+        shared.advance(now, self.end);
+    }
+
+    fn handle_line(&mut self, _now: Instant, _event: LineEvent) {}
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        let mut shared = self.lock();
+        shared.advance(now, self.end);
+        *out = shared.world.receive_frame(self.end)?.1;
+        Some(1)
+    }
+
+    fn line(&self) -> CanLine {
+        CanLine { bit_rate: 0 }
+    }
+}

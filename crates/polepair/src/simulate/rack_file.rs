@@ -1,0 +1,525 @@
+//! Rack files.
+//!
+//! ```toml
+//! [[link]]
+//! name = "left"
+//! kind = "serial"                 # or can; optional where the protocol has one kind only
+//! protocol = "tmcl"               # optional where the drives' profiles say it
+//! connect = "serial:///dev/ttyUSB0"   # where the real link is; `sim:` does not look at it
+//! baud = 9600                     # optional: the factory's; 0 for a wire without byte timing
+//! duplex = "half"                 # half (RS-485) or full (RS-232)
+//! timing = "uart"                 # or cdc, ftdi-16ms, tcp: what is between host and wire
+//! echo = false                    # the host's adapter hears itself
+//! faults = { seed = 7 }           # drawn by a seed; or chances from 0 to 1, such as
+//! # faults = { flip = 1e-5, lose = 1e-5, insert = 0, late = 0.01, latest_ms = 300 }
+//!
+//! [[link.drive]]
+//! name = "x"
+//! profile = "tmcm-171"
+//! address = 1                     # optional: the factory's
+//! load = 0.02                     # N·m, positive drives the shaft forward
+//! supply = 24.0                   # V
+//! home = 3.1                      # rad: where a reference switch closes
+//! limit_low = -6.3                # rad: where the limit switches close
+//! limit_high = 6.3
+//! eds = "motor.eds"               # profile = "canopen": what its data sheet lists; beside this file
+//! protocol = "technocan"          # on a CAN bus of several protocols, where the profile has two
+//! cycle = 100                     # on CAN: how often a second it is commanded, for the load
+//! frames = [8, 8]                 # bytes of each frame of a cycle; without it one there, one back
+//! on = ["left", "bus"]            # a drive on two links: this one and another of the other kind
+//! options = { variant = "position" }   # what the family knows beyond these
+//! # and how it is built into its machine, see `mounting`: lead, gear, counts, direction, limits
+//!
+//! [[link]]
+//! name = "bus"
+//! kind = "can"
+//! bitrate = 500000                # optional: the factory's; 0 for a bus without bit timing
+//! faults = { error = 1e-3, twice = 0, lose = 0, late = 0, latest_ms = 100, cut = 0 }   # a frame
+//! ```
+
+use super::{DRIVES_MAX, RackDescription, WireDescription, find_drive};
+use crate::bus::{self, BusLoadRange};
+use crate::error::Error;
+use crate::mounting::Mounting;
+use crate::profile::read_text;
+use crate::registry;
+use crate::toml_file::{FileError, SourceText, TomlTable};
+use crate::url::{self, Url};
+use polepair_core::drives::bench::Act;
+use polepair_core::medium::{CanLine, MediumKind};
+use polepair_sim::can_bus::CanFaults;
+use polepair_sim::fault::SerialFaults;
+use polepair_sim::rack::{RackDrive, RackLink, RackWire};
+use polepair_sim::random::{Ppm, Random};
+use polepair_sim::serial_line::{Duplex, SerialWireConfig, Timing};
+use std::path::Path;
+
+/// What a file with a rack may hold: also the names of a `polepair.toml`.
+pub(crate) const FILE_KEYS: [&str; 4] = ["link", "seed", "name", "links"];
+const LINK_KEYS: [&str; 11] = [
+    "name", "kind", "protocol", "connect", "baud", "bitrate", "duplex", "timing", "echo", "faults",
+    "drive",
+];
+const DRIVE_KEYS: [&str; 19] = [
+    "name",
+    "profile",
+    "eds",
+    "protocol",
+    "cycle",
+    "frames",
+    "address",
+    "on",
+    "load",
+    "supply",
+    "home",
+    "limit_high",
+    "limit_low",
+    "options",
+    "lead",
+    "gear",
+    "counts",
+    "direction",
+    "limits",
+];
+/// Keys that are places of switches, in the order of [`Act::Switch`].
+const SWITCH_KEYS: [&str; 3] = ["home", "limit_high", "limit_low"];
+const CAN_FAULT_KEYS: [&str; 6] = ["error", "twice", "lose", "late", "latest_ms", "cut"];
+/// When a late frame comes at the latest, unless it is said, ms.
+const CAN_DELAY_MAX_MS: i64 = 100;
+const FAULT_KEYS: [&str; 15] = [
+    "seed",
+    "flip",
+    "burst",
+    "lose",
+    "insert",
+    "truncate",
+    "chunk",
+    "duplicate",
+    "late",
+    "lose_request",
+    "lose_reply",
+    "collide",
+    "patience_ms",
+    "latest_ms",
+    "latency_ms",
+];
+
+/// Reads a rack file.
+///
+/// # Errors
+/// [`Error::File`] with file, line, column and reason.
+pub fn rack_of_file(path: &Path, seed: u64) -> Result<RackDescription, Error> {
+    rack_of_text(&path.display().to_string(), &read_text(path)?, seed)
+}
+
+/// Reads a rack from text; `file` is its name in complaints.
+///
+/// # Errors
+/// [`Error::File`] with line, column and reason.
+pub fn rack_of_text(file: &str, text: &str, seed: u64) -> Result<RackDescription, Error> {
+    let description = SourceText::new(file, text).parse(&FILE_KEYS, |node| {
+        let seed = node.integer_between("seed", 0, i64::MAX)?.map_or(seed, i64::cast_unsigned);
+        let mut description = RackDescription::default();
+        let links = node.tables("link", &LINK_KEYS)?;
+        for (n, link) in links.iter().enumerate() {
+            let (rack, wire) = read_link(link, n, seed.wrapping_add(n as u64 * 1000))?;
+            let mut before = description.rack.links.iter();
+            if let Some(name) = link.text("name")?.filter(|_| before.any(|l| l.name == rack.name)) {
+                return Err(name
+                    .location
+                    .error(format!("another link is called `{}`", name.value)));
+            }
+            description.rack.links.push(rack);
+            description.wires.push(wire);
+        }
+        for (n, link) in links.iter().enumerate() {
+            connect_second_links(link, n, &mut description)?;
+            check_shared_bus(link, n, &mut description)?;
+            description.assign_host(n);
+        }
+        if description.wires.is_empty() {
+            return Err(FileError::for_file(file, "a rack needs a [[link]] with a [[link.drive]]"));
+        }
+        Ok(description)
+    });
+    Ok(description?)
+}
+
+/// Refuses a CAN bus on which two have one identifier, or that has no time for its drives.
+fn check_shared_bus(
+    node: &TomlTable<'_, '_>,
+    n: usize,
+    description: &mut RackDescription,
+) -> Result<(), FileError> {
+    let RackWire::Can(line) = description.rack.links[n].wire else { return Ok(()) };
+    if description.protocols_on(n).len() > 1 && !node.has("bitrate") {
+        return Err(node.location().error("drives of several protocols: say the bus' `bitrate`"));
+    }
+    let seats = description.bus_addresses(n);
+    if let Some(why) = bus::find_clash(&seats) {
+        return Err(node.location().error(why));
+    }
+    let mut load = BusLoadRange::default();
+    for (drive, seat) in node.tables("drive", &DRIVE_KEYS)?.iter().zip(&seats) {
+        let Some(rate) = drive.float("cycle")? else { continue };
+        let lengths: Vec<u32> = drive.whole_numbers("frames", 8)?;
+        let extended = (seat.protocol.uses_identifier)(seat.address, 0, true);
+        load.add(line.bit_rate, extended, rate.value, &lengths);
+    }
+    if let Some(why) = load.overload_reason().filter(|_| line.bit_rate > 0) {
+        return Err(node.location().error(why));
+    }
+    description.wires[n].load = load;
+    Ok(())
+}
+
+fn read_link(
+    node: &TomlTable<'_, '_>,
+    n: usize,
+    seed: u64,
+) -> Result<(RackLink, WireDescription), FileError> {
+    let name = node.text("name")?.map_or_else(|| format!("link{}", n + 1), |found| found.value);
+    let kind = match node.text("kind")? {
+        None => None,
+        Some(found) => Some(found.try_map(|word| match word.as_str() {
+            "serial" => Ok(MediumKind::Serial),
+            "can" => Ok(MediumKind::Can),
+            other => Err(format!("`{other}` is neither serial nor can")),
+        })?),
+    };
+    let mut protocol = match node.text("protocol")? {
+        Some(word) => Some(word.try_map(|word| parse_protocol(&word, kind))?),
+        None => None,
+    };
+    let (mut drives, mut names): (Vec<RackDrive>, Vec<String>) = (Vec::new(), Vec::new());
+    let mut mountings = Vec::new();
+    for (at, drive) in node.tables("drive", &DRIVE_KEYS)?.iter().enumerate() {
+        if at == DRIVES_MAX {
+            return Err(drive.location().error(format!("more than {DRIVES_MAX} drives on a link")));
+        }
+        let seed = seed.wrapping_add(at as u64);
+        let made = read_drive(drive, &mut protocol, kind, seed)?;
+        mountings.push(Mounting::from_table(drive, made.profile)?);
+        drives.push(made);
+        names.push(read_name(drive, &names)?);
+    }
+    // A bus on which a relay alone sits has its drives on the other link.
+    let Some(protocol) = protocol else {
+        return Err(node.location().error("a link needs a [[link.drive]], or a protocol"));
+    };
+    let rates = |key| {
+        node.integer_between(key, 0, 4_000_000).map(|n| n.and_then(|n| u32::try_from(n).ok()))
+    };
+    let (asked, wire, shared) = match protocol.medium {
+        MediumKind::Serial => {
+            let (serial, shared) = read_serial(node, rates("baud")?, &protocol, drives.len())?;
+            (rates("baud")?, RackWire::Serial(serial), shared)
+        }
+        MediumKind::Can => {
+            let bit_rate = rates("bitrate")?;
+            let line = CanLine { bit_rate: bit_rate.unwrap_or(protocol.baud) };
+            (bit_rate, RackWire::Can(line), false)
+        }
+    };
+    let mine: &[&str] = match protocol.medium {
+        MediumKind::Serial => &["bitrate"],
+        MediumKind::Can => &["baud", "duplex", "timing", "echo"],
+    };
+    if let Some(key) = mine.iter().find(|key| node.has(key)) {
+        return Err(node.location().error(format!("`{key}` means nothing on this kind of link")));
+    }
+    let standard = wire.standard().filter(|_| protocol.has_standards);
+    drives.iter_mut().for_each(|drive| drive.standard = standard);
+    let (faults, can_faults) = match protocol.medium {
+        MediumKind::Serial => (read_faults(node)?, CanFaults::default()),
+        MediumKind::Can => (SerialFaults::NONE, read_can_faults(node)?),
+    };
+    let baud = asked.unwrap_or(protocol.baud);
+    let connect = node.text("connect")?;
+    if let Some(found) = connect.clone() {
+        found.try_map(|place| check_connect(&place, &protocol))?;
+    }
+    let wire_of = WireDescription {
+        protocol: protocol.name,
+        faults,
+        can_faults,
+        baud,
+        shared,
+        timed: node.has("timing"),
+        names,
+        load: BusLoadRange::default(),
+        mountings,
+        connect,
+        location: Some(node.location()),
+    };
+    Ok((RackLink { name, wire, drives }, wire_of))
+}
+
+/// Refuses what no link of that protocol can be opened at.
+fn check_connect(place: &str, protocol: &registry::ProtocolInfo) -> Result<(), String> {
+    let url = format!("{}+{place}", protocol.name).parse::<Url>().map_err(|e| e.to_string())?;
+    match url.axes.is_empty() {
+        true => Ok(()),
+        false => Err("the drives below name the axes: leave `#` out".to_owned()),
+    }
+}
+
+/// What a drive is called: connection strings must be able to say it.
+fn read_name(node: &TomlTable<'_, '_>, others: &[String]) -> Result<String, FileError> {
+    let Some(name) = node.text("name")? else { return Ok(String::new()) };
+    name.try_map(|name| {
+        let letters = name.chars().all(|c| c.is_alphanumeric() || matches!(c, '-' | '_' | ' '));
+        if !letters || url::split_names(&name).0 != [name.as_str()] {
+            return Err(format!(
+                "`{name}` cannot stand behind `#`: a name begins with a letter, is not like g1, and \
+                 has letters, digits, - and _"
+            ));
+        }
+        if others.contains(&name) {
+            return Err(format!("another drive of this link is called `{name}`"));
+        }
+        Ok(name)
+    })
+}
+
+/// How a serial wire is built, and whether its drives hear each other because the file says so.
+fn read_serial(
+    node: &TomlTable<'_, '_>,
+    baud: Option<u32>,
+    protocol: &registry::ProtocolInfo,
+    drives: usize,
+) -> Result<(SerialWireConfig, bool), FileError> {
+    let asked = match node.text("duplex")? {
+        None => None,
+        Some(found) => Some(found.try_map(|word| match word.as_str() {
+            "half" => Ok(Duplex::Half),
+            "full" => Ok(Duplex::Full),
+            other => Err(format!("`{other}` is neither half nor full")),
+        })?),
+    };
+    let usual = match protocol.default_wire(drives) {
+        RackWire::Serial(serial) => serial.duplex,
+        RackWire::Can(_) => Duplex::Half,
+    };
+    let duplex = asked.unwrap_or(usual);
+    let untimed = baud == Some(0);
+    let timing = match node.text("timing")? {
+        None if untimed => Timing::Cdc,
+        None => Timing::Uart,
+        Some(found) => found.try_map(|word| match parse_timing(&word)? {
+            Timing::Uart | Timing::Ftdi | Timing::Tcp if untimed => {
+                Err(format!("`{word}` has a baud rate"))
+            }
+            timing => Ok(timing),
+        })?,
+    };
+    let mut serial = SerialWireConfig { duplex, timing, echo: node.boolean("echo")?, baud };
+    set_timing(&mut serial, timing, baud.unwrap_or(protocol.baud));
+    Ok((serial, asked == Some(Duplex::Half)))
+}
+
+/// What lies between the host and a serial wire, by its word in racks and connection strings.
+pub(super) fn parse_timing(word: &str) -> Result<Timing, String> {
+    match word {
+        "uart" => Ok(Timing::Uart),
+        "ftdi-16ms" => Ok(Timing::Ftdi),
+        "cdc" => Ok(Timing::Cdc),
+        "tcp" => Ok(Timing::Tcp),
+        other => Err(format!("`{other}` is none of uart, cdc, ftdi-16ms, tcp")),
+    }
+}
+
+pub(super) const fn set_timing(serial: &mut SerialWireConfig, timing: Timing, baud: u32) {
+    serial.timing = timing;
+    match timing {
+        Timing::Cdc => serial.baud = None,
+        // The port of a serial server is set there, not by the host.
+        Timing::Tcp => serial.baud = Some(baud),
+        Timing::Uart | Timing::Ftdi => {}
+    }
+}
+
+fn parse_protocol(word: &str, kind: Option<MediumKind>) -> Result<registry::ProtocolInfo, String> {
+    let found = match kind {
+        None => registry::protocol_by_word(word),
+        Some(kind) => registry::find_protocol(word, kind),
+    };
+    found.ok_or_else(|| {
+        let known = registry::protocol_names();
+        match kind {
+            Some(MediumKind::Can) if known.contains(&word) => {
+                format!("`{word}` is not spoken on CAN")
+            }
+            Some(_) if known.contains(&word) => format!("`{word}` is not spoken on serial lines"),
+            _ => format!(
+                "`{word}` is no protocol{}",
+                crate::spelling::suggestion(word, known.iter().copied())
+            ),
+        }
+    })
+}
+
+/// Finds the links that drives of link `n` are plugged into besides.
+fn connect_second_links(
+    node: &TomlTable<'_, '_>,
+    n: usize,
+    description: &mut RackDescription,
+) -> Result<(), FileError> {
+    for (at, drive) in node.tables("drive", &DRIVE_KEYS)?.iter().enumerate() {
+        for name in drive.texts("on")? {
+            let place = name.location.clone();
+            let links = &description.rack.links;
+            let Some(other) = links.iter().position(|link| link.name == name.value) else {
+                let near =
+                    crate::spelling::suggestion(&name.value, links.iter().map(|l| l.name.as_str()));
+                return Err(place.error(format!("`{}` is no link of this rack{near}", name.value)));
+            };
+            if other == n {
+                continue;
+            }
+            let of_this_kind = links[other].wire.medium() == links[n].wire.medium();
+            if of_this_kind || links[n].drives[at].second_link.is_some() {
+                return Err(place.error("a drive is on one serial link and one CAN bus at most"));
+            }
+            let word = description.wires[other].protocol.to_owned();
+            let drive = &mut description.rack.links[n].drives[at];
+            drive.second_link = Some(other);
+            drive.wires.push(word);
+        }
+    }
+    Ok(())
+}
+
+fn read_drive(
+    node: &TomlTable<'_, '_>,
+    protocol: &mut Option<registry::ProtocolInfo>,
+    kind: Option<MediumKind>,
+    seed: u64,
+) -> Result<RackDrive, FileError> {
+    let word = node.required_text("profile")?;
+    let place = word.location.clone();
+    let kind = protocol.as_ref().map(|protocol| protocol.medium).or(kind);
+    let (profile, spoken) = word.try_map(|word| {
+        let on = match kind.filter(|_| !word.contains('+')) {
+            None => "",
+            Some(MediumKind::Serial) => "+serial",
+            Some(MediumKind::Can) => "+can",
+        };
+        let found = find_drive(&format!("{word}{on}"));
+        found.or_else(|_| find_drive(&word)).map_err(|e| e.to_string())
+    })?;
+    if kind.is_some_and(|kind| kind != spoken.medium) {
+        return Err(place.error(format!("`{}` has no connector for this link", profile.name)));
+    }
+    let own = match node.text("protocol")? {
+        Some(word) => Some(word.try_map(|word| parse_protocol(&word, Some(spoken.medium)))?),
+        None => None,
+    };
+    let first = protocol.get_or_insert_with(|| own.clone().unwrap_or_else(|| spoken.clone()));
+    // A bus carries several protocols, a serial line one.
+    let wire = match own {
+        Some(own) if first.medium == MediumKind::Can => own,
+        None if first.medium == MediumKind::Can && first.profile != profile.protocol => spoken,
+        _ => first.clone(),
+    };
+    if wire.profile != profile.protocol {
+        let reason = format!("`{}` does not speak {}", profile.name, wire.name);
+        return Err(place.error(reason));
+    }
+    let mut drive = RackDrive::new(profile, wire.name);
+    let every = &wire.all_addresses;
+    let address =
+        node.integer_between("address", (*every.start()).into(), (*every.end()).into())?;
+    drive.address = address.and_then(|n| u32::try_from(n).ok());
+    read_sheet(node, &mut drive)?;
+    drive.seed = seed;
+    let real = |key| node.float(key).map(|found| found.map(|found| found.value));
+    drive.acts.extend(real("supply")?.map(Act::Supply));
+    drive.acts.extend(real("load")?.map(Act::Load));
+    for (which, key) in (0..).zip(SWITCH_KEYS) {
+        drive.acts.extend(real(key)?.map(|at| Act::Switch { which, at }));
+    }
+    if let Some(options) = node.table("options", &[])? {
+        for key in options.keys() {
+            if let Some(value) = options.scalar_text(key.value)? {
+                drive.extra.push((key.value.to_owned(), value.value));
+            }
+        }
+    }
+    Ok(drive)
+}
+
+/// The data sheet that a drive names, in the folder of the rack file; its node-ID where the rack has
+/// none.
+fn read_sheet(node: &TomlTable<'_, '_>, drive: &mut RackDrive) -> Result<(), FileError> {
+    let Some(found) = node.text("eds")? else { return Ok(()) };
+    let folder = Path::new(node.location().file()).parent().map(Path::to_path_buf);
+    found.try_map(|name| {
+        if !crate::eds::accepts_sheet(drive.profile) {
+            return Err(format!("`{}` is no device of a data sheet", drive.profile.name));
+        }
+        let path = folder.unwrap_or_default().join(name);
+        let (sheet, eds) = crate::eds::load_sheet(&path).map_err(|error| error.to_string())?;
+        drive.data_sheet = Some(sheet);
+        drive.address = drive.address.or(eds.node_id().map(u32::from));
+        Ok(())
+    })
+}
+
+fn read_can_faults(node: &TomlTable<'_, '_>) -> Result<CanFaults, FileError> {
+    let Some(table) = node.table("faults", &CAN_FAULT_KEYS)? else {
+        return Ok(CanFaults::default());
+    };
+    let chance = |key| read_probability(&table, key);
+    let latest = table.integer_between("latest_ms", 0, 10_000)?.unwrap_or(CAN_DELAY_MAX_MS);
+    Ok(CanFaults {
+        error: chance("error")?,
+        last_bit: chance("twice")?,
+        lose: chance("lose")?,
+        late: chance("late")?,
+        late_max_ms: latest as u32,
+        cut: chance("cut")?,
+        echo: false,
+    })
+}
+
+fn read_probability(table: &TomlTable<'_, '_>, key: &str) -> Result<Ppm, FileError> {
+    table.float(key)?.map_or(Ok(Ppm::NEVER), |found| {
+        found.try_map(|chance| {
+            if !(0.0..=1.0).contains(&chance) {
+                return Err(format!("`{key}` is {chance}; it must be 0 to 1"));
+            }
+            Ok(Ppm((chance * 1e6).round() as u32))
+        })
+    })
+}
+
+fn read_faults(node: &TomlTable<'_, '_>) -> Result<SerialFaults, FileError> {
+    let Some(table) = node.table("faults", &FAULT_KEYS)? else { return Ok(SerialFaults::NONE) };
+    let small = |key, most| table.integer_between(key, 0, most);
+    let patience = small("patience_ms", 60_000)?.unwrap_or(100) as u32;
+    let latest = small("latest_ms", 60_000)?.unwrap_or(300) as u32;
+    if let Some(seed) = small("seed", i64::MAX)? {
+        return Ok(SerialFaults::random(&mut Random::new(seed.cast_unsigned()), patience, latest));
+    }
+    let chance = |key| read_probability(&table, key);
+    Ok(SerialFaults {
+        flip: chance("flip")?,
+        burst: chance("burst")?,
+        burst_max: 8,
+        lose: chance("lose")?,
+        insert: chance("insert")?,
+        truncate: chance("truncate")?,
+        chunk: chance("chunk")?,
+        chunk_gap_us: 2_000,
+        duplicate: chance("duplicate")?,
+        late: chance("late")?,
+        host_timeout_ms: patience,
+        late_max_ms: latest,
+        lose_request: chance("lose_request")?,
+        lose_reply: chance("lose_reply")?,
+        collide: chance("collide")?,
+        latency_ms: small("latency_ms", 255)?.unwrap_or(0) as u8,
+        ..SerialFaults::NONE
+    })
+}

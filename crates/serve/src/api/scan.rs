@@ -1,0 +1,74 @@
+//! Looking for drives on a link, and taking them in.
+
+use axum::Json;
+use axum::extract::{Extension, Path, State};
+
+use super::input::{JsonBody, parse_index};
+use super::{ApiResult, SharedAppState, rest_session};
+use crate::auth::Caller;
+use crate::message::{AddDrives, AddedAxes, ErrorBody, ScanRequest, ScanView};
+
+/// The look for drives that is under way on a link, or the last one
+#[utoipa::path(get, path = "/api/v1/links/{id}/look", operation_id = "look", tag = "look",
+    params(("id" = u16, Path)), responses(
+    (status = 200, body = ScanView),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn show(
+    State(gate): State<SharedAppState>,
+    Path(id): Path<String>,
+) -> ApiResult<ScanView> {
+    gate.bench.scan_view(parse_index(&id)?).map(Json)
+}
+
+/// Look for drives on a link
+///
+/// By reads only. It answers when it has begun; `look` on the WebSocket tells how far it is. 409
+/// (`gateway.look`) while another look is under way, or an axis of the link is commanded, armed,
+/// powered, turning or being stopped. Until its end nobody gets an axis of the link; any stop there
+/// breaks it off.
+#[utoipa::path(post, path = "/api/v1/links/{id}/look", operation_id = "begin_look", tag = "look",
+    params(("id" = u16, Path)), request_body = ScanRequest, responses(
+    (status = 200, body = ScanView),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn start(
+    State(gate): State<SharedAppState>,
+    Extension(caller): Extension<Caller>,
+    Path(id): Path<String>,
+    JsonBody(order): JsonBody<ScanRequest>,
+) -> ApiResult<ScanView> {
+    gate.bench.start_scan(parse_index(&id)?, &rest_session(&caller), order).await.map(Json)
+}
+
+/// Break a look off
+#[utoipa::path(delete, path = "/api/v1/links/{id}/look", operation_id = "break_look_off",
+    tag = "look", params(("id" = u16, Path)), responses(
+    (status = 200, body = ()),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn cancel(
+    State(gate): State<SharedAppState>,
+    Extension(caller): Extension<Caller>,
+    Path(id): Path<String>,
+) -> ApiResult<()> {
+    gate.bench.cancel_scan(parse_index(&id)?, &rest_session(&caller)).map(Json)
+}
+
+/// Make axes of drives that were found
+///
+/// They come behind all other axes, which go on as they were. A drive that clashes with another is
+/// not taken in.
+#[utoipa::path(post, path = "/api/v1/links/{id}/look/take", operation_id = "take_in", tag = "look",
+    params(("id" = u16, Path)), request_body = AddDrives, responses(
+    (status = 200, body = AddedAxes),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn add_drives(
+    State(gate): State<SharedAppState>,
+    Extension(caller): Extension<Caller>,
+    Path(id): Path<String>,
+    JsonBody(take): JsonBody<AddDrives>,
+) -> ApiResult<AddedAxes> {
+    gate.bench.add_drives(parse_index(&id)?, &rest_session(&caller), &take).await.map(Json)
+}

@@ -1,0 +1,104 @@
+//! The file of browsers that are let in, so that a server that starts again still knows them.
+//!
+//! One a line: the digest of the cookie, the digest of the token that it was given for, and the end in
+//! milliseconds since 1970. Neither cookie nor token can be had from it.
+
+use std::fs::File;
+use std::io::{self, Read as _};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use crate::error::SetupError;
+use crate::message::parse_hex;
+use crate::token::{require_private, to_hex, write_private_file};
+
+/// Bytes of the file: more than as many lines as there are cookies.
+const FILE_MAX: u64 = 64 * 1024;
+
+/// A browser that is let in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct SessionRecord {
+    /// Of its cookie.
+    pub cookie_digest: [u8; 32],
+    /// Of the token that it came in by.
+    pub token_digest: [u8; 32],
+    /// Until when, in ms since 1970.
+    pub until_ms: u64,
+}
+
+/// Where they are kept.
+#[derive(Debug)]
+pub(super) struct SessionFile {
+    path: PathBuf,
+    writing: Mutex<()>,
+}
+
+impl SessionFile {
+    pub fn new(path: &Path) -> Self {
+        Self { path: path.to_owned(), writing: Mutex::new(()) }
+    }
+
+    /// What the file has, at most so many lines. None where there is no file.
+    ///
+    /// # Errors
+    /// It cannot be read, others may read or write it, or a line is something else: then nothing of it
+    /// is believed.
+    pub fn read(&self, most: usize) -> Result<Vec<SessionRecord>, SetupError> {
+        let failed = |error: io::Error| SetupError::file(&self.path, "read", &error);
+        let file = match File::open(&self.path) {
+            Ok(file) => file,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(error) => return Err(failed(error)),
+        };
+        require_private(&self.path, &file)?;
+        let mut text = String::new();
+        file.take(FILE_MAX).read_to_string(&mut text).map_err(failed)?;
+        let lines = text.lines().filter(|line| !line.starts_with('#')).take(most);
+        let lines: Option<Vec<_>> = lines.map(SessionRecord::parse).collect();
+        lines.ok_or_else(|| {
+            let what = format!("{} holds what is no session", self.path.display());
+            SetupError::usage("E230", what).hint("remove the file")
+        })
+    }
+
+    /// Writes what there is by then. Who comes later writes later, so the file has the newest.
+    ///
+    /// # Errors
+    /// It cannot be written; what was there stays.
+    pub fn write(&self, lines: impl FnOnce() -> Vec<SessionRecord>) -> Result<(), SetupError> {
+        let _writing = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let text: String = lines().iter().map(SessionRecord::file_line).collect();
+        let text = format!("# COOKIE TOKEN UNTIL: who is logged in, by digests\n{text}");
+        let new = self.path.with_extension("new");
+        match std::fs::remove_file(&new) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                return Err(SetupError::file(&new, "remove", &error));
+            }
+            _ => write_private_file(&new, text.as_bytes())?,
+        }
+        std::fs::rename(&new, &self.path)
+            .map_err(|error| SetupError::file(&self.path, "write", &error))
+    }
+}
+
+impl SessionRecord {
+    fn parse(text: &str) -> Option<Self> {
+        let mut words = text.split(' ');
+        let (cookie, token) = (parse_hex(words.next()?)?, parse_hex(words.next()?)?);
+        let until_ms = words.next()?.parse().ok()?;
+        words.next().is_none().then_some(Self {
+            cookie_digest: cookie,
+            token_digest: token,
+            until_ms,
+        })
+    }
+
+    fn file_line(&self) -> String {
+        format!(
+            "{} {} {}\n",
+            to_hex(&self.cookie_digest),
+            to_hex(&self.token_digest),
+            self.until_ms
+        )
+    }
+}

@@ -1,0 +1,73 @@
+//! A list that only grows, up to so many: what is in it stays where it is, so nobody who looks at it
+//! needs a lock.
+//!
+//! Why: GW-8.
+
+use std::ops::Index;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// The list.
+pub(super) struct AppendOnlyVec<T> {
+    slots: Box<[OnceLock<Box<T>>]>,
+    count: AtomicUsize,
+}
+
+impl<T> AppendOnlyVec<T> {
+    /// With room for `most`, and these in it; those beyond are left out.
+    pub fn new(most: usize, these: impl IntoIterator<Item = T>) -> Self {
+        let places = (0..most).map(|_| OnceLock::new()).collect();
+        let grown = Self { slots: places, count: AtomicUsize::new(0) };
+        for one in these.into_iter().take(most) {
+            grown.push(one);
+        }
+        grown
+    }
+
+    /// Adds one, and tells its place. `None` when there is no room. One at a time.
+    pub fn push(&self, one: T) -> Option<usize> {
+        let place = self.len();
+        self.slots.get(place)?.set(Box::new(one)).ok()?;
+        self.count.store(place + 1, Ordering::Release);
+        Some(place)
+    }
+
+    pub fn len(&self) -> usize {
+        self.count.load(Ordering::Acquire)
+    }
+
+    pub fn get(&self, place: usize) -> Option<&T> {
+        self.slots.get(..self.len())?.get(place)?.get().map(|one| &**one)
+    }
+
+    pub fn first(&self) -> Option<&T> {
+        self.get(0)
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = &T> + Clone {
+        self.slots[..self.len()].iter().filter_map(|one| one.get().map(|one| &**one))
+    }
+}
+
+impl<T> Index<usize> for AppendOnlyVec<T> {
+    type Output = T;
+
+    fn index(&self, place: usize) -> &T {
+        self.get(place).expect("places are those of the list")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::AppendOnlyVec;
+
+    #[test]
+    fn what_is_in_it_stays_while_it_grows() {
+        let grown = AppendOnlyVec::new(3, ["a", "b"]);
+        let first = &grown[0];
+        assert_eq!((grown.push("c"), grown.push("d")), (Some(2), None));
+        assert!(std::ptr::eq(first, &grown[0]));
+        assert_eq!(grown.iter().copied().collect::<Vec<_>>(), ["a", "b", "c"]);
+        assert_eq!((grown.len(), grown.get(3)), (3, None));
+    }
+}

@@ -1,0 +1,626 @@
+//! The hand on one wire: it alone lets anything through that moves an axis, one thing after the
+//! other, stops first. It never waits for a drive. It has a thread; whoever says a stop lends it his
+//! own, too.
+//!
+//! Why: GW-1.
+
+mod leases;
+mod stops;
+#[cfg(test)]
+mod tests;
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use polepair::{Axis, RunningRequest};
+use polepair_core::axis::Verb;
+use polepair_core::profile::Signal;
+use polepair_core::time::Instant;
+use serde_json::json;
+use tokio::sync::oneshot;
+
+use super::clock::BenchClock;
+use super::context::{BenchContext, BenchEvent, SERVER, lock_unpoisoned};
+use super::lease::{EndedLease, LeaseHolder, LeaseSlot, SessionName};
+use super::pending_stop::{Airtime, PendingStop, REPLY_MAX};
+use super::request_worker::RequestWorker;
+use super::scan;
+use super::state::axis_state;
+use super::wire::{
+    BenchWire, CommandAction, LeaseRequest, QueuedCommand, ReplySender, WireRequest,
+    overtaken_error,
+};
+use crate::message::{
+    CommandOutcome, GatewayError, JournalAction, LeaseAction, LeaseGrant, LeaseView, OutcomeKind,
+    StopCause, StopReport,
+};
+
+/// A command said so far ahead of the server's clock is no better than one that is too old, ms.
+const CLOCK_AHEAD_MAX_MS: f64 = 1000.0;
+/// Between two looks at what is under way: while it is fresh, and later.
+const POLL_INTERVAL: Duration = Duration::from_micros(500);
+const SLOW_POLL_INTERVAL: Duration = Duration::from_millis(5);
+/// For so long it is fresh.
+const FAST_POLL_TIME: Duration = Duration::from_millis(20);
+/// Between two looks when nothing is under way: a link may be lost.
+const IDLE: Duration = Duration::from_millis(100);
+/// Stops that took no longer to send are sent in the thread of whoever says them.
+const FAST_SEND_MAX: Duration = Duration::from_millis(1);
+/// Commands that wait for stops at most.
+const WAITING_MAX: usize = 64;
+/// Orders that are taken before everything else is looked at again.
+const REQUESTS_PER_ROUND_MAX: usize = 64;
+
+/// What looks after a wire.
+pub(super) struct CommandWorker {
+    wire: Arc<BenchWire>,
+    request_worker: Arc<RequestWorker>,
+    context: Arc<BenchContext>,
+    /// The link's connection string, by which the journal finds its axes again.
+    url: String,
+    axes: Vec<WorkerAxis>,
+    active: Vec<ActiveCommand>,
+    /// Commands that wait until their axis is seen standing, with their places among all orders.
+    deferred: Vec<(u64, Box<QueuedCommand>)>,
+    /// Stops that were said under a lease, and what comes of them.
+    holder_stops: Vec<(QueuedCommand, oneshot::Receiver<Result<StopReport, GatewayError>>)>,
+    airtime: Airtime,
+    lost: bool,
+    /// When the bench was closed.
+    closed: Option<Instant>,
+    /// When something new was last begun.
+    last_start: Instant,
+    /// The last stops went out at once: the far end takes what is written.
+    fast_send: bool,
+}
+
+/// An axis, as its hand sees it.
+struct WorkerAxis {
+    id: u16,
+    axis: Axis,
+    lease: LeaseSlot,
+    /// The stop that it is owed.
+    pending_stop: Option<PendingStop>,
+    /// Why its last lease ended, if that was because its link went away.
+    link_loss: Option<String>,
+    /// What was said before the stop of that number, and would have it moved, comes too late.
+    last_stop_number: u64,
+}
+
+/// A command under way.
+struct ActiveCommand {
+    axis: usize,
+    session: SessionName,
+    id: String,
+    action: CommandAction,
+    running: RunningRequest,
+    /// Faults were cleared, and what is under way reads whether one stands.
+    faults_cleared: bool,
+    reply: ReplySender<CommandOutcome>,
+}
+
+impl WorkerAxis {
+    /// Why nobody has its lease: where its link went away, that is not somebody who stopped it.
+    fn lease_error(&self, refused: GatewayError) -> GatewayError {
+        let Some(why) = self.link_loss.as_ref().filter(|_| self.lease.holder().is_none()) else {
+            return refused;
+        };
+        let label = self.axis.label();
+        let what = format!("the link of {label} went away, and its lease with it: {why}");
+        GatewayError::new("E313", what)
+            .hint("cut its supply if it turns; it is told to stop as soon as the link is back")
+    }
+}
+
+impl CommandWorker {
+    /// For a link of that connection string.
+    pub fn new(
+        wire: Arc<BenchWire>,
+        desk: Arc<RequestWorker>,
+        shared: Arc<BenchContext>,
+        url: String,
+    ) -> Self {
+        let begun = shared.now();
+        let mut hand = Self {
+            wire,
+            request_worker: desk,
+            context: shared,
+            url,
+            axes: Vec::new(),
+            active: Vec::new(),
+            deferred: Vec::new(),
+            holder_stops: Vec::new(),
+            airtime: Airtime::default(),
+            lost: false,
+            closed: None,
+            last_start: begun,
+            fast_send: true,
+        };
+        hand.add_joined_axes();
+        hand
+    }
+
+    /// Looks after axes that joined: they are on the wire's list before anything is said of them.
+    fn add_joined_axes(&mut self) {
+        let last_epoch = self.context.last_epoch;
+        let known = self.axes.len();
+        for (place, (id, axis)) in self.wire.axes.iter().enumerate().skip(known) {
+            let (seat, axis) = (LeaseSlot::after_epoch(last_epoch), axis.clone());
+            let before = self.context.has_inherited_stop(&self.url, axis.number());
+            let owed = before.then(|| {
+                PendingStop::new(StopCause::ServerBefore, SERVER.into(), self.context.now())
+            });
+            self.wire.set_pending_stop(place, owed.as_ref().map(PendingStop::view));
+            let unlinked = None;
+            self.axes.push(WorkerAxis {
+                id: *id,
+                axis,
+                lease: seat,
+                pending_stop: owed,
+                link_loss: unlinked,
+                last_stop_number: 0,
+            });
+        }
+    }
+
+    /// Looks after the wire until the bench closes and all that moved was told to stop.
+    pub fn run(this: &Mutex<Self>) {
+        let wire = Arc::clone(&lock_unpoisoned(this).wire);
+        loop {
+            let next = {
+                let mut hand = lock_unpoisoned(this);
+                let next = hand.run_once();
+                if hand.is_over() {
+                    return hand.abandon_pending_stops();
+                }
+                next
+            };
+            if !wire.clear_wakeup() {
+                std::thread::park_timeout(next);
+            }
+        }
+    }
+
+    /// Whether a stop can be sent without waiting, as far as is known: to open a lost link again may
+    /// take seconds.
+    pub fn can_send_fast(&self) -> bool {
+        let first = self.axes.first().map(|watched| watched.axis.connection());
+        self.fast_send && first.is_some_and(|connection| connection.link_error().is_none())
+    }
+
+    /// Whether the bench is closed and all that moved was seen standing, or waited for long enough.
+    pub fn is_over(&self) -> bool {
+        let now = self.context.now();
+        let waited = self.closed.is_some_and(|closed| now.since(closed) >= REPLY_MAX);
+        waited
+            || self.closed.is_some()
+                && self.axes.iter().all(|watched| watched.pending_stop.is_none())
+    }
+
+    /// Does all that is to be done now, and waits for nothing. Returns when to look again.
+    pub fn run_once(&mut self) -> Duration {
+        self.add_joined_axes();
+        self.process_stops();
+        self.check_link();
+        self.expire();
+        for _ in 0..REQUESTS_PER_ROUND_MAX {
+            let Some((said, order)) = self.wire.next_request() else { break };
+            self.handle_request(said, order);
+            self.process_stops();
+        }
+        if self.context.is_closing() && self.closed.is_none() {
+            self.close();
+        }
+        self.poll_commands();
+        self.poll_pending_stops();
+        self.reply_to_holders();
+        for (said, commanded) in std::mem::take(&mut self.deferred) {
+            self.handle_request(said, WireRequest::Command(commanded));
+        }
+        self.next_wakeup()
+    }
+
+    fn next_wakeup(&self) -> Duration {
+        let now = self.context.now();
+        let busy = !self.active.is_empty() || self.axes.iter().any(|w| w.pending_stop.is_some());
+        let look = match now.since(self.last_start) < FAST_POLL_TIME {
+            _ if !busy => IDLE,
+            true => POLL_INTERVAL,
+            false => SLOW_POLL_INTERVAL,
+        };
+        let ends = self.axes.iter().filter_map(|watched| Some(watched.lease.holder()?.until));
+        ends.map(|until| until.since(now)).min().map_or(look, |left| left.min(look))
+    }
+
+    /// A lease ended: what it set in motion stops, and nothing moves before it is armed anew.
+    fn end_lease(&mut self, axis: usize, lost: EndedLease, why: &str) {
+        let moved = self.has_moved(axis, &lost);
+        self.axes[axis].axis.arm(false);
+        if moved {
+            self.stop_unrequested(axis, StopCause::LeaseEnded, why);
+        }
+        self.record_lease_end(axis, &lost.holder, why);
+    }
+
+    /// Whether something was set in motion under a lease, or is about to be.
+    fn has_moved(&self, axis: usize, lost: &EndedLease) -> bool {
+        let powers = |going: &ActiveCommand| going.axis == axis && going.action.may_move();
+        lost.moved || self.active.iter().any(powers)
+    }
+
+    /// Tells that a lease ended.
+    fn record_lease_end(&mut self, axis: usize, holder: &LeaseHolder, why: &str) {
+        let id = self.axes[axis].id;
+        let detail = json!({ "epoch": holder.epoch, "reason": why });
+        self.context.record(&holder.session, JournalAction::LeaseEnded, Some(id), detail);
+        self.publish_lease(axis);
+    }
+
+    /// Shows everybody who has the lease now.
+    fn publish_lease(&self, axis: usize) {
+        let watched = &self.axes[axis];
+        let lease = watched.lease.holder().map(|holder| LeaseView {
+            owner: holder.session.to_string(),
+            epoch: holder.epoch,
+            expires_ms: BenchClock::wall_ms(holder.until),
+        });
+        self.wire.set_lease(axis, lease.clone());
+        self.context.publish(BenchEvent::Lease { axis: watched.id, lease });
+    }
+
+    fn expire(&mut self) {
+        let now = self.context.now();
+        for axis in 0..self.axes.len() {
+            if let Some(lost) = self.axes[axis].lease.expire(now) {
+                self.end_lease(axis, lost, "not renewed");
+            }
+        }
+    }
+
+    /// A link that is lost takes its leases with it. What moved then is stopped when it is back.
+    fn check_link(&mut self) {
+        let Some(watched) = self.axes.first() else { return };
+        let trouble = watched.axis.connection().link_error();
+        if trouble.is_some() == self.lost {
+            return;
+        }
+        self.lost = trouble.is_some();
+        let why = trouble.as_ref().map(ToString::to_string);
+        let error = trouble.map(|error| GatewayError::from(polepair::Error::from(error)));
+        self.wire.set_link_error(error.map(|error| (self.context.now(), error)));
+        for axis in 0..self.axes.len() {
+            let now = self.context.now();
+            if !self.lost {
+                let watched = &mut self.axes[axis];
+                if let Some(owed) = &mut watched.pending_stop {
+                    owed.resend(&watched.axis, now);
+                    self.last_start = now;
+                }
+                continue;
+            }
+            self.axes[axis].axis.arm(false);
+            let Some(lost) = self.axes[axis].lease.end() else { continue };
+            let is_new = self.axes[axis].pending_stop.is_none() && self.has_moved(axis, &lost);
+            if is_new {
+                self.axes[axis].pending_stop =
+                    Some(PendingStop::new(StopCause::LinkLost, SERVER.into(), now));
+            }
+            self.publish_pending_stop(axis, is_new);
+            self.axes[axis].link_loss.clone_from(&why);
+            self.record_lease_end(axis, &lost.holder, "the link is lost");
+        }
+        self.context.publish(BenchEvent::BenchChanged);
+    }
+
+    /// The bench closes: whatever may move is stopped.
+    fn close(&mut self) {
+        self.closed = Some(self.context.now());
+        for axis in 0..self.axes.len() {
+            let watched = &mut self.axes[axis];
+            let armed = watched.axis.state().armed || watched.axis.is_turning() == Some(true);
+            let lost = watched.lease.end();
+            let moved = armed || lost.as_ref().is_some_and(|lost| self.has_moved(axis, lost));
+            if moved && self.axes[axis].pending_stop.is_none() {
+                self.stop_unrequested(axis, StopCause::ServerEnds, "the server ends");
+            }
+            if let Some(lost) = lost {
+                self.record_lease_end(axis, &lost.holder, "the server ends");
+            }
+        }
+    }
+
+    fn handle_request(&mut self, said: u64, order: WireRequest) {
+        self.add_joined_axes();
+        let late = |axis: usize| said < self.axes[axis].last_stop_number;
+        match order {
+            WireRequest::Lease(ask) if ask.is_acquire() && late(ask.axis) => {
+                // Who has gone does not want to know.
+                let _ = ask.reply.send(Err(overtaken_error()));
+            }
+            WireRequest::Scan(begin) if (0..self.axes.len()).any(late) => {
+                begin(Err(overtaken_error()))
+            }
+            WireRequest::Dismiss(dismiss) if late(dismiss.axis) => {
+                // Who has gone does not want to know.
+                let _ = dismiss.reply.send(Err(overtaken_error()));
+            }
+            WireRequest::Command(commanded) if late(commanded.axis) => {
+                self.finish_command(*commanded, Some(overtaken_error()));
+            }
+            WireRequest::Lease(ask) => self.handle_lease(ask),
+            WireRequest::Command(commanded) if self.must_wait_for_stop(&commanded) => {
+                self.deferred.push((said, commanded));
+            }
+            WireRequest::Command(commanded) => self.handle_command(said, *commanded),
+            WireRequest::Write { axis, session, epoch, then: go } => {
+                go(self.check_allowed(axis, &session, epoch, false))
+            }
+            WireRequest::SessionEnded(session) => self.end_session(&session),
+            WireRequest::LeaseNotRecorded { axis, epoch } => {
+                self.revoke_unrecorded_lease(axis, epoch)
+            }
+            WireRequest::Dismiss(dismiss) => self.handle_dismiss(dismiss),
+            WireRequest::Scan(go) => {
+                let may = self.check_scan_allowed();
+                if may.is_ok() {
+                    // Before anybody else has a turn: what is commanded now would wait for it.
+                    self.wire.scan_flag.begin();
+                }
+                go(may);
+            }
+        }
+    }
+
+    /// Whether nobody would have to wait for a look, and nothing moves that it may not delay.
+    fn check_scan_allowed(&self) -> Result<(), GatewayError> {
+        if self.context.is_closing() || self.lost {
+            return Err(unavailable_error(self.lost));
+        }
+        if let Some((_, error)) = self.wire.link_error() {
+            return Err(error);
+        }
+        self.wire.check_at_rest()?;
+        let powered =
+            |watched: &&WorkerAxis| axis_state(watched.id, &watched.axis).enabled == Some(true);
+        match self.axes.iter().find(powered) {
+            None => Ok(()),
+            Some(watched) => {
+                let what = format!("{} is powered", watched.axis.label());
+                Err(scan::scan_error(what).hint("disable it first"))
+            }
+        }
+    }
+
+    fn end_session(&mut self, session: &SessionName) {
+        for axis in 0..self.axes.len() {
+            let seat = &mut self.axes[axis].lease;
+            let its = seat.holder().is_some_and(|holder| holder.session == *session);
+            if let Some(lost) = its.then(|| seat.end()).flatten() {
+                self.end_lease(axis, lost, "its client is gone");
+            }
+        }
+    }
+
+    /// Whether a session may have an axis do something now.
+    fn check_allowed(
+        &self,
+        axis: usize,
+        session: &SessionName,
+        epoch: u64,
+        moves: bool,
+    ) -> Result<(), GatewayError> {
+        let watched = &self.axes[axis];
+        if self.context.is_closing() {
+            return Err(unavailable_error(false));
+        }
+        if let Some(lock) = self.context.current_lock().as_ref().filter(|_| moves) {
+            let what = format!("motion is locked since {} stopped everything", lock.by);
+            let hint =
+                "release it first: on the server's page, or by `polepair --server URL release`";
+            return Err(GatewayError::new("gateway.locked", what).hint(hint));
+        }
+        let held = watched.lease.check_holder(session, epoch, self.context.now());
+        held.map_err(|refused| watched.lease_error(refused))?;
+        let owes = |stop: &PendingStop| !stop.is_holder_stop(epoch);
+        if moves && watched.pending_stop.as_ref().is_some_and(owes) {
+            return Err(stop_pending_error());
+        }
+        Ok(())
+    }
+
+    /// Whether what moves an axis waits a moment, because its stop is just about to be over.
+    fn must_wait_for_stop(&self, commanded: &QueuedCommand) -> bool {
+        let owed = self.axes[commanded.axis].pending_stop.as_ref();
+        let owed = owed.filter(|owed| !owed.is_holder_stop(commanded.header.epoch));
+        let is_ending = owed.is_some_and(|owed| owed.is_ending(self.context.now()));
+        is_ending && commanded.action.may_move() && self.deferred.len() < WAITING_MAX
+    }
+
+    fn handle_command(&mut self, said: u64, commanded: QueuedCommand) {
+        if matches!(commanded.action, CommandAction::Run(command) if command.verb == Verb::Stop) {
+            return self.stop_for_holder(said, commanded);
+        }
+        let started = self.start_command(&commanded);
+        let QueuedCommand { axis, session, header: order, action: deed, .. } = &commanded;
+        if deed.ends_motion() && self.check_allowed(*axis, session, order.epoch, false).is_ok() {
+            // It did not wait for the journal, as what was said before it may still do: that is not
+            // done any more, whatever became of this.
+            let stopped = &mut self.axes[commanded.axis].last_stop_number;
+            *stopped = said.max(*stopped);
+        }
+        match started {
+            Ok(StartResult::Running(running)) => {
+                let QueuedCommand {
+                    axis, session, header: order, action: deed, reply: tell, ..
+                } = commanded;
+                let enables =
+                    matches!(deed, CommandAction::Run(command) if command.verb == Verb::Enable);
+                if deed.may_move() && !enables {
+                    self.cancel_holder_stop(axis, &session, order.epoch);
+                    self.axes[axis].lease.mark_moved();
+                }
+                self.last_start = self.context.now();
+                let (id, running) = (order.id, *running);
+                let cleared = false;
+                self.active.push(ActiveCommand {
+                    axis,
+                    session,
+                    id,
+                    action: deed,
+                    running,
+                    faults_cleared: cleared,
+                    reply: tell,
+                });
+            }
+            Ok(StartResult::Done) => self.finish_command(commanded, None),
+            Ok(StartResult::NeedsPreparation) => {
+                // Where the limits depend on where it stands, that is asked first, and so is what
+                // scales the arguments. Not here: a hand waits for nothing.
+                self.request_worker.prepare_command(said, commanded);
+            }
+            Err(error) => self.finish_command(commanded, Some(error)),
+        }
+    }
+
+    fn finish_command(&self, commanded: QueuedCommand, error: Option<GatewayError>) {
+        let QueuedCommand { axis, session, header: order, action: deed, reply: tell, .. } =
+            commanded;
+        let (whose, outcome) = ((&session, self.axes[axis].id), command_outcome(order.id, error));
+        self.context.report_outcome(whose, outcome, deed.ends_motion(), tell);
+    }
+
+    fn start_command(&self, commanded: &QueuedCommand) -> Result<StartResult, GatewayError> {
+        let QueuedCommand { axis, session, header: order, action: deed, prepared, .. } = commanded;
+        let moves = deed.may_move();
+        self.check_allowed(*axis, session, order.epoch, moves)?;
+        let stops = matches!(deed, CommandAction::Run(command) if command.verb == Verb::QuickStop);
+        if !stops && *deed != CommandAction::Arm(false) {
+            check_age(order.issued_ms, order.ttl_ms, BenchClock::wall_ms(self.context.now()))?;
+        }
+        let watched = &self.axes[*axis];
+        let command = match deed {
+            CommandAction::Arm(armed) => {
+                watched.axis.arm(*armed);
+                return Ok(StartResult::Done);
+            }
+            CommandAction::Raw(text) => {
+                return Ok(StartResult::Running(Box::new(watched.axis.start_raw(text)?)));
+            }
+            CommandAction::Run(command) => *command,
+        };
+        let started = match prepared {
+            Some(prepared) => prepared.as_ref().map_err(Clone::clone)?.start(),
+            None if moves && watched.axis.has_position_limits()
+                || watched.axis.has_unread_scales(&command) =>
+            {
+                return Ok(StartResult::NeedsPreparation);
+            }
+            None => watched.axis.start(command),
+        };
+        Ok(StartResult::Running(Box::new(started?)))
+    }
+
+    fn poll_commands(&mut self) {
+        let mut at = 0;
+        while at < self.active.len() {
+            let (value, error) = match self.active[at].running.poll() {
+                Ok(None) => {
+                    at += 1;
+                    continue;
+                }
+                Ok(value) => (value, None),
+                // The faults were cleared, whatever became of the question after them.
+                Err(_) if self.active[at].faults_cleared => (None, None),
+                Err(error) => (None, Some(GatewayError::from(error))),
+            };
+            if error.is_none() && self.start_fault_read(at) {
+                at += 1;
+                continue;
+            }
+            let ActiveCommand { axis, session, id, action: deed, reply: tell, .. } =
+                self.active.swap_remove(at);
+            if error.is_none() && deed.is_stop() {
+                self.axes[axis].lease.mark_stopped();
+            }
+            let value = value.filter(|_| matches!(deed, CommandAction::Raw(_)));
+            let outcome = CommandOutcome { value, ..command_outcome(id, error) };
+            let whose = (&session, self.axes[axis].id);
+            self.context.report_outcome(whose, outcome, deed.ends_motion(), tell);
+        }
+    }
+}
+
+impl CommandWorker {
+    /// Reads whether a fault stands after faults were cleared: what is told of the axis afterwards was
+    /// read afterwards. False where there is nothing to read.
+    fn start_fault_read(&mut self, at: usize) -> bool {
+        let going = &mut self.active[at];
+        let clears =
+            matches!(&going.action, CommandAction::Run(command) if command.verb == Verb::Clear);
+        if !clears || going.faults_cleared {
+            return false;
+        }
+        let axis = &self.axes[going.axis].axis;
+        let source = axis.profile().signal(Signal::Fault);
+        let Some(running) = source.and_then(|source| axis.start_read(source.parameter).ok()) else {
+            return false;
+        };
+        (going.running, going.faults_cleared) = (running, true);
+        true
+    }
+}
+
+/// What became of a command that was let through.
+enum StartResult {
+    Running(Box<RunningRequest>),
+    Done,
+    /// Something must be asked first.
+    NeedsPreparation,
+}
+
+/// Whether a command is still good.
+fn check_age(issued_ms: f64, ttl_ms: f64, now_ms: f64) -> Result<(), GatewayError> {
+    let age = now_ms - issued_ms;
+    if age > ttl_ms {
+        let what = format!("said {age:.0} ms ago, and good for {ttl_ms:.0} ms");
+        return Err(
+            GatewayError::new("gateway.expired", what).hint("say it again, if it still holds")
+        );
+    }
+    if age < -CLOCK_AHEAD_MAX_MS {
+        let what = format!("said {:.0} ms from now", -age);
+        let hint = "take the server's time, as `pong` tells it";
+        return Err(GatewayError::new("gateway.expired", what).hint(hint));
+    }
+    Ok(())
+}
+
+fn stop_pending_error() -> GatewayError {
+    let what = "the axis is owed a stop: it was not seen standing, and may be turning";
+    GatewayError::new("gateway.owed", what).hint(
+        "wait until it stands; if you see that it may go on, dismiss the stop, then arm it again",
+    )
+}
+
+fn lease_grant(held: &LeaseHolder) -> LeaseGrant {
+    LeaseGrant { epoch: held.epoch, expires_ms: BenchClock::wall_ms(held.until) }
+}
+
+fn unavailable_error(lost: bool) -> GatewayError {
+    match lost {
+        true => {
+            GatewayError::new("gateway.busy", "the link is lost").hint("see to its cable and power")
+        }
+        false => GatewayError::new("gateway.busy", "the server ends").hint("start it again"),
+    }
+}
+
+/// The outcome that an error means.
+pub(super) fn command_outcome(id: String, error: Option<GatewayError>) -> CommandOutcome {
+    let ended = match error.as_ref().map(|error| error.executed) {
+        None | Some(Some(true)) => OutcomeKind::Done,
+        Some(Some(false)) => OutcomeKind::NotDone,
+        Some(None) => OutcomeKind::Unknown,
+    };
+    CommandOutcome { id, outcome: ended, value: None, error, replayed: false }
+}

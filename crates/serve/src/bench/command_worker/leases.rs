@@ -1,0 +1,91 @@
+//! Leases of the axes of one wire.
+
+use super::*;
+
+impl CommandWorker {
+    pub(super) fn handle_lease(&mut self, ask: LeaseRequest) {
+        let LeaseRequest { axis, session, action: act, epoch, reply: tell } = ask;
+        let granted = match act {
+            LeaseAction::Take | LeaseAction::TakeOver => {
+                return self.acquire_lease(axis, &session, act == LeaseAction::TakeOver, tell);
+            }
+            LeaseAction::Renew => self.renew(axis, &session, epoch).map(Some),
+            LeaseAction::Drop => {
+                let given_back = self.axes[axis].lease.release(&session, epoch, self.context.now());
+                given_back.map(|lost| {
+                    lost.into_iter().for_each(|lost| self.end_lease(axis, lost, "given back"));
+                    None
+                })
+            }
+        };
+        // Who has gone does not want to know, here and below.
+        let _ = tell.send(granted);
+    }
+
+    pub(super) fn renew(
+        &mut self,
+        axis: usize,
+        session: &SessionName,
+        epoch: u64,
+    ) -> Result<LeaseGrant, GatewayError> {
+        let (now, lasts) = (self.context.now(), self.context.lease_duration);
+        let watched = &mut self.axes[axis];
+        let held = watched.lease.renew(session, epoch, now, lasts);
+        let held = held.map_err(|refused| watched.lease_error(refused))?;
+        self.publish_lease(axis);
+        Ok(lease_grant(&held))
+    }
+
+    /// Gives a lease, and tells so once the journal has it: its epoch is never given again.
+    pub(super) fn acquire_lease(
+        &mut self,
+        axis: usize,
+        session: &SessionName,
+        over: bool,
+        tell: ReplySender<Option<LeaseGrant>>,
+    ) {
+        let (now, lasts) = (self.context.now(), self.context.lease_duration);
+        let closes = self.context.is_closing() || self.lost;
+        let may = match self.wire.scan_flag.is_active() {
+            _ if closes => Err(unavailable_error(self.lost)),
+            true => {
+                let what = "somebody looks for drives on this link";
+                Err(scan::scan_error(what).hint("wait for the end of the look, or break it off"))
+            }
+            false => self.context.journal.check_writable(now),
+        };
+        let seat = &mut self.axes[axis].lease;
+        let before = seat.holder().map(|holder| holder.epoch);
+        let (held, lost) = match may.and_then(|()| seat.acquire(session, over, now, lasts)) {
+            Ok(taken) => taken,
+            Err(refused) => return drop(tell.send(Err(refused))),
+        };
+        self.axes[axis].link_loss = None;
+        let over = lost.is_some();
+        lost.into_iter().for_each(|lost| self.end_lease(axis, lost, "taken over"));
+        self.publish_lease(axis);
+        if before == Some(held.epoch) {
+            return drop(tell.send(Ok(Some(lease_grant(&held)))));
+        }
+        let (wire, epoch) = (Arc::clone(&self.wire), held.epoch);
+        let then = move |kept: Result<(), GatewayError>| {
+            if kept.is_err() {
+                wire.submit_first(0, WireRequest::LeaseNotRecorded { axis, epoch });
+            }
+            let _ = tell.send(kept.map(|()| Some(lease_grant(&held))));
+        };
+        let (id, deed) =
+            (self.axes[axis].id, if over { JournalAction::TakeOver } else { JournalAction::Lease });
+        let (what, detail) = ((session, deed, Some(id)), json!({ "epoch": epoch }));
+        self.context.journal.write_ahead(what, detail, now, Box::new(then));
+    }
+
+    /// Nobody was told that this lease was given.
+    pub(super) fn revoke_unrecorded_lease(&mut self, axis: usize, epoch: u64) {
+        let seat = &mut self.axes[axis].lease;
+        let its = seat.holder().is_some_and(|holder| holder.epoch == epoch);
+        if let Some(lost) = its.then(|| seat.end()).flatten() {
+            self.end_lease(axis, lost, "the journal does not keep it");
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! What a hand owes its axes: stops that were said, by whomever, until the motors were seen standing.
+
+use std::sync::Arc;
+
+use polepair_core::time::Instant;
+use serde_json::json;
+
+use super::{CommandWorker, FAST_SEND_MAX, WorkerAxis};
+use crate::bench::context::{BenchEvent, SERVER};
+use crate::bench::lease::{EndedLease, SessionName};
+use crate::bench::pending_stop::{PendingStop, StopCollector, StopResolution};
+use crate::bench::wire::{Continuation, DismissRequest, QueuedCommand, StopBatch};
+use crate::message::{
+    AxisStopReport, DismissReason, GatewayError, JournalAction, StopCause, StopClass,
+};
+
+impl CommandWorker {
+    /// Sends what stops; what there is to write about it comes when all of them are on the wire.
+    pub(in crate::bench) fn process_stops(&mut self) {
+        while let Some(StopBatch {
+            axes,
+            session: who,
+            reason,
+            requested_at: since,
+            collector: report,
+        }) = self.wire.next_stop()
+        {
+            self.add_joined_axes();
+            self.wire.scan_flag.cancel();
+            let began = self.context.now();
+            let mut ended = Vec::with_capacity(axes.len());
+            for (axis, said) in axes {
+                self.axes[axis].last_stop_number = said.max(self.axes[axis].last_stop_number);
+                let lost = self.axes[axis].lease.end();
+                let is_new = self.stop_axis(axis, since, (StopCause::Stop, &who), report.clone());
+                ended.push((axis, lost, is_new));
+            }
+            self.fast_send = self.context.now().since(began) <= FAST_SEND_MAX;
+            for (axis, lost, is_new) in ended {
+                if let Some(EndedLease { holder, .. }) = lost {
+                    self.record_lease_end(axis, &holder, "stopped");
+                }
+                let (id, detail) = (self.axes[axis].id, json!({ "reason": reason }));
+                self.context.record(&who, JournalAction::Stop, Some(id), detail);
+                self.publish_pending_stop(axis, is_new);
+            }
+        }
+    }
+
+    /// Sends a stop, and disarms the axis. True when none was owed before.
+    fn stop_axis(
+        &mut self,
+        axis: usize,
+        since: Instant,
+        (why, by): (StopCause, &SessionName),
+        report: Option<Arc<StopCollector>>,
+    ) -> bool {
+        let watched = &mut self.axes[axis];
+        watched.axis.arm(false);
+        let is_new = watched.pending_stop.is_none();
+        let owed =
+            watched.pending_stop.get_or_insert_with(|| PendingStop::new(why, by.clone(), since));
+        owed.add_requester(why, by);
+        owed.send(&watched.axis, since, report);
+        self.last_start = self.context.now();
+        is_new
+    }
+
+    /// Stops an axis because whoever holds its lease says so. It stays armed and theirs: what they have it
+    /// do next ends the debt.
+    pub(super) fn stop_for_holder(&mut self, said: u64, commanded: QueuedCommand) {
+        let QueuedCommand { axis, session, header: order, .. } = &commanded;
+        let axis = *axis;
+        if let Err(refused) = self.check_allowed(axis, session, order.epoch, false) {
+            return self.finish_command(commanded, Some(refused));
+        }
+        let (now, epoch) = (self.context.now(), order.epoch);
+        let watched = &mut self.axes[axis];
+        // What was said before it and would move is not done any more.
+        watched.last_stop_number = said.max(watched.last_stop_number);
+        let (report, told) = StopCollector::for_axes(&[watched.id], Vec::new());
+        let is_new = watched.pending_stop.is_none();
+        let fresh = || PendingStop::new(StopCause::Stop, session.clone(), now).for_holder(epoch);
+        let owed = watched.pending_stop.get_or_insert_with(fresh);
+        owed.send(&watched.axis, now, Some(report));
+        self.last_start = now;
+        self.publish_pending_stop(axis, is_new);
+        self.holder_stops.push((commanded, told));
+    }
+
+    /// Answers those who hold a lease and said stop.
+    pub(super) fn reply_to_holders(&mut self) {
+        let mut at = 0;
+        while at < self.holder_stops.len() {
+            let Ok(told) = self.holder_stops[at].1.try_recv() else {
+                at += 1;
+                continue;
+            };
+            let (commanded, _) = self.holder_stops.swap_remove(at);
+            let stopped = told.map(|mut stopped| stopped.axes.pop());
+            let error = match stopped {
+                Ok(Some(AxisStopReport { class: StopClass::Owed, error, .. })) => {
+                    let what = "it was told to stop, and was not seen standing";
+                    Some(error.unwrap_or_else(|| GatewayError::new("gateway.owed", what)))
+                }
+                Ok(_) => None,
+                Err(refused) => Some(refused),
+            };
+            if error.is_none() {
+                self.axes[commanded.axis].lease.mark_stopped();
+            }
+            // How it was told to stop is known; whether the motor stands is not.
+            let error = error.map(|error| GatewayError { executed: None, ..error });
+            self.finish_command(commanded, error);
+        }
+    }
+
+    /// Whoever holds the lease has the axis do something else than to stop, as they said before.
+    pub(super) fn cancel_holder_stop(&mut self, axis: usize, session: &SessionName, epoch: u64) {
+        let (id, now) = (self.axes[axis].id, self.context.now());
+        let of_holder = |owed: &mut PendingStop| owed.is_holder_stop(epoch);
+        let Some(mut owed) = self.axes[axis].pending_stop.take_if(of_holder) else { return };
+        let what = "it was set in motion again before it was seen standing";
+        owed.abandon(id, now, &GatewayError::new("gateway.owed", what));
+        self.clear_pending_stop(axis, session, json!({ "how": "set in motion again" }), None);
+    }
+
+    /// The same, where nobody said so.
+    pub(super) fn stop_unrequested(&mut self, axis: usize, why: StopCause, reason: &str) {
+        let is_new = self.stop_axis(axis, self.context.now(), (why, &SERVER.into()), None);
+        let (id, detail) = (self.axes[axis].id, json!({ "reason": reason }));
+        self.context.record_by_server(JournalAction::Stop, id, detail);
+        self.publish_pending_stop(axis, is_new);
+    }
+
+    /// Has the journal keep that an axis is owed a stop, and shows it.
+    pub(super) fn publish_pending_stop(&mut self, axis: usize, is_new: bool) {
+        let now = self.context.now();
+        let WorkerAxis { id, axis: its, pending_stop: Some(owed), .. } = &mut self.axes[axis]
+        else {
+            return;
+        };
+        let (id, number, shown) = (*id, its.number(), owed.view());
+        let (alarm, is_news) = owed.update_alarm(now);
+        if is_new {
+            let detail = json!({ "why": shown.why, "link": self.url, "number": number });
+            self.context.record(
+                &shown.by.as_str().into(),
+                JournalAction::StopOwed,
+                Some(id),
+                detail,
+            );
+        }
+        self.wire.set_pending_stop(axis, alarm);
+        if is_news {
+            self.context.publish(BenchEvent::PendingStop(id));
+        }
+    }
+
+    /// An axis is owed no stop any more.
+    fn clear_pending_stop(
+        &mut self,
+        axis: usize,
+        who: &SessionName,
+        mut detail: serde_json::Value,
+        then: Option<Continuation>,
+    ) {
+        let watched = &mut self.axes[axis];
+        watched.pending_stop = None;
+        detail["link"] = json!(self.url);
+        detail["number"] = json!(watched.axis.number());
+        let (id, now) = (watched.id, self.context.now());
+        // Shown before anybody is answered, which the journal's thread does as soon as it is written.
+        self.wire.set_pending_stop(axis, None);
+        self.context.publish(BenchEvent::PendingStop(id));
+        self.context.journal.record((who, JournalAction::StopEnded, Some(id)), detail, now, then);
+    }
+
+    /// Says stops again that are owed, and looks how far they came.
+    pub(super) fn poll_pending_stops(&mut self) {
+        let now = self.context.now();
+        let owed = |watched: &&WorkerAxis| watched.pending_stop.is_some();
+        let Some(first) = self.axes.iter().find(owed) else { return };
+        self.airtime.update(&first.axis, now);
+        for axis in 0..self.axes.len() {
+            let watched = &mut self.axes[axis];
+            let Some(owed) = &mut watched.pending_stop else { continue };
+            let said = owed.attempts();
+            let (news, ended) = owed.poll(watched.id, &watched.axis, now, &mut self.airtime);
+            if owed.attempts() > said {
+                self.last_start = now;
+            }
+            let (alarm, is_news) = owed.update_alarm(now);
+            let id = watched.id;
+            if is_news && ended.is_none() {
+                self.context.publish(BenchEvent::PendingStop(id));
+            }
+            if let Some(stopped) = news {
+                let detail = json!({ "class": stopped.class, "ms": stopped.ms });
+                self.context.record_by_server(JournalAction::Outcome, id, detail);
+                self.context.publish(BenchEvent::Stopped(stopped));
+            }
+            let how = match ended {
+                None => {
+                    owed.reply_to_waiters(id, &watched.axis, now, false);
+                    self.wire.set_pending_stop(axis, alarm);
+                    continue;
+                }
+                Some(StopResolution::Standing) => "standing",
+                Some(StopResolution::NotKnown) => "standing not known",
+                Some(StopResolution::Impossible(_)) => "the drive has no stop",
+            };
+            let (its, owed) = (watched.axis.clone(), watched.pending_stop.take());
+            self.clear_pending_stop(axis, &SERVER.into(), json!({ "how": how }), None);
+            owed.into_iter().for_each(|mut owed| owed.reply_to_waiters(id, &its, now, true));
+        }
+    }
+
+    /// Owes an axis its stop no more, though nobody saw it stand: somebody knows better, and the journal
+    /// keeps who.
+    pub(super) fn handle_dismiss(
+        &mut self,
+        DismissRequest { axis, session, dismiss, reply: tell }: DismissRequest,
+    ) {
+        let now = self.context.now();
+        let held = match dismiss.reason {
+            DismissReason::TakenOver => {
+                self.axes[axis].lease.check_holder(&session, dismiss.epoch, now).map(drop)
+            }
+            _ => Ok(()),
+        };
+        let may = held.and_then(|()| self.context.journal.check_writable(now));
+        if may.is_err() || self.axes[axis].pending_stop.is_none() {
+            // Who has gone does not want to know, here and below.
+            return drop(tell.send(may));
+        }
+        let detail = json!({ "how": "dismissed", "reason": dismiss.reason, "note": dismiss.note });
+        let id = self.axes[axis].id;
+        if let Some(mut owed) = self.axes[axis].pending_stop.take() {
+            let what = "the stop was dismissed before the axis was seen standing";
+            owed.abandon(id, now, &GatewayError::new("gateway.owed", what));
+        }
+        self.clear_pending_stop(
+            axis,
+            &session,
+            detail,
+            Some(Box::new(move |kept| drop(tell.send(kept)))),
+        );
+    }
+
+    /// Answers those who still wait when the bench is closed, and names whom nobody saw standing.
+    pub(in crate::bench) fn abandon_pending_stops(&mut self) {
+        let now = self.context.now();
+        let why =
+            GatewayError::new("gateway.owed", "the server ends, and it was not seen standing");
+        for watched in &mut self.axes {
+            let Some(owed) = &mut watched.pending_stop else { continue };
+            owed.abandon(watched.id, now, &why);
+            let detail = json!({ "class": StopClass::Owed, "reason": "the server ends" });
+            self.context.record_by_server(JournalAction::Outcome, watched.id, detail);
+            self.context.add_not_standing(format!("{} of {}", watched.axis.label(), self.url));
+        }
+    }
+}

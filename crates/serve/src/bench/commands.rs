@@ -1,0 +1,141 @@
+//! Commands: checked, recorded in the journal, handed to the worker of their wire.
+
+use super::*;
+
+impl Bench {
+    /// Has an axis do something, once, if the session's lease, the lock, the arming, the limits and the
+    /// command's age let it.
+    pub fn command(
+        &self,
+        axis: u16,
+        session: &SessionName,
+        order: CommandRequest,
+    ) -> PendingReply<CommandOutcome> {
+        let CommandRequest { id, verb, arguments, .. } = &order;
+        let detail = json!({ "id": id, "verb": verb, "arguments": arguments });
+        let CommandRequest { issued_ms, ttl_ms, epoch, .. } = order;
+        let told = CommandHeader { id: id.clone(), issued_ms, ttl_ms, epoch };
+        self.submit_command(axis, session, told, detail, parse_action(&order))
+    }
+
+    /// Sends a request in the protocol's own text, for which no limits stand: once, under a lease and
+    /// while motion is not locked, because it may move the motor.
+    pub fn raw(
+        &self,
+        axis: u16,
+        session: &SessionName,
+        order: RawRequest,
+    ) -> PendingReply<CommandOutcome> {
+        let RawRequest { id, issued_ms, ttl_ms, epoch, text } = order;
+        let detail = json!({ "id": id, "raw": text });
+        let told = CommandHeader { id, issued_ms, ttl_ms, epoch };
+        self.submit_command(axis, session, told, detail, Ok(CommandAction::Raw(text)))
+    }
+
+    /// Announces a command, and gives the order once that is kept. What ends motion waits for nothing.
+    pub(super) fn submit_command(
+        &self,
+        axis: u16,
+        session: &SessionName,
+        order: CommandHeader,
+        detail: serde_json::Value,
+        deed: Result<CommandAction, GatewayError>,
+    ) -> PendingReply<CommandOutcome> {
+        let id = order.id.clone();
+        let refused = |error| PendingReply::ready(Ok(command_outcome(id, Some(error))));
+        let (wire, place, said) = match self.register_command(axis, &order) {
+            Ok((CommandLookup::New, wire, place, said)) => (Arc::clone(wire), place, said),
+            Ok((CommandLookup::Finished(outcome), ..)) => return PendingReply::ready(Ok(outcome)),
+            Ok((CommandLookup::Active(told), ..)) => {
+                return PendingReply::from_receiver(told, Ok(()));
+            }
+            Err(error) => return refused(error),
+        };
+        let (tell, told) = oneshot::channel();
+        let (shared, session) = (Arc::clone(&self.0.context), session.clone());
+        let ends_motion = deed.as_ref().is_ok_and(CommandAction::ends_motion);
+        let now = shared.now();
+        let go = {
+            let (shared, session) = (Arc::clone(&shared), session.clone());
+            move |kept: Result<(), GatewayError>| match (kept, deed) {
+                (Ok(()), Ok(deed)) => {
+                    let prepared = None;
+                    let commanded = QueuedCommand {
+                        axis: place,
+                        session,
+                        header: order,
+                        action: deed,
+                        prepared,
+                        reply: tell,
+                    };
+                    wire.submit_reserved(said, WireRequest::Command(Box::new(commanded)));
+                }
+                (Ok(()), Err(error)) => {
+                    let outcome = command_outcome(order.id, Some(error));
+                    shared.report_outcome((&session, axis), outcome, false, tell);
+                }
+                (Err(error), _) => {
+                    // Nothing was sent, and nothing will be: also for whoever says it again.
+                    let outcome = command_outcome(order.id, Some(error));
+                    shared.lock_history().finish(&outcome);
+                    // Who has gone does not want to know.
+                    let _ = tell.send(Ok(outcome));
+                }
+            }
+        };
+        let what = (&session, JournalAction::Command, Some(axis));
+        if ends_motion {
+            shared.journal.record(what, detail, now, None);
+            go(Ok(()));
+        } else {
+            shared.journal.write_ahead(what, detail, now, Box::new(go));
+        }
+        PendingReply::from_receiver(told, Ok(()))
+    }
+
+    /// Whether a command was seen, and the number that it has on its wire if not.
+    pub(super) fn register_command(
+        &self,
+        axis: u16,
+        order: &CommandHeader,
+    ) -> Result<(CommandLookup, &Arc<BenchWire>, usize, u64), GatewayError> {
+        let (link, place) = self.find_axis(axis)?;
+        let CommandHeader { id, issued_ms, ttl_ms, .. } = order;
+        if !issued_ms.is_finite() || !(0.0..=TTL_MAX_MS).contains(ttl_ms) {
+            let what = format!("a command is good for 0 to {TTL_MAX_MS} ms");
+            return Err(GatewayError::new("gateway.request", what));
+        }
+        let said = link.wire.reserve_number()?;
+        let now = self.0.context.now();
+        // However far ahead its clock is, within what is let through.
+        let stale = now + Duration::from_secs_f64((ttl_ms + 1000.0) / 1e3);
+        Ok((self.0.context.lock_history().register(id, stale, now)?, &link.wire, place, said))
+    }
+
+    /// Announces what is not for a hand, and does it once that is kept.
+    pub(super) fn run_after_journal<T: Send + 'static>(
+        &self,
+        what: (&SessionName, JournalAction, Option<u16>),
+        detail: serde_json::Value,
+        then: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
+    ) -> PendingReply<T> {
+        let (tell, told) = oneshot::channel();
+        let go = move |kept: Result<(), GatewayError>| {
+            // Who has gone does not want to know.
+            let _ = tell.send(kept.and_then(|()| then()));
+        };
+        let BenchContext { journal: notes, .. } = &*self.0.context;
+        notes.write_ahead(what, detail, self.0.context.now(), Box::new(go));
+        PendingReply::from_receiver(told, Ok(()))
+    }
+
+    /// Has the journal keep what is no matter of links. The reply tells when it does.
+    pub fn write_journal(
+        &self,
+        who: &str,
+        deed: JournalAction,
+        detail: serde_json::Value,
+    ) -> PendingReply<()> {
+        self.run_after_journal((&who.into(), deed, None), detail, || Ok(()))
+    }
+}

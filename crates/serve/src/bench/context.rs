@@ -1,0 +1,257 @@
+//! What the wires of a bench share: the lock, the commands that were seen, the journal, those who
+//! want to hear what happens.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use polepair_core::time::Instant;
+use serde_json::{Value, json};
+use tokio::sync::broadcast;
+
+use super::BenchOptions;
+use super::clock::BenchClock;
+use super::command_history::CommandHistory;
+use super::journal_queue::JournalQueue;
+use super::lease::SessionName;
+use super::wire::{Continuation, ReplySender};
+use crate::message::{
+    AxisStopReport, CommandOutcome, GatewayError, JournalAction, LeaseView, MotionLock, ScanView,
+};
+
+/// Things that happened and that a listener has not heard yet.
+const EVENTS_MAX: usize = 1024;
+/// Who did what nobody asked for.
+pub(super) const SERVER: &str = "server";
+
+/// Keeps what is done: see [`BenchOptions::journal`](super::BenchOptions::journal).
+///
+/// It is told before anything is sent, stops excepted: those go first. One thread calls it, which looks
+/// after nothing else, so it may wait for a disk.
+pub trait JournalSink: Send + Sync {
+    /// Takes a note, and returns once it is kept.
+    ///
+    /// # Errors
+    /// When it cannot be kept: what it announces is then not done, and a [`JournalAction::Missing`] counts what
+    /// was done.
+    fn write_entry(&self, note: JournalEntry<'_>) -> Result<(), GatewayError>;
+}
+
+/// What is about to be done, or was.
+#[derive(Debug)]
+pub struct JournalEntry<'a> {
+    /// The session; `server` for what nobody asked for.
+    pub who: &'a str,
+    /// What.
+    pub action: JournalAction,
+    /// The axis that it concerns.
+    pub axis: Option<u16>,
+    /// The rest.
+    pub detail: &'a Value,
+}
+
+/// A journal that keeps nothing, for benches that nobody else commands.
+#[derive(Debug)]
+pub struct NullJournal;
+
+impl JournalSink for NullJournal {
+    fn write_entry(&self, _note: JournalEntry<'_>) -> Result<(), GatewayError> {
+        Ok(())
+    }
+}
+
+/// Something that happened.
+#[derive(Clone, Debug)]
+pub enum BenchEvent {
+    /// An axis got an owner, or has none any more.
+    Lease {
+        /// Which axis.
+        axis: u16,
+        /// Who commands it.
+        lease: Option<LeaseView>,
+    },
+    /// A stop came further.
+    Stopped(AxisStopReport),
+    /// An axis is owed a stop, or none any more: its state has it.
+    PendingStop(u16),
+    /// Motion is locked.
+    Locked(MotionLock),
+    /// Motion is let again.
+    Unlocked,
+    /// A look for drives is further, or has ended.
+    Scan(ScanView),
+    /// A link was lost or is back, drives were taken in, or time passes otherwise: the bench's list has it.
+    BenchChanged,
+}
+
+/// What the wires share.
+pub(super) struct BenchContext {
+    pub clock: BenchClock,
+    pub lease_duration: Duration,
+    pub last_epoch: u64,
+    /// Axes that the server before this one owed a stop: connection string and number.
+    inherited_stops: Mutex<Vec<(String, u32)>>,
+    pub journal: Arc<JournalQueue>,
+    pub events: broadcast::Sender<BenchEvent>,
+    /// Somebody looks for drives: one at a time.
+    pub scan_active: AtomicBool,
+    command_history: Arc<Mutex<CommandHistory>>,
+    motion_lock: Mutex<Option<MotionLock>>,
+    /// How often motion was locked; changed with the lock in hand.
+    lock_count: AtomicU64,
+    closing: AtomicBool,
+    /// Who was not seen standing when the bench was closed.
+    not_standing: Mutex<Vec<String>>,
+}
+
+impl std::fmt::Debug for BenchContext {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Shared").field("clock", &self.clock).finish_non_exhaustive()
+    }
+}
+
+impl BenchContext {
+    pub fn new(clock: BenchClock, options: &BenchOptions) -> Self {
+        Self {
+            clock,
+            lease_duration: options.lease_duration,
+            last_epoch: options.last_epoch,
+            inherited_stops: Mutex::new(options.inherited_stops.clone()),
+            journal: Arc::default(),
+            events: broadcast::Sender::new(EVENTS_MAX),
+            scan_active: AtomicBool::new(false),
+            command_history: Arc::default(),
+            motion_lock: Mutex::default(),
+            lock_count: AtomicU64::new(0),
+            closing: AtomicBool::new(false),
+            not_standing: Mutex::default(),
+        }
+    }
+
+    pub fn now(&self) -> Instant {
+        self.clock.now()
+    }
+
+    /// Whether the server before this one owed that axis of a link a stop.
+    pub fn has_inherited_stop(&self, url: &str, number: u32) -> bool {
+        self.inherited_stops_on(url).contains(&number)
+    }
+
+    /// The numbers of those that it owed one on a link.
+    pub fn inherited_stops_on(&self, url: &str) -> Vec<u32> {
+        let owed = lock_unpoisoned(&self.inherited_stops);
+        owed.iter().filter(|(link, _)| link == url).map(|(_, number)| *number).collect()
+    }
+
+    /// Owes that axis nothing more of what the server before owed it.
+    pub fn remove_inherited_stop(&self, url: &str, number: u32) {
+        lock_unpoisoned(&self.inherited_stops)
+            .retain(|(link, axis)| (&**link, *axis) != (url, number));
+    }
+
+    pub fn lock_history(&self) -> MutexGuard<'_, CommandHistory> {
+        lock_unpoisoned(&self.command_history)
+    }
+
+    /// Who locked motion.
+    pub fn current_lock(&self) -> MutexGuard<'_, Option<MotionLock>> {
+        lock_unpoisoned(&self.motion_lock)
+    }
+
+    /// How often motion was locked so far.
+    pub fn lock_count(&self) -> u64 {
+        self.lock_count.load(Ordering::SeqCst)
+    }
+
+    /// Locks motion. Who listens is told in the order in which it is locked and let again.
+    pub fn lock_motion(&self, told: MotionLock) {
+        let mut lock = self.current_lock();
+        self.lock_count.fetch_add(1, Ordering::SeqCst);
+        *lock = Some(told.clone());
+        self.publish(BenchEvent::Locked(told));
+    }
+
+    /// Lets motion again, unless it was locked since somebody counted so many locks.
+    pub fn unlock_motion(&self, locks: u64) -> bool {
+        let mut lock = self.current_lock();
+        let newest = self.lock_count() == locks;
+        if newest && lock.take().is_some() {
+            self.publish(BenchEvent::Unlocked);
+        }
+        newest
+    }
+
+    /// Tells whoever listens.
+    pub fn publish(&self, event: BenchEvent) {
+        // Nobody may be listening.
+        let _ = self.events.send(event);
+    }
+
+    /// Has the journal keep what was done already and cannot be refused any more.
+    pub fn record(&self, who: &SessionName, deed: JournalAction, axis: Option<u16>, detail: Value) {
+        self.journal.record((who, deed, axis), detail, self.now(), None);
+    }
+
+    /// Has the journal keep what nobody asked for.
+    pub fn record_by_server(&self, deed: JournalAction, axis: u16, detail: Value) {
+        self.record(&SERVER.into(), deed, Some(axis), detail);
+    }
+
+    /// Has the journal keep how a command ended, and then tells it to whoever said it, then or again.
+    /// What ends motion is told at once.
+    pub fn report_outcome(
+        &self,
+        (who, axis): (&SessionName, u16),
+        outcome: CommandOutcome,
+        ends_motion: bool,
+        tell: ReplySender<CommandOutcome>,
+    ) {
+        let detail = json!({
+            "id": outcome.id, "outcome": outcome.outcome, "error": outcome.error,
+        });
+        let once = Arc::clone(&self.command_history);
+        let told = move |_| {
+            lock_unpoisoned(&once).finish(&outcome);
+            // Who has gone does not want to know.
+            let _ = tell.send(Ok(outcome));
+        };
+        let then: Option<Continuation> = match ends_motion {
+            true => {
+                told(Ok(()));
+                None
+            }
+            false => Some(Box::new(told)),
+        };
+        self.journal.record((who, JournalAction::Outcome, Some(axis)), detail, self.now(), then);
+    }
+
+    /// An axis is left that was not seen standing.
+    pub fn add_not_standing(&self, who: String) {
+        lock_unpoisoned(&self.not_standing).push(who);
+    }
+
+    /// All of these.
+    pub fn drain_not_standing(&self) -> Vec<String> {
+        std::mem::take(&mut *lock_unpoisoned(&self.not_standing))
+    }
+
+    pub fn close(&self) {
+        self.closing.store(true, Ordering::SeqCst);
+    }
+
+    pub fn is_closing(&self) -> bool {
+        self.closing.load(Ordering::SeqCst)
+    }
+}
+
+impl Drop for BenchContext {
+    /// Whoever could note something has gone.
+    fn drop(&mut self) {
+        self.journal.close();
+    }
+}
+
+/// What is behind a lock, whatever became of who had it.
+pub(super) fn lock_unpoisoned<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,310 @@
+//! What is to be written into the journal waits here, in the order in which it was noted, and one thread
+//! writes it: nobody who moves or stops anything waits for a disk.
+//!
+//! What is announced goes on once it is kept, by what was left here for that. Where the disk stalls or
+//! refuses, what is announced is refused, and what was done is counted where it cannot be kept: a
+//! record tells how many are missing, as soon as there can be one.
+//!
+//! Why: GW-25.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use polepair_core::time::Instant;
+use serde_json::{Value, json};
+
+use super::clock::BenchClock;
+use super::context::{JournalEntry, JournalSink, SERVER, lock_unpoisoned};
+use super::lease::SessionName;
+use super::wire::Continuation;
+use crate::message::{GatewayError, JournalAction};
+
+/// Notes that wait, and about how many bytes of them. What is announced may take half of either, so that
+/// what was done finds room.
+const ENTRIES_MAX: usize = 4096;
+const BYTES_MAX: usize = 4 << 20;
+/// A disk that has taken nothing for so long stalls: nothing more is announced.
+const STALLED_AFTER: Duration = Duration::from_secs(1);
+/// What was announced longer ago than this is not done any more.
+const WRITE_AHEAD_MAX: Duration = Duration::from_secs(2);
+/// Between two tries to tell how many notes are missing.
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
+
+/// A note that waits.
+struct QueuedEntry {
+    who: SessionName,
+    action: JournalAction,
+    axis: Option<u16>,
+    detail: Value,
+    /// When it was noted.
+    at: Instant,
+    /// It is not done yet, and only will be when it is kept.
+    write_ahead: bool,
+    /// What goes on once it was written, or could not be.
+    then: Option<Continuation>,
+}
+
+enum QueueItem {
+    Entry(Box<QueuedEntry>),
+    /// So many found no room.
+    Gap(u64),
+}
+
+#[derive(Default)]
+struct EntryQueue {
+    entries: VecDeque<QueueItem>,
+    bytes: usize,
+    /// Since when a record is being written.
+    writing: Option<Instant>,
+    closed: bool,
+}
+
+/// The notes of a bench.
+#[derive(Default)]
+pub(super) struct JournalQueue {
+    queue: Mutex<EntryQueue>,
+    wakeup: Condvar,
+}
+
+/// Writes them.
+pub(super) struct JournalWriter {
+    queue: Arc<JournalQueue>,
+    journal: Arc<dyn JournalSink>,
+    clock: BenchClock,
+    missing: MissingEntries,
+}
+
+/// Notes that no record was made of.
+#[derive(Default)]
+struct MissingEntries {
+    count: u64,
+    why: String,
+    /// When to tell so again.
+    retry_at: Instant,
+}
+
+impl JournalQueue {
+    /// Notes what is about to be done: `then` does it once it is kept, or hears why that is not to be.
+    /// It must not wait.
+    pub fn write_ahead(
+        &self,
+        (who, deed, axis): (&SessionName, JournalAction, Option<u16>),
+        detail: Value,
+        now: Instant,
+        then: Continuation,
+    ) {
+        if let Err(refused) = self.check_writable(now) {
+            return then(Err(refused));
+        }
+        let (who, then) = (who.clone(), Some(then));
+        self.push(QueuedEntry {
+            who,
+            action: deed,
+            axis,
+            detail,
+            at: now,
+            write_ahead: true,
+            then,
+        });
+    }
+
+    /// Notes what was done. `then` is done once it is written, or cannot be.
+    pub fn record(
+        &self,
+        (who, deed, axis): (&SessionName, JournalAction, Option<u16>),
+        detail: Value,
+        now: Instant,
+        then: Option<Continuation>,
+    ) {
+        let who = who.clone();
+        self.push(QueuedEntry {
+            who,
+            action: deed,
+            axis,
+            detail,
+            at: now,
+            write_ahead: false,
+            then,
+        });
+    }
+
+    /// Whether something may be announced.
+    ///
+    /// # Errors
+    /// `gateway.journal` while the disk takes nothing.
+    pub fn check_writable(&self, now: Instant) -> Result<(), GatewayError> {
+        let queue = lock_unpoisoned(&self.queue);
+        let oldest = queue.writing.or_else(|| match queue.entries.front() {
+            Some(QueueItem::Entry(waiting)) => Some(waiting.at),
+            _ => None,
+        });
+        let stalls = oldest.is_some_and(|oldest| now.since(oldest) >= STALLED_AFTER);
+        let full = queue.entries.len() >= ENTRIES_MAX / 2 || queue.bytes >= BYTES_MAX / 2;
+        if stalls || full || queue.closed { Err(stalled_error()) } else { Ok(()) }
+    }
+
+    fn push(&self, waiting: QueuedEntry) {
+        let bytes = entry_bytes(&waiting.detail);
+        let mut queue = lock_unpoisoned(&self.queue);
+        if queue.entries.len() < ENTRIES_MAX && queue.bytes + bytes <= BYTES_MAX && !queue.closed {
+            queue.bytes += bytes;
+            queue.entries.push_back(QueueItem::Entry(Box::new(waiting)));
+            drop(queue);
+            self.wakeup.notify_one();
+            return;
+        }
+        match queue.entries.back_mut() {
+            Some(QueueItem::Gap(count)) => *count += 1,
+            _ => queue.entries.push_back(QueueItem::Gap(1)),
+        }
+        drop(queue);
+        waiting.then.into_iter().for_each(|then| then(Err(stalled_error())));
+    }
+
+    /// Nothing more is noted; the scribe ends when all is written.
+    pub fn close(&self) {
+        lock_unpoisoned(&self.queue).closed = true;
+        self.wakeup.notify_one();
+    }
+
+    fn next(&self, now: Instant) -> Option<QueueItem> {
+        let mut queue = lock_unpoisoned(&self.queue);
+        let entry = queue.entries.pop_front();
+        if let Some(QueueItem::Entry(waiting)) = &entry {
+            queue.bytes -= entry_bytes(&waiting.detail);
+        }
+        queue.writing = entry.is_some().then_some(now);
+        entry
+    }
+}
+
+impl JournalWriter {
+    pub fn new(queue: Arc<JournalQueue>, journal: Arc<dyn JournalSink>, clock: BenchClock) -> Self {
+        Self { queue, journal, clock, missing: MissingEntries::default() }
+    }
+
+    /// Writes until the notes are closed.
+    pub fn run(mut self) {
+        while self.wait() {
+            self.write_queued();
+        }
+        self.write_queued();
+        if self.missing.count > 0 && self.report_missing().is_err() {
+            let count = self.missing.count;
+            tracing::error!(count, "the journal ends without some of what was done");
+        }
+    }
+
+    /// Waits for a note. False when none will come.
+    fn wait(&self) -> bool {
+        let nothing = |queue: &mut EntryQueue| queue.entries.is_empty() && !queue.closed;
+        let queue = lock_unpoisoned(&self.queue.queue);
+        let queue: MutexGuard<'_, _> = match self.missing.count {
+            0 => {
+                self.queue.wakeup.wait_while(queue, nothing).unwrap_or_else(PoisonError::into_inner)
+            }
+            _ => {
+                let waited = self.queue.wakeup.wait_timeout_while(queue, RETRY_INTERVAL, nothing);
+                waited.unwrap_or_else(PoisonError::into_inner).0
+            }
+        };
+        !queue.closed
+    }
+
+    /// Writes what waits.
+    pub fn write_queued(&mut self) {
+        while let Some(entry) = self.queue.next(self.clock.now()) {
+            match entry {
+                QueueItem::Entry(waiting) => self.write(*waiting),
+                QueueItem::Gap(count) => self.count_missing(count, &stalled_error()),
+            }
+        }
+        if self.missing.count > 0 && self.clock.now() >= self.missing.retry_at {
+            // It is tried again.
+            let _ = self.report_missing();
+        }
+    }
+
+    fn write(&mut self, mut waiting: QueuedEntry) {
+        let then = waiting.then.take();
+        if waiting.write_ahead && self.is_late(&waiting) {
+            return then.into_iter().for_each(|then| then(Err(stalled_error())));
+        }
+        let mut kept = self.store_entry(&waiting);
+        match &kept {
+            Err(refused) if !waiting.write_ahead => self.count_missing(1, refused),
+            Ok(()) if waiting.write_ahead && self.is_late(&waiting) => {
+                // It says that it was to be done: what follows says that it was not.
+                let id = waiting.detail.get("id").cloned();
+                let detail = json!({ "id": id, "outcome": "not_done", "error": stalled_error() });
+                let not_done = QueuedEntry {
+                    action: JournalAction::Outcome,
+                    detail,
+                    write_ahead: false,
+                    ..waiting
+                };
+                self.write(not_done);
+                kept = Err(stalled_error());
+            }
+            _ => {}
+        }
+        if let Some(then) = then {
+            then(kept);
+        }
+    }
+
+    fn is_late(&self, waiting: &QueuedEntry) -> bool {
+        self.clock.now().since(waiting.at) > WRITE_AHEAD_MAX
+    }
+
+    /// Has a record made, behind the one that tells what is missing before it.
+    fn store_entry(&mut self, waiting: &QueuedEntry) -> Result<(), GatewayError> {
+        if self.missing.count > 0 {
+            self.report_missing()?;
+        }
+        let QueuedEntry { who, action: deed, axis, detail, .. } = waiting;
+        self.journal.write_entry(JournalEntry { who, action: *deed, axis: *axis, detail })
+    }
+
+    fn count_missing(&mut self, count: u64, why: &GatewayError) {
+        if self.missing.count == 0 {
+            tracing::error!(%why, "the journal does not keep what is done");
+        }
+        self.missing.count += count;
+        self.missing.why = why.message.clone();
+    }
+
+    fn report_missing(&mut self) -> Result<(), GatewayError> {
+        let MissingEntries { count, why, .. } = &self.missing;
+        let detail = json!({ "count": count, "why": why });
+        let note = JournalEntry {
+            who: SERVER,
+            action: JournalAction::Missing,
+            axis: None,
+            detail: &detail,
+        };
+        let told = self.journal.write_entry(note);
+        match told {
+            Ok(()) => self.missing = MissingEntries::default(),
+            Err(_) => self.missing.retry_at = self.clock.now() + RETRY_INTERVAL,
+        }
+        told
+    }
+}
+
+/// About how many bytes a note takes.
+fn entry_bytes(detail: &Value) -> usize {
+    const EACH: usize = 64;
+    EACH + match detail {
+        Value::String(text) => text.len(),
+        Value::Array(all) => all.iter().map(entry_bytes).sum(),
+        Value::Object(all) => all.iter().map(|(name, value)| name.len() + entry_bytes(value)).sum(),
+        _ => 0,
+    }
+}
+
+pub(super) fn stalled_error() -> GatewayError {
+    GatewayError::new("gateway.journal", "the journal's disk takes nothing")
+        .hint("see to that disk; motors can be stopped meanwhile, not moved")
+}

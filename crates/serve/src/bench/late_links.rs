@@ -1,0 +1,199 @@
+//! Links that could not be opened at the start: they are tried again until they open, and then their
+//! axes join as if they had been there.
+//!
+//! Why: GW-11.
+
+use std::sync::{Arc, Weak};
+use std::time::Duration;
+
+use polepair::{Connector, Error};
+use polepair_link::clock;
+use serde_json::json;
+use tokio::sync::oneshot;
+
+use super::absent_axes;
+use super::context::{BenchEvent, SERVER, lock_unpoisoned};
+use super::open::{AXES_MAX, BenchLink, tapped_connector};
+use super::threads::thread_error;
+use super::wire::Continuation;
+use super::{Bench, BenchInner, PendingReply, REASON_MAX, SessionName};
+use crate::message::{
+    DismissAbsent, DismissReason, GatewayError, JournalAction, LinkView, UnreachedTarget,
+};
+
+/// Between two tries, at first and at last.
+const RETRY_MIN: Duration = Duration::from_millis(100);
+const RETRY_MAX: Duration = Duration::from_secs(2);
+
+impl Bench {
+    /// Tries a link again until it opens. Nobody waits for the thread that does: a host that does not
+    /// answer keeps it for seconds, and it holds nothing of the bench meanwhile.
+    pub(super) fn spawn_link_opener(
+        &self,
+        id: u16,
+        error: GatewayError,
+        connector: &Connector,
+    ) -> Result<(), GatewayError> {
+        let n = usize::from(id);
+        let url = self.0.links[n].url.clone();
+        let detail = json!({ "link": id, "url": url, "open": false, "error": error });
+        self.0.context.record(&SERVER.into(), JournalAction::Link, None, detail);
+        tracing::debug!(link = id, %url, %error, "a link is not open, and is tried again");
+        let connector = tapped_connector(connector, &self.0.traffic, n);
+        let bench = Arc::downgrade(&self.0);
+        let named = std::thread::Builder::new().name("bench-opens".to_owned());
+        let opens = named.spawn(move || retry_until_open(&bench, n, &connector, &url));
+        opens.map(drop).map_err(|error| thread_error(&error))
+    }
+
+    /// What is told of a link, with what the server before owed drives that are not there.
+    pub(super) fn link_view(&self, link: &BenchLink) -> LinkView {
+        let mut owed = self.0.context.inherited_stops_on(&link.url);
+        owed.retain(|number| !link.has_axis(*number));
+        LinkView { owed, ..link.view() }
+    }
+
+    /// Owes a drive that is not there its stop no more, which the server before owed it. The journal keeps
+    /// who said so, and why.
+    ///
+    /// The reply is `E212` where that one is owed none, or is there: then it is dismissed as an axis.
+    pub fn dismiss_absent(
+        &self,
+        session: &SessionName,
+        dismiss: DismissAbsent,
+    ) -> PendingReply<()> {
+        let (tell, told) = oneshot::channel();
+        let shared = &self.0.context;
+        let DismissAbsent { link: url, number, reason, note } = dismiss;
+        let note: String = note.chars().take(REASON_MAX).collect();
+        let is_there = self.0.links.iter().any(|link| link.url == url && link.has_axis(number));
+        let asked = if is_there {
+            Err(GatewayError::new("E212", format!("axis {number} of {url} is there"))
+                .hint("dismiss its stop as that of an axis"))
+        } else if reason == DismissReason::TakenOver {
+            Err(GatewayError::new(
+                "gateway.lease",
+                "nobody can take over a drive that is not there",
+            ))
+        } else if !shared.has_inherited_stop(&url, number) {
+            Err(GatewayError::new("E212", format!("axis {number} of {url} is owed no stop")))
+        } else {
+            shared.journal.check_writable(shared.now())
+        };
+        if asked.is_ok() {
+            shared.remove_inherited_stop(&url, number);
+            shared.publish(BenchEvent::BenchChanged);
+            let detail = json!({ "how": "dismissed", "reason": reason, "note": note, "link": url,
+                "number": number });
+            let then: Continuation = Box::new(move |kept| drop(tell.send(kept)));
+            shared.journal.record(
+                (session, JournalAction::StopEnded, None),
+                detail,
+                shared.now(),
+                Some(then),
+            );
+        }
+        PendingReply::from_receiver(told, asked)
+    }
+
+    /// Names the drives of a link that the server before owed a stop and that are not there still, and
+    /// ends what was set in the others for as long as this server speaks.
+    pub(super) fn close_link(&self, link: &BenchLink) {
+        let owed = self.link_view(link).owed.into_iter();
+        owed.for_each(|n| self.0.context.add_not_standing(format!("axis {n} of {}", link.url)));
+        link.wire.end_host_watch();
+    }
+
+    /// Links that are not open, whose axes nobody knows, and axes that are not there on the others.
+    pub(super) fn unreached(&self) -> Vec<UnreachedTarget> {
+        let each = self.0.links.iter().flat_map(|link| {
+            let why = link
+                .wire
+                .link_error()
+                .filter(|_| !link.was_opened())
+                .map(|(_, error)| (None, error));
+            let absent = link.absent().into_iter().map(|axis| (Some(axis.number), axis.error));
+            why.into_iter().chain(absent).map(|(number, error)| UnreachedTarget {
+                link: link.id,
+                url: link.url.clone(),
+                number,
+                error,
+            })
+        });
+        each.collect()
+    }
+
+    /// Shows why a link is not open, when that is another reason than before.
+    fn update_link_error(&self, n: usize, error: GatewayError) {
+        let wire = &self.0.links[n].wire;
+        let before = wire.link_error();
+        if before.as_ref().is_some_and(|(_, before)| *before == error) {
+            return;
+        }
+        let since = before.map_or_else(|| self.0.context.now(), |(since, _)| since);
+        wire.set_link_error(Some((since, error)));
+        self.0.context.publish(BenchEvent::BenchChanged);
+    }
+
+    /// Takes in a link that was opened, with its axes behind all others.
+    fn add_opened_link(
+        &self,
+        n: usize,
+        opened: &polepair::Link,
+        absent: Vec<(u32, Error)>,
+    ) -> Result<(), GatewayError> {
+        let (link, shared) = (&self.0.links[n], &self.0.context);
+        let base = {
+            let _one_at_a_time = lock_unpoisoned(&self.0.join_lock);
+            let base = self.0.axes.len();
+            if base + opened.axes().len() > AXES_MAX {
+                let what = format!("its axes are too many: a bench holds {AXES_MAX}");
+                return Err(
+                    GatewayError::new("gateway.request", what).hint("serve it by another server")
+                );
+            }
+            // All samples count from one moment.
+            let _ = link.wire.time_origin.set(self.0.opened_at);
+            link.set_opened_later(opened, absent);
+            link.wire.set_link_error(None);
+            for axis in opened.axes() {
+                self.add_axis(n, axis);
+            }
+            base as u16
+        };
+        self.0.traffic.replace_decoder(n, link.decoder());
+        // Who stopped everything meant these as well, and could not reach them.
+        self.stop_if_locked(n, 0);
+        let axes: Vec<u16> = link.wire.axes.iter().map(|(id, _)| *id).collect();
+        let detail = json!({ "link": link.id, "url": link.url, "open": true, "axes": axes });
+        shared.record(&SERVER.into(), JournalAction::Link, None, detail);
+        tracing::info!(link = link.id, url = %link.url, ?axes, "a link is open after all");
+        shared.publish(BenchEvent::BenchChanged);
+        self.listen_events(base, 0, opened)
+    }
+}
+
+fn retry_until_open(bench: &Weak<BenchInner>, n: usize, connector: &Connector, url: &str) {
+    let mut pause = RETRY_MIN;
+    let here = || bench.upgrade().map(Bench).filter(|bench| !bench.0.context.is_closing());
+    while here().is_some() {
+        clock::sleep_until(clock::now() + pause);
+        pause = (pause * 2).min(RETRY_MAX);
+        let opened = connector.connect_present(url);
+        let Some(bench) = here() else { return };
+        let taken = match opened {
+            Ok((opened, absent)) => bench.add_opened_link(n, &opened, absent),
+            Err(error) => Err(error.into()),
+        };
+        match taken {
+            Ok(()) => break,
+            // It is open, and only what it says by itself is not heard.
+            Err(error) if bench.0.links[n].was_opened() => {
+                tracing::warn!(%error, "what drives send unasked is not heard");
+                break;
+            }
+            Err(error) => bench.update_link_error(n, error),
+        }
+    }
+    absent_axes::probe_until_joined(bench, n);
+}

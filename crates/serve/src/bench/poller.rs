@@ -1,0 +1,329 @@
+//! The eyes on one wire: a thread that asks for what is shown, whenever the desk has nothing to do.
+//! It asks one thing at a time, so that a command waits behind one question at most.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use polepair::Axis;
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::profile::{ParameterId, Signal};
+use polepair_core::time::Instant;
+use serde_json::json;
+
+use super::clash::ClashDetector;
+use super::context::{BenchContext, BenchEvent};
+use super::open::BenchLink;
+use super::request_worker::RequestWorker;
+use super::scan::LinkScanner;
+use super::telemetry::{Telemetry, WatchTarget};
+use super::wire::{BenchWire, StopBatch};
+use crate::message::telemetry::Sample;
+use crate::message::{GatewayError, JournalAction};
+
+/// How often an axis is asked for its state.
+const STATE_EVERY: Duration = Duration::from_millis(100);
+/// How long an axis that does not answer is left alone.
+const SILENT_BACKOFF: Duration = Duration::from_secs(1);
+/// How far ahead an axis that turns is kept from leaving its limits.
+const LIMIT_LOOKAHEAD: Duration = Duration::from_millis(200);
+/// Between two looks whether there is anything to do.
+const IDLE: Duration = Duration::from_millis(20);
+/// Watched values that are asked for between two addresses of a look for drives.
+const DUE_AT_ONCE_MAX: usize = 16;
+
+/// What looks at a wire.
+pub(super) struct AxisPoller {
+    wire: Arc<BenchWire>,
+    request_worker: Arc<RequestWorker>,
+    context: Arc<BenchContext>,
+    telemetry: Arc<Telemetry>,
+    axes: Vec<PolledAxis>,
+    /// Whose turn it is.
+    current: usize,
+    /// Questions take half of the time at most.
+    rest_until: Instant,
+    clash_detector: ClashDetector,
+    scanner: LinkScanner,
+}
+
+/// An axis, and what is still to be asked of it.
+struct PolledAxis {
+    id: u16,
+    axis: Axis,
+    /// Parameters that signals read.
+    signal_parameters: Vec<ParameterId>,
+    reads_left: Vec<ParameterId>,
+    next: Instant,
+    /// Its drive is still to be had to watch this host.
+    needs_host_watch: bool,
+}
+
+impl AxisPoller {
+    pub fn new(link: &BenchLink, shared: &Arc<BenchContext>, telemetry: &Arc<Telemetry>) -> Self {
+        let mut eyes = Self {
+            axes: Vec::new(),
+            wire: Arc::clone(&link.wire),
+            request_worker: Arc::clone(&link.request_worker),
+            context: Arc::clone(shared),
+            telemetry: Arc::clone(telemetry),
+            current: 0,
+            rest_until: Instant::ZERO,
+            clash_detector: ClashDetector::default(),
+            scanner: LinkScanner::new(link, shared),
+        };
+        eyes.add_joined_axes();
+        eyes
+    }
+
+    /// Looks at axes that joined, too.
+    fn add_joined_axes(&mut self) {
+        let looked = |(id, axis): &(u16, Axis)| PolledAxis {
+            id: *id,
+            signal_parameters: polled_parameters(axis),
+            axis: axis.clone(),
+            reads_left: Vec::new(),
+            next: Instant::ZERO,
+            needs_host_watch: true,
+        };
+        let known = self.axes.len();
+        if known < self.wire.axes.len() {
+            self.axes.extend(self.wire.axes.iter().skip(known).map(looked));
+        }
+    }
+
+    /// Looks until the bench closes.
+    pub fn run(mut self) {
+        while !self.context.is_closing() {
+            if self.request_worker.run_next() {
+                continue;
+            }
+            if self.scan_next() {
+                // Between two addresses whatever is due goes on.
+                for _ in 0..DUE_AT_ONCE_MAX {
+                    if !self.request_worker.run_next() && !self.poll_subscribed() {
+                        break;
+                    }
+                }
+                self.poll_state();
+                continue;
+            }
+            let watched = self.poll_subscribed();
+            // Who watches more than the wire can carry does not keep states from being asked for; a
+            // command comes before either.
+            if watched && (self.request_worker.run_next() || self.context.now() < self.rest_until) {
+                continue;
+            }
+            let now = self.context.now();
+            if now < self.rest_until {
+                self.request_worker.wait(self.rest_until.since(now).min(self.idle()));
+            } else if self.poll_state() {
+                self.rest_until = self.context.now() + self.context.now().since(now);
+            } else if !watched {
+                self.request_worker.wait(self.idle());
+            }
+        }
+        // What is left is told that it comes too late.
+        while self.request_worker.run_next() {}
+    }
+
+    /// Asks the next address of a look for drives. False when nobody looks.
+    pub fn scan_next(&mut self) -> bool {
+        let looks = self.scanner.step();
+        if looks && let Some(first) = self.axes.first() {
+            // What an address asked in vain may still say is nobody's clash.
+            self.clash_detector
+                .skip_counted(first.axis.connection().with_axes(|axes, _| axes.counters()));
+        }
+        looks
+    }
+
+    /// Asks for what somebody watches and the drive does not send, once, if it is due: what waits
+    /// longest first, so that all come where the wire cannot carry all. False when nothing is.
+    pub fn poll_subscribed(&mut self) -> bool {
+        self.add_joined_axes();
+        let Some((now, zero)) = self.wire.time() else { return false };
+        let now_us = now.since(zero).as_micros() as u64;
+        let sources = self.axes.iter().flat_map(|looked| {
+            self.telemetry.sources_of(looked.id).into_iter().map(move |source| (looked, source))
+        });
+        let due = sources.filter_map(|(looked, source)| {
+            let due = source.poll_due(now_us)?;
+            (due <= now).then_some((due, looked, source))
+        });
+        let Some((_, looked, source)) = due.min_by_key(|(due, ..)| *due) else { return false };
+        source.mark_polled(now);
+        if let Some((at, value)) = looked.read_target(source.target) {
+            let t_us = at.since(zero).as_micros() as u64;
+            source.push_polled(Sample { t_us, value });
+        }
+        true
+    }
+
+    /// How long nothing is due.
+    fn idle(&self) -> Duration {
+        let Some((now, zero)) = self.wire.time() else { return IDLE };
+        let now_us = now.since(zero).as_micros() as u64;
+        let sources = self.axes.iter().flat_map(|looked| self.telemetry.sources_of(looked.id));
+        let due = sources.filter_map(|source| source.poll_due(now_us)).min();
+        due.map_or(IDLE, |due| due.since(now).min(IDLE))
+    }
+
+    /// Asks one thing of the axis whose turn it is. False when none is to be asked.
+    fn poll_state(&mut self) -> bool {
+        let now = self.context.now();
+        self.check_clashes(now);
+        for id in self.wire.drain_restarted() {
+            let its = self.axes.iter_mut().filter(|looked| looked.id == id);
+            its.for_each(|looked| looked.needs_host_watch = true);
+        }
+        let unwatched = |looked: &&mut PolledAxis| looked.needs_host_watch && now >= looked.next;
+        for looked in self.axes.iter_mut().filter(unwatched) {
+            if looked.enable_host_watch(now, &self.wire, &self.context) {
+                return true;
+            }
+        }
+        for _ in 0..self.axes.len() {
+            self.current = (self.current + 1) % self.axes.len();
+            let looked = &mut self.axes[self.current];
+            if looked.reads_left.is_empty() && now >= looked.next {
+                looked.reads_left.clone_from(&looked.signal_parameters);
+                looked.next = now + STATE_EVERY;
+            }
+            let stale = loop {
+                match looked.reads_left.pop() {
+                    Some(id) if looked.is_fresh(id) => {}
+                    found => break found,
+                }
+            };
+            if let Some(id) = stale {
+                looked.poll_parameter(id, now);
+                self.enforce_limits();
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Tells of somebody else on the wire.
+    fn check_clashes(&mut self, now: Instant) {
+        let Some(first) = self.axes.first() else { return };
+        let counters = || first.axis.connection().with_axes(|axes, _| axes.counters());
+        if let Some(news) = self.clash_detector.check(counters, now) {
+            self.wire.set_clash(news);
+            self.context.publish(BenchEvent::BenchChanged);
+        }
+    }
+
+    /// Stops an axis that is about to leave the limits that a file sets it.
+    fn enforce_limits(&self) {
+        let axis = &self.axes[self.current].axis;
+        if !axis.has_position_limits() || !axis.state().armed || axis.is_turning() != Some(true) {
+            return;
+        }
+        let reason = match axis.predict_limit_violation(LIMIT_LOOKAHEAD) {
+            Ok(None) => return,
+            Ok(Some(reason)) => reason,
+            Err(error) => error.to_string(),
+        };
+        let (axes, since, report) = (vec![(self.current, 0)], self.context.now(), None);
+        let who = super::context::SERVER.into();
+        self.wire.submit_stop(StopBatch {
+            axes,
+            session: who,
+            reason,
+            requested_at: since,
+            collector: report,
+        });
+    }
+}
+
+/// What signals read, each once; the most telling is asked first, being last.
+fn polled_parameters(axis: &Axis) -> Vec<ParameterId> {
+    let mut ids = Vec::new();
+    let plain = axis.profile().signals.iter().filter(|source| source.signal != Signal::Time);
+    for source in plain {
+        if !ids.contains(&source.parameter) {
+            ids.push(source.parameter);
+        }
+    }
+    ids.reverse();
+    ids
+}
+
+impl PolledAxis {
+    /// What is watched, as it is now; `None` where it is not told.
+    fn read_target(&self, what: WatchTarget) -> Option<(Instant, f64)> {
+        let (at, value) = match what {
+            WatchTarget::Signal(signal) => {
+                let reading = self.axis.signals(&[signal]).ok()?[0];
+                (reading.at?, reading.value)
+            }
+            WatchTarget::Parameter(id) => {
+                let raw = self.axis.read(id).ok()?;
+                (self.axis.connection().now(), self.axis.value(id, raw).ok()?.value)
+            }
+        };
+        value.is_finite().then_some((at, value))
+    }
+
+    /// Whether all that a parameter tells was sent or asked for just now.
+    fn is_fresh(&self, id: ParameterId) -> bool {
+        let (state, now) = (self.axis.state(), self.axis.connection().now());
+        let mut its = self.axis.profile().signals.iter().filter(|s| s.parameter == id);
+        its.all(|s| state.reading(s.signal).at.is_some_and(|at| now.since(at) < STATE_EVERY / 2))
+    }
+
+    /// Has its drive watch this host's heartbeat, where the link sends one. False where nothing was
+    /// asked.
+    fn enable_host_watch(&mut self, now: Instant, wire: &BenchWire, shared: &BenchContext) -> bool {
+        let (watched, failed) = match self.axis.watch_host() {
+            Ok(None) => {
+                self.needs_host_watch = false;
+                return false;
+            }
+            Ok(Some(watched)) => (Ok(watched), false),
+            Err(error) => {
+                let silent = matches!(&error, polepair::Error::Failed { outcome, .. }
+                    if matches!(outcome.failure(), Some(Failure::Silent | Failure::LinkDown)));
+                (Err(error), silent)
+            }
+        };
+        if failed {
+            self.next = now + SILENT_BACKOFF;
+            return true;
+        }
+        self.needs_host_watch = false;
+        let (told, own, detail) = match watched {
+            Ok([found, is]) => {
+                let detail = json!({ "was": found.to_string(), "is": is.to_string() });
+                (is.to_string(), found != is, detail)
+            }
+            Err(error) => {
+                let told = format!("not known: {error}");
+                (told, false, json!({ "error": GatewayError::from(error) }))
+            }
+        };
+        tracing::info!(axis = self.id, "{}: its own watchdog is {told}", self.axis.label());
+        shared.record_by_server(JournalAction::Watchdog, self.id, detail);
+        let place = wire.axes.iter().position(|(id, _)| *id == self.id);
+        place.filter(|_| own).into_iter().for_each(|place| wire.set_host_watched(place, true));
+        true
+    }
+
+    fn poll_parameter(&mut self, id: ParameterId, now: Instant) {
+        let Err(error) = self.axis.read(id) else { return };
+        let polepair::Error::Failed { outcome, .. } = error else {
+            return self.signal_parameters.retain(|other| *other != id);
+        };
+        match outcome {
+            Outcome::NotDone(Failure::Refused { .. } | Failure::Impossible(_)) => {
+                self.signal_parameters.retain(|other| *other != id);
+            }
+            _ if matches!(outcome.failure(), Some(Failure::Silent | Failure::LinkDown)) => {
+                self.reads_left.clear();
+                self.next = now + SILENT_BACKOFF;
+            }
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! What has to wait for a drive and moves nothing: questions, settings, getting ready. The hand never
+//! waits, so it leaves these to the desk of its wire.
+//!
+//! Why: GW-12.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
+use std::time::Duration;
+
+use super::context::lock_unpoisoned;
+use super::wire::{
+    BenchWire, CommandAction, Continuation, QueuedCommand, ReplySender, WireRequest,
+};
+use crate::message::GatewayError;
+
+/// Jobs that wait at one desk.
+const JOBS_MAX: usize = 64;
+
+/// The jobs of one wire.
+pub(super) struct RequestWorker {
+    wire: Weak<BenchWire>,
+    jobs: Mutex<VecDeque<Continuation>>,
+    wakeup: Condvar,
+}
+
+impl RequestWorker {
+    pub fn new(wire: &Arc<BenchWire>) -> Self {
+        Self { wire: Arc::downgrade(wire), jobs: Mutex::default(), wakeup: Condvar::new() }
+    }
+
+    /// Leaves a job here. Where there is no room it is told so, at once.
+    pub fn submit(&self, job: Continuation) {
+        let mut jobs = lock_unpoisoned(&self.jobs);
+        if jobs.len() < JOBS_MAX {
+            jobs.push_back(job);
+            self.wakeup.notify_one();
+            return;
+        }
+        drop(jobs);
+        let what = "too much is asked of this link at once";
+        job(Err(GatewayError::new("gateway.busy", what).hint("ask less often")));
+    }
+
+    /// Leaves a question here, whose answer is told.
+    pub fn submit_query<T: Send + 'static>(
+        &self,
+        tell: ReplySender<T>,
+        ask: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
+    ) {
+        self.submit(Box::new(move |may| {
+            // Who has gone does not want to know.
+            let _ = tell.send(may.and_then(|()| ask()));
+        }));
+    }
+
+    /// Makes a command ready, and gives it back to the hand. A stop that comes between goes before.
+    pub fn prepare_command(&self, said: u64, mut commanded: QueuedCommand) {
+        let Some(wire) = self.wire.upgrade() else { return };
+        self.submit(Box::new(move |may| {
+            let CommandAction::Run(command) = commanded.action else { return };
+            let axis = &wire.axes[commanded.axis].1;
+            commanded.prepared = Some(may.and_then(|()| Ok(axis.prepare(command)?)));
+            wire.submit_first(said, WireRequest::Command(Box::new(commanded)));
+        }));
+    }
+
+    /// Does one job, if there is any. False when there is none.
+    pub fn run_next(&self) -> bool {
+        let job = lock_unpoisoned(&self.jobs).pop_front();
+        job.map(|job| job(Ok(()))).is_some()
+    }
+
+    /// Waits for a job, at most so long.
+    pub fn wait(&self, at_most: Duration) {
+        let jobs = lock_unpoisoned(&self.jobs);
+        if jobs.is_empty() {
+            let waited = self.wakeup.wait_timeout(jobs, at_most);
+            drop(waited.unwrap_or_else(PoisonError::into_inner));
+        }
+    }
+}

@@ -1,0 +1,517 @@
+//! Looking for drives on a wire that is open, and taking in those that were found. The eyes of the
+//! wire look, one address in each of their rounds; its hand says whether it may begin.
+//!
+//! Why: GW-6, GW-7.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+use std::time::Duration;
+
+use polepair::scan::{DetectedDrive, DriveScanner, ScanAddresses, ScanProgress, ScanReport};
+use polepair::{Axis, Connector};
+use polepair_core::time::Instant;
+use serde_json::json;
+use tokio::sync::oneshot;
+
+use super::clock::BenchClock;
+use super::context::{BenchContext, BenchEvent, SERVER, lock_unpoisoned};
+use super::describe::axis_info;
+use super::lease::SessionName;
+use super::open::{AXES_MAX, BenchLink};
+use super::reply::PendingReply;
+use super::simulated_drive::SimulatedDrive;
+use super::wire::{BenchWire, WireRequest};
+use super::{AxisEntry, Bench};
+use crate::message::{
+    AddDrives, AddedAxes, DriveAddress, FoundDrive, GatewayError, JournalAction, ProbedAxis,
+    ScanRequest, ScanState, ScanView,
+};
+
+/// How often it is told how far a look is.
+const REPORT_INTERVAL: Duration = Duration::from_millis(100);
+
+/// Whether somebody looks for drives on a wire; whoever stops something there ends that first.
+#[derive(Default)]
+pub(super) struct ScanFlag {
+    active: AtomicBool,
+    cancelled: AtomicBool,
+}
+
+impl ScanFlag {
+    /// From now on: no axis of the wire is given to anybody until the end.
+    pub fn begin(&self) {
+        self.cancelled.store(false, Ordering::SeqCst);
+        self.active.store(true, Ordering::SeqCst);
+    }
+
+    pub fn end(&self) {
+        self.active.store(false, Ordering::SeqCst);
+    }
+
+    pub fn is_active(&self) -> bool {
+        self.active.load(Ordering::SeqCst)
+    }
+
+    /// Ends it as soon as what was asked last is answered, or is not.
+    pub fn cancel(&self) {
+        self.cancelled.store(true, Ordering::SeqCst);
+    }
+
+    pub fn is_cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::SeqCst)
+    }
+}
+
+/// What is known of looks on one wire.
+pub(super) struct LinkScan {
+    link: u16,
+    connector: Connector,
+    /// What the connection string opened, with all that was taken in since, and which wire of that it
+    /// is; nothing before it was opened.
+    root: OnceLock<(Arc<Mutex<polepair::Link>>, usize)>,
+    requested: Mutex<Option<ScanAddresses>>,
+    /// The look under way, or the last.
+    view: Mutex<Option<ScanView>>,
+    found: Mutex<Vec<DetectedDrive>>,
+}
+
+impl LinkScan {
+    pub fn new(link: u16, connector: Connector) -> Self {
+        let (requested, view, found) = (Mutex::default(), Mutex::default(), Mutex::default());
+        Self { link, connector, root: OnceLock::new(), requested, view, found }
+    }
+
+    /// Its link is open: the wire of that place.
+    pub fn set_opened(&self, root: &Arc<Mutex<polepair::Link>>, place: usize) {
+        // Nobody opens a link twice.
+        let _ = self.root.set((Arc::clone(root), place));
+    }
+
+    /// What the connection string opened, and which wire of that it is.
+    pub fn root(&self) -> Result<(MutexGuard<'_, polepair::Link>, usize), GatewayError> {
+        let (root, place) = self.root.get().ok_or_else(|| scan_error("the link is not open"))?;
+        Ok((lock_unpoisoned(root), *place))
+    }
+
+    /// With which names and profiles drives are looked for.
+    pub fn connector(&self) -> &Connector {
+        &self.connector
+    }
+
+    /// The last look.
+    pub fn last_view(&self) -> Option<ScanView> {
+        lock_unpoisoned(&self.view).clone()
+    }
+
+    /// Notes that somebody looks from now on, for the eyes to do it.
+    fn begin(
+        &self,
+        shared: &BenchContext,
+        session: &SessionName,
+        numbers: ScanAddresses,
+    ) -> ScanView {
+        let view = ScanView {
+            link: self.link,
+            by: session.to_string(),
+            began_ms: BenchClock::wall_ms(shared.now()),
+            state: ScanState::UnderWay,
+            number: None,
+            done: 0,
+            of: 0,
+            found: Vec::new(),
+            axes: Vec::new(),
+            tried: Vec::new(),
+            unasked: 0,
+            error: None,
+        };
+        lock_unpoisoned(&self.found).clear();
+        let mut told = lock_unpoisoned(&self.view);
+        *told = Some(view.clone());
+        *lock_unpoisoned(&self.requested) = Some(numbers);
+        shared.publish(BenchEvent::Scan(view.clone()));
+        view
+    }
+
+    /// Changes what is told, and tells it: in this order, whoever else does.
+    fn update_view(&self, shared: &BenchContext, change: impl FnOnce(&mut ScanView)) {
+        let mut told = lock_unpoisoned(&self.view);
+        let Some(view) = told.as_mut() else { return };
+        change(view);
+        shared.publish(BenchEvent::Scan(view.clone()));
+    }
+}
+
+/// What looks on one wire.
+pub(super) struct LinkScanner {
+    link_scan: Arc<LinkScan>,
+    wire: Arc<BenchWire>,
+    context: Arc<BenchContext>,
+    scan: Option<DriveScanner>,
+    reported_at: Instant,
+}
+
+impl LinkScanner {
+    pub fn new(link: &BenchLink, shared: &Arc<BenchContext>) -> Self {
+        let (link_scan, wire) = (Arc::clone(&link.scan), Arc::clone(&link.wire));
+        Self {
+            link_scan,
+            wire,
+            context: Arc::clone(shared),
+            scan: None,
+            reported_at: Instant::ZERO,
+        }
+    }
+
+    /// Asks the next address. False when nobody looks for drives here.
+    pub fn step(&mut self) -> bool {
+        if !self.wire.scan_flag.is_active() {
+            return false;
+        }
+        let look = match self.scan.take() {
+            Some(look) => look,
+            None => {
+                let Some(numbers) = lock_unpoisoned(&self.link_scan.requested).take() else {
+                    return false;
+                };
+                let root = self.link_scan.root().map(|(root, place)| (root.clone(), place));
+                let look = root.and_then(|(root, place)| {
+                    Ok(DriveScanner::on_link(&self.link_scan.connector, &root, place, numbers)?)
+                });
+                match look {
+                    Ok(look) => look,
+                    Err(error) => {
+                        self.finish(ScanReport::default(), Some(error));
+                        return true;
+                    }
+                }
+            }
+        };
+        self.probe_next(look);
+        true
+    }
+
+    fn probe_next(&mut self, mut look: DriveScanner) {
+        let (wire, shared) = (Arc::clone(&self.wire), Arc::clone(&self.context));
+        let broken = || wire.scan_flag.is_cancelled() || shared.is_closing();
+        if broken() {
+            look.cancel();
+        }
+        let asked = look.next_address(&broken).and_then(|at| {
+            let Some(at) = at else { return Ok(false) };
+            self.report_progress(at);
+            look.query_next(&broken).map(|()| true)
+        });
+        match asked {
+            Ok(true) => self.scan = Some(look),
+            Ok(false) => self.finish(look.finish(), None),
+            Err(error) => self.finish(look.finish(), Some(error.into())),
+        }
+    }
+
+    fn report_progress(&mut self, at: ScanProgress) {
+        let now = self.context.now();
+        if now.since(self.reported_at) < REPORT_INTERVAL {
+            return;
+        }
+        self.reported_at = now;
+        self.link_scan.update_view(&self.context, |view| {
+            view.number = Some(at.number);
+            (view.done, view.of) = (at.done as u32, at.of as u32);
+        });
+    }
+
+    fn finish(&self, scan: ScanReport, error: Option<GatewayError>) {
+        let broken = self.wire.scan_flag.is_cancelled() || scan.not_queried > 0;
+        let state = match (&error, broken) {
+            (Some(_), _) => ScanState::Failed,
+            (None, true) => ScanState::BrokenOff,
+            (None, false) => ScanState::Done,
+        };
+        let found: Vec<FoundDrive> = scan.found.iter().map(|one| self.found_drive(one)).collect();
+        let axes =
+            self.link_scan.root().map_or_else(|_| Vec::new(), |(root, _)| root.axes().to_vec());
+        let asked = scan.axes.iter().filter_map(|one| {
+            let axis = self.find_axis_id(axes.get(one.index)?)?;
+            Some(ProbedAxis { axis, answers: one.answers, clash: one.clash.clone() })
+        });
+        let asked: Vec<ProbedAxis> = asked.collect();
+        let silent: Vec<u16> = asked.iter().filter(|one| !one.answers).map(|o| o.axis).collect();
+        let numbers: Vec<u32> = found.iter().map(|one| one.number).collect();
+        let detail = json!({
+            "link": self.link_scan.link, "state": state, "found": numbers, "silent": silent,
+        });
+        *lock_unpoisoned(&self.link_scan.found) = scan.found;
+        // Who is told of the end may take an axis at once.
+        self.wire.scan_flag.end();
+        self.context.record(&SERVER.into(), JournalAction::Look, None, detail);
+        self.link_scan.update_view(&self.context, |view| {
+            (view.state, view.number, view.error) = (state, None, error);
+            view.done = view.of;
+            (view.found, view.axes, view.tried) = (found, asked, scan.tried);
+            view.unasked = scan.not_queried as u32;
+            // Before that is told: who hears it may look again.
+            self.context.scan_active.store(false, Ordering::SeqCst);
+        });
+    }
+
+    fn found_drive(&self, found: &DetectedDrive) -> FoundDrive {
+        FoundDrive {
+            number: found.number,
+            protocol: found.protocol.to_owned(),
+            profile: found.profile.name.to_owned(),
+            drive: found.profile.title.to_owned(),
+            known: found.identified.to_string(),
+            clash: found.clash.clone(),
+            axis: None,
+        }
+    }
+
+    /// Which axis of the bench that is.
+    fn find_axis_id(&self, axis: &Axis) -> Option<u16> {
+        let same = |(_, known): &&(u16, Axis)| {
+            known.number() == axis.number() && known.protocol() == axis.protocol()
+        };
+        self.wire.axes.iter().find(same).map(|(id, _)| *id)
+    }
+}
+
+impl Bench {
+    /// Looks for drives on a link, by reads only. It is told when it has begun; [`BenchEvent::Scan`] tells
+    /// how far it is, and its end.
+    ///
+    /// Refused with `gateway.look` while a look is under way on this bench, or an axis of the link is
+    /// commanded, armed, powered, turning or being stopped.
+    pub fn start_scan(
+        &self,
+        link: u16,
+        session: &SessionName,
+        order: ScanRequest,
+    ) -> PendingReply<ScanView> {
+        let (tell, told) = oneshot::channel();
+        let asked = self.find_link(link).and_then(|link| {
+            let numbers = requested_addresses(&order)?;
+            let said = link.wire.reserve_number()?;
+            if self.0.context.scan_active.swap(true, Ordering::SeqCst) {
+                let what = "somebody looks for drives on this bench already";
+                return Err(scan_error(what).hint("wait for its end, or break it off"));
+            }
+            let (search, wire) = (Arc::clone(&link.scan), Arc::clone(&link.wire));
+            let (shared, who) = (Arc::clone(&self.0.context), session.clone());
+            let begin = move |may: Result<(), GatewayError>| {
+                let begun = may.map(|()| search.begin(&shared, &who, numbers));
+                if begun.is_err() {
+                    shared.scan_active.store(false, Ordering::SeqCst);
+                }
+                // Who has gone does not want to know.
+                let _ = tell.send(begun);
+            };
+            let then = move |kept: Result<(), GatewayError>| match kept {
+                Ok(()) => wire.submit_reserved(said, WireRequest::Scan(Box::new(begin))),
+                Err(refused) => begin(Err(refused)),
+            };
+            let what = (session, JournalAction::Look, None);
+            let detail = json!({ "link": link.id, "first": order.first, "last": order.last });
+            self.0.context.journal.write_ahead(what, detail, self.0.context.now(), Box::new(then));
+            Ok(())
+        });
+        PendingReply::from_receiver(told, asked)
+    }
+
+    /// The look on a link that is under way, or the last.
+    ///
+    /// # Errors
+    /// `gateway.missing` where there was none, or no such link.
+    pub fn scan_view(&self, link: u16) -> Result<ScanView, GatewayError> {
+        let nobody =
+            || GatewayError::new("gateway.missing", "nobody looked for drives on this link");
+        self.find_link(link)?.scan.last_view().ok_or_else(nobody)
+    }
+
+    /// Breaks a look off: no address is asked after the one that is being asked.
+    ///
+    /// # Errors
+    /// `gateway.missing` where nobody looks.
+    pub fn cancel_scan(&self, link: u16, session: &SessionName) -> Result<(), GatewayError> {
+        let id = link;
+        let link = self.find_link(id)?;
+        if !link.wire.scan_flag.is_active() {
+            let what = "nobody looks for drives on this link now";
+            return Err(GatewayError::new("gateway.missing", what));
+        }
+        link.wire.scan_flag.cancel();
+        let detail = json!({ "link": id, "broken_off": true });
+        self.0.context.record(session, JournalAction::Look, None, detail);
+        Ok(())
+    }
+
+    /// Makes axes of drives that the last look on a link found. What all other axes are doing goes on.
+    ///
+    /// The reply is `gateway.missing` for what was not found, `gateway.look` for a drive that clashes
+    /// with another, while somebody looks, and where there is no room; else as
+    /// [`polepair::Link::add_drives`]. No drive is taken in then.
+    pub fn add_drives(
+        &self,
+        link: u16,
+        session: &SessionName,
+        take: &AddDrives,
+    ) -> PendingReply<AddedAxes> {
+        let (n, bench) = (usize::from(link), self.clone());
+        let found = self.find_link(link).and_then(|link| {
+            if link.wire.scan_flag.is_active() {
+                return Err(scan_error("the look is under way still").hint("wait for its end"));
+            }
+            select_drives(link, take)
+        });
+        let found = match found {
+            Ok(found) if found.is_empty() => {
+                return PendingReply::ready(Ok(AddedAxes { axes: Vec::new() }));
+            }
+            Ok(found) => found,
+            Err(refused) => return PendingReply::ready(Err(refused)),
+        };
+        let numbers: Vec<u32> = found.iter().map(|one| one.number).collect();
+        let detail = json!({ "link": link, "drives": numbers });
+        let (tell, told) = oneshot::channel();
+        let (desk, who) = (Arc::clone(&self.0.links[n].request_worker), session.clone());
+        // Limits may have to be asked of the drive: that is for the wire's desk.
+        let then = move |kept: Result<(), GatewayError>| match kept {
+            Ok(()) => desk.submit_query(tell, move || {
+                let taken = bench.add_found_drives(n, &found);
+                let detail = match &taken {
+                    Ok(taken) => json!({ "link": link, "axes": taken.axes }),
+                    Err(refused) => json!({ "link": link, "error": refused }),
+                };
+                bench.0.context.record(&who, JournalAction::Outcome, None, detail);
+                taken
+            }),
+            // Who has gone does not want to know.
+            Err(refused) => drop(tell.send(Err(refused))),
+        };
+        let what = (session, JournalAction::TakeIn, None);
+        self.0.context.journal.write_ahead(what, detail, self.0.context.now(), Box::new(then));
+        PendingReply::from_receiver(told, Ok(()))
+    }
+
+    /// Makes axes of drives that were found. At the wire's desk.
+    pub(super) fn add_found_drives(
+        &self,
+        n: usize,
+        found: &[DetectedDrive],
+    ) -> Result<AddedAxes, GatewayError> {
+        let link = &self.0.links[n];
+        let _one_at_a_time = lock_unpoisoned(&self.0.join_lock);
+        if link.wire.scan_flag.is_active() {
+            return Err(
+                scan_error("somebody looks for drives there again").hint("wait for its end")
+            );
+        }
+        if self.0.axes.len() + found.len() > AXES_MAX {
+            return Err(scan_error(format!("a bench holds {AXES_MAX} axes")));
+        }
+        let (all, before) = {
+            let (mut root, place) = link.scan.root()?;
+            let before = root.axes().len();
+            *root = root.add_drives(place, found)?;
+            (root.clone(), before)
+        };
+        let base = self.0.axes.len() as u16;
+        let mut ids = Vec::new();
+        for axis in &all.axes()[before..] {
+            ids.extend(self.add_axis(n, axis));
+        }
+        self.0.traffic.replace_decoder(n, link.decoder());
+        link.scan.update_view(&self.0.context, |view| {
+            for (found, id) in found.iter().zip(&ids) {
+                let its = |one: &&mut FoundDrive| {
+                    one.number == found.number && one.protocol == found.protocol
+                };
+                view.found.iter_mut().filter(its).for_each(|one| one.axis = Some(*id));
+            }
+        });
+        self.0.context.publish(BenchEvent::BenchChanged);
+        if let Err(error) = self.listen_events(base, before, &all) {
+            tracing::warn!(%error, "what drives say unasked that were taken in is not heard");
+        }
+        Ok(AddedAxes { axes: ids })
+    }
+
+    /// One more axis on a link: who looks after it finds it there before anybody can ask for it.
+    pub(super) fn add_axis(&self, n: usize, axis: &Axis) -> Option<u16> {
+        let link = &self.0.links[n];
+        let BenchLink { wire, id, .. } = link;
+        let (seat, place) = (self.0.axes.len() as u16, wire.axes.len());
+        let drive = link.simulation().and_then(|(simulation, link)| {
+            SimulatedDrive::find(simulation, *link, axis.number(), place)
+        });
+        let info = axis_info(seat, *id, axis, drive.as_ref());
+        self.0.telemetry.add_axis();
+        wire.add_axis(seat, axis.clone())?;
+        self.0.axes.push(AxisEntry { link: n, local_index: place, info, drive })?;
+        wire.wake_worker();
+        Some(seat)
+    }
+
+    fn find_link(&self, id: u16) -> Result<&BenchLink, GatewayError> {
+        self.0.links.get(usize::from(id)).ok_or_else(|| {
+            GatewayError::new("gateway.missing", format!("the bench has no link {id}"))
+                .hint("links count from 0, in the order of the bench's list")
+        })
+    }
+}
+
+/// The drives that are meant, and may be taken in.
+fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive>, GatewayError> {
+    let found = lock_unpoisoned(&link.scan.found).clone();
+    let told = link.scan.last_view().map(|view| view.found).unwrap_or_default();
+    let at = |one: &DetectedDrive| DriveAddress {
+        protocol: one.protocol.to_owned(),
+        number: one.number,
+    };
+    let axis = |one: &DetectedDrive| {
+        let same = |told: &&FoundDrive| told.number == one.number && told.protocol == one.protocol;
+        told.iter().find(same).and_then(|told| told.axis)
+    };
+    if let Some(missing) = take.drives.iter().find(|d| !found.iter().any(|f| at(f) == **d)) {
+        let what = format!("no drive was found at {} {}", missing.protocol, missing.number);
+        return Err(GatewayError::new("gateway.missing", what).hint("look for drives first"));
+    }
+    let every = take.drives.is_empty();
+    let mut chosen = Vec::new();
+    for one in &found {
+        let named = take.drives.contains(&at(one));
+        let fits = axis(one).is_none() && one.clash.is_none();
+        match (&one.clash, axis(one)) {
+            _ if every && fits => {}
+            _ if !named => continue,
+            (_, Some(axis)) => {
+                return Err(scan_error(format!("that drive is axis {axis} already")));
+            }
+            (Some(clash), _) => {
+                let what = format!("what is said to {} may reach two drives: {clash}", one.number);
+                return Err(
+                    scan_error(what).hint("give each an address of its own, and look again")
+                );
+            }
+            (None, None) => {}
+        }
+        chosen.push(one.clone());
+    }
+    Ok(chosen)
+}
+
+/// The addresses that are meant.
+fn requested_addresses(order: &ScanRequest) -> Result<ScanAddresses, GatewayError> {
+    match (order.first, order.last) {
+        (None, None) => Ok(ScanAddresses::ALL),
+        (Some(first), last) if last.is_none_or(|last| first <= last) => {
+            Ok(ScanAddresses::from(first..=last.unwrap_or(first)))
+        }
+        _ => {
+            Err(GatewayError::new("gateway.request", "addresses are asked from `first` to `last`"))
+        }
+    }
+}
+
+pub(super) fn scan_error(what: impl Into<String>) -> GatewayError {
+    GatewayError::new("gateway.look", what)
+}

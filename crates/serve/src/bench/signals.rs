@@ -1,0 +1,43 @@
+//! Signals, asked for now: the desk asks, so that no motion waits for it.
+
+use polepair::Axis;
+use polepair_core::profile::Signal;
+use tokio::sync::oneshot;
+
+use super::Bench;
+use super::reply::PendingReply;
+use super::state::signal_value;
+use crate::message::{GatewayError, SignalValue};
+
+impl Bench {
+    /// Reads signals of an axis now, by their words, in this order; each parameter that they come
+    /// from is asked for once.
+    pub fn read_signals(&self, axis: u16, words: &[&str]) -> PendingReply<Vec<SignalValue>> {
+        let (tell, told) = oneshot::channel();
+        let known = words.iter().map(|word| parse_signal(word)).collect::<Result<Vec<_>, _>>();
+        let asked = known.and_then(|signals| {
+            let (link, place) = self.find_axis(axis)?;
+            let axis = link.wire.axes[place].1.clone();
+            link.request_worker.submit_query(tell, move || read_axis_signals(&axis, &signals));
+            Ok(())
+        });
+        PendingReply::from_receiver(told, asked)
+    }
+}
+
+fn parse_signal(word: &str) -> Result<Signal, GatewayError> {
+    let found = Signal::ALL.into_iter().find(|signal| signal.name() == word);
+    found.ok_or_else(|| {
+        let all: Vec<_> = Signal::ALL.iter().map(|signal| signal.name()).collect();
+        GatewayError::new("E213", format!("there is no signal `{word}`"))
+            .hint(format!("signals are {}", all.join(", ")))
+    })
+}
+
+fn read_axis_signals(axis: &Axis, signals: &[Signal]) -> Result<Vec<SignalValue>, GatewayError> {
+    axis.signals(signals)?;
+    let (state, now) = (axis.state(), axis.connection().now());
+    let sources = signals.iter().filter_map(|signal| axis.profile().signal(*signal));
+    let told = sources.filter_map(|source| signal_value(axis, &state, source, now));
+    Ok(told.collect())
+}

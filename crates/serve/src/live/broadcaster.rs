@@ -1,0 +1,267 @@
+//! Where all viewers read what is the same for each of them: it is made once, however many they are.
+//!
+//! It has a thread of its own, as important as any other, which alone looks at links and axes for
+//! viewers: their writers stand back, and a lock that one of those has is had for as long as the
+//! machine is busy. They find here what was looked at, behind a lock that nobody needs who moves or
+//! stops anything.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use polepair_core::time::Instant;
+use polepair_link::clock;
+use tokio::runtime::Builder;
+use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::{Semaphore, broadcast, oneshot};
+use tokio::time::{MissedTickBehavior, interval, timeout};
+use tokio_tungstenite::tungstenite::Utf8Bytes;
+
+use super::to_json;
+use crate::api::SharedAppState;
+use crate::bench::BenchEvent;
+use crate::error::SetupError;
+use crate::message::{AxisState, BenchView, ServerMessage, StopReport};
+
+/// Viewers at once.
+pub const VIEWERS_MAX: usize = 2048;
+/// How often states are looked at.
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
+/// After how many looks a state is told though only its age has changed.
+const POLLS_UNCHANGED_MAX: u8 = 10;
+/// States that a slow viewer may be behind.
+const STATES_MAX: usize = 256;
+/// Events that it may be behind.
+const EVENTS_MAX: usize = 1024;
+
+/// What viewers are told.
+#[derive(Debug, Clone)]
+pub(crate) struct Broadcaster {
+    /// States of axes, which may be missed: the next one has it all.
+    pub(super) states: broadcast::Sender<Utf8Bytes>,
+    /// What happened.
+    pub(super) events: broadcast::Sender<BroadcastEvent>,
+    pub(super) viewer_slots: Arc<Semaphore>,
+    cache: Arc<Mutex<BroadcastCache>>,
+}
+
+/// What was last looked at; axes, while somebody watches.
+#[derive(Debug, Default)]
+struct BroadcastCache {
+    /// Scopes are each viewer's own.
+    bench: Option<BenchView>,
+    axes: Vec<PublishedState>,
+}
+
+/// A state as it was last put up.
+#[derive(Debug)]
+struct PublishedState {
+    /// Without ages.
+    published: AxisState,
+    /// Looks since.
+    polls: u8,
+    /// As it was last looked at.
+    state: AxisState,
+    at: Instant,
+}
+
+/// Something that happened.
+#[derive(Debug, Clone)]
+pub(super) enum BroadcastEvent {
+    Message(Utf8Bytes),
+    /// The bench changed: each viewer is told with its own scopes.
+    BenchChanged,
+    /// Too much happened at once: all is told anew.
+    Resync,
+    /// The server ends, and this was the last.
+    Closed,
+}
+
+impl Default for Broadcaster {
+    fn default() -> Self {
+        let places = Arc::new(Semaphore::new(VIEWERS_MAX));
+        let (states, news) =
+            (broadcast::Sender::new(STATES_MAX), broadcast::Sender::new(EVENTS_MAX));
+        Self { states, events: news, viewer_slots: places, cache: Arc::default() }
+    }
+}
+
+impl Broadcaster {
+    /// Has a thread look after it until that ends.
+    pub fn start(
+        gate: SharedAppState,
+        mut end: oneshot::Receiver<()>,
+    ) -> Result<JoinHandle<()>, SetupError> {
+        let refused = |error: std::io::Error| {
+            SetupError::adapter("E318", "no threads can be started").why(error.to_string())
+        };
+        let runtime = Builder::new_current_thread().enable_time().build().map_err(refused)?;
+        let looks = move || {
+            runtime.block_on(async {
+                let mut events = gate.bench.subscribe_events();
+                let ended = tokio::select! {
+                    () = Self::run(&gate, &mut events) => return,
+                    // Who could say so may be gone as well.
+                    ended = &mut end => ended,
+                };
+                // What stops told at the last is told on.
+                while let Ok(event) = events.try_recv() {
+                    gate.broadcaster.publish_event(&gate, event);
+                }
+                if ended.is_ok() {
+                    gate.broadcaster.publish_final_states(&gate);
+                    // Nobody may watch.
+                    let _ = gate.broadcaster.events.send(BroadcastEvent::Closed);
+                }
+            });
+        };
+        std::thread::Builder::new().name("gateway-board".into()).spawn(looks).map_err(refused)
+    }
+
+    async fn run(gate: &SharedAppState, events: &mut broadcast::Receiver<BenchEvent>) {
+        let mut looks = interval(POLL_INTERVAL);
+        looks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        loop {
+            tokio::select! {
+                biased;
+                event = events.recv() => match event {
+                    Ok(event) => gate.broadcaster.publish_event(gate, event),
+                    Err(RecvError::Lagged(_)) => gate.broadcaster.resync(gate),
+                    Err(RecvError::Closed) => return,
+                },
+                _ = looks.tick() => gate.broadcaster.poll_states(gate),
+            }
+        }
+    }
+
+    /// The bench as it was last looked at.
+    pub(super) fn cached_bench(&self) -> Option<BenchView> {
+        self.lock_cache().bench.clone()
+    }
+
+    /// The axes' states as they were last looked at, and as old as they are by now.
+    pub(super) fn cached_axes(&self) -> Vec<AxisState> {
+        let now = clock::now();
+        self.lock_cache().axes.iter().map(|shown| shown.with_current_age(now)).collect()
+    }
+
+    fn lock_cache(&self) -> MutexGuard<'_, BroadcastCache> {
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn refresh_bench(&self, gate: &SharedAppState) {
+        let bench = gate.bench.snapshot();
+        self.lock_cache().bench = Some(bench);
+    }
+
+    fn poll_states(&self, gate: &SharedAppState) {
+        if self.lock_cache().bench.is_none() {
+            self.refresh_bench(gate);
+        }
+        if self.states.receiver_count() == 0 {
+            return self.lock_cache().axes.clear();
+        }
+        for id in 0..=u16::MAX {
+            let Ok(state) = gate.bench.axis_state(id) else { break };
+            self.publish_state(state);
+        }
+    }
+
+    /// Says how each axis was left.
+    fn publish_final_states(&self, gate: &SharedAppState) {
+        for state in (0..=u16::MAX).map_while(|id| gate.bench.axis_state(id).ok()) {
+            // Nobody may watch.
+            let _ = self.events.send(BroadcastEvent::Message(to_json(&ServerMessage::Axis(state))));
+        }
+    }
+
+    /// Waits until nobody watches any more, or for so long.
+    pub async fn wait_until_empty(&self, most: Duration) {
+        let all = self.viewer_slots.acquire_many(VIEWERS_MAX as u32);
+        // Who still watches then is left alone.
+        let _ = timeout(most, all).await;
+    }
+
+    /// Tells everybody everything anew.
+    fn resync(&self, gate: &SharedAppState) {
+        self.refresh_bench(gate);
+        self.poll_states(gate);
+        // The last one may just have gone.
+        let _ = self.events.send(BroadcastEvent::Resync);
+    }
+
+    /// Puts up a state that has changed, or was not put up for a while.
+    fn publish_state(&self, state: AxisState) {
+        let (told, at) = (without_ages(&state), clock::now());
+        let shown = PublishedState { published: told, polls: 0, state: state.clone(), at };
+        {
+            let mut known = self.lock_cache();
+            match known.axes.get_mut(usize::from(state.id)) {
+                Some(before)
+                    if before.published == shown.published
+                        && before.polls < POLLS_UNCHANGED_MAX =>
+                {
+                    *before = PublishedState { polls: before.polls + 1, ..shown };
+                    return;
+                }
+                Some(before) => *before = shown,
+                None => known.axes.push(shown),
+            }
+        }
+        // Nobody may look any more.
+        let _ = self.states.send(to_json(&ServerMessage::Axis(state)));
+    }
+
+    fn publish_event(&self, gate: &SharedAppState, event: BenchEvent) {
+        // Also while nobody watches: who comes next finds it.
+        if matches!(
+            event,
+            BenchEvent::Locked(_)
+                | BenchEvent::Unlocked
+                | BenchEvent::BenchChanged
+                | BenchEvent::Scan(_)
+        ) {
+            self.refresh_bench(gate);
+        }
+        if self.events.receiver_count() == 0 {
+            return;
+        }
+        let message = match event {
+            BenchEvent::Lease { axis, .. } | BenchEvent::PendingStop(axis) => {
+                match gate.bench.axis_state(axis) {
+                    Ok(state) => ServerMessage::Axis(state),
+                    Err(_) => return,
+                }
+            }
+            BenchEvent::Stopped(axis) => {
+                ServerMessage::Stopped(StopReport { axes: vec![axis], unreached: Vec::new() })
+            }
+            BenchEvent::Locked(lock) => ServerMessage::Locked(lock),
+            BenchEvent::Unlocked => ServerMessage::Unlocked,
+            BenchEvent::Scan(look) => ServerMessage::Look(look),
+            BenchEvent::BenchChanged => {
+                return drop(self.events.send(BroadcastEvent::BenchChanged));
+            }
+        };
+        // The last one may just have gone.
+        let _ = self.events.send(BroadcastEvent::Message(to_json(&message)));
+    }
+}
+
+impl PublishedState {
+    /// The state with the age that its values have now.
+    fn with_current_age(&self, now: Instant) -> AxisState {
+        let (mut state, ms) = (self.state.clone(), now.since(self.at).as_secs_f64() * 1e3);
+        state.signals.iter_mut().for_each(|signal| signal.age_ms += ms);
+        state
+    }
+}
+
+fn without_ages(state: &AxisState) -> AxisState {
+    let mut state = state.clone();
+    state.signals.iter_mut().for_each(|signal| signal.age_ms = 0.0);
+    if let Some(lease) = &mut state.lease {
+        lease.expires_ms = 0.0;
+    }
+    state
+}

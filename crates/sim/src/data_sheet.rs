@@ -1,0 +1,177 @@
+//! Devices by their data sheets: a CANopen node with the objects that a file lists, and with a motor
+//! where they are those of a drive.
+//!
+//! Communication objects work as the protocol has them, the drive's move the motor of the generic
+//! CiA 402 drive, and everything else keeps what is written. A [`DataSheet`] is what all devices of a
+//! file share.
+
+mod device;
+#[cfg(test)]
+mod tests;
+
+pub use device::DataSheetDevice;
+
+use polepair_core::drives::cia402::objects::{DICTIONARY, Objects};
+use polepair_core::proto::canopen::device::is_protocol_object;
+use polepair_core::proto::canopen::od::{
+    DefaultValue, Dictionary, ObjectAccess, ObjectEntry, PROTOCOL_TAG, ValueType,
+};
+
+/// Entries of a sheet at most.
+pub const ENTRIES_MAX: usize = 32_000;
+/// PDOs each way that live; objects of others keep what is written.
+pub const PDOS_MAX: usize = 32;
+/// Tag of the first entry that keeps what is written.
+const STORED_TAG_FIRST: u16 = 0x1000;
+/// Objects without which nothing is a drive: controlword and statusword.
+const DRIVE: [u16; 2] = [0x6040, 0x6041];
+/// Increments of the encoder in a turn, and supported drive modes.
+const INCREMENTS: (u16, u8) = (0x608F, 1);
+const MODES: (u16, u8) = (0x6502, 0);
+
+/// One entry as a sheet has it.
+#[derive(Clone, PartialEq, Debug)]
+pub struct DataSheetEntry {
+    /// Index.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Number of its data type (CiA 301).
+    pub data_type: u8,
+    /// What it is called.
+    pub name: String,
+    /// An SDO may read it.
+    pub readable: bool,
+    /// An SDO may write it.
+    pub writable: bool,
+    /// A TPDO may carry it.
+    pub tpdo_mappable: bool,
+    /// An RPDO may carry it.
+    pub rpdo_mappable: bool,
+    /// Least and greatest value.
+    pub limits: (i64, i64),
+    /// Value from the factory.
+    pub default: FactoryValue,
+}
+
+/// A value from the factory.
+#[derive(Clone, PartialEq, Debug)]
+pub enum FactoryValue {
+    /// None is told.
+    Unset,
+    /// A number, or the bits of one.
+    Number(i64),
+    /// A number to which the node-ID is added.
+    PlusNodeId(i64),
+    /// A text, or bytes.
+    Bytes(Vec<u8>),
+}
+
+/// What the devices of a sheet share.
+#[derive(Debug)]
+pub struct DataSheet {
+    dictionary: &'static Dictionary,
+    stored_objects: Vec<StoredObject>,
+    /// The drive's values, where there is one.
+    drive: Option<Objects>,
+    /// Its modes, a bit each; 0 if the sheet tells none.
+    modes: u32,
+    has_lss: bool,
+}
+
+/// What keeps a value, as from the factory.
+#[derive(Clone, Debug)]
+struct StoredObject {
+    index: u16,
+    default: FactoryValue,
+}
+
+impl DataSheet {
+    /// The sheet with these entries, at most [`ENTRIES_MAX`], in ascending order. Its dictionary
+    /// lives as long as the process.
+    #[must_use]
+    pub fn new(listed: &[DataSheetEntry], has_lss: bool) -> Self {
+        let listed = &listed[..listed.len().min(ENTRIES_MAX)];
+        let is_drive =
+            DRIVE.iter().all(|index| listed.iter().any(|one| one.is_drive_object(*index)));
+        let mut stored_objects = Vec::new();
+        let entries: Vec<ObjectEntry> = listed
+            .iter()
+            .map(|one| one.to_entry(one.assign_tag(is_drive, &mut stored_objects)))
+            .collect();
+        let mut places = vec![0; (2 * entries.len()).next_power_of_two().max(2)];
+        Dictionary::fill_slots(&entries, &mut places);
+        let number = |at| listed.iter().find(|one| (one.index, one.sub) == at)?.number();
+        let turn = number(INCREMENTS).and_then(|n| u32::try_from(n).ok()).filter(|n| *n > 0);
+        let turn = turn.unwrap_or(polepair_core::drives::cia402::objects::INCREMENTS as u32);
+        let values = listed.iter().zip(&entries).filter(|(_, entry)| entry.tag < STORED_TAG_FIRST);
+        let values = values.filter_map(|(one, entry)| Some((entry.tag, one.number()?)));
+        Self {
+            drive: is_drive.then(|| Objects::from_defaults(values, turn)),
+            dictionary: Box::leak(Box::new(Dictionary::new(entries.leak(), places.leak()))),
+            modes: number(MODES).unwrap_or(0) as u32,
+            stored_objects,
+            has_lss,
+        }
+    }
+
+    /// Whether there is a motor.
+    #[must_use]
+    pub const fn is_drive(&self) -> bool {
+        self.drive.is_some()
+    }
+}
+
+impl DataSheetEntry {
+    /// Who keeps its value: the protocol, the drive, or a cell of its own.
+    fn assign_tag(&self, is_drive: bool, cells: &mut Vec<StoredObject>) -> u16 {
+        if is_protocol_object(self.index, self.sub, PDOS_MAX as u16)
+            && ValueType(self.data_type).bytes().is_some()
+        {
+            return PROTOCOL_TAG;
+        }
+        let known =
+            DICTIONARY.find(self.index, self.sub).filter(|known| known.tag < STORED_TAG_FIRST);
+        // The generic drive's own objects are in the makers' range.
+        let known = known.filter(|_| is_drive && self.index >= 0x6000);
+        if let Some(known) = known.filter(|_| self.is_integer()) {
+            return known.tag;
+        }
+        cells.push(StoredObject { index: self.index, default: self.default.clone() });
+        STORED_TAG_FIRST + (cells.len() - 1) as u16
+    }
+
+    fn to_entry(&self, tag: u16) -> ObjectEntry {
+        let access = match (self.readable, self.writable) {
+            (true, true) => ObjectAccess::RW,
+            (false, true) => ObjectAccess::WO,
+            (_, false) => ObjectAccess::RO,
+        };
+        let access = if self.tpdo_mappable { access.sendable() } else { access };
+        let access = if self.rpdo_mappable { access.receivable() } else { access };
+        let name: &'static str = self.name.clone().leak();
+        let worth = match self.default {
+            FactoryValue::PlusNodeId(number) => DefaultValue::PlusNode(number),
+            _ => DefaultValue::Number(self.number().unwrap_or(0)),
+        };
+        ObjectEntry::new(self.index, self.sub, ValueType(self.data_type), access, tag, name)
+            .with_default_value(worth)
+            .with_limits(self.limits.0, self.limits.1)
+    }
+
+    fn number(&self) -> Option<i64> {
+        match self.default {
+            FactoryValue::Number(number) => Some(number),
+            _ => None,
+        }
+    }
+
+    /// A whole number of 32 bits at most.
+    fn is_integer(&self) -> bool {
+        matches!(self.data_type, 0x01..=0x07)
+    }
+
+    fn is_drive_object(&self, index: u16) -> bool {
+        (self.index, self.sub) == (index, 0) && self.is_integer()
+    }
+}

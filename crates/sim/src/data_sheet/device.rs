@@ -1,0 +1,378 @@
+//! The device: the node's end of the bus, its cells, and the drive where there is one.
+
+use super::{DataSheet, FactoryValue, PDOS_MAX, STORED_TAG_FIRST};
+use polepair_core::drives;
+use polepair_core::drives::bench::{Act, BenchControl, GroundTruth};
+use polepair_core::drives::cia402::drive::Drive;
+use polepair_core::drives::cia402::objects::stored;
+use polepair_core::medium::{Can, CanLine, Frame};
+use polepair_core::proto::canopen::device::{CanEndpoint, Firmware, Quirks, SettingsGroup};
+use polepair_core::proto::canopen::emcy::Emergency;
+use polepair_core::proto::canopen::nmt::NmtState;
+use polepair_core::proto::canopen::od::Dictionary;
+use polepair_core::proto::canopen::sdo::AbortCode;
+use polepair_core::station::{LineEvent, Station, Timed};
+use polepair_core::time::{Instant, earliest};
+use std::sync::Arc;
+
+/// Bytes that one object takes at most.
+const BYTES_MAX: u32 = 4 << 20;
+/// Bytes that all objects of a device hold at most.
+const ALL_BYTES_MAX: usize = 32 << 20;
+/// Bit rate from the factory, bit/s.
+const BIT_RATE: u32 = 500_000;
+/// The only bit of 1001h that every device has: something is wrong.
+const GENERIC_ERROR: u8 = 1;
+
+/// A simulated device of a [`DataSheet`].
+#[derive(Debug)]
+pub struct DataSheetDevice {
+    end: CanEndpoint<PDOS_MAX>,
+    node: DataSheetNode,
+}
+
+impl DataSheetDevice {
+    /// That device, just powered. A node-ID outside 1 to 127 waits for LSS.
+    #[must_use]
+    pub fn new(sheet: Arc<DataSheet>, node: u8, serial: u32) -> Self {
+        let options = Quirks { lss: sheet.has_lss, ..Quirks::STRICT };
+        let mut node = DataSheetNode::new(sheet, node, serial);
+        Self { end: CanEndpoint::new(options, &mut node), node }
+    }
+}
+
+/// Everything but the protocol.
+#[derive(Debug)]
+struct DataSheetNode {
+    data_sheet: Arc<DataSheet>,
+    drive: Option<Drive>,
+    values: Vec<ObjectValue>,
+    stored: Vec<ObjectValue>,
+    /// What is being written, and where.
+    write_buffer: Vec<u8>,
+    /// A fault of a device without motor, and the one that was told.
+    fault: u16,
+    reported_fault: u16,
+    /// In force from the next reset on, and over power-off: node-ID and bit rate.
+    link_settings: (u8, u32),
+    stored_link_settings: (u8, u32),
+    serial: u32,
+    flash_writes: u64,
+}
+
+/// What a cell holds.
+#[derive(Clone, Debug)]
+enum ObjectValue {
+    Number(u64),
+    Bytes(Vec<u8>),
+}
+
+impl ObjectValue {
+    fn from_factory(holds: &FactoryValue, node: u8) -> Self {
+        match holds {
+            FactoryValue::Unset => Self::Number(0),
+            FactoryValue::Number(number) => Self::Number(number.cast_unsigned()),
+            FactoryValue::PlusNodeId(number) => {
+                Self::Number(number.wrapping_add(node.into()).cast_unsigned())
+            }
+            FactoryValue::Bytes(bytes) => Self::Bytes(bytes.clone()),
+        }
+    }
+
+    fn bytes(&self) -> &[u8] {
+        match self {
+            Self::Number(_) => &[],
+            Self::Bytes(bytes) => bytes,
+        }
+    }
+}
+
+/// Whether storing that group stores an object.
+const fn is_in_group(index: u16, group: SettingsGroup) -> bool {
+    match group {
+        SettingsGroup::All => true,
+        SettingsGroup::Communication => matches!(index, 0x1000..=0x1FFF),
+        SettingsGroup::Application => matches!(index, 0x6000..=0x9FFF),
+    }
+}
+
+impl DataSheetNode {
+    fn new(data_sheet: Arc<DataSheet>, node: u8, serial: u32) -> Self {
+        let values: Vec<ObjectValue> = data_sheet
+            .stored_objects
+            .iter()
+            .map(|cell| ObjectValue::from_factory(&cell.default, node))
+            .collect();
+        let drive = data_sheet.drive.clone();
+        let drive = drive.map(|objects| Drive::new(node, serial, BIT_RATE).with_objects(objects));
+        Self {
+            drive,
+            stored: values.clone(),
+            values,
+            write_buffer: Vec::new(),
+            fault: 0,
+            reported_fault: 0,
+            link_settings: (node, BIT_RATE),
+            stored_link_settings: (node, BIT_RATE),
+            serial,
+            flash_writes: 0,
+            data_sheet,
+        }
+    }
+
+    fn advance(&mut self, now: Instant) {
+        if let Some(drive) = &mut self.drive {
+            drive.advance(now);
+        }
+    }
+
+    fn reload_values(&mut self) {
+        self.values.clone_from(&self.stored);
+        (self.fault, self.reported_fault) = (0, 0);
+    }
+
+    fn power_cycle(&mut self) {
+        self.reload_values();
+        self.link_settings = self.stored_link_settings;
+        if let Some(drive) = &mut self.drive {
+            drive.power_cycle();
+        }
+    }
+
+    fn value_mut(&mut self, tag: u16) -> Option<&mut ObjectValue> {
+        self.values.get_mut(usize::from(tag.checked_sub(STORED_TAG_FIRST)?))
+    }
+
+    /// Whether the sheet says that the drive knows a mode.
+    fn has_mode(&self, mode: i8) -> bool {
+        let bit = u32::try_from(mode).ok().filter(|mode| (1..=32).contains(mode));
+        let modes = self.data_sheet.modes;
+        modes == 0 || mode == 0 || bit.is_some_and(|mode| modes >> (mode - 1) & 1 != 0)
+    }
+}
+
+impl Firmware for DataSheetNode {
+    fn dictionary(&self) -> &'static Dictionary {
+        self.data_sheet.dictionary
+    }
+
+    fn node_id(&self) -> u8 {
+        self.link_settings.0
+    }
+
+    fn bit_rate(&self) -> u32 {
+        self.link_settings.1
+    }
+
+    fn serial(&self) -> u32 {
+        self.serial
+    }
+
+    fn get(&mut self, tag: u16) -> u64 {
+        match self.value_mut(tag) {
+            Some(ObjectValue::Number(value)) => *value,
+            Some(ObjectValue::Bytes(_)) => 0,
+            None => self.drive.as_mut().map_or(0, |drive| drive.get(tag)),
+        }
+    }
+
+    fn set(&mut self, now: Instant, tag: u16, value: u64) -> Result<(), AbortCode> {
+        if let Some(cell) = self.value_mut(tag) {
+            *cell = ObjectValue::Number(value);
+            return Ok(());
+        }
+        if tag == stored::MODE && !self.has_mode(value as i8) {
+            return Err(AbortCode::VALUE);
+        }
+        self.drive.as_mut().map_or(Err(AbortCode::STATE), |drive| drive.set(now, tag, value))
+    }
+
+    fn length(&mut self, tag: u16) -> u32 {
+        self.value_mut(tag).map_or(0, |cell| cell.bytes().len() as u32)
+    }
+
+    fn read(&mut self, tag: u16, offset: u32, out: &mut [u8]) {
+        let Some(cell) = self.value_mut(tag) else { return };
+        let rest = cell.bytes().get(offset as usize..).unwrap_or_default();
+        out.iter_mut().zip(rest).for_each(|(place, byte)| *place = *byte);
+    }
+
+    fn begin_write(&mut self, _tag: u16, size: Option<u32>) -> Result<(), AbortCode> {
+        self.write_buffer.clear();
+        let held: usize = self.values.iter().map(|value| value.bytes().len()).sum();
+        let room = BYTES_MAX as usize <= ALL_BYTES_MAX.saturating_sub(held);
+        let fits = size.is_none_or(|size| size <= BYTES_MAX) && room;
+        if fits { Ok(()) } else { Err(AbortCode::MEMORY) }
+    }
+
+    fn write(&mut self, _tag: u16, offset: u32, data: &[u8]) -> Result<(), AbortCode> {
+        let end = (offset as usize).saturating_add(data.len());
+        if end > BYTES_MAX as usize {
+            return Err(AbortCode::MEMORY);
+        }
+        self.write_buffer.truncate(offset as usize);
+        self.write_buffer.extend_from_slice(data);
+        Ok(())
+    }
+
+    fn finish_write(&mut self, _now: Instant, tag: u16, _size: u32) -> Result<(), AbortCode> {
+        let written = std::mem::take(&mut self.write_buffer);
+        if let Some(cell) = self.value_mut(tag) {
+            *cell = ObjectValue::Bytes(written);
+        }
+        Ok(())
+    }
+
+    fn handle_sync(&mut self, now: Instant) {
+        if let Some(drive) = &mut self.drive {
+            drive.handle_sync(now);
+        }
+    }
+
+    fn handle_nmt_state(&mut self, now: Instant, state: NmtState) {
+        if let Some(drive) = &mut self.drive {
+            drive.handle_nmt_state(now, state);
+        }
+    }
+
+    fn reset(&mut self, now: Instant) {
+        self.reload_values();
+        if let Some(drive) = &mut self.drive {
+            drive.reset(now);
+        }
+    }
+
+    fn handle_link_loss(&mut self, now: Instant) {
+        if let Some(drive) = &mut self.drive {
+            drive.handle_link_loss(now);
+        }
+    }
+
+    fn error_register(&self) -> u8 {
+        let own = if self.fault == 0 { 0 } else { GENERIC_ERROR };
+        self.drive.as_ref().map_or(own, Drive::error_register)
+    }
+
+    fn poll_emergency(&mut self) -> Option<Emergency> {
+        if let Some(drive) = &mut self.drive {
+            return drive.poll_emergency();
+        }
+        let news = self.reported_fault != self.fault;
+        self.reported_fault = self.fault;
+        news.then(|| Emergency { code: self.fault, ..Emergency::default() })
+    }
+
+    fn store(&mut self, group: SettingsGroup) {
+        self.flash_writes += 1;
+        for ((cell, value), stored) in
+            self.data_sheet.stored_objects.iter().zip(&self.values).zip(&mut self.stored)
+        {
+            if is_in_group(cell.index, group) {
+                stored.clone_from(value);
+            }
+        }
+        if let Some(drive) = &mut self.drive {
+            drive.store(group);
+        }
+    }
+
+    fn restore(&mut self, group: SettingsGroup) {
+        self.flash_writes += 1;
+        for (cell, stored) in self.data_sheet.stored_objects.iter().zip(&mut self.stored) {
+            if is_in_group(cell.index, group) {
+                *stored = ObjectValue::from_factory(&cell.default, self.link_settings.0);
+            }
+        }
+        if let (Some(drive), Some(objects)) = (&mut self.drive, &self.data_sheet.drive) {
+            drive.set_reset_objects(objects.clone());
+        }
+    }
+
+    fn set_node_id(&mut self, node: u8) {
+        self.link_settings.0 = node;
+    }
+
+    fn set_bit_rate(&mut self, bit_rate: u32) -> bool {
+        self.link_settings.1 = bit_rate;
+        true
+    }
+
+    fn store_link(&mut self) -> bool {
+        self.flash_writes += 1;
+        self.stored_link_settings = self.link_settings;
+        true
+    }
+}
+
+impl Timed for DataSheetDevice {
+    fn handle_timeout(&mut self, now: Instant) {
+        self.node.advance(now);
+        self.end.handle_timeout(now, &mut self.node);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        earliest(self.end.poll_timeout(), self.node.drive.as_ref().and_then(Drive::next_due))
+    }
+}
+
+impl drives::SimulatedDevice for DataSheetDevice {
+    fn can_station(&mut self) -> Option<&mut dyn Station<Can>> {
+        Some(self)
+    }
+}
+
+impl Station<Can> for DataSheetDevice {
+    fn handle_input(&mut self, now: Instant, unit: &Frame) {
+        self.node.advance(now);
+        self.end.handle_input(now, unit, &mut self.node);
+    }
+
+    fn handle_line(&mut self, now: Instant, event: LineEvent) {
+        self.node.advance(now);
+        self.end.handle_line(now, event, &mut self.node);
+    }
+
+    fn poll_transmit(&mut self, now: Instant, out: &mut Frame) -> Option<usize> {
+        self.end.poll_transmit(now, out, &mut self.node)
+    }
+
+    fn line(&self) -> CanLine {
+        self.end.line()
+    }
+}
+
+impl BenchControl for DataSheetDevice {
+    fn ground_truth(&mut self, now: Instant) -> GroundTruth {
+        let flash_writes = self.node.flash_writes;
+        match &mut self.node.drive {
+            Some(drive) => GroundTruth { flash_writes, ..drive.ground_truth(now) },
+            None => GroundTruth {
+                fault: self.node.fault.into(),
+                flash_writes,
+                ..GroundTruth::default()
+            },
+        }
+    }
+
+    fn act(&mut self, now: Instant, act: Act) -> bool {
+        match (act, &mut self.node.drive) {
+            (Act::PowerCycle, _) => {
+                self.node.advance(now);
+                self.node.power_cycle();
+                self.end.power_cycle(now, &mut self.node);
+                true
+            }
+            (act, Some(drive)) => drive.act(now, act),
+            (Act::Fault(code), None) => {
+                let code = u16::try_from(code);
+                self.node.fault = code.unwrap_or(self.node.fault);
+                code.is_ok()
+            }
+            _ => false,
+        }
+    }
+
+    fn take_notice(&mut self) -> Option<&'static str> {
+        self.node.drive.as_mut().and_then(Drive::take_notice)
+    }
+}

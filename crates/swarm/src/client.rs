@@ -1,0 +1,149 @@
+//! A client: what it holds, and what it says next.
+
+use std::collections::BTreeMap;
+
+use polepair_core::time::Instant;
+use polepair_serve::bench::SessionName;
+use polepair_sim::random::{Ppm, Random};
+
+/// How far a client came with an axis that it holds.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub enum LeaseProgress {
+    /// It has the lease.
+    Held,
+    /// Motion is let through.
+    Armed,
+    /// The motor is powered, where that is a verb of its own.
+    Enabled,
+    /// It was told to turn.
+    Moved,
+}
+
+/// A lease that a client has.
+#[derive(Clone, Copy, Debug)]
+pub struct HeldLease {
+    /// Its epoch.
+    pub epoch: u64,
+    /// When it is renewed next.
+    pub renew_at: Instant,
+    /// How far the client came.
+    pub progress: LeaseProgress,
+    /// A command is under way.
+    pub command_pending: bool,
+}
+
+/// How a client is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum ClientPresence {
+    /// It works.
+    Present,
+    /// It says and renews nothing until then, and goes on as if nothing had been.
+    Hung(Instant),
+    /// It went. The server notices at the first instant, if at all; it comes back at the second.
+    Gone(Option<Instant>, Instant),
+}
+
+/// A client of the bench.
+#[derive(Debug)]
+pub struct GatewayClient {
+    /// The session that it has now.
+    pub name: SessionName,
+    /// How often it came back with a new one.
+    pub reconnects: u32,
+    /// How it is.
+    pub presence: ClientPresence,
+    /// When it does something next.
+    pub next_at: Instant,
+    /// What it holds.
+    pub leases: BTreeMap<u16, HeldLease>,
+    /// Its next word is a stop: this share of a million.
+    stop_ppm: u32,
+    /// It vanishes or hangs: this share of a million.
+    leave_ppm: u32,
+}
+
+/// What a client does.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum ClientAction {
+    /// Wants the lease; `true` takes it from whoever has it.
+    TakeLease(u16, bool),
+    /// A verb of an axis that it holds.
+    Command(u16, &'static str),
+    /// Gives the lease back.
+    DropLease(u16),
+    /// Stops an axis, which needs no lease.
+    Stop(u16),
+    /// Stops everything, which locks motion.
+    StopAll,
+    /// Lets motion again.
+    ReleaseLocks,
+    /// Asks for the speed now.
+    ReadSpeed(u16),
+    /// Goes without a word.
+    Vanish,
+    /// Says nothing for a while.
+    Hang,
+    /// Nothing.
+    Wait,
+}
+
+impl GatewayClient {
+    /// One that begins about then.
+    pub fn new(number: usize, random: &mut Random, begin: Instant) -> Self {
+        Self {
+            name: format!("client-{number}").into(),
+            reconnects: 0,
+            presence: ClientPresence::Present,
+            next_at: begin.plus_ms(random.below(600) as u32),
+            leases: BTreeMap::new(),
+            stop_ppm: random.pick(&[20_000, 60_000, 200_000]),
+            leave_ppm: random.pick(&[0, 20_000, 80_000]),
+        }
+    }
+
+    /// What it does now.
+    pub fn choose_action(&self, random: &mut Random, axes: u16, locked: bool) -> ClientAction {
+        let axis = random.below(u64::from(axes)) as u16;
+        if locked && random.chance(Ppm(250_000)) {
+            return ClientAction::ReleaseLocks;
+        }
+        if random.chance(Ppm(self.leave_ppm)) {
+            return if random.chance(Ppm(500_000)) {
+                ClientAction::Vanish
+            } else {
+                ClientAction::Hang
+            };
+        }
+        if random.chance(Ppm(self.stop_ppm)) {
+            return if random.chance(Ppm(250_000)) {
+                ClientAction::StopAll
+            } else {
+                ClientAction::Stop(axis)
+            };
+        }
+        if random.chance(Ppm(40_000)) {
+            return ClientAction::ReadSpeed(axis);
+        }
+        match self.leases.get(&axis) {
+            None => ClientAction::TakeLease(axis, random.chance(Ppm(120_000))),
+            Some(hold) if hold.command_pending => ClientAction::Wait,
+            Some(HeldLease { progress: LeaseProgress::Held, .. }) => {
+                ClientAction::Command(axis, "arm")
+            }
+            Some(HeldLease { progress: LeaseProgress::Armed, .. }) => {
+                ClientAction::Command(axis, "enable")
+            }
+            Some(HeldLease { progress: LeaseProgress::Enabled, .. }) => {
+                ClientAction::Command(axis, "velocity")
+            }
+            Some(_) => match random.below(100) {
+                0..30 => ClientAction::Command(axis, "velocity"),
+                30..42 => ClientAction::Command(axis, "stop"),
+                42..46 => ClientAction::Command(axis, "disable"),
+                46..49 => ClientAction::Command(axis, "disarm"),
+                49..54 => ClientAction::DropLease(axis),
+                _ => ClientAction::Wait,
+            },
+        }
+    }
+}

@@ -1,0 +1,601 @@
+//! What lives in a world: clients that say things and hear what came of it, wires that fail, and those
+//! who watch.
+
+mod replies;
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Duration;
+
+use polepair_core::time::Instant;
+use polepair_serve::bench::{
+    Bench, BenchEvent, FrameSubscription, PendingReply, SessionName, TelemetryChannel,
+};
+use polepair_serve::message::{
+    CommandArguments, CommandOutcome, CommandRequest, GatewayError, LeaseAction, LeaseGrant,
+    SignalValue, StopReport, StopRequest,
+};
+use polepair_sim::random::{HistoryHash, Ppm, Random};
+
+use crate::client::{ClientAction, ClientPresence, GatewayClient, LeaseProgress};
+use crate::drives::RandomRack;
+use crate::scenario::{hash_text, random_speed, seconds};
+use crate::schedule::WireDisturbance;
+use crate::stop_observer::{StopObserver, StopViolation};
+use crate::wire::{AnyPort, UnitOutcome, WireCondition};
+use crate::{GatewayReport, HistorySink, VIOLATIONS_MAX, Violation};
+
+/// A lease is renewed so often, ms.
+const RENEW_MS: u32 = 450;
+/// What is not known to be executed may still be for so long.
+const MAY_EXECUTE_MS: u32 = 4_000;
+/// Nothing of what was said before moves an axis that long after its wire is well and it is to stand.
+const SETTLE_TIME: Duration = Duration::from_millis(3_000);
+
+/// What was certain longer ago than this is not held against what is true now.
+const CERTAIN_MAX_AGE: Duration = Duration::from_millis(20);
+
+/// Something that a client waits for.
+struct PendingCall {
+    client: usize,
+    axis: u16,
+    sent_at: Instant,
+    kind: CallKind,
+}
+
+enum CallKind {
+    Lease(PendingReply<Option<LeaseGrant>>),
+    Command {
+        verb: &'static str,
+        epoch: u64,
+        starts: u64,
+        alone: bool,
+        reply: PendingReply<CommandOutcome>,
+    },
+    Stop {
+        turned: Vec<bool>,
+        late: bool,
+        reply: PendingReply<StopReport>,
+    },
+    Release(PendingReply<()>),
+    Read(PendingReply<Vec<SignalValue>>),
+}
+
+/// All that lives.
+pub struct WorldRunner {
+    random: Random,
+    ports: Vec<Arc<dyn AnyPort>>,
+    disturbances: VecDeque<WireDisturbance>,
+    clients: Vec<GatewayClient>,
+    pending: Vec<PendingCall>,
+    observers: Vec<StopObserver>,
+    axis_verbs: Vec<Vec<String>>,
+    events: EventPoll,
+    channels: Vec<TelemetryChannel>,
+    locked_since: Option<Instant>,
+    last_id: u32,
+    begin: Instant,
+    /// Nobody says anything from then on.
+    quiet_from: Instant,
+    closing: bool,
+    /// What came of the world.
+    pub report: GatewayReport,
+    history: HistoryHash,
+    now: Instant,
+    history_sink: Option<HistorySink>,
+    frames: Option<FrameSubscription>,
+    /// What was started, and since when each axis was owed when it was.
+    seen_starts: Vec<u64>,
+}
+
+type EventPoll = Box<dyn FnMut() -> Option<BenchEvent>>;
+
+impl WorldRunner {
+    #[expect(clippy::too_many_arguments, reason = "each is drawn by the scene, in its order")]
+    pub fn new(
+        rack: &RandomRack,
+        mut random: Random,
+        bench: &Bench,
+        ports: Vec<Arc<dyn AnyPort>>,
+        (begin, quiet_from): (Instant, Instant),
+        calamities: Vec<WireDisturbance>,
+        report: GatewayReport,
+        history_sink: Option<HistorySink>,
+    ) -> Self {
+        let mut heard = bench.subscribe_events();
+        let count = 1 + random.below(4) as usize;
+        let clients = (0..count).map(|n| GatewayClient::new(n, &mut random, begin)).collect();
+        let view = bench.snapshot();
+        let axis_verbs: Vec<Vec<String>> = view
+            .axes
+            .iter()
+            .map(|axis| axis.verbs.iter().map(|verb| verb.verb.clone()).collect())
+            .collect();
+        let mut channels = Vec::new();
+        for axis in &view.axes {
+            for signal in &axis.signals {
+                let watched = random.chance(Ppm(300_000));
+                let hz = random.pick(&[1.0, 5.0, 20.0]);
+                if watched {
+                    let channel = bench.subscribe(axis.id, Some(&signal.signal), None, hz);
+                    channels.extend(channel.ok());
+                }
+            }
+        }
+        let frames = history_sink.is_some().then(|| bench.subscribe_frames(None).ok()).flatten();
+        let observers: Vec<StopObserver> =
+            rack.axes.iter().map(|(kind, wire)| StopObserver::new(kind, *wire)).collect();
+        Self {
+            random,
+            ports,
+            disturbances: calamities.into(),
+            clients,
+            pending: Vec::new(),
+            seen_starts: vec![0; observers.len()],
+            observers,
+            axis_verbs,
+            events: Box::new(move || heard.try_recv().ok()),
+            channels,
+            locked_since: None,
+            last_id: 0,
+            begin,
+            quiet_from,
+            closing: false,
+            report,
+            history: HistoryHash::default(),
+            now: begin,
+            history_sink,
+            frames,
+        }
+    }
+
+    /// Tells a line of the history, where somebody listens, and hashes it.
+    pub fn log(&mut self, line: impl FnOnce() -> String) {
+        let line = line();
+        hash_text(&mut self.history, &line);
+        self.history.add(self.now.0);
+        if let Some(tell) = &self.history_sink {
+            tell(&format!("{:10.6} {line}", seconds(self.now)));
+        }
+    }
+
+    /// Everything that is due now. `tends`: a drive is waited for, so that hands have their turn here.
+    pub fn step(&mut self, bench: &Bench, tends: bool) {
+        self.now = bench.simulation(0).map_or(self.now, |simulation| simulation.now());
+        self.report.count("turns");
+        while self.disturbances.front().is_some_and(|next| next.at <= self.now) {
+            if let Some(WireDisturbance { wire, condition, .. }) = self.disturbances.pop_front() {
+                self.log(|| format!("wire {wire} is {condition}"));
+                self.report.count(condition_label(condition));
+                self.ports[wire].set_condition(condition);
+            }
+        }
+        self.ports.iter().for_each(|port| port.forward_due());
+        if self.now < self.quiet_from {
+            self.step_clients(bench);
+        }
+        if tends {
+            bench.run_non_blocking();
+        }
+        // What is told is held against what is true now.
+        self.check_motors(bench);
+        self.process_events(bench);
+        self.log_frames();
+    }
+
+    fn step_clients(&mut self, bench: &Bench) {
+        for who in 0..self.clients.len() {
+            self.update_presence(who, bench);
+            if self.clients[who].presence != ClientPresence::Present {
+                continue;
+            }
+            self.renew_leases(who, bench);
+            if self.clients[who].next_at <= self.now {
+                let pause = self.random.pick(&[5, 20, 60, 150, 400]);
+                self.clients[who].next_at = self.now.plus_ms(1 + self.random.below(pause) as u32);
+                let axes = self.observers.len() as u16;
+                let (locked, random) = (self.locked_since.is_some(), &mut self.random);
+                let word = self.clients[who].choose_action(random, axes, locked);
+                self.perform_action(who, word, bench);
+            }
+        }
+    }
+
+    /// Comes back, goes on, or is noticed to have gone.
+    fn update_presence(&mut self, who: usize, bench: &Bench) {
+        let (now, person) = (self.now, &mut self.clients[who]);
+        match person.presence {
+            ClientPresence::Present => {}
+            ClientPresence::Hung(until) if now >= until => {
+                person.presence = ClientPresence::Present;
+                let name = person.name.clone();
+                self.log(|| format!("{name} goes on"));
+            }
+            ClientPresence::Gone(Some(noticed), back) if now >= noticed => {
+                person.presence = ClientPresence::Gone(None, back);
+                let name = person.name.clone();
+                self.log(|| format!("the server notices that {name} is gone"));
+                bench.end_session(&name);
+            }
+            ClientPresence::Gone(_, back) if now >= back => {
+                person.reconnects += 1;
+                person.name = format!("client-{who}/{}", person.reconnects).into();
+                person.leases.clear();
+                person.presence = ClientPresence::Present;
+                let name = person.name.clone();
+                self.log(|| format!("{name} comes back"));
+            }
+            ClientPresence::Hung(_) | ClientPresence::Gone(..) => {}
+        }
+    }
+
+    fn renew_leases(&mut self, who: usize, bench: &Bench) {
+        let now = self.now;
+        let due: Vec<(u16, u64)> = self.clients[who]
+            .leases
+            .iter_mut()
+            .filter(|(_, hold)| hold.renew_at <= now)
+            .map(|(axis, hold)| {
+                hold.renew_at = now.plus_ms(RENEW_MS);
+                (*axis, hold.epoch)
+            })
+            .collect();
+        for (axis, epoch) in due {
+            let reply =
+                bench.request_lease(axis, &self.clients[who].name, LeaseAction::Renew, epoch);
+            self.pending.push(PendingCall {
+                client: who,
+                axis,
+                sent_at: now,
+                kind: CallKind::Lease(reply),
+            });
+        }
+    }
+
+    fn perform_action(&mut self, who: usize, word: ClientAction, bench: &Bench) {
+        let (name, now) = (self.clients[who].name.clone(), self.now);
+        match word {
+            ClientAction::Wait => {}
+            ClientAction::TakeLease(axis, over) => {
+                self.log(|| format!("{name} takes axis {axis}{}", if over { " over" } else { "" }));
+                let act = if over { LeaseAction::TakeOver } else { LeaseAction::Take };
+                let reply = bench.request_lease(axis, &name, act, 0);
+                self.pending.push(PendingCall {
+                    client: who,
+                    axis,
+                    sent_at: now,
+                    kind: CallKind::Lease(reply),
+                });
+            }
+            ClientAction::DropLease(axis) => {
+                self.log(|| format!("{name} gives axis {axis} back"));
+                if let Some(hold) = self.clients[who].leases.remove(&axis) {
+                    drop(bench.request_lease(axis, &name, LeaseAction::Drop, hold.epoch));
+                }
+            }
+            ClientAction::Command(axis, verb) => self.send_command(who, axis, verb, bench),
+            ClientAction::Stop(axis) => {
+                self.log(|| format!("{name} says STOP to axis {axis}"));
+                self.send_stop(who, Some(vec![axis]), bench);
+            }
+            ClientAction::StopAll => {
+                self.log(|| format!("{name} says STOP ALL"));
+                self.send_stop(who, None, bench);
+            }
+            ClientAction::ReleaseLocks => {
+                self.log(|| format!("{name} lets motion again"));
+                let reply = bench.release(&name, bench.lock_count());
+                self.pending.push(PendingCall {
+                    client: who,
+                    axis: 0,
+                    sent_at: now,
+                    kind: CallKind::Release(reply),
+                });
+            }
+            ClientAction::ReadSpeed(axis) => {
+                let reply = bench.read_signals(axis, &["velocity"]);
+                self.pending.push(PendingCall {
+                    client: who,
+                    axis,
+                    sent_at: now,
+                    kind: CallKind::Read(reply),
+                });
+            }
+            ClientAction::Hang => {
+                let ms = self.random.between(200, 4000) as u32;
+                self.log(|| format!("{name} hangs for {ms} ms"));
+                self.clients[who].presence = ClientPresence::Hung(now.plus_ms(ms));
+            }
+            ClientAction::Vanish => {
+                let noticed = self.random.chance(Ppm(700_000));
+                let after = self.random.below(1500) as u32;
+                let back = self.random.between(1500, 6000) as u32;
+                self.log(|| format!("{name} vanishes, for {back} ms"));
+                let noticed = noticed.then(|| now.plus_ms(after));
+                self.clients[who].presence = ClientPresence::Gone(noticed, now.plus_ms(back));
+            }
+        }
+    }
+
+    fn send_command(&mut self, who: usize, axis: u16, verb: &'static str, bench: &Bench) {
+        let of = usize::from(axis);
+        let offered =
+            ["arm", "disarm"].contains(&verb) || self.axis_verbs[of].iter().any(|v| v == verb);
+        let Some(hold) = self.clients[who].leases.get_mut(&axis) else { return };
+        if !offered {
+            // Powered by whatever moves it.
+            hold.progress = hold.progress.max(LeaseProgress::Enabled);
+            return;
+        }
+        hold.command_pending = true;
+        let epoch = hold.epoch;
+        let watch = &mut self.observers[of];
+        let velocity = (verb == "velocity").then(|| random_speed(watch.kind, &mut self.random));
+        let moves = ["velocity", "enable"].contains(&verb);
+        let alone = watch.open_commands == 0 && watch.unknown_until < self.now;
+        let starts = watch.truth.starts;
+        if moves {
+            watch.open_commands += 1;
+            // Whatever else is open is not alone any more.
+            for asked in self.pending.iter_mut().filter(|asked| asked.axis == axis) {
+                if let CallKind::Command { alone, .. } = &mut asked.kind {
+                    *alone = false;
+                }
+            }
+        }
+        if ["stop", "disable"].contains(&verb) {
+            watch.stopped_at = self.now;
+        }
+        if verb == "stop" {
+            watch.require_holder_stop(epoch, self.now);
+        }
+        if verb == "velocity" {
+            // Who has lost his lease and does not know it moves nothing.
+            watch.moved_epoch = watch.moved_epoch.max(Some(epoch));
+            watch.record_motion_order(epoch, self.now);
+        }
+        self.last_id += 1;
+        let order = CommandRequest {
+            id: format!("id-{}", self.last_id),
+            issued_ms: bench.now_ms(),
+            ttl_ms: 500.25,
+            epoch,
+            verb: verb.into(),
+            arguments: CommandArguments { velocity, ..CommandArguments::default() },
+        };
+        let name = self.clients[who].name.clone();
+        let (id, asks) = (self.last_id, velocity.map_or(String::new(), |v| format!(" {v} rad/s")));
+        self.log(|| format!("{name} says {verb}{asks} to axis {axis} (id-{id}, epoch {epoch})"));
+        let reply = bench.command(axis, &name, order);
+        let what = CallKind::Command { verb, epoch, starts, alone, reply };
+        self.pending.push(PendingCall { client: who, axis, sent_at: self.now, kind: what });
+    }
+
+    fn send_stop(&mut self, who: usize, axes: Option<Vec<u16>>, bench: &Bench) {
+        let name = self.clients[who].name.clone();
+        self.send_stop_as(who, &name, axes, bench);
+    }
+
+    fn send_stop_as(
+        &mut self,
+        who: usize,
+        name: &SessionName,
+        axes: Option<Vec<u16>>,
+        bench: &Bench,
+    ) {
+        self.report.count("stops said");
+        let all = || (0..self.observers.len() as u16).collect();
+        let named: Vec<u16> = axes.clone().unwrap_or_else(all);
+        for axis in named {
+            let watch = &mut self.observers[usize::from(axis)];
+            watch.stop_pending_since = None;
+            watch.require_stop(self.now);
+        }
+        let turned = self.observers.iter().map(StopObserver::is_turning).collect();
+        let reply = bench.stop(name, &StopRequest { axes, reason: String::new() });
+        let what = CallKind::Stop { turned, late: false, reply };
+        self.pending.push(PendingCall { client: who, axis: 0, sent_at: self.now, kind: what });
+    }
+
+    /// Somebody whom nobody knows stops everything.
+    pub fn stop_all(&mut self, bench: &Bench) {
+        self.log(|| "the supervisor says STOP ALL".to_owned());
+        self.send_stop_as(0, &"supervisor".into(), None, bench);
+    }
+
+    /// The server is about to end.
+    pub fn begin_shutdown(&mut self) {
+        self.closing = true;
+        let now = self.now;
+        self.observers
+            .iter_mut()
+            .filter(|watch| watch.is_turning())
+            .for_each(|watch| watch.require_stop(now));
+    }
+
+    /// It has ended, and these were told as not seen standing.
+    pub fn check_shutdown(&mut self, bench: &Bench, left: &[String]) {
+        self.step(bench, false);
+        let view = bench.snapshot();
+        for n in 0..self.observers.len() {
+            let named = view.axes.get(n).is_some_and(|axis| {
+                let link = view.links.iter().find(|link| link.id == axis.link);
+                link.is_some_and(|link| left.contains(&format!("{} of {}", axis.label, link.url)))
+            });
+            let well = self.ports[self.observers[n].wire].working_since();
+            let found = self.observers[n].check_after_shutdown(self.now, named, well);
+            self.add_violations(n, found);
+        }
+    }
+
+    fn process_events(&mut self, bench: &Bench) {
+        while let Some(event) = (self.events)() {
+            match event {
+                BenchEvent::Lease { axis, lease } => {
+                    let epoch = lease.as_ref().map(|lease| lease.epoch);
+                    let watch = &mut self.observers[usize::from(axis)];
+                    if watch.epoch != epoch {
+                        let owner = lease.map_or_else(|| "nobody".to_owned(), |l| l.owner);
+                        watch.record_lease(epoch, self.now);
+                        self.log(|| format!("axis {axis} is {owner}'s"));
+                    }
+                }
+                BenchEvent::Stopped(stopped) => {
+                    let (id, class) = (stopped.id, stopped.class);
+                    self.log(|| format!("all are told: axis {id} stop {class:?}"));
+                    self.check_stop(id, class);
+                }
+                BenchEvent::Locked(told) => {
+                    self.locked_since = Some(self.now);
+                    self.log(|| format!("motion is locked by {}", told.by));
+                }
+                BenchEvent::Unlocked => {
+                    self.locked_since = None;
+                    self.log(|| "motion is let again".to_owned());
+                }
+                BenchEvent::BenchChanged => {
+                    let states: Vec<_> = bench
+                        .snapshot()
+                        .links
+                        .iter()
+                        .map(|link| format!("{:?}", link.state))
+                        .collect();
+                    self.log(|| format!("links: {}", states.join(", ")));
+                }
+                BenchEvent::Scan(_) => {}
+                #[allow(unreachable_patterns, reason = "later kinds of events")]
+                _ => {}
+            }
+        }
+        let mut n = 0;
+        while n < self.pending.len() {
+            if self.poll_reply(n) {
+                self.pending.swap_remove(n);
+            } else {
+                n += 1;
+            }
+        }
+    }
+
+    /// The truth of each motor, and what is broken.
+    fn check_motors(&mut self, bench: &Bench) {
+        for n in 0..self.observers.len() {
+            let Some(truth) = bench.truth(n as u16) else { continue };
+            let well = self.ports[self.observers[n].wire].working_since();
+            let turned = self.observers[n].is_turning();
+            let owed = bench.axis_state(n as u16).ok().map(|state| state.owed.is_some());
+            let found = self.observers[n].check(self.now, truth, well, owed, false);
+            let watch = &self.observers[n];
+            if watch.is_turning() != turned {
+                let (turns, speed, owed) =
+                    (watch.is_turning(), truth.velocity, watch.stop_pending_since.is_some());
+                let owed = if owed { ", owed a stop" } else { "" };
+                self.log(|| match turns {
+                    true => format!("truth: axis {n} turns{owed}, {speed:.1} rad/s"),
+                    false => format!("truth: axis {n} turns no more{owed}, {speed:.1} rad/s"),
+                });
+            }
+            if truth.starts != self.seen_starts[n] {
+                self.seen_starts[n] = truth.starts;
+                self.report.count("motion executed");
+                let starts = truth.starts;
+                self.log(|| format!("truth: axis {n} executed motion, number {starts}"));
+                self.check_start(n, well);
+            }
+            self.add_violations(n, found);
+        }
+    }
+
+    /// Nothing starts an axis while motion is locked, once all that was said before has arrived.
+    fn check_start(&mut self, n: usize, well: Option<Instant>) {
+        let settled =
+            |since: Instant| well.is_some_and(|well| self.now.since(well.max(since)) > SETTLE_TIME);
+        // What a stop writes may look like motion.
+        let stopped = self.observers[n].stopped_at;
+        if let Some(locked) = self.locked_since
+            && settled(locked.max(stopped))
+        {
+            let since = self.now.since(locked).as_secs_f64();
+            self.add_violation(
+                "G10",
+                format!("axis {n} is moved though motion is locked for {since:.2} s"),
+            );
+        }
+    }
+
+    fn add_violations(&mut self, axis: usize, found: impl IntoIterator<Item = StopViolation>) {
+        let kind = self.observers[axis].kind.name;
+        for (invariant, what) in found {
+            self.add_violation(invariant, format!("axis {axis} ({kind}): {what}"));
+        }
+    }
+
+    fn add_violation(&mut self, invariant: &'static str, what: String) {
+        self.log(|| format!("!!! {invariant} {what}"));
+        if self.report.violations.len() < VIOLATIONS_MAX {
+            self.report.violations.push(Violation { invariant, at: self.now, what });
+        }
+    }
+
+    fn log_frames(&mut self) {
+        for wire in 0..self.ports.len() {
+            for seen in self.ports[wire].take_observed() {
+                self.history.add(seen.at.0);
+                self.history.add_bytes(&seen.bytes);
+                if self.history_sink.is_some() && seen.outcome != UnitOutcome::Forwarded {
+                    let way = if seen.to_drives { "to drives" } else { "to the host" };
+                    let (fate, bytes) = (seen.outcome, &seen.bytes);
+                    let line = format!("  wire {wire} {way}, {fate:?}: {bytes:02X?}");
+                    self.history_sink
+                        .iter()
+                        .for_each(|tell| tell(&format!("{:10.6} {line}", seconds(seen.at))));
+                }
+            }
+        }
+        let Some(frames) = &mut self.frames else { return };
+        for item in frames.drain(usize::MAX).0 {
+            let way = match item.dir {
+                Some(polepair_serve::message::FrameDirection::Tx) => '>',
+                Some(polepair_serve::message::FrameDirection::Rx) => '<',
+                None => '?',
+            };
+            let at = item.t_us / 1e6 + crate::scenario::seconds(self.begin);
+            let line = format!("{at:10.6}   wire {} {way} {} | {}", item.link, item.raw, item.text);
+            self.history_sink.iter().for_each(|tell| tell(&line));
+        }
+    }
+
+    /// The report.
+    pub fn into_report(mut self) -> GatewayReport {
+        for port in &self.ports {
+            let counts = port.counts();
+            let mut add = |name, count| *self.report.counts.entry(name).or_default() += count;
+            add("links lost", counts.lost);
+            add("links opened again", counts.opened);
+            add("links refused", counts.refused);
+            add("units sent", counts.sent);
+            add("units lost on the way", counts.missing);
+        }
+        self.channels.clear();
+        self.report.history = self.history.value();
+        self.report
+    }
+}
+
+fn error_text(error: Option<&GatewayError>) -> String {
+    error.map_or(String::new(), |refused| {
+        // How old something is told to be is rounded by the machine's clock.
+        let message = if refused.code == "gateway.expired" { "" } else { &*refused.message };
+        format!("({}: {message}; executed {:?})", refused.code, refused.executed)
+    })
+}
+
+fn condition_label(condition: WireCondition) -> &'static str {
+    match condition {
+        WireCondition::Working => "wires well again",
+        WireCondition::Gone => "wires gone",
+        WireCondition::Drops(_) => "wires dropping",
+        WireCondition::Silent { .. } => "wires silent",
+        WireCondition::Slow(_) => "wires slow",
+    }
+}
