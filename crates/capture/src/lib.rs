@@ -21,7 +21,7 @@
 //!     assert_eq!((event.link, event.id), ("can0", Some(0x123)));
 //! });
 //! decoder.finish(&mut |_| ());
-//! assert_eq!(decoder.tally().damaged, 0);
+//! assert_eq!(decoder.statistics().damaged, 0);
 //! ```
 #![forbid(unsafe_code)]
 

@@ -499,7 +499,7 @@ pub trait Axes {
     }
 
     /// Takes bytes of a long value that the protocol's own request reads under `ticket`, and tells
-    /// how many; see [`raw`](Self::raw). The drive sends on as they are taken, and the request ends
+    /// how many; see [`send_text`](Self::send_text). The drive sends on as they are taken, and the request ends
     /// when all are. `None` when there is no such request, or it has not begun.
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
         let _ = (ticket, out);

@@ -30,7 +30,7 @@ use crate::error::LinkError;
 /// Opens the port at `path` with `line`, for this process alone.
 ///
 /// On Linux the name that survives replugging (`/dev/serial/by-id/…`) is remembered when there is
-/// one, and [`reopen`](crate::Link::reopen) uses it.
+/// one, and [`reopen`](crate::LinkIo::reopen) uses it.
 ///
 /// # Errors
 /// [`LinkError`], saying which ports there are, or who holds this one.

@@ -150,7 +150,7 @@ pub struct VerbInfo {
 /// An argument of a verb.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ArgumentInfo {
-    /// A field of [`Arguments`](super::Arguments).
+    /// A field of [`CommandArguments`](super::CommandArguments).
     pub name: String,
     /// Its SI unit.
     pub unit: String,
@@ -187,7 +187,7 @@ pub struct SignalInfo {
 /// Something that can be done to a simulated drive.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SimulationActionInfo {
-    /// Its word, for [`Act`](super::Act).
+    /// Its word, for [`SimulationAction`](super::SimulationAction).
     pub act: String,
     /// What it does, in a sentence.
     pub about: String,

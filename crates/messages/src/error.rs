@@ -148,7 +148,7 @@ impl axum::response::IntoResponse for GatewayError {
     }
 }
 
-/// A [`Refused`] as the body of an answer.
+/// A [`GatewayError`] as the body of an answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ErrorBody {
     /// What is wrong.

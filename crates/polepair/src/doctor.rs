@@ -5,10 +5,10 @@
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
-//! use polepair::doctor::{Grade, DoctorOptions, link};
+//! use polepair::doctor::{Grade, DoctorOptions, check_link};
 //! let connector = polepair::Connector::default();
 //! let mut checks = Vec::new();
-//! link(&connector, "sim:tmcl?time=virtual", DoctorOptions::default(), &mut |check| checks.push(check))?;
+//! check_link(&connector, "sim:tmcl?time=virtual", DoctorOptions::default(), &mut |check| checks.push(check))?;
 //! assert!(checks.iter().all(|check| check.grade != Grade::Wrong));
 //! # }
 //! # Ok::<(), polepair::Error>(())

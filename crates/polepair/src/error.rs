@@ -82,7 +82,7 @@ pub struct OutcomeClass {
 /// The table: what an outcome means. `None` for [`Outcome::Done`].
 ///
 /// ```
-/// use polepair::error::{Exit, verdict};
+/// use polepair::error::{Exit, outcome_class};
 /// use polepair_core::error::{Failure, Outcome};
 /// let lost = outcome_class(Outcome::Unknown(Failure::Silent)).unwrap();
 /// assert_eq!((lost.exit, lost.executed), (Exit::NoReply, None));

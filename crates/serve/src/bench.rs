@@ -11,10 +11,10 @@
 //! use std::time::Duration;
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
 //! let bench = Bench::open(&["sim:tmcl?time=virtual".into()], BenchOptions::default())?;
-//! let mut lease = bench.lease(0, &"ann".into(), LeaseAction::Take, 0);
+//! let mut lease = bench.request_lease(0, &"ann".into(), LeaseAction::Take, 0);
 //! bench.advance_time(Duration::from_millis(1));
-//! let lease = lease.take().expect("a hand answers at once")?.expect("it is given");
-//! assert_eq!(bench.axis(0)?.lease.expect("ann has it").epoch, lease.epoch);
+//! let lease = lease.try_recv().expect("a worker answers at once")?.expect("it is given");
+//! assert_eq!(bench.axis_state(0)?.lease.expect("ann has it").epoch, lease.epoch);
 //! # }
 //! # Ok::<(), polepair_serve::message::GatewayError>(())
 //! ```

@@ -1,7 +1,7 @@
 //! Simulated wires, faults and worlds under a virtual clock.
 //!
-//! A [`World`](world::World) holds [nodes](node::Node), drives and hosts, on
-//! [serial wires](serial_line::Serial) and CAN buses. It reads no clock, sleeps never, runs on one
+//! A [`World`](world::World) holds [nodes](node::SimNode), drives and hosts, on
+//! [serial wires](serial_line::SerialWireConfig) and CAN buses. It reads no clock, sleeps never, runs on one
 //! thread and is deterministic: whatever is random comes from a seed. The stations on its wires are
 //! the same objects that stand at real ones.
 #![forbid(unsafe_code)]

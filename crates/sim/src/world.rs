@@ -7,9 +7,9 @@
 //!
 //! ```
 //! use polepair_core::time::Instant;
-//! use polepair_sim::{serial_line::Serial, world::World};
+//! use polepair_sim::{serial_line::SerialWireConfig, world::World};
 //! let mut world = World::new(1);
-//! let wire = world.serial(Serial::RS485);
+//! let wire = world.add_serial(SerialWireConfig::RS485);
 //! let end = world.open_end(wire);
 //! world.send(end, Instant::ZERO, &[1, 2, 3]);
 //! world.run_until(Instant::ZERO.plus_ms(10));
@@ -296,7 +296,7 @@ impl World {
             .map_or((&[], 0), |memory| (&memory.bytes, memory.fresh_from()))
     }
 
-    /// Whether these of the [bytes that a node heard](World::heard) are what the transmission they
+    /// Whether these of the [received bytes](World::received_bytes) are what the transmission they
     /// came in was meant to be.
     #[must_use]
     pub fn is_as_sent(&self, wire: WireId, node: NodeId, range: std::ops::Range<usize>) -> bool {

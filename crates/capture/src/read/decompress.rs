@@ -13,7 +13,7 @@ const PIECE_ZSTD: usize = 1 << 8;
 const WINDOW_LOG_MAX: u32 = 27;
 
 /// What a compressed capture holds, and the bytes themselves where it is not compressed. What follows
-/// a damaged place is left out, as a [`Reader`](super::Reader) leaves it out. `None` where it holds more
+/// a damaged place is left out, as a [`CaptureReader`](super::CaptureReader) leaves it out. `None` where it holds more
 /// than `most` bytes: a few kilobytes can hold gigabytes. What is compressed within the capture (the
 /// containers of a BLF file) stays so, and counts with what it unpacks to.
 ///

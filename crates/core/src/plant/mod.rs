@@ -9,7 +9,7 @@
 //! let mut motor = Motor::new(MotorParameters::BLDC_24V);
 //! let mut servo = Servo::new(motor.parameters());
 //! servo.enable(&motor);
-//! servo.go(Goal::Velocity(100.0));
+//! servo.set_goal(Goal::Velocity(100.0));
 //! for _ in 0..1000 {
 //!     servo.step(&mut motor, Conditions { bus: 24.0, load: 0.05 });
 //! }

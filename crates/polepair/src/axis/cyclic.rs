@@ -39,7 +39,7 @@ const FULL_SPEED_S: f64 = 0.010;
 /// let speeds: Vec<f64> = (0..=200).flat_map(|k| [ramp(k), -ramp(k)]).collect();
 /// following.check(&speeds)?;
 /// let account = following.stream(speeds, |_| {})?;
-/// assert_eq!((account.cycles, account.missed), (201, 0));
+/// assert_eq!((account.cycles, account.missed_cycles), (201, 0));
 /// following.release()?;
 /// # Ok::<(), polepair::Error>(())
 /// ```

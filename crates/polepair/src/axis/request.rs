@@ -64,7 +64,7 @@ impl Axis {
 
 impl Axis {
     /// Begins to write a parameter, raw, and does not wait until it is done: as
-    /// [`write_parameter`](Self::write_parameter).
+    /// [`write`](Self::write).
     ///
     /// # Errors
     /// [`Error::Usage`] and [`Error::Unsupported`]: nothing was sent.

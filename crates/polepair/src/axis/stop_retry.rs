@@ -28,7 +28,7 @@ const BRAKING_RATIO: f64 = 0.98;
 /// time, and `false` from it ends that. An axis whose profile has no stop is passed over.
 ///
 /// ```
-/// use polepair::axis::{STOP_RETRY_MAX, stop_owed};
+/// use polepair::axis::{STOP_RETRY_MAX, stop_with_retry};
 /// let link = polepair::connect("sim:tmcl?axes=2&time=virtual")?;
 /// let ended = stop_with_retry(link.axes(), STOP_RETRY_MAX, |_, _| true);
 /// assert!(ended.iter().all(Result::is_ok));

@@ -153,7 +153,7 @@ impl Link {
         })
     }
 
-    /// The same link with drives that a [look](crate::scan::Look) found on a wire, behind the axes
+    /// The same link with drives that a [`DriveScanner`](crate::scan::DriveScanner) found on a wire, behind the axes
     /// that it has. Nothing is sent. What those axes are doing goes on, and this link's handles and
     /// the new one's are the same axes. What a rack says of an address (name, mounting and its limits)
     /// holds for the drive.

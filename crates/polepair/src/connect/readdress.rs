@@ -13,7 +13,7 @@ impl Axis {
     /// use polepair_core::profile::AddressRole;
     /// let link = polepair::connect("sim:tmcl?time=virtual")?;
     /// let axis = &link.axes()[0];
-    /// assert_eq!(axis.readdresses(axis.find("module address")?, 7)?, Some(AddressRole::Drive));
+    /// assert_eq!(axis.readdress_effect(axis.find("module address")?, 7)?, Some(AddressRole::Drive));
     /// // 2 is whom the module answers: it could not be asked any more. Nothing is sent.
     /// assert_eq!(axis.set_raw("module address", 2).unwrap_err().code(), "E222");
     /// # Ok::<(), polepair::Error>(())

@@ -15,7 +15,7 @@
 //! max = 250
 //! "#;
 //! let profile = polepair::profile::parse("my-drive.toml", text)?;
-//! let id = profile.find("Max-Current").unwrap();
+//! let id = profile.find_parameter("Max-Current").unwrap();
 //! assert_eq!(profile.parameter(id).unwrap().index, 0x10);
 //!
 //! let error = polepair::profile::parse("bad.toml", &text.replace("scale", "scael")).unwrap_err();

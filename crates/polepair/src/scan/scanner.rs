@@ -29,11 +29,11 @@ use std::collections::VecDeque;
 /// let link = connector.connect("sim:tmcl?axes=3&time=virtual#1")?;
 /// let mut look = DriveScanner::on_link(&connector, &link, 0, 1..=5)?;
 /// while look.next_address(&|| false)?.is_some() {
-///     look.ask(&|| false)?;
+///     look.query_next(&|| false)?;
 /// }
 /// let scan = look.finish();
 /// assert!(scan.axes[0].answers);
-/// let link = link.take_in(0, &scan.found)?;
+/// let link = link.add_drives(0, &scan.found)?;
 /// assert_eq!(link.axes().iter().map(|axis| axis.number()).collect::<Vec<_>>(), [1, 3, 4]);
 /// # }
 /// # Ok::<(), polepair::Error>(())
@@ -183,7 +183,7 @@ impl DriveScanner {
         }
     }
 
-    /// The address that [`ask`](Self::ask) asks next; `None` when all were. On a CAN bus this may
+    /// The address that [`query_next`](Self::query_next) asks next; `None` when all were. On a CAN bus this may
     /// first listen who is there, until `broken` says otherwise.
     ///
     /// # Errors

@@ -7,10 +7,10 @@
 //! ```
 //! use polepair_core::proto::canopen::od::{ObjectAccess, Dictionary, ObjectEntry, ValueType};
 //! static ENTRIES: [ObjectEntry; 2] = [
-//!     ObjectEntry::new(0x1000, 0, ValueType::U32, ObjectAccess::RO, 0, "device type").worth(0x20192),
+//!     ObjectEntry::new(0x1000, 0, ValueType::U32, ObjectAccess::RO, 0, "device type").with_default(0x20192),
 //!     ObjectEntry::new(0x6040, 0, ValueType::U16, ObjectAccess::RW.mappable(), 1, "controlword"),
 //! ];
-//! static PLACES: [u16; 4] = Dictionary::places(&ENTRIES);
+//! static PLACES: [u16; 4] = Dictionary::hash_slots(&ENTRIES);
 //! static DICTIONARY: Dictionary = Dictionary::new(&ENTRIES, &PLACES);
 //! assert_eq!(DICTIONARY.find(0x6040, 0).map(|entry| entry.name), Some("controlword"));
 //! assert!(DICTIONARY.find(0x6040, 1).is_none());
@@ -279,7 +279,7 @@ pub struct Dictionary {
 const EMPTY_SLOT: u16 = u16::MAX;
 
 impl Dictionary {
-    /// A dictionary of entries in ascending order, with what [`places`](Self::places) or
+    /// A dictionary of entries in ascending order, with what [`hash_slots`](Self::hash_slots) or
     /// [`fill_slots`](Self::fill_slots) made of them.
     ///
     /// # Panics

@@ -159,7 +159,7 @@ pub struct Answer {
     pub count: u16,
     /// What was read, up to [`WORDS_MAX`] words; bits lie sixteen to a word, the lowest address in
     /// bit 0. The value that a single write repeated, 0 or 1 for a coil. Longer reads: see
-    /// [`Host::payload`](super::host::Host::payload).
+    /// [`SerialHost::payload`](super::host::SerialHost::payload).
     pub words: [u16; WORDS_MAX],
 }
 

@@ -5,7 +5,7 @@
 //! drive to host  280 + id   the first four bytes again, and the value; or a report
 //! ```
 //! All big-endian. Where the manual contradicts itself, the reading is stated at the place and the
-//! other one is a switch of the profile ([`Interpretation`](super::readings::Interpretation)).
+//! other one is a switch of the profile ([`Interpretation`](super::interpretation::Interpretation)).
 
 use crate::error::WireError;
 use crate::medium::Frame;

@@ -298,7 +298,7 @@ impl<const N: usize> MotionAxis<N> {
         }
     }
 
-    /// The host makes the way, cycle by cycle: [`follow`](Self::follow) is the next tick.
+    /// The host makes the way, cycle by cycle: [`tick_following`](Self::tick_following) is the next tick.
     #[inline]
     #[must_use]
     pub const fn is_following(&self) -> bool {
