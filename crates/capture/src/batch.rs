@@ -95,8 +95,8 @@ pub(crate) enum ContentRef<'a> {
 
 impl ContentRef<'_> {
     #[inline]
-    fn matches(self, said: &TemplateContent) -> bool {
-        match (self, said) {
+    fn matches(self, template_content: &TemplateContent) -> bool {
+        match (self, template_content) {
             (Self::ProcessData(one), TemplateContent::ProcessData(other)) => {
                 Arc::ptr_eq(one, other)
             }
@@ -186,16 +186,16 @@ impl FrameBatch {
 
     /// Its frames in order.
     pub fn runs(&self) -> impl Iterator<Item = FrameRun<'_>> {
-        let (mut from, mut told) = (0, 0);
+        let (mut from, mut reported) = (0, 0);
         core::iter::from_fn(move || {
-            let place = self.compact_before.get(told).copied();
-            let run = &self.compact[from..place.unwrap_or(self.compact.len())];
+            let index = self.compact_before.get(reported).copied();
+            let run = &self.compact[from..index.unwrap_or(self.compact.len())];
             if !run.is_empty() {
                 from += run.len();
                 return Some(FrameRun::Compact(run));
             }
-            told += 1;
-            place.map(|_| FrameRun::Stored(told - 1))
+            reported += 1;
+            index.map(|_| FrameRun::Stored(reported - 1))
         })
     }
 
@@ -207,8 +207,8 @@ impl FrameBatch {
 
     /// Gives a frame that is not plain.
     pub fn with_stored(&self, at: usize, each: impl FnOnce(&DecodedFrame<'_>)) {
-        if let Some(kept) = self.stored.get(at) {
-            each(&kept.as_frame());
+        if let Some(stored_frame) = self.stored.get(at) {
+            each(&stored_frame.as_frame());
         }
     }
 
@@ -235,9 +235,9 @@ impl FrameBatch {
         if used == self.stored.len() {
             self.stored.push(StoredFrame::default());
         }
-        let kept = &mut self.stored[used];
-        kept.store(event);
-        self.stored_bytes += kept.size();
+        let stored_frame = &mut self.stored[used];
+        stored_frame.store(event);
+        self.stored_bytes += stored_frame.size();
         self.compact_before.push(self.compact.len());
     }
 
@@ -263,10 +263,10 @@ impl FrameBatch {
                 return false;
             }
             *voice = self.templates.len() as u16;
-            let (said, link) = (says.to_content(), Arc::clone(link));
+            let (template_content, link) = (says.to_content(), Arc::clone(link));
             let Frame { id, len, .. } = *frame;
             self.templates.push(FrameTemplate {
-                content: said,
+                content: template_content,
                 link,
                 protocol,
                 direction,
@@ -316,8 +316,8 @@ impl FrameTemplate {
             TemplateContent::ProcessData(process) => {
                 explained.clear();
                 process.explain(bytes, explained);
-                process.mapping().for_each_signal(plain.data, |place, exact, value| {
-                    notices.push(process.signal_notice(place, exact, value));
+                process.mapping().for_each_signal(plain.data, |mapped, exact, value| {
+                    notices.push(process.signal_notice(mapped, exact, value));
                 });
                 explained
             }

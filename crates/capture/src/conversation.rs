@@ -50,9 +50,9 @@ impl Conversation {
         reply: &RawFrame<'_>,
     ) -> Option<RawFrame<'_>> {
         let mut requests = self.requests.iter().rev().map(RecentRequest::raw);
-        let said = requests.find(|request| dissector.is_answer_to(reply, request));
+        let raw_frame = requests.find(|request| dissector.is_answer_to(reply, request));
         let last = self.requests.back().filter(|_| reply.id.is_none()).map(RecentRequest::raw);
-        said.or(last)
+        raw_frame.or(last)
     }
 
     /// The last request, while nothing followed it.
@@ -63,11 +63,12 @@ impl Conversation {
     /// Takes a request.
     pub(crate) fn push_request(&mut self, request: &RawFrame<'_>) {
         let full = self.requests.len() == REQUESTS_MAX;
-        let mut asked = if full { self.requests.pop_front() } else { None }.unwrap_or_default();
-        asked.bytes.clear();
-        asked.bytes.extend_from_slice(request.bytes);
-        (asked.id, asked.extended) = (request.id, request.extended);
-        self.requests.push_back(asked);
+        let mut recent_request =
+            if full { self.requests.pop_front() } else { None }.unwrap_or_default();
+        recent_request.bytes.clear();
+        recent_request.bytes.extend_from_slice(request.bytes);
+        (recent_request.id, recent_request.extended) = (request.id, request.extended);
+        self.requests.push_back(recent_request);
         self.reply_count = 0;
     }
 
@@ -75,7 +76,7 @@ impl Conversation {
     /// equal its request (Modbus 06), so an equal frame alone proves nothing: it is an echo when
     /// more follows it at once (`glued`), or when this link was seen to echo before.
     pub(crate) fn detect_echo(&mut self, frame: &[u8], glued: bool) -> bool {
-        let same = self.requests.back().is_some_and(|asked| asked.bytes == frame);
+        let same = self.requests.back().is_some_and(|recent_request| recent_request.bytes == frame);
         self.reply_count += 1;
         if self.reply_count > 1 {
             self.has_echo |= self.first_matched;

@@ -464,7 +464,7 @@ impl CaptureDecoder {
         at: usize,
         bytes: &[u8],
         piece: &StreamPiece,
-        place: PieceContext,
+        piece_context: PieceContext,
         out: FrameCallback<'_>,
     ) {
         self.frame_count += 1;
@@ -473,7 +473,7 @@ impl CaptureDecoder {
             origin: ChunkOrigin { time, offset: at },
             direction,
             more_follows: glued,
-        } = place;
+        } = piece_context;
         let rule = rules.get(piece.rule);
         let whole = piece.kind == PieceKind::Frame;
         let raw = RawFrame { bytes, ..RawFrame::default() };
@@ -511,7 +511,7 @@ impl CaptureDecoder {
         }
         self.notices.clear();
         if let Some(rule) = rule.filter(|_| self.tracks_sessions) {
-            let heard = ObservedFrame {
+            let observed = ObservedFrame {
                 number: self.frame_count,
                 time,
                 direction,
@@ -525,13 +525,13 @@ impl CaptureDecoder {
                 profile,
                 profile_stated: stated.is_some(),
             };
-            session.handle_frame(&heard, &mut self.explanation, &mut self.notices);
+            session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
         }
         out(&DecodedFrame {
             number: self.frame_count,
             time,
             link: name,
-            direction: place.direction,
+            direction: piece_context.direction,
             protocol: rule.map(|rule| rule.dissector.name()),
             bytes,
             id: None,
@@ -576,8 +576,9 @@ impl CaptureDecoder {
                 deferred_axis: None,
                 rules_tried: 0,
             };
-            let told = teller.explain(rules, frame, &context, conversation, &mut self.explanation);
-            let rule = told.or_else(|| claiming_rule(rules, session, frame))?;
+            let reported =
+                teller.explain(rules, frame, &context, conversation, &mut self.explanation);
+            let rule = reported.or_else(|| claiming_rule(rules, session, frame))?;
             let (dissector, stated) =
                 (rules[rule].dissector, profile_for_rule(self.profile, &rules[rule]));
             let profile = stated.or_else(|| drives::assumed_profile(dissector));
@@ -589,7 +590,7 @@ impl CaptureDecoder {
                 deferred_axis: left,
                 template: 0,
             };
-            let by_id = told.is_some() && teller.rules_tried == 1;
+            let by_id = reported.is_some() && teller.rules_tried == 1;
             if left.is_some() && by_id {
                 lanes.insert(frame, lane);
             } else if by_id
@@ -606,13 +607,18 @@ impl CaptureDecoder {
             self.explanation.axis = Some(axis);
         }
         if let Some(lane) = lane.filter(|_| self.tracks_sessions) {
-            let heard = lane.observe(self.frame_count, record, frame, self.explanation.error);
-            session.handle_frame(&heard, &mut self.explanation, &mut self.notices);
+            let observed = lane.observe(self.frame_count, record, frame, self.explanation.error);
+            session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
         }
         let protocol = lane.map(|lane| lane.dissector.name());
         // A conversation may tell that a frame is another than it looks like.
-        let said = (&self.explanation, &*self.notices);
-        out(&DecodedFrame::from_frame(record, (self.frame_count, frame), (name, protocol), said));
+        let statement = (&self.explanation, &*self.notices);
+        out(&DecodedFrame::from_frame(
+            record,
+            (self.frame_count, frame),
+            (name, protocol),
+            statement,
+        ));
     }
 }
 

@@ -146,11 +146,11 @@ impl fmt::Display for LinkDetection {
 
 impl LinkDetection {
     fn write_shared(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let spoken = self.protocol.iter().chain(&self.secondary).map(|spoken| spoken.name());
-        let spoken: Vec<&str> = spoken.collect();
+        let protocols = self.protocol.iter().chain(&self.secondary).map(|protocol| protocol.name());
+        let names: Vec<&str> = protocols.collect();
         for (at, (name, axes)) in self.shared_axes.iter().enumerate() {
-            let mut rules: Vec<String> = spoken.iter().map(|word| (*word).to_owned()).collect();
-            if !spoken.contains(name) {
+            let mut rules: Vec<String> = names.iter().map(|word| (*word).to_owned()).collect();
+            if !names.contains(name) {
                 rules.extend(axes.iter().map(|axis| format!("{name}@{axis}")));
             }
             let rules = rules.join(",");
@@ -237,18 +237,19 @@ impl ProtocolDetector {
         if !tied.is_empty() {
             return LinkDetection { tied, ..unknown };
         }
-        let (spoken, rivals) = select_protocols(&ranked);
-        let Some((first, others)) = spoken.split_first() else { return unknown };
+        let (protocols, rivals) = select_protocols(&ranked);
+        let Some((first, others)) = protocols.split_first() else { return unknown };
         let rivals = rivals.iter().filter(|(_, tally)| tally.good_bytes > 0);
         let runner_up = rivals
             .map(|(reader, tally)| (reader.dissector.name(), tally.good_share()))
             .max_by(|(_, a), (_, b)| a.total_cmp(b));
         let rival = runner_up.map_or(0.0, |(_, share)| share).max(CHANCE_SHARE);
-        let sum = |of: &dyn Fn(&LinkScore) -> u64| spoken.iter().map(|(_, tally)| of(tally)).sum();
+        let sum =
+            |of: &dyn Fn(&LinkScore) -> u64| protocols.iter().map(|(_, tally)| of(tally)).sum();
         let frames = sum(&|tally| tally.frames);
-        let share: f64 = spoken.iter().map(|(_, tally)| tally.explained_share()).sum();
+        let share: f64 = protocols.iter().map(|(_, tally)| tally.explained_share()).sum();
         let accident = 0.5f64.powi(8 * i32::try_from(frames).unwrap_or(i32::MAX / 8).min(99));
-        let won = spoken.iter().flat_map(|(reader, tally)| {
+        let won = protocols.iter().flat_map(|(reader, tally)| {
             tally.proven_shared_axes().map(|axis| (reader.dissector, axis)).collect::<Vec<_>>()
         });
         LinkDetection {
@@ -273,14 +274,14 @@ impl ProtocolDetector {
             dissector: *dissector,
             scope: RuleScope::AxisOn(link.clone(), *axis),
         });
-        let mut spoken: Vec<_> = verdict.protocol.iter().chain(&verdict.secondary).collect();
+        let mut protocols: Vec<_> = verdict.protocol.iter().chain(&verdict.secondary).collect();
         // An identifier that two claim goes to the one in whose eyes fewer frames are broken.
-        spoken.sort_by_key(|dissector| self.count_broken(dissector.name(), link));
+        protocols.sort_by_key(|dissector| self.count_broken(dissector.name(), link));
         let rule = |dissector: &&'static dyn Dissector| Rule {
             dissector: *dissector,
             scope: RuleScope::Link(link.clone()),
         };
-        proven.chain(spoken.into_iter().map(rule)).collect()
+        proven.chain(protocols.into_iter().map(rule)).collect()
     }
 
     /// Frames of a link that a protocol calls broken.
@@ -400,24 +401,24 @@ fn resolve_tie(ranked: &mut [ScoredCandidate<'_>]) -> Vec<&'static str> {
 fn select_protocols<'a>(
     ranked: &[(&'a CandidateProtocol, &'a LinkScore)],
 ) -> (Vec<ScoredCandidate<'a>>, Vec<ScoredCandidate<'a>>) {
-    let mut spoken: Vec<ScoredCandidate<'a>> = Vec::new();
+    let mut protocols: Vec<ScoredCandidate<'a>> = Vec::new();
     let mut rivals = Vec::new();
     for (reader, tally) in ranked {
         let claimed = |(id, extended): &(u32, bool)| {
-            spoken.iter().any(|(other, _)| other.dissector.claims_id(*id, *extended))
+            protocols.iter().any(|(other, _)| other.dissector.claims_id(*id, *extended))
         };
         // Identifiers that nobody else claims, and answers on them where others' are among those that
         // it would claim; or axes that answers prove on identifiers that others claim.
         let free = tally.ids.iter().filter(|id| !claimed(id)).count();
         let own = free > 0 && (free == tally.ids.len() || tally.pairs.found >= PROOF_PAIRS);
         let beside = own || tally.proven_shared_axes().next().is_some();
-        let holds = match spoken.is_empty() {
+        let holds = match protocols.is_empty() {
             true => rivals.is_empty() && tally.is_more_than_chance(),
             false => beside && tally.good_bytes > tally.broken_bytes,
         };
-        if holds { &mut spoken } else { &mut rivals }.push((*reader, *tally));
+        if holds { &mut protocols } else { &mut rivals }.push((*reader, *tally));
     }
-    (spoken, rivals)
+    (protocols, rivals)
 }
 
 /// What a reader made of a link.
@@ -460,8 +461,8 @@ impl LinkScore {
 
     /// Takes a frame that may be another protocol's.
     fn add_shared_frame(&mut self, axis: Option<u32>, bytes: u64) {
-        let room = self.shared_axes.len() < AXES_MAX;
-        match axis.filter(|axis| room || self.shared_axes.contains_key(axis)) {
+        let has_room = self.shared_axes.len() < AXES_MAX;
+        match axis.filter(|axis| has_room || self.shared_axes.contains_key(axis)) {
             None => self.stray_bytes += bytes,
             Some(axis) => {
                 let (frames, sum) = self.shared_axes.entry(axis).or_default();

@@ -145,14 +145,14 @@ impl Explanation {
             fields: items,
             bytes,
             frame_values: readings,
-            detail: keeps,
+            detail: explanation_detail,
         } = other;
         self.kind.clone_from(kind);
         self.text.clone_from(text);
         self.fields.clone_from(items);
         self.bytes.clone_from(bytes);
         self.frame_values.clone_from(readings);
-        (self.axis, self.error, self.detail) = (*axis, *error, *keeps);
+        (self.axis, self.error, self.detail) = (*axis, *error, *explanation_detail);
     }
 
     /// Another one that says the same.

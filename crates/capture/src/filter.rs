@@ -122,8 +122,8 @@ impl WordPattern {
 impl NoticeTest {
     fn matches(&self, notice: &SessionNotice) -> bool {
         match (self, notice) {
-            (Self::Anomaly(kinds), SessionNotice::Anomaly(odd)) => {
-                kinds.is_empty() || kinds.contains(&odd.kind)
+            (Self::Anomaly(kinds), SessionNotice::Anomaly(anomaly)) => {
+                kinds.is_empty() || kinds.contains(&anomaly.kind)
             }
             (Self::Fault(None), SessionNotice::Fault(_)) => true,
             (Self::Fault(Some(either)), SessionNotice::Fault(fault)) => {

@@ -78,13 +78,13 @@ pub(crate) fn signal(axis: u32, called: &str, value: f64) -> SessionNotice {
     })
 }
 
-pub(crate) fn exchange(axis: u32, asked: u64, us: u64, outcome: ExchangeOutcome) -> SessionNotice {
-    let answered = (outcome != ExchangeOutcome::Unanswered).then(|| (2, Some(stamp(asked + us))));
-    let (asked, retries) = ((1, Some(stamp(asked))), 0);
+pub(crate) fn exchange(axis: u32, wanted: u64, us: u64, outcome: ExchangeOutcome) -> SessionNotice {
+    let answered = (outcome != ExchangeOutcome::Unanswered).then(|| (2, Some(stamp(wanted + us))));
+    let (request, retries) = ((1, Some(stamp(wanted))), 0);
     SessionNotice::Exchange(ExchangeNotice {
         axis: Some(axis),
         op: "read",
-        requested: asked,
+        requested: request,
         answered,
         outcome,
         retries,

@@ -89,8 +89,8 @@ impl CaptureFormat {
         let text = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
         let (whole, rest) =
             text.split_at(text.iter().rposition(|c| *c == b'\n').map_or(0, |n| n + 1));
-        let told = whole.split(|c| *c == b'\n').find_map(Self::detect_line);
-        told.or_else(|| enough.then(|| Self::detect_line(rest).unwrap_or(Self::Text)))
+        let capture_format = whole.split(|c| *c == b'\n').find_map(Self::detect_line);
+        capture_format.or_else(|| enough.then(|| Self::detect_line(rest).unwrap_or(Self::Text)))
     }
 
     /// The format that has such a line, if it is not a mere comment.

@@ -94,11 +94,11 @@ pub fn write_notice(out: &mut Vec<u8>, notice: &SessionNotice) {
             write_key(out, "gone");
             write_bool(out, *gone);
         }
-        SessionNotice::Anomaly(odd) => {
-            begin(out, "odd", odd.axis);
-            write_words(out, &[("kind", odd.kind.as_str()), ("text", &odd.text)]);
+        SessionNotice::Anomaly(anomaly) => {
+            begin(out, "odd", anomaly.axis);
+            write_words(out, &[("kind", anomaly.kind.as_str()), ("text", &anomaly.text)]);
             write_key(out, "time");
-            write_or_null(out, odd.time, write_timestamp);
+            write_or_null(out, anomaly.time, write_timestamp);
         }
     }
     out.push(b'}');
@@ -274,9 +274,9 @@ fn find_escape(text: &[u8]) -> Option<usize> {
         let eight = u64::from_le_bytes(**eight);
         below(eight, 0x20) | is(eight, b'"') | is(eight, b'\\') == 0
     };
-    let begun = 8 * text.as_chunks::<8>().0.iter().take_while(plain).count();
+    let started_at = 8 * text.as_chunks::<8>().0.iter().take_while(plain).count();
     let escaped = |byte: &u8| matches!(byte, b'"' | b'\\' | 0..0x20);
-    text[begun..].iter().position(escaped).map(|at| begun + at)
+    text[started_at..].iter().position(escaped).map(|at| started_at + at)
 }
 
 /// Appends bytes as hexadecimal digits without spaces.

@@ -150,9 +150,9 @@ impl LineBuffer {
 
     #[inline]
     fn push_fixed<const N: usize>(&mut self, bytes: &[u8; N], len: usize) {
-        if let Some(room) = self.bytes.get_mut(self.position..).and_then(|it| it.first_chunk_mut())
+        if let Some(space) = self.bytes.get_mut(self.position..).and_then(|it| it.first_chunk_mut())
         {
-            *room = *bytes;
+            *space = *bytes;
         }
         self.position += len;
     }
@@ -173,8 +173,8 @@ impl LineBuffer {
     }
 
     fn push_bytes(&mut self, rest: &[u8]) {
-        if let Some(room) = self.bytes.get_mut(self.position..self.position + rest.len()) {
-            room.copy_from_slice(rest);
+        if let Some(buffer) = self.bytes.get_mut(self.position..self.position + rest.len()) {
+            buffer.copy_from_slice(rest);
         }
         self.position += rest.len();
     }

@@ -122,10 +122,10 @@ impl<E> ChunkSource<'_, E> {
 impl<M: BatchConsumer, E> DecodePool<'_, M, E> {
     /// Goes with piece after piece until there are no more.
     fn run_worker(&self, maker: &mut M) {
-        let mut hand = WorkerBuffers::default();
+        let mut worker_buffers = WorkerBuffers::default();
         // Whoever falls must not leave the others waiting.
         let _careful = AbortGuard(self);
-        while self.process_next(&mut hand, maker).is_some() {}
+        while self.process_next(&mut worker_buffers, maker).is_some() {}
     }
 
     /// Goes with one piece; `None` when there is none, or all is over.

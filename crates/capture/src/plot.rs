@@ -129,8 +129,8 @@ impl Plot {
         let mut panels = BTreeMap::<_, PanelLines<'_>>::new();
         for ((link, axis, name), series) in &self.series {
             let own = (!shared).then_some((*link, *axis));
-            let place = if links.len() > 1 { format!("{link} ") } else { String::new() };
-            let line = (format!("{place}axis {axis}"), series);
+            let location = if links.len() > 1 { format!("{link} ") } else { String::new() };
+            let line = (format!("{location}axis {axis}"), series);
             panels.entry((name, series.unit, own)).or_default().push(line);
         }
         panels

@@ -242,8 +242,8 @@ impl CaptureReader {
         if let CompressionState::Compressed(unpack) = &mut self.compression {
             let ended = unpack.finish(&mut |piece| self.plain.feed(piece, false, out));
             if let Err(reason) = ended {
-                let place = CapturePosition::Byte(self.plain.received_bytes);
-                self.plain.statistics.add_damage(Damage { position: place, reason });
+                let capture_position = CapturePosition::Byte(self.plain.received_bytes);
+                self.plain.statistics.add_damage(Damage { position: capture_position, reason });
             }
         }
         self.plain.feed(&[], true, out);

@@ -83,15 +83,15 @@ impl core::fmt::Display for Rules {
 
 impl Rule {
     fn parse(text: &str) -> Result<Self, RuleError> {
-        let (name, place) = text.split_once('@').map_or((text, None), |(n, p)| (n, Some(p)));
+        let (name, location) = text.split_once('@').map_or((text, None), |(n, p)| (n, Some(p)));
         let dissector = proto::find_dissector(name).ok_or_else(|| RuleError {
             word: name.to_owned(),
             nearest: nearest_word(name, proto::dissectors().iter().map(|d| d.name())),
         })?;
-        let scope = match place {
+        let scope = match location {
             None => RuleScope::Anywhere,
-            Some(place) => {
-                parse_number(place).map_or(RuleScope::Link(place.to_owned()), RuleScope::Axis)
+            Some(location) => {
+                parse_number(location).map_or(RuleScope::Link(location.to_owned()), RuleScope::Axis)
             }
         };
         Ok(Self { dissector, scope })

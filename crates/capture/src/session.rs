@@ -47,7 +47,7 @@ impl SessionNotice {
             Self::Exchange(exchange) => exchange.axis,
             Self::Change(change) => change.axis,
             Self::Fault(fault) => Some(fault.axis),
-            Self::Anomaly(odd) => odd.axis,
+            Self::Anomaly(anomaly) => anomaly.axis,
         }
     }
 }
@@ -303,8 +303,8 @@ pub(crate) trait ProtocolTracker: Debug + Send {
     /// Takes a frame. May add to what is said of it, and tells what it is told by it.
     fn handle_frame(
         &mut self,
-        heard: &ObservedFrame<'_>,
-        said: &mut Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &mut Explanation,
         notices: &mut Vec<SessionNotice>,
     );
 
@@ -350,22 +350,22 @@ impl LinkSession {
     /// Tells what a frame means in its conversation.
     pub fn handle_frame(
         &mut self,
-        heard: &ObservedFrame<'_>,
-        said: &mut Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &mut Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
-        if let Some(now) = heard.time {
+        if let Some(now) = observed.time {
             self.trackers.iter_mut().for_each(|(_, follower)| follower.advance_time(now, notices));
         }
-        let spoken = heard.dissector.name();
+        let protocol = observed.dissector.name();
         // The same word is the same place of memory, mostly.
-        let same = |name: InternedName| core::ptr::eq(name, spoken) || name == spoken;
+        let same = |name: InternedName| core::ptr::eq(name, protocol) || name == protocol;
         let at = self.trackers.iter().position(|(name, _)| same(name));
         let at = at.unwrap_or_else(|| {
-            self.trackers.push((spoken, new_tracker(heard.dissector)));
+            self.trackers.push((protocol, new_tracker(observed.dissector)));
             self.trackers.len() - 1
         });
-        self.trackers[at].1.handle_frame(heard, said, notices);
+        self.trackers[at].1.handle_frame(observed, explanation, notices);
     }
 
     /// What a frame says that changes nothing, where one protocol alone is spoken.
@@ -383,8 +383,8 @@ impl LinkSession {
 
     /// Whether what frames with that identifier of 11 bits say by themselves hangs on their bytes
     /// alone, where that protocol alone is spoken.
-    pub fn is_repeatable(&self, spoken: InternedName, id: u32) -> bool {
-        matches!(&self.trackers[..], [(name, only)] if *name == spoken && only.is_repeatable(id))
+    pub fn is_repeatable(&self, protocol: InternedName, id: u32) -> bool {
+        matches!(&self.trackers[..], [(name, only)] if *name == protocol && only.is_repeatable(id))
     }
 
     /// The protocol that the capture gave a CAN identifier to, beside those that are its own.
@@ -406,7 +406,7 @@ impl LinkSession {
 /// Whether a notice tells what is wrong with a frame by itself.
 pub(crate) fn is_frame_anomaly(notice: &SessionNotice) -> bool {
     let kinds = [AnomalyKind::BadCheck, AnomalyKind::Malformed, AnomalyKind::Stray];
-    matches!(notice, SessionNotice::Anomaly(odd) if kinds.contains(&odd.kind))
+    matches!(notice, SessionNotice::Anomaly(anomaly) if kinds.contains(&anomaly.kind))
 }
 
 /// What a controller's report is for a bus; `None` for what a healthy one does too.
@@ -426,8 +426,8 @@ pub(crate) fn error_frame_notice(error: &CanErrorFrame, text: &str) -> Option<Se
 }
 
 /// Who follows a protocol's conversations.
-fn new_tracker(spoken: &'static dyn Dissector) -> Box<dyn ProtocolTracker> {
-    match spoken.name() {
+fn new_tracker(protocol: &'static dyn Dissector) -> Box<dyn ProtocolTracker> {
+    match protocol.name() {
         "canopen" => Box::<canopen::CanopenTracker>::default(),
         _ => Box::<exchange::ExchangeTracker>::default(),
     }

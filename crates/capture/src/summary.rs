@@ -154,20 +154,20 @@ impl Summary {
         let axis = event.explanation.axis.filter(|_| !damaged);
         let who = AxisKey { link: self.current_link, protocol, axis };
         self.count_frame(who, event);
-        let place = NoticeOrigin {
+        let origin = NoticeOrigin {
             link: self.current_link,
             protocol,
             number: event.number,
             time: event.time,
         };
-        event.notices.iter().for_each(|notice| self.add_notice(notice, place));
+        event.notices.iter().for_each(|notice| self.add_notice(notice, origin));
     }
 
     /// Takes what conversations leave open, which is no frame.
     pub fn add_open_notices(&mut self, event: &DecodedFrame<'_>) {
         let (link, protocol) = (intern(event.link), event.protocol.unwrap_or(""));
-        let place = NoticeOrigin { link, protocol, number: 0, time: None };
-        event.notices.iter().for_each(|notice| self.add_notice(notice, place));
+        let origin = NoticeOrigin { link, protocol, number: 0, time: None };
+        event.notices.iter().for_each(|notice| self.add_notice(notice, origin));
     }
 
     /// Kinds of frames, in order.
@@ -217,8 +217,8 @@ impl Summary {
         kind.last = event.time.or(kind.last);
     }
 
-    fn add_notice(&mut self, notice: &SessionNotice, place: NoticeOrigin) {
-        let NoticeOrigin { link, protocol, number, time } = place;
+    fn add_notice(&mut self, notice: &SessionNotice, origin: NoticeOrigin) {
+        let NoticeOrigin { link, protocol, number, time } = origin;
         let who = AxisKey { link, protocol, axis: notice.axis() };
         match notice {
             SessionNotice::Signal(signal) => {
@@ -243,21 +243,21 @@ impl Summary {
                 seen.add(fault, number, time);
                 if !fault.gone {
                     let text = format!("fault 0x{:X}: {}", fault.code, fault.text);
-                    self.add_anomaly(AnomalyKind::Fault, who, place, text);
+                    self.add_anomaly(AnomalyKind::Fault, who, origin, text);
                 }
             }
             // The fault itself is told besides.
-            SessionNotice::Anomaly(odd)
-                if odd.kind == AnomalyKind::Fault && !self.faults.is_empty() => {}
-            SessionNotice::Anomaly(odd) => {
-                let place = NoticeOrigin { time: odd.time.or(time), ..place };
-                self.add_anomaly(odd.kind, who, place, odd.text.clone());
+            SessionNotice::Anomaly(anomaly)
+                if anomaly.kind == AnomalyKind::Fault && !self.faults.is_empty() => {}
+            SessionNotice::Anomaly(anomaly) => {
+                let origin = NoticeOrigin { time: anomaly.time.or(time), ..origin };
+                self.add_anomaly(anomaly.kind, who, origin, anomaly.text.clone());
             }
         }
     }
 
-    fn add_anomaly(&mut self, kind: AnomalyKind, who: AxisKey, place: NoticeOrigin, text: String) {
-        let NoticeOrigin { number, time, .. } = place;
+    fn add_anomaly(&mut self, kind: AnomalyKind, who: AxisKey, origin: NoticeOrigin, text: String) {
+        let NoticeOrigin { number, time, .. } = origin;
         self.anomalies.add(AnomalyBurst { kind, who, number, time, last: time, count: 1, text });
     }
 }

@@ -182,9 +182,9 @@ impl ChannelNumbers {
             return Err("more links than this format counts");
         }
         let digits = link.bytes().rev().take_while(u8::is_ascii_digit).count();
-        let told = link[link.len() - digits..].parse::<u32>().ok().filter(|n| *n < 255);
+        let reported = link[link.len() - digits..].parse::<u32>().ok().filter(|n| *n < 255);
         let free = |number: &u32| !self.0.iter().any(|(_, other)| other == number);
-        let number = told.filter(free).or_else(|| (0..).find(free)).unwrap_or(0);
+        let number = reported.filter(free).or_else(|| (0..).find(free)).unwrap_or(0);
         self.0.push((link.to_owned(), number));
         Ok(number)
     }

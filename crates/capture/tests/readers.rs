@@ -56,8 +56,8 @@ fn every_reader_takes_whatever_comes() {
 }
 
 fn budget() -> Duration {
-    let said = std::env::var("POLEPAIR_READER_SECONDS").ok();
-    Duration::from_secs(said.and_then(|text| text.parse().ok()).unwrap_or(20))
+    let output = std::env::var("POLEPAIR_READER_SECONDS").ok();
+    Duration::from_secs(output.and_then(|text| text.parse().ok()).unwrap_or(20))
 }
 
 /// The most memory that this process has had, where the system says so.
@@ -192,13 +192,13 @@ impl Drop for Tried<'_> {
 /// Tries mutated captures as long as there is time, and tells how many.
 fn attack(name: &str, format: Option<CaptureFormat>, seeds: &[Vec<u8>]) -> u64 {
     let mut dice = Dice(name.bytes().map(u64::from).sum());
-    let mut kept = seeds.to_vec();
+    let mut stored = seeds.to_vec();
     let end = Instant::now() + budget();
     let mut tried = 0;
     while Instant::now() < end {
         let input = match tried {
-            0 => kept[0].clone(),
-            _ => mutate(&mut dice, &kept),
+            0 => stored[0].clone(),
+            _ => mutate(&mut dice, &stored),
         };
         let noted = Tried(name, tried, &input);
         read(&input, format, 1 + dice.below(4096));
@@ -208,15 +208,15 @@ fn attack(name: &str, format: Option<CaptureFormat>, seeds: &[Vec<u8>]) -> u64 {
         drop(noted);
         tried += 1;
         // Now and then the seeds are left further behind.
-        if kept.len() < KEPT_MAX && tried % 64 == 0 && !input.is_empty() {
-            kept.push(input);
+        if stored.len() < KEPT_MAX && tried % 64 == 0 && !input.is_empty() {
+            stored.push(input);
         }
     }
     tried
 }
 
-fn mutate(dice: &mut Dice, kept: &[Vec<u8>]) -> Vec<u8> {
-    let mut bytes = kept[dice.below(kept.len())].clone();
+fn mutate(dice: &mut Dice, stored: &[Vec<u8>]) -> Vec<u8> {
+    let mut bytes = stored[dice.below(stored.len())].clone();
     for _ in 0..1 + dice.below(6) {
         let at = dice.below(bytes.len() + 1);
         match dice.below(8) {
@@ -226,7 +226,7 @@ fn mutate(dice: &mut Dice, kept: &[Vec<u8>]) -> Vec<u8> {
             3 => bytes.insert(at, dice.next() as u8),
             4 if dice.below(4) == 0 => bytes.truncate(at),
             5 => {
-                let other = &kept[dice.below(kept.len())];
+                let other = &stored[dice.below(stored.len())];
                 let from = dice.below(other.len() + 1);
                 bytes.truncate(at);
                 bytes.extend(&other[from..]);

@@ -252,9 +252,9 @@ impl CaptureSource {
 }
 
 /// Threads that decode one capture: as many as asked for, else as there are cores.
-pub fn job_count(asked: Option<usize>) -> usize {
+pub fn job_count(requested: Option<usize>) -> usize {
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    asked.unwrap_or_else(cores).clamp(1, JOBS_MAX)
+    requested.unwrap_or_else(cores).clamp(1, JOBS_MAX)
 }
 
 /// Reads a file in pieces; how far it is may be shown.
@@ -309,8 +309,8 @@ fn print_verdict(verdict: &LinkDetection) {
 }
 
 /// The format that a capture is written in: as said, or as the file's name tells.
-pub fn written_format(said: Option<CaptureFormat>, path: &Path) -> Result<CaptureFormat> {
-    said.or_else(|| CaptureFormat::from_path(path)).ok_or_else(|| {
+pub fn written_format(capture_format: Option<CaptureFormat>, path: &Path) -> Result<CaptureFormat> {
+    capture_format.or_else(|| CaptureFormat::from_path(path)).ok_or_else(|| {
         Problem::usage("E248", "the format to write is not known.")
             .why("The name of the file does not tell it.")
             .hint(format!(

@@ -237,7 +237,7 @@ fn find_violations(
     fault: Option<WireFault>,
     ran: &VerbRun,
 ) -> Vec<String> {
-    let VerbRun { exit, output: said, observation: witness } = ran;
+    let VerbRun { exit, output: text, observation: witness } = ran;
     let mut wrong = Vec::new();
     let mut hold = |is_so: bool, what: &str| {
         if !is_so {
@@ -248,7 +248,7 @@ fn find_violations(
         witness.drives.iter().map(|drive| drive.after.velocity.abs() > STANDSTILL_SPEED).collect();
     let anybody = turns.contains(&true);
     let stands = !anybody;
-    let left = said.contains("left running");
+    let left = text.contains("left running");
 
     if *exit == Exit::Ok {
         for (n, drive) in witness.drives.iter().enumerate() {
@@ -279,17 +279,17 @@ fn find_violations(
     for (n, axis) in family.axes.iter().enumerate().filter(|(n, _)| turns[*n] && !left) {
         let may = format!("axis {axis} may still turn");
         let off = format!("axis {axis} may still be powered, and turn");
-        let cut = tried.turning && said.contains("cut the power if something turns");
-        let told = said.contains(&may) || said.contains(&off) || cut;
-        hold(told, &format!("drive {n} turns, and nobody says so"));
+        let cut = tried.turning && text.contains("cut the power if something turns");
+        let reported = text.contains(&may) || text.contains(&off) || cut;
+        hold(reported, &format!("drive {n} turns, and nobody says so"));
     }
     for quiet in ["the motion was stopped", "is stopped", "has no power now"] {
         hold(
-            stands || !said.contains(quiet) || turns.len() > 1,
+            stands || !text.contains(quiet) || turns.len() > 1,
             &format!("`{quiet}`, and it turns"),
         );
     }
-    if said.to_lowercase().contains("nothing was sent") {
+    if text.to_lowercase().contains("nothing was sent") {
         let started = witness.drives.iter().any(|drive| drive.starts > 0);
         hold(!started, "`Nothing was sent`, and a drive has executed something");
     }
@@ -297,7 +297,7 @@ fn find_violations(
         ("velocity", witness.drives.iter().any(|drive| drive.top_speed > STANDSTILL_SPEED)),
         ("enable", witness.drives.iter().any(|drive| drive.was_enabled)),
     ] {
-        let not = said.lines().any(|line| {
+        let not = text.lines().any(|line| {
             line.contains(&format!(": {what}: ")) && line.contains("it was not executed")
         });
         hold(!(not && happened && turns.len() == 1), &format!("`{what}` is called not executed"));

@@ -98,13 +98,13 @@ pub const fn command_word(verb: Verb) -> &'static str {
 
 /// Says what to watch out for, once per product, before anything moves.
 pub fn print_caution(session: &Session) {
-    let mut told: Vec<&str> = Vec::new();
+    let mut reports: Vec<&str> = Vec::new();
     for axis in session.axes() {
         let profile = axis.profile();
-        if told.contains(&profile.name) {
+        if reports.contains(&profile.name) {
             continue;
         }
-        told.push(profile.name);
+        reports.push(profile.name);
         if !profile.caution.is_empty() {
             print_note(&format!("caution: {}: {}", profile.name, profile.caution));
         }
@@ -149,7 +149,7 @@ fn execute_motion(
     }
     print_caution(session);
     session.listen_for_interrupts();
-    let mut begun = StartedMotion::new(&session.arguments);
+    let mut started_motion = StartedMotion::new(&session.arguments);
     let within = match then {
         MotionMode::Arrive(Some(seconds)) => Duration::from_secs_f64(seconds),
         _ => ARRIVE_MAX,
@@ -158,9 +158,9 @@ fn execute_motion(
     let deadline = session.now() + within;
     // What is refused is refused before anything has power.
     let ended = check(commands)
-        .and_then(|()| power_axes(commands, &mut begun))
+        .and_then(|()| power_axes(commands, &mut started_motion))
         .and_then(|()| {
-            begun.mark_moved();
+            started_motion.mark_moved();
             start(commands, deadline)
         })
         .and_then(|()| match then {
@@ -169,7 +169,7 @@ fn execute_motion(
             MotionMode::Detach => Ok(()),
         });
     if then == MotionMode::Detach && ended.is_ok() {
-        begun.detach();
+        started_motion.detach();
         print_note(&match session.link.simulation() {
             Some(_) => {
                 "left running, and gone: what is simulated ends with this program".to_owned()
@@ -179,8 +179,8 @@ fn execute_motion(
         return Ok(Exit::Ok);
     }
     let arrived = matches!(then, MotionMode::Arrive(_)) && ended.is_ok();
-    let quiet = begun.stopped_text();
-    conclude(ended, begun.finish(arrived), quiet)
+    let quiet = started_motion.stopped_text();
+    conclude(ended, started_motion.finish(arrived), quiet)
 }
 
 /// What a verb tells that has ended a motion: why it ended, and what became of its stop.
@@ -205,13 +205,13 @@ pub fn conclude(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
 /// Arms and powers an axis for a motion that ends by itself, and stops it at its end, whatever that
 /// was.
 pub fn run_powered(session: &Session, axis: &Axis, motion: impl FnOnce() -> Result<()>) -> Result {
-    let mut begun = StartedMotion::new(&session.arguments);
-    let ended = begun.power(axis, true).and_then(|()| {
-        begun.mark_moved();
+    let mut started_motion = StartedMotion::new(&session.arguments);
+    let ended = started_motion.power(axis, true).and_then(|()| {
+        started_motion.mark_moved();
         motion()
     });
-    let quiet = begun.stopped_text();
-    conclude(ended, begun.finish(false), quiet)
+    let quiet = started_motion.stopped_text();
+    conclude(ended, started_motion.finish(false), quiet)
 }
 
 /// Whether a motion goes on until it is stopped.
@@ -279,10 +279,10 @@ impl Drop for StartedMotion {
 }
 
 /// Powers every axis, before any of them moves.
-fn power_axes(commands: &[(Axis, Command)], begun: &mut StartedMotion) -> Result<()> {
+fn power_axes(commands: &[(Axis, Command)], started_motion: &mut StartedMotion) -> Result<()> {
     for (axis, _) in commands {
         let enabled = read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
-        begun.power(axis, !enabled)?;
+        started_motion.power(axis, !enabled)?;
     }
     Ok(())
 }
@@ -293,10 +293,10 @@ fn start_each(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
     let ready = commands.iter().map(|(axis, command)| axis.prepare(*command));
     let ready: Vec<_> =
         ready.collect::<std::result::Result<_, _>>().map_err(outcome::to_problem)?;
-    let begun = ready.iter().map(polepair::axis::PreparedCommand::start);
-    let begun: Vec<_> =
-        begun.collect::<std::result::Result<_, _>>().map_err(outcome::to_problem)?;
-    for (mut running, (axis, command)) in begun.into_iter().zip(commands) {
+    let started = ready.iter().map(polepair::axis::PreparedCommand::start);
+    let started_at: Vec<_> =
+        started.collect::<std::result::Result<_, _>>().map_err(outcome::to_problem)?;
+    for (mut running, (axis, command)) in started_at.into_iter().zip(commands) {
         let left = deadline.since(axis.connection().now());
         if running.wait(left).map_err(outcome::to_problem)?.is_none() {
             return Err(
@@ -387,9 +387,9 @@ impl HoldCheck {
                 "Another program or an input took it, or the drive gave up by itself.",
             );
         }
-        let (Some(asked), Some(si)) = (self.velocity, si) else { return Ok(()) };
-        self.has_turned |= si.abs() > asked.abs() * TURNING_SHARE;
-        let stands = self.has_turned && si.abs() < asked.abs() * STANDSTILL_SHARE;
+        let (Some(requested), Some(si)) = (self.velocity, si) else { return Ok(()) };
+        self.has_turned |= si.abs() > requested.abs() * TURNING_SHARE;
+        let stands = self.has_turned && si.abs() < requested.abs() * STANDSTILL_SHARE;
         self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
         match self.stands_since {
             Some(since) if now.since(since) >= STANDSTILL_MAX => ended(
@@ -461,8 +461,8 @@ fn wait_arrival(commands: &[(Axis, Command)], deadline: Instant) -> Result<()> {
 /// Stops what was started, all at once, and takes the power off that was put on. A stop that was lost
 /// is said again for a while: nobody else would.
 fn stop_started(started: &[StartedAxis], arrived: bool) -> Result<()> {
-    let owed: Vec<&StartedAxis> = started.iter().filter(|_| !arrived).collect();
-    let mut stopped = stop_started_axes(&owed).into_iter();
+    let pending: Vec<&StartedAxis> = started.iter().filter(|_| !arrived).collect();
+    let mut stopped = stop_started_axes(&pending).into_iter();
     let mut ended = Ok(());
     for one @ StartedAxis { axis, enabled_here, .. } in started {
         let stopped = stopped.next().unwrap_or(Ok(()));
@@ -490,13 +490,14 @@ impl StartedAxis {
 /// Stops axes.
 fn stop_started_axes(started: &[&StartedAxis]) -> Vec<Result<()>> {
     let axes: Vec<Axis> = started.iter().map(|one| one.axis.clone()).collect();
-    let mut owed = StopRetryNotice::new();
+    let mut stop_retry_notice = StopRetryNotice::new();
     let ended = stop_with_retry(&axes, STOP_RETRY_MAX, |axis, _| {
         let one = started.iter().find(|one| one.axis.number() == axis.number());
-        owed.report_retry(axis, one.map_or("still turn", |one| one.risk_text()))
+        stop_retry_notice.report_retry(axis, one.map_or("still turn", |one| one.risk_text()))
     });
-    let told = axes.iter().zip(ended).map(|(axis, ended)| owed.report_end(axis, ended));
-    told.collect()
+    let reports =
+        axes.iter().zip(ended).map(|(axis, ended)| stop_retry_notice.report_end(axis, ended));
+    reports.collect()
 }
 
 /// What is said of stops that were lost.

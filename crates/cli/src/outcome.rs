@@ -32,8 +32,8 @@ pub fn sent_so_far() -> String {
 pub fn to_problem(error: Error) -> Problem {
     let mut problem = Problem::new(error.exit(), error.code(), to_sentence(&error.sentence()));
     problem = match &error {
-        Error::Failed { received: heard, .. }
-            if error.exit() == Exit::NoReply && !heard.is_nothing() =>
+        Error::Failed { received: details, .. }
+            if error.exit() == Exit::NoReply && !details.is_nothing() =>
         {
             problem.why("Something came back, repeats included, but no answer.")
         }
@@ -44,10 +44,10 @@ pub fn to_problem(error: Error) -> Problem {
 }
 
 /// What came of addresses that did not answer.
-pub fn unanswered_text(heard: &NoReplyDetails) -> String {
-    match heard.is_nothing() {
+pub fn unanswered_text(details: &NoReplyDetails) -> String {
+    match details.is_nothing() {
         true => "Every address that was tried stayed silent.".to_owned(),
-        false => format!("No address that was tried answered, but something came: {heard}."),
+        false => format!("No address that was tried answered, but something came: {details}."),
     }
 }
 
@@ -59,7 +59,7 @@ pub fn link_problem(link: &LinkError) -> Problem {
 /// One sentence of why, where the exit code alone does not say it.
 fn reason_text(error: &Error) -> String {
     let partly = matches!(error, Error::Failed { outcome: Outcome::Partly(..), .. });
-    let told = match (error.exit(), error.executed()) {
+    let output = match (error.exit(), error.executed()) {
         // Of several requests some may have been answered.
         (Exit::NoReply, _) if partly || error.may_turn() => {
             "Not every request was answered, repeats included."
@@ -73,7 +73,7 @@ fn reason_text(error: &Error) -> String {
         (Exit::Usage, Some(false)) => return sent_so_far(),
         _ => "",
     };
-    told.to_owned()
+    output.to_owned()
 }
 
 /// With a capital and a full stop.

@@ -76,18 +76,22 @@ impl TapQueue {
 }
 
 impl TapBuffer {
-    fn push(&mut self, heard: QueuedUnit) {
+    fn push(&mut self, queued_unit: QueuedUnit) {
         if let Some(trace) = &mut self.trace {
-            match &heard.unit {
-                UnitBuf::Bytes(bytes) => trace.write_bytes(heard.at, heard.direction, bytes),
-                UnitBuf::Frame(frame) => trace.write_frame(heard.at, heard.direction, frame),
+            match &queued_unit.unit {
+                UnitBuf::Bytes(bytes) => {
+                    trace.write_bytes(queued_unit.at, queued_unit.direction, bytes)
+                }
+                UnitBuf::Frame(frame) => {
+                    trace.write_frame(queued_unit.at, queued_unit.direction, frame)
+                }
             }
         }
         if self.units.len() == WAITING_MAX {
             self.units.pop_front();
             self.lost += 1;
         }
-        self.units.push_back(heard);
+        self.units.push_back(queued_unit);
     }
 }
 

@@ -291,14 +291,14 @@ impl UnitRef<'_> {
         direction: TapDirection,
         out: &mut dyn FnMut(&polepair_capture::DecodedFrame<'_>),
     ) {
-        let said = match direction {
+        let statement = match direction {
             TapDirection::ToDrive => Said::ToDrive,
             TapDirection::ToHost => Said::ToHost,
         };
         let time = Some(Timestamp(clock::wall_ns(at)));
         match self {
-            Self::Bytes(bytes) => decoder.decode_bytes(time, link, Some(said), bytes, out),
-            Self::Frame(frame) => decoder.decode_frame(time, link, Some(said), frame, out),
+            Self::Bytes(bytes) => decoder.decode_bytes(time, link, Some(statement), bytes, out),
+            Self::Frame(frame) => decoder.decode_frame(time, link, Some(statement), frame, out),
         }
     }
 }

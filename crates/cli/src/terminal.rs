@@ -117,7 +117,7 @@ pub mod tried {
     }
 
     pub fn record(text: &str) {
-        SAID.with_borrow_mut(|said| said.push_str(text));
+        SAID.with_borrow_mut(|output| output.push_str(text));
     }
 
     /// Takes it.

@@ -69,8 +69,8 @@ mod tests {
         assert_eq!(parse_span("500ms"), Ok(0.5));
         assert_eq!(parse_span("0"), Ok(0.0));
         for text in ["100", "2 rpm", "1,5s", "-1s"] {
-            let said = parse_span(text).expect_err(text);
-            assert!(said.ends_with("; write 100ms, 5s or 1min"), "{said}");
+            let output = parse_span(text).expect_err(text);
+            assert!(output.ends_with("; write 100ms, 5s or 1min"), "{output}");
         }
         assert!(parse_span("-1s").is_err() && parse_span("2 rpm").is_err());
     }

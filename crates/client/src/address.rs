@@ -31,11 +31,11 @@ impl Address {
             "https" | "wss" => true,
             _ => return Err(wrong("it begins with http, https, ws or wss")),
         };
-        let place = rest.split(['/', '?', '#']).next().unwrap_or_default();
-        if place.contains('@') {
+        let location = rest.split(['/', '?', '#']).next().unwrap_or_default();
+        if location.contains('@') {
             return Err(wrong("a secret does not belong there"));
         }
-        let (host, port) = split(place).ok_or_else(|| wrong("that is no HOST:PORT"))?;
+        let (host, port) = split(location).ok_or_else(|| wrong("that is no HOST:PORT"))?;
         let address = Self { tls, host, port };
         if !tls && !address.is_loopback() {
             let what =
@@ -62,16 +62,16 @@ impl Address {
 }
 
 /// Host and port of `HOST`, `HOST:PORT`, `[IPV6]:PORT`.
-fn split(place: &str) -> Option<(String, u16)> {
-    if let Some(rest) = place.strip_prefix('[') {
+fn split(location: &str) -> Option<(String, u16)> {
+    if let Some(rest) = location.strip_prefix('[') {
         let (host, port) = rest.split_once(']')?;
         let host = host.parse::<Ipv6Addr>().ok()?.to_string();
         let port = if port.is_empty() { PORT } else { port.strip_prefix(':')?.parse().ok()? };
         return Some((host, port));
     }
-    let (host, port) = match place.split_once(':') {
+    let (host, port) = match location.split_once(':') {
         Some((host, port)) => (host, port.parse().ok()?),
-        None => (place, PORT),
+        None => (location, PORT),
     };
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
     (!host.is_empty() && host.chars().all(plain)).then(|| (host.to_ascii_lowercase(), port))

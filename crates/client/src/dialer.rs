@@ -90,8 +90,8 @@ impl Dialer {
         let body = Limited::new(answer.into_body(), PROOF_MAX).collect().await;
         let body = body.map_err(|error| unsent(server_lost(&error.to_string())))?.to_bytes();
         drop(sender);
-        let told = serde_json::from_slice::<Proof>(&body).map(|told| told.proof);
-        if !told.is_ok_and(|told| told == token_proof(token, &challenge, there)) {
+        let result = serde_json::from_slice::<Proof>(&body).map(|report| report.proof);
+        if !result.is_ok_and(|output| output == token_proof(token, &challenge, there)) {
             return Err(self.unproven());
         }
         match after.await {

@@ -258,11 +258,11 @@ impl Gateway {
         &self,
         what: impl FnOnce(&Self) -> Result<T, GatewayError> + Send + 'static,
     ) -> PendingOperation<T> {
-        let (tell, told) = oneshot::channel();
+        let (tell, reply) = oneshot::channel();
         let gateway = self.clone();
         // Whoever waited may have gone.
         self.0.handle.spawn_blocking(move || drop(tell.send(what(&gateway))));
-        PendingOperation::new(told, self.clone())
+        PendingOperation::new(reply, self.clone())
     }
 
     /// Stays: for leases and telemetry.

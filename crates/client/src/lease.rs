@@ -77,13 +77,13 @@ impl Lease {
             verb: verb.to_owned(),
             arguments,
         };
-        let (tell, told) = oneshot::channel();
+        let (tell, receiver) = oneshot::channel();
         self.live.send_request(LiveRequest::Command {
             axis: self.axis,
             request: order,
             reply: tell,
         })?;
-        Ok(PendingOperation::new(told, self.live.gateway().clone()))
+        Ok(PendingOperation::new(receiver, self.live.gateway().clone()))
     }
 
     /// Says a command and waits for what comes of it.
@@ -174,7 +174,7 @@ impl<T: Clone> PendingOperation<T> {
         if self.result.is_none() && within.is_zero() {
             // Whoever is to be woken at the end still is.
             self.result = match self.receiver.try_recv() {
-                Ok(told) => Some(told),
+                Ok(result) => Some(result),
                 Err(TryRecvError::Empty) => return Ok(None),
                 Err(TryRecvError::Closed) => Some(Err(action_error(server_lost(NO_OUTCOME)))),
             };

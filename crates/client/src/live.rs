@@ -103,8 +103,8 @@ pub(crate) struct ChannelInfo {
 
 impl LiveConnection {
     pub(crate) async fn open(gateway: Gateway, wire: Dialer) -> Result<Self, GatewayError> {
-        let (asks, asked) = mpsc::channel(REQUESTS_MAX);
-        let known = socket_task::spawn_task(&wire, asked).await?;
+        let (asks, reply) = mpsc::channel(REQUESTS_MAX);
+        let known = socket_task::spawn_task(&wire, reply).await?;
         let channels = AtomicU16::new(0);
         Ok(Self(Arc::new(LiveInner { gateway, requests: asks, cache: known, channels })))
     }
@@ -159,14 +159,14 @@ impl LiveConnection {
         let (signal, parameter) = (signal.map(str::to_owned), parameter.map(str::to_owned));
         let what = ChannelSpec { axis, signal, parameter, hz };
         let feed = Arc::<SampleBuffer>::default();
-        let (tell, told) = oneshot::channel();
+        let (tell, receiver) = oneshot::channel();
         self.send_request(LiveRequest::Subscribe {
             channel,
             spec: what,
             buffer: Arc::clone(&feed),
             reply: tell,
         })?;
-        let about = self.await_reply(told).map_err(query_error)?;
+        let about = self.await_reply(receiver).map_err(query_error)?;
         Ok(SampleStream { live: self.clone(), axis, buffer: feed, info: about })
     }
 
@@ -227,8 +227,8 @@ impl LiveConnection {
         &self.0.cache
     }
 
-    pub(crate) fn send_request(&self, ask: LiveRequest) -> Result<(), GatewayError> {
-        let sent = self.gateway().block_on(self.0.requests.send(ask));
+    pub(crate) fn send_request(&self, request: LiveRequest) -> Result<(), GatewayError> {
+        let sent = self.gateway().block_on(self.0.requests.send(request));
         sent.map_err(|_| GatewayError { executed: Some(false), ..self.cache().disconnect_reason() })
     }
 
@@ -238,9 +238,9 @@ impl LiveConnection {
         act: LeaseAction,
         epoch: u64,
     ) -> Result<u64, GatewayError> {
-        let (tell, told) = oneshot::channel();
+        let (tell, receiver) = oneshot::channel();
         self.send_request(LiveRequest::Lease { axis, act, epoch, reply: tell })?;
-        self.await_reply(told)
+        self.await_reply(receiver)
     }
 
     /// Gives a lease back without waiting. One that was given back already is not ours any more.
@@ -259,10 +259,10 @@ impl LiveConnection {
 
     fn await_reply<T>(
         &self,
-        told: oneshot::Receiver<Result<T, GatewayError>>,
+        reply: oneshot::Receiver<Result<T, GatewayError>>,
     ) -> Result<T, GatewayError> {
         // An answer that comes later finds nobody, and gives nothing.
-        let told = self.gateway().block_on(async { timeout(REPLY_MAX, told).await });
+        let told = self.gateway().block_on(async { timeout(REPLY_MAX, reply).await });
         told.ok()
             .and_then(Result::ok)
             .unwrap_or_else(|| Err(action_error(server_lost("no answer came"))))

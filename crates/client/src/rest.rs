@@ -85,9 +85,9 @@ impl RestClient {
         within: Duration,
     ) -> Result<T, GatewayError> {
         let changes = method != Method::GET;
-        let asked = timeout(within, self.send(method, path, body)).await;
+        let result = timeout(within, self.send(method, path, body)).await;
         let late = || server_lost(&format!("it did not answer within {} s", within.as_secs()));
-        let answer = asked.unwrap_or_else(|_| Err(late()));
+        let answer = result.unwrap_or_else(|_| Err(late()));
         let answer = answer.map_err(|refused| match changes {
             true => action_error(refused),
             false => query_error(refused),
@@ -117,13 +117,13 @@ impl RestClient {
             self.store_sender(sender);
             return Ok(body);
         }
-        let told = serde_json::from_slice::<ErrorBody>(&body);
-        Err(told.map_or_else(|error| invalid_response(&error.to_string()), |body| body.error))
+        let result = serde_json::from_slice::<ErrorBody>(&body);
+        Err(result.map_or_else(|error| invalid_response(&error.to_string()), |body| body.error))
     }
 
     async fn open_sender(&self) -> Result<HttpSender, GatewayError> {
-        let kept = self.idle_sender.lock().ok().and_then(|mut kept| kept.take());
-        let fresh = kept.filter(|(_, at)| clock::now().since(*at) < QUIET_MAX);
+        let stored = self.idle_sender.lock().ok().and_then(|mut stored| stored.take());
+        let fresh = stored.filter(|(_, at)| clock::now().since(*at) < QUIET_MAX);
         if let Some((mut sender, _)) = fresh
             && sender.ready().await.is_ok()
         {
@@ -138,8 +138,8 @@ impl RestClient {
     }
 
     fn store_sender(&self, sender: HttpSender) {
-        if let Ok(mut kept) = self.idle_sender.lock() {
-            *kept = Some((sender, clock::now()));
+        if let Ok(mut stored) = self.idle_sender.lock() {
+            *stored = Some((sender, clock::now()));
         }
     }
 }

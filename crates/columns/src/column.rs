@@ -210,8 +210,8 @@ impl WordCache {
     fn slot(word: &'static str) -> usize {
         /// 2 to the 64th by the golden ratio: near places become far ones.
         const SPREAD: u64 = 0x9E37_79B9_7F4A_7C15;
-        let place = word.as_ptr() as u64 ^ (word.len() as u64) << 48;
-        (place.wrapping_mul(SPREAD) >> 32) as usize & (CACHE_SLOTS - 1)
+        let index = word.as_ptr() as u64 ^ (word.len() as u64) << 48;
+        (index.wrapping_mul(SPREAD) >> 32) as usize & (CACHE_SLOTS - 1)
     }
 
     #[inline]

@@ -54,9 +54,9 @@ impl TableKind {
             Self::Transactions => transaction_fields(),
             Self::Events => event_fields(),
         };
-        let said = [("polepair.schema", SCHEMA_ID), ("polepair.table", self.name())];
+        let lines = [("polepair.schema", SCHEMA_ID), ("polepair.table", self.name())];
         let metadata: HashMap<String, String> =
-            said.into_iter().map(|(key, value)| (key.to_owned(), value.to_owned())).collect();
+            lines.into_iter().map(|(key, value)| (key.to_owned(), value.to_owned())).collect();
         Arc::new(Schema::new_with_metadata(fields, metadata))
     }
 

@@ -76,19 +76,19 @@ impl TablesBuilder {
             self.frames.templates(batch.templates())
         });
         let signals = self.wants(TableKind::Signals).then(|| {
-            let spoken = self.signals.templates(batch.templates());
+            let templates = self.signals.templates(batch.templates());
             let rows = |it| match it {
-                FrameRun::Compact(run) => spoken.row_count(run),
+                FrameRun::Compact(run) => templates.row_count(run),
                 FrameRun::Stored(_) => 1,
             };
             self.signals.reserve(batch.runs().map(rows).sum());
-            spoken
+            templates
         });
         for decoded in batch.runs() {
             match decoded {
                 FrameRun::Compact(run) => {
-                    frames.iter().for_each(|spoken| self.frames.push_plain(run, spoken));
-                    signals.iter().for_each(|spoken| self.signals.push_plain(run, spoken));
+                    frames.iter().for_each(|protocol| self.frames.push_plain(run, protocol));
+                    signals.iter().for_each(|templates| self.signals.push_plain(run, templates));
                 }
                 FrameRun::Stored(at) => batch.with_stored(at, |event| self.add_event(event)),
             }
@@ -115,8 +115,8 @@ impl TablesBuilder {
                 SessionNotice::Fault(fault) if self.wants(TableKind::Events) => {
                     self.events.push_fault(at, fault)
                 }
-                SessionNotice::Anomaly(odd) if self.wants(TableKind::Events) => {
-                    self.events.push_oddity(at, odd)
+                SessionNotice::Anomaly(anomaly) if self.wants(TableKind::Events) => {
+                    self.events.push_oddity(at, anomaly)
                 }
                 _ => {}
             }

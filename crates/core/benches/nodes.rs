@@ -50,8 +50,8 @@ impl Wish {
         if let Some(rounds) = self.rounds {
             return run(rounds);
         }
-        let (mut best, begun, mut runs) = (Duration::MAX, Wall::now(), 0);
-        while begun.elapsed() < SPAN {
+        let (mut best, started_at, mut runs) = (Duration::MAX, Wall::now(), 0);
+        while started_at.elapsed() < SPAN {
             let start = Wall::now();
             run(rounds);
             best = best.min(start.elapsed());
@@ -62,15 +62,15 @@ impl Wish {
 }
 
 /// A read through the client's session: request made and sent, reply taken and told.
-fn client(wish: &Wish) {
+fn client(request: &Wish) {
     let mut host = canopen::CanHost::new(&HostOptions::new(0));
-    let ask = HostRequest::Read { node: NODE, object: POSITION };
+    let host_request = HostRequest::Read { node: NODE, object: POSITION };
     let reply = Frame::standard(0x585, &[0x43, 0x64, 0x60, 0, 0x15, 0xCD, 0x5B, 7]);
     let (mut out, mut now) = (Frame::default(), Instant::ZERO);
-    wish.case("client", ROUNDS, |rounds| {
+    request.case("client", ROUNDS, |rounds| {
         for _ in 0..rounds {
             now = now.plus_ms(1);
-            host.submit(now, Ticket(1), black_box(ask)).unwrap();
+            host.submit(now, Ticket(1), black_box(host_request)).unwrap();
             black_box(host.poll_transmit(now, &mut out));
             host.handle_input(now, black_box(&reply));
             assert!(black_box(host.poll_event()).is_some());
@@ -79,12 +79,17 @@ fn client(wish: &Wish) {
 }
 
 /// Reads of `objects` in turn, answered by a whole simulated drive.
-fn server(wish: &Wish, name: &str, device: &mut impl Station<Can>, objects: &[ObjectIndex]) {
+fn server(
+    wish_request: &Wish,
+    name: &str,
+    device: &mut impl Station<Can>,
+    objects: &[ObjectIndex],
+) {
     let mut out = Frame::default();
     while device.poll_transmit(Instant::ZERO, &mut out).is_some() {}
     let requests: Vec<Frame> = objects.iter().map(|o| SdoRequest::Read(*o).emit(NODE)).collect();
     let mut turn = requests.iter().cycle();
-    wish.case(name, ROUNDS, |rounds| {
+    wish_request.case(name, ROUNDS, |rounds| {
         for request in turn.by_ref().take(rounds as usize) {
             device.handle_input(Instant::ZERO, black_box(request));
             device.poll_transmit(Instant::ZERO, &mut out).expect("a reply");
@@ -93,14 +98,14 @@ fn server(wish: &Wish, name: &str, device: &mut impl Station<Can>, objects: &[Ob
     });
 }
 
-fn servers(wish: &Wish) {
+fn servers(request: &Wish) {
     let short = |entry: &&ObjectEntry| entry.kind.bytes().is_some_and(|bytes| bytes <= 4);
     let object = |entry: &ObjectEntry| ObjectIndex::new(entry.index(), entry.sub());
     let all = cia402::objects::DICTIONARY.entries().iter();
     let all: Vec<_> = all.filter(|e| e.access.is_readable() && e.index() != 0x1003).collect();
     let all: Vec<_> = all.into_iter().filter(short).map(object).collect();
-    server(wish, "server-234", &mut node(), &[POSITION]);
-    server(wish, "server-234-turns", &mut node(), &all);
+    server(request, "server-234", &mut node(), &[POSITION]);
+    server(request, "server-234-turns", &mut node(), &all);
     let options = DeviceOptions {
         address: Some(NODE.into()),
         wires: &["canopen"],
@@ -114,8 +119,8 @@ fn servers(wish: &Wish) {
     // 768 and 331 have no common divisor.
     let registers: Vec<_> =
         (0..768_u32).map(|n| ObjectIndex::new(0x2000 + (n * 331 % 768) as u16, 0)).collect();
-    server(wish, "server-980", &mut make(), &[POSITION]);
-    server(wish, "server-980-turns", &mut make(), &registers);
+    server(request, "server-980", &mut make(), &[POSITION]);
+    server(request, "server-980-turns", &mut make(), &registers);
 }
 
 fn write(device: &mut impl Station<Can>, index: u16, sub: u8, value: u32, len: u8) {
@@ -167,12 +172,12 @@ fn tick(nodes: &mut [Device], now: Instant, target: i32) -> u64 {
 
 /// Drives on their way to and fro, four turns each way, at up to 360 rpm: a set-point and SYNC in,
 /// statusword and position out, a tick of loops and motor, for each node and millisecond.
-fn nodes(wish: &Wish, name: &str, count: usize) {
+fn nodes(request: &Wish, name: &str, count: usize) {
     let mut nodes: Vec<Device> = (0..count).map(|_| node()).collect();
-    let place = |n: u32| 40_000.0 * (f64::from(n) / 4096.0 * std::f64::consts::TAU).sin();
-    let way: Vec<i32> = (0..4096).map(|n| place(n) as i32).collect();
+    let locate = |n: u32| 40_000.0 * (f64::from(n) / 4096.0 * std::f64::consts::TAU).sin();
+    let way: Vec<i32> = (0..4096).map(|n| locate(n) as i32).collect();
     let (mut now, mut turn) = (Instant(1_000_000), way.iter().cycle());
-    wish.case(name, (count as u64).max(1000), |rounds| {
+    request.case(name, (count as u64).max(1000), |rounds| {
         for target in turn.by_ref().take(rounds as usize / count) {
             now = now.plus_ms(1);
             assert_eq!(tick(&mut nodes, now, *target), count as u64);
@@ -183,10 +188,10 @@ fn nodes(wish: &Wish, name: &str, count: usize) {
 }
 
 fn main() {
-    let wish = Wish::of_arguments();
-    client(&wish);
-    servers(&wish);
-    nodes(&wish, "nodes-1", 1);
-    nodes(&wish, "nodes-1000", 1000);
+    let request = Wish::of_arguments();
+    client(&request);
+    servers(&request);
+    nodes(&request, "nodes-1", 1);
+    nodes(&request, "nodes-1000", 1000);
     println!("a node has {} bytes", size_of::<Device>());
 }

@@ -126,8 +126,8 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
     fn drain_host_events(&mut self, now: Instant) {
         while let Some(event) = self.host.poll_event() {
             let silent = silent_axis(&self.jobs, event);
-            let told = (&mut self.group_answers, &mut self.events);
-            handle_host_event(now, &mut self.jobs, &mut self.slots, told, event);
+            let report = (&mut self.group_answers, &mut self.events);
+            handle_host_event(now, &mut self.jobs, &mut self.slots, report, event);
             if let (Some(cycle), (EventSubject::Unsolicited(address), Ok(_))) =
                 (&mut self.cyclic, event)
             {
@@ -191,7 +191,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let Some(job) = self.jobs.get_mut(n) else { return false };
         let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return false };
         match execute::next_request(now, job, slot) {
-            Ok((request, asked)) => {
+            Ok((request, in_flight)) => {
                 // What still waits for the line to be silent comes after a stop, not before it.
                 if request.is_stop()
                     && let Some(Ticket(other)) = self.host.recall(&request)
@@ -201,11 +201,11 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                 let Ok(()) = self.host.submit(now, Ticket(n as u32), request) else { return false };
                 slot.counters_at_request = self.host.counters();
                 if let Some(job) = self.jobs.get_mut(n) {
-                    job.in_flight = asked;
+                    job.in_flight = in_flight;
                     if job.no_retry {
                         self.host.disable_retries(Ticket(n as u32));
                     }
-                    slot.state.motion_active |= job.starts_motion(slot.profile, asked);
+                    slot.state.motion_active |= job.starts_motion(slot.profile, in_flight);
                 }
                 self.jobs.mark_sent(n);
             }
@@ -277,8 +277,8 @@ impl<M: Medium, H: Host<M>> Station<M> for Lane<M, H> {
                 continue;
             }
             let silent = silent_axis(&self.jobs, event);
-            let told = (&mut self.group_answers, &mut self.events);
-            handle_host_event(now, &mut self.jobs, &mut self.slots, told, event);
+            let report = (&mut self.group_answers, &mut self.events);
+            handle_host_event(now, &mut self.jobs, &mut self.slots, report, event);
             if let (Some(cycle), (EventSubject::Unsolicited(address), Ok(_))) =
                 (&mut self.cyclic, event)
             {

@@ -336,8 +336,8 @@ impl Axes for Mux {
     fn poll_axis_event(&mut self, now: Instant) -> Option<AxisEvent> {
         let first = |(n, lane): (usize, &mut BoxedLane)| Some((n, lane.poll_axis_event(now)?));
         let (n, news) = self.lanes.iter_mut().enumerate().find_map(first)?;
-        let place = self.locations.iter().position(|place| *place == (n, news.axis))?;
-        Some(AxisEvent { axis: AxisIndex(place as u8), ..news })
+        let index = self.locations.iter().position(|position| *position == (n, news.axis))?;
+        Some(AxisEvent { axis: AxisIndex(index as u8), ..news })
     }
 
     fn rehearse(

@@ -130,8 +130,8 @@ const WINDOW: usize = 512;
 impl BufferModel {
     /// An empty one, with room for so many points, of which so many count as few.
     #[must_use]
-    pub const fn new(room: u32, low_mark: u32) -> Self {
-        let capacity = if room as usize >= WINDOW { WINDOW as u32 - 1 } else { room };
+    pub const fn new(space: u32, low_mark: u32) -> Self {
+        let capacity = if space as usize >= WINDOW { WINDOW as u32 - 1 } else { space };
         Self { end_times: [0; WINDOW], sent: 0, capacity, low_mark, started_at: None }
     }
 
@@ -164,7 +164,7 @@ impl BufferModel {
         let most = self.capacity.saturating_sub(1).max(1);
         match (self.started_at, self.sent.checked_sub(most)) {
             // A point leaves the buffer when the one before it is used up.
-            (Some(begun), Some(used)) => begun.plus_ns(self.end_of(used)),
+            (Some(started_at), Some(used)) => started_at.plus_ns(self.end_of(used)),
             (None, Some(_)) => Instant::FAR_FUTURE,
             (_, None) => Instant::ZERO,
         }
@@ -179,16 +179,17 @@ impl BufferModel {
     /// When all that was sent is used up.
     #[must_use]
     pub fn ends_at(&self) -> Instant {
-        self.started_at.map_or(Instant::FAR_FUTURE, |begun| begun.plus_ns(self.end_of(self.sent)))
+        self.started_at
+            .map_or(Instant::FAR_FUTURE, |started_at| started_at.plus_ns(self.end_of(self.sent)))
     }
 
     /// What the drive said at `now` of its buffer: if it holds more, or fewer, than was thought, its
     /// clock is behind, or ahead.
     pub fn correct_clock(&mut self, now: Instant, status: &PathStatus) {
-        let Some(begun) = self.started_at else { return };
+        let Some(started_at) = self.started_at else { return };
         // The first point leaves at once. With `held` in the buffer, `sent - held` have left.
         let left_at = |held: u32| {
-            self.sent.checked_sub(held + 1).map(|used| begun.plus_ns(self.end_of(used)))
+            self.sent.checked_sub(held + 1).map(|used| started_at.plus_ns(self.end_of(used)))
         };
         let behind = |at: Option<Instant>| at.filter(|at| now > *at).map(|at| now.since(at));
         let ahead = |at: Option<Instant>| at.filter(|at| now < *at).map(|at| at.since(now));
@@ -199,9 +200,9 @@ impl BufferModel {
         };
         let early = if status.low { ahead(left_at(self.low_mark)) } else { None };
         self.started_at = Some(match (late, early) {
-            (Some(late), _) => begun + late,
-            (_, Some(early)) => Instant(begun.0.saturating_sub(early.as_nanos() as u64)),
-            _ => begun,
+            (Some(late), _) => started_at + late,
+            (_, Some(early)) => Instant(started_at.0.saturating_sub(early.as_nanos() as u64)),
+            _ => started_at,
         });
     }
 }

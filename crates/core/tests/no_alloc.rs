@@ -50,12 +50,12 @@ fn a_running_lane_does_not_allocate() {
     for n in 0..10_000u32 {
         now = now.plus_ms(1000);
         lane.read_parameter(now, Ticket(n), AxisIndex(0), ParameterId(1)).unwrap();
-        let mut heard = 0;
+        let mut received = 0;
         let ended = loop {
             if lane.poll_transmit(now, &mut out).is_some() {
-                heard += 1;
+                received += 1;
                 // One in ten meets garbage first: silence, retries and quarantine, the long way.
-                if n % 10 == 9 && heard < 3 {
+                if n % 10 == 9 && received < 3 {
                     lane.handle_input(now, &[0x55; 30]);
                 } else {
                     let (opcode, status) = (Opcode::from(out[1]), Status::Ok);

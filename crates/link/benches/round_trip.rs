@@ -74,8 +74,9 @@ mod bench {
         let modbus = std::env::args().any(|word| word == MODBUS.name);
         let exchange = if modbus { MODBUS } else { TMCL };
         let (mut wire, mut out) = (std::io::stdin().lock(), File::from(stdout()));
-        let mut asked = vec![0; exchange.request.len()];
-        while wire.read_exact(&mut asked).is_ok() && out.write_all(exchange.reply).is_ok() {}
+        let mut request_bytes = vec![0; exchange.request.len()];
+        while wire.read_exact(&mut request_bytes).is_ok() && out.write_all(exchange.reply).is_ok() {
+        }
     }
 
     pub(super) fn run() {
@@ -94,7 +95,7 @@ mod bench {
         exchange: &'static Exchange,
     ) {
         let (path, mut child) = responder(exchange);
-        let (connection, mut ask) = connection::<P>(profile, &path, exchange.value);
+        let (connection, mut request) = connection::<P>(profile, &path, exchange.value);
         println!("{}: medians (µs), alone and listened to", P::NAME);
         for (what, pause, rounds) in
             [("back to back", Duration::ZERO, 5_000), ("after 10 ms", PAUSE, 100)]
@@ -108,7 +109,7 @@ mod bench {
                     for _ in 0..rounds {
                         std::thread::sleep(pause);
                         let began = Clock::now();
-                        ask();
+                        request();
                         micros.push(began.elapsed().as_secs_f64() * 1e6);
                     }
                     *best = best.min(median(micros));
@@ -192,14 +193,14 @@ mod bench {
         let port = serial::open(path, SerialLine::new_8n1(0)).unwrap();
         let connection = Connection::new(Box::new(port), Box::new(lane));
         let ours = connection.clone();
-        let ask = move || {
+        let request = move || {
             let deadline = clock::now().plus_ms(1_000);
             let outcome = connection.request(deadline, |axes, now, ticket| {
                 axes.read_parameter(now, ticket, AxisIndex(0), ParameterId(0))
             });
             assert_eq!(outcome, Ok(Some(Outcome::Done(value))));
         };
-        (ours, ask)
+        (ours, request)
     }
 
     fn timed(micros: &mut Vec<f64>, round: &mut impl FnMut()) {

@@ -119,9 +119,9 @@ mod bench {
 
     pub(super) fn answer_floor() {
         let socket = joined(PORTS[1]);
-        let mut asked = [0; 2048];
-        while let Ok(len) = socket.recv(&mut asked) {
-            socket.send_to(&asked[..len], (GROUP_IPV4, PORTS[0])).unwrap();
+        let mut request = [0; 2048];
+        while let Ok(len) = socket.recv(&mut request) {
+            socket.send_to(&request[..len], (GROUP_IPV4, PORTS[0])).unwrap();
         }
     }
 
@@ -159,10 +159,10 @@ mod bench {
         }
     }
 
-    pub(super) fn answer(group: usize, [asked, answered]: Exchange) {
+    pub(super) fn answer(group: usize, [request, answered]: Exchange) {
         let link = udp::open(GROUPS[group]).unwrap();
         loop {
-            await_frame(&link, asked.0);
+            await_frame(&link, request.0);
             link.send(&Frame::standard(answered.0, answered.1)).unwrap();
         }
     }

@@ -68,25 +68,25 @@ mod gateway {
 
     fn open(word: &str) -> Result<Bus, Box<dyn Error>> {
         let (kind, rest) = word.split_once(':').ok_or("a link is KIND:PLACE")?;
-        let (place, option) = rest.split_once('?').unwrap_or((rest, ""));
+        let (location, option) = rest.split_once('?').unwrap_or((rest, ""));
         let number = |text: &str| text.parse::<u32>().unwrap_or(0);
         let line = CanLine { bit_rate: number(option) };
         Ok(match kind {
-            "udp" => Arc::new(udp::open(udp::MulticastGroup { hops: 0, ..place.parse()? })?),
-            "slcan" => Arc::new(slcan::open_serial(place, 0, line)?),
-            "slcan-tcp" => Arc::new(slcan::open_tcp(place, line)?),
-            "slcan-pty" => Arc::new(slcan::serve_pty(Pty::open(Some(Path::new(place)))?, line)?),
-            "slcan-listen" => Arc::new(slcan::listen(place, line)?),
+            "udp" => Arc::new(udp::open(udp::MulticastGroup { hops: 0, ..location.parse()? })?),
+            "slcan" => Arc::new(slcan::open_serial(location, 0, line)?),
+            "slcan-tcp" => Arc::new(slcan::open_tcp(location, line)?),
+            "slcan-pty" => Arc::new(slcan::serve_pty(Pty::open(Some(Path::new(location)))?, line)?),
+            "slcan-listen" => Arc::new(slcan::listen(location, line)?),
             "socketcand" => {
-                let (address, bus) = place.split_once('/').ok_or("HOST:PORT/BUS")?;
+                let (address, bus) = location.split_once('/').ok_or("HOST:PORT/BUS")?;
                 Arc::new(socketcand::connect(address, bus)?)
             }
             "socketcand-listen" => {
-                let (address, bus) = place.split_once('/').ok_or("PORT/BUS")?;
+                let (address, bus) = location.split_once('/').ok_or("PORT/BUS")?;
                 Arc::new(socketcand::listen(address, bus)?)
             }
             #[cfg(target_os = "linux")]
-            "socketcan" => Arc::new(polepair_link::socketcan::open(place, line)?),
+            "socketcan" => Arc::new(polepair_link::socketcan::open(location, line)?),
             _ => return Err("no such kind of link".into()),
         })
     }

@@ -146,8 +146,10 @@ impl Connection {
         &self,
         until: Instant,
     ) -> Result<Option<BorrowedLink<M>>, LinkError> {
-        let lent = self.0.0.borrow_link(until)?;
-        Ok(lent.and_then(|lent| lent.downcast().ok()).map(|lent| *lent))
+        let borrowed = self.0.0.borrow_link(until)?;
+        Ok(borrowed
+            .and_then(|borrowed| borrowed.downcast().ok())
+            .map(|borrowed_link| *borrowed_link))
     }
 
     /// Why the link is down, if it is.

@@ -36,8 +36,8 @@ impl<'a> TextWriter<'a> {
     }
 
     pub(crate) fn push_byte(&mut self, byte: u8) {
-        if let Some(place) = self.out.get_mut(self.len) {
-            *place = byte;
+        if let Some(index) = self.out.get_mut(self.len) {
+            *index = byte;
             self.len += 1;
         }
     }

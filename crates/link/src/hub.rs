@@ -114,8 +114,15 @@ impl<S: HubSession> Hub<S> {
 
     fn new(name: String, prototype: S) -> Result<Self, LinkError> {
         let wake = LinkWaker::new().map_err(|error| LinkError::from_io(&name, &error))?;
-        let room = HubState { clients: Vec::new(), next_client: 0, losses: Losses::default() };
-        Ok(Self { name, listener: None, _pty: None, waker: wake, prototype, state: room.into() })
+        let hub_state = HubState { clients: Vec::new(), next_client: 0, losses: Losses::default() };
+        Ok(Self {
+            name,
+            listener: None,
+            _pty: None,
+            waker: wake,
+            prototype,
+            state: hub_state.into(),
+        })
     }
 
     /// Where it listens, on TCP.
@@ -129,8 +136,8 @@ impl<S: HubSession> Hub<S> {
     }
 
     fn add_client(&self, fd: OwnedFd) {
-        let mut room = self.lock_state();
-        if room.clients.len() == CLIENTS_MAX {
+        let mut hub_state = self.lock_state();
+        if hub_state.clients.len() == CLIENTS_MAX {
             return;
         }
         let mut client = HubClient {
@@ -143,7 +150,7 @@ impl<S: HubSession> Hub<S> {
             disconnected: false,
         };
         client.send(self.prototype.greeting());
-        room.clients.push(client);
+        hub_state.clients.push(client);
     }
 
     fn accept_clients(&self) {
@@ -198,10 +205,10 @@ impl<S: HubSession> HubState<S> {
     fn next_frame(&mut self, frame: &mut Frame) -> Option<Instant> {
         for n in 0..self.clients.len() {
             let speaker = (self.next_client + n) % self.clients.len();
-            if let Some((heard, at)) = self.clients[speaker].next_frame(&mut self.losses) {
+            if let Some((received, at)) = self.clients[speaker].next_frame(&mut self.losses) {
                 self.next_client = speaker + 1;
-                self.broadcast(&heard, at, Some(speaker));
-                *frame = heard;
+                self.broadcast(&received, at, Some(speaker));
+                *frame = received;
                 return Some(at);
             }
         }
@@ -225,11 +232,11 @@ impl<S: HubSession> HubClient<S> {
             self.read();
         }
         while let Some(byte) = self.inbox.next_byte() {
-            let mut room = [0; OUTPUT_MAX];
-            let mut answer = SessionOutput(TextWriter::new(&mut room));
+            let mut buffer = [0; OUTPUT_MAX];
+            let mut answer = SessionOutput(TextWriter::new(&mut buffer));
             let taken = self.session.handle_byte(byte, &mut answer);
             let len = answer.0.len;
-            self.send(&room[..len]);
+            self.send(&buffer[..len]);
             match taken {
                 SessionAction::Nothing => {}
                 SessionAction::Malformed => losses.malformed += 1,
@@ -252,11 +259,11 @@ impl<S: HubSession> HubClient<S> {
 
     /// False when the client takes nothing now, and loses the frame.
     fn send_frame(&mut self, frame: &Frame, at: Instant) -> bool {
-        let mut room = [0; OUTPUT_MAX];
-        let mut saying = SessionOutput(TextWriter::new(&mut room));
+        let mut buffer = [0; OUTPUT_MAX];
+        let mut saying = SessionOutput(TextWriter::new(&mut buffer));
         self.session.write_frame(frame, at, &mut saying);
         let len = saying.0.len;
-        self.send(&room[..len])
+        self.send(&buffer[..len])
     }
 
     /// Never waits: a client that does not read loses what it is told, whole.
@@ -264,9 +271,9 @@ impl<S: HubSession> HubClient<S> {
         if saying.is_empty() || self.disconnected {
             return true;
         }
-        let owed = self.write(&self.unsent[..self.unsent_len]);
-        self.unsent.copy_within(owed..self.unsent_len, 0);
-        self.unsent_len -= owed;
+        let outstanding = self.write(&self.unsent[..self.unsent_len]);
+        self.unsent.copy_within(outstanding..self.unsent_len, 0);
+        self.unsent_len -= outstanding;
         if self.unsent_len > 0 {
             return false;
         }
@@ -304,8 +311,10 @@ impl<S: HubSession + Sync> LinkIo<Can> for Hub<S> {
                 return Ok(Received::Woken);
             }
             if until <= clock::now() {
-                let heard = self.lock_state().next_frame(frame);
-                return Ok(heard.map_or(Received::TimedOut, |at| Received::Bytes { len: 1, at }));
+                let received_at = self.lock_state().next_frame(frame);
+                return Ok(
+                    received_at.map_or(Received::TimedOut, |at| Received::Bytes { len: 1, at })
+                );
             }
         }
     }

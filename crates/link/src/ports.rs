@@ -157,8 +157,8 @@ pub(crate) fn serving_instance(path: &std::path::Path, named: &std::path::Path) 
     let (name, pid) = system::open_holder(path.to_str()?)?;
     let words = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
     let wanted = named.file_name()?.to_str()?;
-    let told = String::from_utf8_lossy(&words).split('\0').any(|word| word.ends_with(wanted));
-    told.then(|| format!("In use by {name} (process {pid})."))
+    let reported = String::from_utf8_lossy(&words).split('\0').any(|word| word.ends_with(wanted));
+    reported.then(|| format!("In use by {name} (process {pid})."))
 }
 
 /// `ttyUSB10` after `ttyUSB9`.

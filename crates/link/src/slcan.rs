@@ -224,12 +224,13 @@ impl SlcanLink {
     /// Behind a frame, lest two threads write at once: asks what else the controller has seen.
     /// Not all adapters know the question.
     fn request_flags(&self) -> Result<(), LinkError> {
-        let (now, owed) = (self.inner.now(), self.flags_pending.load(Ordering::Relaxed));
-        if owed >= FLAGS_PENDING_MAX || now.0 < self.next_flags_query.load(Ordering::Relaxed) {
+        let (now, outstanding) = (self.inner.now(), self.flags_pending.load(Ordering::Relaxed));
+        if outstanding >= FLAGS_PENDING_MAX || now.0 < self.next_flags_query.load(Ordering::Relaxed)
+        {
             return Ok(());
         }
         self.next_flags_query.store(now.plus_ns(FLAGS_INTERVAL_NS).0, Ordering::Relaxed);
-        self.flags_pending.store(owed + 1, Ordering::Relaxed);
+        self.flags_pending.store(outstanding + 1, Ordering::Relaxed);
         self.inner.send(b"F\r")
     }
 

@@ -175,14 +175,14 @@ impl LinkIo<Can> for SocketcandLink {
     }
 
     fn send(&self, frame: &Frame) -> Result<(), LinkError> {
-        let mut room = [0; ELEMENT_MAX];
-        let mut text = TextWriter::new(&mut room);
+        let mut buffer = [0; ELEMENT_MAX];
+        let mut text = TextWriter::new(&mut buffer);
         if !codec::write_send(frame, &mut text) {
             let hint = "socketcand carries no remote frames.";
             return Err(LinkError::new(&self.name, Cause::Unsuitable).with_hint(hint));
         }
         let len = text.len;
-        self.inner.send(&room[..len])
+        self.inner.send(&buffer[..len])
     }
 
     fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {

@@ -257,8 +257,8 @@ fn listeners_are_told_that_the_link_is_lost() {
     let mailbox = Mailbox::new(8);
     let _listening = connection.listen(&mailbox, 7, None);
     drop(drive);
-    let told = mailbox.wait_next(long_deadline());
-    assert!(matches!(told, Some((7, ConnectionEvent::LinkLost(..)))), "{told:?}");
+    let report = mailbox.wait_next(long_deadline());
+    assert!(matches!(report, Some((7, ConnectionEvent::LinkLost(..)))), "{report:?}");
 }
 
 #[test]
@@ -394,11 +394,12 @@ fn unplugging_ends_every_request_at_once_and_nothing_spins() {
         thread::sleep(Duration::from_millis(20));
         let unplugged = clock::now();
         drop(drive);
-        let told = waiting.into_iter().map(|thread| thread.join().unwrap()).map(|(waited, at)| {
-            assert_eq!(waited, WaitResult::Ended(LOST));
-            at.since(unplugged)
-        });
-        quickest = quickest.min(told.max().unwrap());
+        let reports =
+            waiting.into_iter().map(|thread| thread.join().unwrap()).map(|(waited, at)| {
+                assert_eq!(waited, WaitResult::Ended(LOST));
+                at.since(unplugged)
+            });
+        quickest = quickest.min(reports.max().unwrap());
         connection = Some(lost);
     }
     // A follower that nobody told would look by itself after 500 ms.
@@ -510,12 +511,12 @@ fn a_link_that_is_lost_while_it_is_lent_is_lost_to_its_connection_too() {
     let aside =
         connection.borrow_link::<Stream>(long_deadline()).unwrap().expect("nothing is asked");
     let beside = connect(aside.link());
-    let mut asked = submit_write(&beside, 5);
+    let mut pending_request = submit_write(&beside, 5);
     let mut waits = submit_write(&connection, 7);
     drop(drive);
-    assert!(!matches!(asked.wait(long_deadline()), WaitResult::Ended(Outcome::Done(_))));
+    assert!(!matches!(pending_request.wait(long_deadline()), WaitResult::Ended(Outcome::Done(_))));
     assert_eq!(waits.wait(long_deadline()), WaitResult::Ended(LOST), "it is told while it waits");
-    drop((asked, beside));
+    drop((pending_request, beside));
     drop(aside);
     assert!(connection.link_error().is_some());
     let refused = connection.borrow_link::<Stream>(in_ms(50));

@@ -34,8 +34,8 @@ impl LinkWaker {
     pub fn take_wakeup(&self) -> bool {
         // Both, always: a ring may come a moment after its flag was taken, and would keep the
         // descriptor readable for ever.
-        let heard = self.0.clear();
-        self.0.pending.swap(false, Ordering::AcqRel) || heard
+        let received = self.0.clear();
+        self.0.pending.swap(false, Ordering::AcqRel) || received
     }
 
     /// Waits until somebody wakes, or `until` has come; true when it was a wake-up. For links that

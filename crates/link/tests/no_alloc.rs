@@ -82,16 +82,16 @@ fn a_round_trip_allocates_nothing() {
     let lane = Lane::<Stream, _>::new(Tmcl::create_host(&options, &[1]), [Box::new(driver) as _]);
     let link = Prompt(LinkWaker::new().unwrap(), AtomicBool::new(false));
     let connection = Connection::new(Box::new(link), Box::new(lane));
-    let ask = || {
+    let request = || {
         let deadline = clock::now().plus_ms(1_000);
         connection.request(deadline, |axes, now, ticket| {
             axes.read_parameter(now, ticket, AxisIndex(0), ParameterId(0))
         })
     };
-    assert_eq!(ask(), Ok(Some(Outcome::Done(123_456))));
+    assert_eq!(request(), Ok(Some(Outcome::Done(123_456))));
     let before = ALLOCATIONS.get();
     for _ in 0..1_000 {
-        assert_eq!(ask(), Ok(Some(Outcome::Done(123_456))));
+        assert_eq!(request(), Ok(Some(Outcome::Done(123_456))));
     }
     assert_eq!(ALLOCATIONS.get(), before);
     drop(vec![1_u8; 10]);

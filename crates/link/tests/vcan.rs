@@ -97,15 +97,15 @@ fn what_the_kernel_had_no_room_for_is_counted() {
     for n in 0..BURST {
         one.send(&Frame::standard(0x55, &n.to_le_bytes())).unwrap();
     }
-    let mut heard = 0;
+    let mut received = 0;
     while !is_quiet(&other) {
-        heard += 1;
+        received += 1;
     }
-    assert!(heard > 100 && heard < BURST, "{heard}");
+    assert!(received > 100 && received < BURST, "{received}");
     // The count comes with the next frame that is received.
     one.send(&Frame::standard(0x56, &[])).unwrap();
     assert_eq!(next(&other).id, 0x56);
-    assert_eq!(other.losses(), Losses { overrun: BURST - heard, ..Losses::default() });
+    assert_eq!(other.losses(), Losses { overrun: BURST - received, ..Losses::default() });
 }
 
 #[test]

@@ -140,8 +140,8 @@ mod tests {
     fn a_scope_grants_itself_and_no_other() {
         for granted in Scope::ALL {
             let scopes = Scopes::NONE.with(granted);
-            for asked in Scope::ALL {
-                assert_eq!(scopes.contains(asked), asked == granted, "{granted} and {asked}");
+            for scope in Scope::ALL {
+                assert_eq!(scopes.contains(scope), scope == granted, "{granted} and {scope}");
             }
         }
     }
@@ -156,8 +156,8 @@ mod tests {
 
     #[test]
     fn a_token_grants_no_more_than_its_server() {
-        let asked: Scopes = "read,stop,move,raw".parse().unwrap();
+        let scopes: Scopes = "read,stop,move,raw".parse().unwrap();
         let server: Scopes = "read,stop,move,configure".parse().unwrap();
-        assert_eq!(asked.intersection(server).to_string(), "read,stop,move");
+        assert_eq!(scopes.intersection(server).to_string(), "read,stop,move");
     }
 }

@@ -496,18 +496,18 @@ impl Axis {
             Err(Error::Failed {
                 what,
                 outcome: Outcome::NotDone(failure),
-                received: heard,
+                received: details,
                 may_turn,
                 hint,
                 ..
             }) if matches!(failure, Failure::Silent | Failure::LinkDown) => {
-                let went = "whether the move arrived is not known".to_owned();
+                let execution_text = "whether the move arrived is not known".to_owned();
                 let outcome = Outcome::Unknown(failure);
                 Err(Error::Failed {
                     what,
-                    execution: went,
+                    execution: execution_text,
                     outcome,
-                    received: heard,
+                    received: details,
                     may_turn,
                     hint,
                 })

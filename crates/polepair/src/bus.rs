@@ -47,30 +47,34 @@ impl BusAddress {
 
 /// The 11-bit identifiers that some drive of these protocols could have, whoever is there.
 pub(crate) fn claimed_identifiers(seats: &[BusAddress]) -> Vec<bool> {
-    let could = |seat: &BusAddress, id| {
-        seat.protocol.all_addresses.clone().any(|a| (seat.protocol.uses_identifier)(a, id, false))
+    let could = |bus_address: &BusAddress, id| {
+        bus_address
+            .protocol
+            .all_addresses
+            .clone()
+            .any(|a| (bus_address.protocol.uses_identifier)(a, id, false))
     };
-    (0..STANDARD_IDS).map(|id| seats.iter().any(|seat| could(seat, id))).collect()
+    (0..STANDARD_IDS).map(|id| seats.iter().any(|bus_address| could(bus_address, id))).collect()
 }
 
 /// Orders protocols so that one whose drives have no identifiers but another's comes after it: its
 /// questions could be commands to the other's drives, which are then known.
-pub(crate) fn sort_guests_last<T>(asked: &mut [T], spoken: impl Fn(&T) -> &ProtocolInfo) {
+pub(crate) fn sort_guests_last<T>(requests: &mut [T], protocol: impl Fn(&T) -> &ProtocolInfo) {
     let ids = |one: &ProtocolInfo| -> Vec<bool> {
         let uses =
             |id| one.addresses.clone().any(|address| (one.uses_identifier)(address, id, false));
         (0..STANDARD_IDS).map(uses).collect()
     };
     let all: Vec<(&'static str, Vec<bool>)> =
-        asked.iter().map(|one| (spoken(one).name, ids(spoken(one)))).collect();
+        requests.iter().map(|one| (protocol(one).name, ids(protocol(one)))).collect();
     let inside = |(name, ids): &(&str, Vec<bool>)| {
         let within = |other: &Vec<bool>| ids.iter().zip(other).all(|(mine, its)| !mine || *its);
         let any = ids.contains(&true);
         all.iter().filter(|(other, its)| other != name && any && within(its)).count()
     };
     let ranks: Vec<(&str, usize)> = all.iter().map(|one| (one.0, inside(one))).collect();
-    asked.sort_by_key(|one| {
-        ranks.iter().find(|(name, _)| *name == spoken(one).name).map_or(0, |(_, rank)| *rank)
+    requests.sort_by_key(|one| {
+        ranks.iter().find(|(name, _)| *name == protocol(one).name).map_or(0, |(_, rank)| *rank)
     });
 }
 
@@ -85,22 +89,27 @@ pub(crate) fn uses_claimed(
 
 /// Why these cannot be on one bus, if they cannot.
 pub(crate) fn find_clash(seats: &[BusAddress]) -> Option<String> {
-    seats.iter().enumerate().find_map(|(n, seat)| {
-        if let Err(why) = seat.protocol.check_address(seat.address) {
-            return Some(format!("{}: {why}: {}", seat.label(), why.hint()));
+    seats.iter().enumerate().find_map(|(n, bus_address)| {
+        if let Err(why) = bus_address.protocol.check_address(bus_address.address) {
+            return Some(format!("{}: {why}: {}", bus_address.label(), why.hint()));
         }
-        let (other, met) = seats[..n].iter().find_map(|o| Some((o, o.shared_identifier(seat)?)))?;
+        let (other, met) =
+            seats[..n].iter().find_map(|o| Some((o, o.shared_identifier(bus_address)?)))?;
         Some(match met {
-            _ if other.protocol.name == seat.protocol.name => {
-                format!("{} is there twice: give each drive its own address", seat.label())
+            _ if other.protocol.name == bus_address.protocol.name => {
+                format!("{} is there twice: give each drive its own address", bus_address.label())
             }
             (_, true) => {
-                format!("{} and {} both use the 29-bit identifiers", other.label(), seat.label())
+                format!(
+                    "{} and {} both use the 29-bit identifiers",
+                    other.label(),
+                    bus_address.label()
+                )
             }
             (id, false) => format!(
                 "{} and {} both use the identifier {id:X}h: give one of them another address",
                 other.label(),
-                seat.label()
+                bus_address.label()
             ),
         })
     })

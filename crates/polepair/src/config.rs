@@ -161,13 +161,13 @@ impl Config {
             }
             let names = self.links.iter().map(|(name, _)| name.as_str());
             let near = spelling::suggestion(name, names);
-            let place = self.file.as_ref().map_or_else(
+            let location = self.file.as_ref().map_or_else(
                 || format!("no {FILE} was found"),
                 |file| format!("{} does not have it", file.display()),
             );
             let what = format!("no link is called `@{name}`{near}");
             let hint = format!(
-                "{place}; write `{name} = \"…\"` below [links], or a [[link]] of that name"
+                "{location}; write `{name} = \"…\"` below [links], or a [[link]] of that name"
             );
             return Err(Error::usage("E211", what, hint));
         };
@@ -183,8 +183,9 @@ fn merge_url(url: &str, more: &str) -> String {
     let new_keys = new_keys.trim_start_matches('?');
     let name = |pair: &str| pair.split('=').next().unwrap_or_default().to_owned();
     let replaced: Vec<String> = new_keys.split('&').map(name).collect();
-    let kept = keys.split('&').filter(|pair| !replaced.contains(&name(pair)));
-    let all: Vec<&str> = kept.chain(new_keys.split('&')).filter(|pair| !pair.is_empty()).collect();
+    let stored = keys.split('&').filter(|pair| !replaced.contains(&name(pair)));
+    let all: Vec<&str> =
+        stored.chain(new_keys.split('&')).filter(|pair| !pair.is_empty()).collect();
     let mut out = head.to_owned();
     if !all.is_empty() {
         out.push('?');

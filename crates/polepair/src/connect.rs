@@ -154,10 +154,10 @@ impl Connector {
 
     /// Opens a link; unless it is to `ask`, the drives are taken for what the string or the rack says,
     /// so that one that is silent keeps nobody waiting.
-    pub(crate) fn connect_with(&self, text: &str, ask: bool) -> Result<Link, Error> {
+    pub(crate) fn connect_with(&self, text: &str, must_ask: bool) -> Result<Link, Error> {
         let url = self.url(text)?;
         let (lines, simulation) = self.open_lines(&url)?;
-        self.assemble_link(url, &lines, simulation, ask)
+        self.assemble_link(url, &lines, simulation, must_ask)
     }
 
     /// The axes that are on opened lines.
@@ -166,18 +166,18 @@ impl Connector {
         url: Url,
         lines: &[ProtocolLine],
         simulation: Option<Simulation>,
-        ask: bool,
+        must_ask: bool,
     ) -> Result<Link, Error> {
-        let (mut axes, mut wires, mut kept) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut axes, mut wires, mut stored) = (Vec::new(), Vec::new(), Vec::new());
         for lines in lines.chunk_by(|one, other| one.wire == other.wire) {
-            let its = self.open_axes(&url, lines, simulation.as_ref(), ask)?;
+            let its = self.open_axes(&url, lines, simulation.as_ref(), must_ask)?;
             let connection = its.first().map(|axis| axis.connection.clone());
-            kept.push((connection, lines.iter().map(ProtocolLine::to_config).collect()));
+            stored.push((connection, lines.iter().map(ProtocolLine::to_config).collect()));
             axes.extend(its);
             wires.extend(ProtocolLine::open_wire(lines));
         }
         axes.iter().try_for_each(Axis::read_optional_scales)?;
-        let link = Link { url, axes, wires, line_configs: kept, simulation };
+        let link = Link { url, axes, wires, line_configs: stored, simulation };
         link.url.names.iter().try_for_each(|name| link.axis_named(name).map(drop))?;
         Ok(link)
     }
@@ -198,23 +198,23 @@ impl Connector {
 
     /// One protocol on a link, which is opened unless it is already.
     fn open_line(&self, url: &Url, opened: Option<SharedLink>) -> Result<ProtocolLine, Error> {
-        let spoken = url.protocol_info()?;
-        url.axes.iter().try_for_each(|axis| spoken.check_address(*axis))?;
-        let mut options = wire_options(url, &spoken)?;
-        options.host_address = options.host_address.or_else(|| spoken.alternative_host(&url.axes));
+        let info = url.protocol_info()?;
+        url.axes.iter().try_for_each(|axis| info.check_address(*axis))?;
+        let mut options = wire_options(url, &info)?;
+        options.host_address = options.host_address.or_else(|| info.alternative_host(&url.axes));
         let link = match opened {
             Some(link) => link,
-            None => self.wrap_and_tap(0, open(url, &spoken, &options)?, None),
+            None => self.wrap_and_tap(0, open(url, &info, &options)?, None),
         };
         let numbers =
-            if url.axes.is_empty() { vec![*spoken.addresses.start()] } else { url.axes.clone() };
+            if url.axes.is_empty() { vec![*info.addresses.start()] } else { url.axes.clone() };
         let seats = vec![RackEntry::default(); numbers.len()];
         let relay = url.axes.first().copied();
         let all = Arc::default();
         Ok(ProtocolLine {
             wire: 0,
             link,
-            protocol: spoken,
+            protocol: info,
             options,
             axis_numbers: numbers,
             relay_axis: relay,
@@ -229,11 +229,11 @@ impl Connector {
         url: &Url,
         lines: &[ProtocolLine],
         simulation: Option<&Simulation>,
-        ask: bool,
+        must_ask: bool,
     ) -> Result<Vec<Axis>, Error> {
         let found: Vec<Vec<(&'static Profile, Identification)>> = lines
             .iter()
-            .map(|line| self.identify_axes(url, line, ask))
+            .map(|line| self.identify_axes(url, line, must_ask))
             .collect::<Result<_, _>>()?;
         let profiles: Vec<Vec<(&'static Profile, u32)>> = lines
             .iter()
@@ -294,14 +294,14 @@ impl Connector {
 }
 
 /// Opens what the string names. The link is set as the protocol's host wants it.
-fn open(url: &Url, spoken: &ProtocolInfo, options: &HostOptions) -> Result<AnyLink, Error> {
+fn open(url: &Url, protocol: &ProtocolInfo, options: &HostOptions) -> Result<AnyLink, Error> {
     // A serial adapter must be told; the other buses have their bit rate already, or none.
     let usual = matches!(url.target, LinkTarget::Slcan { .. } | LinkTarget::SlcanTcp { .. });
-    let usual = if usual { spoken.baud } else { 0 };
+    let usual = if usual { protocol.baud } else { 0 };
     let bus = CanLine { bit_rate: rate_key(url, "bitrate")?.unwrap_or(usual) };
     Ok(match &url.target {
         LinkTarget::Serial { path, baud } => {
-            let line = serial_line(url, spoken, *options, baud.unwrap_or(spoken.baud))?;
+            let line = serial_line(url, protocol, *options, baud.unwrap_or(protocol.baud))?;
             AnyLink::Serial(Box::new(polepair_link::serial::open(path, line)?))
         }
         LinkTarget::Tcp { address } => {

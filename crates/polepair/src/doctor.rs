@@ -92,10 +92,10 @@ impl CheckResult {
     }
 
     fn error(about: &str, error: &Error) -> Self {
-        let said = error.to_string();
+        let text = error.to_string();
         // Errors of an axis begin with its label.
-        let found = said.strip_prefix(about).and_then(|rest| rest.strip_prefix(": "));
-        Self::wrong(about, error.exit(), found.unwrap_or(&said), error.hint())
+        let found = text.strip_prefix(about).and_then(|rest| rest.strip_prefix(": "));
+        Self::wrong(about, error.exit(), found.unwrap_or(&text), error.hint())
     }
 }
 
@@ -127,10 +127,10 @@ pub fn check_link(
         }
     };
     let mut silent = false;
-    let mut heard = None;
+    let mut received = None;
     for line in &mut lines {
         // Protocols of one bus share what is to be said of it.
-        let first = heard.replace(line.wire) != Some(line.wire);
+        let first = received.replace(line.wire) != Some(line.wire);
         if first {
             // A port of this machine is had by one program at a time.
             let alone = match url.target {
@@ -218,7 +218,7 @@ fn find_drives(
     let chosen = connector.chosen_profile(url, &line.protocol)?;
     let prober = Prober::new(line, &connector.config).scanning();
     let (mut found, mut damaged) = (Vec::new(), 0);
-    let mut asked = Vec::new();
+    let mut requests = Vec::new();
     for &number in &wanted {
         let about = format!("axis {number}");
         let probe = prober.probe(number)?;
@@ -226,12 +226,12 @@ fn find_drives(
         if !named && matches!(probe, ProbeResult::Forbidden(_)) {
             continue;
         }
-        asked.push(number);
+        requests.push(number);
         match probe {
             ProbeResult::Found { profile, identified, stray, .. } => {
                 let profile = chosen.unwrap_or(profile);
-                let said = format!("answers: {} ({identified})", profile.title);
-                hear(CheckResult::ok(&about, said));
+                let text = format!("answers: {} ({identified})", profile.title);
+                hear(CheckResult::ok(&about, text));
                 if stray > 0 {
                     hear(duplicate_address_check(&about, stray));
                 }
@@ -244,9 +244,9 @@ fn find_drives(
                 hear(CheckResult::wrong(&about, Exit::Usage, "cannot be asked on this line", hint));
             }
             ProbeResult::Damaged(_) => damaged += 1,
-            ProbeResult::Silent(heard) if named && !heard.is_nothing() => {
-                let said = format!("does not answer: {heard}");
-                hear(CheckResult::wrong(&about, Exit::NoReply, said, heard.hint()));
+            ProbeResult::Silent(details) if named && !details.is_nothing() => {
+                let text = format!("does not answer: {details}");
+                hear(CheckResult::wrong(&about, Exit::NoReply, text, details.hint()));
             }
             ProbeResult::Silent(_) if named => {
                 hear(CheckResult::wrong(&about, Exit::NoReply, "does not answer", SILENT_REMEDY));
@@ -255,13 +255,13 @@ fn find_drives(
         }
     }
     if damaged > 0 {
-        let said = format!("{damaged} addresses gave damaged answers only");
-        hear(CheckResult::wrong("answers", Exit::Corrupt, said, DAMAGED_REMEDY));
+        let text = format!("{damaged} addresses gave damaged answers only");
+        hear(CheckResult::wrong("answers", Exit::Corrupt, text, DAMAGED_REMEDY));
     }
     if found.is_empty() && !named {
-        let said = format!("none of the addresses {} answers", join_numbers(&asked));
+        let text = format!("none of the addresses {} answers", join_numbers(&requests));
         let remedy = format!("{SILENT_REMEDY}; `polepair scan` asks every address");
-        hear(CheckResult::wrong("address", Exit::NoReply, said, remedy));
+        hear(CheckResult::wrong("address", Exit::NoReply, text, remedy));
     }
     Ok(found)
 }
@@ -272,9 +272,9 @@ const DAMAGED_REMEDY: &str = "another baud rate, two drives with one address, a 
                        common ground; --try-bauds asks at other rates";
 
 fn duplicate_address_check(about: &str, stray: u64) -> CheckResult {
-    let said = format!("{stray} answers too many or damaged: two drives with this address?");
+    let text = format!("{stray} answers too many or damaged: two drives with this address?");
     let remedy = "unplug one drive after the other and look who answers; give each its own address";
-    CheckResult::wrong(about, Exit::Corrupt, said, remedy)
+    CheckResult::wrong(about, Exit::Corrupt, text, remedy)
 }
 
 fn join_numbers(numbers: &[u32]) -> String {

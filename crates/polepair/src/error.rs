@@ -247,12 +247,19 @@ impl Error {
                 execution: _,
                 outcome: Outcome::NotDone(failure),
                 may_turn,
-                received: heard,
+                received: details,
                 hint,
             } if matches!(failure, Silent | Misbehaved | Cancelled | LinkDown) => {
                 let outcome = Outcome::Unknown(failure);
-                let went = "one that was sent before may have been executed".to_owned();
-                Self::Failed { what, execution: went, outcome, may_turn, received: heard, hint }
+                let execution_text = "one that was sent before may have been executed".to_owned();
+                Self::Failed {
+                    what,
+                    execution: execution_text,
+                    outcome,
+                    may_turn,
+                    received: details,
+                    hint,
+                }
             }
             other => other,
         }
@@ -268,13 +275,13 @@ impl Error {
     /// executed is left to [`executed`](Self::executed).
     #[must_use]
     pub fn brief(&self) -> String {
-        let told = match self {
+        let output = match self {
             Self::Failed { what, outcome, .. } if !matches!(outcome, Outcome::Partly(..)) => {
                 what.clone()
             }
             _ => self.sentence(),
         };
-        if self.may_turn() { format!("{told}; {MAY_TURN}") } else { told }
+        if self.may_turn() { format!("{output}; {MAY_TURN}") } else { output }
     }
 
     /// What went wrong and how far it went, without what the motor may do.
@@ -284,8 +291,12 @@ impl Error {
             Self::Usage { what, .. } | Self::Unsupported { what, .. } => what.clone(),
             Self::File(error) => error.to_string(),
             Self::Link(error) => error.to_string(),
-            Self::Failed { what, execution: went, .. } if went.is_empty() => what.clone(),
-            Self::Failed { what, execution: went, .. } => format!("{what}; {went}"),
+            Self::Failed { what, execution: execution_text, .. } if execution_text.is_empty() => {
+                what.clone()
+            }
+            Self::Failed { what, execution: execution_text, .. } => {
+                format!("{what}; {execution_text}")
+            }
             Self::Interrupted { what } => format!("{what}: interrupted"),
         }
     }

@@ -131,7 +131,7 @@ impl Link {
         let axes = || self.axes().iter().enumerate().skip(first);
         axes().try_for_each(|(_, axis)| axis.read_event_layout())?;
         let mut events = Events::new(self.simulation());
-        axes().for_each(|(place, axis)| events.add_axis(place, axis));
+        axes().for_each(|(index, axis)| events.add_axis(index, axis));
         events.start_listening(false);
         Ok(events)
     }
@@ -167,14 +167,14 @@ impl Axis {
                 .take(self.params().len())
                 .collect()
         });
-        let refused = |told: Result<(), Error>| match told {
+        let refused = |result: Result<(), Error>| match result {
             Err(error) if error.exit() == Exit::Refused => Ok(()),
-            told => told,
+            result => result,
         };
         unlearnt.into_iter().try_for_each(|id| refused(self.read(id).map(drop)))?;
-        let mut told =
+        let mut reports =
             self.profile.signals.iter().filter_map(|s| self.profile.parameter(s.parameter));
-        told.try_for_each(|parameter| refused(self.read_unread_factors(parameter)))
+        reports.try_for_each(|parameter| refused(self.read_unread_factors(parameter)))
     }
 }
 
@@ -190,12 +190,12 @@ impl Events {
         }
     }
 
-    fn add_axis(&mut self, place: usize, axis: &Axis) {
+    fn add_axis(&mut self, index: usize, axis: &Axis) {
         let shares =
             |axes: &&mut Vec<(usize, Axis)>| axes[0].1.connection.is_same(&axis.connection);
         match self.axes.iter_mut().find(shares) {
-            Some(axes) => axes.push((place, axis.clone())),
-            None => self.axes.push(vec![(place, axis.clone())]),
+            Some(axes) => axes.push((index, axis.clone())),
+            None => self.axes.push(vec![(index, axis.clone())]),
         }
     }
 
@@ -290,7 +290,7 @@ impl Events {
     }
 
     fn axis_event(&self, wire: usize, news: &AxisEvent) -> Option<Event> {
-        let (place, axis) = self.axes.get(wire)?.iter().find(|(_, a)| a.index == news.axis)?;
+        let (position, axis) = self.axes.get(wire)?.iter().find(|(_, a)| a.index == news.axis)?;
         let fault = |code| axis.profile.faults.iter().find(|fault| fault.code == code);
         let kind = match news.kind {
             AxisEventKind::Signal(signal, reading) => EventKind::Signal {
@@ -310,7 +310,7 @@ impl Events {
             // Those that later versions of the core tell.
             _ => return None,
         };
-        Some(Event { at: news.at, axis: Some(axis.number), index: *place, kind })
+        Some(Event { at: news.at, axis: Some(axis.number), index: *position, kind })
     }
 }
 

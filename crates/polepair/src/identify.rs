@@ -121,8 +121,8 @@ impl<'a> Prober<'a> {
             ProbeResult::Found { doubtful: true, .. } => Err(self.confused_error(number)),
             ProbeResult::Found { profile, identified, .. } => Ok((profile, identified)),
             ProbeResult::Forbidden(hint) => Err(self.forbidden_error(number, hint)),
-            ProbeResult::Silent(heard) | ProbeResult::Damaged(heard) => {
-                Err(self.silent_error(number, heard))
+            ProbeResult::Silent(details) | ProbeResult::Damaged(details) => {
+                Err(self.silent_error(number, details))
             }
         }
     }
@@ -134,28 +134,41 @@ impl<'a> Prober<'a> {
     }
 
     /// The error for an address where nobody answers.
-    pub(crate) fn silent_error(&self, number: u32, heard: NoReplyDetails) -> Error {
-        let but = if heard.is_nothing() { String::new() } else { format!(": {heard}") };
+    pub(crate) fn silent_error(&self, number: u32, details: NoReplyDetails) -> Error {
+        let but = if details.is_nothing() { String::new() } else { format!(": {details}") };
         Error::Failed {
             what: format!("axis {number} does not answer on {}{but}", self.describe()),
             execution: String::new(),
             outcome: Outcome::NotDone(Failure::Silent),
-            received: Box::new(heard),
+            received: Box::new(details),
             may_turn: false,
-            hint: heard.hint().into(),
+            hint: details.hint().into(),
         }
     }
 
     /// The same error for those who bring motors to rest: who names the drive needs no answer.
     pub(crate) fn with_profile_hint(&self, error: Error) -> Error {
-        let Error::Failed { what, execution: went, outcome, received: heard, may_turn, hint } =
-            error
+        let Error::Failed {
+            what,
+            execution: execution_text,
+            outcome,
+            received: details,
+            may_turn,
+            hint,
+        } = error
         else {
             return error;
         };
         let names: Vec<&str> = self.profiles.iter().map(|profile| profile.name).collect();
         let hint = format!("say what it is by `?profile=`: {}; {hint}", names.join(", "));
-        Error::Failed { what, execution: went, outcome, received: heard, may_turn, hint }
+        Error::Failed {
+            what,
+            execution: execution_text,
+            outcome,
+            received: details,
+            may_turn,
+            hint,
+        }
     }
 
     /// The profiles of drives that speak the line's protocol.
@@ -193,20 +206,20 @@ impl<'a> Prober<'a> {
         let (connection, before) = self.line.probe_connection(&axes, self.single_attempt)?;
         // Somebody may have spoken just now: this host has not heard it.
         connection.with_axes(|axes, now| axes.handle_resume(now));
-        let (mut heard, mut doubtful, mut best) = (false, false, None::<(u32, usize, i64)>);
-        let mut asked: Vec<(Identity, Option<Outcome>)> = Vec::new();
+        let (mut received, mut doubtful, mut best) = (false, false, None::<(u32, usize, i64)>);
+        let mut requests: Vec<(Identity, Option<Outcome>)> = Vec::new();
         for (n, (profile, identity)) in self.candidates.iter().enumerate() {
             if (self.is_cancelled)() {
                 return Ok(ProbeResult::Silent(NoReplyDetails::default()));
             }
-            let outcome = match asked.iter().find(|(q, _)| is_same_query(q, identity, profile)) {
+            let outcome = match requests.iter().find(|(q, _)| is_same_query(q, identity, profile)) {
                 Some((_, outcome)) => *outcome,
                 None => self.query(&connection, before + n, identity.query),
             };
             if outcome.and_then(Outcome::failure) == Some(Failure::LinkDown) {
                 return Err(self.link_lost_error(&connection));
             }
-            asked.push((*identity, outcome));
+            requests.push((*identity, outcome));
             match outcome {
                 Some(Outcome::NotDone(
                     Failure::NotReady { hint } | Failure::Impossible(Unsupported::Forbidden(hint)),
@@ -214,7 +227,7 @@ impl<'a> Prober<'a> {
                     return Ok(ProbeResult::Forbidden(hint));
                 }
                 Some(Outcome::Done(raw)) => {
-                    heard = true;
+                    received = true;
                     let sure = identity.mask.count_ones();
                     let fits = raw & identity.mask == identity.equals;
                     if fits && best.is_none_or(|(other, ..)| sure > other) {
@@ -222,27 +235,27 @@ impl<'a> Prober<'a> {
                     }
                 }
                 Some(outcome) => {
-                    heard |= is_answer(outcome);
+                    received |= is_answer(outcome);
                     doubtful |= is_misbehaved(outcome);
                 }
                 None => {}
             }
-            if is_silent(outcome) && !heard {
+            if is_silent(outcome) && !received {
                 let counted = connection.with_axes(|axes, _| axes.counters());
                 // The bytes that are held are those of the question that ended last.
                 let held = connection
                     .with_axes(|axes, _| axes.silence_counters(AxisIndex((before + n) as u8)));
                 let skipped = counted.skipped.max(held.skipped);
-                let heard = NoReplyDetails::from_counters(&Counters { skipped, ..counted });
-                return Ok(match heard.corrupt {
-                    0 => ProbeResult::Silent(heard),
-                    _ => ProbeResult::Damaged(heard),
+                let details = NoReplyDetails::from_counters(&Counters { skipped, ..counted });
+                return Ok(match details.corrupt {
+                    0 => ProbeResult::Silent(details),
+                    _ => ProbeResult::Damaged(details),
                 });
             }
         }
-        if !heard && !(self.is_cancelled)() {
+        if !received && !(self.is_cancelled)() {
             let answer = self.query_generic(&connection, before, generic)?;
-            heard = answer.is_none_or(is_answer);
+            received = answer.is_none_or(is_answer);
             doubtful |= answer.is_some_and(is_misbehaved);
         }
         let counters = connection.with_axes(|axes, _| axes.counters());
@@ -258,7 +271,7 @@ impl<'a> Prober<'a> {
                     doubtful: false,
                 }
             }
-            None if heard => ProbeResult::Found {
+            None if received => ProbeResult::Found {
                 profile: generic,
                 identified: Identification::Generic,
                 stray,
@@ -315,8 +328,8 @@ impl<'a> Prober<'a> {
 
 /// The same question, so that its answer can be shared. A parameter's number means another thing
 /// in another profile.
-fn is_same_query(asked: &Identity, wanted: &Identity, _profile: &Profile) -> bool {
-    matches!((asked.query, wanted.query), (IdentityQuery::Text(a), IdentityQuery::Text(b)) if a == b)
+fn is_same_query(identity: &Identity, wanted: &Identity, _profile: &Profile) -> bool {
+    matches!((identity.query, wanted.query), (IdentityQuery::Text(a), IdentityQuery::Text(b)) if a == b)
 }
 
 /// Somebody said something, if only no.

@@ -112,12 +112,15 @@ impl WireListener {
     /// What was noticed on a wire and could not be handed on.
     #[must_use]
     pub fn losses(&self, wire: usize) -> Losses {
-        self.threads.get(wire).map_or_else(Losses::default, |ear| ear.link.losses())
+        self.threads
+            .get(wire)
+            .map_or_else(Losses::default, |listener_thread| listener_thread.link.losses())
     }
 
     /// Why a wire is heard no more, if one is: told once.
     pub fn take_error(&mut self) -> Option<LinkError> {
-        let at = self.threads.iter().position(|ear| ear.handle.is_finished())?;
+        let at =
+            self.threads.iter().position(|listener_thread| listener_thread.handle.is_finished())?;
         self.threads.remove(at).handle.join().err()
     }
 }

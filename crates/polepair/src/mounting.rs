@@ -130,12 +130,12 @@ fn read_lead(node: &TomlTable<'_, '_>, profile: &Profile) -> Result<Option<f64>,
     if profile.axis == AxisKind::Linear {
         return Err(found.location.error(format!("`{}` has no turns: it is linear", profile.name)));
     }
-    let place = found.location.clone();
+    let location = found.location.clone();
     let lead = parse_amount(found, Unit::Millimetre)?;
     if lead > 0.0 {
         return Ok(Some(lead));
     }
-    Err(place.error("`lead` is more than nothing; `direction` turns an axis round"))
+    Err(location.error("`lead` is more than nothing; `direction` turns an axis round"))
 }
 
 /// Refused where the profile knows the unit: two scales would be one too many.
@@ -172,12 +172,12 @@ fn symmetric_limit(
     unit: Unit,
 ) -> Result<Option<Located<f64>>, FileError> {
     let Some(found) = node.text(key)? else { return Ok(None) };
-    let place = found.location.clone();
+    let position = found.location.clone();
     let value = parse_amount(found, unit)?;
     if value > 0.0 {
-        return Ok(Some(Located { value, location: place }));
+        return Ok(Some(Located { value, location: position }));
     }
-    Err(place.error(format!("`{key}` holds either way: it must be more than 0")))
+    Err(position.error(format!("`{key}` holds either way: it must be more than 0")))
 }
 
 /// An amount with a unit, as something that is shown in `unit`.

@@ -209,7 +209,7 @@ mod tests {
             change(&mut counters);
             NoReplyDetails::from_counters(&counters)
         };
-        for (heard, silence, said) in [
+        for (details, silence, output) in [
             (counted(|_| ()), NoReplyCause::NothingReceived, "nothing came back"),
             (counted(|c| c.texts = 1), NoReplyCause::Text, "1 line of text"),
             (
@@ -225,10 +225,10 @@ mod tests {
             (counted(|c| c.skipped = 7), NoReplyCause::Noise, "7 bytes of no frame"),
             (counted(|c| c.echoed = 9), NoReplyCause::Echo, "9 echoes of our own"),
         ] {
-            assert_eq!(heard.cause(), silence);
-            assert!(heard.to_string().starts_with(said), "{heard}");
-            assert_eq!(heard.is_nothing(), silence == NoReplyCause::NothingReceived);
-            assert!(!heard.hint().is_empty());
+            assert_eq!(details.cause(), silence);
+            assert!(details.to_string().starts_with(output), "{details}");
+            assert_eq!(details.is_nothing(), silence == NoReplyCause::NothingReceived);
+            assert!(!details.hint().is_empty());
         }
         let both = counted(|c| c.corrupt = 1).plus(counted(|c| c.skipped = 5));
         assert_eq!(both.to_string(), "1 frame with a wrong check, 5 bytes of no frame");

@@ -57,9 +57,9 @@ impl ProtocolInfo {
     /// The host's address on a bus that `others` share: the usual one, or the last that nobody has.
     pub(crate) fn host_among(&self, drives: &[u32], others: &[BusAddress]) -> Option<u32> {
         let usual = self.host?;
-        let seat = |address| BusAddress { protocol: self.clone(), address };
+        let entry = |address| BusAddress { protocol: self.clone(), address };
         let free = |address: &u32| {
-            let meets = |other: &BusAddress| other.shared_identifier(&seat(*address)).is_some();
+            let meets = |other: &BusAddress| other.shared_identifier(&entry(*address)).is_some();
             !drives.contains(address) && !others.iter().any(meets)
         };
         if free(&usual) {

@@ -160,17 +160,17 @@ fn exclude_clashing(
     wanted: &mut Vec<u32>,
     tried: &mut Vec<String>,
 ) {
-    let others = |(wire, seat): &&(usize, BusAddress)| {
-        *wire == line.wire && seat.protocol.name != line.protocol.name
+    let others = |(wire, bus_address): &&(usize, BusAddress)| {
+        *wire == line.wire && bus_address.protocol.name != line.protocol.name
     };
-    for (_, seat) in seats.iter().filter(others) {
+    for (_, bus_address) in seats.iter().filter(others) {
         let meets = |number: &u32| {
-            line.bus_address(*number).shared_identifier(seat).map(|(id, _)| (*number, id))
+            line.bus_address(*number).shared_identifier(bus_address).map(|(id, _)| (*number, id))
         };
         let left: Vec<(u32, u32)> = wanted.iter().filter_map(meets).collect();
         let (Some((first, id)), Some((last, _))) = (left.first(), left.last()) else { continue };
         wanted.retain(|number| left.iter().all(|(other, _)| other != number));
-        let (name, other) = (line.protocol.name, seat.label());
+        let (name, other) = (line.protocol.name, bus_address.label());
         let addresses = match first == last {
             true => format!("{first}"),
             false => format!("{} addresses from {first} to {last}", left.len()),
@@ -188,18 +188,18 @@ fn mark_clashes(
     known: &[(usize, BusAddress)],
     found: &mut [DetectedDrive],
 ) {
-    for (n, (wire, seat)) in seats.iter().enumerate() {
+    for (n, (wire, bus_address)) in seats.iter().enumerate() {
         let others = seats.iter().enumerate().filter(|(other, _)| *other != n);
         let others = others.map(|(_, other)| other).chain(known);
         for (_, other) in others.filter(|(other, _)| other == wire) {
-            let Some((id, extended)) = seat.shared_identifier(other) else { continue };
+            let Some((id, extended)) = bus_address.shared_identifier(other) else { continue };
             let what = match extended {
                 true => "the 29-bit identifiers".to_owned(),
                 false => format!("the identifier {id:X}h"),
             };
             let why = format!(
                 "{} and {} both use {what}: give one of them another address",
-                seat.label(),
+                bus_address.label(),
                 other.label()
             );
             found[n].clash.get_or_insert(why);
@@ -237,22 +237,22 @@ fn addresses_to_query(
         tried.push(format!("not {protocol} on {name}: no drive can have such an address there"));
         return Ok(wanted);
     };
-    let mut said = format!("addresses {first} to {last}");
+    let mut text = format!("addresses {first} to {last}");
     if let SharedLink::Can(link) = &line.link {
         let listener = SenderDetector::new(protocol, line.options);
-        let mut heard = listen_for_senders(link, &listener, LISTEN_MS, broken)?;
+        let mut received = listen_for_senders(link, &listener, LISTEN_MS, broken)?;
         if let Some(question) = listener.question.as_ref().filter(|_| !broken()) {
             link.send(question)?;
-            heard.extend(listen_for_senders(link, &listener, ANSWERS_MS, broken)?);
-            wanted.retain(|number| heard.contains(number));
-            said.push_str(", all with one question");
+            received.extend(listen_for_senders(link, &listener, ANSWERS_MS, broken)?);
+            wanted.retain(|number| received.contains(number));
+            text.push_str(", all with one question");
         }
-        heard.retain(|number| every && !wanted.contains(number));
-        wanted.extend(heard);
+        received.retain(|number| every && !wanted.contains(number));
+        wanted.extend(received);
         wanted.sort_unstable();
         wanted.dedup();
     }
-    tried.push(format!("{protocol} on {name}{rate}, {said}"));
+    tried.push(format!("{protocol} on {name}{rate}, {text}"));
     Ok(wanted)
 }
 
@@ -263,7 +263,7 @@ fn listen_for_senders(
     ms: u32,
     broken: &dyn Fn() -> bool,
 ) -> Result<Vec<u32>, Error> {
-    let (mut heard, mut frame) = (Vec::new(), Frame::default());
+    let (mut received, mut frame) = (Vec::new(), Frame::default());
     let mut until = link.now().plus_ms(ms);
     for _ in 0..FRAMES_MAX {
         let now = link.now();
@@ -273,15 +273,15 @@ fn listen_for_senders(
         match link.receive(&mut frame, until.min(now.plus_ms(POLL_MS)))? {
             Received::TimedOut if now >= until => break,
             Received::Bytes { at, .. } => {
-                if let Some(number) = listener.sender(&frame).filter(|n| !heard.contains(n)) {
-                    heard.push(number);
+                if let Some(number) = listener.sender(&frame).filter(|n| !received.contains(n)) {
+                    received.push(number);
                     until = until.max(at.plus_ms(ms));
                 }
             }
             Received::Line { .. } | Received::Woken | Received::TimedOut => {}
         }
     }
-    Ok(heard)
+    Ok(received)
 }
 
 /// Which addresses a scan asks.

@@ -158,9 +158,9 @@ fn find_product(
     medium: Option<MediumKind>,
 ) -> Option<(&'static Profile, registry::ProtocolInfo)> {
     let profiles = polepair_core::drives::profiles();
-    let mut spoken = registry::protocols();
-    spoken.retain(|protocol| medium.is_none_or(|medium| medium == protocol.medium));
-    let of_protocol = spoken.iter().find(|protocol| protocol.name == name).and_then(|protocol| {
+    let mut names = registry::protocols();
+    names.retain(|protocol| medium.is_none_or(|medium| medium == protocol.medium));
+    let of_protocol = names.iter().find(|protocol| protocol.name == name).and_then(|protocol| {
         let profile = profiles.iter().find(|p| p.protocol == protocol.profile)?;
         Some((*profile, protocol.clone()))
     });
@@ -168,7 +168,7 @@ fn find_product(
     let of_family = || profiles.iter().find(|p| p.family == name);
     of_protocol.or_else(|| {
         let profile = named().or_else(of_family)?;
-        let protocol = spoken.iter().find(|protocol| protocol.profile == profile.protocol)?;
+        let protocol = names.iter().find(|protocol| protocol.profile == profile.protocol)?;
         Some((*profile, protocol.clone()))
     })
 }
@@ -257,39 +257,39 @@ impl RackDescription {
     /// protocol on the bus, has the one that hosts have from the factory.
     ///
     /// A drive's own option `host` goes first: it tells how a real one is set.
-    pub(crate) fn host_address(&self, link: usize, spoken: &ProtocolInfo) -> Option<u32> {
+    pub(crate) fn host_address(&self, link: usize, protocol: &ProtocolInfo) -> Option<u32> {
         let drives =
-            self.rack.links[link].drives.iter().filter(|drive| speaks_protocol(drive, spoken));
-        let told = drives.flat_map(|drive| &drive.extra).find(|(key, _)| key == "host");
-        let told = told.and_then(|(_, host)| crate::toml_file::parse_number(host));
-        if let Some(host) = told.and_then(|host| u32::try_from(host).ok()) {
+            self.rack.links[link].drives.iter().filter(|drive| speaks_protocol(drive, protocol));
+        let report = drives.flat_map(|drive| &drive.extra).find(|(key, _)| key == "host");
+        let reported = report.and_then(|(_, host)| crate::toml_file::parse_number(host));
+        if let Some(host) = reported.and_then(|host| u32::try_from(host).ok()) {
             return Some(host);
         }
         let (own, others): (Vec<BusAddress>, Vec<BusAddress>) = self
             .bus_addresses(link)
             .into_iter()
-            .partition(|seat| seat.protocol.name == spoken.name);
-        let addresses: Vec<u32> = own.iter().map(|seat| seat.address).collect();
-        spoken.host_among(&addresses, &others)
+            .partition(|bus_address| bus_address.protocol.name == protocol.name);
+        let addresses: Vec<u32> = own.iter().map(|bus_address| bus_address.address).collect();
+        protocol.host_among(&addresses, &others)
     }
 
     /// Each drive of a link with its protocol and address.
     pub(crate) fn bus_addresses(&self, link: usize) -> Vec<BusAddress> {
         let rack = &self.rack.links[link];
-        let seat = |drive: &RackDrive| {
-            let spoken = registry::find_protocol(drive.wires.first()?, rack.wire.medium())?;
-            let address = drive.address.unwrap_or(*spoken.addresses.start());
-            Some(BusAddress { protocol: spoken, address })
+        let entry = |drive: &RackDrive| {
+            let info = registry::find_protocol(drive.wires.first()?, rack.wire.medium())?;
+            let address = drive.address.unwrap_or(*info.addresses.start());
+            Some(BusAddress { protocol: info, address })
         };
-        rack.drives.iter().filter_map(seat).collect()
+        rack.drives.iter().filter_map(entry).collect()
     }
 
     /// The protocols that are spoken on a link, in the order of its drives.
     pub(crate) fn protocols_on(&self, link: usize) -> Vec<ProtocolInfo> {
         let mut all: Vec<ProtocolInfo> = Vec::new();
-        for BusAddress { protocol: spoken, .. } in self.bus_addresses(link) {
-            if all.iter().all(|other| other.name != spoken.name) {
-                all.push(spoken);
+        for BusAddress { protocol: info, .. } in self.bus_addresses(link) {
+            if all.iter().all(|other| other.name != info.name) {
+                all.push(info);
             }
         }
         // A bus on which a relay alone sits.
@@ -302,7 +302,7 @@ impl RackDescription {
     /// The standard that a link's line follows, where its protocol makes a difference.
     pub(crate) fn line_standard(&self, link: usize) -> Option<proto::SerialStandard> {
         let makes_a_difference =
-            self.link_protocol(link).is_some_and(|spoken| spoken.has_standards);
+            self.link_protocol(link).is_some_and(|protocol| protocol.has_standards);
         self.rack.links[link].wire.standard().filter(|_| makes_a_difference)
     }
 
@@ -313,39 +313,39 @@ impl RackDescription {
     /// The connection strings of a link, to be opened at `place` (`serial:///dev/pts/3`): one for
     /// each protocol on it.
     #[must_use]
-    pub fn urls(&self, link: usize, place: &str) -> Vec<String> {
+    pub fn urls(&self, link: usize, location: &str) -> Vec<String> {
         self.protocols_on(link)
             .iter()
-            .map(|spoken| self.protocol_url(link, spoken, place))
+            .map(|protocol| self.protocol_url(link, protocol, location))
             .collect()
     }
 
-    fn protocol_url(&self, link: usize, spoken: &ProtocolInfo, place: &str) -> String {
-        let first = *spoken.addresses.start();
+    fn protocol_url(&self, link: usize, protocol: &ProtocolInfo, location: &str) -> String {
+        let first = *protocol.addresses.start();
         let address = |drive: &RackDrive| drive.address.unwrap_or(first).to_string();
         let behind = self.links_behind(link).flat_map(|other| &self.rack.links[other].drives);
         let own =
-            self.rack.links[link].drives.iter().filter(|drive| speaks_protocol(drive, spoken));
+            self.rack.links[link].drives.iter().filter(|drive| speaks_protocol(drive, protocol));
         let drives = own.chain(behind);
         let rs485 = self.line_standard(link) == Some(proto::SerialStandard::Rs485);
         let wire = rs485.then(|| "wire=rs485".to_owned());
-        let host = self.host_address(link, spoken).map(|host| format!("host={host}"));
+        let host = self.host_address(link, protocol).map(|host| format!("host={host}"));
         // An adapter is told the bit rate; any other bus has it.
         let rate = self.wires[link].baud;
-        let told = place.starts_with("slcan") && rate != spoken.baud;
-        let bit_rate = told.then(|| format!("bitrate={rate}"));
+        let reported = location.starts_with("slcan") && rate != protocol.baud;
+        let bit_rate = reported.then(|| format!("bitrate={rate}"));
         let keys: Vec<String> = wire.into_iter().chain(bit_rate).chain(host).collect();
         let mark = if keys.is_empty() { "" } else { "?" };
         let addresses: Vec<String> = drives.map(address).collect();
-        format!("{}+{place}{mark}{}#{}", spoken.name, keys.join("&"), addresses.join(","))
+        format!("{}+{location}{mark}{}#{}", protocol.name, keys.join("&"), addresses.join(","))
     }
 
     /// Has the drives of a link answer to a host that none of them can be mistaken for.
     pub(crate) fn assign_host(&mut self, link: usize) {
-        for spoken in self.protocols_on(link) {
-            let Some(host) = self.host_address(link, &spoken) else { continue };
+        for protocol in self.protocols_on(link) {
+            let Some(host) = self.host_address(link, &protocol) else { continue };
             let drives = self.rack.links[link].drives.iter_mut();
-            for drive in drives.filter(|drive| speaks_protocol(drive, &spoken)) {
+            for drive in drives.filter(|drive| speaks_protocol(drive, &protocol)) {
                 drive.extra.push(("host".to_owned(), host.to_string()));
             }
         }
@@ -354,9 +354,11 @@ impl RackDescription {
     /// Has every drive on a wire whose hosts have addresses answer to this one.
     pub(crate) fn set_host(&mut self, host: &str) {
         for link in 0..self.wires.len() {
-            for spoken in self.protocols_on(link).iter().filter(|spoken| spoken.host.is_some()) {
+            for protocol in
+                self.protocols_on(link).iter().filter(|protocol| protocol.host.is_some())
+            {
                 let drives = self.rack.links[link].drives.iter_mut();
-                for drive in drives.filter(|drive| speaks_protocol(drive, spoken)) {
+                for drive in drives.filter(|drive| speaks_protocol(drive, protocol)) {
                     drive.extra.push(("host".to_owned(), host.to_owned()));
                 }
             }
@@ -437,8 +439,8 @@ impl RackDescription {
 }
 
 /// Whether a drive speaks that protocol on the link that it is listed on.
-pub(crate) fn speaks_protocol(drive: &RackDrive, spoken: &ProtocolInfo) -> bool {
-    drive.wires.first().is_some_and(|word| word == spoken.name)
+pub(crate) fn speaks_protocol(drive: &RackDrive, protocol: &ProtocolInfo) -> bool {
+    drive.wires.first().is_some_and(|word| word == protocol.name)
 }
 
 /// A running simulation in this process. Clones are the same one. Its links may be used from

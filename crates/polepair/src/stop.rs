@@ -254,14 +254,14 @@ fn find_and_stop(
         let missing = match probe {
             ProbeResult::Found { doubtful: false, .. } => None,
             ProbeResult::Found { .. } => Some(prober.confused_error(number)),
-            ProbeResult::Silent(heard) | ProbeResult::Damaged(heard) if !named => {
-                stopped.received = stopped.received.plus(heard.only_foreign());
+            ProbeResult::Silent(details) | ProbeResult::Damaged(details) if !named => {
+                stopped.received = stopped.received.plus(details.only_foreign());
                 continue;
             }
             ProbeResult::Forbidden(_) if !named => continue,
             ProbeResult::Forbidden(hint) => Some(prober.forbidden_error(number, hint)),
-            ProbeResult::Silent(heard) | ProbeResult::Damaged(heard) => {
-                Some(prober.silent_error(number, heard))
+            ProbeResult::Silent(details) | ProbeResult::Damaged(details) => {
+                Some(prober.silent_error(number, details))
             }
         };
         let (one, verb) = match (chosen, probe) {
@@ -283,12 +283,12 @@ fn find_and_stop(
             }
             (None, _) => {
                 let shared = unidentified::shared_stop(prober.profiles(), verb);
-                let told = shared.map(|(profile, verb)| {
+                let report = shared.map(|(profile, verb)| {
                     (DetectedDrive::with_known_profile(line, number, profile), verb)
                 });
-                unknown.extend(missing.map(|error| (number, told.clone(), error)));
-                let Some(told) = told else { continue };
-                stop_found(connector, line, &told, hear)?;
+                unknown.extend(missing.map(|error| (number, report.clone(), error)));
+                let Some(report) = report else { continue };
+                stop_found(connector, line, &report, hear)?;
                 continue;
             }
         };
@@ -301,14 +301,14 @@ fn find_and_stop(
     for (one, error) in deaf {
         // It may have lost count of bytes, which a stop that is said several times does not mind.
         match stop_unanswered(connector, line, &(one.clone(), verb))? {
-            Err(ref told) if told.exit() == Exit::NoReply => {
+            Err(ref reported) if reported.exit() == Exit::NoReply => {
                 stopped.axes.push((format!("axis {}", one.number), Err(error)));
             }
             _ => found.push(one),
         }
     }
     let end = clock::now() + IDENTIFY_RETRY_MAX;
-    for (number, told, error) in unknown {
+    for (number, report, error) in unknown {
         let one = loop {
             let one = unidentified::reidentify(&prober, line, number)?;
             if one.is_some() || clock::now() > end {
@@ -320,7 +320,7 @@ fn find_and_stop(
             found.push(one);
             continue;
         }
-        let ended = told.map(|told| stop_unanswered(connector, line, &told)).transpose()?;
+        let ended = report.map(|report| stop_unanswered(connector, line, &report)).transpose()?;
         let error = unidentified::unidentified_error(&prober, error, ended);
         stopped.axes.push((format!("axis {number}"), Err(error)));
     }
@@ -351,10 +351,10 @@ fn stop_unanswered(
     (one, verb): &(DetectedDrive, Verb),
 ) -> Result<Result<(), Error>, Error> {
     let axes = connector.axes_of_found(line, std::slice::from_ref(one))?;
-    let told = |axis: &Axis| {
+    let reported = |axis: &Axis| {
         start_stop(axis, *verb).and_then(|mut running| running.wait(SILENT_STOP_WAIT_MAX))
     };
-    Ok(axes.iter().try_for_each(|axis| told(axis).map(drop)))
+    Ok(axes.iter().try_for_each(|axis| reported(axis).map(drop)))
 }
 
 /// How long an address has: the string's word, else what a drive needs.
@@ -379,28 +379,28 @@ fn start_stops(axes: &[Axis], verb: Verb) -> Vec<Result<RunningRequest, Error>> 
 /// told, and is told once more at the end.
 fn stop_more_motors(axes: &[Axis]) -> Vec<DriveMotors> {
     let of = |axis: &Axis| {
-        let mut told = Vec::new();
+        let mut received = Vec::new();
         let mut silent: Vec<(u8, Error)> = Vec::new();
         let mut in_a_row = 0;
         for number in 1..MOTORS_MAX {
             let sent = |axis: &Axis| axis.connection().with_axes(|axes, _| axes.counters().sent);
             let before = sent(axis);
             match axis.stop_motor(number) {
-                Ok(()) => told.push(number),
+                Ok(()) => received.push(number),
                 Err(Error::Unsupported { .. }) => break,
                 Err(error) if is_no_such_motor(&error) => break,
                 // The axis' own stop tells of a link that is gone.
                 Err(_) if sent(axis) == before => break,
                 Err(error) => silent.push((number, error)),
             }
-            in_a_row = if told.last() == Some(&number) { 0 } else { in_a_row + 1 };
+            in_a_row = if received.last() == Some(&number) { 0 } else { in_a_row + 1 };
             if in_a_row == SILENT_MOTORS_MAX {
                 break;
             }
         }
         silent.retain_mut(|(number, why)| match axis.stop_motor(*number) {
             Ok(()) => {
-                told.push(*number);
+                received.push(*number);
                 false
             }
             Err(error) if is_no_such_motor(&error) => false,
@@ -409,13 +409,13 @@ fn stop_more_motors(axes: &[Axis]) -> Vec<DriveMotors> {
                 true
             }
         });
-        told.sort_unstable();
+        received.sort_unstable();
         let (silent, mut errors): (Vec<u8>, Vec<Error>) = silent.into_iter().unzip();
         let ended = if errors.is_empty() { Ok(()) } else { Err(errors.swap_remove(0)) };
         DriveMotors {
             axis: axis.label(),
             number: axis.number(),
-            confirmed: told,
+            confirmed: received,
             unconfirmed: silent,
             result: ended,
         }

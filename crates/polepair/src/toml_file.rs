@@ -123,8 +123,8 @@ impl<'a> SourceText<'a> {
         read: impl FnOnce(TomlTable<'_, 'a>) -> Result<T, FileError>,
     ) -> Result<T, FileError> {
         let parsed = DeTable::parse(self.text).map_err(|error| {
-            let place = self.location_at(error.span().map_or(0, |span| span.start));
-            place.error(error.message().lines().collect::<Vec<_>>().join("; "))
+            let location = self.location_at(error.span().map_or(0, |span| span.start));
+            location.error(error.message().lines().collect::<Vec<_>>().join("; "))
         })?;
         read(TomlTable::new(self, parsed.get_ref(), 0, known)?)
     }
@@ -152,8 +152,8 @@ impl<T> Located<T> {
         self,
         make: impl FnOnce(T) -> Result<U, String>,
     ) -> Result<U, FileError> {
-        let place = self.location;
-        make(self.value).map_err(|reason| place.error(reason))
+        let location = self.location;
+        make(self.value).map_err(|reason| location.error(reason))
     }
 }
 
@@ -205,8 +205,8 @@ impl<'t, 'a> TomlTable<'t, 'a> {
 
     /// Every key of the table, with its place.
     pub(crate) fn keys(&self) -> Vec<Located<&'t str>> {
-        let place = |start| self.text.location_at(start);
-        self.entries().map(|(value, at, _)| Located { value, location: place(at.start) }).collect()
+        let locate = |start| self.text.location_at(start);
+        self.entries().map(|(value, at, _)| Located { value, location: locate(at.start) }).collect()
     }
 
     fn get(&self, key: &str) -> Option<&'t Spanned<DeValue<'a>>> {

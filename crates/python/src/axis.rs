@@ -11,27 +11,27 @@ use pyo3::prelude::*;
 use pyo3::pybacked::{PyBackedBytes, PyBackedStr};
 
 use crate::errors::{to_py_error, usage_error};
-use crate::events::Events;
+use crate::events::PyEvents;
 use crate::guard;
 use crate::process_local::ProcessLocal;
-use crate::request::{Request, WAIT_SLICE};
+use crate::request::{PyRequest, WAIT_SLICE};
 use crate::served;
 
 /// An axis of a link.
-#[pyclass(frozen, module = "polepair._polepair")]
+#[pyclass(frozen, name = "Axis", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Axis(ProcessLocal<Inner>);
+pub struct PyAxis(ProcessLocal<Inner>);
 
-impl From<Inner> for Axis {
+impl From<Inner> for PyAxis {
     fn from(axis: Inner) -> Self {
         Self(axis.into())
     }
 }
 
 /// What a drive has, as its profile says it.
-#[pyclass(frozen, get_all, module = "polepair._polepair")]
+#[pyclass(frozen, get_all, name = "Parameter", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Parameter {
+pub struct PyParameter {
     /// The name that users type.
     pub name: Cow<'static, str>,
     /// What the manual calls it.
@@ -58,7 +58,7 @@ pub struct Parameter {
     pub section: Cow<'static, str>,
 }
 
-impl From<&'static profile::Parameter> for Parameter {
+impl From<&'static profile::Parameter> for PyParameter {
     fn from(parameter: &'static profile::Parameter) -> Self {
         Self {
             name: parameter.name.into(),
@@ -117,7 +117,7 @@ impl RawPayload {
     }
 }
 
-impl Axis {
+impl PyAxis {
     /// The library's axis, in the process that opened its link.
     pub fn inner(&self, py: Python<'_>) -> PyResult<&Inner> {
         self.0.in_own_process(py)
@@ -125,7 +125,7 @@ impl Axis {
 }
 
 #[pymethods]
-impl Axis {
+impl PyAxis {
     #[getter]
     fn number(&self) -> u32 {
         self.0.number()
@@ -196,13 +196,13 @@ impl Axis {
     }
 
     /// Begins `stop` or `disable` of what this program armed: on a link of one's own it has.
-    fn start_own(&self, py: Python<'_>, verb: &str) -> PyResult<Option<Request>> {
+    fn start_own(&self, py: Python<'_>, verb: &str) -> PyResult<Option<PyRequest>> {
         self.start(py, verb, None, None, None, None, None).map(Some)
     }
 
     /// Every parameter.
-    fn parameters(&self) -> Vec<Parameter> {
-        self.0.params().iter().map(Parameter::from).collect()
+    fn parameters(&self) -> Vec<PyParameter> {
+        self.0.params().iter().map(PyParameter::from).collect()
     }
 
     /// Whether there is a parameter of that name.
@@ -216,18 +216,18 @@ impl Axis {
     }
 
     /// Begins to read a parameter.
-    fn start_read(&self, py: Python<'_>, id: u16) -> PyResult<Request> {
+    fn start_read(&self, py: Python<'_>, id: u16) -> PyResult<PyRequest> {
         self.start_request(py, |axis| axis.start_read(ParameterId(id)))
     }
 
     /// Begins to write a parameter.
-    fn start_write(&self, py: Python<'_>, id: u16, raw: i64, keep: bool) -> PyResult<Request> {
+    fn start_write(&self, py: Python<'_>, id: u16, raw: i64, keep: bool) -> PyResult<PyRequest> {
         self.start_request(py, |axis| axis.start_write(ParameterId(id), raw, keep))
     }
 
     /// Begins a request in the protocol's own text or bytes, on CAN with their identifier.
     #[pyo3(signature = (said, id=None))]
-    fn start_raw(&self, py: Python<'_>, said: RawPayload, id: Option<u32>) -> PyResult<Request> {
+    fn start_raw(&self, py: Python<'_>, said: RawPayload, id: Option<u32>) -> PyResult<PyRequest> {
         self.start_request(py, |axis| said.start(axis, id))
     }
 
@@ -276,7 +276,7 @@ impl Axis {
         acceleration: Option<PyAmount>,
         torque: Option<PyAmount>,
         jerk_time: Option<PyAmount>,
-    ) -> PyResult<Request> {
+    ) -> PyResult<PyRequest> {
         let given = [target, velocity, acceleration, torque, jerk_time];
         let command = self.parse_command(py, verb, given)?;
         self.start_request(py, |axis| axis.start(command))
@@ -286,7 +286,7 @@ impl Axis {
     fn in_si(&self, py: Python<'_>, verb: &str, argument: &str, amount: PyAmount) -> PyResult<f64> {
         let mut given = [None, None, None, None, None];
         let places = ["target", "velocity", "acceleration", "torque"];
-        let at = places.iter().position(|place| *place == argument).unwrap_or(0);
+        let at = places.iter().position(|location| *location == argument).unwrap_or(0);
         given[at] = Some(amount);
         let Command { target, velocity, acceleration, torque, .. } =
             self.parse_command(py, verb, given)?;
@@ -315,9 +315,9 @@ impl Axis {
     }
 
     /// Listens to what happens to this axis and its link from now on.
-    fn events(&self, py: Python<'_>) -> PyResult<Events> {
+    fn events(&self, py: Python<'_>) -> PyResult<PyEvents> {
         let events = self.run_detached(py, Inner::events)?;
-        Ok(Events::new(events, vec![self.0.in_own_process(py)?.clone()]))
+        Ok(PyEvents::new(events, vec![self.0.in_own_process(py)?.clone()]))
     }
 
     /// Reads how what the drive sends by itself is laid out, as far as it is not known.
@@ -417,7 +417,7 @@ type SyncedMove<'py> =
 #[pyfunction]
 pub fn begin_together(py: Python<'_>, moves: Vec<SyncedMove<'_>>) -> PyResult<()> {
     let moves = moves.into_iter().map(|(axis, verb, target, velocity, acceleration)| {
-        let Ok(axis) = axis.cast::<Axis>() else {
+        let Ok(axis) = axis.cast::<PyAxis>() else {
             let hint = "sync=False starts one after the other; or open the link in this program";
             return Err(served::unsupported_error(py, "a start at one signal", hint));
         };
@@ -439,7 +439,7 @@ pub fn fault_tuple(of: &profile::Fault) -> FaultTuple {
     (of.code, of.name, of.text, of.cause, of.remedy, warning)
 }
 
-impl Axis {
+impl PyAxis {
     /// Does what may block, while other threads go on.
     fn run_detached<T: Send>(
         &self,
@@ -456,14 +456,14 @@ impl Axis {
         py: Python<'_>,
         what: impl Send + FnOnce(&Inner) -> Result<RunningRequest, polepair::Error>,
     ) -> PyResult<i64> {
-        let begun = self.run_detached(py, |axis| {
+        let started = self.run_detached(py, |axis| {
             let mut running = what(axis)?;
             Ok(match running.wait(WAIT_SLICE)? {
                 Some(raw) => Ok(raw),
                 None => Err(running),
             })
         })?;
-        begun.or_else(|running| Ok(Request::new(running).result(py, None)?.unwrap_or_default()))
+        started.or_else(|running| Ok(PyRequest::new(running).result(py, None)?.unwrap_or_default()))
     }
 
     /// A verb with what was given for it: target, velocity, acceleration, torque, jerk time.
@@ -497,8 +497,8 @@ impl Axis {
         &self,
         py: Python<'_>,
         what: impl Send + FnOnce(&Inner) -> Result<RunningRequest, polepair::Error>,
-    ) -> PyResult<Request> {
-        self.run_detached(py, what).map(Request::new)
+    ) -> PyResult<PyRequest> {
+        self.run_detached(py, what).map(PyRequest::new)
     }
 }
 

@@ -80,13 +80,13 @@ impl CanWire {
         let span = Duration::try_from_secs_f64(timeout).unwrap_or(Duration::MAX);
         let ends = py.detach(|| self.0.now()) + span;
         loop {
-            let heard = py.detach(|| {
+            let result = py.detach(|| {
                 let mut frame = Frame::default();
                 let until = ends.min(self.0.now() + WAIT_SLICE);
                 let received = self.0.receive(&mut frame, until)?;
                 Ok((received, frame, self.0.now()))
             });
-            let (received, frame, now) = heard.map_err(|error: LinkError| os_error(&error))?;
+            let (received, frame, now) = result.map_err(|error: LinkError| os_error(&error))?;
             match received {
                 Received::Bytes { at, .. } => {
                     let bytes = if frame.remote { &[] } else { frame.bytes() };

@@ -57,9 +57,9 @@ struct DecoderState {
 }
 
 /// One frame of a capture, or bytes that are none.
-#[pyclass(frozen, get_all, module = "polepair._polepair")]
+#[pyclass(frozen, get_all, name = "Event", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Event {
+pub struct PyFrame {
     /// Its number in the capture, from 1.
     number: u64,
     /// Nanoseconds since the capture's epoch.
@@ -95,7 +95,7 @@ pub struct Event {
 }
 
 #[pymethods]
-impl Event {
+impl PyFrame {
     fn __repr__(&self) -> String {
         let Self { number, link, text, .. } = self;
         let trouble = self.error.as_deref().map_or(String::new(), |error| format!(" ! {error}"));
@@ -118,11 +118,13 @@ impl Decoder {
         let format = format.map(|word| parse_format(py, word)).transpose()?;
         let profile = profile.map(|word| find_profile(py, word)).transpose()?;
         let rules = rules.map(|text| parse_rules(py, text)).transpose()?;
-        let asked = DecodeOptions { path, rules, profile, format };
-        let opened = py.detach(|| Ok((asked.build_decoder()?, File::open(&asked.path)?)));
-        let ((verdicts, decoder), file) = opened.map_err(|error| asked.read_error(error))?;
+        let decode_options = DecodeOptions { path, rules, profile, format };
+        let opened =
+            py.detach(|| Ok((decode_options.build_decoder()?, File::open(&decode_options.path)?)));
+        let ((verdicts, decoder), file) =
+            opened.map_err(|error| decode_options.read_error(error))?;
         let reading = Mutex::new(DecoderState { decoder, file: Some(file) });
-        Ok(Self { options: asked, state: reading, verdicts })
+        Ok(Self { options: decode_options, state: reading, verdicts })
     }
 
     /// What each link speaks, and how sure that is; empty where rules said so.
@@ -160,7 +162,7 @@ impl Decoder {
     }
 
     /// The next frames; empty at the end.
-    fn read(&self, py: Python<'_>) -> PyResult<Vec<Event>> {
+    fn read(&self, py: Python<'_>) -> PyResult<Vec<PyFrame>> {
         let mut reading = self.lock(py);
         let DecoderState { decoder, file } = &mut *reading;
         let mut events = Vec::new();
@@ -168,7 +170,7 @@ impl Decoder {
         while let Some(open) = file.as_mut().filter(|_| events.is_empty()) {
             let count = py.detach(|| open.read(&mut buffer))?;
             let mut failed = None;
-            let mut keep = |found: &Found<'_>| match Event::new(py, found) {
+            let mut keep = |found: &Found<'_>| match PyFrame::new(py, found) {
                 Ok(event) => events.push(event),
                 Err(error) => failed = Some(error),
             };
@@ -284,7 +286,7 @@ fn append_batches(
     Ok(())
 }
 
-impl Event {
+impl PyFrame {
     pub fn new(py: Python<'_>, found: &Found<'_>) -> PyResult<Self> {
         let fields = PyDict::new(py);
         for item in found.explanation.fields() {
@@ -312,7 +314,7 @@ impl Event {
             notices: found
                 .notices
                 .iter()
-                .map(|told| notice_tuple(py, told))
+                .map(|notice| notice_tuple(py, notice))
                 .collect::<PyResult<_>>()?,
         })
     }
@@ -376,10 +378,10 @@ fn notice_tuple(py: Python<'_>, told: &SessionNotice) -> PyResult<(&'static str,
             facts.set_item("gone", fault.gone)?;
             "fault"
         }
-        SessionNotice::Anomaly(odd) => {
-            facts.set_item("axis", odd.axis)?;
-            facts.set_item("kind", odd.kind.as_str())?;
-            facts.set_item("text", &odd.text)?;
+        SessionNotice::Anomaly(anomaly) => {
+            facts.set_item("axis", anomaly.axis)?;
+            facts.set_item("kind", anomaly.kind.as_str())?;
+            facts.set_item("text", &anomaly.text)?;
             "odd"
         }
     };

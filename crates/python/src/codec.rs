@@ -75,13 +75,13 @@ impl Codec {
         py: Python<'py>,
         text: &Bound<'py, PyString>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let kept = self.cache.bind(py);
-        if let Some(bytes) = kept.get_item(text)? {
+        let value = self.cache.bind(py);
+        if let Some(bytes) = value.get_item(text)? {
             return Ok(bytes);
         }
         let (bytes, _, _) = self.make(py, text.to_str()?)?;
-        if kept.len() < CACHE_MAX {
-            kept.set_item(text, &bytes)?;
+        if value.len() < CACHE_MAX {
+            value.set_item(text, &bytes)?;
         }
         Ok(bytes.into_any())
     }

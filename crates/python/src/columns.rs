@@ -55,16 +55,16 @@ impl Lent {
     /// Where it lies, as the third version of NumPy's array interface says it.
     #[getter]
     fn __array_interface__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let said = PyDict::new(py);
-        said.set_item("version", 3)?;
-        said.set_item("typestr", self.kind)?;
+        let value = PyDict::new(py);
+        value.set_item("version", 3)?;
+        value.set_item("typestr", self.kind)?;
         match self.shape {
-            (rows, None) => said.set_item("shape", (rows,))?,
-            (rows, Some(width)) => said.set_item("shape", (rows, width))?,
+            (rows, None) => value.set_item("shape", (rows,))?,
+            (rows, Some(width)) => value.set_item("shape", (rows, width))?,
         }
         let read_only = true;
-        said.set_item("data", (self.buffer.as_ptr() as usize, read_only))?;
-        Ok(said)
+        value.set_item("data", (self.buffer.as_ptr() as usize, read_only))?;
+        Ok(value)
     }
 }
 
@@ -138,7 +138,7 @@ impl Columns {
         let pieces: Vec<&BinaryArray> =
             pieces.iter().map(|piece| binary_array(piece, column)).collect::<PyResult<_>>()?;
         let places = pieces.iter().flat_map(|piece| piece.value_offsets().windows(2));
-        let lengths: Vec<i32> = places.map(|place| place[1] - place[0]).collect();
+        let lengths: Vec<i32> = places.map(|slots| slots[1] - slots[0]).collect();
         let (rows, width) = (lengths.len(), lengths.iter().copied().max().unwrap_or(0) as usize);
         if width.saturating_mul(rows) > PADDED_BYTES_MAX {
             let max = PADDED_BYTES_MAX >> 30;
@@ -355,8 +355,8 @@ fn binary_array<'a>(array: &'a ArrayRef, column: &str) -> PyResult<&'a BinaryArr
 fn copy_padded(rows: &BinaryArray, width: usize, into: &mut [u8]) {
     let all = rows.value_data();
     let places = rows.value_offsets().windows(2);
-    for (into, place) in into.chunks_exact_mut(width.max(1)).zip(places) {
-        let row = &all[place[0] as usize..place[1] as usize];
+    for (into, slots) in into.chunks_exact_mut(width.max(1)).zip(places) {
+        let row = &all[slots[0] as usize..slots[1] as usize];
         into[..row.len()].copy_from_slice(row);
     }
 }

@@ -15,9 +15,9 @@ use crate::process_local::ProcessLocal;
 use crate::request::{WAIT_SLICE, WakeCallback};
 
 /// What happens on a link from when this was made until it is closed.
-#[pyclass(frozen, module = "polepair._polepair")]
+#[pyclass(frozen, name = "Events", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Events {
+pub struct PyEvents {
     inner: ProcessLocal<Mutex<Option<Arc<Inner>>>>,
     axes: ProcessLocal<Vec<Axis>>,
     is_virtual: bool,
@@ -27,7 +27,7 @@ pub struct Events {
 pub type EventTuple =
     (f64, Option<u32>, &'static str, String, f64, i64, &'static str, Option<FaultTuple>);
 
-impl Events {
+impl PyEvents {
     /// Events of those axes, in the order of their places.
     pub fn new(events: Inner, axes: Vec<Axis>) -> Self {
         let is_virtual = events.in_virtual_time();
@@ -86,7 +86,7 @@ impl Events {
 }
 
 #[pymethods]
-impl Events {
+impl PyEvents {
     /// Waits for the next event, at most `timeout` seconds of the link's time; `None` when there was
     /// none, and once this is closed.
     #[pyo3(signature = (timeout=None))]
@@ -110,7 +110,8 @@ impl Events {
 
     /// Calls `wake` from some thread once there is an event; true when there is already, and once
     /// this is closed.
-    fn tell(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
+    #[pyo3(name = "tell")]
+    fn wake_when_ready(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
         let waker = Waker::from(Arc::new(WakeCallback(wake)));
         Ok(self.with_events(py, |events| events.ready_or_wake(&waker))?.unwrap_or(true))
     }

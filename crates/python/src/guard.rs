@@ -84,7 +84,7 @@ pub fn stop_link(link: &polepair::Link) -> Result<(), polepair::Error> {
 /// second one ends it.
 #[pyfunction]
 #[pyo3(name = "stop_owed")]
-pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::Axis>>) -> PyResult<()> {
+pub fn stop_each(py: Python<'_>, axes: Vec<Py<crate::axis::PyAxis>>) -> PyResult<()> {
     let axes = axes.iter().map(|axis| axis.get().inner(py).cloned());
     let axes: Vec<Axis> = axes.collect::<PyResult<_>>()?;
     let mut interrupts = Vec::new();
@@ -120,12 +120,12 @@ fn stop_and_disable(axes: &[Axis]) -> Vec<(Result<(), Error>, Result<(), Error>)
 fn stop_all_armed() {
     // Who ends a block, or closes a link, meanwhile does the same: each says its stop until it stands.
     let axes = lock_armed().clone();
-    let begun: Vec<_> = axes.iter().map(|axis| axis.connection().now()).collect();
-    for ((axis, begun), ended) in axes.iter().zip(begun).zip(stop_and_disable(&axes)) {
+    let started: Vec<_> = axes.iter().map(|axis| axis.connection().now()).collect();
+    for ((axis, started_at), ended) in axes.iter().zip(started).zip(stop_and_disable(&axes)) {
         match ended {
             (Ok(()), Ok(())) => {}
             // Its block took the power before this could, and closed the link.
-            (Ok(()), Err(_)) if has_no_power(axis, begun) => {}
+            (Ok(()), Err(_)) if has_no_power(axis, started_at) => {}
             (Err(error), _) => print_error(&format!("{error}. It may still turn: cut its supply.")),
             (Ok(()), Err(error)) => print_error(&format!("{error}. It may still be powered.")),
         }

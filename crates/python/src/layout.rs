@@ -100,9 +100,10 @@ impl Layout {
             let what = format!("{} values for {} places", values.len(), self.layouts.len());
             return Err(PyValueError::new_err(what));
         }
-        for ((place, value), name) in self.layouts.iter().zip(values.iter()).zip(&self.names) {
-            let raw = place.python_to_raw(&value, name)?;
-            place.write_bits(raw, &mut bytes);
+        for ((value_layout, value), name) in self.layouts.iter().zip(values.iter()).zip(&self.names)
+        {
+            let raw = value_layout.python_to_raw(&value, name)?;
+            value_layout.write_bits(raw, &mut bytes);
         }
         Ok(PyBytes::new(py, &bytes[..self.bytes]))
     }
@@ -118,7 +119,9 @@ impl Layout {
             let what = format!("{} bytes are too few for {}", data.len(), self.bytes);
             return Err(PyValueError::new_err(what));
         }
-        let value = |place: &ValueLayout| place.raw_to_python(py, place.read_bits(data));
+        let value = |value_layout: &ValueLayout| {
+            value_layout.raw_to_python(py, value_layout.read_bits(data))
+        };
         PyTuple::new(py, self.layouts.iter().map(value))
     }
 }

@@ -40,11 +40,11 @@ static MEMORY: MiMalloc = MiMalloc;
 #[pymodule]
 fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    module.add_class::<link::Link>()?;
-    module.add_class::<axis::Axis>()?;
-    module.add_class::<axis::Parameter>()?;
-    module.add_class::<request::Request>()?;
-    module.add_class::<events::Events>()?;
+    module.add_class::<link::PyLink>()?;
+    module.add_class::<axis::PyAxis>()?;
+    module.add_class::<axis::PyParameter>()?;
+    module.add_class::<request::PyRequest>()?;
+    module.add_class::<events::PyEvents>()?;
     module.add_class::<bus::CanWire>()?;
     module.add_class::<served::ServedLink>()?;
     module.add_class::<served::ServedAxis>()?;
@@ -52,10 +52,10 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<served::ServedRead>()?;
     module.add_class::<served::ServedAmount>()?;
     module.add_class::<served::ServedWatch>()?;
-    module.add_class::<simulation::Simulation>()?;
+    module.add_class::<simulation::PySimulation>()?;
     module.add_class::<simulation::Truth>()?;
     module.add_class::<capture::Decoder>()?;
-    module.add_class::<capture::Event>()?;
+    module.add_class::<capture::PyFrame>()?;
     module.add_class::<columns::Columns>()?;
     module.add_class::<columns::Lent>()?;
     module.add_class::<codec::Codec>()?;

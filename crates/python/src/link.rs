@@ -11,19 +11,19 @@ use polepair_link::Connection;
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
-use crate::axis::Axis;
+use crate::axis::PyAxis;
 use crate::errors::to_py_error;
-use crate::events::Events;
+use crate::events::PyEvents;
 use crate::guard;
 use crate::process_local::ProcessLocal;
 use crate::python_link;
-use crate::simulation::Simulation;
+use crate::simulation::PySimulation;
 use crate::wiretrace::WireTrace;
 
 /// An open link and its axes.
-#[pyclass(frozen, module = "polepair._polepair")]
+#[pyclass(frozen, name = "Link", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Link {
+pub struct PyLink {
     inner: ProcessLocal<Inner>,
     trace: Option<WireTrace>,
 }
@@ -31,7 +31,12 @@ pub struct Link {
 /// Opens a link by its connection string; with `trace` it keeps what went over its wires last.
 #[pyfunction]
 #[pyo3(signature = (url, profile=None, trace=false))]
-pub fn connect(py: Python<'_>, url: &str, profile: Option<PathBuf>, trace: bool) -> PyResult<Link> {
+pub fn connect(
+    py: Python<'_>,
+    url: &str,
+    profile: Option<PathBuf>,
+    trace: bool,
+) -> PyResult<PyLink> {
     let trace = trace.then(WireTrace::default);
     let connector = build_connector(py, profile)?;
     let opened = py.detach(|| match trace.clone() {
@@ -39,7 +44,7 @@ pub fn connect(py: Python<'_>, url: &str, profile: Option<PathBuf>, trace: bool)
         None => connector.connect(url),
     });
     let opened = opened.map_err(|error| to_py_error(py, &error))?;
-    Ok(Link { inner: opened.into(), trace })
+    Ok(PyLink { inner: opened.into(), trace })
 }
 
 /// Finds out what is on an adapter that Python opened: a bus if `can`, else a serial port.
@@ -55,13 +60,13 @@ pub fn connect_over(
     axes: Vec<u32>,
     query: &str,
     profile: Option<PathBuf>,
-) -> PyResult<Link> {
+) -> PyResult<PyLink> {
     let medium = if can { MediumKind::Can } else { MediumKind::Serial };
     let link = python_link::open_link(name, adapter, medium)?;
     let connector = build_connector(py, profile)?;
     let opened = py.detach(|| connector.connect_over(link, protocol, &axes, query));
     let opened = opened.map_err(|error| to_py_error(py, &error))?;
-    Ok(Link { inner: opened.into(), trace: None })
+    Ok(PyLink { inner: opened.into(), trace: None })
 }
 
 /// Asks who is on a link, and gives address, product, title, firmware and clash of each; only reads
@@ -148,7 +153,7 @@ fn build_connector(py: Python<'_>, profile: Option<PathBuf>) -> PyResult<Connect
 }
 
 #[pymethods]
-impl Link {
+impl PyLink {
     /// What it was opened by.
     #[getter]
     fn url(&self) -> String {
@@ -156,25 +161,25 @@ impl Link {
     }
 
     /// Every axis, in order.
-    fn axes(&self, py: Python<'_>) -> PyResult<Vec<Axis>> {
-        Ok(self.inner.in_own_process(py)?.axes().iter().cloned().map(Axis::from).collect())
+    fn axes(&self, py: Python<'_>) -> PyResult<Vec<PyAxis>> {
+        Ok(self.inner.in_own_process(py)?.axes().iter().cloned().map(PyAxis::from).collect())
     }
 
     /// The axis of that number.
-    fn axis(&self, py: Python<'_>, number: u32) -> PyResult<Axis> {
+    fn axis(&self, py: Python<'_>, number: u32) -> PyResult<PyAxis> {
         self.inner
             .in_own_process(py)?
             .axis(number)
-            .map(Axis::from)
+            .map(PyAxis::from)
             .map_err(|error| to_py_error(py, &error))
     }
 
     /// The axis that a rack file calls so.
-    fn named(&self, py: Python<'_>, name: &str) -> PyResult<Axis> {
+    fn named(&self, py: Python<'_>, name: &str) -> PyResult<PyAxis> {
         self.inner
             .in_own_process(py)?
             .axis_named(name)
-            .map(Axis::from)
+            .map(PyAxis::from)
             .map_err(|error| to_py_error(py, &error))
     }
 
@@ -185,16 +190,16 @@ impl Link {
     }
 
     /// Listens to what happens on every wire and axis from now on.
-    fn events(&self, py: Python<'_>) -> PyResult<Events> {
+    fn events(&self, py: Python<'_>) -> PyResult<PyEvents> {
         let link = self.inner.in_own_process(py)?;
         let events = py.detach(|| link.events()).map_err(|error| to_py_error(py, &error))?;
-        Ok(Events::new(events, link.axes().to_vec()))
+        Ok(PyEvents::new(events, link.axes().to_vec()))
     }
 
     /// The simulation behind it, if it is one.
     #[getter]
-    fn simulation(&self, py: Python<'_>) -> PyResult<Option<Simulation>> {
-        Ok(self.inner.in_own_process(py)?.simulation().cloned().map(Simulation::from))
+    fn simulation(&self, py: Python<'_>) -> PyResult<Option<PySimulation>> {
+        Ok(self.inner.in_own_process(py)?.simulation().cloned().map(PySimulation::from))
     }
 
     /// What its wires noticed and could not hand on: of each its name, units that nobody took in

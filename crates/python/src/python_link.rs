@@ -118,7 +118,7 @@ impl<M: PythonMedium> PythonLink<M> {
         });
         let (reads, puts) = (Arc::clone(&adapter), Arc::clone(&arrived));
         thread::Builder::new()
-            .name(format!("reads {name}"))
+            .name(format!("polepair-read {name}"))
             .spawn(move || Python::attach(|py| puts.read_loop(py, &reads)))?;
         Ok(Self { name, adapter, received: arrived })
     }

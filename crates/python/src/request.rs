@@ -14,18 +14,18 @@ use crate::process_local::ProcessLocal;
 pub const WAIT_SLICE: Duration = Duration::from_millis(50);
 
 /// A request under way. Dropped before its end, it goes on by itself.
-#[pyclass(frozen, module = "polepair._polepair")]
+#[pyclass(frozen, name = "Request", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Request(ProcessLocal<Mutex<RunningRequest>>);
+pub struct PyRequest(ProcessLocal<Mutex<RunningRequest>>);
 
-impl Request {
+impl PyRequest {
     pub fn new(running: RunningRequest) -> Self {
         Self(Mutex::new(running).into())
     }
 }
 
 #[pymethods]
-impl Request {
+impl PyRequest {
     /// Waits for the end, at most `timeout` seconds, and gives the last value that was read;
     /// `None` when it goes on.
     #[pyo3(signature = (timeout=None))]
@@ -44,14 +44,15 @@ impl Request {
     }
 
     /// Calls `wake` from some thread once the request has ended; true when it has already.
-    fn tell(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
+    #[pyo3(name = "tell")]
+    fn wake_when_done(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
         self.0.in_own_process(py)?;
         let waker = Waker::from(Arc::new(WakeCallback(wake)));
         Ok(py.detach(|| self.lock().poll_or_wake(&waker)))
     }
 }
 
-impl Request {
+impl PyRequest {
     fn lock(&self) -> std::sync::MutexGuard<'_, RunningRequest> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

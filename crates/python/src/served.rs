@@ -101,13 +101,13 @@ impl RemoteServer {
     }
 
     fn live_connection(&self) -> Result<LiveConnection, GatewayError> {
-        let mut kept = lock(&self.live);
-        if let Some(live) = kept.as_ref().filter(|live| live.check().is_ok()) {
+        let mut stored = lock(&self.live);
+        if let Some(live) = stored.as_ref().filter(|live| live.check().is_ok()) {
             return Ok(live.clone());
         }
         let live = self.gateway.live()?;
         self.check_same_drives()?;
-        *kept = Some(live.clone());
+        *stored = Some(live.clone());
         Ok(live)
     }
 
@@ -140,8 +140,8 @@ impl RemoteServer {
 
     /// The lease of an axis that is armed here, whether it is still ours or not.
     fn armed_lease(&self, axis: u16) -> Option<Arc<Lease>> {
-        let place = self.slot(axis);
-        place.lease.clone().filter(|_| place.armed)
+        let lease_state = self.slot(axis);
+        lease_state.lease.clone().filter(|_| lease_state.armed)
     }
 
     /// Waits at most so long until nobody else changes what is held of an axis.
@@ -191,13 +191,13 @@ impl RemoteServer {
         let begin = |(id, lease): &(u16, Arc<Lease>)| {
             does(*id, "stop").then(|| lease.start("stop", CommandArguments::default()))
         };
-        let begun: Vec<_> = armed.iter().map(begin).collect();
+        let started: Vec<_> = armed.iter().map(begin).collect();
         let late = || GatewayError {
             executed: None,
             ..GatewayError::new("E101", "a motor was not seen to stand in time")
         };
         let stopped =
-            begun.into_iter().flatten().map(|begun| begun?.wait(STOP_MAX)?.ok_or_else(late));
+            started.into_iter().flatten().map(|result| result?.wait(STOP_MAX)?.ok_or_else(late));
         let stopped = stopped.fold(Ok(()), Result::and);
         armed.into_iter().fold(stopped, |ended, (id, lease)| {
             let off = match does(id, "disable") {
@@ -210,12 +210,12 @@ impl RemoteServer {
     }
 
     fn parameters(&self, axis: u16) -> Result<&[ParameterInfo], GatewayError> {
-        let kept = &self.parameters[usize::from(axis)];
-        if let Some(parameters) = kept.get() {
+        let cached = &self.parameters[usize::from(axis)];
+        if let Some(parameters) = cached.get() {
             return Ok(parameters);
         }
-        let asked = self.gateway.parameters(axis)?;
-        Ok(kept.get_or_init(|| asked))
+        let read = self.gateway.parameters(axis)?;
+        Ok(cached.get_or_init(|| read))
     }
 
     /// Stops axes, whoever commands them; the first error, after every one was tried.
@@ -237,9 +237,9 @@ impl SlotGuard {
             Some(lease) if lease.check().is_ok() => lease,
             _ => Arc::new(self.server.live_connection()?.acquire_lease(self.axis)?),
         };
-        let mut place = self.server.slot(self.axis);
-        place.lease = Some(Arc::clone(&lease));
-        place.users += 1;
+        let mut lease_state = self.server.slot(self.axis);
+        lease_state.lease = Some(Arc::clone(&lease));
+        lease_state.users += 1;
         Ok(lease)
     }
 
@@ -267,20 +267,20 @@ impl SlotGuard {
             }
             return Err(why);
         }
-        let mut place = self.server.slot(self.axis);
-        place.lease = Some(lease);
-        place.armed = true;
+        let mut lease_state = self.server.slot(self.axis);
+        lease_state.lease = Some(lease);
+        lease_state.armed = true;
         Ok(())
     }
 
     /// Lets motion through no longer, and gives the axis back.
     fn disarm(&self) -> Result<(), GatewayError> {
-        let mut place = self.server.slot(self.axis);
-        if !std::mem::take(&mut place.armed) {
+        let mut lease_state = self.server.slot(self.axis);
+        if !std::mem::take(&mut lease_state.armed) {
             return Ok(());
         }
-        let used = place.lease.clone().filter(|_| place.users > 0);
-        drop(place);
+        let used = lease_state.lease.clone().filter(|_| lease_state.users > 0);
+        drop(lease_state);
         match used.filter(|lease| lease.check().is_ok()) {
             // A setting is under way by it, and gives it back.
             Some(lease) => lease.run("disarm", CommandArguments::default(), ANSWER_MAX),
@@ -290,12 +290,12 @@ impl SlotGuard {
 
     /// Gives the lease back that nobody here uses any more. One that is ours no more is no error.
     fn release_lease(&self) -> Result<(), GatewayError> {
-        let mut place = self.server.slot(self.axis);
-        if place.armed || place.users > 0 {
+        let mut lease_state = self.server.slot(self.axis);
+        if lease_state.armed || lease_state.users > 0 {
             return Ok(());
         }
-        let lease = place.lease.take();
-        drop(place);
+        let lease = lease_state.lease.take();
+        drop(lease_state);
         let given_back = lease.map_or(Ok(()), |lease| lease.release());
         given_back.or_else(|why| if why.code == "gateway.lease" { Ok(()) } else { Err(why) })
     }

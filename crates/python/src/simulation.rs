@@ -12,11 +12,11 @@ use crate::errors::{to_py_error, usage_error};
 use crate::process_local::ProcessLocal;
 
 /// The simulation behind a `sim:` link.
-#[pyclass(frozen, module = "polepair._polepair")]
+#[pyclass(frozen, name = "Simulation", module = "polepair._polepair")]
 #[derive(Debug)]
-pub struct Simulation(ProcessLocal<Inner>);
+pub struct PySimulation(ProcessLocal<Inner>);
 
-impl From<Inner> for Simulation {
+impl From<Inner> for PySimulation {
     fn from(simulation: Inner) -> Self {
         Self(simulation.into())
     }
@@ -62,7 +62,7 @@ pub fn rack_of_word(py: Python<'_>, word: &str) -> PyResult<RackTuple> {
 type RackTuple = (bool, &'static str, Vec<(&'static str, Option<u32>)>);
 
 #[pymethods]
-impl Simulation {
+impl PySimulation {
     /// Seconds since it began.
     #[getter]
     fn now(&self, py: Python<'_>) -> PyResult<f64> {

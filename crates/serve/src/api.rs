@@ -94,12 +94,12 @@ pub(crate) fn rest_session(caller: &Caller) -> SessionName {
 /// The same, where a page that has the lease by its WebSocket asks by REST: its session, if the caller
 /// goes by the same name and knows the epoch.
 pub(crate) fn lease_session(
-    gate: &SharedAppState,
+    app_state: &SharedAppState,
     caller: &Caller,
     axis: u16,
     epoch: u64,
 ) -> SessionName {
-    let lease = gate.bench.axis_state(axis).ok().and_then(|state| state.lease);
+    let lease = app_state.bench.axis_state(axis).ok().and_then(|state| state.lease);
     let of_caller = |owner: &str| owner.split(' ').next() == Some(&caller.name);
     match lease.filter(|lease| lease.epoch == epoch && of_caller(&lease.owner)) {
         Some(lease) => lease.owner.into(),
@@ -238,7 +238,7 @@ impl ApiRoute {
 }
 
 /// Every route, behind the guard.
-pub(crate) fn router(gate: &SharedAppState) -> Router {
+pub(crate) fn router(state: &SharedAppState) -> Router {
     let mut router = Router::new();
     for route in ROUTES {
         let most = if route.accepts_file { CAPTURE_MAX } else { BODY_MAX };
@@ -247,8 +247,8 @@ pub(crate) fn router(gate: &SharedAppState) -> Router {
     }
     router
         .fallback(login::serve_page)
-        .layer(axum::middleware::from_fn_with_state(Arc::clone(gate), guard))
-        .with_state(Arc::clone(gate))
+        .layer(axum::middleware::from_fn_with_state(Arc::clone(state), guard))
+        .with_state(Arc::clone(state))
 }
 
 /// What routes answer.
@@ -256,11 +256,11 @@ pub(crate) type ApiResult<T> = Result<axum::Json<T>, GatewayError>;
 
 /// Does what takes a while where nobody else's answer waits for it.
 async fn run_blocking<T: Send + 'static>(
-    gate: &SharedAppState,
+    state: &SharedAppState,
     act: impl FnOnce(&AppState) -> Result<T, GatewayError> + Send + 'static,
 ) -> Result<T, GatewayError> {
-    let gate = Arc::clone(gate);
-    let done = tokio::task::spawn_blocking(move || act(&gate)).await;
+    let state = Arc::clone(state);
+    let done = tokio::task::spawn_blocking(move || act(&state)).await;
     done.map_err(|error| GatewayError::new("gateway.busy", error.to_string()))?
 }
 

@@ -89,9 +89,9 @@ impl Authenticator {
     /// a server that can stop motors is worth more.
     #[must_use]
     pub fn with_session_file(mut self, path: &Path) -> Self {
-        let kept = SessionFile::new(path);
-        let lines = kept.read(COOKIES_MAX).unwrap_or_else(|error| {
-            tracing::warn!(%error, "nobody is logged in from before");
+        let session_file = SessionFile::new(path);
+        let lines = session_file.read(COOKIES_MAX).unwrap_or_else(|error| {
+            tracing::warn!(%error, "cannot read the session file; earlier sessions are not restored");
             Vec::new()
         });
         let now = clock::now();
@@ -109,7 +109,7 @@ impl Authenticator {
                 BrowserSession { caller, token_digest: token, until: now + left },
             );
         }
-        self.session_file = Some(kept);
+        self.session_file = Some(session_file);
         self
     }
 
@@ -234,10 +234,10 @@ impl Authenticator {
 
     /// Writes down who is let in. Where that cannot be, they log in again once the server has ended.
     fn save_sessions(&self) {
-        let Some(kept) = &self.session_file else { return };
+        let Some(session_file) = &self.session_file else { return };
         // Who asks whether somebody may stop has the same lock: no disk is waited for under it.
-        if let Err(error) = kept.write(|| self.lock().session_records(clock::now())) {
-            tracing::warn!(%error, "who is logged in is forgotten when the server ends");
+        if let Err(error) = session_file.write(|| self.lock().session_records(clock::now())) {
+            tracing::warn!(%error, "cannot write the session file; sessions end with this server");
         }
     }
 

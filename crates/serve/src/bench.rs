@@ -278,7 +278,7 @@ impl Bench {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             scopes: Vec::new(),
             links: links.iter().map(|link| self.link_view(link)).collect(),
-            axes: axes.iter().map(|seat| self.with_pushed_signals(&seat.info)).collect(),
+            axes: axes.iter().map(|entry| self.with_pushed_signals(&entry.info)).collect(),
             clashes: links.iter().filter_map(BenchLink::clash).collect(),
             looks: links.iter().filter_map(|link| link.scan.last_view()).collect(),
             lock,
@@ -289,9 +289,10 @@ impl Bench {
     /// What is told of an axis, with what its drive was seen to send.
     fn with_pushed_signals(&self, info: &AxisInfo) -> AxisInfo {
         let mut info = info.clone();
-        for told in &mut info.signals {
-            let signal = Signal::ALL.into_iter().find(|signal| signal.name() == told.signal);
-            told.pushed = signal.is_some_and(|signal| self.0.telemetry.is_pushed(info.id, signal));
+        for signal_info in &mut info.signals {
+            let signal = Signal::ALL.into_iter().find(|signal| signal.name() == signal_info.signal);
+            signal_info.pushed =
+                signal.is_some_and(|signal| self.0.telemetry.is_pushed(info.id, signal));
         }
         info
     }
@@ -301,14 +302,19 @@ impl Bench {
     /// # Errors
     /// `E212` where there is none.
     pub fn axis_state(&self, id: u16) -> Result<AxisState, GatewayError> {
-        let (link, place) = self.find_axis(id)?;
-        let lease = link.wire.lease(place);
+        let (link, index) = self.find_axis(id)?;
+        let lease = link.wire.lease(index);
         let panel = self.0.axes[usize::from(id)]
             .drive
             .as_ref()
             .and_then(simulated_drive::SimulatedDrive::panel);
-        let owed = link.wire.pending_stop(place);
-        Ok(AxisState { lease, owed, panel, ..state::axis_state(id, &link.wire.axes[place].1) })
+        let pending = link.wire.pending_stop(index);
+        Ok(AxisState {
+            lease,
+            owed: pending,
+            panel,
+            ..state::axis_state(id, &link.wire.axes[index].1)
+        })
     }
 
     /// Takes, keeps or gives back the lease of an axis. `None` when it was given back.
@@ -319,13 +325,13 @@ impl Bench {
         act: LeaseAction,
         epoch: u64,
     ) -> PendingReply<Option<LeaseGrant>> {
-        let (tell, told) = oneshot::channel();
-        let asked = self.find_axis(axis).and_then(|(link, place)| {
+        let (tell, receiver) = oneshot::channel();
+        let result = self.find_axis(axis).and_then(|(link, index)| {
             let session = session.clone();
-            let ask = LeaseRequest { axis: place, session, action: act, epoch, reply: tell };
-            link.wire.submit(WireRequest::Lease(ask))
+            let request = LeaseRequest { axis: index, session, action: act, epoch, reply: tell };
+            link.wire.submit(WireRequest::Lease(request))
         });
-        PendingReply::from_receiver(told, asked)
+        PendingReply::from_receiver(receiver, result)
     }
 
     /// Ends every lease of a session: its client is gone.
@@ -358,7 +364,7 @@ impl Bench {
         axes.sort_unstable();
         axes.dedup();
         let unreached = if order.axes.is_none() { self.unreached() } else { Vec::new() };
-        let (report, told) = StopCollector::for_axes(&axes, unreached);
+        let (report, reply) = StopCollector::for_axes(&axes, unreached);
         for (n, link) in self.0.links.iter().enumerate() {
             let its = axes.iter().map(|id| &self.0.axes[usize::from(*id)]);
             let axes: Vec<_> = its.filter(|s| s.link == n).map(|s| (s.local_index, 0)).collect();
@@ -376,7 +382,7 @@ impl Bench {
         }
         // Every hand is called by now: none waits for the bytes of another's wire.
         self.0.links.iter().for_each(|link| link.wire.send_stops());
-        PendingReply::from_receiver(told, Ok(()))
+        PendingReply::from_receiver(reply, Ok(()))
     }
 
     /// Owes an axis its stop no more, though nobody saw it stand. The journal keeps who said so, and why.
@@ -389,18 +395,18 @@ impl Bench {
         session: &SessionName,
         dismiss: DismissStop,
     ) -> PendingReply<()> {
-        let (tell, told) = oneshot::channel();
-        let asked = self.find_axis(axis).and_then(|(link, place)| {
+        let (tell, receiver) = oneshot::channel();
+        let result = self.find_axis(axis).and_then(|(link, index)| {
             let note = dismiss.note.chars().take(REASON_MAX).collect();
             let (session, dismiss) = (session.clone(), DismissStop { note, ..dismiss });
             link.wire.submit(WireRequest::Dismiss(DismissRequest {
-                axis: place,
+                axis: index,
                 session,
                 dismiss,
                 reply: tell,
             }))
         });
-        PendingReply::from_receiver(told, asked)
+        PendingReply::from_receiver(receiver, result)
     }
 
     /// How often everything was stopped so far, for [`release`](Self::release).
@@ -434,19 +440,19 @@ impl Bench {
         drive: u16,
         act: &SimulationAction,
     ) -> PendingReply<()> {
-        let place = (usize::from(link), usize::from(drive));
-        let seat = self.0.axes.iter().find(|seat| (seat.link, seat.local_index) == place);
-        let Some(seat) = seat else {
+        let position = (usize::from(link), usize::from(drive));
+        let entry = self.0.axes.iter().find(|entry| (entry.link, entry.local_index) == position);
+        let Some(entry) = entry else {
             let what = format!("link {link} of the bench has no axis {drive}");
             let hint = "both count from 0, in the order of the bench's list";
             return PendingReply::ready(Err(GatewayError::new("E212", what).hint(hint)));
         };
-        let Some(simulated) = seat.drive.clone() else {
+        let Some(simulated) = entry.drive.clone() else {
             return PendingReply::ready(Err(not_simulated_error()));
         };
         let (detail, act) = (json!({ "act": act.act, "value": act.value }), act.clone());
         self.run_after_journal(
-            (session, JournalAction::Simulation, Some(seat.info.id)),
+            (session, JournalAction::Simulation, Some(entry.info.id)),
             detail,
             move || simulated.apply_action(&act.act, act.value),
         )
@@ -526,14 +532,14 @@ impl Bench {
                 && !lock_unpoisoned(&self.0.non_blocking)
                     .command_workers
                     .iter()
-                    .all(|hand| lock_unpoisoned(hand).is_over())
+                    .all(|worker| lock_unpoisoned(worker).is_over())
             {
                 self.advance_time(STEP);
             }
             lock_unpoisoned(&self.0.non_blocking)
                 .command_workers
                 .iter()
-                .for_each(|hand| lock_unpoisoned(hand).abandon_pending_stops());
+                .for_each(|worker| lock_unpoisoned(worker).abandon_pending_stops());
         }
         let threads = std::mem::take(&mut *lock_unpoisoned(&self.0.threads));
         let own = std::thread::current().id();
@@ -568,11 +574,11 @@ impl Bench {
     }
 
     fn find_axis(&self, id: u16) -> Result<(&BenchLink, usize), GatewayError> {
-        let seat = self.0.axes.get(usize::from(id)).ok_or_else(|| {
+        let entry = self.0.axes.get(usize::from(id)).ok_or_else(|| {
             GatewayError::new("E212", format!("the bench has no axis {id}"))
                 .hint("axes count from 0, in the order of the bench's list")
         })?;
-        Ok((&self.0.links[seat.link], seat.local_index))
+        Ok((&self.0.links[entry.link], entry.local_index))
     }
 }
 
@@ -581,8 +587,8 @@ impl NonBlockingWorkers {
     fn run_once(&mut self) {
         // What is announced is kept before hands look, what they did after.
         self.journal_writer.iter_mut().for_each(JournalWriter::write_queued);
-        for hand in &self.command_workers {
-            lock_unpoisoned(hand).run_once();
+        for worker in &self.command_workers {
+            lock_unpoisoned(worker).run_once();
         }
         self.journal_writer.iter_mut().for_each(JournalWriter::write_queued);
     }
@@ -591,9 +597,9 @@ impl NonBlockingWorkers {
 impl BlockingWorkers {
     /// Asks what is due.
     fn run_once(&mut self) {
-        for eyes in &mut self.pollers {
-            eyes.poll_subscribed();
-            eyes.scan_next();
+        for axis_poller in &mut self.pollers {
+            axis_poller.poll_subscribed();
+            axis_poller.scan_next();
         }
         self.traffic_decoder.iter_mut().for_each(|reader| reader.decode_tapped(Duration::ZERO));
     }

@@ -144,7 +144,7 @@ mod tests {
         let (_new, _) = all.acquire_slot(PEER).expect("the oldest idle one goes");
         assert!(places[0].1.try_recv().is_err(), "it has shown a token");
         assert!(places[1].1.try_recv().is_ok(), "it was told to go");
-        places.iter().for_each(|(place, _)| place.connection().mark_authenticated());
+        places.iter().for_each(|(slot, _)| slot.connection().mark_authenticated());
         _new.connection().mark_authenticated();
         assert_eq!(all.count(), most);
         assert!(all.acquire_slot(PEER).is_none());

@@ -94,7 +94,7 @@ fn bracketed(name: &str) -> String {
 
 /// The layer.
 pub(crate) async fn guard(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     mut request: Request,
     next: Next,
 ) -> Response {
@@ -102,7 +102,7 @@ pub(crate) async fn guard(
         && header_text(request.headers(), header::ACCEPT)
             .is_some_and(|kind| kind.contains("text/html"));
     let upgrade = is_upgrade(request.headers());
-    let passed = match authorize(&gate, &request) {
+    let passed = match authorize(&state, &request) {
         Ok(Some(caller)) => {
             if let Some(connection) = request.extensions().get::<PeerConnection>() {
                 connection.mark_authenticated();
@@ -120,14 +120,14 @@ pub(crate) async fn guard(
             Err(_) => StatusCode::REQUEST_TIMEOUT.into_response(),
         },
         Err(refused) => {
-            gate.metrics.count_refusal(&refused.code);
+            state.metrics.count_refusal(&refused.code);
             match refused.status() {
                 401 if wants_page => page::token_required_page(StatusCode::UNAUTHORIZED),
                 _ => refused.into_response(),
             }
         }
     };
-    gate.metrics.count_response(answer.status().as_u16());
+    state.metrics.count_response(answer.status().as_u16());
     let headers = answer.headers_mut();
     for (name, value) in HEADERS {
         headers.insert(name, HeaderValue::from_static(value));
@@ -137,16 +137,16 @@ pub(crate) async fn guard(
 }
 
 /// Who may go on; `None` for what anybody may.
-fn authorize(gate: &SharedAppState, request: &Request) -> Result<Option<Caller>, GatewayError> {
+fn authorize(state: &SharedAppState, request: &Request) -> Result<Option<Caller>, GatewayError> {
     let headers = request.headers();
     let target = request.uri().authority().map(|authority| authority.as_str());
-    let host = gate.hosts.match_host(headers, target).ok_or_else(|| {
+    let host = state.hosts.match_host(headers, target).ok_or_else(|| {
         GatewayError::new("gateway.host", "this server does not go by that name")
             .hint("call it by the address that it printed, or tell it the name: --name")
     })?;
     let reads = matches!(*request.method(), Method::GET | Method::HEAD);
     let upgrade = is_upgrade(headers);
-    check_origin(gate, headers, host, reads && !upgrade)?;
+    check_origin(state, headers, host, reads && !upgrade)?;
     let path = request.extensions().get::<MatchedPath>().map(MatchedPath::as_str);
     let route = path.map(|path| ApiRoute::find(request.method(), path));
     if !reads {
@@ -156,7 +156,7 @@ fn authorize(gate: &SharedAppState, request: &Request) -> Result<Option<Caller>,
     if once && reads || route.flatten().is_some_and(|route| route.access == AccessRule::Public) {
         return Ok(None);
     }
-    let caller = authenticate(gate, request)?;
+    let caller = authenticate(state, request)?;
     if upgrade && caller.by_cookie && !headers.contains_key(header::ORIGIN) {
         return Err(origin_error("a browser's cookie comes with the page's origin"));
     }
@@ -176,13 +176,13 @@ fn authorize(gate: &SharedAppState, request: &Request) -> Result<Option<Caller>,
         .hint(format!("this token grants {}", caller.scopes)))
 }
 
-fn authenticate(gate: &SharedAppState, request: &Request) -> Result<Caller, GatewayError> {
+fn authenticate(state: &SharedAppState, request: &Request) -> Result<Caller, GatewayError> {
     let headers = request.headers();
     let peer = peer(request);
     let bearer = headers.get(header::AUTHORIZATION).map(|value| value.to_str().unwrap_or(""));
     let cookies: Vec<&str> =
         headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok()).collect();
-    gate.authenticator.authenticate(bearer, &cookies, peer)
+    state.authenticator.authenticate(bearer, &cookies, peer)
 }
 
 /// Whom the request came from, by its socket.
@@ -194,14 +194,14 @@ pub(crate) fn peer(request: &Request) -> IpAddr {
 /// Refuses what a page of another origin asks. A plain read that somebody's link leads to is none of
 /// that: it changes nothing, and the other page cannot see the answer.
 fn check_origin(
-    gate: &SharedAppState,
+    state: &SharedAppState,
     headers: &HeaderMap,
     host: &str,
     plain: bool,
 ) -> Result<(), GatewayError> {
     let mut origins = headers.get_all(header::ORIGIN).iter();
     let Some(origin) = origins.next() else { return Ok(()) };
-    let ours = origin.to_str().is_ok_and(|origin| gate.hosts.is_own_origin(origin, host));
+    let ours = origin.to_str().is_ok_and(|origin| state.hosts.is_own_origin(origin, host));
     if plain || ours && origins.next().is_none() {
         return Ok(());
     }

@@ -114,7 +114,7 @@ impl JournalFile {
     pub fn write(
         &self,
         who: &str,
-        deed: JournalAction,
+        action: JournalAction,
         axis: Option<u16>,
         detail: &Value,
     ) -> Result<u64, GatewayError> {
@@ -124,7 +124,7 @@ impl JournalFile {
             (written.records, written.length)
         };
         let ms = clock::wall_ns(clock::now()) as f64 / 1e6;
-        let covered = HashedRecord { n, ms, who, deed, axis, detail };
+        let covered = HashedRecord { n, ms, who, deed: action, axis, detail };
         let text = serde_json::to_string(&covered).map_err(|error| journal_error(&error))?;
         let hash = chain_hash(&tail.hash, text.as_bytes());
         let line = format!("{},\"hash\":\"{}\"}}\n", &text[..text.len() - 1], hash.to_hex());
@@ -173,15 +173,15 @@ impl JournalFile {
         count: usize,
     ) -> Result<Vec<JournalRecord>, GatewayError> {
         let first = after.map_or(0, |n| n.saturating_add(1));
-        let (place, length) = {
+        let (index, length) = {
             let written = self.lock_index();
             let stride = usize::try_from(first / STRIDE).unwrap_or(usize::MAX);
             (written.offsets.get(stride).copied(), written.length)
         };
-        let Some(place) = place else { return Ok(Vec::new()) };
+        let Some(index) = index else { return Ok(Vec::new()) };
         let mut file = File::open(&self.path).map_err(|error| journal_error(&error))?;
-        file.seek(SeekFrom::Start(place)).map_err(|error| journal_error(&error))?;
-        let whole = std::io::Read::take(file, length - place);
+        file.seek(SeekFrom::Start(index)).map_err(|error| journal_error(&error))?;
+        let whole = std::io::Read::take(file, length - index);
         let mut records = Vec::new();
         for line in BufReader::new(whole).lines() {
             if records.len() >= count.min(RECORDS_MAX) {
@@ -203,7 +203,7 @@ impl JournalFile {
 
 /// Axes that are owed a stop by what a journal says, though some of its records may be broken.
 fn read_pending_stops(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
-    let mut owed = Vec::new();
+    let mut pending = Vec::new();
     for line in BufReader::new(File::open(path)?).split(b'\n') {
         let line = line?;
         let line = String::from_utf8_lossy(&line);
@@ -216,22 +216,22 @@ fn read_pending_stops(path: &Path) -> std::io::Result<Vec<(String, u32)>> {
         let Some(JournalRecord { deed, detail, .. }) = record else { continue };
         let number = detail["number"].as_u64().and_then(|number| u32::try_from(number).ok());
         let (Some(link), Some(number)) = (detail["link"].as_str(), number) else { continue };
-        owed.retain(|axis: &(String, u32)| (&*axis.0, axis.1) != (link, number));
+        pending.retain(|axis: &(String, u32)| (&*axis.0, axis.1) != (link, number));
         if deed == JournalAction::StopOwed {
-            owed.push((link.to_owned(), number));
+            pending.push((link.to_owned(), number));
         }
     }
-    Ok(owed)
+    Ok(pending)
 }
 
 /// The same in a sentence for whoever cannot go on with that journal; empty where nobody is.
 fn pending_stops_hint(path: &Path) -> String {
-    let owed = read_pending_stops(path).unwrap_or_default();
+    let pending = read_pending_stops(path).unwrap_or_default();
     let stop = |(link, number): (String, u32)| {
         let url = link.split('#').next().unwrap_or_default().to_owned();
         format!("`polepair stop {}`", shell_word(&format!("{url}#{number}")))
     };
-    let stops: Vec<String> = owed.into_iter().map(stop).collect();
+    let stops: Vec<String> = pending.into_iter().map(stop).collect();
     match stops.is_empty() {
         true => String::new(),
         false => format!(

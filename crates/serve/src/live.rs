@@ -71,7 +71,7 @@ const PING_INTERVAL: Duration = Duration::from_secs(1);
     (status = "default", body = ErrorBody),
 ))]
 pub(crate) async fn upgrade(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     mut request: Request,
 ) -> Response {
@@ -85,21 +85,21 @@ pub(crate) async fn upgrade(
     }
     let name = HeaderValue::from_static(WEBSOCKET_PROTOCOL);
     answer.headers_mut().insert(header::SEC_WEBSOCKET_PROTOCOL, name);
-    let Ok(place) = Arc::clone(&gate.broadcaster.viewer_slots).try_acquire_owned() else {
+    let Ok(permit) = Arc::clone(&state.broadcaster.viewer_slots).try_acquire_owned() else {
         return GatewayError::new("gateway.busy", "as many watch as can").into_response();
     };
     let upgrading = hyper::upgrade::on(&mut request);
-    let hears = gate.runtimes.inbound.clone();
-    hears.spawn(async move {
+    let handle = state.runtimes.inbound.clone();
+    handle.spawn(async move {
         // Whoever is gone by now does not watch.
         let Ok(upgraded) = upgrading.await else { return };
-        gate.metrics.viewers.inc();
-        let session = gate.new_session(&caller);
-        tracing::info!(%session, "a viewer came");
-        Viewer::run(&gate, caller, &session, upgraded).await;
-        tracing::info!(%session, "a viewer went");
-        gate.metrics.viewers.dec();
-        drop(place);
+        state.metrics.viewers.inc();
+        let session = state.new_session(&caller);
+        tracing::info!(%session, "viewer connected");
+        Viewer::run(&state, caller, &session, upgraded).await;
+        tracing::info!(%session, "viewer disconnected");
+        state.metrics.viewers.dec();
+        drop(permit);
     });
     answer
 }
@@ -141,46 +141,54 @@ struct Viewer {
 }
 
 impl Viewer {
-    async fn run(gate: &SharedAppState, caller: Caller, session: &SessionName, upgraded: Upgraded) {
-        let Some(ends) = split_socket::split(upgraded, gate.runtimes.encrypted).await else {
-            return tracing::error!("a viewer's connection is not what this server listens to");
+    async fn run(
+        app_state: &SharedAppState,
+        caller: Caller,
+        session: &SessionName,
+        upgraded: Upgraded,
+    ) {
+        let Some(ends) = split_socket::split(upgraded, app_state.runtimes.encrypted).await else {
+            return tracing::error!("the connection of the viewer is of an unknown type");
         };
-        let SplitSocket { reader: hears, writer: tells } = ends;
-        let (answers, waiting) = mpsc::channel(REPLIES_MAX);
-        let (looks, looked) = mpsc::channel(SUBSCRIPTION_REQUESTS_MAX);
-        let shown = ViewerWriter {
-            state: Arc::clone(gate),
+        let SplitSocket { reader, writer } = ends;
+        let (reply_sender, replies) = mpsc::channel(REPLIES_MAX);
+        let (subscription_sender, subscription_requests) = mpsc::channel(SUBSCRIPTION_REQUESTS_MAX);
+        let viewer_writer = ViewerWriter {
+            state: Arc::clone(app_state),
             caller: caller.clone(),
-            replies: waiting,
-            events: gate.broadcaster.events.subscribe(),
-            axis_states: gate.broadcaster.states.subscribe(),
-            subscription_requests: looked,
+            replies,
+            events: app_state.broadcaster.events.subscribe(),
+            axis_states: app_state.broadcaster.states.subscribe(),
+            subscription_requests,
             subscriptions: Subscriptions::default(),
         };
-        let places = || Arc::new(Semaphore::new(COMMANDS_MAX));
-        let (under_way, leasing) = (places(), places());
-        let (gate, session) = (Arc::clone(gate), session.clone());
+        let slots = || Arc::new(Semaphore::new(COMMANDS_MAX));
+        let (command_slots, lease_slots) = (slots(), slots());
+        let (app_state, session) = (Arc::clone(app_state), session.clone());
         let viewer = Self {
-            state: gate,
+            state: app_state,
             caller,
             session,
-            replies: answers,
-            subscription_requests: looks,
-            command_slots: under_way,
-            lease_slots: leasing,
+            replies: reply_sender,
+            subscription_requests: subscription_sender,
+            command_slots,
+            lease_slots,
         };
-        let mut writing =
-            viewer.state.runtimes.outbound.spawn(shown.write(tells, viewer.initial_messages()));
+        let mut write_task = viewer
+            .state
+            .runtimes
+            .outbound
+            .spawn(viewer_writer.write(writer, viewer.initial_messages()));
         let told_to_end = tokio::select! {
-            _ = &mut writing => false,
-            () = viewer.read(hears) => true,
+            _ = &mut write_task => false,
+            () = viewer.read(reader) => true,
         };
         // What it set in motion stops before anything else is tidied up.
         viewer.state.bench.end_session(&viewer.session);
         if told_to_end {
-            writing.abort();
+            write_task.abort();
             // What was watched is free once that has ended.
-            let _ = writing.await;
+            let _ = write_task.await;
         }
     }
 
@@ -200,7 +208,7 @@ impl Viewer {
         [welcome, view]
             .into_iter()
             .chain(states)
-            .map(|told| Message::Text(to_json(&told)))
+            .map(|message| Message::Text(to_json(&message)))
             .collect()
     }
 
@@ -216,7 +224,7 @@ impl Viewer {
                     let Some(Ok(message)) = message else { return };
                     silent = clock::now() + SILENT_MAX;
                     match message {
-                        Message::Text(said) => self.receive_text(&said, &mut pace, &mut waiting),
+                        Message::Text(text) => self.receive_text(&text, &mut pace, &mut waiting),
                         Message::Binary(_) => {
                             waiting.push_reply(request_error("a message is a text", None, None), 1);
                         }
@@ -257,49 +265,49 @@ impl Viewer {
 
     /// Does what is next.
     fn process_next(&self, turn: QueuePermit<'_>, waiting: &mut IncomingQueue) {
-        let Some((said, bytes)) = waiting.pop() else { return };
+        let Some((queued, bytes)) = waiting.pop() else { return };
         let (answer, look) = match turn {
             QueuePermit::NotNeeded => (None, None),
             QueuePermit::Reply(answer) => (Some(answer), None),
             QueuePermit::Subscription(look) => (None, Some(look)),
         };
-        let told = match said {
+        let report = match queued {
             QueuedMessage::Request(message, locks) => self.handle_message(message, locks, look),
-            QueuedMessage::Reply(told) => Some(*told),
+            QueuedMessage::Reply(report) => Some(*report),
             // Where its answers are not taken, it need not be told that we are here.
             QueuedMessage::Ping(its) => return drop(self.replies.try_send(Message::Pong(its))),
             QueuedMessage::Pong => None,
         };
-        match (told, answer) {
-            (Some(told), Some(answer)) => answer.send(Message::Text(to_json(&told))),
+        match (report, answer) {
+            (Some(report), Some(answer)) => answer.send(Message::Text(to_json(&report))),
             // Its place is waited for behind whatever ends motion.
-            (Some(told), None) => waiting.push_reply(told, bytes),
+            (Some(report), None) => waiting.push_reply(report, bytes),
             (None, _) => {}
         }
     }
 
     /// Takes what was said. A stop is done now, whatever was said before it.
-    fn receive_text(&self, said: &str, pace: &mut RateLimiter, waiting: &mut IncomingQueue) {
+    fn receive_text(&self, text: &str, pace: &mut RateLimiter, waiting: &mut IncomingQueue) {
         let locks = self.state.bench.lock_count();
-        let message = match serde_json::from_str::<ClientMessage>(said) {
+        let message = match serde_json::from_str::<ClientMessage>(text) {
             Ok(message) => message,
             Err(wrong) => {
                 return waiting
-                    .push_reply(request_error(&wrong.to_string(), None, None), said.len());
+                    .push_reply(request_error(&wrong.to_string(), None, None), text.len());
             }
         };
         let may = type_and_access(&message).1.is_met_by(self.caller.scopes);
         let ClientMessage::Stop { axes, .. } = &message else {
-            return waiting.push(QueuedMessage::Request(message, locks), said.len());
+            return waiting.push(QueuedMessage::Request(message, locks), text.len());
         };
         if !may || !pace.allow_stop() {
-            return waiting.push(QueuedMessage::Request(message, locks), said.len());
+            return waiting.push(QueuedMessage::Request(message, locks), text.len());
         }
         waiting.void_for_stop(axes.as_deref(), |message, refused| {
             self.refusal_message(message, type_and_access(message).0, refused)
         });
-        if let Some(told) = self.handle_message(message, locks, None) {
-            waiting.push_reply(told, said.len());
+        if let Some(report) = self.handle_message(message, locks, None) {
+            waiting.push_reply(report, text.len());
         }
     }
 
@@ -346,7 +354,7 @@ impl Viewer {
             ClientMessage::Subscribe { channel, axis, signal, parameter, hz } => {
                 let (signal, parameter) = (signal.as_deref(), parameter.as_deref());
                 match self.state.bench.resolve_channel(axis, signal, parameter, hz) {
-                    Ok(wish) => SubscriptionRequest::Subscribe(channel, wish),
+                    Ok(request) => SubscriptionRequest::Subscribe(channel, request),
                     Err(refused) => {
                         return Some(error_message(refused, Some(about), Some(channel)));
                     }
@@ -386,13 +394,13 @@ impl Viewer {
         let since = clock::now();
         let stopped = self.state.bench.stop(&self.session, &order);
         // Whoever floods us with stops is obeyed, not measured.
-        if let Ok(place) = Arc::clone(&self.command_slots).try_acquire_owned() {
-            let gate = Arc::clone(&self.state);
+        if let Ok(permit) = Arc::clone(&self.command_slots).try_acquire_owned() {
+            let state = Arc::clone(&self.state);
             tokio::spawn(async move {
                 if stopped.await.is_ok() {
-                    gate.metrics.stops.observe(clock::now().since(since).as_secs_f64());
+                    state.metrics.stops.observe(clock::now().since(since).as_secs_f64());
                 }
-                drop(place);
+                drop(permit);
             });
         }
     }
@@ -400,7 +408,7 @@ impl Viewer {
     /// That motion is let again is told by an event, to everybody.
     fn release(&self, locks: u64) -> Option<ServerMessage> {
         let about = Some("release");
-        let Ok(place) = Arc::clone(&self.lease_slots).try_acquire_owned() else {
+        let Ok(permit) = Arc::clone(&self.lease_slots).try_acquire_owned() else {
             return Some(error_message(busy_error(), about, None));
         };
         let released = self.state.bench.release(&self.session, locks);
@@ -411,57 +419,57 @@ impl Viewer {
                     .send(Message::Text(to_json(&error_message(refused, about, None))))
                     .await;
             }
-            drop(place);
+            drop(permit);
         });
         None
     }
 
     fn dismiss(&self, axis: u16, dismiss: DismissStop) -> Option<ServerMessage> {
-        let Ok(place) = Arc::clone(&self.lease_slots).try_acquire_owned() else {
+        let Ok(permit) = Arc::clone(&self.lease_slots).try_acquire_owned() else {
             return Some(error_message(busy_error(), Some("dismiss"), Some(axis)));
         };
         let dismissed = self.state.bench.dismiss(axis, &self.session, dismiss);
         let answers = self.replies.clone();
         tokio::spawn(async move {
-            let said = match dismissed.await {
+            let message = match dismissed.await {
                 Ok(()) => ServerMessage::Dismissed { axis },
                 Err(refused) => error_message(refused, Some("dismiss"), Some(axis)),
             };
-            let _ = answers.send(Message::Text(to_json(&said))).await;
-            drop(place);
+            let _ = answers.send(Message::Text(to_json(&message))).await;
+            drop(permit);
         });
         None
     }
 
     fn command(&self, axis: u16, order: CommandRequest) -> Option<ServerMessage> {
         let id = order.id.clone();
-        let Ok(place) = Arc::clone(&self.command_slots).try_acquire_owned() else {
+        let Ok(permit) = Arc::clone(&self.command_slots).try_acquire_owned() else {
             return Some(not_done_outcome(id, busy_error()));
         };
         let since = clock::now();
         let outcome = self.state.bench.command(axis, &self.session, order);
-        let (gate, answers) = (Arc::clone(&self.state), self.replies.clone());
+        let (state, answers) = (Arc::clone(&self.state), self.replies.clone());
         tokio::spawn(async move {
-            let told = match outcome.await {
+            let message = match outcome.await {
                 Ok(outcome) => ServerMessage::Outcome(outcome),
                 Err(refused) => not_done_outcome(id, refused),
             };
-            gate.metrics.commands.observe(clock::now().since(since).as_secs_f64());
+            state.metrics.commands.observe(clock::now().since(since).as_secs_f64());
             // It has gone: what it commanded ends with its leases.
-            let _ = answers.send(Message::Text(to_json(&told))).await;
-            drop(place);
+            let _ = answers.send(Message::Text(to_json(&message))).await;
+            drop(permit);
         });
         None
     }
 
     fn lease(&self, axis: u16, act: LeaseAction, epoch: u64) -> Option<ServerMessage> {
-        let Ok(place) = Arc::clone(&self.lease_slots).try_acquire_owned() else {
+        let Ok(permit) = Arc::clone(&self.lease_slots).try_acquire_owned() else {
             return Some(error_message(busy_error(), Some("lease"), Some(axis)));
         };
         let granted = self.state.bench.request_lease(axis, &self.session, act, epoch);
         let answers = self.replies.clone();
         tokio::spawn(async move {
-            let said = match granted.await {
+            let message = match granted.await {
                 Ok(granted) => ServerMessage::Leased {
                     axis,
                     epoch: granted.map_or(epoch, |lease| lease.epoch),
@@ -469,8 +477,8 @@ impl Viewer {
                 },
                 Err(refused) => error_message(refused, Some("lease"), Some(axis)),
             };
-            let _ = answers.send(Message::Text(to_json(&said))).await;
-            drop(place);
+            let _ = answers.send(Message::Text(to_json(&message))).await;
+            drop(permit);
         });
         None
     }
@@ -505,8 +513,8 @@ impl ViewerWriter {
                 biased;
                 look = self.subscription_requests.recv() => match look {
                     Some(look) => {
-                        let told = self.subscriptions.handle_request(&self.state.bench, look);
-                        messages.extend(told.map(|told| Message::Text(to_json(&told))));
+                        let report = self.subscriptions.handle_request(&self.state.bench, look);
+                        messages.extend(report.map(|report| Message::Text(to_json(&report))));
                     }
                     None => return,
                 },

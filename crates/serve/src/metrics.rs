@@ -65,22 +65,27 @@ impl Default for Metrics {
             registry: Registry::default(),
         };
         let m = &metrics;
-        registry.register("http_answers", "Answers by status", m.answers.clone());
-        registry.register("refusals", "Requests refused, by code", m.refusals.clone());
-        registry.register("link", "What each link counted", m.link_counts.clone());
-        registry.register("link_load_ratio", "How full a wire is", m.link_loads.clone());
+        registry.register("http_answers", "HTTP responses by status", m.answers.clone());
+        registry.register("refusals", "Refused requests by code", m.refusals.clone());
+        registry.register("link", "Counters of each link", m.link_counts.clone());
+        registry.register("link_load_ratio", "Load of each wire, 0 to 1", m.link_loads.clone());
         registry.register("links_lost", "Links that are not open", m.links_lost.clone());
         registry.register("connections", "Open connections", m.connections.clone());
-        registry.register("viewers", "Open WebSockets", m.viewers.clone());
-        registry.register("dropped", "Samples and frames not sent", m.dropped.clone());
+        registry.register("viewers", "Open WebSocket connections", m.viewers.clone());
+        registry.register("dropped", "Samples and frames that were dropped", m.dropped.clone());
         let seconds = Unit::Seconds;
         registry.register_with_unit(
             "command",
-            "From a command to its outcome",
+            "Time from a command to its outcome",
             seconds.clone(),
             m.commands.clone(),
         );
-        registry.register_with_unit("stop", "From a stop to its end", seconds, m.stops.clone());
+        registry.register_with_unit(
+            "stop",
+            "Time from a stop request to its end",
+            seconds,
+            m.stops.clone(),
+        );
         Self { registry, ..metrics }
     }
 }

@@ -111,13 +111,13 @@ impl GatewayServer {
         let (listener, address) = listen(options.bind)?;
         let path = options.folder.join(JOURNAL);
         let (journal, cut) = JournalFile::open(&path)?;
-        let owed =
+        let pending =
             journal.pending_stops().map_err(|error| SetupError::file(&path, "read", &error))?;
         let journal = Arc::new(journal);
         let opened = bench::BenchOptions {
             connector,
             last_epoch: journal.count(),
-            inherited_stops: owed.clone(),
+            inherited_stops: pending.clone(),
             journal: Arc::<JournalFile>::clone(&journal),
             ..bench::BenchOptions::default()
         };
@@ -129,11 +129,11 @@ impl GatewayServer {
         });
         let started = bench.write_journal("server", JournalAction::Started, detail).wait();
         started.map_err(|refused| journal_start_error(refused, urls))?;
-        let door = Authenticator::new(grants, options.scopes, address.port(), options.tls)
+        let authenticator = Authenticator::new(grants, options.scopes, address.port(), options.tls)
             .with_session_file(&options.folder.join(SESSIONS));
         let hosts =
             AllowedHosts::new(options.scheme(), address.ip(), address.port(), &options.host_names);
-        let once = door.issue_one_time_token()?.reveal();
+        let once = authenticator.issue_one_time_token()?.reveal();
         // Encrypted, who shows shares the cipher with who reads, and must not be put off with it.
         let encrypts = options.tls;
         let stand = move || {
@@ -143,27 +143,27 @@ impl GatewayServer {
         };
         let runtimes =
             Runtimes { http: runtime(|| {})?, inbound: runtime(|| {})?, outbound: runtime(stand)? };
-        let (hears, shows) =
+        let (inbound, outbound) =
             (runtimes.inbound.handle().clone(), runtimes.outbound.handle().clone());
-        let threads = live::LiveRuntimes { inbound: hears, outbound: shows, encrypted: encrypts };
-        let gate = Arc::new(AppState::new(bench, door, hosts, journal, threads));
+        let threads = live::LiveRuntimes { inbound, outbound, encrypted: encrypts };
+        let app_state = Arc::new(AppState::new(bench, authenticator, hosts, journal, threads));
         let fingerprint = tls.as_ref().map(|tls| tls.fingerprint.clone());
         let (end, ended) = watch::channel(false);
         let (board_ends, board_ended) = oneshot::channel();
-        let board = Some((Broadcaster::start(Arc::clone(&gate), board_ended)?, board_ends));
-        runtimes.http.spawn(accept_connections(listener, Arc::clone(&gate), tls, ended));
+        let board = Some((Broadcaster::start(Arc::clone(&app_state), board_ended)?, board_ends));
+        runtimes.http.spawn(accept_connections(listener, Arc::clone(&app_state), tls, ended));
         let shown = SocketAddr::new(browser_ip(address), address.port());
         let url = format!("{}://{shown}/?once={once}", options.scheme());
         let runtimes = Some(runtimes);
         Ok(Self {
             runtimes,
             broadcaster: board,
-            state: gate,
+            state: app_state,
             address,
             url,
             fingerprint,
             truncated_bytes: cut,
-            inherited_stops: owed,
+            inherited_stops: pending,
             end,
         })
     }
@@ -214,35 +214,34 @@ impl GatewayServer {
     /// Waits until somebody ends it, then stops what moves and closes everything. Returns who was not
     /// seen standing: see [`Bench::shutdown`].
     pub fn wait(mut self) -> Vec<String> {
-        if let Some(Runtimes { http: door, .. }) = &self.runtimes {
+        if let Some(Runtimes { http: runtime, .. }) = &self.runtimes {
             let mut end = self.end.subscribe();
             // The sender is ours: it lives.
-            let _ = door.block_on(end.wait_for(|end| *end));
+            let _ = runtime.block_on(end.wait_for(|end| *end));
         }
         self.close()
     }
 
     fn close(&mut self) -> Vec<String> {
-        let Some(Runtimes { http: door, inbound: hears, outbound: shows }) = self.runtimes.take()
-        else {
+        let Some(Runtimes { http, inbound, outbound }) = self.runtimes.take() else {
             return Vec::new();
         };
         self.end.send_replace(true);
         // What moves is stopped before anything is waited for that only shows.
         let left = self.state.bench.shutdown();
-        if let Some((board, end)) = self.broadcaster.take() {
+        if let Some((thread, end)) = self.broadcaster.take() {
             // One that panicked is over as well.
             let _ = end.send(());
-            let _ = board.join();
-            hears.block_on(self.state.broadcaster.wait_until_empty(SHUTDOWN_MAX));
+            let _ = thread.join();
+            inbound.block_on(self.state.broadcaster.wait_until_empty(SHUTDOWN_MAX));
         }
         let ended = self.state.bench.write_journal("server", JournalAction::Ended, json!({}));
         if let Err(error) = self.state.bench.close_journal().and_then(|()| ended.wait()) {
-            tracing::error!(%error, "the journal does not keep its end");
+            tracing::error!(%error, "cannot write the end of the journal");
         }
-        door.shutdown_timeout(SHUTDOWN_MAX);
-        hears.shutdown_timeout(SHUTDOWN_MAX);
-        shows.shutdown_timeout(SHUTDOWN_MAX);
+        http.shutdown_timeout(SHUTDOWN_MAX);
+        inbound.shutdown_timeout(SHUTDOWN_MAX);
+        outbound.shutdown_timeout(SHUTDOWN_MAX);
         left
     }
 }
@@ -320,32 +319,32 @@ fn listen(bind: SocketAddr) -> Result<(std::net::TcpListener, SocketAddr), Setup
 
 async fn accept_connections(
     listener: std::net::TcpListener,
-    gate: SharedAppState,
+    state: SharedAppState,
     tls: Option<ServerTls>,
     mut end: watch::Receiver<bool>,
 ) {
     let Ok(listener) = TcpListener::from_std(listener) else {
-        return tracing::error!("the system took the listening socket away");
+        return tracing::error!("the operating system closed the listening socket");
     };
     let files = polepair_link::raise_file_limit();
-    let (app, connections) = (api::router(&gate), ConnectionLimiter::new(files));
+    let (app, connections) = (api::router(&state), ConnectionLimiter::new(files));
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
             _ = end.wait_for(|end| *end) => return,
         };
-        gate.metrics.connections.set(i64::try_from(connections.count()).unwrap_or(i64::MAX));
+        state.metrics.connections.set(i64::try_from(connections.count()).unwrap_or(i64::MAX));
         let Ok((stream, peer)) = accepted else {
             connections.make_room();
             tokio::time::sleep(ACCEPT_BACKOFF).await;
             continue;
         };
-        let Some((place, go)) = connections.acquire_slot(peer.ip()) else { continue };
+        let Some((slot, go)) = connections.acquire_slot(peer.ip()) else { continue };
         let acceptor = tls.as_ref().map(|tls| tls.acceptor.clone());
         let (app, mut end) = (app.clone(), end.clone());
         tokio::spawn(async move {
             tokio::select! {
-                () = serve_connection(stream, acceptor, app, place) => {}
+                () = serve_connection(stream, acceptor, app, slot) => {}
                 _ = go => {}
                 _ = end.wait_for(|end| *end) => {}
             }
@@ -357,16 +356,16 @@ async fn serve_connection(
     stream: TcpStream,
     tls: Option<tokio_rustls::TlsAcceptor>,
     app: Router,
-    place: ConnectionSlot,
+    slot: ConnectionSlot,
 ) {
     // A socket that cannot be told so is slower, no worse.
     let _ = stream.set_nodelay(true);
     let Ok(here) = stream.local_addr().map(LocalAddress) else { return };
     match tls {
-        None => serve_requests(stream, app, &place, here).await,
+        None => serve_requests(stream, app, &slot, here).await,
         Some(tls) => {
             if let Ok(Ok(stream)) = tokio::time::timeout(HEAD_MAX, tls.accept(stream)).await {
-                serve_requests(stream, app, &place, here).await;
+                serve_requests(stream, app, &slot, here).await;
             }
         }
     }
@@ -375,10 +374,10 @@ async fn serve_connection(
 async fn serve_requests(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     app: Router,
-    place: &ConnectionSlot,
+    slot: &ConnectionSlot,
     here: LocalAddress,
 ) {
-    let connection = place.connection();
+    let connection = slot.connection();
     let service = hyper::service::service_fn(move |mut request: hyper::Request<Incoming>| {
         request.extensions_mut().insert(connection.clone());
         request.extensions_mut().insert(here);

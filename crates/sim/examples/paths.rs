@@ -38,11 +38,11 @@ fn main() {
     let host = world.add_node(Box::new(CanStationNode(Streamer::default())));
     world.plug_host(bus, host, 0);
     world.run_until(Instant::ZERO.plus_ms(100));
-    let (events, begun) = (world.events(), std::time::Instant::now());
+    let (events, started_at) = (world.events(), std::time::Instant::now());
     let begin = world.now();
     let ms = u64::from(seconds) * 1000;
     world.run_until(begin.plus_ms(seconds * 1000));
-    let took = begun.elapsed().as_secs_f64();
+    let took = started_at.elapsed().as_secs_f64();
     println!(
         "{} axes, {seconds} s in {took:.3} s: {:.0} x real time, {:.1} M events/s",
         drives.len(),

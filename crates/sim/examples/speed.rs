@@ -29,10 +29,10 @@ fn main() {
         }
         hosts.iter().for_each(|(host, parameter)| ask(&mut world, *host, *parameter));
         run(&mut world, &hosts, Instant::ZERO.plus_ms(2_000));
-        let (events, begun) = (world.events(), std::time::Instant::now());
+        let (events, started_at) = (world.events(), std::time::Instant::now());
         let end = world.now().plus_ms(seconds * 1_000);
         let polls = run(&mut world, &hosts, end);
-        let took = begun.elapsed().as_secs_f64();
+        let took = started_at.elapsed().as_secs_f64();
         let names: Vec<_> = rack.iter().map(|(_, product)| *product).collect();
         println!(
             "{:24} {seconds} s in {took:.3} s: {:.0} x real time, {:.0} polls/s each, {:.1} M events/s",
@@ -46,18 +46,18 @@ fn main() {
 
 /// A host and its drive on a wire, the motor powered; and the parameter to poll.
 fn desk(world: &mut World, protocol: &str, product: &str) -> Option<(NodeId, ParameterId)> {
-    let spoken = host::protocols().into_iter().find(|p| p.name == protocol)?;
+    let host_protocol = host::protocols().into_iter().find(|p| p.name == protocol)?;
     let profile = drives::profiles().iter().copied().find(|p| p.name == product)?;
     let wire = world.add_serial(SerialWireConfig { baud: Some(BAUD), ..SerialWireConfig::RS232 });
     let mut spec = RackDrive::new(profile, protocol);
-    spec.address = Some(spoken.first_address);
+    spec.address = Some(host_protocol.first_address);
     spec.build(world, wire, false).ok()?;
     let options = HostOptions::new(BAUD);
     let host = world.add_node(host::host_lane(
         protocol,
-        spoken.medium,
+        host_protocol.medium,
         options,
-        &[(profile, spoken.first_address)],
+        &[(profile, host_protocol.first_address)],
     )?);
     world.plug_host(wire, host, 0);
     world.with_node(host, |node, now| {

@@ -240,8 +240,8 @@ impl CanBus {
         let id = (frame.id, frame.extended);
         if *role == PlugRole::Drive {
             self.drive_ids.insert(id);
-            if let Some(asked) = cause {
-                let who = self.responders.entry(asked.id).or_default();
+            if let Some(can_frame_label) = cause {
+                let who = self.responders.entry(can_frame_label.id).or_default();
                 who.extend((!who.contains(&from)).then_some(from));
             }
         }
@@ -388,12 +388,12 @@ impl CanBus {
         if self.faults.cut == Ppm::NEVER {
             return frame;
         }
-        let meant = match self.plugs[to].role {
+        let matches = match self.plugs[to].role {
             PlugRole::Host => self.plugs[mark.sender].role == PlugRole::Drive,
             PlugRole::Drive => self.responders.get(&mark.id).is_some_and(|who| who.contains(&to)),
             PlugRole::Intruder => false,
         };
-        if meant && frame.len > 0 && self.random.chance(self.faults.cut) {
+        if matches && frame.len > 0 && self.random.chance(self.faults.cut) {
             frame.len = self.random.below(frame.len.into()) as u8;
             frame.data[usize::from(frame.len)..].fill(0);
             self.injected.cut += 1;
@@ -408,8 +408,8 @@ impl CanBus {
         plug.status.received_count += 1;
         if mark.from_intruder && plug.role == PlugRole::Drive {
             let unknown = !self.drive_ids.contains(&mark.id);
-            let meant = self.responders.get(&mark.id).map_or(unknown, |who| who.contains(&to));
-            plug.status.intruder_frames += u64::from(meant);
+            let matches = self.responders.get(&mark.id).map_or(unknown, |who| who.contains(&to));
+            plug.status.intruder_frames += u64::from(matches);
         }
     }
 

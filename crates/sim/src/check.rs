@@ -95,24 +95,24 @@ impl SerialChecker {
         if own && (known.last_received.byte_count == 1 || same) {
             known.last_received = known.last_from_others;
         }
-        let asked = std::mem::replace(&mut self.last_sent, known.last_sent);
+        let transmission_label = std::mem::replace(&mut self.last_sent, known.last_sent);
         let matched = counters.answered > before.answered;
-        let place = self
+        let index = self
             .open_requests
             .iter()
             .rposition(|content| *content == known.last_received.question_hash);
         if matched || gave_up {
             self.open_requests
-                .drain(..place.filter(|_| !gave_up).map_or(self.open_requests.len(), |at| at + 1));
+                .drain(..index.filter(|_| !gave_up).map_or(self.open_requests.len(), |at| at + 1));
         }
-        if known.last_sent.tag != asked.tag {
+        if known.last_sent.tag != transmission_label.tag {
             let old = (self.open_requests.len() + 1).saturating_sub(OPEN_MAX);
             self.open_requests.drain(..old);
             self.open_requests.push(known.last_sent.content_hash);
         }
         let acknowledged = |c: &Counters| c.acknowledged + c.relayed;
-        let later = known.last_received.answers != asked.tag
-            && known.last_received.begun_by >= asked.left_at;
+        let later = known.last_received.answers != transmission_label.tag
+            && known.last_received.begun_by >= transmission_label.left_at;
         if known.last_received.is_copy && later && acknowledged(&counters) > acknowledged(&before) {
             // A copy of an acknowledgement, which names nothing, that an adapter had kept back.
             self.copies_taken += 1;
@@ -121,29 +121,30 @@ impl SerialChecker {
             return None;
         }
         self.last_match_tainted = known.last_received.tainted;
-        self.last_match_copied = known.last_received.is_copy && place.is_none();
+        self.last_match_copied = known.last_received.is_copy && index.is_none();
         // Once a copy was taken for the answer, that answer comes while the next one is awaited,
         // which may ask the same again.
         let behind = self.pending_question.take() == Some(known.last_received.question_hash)
-            && known.last_received.answers != asked.tag
-            && known.last_received.begun_by >= asked.left_at;
-        if known.last_received.tainted || (place.is_some() && !behind) {
+            && known.last_received.answers != transmission_label.tag
+            && known.last_received.begun_by >= transmission_label.left_at;
+        if known.last_received.tainted || (index.is_some() && !behind) {
             // A second copy that says what is asked is right, but the answer itself is to come.
-            let ahead = known.last_received.is_copy && known.last_received.answers != asked.tag;
-            self.pending_question = ahead.then_some(asked.content_hash);
+            let ahead = known.last_received.is_copy
+                && known.last_received.answers != transmission_label.tag;
+            self.pending_question = ahead.then_some(transmission_label.content_hash);
             return None;
         }
         self.last_match_copied |= behind;
-        if self.last_match_copied && known.last_received.begun_by >= asked.left_at {
+        if self.last_match_copied && known.last_received.begun_by >= transmission_label.left_at {
             // It was kept back until the request had left: nothing tells it from an answer.
             self.copies_taken += 1;
-            self.pending_question = Some(asked.content_hash);
+            self.pending_question = Some(transmission_label.content_hash);
             return None;
         }
         self.last_match_copied = false;
         let what = format!(
             "request {} got the reply to request {}",
-            asked.tag, known.last_received.answers
+            transmission_label.tag, known.last_received.answers
         );
         Some(Violation { invariant: "I1", at: world.now(), what })
     }

@@ -94,8 +94,8 @@ struct HostLaneBuilder<'a> {
 
 impl proto::ProtocolVisitor for HostLaneBuilder<'_> {
     fn visit_protocol<P: Protocol>(&mut self) {
-        let meant = P::NAME == self.protocol && P::Medium::KIND == self.medium;
-        if !meant || self.built.is_some() {
+        let matches = P::NAME == self.protocol && P::Medium::KIND == self.medium;
+        if !matches || self.built.is_some() {
             return;
         }
         let addresses: Vec<u32> = self.axes.iter().map(|(_, address)| *address).collect();

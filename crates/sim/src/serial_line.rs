@@ -134,8 +134,8 @@ pub(crate) struct ReceiveHistory {
 
 impl ReceiveHistory {
     /// Takes what was heard; `begins` is the content of a transmission that begins with it.
-    fn record(&mut self, heard: &[u8], begins: Option<u64>) {
-        if self.bytes.len() + heard.len() > MEMORY_MAX {
+    fn record(&mut self, received: &[u8], begins: Option<u64>) {
+        if self.bytes.len() + received.len() > MEMORY_MAX {
             let old = self.bytes.len().saturating_sub(MEMORY_MAX / 2);
             self.bytes.drain(..old);
             self.sent_offsets = self.sent_offsets.map(|at| at.saturating_sub(old));
@@ -143,7 +143,7 @@ impl ReceiveHistory {
             self.intended.iter_mut().for_each(|(at, _)| *at -= old);
         }
         self.intended.extend(begins.map(|content| (self.bytes.len(), content)));
-        self.bytes.extend_from_slice(heard);
+        self.bytes.extend_from_slice(received);
     }
 
     fn mark_sent(&mut self) {
@@ -169,7 +169,7 @@ fn content_hash(bytes: &[u8]) -> u64 {
     let (places, rest) = bytes.as_chunks::<{ DATAGRAM + 1 }>();
     match places {
         [first, others @ ..] if others.len() == DATAGRAM - 1 => {
-            let same = others.iter().all(|place| place == first) && rest.iter().all(|b| *b == 0);
+            let same = others.iter().all(|slot| slot == first) && rest.iter().all(|b| *b == 0);
             if same { hash_bytes(&first[..DATAGRAM]) } else { hash_bytes(bytes) }
         }
         _ => hash_bytes(bytes),
@@ -331,13 +331,13 @@ impl SerialWire {
         &mut self,
         air: &mut ChunkPool,
         now: Instant,
-        place: (usize, usize),
+        position: (usize, usize),
         tag: u32,
         line: SerialLine,
         bytes: &[u8],
         mut schedule: impl FnMut(Instant, usize, Receivers),
     ) {
-        let (wire, from) = place;
+        let (wire, from) = position;
         let label = self.label_transmission(from, tag, bytes);
         let line = SerialLine { baud: self.config.baud.unwrap_or(line.baud), ..line };
         let character_ns =
@@ -348,10 +348,10 @@ impl SerialWire {
         let begin = now.plus_ns(late).max(self.plugs[from].busy_until);
         let mut chunk =
             WireChunk { wire, from, start: begin, character_ns, line, label, bytes: Vec::new() };
-        let mut meant = std::mem::take(&mut self.scratch);
-        meant.clear();
-        meant.extend_from_slice(bytes);
-        chunk.label.tainted |= self.corrupt(&mut meant);
+        let mut intended = std::mem::take(&mut self.scratch);
+        intended.clear();
+        intended.extend_from_slice(bytes);
+        chunk.label.tainted |= self.corrupt(&mut intended);
         let lost = self.draw_loss(reply);
         let until = begin.plus_ns(bytes.len() as u64 * character_ns);
         self.record_driving(from, begin, until, line);
@@ -361,16 +361,16 @@ impl SerialWire {
             _ => begin.plus_ns(clock_tolerance(until.0 - begin.0)),
         };
         if !lost {
-            self.send_pieces(air, &mut chunk, &meant, &mut schedule);
+            self.send_pieces(air, &mut chunk, &intended, &mut schedule);
             if reply && self.random.chance(self.faults.duplicate) {
                 self.injected.duplicated += 1;
                 chunk.label.is_copy = true;
                 chunk.start = chunk.start.plus_ns(self.random.below(3 * character_ns + 1));
-                self.send_pieces(air, &mut chunk, &meant, &mut schedule);
+                self.send_pieces(air, &mut chunk, &intended, &mut schedule);
             }
             self.plugs[from].busy_until = chunk.start.max(until);
         }
-        self.scratch = meant;
+        self.scratch = intended;
     }
 
     /// Takes a chunk off the wire to deliver it.
@@ -394,9 +394,9 @@ impl SerialWire {
         now: Instant,
         chunk: &WireChunk,
         line: SerialLine,
-        heard: &mut Vec<u8>,
+        received: &mut Vec<u8>,
     ) -> bool {
-        heard.clear();
+        received.clear();
         let plug = &self.plugs[to];
         let line = SerialLine { baud: self.config.baud.unwrap_or(line.baud), ..line };
         let line = match self.faults.host_baud {
@@ -411,28 +411,28 @@ impl SerialWire {
         };
         let broken =
             if !self.config.timing.has_byte_timing() || uart::is_compatible(chunk.line, line) {
-                heard.extend_from_slice(&chunk.bytes[..deaf.start]);
-                heard.extend_from_slice(&chunk.bytes[deaf.end..]);
+                received.extend_from_slice(&chunk.bytes[..deaf.start]);
+                received.extend_from_slice(&chunk.bytes[deaf.end..]);
                 !deaf.is_empty()
             } else {
-                uart::resample(&chunk.bytes, chunk.line, line, heard)
+                uart::resample(&chunk.bytes, chunk.line, line, received)
             };
-        let changed = *heard != chunk.bytes;
+        let changed = *received != chunk.bytes;
         let plug = &mut self.plugs[to];
         let before = plug.last_received;
         let goes_on = before.tag == chunk.label.tag && before.is_copy == chunk.label.is_copy;
-        plug.history.record(heard, (!goes_on).then_some(chunk.label.content_hash));
+        plug.history.record(received, (!goes_on).then_some(chunk.label.content_hash));
         plug.tainted |= changed || chunk.label.tainted;
-        let bytes = heard.len() + if goes_on { before.byte_count } else { 0 };
+        let bytes = received.len() + if goes_on { before.byte_count } else { 0 };
         let took = match self.config.timing {
             Timing::Tcp => 0,
             _ => bytes as u64 * clock_tolerance(chunk.character_ns),
         };
-        let begun = Instant(now.0.saturating_sub(took));
-        let begun = if goes_on { begun.min(before.begun_by) } else { begun };
+        let started_at = Instant(now.0.saturating_sub(took));
+        let started_at = if goes_on { started_at.min(before.begun_by) } else { started_at };
         plug.last_received = TransmissionLabel {
             tainted: plug.tainted,
-            begun_by: begun,
+            begun_by: started_at,
             byte_count: bytes,
             ..chunk.label
         };

@@ -120,8 +120,8 @@ impl WorldReport {
         for violation in &found {
             self.log_event(violation.at, || format!("!!! {violation}"));
         }
-        let room = VIOLATIONS_MAX.saturating_sub(self.violations.len());
-        self.violations.extend(found.into_iter().take(room));
+        let capacity = VIOLATIONS_MAX.saturating_sub(self.violations.len());
+        self.violations.extend(found.into_iter().take(capacity));
     }
 }
 

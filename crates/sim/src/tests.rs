@@ -151,18 +151,18 @@ fn a_receiver_with_the_same_bits_reads_the_same_bytes() {
     let bytes: Vec<u8> = (0..=255).collect();
     for parity in [Parity::None, Parity::Even, Parity::Odd] {
         let line = SerialLine { parity, ..SerialLine::new_8n1(115_200) };
-        let mut heard = Vec::new();
-        assert!(!uart::resample(&bytes, line, line, &mut heard));
-        assert_eq!(heard, bytes);
+        let mut received = Vec::new();
+        assert!(!uart::resample(&bytes, line, line, &mut received));
+        assert_eq!(received, bytes);
         let slower = SerialLine { baud: 113_000, ..line };
-        heard.clear();
-        uart::resample(&bytes, line, slower, &mut heard);
-        assert!(uart::is_compatible(line, slower) && heard == bytes);
+        received.clear();
+        uart::resample(&bytes, line, slower, &mut received);
+        assert!(uart::is_compatible(line, slower) && received == bytes);
     }
-    let mut heard = Vec::new();
-    let odd = SerialLine { parity: Parity::Odd, ..SerialLine::new_8n1(9600) };
-    let even = SerialLine { parity: Parity::Even, ..odd };
-    assert!(uart::resample(&[1], odd, even, &mut heard) && heard.is_empty());
+    let mut received = Vec::new();
+    let serial_line = SerialLine { parity: Parity::Odd, ..SerialLine::new_8n1(9600) };
+    let even = SerialLine { parity: Parity::Even, ..serial_line };
+    assert!(uart::resample(&[1], serial_line, even, &mut received) && received.is_empty());
 }
 
 #[test]
@@ -262,13 +262,14 @@ const CAN_SEEDS: u64 = 300;
 
 /// Lives through so many seeds; what breaks an invariant is named with its seed.
 fn run_seeds(medium: MediumKind, seeds: u64) -> WorldReport {
-    let (mut total, mut told) = (WorldReport::default(), Vec::new());
+    let (mut total, mut reports) = (WorldReport::default(), Vec::new());
     for seed in 1..=seeds {
         let report = swarm::run(medium, seed);
-        told.extend(report.violations.iter().map(|broken| format!("{medium:?} {seed}: {broken}")));
+        reports
+            .extend(report.violations.iter().map(|broken| format!("{medium:?} {seed}: {broken}")));
         total.add(&report);
     }
-    assert!(told.is_empty(), "{}", told.join("\n"));
+    assert!(reports.is_empty(), "{}", reports.join("\n"));
     total
 }
 

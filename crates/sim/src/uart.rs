@@ -26,7 +26,7 @@ pub(crate) fn resample(
     bytes: &[u8],
     sender: SerialLine,
     receiver: SerialLine,
-    heard: &mut Vec<u8>,
+    received: &mut Vec<u8>,
 ) -> bool {
     let wave = Waveform { bytes, line: sender };
     let bit_ns = 1_000_000_000 / u64::from(receiver.baud.max(1));
@@ -40,7 +40,7 @@ pub(crate) fn resample(
             character |= u32::from(wave.level(edge + bit * bit_ns + bit_ns / 2)) << bit;
         }
         match decode_character(character, receiver) {
-            Some(byte) => heard.push(byte),
+            Some(byte) => received.push(byte),
             None => broken = true,
         }
         at = edge + bits * bit_ns - bit_ns / 2;
@@ -85,8 +85,8 @@ impl Waveform<'_> {
             0 => false,
             n if n <= data_bits => byte >> (n - 1) & 1 == 1,
             n if n == data_bits + 1 && self.line.parity != Parity::None => {
-                let odd = byte.count_ones() % 2 == 1;
-                odd == (self.line.parity == Parity::Even)
+                let anomaly = byte.count_ones() % 2 == 1;
+                anomaly == (self.line.parity == Parity::Even)
             }
             _ => true,
         }

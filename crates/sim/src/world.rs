@@ -366,9 +366,9 @@ impl World {
     /// Sends from an outside end at `now`, or at the world's time if that is later.
     pub fn send(&mut self, end: EndId, now: Instant, bytes: &[u8]) {
         self.run_until(now);
-        let (place, line) = (self.ends[end.0].plug, self.ends[end.0].line);
+        let (position, line) = (self.ends[end.0].plug, self.ends[end.0].line);
         for unit in bytes.chunks(STREAM_UNIT_MAX) {
-            self.transmit(place, line, unit);
+            self.transmit(position, line, unit);
         }
     }
 
@@ -470,7 +470,7 @@ impl World {
     fn process_event(&mut self, due: ScheduledEvent) -> StepResult {
         match due {
             ScheduledEvent::NodeTimeout(node) => self.handle_timeout(node),
-            ScheduledEvent::ChunkEnd(at, ears) => self.deliver_chunk(at, ears),
+            ScheduledEvent::ChunkEnd(at, receivers) => self.deliver_chunk(at, receivers),
             ScheduledEvent::FrameStart(wire) => self.start_frame(wire),
             ScheduledEvent::FrameEnd(wire) => self.finish_frame(wire),
             ScheduledEvent::DelayedFrame(wire, plug) => self.deliver_delayed(wire, plug),
@@ -493,7 +493,7 @@ impl World {
         StepResult::NodeTimeout(NodeId(node))
     }
 
-    fn deliver_chunk(&mut self, at: usize, ears: Receivers) -> StepResult {
+    fn deliver_chunk(&mut self, at: usize, receivers: Receivers) -> StepResult {
         let chunk = self.chunks.take_chunk(at);
         self.history.add_bytes(&chunk.bytes);
         for to in 0..self.wires[chunk.wire].plugs.len() {
@@ -501,7 +501,7 @@ impl World {
             let WireMedium::Serial(serial) = &mut self.wires[chunk.wire].medium else { continue };
             serial.remove_in_flight(at);
             let concerned =
-                serial.can_hear(to, chunk.from) && ears.includes(serial.plugs[to].is_host);
+                serial.can_hear(to, chunk.from) && receivers.includes(serial.plugs[to].is_host);
             if serial.down || !concerned {
                 continue;
             }
@@ -526,7 +526,7 @@ impl World {
             self.deliver_bytes(party, broken);
         }
         let wire = chunk.wire;
-        if ears.is_final() {
+        if receivers.is_final() {
             self.chunks.release(at, chunk);
         } else {
             self.chunks.restore_bytes(at, chunk);
@@ -585,23 +585,24 @@ impl World {
         self.schedule_timeout(node);
     }
 
-    fn poll_serial(&mut self, node: usize, port: u8, place: (usize, usize)) {
+    fn poll_serial(&mut self, node: usize, port: u8, position: (usize, usize)) {
         let mut buffer = std::mem::take(&mut self.send_buffer);
         for _ in 0..TRANSMISSIONS_MAX {
             let Some(station) = self.nodes[node].node.stream(port) else { break };
             let Some(len) = station.poll_transmit(self.now, &mut buffer) else { break };
             let line = station.line();
-            self.transmit(place, line, &buffer[..len]);
+            self.transmit(position, line, &buffer[..len]);
         }
         self.send_buffer = buffer;
     }
 
-    fn transmit(&mut self, place: (usize, usize), line: SerialLine, bytes: &[u8]) {
-        let WireMedium::Serial(serial) = &mut self.wires[place.0].medium else { return };
+    fn transmit(&mut self, position: (usize, usize), line: SerialLine, bytes: &[u8]) {
+        let WireMedium::Serial(serial) = &mut self.wires[position.0].medium else { return };
         self.last_tag = self.last_tag.wrapping_add(1);
         let (tag, queue) = (self.last_tag, &mut self.queue);
-        let schedule = |at, chunk, ears| queue.push(at, ScheduledEvent::ChunkEnd(chunk, ears));
-        serial.transmit(&mut self.chunks, self.now, place, tag, line, bytes, schedule);
+        let schedule =
+            |at, chunk, receivers| queue.push(at, ScheduledEvent::ChunkEnd(chunk, receivers));
+        serial.transmit(&mut self.chunks, self.now, position, tag, line, bytes, schedule);
     }
 
     fn schedule_timeout(&mut self, node: usize) {

@@ -73,12 +73,13 @@ struct Place {
 impl Place {
     fn new(world: &mut World, protocol: &str, product: &str, set: SerialWireConfig) -> Self {
         let profile = drives::profiles().iter().find(|p| p.name == product).expect(product);
-        let spoken = host::protocols().into_iter().find(|p| p.name == protocol).expect(protocol);
+        let host_protocol =
+            host::protocols().into_iter().find(|p| p.name == protocol).expect(protocol);
         let wire = world.add_serial(set);
         let mut spec = RackDrive::new(profile, protocol);
         spec.address = Some(1);
         let drive = spec.build(world, wire, false).expect(product);
-        let options = HostOptions::new(spoken.baud);
+        let options = HostOptions::new(host_protocol.baud);
         let lane = host::host_lane(protocol, MediumKind::Serial, options, &[(profile, 1)]);
         let host = world.add_node(lane.expect(protocol));
         world.plug_host(wire, host, 0);
@@ -175,15 +176,15 @@ fn lived(mut world: World, places: &[Place]) -> u64 {
     let mut history = HistoryHash::default();
     for step in 1..=STEPS {
         world.run_until(Instant::ZERO.plus_ms(step * STEP_MS));
-        for place in places {
-            place.tell(&mut world, &mut history);
-            place.ask(&mut world, step);
+        for position in places {
+            position.tell(&mut world, &mut history);
+            position.ask(&mut world, step);
         }
     }
-    for (n, place) in places.iter().enumerate() {
-        let truth = place.truth(&mut world);
+    for (n, position) in places.iter().enumerate() {
+        let truth = position.truth(&mut world);
         assert!(truth.starts >= 5 && truth.position.abs() > 0.1, "{n}: {truth:?}");
-        let made = (world.injected_faults(place.wire), world.injected_can_faults(place.wire));
+        let made = (world.injected_faults(position.wire), world.injected_can_faults(position.wire));
         assert_ne!(made, (InjectedSerialFaults::default(), InjectedCanFaults::default()));
         for value in [truth.position, truth.velocity, truth.current, truth.winding] {
             history.add(value.to_bits());

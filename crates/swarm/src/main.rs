@@ -42,7 +42,7 @@ fn run_arguments(words: &[&str]) -> Result<(), String> {
             }
         }
     }
-    let begun = clock::now();
+    let started_at = clock::now();
     let next = AtomicU64::new(0);
     let sum = Mutex::new((GatewayReport::default(), Vec::new()));
     std::thread::scope(|scope| {
@@ -77,7 +77,8 @@ fn run_arguments(words: &[&str]) -> Result<(), String> {
         println!("excused               {count:>12}  {name}");
     }
     println!("violations            {:>12}", total.violations.len());
-    let (lived, took) = (total.world_time.0 as f64 / 1e9, clock::now().since(begun).as_secs_f64());
+    let (lived, took) =
+        (total.world_time.0 as f64 / 1e9, clock::now().since(started_at).as_secs_f64());
     let (worlds, rate) = (seeds as f64 / took, lived / took);
     println!("lived                 {lived:>12.0} s in {took:.1} s, {jobs} jobs");
     println!("                      {worlds:>12.0} worlds a second, {rate:.0} x real time");
@@ -89,11 +90,11 @@ fn report_broken(broken: &[GatewayReport], seeds: u64) -> Result<(), String> {
     if broken.is_empty() {
         return Ok(());
     }
-    let mut told = Vec::new();
+    let mut reports = Vec::new();
     for report in broken.iter().take(20) {
-        told.extend(report.violations.iter().map(|violation| format!("  {violation}")));
-        told.push(format!("  replay: cargo xtask swarm --replay gateway:{}", report.seed));
+        reports.extend(report.violations.iter().map(|violation| format!("  {violation}")));
+        reports.push(format!("  replay: cargo xtask swarm --replay gateway:{}", report.seed));
     }
-    told.push(format!("{} of {seeds} seeds on gateway broke an invariant", broken.len()));
-    Err(told.join("\n"))
+    reports.push(format!("{} of {seeds} seeds on gateway broke an invariant", broken.len()));
+    Err(reports.join("\n"))
 }

@@ -102,7 +102,7 @@ impl WorldRunner {
         report: GatewayReport,
         history_sink: Option<HistorySink>,
     ) -> Self {
-        let mut heard = bench.subscribe_events();
+        let mut reply = bench.subscribe_events();
         let count = 1 + random.below(4) as usize;
         let clients = (0..count).map(|n| GatewayClient::new(n, &mut random, begin)).collect();
         let view = bench.snapshot();
@@ -134,7 +134,7 @@ impl WorldRunner {
             seen_starts: vec![0; observers.len()],
             observers,
             axis_verbs,
-            events: Box::new(move || heard.try_recv().ok()),
+            events: Box::new(move || reply.try_recv().ok()),
             channels,
             locked_since: None,
             last_id: 0,
@@ -337,8 +337,10 @@ impl WorldRunner {
         if moves {
             watch.open_commands += 1;
             // Whatever else is open is not alone any more.
-            for asked in self.pending.iter_mut().filter(|asked| asked.axis == axis) {
-                if let CallKind::Command { alone, .. } = &mut asked.kind {
+            for pending_call in
+                self.pending.iter_mut().filter(|pending_call| pending_call.axis == axis)
+            {
+                if let CallKind::Command { alone, .. } = &mut pending_call.kind {
                     *alone = false;
                 }
             }
@@ -445,9 +447,9 @@ impl WorldRunner {
                     self.log(|| format!("all are told: axis {id} stop {class:?}"));
                     self.check_stop(id, class);
                 }
-                BenchEvent::Locked(told) => {
+                BenchEvent::Locked(motion_lock) => {
                     self.locked_since = Some(self.now);
-                    self.log(|| format!("motion is locked by {}", told.by));
+                    self.log(|| format!("motion is locked by {}", motion_lock.by));
                 }
                 BenchEvent::Unlocked => {
                     self.locked_since = None;
@@ -483,16 +485,16 @@ impl WorldRunner {
             let Some(truth) = bench.truth(n as u16) else { continue };
             let well = self.ports[self.observers[n].wire].working_since();
             let turned = self.observers[n].is_turning();
-            let owed = bench.axis_state(n as u16).ok().map(|state| state.owed.is_some());
-            let found = self.observers[n].check(self.now, truth, well, owed, false);
+            let outstanding = bench.axis_state(n as u16).ok().map(|state| state.owed.is_some());
+            let found = self.observers[n].check(self.now, truth, well, outstanding, false);
             let watch = &self.observers[n];
             if watch.is_turning() != turned {
-                let (turns, speed, owed) =
+                let (turns, speed, outstanding) =
                     (watch.is_turning(), truth.velocity, watch.stop_pending_since.is_some());
-                let owed = if owed { ", owed a stop" } else { "" };
+                let pending = if outstanding { ", owed a stop" } else { "" };
                 self.log(|| match turns {
-                    true => format!("truth: axis {n} turns{owed}, {speed:.1} rad/s"),
-                    false => format!("truth: axis {n} turns no more{owed}, {speed:.1} rad/s"),
+                    true => format!("truth: axis {n} turns{pending}, {speed:.1} rad/s"),
+                    false => format!("truth: axis {n} turns no more{pending}, {speed:.1} rad/s"),
                 });
             }
             if truth.starts != self.seen_starts[n] {

@@ -135,8 +135,9 @@ impl StopObserver {
     }
 
     /// A command that moves it was done under its lease: it is commanded again.
-    pub fn record_motion_done(&mut self, said: Instant) {
-        if self.stop_pending_since.is_some_and(|owed| owed < said) && self.epoch.is_some() {
+    pub fn record_motion_done(&mut self, sent_at: Instant) {
+        if self.stop_pending_since.is_some_and(|pending| pending < sent_at) && self.epoch.is_some()
+        {
             self.stop_pending_since = None;
         }
     }
@@ -183,16 +184,20 @@ impl StopObserver {
             self.stop_pending_since = None;
         }
         let ramp = Duration::from_millis(u64::from(self.kind.ramp_ms));
-        if let (Some(owed), Some(well), Some(turns)) =
+        if let (Some(pending), Some(well), Some(turns)) =
             (self.stop_pending_since, well, self.turning_since)
-            && now.since(owed.max(well)) > STOP_ARRIVAL + ramp
+            && now.since(pending.max(well)) > STOP_ARRIVAL + ramp
             && now.since(turns) > ramp
         {
-            let (owed, well) = (now.since(owed).as_secs_f64(), now.since(well).as_secs_f64());
+            let (outstanding, well) =
+                (now.since(pending).as_secs_f64(), now.since(well).as_secs_f64());
             let speed = truth.velocity;
             found.push((
                 "G1",
-                format!("owed a stop for {owed:.2} s, its wire well for {well:.2} s, it turns at {speed:.2} rad/s"),
+                format!(
+                    "owed a stop for {outstanding:.2} s, its wire well for {well:.2} s, \
+                     it turns at {speed:.2} rad/s"
+                ),
             ));
         }
         if let Some((at, starts)) = self.acknowledged_stop
@@ -229,8 +234,8 @@ impl StopObserver {
             return None;
         }
         let speed = self.truth.velocity;
-        let told = if named { "told of" } else { "not told of" };
-        Some(("G1", format!("the server ended, and it turns at {speed:.2} rad/s, {told}")))
+        let output = if named { "told of" } else { "not told of" };
+        Some(("G1", format!("the server ended, and it turns at {speed:.2} rad/s, {output}")))
     }
 
     fn check_alarm(
@@ -255,13 +260,14 @@ impl StopObserver {
         }
         let noticed =
             if self.asked_by_holder { HOLDER_STOP_GRACE + ALARM_DELAY } else { ALARM_DELAY };
-        if let (Some(owed), Some(turns), None) =
+        if let (Some(pending), Some(turns), None) =
             (self.stop_pending_since, self.turning_since, since)
-            && now.since(owed.max(turns)) > noticed
+            && now.since(pending.max(turns)) > noticed
         {
-            let owed = now.since(owed).as_secs_f64();
-            let what =
-                format!("no alarm, owed a stop for {owed:.2} s, it turns at {speed:.2} rad/s");
+            let outstanding = now.since(pending).as_secs_f64();
+            let what = format!(
+                "no alarm, owed a stop for {outstanding:.2} s, it turns at {speed:.2} rad/s"
+            );
             found.push(("G2", what));
         }
         if let (Some(stands), Some(well), Some(since)) = (self.standing_since, well, since)

@@ -150,20 +150,20 @@ impl CaptureDecoder {
         if known.is_request {
             conversation.push_request(&super::raw_frame(frame));
         }
-        let heard = known.route.observe(self.frame_count, record, frame, None);
-        session.handle_frame(&heard, &mut self.explanation, &mut self.notices);
+        let observed = known.route.observe(self.frame_count, record, frame, None);
+        session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
         if self.notices.is_empty() && self.explanation.is_same_as(&known.explanation) {
             let whose = (ContentRef::Constant(&known.explanation), &*name, protocol);
             if batch.push_compact(record, (self.frame_count, frame), &mut known.template, whose) {
                 return true;
             }
         }
-        let said = (&self.explanation, &*self.notices);
+        let statement = (&self.explanation, &*self.notices);
         let event = DecodedFrame::from_frame(
             record,
             (self.frame_count, frame),
             (name, Some(protocol)),
-            said,
+            statement,
         );
         self.layout.include(&event);
         batch.push_stored(&event);

@@ -46,8 +46,8 @@ impl RepeatCache {
         direction: Option<Direction>,
     ) -> Option<&mut RepeatedFrame> {
         let key = repeat_key(frame, direction);
-        let (known, said) = self.0.get_mut(slot_index(&key))?.as_mut()?;
-        said.as_mut().filter(|_| *known == key && !frame.extended && !frame.remote)
+        let (known, repeated) = self.0.get_mut(slot_index(&key))?.as_mut()?;
+        repeated.as_mut().filter(|_| *known == key && !frame.extended && !frame.remote)
     }
 
     /// Takes note of what a frame of 11 bits said: from the second time on it is kept.
@@ -62,10 +62,10 @@ impl RepeatCache {
         let key = repeat_key(frame, direction);
         match &mut self.0[slot_index(&key)] {
             Some((known, Some(_))) if *known == key => {}
-            Some((known, said)) if *known == key => {
+            Some((known, repeated)) if *known == key => {
                 let raw = super::raw_frame(frame);
                 let (asks, said_now) = (lane.dissector.is_request(&raw), Arc::new(it.duplicate()));
-                *said = Some(RepeatedFrame {
+                *repeated = Some(RepeatedFrame {
                     route: lane,
                     is_request: asks,
                     explanation: said_now,

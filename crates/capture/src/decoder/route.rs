@@ -78,8 +78,8 @@ impl RouteTable {
     /// Keeps it for the identifier, if it has 11 bits.
     pub fn insert(&mut self, frame: &Frame, lane: FrameRoute) {
         self.0.resize(STANDARD_MAX as usize + 1, None);
-        if let Some(place) = self.0.get_mut(frame.id as usize).filter(|_| !frame.extended) {
-            *place = Some(lane);
+        if let Some(frame_route) = self.0.get_mut(frame.id as usize).filter(|_| !frame.extended) {
+            *frame_route = Some(lane);
         }
     }
 }
@@ -131,10 +131,10 @@ impl RuleExplainer {
         for (at, rule) in rules.iter().enumerate().filter(claims) {
             self.apply_rule(rule, frame, context, conversation, explained);
             // What is said to everybody is said to each axis.
-            let meant = |axis| explained.axis.is_none_or(|found| found == axis);
+            let intended = |axis| explained.axis.is_none_or(|found| found == axis);
             let shared = || rule.dissector.shares_id(frame.id, frame.extended);
             match rule.scope {
-                RuleScope::Axis(axis) | RuleScope::AxisOn(_, axis) if !meant(axis) => {}
+                RuleScope::Axis(axis) | RuleScope::AxisOn(_, axis) if !intended(axis) => {}
                 RuleScope::Link(_) if self.detected && shared() => {}
                 _ => return Some(at),
             }

@@ -159,12 +159,12 @@ fn no_way_through_the_decoder_says_anything_else() {
     for log in logs() {
         for rules in ["", "canopen", "tmcl,canopen", "canopen@1,thruster@2"] {
             for bare in [false, true] {
-                let kept = decode_to_text(&log, rules, bare, DecodePath::Cached);
+                let stored = decode_to_text(&log, rules, bare, DecodePath::Cached);
                 for way in [DecodePath::Uncached, DecodePath::Batched] {
                     let other = decode_to_text(&log, rules, bare, way);
-                    let differs = kept.lines().zip(other.lines()).find(|(one, two)| one != two);
+                    let differs = stored.lines().zip(other.lines()).find(|(one, two)| one != two);
                     assert_eq!(differs, None, "{way:?}, {rules}");
-                    assert!(kept == other && kept.len() > 100_000);
+                    assert!(stored == other && stored.len() > 100_000);
                 }
             }
         }
@@ -235,13 +235,13 @@ fn lines_of_batches_are_those_of_events() {
 #[test]
 fn process_data_that_change_nothing_are_not_explained() {
     let mut decoder = CaptureDecoder::new(Rules::parse("canopen").expect("rules"));
-    let (mut batch, mut plain, mut told) = (FrameBatch::default(), 0, 0);
+    let (mut batch, mut plain, mut reported) = (FrameBatch::default(), 0, 0);
     let count = &mut |batch: &mut FrameBatch| {
         let of = |it: FrameRun<'_>| if let FrameRun::Compact(run) = it { run.len() } else { 0 };
         let here: usize = batch.runs().map(of).sum();
-        (plain, told) = (plain + here, told + batch.len() - here);
+        (plain, reported) = (plain + here, reported + batch.len() - here);
     };
     decoder.decode_batch(steady().as_bytes(), &mut batch, count);
     count(&mut batch);
-    assert!(told < 30 && plain > 39_990, "{told} and {plain}");
+    assert!(reported < 30 && plain > 39_990, "{reported} and {plain}");
 }

@@ -57,11 +57,15 @@ impl Pairs {
             self.requests.push_back(PairCandidate { data, len: len as u8, id, extended, time });
             return;
         }
-        let soon = |asked: &PairCandidate| {
-            asked.time.zip(event.time).is_none_or(|(then, now)| now.since(then) <= ANSWER_MAX_NS)
+        let soon = |pair_candidate: &PairCandidate| {
+            pair_candidate
+                .time
+                .zip(event.time)
+                .is_none_or(|(then, now)| now.since(then) <= ANSWER_MAX_NS)
         };
-        let fits =
-            |asked: &PairCandidate| soon(asked) && dissector.is_answer_to(&raw, &asked.raw());
+        let fits = |pair_candidate: &PairCandidate| {
+            soon(pair_candidate) && dissector.is_answer_to(&raw, &pair_candidate.raw())
+        };
         let Some(at) = self.requests.iter().position(fits) else { return };
         self.requests.remove(at);
         self.found += 1;

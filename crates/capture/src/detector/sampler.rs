@@ -69,13 +69,13 @@ impl SampledLink {
     }
 
     fn admit_id(&mut self, id: u32) -> bool {
-        let room = self.ids.len() < IDS_MAX;
+        let has_room = self.ids.len() < IDS_MAX;
         match self.ids.get_mut(&id) {
             Some(count) => {
                 *count = count.saturating_add(1);
                 *count <= FRAMES_PER_ID
             }
-            None if room => {
+            None if has_room => {
                 self.ids.insert(id, 1);
                 true
             }

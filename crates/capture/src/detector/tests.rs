@@ -66,20 +66,20 @@ const TMCL_BESIDE: Speaker = ("tmcl", |bus| {
 fn parameter(bus: &mut GeneratedBus, module: u8, host: u8) {
     let (kind, value) = (bus.random(20) as u8, bus.random(100_000).cast_signed());
     let opcode = Opcode::Gap;
-    let ask = Request { address: module, opcode, kind, motor: 0, value: 0 };
+    let request = Request { address: module, opcode, kind, motor: 0, value: 0 };
     let reply = Reply { host, module, status: Status::Ok, opcode, value };
-    bus.pair(&ask.emit_can(module.into(), false), &reply.emit_can(host.into(), false));
+    bus.pair(&request.emit_can(module.into(), false), &reply.emit_can(host.into(), false));
 }
 
 /// The host at axis 31 asks an axis for a variable.
 fn variable(bus: &mut GeneratedBus) -> (Message, Message) {
     let (axis, address) = (1 + bus.random(6) as u8, 0x0200 + bus.random(200) as u16);
     let (cell, host) = (Cell::long(address), IdCode::host_at(31));
-    let ask = OnlineMessage::GiveMeData { sender: host, cell };
+    let message = OnlineMessage::GiveMeData { sender: host, cell };
     let value = bus.random(u32::MAX);
     let take = OnlineMessage::TakeData { sender: IdCode::axis(axis), cell, value };
-    let ask = Message { to: IdCode::axis(axis), instruction: ask.emit() };
-    (ask, Message { to: host, instruction: take.emit() })
+    let request = Message { to: IdCode::axis(axis), instruction: message.emit() };
+    (request, Message { to: host, instruction: take.emit() })
 }
 
 const TECHNOCAN: Speaker = ("technocan", |bus| {
@@ -186,9 +186,9 @@ fn unseen_captures_are_told_apart_or_left_undecided() {
         let log = &log[..log.len().min(2000)];
         assert!(right, "seed {seed}: {verdict} instead of {:?}\n{log}", words(speakers));
         for (word, _) in speakers.iter().filter(|(word, _)| !named.contains(word)) {
-            let told =
+            let reported =
                 verdict.tied.contains(word) || verdict.shared_axes.iter().any(|(s, _)| s == word);
-            assert!(told, "seed {seed}: {word} is not in {verdict}\n{log}");
+            assert!(reported, "seed {seed}: {word} is not in {verdict}\n{log}");
             undecided.push((seed, *word));
         }
     }

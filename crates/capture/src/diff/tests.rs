@@ -32,24 +32,24 @@ fn summary_of(recipe: Recipe) -> Summary {
     for n in 0..200u64 {
         for axis in 2..2 + recipe.axes {
             let us = n * recipe.period_us;
-            let mut told = vec![
+            let mut reports = vec![
                 signal(axis, "max current", recipe.setting),
                 signal(axis, "Actual/Position", (n as f64 / 20.0).sin() * 100.0),
                 exchange(axis, us, recipe.latency_us + n % 7 * 10, ExchangeOutcome::Done),
             ];
             if n == 0 {
-                told.push(change(axis, "operational"));
+                reports.push(change(axis, "operational"));
             }
             if n == 150 && recipe.trouble {
-                told.extend([
+                reports.extend([
                     fault(axis, false),
                     anomaly(AnomalyKind::Silent, axis),
                     change(axis, "stopped"),
                 ]);
             }
             for kind in recipe.kinds {
-                made.next_frame(us, (axis, kind), &told, &mut |event| summary.add_frame(event));
-                told.clear();
+                made.next_frame(us, (axis, kind), &reports, &mut |event| summary.add_frame(event));
+                reports.clear();
             }
         }
     }
@@ -89,8 +89,8 @@ fn each_sort_of_difference_is_told() {
     let axes = diff_with_usual(Recipe { axes: 2, ..USUAL });
     assert_eq!(words(&axes)[0], ("axis", "none", "400 frames"));
     let trouble = diff_with_usual(Recipe { trouble: true, ..USUAL });
-    let told = words(&trouble);
-    assert!(told.contains(&("state", "none besides", "stopped")), "{told:?}");
-    assert!(told.contains(&("fault", "none", "once")), "{told:?}");
-    assert_eq!(told.iter().filter(|(what, ..)| *what == "odd").count(), 2, "{told:?}");
+    let reports = words(&trouble);
+    assert!(reports.contains(&("state", "none besides", "stopped")), "{reports:?}");
+    assert!(reports.contains(&("fault", "none", "once")), "{reports:?}");
+    assert_eq!(reports.iter().filter(|(what, ..)| *what == "odd").count(), 2, "{reports:?}");
 }

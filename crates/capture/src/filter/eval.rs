@@ -45,7 +45,9 @@ impl FilterTest {
                 let mut items = event.explanation.fields().filter(|item| item.name == name);
                 items.any(|item| either.matches(&item))
             }
-            Self::Notice(told) => event.notices.iter().any(|notice| told.matches(notice)),
+            Self::Notice(notice_test) => {
+                event.notices.iter().any(|notice| notice_test.matches(notice))
+            }
         }
     }
 }
@@ -72,11 +74,11 @@ impl ValuePattern {
 
 fn defect_matches(event: &DecodedFrame<'_>, words: &WordPattern) -> bool {
     let Some(wrong) = event.defect else { return false };
-    let mut told = FixedText { bytes: [0; ERROR_MAX], len: 0 };
+    let mut fixed_text = FixedText { bytes: [0; ERROR_MAX], len: 0 };
     // What is longer is looked through as far as it goes.
-    let _ = write!(told, "{wrong}");
-    let told = core::str::from_utf8(&told.bytes[..told.len]).unwrap_or_default();
-    words.matches(told)
+    let _ = write!(fixed_text, "{wrong}");
+    let output = core::str::from_utf8(&fixed_text.bytes[..fixed_text.len]).unwrap_or_default();
+    words.matches(output)
 }
 
 /// Words without a heap.
@@ -88,8 +90,8 @@ struct FixedText {
 impl fmt::Write for FixedText {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         let end = self.len + text.len();
-        let place = self.bytes.get_mut(self.len..end).ok_or(fmt::Error)?;
-        place.copy_from_slice(text.as_bytes());
+        let slot = self.bytes.get_mut(self.len..end).ok_or(fmt::Error)?;
+        slot.copy_from_slice(text.as_bytes());
         self.len = end;
         Ok(())
     }

@@ -141,7 +141,7 @@ impl Parser<'_> {
         match &token.kind {
             TokenKind::Quoted(text) => Ok(FilterTest::Text(containing(text))),
             TokenKind::Word(word) => match self.parse_notice_test(word)? {
-                Some(told) => Ok(told),
+                Some(reports) => Ok(reports),
                 None => match flag_test(word) {
                     Some(flag) => Ok(FilterTest::Flag(flag)),
                     None => self.parse_comparison(word, &token),
@@ -153,7 +153,7 @@ impl Parser<'_> {
 
     /// A test of what a conversation tells.
     fn parse_notice_test(&mut self, word: &str) -> FilterResult<Option<FilterTest>> {
-        let told = match word {
+        let notice_test = match word {
             "odd" => NoticeTest::Anomaly(self.parse_anomaly_kinds()?),
             "fault" => match self.accept_operator() {
                 None => NoticeTest::Fault(None),
@@ -189,7 +189,7 @@ impl Parser<'_> {
             "exchange" => NoticeTest::Exchange(self.parse_outcome()?),
             _ => return Ok(None),
         };
-        Ok(Some(FilterTest::Notice(told)))
+        Ok(Some(FilterTest::Notice(notice_test)))
     }
 
     fn parse_anomaly_kinds(&mut self) -> FilterResult<Vec<AnomalyKind>> {

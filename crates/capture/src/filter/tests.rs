@@ -111,7 +111,7 @@ fn times_relative_and_absolute() {
 
 #[test]
 fn what_conversations_tell() {
-    let odd = AnomalyNotice {
+    let anomaly = AnomalyNotice {
         kind: AnomalyKind::LateReply,
         axis: Some(2),
         time: None,
@@ -147,13 +147,13 @@ fn what_conversations_tell() {
     let change =
         ChangeNotice { axis: Some(2), what: intern("nmt"), from: intern("operational"), to };
     let notices = [
-        SessionNotice::Anomaly(odd),
+        SessionNotice::Anomaly(anomaly),
         SessionNotice::Signal(signal),
         SessionNotice::Exchange(exchange),
         SessionNotice::Fault(fault),
         SessionNotice::Change(change),
     ];
-    let told = |filter| filter_matches(filter, &notices, None);
+    let reported = |filter| filter_matches(filter, &notices, None);
     for yes in [
         "odd",
         "odd late-reply",
@@ -172,7 +172,7 @@ fn what_conversations_tell() {
         "latency in 3ms..4ms",
         "retries > 0",
     ] {
-        assert!(told(yes), "{yes}");
+        assert!(reported(yes), "{yes}");
         assert!(!plain(yes), "{yes}");
     }
     for no in [
@@ -185,7 +185,7 @@ fn what_conversations_tell() {
         "exchange timeout",
         "latency > 4ms",
     ] {
-        assert!(!told(no), "{no}");
+        assert!(!reported(no), "{no}");
     }
 }
 
@@ -238,8 +238,8 @@ fn fields_of_the_protocols_are_known() {
     decoder.feed(capture.as_bytes(), &mut |event| {
         for item in event.explanation.fields() {
             found += 1;
-            let asked = FrameFilter::parse(&format!("{} = 0", item.name));
-            let unknown = asked.is_err_and(|error| error.message.contains("no such word"));
+            let result = FrameFilter::parse(&format!("{} = 0", item.name));
+            let unknown = result.is_err_and(|error| error.message.contains("no such word"));
             assert!(!unknown, "{}", item.name);
         }
     });

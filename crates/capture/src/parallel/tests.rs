@@ -76,11 +76,11 @@ fn any_number_of_threads_makes_the_same() {
             decoder.statistics().damage.iter().map(ToString::to_string).collect();
         let plain = String::from_utf8(out).expect("text");
         for jobs in [1, 2, 3, JOBS_MAX] {
-            let (text, told, records) = decode_log(&log, jobs);
+            let (text, reports, records) = decode_log(&log, jobs);
             let differs = plain.lines().zip(text.lines()).find(|(one, two)| one != two);
             assert_eq!(differs, None, "{jobs} threads");
             assert!(text == plain, "{jobs} threads");
-            assert_eq!((told, records), (damage.clone(), decoder.statistics().records));
+            assert_eq!((reports, records), (damage.clone(), decoder.statistics().records));
         }
     }
 }

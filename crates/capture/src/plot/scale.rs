@@ -8,11 +8,11 @@ pub(super) fn padded_range(ranges: impl Iterator<Item = (f64, f64)>) -> (f64, f6
         return (0.0, 1.0);
     }
     // A value that never changes stands in the middle.
-    let room = match most - least {
+    let capacity = match most - least {
         0.0 => least.abs().max(1.0) * 0.5,
         span => span * 0.05,
     };
-    (least - room, most + room)
+    (least - capacity, most + capacity)
 }
 
 /// Round numbers on a range, at most so many, and the decimals that they need.

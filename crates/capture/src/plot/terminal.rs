@@ -77,8 +77,8 @@ fn draw_time_axis((begin, end): (u64, u64), columns: usize, out: &mut String) {
         let label = scale::label(tick, decimals);
         line[at] = '┬';
         let from = at.saturating_sub(label.len() / 2).max(free);
-        for (place, c) in labels.iter_mut().skip(from).zip(label.chars()) {
-            *place = c;
+        for (location, c) in labels.iter_mut().skip(from).zip(label.chars()) {
+            *location = c;
         }
         free = from + label.len() + 1;
     }

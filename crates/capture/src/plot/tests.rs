@@ -11,12 +11,12 @@ fn plot(wanted: &[&str]) -> Plot {
     for n in (0..400u64).filter(|n| !(200..260).contains(n)) {
         let sine = (n as f64 / 30.0).sin() * 50.0;
         let value = if n == 100 { 400.0 } else { sine };
-        let told = [
+        let reports = [
             signal(2, "Actual/Position", value),
             signal(3, "Actual/Position", if n < 150 { 0.0 } else { 80.0 }),
             signal(2, "Actual/Velocity", 3.0),
         ];
-        made.next_frame(n * 10_000, (2, "TPDO1"), &told, &mut |event| plot.add_frame(event));
+        made.next_frame(n * 10_000, (2, "TPDO1"), &reports, &mut |event| plot.add_frame(event));
     }
     plot
 }

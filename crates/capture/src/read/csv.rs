@@ -33,8 +33,8 @@ impl LineFormat for CsvReader {
             return Ok(None);
         };
         let mut found = [""; NAMES.len()];
-        for (word, place) in found.iter_mut().zip(places) {
-            *word = place.and_then(|at| line.split(',').nth(at)).unwrap_or_default().trim();
+        for (word, index) in found.iter_mut().zip(places) {
+            *word = index.and_then(|at| line.split(',').nth(at)).unwrap_or_default().trim();
         }
         let [time, id, extended, remote, error, dlc, data] = found;
         let time = Timestamp::parse(time.as_bytes()).ok_or(ReadError("expected seconds"))?;
@@ -89,8 +89,8 @@ impl CsvReader {
 }
 
 fn parse_header(line: &str) -> Result<[Option<usize>; NAMES.len()], ReadError> {
-    let place = |name: &str| line.split(',').position(|word| word.trim() == name);
-    let places = NAMES.map(place);
+    let locate = |name: &str| line.split(',').position(|word| word.trim() == name);
+    let places = NAMES.map(locate);
     match places {
         [Some(_), Some(_), .., Some(_), Some(_)] => Ok(places),
         _ => Err(ReadError("the first line does not name timestamp, arbitration_id, dlc and data")),

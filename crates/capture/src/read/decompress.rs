@@ -45,9 +45,9 @@ fn nested_size(plain: &[u8]) -> u64 {
 fn unpack_into(plain: &mut Vec<u8>, packing: Compression, bytes: &[u8], most: usize) {
     let mut unpack = Decompressor::new(packing);
     let mut keep = |part: &[u8]| {
-        let room = most.saturating_add(1).saturating_sub(plain.len());
-        plain.extend_from_slice(&part[..part.len().min(room)]);
-        room > part.len()
+        let capacity = most.saturating_add(1).saturating_sub(plain.len());
+        plain.extend_from_slice(&part[..part.len().min(capacity)]);
+        capacity > part.len()
     };
     for piece in bytes.chunks(PIECE_ZSTD) {
         let mut goes_on = true;

@@ -118,10 +118,10 @@ mod tests {
     /// Every byte in every place says what the standard library says.
     #[test]
     fn eight_digits_as_one_by_one() {
-        for place in 0..8 {
+        for index in 0..8 {
             for byte in 0..=255u8 {
                 let mut text = *b"90817263";
-                text[place] = byte;
+                text[index] = byte;
                 let plain = text.iter().all(u8::is_ascii_alphanumeric);
                 let shown = std::str::from_utf8(&text).ok().filter(|_| plain);
                 let number = |radix| shown.and_then(|text| u64::from_str_radix(text, radix).ok());

@@ -155,13 +155,13 @@ impl PcapngReader {
         let flags = flags.and_then(|option| option.value.first_chunk::<4>());
         let flags = flags
             .map(|b| if self.big_endian { u32::from_be_bytes(*b) } else { u32::from_le_bytes(*b) });
-        let told = match flags.unwrap_or(0) & 3 {
+        let direction = match flags.unwrap_or(0) & 3 {
             1 => Some(Direction::ToHost),
             2 => Some(Direction::ToDrive),
             _ => None,
         };
         let data = block.data.get(..block.caplen as usize).unwrap_or(block.data);
-        self.emit_packet(interface, interface.timestamp(ticks), told, data, taker);
+        self.emit_packet(interface, interface.timestamp(ticks), direction, data, taker);
     }
 
     fn read_simple_packet(&self, block: &SimplePacketBlock<'_>, taker: &mut dyn RecordSink) {
@@ -178,13 +178,13 @@ impl PcapngReader {
         &self,
         interface: &PcapngInterface,
         time: Option<Timestamp>,
-        told: Option<Direction>,
+        report: Option<Direction>,
         packet: &[u8],
         taker: &mut dyn RecordSink,
     ) {
         match link_type::parse_packet(interface.link_type, packet) {
             Ok((direction, data)) => {
-                let direction = told.or(direction);
+                let direction = report.or(direction);
                 let (link, at) = (interface.name.as_str(), self.offset);
                 taker.handle_record(&Record { time, link, direction, data, offset: at });
             }

@@ -123,42 +123,43 @@ impl Default for CanopenTracker {
 impl ProtocolTracker for CanopenTracker {
     fn handle_frame(
         &mut self,
-        heard: &ObservedFrame<'_>,
-        said: &mut Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &mut Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let Some(id) = heard.raw.id.filter(|_| !heard.echo) else { return };
+        let Some(id) = observed.raw.id.filter(|_| !observed.echo) else { return };
         if self.start_time.is_none() {
-            self.start_time = heard.time;
-            self.channels.iter_mut().for_each(|channel| channel.set_start(heard.time));
+            self.start_time = observed.time;
+            self.channels.iter_mut().for_each(|channel| channel.set_start(observed.time));
         }
-        self.set_profile(heard.profile, heard.profile_stated);
-        let bytes = heard.raw.bytes;
-        let service = self.services.lookup(id, heard.raw.extended, &mut self.pdos);
+        self.set_profile(observed.profile, observed.profile_stated);
+        let bytes = observed.raw.bytes;
+        let service = self.services.lookup(id, observed.raw.extended, &mut self.pdos);
         if self.is_from_master(service) {
-            self.last_command = heard.time.max(self.last_command);
+            self.last_command = observed.time.max(self.last_command);
         }
-        if heard.deferred && !matches!(service, Service::Pdo(_)) && !said.is_values_only() {
-            annotate::explain_as_default(bytes, heard.raw.id, self.profile, said);
+        if observed.deferred && !matches!(service, Service::Pdo(_)) && !explanation.is_values_only()
+        {
+            annotate::explain_as_default(bytes, observed.raw.id, self.profile, explanation);
         }
         match service {
-            Service::Pdo(_) if heard.remote => {}
-            Service::Pdo(at) => self.handle_process_data(at.into(), heard, said, notices),
-            Service::State(node) => self.handle_state(node, heard, notices),
-            _ if heard.remote => {}
-            Service::Request(at) => self.handle_request(at.into(), heard, said, notices),
-            Service::Reply(at) => self.handle_reply(at.into(), heard, said, notices),
-            Service::Nmt => self.handle_nmt(bytes, heard.time, notices),
-            Service::Emcy(node) => self.handle_emergency(node, heard, said, notices),
+            Service::Pdo(_) if observed.remote => {}
+            Service::Pdo(at) => self.handle_process_data(at.into(), observed, explanation, notices),
+            Service::State(node) => self.handle_state(node, observed, notices),
+            _ if observed.remote => {}
+            Service::Request(at) => self.handle_request(at.into(), observed, explanation, notices),
+            Service::Reply(at) => self.handle_reply(at.into(), observed, explanation, notices),
+            Service::Nmt => self.handle_nmt(bytes, observed.time, notices),
+            Service::Emcy(node) => self.handle_emergency(node, observed, explanation, notices),
             Service::Sync => {
                 if let Ok(SyncMessage { counter }) = SyncMessage::parse(bytes) {
-                    self.sync.handle_sync(counter, heard.time, notices);
+                    self.sync.handle_sync(counter, observed.time, notices);
                 }
             }
-            Service::Lss(asks) => self.handle_lss(asks, heard, notices),
+            Service::Lss(asks) => self.handle_lss(asks, observed, notices),
             Service::Unknown | Service::Untracked => {}
         }
-        self.last_time = heard.time.max(self.last_time);
+        self.last_time = observed.time.max(self.last_time);
     }
 
     fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
@@ -243,8 +244,8 @@ impl CanopenTracker {
     }
 
     fn node_mut(&mut self, node: u8) -> &mut NodeTracker {
-        let place = &mut self.nodes[usize::from(node & NODE_MAX)];
-        place.get_or_insert_with(|| Box::new(NodeTracker::new(node, self.all_reset)))
+        let node_tracker = &mut self.nodes[usize::from(node & NODE_MAX)];
+        node_tracker.get_or_insert_with(|| Box::new(NodeTracker::new(node, self.all_reset)))
     }
 
     /// Something is due then.
@@ -314,7 +315,7 @@ impl CanopenTracker {
         let mut at = before;
         while at < notices.len() {
             let given_up = match &notices[at] {
-                SessionNotice::Anomaly(odd) if sdo::is_unanswered(odd) => Some(true),
+                SessionNotice::Anomaly(anomaly) if sdo::is_unanswered(anomaly) => Some(true),
                 SessionNotice::Anomaly(AnomalyNotice { kind: AnomalyKind::Retry, .. }) => {
                     Some(false)
                 }
@@ -352,8 +353,8 @@ impl CanopenTracker {
         }
         if matches!(command, NmtCommand::ResetNode | NmtCommand::ResetCommunication) {
             self.all_reset |= node == 0;
-            let meant = |channel: &&mut SdoChannel| node == 0 || channel.node == node;
-            self.channels.iter_mut().filter(meant).for_each(|it| it.reset(now, notices));
+            let intended = |channel: &&mut SdoChannel| node == 0 || channel.node == node;
+            self.channels.iter_mut().filter(intended).for_each(|it| it.reset(now, notices));
         }
     }
 
@@ -361,31 +362,31 @@ impl CanopenTracker {
     fn handle_state(
         &mut self,
         id: u8,
-        heard: &ObservedFrame<'_>,
+        observed: &ObservedFrame<'_>,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let at = (heard.number, heard.time);
-        if heard.remote {
+        let at = (observed.number, observed.time);
+        if observed.remote {
             let node = self.node_mut(id);
             node.record_guard_request(at, notices);
             let due = node.guard.due();
             return self.schedule(due);
         }
-        let Ok(Heartbeat { state, toggle }) = Heartbeat::parse(heard.raw.bytes) else { return };
-        let beginning = self.channels[usize::from(id)].is_writing(HEARTBEAT_TIME, heard.time);
+        let Ok(Heartbeat { state, toggle }) = Heartbeat::parse(observed.raw.bytes) else { return };
+        let beginning = self.channels[usize::from(id)].is_writing(HEARTBEAT_TIME, observed.time);
         let node = self.node_mut(id);
         if state == NmtState::BootUp {
-            let started = node.handle_boot_up(heard.time, beginning, notices);
+            let started = node.handle_boot_up(observed.time, beginning, notices);
             let due = node.boots.due();
             self.schedule(due);
             if started {
-                self.handle_restart(id, heard.time, notices);
+                self.handle_restart(id, observed.time, notices);
             }
         } else if node.guard.handle_answer(id, toggle, at, notices) {
             node.record_answer(notices);
-            node.handle_state(state, heard.time, notices);
+            node.handle_state(state, observed.time, notices);
         } else {
-            node.handle_heartbeat(state, heard.time, notices);
+            node.handle_heartbeat(state, observed.time, notices);
             let due = node.heartbeat.due();
             self.schedule(due);
         }
@@ -394,50 +395,50 @@ impl CanopenTracker {
     /// A node has started: what it was told may be forgotten, what was under way is.
     fn handle_restart(&mut self, id: u8, now: Option<Timestamp>, notices: &mut Vec<SessionNotice>) {
         self.pdos.of_node(id).for_each(pdo::Pdo::mark_stale);
-        let meant = |channel: &&mut SdoChannel| channel.node == id;
-        self.channels.iter_mut().filter(meant).for_each(|channel| channel.reset(now, notices));
+        let intended = |channel: &&mut SdoChannel| channel.node == id;
+        self.channels.iter_mut().filter(intended).for_each(|channel| channel.reset(now, notices));
     }
 
     fn handle_emergency(
         &mut self,
         id: u8,
-        heard: &ObservedFrame<'_>,
-        said: &mut Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &mut Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let bytes = heard.raw.bytes;
+        let bytes = observed.raw.bytes;
         let default = u32::from(cob::EMCY | u16::from(id));
         let (profile, renamed) = self.naming_profile(id);
-        if renamed || heard.raw.id != Some(default) {
-            annotate::explain_as_default(bytes, Some(default), profile, said);
+        if renamed || observed.raw.id != Some(default) {
+            annotate::explain_as_default(bytes, Some(default), profile, explanation);
         }
         let Ok(emergency) = Emergency::parse(bytes) else { return };
         let words = emcy::FaultText::lookup(emergency.code.into(), bytes.len() == 2, profile);
         if words.inferred {
-            annotate::annotate_inferred(&words, said);
+            annotate::annotate_inferred(&words, explanation);
         }
         let node = self.node_mut(id);
         // Who starts says that there is no fault, before or behind its boot-up.
         node.record_activity(emergency.code != 0, notices);
-        node.faults.handle_emergency(id, &emergency, words, heard.time, notices);
+        node.faults.handle_emergency(id, &emergency, words, observed.time, notices);
     }
 
     /// Reads process data by their mapping.
     fn handle_process_data(
         &mut self,
         at: usize,
-        heard: &ObservedFrame<'_>,
-        said: &mut Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &mut Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let bytes = heard.raw.bytes;
+        let bytes = observed.raw.bytes;
         let Ok(len @ 0..=8) = u8::try_from(bytes.len()) else { return };
-        let (id, told) = (self.pdos.all[at].node, self.pdos.all[at].from_node);
+        let (id, reported) = (self.pdos.all[at].node, self.pdos.all[at].from_node);
         self.node_mut(id);
         let profile = self.node_profile(id);
         let Some(node) = self.nodes[usize::from(id)].as_deref_mut() else { return };
-        if told {
-            node.record_process_data(heard.time, notices);
+        if reported {
+            node.record_process_data(observed.time, notices);
         }
         let pdo = &mut self.pdos.all[at];
         let book = ObjectLookup { profile, values: &node.values };
@@ -446,75 +447,82 @@ impl CanopenTracker {
             &MappingContext {
                 lookup: book,
                 is_drive: node.is_drive,
-                values_only: said.is_values_only(),
+                values_only: explanation.is_values_only(),
             },
         );
         pdo.check_length(len, notices);
-        annotate::explain_process_data(pdo, bytes, heard.raw.id, profile, said);
+        annotate::explain_process_data(pdo, bytes, observed.raw.id, profile, explanation);
         let Some(process) = pdo.process_data().filter(|it| len >= it.mapping().bytes()) else {
             return;
         };
         let data = bytes_to_word(bytes);
-        process.mapping().for_each_signal(data, |place, exact, value| {
-            if process.tells_state(place) {
+        process.mapping().for_each_signal(data, |mapped, exact, value| {
+            if process.tells_state(mapped) {
                 node.power.handle_value(
                     id,
-                    place.object,
+                    mapped.object,
                     exact,
                     &mut node.faults,
                     profile,
                     notices,
                 );
             }
-            notices.push(process.signal_notice(place, exact, value));
+            notices.push(process.signal_notice(mapped, exact, value));
         });
     }
 
     fn handle_request(
         &mut self,
         at: usize,
-        heard: &ObservedFrame<'_>,
-        said: &mut Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &mut Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let Some(bytes) = service_bytes(heard.raw.bytes) else { return };
-        let (before, place) = (notices.len(), (heard.number, heard.time));
+        let Some(bytes) = service_bytes(observed.raw.bytes) else { return };
+        let (before, position) = (notices.len(), (observed.number, observed.time));
         self.sees_requests = true;
-        let part = self.channels[at].handle_request(bytes, place, notices);
+        let part = self.channels[at].handle_request(bytes, position, notices);
         let channel = &self.channels[at];
         let (profile, renamed) = self.naming_profile(channel.node);
         let usual = u32::from(cob::SDO_REQUEST | u16::from(channel.node));
-        let moved = renamed || heard.raw.id != Some(usual);
-        annotate::annotate_part(channel, part, heard.raw.bytes, (false, moved), profile, said);
+        let moved = renamed || observed.raw.id != Some(usual);
+        annotate::annotate_part(
+            channel,
+            part,
+            observed.raw.bytes,
+            (false, moved),
+            profile,
+            explanation,
+        );
         let due = channel.due();
         self.schedule(due);
         self.learn_transferred(at, notices);
-        self.suppress_unanswered(at, before, heard.time, notices);
+        self.suppress_unanswered(at, before, observed.time, notices);
     }
 
     fn handle_reply(
         &mut self,
         at: usize,
-        heard: &ObservedFrame<'_>,
-        said: &mut Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &mut Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let Some(bytes) = service_bytes(heard.raw.bytes) else { return };
-        let place = (heard.number, heard.time);
+        let Some(bytes) = service_bytes(observed.raw.bytes) else { return };
+        let position = (observed.number, observed.time);
         let id = self.channels[at].node;
         self.node_mut(id).record_answer(notices);
         let channel = &mut self.channels[at];
-        let part = channel.handle_reply(bytes, place, self.sees_requests, notices);
+        let part = channel.handle_reply(bytes, position, self.sees_requests, notices);
         let (two, due) = (channel.is_answered_by_two(), channel.due());
         let (profile, renamed) = self.naming_profile(id);
-        let moved = renamed || heard.raw.id != Some(u32::from(cob::SDO_REPLY | u16::from(id)));
+        let moved = renamed || observed.raw.id != Some(u32::from(cob::SDO_REPLY | u16::from(id)));
         annotate::annotate_part(
             &self.channels[at],
             part,
-            heard.raw.bytes,
+            observed.raw.bytes,
             (true, moved),
             profile,
-            said,
+            explanation,
         );
         self.schedule(due);
         if two {
@@ -527,11 +535,12 @@ impl CanopenTracker {
     fn handle_lss(
         &mut self,
         asks: bool,
-        heard: &ObservedFrame<'_>,
+        observed: &ObservedFrame<'_>,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let at = (heard.number, heard.time);
-        let Some(bytes) = service_bytes(heard.raw.bytes).filter(|_| heard.raw.bytes.len() == 8)
+        let at = (observed.number, observed.time);
+        let Some(bytes) =
+            service_bytes(observed.raw.bytes).filter(|_| observed.raw.bytes.len() == 8)
         else {
             return;
         };

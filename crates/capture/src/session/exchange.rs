@@ -45,38 +45,44 @@ pub(super) struct ExchangeTracker {
 impl ProtocolTracker for ExchangeTracker {
     fn handle_frame(
         &mut self,
-        heard: &ObservedFrame<'_>,
-        said: &mut Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &mut Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
-        if heard.echo {
+        if observed.echo {
             return;
         }
         notices.extend(self.pending_anomaly.take().map(SessionNotice::Anomaly));
-        if let Some(wrong) = heard.defect {
-            return self.handle_defect(wrong, heard, said, notices);
+        if let Some(wrong) = observed.defect {
+            return self.handle_defect(wrong, observed, explanation, notices);
         }
         self.synced = true;
-        let turn = heard.dissector.role(&heard.raw, &self.conversation_context(heard, said.axis));
+        let turn = observed
+            .dissector
+            .role(&observed.raw, &self.conversation_context(observed, explanation.axis));
         let quality = match turn {
             FrameRole::Request(awaits) => {
-                self.check_sequence(heard, said, notices);
-                self.pairing.handle_request(awaits, heard, said, notices);
-                self.presence.record_request(said.axis);
+                self.check_sequence(observed, explanation, notices);
+                self.pairing.handle_request(awaits, observed, explanation, notices);
+                self.presence.record_request(explanation.axis);
                 Quality::Good
             }
-            FrameRole::Acknowledgement => self.pairing.handle_acknowledge(heard, notices),
+            FrameRole::Acknowledgement => self.pairing.handle_acknowledge(observed, notices),
             FrameRole::Answer | FrameRole::Report => {
-                let tells = turn == FrameRole::Report;
-                let settled = self.pairing.handle_answer(tells, heard, said, notices);
-                self.presence.record_frame(said.axis, heard.time, tells && !settled.requested);
+                let reports = turn == FrameRole::Report;
+                let settled = self.pairing.handle_answer(reports, observed, explanation, notices);
+                self.presence.record_frame(
+                    explanation.axis,
+                    observed.time,
+                    reports && !settled.requested,
+                );
                 settled.quality
             }
             FrameRole::Unrelated => Quality::Good,
         };
-        let request = self.pairing.request_of(heard.number);
-        self.values.handle_values(heard, said, (quality, request), notices);
-        self.presence.record_missed(self.pairing.take_given_up(), heard.time, notices);
+        let request = self.pairing.request_of(observed.number);
+        self.values.handle_values(observed, explanation, (quality, request), notices);
+        self.presence.record_missed(self.pairing.take_given_up(), observed.time, notices);
     }
 
     fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
@@ -93,14 +99,14 @@ impl ProtocolTracker for ExchangeTracker {
 impl ExchangeTracker {
     fn conversation_context<'a>(
         &'a self,
-        heard: &ObservedFrame<'_>,
+        observed: &ObservedFrame<'_>,
         axis: Option<u32>,
     ) -> ConversationContext<'a> {
         ConversationContext {
-            direction: heard.direction,
+            direction: observed.direction,
             open_request: self.pairing.open_request(),
             format_request: self.pairing.format_request(axis),
-            profile: heard.profile,
+            profile: observed.profile,
         }
     }
 
@@ -108,47 +114,48 @@ impl ExchangeTracker {
     fn handle_defect(
         &mut self,
         wrong: FrameDefect,
-        heard: &ObservedFrame<'_>,
-        said: &Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
         let short = matches!(wrong, FrameDefect::Wire(WireError::Short { .. }));
-        let (kind, axis, text) = match heard.stray {
-            true => (AnomalyKind::Stray, None, stray_text(heard.raw.bytes.len())),
-            false => (anomaly_kind(wrong), said.axis, wrong.to_string()),
+        let (kind, axis, text) = match observed.stray {
+            true => (AnomalyKind::Stray, None, stray_text(observed.raw.bytes.len())),
+            false => (anomaly_kind(wrong), explanation.axis, wrong.to_string()),
         };
-        let odd = AnomalyNotice { kind, axis, time: None, text };
-        let cut = heard.stray || short;
-        if cut && heard.raw.id.is_none() {
+        let anomaly = AnomalyNotice { kind, axis, time: None, text };
+        let cut = observed.stray || short;
+        if cut && observed.raw.id.is_none() {
             // The capture may have begun in the middle of this, or may end in it.
             self.pending_anomaly =
-                Some(AnomalyNotice { time: heard.time, ..odd }).filter(|_| self.synced);
-            if heard.direction != Some(Direction::ToDrive) {
+                Some(AnomalyNotice { time: observed.time, ..anomaly }).filter(|_| self.synced);
+            if observed.direction != Some(Direction::ToDrive) {
                 self.pairing.mark_spoiled();
             }
             return;
         }
         self.synced = true;
-        notices.push(SessionNotice::Anomaly(odd));
-        if heard.direction != Some(Direction::ToDrive) && heard.raw.id.is_none() {
-            self.pairing.handle_broken_answer(heard, notices);
+        notices.push(SessionNotice::Anomaly(anomaly));
+        if observed.direction != Some(Direction::ToDrive) && observed.raw.id.is_none() {
+            self.pairing.handle_broken_answer(observed, notices);
         }
-        self.values.handle_values(heard, said, (Quality::BadCheck, None), notices);
+        self.values.handle_values(observed, explanation, (Quality::BadCheck, None), notices);
     }
 
     /// Points that count up: one that is left out was lost.
     fn check_sequence(
         &mut self,
-        heard: &ObservedFrame<'_>,
-        said: &Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let (Some(place), Some(axis)) = (heard.dissector.sequence_position(&heard.raw), said.axis)
+        let (Some(sequence_position), Some(axis)) =
+            (observed.dissector.sequence_position(&observed.raw), explanation.axis)
         else {
             return;
         };
         let known = self.sequence_numbers.iter().position(|(of, _)| *of == axis);
-        let SequencePosition::Number(number, after) = place else {
+        let SequencePosition::Number(number, after) = sequence_position else {
             known.map(|at| self.sequence_numbers.swap_remove(at));
             return;
         };

@@ -17,15 +17,15 @@ static NAMES: Mutex<BTreeSet<InternedName>> = Mutex::new(BTreeSet::new());
 #[must_use]
 pub fn intern(word: &str) -> InternedName {
     let mut names = NAMES.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    if let Some(kept) = names.get(word) {
-        return kept;
+    if let Some(stored) = names.get(word) {
+        return stored;
     }
     if names.len() == NAMES_MAX {
         return OVERFLOW_NAME;
     }
-    let kept: InternedName = String::from(word).leak();
-    names.insert(kept);
-    kept
+    let stored: InternedName = String::from(word).leak();
+    names.insert(stored);
+    stored
 }
 
 #[cfg(test)]

@@ -111,8 +111,9 @@ impl AnomalySeries {
         let Some(moment) = moment else { return };
         self.stored.push(moment);
         if self.stored.len() > BURSTS_MAX {
-            let fewest = self.stored.iter().map(|kept| kept.count).min();
-            let at = self.stored.iter().rposition(|kept| Some(kept.count) == fewest);
+            let fewest = self.stored.iter().map(|anomaly_burst| anomaly_burst.count).min();
+            let at =
+                self.stored.iter().rposition(|anomaly_burst| Some(anomaly_burst.count) == fewest);
             at.map(|at| self.stored.remove(at));
         }
     }

@@ -62,13 +62,13 @@ fn axes(summary: &Summary, manner: &SummaryStyle) -> Vec<Value> {
                 .iter()
                 .map(|(at, to)| json!({"time": time(*at), "to": to}))
                 .collect();
-            let told = json!({
+            let value = json!({
                 "changes": states.count,
                 "first": changes,
                 "seconds": spent.collect::<Map<String, Value>>(),
                 "last": states.current.map(|(state, _)| state),
             });
-            ((*what).to_owned(), told)
+            ((*what).to_owned(), value)
         });
         with_owner(
             *who,

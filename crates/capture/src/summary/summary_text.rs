@@ -41,13 +41,13 @@ impl SummaryStyle {
     /// what it is.
     #[must_use]
     pub fn product(&self, who: AxisKey, axis: &AxisSummary) -> Option<InternedName> {
-        let told = axis.states.iter().find(|(what, _)| *what == PRODUCT);
+        let report = axis.states.iter().find(|(what, _)| *what == PRODUCT);
         let stated = || {
             let dissector = proto::find_dissector(who.protocol)?;
             let fits = |profile: &&Profile| profile_speaks(profile, dissector);
             self.product.filter(fits).map(|profile| profile.title)
         };
-        told.is_none().then(stated).flatten()
+        report.is_none().then(stated).flatten()
     }
 
     /// The bit rate of a link, and true where it is stated.
@@ -105,21 +105,21 @@ impl SummaryWriter {
                 Some((rate, _)) => format!("{:.1} %", bits / f64::from(rate) * 100.0),
                 None => format!("{:.1} kbit/s", bits / 1e3),
             };
-            let said = match rate {
+            let text = match rate {
                 Some((rate, true)) => format!("{} kbit/s", f64::from(rate) / 1e3),
                 Some((rate, false)) => format!("~{} kbit/s", f64::from(rate) / 1e3),
                 None => "not known".to_owned(),
             };
             let per_s = if seconds == 0.0 { 0.0 } else { link.frames as f64 / seconds };
-            let spoken: Vec<&str> = link.protocols.keys().copied().collect();
+            let protocols: Vec<&str> = link.protocols.keys().copied().collect();
             rows.push(vec![
                 format!("  {name}"),
                 link.frames.to_string(),
                 format!("{per_s:.1}"),
                 share(mean),
                 share(link.load.peak_per_s(summary.length_ns())),
-                said,
-                spoken.join(", "),
+                text,
+                protocols.join(", "),
             ]);
         }
         self.write_table(rows, &[1, 2, 3, 4]);
@@ -134,11 +134,11 @@ impl SummaryWriter {
         for (who, axis) in &summary.axes {
             let (steady, changing): (Vec<_>, Vec<_>) =
                 axis.states.iter().partition(|(_, states)| states.count <= 1);
-            let mut told = product_text(summary, *who, manner.product(*who, axis));
+            let mut reports = product_text(summary, *who, manner.product(*who, axis));
             let states = steady.iter().filter_map(|(what, states)| Some((what, states.current?.0)));
-            told.extend(states.map(|(what, state)| format!("{what} {state}")));
-            let (name, frames, told) = (axis_label(*who), axis.frames, told.join("; "));
-            let line = format!("  {name:<width$}  {frames:>8}  {told}");
+            reports.extend(states.map(|(what, state)| format!("{what} {state}")));
+            let (name, frames, output) = (axis_label(*who), axis.frames, reports.join("; "));
+            let line = format!("  {name:<width$}  {frames:>8}  {output}");
             let _ = writeln!(self.out, "{}", line.trim_end());
             for (what, states) in changing {
                 let _ = writeln!(self.out, "      {}", timeline(what, states, end));
@@ -231,9 +231,9 @@ impl SummaryWriter {
                 axis_label(*who),
                 fault.text
             );
-            for (word, said) in [("cause", fault.cause), ("try", fault.remedy)] {
-                if !said.is_empty() {
-                    let _ = writeln!(self.out, "{:24}{word}: {said}", "");
+            for (word, text) in [("cause", fault.cause), ("try", fault.remedy)] {
+                if !text.is_empty() {
+                    let _ = writeln!(self.out, "{:24}{word}: {text}", "");
                 }
             }
         }
@@ -265,11 +265,11 @@ impl SummaryWriter {
             .counts()
             .map(|(kind, count)| format!("{count} {}", kind.as_str()))
             .collect();
-        let said = match counts.is_empty() {
+        let text = match counts.is_empty() {
             true => "nothing odd".to_owned(),
             false => format!("odd: {}", counts.join(", ")),
         };
-        self.out.push_str(&said);
+        self.out.push_str(&text);
         self.out.push('\n');
     }
 
@@ -330,9 +330,9 @@ impl SummaryWriter {
 
 /// The product that answered or is stated.
 fn product_text(summary: &Summary, who: AxisKey, stated: Option<InternedName>) -> Vec<String> {
-    let told = summary.values.get(&(who, PRODUCT)).and_then(|values| values.exact);
-    let told = told.map(|exact| format!("product {exact}"));
-    told.or(stated.map(str::to_owned)).into_iter().collect()
+    let reported = summary.values.get(&(who, PRODUCT)).and_then(|values| values.exact);
+    let output = reported.map(|exact| format!("product {exact}"));
+    output.or(stated.map(str::to_owned)).into_iter().collect()
 }
 
 /// `can0 canopen 2`.

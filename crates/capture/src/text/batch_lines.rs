@@ -27,8 +27,8 @@ enum LineSuffix<'a> {
 }
 
 impl<'a> LineSuffix<'a> {
-    fn new(said: &'a TemplateContent) -> Option<Self> {
-        Some(match said {
+    fn new(template_content: &'a TemplateContent) -> Option<Self> {
+        Some(match template_content {
             TemplateContent::ProcessData(process) => Self::ProcessData(process, process.text()?),
             TemplateContent::Constant(explained) => {
                 let text = Some(&explained.text).filter(|text| !text.is_empty());
@@ -127,8 +127,8 @@ impl<'a> LineTemplate<'a> {
         let (front, len, words) =
             (TextPiece::new(&front), voice.len, LineSuffix::new(&voice.content)?);
         let line = Self { prefix: front, bytes_width: bytes, len, suffix: words };
-        let room = line.prefix.len() + 3 * LineBuffer::NUMBER_MAX + line.suffix.len_max();
-        (room <= LineBuffer::LINE_MAX).then_some(line)
+        let capacity = line.prefix.len() + 3 * LineBuffer::NUMBER_MAX + line.suffix.len_max();
+        (capacity <= LineBuffer::LINE_MAX).then_some(line)
     }
 
     /// Puts a line down; false where it has words that have to be put together first.
@@ -149,10 +149,10 @@ impl<'a> LineTemplate<'a> {
         page.push_time(since);
         page.push_piece(&self.prefix);
         page.push_hex(hex, self.bytes_width);
-        let said = self.suffix.append(plain.data, (hex, self.len), page);
-        if !said {
+        let matches = self.suffix.append(plain.data, (hex, self.len), page);
+        if !matches {
             page.rewind(begin);
         }
-        said
+        matches
     }
 }

@@ -43,7 +43,7 @@ impl OwnedRecord {
 
 /// What a format keeps of a record.
 fn as_stored(format: CaptureFormat, mut record: OwnedRecord) -> OwnedRecord {
-    let told = match format {
+    let reported = match format {
         CaptureFormat::Csv | CaptureFormat::Pcap => false,
         CaptureFormat::Asc | CaptureFormat::Trc | CaptureFormat::Blf => {
             !record.data.starts_with("Error")
@@ -52,17 +52,17 @@ fn as_stored(format: CaptureFormat, mut record: OwnedRecord) -> OwnedRecord {
     };
     let unit = if format == CaptureFormat::Trc { 1000 } else { 1 };
     record.time = record.time.map(|time| time / unit);
-    record.direction = if told { record.direction } else { None };
+    record.direction = if reported { record.direction } else { None };
     if matches!(format, CaptureFormat::Asc | CaptureFormat::Trc)
-        && told
+        && reported
         && record.direction.is_none()
     {
         record.direction = Some(Direction::ToHost);
     }
-    if matches!(format, CaptureFormat::Blf) && told {
+    if matches!(format, CaptureFormat::Blf) && reported {
         record.direction.get_or_insert(Direction::ToHost);
     }
-    if matches!(format, CaptureFormat::Asc | CaptureFormat::Trc | CaptureFormat::Blf) && !told {
+    if matches!(format, CaptureFormat::Asc | CaptureFormat::Trc | CaptureFormat::Blf) && !reported {
         record.data = "Error".to_owned();
     }
     if format == CaptureFormat::Csv && record.data.starts_with("Fd") {

@@ -231,8 +231,8 @@ impl ConfigApply {
         if !std::io::stdin().is_terminal() {
             return Err(refused("nobody is there to agree.").hint("--yes writes without asking"));
         }
-        let kept = if self.store { " and keep them over power-off" } else { "" };
-        terminal::draw(&format!("write {}{kept}? [y/N] ", plural(count as u64, "setting")));
+        let stored = if self.store { " and keep them over power-off" } else { "" };
+        terminal::draw(&format!("write {}{stored}? [y/N] ", plural(count as u64, "setting")));
         let mut answer = String::new();
         let read = std::io::stdin().read_line(&mut answer).is_ok();
         if read && matches!(answer.trim(), "y" | "Y" | "yes") {
@@ -258,8 +258,8 @@ impl ConfigApply {
                 written += 1;
                 // The others were converted by it.
                 if axis.scales(change.id) {
-                    let kept = axis.read(change.id).map_err(outcome::to_problem)?;
-                    if kept != change.wanted.raw {
+                    let stored = axis.read(change.id).map_err(outcome::to_problem)?;
+                    if stored != change.wanted.raw {
                         let name = parameter_names(axis, [change]).join("");
                         let what = format!("the drive did not keep {name}.");
                         return Err(Problem::new(Exit::Negative, "E111", what).why(format!(
@@ -273,8 +273,8 @@ impl ConfigApply {
         let mut differing = Vec::new();
         for (axis, changes) in plan {
             for change in changes.iter().filter(|change| !change.reach) {
-                let kept = axis.read(change.id).map_err(outcome::to_problem)?;
-                if kept != change.wanted.raw {
+                let stored = axis.read(change.id).map_err(outcome::to_problem)?;
+                if stored != change.wanted.raw {
                     differing.extend(parameter_names(axis, [change]));
                 }
             }

@@ -200,12 +200,12 @@ impl Decode {
 
     /// Refuses for a folder what is asked of one capture.
     fn refuse_single_file_options(&self) -> Result<()> {
-        let asked = [
+        let requests = [
             (self.expect.is_some(), "--expect"),
             (!self.plot.is_empty(), "--plot"),
             (self.changes, "--changes"),
         ];
-        let Some((_, option)) = asked.into_iter().find(|(is, _)| *is) else { return Ok(()) };
+        let Some((_, option)) = requests.into_iter().find(|(is, _)| *is) else { return Ok(()) };
         Err(Problem::usage("E250", format!("{option} takes one capture, not a folder."))
             .why("A folder of captures becomes a data set of Parquet files.")
             .hint(format!(

@@ -253,9 +253,9 @@ impl DemoRun {
             return;
         }
         self.frames.lock().unwrap_or_else(PoisonError::into_inner).clear();
-        let begun = clock::now();
+        let started_at = clock::now();
         let ended = act(self);
-        let took = clock::now().since(begun).as_secs_f64();
+        let took = clock::now().since(started_at).as_secs_f64();
         match ended {
             Ok(()) => {
                 self.passed_steps.push(name);
@@ -326,9 +326,9 @@ impl DemoRun {
         let Some(id) = source else { return Ok(()) };
         let mut spans = Vec::new();
         for _ in 0..TIMED_READS {
-            let begun = clock::now();
+            let started_at = clock::now();
             axis.read(id)?;
-            spans.push(clock::now().since(begun).as_secs_f64() * 1e6);
+            spans.push(clock::now().since(started_at).as_secs_f64() * 1e6);
         }
         spans.sort_by(f64::total_cmp);
         self.read_us = spans[spans.len() / 2];

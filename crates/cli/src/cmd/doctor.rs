@@ -190,8 +190,8 @@ impl ProofPrinter<'_> {
     /// Why nothing was proven, and what became of the motor.
     fn proof_problem(&mut self, axis: &Axis, session: &Session, unproven: ProofError) -> Problem {
         let ProofError { error, moved, may_turn } = unproven;
-        if let (false, Some(owed)) = (may_turn, &mut self.stop_retry) {
-            let _ = owed.report_end(axis, Ok(()));
+        if let (false, Some(stop_retry_notice)) = (may_turn, &mut self.stop_retry) {
+            let _ = stop_retry_notice.report_end(axis, Ok(()));
         }
         if !may_turn && matches!(*error, Error::Interrupted { .. }) {
             print_note(match moved {

@@ -168,21 +168,21 @@ impl Encode {
 }
 
 fn no_such_wire(dissector: &dyn Dissector, word: &str) -> Problem {
-    let spoken = proto::dissectors().iter().filter(|d| d.language() == dissector.language());
+    let protocols = proto::dissectors().iter().filter(|d| d.language() == dissector.language());
     let words: Vec<&str> =
-        ["serial", "rs485", "can"].into_iter().chain(spoken.map(|d| d.name())).collect();
+        ["serial", "rs485", "can"].into_iter().chain(protocols.map(|d| d.name())).collect();
     Problem::usage("E245", format!("{} does not go over {word:?}.", dissector.name()))
         .why(format!("Wires are {}.", problem::join_list(&words)))
 }
 
 /// Instructions, and where in the text they begin; comments behind `//` are none.
 fn instructions(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let place = move |piece: &str| piece.as_ptr() as usize - text.as_ptr() as usize;
+    let locate = move |piece: &str| piece.as_ptr() as usize - text.as_ptr() as usize;
     let lines = text.lines().map(|line| line.find("//").map_or(line, |end| &line[..end]));
     let pieces = lines.flat_map(|line| line.split(';')).filter(|piece| !piece.trim().is_empty());
     // A text without any is refused by the protocol, which knows what it expects.
     let empty = Some((0, text)).filter(|_| text.trim().is_empty());
-    empty.into_iter().chain(pieces.map(move |piece| (place(piece), piece)))
+    empty.into_iter().chain(pieces.map(move |piece| (locate(piece), piece)))
 }
 
 /// The bytes as a capture's line without the time.

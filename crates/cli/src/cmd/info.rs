@@ -157,9 +157,9 @@ fn age_note(read: &SignalValue) -> String {
 /// How the drive's own watchdog is set, as a server reads it; the rule alone where it cannot.
 fn remote_watchdog(server: &RemoteSession, axis: &AxisInfo) -> String {
     match server.gateway.watchdog(axis.id) {
-        Ok(told) => match told.parameter {
-            Some(name) => format!("{} (`{name}`)", told.text),
-            None => told.text,
+        Ok(watchdog) => match watchdog.parameter {
+            Some(name) => format!("{} (`{name}`)", watchdog.text),
+            None => watchdog.text,
         },
         Err(_) => axis.watchdog.clone(),
     }
@@ -249,6 +249,6 @@ fn faults_text(axis: &Axis) -> Result<String> {
 
 fn cause_and_remedy(cause: &str, remedy: &str) -> String {
     let both = [("cause", cause), ("remedy", remedy)].into_iter();
-    let told = both.filter(|(_, sentence)| !sentence.is_empty());
-    told.map(|(word, sentence)| format!("    {word:<7} {sentence}\n")).collect()
+    let reports = both.filter(|(_, sentence)| !sentence.is_empty());
+    reports.map(|(word, sentence)| format!("    {word:<7} {sentence}\n")).collect()
 }

@@ -136,16 +136,16 @@ impl MonitorOptions {
         let rules = rules.map_err(|error| problem::no_such_protocol(&error.word))?;
         let trace =
             self.trace.as_deref().map(|path| trace::create_trace(path, &self.url)).transpose()?;
-        let ears = TapQueue::with_trace(trace);
-        let taps = ears.clone();
+        let tap_queue = TapQueue::with_trace(trace);
+        let taps = tap_queue.clone();
         let connector = self.profiles.connector()?.with_taps(move |wire| taps.tap(wire));
         let period = Duration::from_secs_f64(1.0 / self.rate);
         if self.listen {
             let listening = connector.listen(&self.url).map_err(outcome::to_problem)?;
-            return Ok(Monitor::with_listener(listening, &self.url, rules, ears));
+            return Ok(Monitor::with_listener(listening, &self.url, rules, tap_queue));
         }
         let link = connector.connect(&self.url).map_err(outcome::to_problem)?;
-        Monitor::with_link(link, &self.url, rules, ears, period)
+        Monitor::with_link(link, &self.url, rules, tap_queue, period)
     }
 }
 

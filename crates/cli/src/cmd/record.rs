@@ -97,11 +97,11 @@ impl RecordOptions {
             damaged: 0,
         };
         print_note(&format!("recording to {}; Ctrl-C ends", self.out.display()));
-        let begun = clock::now();
-        let ended =
-            recorder.record_until(self.seconds.map(|seconds| begun + seconds_to_duration(seconds)));
-        let told = recorder.finish_recording(clock::now().since(begun));
-        ended.and(told)
+        let started_at = clock::now();
+        let ended = recorder
+            .record_until(self.seconds.map(|seconds| started_at + seconds_to_duration(seconds)));
+        let result = recorder.finish_recording(clock::now().since(started_at));
+        ended.and(result)
     }
 }
 
@@ -180,13 +180,13 @@ impl Recorder {
         last?;
         let (what, seconds) = (plural(count, "record"), took.as_secs_f64());
         let files = if files > 1 { format!(" in {files} files") } else { String::new() };
-        let told = |count: u64, what: &str| match count {
+        let reported = |count: u64, what: &str| match count {
             0 => String::new(),
             count => format!("; {count} {what}"),
         };
-        let odd = told(self.malformed, "were no frames of classic CAN and are not kept")
-            + &told(self.damaged, "characters came damaged (framing or parity)");
-        print_note(&format!("{what}{files} in {seconds:.1} s, {} dropped{odd}", self.overrun));
+        let anomaly = reported(self.malformed, "were no frames of classic CAN and are not kept")
+            + &reported(self.damaged, "characters came damaged (framing or parity)");
+        print_note(&format!("{what}{files} in {seconds:.1} s, {} dropped{anomaly}", self.overrun));
         // The file is whole: now stdout may take its time.
         let skipped = show.map_or(Ok(0), LivePrinter::finish)?;
         if skipped > 0 {

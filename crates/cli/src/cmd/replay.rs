@@ -165,8 +165,8 @@ impl ReplayOptions {
         for (n, (medium, words)) in wires.into_iter().enumerate() {
             let link = self.links.get(n).cloned();
             let scope = link.clone().map_or(RuleScope::Anywhere, RuleScope::Link);
-            let spoken = words.into_iter().filter_map(proto::find_dissector);
-            rules.0.extend(spoken.map(|dissector| Rule { dissector, scope: scope.clone() }));
+            let protocols = words.into_iter().filter_map(proto::find_dissector);
+            rules.0.extend(protocols.map(|dissector| Rule { dissector, scope: scope.clone() }));
             routes.push(ReplayRoute { link, medium });
         }
         Ok((routes, rules))
@@ -223,9 +223,9 @@ impl ReplayOptions {
         let files =
             trace.map(|(path, format)| CaptureFiles::create(path, format, None)).transpose()?;
         let names = stage.wires().map(|wire| short_name(&wire.name)).collect();
-        let ears = stage.ears.clone();
+        let taps = stage.ears.clone();
         let mut keeping =
-            TrafficRecorder { tap_queue: ears, names, files, printer: show, is_host: true };
+            TrafficRecorder { tap_queue: taps, names, files, printer: show, is_host: true };
         let times = (self.times > 0).then_some(self.times);
         let pace = if self.fast { ReplayPace::Fast } else { ReplayPace::Recorded(self.speed) };
         let gap = survey.span / survey.frames.saturating_sub(1).max(1);
@@ -236,9 +236,9 @@ impl ReplayOptions {
             times,
             period: survey.span + gap,
         };
-        let begun = clock::now();
+        let started_at = clock::now();
         let (played, read) = stage.play(feed, pace, &mut keeping);
-        let took = clock::now().since(begun);
+        let took = clock::now().since(started_at);
         print_result(&played, took);
         let stopped = if self.detach { Ok(()) } else { stage.stop(&played) };
         keeping.process_received()?;
@@ -268,15 +268,15 @@ struct ReplayLinks {
 
 impl ReplayLinks {
     fn open(connector: &Connector, urls: &[&str]) -> Result<Self> {
-        let (ears, mut opened, mut before) = (TapQueue::default(), Vec::new(), 0);
+        let (tap_queue, mut opened, mut before) = (TapQueue::default(), Vec::new(), 0);
         for url in urls {
-            let taps = ears.clone();
+            let taps = tap_queue.clone();
             let tapped = connector.clone().with_taps(move |wire| taps.tap(before + wire));
             let one = tapped.open_wires(url).map_err(outcome::to_problem)?;
             before += one.wires().len();
             opened.push(((*url).to_owned(), one));
         }
-        Ok(Self { connector: connector.clone(), opened, ears })
+        Ok(Self { connector: connector.clone(), opened, ears: tap_queue })
     }
 
     fn wires(&self) -> impl Iterator<Item = OpenWire> {
@@ -287,8 +287,8 @@ impl ReplayLinks {
     fn link_rules(&self) -> Rules {
         let rules = self.wires().flat_map(|wire| {
             let link = short_name(&wire.name);
-            let spoken = wire.protocols.into_iter().filter_map(proto::find_dissector);
-            spoken.map(move |dissector| Rule { dissector, scope: RuleScope::Link(link.clone()) })
+            let protocols = wire.protocols.into_iter().filter_map(proto::find_dissector);
+            protocols.map(move |dissector| Rule { dissector, scope: RuleScope::Link(link.clone()) })
         });
         Rules(rules.collect())
     }
@@ -334,9 +334,9 @@ impl ReplayLinks {
                 let axes: Vec<u32> = played.moved_axes.iter().copied().filter(|_| !all).collect();
                 let mut hear = |_: Stopping<'_>| {};
                 let stopped = stop_on(&self.connector, opened, wire, &axes, &mut hear);
-                let told =
+                let result =
                     stopped.map_err(outcome::to_problem).and_then(|it| stop::report_stops(url, it));
-                ended = ended.and(told.map(drop));
+                ended = ended.and(result.map(drop));
             }
         }
         ended
@@ -350,8 +350,8 @@ fn join_thread<T>(ended: std::thread::Result<T>) -> T {
 /// How many, how fast, how late.
 fn print_result(played: &[ReplayResult], took: Duration) {
     let sum = |which: fn(&ReplayResult) -> u64| played.iter().map(which).sum::<u64>();
-    let (sent, heard) = (plural(sum(|it| it.sent), "frame"), sum(|it| it.received));
-    print_note(&format!("{sent} sent in {:.3} s; {heard} came back", took.as_secs_f64()));
+    let (sent, received) = (plural(sum(|it| it.sent), "frame"), sum(|it| it.received));
+    print_note(&format!("{sent} sent in {:.3} s; {received} came back", took.as_secs_f64()));
     let ms = |span: Duration| span.as_secs_f64() * 1e3;
     for (least, middle, most) in played.iter().filter_map(|it| it.lateness.summary()) {
         let (least, middle, most) = (ms(least), ms(middle), ms(most));

@@ -186,8 +186,8 @@ impl Set {
         out.write_line(&format!("{}{} = {shown}", session.axis_prefix(axis), parameter.name));
         if value.raw == raw {
             if axis.profile().link_settings.contains(&id) {
-                let kept = parameter.persistence == Persistence::Storable && !self.store;
-                let lost = if kept { " It is lost at power-off: --store keeps it." } else { "" };
+                let stored = parameter.persistence == Persistence::Storable && !self.store;
+                let lost = if stored { " It is lost at power-off: --store keeps it." } else { "" };
                 print_note(&format!(
                     "{} is reached by its {}: change the connection string too, once it acts. {}{lost}",
                     axis.label(),

@@ -77,7 +77,7 @@ impl Sim {
         let lines = simulate::drive_lines(&description, self.seed).map_err(outcome::to_problem)?;
         for (link, line) in lines.into_iter().enumerate() {
             let bus = CanLine { bit_rate: description.wires[link].baud };
-            let (wire, place) = ends.open(description.rack.links[link].wire.medium(), bus)?;
+            let (wire, location) = ends.open(description.rack.links[link].wire.medium(), bus)?;
             served.push(self.serve_line(line, wire));
             let WireDescription { load, .. } = description.wires[link];
             if load.most > 0.0 {
@@ -87,7 +87,7 @@ impl Sim {
                     bus.bit_rate
                 ));
             }
-            for url in description.urls(link, &place) {
+            for url in description.urls(link, &location) {
                 out.write_line(&format!("ready {url}"));
             }
         }
@@ -175,8 +175,10 @@ impl WireEnds {
     /// The wire of a link, and where others find it.
     fn open(&mut self, medium: MediumKind, bus: CanLine) -> Result<(AnyLink, String)> {
         let opened = match medium {
-            MediumKind::Serial => self.open_serial().map(|(l, place)| (AnyLink::Serial(l), place)),
-            MediumKind::Can => self.open_can(bus).map(|(l, place)| (AnyLink::Can(l), place)),
+            MediumKind::Serial => {
+                self.open_serial().map(|(l, location)| (AnyLink::Serial(l), location))
+            }
+            MediumKind::Can => self.open_can(bus).map(|(l, location)| (AnyLink::Can(l), location)),
         };
         opened.map_err(|error| outcome::link_problem(&error))
     }
@@ -186,12 +188,12 @@ impl WireEnds {
         if let Some(address) = self.tcp.front().filter(|_| pty.is_none()) {
             let server = TcpServer::bind(address)?;
             self.tcp.pop_front();
-            let place = format!("tcp://{}", server.address());
-            return Ok((Box::new(server), place));
+            let location = format!("tcp://{}", server.address());
+            return Ok((Box::new(server), location));
         }
         let pty = Pty::open(pty.as_deref())?;
-        let place = format!("serial://{}", pty_path(&pty));
-        Ok((Box::new(pty), place))
+        let location = format!("serial://{}", pty_path(&pty));
+        Ok((Box::new(pty), location))
     }
 
     fn open_can(&mut self, bus: CanLine) -> OpenedWire<Can> {
@@ -203,18 +205,18 @@ impl WireEnds {
         }
         if let Some(address) = self.socketcand.pop_front() {
             let server = socketcand::listen(&address, BUS_NAME)?;
-            let place = format!("socketcand://{}/{BUS_NAME}", address_text(server.address()));
-            return Ok((Box::new(server), place));
+            let location = format!("socketcand://{}/{BUS_NAME}", address_text(server.address()));
+            return Ok((Box::new(server), location));
         }
         if let Some(pty) = self.pty.pop_front() {
             let pty = Pty::open(Some(&pty))?;
-            let place = format!("slcan://{}", pty_path(&pty));
-            return Ok((Box::new(slcan::serve_pty(pty, bus)?), place));
+            let location = format!("slcan://{}", pty_path(&pty));
+            return Ok((Box::new(slcan::serve_pty(pty, bus)?), location));
         }
         if let Some(address) = self.tcp.pop_front() {
             let server = slcan::listen(&address, bus)?;
-            let place = format!("slcan://{}", address_text(server.address()));
-            return Ok((Box::new(server), place));
+            let location = format!("slcan://{}", address_text(server.address()));
+            return Ok((Box::new(server), location));
         }
         open_udp(MulticastGroup::default())
     }
@@ -243,8 +245,8 @@ type OpenedWire<M> = std::result::Result<(Box<dyn LinkIo<M>>, String), LinkError
 
 fn open_udp(group: MulticastGroup) -> OpenedWire<Can> {
     let link = udp::open(group)?;
-    let place = format!("udp://{}", link.describe());
-    Ok((Box::new(link), place))
+    let location = format!("udp://{}", link.describe());
+    Ok((Box::new(link), location))
 }
 
 #[cfg(target_os = "linux")]

@@ -99,9 +99,9 @@ fn stop_everything(gateway: &Gateway) -> Result {
         RemoteSession::new(gateway.clone()).map(|joined| joined.bench.axes).unwrap_or_default();
     let label = |id| named.iter().find(|axis| axis.id == id).map(|axis| axis.label.clone());
     let number = |id| format!("the server's axis {id}");
-    let told =
+    let reports =
         stopped.into_iter().map(|how| (label(how.id).unwrap_or_else(|| number(how.id)), Some(how)));
-    report_remote(told.collect(), unreached.into_iter().map(unreached_problem).collect())
+    report_remote(reports.collect(), unreached.into_iter().map(unreached_problem).collect())
 }
 
 /// Stops axes that are named. One that is not there keeps none of the others from it.
@@ -120,11 +120,11 @@ fn stop_named(server: &RemoteSession, target: &DriveArgs) -> Result {
     if !axes.is_empty() {
         stopped = send_stop(&server.gateway, Some(axes.iter().map(|axis| axis.id).collect()))?.axes;
     }
-    let told = axes.into_iter().map(|axis| {
+    let reports = axes.into_iter().map(|axis| {
         let at = stopped.iter().position(|stopped| stopped.id == axis.id);
         (axis.label, at.map(|at| stopped.swap_remove(at)))
     });
-    report_remote(told.collect(), failed)
+    report_remote(reports.collect(), failed)
 }
 
 fn send_stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<StopReport> {
@@ -133,9 +133,12 @@ fn send_stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<StopReport> {
 }
 
 /// Says how far the stop of each axis came, beside what was not reached.
-fn report_remote(told: Vec<(String, Option<AxisStopReport>)>, mut failed: Vec<Problem>) -> Result {
-    let of = told.len() + failed.len();
-    for (label, how) in told {
+fn report_remote(
+    reports: Vec<(String, Option<AxisStopReport>)>,
+    mut failed: Vec<Problem>,
+) -> Result {
+    let of = reports.len() + failed.len();
+    for (label, how) in reports {
         match how.map(|how| (how.class, how.error)) {
             Some((StopClass::Standing, _)) => print_note(&format!("{label} is stopped")),
             Some((StopClass::Acknowledged, _)) => {
@@ -243,9 +246,10 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
         failed.extend(motors.result.err().map(outcome::to_problem));
     }
     if let Some(patience) = stopped.reply_timeout {
-        let told = if stopped.broadcast { "everybody was told to stop, unconfirmed; " } else { "" };
+        let output =
+            if stopped.broadcast { "everybody was told to stop, unconfirmed; " } else { "" };
         print_note(&format!(
-            "{told}asked {} addresses for {} ms each; a drive that answers later, or has another \
+            "{output}asked {} addresses for {} ms each; a drive that answers later, or has another \
              address, is stopped by its number: polepair stop {}",
             stopped.queried,
             patience.as_millis(),
@@ -271,19 +275,19 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
     }
 }
 
-fn nobody_problem(everybody: bool, heard: &NoReplyDetails) -> Problem {
-    let told = match everybody {
+fn nobody_problem(everybody: bool, details: &NoReplyDetails) -> Problem {
+    let output = match everybody {
         true => "Everybody was told to stop, and nobody confirmed it.",
         false => "No stop was sent.",
     };
     let problem = Problem::new(Exit::NoReply, "E403", "no drive answered.")
-        .why(format!("{} {told}", outcome::unanswered_text(heard)))
+        .why(format!("{} {output}", outcome::unanswered_text(details)))
         .hint("cut the power if something turns");
-    match heard.is_nothing() {
+    match details.is_nothing() {
         true => {
             problem.hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
         }
-        false => problem.hint(heard.hint()),
+        false => problem.hint(details.hint()),
     }
 }
 

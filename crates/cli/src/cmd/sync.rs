@@ -136,9 +136,9 @@ fn print_offsets(session: &Session, master: &Axis) -> Result<bool> {
 fn measure_offset(master: &Axis, axis: &Axis) -> Result<(f64, f64)> {
     let mut best = (0.0, f64::INFINITY);
     for _ in 0..COMPARISONS {
-        let (before, asked) = (read_time(master)?, clock::now());
+        let (before, requested_at) = (read_time(master)?, clock::now());
         let between = read_time(axis)?;
-        let (after, open) = (read_time(master)?, clock::now().since(asked).as_secs_f64());
+        let (after, open) = (read_time(master)?, clock::now().since(requested_at).as_secs_f64());
         if open < best.1 {
             best = (between - f64::midpoint(before, after), open);
         }

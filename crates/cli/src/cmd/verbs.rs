@@ -131,8 +131,8 @@ fn run_remote_verbs(
     for axis in server.axes_of(target)? {
         let lease = live.acquire_lease(axis.id).map_err(remote::refusal_problem)?;
         for verb in verbs {
-            let said = lease.run(verb, CommandArguments::default(), remote::ANSWER_MAX);
-            said.map_err(remote::refusal_problem)?;
+            let result = lease.run(verb, CommandArguments::default(), remote::ANSWER_MAX);
+            result.map_err(remote::refusal_problem)?;
         }
         lease.release().map_err(remote::refusal_problem)?;
         print_note(&format!("{} {}", axis.label, done(&axis)?));

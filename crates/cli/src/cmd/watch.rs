@@ -156,12 +156,12 @@ impl WatchCommand {
     fn print_rows(&self, columns: &[WatchColumn]) -> Result {
         let mut out = DataOutput::stdout();
         self.print_head(columns, &mut out);
-        let begun = clock::now();
-        let end = self.seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
+        let started_at = clock::now();
+        let end = self.seconds.map(|seconds| started_at.plus_ns((seconds * 1e9) as u64));
         let period = (1e9 / self.rate) as u64;
-        let mut next = begun;
+        let mut next = started_at;
         loop {
-            self.print_row(columns, next.since(begun).as_secs_f64(), &mut out)?;
+            self.print_row(columns, next.since(started_at).as_secs_f64(), &mut out)?;
             out.flush()?;
             // Readings that the drive was too slow for are left out, not caught up with.
             next = next.plus_ns(period).max(clock::now());

@@ -83,21 +83,22 @@ impl WatchdogCommand {
         let wanted = self.time.as_deref().map(parse_time).transpose()?;
         let mut out = DataOutput::stdout();
         for axis in server.axes_of(&self.target)? {
-            let told = server.gateway.watchdog(axis.id).map_err(remote::refusal_problem)?;
-            let told = match wanted {
-                None => told,
-                Some(_) if told.parameter.is_none() => {
-                    return Err(no_watchdog_problem(&axis.label, &told.text));
+            let watchdog = server.gateway.watchdog(axis.id).map_err(remote::refusal_problem)?;
+            let watchdog = match wanted {
+                None => watchdog,
+                Some(_) if watchdog.parameter.is_none() => {
+                    return Err(no_watchdog_problem(&axis.label, &watchdog.text));
                 }
                 Some(after) => {
-                    if !told.caution.is_empty() {
-                        print_note(&format!("{}: {}", axis.label, told.caution));
+                    if !watchdog.caution.is_empty() {
+                        print_note(&format!("{}: {}", axis.label, watchdog.caution));
                     }
                     set_remote(server, axis.id, after)?
                 }
             };
-            let parameter = told.parameter.map_or_else(String::new, |name| format!(" ({name})"));
-            out.write_line(&format!("{}: {}{parameter}", axis.label, told.text));
+            let parameter =
+                watchdog.parameter.map_or_else(String::new, |name| format!(" ({name})"));
+            out.write_line(&format!("{}: {}{parameter}", axis.label, watchdog.text));
         }
         out.flush()?;
         Ok(Exit::Ok)
@@ -117,9 +118,9 @@ fn set_remote(server: &RemoteSession, axis: u16, after: Option<Duration>) -> Res
     let lease = live.acquire_lease(axis).map_err(remote::refusal_problem)?;
     let after_ms = after.map(|after| after.as_secs_f64() * 1e3);
     let set = SetWatchdog { after_ms, epoch: lease.epoch() };
-    let told = server.gateway.set_watchdog(axis, &set).map_err(remote::refusal_problem)?;
+    let watchdog = server.gateway.set_watchdog(axis, &set).map_err(remote::refusal_problem)?;
     lease.release().map_err(remote::refusal_problem)?;
-    Ok(told)
+    Ok(watchdog)
 }
 
 /// A time with its unit; nothing for `off`.

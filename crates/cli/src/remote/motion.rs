@@ -166,12 +166,12 @@ fn hint_direct_stop(server: &RemoteSession, orders: &[MotionOrder], problem: Pro
 
 /// Says what to watch out for, once per product.
 fn print_caution(orders: &[MotionOrder]) {
-    let mut told: Vec<&str> = Vec::new();
+    let mut reports: Vec<&str> = Vec::new();
     for MotionOrder { axis, .. } in orders {
-        if told.contains(&&*axis.profile) {
+        if reports.contains(&&*axis.profile) {
             continue;
         }
-        told.push(&axis.profile);
+        reports.push(&axis.profile);
         if !axis.caution.is_empty() {
             print_note(&format!("caution: {}: {}", axis.profile, axis.caution));
         }
@@ -226,11 +226,11 @@ impl LeasedAxis<'_> {
 
 /// Starts all of them back to back.
 fn start_all(taken: &[LeasedAxis<'_>], orders: &[MotionOrder], deadline: Instant) -> Result<()> {
-    let begun = taken.iter().zip(orders).map(|(taken, order)| {
+    let started = taken.iter().zip(orders).map(|(taken, order)| {
         taken.lease.start(order.verb.name(), order.arguments).map_err(refusal_problem)
     });
-    let begun = begun.collect::<Result<Vec<_>>>()?;
-    let mut all = begun.into_iter().zip(taken.iter().zip(orders));
+    let started_at = started.collect::<Result<Vec<_>>>()?;
+    let mut all = started_at.into_iter().zip(taken.iter().zip(orders));
     all.try_for_each(|(pending, (taken, order))| wait_command(pending, taken, order.verb, deadline))
 }
 
@@ -270,7 +270,7 @@ fn hold_motion(
         HoldCheck::new(order.axis.label.clone(), &command)
     };
     let mut held: Vec<_> = orders.iter().map(held).collect();
-    let begun = clock::now();
+    let started_at = clock::now();
     hold_while(seconds, (&clock::now, &clock::sleep_until), |now| {
         for (taken, held) in taken.iter().zip(&mut held) {
             check_lease(live, taken)?;
@@ -279,9 +279,12 @@ fn hold_motion(
             check_fault(taken)?;
             let Some(state) = taken.lease.state() else { continue };
             let newest = |signal: Signal| {
-                let told = state.signals.iter().find(|told| told.signal == signal.name())?;
-                let since = now.since(begun).as_secs_f64() * 1e3;
-                told.value.filter(|_| told.age_ms < since)
+                let signal_value = state
+                    .signals
+                    .iter()
+                    .find(|signal_value| signal_value.signal == signal.name())?;
+                let since = now.since(started_at).as_secs_f64() * 1e3;
+                signal_value.value.filter(|_| signal_value.age_ms < since)
             };
             let enabled = newest(Signal::Enabled).map(|value| value != 0.0);
             held.check(now, enabled, newest(Signal::Velocity))?;
@@ -299,10 +302,10 @@ fn check_lease(live: &LiveConnection, taken: &LeasedAxis<'_>) -> Result<()> {
 
 /// Whether an axis that is ours no more stands by what was read since, or is somebody else's.
 fn wait_rest(live: &LiveConnection, taken: &LeasedAxis<'_>) -> bool {
-    let begun = clock::now();
+    let started_at = clock::now();
     loop {
-        let is_last = clock::now().since(begun) >= LOST_MAX || live.check().is_err();
-        let since = clock::now().since(begun).as_secs_f64() * 1e3;
+        let is_last = clock::now().since(started_at) >= LOST_MAX || live.check().is_err();
+        let since = clock::now().since(started_at).as_secs_f64() * 1e3;
         let is_over = taken.lease.state().is_some_and(|state| {
             let newest = newest_ms(&state);
             let stands =
@@ -345,7 +348,7 @@ fn is_silent(state: &AxisState) -> bool {
 
 /// How old the newest of what is known is, ms.
 fn newest_ms(state: &AxisState) -> f64 {
-    state.signals.iter().map(|told| told.age_ms).fold(f64::MAX, f64::min)
+    state.signals.iter().map(|value| value.age_ms).fold(f64::MAX, f64::min)
 }
 
 /// Ends with the drive's fault, if the server has read one since the axis is ours.
@@ -363,8 +366,8 @@ fn check_fault(taken: &LeasedAxis<'_>) -> Result<()> {
 
 /// The fault that stands by a value that is no older than this.
 fn fault_within(state: &AxisState, age: Duration) -> Option<&ActiveFault> {
-    let told = state.signals.iter().find(|told| told.signal == Signal::Fault.name())?;
-    let is_new = told.age_ms < age.as_secs_f64() * 1e3;
+    let value = state.signals.iter().find(|value| value.signal == Signal::Fault.name())?;
+    let is_new = value.age_ms < age.as_secs_f64() * 1e3;
     state.faults.first().filter(|_| is_new)
 }
 
@@ -382,8 +385,8 @@ fn wait_arrival(taken: &[LeasedAxis<'_>], orders: &[MotionOrder], deadline: Inst
             ));
             continue;
         }
-        let asked = taken.lease.start(Verb::Reached.name(), CommandArguments::default());
-        wait_command(asked.map_err(refusal_problem)?, taken, order.verb, deadline)?;
+        let result = taken.lease.start(Verb::Reached.name(), CommandArguments::default());
+        wait_command(result.map_err(refusal_problem)?, taken, order.verb, deadline)?;
     }
     Ok(())
 }
@@ -437,10 +440,10 @@ fn stop_and_release(
 
 /// An axis as the server saw it since it was asked for, or as it is known where that takes too long.
 pub fn fresh_state(server: &RemoteSession, axis: &AxisInfo) -> Result<AxisState> {
-    let begun = clock::now();
+    let started_at = clock::now();
     loop {
         let state = server.gateway.axis_state(axis.id).map_err(refusal_problem)?;
-        let since = clock::now().since(begun);
+        let since = clock::now().since(started_at);
         let is_new = |read: &SignalValue| read.age_ms <= since.as_secs_f64() * 1e3;
         let all = state.signals.len() >= axis.signals.len() && state.signals.iter().all(is_new);
         if all || since >= FRESH_MAX {
@@ -477,11 +480,11 @@ fn read_since(
     signal: Signal,
     end: Instant,
 ) -> Result<Option<SignalValue>> {
-    let begun = clock::now();
+    let started_at = clock::now();
     loop {
         let state = server.gateway.axis_state(axis.id).map_err(refusal_problem)?;
         let read = state.signals.into_iter().find(|read| read.signal == signal.name());
-        let age = clock::now().since(begun).as_secs_f64() * 1e3;
+        let age = clock::now().since(started_at).as_secs_f64() * 1e3;
         if clock::now() >= end || read.as_ref().is_none_or(|read| read.age_ms <= age) {
             return Ok(read);
         }

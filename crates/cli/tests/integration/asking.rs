@@ -40,9 +40,9 @@ fn a_filter_shows_what_it_wants_and_times_count_from_the_begin() {
 fn a_summary_names_the_fault_and_tells_it_by_its_exit_code() {
     let ran = polepair(&["summary", &feeder(), "--as", "canopen", "--format", "json"]);
     assert_eq!(ran.code, 1, "{}", ran.err);
-    let told: Value = serde_json::from_str(&ran.out).expect("JSON");
-    assert_eq!(told["frames"], 134);
-    let faults = told["faults"].as_array().expect("a list");
+    let value: Value = serde_json::from_str(&ran.out).expect("JSON");
+    assert_eq!(value["frames"], 134);
+    let faults = value["faults"].as_array().expect("a list");
     assert!(faults.iter().any(|fault| fault["axis"] == 2), "{faults:?}");
     let text = polepair(&["summary", &feeder(), "--as", "canopen"]);
     assert!(text.out.contains("oddest moments"), "{}", text.out);

@@ -47,8 +47,8 @@ fn nobody_who_needs_nothing_of_a_broken_file_is_refused() {
         let about = format!("{arguments:?}: {}", ran.err);
         assert_eq!(ran.code, 0, "{about}");
         for file in ["polepair.toml", "mine.toml"] {
-            let told = ran.err.lines().filter(|line| line.contains(file)).count();
-            assert_eq!(told, 1, "{about}");
+            let reported = ran.err.lines().filter(|line| line.contains(file)).count();
+            assert_eq!(reported, 1, "{about}");
         }
     }
 }

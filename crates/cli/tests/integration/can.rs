@@ -130,7 +130,7 @@ fn profiled(url: &str) -> String {
 
 #[test]
 fn mistakes_are_refused_with_what_to_try() {
-    for (arguments, code, said) in [
+    for (arguments, code, text) in [
         (&["sim", "modbus-rtu:1", "--udp", "239.74.163.2:43199"][..], 2, "more than links"),
         (&["get", "modbus-rtu+socketcan://can0#1", "x"], 2, "is not spoken on CAN"),
         (&["stop", "sim:tmcl+can#g1"], 2, "this protocol has no groups"),
@@ -138,6 +138,6 @@ fn mistakes_are_refused_with_what_to_try() {
     ] {
         let ran = polepair(arguments);
         assert_eq!(ran.code, code, "{arguments:?}: {}", ran.err);
-        assert!(ran.err.contains(said), "{}", ran.err);
+        assert!(ran.err.contains(text), "{}", ran.err);
     }
 }

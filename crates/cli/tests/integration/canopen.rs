@@ -28,15 +28,15 @@ fn every_vector_decodes_and_encodes() {
     // Each text once: the manual prints the same frame several times.
     let mut tried = std::collections::BTreeSet::new();
     for (v, found) in all.iter().zip(&frames) {
-        let (name, said) = (text(v, "name"), text(found, "text"));
+        let (name, output) = (text(v, "name"), text(found, "text"));
         assert!(found["ok"] == true && found["protocol"] == "canopen", "{name}: {found}");
         let axis = found["axis"].as_u64().map(|axis| axis.to_string());
-        if !tried.insert((said.to_owned(), axis.clone())) {
+        if !tried.insert((output.to_owned(), axis.clone())) {
             continue;
         }
-        let mut arguments = vec!["encode", "canopen", said];
+        let mut arguments = vec!["encode", "canopen", output];
         arguments.extend(axis.iter().flat_map(|axis| ["--axis", axis]));
-        assert_eq!(ok(&arguments), format!("{}\n", frame(v)), "{name}: {said}");
+        assert_eq!(ok(&arguments), format!("{}\n", frame(v)), "{name}: {output}");
     }
     assert!(tried.len() >= 60, "only {}", tried.len());
 }
@@ -152,16 +152,16 @@ fn a_line_that_is_no_point_is_told_with_its_time() {
         let ran = polepair(&["stream", url, file.name()]);
         assert_eq!(ran.code, 2, "{}", ran.err);
         let what = format!("error[E210]: {}:3: no point has the time {time} s.", file.name());
-        for said in [&*what, "seconds since the line before: more than 0", "Time 0 is where"] {
-            assert!(ran.err.contains(said), "{said}: {}", ran.err);
+        for text in [&*what, "seconds since the line before: more than 0", "Time 0 is where"] {
+            assert!(ran.err.contains(text), "{text}: {}", ran.err);
         }
     }
     for time in ["0.0004", "0.512", "3"] {
         let file = Path::with(&format!("loops{time}.csv"), &format!("0,0,0.2\n0,0,{time}\n"));
         let ran = polepair(&["stream", url, file.name()]);
         assert_eq!(ran.code, 2, "{}", ran.err);
-        let said = format!("{}:2 has {time} s; where the slow loop is 1 ms", file.name());
-        assert!(ran.err.contains("error[E222]") && ran.err.contains(&said), "{}", ran.err);
+        let output = format!("{}:2 has {time} s; where the slow loop is 1 ms", file.name());
+        assert!(ran.err.contains("error[E222]") && ran.err.contains(&output), "{}", ran.err);
     }
     let file = Path::with("short.csv", "0,0.2\n");
     let ran = polepair(&["stream", url, file.name()]);

@@ -22,8 +22,8 @@ impl Told {
     fn take(&mut self, notices: &[SessionNotice]) {
         for notice in notices {
             match notice {
-                SessionNotice::Anomaly(odd) => {
-                    self.odd.entry(odd.kind.as_str()).or_default().push(odd.text.clone());
+                SessionNotice::Anomaly(anomaly) => {
+                    self.odd.entry(anomaly.kind.as_str()).or_default().push(anomaly.text.clone());
                 }
                 SessionNotice::Exchange(exchange) if exchange.outcome == ExchangeOutcome::Done => {
                     self.done += 1
@@ -43,13 +43,13 @@ fn traced(name: &str, arguments: &[&str], protocol: &str) -> Told {
     let ran = polepair(&[arguments, &["--trace", trace]].concat());
     let capture = std::fs::read(&path).expect("a trace");
     std::fs::remove_file(&path).expect("removed");
-    let mut told = Told::default();
+    let mut report = Told::default();
     let mut decoder = CaptureDecoder::new(Rules::parse(protocol).expect("a protocol"));
-    decoder.feed(&capture, &mut |event| told.take(event.notices));
-    decoder.finish(&mut |event| told.take(event.notices));
-    decoder.finish_sessions(&mut |event| told.take(event.notices));
-    assert!(told.done > 0, "{arguments:?}: {}\n{told:?}", ran.err);
-    told
+    decoder.feed(&capture, &mut |event| report.take(event.notices));
+    decoder.finish(&mut |event| report.take(event.notices));
+    decoder.finish_sessions(&mut |event| report.take(event.notices));
+    assert!(report.done > 0, "{arguments:?}: {}\n{report:?}", ran.err);
+    report
 }
 
 #[test]
@@ -65,9 +65,9 @@ fn clean_conversations_accuse_nobody() {
     for (at, (url, protocol, far)) in clean.into_iter().enumerate() {
         let verbs = [vec!["info", url], vec!["move", url, far]];
         for (nth, verb) in verbs.iter().enumerate() {
-            let told = traced(&format!("clean-{at}-{nth}"), verb, protocol);
-            assert!(told.odd.is_empty() && told.others.is_empty(), "{verb:?}: {told:?}");
-            assert!(nth == 0 || !told.signals.is_empty(), "{verb:?}: {told:?}");
+            let report = traced(&format!("clean-{at}-{nth}"), verb, protocol);
+            assert!(report.odd.is_empty() && report.others.is_empty(), "{verb:?}: {report:?}");
+            assert!(nth == 0 || !report.signals.is_empty(), "{verb:?}: {report:?}");
         }
     }
 }
@@ -83,11 +83,11 @@ fn what_a_line_loses_is_found() {
         std::fs::write(&rack, text).expect("written");
         let url = format!("sim:{}?time=virtual&seed=3#x", rack.display());
         let watch = ["watch", &url, "position", "velocity", "--for", "5s"];
-        let told = traced(&format!("lossy-{protocol}"), &watch, protocol);
-        let lost = told.odd.keys().any(|kind| ["retry", "unanswered"].contains(kind));
-        assert!(lost, "{profile}: {told:?}");
+        let report = traced(&format!("lossy-{protocol}"), &watch, protocol);
+        let lost = report.odd.keys().any(|kind| ["retry", "unanswered"].contains(kind));
+        assert!(lost, "{profile}: {report:?}");
         let innocent = ["duplicate-address", "restart", "refused", "foreign-reply"];
-        assert!(!told.odd.keys().any(|kind| innocent.contains(kind)), "{profile}: {told:?}");
+        assert!(!report.odd.keys().any(|kind| innocent.contains(kind)), "{profile}: {report:?}");
     }
     std::fs::remove_file(&rack).expect("removed");
 }

@@ -86,10 +86,10 @@ fn every_modbus_vector_decodes() {
                 }
                 false => words,
             };
-            let said = polepair(&["encode", protocol, &words, "--axis", &axis]);
+            let ran = polepair(&["encode", protocol, &words, "--axis", &axis]);
             let lower = hex(vector).replace("6562", "4542");
-            let again = said.out.trim().replace(' ', "");
-            assert!(lower.ends_with(&again) && !again.is_empty(), "{name}: {said:?}");
+            let again = ran.out.trim().replace(' ', "");
+            assert!(lower.ends_with(&again) && !again.is_empty(), "{name}: {ran:?}");
         }
     }
 }
@@ -188,10 +188,10 @@ fn what_decode_says_encode_understands() {
     let links = decode(&capture, &["--as", "tmcl"]);
     for vector in requests {
         let frame = &links[text(vector, "name")][0];
-        let said = text(frame, "text").split(':').next().unwrap_or("");
+        let output = text(frame, "text").split(':').next().unwrap_or("");
         let axis = frame["axis"].to_string();
-        let ran = polepair(&["encode", "tmcl", said, "--axis", &axis]);
-        assert_eq!(ran.out.trim().replace(' ', ""), hex(vector), "{said}: {}", ran.err);
+        let ran = polepair(&["encode", "tmcl", output, "--axis", &axis]);
+        assert_eq!(ran.out.trim().replace(' ', ""), hex(vector), "{output}: {}", ran.err);
         tried += 1;
     }
     assert!(tried > 10, "only {tried} requests");
@@ -230,12 +230,12 @@ fn every_request_encodes_from_its_text() {
             }
             let links = decode(&line(&vector), &["--as", protocol]);
             for frame in links.values().flatten().filter(|frame| ok(frame)) {
-                let (said, axis) = (text(frame, "text"), frame["axis"].to_string());
-                let ran = polepair(&["encode", protocol, said, "--axis", &axis]);
+                let (output, axis) = (text(frame, "text"), frame["axis"].to_string());
+                let ran = polepair(&["encode", protocol, output, "--axis", &axis]);
                 let back = ran.out.trim().replace(' ', "");
                 // Modbus ASCII may come in small letters; we write capitals.
                 if !text(&vector, "name").ends_with("ascii_lower") {
-                    assert_eq!(back, text(frame, "bytes"), "{said}: {}", ran.err);
+                    assert_eq!(back, text(frame, "bytes"), "{output}: {}", ran.err);
                 }
                 tried += 1;
             }
@@ -304,8 +304,8 @@ fn the_format_is_what_the_output_ends_in() {
     let folder = std::env::temp_dir().join(format!("polepair-ending-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let capture = folder.join("bus.log");
-    let asked = "601#4064600000000000\n(1.1) can0 581#4364600001020304\n";
-    let log = format!("(1.0) can0 {asked}(1.2) can0 {asked}(1.3) can0 581#4364600001020304\n");
+    let request = "601#4064600000000000\n(1.1) can0 581#4364600001020304\n";
+    let log = format!("(1.0) can0 {request}(1.2) can0 {request}(1.3) can0 581#4364600001020304\n");
     std::fs::write(&capture, log).expect("a capture");
     let decoded = |out: &str, stated: &[&str]| {
         let out = folder.join(out);

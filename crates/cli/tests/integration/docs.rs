@@ -108,8 +108,8 @@ fn shell(block: &str, folder: &Path) -> Result<(), String> {
     for _ in 0..BLOCK_S * 50 {
         if child.try_wait().expect("a status").is_some() {
             let output = child.wait_with_output().expect("its output");
-            let told = String::from_utf8_lossy(&output.stderr).into_owned();
-            return if output.status.success() { Ok(()) } else { Err(told) };
+            let text = String::from_utf8_lossy(&output.stderr).into_owned();
+            return if output.status.success() { Ok(()) } else { Err(text) };
         }
         std::thread::sleep(Duration::from_millis(20));
     }
@@ -250,8 +250,8 @@ fn links(page: &str) -> Vec<String> {
 /// Headings as links name them.
 fn headings(page: &Path) -> Vec<String> {
     let plain = |line: &str| -> String {
-        let kept = line.chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c));
-        kept.collect::<String>().trim().to_lowercase().replace(' ', "-")
+        let stored = line.chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c));
+        stored.collect::<String>().trim().to_lowercase().replace(' ', "-")
     };
     text(page)
         .lines()

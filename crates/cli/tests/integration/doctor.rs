@@ -65,17 +65,17 @@ impl Relay {
         std::thread::spawn(move || {
             for mut near in server.incoming().flatten() {
                 let mut far = TcpStream::connect(&at).expect("the drive");
-                let (mut asks, mut told) = (near.try_clone().unwrap(), far.try_clone().unwrap());
-                std::thread::spawn(move || drop(std::io::copy(&mut told, &mut near)));
+                let (mut asks, mut stream) = (near.try_clone().unwrap(), far.try_clone().unwrap());
+                std::thread::spawn(move || drop(std::io::copy(&mut stream, &mut near)));
                 let (its, cut) = (Arc::clone(&its), Arc::clone(&cut));
                 std::thread::spawn(move || {
-                    let mut asked = [0; 9];
-                    while asks.read_exact(&mut asked).is_ok() {
-                        if !cut.load(SeqCst) && far.write_all(&asked).is_err() {
+                    let mut request = [0; 9];
+                    while asks.read_exact(&mut request).is_ok() {
+                        if !cut.load(SeqCst) && far.write_all(&request).is_err() {
                             break;
                         }
                         // ROR.
-                        its.fetch_or(asked[..2] == [1, 1], SeqCst);
+                        its.fetch_or(request[..2] == [1, 1], SeqCst);
                     }
                     let _ = far.shutdown(std::net::Shutdown::Both);
                 });
@@ -107,7 +107,7 @@ fn who_ends_a_proof_has_the_motor_stopped_and_the_watchdog_put_back() {
         assert!(ran.err.starts_with("interrupted: the motor was stopped\n"), "{}", ran.err);
         assert!(ran.out.contains("its watchdog is set as before"), "{}", ran.out);
         let proven = ["its watchdog works", "did not stop it", "did not turn"];
-        assert!(!proven.iter().any(|said| ran.out.contains(said)), "{}", ran.out);
+        assert!(!proven.iter().any(|text| ran.out.contains(text)), "{}", ran.out);
         assert_eq!(ok(&["get", &served.url, "actual velocity"]), "actual velocity = 0 rpm\n");
         assert_eq!(ok(&["get", &served.url, "driver enable"]), "driver enable = off\n");
         assert!(ok(&["watchdog", &served.url]).contains("off"));
@@ -120,7 +120,7 @@ fn who_ends_a_proof_has_the_motor_stopped_and_the_watchdog_put_back() {
 #[test]
 fn a_firmware_without_a_watchdog_is_told_so_and_is_not_wrong() {
     for refusal in [3, 4, 6] {
-        let ask = |arguments: &[&str]| {
+        let request = |arguments: &[&str]| {
             let (url, module) = crate::stop::module(move |opcode, _| match opcode {
                 136 => Some((100, 0x17DE_0112)),
                 9 | 10 => Some((refusal, 0)),
@@ -132,22 +132,22 @@ fn a_firmware_without_a_watchdog_is_told_so_and_is_not_wrong() {
             module.join().expect("a module");
             ran
         };
-        let ran = ask(&["info"]);
+        let ran = request(&["info"]);
         assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
         let row = ran.out.lines().find(|line| line.trim().starts_with("watchdog")).expect("a row");
         assert!(row.contains("this firmware has none (`serial heartbeat`)"), "{row}");
         assert!(row.contains("keeps doing what it was last told"), "{row}");
-        let ran = ask(&["doctor"]);
+        let ran = request(&["doctor"]);
         assert!(ran.out.contains("no watchdog: the motor keeps doing"), "{}", ran.out);
         assert!(!ran.out.contains("E601") && !ran.out.contains("heartbeat"), "{}", ran.out);
-        let ran = ask(&["watchdog"]);
+        let ran = request(&["watchdog"]);
         assert_eq!(ran.code, 0, "{}", ran.err);
         assert!(
             ran.out.contains("axis 1: this firmware has none (`serial heartbeat`)"),
             "{}",
             ran.out
         );
-        let ran = ask(&["watchdog", "500ms"]);
+        let ran = request(&["watchdog", "500ms"]);
         assert_eq!(ran.code, 2, "{}", ran.err);
         assert!(ran.err.contains("error[E218]: axis 1 has no watchdog that can be set."));
     }
@@ -159,12 +159,12 @@ fn a_family_without_a_watchdog_is_told_so_by_who_sets_it() {
         for time in ["500ms", "off"] {
             let ran = polepair(&["watchdog", url, time]);
             assert_eq!(ran.code, 2, "{}", ran.err);
-            for said in [
+            for text in [
                 "error[E218]: axis ",
                 " has no watchdog that can be set.",
                 "What it does in silence: none: the motor keeps doing what it was last told.",
             ] {
-                assert!(ran.err.contains(said), "{url}: {said}: {}", ran.err);
+                assert!(ran.err.contains(text), "{url}: {text}: {}", ran.err);
             }
             assert!(!ran.err.contains("it can enable"), "{url}: {}", ran.err);
         }
@@ -180,9 +180,9 @@ fn a_watchdog_that_ends_before_the_next_heartbeat_is_warned_of() {
     for (ms, warned) in [(100, false), (299, false), (300, true), (500, true)] {
         let ran = polepair(&["watchdog", &url(ms)]);
         assert_eq!(ran.code, 0, "{}", ran.err);
-        let said =
+        let text =
             "warning: axis 5: its watchdog ends before the next heartbeat of this connection";
-        assert_eq!(ran.err.contains(said), warned, "{ms}: {}", ran.err);
+        assert_eq!(ran.err.contains(text), warned, "{ms}: {}", ran.err);
     }
     served.end();
 }
@@ -197,10 +197,10 @@ fn a_motor_that_a_proof_lost_is_told_as_turning() {
     let ran = run::ran(proof.wait_with_output().expect("ends"));
     assert_eq!(ran.code, 4, "{}", ran.err);
     let stops = format!("polepair stop {}, once its drive answers again", relay.url);
-    for said in
+    for text in
         ["axis 1 may still turn: cut its supply. Its stop was not confirmed", "error[E401]", &stops]
     {
-        assert!(ran.err.contains(said), "{said}: {}", ran.err);
+        assert!(ran.err.contains(text), "{text}: {}", ran.err);
     }
     assert!(ran.out.contains("its watchdog stays set"), "{}", ran.out);
     served.end();

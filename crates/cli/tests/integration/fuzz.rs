@@ -34,11 +34,11 @@ impl Drop for Tried<'_> {
 }
 
 /// Another input out of those there are.
-fn mutate(random: &mut Random, kept: &[Vec<u8>]) -> Vec<u8> {
-    let mut bytes = kept[random.below(kept.len() as u64) as usize].clone();
+fn mutate(random: &mut Random, stored: &[Vec<u8>]) -> Vec<u8> {
+    let mut bytes = stored[random.below(stored.len() as u64) as usize].clone();
     for _ in 0..random.between(1, 4) {
         let at = random.below(bytes.len() as u64 + 1) as usize;
-        let other = &kept[random.below(kept.len() as u64) as usize];
+        let other = &stored[random.below(stored.len() as u64) as usize];
         match random.below(7) {
             0 if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
             1 if at < bytes.len() => bytes[at] = random.next_byte(),
@@ -72,22 +72,23 @@ fn corpus(name: &str) -> Vec<Vec<u8>> {
 fn try_target(name: &str) {
     let (name, body, seeds) = bodies::TARGETS.into_iter().find(|t| t.0 == name).expect("a target");
     let mut random = Random::new(1);
-    let mut kept: Vec<Vec<u8>> = seeds.iter().map(|seed| seed.to_vec()).collect();
-    kept.extend(corpus(name));
-    let given = kept.len();
+    let mut stored: Vec<Vec<u8>> = seeds.iter().map(|seed| seed.to_vec()).collect();
+    stored.extend(corpus(name));
+    let given = stored.len();
     let end = Instant::now() + budget();
     for round in 0..given + ROUNDS_MAX {
         // Those that are kept are all tried, however slow the machine.
         if round >= given && Instant::now() > end {
             break;
         }
-        let input = if round < given { kept[round].clone() } else { mutate(&mut random, &kept) };
+        let input =
+            if round < given { stored[round].clone() } else { mutate(&mut random, &stored) };
         let tried = Tried(name, &input);
         body(&input);
         drop(tried);
         // Now and then the seeds are left further behind.
-        if kept.len() < given + KEPT_MAX && round % 50 == 0 && !input.is_empty() {
-            kept.push(input);
+        if stored.len() < given + KEPT_MAX && round % 50 == 0 && !input.is_empty() {
+            stored.push(input);
         }
     }
 }

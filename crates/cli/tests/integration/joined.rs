@@ -103,9 +103,9 @@ fn what_is_there_is_shown_as_on_a_link() {
     let get = server.ok(&["get", "all", "max current"]);
     assert_eq!(get, "#1 max current = 10 A\n#3 max current = 10 A\n");
     let line = server.ok(&["get", "0#3", "AP 6", "--format", "jsonl"]);
-    let told: serde_json::Value = serde_json::from_str(&line).expect("JSON");
-    assert_eq!((&told["axis"], &told["raw"]), (&3.into(), &100.into()), "{line}");
-    assert_eq!(told["link"], 0, "{line}");
+    let json: serde_json::Value = serde_json::from_str(&line).expect("JSON");
+    assert_eq!((&json["axis"], &json["raw"]), (&3.into(), &100.into()), "{line}");
+    assert_eq!(json["link"], 0, "{line}");
     let csv = server.ok(&["get", "3", "max current", "--format", "csv"]);
     assert!(csv.starts_with("axis,link,name,symbol,raw,value,unit\n3,0,max current,"), "{csv}");
     assert!(server.ok(&["get", "1", "all"]).lines().count() > 50);
@@ -175,11 +175,15 @@ fn what_a_value_means_for_one_of_several_axes_names_that_axis() {
 fn a_server_looks_for_drives_and_takes_them_in() {
     let server = Server::new(&["sim:tmcl?axes=3#1"]);
     let look = server.ok(&["scan", "--look", "--ids", "1-5", "--format", "jsonl"]);
-    let told: Vec<serde_json::Value> =
+    let reports: Vec<serde_json::Value> =
         look.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
-    let axes: Vec<_> = told.iter().map(|one| one["axis"].as_u64()).collect();
+    let axes: Vec<_> = reports.iter().map(|one| one["axis"].as_u64()).collect();
     assert_eq!(axes, [Some(3), Some(4)], "{look}");
-    assert_eq!((&told[0]["link"], &told[0]["drive"]), (&0.into(), &"tmcm-171".into()), "{look}");
+    assert_eq!(
+        (&reports[0]["link"], &reports[0]["drive"]),
+        (&0.into(), &"tmcm-171".into()),
+        "{look}"
+    );
     assert_eq!(server.ok(&["scan"]).lines().count(), 2, "nothing is taken in unasked");
     let text = server.ok(&["scan", "--take", "--ids", "3-4"]);
     assert!(text.starts_with("axis  link  drive"), "{text}");
@@ -212,8 +216,9 @@ fn the_token_of_ones_own_server_goes_to_no_other_host() {
     for host in ["127.0.0.1.example:7365", "nobody.invalid"] {
         let ran = refused(host, &[]);
         assert_eq!((ran.code, &*ran.out), (2, ""), "{}", ran.err);
-        let said = ran.err.contains("error[E256]") && ran.err.contains("not sent to another host");
-        assert!(said, "{}", ran.err);
+        let matches =
+            ran.err.contains("error[E256]") && ran.err.contains("not sent to another host");
+        assert!(matches, "{}", ran.err);
         // With a token that is meant for it, it is looked for, and is not there.
         let ran = refused(host, &["--token-file", &server.tokens()]);
         assert!(ran.code == 3 && ran.err.contains("error[E315]"), "{}", ran.err);
@@ -221,13 +226,13 @@ fn the_token_of_ones_own_server_goes_to_no_other_host() {
     // Nor to who listens here: a stranger, or a tunnel, though it leads to our own server and asks it.
     let at = server.url.trim_start_matches("http://").trim_end_matches('/');
     for relayed in [None, Some(at.to_owned())] {
-        let (url, heard) = stranger(relayed);
+        let (url, received) = stranger(relayed);
         let ran = own(&["--server", &url, "scan"]);
         assert_eq!((ran.code, &*ran.out), (2, ""), "{}", ran.err);
         assert!(ran.err.contains("error[E256]") && ran.err.contains("prove"), "{}", ran.err);
-        let heard = String::from_utf8_lossy(&heard.lock().expect("heard")).into_owned();
-        assert!(heard.starts_with("GET /api/v1/proof/"), "{heard}");
-        assert!(!heard.to_ascii_lowercase().contains("authorization"), "{heard}");
+        let output = String::from_utf8_lossy(&received.lock().expect("heard")).into_owned();
+        assert!(output.starts_with("GET /api/v1/proof/"), "{output}");
+        assert!(!output.to_ascii_lowercase().contains("authorization"), "{output}");
     }
     drop(server);
     std::fs::remove_dir_all(home).expect("removed");
@@ -238,8 +243,8 @@ fn the_token_of_ones_own_server_goes_to_no_other_host() {
 fn stranger(relayed: Option<String>) -> (String, Arc<Mutex<Vec<u8>>>) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let here = listener.local_addr().expect("an address").to_string();
-    let heard = Arc::<Mutex<Vec<u8>>>::default();
-    let (url, heard_there) = (format!("http://{here}"), Arc::clone(&heard));
+    let received = Arc::<Mutex<Vec<u8>>>::default();
+    let (url, heard_there) = (format!("http://{here}"), Arc::clone(&received));
     std::thread::spawn(move || {
         let (mut client, _) = listener.accept().expect("a client");
         let mut bytes = [0; 8192];
@@ -258,7 +263,7 @@ fn stranger(relayed: Option<String>) -> (String, Arc<Mutex<Vec<u8>>>) {
             let _ = client.write_all(&answer);
         }
     });
-    (url, heard)
+    (url, received)
 }
 
 #[test]
@@ -271,15 +276,16 @@ fn axes_and_frames_are_monitored() {
     let held = server.held(&["spin", "0#1", "300rpm"]);
     until(|| server.velocity("0#1") > 100.0, || {});
     let lines = server.ok(&["monitor", "0#1", "--format", "jsonl", "--for", "1s"]);
-    let told: Vec<serde_json::Value> =
+    let reports: Vec<serde_json::Value> =
         lines.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
-    let axes: Vec<_> = told.iter().filter(|line| line["signals"].is_object()).collect();
+    let axes: Vec<_> = reports.iter().filter(|line| line["signals"].is_object()).collect();
     assert!(axes.len() > 2 && axes.iter().all(|axis| axis["axis"] == 1), "{lines}");
     assert!(axes.iter().any(|axis| axis["state"] == "turns"), "{lines}");
-    let frames = told.iter().filter(|line| line["protocol"] == "tmcl" && line["raw"].is_string());
+    let frames =
+        reports.iter().filter(|line| line["protocol"] == "tmcl" && line["raw"].is_string());
     assert!(frames.clone().count() > 2, "{lines}");
     assert!(frames.clone().any(|frame| frame["direction"] == "tx" && frame["ok"] == true));
-    assert!(told.last().is_some_and(|last| last["frames"].as_u64() > Some(2)), "{lines}");
+    assert!(reports.last().is_some_and(|last| last["frames"].as_u64() > Some(2)), "{lines}");
     drop(held.interrupt());
     let wrong = server.run(&["monitor", "--listen"]);
     assert!(wrong.code == 2 && wrong.err.contains("error[E257]"), "{}", wrong.err);
@@ -344,10 +350,10 @@ fn a_drives_own_watchdog_is_shown_and_set() {
     let armed = "on, the drive stops after 300 ms of silence (consumer heartbeat)";
     until(|| server.ok(&["watchdog"]).contains(armed), || {});
     let all = server.ok(&["watchdog"]);
-    let said: Vec<&str> = all.lines().collect();
-    assert!(said[0].contains("off") && said[0].ends_with("(serial heartbeat)"), "{all}");
-    assert!(said[1].ends_with(armed), "{all}");
-    assert!(said[2].contains("none: the motor keeps doing"), "{all}");
+    let lines: Vec<&str> = all.lines().collect();
+    assert!(lines[0].contains("off") && lines[0].ends_with("(serial heartbeat)"), "{all}");
+    assert!(lines[1].ends_with(armed), "{all}");
+    assert!(lines[2].contains("none: the motor keeps doing"), "{all}");
     for axis in ["0#1", "1#5"] {
         let ran = server.run(&["watchdog", axis, "700ms"]);
         assert!(ran.out.contains("on, the drive stops after 700 ms of silence"), "{ran:?}");
@@ -427,8 +433,8 @@ fn who_may_only_stop_stops_everything() {
     let stopped = server.run(&["stop"]);
     assert_eq!(stopped.code, 0, "{}", stopped.err);
     assert!(stopped.err.contains("the server's axis 0 is stopped\n"), "{}", stopped.err);
-    let asked = server.run(&["stop", "1"]);
-    assert!(asked.code == 2 && asked.err.contains("error[gateway.scope]"), "{}", asked.err);
+    let ran = server.run(&["stop", "1"]);
+    assert!(ran.code == 2 && ran.err.contains("error[gateway.scope]"), "{}", ran.err);
 }
 
 #[test]
@@ -463,10 +469,11 @@ fn a_motor_whose_drive_falls_silent_is_not_held_for_ever() {
     let ended = held.ended();
     signal("CONT", drive.id());
     assert_eq!(ended.code, 4, "{}", ended.err);
-    let told = ended.err.contains("did not confirm its stop and may still turn: cut its supply")
-        && ended.err.contains("error[E401]: axis 1 has not answered for ")
-        && ended.err.contains("The motor may still turn: cut its supply.");
-    assert!(told, "{}", ended.err);
+    let reported =
+        ended.err.contains("did not confirm its stop and may still turn: cut its supply")
+            && ended.err.contains("error[E401]: axis 1 has not answered for ")
+            && ended.err.contains("The motor may still turn: cut its supply.");
+    assert!(reported, "{}", ended.err);
 }
 
 #[test]
@@ -551,10 +558,10 @@ fn a_stop_names_the_axes_that_are_not_there_and_stops_the_others() {
     }
     let stopped = server.run(&["stop", "9"]);
     assert_eq!(stopped.code, 4, "{}", stopped.err);
-    let told =
+    let reported =
         stopped.err.contains("error[E401]: axis 9 of link 0 is not there, and was told nothing")
             && stopped.err.contains("cut its supply");
-    assert!(told, "{}", stopped.err);
+    assert!(reported, "{}", stopped.err);
 }
 
 #[test]

@@ -66,17 +66,17 @@ fn a_listener_hears_both_ends_and_says_nothing() {
     let mut listener = Held::new(&["monitor", drive.link(), "--listen", "--format", "jsonl"]);
     let talker = Held::new(&["watch", &drive.url, "velocity", "--for", "300s"]);
     let lines = BufReader::new(listener.0.stdout.take().expect("a pipe")).lines();
-    let (mut asked, mut answered) = (false, false);
+    let (mut requested, mut answered) = (false, false);
     for line in lines {
         let one: Value = serde_json::from_str(&line.expect("text")).expect("JSON");
         assert!(one["direction"].is_null(), "{one}");
-        asked |= one["kind"] == "SDO read" && one["axis"] == 2;
+        requested |= one["kind"] == "SDO read" && one["axis"] == 2;
         answered |= one["kind"] == "SDO value" && one["axis"] == 2;
-        if asked && answered {
+        if requested && answered {
             break;
         }
     }
-    assert!(asked && answered);
+    assert!(requested && answered);
     drop((talker, listener));
     drive.end();
 }

@@ -108,14 +108,14 @@ fn a_terminal_that_is_gone_leaves_no_motor_turning() {
         .stderr(end())
         .spawn()
         .expect("starts");
-    let (mut said, mut buffer) = (String::new(), [0; 256]);
-    while !said.contains("velocity") {
+    let (mut text, mut buffer) = (String::new(), [0; 256]);
+    while !text.contains("velocity") {
         let until = polepair_link::clock::now().plus_ms(60_000);
         match pty.receive(&mut buffer, until).expect("a terminal") {
             polepair_link::Received::Bytes { len, .. } => {
-                said.push_str(&String::from_utf8_lossy(&buffer[..len]));
+                text.push_str(&String::from_utf8_lossy(&buffer[..len]));
             }
-            other => panic!("{other:?}: {said}"),
+            other => panic!("{other:?}: {text}"),
         }
     }
     drop(pty);

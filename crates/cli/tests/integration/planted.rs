@@ -216,8 +216,8 @@ fn a_planted_fault_is_found_and_nothing_else() {
     let mut missed = Vec::new();
     for (nth, talk) in TALKS.iter().enumerate() {
         let clean = traced(talk, nth);
-        let told = summary(&clean);
-        assert!(told.is_clean(), "{}: {:?}", talk.url, moments(&told));
+        let report = summary(&clean);
+        assert!(report.is_clean(), "{}: {:?}", talk.url, moments(&report));
         let late = |at: &usize| clean[*at].us > clean[0].us + BEGINNING;
         let mut answers: Vec<usize> = (4..clean.len() - ENDING).filter(late).collect();
         answers.retain(|at| clean[*at].answers(talk).is_some());
@@ -233,8 +233,8 @@ fn a_planted_fault_is_found_and_nothing_else() {
                 let mut lines = clean.clone();
                 let (since, axis) = (lines[*at].us, clean[*at].answers(talk));
                 plant(&mut lines, *at);
-                let told = summary(&lines);
-                let found = moments(&told);
+                let report = summary(&lines);
+                let found = moments(&report);
                 let right = |moment: &&&AnomalyBurst| {
                     let at = moment.time.map_or(0, |Timestamp(ns)| ns / 1000);
                     let near = (since.saturating_sub(10_000)..since + 1_600_000).contains(&at);

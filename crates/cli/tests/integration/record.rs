@@ -51,8 +51,8 @@ fn a_pager_that_stands_still_holds_up_no_recording() {
     let recorder = run::command(&["record", drive.link(), "-o", &file, "-v"]).spawn();
     let recorder = recorder.expect("starts");
     // More lines than a pipe holds (64 KiB), and nobody reads it.
-    let kept = || std::fs::read_to_string(&file).map_or(0, |text| text.lines().count());
-    run::until(|| kept() >= 3000, || drop(ok(&["get", &drive.url, "velocity demand"])));
+    let is_stored = || std::fs::read_to_string(&file).map_or(0, |text| text.lines().count());
+    run::until(|| is_stored() >= 3000, || drop(ok(&["get", &drive.url, "velocity demand"])));
     run::signal("INT", recorder.id());
     let output = run::ran(recorder.wait_with_output().expect("ends"));
     assert_eq!(output.code, 0, "{}", output.err);

@@ -47,15 +47,16 @@ fn simulated_drives_answer_what_the_host_asked() {
         assert!(ran.err.contains("2 frames sent") && ran.err.contains("late by"), "{}", ran.err);
         let explained = ok(&["decode", &trace, "--as", "canopen", "--format", "jsonl"]);
         let count = |part: &str| explained.lines().filter(|line| line.contains(part)).count();
-        let (asked, answered) = (count("\"kind\":\"SDO read\""), count("\"kind\":\"SDO value\""));
-        assert_eq!((asked, answered), (2, 2), "{explained}");
+        let (requested, answered) =
+            (count("\"kind\":\"SDO read\""), count("\"kind\":\"SDO value\""));
+        assert_eq!((requested, answered), (2, 2), "{explained}");
         assert_eq!(count("\"direction\":\"tx\""), 2, "{explained}");
     }
 }
 
 #[test]
 fn motion_and_permanent_memory_need_leave() {
-    let (moves, keeps) = (written("moves.log", MOVES), written("keeps.log", KEEPS));
+    let (moves, stores) = (written("moves.log", MOVES), written("keeps.log", KEEPS));
     let unarmed = polepair(&["replay", &moves, "sim:canopen:2"]);
     assert_eq!(unarmed.code, 2);
     assert!(unarmed.err.contains("error[E219]: 1 frame may move motors"), "{}", unarmed.err);
@@ -64,10 +65,10 @@ fn motion_and_permanent_memory_need_leave() {
         "{}",
         unarmed.err
     );
-    let unstored = polepair(&["replay", &keeps, "sim:canopen:2", "--arm"]);
+    let unstored = polepair(&["replay", &stores, "sim:canopen:2", "--arm"]);
     assert_eq!(unstored.code, 2);
     assert!(unstored.err.contains("error[E251]") && unstored.err.contains("--store"));
-    assert_eq!(polepair(&["replay", &keeps, "sim:canopen:2", "--store"]).code, 0);
+    assert_eq!(polepair(&["replay", &stores, "sim:canopen:2", "--store"]).code, 0);
     // What was set in motion is stopped at the end.
     let armed = polepair(&["replay", &moves, "sim:canopen:2", "--arm"]);
     assert!(armed.code == 0 && armed.err.contains("is stopped"), "{}", armed.err);
@@ -167,17 +168,17 @@ fn onto_each_kind_of_link_a_capture_is_played() {
         (&["canopen:2", "--tcp", "127.0.0.1:0"], &frames, "canopen", 2),
         (&["canopen:2", "--socketcand", "127.0.0.1:0"], &frames, "canopen", 2),
     ];
-    for (end, capture, protocol, asked) in ends {
+    for (end, capture, protocol, requested) in ends {
         let drive = run::Served::with(end);
         let trace = written("ends-trace.log", "");
         let ran = polepair(&["replay", capture, drive.link(), "--fast", "--trace", &trace]);
         assert_eq!(ran.code, 0, "{end:?}: {}", ran.err);
-        assert!(ran.err.contains(&format!("{asked} frames sent")), "{end:?}: {}", ran.err);
+        assert!(ran.err.contains(&format!("{requested} frames sent")), "{end:?}: {}", ran.err);
         let explained = ok(&["decode", &trace, "--as", protocol, "--format", "jsonl"]);
         let kinds = ["\"kind\":\"SDO value\"", "\"kind\":\"GAP\""];
         let answers = explained.lines().filter(|line| line.contains("\"direction\":\"rx\""));
         let answers = answers.filter(|line| kinds.iter().any(|kind| line.contains(kind)));
-        assert_eq!(answers.count(), asked, "{end:?}: {explained}");
+        assert_eq!(answers.count(), requested, "{end:?}: {explained}");
         drive.end();
     }
 }
@@ -189,12 +190,12 @@ fn an_interrupted_replay_stops_what_it_moved() {
     let capture = written("long.log", &format!("{MOVES}{later}"));
     let trace = written("long-answers.log", "");
     let drive = run::Served::with(&["canopen:2", "--udp", "239.74.163.21:43122"]);
-    let told = format!(
+    let output = format!(
         "{capture}: 3 frames of 60.0 s for {}: 2 ask or stop, 1 may move motors",
         drive.link()
     );
     let order = ["replay", &capture, drive.link(), "--arm", "--trace", &trace];
-    let held = run::Held::new(&order, &told);
+    let held = run::Held::new(&order, &output);
     let is_sent =
         || std::fs::read_to_string(&trace).is_ok_and(|text| text.contains("602#2B4060000F"));
     run::until(is_sent, || std::thread::sleep(std::time::Duration::from_millis(20)));

@@ -25,12 +25,17 @@ fn every_drive_is_told_as_soon_as_it_is_found() {
     let sim = Served::new("tmcl:1,5");
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
     let ran = timed(&["stop", sim.link()]);
-    let said: Vec<&str> = ran.err.lines().collect();
-    let told = ["axis 1 is told to stop", "axis 5 is told to stop"];
+    let lines: Vec<&str> = ran.err.lines().collect();
+    let reports = ["axis 1 is told to stop", "axis 5 is told to stop"];
     let rested = ["axis 1 is stopped", "axis 5 is stopped"];
-    assert_eq!((&said[..2], &said[2..4], ran.code), (&told[..], &rested[..], 0), "{}", ran.err);
+    assert_eq!(
+        (&lines[..2], &lines[2..4], ran.code),
+        (&reports[..], &rested[..], 0),
+        "{}",
+        ran.err
+    );
     // Whom it may have missed.
-    assert!(said[4].starts_with("asked 32 addresses for 30 ms each; "), "{}", ran.err);
+    assert!(lines[4].starts_with("asked 32 addresses for 30 ms each; "), "{}", ran.err);
     for velocity in ok(&["get", &sim.url, "actual velocity"]).lines() {
         assert!(velocity.ends_with("= 0 rpm"), "{velocity}");
     }
@@ -44,13 +49,13 @@ fn a_trace_that_cannot_be_written_keeps_no_motor_turning() {
     let missing = std::env::temp_dir().join(format!("polepair-none-{}/trace", std::process::id()));
     let missing = missing.to_str().expect("a path");
     let full = cfg!(target_os = "linux").then_some(("/dev/full", "frames are missing in it"));
-    for (file, said) in [(missing, "No frame is kept.")].into_iter().chain(full) {
+    for (file, text) in [(missing, "No frame is kept.")].into_iter().chain(full) {
         ok(&["spin", &sim.url, "300rpm", "--detach"]);
         let ran = timed(&["stop", &sim.url, "--trace", file]);
         assert_eq!(ran.code, 0, "{}", ran.err);
         assert!(ran.err.contains("axis 1 is stopped\n"), "{}", ran.err);
         let warnings = ran.err.lines().filter(|line| line.starts_with("warning: "));
-        assert_eq!(warnings.filter(|line| line.contains(said)).count(), 1, "{}", ran.err);
+        assert_eq!(warnings.filter(|line| line.contains(text)).count(), 1, "{}", ran.err);
     }
     // Whoever looks wants the frames.
     let ran = polepair(&["get", &sim.url, "actual velocity", "--trace", missing]);
@@ -96,8 +101,8 @@ fn propellers_are_found_and_stopped_without_their_numbers() {
     let ran = timed(&["stop", sim.link()]);
     // A busy machine has no time for the last addresses, and says so.
     assert!(ran.code == 0 || ran.err.contains("error[E703]"), "{}", ran.err);
-    for said in ["axis 11 is stopped\n", "axis 12 is stopped\n"] {
-        assert!(ran.err.contains(said), "{}", ran.err);
+    for text in ["axis 11 is stopped\n", "axis 12 is stopped\n"] {
+        assert!(ran.err.contains(text), "{}", ran.err);
     }
     for axis in &axes {
         assert_eq!(ok(&["get", axis, "speed"]), "speed = 0 rpm\n");
@@ -127,9 +132,9 @@ pub(crate) fn module(
     let url = format!("tmcl+tcp://{}#1", server.local_addr().expect("an address"));
     let module = std::thread::spawn(move || {
         let (mut wire, _) = server.accept().expect("a host");
-        let mut asked = [0; 9];
-        while wire.read_exact(&mut asked).is_ok() {
-            let [address, opcode, _, motor, ..] = asked;
+        let mut request = [0; 9];
+        while wire.read_exact(&mut request).is_ok() {
+            let [address, opcode, _, motor, ..] = request;
             let Some((status, value)) = answer(opcode, motor).filter(|_| address == 1) else {
                 continue;
             };
@@ -145,13 +150,13 @@ pub(crate) fn module(
 /// One with two motors: MST with the motor in its third byte, status 4 for a motor that it has not.
 #[test]
 fn a_module_with_several_motors_has_all_of_them_stopped() {
-    let (told, order) = mpsc::channel();
+    let (sender, order) = mpsc::channel();
     let mut turns = true;
     let (url, module) = module(move |opcode, motor| match (opcode, motor) {
         (136, _) => Some((100, 0x17DE_0112)),
         (3, 0..2) => {
             turns &= motor != 0;
-            told.send(motor).expect("somebody counts");
+            sender.send(motor).expect("somebody counts");
             Some((100, 0))
         }
         (3, _) => Some((4, 0)),
@@ -173,12 +178,12 @@ fn a_module_with_several_motors_has_all_of_them_stopped() {
 /// One with six motors, one of which is not answered: the further ones are told all the same.
 #[test]
 fn a_motor_that_is_not_answered_keeps_no_other_from_its_stop() {
-    let (told, order) = mpsc::channel();
+    let (sender, order) = mpsc::channel();
     let (url, module) = module(move |opcode, motor| match (opcode, motor) {
         (136, _) => Some((100, 0x17DE_0112)),
         (3, 2) => None,
         (3, 0..6) => {
-            told.send(motor).expect("somebody counts");
+            sender.send(motor).expect("somebody counts");
             Some((100, 0))
         }
         (3, _) => Some((4, 0)),
@@ -186,14 +191,14 @@ fn a_motor_that_is_not_answered_keeps_no_other_from_its_stop() {
     });
     let ran = timed(&["stop", &url]);
     module.join().expect("a module");
-    let told: BTreeSet<u8> = order.iter().collect();
-    assert_eq!(told, [0, 1, 3, 4, 5].into());
+    let reports: BTreeSet<u8> = order.iter().collect();
+    assert_eq!(reports, [0, 1, 3, 4, 5].into());
     assert_eq!(ran.code, 7, "{}", ran.err);
-    for said in [
+    for text in [
         "module 1: motors 1, 3, 4 and 5 took the stop too; standing not looked at\n",
         "module 1: motor 2 did not confirm the stop and may still turn: cut the supply\n",
     ] {
-        assert!(ran.err.contains(said), "{said}: {}", ran.err);
+        assert!(ran.err.contains(text), "{text}: {}", ran.err);
     }
 }
 
@@ -243,8 +248,8 @@ fn one_that_does_not_answer_leaves_no_other_with_power() {
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
     let ran = polepair(&["disable", &format!("{}#1,3", sim.link())]);
     assert_eq!(ran.code, 7, "{}", ran.err);
-    for said in ["axis 3 ", "error[E401]: axis 1 does not answer", "error[E704]: 1 of 2 axes"] {
-        assert!(ran.err.contains(said), "{}", ran.err);
+    for text in ["axis 3 ", "error[E401]: axis 1 does not answer", "error[E704]: 1 of 2 axes"] {
+        assert!(ran.err.contains(text), "{}", ran.err);
     }
     assert_eq!(ok(&["get", &sim.url, "driver enable"]), "driver enable = off\n");
     sim.end();
@@ -306,16 +311,16 @@ fn lossy(url: &str, back: fn(&[u8], &mut Vec<u8>) -> Vec<u8>) -> String {
     std::thread::spawn(move || {
         for mut near in server.incoming().flatten() {
             let mut far = TcpStream::connect(&drive).expect("the drive");
-            let (mut asks, mut told) = (near.try_clone().unwrap(), far.try_clone().unwrap());
+            let (mut asks, mut stream) = (near.try_clone().unwrap(), far.try_clone().unwrap());
             std::thread::spawn(move || {
                 // Ends with the program that asks.
-                let _ = std::io::copy(&mut asks, &mut told);
-                let _ = told.shutdown(std::net::Shutdown::Both);
+                let _ = std::io::copy(&mut asks, &mut stream);
+                let _ = stream.shutdown(std::net::Shutdown::Both);
             });
             std::thread::spawn(move || {
-                let (mut heard, mut kept) = ([0; 256], Vec::new());
-                while let Ok(len @ 1..) = far.read(&mut heard) {
-                    let _ = near.write_all(&back(&heard[..len], &mut kept));
+                let (mut received, mut stored) = ([0; 256], Vec::new());
+                while let Ok(len @ 1..) = far.read(&mut received) {
+                    let _ = near.write_all(&back(&received[..len], &mut stored));
                 }
             });
         }
@@ -338,14 +343,14 @@ fn a_drive_that_cannot_be_identified_is_sent_the_stop_that_all_known_ones_share(
         ok(&["spin", &sim.url, spin, "--detach"]);
         let ran = timed(&["stop", &lossy(&sim.url, |_, _| Vec::new())]);
         assert_eq!(ran.code, 4, "{drive}: {}", ran.err);
-        for said in [
+        for text in [
             "is told to stop\n",
             "may still turn: cut its supply\n",
             "error[E401]",
             "it was sent the stop that known drives of this protocol share, and was not seen to stand",
             "say what it is by `?profile=`: ",
         ] {
-            assert!(ran.err.contains(said), "{drive}: {}", ran.err);
+            assert!(ran.err.contains(text), "{drive}: {}", ran.err);
         }
         assert!(!ran.err.contains("othing was sent"), "{}", ran.err);
         assert!(!ran.err.contains("Nothing came back"), "{}", ran.err);
@@ -369,10 +374,10 @@ fn a_device_that_refuses_what_identifies_drives_is_written_nothing() {
     let url = format!("modbus-rtu+tcp://{}#1", server.local_addr().expect("an address"));
     let device = std::thread::spawn(move || {
         let (mut wire, _) = server.accept().expect("a host");
-        let (mut asked, mut functions) = ([0; 8], Vec::new());
-        while wire.read_exact(&mut asked).is_ok() {
-            functions.push(asked[1]);
-            let reply = [asked[0], asked[1] | 0x80, 2];
+        let (mut request, mut functions) = ([0; 8], Vec::new());
+        while wire.read_exact(&mut request).is_ok() {
+            functions.push(request[1]);
+            let reply = [request[0], request[1] | 0x80, 2];
             wire.write_all(&[&reply[..], &crc(&reply)].concat()).expect("a host");
         }
         functions
@@ -380,10 +385,10 @@ fn a_device_that_refuses_what_identifies_drives_is_written_nothing() {
     let ran = timed(&["stop", &url]);
     let functions = device.join().expect("a device");
     assert_eq!(ran.code, 2, "{}", ran.err);
-    for said in
+    for text in
         ["may still turn: cut its supply\n", "error[E218]", "It was not sent. ", "?profile="]
     {
-        assert!(ran.err.contains(said), "{}", ran.err);
+        assert!(ran.err.contains(text), "{}", ran.err);
     }
     assert!(functions.iter().all(|function| (1..=4).contains(function)), "{functions:?}");
 }
@@ -394,9 +399,9 @@ fn a_drive_that_says_late_what_it_is_is_seen_to_stand() {
     let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
     ok(&["set", &sim.url, "control mode=1"]);
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
-    let late = |heard: &[u8], lost: &mut Vec<u8>| {
+    let late = |received: &[u8], lost: &mut Vec<u8>| {
         lost.push(0);
-        if lost.len() > 12 { heard.to_vec() } else { Vec::new() }
+        if lost.len() > 12 { received.to_vec() } else { Vec::new() }
     };
     let ran = timed(&["stop", &lossy(&sim.url, late)]);
     assert_eq!(ran.code, 0, "{}", ran.err);
@@ -411,7 +416,8 @@ fn answers_to_other_questions_keep_no_motor_turning() {
     let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
     ok(&["set", &sim.url, "control mode=1"]);
     ok(&["spin", &sim.url, "300rpm", "--detach"]);
-    let shifted = |heard: &[u8], kept: &mut Vec<u8>| std::mem::replace(kept, heard.to_vec());
+    let shifted =
+        |received: &[u8], stored: &mut Vec<u8>| std::mem::replace(stored, received.to_vec());
     let ran = timed(&["stop", &lossy(&sim.url, shifted)]);
     assert!([4, 5].contains(&ran.code), "{}", ran.err);
     assert!(ran.err.contains("may still turn: cut its supply\n"), "{}", ran.err);
@@ -424,8 +430,8 @@ fn who_cannot_be_identified_is_not_said_to_have_no_power() {
     let sim = Served::with(&["modbus-rtu:1", "--tcp", "127.0.0.1:0"]);
     let ran = timed(&["disable", &lossy(&sim.url, |_, _| Vec::new())]);
     assert_eq!(ran.code, 4, "{}", ran.err);
-    for said in ["error[E401]", "say what it is by `?profile=`: ", "cut the power"] {
-        assert!(ran.err.contains(said), "{}", ran.err);
+    for text in ["error[E401]", "say what it is by `?profile=`: ", "cut the power"] {
+        assert!(ran.err.contains(text), "{}", ran.err);
     }
     sim.end();
 }

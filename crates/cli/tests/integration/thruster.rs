@@ -28,16 +28,16 @@ fn every_vector_decodes_and_encodes() {
     let frames = decode(&capture, &["--as", "thruster"]);
     assert!(frames.len() >= 60);
     for (v, frame) in all.iter().filter(ours).zip(&frames) {
-        let (name, said) = (text(v, "name"), text(frame, "text"));
+        let (name, output) = (text(v, "name"), text(frame, "text"));
         assert!(frame["ok"] == true && frame["protocol"] == "thruster", "{name}: {frame}");
         let axis = frame["axis"].to_string();
-        let ran = polepair(&["encode", "thruster", said, "--axis", &axis]);
+        let ran = polepair(&["encode", "thruster", output, "--axis", &axis]);
         if v["invalid"] == true {
-            assert_eq!((ran.code, ran.out.as_str()), (2, ""), "{name}: {said}");
+            assert_eq!((ran.code, ran.out.as_str()), (2, ""), "{name}: {output}");
             continue;
         }
         let expected = format!("{}#{}\n", &text(v, "can_id")[2..], hex(v));
-        assert_eq!(ran.out, expected, "{name}: {said}: {}", ran.err);
+        assert_eq!(ran.out, expected, "{name}: {output}: {}", ran.err);
     }
 }
 
@@ -70,10 +70,10 @@ fn a_reply_that_repeats_ee_ee_refuses_nothing() {
         (1.4) c 30B#5443000000000005\n(1.5) c 28B#544300000000EEEE\n\
         (1.6) c 30B#5443000000000005\n(1.7) c 28B#5443000000000000\n";
     let frames = decode(capture, &["--as", "thruster"]);
-    let said: Vec<&str> = frames.iter().map(|f| text(f, "text")).collect();
-    assert!(said[3].starts_with("VC -4370 rpm accepted"), "{said:?}");
-    assert_eq!(said[5], "TC refused");
-    assert!(said[7].contains("stopped"), "{said:?}");
+    let lines: Vec<&str> = frames.iter().map(|f| text(f, "text")).collect();
+    assert!(lines[3].starts_with("VC -4370 rpm accepted"), "{lines:?}");
+    assert_eq!(lines[5], "TC refused");
+    assert!(lines[7].contains("stopped"), "{lines:?}");
 }
 
 #[test]
@@ -123,14 +123,14 @@ fn verbs_turn_move_and_stop_simulated_drives() {
     let shown = ok(&["move", actuator, "25mm", "--dry-run"]);
     assert!(shown.contains("30B#4C41001E000000FA"), "{shown}");
     ok(&["move", actuator, "25mm"]);
-    for (arguments, said) in [
+    for (arguments, text) in [
         (&["spin", url, "29rpm", "--for", "1s"][..], "30 rpm"),
         (&["spin", url, "9000rpm"], "4000"),
         (&["move", servo, "180deg"], "179.9"),
     ] {
         let ran = polepair(arguments);
         assert_eq!(ran.code, 2, "{arguments:?}: {}", ran.err);
-        assert!(ran.err.contains(said), "{}", ran.err);
+        assert!(ran.err.contains(text), "{}", ran.err);
     }
 }
 

@@ -67,7 +67,7 @@ fn every_vector_decodes_and_encodes() {
         let capture: String = vectors.iter().map(line).collect();
         let frames = decode(&capture, &["--as", protocol]);
         let frames: BTreeMap<&str, &Value> = frames.iter().map(|f| (text(f, "link"), f)).collect();
-        let mut said = 0;
+        let mut sequence = 0;
         for v in vectors {
             let frame = frames[v.name.as_str()];
             assert!(frame["ok"] == true && frame["protocol"] == protocol, "{}: {frame}", v.name);
@@ -86,9 +86,9 @@ fn every_vector_decodes_and_encodes() {
             } else if !text(frame, "kind").starts_with("Take") {
                 assert_eq!(ran.out.trim(), v.frame, "{}: {tml}: {}", v.name, ran.err);
             }
-            said += 1;
+            sequence += 1;
         }
-        assert!(said > 5, "{protocol}: {said}");
+        assert!(sequence > 5, "{protocol}: {sequence}");
     }
 }
 

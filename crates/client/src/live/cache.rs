@@ -50,7 +50,7 @@ struct CachedState {
 
 impl LiveCache {
     pub fn new(session: String, server_ms: f64) -> Self {
-        let told = CachedState {
+        let cached = CachedState {
             server: (server_ms, clock::now()),
             leases: HashMap::new(),
             states: HashMap::new(),
@@ -60,7 +60,7 @@ impl LiveCache {
             motion_lock: None,
             connection_error: None,
         };
-        Self { session, state: Mutex::new(told) }
+        Self { session, state: Mutex::new(cached) }
     }
 
     /// The server's time now: clocks of two machines differ.
@@ -84,10 +84,10 @@ impl LiveCache {
 
     /// Ends a lease, if it is ours; true if it was.
     pub fn end_lease(&self, axis: u16, epoch: u64) -> bool {
-        let mut told = self.lock_state();
-        let ours = told.leases.get(&axis).is_some_and(|lease| *lease == Ok(epoch));
+        let mut cached = self.lock_state();
+        let ours = cached.leases.get(&axis).is_some_and(|lease| *lease == Ok(epoch));
         if ours {
-            told.leases.remove(&axis);
+            cached.leases.remove(&axis);
         }
         ours
     }
@@ -111,9 +111,9 @@ impl LiveCache {
             let reason = link.error.as_ref().map_or("nobody knows why", |error| &error.message);
             Some((axis.id, format!("the link of {} went away: {reason}", axis.label)))
         });
-        let mut told = self.lock_state();
-        (told.lost_links, told.motion_lock) = (why.collect(), bench.lock.clone());
-        told.bench = (bench.links.clone(), bench.axes.clone());
+        let mut cached = self.lock_state();
+        (cached.lost_links, cached.motion_lock) = (why.collect(), bench.lock.clone());
+        cached.bench = (bench.links.clone(), bench.axes.clone());
     }
 
     pub fn links(&self) -> Vec<LinkView> {
@@ -135,8 +135,8 @@ impl LiveCache {
 
     pub fn set_stopped(&self, axes: Vec<AxisStopReport>) {
         let now = clock::now();
-        let mut told = self.lock_state();
-        told.stops.extend(axes.into_iter().map(|stopped| (stopped.id, (stopped, now))));
+        let mut cached = self.lock_state();
+        cached.stops.extend(axes.into_iter().map(|stopped| (stopped.id, (stopped, now))));
     }
 
     pub fn last_stop(&self, axis: u16) -> Option<(AxisStopReport, Instant)> {
@@ -154,8 +154,9 @@ impl LiveCache {
 
     /// Every lease that is ours.
     pub fn leases(&self) -> Vec<(u16, u64)> {
-        let told = self.lock_state();
-        told.leases
+        let cached = self.lock_state();
+        cached
+            .leases
             .iter()
             .filter_map(|(axis, epoch)| Some((*axis, *epoch.as_ref().ok()?)))
             .collect()
@@ -167,11 +168,11 @@ impl LiveCache {
 
     /// Whether a lease is still ours.
     pub fn check(&self, axis: u16, epoch: u64) -> Result<(), GatewayError> {
-        let told = self.lock_state();
-        if let Some(why) = &told.connection_error {
+        let cached = self.lock_state();
+        if let Some(why) = &cached.connection_error {
             return Err(action_error(why.clone()));
         }
-        match told.leases.get(&axis) {
+        match cached.leases.get(&axis) {
             Some(Ok(ours)) if *ours == epoch => Ok(()),
             Some(Err(why)) => Err(why.clone()),
             _ => Err(GatewayError::new("gateway.lease", "the lease was given back")),
@@ -316,8 +317,8 @@ mod tests {
         let now = clock::now();
         feed.push(0, &samples(0), now);
         feed.push(5, &samples(SAMPLES_MAX as u64)[..3], now);
-        let (kept, lost) = feed.drain();
-        assert_eq!((kept.len(), kept[0].t_us, lost), (SAMPLES_MAX, 3, 8));
+        let (stored, lost) = feed.drain();
+        assert_eq!((stored.len(), stored[0].t_us, lost), (SAMPLES_MAX, 3, 8));
         assert_eq!(feed.last(Duration::MAX).unwrap().t_us, SAMPLES_MAX as u64 + 2);
         assert!(feed.drain().0.is_empty());
     }

@@ -82,14 +82,14 @@ mod tests {
     /// The axis was stopped: the renewal that was under way comes too late, what is taken anew is ours.
     #[test]
     fn a_late_renewal_does_not_fail_what_is_taken_after_it() {
-        let mut asked = PendingLeaseRequests::default();
-        asked.push(one(LeaseAction::Renew, 3));
-        asked.push(one(LeaseAction::Take, 0));
-        asked.push_refusal(no());
-        assert!(asked.drain_settled().is_empty(), "it may be of either");
-        let taken = asked.match_reply(4, true).expect("a grant");
+        let mut pending = PendingLeaseRequests::default();
+        pending.push(one(LeaseAction::Renew, 3));
+        pending.push(one(LeaseAction::Take, 0));
+        pending.push_refusal(no());
+        assert!(pending.drain_settled().is_empty(), "it may be of either");
+        let taken = pending.match_reply(4, true).expect("a grant");
         assert!(taken.is_acquire());
-        let settled = asked.drain_settled();
+        let settled = pending.drain_settled();
         assert_eq!(
             (settled.len(), settled[0].0.act, settled[0].0.epoch),
             (1, LeaseAction::Renew, 3)
@@ -98,25 +98,25 @@ mod tests {
 
     #[test]
     fn a_refused_take_does_not_end_the_lease_that_is_renewed() {
-        let mut asked = PendingLeaseRequests::default();
-        asked.push(one(LeaseAction::Take, 0));
-        asked.push(one(LeaseAction::Renew, 3));
-        asked.push_refusal(no());
-        assert_eq!(asked.match_reply(3, true).expect("a renewal").act, LeaseAction::Renew);
-        let settled = asked.drain_settled();
+        let mut pending = PendingLeaseRequests::default();
+        pending.push(one(LeaseAction::Take, 0));
+        pending.push(one(LeaseAction::Renew, 3));
+        pending.push_refusal(no());
+        assert_eq!(pending.match_reply(3, true).expect("a renewal").act, LeaseAction::Renew);
+        let settled = pending.drain_settled();
         assert!(settled.len() == 1 && settled[0].0.is_acquire());
     }
 
     #[test]
     fn what_is_alone_is_refused_at_once_and_leaves_nothing() {
-        let mut asked = PendingLeaseRequests::default();
-        asked.push(one(LeaseAction::Drop, 3));
-        assert!(asked.match_reply(2, false).is_none(), "of another lease");
-        asked.push_refusal(no());
-        assert_eq!(asked.drain_settled().len(), 1);
-        asked.push_refusal(no());
-        assert!(asked.drain_settled().is_empty(), "of nothing that was asked");
-        asked.push(one(LeaseAction::Take, 0));
-        assert!(asked.drain_settled().is_empty(), "it is not the next one's");
+        let mut pending = PendingLeaseRequests::default();
+        pending.push(one(LeaseAction::Drop, 3));
+        assert!(pending.match_reply(2, false).is_none(), "of another lease");
+        pending.push_refusal(no());
+        assert_eq!(pending.drain_settled().len(), 1);
+        pending.push_refusal(no());
+        assert!(pending.drain_settled().is_empty(), "of nothing that was asked");
+        pending.push(one(LeaseAction::Take, 0));
+        assert!(pending.drain_settled().is_empty(), "it is not the next one's");
     }
 }

@@ -34,7 +34,7 @@ type ClientSocket = WebSocketStream<Box<dyn ServerStream>>;
 /// Connects, hears who we are, and leaves the rest to a task of its own.
 pub(super) async fn spawn_task(
     wire: &Dialer,
-    asked: mpsc::Receiver<LiveRequest>,
+    reply: mpsc::Receiver<LiveRequest>,
 ) -> Result<Arc<LiveCache>, GatewayError> {
     let mut socket = connect_socket(wire).await?;
     let welcome = timeout(SILENT_MAX, await_welcome(&mut socket)).await;
@@ -50,7 +50,7 @@ pub(super) async fn spawn_task(
         frame_buffer: None,
         last_received: clock::now(),
     };
-    tokio::spawn(task.run(asked));
+    tokio::spawn(task.run(reply));
     Ok(known)
 }
 
@@ -75,13 +75,13 @@ async fn connect_socket(wire: &Dialer) -> Result<ClientSocket, GatewayError> {
 fn handshake_error(error: Error) -> GatewayError {
     let Error::Http(answer) = error else { return connection_error(&error) };
     let body = answer.body().as_deref().unwrap_or_default();
-    let told = serde_json::from_slice::<ErrorBody>(body);
-    told.map_or_else(|error| invalid_response(&error.to_string()), |body| body.error)
+    let result = serde_json::from_slice::<ErrorBody>(body);
+    result.map_or_else(|error| invalid_response(&error.to_string()), |body| body.error)
 }
 
 async fn await_welcome(socket: &mut ClientSocket) -> Result<(String, f64), GatewayError> {
-    while let Some(heard) = socket.next().await {
-        if let Message::Text(text) = heard.map_err(|error| server_lost(&error.to_string()))? {
+    while let Some(result) = socket.next().await {
+        if let Message::Text(text) = result.map_err(|error| server_lost(&error.to_string()))? {
             return match serde_json::from_str(&text) {
                 Ok(ServerMessage::Welcome(welcome)) => Ok((welcome.session, welcome.server_ms)),
                 Ok(_) => Err(invalid_response("it does not begin with a welcome")),
@@ -107,15 +107,15 @@ struct SocketTask {
 }
 
 impl SocketTask {
-    async fn run(mut self, mut asked: mpsc::Receiver<LiveRequest>) {
+    async fn run(mut self, mut reply: mpsc::Receiver<LiveRequest>) {
         let mut renew = interval(RENEW);
         renew.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let ended = loop {
             let went_on = tokio::select! {
                 biased;
                 _ = renew.tick() => self.renew_leases().await,
-                ask = asked.recv() => match ask {
-                    Some(ask) => self.handle_request(ask).await,
+                request = reply.recv() => match request {
+                    Some(live_request) => self.handle_request(live_request).await,
                     // Nobody holds or watches anything any more.
                     None => {
                         let _ = timeout(RENEW, self.socket.close(None)).await;
@@ -129,20 +129,20 @@ impl SocketTask {
             }
         };
         // From here on nothing more is taken, and what was not said yet never will be.
-        asked.close();
+        reply.close();
         self.cache.set_disconnected(ended.clone());
         self.wake_streams();
-        while let Some(ask) = asked.recv().await {
-            ask.fail(GatewayError { executed: Some(false), ..ended.clone() });
+        while let Some(live_request) = reply.recv().await {
+            live_request.fail(GatewayError { executed: Some(false), ..ended.clone() });
         }
         // Who waited has gone, or hears it; here and below.
-        let (done, asked) = (action_error(ended.clone()), query_error(ended));
+        let (done, error) = (action_error(ended.clone()), query_error(ended));
         self.commands.into_values().for_each(|tell| drop(tell.send(Err(done.clone()))));
         let leases = self.lease_requests.into_values().flat_map(PendingLeaseRequests::into_senders);
         leases.for_each(|tell| drop(tell.send(Err(done.clone()))));
         self.pending_subscriptions
             .into_values()
-            .for_each(|tell| drop(tell.send(Err(asked.clone()))));
+            .for_each(|tell| drop(tell.send(Err(error.clone()))));
     }
 
     /// Keeps what is ours, and looks whether the server is there.
@@ -183,8 +183,8 @@ impl SocketTask {
         Ok(())
     }
 
-    async fn handle_request(&mut self, ask: LiveRequest) -> Result<(), GatewayError> {
-        let message = match ask {
+    async fn handle_request(&mut self, live_request: LiveRequest) -> Result<(), GatewayError> {
+        let message = match live_request {
             LiveRequest::Command { axis, request: order, reply: tell } => {
                 self.commands.insert(order.id.clone(), tell);
                 ClientMessage::Command { axis, command: order }
@@ -220,9 +220,9 @@ impl SocketTask {
         send_text(&mut self.socket, to_json(message)?).await
     }
 
-    fn handle_frame(&mut self, heard: Option<Result<Message, Error>>) -> Result<(), GatewayError> {
+    fn handle_frame(&mut self, result: Option<Result<Message, Error>>) -> Result<(), GatewayError> {
         self.last_received = clock::now();
-        match heard {
+        match result {
             Some(Ok(Message::Text(text))) => {
                 // What a later version says besides is nothing to this one.
                 if let Ok(message) = serde_json::from_str(&text) {
@@ -344,8 +344,9 @@ fn to_json(message: &ClientMessage) -> Result<String, GatewayError> {
 }
 
 async fn send_text(socket: &mut ClientSocket, text: String) -> Result<(), GatewayError> {
-    let said = timeout(SILENT_MAX, socket.send(Message::text(text))).await;
-    said.map_err(|_| server_lost("it takes nothing"))?
+    let result = timeout(SILENT_MAX, socket.send(Message::text(text))).await;
+    result
+        .map_err(|_| server_lost("it takes nothing"))?
         .map_err(|error| server_lost(&error.to_string()))
 }
 

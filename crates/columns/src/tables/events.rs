@@ -62,10 +62,11 @@ impl EventRows {
         self.push(at, &row);
     }
 
-    pub fn push_oddity(&mut self, at: RowContext<'_>, odd: &AnomalyNotice) {
-        let (event, name, text) = ("odd", odd.kind.as_str(), odd.text.as_str());
-        let row = EventRow { axis: odd.axis, event, name, code: None, text, cause: "", remedy: "" };
-        self.push(RowContext { time: odd.time.or(at.time), ..at }, &row);
+    pub fn push_oddity(&mut self, at: RowContext<'_>, anomaly: &AnomalyNotice) {
+        let (event, name, text) = ("odd", anomaly.kind.as_str(), anomaly.text.as_str());
+        let row =
+            EventRow { axis: anomaly.axis, event, name, code: None, text, cause: "", remedy: "" };
+        self.push(RowContext { time: anomaly.time.or(at.time), ..at }, &row);
     }
 
     fn push(&mut self, at: RowContext<'_>, row: &EventRow<'_>) {

@@ -117,18 +117,18 @@ impl FrameRows {
     }
 
     /// Frames that change nothing, column by column.
-    pub fn push_plain(&mut self, run: &[CompactFrame], spoken: &EncodedTemplates) {
+    pub fn push_plain(&mut self, run: &[CompactFrame], templates: &EncodedTemplates) {
         push_times(&mut self.t_ns, run);
-        let of = |plain| spoken.get(plain);
-        match spoken.bus {
+        let of = |plain| templates.get(plain);
+        match templates.bus {
             Some(bus) => self.bus.keys().repeat(Some(bus), run.len()),
             None => self.bus.keys().extend(run.iter().map(|plain| of(plain).bus)),
         }
-        match spoken.direction {
+        match templates.direction {
             Some(direction) => self.dir.repeat(direction, run.len()),
             None => run.iter().for_each(|plain| self.dir.push_option(of(plain).direction)),
         }
-        match spoken.protocol {
+        match templates.protocol {
             Some(protocol) => self.protocol.keys().repeat(Some(protocol), run.len()),
             None => self.protocol.keys().extend(run.iter().map(|plain| of(plain).protocol)),
         }
@@ -193,12 +193,12 @@ fn protocol_word(name: &'static str) -> &'static str {
 }
 
 fn flags_of(event: &DecodedFrame<'_>) -> i32 {
-    let said = |kind: &str| event.protocol.is_none() && event.explanation.kind == kind;
+    let is_kind = |kind: &str| event.protocol.is_none() && event.explanation.kind == kind;
     let is_retry = |notice: &SessionNotice| match notice {
         SessionNotice::Anomaly(anomaly) => anomaly.kind == AnomalyKind::Retry,
         _ => false,
     };
-    let error = said(ERROR_FRAME);
+    let error = is_kind(ERROR_FRAME);
     let bits = [
         (event.extended && !error, flags::EXTENDED),
         (event.remote, flags::REMOTE),
@@ -207,7 +207,7 @@ fn flags_of(event: &DecodedFrame<'_>) -> i32 {
         (event.notices.iter().any(is_retry), flags::RETRY),
         (event.defect.is_some_and(FrameDefect::is_bad_check), flags::BAD_CHECK),
         (event.stray, flags::STRAY),
-        (said(CAN_FD), flags::FD),
+        (is_kind(CAN_FD), flags::FD),
         (event.defect.is_some(), flags::WRONG),
     ];
     bits.into_iter().filter(|(set, _)| *set).map(|(_, bit)| bit).sum()

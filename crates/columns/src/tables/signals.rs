@@ -116,37 +116,42 @@ impl SignalRows {
     }
 
     /// The values of frames that change nothing, column by column.
-    pub fn push_plain(&mut self, run: &[CompactFrame], spoken: &SignalTemplates) {
-        let rows = spoken.row_count(run);
+    pub fn push_plain(&mut self, run: &[CompactFrame], templates: &SignalTemplates) {
+        let rows = templates.row_count(run);
         let time = |plain: &CompactFrame| timestamp_ns(Some(plain.time));
         if run.iter().all(|plain| time(plain).is_some()) {
             let times = self.t_ns.extend_default(rows);
-            spoken.fill_rows(run, times, |plain, _, _| plain.time.0.cast_signed());
+            templates.fill_rows(run, times, |plain, _, _| plain.time.0.cast_signed());
         } else {
             let all = run.iter().flat_map(|plain| {
-                core::iter::repeat_n(time(plain), spoken.get(plain).values.len())
+                core::iter::repeat_n(time(plain), templates.get(plain).values.len())
             });
             all.for_each(|time| self.t_ns.push_option(time));
         }
-        match spoken.bus {
+        match templates.bus {
             Some(bus) => self.bus.keys().repeat(Some(bus), rows),
             None => {
-                spoken.fill_rows(run, self.bus.keys().extend_default(rows), |_, voice, _| voice.bus)
+                templates
+                    .fill_rows(run, self.bus.keys().extend_default(rows), |_, voice, _| voice.bus)
             }
         }
-        spoken.fill_rows(run, self.axis.extend_default(rows), |_, voice, _| voice.axis);
-        spoken.fill_rows(run, self.signal.keys().extend_default(rows), |_, _, value| value.signal);
+        templates.fill_rows(run, self.axis.extend_default(rows), |_, voice, _| voice.axis);
+        templates
+            .fill_rows(run, self.signal.keys().extend_default(rows), |_, _, value| value.signal);
         let exact = self.exact.extend_default(rows);
-        spoken.fill_rows(run, exact, |plain, _, value| value.position.exact(plain.data));
-        spoken.fill_rows(
+        templates.fill_rows(run, exact, |plain, _, value| value.position.exact(plain.data));
+        templates.fill_rows(
             run,
             self.value.extend_default(rows),
-            |plain, _, ValueTemplate { position: place, .. }| place.value(place.exact(plain.data)),
+            |plain, _, ValueTemplate { position: mapped, .. }| {
+                mapped.value(mapped.exact(plain.data))
+            },
         );
-        spoken.fill_rows(run, self.unit.keys().extend_default(rows), |_, _, value| value.unit);
-        spoken.fill_rows(run, self.quality.extend_default(rows), |_, voice, _| voice.quality);
+        templates.fill_rows(run, self.unit.keys().extend_default(rows), |_, _, value| value.unit);
+        templates.fill_rows(run, self.quality.extend_default(rows), |_, voice, _| voice.quality);
         self.request.repeat(None, rows);
-        spoken.fill_rows(run, self.frame.extend_default(rows), |plain, _, _| to_i64(plain.number));
+        templates
+            .fill_rows(run, self.frame.extend_default(rows), |plain, _, _| to_i64(plain.number));
     }
 
     /// What values of these voices have in common.
@@ -161,10 +166,10 @@ impl SignalRows {
     fn template(&mut self, voice: &FrameTemplate) -> SignalTemplate {
         let process = voice.process_data();
         let places = process.map_or(&[][..], |process| process.mapping().mapped_values());
-        let value = |place: &MappedValue| ValueTemplate {
-            position: *place,
-            signal: self.signal.dictionary.number_of_static(place.name),
-            unit: self.unit.dictionary.number_of_static(place.unit),
+        let value = |mapped: &MappedValue| ValueTemplate {
+            position: *mapped,
+            signal: self.signal.dictionary.number_of_static(mapped.name),
+            unit: self.unit.dictionary.number_of_static(mapped.unit),
         };
         SignalTemplate {
             values: places.iter().map(value).collect(),

@@ -46,10 +46,10 @@ impl TransactionRows {
 
     pub fn batch(&mut self) -> Result<RecordBatch, ArrowError> {
         let rows = self.rows();
-        let asked = self.request_time.finish();
-        let times = asked.values().clone();
+        let request_times = self.request_time.finish();
+        let times = request_times.values().clone();
         let columns: Vec<ArrayRef> = vec![
-            Arc::new(asked),
+            Arc::new(request_times),
             Arc::new(self.reply_time.finish()),
             Arc::new(self.latency.finish()),
             Arc::new(self.axis.finish()),

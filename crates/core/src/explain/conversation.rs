@@ -144,8 +144,8 @@ impl ShortText {
 
 impl core::fmt::Write for ShortText {
     fn write_str(&mut self, text: &str) -> core::fmt::Result {
-        let room = self.bytes.get_mut(self.len..self.len + text.len()).ok_or(core::fmt::Error)?;
-        room.copy_from_slice(text.as_bytes());
+        let buffer = self.bytes.get_mut(self.len..self.len + text.len()).ok_or(core::fmt::Error)?;
+        buffer.copy_from_slice(text.as_bytes());
         self.len += text.len();
         Ok(())
     }

@@ -51,9 +51,9 @@ impl Effect {
     #[must_use]
     pub fn from_write(parameter: Option<&Parameter>) -> Self {
         let Some(parameter) = parameter else { return Self::UNKNOWN };
-        let keeps = matches!(parameter.persistence, Persistence::Always | Persistence::UnlessRam);
+        let stores = matches!(parameter.persistence, Persistence::Always | Persistence::UnlessRam);
         let act = if parameter.moves { Impact::Motion } else { Impact::Settings };
-        Self { impact: act, persistent: keeps }
+        Self { impact: act, persistent: stores }
     }
 
     /// Of both.

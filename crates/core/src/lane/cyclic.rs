@@ -164,19 +164,19 @@ impl CyclicMotion {
             return None;
         }
         let axes = self.axes.len();
-        let room = CYCLES_MAX - self.queue.len() / axes;
+        let capacity = CYCLES_MAX - self.queue.len() / axes;
         let (all, mut taken) = (setpoints.len() / axes, Ok(()));
-        for cycle in setpoints.chunks_exact(axes).take(room) {
+        for cycle in setpoints.chunks_exact(axes).take(capacity) {
             taken = taken.and_then(|()| self.queue_cycle(slots, cycle));
         }
-        self.complete = complete && all <= room;
+        self.complete = complete && all <= capacity;
         let rests =
             |member: &CyclicAxis| member.tracker.is_none_or(|fed| fed.may_end(self.setpoint_kind));
         if self.complete && !self.axes.iter().all(rests) {
             taken = taken.and(Err(Failure::NotReady { hint: NOT_AT_REST }));
         }
         match taken {
-            Ok(()) => Some(all.min(room)),
+            Ok(()) => Some(all.min(capacity)),
             Err(failure) => {
                 self.fail(failure);
                 None
@@ -354,10 +354,10 @@ impl CyclicMotion {
             return self.fail(Failure::NotReady { hint: DRIVE_DISABLED });
         }
         if self.stage == CyclicStage::Run
-            && let Some(asked) = slot.to_si(member.target, member.previous_raw)
+            && let Some(requested) = slot.to_si(member.target, member.previous_raw)
         {
             self.statistics.max_following_error =
-                self.statistics.max_following_error.max((asked - actual.value).abs());
+                self.statistics.max_following_error.max((requested - actual.value).abs());
         }
     }
 

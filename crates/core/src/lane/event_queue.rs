@@ -98,9 +98,9 @@ impl EventQueue {
         now: Instant,
         n: usize,
         (slot, before): (&AxisSlot<R, A>, &AxisStatus),
-        told: DriveReport,
+        report: DriveReport,
     ) {
-        match told {
+        match report {
             DriveReport::Presence(presence) => self.push(now, n, AxisEventKind::Presence(presence)),
             DriveReport::Signal(signal, _) => {
                 self.push(now, n, AxisEventKind::Signal(signal, slot.state.reading(signal)));
@@ -119,7 +119,7 @@ impl EventQueue {
         (slot, before): (&AxisSlot<R, A>, &AxisStatus),
         (id, raw): (ParameterId, i64),
     ) {
-        let mut told = false;
+        let mut reported = false;
         for source in slot.signal_sources(id) {
             let whole = source.equals.is_none() && source.mask == -1;
             let (is, was) = (slot.state.reading(source.signal), before.reading(source.signal));
@@ -127,9 +127,9 @@ impl EventQueue {
             if changed || whole && source.signal.is_measured() {
                 self.push(now, n, AxisEventKind::Signal(source.signal, is));
             }
-            told |= whole;
+            reported |= whole;
         }
-        if !told {
+        if !reported {
             let si = slot.to_si(id, raw).unwrap_or(f64::NAN);
             self.push(now, n, AxisEventKind::Parameter(id, raw, si));
         }

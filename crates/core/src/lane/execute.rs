@@ -53,8 +53,8 @@ pub fn next_request<R: Request, A: Copy + 'static>(
     match &mut job.task {
         JobTask::Read(id) => {
             let id = *id;
-            let asked = slot.missing_factor(id).map_or(InFlight::Read(id), InFlight::Factor);
-            read_request(slot, asked).map_err(end_impossible)
+            let in_flight = slot.missing_factor(id).map_or(InFlight::Read(id), InFlight::Factor);
+            read_request(slot, in_flight).map_err(end_impossible)
         }
         JobTask::Raw(request) => Ok((*request, InFlight::Send(request.class()))),
         JobTask::Run(run) => next_run_request(now, run, slot),
@@ -90,10 +90,10 @@ fn with_transfer<R: Request, A: Copy + 'static, T>(
 #[inline]
 fn read_request<R: Request, A: Copy + 'static>(
     slot: &AxisSlot<R, A>,
-    asked: InFlight,
+    in_flight: InFlight,
 ) -> Result<(R, InFlight), Unsupported> {
-    let id = asked.parameter().ok_or(Unsupported::NoSuchParameter)?;
-    Ok((*slot.read_request(id)?, asked))
+    let id = in_flight.parameter().ok_or(Unsupported::NoSuchParameter)?;
+    Ok((*slot.read_request(id)?, in_flight))
 }
 
 #[inline(never)]
@@ -273,11 +273,11 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
     slot: &mut AxisSlot<R, A>,
     raw: Result<i64, Failure>,
 ) -> JobState {
-    let asked = core::mem::replace(&mut job.in_flight, InFlight::Nothing);
+    let in_flight = core::mem::replace(&mut job.in_flight, InFlight::Nothing);
     if let JobTask::Run(run) = &mut job.task {
-        run.record_result(asked, raw);
+        run.record_result(in_flight, raw);
     }
-    match (asked.parameter(), raw) {
+    match (in_flight.parameter(), raw) {
         (Some(id), Ok(raw)) => slot.record_value(now, id, raw),
         (Some(id), Err(Failure::Refused { code })) => slot.handle_refusal(id, code),
         _ => {}
@@ -286,31 +286,35 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
         let failure = Failure::LinkDown;
         return JobState::Ended(match &job.task {
             JobTask::Run(run) => run.outcome_for(failure),
-            _ if asked.may_have_changed() => Outcome::Unknown(failure),
+            _ if in_flight.may_have_changed() => Outcome::Unknown(failure),
             _ => abort_outcome(job, failure),
         });
     }
     match &mut job.task {
-        JobTask::Run(run) if job.cancelled => JobState::Ended(cancelled_outcome(run, asked, raw)),
-        JobTask::Read(id) => match (asked, raw) {
+        JobTask::Run(run) if job.cancelled => {
+            JobState::Ended(cancelled_outcome(run, in_flight, raw))
+        }
+        JobTask::Read(id) => match (in_flight, raw) {
             (InFlight::Factor(id), _) => {
                 slot.count_attempt(id);
                 JobState::Ready
             }
             (_, Ok(raw)) => JobState::Ended(Outcome::Done(raw)),
             (_, Err(failure)) => {
-                debug_assert_eq!(asked, InFlight::Read(*id));
+                debug_assert_eq!(in_flight, InFlight::Read(*id));
                 JobState::Ended(Outcome::NotDone(failure))
             }
         },
         JobTask::Raw(_) => JobState::Ended(match raw {
             Ok(raw) => Outcome::Done(raw),
-            Err(failure) => failed_request_outcome(asked, Err(failure), failure),
+            Err(failure) => failed_request_outcome(in_flight, Err(failure), failure),
         }),
-        JobTask::Run(run) => handle_run_answer(now, run, slot, asked, raw),
+        JobTask::Run(run) => handle_run_answer(now, run, slot, in_flight, raw),
         JobTask::Path if job.cancelled => JobState::Ended(Outcome::Unknown(Failure::Cancelled)),
-        JobTask::Path => with_path(slot, |path, slot| path.handle_answer(now, slot, asked, raw))
-            .unwrap_or(JobState::Ended(Outcome::Unknown(Failure::Cancelled))),
+        JobTask::Path => {
+            with_path(slot, |path, slot| path.handle_answer(now, slot, in_flight, raw))
+                .unwrap_or(JobState::Ended(Outcome::Unknown(Failure::Cancelled)))
+        }
         JobTask::Transfer(_) => {
             let cancelled = job.cancelled;
             with_transfer(slot, |transfer, slot| match cancelled {
@@ -323,9 +327,9 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
 }
 
 /// How a run ends that a stop cut short while a request of it was out.
-fn cancelled_outcome(run: &PlanRun, asked: InFlight, raw: Result<i64, Failure>) -> Outcome {
+fn cancelled_outcome(run: &PlanRun, in_flight: InFlight, raw: Result<i64, Failure>) -> Outcome {
     let last = run.undo_reason.is_none() && run.steps.step(run.index + 1).is_none();
-    match (asked, raw) {
+    match (in_flight, raw) {
         (InFlight::Write(..) | InFlight::Send(_), Ok(raw)) if last => Outcome::Done(raw),
         (InFlight::ReadBack(_, value), Ok(raw)) if last && raw == value => Outcome::Done(raw),
         _ => run.outcome_for(Failure::Cancelled),
@@ -333,8 +337,12 @@ fn cancelled_outcome(run: &PlanRun, asked: InFlight, raw: Result<i64, Failure>) 
 }
 
 /// How a request ends that brought no answer, or a refusal.
-fn failed_request_outcome(asked: InFlight, raw: Result<i64, Failure>, failure: Failure) -> Outcome {
-    match (asked, raw) {
+fn failed_request_outcome(
+    in_flight: InFlight,
+    raw: Result<i64, Failure>,
+    failure: Failure,
+) -> Outcome {
+    match (in_flight, raw) {
         (InFlight::Send(RequestClass::Idempotent), Err(_)) => Outcome::NotDone(failure),
         (InFlight::Write(..) | InFlight::Send(_), Err(Failure::Silent | Failure::Misbehaved)) => {
             Outcome::Unknown(failure)
@@ -347,10 +355,10 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
     now: Instant,
     run: &mut PlanRun,
     slot: &mut AxisSlot<R, A>,
-    asked: InFlight,
+    in_flight: InFlight,
     raw: Result<i64, Failure>,
 ) -> JobState {
-    if let InFlight::Factor(id) = asked {
+    if let InFlight::Factor(id) = in_flight {
         slot.count_attempt(id);
         return match raw {
             Err(failure) if !slot.lacks_parameter(id) => JobState::Ended(Outcome::NotDone(failure)),
@@ -358,7 +366,7 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
         };
     }
     let group = slot.driver.is_group();
-    match (asked, raw) {
+    match (in_flight, raw) {
         (InFlight::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
             let readable =
                 slot.profile.parameter(id).is_some_and(|p| p.access == Access::ReadWrite);
@@ -385,7 +393,7 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
         (InFlight::ReadBack(_, value), Ok(raw)) if raw != value => fail_step(run, Failure::Silent),
         (_, Err(failure)) => fail_step(run, failure),
         (_, Ok(raw)) => {
-            if let InFlight::Write(id, ..) | InFlight::ReadBack(id, _) = asked {
+            if let InFlight::Write(id, ..) | InFlight::ReadBack(id, _) = in_flight {
                 count_flash_write(slot, id, run);
             }
             complete_step(now, run, raw)
@@ -400,9 +408,9 @@ fn count_flash_write<R: Request, A: Copy + 'static>(
     run: &PlanRun,
 ) {
     let always = slot.profile.parameter(id).is_some_and(|p| p.persistence == Persistence::Always);
-    let kept = matches!(run.current_step(), Some(Step::Ensure(..)))
+    let stored = matches!(run.current_step(), Some(Step::Ensure(..)))
         && slot.profile.ram.is_some_and(|ram| ram.parameter == id);
-    slot.state.flash_writes += u32::from(always || kept);
+    slot.state.flash_writes += u32::from(always || stored);
 }
 
 /// The step is left out.

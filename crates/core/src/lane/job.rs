@@ -26,17 +26,17 @@ pub struct Job<R> {
 
 impl<R: Request> Job<R> {
     /// Whether a request of it sets the axis going.
-    pub fn starts_motion(&self, profile: &Profile, asked: InFlight) -> bool {
+    pub fn starts_motion(&self, profile: &Profile, in_flight: InFlight) -> bool {
         let moves = |id| profile.parameter(id).is_some_and(|parameter| parameter.moves);
-        match (&self.task, asked) {
+        match (&self.task, in_flight) {
             (JobTask::Run(run), InFlight::Write(..) | InFlight::Send(_))
                 if run.undo_reason.is_none() =>
             {
                 let verb = run.verb.is_some_and(Verb::starts_motion);
-                let sets = matches!(asked, InFlight::Write(id, ..) if moves(id));
-                asked.changes_drive() && (verb || run.verb.is_none() && sets)
+                let sets = matches!(in_flight, InFlight::Write(id, ..) if moves(id));
+                in_flight.changes_drive() && (verb || run.verb.is_none() && sets)
             }
-            (JobTask::Path, InFlight::Send(_)) => asked.changes_drive(),
+            (JobTask::Path, InFlight::Send(_)) => in_flight.changes_drive(),
             (JobTask::Raw(request), _) => request.class() == RequestClass::NoRetry,
             _ => false,
         }
@@ -260,16 +260,16 @@ impl PlanRun {
 
     /// Notes what became of a step that can change the drive, once that is over: until then `asked`
     /// tells. A request that a stop overtook, or that the protocol's rules forbid, was never sent.
-    pub fn record_result(&mut self, asked: InFlight, raw: Result<i64, Failure>) {
+    pub fn record_result(&mut self, in_flight: InFlight, raw: Result<i64, Failure>) {
         if self.undo_reason.is_some() && !self.is_stop() {
-            let whole = raw.is_ok() || !asked.may_have_changed();
+            let whole = raw.is_ok() || !in_flight.may_have_changed();
             self.undo_failed |= !whole;
             return;
         }
         let bit =
             1u64.checked_shl(u32::from(self.index_offset) + u32::from(self.index)).unwrap_or(0);
         let extent = &mut self.extent;
-        match (asked, raw) {
+        match (in_flight, raw) {
             (InFlight::ReadBack(_, value), Ok(raw)) => {
                 extent.unknown &= !bit;
                 *(if raw == value { &mut extent.done } else { &mut extent.refused }) |= bit;

@@ -216,12 +216,12 @@ impl<R: Request> JobTable<R> {
     ) -> Option<GroupAnswer> {
         let job = self.jobs.get_mut(n)?.as_mut()?;
         let slot = slots.get_mut(usize::from(job.axis))?;
-        let (profile, asked) = (slot.profile, job.in_flight.parameter());
-        let parameter = asked.and_then(|id| profile.parameter(id));
+        let (profile, parameter_id) = (slot.profile, job.in_flight.parameter());
+        let parameter = parameter_id.and_then(|id| profile.parameter(id));
         let raw = slot.driver.decode_answer(parameter, answer.as_ref().ok()?).ok()?;
         job.group_result = job.group_result.combine(raw, execute::passes_test(job, raw));
         let part = GroupAnswer { ticket: job.ticket, address, raw };
-        if let Some(id) = asked {
+        if let Some(id) = parameter_id {
             slot::record_group_answer(now, slots, &part, (profile, id));
         }
         // What the lane asks for itself is nobody else's business.
@@ -274,15 +274,15 @@ impl<R: Request> JobTable<R> {
         let n = self.ended.trailing_zeros() as usize;
         self.ended &= !(1 << n);
         self.used &= !(1 << n);
-        let place = self.jobs.get_mut(n)?;
-        let job = place.as_ref()?;
+        let position = self.jobs.get_mut(n)?;
+        let job = position.as_ref()?;
         // Made anew, as one number: what was just written in parts is slow to read as a whole.
         if let Some(Outcome::Done(raw)) = job.outcome {
             let ticket = job.ticket;
-            *place = None;
+            *position = None;
             return Some((ticket, Outcome::Done(raw)));
         }
-        take_ended(place)
+        take_ended(position)
     }
 
     /// Ends what runs on an axis, reads excepted: a stop is next.
@@ -378,8 +378,8 @@ impl<R: Request> JobTable<R> {
 
 /// Takes a job that is through out of its place.
 #[cold]
-fn take_ended<R>(place: &mut Option<Job<R>>) -> Option<(Ticket, Outcome)> {
-    let job = place.take()?;
+fn take_ended<R>(position: &mut Option<Job<R>>) -> Option<(Ticket, Outcome)> {
+    let job = position.take()?;
     Some((job.ticket, job.outcome?))
 }
 

@@ -80,8 +80,8 @@ impl PathStream {
 
     /// Takes as many points as there is room for, and tells how many.
     pub fn feed(&mut self, points: &[Point], complete: bool) -> usize {
-        let room = POINTS_MAX - self.points.len();
-        let taken = points.len().min(room);
+        let capacity = POINTS_MAX - self.points.len();
+        let taken = points.len().min(capacity);
         self.points.extend(&points[..taken]);
         self.complete |= complete && taken == points.len();
         taken
@@ -118,15 +118,16 @@ impl PathStream {
         n: u8,
         slot: &AxisSlot<R, A>,
     ) -> Result<(R, InFlight), JobState> {
-        let PathParameters { position, velocity, time, capacity: room, .. } = self.parameters;
+        let PathParameters { position, velocity, time, capacity: parameter_id, .. } =
+            self.parameters;
         let factor = [position, velocity, time].into_iter().find_map(|id| slot.missing_factor(id));
-        let (id, asked) = match (factor, n) {
+        let (id, in_flight) = match (factor, n) {
             (Some(id), _) => (id, InFlight::Factor(id)),
-            (None, 0) => (room, InFlight::Read(room)),
+            (None, 0) => (parameter_id, InFlight::Read(parameter_id)),
             (None, _) => (position, InFlight::Read(position)),
         };
         match slot.read_request(id) {
-            Ok(request) => Ok((*request, asked)),
+            Ok(request) => Ok((*request, in_flight)),
             Err(reason) => Err(self.fail_unsupported(reason)),
         }
     }
@@ -245,20 +246,20 @@ impl PathStream {
         &mut self,
         now: Instant,
         slot: &mut AxisSlot<R, A>,
-        asked: InFlight,
+        in_flight: InFlight,
         raw: Result<i64, Failure>,
     ) -> JobState {
         match (self.stage, raw) {
             (PathStage::Stop, _) => {
                 JobState::Ended(self.failure_outcome.unwrap_or(Outcome::Done(0)))
             }
-            (PathStage::Learn(n), _) => self.handle_learned(n, slot, asked, raw),
+            (PathStage::Learn(n), _) => self.handle_learned(n, slot, in_flight, raw),
             (PathStage::Prepare(n), Ok(_)) => {
                 self.stage = PathStage::Prepare(n + 1);
                 JobState::Ready
             }
             (PathStage::Fill | PathStage::Run, Ok(raw))
-                if asked == InFlight::Read(self.parameters.status) =>
+                if in_flight == InFlight::Read(self.parameters.status) =>
             {
                 self.handle_status(now, slot, raw)
             }
@@ -274,7 +275,7 @@ impl PathStream {
                 self.fail(Failure::Silent)
             }
             (PathStage::Fill | PathStage::Run, Err(Failure::Silent))
-                if matches!(asked, InFlight::Send(_)) =>
+                if matches!(in_flight, InFlight::Send(_)) =>
             {
                 self.verify_point(slot)
             }
@@ -291,15 +292,15 @@ impl PathStream {
         &mut self,
         n: u8,
         slot: &mut AxisSlot<R, A>,
-        asked: InFlight,
+        in_flight: InFlight,
         raw: Result<i64, Failure>,
     ) -> JobState {
-        match (asked, raw) {
+        match (in_flight, raw) {
             (InFlight::Factor(id), Ok(_)) => slot.count_attempt(id),
             (_, Ok(raw)) if n == 0 => {
-                let room = raw.clamp(ROOM_MIN, POINTS_MAX as i64) as u32;
-                self.low_mark = (room / 2).clamp(1, 15) as u8;
-                *self.buffer_model = BufferModel::new(room, self.low_mark.into());
+                let capacity = raw.clamp(ROOM_MIN, POINTS_MAX as i64) as u32;
+                self.low_mark = (capacity / 2).clamp(1, 15) as u8;
+                *self.buffer_model = BufferModel::new(capacity, self.low_mark.into());
                 self.stage = PathStage::Learn(1);
             }
             (_, Ok(raw)) => {

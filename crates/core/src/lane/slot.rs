@@ -223,8 +223,8 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     }
 
     /// Takes what the drive said unasked.
-    fn handle_report(&mut self, now: Instant, told: DriveReport) {
-        match told {
+    fn handle_report(&mut self, now: Instant, report: DriveReport) {
+        match report {
             DriveReport::Parameter(id, raw) => self.record_value(now, id, raw),
             DriveReport::Presence(presence) if presence.invalidates_state() => {
                 self.forget_learned()
@@ -417,11 +417,11 @@ pub fn handle_unsolicited<R: crate::station::Request, A: Copy + 'static>(
         if slot.driver.address() != address {
             continue;
         }
-        for told in slot.driver.decode_unsolicited(answer).into_iter().flatten() {
+        for report in slot.driver.decode_unsolicited(answer).into_iter().flatten() {
             let before = tidings.is_some().then_some(slot.state);
-            slot.handle_report(now, told);
+            slot.handle_report(now, report);
             if let (Some(tidings), Some(before)) = (tidings.as_mut(), &before) {
-                tidings.push_report(now, n, (slot, before), told);
+                tidings.push_report(now, n, (slot, before), report);
             }
         }
     }

@@ -2,9 +2,7 @@
 
 extern crate std;
 
-use std::boxed::Box;
-use std::string::String;
-use std::vec::Vec;
+use std::{boxed::Box, string::String, vec::Vec};
 
 use super::*;
 use crate::axis::{Driver, Verb};
@@ -200,16 +198,16 @@ impl Timed for ToyHost {
 
 impl Station<Stream> for ToyHost {
     fn handle_input(&mut self, _: Instant, _: &[u8]) {
-        let Some((ticket, ask)) = self.out.take() else { return };
+        let Some((ticket, request)) = self.out.take() else { return };
         let lost = self.lose.contains(&self.log.len());
         let mistaken = self.wrong_answers.iter().find(|(at, _)| *at == self.log.len());
-        self.log.push(ask);
-        let register = &mut self.registers[usize::from(ask.index)];
-        let answer = if self.refuse == Some(ask.index) {
+        self.log.push(request);
+        let register = &mut self.registers[usize::from(request.index)];
+        let answer = if self.refuse == Some(request.index) {
             Err(Failure::Refused { code: 4 })
         } else {
-            if ask.write {
-                *register = ask.value;
+            if request.write {
+                *register = request.value;
             }
             match (lost, mistaken) {
                 (true, _) => Err(Failure::Silent),
@@ -251,8 +249,9 @@ impl Host<Stream> for ToyHost {
         Ok(())
     }
     fn recall(&mut self, _: &ToyRequest) -> Option<Ticket> {
-        let (ticket, _) =
-            self.out.take_if(|(_, ask)| self.silenced && ask.class != RequestClass::Stop)?;
+        let (ticket, _) = self
+            .out
+            .take_if(|(_, request)| self.silenced && request.class != RequestClass::Stop)?;
         Some(ticket)
     }
     fn poll_event(&mut self) -> Option<&HostEvent<i64>> {
@@ -315,8 +314,8 @@ impl LaneFixture {
     }
 
     fn writes(&self) -> Vec<(u16, i64)> {
-        let writes = self.lane.host.log.iter().filter(|ask| ask.write);
-        writes.map(|ask| (ask.index, ask.value)).collect()
+        let writes = self.lane.host.log.iter().filter(|request| request.write);
+        writes.map(|request| (request.index, request.value)).collect()
     }
 }
 
@@ -486,7 +485,10 @@ fn what_is_not_on_the_wire_yet_makes_way_for_a_stop_and_is_asked_after_it() {
         bench.lane.read_parameter(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
     }
     set_silenced(&mut bench, true);
-    assert!(bench.lane.host.out.is_some_and(|(_, ask)| !ask.write), "the read waits in the host");
+    assert!(
+        bench.lane.host.out.is_some_and(|(_, request)| !request.write),
+        "the read waits in the host"
+    );
     bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
     set_silenced(&mut bench, true);
     set_silenced(&mut bench, false);
@@ -495,8 +497,8 @@ fn what_is_not_on_the_wire_yet_makes_way_for_a_stop_and_is_asked_after_it() {
     let read = |ticket| (ticket, Outcome::Done(1));
     assert_eq!(ends, [(2, Outcome::Done(0)), read(10), read(11), read(12)]);
     assert_eq!(bench.lane.host.log[0].class, RequestClass::Stop);
-    let asked = bench.lane.host.log.iter().filter(|ask| ask.index == MODE.0).count();
-    assert_eq!(asked, 3, "each once");
+    let requested = bench.lane.host.log.iter().filter(|request| request.index == MODE.0).count();
+    assert_eq!(requested, 3, "each once");
 }
 
 #[test]
@@ -507,7 +509,10 @@ fn a_motion_that_is_not_on_the_wire_yet_never_is_once_its_axis_is_stopped() {
     bench.exchange();
     bench.exchange();
     set_silenced(&mut bench, true);
-    assert!(bench.lane.host.out.is_some_and(|(_, ask)| ask.value == 100), "the speed waits");
+    assert!(
+        bench.lane.host.out.is_some_and(|(_, request)| request.value == 100),
+        "the speed waits"
+    );
     bench.lane.command(bench.now, Ticket(2), AXIS, Command::new(Verb::Stop)).unwrap();
     set_silenced(&mut bench, true);
     set_silenced(&mut bench, false);
@@ -689,7 +694,7 @@ fn nothing_comes_between_the_steps_of_a_motion() {
         bench.lane.read_parameter(bench.now, Ticket(ticket), AXIS, STEPS).unwrap();
     }
     assert_eq!(bench.run().len(), 6);
-    let indices: Vec<u16> = bench.lane.host.log.iter().map(|ask| ask.index).collect();
+    let indices: Vec<u16> = bench.lane.host.log.iter().map(|request| request.index).collect();
     let plan = [MODE.0, RAM.0, RAM.0, SPEED.0];
     assert!(indices.windows(plan.len()).any(|four| four == plan), "{indices:?}");
 }

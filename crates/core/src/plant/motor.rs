@@ -258,14 +258,14 @@ impl Motor {
         if self.velocity == 0.0 {
             return self.leave_rest(self.sub_step, inputs);
         }
-        let went = self.velocity;
-        let friction = with_sign(self.parameters.coulomb, went);
+        let execution = self.velocity;
+        let friction = with_sign(self.parameters.coulomb, execution);
         let solved = self.solve(&self.sub_step, inputs, inputs.load - friction);
-        let next = 2.0 * solved.speed - went;
-        if next * went >= 0.0 {
+        let next = 2.0 * solved.speed - execution;
+        if next * execution >= 0.0 {
             return self.apply(self.sub_step.h, inputs, friction, solved);
         }
-        self.come_to_rest(went / (went - next), inputs, friction);
+        self.come_to_rest(execution / (execution - next), inputs, friction);
     }
 
     /// It comes to rest within this part: it goes there for that share of it, then on from rest

@@ -218,7 +218,7 @@ impl Servo {
         }
         let (ramp, current) = (self.trajectory.limits(), self.max_current);
         let velocity = match self.goal {
-            Goal::Velocity(asked) => ramp.velocity.min(asked.abs()),
+            Goal::Velocity(requested) => ramp.velocity.min(requested.abs()),
             Goal::Position(_) => ramp.velocity,
             _ => return ServoBounds { current, ..ServoBounds::NONE },
         };
@@ -312,14 +312,14 @@ impl Servo {
         let gains = &self.gains;
         let direct = gains.velocity_p * error + gains.acceleration * acceleration;
         let max = self.max_current.abs();
-        let asked = direct + self.integral;
+        let requested = direct + self.integral;
         // Anti-windup: what cannot be had is not summed up.
-        let spent = asked.abs() > max || short_of_voltage;
-        if !(spent && asked * error > 0.0) {
+        let spent = requested.abs() > max || short_of_voltage;
+        if !(spent && requested * error > 0.0) {
             let grown = self.integral + gains.velocity_i * error * TICK_S;
             self.integral = clamp_abs(grown, max);
         }
-        clamp_abs(asked, max)
+        clamp_abs(requested, max)
     }
 }
 

@@ -204,19 +204,19 @@ impl Trajectory {
             return self.advance_at(self.ramp_toward(self.base.velocity, 0.0));
         }
         // What is left after this tick must still suffice to brake: v²/2d ≤ left - (speed+v)T/2.
-        let room = left - 0.5 * speed * TICK_S;
-        if room <= 0.0 || (room <= POSITION_TOLERANCE && speed <= deceleration * TICK_S) {
+        let capacity = left - 0.5 * speed * TICK_S;
+        if capacity <= 0.0 || (capacity <= POSITION_TOLERANCE && speed <= deceleration * TICK_S) {
             return self.last_tick(goal, way, speed);
         }
         let half = 0.5 * TICK_S;
         if top == 0.0 {
             return self.advance_at(way * self.ramp_toward(speed, 0.0));
         }
-        let brake = deceleration * (libm::sqrt(half * half + 2.0 * room / deceleration) - half);
+        let brake = deceleration * (libm::sqrt(half * half + 2.0 * capacity / deceleration) - half);
         let fastest = (speed + acceleration * TICK_S).min(top.max(speed - deceleration * TICK_S));
         let slowest = speed - deceleration * TICK_S;
         let next = brake.min(fastest).max(slowest).max(0.0);
-        let left_over = room - 0.5 * next * TICK_S;
+        let left_over = capacity - 0.5 * next * TICK_S;
         if next == 0.0 || (left_over <= POSITION_TOLERANCE && next <= deceleration * TICK_S) {
             return self.last_tick(goal, way, speed);
         }

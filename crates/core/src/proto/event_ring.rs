@@ -44,10 +44,10 @@ impl<A: Copy, const N: usize> EventRing<A, N> {
         if N > 16 && self.popped == self.pushed {
             (self.popped, self.pushed) = (0, 0);
         }
-        let place = &mut self.ring[self.pushed as usize % N];
-        *place = (to, result);
+        let position = &mut self.ring[self.pushed as usize % N];
+        *position = (to, result);
         self.pushed = self.pushed.wrapping_add(1);
-        &mut place.1
+        &mut position.1
     }
 
     /// The oldest that was not taken yet.

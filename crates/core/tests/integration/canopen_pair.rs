@@ -110,15 +110,15 @@ impl Wire {
     fn ask(
         &mut self,
         n: u32,
-        ask: HostRequest,
+        host_request: HostRequest,
         bytes: &[u8],
     ) -> (Result<Answer, Failure>, Vec<u8>) {
         let ticket = Ticket(n);
-        self.host.submit(self.now, ticket, ask).expect("nothing else is under way");
+        self.host.submit(self.now, ticket, host_request).expect("nothing else is under way");
         let (mut given, mut taken, mut buffer) = (0, Vec::new(), [0; 100]);
         for _ in 0..STEPS_MAX {
             self.step();
-            if matches!(ask, HostRequest::Download { .. }) {
+            if matches!(host_request, HostRequest::Download { .. }) {
                 given += self.host.feed_bytes(ticket, &bytes[given..]).unwrap_or(0);
             } else if let Some(count) = self.host.poll_bytes(ticket, &mut buffer) {
                 taken.extend_from_slice(&buffer[..count]);
@@ -130,7 +130,7 @@ impl Wire {
                 }
             }
         }
-        panic!("{ask:?} does not end");
+        panic!("{host_request:?} does not end");
     }
 }
 

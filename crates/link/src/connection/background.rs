@@ -87,7 +87,7 @@ pub(super) fn shut_down<M: Medium>(shared: &ConnectionInner<M>) {
 fn spawn<M: Medium>(shared: &ConnectionInner<M>, state: &mut ConnectionState<M>) {
     // Without an owner left there is nothing to keep.
     let Some(its) = shared.weak_self.upgrade() else { return };
-    let thread = std::thread::Builder::new().name("polepair-keeper".into());
+    let thread = std::thread::Builder::new().name("polepair-link".into());
     // Out of threads: the next request tries again, and callers lead for themselves meanwhile.
     if let Ok(handle) = thread.spawn(move || run_thread(&its)) {
         state.background = BackgroundState::Watching;

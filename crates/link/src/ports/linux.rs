@@ -40,14 +40,14 @@ pub(super) fn lock_holder(path: &str) -> Option<(String, u32)> {
     use std::os::unix::fs::MetadataExt as _;
     let file = fs::metadata(path).ok()?;
     let (device, inode) = (file.dev(), file.ino());
-    let place =
+    let location =
         format!("{:02x}:{:02x}:{inode}", rustix::fs::major(device), rustix::fs::minor(device));
     let locks = fs::read_to_string("/proc/locks").ok()?;
     // `1: FLOCK  ADVISORY  WRITE 4711 00:1a:5 0 EOF`; a process that may not be seen is 0.
     let pid = locks.lines().find_map(|line| {
         let mut words = line.split_ascii_whitespace().skip(4);
         let pid: u32 = words.next()?.parse().ok()?;
-        (words.next()? == place && pid != 0).then_some(pid)
+        (words.next()? == location && pid != 0).then_some(pid)
     })?;
     Some((read_text(&Path::new("/proc").join(pid.to_string()), "comm"), pid))
 }

@@ -126,15 +126,15 @@ fn scripted_adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u
     let pty = Pty::open(None).unwrap();
     let path = pty.path().to_owned();
     let thread = thread::spawn(move || {
-        let (mut told, mut from) = (Vec::new(), 0);
+        let (mut output, mut from) = (Vec::new(), 0);
         let mut buffer = Stream::buffer();
         let end = clock::now().plus_ms(5000);
-        while clock::now() < end && !told.ends_with(b"O\rt1231AB\rF\rC\r") {
+        while clock::now() < end && !output.ends_with(b"O\rt1231AB\rF\rC\r") {
             let received = pty.receive(&mut buffer, clock::now().plus_ms(100)).unwrap();
             let Received::Bytes { len, .. } = received else { continue };
-            told.extend_from_slice(&buffer[..len]);
-            while let Some(at) = told[from..].iter().position(|&byte| byte == b'\r') {
-                let line = &told[from..from + at];
+            output.extend_from_slice(&buffer[..len]);
+            while let Some(at) = output[from..].iter().position(|&byte| byte == b'\r') {
+                let line = &output[from..from + at];
                 let refused = !refuses.is_empty() && line == refuses;
                 pty.send(if refused { b"\x07" } else { b"\r" }).unwrap();
                 if line == b"O" {
@@ -144,7 +144,7 @@ fn scripted_adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u
                 from += at + 1;
             }
         }
-        told
+        output
     });
     (path, thread)
 }
@@ -163,8 +163,8 @@ fn an_adapter_is_set_up_used_and_closed() {
     assert_eq!(link.losses(), losses);
     link.send(&Frame::standard(0x123, &[0xAB])).unwrap();
     drop(link);
-    let told = adapter.join().unwrap();
-    assert_eq!(String::from_utf8(told).unwrap(), "\rC\rS6\rO\rt1231AB\rF\rC\r");
+    let received = adapter.join().unwrap();
+    assert_eq!(String::from_utf8(received).unwrap(), "\rC\rS6\rO\rt1231AB\rF\rC\r");
 }
 
 /// It was closed just before: its answer to that comes now, and it refuses to close once more.
@@ -173,15 +173,15 @@ fn late_answers_to_an_earlier_program_are_nobodys() {
     let pty = Pty::open(None).unwrap();
     let path = pty.path().to_owned();
     let adapter = thread::spawn(move || {
-        let (mut told, mut from) = (Vec::new(), 0);
+        let (mut output, mut from) = (Vec::new(), 0);
         let mut buffer = Stream::buffer();
         let end = clock::now().plus_ms(5000);
-        while clock::now() < end && !told.ends_with(b"O\rC\r") {
+        while clock::now() < end && !output.ends_with(b"O\rC\r") {
             let received = pty.receive(&mut buffer, clock::now().plus_ms(100)).unwrap();
             let Received::Bytes { len, .. } = received else { continue };
-            told.extend_from_slice(&buffer[..len]);
-            while let Some(at) = told[from..].iter().position(|&byte| byte == b'\r') {
-                let answer: &[u8] = match &told[from..from + at] {
+            output.extend_from_slice(&buffer[..len]);
+            while let Some(at) = output[from..].iter().position(|&byte| byte == b'\r') {
+                let answer: &[u8] = match &output[from..from + at] {
                     b"" => b"\r\r",
                     b"C" => b"\x07",
                     _ => b"\r",
@@ -191,7 +191,7 @@ fn late_answers_to_an_earlier_program_are_nobodys() {
                 from += at + 1;
             }
         }
-        told
+        output
     });
     drop(open_serial(&path, 0, LINE).unwrap());
     assert_eq!(adapter.join().unwrap(), b"\rC\rS6\rO\rC\r");
@@ -227,18 +227,18 @@ fn clients_of_a_bus_hear_each_other_and_the_drives() {
     let address = bus.address().unwrap().to_string();
     thread::scope(|scope| {
         let drives = scope.spawn(|| {
-            let mut heard = Vec::new();
+            let mut messages = Vec::new();
             let mut frame = Frame::default();
-            while heard.len() < 2 {
+            while messages.len() < 2 {
                 match bus.receive(&mut frame, clock::now().plus_ms(3000)).unwrap() {
-                    Received::Bytes { .. } => heard.push(frame),
+                    Received::Bytes { .. } => messages.push(frame),
                     other => panic!("{other:?}"),
                 }
                 bus.send(&Frame::standard(frame.id as u16 + 1, b"drive")).unwrap();
             }
             // Until both clients have left.
             let _ = bus.receive(&mut frame, clock::now().plus_ms(200));
-            heard
+            messages
         });
         let (one, other) = (open_tcp(&address, LINE).unwrap(), open_tcp(&address, LINE).unwrap());
         let next = |link: &SlcanLink| {
@@ -259,16 +259,16 @@ fn clients_of_a_bus_hear_each_other_and_the_drives() {
 }
 
 fn send_text(adapter: &mut SlcanSession, text: &str) -> (String, Vec<SessionAction>) {
-    let (mut said, mut came) = (Vec::new(), Vec::new());
+    let (mut bytes, mut came) = (Vec::new(), Vec::new());
     for &byte in text.as_bytes() {
-        let mut room = [0; crate::hub::OUTPUT_MAX];
-        let mut answer = SessionOutput(TextWriter::new(&mut room));
+        let mut buffer = [0; crate::hub::OUTPUT_MAX];
+        let mut answer = SessionOutput(TextWriter::new(&mut buffer));
         let taken = adapter.handle_byte(byte, &mut answer);
         let len = answer.0.len;
-        said.extend_from_slice(&room[..len]);
+        bytes.extend_from_slice(&buffer[..len]);
         came.extend((taken != SessionAction::Nothing).then_some(taken));
     }
-    (String::from_utf8(said).unwrap(), came)
+    (String::from_utf8(bytes).unwrap(), came)
 }
 
 /// CAN232 manual, "available commands".
@@ -307,15 +307,15 @@ fn an_adapter_answers_as_the_manual_says() {
 fn an_adapter_of_another_bit_rate_neither_hears_nor_is_heard() {
     let mut adapter = SlcanSession::new(LINE);
     let shown = |adapter: &SlcanSession| {
-        let mut room = [0; crate::hub::OUTPUT_MAX];
-        let mut saying = SessionOutput(TextWriter::new(&mut room));
+        let mut buffer = [0; crate::hub::OUTPUT_MAX];
+        let mut saying = SessionOutput(TextWriter::new(&mut buffer));
         adapter.clone().write_frame(
             &Frame::standard(0x123, &[]),
             Instant(61_234_000_000),
             &mut saying,
         );
         let len = saying.0.len;
-        String::from_utf8(room[..len].to_vec()).unwrap()
+        String::from_utf8(buffer[..len].to_vec()).unwrap()
     };
     assert_eq!(shown(&adapter), "", "closed");
     send_text(&mut adapter, "S6\rZ1\rO\r");
@@ -331,7 +331,7 @@ fn an_adapter_of_another_bit_rate_tells_of_errors() {
     let bus = listen("0", LINE).unwrap();
     let address = bus.address().unwrap().to_string();
     thread::scope(|scope| {
-        let told = scope.spawn(|| {
+        let helper = scope.spawn(|| {
             let losses = [250_000, 500_000].map(|bit_rate| {
                 let link = open_tcp(&address, CanLine { bit_rate }).unwrap();
                 link.send(&Frame::standard(0x123, &[])).unwrap();
@@ -344,10 +344,10 @@ fn an_adapter_of_another_bit_rate_tells_of_errors() {
             assert_eq!(losses[0], Losses { errors: 1, ..Losses::default() });
             assert_eq!(losses[1], Losses::default());
         });
-        while !told.is_finished() {
+        while !helper.is_finished() {
             let _ = bus.receive(&mut Frame::default(), clock::now().plus_ms(5)).unwrap();
         }
-        told.join().unwrap();
+        helper.join().unwrap();
     });
 }
 
@@ -405,12 +405,12 @@ fn a_client_that_does_not_read_loses_frames_and_nobody_else_does() {
         };
         let (deaf, awake) = (open(), open());
         let frame = Frame { extended: true, ..Frame::standard(0x123, &[0; 8]) };
-        let mut heard = Frame::default();
+        let mut received = Frame::default();
         let began = clock::now();
         while bus.losses().overrun == 0 {
             bus.send(&frame).unwrap();
-            awake.receive(&mut heard, clock::now().plus_ms(1000)).unwrap();
-            assert_eq!(heard, frame);
+            awake.receive(&mut received, clock::now().plus_ms(1000)).unwrap();
+            assert_eq!(received, frame);
             assert!(clock::now().since(began).as_secs() < 20);
         }
         drop(deaf);
@@ -434,8 +434,8 @@ fn garbage_does_no_harm() {
         let mut lines = LineSplitter::default();
         for _ in 0..random() % 200 {
             let byte = alphabet[random() as usize % alphabet.len()];
-            let mut room = [0; crate::hub::OUTPUT_MAX];
-            let mut answer = SessionOutput(TextWriter::new(&mut room));
+            let mut buffer = [0; crate::hub::OUTPUT_MAX];
+            let mut answer = SessionOutput(TextWriter::new(&mut buffer));
             if let SessionAction::Frame(frame) = adapter.handle_byte(byte, &mut answer) {
                 assert!(frame.len <= 8 && frame.id <= 0x1FFF_FFFF);
             }

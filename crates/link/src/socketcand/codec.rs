@@ -48,10 +48,11 @@ impl ElementSplitter {
             self.position = ElementPosition::Outside;
         }
         match (self.position, byte) {
-            (place, b'<') => {
+            (element_position, b'<') => {
                 (self.len, self.position) = (0, ElementPosition::Inside);
                 // The end of the one before was lost.
-                return (place == ElementPosition::Inside).then_some(ElementEnd::Malformed);
+                return (element_position == ElementPosition::Inside)
+                    .then_some(ElementEnd::Malformed);
             }
             (ElementPosition::Inside, b'>') => {
                 self.position = ElementPosition::Ended;
@@ -186,8 +187,8 @@ impl<'a> ServerReply<'a> {
 fn split_words<'a, 'w>(text: &'a [u8], words: &'w mut [&'a [u8]]) -> &'w [&'a [u8]] {
     let mut count = 0;
     let found = text.split(|&byte| byte == b' ').filter(|word| !word.is_empty());
-    for (place, word) in words.iter_mut().zip(found) {
-        *place = word;
+    for (slot, word) in words.iter_mut().zip(found) {
+        *slot = word;
         count += 1;
     }
     &words[..count]

@@ -97,7 +97,7 @@ impl SocketcandSession {
         request: ClientRequest<'_>,
         answer: &mut SessionOutput<'_>,
     ) -> SessionAction {
-        let (said, taken) = match (request, self.mode) {
+        let (bytes, taken) = match (request, self.mode) {
             (ClientRequest::Open(bus), SessionMode::NoBus) => {
                 if bus != &self.bus[..self.bus_len] {
                     answer.0.push_bytes(b"< error could not open bus >");
@@ -124,22 +124,22 @@ impl SocketcandSession {
             // Neither is answered, as by the original.
             (ClientRequest::Subscribe(wanted), SessionMode::Bcm) => {
                 match self.subscription_slot(wanted.id) {
-                    Some(place) => {
-                        *place = Some(Subscription { request: wanted, last_sent: None });
+                    Some(subscription) => {
+                        *subscription = Some(Subscription { request: wanted, last_sent: None });
                         (&b""[..], SessionAction::Nothing)
                     }
                     None => (&b"< error too many subscriptions >"[..], SessionAction::Refused),
                 }
             }
             (ClientRequest::Unsubscribe(id), SessionMode::Bcm) => {
-                if let Some(place) = self.subscription_slot(id) {
-                    *place = None;
+                if let Some(subscription) = self.subscription_slot(id) {
+                    *subscription = None;
                 }
                 (&b""[..], SessionAction::Nothing)
             }
             _ => (&b"< error unknown command >"[..], SessionAction::Malformed),
         };
-        answer.0.push_bytes(said);
+        answer.0.push_bytes(bytes);
         taken
     }
 }
@@ -161,12 +161,12 @@ impl HubSession for SocketcandSession {
     }
 
     fn write_frame(&mut self, frame: &Frame, at: Instant, saying: &mut SessionOutput<'_>) {
-        let told = match self.mode {
+        let reported = match self.mode {
             SessionMode::NoBus => false,
             SessionMode::Bcm => self.accepts_frame(frame, at),
             SessionMode::Raw => true,
         };
-        if told {
+        if reported {
             codec::write_frame(frame, clock::wall_ns(at) / 1000, &mut saying.0);
         }
     }

@@ -11,11 +11,11 @@ fn extended(id: u32, data: &[u8]) -> Frame {
 }
 
 fn text(write: impl Fn(&mut TextWriter<'_>)) -> String {
-    let mut room = [0; ELEMENT_MAX];
-    let mut text = TextWriter::new(&mut room);
+    let mut buffer = [0; ELEMENT_MAX];
+    let mut text = TextWriter::new(&mut buffer);
     write(&mut text);
     let len = text.len;
-    String::from_utf8(room[..len].to_vec()).unwrap()
+    String::from_utf8(buffer[..len].to_vec()).unwrap()
 }
 
 fn split_elements(bytes: &[u8]) -> Vec<Option<String>> {
@@ -47,8 +47,8 @@ fn frames_are_written_and_read_as_the_protocol_prints_them() {
         assert_eq!(ClientRequest::parse(&inside.to_ascii_lowercase()), ClientRequest::Send(frame));
     }
     let frame = Frame::standard(0x123, &[0x1A, 0x22, 0x03, 0x44]);
-    let told = "< frame 123 23.424242 1A220344 >";
-    assert_eq!(text(|to| codec::write_frame(&frame, 23_424_242, to)), told);
+    let output = "< frame 123 23.424242 1A220344 >";
+    assert_eq!(text(|to| codec::write_frame(&frame, 23_424_242, to)), output);
     assert_eq!(ServerReply::parse(b" frame 123 23.424242 1A220344 "), ServerReply::Frame(frame));
     assert_eq!(ServerReply::parse(b" frame 123 23.424242 1A 22 03 44 "), ServerReply::Frame(frame));
     let empty = Frame::standard(0x7FF, &[]);
@@ -126,45 +126,45 @@ fn a_client_hears_what_it_has_subscribed_to() {
     use crate::hub::{HubSession, OUTPUT_MAX, SessionOutput};
     let mut daemon = SocketcandSession::new("can0");
     let say = |daemon: &mut SocketcandSession, words: &str| {
-        let mut said = String::new();
+        let mut output = String::new();
         for byte in words.bytes() {
-            said += &text(|to| {
-                let mut room = [0; OUTPUT_MAX];
-                let mut answer = SessionOutput(TextWriter::new(&mut room));
+            output += &text(|to| {
+                let mut buffer = [0; OUTPUT_MAX];
+                let mut answer = SessionOutput(TextWriter::new(&mut buffer));
                 daemon.clone().handle_byte(byte, &mut answer);
                 let len = answer.0.len;
-                to.push_bytes(&room[..len]);
+                to.push_bytes(&buffer[..len]);
             });
             daemon.handle_byte(byte, &mut SessionOutput(TextWriter::new(&mut [0; OUTPUT_MAX])));
         }
-        said
+        output
     };
-    let hears = |daemon: &mut SocketcandSession, ms: u64, frame: Frame| {
-        let mut room = [0; OUTPUT_MAX];
-        let mut saying = SessionOutput(TextWriter::new(&mut room));
+    let receives = |daemon: &mut SocketcandSession, ms: u64, frame: Frame| {
+        let mut buffer = [0; OUTPUT_MAX];
+        let mut saying = SessionOutput(TextWriter::new(&mut buffer));
         daemon.write_frame(&frame, Instant(ms * 1_000_000), &mut saying);
         saying.0.len > 0
     };
     let frame = |id, data: &[u8]| Frame::standard(id, data);
-    assert!(!hears(&mut daemon, 0, frame(0x123, &[1])));
+    assert!(!receives(&mut daemon, 0, frame(0x123, &[1])));
     assert_eq!(say(&mut daemon, "< open can0 >< subscribe 0 0 123 >"), "< ok >");
-    assert!(hears(&mut daemon, 0, frame(0x123, &[1])));
-    assert!(hears(&mut daemon, 0, frame(0x123, &[1])));
-    assert!(!hears(&mut daemon, 0, frame(0x124, &[1])));
-    assert!(!hears(&mut daemon, 0, extended(0x123, &[1])));
+    assert!(receives(&mut daemon, 0, frame(0x123, &[1])));
+    assert!(receives(&mut daemon, 0, frame(0x123, &[1])));
+    assert!(!receives(&mut daemon, 0, frame(0x124, &[1])));
+    assert!(!receives(&mut daemon, 0, extended(0x123, &[1])));
     // Changes in the first byte, in place of every frame; then no more often than 1.5 s.
     assert_eq!(say(&mut daemon, "< filter 0 0 123 1 FF >"), "");
-    assert!(hears(&mut daemon, 1, frame(0x123, &[1, 1])));
-    assert!(!hears(&mut daemon, 2, frame(0x123, &[1, 2])));
-    assert!(hears(&mut daemon, 3, frame(0x123, &[2, 2])));
+    assert!(receives(&mut daemon, 1, frame(0x123, &[1, 1])));
+    assert!(!receives(&mut daemon, 2, frame(0x123, &[1, 2])));
+    assert!(receives(&mut daemon, 3, frame(0x123, &[2, 2])));
     assert_eq!(say(&mut daemon, "< filter 1 500000 123 8 FF 00 F8 00 00 00 00 00 >"), "");
-    assert!(hears(&mut daemon, 10, frame(0x123, &[0, 0, 8])));
-    assert!(!hears(&mut daemon, 1509, frame(0x123, &[1, 0, 8])));
-    assert!(!hears(&mut daemon, 1510, frame(0x123, &[0, 7, 15])));
-    assert!(hears(&mut daemon, 1510, frame(0x123, &[0, 7, 16])));
+    assert!(receives(&mut daemon, 10, frame(0x123, &[0, 0, 8])));
+    assert!(!receives(&mut daemon, 1509, frame(0x123, &[1, 0, 8])));
+    assert!(!receives(&mut daemon, 1510, frame(0x123, &[0, 7, 15])));
+    assert!(receives(&mut daemon, 1510, frame(0x123, &[0, 7, 16])));
     assert_eq!(say(&mut daemon, "< subscribe 0 0 00000123 >< unsubscribe 123 >"), "");
-    assert!(!hears(&mut daemon, 9000, frame(0x123, &[9])));
-    assert!(hears(&mut daemon, 9000, extended(0x123, &[9])));
+    assert!(!receives(&mut daemon, 9000, frame(0x123, &[9])));
+    assert!(receives(&mut daemon, 9000, extended(0x123, &[9])));
     for wrong in ["subscribe 0 123", "subscribe x 0 123", "filter 0 0 123 2 FF", "unsubscribe"] {
         assert_eq!(say(&mut daemon, &format!("< {wrong} >")), "< error unknown command >");
     }
@@ -173,7 +173,7 @@ fn a_client_hears_what_it_has_subscribed_to() {
         assert_eq!(full.is_empty(), id + 1 < SUBSCRIPTIONS_MAX, "{id}: {full}");
     }
     assert_eq!(say(&mut daemon, "< rawmode >< bcmmode >"), "< ok >< ok >");
-    assert!(!hears(&mut daemon, 9000, extended(0x123, &[9])));
+    assert!(!receives(&mut daemon, 9000, extended(0x123, &[9])));
 }
 
 /// Anything may come from either end; it is refused, never worse, and a good element after it works.

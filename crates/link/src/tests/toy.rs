@@ -51,7 +51,7 @@ impl ToyLane {
 
     fn handle_answer(&mut self, now: Instant, number: u32, value: u32) {
         match self.outstanding.take() {
-            Some((mut job, asked, _, _)) if asked == number => {
+            Some((mut job, requested, _, _)) if requested == number => {
                 if job.left == 0 {
                     return self.finish(job.ticket, Outcome::Done(value.into()));
                 }

@@ -156,7 +156,7 @@ impl Default for MessageFields<'_> {
 impl<'a> MessageFields<'a> {
     /// True when the key was one of ours, `None` when its value is not of the type it must have.
     fn set_field(&mut self, key: &[u8], value: MsgpackValue<'a>) -> Option<bool> {
-        let place = match key {
+        let position = match key {
             b"is_extended_id" => &mut self.extended,
             b"is_remote_frame" => &mut self.remote,
             b"is_error_frame" => &mut self.error,
@@ -176,7 +176,7 @@ impl<'a> MessageFields<'a> {
             _ => return Some(false),
         };
         let MsgpackValue::Bool(set) = value else { return None };
-        *place = set;
+        *position = set;
         Some(true)
     }
 

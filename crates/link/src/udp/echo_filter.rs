@@ -36,8 +36,8 @@ fn filter_program(own: SocketAddr) -> Vec<sock_filter> {
         }
     }
     let mut program = Vec::new();
-    for (n, &(load, place, value)) in fields.iter().enumerate() {
-        program.push(sock_filter { code: load, jt: 0, jf: 0, k: place });
+    for (n, &(load, index, value)) in fields.iter().enumerate() {
+        program.push(sock_filter { code: load, jt: 0, jf: 0, k: index });
         // The fields left take two instructions each, then comes the drop, then the pass.
         let pass = 2 * (fields.len() - n - 1) + 1;
         program.push(sock_filter { code: JUMP_EQUAL, jt: 0, jf: pass as u8, k: value });

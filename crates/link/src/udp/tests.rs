@@ -54,12 +54,12 @@ fn what_nobody_reads_in_time_is_counted() {
     for n in 0..BURST {
         one.send(&Frame::standard(0x123, &n.to_le_bytes())).unwrap();
     }
-    let mut heard = 0;
+    let mut received = 0;
     while next(&other, 20).is_some() {
-        heard += 1;
+        received += 1;
     }
-    assert!(heard > 100, "{heard}");
-    assert_eq!(other.losses(), Losses { overrun: BURST - heard, ..Losses::default() });
+    assert!(received > 100, "{received}");
+    assert_eq!(other.losses(), Losses { overrun: BURST - received, ..Losses::default() });
     assert_eq!(one.losses(), Losses::default());
 }
 
@@ -161,12 +161,12 @@ fn damaged_datagrams_do_no_harm() {
 #[test]
 fn what_is_no_frame_is_counted() {
     let group = group(43_119);
-    let (link, stranger) = (open(group).unwrap(), open(group).unwrap());
+    let (link, udp_link) = (open(group).unwrap(), open(group).unwrap());
     for hex in ["00", ERROR, FD] {
-        stranger.sender.send(&bytes(hex)).unwrap();
+        udp_link.sender.send(&bytes(hex)).unwrap();
     }
     let sent = Frame::standard(0x1, &[]);
-    stranger.send(&sent).unwrap();
+    udp_link.send(&sent).unwrap();
     assert_eq!(next(&link, 2000), Some(sent));
     assert_eq!(link.losses(), Losses { malformed: 2, errors: 1, ..Losses::default() });
 }

@@ -130,10 +130,10 @@ fn stop(axes: &mut dyn Axes, now: Instant, ticket: Ticket) -> Result<(), Unsuppo
 }
 
 /// How long it took, interrupts and all.
-fn exchange(connection: &Connection, ask: Ask) -> Duration {
+fn exchange(connection: &Connection, request: Ask) -> Duration {
     let began = Clock::now();
     let deadline = clock::now().plus_ms(2 * REPLY_TIMEOUT_MS);
-    let mut pending = connection.submit(ask).unwrap();
+    let mut pending = connection.submit(request).unwrap();
     let waited = loop {
         match pending.wait(deadline) {
             WaitResult::Interrupted => {}
@@ -188,12 +188,12 @@ fn answer(request: Request) -> Reply {
 }
 
 fn serial() -> impl FnMut(&dyn LinkIo<Stream>, &[u8]) + Send {
-    let (mut heard, mut answers) = (Vec::new(), 0_usize);
+    let (mut received, mut answers) = (Vec::new(), 0_usize);
     move |link, bytes| {
-        heard.extend_from_slice(bytes);
-        while let Some(first) = heard.first_chunk::<DATAGRAM>() {
+        received.extend_from_slice(bytes);
+        while let Some(first) = received.first_chunk::<DATAGRAM>() {
             let reply = answer(Request::parse(first).unwrap()).emit();
-            heard.drain(..DATAGRAM);
+            received.drain(..DATAGRAM);
             answers += 1;
             let (early, late) =
                 reply.split_at(if answers % 3 == 0 { answers % DATAGRAM } else { 0 });

@@ -31,10 +31,10 @@ const NAMED_STEPS_MAX: usize = 6;
 
 impl Axis {
     /// The error for an outcome that is not [`Outcome::Done`].
-    pub(crate) fn outcome_error(&self, what: &str, asked: RequestKind, outcome: Outcome) -> Error {
+    pub(crate) fn outcome_error(&self, what: &str, kind: RequestKind, outcome: Outcome) -> Error {
         let failure = outcome.failure().unwrap_or(Failure::Misbehaved);
         // The stop was told: it is the question that was not carried out.
-        let outcome = match (asked, outcome) {
+        let outcome = match (kind, outcome) {
             (RequestKind::StandstillQuery, Outcome::NotDone(failure)) => Outcome::Unknown(failure),
             _ => outcome,
         };
@@ -44,25 +44,25 @@ impl Axis {
         // Who closed it knows that it is no lost link, but not that a motor was left turning.
         if let (Failure::LinkDown, Some(closed)) = (failure, self.connection.link_error())
             && closed.cause() == Cause::Closed
-            && asked != RequestKind::StandstillQuery
+            && kind != RequestKind::StandstillQuery
             && !self.may_turn()
         {
             return Error::Link(closed);
         }
-        let heard = self.no_reply_details(failure);
+        let details = self.no_reply_details(failure);
         let (reason, mut hint) = match failure {
-            Failure::Silent => (no_answer_text(&heard), heard.hint().to_owned()),
+            Failure::Silent => (no_answer_text(&details), details.hint().to_owned()),
             failure => self.failure_reason(failure),
         };
-        let may_turn = self.is_out_of_reach(asked, failure);
+        let may_turn = self.is_out_of_reach(kind, failure);
         if let (true, Watchdog::Fixed { after_ms }) = (may_turn, self.profile.watchdog) {
             hint = format!("the drive should stop {after_ms} ms after the link died; {hint}");
         }
         Error::Failed {
             what: format!("{}: {what}: {reason}", self.label()),
-            execution: self.execution_text(asked, outcome, failure),
+            execution: self.execution_text(kind, outcome, failure),
             outcome,
-            received: Box::new(heard),
+            received: Box::new(details),
             may_turn,
             hint,
         }
@@ -80,9 +80,9 @@ impl Axis {
 
     /// Whether the motor may turn, and nothing can be done about it from here: the link is lost, or
     /// its stop was not answered.
-    fn is_out_of_reach(&self, asked: RequestKind, failure: Failure) -> bool {
+    fn is_out_of_reach(&self, kind: RequestKind, failure: Failure) -> bool {
         let stop = matches!(
-            asked,
+            kind,
             RequestKind::StandstillQuery | RequestKind::Verb(Verb::Stop | Verb::QuickStop)
         );
         match failure {
@@ -101,23 +101,23 @@ impl Axis {
 
     /// Whether it was executed, and how far; empty where there was nothing to execute, and where the
     /// drive's own answer says it.
-    fn execution_text(&self, asked: RequestKind, outcome: Outcome, failure: Failure) -> String {
+    fn execution_text(&self, kind: RequestKind, outcome: Outcome, failure: Failure) -> String {
         let of_the_wire =
             matches!(failure, Failure::Silent | Failure::Misbehaved | Failure::LinkDown);
-        match (asked, outcome) {
+        match (kind, outcome) {
             (RequestKind::Query | RequestKind::StandstillQuery, _) | (_, Outcome::Done(_)) => {
                 String::new()
             }
             (_, Outcome::NotDone(_)) if of_the_wire => "it was not executed".to_owned(),
             (_, Outcome::NotDone(_)) => String::new(),
             (_, Outcome::Unknown(_)) => "it may have been executed".to_owned(),
-            (_, Outcome::Partly(_, extent)) => self.partial_execution_text(asked, extent),
+            (_, Outcome::Partly(_, extent)) => self.partial_execution_text(kind, extent),
         }
     }
 
     /// How far a plan went, step by step.
-    fn partial_execution_text(&self, asked: RequestKind, extent: Extent) -> String {
-        let steps = match asked {
+    fn partial_execution_text(&self, kind: RequestKind, extent: Extent) -> String {
+        let steps = match kind {
             RequestKind::Verb(verb) => self.profile.plan(verb).map(|plan| plan.steps.to_vec()),
             RequestKind::Write(id, raw, keep) => Some(write_steps(self.profile, id, raw, keep)),
             RequestKind::Query | RequestKind::StandstillQuery | RequestKind::Command => None,
@@ -134,14 +134,14 @@ impl Axis {
                 _ => Some(format!("{word}: {left} steps and {first}")),
             }
         };
-        let told = [
+        let reports = [
             named("done", extent.done),
             named("refused", extent.refused),
             named("not known whether done", extent.unknown),
             extent.rolled_back.then(|| "what was done was taken back".to_owned()),
         ];
-        let told: Vec<String> = told.into_iter().flatten().collect();
-        format!("it was executed in part; {}", told.join("; "))
+        let messages: Vec<String> = reports.into_iter().flatten().collect();
+        format!("it was executed in part; {}", messages.join("; "))
     }
 
     fn step_name(&self, n: usize, step: Option<&Step>) -> String {
@@ -171,16 +171,18 @@ impl Axis {
     }
 
     fn failure_reason(&self, failure: Failure) -> (String, String) {
-        let said = |reason: &str, hint: &str| (reason.to_owned(), hint.to_owned());
+        let is_kind = |reason: &str, hint: &str| (reason.to_owned(), hint.to_owned());
         match failure {
             Failure::Refused { code } => self.refusal_reason(code),
-            Failure::Misbehaved => said(
+            Failure::Misbehaved => is_kind(
                 "what came back was corrupt or answered another question",
                 "look for two drives with one address, an echoing adapter, noise or a wrong baud \
                  rate; `-v` shows the frames",
             ),
-            Failure::NotReached => said("not reached in time", "see whether something blocks it"),
-            Failure::NotReady { hint } => said("the drive is not ready", hint),
+            Failure::NotReached => {
+                is_kind("not reached in time", "see whether something blocks it")
+            }
+            Failure::NotReady { hint } => is_kind("the drive is not ready", hint),
             Failure::Faulted { code } => self.fault_reason(code),
             Failure::Differs { start, end } => (
                 format!("the drive has other words at {start:04X} to {end:04X}"),
@@ -188,7 +190,7 @@ impl Axis {
                  (LOCKEEPROM), not there, or worn out"
                     .to_owned(),
             ),
-            Failure::Cancelled => said("a stop or a newer command came between", ""),
+            Failure::Cancelled => is_kind("a stop or a newer command came between", ""),
             Failure::LinkDown => {
                 let trouble = self.connection.link_error();
                 let hint = trouble.as_ref().map(|t| t.hint().to_owned()).unwrap_or_default();
@@ -295,10 +297,10 @@ impl Axis {
 }
 
 /// That nobody answered, and what came instead.
-fn no_answer_text(heard: &NoReplyDetails) -> String {
-    match heard.is_nothing() {
+fn no_answer_text(details: &NoReplyDetails) -> String {
+    match details.is_nothing() {
         true => "no answer".to_owned(),
-        false => format!("no answer, but {heard}"),
+        false => format!("no answer, but {details}"),
     }
 }
 

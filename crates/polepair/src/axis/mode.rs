@@ -29,8 +29,8 @@ impl Axis {
     #[must_use]
     pub fn moving(&self, state: &AxisStatus) -> Option<bool> {
         let reading = state.reading(Signal::Moving);
-        let told = self.profile.signal(Signal::Moving).and(reading.at);
-        let flag = told.map(|_| reading.raw != 0);
+        let reported_at = self.profile.signal(Signal::Moving).and(reading.at);
+        let flag = reported_at.map(|_| reading.raw != 0);
         let turns =
             self.is_turning_in(state).map(|turns| turns && !self.is_within_one_count(state));
         match (flag, turns) {

@@ -405,10 +405,10 @@ impl Axis {
         if position.is_finite() {
             return Ok(position);
         }
-        let place = self.mounted.as_deref().map(|mounted| &mounted.mounting.location);
-        let place = place.map_or_else(String::new, |place| format!(" ({place})"));
+        let location = self.mounted.as_deref().map(|mounted| &mounted.mounting.location);
+        let place_text = location.map_or_else(String::new, |location| format!(" ({location})"));
         let what = format!(
-            "{}: its position is not known, so its limits could not hold{place}",
+            "{}: its position is not known, so its limits could not hold{place_text}",
             self.label()
         );
         Err(Error::usage("E223", what, "read it: `polepair get URL` tells why it is not known"))
@@ -440,21 +440,21 @@ impl Axis {
         self.refuse_limit(&format!("{value} is more than its limit, {limit}"), &most.location)
     }
 
-    fn refuse_limit(&self, what: &str, place: &FileLocation) -> Result<(), Error> {
+    fn refuse_limit(&self, what: &str, location: &FileLocation) -> Result<(), Error> {
         Err(self.limit_error(
             what,
-            place,
+            location,
             "ask for less, or change the limit if the machine allows more",
         ))
     }
 
-    fn limit_error(&self, what: &str, place: &FileLocation, hint: &str) -> Error {
-        Error::usage("E223", format!("{}: {what} ({place})", self.label()), hint)
+    fn limit_error(&self, what: &str, location: &FileLocation, hint: &str) -> Error {
+        Error::usage("E223", format!("{}: {what} ({location})", self.label()), hint)
     }
 
-    fn group_error(&self, place: &FileLocation) -> Error {
+    fn group_error(&self, location: &FileLocation) -> Error {
         let what = "the drives of a group have scales and limits of their own";
-        self.limit_error(what, place, "name each axis; a stop may go to a group")
+        self.limit_error(what, location, "name each axis; a stop may go to a group")
     }
 
     fn format_limits(&self, ends: &Located<(f64, f64)>) -> String {

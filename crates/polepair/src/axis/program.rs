@@ -69,10 +69,10 @@ impl Axis {
     ) -> Result<TransferProgress, Error> {
         const WHAT: &str = "loading a program";
         let rules = self.memory_rules(WHAT)?;
-        let kept = |p: &MemoryBlock| {
+        let is_stored = |p: &MemoryBlock| {
             rules.memory_at(p.start, p.words.len()) == Some(MemoryKind::Permanent)
         };
-        if !permanent && program.pieces().iter().any(kept) {
+        if !permanent && program.pieces().iter().any(is_stored) {
             return Err(
                 self.unsupported_error(WHAT, Unsupported::Forbidden(PERMANENT_MEMORY_REASON))
             );
@@ -189,10 +189,14 @@ impl Axis {
         };
         let pending =
             self.connection.submit(begin).map_err(|why| self.unsupported_error(what, why))?;
-        let asked =
+        let request_kind =
             if kind == TransferKind::Write { RequestKind::Command } else { RequestKind::Query };
-        let mut running =
-            RunningRequest { axis: self.clone(), pending, what: what.to_owned(), kind: asked };
+        let mut running = RunningRequest {
+            axis: self.clone(),
+            pending,
+            what: what.to_owned(),
+            kind: request_kind,
+        };
         loop {
             let ended = running.wait(PROGRESS_INTERVAL)?;
             let progress = self.transfer_progress();

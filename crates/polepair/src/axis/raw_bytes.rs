@@ -31,9 +31,10 @@ impl Axis {
         self.check_bytes(bytes, id, extended)?;
         let frame = RawFrame { bytes, id, extended };
         let digits: Vec<String> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
-        let ask =
+        let send_request =
             |axes: &mut dyn Axes, now, ticket| axes.send_frame(now, ticket, self.index, &frame);
-        let started = self.submit(format!("`{}`", digits.join(" ")), RequestKind::Command, ask);
+        let started =
+            self.submit(format!("`{}`", digits.join(" ")), RequestKind::Command, send_request);
         started.map_err(|error| match error {
             Error::Unsupported { why: Unsupported::BadBytes, .. } => {
                 self.bad_request_error("these bytes are no request to it")
@@ -54,9 +55,9 @@ impl Axis {
         let direction = Some(Direction::ToDrive);
         let profile = Some(self.profile);
         let context = Context { direction, profile, id, extended, ..Context::default() };
-        let mut said = FrameInspector::default();
-        dissector.explain(bytes, &context, &mut said);
-        match said {
+        let mut frame_inspector = FrameInspector::default();
+        dissector.explain(bytes, &context, &mut frame_inspector);
+        match frame_inspector {
             FrameInspector { error: Some(wrong), .. } => {
                 Err(self
                     .bad_request_error(&format!("these bytes break {}: {wrong}", self.protocol)))

@@ -33,8 +33,8 @@ impl PreparedCommand {
         let verb = command.verb.name();
         let pending =
             axis.connection.submit(submit).map_err(|why| axis.unsupported_error(verb, why))?;
-        let (what, asked) = (verb.to_owned(), RequestKind::Verb(command.verb));
-        Ok(RunningRequest { axis: axis.clone(), pending, what, kind: asked })
+        let (what, request_kind) = (verb.to_owned(), RequestKind::Verb(command.verb));
+        Ok(RunningRequest { axis: axis.clone(), pending, what, kind: request_kind })
     }
 }
 
@@ -56,9 +56,9 @@ impl Axis {
     /// [`Error::Unsupported`]: nothing was sent.
     pub fn start_read(&self, id: ParameterId) -> Result<RunningRequest, Error> {
         let what = format!("reading `{}`", self.parameter(id)?.name);
-        let ask =
+        let request =
             |axes: &mut dyn Axes, now, ticket| axes.read_parameter(now, ticket, self.index, id);
-        self.submit(what, RequestKind::Query, ask)
+        self.submit(what, RequestKind::Query, request)
     }
 }
 
@@ -76,10 +76,10 @@ impl Axis {
     ) -> Result<RunningRequest, Error> {
         let what = format!("setting `{}`", self.parameter(id)?.name);
         self.check_write(id, raw)?;
-        let ask = |axes: &mut dyn Axes, now, ticket| {
+        let request = |axes: &mut dyn Axes, now, ticket| {
             axes.write_parameter(now, ticket, self.index, id, raw, keep)
         };
-        self.submit(what, RequestKind::Write(id, raw, keep), ask)
+        self.submit(what, RequestKind::Write(id, raw, keep), request)
     }
 
     /// Begins a request in the protocol's own text, and does not wait for the answer: as
@@ -89,19 +89,20 @@ impl Axis {
     /// [`Error::Unsupported`]: nothing was sent.
     pub fn start_raw(&self, text: &str) -> Result<RunningRequest, Error> {
         let what = format!("`{text}`");
-        let ask = |axes: &mut dyn Axes, now, ticket| axes.send_text(now, ticket, self.index, text);
-        self.submit(what, RequestKind::Command, ask)
+        let request =
+            |axes: &mut dyn Axes, now, ticket| axes.send_text(now, ticket, self.index, text);
+        self.submit(what, RequestKind::Command, request)
     }
 
     pub(super) fn submit(
         &self,
         what: String,
-        asked: RequestKind,
+        request_kind: RequestKind,
         request: impl FnMut(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<RunningRequest, Error> {
         let pending = self.connection.submit_when_ready(Instant::FAR_FUTURE, request);
         let pending = pending.map_err(|why| self.unsupported_error(&what, why))?;
-        Ok(RunningRequest { axis: self.clone(), pending, what, kind: asked })
+        Ok(RunningRequest { axis: self.clone(), pending, what, kind: request_kind })
     }
 }
 

@@ -190,10 +190,10 @@ impl StopSequence {
 
     /// Whether it came to its end, and that was told for so long.
     #[must_use]
-    pub fn is_expired(&self, axis: &Axis, told: Duration) -> bool {
+    pub fn is_expired(&self, axis: &Axis, reported_at: Duration) -> bool {
         let age = axis.connection().now().since(self.started_at);
         matches!(self.progress, StopProgress::Standstill | StopProgress::Unobservable)
-            && age > self.elapsed + told
+            && age > self.elapsed + reported_at
     }
 
     /// Whether something of it is still to be answered: nothing that moves is to be sent meanwhile.
@@ -415,12 +415,12 @@ impl StandstillMonitor {
     /// What is asked next: a position behind each speed that says that the motor stands.
     fn next_source(&self, axis: &Axis) -> Option<StandstillSource> {
         match self.sources[..] {
-            [StandstillSource::Speed(..), place @ StandstillSource::Position(id)]
+            [StandstillSource::Speed(..), standstill_source @ StandstillSource::Position(id)]
                 if self.standstill_readings > self.readings_at_position =>
             {
                 Some(
                     axis.unread_factor(id, self.factors_read)
-                        .map_or(place, StandstillSource::Factor),
+                        .map_or(standstill_source, StandstillSource::Factor),
                 )
             }
             _ => self.sources.first().copied(),
@@ -432,20 +432,20 @@ impl StandstillMonitor {
         let Some(source) = self.next_source(axis) else {
             return Ok(Some(StopProgress::Unobservable));
         };
-        let Some((running, asked, source)) = &mut self.in_flight else {
+        let Some((running, requested_at, source)) = &mut self.in_flight else {
             if now >= self.next_poll {
                 self.start_reading(axis, source, now);
             }
             return Ok(None);
         };
-        let (asked, source) = (*asked, *source);
+        let (requested_at, source) = (*requested_at, *source);
         let read = match running.poll() {
             Ok(None) => return Ok(None),
             Ok(Some(raw)) => Ok(raw),
             Err(error) => Err(error),
         };
         self.in_flight = None;
-        let rest = now.since(asked) * PAUSE_FACTOR;
+        let rest = now.since(requested_at) * PAUSE_FACTOR;
         self.next_poll = now
             + match now.since(self.since) < BRAKING_TIME {
                 true => POLL_INTERVAL,
@@ -453,7 +453,7 @@ impl StandstillMonitor {
             };
         match read {
             Ok(raw) => {
-                let stands = self.evaluate(axis, source, raw, (asked, now));
+                let stands = self.evaluate(axis, source, raw, (requested_at, now));
                 if let Some((since, _)) = self.position
                     && (self.standstill_readings >= STANDSTILL_READINGS_MIN
                         || !self.compares_positions())
@@ -550,22 +550,22 @@ impl StandstillMonitor {
         axis: &Axis,
         id: ParameterId,
         raw: i64,
-        (asked, told): (Instant, Instant),
+        (requested_at, reported_at): (Instant, Instant),
     ) {
         if axis.raw_to_si(id, raw).is_none() {
             return self.drop_source(StandstillSource::Factor(id));
         }
-        let (since, first) = *self.position.get_or_insert((asked, raw));
-        if asked.since(since) < POSITION_SPAN {
+        let (since, first) = *self.position.get_or_insert((requested_at, raw));
+        if requested_at.since(since) < POSITION_SPAN {
             return;
         }
         // No longer than this lies between them, so that they are not called faster than they are.
-        let over = told.since(since);
+        let over = reported_at.since(since);
         let slow = axis.standstill_speed().unwrap_or(0.0) * SLOW_FACTOR;
         let runs =
             raw.abs_diff(first) > POSITION_DITHER && axis.has_drifted(id, (first, raw), over, slow);
         self.mismatch = runs.then(|| axis.speed_mismatch_error(self.speed, (id, first, raw), over));
-        (self.positions_agree, self.position) = (!runs, Some((asked, raw)));
+        (self.positions_agree, self.position) = (!runs, Some((requested_at, raw)));
         if runs {
             self.standstill_readings = 0;
             self.readings_at_position = 0;

@@ -26,10 +26,10 @@ impl Axis {
     pub fn check_path(&self, kind: PathKind, points: &[Point]) -> Result<(), Error> {
         drop(self.apply_mounting_to_path(kind, points.iter().copied())?);
         let Some((first, rest)) = points.split_first() else { return Ok(()) };
-        let said = rest.iter().chain([first]).map(|point| point.velocity.abs());
+        let lines = rest.iter().chain([first]).map(|point| point.velocity.abs());
         let ways =
             points.windows(2).map(|two| (two[1].position - two[0].position).abs() / two[1].time);
-        let fastest = said.chain(ways).fold(0.0, f64::max);
+        let fastest = lines.chain(ways).fold(0.0, f64::max);
         if fastest <= 0.0 {
             return Ok(());
         }

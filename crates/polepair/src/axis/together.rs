@@ -27,8 +27,8 @@ use polepair_core::axis::{Command, Verb};
 pub fn start_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
     let prepared = prepare_commands(moves)?;
     let Some((first, _)) = prepared.first() else { return Ok(()) };
-    let begun = run_all(&prepared).and_then(|()| first.run(Command::new(Verb::Begin)));
-    if let Err(error) = begun {
+    let started = run_all(&prepared).and_then(|()| first.run(Command::new(Verb::Begin)));
+    if let Err(error) = started {
         // What waits for a signal must not go off at the next one.
         for verb in [Verb::Unfollow, Verb::Stop] {
             let each: Vec<_> =
@@ -37,9 +37,9 @@ pub fn start_together(moves: &[(Axis, Command)]) -> Result<(), Error> {
         }
         return Err(error);
     }
-    let begun: Vec<_> =
+    let started_at: Vec<_> =
         prepared.iter().map(|(axis, _)| (*axis, Command::new(Verb::Begun))).collect();
-    run_all(&begun)
+    run_all(&started_at)
 }
 
 /// Checks moves that are to [start together](start_together), before the motors have power. Nothing of

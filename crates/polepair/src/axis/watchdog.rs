@@ -152,8 +152,9 @@ impl Axis {
             });
         }
         let parameter = self.watchdog_parameter().and_then(|id| self.profile.parameter(id))?;
-        let kept = parameter.persistence == Persistence::Always;
-        kept.then(|| format!("{:?} is kept in its permanent memory if it differs", parameter.name))
+        let stored = parameter.persistence == Persistence::Always;
+        stored
+            .then(|| format!("{:?} is kept in its permanent memory if it differs", parameter.name))
     }
 
     /// How the drive's own watchdog is set now, by reads.
@@ -322,10 +323,10 @@ impl Axis {
             Watchdog::Heartbeat { consumer, reaction } => vec![consumer, reaction],
             _ => self.watchdog_parameter().into_iter().collect(),
         };
-        let told = |id: &ParameterId| {
+        let reported = |id: &ParameterId| {
             self.profile.parameter(*id).is_some_and(|found| found.access != Access::Write)
         };
-        if !ids.iter().all(told) {
+        if !ids.iter().all(reported) {
             return Ok(None);
         }
         ids.into_iter().map(|id| Ok((id, self.read(id)?))).collect::<Result<_, _>>().map(Some)

@@ -3,11 +3,11 @@ use crate::registry::find_protocol;
 use polepair_core::medium::MediumKind;
 
 fn seats(all: &[(&str, u32)]) -> Vec<BusAddress> {
-    let seat = |(name, address): &(&str, u32)| BusAddress {
+    let entry = |(name, address): &(&str, u32)| BusAddress {
         protocol: find_protocol(name, MediumKind::Can).expect("a protocol on CAN"),
         address: *address,
     };
-    all.iter().map(seat).collect()
+    all.iter().map(entry).collect()
 }
 
 #[test]
@@ -21,15 +21,15 @@ fn those_that_agree_share_a_bus() {
 
 #[test]
 fn clashes_are_told_with_the_identifier() {
-    for (all, said) in [
+    for (all, text) in [
         ([("canopen", 11), ("thruster", 11)], "both use the identifier 28Bh"),
         ([("technocan", 5), ("tmcl", 1)], "both use the identifier 1h"),
         ([("canopen", 2), ("canopen", 2)], "canopen 2 is there twice"),
         ([("canopen", 2), ("technocan", 32)], "multiple of 32"),
         ([("canopen", 2), ("tmcl", 0x82)], "both use the identifier 82h"),
     ] {
-        let told = find_clash(&seats(&all)).unwrap_or_else(|| panic!("{all:?}"));
-        assert!(told.contains(said), "{all:?}: {told}");
+        let output = find_clash(&seats(&all)).unwrap_or_else(|| panic!("{all:?}"));
+        assert!(output.contains(text), "{all:?}: {output}");
     }
 }
 

@@ -53,10 +53,11 @@ impl Connector {
         &self,
         url: &Url,
         line: &ProtocolLine,
-        ask: bool,
+        must_ask: bool,
     ) -> Result<Vec<(&'static Profile, Identification)>, Error> {
         let named = self.chosen_profile(url, &line.protocol)?;
-        let each = (0..line.axis_numbers.len()).map(|at| self.identify_axis(line, at, named, ask));
+        let each =
+            (0..line.axis_numbers.len()).map(|at| self.identify_axis(line, at, named, must_ask));
         let mut found = each.collect::<Result<Vec<_>, _>>()?;
         // Drives of a group cannot all be asked: they are taken for what the first axis is.
         if let Some((profile, _)) =
@@ -74,16 +75,21 @@ impl Connector {
         line: &ProtocolLine,
         at: usize,
         named: Option<&'static Profile>,
-        ask: bool,
+        must_ask: bool,
     ) -> Result<(&'static Profile, Identification), Error> {
         let number = line.axis_numbers[at];
         Ok(match (named, &line.entries[at].profile) {
             (Some(profile), _) => (profile, Identification::Named),
             _ if AxisNumber(number).is_group() => (line.protocol.generic, Identification::Group),
-            (None, Some((profile, _))) if !ask => (*profile, Identification::Named),
-            (None, Some((profile, place))) => {
+            (None, Some((profile, _))) if !must_ask => (*profile, Identification::Named),
+            (None, Some((profile, location))) => {
                 let prober = Prober::new(line, &self.config);
-                identify_expected(prober.with_candidate(profile), number, profile, place.as_ref())?
+                identify_expected(
+                    prober.with_candidate(profile),
+                    number,
+                    profile,
+                    location.as_ref(),
+                )?
             }
             (None, None) => self.query_identity(line, number)?,
         })
@@ -100,7 +106,7 @@ impl Connector {
             match prober.identify(number) {
                 Err(Error::Failed { .. }) if self.is_for_stop && clock::now() < end => {}
                 Err(error) if self.is_for_stop => return Err(prober.with_profile_hint(error)),
-                asked => return asked,
+                result => return result,
             }
         }
     }

@@ -46,11 +46,11 @@ impl AnyBorrowedLink {
     /// The link of a connection.
     pub(crate) fn borrow(connection: &Connection, medium: MediumKind) -> Result<Self, Error> {
         let until = connection.now() + IDLE_WAIT_MAX;
-        let lent = match medium {
+        let borrowed = match medium {
             MediumKind::Serial => connection.borrow_link(until)?.map(Self::Serial),
             MediumKind::Can => connection.borrow_link(until)?.map(Self::Can),
         };
-        lent.ok_or_else(|| {
+        borrowed.ok_or_else(|| {
             let what = format!("something is under way on {}", connection.describe());
             let hint = "end it first: nobody can be looked for meanwhile, nor while drives have to hear \
                         this host in time (heartbeat, SYNC, a watchdog that it feeds)";
@@ -69,12 +69,11 @@ impl AnyBorrowedLink {
 impl ProtocolLine {
     /// What is remembered of it.
     pub(super) fn to_config(&self) -> LineConfig {
-        let Self { wire, protocol: spoken, options, relay_axis: relay, rack_entries: all, .. } =
-            self;
-        let (spoken, all) = (spoken.clone(), Arc::clone(all));
+        let Self { wire, protocol: info, options, relay_axis: relay, rack_entries: all, .. } = self;
+        let (info, all) = (info.clone(), Arc::clone(all));
         LineConfig {
             wire: *wire,
-            protocol: spoken,
+            protocol: info,
             options: *options,
             relay_axis: *relay,
             rack_entries: all,
@@ -90,13 +89,13 @@ impl LineConfig {
 
     /// The same on a link.
     pub(crate) fn on_link(&self, link: SharedLink) -> ProtocolLine {
-        let Self { wire, protocol: spoken, options, relay_axis: relay, rack_entries: all } =
+        let Self { wire, protocol: info, options, relay_axis: relay, rack_entries: all } =
             self.clone();
         let (numbers, seats) = (Vec::new(), Vec::new());
         ProtocolLine {
             wire,
             link,
-            protocol: spoken,
+            protocol: info,
             options,
             axis_numbers: numbers,
             relay_axis: relay,
@@ -108,22 +107,22 @@ impl LineConfig {
     /// What a rack says of an address.
     fn rack_entry(&self, number: u32) -> RackEntry {
         let known = self.rack_entries.iter().find(|(other, _)| *other == number);
-        known.map_or_else(RackEntry::default, |(_, seat)| seat.clone())
+        known.map_or_else(RackEntry::default, |(_, entry)| entry.clone())
     }
 
     /// What a rack says that a found drive is, where what answers can be it.
     fn expected_profile(
         &self,
         found: &DetectedDrive,
-        seat: &RackEntry,
+        entry: &RackEntry,
     ) -> Result<&'static Profile, Error> {
-        match &seat.profile {
+        match &entry.profile {
             None => Ok(found.profile),
             Some((expected, _)) if std::ptr::eq(*expected, found.profile) => Ok(found.profile),
             Some((expected, _)) if expected.identity.is_none() => Ok(expected),
-            Some((expected, place)) => {
+            Some((expected, location)) => {
                 let reason = format!("what answers at {} is no `{}`", found.number, expected.name);
-                let error = place.as_ref().map(|place| place.error(&reason).into());
+                let error = location.as_ref().map(|location| location.error(&reason).into());
                 Err(error.unwrap_or_else(|| Error::usage("E213", reason, "")))
             }
         }
@@ -147,7 +146,7 @@ impl Link {
 
     /// What is spoken on a wire.
     pub(crate) fn line_configs_on(&self, wire: usize) -> Result<&Arc<[LineConfig]>, Error> {
-        self.line_configs.get(wire).map(|(_, kept)| kept).ok_or_else(|| {
+        self.line_configs.get(wire).map(|(_, stored)| stored).ok_or_else(|| {
             let what = format!("this link has no wire {wire}");
             Error::usage("E212", what, "wires count from 0")
         })
@@ -164,18 +163,19 @@ impl Link {
     /// more axes fit, or a drive cannot join: it has the host's own address, or is an axis that this
     /// handle does not know. No drive has joined then.
     pub fn add_drives(&self, wire: usize, found: &[DetectedDrive]) -> Result<Self, Error> {
-        let kept = self.line_configs_on(wire)?;
+        let stored = self.line_configs_on(wire)?;
         let known = self.axes_on(wire);
         let connection = known.first().map(|(_, axis)| axis.connection.clone());
         let connection = connection.ok_or_else(|| Error::usage("E212", "no axis is there", ""))?;
         let mut ready: Vec<(usize, &DetectedDrive, RackEntry, &'static Profile)> = Vec::new();
         for found in found {
-            let lane = kept.iter().position(|kept| kept.protocol.name == found.protocol);
+            let lane =
+                stored.iter().position(|line_config| line_config.protocol.name == found.protocol);
             let lane = lane.ok_or_else(|| {
                 let what = format!("nobody speaks {} on this wire", found.protocol);
                 Error::usage("E212", what, "look for drives on this link first")
             })?;
-            kept[lane].protocol.check_address(found.number)?;
+            stored[lane].protocol.check_address(found.number)?;
             let same =
                 |number: u32, protocol: &str| number == found.number && protocol == found.protocol;
             if known.iter().any(|(_, axis)| same(axis.number, axis.protocol))
@@ -184,9 +184,9 @@ impl Link {
                 let what = format!("the drive at {} is an axis already", AxisNumber(found.number));
                 return Err(Error::usage("E212", what, "it need not be taken in"));
             }
-            let seat = kept[lane].rack_entry(found.number);
-            let profile = kept[lane].expected_profile(found, &seat)?;
-            ready.push((lane, found, seat, profile));
+            let entry = stored[lane].rack_entry(found.number);
+            let profile = stored[lane].expected_profile(found, &entry)?;
+            ready.push((lane, found, entry, profile));
         }
         let model = known[0].1.clone();
         // All of them or none.
@@ -208,8 +208,8 @@ impl Link {
             Ok(ready.iter().filter_map(join).collect::<Vec<_>>())
         })?;
         let mut link = self.clone();
-        for ((lane, found, seat, profile), index) in ready.into_iter().zip(joined) {
-            let mounted = seat.mounting.map(|m| Arc::new(ResolvedMounting::new(m, profile)));
+        for ((lane, found, entry, profile), index) in ready.into_iter().zip(joined) {
+            let mounted = entry.mounting.map(|m| Arc::new(ResolvedMounting::new(m, profile)));
             let identified = match std::ptr::eq(profile, found.profile) {
                 true => found.identified.clone(),
                 false => Identification::Named,
@@ -217,8 +217,8 @@ impl Link {
             link.axes.push(Axis {
                 index,
                 number: found.number,
-                name: seat.name,
-                protocol: kept[lane].protocol.name,
+                name: entry.name,
+                protocol: stored[lane].protocol.name,
                 profile,
                 identified,
                 mounted,

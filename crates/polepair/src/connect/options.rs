@@ -38,15 +38,15 @@ pub(super) fn host_options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
 }
 
 /// The host's settings on a link of the operating system.
-pub(super) fn wire_options(url: &Url, spoken: &ProtocolInfo) -> Result<HostOptions, Error> {
+pub(super) fn wire_options(url: &Url, protocol: &ProtocolInfo) -> Result<HostOptions, Error> {
     let rate = rate_key(url, "bitrate")?;
     let (baud, bit_rate) = match &url.target {
         LinkTarget::Serial { path, .. } if is_pty(path) => (0, 0),
         // Behind these there may be no bus, and so no least time for a frame.
         LinkTarget::Slcan { path, .. } if is_pty(path) => (0, 0),
         LinkTarget::SlcanTcp { .. } => (0, 0),
-        LinkTarget::Serial { baud, .. } => (baud.unwrap_or(spoken.baud), 0),
-        LinkTarget::Slcan { .. } => (0, rate.unwrap_or(spoken.baud)),
+        LinkTarget::Serial { baud, .. } => (baud.unwrap_or(protocol.baud), 0),
+        LinkTarget::Slcan { .. } => (0, rate.unwrap_or(protocol.baud)),
         _ => (0, rate.unwrap_or(0)),
     };
     let options = match url.target {
@@ -98,11 +98,11 @@ fn answers_only(url: &Url) -> Result<bool, Error> {
 /// How the port is set: as the protocol's host wants it, unless the string says otherwise.
 pub(super) fn serial_line(
     url: &Url,
-    spoken: &ProtocolInfo,
+    protocol: &ProtocolInfo,
     options: HostOptions,
     baud: u32,
 ) -> Result<SerialLine, Error> {
-    let lane = registry::build_lane::<Stream>(spoken.name, options, &[]);
+    let lane = registry::build_lane::<Stream>(protocol.name, options, &[]);
     let mut line = lane.map_or(SerialLine::new_8n1(baud), |lane| lane.line());
     line.baud = baud;
     match url.key("parity") {
@@ -155,9 +155,9 @@ mod tests {
     fn a_port_without_timing_is_no_clock_for_the_host() {
         let baud = |text: &str| {
             let url: Url = format!("tmcl+serial:///dev/ttyS0?{text}").parse().unwrap();
-            let spoken =
+            let protocol =
                 registry::find_protocol("tmcl", polepair_core::medium::MediumKind::Serial).unwrap();
-            wire_options(&url, &spoken).map(|options| (options.baud, options.untimed))
+            wire_options(&url, &protocol).map(|options| (options.baud, options.untimed))
         };
         assert_eq!(baud("timing=uart").unwrap(), (9600, false));
         assert_eq!(baud("timing=off").unwrap(), (9600, true), "the port is set to it all the same");

@@ -53,19 +53,19 @@ impl Connector {
                 }
             }
             _ => {
-                let spoken = self.check_url(&url)?;
-                Ok(whole(Some(spoken.medium)))
+                let protocol = self.check_url(&url)?;
+                Ok(whole(Some(protocol.medium)))
             }
         }
     }
 
     /// What is spoken there, where the string is right as far as that is known before the link is opened.
     fn check_url(&self, url: &Url) -> Result<ProtocolInfo, Error> {
-        let spoken = url.protocol_info()?;
-        url.axes.iter().try_for_each(|axis| spoken.check_address(*axis))?;
-        wire_options(url, &spoken)?;
-        self.chosen_profile(url, &spoken)?;
-        Ok(spoken)
+        let protocol = url.protocol_info()?;
+        url.axes.iter().try_for_each(|axis| protocol.check_address(*axis))?;
+        wire_options(url, &protocol)?;
+        self.chosen_profile(url, &protocol)?;
+        Ok(protocol)
     }
 }
 
@@ -79,8 +79,8 @@ fn part_of_link(
     if wire.connect.is_none() {
         return Err(missing_connect_error(description, n));
     }
-    let spoken = description.protocols_on(n);
-    let Some(first) = spoken.first() else { return Ok(None) };
+    let protocols = description.protocols_on(n);
+    let Some(first) = protocols.first() else { return Ok(None) };
     let here: Vec<usize> = std::iter::once(n).chain(description.links_behind(n)).collect();
     let numbers = |number: &u32| {
         let lowest = *first.addresses.start();

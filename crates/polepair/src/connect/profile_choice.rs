@@ -32,9 +32,9 @@ impl Connector {
     pub(crate) fn chosen_profile(
         &self,
         url: &Url,
-        spoken: &ProtocolInfo,
+        protocol: &ProtocolInfo,
     ) -> Result<Option<&'static Profile>, Error> {
-        let error = match self.read_chosen_profile(url, spoken) {
+        let error = match self.read_chosen_profile(url, protocol) {
             Err(Error::File(error)) if self.is_for_stop => error,
             Err(Error::Usage { what, .. }) if self.is_for_stop => {
                 let key =
@@ -54,26 +54,30 @@ impl Connector {
     fn read_chosen_profile(
         &self,
         url: &Url,
-        spoken: &ProtocolInfo,
+        protocol: &ProtocolInfo,
     ) -> Result<Option<&'static Profile>, Error> {
         if let Some((key, file)) =
             ["setup", "eds"].iter().find_map(|key| Some((key, url.key(key)?)))
         {
             let profile = crate::profile::load(Path::new(file))?;
-            if profile.protocol == spoken.profile {
+            if profile.protocol == protocol.profile {
                 return Ok(Some(profile));
             }
-            let what = format!("{file} is not of a {} drive", spoken.name);
+            let what = format!("{file} is not of a {} drive", protocol.name);
             let hint = format!("choose another file, or leave {key}= out");
             return Err(Error::usage("E213", what, hint));
         }
-        url.key("profile").map(|name| self.named_profile(name, spoken)).transpose()
+        url.key("profile").map(|name| self.named_profile(name, protocol)).transpose()
     }
 
-    fn named_profile(&self, name: &str, spoken: &ProtocolInfo) -> Result<&'static Profile, Error> {
-        let speaks = |p: &&'static Profile| p.protocol == spoken.profile;
+    fn named_profile(
+        &self,
+        name: &str,
+        protocol: &ProtocolInfo,
+    ) -> Result<&'static Profile, Error> {
+        let speaks = |p: &&'static Profile| p.protocol == protocol.profile;
         let mut fitting = self.config.all_profiles().filter(speaks);
-        let generic = spoken.generic;
+        let generic = protocol.generic;
         let found = fitting.find(|p| p.name == name || p.family == name);
         if let Some(profile) = found.or((name == generic.name).then_some(generic)) {
             return Ok(profile);
@@ -83,7 +87,7 @@ impl Connector {
         }
         let known: Vec<&str> = self.config.all_profiles().filter(speaks).map(|p| p.name).collect();
         let near = spelling::suggestion(name, known.iter().copied());
-        let what = format!("no profile `{name}` speaks {}{near}", spoken.name);
+        let what = format!("no profile `{name}` speaks {}{near}", protocol.name);
         Err(Error::usage("E213", what, format!("known are {}", known.join(", "))))
     }
 }

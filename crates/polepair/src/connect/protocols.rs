@@ -15,7 +15,7 @@ impl Connector {
     /// [`Error::Usage`], and [`Error::File`] of a rack.
     pub fn protocols(&self, text: &str) -> Result<Vec<&'static str>, Error> {
         let mut words = Vec::new();
-        for word in self.wire_protocols(text)?.into_iter().flat_map(|(_, spoken)| spoken) {
+        for word in self.wire_protocols(text)?.into_iter().flat_map(|(_, names)| names) {
             if !words.contains(&word) {
                 words.push(word);
             }
@@ -48,9 +48,9 @@ impl Connector {
             }
         };
         let wires = host_links(&description, only).into_iter().filter_map(|n| {
-            let spoken = description.protocols_on(n);
-            let words = spoken.iter().map(|spoken| spoken.name).collect();
-            Some((spoken.first()?.medium, words))
+            let protocols = description.protocols_on(n);
+            let words = protocols.iter().map(|protocol| protocol.name).collect();
+            Some((protocols.first()?.medium, words))
         });
         Ok(wires.collect())
     }

@@ -27,8 +27,8 @@ impl Connector {
     ) -> Result<(Vec<ProtocolLine>, Option<Simulation>), Error> {
         let simulation = build_simulation(url, description)?;
         let mut lines = Vec::new();
-        for (place, n) in host_links(simulation.description(), only).into_iter().enumerate() {
-            let link = self.wrap_and_tap(place, simulation.open(n)?, Some(&simulation));
+        for (index, n) in host_links(simulation.description(), only).into_iter().enumerate() {
+            let link = self.wrap_and_tap(index, simulation.open(n)?, Some(&simulation));
             let wire = simulation.description().rack.links[n].wire;
             let options = |_: &ProtocolInfo, baud| match wire {
                 RackWire::Serial(SerialWireConfig { timing: Timing::Tcp, .. }) => {
@@ -67,14 +67,14 @@ impl Connector {
             let Some(connect) = &wire.connect else {
                 return Err(missing_connect_error(&description, n));
             };
-            let place =
-                |spoken: &ProtocolInfo| real_link_url(url, spoken, &connect.value, wire.baud);
-            let spoken = description.protocols_on(n);
-            let Some(first) = spoken.first() else { continue };
-            let opened = place(first)?;
+            let locate =
+                |protocol: &ProtocolInfo| real_link_url(url, protocol, &connect.value, wire.baud);
+            let protocols = description.protocols_on(n);
+            let Some(first) = protocols.first() else { continue };
+            let opened = locate(first)?;
             let link = open(&opened, first, &wire_options(&opened, first)?)?;
             let link = self.wrap_and_tap(at, link, None);
-            let options = |spoken: &ProtocolInfo, _| wire_options(&place(spoken)?, spoken);
+            let options = |protocol: &ProtocolInfo, _| wire_options(&locate(protocol)?, protocol);
             lines.extend(self.open_rack_lines(url, &description, n, &link, &options)?);
         }
         Ok((lines, None))
@@ -89,18 +89,18 @@ impl Connector {
         link: &SharedLink,
         options: &dyn Fn(&ProtocolInfo, u32) -> Result<HostOptions, Error>,
     ) -> Result<Vec<ProtocolLine>, Error> {
-        let mut spoken = description.protocols_on(n);
+        let mut protocols = description.protocols_on(n);
         // Who has no groups is not meant by one, unless nobody has.
         if url.axes.iter().any(|axis| AxisNumber(*axis).is_group())
-            && spoken.iter().any(|spoken| spoken.groups > 0)
+            && protocols.iter().any(|protocol| protocol.groups > 0)
         {
-            spoken.retain(|spoken| spoken.groups > 0);
+            protocols.retain(|protocol| protocol.groups > 0);
         }
-        let line = |spoken: ProtocolInfo| {
-            let options = options(&spoken, description.wires[n].baud)?;
-            rack_line(url, description, n, (spoken, options), link.clone())
+        let line = |protocol: ProtocolInfo| {
+            let options = options(&protocol, description.wires[n].baud)?;
+            rack_line(url, description, n, (protocol, options), link.clone())
         };
-        spoken.into_iter().map(line).collect()
+        protocols.into_iter().map(line).collect()
     }
 }
 
@@ -111,8 +111,11 @@ pub(super) fn missing_connect_error(description: &RackDescription, n: usize) -> 
         "`{name}` does not say where it is, though others do: `connect = \"…\"`, or leave it out \
          everywhere to simulate all"
     );
-    let place = description.wires[n].location.as_ref();
-    place.map_or_else(|| Error::usage("E210", &reason, ""), |place| place.error(&reason).into())
+    let location = description.wires[n].location.as_ref();
+    location.map_or_else(
+        || Error::usage("E210", &reason, ""),
+        |location| location.error(&reason).into(),
+    )
 }
 
 /// The drive that a rack expects at an address, when what answers there can be it.
@@ -120,15 +123,15 @@ pub(super) fn identify_expected(
     prober: Prober<'_>,
     number: u32,
     profile: &'static Profile,
-    place: Option<&FileLocation>,
+    location: Option<&FileLocation>,
 ) -> Result<(&'static Profile, Identification), Error> {
     let (found, identified) = prober.identify(number)?;
     if std::ptr::eq(found, profile) || profile.identity.is_none() {
         return Ok((profile, identified));
     }
     let reason = format!("what answers at {number} is no `{}`: look who is there", profile.name);
-    Err(match place {
-        Some(place) => place.error(reason).into(),
+    Err(match location {
+        Some(location) => location.error(reason).into(),
         None => Error::usage("E213", reason, ""),
     })
 }
@@ -155,12 +158,17 @@ pub(super) fn seed_of(url: &Url) -> Result<u64, Error> {
 }
 
 /// The connection string of one protocol on a real link of a rack, with the rates that the rack says.
-fn real_link_url(url: &Url, spoken: &ProtocolInfo, connect: &str, rate: u32) -> Result<Url, Error> {
-    let mut place: Url = format!("{}+{connect}", spoken.name).parse()?;
-    if let LinkTarget::Serial { baud, .. } = &mut place.target {
+fn real_link_url(
+    url: &Url,
+    protocol: &ProtocolInfo,
+    connect: &str,
+    rate: u32,
+) -> Result<Url, Error> {
+    let mut position: Url = format!("{}+{connect}", protocol.name).parse()?;
+    if let LinkTarget::Serial { baud, .. } = &mut position.target {
         *baud = baud.or(Some(rate));
     }
-    let tells_rate = match &place.target {
+    let tells_rate = match &position.target {
         LinkTarget::Slcan { .. } | LinkTarget::SlcanTcp { .. } => true,
         // One that has none, a virtual bus, has no least time for a frame either.
         #[cfg(target_os = "linux")]
@@ -170,38 +178,38 @@ fn real_link_url(url: &Url, spoken: &ProtocolInfo, connect: &str, rate: u32) -> 
         }
         _ => false,
     };
-    if tells_rate && place.key("bitrate").is_none() {
-        place.keys.push(("bitrate".to_owned(), rate.to_string()));
+    if tells_rate && position.key("bitrate").is_none() {
+        position.keys.push(("bitrate".to_owned(), rate.to_string()));
     }
     if let Some(timeout) = url.key("timeout") {
-        place.keys.retain(|(key, _)| key != "timeout");
-        place.keys.push(("timeout".to_owned(), timeout.to_owned()));
+        position.keys.retain(|(key, _)| key != "timeout");
+        position.keys.push(("timeout".to_owned(), timeout.to_owned()));
     }
-    Ok(place)
+    Ok(position)
 }
 
 fn rack_line(
     url: &Url,
     description: &RackDescription,
     n: usize,
-    (spoken, mut options): (ProtocolInfo, HostOptions),
+    (info, mut options): (ProtocolInfo, HostOptions),
     link: SharedLink,
 ) -> Result<ProtocolLine, Error> {
-    let first = *spoken.addresses.start();
+    let first = *info.addresses.start();
     let is_file = matches!(url.target, LinkTarget::Rack { .. });
     let seats = |n: usize, own: bool| {
         let (rack, wire) = (&description.rack.links[n], &description.wires[n]);
         let drives = rack.drives.iter().zip(wire.names.iter().zip(&wire.mountings));
-        let spoken = &spoken;
-        drives.filter(move |(drive, _)| !own || simulate::speaks_protocol(drive, spoken)).map(
+        let info = &info;
+        drives.filter(move |(drive, _)| !own || simulate::speaks_protocol(drive, info)).map(
             move |(drive, (name, mounting))| {
-                let place = wire.location.clone();
-                let seat = RackEntry {
+                let location = wire.location.clone();
+                let entry = RackEntry {
                     name: name.clone(),
                     mounting: mounting.clone(),
-                    profile: is_file.then_some((drive.profile, place)),
+                    profile: is_file.then_some((drive.profile, location)),
                 };
-                (drive.address.unwrap_or(first), seat)
+                (drive.address.unwrap_or(first), entry)
             },
         )
     };
@@ -211,28 +219,28 @@ fn rack_line(
         all.extend(seats(behind, false));
     }
     let groups = url.axes.iter().filter(|axis| AxisNumber(**axis).is_group());
-    groups.clone().try_for_each(|axis| spoken.check_address(*axis))?;
+    groups.clone().try_for_each(|axis| info.check_address(*axis))?;
     let every = url.axes.is_empty() && url.names.is_empty();
-    let wanted = |(number, seat): &(u32, RackEntry)| {
-        every || url.axes.contains(number) || url.names.contains(&seat.name)
+    let wanted = |(number, entry): &(u32, RackEntry)| {
+        every || url.axes.contains(number) || url.names.contains(&entry.name)
     };
     let addresses: Vec<u32> = all.iter().map(|(number, _)| *number).collect();
     // Of a group it is known that one of its drives is mounted somehow.
-    let mounting = all.iter().find_map(|(_, seat)| seat.mounting.clone());
+    let mounting = all.iter().find_map(|(_, entry)| entry.mounting.clone());
     let groups = groups
         .map(|axis| (*axis, RackEntry { mounting: mounting.clone(), ..RackEntry::default() }));
     let everything = Arc::from(&*all);
     let (numbers, seats) = all.into_iter().filter(wanted).chain(groups).unzip();
     options.standard = options.standard.or(description.line_standard(n));
     // Behind a relay are axes that the host must not be taken for either.
-    let beside = description.host_address(n, &spoken);
+    let beside = description.host_address(n, &info);
     options.host_address =
-        options.host_address.or(beside).or_else(|| spoken.alternative_host(&addresses));
+        options.host_address.or(beside).or_else(|| info.alternative_host(&addresses));
     let relay = addresses.first().copied().filter(|_| addresses.len() > here);
     Ok(ProtocolLine {
         wire: n,
         link,
-        protocol: spoken,
+        protocol: info,
         options,
         axis_numbers: numbers,
         relay_axis: relay,

@@ -42,16 +42,16 @@ pub(super) fn check_traffic(
         rate => CheckResult::ok("bit rate", format!("{rate} bit/s")),
     });
     let before = link.losses();
-    let heard = record_frames(link)?;
+    let bus_sample = record_frames(link)?;
     let losses = link.losses();
     let errors = losses.errors - before.errors;
-    hear(match (heard.bus_off, errors, heard.frames.len()) {
+    hear(match (bus_sample.bus_off, errors, bus_sample.frames.len()) {
         (true, ..) => {
             CheckResult::wrong("errors", Exit::Corrupt, "the controller went bus-off", TERMINATION)
         }
         (false, 1.., _) => {
-            let said = format!("{errors} error frames in {LISTEN_MS} ms");
-            CheckResult::wrong("errors", Exit::Corrupt, said, TERMINATION)
+            let text = format!("{errors} error frames in {LISTEN_MS} ms");
+            CheckResult::wrong("errors", Exit::Corrupt, text, TERMINATION)
         }
         (false, 0, 0) => {
             let remedy =
@@ -60,18 +60,19 @@ pub(super) fn check_traffic(
         }
         (false, 0, count) => CheckResult::ok("traffic", format!("{count} frames without an error")),
     });
-    if rate > 0 && !heard.frames.is_empty() {
-        let bits: u32 = heard.frames.iter().map(bits::wire_bits).sum();
+    if rate > 0 && !bus_sample.frames.is_empty() {
+        let bits: u32 = bus_sample.frames.iter().map(bits::wire_bits).sum();
         let busy = f64::from(bits) * 1000.0 / f64::from(LISTEN_MS) / f64::from(rate);
-        let said = format!("{:.1} % of the bus", busy * 100.0);
+        let text = format!("{:.1} % of the bus", busy * 100.0);
         hear(match busy > LOAD_MAX {
             true => {
-                CheckResult::suspicious("load", said, "ask less often, or take a higher bit rate")
+                CheckResult::suspicious("load", text, "ask less often, or take a higher bit rate")
             }
-            false => CheckResult::ok("load", said),
+            false => CheckResult::ok("load", text),
         });
     }
-    for (who, count) in count_senders(line, &heard.frames).into_iter().take(SENDERS_SHOWN_MAX) {
+    for (who, count) in count_senders(line, &bus_sample.frames).into_iter().take(SENDERS_SHOWN_MAX)
+    {
         hear(CheckResult::ok("heard", format!("{who}: {count} frames")));
     }
     Ok(())
@@ -93,16 +94,16 @@ fn bit_rate(line: &ProtocolLine, url: &Url) -> u32 {
 
 fn record_frames(link: &CountedLink<Can>) -> Result<BusSample, Error> {
     let until = link.now().plus_ms(LISTEN_MS);
-    let (mut heard, mut frame) = (BusSample::default(), Frame::default());
+    let (mut bus_sample, mut frame) = (BusSample::default(), Frame::default());
     for _ in 0..UNITS_MAX {
         match link.receive(&mut frame, until)? {
             Received::TimedOut => break,
-            Received::Bytes { .. } => heard.frames.push(frame),
-            Received::Line { event: LineEvent::BusOff, .. } => heard.bus_off = true,
+            Received::Bytes { .. } => bus_sample.frames.push(frame),
+            Received::Line { event: LineEvent::BusOff, .. } => bus_sample.bus_off = true,
             Received::Line { .. } | Received::Woken => {}
         }
     }
-    Ok(heard)
+    Ok(bus_sample)
 }
 
 /// Who sent, by the first protocol that knows: that of the string goes first.

@@ -95,10 +95,10 @@ fn read_if_present(axis: &Axis, id: ParameterId) -> Result<Option<i64>, Error> {
 /// The check of what was told; that it is absent is no fault.
 fn check_present<T>(
     about: &str,
-    told: Availability<T>,
+    availability: Availability<T>,
     look: impl FnOnce(T) -> CheckResult,
 ) -> Option<CheckResult> {
-    match told {
+    match availability {
         Availability::NoSource => None,
         Availability::Absent(what) => {
             Some(CheckResult::ok(about, format!("{what}: absent, {ABSENT_TEXT}")))
@@ -123,28 +123,28 @@ fn read_signal_bits(axis: &Axis, signal: Signal) -> Result<Availability<(i64, bo
 fn check_supply(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
     let volts = read_signal(axis, Signal::Voltage)?;
     Ok(check_present(about, volts, |volts| {
-        let said = format!("supply {volts}");
+        let text = format!("supply {volts}");
         if volts.value < VOLTS_MIN {
             let remedy = "the motor's supply: fuse, emergency stop, polarity; the electronics may \
                           have a supply of their own";
-            return CheckResult::wrong(about, Exit::Negative, said, remedy);
+            return CheckResult::wrong(about, Exit::Negative, text, remedy);
         }
-        CheckResult::ok(about, said)
+        CheckResult::ok(about, text)
     }))
 }
 
 fn check_temperature(axis: &Axis, about: &str) -> Result<Option<CheckResult>, Error> {
     let degrees = read_signal(axis, Signal::Temperature)?;
     Ok(check_present(about, degrees, |degrees| {
-        let said = format!("temperature {degrees}");
+        let text = format!("temperature {degrees}");
         match degrees.value {
             value if value < TEMPERATURE_MIN => {
-                CheckResult::suspicious(about, said, "the sensor's plug and cable")
+                CheckResult::suspicious(about, text, "the sensor's plug and cable")
             }
             value if value > TEMPERATURE_MAX => {
-                CheckResult::suspicious(about, said, "cooling, load, current limit")
+                CheckResult::suspicious(about, text, "cooling, load, current limit")
             }
-            _ => CheckResult::ok(about, said),
+            _ => CheckResult::ok(about, text),
         }
     }))
 }
@@ -161,7 +161,7 @@ fn fault_check(axis: &Axis, about: &str, code: i64) -> CheckResult {
         return CheckResult::ok(about, "no faults");
     }
     let text = |fault: &&'static Fault| format!("{} ({}): {}", fault.text, fault.name, fault.cause);
-    let said = named.iter().map(text).collect::<Vec<_>>().join(" ");
+    let output = named.iter().map(text).collect::<Vec<_>>().join(" ");
     let remedies: Vec<&str> = named.iter().map(|fault| fault.remedy).collect();
     let remedy = format!("{} `polepair clear` once the cause is gone", remedies.join(" "));
     let stops = named.iter().any(|fault| fault.severity == Severity::Fault);
@@ -171,8 +171,8 @@ fn fault_check(axis: &Axis, about: &str, code: i64) -> CheckResult {
             format!("fault code {code:#x}, of which nothing is known"),
             remedy,
         ),
-        (false, true) => CheckResult::wrong(about, Exit::DriveFault, said, remedy),
-        (false, false) => CheckResult::suspicious(about, said, remedy),
+        (false, true) => CheckResult::wrong(about, Exit::DriveFault, output, remedy),
+        (false, false) => CheckResult::suspicious(about, output, remedy),
     }
 }
 
@@ -195,17 +195,17 @@ fn check_watchdog(axis: &Axis) -> CheckResult {
         Ok(state) => state,
         Err(error) => return CheckResult::error(&about, &error),
     };
-    let said = match name {
+    let text = match name {
         "" => format!("its watchdog: {}", axis.describe_watchdog(state)),
         name => format!("its watchdog ({name}): {}", axis.describe_watchdog(state)),
     };
     match state {
         WatchdogState::On(_) if axis.needs_heartbeat() => CheckResult::suspicious(
             &about,
-            said,
+            text,
             "add heartbeat=100 to the connection of whoever moves it",
         ),
-        WatchdogState::On(_) => CheckResult::ok(&about, said),
+        WatchdogState::On(_) => CheckResult::ok(&about, text),
         WatchdogState::None => CheckResult::suspicious(
             &about,
             "no watchdog: the motor keeps doing what it was last told if the link dies",
@@ -215,7 +215,7 @@ fn check_watchdog(axis: &Axis) -> CheckResult {
         | WatchdogState::OtherNode { .. }
         | WatchdogState::NoReaction(_)
         | WatchdogState::Unknown => {
-            CheckResult::suspicious(&about, said, "`polepair watchdog URL 500ms` sets it")
+            CheckResult::suspicious(&about, text, "`polepair watchdog URL 500ms` sets it")
         }
     }
 }

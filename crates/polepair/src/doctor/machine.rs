@@ -13,8 +13,8 @@ pub fn check_machine(connector: &Connector) -> Vec<CheckResult> {
     let mut checks: Vec<CheckResult> = found.iter().map(check_port).collect();
     if found.is_empty() {
         let remedy = "plug an adapter in and look again; `sim:tmcl` needs none";
-        let said = "no serial or CAN adapter was found";
-        checks.push(CheckResult::wrong("adapters", Exit::Adapter, said, remedy));
+        let text = "no serial or CAN adapter was found";
+        checks.push(CheckResult::wrong("adapters", Exit::Adapter, text, remedy));
     }
     let broken = connector.config.broken.iter();
     checks.extend(broken.map(|error| CheckResult::error("configuration", &error.clone().into())));

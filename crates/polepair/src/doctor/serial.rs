@@ -34,25 +34,25 @@ pub(super) fn check_noise(
     hear(match (bytes.len(), breaks) {
         (0, 0) => CheckResult::ok("noise", format!("silent for {LISTEN_MS} ms, as it should be")),
         (0, breaks) => {
-            let said = format!("{breaks} breaks or framing errors, and no bytes");
+            let text = format!("{breaks} breaks or framing errors, and no bytes");
             CheckResult::wrong(
                 "noise",
                 Exit::Corrupt,
-                said,
+                text,
                 "A and B swapped, or no bias on the pair",
             )
         }
         (all, _) if good * 2 > all => {
-            let said = format!("{all} bytes came unasked, {good} of them in whole frames");
+            let text = format!("{all} bytes came unasked, {good} of them in whole frames");
             let remedy = "another host asks here, or a drive reports by itself: one host a line";
-            CheckResult::suspicious("noise", said, remedy)
+            CheckResult::suspicious("noise", text, remedy)
         }
         (all, _) => {
-            let said = format!("{all} bytes came unasked, {good} of them in whole frames");
+            let text = format!("{all} bytes came unasked, {good} of them in whole frames");
             CheckResult::wrong(
                 "noise",
                 Exit::Corrupt,
-                said,
+                text,
                 find_better_rate(link, line, dissector)?,
             )
         }
@@ -121,12 +121,12 @@ pub(super) struct EchoDetector(Arc<Mutex<(Vec<u8>, Vec<u8>)>>);
 
 impl Tap<Stream> for EchoDetector {
     fn record_unit(&mut self, _: Instant, direction: TapDirection, bytes: &[u8]) {
-        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let (sent, heard) = &mut *kept;
+        let mut stored = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let (sent, received) = &mut *stored;
         match direction {
             TapDirection::ToDrive if sent.is_empty() => sent.extend_from_slice(bytes),
-            TapDirection::ToHost if !sent.is_empty() && heard.len() < sent.len() => {
-                heard.extend_from_slice(bytes);
+            TapDirection::ToHost if !sent.is_empty() && received.len() < sent.len() => {
+                received.extend_from_slice(bytes);
             }
             TapDirection::ToDrive | TapDirection::ToHost => {}
         }
@@ -143,9 +143,9 @@ impl EchoDetector {
 
     /// Whether own bytes come back; `None` where nothing came at all.
     fn echo_seen(&self) -> Option<bool> {
-        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let (sent, heard) = &*kept;
-        (!heard.is_empty()).then(|| !sent.is_empty() && heard.starts_with(sent))
+        let stored = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let (sent, received) = &*stored;
+        (!received.is_empty()).then(|| !sent.is_empty() && received.starts_with(sent))
     }
 
     /// Whether the host counts on another kind of adapter than this one.
@@ -184,10 +184,10 @@ pub(super) fn check_other_rates(
         return Ok(CheckResult::ok("other rates", "the far end has the baud rate"));
     };
     if !options.try_bauds {
-        let said = "asked at one baud rate only";
+        let text = "asked at one baud rate only";
         return Ok(CheckResult::suspicious(
             "other rates",
-            said,
+            text,
             "--try-bauds asks at the others, by reads",
         ));
     }
@@ -202,15 +202,15 @@ pub(super) fn check_other_rates(
                 line.axis_numbers.first().copied().unwrap_or(*line.protocol.addresses.start());
             let probe = Prober::new(line, &connector.config).scanning().probe(number)?;
             if matches!(probe, ProbeResult::Found { .. }) {
-                let said = format!("axis {number} answers at {rate} baud");
+                let output = format!("axis {number} answers at {rate} baud");
                 let remedy = format!("write `:{rate}` behind the port");
-                return Ok(CheckResult::wrong("other rates", Exit::NoReply, said, remedy));
+                return Ok(CheckResult::wrong("other rates", Exit::NoReply, output, remedy));
             }
         }
         tried.push(rate);
     }
-    let said = format!("nobody answers at {} baud either", super::join_numbers(&tried));
-    Ok(CheckResult::wrong("other rates", Exit::NoReply, said, "power, wiring and address remain"))
+    let output = format!("nobody answers at {} baud either", super::join_numbers(&tried));
+    Ok(CheckResult::wrong("other rates", Exit::NoReply, output, "power, wiring and address remain"))
 }
 
 #[cfg(test)]

@@ -115,8 +115,8 @@ pub fn prove_watchdog(
         false => restore_watchdog(axis, before),
         // It may be what stops a motor that was not seen to stand.
         true => {
-            let said = "its watchdog stays set: the motor was not seen to stand";
-            CheckResult::suspicious(&axis.label(), said, "`polepair watchdog URL off`, or a time")
+            let text = "its watchdog stays set: the motor was not seen to stand";
+            CheckResult::suspicious(&axis.label(), text, "`polepair watchdog URL off`, or a time")
         }
     });
     proven
@@ -126,14 +126,14 @@ pub fn prove_watchdog(
 fn restore_watchdog(axis: &Axis, before: Option<Vec<(ParameterId, i64)>>) -> CheckResult {
     let about = axis.label();
     let Some(before) = before else {
-        let said = "its watchdog stays set: the drive does not tell how it was set before";
-        return CheckResult::suspicious(&about, said, "`polepair watchdog URL off`, or a time");
+        let text = "its watchdog stays set: the drive does not tell how it was set before";
+        return CheckResult::suspicious(&about, text, "`polepair watchdog URL off`, or a time");
     };
-    let kept = |id: &ParameterId| {
+    let is_stored = |id: &ParameterId| {
         let parameter = axis.profile().parameter(*id);
         parameter.is_some_and(|found| found.persistence == Persistence::Always)
     };
-    let memory = match before.iter().any(|(id, _)| kept(id)) {
+    let memory = match before.iter().any(|(id, _)| is_stored(id)) {
         true => ", in its permanent memory",
         false => "",
     };
@@ -174,26 +174,26 @@ fn run_proof(
     let after = match state {
         WatchdogState::On(after) if after <= WATCHDOG_MAX => after,
         other => {
-            let said = format!("its watchdog is {other}: nothing was proven, and nothing moved");
+            let text = format!("its watchdog is {other}: nothing was proven, and nothing moved");
             let remedy = match other {
                 WatchdogState::None => "an emergency stop that needs no computer",
                 _ => "--prove-watchdog=500ms sets it first",
             };
-            witness.report_check(CheckResult::wrong(&about, Exit::Negative, said, remedy));
+            witness.report_check(CheckResult::wrong(&about, Exit::Negative, text, remedy));
             return Ok(());
         }
     };
     let beats = matches!(axis.profile().watchdog, Watchdog::Heartbeat { .. });
     if beats && !axis.connection().with_axes(|axes, _| axes.sends_keepalive()) {
-        let said = "it watches a heartbeat, and this connection sends none: nothing was proven";
+        let output = "it watches a heartbeat, and this connection sends none: nothing was proven";
         let remedy = "add heartbeat=100 to the connection";
-        witness.report_check(CheckResult::wrong(&about, Exit::Negative, said, remedy));
+        witness.report_check(CheckResult::wrong(&about, Exit::Negative, output, remedy));
         return Ok(());
     }
     if !axis.provides_signal(Signal::Velocity)? {
-        let said = "it does not tell its speed: nothing was proven, and nothing moved";
+        let output = "it does not tell its speed: nothing was proven, and nothing moved";
         let remedy = "look at the shaft while a program is ended";
-        witness.report_check(CheckResult::wrong(&about, Exit::Negative, said, remedy));
+        witness.report_check(CheckResult::wrong(&about, Exit::Negative, output, remedy));
         return Ok(());
     }
     let silence = after + BRAKING_MAX + if beats { HEARTBEAT_LEASE } else { Duration::ZERO };
@@ -218,8 +218,8 @@ fn run_proof(
     let seconds = silence.as_secs_f64();
     witness.report_check(match seen {
         MotorObservation::NeverTurned => {
-            let said = "the motor did not turn: nothing was proven";
-            CheckResult::wrong(&about, Exit::Negative, said, "`polepair spin` tells why")
+            let output = "the motor did not turn: nothing was proven";
+            CheckResult::wrong(&about, Exit::Negative, output, "`polepair spin` tells why")
         }
         MotorObservation::StandingStill => CheckResult::ok(
             &about,

@@ -48,15 +48,15 @@ fn cached_sheet(listed: Vec<DataSheetEntry>, has_lss: bool) -> Result<Arc<DataSh
         let count = listed.len();
         return Err(format!("{count} entries; a simulated device has {ENTRIES_MAX} at most"));
     }
-    let mut kept = SHEET_CACHE.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some((.., sheet)) = kept.iter().find(|(l, lss, _)| (l, *lss) == (&listed, has_lss)) {
+    let mut stored = SHEET_CACHE.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((.., sheet)) = stored.iter().find(|(l, lss, _)| (l, *lss) == (&listed, has_lss)) {
         return Ok(Arc::clone(sheet));
     }
-    if kept.len() == SHEETS_MAX {
+    if stored.len() == SHEETS_MAX {
         return Err(format!("more than {SHEETS_MAX} sheets in one process"));
     }
     let sheet = Arc::new(DataSheet::new(&listed, has_lss));
-    kept.push((listed, has_lss, Arc::clone(&sheet)));
+    stored.push((listed, has_lss, Arc::clone(&sheet)));
     Ok(sheet)
 }
 
@@ -126,13 +126,13 @@ fn entry_limits(entry: &EdsEntry) -> (i64, i64) {
 }
 
 fn default_value(eds: &Eds, object: &EdsObject, entry: &EdsEntry) -> FactoryValue {
-    let told = entry.effective_value().map(|value| literal_value(value, entry.data_type));
+    let factory_value = entry.effective_value().map(|value| literal_value(value, entry.data_type));
     let at = (object.index, entry.sub);
-    match told {
+    match factory_value {
         Some(FactoryValue::Number(number)) if lacks_node(at, number) => {
             FactoryValue::PlusNodeId(number)
         }
-        Some(told) => told,
+        Some(factory_value) => factory_value,
         None if at.1 == 0 && object.kind.has_subs() => highest_sub_index(object),
         None => device_info_value(eds, at).unwrap_or(match entry.data_type.bits() {
             Some(_) => FactoryValue::Unset,

@@ -49,22 +49,22 @@ pub(super) fn parse_sections(
     let file: Arc<str> = file.into();
     let mut sections: Vec<IniSection> = Vec::new();
     for (at, line) in text.trim_start_matches('\u{FEFF}').lines().enumerate() {
-        let place = FileLocation::line_start(&file, at + 1);
+        let position = FileLocation::line_start(&file, at + 1);
         let line = line.trim();
         if line.is_empty() || line.starts_with([';', '#']) {
             continue;
         }
         if let Some(name) = line.strip_prefix('[') {
             let name = name.split(']').next().unwrap_or(name).trim().to_owned();
-            sections.push(IniSection { name, location: place, lines: Vec::new() });
+            sections.push(IniSection { name, location: position, lines: Vec::new() });
             continue;
         }
         match (line.split_once('='), sections.last_mut()) {
             (Some((key, value)), Some(section)) => {
                 let (key, value) = (key.trim().to_owned(), value.trim().to_owned());
-                section.lines.push(IniLine { key, value, location: place });
+                section.lines.push(IniLine { key, value, location: position });
             }
-            _ => warn(place.error(format!("`{line}` is no `key=value` of a section: left out"))),
+            _ => warn(position.error(format!("`{line}` is no `key=value` of a section: left out"))),
         }
     }
     sections

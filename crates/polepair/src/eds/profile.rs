@@ -19,22 +19,22 @@ const PRODUCT_CODE: &str = "product code";
 /// The draft of the device that a file describes.
 pub(crate) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
     let eds = super::load(path)?;
-    let place = FileLocation::built_in(&path.display().to_string());
+    let position = FileLocation::built_in(&path.display().to_string());
     let base = base_profile(&eds)
-        .ok_or_else(|| place.error("no profile of CANopen devices to build on"))?;
+        .ok_or_else(|| position.error("no profile of CANopen devices to build on"))?;
     let mut draft = Draft::from_profile(base);
     draft.name = name_from_path(path);
     let words = [eds.device_info("VendorName"), eds.device_info("ProductName")];
     let title: Vec<&str> = words.into_iter().flatten().collect();
     draft.title = if title.is_empty() { draft.name.clone() } else { title.join(" ") };
-    draft.source = place.file().to_owned();
+    draft.source = position.file().to_owned();
     let known = std::mem::take(&mut draft.parameters);
     let mut names = HashSet::new();
     for (object, entry, encoding) in numeric_entries(&eds) {
         let at = |p: &&DraftParameter| (p.index, p.space) == (object.index, entry.sub);
         let mut parameter = match known.iter().find(at) {
-            Some(parameter) => DraftParameter { location: place.clone(), ..parameter.clone() },
-            None => sheet_parameter(object, entry, &place),
+            Some(parameter) => DraftParameter { location: position.clone(), ..parameter.clone() },
+            None => sheet_parameter(object, entry, &position),
         };
         if !names.insert(fold(&parameter.name)) {
             parameter.name = format!("{} ({})", parameter.name, symbol(object.index, entry.sub));
@@ -42,8 +42,8 @@ pub(crate) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
         apply_entry(&mut parameter, entry, encoding);
         draft.parameters.push(parameter);
     }
-    draft.identity = identity(&eds, &draft, &place);
-    draft.location = place;
+    draft.identity = identity(&eds, &draft, &position);
+    draft.location = position;
     remove_missing(&mut draft);
     Ok(draft)
 }
@@ -59,7 +59,7 @@ fn base_profile(eds: &Eds) -> Option<&'static Profile> {
     let kind = eds.entry(0x1000, 0).and_then(|entry| entry.default_at(1)).unwrap_or(0);
     let is_drive = kind & 0xFFFF == 402 || (kind == 0 && eds.object(0x6040).is_some());
     let name = if is_drive { BASE_PROFILES.1 } else { BASE_PROFILES.0 };
-    let generic = crate::registry::protocols().into_iter().map(|spoken| spoken.generic);
+    let generic = crate::registry::protocols().into_iter().map(|protocol| protocol.generic);
     let mut all = polepair_core::drives::profiles().iter().copied().chain(generic);
     all.find(|profile| profile.name == name)
 }
@@ -85,7 +85,11 @@ fn encoding(kind: DataType) -> Option<Encoding> {
 }
 
 /// An object of which only the sheet tells. What a PDO may bring to the drive may move it.
-fn sheet_parameter(object: &EdsObject, entry: &EdsEntry, place: &FileLocation) -> DraftParameter {
+fn sheet_parameter(
+    object: &EdsObject,
+    entry: &EdsEntry,
+    position: &FileLocation,
+) -> DraftParameter {
     let name = match object.kind.has_subs() {
         true => format!("{} {}", object.name, entry.name),
         false => object.name.clone(),
@@ -95,7 +99,7 @@ fn sheet_parameter(object: &EdsObject, entry: &EdsEntry, place: &FileLocation) -
         entry.access.is_writable() && !process && !(0x1400..0x1C00).contains(&object.index);
     let (min, max) = encoding_range(Encoding::U32);
     DraftParameter {
-        location: place.clone(),
+        location: position.clone(),
         name,
         symbol: symbol(object.index, entry.sub),
         about: String::new(),
@@ -152,10 +156,10 @@ fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encod
 }
 
 /// The product number, where the sheet has one and the device can be asked.
-fn identity(eds: &Eds, draft: &Draft, place: &FileLocation) -> Option<DraftIdentity> {
+fn identity(eds: &Eds, draft: &Draft, position: &FileLocation) -> Option<DraftIdentity> {
     let number = super::value::parse_integer(eds.device_info("ProductNumber")?)?.value;
     let known = draft.parameters.iter().any(|p| p.name == PRODUCT_CODE);
-    let parameter = Located { value: PRODUCT_CODE.to_owned(), location: place.clone() };
+    let parameter = Located { value: PRODUCT_CODE.to_owned(), location: position.clone() };
     (known && number != 0).then(|| DraftIdentity {
         parameter: Some(parameter),
         text: String::new(),

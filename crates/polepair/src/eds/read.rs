@@ -161,9 +161,11 @@ impl EdsReader {
             let reason = format!("more than {OBJECTS_MAX} objects: left out");
             return self.warn(section.location.error(reason));
         }
-        let place = section.location.clone();
+        let location = section.location.clone();
         if self.sections.insert(index, section).is_some() {
-            self.warn(place.error(format!("[{index:04X}] stands here again: the last one holds")));
+            self.warn(
+                location.error(format!("[{index:04X}] stands here again: the last one holds")),
+            );
         }
     }
 
@@ -176,8 +178,8 @@ impl EdsReader {
         let lost: HashSet<u16> = sections.keys().copied().collect();
         let mut listed: Vec<_> = std::mem::take(&mut self.listed).into_iter().collect();
         listed.sort_by_key(|(index, _)| *index);
-        for (index, place) in listed.iter().filter(|(index, _)| !lost.contains(index)) {
-            self.warn(place.error(format!("object 0x{index:04X} is listed and has no section")));
+        for (index, location) in listed.iter().filter(|(index, _)| !lost.contains(index)) {
+            self.warn(location.error(format!("object 0x{index:04X} is listed and has no section")));
         }
         objects
     }
@@ -239,9 +241,9 @@ impl EdsReader {
         section: &IniSection,
         subs: &BTreeMap<u8, IniSection>,
     ) {
-        let said = self.read_u8(section, "SubNumber");
-        if let Some(said) = said.filter(|said| usize::from(*said) != subs.len()) {
-            let reason = format!("{said} sub-indices are announced, {} are there", subs.len());
+        let sequence = self.read_u8(section, "SubNumber");
+        if let Some(sequence) = sequence.filter(|sequence| usize::from(*sequence) != subs.len()) {
+            let reason = format!("{sequence} sub-indices are announced, {} are there", subs.len());
             self.warn(section.location.error(reason));
         }
         for (sub, section) in subs {
@@ -330,10 +332,10 @@ impl EdsReader {
     }
 
     fn read_literal(&mut self, line: &IniLine, kind: DataType) -> Option<Literal> {
-        let mut said = None;
-        match value::parse_literal(&line.value, kind, &mut |reason| said = Some(reason)) {
+        let mut text = None;
+        match value::parse_literal(&line.value, kind, &mut |reason| text = Some(reason)) {
             Ok(literal) => {
-                if let Some(reason) = said {
+                if let Some(reason) = text {
                     self.warn(line.location.error(reason));
                 }
                 Some(literal)

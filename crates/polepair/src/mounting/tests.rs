@@ -28,9 +28,9 @@ fn turned(link: &Link) -> f64 {
     link.simulation().expect("simulated").truth(0, 0).expect("a drive").position
 }
 
-fn refused(error: &crate::Error, said: &str) {
+fn refused(error: &crate::Error, text: &str) {
     assert_eq!(error.code(), "E223", "{error}");
-    assert!(error.to_string().contains(said), "{error}");
+    assert!(error.to_string().contains(text), "{error}");
 }
 
 #[test]
@@ -132,7 +132,7 @@ fn a_path_is_looked_at_between_its_points() {
 
 #[test]
 fn wrong_files_are_told_with_line_and_reason() {
-    for (drive, said) in [
+    for (drive, output) in [
         ("lead = '5 deg'", "r.toml:4:8: `5 deg`: it goes along a line: what turns was given"),
         ("lead = '5'", "r.toml:4:8: `5`: say its unit, such as mm"),
         ("gear = 0", "r.toml:4:8: `gear` is 0; it must be more than 0"),
@@ -147,6 +147,6 @@ fn wrong_files_are_told_with_line_and_reason() {
     ] {
         let text = format!("[[link]]\n[[link.drive]]\n{TMCM}{drive}");
         let error = rack_of_text("r.toml", &text, 1).expect_err(drive);
-        assert!(error.to_string().contains(said), "{drive}: {error}");
+        assert!(error.to_string().contains(output), "{drive}: {error}");
     }
 }

@@ -45,14 +45,18 @@ pub(crate) fn apply_map(draft: &mut Draft, map: &Located<String>) -> Result<(), 
 }
 
 /// As [`apply_map`], of names that are read already.
-pub(crate) fn apply_entries(draft: &mut Draft, entries: Vec<MapEntry<'_>>, place: &FileLocation) {
+pub(crate) fn apply_entries(
+    draft: &mut Draft,
+    entries: Vec<MapEntry<'_>>,
+    location: &FileLocation,
+) {
     let known = draft.parameters.drain(..).map(|p| (fold(symbol_or_name(&p)), p));
     let mut known: HashMap<String, DraftParameter> = known.collect();
     let mut parameters = Vec::with_capacity(entries.len());
     for entry in entries {
         parameters.push(match known.remove(&fold(entry.name)) {
             Some(parameter) => relocated(parameter, &entry),
-            None => undescribed(&entry, place),
+            None => undescribed(&entry, location),
         });
     }
     draft.parameters = parameters;
@@ -126,12 +130,12 @@ fn relocated(mut p: DraftParameter, entry: &MapEntry<'_>) -> DraftParameter {
 }
 
 /// A parameter of which only the map's line is known.
-fn undescribed(entry: &MapEntry<'_>, place: &FileLocation) -> DraftParameter {
+fn undescribed(entry: &MapEntry<'_>, position: &FileLocation) -> DraftParameter {
     let (min, max) = encoding_range(entry.encoding);
     let (unit, factor, per_turn) = unit_and_factor(entry);
-    let over = || Located { value: COUNTS_PER_TURN.to_owned(), location: place.clone() };
+    let over = || Located { value: COUNTS_PER_TURN.to_owned(), location: position.clone() };
     DraftParameter {
-        location: place.clone(),
+        location: position.clone(),
         name: entry.name.into(),
         symbol: entry.name.into(),
         about: String::new(),

@@ -94,21 +94,21 @@ pub(crate) fn read_text(path: &Path) -> Result<String, FileError> {
 /// Leaks a draft once per content.
 fn intern_profile(draft: &Draft) -> Result<&'static Profile, FileError> {
     static PROFILE_CACHE: Mutex<Option<HashMap<String, &'static Profile>>> = Mutex::new(None);
-    let mut kept = PROFILE_CACHE.lock().unwrap_or_else(PoisonError::into_inner);
-    let kept = kept.get_or_insert_with(HashMap::new);
+    let mut stored = PROFILE_CACHE.lock().unwrap_or_else(PoisonError::into_inner);
+    let stored = stored.get_or_insert_with(HashMap::new);
     // The draft's own words are its content; places are part of it, which only costs a repetition
     // when the same profile stands in two files.
     let content = format!("{draft:?}");
-    if let Some(profile) = kept.get(&content) {
+    if let Some(profile) = stored.get(&content) {
         return Ok(profile);
     }
-    if kept.len() >= PROFILES_MAX {
+    if stored.len() >= PROFILES_MAX {
         return Err(draft
             .location
             .error(format!("more than {PROFILES_MAX} profiles in one process")));
     }
     let profile = resolve::resolve_profile(draft)?;
-    kept.insert(content, profile);
+    stored.insert(content, profile);
     Ok(profile)
 }
 

@@ -286,10 +286,10 @@ fn parse_choice<T: Copy>(word: &str, table: &[(&str, T)]) -> Result<T, String> {
 fn find_dialect(node: &TomlTable<'_, '_>, protocol: &str) -> Result<&'static Dialect, FileError> {
     let known = DIALECTS.iter().find(|dialect| dialect.protocol == protocol);
     known.ok_or_else(|| {
-        let place = node.text("protocol").ok().flatten().map_or(node.location(), |p| p.location);
+        let location = node.text("protocol").ok().flatten().map_or(node.location(), |p| p.location);
         let words = DIALECTS.map(|dialect| dialect.protocol);
         let hint = spelling::suggestion(protocol, words);
-        place.error(format!("no profile protocol `{protocol}`: {}{hint}", words.join(" or ")))
+        location.error(format!("no profile protocol `{protocol}`: {}{hint}", words.join(" or ")))
     })
 }
 

@@ -216,14 +216,14 @@ impl<'a> NameResolver<'a> {
     }
 
     fn identity(&self, identity: &DraftIdentity) -> Result<Identity, FileError> {
-        let ask = match &identity.parameter {
+        let identity_query = match &identity.parameter {
             Some(name) => {
                 IdentityQuery::Parameter(self.resolve_use(name, &[RequiredAccess::Read])?)
             }
             None => IdentityQuery::Text(leak_text(&identity.text)),
         };
         let DraftIdentity { mask, equals, firmware, .. } = *identity;
-        Ok(Identity { query: ask, mask, equals, firmware })
+        Ok(Identity { query: identity_query, mask, equals, firmware })
     }
 
     fn ram(&self, mode: &DraftRam) -> Result<RamMode, FileError> {
@@ -288,16 +288,16 @@ impl<'a> NameResolver<'a> {
     fn step(&self, step: &DraftStep) -> Result<Step, FileError> {
         let both = [RequiredAccess::Read, RequiredAccess::Write];
         Ok(match step {
-            DraftStep::Write(name, operand, place) => {
+            DraftStep::Write(name, operand, location) => {
                 let id = self.resolve_use(name, &[RequiredAccess::Write])?;
                 if let Operand::Constant(raw) = operand {
-                    self.check_range(id, *raw, place)?;
+                    self.check_range(id, *raw, location)?;
                 }
                 Step::Write(id, *operand)
             }
-            DraftStep::Ensure(name, raw, place) => {
+            DraftStep::Ensure(name, raw, location) => {
                 let id = self.resolve_use(name, &both)?;
-                self.check_range(id, *raw, place)?;
+                self.check_range(id, *raw, location)?;
                 Step::Ensure(id, *raw)
             }
             DraftStep::Read(name) => Step::Read(self.resolve_use(name, &[RequiredAccess::Read])?),
@@ -338,13 +338,13 @@ impl<'a> NameResolver<'a> {
         &self,
         id: ParameterId,
         raw: i64,
-        place: &FileLocation,
+        location: &FileLocation,
     ) -> Result<(), FileError> {
         let p = self.draft_parameter(id);
         if (p.min..=p.max).contains(&raw) {
             return Ok(());
         }
-        Err(place.error(format!("{raw} is not within {} to {} of `{}`", p.min, p.max, p.name)))
+        Err(location.error(format!("{raw} is not within {} to {} of `{}`", p.min, p.max, p.name)))
     }
 
     /// A test that no value can pass is a mistake in the file.

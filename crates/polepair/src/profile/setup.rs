@@ -35,16 +35,18 @@ pub(super) fn is_archive(path: &Path) -> bool {
 pub(super) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
     let file = path.display().to_string();
     let text = read_variables(path).map_err(|reason| FileError::for_file(&file, reason))?;
-    let place = FileLocation::built_in(&format!("{file}: {VARIABLES}"));
-    let entries = memory_map::parse_entries(&text, false).map_err(|reason| place.error(reason))?;
+    let location = FileLocation::built_in(&format!("{file}: {VARIABLES}"));
+    let entries =
+        memory_map::parse_entries(&text, false).map_err(|reason| location.error(reason))?;
     let base = most_similar_profile(&entries).ok_or_else(|| {
-        place.error("no variable stands where a shipped TML profile has it: is this a TML drive's?")
+        location
+            .error("no variable stands where a shipped TML profile has it: is this a TML drive's?")
     })?;
     let mut draft = Draft::from_profile(base);
     draft.name = name_from_path(path);
     draft.title = format!("{} with the set-up of {}", base.title, draft.name);
-    draft.location = place.clone();
-    memory_map::apply_entries(&mut draft, entries, &place);
+    draft.location = location.clone();
+    memory_map::apply_entries(&mut draft, entries, &location);
     Ok(draft)
 }
 

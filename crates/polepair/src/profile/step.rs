@@ -105,8 +105,8 @@ impl<'a> StepText<'a> {
     }
 
     fn slice(&self, at: usize, to: usize) -> Self {
-        let place = self.location.shifted(self.text[..at].chars().count());
-        Self { text: &self.text[at..to], location: place }
+        let position = self.location.shifted(self.text[..at].chars().count());
+        Self { text: &self.text[at..to], location: position }
     }
 
     fn trimmed(&self) -> Self {

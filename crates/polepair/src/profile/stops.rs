@@ -30,7 +30,7 @@ fn family_plan(draft: &Draft, verb: Verb) -> Option<DraftPlan> {
     let family = |profile: &&'static Profile| {
         profile.family == draft.family && profile.protocol == draft.protocol
     };
-    let generic = crate::registry::protocols().into_iter().map(|spoken| spoken.generic);
+    let generic = crate::registry::protocols().into_iter().map(|protocol| protocol.generic);
     let generic = generic.filter(|profile| profile.protocol == draft.protocol);
     let alike = |profile: &&'static Profile| {
         draft.plans.iter().filter(|plan| profile.plan(plan.verb).is_some()).count()

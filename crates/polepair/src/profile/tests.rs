@@ -151,7 +151,7 @@ fn the_same_text_is_kept_once() {
 
 #[test]
 fn mistakes_name_file_line_column_and_the_nearest_word() {
-    for (from, to, said) in [
+    for (from, to, output) in [
         ("title", "tilte", "bad.toml:4:1: unknown key `tilte`; did you mean `title`?"),
         (
             "\"modbus\"",
@@ -185,14 +185,14 @@ fn mistakes_name_file_line_column_and_the_nearest_word() {
         ("title = \"Pump 9\"", "title = ", "bad.toml:4:"),
     ] {
         let error = refused(from, to);
-        assert!(error.contains(said) || error.ends_with(said), "{from} -> {to}: {error}");
+        assert!(error.contains(output) || error.ends_with(output), "{from} -> {to}: {error}");
         assert!(error.starts_with("bad.toml:"), "{error}");
     }
 }
 
 #[test]
 fn mistakes_in_steps_point_into_the_text() {
-    for (from, to, said) in [
+    for (from, to, text) in [
         (
             "write Speed",
             "wriet Speed",
@@ -216,7 +216,7 @@ fn mistakes_in_steps_point_into_the_text() {
         ("write Speed = {velocity}", "write Speed", "expected `NAME = VALUE`"),
     ] {
         let error = refused(from, to);
-        assert!(error.contains(said), "{from} -> {to}: {error}");
+        assert!(error.contains(text), "{from} -> {to}: {error}");
     }
     let many = "\"read status\", ".repeat(64);
     let error = refused("\"write Speed = {velocity}\",", &many);

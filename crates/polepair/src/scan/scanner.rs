@@ -93,7 +93,7 @@ impl std::fmt::Debug for ScanTarget {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::OwnLine(line) => line.protocol.name,
-            Self::OpenLink(kept, _) => kept.protocol.name,
+            Self::OpenLink(line_config, _) => line_config.protocol.name,
         })
     }
 }
@@ -102,7 +102,7 @@ impl ScanTarget {
     fn protocol_name(&self) -> &'static str {
         match self {
             Self::OwnLine(line) => line.protocol.name,
-            Self::OpenLink(kept, _) => kept.protocol.name,
+            Self::OpenLink(line_config, _) => line_config.protocol.name,
         }
     }
 
@@ -110,9 +110,9 @@ impl ScanTarget {
     fn open_line(&self) -> Result<(ProtocolLine, Option<AnyBorrowedLink>), Error> {
         match self {
             Self::OwnLine(line) => Ok((ProtocolLine::clone(line), None)),
-            Self::OpenLink(kept, connection) => {
-                let lent = AnyBorrowedLink::borrow(connection, kept.protocol.medium)?;
-                Ok((kept.on_link(lent.link()), Some(lent)))
+            Self::OpenLink(line_config, connection) => {
+                let borrowed = AnyBorrowedLink::borrow(connection, line_config.protocol.medium)?;
+                Ok((line_config.on_link(borrowed.link()), Some(borrowed)))
             }
         }
     }
@@ -126,8 +126,8 @@ impl DriveScanner {
         axes: Vec<u32>,
         numbers: ScanAddresses,
     ) -> Self {
-        let asked = lines.into_iter().map(|line| ScanTarget::OwnLine(Box::new(line))).collect();
-        Self::new(connector, asked, axes, numbers)
+        let requests = lines.into_iter().map(|line| ScanTarget::OwnLine(Box::new(line))).collect();
+        Self::new(connector, requests, axes, numbers)
     }
 
     /// On one wire of an open link, for every protocol that is spoken there. Without `numbers` every
@@ -141,22 +141,25 @@ impl DriveScanner {
         wire: usize,
         numbers: impl Into<ScanAddresses>,
     ) -> Result<Self, Error> {
-        let mut kept = link.line_configs_on(wire)?.to_vec();
-        bus::sort_guests_last(&mut kept, |kept| &kept.protocol);
+        let mut stored = link.line_configs_on(wire)?.to_vec();
+        bus::sort_guests_last(&mut stored, |line_config| &line_config.protocol);
         let axes = link.axes_on(wire);
         let known = axes.iter().filter(|(_, axis)| !AxisNumber(axis.number()).is_group());
-        let known = known.filter_map(|(place, axis)| {
-            let spoken = &kept.iter().find(|kept| kept.protocol.name == axis.protocol())?.protocol;
-            let seat = BusAddress { protocol: spoken.clone(), address: axis.number() };
-            Some(KnownAxis { index: *place, axis: Axis::clone(axis), bus_address: (0, seat) })
+        let known = known.filter_map(|(position, axis)| {
+            let info = &stored
+                .iter()
+                .find(|line_config| line_config.protocol.name == axis.protocol())?
+                .protocol;
+            let entry = BusAddress { protocol: info.clone(), address: axis.number() };
+            Some(KnownAxis { index: *position, axis: Axis::clone(axis), bus_address: (0, entry) })
         });
         let known = known.collect();
         let connection = axes.first().map(|(_, axis)| axis.connection().clone());
         let connection = connection.ok_or_else(|| Error::usage("E212", "no axis is there", ""))?;
-        let asked = kept.into_iter().map(|kept| {
-            ScanTarget::OpenLink(Box::new(kept.with_single_wire()), connection.clone())
+        let requests = stored.into_iter().map(|line_config| {
+            ScanTarget::OpenLink(Box::new(line_config.with_single_wire()), connection.clone())
         });
-        let look = Self::new(connector, asked.collect(), Vec::new(), numbers.into());
+        let look = Self::new(connector, requests.collect(), Vec::new(), numbers.into());
         Ok(Self { known_axes: known, ..look })
     }
 
@@ -211,15 +214,15 @@ impl DriveScanner {
 
     /// Finds out whom there is to ask of the next protocol.
     fn begin_target(&mut self, broken: &dyn Fn() -> bool) -> Result<(), Error> {
-        let (line, lent) = self.targets[self.current].open_line()?;
+        let (line, borrowed) = self.targets[self.current].open_line()?;
         let numbers = self.addresses.on_line(&line, &self.named_axes);
         let every = self.addresses.0.is_none() && self.named_axes.is_empty();
         let known = self.known_axes.iter().map(|known| &known.bus_address);
         let own: Vec<u32> = known
             .clone()
-            .filter(|(_, seat)| seat.protocol.name == line.protocol.name)
-            .filter(|(_, seat)| every || numbers.contains(&seat.address))
-            .map(|(_, seat)| seat.address)
+            .filter(|(_, bus_address)| bus_address.protocol.name == line.protocol.name)
+            .filter(|(_, bus_address)| every || numbers.contains(&bus_address.address))
+            .map(|(_, bus_address)| bus_address.address)
             .collect();
         let seats: Vec<(usize, BusAddress)> = known.chain(&self.found_addresses).cloned().collect();
         let tried = &mut self.report.tried;
@@ -231,7 +234,7 @@ impl DriveScanner {
             wanted.dedup();
         }
         exclude_clashing(&line, &seats, &mut wanted, tried);
-        drop((line, lent));
+        drop((line, borrowed));
         (self.queue, self.done, self.started) = (wanted.into(), 0, true);
         Ok(())
     }
@@ -257,19 +260,19 @@ impl DriveScanner {
     }
 
     fn probe_address(&mut self, number: u32, broken: &dyn Fn() -> bool) -> Result<(), Error> {
-        let asked = &self.targets[self.current];
-        let (line, lent) = asked.open_line()?;
+        let scan_target = &self.targets[self.current];
+        let (line, borrowed) = scan_target.open_line()?;
         let prober = Prober::new(&line, &self.connector.config).scanning().with_cancel(broken);
         let probe = prober.probe(number)?;
-        drop(lent);
-        if let ScanTarget::OpenLink(_, connection) = asked
+        drop(borrowed);
+        if let ScanTarget::OpenLink(_, connection) = scan_target
             && let Some(trouble) = connection.link_error()
         {
             return Err(trouble.into());
         }
         match probe {
             ProbeResult::Silent(_) if broken() => self.cancel(),
-            ProbeResult::Silent(heard) => self.record_unanswered(heard),
+            ProbeResult::Silent(details) => self.record_unanswered(details),
             ProbeResult::Damaged(_) => self.damaged.push(number),
             ProbeResult::Forbidden(hint) => {
                 self.report.tried.push(format!("not address {number}: {hint}"));
@@ -288,17 +291,17 @@ impl DriveScanner {
     }
 
     /// Notes what came where nobody answered.
-    fn record_unanswered(&mut self, heard: NoReplyDetails) {
-        self.received = self.received.plus(heard.only_foreign());
+    fn record_unanswered(&mut self, details: NoReplyDetails) {
+        self.received = self.received.plus(details.only_foreign());
     }
 
     fn report_damaged(&mut self) {
-        let heard = std::mem::take(&mut self.received);
-        if !heard.is_nothing() {
-            let hint = heard.hint();
-            self.report.received = self.report.received.plus(heard);
+        let details = std::mem::take(&mut self.received);
+        if !details.is_nothing() {
+            let hint = details.hint();
+            self.report.received = self.report.received.plus(details);
             self.report.tried.push(format!(
-                "addresses that did not answer, though something came ({heard}): {hint}"
+                "addresses that did not answer, though something came ({details}): {hint}"
             ));
         }
         let damaged = std::mem::take(&mut self.damaged);
@@ -321,8 +324,8 @@ impl DriveScanner {
     /// Ends it because the link is lost: what was found is kept, the others are told as not asked. The
     /// address at which it was lost is one of them.
     pub(super) fn set_link_lost(&mut self, error: LinkError) {
-        let left = |asked: &ScanTarget| {
-            let line = asked.open_line().ok()?.0;
+        let left = |scan_target: &ScanTarget| {
+            let line = scan_target.open_line().ok()?.0;
             Some(self.addresses.on_line(&line, &self.named_axes).len())
         };
         let rest =
@@ -352,9 +355,9 @@ impl KnownAxis {
         let readable = |id: &ParameterId| {
             profile.parameter(*id).is_some_and(|parameter| parameter.access != Access::Write)
         };
-        let told = profile.signals.iter().map(|source| source.parameter);
+        let reports = profile.signals.iter().map(|source| source.parameter);
         let all = (0..).map(ParameterId).take(profile.parameters.len());
-        let id = told.chain(all).find(readable)?;
+        let id = reports.chain(all).find(readable)?;
         let counters = || self.axis.connection().with_axes(|axes, _| axes.counters());
         let before = counters();
         let answers = match self.axis.read(id) {

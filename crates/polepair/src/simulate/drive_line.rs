@@ -69,8 +69,10 @@ impl LineWorld {
     /// Brings the world up to `now`, and calls the servers of other lines where something arrived.
     fn advance(&mut self, now: Instant, mine: EndId) {
         self.world.run_until(now);
-        for door in self.ports.iter().filter(|door| door.end != mine) {
-            if let Some(waker) = door.waker.as_ref().filter(|_| self.world.has_pending(door.end)) {
+        for line_port in self.ports.iter().filter(|line_port| line_port.end != mine) {
+            if let Some(waker) =
+                line_port.waker.as_ref().filter(|_| self.world.has_pending(line_port.end))
+            {
                 waker.wake();
             }
         }
@@ -90,9 +92,9 @@ impl DriveLine {
         Self: Station<M>,
     {
         let waker = wire.waker();
-        let door = |door: &&mut LinePort| door.end == self.end;
-        if let Some(door) = self.lock().ports.iter_mut().find(door) {
-            door.waker = Some(waker);
+        let authenticator = |line_port: &&mut LinePort| line_port.end == self.end;
+        if let Some(line_port) = self.lock().ports.iter_mut().find(authenticator) {
+            line_port.waker = Some(waker);
         }
         ServeThread::new(wire, Box::new(self))
     }

@@ -160,10 +160,10 @@ fn check_shared_bus(
         return Err(node.location().error(why));
     }
     let mut load = BusLoadRange::default();
-    for (drive, seat) in node.tables("drive", &DRIVE_KEYS)?.iter().zip(&seats) {
+    for (drive, bus_address) in node.tables("drive", &DRIVE_KEYS)?.iter().zip(&seats) {
         let Some(rate) = drive.float("cycle")? else { continue };
         let lengths: Vec<u32> = drive.whole_numbers("frames", 8)?;
-        let extended = (seat.protocol.uses_identifier)(seat.address, 0, true);
+        let extended = (bus_address.protocol.uses_identifier)(bus_address.address, 0, true);
         load.add(line.bit_rate, extended, rate.value, &lengths);
     }
     if let Some(why) = load.overload_reason().filter(|_| line.bit_rate > 0) {
@@ -210,7 +210,7 @@ fn read_link(
     let rates = |key| {
         node.integer_between(key, 0, 4_000_000).map(|n| n.and_then(|n| u32::try_from(n).ok()))
     };
-    let (asked, wire, shared) = match protocol.medium {
+    let (requested, wire, shared) = match protocol.medium {
         MediumKind::Serial => {
             let (serial, shared) = read_serial(node, rates("baud")?, &protocol, drives.len())?;
             (rates("baud")?, RackWire::Serial(serial), shared)
@@ -234,10 +234,10 @@ fn read_link(
         MediumKind::Serial => (read_faults(node)?, CanFaults::default()),
         MediumKind::Can => (SerialFaults::NONE, read_can_faults(node)?),
     };
-    let baud = asked.unwrap_or(protocol.baud);
+    let baud = requested.unwrap_or(protocol.baud);
     let connect = node.text("connect")?;
     if let Some(found) = connect.clone() {
-        found.try_map(|place| check_connect(&place, &protocol))?;
+        found.try_map(|place_text| check_connect(&place_text, &protocol))?;
     }
     let wire_of = WireDescription {
         protocol: protocol.name,
@@ -256,8 +256,8 @@ fn read_link(
 }
 
 /// Refuses what no link of that protocol can be opened at.
-fn check_connect(place: &str, protocol: &registry::ProtocolInfo) -> Result<(), String> {
-    let url = format!("{}+{place}", protocol.name).parse::<Url>().map_err(|e| e.to_string())?;
+fn check_connect(location: &str, protocol: &registry::ProtocolInfo) -> Result<(), String> {
+    let url = format!("{}+{location}", protocol.name).parse::<Url>().map_err(|e| e.to_string())?;
     match url.axes.is_empty() {
         true => Ok(()),
         false => Err("the drives below name the axes: leave `#` out".to_owned()),
@@ -289,7 +289,7 @@ fn read_serial(
     protocol: &registry::ProtocolInfo,
     drives: usize,
 ) -> Result<(SerialWireConfig, bool), FileError> {
-    let asked = match node.text("duplex")? {
+    let request = match node.text("duplex")? {
         None => None,
         Some(found) => Some(found.try_map(|word| match word.as_str() {
             "half" => Ok(Duplex::Half),
@@ -301,7 +301,7 @@ fn read_serial(
         RackWire::Serial(serial) => serial.duplex,
         RackWire::Can(_) => Duplex::Half,
     };
-    let duplex = asked.unwrap_or(usual);
+    let duplex = request.unwrap_or(usual);
     let untimed = baud == Some(0);
     let timing = match node.text("timing")? {
         None if untimed => Timing::Cdc,
@@ -315,7 +315,7 @@ fn read_serial(
     };
     let mut serial = SerialWireConfig { duplex, timing, echo: node.boolean("echo")?, baud };
     set_timing(&mut serial, timing, baud.unwrap_or(protocol.baud));
-    Ok((serial, asked == Some(Duplex::Half)))
+    Ok((serial, request == Some(Duplex::Half)))
 }
 
 /// What lies between the host and a serial wire, by its word in racks and connection strings.
@@ -367,19 +367,21 @@ fn connect_second_links(
 ) -> Result<(), FileError> {
     for (at, drive) in node.tables("drive", &DRIVE_KEYS)?.iter().enumerate() {
         for name in drive.texts("on")? {
-            let place = name.location.clone();
+            let location = name.location.clone();
             let links = &description.rack.links;
             let Some(other) = links.iter().position(|link| link.name == name.value) else {
                 let near =
                     crate::spelling::suggestion(&name.value, links.iter().map(|l| l.name.as_str()));
-                return Err(place.error(format!("`{}` is no link of this rack{near}", name.value)));
+                return Err(
+                    location.error(format!("`{}` is no link of this rack{near}", name.value))
+                );
             };
             if other == n {
                 continue;
             }
             let of_this_kind = links[other].wire.medium() == links[n].wire.medium();
             if of_this_kind || links[n].drives[at].second_link.is_some() {
-                return Err(place.error("a drive is on one serial link and one CAN bus at most"));
+                return Err(location.error("a drive is on one serial link and one CAN bus at most"));
             }
             let word = description.wires[other].protocol.to_owned();
             let drive = &mut description.rack.links[n].drives[at];
@@ -397,9 +399,9 @@ fn read_drive(
     seed: u64,
 ) -> Result<RackDrive, FileError> {
     let word = node.required_text("profile")?;
-    let place = word.location.clone();
+    let location = word.location.clone();
     let kind = protocol.as_ref().map(|protocol| protocol.medium).or(kind);
-    let (profile, spoken) = word.try_map(|word| {
+    let (profile, info) = word.try_map(|word| {
         let on = match kind.filter(|_| !word.contains('+')) {
             None => "",
             Some(MediumKind::Serial) => "+serial",
@@ -408,23 +410,23 @@ fn read_drive(
         let found = find_drive(&format!("{word}{on}"));
         found.or_else(|_| find_drive(&word)).map_err(|e| e.to_string())
     })?;
-    if kind.is_some_and(|kind| kind != spoken.medium) {
-        return Err(place.error(format!("`{}` has no connector for this link", profile.name)));
+    if kind.is_some_and(|kind| kind != info.medium) {
+        return Err(location.error(format!("`{}` has no connector for this link", profile.name)));
     }
     let own = match node.text("protocol")? {
-        Some(word) => Some(word.try_map(|word| parse_protocol(&word, Some(spoken.medium)))?),
+        Some(word) => Some(word.try_map(|word| parse_protocol(&word, Some(info.medium)))?),
         None => None,
     };
-    let first = protocol.get_or_insert_with(|| own.clone().unwrap_or_else(|| spoken.clone()));
+    let first = protocol.get_or_insert_with(|| own.clone().unwrap_or_else(|| info.clone()));
     // A bus carries several protocols, a serial line one.
     let wire = match own {
         Some(own) if first.medium == MediumKind::Can => own,
-        None if first.medium == MediumKind::Can && first.profile != profile.protocol => spoken,
+        None if first.medium == MediumKind::Can && first.profile != profile.protocol => info,
         _ => first.clone(),
     };
     if wire.profile != profile.protocol {
         let reason = format!("`{}` does not speak {}", profile.name, wire.name);
-        return Err(place.error(reason));
+        return Err(location.error(reason));
     }
     let mut drive = RackDrive::new(profile, wire.name);
     let every = &wire.all_addresses;

@@ -66,14 +66,14 @@ pub(super) fn reidentify(
 pub(super) fn unidentified_error(
     prober: &Prober<'_>,
     silent: Error,
-    told: Option<Result<(), Error>>,
+    result: Option<Result<(), Error>>,
 ) -> Error {
-    let Error::Failed { what, outcome, received: heard, hint, .. } =
+    let Error::Failed { what, outcome, received: details, hint, .. } =
         prober.with_profile_hint(silent.clone())
     else {
         return silent;
     };
-    let (went, outcome) = match (told, outcome) {
+    let (execution_text, outcome) = match (result, outcome) {
         (None, _) => (
             "it was told nothing: known drives of this protocol are stopped in different ways",
             outcome,
@@ -86,9 +86,9 @@ pub(super) fn unidentified_error(
     };
     Error::Failed {
         what,
-        execution: went.to_owned(),
+        execution: execution_text.to_owned(),
         outcome,
-        received: heard,
+        received: details,
         may_turn: true,
         hint,
     }

@@ -128,7 +128,7 @@ fn a_relay_brings_its_host_to_the_axes_behind_it() {
 #[test]
 fn a_rack_says_what_is_wrong_with_its_links() {
     assert!(rack_of_text("rack.toml", RELAY, 1).is_ok());
-    for (from, to, said) in [
+    for (from, to, text) in [
         ("\"bus\"]", "\"bsu\"]", "`bsu` is no link of this rack; did you mean `bus`?"),
         ("protocol = \"tmlcan\"", "protocol = \"tml\"", "`bitrate` means nothing on this kind"),
         ("bitrate = 500000", "baud = 500000", "`baud` means nothing on this kind"),
@@ -143,7 +143,7 @@ fn a_rack_says_what_is_wrong_with_its_links() {
     ] {
         assert!(RELAY.contains(from), "{from}");
         let error = rack_of_text("rack.toml", &RELAY.replacen(from, to, 1), 1).unwrap_err();
-        assert!(error.to_string().contains(said), "{said}: {error}");
+        assert!(error.to_string().contains(text), "{text}: {error}");
     }
     // A drive without a CAN connector is not put on a bus.
     let wrong = RELAY.replace("protocol = \"tml\"\n", "").replace("technosoft-f514l", "syntron-ts");
@@ -163,13 +163,13 @@ fn groups_are_told_and_not_asked() {
     let group = &link.axes()[1];
     assert_eq!((group.label().as_str(), group.identified()), ("axes g1", &Identification::Group));
     group.stop().unwrap();
-    for (url, said) in [
+    for (url, text) in [
         ("sim:tmcl?time=virtual#1,g1", "this protocol has no groups"),
         ("sim:technocan:5?time=virtual#g6", "groups are g1 to g5"),
     ] {
         let error = connect(url).unwrap_err();
         assert_eq!((error.code(), error.exit()), ("E212", Exit::Usage), "{error}");
-        assert!(error.hint().contains(said), "{error:?}");
+        assert!(error.hint().contains(text), "{error:?}");
     }
 }
 

@@ -88,8 +88,8 @@ fn what_was_mapped_by_others_is_learnt() {
     axis.raw("nmt start").unwrap();
     let word = axis.find("statusword").unwrap();
     let of_status = |kind: &EventKind| matches!(kind, EventKind::Parameter { parameter, .. } if *parameter == word);
-    let told = first(&events, of_status);
-    let EventKind::Parameter { raw, value, .. } = told.kind else { unreachable!() };
+    let report = first(&events, of_status);
+    let EventKind::Parameter { raw, value, .. } = report.kind else { unreachable!() };
     assert_eq!(raw as f64, value);
 }
 
@@ -134,9 +134,9 @@ fn two_listeners_hear_the_same() {
     let (link, axis) = sending("sim:cia402:2?time=virtual");
     let (one, other) = (link.events().unwrap(), link.events().unwrap());
     axis.raw("nmt start").unwrap();
-    let heard: Vec<Event> = (0..500).map(|_| one.next(SECOND).unwrap()).collect();
+    let received: Vec<Event> = (0..500).map(|_| one.next(SECOND).unwrap()).collect();
     let also: Vec<Event> = (0..500).map(|_| other.next(SECOND).unwrap()).collect();
-    assert_eq!(heard, also);
+    assert_eq!(received, also);
     drop(one);
     assert!(other.next(SECOND).is_some());
 }

@@ -23,9 +23,9 @@ fn root() -> PathBuf {
 #[test]
 fn every_program_runs() {
     assert_eq!(programs().len(), 6);
-    let told = built();
+    let output = built();
     for (name, expected) in programs() {
-        let ran = Command::new(executable(&told, &name)).output().expect("the program starts");
+        let ran = Command::new(executable(&output, &name)).output().expect("the program starts");
         let text = String::from_utf8_lossy(&ran.stdout);
         let failed = String::from_utf8_lossy(&ran.stderr);
         assert!(ran.status.success(), "{name}: {text}{failed}");
@@ -43,9 +43,9 @@ fn the_picture_of_a_step_is_what_the_program_draws() {
     let program = executable(&built(), "velocity_step");
     let ran = Command::new(program).arg("--svg").output().expect("the program starts");
     let drawn = String::from_utf8_lossy(&ran.stdout);
-    let kept = std::fs::read_to_string(root().join("docs/images/velocity-step.svg"));
+    let recorded = std::fs::read_to_string(root().join("docs/images/velocity-step.svg"));
     assert!(
-        kept.expect("the picture") == drawn,
+        recorded.expect("the picture") == drawn,
         "docs/concepts/physics.md says how to draw it anew"
     );
 }
@@ -64,9 +64,9 @@ fn built() -> String {
 }
 
 /// Where cargo says that it put a program.
-fn executable(told: &str, name: &str) -> PathBuf {
+fn executable(output: &str, name: &str) -> PathBuf {
     let mut paths =
-        told.split("\"executable\":\"").skip(1).filter_map(|part| part.split('"').next());
+        output.split("\"executable\":\"").skip(1).filter_map(|part| part.split('"').next());
     let stem = |path: &&str| Path::new(path).file_stem().is_some_and(|stem| stem == name);
     let path = paths.find(stem).unwrap_or_else(|| panic!("cargo built no {name}"));
     PathBuf::from(path.replace("\\\\", "\\"))

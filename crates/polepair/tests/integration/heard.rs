@@ -25,11 +25,11 @@ impl Odd {
         let (over, path) = (Arc::new(AtomicBool::new(false)), pty.path().to_owned());
         let its = Arc::clone(&over);
         let thread = std::thread::spawn(move || {
-            let mut heard = [0; 256];
+            let mut received = [0; 256];
             while !its.load(Ordering::SeqCst) {
                 let until = clock::now() + Duration::from_millis(20);
-                if let Ok(Received::Bytes { len, .. }) = pty.receive(&mut heard, until) {
-                    let given = answer(&heard[..len]);
+                if let Ok(Received::Bytes { len, .. }) = pty.receive(&mut received, until) {
+                    let given = answer(&received[..len]);
                     // Whoever asked may have gone.
                     let _ = if given.is_empty() { Ok(()) } else { pty.send(&given) };
                 }
@@ -67,10 +67,10 @@ impl Drop for Odd {
 fn failed(result: Result<(), Error>) -> (NoReplyDetails, String) {
     let error = result.expect_err("nobody answers");
     assert_eq!(error.code(), "E401", "{error}");
-    let said = format!("{error}; {}", error.hint());
-    let Error::Failed { received: heard, .. } = error else { panic!("{error}") };
-    assert_eq!(heard.is_nothing(), said.contains("no answer; "), "{said}");
-    (*heard, said)
+    let text = format!("{error}; {}", error.hint());
+    let Error::Failed { received: details, .. } = error else { panic!("{error}") };
+    assert_eq!(details.is_nothing(), text.contains("no answer; "), "{text}");
+    (*details, text)
 }
 
 /// A reply of TMCL's binary form, with what its check should be and with how much is added to it.
@@ -82,66 +82,66 @@ fn tmcl(module: u8, wrong: u8) -> Vec<u8> {
 
 #[test]
 fn on_a_line_of_tmcl_each_kind_is_told() {
-    let told = |answer: fn(&[u8]) -> Vec<u8>| {
+    let reported = |answer: fn(&[u8]) -> Vec<u8>| {
         Odd::giving(answer).told("tmcl", "tmcm-171", 1, "max current")
     };
-    let (heard, said) = told(|_| Vec::new());
-    assert_eq!(heard, NoReplyDetails::default(), "{said}");
-    let (heard, said) = told(|_| tmcl(1, 7));
+    let (details, text) = reported(|_| Vec::new());
+    assert_eq!(details, NoReplyDetails::default(), "{text}");
+    let (details, text) = reported(|_| tmcl(1, 7));
     assert!(
-        heard.cause() == NoReplyCause::Corrupt && said.contains("with a wrong check"),
-        "{said}"
+        details.cause() == NoReplyCause::Corrupt && text.contains("with a wrong check"),
+        "{text}"
     );
-    assert!(heard.corrupt >= 2, "of each repeat: {heard:?}");
-    let (heard, said) = told(|_| tmcl(9, 0));
-    assert!(heard.cause() == NoReplyCause::Foreign && heard.foreign >= 2, "{said}");
-    let (heard, said) = told(|_| vec![0x13, 0x80, 0xFF]);
-    assert!(heard.cause() == NoReplyCause::Noise && said.contains("baud rate"), "{said}");
-    assert_eq!(heard.bytes % 3, 0, "those that made no frame count too: {heard:?}");
-    let (heard, said) = told(|asked| asked.to_vec());
-    assert!(heard.cause() == NoReplyCause::Echo && said.contains("echo"), "{said}");
-    let (heard, said) = told(|_| b"BA 100 -5000\r".to_vec());
-    assert!(heard.cause() == NoReplyCause::Text && said.contains("ASCII mode"), "{said}");
+    assert!(details.corrupt >= 2, "of each repeat: {details:?}");
+    let (details, text) = reported(|_| tmcl(9, 0));
+    assert!(details.cause() == NoReplyCause::Foreign && details.foreign >= 2, "{text}");
+    let (details, text) = reported(|_| vec![0x13, 0x80, 0xFF]);
+    assert!(details.cause() == NoReplyCause::Noise && text.contains("baud rate"), "{text}");
+    assert_eq!(details.bytes % 3, 0, "those that made no frame count too: {details:?}");
+    let (details, text) = reported(|request| request.to_vec());
+    assert!(details.cause() == NoReplyCause::Echo && text.contains("echo"), "{text}");
+    let (details, text) = reported(|_| b"BA 100 -5000\r".to_vec());
+    assert!(details.cause() == NoReplyCause::Text && text.contains("ASCII mode"), "{text}");
 }
 
 #[test]
 fn an_acknowledgement_is_no_answer_and_a_relays_is_another_drives() {
     let ok = Odd::giving(|_| vec![b'O']);
-    let (heard, said) = ok.told("tml", "technosoft-f514l", 1, "APOS");
-    assert!(heard.cause() == NoReplyCause::Acknowledged && heard.acknowledged > 0, "{said}");
-    assert!(said.contains("acknowledgement") && said.contains("it hears us"), "{said}");
-    let (heard, said) = ok.told("tml", "technosoft-f514l", 2, "APOS");
-    assert!(heard.cause() == NoReplyCause::Relayed && heard.acknowledged == 0, "{said}");
-    assert!(said.contains("the axis behind it is not"), "{said}");
+    let (details, text) = ok.told("tml", "technosoft-f514l", 1, "APOS");
+    assert!(details.cause() == NoReplyCause::Acknowledged && details.acknowledged > 0, "{text}");
+    assert!(text.contains("acknowledgement") && text.contains("it hears us"), "{text}");
+    let (details, text) = ok.told("tml", "technosoft-f514l", 2, "APOS");
+    assert!(details.cause() == NoReplyCause::Relayed && details.acknowledged == 0, "{text}");
+    assert!(text.contains("the axis behind it is not"), "{text}");
 }
 
 /// A drive that takes its stop and then tells nothing was told to stop, and may turn.
 #[test]
 fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
-    let odd = Odd::giving(|_| vec![b'O']);
-    let url = format!("tml+serial://{}?profile=technosoft-f514l&timeout=300#1", odd.path);
+    let anomaly = Odd::giving(|_| vec![b'O']);
+    let url = format!("tml+serial://{}?profile=technosoft-f514l&timeout=300#1", anomaly.path);
     let link = connect(&url).expect("a link");
     let mut stopping = StopSequence::begin(&link.axes()[0]);
     stopping.wait(&link.axes()[0], Duration::from_secs(10));
     let error = stopping.trouble().expect("nothing is told");
-    let said = error.to_string();
-    assert!(said.contains("was told to stop and not seen to stand: `"), "{said}");
-    assert!(!said.contains("not executed") && error.may_turn(), "{said}");
+    let text = error.to_string();
+    assert!(text.contains("was told to stop and not seen to stand: `"), "{text}");
+    assert!(!text.contains("not executed") && error.may_turn(), "{text}");
     assert_eq!((error.code(), error.executed()), ("E401", None));
 }
 
 #[test]
 fn a_wrong_check_on_modbus_is_told() {
     // One register, with the sum of another value.
-    let odd = Odd::giving(|_| vec![1, 3, 2, 0, 5, 0x79, 0x84]);
-    let (heard, said) = odd.told("modbus-rtu", "syntron-ts", 1, "motor speed");
-    assert!(heard.cause() == NoReplyCause::Corrupt, "{said}");
+    let anomaly = Odd::giving(|_| vec![1, 3, 2, 0, 5, 0x79, 0x84]);
+    let (details, text) = anomaly.told("modbus-rtu", "syntron-ts", 1, "motor speed");
+    assert!(details.cause() == NoReplyCause::Corrupt, "{text}");
 }
 
 #[test]
 fn who_connects_without_a_profile_is_told_as_well() {
-    let odd = Odd::giving(|_| tmcl(1, 7));
-    let url = format!("tmcl+serial://{}?timeout=300#1", odd.path);
-    let (heard, said) = failed(connect(&url).map(drop));
-    assert!(heard.corrupt > 0 && said.contains("does not answer on"), "{said}");
+    let anomaly = Odd::giving(|_| tmcl(1, 7));
+    let url = format!("tmcl+serial://{}?timeout=300#1", anomaly.path);
+    let (details, text) = failed(connect(&url).map(drop));
+    assert!(details.corrupt > 0 && text.contains("does not answer on"), "{text}");
 }

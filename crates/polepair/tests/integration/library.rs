@@ -71,13 +71,13 @@ fn a_drive_that_is_not_ready_says_what_to_do() {
 fn a_scan_finds_who_is_there_and_says_what_it_tried() {
     let connector = Connector::default();
     let url = "sim:syntron-ts?axes=3&time=virtual";
-    let mut asked = 0;
+    let mut requested = 0;
     let scan = scan(&connector, url, 1..=5, &mut |_| {
-        asked += 1;
+        requested += 1;
         std::ops::ControlFlow::Continue(())
     })
     .unwrap();
-    assert_eq!(asked, 5);
+    assert_eq!(requested, 5);
     let numbers: Vec<u32> = scan.found.iter().map(|found| found.number).collect();
     assert_eq!(numbers, [1, 2, 3]);
     assert!(scan.found.iter().all(|found| found.profile.name == "syntron-ts"));
@@ -176,7 +176,7 @@ fn a_rack_file_has_named_drives_on_several_links() {
     assert_eq!(link.axis(4).unwrap_err().code(), "E212");
     std::fs::remove_file(&file).unwrap();
 
-    for (from, to, said) in [
+    for (from, to, output) in [
         ("syntron-ts", "syntron-tx", "did you mean `syntron-ts`?"),
         ("modbus-ascii", "modbus-asci", "did you mean `modbus-ascii`?"),
         ("load = 0.1", "laod = 0.1", "rack.toml:8:1: unknown key `laod`; did you mean `load`?"),
@@ -185,7 +185,7 @@ fn a_rack_file_has_named_drives_on_several_links() {
     ] {
         assert!(text.contains(from), "{from}");
         let error = rack_of_text("rack.toml", &text.replacen(from, to, 1), 1).unwrap_err();
-        assert!(error.to_string().contains(said), "{error}");
+        assert!(error.to_string().contains(output), "{error}");
     }
 }
 

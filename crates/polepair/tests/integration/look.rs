@@ -87,8 +87,8 @@ fn a_bus_of_several_protocols_keeps_its_axes_where_they_are() {
     // An axis that joined tells its news as itself.
     while events.poll().is_some() {}
     let (seen, all) = (link.events().expect("all tell"), [0, 1, 2, 3, 4]);
-    for place in all {
-        link.axes()[place].arm(!link.axes()[place].state().armed);
+    for index in all {
+        link.axes()[index].arm(!link.axes()[index].state().armed);
     }
     let armed: Vec<_> = std::iter::from_fn(|| seen.poll())
         .filter(|event| event.to_string().ends_with("armed"))
@@ -105,16 +105,16 @@ fn a_look_that_is_broken_off_leaves_the_link_as_it_was() {
     let now = || link.axes()[0].connection().now();
     let mut one = Duration::ZERO;
     for _ in 0..10 {
-        let begun = now();
+        let started_at = now();
         assert!(look.next_address(&|| false).expect("the link is there").is_some());
         look.query_next(&|| false).expect("the link is there");
-        one = now().since(begun);
+        one = now().since(started_at);
     }
     // Asked once more whether it may go on: one question is out by then, and no other follows.
-    let (begun, asked) = (now(), Cell::new(0));
-    let broken = || asked.replace(asked.get() + 1) > 0;
+    let (started_at, cell) = (now(), Cell::new(0));
+    let broken = || cell.replace(cell.get() + 1) > 0;
     look.query_next(&broken).expect("the link is there");
-    assert!(now().since(begun) <= one, "{:?} is more than {one:?}", now().since(begun));
+    assert!(now().since(started_at) <= one, "{:?} is more than {one:?}", now().since(started_at));
     assert_eq!(look.next_address(&|| false).expect("the link is there"), None);
     let scan = look.finish();
     assert_eq!(scan.not_queried, 190);
@@ -140,7 +140,7 @@ fn an_axis_that_is_gone_is_told_of() {
 #[test]
 fn addresses_that_no_drive_can_have_are_not_asked() {
     // A driver takes a byte of an address: 261 would be 5, and 0 of CANopen is everybody.
-    for (url, range, asked) in [
+    for (url, range, asked_range) in [
         ("sim:cia402:1?time=virtual", 0..=300, 1..=127),
         ("sim:tmcl?time=virtual", 200..=u32::MAX, 200..=255),
         ("sim:modbus-rtu?time=virtual", 0..=3, 1..=3),
@@ -153,7 +153,7 @@ fn addresses_that_no_drive_can_have_are_not_asked() {
             look.query_next(&|| false).expect("the link is there");
         }
         assert!(
-            !all.is_empty() && all.iter().all(|number| asked.contains(number)),
+            !all.is_empty() && all.iter().all(|number| asked_range.contains(number)),
             "{url} {all:?}"
         );
     }

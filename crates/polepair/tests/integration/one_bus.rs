@@ -95,22 +95,22 @@ fn rack(drives: &[&str]) -> String {
 fn clashes_are_refused_when_the_rack_is_read() {
     let thruster = "profile = \"thruster\"\naddress = 11";
     let node = "profile = \"cia402\"\naddress = 11";
-    let said = refused(&rack(&[thruster, node]));
-    assert!(said.contains("both use the identifier 28Bh"), "{said}");
-    let said = refused(&rack(&[node, node]));
-    assert!(said.contains("canopen 11 is there twice"), "{said}");
+    let text = refused(&rack(&[thruster, node]));
+    assert!(text.contains("both use the identifier 28Bh"), "{text}");
+    let text = refused(&rack(&[node, node]));
+    assert!(text.contains("canopen 11 is there twice"), "{text}");
     let axis = "profile = \"technosoft-f514l\"\nprotocol = \"technocan\"\naddress = 5";
-    let said = refused(&rack(&[axis, "profile = \"tmcm-171\"\naddress = 1"]));
-    assert!(said.contains("both use the identifier 1h"), "{said}");
-    let said = refused(&rack(&[&axis.replace("= 5", "= 64")]));
-    assert!(said.contains("multiple of 32"), "{said}");
+    let text = refused(&rack(&[axis, "profile = \"tmcm-171\"\naddress = 1"]));
+    assert!(text.contains("both use the identifier 1h"), "{text}");
+    let text = refused(&rack(&[&axis.replace("= 5", "= 64")]));
+    assert!(text.contains("multiple of 32"), "{text}");
 }
 
 #[test]
 fn more_load_than_a_bus_carries_is_refused_with_the_sum() {
     let busy = "profile = \"thruster\"\naddress = 11\ncycle = 1500";
-    let said = refused(&rack(&[busy, &busy.replace("11", "12")]));
-    assert!(said.contains("133.2 to 162.0 %"), "{said}");
+    let text = refused(&rack(&[busy, &busy.replace("11", "12")]));
+    assert!(text.contains("133.2 to 162.0 %"), "{text}");
 }
 
 #[test]

@@ -111,11 +111,11 @@ fn walk(about: &str, link: &Link, axis: &Axis, lacking: &[u16]) {
         done.unwrap_or_else(|error| panic!("{about}: {what}: {error}"));
     };
     for signal in Signal::ALL {
-        let tells =
+        let reports =
             axis.provides_signal(signal).unwrap_or_else(|e| panic!("{about}: {signal:?}: {e}"));
         let source = axis.profile().signal(signal);
         let index = source.map(|s| axis.profile().parameter(s.parameter).unwrap().index);
-        assert_eq!(tells, index.is_some_and(|i| !lacking.contains(&i)), "{about}: {signal:?}");
+        assert_eq!(reports, index.is_some_and(|i| !lacking.contains(&i)), "{about}: {signal:?}");
     }
     fine("stop", axis.stop());
     let armed = axis.armed().unwrap_or_else(|e| panic!("{about}: enable: {e}"));

@@ -136,9 +136,9 @@ fn several_protocols_are_asked_without_harm() {
         assert!(who.contains(&one), "{who:?}");
     }
     assert!(found.found.iter().all(|one| one.clash.is_none()), "{found:?}");
-    let said = found.tried.join("\n");
-    assert!(said.contains("not thruster 2: canopen 2 is there"), "{said}");
-    assert!(said.contains("not tmcl"), "{said}");
+    let text = found.tried.join("\n");
+    assert!(text.contains("not thruster 2: canopen 2 is there"), "{text}");
+    assert!(text.contains("not tmcl"), "{text}");
 }
 
 /// Two nodes of one number are two on a real bus, where their answers do not come at one instant.
@@ -167,8 +167,11 @@ fn a_number_that_answers_twice_is_told() {
 fn a_bus_is_as_busy_as_was_counted() {
     let rack = rack_of_file(Path::new(CELL), 1).expect("a rack");
     let simulation = Simulation::new(&rack, 1, SimulationPace::Virtual).expect("drives");
-    let (said, busy) = simulation.load(0).expect("a CAN bus");
-    assert!((0.40..0.50).contains(&said.least) && said.most < 0.56, "{said}");
+    let (bus_load_range, busy) = simulation.load(0).expect("a CAN bus");
+    assert!(
+        (0.40..0.50).contains(&bus_load_range.least) && bus_load_range.most < 0.56,
+        "{bus_load_range}"
+    );
     assert!(busy.abs() < 1e-9, "{busy}");
     let url = format!("sim:{CELL}?time=virtual#port");
     let link = Connector::default().connect(&url).expect("a drive");

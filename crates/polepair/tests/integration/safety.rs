@@ -64,12 +64,12 @@ fn each_drive_does_in_silence_what_the_table_says() {
     assert!(lines.len() >= 12, "{} lines", lines.len());
     for line in &lines {
         let stands = stands_in_silence(line, false);
-        let said = match line.alone {
+        let matches = match line.alone {
             "turns on" => false,
             "stops" => true,
             other => panic!("{}: `{other}`", line.drive),
         };
-        assert_eq!(stands, said, "{} in silence", line.drive);
+        assert_eq!(stands, matches, "{} in silence", line.drive);
         match line.watched {
             "none" => {
                 let link = open(line);
@@ -90,8 +90,9 @@ fn every_family_on_every_medium_has_a_line() {
     let mut left: Vec<&str> = Vec::new();
     for profile in polepair_core::drives::profiles() {
         let moves = profile.plans.iter().any(|plan| plan.verb.needs_arming());
-        let told = lines.iter().any(|line| open(line).axes()[0].profile().family == profile.family);
-        if moves && !told {
+        let reported =
+            lines.iter().any(|line| open(line).axes()[0].profile().family == profile.family);
+        if moves && !reported {
             left.push(profile.name);
         }
     }

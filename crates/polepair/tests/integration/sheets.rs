@@ -72,8 +72,8 @@ fn a_rack_names_a_sheet_beside_it() {
     ] {
         let wrong = RACK.replace(from, to);
         let error = rack_of_text("interop/sheets/rack.toml", &wrong, 1).unwrap_err().to_string();
-        let place = "interop/sheets/rack.toml:";
-        assert!(error.contains(place), "{error}");
+        let location = "interop/sheets/rack.toml:";
+        assert!(error.contains(location), "{error}");
         let error = rack_of_text(&rack, &wrong, 1).unwrap_err().to_string();
         assert!(error.contains(why) && error.contains("rack.toml:"), "{error}");
     }
@@ -84,8 +84,8 @@ fn a_sheets_slips_are_told_and_other_drives_have_none() {
     let mut description = rack_of_words(&["canopen:5"], 1).unwrap();
     let sheet = format!("{SHEETS}/motor.eds");
     let slips: Vec<FileError> = description.apply_sheet(0, Path::new(&sheet)).unwrap();
-    let told: Vec<&str> = slips.iter().map(|slip| slip.reason.as_str()).collect();
-    assert_eq!(told, ["`0100` begins with 0: read as octal, 64"]);
+    let reports: Vec<&str> = slips.iter().map(|slip| slip.reason.as_str()).collect();
+    assert_eq!(reports, ["`0100` begins with 0: read as octal, 64"]);
     let mut others = rack_of_words(&["syntron-ts-canopen:2"], 1).unwrap();
     assert_eq!(others.apply_sheet(0, Path::new(&sheet)).unwrap_err().code(), "E213");
 }

@@ -92,22 +92,22 @@ fn module_that_loses(lost: u32, speed: i32, counts_per_s: f64, stops: u32) -> St
     let server = TcpListener::bind("127.0.0.1:0").expect("a port");
     let url = format!("tmcl+tcp://{}?profile=tmcm-170#1", server.local_addr().expect("an address"));
     std::thread::spawn(move || {
-        let (mut told, mut looks) = (0, 0);
+        let (mut reported, mut looks) = (0, 0);
         for wire in server.incoming() {
             let Ok(mut wire) = wire else { return };
-            let (begun, mut asked, mut stands_at) = (Instant::now(), [0; 9], None);
-            while wire.read_exact(&mut asked).is_ok() {
-                let position = (begun.elapsed().as_secs_f64() * counts_per_s) as i32;
-                told += u32::from(asked[1] == 3);
-                if told >= stops && asked[1] == 3 {
+            let (started_at, mut request, mut stands_at) = (Instant::now(), [0; 9], None);
+            while wire.read_exact(&mut request).is_ok() {
+                let position = (started_at.elapsed().as_secs_f64() * counts_per_s) as i32;
+                reported += u32::from(request[1] == 3);
+                if reported >= stops && request[1] == 3 {
                     stands_at.get_or_insert(position);
                 }
-                let looked = told > 0 && (asked[1], asked[2]) == (6, 3);
-                looks += u32::from(looked);
-                if looked && looks == lost {
+                let polled = reported > 0 && (request[1], request[2]) == (6, 3);
+                looks += u32::from(polled);
+                if polled && looks == lost {
                     continue;
                 }
-                let (status, value): (u8, i32) = match (asked[1], asked[2]) {
+                let (status, value): (u8, i32) = match (request[1], request[2]) {
                     (3, _) => (100, 0),
                     // A count that goes up and down by one, as an encoder between two counts tells.
                     (6, 1) => (100, stands_at.unwrap_or(position) + position % 2),
@@ -119,7 +119,7 @@ fn module_that_loses(lost: u32, speed: i32, counts_per_s: f64, stops: u32) -> St
                     (136, _) => (100, 0x00AA_0112),
                     _ => (2, 0),
                 };
-                let mut reply = [2, 1, status, asked[1], 0, 0, 0, 0, 0];
+                let mut reply = [2, 1, status, request[1], 0, 0, 0, 0, 0];
                 reply[4..8].copy_from_slice(&value.to_be_bytes());
                 reply[8] = reply[..8].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte));
                 if wire.write_all(&reply).is_err() {
@@ -161,14 +161,14 @@ fn a_motor_whose_position_runs_is_told_to_stop_again() {
 fn a_motor_that_turns_on_is_told_to_stop_again() {
     for way in 0..3 {
         let link = connect(&module_whose_position_runs(300, 20_000.0, 3)).expect("a module");
-        let begun = Instant::now();
+        let started_at = Instant::now();
         let stopped = match way {
             0 => link.axes()[0].stop(),
             1 => link.stop_all(),
             _ => stop_with_retry(link.axes(), STOP_RETRY_MAX, |_, _| true).remove(0),
         };
         stopped.expect("the third stop is obeyed");
-        assert!(begun.elapsed() >= Duration::from_secs(3), "it is given time to brake");
+        assert!(started_at.elapsed() >= Duration::from_secs(3), "it is given time to brake");
     }
 }
 
@@ -177,9 +177,9 @@ fn a_motor_that_turns_on_is_told_to_stop_again() {
 fn a_link_that_is_closed_ends_the_wait_for_its_stop() {
     let link = connect(&module_whose_position_runs(300, 20_000.0, u32::MAX)).expect("a module");
     let axes = link.axes().to_vec();
-    let (told, ended) = mpsc::channel();
+    let (sender, ended) = mpsc::channel();
     std::thread::spawn(move || {
-        told.send(stop_with_retry(&axes, Duration::from_secs(3), |_, _| true))
+        sender.send(stop_with_retry(&axes, Duration::from_secs(3), |_, _| true))
     });
     std::thread::sleep(Duration::from_millis(500));
     link.close();

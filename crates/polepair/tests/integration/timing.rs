@@ -61,9 +61,9 @@ fn answers_take_what_the_port_takes() {
         let link = connect(&format!("sim:{}?time=virtual", file.display())).expect("opened");
         let axis = link.axes()[0].clone();
         let read = |_| {
-            let begun = axis.connection().now();
+            let started_at = axis.connection().now();
             axis.get_raw("actual position").expect("an answer");
-            axis.connection().now().since(begun)
+            axis.connection().now().since(started_at)
         };
         // The first asks more: whether the module was there before.
         (0..20).map(read).skip(1).collect()

@@ -59,7 +59,7 @@ fn short_forms_mean_the_long_ones() {
 
 #[test]
 fn mistakes_are_told_with_the_nearest_word() {
-    for (text, code, said) in [
+    for (text, code, output) in [
         ("tmlc+serial:///dev/ttyUSB0", "E203", "did you mean `tmcl`?"),
         ("modbus-rtx+tcp://a:1", "E203", "did you mean `modbus-rtu`?"),
         ("tmcl+serail:///dev/ttyUSB0", "E210", "did you mean `serial`?"),
@@ -93,6 +93,6 @@ fn mistakes_are_told_with_the_nearest_word() {
     ] {
         let error = text.parse::<Url>().unwrap_err();
         assert_eq!(error.code(), code, "{text}: {error}");
-        assert!(error.to_string().contains(said), "{text}: {error}");
+        assert!(error.to_string().contains(output), "{text}: {error}");
     }
 }

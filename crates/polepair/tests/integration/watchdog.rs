@@ -60,8 +60,8 @@ fn each_that_there_is_stops_the_motor_when_its_host_falls_silent() {
                 assert!(last.contains("is set as before") && last.contains("off"), "{url}: {last}");
             }
         }
-        let kept = last.contains("in its permanent memory");
-        assert_eq!(kept, url.starts_with("sim:tmcl"), "{url}: {last}");
+        let stored = last.contains("in its permanent memory");
+        assert_eq!(stored, url.starts_with("sim:tmcl"), "{url}: {last}");
         assert!(check.found.contains("of silence"), "{url}: {check:#?}");
         let speed = link.simulation().unwrap().truth(0, 0).unwrap().velocity;
         assert!(speed.abs() < 0.1, "{url}: {speed}");
@@ -70,7 +70,7 @@ fn each_that_there_is_stops_the_motor_when_its_host_falls_silent() {
 
 #[test]
 fn nothing_moves_where_there_is_nothing_to_prove() {
-    for (url, said) in [
+    for (url, text) in [
         ("sim:tmcl?", "off"),
         ("sim:thruster?", "does not tell"),
         ("sim:modbus-rtu?fn00=1&", "none"),
@@ -79,7 +79,7 @@ fn nothing_moves_where_there_is_nothing_to_prove() {
         let link = open(url);
         let (check, _) = proven(&link.axes()[0], None);
         assert_eq!(check.grade, Grade::Wrong, "{url}: {check:#?}");
-        assert!(check.found.contains(said), "{url}: {check:#?}");
+        assert!(check.found.contains(text), "{url}: {check:#?}");
         assert!(link.simulation().unwrap().truth(0, 0).unwrap().position.abs() < 0.1, "{url}");
     }
 }
@@ -124,16 +124,16 @@ fn a_heartbeat_that_is_watched_has_to_lead_to_something() {
     let (check, _) = proven(axis, None);
     assert!(check.found.contains("sends none"), "{check:#?}");
     // What it watches nobody may send: that is said with the state.
-    let said = axis.describe_watchdog(axis.watchdog().unwrap());
+    let text = axis.describe_watchdog(axis.watchdog().unwrap());
     assert!(
-        said.contains("watches node 127") && said.contains("this connection sends none"),
-        "{said}"
+        text.contains("watches node 127") && text.contains("this connection sends none"),
+        "{text}"
     );
     assert!(axis.watchdog_caution(false).is_some() && axis.watchdog_caution(true).is_none());
     let sends = open("sim:cia402:5?heartbeat=100&");
     let axis = &sends.axes()[0];
-    let said = axis.describe_watchdog(axis.set_watchdog(Some(HALF)).unwrap());
-    assert_eq!(said, "on, the drive stops after 500 ms of silence");
+    let text = axis.describe_watchdog(axis.set_watchdog(Some(HALF)).unwrap());
+    assert_eq!(text, "on, the drive stops after 500 ms of silence");
 }
 
 /// Ends a proof as soon as the motor turns.
@@ -188,10 +188,10 @@ fn module(after: u32, status: u8) -> String {
     let at = server.local_addr().expect("an address");
     std::thread::spawn(move || {
         let (mut wire, _) = server.accept().expect("a host");
-        let (mut asked, mut speed, mut told, mut heartbeat) = ([0; 9], 0, 0, 0);
-        while wire.read_exact(&mut asked).is_ok() {
-            let given = i32::from_be_bytes([asked[4], asked[5], asked[6], asked[7]]);
-            let value = match (asked[1], asked[2]) {
+        let (mut request, mut speed, mut reported, mut heartbeat) = ([0; 9], 0, 0, 0);
+        while wire.read_exact(&mut request).is_ok() {
+            let given = i32::from_be_bytes([request[4], request[5], request[6], request[7]]);
+            let value = match (request[1], request[2]) {
                 // ROR and MST; the serial heartbeat is SGP and GGP 68.
                 (1, _) => std::mem::replace(&mut speed, given),
                 (3, _) => 0,
@@ -201,12 +201,12 @@ fn module(after: u32, status: u8) -> String {
                 (6, 210 | 250) => 4000,
                 _ => 0,
             };
-            told += u32::from(speed != 0 && (asked[1], asked[2]) == (6, 3));
-            if told > after {
+            reported += u32::from(speed != 0 && (request[1], request[2]) == (6, 3));
+            if reported > after {
                 continue;
             }
-            let status = if matches!(asked[1], 9 | 10) { status } else { 100 };
-            let mut reply = [2, 1, status, asked[1], 0, 0, 0, 0, 0];
+            let status = if matches!(request[1], 9 | 10) { status } else { 100 };
+            let mut reply = [2, 1, status, request[1], 0, 0, 0, 0, 0];
             reply[4..8].copy_from_slice(&value.to_be_bytes());
             reply[8] = reply[..8].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte));
             if wire.write_all(&reply).is_err() {
@@ -263,9 +263,9 @@ fn a_motor_whose_wire_falls_silent_for_good_may_turn() {
         let unproven = prove_watchdog(axis, Some(HALF), &mut patient).unwrap_err();
         assert!(unproven.moved && unproven.may_turn, "{unproven:?}");
         assert_eq!(unproven.error.code(), "E401", "{unproven:?}");
-        let said = unproven.to_string();
-        assert!(said.contains("the motor may still turn: cut its supply"), "{said}");
-        assert_eq!(said.matches("may still turn").count(), 1, "{said}");
+        let text = unproven.to_string();
+        assert!(text.contains("the motor may still turn: cut its supply"), "{text}");
+        assert_eq!(text.matches("may still turn").count(), 1, "{text}");
         assert_eq!((patient.left, patient.turns), (0, true));
         // What may stop the motor is not taken away.
         let [last] = &patient.found[..] else { panic!("{:?}", patient.found) };

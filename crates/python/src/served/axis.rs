@@ -20,7 +20,7 @@ use super::request::{
 };
 use super::watch::ServedWatch;
 use super::{ANSWER_MAX, RemoteServer, unsupported_error};
-use crate::axis::{AxisStateTuple, Parameter, PyAmount, parse_signal};
+use crate::axis::{AxisStateTuple, PyAmount, PyParameter, parse_signal};
 use crate::errors::{refused_to_py_error, to_py_error, usage_error};
 use crate::process_local::ProcessLocal;
 use crate::request::WAIT_SLICE;
@@ -46,7 +46,7 @@ enum WriteValue {
     Raw(i64),
 }
 
-impl From<&ParameterInfo> for Parameter {
+impl From<&ParameterInfo> for PyParameter {
     fn from(info: &ParameterInfo) -> Self {
         let owned = |text: &String| Cow::Owned(text.clone());
         let words = info.word_values.iter().copied().zip(info.words.iter().map(owned));
@@ -119,11 +119,11 @@ impl ServedAxis {
     }
 
     /// Every parameter.
-    fn parameters(&self, py: Python<'_>) -> PyResult<Vec<Parameter>> {
+    fn parameters(&self, py: Python<'_>) -> PyResult<Vec<PyParameter>> {
         let id = self.info.id;
         self.query_server(py, move |joined| joined.parameters(id).map(drop))?;
         self.run_detached(py, |joined| {
-            Ok(joined.parameters(id)?.iter().map(Parameter::from).collect())
+            Ok(joined.parameters(id)?.iter().map(PyParameter::from).collect())
         })
     }
 
@@ -182,7 +182,8 @@ impl ServedAxis {
         said: &Bound<'_, PyAny>,
         id: Option<u32>,
     ) -> PyResult<ServedRequest> {
-        self.begin_raw(py, said, id).map(|said| ServedRequest::new(PendingAction::Number(said)))
+        self.begin_raw(py, said, id)
+            .map(|pending| ServedRequest::new(PendingAction::Number(pending)))
     }
 
     /// Reads a parameter by name, raw.
@@ -203,8 +204,8 @@ impl ServedAxis {
     /// Sends a request in the protocol's own text, and waits for the answer.
     #[pyo3(signature = (said, id=None))]
     fn raw(&self, py: Python<'_>, said: &Bound<'_, PyAny>, id: Option<u32>) -> PyResult<i64> {
-        let said = self.begin_raw(py, said, id)?;
-        wait_end(py, said)
+        let pending = self.begin_raw(py, said, id)?;
+        wait_end(py, pending)
     }
 
     /// What the server is to make a raw value of.
@@ -313,8 +314,8 @@ impl ServedAxis {
     fn signal_units(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Vec<&str>> {
         let unit = |name: &String| {
             let wanted = parse_signal(py, name)?.name();
-            let told = self.info.signals.iter().find(|signal| signal.signal == wanted);
-            Ok(told.map_or("", |signal| &*signal.unit))
+            let signal_info = self.info.signals.iter().find(|signal| signal.signal == wanted);
+            Ok(signal_info.map_or("", |signal| &*signal.unit))
         };
         names.iter().map(unit).collect()
     }
@@ -336,22 +337,29 @@ impl ServedAxis {
     /// Faults that are there now: code, text, cause, remedy, and whether the drive goes on.
     fn faults(&self, py: Python<'_>) -> PyResult<Vec<RemoteFaultTuple>> {
         let axis = self.info.id;
-        let asked = self.server.in_own_process(py)?.gateway.spawn(move |gateway| {
+        let pending = self.server.in_own_process(py)?.gateway.spawn(move |gateway| {
             gateway.signals(axis, &["fault"])?;
             Ok(gateway.axis_state(axis)?.faults)
         });
-        let fault = |told: ActiveFault| {
-            (told.code, told.symbol, told.name, told.cause, told.remedy, told.warning)
+        let fault = |active_fault: ActiveFault| {
+            (
+                active_fault.code,
+                active_fault.symbol,
+                active_fault.name,
+                active_fault.cause,
+                active_fault.remedy,
+                active_fault.warning,
+            )
         };
-        Ok(wait_end(py, asked)?.into_iter().map(fault).collect())
+        Ok(wait_end(py, pending)?.into_iter().map(fault).collect())
     }
 
     /// What the server knows of it.
     fn state(&self, py: Python<'_>) -> PyResult<AxisStateTuple> {
         let axis = self.info.id;
-        let asked =
+        let pending =
             self.server.in_own_process(py)?.gateway.spawn(move |gateway| gateway.axis_state(axis));
-        let state = wait_end(py, asked)?;
+        let state = wait_end(py, pending)?;
         let reading =
             |read: SignalValue| (read.signal, read.value.unwrap_or(f64::NAN), read.age_ms / 1e3);
         let readings = state.signals.into_iter().map(reading).collect();
@@ -376,12 +384,12 @@ impl ServedAxis {
         }
         let (axis, hz) = (self.info.id, (1.0 / period).min(HZ_MAX));
         let words: Vec<String> = names.iter().map(|name| name.replace('_', " ")).collect();
-        let asked = self.query_server(py, move |joined| {
+        let requests = self.query_server(py, move |joined| {
             let live = joined.live_connection()?;
             let watch = |word: &String| live.subscribe(axis, Some(word), None, hz).map(Arc::new);
             words.iter().map(watch).collect::<Result<Vec<_>, _>>()
         })?;
-        Ok(ServedWatch::new(asked))
+        Ok(ServedWatch::new(requests))
     }
 
     /// Seconds on this process' clock.
@@ -531,10 +539,10 @@ impl ServedAxis {
     fn begin_raw(
         &self,
         py: Python<'_>,
-        said: &Bound<'_, PyAny>,
+        value: &Bound<'_, PyAny>,
         id: Option<u32>,
     ) -> PyResult<PendingOperation<i64>> {
-        let Ok(text) = said.extract::<String>() else {
+        let Ok(text) = value.extract::<String>() else {
             return Err(unsupported_error(
                 py,
                 "sending bytes",

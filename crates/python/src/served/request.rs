@@ -85,7 +85,8 @@ impl ServedRequest {
     }
 
     /// Calls `wake` from some thread once it has ended; true when it has already.
-    fn tell(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
+    #[pyo3(name = "tell")]
+    fn wake_when_done(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
         self.0.in_own_process(py)?;
         let waker = Waker::from(Arc::new(WakeCallback(wake)));
         Ok(py.detach(|| match &mut *self.lock() {

@@ -101,7 +101,8 @@ impl ServedWatch {
     }
 
     /// Calls `wake` from some thread once there may be a row; true when there may be one already.
-    fn tell(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
+    #[pyo3(name = "tell")]
+    fn wake_when_ready(&self, py: Python<'_>, wake: Py<PyAny>) -> PyResult<bool> {
         self.0.in_own_process(py)?;
         let waker = Waker::from(Arc::new(WakeCallback(wake)));
         Ok(py.detach(|| {

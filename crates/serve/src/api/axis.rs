@@ -23,10 +23,10 @@ const SIGNALS_MAX: usize = 64;
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn show(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Path(id): Path<String>,
 ) -> ApiResult<AxisState> {
-    gate.bench.axis_state(parse_index(&id)?).map(Json)
+    state.bench.axis_state(parse_index(&id)?).map(Json)
 }
 
 /// Read signals now
@@ -38,7 +38,7 @@ pub(super) async fn show(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn signals(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Path((id, words)): Path<(String, String)>,
 ) -> ApiResult<Vec<SignalValue>> {
     let words: Vec<&str> = words.split(',').take(SIGNALS_MAX + 1).collect();
@@ -46,7 +46,7 @@ pub(super) async fn signals(
         let what = format!("at most {SIGNALS_MAX} signals are read at once");
         return Err(GatewayError::new("gateway.request", what));
     }
-    gate.bench.read_signals(parse_index(&id)?, &words).await.map(Json)
+    state.bench.read_signals(parse_index(&id)?, &words).await.map(Json)
 }
 
 /// Which parameters an axis has
@@ -58,10 +58,10 @@ pub(super) async fn signals(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn parameters(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Path(id): Path<String>,
 ) -> ApiResult<Vec<ParameterInfo>> {
-    gate.bench.parameters(parse_index(&id)?).map(Json)
+    state.bench.parameters(parse_index(&id)?).map(Json)
 }
 
 /// Read a parameter now
@@ -71,10 +71,10 @@ pub(super) async fn parameters(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn parameter(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Path((id, name)): Path<(String, String)>,
 ) -> ApiResult<ParameterReading> {
-    gate.bench.read_parameter(parse_index(&id)?, &name).await.map(Json)
+    state.bench.read_parameter(parse_index(&id)?, &name).await.map(Json)
 }
 
 /// Write parameters, or see what would change
@@ -86,14 +86,14 @@ pub(super) async fn parameter(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn write(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
     JsonBody(wanted): JsonBody<WriteParameters>,
 ) -> ApiResult<Vec<ParameterChange>> {
     let id = parse_index(&id)?;
-    let session = lease_session(&gate, &caller, id, wanted.epoch);
-    gate.bench.write_parameters(id, &session, wanted).await.map(Json)
+    let session = lease_session(&state, &caller, id, wanted.epoch);
+    state.bench.write_parameters(id, &session, wanted).await.map(Json)
 }
 
 /// What a drive does by itself when its host falls silent
@@ -105,10 +105,10 @@ pub(super) async fn write(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn watchdog(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Path(id): Path<String>,
 ) -> ApiResult<WatchdogView> {
-    gate.bench.watchdog(parse_index(&id)?).await.map(Json)
+    state.bench.watchdog(parse_index(&id)?).await.map(Json)
 }
 
 /// Have a drive stop by itself when its host falls silent, or no more
@@ -120,12 +120,12 @@ pub(super) async fn watchdog(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn set_watchdog(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
     JsonBody(wanted): JsonBody<SetWatchdog>,
 ) -> ApiResult<WatchdogView> {
     let id = parse_index(&id)?;
-    let session = lease_session(&gate, &caller, id, wanted.epoch);
-    gate.bench.set_watchdog(id, &session, wanted).await.map(Json)
+    let session = lease_session(&state, &caller, id, wanted.epoch);
+    state.bench.set_watchdog(id, &session, wanted).await.map(Json)
 }

@@ -16,15 +16,15 @@ use crate::message::{BenchView, ErrorBody, SetTimeScale, SimulationAction};
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn show(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
 ) -> Json<BenchView> {
-    Json(bench_view(&gate, &caller))
+    Json(bench_view(&state, &caller))
 }
 
 /// The bench as a caller sees it.
-pub(crate) fn bench_view(gate: &SharedAppState, caller: &Caller) -> BenchView {
-    BenchView { scopes: caller.scopes.iter().collect(), ..gate.bench.snapshot() }
+pub(crate) fn bench_view(state: &SharedAppState, caller: &Caller) -> BenchView {
+    BenchView { scopes: caller.scopes.iter().collect(), ..state.bench.snapshot() }
 }
 
 /// Meddle with a simulated drive
@@ -36,12 +36,13 @@ pub(crate) fn bench_view(gate: &SharedAppState, caller: &Caller) -> BenchView {
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn apply_action(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path((link, drive)): Path<(String, String)>,
     JsonBody(act): JsonBody<SimulationAction>,
 ) -> ApiResult<()> {
-    gate.bench
+    state
+        .bench
         .apply_action(&rest_session(&caller), parse_index(&link)?, parse_index(&drive)?, &act)
         .await
         .map(Json)
@@ -52,9 +53,9 @@ pub(super) async fn apply_action(
     request_body = SetTimeScale,
     responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
 pub(super) async fn set_time_scale(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     JsonBody(pace): JsonBody<SetTimeScale>,
 ) -> ApiResult<()> {
-    gate.bench.set_time_scale(&rest_session(&caller), pace).await.map(Json)
+    state.bench.set_time_scale(&rest_session(&caller), pace).await.map(Json)
 }

@@ -42,19 +42,19 @@ pub(super) struct CapturePageQuery {
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn open(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     named: Result<Query<CaptureQuery>, QueryRejection>,
     request: Request,
 ) -> ApiResult<OpenedCapture> {
     let Query(CaptureQuery { name }) = named.map_err(|error| request_error(error.body_text()))?;
     // Before its bytes come, so that no more of them lie here than there are places.
-    let place = Arc::clone(&gate.uploads).try_acquire_owned().map_err(|_| {
+    let permit = Arc::clone(&state.uploads).try_acquire_owned().map_err(|_| {
         GatewayError::new("gateway.busy", "captures are being taken in already").hint("try again")
     })?;
     let bytes = read_body(request).await?;
-    let opened = run_blocking(&gate, move |gate| {
-        let opened = gate.bench.open_capture(&name, bytes.into());
-        drop(place);
+    let opened = run_blocking(&state, move |state| {
+        let opened = state.bench.open_capture(&name, bytes.into());
+        drop(permit);
         opened
     });
     opened.await.map(Json)
@@ -70,15 +70,15 @@ pub(super) async fn open(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn page(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Path(id): Path<String>,
     page: Result<Query<CapturePageQuery>, QueryRejection>,
 ) -> ApiResult<CapturePage> {
     let Query(CapturePageQuery { from, count, filter }) =
         page.map_err(|error| request_error(error.body_text()))?;
     let count = count.unwrap_or(PAGE_FRAMES);
-    let page = run_blocking(&gate, move |gate| {
-        gate.bench.capture_page(&id, from, count, filter.as_deref())
+    let page = run_blocking(&state, move |state| {
+        state.bench.capture_page(&id, from, count, filter.as_deref())
     });
     page.await.map(Json)
 }
@@ -90,12 +90,12 @@ pub(super) async fn page(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn frame(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Path((id, n)): Path<(String, String)>,
 ) -> ApiResult<Vec<ExplainedField>> {
     let n =
         n.parse().map_err(|_| GatewayError::new("gateway.missing", format!("no frame {n:?}")))?;
-    run_blocking(&gate, move |gate| gate.bench.explain_captured(&id, n)).await.map(Json)
+    run_blocking(&state, move |state| state.bench.explain_captured(&id, n)).await.map(Json)
 }
 
 fn request_error(what: String) -> GatewayError {

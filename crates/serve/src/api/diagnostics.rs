@@ -28,13 +28,13 @@ pub(super) struct JournalQuery {
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn journal(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     which: Result<Query<JournalQuery>, QueryRejection>,
 ) -> ApiResult<Vec<JournalRecord>> {
     let Query(which) =
         which.map_err(|error| GatewayError::new("gateway.request", error.body_text()))?;
     let count = which.count.unwrap_or(RECORDS_MAX);
-    let journal = std::sync::Arc::clone(&gate.journal);
+    let journal = std::sync::Arc::clone(&state.journal);
     let read = tokio::task::spawn_blocking(move || journal.records(which.after, count));
     read.await.map_err(|error| GatewayError::new("gateway.busy", error.to_string()))?.map(Json)
 }
@@ -49,7 +49,7 @@ pub(super) async fn openapi() -> impl IntoResponse {
 /// What was counted, for Prometheus
 #[utoipa::path(get, path = "/metrics", tag = "gateway",
     responses((status = 200, body = String, content_type = "text/plain")))]
-pub(super) async fn metrics(State(gate): State<SharedAppState>) -> impl IntoResponse {
+pub(super) async fn metrics(State(state): State<SharedAppState>) -> impl IntoResponse {
     let kind = "application/openmetrics-text; version=1.0.0; charset=utf-8";
-    ([(header::CONTENT_TYPE, kind)], gate.metrics.to_openmetrics(&gate.bench.snapshot()))
+    ([(header::CONTENT_TYPE, kind)], state.metrics.to_openmetrics(&state.bench.snapshot()))
 }

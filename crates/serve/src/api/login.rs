@@ -19,15 +19,15 @@ use crate::page;
     (status = 200, body = SessionInfo),
     (status = "default", body = ErrorBody),
 ))]
-pub(super) async fn login(State(gate): State<SharedAppState>, request: Request) -> Response {
+pub(super) async fn login(State(state): State<SharedAppState>, request: Request) -> Response {
     let peer = peer(&request);
-    let tried = match JsonBody::<Login>::from_request(request, &gate).await {
+    let tried = match JsonBody::<Login>::from_request(request, &state).await {
         Ok(JsonBody(Login { token })) => {
-            run_blocking(&gate, move |gate| gate.authenticator.login(&token, peer)).await
+            run_blocking(&state, move |state| state.authenticator.login(&token, peer)).await
         }
         Err(refused) => Err(refused),
     };
-    match record_login(&gate, tried, peer).await {
+    match record_login(&state, tried, peer).await {
         Ok((caller, cookie)) => {
             let scopes = caller.scopes.iter().collect();
             (cookies(cookie), Json(SessionInfo { scopes })).into_response()
@@ -46,15 +46,15 @@ pub(super) async fn login(State(gate): State<SharedAppState>, request: Request) 
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn prove(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(LocalAddress(here)): Extension<LocalAddress>,
     Path(challenge): Path<String>,
 ) -> ApiResult<Proof> {
-    gate.authenticator.proof(&challenge, here).map(Json)
+    state.authenticator.proof(&challenge, here).map(Json)
 }
 
 /// The page's files, and its door: `/?once=…`.
-pub(super) async fn serve_page(State(gate): State<SharedAppState>, request: Request) -> Response {
+pub(super) async fn serve_page(State(state): State<SharedAppState>, request: Request) -> Response {
     let reads = matches!(*request.method(), Method::GET | Method::HEAD);
     let uri = request.uri();
     let once = uri.query().and_then(|query| query.strip_prefix("once="));
@@ -64,12 +64,12 @@ pub(super) async fn serve_page(State(gate): State<SharedAppState>, request: Requ
         let tried = match *request.method() {
             Method::GET => {
                 let token = token.to_owned();
-                run_blocking(&gate, move |gate| gate.authenticator.login_one_time(&token, peer))
+                run_blocking(&state, move |state| state.authenticator.login_one_time(&token, peer))
                     .await
             }
             _ => Err(GatewayError::new("gateway.method", "this is for GET")),
         };
-        return match record_login(&gate, tried, peer).await {
+        return match record_login(&state, tried, peer).await {
             Ok((_, cookie)) => {
                 let there = (cookies(cookie), [(header::LOCATION, "/")]);
                 (StatusCode::SEE_OTHER, there.0, there.1).into_response()
@@ -91,7 +91,7 @@ fn cookies(cookie: String) -> [(HeaderName, String); 1] {
 
 /// Notes who came in or failed to. What was tried is noted nowhere.
 async fn record_login(
-    gate: &SharedAppState,
+    state: &SharedAppState,
     tried: Result<(Caller, String), GatewayError>,
     peer: std::net::IpAddr,
 ) -> Result<(Caller, String), GatewayError> {
@@ -102,6 +102,6 @@ async fn record_login(
         Err(_) => return tried,
     };
     tracing::info!(%peer, who, ok, "login");
-    gate.bench.write_journal(who, JournalAction::Login, json!({ "peer": peer, "ok": ok })).await?;
+    state.bench.write_journal(who, JournalAction::Login, json!({ "peer": peer, "ok": ok })).await?;
     tried
 }

@@ -23,13 +23,15 @@ use crate::message::{
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn acquire_lease(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
     JsonBody(AcquireLease { take }): JsonBody<AcquireLease>,
 ) -> ApiResult<LeaseGrant> {
     let act = if take { LeaseAction::TakeOver } else { LeaseAction::Take };
-    require_grant(gate.bench.request_lease(parse_index(&id)?, &rest_session(&caller), act, 0).await)
+    require_grant(
+        state.bench.request_lease(parse_index(&id)?, &rest_session(&caller), act, 0).await,
+    )
 }
 
 /// Keep an axis
@@ -39,13 +41,14 @@ pub(super) async fn acquire_lease(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn renew_lease(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
     JsonBody(LeaseEpoch { epoch }): JsonBody<LeaseEpoch>,
 ) -> ApiResult<LeaseGrant> {
     require_grant(
-        gate.bench
+        state
+            .bench
             .request_lease(parse_index(&id)?, &rest_session(&caller), LeaseAction::Renew, epoch)
             .await,
     )
@@ -58,12 +61,12 @@ pub(super) async fn renew_lease(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn release_lease(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
     JsonBody(LeaseEpoch { epoch }): JsonBody<LeaseEpoch>,
 ) -> ApiResult<()> {
-    let given = gate
+    let given = state
         .bench
         .request_lease(parse_index(&id)?, &rest_session(&caller), LeaseAction::Drop, epoch)
         .await;
@@ -85,14 +88,14 @@ fn require_grant(granted: Result<Option<LeaseGrant>, GatewayError>) -> ApiResult
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn command(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
     JsonBody(order): JsonBody<CommandRequest>,
 ) -> ApiResult<CommandOutcome> {
     let since = clock::now();
-    let reply = gate.bench.command(parse_index(&id)?, &rest_session(&caller), order);
-    await_outcome(&gate, since, reply).await
+    let reply = state.bench.command(parse_index(&id)?, &rest_session(&caller), order);
+    await_outcome(&state, since, reply).await
 }
 
 /// Send a request in the protocol's own text, at most once
@@ -106,25 +109,25 @@ pub(super) async fn command(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn raw(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
     JsonBody(order): JsonBody<RawRequest>,
 ) -> ApiResult<CommandOutcome> {
     let since = clock::now();
     let (id, session) =
-        (parse_index(&id)?, lease_session(&gate, &caller, parse_index(&id)?, order.epoch));
-    await_outcome(&gate, since, gate.bench.raw(id, &session, order)).await
+        (parse_index(&id)?, lease_session(&state, &caller, parse_index(&id)?, order.epoch));
+    await_outcome(&state, since, state.bench.raw(id, &session, order)).await
 }
 
 /// Waits for what comes of it. What the gateway itself refused is an error of HTTP as well.
 async fn await_outcome(
-    gate: &SharedAppState,
+    state: &SharedAppState,
     since: Instant,
     reply: PendingReply<CommandOutcome>,
 ) -> ApiResult<CommandOutcome> {
     let outcome = reply.await?;
-    gate.metrics.commands.observe(clock::now().since(since).as_secs_f64());
+    state.metrics.commands.observe(clock::now().since(since).as_secs_f64());
     match outcome.error {
         Some(refused) if refused.code.starts_with("gateway.") && !outcome.replayed => Err(refused),
         _ => Ok(Json(outcome)),
@@ -141,13 +144,13 @@ async fn await_outcome(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn stop(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     JsonBody(order): JsonBody<StopRequest>,
 ) -> ApiResult<StopReport> {
     let since = clock::now();
-    let stopped = gate.bench.stop(&rest_session(&caller), &order).await?;
-    gate.metrics.stops.observe(clock::now().since(since).as_secs_f64());
+    let stopped = state.bench.stop(&rest_session(&caller), &order).await?;
+    state.metrics.stops.observe(clock::now().since(since).as_secs_f64());
     Ok(Json(stopped))
 }
 
@@ -160,14 +163,14 @@ pub(super) async fn stop(
     params(("id" = u16, Path)), request_body = DismissStop,
     responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
 pub(super) async fn dismiss(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
     JsonBody(dismiss): JsonBody<DismissStop>,
 ) -> ApiResult<()> {
     let (id, epoch) = (parse_index(&id)?, dismiss.epoch);
-    let session = lease_session(&gate, &caller, id, epoch);
-    gate.bench.dismiss(id, &session, dismiss).await.map(Json)
+    let session = lease_session(&state, &caller, id, epoch);
+    state.bench.dismiss(id, &session, dismiss).await.map(Json)
 }
 
 /// Owe a drive that is not there its stop no more
@@ -177,19 +180,19 @@ pub(super) async fn dismiss(
 #[utoipa::path(post, path = "/api/v1/dismiss", tag = "motion", request_body = DismissAbsent,
     responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
 pub(super) async fn dismiss_absent(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     JsonBody(dismiss): JsonBody<DismissAbsent>,
 ) -> ApiResult<()> {
-    gate.bench.dismiss_absent(&rest_session(&caller), dismiss).await.map(Json)
+    state.bench.dismiss_absent(&rest_session(&caller), dismiss).await.map(Json)
 }
 
 /// Let motion again after everything was stopped
 #[utoipa::path(post, path = "/api/v1/release", tag = "motion",
     responses((status = 200, body = ()), (status = "default", body = ErrorBody)))]
 pub(super) async fn release(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
 ) -> ApiResult<()> {
-    gate.bench.release(&rest_session(&caller), gate.bench.lock_count()).await.map(Json)
+    state.bench.release(&rest_session(&caller), state.bench.lock_count()).await.map(Json)
 }

@@ -15,10 +15,10 @@ use crate::message::{AddDrives, AddedAxes, ErrorBody, ScanRequest, ScanView};
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn show(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Path(id): Path<String>,
 ) -> ApiResult<ScanView> {
-    gate.bench.scan_view(parse_index(&id)?).map(Json)
+    state.bench.scan_view(parse_index(&id)?).map(Json)
 }
 
 /// Look for drives on a link
@@ -33,12 +33,12 @@ pub(super) async fn show(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn start(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
     JsonBody(order): JsonBody<ScanRequest>,
 ) -> ApiResult<ScanView> {
-    gate.bench.start_scan(parse_index(&id)?, &rest_session(&caller), order).await.map(Json)
+    state.bench.start_scan(parse_index(&id)?, &rest_session(&caller), order).await.map(Json)
 }
 
 /// Break a look off
@@ -48,11 +48,11 @@ pub(super) async fn start(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn cancel(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
 ) -> ApiResult<()> {
-    gate.bench.cancel_scan(parse_index(&id)?, &rest_session(&caller)).map(Json)
+    state.bench.cancel_scan(parse_index(&id)?, &rest_session(&caller)).map(Json)
 }
 
 /// Make axes of drives that were found
@@ -65,10 +65,10 @@ pub(super) async fn cancel(
     (status = "default", body = ErrorBody),
 ))]
 pub(super) async fn add_drives(
-    State(gate): State<SharedAppState>,
+    State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
     JsonBody(take): JsonBody<AddDrives>,
 ) -> ApiResult<AddedAxes> {
-    gate.bench.add_drives(parse_index(&id)?, &rest_session(&caller), &take).await.map(Json)
+    state.bench.add_drives(parse_index(&id)?, &rest_session(&caller), &take).await.map(Json)
 }

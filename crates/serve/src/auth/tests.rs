@@ -93,17 +93,17 @@ fn start_server(file: &SessionTestFile, token: &AccessToken, scopes: &str) -> Au
     Authenticator::new(vec![grant], ALL.parse().unwrap(), 80, false).with_session_file(&file.0)
 }
 
-fn enter(door: &Authenticator, token: &AccessToken) -> String {
-    let (_, cookie) = door.login(&token.reveal(), PEER).unwrap();
+fn enter(authenticator: &Authenticator, token: &AccessToken) -> String {
+    let (_, cookie) = authenticator.login(&token.reveal(), PEER).unwrap();
     cookie.split(';').next().unwrap().to_owned()
 }
 
 #[test]
 fn a_browser_is_still_let_in_by_the_server_that_is_started_again() {
     let (file, token) = (SessionTestFile::new("again"), AccessToken::generate().unwrap());
-    let door = start_server(&file, &token, ALL);
-    let cookie = enter(&door, &token);
-    let before = door.authenticate(None, &[&cookie], PEER).unwrap();
+    let authenticator = start_server(&file, &token, ALL);
+    let cookie = enter(&authenticator, &token);
+    let before = authenticator.authenticate(None, &[&cookie], PEER).unwrap();
     let again = start_server(&file, &token, ALL);
     assert_eq!(again.authenticate(None, &[&cookie], PEER).unwrap(), before);
     // What the token grants now is what holds, not what it did.
@@ -185,8 +185,8 @@ fn a_file_that_others_may_read_or_that_is_broken_lets_nobody_in_and_is_made_anew
 #[test]
 fn the_file_is_bounded_as_the_browsers_are() {
     let (file, token) = (SessionTestFile::new("bounded"), AccessToken::generate().unwrap());
-    let door = start_server(&file, &token, ALL);
-    (0..COOKIES_MAX + 3).for_each(|_| drop(enter(&door, &token)));
+    let authenticator = start_server(&file, &token, ALL);
+    (0..COOKIES_MAX + 3).for_each(|_| drop(enter(&authenticator, &token)));
     assert_eq!(file.read().lines().count(), COOKIES_MAX + 1);
     let again = start_server(&file, &token, ALL);
     assert_eq!(again.lock().cookies.len(), COOKIES_MAX);

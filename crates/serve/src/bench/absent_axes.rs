@@ -26,7 +26,7 @@ impl Bench {
     /// Asks for the axes that are not there on a link, one after the other, until all have joined.
     pub(super) fn spawn_absent_probe(&self, n: usize) -> Result<(), GatewayError> {
         let bench = Arc::downgrade(&self.0);
-        let named = std::thread::Builder::new().name("bench-absent".to_owned());
+        let named = std::thread::Builder::new().name("absent-axes".to_owned());
         let asks = named.spawn(move || probe_until_joined(&bench, n));
         asks.map(drop).map_err(|error| thread_error(&error))
     }
@@ -37,8 +37,8 @@ impl Bench {
         let absent: Vec<u32> = link.absent().iter().map(|axis| axis.number).collect();
         queue.retain(|number| absent.contains(number));
         if queue.is_empty() {
-            let owed = self.0.context.inherited_stops_on(&link.url);
-            let is_owed = |number: &&u32| owed.contains(number);
+            let pending = self.0.context.inherited_stops_on(&link.url);
+            let is_owed = |number: &&u32| pending.contains(number);
             let rest: Vec<u32> = absent.iter().filter(|number| !is_owed(number)).copied().collect();
             queue.extend(absent.iter().filter(is_owed));
             *others += 1;
@@ -52,8 +52,8 @@ impl Bench {
     fn may_probe(&self, n: usize, number: u32) -> bool {
         let link = &self.0.links[n];
         let is_free = link.wire.link_error().is_none() && !link.wire.scan_flag.is_active();
-        let owed = self.0.context.has_inherited_stop(&link.url, number);
-        is_free && (owed || link.wire.check_at_rest().is_ok())
+        let outstanding = self.0.context.has_inherited_stop(&link.url, number);
+        is_free && (outstanding || link.wire.check_at_rest().is_ok())
     }
 
     /// Asks for one, and takes it in where it answers. At the wire's desk: nothing else is asked then.
@@ -64,11 +64,11 @@ impl Bench {
         }
         let stops = link.wire.stop_count();
         let broken = || shared.is_closing() || link.wire.stop_count() != stops;
-        let (root, place) = {
-            let (root, place) = link.scan.root()?;
-            (root.clone(), place)
+        let (root, index) = {
+            let (root, index) = link.scan.root()?;
+            (root.clone(), index)
         };
-        let mut look = DriveScanner::on_link(link.scan.connector(), &root, place, number..=number)?;
+        let mut look = DriveScanner::on_link(link.scan.connector(), &root, index, number..=number)?;
         while look.next_address(&broken)?.is_some() {
             look.query_next(&broken)?;
         }
@@ -83,7 +83,7 @@ impl Bench {
         self.stop_if_locked(n, link.wire.axes.len() - taken.axes.len());
         let detail = json!({ "link": link.id, "drives": [number], "axes": taken.axes });
         shared.record(&SERVER.into(), JournalAction::TakeIn, None, detail);
-        tracing::info!(link = link.id, number, "an axis that was not there answers now");
+        tracing::info!(link = link.id, number, "an absent axis answers now");
         shared.publish(BenchEvent::BenchChanged);
         Ok(())
     }
@@ -93,7 +93,7 @@ impl Bench {
         let (wire, shared) = (&self.0.links[n].wire, &self.0.context);
         let lock = shared.current_lock().clone();
         if let Some(lock) = lock {
-            let axes = (first..wire.axes.len()).map(|place| (place, 0)).collect();
+            let axes = (first..wire.axes.len()).map(|index| (index, 0)).collect();
             let (who, reason, since) = (lock.by.as_str().into(), lock.reason, shared.now());
             wire.submit_stop(StopBatch {
                 axes,
@@ -116,20 +116,20 @@ pub(super) fn probe_until_joined(bench: &Weak<BenchInner>, n: usize) {
             return;
         };
         let Some(number) = bench.next_absent(n, &mut queue, &mut others) else { return };
-        let begun = clock::now();
-        again_at = begun + PROBE_INTERVAL;
+        let started_at = clock::now();
+        again_at = started_at + PROBE_INTERVAL;
         if !bench.may_probe(n, number) {
             continue;
         }
-        let (tell, told) = oneshot::channel();
-        let (desk, asks) = (&bench.0.links[n].request_worker, bench.clone());
-        desk.submit_query(tell, move || asks.probe_absent(n, number));
+        let (tell, reply) = oneshot::channel();
+        let (worker, asks) = (&bench.0.links[n].request_worker, bench.clone());
+        worker.submit_query(tell, move || asks.probe_absent(n, number));
         // The bench may be closed meanwhile: it is not kept from here.
         drop(bench);
-        if let Ok(Err(error)) = told.blocking_recv() {
-            tracing::debug!(link = n, number, %error, "an axis that was not there was not asked for");
+        if let Ok(Err(error)) = reply.blocking_recv() {
+            tracing::debug!(link = n, number, %error, "cannot query an absent axis");
         }
-        let took = clock::now().since(begun);
+        let took = clock::now().since(started_at);
         again_at = again_at.max(clock::now() + took * AIRTIME_DIVISOR);
     }
 }

@@ -26,18 +26,18 @@ impl<T> AppendOnlyVec<T> {
 
     /// Adds one, and tells its place. `None` when there is no room. One at a time.
     pub fn push(&self, one: T) -> Option<usize> {
-        let place = self.len();
-        self.slots.get(place)?.set(Box::new(one)).ok()?;
-        self.count.store(place + 1, Ordering::Release);
-        Some(place)
+        let index = self.len();
+        self.slots.get(index)?.set(Box::new(one)).ok()?;
+        self.count.store(index + 1, Ordering::Release);
+        Some(index)
     }
 
     pub fn len(&self) -> usize {
         self.count.load(Ordering::Acquire)
     }
 
-    pub fn get(&self, place: usize) -> Option<&T> {
-        self.slots.get(..self.len())?.get(place)?.get().map(|one| &**one)
+    pub fn get(&self, index: usize) -> Option<&T> {
+        self.slots.get(..self.len())?.get(index)?.get().map(|one| &**one)
     }
 
     pub fn first(&self) -> Option<&T> {
@@ -52,8 +52,8 @@ impl<T> AppendOnlyVec<T> {
 impl<T> Index<usize> for AppendOnlyVec<T> {
     type Output = T;
 
-    fn index(&self, place: usize) -> &T {
-        self.get(place).expect("places are those of the list")
+    fn index(&self, position: usize) -> &T {
+        self.get(position).expect("places are those of the list")
     }
 }
 

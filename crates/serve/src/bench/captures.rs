@@ -169,11 +169,11 @@ impl Capture {
             cursor.next_unread() == from
                 && cursor.filter.as_ref().map(|(text, _)| &**text) == filter
         };
-        let kept = cursor
+        let recorded = cursor
             .take()
             .filter(goes_on)
             .map_or_else(|| Cursor::new(detect_decoder(&self.bytes), filter), Ok);
-        let cursor = cursor.insert(kept?);
+        let cursor = cursor.insert(recorded?);
         let mut items = Vec::new();
         while items.len() < count {
             match cursor.ready.pop_front() {

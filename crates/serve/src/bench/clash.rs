@@ -82,8 +82,8 @@ mod tests {
         let late = Counters { sent: 10, answered: 7, silent: 3, late: 3, ..Counters::default() };
         assert_eq!(ClashDetector::default().check(|| late, at(1)), None);
         let doubled = Counters { sent: 10, answered: 10, late: 4, ..Counters::default() };
-        let told = ClashDetector::default().check(|| doubled, at(1)).flatten();
-        assert!(told.is_some_and(|told| told.starts_with("4 answers")));
+        let output = ClashDetector::default().check(|| doubled, at(1)).flatten();
+        assert!(output.is_some_and(|output| output.starts_with("4 answers")));
     }
 
     #[test]
@@ -92,8 +92,8 @@ mod tests {
         let away = Counters { sent: 500, silent: 500, ..Counters::default() };
         assert_eq!(watch.check(|| away, at(1)), None);
         let doubled = Counters { sent: 510, answered: 10, late: 10, ..away };
-        let told = watch.check(|| doubled, at(2)).flatten();
-        assert!(told.is_some_and(|told| told.starts_with("6 answers")));
+        let output = watch.check(|| doubled, at(2)).flatten();
+        assert!(output.is_some_and(|output| output.starts_with("6 answers")));
     }
 
     #[test]

@@ -61,9 +61,9 @@ impl CommandHistory {
                 Ok(CommandLookup::Finished(CommandOutcome { replayed: true, ..outcome.clone() }))
             }
             Some(CommandRecord::Active(waiting)) if waiting.len() < WAITING_MAX => {
-                let (tell, told) = oneshot::channel();
+                let (tell, reply) = oneshot::channel();
                 waiting.push(tell);
-                Ok(CommandLookup::Active(told))
+                Ok(CommandLookup::Active(reply))
             }
             Some(CommandRecord::Active(_)) => {
                 Err(GatewayError::new("gateway.busy", "it is under way"))
@@ -130,11 +130,11 @@ mod tests {
         let mut once = CommandHistory::default();
         let stale = Instant::ZERO.plus_ms(500);
         assert!(matches!(once.register("a", stale, Instant::ZERO), Ok(CommandLookup::New)));
-        let Ok(CommandLookup::Active(mut told)) = once.register("a", stale, Instant::ZERO) else {
+        let Ok(CommandLookup::Active(mut reply)) = once.register("a", stale, Instant::ZERO) else {
             panic!("it is under way");
         };
         once.finish(&done("a"));
-        assert!(told.try_recv().is_ok_and(|told| told.is_ok_and(|outcome| outcome.replayed)));
+        assert!(reply.try_recv().is_ok_and(|result| result.is_ok_and(|outcome| outcome.replayed)));
         let again = once.register("a", stale, Instant::ZERO.plus_ms(60_000));
         assert!(matches!(again, Ok(CommandLookup::Finished(outcome)) if outcome.replayed));
     }

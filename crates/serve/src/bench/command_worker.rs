@@ -116,14 +116,14 @@ impl CommandWorker {
     /// For a link of that connection string.
     pub fn new(
         wire: Arc<BenchWire>,
-        desk: Arc<RequestWorker>,
+        worker: Arc<RequestWorker>,
         shared: Arc<BenchContext>,
         url: String,
     ) -> Self {
-        let begun = shared.now();
-        let mut hand = Self {
+        let started_at = shared.now();
+        let mut command_worker = Self {
             wire,
-            request_worker: desk,
+            request_worker: worker,
             context: shared,
             url,
             axes: Vec::new(),
@@ -133,30 +133,30 @@ impl CommandWorker {
             airtime: Airtime::default(),
             lost: false,
             closed: None,
-            last_start: begun,
+            last_start: started_at,
             fast_send: true,
         };
-        hand.add_joined_axes();
-        hand
+        command_worker.add_joined_axes();
+        command_worker
     }
 
     /// Looks after axes that joined: they are on the wire's list before anything is said of them.
     fn add_joined_axes(&mut self) {
         let last_epoch = self.context.last_epoch;
         let known = self.axes.len();
-        for (place, (id, axis)) in self.wire.axes.iter().enumerate().skip(known) {
-            let (seat, axis) = (LeaseSlot::after_epoch(last_epoch), axis.clone());
+        for (index, (id, axis)) in self.wire.axes.iter().enumerate().skip(known) {
+            let (slot, axis) = (LeaseSlot::after_epoch(last_epoch), axis.clone());
             let before = self.context.has_inherited_stop(&self.url, axis.number());
-            let owed = before.then(|| {
+            let pending = before.then(|| {
                 PendingStop::new(StopCause::ServerBefore, SERVER.into(), self.context.now())
             });
-            self.wire.set_pending_stop(place, owed.as_ref().map(PendingStop::view));
+            self.wire.set_pending_stop(index, pending.as_ref().map(PendingStop::view));
             let unlinked = None;
             self.axes.push(WorkerAxis {
                 id: *id,
                 axis,
-                lease: seat,
-                pending_stop: owed,
+                lease: slot,
+                pending_stop: pending,
                 link_loss: unlinked,
                 last_stop_number: 0,
             });
@@ -168,10 +168,10 @@ impl CommandWorker {
         let wire = Arc::clone(&lock_unpoisoned(this).wire);
         loop {
             let next = {
-                let mut hand = lock_unpoisoned(this);
-                let next = hand.run_once();
-                if hand.is_over() {
-                    return hand.abandon_pending_stops();
+                let mut worker = lock_unpoisoned(this);
+                let next = worker.run_once();
+                if worker.is_over() {
+                    return worker.abandon_pending_stops();
                 }
                 next
             };
@@ -204,8 +204,8 @@ impl CommandWorker {
         self.check_link();
         self.expire();
         for _ in 0..REQUESTS_PER_ROUND_MAX {
-            let Some((said, order)) = self.wire.next_request() else { break };
-            self.handle_request(said, order);
+            let Some((sequence, order)) = self.wire.next_request() else { break };
+            self.handle_request(sequence, order);
             self.process_stops();
         }
         if self.context.is_closing() && self.closed.is_none() {
@@ -214,8 +214,8 @@ impl CommandWorker {
         self.poll_commands();
         self.poll_pending_stops();
         self.reply_to_holders();
-        for (said, commanded) in std::mem::take(&mut self.deferred) {
-            self.handle_request(said, WireRequest::Command(commanded));
+        for (sequence, commanded) in std::mem::take(&mut self.deferred) {
+            self.handle_request(sequence, WireRequest::Command(commanded));
         }
         self.next_wakeup()
     }
@@ -292,8 +292,8 @@ impl CommandWorker {
             let now = self.context.now();
             if !self.lost {
                 let watched = &mut self.axes[axis];
-                if let Some(owed) = &mut watched.pending_stop {
-                    owed.resend(&watched.axis, now);
+                if let Some(pending) = &mut watched.pending_stop {
+                    pending.resend(&watched.axis, now);
                     self.last_start = now;
                 }
                 continue;
@@ -329,13 +329,13 @@ impl CommandWorker {
         }
     }
 
-    fn handle_request(&mut self, said: u64, order: WireRequest) {
+    fn handle_request(&mut self, sequence: u64, order: WireRequest) {
         self.add_joined_axes();
-        let late = |axis: usize| said < self.axes[axis].last_stop_number;
+        let late = |axis: usize| sequence < self.axes[axis].last_stop_number;
         match order {
-            WireRequest::Lease(ask) if ask.is_acquire() && late(ask.axis) => {
+            WireRequest::Lease(request) if request.is_acquire() && late(request.axis) => {
                 // Who has gone does not want to know.
-                let _ = ask.reply.send(Err(overtaken_error()));
+                let _ = request.reply.send(Err(overtaken_error()));
             }
             WireRequest::Scan(begin) if (0..self.axes.len()).any(late) => {
                 begin(Err(overtaken_error()))
@@ -347,11 +347,11 @@ impl CommandWorker {
             WireRequest::Command(commanded) if late(commanded.axis) => {
                 self.finish_command(*commanded, Some(overtaken_error()));
             }
-            WireRequest::Lease(ask) => self.handle_lease(ask),
+            WireRequest::Lease(request) => self.handle_lease(request),
             WireRequest::Command(commanded) if self.must_wait_for_stop(&commanded) => {
-                self.deferred.push((said, commanded));
+                self.deferred.push((sequence, commanded));
             }
-            WireRequest::Command(commanded) => self.handle_command(said, *commanded),
+            WireRequest::Command(commanded) => self.handle_command(sequence, *commanded),
             WireRequest::Write { axis, session, epoch, then: go } => {
                 go(self.check_allowed(axis, &session, epoch, false))
             }
@@ -393,9 +393,9 @@ impl CommandWorker {
 
     fn end_session(&mut self, session: &SessionName) {
         for axis in 0..self.axes.len() {
-            let seat = &mut self.axes[axis].lease;
-            let its = seat.holder().is_some_and(|holder| holder.session == *session);
-            if let Some(lost) = its.then(|| seat.end()).flatten() {
+            let slot = &mut self.axes[axis].lease;
+            let its = slot.holder().is_some_and(|holder| holder.session == *session);
+            if let Some(lost) = its.then(|| slot.end()).flatten() {
                 self.end_lease(axis, lost, "its client is gone");
             }
         }
@@ -421,8 +421,8 @@ impl CommandWorker {
         }
         let held = watched.lease.check_holder(session, epoch, self.context.now());
         held.map_err(|refused| watched.lease_error(refused))?;
-        let owes = |stop: &PendingStop| !stop.is_holder_stop(epoch);
-        if moves && watched.pending_stop.as_ref().is_some_and(owes) {
+        let pending = |stop: &PendingStop| !stop.is_holder_stop(epoch);
+        if moves && watched.pending_stop.as_ref().is_some_and(pending) {
             return Err(stop_pending_error());
         }
         Ok(())
@@ -430,15 +430,15 @@ impl CommandWorker {
 
     /// Whether what moves an axis waits a moment, because its stop is just about to be over.
     fn must_wait_for_stop(&self, commanded: &QueuedCommand) -> bool {
-        let owed = self.axes[commanded.axis].pending_stop.as_ref();
-        let owed = owed.filter(|owed| !owed.is_holder_stop(commanded.header.epoch));
-        let is_ending = owed.is_some_and(|owed| owed.is_ending(self.context.now()));
+        let pending = self.axes[commanded.axis].pending_stop.as_ref();
+        let pending = pending.filter(|pending| !pending.is_holder_stop(commanded.header.epoch));
+        let is_ending = pending.is_some_and(|pending| pending.is_ending(self.context.now()));
         is_ending && commanded.action.may_move() && self.deferred.len() < WAITING_MAX
     }
 
-    fn handle_command(&mut self, said: u64, commanded: QueuedCommand) {
+    fn handle_command(&mut self, sequence: u64, commanded: QueuedCommand) {
         if matches!(commanded.action, CommandAction::Run(command) if command.verb == Verb::Stop) {
-            return self.stop_for_holder(said, commanded);
+            return self.stop_for_holder(sequence, commanded);
         }
         let started = self.start_command(&commanded);
         let QueuedCommand { axis, session, header: order, action: deed, .. } = &commanded;
@@ -446,7 +446,7 @@ impl CommandWorker {
             // It did not wait for the journal, as what was said before it may still do: that is not
             // done any more, whatever became of this.
             let stopped = &mut self.axes[commanded.axis].last_stop_number;
-            *stopped = said.max(*stopped);
+            *stopped = sequence.max(*stopped);
         }
         match started {
             Ok(StartResult::Running(running)) => {
@@ -476,7 +476,7 @@ impl CommandWorker {
             Ok(StartResult::NeedsPreparation) => {
                 // Where the limits depend on where it stands, that is asked first, and so is what
                 // scales the arguments. Not here: a hand waits for nothing.
-                self.request_worker.prepare_command(said, commanded);
+                self.request_worker.prepare_command(sequence, commanded);
             }
             Err(error) => self.finish_command(commanded, Some(error)),
         }

@@ -14,8 +14,8 @@ impl Bench {
         let CommandRequest { id, verb, arguments, .. } = &order;
         let detail = json!({ "id": id, "verb": verb, "arguments": arguments });
         let CommandRequest { issued_ms, ttl_ms, epoch, .. } = order;
-        let told = CommandHeader { id: id.clone(), issued_ms, ttl_ms, epoch };
-        self.submit_command(axis, session, told, detail, parse_action(&order))
+        let header = CommandHeader { id: id.clone(), issued_ms, ttl_ms, epoch };
+        self.submit_command(axis, session, header, detail, parse_action(&order))
     }
 
     /// Sends a request in the protocol's own text, for which no limits stand: once, under a lease and
@@ -28,8 +28,8 @@ impl Bench {
     ) -> PendingReply<CommandOutcome> {
         let RawRequest { id, issued_ms, ttl_ms, epoch, text } = order;
         let detail = json!({ "id": id, "raw": text });
-        let told = CommandHeader { id, issued_ms, ttl_ms, epoch };
-        self.submit_command(axis, session, told, detail, Ok(CommandAction::Raw(text)))
+        let header = CommandHeader { id, issued_ms, ttl_ms, epoch };
+        self.submit_command(axis, session, header, detail, Ok(CommandAction::Raw(text)))
     }
 
     /// Announces a command, and gives the order once that is kept. What ends motion waits for nothing.
@@ -43,32 +43,32 @@ impl Bench {
     ) -> PendingReply<CommandOutcome> {
         let id = order.id.clone();
         let refused = |error| PendingReply::ready(Ok(command_outcome(id, Some(error))));
-        let (wire, place, said) = match self.register_command(axis, &order) {
-            Ok((CommandLookup::New, wire, place, said)) => (Arc::clone(wire), place, said),
+        let (wire, index, sequence) = match self.register_command(axis, &order) {
+            Ok((CommandLookup::New, wire, index, sequence)) => (Arc::clone(wire), index, sequence),
             Ok((CommandLookup::Finished(outcome), ..)) => return PendingReply::ready(Ok(outcome)),
-            Ok((CommandLookup::Active(told), ..)) => {
-                return PendingReply::from_receiver(told, Ok(()));
+            Ok((CommandLookup::Active(receiver), ..)) => {
+                return PendingReply::from_receiver(receiver, Ok(()));
             }
             Err(error) => return refused(error),
         };
-        let (tell, told) = oneshot::channel();
+        let (tell, receiver) = oneshot::channel();
         let (shared, session) = (Arc::clone(&self.0.context), session.clone());
         let ends_motion = deed.as_ref().is_ok_and(CommandAction::ends_motion);
         let now = shared.now();
         let go = {
             let (shared, session) = (Arc::clone(&shared), session.clone());
-            move |kept: Result<(), GatewayError>| match (kept, deed) {
+            move |recorded: Result<(), GatewayError>| match (recorded, deed) {
                 (Ok(()), Ok(deed)) => {
                     let prepared = None;
                     let commanded = QueuedCommand {
-                        axis: place,
+                        axis: index,
                         session,
                         header: order,
                         action: deed,
                         prepared,
                         reply: tell,
                     };
-                    wire.submit_reserved(said, WireRequest::Command(Box::new(commanded)));
+                    wire.submit_reserved(sequence, WireRequest::Command(Box::new(commanded)));
                 }
                 (Ok(()), Err(error)) => {
                     let outcome = command_outcome(order.id, Some(error));
@@ -90,7 +90,7 @@ impl Bench {
         } else {
             shared.journal.write_ahead(what, detail, now, Box::new(go));
         }
-        PendingReply::from_receiver(told, Ok(()))
+        PendingReply::from_receiver(receiver, Ok(()))
     }
 
     /// Whether a command was seen, and the number that it has on its wire if not.
@@ -99,17 +99,17 @@ impl Bench {
         axis: u16,
         order: &CommandHeader,
     ) -> Result<(CommandLookup, &Arc<BenchWire>, usize, u64), GatewayError> {
-        let (link, place) = self.find_axis(axis)?;
+        let (link, index) = self.find_axis(axis)?;
         let CommandHeader { id, issued_ms, ttl_ms, .. } = order;
         if !issued_ms.is_finite() || !(0.0..=TTL_MAX_MS).contains(ttl_ms) {
             let what = format!("a command is good for 0 to {TTL_MAX_MS} ms");
             return Err(GatewayError::new("gateway.request", what));
         }
-        let said = link.wire.reserve_number()?;
+        let sequence = link.wire.reserve_number()?;
         let now = self.0.context.now();
         // However far ahead its clock is, within what is let through.
         let stale = now + Duration::from_secs_f64((ttl_ms + 1000.0) / 1e3);
-        Ok((self.0.context.lock_history().register(id, stale, now)?, &link.wire, place, said))
+        Ok((self.0.context.lock_history().register(id, stale, now)?, &link.wire, index, sequence))
     }
 
     /// Announces what is not for a hand, and does it once that is kept.
@@ -119,23 +119,23 @@ impl Bench {
         detail: serde_json::Value,
         then: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
     ) -> PendingReply<T> {
-        let (tell, told) = oneshot::channel();
-        let go = move |kept: Result<(), GatewayError>| {
+        let (tell, reply) = oneshot::channel();
+        let go = move |recorded: Result<(), GatewayError>| {
             // Who has gone does not want to know.
-            let _ = tell.send(kept.and_then(|()| then()));
+            let _ = tell.send(recorded.and_then(|()| then()));
         };
         let BenchContext { journal: notes, .. } = &*self.0.context;
         notes.write_ahead(what, detail, self.0.context.now(), Box::new(go));
-        PendingReply::from_receiver(told, Ok(()))
+        PendingReply::from_receiver(reply, Ok(()))
     }
 
     /// Has the journal keep what is no matter of links. The reply tells when it does.
     pub fn write_journal(
         &self,
         who: &str,
-        deed: JournalAction,
+        action: JournalAction,
         detail: serde_json::Value,
     ) -> PendingReply<()> {
-        self.run_after_journal((&who.into(), deed, None), detail, || Ok(()))
+        self.run_after_journal((&who.into(), action, None), detail, || Ok(()))
     }
 }

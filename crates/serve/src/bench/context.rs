@@ -139,8 +139,8 @@ impl BenchContext {
 
     /// The numbers of those that it owed one on a link.
     pub fn inherited_stops_on(&self, url: &str) -> Vec<u32> {
-        let owed = lock_unpoisoned(&self.inherited_stops);
-        owed.iter().filter(|(link, _)| link == url).map(|(_, number)| *number).collect()
+        let pending = lock_unpoisoned(&self.inherited_stops);
+        pending.iter().filter(|(link, _)| link == url).map(|(_, number)| *number).collect()
     }
 
     /// Owes that axis nothing more of what the server before owed it.
@@ -164,11 +164,11 @@ impl BenchContext {
     }
 
     /// Locks motion. Who listens is told in the order in which it is locked and let again.
-    pub fn lock_motion(&self, told: MotionLock) {
+    pub fn lock_motion(&self, motion_lock: MotionLock) {
         let mut lock = self.current_lock();
         self.lock_count.fetch_add(1, Ordering::SeqCst);
-        *lock = Some(told.clone());
-        self.publish(BenchEvent::Locked(told));
+        *lock = Some(motion_lock.clone());
+        self.publish(BenchEvent::Locked(motion_lock));
     }
 
     /// Lets motion again, unless it was locked since somebody counted so many locks.
@@ -188,13 +188,19 @@ impl BenchContext {
     }
 
     /// Has the journal keep what was done already and cannot be refused any more.
-    pub fn record(&self, who: &SessionName, deed: JournalAction, axis: Option<u16>, detail: Value) {
-        self.journal.record((who, deed, axis), detail, self.now(), None);
+    pub fn record(
+        &self,
+        who: &SessionName,
+        action: JournalAction,
+        axis: Option<u16>,
+        detail: Value,
+    ) {
+        self.journal.record((who, action, axis), detail, self.now(), None);
     }
 
     /// Has the journal keep what nobody asked for.
-    pub fn record_by_server(&self, deed: JournalAction, axis: u16, detail: Value) {
-        self.record(&SERVER.into(), deed, Some(axis), detail);
+    pub fn record_by_server(&self, action: JournalAction, axis: u16, detail: Value) {
+        self.record(&SERVER.into(), action, Some(axis), detail);
     }
 
     /// Has the journal keep how a command ended, and then tells it to whoever said it, then or again.
@@ -210,17 +216,17 @@ impl BenchContext {
             "id": outcome.id, "outcome": outcome.outcome, "error": outcome.error,
         });
         let once = Arc::clone(&self.command_history);
-        let told = move |_| {
+        let reported = move |_| {
             lock_unpoisoned(&once).finish(&outcome);
             // Who has gone does not want to know.
             let _ = tell.send(Ok(outcome));
         };
         let then: Option<Continuation> = match ends_motion {
             true => {
-                told(Ok(()));
+                reported(Ok(()));
                 None
             }
-            false => Some(Box::new(told)),
+            false => Some(Box::new(reported)),
         };
         self.journal.record((who, JournalAction::Outcome, Some(axis)), detail, self.now(), then);
     }

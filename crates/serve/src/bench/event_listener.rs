@@ -63,10 +63,10 @@ impl DriveEventListener {
     }
 
     fn handle_event(&self, event: &Event) {
-        let place = event.index.checked_sub(self.first).filter(|_| event.axis.is_some());
+        let index = event.index.checked_sub(self.first).filter(|_| event.axis.is_some());
         let (what, value) = match &event.kind {
             EventKind::Presence(Presence::Restarted) => {
-                let its = place.and_then(|n| Some((self.base + n as u16, self.wires.get(n)?)));
+                let its = index.and_then(|n| Some((self.base + n as u16, self.wires.get(n)?)));
                 return its.into_iter().for_each(|(id, wire)| wire.record_restart(id));
             }
             EventKind::Signal { signal, reading } => (WatchTarget::Signal(*signal), reading.value),
@@ -78,10 +78,10 @@ impl DriveEventListener {
             }
             _ => return,
         };
-        let Some((place, zero)) = place.and_then(|n| Some((n, self.time_origins.get(n)?))) else {
+        let Some((index, zero)) = index.and_then(|n| Some((n, self.time_origins.get(n)?))) else {
             return;
         };
         let sample = Sample { t_us: event.at.since(*zero).as_micros() as u64, value };
-        self.telemetry.push(self.base + place as u16, what, sample);
+        self.telemetry.push(self.base + index as u16, what, sample);
     }
 }

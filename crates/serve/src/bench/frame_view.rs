@@ -9,10 +9,10 @@ use crate::message::{ExplainedField, FrameDirection, FrameItem};
 
 /// A frame, explained in a line; its time is the caller's to fill in.
 pub(super) fn frame_item(n: u64, link: u16, event: &DecodedFrame<'_>) -> FrameItem {
-    let said = meaning_text(event);
+    let output = meaning_text(event);
     let text = match event.defect {
-        Some(wrong) => format!("{said} ! {wrong}"),
-        None => said.to_owned(),
+        Some(wrong) => format!("{output} ! {wrong}"),
+        None => output.to_owned(),
     };
     FrameItem {
         n,

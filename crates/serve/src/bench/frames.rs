@@ -189,13 +189,13 @@ impl FrameTraffic {
         // This is on the way to the wire: nothing is made, and nobody woken, under the lock.
         let unit = TappedUnit { wire, at, direction, data: what() };
         let first = {
-            let mut heard = lock_unpoisoned(&self.tapped);
-            if heard.units.len() == UNITS_MAX {
-                heard.units.pop_front();
-                heard.lost += 1;
+            let mut tapped = lock_unpoisoned(&self.tapped);
+            if tapped.units.len() == UNITS_MAX {
+                tapped.units.pop_front();
+                tapped.lost += 1;
             }
-            heard.units.push_back(unit);
-            heard.units.len() == 1
+            tapped.units.push_back(unit);
+            tapped.units.len() == 1
         };
         if first {
             self.wakeup.notify_one();
@@ -203,15 +203,15 @@ impl FrameTraffic {
     }
 
     fn wait_for_units(&self, at_most: Duration) -> TappedUnits {
-        let heard = lock_unpoisoned(&self.tapped);
-        let mut heard = match heard.units.is_empty() {
+        let tapped = lock_unpoisoned(&self.tapped);
+        let mut tapped = match tapped.units.is_empty() {
             true if !at_most.is_zero() => {
-                let waited = self.wakeup.wait_timeout(heard, at_most);
+                let waited = self.wakeup.wait_timeout(tapped, at_most);
                 waited.unwrap_or_else(PoisonError::into_inner).0
             }
-            _ => heard,
+            _ => tapped,
         };
-        std::mem::take(&mut heard)
+        std::mem::take(&mut tapped)
     }
 
     fn publish(&self, event: &DecodedFrame<'_>, item: &FrameItem) {
@@ -286,7 +286,7 @@ impl TrafficDecoder {
     fn decode_unit(&mut self, unit: &TappedUnit) {
         let Self { traffic, decoders, wires, count, .. } = self;
         let Some(decoder) = decoders.get_mut(unit.wire) else { return };
-        let said = match unit.direction {
+        let direction = match unit.direction {
             TapDirection::ToDrive => Said::ToDrive,
             TapDirection::ToHost => Said::ToHost,
         };
@@ -301,10 +301,10 @@ impl TrafficDecoder {
         let link = format!("{}", unit.wire);
         match &unit.data {
             UnitData::Bytes(bytes) => {
-                decoder.decode_bytes(time, &link, Some(said), bytes, &mut show)
+                decoder.decode_bytes(time, &link, Some(direction), bytes, &mut show)
             }
             UnitData::Frame(frame) => {
-                decoder.decode_frame(time, &link, Some(said), frame, &mut show)
+                decoder.decode_frame(time, &link, Some(direction), frame, &mut show)
             }
         }
     }

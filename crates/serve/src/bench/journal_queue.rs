@@ -192,7 +192,7 @@ impl JournalWriter {
         self.write_queued();
         if self.missing.count > 0 && self.report_missing().is_err() {
             let count = self.missing.count;
-            tracing::error!(count, "the journal ends without some of what was done");
+            tracing::error!(count, "entries are missing at the end of the journal");
         }
     }
 
@@ -231,8 +231,8 @@ impl JournalWriter {
         if waiting.write_ahead && self.is_late(&waiting) {
             return then.into_iter().for_each(|then| then(Err(stalled_error())));
         }
-        let mut kept = self.store_entry(&waiting);
-        match &kept {
+        let mut recorded = self.store_entry(&waiting);
+        match &recorded {
             Err(refused) if !waiting.write_ahead => self.count_missing(1, refused),
             Ok(()) if waiting.write_ahead && self.is_late(&waiting) => {
                 // It says that it was to be done: what follows says that it was not.
@@ -245,12 +245,12 @@ impl JournalWriter {
                     ..waiting
                 };
                 self.write(not_done);
-                kept = Err(stalled_error());
+                recorded = Err(stalled_error());
             }
             _ => {}
         }
         if let Some(then) = then {
-            then(kept);
+            then(recorded);
         }
     }
 
@@ -269,7 +269,7 @@ impl JournalWriter {
 
     fn count_missing(&mut self, count: u64, why: &GatewayError) {
         if self.missing.count == 0 {
-            tracing::error!(%why, "the journal does not keep what is done");
+            tracing::error!(%why, "cannot write to the journal");
         }
         self.missing.count += count;
         self.missing.why = why.message.clone();
@@ -284,12 +284,12 @@ impl JournalWriter {
             axis: None,
             detail: &detail,
         };
-        let told = self.journal.write_entry(note);
-        match told {
+        let result = self.journal.write_entry(note);
+        match result {
             Ok(()) => self.missing = MissingEntries::default(),
             Err(_) => self.missing.retry_at = self.clock.now() + RETRY_INTERVAL,
         }
-        told
+        result
     }
 }
 

@@ -38,19 +38,19 @@ impl Bench {
         let url = self.0.links[n].url.clone();
         let detail = json!({ "link": id, "url": url, "open": false, "error": error });
         self.0.context.record(&SERVER.into(), JournalAction::Link, None, detail);
-        tracing::debug!(link = id, %url, %error, "a link is not open, and is tried again");
+        tracing::debug!(link = id, %url, %error, "link is not open; trying again");
         let connector = tapped_connector(connector, &self.0.traffic, n);
         let bench = Arc::downgrade(&self.0);
-        let named = std::thread::Builder::new().name("bench-opens".to_owned());
+        let named = std::thread::Builder::new().name("late-links".to_owned());
         let opens = named.spawn(move || retry_until_open(&bench, n, &connector, &url));
         opens.map(drop).map_err(|error| thread_error(&error))
     }
 
     /// What is told of a link, with what the server before owed drives that are not there.
     pub(super) fn link_view(&self, link: &BenchLink) -> LinkView {
-        let mut owed = self.0.context.inherited_stops_on(&link.url);
-        owed.retain(|number| !link.has_axis(*number));
-        LinkView { owed, ..link.view() }
+        let mut pending = self.0.context.inherited_stops_on(&link.url);
+        pending.retain(|number| !link.has_axis(*number));
+        LinkView { owed: pending, ..link.view() }
     }
 
     /// Owes a drive that is not there its stop no more, which the server before owed it. The journal keeps
@@ -62,12 +62,12 @@ impl Bench {
         session: &SessionName,
         dismiss: DismissAbsent,
     ) -> PendingReply<()> {
-        let (tell, told) = oneshot::channel();
+        let (tell, reply) = oneshot::channel();
         let shared = &self.0.context;
         let DismissAbsent { link: url, number, reason, note } = dismiss;
         let note: String = note.chars().take(REASON_MAX).collect();
         let is_there = self.0.links.iter().any(|link| link.url == url && link.has_axis(number));
-        let asked = if is_there {
+        let result = if is_there {
             Err(GatewayError::new("E212", format!("axis {number} of {url} is there"))
                 .hint("dismiss its stop as that of an axis"))
         } else if reason == DismissReason::TakenOver {
@@ -80,12 +80,12 @@ impl Bench {
         } else {
             shared.journal.check_writable(shared.now())
         };
-        if asked.is_ok() {
+        if result.is_ok() {
             shared.remove_inherited_stop(&url, number);
             shared.publish(BenchEvent::BenchChanged);
             let detail = json!({ "how": "dismissed", "reason": reason, "note": note, "link": url,
                 "number": number });
-            let then: Continuation = Box::new(move |kept| drop(tell.send(kept)));
+            let then: Continuation = Box::new(move |recorded| drop(tell.send(recorded)));
             shared.journal.record(
                 (session, JournalAction::StopEnded, None),
                 detail,
@@ -93,14 +93,14 @@ impl Bench {
                 Some(then),
             );
         }
-        PendingReply::from_receiver(told, asked)
+        PendingReply::from_receiver(reply, result)
     }
 
     /// Names the drives of a link that the server before owed a stop and that are not there still, and
     /// ends what was set in the others for as long as this server speaks.
     pub(super) fn close_link(&self, link: &BenchLink) {
-        let owed = self.link_view(link).owed.into_iter();
-        owed.for_each(|n| self.0.context.add_not_standing(format!("axis {n} of {}", link.url)));
+        let pending = self.link_view(link).owed.into_iter();
+        pending.for_each(|n| self.0.context.add_not_standing(format!("axis {n} of {}", link.url)));
         link.wire.end_host_watch();
     }
 
@@ -167,7 +167,7 @@ impl Bench {
         let axes: Vec<u16> = link.wire.axes.iter().map(|(id, _)| *id).collect();
         let detail = json!({ "link": link.id, "url": link.url, "open": true, "axes": axes });
         shared.record(&SERVER.into(), JournalAction::Link, None, detail);
-        tracing::info!(link = link.id, url = %link.url, ?axes, "a link is open after all");
+        tracing::info!(link = link.id, url = %link.url, ?axes, "link opened");
         shared.publish(BenchEvent::BenchChanged);
         self.listen_events(base, 0, opened)
     }
@@ -189,7 +189,7 @@ fn retry_until_open(bench: &Weak<BenchInner>, n: usize, connector: &Connector, u
             Ok(()) => break,
             // It is open, and only what it says by itself is not heard.
             Err(error) if bench.0.links[n].was_opened() => {
-                tracing::warn!(%error, "what drives send unasked is not heard");
+                tracing::warn!(%error, "cannot listen for unsolicited messages");
                 break;
             }
             Err(error) => bench.update_link_error(n, error),

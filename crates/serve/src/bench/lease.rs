@@ -171,29 +171,29 @@ mod tests {
     #[test]
     fn a_lease_is_one_sessions_until_it_ends_or_is_taken() {
         let (ann, bob): (SessionName, SessionName) = ("ann".into(), "bob".into());
-        let mut seat = LeaseSlot::default();
-        let (lease, lost) = seat.acquire(&ann, false, at(0), LASTS).unwrap();
+        let mut slot = LeaseSlot::default();
+        let (lease, lost) = slot.acquire(&ann, false, at(0), LASTS).unwrap();
         assert!(lease.epoch == 1 && lost.is_none());
-        assert_eq!(seat.acquire(&bob, false, at(1), LASTS).unwrap_err().code, "gateway.lease");
-        seat.mark_moved();
-        let (taken, lost) = seat.acquire(&bob, true, at(2), LASTS).unwrap();
+        assert_eq!(slot.acquire(&bob, false, at(1), LASTS).unwrap_err().code, "gateway.lease");
+        slot.mark_moved();
+        let (taken, lost) = slot.acquire(&bob, true, at(2), LASTS).unwrap();
         assert_eq!(taken.epoch, 2);
         assert!(lost.is_some_and(|lost| lost.moved && lost.holder.session == ann));
-        assert!(seat.renew(&ann, 1, at(3), LASTS).is_err());
-        assert!(seat.check_holder(&bob, 1, at(3)).is_err(), "an older epoch");
-        assert!(seat.check_holder(&bob, 2, at(3)).is_ok());
+        assert!(slot.renew(&ann, 1, at(3), LASTS).is_err());
+        assert!(slot.check_holder(&bob, 1, at(3)).is_err(), "an older epoch");
+        assert!(slot.check_holder(&bob, 2, at(3)).is_ok());
     }
 
     #[test]
     fn a_lease_that_is_not_renewed_ends_by_itself() {
         let ann: SessionName = "ann".into();
-        let mut seat = LeaseSlot::default();
-        seat.acquire(&ann, false, at(0), LASTS).unwrap();
-        seat.renew(&ann, 1, at(1000), LASTS).unwrap();
-        assert!(seat.expire(at(2499)).is_none());
-        assert!(seat.check_holder(&ann, 1, at(2500)).is_err(), "over, though nobody looked yet");
-        assert!(seat.expire(at(2500)).is_some());
-        let (again, _) = seat.acquire(&ann, false, at(2600), LASTS).unwrap();
+        let mut slot = LeaseSlot::default();
+        slot.acquire(&ann, false, at(0), LASTS).unwrap();
+        slot.renew(&ann, 1, at(1000), LASTS).unwrap();
+        assert!(slot.expire(at(2499)).is_none());
+        assert!(slot.check_holder(&ann, 1, at(2500)).is_err(), "over, though nobody looked yet");
+        assert!(slot.expire(at(2500)).is_some());
+        let (again, _) = slot.acquire(&ann, false, at(2600), LASTS).unwrap();
         assert_eq!(again.epoch, 2, "what was said before is not carried out after");
     }
 }

@@ -174,8 +174,8 @@ pub(super) fn tapped_connector(
     traffic: &Arc<FrameTraffic>,
     first: usize,
 ) -> Connector {
-    let ears = Arc::clone(traffic);
-    connector.clone().with_taps(move |wire| ears.tap(first + wire))
+    let frame_traffic = Arc::clone(traffic);
+    connector.clone().with_taps(move |wire| frame_traffic.tap(first + wire))
 }
 
 /// Whether it is the caller's mistake, whatever becomes of ports and drives.
@@ -224,13 +224,13 @@ fn add_wires(
         let id = links.len() as u16;
         let simulation = opened.simulation().cloned().zip(own.get(n).copied());
         let mut ids = Vec::new();
-        for (place, axis) in axes.iter().enumerate() {
+        for (index, axis) in axes.iter().enumerate() {
             let seat_id = seats.len() as u16;
             let drive = simulation.as_ref().and_then(|(simulation, link)| {
-                SimulatedDrive::find(simulation, *link, axis.number(), place)
+                SimulatedDrive::find(simulation, *link, axis.number(), index)
             });
             let info = axis_info(seat_id, id, axis, drive.as_ref());
-            seats.push(AxisEntry { link: links.len(), local_index: place, info, drive });
+            seats.push(AxisEntry { link: links.len(), local_index: index, info, drive });
             ids.push((seat_id, axis.clone()));
         }
         let link = BenchLink::new((id, url, open.medium), connector, ids);
@@ -271,8 +271,8 @@ impl BenchLink {
     }
 
     fn set_absent(&self, absent: Vec<(u32, Error)>) {
-        let told = |(number, error): (u32, Error)| AbsentAxis { number, error: error.into() };
-        *lock_unpoisoned(&self.absent) = absent.into_iter().map(told).collect();
+        let reported = |(number, error): (u32, Error)| AbsentAxis { number, error: error.into() };
+        *lock_unpoisoned(&self.absent) = absent.into_iter().map(reported).collect();
     }
 
     /// Its axes that are not there.

@@ -38,20 +38,20 @@ impl Bench {
     /// # Errors
     /// `E212` where there is no such axis.
     pub fn parameters(&self, axis: u16) -> Result<Vec<ParameterInfo>, GatewayError> {
-        let (link, place) = self.find_axis(axis)?;
-        let axis = &link.wire.axes[place].1;
+        let (link, index) = self.find_axis(axis)?;
+        let axis = &link.wire.axes[index].1;
         let all = (0..).map(ParameterId).zip(axis.params());
         Ok(all.map(|(id, parameter)| parameter_info(axis, id, parameter)).collect())
     }
 
     /// Reads a parameter now.
     pub fn read_parameter(&self, axis: u16, name: &str) -> PendingReply<ParameterReading> {
-        let (tell, told) = oneshot::channel();
-        let asked = self.find_axis(axis).map(|(link, place)| {
-            let (axis, name) = (link.wire.axes[place].1.clone(), name.to_owned());
+        let (tell, reply) = oneshot::channel();
+        let result = self.find_axis(axis).map(|(link, index)| {
+            let (axis, name) = (link.wire.axes[index].1.clone(), name.to_owned());
             link.request_worker.submit_query(tell, move || read_axis_parameter(&axis, &name));
         });
-        PendingReply::from_receiver(told, asked)
+        PendingReply::from_receiver(reply, result)
     }
 
     /// Tells what parameters have and would get and, unless that is all that is asked, writes those that
@@ -62,24 +62,24 @@ impl Bench {
         session: &SessionName,
         write: WriteParameters,
     ) -> PendingReply<Vec<ParameterChange>> {
-        let (tell, told) = oneshot::channel();
-        let asked = self.find_axis(axis).and_then(|(link, place)| {
+        let (tell, reply) = oneshot::channel();
+        let result = self.find_axis(axis).and_then(|(link, index)| {
             if write.values.len() > WRITES_MAX {
                 let what = format!("at most {WRITES_MAX} parameters are written at once");
                 return Err(GatewayError::new("gateway.request", what));
             }
             let (epoch, dry) = (write.epoch, write.dry_run);
-            let writer = ParameterWriter::new(self, link, place, axis, session, write);
-            let desk = Arc::clone(&link.request_worker);
+            let writer = ParameterWriter::new(self, link, index, axis, session, write);
+            let worker = Arc::clone(&link.request_worker);
             if dry {
-                desk.submit_query(tell, move || writer.plan().map(|plan| plan.0));
+                worker.submit_query(tell, move || writer.plan().map(|plan| plan.0));
                 return Ok(());
             }
-            let go = Box::new(move |may| writer.run(desk, may, tell));
+            let go = Box::new(move |may| writer.run(worker, may, tell));
             let session = session.clone();
-            link.wire.submit(WireRequest::Write { axis: place, session, epoch, then: go })
+            link.wire.submit(WireRequest::Write { axis: index, session, epoch, then: go })
         });
-        PendingReply::from_receiver(told, asked)
+        PendingReply::from_receiver(reply, result)
     }
 }
 
@@ -164,7 +164,7 @@ impl ParameterWriter {
         given: &ParameterInput,
         pending: &PendingWrites,
     ) -> Result<PlannedWrite, GatewayError> {
-        let meant = |amount: &Amount| self.axis.raw_of_after(id, amount, pending);
+        let intended = |amount: &Amount| self.axis.raw_of_after(id, amount, pending);
         let missing = || GatewayError::new("E213", format!("there is no parameter `{name}`"));
         let parameter = self.axis.profile().parameter(id).ok_or_else(missing)?;
         if parameter.moves {
@@ -181,8 +181,8 @@ impl ParameterWriter {
         }
         let raw = match given {
             ParameterInput::Number(number) if self.raw => parse_raw_number(*number)?,
-            ParameterInput::Number(number) => meant(&Amount::Number(*number))?,
-            ParameterInput::Text(text) => meant(&Amount::Text(text.clone()))?,
+            ParameterInput::Number(number) => intended(&Amount::Number(*number))?,
+            ParameterInput::Text(text) => intended(&Amount::Text(text.clone()))?,
         };
         if !(parameter.min..=parameter.max).contains(&raw) {
             let (min, max) =
@@ -214,7 +214,7 @@ impl ParameterWriter {
     /// Plans at the desk, announces the plan, and writes there what it says.
     fn run(
         self,
-        desk: Arc<RequestWorker>,
+        worker: Arc<RequestWorker>,
         may: Result<(), GatewayError>,
         tell: ReplySender<Vec<ParameterChange>>,
     ) {
@@ -222,8 +222,8 @@ impl ParameterWriter {
         if let Err(refused) = may {
             return drop(tell.send(Err(refused)));
         }
-        let again = Arc::clone(&desk);
-        desk.submit(Box::new(move |may| {
+        let again = Arc::clone(&worker);
+        worker.submit(Box::new(move |may| {
             let (changes, writes) = match may.and_then(|()| self.plan()) {
                 Ok(plan) => plan,
                 Err(refused) => return drop(tell.send(Err(refused))),
@@ -231,7 +231,7 @@ impl ParameterWriter {
             let detail = json!({ "keep": self.persist, "changes": changes });
             let (session, shared) = (self.session.clone(), Arc::clone(&self.context));
             let what = (&session, JournalAction::Parameters, Some(self.id));
-            let then: Continuation = Box::new(move |kept| match kept {
+            let then: Continuation = Box::new(move |recorded| match recorded {
                 Ok(()) => {
                     again.submit_query(tell, move || self.write_planned(&writes).map(|()| changes))
                 }
@@ -264,11 +264,11 @@ impl ParameterWriter {
 /// A lease that ended meanwhile ends the writing as well.
 pub(super) fn check_lease_held(
     wire: &BenchWire,
-    place: usize,
+    index: usize,
     epoch: u64,
     session: &SessionName,
 ) -> Result<(), GatewayError> {
-    let lease = wire.lease(place);
+    let lease = wire.lease(index);
     let its = lease.is_some_and(|lease| lease.epoch == epoch && *lease.owner == **session);
     let ended = || GatewayError::new("gateway.lease", "the lease ended while this was written");
     if its { Ok(()) } else { Err(ended().hint("see what was written, and write the rest again")) }

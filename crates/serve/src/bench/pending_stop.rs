@@ -286,16 +286,21 @@ impl PendingStop {
         if fails || (!rises && !ended) || (class == StopClass::Failed && !ended) {
             return None;
         }
-        if !rises && self.last_report.as_ref().is_some_and(|told| told.class == class) {
+        if !rises
+            && self
+                .last_report
+                .as_ref()
+                .is_some_and(|axis_stop_report| axis_stop_report.class == class)
+        {
             return None;
         }
-        let told = AxisStopReport { id, class, ms: self.ms(now), error };
-        self.last_report = Some(told.clone());
-        Some(told)
+        let axis_stop_report = AxisStopReport { id, class, ms: self.ms(now), error };
+        self.last_report = Some(axis_stop_report.clone());
+        Some(axis_stop_report)
     }
 
     fn ms(&self, now: Instant) -> f64 {
-        let since = self.waiters.last().map_or(self.since, |asked| asked.since);
+        let since = self.waiters.last().map_or(self.since, |stop_waiter| stop_waiter.since);
         now.since(since).as_secs_f64() * 1e3
     }
 
@@ -352,11 +357,11 @@ impl StopCollector {
         axes: &[u16],
         unreached: Vec<UnreachedTarget>,
     ) -> (Arc<Self>, oneshot::Receiver<Result<StopReport, GatewayError>>) {
-        let (tell, told) = oneshot::channel();
+        let (tell, receiver) = oneshot::channel();
         let axes = axes.iter().map(|id| (*id, None)).collect();
         let report = Self { unreached, axes: Mutex::new(axes), reply: Mutex::new(Some(tell)) };
         report.reply_if_complete();
-        (Arc::new(report), told)
+        (Arc::new(report), receiver)
     }
 
     fn record(&self, id: u16, stopped: AxisStopReport, over: bool) {

@@ -60,7 +60,7 @@ struct PolledAxis {
 
 impl AxisPoller {
     pub fn new(link: &BenchLink, shared: &Arc<BenchContext>, telemetry: &Arc<Telemetry>) -> Self {
-        let mut eyes = Self {
+        let mut axis_poller = Self {
             axes: Vec::new(),
             wire: Arc::clone(&link.wire),
             request_worker: Arc::clone(&link.request_worker),
@@ -71,13 +71,13 @@ impl AxisPoller {
             clash_detector: ClashDetector::default(),
             scanner: LinkScanner::new(link, shared),
         };
-        eyes.add_joined_axes();
-        eyes
+        axis_poller.add_joined_axes();
+        axis_poller
     }
 
     /// Looks at axes that joined, too.
     fn add_joined_axes(&mut self) {
-        let looked = |(id, axis): &(u16, Axis)| PolledAxis {
+        let polled = |(id, axis): &(u16, Axis)| PolledAxis {
             id: *id,
             signal_parameters: polled_parameters(axis),
             axis: axis.clone(),
@@ -87,7 +87,7 @@ impl AxisPoller {
         };
         let known = self.axes.len();
         if known < self.wire.axes.len() {
-            self.axes.extend(self.wire.axes.iter().skip(known).map(looked));
+            self.axes.extend(self.wire.axes.iter().skip(known).map(polled));
         }
     }
 
@@ -143,16 +143,16 @@ impl AxisPoller {
         self.add_joined_axes();
         let Some((now, zero)) = self.wire.time() else { return false };
         let now_us = now.since(zero).as_micros() as u64;
-        let sources = self.axes.iter().flat_map(|looked| {
-            self.telemetry.sources_of(looked.id).into_iter().map(move |source| (looked, source))
+        let sources = self.axes.iter().flat_map(|polled| {
+            self.telemetry.sources_of(polled.id).into_iter().map(move |source| (polled, source))
         });
-        let due = sources.filter_map(|(looked, source)| {
+        let due = sources.filter_map(|(polled, source)| {
             let due = source.poll_due(now_us)?;
-            (due <= now).then_some((due, looked, source))
+            (due <= now).then_some((due, polled, source))
         });
-        let Some((_, looked, source)) = due.min_by_key(|(due, ..)| *due) else { return false };
+        let Some((_, polled, source)) = due.min_by_key(|(due, ..)| *due) else { return false };
         source.mark_polled(now);
-        if let Some((at, value)) = looked.read_target(source.target) {
+        if let Some((at, value)) = polled.read_target(source.target) {
             let t_us = at.since(zero).as_micros() as u64;
             source.push_polled(Sample { t_us, value });
         }
@@ -163,7 +163,7 @@ impl AxisPoller {
     fn idle(&self) -> Duration {
         let Some((now, zero)) = self.wire.time() else { return IDLE };
         let now_us = now.since(zero).as_micros() as u64;
-        let sources = self.axes.iter().flat_map(|looked| self.telemetry.sources_of(looked.id));
+        let sources = self.axes.iter().flat_map(|polled| self.telemetry.sources_of(polled.id));
         let due = sources.filter_map(|source| source.poll_due(now_us)).min();
         due.map_or(IDLE, |due| due.since(now).min(IDLE))
     }
@@ -173,30 +173,30 @@ impl AxisPoller {
         let now = self.context.now();
         self.check_clashes(now);
         for id in self.wire.drain_restarted() {
-            let its = self.axes.iter_mut().filter(|looked| looked.id == id);
-            its.for_each(|looked| looked.needs_host_watch = true);
+            let its = self.axes.iter_mut().filter(|polled| polled.id == id);
+            its.for_each(|polled| polled.needs_host_watch = true);
         }
-        let unwatched = |looked: &&mut PolledAxis| looked.needs_host_watch && now >= looked.next;
-        for looked in self.axes.iter_mut().filter(unwatched) {
-            if looked.enable_host_watch(now, &self.wire, &self.context) {
+        let unwatched = |polled: &&mut PolledAxis| polled.needs_host_watch && now >= polled.next;
+        for polled in self.axes.iter_mut().filter(unwatched) {
+            if polled.enable_host_watch(now, &self.wire, &self.context) {
                 return true;
             }
         }
         for _ in 0..self.axes.len() {
             self.current = (self.current + 1) % self.axes.len();
-            let looked = &mut self.axes[self.current];
-            if looked.reads_left.is_empty() && now >= looked.next {
-                looked.reads_left.clone_from(&looked.signal_parameters);
-                looked.next = now + STATE_EVERY;
+            let polled = &mut self.axes[self.current];
+            if polled.reads_left.is_empty() && now >= polled.next {
+                polled.reads_left.clone_from(&polled.signal_parameters);
+                polled.next = now + STATE_EVERY;
             }
             let stale = loop {
-                match looked.reads_left.pop() {
-                    Some(id) if looked.is_fresh(id) => {}
+                match polled.reads_left.pop() {
+                    Some(id) if polled.is_fresh(id) => {}
                     found => break found,
                 }
             };
             if let Some(id) = stale {
-                looked.poll_parameter(id, now);
+                polled.poll_parameter(id, now);
                 self.enforce_limits();
                 return true;
             }
@@ -293,20 +293,20 @@ impl PolledAxis {
             return true;
         }
         self.needs_host_watch = false;
-        let (told, own, detail) = match watched {
+        let (output, own, detail) = match watched {
             Ok([found, is]) => {
                 let detail = json!({ "was": found.to_string(), "is": is.to_string() });
                 (is.to_string(), found != is, detail)
             }
             Err(error) => {
-                let told = format!("not known: {error}");
-                (told, false, json!({ "error": GatewayError::from(error) }))
+                let output = format!("not known: {error}");
+                (output, false, json!({ "error": GatewayError::from(error) }))
             }
         };
-        tracing::info!(axis = self.id, "{}: its own watchdog is {told}", self.axis.label());
+        tracing::info!(axis = self.id, "{}: drive watchdog: {output}", self.axis.label());
         shared.record_by_server(JournalAction::Watchdog, self.id, detail);
-        let place = wire.axes.iter().position(|(id, _)| *id == self.id);
-        place.filter(|_| own).into_iter().for_each(|place| wire.set_host_watched(place, true));
+        let index = wire.axes.iter().position(|(id, _)| *id == self.id);
+        index.filter(|_| own).into_iter().for_each(|index| wire.set_host_watched(index, true));
         true
     }
 

@@ -28,11 +28,11 @@ impl<T> PendingReply<T> {
 
     /// One that comes later, if it could be asked for.
     pub(super) fn from_receiver(
-        told: Receiver<Result<T, GatewayError>>,
-        asked: Result<(), GatewayError>,
+        reply: Receiver<Result<T, GatewayError>>,
+        result: Result<(), GatewayError>,
     ) -> Self {
-        match asked {
-            Ok(()) => Self(ReplyState::Waiting(told)),
+        match result {
+            Ok(()) => Self(ReplyState::Waiting(reply)),
             Err(refused) => Self::ready(Err(refused)),
         }
     }
@@ -44,8 +44,8 @@ impl<T> PendingReply<T> {
     pub fn wait(self) -> Result<T, GatewayError> {
         match self.0 {
             ReplyState::Ready(answer) => answer.unwrap_or_else(|| Err(closed_error())),
-            ReplyState::Waiting(told) => {
-                told.blocking_recv().unwrap_or_else(|_| Err(closed_error()))
+            ReplyState::Waiting(reply) => {
+                reply.blocking_recv().unwrap_or_else(|_| Err(closed_error()))
             }
         }
     }
@@ -54,7 +54,7 @@ impl<T> PendingReply<T> {
     pub fn try_recv(&mut self) -> Option<Result<T, GatewayError>> {
         match &mut self.0 {
             ReplyState::Ready(answer) => answer.take(),
-            ReplyState::Waiting(told) => match told.try_recv() {
+            ReplyState::Waiting(reply) => match reply.try_recv() {
                 Ok(answer) => Some(answer),
                 Err(TryRecvError::Empty) => None,
                 Err(TryRecvError::Closed) => Some(Err(closed_error())),
@@ -71,9 +71,9 @@ impl<T: Unpin> Future for PendingReply<T> {
             ReplyState::Ready(answer) => {
                 Poll::Ready(answer.take().unwrap_or_else(|| Err(closed_error())))
             }
-            ReplyState::Waiting(told) => Pin::new(told)
+            ReplyState::Waiting(reply) => Pin::new(reply)
                 .poll(context)
-                .map(|told| told.unwrap_or_else(|_| Err(closed_error()))),
+                .map(|result| result.unwrap_or_else(|_| Err(closed_error()))),
         }
     }
 }

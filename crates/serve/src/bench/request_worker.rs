@@ -45,22 +45,22 @@ impl RequestWorker {
     pub fn submit_query<T: Send + 'static>(
         &self,
         tell: ReplySender<T>,
-        ask: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
+        request: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
     ) {
         self.submit(Box::new(move |may| {
             // Who has gone does not want to know.
-            let _ = tell.send(may.and_then(|()| ask()));
+            let _ = tell.send(may.and_then(|()| request()));
         }));
     }
 
     /// Makes a command ready, and gives it back to the hand. A stop that comes between goes before.
-    pub fn prepare_command(&self, said: u64, mut commanded: QueuedCommand) {
+    pub fn prepare_command(&self, sequence: u64, mut commanded: QueuedCommand) {
         let Some(wire) = self.wire.upgrade() else { return };
         self.submit(Box::new(move |may| {
             let CommandAction::Run(command) = commanded.action else { return };
             let axis = &wire.axes[commanded.axis].1;
             commanded.prepared = Some(may.and_then(|()| Ok(axis.prepare(command)?)));
-            wire.submit_first(said, WireRequest::Command(Box::new(commanded)));
+            wire.submit_first(sequence, WireRequest::Command(Box::new(commanded)));
         }));
     }
 

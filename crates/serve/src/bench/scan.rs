@@ -82,15 +82,15 @@ impl LinkScan {
     }
 
     /// Its link is open: the wire of that place.
-    pub fn set_opened(&self, root: &Arc<Mutex<polepair::Link>>, place: usize) {
+    pub fn set_opened(&self, root: &Arc<Mutex<polepair::Link>>, index: usize) {
         // Nobody opens a link twice.
-        let _ = self.root.set((Arc::clone(root), place));
+        let _ = self.root.set((Arc::clone(root), index));
     }
 
     /// What the connection string opened, and which wire of that it is.
     pub fn root(&self) -> Result<(MutexGuard<'_, polepair::Link>, usize), GatewayError> {
-        let (root, place) = self.root.get().ok_or_else(|| scan_error("the link is not open"))?;
-        Ok((lock_unpoisoned(root), *place))
+        let (root, index) = self.root.get().ok_or_else(|| scan_error("the link is not open"))?;
+        Ok((lock_unpoisoned(root), *index))
     }
 
     /// With which names and profiles drives are looked for.
@@ -125,8 +125,8 @@ impl LinkScan {
             error: None,
         };
         lock_unpoisoned(&self.found).clear();
-        let mut told = lock_unpoisoned(&self.view);
-        *told = Some(view.clone());
+        let mut scan_view = lock_unpoisoned(&self.view);
+        *scan_view = Some(view.clone());
         *lock_unpoisoned(&self.requested) = Some(numbers);
         shared.publish(BenchEvent::Scan(view.clone()));
         view
@@ -134,8 +134,8 @@ impl LinkScan {
 
     /// Changes what is told, and tells it: in this order, whoever else does.
     fn update_view(&self, shared: &BenchContext, change: impl FnOnce(&mut ScanView)) {
-        let mut told = lock_unpoisoned(&self.view);
-        let Some(view) = told.as_mut() else { return };
+        let mut scan_view = lock_unpoisoned(&self.view);
+        let Some(view) = scan_view.as_mut() else { return };
         change(view);
         shared.publish(BenchEvent::Scan(view.clone()));
     }
@@ -173,9 +173,9 @@ impl LinkScanner {
                 let Some(numbers) = lock_unpoisoned(&self.link_scan.requested).take() else {
                     return false;
                 };
-                let root = self.link_scan.root().map(|(root, place)| (root.clone(), place));
-                let look = root.and_then(|(root, place)| {
-                    Ok(DriveScanner::on_link(&self.link_scan.connector, &root, place, numbers)?)
+                let root = self.link_scan.root().map(|(root, index)| (root.clone(), index));
+                let look = root.and_then(|(root, index)| {
+                    Ok(DriveScanner::on_link(&self.link_scan.connector, &root, index, numbers)?)
                 });
                 match look {
                     Ok(look) => look,
@@ -196,12 +196,12 @@ impl LinkScanner {
         if broken() {
             look.cancel();
         }
-        let asked = look.next_address(&broken).and_then(|at| {
+        let result = look.next_address(&broken).and_then(|at| {
             let Some(at) = at else { return Ok(false) };
             self.report_progress(at);
             look.query_next(&broken).map(|()| true)
         });
-        match asked {
+        match result {
             Ok(true) => self.scan = Some(look),
             Ok(false) => self.finish(look.finish(), None),
             Err(error) => self.finish(look.finish(), Some(error.into())),
@@ -230,12 +230,12 @@ impl LinkScanner {
         let found: Vec<FoundDrive> = scan.found.iter().map(|one| self.found_drive(one)).collect();
         let axes =
             self.link_scan.root().map_or_else(|_| Vec::new(), |(root, _)| root.axes().to_vec());
-        let asked = scan.axes.iter().filter_map(|one| {
+        let requests = scan.axes.iter().filter_map(|one| {
             let axis = self.find_axis_id(axes.get(one.index)?)?;
             Some(ProbedAxis { axis, answers: one.answers, clash: one.clash.clone() })
         });
-        let asked: Vec<ProbedAxis> = asked.collect();
-        let silent: Vec<u16> = asked.iter().filter(|one| !one.answers).map(|o| o.axis).collect();
+        let queried: Vec<ProbedAxis> = requests.collect();
+        let silent: Vec<u16> = queried.iter().filter(|one| !one.answers).map(|o| o.axis).collect();
         let numbers: Vec<u32> = found.iter().map(|one| one.number).collect();
         let detail = json!({
             "link": self.link_scan.link, "state": state, "found": numbers, "silent": silent,
@@ -247,7 +247,7 @@ impl LinkScanner {
         self.link_scan.update_view(&self.context, |view| {
             (view.state, view.number, view.error) = (state, None, error);
             view.done = view.of;
-            (view.found, view.axes, view.tried) = (found, asked, scan.tried);
+            (view.found, view.axes, view.tried) = (found, queried, scan.tried);
             view.unasked = scan.not_queried as u32;
             // Before that is told: who hears it may look again.
             self.context.scan_active.store(false, Ordering::SeqCst);
@@ -287,10 +287,10 @@ impl Bench {
         session: &SessionName,
         order: ScanRequest,
     ) -> PendingReply<ScanView> {
-        let (tell, told) = oneshot::channel();
-        let asked = self.find_link(link).and_then(|link| {
+        let (tell, reply) = oneshot::channel();
+        let result = self.find_link(link).and_then(|link| {
             let numbers = requested_addresses(&order)?;
-            let said = link.wire.reserve_number()?;
+            let sequence = link.wire.reserve_number()?;
             if self.0.context.scan_active.swap(true, Ordering::SeqCst) {
                 let what = "somebody looks for drives on this bench already";
                 return Err(scan_error(what).hint("wait for its end, or break it off"));
@@ -298,15 +298,15 @@ impl Bench {
             let (search, wire) = (Arc::clone(&link.scan), Arc::clone(&link.wire));
             let (shared, who) = (Arc::clone(&self.0.context), session.clone());
             let begin = move |may: Result<(), GatewayError>| {
-                let begun = may.map(|()| search.begin(&shared, &who, numbers));
-                if begun.is_err() {
+                let started = may.map(|()| search.begin(&shared, &who, numbers));
+                if started.is_err() {
                     shared.scan_active.store(false, Ordering::SeqCst);
                 }
                 // Who has gone does not want to know.
-                let _ = tell.send(begun);
+                let _ = tell.send(started);
             };
-            let then = move |kept: Result<(), GatewayError>| match kept {
-                Ok(()) => wire.submit_reserved(said, WireRequest::Scan(Box::new(begin))),
+            let then = move |recorded: Result<(), GatewayError>| match recorded {
+                Ok(()) => wire.submit_reserved(sequence, WireRequest::Scan(Box::new(begin))),
                 Err(refused) => begin(Err(refused)),
             };
             let what = (session, JournalAction::Look, None);
@@ -314,7 +314,7 @@ impl Bench {
             self.0.context.journal.write_ahead(what, detail, self.0.context.now(), Box::new(then));
             Ok(())
         });
-        PendingReply::from_receiver(told, asked)
+        PendingReply::from_receiver(reply, result)
     }
 
     /// The look on a link that is under way, or the last.
@@ -371,11 +371,11 @@ impl Bench {
         };
         let numbers: Vec<u32> = found.iter().map(|one| one.number).collect();
         let detail = json!({ "link": link, "drives": numbers });
-        let (tell, told) = oneshot::channel();
-        let (desk, who) = (Arc::clone(&self.0.links[n].request_worker), session.clone());
+        let (tell, reply) = oneshot::channel();
+        let (worker, who) = (Arc::clone(&self.0.links[n].request_worker), session.clone());
         // Limits may have to be asked of the drive: that is for the wire's desk.
-        let then = move |kept: Result<(), GatewayError>| match kept {
-            Ok(()) => desk.submit_query(tell, move || {
+        let then = move |recorded: Result<(), GatewayError>| match recorded {
+            Ok(()) => worker.submit_query(tell, move || {
                 let taken = bench.add_found_drives(n, &found);
                 let detail = match &taken {
                     Ok(taken) => json!({ "link": link, "axes": taken.axes }),
@@ -389,7 +389,7 @@ impl Bench {
         };
         let what = (session, JournalAction::TakeIn, None);
         self.0.context.journal.write_ahead(what, detail, self.0.context.now(), Box::new(then));
-        PendingReply::from_receiver(told, Ok(()))
+        PendingReply::from_receiver(reply, Ok(()))
     }
 
     /// Makes axes of drives that were found. At the wire's desk.
@@ -409,9 +409,9 @@ impl Bench {
             return Err(scan_error(format!("a bench holds {AXES_MAX} axes")));
         }
         let (all, before) = {
-            let (mut root, place) = link.scan.root()?;
+            let (mut root, index) = link.scan.root()?;
             let before = root.axes().len();
-            *root = root.add_drives(place, found)?;
+            *root = root.add_drives(index, found)?;
             (root.clone(), before)
         };
         let base = self.0.axes.len() as u16;
@@ -430,7 +430,7 @@ impl Bench {
         });
         self.0.context.publish(BenchEvent::BenchChanged);
         if let Err(error) = self.listen_events(base, before, &all) {
-            tracing::warn!(%error, "what drives say unasked that were taken in is not heard");
+            tracing::warn!(%error, "cannot listen for unsolicited messages of the added drives");
         }
         Ok(AddedAxes { axes: ids })
     }
@@ -439,16 +439,16 @@ impl Bench {
     pub(super) fn add_axis(&self, n: usize, axis: &Axis) -> Option<u16> {
         let link = &self.0.links[n];
         let BenchLink { wire, id, .. } = link;
-        let (seat, place) = (self.0.axes.len() as u16, wire.axes.len());
+        let (entry, index) = (self.0.axes.len() as u16, wire.axes.len());
         let drive = link.simulation().and_then(|(simulation, link)| {
-            SimulatedDrive::find(simulation, *link, axis.number(), place)
+            SimulatedDrive::find(simulation, *link, axis.number(), index)
         });
-        let info = axis_info(seat, *id, axis, drive.as_ref());
+        let info = axis_info(entry, *id, axis, drive.as_ref());
         self.0.telemetry.add_axis();
-        wire.add_axis(seat, axis.clone())?;
-        self.0.axes.push(AxisEntry { link: n, local_index: place, info, drive })?;
+        wire.add_axis(entry, axis.clone())?;
+        self.0.axes.push(AxisEntry { link: n, local_index: index, info, drive })?;
         wire.wake_worker();
-        Some(seat)
+        Some(entry)
     }
 
     fn find_link(&self, id: u16) -> Result<&BenchLink, GatewayError> {
@@ -462,14 +462,16 @@ impl Bench {
 /// The drives that are meant, and may be taken in.
 fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive>, GatewayError> {
     let found = lock_unpoisoned(&link.scan.found).clone();
-    let told = link.scan.last_view().map(|view| view.found).unwrap_or_default();
+    let reports = link.scan.last_view().map(|view| view.found).unwrap_or_default();
     let at = |one: &DetectedDrive| DriveAddress {
         protocol: one.protocol.to_owned(),
         number: one.number,
     };
     let axis = |one: &DetectedDrive| {
-        let same = |told: &&FoundDrive| told.number == one.number && told.protocol == one.protocol;
-        told.iter().find(same).and_then(|told| told.axis)
+        let same = |found_drive: &&FoundDrive| {
+            found_drive.number == one.number && found_drive.protocol == one.protocol
+        };
+        reports.iter().find(same).and_then(|found_drive| found_drive.axis)
     };
     if let Some(missing) = take.drives.iter().find(|d| !found.iter().any(|f| at(f) == **d)) {
         let what = format!("no drive was found at {} {}", missing.protocol, missing.number);

@@ -13,15 +13,15 @@ impl Bench {
     /// Reads signals of an axis now, by their words, in this order; each parameter that they come
     /// from is asked for once.
     pub fn read_signals(&self, axis: u16, words: &[&str]) -> PendingReply<Vec<SignalValue>> {
-        let (tell, told) = oneshot::channel();
+        let (tell, reply) = oneshot::channel();
         let known = words.iter().map(|word| parse_signal(word)).collect::<Result<Vec<_>, _>>();
-        let asked = known.and_then(|signals| {
-            let (link, place) = self.find_axis(axis)?;
-            let axis = link.wire.axes[place].1.clone();
+        let result = known.and_then(|signals| {
+            let (link, index) = self.find_axis(axis)?;
+            let axis = link.wire.axes[index].1.clone();
             link.request_worker.submit_query(tell, move || read_axis_signals(&axis, &signals));
             Ok(())
         });
-        PendingReply::from_receiver(told, asked)
+        PendingReply::from_receiver(reply, result)
     }
 }
 
@@ -38,6 +38,6 @@ fn read_axis_signals(axis: &Axis, signals: &[Signal]) -> Result<Vec<SignalValue>
     axis.signals(signals)?;
     let (state, now) = (axis.state(), axis.connection().now());
     let sources = signals.iter().filter_map(|signal| axis.profile().signal(*signal));
-    let told = sources.filter_map(|source| signal_value(axis, &state, source, now));
-    Ok(told.collect())
+    let reports = sources.filter_map(|source| signal_value(axis, &state, source, now));
+    Ok(reports.collect())
 }

@@ -45,7 +45,7 @@ const ACTS: [(&str, &str, Option<&str>, ActionConstructor); 8] = [
 
 impl SimulatedDrive {
     /// The drive of that address, or of that place, on a link of a simulation or behind a relay on it.
-    pub fn find(simulation: &Simulation, link: usize, number: u32, place: usize) -> Option<Self> {
+    pub fn find(simulation: &Simulation, link: usize, number: u32, index: usize) -> Option<Self> {
         let description = simulation.description();
         let links = &description.rack.links;
         let reached = |n: &usize| *n == link || description.relay_link(*n) == Some(link);
@@ -55,7 +55,7 @@ impl SimulatedDrive {
             .map(|(n, d, drive)| (n, d, drive.address))
             .collect();
         let by_address = all.iter().find(|(_, _, address)| *address == Some(number));
-        let &(link, drive, _) = by_address.or_else(|| all.get(place))?;
+        let &(link, drive, _) = by_address.or_else(|| all.get(index))?;
         // To let go of a key that nobody holds does nothing, and tells whether there is one.
         let has = |n: &u8| simulation.act(link, drive, Act::Key(*n, false));
         let keys = (0..KEYS_MAX).take_while(has).count() as u8;

@@ -135,8 +135,8 @@ impl Bench {
         parameter: Option<&str>,
         hz: f64,
     ) -> Result<ChannelRequest, GatewayError> {
-        let (link, place) = self.find_axis(axis)?;
-        let its = &link.wire.axes[place].1;
+        let (link, index) = self.find_axis(axis)?;
+        let its = &link.wire.axes[index].1;
         if !(hz > 0.0 && hz <= HZ_MAX) {
             let what = format!("{hz} Hz is not more than 0 and at most {HZ_MAX}");
             return Err(GatewayError::new("gateway.request", what));
@@ -162,9 +162,9 @@ impl Bench {
     /// Watches it.
     pub(crate) fn open_channel(
         &self,
-        wish: ChannelRequest,
+        request: ChannelRequest,
     ) -> Result<TelemetryChannel, GatewayError> {
-        self.0.telemetry.open_channel(wish)
+        self.0.telemetry.open_channel(request)
     }
 }
 
@@ -204,8 +204,8 @@ impl Telemetry {
         sends.is_some_and(|sends| sends.load(Ordering::Relaxed) & (1 << signal as u32) != 0)
     }
 
-    fn open_channel(&self, wish: ChannelRequest) -> Result<TelemetryChannel, GatewayError> {
-        let ChannelRequest { axis, target: what, unit, hz } = wish;
+    fn open_channel(&self, request: ChannelRequest) -> Result<TelemetryChannel, GatewayError> {
+        let ChannelRequest { axis, target: what, unit, hz } = request;
         let mut by_axis = lock_unpoisoned(&self.by_axis);
         by_axis.iter_mut().for_each(|sources| sources.retain(|s| s.strong_count() > 0));
         let count: usize = by_axis.iter().map(Vec::len).sum();

@@ -21,24 +21,24 @@ impl Bench {
         roots: Vec<(u16, polepair::Link)>,
         scribe: JournalWriter,
     ) -> Result<(), GatewayError> {
-        let named = |what: &str| std::thread::Builder::new().name(format!("bench-{what}"));
-        let writes = named("scribe").spawn(move || scribe.run());
+        let named = |what: &str| std::thread::Builder::new().name(what.to_owned());
+        let writes = named("journal-writer").spawn(move || scribe.run());
         *lock_unpoisoned(&self.0.journal_thread) =
             Some(writes.map_err(|error| thread_error(&error))?);
         let mut threads = lock_unpoisoned(&self.0.threads);
         for link in &self.0.links {
-            let (hand, eyes) =
+            let (worker, axis_poller) =
                 (Arc::new(Mutex::new(self.new_command_worker(link))), self.new_poller(link));
-            let lent = Arc::downgrade(&hand);
-            let started = named("hand").spawn(move || CommandWorker::run(&hand));
+            let weak = Arc::downgrade(&worker);
+            let started = named("command-worker").spawn(move || CommandWorker::run(&worker));
             let started = started.map_err(|error| thread_error(&error))?;
-            link.wire.set_worker(started.thread().clone(), lent);
+            link.wire.set_worker(started.thread().clone(), weak);
             threads.push(started);
-            let watches = named("eyes").spawn(move || eyes.run());
+            let watches = named("axis-poller").spawn(move || axis_poller.run());
             threads.push(watches.map_err(|error| thread_error(&error))?);
         }
         let reader = self.new_traffic_decoder();
-        let reads = named("frames").spawn(move || reader.run());
+        let reads = named("frame-decoder").spawn(move || reader.run());
         threads.push(reads.map_err(|error| thread_error(&error))?);
         drop(threads);
         roots.into_iter().try_for_each(|(base, link)| self.listen_events(base, 0, &link))
@@ -52,17 +52,17 @@ impl Bench {
         first: usize,
         link: &polepair::Link,
     ) -> Result<(), GatewayError> {
-        let hears = self.new_event_listener(base, first, link);
+        let receives = self.new_event_listener(base, first, link);
         if !self.0.context.clock.is_real() {
-            lock_unpoisoned(&self.0.event_listeners).push(hears(link.events_from(first)?));
+            lock_unpoisoned(&self.0.event_listeners).push(receives(link.events_from(first)?));
             return Ok(());
         }
         let link = link.clone();
-        let named = std::thread::Builder::new().name("bench-ears".to_owned());
+        let named = std::thread::Builder::new().name("event-listener".to_owned());
         // To listen, drives are asked first what they send; nobody waits for that.
         let listens = named.spawn(move || match link.events_from(first) {
-            Ok(events) => hears(events).run(),
-            Err(error) => tracing::warn!(%error, "what drives send unasked is not heard"),
+            Ok(events) => receives(events).run(),
+            Err(error) => tracing::warn!(%error, "cannot listen for unsolicited messages"),
         });
         lock_unpoisoned(&self.0.threads).push(listens.map_err(|error| thread_error(&error))?);
         Ok(())
@@ -77,9 +77,9 @@ impl Bench {
         let mut by_hand = lock_unpoisoned(&self.0.non_blocking);
         by_hand.journal_writer = Some(scribe);
         for link in &self.0.links {
-            let hand = Arc::new(Mutex::new(self.new_command_worker(link)));
-            link.wire.set_worker(std::thread::current(), Arc::downgrade(&hand));
-            by_hand.command_workers.push(hand);
+            let worker = Arc::new(Mutex::new(self.new_command_worker(link)));
+            link.wire.set_worker(std::thread::current(), Arc::downgrade(&worker));
+            by_hand.command_workers.push(worker);
         }
         drop(by_hand);
         let mut waiting = lock_unpoisoned(&self.0.blocking);
@@ -90,8 +90,8 @@ impl Bench {
     }
 
     fn new_command_worker(&self, link: &BenchLink) -> CommandWorker {
-        let (wire, desk) = (Arc::clone(&link.wire), Arc::clone(&link.request_worker));
-        CommandWorker::new(wire, desk, Arc::clone(&self.0.context), link.url.clone())
+        let (wire, worker) = (Arc::clone(&link.wire), Arc::clone(&link.request_worker));
+        CommandWorker::new(wire, worker, Arc::clone(&self.0.context), link.url.clone())
     }
 
     fn new_poller(&self, link: &BenchLink) -> AxisPoller {
@@ -116,7 +116,7 @@ impl Bench {
     ) -> impl FnOnce(Events) -> DriveEventListener + Send + 'static {
         let count = link.axes().len() - first;
         let seats = self.0.axes.iter().skip(usize::from(base)).take(count);
-        let wires: Vec<_> = seats.map(|seat| self.0.links[seat.link].wire.clone()).collect();
+        let wires: Vec<_> = seats.map(|entry| self.0.links[entry.link].wire.clone()).collect();
         let zeros = wires.iter().map(|wire| wire.time_origin()).collect();
         let (telemetry, shared) = (self.0.telemetry.clone(), self.0.context.clone());
         move |events| DriveEventListener {

@@ -19,13 +19,13 @@ use crate::message::{GatewayError, JournalAction, SetWatchdog, WatchdogMode, Wat
 impl Bench {
     /// Reads how an axis' own watchdog is set now.
     pub fn watchdog(&self, axis: u16) -> PendingReply<WatchdogView> {
-        let (tell, told) = oneshot::channel();
-        let asked = self.find_axis(axis).map(|(link, place)| {
-            let axis = link.wire.axes[place].1.clone();
+        let (tell, reply) = oneshot::channel();
+        let result = self.find_axis(axis).map(|(link, index)| {
+            let axis = link.wire.axes[index].1.clone();
             link.request_worker
                 .submit_query(tell, move || Ok(watchdog_view(&axis, axis.watchdog()?)));
         });
-        PendingReply::from_receiver(told, asked)
+        PendingReply::from_receiver(reply, result)
     }
 
     /// Sets it under a lease, once the journal keeps that, and reads how it is set then.
@@ -35,13 +35,13 @@ impl Bench {
         session: &SessionName,
         wanted: SetWatchdog,
     ) -> PendingReply<WatchdogView> {
-        let (tell, told) = oneshot::channel();
-        let asked = self.find_axis(axis).and_then(|(link, place)| {
+        let (tell, reply) = oneshot::channel();
+        let result = self.find_axis(axis).and_then(|(link, index)| {
             let SetWatchdog { after_ms, epoch } = wanted;
             let after = after_ms.map(parse_duration).transpose()?.filter(|after| !after.is_zero());
             let (id, wire) = (axis, Arc::clone(&link.wire));
-            let (desk, shared) = (Arc::clone(&link.request_worker), Arc::clone(&self.0.context));
-            let (its, who) = (wire.axes[place].1.clone(), session.clone());
+            let (worker, shared) = (Arc::clone(&link.request_worker), Arc::clone(&self.0.context));
+            let (its, who) = (wire.axes[index].1.clone(), session.clone());
             let go: Continuation = Box::new(move |may| {
                 // Who has gone does not want to know, here and below.
                 if let Err(refused) = may {
@@ -50,12 +50,12 @@ impl Bench {
                 let name = its.watchdog_parameter().and_then(|id| its.profile().parameter(id));
                 let detail = json!({ "watchdog": name.map(|its| its.name), "after_ms": after_ms });
                 let (by, notes) = (who.clone(), Arc::clone(&shared));
-                let then: Continuation = Box::new(move |kept| match kept {
+                let then: Continuation = Box::new(move |recorded| match recorded {
                     Err(refused) => drop(tell.send(Err(refused))),
-                    Ok(()) => desk.submit_query(tell, move || {
-                        check_lease_held(&wire, place, epoch, &who)?;
+                    Ok(()) => worker.submit_query(tell, move || {
+                        check_lease_held(&wire, index, epoch, &who)?;
                         let set = its.set_watchdog(after).map_err(GatewayError::from);
-                        wire.set_host_watched(place, false);
+                        wire.set_host_watched(index, false);
                         let detail = json!({ "error": set.as_ref().err() });
                         shared.record(&who, JournalAction::Outcome, Some(id), detail);
                         Ok(watchdog_view(&its, set?))
@@ -65,9 +65,9 @@ impl Bench {
                 notes.journal.write_ahead(what, detail, notes.now(), then);
             });
             let session = session.clone();
-            link.wire.submit(WireRequest::Write { axis: place, session, epoch, then: go })
+            link.wire.submit(WireRequest::Write { axis: index, session, epoch, then: go })
         });
-        PendingReply::from_receiver(told, asked)
+        PendingReply::from_receiver(reply, result)
     }
 }
 

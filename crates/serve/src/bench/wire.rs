@@ -184,10 +184,10 @@ fn queue_full_error() -> GatewayError {
 
 impl StopBatch {
     fn merge(&mut self, other: Self) {
-        for (axis, said) in other.axes {
+        for (axis, sequence) in other.axes {
             match self.axes.iter_mut().find(|(known, _)| *known == axis) {
-                Some((_, known)) => *known = said.max(*known),
-                None => self.axes.push((axis, said)),
+                Some((_, known)) => *known = sequence.max(*known),
+                None => self.axes.push((axis, sequence)),
             }
         }
     }
@@ -233,8 +233,8 @@ impl BenchWire {
     }
 
     /// Whose thread is called when there is something to do.
-    pub fn set_worker(&self, thread: Thread, hand: Weak<Mutex<CommandWorker>>) {
-        let _ = self.worker.set((thread, hand));
+    pub fn set_worker(&self, thread: Thread, weak: Weak<Mutex<CommandWorker>>) {
+        let _ = self.worker.set((thread, weak));
     }
 
     /// Gives an order.
@@ -260,14 +260,14 @@ impl BenchWire {
     }
 
     /// Gives an order that was announced. There is room: no more are announced at once than notes wait.
-    pub fn submit_reserved(&self, said: u64, order: WireRequest) {
-        lock_unpoisoned(&self.requests).push_back((said, order));
+    pub fn submit_reserved(&self, sequence: u64, order: WireRequest) {
+        lock_unpoisoned(&self.requests).push_back((sequence, order));
         self.wake_worker();
     }
 
     /// Gives an order that had its place already, with the number that it had.
-    pub fn submit_first(&self, said: u64, order: WireRequest) {
-        lock_unpoisoned(&self.requests).push_front((said, order));
+    pub fn submit_first(&self, sequence: u64, order: WireRequest) {
+        lock_unpoisoned(&self.requests).push_front((sequence, order));
         self.wake_worker();
     }
 
@@ -282,8 +282,8 @@ impl BenchWire {
         {
             let mut stops = lock_unpoisoned(&self.stops);
             // Numbered where it is queued: no later stop comes before an earlier one.
-            let said = self.next_number();
-            stop.axes.iter_mut().for_each(|(_, its)| *its = said);
+            let sequence = self.next_number();
+            stop.axes.iter_mut().for_each(|(_, its)| *its = sequence);
             let stops_full = stops.len() == STOPS_MAX;
             match stops.back_mut().filter(|_| stops_full) {
                 // The stop itself is not lost, only the word of how far it came.
@@ -303,13 +303,13 @@ impl BenchWire {
     /// asked of others there.
     pub fn check_at_rest(&self) -> Result<(), GatewayError> {
         let refused = |what: String, hint: &str| Err(scan::scan_error(what).hint(hint));
-        for (place, (id, axis)) in self.axes.iter().enumerate() {
+        for (index, (id, axis)) in self.axes.iter().enumerate() {
             let (label, state) = (axis.label(), axis_state(*id, axis));
-            if let Some(lease) = self.lease(place) {
+            if let Some(lease) = self.lease(index) {
                 let what = format!("{} commands {label}", lease.owner);
                 return refused(what, "wait until it is given back: it could not be commanded");
             }
-            if self.pending_stop(place).is_some() {
+            if self.pending_stop(index).is_some() {
                 return refused(format!("{label} is being stopped"), "wait until it stands");
             }
             if state.armed || state.moving == Some(true) {
@@ -341,12 +341,12 @@ impl BenchWire {
     /// in waking. Where the hand is at work, or a stop's bytes were long in going out, it is left to
     /// that thread.
     pub fn send_stops(&self) {
-        let hand = self.worker.get().and_then(|(_, hand)| hand.upgrade());
-        if let Some(hand) = hand
-            && let Ok(mut hand) = hand.try_lock()
-            && hand.can_send_fast()
+        let worker = self.worker.get().and_then(|(_, weak)| weak.upgrade());
+        if let Some(worker) = worker
+            && let Ok(mut worker) = worker.try_lock()
+            && worker.can_send_fast()
         {
-            hand.process_stops();
+            worker.process_stops();
         }
     }
 
@@ -371,9 +371,9 @@ impl BenchWire {
         lock_unpoisoned(&self.pending_stops).get(axis).cloned().flatten()
     }
 
-    pub fn set_pending_stop(&self, axis: usize, owed: Option<PendingStopView>) {
+    pub fn set_pending_stop(&self, axis: usize, pending: Option<PendingStopView>) {
         if let Some(shown) = lock_unpoisoned(&self.pending_stops).get_mut(axis) {
-            *shown = owed;
+            *shown = pending;
         }
     }
 
@@ -399,7 +399,7 @@ impl BenchWire {
                 None => axis.set_watchdog(None),
             };
             if let Err(error) = ended {
-                tracing::warn!(axis = id, %error, "its drive will miss this server's heartbeat");
+                tracing::warn!(axis = id, %error, "cannot turn off the watchdog of the drive");
             }
         }
     }
@@ -460,9 +460,9 @@ mod tests {
             let (mut last, mut ended) = (0, false);
             loop {
                 while let Some(stop) = wire.next_stop() {
-                    let first = stop.axes.iter().map(|(_, said)| *said).min().unwrap();
+                    let first = stop.axes.iter().map(|(_, sequence)| *sequence).min().unwrap();
                     assert!(first >= last, "{first} behind {last}");
-                    last = stop.axes.iter().map(|(_, said)| *said).max().unwrap();
+                    last = stop.axes.iter().map(|(_, sequence)| *sequence).max().unwrap();
                 }
                 if ended {
                     return last;

@@ -89,7 +89,7 @@ impl Default for Broadcaster {
 impl Broadcaster {
     /// Has a thread look after it until that ends.
     pub fn start(
-        gate: SharedAppState,
+        state: SharedAppState,
         mut end: oneshot::Receiver<()>,
     ) -> Result<JoinHandle<()>, SetupError> {
         let refused = |error: std::io::Error| {
@@ -98,38 +98,38 @@ impl Broadcaster {
         let runtime = Builder::new_current_thread().enable_time().build().map_err(refused)?;
         let looks = move || {
             runtime.block_on(async {
-                let mut events = gate.bench.subscribe_events();
+                let mut events = state.bench.subscribe_events();
                 let ended = tokio::select! {
-                    () = Self::run(&gate, &mut events) => return,
+                    () = Self::run(&state, &mut events) => return,
                     // Who could say so may be gone as well.
                     ended = &mut end => ended,
                 };
                 // What stops told at the last is told on.
                 while let Ok(event) = events.try_recv() {
-                    gate.broadcaster.publish_event(&gate, event);
+                    state.broadcaster.publish_event(&state, event);
                 }
                 if ended.is_ok() {
-                    gate.broadcaster.publish_final_states(&gate);
+                    state.broadcaster.publish_final_states(&state);
                     // Nobody may watch.
-                    let _ = gate.broadcaster.events.send(BroadcastEvent::Closed);
+                    let _ = state.broadcaster.events.send(BroadcastEvent::Closed);
                 }
             });
         };
-        std::thread::Builder::new().name("gateway-board".into()).spawn(looks).map_err(refused)
+        std::thread::Builder::new().name("broadcaster".into()).spawn(looks).map_err(refused)
     }
 
-    async fn run(gate: &SharedAppState, events: &mut broadcast::Receiver<BenchEvent>) {
+    async fn run(state: &SharedAppState, events: &mut broadcast::Receiver<BenchEvent>) {
         let mut looks = interval(POLL_INTERVAL);
         looks.set_missed_tick_behavior(MissedTickBehavior::Skip);
         loop {
             tokio::select! {
                 biased;
                 event = events.recv() => match event {
-                    Ok(event) => gate.broadcaster.publish_event(gate, event),
-                    Err(RecvError::Lagged(_)) => gate.broadcaster.resync(gate),
+                    Ok(event) => state.broadcaster.publish_event(state, event),
+                    Err(RecvError::Lagged(_)) => state.broadcaster.resync(state),
                     Err(RecvError::Closed) => return,
                 },
-                _ = looks.tick() => gate.broadcaster.poll_states(gate),
+                _ = looks.tick() => state.broadcaster.poll_states(state),
             }
         }
     }
@@ -149,27 +149,27 @@ impl Broadcaster {
         self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn refresh_bench(&self, gate: &SharedAppState) {
-        let bench = gate.bench.snapshot();
+    fn refresh_bench(&self, state: &SharedAppState) {
+        let bench = state.bench.snapshot();
         self.lock_cache().bench = Some(bench);
     }
 
-    fn poll_states(&self, gate: &SharedAppState) {
+    fn poll_states(&self, app_state: &SharedAppState) {
         if self.lock_cache().bench.is_none() {
-            self.refresh_bench(gate);
+            self.refresh_bench(app_state);
         }
         if self.states.receiver_count() == 0 {
             return self.lock_cache().axes.clear();
         }
         for id in 0..=u16::MAX {
-            let Ok(state) = gate.bench.axis_state(id) else { break };
+            let Ok(state) = app_state.bench.axis_state(id) else { break };
             self.publish_state(state);
         }
     }
 
     /// Says how each axis was left.
-    fn publish_final_states(&self, gate: &SharedAppState) {
-        for state in (0..=u16::MAX).map_while(|id| gate.bench.axis_state(id).ok()) {
+    fn publish_final_states(&self, app_state: &SharedAppState) {
+        for state in (0..=u16::MAX).map_while(|id| app_state.bench.axis_state(id).ok()) {
             // Nobody may watch.
             let _ = self.events.send(BroadcastEvent::Message(to_json(&ServerMessage::Axis(state))));
         }
@@ -183,17 +183,17 @@ impl Broadcaster {
     }
 
     /// Tells everybody everything anew.
-    fn resync(&self, gate: &SharedAppState) {
-        self.refresh_bench(gate);
-        self.poll_states(gate);
+    fn resync(&self, state: &SharedAppState) {
+        self.refresh_bench(state);
+        self.poll_states(state);
         // The last one may just have gone.
         let _ = self.events.send(BroadcastEvent::Resync);
     }
 
     /// Puts up a state that has changed, or was not put up for a while.
     fn publish_state(&self, state: AxisState) {
-        let (told, at) = (without_ages(&state), clock::now());
-        let shown = PublishedState { published: told, polls: 0, state: state.clone(), at };
+        let (axis_state, at) = (without_ages(&state), clock::now());
+        let shown = PublishedState { published: axis_state, polls: 0, state: state.clone(), at };
         {
             let mut known = self.lock_cache();
             match known.axes.get_mut(usize::from(state.id)) {
@@ -212,7 +212,7 @@ impl Broadcaster {
         let _ = self.states.send(to_json(&ServerMessage::Axis(state)));
     }
 
-    fn publish_event(&self, gate: &SharedAppState, event: BenchEvent) {
+    fn publish_event(&self, app_state: &SharedAppState, event: BenchEvent) {
         // Also while nobody watches: who comes next finds it.
         if matches!(
             event,
@@ -221,14 +221,14 @@ impl Broadcaster {
                 | BenchEvent::BenchChanged
                 | BenchEvent::Scan(_)
         ) {
-            self.refresh_bench(gate);
+            self.refresh_bench(app_state);
         }
         if self.events.receiver_count() == 0 {
             return;
         }
         let message = match event {
             BenchEvent::Lease { axis, .. } | BenchEvent::PendingStop(axis) => {
-                match gate.bench.axis_state(axis) {
+                match app_state.bench.axis_state(axis) {
                     Ok(state) => ServerMessage::Axis(state),
                     Err(_) => return,
                 }

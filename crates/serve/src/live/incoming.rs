@@ -66,28 +66,28 @@ impl IncomingQueue {
 
     /// What is next needs a place there. None when nothing waits.
     pub fn next_output(&self) -> Option<OutputQueue> {
-        let (said, _) = self.motion.front().or_else(|| self.other.front())?;
-        Some(said.output_queue())
+        let (queued, _) = self.motion.front().or_else(|| self.other.front())?;
+        Some(queued.output_queue())
     }
 
     /// Takes what was said in so many bytes.
-    pub fn push(&mut self, said: QueuedMessage, bytes: usize) {
+    pub fn push(&mut self, queued: QueuedMessage, bytes: usize) {
         self.bytes += bytes;
-        let orders = matches!(said, QueuedMessage::Request(..))
-            && said.output_queue() == OutputQueue::NotNeeded;
-        if orders { &mut self.motion } else { &mut self.other }.push_back((said, bytes));
+        let orders = matches!(queued, QueuedMessage::Request(..))
+            && queued.output_queue() == OutputQueue::NotNeeded;
+        if orders { &mut self.motion } else { &mut self.other }.push_back((queued, bytes));
     }
 
     /// Takes what is to be answered to what was said in so many bytes.
-    pub fn push_reply(&mut self, told: ServerMessage, bytes: usize) {
-        self.push(QueuedMessage::Reply(Box::new(told)), bytes);
+    pub fn push_reply(&mut self, message: ServerMessage, bytes: usize) {
+        self.push(QueuedMessage::Reply(Box::new(message)), bytes);
     }
 
     /// Whose turn it is, and its bytes.
     pub fn pop(&mut self) -> Option<(QueuedMessage, usize)> {
-        let (said, bytes) = self.motion.pop_front().or_else(|| self.other.pop_front())?;
+        let (queued, bytes) = self.motion.pop_front().or_else(|| self.other.pop_front())?;
         self.bytes -= bytes;
-        Some((said, bytes))
+        Some((queued, bytes))
     }
 
     /// A stop of these axes, or of all, goes before what waits: what of that would move them again, or
@@ -110,7 +110,7 @@ impl IncomingQueue {
             _ => false,
         };
         let rest = &mut self.other;
-        self.motion.retain(|(said, bytes)| match said {
+        self.motion.retain(|(queued, bytes)| match queued {
             QueuedMessage::Request(message, _) if void(message) => {
                 rest.push_back((
                     QueuedMessage::Reply(Box::new(refuse(message, overtaken_error()))),
@@ -213,7 +213,7 @@ mod tests {
             request(json!({ "type": "ping", "client_ms": 1 })),
             request(json!({ "type": "unsubscribe", "channel": 1 })),
         ];
-        all.into_iter().for_each(|said| waiting.push(said, 10));
+        all.into_iter().for_each(|queued| waiting.push(queued, 10));
         waiting.void_for_stop(axes, |_, _| ServerMessage::Unlocked);
         std::iter::from_fn(|| waiting.pop())
             .filter(|(s, _)| matches!(s, QueuedMessage::Reply(_)))

@@ -111,7 +111,7 @@ pub(super) async fn split(upgraded: Upgraded, encrypts: bool) -> Option<SplitSoc
         .read_buffer_size(READ)
         .max_message_size(Some(MESSAGE_MAX))
         .max_frame_size(Some(MESSAGE_MAX));
-    let (mut hears, tells, came) = match upgraded.downcast::<TokioIo<TcpStream>>() {
+    let (mut socket_reader, socket_writer, came) = match upgraded.downcast::<TokioIo<TcpStream>>() {
         Ok(parts) => {
             // From here on by the threads that this runs on, whoever took the connection.
             let stream = parts.io.into_inner().into_std().and_then(TcpStream::from_std).ok()?;
@@ -124,12 +124,13 @@ pub(super) async fn split(upgraded: Upgraded, encrypts: bool) -> Option<SplitSoc
         }
         Err(_) => return None,
     };
-    if !hears.frame_counter.count_frames(&came) {
+    if !socket_reader.frame_counter.count_frames(&came) {
         return None;
     }
-    let hears = WebSocketStream::from_partially_read(hears, came, Role::Server, Some(config));
-    let tells = WebSocketStream::from_raw_socket(tells, Role::Server, Some(config));
-    Some(SplitSocket { reader: hears.await, writer: tells.await })
+    let receives =
+        WebSocketStream::from_partially_read(socket_reader, came, Role::Server, Some(config));
+    let reports = WebSocketStream::from_raw_socket(socket_writer, Role::Server, Some(config));
+    Some(SplitSocket { reader: receives.await, writer: reports.await })
 }
 
 impl AsyncRead for SocketReader {

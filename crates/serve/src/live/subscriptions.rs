@@ -56,8 +56,8 @@ impl Subscriptions {
         look: SubscriptionRequest,
     ) -> Option<ServerMessage> {
         let (done, about, subject) = match look {
-            SubscriptionRequest::Subscribe(number, wish) => {
-                (self.subscribe(bench, number, wish), "subscribe", Some(number))
+            SubscriptionRequest::Subscribe(number, request) => {
+                (self.subscribe(bench, number, request), "subscribe", Some(number))
             }
             SubscriptionRequest::Unsubscribe(number) => {
                 self.channels.remove(&number);
@@ -83,7 +83,7 @@ impl Subscriptions {
         &mut self,
         bench: &Bench,
         number: u16,
-        wish: ChannelRequest,
+        request: ChannelRequest,
     ) -> Result<(), GatewayError> {
         if self.channels.len() >= CHANNELS_MAX && !self.channels.contains_key(&number) {
             let what = format!("a viewer has at most {CHANNELS_MAX} channels");
@@ -91,7 +91,7 @@ impl Subscriptions {
         }
         self.channels.insert(
             number,
-            ChannelSubscription { channel: bench.open_channel(wish)?, source: None },
+            ChannelSubscription { channel: bench.open_channel(request)?, source: None },
         );
         Ok(())
     }
@@ -156,9 +156,11 @@ impl SubscriptionRound {
     /// Makes the messages of the next channel. False when all had their turn.
     fn queue_channel(&mut self, watched: &mut Subscriptions, metrics: &Metrics) -> bool {
         let Some(from) = self.next_channel.take() else { return false };
-        let Some((number, told)) = watched.channels.range_mut(from..).next() else { return false };
+        let Some((number, channel_subscription)) = watched.channels.range_mut(from..).next() else {
+            return false;
+        };
         self.next_channel = number.checked_add(1);
-        let lost = told.queue_messages(*number, &mut self.samples, &mut self.ready);
+        let lost = channel_subscription.queue_messages(*number, &mut self.samples, &mut self.ready);
         metrics.dropped.inc_by(lost);
         true
     }
@@ -191,14 +193,14 @@ impl ChannelSubscription {
         let source = self.channel.source();
         if self.source.replace(source) != Some(source) {
             let (hz, unit) = (self.channel.hz(), self.channel.unit().to_owned());
-            let told = ServerMessage::Subscribed { channel: number, hz, source, unit };
-            ready.push_back(Message::Text(to_json(&told)));
+            let message = ServerMessage::Subscribed { channel: number, hz, source, unit };
+            ready.push_back(Message::Text(to_json(&message)));
         }
         samples.clear();
         let gap = self.channel.drain_into(samples);
         if let Some(SampleGap { from_us, to_us, lost }) = gap {
-            let told = ServerMessage::Gap { channel: number, from_us, to_us, lost };
-            ready.push_back(Message::Text(to_json(&told)));
+            let message = ServerMessage::Gap { channel: number, from_us, to_us, lost };
+            ready.push_back(Message::Text(to_json(&message)));
         }
         let mut rest = &samples[..];
         while !rest.is_empty() {

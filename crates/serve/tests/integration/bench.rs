@@ -88,110 +88,115 @@ fn code(outcome: &CommandOutcome) -> &str {
 #[test]
 fn a_motor_turns_for_as_long_as_its_lease_is_renewed() {
     let ann: SessionName = "ann".into();
-    let mut desk = Desk::new("sim:tmcl?time=virtual");
-    let epoch = desk.spin(&ann);
+    let mut fixture = Desk::new("sim:tmcl?time=virtual");
+    let epoch = fixture.spin(&ann);
     for _ in 0..10 {
-        desk.bench.advance_time(300 * MS);
-        desk.keep(&ann, epoch);
+        fixture.bench.advance_time(300 * MS);
+        fixture.keep(&ann, epoch);
     }
-    assert!(desk.speed() > 5.0, "{}", desk.speed());
-    desk.bench.advance_time(3000 * MS);
-    assert!(desk.speed() < 0.1, "the lease was its dead man's switch: {}", desk.speed());
-    let late = desk.tell(&ann, epoch, "velocity", Some(5.0));
+    assert!(fixture.speed() > 5.0, "{}", fixture.speed());
+    fixture.bench.advance_time(3000 * MS);
+    assert!(fixture.speed() < 0.1, "the lease was its dead man's switch: {}", fixture.speed());
+    let late = fixture.tell(&ann, epoch, "velocity", Some(5.0));
     assert_eq!((late.outcome, code(&late)), (OutcomeKind::NotDone, "gateway.lease"));
-    let epoch = desk.take(&ann, 0);
-    let unarmed = desk.tell(&ann, epoch, "velocity", Some(5.0));
+    let epoch = fixture.take(&ann, 0);
+    let unarmed = fixture.tell(&ann, epoch, "velocity", Some(5.0));
     assert_eq!(code(&unarmed), "E219", "nothing moves again without being armed");
 }
 
 #[test]
 fn a_command_is_carried_out_once_and_while_it_is_fresh() {
     let ann: SessionName = "ann".into();
-    let mut desk = Desk::new("sim:tmcl?time=virtual");
-    let epoch = desk.spin(&ann);
-    let order = desk.order(epoch, "velocity", Some(20.0));
-    let first = desk.hear(desk.bench.command(0, &ann, order.clone())).unwrap();
-    let starts = desk.bench.truth(0).unwrap().starts;
-    desk.keep(&ann, epoch);
-    let again = desk.hear(desk.bench.command(0, &ann, order)).unwrap();
+    let mut fixture = Desk::new("sim:tmcl?time=virtual");
+    let epoch = fixture.spin(&ann);
+    let order = fixture.order(epoch, "velocity", Some(20.0));
+    let first = fixture.hear(fixture.bench.command(0, &ann, order.clone())).unwrap();
+    let starts = fixture.bench.truth(0).unwrap().starts;
+    fixture.keep(&ann, epoch);
+    let again = fixture.hear(fixture.bench.command(0, &ann, order)).unwrap();
     assert_eq!(again, CommandOutcome { replayed: true, ..first });
-    assert_eq!(desk.bench.truth(0).unwrap().starts, starts, "nothing was sent");
-    let old = desk.order(epoch, "velocity", Some(30.0));
-    desk.bench.advance_time(600 * MS);
-    let old = desk.hear(desk.bench.command(0, &ann, old)).unwrap();
+    assert_eq!(fixture.bench.truth(0).unwrap().starts, starts, "nothing was sent");
+    let old = fixture.order(epoch, "velocity", Some(30.0));
+    fixture.bench.advance_time(600 * MS);
+    let old = fixture.hear(fixture.bench.command(0, &ann, old)).unwrap();
     assert_eq!((old.outcome, code(&old)), (OutcomeKind::NotDone, "gateway.expired"));
-    let mut early = desk.order(epoch, "velocity", Some(30.0));
+    let mut early = fixture.order(epoch, "velocity", Some(30.0));
     early.issued_ms += 5000.0;
-    let early = desk.hear(desk.bench.command(0, &ann, early)).unwrap();
+    let early = fixture.hear(fixture.bench.command(0, &ann, early)).unwrap();
     assert_eq!(code(&early), "gateway.expired");
-    assert_eq!(desk.bench.truth(0).unwrap().starts, starts);
+    assert_eq!(fixture.bench.truth(0).unwrap().starts, starts);
 }
 
 #[test]
 fn a_stop_of_everything_needs_no_lease_and_locks_motion_until_it_is_released() {
     let (ann, bob): (SessionName, SessionName) = ("ann".into(), "bob".into());
-    let mut desk = Desk::new("sim:tmcl?time=virtual");
-    desk.spin(&ann);
-    desk.bench.advance_time(300 * MS);
-    let stopped = desk.hear(desk.bench.stop(&bob, &StopRequest::default())).unwrap();
+    let mut fixture = Desk::new("sim:tmcl?time=virtual");
+    fixture.spin(&ann);
+    fixture.bench.advance_time(300 * MS);
+    let stopped = fixture.hear(fixture.bench.stop(&bob, &StopRequest::default())).unwrap();
     assert_eq!(stopped.axes[0].class, StopClass::Standing, "{stopped:?}");
-    assert!(desk.speed() < 0.1);
-    assert!(desk.bench.axis_state(0).unwrap().lease.is_none(), "a stop revokes the lease");
-    assert_eq!(desk.bench.snapshot().lock.expect("locked").by, "bob");
-    let epoch = desk.take(&ann, 0);
-    assert_eq!(code(&desk.tell(&ann, epoch, "arm", None)), "gateway.locked");
-    assert_eq!(code(&desk.tell(&ann, epoch, "velocity", Some(9.0))), "gateway.locked");
-    let before = desk.bench.lock_count();
-    desk.hear(desk.bench.stop(&bob, &StopRequest::default())).unwrap();
-    let late = desk.hear(desk.bench.release(&ann, before)).unwrap_err();
+    assert!(fixture.speed() < 0.1);
+    assert!(fixture.bench.axis_state(0).unwrap().lease.is_none(), "a stop revokes the lease");
+    assert_eq!(fixture.bench.snapshot().lock.expect("locked").by, "bob");
+    let epoch = fixture.take(&ann, 0);
+    assert_eq!(code(&fixture.tell(&ann, epoch, "arm", None)), "gateway.locked");
+    assert_eq!(code(&fixture.tell(&ann, epoch, "velocity", Some(9.0))), "gateway.locked");
+    let before = fixture.bench.lock_count();
+    fixture.hear(fixture.bench.stop(&bob, &StopRequest::default())).unwrap();
+    let late = fixture.hear(fixture.bench.release(&ann, before)).unwrap_err();
     assert_eq!(late.code, "gateway.expired", "ann knows nothing of the second stop");
-    assert!(desk.bench.snapshot().lock.is_some());
-    desk.hear(desk.bench.release(&bob, desk.bench.lock_count())).unwrap();
-    let epoch = desk.take(&ann, 0);
-    assert_eq!(desk.tell(&ann, epoch, "arm", None).outcome, OutcomeKind::Done);
-    assert_eq!(desk.tell(&ann, epoch, "velocity", Some(9.0)).outcome, OutcomeKind::Done);
+    assert!(fixture.bench.snapshot().lock.is_some());
+    fixture.hear(fixture.bench.release(&bob, fixture.bench.lock_count())).unwrap();
+    let epoch = fixture.take(&ann, 0);
+    assert_eq!(fixture.tell(&ann, epoch, "arm", None).outcome, OutcomeKind::Done);
+    assert_eq!(fixture.tell(&ann, epoch, "velocity", Some(9.0)).outcome, OutcomeKind::Done);
 }
 
 #[test]
 fn taking_over_stops_and_disarms_what_the_first_owner_moved() {
     let (ann, bob): (SessionName, SessionName) = ("ann".into(), "bob".into());
-    let mut desk = Desk::new("sim:tmcl?time=virtual");
-    let old = desk.spin(&ann);
-    let refused = desk.hear(desk.bench.request_lease(0, &bob, LeaseAction::Take, 0)).unwrap_err();
+    let mut fixture = Desk::new("sim:tmcl?time=virtual");
+    let old = fixture.spin(&ann);
+    let refused =
+        fixture.hear(fixture.bench.request_lease(0, &bob, LeaseAction::Take, 0)).unwrap_err();
     assert_eq!(refused.code, "gateway.lease");
-    let taken =
-        desk.hear(desk.bench.request_lease(0, &bob, LeaseAction::TakeOver, 0)).unwrap().unwrap();
+    let taken = fixture
+        .hear(fixture.bench.request_lease(0, &bob, LeaseAction::TakeOver, 0))
+        .unwrap()
+        .unwrap();
     assert_eq!(taken.epoch, old + 1);
-    assert_eq!(code(&desk.tell(&ann, old, "velocity", Some(9.0))), "gateway.lease");
-    desk.bench.advance_time(1000 * MS);
-    assert!(desk.speed() < 0.1 && !desk.bench.axis_state(0).unwrap().armed);
+    assert_eq!(code(&fixture.tell(&ann, old, "velocity", Some(9.0))), "gateway.lease");
+    fixture.bench.advance_time(1000 * MS);
+    assert!(fixture.speed() < 0.1 && !fixture.bench.axis_state(0).unwrap().armed);
 }
 
 #[test]
 fn closing_and_a_client_that_goes_stop_what_moves() {
     for how in ["gone", "closing", "given back"] {
         let ann: SessionName = "ann".into();
-        let mut desk = Desk::new("sim:tmcl?time=virtual");
-        let epoch = desk.spin(&ann);
-        desk.bench.advance_time(300 * MS);
-        assert!(desk.speed() > 5.0);
+        let mut fixture = Desk::new("sim:tmcl?time=virtual");
+        let epoch = fixture.spin(&ann);
+        fixture.bench.advance_time(300 * MS);
+        assert!(fixture.speed() > 5.0);
         match how {
-            "gone" => desk.bench.end_session(&ann),
-            "closing" => assert!(desk.bench.shutdown().is_empty()),
+            "gone" => fixture.bench.end_session(&ann),
+            "closing" => assert!(fixture.bench.shutdown().is_empty()),
             _ => drop(
-                desk.hear(desk.bench.request_lease(0, &ann, LeaseAction::Drop, epoch)).unwrap(),
+                fixture
+                    .hear(fixture.bench.request_lease(0, &ann, LeaseAction::Drop, epoch))
+                    .unwrap(),
             ),
         }
         // Less than a lease lasts: it was not that which ended it.
-        desk.bench.advance_time(800 * MS);
-        assert!(desk.speed() < 0.1, "{how}: {}", desk.speed());
+        fixture.bench.advance_time(800 * MS);
+        assert!(fixture.speed() < 0.1, "{how}: {}", fixture.speed());
     }
 }
 
 #[test]
 fn parameters_are_planned_written_under_a_lease_and_never_move() {
     let ann: SessionName = "ann".into();
-    let desk = Desk::new("sim:tmcl?time=virtual");
+    let fixture = Desk::new("sim:tmcl?time=virtual");
     let one = |name: &str, text: &str| WriteParameters {
         values: [(name.to_owned(), ParameterInput::Text(text.into()))].into(),
         keep: false,
@@ -199,27 +204,28 @@ fn parameters_are_planned_written_under_a_lease_and_never_move() {
         raw: false,
         epoch: 0,
     };
-    let infos = desk.bench.parameters(0).unwrap();
+    let infos = fixture.bench.parameters(0).unwrap();
     let current = infos.iter().find(|info| info.name == "max current").expect("it has one");
     assert!(current.writable && !current.unit.is_empty());
-    let before = desk.hear(desk.bench.read_parameter(0, "max current")).unwrap();
+    let before = fixture.hear(fixture.bench.read_parameter(0, "max current")).unwrap();
     let plan =
-        desk.hear(desk.bench.write_parameters(0, &ann, one("max current", "0.5 A"))).unwrap();
+        fixture.hear(fixture.bench.write_parameters(0, &ann, one("max current", "0.5 A"))).unwrap();
     assert!(plan[0].changed && plan[0].from == before.value, "{plan:?}");
     let unleased = WriteParameters { dry_run: false, ..one("max current", "0.5 A") };
-    let refused = desk.hear(desk.bench.write_parameters(0, &ann, unleased)).unwrap_err();
+    let refused = fixture.hear(fixture.bench.write_parameters(0, &ann, unleased)).unwrap_err();
     assert_eq!(refused.code, "gateway.lease");
-    let epoch = desk.take(&ann, 0);
+    let epoch = fixture.take(&ann, 0);
     let write = WriteParameters { dry_run: false, epoch, ..one("max current", "0.5 A") };
-    desk.hear(desk.bench.write_parameters(0, &ann, write)).unwrap();
-    let after = desk.hear(desk.bench.read_parameter(0, "max current")).unwrap();
+    fixture.hear(fixture.bench.write_parameters(0, &ann, write)).unwrap();
+    let after = fixture.hear(fixture.bench.read_parameter(0, "max current")).unwrap();
     assert_eq!(after.value, Some(plan[0].to));
-    let too_much =
-        desk.hear(desk.bench.write_parameters(0, &ann, one("max current", "500 A"))).unwrap_err();
+    let too_much = fixture
+        .hear(fixture.bench.write_parameters(0, &ann, one("max current", "500 A")))
+        .unwrap_err();
     assert_eq!((&*too_much.code, too_much.executed), ("E216", Some(false)));
     let moves = infos.iter().find(|info| info.moves && info.readable).expect("it has one");
     let refused =
-        desk.hear(desk.bench.write_parameters(0, &ann, one(&moves.name, "1"))).unwrap_err();
+        fixture.hear(fixture.bench.write_parameters(0, &ann, one(&moves.name, "1"))).unwrap_err();
     assert_eq!(refused.code, "E219");
 }
 
@@ -230,43 +236,50 @@ fn a_drives_own_watchdog_is_set_under_a_lease_and_kept_by_the_journal() {
         ("sim:tmcl?time=virtual", "serial heartbeat"),
         ("sim:cia402:5?heartbeat=100&time=virtual", "consumer heartbeat"),
     ] {
-        let kept = Arc::new(Kept::default());
-        let options = BenchOptions { journal: kept.clone(), ..BenchOptions::default() };
-        let desk = Desk { bench: Bench::open(&[url.into()], options).unwrap(), ids: 0 };
+        let stored = Arc::new(Kept::default());
+        let options = BenchOptions { journal: stored.clone(), ..BenchOptions::default() };
+        let fixture = Desk { bench: Bench::open(&[url.into()], options).unwrap(), ids: 0 };
         let half = |epoch| SetWatchdog { after_ms: Some(500.0), epoch };
-        let told = desk.hear(desk.bench.watchdog(0)).unwrap();
-        assert_eq!((told.set, told.after_ms), (WatchdogMode::Off, None), "{told:?}");
-        assert_eq!(told.parameter.as_deref(), Some(parameter));
-        assert!(!told.caution.is_empty() && !told.rule.is_empty(), "{told:?}");
-        let refused = desk.hear(desk.bench.set_watchdog(0, &ann, half(0))).unwrap_err();
+        let watchdog = fixture.hear(fixture.bench.watchdog(0)).unwrap();
+        assert_eq!((watchdog.set, watchdog.after_ms), (WatchdogMode::Off, None), "{watchdog:?}");
+        assert_eq!(watchdog.parameter.as_deref(), Some(parameter));
+        assert!(!watchdog.caution.is_empty() && !watchdog.rule.is_empty(), "{watchdog:?}");
+        let refused = fixture.hear(fixture.bench.set_watchdog(0, &ann, half(0))).unwrap_err();
         assert_eq!(refused.code, "gateway.lease", "{url}");
-        let epoch = desk.take(&ann, 0);
+        let epoch = fixture.take(&ann, 0);
         let never = SetWatchdog { after_ms: Some(-1.0), epoch };
-        assert_eq!(desk.hear(desk.bench.set_watchdog(0, &ann, never)).unwrap_err().code, "E217");
-        *kept.full.lock().unwrap() = true;
-        let refused = desk.hear(desk.bench.set_watchdog(0, &ann, half(epoch))).unwrap_err();
-        assert_eq!(refused.executed, Some(false), "{url}: {refused:?}");
-        *kept.full.lock().unwrap() = false;
-        let told = desk.hear(desk.bench.watchdog(0)).unwrap();
         assert_eq!(
-            told.set,
+            fixture.hear(fixture.bench.set_watchdog(0, &ann, never)).unwrap_err().code,
+            "E217"
+        );
+        *stored.full.lock().unwrap() = true;
+        let refused = fixture.hear(fixture.bench.set_watchdog(0, &ann, half(epoch))).unwrap_err();
+        assert_eq!(refused.executed, Some(false), "{url}: {refused:?}");
+        *stored.full.lock().unwrap() = false;
+        let watchdog = fixture.hear(fixture.bench.watchdog(0)).unwrap();
+        assert_eq!(
+            watchdog.set,
             WatchdogMode::Off,
             "{url}: what the journal does not keep is not done"
         );
-        let told = desk.hear(desk.bench.set_watchdog(0, &ann, half(epoch))).unwrap();
-        assert_eq!((told.set, told.after_ms), (WatchdogMode::On, Some(500.0)), "{url}: {told:?}");
+        let watchdog = fixture.hear(fixture.bench.set_watchdog(0, &ann, half(epoch))).unwrap();
+        assert_eq!(
+            (watchdog.set, watchdog.after_ms),
+            (WatchdogMode::On, Some(500.0)),
+            "{url}: {watchdog:?}"
+        );
         let written = ("ann".to_owned(), JournalAction::Parameters);
-        assert!(kept.notes.lock().unwrap().contains(&written), "{url}");
-        assert_eq!(desk.hear(desk.bench.watchdog(0)).unwrap(), told);
+        assert!(stored.notes.lock().unwrap().contains(&written), "{url}");
+        assert_eq!(fixture.hear(fixture.bench.watchdog(0)).unwrap(), watchdog);
         let off = SetWatchdog { after_ms: None, epoch };
-        let told = desk.hear(desk.bench.set_watchdog(0, &ann, off)).unwrap();
-        assert_eq!(told.set, WatchdogMode::Off, "{url}: {told:?}");
+        let watchdog = fixture.hear(fixture.bench.set_watchdog(0, &ann, off)).unwrap();
+        assert_eq!(watchdog.set, WatchdogMode::Off, "{url}: {watchdog:?}");
     }
-    let desk = Desk::new("sim:modbus-rtu?time=virtual");
-    let epoch = desk.take(&ann, 0);
-    assert_eq!(desk.hear(desk.bench.watchdog(0)).unwrap().set, WatchdogMode::None);
+    let fixture = Desk::new("sim:modbus-rtu?time=virtual");
+    let epoch = fixture.take(&ann, 0);
+    assert_eq!(fixture.hear(fixture.bench.watchdog(0)).unwrap().set, WatchdogMode::None);
     let half = SetWatchdog { after_ms: Some(500.0), epoch };
-    let refused = desk.hear(desk.bench.set_watchdog(0, &ann, half)).unwrap_err();
+    let refused = fixture.hear(fixture.bench.set_watchdog(0, &ann, half)).unwrap_err();
     assert_eq!((&*refused.code, refused.executed), ("E218", Some(false)));
 }
 
@@ -290,25 +303,26 @@ impl JournalSink for Kept {
 #[test]
 fn what_the_journal_cannot_keep_is_not_done_except_a_stop() {
     let ann: SessionName = "ann".into();
-    let kept = Arc::new(Kept::default());
-    let options = BenchOptions { journal: kept.clone(), ..BenchOptions::default() };
+    let stored = Arc::new(Kept::default());
+    let options = BenchOptions { journal: stored.clone(), ..BenchOptions::default() };
     let bench = Bench::open(&["sim:tmcl?time=virtual".into()], options).unwrap();
-    let mut desk = Desk { bench, ids: 0 };
-    let epoch = desk.spin(&ann);
-    desk.keep(&ann, epoch);
-    *kept.full.lock().unwrap() = true;
-    let starts = desk.bench.truth(0).unwrap().starts;
-    let refused = desk.tell(&ann, epoch, "velocity", Some(20.0));
+    let mut fixture = Desk { bench, ids: 0 };
+    let epoch = fixture.spin(&ann);
+    fixture.keep(&ann, epoch);
+    *stored.full.lock().unwrap() = true;
+    let starts = fixture.bench.truth(0).unwrap().starts;
+    let refused = fixture.tell(&ann, epoch, "velocity", Some(20.0));
     assert_eq!(refused.outcome, OutcomeKind::NotDone);
-    assert_eq!(desk.bench.truth(0).unwrap().starts, starts);
-    let stopped = desk.hear(desk.bench.stop(&ann, &StopRequest::default())).unwrap();
+    assert_eq!(fixture.bench.truth(0).unwrap().starts, starts);
+    let stopped = fixture.hear(fixture.bench.stop(&ann, &StopRequest::default())).unwrap();
     assert_eq!(stopped.axes[0].class, StopClass::Standing);
-    let taken = desk.hear(desk.bench.request_lease(0, &ann, LeaseAction::Take, 0)).unwrap_err();
-    assert_eq!((&*taken.code, desk.bench.axis_state(0).unwrap().lease), ("gateway.busy", None));
-    *kept.full.lock().unwrap() = false;
-    desk.bench.advance_time(2000 * MS);
-    let notes = kept.notes.lock().unwrap();
-    let deeds: Vec<JournalAction> = notes.iter().map(|(_, deed)| *deed).collect();
+    let taken =
+        fixture.hear(fixture.bench.request_lease(0, &ann, LeaseAction::Take, 0)).unwrap_err();
+    assert_eq!((&*taken.code, fixture.bench.axis_state(0).unwrap().lease), ("gateway.busy", None));
+    *stored.full.lock().unwrap() = false;
+    fixture.bench.advance_time(2000 * MS);
+    let notes = stored.notes.lock().unwrap();
+    let deeds: Vec<JournalAction> = notes.iter().map(|(_, action)| *action).collect();
     assert_eq!(deeds[..2], [JournalAction::Lease, JournalAction::Command]);
     assert_eq!(
         deeds.last(),
@@ -337,7 +351,7 @@ struct Client {
 
 impl Crowd {
     fn new(seed: u64) -> Self {
-        let desk = Desk::new(&format!("sim:tmcl?time=virtual&baud=0&seed={}", seed + 1));
+        let fixture = Desk::new(&format!("sim:tmcl?time=virtual&baud=0&seed={}", seed + 1));
         let count = 2 + seed % 7;
         let client = |n| Client {
             name: format!("client-{n}").into(),
@@ -347,7 +361,7 @@ impl Crowd {
         };
         let clients = (0..count).map(client).collect();
         let random = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-        Self { desk, random, clients, replies: Vec::new(), locked: false }
+        Self { desk: fixture, random, clients, replies: Vec::new(), locked: false }
     }
 
     fn below(&mut self, most: u64) -> u64 {
@@ -484,44 +498,44 @@ fn whoever_loses_touch_nothing_moves_but_under_its_lease() {
 
 #[test]
 fn frames_are_filtered_explained_and_counted_from_when_somebody_watches() {
-    let desk = Desk::new("sim:tmcl?time=virtual");
-    desk.hear(desk.bench.read_parameter(0, "max current")).unwrap();
-    let mut all = desk.bench.subscribe_frames(None).unwrap();
-    let mut none = desk.bench.subscribe_frames(Some("not ok")).unwrap();
-    assert_eq!(desk.bench.subscribe_frames(Some("axis =")).unwrap_err().code, "gateway.request");
-    desk.hear(desk.bench.read_parameter(0, "max current")).unwrap();
-    desk.bench.advance_time(MS);
+    let fixture = Desk::new("sim:tmcl?time=virtual");
+    fixture.hear(fixture.bench.read_parameter(0, "max current")).unwrap();
+    let mut all = fixture.bench.subscribe_frames(None).unwrap();
+    let mut none = fixture.bench.subscribe_frames(Some("not ok")).unwrap();
+    assert_eq!(fixture.bench.subscribe_frames(Some("axis =")).unwrap_err().code, "gateway.request");
+    fixture.hear(fixture.bench.read_parameter(0, "max current")).unwrap();
+    fixture.bench.advance_time(MS);
     let (items, lost) = all.drain(100);
     assert!(items.len() == 2 && lost == 0, "a question and its answer: {items:?}");
     assert!(items.iter().all(|item| item.ok && !item.text.is_empty() && item.axis == Some(1)));
     assert!(items[0].t_us <= items[1].t_us && items[0].n + 1 == items[1].n);
-    let fields = desk.bench.explain_frame(items[0].n).unwrap();
+    let fields = fixture.bench.explain_frame(items[0].n).unwrap();
     assert!(fields.iter().any(|field| field.to > field.from && !field.name.is_empty()));
-    assert_eq!(desk.bench.explain_frame(99).unwrap_err().code, "gateway.missing");
+    assert_eq!(fixture.bench.explain_frame(99).unwrap_err().code, "gateway.missing");
     assert_eq!(none.drain(100), (vec![], 0));
 }
 
 #[test]
 fn a_capture_is_summed_up_and_shown_page_by_page() {
-    let desk = Desk::new("sim:tmcl?time=virtual");
+    let fixture = Desk::new("sim:tmcl?time=virtual");
     let mut log = String::new();
     for n in 0..3000 {
         log.push_str(&format!("(17000000{:02}.{:06}) can0 123#{n:04X}\n", n / 1000, n % 1000));
     }
-    let opened = desk.bench.open_capture("bus.log", log.into_bytes()).unwrap();
+    let opened = fixture.bench.open_capture("bus.log", log.into_bytes()).unwrap();
     assert_eq!((opened.page.total, opened.page.items.len()), (3000, 1000));
     assert!(opened.links == ["can0"] && opened.summary.contains("3000"), "{}", opened.summary);
-    let page = |from, filter| desk.bench.capture_page(&opened.id, from, 1000, filter).unwrap();
+    let page = |from, filter| fixture.bench.capture_page(&opened.id, from, 1000, filter).unwrap();
     let second = page(1000, None);
     assert_eq!((second.items[0].n, second.next), (1000, Some(2000)));
     assert_eq!(page(2000, None).next, None);
     assert_eq!(page(500, None).items[0].raw, "123#01F4");
     let found = page(0, Some("bytes ~ \"07 FF\""));
     assert_eq!(found.items.iter().map(|item| item.n).collect::<Vec<_>>(), [0x7FF]);
-    let nothing = desk.bench.open_capture("x", b"\0\0nonsense".to_vec()).unwrap_err();
+    let nothing = fixture.bench.open_capture("x", b"\0\0nonsense".to_vec()).unwrap_err();
     assert_eq!(nothing.code, "E510");
     assert_eq!(
-        desk.bench.capture_page("capture-9", 0, 1, None).unwrap_err().code,
+        fixture.bench.capture_page("capture-9", 0, 1, None).unwrap_err().code,
         "gateway.missing"
     );
 }
@@ -544,8 +558,8 @@ fn a_drive_that_answers_twice_looks_like_two_with_one_address_and_is_told() {
         }
         std::thread::sleep(Duration::from_millis(20));
     };
-    let told = clashes.first().map_or("", |clash| &clash.message);
-    assert!(told.contains("two drives have one address"), "{:?}", doubled.snapshot().links);
+    let output = clashes.first().map_or("", |clash| &clash.message);
+    assert!(output.contains("two drives have one address"), "{:?}", doubled.snapshot().links);
     assert_eq!(alone.snapshot().clashes, []);
     std::fs::remove_file(file).unwrap();
 }

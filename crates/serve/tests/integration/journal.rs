@@ -153,10 +153,10 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     };
     assert_eq!(site.tell("arm", None).wait().unwrap().outcome, OutcomeKind::Done);
     let records = site.end();
-    let deeds = |deed: &str| records.iter().filter(|r| r["deed"] == deed).collect::<Vec<_>>();
+    let deeds = |action: &str| records.iter().filter(|r| r["deed"] == action).collect::<Vec<_>>();
     let missing: u64 =
         deeds("missing").iter().map(|r| r["detail"]["count"].as_u64().unwrap()).sum();
-    let told = |r: &&&Value| r["detail"].get("class").is_none();
+    let reported = |r: &&&Value| r["detail"].get("class").is_none();
     let (stops, outcomes) = (deeds("stop").len() as u64, deeds("outcome"));
     let classes = outcomes.iter().filter(|r| r["detail"].get("class").is_some()).count() as u64;
     assert!(missing > 0 && stops < MANY + 1, "{missing} {stops}");
@@ -164,7 +164,7 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     assert_eq!(longest, Some(10_000));
     // Each stop has a record of its own, and one or more of how far it came.
     assert!(stops + classes + missing >= 2 * MANY + 2, "{stops} {classes} {missing}");
-    let of_late = outcomes.iter().filter(told).any(|r| r["detail"]["id"] == *late.id);
+    let of_late = outcomes.iter().filter(reported).any(|r| r["detail"]["id"] == *late.id);
     assert!(of_late, "it was written that it was to be done, so also that it was not");
 }
 
@@ -184,8 +184,8 @@ fn what_waits_for_the_disk_is_not_done_behind_a_stop() {
         }
         site.disk.stall(false);
         let outcome = moves.wait().unwrap();
-        let told = (outcome.outcome, code(&outcome));
-        assert_eq!(told, (OutcomeKind::NotDone, "gateway.expired"), "{how}: {outcome:?}");
+        let report = (outcome.outcome, code(&outcome));
+        assert_eq!(report, (OutcomeKind::NotDone, "gateway.expired"), "{how}: {outcome:?}");
         assert_eq!(site.starts(), starts, "{how}");
         let records = site.end();
         let of = |id: &str| records.iter().filter(|r| r["detail"]["id"] == *id).count();

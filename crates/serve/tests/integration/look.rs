@@ -54,8 +54,8 @@ impl Desk {
     }
 
     fn look(&self, link: u16, first: u32, last: u32) -> ScanView {
-        let begun = self.begin(link, first, last).unwrap();
-        assert_eq!((begun.state, &*begun.by), (ScanState::UnderWay, "ann"));
+        let view = self.begin(link, first, last).unwrap();
+        assert_eq!((view.state, &*view.by), (ScanState::UnderWay, "ann"));
         self.ended(link)
     }
 
@@ -132,114 +132,125 @@ fn found(view: &ScanView) -> Vec<(&str, u32)> {
 
 #[test]
 fn a_serial_drive_is_found_taken_in_and_moved_and_the_old_axis_stays_what_it_was() {
-    let mut desk = Desk::new(&["sim:tmcl?axes=3&time=virtual#1"]);
-    let mut events = desk.bench.subscribe_events();
-    let view = desk.look(0, 1, 6);
+    let mut fixture = Desk::new(&["sim:tmcl?axes=3&time=virtual#1"]);
+    let mut events = fixture.bench.subscribe_events();
+    let view = fixture.look(0, 1, 6);
     assert_eq!((view.state, view.unasked), (ScanState::Done, 0), "{view:?}");
     assert_eq!(found(&view), [("tmcl", 3), ("tmcl", 4)], "{view:?}");
     assert!(view.found[0].drive.contains("TMCM-171"), "{view:?}");
     assert!(view.found.iter().all(|one| one.clash.is_none() && one.axis.is_none()), "{view:?}");
     assert_eq!((view.axes.len(), view.axes[0].answers), (1, true));
-    assert!(view.tried.iter().any(|said| said.contains("addresses 1 to 6")), "{view:?}");
-    let told = std::iter::from_fn(|| events.try_recv().ok());
-    let told = told.filter(|event| matches!(event, BenchEvent::Scan(_))).count();
-    assert!(told >= 3, "beginning, progress and end are told: {told}");
-    assert_eq!(desk.numbers(), [1], "nothing is taken in unasked");
+    assert!(view.tried.iter().any(|text| text.contains("addresses 1 to 6")), "{view:?}");
+    let report = std::iter::from_fn(|| events.try_recv().ok());
+    let reported = report.filter(|event| matches!(event, BenchEvent::Scan(_))).count();
+    assert!(reported >= 3, "beginning, progress and end are told: {reported}");
+    assert_eq!(fixture.numbers(), [1], "nothing is taken in unasked");
     let four = AddDrives { drives: vec![DriveAddress { protocol: "tmcl".into(), number: 4 }] };
-    assert_eq!(desk.hear(desk.bench.add_drives(0, &desk.ann, &four)).unwrap().axes, [1]);
-    let twice = desk.hear(desk.bench.add_drives(0, &desk.ann, &four)).unwrap_err();
+    assert_eq!(fixture.hear(fixture.bench.add_drives(0, &fixture.ann, &four)).unwrap().axes, [1]);
+    let twice = fixture.hear(fixture.bench.add_drives(0, &fixture.ann, &four)).unwrap_err();
     assert_eq!(twice.code, "gateway.look", "{twice}");
     assert_eq!(
-        desk.hear(desk.bench.add_drives(0, &desk.ann, &AddDrives::default())).unwrap().axes,
+        fixture
+            .hear(fixture.bench.add_drives(0, &fixture.ann, &AddDrives::default()))
+            .unwrap()
+            .axes,
         [2]
     );
-    assert_eq!(desk.numbers(), [1, 4, 3]);
-    let view = desk.bench.scan_view(0).unwrap();
+    assert_eq!(fixture.numbers(), [1, 4, 3]);
+    let view = fixture.bench.scan_view(0).unwrap();
     assert_eq!(view.found.iter().map(|one| one.axis).collect::<Vec<_>>(), [Some(2), Some(1)]);
     for axis in [1, 0, 2] {
-        desk.turn(axis);
-        assert!(desk.samples(axis) >= 15, "axis {axis}");
+        fixture.turn(axis);
+        assert!(fixture.samples(axis) >= 15, "axis {axis}");
     }
-    let again = desk.look(0, 1, 6);
+    let again = fixture.look(0, 1, 6);
     assert_eq!((found(&again), again.axes.len()), (vec![], 3), "{again:?}");
 }
 
 #[test]
 fn modbus_drives_are_found_and_taken_in() {
-    let desk = Desk::new(&["sim:modbus-rtu?axes=3&time=virtual#2"]);
-    let view = desk.look(0, 1, 4);
+    let fixture = Desk::new(&["sim:modbus-rtu?axes=3&time=virtual#2"]);
+    let view = fixture.look(0, 1, 4);
     assert_eq!(found(&view), [("modbus-rtu", 1), ("modbus-rtu", 3)], "{view:?}");
     assert_eq!(
-        desk.hear(desk.bench.add_drives(0, &desk.ann, &AddDrives::default())).unwrap().axes,
+        fixture
+            .hear(fixture.bench.add_drives(0, &fixture.ann, &AddDrives::default()))
+            .unwrap()
+            .axes,
         [1, 2]
     );
     for axis in 0..3 {
-        assert!(desk.samples(axis) >= 10, "axis {axis}");
+        assert!(fixture.samples(axis) >= 10, "axis {axis}");
     }
-    let epoch = desk.take(2).unwrap();
-    desk.drop(2, epoch);
+    let epoch = fixture.take(2).unwrap();
+    fixture.drop(2, epoch);
 }
 
 #[test]
 fn a_bus_of_several_protocols_gets_axes_of_each() {
     let url = format!("sim:{BUS}?time=virtual#spindle,port");
-    let mut desk = Desk::new(&[&url]);
+    let mut fixture = Desk::new(&[&url]);
     let order = ScanRequest::default();
-    desk.hear(desk.bench.start_scan(0, &desk.ann, order)).unwrap();
-    let view = desk.ended(0);
+    fixture.hear(fixture.bench.start_scan(0, &fixture.ann, order)).unwrap();
+    let view = fixture.ended(0);
     assert_eq!(view.state, ScanState::Done, "{view:?}");
     let there = [("technocan", 5), ("technocan", 7), ("thruster", 12)];
     assert_eq!(found(&view), there, "{view:?}");
     assert!(view.axes.iter().all(|one| one.answers), "{view:?}");
     assert_eq!(
-        desk.hear(desk.bench.add_drives(0, &desk.ann, &AddDrives::default())).unwrap().axes,
+        fixture
+            .hear(fixture.bench.add_drives(0, &fixture.ann, &AddDrives::default()))
+            .unwrap()
+            .axes,
         [2, 3, 4]
     );
-    let names: Vec<String> = desk.bench.snapshot().axes.into_iter().map(|a| a.name).collect();
+    let names: Vec<String> = fixture.bench.snapshot().axes.into_iter().map(|a| a.name).collect();
     assert_eq!(names, ["spindle", "port", "x", "y", "starboard"], "a rack's names hold");
-    desk.bench.advance_time(2000 * MS);
+    fixture.bench.advance_time(2000 * MS);
     for axis in [0, 2, 3] {
-        desk.turn(axis);
+        fixture.turn(axis);
     }
-    assert!(desk.samples(0) > 0 && desk.samples(3) > 0);
+    assert!(fixture.samples(0) > 0 && fixture.samples(3) > 0);
 }
 
 #[test]
 fn nobody_looks_where_something_may_move_nor_twice_and_nobody_commands_meanwhile() {
     let other = "sim:tmcl?time=virtual";
-    let mut desk = Desk::new(&["sim:tmcl?axes=3&time=virtual#1", other]);
-    let refused = |desk: &Desk| {
-        let error = desk.begin(0, 1, 200).unwrap_err();
+    let mut fixture = Desk::new(&["sim:tmcl?axes=3&time=virtual#1", other]);
+    let refused = |fixture: &Desk| {
+        let error = fixture.begin(0, 1, 200).unwrap_err();
         assert_eq!(error.code, "gateway.look", "{error}");
         error.message
     };
-    let epoch = desk.take(0).unwrap();
-    assert!(refused(&desk).contains("ann commands"));
-    desk.tell(0, epoch, "arm", None);
-    desk.tell(0, epoch, "velocity", Some(10.0));
-    desk.hear(desk.bench.request_lease(0, &desk.ann, LeaseAction::Renew, epoch)).unwrap();
+    let epoch = fixture.take(0).unwrap();
+    assert!(refused(&fixture).contains("ann commands"));
+    fixture.tell(0, epoch, "arm", None);
+    fixture.tell(0, epoch, "velocity", Some(10.0));
+    fixture.hear(fixture.bench.request_lease(0, &fixture.ann, LeaseAction::Renew, epoch)).unwrap();
     drop(
-        desk.bench.stop(&desk.ann, &StopRequest { axes: Some(vec![0]), ..StopRequest::default() }),
+        fixture
+            .bench
+            .stop(&fixture.ann, &StopRequest { axes: Some(vec![0]), ..StopRequest::default() }),
     );
-    assert!(refused(&desk).contains("being stopped"));
-    desk.bench.advance_time(12_000 * MS);
-    desk.begin(0, 1, 200).unwrap();
-    assert!(desk.begin(1, 1, 9).unwrap_err().message.contains("already"));
-    let commands = desk.take(0).unwrap_err();
+    assert!(refused(&fixture).contains("being stopped"));
+    fixture.bench.advance_time(12_000 * MS);
+    fixture.begin(0, 1, 200).unwrap();
+    assert!(fixture.begin(1, 1, 9).unwrap_err().message.contains("already"));
+    let commands = fixture.take(0).unwrap_err();
     assert_eq!(commands.code, "gateway.look", "{commands}");
-    let epoch = desk.take(1).expect("the other link is free");
-    desk.drop(1, epoch);
-    assert_eq!(desk.bench.scan_view(0).unwrap().state, ScanState::UnderWay);
-    desk.bench.cancel_scan(0, &desk.ann).unwrap();
-    let view = desk.ended(0);
+    let epoch = fixture.take(1).expect("the other link is free");
+    fixture.drop(1, epoch);
+    assert_eq!(fixture.bench.scan_view(0).unwrap().state, ScanState::UnderWay);
+    fixture.bench.cancel_scan(0, &fixture.ann).unwrap();
+    let view = fixture.ended(0);
     assert_eq!(view.state, ScanState::BrokenOff);
     assert!(view.unasked > 0 && !view.found.is_empty(), "{view:?}");
-    assert_eq!(desk.bench.cancel_scan(0, &desk.ann).unwrap_err().code, "gateway.missing");
-    desk.turn(0);
+    assert_eq!(fixture.bench.cancel_scan(0, &fixture.ann).unwrap_err().code, "gateway.missing");
+    fixture.turn(0);
     let wrong = ScanRequest { first: Some(9), last: Some(1) };
-    let wrong = desk.hear(desk.bench.start_scan(0, &desk.ann, wrong)).unwrap_err();
+    let wrong = fixture.hear(fixture.bench.start_scan(0, &fixture.ann, wrong)).unwrap_err();
     assert_eq!(wrong.code, "gateway.request");
-    assert_eq!(desk.bench.scan_view(7).unwrap_err().code, "gateway.missing");
+    assert_eq!(fixture.bench.scan_view(7).unwrap_err().code, "gateway.missing");
 }
 
 #[test]
@@ -250,48 +261,48 @@ fn a_stop_breaks_a_look_off_and_waits_for_one_question_at_most() {
         "sim:canopen?time=virtual",
         "sim:thruster?time=virtual",
     ] {
-        let desk = Desk::new(&[url]);
-        desk.begin(0, 1, 120).unwrap();
+        let fixture = Desk::new(&[url]);
+        fixture.begin(0, 1, 120).unwrap();
         let (mut longest, mut last) = (0.0_f64, None);
         for _ in 0..3000 {
-            let before = desk.bench.now_ms();
-            desk.bench.advance_time(MS);
-            let view = desk.bench.scan_view(0).unwrap();
+            let before = fixture.bench.now_ms();
+            fixture.bench.advance_time(MS);
+            let view = fixture.bench.scan_view(0).unwrap();
             if view.number != last {
                 last = view.number;
-                longest = longest.max(desk.bench.now_ms() - before);
+                longest = longest.max(fixture.bench.now_ms() - before);
             }
             if view.done > 20 {
                 break;
             }
         }
-        let state = desk.bench.scan_view(0).unwrap().state;
+        let state = fixture.bench.scan_view(0).unwrap().state;
         if url.contains("canopen") && state != ScanState::UnderWay {
             continue;
         }
         assert_eq!(state, ScanState::UnderWay, "{url}");
-        let begun = desk.bench.now_ms();
-        let stop = desk.bench.stop(&desk.ann, &StopRequest::default());
-        let stopped = desk.hear(stop).unwrap();
-        let took = desk.bench.now_ms() - begun;
+        let started_at = fixture.bench.now_ms();
+        let stop = fixture.bench.stop(&fixture.ann, &StopRequest::default());
+        let stopped = fixture.hear(stop).unwrap();
+        let took = fixture.bench.now_ms() - started_at;
         assert!(stopped.axes[0].error.is_none(), "{url}: {stopped:?}");
         println!("{url}: {took:.0} ms from a stop to its end; an address takes {longest:.0} ms");
         assert!(took <= longest + 200.0, "{url}: {took} ms, an address takes {longest} ms");
-        assert_eq!(desk.ended(0).state, ScanState::BrokenOff, "{url}");
-        assert!(desk.bench.snapshot().lock.is_some());
-        let locked = desk.begin(0, 1, 3).unwrap();
+        assert_eq!(fixture.ended(0).state, ScanState::BrokenOff, "{url}");
+        assert!(fixture.bench.snapshot().lock.is_some());
+        let locked = fixture.begin(0, 1, 3).unwrap();
         assert_eq!(locked.state, ScanState::UnderWay, "looking moves nothing");
-        assert_eq!(desk.ended(0).state, ScanState::Done);
+        assert_eq!(fixture.ended(0).state, ScanState::Done);
     }
 }
 
 #[test]
 fn a_drive_that_is_gone_is_told_of_and_one_that_clashes_is_not_taken_in() {
-    let desk = Desk::new(&["sim:tmcl?axes=3&time=virtual#1,3"]);
+    let fixture = Desk::new(&["sim:tmcl?axes=3&time=virtual#1,3"]);
     let act = SimulationAction { act: "supply".into(), value: Some(0.0) };
-    desk.hear(desk.bench.apply_action(&desk.ann, 0, 1, &act)).unwrap();
-    desk.bench.advance_time(100 * MS);
-    let view = desk.look(0, 1, 5);
+    fixture.hear(fixture.bench.apply_action(&fixture.ann, 0, 1, &act)).unwrap();
+    fixture.bench.advance_time(100 * MS);
+    let view = fixture.look(0, 1, 5);
     let answers: Vec<_> = view.axes.iter().map(|one| (one.axis, one.answers)).collect();
     assert_eq!(answers, [(0, true), (1, false)], "{view:?}");
     assert_eq!(found(&view), [("tmcl", 4)]);
@@ -332,14 +343,15 @@ impl JournalSink for Notes {
 fn who_looked_and_who_took_in_is_written_down() {
     let notes = Arc::new(Notes::default());
     let options = BenchOptions { journal: notes.clone(), ..BenchOptions::default() };
-    let desk = Desk::with(&["sim:tmcl?axes=2&time=virtual#1"], options);
-    desk.look(0, 1, 4);
-    let take =
-        || desk.hear(desk.bench.add_drives(0, &desk.ann, &AddDrives::default())).unwrap().axes;
+    let fixture = Desk::with(&["sim:tmcl?axes=2&time=virtual#1"], options);
+    fixture.look(0, 1, 4);
+    let take = || {
+        fixture.hear(fixture.bench.add_drives(0, &fixture.ann, &AddDrives::default())).unwrap().axes
+    };
     assert_eq!(take(), [1]);
     assert!(take().is_empty(), "nothing is left, and nothing is done");
-    desk.bench.advance_time(5 * MS);
-    let ann = |deed| ("ann", deed);
+    fixture.bench.advance_time(5 * MS);
+    let ann = |action| ("ann", action);
     let expected = [
         ann(JournalAction::Look),
         ("server", JournalAction::Look),
@@ -347,46 +359,51 @@ fn who_looked_and_who_took_in_is_written_down() {
         ann(JournalAction::Outcome),
     ];
     let noted = notes.0.lock().unwrap();
-    let noted: Vec<_> = noted.iter().map(|(who, deed)| (&**who, *deed)).collect();
+    let noted: Vec<_> = noted.iter().map(|(who, action)| (&**who, *action)).collect();
     assert_eq!(noted, expected);
 }
 
 /// In the time of everybody's clock, with all threads.
 #[test]
 fn another_link_is_moved_and_watched_while_somebody_looks() {
-    let mut desk = Desk::new(&["sim:tmcl?axes=3#1", "sim:tmcl"]);
-    desk.bench.advance_time(300 * MS);
-    desk.begin(0, 1, 250).unwrap();
-    let mut channel = desk.bench.subscribe(1, Some("velocity"), None, 50.0).unwrap();
-    let epoch = desk.take(1).unwrap();
-    desk.tell(1, epoch, "arm", None);
-    desk.tell(1, epoch, "enable", None);
-    let outcome = desk.tell(1, epoch, "velocity", Some(10.0));
+    let mut fixture = Desk::new(&["sim:tmcl?axes=3#1", "sim:tmcl"]);
+    fixture.bench.advance_time(300 * MS);
+    fixture.begin(0, 1, 250).unwrap();
+    let mut channel = fixture.bench.subscribe(1, Some("velocity"), None, 50.0).unwrap();
+    let epoch = fixture.take(1).unwrap();
+    fixture.tell(1, epoch, "arm", None);
+    fixture.tell(1, epoch, "enable", None);
+    let outcome = fixture.tell(1, epoch, "velocity", Some(10.0));
     assert_eq!(outcome.outcome, OutcomeKind::Done, "{:?}", outcome.error);
     let mut samples = Vec::new();
     for _ in 0..20 {
-        desk.hear(desk.bench.request_lease(1, &desk.ann, LeaseAction::Renew, epoch)).unwrap();
-        desk.bench.advance_time(50 * MS);
+        fixture
+            .hear(fixture.bench.request_lease(1, &fixture.ann, LeaseAction::Renew, epoch))
+            .unwrap();
+        fixture.bench.advance_time(50 * MS);
         assert_eq!(channel.drain_into(&mut samples), None, "no gap");
     }
-    assert!(desk.bench.truth(1).expect("simulated").velocity > 5.0, "it turns all the time");
+    assert!(fixture.bench.truth(1).expect("simulated").velocity > 5.0, "it turns all the time");
     assert!(samples.len() >= 10, "{} samples a second", samples.len());
-    let view = desk.bench.scan_view(0).unwrap();
+    let view = fixture.bench.scan_view(0).unwrap();
     assert_eq!(view.state, ScanState::UnderWay, "{view:?}");
-    let begun = std::time::Instant::now();
-    desk.hear(desk.bench.stop(&desk.ann, &StopRequest::default())).unwrap();
-    assert_eq!(desk.ended(0).state, ScanState::BrokenOff);
-    println!("stop to its end while somebody looks: {:?}", begun.elapsed());
-    let view = desk.bench.scan_view(0).unwrap();
+    let started_at = std::time::Instant::now();
+    fixture.hear(fixture.bench.stop(&fixture.ann, &StopRequest::default())).unwrap();
+    assert_eq!(fixture.ended(0).state, ScanState::BrokenOff);
+    println!("stop to its end while somebody looks: {:?}", started_at.elapsed());
+    let view = fixture.bench.scan_view(0).unwrap();
     assert_eq!(found(&view), [("tmcl", 3), ("tmcl", 4)]);
     assert_eq!(
-        desk.hear(desk.bench.add_drives(0, &desk.ann, &AddDrives::default())).unwrap().axes,
+        fixture
+            .hear(fixture.bench.add_drives(0, &fixture.ann, &AddDrives::default()))
+            .unwrap()
+            .axes,
         [2, 3]
     );
-    let mut channel = desk.bench.subscribe(3, Some("position"), None, 20.0).unwrap();
+    let mut channel = fixture.bench.subscribe(3, Some("position"), None, 20.0).unwrap();
     samples.clear();
-    desk.bench.advance_time(1000 * MS);
+    fixture.bench.advance_time(1000 * MS);
     assert_eq!(channel.drain_into(&mut samples), None);
     assert!(samples.len() >= 5, "{} samples a second", samples.len());
-    desk.bench.shutdown();
+    fixture.bench.shutdown();
 }

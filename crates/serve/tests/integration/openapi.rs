@@ -34,12 +34,12 @@ fn bare(value: &Value) -> Value {
             let prose = |key: &str, value: &Value| {
                 matches!(key, "description" | "summary") && value.is_string()
             };
-            let kept = map.iter().filter(|(key, value)| !prose(key, value));
-            let kept = kept.map(|(key, value)| match key.as_str() {
+            let stored = map.iter().filter(|(key, value)| !prose(key, value));
+            let remaining = stored.map(|(key, value)| match key.as_str() {
                 "$ref" => (key.clone(), Value::from("schema")),
                 _ => (key.clone(), bare(value)),
             });
-            Value::Object(kept.collect())
+            Value::Object(remaining.collect())
         }
         Value::Array(items) => Value::Array(items.iter().map(bare).collect()),
         other => other.clone(),

@@ -50,8 +50,8 @@ fn send(bench: &Bench, who: &SessionName, axis: u16) {
 
 /// Thirty, ten minutes in `make soak`.
 fn seconds() -> u64 {
-    let said = std::env::var("POLEPAIR_SCOPE_SECONDS").ok().and_then(|text| text.parse().ok());
-    said.unwrap_or(30)
+    let sequence = std::env::var("POLEPAIR_SCOPE_SECONDS").ok().and_then(|text| text.parse().ok());
+    sequence.unwrap_or(30)
 }
 
 /// A channel, as a viewer has it.
@@ -108,14 +108,14 @@ fn sixteen_channels_at_1_khz_lose_nothing_and_take_no_more_memory() {
     while settled.is_none_or(|at: Instant| at.elapsed() < Duration::from_millis(500)) {
         assert!(Instant::now() < deadline, "the drives do not send: {pushed:?}");
         let Message::Text(text) = ann.read().unwrap() else { continue };
-        let told: Value = serde_json::from_str(&text).unwrap();
-        if told["type"] == "subscribed" {
-            pushed[told["channel"].as_u64().unwrap() as usize] = told["source"] == "pushed";
+        let value: Value = serde_json::from_str(&text).unwrap();
+        if value["type"] == "subscribed" {
+            pushed[value["channel"].as_u64().unwrap() as usize] = value["source"] == "pushed";
             settled = pushed.iter().all(|pushed| *pushed).then(Instant::now);
         }
     }
     let mut traces: [Trace; 16] = Default::default();
-    let (begun, end) = (memory(), Instant::now() + Duration::from_secs(seconds()));
+    let (started_at, end) = (memory(), Instant::now() + Duration::from_secs(seconds()));
     while Instant::now() < end {
         match ann.read().unwrap() {
             Message::Binary(bytes) => {
@@ -124,8 +124,8 @@ fn sixteen_channels_at_1_khz_lose_nothing_and_take_no_more_memory() {
                 assert_eq!(bytes[16..24], [0; 8], "none was lost so far");
             }
             Message::Text(text) => {
-                let told: Value = serde_json::from_str(&text).unwrap();
-                assert!(told["type"] != "gap" && told["type"] != "subscribed", "{told}");
+                let value: Value = serde_json::from_str(&text).unwrap();
+                assert!(value["type"] != "gap" && value["type"] != "subscribed", "{value}");
             }
             _ => {}
         }
@@ -135,7 +135,7 @@ fn sixteen_channels_at_1_khz_lose_nothing_and_take_no_more_memory() {
         // However little of the time the machine gave the simulation, it tells the rate.
         assert!(trace.count > 200, "{} samples", trace.count);
     }
-    let grown = memory().saturating_sub(begun);
+    let grown = memory().saturating_sub(started_at);
     println!(
         "{:.2} Hz of {} samples each, {} kB more",
         traces[0].hz(),
@@ -155,7 +155,7 @@ fn what_a_drive_does_not_send_is_asked_for_at_the_rate_that_is_wanted() {
     let mut speed = bench.subscribe(0, Some("velocity"), None, 20.0).unwrap();
     let mut current = bench.subscribe(0, None, Some("max current"), 5.0).unwrap();
     let (mut speeds, mut currents) = (Vec::new(), Vec::new());
-    let begun = bench.now_ms();
+    let started_at = bench.now_ms();
     for _ in 0..2000 {
         bench.advance_time(Duration::from_millis(1));
         assert_eq!(
@@ -164,10 +164,10 @@ fn what_a_drive_does_not_send_is_asked_for_at_the_rate_that_is_wanted() {
         );
     }
     // Asking takes time of its own.
-    let seconds = (bench.now_ms() - begun) / 1e3;
+    let seconds = (bench.now_ms() - started_at) / 1e3;
     for (hz, count) in [(20.0, speeds.len()), (5.0, currents.len())] {
-        let told = count as f64 / seconds;
-        assert!((told / hz - 1.0).abs() < 0.2, "{told} Hz and not {hz}");
+        let reported = count as f64 / seconds;
+        assert!((reported / hz - 1.0).abs() < 0.2, "{reported} Hz and not {hz}");
     }
     assert_eq!((speed.source(), speed.unit()), (SampleSource::Polled, "rad/s"));
     assert!(bench.subscribe(0, Some("smell"), None, 20.0).is_err());

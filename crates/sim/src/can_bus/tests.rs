@@ -205,11 +205,11 @@ fn outside_ends_are_heard_and_hear() {
     world.run_until(Instant::ZERO.plus_ms(10));
     // What an outside end sends goes out in its order.
     assert_eq!(seen.ids(), [0x500, 0x400]);
-    let mut heard = |end| {
+    let mut received = |end| {
         std::iter::from_fn(|| world.receive_frame(end)).map(|(_, f)| f.id).collect::<Vec<_>>()
     };
     assert_eq!(
-        [heard(ends[0]), heard(ends[1])],
+        [received(ends[0]), received(ends[1])],
         [vec![0x300, 0x300], vec![0x300, 0x300, 0x500, 0x400]]
     );
 }

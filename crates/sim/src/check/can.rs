@@ -117,21 +117,21 @@ impl CanChecker {
         let known = world.can_status(self.wire, self.host)?;
         let was = std::mem::replace(&mut self.status, known);
         let now = world.now();
-        let heard = known.received_count > was.received_count;
-        let answers = known.last_received.answers.filter(|_| heard).map(|(tag, _)| tag);
+        let received = known.received_count > was.received_count;
+        let answers = known.last_received.answers.filter(|_| received).map(|(tag, _)| tag);
         let behind = answers.and_then(|tag| self.find_outstanding(now, tag));
-        let found = match counters.answered > before.answered && heard {
+        let found = match counters.answered > before.answered && received {
             true => self.judge_match(now, known.last_received, behind),
             false => None,
         };
         for (drive, verb) in gave_up {
-            let place = world.can_status(self.wire, *drive).map(|drive| drive.plug);
-            let id = place.and_then(|plug| self.request_ids.get(&plug)).copied();
-            let newer = |asked: &OpenRequest| {
-                let of_verb = verb.is_some_and(|verb| asked.sent_at >= verb);
-                of_verb || now < asked.sent_at.plus_ms(GIVEN_UP_MS)
+            let index = world.can_status(self.wire, *drive).map(|drive| drive.plug);
+            let id = index.and_then(|plug| self.request_ids.get(&plug)).copied();
+            let newer = |open: &OpenRequest| {
+                let of_verb = verb.is_some_and(|verb| open.sent_at >= verb);
+                of_verb || now < open.sent_at.plus_ms(GIVEN_UP_MS)
             };
-            self.open.retain(|asked| Some(asked.label.id) != id || newer(asked));
+            self.open.retain(|open| Some(open.label.id) != id || newer(open));
         }
         self.record_sent(&was, &known);
         found
@@ -159,31 +159,31 @@ impl CanChecker {
         if reply.cause_unknown {
             self.last_match = ReplyMatch::Unknown;
             // It may answer what is older, and then the answer itself is still to come.
-            if let Some(asked) = self.last_request_to(&reply) {
-                self.open.retain(|other| other.label.tag != asked.label.tag);
-                self.add_outstanding(now, asked, false);
+            if let Some(open) = self.last_request_to(&reply) {
+                self.open.retain(|other| other.label.tag != open.label.tag);
+                self.add_outstanding(now, open, false);
             }
             return None;
         }
         self.last_match = ReplyMatch::Sound;
         let (tag, question) = reply.answers?;
-        if behind.is_some_and(|owed| owed.from_intruder)
-            && let Some(asked) = self.last_request_to(&reply).filter(|asked| asked.label.tag != tag)
+        if behind.is_some_and(|outstanding| outstanding.from_intruder)
+            && let Some(open) = self.last_request_to(&reply).filter(|open| open.label.tag != tag)
         {
-            self.excuse_copy(now, asked);
+            self.excuse_copy(now, open);
             return None;
         }
-        let exact = self.open.iter().position(|asked| asked.label.tag == tag);
-        let same = || self.open.iter().rposition(|asked| asked.label.content_hash == question);
+        let exact = self.open.iter().position(|open| open.label.tag == tag);
+        let same = || self.open.iter().rposition(|open| open.label.content_hash == question);
         let Some(at) = exact.or_else(same) else {
             return self.judge_mismatch(now, reply, (tag, question), behind);
         };
-        let asked = self.open[at];
-        self.request_ids.insert(reply.sender, asked.label.id);
-        if (reply.is_copy || behind.is_some()) && asked.label.tag != tag {
+        let open = self.open[at];
+        self.request_ids.insert(reply.sender, open.label.id);
+        if (reply.is_copy || behind.is_some()) && open.label.tag != tag {
             // It says what is asked; but it was said before it was asked, and before the answers
             // to what is older.
-            self.excuse_copy(now, asked);
+            self.excuse_copy(now, open);
             return None;
         }
         if exact.is_none() {
@@ -197,15 +197,15 @@ impl CanChecker {
 
     /// The request at `at` was answered: what is older and went to the same drive is passed over.
     fn pass_over_older(&mut self, now: Instant, at: usize) {
-        let asked = self.open[at];
+        let open = self.open[at];
         self.passed_over.retain(|old| now < old.sent_at.plus_ms(OUTSTANDING_MS));
-        let mut place = 0;
+        let mut index = 0;
         self.open.retain(|other| {
-            place += 1;
-            if place > at + 1 || other.label.id != asked.label.id {
+            index += 1;
+            if index > at + 1 || other.label.id != open.label.id {
                 return true;
             }
-            if place <= at {
+            if index <= at {
                 self.passed_over.push(*other);
             }
             false
@@ -220,19 +220,19 @@ impl CanChecker {
         (tag, question): (u32, u64),
         behind: Option<OutstandingReply>,
     ) -> Option<Violation> {
-        let soonest = |asked: &OpenRequest| {
-            let bits = u64::from(asked.label.bits_min + reply.bits_min - INTERFRAME_BITS);
+        let soonest = |open: &OpenRequest| {
+            let bits = u64::from(open.label.bits_min + reply.bits_min - INTERFRAME_BITS);
             let ns = (bits * 1_000_000_000).checked_div(self.bit_rate.into()).unwrap_or(0);
-            asked.sent_at.plus_ns(ns - ns / 20)
+            open.sent_at.plus_ns(ns - ns / 20)
         };
-        let asked = self.last_request_to(&reply);
-        if let Some(asked) =
-            asked.filter(|a| (reply.is_copy || behind.is_some()) && now >= soonest(a))
+        let open = self.last_request_to(&reply);
+        if let Some(open) =
+            open.filter(|a| (reply.is_copy || behind.is_some()) && now >= soonest(a))
         {
-            self.excuse_copy(now, asked);
+            self.excuse_copy(now, open);
             return None;
         }
-        if behind.is_some_and(|owed| owed.ambiguous) && !reply.is_copy {
+        if behind.is_some_and(|outstanding| outstanding.ambiguous) && !reply.is_copy {
             // The copy before was not taken for the answer to this, but to something older.
             return None;
         }
@@ -240,28 +240,28 @@ impl CanChecker {
         if let Some(older) = self.passed_over.iter().position(same).filter(|_| reply.is_copy) {
             // The first was taken for the answer to the same that was asked before, which was passed
             // over; so this is taken for the answer to what it answers.
-            let asked = self.passed_over.remove(older);
-            self.excuse_copy(now, asked);
+            let open = self.passed_over.remove(older);
+            self.excuse_copy(now, open);
             return None;
         }
         let copy = if reply.is_copy { "a copy of " } else { "" };
-        let asked = asked.map_or(0, |asked| asked.label.tag);
-        let what = format!("request {asked} got {copy}the reply to request {tag}");
+        let requested = open.map_or(0, |open| open.label.tag);
+        let what = format!("request {requested} got {copy}the reply to request {tag}");
         Some(Violation { invariant: "I1", at: now, what })
     }
 
     /// What the sender of a reply was asked last.
     fn last_request_to(&self, reply: &CanFrameLabel) -> Option<OpenRequest> {
         let id = self.request_ids.get(&reply.sender)?;
-        self.open.iter().rfind(|asked| asked.label.id == *id).copied()
+        self.open.iter().rfind(|open| open.label.id == *id).copied()
     }
 
     /// Something else was taken for the answer to that: the answer itself is still to come.
-    fn excuse_copy(&mut self, now: Instant, asked: OpenRequest) {
+    fn excuse_copy(&mut self, now: Instant, open: OpenRequest) {
         self.last_match = ReplyMatch::Copy;
         self.copies_taken += 1;
-        self.open.retain(|other| other.label.tag != asked.label.tag);
-        self.add_outstanding(now, asked, false);
+        self.open.retain(|other| other.label.tag != open.label.tag);
+        self.add_outstanding(now, open, false);
     }
 
     fn excuse_intruder(&mut self, now: Instant) -> Option<Violation> {
@@ -278,8 +278,8 @@ impl CanChecker {
         }
     }
 
-    fn add_outstanding(&mut self, now: Instant, asked: OpenRequest, strange: bool) {
-        let CanFrameLabel { tag, id, .. } = asked.label;
+    fn add_outstanding(&mut self, now: Instant, open: OpenRequest, strange: bool) {
+        let CanFrameLabel { tag, id, .. } = open.label;
         let several = self.open.iter().any(|other| other.label.id == id && other.label.tag != tag);
         self.outstanding.push(OutstandingReply {
             tag,
@@ -295,7 +295,7 @@ impl CanChecker {
     /// Several may come: each copy of the request brings one, and the host may take any of them for
     /// the answer to what it asks then.
     fn find_outstanding(&mut self, now: Instant, tag: u32) -> Option<OutstandingReply> {
-        self.outstanding.retain(|owed| now < owed.until);
-        self.outstanding.iter().find(|owed| owed.tag == tag).copied()
+        self.outstanding.retain(|outstanding| now < outstanding.until);
+        self.outstanding.iter().find(|outstanding| outstanding.tag == tag).copied()
     }
 }

@@ -194,14 +194,14 @@ impl Firmware for DataSheetNode {
     fn read(&mut self, tag: u16, offset: u32, out: &mut [u8]) {
         let Some(cell) = self.value_mut(tag) else { return };
         let rest = cell.bytes().get(offset as usize..).unwrap_or_default();
-        out.iter_mut().zip(rest).for_each(|(place, byte)| *place = *byte);
+        out.iter_mut().zip(rest).for_each(|(index, byte)| *index = *byte);
     }
 
     fn begin_write(&mut self, _tag: u16, size: Option<u32>) -> Result<(), AbortCode> {
         self.write_buffer.clear();
         let held: usize = self.values.iter().map(|value| value.bytes().len()).sum();
-        let room = BYTES_MAX as usize <= ALL_BYTES_MAX.saturating_sub(held);
-        let fits = size.is_none_or(|size| size <= BYTES_MAX) && room;
+        let has_room = BYTES_MAX as usize <= ALL_BYTES_MAX.saturating_sub(held);
+        let fits = size.is_none_or(|size| size <= BYTES_MAX) && has_room;
         if fits { Ok(()) } else { Err(AbortCode::MEMORY) }
     }
 

@@ -93,18 +93,20 @@ impl Scenario {
 
     fn draw_drives(&mut self, wire: WireId, random: &mut Random) -> Vec<PlannedDrive> {
         let speaks = |p: &HostProtocol| drives::profiles().iter().any(|d| d.protocol == p.profile);
-        let spoken = host::protocols().into_iter();
-        let spoken: Vec<_> = spoken.filter(|p| p.medium == MediumKind::Can && speaks(p)).collect();
+        let protocols = host::protocols().into_iter();
+        let names: Vec<_> =
+            protocols.filter(|p| p.medium == MediumKind::Can && speaks(p)).collect();
         let programs = random.between(1, PROGRAMS_MAX) as u64;
         let apart = random.chance(Ppm(500_000));
         let mut wanted = Vec::new();
         for n in 0..random.between(1, DRIVES_MAX) as u32 {
-            let spoken = random.pick(&spoken);
-            let speaks = |p: &&Profile| p.protocol == spoken.profile;
+            let host_protocol = random.pick(&names);
+            let speaks = |p: &&Profile| p.protocol == host_protocol.profile;
             let products: Vec<_> = drives::profiles().iter().copied().filter(speaks).collect();
-            let mut spec = RackDrive::new(random.pick(&products), spoken.name);
+            let mut spec = RackDrive::new(random.pick(&products), host_protocol.name);
             // Odd steps leave room for what hosts have between the drives.
-            (spec.address, spec.seed) = (Some(spoken.first_address + 2 * n), random.next_u64());
+            (spec.address, spec.seed) =
+                (Some(host_protocol.first_address + 2 * n), random.next_u64());
             let program = random.below(programs) as usize;
             let mut host = Some(SECOND_HOST).filter(|_| program > 0);
             let plain = spec.clone();
@@ -114,8 +116,11 @@ impl Scenario {
             }
             if let Ok(drive) = spec.build(&mut self.world, wire, false) {
                 let (name, address) = (spec.profile.name, spec.address.unwrap_or(0));
-                self.describe(format!("{drive:?}: {name} on {}, address {address}", spoken.name));
-                wanted.push(PlannedDrive { protocol: spoken, program, host, spec, drive });
+                self.describe(format!(
+                    "{drive:?}: {name} on {}, address {address}",
+                    host_protocol.name
+                ));
+                wanted.push(PlannedDrive { protocol: host_protocol, program, host, spec, drive });
             }
         }
         wanted
@@ -173,19 +178,22 @@ impl Scenario {
         let latest = (LATE_MAX_TIMEOUTS * patience).saturating_sub(OWN_MS + QUEUE_MS);
         let faults = CanFaults::random(random, latest);
         self.schedule(begin, Disturbance::CanFaults(at, faults));
-        for deed in [
+        for intruder_action in [
             IntruderAction::Babble,
             IntruderAction::Load(random.between(150, 2_000) as u32),
             IntruderAction::Forge,
         ] {
             if random.chance(RARE) {
                 let from = self.random_fault_time(random);
-                let longest =
-                    if deed == IntruderAction::Babble { i64::from(latest) } else { 3_000 };
+                let longest = if intruder_action == IntruderAction::Babble {
+                    i64::from(latest)
+                } else {
+                    3_000
+                };
                 let until = from.plus_ms(random.between(5, longest) as u32).min(self.faults_end);
-                self.describe(format!("from {from:?} until {until:?}: {deed:?}"));
-                let stranger = Intruder::new(deed, (from, until), 0, random.fork());
-                let node = self.world.add_node(Box::new(CanStationNode(stranger)));
+                self.describe(format!("from {from:?} until {until:?}: {intruder_action:?}"));
+                let intruder = Intruder::new(intruder_action, (from, until), 0, random.fork());
+                let node = self.world.add_node(Box::new(CanStationNode(intruder)));
                 self.world.plug_intruder(wire, node);
             }
         }

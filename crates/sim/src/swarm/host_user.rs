@@ -191,9 +191,11 @@ impl HostUser {
             InvariantChecker::Serial(watch) => {
                 let copies = watch.copies_taken;
                 report.add_violations(watch.check_event(world, !gave_up.is_empty()));
-                let heard = world.serial_status(self.wire, self.host).last_from_others;
-                let fresh = std::mem::replace(&mut self.last_heard, heard.tag) != heard.tag;
-                let mistaken = fresh && self.mistaken_requests.contains(&heard.answers);
+                let transmission_label = world.serial_status(self.wire, self.host).last_from_others;
+                let fresh = std::mem::replace(&mut self.last_heard, transmission_label.tag)
+                    != transmission_label.tag;
+                let mistaken =
+                    fresh && self.mistaken_requests.contains(&transmission_label.answers);
                 report.wire_collisions += u64::from(mistaken);
                 watch.copies_taken > copies || mistaken
             }
@@ -209,9 +211,9 @@ impl HostUser {
                 let copied = watch.copies_taken > believed.0;
                 if copied {
                     let from = watch.last_sender;
-                    let place =
+                    let locate =
                         |a: &SwarmAxis| world.can_status(self.wire, a.drive).map(|s| s.plug);
-                    let whose = self.axes.iter().find(|axis| place(axis) == Some(from));
+                    let whose = self.axes.iter().find(|axis| locate(axis) == Some(from));
                     let protocol = whose.map_or("a twin", |axis| axis.protocol);
                     *report.copies_on.entry(protocol).or_default() += 1;
                 }

@@ -54,17 +54,17 @@ type InertCache = HashMap<(&'static str, MediumKind, &'static str), &'static [In
 
 /// The inert parameters of a product on a protocol; found once per process.
 pub fn inert_parameters(
-    spoken: &HostProtocol,
+    protocol: &HostProtocol,
     profile: &'static Profile,
 ) -> &'static [InertParameter] {
     static KNOWN: OnceLock<Mutex<InertCache>> = OnceLock::new();
     let mut known = KNOWN.get_or_init(Mutex::default).lock().unwrap_or_else(|e| e.into_inner());
     known
-        .entry((spoken.name, spoken.medium, profile.name))
-        .or_insert_with(|| find_inert(spoken, profile).leak())
+        .entry((protocol.name, protocol.medium, profile.name))
+        .or_insert_with(|| find_inert(protocol, profile).leak())
 }
 
-fn find_inert(spoken: &HostProtocol, profile: &'static Profile) -> Vec<InertParameter> {
+fn find_inert(protocol: &HostProtocol, profile: &'static Profile) -> Vec<InertParameter> {
     let ids = (0..profile.parameters.len()).filter_map(|n| u16::try_from(n).ok()).map(ParameterId);
     let candidates = ids.filter(|id| {
         profile.parameter(*id).is_some_and(|p| {
@@ -77,7 +77,7 @@ fn find_inert(spoken: &HostProtocol, profile: &'static Profile) -> Vec<InertPara
     candidates
         .filter(|id| !is_planned(profile, *id))
         .take(TRIALS_MAX)
-        .filter_map(|id| try_parameter(spoken, profile, id))
+        .filter_map(|id| try_parameter(protocol, profile, id))
         .take(INERT_MAX)
         .collect()
 }
@@ -93,27 +93,27 @@ fn is_planned(profile: &Profile, id: ParameterId) -> bool {
 }
 
 fn try_parameter(
-    spoken: &HostProtocol,
+    protocol: &HostProtocol,
     profile: &'static Profile,
     id: ParameterId,
 ) -> Option<InertParameter> {
     let parameter = profile.parameter(id)?;
-    let mut desk = ParameterTrial::new(spoken, profile)?;
-    let usual = desk.read(id)?;
+    let mut parameter_trial = ParameterTrial::new(protocol, profile)?;
+    let usual = parameter_trial.read(id)?;
     let (min, max) =
         (parameter.min.max(usual.saturating_sub(20)), parameter.max.min(usual.saturating_add(20)));
     for value in [max, min, usual] {
-        desk.write(id, value)?;
-        (desk.read(id)? == value && desk.is_quiet()).then_some(())?;
+        parameter_trial.write(id, value)?;
+        (parameter_trial.read(id)? == value && parameter_trial.is_quiet()).then_some(())?;
     }
     // A drive may change a flag of it by itself as it moves.
     let flags = (min..=max).rev().find(|raw| (raw + 1).count_ones() == 1).unwrap_or(max);
-    desk.write(id, flags)?;
-    desk.run_motion();
-    (desk.read(id)? == flags).then_some(())?;
-    desk.write(id, max)?;
-    desk.power_cycle();
-    desk.read(id)?;
+    parameter_trial.write(id, flags)?;
+    parameter_trial.run_motion();
+    (parameter_trial.read(id)? == flags).then_some(())?;
+    parameter_trial.write(id, max)?;
+    parameter_trial.power_cycle();
+    parameter_trial.read(id)?;
     (max - min >= 2).then(|| InertParameter {
         id,
         min,
@@ -145,21 +145,21 @@ struct ParameterTrial {
 }
 
 impl ParameterTrial {
-    fn new(spoken: &HostProtocol, profile: &'static Profile) -> Option<Self> {
+    fn new(protocol: &HostProtocol, profile: &'static Profile) -> Option<Self> {
         let mut world = World::new(0);
-        let wire = match spoken.medium {
+        let wire = match protocol.medium {
             MediumKind::Serial => world.add_serial(SerialWireConfig::RS232),
-            MediumKind::Can => world.add_can(CanLine { bit_rate: spoken.baud }),
+            MediumKind::Can => world.add_can(CanLine { bit_rate: protocol.baud }),
         };
-        let mut spec = RackDrive::new(profile, spoken.name);
-        spec.address = Some(spoken.first_address);
+        let mut spec = RackDrive::new(profile, protocol.name);
+        spec.address = Some(protocol.first_address);
         let drive = spec.build(&mut world, wire, false).ok()?;
-        let options = host_options(spoken, false, false);
+        let options = host_options(protocol, false, false);
         let host = world.add_node(host::host_lane(
-            spoken.name,
-            spoken.medium,
+            protocol.name,
+            protocol.medium,
             options,
-            &[(profile, spoken.first_address)],
+            &[(profile, protocol.first_address)],
         )?);
         world.plug_host(wire, host, 0);
         world.run_until(world.now().plus_ms(2_000));
@@ -194,13 +194,13 @@ impl ParameterTrial {
 
     /// Whether the drive says nothing unasked: what it said could fill a bus.
     fn is_quiet(&mut self) -> bool {
-        let said = |world: &World, wire, drive| match world.medium(wire) {
+        let is_kind = |world: &World, wire, drive| match world.medium(wire) {
             MediumKind::Serial => world.serial_status(wire, drive).last_sent.tag,
             MediumKind::Can => world.can_status(wire, drive).map_or(0, |s| s.last_sent.tag),
         };
-        let before = said(&self.world, self.wire, self.drive);
+        let before = is_kind(&self.world, self.wire, self.drive);
         self.world.run_until(self.world.now().plus_ms(QUIET_MS));
-        said(&self.world, self.wire, self.drive) == before
+        is_kind(&self.world, self.wire, self.drive) == before
     }
 
     /// Has the drive do whatever it does as it comes from the factory.
@@ -222,7 +222,7 @@ impl ParameterTrial {
 }
 
 /// How a swarm's hosts are set. An echo there is on a bus only.
-pub fn host_options(spoken: &HostProtocol, bus: bool, echo: bool) -> HostOptions {
+pub fn host_options(protocol: &HostProtocol, bus: bool, echo: bool) -> HostOptions {
     let wire = bus.then_some(SerialStandard::Rs485);
-    HostOptions { echo, standard: wire, ..HostOptions::new(spoken.baud) }
+    HostOptions { echo, standard: wire, ..HostOptions::new(protocol.baud) }
 }

@@ -155,9 +155,9 @@ impl MotionObserver {
     ) -> Option<MotionViolation> {
         let executed = self.settled_executions.map_or(0, |before| truth.unrepeatable - before);
         if executed > self.pending_verbs {
-            let asked = self.pending_verbs;
+            let requested = self.pending_verbs;
             self.settled_executions = None;
-            return Some(("I2", format!("{executed} executions of {asked} verbs")));
+            return Some(("I2", format!("{executed} executions of {requested} verbs")));
         }
         if going {
             (self.quiet_since, self.settled_starts) = (None, None);
@@ -199,24 +199,24 @@ impl MotionObserver {
             return None;
         }
         let ServoBounds { velocity, acceleration, current } = truth.bounds;
-        let (asked, asked_before) = (is.velocity.abs(), was.velocity.abs());
-        if asked > velocity.max(asked_before) + ROUNDING {
-            return Some(("I14", format!("set to {asked:.2} rad/s, held to {velocity:.2}")));
+        let (requested, asked_before) = (is.velocity.abs(), was.velocity.abs());
+        if requested > velocity.max(asked_before) + ROUNDING {
+            return Some(("I14", format!("set to {requested:.2} rad/s, held to {velocity:.2}")));
         }
         let (turns, turned) = (truth.velocity.abs(), before.velocity.abs());
         // A drive may start its ramp anew from the motor, as fast as that is.
         let (seconds, slowest) = (now.since(at).as_secs_f64(), asked_before.max(turned));
-        if asked - slowest > acceleration * (seconds + TICK_S) + LEAD {
-            let (gain, ms) = ((asked - slowest) / seconds, seconds * 1e3);
+        if requested - slowest > acceleration * (seconds + TICK_S) + LEAD {
+            let (gain, ms) = ((requested - slowest) / seconds, seconds * 1e3);
             let what = format!("set to {gain:.1} rad/s² for {ms:.1} ms, held to {acceleration:.1}");
             return Some(("I14", what));
         }
-        let top = velocity.max(asked).max(asked_before).max(turned);
+        let top = velocity.max(requested).max(asked_before).max(turned);
         let step = top + self.speed_against(truth.velocity);
         if turns > top + OVERSHOOT.0 * step + OVERSHOOT.1 {
             let lag = is.position - truth.position;
             let what = format!(
-                "turns at {turns:.2} rad/s, held to {velocity:.2}, set to {asked:.2} and {lag:.3} rad behind"
+                "turns at {turns:.2} rad/s, held to {velocity:.2}, set to {requested:.2} and {lag:.3} rad behind"
             );
             return Some(("I14", what));
         }

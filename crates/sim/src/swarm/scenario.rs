@@ -104,11 +104,11 @@ impl Scenario {
     }
 
     fn add_links(&mut self, random: &mut Random) {
-        let spoken: Vec<_> =
+        let names: Vec<_> =
             host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial).collect();
         for _ in 0..random.between(1, LINKS_MAX) {
-            if !spoken.is_empty() {
-                let protocol = random.pick(&spoken);
+            if !names.is_empty() {
+                let protocol = random.pick(&names);
                 self.add_link(&protocol, random);
             }
         }
@@ -194,8 +194,8 @@ impl Scenario {
 
     fn step(&mut self) {
         let happened = self.world.step();
-        for heard in self.world.take_log() {
-            let Reception { at, node: by, data: carried, .. } = heard;
+        for reception in self.world.take_log() {
+            let Reception { at, node: by, data: carried, .. } = reception;
             self.report.log_event(at, || format!("{by:?} hears {carried}"));
         }
         for client in &mut self.users {
@@ -291,9 +291,9 @@ impl Scenario {
         }
     }
 
-    fn add_link(&mut self, spoken: &HostProtocol, random: &mut Random) {
+    fn add_link(&mut self, protocol: &HostProtocol, random: &mut Random) {
         let products: Vec<_> =
-            drives::profiles().iter().copied().filter(|p| p.protocol == spoken.profile).collect();
+            drives::profiles().iter().copied().filter(|p| p.protocol == protocol.profile).collect();
         if products.is_empty() {
             return;
         }
@@ -304,12 +304,12 @@ impl Scenario {
         let timing = random.pick(&TIMINGS);
         let (cdc, tcp) = (timing == Timing::Cdc, timing == Timing::Tcp);
         // The port of a serial server is set there, not by the host.
-        let baud = tcp.then_some(spoken.baud);
+        let baud = tcp.then_some(protocol.baud);
         let wire = self.world.add_serial(SerialWireConfig { duplex, timing, echo, baud });
         let options = HostOptions {
             untimed: cdc && random.chance(Ppm(500_000)),
             probe_seed: random.chance(Ppm(500_000)).then(|| random.next_u64() as u32),
-            ..host_options(spoken, bus, echo)
+            ..host_options(protocol, bus, echo)
         };
         // What the host of a connection string is told of a serial server.
         let options = match tcp {
@@ -321,8 +321,8 @@ impl Scenario {
         let (mut axes, mut served) = (Vec::new(), Vec::new());
         for n in 0..count {
             // Odd steps leave room for host addresses between the drives'.
-            let (profile, address) = (random.pick(&products), spoken.first_address + 2 * n);
-            let mut spec = RackDrive::new(profile, spoken.name);
+            let (profile, address) = (random.pick(&products), protocol.first_address + 2 * n);
+            let mut spec = RackDrive::new(profile, protocol.name);
             (spec.address, spec.seed) = (Some(address), random.next_u64());
             // A family that knows of several standards is told which one this wire follows.
             let plain = spec.clone();
@@ -334,23 +334,23 @@ impl Scenario {
                 index,
                 drive,
                 profile,
-                spoken.name,
-                inert_parameters(spoken, profile),
+                protocol.name,
+                inert_parameters(protocol, profile),
             ));
             self.describe(format!(
                 "{drive:?}: {} on {}, address {address}",
-                profile.name, spoken.name
+                profile.name, protocol.name
             ));
             served.push((profile, address));
         }
-        let Some(lane) = host::host_lane(spoken.name, spoken.medium, options, &served) else {
+        let Some(lane) = host::host_lane(protocol.name, protocol.medium, options, &served) else {
             return;
         };
         let host = self.world.add_node(lane);
         self.world.plug_host(wire, host, 0);
         let mut client = HostUser::new(&self.world, host, wire, axes, random);
         client.next_at = Instant::ZERO.plus_ms(random.between(0, 300) as u32);
-        self.plan_faults(&mut client, &served, spoken.baud, timing, random);
+        self.plan_faults(&mut client, &served, protocol.baud, timing, random);
         self.users.push(client);
     }
 

@@ -73,11 +73,11 @@ impl OutsideEnd {
 
     /// Puts a frame in line for the controller. Returns whether there was room.
     pub(super) fn queue_frame(&mut self, frame: &Frame) -> bool {
-        let room = self.outbox.len() < FRAMES_MAX;
-        if room {
+        let has_room = self.outbox.len() < FRAMES_MAX;
+        if has_room {
             self.outbox.push_back(*frame);
         }
-        room
+        has_room
     }
 
     pub(super) fn pop_to_send(&mut self) -> Option<Frame> {

@@ -197,16 +197,20 @@ impl Alone {
     }
 }
 
-fn lane(spoken: &HostProtocol, profile: &'static Profile) -> Alone {
+fn lane(protocol: &HostProtocol, profile: &'static Profile) -> Alone {
     let options = HostOptions::new(0);
-    let node =
-        host::host_lane(spoken.name, spoken.medium, options, &[(profile, spoken.first_address)]);
+    let node = host::host_lane(
+        protocol.name,
+        protocol.medium,
+        options,
+        &[(profile, protocol.first_address)],
+    );
     Alone { node: node.expect("in the registry"), now: Instant::ZERO, said: Vec::new() }
 }
 
-fn drive(spoken: &HostProtocol, profile: &'static Profile) -> Alone {
-    let mut spec = RackDrive::new(profile, spoken.name);
-    spec.address = Some(spoken.first_address);
+fn drive(protocol: &HostProtocol, profile: &'static Profile) -> Alone {
+    let mut spec = RackDrive::new(profile, protocol.name);
+    spec.address = Some(protocol.first_address);
     Alone::new(spec.device(false).expect("a drive as from the factory"))
 }
 
@@ -216,8 +220,8 @@ fn readable(profile: &'static Profile) -> Vec<ParameterId> {
 }
 
 /// Begins to read a parameter. `None` when its scale must be read first.
-fn begin_read(spoken: &HostProtocol, profile: &'static Profile, id: ParameterId) -> Alone {
-    let mut host = lane(spoken, profile);
+fn begin_read(protocol: &HostProtocol, profile: &'static Profile, id: ParameterId) -> Alone {
+    let mut host = lane(protocol, profile);
     let now = host.now;
     let axes = host.node.axes().expect("a lane");
     axes.read_parameter(now, Ticket(1), AXIS, id).expect("a readable parameter");
@@ -230,9 +234,9 @@ fn begin_read(spoken: &HostProtocol, profile: &'static Profile, id: ParameterId)
 }
 
 /// Good requests: every step of every verb, and reads.
-fn requests(spoken: &HostProtocol, profile: &'static Profile) -> Vec<Vec<u8>> {
+fn requests(protocol: &HostProtocol, profile: &'static Profile) -> Vec<Vec<u8>> {
     let mut all = Vec::new();
-    let mut host = lane(spoken, profile);
+    let mut host = lane(protocol, profile);
     let axes = host.node.axes().expect("a lane");
     for verb in Verb::ALL {
         let command = Command {
@@ -247,15 +251,19 @@ fn requests(spoken: &HostProtocol, profile: &'static Profile) -> Vec<Vec<u8>> {
         });
     }
     for id in readable(profile).into_iter().take(20) {
-        all.push(begin_read(spoken, profile, id).said);
+        all.push(begin_read(protocol, profile, id).said);
     }
     all.retain(|frame| !frame.is_empty());
     all
 }
 
 /// Good replies, as the drive gives them.
-fn replies(spoken: &HostProtocol, profile: &'static Profile, requests: &[Vec<u8>]) -> Vec<Vec<u8>> {
-    let mut drive = drive(spoken, profile);
+fn replies(
+    protocol: &HostProtocol,
+    profile: &'static Profile,
+    requests: &[Vec<u8>],
+) -> Vec<Vec<u8>> {
+    let mut drive = drive(protocol, profile);
     let mut all = Vec::new();
     for request in requests {
         drive.said.clear();
@@ -269,10 +277,10 @@ fn replies(spoken: &HostProtocol, profile: &'static Profile, requests: &[Vec<u8>
 /// Every protocol with every product that speaks it.
 fn pairs() -> Vec<(HostProtocol, &'static dyn Dissector, &'static Profile)> {
     let mut all = Vec::new();
-    for spoken in host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial) {
-        let dissector = proto::find_dissector(spoken.name).expect("every host has a dissector");
-        let products = drives::profiles().iter().filter(|p| p.protocol == spoken.profile);
-        all.extend(products.map(|profile| (spoken, dissector, *profile)));
+    for protocol in host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial) {
+        let dissector = proto::find_dissector(protocol.name).expect("every host has a dissector");
+        let products = drives::profiles().iter().filter(|p| p.protocol == protocol.profile);
+        all.extend(products.map(|profile| (protocol, dissector, *profile)));
     }
     all
 }
@@ -296,9 +304,9 @@ impl ExplainSink for Count {
 
 #[test]
 fn deframers_survive_and_go_on() {
-    for (spoken, dissector, profile) in pairs() {
-        let good = requests(&spoken, profile);
-        let answers = replies(&spoken, profile, &good);
+    for (protocol, dissector, profile) in pairs() {
+        let good = requests(&protocol, profile);
+        let answers = replies(&protocol, profile, &good);
         for (direction, frames_of) in [(Direction::ToDrive, &good), (Direction::ToHost, &answers)] {
             let (mut random, mut passed) = (Random::new(1), Passed::default());
             let good = whole(dissector, frames_of, direction);
@@ -330,17 +338,17 @@ fn deframers_survive_and_go_on() {
                 }
                 passed.note(kind, through);
             }
-            passed.print(&format!("{} {} {direction:?}", spoken.name, profile.name));
+            passed.print(&format!("{} {} {direction:?}", protocol.name, profile.name));
         }
     }
 }
 
 #[test]
 fn a_drive_obeys_no_frame_whose_check_fails() {
-    for (spoken, dissector, profile) in pairs() {
-        let frames_of = requests(&spoken, profile);
+    for (protocol, dissector, profile) in pairs() {
+        let frames_of = requests(&protocol, profile);
         let (mut random, mut passed) = (Random::new(2), Passed::default());
-        let mut subject = drive(&spoken, profile);
+        let mut subject = drive(&protocol, profile);
         let (mut before, mut history) = (subject.truth(), Vec::new());
         for _ in 0..frames() {
             let (kind, bytes) = harm(&mut random, &frames_of);
@@ -362,27 +370,27 @@ fn a_drive_obeys_no_frame_whose_check_fails() {
                 || (!subject.said.is_empty()
                     && passing(dissector, &bytes, Direction::ToDrive).is_some())
             {
-                subject = drive(&spoken, profile);
+                subject = drive(&protocol, profile);
                 before = subject.truth();
                 history.clear();
             }
             let old = history.len().saturating_sub(2 * STREAM_UNIT_MAX);
             history.drain(..old);
         }
-        passed.print(&format!("{} {} obeyed", spoken.name, profile.name));
+        passed.print(&format!("{} {} obeyed", protocol.name, profile.name));
     }
 }
 
 #[test]
 fn every_request_ends_and_believes_no_broken_reply() {
-    for (spoken, dissector, profile) in pairs() {
+    for (protocol, dissector, profile) in pairs() {
         let readable = readable(profile);
-        let frames_of = replies(&spoken, profile, &requests(&spoken, profile));
+        let frames_of = replies(&protocol, profile, &requests(&protocol, profile));
         let good = whole(dissector, &frames_of, Direction::ToHost);
         let (mut random, mut passed) = (Random::new(3), Passed::default());
         for _ in 0..frames() {
             let id = readable[random.below(readable.len().min(20) as u64) as usize];
-            let mut host = begin_read(&spoken, profile, id);
+            let mut host = begin_read(&protocol, profile, id);
             let (kind, bytes) = harm(&mut random, &frames_of);
             if bytes.is_empty() {
                 continue;
@@ -408,10 +416,10 @@ fn every_request_ends_and_believes_no_broken_reply() {
             assert!(
                 !believed || excuse.is_some(),
                 "{} believed {kind:?} {bytes:02X?}",
-                spoken.name
+                protocol.name
             );
         }
-        passed.print(&format!("{} {} believed", spoken.name, profile.name));
+        passed.print(&format!("{} {} believed", protocol.name, profile.name));
     }
 }
 

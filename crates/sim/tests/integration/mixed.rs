@@ -172,8 +172,8 @@ impl Bus {
         let host = world.add_node(host::can_program(&lanes).unwrap());
         world.plug_host(wire, host, 0);
         let tally = Arc::new(Tally::default());
-        let ear = world.add_node(Box::new(CanStationNode(Ear(Arc::clone(&tally)))));
-        world.plug_drive(wire, ear, 0);
+        let node_id = world.add_node(Box::new(CanStationNode(Ear(Arc::clone(&tally)))));
+        world.plug_drive(wire, node_id, 0);
         let target = Arc::new(AtomicI32::new(0));
         let (tickets, fed, paths) = (0, [0; 2], [Ticket(0); 2]);
         let mut bus =
@@ -189,12 +189,13 @@ impl Bus {
 
     fn start(
         &mut self,
-        ask: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+        request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Ticket {
         self.tickets = self.tickets.wrapping_add(1);
         let ticket = Ticket(self.tickets);
-        let asked = |axes: &mut dyn Axes, now| ask(axes, now, ticket);
-        let taken = self.world.with_node(self.host, |node, now| asked(node.axes().unwrap(), now));
+        let requested = |axes: &mut dyn Axes, now| request(axes, now, ticket);
+        let taken =
+            self.world.with_node(self.host, |node, now| requested(node.axes().unwrap(), now));
         taken.unwrap_or_else(|error| panic!("{ticket:?}: {error:?}"));
         ticket
     }
@@ -330,8 +331,8 @@ impl Bus {
             assert!((read.value - turns).abs() < 1.5, "second {n}, axis {axis}: {read:?}, {turns}");
         }
         for (axis, from) in [X, Y].into_iter().zip(way) {
-            let went = (self.at(axis) - from).abs();
-            assert!(n < 2 || went > 1.0, "second {n}, axis {axis} went {went} rad");
+            let execution = (self.at(axis) - from).abs();
+            assert!(n < 2 || execution > 1.0, "second {n}, axis {axis} went {execution} rad");
         }
     }
 

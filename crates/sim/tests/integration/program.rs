@@ -154,9 +154,9 @@ impl Bench {
 
     fn transfer(&mut self, kind: TransferKind, pieces: &[MemoryBlock]) -> Outcome {
         let axis = self.axis;
-        let begun =
+        let started =
             self.begin(|axes, now, ticket| axes.start_transfer(now, ticket, axis, kind, pieces));
-        let ticket = begun.unwrap();
+        let ticket = started.unwrap();
         self.end(ticket)
     }
 
@@ -182,9 +182,9 @@ impl Bench {
 
     fn order(&mut self, order: ProgramCommand) -> Outcome {
         let axis = self.axis;
-        let begun =
+        let started =
             self.begin(|axes, now, ticket| axes.send_program_command(now, ticket, axis, order));
-        let ticket = begun.unwrap();
+        let ticket = started.unwrap();
         self.end(ticket)
     }
 
@@ -194,8 +194,8 @@ impl Bench {
 
     fn verb(&mut self, verb: Verb) -> Outcome {
         let (axis, command) = (self.axis, Command::new(verb));
-        let begun = self.begin(|axes, now, ticket| axes.command(now, ticket, axis, command));
-        let ticket = begun.unwrap();
+        let started = self.begin(|axes, now, ticket| axes.command(now, ticket, axis, command));
+        let ticket = started.unwrap();
         self.end(ticket)
     }
 
@@ -325,9 +325,9 @@ fn a_download_that_is_cut_short_leaves_nothing_that_starts_by_itself() {
     let axis = bench.axis;
     let pieces = [piece(EEPROM, &words)];
     let kind = TransferKind::Write;
-    let begun =
+    let started =
         bench.begin(|axes, now, ticket| axes.start_transfer(now, ticket, axis, kind, &pieces));
-    let ticket = begun.unwrap();
+    let ticket = started.unwrap();
     while bench.progress().done < 9 {
         bench.world.step();
     }
@@ -349,9 +349,9 @@ fn a_stop_overtakes_a_download_and_ends_it() {
     let mut bench = Bench::new("tml", "tmlcan", &[1], 1);
     let (axis, pieces) = (bench.axis, [piece(RAM, &noise(200))]);
     let kind = TransferKind::Write;
-    let begun =
+    let started =
         bench.begin(|axes, now, ticket| axes.start_transfer(now, ticket, axis, kind, &pieces));
-    let ticket = begun.unwrap();
+    let ticket = started.unwrap();
     while bench.progress().done < 20 {
         bench.world.step();
     }

@@ -18,32 +18,32 @@ use crate::stop_observer::STOP_REPLY_MAX;
 impl WorldRunner {
     /// Whether that was answered; then whoever said it has heard it.
     pub(super) fn poll_reply(&mut self, n: usize) -> bool {
-        let (now, PendingCall { client: who, axis, sent_at: said, .. }) =
+        let (now, PendingCall { client: who, axis, sent_at: said_at, .. }) =
             (self.now, &self.pending[n]);
-        let (who, axis, said) = (*who, *axis, *said);
+        let (who, axis, said_at) = (*who, *axis, *said_at);
         match &mut self.pending[n].kind {
             CallKind::Lease(reply) => {
-                let Some(told) = reply.try_recv() else { return false };
-                self.handle_lease(who, axis, told);
+                let Some(result) = reply.try_recv() else { return false };
+                self.handle_lease(who, axis, result);
             }
             CallKind::Command { verb, epoch, starts, alone, reply } => {
-                let Some(told) = reply.try_recv() else { return false };
+                let Some(report) = reply.try_recv() else { return false };
                 let command = (*verb, *epoch, *starts, *alone);
-                self.handle_command_outcome(who, axis, said, command, told);
+                self.handle_command_outcome(who, axis, said_at, command, report);
             }
             CallKind::Stop { turned, late, reply } => {
-                let Some(told) = reply.try_recv() else {
-                    if !*late && now.since(said) > STOP_REPLY_MAX {
+                let Some(reported) = reply.try_recv() else {
+                    if !*late && now.since(said_at) > STOP_REPLY_MAX {
                         *late = true;
                         self.add_violation(
                             "G9",
-                            format!("a stop said at {:.3} s is not answered", seconds(said)),
+                            format!("a stop said at {:.3} s is not answered", seconds(said_at)),
                         );
                     }
                     return false;
                 };
                 let turned = std::mem::take(turned);
-                self.handle_stop_outcome(who, said, &turned, told);
+                self.handle_stop_outcome(who, said_at, &turned, reported);
             }
             CallKind::Release(reply) => {
                 let Some(told) = reply.try_recv() else { return false };
@@ -64,10 +64,10 @@ impl WorldRunner {
         &mut self,
         who: usize,
         axis: u16,
-        told: Result<Option<LeaseGrant>, GatewayError>,
+        result: Result<Option<LeaseGrant>, GatewayError>,
     ) {
         let (now, person) = (self.now, &mut self.clients[who]);
-        match told {
+        match result {
             Ok(Some(LeaseGrant { epoch, .. })) => {
                 let known = person.leases.get(&axis).is_some_and(|hold| hold.epoch == epoch);
                 if !known {
@@ -98,17 +98,17 @@ impl WorldRunner {
         &mut self,
         who: usize,
         axis: u16,
-        said: Instant,
+        sent_at: Instant,
         (verb, epoch, starts, alone): (&'static str, u64, u64, bool),
-        told: Result<CommandOutcome, GatewayError>,
+        result: Result<CommandOutcome, GatewayError>,
     ) {
         let moves = ["velocity", "enable"].contains(&verb);
-        let outcome = match &told {
+        let outcome = match &result {
             Ok(outcome) => outcome.outcome,
             Err(refused) if refused.executed == Some(false) => OutcomeKind::NotDone,
             Err(_) => OutcomeKind::Unknown,
         };
-        let error = told.as_ref().map_or_else(Some, |told| told.error.as_ref());
+        let error = result.as_ref().map_or_else(Some, |report| report.error.as_ref());
         let because = error_text(error);
         let name = self.clients[who].name.clone();
         self.log(|| format!("{name} is told: axis {axis} {verb} {outcome:?} {because}"));
@@ -128,11 +128,11 @@ impl WorldRunner {
             let obeyed =
                 outcome == OutcomeKind::Done || outcome == OutcomeKind::Unknown && executed;
             if obeyed && verb == "velocity" {
-                watch.record_motion_done(said);
+                watch.record_motion_done(sent_at);
             }
         }
         let (kind, owned) = (watch.kind, watch.epoch == Some(epoch));
-        let alone = alone && now.since(watch.stopped_at) > now.since(said) + SETTLE_TIME;
+        let alone = alone && now.since(watch.stopped_at) > now.since(sent_at) + SETTLE_TIME;
         if let Some(hold) = self.clients[who].leases.get_mut(&axis).filter(|h| h.epoch == epoch) {
             hold.command_pending = false;
             hold.progress = match (verb, outcome) {
@@ -170,12 +170,12 @@ impl WorldRunner {
     fn handle_stop_outcome(
         &mut self,
         who: usize,
-        said: Instant,
+        sent_at: Instant,
         turned: &[bool],
-        told: Result<StopReport, GatewayError>,
+        result: Result<StopReport, GatewayError>,
     ) {
         let name = self.clients[who].name.clone();
-        let stopped = match told {
+        let stopped = match result {
             Ok(stopped) => stopped,
             Err(refused) => {
                 return self.log(|| format!("{name} is told: STOP {}", error_text(Some(&refused))));
@@ -196,7 +196,7 @@ impl WorldRunner {
                 _ => "stops sent",
             });
             // Where others were waited for, it may have been moved again meanwhile.
-            let certain = said + Duration::from_secs_f64(one.ms.max(0.0) / 1e3);
+            let certain = sent_at + Duration::from_secs_f64(one.ms.max(0.0) / 1e3);
             if self.now.since(certain) < CERTAIN_MAX_AGE {
                 self.check_stop(one.id, one.class);
             }

@@ -10,8 +10,8 @@ const SEEDS: u64 = 200;
 
 #[test]
 fn no_seeded_gateway_breaks_an_invariant() {
-    let told = std::env::var("POLEPAIR_GATEWAY_SEEDS").ok().and_then(|n| n.parse().ok());
-    let (seeds, next) = (told.unwrap_or(SEEDS), AtomicU64::new(1));
+    let reported = std::env::var("POLEPAIR_GATEWAY_SEEDS").ok().and_then(|n| n.parse().ok());
+    let (seeds, next) = (reported.unwrap_or(SEEDS), AtomicU64::new(1));
     let sum = Mutex::new((GatewayReport::default(), Vec::new()));
     let jobs = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     std::thread::scope(|scope| {

@@ -25,10 +25,10 @@ pub(super) fn explain_as_default(
     bytes: &[u8],
     id: Option<u32>,
     profile: Option<&'static Profile>,
-    said: &mut Explanation,
+    explanation: &mut Explanation,
 ) {
-    said.clear();
-    CanopenDissector.explain(bytes, &Context { profile, id, ..Context::default() }, said);
+    explanation.clear();
+    CanopenDissector.explain(bytes, &Context { profile, id, ..Context::default() }, explanation);
 }
 
 /// Says what a frame is in its transfer. `moved` tells that its identifier is not the usual one.
@@ -38,15 +38,15 @@ pub(super) fn annotate_part(
     bytes: &[u8],
     (reply, moved): (bool, bool),
     profile: Option<&'static Profile>,
-    said: &mut Explanation,
+    explanation: &mut Explanation,
 ) {
     let function = if reply { SDO_REPLY } else { SDO_REQUEST };
     let id = Some(u32::from(function | u16::from(channel.node)));
     if let TransferPart::BlockSegment(_) = part {
-        said.clear();
-        explain_block_segment(bytes, &Context { profile, id, ..Context::default() }, said);
+        explanation.clear();
+        explain_block_segment(bytes, &Context { profile, id, ..Context::default() }, explanation);
     } else if moved {
-        explain_as_default(bytes, id, profile, said);
+        explain_as_default(bytes, id, profile, explanation);
     }
     let object = channel.object();
     let ObjectIndex { index, sub } = object;
@@ -60,9 +60,9 @@ pub(super) fn annotate_part(
             }
             let _ = write!(text, " of 0x{index:04X}:{sub}");
             append_name(object, profile, &mut text);
-            append_remark(&text, said);
+            append_remark(&text, explanation);
         }
-        TransferPart::Complete => annotate_whole(channel, profile, said),
+        TransferPart::Complete => annotate_whole(channel, profile, explanation),
     }
 }
 
@@ -76,7 +76,11 @@ fn append_name(object: ObjectIndex, profile: Option<&'static Profile>, text: &mu
 }
 
 /// What a transfer of several frames brought.
-fn annotate_whole(channel: &SdoChannel, profile: Option<&'static Profile>, said: &mut Explanation) {
+fn annotate_whole(
+    channel: &SdoChannel,
+    profile: Option<&'static Profile>,
+    explanation: &mut Explanation,
+) {
     let (head, len, segments) = channel.value();
     if segments == 0 {
         return;
@@ -87,7 +91,7 @@ fn annotate_whole(channel: &SdoChannel, profile: Option<&'static Profile>, said:
     text.push_str(" = ");
     append_value(head, len, &mut text);
     let _ = write!(text, ", {len} bytes in {segments} segments");
-    append_remark(&text, said);
+    append_remark(&text, explanation);
 }
 
 /// A text, a number, or the first of its bytes.
@@ -114,15 +118,15 @@ fn append_value(head: &[u8], len: u32, text: &mut String) {
 }
 
 /// Appends parentheses, in which there are none.
-fn append_remark(text: &str, said: &mut Explanation) {
-    said.text.push_str(" (");
-    let _ = RemarkText(&mut said.text).write_str(text);
-    said.text.push(')');
+fn append_remark(text: &str, explanation: &mut Explanation) {
+    explanation.text.push_str(" (");
+    let _ = RemarkText(&mut explanation.text).write_str(text);
+    explanation.text.push(')');
 }
 
 /// Says which fault the short form of an emergency is, in the words of the one drive that has it.
-pub(super) fn annotate_inferred(words: &FaultText, said: &mut Explanation) {
-    append_remark(&format!("inferred: {}", words.text.trim_end_matches('.')), said);
+pub(super) fn annotate_inferred(words: &FaultText, explanation: &mut Explanation) {
+    append_remark(&format!("inferred: {}", words.text.trim_end_matches('.')), explanation);
 }
 
 /// Says what process data are, object by object; `id` is the identifier that they came with.
@@ -131,35 +135,35 @@ pub(super) fn explain_process_data(
     bytes: &[u8],
     id: Option<u32>,
     profile: Option<&'static Profile>,
-    said: &mut Explanation,
+    explanation: &mut Explanation,
 ) {
-    if said.is_values_only() {
-        (said.error, said.axis) = (None, Some(pdo.node.into()));
+    if explanation.is_values_only() {
+        (explanation.error, explanation.axis) = (None, Some(pdo.node.into()));
         return;
     }
-    said.clear();
-    if pdo.explain(bytes, profile, said) {
+    explanation.clear();
+    if pdo.explain(bytes, profile, explanation) {
         return;
     }
     let usual = pdo.default_cob().map(|cob| u32::from(cob.id()));
-    explain_as_default(bytes, usual, profile, said);
+    explain_as_default(bytes, usual, profile, explanation);
     if usual.is_none() || usual != id {
-        said.error = None;
-        said.axis(pdo.node.into());
-        said.kind.clear();
-        let _ = write!(said.kind, "{}", pdo.name());
+        explanation.error = None;
+        explanation.axis(pdo.node.into());
+        explanation.kind.clear();
+        let _ = write!(explanation.kind, "{}", pdo.name());
     }
     if usual.is_none() {
-        explain_further_pdo(pdo, bytes, said);
+        explain_further_pdo(pdo, bytes, explanation);
     }
 }
 
 /// A PDO beyond those of the predefined set, which has no words of its own.
-fn explain_further_pdo(pdo: &Pdo, bytes: &[u8], said: &mut Explanation) {
-    said.text.clear();
-    let _ = write!(said.text, "{}", pdo.name());
-    said.text.make_ascii_lowercase();
+fn explain_further_pdo(pdo: &Pdo, bytes: &[u8], explanation: &mut Explanation) {
+    explanation.text.clear();
+    let _ = write!(explanation.text, "{}", pdo.name());
+    explanation.text.make_ascii_lowercase();
     bytes.iter().for_each(|byte| {
-        let _ = write!(said.text, " {byte:02X}");
+        let _ = write!(explanation.text, " {byte:02X}");
     });
 }

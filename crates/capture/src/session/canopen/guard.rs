@@ -38,11 +38,11 @@ impl NodeGuardMonitor {
 
     /// No more is waited for an answer. True if one was due.
     pub fn give_up(&mut self, node: u8, notices: &mut Vec<SessionNotice>) -> bool {
-        let Some(asked) = self.pending.take() else { return false };
+        let Some(request) = self.pending.take() else { return false };
         self.lost = true;
         notices.push(SessionNotice::Exchange(guard_exchange(
             node,
-            asked,
+            request,
             None,
             ExchangeOutcome::Unanswered,
         )));
@@ -57,12 +57,12 @@ impl NodeGuardMonitor {
         at: FrameRef,
         notices: &mut Vec<SessionNotice>,
     ) -> bool {
-        let Some(asked) = self.pending.take() else { return false };
+        let Some(request) = self.pending.take() else { return false };
         let (known, lost) = (self.toggle.replace(toggle), core::mem::take(&mut self.lost));
         self.seen = true;
         notices.push(SessionNotice::Exchange(guard_exchange(
             node,
-            asked,
+            request,
             Some(at),
             ExchangeOutcome::Done,
         )));
@@ -76,10 +76,10 @@ impl NodeGuardMonitor {
 
 fn guard_exchange(
     node: u8,
-    asked: FrameRef,
+    request: FrameRef,
     answered: Option<FrameRef>,
     outcome: ExchangeOutcome,
 ) -> ExchangeNotice {
     let axis = Some(node.into());
-    ExchangeNotice { axis, op: "guarding", requested: asked, answered, outcome, retries: 0 }
+    ExchangeNotice { axis, op: "guarding", requested: request, answered, outcome, retries: 0 }
 }

@@ -81,11 +81,11 @@ impl LssExchange {
         answered: Option<FrameRef>,
         outcome: ExchangeOutcome,
     ) -> SessionNotice {
-        let Self { op, first: asked, retries, .. } = *self;
+        let Self { op, first: request, retries, .. } = *self;
         SessionNotice::Exchange(ExchangeNotice {
             axis: None,
             op,
-            requested: asked,
+            requested: request,
             answered,
             outcome,
             retries,
@@ -124,45 +124,52 @@ impl LssTracker {
             }
             self.give_up(open, " before the next request", notices);
         }
-        let owed = LssExpectation::for_request(request);
-        let asked =
-            LssExchange { request: bytes, op, first: at, last: at, expectation: owed, retries: 0 };
-        match owed {
+        let lss_expectation = LssExpectation::for_request(request);
+        let exchange = LssExchange {
+            request: bytes,
+            op,
+            first: at,
+            last: at,
+            expectation: lss_expectation,
+            retries: 0,
+        };
+        match lss_expectation {
             LssExpectation::Nothing => {
-                notices.push(asked.exchange_notice(None, ExchangeOutcome::Done))
+                notices.push(exchange.exchange_notice(None, ExchangeOutcome::Done))
             }
-            _ => self.pending = Some(asked),
+            _ => self.pending = Some(exchange),
         }
     }
 
     /// Takes eight bytes from a device.
     pub fn handle_reply(&mut self, bytes: [u8; 8], at: FrameRef, notices: &mut Vec<SessionNotice>) {
-        let fits = |asked: &LssExchange| lss_answers(&bytes, &asked.request);
-        if let Some(asked) = self.pending.take_if(|asked| fits(asked)) {
-            self.last_answered = Some((asked, bytes));
+        let fits = |exchange: &LssExchange| lss_answers(&bytes, &exchange.request);
+        if let Some(exchange) = self.pending.take_if(|exchange| fits(exchange)) {
+            self.last_answered = Some((exchange, bytes));
             let refused = refusal_code(bytes);
             if let Some(error) = refused {
-                let text = format!("{} was refused, error {error}", asked.op);
+                let text = format!("{} was refused, error {error}", exchange.op);
                 notices.push(anomaly(AnomalyKind::Refused, text));
             }
             let outcome =
                 if refused.is_some() { ExchangeOutcome::Refused } else { ExchangeOutcome::Done };
-            return notices.push(asked.exchange_notice(Some(at), outcome));
+            return notices.push(exchange.exchange_notice(Some(at), outcome));
         }
-        if let Some(asked) = self.abandoned.take_if(|asked| fits(asked)) {
+        if let Some(asked) = self.abandoned.take_if(|exchange| fits(exchange)) {
             let ms = at.1.zip(asked.last.1).map_or(0, |(now, then)| now.since(then) / 1_000_000);
             let text = format!("{}: the answer came {ms} ms after its request", asked.op);
             return notices.push(anomaly(AnomalyKind::LateReply, text));
         }
         match &self.last_answered {
             // Whoever fits answers, and those that do are as many as there are.
-            Some((asked, _)) if fits(asked) && asked.expectation == LssExpectation::Optional => {}
-            Some((asked, before)) if fits(asked) && *before == bytes => {
-                let text = format!("{}: the same answer twice", asked.op);
+            Some((exchange, _))
+                if fits(exchange) && exchange.expectation == LssExpectation::Optional => {}
+            Some((exchange, before)) if fits(exchange) && *before == bytes => {
+                let text = format!("{}: the same answer twice", exchange.op);
                 notices.push(anomaly(AnomalyKind::DuplicateReply, text));
             }
-            Some((asked, _)) if fits(asked) => {
-                let text = format!("{}: two devices are in configuration at once", asked.op);
+            Some((exchange, _)) if fits(exchange) => {
+                let text = format!("{}: two devices are in configuration at once", exchange.op);
                 notices.push(anomaly(AnomalyKind::DuplicateAddress, text));
             }
             _ if self.sees_requests => {
@@ -196,16 +203,16 @@ impl LssTracker {
         );
     }
 
-    fn give_up(&mut self, asked: LssExchange, why: &str, notices: &mut Vec<SessionNotice>) {
-        if asked.expectation == LssExpectation::Required {
-            notices.push(asked.exchange_notice(None, ExchangeOutcome::Unanswered));
-            let text = format!("{} was not answered{why}", asked.op);
-            let time = asked.last.1;
+    fn give_up(&mut self, exchange: LssExchange, why: &str, notices: &mut Vec<SessionNotice>) {
+        if exchange.expectation == LssExpectation::Required {
+            notices.push(exchange.exchange_notice(None, ExchangeOutcome::Unanswered));
+            let text = format!("{} was not answered{why}", exchange.op);
+            let time = exchange.last.1;
             let kind = AnomalyKind::Unanswered;
             notices.push(SessionNotice::Anomaly(AnomalyNotice { kind, axis: None, time, text }));
-            self.abandoned = Some(asked);
+            self.abandoned = Some(exchange);
         } else {
-            notices.push(asked.exchange_notice(None, ExchangeOutcome::Done));
+            notices.push(exchange.exchange_notice(None, ExchangeOutcome::Done));
         }
     }
 }

@@ -123,9 +123,9 @@ impl Mapping {
     /// its unit.
     #[inline]
     pub fn for_each_signal(&self, data: u64, mut each: impl FnMut(&MappedValue, i64, f64)) {
-        for place in &self.values {
-            let exact = place.exact(data);
-            each(place, exact, place.value(exact));
+        for mapped in &self.values {
+            let exact = mapped.exact(data);
+            each(mapped, exact, mapped.value(exact));
         }
     }
 
@@ -149,7 +149,7 @@ impl Mapping {
 
     /// Values that are whole numbers, in order.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = &MappedValue> {
-        self.values.iter().filter(|place| place.is_number())
+        self.values.iter().filter(|mapped| mapped.is_number())
     }
 
     /// The entries in order, where each lies, and what eight bytes hold for it.
@@ -158,9 +158,9 @@ impl Mapping {
         data: u64,
     ) -> impl Iterator<Item = (MappingEntry, BitField, &MappedValue, i64)> {
         let mapped = self.entries.iter().filter(|(entry, _)| !entry.is_gap());
-        mapped
-            .zip(self.numbers())
-            .map(move |((entry, field), place)| (*entry, *field, place, place.exact(data)))
+        mapped.zip(self.numbers()).map(move |((entry, field), mapped_value)| {
+            (*entry, *field, mapped_value, mapped_value.exact(data))
+        })
     }
 }
 

@@ -324,8 +324,8 @@ impl NodeTracker {
         notices: &mut Vec<SessionNotice>,
     ) {
         self.record_activity(true, notices);
-        let told = matches!(self.state, Some(NmtState::PreOperational | NmtState::Stopped));
-        if told && self.commanded.is_none() && self.heartbeat.is_seen() {
+        let reported = matches!(self.state, Some(NmtState::PreOperational | NmtState::Stopped));
+        if reported && self.commanded.is_none() && self.heartbeat.is_seen() {
             self.forbidden_data.get_or_insert(now);
         }
         // Without a heartbeat the order is what it was told to be.

@@ -112,7 +112,7 @@ impl Pdo {
         &mut self,
         bytes: &[u8],
         profile: Option<&'static Profile>,
-        said: &mut Explanation,
+        explanation: &mut Explanation,
     ) -> bool {
         let name = self.name();
         let laid = self.resolved.as_mut().and_then(|laid| laid.process_data.as_mut());
@@ -120,7 +120,7 @@ impl Pdo {
             |process: &&mut Arc<ProcessData>| bytes.len() >= process.mapping().bytes().into();
         let Some(process) = laid.filter(long) else { return false };
         ProcessData::learn_text(process, super::bytes_to_word(bytes), || name.to_string(), profile);
-        process.explain(bytes, said);
+        process.explain(bytes, explanation);
         true
     }
 
@@ -277,12 +277,12 @@ pub(super) struct PdoMove {
 
 impl PdoTable {
     /// Where a PDO stands; it is made if there is room.
-    pub fn find_or_add(&mut self, node: u8, told: bool, number: u16) -> Option<usize> {
-        let same = |p: &Pdo| (p.node, p.from_node, p.number) == (node, told, number);
+    pub fn find_or_add(&mut self, node: u8, reported: bool, number: u16) -> Option<usize> {
+        let same = |p: &Pdo| (p.node, p.from_node, p.number) == (node, reported, number);
         let known = self.all.iter().position(same);
         known.or_else(|| {
             (self.all.len() < PDOS_MAX).then(|| {
-                self.all.push(Pdo::new(node, told, number));
+                self.all.push(Pdo::new(node, reported, number));
                 self.all.len() - 1
             })
         })
@@ -290,14 +290,14 @@ impl PdoTable {
 
     /// Takes what an object of a node holds, and tells if a PDO has another identifier now.
     pub fn learn_object(&mut self, node: u8, object: ObjectIndex, raw: u32) -> Option<PdoMove> {
-        let (told, mapping) = match object.index {
+        let (reported, mapping) = match object.index {
             0x1400..=0x15FF => (false, false),
             0x1600..=0x17FF => (false, true),
             0x1800..=0x19FF => (true, false),
             0x1A00..=0x1BFF => (true, true),
             _ => return None,
         };
-        let at = self.find_or_add(node, told, (object.index & 0x1FF) + 1)?;
+        let at = self.find_or_add(node, reported, (object.index & 0x1FF) + 1)?;
         let pdo = &mut self.all[at];
         let id = |pdo: &Pdo| match pdo.cob {
             Some(cob) => Some(cob.id()).filter(|_| cob.is_valid()),

@@ -26,7 +26,7 @@ pub struct ProcessData {
 
 impl ProcessData {
     pub(super) fn new(node: u8, from_node: bool, mapping: Mapping) -> Self {
-        let watches = |place: &&MappedValue| from_node && place.tells_state();
+        let watches = |mapped: &&MappedValue| from_node && mapped.tells_state();
         let state_values = mapping.mapped_values().iter().filter(watches).copied().collect();
         Self { node, mapping, from_node, state_values, text: None }
     }
@@ -69,8 +69,8 @@ impl ProcessData {
     }
 
     /// A state is told by that value of it.
-    pub(super) const fn tells_state(&self, place: &MappedValue) -> bool {
-        self.from_node && place.tells_state()
+    pub(super) const fn tells_state(&self, mapped: &MappedValue) -> bool {
+        self.from_node && mapped.tells_state()
     }
 
     /// Nothing changes by these values: neither a state nor the words that are known.
@@ -80,25 +80,25 @@ impl ProcessData {
             && self
                 .state_values
                 .iter()
-                .all(|place| power.accept_unchanged(place.object, place.exact(data)))
+                .all(|mapped| power.accept_unchanged(mapped.object, mapped.exact(data)))
     }
 
     /// Says what bytes are.
-    pub(crate) fn explain(&self, bytes: &[u8], said: &mut Explanation) {
-        said.axis(self.axis());
+    pub(crate) fn explain(&self, bytes: &[u8], explanation: &mut Explanation) {
+        explanation.axis(self.axis());
         if let Some(wording) = &self.text {
-            wording.explain(&self.mapping, bytes, said);
+            wording.explain(&self.mapping, bytes, explanation);
         }
     }
 
     /// A value that they hold.
     pub(crate) fn signal_notice(
         &self,
-        place: &MappedValue,
+        mapped: &MappedValue,
         exact: i64,
         value: f64,
     ) -> SessionNotice {
-        let (MappedValue { name, unit, .. }, axis, exact) = (*place, self.axis(), Some(exact));
+        let (MappedValue { name, unit, .. }, axis, exact) = (*mapped, self.axis(), Some(exact));
         let quality = self.quality();
         SessionNotice::Signal(SignalNotice {
             axis,

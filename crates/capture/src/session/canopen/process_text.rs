@@ -49,11 +49,11 @@ impl ProcessText {
     pub fn new(name: String, mapping: &Mapping, profile: Option<&'static Profile>) -> Self {
         let good = mapping.quality() == Quality::Good;
         let mut join = if good { " (" } else { " (if mapped as usual: " };
-        let words = mapping.entry_values(0).map(|(entry, field, place, _)| {
+        let words = mapping.entry_values(0).map(|(entry, field, mapped_value, _)| {
             let (start, end) = (u16::from(field.start), u16::from(field.start + field.bits));
             let bytes = (start / 8, end.div_ceil(8));
             let join = core::mem::replace(&mut join, " | ");
-            ValueText::new(join, entry.object, place.name, bytes, profile)
+            ValueText::new(join, entry.object, mapped_value.name, bytes, profile)
         });
         let values: Vec<ValueText> = words.collect();
         // Where bits are mapped to nothing, that is said.
@@ -66,21 +66,21 @@ impl ProcessText {
     #[inline]
     pub fn has_text(&self, mapping: &Mapping, data: u64) -> bool {
         let mut pairs = self.values.iter().zip(mapping.numbers());
-        pairs.all(|(word, place)| word.has_suffix(place.exact(data)))
+        pairs.all(|(word, mapped)| word.has_suffix(mapped.exact(data)))
     }
 
     /// Keeps the words of each number that eight bytes hold.
     pub fn learn_text(&mut self, mapping: &Mapping, data: u64) {
-        for (word, place) in self.values.iter_mut().zip(mapping.numbers()) {
-            word.learn_suffix(place.exact(data), self.profile);
+        for (word, mapped) in self.values.iter_mut().zip(mapping.numbers()) {
+            word.learn_suffix(mapped.exact(data), self.profile);
         }
     }
 
     /// Says what the bytes of a frame are.
-    pub fn explain(&self, mapping: &Mapping, bytes: &[u8], said: &mut Explanation) {
-        said.kind.push_str(&self.kind);
-        said.field(field("data", (0, bytes.len() as u16), FieldValue::Words(bytes)));
-        let mut text = core::mem::take(&mut said.text).into_bytes();
+    pub fn explain(&self, mapping: &Mapping, bytes: &[u8], explanation: &mut Explanation) {
+        explanation.kind.push_str(&self.kind);
+        explanation.field(field("data", (0, bytes.len() as u16), FieldValue::Words(bytes)));
+        let mut text = core::mem::take(&mut explanation.text).into_bytes();
         self.prefix.append_to(&mut text);
         for byte in bytes {
             let [high, low] = number_text::hex_digits(*byte);
@@ -90,11 +90,11 @@ impl ProcessText {
             self.values.iter().zip(mapping.entry_values(super::bytes_to_word(bytes)))
         {
             word.append_to(raw, self.profile, &mut text);
-            said.field(field(word.name, word.bytes, FieldValue::Int(raw)));
+            explanation.field(field(word.name, word.bytes, FieldValue::Int(raw)));
         }
         self.end.append_to(&mut text);
         // Names are text, and so is all between them.
-        said.text = String::from_utf8(text).unwrap_or_default();
+        explanation.text = String::from_utf8(text).unwrap_or_default();
     }
 
     /// Bytes that a line takes of them at most.
@@ -118,8 +118,8 @@ impl ProcessText {
         page.push_piece(&self.prefix);
         page.push_word(b' '.into(), 1);
         page.push_hex(hex, (3 * usize::from(len)).saturating_sub(1));
-        for (word, place) in self.values.iter().zip(mapping.numbers()) {
-            let raw = place.exact(data);
+        for (word, mapped) in self.values.iter().zip(mapping.numbers()) {
+            let raw = mapped.exact(data);
             let Some(behind) = word.suffix(raw) else { return false };
             page.push_piece(&word.label);
             page.push_signed(raw);
@@ -203,8 +203,8 @@ pub(super) struct RemarkText<'a>(pub &'a mut String);
 
 impl fmt::Write for RemarkText<'_> {
     fn write_str(&mut self, piece: &str) -> fmt::Result {
-        let kept = piece.chars().filter(|c| !matches!(c, '(' | ')'));
-        self.0.extend(kept.map(|c| if c == ';' { ',' } else { c }));
+        let stored = piece.chars().filter(|c| !matches!(c, '(' | ')'));
+        self.0.extend(stored.map(|c| if c == ';' { ',' } else { c }));
         Ok(())
     }
 }

@@ -45,7 +45,7 @@ impl NodeProduct {
         let from = match *self {
             Self::Unknown => "",
             Self::Known(profile) => profile.title,
-            Self::Other(said) => said,
+            Self::Other(text) => text,
         };
         *self = is;
         (from != to).then_some(ChangeNotice { axis: Some(node.into()), what: "product", from, to })
@@ -66,8 +66,8 @@ impl NodeProduct {
         }
         let stated =
             stated.filter(|profile| matches_identity(profile, object, raw) == Some(false))?;
-        let said = intern(&format!("not {}", stated.title));
-        Some((Self::Other(said), said))
+        let text = intern(&format!("not {}", stated.title));
+        Some((Self::Other(text), text))
     }
 }
 
@@ -78,7 +78,7 @@ fn matches_identity(profile: &'static Profile, object: ObjectIndex, raw: i64) ->
     else {
         return None;
     };
-    let asked = profile.parameter(id).filter(|asked| asked.index != DEVICE_TYPE)?;
-    let here = ObjectIndex::new(asked.index, asked.space) == object && mask != 0;
+    let parameter = profile.parameter(id).filter(|parameter| parameter.index != DEVICE_TYPE)?;
+    let here = ObjectIndex::new(parameter.index, parameter.space) == object && mask != 0;
     here.then_some(raw & mask == equals)
 }

@@ -277,8 +277,8 @@ impl SdoChannel {
         let mut at = before;
         while at < notices.len() {
             let mine = match &mut notices[at] {
-                SessionNotice::Anomaly(odd) if is_unanswered(odd) => {
-                    odd.time = now;
+                SessionNotice::Anomaly(anomaly) if is_unanswered(anomaly) => {
+                    anomaly.time = now;
                     true
                 }
                 SessionNotice::Exchange(exchange) => exchange.requested == given_up.requested,
@@ -303,11 +303,11 @@ impl SdoChannel {
         let t = &self.transfer;
         let moved = t.last_progress.filter(|_| t.phase == TransferPhase::First);
         let until = moved.map(|moved| moved.plus(LATE_FACTOR * t.timeout_ns()));
-        let (op, object, asked) = (t.op, t.object, t.requested);
+        let (op, object, request) = (t.op, t.object, t.requested);
         self.abandoned = Some(AbandonedRequest {
             op,
             object,
-            requested: asked,
+            requested: request,
             until,
             held_notices: Vec::new(),
         });
@@ -463,8 +463,8 @@ impl SdoTransfer {
     fn append_bytes(&mut self, bytes: &[u8]) {
         self.received = self.received.saturating_add(bytes.len() as u32);
         self.crc = crc(self.crc, bytes);
-        let room = HEAD_MAX.saturating_sub(self.value_head.len());
-        self.value_head.extend_from_slice(&bytes[..bytes.len().min(room)]);
+        let capacity = HEAD_MAX.saturating_sub(self.value_head.len());
+        self.value_head.extend_from_slice(&bytes[..bytes.len().min(capacity)]);
     }
 
     /// The value, where it is short enough to be a number.
@@ -514,6 +514,6 @@ impl SdoTransfer {
 }
 
 /// Told just now: what was kept back has its own time.
-pub(super) fn is_unanswered(odd: &AnomalyNotice) -> bool {
-    odd.kind == AnomalyKind::Unanswered && odd.time.is_none()
+pub(super) fn is_unanswered(anomaly: &AnomalyNotice) -> bool {
+    anomaly.kind == AnomalyKind::Unanswered && anomaly.time.is_none()
 }

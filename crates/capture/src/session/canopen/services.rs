@@ -84,8 +84,8 @@ impl ServiceTable {
 
     /// Gives an identifier to a service.
     pub fn assign(&mut self, id: u32, service: Service) {
-        if let Some(place) = self.standard.get_mut(id as usize) {
-            *place = service;
+        if let Some(position) = self.standard.get_mut(id as usize) {
+            *position = service;
             return;
         }
         match self.extended.iter().position(|(long, _)| *long == id) {
@@ -119,8 +119,8 @@ impl ServiceTable {
 }
 
 fn default_service(id: u16, pdos: &mut PdoTable) -> Service {
-    let pdo = |pdos: &mut PdoTable, node, told, number: u8| {
-        let at = pdos.find_or_add(node, told, number.into());
+    let pdo = |pdos: &mut PdoTable, node, reported, number: u8| {
+        let at = pdos.find_or_add(node, reported, number.into());
         at.and_then(|at| u16::try_from(at).ok()).map_or(Service::Untracked, Service::Pdo)
     };
     match Cob::of(id) {

@@ -106,26 +106,28 @@ impl CanopenLog {
 
     /// What is told when the capture begins with that frame.
     fn report_from(&self, first: usize) -> TrackerReport {
-        let (mut told, rules) =
+        let (mut report, rules) =
             (TrackerReport::default(), Rules::parse("canopen").expect("a protocol"));
         let mut decoder = CaptureDecoder::new(rules);
         for (now, frame) in &self.frames[first..] {
             let time = Some(Timestamp(1_700_000_000_000_000_000 + now));
             decoder.decode_frame(time, "can0", None, frame, &mut |event| {
-                told.notices.extend_from_slice(event.notices);
-                told.lines.push(format!("{}: {}", event.explanation.kind, event.explanation.text));
-                told.wrong += usize::from(event.defect.is_some());
+                report.notices.extend_from_slice(event.notices);
+                report
+                    .lines
+                    .push(format!("{}: {}", event.explanation.kind, event.explanation.text));
+                report.wrong += usize::from(event.defect.is_some());
             });
         }
-        decoder.finish_sessions(&mut |event| told.notices.extend_from_slice(event.notices));
-        told
+        decoder.finish_sessions(&mut |event| report.notices.extend_from_slice(event.notices));
+        report
     }
 }
 
 impl TrackerReport {
     fn anomalies(&self) -> Vec<AnomalyKind> {
         let odds = self.notices.iter().filter_map(|notice| match notice {
-            SessionNotice::Anomaly(odd) => Some(odd.kind),
+            SessionNotice::Anomaly(anomaly) => Some(anomaly.kind),
             _ => None,
         });
         odds.collect()
@@ -133,7 +135,7 @@ impl TrackerReport {
 
     fn texts(&self) -> Vec<&str> {
         let odds = self.notices.iter().filter_map(|notice| match notice {
-            SessionNotice::Anomaly(odd) => Some(odd.text.as_str()),
+            SessionNotice::Anomaly(anomaly) => Some(anomaly.text.as_str()),
             _ => None,
         });
         odds.collect()

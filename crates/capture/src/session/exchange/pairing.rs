@@ -121,7 +121,7 @@ pub(super) struct AnswerMatch {
 
 impl TrackedRequest {
     fn requires_reply(&self) -> bool {
-        let sure = |owed| matches!(owed, ReplyCount::Exactly(_));
+        let sure = |reply_count| matches!(reply_count, ReplyCount::Exactly(_));
         sure(self.awaits.answers) || sure(self.awaits.acks)
     }
 
@@ -176,33 +176,34 @@ impl Pairing {
     pub fn handle_request(
         &mut self,
         awaits: ReplyExpectation,
-        heard: &ObservedFrame<'_>,
-        said: &Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
-        self.note_start(heard.time);
+        self.note_start(observed.time);
         self.request_count = self.request_count.saturating_add(1);
-        if self.match_retry(heard, said.axis, notices) {
+        if self.match_retry(observed, explanation.axis, notices) {
             return;
         }
-        let before = self.requests.iter().rfind(|request| request.exchange.axis == said.axis);
+        let before =
+            self.requests.iter().rfind(|request| request.exchange.axis == explanation.axis);
         self.overlapping += u64::from(before.is_some_and(TrackedRequest::awaits_answer));
-        self.expire_overtaken(awaits, heard, said.axis, notices);
+        self.expire_overtaken(awaits, observed, explanation.axis, notices);
         let mut request = self.recycle_request(notices);
-        let op = self.intern_operation(&said.kind);
+        let op = self.intern_operation(&explanation.kind);
         request.exchange = ExchangeNotice {
-            axis: said.axis,
+            axis: explanation.axis,
             op,
-            requested: (heard.number, heard.time),
+            requested: (observed.number, observed.time),
             answered: None,
             outcome: ExchangeOutcome::Unanswered,
             retries: 0,
         };
-        request.frame.store(&heard.raw);
+        request.frame.store(&observed.raw);
         request.awaits = awaits;
         (request.acks, request.answers, request.spoiled) = (0, 0, false);
-        request.last_sent = heard.time;
-        request.limit_ns = heard.profile.map_or(LIMIT_UNKNOWN, |profile| {
+        request.last_sent = observed.time;
+        request.limit_ns = observed.profile.map_or(LIMIT_UNKNOWN, |profile| {
             LIMIT_MIN.max(u64::from(profile.reply_timeout_ms) * 1_000_000)
         });
         request.state = if awaits == ReplyExpectation::NONE {
@@ -217,14 +218,14 @@ impl Pairing {
     /// The same bytes again, before their answer.
     fn match_retry(
         &mut self,
-        heard: &ObservedFrame<'_>,
+        observed: &ObservedFrame<'_>,
         axis: Option<u32>,
         notices: &mut Vec<SessionNotice>,
     ) -> bool {
         let same = |request: &TrackedRequest| {
             request.state == RequestState::Open
                 && request.requires_reply()
-                && request.frame.raw() == heard.raw
+                && request.frame.raw() == observed.raw
         };
         let Some(at) = self.requests.iter().rposition(same) else { return false };
         // To a host whose answer was spoiled it is a new request, as after one whose check failed, and
@@ -235,12 +236,12 @@ impl Pairing {
         let went_on = self.requests.iter().skip(at + 1).any(went_on);
         let request = &self.requests[at];
         if request.exchange.retries == RETRIES_MAX || request.spoiled || went_on {
-            self.give_up_request(at, heard.time, notices);
+            self.give_up_request(at, observed.time, notices);
             return false;
         }
         let request = &mut self.requests[at];
         request.exchange.retries = request.exchange.retries.saturating_add(1);
-        request.last_sent = heard.time;
+        request.last_sent = observed.time;
         let text = format!(
             "{} sent again before an answer, for the {} time",
             request.description(),
@@ -255,11 +256,11 @@ impl Pairing {
     fn expire_overtaken(
         &mut self,
         awaits: ReplyExpectation,
-        heard: &ObservedFrame<'_>,
+        observed: &ObservedFrame<'_>,
         axis: Option<u32>,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let turns = heard.raw.id.is_none();
+        let turns = observed.raw.id.is_none();
         let acked = awaits.acks != ReplyCount::Zero;
         for at in (0..self.requests.len()).rev() {
             let request = &self.requests[at];
@@ -267,10 +268,10 @@ impl Pairing {
             let unacked = turns && acked && request.acks == 0 && self.acks > 0;
             match request.state {
                 RequestState::Open if unacked && request.awaits.acks == ReplyCount::Exactly(1) => {
-                    self.report_unacknowledged(at, heard.time, notices);
+                    self.report_unacknowledged(at, observed.time, notices);
                 }
                 RequestState::Open if turns && !acked && same_axis => {
-                    self.give_up_request(at, heard.time, notices);
+                    self.give_up_request(at, observed.time, notices);
                 }
                 RequestState::Settled if same_axis => drop(self.requests.remove(at)),
                 _ => {}
@@ -298,10 +299,10 @@ impl Pairing {
     /// Takes an acknowledgement: of the oldest message that waits for one.
     pub fn handle_acknowledge(
         &mut self,
-        heard: &ObservedFrame<'_>,
+        observed: &ObservedFrame<'_>,
         notices: &mut Vec<SessionNotice>,
     ) -> Quality {
-        self.note_start(heard.time);
+        self.note_start(observed.time);
         self.acks += 1;
         let waits = |request: &&mut TrackedRequest| {
             request.state == RequestState::Open
@@ -309,10 +310,10 @@ impl Pairing {
                 && request.acks == 0
         };
         let Some(request) = self.requests.iter_mut().find(waits) else {
-            if let Some(request) = self.last_acknowledged(heard.time) {
+            if let Some(request) = self.last_acknowledged(observed.time) {
                 let text = format!("{}: acknowledged twice", request.description());
                 notices.push(anomaly(AnomalyKind::DuplicateReply, request.exchange.axis, text));
-            } else if self.is_past_start(heard.time) {
+            } else if self.is_past_start(observed.time) {
                 let text = "an acknowledgement that no message waits for".to_owned();
                 notices.push(anomaly(AnomalyKind::ForeignReply, None, text));
             }
@@ -320,9 +321,9 @@ impl Pairing {
         };
         request.acks = 1;
         if request.awaits.answers == ReplyCount::Zero {
-            let late = request.is_late(heard.time);
+            let late = request.is_late(observed.time);
             request.state = RequestState::Settled;
-            request.exchange.answered = Some((heard.number, heard.time));
+            request.exchange.answered = Some((observed.number, observed.time));
             request.exchange.outcome =
                 if late { ExchangeOutcome::Late } else { ExchangeOutcome::Done };
             notices.push(SessionNotice::Exchange(request.exchange));
@@ -341,41 +342,44 @@ impl Pairing {
     /// Takes an answer, or what may have been told unasked.
     pub fn handle_answer(
         &mut self,
-        tells: bool,
-        heard: &ObservedFrame<'_>,
-        said: &Explanation,
+        reports: bool,
+        observed: &ObservedFrame<'_>,
+        explanation: &Explanation,
         notices: &mut Vec<SessionNotice>,
     ) -> AnswerMatch {
-        self.note_start(heard.time);
+        self.note_start(observed.time);
         let fits = |request: &TrackedRequest| {
-            heard.dissector.is_answer_to(&heard.raw, &request.frame.raw())
+            observed.dissector.is_answer_to(&observed.raw, &request.frame.raw())
         };
-        let open = self.find_candidate(heard);
+        let open = self.find_candidate(observed);
         if let Some(at) = open {
             self.answers += 1;
-            self.expire_earlier(at, heard, notices);
-            let quality = self.settle_request(at, heard, notices);
+            self.expire_earlier(at, observed, notices);
+            let quality = self.settle_request(at, observed, notices);
             return AnswerMatch { requested: true, quality };
         }
-        let again = |request: &TrackedRequest| fits(request) && self.may_come_again(request, heard);
+        let again =
+            |request: &TrackedRequest| fits(request) && self.may_come_again(request, observed);
         // What was given up a moment ago is still owed; what has its answer is not.
-        let owed = |request: &TrackedRequest| {
-            let waited = request.last_sent.zip(heard.time).map_or(0, |(last, now)| now.since(last));
+        let pending = |request: &TrackedRequest| {
+            let waited =
+                request.last_sent.zip(observed.time).map_or(0, |(last, now)| now.since(last));
             request.state == RequestState::GivenUp
                 && waited <= request.patience_ns()
                 && fits(request)
         };
-        let owed = self.requests.iter().rposition(owed);
-        let known = owed.or_else(|| self.requests.iter().rposition(again));
+        let outstanding = self.requests.iter().rposition(pending);
+        let known = outstanding.or_else(|| self.requests.iter().rposition(again));
         let mut quality = Quality::Good;
         match known {
-            Some(at) if self.requests[at].state == RequestState::GivenUp || !tells => {
-                quality = self.handle_repeated_answer(at, heard, notices);
+            Some(at) if self.requests[at].state == RequestState::GivenUp || !reports => {
+                quality = self.handle_repeated_answer(at, observed, notices);
             }
-            None if !tells && self.is_past_start(heard.time) => {
-                let axis = said.axis.map_or(String::new(), |axis| format!(" of axis {axis}"));
-                let text = format!("an answer{axis} ({}) that nobody asked for", said.kind);
-                notices.push(anomaly(AnomalyKind::ForeignReply, said.axis, text));
+            None if !reports && self.is_past_start(observed.time) => {
+                let axis =
+                    explanation.axis.map_or(String::new(), |axis| format!(" of axis {axis}"));
+                let text = format!("an answer{axis} ({}) that nobody asked for", explanation.kind);
+                notices.push(anomaly(AnomalyKind::ForeignReply, explanation.axis, text));
             }
             _ => {}
         }
@@ -386,40 +390,40 @@ impl Pairing {
     fn expire_earlier(
         &mut self,
         at: usize,
-        heard: &ObservedFrame<'_>,
+        observed: &ObservedFrame<'_>,
         notices: &mut Vec<SessionNotice>,
     ) {
         for earlier in 0..at {
             let request = &self.requests[earlier];
             let same = request.exchange.axis == self.requests[at].exchange.axis;
-            let fits = || heard.dissector.is_answer_to(&heard.raw, &request.frame.raw());
+            let fits = || observed.dissector.is_answer_to(&observed.raw, &request.frame.raw());
             if same && request.awaits_answer() && fits() {
-                self.give_up_request(earlier, heard.time, notices);
+                self.give_up_request(earlier, observed.time, notices);
             }
         }
     }
 
     /// Whether an answer can belong to what is not waited for any more: soon after it, and where one
     /// thing is said at a time, before anything else was asked.
-    fn may_come_again(&self, request: &TrackedRequest, heard: &ObservedFrame<'_>) -> bool {
+    fn may_come_again(&self, request: &TrackedRequest, observed: &ObservedFrame<'_>) -> bool {
         if request.state == RequestState::GivenUp {
             return true;
         }
         let answered = request.exchange.answered.map_or(request.last_sent, |(_, time)| time);
         let soon = |(now, then): (Timestamp, Timestamp)| now.since(then) <= request.limit_ns;
-        let turns = heard.raw.id.is_none() && request.awaits.acks == ReplyCount::Zero;
+        let turns = observed.raw.id.is_none() && request.awaits.acks == ReplyCount::Zero;
         let newest = self.requests.back().is_some_and(|last| core::ptr::eq(last, request));
-        heard.time.zip(answered).is_none_or(soon) && (newest || !turns)
+        observed.time.zip(answered).is_none_or(soon) && (newest || !turns)
     }
 
     /// An answer to what waits for it.
     fn settle_request(
         &mut self,
         at: usize,
-        heard: &ObservedFrame<'_>,
+        observed: &ObservedFrame<'_>,
         notices: &mut Vec<SessionNotice>,
     ) -> Quality {
-        self.last_pair = (self.requests[at].exchange.requested.0, heard.number);
+        self.last_pair = (self.requests[at].exchange.requested.0, observed.number);
         let request = &mut self.requests[at];
         if request.awaits.acks == ReplyCount::Exactly(1) && request.acks == 0 && self.acks > 0 {
             let text = format!("{}: answered, but not acknowledged", request.description());
@@ -427,15 +431,15 @@ impl Pairing {
         }
         request.acks = request.acks.max(1);
         request.answers = request.answers.saturating_add(1);
-        request.exchange.answered = Some((heard.number, heard.time));
+        request.exchange.answered = Some((observed.number, observed.time));
         request.answer.clear();
-        request.answer.extend_from_slice(heard.raw.bytes);
+        request.answer.extend_from_slice(observed.raw.bytes);
         if matches!(request.awaits.answers, ReplyCount::Exactly(count) if request.answers < count) {
             return Quality::Good;
         }
         request.state = RequestState::Settled;
-        let refused = heard.dissector.refusal_reason(&heard.raw, &request.frame.raw());
-        let late = request.is_late(heard.time);
+        let refused = observed.dissector.refusal_reason(&observed.raw, &request.frame.raw());
+        let late = request.is_late(observed.time);
         if !late {
             let took = request.exchange.latency().unwrap_or(0);
             self.slowest = self.slowest.max(took);
@@ -460,7 +464,7 @@ impl Pairing {
             notices.push(anomaly(AnomalyKind::LateReply, request.exchange.axis, text));
         }
         notices.push(SessionNotice::Exchange(request.exchange));
-        if refused.is_none() && heard.dissector.sets_reply_format(&request.frame.raw()) {
+        if refused.is_none() && observed.dissector.sets_reply_format(&request.frame.raw()) {
             self.learn_format(at);
         }
         if late { Quality::Stale } else { Quality::Good }
@@ -470,17 +474,17 @@ impl Pairing {
     fn handle_repeated_answer(
         &mut self,
         at: usize,
-        heard: &ObservedFrame<'_>,
+        observed: &ObservedFrame<'_>,
         notices: &mut Vec<SessionNotice>,
     ) -> Quality {
         let request = &self.requests[at];
         let axis = request.exchange.axis;
         let talk = ConversationContext {
             format_request: self.format_request(axis),
-            profile: heard.profile,
+            profile: observed.profile,
             ..ConversationContext::default()
         };
-        if heard.dissector.shows_restart(&heard.raw, &request.frame.raw(), &talk) {
+        if observed.dissector.shows_restart(&observed.raw, &request.frame.raw(), &talk) {
             let text = format!(
                 "{}: answered as from power-up, so the drive has started again",
                 request.description()
@@ -508,7 +512,7 @@ impl Pairing {
             (AnomalyKind::ForeignReply, format!("{whose}: answered, though nobody should"))
         } else if before < expected.saturating_mul(1 + request.exchange.retries) {
             (AnomalyKind::LateReply, format!("{whose}: answered once more, to its repetition"))
-        } else if request.answer == heard.raw.bytes {
+        } else if request.answer == observed.raw.bytes {
             (AnomalyKind::DuplicateReply, format!("{whose}: the same answer twice"))
         } else {
             let text = format!("{whose}: two different answers, so two devices have one address");
@@ -521,7 +525,7 @@ impl Pairing {
     /// Something whose check fails came where an answer was due.
     pub fn handle_broken_answer(
         &mut self,
-        heard: &ObservedFrame<'_>,
+        observed: &ObservedFrame<'_>,
         notices: &mut Vec<SessionNotice>,
     ) {
         let Some(at) = self.requests.iter().rposition(TrackedRequest::awaits_answer) else {
@@ -535,7 +539,7 @@ impl Pairing {
             return;
         }
         request.state = RequestState::Settled;
-        request.exchange.answered = Some((heard.number, heard.time));
+        request.exchange.answered = Some((observed.number, observed.time));
         request.exchange.outcome = ExchangeOutcome::BadCheck;
         notices.push(SessionNotice::Exchange(request.exchange));
         // A good answer may yet come to a repetition of it, as to a new request.

@@ -89,7 +89,7 @@ impl PresenceMonitor {
 
     /// Time goes on: whoever told something steadily is missed.
     pub fn check_silence(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
-        if self.last_check.is_some_and(|looked| now.since(looked) < CHECK_INTERVAL_NS) {
+        if self.last_check.is_some_and(|polled| now.since(polled) < CHECK_INTERVAL_NS) {
             return;
         }
         self.last_check = Some(now);

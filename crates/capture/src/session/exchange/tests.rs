@@ -64,11 +64,11 @@ impl SerialLog {
     /// What its conversations tell.
     fn report(&self, protocol: &str) -> ConversationReport {
         let mut decoder = CaptureDecoder::new(Rules::parse(protocol).expect("a protocol"));
-        let mut heard = ConversationReport::default();
-        decoder.feed(self.text.as_bytes(), &mut |event| heard.add(event.notices));
-        decoder.finish(&mut |event| heard.add(event.notices));
-        decoder.finish_sessions(&mut |event| heard.add(event.notices));
-        heard
+        let mut received = ConversationReport::default();
+        decoder.feed(self.text.as_bytes(), &mut |event| received.add(event.notices));
+        decoder.finish(&mut |event| received.add(event.notices));
+        decoder.finish_sessions(&mut |event| received.add(event.notices));
+        received
     }
 }
 
@@ -90,7 +90,9 @@ impl ConversationReport {
     fn add(&mut self, notices: &[SessionNotice]) {
         for notice in notices {
             match notice {
-                SessionNotice::Anomaly(odd) => self.anomalies.push(odd.kind.as_str().to_owned()),
+                SessionNotice::Anomaly(anomaly) => {
+                    self.anomalies.push(anomaly.kind.as_str().to_owned())
+                }
                 SessionNotice::Exchange(exchange) => {
                     self.outcomes.push(exchange.outcome);
                     self.retries += exchange.retries;
@@ -138,11 +140,11 @@ fn polls(tape: &mut SerialLog, rounds: i32) {
 fn a_clean_conversation_accuses_nobody() {
     let mut tape = SerialLog::default();
     polls(&mut tape, 20);
-    let heard = tape.report("tmcl");
-    assert_eq!(heard.anomalies, [""; 0]);
-    assert_eq!(heard.outcomes, [ExchangeOutcome::Done; 40]);
-    assert_eq!(heard.signals.len(), 40);
-    assert_eq!(heard.signals[3], "2 Actual/Position = 8.7890625 deg");
+    let report = tape.report("tmcl");
+    assert_eq!(report.anomalies, [""; 0]);
+    assert_eq!(report.outcomes, [ExchangeOutcome::Done; 40]);
+    assert_eq!(report.signals.len(), 40);
+    assert_eq!(report.signals[3], "2 Actual/Position = 8.7890625 deg");
 }
 
 #[test]
@@ -163,37 +165,45 @@ fn planted_in_tmcl() {
         polls(&mut tape, 8);
         tape.report("tmcl").anomalies
     };
-    let ask = gap(1, 1);
+    let request = gap(1, 1);
     assert_eq!(
         planted(&|t| discard(
-            t.request(&ask).after(900).request(&gap(1, 3)).reply(&position(1, 0))
+            t.request(&request).after(900).request(&gap(1, 3)).reply(&position(1, 0))
         )),
         ["unanswered"]
     );
     assert_eq!(
-        planted(&|t| discard(t.request(&ask).after(900).request(&ask).reply(&position(1, 0)))),
+        planted(&|t| discard(
+            t.request(&request).after(900).request(&request).reply(&position(1, 0))
+        )),
         ["retry"]
     );
     assert_eq!(
-        planted(&|t| discard(t.request(&ask).after(400).reply(&position(1, 0)))),
+        planted(&|t| discard(t.request(&request).after(400).reply(&position(1, 0)))),
         ["late-reply"]
     );
     let again = |t: &mut SerialLog| {
-        t.request(&ask).after(400).request(&ask).reply(&position(1, 0)).reply(&position(1, 1));
+        t.request(&request)
+            .after(400)
+            .request(&request)
+            .reply(&position(1, 0))
+            .reply(&position(1, 1));
     };
     assert_eq!(planted(&again), ["retry", "late-reply"]);
     assert_eq!(planted(&|t| discard(t.reply(&position(5, 0)))), ["foreign-reply"]);
-    let twice =
-        |t: &mut SerialLog| discard(t.request(&ask).reply(&position(1, 9)).reply(&position(1, 9)));
+    let twice = |t: &mut SerialLog| {
+        discard(t.request(&request).reply(&position(1, 9)).reply(&position(1, 9)))
+    };
     assert_eq!(planted(&twice), ["duplicate-reply"]);
-    let twins =
-        |t: &mut SerialLog| discard(t.request(&ask).reply(&position(1, 9)).reply(&position(1, 7)));
+    let twins = |t: &mut SerialLog| {
+        discard(t.request(&request).reply(&position(1, 9)).reply(&position(1, 7)))
+    };
     assert_eq!(planted(&twins), ["duplicate-address"]);
     let refused = reply(1, Opcode::Gap, Status::WrongType, 0);
-    assert_eq!(planted(&|t| discard(t.request(&ask).reply(&refused))), ["refused"]);
+    assert_eq!(planted(&|t| discard(t.request(&request).reply(&refused))), ["refused"]);
     let mut broken = position(1, 0);
     broken[5] ^= 4;
-    assert_eq!(planted(&|t| discard(t.request(&ask).reply(&broken))), ["bad-check"]);
+    assert_eq!(planted(&|t| discard(t.request(&request).reply(&broken))), ["bad-check"]);
     assert_eq!(planted(&|t| discard(t.reply(&[0x55, 0x13]))), ["stray"]);
 }
 
@@ -204,9 +214,9 @@ fn an_axis_that_spoke_and_answers_no_more_is_silent() {
     for _ in 0..12 {
         tape.after(200).request(&gap(1, 1)).after(200).request(&gap(2, 1)).reply(&position(2, 1));
     }
-    let odd = tape.report("tmcl").anomalies;
-    assert_eq!(odd.iter().filter(|kind| *kind == "silent").count(), 1, "{odd:?}");
-    assert!(odd.iter().any(|kind| kind == "unanswered"), "{odd:?}");
+    let anomaly = tape.report("tmcl").anomalies;
+    assert_eq!(anomaly.iter().filter(|kind| *kind == "silent").count(), 1, "{anomaly:?}");
+    assert!(anomaly.iter().any(|kind| kind == "unanswered"), "{anomaly:?}");
 }
 
 #[test]
@@ -217,19 +227,19 @@ fn set_points_flags_and_faults_of_tmcl() {
     for flags in [0x00, 0x21, 0x20, 0x50] {
         tape.request(&gap(1, 156)).reply(&reply(1, Opcode::Gap, Status::Ok, flags));
     }
-    let heard = tape.report("tmcl");
-    assert_eq!(heard.signals[0], "1 Setpoint/Velocity = 350 rpm");
-    assert_eq!(heard.faults, ["+0001", "+0020", "-0001", "-0020"]);
+    let report = tape.report("tmcl");
+    assert_eq!(report.signals[0], "1 Setpoint/Velocity = 350 rpm");
+    assert_eq!(report.faults, ["+0001", "+0020", "-0001", "-0020"]);
     assert_eq!(
-        heard.changes,
+        report.changes,
         ["power >on", "mode >velocity", "power on>off", "mode velocity>positioning"]
     );
-    assert_eq!(heard.anomalies, [""; 0]);
+    assert_eq!(report.anomalies, [""; 0]);
 }
 
 #[test]
 fn planted_in_tmcl_on_can() {
-    let ask = |address: u8| {
+    let request = |address: u8| {
         Request { address, opcode: Opcode::Gap, kind: 1, motor: 0, value: 0 }
             .emit_can(address.into(), false)
     };
@@ -240,7 +250,7 @@ fn planted_in_tmcl_on_can() {
     let polls = |tape: &mut SerialLog| {
         // Both are asked before either answers.
         for n in 0..8 {
-            tape.after(10).can(&ask(1)).can(&ask(3)).can(&answer(3, n)).can(&answer(1, n));
+            tape.after(10).can(&request(1)).can(&request(3)).can(&answer(3, n)).can(&answer(1, n));
         }
     };
     let planted = |plant: &dyn Fn(&mut SerialLog)| {
@@ -252,9 +262,10 @@ fn planted_in_tmcl_on_can() {
         tape.report("tmcl").anomalies
     };
     assert_eq!(planted(&|_| ()), [""; 0]);
-    assert_eq!(planted(&|t| discard(t.can(&ask(3)))), ["unanswered"]);
+    assert_eq!(planted(&|t| discard(t.can(&request(3)))), ["unanswered"]);
     assert_eq!(planted(&|t| discard(t.can(&answer(5, 0)))), ["foreign-reply"]);
-    let twins = |t: &mut SerialLog| discard(t.can(&ask(1)).can(&answer(1, 1)).can(&answer(1, 8)));
+    let twins =
+        |t: &mut SerialLog| discard(t.can(&request(1)).can(&answer(1, 1)).can(&answer(1, 8)));
     assert_eq!(planted(&twins), ["duplicate-address"]);
 }
 
@@ -265,17 +276,17 @@ fn a_lost_answer_on_can_does_not_shift_the_others() {
     let (address, opcode, motor, value) = (1, Opcode::Gap, 0, 0);
     let mut tape = SerialLog::default();
     for n in 0..40 {
-        let ask = Request { address, opcode, kind: 1 + n % 2 * 2, motor, value };
+        let request = Request { address, opcode, kind: 1 + n % 2 * 2, motor, value };
         let reply = Reply { host: 2, module: 1, status: Status::Ok, opcode, value: n.into() };
-        tape.after(100).can(&ask.emit_can(1, false));
+        tape.after(100).can(&request.emit_can(1, false));
         if n != 21 {
             tape.can(&reply.emit_can(2, false));
         }
     }
-    let heard = tape.report("tmcl");
-    assert_eq!(heard.anomalies, ["unanswered"]);
-    let done = heard.outcomes.iter().filter(|ended| **ended == ExchangeOutcome::Done).count();
-    assert_eq!((done, heard.outcomes.len()), (39, 40), "{:?}", heard.outcomes);
+    let report = tape.report("tmcl");
+    assert_eq!(report.anomalies, ["unanswered"]);
+    let done = report.outcomes.iter().filter(|ended| **ended == ExchangeOutcome::Done).count();
+    assert_eq!((done, report.outcomes.len()), (39, 40), "{:?}", report.outcomes);
 }
 
 #[test]
@@ -285,10 +296,10 @@ fn an_answer_that_is_cut_is_told_once() {
     tape.after(200).request(&gap(1, 1)).reply(&position(1, 7)[..4]);
     tape.after(200);
     polls(&mut tape, 4);
-    let heard = tape.report("tmcl");
-    assert_eq!(heard.anomalies, ["malformed"]);
+    let report = tape.report("tmcl");
+    assert_eq!(report.anomalies, ["malformed"]);
     assert_eq!(
-        heard.outcomes.iter().filter(|ended| **ended == ExchangeOutcome::BadCheck).count(),
+        report.outcomes.iter().filter(|ended| **ended == ExchangeOutcome::BadCheck).count(),
         1
     );
     // Noise before a good answer spoils nothing.
@@ -297,17 +308,17 @@ fn an_answer_that_is_cut_is_told_once() {
     tape.after(200).request(&gap(1, 1)).reply(&[0xFF]).after(30).reply(&position(1, 7));
     tape.after(200);
     polls(&mut tape, 4);
-    let heard = tape.report("tmcl");
+    let report = tape.report("tmcl");
     assert_eq!(
-        (heard.anomalies.len(), heard.anomalies[0].as_str()),
+        (report.anomalies.len(), report.anomalies[0].as_str()),
         (1, "stray"),
         "{:?}",
-        heard.anomalies
+        report.anomalies
     );
     assert!(
-        heard.outcomes.iter().all(|ended| *ended == ExchangeOutcome::Done),
+        report.outcomes.iter().all(|ended| *ended == ExchangeOutcome::Done),
         "{:?}",
-        heard.outcomes
+        report.outcomes
     );
 }
 
@@ -342,7 +353,7 @@ fn planted_in_modbus() {
         polls(&mut tape);
         tape.report("modbus-rtu").anomalies
     };
-    let ask = read(1, 0x1000);
+    let request = read(1, 0x1000);
     let write =
         |unit| modbus(unit, |out| RequestPdu::WriteRegister { address: 0x33, value: 9 }.emit(out));
     assert_eq!(planted(&|_| ()), [""; 0]);
@@ -354,23 +365,23 @@ fn planted_in_modbus() {
         ["retry"]
     );
     assert_eq!(
-        planted(&|t| discard(t.request(&ask).after(300).reply(&word(1, 0)))),
+        planted(&|t| discard(t.request(&request).after(300).reply(&word(1, 0)))),
         ["late-reply"]
     );
     assert_eq!(
-        planted(&|t| discard(t.request(&ask).reply(&word(2, 0)).reply(&word(1, 0)))),
+        planted(&|t| discard(t.request(&request).reply(&word(2, 0)).reply(&word(1, 0)))),
         ["foreign-reply"]
     );
     let refused = modbus(1, |out| {
         let exception = polepair_core::proto::modbus::wire::Exception::IllegalAddress;
         ReplyPdu::Exception { function: 3, exception }.emit(out)
     });
-    assert_eq!(planted(&|t| discard(t.request(&ask).reply(&refused))), ["refused"]);
+    assert_eq!(planted(&|t| discard(t.request(&request).reply(&refused))), ["refused"]);
     let mut broken = word(1, 0);
     broken[3] ^= 1;
-    assert_eq!(planted(&|t| discard(t.request(&ask).reply(&broken))), ["bad-check"]);
+    assert_eq!(planted(&|t| discard(t.request(&request).reply(&broken))), ["bad-check"]);
     let twins = |t: &mut SerialLog| {
-        discard(t.request(&ask).reply(&word(1, 1)).after(30).reply(&word(1, 2)))
+        discard(t.request(&request).reply(&word(1, 1)).after(30).reply(&word(1, 2)))
     };
     assert_eq!(planted(&twins), ["duplicate-address"]);
 }
@@ -393,12 +404,12 @@ fn a_line_without_directions_is_paired_too() {
         .lines()
         .filter_map(|line| line.split_once("tty -"))
         .fold(String::new(), |all, (_, bytes)| all + bytes.trim() + "\n");
-    let heard = tape.report("modbus-rtu");
+    let report = tape.report("modbus-rtu");
     assert_eq!(
-        (heard.anomalies.len(), heard.outcomes),
+        (report.anomalies.len(), report.outcomes),
         (0, vec![ExchangeOutcome::Done; 16]),
         "{:?}",
-        heard.anomalies
+        report.anomalies
     );
 }
 
@@ -498,7 +509,7 @@ fn variables_of_tml_have_names_and_faults_words() {
         let cell = Cell::short(mer);
         tml(&OnlineMessage::TakeData { sender: IdCode::axis(1), cell, value }, IdCode::host_at(1))
     };
-    let ask = tml(
+    let request = tml(
         &OnlineMessage::GiveMeData { sender: IdCode::host_at(1), cell: Cell::short(mer) },
         IdCode::axis(1),
     );
@@ -506,13 +517,13 @@ fn variables_of_tml_have_names_and_faults_words() {
     tape.request(&give_me_data(1, APOS)).reply(&[0x4F]).reply(&take_data(1, APOS, 1000));
     tape.request(&encode_text("CPOS=2000L", 1)).reply(&[0x4F]);
     for word in [2, 0] {
-        tape.request(&ask).reply(&[0x4F]).reply(&short(word));
+        tape.request(&request).reply(&[0x4F]).reply(&short(word));
     }
-    let heard = tape.report("tml");
-    assert!(heard.signals[0].starts_with("1 Actual/Position ="), "{:?}", heard.signals);
-    assert!(heard.signals[1].starts_with("1 position command = 2000"), "{:?}", heard.signals);
-    assert_eq!(heard.faults, ["+0002", "-0002"]);
-    assert_eq!(heard.anomalies, [""; 0]);
+    let report = tape.report("tml");
+    assert!(report.signals[0].starts_with("1 Actual/Position ="), "{:?}", report.signals);
+    assert!(report.signals[1].starts_with("1 position command = 2000"), "{:?}", report.signals);
+    assert_eq!(report.faults, ["+0002", "-0002"]);
+    assert_eq!(report.anomalies, [""; 0]);
 }
 
 #[test]
@@ -526,8 +537,8 @@ fn commands_on_tmlcan_are_owed_nothing() {
         (frame.id, frame.extended) = (encoded.id.expect("CAN"), true);
         tape.after(900).can(&frame);
     }
-    let heard = tape.report("tmlcan");
-    assert_eq!((heard.anomalies, heard.outcomes.len()), (vec![], 0));
+    let report = tape.report("tmlcan");
+    assert_eq!((report.anomalies, report.outcomes.len()), (vec![], 0));
 }
 
 fn order(command: CommandWord, value: u16) -> Frame {
@@ -559,8 +570,8 @@ fn planted_in_a_thruster() {
     };
     let vm = |value: u16| (order(CommandWord::VM, value), echo(CommandWord::VM, value.into()));
     let set = |t: &mut SerialLog, value| {
-        let (ask, answer) = vm(value);
-        t.can(&ask).can(&answer);
+        let (frame, answer) = vm(value);
+        t.can(&frame).can(&answer);
     };
     let tc = order(CommandWord::TC, 5);
     assert_eq!(planted(&|_| ()), [""; 0]);
@@ -617,7 +628,7 @@ fn readings_and_faults_of_a_thruster() {
         tape.can(&Order::without_value(CommandWord::EF).frame(11))
             .can(&echo(CommandWord::EF, word));
     }
-    let heard = tape.report("thruster");
-    assert_eq!(heard.signals[0], "11 Actual/Voltage = 48 V");
-    assert_eq!(heard.faults, ["+0004", "-0004"]);
+    let report = tape.report("thruster");
+    assert_eq!(report.signals[0], "11 Actual/Voltage = 48 V");
+    assert_eq!(report.faults, ["+0004", "-0004"]);
 }

@@ -45,23 +45,28 @@ impl ValueTracker {
     /// Tells the values of a frame.
     pub fn handle_values(
         &mut self,
-        heard: &ObservedFrame<'_>,
-        said: &Explanation,
+        observed: &ObservedFrame<'_>,
+        explanation: &Explanation,
         (quality, request): (Quality, Option<u64>),
         notices: &mut Vec<SessionNotice>,
     ) {
-        let readings = said.frame_values();
-        let (false, Some(axis)) = (readings.is_empty(), said.axis) else { return };
-        self.set_profile(heard.profile);
-        for told in readings {
-            let found = ObservedValue { frame_value: told, axis, quality, request };
-            match told.source {
+        let readings = explanation.frame_values();
+        let (false, Some(axis)) = (readings.is_empty(), explanation.axis) else { return };
+        self.set_profile(observed.profile);
+        for stored_frame_value in readings {
+            let found = ObservedValue { frame_value: stored_frame_value, axis, quality, request };
+            match stored_frame_value.source {
                 StoredValueSource::Named(word) => {
-                    notices.push(found.signal_notice(word, told.raw as f64, "", quality));
+                    notices.push(found.signal_notice(
+                        word,
+                        stored_frame_value.raw as f64,
+                        "",
+                        quality,
+                    ));
                 }
                 StoredValueSource::Parameter(parameter) => {
                     let sure = match quality {
-                        Quality::Good if !heard.profile_stated => Quality::Inferred,
+                        Quality::Good if !observed.profile_stated => Quality::Inferred,
                         other => other,
                     };
                     self.report_parameter(
@@ -224,8 +229,8 @@ impl ValueTracker {
             true => fault.code & word != 0,
             false => fault.code == word,
         };
-        let told = |fault: &&Known| fault.severity != Severity::Note && is_set(fault);
-        let now: Vec<&'static Known> = profile.faults.iter().filter(told).collect();
+        let reported = |fault: &&Known| fault.severity != Severity::Note && is_set(fault);
+        let now: Vec<&'static Known> = profile.faults.iter().filter(reported).collect();
         let code =
             |gone: u32| now.iter().any(|fault| fault.code == gone) || (!bits && gone == word);
         let (stay, gone): (Vec<_>, Vec<_>) =

@@ -125,11 +125,11 @@ impl ExpectationTest {
     }
 
     /// Compares while more than `kept` frames wait, or the next ones agree.
-    fn match_pending(&mut self, kept: usize) {
+    fn match_pending(&mut self, stored: usize) {
         while !self.frames.is_empty() {
             if self.matches(0, 0) {
                 self.accept_match();
-            } else if self.frames.len() > kept {
+            } else if self.frames.len() > stored {
                 self.report_difference();
             } else {
                 return;
@@ -200,12 +200,12 @@ impl ExpectationTest {
         match (wanted, is) {
             (Value::Object(wanted), Value::Object(is)) => {
                 wanted.iter().find_map(|(key, wanted)| {
-                    let place =
+                    let position =
                         POSITION_FIELDS.contains(&key.as_str()) && !name.ends_with("fields");
                     let name = if name.is_empty() { key.clone() } else { format!("{name}.{key}") };
                     let is = is.get(key).unwrap_or(&Value::Null);
                     match TIME_FIELDS.contains(&key.as_str()) {
-                        _ if place => None,
+                        _ if position => None,
                         true => self.time_mismatch(&name, wanted, is),
                         false => self.first_mismatch(&name, wanted, is),
                     }
@@ -226,10 +226,10 @@ impl ExpectationTest {
             return (wanted != is).then(|| format!("{name} is {is}, not {wanted}"));
         };
         // Moments count from the first, spans by themselves.
-        let begun = self.time_origin.filter(|_| name == "time");
-        let off = match (begun, name) {
+        let started = self.time_origin.filter(|_| name == "time");
+        let off = match (started, name) {
             (None, "time") => 0.0,
-            _ => is - wanted - begun.map_or(0.0, |(is, wanted)| is - wanted),
+            _ => is - wanted - started.map_or(0.0, |(is, wanted)| is - wanted),
         };
         (off.abs() > within).then(|| format!("{name} is off by {off:+.6} s"))
     }

@@ -55,12 +55,12 @@ impl EventSink for PlotSink {
 
 fn no_signal_problem(plot: &Plot) -> Problem {
     let others: Vec<String> = plot.other_signals().take(NAMED_MAX).collect();
-    let told = match others.is_empty() {
+    let output = match others.is_empty() {
         true => "It tells no values at all, as far as its protocol is understood.".to_owned(),
         false => format!("It has {}.", others.join(", ")),
     };
     Problem::new(Exit::Negative, "E113", "the capture has no such signal.")
-        .why(told)
+        .why(output)
         .hint("--plot '*/Actual/*' takes whatever drives tell of themselves")
         .hint("--profile NAME names parameters as a drive's manual does")
 }

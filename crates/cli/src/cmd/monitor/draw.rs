@@ -48,13 +48,13 @@ pub fn draw_monitor(monitor: &dyn MonitorSource, view: &View, theme: Theme, buff
     if let Some(line) = stop_line(monitor, &axes, view, theme) {
         page.draw_line(line);
     }
-    let room = page.rows_left().saturating_sub(1);
-    for line in axes::axis_lines(&axes, monitor.chosen(), page.area.width, room, theme) {
+    let capacity = page.rows_left().saturating_sub(1);
+    for line in axes::axis_lines(&axes, monitor.chosen(), page.area.width, capacity, theme) {
         page.draw_line(line);
     }
     page.draw_line(frames::title_line(monitor, view, page.area.width, theme));
-    let room = page.rows_left().saturating_sub(1);
-    for line in frames::frame_lines(monitor, view, page.area.width, room, theme) {
+    let capacity = page.rows_left().saturating_sub(1);
+    for line in frames::frame_lines(monitor, view, page.area.width, capacity, theme) {
         page.draw_line(line);
     }
     page.used = page.area.height.saturating_sub(1);
@@ -212,6 +212,6 @@ fn truncate(text: &str, most: usize) -> String {
     if text.chars().count() <= most {
         return text.to_owned();
     }
-    let kept = text.chars().take(most.saturating_sub(1));
-    kept.chain((most > 0).then_some('…')).collect()
+    let take = text.chars().take(most.saturating_sub(1));
+    take.chain((most > 0).then_some('…')).collect()
 }

@@ -44,15 +44,15 @@ fn print_until(
     span: Option<Duration>,
     lines: &mut LocalPrinter,
 ) -> Result {
-    let mut told = Duration::ZERO;
+    let mut reported_at = Duration::ZERO;
     loop {
         if monitor.poll(&mut |event| lines.print_frame(event))? {
             monitor.wait_answers(&mut |event| lines.print_frame(event));
             lines.print_axes(monitor);
         }
         let age = monitor.age();
-        if style.jsonl && age >= told + LINK_EVERY {
-            told = age;
+        if style.jsonl && age >= reported_at + LINK_EVERY {
+            reported_at = age;
             lines.print_link(monitor);
         }
         lines.out.flush()?;

@@ -52,35 +52,36 @@ impl Monitor {
         link: Link,
         url: &str,
         rules: Option<Rules>,
-        ears: TapQueue,
+        taps: TapQueue,
         period: Duration,
     ) -> Result<Self> {
         if link.axes().is_empty() {
             return Err(Problem::new(Exit::NoReply, "E402", format!("there is no axis on {url}.")));
         }
-        let spoken =
+        let protocols =
             link.wires().iter().map(|wire| wire_decoding(wire, link.axes(), rules.as_ref()));
-        let traffic = TrafficLog::new(link.wires(), spoken.collect(), false);
+        let traffic = TrafficLog::new(link.wires(), protocols.collect(), false);
         let axes = link.axes().iter().cloned().map(MonitoredAxis::new).collect();
         let session = Session { link, arguments: url.to_owned() };
         session.listen_for_interrupts();
-        Ok(Self { axes, period, session: Some(session), ..Self::unconnected(url, traffic, ears) })
+        Ok(Self { axes, period, session: Some(session), ..Self::unconnected(url, traffic, taps) })
     }
 
     /// A link on which nothing is said.
     pub fn with_listener(
-        heard: WireListener,
+        wire_listener: WireListener,
         url: &str,
         rules: Option<Rules>,
-        ears: TapQueue,
+        taps: TapQueue,
     ) -> Self {
-        let spoken = heard.wires().iter().map(|wire| wire_decoding(wire, &[], rules.as_ref()));
-        let traffic = TrafficLog::new(heard.wires(), spoken.collect(), true);
+        let protocols =
+            wire_listener.wires().iter().map(|wire| wire_decoding(wire, &[], rules.as_ref()));
+        let traffic = TrafficLog::new(wire_listener.wires(), protocols.collect(), true);
         crate::interrupt::listen(|| {});
-        Self { listener: Some(heard), ..Self::unconnected(url, traffic, ears) }
+        Self { listener: Some(wire_listener), ..Self::unconnected(url, traffic, taps) }
     }
 
-    fn unconnected(url: &str, traffic: TrafficLog, ears: TapQueue) -> Self {
+    fn unconnected(url: &str, traffic: TrafficLog, taps: TapQueue) -> Self {
         Self {
             url: url.to_owned(),
             axes: Vec::new(),
@@ -88,7 +89,7 @@ impl Monitor {
             chosen: 0,
             session: None,
             listener: None,
-            tap_queue: ears,
+            tap_queue: taps,
             period: Duration::MAX,
             started_at: clock::now(),
             lost: None,
@@ -141,8 +142,8 @@ impl Monitor {
         for (n, watched) in self.axes.iter_mut().enumerate() {
             anew |= watched.poll(self.period, n == self.chosen);
             let stopping = watched.stopping.take();
-            let told = |stop: &StopSequence| !stop.is_expired(&watched.axis, STOP_SHOWN_MAX);
-            watched.stopping = stopping.filter(told);
+            let reported = |stop: &StopSequence| !stop.is_expired(&watched.axis, STOP_SHOWN_MAX);
+            watched.stopping = stopping.filter(reported);
         }
         self.process_received(show);
         self.traffic.update_rates(self.now());
@@ -164,9 +165,9 @@ impl Monitor {
     }
 
     fn process_received(&mut self, show: &mut dyn FnMut(&DecodedFrame<'_>)) {
-        let (heard, lost) = self.tap_queue.drain();
+        let (received, lost) = self.tap_queue.drain();
         self.traffic.lost += lost;
-        heard.iter().for_each(|heard| self.traffic.add_received(heard, show));
+        received.iter().for_each(|queued_unit| self.traffic.add_received(queued_unit, show));
     }
 
     fn check_link(&mut self) -> Result<()> {
@@ -199,11 +200,10 @@ impl Monitor {
     /// What links noticed and could not hand on.
     pub fn losses(&self) -> Losses {
         let of_axes = self.axis_per_wire().map(|axis| axis.connection().losses());
-        let heard = self
-            .listener
-            .iter()
-            .flat_map(|heard| (0..heard.wires().len()).map(|wire| heard.losses(wire)));
-        of_axes.chain(heard).fold(Losses::default(), |sum, more| Losses {
+        let listener_losses = self.listener.iter().flat_map(|wire_listener| {
+            (0..wire_listener.wires().len()).map(|wire| wire_listener.losses(wire))
+        });
+        of_axes.chain(listener_losses).fold(Losses::default(), |sum, more| Losses {
             overrun: sum.overrun + more.overrun,
             malformed: sum.malformed + more.malformed,
             errors: sum.errors + more.errors,
@@ -225,13 +225,13 @@ impl Monitor {
 
     /// What a person who leaves must know: stops that are not confirmed, motors that turn.
     pub fn exit_notes(&mut self) -> Vec<String> {
-        let mut said = Vec::new();
+        let mut lines = Vec::new();
         for watched in &mut self.axes {
             let label = watched.axis.label();
             if let Some(stopping) = &mut watched.stopping {
                 stopping.wait(&watched.axis, STOP_MAX);
                 if let StopProgress::Failed(why) = stopping.progress() {
-                    said.push(format!("{label} may not have stopped: {why}"));
+                    lines.push(format!("{label} may not have stopped: {why}"));
                     continue;
                 }
             }
@@ -239,13 +239,13 @@ impl Monitor {
                 let speed = watched.display_value(polepair_core::profile::Signal::Velocity);
                 let speed = speed.map_or_else(String::new, |speed| format!(" at {speed}"));
                 let url = shell_word(&self.url);
-                said.push(format!(
+                lines.push(format!(
                     "{label} turned{speed} when last asked and was left so; this stops it: \
                      polepair stop {url}"
                 ));
             }
         }
-        said
+        lines
     }
 }
 

@@ -153,12 +153,12 @@ impl RemoteMonitor {
 
     /// How far the stop came that was asked for here.
     fn stop_summary(&self, axis: &AxisInfo) -> Option<StopSummary> {
-        let asked = self.stop.as_ref()?;
+        let requested_stop = self.stop.as_ref()?;
         let now = clock::now();
-        let heard = self.live.last_stop(axis.id).filter(|(_, at)| *at >= asked.at);
-        let Some((stopped, at)) = heard else {
-            let took = now.since(asked.at);
-            return asked
+        let received = self.live.last_stop(axis.id).filter(|(_, at)| *at >= requested_stop.at);
+        let Some((stopped, at)) = received else {
+            let took = now.since(requested_stop.at);
+            return requested_stop
                 .refused
                 .is_none()
                 .then_some(StopSummary { state: StopState::Sent, elapsed: took });
@@ -274,10 +274,10 @@ impl MonitorSource for RemoteMonitor {
     }
 
     fn poll(&mut self) -> Result<()> {
-        if let Some(asked) = &mut self.stop
-            && asked.refused.is_none()
+        if let Some(requested_stop) = &mut self.stop
+            && requested_stop.refused.is_none()
         {
-            asked.refused = asked.pending.wait(Duration::ZERO).err();
+            requested_stop.refused = requested_stop.pending.wait(Duration::ZERO).err();
         }
         let now = clock::now();
         if self.lost.is_none()
@@ -308,17 +308,17 @@ impl MonitorSource for RemoteMonitor {
     }
 
     fn exit_notes(&mut self) -> Vec<String> {
-        let mut said = Vec::new();
-        match self.stop.as_mut().map(|asked| asked.pending.wait(STOP_MAX)) {
+        let mut lines = Vec::new();
+        match self.stop.as_mut().map(|requested_stop| requested_stop.pending.wait(STOP_MAX)) {
             None => {}
-            Some(Err(why)) => said.push(format!("the stop is not confirmed: {}", why.message)),
-            Some(Ok(None)) => said.push(
+            Some(Err(why)) => lines.push(format!("the stop is not confirmed: {}", why.message)),
+            Some(Ok(None)) => lines.push(
                 "the stop is not confirmed: the server does not answer; cut the power if it turns"
                     .into(),
             ),
             Some(Ok(Some(stopped))) => {
                 let failed = |axis: &&AxisStopReport| axis.error.is_some();
-                said.extend(stopped.axes.iter().filter(failed).map(|axis| {
+                lines.extend(stopped.axes.iter().filter(failed).map(|axis| {
                     let why = axis.error.as_ref().map_or("", |error| &*error.message);
                     format!("axis {} may not have stopped: {why}", axis.id)
                 }));
@@ -329,28 +329,28 @@ impl MonitorSource for RemoteMonitor {
         let here = self.live.check().is_ok().then(|| self.url());
         for n in 0..self.axes.len() {
             let (axis, state) = (&self.axes[n], self.aged_state(n));
-            let told = state.and_then(|s| exit_note(here, &axis.label, &axis_address(axis), &s));
-            said.extend(told);
+            let output = state.and_then(|s| exit_note(here, &axis.label, &axis_address(axis), &s));
+            lines.extend(output);
         }
-        said
+        lines
     }
 }
 
 /// What is shown of the stop that was asked for here, and of the one that the axis is owed, whoever
 /// said that: it is told for as long as it is owed.
-fn merge_stop(own: Option<StopSummary>, owed: Option<&PendingStopView>) -> Option<StopSummary> {
-    match (own, owed) {
+fn merge_stop(own: Option<StopSummary>, pending: Option<&PendingStopView>) -> Option<StopSummary> {
+    match (own, pending) {
         (Some(own), Some(_)) if own.elapsed < FRESH_STOP_MAX && !own.state.is_failed() => Some(own),
-        (_, Some(owed)) => Some(pending_stop_summary(owed)),
+        (_, Some(pending)) => Some(pending_stop_summary(pending)),
         (Some(own), None) if own.state.is_failed() => None,
         (own, None) => own,
     }
 }
 
 /// A stop that is owed.
-fn pending_stop_summary(owed: &PendingStopView) -> StopSummary {
-    let since_ms = clock::wall_ns(clock::now()) as f64 / 1e6 - owed.since_ms;
-    let why = match &owed.error {
+fn pending_stop_summary(pending: &PendingStopView) -> StopSummary {
+    let since_ms = clock::wall_ns(clock::now()) as f64 / 1e6 - pending.since_ms;
+    let why = match &pending.error {
         Some(error) => error.message.clone(),
         None => "it was not seen standing yet".to_owned(),
     };
@@ -359,10 +359,11 @@ fn pending_stop_summary(owed: &PendingStopView) -> StopSummary {
 
 fn fill_summary(state: &AxisState, seen: &mut AxisRow) {
     let value = |signal: Signal| {
-        let told = state.signals.iter().find(|told| told.signal == signal.name())?;
+        let signal_value =
+            state.signals.iter().find(|signal_value| signal_value.signal == signal.name())?;
         Some(ShownValue {
-            text: format_steady(told.value?, &told.unit),
-            age: duration_from_ms(told.age_ms),
+            text: format_steady(signal_value.value?, &signal_value.unit),
+            age: duration_from_ms(signal_value.age_ms),
         })
     };
     let ages = || state.signals.iter().map(|signal| signal.age_ms);
@@ -415,7 +416,7 @@ mod tests {
 
     #[test]
     fn a_stop_is_an_alarm_for_exactly_as_long_as_it_is_owed() {
-        let owed = PendingStopView {
+        let pending = PendingStopView {
             since_ms: clock::wall_ns(clock::now()) as f64 / 1e6 - 5000.0,
             why: StopCause::LinkLost,
             by: "server".into(),
@@ -425,12 +426,12 @@ mod tests {
         };
         let own =
             |class, ms| Some(StopSummary { state: class, elapsed: Duration::from_millis(ms) });
-        let class = |own, owed| merge_stop(own, owed).map(|stop| stop.state);
+        let class = |own, pending| merge_stop(own, pending).map(|stop| stop.state);
         let alarm = |shown: Option<StopState>| shown.is_some_and(|class| class.is_failed());
-        assert!(alarm(class(None, Some(&owed))) && class(None, None).is_none());
-        assert_eq!(class(own(StopState::Sent, 100), Some(&owed)), Some(StopState::Sent));
-        assert!(alarm(class(own(StopState::Sent, 3000), Some(&owed))));
-        assert!(alarm(class(own(StopState::Failed("silent".into()), 10), Some(&owed))));
+        assert!(alarm(class(None, Some(&pending))) && class(None, None).is_none());
+        assert_eq!(class(own(StopState::Sent, 100), Some(&pending)), Some(StopState::Sent));
+        assert!(alarm(class(own(StopState::Sent, 3000), Some(&pending))));
+        assert!(alarm(class(own(StopState::Failed("silent".into()), 10), Some(&pending))));
         assert_eq!(class(own(StopState::Failed("silent".into()), 10), None), None, "dismissed");
         assert_eq!(class(own(StopState::Standstill, 3000), None), Some(StopState::Standstill));
     }

@@ -77,8 +77,8 @@ impl RemotePrinter {
         period: Duration,
         span: Option<Duration>,
     ) -> Result {
-        let begun = clock::now();
-        let mut next = begun;
+        let started_at = clock::now();
+        let mut next = started_at;
         loop {
             let (items, lost) = frames
                 .map_or(Ok((Vec::new(), 0)), FrameStream::drain)
@@ -87,7 +87,7 @@ impl RemotePrinter {
             items.iter().for_each(|item| self.print_frame(item));
             let now = clock::now();
             let states = axis_states(live, axes)?;
-            let all_there = states.len() == axes.len() || now.since(begun) > FIRST_MAX;
+            let all_there = states.len() == axes.len() || now.since(started_at) > FIRST_MAX;
             let due = now >= next && all_there;
             self.print_links(&live.links());
             if due {
@@ -99,7 +99,7 @@ impl RemotePrinter {
             if interrupt::was_interrupted() {
                 return Err(Problem::interrupted());
             }
-            if style.once && due || span.is_some_and(|span| now.since(begun) >= span) {
+            if style.once && due || span.is_some_and(|span| now.since(started_at) >= span) {
                 return Ok(Exit::Ok);
             }
             sleep(now, period.min(POLL_INTERVAL));
@@ -175,8 +175,8 @@ impl RemotePrinter {
         }
         self.out.flush()?;
         for (axis, state) in axis_states(live, axes)? {
-            if let Some(told) = exit_note(Some(url), &axis.label, &axis_address(axis), &state) {
-                print_note(&told);
+            if let Some(output) = exit_note(Some(url), &axis.label, &axis_address(axis), &state) {
+                print_note(&output);
             }
         }
         Ok(())
@@ -200,7 +200,7 @@ fn axis_states<'a>(
 }
 
 fn signal_value(state: &AxisState, signal: Signal) -> Option<f64> {
-    state.signals.iter().find(|told| told.signal == signal.name()).and_then(|told| told.value)
+    state.signals.iter().find(|value| value.signal == signal.name()).and_then(|value| value.value)
 }
 
 /// Whether it turned when it was last heard of, however long ago that is and whatever else it has.
@@ -218,8 +218,8 @@ pub fn exit_note(
     number: &str,
     state: &AxisState,
 ) -> Option<String> {
-    let speed = state.signals.iter().find(|told| told.signal == Signal::Velocity.name());
-    let speed = speed.and_then(|told| Some(remote::format_value(told.value?, &told.unit)));
+    let speed = state.signals.iter().find(|value| value.signal == Signal::Velocity.name());
+    let speed = speed.and_then(|value| Some(remote::format_value(value.value?, &value.unit)));
     let speed = speed.map_or_else(String::new, |speed| format!(" at {speed}"));
     if state.owed.is_some() && url.is_some() {
         return Some(format!(
@@ -267,12 +267,14 @@ fn axes_table(states: &[(&AxisInfo, AxisState)]) -> String {
     let heads = ["axis", "drive", "state", "mode", "position", "velocity", "torque", "age"];
     let mut table = TextTable::with_heads(&heads);
     for (axis, state) in states {
-        let told = |wanted: Signal| state.signals.iter().find(|s| s.signal == wanted.name());
-        let cell = |signal: Signal| match told(signal).and_then(|s| Some((s.value?, &*s.unit))) {
+        let reported = |wanted: Signal| state.signals.iter().find(|s| s.signal == wanted.name());
+        let cell = |signal: Signal| match reported(signal).and_then(|s| Some((s.value?, &*s.unit)))
+        {
             Some((value, unit)) => remote::format_value(value, unit),
             None => "-".to_owned(),
         };
-        let effort = if told(Signal::Torque).is_some() { Signal::Torque } else { Signal::Current };
+        let effort =
+            if reported(Signal::Torque).is_some() { Signal::Torque } else { Signal::Current };
         let oldest = state.signals.iter().map(|signal| signal.age_ms).reduce(f64::max);
         table.add_row([
             axis_name(axis),
@@ -298,10 +300,10 @@ fn axes_table(states: &[(&AxisInfo, AxisState)]) -> String {
 }
 
 /// What to say of an axis that is owed a stop.
-fn pending_stop_line(owed: &PendingStopView) -> String {
+fn pending_stop_line(pending: &PendingStopView) -> String {
     let now_ms = clock::wall_ns(clock::now()) as f64 / 1e6;
-    let seconds = ((now_ms - owed.since_ms) / 1e3).max(0.0);
-    let word = match owed.class {
+    let seconds = ((now_ms - pending.since_ms) / 1e3).max(0.0);
+    let word = match pending.class {
         StopClass::Acknowledged => "taken, not seen standing",
         StopClass::Sent => "not confirmed",
         _ => "not sent yet",
@@ -363,13 +365,13 @@ fn write_axis_json(axis: &AxisInfo, state: &AxisState, out: &mut Vec<u8>) {
     write_pair(out, "protocol", &axis.protocol);
     write_pair(out, "state", activity(state).word());
     write_text(out, ",\"signals\":{");
-    for (n, told) in state.signals.iter().enumerate() {
+    for (n, signal_value) in state.signals.iter().enumerate() {
         write_text(out, if n > 0 { "," } else { "" });
-        jsonl::write_string(out, &told.signal);
+        jsonl::write_string(out, &signal_value.signal);
         write_text(out, ":{\"value\":");
-        jsonl::write_real(out, told.value.unwrap_or(f64::NAN));
-        write_pair(out, "unit", &told.unit);
-        write_text(out, &format!(",\"age\":{:.6}}}", told.age_ms / 1e3));
+        jsonl::write_real(out, signal_value.value.unwrap_or(f64::NAN));
+        write_pair(out, "unit", &signal_value.unit);
+        write_text(out, &format!(",\"age\":{:.6}}}", signal_value.age_ms / 1e3));
     }
     write_text(out, "},\"troubles\":[");
     for (n, line) in trouble_lines(state).iter().enumerate() {
@@ -417,12 +419,12 @@ mod tests {
             owed: None,
             panel: None,
         };
-        let told =
+        let reported =
             |state: &AxisState| exit_note(Some("http://127.0.0.1:7365"), "axis 3", "0#3", state);
         let whole = "axis 3 turned at 31.5 rad/s when last asked and was left so; this stops it: \
                      polepair --server http://127.0.0.1:7365 stop 0#3";
         assert_eq!(
-            (activity(&state), told(&state).as_deref()),
+            (activity(&state), reported(&state).as_deref()),
             (AxisActivity::Silent, Some(whole))
         );
         let gone = exit_note(None, "axis 3", "0#3", &state).expect("it is told");
@@ -432,9 +434,12 @@ mod tests {
         let word = || "overcurrent".to_owned();
         let (name, symbol, cause, remedy) = (word(), word(), word(), word());
         state.faults = vec![ActiveFault { code: 1, name, symbol, cause, remedy, warning: false }];
-        assert_eq!((activity(&state), told(&state).as_deref()), (AxisActivity::Fault, Some(whole)));
+        assert_eq!(
+            (activity(&state), reported(&state).as_deref()),
+            (AxisActivity::Fault, Some(whole))
+        );
         state.moving = Some(false);
-        assert_eq!(told(&state), None);
+        assert_eq!(reported(&state), None);
         let alarm = |state: &AxisState| {
             trouble_lines(state).iter().filter(|line| line.contains("CUT ITS SUPPLY")).count()
         };
@@ -449,6 +454,6 @@ mod tests {
         });
         assert_eq!(alarm(&state), 1);
         // It is owed that whatever it was last read to do.
-        assert!(told(&state).is_some_and(|told| told.contains("not seen standing")));
+        assert!(reported(&state).is_some_and(|output| output.contains("not seen standing")));
     }
 }

@@ -187,8 +187,8 @@ impl MonitorSource for Monitor {
 
     fn stop_problem(&self) -> Option<String> {
         let link = shell_word(self.url.split('#').next().unwrap_or_default());
-        let told = format!("NOT STOPPED: this view only listens; polepair stop {link}");
-        self.is_listening().then_some(told)
+        let output = format!("NOT STOPPED: this view only listens; polepair stop {link}");
+        self.is_listening().then_some(output)
     }
 
     fn exit_notes(&mut self) -> Vec<String> {

@@ -30,15 +30,15 @@ struct TestScreen {
 
 impl TestScreen {
     fn new(url: &str, width: u16, height: u16) -> Self {
-        let ears = TapQueue::default();
-        let taps = ears.clone();
+        let tap_queue = TapQueue::default();
+        let taps = tap_queue.clone();
         let connector = Connector::default().with_taps(move |wire| taps.tap(wire));
         let link = connector.connect(url).expect("a link");
-        let monitor = Monitor::with_link(link, url, None, ears, PERIOD).expect("axes");
+        let monitor = Monitor::with_link(link, url, None, tap_queue, PERIOD).expect("axes");
         let terminal = Terminal::new(TestBackend::new(width, height)).expect("a terminal");
-        let mut seat = Self { monitor, view: View::default(), terminal };
-        seat.wait(1);
-        seat
+        let mut screen = Self { monitor, view: View::default(), terminal };
+        screen.wait(1);
+        screen
     }
 
     /// Lets so many rounds of questions pass.
@@ -100,8 +100,8 @@ fn one_bus() -> String {
 #[test]
 fn axes_and_frames_are_shown_whatever_the_size() {
     for (width, height) in [(80, 24), (120, 40), (60, 15), (40, 8), (1, 1)] {
-        let mut seat = TestScreen::new("sim:tmcl?time=virtual&axes=2", width, height);
-        let screen = seat.screen();
+        let mut entry = TestScreen::new("sim:tmcl?time=virtual&axes=2", width, height);
+        let screen = entry.screen();
         assert_eq!(screen.lines().count(), usize::from(height));
         if width >= 60 {
             for wanted in
@@ -115,161 +115,161 @@ fn axes_and_frames_are_shown_whatever_the_size() {
 
 #[test]
 fn a_frame_has_its_bytes_its_meaning_and_what_changed() {
-    let mut seat = TestScreen::new("sim:tmcl?time=virtual", 120, 30);
-    seat.wait(3);
-    let screen = seat.screen();
+    let mut entry = TestScreen::new("sim:tmcl?time=virtual", 120, 30);
+    entry.wait(3);
+    let screen = entry.screen();
     let line = "< 02 01 64 06 00 00 00 00 6D   actual position = 0";
     assert!(screen.contains(line), "{screen}");
-    let changes = |seat: &TestScreen| {
-        let speeds = seat.monitor.traffic.rows().iter();
+    let changes = |entry: &TestScreen| {
+        let speeds = entry.monitor.traffic.rows().iter();
         speeds.filter(|row| row.text.starts_with("actual velocity") && row.changed > 0).count()
     };
-    assert_eq!(changes(&seat), 0);
-    let axis = seat.monitor.axes[0].axis.clone();
+    assert_eq!(changes(&entry), 0);
+    let axis = entry.monitor.axes[0].axis.clone();
     axis.arm(true);
     axis.enable().expect("power");
     axis.velocity("600 rpm").expect("a speed");
-    seat.wait(3);
-    assert!(changes(&seat) > 0);
-    seat.screen();
-    let cells = seat.terminal.backend().buffer().content();
+    entry.wait(3);
+    assert!(changes(&entry) > 0);
+    entry.screen();
+    let cells = entry.terminal.backend().buffer().content();
     let marked = cells.iter().any(|cell| cell.modifier.contains(Modifier::UNDERLINED));
     assert!(marked, "changed bytes are underlined");
 }
 
 #[test]
 fn esc_stops_what_turns_and_says_how_far_that_came() {
-    let mut seat = TestScreen::new("sim:tmcl?time=virtual&axes=2", 100, 24);
-    let axis = seat.monitor.axes[1].axis.clone();
+    let mut entry = TestScreen::new("sim:tmcl?time=virtual&axes=2", 100, 24);
+    let axis = entry.monitor.axes[1].axis.clone();
     axis.arm(true);
     axis.enable().expect("power");
     axis.velocity("600 rpm").expect("a speed");
-    seat.wait(5);
-    assert_eq!(seat.monitor.axes[1].activity(), AxisActivity::Turning);
-    assert!(seat.screen().contains("turns"));
-    assert!(seat.monitor.exit_notes()[0].contains("polepair stop 'sim:tmcl?"));
+    entry.wait(5);
+    assert_eq!(entry.monitor.axes[1].activity(), AxisActivity::Turning);
+    assert!(entry.screen().contains("turns"));
+    assert!(entry.monitor.exit_notes()[0].contains("polepair stop 'sim:tmcl?"));
     // Not even a filter that is being typed keeps it from going out.
-    seat.type_in("/q");
-    assert_eq!(seat.press(KeyCode::Esc), KeyOutcome::Continue);
-    assert!(!seat.view.typing);
+    entry.type_in("/q");
+    assert_eq!(entry.press(KeyCode::Esc), KeyOutcome::Continue);
+    assert!(!entry.view.typing);
     assert_eq!(
-        seat.monitor.axes[1].stopping.as_ref().expect("a stop").progress(),
+        entry.monitor.axes[1].stopping.as_ref().expect("a stop").progress(),
         &StopProgress::Sent
     );
-    assert!(seat.screen().contains("stop sent"));
+    assert!(entry.screen().contains("stop sent"));
     for _ in 0..2_000 {
-        seat.monitor.poll(&mut |_| ()).expect("a link");
-        let class = |n: usize| seat.monitor.axes[n].stopping.as_ref().map(StopSequence::progress);
+        entry.monitor.poll(&mut |_| ()).expect("a link");
+        let class = |n: usize| entry.monitor.axes[n].stopping.as_ref().map(StopSequence::progress);
         if [class(0), class(1)] == [Some(&StopProgress::Standstill); 2] {
             break;
         }
-        seat.monitor.sleep(Duration::from_millis(5));
+        entry.monitor.sleep(Duration::from_millis(5));
     }
-    let screen = seat.screen();
+    let screen = entry.screen();
     assert!(screen.contains("1, 3: standing still"), "{screen}");
-    assert!(seat.monitor.exit_notes().is_empty());
-    seat.wait(2);
-    assert_eq!(seat.monitor.axes[1].display_value(Signal::Velocity).expect("a speed").raw, 0);
+    assert!(entry.monitor.exit_notes().is_empty());
+    entry.wait(2);
+    assert_eq!(entry.monitor.axes[1].display_value(Signal::Velocity).expect("a speed").raw, 0);
 }
 
 #[test]
 fn a_stop_without_an_answer_is_not_called_one() {
-    let (mut seat, _served) = TestScreen::half_deserted();
-    seat.press(KeyCode::Esc);
-    for watched in &mut seat.monitor.axes {
+    let (mut entry, _served) = TestScreen::half_deserted();
+    entry.press(KeyCode::Esc);
+    for watched in &mut entry.monitor.axes {
         let stopping = watched.stopping.as_mut().expect("a stop");
         stopping.wait(&watched.axis, Duration::from_secs(60));
     }
-    let screen = seat.screen();
+    let screen = entry.screen();
     assert!(screen.contains("9: NOT CONFIRMED, cut its power"), "{screen}");
     assert!(screen.contains("STOP FAILED") && screen.contains("1: standing still"), "{screen}");
-    assert!(seat.monitor.exit_notes()[0].contains("axis 9 may not have stopped"));
+    assert!(entry.monitor.exit_notes()[0].contains("axis 9 may not have stopped"));
 }
 
 #[test]
 fn a_fault_comes_with_cause_and_remedy() {
-    let mut seat = TestScreen::new("sim:tmcm-171?time=virtual", 80, 24);
-    seat.simulate(0, Act::Supply(7.0));
-    seat.wait(3);
-    let screen = seat.screen();
-    assert_eq!(seat.monitor.axes[0].activity(), AxisActivity::Fault, "{screen}");
+    let mut entry = TestScreen::new("sim:tmcm-171?time=virtual", 80, 24);
+    entry.simulate(0, Act::Supply(7.0));
+    entry.wait(3);
+    let screen = entry.screen();
+    assert_eq!(entry.monitor.axes[0].activity(), AxisActivity::Fault, "{screen}");
     assert!(screen.contains("FAULT") && screen.contains("remedy"), "{screen}");
 }
 
 #[test]
 fn an_axis_that_does_not_answer_keeps_no_other_waiting() {
-    let (mut seat, _served) = TestScreen::half_deserted();
-    seat.wait(3);
-    let screen = seat.screen();
-    assert_eq!(seat.monitor.axes[0].activity(), AxisActivity::Off, "{screen}");
-    assert_eq!(seat.monitor.axes[1].activity(), AxisActivity::Silent, "{screen}");
+    let (mut entry, _served) = TestScreen::half_deserted();
+    entry.wait(3);
+    let screen = entry.screen();
+    assert_eq!(entry.monitor.axes[0].activity(), AxisActivity::Off, "{screen}");
+    assert_eq!(entry.monitor.axes[1].activity(), AxisActivity::Silent, "{screen}");
     assert!(screen.contains("no answer") && screen.contains("silent"), "{screen}");
 }
 
 #[test]
 fn frames_are_filtered_halted_and_gathered_by_kind() {
-    let mut seat = TestScreen::new("sim:tmcl?time=virtual", 100, 24);
-    seat.wait(5);
-    seat.type_in("/Velocity");
-    seat.press(KeyCode::Enter);
-    let shown = seat.view.frames(&seat.monitor, 100);
+    let mut entry = TestScreen::new("sim:tmcl?time=virtual", 100, 24);
+    entry.wait(5);
+    entry.type_in("/Velocity");
+    entry.press(KeyCode::Enter);
+    let shown = entry.view.frames(&entry.monitor, 100);
     assert!(!shown.is_empty() && shown.iter().all(|row| row.text.contains("velocity")));
-    seat.type_in(" ");
-    let halted = seat.screen();
-    seat.wait(2);
-    assert!(seat.screen().contains("HALTED"), "{halted}");
+    entry.type_in(" ");
+    let halted = entry.screen();
+    entry.wait(2);
+    assert!(entry.screen().contains("HALTED"), "{halted}");
     let frames = |screen: &str| -> Vec<String> {
         screen.lines().filter(|line| line.contains("axis parameter")).map(str::to_owned).collect()
     };
-    assert_eq!(frames(&halted), frames(&seat.screen()), "they stand still");
-    seat.type_in(" /");
-    seat.press(KeyCode::Enter);
-    seat.type_in("t");
-    let kinds = seat.view.kinds(&seat.monitor, 100);
+    assert_eq!(frames(&halted), frames(&entry.screen()), "they stand still");
+    entry.type_in(" /");
+    entry.press(KeyCode::Enter);
+    entry.type_in("t");
+    let kinds = entry.view.kinds(&entry.monitor, 100);
     let velocity: Vec<_> =
         kinds.iter().filter(|kind| kind.last.text.contains("actual velocity")).collect();
     assert_eq!(velocity.len(), 2, "the question and the answer");
     assert_eq!((velocity[0].count, velocity[1].count), (8, 8));
-    assert!(seat.screen().contains("the last of each kind"));
+    assert!(entry.screen().contains("the last of each kind"));
 }
 
 #[test]
 fn every_protocol_of_a_bus_is_told_by_its_own_words() {
-    let mut seat = TestScreen::new(&one_bus(), 120, 40);
-    seat.wait(12);
-    assert_eq!(seat.monitor.traffic.counts().1, 0, "no frame breaks its protocol");
-    let (name, load) = seat.monitor.traffic.wires().next().expect("a wire");
+    let mut entry = TestScreen::new(&one_bus(), 120, 40);
+    entry.wait(12);
+    assert_eq!(entry.monitor.traffic.counts().1, 0, "no frame breaks its protocol");
+    let (name, load) = entry.monitor.traffic.wires().next().expect("a wire");
     assert!(load.is_some_and(|load| load > 0.0 && load < 0.8), "{name} {load:?}");
-    let screen = seat.screen();
+    let screen = entry.screen();
     for word in ["2 spindle", "5 x", "97 gripper", "12 starboard", "% busy"] {
         assert!(screen.contains(word), "{word}:\n{screen}");
     }
     for protocol in ["canopen", "technocan", "tmcl", "thruster"] {
-        let mut kinds = seat.monitor.traffic.kinds();
+        let mut kinds = entry.monitor.traffic.kinds();
         assert!(kinds.any(|kind| kind.last.protocol == Some(protocol)), "{protocol}");
     }
 }
 
 #[test]
 fn without_colours_nothing_is_told_by_colour() {
-    let mut seat = TestScreen::new("sim:tmcl?time=virtual", 100, 24);
-    let coloured = seat.screen();
-    assert_eq!(seat.screen_in(Theme { colour: false }), coloured);
-    let cells = seat.terminal.backend().buffer().content();
+    let mut screen = TestScreen::new("sim:tmcl?time=virtual", 100, 24);
+    let coloured = screen.screen();
+    assert_eq!(screen.screen_in(Theme { colour: false }), coloured);
+    let cells = screen.terminal.backend().buffer().content();
     assert!(cells.iter().all(|cell| cell.fg == Color::Reset));
 }
 
 #[test]
 fn help_is_left_by_the_key_that_called_it_and_stops_are_heard_in_it() {
-    let mut seat = TestScreen::new("sim:tmcl?time=virtual", 80, 24);
-    seat.type_in("?");
-    assert!(seat.screen().contains("stop every axis of this view"));
-    assert_eq!(seat.press(KeyCode::Char('q')), KeyOutcome::Continue);
-    assert!(!seat.view.help);
-    seat.type_in("?");
-    seat.press(KeyCode::Esc);
-    assert!(!seat.view.help && seat.monitor.axes[0].stopping.is_some());
-    assert_eq!(seat.press(KeyCode::Char('q')), KeyOutcome::Leave);
+    let mut screen = TestScreen::new("sim:tmcl?time=virtual", 80, 24);
+    screen.type_in("?");
+    assert!(screen.screen().contains("stop every axis of this view"));
+    assert_eq!(screen.press(KeyCode::Char('q')), KeyOutcome::Continue);
+    assert!(!screen.view.help);
+    screen.type_in("?");
+    screen.press(KeyCode::Esc);
+    assert!(!screen.view.help && screen.monitor.axes[0].stopping.is_some());
+    assert_eq!(screen.press(KeyCode::Char('q')), KeyOutcome::Leave);
 }
 
 /// Draws what `docs/images/monitor.svg` is made from:
@@ -278,23 +278,23 @@ fn help_is_left_by_the_key_that_called_it_and_stops_are_heard_in_it() {
 #[test]
 #[ignore = "it writes a file"]
 fn the_picture_of_the_guide() {
-    let mut seat = TestScreen::new(&one_bus(), 104, 30);
+    let mut screen = TestScreen::new(&one_bus(), 104, 30);
     for (n, speed) in [(0, "1200 rpm"), (1, "300 rpm")] {
-        let axis = seat.monitor.axes[n].axis.clone();
+        let axis = screen.monitor.axes[n].axis.clone();
         axis.arm(true);
         axis.enable().expect("power");
         axis.velocity(speed).expect("a speed");
     }
-    seat.simulate(3, Act::Supply(7.0));
-    seat.wait(15);
-    seat.monitor.url = "sim:docs/examples/one-bus.toml".to_owned();
-    seat.press(KeyCode::Down);
-    seat.press(KeyCode::Down);
-    seat.press(KeyCode::Down);
-    seat.wait(2);
-    seat.screen();
+    screen.simulate(3, Act::Supply(7.0));
+    screen.wait(15);
+    screen.monitor.url = "sim:docs/examples/one-bus.toml".to_owned();
+    screen.press(KeyCode::Down);
+    screen.press(KeyCode::Down);
+    screen.press(KeyCode::Down);
+    screen.wait(2);
+    screen.screen();
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../target/monitor.txt");
-    std::fs::write(path, coloured(seat.terminal.backend().buffer())).expect("a file");
+    std::fs::write(path, coloured(screen.terminal.backend().buffer())).expect("a file");
 }
 
 /// The screen as a terminal is told of it.

@@ -110,16 +110,16 @@ pub struct WireDecoding {
 
 impl TrafficLog {
     /// For these wires. Where nobody commands, who speaks is not known.
-    pub fn new(wires: &[OpenWire], spoken: Vec<WireDecoding>, listening: bool) -> Self {
-        let wire = |(wire, spoken): (&OpenWire, WireDecoding)| WireTraffic {
+    pub fn new(wires: &[OpenWire], protocols: Vec<WireDecoding>, listening: bool) -> Self {
+        let wire = |(wire, wire_decoding): (&OpenWire, WireDecoding)| WireTraffic {
             name: short_name(&wire.name),
-            decoder: CaptureDecoder::new(spoken.rules).with_profile(spoken.profile),
+            decoder: CaptureDecoder::new(wire_decoding.rules).with_profile(wire_decoding.profile),
             rate: wire.rate,
             bits: 0,
             load: None,
         };
         Self {
-            wires: wires.iter().zip(spoken).map(wire).collect(),
+            wires: wires.iter().zip(protocols).map(wire).collect(),
             listening,
             history: FrameHistory::default(),
             rates_at: Instant::ZERO,
@@ -158,27 +158,31 @@ impl TrafficLog {
     }
 
     /// Explains what was heard; `show` sees each frame as the decoder gives it.
-    pub fn add_received(&mut self, heard: &QueuedUnit, show: &mut dyn FnMut(&DecodedFrame<'_>)) {
-        let QueuedUnit { wire: number, at, direction, unit } = heard;
+    pub fn add_received(
+        &mut self,
+        queued_unit: &QueuedUnit,
+        show: &mut dyn FnMut(&DecodedFrame<'_>),
+    ) {
+        let QueuedUnit { wire: number, at, direction, unit } = queued_unit;
         let Some(wire) = self.wires.get_mut(*number) else { return };
-        let said = match direction {
+        let statement = match direction {
             _ if self.listening => None,
             tap::TapDirection::ToDrive => Some(Said::ToDrive),
             tap::TapDirection::ToHost => Some(Said::ToHost),
         };
         let time = Some(Timestamp(clock::wall_ns(*at)));
-        let kept = &mut self.history;
+        let frame_history = &mut self.history;
         let mut take = |event: &DecodedFrame<'_>| {
-            kept.add_event(*number, event);
+            frame_history.add_event(*number, event);
             show(event);
         };
         match unit {
             UnitBuf::Bytes(bytes) => {
-                wire.decoder.decode_bytes(time, &wire.name, said, bytes, &mut take);
+                wire.decoder.decode_bytes(time, &wire.name, statement, bytes, &mut take);
                 wire.bits += bytes.len() as u64 * BITS_PER_BYTE;
             }
             UnitBuf::Frame(frame) => {
-                wire.decoder.decode_frame(time, &wire.name, said, frame, &mut take);
+                wire.decoder.decode_frame(time, &wire.name, statement, frame, &mut take);
                 wire.bits += u64::from(polepair::frame_bits(frame));
             }
         }
@@ -310,6 +314,6 @@ fn kind_key(wire: usize, event: &DecodedFrame<'_>) -> FrameGroupKey {
 }
 
 fn event_text(event: &DecodedFrame<'_>) -> String {
-    let said = meaning_text(event);
-    if event.echo { format!("echo: {said}") } else { said.to_owned() }
+    let text = meaning_text(event);
+    if event.echo { format!("echo: {text}") } else { text.to_owned() }
 }

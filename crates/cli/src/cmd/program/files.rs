@@ -294,11 +294,11 @@ impl ProgramSave {
 
 /// What was written from an address on, without the erased words behind it.
 fn read_written(axis: &Axis, start: u16, last: u16) -> Result<Vec<u16>> {
-    let room = usize::from(last.saturating_sub(start)) + 1;
+    let capacity = usize::from(last.saturating_sub(start)) + 1;
     let mut words = Vec::new();
-    while words.len() < room {
+    while words.len() < capacity {
         let at = start.wrapping_add(words.len() as u16);
-        let chunk = read_words(axis, at, CHUNK.min(room - words.len()))?;
+        let chunk = read_words(axis, at, CHUNK.min(capacity - words.len()))?;
         if chunk.iter().all(|word| *word == ERASED) {
             break;
         }

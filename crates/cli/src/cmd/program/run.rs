@@ -188,15 +188,15 @@ fn run_program(
     let powered = read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
     let _holding = interrupt::hold_motion(&session.arguments);
     axis.arm(true);
-    let begun = start().map_err(outcome::to_problem);
-    if detach && begun.is_ok() {
+    let started = start().map_err(outcome::to_problem);
+    if detach && started.is_ok() {
         print_note(&format!(
             "left running; this ends it: polepair program abort {}",
             session.arguments
         ));
         return Ok(Exit::Ok);
     }
-    let ended = begun.and_then(|()| wait());
+    let ended = started.and_then(|()| wait());
     let quiet = end_program(axis, powered);
     axis.arm(false);
     motion::conclude(ended, quiet, "the program was ended and the motor stopped")
@@ -204,10 +204,11 @@ fn run_program(
 
 /// Ends the program and the motion, and takes the power off that was put on.
 fn end_program(axis: &Axis, powered: bool) -> Result<()> {
-    let mut owed = motion::StopRetryNotice::new();
-    let ended =
-        axis.abort_with_retry(STOP_RETRY_MAX, |axis, _| owed.report_retry(axis, "still turn"));
-    let ended = owed.report_end(axis, ended);
+    let mut stop_retry_notice = motion::StopRetryNotice::new();
+    let ended = axis.abort_with_retry(STOP_RETRY_MAX, |axis, _| {
+        stop_retry_notice.report_retry(axis, "still turn")
+    });
+    let ended = stop_retry_notice.report_end(axis, ended);
     let rested = if ended.is_ok() { motion::wait_standstill(axis) } else { Ok(()) };
     let off = if powered { Ok(None) } else { run_optional_verb(axis, Verb::Disable) };
     if ended.is_err() && (powered || off.is_err()) {

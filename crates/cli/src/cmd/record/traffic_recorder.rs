@@ -24,8 +24,8 @@ pub struct TrafficRecorder {
 impl TrafficRecorder {
     /// Keeps what was heard since. Returns how many units are lost for good.
     pub fn process_received(&mut self) -> Result<u64> {
-        let (heard, lost) = self.tap_queue.drain();
-        for QueuedUnit { wire, at, direction, unit } in &heard {
+        let (received, lost) = self.tap_queue.drain();
+        for QueuedUnit { wire, at, direction, unit } in &received {
             let record = Record {
                 offset: 0,
                 time: Some(Timestamp(clock::wall_ns(*at))),

@@ -85,8 +85,8 @@ trait ReplayMedium: Medium {
     /// Takes what came; whether it completes an answer.
     fn completes_answer(
         by: &dyn Dissector,
-        heard: &Self::Unit,
-        asked: &Self::Unit,
+        received: &Self::Unit,
+        request: &Self::Unit,
         so_far: &mut Vec<u8>,
     ) -> bool;
 }
@@ -103,8 +103,13 @@ impl ReplayMedium for polepair_core::medium::Stream {
         SerialLine::new_8n1(rate).characters_ns(u32::try_from(unit.len()).unwrap_or(u32::MAX))
     }
 
-    fn completes_answer(by: &dyn Dissector, heard: &[u8], _: &[u8], so_far: &mut Vec<u8>) -> bool {
-        so_far.extend_from_slice(heard);
+    fn completes_answer(
+        by: &dyn Dissector,
+        received: &[u8],
+        _: &[u8],
+        so_far: &mut Vec<u8>,
+    ) -> bool {
+        so_far.extend_from_slice(received);
         loop {
             match by.find_frame(so_far, Some(Direction::ToHost), false) {
                 FrameBoundary::Frame(_) | FrameBoundary::Corrupt(_) => return true,
@@ -129,13 +134,18 @@ impl ReplayMedium for polepair_core::medium::Can {
         u64::from(frame_bits(frame)) * 1_000_000_000 / u64::from(rate.max(1))
     }
 
-    fn completes_answer(by: &dyn Dissector, heard: &Frame, asked: &Frame, _: &mut Vec<u8>) -> bool {
+    fn completes_answer(
+        by: &dyn Dissector,
+        received: &Frame,
+        request: &Frame,
+        _: &mut Vec<u8>,
+    ) -> bool {
         let raw = |frame| RawFrame {
             bytes: Frame::bytes(frame),
             id: Some(frame.id),
             extended: frame.extended,
         };
-        by.is_answer_to(&raw(heard), &raw(asked))
+        by.is_answer_to(&raw(received), &raw(request))
     }
 }
 
@@ -227,8 +237,8 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
             match self.receive(latest)? {
                 None => return Ok(latest),
                 Some(len) => {
-                    let heard = M::unit(std::borrow::Borrow::borrow(&self.buffer), len);
-                    if M::completes_answer(by, heard, unit, &mut so_far) {
+                    let received = M::unit(std::borrow::Borrow::borrow(&self.buffer), len);
+                    if M::completes_answer(by, received, unit, &mut so_far) {
                         return Ok(through);
                     }
                 }

@@ -70,14 +70,14 @@ impl Survey {
 
     /// Says what will be sent.
     pub fn print_summary(&self, file: &str, wires: &[String]) {
-        let told = |word: &str, what: &str| {
+        let reported = |word: &str, what: &str| {
             self.counts.get(word).map(|count| format!("{count} {what}")).into_iter()
         };
-        let parts = told("asks", "ask or stop")
-            .chain(told("sets", "set"))
-            .chain(told("moves", "may move motors"))
-            .chain(told("keeps", "reach permanent memory"))
-            .chain(told("?", "nobody can explain"));
+        let parts = reported("asks", "ask or stop")
+            .chain(reported("sets", "set"))
+            .chain(reported("moves", "may move motors"))
+            .chain(reported("keeps", "reach permanent memory"))
+            .chain(reported("?", "nobody can explain"));
         let (frames, seconds) = (plural(self.frames, "frame"), self.span as f64 / 1e9);
         let parts = parts.collect::<Vec<_>>().join(", ");
         if self.frames > 0 {

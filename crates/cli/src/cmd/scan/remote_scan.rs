@@ -155,12 +155,12 @@ fn report_scan(server: &RemoteSession, view: &ScanView) {
         print_note(&format!("link {}: tried {tried}", view.link));
     }
     let label = |id: u16| server.bench.axes.iter().find(|axis| axis.id == id).map(|a| &*a.label);
-    for asked in &view.axes {
-        let label = label(asked.axis).unwrap_or("an axis");
-        if !asked.answers {
+    for probed_axis in &view.axes {
+        let label = label(probed_axis.axis).unwrap_or("an axis");
+        if !probed_axis.answers {
             print_note(&format!("{label} did not answer"));
         }
-        if let Some(clash) = &asked.clash {
+        if let Some(clash) = &probed_axis.clash {
             print_note(&format!("{label}: {clash}"));
         }
     }

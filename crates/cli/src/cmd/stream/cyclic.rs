@@ -206,8 +206,8 @@ impl SetpointTable {
     }
 
     /// The period asked for, or the one that the file has throughout, s.
-    fn period(&self, file: &str, asked: Option<f64>) -> Result<f64> {
-        if let Some(period) = asked.filter(|period| *period > 0.0) {
+    fn period(&self, file: &str, requested: Option<f64>) -> Result<f64> {
+        if let Some(period) = requested.filter(|period| *period > 0.0) {
             return Ok(period);
         }
         let steps = (self.times.len() - 1) as f64;

@@ -42,10 +42,10 @@ fn a_dead_link_keeps_no_motor_of_the_others_from_being_stopped_and_joins_when_it
     live.spin(0, 20.0);
     let stopped = site.run(&["stop"]);
     assert_eq!(stopped.code, 7, "{stopped:?}");
-    let told = &stopped.err;
-    assert!(told.contains("axis 1 of link 1 is stopped"), "{told}");
-    assert!(told.contains(&format!("no motor of link 0 was told to stop: {dead}")), "{told}");
-    assert!(told.contains("cut the supply of what turns there"), "{told}");
+    let output = &stopped.err;
+    assert!(output.contains("axis 1 of link 1 is stopped"), "{output}");
+    assert!(output.contains(&format!("no motor of link 0 was told to stop: {dead}")), "{output}");
+    assert!(output.contains("cut the supply of what turns there"), "{output}");
     let seen = site.run(&["monitor", "--once"]);
     assert!(seen.out.contains("LINK 0 IS NOT OPEN for"), "{seen:?}");
     assert!(seen.out.contains("(E314)") && seen.out.contains(&dead), "{seen:?}");
@@ -60,7 +60,7 @@ fn a_dead_link_keeps_no_motor_of_the_others_from_being_stopped_and_joins_when_it
     assert_eq!((axes.len(), of(0), of(1)), (2, (Some(0), Some(1)), (Some(1), Some(0))));
     assert_eq!(bench["links"][0]["error"], Value::Null);
     // Who stopped everything meant these as well.
-    live.until("stopped", |told| told["axes"][0]["id"] == 1);
+    live.until("stopped", |value| value["axes"][0]["id"] == 1);
     live.until("axis", |state| state["id"] == 1 && state["owed"].is_null());
     release(&mut live);
     live.spin(1, 20.0);
@@ -101,8 +101,8 @@ fn a_stop_that_the_server_before_owed_on_a_link_that_is_dead_now_is_said_when_it
     assert!(seen.out.contains("AXIS 1 OF LINK 1 MAY BE TURNING, CUT ITS SUPPLY"), "{seen:?}");
     // It ends before the link is back: the debt outlives that, too.
     assert_eq!(site.signal("TERM"), Some(7), "one was not seen standing");
-    let said = site.said();
-    assert!(said.contains(&format!("axis 1 of {url} was told to stop")), "{said}");
+    let text = site.said();
+    assert!(text.contains(&format!("axis 1 of {url} was told to stop")), "{text}");
     assert!(drive.truth().velocity.abs() > 10.0, "nobody reached it");
 
     let site = Site::new(&folder, &urls);
@@ -212,7 +212,7 @@ fn a_rack_with_a_dead_link_serves_its_other_links() {
     assert!(url.ends_with("?link=gone"), "{url}");
     live.spin(0, 20.0);
     live.tell(&json!({ "type": "stop" }));
-    live.until("stopped", |told| told["axes"][0]["class"] == "standing");
+    live.until("stopped", |value| value["axes"][0]["class"] == "standing");
 }
 
 #[test]

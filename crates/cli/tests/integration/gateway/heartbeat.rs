@@ -7,9 +7,9 @@ use crate::run::{self, Served};
 
 /// The velocity that a witness on the same bus reads.
 fn velocity(url: &str) -> f64 {
-    let told = run::ok(&["get", url, "velocity actual", "--raw"]);
-    let word = told.split('=').nth(1).unwrap_or_else(|| panic!("{told}"));
-    word.split_whitespace().next().unwrap().parse().unwrap_or_else(|_| panic!("{told}"))
+    let output = run::ok(&["get", url, "velocity actual", "--raw"]);
+    let word = output.split('=').nth(1).unwrap_or_else(|| panic!("{output}"));
+    word.split_whitespace().next().unwrap().parse().unwrap_or_else(|_| panic!("{output}"))
 }
 
 /// The record of the time that a server looked at its drive's watchdog.
@@ -34,9 +34,9 @@ fn a_motor_stops_when_the_server_that_its_drive_watches_is_killed() {
     assert!(before.contains("off"), "{before}");
     let folder = Folder::new();
     let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=100#5")]);
-    let told = "on, the drive stops after 300 ms of silence";
+    let output = "on, the drive stops after 300 ms of silence";
     let record = watched(&folder, 1);
-    assert_eq!((&record["axis"], &record["detail"]["is"]), (&json!(0), &json!(told)), "{record}");
+    assert_eq!((&record["axis"], &record["detail"]["is"]), (&json!(0), &json!(output)), "{record}");
     let mut live = site.live();
     assert!(record["detail"]["was"].as_str().unwrap().starts_with("off"), "{record}");
     live.spin(0, 20.0);
@@ -58,7 +58,7 @@ fn a_motor_stops_when_the_server_that_its_drive_watches_is_killed() {
     assert!(run::ok(&["info", &witness]).contains(watches));
     run::ok(&["watchdog", &witness, "off"]);
     let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=100#5")]);
-    assert_eq!(watched(&folder, 3)["detail"]["is"], told);
+    assert_eq!(watched(&folder, 3)["detail"]["is"], output);
     assert_eq!(site.signal("TERM"), Some(0));
     let after = run::ok(&["watchdog", &witness]);
     assert!(after.contains("off"), "{after}");

@@ -52,14 +52,14 @@ fn a_killed_server_leaves_the_motor_to_the_drives_watchdog() {
         run::ok(&["set", &bench.url, &format!("serial heartbeat={heartbeat} ms")]);
         let mut site = bench.serve();
         let mut live = site.live();
-        let said = live.bench["axes"][0]["watchdog"].as_str().unwrap().to_owned();
-        assert!(said.contains("`serial heartbeat`") && said.contains("off while"), "{said}");
+        let text = live.bench["axes"][0]["watchdog"].as_str().unwrap().to_owned();
+        assert!(text.contains("`serial heartbeat`") && text.contains("off while"), "{text}");
         live.spin(0, 20.0);
         assert!(bench.turns());
         let (before, last) = (live.epoch, live.order(0, "velocity", Some(30.0)));
         site.signal("KILL");
         std::thread::sleep(AWAY);
-        assert_eq!(bench.turns(), heartbeat == "0", "as it is told: {said}");
+        assert_eq!(bench.turns(), heartbeat == "0", "as it is told: {text}");
         let starts = bench.drive.truth().starts;
         let site = bench.serve();
         let mut live = site.live();

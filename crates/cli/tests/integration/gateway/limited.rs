@@ -28,8 +28,8 @@ fn a_server_that_cannot_write_its_first_record_says_that_it_stops_nothing() {
     let ran = run::ran(ran);
     assert_eq!(ran.code, 3, "{ran:?}");
     let stops = format!("`polepair stop {}`", sim.link());
-    for said in ["error[gateway.journal]", "The server was not started.", "--state", &stops] {
-        assert!(ran.err.contains(said), "{said}: {}", ran.err);
+    for text in ["error[gateway.journal]", "The server was not started.", "--state", &stops] {
+        assert!(ran.err.contains(text), "{text}: {}", ran.err);
     }
     assert!(!ran.err.contains("meanwhile"), "{}", ran.err);
     sim.end();

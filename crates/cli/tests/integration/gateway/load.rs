@@ -54,13 +54,13 @@ impl Beside {
     fn drain(&mut self, mut streams: Vec<TcpStream>) {
         streams.iter().for_each(|stream| stream.set_nonblocking(true).unwrap());
         self.go_on(move |over| {
-            let (mut buffer, mut said) = (vec![0; 1 << 16], clock::now());
+            let (mut buffer, mut sent_at) = (vec![0; 1 << 16], clock::now());
             while !over.load(Ordering::Relaxed) {
                 for stream in &mut streams {
                     while stream.read(&mut buffer).is_ok_and(|count| count > 0) {}
                 }
-                if clock::now().since(said) > PULSE {
-                    said = clock::now();
+                if clock::now().since(sent_at) > PULSE {
+                    sent_at = clock::now();
                     streams.iter_mut().for_each(|stream| drop(stream.write(&PONG)));
                 }
                 std::thread::sleep(READ_EVERY);
@@ -285,8 +285,8 @@ fn stop(axis: usize) -> impl FnMut(&mut Live) -> Instant {
     move |live| {
         let since = clock::now();
         live.tell(&json!({ "type": "stop", "axes": [axis], "reason": "measured" }));
-        live.until("stopped", |told| {
-            told["axes"][0]["id"] == axis && told["axes"][0]["class"] == "standing"
+        live.until("stopped", |value| {
+            value["axes"][0]["id"] == axis && value["axes"][0]["class"] == "standing"
         });
         since
     }

@@ -28,8 +28,8 @@ fn unplugged(folder: &Folder, arguments: &[&str], url: &str) {
     drop(drive);
     let outcome = live.until("outcome", |outcome| outcome["id"] == order["id"]);
     assert_ne!(outcome["outcome"], "done", "{outcome}");
-    let told = other.until("bench", is_link("lost"));
-    assert!(!told["links"][0]["error"]["message"].as_str().unwrap().is_empty(), "{told}");
+    let value = other.until("bench", is_link("lost"));
+    assert!(!value["links"][0]["error"]["message"].as_str().unwrap().is_empty(), "{value}");
     let state = other.until("axis", |state| state["lease"].is_null());
     assert_eq!(state["armed"], false, "{state}");
     let epoch = live.epoch;
@@ -130,7 +130,7 @@ fn who_takes_over_gets_a_motor_that_stands() {
     // What she says meanwhile is not carried out.
     let refused = ann.command(0, "velocity", Some(30.0));
     assert_eq!(refused["error"]["code"], "gateway.lease", "{refused}");
-    bob.until("stopped", |told| told["axes"][0]["class"] == "standing");
+    bob.until("stopped", |value| value["axes"][0]["class"] == "standing");
     drive.stands();
     let passed = drive.log.take();
     assert!(passed.iter().any(|p| p.is(&[3])) && !passed.iter().any(|p| p.is(&[1, 2, 4])));

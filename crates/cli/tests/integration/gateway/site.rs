@@ -83,13 +83,13 @@ impl Site {
         command.env("HOME", &folder.0).env("XDG_CONFIG_HOME", &folder.0);
         let mut child = command.stdin(Stdio::null()).spawn().expect("polepair serve");
         let errors = BufReader::new(child.stderr.take().expect("a pipe"));
-        let said = Arc::new(Mutex::new(String::new()));
-        let says = Arc::clone(&said);
+        let text = Arc::new(Mutex::new(String::new()));
+        let says = Arc::clone(&text);
         let reads = std::thread::spawn(move || {
             for line in errors.lines().map_while(Result::ok) {
-                let mut said = says.lock().unwrap();
-                said.push_str(&line);
-                said.push('\n');
+                let mut text = says.lock().unwrap();
+                text.push_str(&line);
+                text.push('\n');
             }
         });
         let mut line = String::new();
@@ -98,7 +98,7 @@ impl Site {
         let url = line.strip_prefix("ready http://").unwrap_or_else(|| panic!("{line:?}"));
         let address = url.split('/').next().unwrap().parse().unwrap();
         let token = operator(Path::new(&state));
-        Self { child, address, token, folder: state, said, reads: Some(reads) }
+        Self { child, address, token, folder: state, said: text, reads: Some(reads) }
     }
 
     /// Everything that it said on stderr, once it has ended.

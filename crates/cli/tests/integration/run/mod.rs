@@ -154,9 +154,9 @@ impl Held {
     pub fn new(arguments: &[&str], line: &str) -> Self {
         let mut child = command(arguments).spawn().expect("starts");
         let mut stderr = BufReader::new(child.stderr.take().expect("a pipe"));
-        let mut said = String::new();
-        while said.lines().last() != Some(line) {
-            assert!(stderr.read_line(&mut said).expect("text") > 0, "{arguments:?}: {said}");
+        let mut output = String::new();
+        while output.lines().last() != Some(line) {
+            assert!(stderr.read_line(&mut output).expect("text") > 0, "{arguments:?}: {output}");
         }
         let mut pipe = child.stdout.take().expect("a pipe");
         let stdout = std::thread::spawn(move || {
@@ -164,7 +164,7 @@ impl Held {
             pipe.read_to_end(&mut printed).expect("bytes");
             printed
         });
-        Self { child: Ours(child), stdout, stderr, said }
+        Self { child: Ours(child), stdout, stderr, said: output }
     }
 
     pub fn id(&self) -> u32 {

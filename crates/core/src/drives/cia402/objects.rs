@@ -532,8 +532,8 @@ impl Objects {
     /// Sets a value.
     #[inline]
     pub fn set(&mut self, tag: u16, value: i32) {
-        if let Some(place) = self.values.get_mut(usize::from(tag)) {
-            *place = value;
+        if let Some(index) = self.values.get_mut(usize::from(tag)) {
+            *index = value;
         }
         if (stored::GEAR_MOTOR..=stored::POLARITY).contains(&tag) {
             self.update_factors();

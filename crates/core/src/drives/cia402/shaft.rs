@@ -248,7 +248,7 @@ impl motion::MotorControl for Shaft {
         self.servo.set_limits(limits);
     }
 
-    fn turn(&mut self, rad_per_s: f64) {
+    fn set_velocity(&mut self, rad_per_s: f64) {
         let goal = Goal::Velocity(rad_per_s);
         match self.servo.goal() {
             Goal::Current(_) => self.servo.set_goal_from(&self.motor, goal),

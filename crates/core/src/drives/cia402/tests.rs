@@ -30,18 +30,18 @@ struct DriveFixture {
 impl DriveFixture {
     fn new() -> Self {
         let device = Device::new(Drive::new(2, 7, 500_000));
-        let mut desk = Self { device, now: Instant(1_000_000_000), received: Vec::new() };
-        desk.send(Frame::standard(0, &[1, 2]));
-        desk.received.clear();
-        desk
+        let mut fixture = Self { device, now: Instant(1_000_000_000), received: Vec::new() };
+        fixture.send(Frame::standard(0, &[1, 2]));
+        fixture.received.clear();
+        fixture
     }
 
     /// The same with the motor powered in that mode.
     fn enabled(mode: i8) -> Self {
-        let mut desk = Self::new();
-        desk.write(0x6060, 0, mode.into());
-        desk.enable();
-        desk
+        let mut fixture = Self::new();
+        fixture.write(0x6060, 0, mode.into());
+        fixture.enable();
+        fixture
     }
 
     fn enable(&mut self) {

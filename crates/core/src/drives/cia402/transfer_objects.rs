@@ -53,8 +53,8 @@ impl TransferObjects {
     /// # Errors
     /// [`AbortCode::MEMORY`] for more than it takes.
     pub fn begin_write(&mut self, tag: u16, size: Option<u32>) -> Result<(), AbortCode> {
-        let room = if tag == computed::SCRATCH { SCRATCH_MAX as u32 } else { STREAM_MAX };
-        if size.is_some_and(|size| size > room) {
+        let capacity = if tag == computed::SCRATCH { SCRATCH_MAX as u32 } else { STREAM_MAX };
+        if size.is_some_and(|size| size > capacity) {
             return Err(AbortCode::MEMORY);
         }
         if tag == computed::SCRATCH {
@@ -72,9 +72,9 @@ impl TransferObjects {
     pub fn write(&mut self, tag: u16, offset: u32, data: &[u8]) -> Result<(), AbortCode> {
         let end = offset.saturating_add(data.len() as u32);
         if tag == computed::SCRATCH {
-            let place =
+            let slot =
                 self.scratch.get_mut(offset as usize..end as usize).ok_or(AbortCode::MEMORY)?;
-            place.copy_from_slice(data);
+            slot.copy_from_slice(data);
             self.scratch_len = end;
         } else if end > STREAM_MAX {
             return Err(AbortCode::MEMORY);

@@ -303,12 +303,12 @@ impl BenchControl for Device {
 
 fn set_switch(drive: &mut Drive, which: u8, at: f64) -> bool {
     let lines = drive.lines_mut();
-    let place = match which {
+    let index = match which {
         0 => &mut lines.home_at,
         1 => &mut lines.forward_at,
         2 => &mut lines.reverse_at,
         _ => return false,
     };
-    *place = (!at.is_nan()).then_some(at);
+    *index = (!at.is_nan()).then_some(at);
     true
 }

@@ -129,8 +129,8 @@ impl Drive {
     /// Lets time pass up to `now`.
     pub fn advance(&mut self, now: Instant) {
         self.core.advance(now);
-        if let Some(wish) = self.panel.tick(now, &self.core) {
-            self.execute_panel_action(wish);
+        if let Some(action) = self.panel.tick(now, &self.core) {
+            self.execute_panel_action(action);
         }
     }
 
@@ -273,8 +273,8 @@ impl Drive {
 
     /// A key of the panel goes down or up.
     pub fn handle_key(&mut self, now: Instant, key: PanelKey, down: bool) {
-        if let Some(wish) = self.panel.handle_key(now, key, down, &self.core) {
-            self.execute_panel_action(wish);
+        if let Some(action) = self.panel.handle_key(now, key, down, &self.core) {
+            self.execute_panel_action(action);
         }
         self.core.jog = self.panel.jog_direction();
         self.core.update_jog();
@@ -293,9 +293,9 @@ impl Drive {
         self.core.boot();
     }
 
-    fn execute_panel_action(&mut self, wish: PanelAction) {
+    fn execute_panel_action(&mut self, action: PanelAction) {
         self.core.disturbed = true;
-        match wish {
+        match action {
             PanelAction::Save(number, value) => self.save_from_panel(number, value as u16),
             PanelAction::ToggleJog => self.core.toggle_jog(),
             PanelAction::ClearAlarm => self.core.clear_alarm(),
@@ -560,12 +560,12 @@ impl DriveCore {
 
     fn update_speed(&mut self) {
         let rpm = f64::from(self.registers.signed(fn_registers::SPEED));
-        self.shaft.turn(rpm * TAU / 60.0);
+        self.shaft.set_velocity(rpm * TAU / 60.0);
     }
 
     fn update_jog(&mut self) {
         if self.jogging && self.mode() == MODE_JOG {
-            self.shaft.turn(self.jog * JOG_RPM * TAU / 60.0);
+            self.shaft.set_velocity(self.jog * JOG_RPM * TAU / 60.0);
         }
     }
 
@@ -573,7 +573,7 @@ impl DriveCore {
     /// input changes over, the manual does not tell: those hold.
     fn update_external(&mut self) {
         match self.mode() {
-            MODE_ANALOG => self.shaft.turn(self.limit_direction(self.external.speed())),
+            MODE_ANALOG => self.shaft.set_velocity(self.limit_direction(self.external.speed())),
             MODE_TORQUE => {
                 let limit = f64::from(self.registers.value(fn_registers::TORQUE_SPEED));
                 let share = self.external.torque(self.shaft.rpm(), limit);
@@ -620,8 +620,8 @@ impl DriveCore {
             return Err(RegisterError::Address);
         }
         let (min, max, signed) = write_limits(self.profile, number);
-        let meant = if signed { i64::from(value as i16) } else { i64::from(value) };
-        let fits = (min..=max).contains(&meant);
+        let intended = if signed { i64::from(value as i16) } else { i64::from(value) };
+        let fits = (min..=max).contains(&intended);
         let listed = match number {
             fn_registers::FORMAT => self.options.accepts_format(value),
             fn_registers::MODE => self.options.variant.has_mode(value),

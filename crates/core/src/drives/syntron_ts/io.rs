@@ -124,8 +124,8 @@ impl InputLines {
     #[inline]
     #[must_use]
     pub fn is_closed(&self, purpose: InputPurpose, position: f64) -> bool {
-        let place = usize::from(self.inputs_by_purpose[purpose as usize]);
-        let driven = self.forced_closed.get(place.wrapping_sub(1));
+        let index = usize::from(self.inputs_by_purpose[purpose as usize]);
+        let driven = self.forced_closed.get(index.wrapping_sub(1));
         driven.is_some_and(|driven| *driven || self.is_closed_by_shaft(purpose, position))
     }
 

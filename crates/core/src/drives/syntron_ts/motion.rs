@@ -232,7 +232,7 @@ impl Motion {
             self.commanded = turns * TAU + self.coordinate_base(path.end, scene);
             scene.shaft.move_to(self.commanded);
         } else {
-            scene.shaft.turn(rad_per_s(path.rpm) * direction_of(turns));
+            scene.shaft.set_velocity(rad_per_s(path.rpm) * direction_of(turns));
         }
         // A SPEED path's delay counts from its trigger (§2.6.1); 0 is for ever.
         let timed = path.kind == PathType::Speed && path.delay_ms > 0;
@@ -382,7 +382,7 @@ impl Motion {
                 *turned = true;
                 *toward = -*toward;
                 let back = *toward * scene.shaft.top_speed();
-                scene.shaft.turn(back);
+                scene.shaft.set_velocity(back);
             }
             // On the way round it still rolls a little further into the switch.
             MotionTask::Search { toward, .. }
@@ -403,7 +403,7 @@ fn is_blocked(scene: &TickContext<'_>) -> bool {
 fn set_homing_speed(scene: &mut TickContext<'_>, register: u16, toward: f64) {
     let speed = rad_per_s(scene.register(register));
     scene.shaft.set_limits(default_ramp(speed));
-    scene.shaft.turn(speed * toward);
+    scene.shaft.set_velocity(speed * toward);
 }
 
 /// The path of that number as its registers now are.

@@ -290,8 +290,8 @@ impl Objects {
 
     /// Sets a value.
     pub fn set(&mut self, tag: u16, value: i32) {
-        if let Some(place) = self.0.get_mut(usize::from(tag.wrapping_sub(STORED_TAGS))) {
-            *place = value;
+        if let Some(index) = self.0.get_mut(usize::from(tag.wrapping_sub(STORED_TAGS))) {
+            *index = value;
         }
     }
 

@@ -306,15 +306,15 @@ impl DisplayText {
             self.push(b'-');
         }
         let magnitude = value.unsigned_abs();
-        let fits = |place: &u8| *place < at_least || magnitude / 10_u32.pow(u32::from(*place)) > 0;
-        for place in (0..VALUE_DIGITS).rev().filter(fits) {
-            self.push(b'0' + (magnitude / 10_u32.pow(u32::from(place)) % 10) as u8);
+        let fits = |index: &u8| *index < at_least || magnitude / 10_u32.pow(u32::from(*index)) > 0;
+        for index in (0..VALUE_DIGITS).rev().filter(fits) {
+            self.push(b'0' + (magnitude / 10_u32.pow(u32::from(index)) % 10) as u8);
         }
     }
 
     /// Blanks the digit of that place, counted from the right.
-    fn blank_digit(&mut self, place: u8) {
-        if let Some(at) = self.len.checked_sub(1 + usize::from(place)) {
+    fn blank_digit(&mut self, index: u8) {
+        if let Some(at) = self.len.checked_sub(1 + usize::from(index)) {
             self.bytes[at] = b' ';
         }
     }

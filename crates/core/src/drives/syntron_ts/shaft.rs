@@ -190,7 +190,7 @@ impl Shaft {
     }
 
     /// Heads for a speed, rad/s. After driving a torque the set-point starts from the motor.
-    pub fn turn(&mut self, rad_per_s: f64) {
+    pub fn set_velocity(&mut self, rad_per_s: f64) {
         let goal = Goal::Velocity(rad_per_s);
         match self.servo.goal() {
             Goal::Current(_) => self.servo.set_goal_from(&self.motor, goal),
@@ -214,7 +214,7 @@ impl Shaft {
 
     /// Comes to rest along the ramp.
     pub fn brake(&mut self) {
-        self.turn(0.0);
+        self.set_velocity(0.0);
     }
 
     /// Comes to rest without a ramp.

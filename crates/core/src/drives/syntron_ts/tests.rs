@@ -165,12 +165,12 @@ impl DriveFixture {
 
     /// A desk in internal position mode, powered, writes kept in RAM.
     fn positioning(extra: &[(&str, &str)]) -> Self {
-        let mut desk = Self::with(extra);
-        desk.write(fn_registers::MODE, 14);
-        desk.write(fn_registers::RAM_ONLY, 1);
-        desk.write(fn_registers::TRIGGER_SOURCE, 1);
-        desk.write(fn_registers::ENABLE, 1);
-        desk
+        let mut fixture = Self::with(extra);
+        fixture.write(fn_registers::MODE, 14);
+        fixture.write(fn_registers::RAM_ONLY, 1);
+        fixture.write(fn_registers::TRIGGER_SOURCE, 1);
+        fixture.write(fn_registers::ENABLE, 1);
+        fixture
     }
 
     /// Fills a path: definition 1, thousandths, rpm, Ta, Td, delay, definition 2.

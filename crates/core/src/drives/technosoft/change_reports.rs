@@ -99,8 +99,8 @@ impl Drive {
         if let Some(to) = IdCode::from_word(self.memory.word(addresses::MASTERID)) {
             self.mark_stale();
             self.publish();
-            let told = self.take_data_2(cell).emit();
-            self.send(to, told);
+            let instruction = self.take_data_2(cell).emit();
+            self.send(to, instruction);
         }
     }
 }

@@ -192,7 +192,7 @@ impl Drive {
         }
         let (count, before) = (self.shaft.count(), self.status.srh);
         for (n, trigger) in (0..).zip(self.triggers) {
-            let reached = trigger.is_some_and(|place| count >= place);
+            let reached = trigger.is_some_and(|index| count >= index);
             set_bits(&mut self.status.srh, srh::TRIGGER_1 << n, reached);
         }
         if self.status.srh != before {

@@ -111,8 +111,8 @@ impl Memory {
 
     /// Sets a variable of the firmware's own.
     pub fn set(&mut self, address: u16, value: u16) {
-        let kept = self.write(Space::Data, address, value);
-        debug_assert!(kept.is_ok(), "{address:04X}");
+        let recorded = self.write(Space::Data, address, value);
+        debug_assert!(recorded.is_ok(), "{address:04X}");
     }
 
     /// Sets a 32-bit variable of the firmware's own.
@@ -149,8 +149,8 @@ impl Memory {
     /// Whether the set-up table's sum agrees.
     pub fn is_table_valid(&self) -> bool {
         let words = SETUP_TABLE_PARTS.into_iter().flatten().count() as u16;
-        let kept = (SETUP_TABLE + 1..=SETUP_TABLE + words).map(|at| self.read(Space::Spi, at));
-        self.read(Space::Spi, SETUP_TABLE) == !kept.fold(0_u16, u16::wrapping_add)
+        let stored = (SETUP_TABLE + 1..=SETUP_TABLE + words).map(|at| self.read(Space::Spi, at));
+        self.read(Space::Spi, SETUP_TABLE) == !stored.fold(0_u16, u16::wrapping_add)
     }
 
     /// Spoils the set-up table's sum.

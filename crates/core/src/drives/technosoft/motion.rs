@@ -264,8 +264,8 @@ impl Drive {
         self.unrepeatable += u64::from(!absolute);
         let jerk_periods = if word & 0x1F == 7 { self.memory.long(addresses::TJERK) } else { 0 };
         let limits = self.profile_limits(f64::from(jerk_periods));
-        let place = self.shaft.position_of_count(self.motion.target_counts);
-        self.shaft.servo.set_goal(Goal::Position(place));
+        let index = self.shaft.position_of_count(self.motion.target_counts);
+        self.shaft.servo.set_goal(Goal::Position(index));
         self.shaft.servo.set_limits(limits);
     }
 
@@ -288,8 +288,8 @@ impl Drive {
     fn finish_reference(&mut self, mode: MotionMode) {
         match mode {
             MotionMode::Stopping => {
-                let place = self.shaft.servo.setpoint().position;
-                self.shaft.servo.set_goal(Goal::Position(place));
+                let index = self.shaft.servo.setpoint().position;
+                self.shaft.servo.set_goal(Goal::Position(index));
                 self.motion.mode = MotionMode::Hold;
             }
             MotionMode::Position if !self.has_settled() => return,
@@ -316,9 +316,9 @@ impl Drive {
         let shaft = &mut self.shaft;
         match outer {
             ControlLoop::Position => {
-                let place = shaft.position_of_count(self.memory.long(addresses::EREF));
-                let velocity = (place - shaft.servo.setpoint().position) / TICK_S;
-                shaft.servo.follow(Setpoint { position: place, velocity, acceleration: 0.0 });
+                let index = shaft.position_of_count(self.memory.long(addresses::EREF));
+                let velocity = (index - shaft.servo.setpoint().position) / TICK_S;
+                shaft.servo.follow(Setpoint { position: index, velocity, acceleration: 0.0 });
             }
             ControlLoop::Speed => {
                 let most = self.memory.fixed(addresses::CSPD);

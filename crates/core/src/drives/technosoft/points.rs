@@ -140,11 +140,11 @@ impl PathBuffer {
     }
 
     /// PVTSTS for a buffer of `room` points.
-    fn status(&self, room: usize) -> u16 {
+    fn status(&self, capacity: usize) -> u16 {
         let bit = |on: bool, bit: u16| if on { bit } else { 0 };
         bit(self.len == 0, sts::EMPTY)
             | bit(self.len <= usize::from(self.low_threshold), sts::LOW)
-            | bit(self.len >= room, sts::FULL)
+            | bit(self.len >= capacity, sts::FULL)
             | self.error_bits
             | u16::from(self.counter)
     }
@@ -232,7 +232,7 @@ impl Drive {
     }
 
     fn accept_point(&mut self, point: PathPoint, counter: u8) -> Result<(), ExecuteError> {
-        let room = self.points_capacity();
+        let capacity = self.points_capacity();
         self.mark_stale();
         let points = &mut self.points;
         if points.checked && counter != points.counter {
@@ -242,7 +242,7 @@ impl Drive {
         if point.time == 0 {
             return Err(ExecuteError::NotPossible);
         }
-        if points.len >= room {
+        if points.len >= capacity {
             return Ok(()); // the counter stands still: the host sees that it was not taken
         }
         points.error_bits &= !sts::COUNTER_ERROR;
@@ -257,12 +257,12 @@ impl Drive {
     /// Points that fit: PVTBUFLEN, 7 of PVT or 9 of PT from the factory.
     fn points_capacity(&self) -> usize {
         let set = self.memory.word(addresses::PVTBUFLEN);
-        let room = match self.points.linear {
+        let capacity = match self.points.linear {
             true if set == 7 => 9,
             true => set.min(POINTS_MAX as u16),
             false => set.min(PVT_POINTS_MAX),
         };
-        usize::from(room.max(1))
+        usize::from(capacity.max(1))
     }
 
     /// Takes the next point; the segment to it is `done` s old already.

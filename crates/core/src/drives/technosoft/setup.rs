@@ -22,8 +22,8 @@ pub(super) fn load_factory_setup(memory: &mut Memory, options: &Options) {
     memory.set(addresses::AAR_TABLE, options.axis.into());
     memory.set(addresses::SLPER, (options.slow_ns / 1000) as u16);
     memory.set_long(addresses::ENCRESLONG, options.counts.cast_signed());
-    let kept = memory.save_table();
-    debug_assert!(kept.is_ok());
+    let recorded = memory.save_table();
+    debug_assert!(recorded.is_ok());
     memory.writes = 0;
 }
 

@@ -68,17 +68,17 @@ impl Firmware for Drive {
 
 impl Drive {
     fn execute_query(&self, command: CommandWord) -> Response {
-        let told = self.current_telemetry();
+        let values = self.current_telemetry();
         let value = match command {
-            CommandWord::QV => told.rpm.into(),
-            CommandWord::QC => told.deciamp.into(),
-            CommandWord::QP => told.decivolt.into(),
-            CommandWord::QT => told.motor_c.into(),
-            CommandWord::EQ => told.driver_c.into(),
-            CommandWord::EF => told.faults.into(),
+            CommandWord::QV => values.rpm.into(),
+            CommandWord::QC => values.deciamp.into(),
+            CommandWord::QP => values.decivolt.into(),
+            CommandWord::QT => values.motor_c.into(),
+            CommandWord::EQ => values.driver_c.into(),
+            CommandWord::EF => values.faults.into(),
             CommandWord::FR => self.fault_history.into(),
-            CommandWord::QA => told.absolute.into(),
-            CommandWord::QR => told.relative.into(),
+            CommandWord::QA => values.absolute.into(),
+            CommandWord::QR => values.relative.into(),
             _ => return Response::Refused,
         };
         Response::Value(command.width().encode(value))
@@ -109,7 +109,7 @@ impl Drive {
             _ if value.abs() > i64::from(i16::MAX) => return Response::Refused,
             _ => {
                 let size = value.abs().max(RPM_MIN.into());
-                self.shaft.turn(rad_per_s((size * value.signum()) as f64));
+                self.shaft.set_velocity(rad_per_s((size * value.signum()) as f64));
             }
         }
         self.relative_target = None;
@@ -120,7 +120,7 @@ impl Drive {
     /// \[I\] Without an encoder, and by signal, zero is no output; a servo brakes to speed zero.
     fn rest_output(&mut self, command: CommandWord) {
         match command == CommandWord::VC && self.options.encoder && self.shaft.servo.is_enabled() {
-            true => self.shaft.turn(0.0),
+            true => self.shaft.set_velocity(0.0),
             false => self.shaft.disable_output(),
         }
     }
@@ -183,7 +183,7 @@ impl Drive {
             CommandWord::AZ => self.memory.absolute_zero = here,
             CommandWord::RC => {
                 if self.relative_target.take().is_some() {
-                    self.shaft.turn(0.0);
+                    self.shaft.set_velocity(0.0);
                 }
                 self.memory.relative_zero = here;
                 return Response::Done;

@@ -90,7 +90,7 @@ impl Shaft {
     }
 
     /// A speed, rad/s.
-    pub fn turn(&mut self, velocity: f64) {
+    pub fn set_velocity(&mut self, velocity: f64) {
         self.limit_speed(self.speed_limit);
         self.regulate(Goal::Velocity(velocity));
     }

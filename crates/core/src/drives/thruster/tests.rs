@@ -100,16 +100,16 @@ impl DriveFixture {
 
     fn wait(&mut self, ms: u32) -> Vec<Frame> {
         let end = self.now.plus_ms(ms);
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         while let Some(at) = self.device.poll_timeout().filter(|at| *at <= end) {
             self.now = at.max(self.now);
             self.device.handle_timeout(self.now);
-            heard.extend(self.sent());
+            received.extend(self.sent());
         }
         self.now = end;
         self.device.handle_timeout(self.now);
-        heard.extend(self.sent());
-        heard
+        received.extend(self.sent());
+        received
     }
 
     fn act(&mut self, act: Act) {

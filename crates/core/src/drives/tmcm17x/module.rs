@@ -331,9 +331,9 @@ impl Module {
 
     /// Heartbeats, parameters 68 and 82: once a wire has spoken, its silence stops the motor. \[I\]
     fn check_heartbeats(&mut self, now: Instant) {
-        let late = |limit: i32, heard: Option<Instant>| {
+        let late = |limit: i32, received_at: Option<Instant>| {
             let limit = u32::try_from(limit).unwrap_or(0);
-            limit > 0 && heard.is_some_and(|at| now > at.plus_ms(limit))
+            limit > 0 && received_at.is_some_and(|at| now > at.plus_ms(limit))
         };
         if late(self.memory.global[68], self.last_requests.serial) {
             self.last_requests.serial = None;

@@ -136,12 +136,12 @@ impl Axis {
         let target = self.find_parameter(target_index(setpoint))?;
         let control = self.find_parameter(CONTROLWORD)?;
         (1..).zip(&self.rpdos).filter(|(_, pdo)| pdo.enabled).find_map(|(number, pdo)| {
-            let (place, control) = (pdo.field(target)?, pdo.field(control)?);
+            let (field, control) = (pdo.field(target)?, pdo.field(control)?);
             Some(SetpointPdo {
                 target,
                 number,
                 bytes: pdo.bytes(),
-                target_field: place,
+                target_field: field,
                 controlword_field: control,
             })
         })
@@ -307,11 +307,14 @@ impl Driver for Axis {
         let id = frame.id.filter(|_| !frame.extended && frame.bytes.len() <= 8);
         let id = id.and_then(|id| u16::try_from(id).ok()).ok_or(Unsupported::BadBytes)?;
         let frame = Frame::standard(id, frame.bytes);
-        let said = text::Statement::of(&frame, false).map_err(|_| Unsupported::BadBytes)?;
+        let statement = text::Statement::of(&frame, false).map_err(|_| Unsupported::BadBytes)?;
         // What it says does not say to whom.
-        let ask =
-            if said.frame(self.node) == frame { said.to_host_request(self.node) } else { None };
-        ask.ok_or(Unsupported::BadBytes)
+        let request = if statement.frame(self.node) == frame {
+            statement.to_host_request(self.node)
+        } else {
+            None
+        };
+        request.ok_or(Unsupported::BadBytes)
     }
 
     fn decode_answer(
@@ -348,22 +351,22 @@ impl Driver for Axis {
     }
 
     fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
-        let mut told = [None; REPORTS_MAX];
+        let mut reports = [None; REPORTS_MAX];
         match *answer {
             Answer::State(state) => {
                 if state == NmtState::BootUp {
                     *self = Self::new(self.profile, self.node.into());
                 }
-                told[0] = presence_of(state).map(DriveReport::Presence);
+                reports[0] = presence_of(state).map(DriveReport::Presence);
             }
-            Answer::HeartbeatLost => told[0] = Some(DriveReport::Presence(Presence::Gone)),
-            Answer::Emergency(Emergency { code, .. }) => told[0] = self.fault_report(code),
+            Answer::HeartbeatLost => reports[0] = Some(DriveReport::Presence(Presence::Gone)),
+            Answer::Emergency(Emergency { code, .. }) => reports[0] = self.fault_report(code),
             Answer::Process(number @ 1..=4, data, len) => {
                 return self.tpdos[usize::from(number) - 1].decode_values(data, len);
             }
             _ => {}
         }
-        told
+        reports
     }
 
     /// The mappings of TPDOs, entries first: the count makes one whole.
@@ -386,9 +389,9 @@ impl Driver for Axis {
         raw: i64,
         order: cyclic::SetpointCommand,
     ) -> Option<HostRequest> {
-        let SetpointPdo { number, bytes, target_field: place, controlword_field: control, .. } =
+        let SetpointPdo { number, bytes, target_field: field, controlword_field: control, .. } =
             self.setpoint_pdos[setpoint as usize]?;
-        let data = control.insert(place.insert(0, raw.cast_unsigned()), controlword(order));
+        let data = control.insert(field.insert(0, raw.cast_unsigned()), controlword(order));
         Some(HostRequest::Process { cob: Cob::Rpdo(number, self.node), data, len: bytes })
     }
 

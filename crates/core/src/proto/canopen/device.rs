@@ -2,9 +2,9 @@
 //! CiA 301 and LSS of CiA 305.
 //!
 //! The [`Firmware`] is lent to each call. What the protocol itself keeps, objects 1000h to 1FFFh
-//! with the tag [`PROTOCOL_TAG`](super::od::PROTOCOL_TAG), lives in the [`CanEndpoint`]; everything else is the firmware's
-//! and reached by the tag of its [`ObjectEntry`](super::od::ObjectEntry). What devices do otherwise than the
-//! standard has it is a switch in [`Quirks`].
+//! with the tag [`PROTOCOL_TAG`](super::od::PROTOCOL_TAG), lives in the [`CanEndpoint`]; everything
+//! else is the firmware's and reached by the tag of its [`ObjectEntry`](super::od::ObjectEntry).
+//! [`Quirks`] holds what devices do otherwise than the standard.
 
 mod communication;
 mod emcy;

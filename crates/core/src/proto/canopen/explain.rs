@@ -85,7 +85,7 @@ impl Dissector for CanopenDissector {
         node.into_iter().for_each(|node| sink.axis(node.into()));
         sink.kind(cob_kind(cob));
         match Statement::of(&frame, false) {
-            Ok(said) => explain_message(&said, &frame, node.unwrap_or(0), context, sink),
+            Ok(statement) => explain_message(&statement, &frame, node.unwrap_or(0), context, sink),
             Err(error) => {
                 let _ = text::write(&Statement::Raw(frame), &|_| false, &mut SinkWriter(sink));
                 sink.error(error);
@@ -106,30 +106,30 @@ impl Dissector for CanopenDissector {
         addressing: &EncodeOptions,
         out: &mut [u8],
     ) -> Result<EncodedFrame, EncodeError> {
-        let said = text::parse(text, addressing.profile)?;
+        let statement = text::parse(text, addressing.profile)?;
         let axis = addressing.axis.unwrap_or(DEFAULT_NODE);
-        let (said, node) = match said {
+        let (statement, node) = match statement {
             Statement::Order(command, _) if axis == 0 => (Statement::Order(command, true), 0),
             // It has its identifier.
             Statement::Raw(frame) => (Statement::Raw(frame), 0),
-            said => {
+            statement => {
                 let expected = "a node-ID, 1 to 127, for --axis";
                 let wrong = TextError { at: 0, expected };
                 let node = u8::try_from(axis).ok().filter(|node| (1..=NODE_MAX).contains(node));
-                (said, node.ok_or(wrong)?)
+                (statement, node.ok_or(wrong)?)
             }
         };
-        let frame = said.frame(node);
-        let room = TextError { at: 0, expected: "room for eight bytes" };
+        let frame = statement.frame(node);
+        let error = TextError { at: 0, expected: "room for eight bytes" };
         let len = if frame.remote { 0 } else { frame.bytes().len() };
-        out.get_mut(..len).ok_or(room)?.copy_from_slice(&frame.bytes()[..len]);
+        out.get_mut(..len).ok_or(error)?.copy_from_slice(&frame.bytes()[..len]);
         Ok(EncodedFrame {
             len,
             id: Some(frame.id),
             extended: false,
             remote_len: frame.remote.then_some(frame.len),
             answer_len: answer_len(&frame),
-            warning: warning_for(&said),
+            warning: warning_for(&statement),
         })
     }
 
@@ -213,9 +213,11 @@ impl Dissector for CanopenDissector {
         sink: &mut dyn ExplainSink,
     ) {
         let Some(Cob::SdoRequest(node)) = request.id.and_then(cob_of_id) else { return };
-        let asked = Frame::standard(0x600 + u16::from(node), request.bytes);
-        let Ok(Statement::Request(asked, _)) = Statement::of(&asked, false) else { return };
-        let reply = match asked {
+        let requested = Frame::standard(0x600 + u16::from(node), request.bytes);
+        let Ok(Statement::Request(sdo_request, _)) = Statement::of(&requested, false) else {
+            return;
+        };
+        let reply = match sdo_request {
             SdoRequest::Write(object, _) | SdoRequest::WriteLong(object, _) => {
                 SdoReply::Written(object, 0)
             }
@@ -235,8 +237,8 @@ pub fn explain_block_segment(bytes: &[u8], context: &Context<'_>, sink: &mut dyn
     let Some(frame) = to_frame(bytes, context) else { return };
     let node = Cob::of(frame.id as u16).node().unwrap_or(0);
     sink.axis(node.into());
-    if let Ok(said) = Statement::of(&frame, true) {
-        explain_message(&said, &frame, node, context, sink);
+    if let Ok(statement) = Statement::of(&frame, true) {
+        explain_message(&statement, &frame, node, context, sink);
     }
 }
 
@@ -260,39 +262,39 @@ fn to_frame(bytes: &[u8], context: &Context<'_>) -> Option<Frame> {
 }
 
 fn explain_message(
-    said: &Statement,
+    statement: &Statement,
     frame: &Frame,
     node: u8,
     context: &Context<'_>,
     sink: &mut dyn ExplainSink,
 ) {
     let profile = context.profile;
-    sink.kind(message_kind(said, frame));
-    FieldWriter { frame, profile, sink }.emit_message(said);
+    sink.kind(message_kind(statement, frame));
+    FieldWriter { frame, profile, sink }.emit_message(statement);
     let signs = |object| meanings::is_signed(object, profile);
-    let again = said.frame(node);
+    let again = statement.frame(node);
     // Who asks for a state asks for whatever length.
     let same = frame.remote || again.bytes() == frame.bytes();
     let mut pieces = SinkWriter(sink);
-    let written = same && text::write(said, &signs, &mut pieces).unwrap_or(false);
+    let written = same && text::write(statement, &signs, &mut pieces).unwrap_or(false);
     if !written {
         let _ = text::write(&Statement::Raw(*frame), &signs, &mut pieces);
     }
-    write_remark(said, frame, context, sink);
-    if let Some(error) = frame_error(said, frame) {
+    write_remark(statement, frame, context, sink);
+    if let Some(error) = frame_error(statement, frame) {
         sink.error(error);
     }
 }
 
 /// What a frame breaks that says something all the same.
-fn frame_error(said: &Statement, frame: &Frame) -> Option<WireError> {
+fn frame_error(statement: &Statement, frame: &Frame) -> Option<WireError> {
     let unexpected = |at: u16| {
         let found = frame.data[usize::from(at)];
         Some(WireError::Unexpected { at, found })
     };
     let count = |at: u16, found: u8| Some(WireError::Count { at, found: found.into() });
     let blocks = 1..=BLOCK_MAX;
-    match *said {
+    match *statement {
         Statement::Order(NmtCommand::Other(_), _) => unexpected(0),
         Statement::State(heartbeat) if matches!(heartbeat.state, NmtState::Other(_)) => {
             unexpected(0)
@@ -314,10 +316,10 @@ fn frame_error(said: &Statement, frame: &Frame) -> Option<WireError> {
             SdoReply::WriteBlockReady { segments, .. } | SdoReply::WriteBlockAck { segments, .. },
             _,
         ) if !blocks.contains(&segments) => {
-            let at = if said.object().is_some() { 4 } else { 2 };
+            let at = if statement.object().is_some() { 4 } else { 2 };
             count(at, segments)
         }
-        Statement::Request(_, 7) | Statement::Reply(_, 7) if !is_complete_in_seven(said) => {
+        Statement::Request(_, 7) | Statement::Reply(_, 7) if !is_complete_in_seven(statement) => {
             Some(WireError::Short { need: 8, found: 7 })
         }
         _ => None,
@@ -325,9 +327,9 @@ fn frame_error(said: &Statement, frame: &Frame) -> Option<WireError> {
 }
 
 /// Whether the byte that lacks of eight would not count anyway.
-fn is_complete_in_seven(said: &Statement) -> bool {
+fn is_complete_in_seven(statement: &Statement) -> bool {
     matches!(
-        said,
+        statement,
         Statement::Request(
             SdoRequest::Write(_, ExpeditedData { len: 1..=3, .. })
                 | SdoRequest::Read(_)
@@ -349,16 +351,16 @@ fn service_answers(reply: &[u8], request: &[u8]) -> bool {
     };
     let (Some(reply), Some(request)) = (eight(reply), eight(request)) else { return false };
     let (reply, request) = (SdoReply::of(reply), SdoRequest::of(request));
-    if let (Some(told), Some(asked)) = (reply.object(), request.object()) {
-        return told == asked;
+    if let (Some(object), Some(requested)) = (reply.object(), request.object()) {
+        return object == requested;
     }
     // One with another toggle answers an older segment.
     match (reply, request) {
-        (SdoReply::ValueSegment(told), SdoRequest::ReadSegment(asked)) => {
-            return told.toggle == asked;
+        (SdoReply::ValueSegment(segment), SdoRequest::ReadSegment(was_requested)) => {
+            return segment.toggle == was_requested;
         }
-        (SdoReply::WrittenSegment(told), SdoRequest::WriteSegment(asked)) => {
-            return told == asked.toggle;
+        (SdoReply::WrittenSegment(reported), SdoRequest::WriteSegment(asked)) => {
+            return reported == asked.toggle;
         }
         _ => {}
     }
@@ -386,7 +388,9 @@ pub fn lss_answers(reply: &[u8], request: &[u8]) -> bool {
         | (LssReply::Node(_), LssRequest::InquireNode)
         | (LssReply::Identified, LssRequest::Identify(..) | LssRequest::FastScan { .. })
         | (LssReply::Unconfigured, LssRequest::IdentifyUnconfigured) => true,
-        (LssReply::Number(told, _), LssRequest::Inquire(asked)) => told == asked,
+        (LssReply::Number(identity_number, _), LssRequest::Inquire(requested)) => {
+            identity_number == requested
+        }
         _ => false,
     }
 }
@@ -406,8 +410,8 @@ fn answer_len(frame: &Frame) -> Option<usize> {
     }
 }
 
-fn warning_for(said: &Statement) -> &'static str {
-    match *said {
+fn warning_for(statement: &Statement) -> &'static str {
+    match *statement {
         Statement::Write(_, _, 5..) => "the first frame: eight bytes go in segments behind it",
         Statement::Order(_, true) => "to every node on the bus",
         Statement::Lss(lss::LssRequest::SwitchGlobal(true)) => {
@@ -422,13 +426,13 @@ fn warning_for(said: &Statement) -> &'static str {
 
 /// What the language does not say, in parentheses.
 fn write_remark(
-    said: &Statement,
+    statement: &Statement,
     frame: &Frame,
     context: &Context<'_>,
     sink: &mut dyn ExplainSink,
 ) {
     let mut out = RemarkWriter { sink, open: false };
-    let _ = write_remarks(said, frame, context, &mut out);
+    let _ = write_remarks(statement, frame, context, &mut out);
     if out.open {
         sink.text(")");
     }
@@ -456,13 +460,13 @@ impl core::fmt::Write for RemarkWriter<'_> {
 }
 
 fn write_remarks(
-    said: &Statement,
+    statement: &Statement,
     frame: &Frame,
     context: &Context<'_>,
     out: &mut RemarkWriter<'_>,
 ) -> core::fmt::Result {
     let profile = context.profile;
-    match *said {
+    match *statement {
         Statement::Request(SdoRequest::Write(object, short), _)
         | Statement::Reply(SdoReply::Value(object, short), _) => {
             meanings::write_value(
@@ -485,7 +489,7 @@ fn write_remarks(
         Statement::Request(SdoRequest::Abort(_, abort), _)
         | Statement::Reply(SdoReply::Abort(_, abort), _) => {
             out.write_str(meanings::abort_text(abort))?;
-            let object = said.object().unwrap_or_default();
+            let object = statement.object().unwrap_or_default();
             let name = meanings::object_name(object, profile);
             if !name.is_empty() {
                 write!(out, ": {name}")?;
@@ -509,11 +513,12 @@ fn write_remarks(
         Statement::State(heartbeat) if heartbeat.toggle => out.write_str("answer to guarding")?,
         Statement::Guard => out.write_str("asks for the state")?,
         _ => {
-            let object = said.object().map_or("", |object| meanings::object_name(object, profile));
+            let object =
+                statement.object().map_or("", |object| meanings::object_name(object, profile));
             out.write_str(object)?;
         }
     }
-    if matches!(said, Statement::Request(_, 7) | Statement::Reply(_, 7)) {
+    if matches!(statement, Statement::Request(_, 7) | Statement::Reply(_, 7)) {
         let join = if out.open { "; " } else { "" };
         write!(out, "{join}7 of 8 bytes, which the standard ignores and the TS drive takes")?;
     }

@@ -304,8 +304,8 @@ impl CanHost {
         self.apply_step(node, step);
     }
 
-    fn encode_frame(ask: &HostRequest) -> Option<Frame> {
-        Some(match *ask {
+    fn encode_frame(request: &HostRequest) -> Option<Frame> {
+        Some(match *request {
             HostRequest::Nmt(order) => order.emit(),
             HostRequest::Process { cob, data, len } => {
                 let mut frame = Frame::standard(cob.id(), &data.to_le_bytes());
@@ -362,35 +362,37 @@ impl CanHost {
         &mut self,
         now: Instant,
         ticket: Ticket,
-        ask: HostRequest,
+        request: HostRequest,
     ) -> Result<(), HostRequest> {
-        let node = ask.node().filter(|node| (1..=NODE_MAX).contains(node)).ok_or(ask)?;
-        if !self.channels[usize::from(node)].is_idle() && !self.preempt_for_stop(now, node, &ask) {
-            return Err(ask);
+        let node = request.node().filter(|node| (1..=NODE_MAX).contains(node)).ok_or(request)?;
+        if !self.channels[usize::from(node)].is_idle()
+            && !self.preempt_for_stop(now, node, &request)
+        {
+            return Err(request);
         }
         let channel = &mut self.channels[usize::from(node)];
         if channel.has_duplicate_node()
-            && !matches!(ask.class(), RequestClass::Idempotent | RequestClass::Stop)
+            && !matches!(request.class(), RequestClass::Idempotent | RequestClass::Stop)
         {
             self.finish_ticket(ticket, Err(DUPLICATE_NODE));
             return Ok(());
         }
         let mut long = None;
-        if matches!(ask, HostRequest::Upload { .. } | HostRequest::Download { .. }) {
-            let free = self.buffers.iter().position(TransferBuffer::is_free).ok_or(ask)?;
-            self.buffers[free].begin(ticket, node, &ask);
+        if matches!(request, HostRequest::Upload { .. } | HostRequest::Download { .. }) {
+            let free = self.buffers.iter().position(TransferBuffer::is_free).ok_or(request)?;
+            self.buffers[free].begin(ticket, node, &request);
             long = Some(free as u8);
         }
-        channel.begin(ticket, ask, long);
+        channel.begin(ticket, request, long);
         self.unsent.insert(node);
         Ok(())
     }
 
     /// Ends what a node does not answer, for a stop: at once where it was not sent, else after a
     /// moment, which nearly always suffices for its answer.
-    fn preempt_for_stop(&mut self, now: Instant, node: u8, ask: &HostRequest) -> bool {
+    fn preempt_for_stop(&mut self, now: Instant, node: u8, request: &HostRequest) -> bool {
         let channel = &mut self.channels[usize::from(node)];
-        if !ask.is_stop() || channel.is_stop() {
+        if !request.is_stop() || channel.is_stop() {
             return false;
         }
         if self.unsent.contains(node) {
@@ -629,10 +631,12 @@ impl station::Host<Can> for CanHost {
                 channel::first_request(&self.network.watch_request(node, ms))
                     .map(|first| first.emit(node))
             }
-            (Some(node), ask) => channel::first_request(&ask).map(|first| first.emit(node)),
+            (Some(node), host_request) => {
+                channel::first_request(&host_request).map(|first| first.emit(node))
+            }
             (None, HostRequest::Lss(lss)) => Some(lss.emit()),
             (None, HostRequest::FastScan) => Some(lss_master::BEGIN_REQUEST.emit()),
-            (None, ask) => Self::encode_frame(&ask),
+            (None, host_request) => Self::encode_frame(&host_request),
         };
         let count = usize::from(frame.is_some());
         *out = frame.unwrap_or_default();

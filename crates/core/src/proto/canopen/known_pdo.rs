@@ -50,10 +50,10 @@ impl KnownPdo {
             let is =
                 |p: &crate::profile::Parameter| (p.index, p.space) == (object.index, object.sub);
             if let Some(id) = profile.parameters.iter().position(is)
-                && let Some(place) = places.next()
+                && let Some(position) = places.next()
             {
                 let (_, signed) = super::axis::encoding_width(profile.parameters[id].encoding);
-                *place = Some((ParameterId(id as u16), BitField { start: at, bits }, signed));
+                *position = Some((ParameterId(id as u16), BitField { start: at, bits }, signed));
             }
             at += bits;
         }

@@ -22,8 +22,8 @@ impl IdentityNumber {
     pub const ALL: [Self; 4] = [Self::Vendor, Self::Product, Self::Revision, Self::Serial];
 
     /// The one of that place, the upper six bits left out.
-    const fn from_place(place: u8) -> Self {
-        Self::ALL[(place & 3) as usize]
+    const fn from_place(index: u8) -> Self {
+        Self::ALL[(index & 3) as usize]
     }
 }
 

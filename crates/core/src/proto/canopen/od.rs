@@ -316,11 +316,11 @@ impl Dictionary {
         }
         let mut entry = 0;
         while entry < entries.len() {
-            let mut place = hash(entries[entry].key) & (places.len() - 1);
-            while places[place] != EMPTY_SLOT {
-                place = (place + 1) & (places.len() - 1);
+            let mut index = hash(entries[entry].key) & (places.len() - 1);
+            while places[index] != EMPTY_SLOT {
+                index = (index + 1) & (places.len() - 1);
             }
-            places[place] = entry as u16;
+            places[index] = entry as u16;
             entry += 1;
         }
     }
@@ -336,13 +336,13 @@ impl Dictionary {
     #[must_use]
     pub fn find(&self, index: u16, sub: u8) -> Option<&'static ObjectEntry> {
         let (wanted, mask) = (key(index, sub), self.slots.len() - 1);
-        let mut place = hash(wanted) & mask;
+        let mut position = hash(wanted) & mask;
         loop {
-            let entry = self.entries.get(usize::from(*self.slots.get(place)?))?;
+            let entry = self.entries.get(usize::from(*self.slots.get(position)?))?;
             if entry.key == wanted {
                 return Some(entry);
             }
-            place = (place + 1) & mask;
+            position = (position + 1) & mask;
         }
     }
 

@@ -382,12 +382,12 @@ impl SdoReply {
 #[inline]
 #[must_use]
 pub const fn read_answer(request: [u8; 8], reply: [u8; 8]) -> Option<(ObjectIndex, ExpeditedData)> {
-    let (asked, said) =
+    let (frame_word, statement) =
         (FrameWord(u64::from_le_bytes(request)), FrameWord(u64::from_le_bytes(reply)));
     // Specifier 2 with the bit for data in the frame itself, and the very object.
-    let wanted = asked.0 as u32 | 0x02;
-    if said.0 as u32 & 0xFFFF_FFE2 == wanted {
-        Some((said.object(), said.expedited_data()))
+    let wanted = frame_word.0 as u32 | 0x02;
+    if statement.0 as u32 & 0xFFFF_FFE2 == wanted {
+        Some((statement.object(), statement.expedited_data()))
     } else {
         None
     }

@@ -148,12 +148,12 @@ impl Statement {
             Cob::Emcy(_) => Self::Emergency(Emergency::parse(bytes)?, bytes.len() == 2),
             Cob::Heartbeat(_) => Self::State(Heartbeat::parse(bytes)?),
             Cob::Tpdo(number, _) | Cob::Rpdo(number, _) => {
-                let told = matches!(cob, Cob::Tpdo(..));
-                Self::Process { told, number, data: padded(bytes), len: frame.len }
+                let reported = matches!(cob, Cob::Tpdo(..));
+                Self::Process { told: reported, number, data: padded(bytes), len: frame.len }
             }
             Cob::SdoRequest(_) | Cob::SdoReply(_) if part => {
-                let told = matches!(cob, Cob::SdoReply(_));
-                Self::BlockSegment(BlockSegment::of(sdo::as_eight_bytes(bytes)?), told)
+                let reported = matches!(cob, Cob::SdoReply(_));
+                Self::BlockSegment(BlockSegment::of(sdo::as_eight_bytes(bytes)?), reported)
             }
             Cob::SdoRequest(_) => Self::Request(SdoRequest::of(service_bytes(bytes)?), frame.len),
             Cob::SdoReply(_) => Self::Reply(SdoReply::of(service_bytes(bytes)?), frame.len),
@@ -185,8 +185,8 @@ impl Statement {
             }
             Self::Request(request, len) => Frame { len, ..request.emit(node) },
             Self::Reply(reply, len) => Frame { len, ..reply.emit(node) },
-            Self::BlockSegment(part, told) => {
-                let cob = if told { Cob::SdoReply(node) } else { Cob::SdoRequest(node) };
+            Self::BlockSegment(part, reported) => {
+                let cob = if reported { Cob::SdoReply(node) } else { Cob::SdoRequest(node) };
                 Frame::standard(cob.id(), &part.bytes())
             }
             Self::Write(object, bits, len @ 0..=4) => {

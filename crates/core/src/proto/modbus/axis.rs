@@ -52,13 +52,13 @@ impl Axis {
 
     fn new_request(
         &self,
-        ask: RequestBody,
+        request: RequestBody,
         class: RequestClass,
     ) -> Result<HostRequest, Unsupported> {
-        if self.unit == BROADCAST && ask.function().read_space().is_some() {
+        if self.unit == BROADCAST && request.function().read_space().is_some() {
             return Err(Unsupported::Forbidden("a broadcast brings no answer: it cannot read"));
         }
-        Ok(HostRequest { unit: self.unit, body: ask, class })
+        Ok(HostRequest { unit: self.unit, body: request, class })
     }
 }
 
@@ -96,11 +96,11 @@ impl Driver for Axis {
             ),
             Some(Space::Holding) => {
                 let pair = encode(parameter.encoding, raw).ok_or(Unsupported::BadArgument)?;
-                let ask = match register_count(parameter.encoding) {
+                let request = match register_count(parameter.encoding) {
                     1 => RequestBody::WriteRegister { address: parameter.index, value: pair[0] },
                     _ => write_pair(parameter.index, pair),
                 };
-                self.new_request(ask, class)
+                self.new_request(request, class)
             }
             Some(Space::Discrete | Space::Input) => {
                 Err(Unsupported::Forbidden("inputs can only be read"))
@@ -131,7 +131,7 @@ impl Driver for Axis {
                 RequestClass::Idempotent,
             );
         }
-        let ask = match function {
+        let request = match function {
             Function::WriteCoil => RequestBody::WriteCoil { address: index, on: value != 0 },
             Function::WriteRegister => {
                 RequestBody::WriteRegister { address: index, value: word()? }
@@ -143,14 +143,17 @@ impl Driver for Axis {
             }
             _ => return Err(Unsupported::Forbidden("no such Modbus function in plans")),
         };
-        self.new_request(ask, RequestClass::NoRetry)
+        self.new_request(request, RequestClass::NoRetry)
     }
 
     fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
-        let said = text::parse(text, Some(self.profile)).map_err(|_| Unsupported::BadText)?;
-        let ask = body_of_text(&said).ok_or(Unsupported::BadText)?;
-        let reads = said.function.read_space().is_some();
-        self.new_request(ask, if reads { RequestClass::Idempotent } else { RequestClass::NoRetry })
+        let parsed = text::parse(text, Some(self.profile)).map_err(|_| Unsupported::BadText)?;
+        let request = body_of_text(&parsed).ok_or(Unsupported::BadText)?;
+        let reads = parsed.function.read_space().is_some();
+        self.new_request(
+            request,
+            if reads { RequestClass::Idempotent } else { RequestClass::NoRetry },
+        )
     }
 
     /// A frame of RTU, or of ASCII where it begins with a colon.
@@ -162,10 +165,13 @@ impl Driver for Axis {
         }
         .filter(|(unit, _)| frame.id.is_none() && *unit == self.unit)
         .ok_or(Unsupported::BadBytes)?;
-        let ask = RequestPdu::parse(pdu).ok().and_then(|pdu| body_of_pdu(&pdu));
-        let ask = ask.ok_or(Unsupported::BadBytes)?;
-        let reads = ask.function().read_space().is_some();
-        self.new_request(ask, if reads { RequestClass::Idempotent } else { RequestClass::NoRetry })
+        let request = RequestPdu::parse(pdu).ok().and_then(|pdu| body_of_pdu(&pdu));
+        let request = request.ok_or(Unsupported::BadBytes)?;
+        let reads = request.function().read_space().is_some();
+        self.new_request(
+            request,
+            if reads { RequestClass::Idempotent } else { RequestClass::NoRetry },
+        )
     }
 
     fn decode_answer(
@@ -235,21 +241,21 @@ fn body_of_pdu(pdu: &RequestPdu<'_>) -> Option<RequestBody> {
     })
 }
 
-fn body_of_text(said: &ParsedRequest) -> Option<RequestBody> {
-    let (start, count) = (said.start, said.count);
-    if let Some(space) = said.function.read_space() {
+fn body_of_text(parsed: &ParsedRequest) -> Option<RequestBody> {
+    let (start, count) = (parsed.start, parsed.count);
+    if let Some(space) = parsed.function.read_space() {
         return Some(RequestBody::Read { space, start, count });
     }
-    match said.function {
+    match parsed.function {
         Function::WriteCoil => {
-            Some(RequestBody::WriteCoil { address: start, on: said.words[0] != 0 })
+            Some(RequestBody::WriteCoil { address: start, on: parsed.words[0] != 0 })
         }
         Function::WriteRegister => {
-            Some(RequestBody::WriteRegister { address: start, value: said.words[0] })
+            Some(RequestBody::WriteRegister { address: start, value: parsed.words[0] })
         }
         Function::WriteCoils => {
             let mut bits = [0; COILS_MAX as usize / 8];
-            for (at, &word) in said.words.iter().enumerate().take(usize::from(count)) {
+            for (at, &word) in parsed.words.iter().enumerate().take(usize::from(count)) {
                 bits[at / 8] |= (word as u8 & 1) << (at % 8);
             }
             Some(RequestBody::WriteCoils { start, count, bits })
@@ -257,7 +263,7 @@ fn body_of_text(said: &ParsedRequest) -> Option<RequestBody> {
         _ if usize::from(count) > WORDS_MAX => None,
         _ => {
             let mut words = [0; WORDS_MAX];
-            words.copy_from_slice(&said.words[..WORDS_MAX]);
+            words.copy_from_slice(&parsed.words[..WORDS_MAX]);
             Some(RequestBody::WriteRegisters { start, count: count as u8, words })
         }
     }

@@ -275,12 +275,12 @@ impl SerialEndpoint {
     }
 
     fn buffer_bytes(&mut self, bytes: &[u8]) {
-        let room = BUFFER_MAX - self.len;
-        let kept = bytes.len().min(room);
-        self.buffer[self.len..self.len + kept].copy_from_slice(&bytes[..kept]);
-        self.len += kept;
-        self.overrun |= kept < bytes.len();
-        self.counters.skipped += (bytes.len() - kept) as u64;
+        let capacity = BUFFER_MAX - self.len;
+        let stored = bytes.len().min(capacity);
+        self.buffer[self.len..self.len + stored].copy_from_slice(&bytes[..stored]);
+        self.len += stored;
+        self.overrun |= stored < bytes.len();
+        self.counters.skipped += (bytes.len() - stored) as u64;
     }
 
     fn drop_front(&mut self, count: usize) {
@@ -525,10 +525,10 @@ fn read_bits<F: Firmware>(
     reply: &mut [u8],
 ) -> Result<usize, Exception> {
     check_range(start, count)?;
-    let asked = if count == 1 && firmware.reads_whole_bytes() { 8 } else { count };
+    let requested = if count == 1 && firmware.reads_whole_bytes() { 8 } else { count };
     let mut bits = [0; PDU_MAX - 2];
-    let bits = &mut bits[..usize::from(asked).div_ceil(8)];
-    firmware.read_bits(now, space, start, asked, bits)?;
+    let bits = &mut bits[..usize::from(requested).div_ceil(8)];
+    firmware.read_bits(now, space, start, requested, bits)?;
     Ok(ReplyPdu::Read { space, data: bits }.emit(reply))
 }
 

@@ -59,20 +59,21 @@ impl Dissector for ModbusDissector {
         match self.0 {
             WireFormat::Rtu => {
                 let request = context.request.and_then(|request| rtu::decode(request).ok());
-                let place = FrameLayout { format: WireFormat::Rtu, check_len: 2 };
-                explain_frame(place, bytes, rtu::decode(bytes).err(), request, context, sink);
+                let layout = FrameLayout { format: WireFormat::Rtu, check_len: 2 };
+                explain_frame(layout, bytes, rtu::decode(bytes).err(), request, context, sink);
             }
             WireFormat::Ascii => {
-                let (mut store, mut asked) = ([0; rtu::ADU_MAX], [0; rtu::ADU_MAX]);
-                let request =
-                    context.request.and_then(|request| collect_ascii(request, &mut asked).ok());
+                let (mut store, mut request_bytes) = ([0; rtu::ADU_MAX], [0; rtu::ADU_MAX]);
+                let request = context
+                    .request
+                    .and_then(|request| collect_ascii(request, &mut request_bytes).ok());
                 let request = request.and_then(|bytes| ascii::decode(bytes).ok());
                 let (adu, error) = match collect_ascii(bytes, &mut store) {
                     Ok(adu) => (adu, ascii::decode(adu).err()),
                     Err(error) => (&[][..], Some(error)),
                 };
-                let place = FrameLayout { format: WireFormat::Ascii, check_len: 1 };
-                explain_frame(place, adu, error, request, context, sink);
+                let layout = FrameLayout { format: WireFormat::Ascii, check_len: 1 };
+                explain_frame(layout, adu, error, request, context, sink);
             }
         }
     }
@@ -85,21 +86,21 @@ impl Dissector for ModbusDissector {
     ) -> Result<EncodedFrame, EncodeError> {
         // In parentheses at the end is a remark, as explaining puts it there.
         let command = text.split(" (").next().unwrap_or(text);
-        let said = text::parse(command, addressing.profile)?;
+        let parsed = text::parse(command, addressing.profile)?;
         let expected = "a station address, 0 to 247";
         let unit = addressing.axis.unwrap_or(u32::from(DEFAULT_UNIT));
         let unit = u8::try_from(unit).ok().filter(|&unit| unit <= 247);
         let unit = unit.ok_or(TextError { at: 0, expected })?;
         let mut data = [0; PDU_MAX];
-        let request = request_pdu(&said, &mut data);
+        let request = request_pdu(&parsed, &mut data);
         let mut frame = [0; ascii::FRAME_MAX];
         let len = match self.0 {
             WireFormat::Rtu => rtu::emit(unit, &mut frame, |out| request.emit(out)),
             WireFormat::Ascii => ascii::emit(unit, &mut frame, |out| request.emit(out)),
         };
         let expected = "a text whose frame fits the buffer";
-        let room = out.get_mut(..len).ok_or(TextError { at: text.len(), expected })?;
-        room.copy_from_slice(&frame[..len]);
+        let space = out.get_mut(..len).ok_or(TextError { at: text.len(), expected })?;
+        space.copy_from_slice(&frame[..len]);
         let answer = request.reply_len().filter(|_| unit != 0).map(|pdu| match self.0 {
             WireFormat::Rtu => pdu + 3,
             WireFormat::Ascii => 2 * pdu + 7,
@@ -143,13 +144,13 @@ impl Dissector for ModbusDissector {
 }
 
 /// The request PDU that a text means; its data is put into `data`.
-fn request_pdu<'a>(said: &text::ParsedRequest, data: &'a mut [u8; PDU_MAX]) -> RequestPdu<'a> {
-    let (start, count) = (said.start, said.count);
-    if let Some(space) = said.function.read_space() {
+fn request_pdu<'a>(parsed: &text::ParsedRequest, data: &'a mut [u8; PDU_MAX]) -> RequestPdu<'a> {
+    let (start, count) = (parsed.start, parsed.count);
+    if let Some(space) = parsed.function.read_space() {
         return RequestPdu::Read { space, start, count };
     }
-    let values = &said.words[..usize::from(count)];
-    match said.function {
+    let values = &parsed.words[..usize::from(count)];
+    match parsed.function {
         Function::WriteCoil => RequestPdu::WriteCoil { address: start, on: values[0] != 0 },
         Function::WriteRegister => RequestPdu::WriteRegister { address: start, value: values[0] },
         Function::WriteCoils => {
@@ -246,7 +247,7 @@ impl FrameLayout {
 
 /// Tells a frame; `adu` are its bytes, the check's among them.
 fn explain_frame(
-    place: FrameLayout,
+    position: FrameLayout,
     adu: &[u8],
     error: Option<WireError>,
     request: Option<(u8, &[u8])>,
@@ -254,24 +255,24 @@ fn explain_frame(
     sink: &mut dyn ExplainSink,
 ) {
     let mut error = error;
-    let (body, check) = adu.split_at(adu.len().saturating_sub(place.check_len));
+    let (body, check) = adu.split_at(adu.len().saturating_sub(position.check_len));
     if let [unit, pdu @ ..] = body
         && !pdu.is_empty()
     {
         sink.axis(u32::from(*unit));
         let everyone = if *unit == 0 { "broadcast" } else { "" };
-        place.emit_field(sink, "address", 0..1, FieldValue::Int(i64::from(*unit)), everyone);
+        position.emit_field(sink, "address", 0..1, FieldValue::Int(i64::from(*unit)), everyone);
         let teller = PduExplainer {
-            layout: place,
+            layout: position,
             profile: context.profile.filter(|_| !context.profile_assumed),
         };
-        let asked = request.filter(|(asked, _)| asked == unit).map(|(_, pdu)| pdu);
-        let wrong = teller.explain_pdu(pdu, context.direction, asked, sink);
+        let request_bytes = request.filter(|(requested, _)| requested == unit).map(|(_, pdu)| pdu);
+        let wrong = teller.explain_pdu(pdu, context.direction, request_bytes, sink);
         if sink.wants_text() {
-            conversation::report_values(pdu, context, asked, sink);
+            conversation::report_values(pdu, context, request_bytes, sink);
         }
         error = error.or(wrong.map(shift_error_offset));
-        place.emit_check(body.len(), check, error, sink);
+        position.emit_check(body.len(), check, error, sink);
     } else {
         sink.kind("incomplete");
         sink.text("no whole frame");
@@ -291,13 +292,13 @@ fn shift_error_offset(error: WireError) -> WireError {
 }
 
 /// Without a direction a refusal is a reply, and what can be one where something was asked.
-fn is_reply(pdu: &[u8], direction: Option<Direction>, asked: Option<&[u8]>) -> bool {
+fn is_reply(pdu: &[u8], direction: Option<Direction>, request: Option<&[u8]>) -> bool {
     let can_be = || ReplyPdu::parse(pdu).is_ok();
     match direction {
         Some(direction) => direction == Direction::ToHost,
         None => {
             let refused = pdu[0] & 0x80 != 0;
-            refused || (can_be() && (asked.is_some() || RequestPdu::parse(pdu).is_err()))
+            refused || (can_be() && (request.is_some() || RequestPdu::parse(pdu).is_err()))
         }
     }
 }
@@ -313,7 +314,7 @@ impl PduExplainer {
         &self,
         pdu: &[u8],
         direction: Option<Direction>,
-        asked: Option<&[u8]>,
+        request_bytes: Option<&[u8]>,
         sink: &mut dyn ExplainSink,
     ) -> Option<WireError> {
         let function = Function::of_code(pdu[0] & 0x7F);
@@ -321,11 +322,13 @@ impl PduExplainer {
         sink.kind(if refused { "exception" } else { function.name() });
         let code = FieldValue::Hex(u64::from(pdu[0]), 2);
         self.layout.emit_field(sink, "function", 1..2, code, function.name());
-        let told = match is_reply(pdu, direction, asked) {
-            true => ReplyPdu::parse(pdu).map(|reply| self.explain_reply(&reply, asked, sink)),
+        let result = match is_reply(pdu, direction, request_bytes) {
+            true => {
+                ReplyPdu::parse(pdu).map(|reply| self.explain_reply(&reply, request_bytes, sink))
+            }
             false => RequestPdu::parse(pdu).map(|request| self.explain_request(&request, sink)),
         };
-        told.err()
+        result.err()
     }
 
     fn explain_request(&self, request: &RequestPdu<'_>, sink: &mut dyn ExplainSink) {
@@ -372,11 +375,11 @@ impl PduExplainer {
     fn explain_reply(
         &self,
         reply: &ReplyPdu<'_>,
-        asked: Option<&[u8]>,
+        request: Option<&[u8]>,
         sink: &mut dyn ExplainSink,
     ) {
         match *reply {
-            ReplyPdu::Read { space, data } => self.explain_read(space, data, asked, sink),
+            ReplyPdu::Read { space, data } => self.explain_read(space, data, request, sink),
             ReplyPdu::WroteCoil { address, on } => {
                 self.emit_coil(address, on, sink);
                 sink.text("written: ");
@@ -413,15 +416,15 @@ impl PduExplainer {
         &self,
         space: Space,
         data: &[u8],
-        asked: Option<&[u8]>,
+        request: Option<&[u8]>,
         sink: &mut dyn ExplainSink,
     ) {
         self.emit_data(2, data, space, sink);
         if !sink.wants_text() {
             return;
         }
-        let asked = asked.and_then(|pdu| RequestPdu::parse(pdu).ok());
-        match asked {
+        let request_pdu = request.and_then(|pdu| RequestPdu::parse(pdu).ok());
+        match request_pdu {
             Some(RequestPdu::Read { space: wanted, start, count })
                 if wanted == space && data.len() == space.reply_bytes(count) =>
             {

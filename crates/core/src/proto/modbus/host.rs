@@ -370,25 +370,25 @@ impl SerialHost {
         let spaces = [Space::Holding, Space::Coil, Space::Input, Space::Discrete];
         let free = |space: &Space| {
             let code = space.read_function().code();
-            !self.outstanding().iter().any(|owed| owed.function == code)
+            !self.outstanding().iter().any(|awaited| awaited.function == code)
         };
         let space = spaces.into_iter().find(free)?;
-        let ask = RequestBody::Read { space, start: 0, count: 1 };
-        Some(HostRequest { unit, body: ask, class: RequestClass::Idempotent })
+        let request = RequestBody::Read { space, start: 0, count: 1 };
+        Some(HostRequest { unit, body: request, class: RequestClass::Idempotent })
     }
 
     /// Notes that what lies in `sent` goes out now, and what is owed for it.
     #[inline]
-    fn note_sent(&mut self, now: Instant, owed: AwaitedReply) {
+    fn note_sent(&mut self, now: Instant, awaited: AwaitedReply) {
         let gone = self.line.characters_ns(self.sent_len as u32);
         self.sending = None;
         self.sent_at = now;
-        self.sent_unit = Some(owed.unit);
+        self.sent_unit = Some(awaited.unit);
         self.last_activity = Some(now.plus_ns(gone));
         self.sent_ns = gone;
         self.echo_seen = false;
-        self.early_reply_seen &= owed.role == ReplyRole::Probe;
-        self.received_any &= owed.role == ReplyRole::Probe;
+        self.early_reply_seen &= awaited.role == ReplyRole::Probe;
+        self.received_any &= awaited.role == ReplyRole::Probe;
         if self.received_len > 0 {
             self.skip_bytes(self.received_len);
         }
@@ -396,15 +396,15 @@ impl SerialHost {
         self.ascii.clear();
         self.early_bytes.note_sent(now, with_clock_tolerance(gone));
         self.counters.sent += 1;
-        if owed.unit == BROADCAST {
+        if awaited.unit == BROADCAST {
             self.complete_current();
             return self.end_quarantine();
         }
         // A probe may be answered as late as any request.
         let timeouts = self.deadline_timeouts();
-        let reply = self.line.characters_ns(self.frame_characters(owed.pdu_len()) as u32);
+        let reply = self.line.characters_ns(self.frame_characters(awaited.pdu_len()) as u32);
         self.deadline = Some(now.plus_ns(gone + reply + timeouts * self.timeout_ns));
-        self.add_outstanding(owed);
+        self.add_outstanding(awaited);
     }
 
     /// Characters of a frame around a PDU of so many bytes.
@@ -417,9 +417,9 @@ impl SerialHost {
     }
 
     #[inline]
-    fn add_outstanding(&mut self, owed: AwaitedReply) {
-        if let Some(place) = self.outstanding.get_mut(self.outstanding_len) {
-            *place = owed;
+    fn add_outstanding(&mut self, awaited: AwaitedReply) {
+        if let Some(awaited_reply) = self.outstanding.get_mut(self.outstanding_len) {
+            *awaited_reply = awaited;
             self.outstanding_len += 1;
         }
     }
@@ -458,7 +458,7 @@ impl SerialHost {
         }
         self.outstanding[..self.outstanding_len]
             .iter_mut()
-            .for_each(|owed| owed.role = ReplyRole::Abandoned);
+            .for_each(|awaited| awaited.role = ReplyRole::Abandoned);
         if !core::mem::replace(&mut self.quarantine, true) {
             self.extend_deadline();
         }
@@ -497,9 +497,9 @@ impl SerialHost {
         };
         let given_up = self.current.as_ref().is_some_and(again);
         self.fail_current(if given_up { Failure::Cancelled } else { Failure::Silent });
-        for owed in &mut self.outstanding[..self.outstanding_len] {
-            if owed.role == ReplyRole::Request {
-                owed.role = ReplyRole::Abandoned;
+        for awaited in &mut self.outstanding[..self.outstanding_len] {
+            if awaited.role == ReplyRole::Request {
+                awaited.role = ReplyRole::Abandoned;
             }
         }
         self.start_request(now, ticket, request);
@@ -603,8 +603,8 @@ impl Station<Stream> for SerialHost {
             PendingSend::Probe => (&self.probe_request()?, ReplyRole::Probe),
         };
         self.sent_len = request.emit(self.format, &mut self.sent);
-        let owed = AwaitedReply::of(request, role);
-        self.note_sent(now, owed);
+        let awaited = AwaitedReply::of(request, role);
+        self.note_sent(now, awaited);
         if self.sent_len == rtu::SHORT_FRAME_LEN {
             *out.first_chunk_mut::<{ rtu::SHORT_FRAME_LEN }>()? = *self.sent.first_chunk()?;
         } else {

@@ -184,7 +184,7 @@ impl Answer {
                 self.words[0] = words(data).next().unwrap_or_default();
             }
             RequestBody::Read { .. } => {
-                self.words.iter_mut().zip(words(data)).for_each(|(place, word)| *place = word);
+                self.words.iter_mut().zip(words(data)).for_each(|(index, word)| *index = word);
             }
             RequestBody::WriteCoil { on, .. } => (self.count, self.words[0]) = (1, on.into()),
             RequestBody::WriteRegister { value, .. } => (self.count, self.words[0]) = (1, value),

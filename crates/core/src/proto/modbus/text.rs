@@ -90,8 +90,8 @@ struct RegisterTarget {
 pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<ParsedRequest, TextError> {
     let mut store = [Token::default(); TOKENS_MAX];
     let tokens = tokenize(text, &mut store)?;
-    if let Some(said) = list::parse_list(text, tokens)? {
-        return Ok(said);
+    if let Some(parsed) = list::parse_list(text, tokens)? {
+        return Ok(parsed);
     }
     let Some((verb, words)) = PHRASES.iter().find_map(|(phrase, verb)| {
         let count = phrase.split(' ').count();

@@ -241,9 +241,10 @@ impl Driver for Axis {
     fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
         match answer {
             Answer::Reply(Reply { command, data, .. }) => {
-                let told = self.find_parameter(*command);
-                let told = told.map(|(id, p)| DriveReport::Parameter(id, decode_value(p, *data)));
-                [told, None, None, None]
+                let reported = self.find_parameter(*command);
+                let result =
+                    reported.map(|(id, p)| DriveReport::Parameter(id, decode_value(p, *data)));
+                [result, None, None, None]
             }
             Answer::Report(report) => self.decode_report(report),
             Answer::Headerless(bare) => [

@@ -255,17 +255,17 @@ impl CanEndpoint {
     }
 
     fn send_reports(&mut self, of: u8, mask: u8, firmware: &impl Firmware) {
-        let told = firmware.telemetry();
+        let values = firmware.telemetry();
         for part in (1..=3).filter(|part| mask >> (part - 1) & 1 == 1) {
-            let words = report_words(part, &told, self.quirks.interpretation);
+            let words = report_words(part, &values, self.quirks.interpretation);
             self.queue_frame(ReportFrame { source: of, part, words }.frame(firmware.id()));
         }
     }
 
     /// ML and MM. \[I\] Two frames, in the form of the replies to QC and QV.
     fn send_stream_values(&mut self, firmware: &impl Firmware) {
-        let told = firmware.telemetry();
-        for (command, value) in [(CommandWord::QC, told.deciamp), (CommandWord::QV, told.rpm)] {
+        let values = firmware.telemetry();
+        for (command, value) in [(CommandWord::QC, values.deciamp), (CommandWord::QV, values.rpm)] {
             let data = self.widen_data(command, command.width().encode(value.into()));
             self.queue_frame(Reply { command, sub: 0, data }.frame(firmware.id()));
         }
@@ -286,17 +286,17 @@ impl CanEndpoint {
     }
 }
 
-fn headerless_report(told: &TelemetryValues) -> HeaderlessReport {
-    let TelemetryValues { rpm, decivolt, deciamp, faults, .. } = *told;
+fn headerless_report(values: &TelemetryValues) -> HeaderlessReport {
+    let TelemetryValues { rpm, decivolt, deciamp, faults, .. } = *values;
     HeaderlessReport { rpm, decivolt, deciamp, status: faults }
 }
 
-fn report_words(part: u8, told: &TelemetryValues, readings: Interpretation) -> [u16; 3] {
+fn report_words(part: u8, values: &TelemetryValues, readings: Interpretation) -> [u16; 3] {
     let word = i16::cast_unsigned;
     match part {
-        1 => [word(told.rpm), told.decivolt, word(told.deciamp)],
-        2 => [told.faults, word(told.motor_c), word(told.driver_c)],
-        _ => readings.position_words(told.absolute, told.relative),
+        1 => [word(values.rpm), values.decivolt, word(values.deciamp)],
+        2 => [values.faults, word(values.motor_c), word(values.driver_c)],
+        _ => readings.position_words(values.absolute, values.relative),
     }
 }
 

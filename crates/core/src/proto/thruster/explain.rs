@@ -51,8 +51,8 @@ impl Dissector for ThrusterDissector {
     }
 
     fn explain(&self, bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
-        let place = context.id.and_then(node_of_id).filter(|_| !context.extended);
-        match place {
+        let position = context.id.and_then(node_of_id).filter(|_| !context.extended);
+        match position {
             Some(Ok(id) | Err(id)) => sink.axis(id.into()),
             None => {
                 sink.kind("thruster");
@@ -60,7 +60,7 @@ impl Dissector for ThrusterDissector {
                 return sink.error(WireError::Identifier { found });
             }
         }
-        if matches!(place, Some(Ok(_))) {
+        if matches!(position, Some(Ok(_))) {
             explain_request(bytes, context.profile, sink);
         } else {
             explain_drive_message(bytes, context.request, context.profile, sink);
@@ -77,8 +77,8 @@ impl Dissector for ThrusterDissector {
         let axis = addressing.axis.unwrap_or(EXAMPLE_ID);
         let id = u8::try_from(axis).ok().filter(|id| (1..=127).contains(id));
         let id = id.ok_or(TextError { at: 0, expected })?;
-        let said = text::parse(text, interpretation_of(addressing.profile))?;
-        let frame = match said {
+        let statement = text::parse(text, interpretation_of(addressing.profile))?;
+        let frame = match statement {
             Statement::Request(request) => request.frame(id),
             Statement::FromDrive(DriveMessage::Reply(reply)) => reply.frame(id),
             Statement::FromDrive(DriveMessage::Report(report)) => report.frame(id),
@@ -89,8 +89,8 @@ impl Dissector for ThrusterDissector {
                 crate::medium::Frame::standard(id, &bytes[..usize::from(len)])
             }
         };
-        let room = TextError { at: 0, expected: "room for eight bytes" };
-        out.get_mut(..frame.bytes().len()).ok_or(room)?.copy_from_slice(frame.bytes());
+        let error = TextError { at: 0, expected: "room for eight bytes" };
+        out.get_mut(..frame.bytes().len()).ok_or(error)?.copy_from_slice(frame.bytes());
         let request = frame.id >= TO_DRIVE.into();
         Ok(EncodedFrame {
             len: frame.bytes().len(),
@@ -98,7 +98,7 @@ impl Dissector for ThrusterDissector {
             extended: false,
             remote_len: None,
             answer_len: request.then_some(8),
-            warning: warning_for(&said),
+            warning: warning_for(&statement),
         })
     }
 
@@ -111,7 +111,7 @@ impl Dissector for ThrusterDissector {
     }
 
     fn is_request(&self, frame: &RawFrame<'_>) -> bool {
-        frame.id.and_then(node_of_id).is_some_and(|place| place.is_ok()) && !frame.extended
+        frame.id.and_then(node_of_id).is_some_and(|position| position.is_ok()) && !frame.extended
     }
 
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
@@ -129,13 +129,13 @@ impl Dissector for ThrusterDissector {
         addressing: &EncodeOptions,
         sink: &mut dyn ExplainSink,
     ) {
-        let Ok(asked) = Request::parse(request.bytes) else { return };
-        let data = match asked.command.definition() {
+        let Ok(requested) = Request::parse(request.bytes) else { return };
+        let data = match requested.command.definition() {
             Some((CommandKind::Query, _)) | None => return,
-            _ => asked.data.unwrap_or(0),
+            _ => requested.data.unwrap_or(0),
         };
         let Some(Ok(id)) = request.id.and_then(node_of_id) else { return };
-        let Request { command, sub, .. } = asked;
+        let Request { command, sub, .. } = requested;
         sink.axis(id.into());
         let echo = Reply { command, sub, data }.frame(id);
         explain_drive_message(echo.bytes(), Some(request.bytes), addressing.profile, sink);
@@ -178,10 +178,10 @@ fn interpretation_of(profile: Option<&'static Profile>) -> Interpretation {
 
 /// Whether the reply is one to that request: it repeats four bytes, or reports on TC and VC.
 fn is_answer(reply: &[u8], request: &[u8]) -> bool {
-    let (Ok(heard), Ok(request)) = (DriveMessage::parse(reply), Request::parse(request)) else {
+    let (Ok(message), Ok(request)) = (DriveMessage::parse(reply), Request::parse(request)) else {
         return false;
     };
-    match heard {
+    match message {
         DriveMessage::Reply(reply) => reply.command == request.command && reply.sub == request.sub,
         DriveMessage::Report(report) => {
             let [letter, _] = request.command.0.to_be_bytes();
@@ -191,8 +191,8 @@ fn is_answer(reply: &[u8], request: &[u8]) -> bool {
     }
 }
 
-fn warning_for(said: &Statement) -> &'static str {
-    match said {
+fn warning_for(statement: &Statement) -> &'static str {
+    match statement {
         Statement::Request(request)
             if request.command == CommandWord::SP && request.sub != RANGE_PARAMETER =>
         {
@@ -261,19 +261,20 @@ fn explain_drive_message(
     sink: &mut dyn ExplainSink,
 ) {
     let readings = interpretation_of(profile);
-    let heard = match DriveMessage::parse(bytes) {
-        Ok(heard) => heard,
+    let message = match DriveMessage::parse(bytes) {
+        Ok(message) => message,
         Err(error) => return explain_broken(error, sink),
     };
-    let asked = request.and_then(|bytes| Request::parse(bytes).ok()).and_then(|asked| asked.data);
-    match &heard {
+    let requested =
+        request.and_then(|bytes| Request::parse(bytes).ok()).and_then(|asked| asked.data);
+    match &message {
         DriveMessage::Reply(reply) => {
             let Some((shape, meaning)) = reply.command.definition() else {
                 return explain_foreign(bytes, sink);
             };
             sink.kind(reply.command.letters().as_str());
             emit_head(reply.command, reply.sub, meaning, sink);
-            if reply.data == REFUSED && asked != Some(reply.data) {
+            if reply.data == REFUSED && requested != Some(reply.data) {
                 emit_field(sink, "error", (4, 8), FieldValue::Hex(REFUSED.into(), 4), "refused");
             } else if matches!(shape, CommandKind::Query | CommandKind::Set) {
                 emit_value(reply.command, reply.sub, reply.data, readings, sink);
@@ -282,10 +283,10 @@ fn explain_drive_message(
         DriveMessage::Report(report) => explain_report(report, readings, sink),
         DriveMessage::Headerless(bare) => explain_headerless(bare, sink),
     }
-    conversation::report_message_values(&heard, asked, profile, sink);
-    text::write_drive_message(&heard, asked, readings, &mut |piece| sink.text(piece));
-    if let DriveMessage::Reply(reply) = heard
-        && let Some(remark) = reply_remark(&reply, asked)
+    conversation::report_message_values(&message, requested, profile, sink);
+    text::write_drive_message(&message, requested, readings, &mut |piece| sink.text(piece));
+    if let DriveMessage::Reply(reply) = message
+        && let Some(remark) = reply_remark(&reply, requested)
     {
         sink.text(" (");
         sink.text(remark);
@@ -294,10 +295,11 @@ fn explain_drive_message(
 }
 
 /// What is odd about a reply to that request.
-fn reply_remark(reply: &Reply, asked: Option<u32>) -> Option<&'static str> {
+fn reply_remark(reply: &Reply, requested: Option<u32>) -> Option<&'static str> {
     let set = matches!(reply.command.definition(), Some((CommandKind::Set, _)));
-    let odd = set && reply.data != REFUSED && asked.is_some_and(|asked| asked != reply.data);
-    if !odd {
+    let anomaly =
+        set && reply.data != REFUSED && requested.is_some_and(|requested| requested != reply.data);
+    if !anomaly {
         return None;
     }
     Some(match reply.command {

@@ -56,7 +56,7 @@ impl NodeState {
 
     /// Replies to this command that may still come for older requests.
     pub fn outstanding_count(&self, command: CommandWord) -> u8 {
-        self.outstanding().iter().filter(|owed| **owed == command).count() as u8
+        self.outstanding().iter().filter(|command_word| **command_word == command).count() as u8
     }
 
     /// A reply to this command may still come, until then.

@@ -157,24 +157,24 @@ impl Session {
         &mut self,
         now: Instant,
         ticket: Ticket,
-        ask: HostRequest,
+        request: HostRequest,
     ) -> Result<(), HostRequest> {
         if self.events.room() <= EVENT_ROOM_MIN {
-            return Err(ask);
+            return Err(request);
         }
         if !self.link_up {
             self.events.push(EventSubject::Request(ticket), Err(Failure::LinkDown));
             return Ok(());
         }
-        self.nodes.renew_lease(ask.id, now);
-        let stop = ask.class == RequestClass::Stop;
+        self.nodes.renew_lease(request.id, now);
+        let stop = request.class == RequestClass::Stop;
         if stop {
-            self.overtake_pending(now, ask.id);
-        } else if self.nodes.get_mut(ask.id).is_in_doubt(now) {
+            self.overtake_pending(now, request.id);
+        } else if self.nodes.get_mut(request.id).is_in_doubt(now) {
             self.start_probes(now);
-            return Err(ask);
+            return Err(request);
         }
-        let of_node = |p: &&PendingExchange| p.host_request.id == ask.id;
+        let of_node = |p: &&PendingExchange| p.host_request.id == request.id;
         let busy = self.pending.iter().flatten().filter(of_node);
         let blocked = match stop {
             false => busy.count() > 0,
@@ -184,7 +184,11 @@ impl Session {
                     > 0
             }
         };
-        if blocked || !self.start_request(now, Some(ticket), ask) { Err(ask) } else { Ok(()) }
+        if blocked || !self.start_request(now, Some(ticket), request) {
+            Err(request)
+        } else {
+            Ok(())
+        }
     }
 
     #[inline]
@@ -224,8 +228,8 @@ impl Session {
     }
 
     /// Takes what a drive says.
-    pub(super) fn handle_message(&mut self, id: u8, heard: DriveMessage, now: Instant) {
-        match heard {
+    pub(super) fn handle_message(&mut self, id: u8, message: DriveMessage, now: Instant) {
+        match message {
             DriveMessage::Reply(reply) => self.handle_reply(now, id, reply),
             DriveMessage::Report(report) => {
                 let of = |p: &PendingExchange| {
@@ -261,7 +265,7 @@ impl Session {
         self.start_probes(now);
         while let Some((id, readings)) = self.nodes.next_to_feed(now) {
             let request = Request::without_value(CommandWord::EF);
-            let ask = HostRequest {
+            let host_request = HostRequest {
                 id,
                 request,
                 class: RequestClass::Idempotent,
@@ -270,7 +274,7 @@ impl Session {
             let busy = self.pending.iter().flatten().any(|p| p.host_request.id == id);
             self.nodes.get_mut(id).last_sent = now;
             if !busy {
-                self.start_request(now, None, ask);
+                self.start_request(now, None, host_request);
             }
         }
     }
@@ -320,15 +324,20 @@ impl Session {
     }
 
     /// Takes a place for a request, if there is one.
-    fn start_request(&mut self, now: Instant, ticket: Option<Ticket>, ask: HostRequest) -> bool {
-        let kept = if ask.class == RequestClass::Stop { 0 } else { STOP_SLOTS };
+    fn start_request(
+        &mut self,
+        now: Instant,
+        ticket: Option<Ticket>,
+        request: HostRequest,
+    ) -> bool {
+        let stored = if request.class == RequestClass::Stop { 0 } else { STOP_SLOTS };
         let free = self.pending.iter().filter(|p| p.is_none()).count();
-        let place = self.pending.iter().position(Option::is_none).filter(|_| free > kept);
-        let Some(n) = place else { return false };
-        let ambiguous = self.nodes.get_mut(ask.id).outstanding_count(ask.request.command);
+        let index = self.pending.iter().position(Option::is_none).filter(|_| free > stored);
+        let Some(n) = index else { return false };
+        let ambiguous = self.nodes.get_mut(request.id).outstanding_count(request.request.command);
         self.pending[n] = Some(PendingExchange {
             ticket,
-            host_request: ask,
+            host_request: request,
             stage: RequestStage::Request,
             attempts: 0,
             sent: false,
@@ -346,13 +355,13 @@ impl Session {
             let busy = |id| self.pending.iter().flatten().any(|p| p.host_request.id == id);
             let Some((id, command)) = self.nodes.next_probe(now, busy) else { return };
             let (request, readings) = (Request::without_value(command), Interpretation::default());
-            let ask = HostRequest {
+            let host_request = HostRequest {
                 id,
                 request,
                 class: RequestClass::Idempotent,
                 interpretation: readings,
             };
-            if !self.start_request(now, None, ask) {
+            if !self.start_request(now, None, host_request) {
                 return;
             }
         }
@@ -433,13 +442,13 @@ impl Session {
         self.push_unsolicited(pending.host_request.id, Answer::Reply(reply));
         let faults = reply.data as u16;
         let stop = pending.host_request.class == RequestClass::Stop;
-        let told = Failure::Faulted { code: faults.into() };
+        let failure = Failure::Faulted { code: faults.into() };
         let blocked = faults & (OUTPUT_OFF | ENCODER) != 0;
         let result = match pending.stage {
             _ if stop && faults & OUTPUT_OFF != 0 => Ok(Answer::OutputOff { faults }),
-            RequestStage::Proof if faults & OUTPUT_OFF != 0 => Err(told),
+            RequestStage::Proof if faults & OUTPUT_OFF != 0 => Err(failure),
             RequestStage::Proof => Ok(Answer::Proven),
-            _ if blocked => Err(told),
+            _ if blocked => Err(failure),
             _ => Err(Failure::Refused { code: REFUSED }),
         };
         self.finish_with_answer(now, n, result);
@@ -471,13 +480,14 @@ impl Session {
 
     /// VM and ST change how the drive is to be spoken with.
     fn note_setting(&mut self, now: Instant, n: usize, out: &Request) {
-        let Some(PendingExchange { host_request: ask, .. }) = self.pending[n] else { return };
+        let Some(PendingExchange { host_request: request, .. }) = self.pending[n] else { return };
         let value = out.data.unwrap_or(0) as u16;
         match out.command {
             CommandWord::VM => {
-                self.nodes.get_mut(ask.id).reply_format = ask.interpretation.reply_format(value)
+                self.nodes.get_mut(request.id).reply_format =
+                    request.interpretation.reply_format(value)
             }
-            CommandWord::ST => self.nodes.set_stop_timeout(ask.id, value, now),
+            CommandWord::ST => self.nodes.set_stop_timeout(request.id, value, now),
             _ => {}
         }
     }
@@ -529,8 +539,8 @@ impl Session {
         let Some(mut pending) = self.pending[n] else { return };
         let again = pending.stage != RequestStage::Request
             || matches!(pending.host_request.class, RequestClass::Idempotent | RequestClass::Stop);
-        let heard = self.nodes.get_mut(pending.host_request.id).has_answered;
-        let attempts = if heard { ATTEMPTS_MAX } else { 2 };
+        let received = self.nodes.get_mut(pending.host_request.id).has_answered;
+        let attempts = if received { ATTEMPTS_MAX } else { 2 };
         let user = pending.ticket.is_some();
         if user && again && pending.attempts < attempts && !pending.no_retry {
             (pending.sent, pending.sent_at) = (false, now);

@@ -114,17 +114,17 @@ pub fn write_request(request: &Request, readings: Interpretation, show: &mut dyn
 /// Writes what a drive says. `asked` is the data of the request that it answers, if that is known:
 /// a reply that repeats EE EE refuses nothing.
 pub fn write_drive_message(
-    heard: &DriveMessage,
-    asked: Option<u32>,
+    message: &DriveMessage,
+    requested: Option<u32>,
     readings: Interpretation,
     show: &mut dyn FnMut(&str),
 ) {
     let out = &mut PieceFormatter(show);
-    let _ = match heard {
+    let _ = match message {
         DriveMessage::Report(report) => write_report(report, readings, out),
         DriveMessage::Headerless(bare) => write_headerless(bare, out),
         DriveMessage::Reply(reply) if reply_has_words(reply) => {
-            write_reply(reply, asked, readings, out)
+            write_reply(reply, requested, readings, out)
         }
         DriveMessage::Reply(reply) => write_raw(&reply.frame(0).data, 8, true, out),
     };
@@ -278,13 +278,13 @@ fn write_fault_names(word: u16, out: &mut PieceFormatter<'_>) -> fmt::Result {
 
 fn write_reply(
     reply: &Reply,
-    asked: Option<u32>,
+    requested: Option<u32>,
     readings: Interpretation,
     out: &mut PieceFormatter<'_>,
 ) -> fmt::Result {
     let Reply { command, sub, data } = *reply;
     write_head(command, sub, out)?;
-    if data == REFUSED && asked != Some(data) {
+    if data == REFUSED && requested != Some(data) {
         return out.write_str(" refused");
     }
     match command.definition() {
@@ -346,15 +346,15 @@ fn write_headerless(bare: &HeaderlessReport, out: &mut PieceFormatter<'_>) -> fm
 /// a request that [the rules](super::rules) keep a host from sending.
 pub fn parse(text: &str, readings: Interpretation) -> Result<Statement, EncodeError> {
     let mut words = Tokenizer { text, at: 0 };
-    let said = parse_statement(&mut words, readings)?;
+    let statement = parse_statement(&mut words, readings)?;
     if let Some((at, _)) = words.peek() {
         let expected = "the end: nothing more belongs to this command";
         return Err(TextError { at, expected }.into());
     }
-    if let Statement::Request(request) = &said {
+    if let Statement::Request(request) = &statement {
         rules::check(request).map_err(EncodeError::Forbidden)?;
     }
-    Ok(said)
+    Ok(statement)
 }
 
 fn parse_statement(
@@ -526,9 +526,9 @@ fn parse_report(
         2 => [words.read_status()?, words.read_signed(CELSIUS)?, words.read_signed(CELSIUS)?],
         _ => {
             let limit = i64::from(i32::MAX);
-            let mut place =
+            let mut locate =
                 || words.read_number("a position in degrees", DEGREE, -limit - 1, limit);
-            readings.position_words(place()? as i32, place()? as i32)
+            readings.position_words(locate()? as i32, locate()? as i32)
         }
     };
     Ok(ReportFrame { source: of, part, words })

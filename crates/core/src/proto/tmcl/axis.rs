@@ -172,12 +172,12 @@ impl Driver for Axis {
     }
 
     fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
-        let mut told = [None; REPORTS_MAX];
+        let mut reports = [None; REPORTS_MAX];
         if let Answer::Event(reply) = answer {
             let reached = i64::from(reply.value & 1);
-            told[0] = Some(DriveReport::Signal(Signal::Reached, reached));
+            reports[0] = Some(DriveReport::Signal(Signal::Reached, reached));
         }
-        told
+        reports
     }
 }
 

@@ -330,8 +330,8 @@ impl SerialEndpoint {
     }
 
     fn queue_bytes(&mut self, now: Instant, bytes: &[u8], firmware: &impl Firmware) {
-        let room = OUT_MAX - self.out_len;
-        let count = bytes.len().min(room);
+        let capacity = OUT_MAX - self.out_len;
+        let count = bytes.len().min(capacity);
         self.out[self.out_len..self.out_len + count].copy_from_slice(&bytes[..count]);
         self.out_len += count;
         self.reply_due = now.plus_ms(firmware.reply_pause_ms().into());

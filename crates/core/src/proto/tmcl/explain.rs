@@ -77,8 +77,8 @@ impl Dissector for TmclDissector {
             WireKind::Can => (&bytes[1..=CAN_DATAGRAM], Some(address.into())),
             _ => (&bytes[..], None),
         };
-        let room = TextError { at: 0, expected: "room for nine bytes" };
-        out.get_mut(..part.len()).ok_or(room)?.copy_from_slice(part);
+        let error = TextError { at: 0, expected: "room for nine bytes" };
+        out.get_mut(..part.len()).ok_or(error)?.copy_from_slice(part);
         let silent = matches!(request.opcode, Opcode::Boot | Opcode::BootStart);
         Ok(EncodedFrame {
             len: part.len(),
@@ -384,7 +384,7 @@ fn mark_assumed_profile(context: &Context<'_>, sink: &mut dyn ExplainSink) {
 }
 
 fn explain_reply(reply: &Reply, at: u16, context: &Context<'_>, sink: &mut dyn ExplainSink) {
-    let asked = context.request.and_then(|bytes| {
+    let request = context.request.and_then(|bytes| {
         let body = if bytes.len() == DATAGRAM { &bytes[1..] } else { bytes };
         Request::parse_can(body, reply.module).ok()
     });
@@ -395,10 +395,10 @@ fn explain_reply(reply: &Reply, at: u16, context: &Context<'_>, sink: &mut dyn E
     emit_byte(sink, "opcode", at + 2, reply.opcode.number(), reply.opcode.text());
     let value = FieldValue::Int(reply.value.into());
     sink.field(Field { name: "value", start: at + 3, end: at + 7, value, meaning: "" });
-    let named = asked.filter(|asked| asked.opcode == reply.opcode);
-    let name = named.and_then(|asked| parameter_of(&asked, context.profile)).map(|p| p.name);
-    if let Some(asked) = named {
-        conversation::report_reply_values(&asked, reply, context.profile, sink);
+    let named = request.filter(|request| request.opcode == reply.opcode);
+    let name = named.and_then(|request| parameter_of(&request, context.profile)).map(|p| p.name);
+    if let Some(request) = named {
+        conversation::report_reply_values(&request, reply, context.profile, sink);
     }
     match (reply.status, name) {
         (Status::Ok, Some(name)) => {
@@ -415,7 +415,7 @@ fn explain_reply(reply: &Reply, at: u16, context: &Context<'_>, sink: &mut dyn E
             sink.text(status.text());
             sink.text(", value ");
             write_number(sink, reply.value.into());
-            write_version(reply, asked.as_ref(), sink);
+            write_version(reply, request.as_ref(), sink);
         }
         (status, _) => {
             sink.text("refused: ");
@@ -425,8 +425,8 @@ fn explain_reply(reply: &Reply, at: u16, context: &Context<'_>, sink: &mut dyn E
 }
 
 /// 136 type 1: type number in the upper half, version in the lower.
-fn write_version(reply: &Reply, asked: Option<&Request>, sink: &mut dyn ExplainSink) {
-    if reply.opcode != Opcode::Version || asked.is_some_and(|asked| asked.kind != 1) {
+fn write_version(reply: &Reply, request: Option<&Request>, sink: &mut dyn ExplainSink) {
+    if reply.opcode != Opcode::Version || request.is_some_and(|request| request.kind != 1) {
         return;
     }
     let [a, b, major, minor] = reply.value.to_be_bytes();

@@ -501,8 +501,8 @@ fn write_burst(datagram: [u8; DATAGRAM], out: &mut [u8], burst: Burst) -> usize 
     let len = burst_len(burst) as usize;
     out[..len].fill(FILLER_BYTE);
     let lead = usize::from(burst.lead_bytes);
-    for place in out[lead..lead + BURST_LEN].chunks_exact_mut(DATAGRAM + 1) {
-        place[..DATAGRAM].copy_from_slice(&datagram);
+    for slot in out[lead..lead + BURST_LEN].chunks_exact_mut(DATAGRAM + 1) {
+        slot[..DATAGRAM].copy_from_slice(&datagram);
     }
     len
 }

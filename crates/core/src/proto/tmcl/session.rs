@@ -247,19 +247,19 @@ impl Session {
         &mut self,
         now: Instant,
         ticket: Ticket,
-        ask: HostRequest,
+        request: HostRequest,
     ) -> Result<(), HostRequest> {
-        let own = u16::from(ask.request.address) == self.host_address;
+        let own = u16::from(request.request.address) == self.host_address;
         if self.pending.is_some()
             || self.suspicious
-            || !self.proven_addresses.contains(ask.request.address)
+            || !self.proven_addresses.contains(request.request.address)
             || !self.link_up
             || own
             || self.events.room() < EVENT_ROOM_MIN
         {
-            return self.submit_slow_path(now, ticket, ask);
+            return self.submit_slow_path(now, ticket, request);
         }
-        self.pending = Some(PendingExchange::new(now, Some(ticket), ask, 0));
+        self.pending = Some(PendingExchange::new(now, Some(ticket), request, 0));
         Ok(())
     }
 
@@ -293,26 +293,26 @@ impl Session {
         &mut self,
         now: Instant,
         ticket: Ticket,
-        ask: HostRequest,
+        request: HostRequest,
     ) -> Result<(), HostRequest> {
         if self.events.room() < EVENT_ROOM_MIN {
-            return Err(ask);
+            return Err(request);
         }
-        if let Some(failure) = self.rejection_of(&ask) {
+        if let Some(failure) = self.rejection_of(&request) {
             self.events.push(EventSubject::Request(ticket), Err(failure));
             return Ok(());
         }
-        let stop = ask.class == RequestClass::Stop;
+        let stop = request.class == RequestClass::Stop;
         if self.pending.is_some() {
-            return if stop { self.overtake_pending(now, ticket, ask) } else { Err(ask) };
+            return if stop { self.overtake_pending(now, ticket, request) } else { Err(request) };
         }
-        if self.suspicious && !stop && !self.is_trusted(now, ask.request.address) {
-            return Err(ask);
+        if self.suspicious && !stop && !self.is_trusted(now, request.request.address) {
+            return Err(request);
         }
-        if stop || self.proven_addresses.contains(ask.request.address) {
-            self.start_request(now, Some(ticket), ask);
+        if stop || self.proven_addresses.contains(request.request.address) {
+            self.start_request(now, Some(ticket), request);
         } else {
-            self.unproven_request = Some(UnprovenRequest::new(ticket, ask, false));
+            self.unproven_request = Some(UnprovenRequest::new(ticket, request, false));
             self.send_proof_probe(now);
         }
         Ok(())
@@ -473,12 +473,12 @@ impl Session {
         }
     }
 
-    fn rejection_of(&self, ask: &HostRequest) -> Option<Failure> {
+    fn rejection_of(&self, request: &HostRequest) -> Option<Failure> {
         const RULE: &str = "this is the host's own address; give the host another with host=";
         if !self.link_up {
             return Some(Failure::LinkDown);
         }
-        let is_own = u16::from(ask.request.address) == self.host_address;
+        let is_own = u16::from(request.request.address) == self.host_address;
         is_own.then_some(Failure::Impossible(Unsupported::Forbidden(RULE)))
     }
 
@@ -488,48 +488,48 @@ impl Session {
         &mut self,
         now: Instant,
         ticket: Ticket,
-        ask: HostRequest,
+        request: HostRequest,
     ) -> Result<(), HostRequest> {
-        let Some(pending) = &mut self.pending else { return Err(ask) };
+        let Some(pending) = &mut self.pending else { return Err(request) };
         if self.pending_stop.is_some() || pending.host_request.class == RequestClass::Stop {
-            return Err(ask);
+            return Err(request);
         }
         match (pending.ticket, pending.sent) {
             // It is recalled, not overtaken.
-            (Some(_), false) if pending.attempts == 0 => return Err(ask),
+            (Some(_), false) if pending.attempts == 0 => return Err(request),
             (Some(waiting), false) => {
                 let pending = *pending;
                 self.pending = None;
                 self.mark_suspect(now, &pending, true);
                 self.finish_ticket(Some(waiting), Err(Failure::Silent));
-                self.start_request(now, Some(ticket), ask);
+                self.start_request(now, Some(ticket), request);
             }
             (Some(_), true) => {
                 pending.flags.no_retry = true;
-                self.pending_stop = Some((ticket, ask));
+                self.pending_stop = Some((ticket, request));
             }
             (None, _) => {
                 let probe = *pending;
                 self.pending = None;
                 self.mark_suspect(now, &probe, true);
-                self.start_request(now, Some(ticket), ask);
+                self.start_request(now, Some(ticket), request);
             }
         }
         Ok(())
     }
 
-    fn start_request(&mut self, now: Instant, ticket: Option<Ticket>, ask: HostRequest) {
+    fn start_request(&mut self, now: Instant, ticket: Option<Ticket>, request: HostRequest) {
         let mut ambiguous = 0;
         // After a lost MST another MST is the same request, and nothing but stops was sent since.
-        if self.suspicious && ask.request.opcode != Opcode::Mst {
-            let opcode = ask.request.opcode.number();
-            let of_module = |s: &&SuspectModule| s.module == ask.request.address;
+        if self.suspicious && request.request.opcode != Opcode::Mst {
+            let opcode = request.request.opcode.number();
+            let of_module = |s: &&SuspectModule| s.module == request.request.address;
             if let Some(suspect) = self.suspects.iter().flatten().find(of_module) {
                 ambiguous =
                     suspect.outstanding_opcodes(now).filter(|tag| *tag == opcode).count() as u8;
             }
         }
-        self.pending = Some(PendingExchange::new(now, ticket, ask, ambiguous));
+        self.pending = Some(PendingExchange::new(now, ticket, request, ambiguous));
     }
 
     /// Any other answer than the usual reply.
@@ -631,14 +631,14 @@ impl Session {
 
     #[cold]
     fn start_stop_or_probe(&mut self, now: Instant) {
-        if let Some((ticket, ask)) = self.pending_stop.take() {
-            self.start_request(now, Some(ticket), ask);
+        if let Some((ticket, request)) = self.pending_stop.take() {
+            self.start_request(now, Some(ticket), request);
         } else if let Some(waiting) = &mut self.unproven_request {
             let proven = self.proven_addresses.contains(waiting.host_request.request.address);
             *waiting = UnprovenRequest::new(waiting.ticket, waiting.host_request, proven);
             self.send_proof_probe(now);
-        } else if let Some(ask) = self.next_probe(now) {
-            self.start_request(now, None, ask);
+        } else if let Some(request) = self.next_probe(now) {
+            self.start_request(now, None, request);
         }
     }
 

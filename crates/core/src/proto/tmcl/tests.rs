@@ -350,9 +350,9 @@ fn explains_in_words() {
     assert_eq!(request.text, "ROR 0, 350: rotate right");
     let names: Vec<_> = request.fields.iter().map(|(name, _)| *name).collect();
     assert_eq!(names, ["address", "opcode", "type", "motor", "value", "checksum"]);
-    let asked = hex("01 06 01 00 00 00 00 00 08");
+    let request_bytes = hex("01 06 01 00 00 00 00 00 08");
     let profile = Some(&super::generic::GENERIC);
-    let context = Context { request: Some(&asked), profile, ..Context::default() };
+    let context = Context { request: Some(&request_bytes), profile, ..Context::default() };
     let reply = seen("02 01 64 06 00 00 02 c7 36", &context);
     assert_eq!(reply.text, "actual position = 711");
     let names: Vec<_> = reply.fields.iter().map(|(name, _)| *name).collect();

@@ -313,12 +313,12 @@ impl<'a> Tokenizer<'a> {
         let mut at = self.at;
         for piece in rest.split(',') {
             let word = piece.trim();
-            let place = at + (piece.len() - piece.trim_start().len());
+            let index = at + (piece.len() - piece.trim_start().len());
             if word.is_empty() || word.contains([' ', '\t']) {
-                return Err(TextError { at: place, expected: "one number or word between commas" });
+                return Err(TextError { at: index, expected: "one number or word between commas" });
             }
             let expected = "at most three fields: type, motor, value";
-            *fields.get_mut(count).ok_or(TextError { at: place, expected })? = Some((place, word));
+            *fields.get_mut(count).ok_or(TextError { at: index, expected })? = Some((index, word));
             count += 1;
             at += piece.len() + 1;
         }

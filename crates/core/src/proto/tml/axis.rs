@@ -201,9 +201,9 @@ impl Driver for Axis {
             }
             (false, _) => {
                 let id = u16::try_from(id).map_err(|_| Unsupported::BadBytes)?;
-                let heard = technocan::decode(&Frame::standard(id, frame.bytes)).map_err(bad)?;
-                let to = heard.to.ok_or(Unsupported::BadBytes)?;
-                Ok(Message { to, instruction: heard.instruction })
+                let content = technocan::decode(&Frame::standard(id, frame.bytes)).map_err(bad)?;
+                let to = content.to.ok_or(Unsupported::BadBytes)?;
+                Ok(Message { to, instruction: content.instruction })
             }
         };
         let message = match frame.id {
@@ -289,14 +289,14 @@ impl Driver for Axis {
 
     fn transfer_request(&self, step: TransferStep) -> Option<Result<HostRequest, Unsupported>> {
         let (instruction, class) = program::transfer_instruction(step);
-        let ask = self.new_request(instruction).with_class(class);
+        let request = self.new_request(instruction).with_class(class);
         // The pointer proves what was written.
         let with = if matches!(step, TransferStep::Write(..)) {
             Confirmation::None
         } else {
             Confirmation::Proof
         };
-        (!self.destination.group).then_some(Ok(ask.with_confirmation(with)))
+        (!self.destination.group).then_some(Ok(request.with_confirmation(with)))
     }
 
     fn program_request(&self, order: ProgramCommand) -> Option<HostRequest> {
@@ -307,8 +307,8 @@ impl Driver for Axis {
     /// A value told unasked is that of the parameter at its address; of a long one the halves may be
     /// parameters too, as SRL and SRH are.
     fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
-        let mut told = [None; REPORTS_MAX];
-        let Answer::Value { address, value, long } = *answer else { return told };
+        let mut reports = [None; REPORTS_MAX];
+        let Answer::Value { address, value, long } = *answer else { return reports };
         let high = address.wrapping_add(1);
         let found = (0..).zip(self.profile.parameters).filter_map(|(id, parameter)| {
             let (index, wide) = (parameter.index, is_long(parameter.encoding));
@@ -321,10 +321,10 @@ impl Driver for Axis {
             let raw = raw_value(Some(parameter.encoding), part);
             (parameter.space == 0).then_some(DriveReport::Parameter(ParameterId(id), raw))
         });
-        for (place, told) in told.iter_mut().zip(found) {
-            *place = Some(told);
+        for (report, reported) in reports.iter_mut().zip(found) {
+            *report = Some(reported);
         }
-        told
+        reports
     }
 }
 

@@ -100,13 +100,13 @@ impl Dissector for TmlDissector {
         }
         let request = self.context_request(context);
         match self.decode(&raw) {
-            Ok(said) => {
-                message::explain_message(&said, request.as_ref(), context.profile, sink);
-                conversation::report_value(&said, context.profile, sink);
+            Ok(parsed) => {
+                message::explain_message(&parsed, request.as_ref(), context.profile, sink);
+                conversation::report_value(&parsed, context.profile, sink);
             }
-            Err((error, said)) => {
-                match said {
-                    Some(said) => message::explain_message(&said, None, context.profile, sink),
+            Err((error, parsed)) => {
+                match parsed {
+                    Some(parsed) => message::explain_message(&parsed, None, context.profile, sink),
                     None => sink.kind("TML"),
                 }
                 sink.error(error);
@@ -135,8 +135,8 @@ impl Dissector for TmlDissector {
             wire.check_host_id(host, to.id).map_err(forbidden)?;
         }
         let (bytes, len, id) = self.encode_message(&message).map_err(forbidden)?;
-        let room = TextError { at: 0, expected: "room for 14 bytes" };
-        out.get_mut(..len).ok_or(room)?.copy_from_slice(&bytes[..len]);
+        let error = TextError { at: 0, expected: "room for 14 bytes" };
+        out.get_mut(..len).ok_or(error)?.copy_from_slice(&bytes[..len]);
         let extended = self.0 == EncapsulationKind::TmlCan;
         let answer = expected_reply::reply_len(&message, wire);
         Ok(EncodedFrame {
@@ -174,8 +174,8 @@ impl Dissector for TmlDissector {
         sink: &mut dyn ExplainSink,
     ) {
         let Ok(wire) = self.wire_for(addressing.wire) else { return };
-        if let Ok(said) = self.decode(request) {
-            expected_reply::explain_reply(&said, wire, addressing.profile, sink);
+        if let Ok(parsed) = self.decode(request) {
+            expected_reply::explain_reply(&parsed, wire, addressing.profile, sink);
         }
     }
 
@@ -183,15 +183,17 @@ impl Dissector for TmlDissector {
         match self.0 {
             // Every frame is acknowledged; single bytes are no frames.
             EncapsulationKind::Serial => frame.bytes.len() > 1,
-            _ => self.decode(frame).is_ok_and(|said| rules::is_request(said.instruction.opcode)),
+            _ => {
+                self.decode(frame).is_ok_and(|parsed| rules::is_request(parsed.instruction.opcode))
+            }
         }
     }
 
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
-        let (Ok(said), Ok(asked)) = (self.decode(frame), self.decode(request)) else {
+        let (Ok(parsed), Ok(parsed_frame)) = (self.decode(frame), self.decode(request)) else {
             return false;
         };
-        is_answer(&said, &asked)
+        is_answer(&parsed, &parsed_frame)
     }
 
     fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
@@ -200,8 +202,8 @@ impl Dissector for TmlDissector {
             let acks = byte == ACK && talk.direction != Some(Direction::ToDrive);
             return if acks { FrameRole::Acknowledgement } else { FrameRole::Unrelated };
         }
-        self.decode(frame).map_or(FrameRole::Unrelated, |said| {
-            conversation::frame_role(&said, serial, talk.direction)
+        self.decode(frame).map_or(FrameRole::Unrelated, |parsed| {
+            conversation::frame_role(&parsed, serial, talk.direction)
         })
     }
 
@@ -209,7 +211,9 @@ impl Dissector for TmlDissector {
         match frame.bytes {
             // An acknowledgement, or bytes that synchronise.
             [_] if self.0 == EncapsulationKind::Serial => Effect::NOTHING,
-            _ => self.decode(frame).map_or(Effect::UNKNOWN, |said| conversation::effect_of(&said)),
+            _ => self
+                .decode(frame)
+                .map_or(Effect::UNKNOWN, |parsed| conversation::effect_of(&parsed)),
         }
     }
 
@@ -314,19 +318,20 @@ fn to_frame(id: u32, raw: &RawFrame<'_>) -> Frame {
 
 /// Whether `said` is an answer to `asked`: by what both say, and by whom it is for where a request
 /// names its sender.
-fn is_answer(said: &ParsedFrame, asked: &ParsedFrame) -> bool {
-    let (Some(answer), Some(request)) =
-        (OnlineMessage::parse(&said.instruction), OnlineMessage::parse(&asked.instruction))
-    else {
+fn is_answer(parsed: &ParsedFrame, parsed_frame: &ParsedFrame) -> bool {
+    let (Some(answer), Some(request)) = (
+        OnlineMessage::parse(&parsed.instruction),
+        OnlineMessage::parse(&parsed_frame.instruction),
+    ) else {
         return false;
     };
-    let back = match (said.to, request.reply_to()) {
+    let back = match (parsed.to, request.reply_to()) {
         // TechnoCAN has numbers for axis IDs: the host 255 is answered as 31.
-        (Some(to), Some(sender)) if said.class.is_some() => to.id % 32 == sender.id % 32,
+        (Some(to), Some(sender)) if parsed.class.is_some() => to.id % 32 == sender.id % 32,
         (Some(to), Some(sender)) => to.id == sender.id,
         _ => true,
     };
-    back && answer.answers(&request, asked.to.unwrap_or(IdCode::BROADCAST))
+    back && answer.answers(&request, parsed_frame.to.unwrap_or(IdCode::BROADCAST))
 }
 
 /// Whom a text is for; by default the axis with the ID from the factory.

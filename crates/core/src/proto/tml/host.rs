@@ -68,13 +68,13 @@ impl SerialHost {
         };
         let line = SerialLine { stop_bits: 2, ..SerialLine::new_8n1(options.baud) };
         let waits = Timeouts::new(options, line.characters_ns(1));
-        let place = topology_of(wire, options, axes);
-        let alone = (wire == TmlWire::Rs232 || place.single_drive) && !place.scanning;
+        let topology = topology_of(wire, options, axes);
+        let alone = (wire == TmlWire::Rs232 || topology.single_drive) && !topology.scanning;
         let baud_recovery = BaudRecovery::new(
             options.baud,
-            place.relay_axis.or(place.first_axis).filter(|_| alone),
+            topology.relay_axis.or(topology.first_axis).filter(|_| alone),
         );
-        let mut session = Session::new(place, waits);
+        let mut session = Session::new(topology, waits);
         if baud_recovery.can_restore() {
             session.fallback = BaudFallback::Armed;
         }
@@ -436,7 +436,7 @@ impl Encapsulation for StandardIds {
 
     fn decode(frame: &Frame) -> Option<Result<(Option<IdCode>, Instruction), WireError>> {
         match technocan::decode(frame) {
-            Ok(heard) => Some(Ok((heard.to, heard.instruction))),
+            Ok(content) => Some(Ok((content.to, content.instruction))),
             Err(WireError::Identifier { .. }) => None,
             Err(error) => Some(Err(error)),
         }

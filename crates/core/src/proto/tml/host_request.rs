@@ -174,8 +174,8 @@ pub(super) const fn answer_tag(question: &OnlineMessage) -> u16 {
 }
 
 /// What an answer says.
-pub(super) const fn answer_of(said: &OnlineMessage) -> Option<Answer> {
-    Some(match *said {
+pub(super) const fn answer_of(message: &OnlineMessage) -> Option<Answer> {
+    Some(match *message {
         OnlineMessage::TakeData { cell, value, .. } => {
             Answer::Value { address: cell.address, value, long: cell.long }
         }

@@ -376,21 +376,21 @@ impl OnlineMessage {
     pub fn answers(&self, request: &Self, to: IdCode) -> bool {
         let from = |id: u8| to.group || to.id == 0 || to.id == id;
         match (*request, *self) {
-            (Self::GiveMeData { cell: asked, .. }, Self::TakeData { sender, cell, .. }) => {
-                asked == cell && from(sender.id)
+            (Self::GiveMeData { cell: requested, .. }, Self::TakeData { sender, cell, .. }) => {
+                requested == cell && from(sender.id)
             }
             (
-                Self::GiveMeData2 { cell: asked, .. },
+                Self::GiveMeData2 { cell: requested, .. },
                 Self::TakeData2 { sender, address, long, .. },
-            ) => asked.address == address && asked.long == long && from(sender),
+            ) => requested.address == address && requested.long == long && from(sender),
             (
-                Self::GetData { address: asked, long: wide, .. },
+                Self::GetData { address: wanted, long: wide, .. },
                 Self::GotData { sender, address, long, .. },
-            ) => asked == address && wide == long && from(sender.id),
+            ) => wanted == address && wide == long && from(sender.id),
             (Self::GetVersion { .. }, Self::TakeVersion { .. }) => true,
             (Self::Ping { .. }, Self::Pong { sender, .. }) => from(sender),
-            (Self::GetChecksum { memory: asked, .. }, Self::TakeChecksum { memory, .. }) => {
-                asked == memory
+            (Self::GetChecksum { memory: memory_space, .. }, Self::TakeChecksum { memory, .. }) => {
+                memory_space == memory
             }
             _ => false,
         }

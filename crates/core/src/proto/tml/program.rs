@@ -70,29 +70,29 @@ impl ProgramLanguage for TmlLanguage {
         let mut at = origin;
         // First where everything lies: how long an instruction is does not depend on its labels.
         visit_statements(text, &mut |statement| match statement {
-            SourceStatement::Label(place, name) => {
+            SourceStatement::Label(location, name) => {
                 count += 1;
                 let taken = find_by_name(profile, name).map(|_| EXPECTED_NO_VARIABLE);
                 let declared = declare_label(labels, count, ProgramLabel { name, address: at });
-                taken.map_or(declared, Err).map_err(|expected| place.source_error(expected))
+                taken.map_or(declared, Err).map_err(|expected| location.source_error(expected))
             }
-            SourceStatement::Code(place, text) => {
-                let (size, _) = place
+            SourceStatement::Code(location, text) => {
+                let (size, _) = location
                     .assemble_statement(text, &LanguageScope { labels: ANY_LABEL, ..blank })?;
-                at = at.checked_add(size).ok_or(place.source_error(EXPECTED_SHORTER))?;
+                at = at.checked_add(size).ok_or(location.source_error(EXPECTED_SHORTER))?;
                 Ok(())
             }
         })?;
         let scope = LanguageScope { labels: &labels[..count], ..blank };
         let mut len = 0;
         visit_statements(text, &mut |statement| {
-            let SourceStatement::Code(place, text) = statement else { return Ok(()) };
-            let (size, instruction) = place.assemble_statement(text, &scope)?;
+            let SourceStatement::Code(location, text) = statement else { return Ok(()) };
+            let (size, instruction) = location.assemble_statement(text, &scope)?;
             let whole = [&[instruction.opcode], instruction.data()];
-            let room = words
+            let space = words
                 .get_mut(len..len + usize::from(size))
-                .ok_or(place.source_error(EXPECTED_SHORTER))?;
-            room.iter_mut().zip(whole.into_iter().flatten()).for_each(|(to, word)| *to = *word);
+                .ok_or(location.source_error(EXPECTED_SHORTER))?;
+            space.iter_mut().zip(whole.into_iter().flatten()).for_each(|(to, word)| *to = *word);
             len += usize::from(size);
             Ok(())
         })?;
@@ -188,20 +188,20 @@ fn visit_statements<'t>(
         while at < code.len() {
             let len = statement_len(&code[at..]);
             let mut piece = &code[at..at + len];
-            let mut place = StatementLocation { line, at };
+            let mut location = StatementLocation { line, at };
             while let Some((name, behind)) = split_label(piece) {
                 let before = piece.len() - piece.trim_start().len();
                 show(SourceStatement::Label(
-                    StatementLocation { at: place.at + before, ..place },
+                    StatementLocation { at: location.at + before, ..location },
                     name,
                 ))?;
-                place.at += piece.len() - behind.len();
+                location.at += piece.len() - behind.len();
                 piece = behind;
             }
             let before = piece.len() - piece.trim_start().len();
             if !piece.trim().is_empty() {
-                place.at += before;
-                show(SourceStatement::Code(place, piece.trim()))?;
+                location.at += before;
+                show(SourceStatement::Code(location, piece.trim()))?;
             }
             at += len + 1;
         }
@@ -238,11 +238,11 @@ fn declare_label<'t>(
     number: usize,
     label: ProgramLabel<'t>,
 ) -> Result<(), &'static str> {
-    let (before, room) = labels.split_at_mut_checked(number - 1).ok_or(EXPECTED_FEWER_LABELS)?;
+    let (before, space) = labels.split_at_mut_checked(number - 1).ok_or(EXPECTED_FEWER_LABELS)?;
     if before.iter().any(|known| known.name.eq_ignore_ascii_case(label.name)) {
         return Err(EXPECTED_OTHER_LABEL);
     }
-    *room.first_mut().ok_or(EXPECTED_FEWER_LABELS)? = label;
+    *space.first_mut().ok_or(EXPECTED_FEWER_LABELS)? = label;
     Ok(())
 }
 

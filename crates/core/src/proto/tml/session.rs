@@ -131,8 +131,12 @@ enum RequestStage {
 
 impl RequestStage {
     /// What goes out first.
-    fn first_for(ask: &HostRequest) -> Self {
-        if ask.confirmation == Confirmation::MasterFirst { Self::SetMaster } else { Self::Request }
+    fn first_for(request: &HostRequest) -> Self {
+        if request.confirmation == Confirmation::MasterFirst {
+            Self::SetMaster
+        } else {
+            Self::Request
+        }
     }
 }
 
@@ -238,23 +242,23 @@ impl Session {
         &mut self,
         now: Instant,
         ticket: Ticket,
-        ask: HostRequest,
+        request: HostRequest,
     ) -> Result<(), HostRequest> {
         if self.events_len > EVENTS_MAX - EVENT_ROOM_MIN || self.group_answers.is_draining() {
-            return Err(ask);
+            return Err(request);
         }
-        if let Some(failure) = self.rejection_of(&ask) {
+        if let Some(failure) = self.rejection_of(&request) {
             self.push_event(EventSubject::Request(ticket), Err(failure));
             return Ok(());
         }
-        let stop = ask.class == RequestClass::Stop;
+        let stop = request.class == RequestClass::Stop;
         if self.pending.is_some() {
-            return if stop { self.overtake_pending(now, ticket, ask) } else { Err(ask) };
+            return if stop { self.overtake_pending(now, ticket, request) } else { Err(request) };
         }
-        if !stop && self.must_wait(now, &ask) {
-            return Err(ask);
+        if !stop && self.must_wait(now, &request) {
+            return Err(request);
         }
-        self.start_request(now, Some(ticket), ask);
+        self.start_request(now, Some(ticket), request);
         Ok(())
     }
 
@@ -278,11 +282,11 @@ impl Session {
             RequestPhase::SendSync(sent) => return Some(self.next_sync(now, sent)),
             _ => return None,
         }
-        let (ask, stage) = (pending.host_request, pending.stage);
+        let (request, stage) = (pending.host_request, pending.stage);
         self.counters.sent += 1;
         self.counters.resent += u64::from(pending.attempts > 0);
         (pending.attempts, pending.early_ack) = (pending.attempts + 1, false);
-        let message = self.stage_message(&ask, stage);
+        let message = self.stage_message(&request, stage);
         let left = now.plus_ns(self.timeouts.frame_ns(&message));
         if self.topology.wire.acknowledges(message.to) {
             self.set_phase(RequestPhase::AwaitAck(
@@ -340,19 +344,24 @@ impl Session {
     /// Takes a message that passed every check of the wire. `to` is `None` where the wire does not
     /// say whom it is for.
     #[inline]
-    pub(super) fn handle_message(&mut self, now: Instant, to: Option<IdCode>, said: &Instruction) {
+    pub(super) fn handle_message(
+        &mut self,
+        now: Instant,
+        to: Option<IdCode>,
+        instruction: &Instruction,
+    ) {
         let own = |code: IdCode| !code.group && self.same_axis(code.id, self.topology.own_code.id);
         if !to.is_none_or(own) {
             self.counters.foreign += 1;
             return;
         }
-        let Some(said) = OnlineMessage::parse(said) else {
+        let Some(message) = OnlineMessage::parse(instruction) else {
             self.counters.foreign += 1;
             return;
         };
-        if !self.match_answer(now, &said) {
-            match said {
-                OnlineMessage::TakeData2 { sender, .. } => self.push_unsolicited(sender, &said),
+        if !self.match_answer(now, &message) {
+            match message {
+                OnlineMessage::TakeData2 { sender, .. } => self.push_unsolicited(sender, &message),
                 _ => self.counters.late += 1,
             }
         }
@@ -386,10 +395,10 @@ impl Session {
             return;
         }
         self.group_answers.clear();
-        let asked = [self.pending.take(), self.overtaken.take()];
-        let asked = asked.map(|pending| pending.and_then(|pending| pending.ticket));
+        let requests = [self.pending.take(), self.overtaken.take()];
+        let queried = requests.map(|pending| pending.and_then(|pending| pending.ticket));
         let stop = self.pending_stop.take().map(|(ticket, _)| ticket);
-        for ticket in asked.into_iter().chain([stop]).flatten() {
+        for ticket in queried.into_iter().chain([stop]).flatten() {
             self.push_event(EventSubject::Request(ticket), Err(Failure::LinkDown));
         }
     }
@@ -403,10 +412,10 @@ impl Session {
         message
     }
 
-    fn stage_message(&self, ask: &HostRequest, stage: RequestStage) -> Message {
-        let to = ask.message.to;
+    fn stage_message(&self, request: &HostRequest, stage: RequestStage) -> Message {
+        let to = request.message.to;
         let instruction = match stage {
-            RequestStage::Request => return self.with_own_sender(&ask.message),
+            RequestStage::Request => return self.with_own_sender(&request.message),
             RequestStage::SetMaster => {
                 let own = IdCode { host: true, ..self.topology.own_code };
                 return Message {
@@ -414,7 +423,7 @@ impl Session {
                     instruction: assign_instruction(MASTERID, own.word().into(), false),
                 };
             }
-            RequestStage::Proof => match assigned_variable(&ask.message.instruction) {
+            RequestStage::Proof => match assigned_variable(&request.message.instruction) {
                 Some((address, _, long)) => give_me_data(address, long),
                 None => give_me_data(SRL, false),
             },
@@ -429,7 +438,7 @@ impl Session {
     }
 
     /// What forbids a request, whatever the time.
-    fn rejection_of(&self, ask: &HostRequest) -> Option<Failure> {
+    fn rejection_of(&self, request: &HostRequest) -> Option<Failure> {
         if !self.link_up {
             return Some(Failure::LinkDown);
         }
@@ -441,15 +450,15 @@ impl Session {
             broken_rule: broken,
             ..
         } = self.topology;
-        let Message { to, instruction } = &ask.message;
+        let Message { to, instruction } = &request.message;
         let many = to.group || to.id == 0;
         let question = host_request::query_of(instruction);
-        let speaks = ask.confirmation == Confirmation::MasterFirst;
+        let speaks = request.confirmation == Confirmation::MasterFirst;
         let beyond = wire == TmlWire::Rs232 && (to.group || relay != Some(to.id));
         let may_speak = if speaks { wire.check_unsolicited() } else { Ok(()) };
         let second =
             speaks || question.is_some_and(|question| host_request::is_group_query(&question));
-        let rule = match (broken, wire.check(&self.with_own_sender(&ask.message)), may_speak) {
+        let rule = match (broken, wire.check(&self.with_own_sender(&request.message)), may_speak) {
             (Some(rule), ..) | (_, Err(rule), _) | (.., Err(rule)) => Some(rule),
             _ if wire != TmlWire::Rs232 && !many && self.same_axis(to.id, own.id) => {
                 Some(WireRule::OwnHostId)
@@ -457,7 +466,7 @@ impl Session {
             _ if behind_technocan && beyond && second => Some(WireRule::TechnoCanRelay),
             _ => None,
         };
-        let harmless = matches!(ask.class, RequestClass::Idempotent | RequestClass::Stop);
+        let harmless = matches!(request.class, RequestClass::Idempotent | RequestClass::Stop);
         match rule {
             Some(rule) => Some(Failure::Impossible(Unsupported::Forbidden(rule.sentence()))),
             None if !many && !harmless && self.stale_replies.has_duplicate_axis(to.id) => {
@@ -468,9 +477,9 @@ impl Session {
     }
 
     /// True while an answer to this could be taken for another's, or the reverse.
-    fn must_wait(&mut self, now: Instant, ask: &HostRequest) -> bool {
+    fn must_wait(&mut self, now: Instant, request: &HostRequest) -> bool {
         self.stale_replies.expire(now);
-        let Message { to, instruction } = &ask.message;
+        let Message { to, instruction } = &request.message;
         match host_request::query_of(instruction) {
             Some(question) => {
                 !to.group
@@ -490,14 +499,15 @@ impl Session {
         }
     }
 
-    fn start_request(&mut self, now: Instant, ticket: Option<Ticket>, ask: HostRequest) {
-        let stage = RequestStage::first_for(&ask);
-        let at = if ask.class == RequestClass::Stop { now } else { now.max(self.relay_free_at) };
+    fn start_request(&mut self, now: Instant, ticket: Option<Ticket>, request: HostRequest) {
+        let stage = RequestStage::first_for(&request);
+        let at =
+            if request.class == RequestClass::Stop { now } else { now.max(self.relay_free_at) };
         let phase = RequestPhase::Ready(at);
         let (attempts, early, first) = (0, false, false);
         self.pending = Some(PendingExchange {
             ticket,
-            host_request: ask,
+            host_request: request,
             stage,
             phase,
             attempts,
@@ -549,14 +559,14 @@ impl Session {
     }
 
     /// Whether only a question tells that the drive took an instruction.
-    fn needs_proof(&self, ask: &HostRequest) -> bool {
-        let to = ask.message.to;
+    fn needs_proof(&self, request: &HostRequest) -> bool {
+        let to = request.message.to;
         let heard_by_itself = match self.topology.wire {
             TmlWire::Rs232 => self.topology.relay_axis == Some(to.id),
             TmlWire::Rs485 => true,
             TmlWire::TmlCan | TmlWire::TechnoCan => false,
         };
-        ask.confirmation != Confirmation::None && !to.group && to.id != 0 && !heard_by_itself
+        request.confirmation != Confirmation::None && !to.group && to.id != 0 && !heard_by_itself
     }
 
     fn relay_gap_ns(&self, message: &Message) -> u64 {
@@ -579,8 +589,8 @@ impl Session {
         if self.pending.is_some() || !self.link_up {
             return;
         }
-        if let Some((ticket, ask)) = self.pending_stop.take() {
-            return self.start_request(now, Some(ticket), ask);
+        if let Some((ticket, request)) = self.pending_stop.take() {
+            return self.start_request(now, Some(ticket), request);
         }
         if let Some(pending) = self.overtaken.take() {
             self.pending = Some(PendingExchange { phase: RequestPhase::Ready(now), ..pending });
@@ -593,8 +603,8 @@ impl Session {
         }
     }
 
-    fn push_unsolicited(&mut self, from: u8, said: &OnlineMessage) {
-        match host_request::answer_of(said) {
+    fn push_unsolicited(&mut self, from: u8, message: &OnlineMessage) {
+        match host_request::answer_of(message) {
             Some(answer) if self.events_len < EVENTS_MAX - EVENT_ROOM_MIN => {
                 self.note_answered(from);
                 self.push_event(EventSubject::Unsolicited(from.into()), Ok(answer));

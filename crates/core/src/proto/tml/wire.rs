@@ -145,8 +145,10 @@ impl Instruction {
     #[inline]
     pub(super) const fn from_packed(opcode: u16, words: u64, count: usize) -> Self {
         // What a driver left behind the length is no data.
-        let kept = if count < DATA_WORDS_MAX { words & !(u64::MAX << (16 * count)) } else { words };
-        let data = [kept as u16, (kept >> 16) as u16, (kept >> 32) as u16, (kept >> 48) as u16];
+        let stored =
+            if count < DATA_WORDS_MAX { words & !(u64::MAX << (16 * count)) } else { words };
+        let data =
+            [stored as u16, (stored >> 16) as u16, (stored >> 32) as u16, (stored >> 48) as u16];
         Self::from_padded(opcode, data, count)
     }
 

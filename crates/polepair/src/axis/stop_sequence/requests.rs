@@ -15,18 +15,18 @@ impl Axis {
     /// it is told.
     pub(super) fn stop_ram_mode(&self) -> Option<RamMode> {
         let ram = self.profile.ram?;
-        let kept = |id: &ParameterId| {
+        let is_stored = |id: &ParameterId| {
             let parameter = self.profile.parameter(*id);
             parameter.is_some_and(|found| found.persistence == Persistence::UnlessRam)
         };
         let steps = self.profile.plan(Verb::Stop)?.steps;
-        let writes = |step: &Step| matches!(step, Step::Write(id, _) if kept(id));
+        let writes = |step: &Step| matches!(step, Step::Write(id, _) if is_stored(id));
         steps.iter().any(writes).then_some(ram)
     }
 
     pub(super) fn start_stop(&self, part: StopPart, once: bool) -> Result<RunningRequest, Error> {
-        let asked = RequestKind::Verb(Verb::Stop);
-        self.submit_now("stop".to_owned(), asked, |axes, now, ticket| {
+        let kind = RequestKind::Verb(Verb::Stop);
+        self.submit_now("stop".to_owned(), kind, |axes, now, ticket| {
             axes.stop(now, ticket, self.index, part)?;
             if once {
                 axes.disable_retries(ticket);
@@ -58,10 +58,10 @@ impl Axis {
         &self,
         id: ParameterId,
         what: String,
-        asked: RequestKind,
+        kind: RequestKind,
         once: bool,
     ) -> Result<RunningRequest, Error> {
-        self.submit_now(what, asked, |axes, now, ticket| {
+        self.submit_now(what, kind, |axes, now, ticket| {
             axes.read_parameter(now, ticket, self.index, id)?;
             if once {
                 axes.disable_retries(ticket);
@@ -73,11 +73,11 @@ impl Axis {
     fn submit_now(
         &self,
         what: String,
-        asked: RequestKind,
+        request_kind: RequestKind,
         request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Result<RunningRequest, Error> {
         let pending =
             self.connection.submit(request).map_err(|why| self.unsupported_error(&what, why))?;
-        Ok(RunningRequest { axis: self.clone(), pending, what, kind: asked })
+        Ok(RunningRequest { axis: self.clone(), pending, what, kind: request_kind })
     }
 }

@@ -70,13 +70,14 @@ impl Axis {
         (id, from, to): (ParameterId, i64, i64),
         over: Duration,
     ) -> Error {
-        let told = |id, raw| match self.raw_to_si(id, raw).and_then(|_| self.value(id, raw).ok()) {
-            Some(value) => value.to_string(),
-            None => raw.to_string(),
-        };
+        let reported =
+            |id, raw| match self.raw_to_si(id, raw).and_then(|_| self.value(id, raw).ok()) {
+                Some(value) => value.to_string(),
+                None => raw.to_string(),
+            };
         let velocity = self.profile.signal(Signal::Velocity);
-        let speed = velocity.map_or_else(String::new, |source| told(source.parameter, speed));
-        let (from, to, ms) = (told(id, from), told(id, to), over.as_millis());
+        let speed = velocity.map_or_else(String::new, |source| reported(source.parameter, speed));
+        let (from, to, ms) = (reported(id, from), reported(id, to), over.as_millis());
         let what = format!(
             "tells a speed of {speed}, but its position went from {from} to {to} in {ms} ms"
         );
@@ -110,11 +111,11 @@ impl Axis {
             Some(Unit::Millimetre) => HOLDING_SPEED_M,
             _ => HOLDING_SPEED_RAD,
         };
-        let went = self
+        let execution = self
             .raw_to_si(id, from)
             .zip(self.raw_to_si(id, to))
             .map(|(from, to)| (to - from).abs());
-        went.is_none_or(|went| went > holds.max(speed) * over.as_secs_f64())
+        execution.is_none_or(|went| went > holds.max(speed) * over.as_secs_f64())
     }
 
     /// The nth parameter that the scale of this one depends on, while that is not known.

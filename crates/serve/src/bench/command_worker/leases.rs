@@ -3,8 +3,8 @@
 use super::*;
 
 impl CommandWorker {
-    pub(super) fn handle_lease(&mut self, ask: LeaseRequest) {
-        let LeaseRequest { axis, session, action: act, epoch, reply: tell } = ask;
+    pub(super) fn handle_lease(&mut self, request: LeaseRequest) {
+        let LeaseRequest { axis, session, action: act, epoch, reply: tell } = request;
         let granted = match act {
             LeaseAction::Take | LeaseAction::TakeOver => {
                 return self.acquire_lease(axis, &session, act == LeaseAction::TakeOver, tell);
@@ -54,9 +54,9 @@ impl CommandWorker {
             }
             false => self.context.journal.check_writable(now),
         };
-        let seat = &mut self.axes[axis].lease;
-        let before = seat.holder().map(|holder| holder.epoch);
-        let (held, lost) = match may.and_then(|()| seat.acquire(session, over, now, lasts)) {
+        let slot = &mut self.axes[axis].lease;
+        let before = slot.holder().map(|holder| holder.epoch);
+        let (held, lost) = match may.and_then(|()| slot.acquire(session, over, now, lasts)) {
             Ok(taken) => taken,
             Err(refused) => return drop(tell.send(Err(refused))),
         };
@@ -68,23 +68,23 @@ impl CommandWorker {
             return drop(tell.send(Ok(Some(lease_grant(&held)))));
         }
         let (wire, epoch) = (Arc::clone(&self.wire), held.epoch);
-        let then = move |kept: Result<(), GatewayError>| {
-            if kept.is_err() {
+        let then = move |recorded: Result<(), GatewayError>| {
+            if recorded.is_err() {
                 wire.submit_first(0, WireRequest::LeaseNotRecorded { axis, epoch });
             }
-            let _ = tell.send(kept.map(|()| Some(lease_grant(&held))));
+            let _ = tell.send(recorded.map(|()| Some(lease_grant(&held))));
         };
-        let (id, deed) =
+        let (id, action) =
             (self.axes[axis].id, if over { JournalAction::TakeOver } else { JournalAction::Lease });
-        let (what, detail) = ((session, deed, Some(id)), json!({ "epoch": epoch }));
+        let (what, detail) = ((session, action, Some(id)), json!({ "epoch": epoch }));
         self.context.journal.write_ahead(what, detail, now, Box::new(then));
     }
 
     /// Nobody was told that this lease was given.
     pub(super) fn revoke_unrecorded_lease(&mut self, axis: usize, epoch: u64) {
-        let seat = &mut self.axes[axis].lease;
-        let its = seat.holder().is_some_and(|holder| holder.epoch == epoch);
-        if let Some(lost) = its.then(|| seat.end()).flatten() {
+        let slot = &mut self.axes[axis].lease;
+        let its = slot.holder().is_some_and(|holder| holder.epoch == epoch);
+        if let Some(lost) = its.then(|| slot.end()).flatten() {
             self.end_lease(axis, lost, "the journal does not keep it");
         }
     }

@@ -29,8 +29,8 @@ impl CommandWorker {
             self.wire.scan_flag.cancel();
             let began = self.context.now();
             let mut ended = Vec::with_capacity(axes.len());
-            for (axis, said) in axes {
-                self.axes[axis].last_stop_number = said.max(self.axes[axis].last_stop_number);
+            for (axis, sequence) in axes {
+                self.axes[axis].last_stop_number = sequence.max(self.axes[axis].last_stop_number);
                 let lost = self.axes[axis].lease.end();
                 let is_new = self.stop_axis(axis, since, (StopCause::Stop, &who), report.clone());
                 ended.push((axis, lost, is_new));
@@ -58,17 +58,17 @@ impl CommandWorker {
         let watched = &mut self.axes[axis];
         watched.axis.arm(false);
         let is_new = watched.pending_stop.is_none();
-        let owed =
+        let pending =
             watched.pending_stop.get_or_insert_with(|| PendingStop::new(why, by.clone(), since));
-        owed.add_requester(why, by);
-        owed.send(&watched.axis, since, report);
+        pending.add_requester(why, by);
+        pending.send(&watched.axis, since, report);
         self.last_start = self.context.now();
         is_new
     }
 
     /// Stops an axis because whoever holds its lease says so. It stays armed and theirs: what they have it
     /// do next ends the debt.
-    pub(super) fn stop_for_holder(&mut self, said: u64, commanded: QueuedCommand) {
+    pub(super) fn stop_for_holder(&mut self, sequence: u64, commanded: QueuedCommand) {
         let QueuedCommand { axis, session, header: order, .. } = &commanded;
         let axis = *axis;
         if let Err(refused) = self.check_allowed(axis, session, order.epoch, false) {
@@ -77,27 +77,27 @@ impl CommandWorker {
         let (now, epoch) = (self.context.now(), order.epoch);
         let watched = &mut self.axes[axis];
         // What was said before it and would move is not done any more.
-        watched.last_stop_number = said.max(watched.last_stop_number);
-        let (report, told) = StopCollector::for_axes(&[watched.id], Vec::new());
+        watched.last_stop_number = sequence.max(watched.last_stop_number);
+        let (report, reply) = StopCollector::for_axes(&[watched.id], Vec::new());
         let is_new = watched.pending_stop.is_none();
         let fresh = || PendingStop::new(StopCause::Stop, session.clone(), now).for_holder(epoch);
-        let owed = watched.pending_stop.get_or_insert_with(fresh);
-        owed.send(&watched.axis, now, Some(report));
+        let pending = watched.pending_stop.get_or_insert_with(fresh);
+        pending.send(&watched.axis, now, Some(report));
         self.last_start = now;
         self.publish_pending_stop(axis, is_new);
-        self.holder_stops.push((commanded, told));
+        self.holder_stops.push((commanded, reply));
     }
 
     /// Answers those who hold a lease and said stop.
     pub(super) fn reply_to_holders(&mut self) {
         let mut at = 0;
         while at < self.holder_stops.len() {
-            let Ok(told) = self.holder_stops[at].1.try_recv() else {
+            let Ok(result) = self.holder_stops[at].1.try_recv() else {
                 at += 1;
                 continue;
             };
             let (commanded, _) = self.holder_stops.swap_remove(at);
-            let stopped = told.map(|mut stopped| stopped.axes.pop());
+            let stopped = result.map(|mut stopped| stopped.axes.pop());
             let error = match stopped {
                 Ok(Some(AxisStopReport { class: StopClass::Owed, error, .. })) => {
                     let what = "it was told to stop, and was not seen standing";
@@ -118,10 +118,10 @@ impl CommandWorker {
     /// Whoever holds the lease has the axis do something else than to stop, as they said before.
     pub(super) fn cancel_holder_stop(&mut self, axis: usize, session: &SessionName, epoch: u64) {
         let (id, now) = (self.axes[axis].id, self.context.now());
-        let of_holder = |owed: &mut PendingStop| owed.is_holder_stop(epoch);
-        let Some(mut owed) = self.axes[axis].pending_stop.take_if(of_holder) else { return };
+        let of_holder = |pending: &mut PendingStop| pending.is_holder_stop(epoch);
+        let Some(mut outstanding) = self.axes[axis].pending_stop.take_if(of_holder) else { return };
         let what = "it was set in motion again before it was seen standing";
-        owed.abandon(id, now, &GatewayError::new("gateway.owed", what));
+        outstanding.abandon(id, now, &GatewayError::new("gateway.owed", what));
         self.clear_pending_stop(axis, session, json!({ "how": "set in motion again" }), None);
     }
 
@@ -136,12 +136,12 @@ impl CommandWorker {
     /// Has the journal keep that an axis is owed a stop, and shows it.
     pub(super) fn publish_pending_stop(&mut self, axis: usize, is_new: bool) {
         let now = self.context.now();
-        let WorkerAxis { id, axis: its, pending_stop: Some(owed), .. } = &mut self.axes[axis]
+        let WorkerAxis { id, axis: its, pending_stop: Some(pending), .. } = &mut self.axes[axis]
         else {
             return;
         };
-        let (id, number, shown) = (*id, its.number(), owed.view());
-        let (alarm, is_news) = owed.update_alarm(now);
+        let (id, number, shown) = (*id, its.number(), pending.view());
+        let (alarm, is_news) = pending.update_alarm(now);
         if is_new {
             let detail = json!({ "why": shown.why, "link": self.url, "number": number });
             self.context.record(
@@ -179,18 +179,19 @@ impl CommandWorker {
     /// Says stops again that are owed, and looks how far they came.
     pub(super) fn poll_pending_stops(&mut self) {
         let now = self.context.now();
-        let owed = |watched: &&WorkerAxis| watched.pending_stop.is_some();
-        let Some(first) = self.axes.iter().find(owed) else { return };
+        let pending = |watched: &&WorkerAxis| watched.pending_stop.is_some();
+        let Some(first) = self.axes.iter().find(pending) else { return };
         self.airtime.update(&first.axis, now);
         for axis in 0..self.axes.len() {
             let watched = &mut self.axes[axis];
-            let Some(owed) = &mut watched.pending_stop else { continue };
-            let said = owed.attempts();
-            let (news, ended) = owed.poll(watched.id, &watched.axis, now, &mut self.airtime);
-            if owed.attempts() > said {
+            let Some(pending_stop) = &mut watched.pending_stop else { continue };
+            let sequence = pending_stop.attempts();
+            let (news, ended) =
+                pending_stop.poll(watched.id, &watched.axis, now, &mut self.airtime);
+            if pending_stop.attempts() > sequence {
                 self.last_start = now;
             }
-            let (alarm, is_news) = owed.update_alarm(now);
+            let (alarm, is_news) = pending_stop.update_alarm(now);
             let id = watched.id;
             if is_news && ended.is_none() {
                 self.context.publish(BenchEvent::PendingStop(id));
@@ -202,7 +203,7 @@ impl CommandWorker {
             }
             let how = match ended {
                 None => {
-                    owed.reply_to_waiters(id, &watched.axis, now, false);
+                    pending_stop.reply_to_waiters(id, &watched.axis, now, false);
                     self.wire.set_pending_stop(axis, alarm);
                     continue;
                 }
@@ -210,9 +211,11 @@ impl CommandWorker {
                 Some(StopResolution::NotKnown) => "standing not known",
                 Some(StopResolution::Impossible(_)) => "the drive has no stop",
             };
-            let (its, owed) = (watched.axis.clone(), watched.pending_stop.take());
+            let (its, pending_stop) = (watched.axis.clone(), watched.pending_stop.take());
             self.clear_pending_stop(axis, &SERVER.into(), json!({ "how": how }), None);
-            owed.into_iter().for_each(|mut owed| owed.reply_to_waiters(id, &its, now, true));
+            pending_stop
+                .into_iter()
+                .for_each(|mut pending_stop| pending_stop.reply_to_waiters(id, &its, now, true));
         }
     }
 
@@ -236,15 +239,15 @@ impl CommandWorker {
         }
         let detail = json!({ "how": "dismissed", "reason": dismiss.reason, "note": dismiss.note });
         let id = self.axes[axis].id;
-        if let Some(mut owed) = self.axes[axis].pending_stop.take() {
+        if let Some(mut pending) = self.axes[axis].pending_stop.take() {
             let what = "the stop was dismissed before the axis was seen standing";
-            owed.abandon(id, now, &GatewayError::new("gateway.owed", what));
+            pending.abandon(id, now, &GatewayError::new("gateway.owed", what));
         }
         self.clear_pending_stop(
             axis,
             &session,
             detail,
-            Some(Box::new(move |kept| drop(tell.send(kept)))),
+            Some(Box::new(move |recorded| drop(tell.send(recorded)))),
         );
     }
 
@@ -254,8 +257,8 @@ impl CommandWorker {
         let why =
             GatewayError::new("gateway.owed", "the server ends, and it was not seen standing");
         for watched in &mut self.axes {
-            let Some(owed) = &mut watched.pending_stop else { continue };
-            owed.abandon(watched.id, now, &why);
+            let Some(pending) = &mut watched.pending_stop else { continue };
+            pending.abandon(watched.id, now, &why);
             let detail = json!({ "class": StopClass::Owed, "reason": "the server ends" });
             self.context.record_by_server(JournalAction::Outcome, watched.id, detail);
             self.context.add_not_standing(format!("{} of {}", watched.axis.label(), self.url));

@@ -10,13 +10,14 @@ use crate::message::{DismissReason, DismissStop};
 /// The wire of a link's first axis, with a hand whose thread never looks.
 fn test_wire(link: &polepair::Link) -> (Arc<BenchWire>, Arc<Mutex<CommandWorker>>) {
     let wire = Arc::new(BenchWire::new(vec![(7, link.axes()[0].clone())]));
-    let desk = Arc::new(RequestWorker::new(&wire));
+    let worker = Arc::new(RequestWorker::new(&wire));
     let clock = BenchClock::from_simulations(link.simulation().into_iter());
     let shared = Arc::new(BenchContext::new(clock, &BenchOptions::default()));
     let url = "sim:".to_owned();
-    let hand = Arc::new(Mutex::new(CommandWorker::new(Arc::clone(&wire), desk, shared, url)));
-    wire.set_worker(std::thread::current(), Arc::downgrade(&hand));
-    (wire, hand)
+    let command_worker =
+        Arc::new(Mutex::new(CommandWorker::new(Arc::clone(&wire), worker, shared, url)));
+    wire.set_worker(std::thread::current(), Arc::downgrade(&command_worker));
+    (wire, command_worker)
 }
 
 fn submit_stop(wire: &BenchWire) {
@@ -34,18 +35,18 @@ fn submit_stop(wire: &BenchWire) {
 #[test]
 fn a_stop_is_sent_by_whoever_says_it_unless_the_hand_is_at_work() {
     let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
-    let (wire, hand) = test_wire(&link);
+    let (wire, worker) = test_wire(&link);
     let sent = || link.counters(&link.axes()[0]).sent;
     let before = sent();
     submit_stop(&wire);
-    assert!(sent() > before && lock_unpoisoned(&hand).axes[0].pending_stop.is_some());
+    assert!(sent() > before && lock_unpoisoned(&worker).axes[0].pending_stop.is_some());
     let before = sent();
-    let at_work = lock_unpoisoned(&hand);
+    let at_work = lock_unpoisoned(&worker);
     submit_stop(&wire);
     assert_eq!(sent(), before);
     assert!(at_work.wire.next_stop().is_some(), "the hand finds it");
     drop(at_work);
-    lock_unpoisoned(&hand).fast_send = false;
+    lock_unpoisoned(&worker).fast_send = false;
     submit_stop(&wire);
     assert_eq!(sent(), before, "it may be long, and others are to be stopped as well");
 }
@@ -53,9 +54,9 @@ fn a_stop_is_sent_by_whoever_says_it_unless_the_hand_is_at_work() {
 #[test]
 fn a_stop_that_is_said_after_a_dismissal_is_not_dismissed() {
     let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
-    let (wire, hand) = test_wire(&link);
+    let (wire, worker) = test_wire(&link);
     let dismiss = || {
-        let (tell, mut told) = oneshot::channel();
+        let (tell, mut receiver) = oneshot::channel();
         let reason = DismissReason::DriveGone;
         let dismiss = DismissStop { reason, epoch: 0, note: String::new() };
         let session = "ann".into();
@@ -66,14 +67,14 @@ fn a_stop_that_is_said_after_a_dismissal_is_not_dismissed() {
             reply: tell,
         }))
         .unwrap();
-        move || told.try_recv().unwrap().unwrap_err().code
+        move || receiver.try_recv().unwrap().unwrap_err().code
     };
     submit_stop(&wire);
     let mut before = dismiss();
     submit_stop(&wire);
-    lock_unpoisoned(&hand).run_once();
+    lock_unpoisoned(&worker).run_once();
     assert_eq!(before(), "gateway.expired");
-    assert!(lock_unpoisoned(&hand).axes[0].pending_stop.is_some());
+    assert!(lock_unpoisoned(&worker).axes[0].pending_stop.is_some());
 }
 
 #[test]

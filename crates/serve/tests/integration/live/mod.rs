@@ -41,9 +41,9 @@ fn values_arrive_in_order_until_they_are_not_wanted() {
     let mut ann = site.live_as("viewer");
     next(&mut ann, "welcome");
     subscribe(&mut ann, 7, 1, "velocity");
-    let told = next(&mut ann, "subscribed");
-    assert_eq!((&told["channel"], &told["unit"]), (&json!(7), &json!("rad/s")), "{told}");
-    assert!(told["hz"].as_f64().unwrap() > 0.0 && told["source"] == "polled", "{told}");
+    let report = next(&mut ann, "subscribed");
+    assert_eq!((&report["channel"], &report["unit"]), (&json!(7), &json!("rad/s")), "{report}");
+    assert!(report["hz"].as_f64().unwrap() > 0.0 && report["source"] == "polled", "{report}");
     let mut all: Vec<(u64, f64)> = Vec::new();
     while all.len() < 50 {
         let (channel, rows) = next_samples(&mut ann);
@@ -94,13 +94,13 @@ fn a_stop_goes_before_what_its_viewer_said_before_it() {
     let mut ann = site.live_as("operator");
     next(&mut ann, "welcome");
     // All of it is sent together and read together, the stop behind it.
-    let said = [
+    let lines = [
         json!({ "type": "lease", "axis": 0, "act": "take" }),
         json!({ "type": "release" }),
         json!({ "type": "stop", "reason": "enough" }),
     ];
-    for said in said {
-        ann.write(Message::text(said.to_string())).unwrap();
+    for value in lines {
+        ann.write(Message::text(value.to_string())).unwrap();
     }
     ann.flush().unwrap();
     for about in ["lease", "release"] {
@@ -137,18 +137,19 @@ fn who_watches_sees_the_motors_stop_when_the_server_ends() {
     }
     let server = site.server.take();
     let ends = std::thread::spawn(move || drop(server));
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     while let Ok(message) = ann.read() {
         if let Message::Text(text) = message {
-            heard.push(serde_json::from_str::<Value>(&text).unwrap());
+            received.push(serde_json::from_str::<Value>(&text).unwrap());
         }
     }
     ends.join().unwrap();
-    let ended = |told: &Value| told["type"] == "axis" && told["id"] == 0 && told["lease"].is_null();
-    assert!(heard.iter().any(ended), "the lease's end: {heard:?}");
-    let class = |told: &Value| told["axes"][0]["class"].as_str().map(str::to_owned);
-    let mut stops = heard.iter().filter(|told| told["type"] == "stopped").filter_map(class);
-    assert_eq!(stops.next_back().as_deref(), Some("standing"), "{heard:?}");
+    let ended =
+        |value: &Value| value["type"] == "axis" && value["id"] == 0 && value["lease"].is_null();
+    assert!(received.iter().any(ended), "the lease's end: {received:?}");
+    let class = |value: &Value| value["axes"][0]["class"].as_str().map(str::to_owned);
+    let mut stops = received.iter().filter(|value| value["type"] == "stopped").filter_map(class);
+    assert_eq!(stops.next_back().as_deref(), Some("standing"), "{received:?}");
     site.end();
 }
 
@@ -231,15 +232,16 @@ fn a_capture_is_taken_in_paged_and_taken_apart() {
     assert_eq!(opened.status, 200, "{opened:?}");
     let opened = opened.json();
     assert_eq!((&opened["name"], &opened["page"]["total"]), (&json!("bus.log"), &json!(300)));
-    let ask = |path: &str| site.get(&format!("/api/v1/captures/{path}"), &site.bearer("viewer"));
+    let request =
+        |path: &str| site.get(&format!("/api/v1/captures/{path}"), &site.bearer("viewer"));
     let id = opened["id"].as_str().unwrap();
-    let page = ask(&format!("{id}?from=290&count=5")).json();
+    let page = request(&format!("{id}?from=290&count=5")).json();
     assert_eq!((page["items"].as_array().unwrap().len(), &page["next"]), (5, &json!(295)));
     // One that was shown, and one that has to be looked for again once others were shown.
-    let fields = ask(&format!("{id}/frames/290"));
+    let fields = request(&format!("{id}/frames/290"));
     assert!(fields.json().as_array().unwrap().len() > 2, "{fields:?}");
-    assert_eq!(ask(&format!("{id}/frames/300")).status, 404);
-    assert_eq!(ask("capture-9?from=0").code(), "gateway.missing");
+    assert_eq!(request(&format!("{id}/frames/300")).status, 404);
+    assert_eq!(request("capture-9?from=0").code(), "gateway.missing");
     let nothing = site.send("POST /api/v1/captures", &heads, "nonsense");
     assert_eq!(nothing.code(), "E510");
     let long = "x".repeat((64 << 20) + 1);

@@ -42,7 +42,7 @@ impl JournalSink for Kept {
 impl Kept {
     fn of(&self, wanted: JournalAction) -> Vec<Value> {
         let records = self.0.lock().unwrap();
-        records.iter().filter(|(_, deed, _)| *deed == wanted).map(|(.., d)| d.clone()).collect()
+        records.iter().filter(|(_, action, _)| *action == wanted).map(|(.., d)| d.clone()).collect()
     }
 }
 
@@ -83,16 +83,16 @@ impl Site {
         let served = line.clone().serve::<Stream>(Box::new(end));
         let url = format!("{scheme}+tcp://{}#{axes}", proxy.address);
         let owed_before = before(&url, &line, &proxy);
-        let kept = Arc::new(Kept::default());
+        let stored = Arc::new(Kept::default());
         let options = BenchOptions {
-            journal: kept.clone(),
+            journal: stored.clone(),
             inherited_stops: owed_before,
             // Nobody renews here while something else is waited for.
             lease_duration: LONG,
             ..BenchOptions::default()
         };
         let bench = Bench::open(&[url], options).unwrap();
-        Self { bench, proxy, kept, line, ids: 0, ann: "ann".into(), _served: served }
+        Self { bench, proxy, kept: stored, line, ids: 0, ann: "ann".into(), _served: served }
     }
 
     fn truth(&self) -> GroundTruth {
@@ -217,7 +217,7 @@ fn a_stop_that_is_said_while_the_port_is_refused_arrives_once_it_is_open() {
         site.spin();
         site.proxy.set(Mode::Refuse);
         until("the link is lost", || site.is_lost());
-        site.owed("it is owed a stop", |owed| owed.why == StopCause::LinkLost);
+        site.owed("it is owed a stop", |pending| pending.why == StopCause::LinkLost);
         let stopped = site.bench.stop(&"bob".into(), &StopRequest::default()).wait().unwrap();
         assert_eq!(stopped.axes[0].class, StopClass::Owed, "{stopped:?}");
         assert!(stopped.axes[0].error.is_some(), "why it did not arrive: {stopped:?}");
@@ -256,7 +256,7 @@ fn a_stop_into_silence_is_said_until_the_motor_stands_and_never_called_taken_bef
         let lost = site.proxy.lost();
         // Its client is gone: nobody says STOP.
         site.bench.end_session(&site.ann);
-        site.owed("it was said again", |owed| owed.said >= 3 && owed.error.is_some());
+        site.owed("it was said again", |pending| pending.said >= 3 && pending.error.is_some());
         assert!(site.proxy.lost() > lost && site.truth().velocity.abs() > 10.0);
         while let Ok(event) = events.try_recv() {
             let BenchEvent::Stopped(stopped) = event else { continue };
@@ -280,7 +280,7 @@ fn a_stop_of_which_the_last_step_alone_was_answered_is_owed() {
     site.spin();
     site.proxy.set(Mode::Lose(is_first_of_a_stop));
     drop(site.bench.stop(&"bob".into(), &StopRequest::default()));
-    site.owed("it was said again", |owed| owed.said >= 2 && owed.class <= StopClass::Sent);
+    site.owed("it was said again", |pending| pending.said >= 2 && pending.class <= StopClass::Sent);
     assert!(site.truth().velocity.abs() > 10.0, "what stops it in speed mode was lost");
     site.proxy.set(Mode::Pass);
     site.paid();
@@ -302,7 +302,7 @@ fn a_stop_under_a_lease_is_said_until_the_motor_stands() {
         until("it turns", || site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Silent);
         let stop = site.start(epoch, "stop", None);
-        site.owed("it was said again", |owed| owed.said >= 3 && owed.error.is_some());
+        site.owed("it was said again", |pending| pending.said >= 3 && pending.error.is_some());
         assert!(site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Pass);
         let outcome = stop.wait().unwrap();
@@ -318,7 +318,7 @@ fn nothing_moves_that_is_owed_a_stop_unless_its_holder_takes_it_over_knowingly()
     site.spin();
     site.proxy.set(Mode::Silent);
     drop(site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), reason: String::new() }));
-    site.owed("it is owed a stop", |owed| owed.error.is_some());
+    site.owed("it is owed a stop", |pending| pending.error.is_some());
     let epoch = site.take();
     assert_eq!(site.say(epoch, "arm", None).unwrap_err().code, "gateway.owed");
     let dismiss = |reason, epoch| DismissStop { reason, epoch, note: "seen".into() };

@@ -68,19 +68,19 @@ fn t02_names_that_others_made_up_do_not_reach_it() {
     let site = Site::new();
     let bearer = site.bearer("operator");
     let port = site.address.port();
-    let ask = |host: &str| {
+    let request = |host: &str| {
         let host = if host.is_empty() { String::new() } else { format!("Host: {host}\r\n") };
         let line = "GET /api/v1/bench HTTP/1.1\r\n";
         site.say(&format!("{line}{host}{bearer}Connection: close\r\n\r\n")).status
     };
     for host in ["evil.test", "127.0.0.1", "127.0.0.1:1", "127.0.0.1.evil.test"] {
-        assert_eq!(ask(host), 421, "{host}");
+        assert_eq!(request(host), 421, "{host}");
     }
-    assert_eq!(ask(&format!("evil.test:{port}")), 421);
-    assert!([400, 421].contains(&ask("")), "no host at all");
-    assert_eq!(ask(&format!("127.0.0.1:{port}\r\nHost: evil.test")), 421, "two hosts");
+    assert_eq!(request(&format!("evil.test:{port}")), 421);
+    assert!([400, 421].contains(&request("")), "no host at all");
+    assert_eq!(request(&format!("127.0.0.1:{port}\r\nHost: evil.test")), 421, "two hosts");
     for host in ["127.0.0.1", "localhost", "[::1]"] {
-        assert_eq!(ask(&format!("{host}:{port}")), 200, "{host}");
+        assert_eq!(request(&format!("{host}:{port}")), 200, "{host}");
     }
     site.end();
 }
@@ -211,9 +211,9 @@ fn t06_a_browser_outlives_the_servers_restart_and_not_its_token() {
     assert_eq!(site.get("/api/v1/bench", &cookie).status, 200);
     let live = [("Cookie", cookie.trim()[8..].to_owned()), ("Origin", format!("http://{bind}"))];
     assert!(site.live(&live).is_ok(), "it watches and stops at once");
-    let asked = format!("{cookie}Content-Type: application/json\r\nX-Polepair: 1\r\n");
-    assert_eq!(site.send("POST /api/v1/stop", &asked, "{}").status, 200);
-    let foreign = format!("{asked}Origin: http://evil.test\r\n");
+    let request = format!("{cookie}Content-Type: application/json\r\nX-Polepair: 1\r\n");
+    assert_eq!(site.send("POST /api/v1/stop", &request, "{}").status, 200);
+    let foreign = format!("{request}Origin: http://evil.test\r\n");
     assert_eq!(site.send("POST /api/v1/stop", &foreign, "{}").code(), "gateway.origin");
     drop(site);
     std::fs::remove_file(folder.join("tokens")).unwrap();
@@ -303,8 +303,8 @@ fn t08_what_is_late_or_said_twice_is_not_carried_out() {
     let second = next(&mut ann, "outcome");
     assert_eq!((&first["replayed"], &second["replayed"]), (&json!(false), &json!(true)));
     assert_eq!(first["outcome"], second["outcome"]);
-    let told = site.journal();
-    let sent = told.iter().filter(|r| r["deed"] == "command" && r["detail"]["id"] == "twice");
+    let reports = site.journal();
+    let sent = reports.iter().filter(|r| r["deed"] == "command" && r["detail"]["id"] == "twice");
     assert_eq!(sent.count(), 1);
     site.end();
 }
@@ -389,7 +389,7 @@ fn t14_what_was_done_is_written_and_cannot_be_changed_unseen() {
     let records = site.get("/api/v1/journal?count=1000", &site.bearer("viewer")).json();
     let records = records.as_array().unwrap().clone();
     let deeds: Vec<&str> = records.iter().map(|record| record["deed"].as_str().unwrap()).collect();
-    let at = |deed: &str| deeds.iter().position(|d| *d == deed);
+    let at = |action: &str| deeds.iter().position(|d| *d == action);
     assert!(at("started") < at("lease") && at("lease") < at("command"), "{deeds:?}");
     assert!(at("command") < at("outcome") && at("command").is_some(), "{deeds:?}");
     assert_eq!(records[at("command").unwrap()]["who"], session);
@@ -397,8 +397,8 @@ fn t14_what_was_done_is_written_and_cannot_be_changed_unseen() {
     let verified = polepair_serve::journal::verify(&file).unwrap().unwrap();
     assert!(verified.records >= records.len() as u64);
     let mut bytes = std::fs::read(&file).unwrap();
-    let place = bytes.iter().position(|byte| *byte == b'\n').unwrap() + 40;
-    bytes[place] ^= 1;
+    let index = bytes.iter().position(|byte| *byte == b'\n').unwrap() + 40;
+    bytes[index] ^= 1;
     let copy = site.folder.join("copy.jsonl");
     std::fs::write(&copy, bytes).unwrap();
     let broken = polepair_serve::journal::verify(&copy).unwrap().unwrap_err();
@@ -407,13 +407,13 @@ fn t14_what_was_done_is_written_and_cannot_be_changed_unseen() {
     let text = std::fs::read_to_string(&file).unwrap();
     let lines: Vec<&str> = text.lines().collect();
     let hash = |line: &str| blake3::Hash::from_hex(&line[line.len() - 66..][..64]).unwrap();
-    let (said, _) = lines[1].rsplit_once(",\"hash\":").unwrap();
-    let said = format!("{}}}", said.replacen("\"axis\":0", "\"axis\":1", 1));
-    assert!(!lines[1].starts_with(&said[..said.len() - 1]), "it is changed");
+    let (output, _) = lines[1].rsplit_once(",\"hash\":").unwrap();
+    let message = format!("{}}}", output.replacen("\"axis\":0", "\"axis\":1", 1));
+    assert!(!lines[1].starts_with(&message[..message.len() - 1]), "it is changed");
     let mut hasher = blake3::Hasher::new();
-    hasher.update(hash(lines[0]).as_bytes()).update(said.as_bytes());
+    hasher.update(hash(lines[0]).as_bytes()).update(message.as_bytes());
     let forged =
-        format!("{},\"hash\":\"{}\"}}", &said[..said.len() - 1], hasher.finalize().to_hex());
+        format!("{},\"hash\":\"{}\"}}", &message[..message.len() - 1], hasher.finalize().to_hex());
     std::fs::write(&copy, text.replacen(lines[1], &forged, 1)).unwrap();
     let broken = polepair_serve::journal::verify(&copy).unwrap().unwrap_err();
     assert_eq!(broken.record, 2);

@@ -50,12 +50,12 @@ fn t09_a_raw_request_is_sent_once_and_its_motion_ends_with_the_lease() {
     let refused = say(&site, "unarmed", &epoch, "ROR 0, 500").json();
     assert_eq!(refused["outcome"], "not_done", "{refused}");
     let renewed = || {
-        let kept = site.post(
+        let answer = site.post(
             "POST /api/v1/axes/0/lease/renew",
             "expert",
             &json!({ "epoch": epoch }).to_string(),
         );
-        assert_eq!(kept.status, 200, "{kept:?}");
+        assert_eq!(answer.status, 200, "{answer:?}");
     };
     renewed();
     let arm = json!({ "id": "arm", "issued_ms": now_ms(), "ttl_ms": 5000, "epoch": epoch,
@@ -66,9 +66,9 @@ fn t09_a_raw_request_is_sent_once_and_its_motion_ends_with_the_lease() {
     assert_eq!((&first["outcome"], &first["replayed"]), (&json!("done"), &json!(false)), "{first}");
     let again = say(&site, "spin", &epoch, "ROR 0, 500").json();
     assert_eq!((&again["outcome"], &again["replayed"]), (&json!("done"), &json!(true)));
-    let told = site.journal();
-    let said = told.iter().filter(|r| r["deed"] == "command" && r["detail"]["id"] == "spin");
-    assert_eq!(said.count(), 1);
+    let reports = site.journal();
+    let lines = reports.iter().filter(|r| r["deed"] == "command" && r["detail"]["id"] == "spin");
+    assert_eq!(lines.count(), 1);
     let speed = || bench.truth(0).unwrap().velocity.abs();
     until(|| {
         renewed();

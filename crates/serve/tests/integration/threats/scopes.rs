@@ -96,7 +96,7 @@ fn t10_the_websocket_asks_for_the_same_scopes() {
     let site = site("read,stop,move,configure,raw");
     let command = json!({ "type": "command", "axis": 0, "id": "x", "issued_ms": 0, "epoch": 0,
                           "verb": "arm" });
-    let said: [(_, &[&str]); 6] = [
+    let lines: [(_, &[&str]); 6] = [
         (json!({ "type": "unsubscribe", "channel": 1 }), &WORDS),
         (json!({ "type": "explain", "n": 0 }), &WORDS),
         (command, &["move"]),
@@ -106,7 +106,7 @@ fn t10_the_websocket_asks_for_the_same_scopes() {
     ];
     for word in WORDS {
         let mut socket = site.live_as(&format!("live-{word}"));
-        for (message, may) in &said {
+        for (message, may) in &lines {
             tell(&mut socket, message);
             let expected = !may.contains(&word);
             // A refusal may be overtaken by an answer to what was said later.

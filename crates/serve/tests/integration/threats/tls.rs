@@ -45,8 +45,8 @@ fn asked(site: &Site, shown: Option<Shown>) -> String {
         site.bearer("operator")
     );
     let mut answer = [0; 12];
-    let said = stream.write_all(request.as_bytes()).and_then(|()| stream.read_exact(&mut answer));
-    said.map(|()| String::from_utf8_lossy(&answer).into_owned()).unwrap_or_default()
+    let result = stream.write_all(request.as_bytes()).and_then(|()| stream.read_exact(&mut answer));
+    result.map(|()| String::from_utf8_lossy(&answer).into_owned()).unwrap_or_default()
 }
 
 #[test]

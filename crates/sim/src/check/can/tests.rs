@@ -37,7 +37,7 @@ fn copies_within_what_copies_have_shifted_are_copies_too() {
     let named = |name| {
         *ids.iter().find(|id| profile.parameters[usize::from(id.0)].name == name).expect(name)
     };
-    let asked = [named("target velocity"), named("target position"), named("actual velocity")];
+    let requests = [named("target velocity"), named("target position"), named("actual velocity")];
     let mut random = Random::new(8);
     let end = Instant::ZERO.plus_ms(6_000);
     let mut tickets = 0;
@@ -47,7 +47,7 @@ fn copies_within_what_copies_have_shifted_are_copies_too() {
         // Two wait at any time, so that the host never rests.
         for _ in 0..2 {
             tickets += 1;
-            let id = random.pick(&asked);
+            let id = random.pick(&requests);
             world.with_node(node, |n, now| {
                 n.axes().map(|a| a.read_parameter(now, Ticket(tickets), axis, id))
             });

@@ -55,23 +55,23 @@ fn what_is_executed_twice_is_noticed() {
 
 #[test]
 fn a_way_that_is_left_is_noticed() {
-    let place = |position| GroundTruth { position, velocity: 1.0, ..held() };
+    let locate = |position| GroundTruth { position, velocity: 1.0, ..held() };
     let mut witness = rested();
     witness.record_verb(at(1_001), &held(), Some(-5.0));
-    assert_eq!(witness.check(at(1_002), place(-5.1), true), None);
-    assert_eq!(invariant(witness.check(at(1_003), place(-5.5), true)), Some("I14"));
+    assert_eq!(witness.check(at(1_002), locate(-5.1), true), None);
+    assert_eq!(invariant(witness.check(at(1_003), locate(-5.5), true)), Some("I14"));
     witness.record_verb(at(1_004), &held(), Some(-5.0));
-    assert_eq!(witness.check(at(1_005), place(-9.0), true), None, "it did not begin at rest");
+    assert_eq!(witness.check(at(1_005), locate(-9.0), true), None, "it did not begin at rest");
 }
 
 #[test]
 fn a_ramp_may_start_anew_from_the_motor() {
     let set = |velocity| Some(Setpoint { velocity, ..Setpoint::default() });
     let turning = GroundTruth { velocity: 3.0, ..held() };
-    for (asked, expected) in [(3.9, None), (4.9, Some("I14"))] {
+    for (requested, expected) in [(3.9, None), (4.9, Some("I14"))] {
         let mut witness = rested();
         assert_eq!(witness.check(at(1_010), turning, true), None);
-        let anew = GroundTruth { setpoint: set(asked), ..turning };
+        let anew = GroundTruth { setpoint: set(requested), ..turning };
         assert_eq!(invariant(witness.check(at(1_020), anew, true)), expected);
     }
 }

@@ -187,11 +187,11 @@ fn two_nodes_of_one_number_that_answer_in_turn_are_told_and_not_moved() {
         }
         for verb in [Verb::Enable, Verb::Clear] {
             let outcome = bench.verb(0, verb);
-            let told = matches!(
+            let reported = matches!(
                 outcome.failure(),
                 Some(Failure::NotReady { hint }) if hint.contains("two nodes answer")
             );
-            assert!(told || verb == Verb::Clear, "{outcome:?}");
+            assert!(reported || verb == Verb::Clear, "{outcome:?}");
         }
         let outcome = bench.write(0, "profile velocity", 5_000);
         assert!(matches!(outcome, Outcome::NotDone(Failure::NotReady { .. })), "{outcome:?}");

@@ -12,8 +12,8 @@ fn odds(bench: &mut Bench) -> Vec<(AnomalyKind, String)> {
     let (mut odds, mut seen) = (Vec::new(), None);
     let mut keep = |notices: &[SessionNotice]| {
         odds.extend(notices.iter().filter_map(|notice| match notice {
-            SessionNotice::Anomaly(odd) => {
-                Some((odd.kind, format!("{:?}: {}", odd.axis, odd.text)))
+            SessionNotice::Anomaly(anomaly) => {
+                Some((anomaly.kind, format!("{:?}: {}", anomaly.axis, anomaly.text)))
             }
             _ => None,
         }));

@@ -20,8 +20,8 @@ fn watched(seed: u64, option: i64, within: u32) -> Bench {
 
 /// Lives on until the motor is not driven as before, at most for `limit` ms; tells for how long it was.
 fn until_it_reacts(bench: &mut Bench, limit: u32) -> u32 {
-    let begun = bench.world.now();
-    while bench.world.now() < begun.plus_ms(limit) {
+    let started_at = bench.world.now();
+    while bench.world.now() < started_at.plus_ms(limit) {
         bench.pass(1);
         let truth = bench.truth(0);
         let driven = truth.enabled && truth.setpoint.is_none_or(|set| set.velocity > SPEED - 0.1);
@@ -29,7 +29,7 @@ fn until_it_reacts(bench: &mut Bench, limit: u32) -> u32 {
             break;
         }
     }
-    bench.world.now().since(begun).as_millis() as u32
+    bench.world.now().since(started_at).as_millis() as u32
 }
 
 /// What must have become of the axis once its master is lost.
@@ -103,8 +103,8 @@ fn a_lost_node_is_told_and_the_others_stay_under_command() {
         while bench.is_armed(1) && bench.world.now() < lost.plus_ms(1_000) {
             bench.pass(1);
         }
-        let told = bench.world.now().since(lost).as_millis() as u32;
-        assert!((period..=2 * period + 2).contains(&told), "{told} ms at {period} ms");
+        let reported = bench.world.now().since(lost).as_millis() as u32;
+        assert!((period..=2 * period + 2).contains(&reported), "{reported} ms at {period} ms");
         for axis in [0, 2] {
             assert!(bench.is_armed(axis), "axis {axis}");
             bench.turns(axis, SPEED);

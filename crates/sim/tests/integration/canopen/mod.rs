@@ -134,11 +134,11 @@ impl Bench {
 
     fn start(
         &mut self,
-        ask: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+        request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Ticket {
         self.tickets += 1;
         let ticket = Ticket(self.tickets);
-        self.axes(|axes, now| ask(axes, now, ticket)).unwrap();
+        self.axes(|axes, now| request(axes, now, ticket)).unwrap();
         ticket
     }
 
@@ -159,9 +159,9 @@ impl Bench {
 
     fn run(
         &mut self,
-        ask: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
+        request: impl FnOnce(&mut dyn Axes, Instant, Ticket) -> Result<(), Unsupported>,
     ) -> Outcome {
-        let ticket = self.start(ask);
+        let ticket = self.start(request);
         self.end(ticket)
     }
 

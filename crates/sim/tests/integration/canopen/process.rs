@@ -108,7 +108,7 @@ fn a_storm_of_emergencies_keeps_nobody_from_working() {
         let every_us = 280 + bench.random.below(120);
         bench.flood(frame, 5_000, every_us);
         bench.pass(10);
-        let begun = bench.world.now();
+        let started_at = bench.world.now();
         assert_eq!(bench.fault(0), i64::from(code));
         for axis in [0, 1] {
             for _ in 0..10 {
@@ -117,7 +117,7 @@ fn a_storm_of_emergencies_keeps_nobody_from_working() {
         }
         done(bench.verb(1, Verb::Stop));
         bench.rests(1);
-        let took = bench.world.now().since(begun).as_millis();
+        let took = bench.world.now().since(started_at).as_millis();
         assert!(took < 1_000, "{took} ms");
         // The drive itself has no fault, so it can be enabled.
         done(bench.verb(0, Verb::Enable));
@@ -144,17 +144,17 @@ fn a_storm_that_nobody_listens_to_is_bounded_and_counted() {
         let storm = world.add_node(Box::new(CanStationNode(Talker::new(frame, times, 300))));
         world.plug_intruder(wire, storm);
         world.run_until(Instant::ZERO.plus_ms(random.below(500) as u32));
-        let ask = HostRequest::Read { node: 2, object: ObjectIndex::new(0x1000, 0) };
-        world.with_node(host, |_, now| bare.host().submit(now, Ticket(1), ask)).unwrap();
+        let request = HostRequest::Read { node: 2, object: ObjectIndex::new(0x1000, 0) };
+        world.with_node(host, |_, now| bare.host().submit(now, Ticket(1), request)).unwrap();
         world.run_until(Instant::ZERO.plus_ms(3_000));
         let mut host = bare.host();
         let events: Vec<_> = std::iter::from_fn(|| host.poll_event().copied()).collect();
         assert!(
             events.iter().any(|(to, end)| *to == EventSubject::Request(Ticket(1)) && end.is_ok())
         );
-        let told =
+        let reported =
             events.iter().filter(|(to, _)| *to == EventSubject::Unsolicited(3)).count() as u64;
-        assert!((1..u64::from(times)).contains(&told), "{told} of {times}");
-        assert_eq!(told + host.counters().late, u64::from(times), "none is lost uncounted");
+        assert!((1..u64::from(times)).contains(&reported), "{reported} of {times}");
+        assert_eq!(reported + host.counters().late, u64::from(times), "none is lost uncounted");
     });
 }

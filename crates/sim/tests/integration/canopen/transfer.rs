@@ -38,7 +38,7 @@ impl Desk {
         let mut bench =
             Bench { world, random, wire, host: node, drives, profiles, tickets: 0, ends };
         bench.pass(50);
-        let mut desk = Self { bench, bare, node };
+        let mut fixture = Self { bench, bare, node };
         let length = HostRequest::Write {
             node: NODE,
             object: LENGTH,
@@ -46,16 +46,18 @@ impl Desk {
             len: 4,
             class: RequestClass::ReadBack,
         };
-        assert!(desk.ask(length).is_ok());
-        desk
+        assert!(fixture.ask(length).is_ok());
+        fixture
     }
 
-    fn begin(&mut self, ask: HostRequest) -> Ticket {
+    fn begin(&mut self, request: HostRequest) -> Ticket {
         self.bench.tickets += 1;
         let ticket = Ticket(self.bench.tickets);
         let bare = &self.bare;
-        let taken =
-            self.bench.world.with_node(self.node, |_, now| bare.host().submit(now, ticket, ask));
+        let taken = self
+            .bench
+            .world
+            .with_node(self.node, |_, now| bare.host().submit(now, ticket, request));
         taken.expect("the node is idle");
         ticket
     }
@@ -82,8 +84,8 @@ impl Desk {
         None
     }
 
-    fn ask(&mut self, ask: HostRequest) -> Result<Answer, Failure> {
-        let ticket = self.begin(ask);
+    fn ask(&mut self, request: HostRequest) -> Result<Answer, Failure> {
+        let ticket = self.begin(request);
         let until = self.bench.world.now().plus_ms(20_000);
         self.finish(ticket, until).expect("every ticket ends")
     }
@@ -106,14 +108,14 @@ fn download(block: bool) -> HostRequest {
 
 /// The node is lost somewhere within the transfer; the ticket ends, whoever is asked next is
 /// answered, and the same transfer goes through.
-fn lost_in_the_middle(ask: HostRequest) {
+fn lost_in_the_middle(request: HostRequest) {
     seeds(|seed| {
-        let mut desk = Desk::new(seed);
+        let mut fixture = Desk::new(seed);
         // How long it takes when nothing goes wrong.
-        let begun = desk.bench.world.now();
+        let started_at = fixture.bench.world.now();
         let whole = Ok(Answer::Transferred(SIZE));
-        assert_eq!(desk.ask(ask), whole);
-        let took = desk.bench.world.now().since(begun).as_nanos() as u64;
+        assert_eq!(fixture.ask(request), whole);
+        let took = fixture.bench.world.now().since(started_at).as_nanos() as u64;
         for loss in [Loss::Pulled, Loss::Powered] {
             if loss == Loss::Powered {
                 let length = HostRequest::Write {
@@ -123,29 +125,32 @@ fn lost_in_the_middle(ask: HostRequest) {
                     len: 4,
                     class: RequestClass::ReadBack,
                 };
-                assert!(desk.ask(length).is_ok());
+                assert!(fixture.ask(length).is_ok());
             }
-            let ticket = desk.begin(ask);
-            let middle =
-                desk.bench.world.now().plus_ns(took / 20 + desk.bench.random.below(took * 9 / 10));
-            assert_eq!(desk.finish(ticket, middle), None, "{loss:?}");
-            desk.lose(loss);
-            let lost = desk.bench.world.now();
+            let ticket = fixture.begin(request);
+            let middle = fixture
+                .bench
+                .world
+                .now()
+                .plus_ns(took / 20 + fixture.bench.random.below(took * 9 / 10));
+            assert_eq!(fixture.finish(ticket, middle), None, "{loss:?}");
+            fixture.lose(loss);
+            let lost = fixture.bench.world.now();
             let until = lost.plus_ms(20 * TIMEOUT_MS);
-            let ended = desk.finish(ticket, until);
-            let waited = desk.bench.world.now().since(lost).as_millis() as u32;
+            let ended = fixture.finish(ticket, until);
+            let waited = fixture.bench.world.now().since(lost).as_millis() as u32;
             assert!(
                 matches!(ended, Some(Err(Failure::Silent | Failure::Refused { .. }))),
                 "{loss:?}: {ended:?}"
             );
             assert!(waited <= 4 * TIMEOUT_MS, "{loss:?}: {waited} ms");
-            desk.bench.pull(0, false);
-            desk.bench.pass(10);
+            fixture.bench.pull(0, false);
+            fixture.bench.pass(10);
             // Its server is free: for something short, and for the same again.
-            let answer = desk.ask(HostRequest::Read { node: NODE, object: LENGTH });
+            let answer = fixture.ask(HostRequest::Read { node: NODE, object: LENGTH });
             assert!(matches!(answer, Ok(Answer::Value { .. })), "{loss:?}: {answer:?}");
             if loss == Loss::Pulled {
-                assert_eq!(desk.ask(ask), whole, "{loss:?}");
+                assert_eq!(fixture.ask(request), whole, "{loss:?}");
             }
         }
     });
@@ -175,16 +180,17 @@ fn node_lost_in_the_middle_of_a_download_in_blocks() {
 #[test]
 fn host_lost_in_the_middle_leaves_a_server_that_answers_the_next() {
     seeds(|seed| {
-        for ask in [upload(false), download(false), upload(true), download(true)] {
-            let mut desk = Desk::new(seed);
-            let ticket = desk.begin(ask);
-            let middle = desk.bench.world.now().plus_ns(1 + desk.bench.random.below(20_000_000));
-            assert_eq!(desk.finish(ticket, middle), None);
-            *desk.bare.host() = CanHost::new(&HostOptions::new(BIT_RATE));
-            desk.bench.pass(5);
-            let answer = desk.ask(HostRequest::Read { node: NODE, object: LENGTH });
-            assert!(matches!(answer, Ok(Answer::Value { .. })), "{ask:?}: {answer:?}");
-            assert_eq!(desk.ask(ask), Ok(Answer::Transferred(SIZE)), "{ask:?}");
+        for request in [upload(false), download(false), upload(true), download(true)] {
+            let mut fixture = Desk::new(seed);
+            let ticket = fixture.begin(request);
+            let middle =
+                fixture.bench.world.now().plus_ns(1 + fixture.bench.random.below(20_000_000));
+            assert_eq!(fixture.finish(ticket, middle), None);
+            *fixture.bare.host() = CanHost::new(&HostOptions::new(BIT_RATE));
+            fixture.bench.pass(5);
+            let answer = fixture.ask(HostRequest::Read { node: NODE, object: LENGTH });
+            assert!(matches!(answer, Ok(Answer::Value { .. })), "{request:?}: {answer:?}");
+            assert_eq!(fixture.ask(request), Ok(Answer::Transferred(SIZE)), "{request:?}");
         }
     });
 }
@@ -192,10 +198,10 @@ fn host_lost_in_the_middle_leaves_a_server_that_answers_the_next() {
 /// Blocks keep pace with the wire and leave none of it unused.
 #[test]
 fn a_download_in_blocks_takes_no_longer_than_its_frames() {
-    let mut desk = Desk::new(1);
-    let begun = desk.bench.world.now();
-    assert_eq!(desk.ask(download(true)), Ok(Answer::Transferred(SIZE)));
-    let took = desk.bench.world.now().since(begun);
+    let mut fixture = Desk::new(1);
+    let started_at = fixture.bench.world.now();
+    assert_eq!(fixture.ask(download(true)), Ok(Answer::Transferred(SIZE)));
+    let took = fixture.bench.world.now().since(started_at);
     // Segments, with as many stuff bits as there can be, and a millisecond for each end of a block.
     let segments = u64::from(SIZE.div_ceil(7));
     let most = Duration::from_nanos(segments * 135 * 1_000_000_000 / u64::from(BIT_RATE))

@@ -391,9 +391,9 @@ fn ten_thousand_points_arrive_with_their_counter_whole() {
     for (n, (mut bench, count, time)) in benches.into_iter().enumerate() {
         let (axis, drive) = if n == 1 { (1, 1) } else { (0, 0) };
         assert!(done(bench.verb(axis, Verb::Enable)), "{n}");
-        let begun = bench.world.now();
+        let started_at = bench.world.now();
         assert_eq!(stream(&mut bench, axis, count, time), Outcome::Done(count as i64), "{n}");
-        let took = bench.world.now().since(begun).as_secs_f64();
+        let took = bench.world.now().since(started_at).as_secs_f64();
         assert!((took - count as f64 * time).abs() < 2.0, "{n}: {took} s");
         let end = 2.0 * (1.0 - (count as f64 / 50.0).cos());
         assert!((bench.truth(drive).position - end).abs() < 0.02, "{n}: {:?}", bench.truth(drive));

@@ -87,15 +87,15 @@ fn an_s_curve_arrives_later_than_a_trapezoid_and_on_the_same_count() {
         // Refused by a question alone, so the motion under way is left in peace.
         let outcome = bench.command(0, curve(Verb::CurveBy, 4000.0 * COUNT, 0.2));
         assert!(hint(outcome).is_some_and(|hint| hint.contains("begins at rest")), "{outcome:?}");
-        let begun = bench.world.now();
+        let started_at = bench.world.now();
         assert_eq!(bench.rest(), 4000, "{n}");
-        let slow = bench.world.now().since(begun);
+        let slow = bench.world.now().since(started_at);
         assert!(done(bench.command(0, curve(Verb::CurveBy, -4000.0 * COUNT, 0.2))), "{n}");
         assert_eq!(bench.rest(), 0, "{n}");
         assert!(done(bench.command(0, go(Verb::MoveTo, 4000.0 * COUNT))), "{n}");
-        let begun = bench.world.now();
+        let started_at = bench.world.now();
         assert_eq!(bench.rest(), 4000, "{n}");
-        assert!(slow > bench.world.now().since(begun), "{n}");
+        assert!(slow > bench.world.now().since(started_at), "{n}");
     }
 }
 
@@ -166,8 +166,8 @@ fn a_fault_ends_homing() {
     assert!(done(bench.verb(0, Verb::Enable)));
     bench.act(Act::Jam(true));
     let home = Command { velocity: Some(50.0), ..Command::new(Verb::Home) };
-    let begun = bench.world.now();
+    let started_at = bench.world.now();
     let outcome = bench.command(0, home);
     assert!(matches!(outcome.failure(), Some(Failure::Faulted { .. })), "{outcome:?}");
-    assert!(bench.world.now().since(begun).as_secs() < 30);
+    assert!(bench.world.now().since(started_at).as_secs() < 30);
 }

@@ -40,7 +40,7 @@ impl BlockBuffer {
 
     /// So many segments arrived: gives their bytes, but not those of the last of all, which wait
     /// until it is said how many of them count. The next block has `room`.
-    pub fn acknowledge(&mut self, arrived: u8, room: u8, mut each: impl FnMut(&[u8])) {
+    pub fn acknowledge(&mut self, arrived: u8, capacity: u8, mut each: impl FnMut(&[u8])) {
         let all = arrived >= self.count && self.last;
         let len = usize::from(arrived.min(self.count)) * SEGMENT;
         let (whole, _) = self.bytes.split_at(len);
@@ -52,7 +52,7 @@ impl BlockBuffer {
             _ => each(whole),
         }
         self.bytes.clear();
-        (self.segments_max, self.count, self.last) = (room, 0, all);
+        (self.segments_max, self.count, self.last) = (capacity, 0, all);
     }
 
     /// The bytes of the last segment that count.

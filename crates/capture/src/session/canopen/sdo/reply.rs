@@ -106,13 +106,13 @@ impl SdoChannel {
         };
         let reply = SdoReply::of(bytes);
         let fits = match (reply, op) {
-            (SdoReply::Abort(told, _), _) => told == object,
-            (SdoReply::Written(told, _), SdoOperation::Write)
-            | (SdoReply::Value(told, _), SdoOperation::Read) => told == object,
+            (SdoReply::Abort(report, _), _) => report == object,
+            (SdoReply::Written(report, _), SdoOperation::Write)
+            | (SdoReply::Value(report, _), SdoOperation::Read) => report == object,
             (
-                SdoReply::ValueLong(told, _) | SdoReply::ReadBlockReady { object: told, .. },
+                SdoReply::ValueLong(report, _) | SdoReply::ReadBlockReady { object: report, .. },
                 SdoOperation::Read,
-            ) => told == object,
+            ) => report == object,
             _ => false,
         };
         if fits {
@@ -125,7 +125,9 @@ impl SdoChannel {
             let held =
                 self.abandoned.take().map_or_else(Vec::new, |given_up| given_up.held_notices);
             notices.extend(held.into_iter().filter_map(|notice| late_exchange(notice, at)));
-            let ms = at.1.zip(asked.1).map_or(0, |(now, asked)| now.since(asked) / 1_000_000);
+            let ms =
+                at.1.zip(asked.1)
+                    .map_or(0, |(now, requested_at)| now.since(requested_at) / 1_000_000);
             let ObjectIndex { index, sub } = object;
             let text = format!("the answer for 0x{index:04X}:{sub} came {ms} ms after its request");
             notices.push(super::anomaly(AnomalyKind::LateReply, self.node, text));
@@ -346,13 +348,13 @@ impl SdoChannel {
     pub(super) fn acknowledge_block(
         &mut self,
         arrived: u8,
-        room: u8,
+        capacity: u8,
         notices: &mut Vec<SessionNotice>,
     ) -> TransferPart {
         let t = &mut self.transfer;
         let sent = t.block.count;
         let mut block = core::mem::take(&mut t.block);
-        block.acknowledge(arrived, room, |bytes| t.append_bytes(bytes));
+        block.acknowledge(arrived, capacity, |bytes| t.append_bytes(bytes));
         (t.segments, t.block) = (t.segments + u32::from(arrived.min(sent)), block);
         t.phase = match (t.op, t.block.last) {
             (SdoOperation::Write, true) => TransferPhase::BlockDownEnd,

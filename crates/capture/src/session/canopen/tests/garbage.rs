@@ -59,7 +59,7 @@ fn garbage_breaks_nothing() {
             bus.now = bus.now.min(u64::MAX >> 2);
             bus.frame(next);
         }
-        let told = bus.report();
-        assert!(!told.notices.is_empty());
+        let report = bus.report();
+        assert!(!report.notices.is_empty());
     }
 }

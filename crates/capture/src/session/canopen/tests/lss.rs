@@ -20,12 +20,12 @@ fn setting(bus: &mut CanopenLog) -> &mut CanopenLog {
     bus.frame(lss::LssRequest::SwitchGlobal(false).emit())
 }
 
-fn ended(told: &TrackerReport) -> Vec<(&'static str, ExchangeOutcome, bool)> {
+fn ended(report: &TrackerReport) -> Vec<(&'static str, ExchangeOutcome, bool)> {
     let exchange = |notice: &SessionNotice| match notice {
         SessionNotice::Exchange(it) => Some((it.op, it.outcome, it.answered.is_some())),
         _ => None,
     };
-    told.notices.iter().filter_map(exchange).collect()
+    report.notices.iter().filter_map(exchange).collect()
 }
 
 #[test]
@@ -33,8 +33,8 @@ fn four_numbers_select_one_device_and_silence_says_that_there_is_none() {
     let mut bus = CanopenLog::default();
     setting(select(&mut bus));
     bus.frame(lss::LssRequest::IdentifyUnconfigured.emit()).wait(2000).send(0x80, &[]);
-    let told = bus.report();
-    told.assert_clean();
+    let report = bus.report();
+    report.assert_clean();
     let (done, answered) = (ExchangeOutcome::Done, true);
     let expected = [
         ("LSS select", done, answered),
@@ -43,7 +43,7 @@ fn four_numbers_select_one_device_and_silence_says_that_there_is_none() {
         ("LSS switch all", done, false),
         ("LSS identify unconfigured", done, false),
     ];
-    assert_eq!(ended(&told), expected);
+    assert_eq!(ended(&report), expected);
     for first in 0..bus.frames.len() {
         bus.report_from(first).assert_clean();
     }
@@ -79,14 +79,14 @@ fn a_node_that_says_which_drive_it_is_has_its_names() {
     let title = find("syntron-ts-canopen").expect("built in").title;
     let mut bus = CanopenLog::default();
     bus.read(ObjectIndex::new(0x203F, 0), 9870, 2).read(ObjectIndex::new(0x2000, 0), 20, 2);
-    let told = bus.report();
-    told.assert_clean();
-    assert_eq!(told.changes("product"), [("", title)]);
-    assert!(told.lines[3].contains("control mode"), "{:?}", told.lines);
+    let report = bus.report();
+    report.assert_clean();
+    assert_eq!(report.changes("product"), [("", title)]);
+    assert!(report.lines[3].contains("control mode"), "{:?}", report.lines);
     // Any drive may have 1 there.
     let mut bus = CanopenLog::default();
     bus.read(ObjectIndex::new(0x203F, 0), 1, 2).read(ObjectIndex::new(0x2000, 0), 20, 2);
-    let told = bus.report();
-    assert_eq!(told.changes("product"), []);
-    assert!(!told.lines[3].contains("control mode"), "{:?}", told.lines);
+    let report = bus.report();
+    assert_eq!(report.changes("product"), []);
+    assert!(!report.lines[3].contains("control mode"), "{:?}", report.lines);
 }

@@ -8,22 +8,22 @@ const BEAT: u16 = 0x700 | NODE as u16;
 fn a_node_comes_up_and_works() {
     let mut bus = CanopenLog::default();
     bus.send(BEAT, &[0]).heartbeats(0x7F, 100, 5).send(0x000, &[1, 0]).heartbeats(5, 100, 20);
-    let told = bus.report();
-    told.assert_clean();
+    let report = bus.report();
+    report.assert_clean();
     let states =
         [("", "boot-up"), ("boot-up", "pre-operational"), ("pre-operational", "operational")];
-    assert_eq!(told.changes("nmt"), states);
-    assert_eq!(told.changes("presence"), [("", "present")]);
+    assert_eq!(report.changes("nmt"), states);
+    assert_eq!(report.changes("presence"), [("", "present")]);
 }
 
 #[test]
 fn without_a_heartbeat_the_order_is_the_state() {
     let mut bus = CanopenLog::default();
     bus.send(BEAT, &[0]).send(0x000, &[1, NODE]).send(0x000, &[2, 0]);
-    let told = bus.report();
-    told.assert_clean();
+    let report = bus.report();
+    report.assert_clean();
     let states = [("", "boot-up"), ("boot-up", "operational"), ("operational", "stopped")];
-    assert_eq!(told.changes("nmt"), states);
+    assert_eq!(report.changes("nmt"), states);
 }
 
 #[test]
@@ -57,13 +57,13 @@ fn a_heartbeat_that_stays_out_is_told_once() {
     (0..50).for_each(|_| {
         bus.wait(20).send(0x80, &[]);
     });
-    let told = bus.report();
-    told.assert_only(AnomalyKind::Silent);
-    assert_eq!(told.texts(), ["no heartbeat for 267 ms, which came every 100 ms"]);
-    let told = bus.heartbeats(5, 100, 10).report();
-    told.assert_only(AnomalyKind::Silent);
+    let report = bus.report();
+    report.assert_only(AnomalyKind::Silent);
+    assert_eq!(report.texts(), ["no heartbeat for 267 ms, which came every 100 ms"]);
+    let report = bus.heartbeats(5, 100, 10).report();
+    report.assert_only(AnomalyKind::Silent);
     let presence = [("", "present"), ("present", "silent"), ("silent", "present")];
-    assert_eq!(told.changes("presence"), presence);
+    assert_eq!(report.changes("presence"), presence);
 }
 
 #[test]
@@ -168,9 +168,9 @@ fn guarding_alternates() {
         guard(&mut bus);
         bus.send(BEAT, &[5 | (n % 2) << 7]).wait(100);
     }
-    let told = bus.report();
-    told.assert_clean();
-    assert_eq!(told.exchanges().len(), 10);
+    let report = bus.report();
+    report.assert_clean();
+    assert_eq!(report.exchanges().len(), 10);
     guard(&mut bus);
     bus.send(BEAT, &[0x85]).report().assert_only(AnomalyKind::Sequence);
     for _ in 0..3 {
@@ -188,9 +188,9 @@ fn guarding_alternates() {
 fn an_emergency_is_a_fault_until_it_is_gone() {
     let mut bus = CanopenLog::default();
     bus.send(0x085, &[0x10, 0x23, 2, 0, 0, 0, 0, 0]).send(0x085, &[0; 8]);
-    let told = bus.report();
-    told.assert_clean();
-    let faults: Vec<_> = told.faults().iter().map(|f| (f.code, f.text, f.gone)).collect();
+    let report = bus.report();
+    report.assert_clean();
+    let faults: Vec<_> = report.faults().iter().map(|f| (f.code, f.text, f.gone)).collect();
     let text = "current, output side";
     assert_eq!(faults, [(0x2310, text, false), (0x2310, text, true)]);
 }
@@ -198,12 +198,12 @@ fn an_emergency_is_a_fault_until_it_is_gone() {
 #[test]
 fn two_bytes_are_a_ts_drive_s() {
     let mut bus = CanopenLog::default();
-    let told = bus.send(0x085, &[0x0C, 0x16]).report();
-    told.assert_clean();
-    let [fault] = told.faults()[..] else { panic!("{told:?}") };
+    let report = bus.send(0x085, &[0x0C, 0x16]).report();
+    report.assert_clean();
+    let [fault] = report.faults()[..] else { panic!("{report:?}") };
     assert_eq!((fault.code, fault.text), (0x160C, "Over-current in the power stage."));
     assert!(!fault.cause.is_empty() && !fault.remedy.is_empty());
-    assert!(told.lines[0].ends_with("(inferred: Over-current in the power stage)"), "{told:?}");
+    assert!(report.lines[0].ends_with("(inferred: Over-current in the power stage)"), "{report:?}");
 }
 
 #[test]

@@ -7,13 +7,13 @@ use crate::session::Quality;
 fn a_mapping_of_the_capture_names_every_object() {
     let mut bus = CanopenLog::default();
     bus.map(0x185, &[(0x6041, 16), (0x6064, 32), (0x2345, 8)]);
-    let told = bus.send(0x185, &[0x37, 0x06, 0xFF, 0xFF, 0xFF, 0xFF, 9]).report();
-    told.assert_clean();
-    let [place] = told.signals("Actual/Position")[..] else { panic!("{told:?}") };
-    assert_eq!((place.exact, place.quality), (Some(-1), Quality::Good));
-    assert_eq!(told.signals("0x2345:0")[0].value, 9.0);
-    assert_eq!(told.signals("State/Enabled")[0].value, 1.0);
-    let line = told.lines.last().expect("a line");
+    let report = bus.send(0x185, &[0x37, 0x06, 0xFF, 0xFF, 0xFF, 0xFF, 9]).report();
+    report.assert_clean();
+    let [notice] = report.signals("Actual/Position")[..] else { panic!("{report:?}") };
+    assert_eq!((notice.exact, notice.quality), (Some(-1), Quality::Good));
+    assert_eq!(report.signals("0x2345:0")[0].value, 9.0);
+    assert_eq!(report.signals("State/Enabled")[0].value, 1.0);
+    let line = report.lines.last().expect("a line");
     assert!(line.starts_with("TPDO1: tpdo1 37 06 FF FF FF FF 09 ("), "{line}");
     assert!(line.ends_with(" | position actual = -1 | 0x2345:0 = 9)"), "{line}");
 }
@@ -27,9 +27,9 @@ fn a_mapping_that_is_read_counts_too() {
         velocity.into(),
         4,
     );
-    let told = bus.send(0x385, &[1, 0, 0, 0]).report();
-    told.assert_clean();
-    assert_eq!(told.signals("Actual/Velocity")[0].value, 1.0);
+    let report = bus.send(0x385, &[1, 0, 0, 0]).report();
+    report.assert_clean();
+    assert_eq!(report.signals("Actual/Velocity")[0].value, 1.0);
 }
 
 #[test]
@@ -37,11 +37,13 @@ fn a_pdo_that_moved_is_recognised_and_its_old_identifier_is_not() {
     for id in [0x1C0, 0x6F1, 0x001] {
         let mut bus = CanopenLog::default();
         bus.map(id, &[(0x6064, 32)]);
-        let told = bus.send(id as u16, &[7, 0, 0, 0]).send(0x185, &[1, 2]).report();
-        told.assert_clean();
-        let [place] = told.signals("Actual/Position")[..] else { panic!("{id:03X} {told:#?}") };
-        assert_eq!((place.axis, place.value), (5, 7.0));
-        assert!(told.lines[told.lines.len() - 2].starts_with("TPDO1: "), "{:#?}", told.lines);
+        let report = bus.send(id as u16, &[7, 0, 0, 0]).send(0x185, &[1, 2]).report();
+        report.assert_clean();
+        let [notice] = report.signals("Actual/Position")[..] else {
+            panic!("{id:03X} {report:#?}")
+        };
+        assert_eq!((notice.axis, notice.value), (5, 7.0));
+        assert!(report.lines[report.lines.len() - 2].starts_with("TPDO1: "), "{:#?}", report.lines);
     }
 }
 
@@ -50,23 +52,23 @@ fn another_length_than_mapped_is_told_once() {
     let mut bus = CanopenLog::default();
     bus.map(0x185, &[(0x6041, 16), (0x6064, 32)]).send(0x185, &[0x37, 6, 0, 0, 0, 0]);
     bus.send(0x185, &[0x37, 6]).send(0x185, &[0x37, 6]);
-    let told = bus.report();
-    told.assert_only(AnomalyKind::Length);
-    assert_eq!(told.signals("Actual/Position").len(), 1);
+    let report = bus.report();
+    report.assert_only(AnomalyKind::Length);
+    assert_eq!(report.signals("Actual/Position").len(), 1);
 }
 
 #[test]
 fn what_is_not_known_is_not_guessed() {
     let mut bus = CanopenLog::default();
-    let told = bus.send(0x185, &[1, 2, 3]).send(0x205, &[1, 2]).report();
-    told.assert_clean();
-    assert!(told.signals("statusword").is_empty());
+    let report = bus.send(0x185, &[1, 2, 3]).send(0x205, &[1, 2]).report();
+    report.assert_clean();
+    assert!(report.signals("statusword").is_empty());
     // The device type says that it is a drive: then the usual mapping is likely.
     let mut bus = CanopenLog::default();
-    let told =
+    let report =
         bus.read(ObjectIndex::new(0x1000, 0), 0x0002_0192, 4).send(0x185, &[0x37, 6]).report();
-    told.assert_clean();
-    assert_eq!(told.signals("statusword")[0].quality, Quality::Inferred);
+    report.assert_clean();
+    assert_eq!(report.signals("statusword")[0].quality, Quality::Inferred);
 }
 
 #[test]
@@ -85,14 +87,14 @@ fn the_states_of_a_drive_are_changes() {
     {
         bus.send(0x185, &[(word & 0xFF) as u8, (word >> 8) as u8, mode]);
     }
-    let told = bus.report();
-    told.assert_clean();
-    let power = told.changes("power");
+    let report = bus.report();
+    report.assert_clean();
+    let power = report.changes("power");
     assert_eq!(power.len(), 6, "{power:?}");
     assert_eq!(power[0], ("", "switch on disabled"));
     assert_eq!(power[4], ("operation enabled", "fault"));
-    assert_eq!(told.changes("mode"), [("", "none"), ("none", "profile position")]);
-    let gone: Vec<bool> = told.faults().iter().map(|fault| fault.gone).collect();
+    assert_eq!(report.changes("mode"), [("", "none"), ("none", "profile position")]);
+    let gone: Vec<bool> = report.faults().iter().map(|fault| fault.gone).collect();
     assert_eq!(gone, [false, true]);
 }
 
@@ -104,9 +106,9 @@ fn sync_counts_on() {
     }
     bus.report().assert_clean();
     bus.frames.remove(20);
-    let told = bus.report();
+    let report = bus.report();
     // What lacks is seen in the counter and in the beat.
-    assert_eq!(told.anomalies(), [AnomalyKind::Sequence, AnomalyKind::Jitter]);
+    assert_eq!(report.anomalies(), [AnomalyKind::Sequence, AnomalyKind::Jitter]);
 }
 
 #[test]

@@ -8,24 +8,24 @@ use crate::session::ExchangeOutcome;
 #[test]
 fn a_value_in_one_frame_is_one_exchange() {
     let mut bus = CanopenLog::default();
-    let told = bus.read(WORD, 0x0637, 2).report();
-    told.assert_clean();
-    let [exchange] = told.exchanges()[..] else { panic!("{told:?}") };
+    let report = bus.read(WORD, 0x0637, 2).report();
+    report.assert_clean();
+    let [exchange] = report.exchanges()[..] else { panic!("{report:?}") };
     assert_eq!((exchange.op, exchange.axis), ("SDO read", Some(5)));
     assert_eq!((exchange.outcome, exchange.latency()), (ExchangeOutcome::Done, Some(1_000_000)));
-    let [word] = told.signals("statusword")[..] else { panic!("{told:?}") };
+    let [word] = report.signals("statusword")[..] else { panic!("{report:?}") };
     assert_eq!((word.exact, word.request), (Some(0x0637), Some(1)));
 }
 
 #[test]
 fn segments_become_a_text() {
     let mut bus = CanopenLog::default();
-    let told = bus.read_long(NAME, b"A drive of ours\0").report();
-    told.assert_clean();
-    assert!(told.lines[2].ends_with("(segment 1 of 3 of 0x1008:0, device name)"), "{told:#?}");
+    let report = bus.read_long(NAME, b"A drive of ours\0").report();
+    report.assert_clean();
+    assert!(report.lines[2].ends_with("(segment 1 of 3 of 0x1008:0, device name)"), "{report:#?}");
     let end = "(0x1008:0, device name = \"A drive of ours\", 16 bytes in 3 segments)";
-    assert!(told.lines[7].ends_with(end), "{:#?}", told.lines);
-    assert_eq!(told.exchanges().len(), 1);
+    assert!(report.lines[7].ends_with(end), "{:#?}", report.lines);
+    assert_eq!(report.exchanges().len(), 1);
 }
 
 fn download(bus: &mut CanopenLog, object: ObjectIndex, value: &[u8]) {
@@ -41,27 +41,27 @@ fn download(bus: &mut CanopenLog, object: ObjectIndex, value: &[u8]) {
 fn segments_are_written_too() {
     let mut bus = CanopenLog::default();
     download(&mut bus, ObjectIndex::new(0x2001, 1), &noise(40));
-    let told = bus.report();
-    told.assert_clean();
-    let [exchange] = told.exchanges()[..] else { panic!("{told:?}") };
+    let report = bus.report();
+    report.assert_clean();
+    let [exchange] = report.exchanges()[..] else { panic!("{report:?}") };
     assert_eq!((exchange.op, exchange.outcome), ("SDO write", ExchangeOutcome::Done));
     assert_eq!(exchange.answered.map(|(number, _)| number), Some(14));
 }
 
 /// Writes in blocks of `room` segments; of the first block `lost` segments do not arrive.
-fn block_download(bus: &mut CanopenLog, value: &[u8], room: u8, lost: u8, spoil: u16) {
+fn block_download(bus: &mut CanopenLog, value: &[u8], capacity: u8, lost: u8, spoil: u16) {
     let object = ObjectIndex::new(0x1F50, 1);
     bus.request(SdoRequest::WriteBlock { object, crc: true, size: Some(value.len() as u32) });
-    bus.reply(SdoReply::WriteBlockReady { object, crc: true, segments: room });
+    bus.reply(SdoReply::WriteBlockReady { object, crc: true, segments: capacity });
     let (all, mut at, mut lost) = (block_segments(value), 0, lost);
     while at < all.len() {
-        let end = (at + usize::from(room)).min(all.len());
+        let end = (at + usize::from(capacity)).min(all.len());
         for (segment, number) in all[at..end].iter().zip(1..) {
             let segment = BlockSegment { number, ..*segment };
             bus.send(0x600 | u16::from(NODE), &segment.bytes());
         }
         let arrived = (end - at) as u8 - core::mem::take(&mut lost);
-        bus.reply(SdoReply::WriteBlockAck { arrived, segments: room });
+        bus.reply(SdoReply::WriteBlockAck { arrived, segments: capacity });
         at += usize::from(arrived);
     }
     let unused = (7 - value.len() % 7) as u8 % 7;
@@ -73,11 +73,11 @@ fn blocks_are_written() {
     for len in [1, 7, 8, 21, 889, 5000] {
         let mut bus = CanopenLog::default();
         block_download(&mut bus, &noise(len), 127, 0, 0);
-        let told = bus.reply(SdoReply::WriteBlockDone).report();
-        told.assert_clean();
-        let [exchange] = told.exchanges()[..] else { panic!("{told:?}") };
+        let report = bus.reply(SdoReply::WriteBlockDone).report();
+        report.assert_clean();
+        let [exchange] = report.exchanges()[..] else { panic!("{report:?}") };
         assert_eq!((exchange.op, exchange.outcome), ("SDO write", ExchangeOutcome::Done));
-        assert!(told.lines[2].starts_with("SDO block write segment: "), "{}", told.lines[2]);
+        assert!(report.lines[2].starts_with("SDO block write segment: "), "{}", report.lines[2]);
     }
 }
 
@@ -85,19 +85,19 @@ fn blocks_are_written() {
 fn what_of_a_block_did_not_arrive_goes_again() {
     let mut bus = CanopenLog::default();
     block_download(&mut bus, &noise(100), 4, 2, 0);
-    let told = bus.reply(SdoReply::WriteBlockDone).report();
-    told.assert_only(AnomalyKind::Retry);
-    assert_eq!(told.exchanges()[0].retries, 1);
-    assert_eq!(told.exchanges()[0].outcome, ExchangeOutcome::Done);
+    let report = bus.reply(SdoReply::WriteBlockDone).report();
+    report.assert_only(AnomalyKind::Retry);
+    assert_eq!(report.exchanges()[0].retries, 1);
+    assert_eq!(report.exchanges()[0].outcome, ExchangeOutcome::Done);
 }
 
 #[test]
 fn a_wrong_check_of_a_block_is_told_once() {
     let mut bus = CanopenLog::default();
     block_download(&mut bus, &noise(100), 20, 0, 1);
-    let told = bus.reply(SdoReply::Abort(ObjectIndex::new(0x1F50, 1), AbortCode::CRC)).report();
-    told.assert_only(AnomalyKind::BadCheck);
-    assert_eq!(told.exchanges()[0].outcome, ExchangeOutcome::Refused);
+    let report = bus.reply(SdoReply::Abort(ObjectIndex::new(0x1F50, 1), AbortCode::CRC)).report();
+    report.assert_only(AnomalyKind::BadCheck);
+    assert_eq!(report.exchanges()[0].outcome, ExchangeOutcome::Refused);
 }
 
 fn block_upload(bus: &mut CanopenLog, value: &[u8], skip: usize) {
@@ -122,9 +122,9 @@ fn blocks_are_read() {
     for value in [b"x".to_vec(), b"a drive".to_vec(), noise(889), noise(3000)] {
         let mut bus = CanopenLog::default();
         block_upload(&mut bus, &value, 0);
-        let told = bus.report();
-        told.assert_clean();
-        let [exchange] = told.exchanges()[..] else { panic!("{told:?}") };
+        let report = bus.report();
+        report.assert_clean();
+        let [exchange] = report.exchanges()[..] else { panic!("{report:?}") };
         let count = bus.frames.len() as u64;
         assert_eq!(exchange.answered.map(|(number, _)| number), Some(count - 1));
     }
@@ -141,10 +141,10 @@ fn a_segment_that_lacks_in_a_block_breaks_its_sequence() {
 fn a_refusal_has_its_meaning() {
     let mut bus = CanopenLog::default();
     bus.request(SdoRequest::Read(NAME)).reply(SdoReply::Abort(NAME, AbortCode::NO_OBJECT));
-    let told = bus.report();
-    told.assert_only(AnomalyKind::Refused);
-    assert_eq!(told.texts(), ["reading 0x1008:0 was refused: object does not exist"]);
-    assert_eq!(told.exchanges()[0].outcome, ExchangeOutcome::Refused);
+    let report = bus.report();
+    report.assert_only(AnomalyKind::Refused);
+    assert_eq!(report.texts(), ["reading 0x1008:0 was refused: object does not exist"]);
+    assert_eq!(report.exchanges()[0].outcome, ExchangeOutcome::Refused);
 }
 
 #[test]
@@ -164,9 +164,9 @@ fn a_wrong_toggle_is_told_once() {
 fn who_goes_on_leaves_a_transfer_incomplete() {
     let mut bus = CanopenLog::default();
     bus.read_long(NAME, &noise(30)).frames.truncate(6);
-    let told = bus.read(WORD, 0, 2).report();
-    told.assert_only(AnomalyKind::Incomplete);
-    assert_eq!(told.exchanges().len(), 2);
+    let report = bus.read(WORD, 0, 2).report();
+    report.assert_only(AnomalyKind::Incomplete);
+    assert_eq!(report.exchanges().len(), 2);
     let mut bus = CanopenLog::default();
     block_download(&mut bus, &noise(100), 20, 0, 0);
     bus.frames.truncate(8);
@@ -177,13 +177,13 @@ fn who_goes_on_leaves_a_transfer_incomplete() {
 fn silence_is_told_when_the_time_is_over() {
     let mut bus = CanopenLog::default();
     bus.read(WORD, 0, 2).request(SdoRequest::Read(NAME)).wait(1500).send(0x80, &[]);
-    let told = bus.report();
-    told.assert_only(AnomalyKind::Unanswered);
-    assert_eq!(told.exchanges()[1].outcome, ExchangeOutcome::Unanswered);
+    let report = bus.report();
+    report.assert_only(AnomalyKind::Unanswered);
+    assert_eq!(report.exchanges()[1].outcome, ExchangeOutcome::Unanswered);
     // A late answer is one, and no foreign one.
-    let told = bus.reply(SdoReply::Value(NAME, ExpeditedData { bits: 1, len: 4 })).report();
-    told.assert_only(AnomalyKind::LateReply);
-    assert_eq!(told.exchanges()[1].outcome, ExchangeOutcome::Late);
+    let report = bus.reply(SdoReply::Value(NAME, ExpeditedData { bits: 1, len: 4 })).report();
+    report.assert_only(AnomalyKind::LateReply);
+    assert_eq!(report.exchanges()[1].outcome, ExchangeOutcome::Late);
 }
 
 #[test]
@@ -193,9 +193,9 @@ fn who_does_not_answer_any_more_is_told_once() {
     for _ in 0..5 {
         bus.request(SdoRequest::Read(NAME)).wait(300).request(SdoRequest::Read(NAME)).wait(1500);
     }
-    let told = bus.report();
-    assert_eq!(told.anomalies(), [AnomalyKind::Retry, AnomalyKind::Unanswered]);
-    assert_eq!(told.exchanges().len(), 6);
+    let report = bus.report();
+    assert_eq!(report.anomalies(), [AnomalyKind::Retry, AnomalyKind::Unanswered]);
+    assert_eq!(report.exchanges().len(), 6);
     bus.read(WORD, 0, 2).request(SdoRequest::Read(NAME)).wait(1500).send(0x80, &[]);
     let odds = bus.report().anomalies();
     assert_eq!(odds, [AnomalyKind::Retry, AnomalyKind::Unanswered, AnomalyKind::Unanswered]);
@@ -213,9 +213,9 @@ fn storing_may_take_its_time() {
 fn the_same_request_again_is_a_retry() {
     let mut bus = CanopenLog::default();
     bus.read(WORD, 0, 2).request(SdoRequest::Read(NAME)).wait(200).read(NAME, 7, 4);
-    let told = bus.report();
-    told.assert_only(AnomalyKind::Retry);
-    assert_eq!(told.exchanges()[1].retries, 1);
+    let report = bus.report();
+    report.assert_only(AnomalyKind::Retry);
+    assert_eq!(report.exchanges()[1].retries, 1);
     // Both requests may be answered.
     let value = SdoReply::Value(NAME, ExpeditedData { bits: 7, len: 4 });
     bus.reply(value).report().assert_only(AnomalyKind::Retry);
@@ -246,7 +246,7 @@ fn an_answer_twice_is_one_node_s_and_always_twice_is_two_nodes() {
         bus.read(WORD, bits, 2).reply(SdoReply::Value(WORD, ExpeditedData { bits, len: 2 }));
     }
     let odds = bus.report().anomalies();
-    let two = odds.iter().filter(|odd| **odd == AnomalyKind::DuplicateAddress);
+    let two = odds.iter().filter(|anomaly_kind| **anomaly_kind == AnomalyKind::DuplicateAddress);
     assert_eq!((two.count(), odds.len()), (1, 3));
     let mut bus = CanopenLog::default();
     let serial = ObjectIndex::new(0x1018, 4);
@@ -265,8 +265,8 @@ fn nobody_is_accused_of_what_came_before_the_capture() {
     bus.read(WORD, 0, 2);
     bus.report().assert_clean();
     for first in 0..bus.frames.len() {
-        let told = bus.report_from(first);
-        assert_eq!(told.texts(), [""; 0], "from frame {first}");
+        let report = bus.report_from(first);
+        assert_eq!(report.texts(), [""; 0], "from frame {first}");
     }
 }
 
@@ -288,10 +288,10 @@ fn who_looks_for_nodes_accuses_none_of_not_being_there() {
 fn other_channels_are_followed_once_configured() {
     let mut bus = CanopenLog::default();
     bus.write(ObjectIndex::new(0x1201, 1), 0x6E0, 4).write(ObjectIndex::new(0x1201, 2), 0x5E0, 4);
-    let ask = SdoRequest::Read(NAME).bytes();
+    let request = SdoRequest::Read(NAME).bytes();
     let tell = SdoReply::Value(NAME, ExpeditedData { bits: 0x6F6C_6568, len: 4 }).bytes();
-    let told = bus.send(0x6E0, &ask).send(0x5E0, &tell).report();
-    told.assert_clean();
-    assert_eq!(told.exchanges().len(), 3);
-    assert!(told.lines[5].starts_with("SDO value: value 0x1008:0"), "{:#?}", told.lines);
+    let report = bus.send(0x6E0, &request).send(0x5E0, &tell).report();
+    report.assert_clean();
+    assert_eq!(report.exchanges().len(), 3);
+    assert!(report.lines[5].starts_with("SDO value: value 0x1008:0"), "{:#?}", report.lines);
 }

@@ -40,19 +40,19 @@ impl Pairing {
     /// The request that an answer belongs to, among those that wait: one that it repeats, else one
     /// that may be answered so soon, else one that is not late, else any. Of several the oldest, or
     /// where the host takes turns that whose answer would take the time that answers take.
-    pub(super) fn find_candidate(&self, heard: &ObservedFrame<'_>) -> Option<usize> {
+    pub(super) fn find_candidate(&self, observed: &ObservedFrame<'_>) -> Option<usize> {
         let fits = |request: &TrackedRequest| {
             request.awaits_answer()
-                && heard.dissector.is_answer_to(&heard.raw, &request.frame.raw())
+                && observed.dissector.is_answer_to(&observed.raw, &request.frame.raw())
         };
         let mut best: Option<((u8, u64), usize)> = None;
         for (at, request) in self.requests.iter().enumerate().filter(|(_, r)| fits(r)) {
-            let rank = match request.frame.bytes == heard.raw.bytes {
+            let rank = match request.frame.bytes == observed.raw.bytes {
                 true => 0,
-                false if request.is_late(heard.time) => 3,
-                false => 1 + u8::from(!self.is_usual_delay(request, heard.time)),
+                false if request.is_late(observed.time) => 3,
+                false => 1 + u8::from(!self.is_usual_delay(request, observed.time)),
             };
-            let strange = if rank == 1 { self.deviation(request, heard.time) } else { 0 };
+            let strange = if rank == 1 { self.deviation(request, observed.time) } else { 0 };
             let rank = (rank, strange);
             if best.is_none_or(|(least, _)| rank < least) {
                 best = Some((rank, at));

@@ -40,16 +40,16 @@ pub fn axis_lines(
     axes: &[AxisRow],
     chosen: usize,
     width: u16,
-    room: u16,
+    capacity: u16,
     theme: Theme,
 ) -> Vec<Line<'static>> {
     if axes.is_empty() {
         return Vec::new();
     }
-    let room = usize::from(room - room / FRAMES_PART);
+    let space = usize::from(capacity - capacity / FRAMES_PART);
     let mut details = detail_lines(axes.get(chosen), usize::from(width), theme);
-    let rows = axes.len().min(room.saturating_sub(1 + details.len()).max(room / 2)).max(1);
-    details.truncate(room.saturating_sub(1 + rows));
+    let rows = axes.len().min(space.saturating_sub(1 + details.len()).max(space / 2)).max(1);
+    details.truncate(space.saturating_sub(1 + rows));
     let first = (chosen + 1).saturating_sub(rows);
     let columns = fit_columns(axis_columns(&axes[first..], rows), usize::from(width));
     let mut lines = vec![head_line(&columns, theme)];

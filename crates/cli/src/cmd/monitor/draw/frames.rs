@@ -49,17 +49,17 @@ pub fn frame_lines(
     monitor: &dyn MonitorSource,
     view: &View,
     width: u16,
-    room: u16,
+    capacity: u16,
     theme: Theme,
 ) -> Vec<Line<'static>> {
     let grid = Grid::new(monitor, width, theme);
-    let room = usize::from(room);
+    let space = usize::from(capacity);
     if view.by_kind {
-        let kinds = view.kinds(monitor, room);
+        let kinds = view.kinds(monitor, space);
         return kinds.into_iter().map(|kind| grid.kind_line(monitor, kind)).collect();
     }
     let began = monitor.started_ns();
-    let frames = view.frames(monitor, room).into_iter();
+    let frames = view.frames(monitor, space).into_iter();
     frames
         .map(|row| {
             grid.frame_line(grid.time_text(row.time.saturating_sub(began)), row, TextRole::Plain)
@@ -157,13 +157,13 @@ impl Grid {
         }
         self.push_bytes(row, role, &mut spans);
         let used: usize = spans.iter().map(Span::width).sum();
-        let room = self.width.saturating_sub(used);
-        let text = truncate(&row.text, room);
-        let room = room.saturating_sub(text.chars().count() + 2);
+        let capacity = self.width.saturating_sub(used);
+        let text = truncate(&row.text, capacity);
+        let capacity = capacity.saturating_sub(text.chars().count() + 2);
         spans.push(self.theme.span(text, role));
         if !row.wrong.is_empty() {
             let wrong = format!("  ! {}", row.wrong);
-            spans.push(self.theme.span(truncate(&wrong, room + 2), TextRole::Bad));
+            spans.push(self.theme.span(truncate(&wrong, capacity + 2), TextRole::Bad));
         }
         Line::from(spans)
     }

@@ -72,9 +72,9 @@ impl MultiAxisFixture {
     fn settle(&mut self) {
         let mut frame = Frame::default();
         for _ in 0..10_000 {
-            let mut said = false;
+            let mut matches = false;
             if !self.frozen && self.lane.poll_transmit(self.now, &mut frame).is_some() {
-                said = true;
+                matches = true;
                 self.now = self.now.plus_ns(self.frame_ns);
                 self.syncs += u32::from(frame.id == 0x80);
                 self.sent.push(frame);
@@ -83,14 +83,14 @@ impl MultiAxisFixture {
             for n in 0..self.devices.len() {
                 let device = &mut self.devices[n];
                 if Station::poll_transmit(device, self.now, &mut frame).is_some() {
-                    said = true;
+                    matches = true;
                     self.now = self.now.plus_ns(self.frame_ns);
                     if self.unplugged != Some(n) {
                         self.receive(n, &frame);
                     }
                 }
             }
-            if !said {
+            if !matches {
                 return;
             }
         }
@@ -532,16 +532,16 @@ fn moves_that_were_made_ready_begin_on_one_sync() {
     assert_eq!(ended, AXES);
     assert!(!rig.moves(), "all wait for the signal");
     rig.command(0, Command::new(Verb::Begin)).expect("taken");
-    let mut begun = [None; AXES];
+    let mut started = [None; AXES];
     for _ in 0..50 {
         rig.advance(1);
-        for (n, begun) in begun.iter_mut().enumerate() {
+        for (n, started_at) in started.iter_mut().enumerate() {
             let moves = rig.truth(n).setpoint.is_some_and(|s| s.velocity.abs() > 0.0);
-            *begun = begun.or(moves.then_some(rig.now));
+            *started_at = started_at.or(moves.then_some(rig.now));
         }
     }
-    assert!(begun[0].is_some());
-    assert_eq!(begun, [begun[0]; AXES], "spread zero");
+    assert!(started[0].is_some());
+    assert_eq!(started, [started[0]; AXES], "spread zero");
     assert!(matches!(rig.outcome(), Some((100, Outcome::Done(_)))));
     rig.run(Command::new(Verb::Begun));
     rig.advance(2_000);

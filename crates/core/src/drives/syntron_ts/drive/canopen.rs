@@ -308,8 +308,8 @@ impl motion::MotorControl for Shaft {
         Self::set_limits(self, limits);
     }
 
-    fn turn(&mut self, rad_per_s: f64) {
-        Self::turn(self, rad_per_s);
+    fn set_velocity(&mut self, rad_per_s: f64) {
+        Self::set_velocity(self, rad_per_s);
     }
 
     fn move_to(&mut self, position: f64) {

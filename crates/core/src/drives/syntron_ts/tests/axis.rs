@@ -28,9 +28,9 @@ impl HostAndDrive {
             [Box::new(Rtu::create_driver(profile, 1)) as _],
         );
         lane.set_armed(AXIS, true);
-        let mut desk = DriveFixture::new();
-        desk.device = SyntronTs::create_device(profile, &OPTIONS).unwrap();
-        Self { lane, desk }
+        let mut fixture = DriveFixture::new();
+        fixture.device = SyntronTs::create_device(profile, &OPTIONS).unwrap();
+        Self { lane, desk: fixture }
     }
 
     fn run(&mut self, command: Command) -> Outcome {
@@ -158,9 +158,9 @@ fn an_alarm_between_the_first_look_and_the_trigger_is_told() {
     pair.desk.write(fn_registers::MODE, 14);
     let command = Command { target: Some(radians(90.0)), ..Command::new(Verb::MoveBy) };
     let [high, low] = fn_registers::ENABLE.to_be_bytes();
-    let outcome = pair.run_while(command, |desk, request| {
+    let outcome = pair.run_while(command, |fixture, request| {
         if request[1..4] == [3, high, low] {
-            desk.act(Act::Fault(0x1614));
+            fixture.act(Act::Fault(0x1614));
         }
     });
     let faulted = Failure::Faulted { code: 0x1614 };

@@ -16,25 +16,25 @@ fn the_way_is_decimal_digits() {
     assert_eq!(HomingMethod::decode(8000), None);
 }
 
-fn home(desk: &mut DriveFixture, way: u16) {
-    desk.write(fn_registers::HOMING_WAY, way);
-    desk.write(fn_registers::HOMING_TRIGGER, 0);
-    desk.write(fn_registers::HOMING_TRIGGER, 1);
-    desk.write(fn_registers::HOMING_TRIGGER, 0);
-    assert!(desk.busy(), "way {way}");
-    desk.settle(30_000);
+fn home(fixture: &mut DriveFixture, way: u16) {
+    fixture.write(fn_registers::HOMING_WAY, way);
+    fixture.write(fn_registers::HOMING_TRIGGER, 0);
+    fixture.write(fn_registers::HOMING_TRIGGER, 1);
+    fixture.write(fn_registers::HOMING_TRIGGER, 0);
+    assert!(fixture.busy(), "way {way}");
+    fixture.settle(30_000);
 }
 
 /// TS manual V2 §2.6.2, "homing", step by step, with the simulated drive's own home switch.
 #[test]
 fn the_homing_recipe_finds_the_switch() {
-    let mut desk = DriveFixture::new();
+    let mut fixture = DriveFixture::new();
     for (number, value) in [(0x00, 14), (0x20A, 1), (0x20D, 0), (0x38, 1), (0x20D, 1), (0x20D, 0)] {
-        desk.write(number, value);
+        fixture.write(number, value);
     }
-    desk.settle(10_000);
-    desk.is_at(0);
-    assert!((desk.truth().position + PI).abs() < 0.005);
+    fixture.settle(10_000);
+    fixture.is_at(0);
+    assert!((fixture.truth().position + PI).abs() < 0.005);
 }
 
 /// Every direction and mark with and without Z, overshooting and coming back.
@@ -54,36 +54,36 @@ fn every_way_finds_its_zero() {
         (5, 0, None, TAU),
     ];
     for (c, b, switch, zero) in cases {
-        let mut desk = DriveFixture::positioning(&[]);
-        desk.act(Act::Switch { which: 0, at: f64::NAN });
+        let mut fixture = DriveFixture::positioning(&[]);
+        fixture.act(Act::Switch { which: 0, at: f64::NAN });
         if let Some((which, at)) = switch {
-            desk.act(Act::Switch { which, at });
+            fixture.act(Act::Switch { which, at });
         }
         // From a little forward of a Z pulse.
-        desk.fill(1, 1002, 10_000, 60, [50, 50, 0, 0]);
-        desk.trigger(1);
-        desk.settle(2000);
-        home(&mut desk, 20_000 + c * 1000 + b * 100);
+        fixture.fill(1, 1002, 10_000, 60, [50, 50, 0, 0]);
+        fixture.trigger(1);
+        fixture.settle(2000);
+        home(&mut fixture, 20_000 + c * 1000 + b * 100);
         // A limit switch has no place of its own but the tick in which it closed: 10 mrad.
-        let found = desk.truth().position;
+        let found = fixture.truth().position;
         assert!((found - zero).abs() < 0.015, "way {c}{b}: zero at {found}, not {zero}");
-        desk.is_at(0);
+        fixture.is_at(0);
     }
 }
 
 #[test]
 fn a_mechanical_stop_is_a_zero() {
     for (c, direction) in [(6, -1.0), (7, 1.0)] {
-        let mut desk = DriveFixture::positioning(&[]);
-        desk.write(fn_registers::HOMING_WAY, 20_000 + c * 1000);
-        desk.write(fn_registers::HOMING_TRIGGER, 1);
-        desk.advance(1000);
-        desk.act(Act::Jam(true));
-        let stop = desk.truth().position;
+        let mut fixture = DriveFixture::positioning(&[]);
+        fixture.write(fn_registers::HOMING_WAY, 20_000 + c * 1000);
+        fixture.write(fn_registers::HOMING_TRIGGER, 1);
+        fixture.advance(1000);
+        fixture.act(Act::Jam(true));
+        let stop = fixture.truth().position;
         assert!(stop * direction > 5.0, "it was on its way");
-        desk.settle(5000);
-        assert_eq!((desk.alarm(), desk.counts()), (0, 0), "way {c}");
-        assert!((desk.truth().position - stop).abs() < 1e-9);
+        fixture.settle(5000);
+        assert_eq!((fixture.alarm(), fixture.counts()), (0, 0), "way {c}");
+        assert!((fixture.truth().position - stop).abs() < 1e-9);
     }
 }
 
@@ -91,102 +91,106 @@ fn a_mechanical_stop_is_a_zero() {
 fn what_follows_the_zero_is_the_digits_a() {
     let switch = Act::Switch { which: 0, at: 20.0 };
     for (a, at_zero) in [(0, true), (33, false)] {
-        let mut desk = DriveFixture::positioning(&[]);
-        desk.act(switch);
-        desk.write(fn_registers::HOMING_SPEED, 600);
-        home(&mut desk, 21_000 + a);
-        let counts = desk.counts();
+        let mut fixture = DriveFixture::positioning(&[]);
+        fixture.act(switch);
+        fixture.write(fn_registers::HOMING_SPEED, 600);
+        home(&mut fixture, 21_000 + a);
+        let counts = fixture.counts();
         assert_eq!(counts.abs() <= 5, at_zero, "A = {a}: at {counts}");
         assert!(counts >= -5, "overshot, not short: {counts}");
     }
-    let mut desk = DriveFixture::positioning(&[]);
-    desk.act(switch);
-    desk.fill(5, 1002, 720_000, 300, [100, 100, 0, 0]);
-    home(&mut desk, 21_005);
-    desk.is_at(20_000);
-    assert!((desk.truth().position - (20.0 + 2.0 * TAU)).abs() < 0.005);
+    let mut fixture = DriveFixture::positioning(&[]);
+    fixture.act(switch);
+    fixture.fill(5, 1002, 720_000, 300, [100, 100, 0, 0]);
+    home(&mut fixture, 21_005);
+    fixture.is_at(20_000);
+    assert!((fixture.truth().position - (20.0 + 2.0 * TAU)).abs() < 0.005);
 }
 
 #[test]
 fn delay_path_and_coordinate_of_the_zero() {
-    let mut desk = DriveFixture::positioning(&[]);
-    desk.write(fn_registers::HOMING_DELAY, 700);
-    desk.write(fn_registers::HOMING_PATH, 2);
+    let mut fixture = DriveFixture::positioning(&[]);
+    fixture.write(fn_registers::HOMING_DELAY, 700);
+    fixture.write(fn_registers::HOMING_PATH, 2);
     // 90.000 degrees as 90000 thousandths: 1 * 65536 + 24464.
-    desk.write(fn_registers::ZERO_HIGH, 1);
-    desk.write(fn_registers::ZERO_LOW, 24_464);
-    desk.fill(2, 1002, 360_000, 600, [100, 100, 0, 0]);
-    desk.write(fn_registers::HOMING_WAY, 20_000);
-    desk.write(fn_registers::HOMING_TRIGGER, 1);
+    fixture.write(fn_registers::ZERO_HIGH, 1);
+    fixture.write(fn_registers::ZERO_LOW, 24_464);
+    fixture.fill(2, 1002, 360_000, 600, [100, 100, 0, 0]);
+    fixture.write(fn_registers::HOMING_WAY, 20_000);
+    fixture.write(fn_registers::HOMING_TRIGGER, 1);
     for _ in 0..2000 {
-        desk.advance(5);
-        if (desk.counts() - 2500).abs() <= 3 && desk.rpm() == 0 {
+        fixture.advance(5);
+        if (fixture.counts() - 2500).abs() <= 3 && fixture.rpm() == 0 {
             break;
         }
     }
-    desk.advance(400);
-    assert!(desk.busy(), "the delay belongs to homing");
-    desk.is_at(2500);
-    desk.settle(3000);
-    desk.is_at(10_000);
+    fixture.advance(400);
+    assert!(fixture.busy(), "the delay belongs to homing");
+    fixture.is_at(2500);
+    fixture.settle(3000);
+    fixture.is_at(10_000);
 }
 
 #[test]
 fn digit_d_says_when() {
-    let mut desk = DriveFixture::positioning(&[]);
-    desk.write(fn_registers::HOMING_WAY, 0);
-    desk.write(fn_registers::HOMING_TRIGGER, 1);
-    assert!(!desk.busy(), "D = 0");
-    desk.write(fn_registers::ENABLE, 0);
-    desk.write(fn_registers::HOMING_WAY, 10_000);
-    desk.write(fn_registers::ENABLE, 1);
-    assert!(desk.busy(), "D = 1: as soon as powered");
-    desk.settle(10_000);
-    desk.write(fn_registers::ENABLE, 0);
-    desk.write(fn_registers::ENABLE, 1);
-    assert!(!desk.busy(), "once is enough");
+    let mut fixture = DriveFixture::positioning(&[]);
+    fixture.write(fn_registers::HOMING_WAY, 0);
+    fixture.write(fn_registers::HOMING_TRIGGER, 1);
+    assert!(!fixture.busy(), "D = 0");
+    fixture.write(fn_registers::ENABLE, 0);
+    fixture.write(fn_registers::HOMING_WAY, 10_000);
+    fixture.write(fn_registers::ENABLE, 1);
+    assert!(fixture.busy(), "D = 1: as soon as powered");
+    fixture.settle(10_000);
+    fixture.write(fn_registers::ENABLE, 0);
+    fixture.write(fn_registers::ENABLE, 1);
+    assert!(!fixture.busy(), "once is enough");
 }
 
 #[test]
 fn the_wrong_side_of_the_switch_is_left_at_the_limit() {
-    let mut desk = DriveFixture::positioning(&[]);
-    desk.act(Act::Switch { which: 0, at: 6.0 });
-    desk.act(Act::Switch { which: 2, at: -8.0 });
-    home(&mut desk, 20_000);
-    desk.is_at(0);
-    assert!((desk.truth().position - 6.0).abs() < 0.005);
+    let mut fixture = DriveFixture::positioning(&[]);
+    fixture.act(Act::Switch { which: 0, at: 6.0 });
+    fixture.act(Act::Switch { which: 2, at: -8.0 });
+    home(&mut fixture, 20_000);
+    fixture.is_at(0);
+    assert!((fixture.truth().position - 6.0).abs() < 0.005);
 }
 
 #[test]
 fn a_stop_ends_homing() {
-    let mut desk = DriveFixture::positioning(&[]);
-    desk.act(Act::Switch { which: 0, at: f64::NAN });
-    desk.write(fn_registers::HOMING_TRIGGER, 1);
-    desk.advance(5000);
-    assert!(desk.busy(), "nothing to find");
-    desk.write(fn_registers::PATH_STOP, 1);
-    desk.settle(1000);
-    assert_eq!(desk.rpm(), 0);
+    let mut fixture = DriveFixture::positioning(&[]);
+    fixture.act(Act::Switch { which: 0, at: f64::NAN });
+    fixture.write(fn_registers::HOMING_TRIGGER, 1);
+    fixture.advance(5000);
+    assert!(fixture.busy(), "nothing to find");
+    fixture.write(fn_registers::PATH_STOP, 1);
+    fixture.settle(1000);
+    assert_eq!(fixture.rpm(), 0);
 }
 
 #[test]
 fn a_speed_that_never_arrives_is_an_alarm() {
     for (number, a, alarm) in [(0x201, 0, 0x1A14), (0x202, 0, 0x1A14), (0x202, 33, 0)] {
-        let mut desk = DriveFixture::positioning(&[]);
-        desk.write(number, 0);
-        desk.write(fn_registers::HOMING_WAY, 20_000 + a);
-        desk.write(fn_registers::HOMING_TRIGGER, 1);
-        desk.advance(2);
-        assert_eq!((desk.alarm(), desk.busy()), (alarm, alarm == 0), "Fn_{number:X}, A = {a}");
+        let mut fixture = DriveFixture::positioning(&[]);
+        fixture.write(number, 0);
+        fixture.write(fn_registers::HOMING_WAY, 20_000 + a);
+        fixture.write(fn_registers::HOMING_TRIGGER, 1);
+        fixture.advance(2);
+        assert_eq!(
+            (fixture.alarm(), fixture.busy()),
+            (alarm, alarm == 0),
+            "Fn_{number:X}, A = {a}"
+        );
     }
 }
 
 #[test]
 fn an_input_triggers_homing() {
-    let mut desk = DriveFixture::positioning(&[]);
-    desk.write(fn_registers::TRIGGER_SOURCE, 0);
-    desk.act(Act::Input(4, true));
-    desk.advance(5);
-    desk.settle(10_000);
-    assert!((desk.truth().position + PI).abs() < 0.005);
+    let mut fixture = DriveFixture::positioning(&[]);
+    fixture.write(fn_registers::TRIGGER_SOURCE, 0);
+    fixture.act(Act::Input(4, true));
+    fixture.advance(5);
+    fixture.settle(10_000);
+    assert!((fixture.truth().position + PI).abs() < 0.005);
 }

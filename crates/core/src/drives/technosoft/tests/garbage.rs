@@ -22,8 +22,8 @@ impl NoiseSource {
 
 #[test]
 fn frames_whose_sum_fails_move_nothing() {
-    let mut desk = DriveFixture::new();
-    desk.axis_on();
+    let mut fixture = DriveFixture::new();
+    fixture.axis_on();
     let mut noise = NoiseSource(7);
     let orders = [
         frame(IdCode::axis(255), Instruction::of(0x249E, [0x4E20, 0])),
@@ -34,11 +34,11 @@ fn frames_whose_sum_fails_move_nothing() {
         let mut bad = orders[noise.next() as usize % orders.len()].clone();
         let at = 1 + noise.next() as usize % (bad.len() - 1);
         bad[at] ^= 1 << (noise.next() % 8);
-        assert_eq!(desk.bytes(&bad), super::NOTHING);
-        desk.wait(1);
+        assert_eq!(fixture.bytes(&bad), super::NOTHING);
+        fixture.wait(1);
     }
-    assert_eq!((desk.read_long(0x0228), desk.read_long(0x029E)), (0, 0));
-    assert_eq!(desk.device.ground_truth(desk.now).position, 0.0);
+    assert_eq!((fixture.read_long(0x0228), fixture.read_long(0x029E)), (0, 0));
+    assert_eq!(fixture.device.ground_truth(fixture.now).position, 0.0);
 }
 
 /// Well-formed messages of random words, and bytes and frames of none: the drive may do anything but

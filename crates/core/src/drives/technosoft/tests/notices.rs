@@ -9,31 +9,31 @@ use crate::proto::tml::wire::IdCode;
 /// TML communication manual, chapter 3, example 3.
 #[test]
 fn motion_complete_is_told_as_printed() {
-    let mut desk = DriveFixture::new();
-    desk.axis_on();
-    desk.word(0x0962, 0x0400);
-    desk.move_to(2000);
-    assert_eq!(desk.unsolicited.len(), 1, "the start");
-    let mut told = Vec::new();
+    let mut fixture = DriveFixture::new();
+    fixture.axis_on();
+    fixture.word(0x0962, 0x0400);
+    fixture.move_to(2000);
+    assert_eq!(fixture.unsolicited.len(), 1, "the start");
+    let mut received = Vec::new();
     for _ in 0..1000 {
-        desk.wait(1);
-        told.extend(desk.sent());
+        fixture.wait(1);
+        received.extend(fixture.sent());
     }
     let printed = [0x0A, 0x0F, 0xF1, 0xD5, 0xFF, 0x09, 0x0E, 0x84, 0x00, 0x02, 0x01, 0x7C];
-    assert_eq!(told, printed);
+    assert_eq!(received, printed);
 }
 
 #[test]
 fn the_start_of_a_motion_is_told_too() {
-    let mut desk = DriveFixture::new();
-    desk.axis_on();
-    desk.word(0x0962, 0x0400);
-    desk.long(0x029E, 2000);
-    desk.mode_pp();
-    let answer = desk.send(IdCode::axis(255), 0x0108, &[]);
-    let told = messages(&answer[1..]);
+    let mut fixture = DriveFixture::new();
+    fixture.axis_on();
+    fixture.word(0x0962, 0x0400);
+    fixture.long(0x029E, 2000);
+    fixture.mode_pp();
+    let answer = fixture.send(IdCode::axis(255), 0x0108, &[]);
+    let reports = messages(&answer[1..]);
     assert_eq!(
-        OnlineMessage::parse(&told[0].instruction),
+        OnlineMessage::parse(&reports[0].instruction),
         Some(OnlineMessage::TakeData2 {
             sender: 255,
             address: 0x090E,
@@ -41,54 +41,54 @@ fn the_start_of_a_motion_is_told_too() {
             value: 0x0001_8000
         })
     );
-    assert_eq!(told[0].to, IdCode::host_at(255));
+    assert_eq!(reports[0].to, IdCode::host_at(255));
 }
 
 #[test]
 fn an_error_is_told_by_its_mask() {
-    let mut desk = DriveFixture::new();
-    desk.axis_on();
-    desk.word(0x0965, 1 << 12);
-    desk.act(Act::Supply(70.0));
-    let mut told = Vec::new();
+    let mut fixture = DriveFixture::new();
+    fixture.axis_on();
+    fixture.word(0x0965, 1 << 12);
+    fixture.act(Act::Supply(70.0));
+    let mut received = Vec::new();
     for _ in 0..20 {
-        desk.wait(1);
-        told.extend(desk.sent());
+        fixture.wait(1);
+        received.extend(fixture.sent());
     }
-    let told = messages(&told);
+    let reports = messages(&received);
     assert_eq!(
-        OnlineMessage::parse(&told[0].instruction),
+        OnlineMessage::parse(&reports[0].instruction),
         Some(OnlineMessage::TakeData2 { sender: 255, address: 0x08FC, long: false, value: 0x1000 })
     );
 }
 
 #[test]
 fn on_rs485_nobody_speaks_unasked() {
-    let mut desk = DriveFixture::at(Some(1), &[("wire", "rs485")]);
-    desk.send_instruction(0x0020, &[]);
-    desk.send_instruction(0x0102, &[]);
-    desk.word(0x0962, 0x0400);
-    desk.word(0x0927, 0x0FF1);
-    desk.move_to(2000);
+    let mut fixture = DriveFixture::at(Some(1), &[("wire", "rs485")]);
+    fixture.send_instruction(0x0020, &[]);
+    fixture.send_instruction(0x0102, &[]);
+    fixture.word(0x0962, 0x0400);
+    fixture.word(0x0927, 0x0FF1);
+    fixture.move_to(2000);
     for _ in 0..1000 {
-        desk.wait(1);
-        assert_eq!(desk.sent(), NOTHING);
+        fixture.wait(1);
+        assert_eq!(fixture.sent(), NOTHING);
     }
 }
 
 #[test]
 fn a_drive_wakes_by_itself_to_tell() {
     use crate::station::Timed;
-    let mut desk = DriveFixture::new();
-    desk.axis_on();
-    assert_eq!(desk.device.poll_timeout(), None);
-    desk.word(0x0962, 0x0400);
-    desk.move_to(2000);
+    let mut fixture = DriveFixture::new();
+    fixture.axis_on();
+    assert_eq!(fixture.device.poll_timeout(), None);
+    fixture.word(0x0962, 0x0400);
+    fixture.move_to(2000);
     for _ in 0..1000 {
-        let at = desk.device.poll_timeout().expect("there is something to tell");
-        desk.now = desk.now.max(at);
-        desk.device.handle_timeout(desk.now);
-        if !messages(&desk.sent()).is_empty() {
+        let at = fixture.device.poll_timeout().expect("there is something to tell");
+        fixture.now = fixture.now.max(at);
+        fixture.device.handle_timeout(fixture.now);
+        if !messages(&fixture.sent()).is_empty() {
             return;
         }
     }

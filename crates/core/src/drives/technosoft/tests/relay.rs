@@ -25,10 +25,11 @@ impl RelayFixture {
     fn settle(&mut self) {
         for _ in 0..100 {
             let mut ready: Vec<(u32, usize, Frame)> = Vec::new();
-            for (n, desk) in self.desks.iter_mut().enumerate() {
+            for (n, fixture) in self.desks.iter_mut().enumerate() {
                 let mut frame = Frame::default();
-                let now = desk.now;
-                while Station::<Can>::poll_transmit(&mut desk.device, now, &mut frame).is_some() {
+                let now = fixture.now;
+                while Station::<Can>::poll_transmit(&mut fixture.device, now, &mut frame).is_some()
+                {
                     ready.push((frame.id, n, frame));
                 }
             }
@@ -38,9 +39,9 @@ impl RelayFixture {
             ready.sort_by_key(|(id, ..)| *id);
             for (_, from, frame) in ready {
                 self.log.push(frame);
-                for (n, desk) in self.desks.iter_mut().enumerate() {
+                for (n, fixture) in self.desks.iter_mut().enumerate() {
                     if n != from {
-                        Station::<Can>::handle_input(&mut desk.device, desk.now, &frame);
+                        Station::<Can>::handle_input(&mut fixture.device, fixture.now, &frame);
                     }
                 }
             }
@@ -50,10 +51,10 @@ impl RelayFixture {
 
     /// What the host hears after having sent that.
     fn host(&mut self, bytes: &[u8]) -> Vec<u8> {
-        let mut heard = self.desks[0].bytes(bytes);
+        let mut received = self.desks[0].bytes(bytes);
         self.settle();
-        heard.extend(self.desks[0].sent());
-        heard
+        received.extend(self.desks[0].sent());
+        received
     }
 }
 
@@ -62,11 +63,11 @@ impl RelayFixture {
 fn a_host_sets_and_reads_kpp_of_an_axis_behind_the_relay() {
     let mut bus = RelayFixture::new(&[255, 1], "tmlcan");
     assert_eq!(bus.host(&[0x06, 0x00, 0x10, 0x20, 0x5E, 0x00, 0x05, 0x99]), [0x4F]);
-    let ask = frame(IdCode::axis(1), Instruction::of(0xB004, [0x0FF1, 0x025E]));
-    let heard = bus.host(&ask);
+    let request = frame(IdCode::axis(1), Instruction::of(0xB004, [0x0FF1, 0x025E]));
+    let received = bus.host(&request);
     let answer = [0x0A, 0x0F, 0xF1, 0xB4, 0x04, 0x00, 0x10, 0x02, 0x5E, 0x00, 0x05];
-    assert_eq!(heard[0], 0x4F);
-    assert_eq!(heard[1..12], answer);
+    assert_eq!(received[0], 0x4F);
+    assert_eq!(received[1..12], answer);
     let ids: Vec<u32> = bus.log.iter().map(|frame| frame.id).collect();
     assert_eq!(ids, [0x0400_205E, 0x1600_2004, 0x169F_E204]);
     let relay = &bus.desks[0].device.drive;
@@ -79,8 +80,8 @@ fn a_group_answers_in_the_order_of_axis_ids() {
     let mut bus = RelayFixture::new(&[3, 7, 5], "tmlcan");
     let request =
         OnlineMessage::GiveMeData2 { sender: IdCode::host_at(3), cell: Cell::short(0x030C) };
-    let heard = bus.host(&frame(IdCode::groups(1), request.emit()));
-    let answers: Vec<_> = messages(&heard[1..])
+    let received = bus.host(&frame(IdCode::groups(1), request.emit()));
+    let answers: Vec<_> = messages(&received[1..])
         .iter()
         .map(|message| OnlineMessage::parse(&message.instruction).unwrap())
         .collect();
@@ -100,18 +101,18 @@ fn behind_technocan_an_axis_is_read_but_no_group() {
     let mut bus = RelayFixture::new(&[255, 1, 2], "technocan");
     let cell = Cell::short(0x025E);
     let sender = IdCode::host_at(255);
-    let heard =
+    let received =
         bus.host(&frame(IdCode::axis(2), OnlineMessage::GiveMeData { sender, cell }.emit()));
-    let answer = messages(&heard[1..])[0];
+    let answer = messages(&received[1..])[0];
     assert_eq!(answer.to, IdCode::host_at(255), "the ID is whole again");
     let sender = IdCode::axis(2);
     let expected = OnlineMessage::TakeData { sender, cell, value: 288 };
     assert_eq!(OnlineMessage::parse(&answer.instruction), Some(expected));
     assert_eq!(bus.log[1].id, 0x17F, "TakeData to 255, which acts as 31");
     let sender = IdCode::host_at(255);
-    let heard =
+    let received =
         bus.host(&frame(IdCode::groups(1), OnlineMessage::GiveMeData2 { sender, cell }.emit()));
-    assert_eq!(messages(&heard[1..]).len(), 1, "the relay's own; no drive receives TakeData2");
+    assert_eq!(messages(&received[1..]).len(), 1, "the relay's own; no drive receives TakeData2");
 }
 
 #[test]
@@ -128,13 +129,13 @@ fn an_axis_behind_the_relay_speaks_unasked() {
         let order = Instruction::new(opcode, words).unwrap();
         assert_eq!(bus.host(&frame(IdCode::axis(1), order)), [0x4F]);
     }
-    let heard = bus.host(&frame(IdCode::axis(1), Instruction::of(0x0108, [])));
-    assert_eq!(messages(&heard[1..]).len(), 1, "the motion begins");
+    let received = bus.host(&frame(IdCode::axis(1), Instruction::of(0x0108, [])));
+    assert_eq!(messages(&received[1..]).len(), 1, "the motion begins");
     bus.desks[1].wait(1000);
     bus.settle();
-    let told = messages(&bus.desks[0].sent());
+    let reports = messages(&bus.desks[0].sent());
     assert_eq!(
-        OnlineMessage::parse(&told[0].instruction),
+        OnlineMessage::parse(&reports[0].instruction),
         Some(OnlineMessage::TakeData2 {
             sender: 1,
             address: 0x090E,
@@ -147,16 +148,16 @@ fn an_axis_behind_the_relay_speaks_unasked() {
 
 #[test]
 fn a_full_queue_drops_and_counts() {
-    let mut desk = DriveFixture::at(Some(255), &[]);
+    let mut fixture = DriveFixture::at(Some(255), &[]);
     let order = frame(IdCode::axis(1), Instruction::of(0x205E, [1]));
     for _ in 0..40 {
-        assert_eq!(desk.bytes(&order), [0x4F], "an acknowledgement says only that it was heard");
+        assert_eq!(fixture.bytes(&order), [0x4F], "an acknowledgement says only that it was heard");
     }
-    assert_eq!(desk.device.wires.dropped(), 8);
-    assert_eq!(desk.read(0x0301), 1 << 5, "CAN transmit overrun");
+    assert_eq!(fixture.device.wires.dropped(), 8);
+    assert_eq!(fixture.read(0x0301), 1 << 5, "CAN transmit overrun");
     let mut out = Frame::default();
     let mut sent = 0;
-    while Station::<Can>::poll_transmit(&mut desk.device, desk.now, &mut out).is_some() {
+    while Station::<Can>::poll_transmit(&mut fixture.device, fixture.now, &mut out).is_some() {
         sent += 1;
     }
     assert_eq!(sent, 32);

@@ -15,13 +15,13 @@ fn ten_drives_keep_within_a_period_of_their_master() {
             .zip(1..)
             .map(|(ppm, axis)| DriveFixture::at(Some(axis), &[("clock-ppm", ppm), ("can", can)]))
             .collect();
-        for (desk, ahead) in desks.iter_mut().zip(0..) {
-            desk.long(0x02C0, ahead * 1000);
+        for (fixture, ahead) in desks.iter_mut().zip(0..) {
+            fixture.long(0x02C0, ahead * 1000);
         }
         desks[0].send_instruction(0x1404, &[20, 0]);
         for ms in 0..60_000 {
-            for desk in &mut desks {
-                desk.wait(1);
+            for fixture in &mut desks {
+                fixture.wait(1);
             }
             let now = desks[0].now;
             let (master, slaves) = desks.split_first_mut().unwrap();

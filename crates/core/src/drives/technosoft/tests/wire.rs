@@ -6,49 +6,49 @@ use crate::proto::tml::wire::{IdCode, Instruction};
 
 #[test]
 fn kpp_is_set_and_read_as_printed() {
-    let mut desk = DriveFixture::new();
-    let ask = [0x08, 0x0F, 0xF0, 0xB0, 0x04, 0x0F, 0xF1, 0x02, 0x5E, 0x1B];
+    let mut fixture = DriveFixture::new();
+    let request = [0x08, 0x0F, 0xF0, 0xB0, 0x04, 0x0F, 0xF1, 0x02, 0x5E, 0x1B];
     let printed = [0x0A, 0x0F, 0xF1, 0xB4, 0x04, 0x0F, 0xF0, 0x02, 0x5E, 0x01, 0x20, 0x42];
-    let answer = desk.bytes(&ask);
+    let answer = fixture.bytes(&request);
     assert_eq!(answer[0], 0x4F);
     assert_eq!(answer[1..], printed);
-    assert_eq!(desk.bytes(&[0x06, 0x0F, 0xF0, 0x20, 0x5E, 0x00, 0x05, 0x88]), [0x4F]);
-    assert_eq!(desk.bytes(&ask)[10..12], [0, 5]);
-    desk.wait(10);
+    assert_eq!(fixture.bytes(&[0x06, 0x0F, 0xF0, 0x20, 0x5E, 0x00, 0x05, 0x88]), [0x4F]);
+    assert_eq!(fixture.bytes(&request)[10..12], [0, 5]);
+    fixture.wait(10);
 }
 
 #[test]
 fn a_bad_sum_is_met_with_silence_and_changes_nothing() {
-    let mut desk = DriveFixture::new();
-    assert_eq!(desk.bytes(&[0x06, 0x0F, 0xF0, 0x20, 0x5E, 0x00, 0x05, 0x89]), NOTHING);
-    let ask = [0x08, 0x0F, 0xF0, 0xB0, 0x04, 0x0F, 0xF1, 0x02, 0x5E, 0x1B];
-    assert_eq!(desk.bytes(&ask)[10..12], [1, 0x20]);
+    let mut fixture = DriveFixture::new();
+    assert_eq!(fixture.bytes(&[0x06, 0x0F, 0xF0, 0x20, 0x5E, 0x00, 0x05, 0x89]), NOTHING);
+    let request = [0x08, 0x0F, 0xF0, 0xB0, 0x04, 0x0F, 0xF1, 0x02, 0x5E, 0x1B];
+    assert_eq!(fixture.bytes(&request)[10..12], [1, 0x20]);
 }
 
 #[test]
 fn a_lost_byte_is_made_up_for_by_synchronisation() {
-    let mut desk = DriveFixture::new();
-    assert_eq!(desk.bytes(&[0x06, 0x0F, 0xF0, 0x5E, 0x00, 0x05, 0x88]), NOTHING);
-    assert_eq!(desk.bytes(&[0x0D]), NOTHING, "it ends the broken frame");
-    assert_eq!(desk.bytes(&[0x0D]), [0x0D]);
-    assert_eq!(desk.bytes(&[0x0D]), [0x0D]);
-    assert_eq!(desk.bytes(&[0x06, 0x0F, 0xF0, 0x20, 0x5E, 0x00, 0x05, 0x88]), [0x4F]);
+    let mut fixture = DriveFixture::new();
+    assert_eq!(fixture.bytes(&[0x06, 0x0F, 0xF0, 0x5E, 0x00, 0x05, 0x88]), NOTHING);
+    assert_eq!(fixture.bytes(&[0x0D]), NOTHING, "it ends the broken frame");
+    assert_eq!(fixture.bytes(&[0x0D]), [0x0D]);
+    assert_eq!(fixture.bytes(&[0x0D]), [0x0D]);
+    assert_eq!(fixture.bytes(&[0x06, 0x0F, 0xF0, 0x20, 0x5E, 0x00, 0x05, 0x88]), [0x4F]);
 }
 
 #[test]
 fn on_rs485_one_axis_acknowledges_and_nobody_else_does() {
-    let mut desk = DriveFixture::at(Some(1), &[("wire", "rs485")]);
-    assert_eq!(desk.read(0x030B), 1, "CSR");
+    let mut fixture = DriveFixture::at(Some(1), &[("wire", "rs485")]);
+    assert_eq!(fixture.read(0x030B), 1, "CSR");
     let order = Instruction::of(0x205E, [7]);
-    assert_eq!(desk.bytes(&frame(IdCode::axis(1), order)), [0x4F]);
+    assert_eq!(fixture.bytes(&frame(IdCode::axis(1), order)), [0x4F]);
     for to in [IdCode::axis(0), IdCode::axis(2), IdCode::groups(1), IdCode::BROADCAST] {
-        assert_eq!(desk.bytes(&frame(to, order)), NOTHING, "{to:?}");
+        assert_eq!(fixture.bytes(&frame(to, order)), NOTHING, "{to:?}");
     }
     let cell = Cell::short(0x025E);
-    let ask = OnlineMessage::GiveMeData { sender: IdCode::axis(255), cell }.emit();
-    assert_eq!(desk.bytes(&frame(IdCode::axis(0), ask)), NOTHING);
-    assert_eq!(desk.bytes(&[0x0D; 15]), NOTHING, "all would answer at once");
-    let answer = desk.bytes(&frame(IdCode::axis(1), ask));
+    let instruction = OnlineMessage::GiveMeData { sender: IdCode::axis(255), cell }.emit();
+    assert_eq!(fixture.bytes(&frame(IdCode::axis(0), instruction)), NOTHING);
+    assert_eq!(fixture.bytes(&[0x0D; 15]), NOTHING, "all would answer at once");
+    let answer = fixture.bytes(&frame(IdCode::axis(1), instruction));
     let sender = IdCode::axis(1);
     assert_eq!(messages(&answer[1..])[0].to, IdCode::axis(255), "no host bit");
     assert_eq!(
@@ -69,8 +69,8 @@ fn a_drive_is_master_on_rs485() {
     master.send_instruction(0x7400, &[0x8300]);
     for _ in 0..10 {
         master.wait(1);
-        let said = master.sent();
-        let answered = slave.bytes(&said);
+        let bytes = master.sent();
+        let answered = slave.bytes(&bytes);
         assert!(slave.bytes(&[]).is_empty());
         assert!(master.bytes(&answered).is_empty());
     }
@@ -81,17 +81,17 @@ fn a_drive_is_master_on_rs485() {
 fn a_slow_line_holds_back_what_it_cannot_carry_yet() {
     use crate::medium::{STREAM_UNIT_MAX, Stream};
     use crate::station::{Station, Timed};
-    let mut desk = DriveFixture::timed();
-    let ask = [0x08, 0x0F, 0xF0, 0xB0, 0x04, 0x0F, 0xF1, 0x02, 0x5E, 0x1B];
-    Station::<Stream>::handle_input(&mut desk.device, desk.now, &ask);
+    let mut fixture = DriveFixture::timed();
+    let request = [0x08, 0x0F, 0xF0, 0xB0, 0x04, 0x0F, 0xF1, 0x02, 0x5E, 0x1B];
+    Station::<Stream>::handle_input(&mut fixture.device, fixture.now, &request);
     let mut out = [0; STREAM_UNIT_MAX];
-    let mut poll = |desk: &mut DriveFixture| {
-        Station::<Stream>::poll_transmit(&mut desk.device, desk.now, &mut out)
+    let mut poll = |fixture: &mut DriveFixture| {
+        Station::<Stream>::poll_transmit(&mut fixture.device, fixture.now, &mut out)
     };
-    assert_eq!(poll(&mut desk), Some(1), "the acknowledgement");
-    assert_eq!(poll(&mut desk), None);
-    let free = desk.device.poll_timeout().unwrap();
-    assert_eq!(free.since(desk.now).as_micros(), 1145, "eleven bits at 9600 baud");
-    desk.now = free;
-    assert_eq!(poll(&mut desk), Some(12));
+    assert_eq!(poll(&mut fixture), Some(1), "the acknowledgement");
+    assert_eq!(poll(&mut fixture), None);
+    let free = fixture.device.poll_timeout().unwrap();
+    assert_eq!(free.since(fixture.now).as_micros(), 1145, "eleven bits at 9600 baud");
+    fixture.now = free;
+    assert_eq!(poll(&mut fixture), Some(12));
 }

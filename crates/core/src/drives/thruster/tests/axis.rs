@@ -128,8 +128,8 @@ fn a_thruster_is_enabled_spun_and_stopped() {
     assert_eq!(pair.command(turning(500.0)), Err(Unsupported::NotArmed));
     pair.lane.set_armed(X, true);
     // Without the zero signal the drive refuses, and says why.
-    let told = pair.command(turning(500.0));
-    assert_eq!(told, Ok(Outcome::NotDone(Failure::Faulted { code: 0x0400 })));
+    let result = pair.command(turning(500.0));
+    assert_eq!(result, Ok(Outcome::NotDone(Failure::Faulted { code: 0x0400 })));
     assert!(matches!(pair.verb(Verb::Enable), Outcome::Done(_)));
     assert!(matches!(pair.command(turning(500.0)), Ok(Outcome::Done(_))));
     pair.run(3000);
@@ -149,7 +149,7 @@ fn limits_hold_before_a_byte_is_sent() {
     let mut pair = Pair::new(&profile::THRUSTER_SERVO);
     pair.lane.set_armed(X, true);
     let refused =
-        |told| matches!(told, Err(Unsupported::OutOfRange { .. } | Unsupported::Forbidden(_)));
+        |result| matches!(result, Err(Unsupported::OutOfRange { .. } | Unsupported::Forbidden(_)));
     assert!(refused(pair.command(turning(201.0))));
     assert!(refused(pair.command(moving(Verb::MoveTo, 180.0, None))));
     assert!(refused(pair.command(moving(Verb::MoveTo, 90.0, Some(201.0)))));
@@ -157,7 +157,7 @@ fn limits_hold_before_a_byte_is_sent() {
     assert!(refused(pair.raw("LR 10 rpm -437.0 deg")), "EE EE");
     assert!(refused(pair.raw("VC 29 rpm")));
     assert!(pair.sent.is_empty());
-    let impossible = |told| matches!(told, Ok(Outcome::NotDone(Failure::Impossible(_))));
+    let impossible = |result| matches!(result, Ok(Outcome::NotDone(Failure::Impossible(_))));
     assert!(impossible(pair.command(moving(Verb::MoveBy, -437.0, None))), "EE EE");
     assert!(impossible(pair.write("command timeout", 99)));
     let moved = pair.sent.iter().any(|f| matches!(f.data, [b'L' | b'V' | b'T', ..]));
@@ -187,8 +187,8 @@ fn a_servo_goes_where_it_is_told_and_says_when_it_is_there() {
     assert!(matches!(pair.write("safe range", 0xFC7C_0384), Ok(Outcome::Done(_))));
     assert_eq!(pair.read("reverse end"), Outcome::Done(-900));
     assert_eq!(pair.read("forward end"), Outcome::Done(900));
-    let told = pair.command(moving(Verb::MoveTo, 95.0, None));
-    assert_eq!(told, Ok(Outcome::NotDone(Failure::Refused { code: 0xEEEE })));
+    let result = pair.command(moving(Verb::MoveTo, 95.0, None));
+    assert_eq!(result, Ok(Outcome::NotDone(Failure::Refused { code: 0xEEEE })));
 }
 
 #[test]

@@ -152,10 +152,10 @@ fn the_other_readings_can_be_chosen() {
 fn what_is_sent_by_itself() {
     let mut rig = DriveFixture::thruster();
     rig.ok("4D 4D 00 00");
-    let heard = rig.wait(1000);
-    assert_eq!(heard.len(), 20, "two every 100 ms");
-    assert_eq!(data(&heard)[0][..4], hex("51 43 00 00"));
-    assert_eq!(data(&heard)[1][..4], hex("51 56 00 00"));
+    let received = rig.wait(1000);
+    assert_eq!(received.len(), 20, "two every 100 ms");
+    assert_eq!(data(&received)[0][..4], hex("51 43 00 00"));
+    assert_eq!(data(&received)[1][..4], hex("51 56 00 00"));
     rig.ok("4D 4C 00 00");
     assert_eq!(rig.wait(2000).len(), 4, "two every second");
     rig.ok("4D 51 00 00");
@@ -163,10 +163,10 @@ fn what_is_sent_by_itself() {
 
     rig.act(Act::PowerCycle);
     rig.ok("53 52 00 00 00 03 00 C8");
-    let heard = rig.wait(1000);
-    assert_eq!(heard.len(), 10, "two every 200 ms");
+    let received = rig.wait(1000);
+    assert_eq!(received.len(), 10, "two every 200 ms");
     assert_eq!(
-        (data(&heard)[0][..2].to_vec(), data(&heard)[1][..2].to_vec()),
+        (data(&received)[0][..2].to_vec(), data(&received)[1][..2].to_vec()),
         (hex("41 01"), hex("41 02"))
     );
     rig.ok("4D 51 00 00");
@@ -176,6 +176,6 @@ fn what_is_sent_by_itself() {
     rig.ok("53 52 00 00 00 00 00 C8");
     assert!(rig.wait(1000).is_empty());
     rig.ok("53 52 00 00 00 01 00 01");
-    let heard = rig.wait(1000);
-    assert_eq!(heard.len(), 100, "10 ms at least");
+    let received = rig.wait(1000);
+    assert_eq!(received.len(), 100, "10 ms at least");
 }

@@ -153,8 +153,8 @@ impl PdoObjects {
             (false, 6) => self.start = value as u8,
             (true, 0) => self.count = (value as u8).min(MAPPED_MAX as u8),
             (true, 1..) => {
-                if let Some(place) = self.map.get_mut(usize::from(sub) - 1) {
-                    *place = value as u32;
+                if let Some(index) = self.map.get_mut(usize::from(sub) - 1) {
+                    *index = value as u32;
                 }
             }
             _ => {}
@@ -217,9 +217,9 @@ impl<const N: usize> SettingsStore<N> {
     pub(super) fn finish_write(&mut self, now: Instant) -> Option<SettingsGroup> {
         let (group, ..) = self.writing.as_ref().filter(|(_, done, _)| *done <= now)?;
         let group = *group;
-        let (.., kept) = self.writing.take()?;
+        let (.., stored_settings) = self.writing.take()?;
         if group != SettingsGroup::Application {
-            self.stored = Some(kept);
+            self.stored = Some(stored_settings);
         }
         Some(group)
     }
@@ -235,7 +235,7 @@ impl<const N: usize> SettingsStore<N> {
     /// the factory: what was stored is stored.
     pub(super) fn load(&self, dictionary: &Dictionary, node: u8) -> CommunicationObjects<N> {
         match self.stored {
-            Some(kept) if kept.node == node => kept.comm,
+            Some(stored_settings) if stored_settings.node == node => stored_settings.comm,
             _ => CommunicationObjects::factory(dictionary, node),
         }
     }

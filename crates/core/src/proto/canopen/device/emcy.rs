@@ -45,8 +45,8 @@ impl EmergencyQueue {
             self.history[0] = emergency.code.into();
             self.history_len = (self.history_len + 1).min(HISTORY_MAX as u8);
         }
-        if let Some(place) = self.queue.get_mut(self.queue_len) {
-            *place = emergency;
+        if let Some(position) = self.queue.get_mut(self.queue_len) {
+            *position = emergency;
             self.queue_len += 1;
         }
     }

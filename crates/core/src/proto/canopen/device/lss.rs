@@ -93,11 +93,11 @@ impl<const N: usize> CanEndpoint<N> {
         value: u32,
         firmware: &mut impl Firmware,
     ) -> Option<LssReply> {
-        let place = number as u8;
-        let before = (1 << place) - 1;
+        let index = number as u8;
+        let before = (1 << index) - 1;
         let agrees = self.identity_number(number, firmware) == value;
         let in_order = self.lss.numbers_matched & before == before;
-        self.lss.numbers_matched = if agrees && in_order { before | 1 << place } else { 0 };
+        self.lss.numbers_matched = if agrees && in_order { before | 1 << index } else { 0 };
         self.lss.configuring |= self.lss.numbers_matched == 0x0F;
         (self.lss.numbers_matched == 0x0F).then_some(LssReply::Selected)
     }
@@ -108,7 +108,7 @@ impl<const N: usize> CanEndpoint<N> {
         value: u32,
         firmware: &mut impl Firmware,
     ) -> Option<LssReply> {
-        let place = bound as u8;
+        let index = bound as u8;
         let fits = match bound {
             IdentifyBound::Vendor => {
                 self.identity_number(IdentityNumber::Vendor, firmware) == value
@@ -129,9 +129,9 @@ impl<const N: usize> CanEndpoint<N> {
                 self.identity_number(IdentityNumber::Serial, firmware) <= value
             }
         };
-        let before = (1 << place) - 1;
+        let before = (1 << index) - 1;
         let in_order = self.lss.bounds_met & before == before;
-        self.lss.bounds_met = if fits && in_order { before | 1 << place } else { 0 };
+        self.lss.bounds_met = if fits && in_order { before | 1 << index } else { 0 };
         (self.lss.bounds_met == 0x3F).then_some(LssReply::Identified)
     }
 

@@ -46,7 +46,7 @@ pub trait MotorControl {
     /// How the set-point may move.
     fn set_limits(&mut self, limits: Limits);
     /// Heads for a speed, rad/s.
-    fn turn(&mut self, rad_per_s: f64);
+    fn set_velocity(&mut self, rad_per_s: f64);
     /// Heads for a position, rad.
     fn move_to(&mut self, position: f64);
     /// Drives a share of the rated torque.

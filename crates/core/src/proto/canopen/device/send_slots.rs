@@ -106,9 +106,9 @@ impl SendSlots {
     }
 
     #[inline]
-    const fn take_slot(&mut self, place: u8) -> bool {
-        let is = self.occupied & place != 0;
-        self.occupied &= !place;
+    const fn take_slot(&mut self, index: u8) -> bool {
+        let is = self.occupied & index != 0;
+        self.occupied &= !index;
         is
     }
 }

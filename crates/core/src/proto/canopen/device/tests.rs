@@ -163,9 +163,9 @@ impl NodeFixture {
     }
 
     fn with(options: Quirks) -> Self {
-        let mut desk = Self::at(5, options);
-        assert_eq!(desk.sent(), [frame(0x705, &[0])], "boot-up");
-        desk
+        let mut fixture = Self::at(5, options);
+        assert_eq!(fixture.sent(), [frame(0x705, &[0])], "boot-up");
+        fixture
     }
 
     fn at(node: u8, options: Quirks) -> Self {
@@ -175,10 +175,10 @@ impl NodeFixture {
     }
 
     fn operational() -> Self {
-        let mut desk = Self::new();
-        desk.receive(frame(0, &[1, 5]));
-        desk.sent();
-        desk
+        let mut fixture = Self::new();
+        fixture.receive(frame(0, &[1, 5]));
+        fixture.sent();
+        fixture
     }
 
     fn receive(&mut self, frame: Frame) {
@@ -187,9 +187,9 @@ impl NodeFixture {
 
     /// Everything that it sends now.
     fn sent(&mut self) -> Vec<Frame> {
-        let next = |desk: &mut Self| {
+        let next = |fixture: &mut Self| {
             let mut out = Frame::default();
-            desk.end.poll_transmit(desk.now, &mut out, &mut desk.toy).map(|_| out)
+            fixture.end.poll_transmit(fixture.now, &mut out, &mut fixture.toy).map(|_| out)
         };
         core::iter::from_fn(|| next(self)).collect()
     }

@@ -45,9 +45,9 @@ impl FieldWriter<'_> {
     }
 
     /// All fields of what the frame says.
-    pub(super) fn emit_message(&mut self, said: &Statement) {
+    pub(super) fn emit_message(&mut self, statement: &Statement) {
         let first = self.frame.data[0];
-        match *said {
+        match *statement {
             Statement::Order(command, _) => {
                 self.emit_field("command", (0, 1), FieldValue::Int(first.into()), command.name());
                 let node = self.frame.data[1];

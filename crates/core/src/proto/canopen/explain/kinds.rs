@@ -24,8 +24,8 @@ pub(super) const fn cob_kind(cob: Cob) -> &'static str {
     }
 }
 
-pub(super) fn message_kind(said: &Statement, frame: &Frame) -> &'static str {
-    match *said {
+pub(super) fn message_kind(statement: &Statement, frame: &Frame) -> &'static str {
+    match *statement {
         Statement::State(heartbeat) if heartbeat.state == NmtState::BootUp => "boot-up",
         Statement::Guard => "guarding",
         Statement::Request(request, _) => request_kind(request),

@@ -138,8 +138,8 @@ const NO_OBJECT: ObjectIndex = ObjectIndex::new(0, 0);
 
 /// The frame that begins what is asked.
 #[inline]
-pub fn first_request(ask: &HostRequest) -> Option<SdoRequest> {
-    Some(match *ask {
+pub fn first_request(request: &HostRequest) -> Option<SdoRequest> {
+    Some(match *request {
         HostRequest::Read { object, .. } | HostRequest::Upload { object, block: false, .. } => {
             SdoRequest::Read(object)
         }
@@ -225,13 +225,18 @@ impl NodeChannel {
         matches!(self.host_request, HostRequest::Write { class: RequestClass::Stop, .. })
     }
 
-    pub fn begin(&mut self, ticket: Ticket, ask: HostRequest, long: Option<u8>) {
+    pub fn begin(&mut self, ticket: Ticket, request: HostRequest, long: Option<u8>) {
         self.buffer = long;
-        let stage = match ask {
+        let stage = match request {
             HostRequest::Guard { .. } => ChannelStage::Guard,
-            _ => self.first_stage(&ask),
+            _ => self.first_stage(&request),
         };
-        self.start(ticket, ask, first_request(&ask).map_or([0; 8], SdoRequest::bytes), stage);
+        self.start(
+            ticket,
+            request,
+            first_request(&request).map_or([0; 8], SdoRequest::bytes),
+            stage,
+        );
     }
 
     /// Begins to read.
@@ -251,17 +256,17 @@ impl NodeChannel {
     }
 
     #[inline]
-    fn start(&mut self, ticket: Ticket, ask: HostRequest, first: [u8; 8], stage: ChannelStage) {
+    fn start(&mut self, ticket: Ticket, request: HostRequest, first: [u8; 8], stage: ChannelStage) {
         self.ticket = ticket;
-        self.host_request = ask;
+        self.host_request = request;
         self.first_frame = first;
         self.stage = stage;
     }
 
     /// What goes first: the request, or where an older answer to the same may come, something else.
-    fn first_stage(&self, ask: &HostRequest) -> ChannelStage {
-        match ask {
-            _ if !self.stale_answers.contains(ask.object().unwrap_or(NO_OBJECT)) => {
+    fn first_stage(&self, request: &HostRequest) -> ChannelStage {
+        match request {
+            _ if !self.stale_answers.contains(request.object().unwrap_or(NO_OBJECT)) => {
                 ChannelStage::Request
             }
             HostRequest::Write { class: RequestClass::Stop, .. } => ChannelStage::StopFirst,

@@ -206,7 +206,9 @@ fn is_answer(request: &LssRequest, reply: &LssReply) -> bool {
         | (LssRequest::InquireNode, LssReply::Node(_))
         | (LssRequest::Identify(..) | LssRequest::FastScan { .. }, LssReply::Identified)
         | (LssRequest::IdentifyUnconfigured, LssReply::Unconfigured) => true,
-        (LssRequest::Inquire(asked), LssReply::Number(told, _)) => asked == told,
+        (LssRequest::Inquire(identity_number), LssReply::Number(report, _)) => {
+            identity_number == report
+        }
         _ => false,
     }
 }

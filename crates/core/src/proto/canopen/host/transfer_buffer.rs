@@ -61,8 +61,8 @@ impl TransferBuffer {
         self.ticket == Some(ticket)
     }
 
-    pub fn begin(&mut self, ticket: Ticket, node: u8, ask: &HostRequest) {
-        let (writes, left) = match *ask {
+    pub fn begin(&mut self, ticket: Ticket, node: u8, request: &HostRequest) {
+        let (writes, left) = match *request {
             HostRequest::Download { size, .. } => (true, size),
             _ => (false, 0),
         };

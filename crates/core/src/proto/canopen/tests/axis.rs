@@ -30,8 +30,8 @@ fn values_have_the_length_and_sign_of_their_objects() {
     ];
     for (encoding, raw, wire, bytes) in cases {
         parameter.encoding = encoding;
-        let ask = axis.write_request(&parameter, raw, RequestClass::ReadBack).unwrap();
-        let HostRequest::Write { object, bits, len, .. } = ask else { panic!("{ask:?}") };
+        let request = axis.write_request(&parameter, raw, RequestClass::ReadBack).unwrap();
+        let HostRequest::Write { object, bits, len, .. } = request else { panic!("{request:?}") };
         assert_eq!((bits, len), (wire, bytes), "{encoding:?}");
         for len in [u32::from(bytes), 0] {
             let read = Answer::Value { object, bits, len };
@@ -101,9 +101,9 @@ fn process_data_mean_something_once_their_mapping_is_known() {
     learn(2, 0x1001_0008);
     learn(3, 0x1017_0010);
     learn(0, 3);
-    let told =
+    let reports =
         [(1, 3), (2, 0x64)].map(|(id, raw)| Some(DriveReport::Parameter(ParameterId(id), raw)));
-    assert_eq!(axis.decode_unsolicited(&data)[..2], told);
+    assert_eq!(axis.decode_unsolicited(&data)[..2], reports);
     assert_eq!(
         axis.decode_unsolicited(&Answer::Process(1, 0x0064_0300, 3)),
         [None; 4],
@@ -119,8 +119,8 @@ fn process_data_mean_something_once_their_mapping_is_known() {
 fn emergencies_are_faults_at_once() {
     let mut axis = axis();
     let emergency = Emergency { code: 0x2310, ..Emergency::default() };
-    let told = axis.decode_unsolicited(&Answer::Emergency(emergency));
-    assert_eq!(told[0], Some(DriveReport::Signal(crate::profile::Signal::Fault, 0x2310)));
+    let reports = axis.decode_unsolicited(&Answer::Emergency(emergency));
+    assert_eq!(reports[0], Some(DriveReport::Signal(crate::profile::Signal::Fault, 0x2310)));
 }
 
 #[test]

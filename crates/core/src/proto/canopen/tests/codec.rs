@@ -91,7 +91,7 @@ fn every_identifier_has_one_meaning() {
         assert_eq!(Cob::of(id).id(), id);
         assert!(Cob::of(id).node().is_none_or(|node| (1..=127).contains(&node)));
     }
-    let meant: [(u16, Cob); 12] = [
+    let intended: [(u16, Cob); 12] = [
         (0x000, Cob::Nmt),
         (0x005, Cob::Other(0x005)),
         (0x080, Cob::Sync),
@@ -105,7 +105,7 @@ fn every_identifier_has_one_meaning() {
         (0x7E4, Cob::LssReply),
         (0x7E5, Cob::LssRequest),
     ];
-    for (id, cob) in meant {
+    for (id, cob) in intended {
         assert_eq!(Cob::of(id), cob);
     }
 }

@@ -122,7 +122,7 @@ fn every_printed_frame_is_explained_and_encoded_again() {
 
 /// What the vector says that the frame means.
 fn agrees(meaning: &str, found: &RecordingSink) {
-    let said = found.text.to_ascii_lowercase();
+    let output = found.text.to_ascii_lowercase();
     let object = |text: &str| {
         let (index, sub) = text.split_once(':').expect("an object");
         let sub = u8::from_str_radix(sub, 16).expect("a sub-index");
@@ -131,19 +131,19 @@ fn agrees(meaning: &str, found: &RecordingSink) {
     let words: Vec<&str> = meaning.split_whitespace().collect();
     match words[..] {
         ["download", "ack", what, ..] => {
-            assert!(said.starts_with(&std::format!("written {}", object(what))), "{said}");
+            assert!(output.starts_with(&std::format!("written {}", object(what))), "{output}");
         }
         ["download", what, "=", _, value, ..] => {
-            assert!(said.starts_with(&std::format!("write {}", object(what))), "{said}");
-            assert_eq!(found.value("value"), value.trim_matches(['(', ')']), "{said}");
+            assert!(output.starts_with(&std::format!("write {}", object(what))), "{output}");
+            assert_eq!(found.value("value"), value.trim_matches(['(', ')']), "{output}");
         }
-        ["upload", "req", what, ..] => assert_eq!(said.find(&object(what)), Some(5), "{said}"),
+        ["upload", "req", what, ..] => assert_eq!(output.find(&object(what)), Some(5), "{output}"),
         ["upload", "rsp", what, "=", _, value, ..] => {
-            assert_eq!(said.find(&object(what)), Some(6), "{said}");
-            assert_eq!(found.value("value"), value.trim_matches(['(', ')']), "{said}");
+            assert_eq!(output.find(&object(what)), Some(6), "{output}");
+            assert_eq!(found.value("value"), value.trim_matches(['(', ')']), "{output}");
         }
         ["abort", code, ..] if code.len() == 8 && found.kind == "SDO abort" => {
-            assert_eq!(found.value("abort"), std::format!("0x{code}"), "{said}");
+            assert_eq!(found.value("abort"), std::format!("0x{code}"), "{output}");
         }
         _ => {}
     }
@@ -197,7 +197,7 @@ fn whatever_is_told_encodes_to_the_same_frame() {
 
 #[test]
 fn the_language_makes_every_service() {
-    let told = [
+    let reports = [
         ("write 0x6040:0 u16 0x000F", "602#2B4060000F000000"),
         ("read 0x6041:0", "602#4041600000000000"),
         ("read 0x6041", "602#4041600000000000"),
@@ -236,14 +236,14 @@ fn the_language_makes_every_service() {
         ("lss reply node 0 0", "7E4#1100000000000000"),
         ("raw 0x702 01 02", "702#0102"),
     ];
-    for (text, expected) in told {
+    for (text, expected) in reports {
         let expected = frame(expected);
         assert_eq!(encode(text, 2), Ok(expected), "{text}");
     }
     let guard = encode("guard", 2).expect("a frame");
     assert_eq!((guard.id, guard.remote, guard.len), (0x702, true, 1));
-    let asked = encode("tpdo1 remote 2", 2).expect("a frame");
-    assert_eq!((asked.id, asked.remote, asked.len), (0x182, true, 2));
+    let request = encode("tpdo1 remote 2", 2).expect("a frame");
+    assert_eq!((request.id, request.remote, request.len), (0x182, true, 2));
     for wrong in ["", "write 0x6040:0", "write 0x6040:0 u8 256", "nmt", "rpdo5 00", "read", "emcy"]
     {
         assert!(matches!(encode(wrong, 2), Err(EncodeError::Text(_))), "{wrong}");
@@ -311,15 +311,15 @@ fn replies_belong_to_the_requests_of_their_node() {
         RawFrame { bytes: frame.bytes(), id: Some(frame.id), extended: false }
     }
     let answers =
-        |reply: &Frame, asked: &Frame| CanopenDissector.is_answer_to(&raw(reply), &raw(asked));
+        |reply: &Frame, request: &Frame| CanopenDissector.is_answer_to(&raw(reply), &raw(request));
     let word = ObjectIndex::new(0x6041, 0);
-    let asked = SdoRequest::Read(word).emit(2);
-    assert!(CanopenDissector.is_request(&raw(&asked)));
+    let request = SdoRequest::Read(word).emit(2);
+    assert!(CanopenDissector.is_request(&raw(&request)));
     let reply = frame("582#4B41600037000000");
-    assert!(!CanopenDissector.is_request(&raw(&reply)) && answers(&reply, &asked));
-    assert!(!answers(&frame("583#4B41600037000000"), &asked));
-    assert!(!answers(&frame("582#4B40600037000000"), &asked));
-    assert!(answers(&frame("582#8041600000000206"), &asked));
+    assert!(!CanopenDissector.is_request(&raw(&reply)) && answers(&reply, &request));
+    assert!(!answers(&frame("583#4B41600037000000"), &request));
+    assert!(!answers(&frame("582#4B40600037000000"), &request));
+    assert!(answers(&frame("582#8041600000000206"), &request));
     let part = Segment { toggle: true, last: true, len: 1, data: [0; 7] };
     let reply = SdoReply::ValueSegment(part).emit(2);
     let in_turn = SdoRequest::ReadSegment(true).emit(2);

@@ -38,19 +38,19 @@ impl HostFixture {
         Self { host: CanHost::new(&options), now: Instant::ZERO }
     }
 
-    fn submit(&mut self, n: u32, ask: HostRequest) {
-        self.host.submit(self.now, Ticket(n), ask).expect("taken");
+    fn submit(&mut self, n: u32, request: HostRequest) {
+        self.host.submit(self.now, Ticket(n), request).expect("taken");
     }
 
     /// Everything that it has to say, as candump's log has it.
     fn sent_frames(&mut self) -> Vec<String> {
-        let mut said = Vec::new();
+        let mut lines = Vec::new();
         let mut frame = Frame::default();
         while Station::<Can>::poll_transmit(&mut self.host, self.now, &mut frame).is_some() {
-            said.push(std::format!("{frame}"));
-            assert!(said.len() < 1000);
+            lines.push(std::format!("{frame}"));
+            assert!(lines.len() < 1000);
         }
-        said
+        lines
     }
 
     fn receive(&mut self, text: &str) {
@@ -243,7 +243,7 @@ fn bus_off_ends_every_request_at_once() {
 
 #[test]
 fn a_dead_node_ends_every_request() {
-    for ask in [
+    for request in [
         read(2, STATUS),
         read(2, ObjectIndex::new(0x1000, 0)),
         write(CONTROL, 2, 2, RequestClass::Stop),
@@ -254,7 +254,7 @@ fn a_dead_node_ends_every_request() {
     ] {
         let mut b = HostFixture::new();
         for round in 0..3 {
-            b.submit(round, ask);
+            b.submit(round, request);
             let (mut events, mut waits) = (Vec::new(), 0);
             while events.is_empty() {
                 b.sent_frames();
@@ -263,12 +263,12 @@ fn a_dead_node_ends_every_request() {
                 b.host.handle_timeout(due);
                 events = b.events();
                 waits += 1;
-                assert!(waits <= 8, "{ask:?}");
+                assert!(waits <= 8, "{request:?}");
             }
             assert_eq!(
                 events,
                 [(EventSubject::Request(Ticket(round)), Err(Failure::Silent))],
-                "{ask:?}"
+                "{request:?}"
             );
         }
     }
@@ -370,7 +370,7 @@ fn our_own_heartbeat_ends_with_the_lease() {
     b.submit(1, read(2, STATUS));
     let mut beats = 0;
     for _ in 0..100 {
-        beats += b.sent_frames().iter().filter(|said| *said == "77F#05").count();
+        beats += b.sent_frames().iter().filter(|text| *text == "77F#05").count();
         b.wait(50);
     }
     assert!((9..=12).contains(&beats), "{beats}");
@@ -402,8 +402,8 @@ fn a_fast_scan_finds_the_four_numbers() {
     let mut at = 0;
     loop {
         let mut frame = Frame::default();
-        let said = b.host.poll_transmit(b.now, &mut frame);
-        if said.is_some() {
+        let sequence = b.host.poll_transmit(b.now, &mut frame);
+        if sequence.is_some() {
             let lss::LssRequest::FastScan { number, bit, sub, next } =
                 lss::LssRequest::parse(frame.bytes()).unwrap()
             else {

@@ -28,8 +28,8 @@ type Result<T> = core::result::Result<T, TextError>;
 /// [`TextError`] with the place and what was expected there.
 pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<Statement> {
     let mut words = Tokenizer { text, at: 0, profile };
-    let said = parse_statement(&mut words)?;
-    let said = match said {
+    let statement = parse_statement(&mut words)?;
+    let statement = match statement {
         Statement::Request(request, _) if words.accept_word("dlc") => {
             Statement::Request(request, words.read_dlc()?)
         }
@@ -40,10 +40,10 @@ pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<Statement>
             let short = ExpeditedData { bits: bits as u32, len };
             Statement::Request(SdoRequest::Write(object, short), words.read_dlc()?)
         }
-        said => said,
+        statement => statement,
     };
     match words.next() {
-        None => Ok(said),
+        None => Ok(statement),
         Some((at, _)) => Err(TextError { at, expected: "the end" }),
     }
 }
@@ -59,8 +59,8 @@ pub fn named_object(name: &str, profile: Option<&'static Profile>) -> Option<Obj
 fn parse_statement(words: &mut Tokenizer<'_>) -> Result<Statement> {
     let (at, verb) = words.next().ok_or(TextError { at: words.at, expected: EXPECTED_VERB })?;
     let is = |word: &str| verb.eq_ignore_ascii_case(word);
-    if let Some((told, number)) = parse_process_verb(verb) {
-        return parse_process_data(words, told, number);
+    if let Some((reported, number)) = parse_process_verb(verb) {
+        return parse_process_data(words, reported, number);
     }
     match () {
         () if is("nmt") => parse_nmt(words),
@@ -112,22 +112,22 @@ fn parse_download(words: &mut Tokenizer<'_>, block: bool) -> Result<Statement> {
 /// `rpdo1` to `tpdo4`: whether the node tells it, and its number.
 fn parse_process_verb(verb: &str) -> Option<(bool, u8)> {
     let (name, number) = verb.split_at_checked(4)?;
-    let told = match name {
+    let reported = match name {
         _ if name.eq_ignore_ascii_case("rpdo") => false,
         _ if name.eq_ignore_ascii_case("tpdo") => true,
         _ => return None,
     };
     let number = number.parse().ok().filter(|number| (1..=4).contains(number))?;
-    Some((told, number))
+    Some((reported, number))
 }
 
-fn parse_process_data(words: &mut Tokenizer<'_>, told: bool, number: u8) -> Result<Statement> {
-    if told && words.accept_word("remote") {
+fn parse_process_data(words: &mut Tokenizer<'_>, reported: bool, number: u8) -> Result<Statement> {
+    if reported && words.accept_word("remote") {
         let len = words.peek().map(|_| words.read_number("a length, 0 to 8", 0, 8)).transpose()?;
         return Ok(Statement::RequestProcess(number, len.unwrap_or(0) as u8));
     }
     let (data, len) = words.read_bytes("up to eight bytes such as 0F 00")?;
-    Ok(Statement::Process { told, number, data, len })
+    Ok(Statement::Process { told: reported, number, data, len })
 }
 
 fn parse_nmt(words: &mut Tokenizer<'_>) -> Result<Statement> {
@@ -542,14 +542,14 @@ impl<'a> Tokenizer<'a> {
         Ok(Segment { toggle, last, len, data })
     }
 
-    fn read_block_segment(&mut self, told: bool) -> Result<Statement> {
+    fn read_block_segment(&mut self, reported: bool) -> Result<Statement> {
         let number = self.read_number("a segment's number, 0 to 127", 0, 127)? as u8;
         let (last, at) = (self.accept_word("last"), self.at);
         let expected = "seven bytes";
         let ([data @ .., _], 7) = self.read_bytes(expected)? else {
             return Err(TextError { at, expected });
         };
-        Ok(Statement::BlockSegment(BlockSegment { number, last, data }, told))
+        Ok(Statement::BlockSegment(BlockSegment { number, last, data }, reported))
     }
 
     /// Bytes of two digits, up to eight of them.

@@ -31,11 +31,11 @@ impl fmt::Display for ObjectText {
 /// # Errors
 /// Those of `out`.
 pub fn write(
-    said: &Statement,
+    statement: &Statement,
     signs: SignLookup<'_>,
     out: &mut dyn Write,
 ) -> Result<bool, fmt::Error> {
-    match *said {
+    match *statement {
         Statement::Order(command, all) => write_nmt(command, all, out)?,
         Statement::Sync(SyncMessage { counter: None }) => out.write_str("sync")?,
         Statement::Sync(SyncMessage { counter: Some(counter) }) => write!(out, "sync {counter}")?,
@@ -57,16 +57,16 @@ pub fn write(
         {
             return Ok(false);
         }
-        Statement::Request(asked, len) => {
-            write_request(asked, signs, out)?;
+        Statement::Request(sdo_request, len) => {
+            write_request(sdo_request, signs, out)?;
             write_dlc(len, out)?;
         }
-        Statement::Reply(told, len) => {
-            write_reply(told, signs, out)?;
+        Statement::Reply(sdo_reply, len) => {
+            write_reply(sdo_reply, signs, out)?;
             write_dlc(len, out)?;
         }
-        Statement::BlockSegment(BlockSegment { number, last, data }, told) => {
-            let verb = if told { "value" } else { "write" };
+        Statement::BlockSegment(BlockSegment { number, last, data }, reported) => {
+            let verb = if reported { "value" } else { "write" };
             write!(out, "{verb} block part {number}{}", if last { " last" } else { "" })?;
             write_bytes(&data, out)?;
         }

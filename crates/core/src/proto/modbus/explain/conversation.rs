@@ -80,16 +80,16 @@ impl ModbusDissector {
     /// address that was written.
     pub(super) fn answers_request(self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
         let (mut one, mut other) = ([0; rtu::ADU_MAX], [0; rtu::ADU_MAX]);
-        let (Some((from, reply)), Some((to, asked))) = (
+        let (Some((from, reply)), Some((to, request_bytes))) = (
             self.decode_frame(frame.bytes, &mut one),
             self.decode_frame(request.bytes, &mut other),
         ) else {
             return false;
         };
-        if from != to || reply[0] & !EXCEPTION_BIT != asked[0] {
+        if from != to || reply[0] & !EXCEPTION_BIT != request_bytes[0] {
             return false;
         }
-        match (ReplyPdu::parse(reply), RequestPdu::parse(asked)) {
+        match (ReplyPdu::parse(reply), RequestPdu::parse(request_bytes)) {
             (Ok(ReplyPdu::Exception { .. }), _) => true,
             (Ok(ReplyPdu::Read { data, .. }), Ok(RequestPdu::Read { space, count, .. })) => {
                 data.len() == space.reply_bytes(count)
@@ -98,7 +98,7 @@ impl ModbusDissector {
                 Ok(ReplyPdu::WroteCoil { .. } | ReplyPdu::WroteRegister { .. }),
                 Ok(RequestPdu::WriteCoil { .. } | RequestPdu::WriteRegister { .. }),
             )
-            | (Ok(ReplyPdu::Wrote { .. }), Ok(_)) => reply.get(1..3) == asked.get(1..3),
+            | (Ok(ReplyPdu::Wrote { .. }), Ok(_)) => reply.get(1..3) == request_bytes.get(1..3),
             (Ok(ReplyPdu::Unknown { .. }), Ok(RequestPdu::Unknown { .. })) => true,
             _ => false,
         }
@@ -134,10 +134,10 @@ fn parameter_covering(
 pub(super) fn report_values(
     pdu: &[u8],
     context: &Context<'_>,
-    asked: Option<&[u8]>,
+    request_bytes: Option<&[u8]>,
     sink: &mut dyn ExplainSink,
 ) {
-    let reply = is_reply(pdu, context.direction, asked);
+    let reply = is_reply(pdu, context.direction, request_bytes);
     let doubted = context.profile.filter(|_| context.profile_assumed);
     let mut values = ValueReporter {
         profile: context.profile,
@@ -148,9 +148,9 @@ pub(super) fn report_values(
         sink,
     };
     if reply {
-        let asked = asked.and_then(|pdu| RequestPdu::parse(pdu).ok());
+        let request_pdu = request_bytes.and_then(|pdu| RequestPdu::parse(pdu).ok());
         if let (Ok(ReplyPdu::Read { data, .. }), Some(RequestPdu::Read { space, start, count })) =
-            (ReplyPdu::parse(pdu), asked)
+            (ReplyPdu::parse(pdu), request_pdu)
             && pdu[0] == space.read_function().code()
             && data.len() == space.reply_bytes(count)
         {

@@ -30,8 +30,8 @@ pub(super) fn write_hex(value: u64, digits: usize, sink: &mut dyn ExplainSink) {
     let mut buffer = [b'0'; DIGITS_MAX];
     buffer[1] = b'x';
     let end = 2 + digits.min(16);
-    for (place, slot) in buffer[2..end].iter_mut().rev().enumerate() {
-        *slot = b"0123456789ABCDEF"[(value >> (4 * place) & 0xF) as usize];
+    for (index, slot) in buffer[2..end].iter_mut().rev().enumerate() {
+        *slot = b"0123456789ABCDEF"[(value >> (4 * index) & 0xF) as usize];
     }
     write_ascii(&buffer[..end], sink);
 }

@@ -69,8 +69,12 @@ impl SerialHost {
             }
             _ => 0,
         };
-        let ask = RequestBody::Read { space, start, count };
-        Some(HostRequest { unit: current.request.unit, body: ask, class: RequestClass::Idempotent })
+        let request = RequestBody::Read { space, start, count };
+        Some(HostRequest {
+            unit: current.request.unit,
+            body: request,
+            class: RequestClass::Idempotent,
+        })
     }
 
     /// A probe was answered, and nothing is owed any more.
@@ -95,7 +99,7 @@ impl SerialHost {
         if silent <= most && self.outstanding_len < OUTSTANDING_MAX {
             self.outstanding[..self.outstanding_len]
                 .iter_mut()
-                .for_each(|owed| owed.role = ReplyRole::Abandoned);
+                .for_each(|awaited| awaited.role = ReplyRole::Abandoned);
             return self.draw_probe(PROOFS_NEEDED, silent);
         }
         self.end_quarantine();

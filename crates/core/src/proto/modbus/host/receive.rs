@@ -31,11 +31,12 @@ impl SerialHost {
     /// nothing is in doubt: what happens most, so it is looked at first and where it lies.
     #[inline]
     pub(super) fn expected_read_data<'a>(&self, adu: &'a [u8]) -> Option<&'a [u8]> {
-        let [owed] = self.outstanding() else { return None };
+        let [awaited] = self.outstanding() else { return None };
         let [unit, function, count, data @ .., _, _] = adu else { return None };
-        let plain = self.received_len == 0 && !self.quarantine && owed.role == ReplyRole::Request;
-        let owed_len = usize::from(owed.reply_fields.1);
-        let fits = (owed.unit, owed.function, owed_len) == (*unit, *function, data.len())
+        let plain =
+            self.received_len == 0 && !self.quarantine && awaited.role == ReplyRole::Request;
+        let owed_len = usize::from(awaited.reply_fields.1);
+        let fits = (awaited.unit, awaited.function, owed_len) == (*unit, *function, data.len())
             && usize::from(*count) == data.len()
             && (1..=PDU_MAX - 2).contains(&data.len())
             && Space::of_read_code(*function).is_some();
@@ -69,10 +70,10 @@ impl SerialHost {
             if self.received_len == RECEIVE_MAX {
                 self.skip_bytes(1);
             }
-            let room = (RECEIVE_MAX - self.received_len).min(rest.len());
-            let (head, tail) = rest.split_at(room);
-            self.received[self.received_len..self.received_len + room].copy_from_slice(head);
-            self.received_len += room;
+            let capacity = (RECEIVE_MAX - self.received_len).min(rest.len());
+            let (head, tail) = rest.split_at(capacity);
+            self.received[self.received_len..self.received_len + capacity].copy_from_slice(head);
+            self.received_len += capacity;
             self.early_bytes.note_received(now, self.received_len);
             self.process_rtu(now);
             rest = tail;
@@ -133,8 +134,9 @@ impl SerialHost {
     /// Whether bytes begin as a reply does that is owed.
     fn is_expected_head(&self, bytes: &[u8]) -> bool {
         let [unit, function, ..] = *bytes else { return false };
-        let ours =
-            |owed: &AwaitedReply| owed.unit == unit && owed.function == function & !EXCEPTION_BIT;
+        let ours = |awaited: &AwaitedReply| {
+            awaited.unit == unit && awaited.function == function & !EXCEPTION_BIT
+        };
         self.outstanding().iter().any(ours)
     }
 
@@ -197,7 +199,7 @@ impl SerialHost {
     /// same bytes. Where there is an echo, the first of them is it: if the echo was damaged, that
     /// costs an answer, where the other guess would make an answer of an echo.
     fn handle_identical(&mut self, now: Instant) {
-        let single = |owed: &AwaitedReply| matches!(owed.function, 0x05 | 0x06);
+        let single = |awaited: &AwaitedReply| matches!(awaited.function, 0x05 | 0x06);
         let Some(last) = self.outstanding().last().copied().filter(single) else {
             return self.handle_idle_identical();
         };
@@ -255,7 +257,7 @@ impl SerialHost {
         let Some(at) = self
             .outstanding()
             .iter()
-            .position(|owed| owed.unit == unit && matches_outstanding(owed, &reply))
+            .position(|awaited| awaited.unit == unit && matches_outstanding(awaited, &reply))
         else {
             let idle = self.outstanding_len == 0;
             if idle {
@@ -296,18 +298,18 @@ impl SerialHost {
     /// present request was among the older ones: its reply will not come any more.
     fn remove_outstanding(&mut self, at: usize) -> bool {
         let unit = self.outstanding[at].unit;
-        let mut kept = 0;
+        let mut stored = 0;
         let mut lost = false;
         for n in 0..self.outstanding_len {
-            let owed = self.outstanding[n];
-            if n > at || owed.unit != unit {
-                self.outstanding[kept] = owed;
-                kept += 1;
+            let awaited = self.outstanding[n];
+            if n > at || awaited.unit != unit {
+                self.outstanding[stored] = awaited;
+                stored += 1;
             } else if n < at {
-                lost |= owed.role == ReplyRole::Request;
+                lost |= awaited.role == ReplyRole::Request;
             }
         }
-        self.outstanding_len = kept;
+        self.outstanding_len = stored;
         lost
     }
 
@@ -397,9 +399,9 @@ impl SerialHost {
     #[cold]
     fn hold_answer(&mut self, now: Instant) {
         let Some(current) = &self.current else { return };
-        let owed = AwaitedReply::of(&current.request, ReplyRole::Request);
+        let awaited = AwaitedReply::of(&current.request, ReplyRole::Request);
         self.held_since = Some(now);
-        self.add_outstanding(owed);
+        self.add_outstanding(awaited);
         let usual = self.last_read.map_or(0, |before| before.latency_ns);
         let wait = (2 * usual).clamp(DUPLICATE_WINDOW_NS, DUPLICATE_WINDOW_NS.max(self.timeout_ns));
         self.deadline = Some(now.plus_ns(wait));
@@ -447,22 +449,23 @@ enum ReplyScan {
 }
 
 /// Whether a reply is of the kind that is owed: function, byte count, address and value.
-fn matches_outstanding(owed: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
+fn matches_outstanding(awaited: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
     let coil = |on: bool| if on { 0xFF00 } else { 0 };
     match *reply {
-        ReplyPdu::Exception { function, .. } => function == owed.function,
+        ReplyPdu::Exception { function, .. } => function == awaited.function,
         ReplyPdu::Read { space, data } => {
-            space.read_function().code() == owed.function
-                && data.len() == usize::from(owed.reply_fields.1)
+            space.read_function().code() == awaited.function
+                && data.len() == usize::from(awaited.reply_fields.1)
         }
         ReplyPdu::WroteCoil { address, on } => {
-            owed.function == 0x05 && owed.reply_fields == (address, coil(on))
+            awaited.function == 0x05 && awaited.reply_fields == (address, coil(on))
         }
         ReplyPdu::WroteRegister { address, value } => {
-            owed.function == 0x06 && owed.reply_fields == (address, value)
+            awaited.function == 0x06 && awaited.reply_fields == (address, value)
         }
         ReplyPdu::Wrote { coils, start, count } => {
-            owed.function == if coils { 0x0F } else { 0x10 } && owed.reply_fields == (start, count)
+            awaited.function == if coils { 0x0F } else { 0x10 }
+                && awaited.reply_fields == (start, count)
         }
         ReplyPdu::Unknown { .. } => false,
     }

@@ -53,8 +53,8 @@ fn all() -> Axis {
     Axis::new(&GENERIC, 0)
 }
 
-fn asks(ask: RequestBody, class: RequestClass) -> Result<HostRequest, Unsupported> {
-    Ok(HostRequest { unit: 17, body: ask, class })
+fn asks(request: RequestBody, class: RequestClass) -> Result<HostRequest, Unsupported> {
+    Ok(HostRequest { unit: 17, body: request, class })
 }
 
 fn reads(space: Space, start: u16, count: u16) -> Result<HostRequest, Unsupported> {
@@ -177,9 +177,9 @@ fn an_answer_is_the_number_it_holds() {
     assert_eq!(axis().decode_answer(Some(&OUTPUT), &answer(bits, 1, [0b0110])), Ok(0));
     assert_eq!(axis().decode_answer(Some(&OUTPUT), &answer(bits, 1, [0b0111])), Ok(1));
     assert_eq!(axis().decode_answer(Some(&SPEED), &answer(holding, 1, [0xFFFE])), Ok(-2));
-    let place = answer(holding, 2, [0xF32D, 0x000B]);
-    assert_eq!(axis().decode_answer(Some(&PLACE), &place), Ok(783_149));
-    assert_eq!(axis().decode_answer(None, &place), Ok(0xF32D_000B));
+    let position = answer(holding, 2, [0xF32D, 0x000B]);
+    assert_eq!(axis().decode_answer(Some(&PLACE), &position), Ok(783_149));
+    assert_eq!(axis().decode_answer(None, &position), Ok(0xF32D_000B));
     let written = answer(Function::WriteRegister, 1, [0xFFFE]);
     assert_eq!(axis().decode_answer(Some(&SPEED), &written), Ok(-2));
     let list = answer(Function::WriteRegisters, 2, [0]);

@@ -72,8 +72,8 @@ fn passes(format: WireFormat, frame: &[u8]) -> bool {
 /// Whether the host answers its caller with another value.
 fn takes(format: WireFormat, frame: &[u8]) -> bool {
     let mut host = SerialHost::new(format, &UNTIMED);
-    let ask = RequestBody::Read { space: Space::Holding, start: 3, count: 1 };
-    let request = HostRequest { unit: 1, body: ask, class: RequestClass::Idempotent };
+    let query = RequestBody::Read { space: Space::Holding, start: 3, count: 1 };
+    let request = HostRequest { unit: 1, body: query, class: RequestClass::Idempotent };
     host.submit(Instant(1), Ticket(1), request).unwrap();
     host.poll_transmit(Instant(1), &mut [0; 64]).unwrap();
     host.handle_input(Instant(1).plus_ms(5), frame);

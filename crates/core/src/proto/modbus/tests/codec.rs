@@ -58,9 +58,9 @@ impl ExplainSink for RecordingSink {
 }
 
 fn explain_frame(dissector: ModbusDissector, bytes: &[u8], context: &Context<'_>) -> RecordingSink {
-    let mut told = RecordingSink::default();
-    dissector.explain(bytes, context, &mut told);
-    told
+    let mut sink = RecordingSink::default();
+    dissector.explain(bytes, context, &mut sink);
+    sink
 }
 
 struct Vector {
@@ -135,25 +135,25 @@ fn every_vector_encodes_and_decodes_exactly() {
             request: vector.request.as_deref(),
             ..Context::default()
         };
-        let told = explain_frame(vector.dissector, &vector.bytes, &context);
+        let sink = explain_frame(vector.dissector, &vector.bytes, &context);
         match vector.verdict.as_str() {
             "ok" => {
                 assert_eq!(cut, FrameBoundary::Frame(vector.bytes.len()), "{name}");
                 assert_eq!(reencode(vector), vector.bytes, "{name}");
-                assert_eq!(told.error, None, "{name}");
+                assert_eq!(sink.error, None, "{name}");
             }
             "accept" => assert!(!matches!(cut, FrameBoundary::Corrupt(_)), "{name}: {cut:?}"),
             _ => {
                 assert!(!matches!(cut, FrameBoundary::Frame(_)), "{name}: {cut:?}");
-                assert!(told.error.is_some(), "{name}");
+                assert!(sink.error.is_some(), "{name}");
             }
         }
         if let Some(says) = &vector.says {
-            assert_eq!(&told.text, says, "{name}");
+            assert_eq!(&sink.text, says, "{name}");
         }
         if let Some(text) = &vector.text {
             let mut out = [0; 520];
-            let addressing = EncodeOptions { axis: told.axis, ..EncodeOptions::default() };
+            let addressing = EncodeOptions { axis: sink.axis, ..EncodeOptions::default() };
             let encoded = vector.dissector.encode(text, &addressing, &mut out).unwrap();
             assert_eq!(out[..encoded.len], vector.bytes, "{name}: {text}");
         }
@@ -223,13 +223,13 @@ fn what_is_emitted_parses_to_the_same() {
     let mut out = [0; 260];
     for _ in 0..20_000 {
         let data: Vec<u8> = (0..252).map(|_| random.next() as u8).collect();
-        let asked = request(&mut random, &data);
-        let len = asked.emit(&mut out);
-        assert_eq!(RequestPdu::parse(&out[..len]), Ok(asked));
-        let said = reply(&mut random, &data);
-        let len = said.emit(&mut out);
-        assert_eq!(ReplyPdu::parse(&out[..len]), Ok(said));
-        let len = rtu::emit(7, &mut out, |out| asked.emit(out));
+        let request_pdu = request(&mut random, &data);
+        let len = request_pdu.emit(&mut out);
+        assert_eq!(RequestPdu::parse(&out[..len]), Ok(request_pdu));
+        let reply_pdu = reply(&mut random, &data);
+        let len = reply_pdu.emit(&mut out);
+        assert_eq!(ReplyPdu::parse(&out[..len]), Ok(reply_pdu));
+        let len = rtu::emit(7, &mut out, |out| request_pdu.emit(out));
         assert_eq!(
             RTU.find_frame(&out[..len], Some(Direction::ToDrive), false),
             FrameBoundary::Frame(len)
@@ -390,12 +390,12 @@ fn garbage_ends_every_request_of_a_host() {
         let mut host = SerialHost::new(format, &UNTIMED);
         let mut now = Instant(1);
         let mut out = [0; 520];
-        let (mut asked, mut ended) = (0, 0);
+        let (mut requested, mut ended) = (0, 0);
         for _ in 0..GARBAGE {
             now = now.plus_ns(random.below(30_000_000));
-            let ask = RequestBody::Read { space: Space::Holding, start: 0x102E, count: 2 };
-            let request = HostRequest { unit: 1, body: ask, class: RequestClass::Idempotent };
-            asked += u32::from(host.submit(now, Ticket(asked), request).is_ok());
+            let query = RequestBody::Read { space: Space::Holding, start: 0x102E, count: 2 };
+            let request = HostRequest { unit: 1, body: query, class: RequestClass::Idempotent };
+            requested += u32::from(host.submit(now, Ticket(requested), request).is_ok());
             host.handle_timeout(now);
             while host.poll_transmit(now, &mut out).is_some() {}
             host.handle_input(now, &garbage(&mut random, &good));
@@ -411,8 +411,8 @@ fn garbage_ends_every_request_of_a_host() {
                 ended += 1;
             }
         }
-        assert_eq!(asked, ended, "{format:?}");
-        assert!(asked > 1000, "{asked}");
+        assert_eq!(requested, ended, "{format:?}");
+        assert!(requested > 1000, "{requested}");
     }
 }
 
@@ -452,10 +452,10 @@ fn a_lone_frame_with_a_bad_check_says_both_checks() {
     for direction in [None, Some(Direction::ToDrive), Some(Direction::ToHost)] {
         assert_eq!(RTU.find_frame(&bytes, direction, true), FrameBoundary::Corrupt(8));
     }
-    let told = explain_frame(RTU, &bytes, &Context::default());
-    assert_eq!(told.error.unwrap(), "checksum: computed 7853, found 7854");
-    assert_eq!(told.kind, "write single register");
-    assert_eq!(told.fields[3], ("value", "200".to_string()));
+    let sink = explain_frame(RTU, &bytes, &Context::default());
+    assert_eq!(sink.error.unwrap(), "checksum: computed 7853, found 7854");
+    assert_eq!(sink.kind, "write single register");
+    assert_eq!(sink.fields[3], ("value", "200".to_string()));
 }
 
 #[test]

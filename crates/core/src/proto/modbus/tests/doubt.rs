@@ -36,10 +36,10 @@ fn owed_read(count: u8, word: u16) -> Vec<u8> {
 }
 
 /// Every reply comes as late, those that an earlier program is owed first.
-fn with_owed_replies(world: &mut TestWorld, every_ms: u64, owed: Vec<Vec<u8>>) {
-    let mut owed = VecDeque::from(owed);
+fn with_owed_replies(world: &mut TestWorld, every_ms: u64, pending: Vec<Vec<u8>>) {
+    let mut outstanding = VecDeque::from(pending);
     world.fault = Box::new(move |_, bytes| {
-        let mut all: Vec<_> = owed.drain(..).map(|old| (every_ms * MS, old)).collect();
+        let mut all: Vec<_> = outstanding.drain(..).map(|old| (every_ms * MS, old)).collect();
         all.push((every_ms * MS, bytes));
         all
     });
@@ -81,12 +81,12 @@ fn without_doubt_it_would_be_taken() {
 fn a_stop_passes_before_anything_is_proven() {
     for format in [WireFormat::Rtu, WireFormat::Ascii] {
         let mut world = in_doubt(format, 9600, 3);
-        let ask = RequestBody::Read { space: Space::Holding, start: 7, count: 1 };
-        let read = HostRequest { unit: 1, body: ask, class: RequestClass::Idempotent };
+        let request = RequestBody::Read { space: Space::Holding, start: 7, count: 1 };
+        let read = HostRequest { unit: 1, body: request, class: RequestClass::Idempotent };
         assert_eq!(world.host.submit(world.now, Ticket(98), read), Ok(()));
         assert!(world.step());
-        let ask = RequestBody::WriteRegister { address: 5, value: 0 };
-        let stop = HostRequest { unit: 1, body: ask, class: RequestClass::Stop };
+        let request = RequestBody::WriteRegister { address: 5, value: 0 };
+        let stop = HostRequest { unit: 1, body: request, class: RequestClass::Stop };
         let back = world.host.submit(world.now, Ticket(99), stop);
         if let Err(stop) = back {
             assert_eq!(world.host.recall(&stop), Some(Ticket(98)), "nothing of it was sent");

@@ -33,8 +33,8 @@ fn every_function_round_trips() {
             assert_eq!(world.drive.registers[&5], 0xFF38);
             let mut words = [0; WORDS_MAX];
             words[..3].copy_from_slice(&[7, 8, 9]);
-            let ask = RequestBody::WriteRegisters { start: 0x30, count: 3, words };
-            assert_eq!(world.request(1, ask, RequestClass::NoRetry).unwrap().count, 3);
+            let request = RequestBody::WriteRegisters { start: 0x30, count: 3, words };
+            assert_eq!(world.request(1, request, RequestClass::NoRetry).unwrap().count, 3);
             assert_eq!(world.drive.writes.last().unwrap(), &(0x30, vec![7, 8, 9]));
             let coil = RequestBody::WriteCoil { address: 3, on: true };
             assert_eq!(world.request(1, coil, RequestClass::ReadBack).unwrap().words[0], 1);
@@ -121,8 +121,8 @@ fn a_broadcast_is_obeyed_in_silence_and_followed_by_a_pause() {
         (WireFormat::Ascii, Framing::Length, 9600),
     ] {
         let mut world = TestWorld::new(format, framing, &HostOptions { baud, ..UNTIMED });
-        let ask = RequestBody::WriteRegister { address: 7, value: 70 };
-        world.request(0, ask, RequestClass::NoRetry).unwrap();
+        let request = RequestBody::WriteRegister { address: 7, value: 70 };
+        world.request(0, request, RequestClass::NoRetry).unwrap();
         assert_eq!(world.read(7, 1).unwrap().words[0], 70, "{format:?} {framing:?} {baud}");
         assert_eq!(world.drive.writes.len(), 1);
         assert_eq!(world.replies, 1);
@@ -224,9 +224,9 @@ fn an_echo_behind_other_bytes_is_not_the_reply() {
         let options = HostOptions { baud: 115_200, echo: true, ..UNTIMED };
         let mut world = TestWorld::new(format, Framing::Length, &options);
         world.drive.address = 99;
-        let ask = RequestBody::WriteRegister { address: 0x209, value: 0 };
+        let query = RequestBody::WriteRegister { address: 0x209, value: 0 };
         let request =
-            crate::proto::modbus::HostRequest { unit: 1, body: ask, class: RequestClass::Stop };
+            crate::proto::modbus::HostRequest { unit: 1, body: query, class: RequestClass::Stop };
         world.host.submit(world.now, crate::station::Ticket(1), request).unwrap();
         let mut out = [0; 520];
         let len = world.host.poll_transmit(world.now, &mut out).unwrap();
@@ -286,7 +286,7 @@ fn a_stop_is_let_into_the_quarantine() {
     let mut world = TestWorld::plain(WireFormat::Rtu);
     world.fault = Box::new(|n, bytes| vec![(if n == 1 { 250 * MS } else { 0 }, bytes)]);
     let read = RequestBody::Read { space: Space::Holding, start: 3, count: 1 };
-    let request = |ask, class| crate::proto::modbus::HostRequest { unit: 1, body: ask, class };
+    let request = |query, class| crate::proto::modbus::HostRequest { unit: 1, body: query, class };
     world
         .host
         .submit(world.now, crate::station::Ticket(90), request(read, RequestClass::Idempotent))
@@ -329,7 +329,7 @@ fn a_read_that_waits_for_silence_is_recalled_for_a_stop_and_one_on_the_wire_is_n
     let options = HostOptions { baud: 115_200, gap_us: Some(10_000), ..UNTIMED };
     let mut world = TestWorld::new(WireFormat::Rtu, Framing::TS, &options);
     assert_eq!(world.read(3, 1).unwrap().words[0], 771);
-    let heard = world.now;
+    let received_at = world.now;
     let read = RequestBody::Read { space: Space::Holding, start: 4, count: 1 };
     let read = HostRequest { unit: 1, body: read, class: RequestClass::Idempotent };
     let write = RequestBody::WriteRegister { address: 5, value: 0 };
@@ -343,7 +343,7 @@ fn a_read_that_waits_for_silence_is_recalled_for_a_stop_and_one_on_the_wire_is_n
     world.host.submit(world.now, Ticket(901), stop).unwrap();
     assert_eq!(world.host.recall(&stop), None, "a stop makes way for none");
     let sent = world.host.poll_timeout().unwrap();
-    assert_eq!(sent.since(heard).as_millis(), 10, "no later than the read would have been");
+    assert_eq!(sent.since(received_at).as_millis(), 10, "no later than the read would have been");
     while world.host.counters().answered < 2 {
         assert!(world.step());
     }

@@ -12,16 +12,16 @@ use std::vec::Vec;
 const COILS_MAX: u16 = 125;
 
 fn round_trip(dissector: ModbusDissector, frame: &[u8]) {
-    let mut told = RecordingSink::default();
+    let mut sink = RecordingSink::default();
     let context = Context { direction: Some(Direction::ToDrive), ..Context::default() };
-    dissector.explain(frame, &context, &mut told);
-    assert_eq!(told.error, None, "{frame:X?}");
+    dissector.explain(frame, &context, &mut sink);
+    assert_eq!(sink.error, None, "{frame:X?}");
     let (mut out, addressing) =
-        ([0; 600], EncodeOptions { axis: told.axis, ..EncodeOptions::default() });
+        ([0; 600], EncodeOptions { axis: sink.axis, ..EncodeOptions::default() });
     let encoded = dissector
-        .encode(&told.text, &addressing, &mut out)
-        .unwrap_or_else(|error| panic!("{}: {error:?}", told.text));
-    assert_eq!(&out[..encoded.len], frame, "{}", told.text);
+        .encode(&sink.text, &addressing, &mut out)
+        .unwrap_or_else(|error| panic!("{}: {error:?}", sink.text));
+    assert_eq!(&out[..encoded.len], frame, "{}", sink.text);
 }
 
 fn both(unit: u8, request: &RequestPdu<'_>) {

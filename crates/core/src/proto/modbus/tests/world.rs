@@ -223,12 +223,12 @@ impl TestWorld {
     pub fn request(
         &mut self,
         unit: u8,
-        ask: RequestBody,
+        query: RequestBody,
         class: RequestClass,
     ) -> Result<Answer, Failure> {
         self.ticket += 1;
         let ticket = Ticket(self.ticket);
-        let request = HostRequest { unit, body: ask, class };
+        let request = HostRequest { unit, body: query, class };
         let mut steps = 0;
         while self.host.submit(self.now, ticket, request).is_err() {
             assert!(self.step(), "nothing to come, yet the host is not free");

@@ -33,7 +33,7 @@ fn has_register_word(list: &[Token<'_>]) -> bool {
 
 /// `register A = v, register B = v, then v v`: addresses in order, without a gap.
 fn parse_registers(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, TextError> {
-    let mut said = ParsedRequest {
+    let mut parsed = ParsedRequest {
         function: Function::WriteRegisters,
         start: 0,
         count: 0,
@@ -44,37 +44,38 @@ fn parse_registers(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, Te
         && kind.is("register")
     {
         let next = self::parse_address(address)?;
-        if said.count == 0 {
-            said.start = next;
-        } else if Some(next) != said.start.checked_add(said.count) {
+        if parsed.count == 0 {
+            parsed.start = next;
+        } else if Some(next) != parsed.start.checked_add(parsed.count) {
             return Err(TextError { at: address.at, expected: "the register that follows" });
         }
-        push_value(&mut said, value)?;
+        push_value(&mut parsed, value)?;
         rest = more;
     }
     if let [then, values @ ..] = rest
         && then.is("then")
     {
-        values.iter().try_for_each(|value| push_value(&mut said, value))?;
+        values.iter().try_for_each(|value| push_value(&mut parsed, value))?;
         rest = &[];
     }
-    match (rest.first(), said.count) {
+    match (rest.first(), parsed.count) {
         (Some(token), _) => {
             Err(TextError { at: token.at, expected: "register ADDRESS = VALUE, or then VALUES" })
         }
         (None, 0) => Err(TextError { at: text.len(), expected: "register ADDRESS = VALUE" }),
-        (None, count) => check_address_range(said.start, count, tokens).map(|_| said),
+        (None, count) => check_address_range(parsed.start, count, tokens).map(|_| parsed),
     }
 }
 
-fn push_value(said: &mut ParsedRequest, token: &Token<'_>) -> Result<(), TextError> {
-    if said.count == WRITE_WORDS_MAX {
+fn push_value(parsed: &mut ParsedRequest, token: &Token<'_>) -> Result<(), TextError> {
+    if parsed.count == WRITE_WORDS_MAX {
         return Err(TextError { at: token.at, expected: "at most 123 values" });
     }
     let expected = "a value, -32768 to 65535";
     let value = parse_number(token.text).filter(|value| (-32_768..=65_535).contains(value));
-    said.words[usize::from(said.count)] = value.ok_or(TextError { at: token.at, expected })? as u16;
-    said.count += 1;
+    parsed.words[usize::from(parsed.count)] =
+        value.ok_or(TextError { at: token.at, expected })? as u16;
+    parsed.count += 1;
     Ok(())
 }
 

@@ -39,13 +39,13 @@ pub(super) fn effect_of(frame: &RawFrame<'_>) -> Effect {
     match (frame.id.filter(|_| !frame.extended).and_then(node_of_id), Request::parse(frame.bytes)) {
         (Some(Err(_)), _) => Effect::NOTHING,
         (Some(Ok(_)), Ok(request)) if request.command.definition().is_some() => {
-            let keeps = rules::is_stored(&request);
-            let act = if keeps {
+            let stores = rules::is_stored(&request);
+            let act = if stores {
                 Impact::Settings
             } else {
                 Effect::from_class(class_of(&request)).impact
             };
-            Effect { impact: act, persistent: keeps }
+            Effect { impact: act, persistent: stores }
         }
         _ => Effect::UNKNOWN,
     }
@@ -87,13 +87,13 @@ pub(super) fn refusal_reason(
     request: &RawFrame<'_>,
 ) -> Option<&'static str> {
     let Ok(DriveMessage::Reply(reply)) = DriveMessage::parse(answer.bytes) else { return None };
-    let asked = Request::parse(request.bytes).ok()?.data;
-    if reply.data == REFUSED && asked != Some(REFUSED) {
+    let requested = Request::parse(request.bytes).ok()?.data;
+    if reply.data == REFUSED && requested != Some(REFUSED) {
         return Some("refused: a fault, an output that is forbidden, or a bad value");
     }
     let set = matches!(reply.command.definition(), Some((CommandKind::Set, _)));
     let read = |data| reply.command.width().decode(data);
-    let other = asked.is_some_and(|asked| read(asked) != read(reply.data));
+    let other = requested.is_some_and(|requested| read(requested) != read(reply.data));
     (set && other).then_some("not what was asked: not accepted, or stopped")
 }
 
@@ -104,13 +104,13 @@ pub(super) fn shows_restart(
     request: &RawFrame<'_>,
     talk: &ConversationContext<'_>,
 ) -> bool {
-    let output = Request::parse(request.bytes).is_ok_and(|asked| asked.command.is_output());
-    let told = reply_format(talk).is_some_and(|form| form != ReplyFormat::Echo);
+    let output = Request::parse(request.bytes).is_ok_and(|requested| requested.command.is_output());
+    let reported = reply_format(talk).is_some_and(|form| form != ReplyFormat::Echo);
     let repeats = matches!(
         DriveMessage::parse(answer.bytes),
         Ok(DriveMessage::Reply(Reply { command, data, .. })) if command.is_output() && data != REFUSED
     );
-    output && told && repeats
+    output && reported && repeats
 }
 
 /// What is set.
@@ -133,17 +133,17 @@ pub(super) fn report_request_values(
 
 /// What a drive says.
 pub(super) fn report_message_values(
-    heard: &DriveMessage,
-    asked: Option<u32>,
+    message: &DriveMessage,
+    requested: Option<u32>,
     profile: Option<&'static Profile>,
     sink: &mut dyn ExplainSink,
 ) {
     let mut say =
         |command: CommandWord, raw: i64| emit_frame_value(command, raw, false, profile, sink);
-    match heard {
+    match message {
         DriveMessage::Reply(Reply { command, data, .. }) => {
             let query = matches!(command.definition(), Some((CommandKind::Query, _)));
-            let refused = *data == REFUSED && asked != Some(REFUSED);
+            let refused = *data == REFUSED && requested != Some(REFUSED);
             if query && !refused && *command != CommandWord::RP {
                 say(*command, command.width().decode(*data));
             }

@@ -79,13 +79,13 @@ fn frame_of(id: &str, bytes: &str) -> Frame {
 #[test]
 fn every_vector_in_both_directions() {
     let vectors: serde_json::Value = serde_json::from_str(VECTORS).expect("JSON");
-    let (mut asked, mut count) = (None::<Frame>, 0);
+    let (mut requested, mut count) = (None::<Frame>, 0);
     for v in vectors.as_array().expect("a list") {
         let text = |key: &str| v[key].as_str().unwrap_or("");
         let frame = frame_of(text("can_id"), text("bytes"));
         assert_eq!(frame.len as u64, v["dlc"].as_u64().expect("a length"), "{}", text("name"));
         let to_drive = matches!(node_of_id(frame.id), Some(Ok(_)));
-        let request = asked.filter(|_| !to_drive);
+        let request = requested.filter(|_| !to_drive);
         let found = explain(&frame, request.as_ref().map(Frame::bytes));
         assert_eq!(found.axis, frame.id & 0x7F);
         if text("protocol") == "elmo-bi" {
@@ -93,7 +93,7 @@ fn every_vector_in_both_directions() {
             continue;
         }
         assert_eq!(found.error, None, "{}", text("name"));
-        asked = to_drive.then_some(frame).or(asked);
+        requested = to_drive.then_some(frame).or(requested);
         agrees(v, &found);
         let again = encode(&found.text, found.axis);
         if v["invalid"] == true {
@@ -116,8 +116,8 @@ fn agrees(v: &serde_json::Value, found: &RecordingSink) {
         match value.as_array() {
             Some(bits) => {
                 let bits: Vec<_> = bits.iter().map(|bit| std::format!("{bit}")).collect();
-                let told = found.fields.iter().skip(2).map(|(_, n, _)| n.clone());
-                assert_eq!(told.collect::<Vec<_>>(), bits, "{name}");
+                let reports = found.fields.iter().skip(2).map(|(_, n, _)| n.clone());
+                assert_eq!(reports.collect::<Vec<_>>(), bits, "{name}");
             }
             None if key == "status" => assert_eq!(found.value(key), "0x0000", "{name}"),
             None => {
@@ -236,7 +236,9 @@ fn mistakes_are_pointed_at() {
         ("TC", "needs a value"),
     ] {
         match encode(text, 11) {
-            Err(EncodeError::Forbidden(said)) => assert!(said.contains(rule), "{text}: {said}"),
+            Err(EncodeError::Forbidden(output)) => {
+                assert!(output.contains(rule), "{text}: {output}")
+            }
             other => panic!("{text}: {other:?}"),
         }
     }

@@ -151,11 +151,11 @@ impl TestWire {
         }
     }
 
-    fn submit(&mut self, ask: HostRequest) -> Ticket {
+    fn submit(&mut self, request: HostRequest) -> Ticket {
         self.tickets += 1;
         let ticket = Ticket(self.tickets);
         let limit = self.now.plus_ms(2_000);
-        while self.host.submit(self.now, ticket, ask).is_err() {
+        while self.host.submit(self.now, ticket, request).is_err() {
             assert!(self.now < limit, "never taken: {:?}", self.host);
             let until = self.now.plus_ms(1);
             self.step(until);
@@ -180,8 +180,8 @@ impl TestWire {
         }
     }
 
-    fn request(&mut self, ask: HostRequest) -> Result<Answer, Failure> {
-        let ticket = self.submit(ask);
+    fn request(&mut self, host_request: HostRequest) -> Result<Answer, Failure> {
+        let ticket = self.submit(host_request);
         self.end(ticket)
     }
 
@@ -224,7 +224,7 @@ fn value(answer: Result<Answer, Failure>) -> u32 {
 
 #[test]
 fn requests_have_the_class_that_fits_them() {
-    for (asked, class) in [
+    for (request, class) in [
         (plain(CommandWord::QP), RequestClass::Idempotent),
         (with(CommandWord::TC, 0), RequestClass::Stop),
         (with(CommandWord::VC, 0), RequestClass::Stop),
@@ -237,7 +237,7 @@ fn requests_have_the_class_that_fits_them() {
         (with(CommandWord::CI, 5), RequestClass::NoRetry),
         (plain(CommandWord::AZ), RequestClass::NoRetry),
     ] {
-        assert_eq!(asked.class, class, "{asked:?}");
+        assert_eq!(request.class, class, "{request:?}");
     }
 }
 
@@ -259,12 +259,12 @@ fn a_lost_or_late_reply_gives_no_wrong_value_and_no_error() {
             let command =
                 [CommandWord::QP, CommandWord::QT, CommandWord::QV, CommandWord::EQ][n % 4];
             let before = wire.ends[0].1.done.len() as u32;
-            let told = value(wire.request(plain(command)));
+            let reported = value(wire.request(plain(command)));
             match command {
-                CommandWord::QP => assert_eq!(told, 480, "{name}"),
+                CommandWord::QP => assert_eq!(reported, 480, "{name}"),
                 // QV tells how much was asked before: an older answer would be smaller.
-                CommandWord::QV => assert!(told > before, "{name}: {told} after {before}"),
-                _ => assert_eq!(told, 7, "{name}"),
+                CommandWord::QV => assert!(reported > before, "{name}: {reported} after {before}"),
+                _ => assert_eq!(reported, 7, "{name}"),
             }
             wire.rest(10);
         }
@@ -353,8 +353,8 @@ fn the_forms_of_vm_are_all_understood() {
     );
     assert!(wire.request(vm(0x0007)).is_ok());
     wire.unsolicited.clear();
-    let told = wire.request(with(CommandWord::TC, 5));
-    assert!(matches!(told, Ok(Answer::Report(report)) if report.part == 3), "{told:?}");
+    let result = wire.request(with(CommandWord::TC, 5));
+    assert!(matches!(result, Ok(Answer::Report(report)) if report.part == 3), "{result:?}");
     assert_eq!(wire.unsolicited.len(), 3, "each report is told");
     // The status in it says that there is no output.
     assert!(wire.request(vm(0x0002)).is_ok());

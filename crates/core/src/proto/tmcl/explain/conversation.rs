@@ -47,8 +47,8 @@ pub(super) fn is_answer_to(frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool
         return false;
     }
     if let Some(answer) = ascii_line_of(frame).and_then(ascii::AsciiReply::parse) {
-        let asked = ascii_line_of(request).and_then(ascii::AsciiCommand::parse);
-        return asked.is_some_and(|(address, _)| address == answer.module);
+        let requested = ascii_line_of(request).and_then(ascii::AsciiCommand::parse);
+        return requested.is_some_and(|(address, _)| address == answer.module);
     }
     let Some(asked) = parse_request(request) else { return false };
     let is_text = asked.opcode == Opcode::Version && asked.kind == 0;
@@ -177,14 +177,14 @@ pub(super) fn report_request_values(
 
 /// What a parameter was found to be.
 pub(super) fn report_reply_values(
-    asked: &Request,
+    request: &Request,
     reply: &Reply,
     profile: Option<&'static Profile>,
     sink: &mut dyn ExplainSink,
 ) {
-    let reads = matches!(asked.opcode, Opcode::Gap | Opcode::Ggp);
-    if reads && reply.opcode == asked.opcode && reply.status == Status::Ok {
-        report_parameter(asked, reply.value.into(), false, profile, sink);
+    let reads = matches!(request.opcode, Opcode::Gap | Opcode::Ggp);
+    if reads && reply.opcode == request.opcode && reply.status == Status::Ok {
+        report_parameter(request, reply.value.into(), false, profile, sink);
     }
 }
 

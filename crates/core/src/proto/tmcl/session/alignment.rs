@@ -110,8 +110,8 @@ impl SendPlan {
     const PLAIN: Self = Self { filler_bytes: 0, burst: None };
 
     /// At another place, from the present one.
-    const fn at_offset(place: u8, from: u8) -> Self {
-        Self { filler_bytes: (OFFSETS + place - from) % OFFSETS, burst: None }
+    const fn at_offset(index: u8, from: u8) -> Self {
+        Self { filler_bytes: (OFFSETS + index - from) % OFFSETS, burst: None }
     }
 }
 
@@ -155,9 +155,9 @@ impl Session {
         let module = pending.host_request.request.address;
         let same = |quiet: &Option<SilentModule>| quiet.is_some_and(|quiet| quiet.module == module);
         let free = |slots: &[Option<SilentModule>]| slots.iter().position(Option::is_none);
-        let place =
+        let index =
             self.silent_modules.iter().position(same).or_else(|| free(&self.silent_modules));
-        let quiet = &mut self.silent_modules[place.unwrap_or(SUSPECTS_MAX - 1)];
+        let quiet = &mut self.silent_modules[index.unwrap_or(SUSPECTS_MAX - 1)];
         if !same(quiet) {
             *quiet = Some(SilentModule::new(module, now));
         }
@@ -189,9 +189,9 @@ impl Session {
             (quiet.answered_burst, quiet.just_answered_burst) = (true, true);
             return;
         }
-        for place in &mut self.silent_modules {
-            if place.is_some_and(|quiet| quiet.module == module) {
-                *place = None;
+        for silent_module in &mut self.silent_modules {
+            if silent_module.is_some_and(|quiet| quiet.module == module) {
+                *silent_module = None;
             }
         }
         self.alignment.offset = 0;
@@ -239,11 +239,11 @@ impl Session {
         let module = pending.host_request.request.address;
         let lost = self.is_misaligned(now, module);
         let shiftable = !self.has_answered(module) && self.may_start_misaligned(module);
-        let ByteAlignment { offset: place, answer_due: due, .. } = self.alignment;
+        let ByteAlignment { offset: index, answer_due: due, .. } = self.alignment;
         // Who knows a pause is in step behind one.
         let paused = now >= due.plus_ns(self.timeout_ns / 2);
         let Some(quiet) = self.silent_module_mut(module) else { return SendPlan::PLAIN };
-        let back = if quiet.answered_burst { 0 } else { (OFFSETS - place) % OFFSETS };
+        let back = if quiet.answered_burst { 0 } else { (OFFSETS - index) % OFFSETS };
         let burst = |trail| SendPlan {
             filler_bytes: 0,
             burst: Some(Burst { lead_bytes: back, trail_bytes: trail }),
@@ -262,7 +262,7 @@ impl Session {
         if core::mem::take(&mut quiet.just_answered_burst) {
             // It is most likely in step.
             return if quiet.offsets_tried == 0 {
-                SendPlan::at_offset(0, place)
+                SendPlan::at_offset(0, index)
             } else {
                 SendPlan::PLAIN
             };
@@ -275,7 +275,7 @@ impl Session {
             return match quiet.next_attempt() % ATTEMPT_CYCLE {
                 _ if paused => SendPlan::PLAIN,
                 0 => SendPlan::PLAIN,
-                _ => SendPlan::at_offset(quiet.next_found_offset(), place),
+                _ => SendPlan::at_offset(quiet.next_found_offset(), index),
             };
         }
         quiet.answered_burst = false;
@@ -288,8 +288,8 @@ impl Session {
         }
         match quiet.next_attempt() % ATTEMPT_CYCLE {
             0 if repeats => burst(0),
-            2 => SendPlan::at_offset(quiet.next_search_offset(), place),
-            _ => SendPlan::at_offset(0, place),
+            2 => SendPlan::at_offset(quiet.next_search_offset(), index),
+            _ => SendPlan::at_offset(0, index),
         }
     }
 

@@ -105,8 +105,8 @@ impl Session {
         if waiting.proofs_left > 0 {
             return self.send_proof_probe(now);
         }
-        let UnprovenRequest { ticket, host_request: ask, all_early: soon, .. } = *waiting;
-        let module = ask.request.address;
+        let UnprovenRequest { ticket, host_request: request, all_early: soon, .. } = *waiting;
+        let module = request.request.address;
         self.unproven_request = None;
         self.proven_addresses.insert(module);
         self.forget_stops(module);
@@ -114,7 +114,7 @@ impl Session {
             // Nobody else could own these answers: the line has no baud rate.
             self.early_streak = EARLY_STREAK_MAX;
         }
-        self.start_request(now, Some(ticket), ask);
+        self.start_request(now, Some(ticket), request);
     }
 
     /// The module that is being proven said what nobody asks now.
@@ -137,9 +137,9 @@ impl Session {
 
     /// Counts an answer to nothing that waits: a late one where it was asked for.
     pub(super) fn count_unexpected(&mut self, reply: &Reply) {
-        let asked = self.is_recent_request(reply.module, reply.opcode.number());
-        self.counters.late += u64::from(asked);
-        self.counters.foreign += u64::from(!asked);
+        let requested = self.is_recent_request(reply.module, reply.opcode.number());
+        self.counters.late += u64::from(requested);
+        self.counters.foreign += u64::from(!requested);
     }
 
     /// Whether such a reply answers one of the last requests.

@@ -15,14 +15,14 @@ impl SuspectModule {
 
     /// Lets go of requests whose answers can come no more.
     fn drop_expired(&mut self, now: Instant) {
-        let mut kept = 0;
+        let mut stored = 0;
         for n in 0..usize::from(self.outstanding_len) {
             if now < self.outstanding[n].1 {
-                self.outstanding[kept] = self.outstanding[n];
-                kept += 1;
+                self.outstanding[stored] = self.outstanding[n];
+                stored += 1;
             }
         }
-        self.outstanding_len = kept as u8;
+        self.outstanding_len = stored as u8;
     }
 }
 
@@ -33,11 +33,11 @@ impl Session {
     pub(in crate::proto::tmcl) fn quarantine_module(&mut self, now: Instant, address: u32) {
         let Ok(address) = u8::try_from(address) else { return };
         let request = Request { address, opcode: Opcode::Gap, kind: 0, motor: 0, value: 0 };
-        let owed = PendingExchange {
+        let pending_exchange = PendingExchange {
             attempts: 1,
             ..PendingExchange::new(now, None, HostRequest::of(request), 0)
         };
-        self.mark_suspect(now, &owed, true);
+        self.mark_suspect(now, &pending_exchange, true);
         self.start_next(now);
     }
 
@@ -50,9 +50,9 @@ impl Session {
         let until = now.plus_ns(LATEST_TIMEOUTS * self.timeout_ns);
         let of_module = |s: &Option<SuspectModule>| s.is_some_and(|s| s.module == module);
         let free = |slots: &[Option<SuspectModule>]| slots.iter().position(Option::is_none);
-        let place = self.suspects.iter().position(of_module).or_else(|| free(&self.suspects));
+        let index = self.suspects.iter().position(of_module).or_else(|| free(&self.suspects));
         // A full table keeps its oldest entry longest: the line is closed until one is out.
-        let place = place.unwrap_or(SUSPECTS_MAX - 1);
+        let index = index.unwrap_or(SUSPECTS_MAX - 1);
         let tags = [(0, until); OUTSTANDING_MAX];
         let fresh = SuspectModule {
             module,
@@ -62,7 +62,7 @@ impl Session {
             probe_due: false,
             until,
         };
-        let suspect = self.suspects[place].get_or_insert(fresh);
+        let suspect = self.suspects[index].get_or_insert(fresh);
         suspect.drop_expired(now);
         for _ in 0..pending.attempts {
             if let Some(tag) = suspect.outstanding.get_mut(usize::from(suspect.outstanding_len)) {

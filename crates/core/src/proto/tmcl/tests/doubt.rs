@@ -43,10 +43,10 @@ fn a_copy_that_an_earlier_request_owns_is_not_believed_on_a_real_line() {
 }
 
 /// What is owed to a program that has ended comes in: `owed` replies, one in so many ms.
-fn sixty_reads_behind(seed: u32, every_ms: u32, owed: &[(Opcode, i32)]) -> (u32, u32) {
+fn sixty_reads_behind(seed: u32, every_ms: u32, pending: &[(Opcode, i32)]) -> (u32, u32) {
     let mut wire = TestWire::new(9600, Quirks::default());
     wire.host = SerialHost::new(&HostOptions { probe_seed: Some(seed), ..HostOptions::new(9600) });
-    for (n, (opcode, value)) in owed.iter().enumerate() {
+    for (n, (opcode, value)) in pending.iter().enumerate() {
         let status = Status::Ok;
         let reply = Reply { host: 2, module: MODULE, status, opcode: *opcode, value: *value };
         let at = wire.now.plus_ms(20 + every_ms * n as u32);
@@ -68,8 +68,9 @@ fn the_answer_owed_to_an_earlier_program_is_not_taken() {
 /// What remains: replies of just the opcodes that are drawn, in their order.
 #[test]
 fn only_replies_in_the_order_that_is_drawn_pass_the_probes() {
-    let owed = [(Opcode::Version, 1), (Opcode::Ggp, 2), (Opcode::Gap, 4_711), (Opcode::Gap, 4_711)];
-    let fooled = (0..200).filter(|seed| sixty_reads_behind(*seed, 25, &owed).0 > 0).count();
+    let pending =
+        [(Opcode::Version, 1), (Opcode::Ggp, 2), (Opcode::Gap, 4_711), (Opcode::Gap, 4_711)];
+    let fooled = (0..200).filter(|seed| sixty_reads_behind(*seed, 25, &pending).0 > 0).count();
     assert!(fooled < 40, "{fooled} of 200");
 }
 
@@ -114,13 +115,13 @@ fn a_backlog_of_earlier_programs_is_not_taken() {
     let mut fooled = 0;
     for seed in 0..1_000 {
         let mut random = Random(u64::from(seed) * 7_919 + 1);
-        let mut owed = Vec::new();
+        let mut pending = Vec::new();
         for _ in 0..4 {
             let probe = |random: &mut Random| probes[random.below(probes.len() as u64) as usize];
-            owed.extend((0..3).map(|_| (probe(&mut random), 1)));
-            owed.push((Opcode::Gap, 4_711));
+            pending.extend((0..3).map(|_| (probe(&mut random), 1)));
+            pending.push((Opcode::Gap, 4_711));
         }
-        fooled += u32::from(sixty_reads_behind(seed, 0, &owed).0 > 0);
+        fooled += u32::from(sixty_reads_behind(seed, 0, &pending).0 > 0);
     }
     assert!(fooled <= 20, "{fooled} of 1000");
 }

@@ -53,8 +53,8 @@ fn every_request_ends_whatever_comes() {
     for _ in 0..FRAMES {
         let opcode = [Opcode::Gap, Opcode::Version, Opcode::ReadMemory, Opcode::Mvp, Opcode::Mst]
             [random.below(5) as usize];
-        let ask = HostRequest::of(request(opcode, random.below(2) as u8, 0));
-        submitted += u32::from(host.submit(now, Ticket(0), ask).is_ok());
+        let host_request = HostRequest::of(request(opcode, random.below(2) as u8, 0));
+        submitted += u32::from(host.submit(now, Ticket(0), host_request).is_ok());
         let mut out = [0; 32];
         while host.poll_transmit(now, &mut out).is_some() {}
         host.handle_input(now, &frame(&mut random, &good.emit()));
@@ -82,8 +82,8 @@ fn the_can_host_survives_frames() {
     let mut host = CanHost::new(&options(250_000));
     let mut now = Instant(1);
     for _ in 0..FRAMES {
-        let ask = HostRequest::of(request(Opcode::Gap, 1, 0));
-        let _ = host.submit(now, Ticket(0), ask);
+        let host_request = HostRequest::of(request(Opcode::Gap, 1, 0));
+        let _ = host.submit(now, Ticket(0), host_request);
         while host.poll_transmit(now, &mut Frame::default()).is_some() {}
         let data = random.next().to_be_bytes();
         let len = random.below(9) as usize;
@@ -231,8 +231,8 @@ fn measure(frames: &[Vec<u8>], good: &[u8]) -> (usize, usize, usize) {
 fn every_split_of_a_reply_gives_the_same_answer() {
     for split in 0..=DATAGRAM {
         let mut wire = TestWire::new(0, Quirks::default());
-        let ask = HostRequest::of(request(Opcode::Gap, 1, 0));
-        wire.host.submit(wire.now, Ticket(1), ask).unwrap();
+        let host_request = HostRequest::of(request(Opcode::Gap, 1, 0));
+        wire.host.submit(wire.now, Ticket(1), host_request).unwrap();
         wire.host.poll_transmit(wire.now, &mut [0; 32]).unwrap();
         let reply =
             Reply { host: 2, module: MODULE, status: Status::Ok, opcode: Opcode::Gap, value: 711 };

@@ -82,8 +82,8 @@ fn a_reply_owed_to_an_earlier_program_counts_for_no_motor() {
             {
                 let mut wire = wire(1, Some(seed), super::pair::no_fault());
                 let opcode = Opcode::Mst;
-                let owed = Reply { host: 2, module: MODULE, status, opcode, value: 0 };
-                wire.to_host.push((wire.now.plus_ms(at_ms), owed.emit().to_vec()));
+                let reply = Reply { host: 2, module: MODULE, status, opcode, value: 0 };
+                wire.to_host.push((wire.now.plus_ms(at_ms), reply.emit().to_vec()));
                 wire.firmware.pause = 40;
                 let ended = wire.request(stop(motor)).map(drop);
                 assert_eq!(ended, own, "seed {seed}, {at_ms} ms, motor {motor}");

@@ -223,11 +223,11 @@ impl TestWire {
     }
 
     /// Asks and waits for the end, which must come within five seconds.
-    pub fn request(&mut self, ask: HostRequest) -> Result<Answer, Failure> {
+    pub fn request(&mut self, host_request: HostRequest) -> Result<Answer, Failure> {
         self.tickets += 1;
         let ticket = Ticket(self.tickets);
         let limit = self.now.plus_ms(5_000);
-        while self.host.submit(self.now, ticket, ask).is_err() {
+        while self.host.submit(self.now, ticket, host_request).is_err() {
             assert!(self.now < limit, "the line never opened again: {:?}", self.host);
             self.step(limit);
         }
@@ -352,8 +352,8 @@ fn a_read_that_a_stop_cuts_short_ends_as_that() {
     assert_eq!(wire.read(1), Ok(1007));
     wire.replies = fault_on(2, |_| Vec::new());
     let (read, stop) = (Ticket(98), Ticket(99));
-    let ask = HostRequest::of(request(Opcode::Gap, 1, 0));
-    assert_eq!(wire.host.submit(wire.now, read, ask), Ok(()));
+    let host_request = HostRequest::of(request(Opcode::Gap, 1, 0));
+    assert_eq!(wire.host.submit(wire.now, read, host_request), Ok(()));
     wire.rest(1);
     let halt = HostRequest::of(request(Opcode::Mst, 0, 0));
     assert_eq!(wire.host.submit(wire.now, stop, halt), Ok(()));
@@ -601,7 +601,7 @@ fn nothing_older_is_taken_from_a_module_that_is_mistrusted() {
 /// a wrong one must have passed every check of the wire.
 #[test]
 fn chaos_is_never_wrong_without_corruption() {
-    let (mut asked, mut failed) = (0, 0);
+    let (mut requested, mut failed) = (0, 0);
     for seed in 1..=150 {
         let baud = if seed % 2 == 0 { 9600 } else { 115_200 };
         let mut wire = TestWire::new(baud, Quirks::default());
@@ -618,14 +618,14 @@ fn chaos_is_never_wrong_without_corruption() {
         let mut random = Random(seed + 2000);
         for _ in 0..60 {
             let parameter = random.below(20) as u8;
-            asked += 1;
+            requested += 1;
             match wire.read(parameter) {
                 Ok(value) => assert_eq!(value, i32::from(parameter) * 1000 + 7, "seed {seed}"),
                 Err(_) => failed += 1,
             }
         }
     }
-    assert!(failed * 20 < asked, "{failed} of {asked} failed");
+    assert!(failed * 20 < requested, "{failed} of {requested} failed");
 }
 
 #[test]

@@ -118,10 +118,11 @@ fn a_module_that_knows_a_pause_is_heard_when_its_answers_come_again() {
                     SerialHost::new(&HostOptions { probe_seed: Some(5), ..HostOptions::new(baud) });
                 assert_eq!(wire.read(4), Ok(4007));
                 wire.replies = Box::new(|_, _| Some(Vec::new()));
-                let (until, mut asked) = (wire.now.plus_ms(lost_ms), 0);
+                let (until, mut requested) = (wire.now.plus_ms(lost_ms), 0);
                 while wire.now < until {
-                    asked += 1;
-                    let _ = if asked % stops == 0 { stop(&mut wire) } else { wire.read(9).is_ok() };
+                    requested += 1;
+                    let _ =
+                        if requested % stops == 0 { stop(&mut wire) } else { wire.read(9).is_ok() };
                 }
                 wire.replies = super::pair::no_fault();
                 let start = wire.now;

@@ -12,15 +12,15 @@ use crate::proto::tml::online::{Cell, MemorySpace, OnlineMessage, PvtPoint};
 use crate::proto::tml::rules;
 
 pub(super) fn frame_role(
-    said: &ParsedFrame,
+    parsed: &ParsedFrame,
     serial: bool,
     direction: Option<Direction>,
 ) -> FrameRole {
-    let online = OnlineMessage::parse(&said.instruction);
+    let online = OnlineMessage::parse(&parsed.instruction);
     let answer = online.as_ref().is_some_and(is_answer);
     match (direction, answer) {
         (Some(Direction::ToDrive), _) | (None, false) => {
-            FrameRole::Request(expected_replies(said, serial))
+            FrameRole::Request(expected_replies(parsed, serial))
         }
         (_, true) if matches!(online, Some(OnlineMessage::TakeData2 { .. })) => FrameRole::Report,
         (_, true) => FrameRole::Answer,
@@ -30,9 +30,9 @@ pub(super) fn frame_role(
 
 /// On RS-232 the connected drive acknowledges whatever is sent, on RS-485 only what goes to it
 /// alone; nothing in a frame tells which of the two it is.
-fn expected_replies(said: &ParsedFrame, serial: bool) -> ReplyExpectation {
-    let many = said.to.is_none_or(|to| to.group || to.id == 0);
-    let opcode = said.instruction.opcode;
+fn expected_replies(parsed: &ParsedFrame, serial: bool) -> ReplyExpectation {
+    let many = parsed.to.is_none_or(|to| to.group || to.id == 0);
+    let opcode = parsed.instruction.opcode;
     let one = if many { ReplyCount::Unknown } else { ReplyCount::Exactly(1) };
     ReplyExpectation {
         acks: match serial {
@@ -45,14 +45,14 @@ fn expected_replies(said: &ParsedFrame, serial: bool) -> ReplyExpectation {
 }
 
 /// SAVE, and whatever writes to the EEPROM (memory 2 in the bits of an instruction that writes).
-pub(super) fn effect_of(said: &ParsedFrame) -> Effect {
+pub(super) fn effect_of(parsed: &ParsedFrame) -> Effect {
     const SAVE: u16 = 0x1C08;
-    let opcode = said.instruction.opcode;
+    let opcode = parsed.instruction.opcode;
     let writes = opcode & 0xFC00 == 0x9000 && opcode >> 2 & 3 == 2;
-    match OnlineMessage::parse(&said.instruction) {
+    match OnlineMessage::parse(&parsed.instruction) {
         Some(online) if is_answer(&online) => Effect::NOTHING,
         _ if opcode == SAVE || writes => Effect::PERSISTENT,
-        _ => Effect::from_class(class_of(&said.instruction)),
+        _ => Effect::from_class(class_of(&parsed.instruction)),
     }
 }
 
@@ -62,9 +62,9 @@ const fn is_answer(online: &OnlineMessage) -> bool {
 }
 
 /// Points of a path count up; whoever sets the mode begins another path.
-pub(super) fn sequence_position(said: &ParsedFrame) -> Option<SequencePosition> {
+pub(super) fn sequence_position(parsed: &ParsedFrame) -> Option<SequencePosition> {
     let after = u32::from(PvtPoint::COUNTER_MAX) + 1;
-    match OnlineMessage::parse(&said.instruction) {
+    match OnlineMessage::parse(&parsed.instruction) {
         Some(OnlineMessage::Pvt(point)) => {
             Some(SequencePosition::Number(point.counter.into(), after))
         }
@@ -72,19 +72,19 @@ pub(super) fn sequence_position(said: &ParsedFrame) -> Option<SequencePosition> 
             Some(SequencePosition::Number(point.counter.into(), after))
         }
         Some(_) => None,
-        None if rules::sets_mode(said.instruction.opcode) => Some(SequencePosition::Restart),
+        None if rules::sets_mode(parsed.instruction.opcode) => Some(SequencePosition::Restart),
         None => None,
     }
 }
 
 /// The value that a message carries.
 pub(super) fn report_value(
-    said: &ParsedFrame,
+    parsed: &ParsedFrame,
     profile: Option<&'static Profile>,
     sink: &mut dyn ExplainSink,
 ) {
     let data = |address, long| Cell { memory: MemorySpace::Data, address, long };
-    match OnlineMessage::parse(&said.instruction) {
+    match OnlineMessage::parse(&parsed.instruction) {
         Some(OnlineMessage::TakeData { cell, value, .. }) => {
             emit_frame_value(cell, value, false, profile, sink)
         }
@@ -100,7 +100,7 @@ pub(super) fn report_value(
         }
         Some(_) => {}
         None => {
-            if let Some((address, value, long)) = assigned_variable(&said.instruction) {
+            if let Some((address, value, long)) = assigned_variable(&parsed.instruction) {
                 emit_frame_value(data(address, long), value, true, profile, sink);
             }
         }

@@ -26,14 +26,14 @@ pub(super) fn reply_len(message: &Message, wire: TmlWire) -> Option<usize> {
 
 /// Explains what comes back.
 pub(super) fn explain_reply(
-    said: &ParsedFrame,
+    parsed: &ParsedFrame,
     wire: TmlWire,
     profile: Option<&'static Profile>,
     sink: &mut dyn ExplainSink,
 ) {
-    let Some(to) = said.to else { return };
+    let Some(to) = parsed.to else { return };
     let ack = wire.acknowledges(to);
-    let request = OnlineMessage::parse(&said.instruction).filter(OnlineMessage::is_request);
+    let request = OnlineMessage::parse(&parsed.instruction).filter(OnlineMessage::is_request);
     let answer = request.and_then(|request| Some((request, answer_with(&request, to, 1, 0)?)));
     match &answer {
         Some((_, answer)) => sink.kind(message::message_name(answer)),
@@ -87,8 +87,8 @@ impl ReplyPattern {
         let one = encode_answer(&answer_with(request, to, senders.0, 0)?, back, wire)?;
         let other = encode_answer(&answer_with(request, to, senders.1, u32::MAX)?, back, wire)?;
         let mut bytes = [None; FRAME_MAX];
-        for (place, (a, b)) in bytes.iter_mut().zip(one.bytes.iter().zip(other.bytes)) {
-            *place = (*a == b).then_some(*a);
+        for (index, (a, b)) in bytes.iter_mut().zip(one.bytes.iter().zip(other.bytes)) {
+            *index = (*a == b).then_some(*a);
         }
         Some(Self { id: one.id.filter(|_| one.id == other.id), bytes, len: one.len })
     }

@@ -68,7 +68,7 @@ fn word_ranges_from(from: u16) -> [ByteRange; DATA_WORDS_MAX] {
 
 /// A frame of a serial line. A frame whose sum alone is wrong says something all the same.
 pub(super) fn parse_serial(bytes: &[u8]) -> Result<ParsedFrame, (WireError, Option<ParsedFrame>)> {
-    let place = |message| ParsedFrame {
+    let locate = |message| ParsedFrame {
         length: bytes.first().copied(),
         id_code_range: (1, 3),
         opcode_range: (3, 5),
@@ -77,13 +77,13 @@ pub(super) fn parse_serial(bytes: &[u8]) -> Result<ParsedFrame, (WireError, Opti
         ..ParsedFrame::from_message(message)
     };
     match serial::decode(bytes) {
-        Ok(message) => Ok(place(message)),
+        Ok(message) => Ok(locate(message)),
         Err(error @ WireError::Checksum { computed, .. }) => {
             let mut mended = [0; serial::FRAME_MAX];
             let body = &mut mended[..bytes.len()];
             body.copy_from_slice(bytes);
             body[bytes.len() - 1] = computed as u8;
-            Err((error, serial::decode(body).ok().map(place)))
+            Err((error, serial::decode(body).ok().map(locate)))
         }
         Err(error) => Err((error, None)),
     }
@@ -98,31 +98,31 @@ pub(super) fn parse_tmlcan(frame: &Frame) -> Result<ParsedFrame, (WireError, Opt
 pub(super) fn parse_technocan(
     frame: &Frame,
 ) -> Result<ParsedFrame, (WireError, Option<ParsedFrame>)> {
-    let heard = technocan::decode(frame).map_err(|error| (error, None))?;
-    let to = heard.to.unwrap_or_default();
-    let said = ParsedFrame {
-        to: heard.to,
-        sender: heard.sender,
-        class: Some(heard.class),
-        misprinted: heard.misprinted(),
+    let content = technocan::decode(frame).map_err(|error| (error, None))?;
+    let to = content.to.unwrap_or_default();
+    let parsed = ParsedFrame {
+        to: content.to,
+        sender: content.sender,
+        class: Some(content.class),
+        misprinted: content.misprinted(),
         opcode_range: (0, 2),
         word_ranges: word_ranges_from(2),
-        ..ParsedFrame::from_message(Message { to, instruction: heard.instruction })
+        ..ParsedFrame::from_message(Message { to, instruction: content.instruction })
     };
-    Ok(match heard.class {
-        MessageClass::Synchronisation => ParsedFrame { opcode_range: IN_IDENTIFIER, ..said },
+    Ok(match content.class {
+        MessageClass::Synchronisation => ParsedFrame { opcode_range: IN_IDENTIFIER, ..parsed },
         // Counter and time share the last two bytes.
         MessageClass::Pvt => {
-            ParsedFrame { opcode_range: (7, 8), word_ranges: word_ranges_from(0), ..said }
+            ParsedFrame { opcode_range: (7, 8), word_ranges: word_ranges_from(0), ..parsed }
         }
         // The sender's word shrank to bits of the second byte.
         MessageClass::TakeData => {
             let [_, a, b, c] = word_ranges_from(0);
-            ParsedFrame { word_ranges: [(1, 2), a, b, c], ..said }
+            ParsedFrame { word_ranges: [(1, 2), a, b, c], ..parsed }
         }
         MessageClass::TakeData2 | MessageClass::Pong => {
-            ParsedFrame { opcode_range: (0, 1), word_ranges: word_ranges_from(1), ..said }
+            ParsedFrame { opcode_range: (0, 1), word_ranges: word_ranges_from(1), ..parsed }
         }
-        _ => said,
+        _ => parsed,
     })
 }

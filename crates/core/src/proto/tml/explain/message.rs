@@ -11,18 +11,18 @@ use crate::proto::tml::wire::IdCode;
 
 /// Explains a message, and what it answers.
 pub(super) fn explain_message(
-    said: &ParsedFrame,
+    parsed: &ParsedFrame,
     request: Option<&ParsedFrame>,
     profile: Option<&'static Profile>,
     sink: &mut dyn ExplainSink,
 ) {
-    let online = OnlineMessage::parse(&said.instruction);
-    let request = request.filter(|asked| super::is_answer(said, asked));
-    sink.kind(online.as_ref().map_or_else(|| names::category(&said.instruction), message_name));
-    if let Some(axis) = concerned_axis(said, online.as_ref(), request) {
+    let online = OnlineMessage::parse(&parsed.instruction);
+    let request = request.filter(|parsed_frame| super::is_answer(parsed, parsed_frame));
+    sink.kind(online.as_ref().map_or_else(|| names::category(&parsed.instruction), message_name));
+    if let Some(axis) = concerned_axis(parsed, online.as_ref(), request) {
         sink.axis(axis.into());
     }
-    let mut say = MessageExplainer { frame: said, profile, sink };
+    let mut say = MessageExplainer { frame: parsed, profile, sink };
     say.emit_head();
     match &online {
         Some(online) => say.emit_online(online),
@@ -43,14 +43,14 @@ pub(super) fn explain_ack(
     sink.kind("ack");
     let meaning = "the connected drive has understood the frame";
     sink.field(Field { name: "ack", start: 0, end: 1, value: FieldValue::Hex(0x4F, 2), meaning });
-    let Some(asked) = request else { return sink.text("ack") };
-    if let Some(to) = asked.to.filter(|to| !to.group) {
+    let Some(parsed) = request else { return sink.text("ack") };
+    if let Some(to) = parsed.to.filter(|to| !to.group) {
         sink.axis(to.id.into());
     }
     sink.text("ack of ");
-    let mut say = MessageExplainer { frame: asked, profile, sink };
-    say.write_content(OnlineMessage::parse(&asked.instruction).as_ref());
-    let _ = write!(SinkWriter(sink), ", to {}", Recipient(asked.to));
+    let mut say = MessageExplainer { frame: parsed, profile, sink };
+    say.write_content(OnlineMessage::parse(&parsed.instruction).as_ref());
+    let _ = write!(SinkWriter(sink), ", to {}", Recipient(parsed.to));
 }
 
 /// Explains a byte that synchronises.
@@ -90,17 +90,18 @@ pub(super) const fn message_name(online: &OnlineMessage) -> &'static str {
 
 /// The axis that a message concerns: who answers, or who is told.
 fn concerned_axis(
-    said: &ParsedFrame,
+    parsed: &ParsedFrame,
     online: Option<&OnlineMessage>,
     request: Option<&ParsedFrame>,
 ) -> Option<u8> {
-    let answers = online.and_then(OnlineMessage::answered_by).or(said.sender);
+    let answers = online.and_then(OnlineMessage::answered_by).or(parsed.sender);
     let is_answer = matches!(
         online,
         Some(OnlineMessage::TakeVersion { .. } | OnlineMessage::TakeChecksum { .. })
     );
-    let told = if is_answer { request.and_then(|asked| asked.to) } else { said.to };
-    answers.or_else(|| told.filter(|to| !to.group && !to.host).map(|to| to.id))
+    let id_code =
+        if is_answer { request.and_then(|parsed_frame| parsed_frame.to) } else { parsed.to };
+    answers.or_else(|| id_code.filter(|to| !to.group && !to.host).map(|to| to.id))
 }
 
 /// Text of bounded length, for a field.
@@ -135,8 +136,8 @@ impl fmt::Write for BoundedText {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         for character in text.chars() {
             let width = character.len_utf8();
-            let room = self.bytes.get_mut(self.len..self.len + width).ok_or(fmt::Error)?;
-            character.encode_utf8(room);
+            let buffer = self.bytes.get_mut(self.len..self.len + width).ok_or(fmt::Error)?;
+            character.encode_utf8(buffer);
             self.len += width;
         }
         Ok(())
@@ -225,33 +226,33 @@ impl MessageExplainer<'_> {
     fn emit_named_field(
         &mut self,
         name: &'static str,
-        place: ByteRange,
+        position: ByteRange,
         value: FieldValue<'_>,
         meaning: &'static str,
     ) {
-        let (start, end) = place;
+        let (start, end) = position;
         self.sink.field(Field { name, start, end, value, meaning });
     }
 
     /// What every frame has.
     fn emit_head(&mut self) {
-        let said = *self.frame;
-        if let Some(length) = said.length {
+        let parsed = *self.frame;
+        if let Some(length) = parsed.length {
             self.emit_field("length", (0, 1), FieldValue::Int(length.into()));
         }
-        if let Some(class) = said.class {
+        if let Some(class) = parsed.class {
             self.emit_field("class", (0, 0), FieldValue::Text(class.name()));
         }
-        let whom = BoundedText::of(Recipient(said.to));
-        let known = if said.to.is_some() { "" } else { "the identifier does not say" };
-        self.emit_named_field("to", said.id_code_range, FieldValue::Text(whom.as_str()), known);
+        let whom = BoundedText::of(Recipient(parsed.to));
+        let known = if parsed.to.is_some() { "" } else { "the identifier does not say" };
+        self.emit_named_field("to", parsed.id_code_range, FieldValue::Text(whom.as_str()), known);
         self.emit_field(
             "opcode",
-            said.opcode_range,
-            FieldValue::Hex(said.instruction.opcode.into(), 4),
+            parsed.opcode_range,
+            FieldValue::Hex(parsed.instruction.opcode.into(), 4),
         );
         let mut text = BoundedText::default();
-        names::disassemble(&said.instruction, self.profile, &mut |piece| {
+        names::disassemble(&parsed.instruction, self.profile, &mut |piece| {
             // What does not fit is cut.
             let _ = text.write_str(piece);
         });
@@ -268,85 +269,90 @@ impl MessageExplainer<'_> {
         for (pair, word) in bytes.chunks_exact_mut(2).zip(words) {
             pair.copy_from_slice(&word.to_be_bytes());
         }
-        let place = self.frame.words_range(0, words.len());
-        self.emit_field("data", place, FieldValue::Words(&bytes[..2 * words.len()]));
+        let position = self.frame.words_range(0, words.len());
+        self.emit_field("data", position, FieldValue::Words(&bytes[..2 * words.len()]));
     }
 
     fn emit_online(&mut self, online: &OnlineMessage) {
-        let said = *self.frame;
+        let parsed = *self.frame;
         match *online {
             OnlineMessage::GiveMeData { sender, cell }
             | OnlineMessage::GiveMeData2 { sender, cell } => {
                 self.emit_sender(sender);
-                self.emit_cell(cell, said.word_ranges[1]);
+                self.emit_cell(cell, parsed.word_ranges[1]);
             }
             OnlineMessage::TakeData { sender, cell, value } => {
                 self.emit_sender(sender);
-                self.emit_cell(cell, said.word_ranges[1]);
+                self.emit_cell(cell, parsed.word_ranges[1]);
                 self.emit_value(cell, value, 2);
             }
             OnlineMessage::TakeData2 { sender, address, long, value } => {
                 let cell = Cell { memory: MemorySpace::Data, address, long };
-                let place = if said.class.is_some() { (0, 0) } else { said.opcode_range };
+                let location = if parsed.class.is_some() { (0, 0) } else { parsed.opcode_range };
                 let text = BoundedText::of(Recipient(Some(IdCode::axis(sender))));
-                self.emit_field("sender", place, FieldValue::Text(text.as_str()));
-                self.emit_cell(cell, said.word_ranges[0]);
+                self.emit_field("sender", location, FieldValue::Text(text.as_str()));
+                self.emit_cell(cell, parsed.word_ranges[0]);
                 self.emit_value(cell, value, 1);
             }
             OnlineMessage::GetData { sender, address, long } => {
                 self.emit_sender(sender);
                 self.emit_cell(
                     Cell { memory: MemorySpace::Data, address, long },
-                    said.opcode_range,
+                    parsed.opcode_range,
                 );
             }
             OnlineMessage::GotData { sender, address, long, value } => {
                 let cell = Cell { memory: MemorySpace::Data, address, long };
                 self.emit_sender(sender);
-                self.emit_cell(cell, said.opcode_range);
+                self.emit_cell(cell, parsed.opcode_range);
                 self.emit_value(cell, value, 1);
             }
             OnlineMessage::GetVersion { sender } => self.emit_sender(sender),
             OnlineMessage::Ping { sender, word } => {
                 self.emit_sender(sender);
-                self.emit_field("word", said.word_ranges[1], FieldValue::Hex(word.into(), 4));
+                self.emit_field("word", parsed.word_ranges[1], FieldValue::Hex(word.into(), 4));
             }
             OnlineMessage::TakeVersion { version } | OnlineMessage::Pong { version, .. } => {
                 let text = BoundedText::of(FirmwareName(version));
                 self.emit_field(
                     "firmware",
-                    said.words_range(0, 2),
+                    parsed.words_range(0, 2),
                     FieldValue::Text(text.as_str()),
                 );
             }
             OnlineMessage::GetChecksum { sender, memory, start, end } => {
                 self.emit_sender(sender);
-                self.emit_field("memory", said.opcode_range, FieldValue::Text(memory.word()));
-                self.emit_field("start", said.word_ranges[1], FieldValue::Hex(start.into(), 4));
-                self.emit_field("end", said.word_ranges[2], FieldValue::Hex(end.into(), 4));
+                self.emit_field("memory", parsed.opcode_range, FieldValue::Text(memory.word()));
+                self.emit_field("start", parsed.word_ranges[1], FieldValue::Hex(start.into(), 4));
+                self.emit_field("end", parsed.word_ranges[2], FieldValue::Hex(end.into(), 4));
             }
             OnlineMessage::TakeChecksum { memory, sum } => {
-                self.emit_field("memory", said.opcode_range, FieldValue::Text(memory.word()));
-                self.emit_field("sum", said.word_ranges[0], FieldValue::Hex(sum.into(), 4));
+                self.emit_field("memory", parsed.opcode_range, FieldValue::Text(memory.word()));
+                self.emit_field("sum", parsed.word_ranges[0], FieldValue::Hex(sum.into(), 4));
             }
             OnlineMessage::Synchronisation => {}
             OnlineMessage::MasterTime(time) => {
                 let value = FieldValue::Int(time.into());
-                self.emit_named_field("time", said.words_range(0, 2), value, "slow-loop periods");
+                self.emit_named_field("time", parsed.words_range(0, 2), value, "slow-loop periods");
             }
             OnlineMessage::SetSync(period) => {
                 let value = FieldValue::Int(period.into());
-                self.emit_named_field("period", said.words_range(0, 2), value, "slow-loop periods");
+                self.emit_named_field(
+                    "period",
+                    parsed.words_range(0, 2),
+                    value,
+                    "slow-loop periods",
+                );
             }
             OnlineMessage::Pvt(point) => self.emit_point(&point),
             OnlineMessage::Pt(point) => {
                 let position = FieldValue::Int(point.position.into());
-                self.emit_named_field("position", said.words_range(0, 2), position, "counts");
+                self.emit_named_field("position", parsed.words_range(0, 2), position, "counts");
                 let time = FieldValue::Int(point.time.into());
-                self.emit_named_field("time", said.word_ranges[2], time, "slow-loop periods");
+                self.emit_named_field("time", parsed.word_ranges[2], time, "slow-loop periods");
                 self.emit_field(
                     "counter",
-                    said.opcode_range,
+                    parsed.opcode_range,
                     FieldValue::Int(point.counter.into()),
                 );
             }
@@ -355,19 +361,19 @@ impl MessageExplainer<'_> {
 
     /// Position and velocity share the second word.
     fn emit_point(&mut self, point: &PvtPoint) {
-        let said = *self.frame;
+        let parsed = *self.frame;
         let position = FieldValue::Int(point.position.into());
-        self.emit_named_field("position", said.words_range(0, 2), position, "counts");
+        self.emit_named_field("position", parsed.words_range(0, 2), position, "counts");
         let velocity = FieldValue::Real(f64::from(point.velocity) / 65536.0);
         self.emit_named_field(
             "velocity",
-            said.words_range(1, 2),
+            parsed.words_range(1, 2),
             velocity,
             "counts per slow-loop period",
         );
         let time = FieldValue::Int(point.time.into());
-        self.emit_named_field("time", said.word_ranges[3], time, "slow-loop periods");
-        self.emit_field("counter", said.opcode_range, FieldValue::Int(point.counter.into()));
+        self.emit_named_field("time", parsed.word_ranges[3], time, "slow-loop periods");
+        self.emit_field("counter", parsed.opcode_range, FieldValue::Int(point.counter.into()));
     }
 
     fn emit_sender(&mut self, sender: IdCode) {
@@ -375,7 +381,7 @@ impl MessageExplainer<'_> {
         self.emit_field("sender", self.frame.word_ranges[0], FieldValue::Text(text.as_str()));
     }
 
-    fn emit_cell(&mut self, cell: Cell, place: ByteRange) {
+    fn emit_cell(&mut self, cell: Cell, position: ByteRange) {
         if cell.memory != MemorySpace::Data {
             self.emit_field(
                 "memory",
@@ -383,16 +389,16 @@ impl MessageExplainer<'_> {
                 FieldValue::Text(cell.memory.word()),
             );
         }
-        self.emit_field("address", place, FieldValue::Hex(cell.address.into(), 4));
+        self.emit_field("address", position, FieldValue::Hex(cell.address.into(), 4));
         if let Some(variable) = names::find_variable(cell, self.profile) {
-            self.emit_field("variable", place, FieldValue::Text(variable.symbol));
+            self.emit_field("variable", position, FieldValue::Text(variable.symbol));
         }
     }
 
     fn emit_value(&mut self, cell: Cell, value: u32, word: usize) {
-        let place = self.frame.words_range(word, 1 + usize::from(cell.long));
+        let position = self.frame.words_range(word, 1 + usize::from(cell.long));
         let typed = typed_value(names::find_variable(cell, self.profile), cell.long, value);
-        self.emit_field("value", place, typed);
+        self.emit_field("value", position, typed);
     }
 
     /// The whole of it in a line.
@@ -420,12 +426,12 @@ impl MessageExplainer<'_> {
                     write!(SinkWriter(self.sink), "checksum of {} = 0x{sum:04X}", memory.word());
             }
             Some(online) if requested_cell(online).is_some() => {
-                let asked = requested_cell(online).unwrap_or_default();
+                let request = requested_cell(online).unwrap_or_default();
                 let _ = write!(
                     SinkWriter(self.sink),
                     "{} {}",
                     message_name(online),
-                    cell_name(asked, self.profile)
+                    cell_name(request, self.profile)
                 );
             }
             _ => {
@@ -439,11 +445,11 @@ impl MessageExplainer<'_> {
     /// A value, and what its bits say.
     fn write_value(&mut self, cell: Cell, value: u32) {
         let variable = names::find_variable(cell, self.profile);
-        let place = CellName(variable, cell);
+        let cell_name = CellName(variable, cell);
         let mut out = SinkWriter(self.sink);
         let _ = match typed_value(variable, cell.long, value) {
-            FieldValue::Real(number) => write!(out, "{place} = {number}"),
-            FieldValue::Int(number) => write!(out, "{place} = {number}"),
+            FieldValue::Real(number) => write!(out, "{cell_name} = {number}"),
+            FieldValue::Int(number) => write!(out, "{cell_name} = {number}"),
             _ => Ok(()),
         };
         self.write_bits(variable, value);
@@ -468,25 +474,26 @@ impl MessageExplainer<'_> {
 
     /// From whom to whom, and on which way.
     fn write_route(&mut self, online: Option<&OnlineMessage>, request: Option<&ParsedFrame>) {
-        let said = *self.frame;
-        let from = online.and_then(OnlineMessage::answered_by).or(said.sender);
-        let from = from.or_else(|| request.and_then(|asked| asked.to).map(|to| to.id));
+        let parsed = *self.frame;
+        let from = online.and_then(OnlineMessage::answered_by).or(parsed.sender);
+        let from =
+            from.or_else(|| request.and_then(|parsed_frame| parsed_frame.to).map(|to| to.id));
         let mut out = SinkWriter(self.sink);
         let unasked = matches!(online, Some(OnlineMessage::TakeData2 { .. }));
-        let _ = match (from, said.to) {
-            (Some(from), Some(_)) => write!(out, ", from axis {from} to {}", Recipient(said.to)),
+        let _ = match (from, parsed.to) {
+            (Some(from), Some(_)) => write!(out, ", from axis {from} to {}", Recipient(parsed.to)),
             (Some(from), None) => write!(out, ", from axis {from}"),
-            (None, _) => write!(out, ", to {}", Recipient(said.to)),
+            (None, _) => write!(out, ", to {}", Recipient(parsed.to)),
         };
         // MASTERID has the host bit even where the host is on CAN, so unasked messages do not tell.
-        let relay = said.to.filter(|to| to.host && from.is_none_or(|from| from != to.id));
+        let relay = parsed.to.filter(|to| to.host && from.is_none_or(|from| from != to.id));
         if let Some(relay) = relay.filter(|_| !unasked) {
             let _ = write!(out, ", by relay axis {}", relay.id);
         }
         if let Some(sender) = online.and_then(OnlineMessage::reply_to) {
             let _ = write!(out, "; the answer goes to {}", Recipient(Some(sender)));
         }
-        if said.misprinted {
+        if parsed.misprinted {
             let _ = out.write_str(
                 "; the identifier is the sender's, as the manual prints it: drives send their \
                  host's",

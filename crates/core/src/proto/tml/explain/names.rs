@@ -67,8 +67,8 @@ pub(super) fn explain_reach(variable: &Parameter, sink: &mut dyn ExplainSink) {
             field("page", FieldValue::Text(page), "short");
             let assign = 0x2000 | long << 10 | operand;
             field("opcode", FieldValue::Hex(assign.into(), 4), "NAME = value");
-            let ask = 0xA000 | long << 10 | operand;
-            field("short request", FieldValue::Hex(ask.into(), 4), "?TML NAME");
+            let query = 0xA000 | long << 10 | operand;
+            field("short request", FieldValue::Hex(query.into(), 4), "?TML NAME");
         }
         None => {
             field("page", FieldValue::Text("none"), "whole addresses only");

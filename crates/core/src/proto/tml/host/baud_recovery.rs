@@ -107,11 +107,11 @@ impl BaudRecovery {
 
     /// An acknowledgement came. True if it was for this.
     pub fn handle_ack(&mut self, now: Instant) -> bool {
-        let told = matches!(self.stage, RecoveryStage::AwaitAck(_));
-        if told {
+        let reported = matches!(self.stage, RecoveryStage::AwaitAck(_));
+        if reported {
             self.stage = RecoveryStage::Settle(now.plus_ms(SETTLE_MS));
         }
-        told
+        reported
     }
 
     /// When something is to be done.

@@ -529,11 +529,11 @@ impl<'a, 's> InstructionParser<'a, 's> {
         }
         let inner = parse_statement(&mut self.reader, self.scope, self.depth + 1)?;
         let data = inner.data();
-        let room = usize::from(at) + 1;
+        let capacity = usize::from(at) + 1;
         let expected = "an instruction of at most two data words";
         let reach = self.reader.at;
         let failure = ParseFailure { furthest: reach, ..begin.failure_here(expected) };
-        self.words.get_mut(room..room + data.len()).ok_or(failure)?.copy_from_slice(data);
+        self.words.get_mut(capacity..capacity + data.len()).ok_or(failure)?.copy_from_slice(data);
         self.set_word(at, inner.opcode);
         self.opcode |= data.len() as u16;
         self.count += data.len() as u8;

@@ -48,10 +48,10 @@ impl RegisterField {
 impl Register {
     /// What a value says: every field that is not zero, or whose zero means something.
     pub fn shown_fields(&'static self, value: u32) -> impl Iterator<Item = &'static RegisterField> {
-        let tells = move |bits: &&RegisterField| {
+        let reports = move |bits: &&RegisterField| {
             bits.value_in(value) != 0 || !bits.meaning(value).is_empty()
         };
-        self.bits.iter().filter(tells)
+        self.bits.iter().filter(reports)
     }
 }
 

@@ -51,14 +51,15 @@ impl Session {
         &mut self,
         now: Instant,
         to: Option<IdCode>,
-        said: &Instruction,
+        instruction: &Instruction,
     ) {
-        let told = OnlineMessage::parse(said).filter(|_| self.fiction_score < FICTION_MIN);
-        if told.is_some_and(|told| self.note_duplicate(&told)) {
+        let message =
+            OnlineMessage::parse(instruction).filter(|_| self.fiction_score < FICTION_MIN);
+        if message.is_some_and(|message| self.note_duplicate(&message)) {
             self.counters.early += 1;
             return;
         }
-        self.handle_message(now, to, said);
+        self.handle_message(now, to, instruction);
     }
 
     /// A byte was lost somewhere: the boundary between frames is to be found again.

@@ -8,25 +8,25 @@ use super::{
 
 impl Session {
     /// Whether what was said answers what was asked, now or a moment ago.
-    pub(super) fn match_answer(&mut self, now: Instant, said: &OnlineMessage) -> bool {
+    pub(super) fn match_answer(&mut self, now: Instant, message: &OnlineMessage) -> bool {
         // It was asked for, so it is not late; and nobody takes it, so it is no answer.
-        if self.answers_overtaken(said) {
+        if self.answers_overtaken(message) {
             return true;
         }
         let pending = self.pending.filter(|pending| pending.attempts > 0);
-        let asked = pending.and_then(|pending| Some((pending, self.query_of(&pending)?)));
-        let Some((pending, question)) = asked else { return self.note_duplicate(said) };
+        let request = pending.and_then(|pending| Some((pending, self.query_of(&pending)?)));
+        let Some((pending, question)) = request else { return self.note_duplicate(message) };
         let Some(answer) =
-            host_request::answer_of(said).filter(|_| said.answers(&question, ANYBODY))
+            host_request::answer_of(message).filter(|_| message.answers(&question, ANYBODY))
         else {
-            return self.note_duplicate(said);
+            return self.note_duplicate(message);
         };
-        let (from, to) = (said.answered_by(), pending.host_request.message.to);
+        let (from, to) = (message.answered_by(), pending.host_request.message.to);
         if self.group_answers.is_open() {
             return self.collect_answer(now, from, answer);
         }
         if from.is_some_and(|from| to.id != 0 && !self.same_axis(from, to.id)) {
-            return self.note_duplicate(said);
+            return self.note_duplicate(message);
         }
         self.finish_query(now, &pending, question, answer);
         true
@@ -34,12 +34,12 @@ impl Session {
 
     /// Whether this answers the question that a stop overtook, which was on the wire before the
     /// stop's own: a drive answers in order, so it proves nothing of the stop. It is asked again.
-    pub(super) fn answers_overtaken(&mut self, said: &OnlineMessage) -> bool {
+    pub(super) fn answers_overtaken(&mut self, message: &OnlineMessage) -> bool {
         let aside = self.overtaken.filter(|aside| aside.attempts > 0);
         let Some(question) = aside.and_then(|aside| self.query_of(&aside)) else { return false };
         let to = aside.map_or(IdCode::BROADCAST, |aside| aside.host_request.message.to);
-        let fits = said.answers(&question, ANYBODY)
-            && said.answered_by().is_none_or(|from| to.id == 0 || self.same_axis(from, to.id));
+        let fits = message.answers(&question, ANYBODY)
+            && message.answered_by().is_none_or(|from| to.id == 0 || self.same_axis(from, to.id));
         if let Some(aside) = self.overtaken.as_mut().filter(|_| fits) {
             aside.attempts -= 1;
         }
@@ -107,8 +107,8 @@ impl Session {
     }
 
     /// An answer of a moment ago is given again: by a second drive of that ID, if it happens always.
-    pub(in super::super) fn note_duplicate(&mut self, said: &OnlineMessage) -> bool {
-        if self.stale_replies.note_duplicate(said) {
+    pub(in super::super) fn note_duplicate(&mut self, message: &OnlineMessage) -> bool {
+        if self.stale_replies.note_duplicate(message) {
             self.counters.late += 1;
             return true;
         }

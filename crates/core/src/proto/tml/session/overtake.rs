@@ -15,17 +15,17 @@ impl Session {
         &mut self,
         now: Instant,
         ticket: Ticket,
-        ask: HostRequest,
+        request: HostRequest,
     ) -> Result<(), HostRequest> {
         let Some(pending) =
             self.pending.filter(|pending| pending.host_request.class != RequestClass::Stop)
         else {
-            return Err(ask);
+            return Err(request);
         };
         if self.pending_stop.is_some() {
-            return Err(ask);
+            return Err(request);
         }
-        self.pending_stop = Some((ticket, ask));
+        self.pending_stop = Some((ticket, request));
         match pending.phase {
             RequestPhase::Ready(_) => self.start_pending_stop(now),
             RequestPhase::AwaitAnswer(_) if self.topology.wire != TmlWire::Rs485 => {
@@ -54,7 +54,8 @@ impl Session {
 
     /// The stop that waits takes the line. A question is asked again when the stop is through.
     pub(super) fn start_pending_stop(&mut self, now: Instant) {
-        let (Some((ticket, ask)), Some(pending)) = (self.pending_stop.take(), self.pending.take())
+        let (Some((ticket, request)), Some(pending)) =
+            (self.pending_stop.take(), self.pending.take())
         else {
             return;
         };
@@ -68,6 +69,6 @@ impl Session {
                 self.push_event(EventSubject::Request(waiting), Err(failure));
             }
         }
-        self.start_request(now, Some(ticket), ask);
+        self.start_request(now, Some(ticket), request);
     }
 }

@@ -50,8 +50,8 @@ impl StaleReplies {
     /// Answers about a variable may still come.
     pub fn add_answer(&mut self, axis: u8, tag: u16, until: Instant, probe: bool) {
         let doubt = self.entry_mut(axis, until);
-        if let Some(place) = doubt.variables.get_mut(usize::from(doubt.variables_len)) {
-            *place = tag;
+        if let Some(index) = doubt.variables.get_mut(usize::from(doubt.variables_len)) {
+            *index = tag;
             doubt.variables_len += 1;
         }
         doubt.until = doubt.until.max(until);
@@ -68,8 +68,8 @@ impl StaleReplies {
 
     fn entry_mut(&mut self, axis: u8, until: Instant) -> &mut StaleAxis {
         let same = |d: &Option<StaleAxis>| d.is_some_and(|d| d.axis == axis);
-        let place = self.axes.iter().position(same);
-        let place = place.or_else(|| self.axes.iter().position(Option::is_none));
+        let index = self.axes.iter().position(same);
+        let index = index.or_else(|| self.axes.iter().position(Option::is_none));
         let fresh = StaleAxis {
             axis,
             variables: [0; VARIABLES_MAX],
@@ -80,7 +80,7 @@ impl StaleReplies {
             ack_outstanding: false,
         };
         // A full table is as good as a line in doubt: its last place stands for all others.
-        self.axes[place.unwrap_or(AXES_MAX - 1)].get_or_insert(fresh)
+        self.axes[index.unwrap_or(AXES_MAX - 1)].get_or_insert(fresh)
     }
 
     /// Whether an answer about this variable could be an older one.
@@ -113,11 +113,11 @@ impl StaleReplies {
         one_voice: bool,
         asked_once: bool,
     ) {
-        for place in &mut self.axes {
-            let Some(doubt) = place else { continue };
+        for stale_axis in &mut self.axes {
+            let Some(doubt) = stale_axis else { continue };
             doubt.ack_outstanding &= !one_voice;
             if doubt.axis == axis || !doubt.ack_outstanding && doubt.variables_len == 0 {
-                *place = None;
+                *stale_axis = None;
             }
         }
         if let Some((before, _)) = self.last_answer.take() {
@@ -127,9 +127,10 @@ impl StaleReplies {
     }
 
     /// Whether this is the last answer once more.
-    pub fn note_duplicate(&mut self, said: &OnlineMessage) -> bool {
+    pub fn note_duplicate(&mut self, message: &OnlineMessage) -> bool {
         let Some((axis, question)) = self.last_answer else { return false };
-        let same = said.answers(&question, IdCode::axis(axis)) && said.answered_by().is_some();
+        let same =
+            message.answers(&question, IdCode::axis(axis)) && message.answered_by().is_some();
         if !same || is_group_query(&question) {
             return false;
         }
@@ -160,9 +161,9 @@ impl StaleReplies {
     }
 
     pub fn expire(&mut self, now: Instant) {
-        for place in &mut self.axes {
-            if place.is_some_and(|doubt| now >= doubt.until) {
-                *place = None;
+        for stale_axis in &mut self.axes {
+            if stale_axis.is_some_and(|doubt| now >= doubt.until) {
+                *stale_axis = None;
             }
         }
     }

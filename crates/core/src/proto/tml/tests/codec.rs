@@ -78,10 +78,10 @@ fn every_vector_in_both_directions() {
                 assert_eq!(tmlcan::encode(&message), frame(v), "{}", v.name);
             }
             "technocan" => {
-                let heard = technocan::decode(&frame(v)).expect(&v.name);
+                let content = technocan::decode(&frame(v)).expect(&v.name);
                 // The class does not say whom TakeData2 is for: any host will do.
-                let to = heard.to.unwrap_or(IdCode::host_at(9));
-                let again = Message { to, instruction: heard.instruction };
+                let to = content.to.unwrap_or(IdCode::host_at(9));
+                let again = Message { to, instruction: content.instruction };
                 assert_eq!(technocan::encode(&again), Ok(frame(v)), "{}", v.name);
             }
             other => panic!("{}: via {other}", v.name),
@@ -257,22 +257,22 @@ fn a_host_finds_the_answer_behind_a_made_up_byte() {
 
 #[test]
 fn rules_of_the_serial_wires() {
-    let ask = |to: IdCode, opcode: u16| Message {
+    let request = |to: IdCode, opcode: u16| Message {
         to,
         instruction: Instruction::of(opcode, [0x0FF0, 0x022A]),
     };
     assert_eq!(
-        TmlWire::Rs485.check(&ask(IdCode::groups(1), 0xB204)),
+        TmlWire::Rs485.check(&request(IdCode::groups(1), 0xB204)),
         Err(WireRule::Rs485AnswersFromGroup)
     );
     assert_eq!(
-        TmlWire::Rs485.check(&ask(IdCode::axis(0), 0xB004)),
+        TmlWire::Rs485.check(&request(IdCode::axis(0), 0xB004)),
         Err(WireRule::Rs485AnswersFromGroup)
     );
-    assert_eq!(TmlWire::Rs485.check(&ask(IdCode::axis(1), 0xB004)), Ok(()));
-    assert_eq!(TmlWire::Rs232.check(&ask(IdCode::groups(1), 0xB204)), Ok(()));
+    assert_eq!(TmlWire::Rs485.check(&request(IdCode::axis(1), 0xB004)), Ok(()));
+    assert_eq!(TmlWire::Rs232.check(&request(IdCode::groups(1), 0xB204)), Ok(()));
     assert_eq!(
-        TmlWire::TmlCan.check(&ask(IdCode::groups(1), 0xB004)),
+        TmlWire::TmlCan.check(&request(IdCode::groups(1), 0xB004)),
         Err(WireRule::GiveMeDataToGroup)
     );
     assert_eq!(TmlWire::Rs485.check_unsolicited(), Err(WireRule::Rs485Unsolicited));

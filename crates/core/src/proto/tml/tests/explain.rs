@@ -57,7 +57,7 @@ impl Seen {
     }
 
     fn place(&self, name: &str) -> Option<(u16, u16)> {
-        self.fields.iter().find(|(field, ..)| *field == name).map(|(_, place, _)| *place)
+        self.fields.iter().find(|(field, ..)| *field == name).map(|(_, position, _)| *position)
     }
 }
 
@@ -162,18 +162,18 @@ fn streams_are_cut_and_cut_again_behind_junk() {
 #[test]
 fn answers_find_their_requests() {
     let raw = |bytes| RawFrame { bytes, ..RawFrame::default() };
-    let (ask, take) = (hex(ASK), hex(TAKE));
+    let (request, take) = (hex(ASK), hex(TAKE));
     let other = hex("0A 0F F1 B4 04 0F F0 02 5E 01 20 42");
-    assert!(SERIAL.is_request(&raw(&ask)) && !SERIAL.is_request(&raw(&[0xFF])));
-    assert!(SERIAL.is_answer_to(&raw(&take), &raw(&ask)));
-    assert!(!SERIAL.is_answer_to(&raw(&other), &raw(&ask)), "another axis answers");
+    assert!(SERIAL.is_request(&raw(&request)) && !SERIAL.is_request(&raw(&[0xFF])));
+    assert!(SERIAL.is_answer_to(&raw(&take), &raw(&request)));
+    assert!(!SERIAL.is_answer_to(&raw(&other), &raw(&request)), "another axis answers");
     let frame = |id, bytes| RawFrame { bytes, id: Some(id), extended: false };
-    let (ask, take) = (hex("04 B0 30 00 2A 02"), hex("04 28 2A 02 02 00"));
-    let (ask, take) = (frame(0x125, ask.as_slice()), frame(0x163, take.as_slice()));
+    let (request, take) = (hex("04 B0 30 00 2A 02"), hex("04 28 2A 02 02 00"));
+    let (raw_frame, take) = (frame(0x125, request.as_slice()), frame(0x163, take.as_slice()));
     assert!(
-        TECHNOCAN.is_request(&ask)
+        TECHNOCAN.is_request(&raw_frame)
             && !TECHNOCAN.is_request(&take)
-            && TECHNOCAN.is_answer_to(&take, &ask)
+            && TECHNOCAN.is_answer_to(&take, &raw_frame)
     );
 }
 
@@ -245,6 +245,6 @@ fn a_register_is_told_bit_by_bit() {
     let context = Context { profile: Some(&TECHNOSOFT_F514L), ..Context::default() };
     let mut seen = Seen::default();
     SERIAL.explain(&frame, &context, &mut seen);
-    let told = "(axis on, motion complete, target command reached, initialised)";
-    assert!(seen.text.contains(told), "{}", seen.text);
+    let output = "(axis on, motion complete, target command reached, initialised)";
+    assert!(seen.text.contains(output), "{}", seen.text);
 }

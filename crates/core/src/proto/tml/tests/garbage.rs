@@ -87,16 +87,16 @@ fn can_frames_that_are_read_are_written_the_same() {
         let data = random.next().to_le_bytes();
         let mut frame =
             Frame::standard(random.below(0x800) as u16, &data[..random.below(9) as usize]);
-        if let Ok(heard) = technocan::decode(&frame) {
+        if let Ok(content) = technocan::decode(&frame) {
             let message = Message {
-                to: heard.to.unwrap_or(IdCode::host_at(1)),
-                instruction: heard.instruction,
+                to: content.to.unwrap_or(IdCode::host_at(1)),
+                instruction: content.instruction,
             };
             // What no message says is refused: TakeData from axis 0, requests to groups.
             if let Ok(again) = technocan::encode(&message) {
                 // In PONG the VT bit has no meaning.
-                let other = heard.misprinted() || heard.class == MessageClass::Pong;
-                let same = again == frame || other || heard.class != class(&message);
+                let other = content.misprinted() || content.class == MessageClass::Pong;
+                let same = again == frame || other || content.class != class(&message);
                 assert!(same, "{frame:02X?} becomes {again:02X?}");
                 short += 1;
             }

@@ -117,20 +117,22 @@ fn whatever_reads_writes_the_same() {
 
 #[test]
 fn an_answer_is_for_its_request() {
-    let ask = OnlineMessage::GiveMeData { sender: HOST, cell: Cell::short(0x025E) };
+    let message = OnlineMessage::GiveMeData { sender: HOST, cell: Cell::short(0x025E) };
     let take = |id: u8, address: u16| OnlineMessage::TakeData {
         sender: IdCode::axis(id),
         cell: Cell::short(address),
         value: 5,
     };
-    assert!(take(1, 0x025E).answers(&ask, IdCode::axis(1)));
-    assert!(!take(2, 0x025E).answers(&ask, IdCode::axis(1)), "another axis");
-    assert!(!take(1, 0x025F).answers(&ask, IdCode::axis(1)), "another variable");
+    assert!(take(1, 0x025E).answers(&message, IdCode::axis(1)));
+    assert!(!take(2, 0x025E).answers(&message, IdCode::axis(1)), "another axis");
+    assert!(!take(1, 0x025F).answers(&message, IdCode::axis(1)), "another variable");
     let group = OnlineMessage::GiveMeData2 { sender: HOST, cell: Cell::short(0x022A) };
     let from_7 = OnlineMessage::TakeData2 { sender: 7, address: 0x022A, long: false, value: 1 };
-    assert!(from_7.answers(&group, IdCode::groups(1)) && !from_7.answers(&ask, IdCode::axis(7)));
-    assert!(ask.is_request() && !from_7.is_request());
-    assert_eq!((ask.reply_to(), from_7.answered_by()), (Some(HOST), Some(7)));
+    assert!(
+        from_7.answers(&group, IdCode::groups(1)) && !from_7.answers(&message, IdCode::axis(7))
+    );
+    assert!(message.is_request() && !from_7.is_request());
+    assert_eq!((message.reply_to(), from_7.answered_by()), (Some(HOST), Some(7)));
 }
 
 #[test]

@@ -133,18 +133,18 @@ impl Line {
         }
     }
 
-    fn submit(&mut self, ask: HostRequest) -> Option<Ticket> {
+    fn submit(&mut self, request: HostRequest) -> Option<Ticket> {
         self.tickets += 1;
         let ticket = Ticket(self.tickets);
-        self.host.submit(self.now, ticket, ask).ok().map(|()| ticket)
+        self.host.submit(self.now, ticket, request).ok().map(|()| ticket)
     }
 
     /// Submits as soon as the host takes it, and lives on until it ends.
     fn ask(&mut self, axis: u8, instruction: Instruction) -> Result<Answer, Failure> {
-        let ask = HostRequest::of(Message { to: IdCode::axis(axis), instruction });
+        let request = HostRequest::of(Message { to: IdCode::axis(axis), instruction });
         let limit = self.now.plus_ms(5_000);
         let ticket = loop {
-            if let Some(ticket) = self.submit(ask) {
+            if let Some(ticket) = self.submit(request) {
                 break ticket;
             }
             self.step();
@@ -331,10 +331,10 @@ fn a_late_answer_is_nobodys_answer() {
         line.replies = once(3, move |bytes| std::vec![(ms, bytes.to_vec())]);
         let mut last = 1;
         for _ in 0..4 {
-            let asked = line.drives[0].1.ticks;
+            let requested = line.drives[0].1.ticks;
             if let Ok(value) = line.value(TICKS) {
                 assert!(value > last, "{ms}: {value} once more");
-                assert!(value > u32::from(asked), "{ms}: {value} is older than the question");
+                assert!(value > u32::from(requested), "{ms}: {value} is older than the question");
                 last = value;
             }
         }
@@ -376,15 +376,15 @@ fn an_acknowledgement_that_came_too_soon_has_no_motion_told_as_done() {
         line.replies = once(2, |ack| std::vec![(0, ack.to_vec()), (2, ack.to_vec())]);
         assert_eq!(line.set(9), Ok(Answer::Accepted(9)));
         assert_eq!(line.counts, [2, 3]);
-        let (said, opcode) = if stops { (STOP, 0x01C4) } else { (UPD, 0x0108) };
-        let outcome = line.ask(AXIS, said);
+        let (instruction, opcode) = if stops { (STOP, 0x01C4) } else { (UPD, 0x0108) };
+        let outcome = line.ask(AXIS, instruction);
         let repeated = usize::from(stops);
         assert_eq!(outcome.is_ok(), stops, "{lost}: {outcome:?}");
         assert_eq!(executed(&line, opcode), repeated, "{lost}");
         assert_eq!(line.host.counters().early, 1, "{lost}");
         // One copy makes no fiction of the baud rate.
         assert_eq!(line.value(KPP), Ok(9));
-        assert_eq!(line.ask(AXIS, said), Ok(Answer::Accepted(0)));
+        assert_eq!(line.ask(AXIS, instruction), Ok(Answer::Accepted(0)));
         assert_eq!(executed(&line, opcode), repeated + 1, "{lost}");
     }
 }
@@ -424,12 +424,12 @@ fn what_serial_servers_add_is_skipped() {
 fn a_dead_line_is_told_in_time_and_comes_back() {
     let mut line = Line::rs232();
     line.requests = Box::new(|_, _| Some(Vec::new()));
-    let begun = line.now;
+    let started_at = line.now;
     assert_eq!(line.value(KPP), Err(Failure::Silent));
     let (question, synced) = line.said.split_at(10);
     assert_eq!(question[0], 8);
     assert_eq!(synced, [SYNC; 15], "as the manual has it, and nothing is repeated into silence");
-    assert!(line.now.since(begun).as_millis() < 500);
+    assert!(line.now.since(started_at).as_millis() < 500);
     line.requests = sound();
     assert_eq!(line.value(KPP), Ok(5));
 }
@@ -444,10 +444,10 @@ fn a_stop_waits_for_nothing_on_rs232() {
     line.live(20);
     let stop = HostRequest::of(Message { to: IdCode::axis(AXIS), instruction: STOP });
     assert_eq!(stop.class, RequestClass::Stop);
-    let begun = line.now;
+    let started_at = line.now;
     let ticket = line.submit(stop).unwrap();
     assert_eq!(line.end(ticket), Ok(Answer::Accepted(0)));
-    assert!(line.now.since(begun).as_millis() < 12);
+    assert!(line.now.since(started_at).as_millis() < 12);
     assert_eq!(executed(&line, 0x01C4), 1);
     line.replies = sound();
     assert!(line.end(waiting).is_ok(), "asked again behind it");

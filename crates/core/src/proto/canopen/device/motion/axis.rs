@@ -492,7 +492,7 @@ impl<const N: usize> MotionAxis<N> {
             Braking::Hard => 0.0,
         };
         scene.shaft.set_limits(Limits { velocity: f64::INFINITY, deceleration, ..profile });
-        scene.shaft.turn(0.0);
+        scene.shaft.set_velocity(0.0);
     }
 
     /// On the way out of operation.

@@ -165,12 +165,12 @@ impl Homing {
             HomingStrategy::Index(toward) => self.seek_index(toward, scene),
             HomingStrategy::Stop { toward, .. } => {
                 self.phase = HomingPhase::Stop { ticks: 0 };
-                self.turn(toward, settings.fast, scene);
+                self.run_toward(toward, settings.fast, scene);
             }
             HomingStrategy::Edge { signal, edge, first, .. } => {
                 let was = is_active(signal, scene);
                 self.phase = HomingPhase::Edge { was, slow: false };
-                self.turn(if was { edge } else { first }, settings.fast, scene);
+                self.run_toward(if was { edge } else { first }, settings.fast, scene);
             }
         }
         true
@@ -258,7 +258,7 @@ impl Homing {
         scene: &mut MotionContext<'_, S, T>,
     ) {
         self.phase = HomingPhase::Index;
-        self.turn(toward, self.settings.slow, scene);
+        self.run_toward(toward, self.settings.slow, scene);
     }
 
     fn come_to_rest<S: MotorControl, T: MotionSettings>(
@@ -267,7 +267,7 @@ impl Homing {
         scene: &mut MotionContext<'_, S, T>,
     ) {
         self.phase = HomingPhase::ComingToRest { zero };
-        self.turn(0.0, self.settings.slow, scene);
+        self.run_toward(0.0, self.settings.slow, scene);
     }
 
     /// The other way, at most so often.
@@ -280,7 +280,7 @@ impl Homing {
         if self.reversals > REVERSALS_MAX {
             return Some(self.abort_search(scene));
         }
-        self.turn(-self.direction, speed, scene);
+        self.run_toward(-self.direction, speed, scene);
         None
     }
 
@@ -289,11 +289,11 @@ impl Homing {
         scene: &mut MotionContext<'_, S, T>,
     ) -> HomingResult {
         self.phase = HomingPhase::Idle;
-        scene.shaft.turn(0.0);
+        scene.shaft.set_velocity(0.0);
         HomingResult::NotFound
     }
 
-    fn turn<S: MotorControl, T: MotionSettings>(
+    fn run_toward<S: MotorControl, T: MotionSettings>(
         &mut self,
         toward: f64,
         speed: f64,
@@ -301,7 +301,7 @@ impl Homing {
     ) {
         self.direction = toward;
         scene.shaft.set_limits(Limits::trapezoid(speed, self.settings.acceleration));
-        scene.shaft.turn(toward * speed);
+        scene.shaft.set_velocity(toward * speed);
     }
 }
 

@@ -35,12 +35,12 @@ impl<const N: usize> PointQueue<N> {
 
     /// Notes one more. False when there is no room: it is lost.
     pub fn push(&mut self, point: ProfilePoint) -> bool {
-        let room = !self.is_full();
-        if room {
+        let has_room = !self.is_full();
+        if has_room {
             self.ring[(self.first + self.len) % N] = point;
             self.len += 1;
         }
-        room
+        has_room
     }
 
     /// The oldest.

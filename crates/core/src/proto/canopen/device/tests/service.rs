@@ -12,8 +12,8 @@ fn content(size: usize) -> Vec<u8> {
     (0..size).map(|n| (n * 7 + n / 256) as u8).collect()
 }
 
-fn upload(desk: &mut NodeFixture, object: ObjectIndex) -> Vec<u8> {
-    let size = match desk.request(SdoRequest::Read(object)) {
+fn upload(fixture: &mut NodeFixture, object: ObjectIndex) -> Vec<u8> {
+    let size = match fixture.request(SdoRequest::Read(object)) {
         SdoReply::Value(_, short) => {
             let (bytes, len) = short.bytes();
             return bytes[..len].to_vec();
@@ -23,7 +23,8 @@ fn upload(desk: &mut NodeFixture, object: ObjectIndex) -> Vec<u8> {
     };
     let (mut all, mut toggle) = (Vec::new(), false);
     loop {
-        let SdoReply::ValueSegment(segment) = desk.request(SdoRequest::ReadSegment(toggle)) else {
+        let SdoReply::ValueSegment(segment) = fixture.request(SdoRequest::ReadSegment(toggle))
+        else {
             panic!()
         };
         assert_eq!(segment.toggle, toggle);
@@ -37,12 +38,12 @@ fn upload(desk: &mut NodeFixture, object: ObjectIndex) -> Vec<u8> {
 }
 
 fn download(
-    desk: &mut NodeFixture,
+    fixture: &mut NodeFixture,
     object: ObjectIndex,
     data: &[u8],
     size: Option<u32>,
 ) -> Result<(), AbortCode> {
-    match desk.request(SdoRequest::WriteLong(object, size)) {
+    match fixture.request(SdoRequest::WriteLong(object, size)) {
         SdoReply::Written(..) => {}
         SdoReply::Abort(_, abort) => return Err(abort),
         other => panic!("{other:?}"),
@@ -57,7 +58,7 @@ fn download(
             ..Segment::default()
         };
         segment.data[..piece.len()].copy_from_slice(piece);
-        match desk.request(SdoRequest::WriteSegment(segment)) {
+        match fixture.request(SdoRequest::WriteSegment(segment)) {
             SdoReply::WrittenSegment(toggle) => assert_eq!(toggle, segment.toggle),
             SdoReply::Abort(_, abort) => return Err(abort),
             other => panic!("{other:?}"),
@@ -68,57 +69,58 @@ fn download(
 
 #[test]
 fn segments_carry_every_size_both_ways() {
-    let mut desk = NodeFixture::new();
+    let mut fixture = NodeFixture::new();
     for size in SIZES {
         let data = content(size);
-        assert_eq!(download(&mut desk, FILE, &data, Some(size as u32)), Ok(()));
-        assert_eq!(desk.toy.file, data);
-        assert_eq!(upload(&mut desk, FILE), data);
+        assert_eq!(download(&mut fixture, FILE, &data, Some(size as u32)), Ok(()));
+        assert_eq!(fixture.toy.file, data);
+        assert_eq!(upload(&mut fixture, FILE), data);
     }
-    assert_eq!(download(&mut desk, FILE, &content(100), None), Ok(()), "size not told");
-    assert_eq!(desk.toy.file, content(100));
+    assert_eq!(download(&mut fixture, FILE, &content(100), None), Ok(()), "size not told");
+    assert_eq!(fixture.toy.file, content(100));
 }
 
 #[test]
 fn a_fixed_value_can_come_in_segments() {
-    let mut desk = NodeFixture::new();
+    let mut fixture = NodeFixture::new();
     let eight = 0x1122_3344_5566_7788_u64;
     let object = ObjectIndex::new(0x2004, 0);
-    assert_eq!(download(&mut desk, object, &eight.to_le_bytes(), Some(8)), Ok(()));
-    assert_eq!(desk.toy.values[usize::from(U64_AT)], eight);
-    assert_eq!(upload(&mut desk, object), eight.to_le_bytes());
-    assert_eq!(download(&mut desk, object, &[0; 9], Some(9)), Err(AbortCode::TOO_LONG));
-    assert_eq!(download(&mut desk, object, &[0; 7], Some(7)), Err(AbortCode::TOO_SHORT));
-    assert_eq!(download(&mut desk, object, &[0; 9], None), Err(AbortCode::TOO_LONG));
-    assert_eq!(download(&mut desk, object, &[0; 6], None), Err(AbortCode::TOO_SHORT));
-    assert_eq!(desk.toy.values[usize::from(U64_AT)], eight, "nothing of these was taken");
-    assert_eq!(upload(&mut desk, ObjectIndex::new(0x1008, 0)), NAME.as_bytes());
+    assert_eq!(download(&mut fixture, object, &eight.to_le_bytes(), Some(8)), Ok(()));
+    assert_eq!(fixture.toy.values[usize::from(U64_AT)], eight);
+    assert_eq!(upload(&mut fixture, object), eight.to_le_bytes());
+    assert_eq!(download(&mut fixture, object, &[0; 9], Some(9)), Err(AbortCode::TOO_LONG));
+    assert_eq!(download(&mut fixture, object, &[0; 7], Some(7)), Err(AbortCode::TOO_SHORT));
+    assert_eq!(download(&mut fixture, object, &[0; 9], None), Err(AbortCode::TOO_LONG));
+    assert_eq!(download(&mut fixture, object, &[0; 6], None), Err(AbortCode::TOO_SHORT));
+    assert_eq!(fixture.toy.values[usize::from(U64_AT)], eight, "nothing of these was taken");
+    assert_eq!(upload(&mut fixture, ObjectIndex::new(0x1008, 0)), NAME.as_bytes());
 }
 
 #[test]
 fn a_toggle_that_does_not_alternate_ends_it() {
-    let mut desk = NodeFixture::new();
-    desk.toy.file = content(20);
-    desk.request(SdoRequest::Read(FILE));
+    let mut fixture = NodeFixture::new();
+    fixture.toy.file = content(20);
+    fixture.request(SdoRequest::Read(FILE));
     let refused = SdoReply::Abort(FILE, AbortCode::TOGGLE);
-    assert_eq!(desk.request(SdoRequest::ReadSegment(true)), refused);
+    assert_eq!(fixture.request(SdoRequest::ReadSegment(true)), refused);
     let over = SdoReply::Abort(ObjectIndex::default(), AbortCode::SPECIFIER);
-    assert_eq!(desk.request(SdoRequest::ReadSegment(false)), over);
-    desk.request(SdoRequest::WriteLong(FILE, None));
+    assert_eq!(fixture.request(SdoRequest::ReadSegment(false)), over);
+    fixture.request(SdoRequest::WriteLong(FILE, None));
     let segment = Segment { toggle: true, len: 7, ..Segment::default() };
-    assert_eq!(desk.request(SdoRequest::WriteSegment(segment)), refused);
+    assert_eq!(fixture.request(SdoRequest::WriteSegment(segment)), refused);
 }
 
 /// Reads in blocks of `segments`, losing every segment whose running number `loses` names.
-fn read_block(desk: &mut NodeFixture, segments: u8, loses: impl Fn(usize) -> bool) -> Vec<u8> {
+fn read_block(fixture: &mut NodeFixture, segments: u8, loses: impl Fn(usize) -> bool) -> Vec<u8> {
     let start = SdoRequest::ReadBlock { object: FILE, crc: true, segments, threshold: 0 };
-    let SdoReply::ReadBlockReady { crc: true, size: Some(size), .. } = desk.request(start) else {
+    let SdoReply::ReadBlockReady { crc: true, size: Some(size), .. } = fixture.request(start)
+    else {
         panic!()
     };
     let (mut all, mut seen, mut ended) = (Vec::new(), 0, false);
     let mut request = SdoRequest::ReadBlockStart;
     while !ended {
-        let frames = desk.answers(request.emit(5));
+        let frames = fixture.answers(request.emit(5));
         let mut arrived = 0;
         assert!(frames.len() <= usize::from(segments));
         for frame in &frames {
@@ -133,44 +135,48 @@ fn read_block(desk: &mut NodeFixture, segments: u8, loses: impl Fn(usize) -> boo
         }
         request = SdoRequest::ReadBlockAck { arrived, segments };
     }
-    let SdoReply::ReadBlockEnd { unused, crc } = desk.request(request) else { panic!() };
+    let SdoReply::ReadBlockEnd { unused, crc } = fixture.request(request) else { panic!() };
     all.truncate(all.len() - usize::from(unused));
     assert_eq!(all.len(), size as usize);
     assert_eq!(crc, sdo::crc(0, &all));
-    assert_eq!(desk.answers(SdoRequest::ReadBlockEnd.emit(5)), []);
+    assert_eq!(fixture.answers(SdoRequest::ReadBlockEnd.emit(5)), []);
     all
 }
 
 #[test]
 fn blocks_are_read_whatever_is_lost() {
-    let mut desk = NodeFixture::new();
+    let mut fixture = NodeFixture::new();
     for size in SIZES {
-        desk.toy.file = content(size);
-        assert_eq!(read_block(&mut desk, BLOCK_MAX, |_| false), desk.toy.file, "{size}");
+        fixture.toy.file = content(size);
+        assert_eq!(read_block(&mut fixture, BLOCK_MAX, |_| false), fixture.toy.file, "{size}");
     }
-    desk.toy.file = content(3000);
+    fixture.toy.file = content(3000);
     for segments in [1, 2, 5, 127] {
-        let lossy = read_block(&mut desk, segments, |n| n % 13 == 3);
-        assert_eq!(lossy, desk.toy.file, "{segments}");
+        let lossy = read_block(&mut fixture, segments, |n| n % 13 == 3);
+        assert_eq!(lossy, fixture.toy.file, "{segments}");
     }
 }
 
 #[test]
 fn few_bytes_may_go_the_ordinary_way() {
-    let mut desk = NodeFixture::new();
-    let ask = |threshold| SdoRequest::ReadBlock { object: FILE, crc: true, segments: 9, threshold };
-    desk.toy.file = content(4);
-    assert!(matches!(desk.request(ask(4)), SdoReply::Value(FILE, ExpeditedData { len: 4, .. })));
-    desk.toy.file = content(20);
-    assert_eq!(desk.request(ask(20)), SdoReply::ValueLong(FILE, Some(20)));
-    assert!(matches!(desk.request(ask(19)), SdoReply::ReadBlockReady { .. }));
+    let mut fixture = NodeFixture::new();
+    let request =
+        |threshold| SdoRequest::ReadBlock { object: FILE, crc: true, segments: 9, threshold };
+    fixture.toy.file = content(4);
+    assert!(matches!(
+        fixture.request(request(4)),
+        SdoReply::Value(FILE, ExpeditedData { len: 4, .. })
+    ));
+    fixture.toy.file = content(20);
+    assert_eq!(fixture.request(request(20)), SdoReply::ValueLong(FILE, Some(20)));
+    assert!(matches!(fixture.request(request(19)), SdoReply::ReadBlockReady { .. }));
 }
 
 /// Writes in blocks; `loses` as in [`read_block`].
-fn write_block(desk: &mut NodeFixture, data: &[u8], loses: impl Fn(usize) -> bool) -> SdoReply {
+fn write_block(fixture: &mut NodeFixture, data: &[u8], loses: impl Fn(usize) -> bool) -> SdoReply {
     let size = Some(data.len() as u32);
     let start = SdoRequest::WriteBlock { object: FILE, crc: true, size };
-    let SdoReply::WriteBlockReady { crc: true, segments, .. } = desk.request(start) else {
+    let SdoReply::WriteBlockReady { crc: true, segments, .. } = fixture.request(start) else {
         panic!()
     };
     let count = data.len().div_ceil(SEGMENT).max(1);
@@ -187,7 +193,7 @@ fn write_block(desk: &mut NodeFixture, data: &[u8], loses: impl Fn(usize) -> boo
             let segment = BlockSegment { number: n as u8 + 1, last, data: piece };
             sent += 1;
             if n + 1 == block || !loses(sent) {
-                answer = desk.answers(frame(0x605, &segment.bytes()));
+                answer = fixture.answers(frame(0x605, &segment.bytes()));
             }
         }
         let SdoReply::WriteBlockAck { arrived, .. } = SdoReply::of(answer[0].data) else {
@@ -196,67 +202,67 @@ fn write_block(desk: &mut NodeFixture, data: &[u8], loses: impl Fn(usize) -> boo
         done += usize::from(arrived);
     }
     let unused = (count * SEGMENT - data.len()) as u8;
-    desk.request(SdoRequest::WriteBlockEnd { unused, crc: sdo::crc(0, data) })
+    fixture.request(SdoRequest::WriteBlockEnd { unused, crc: sdo::crc(0, data) })
 }
 
 #[test]
 fn blocks_are_written_whatever_is_lost() {
-    let mut desk = NodeFixture::new();
+    let mut fixture = NodeFixture::new();
     for size in SIZES {
         let data = content(size);
-        assert_eq!(write_block(&mut desk, &data, |_| false), SdoReply::WriteBlockDone, "{size}");
-        assert_eq!(desk.toy.file, data);
+        assert_eq!(write_block(&mut fixture, &data, |_| false), SdoReply::WriteBlockDone, "{size}");
+        assert_eq!(fixture.toy.file, data);
     }
     let data = content(5000);
-    assert_eq!(write_block(&mut desk, &data, |n| n % 17 == 2), SdoReply::WriteBlockDone);
-    assert_eq!(desk.toy.file, data);
+    assert_eq!(write_block(&mut fixture, &data, |n| n % 17 == 2), SdoReply::WriteBlockDone);
+    assert_eq!(fixture.toy.file, data);
 }
 
 #[test]
 fn a_block_with_a_wrong_check_is_refused() {
-    let mut desk = NodeFixture::new();
-    desk.request(SdoRequest::WriteBlock { object: FILE, crc: true, size: Some(7) });
+    let mut fixture = NodeFixture::new();
+    fixture.request(SdoRequest::WriteBlock { object: FILE, crc: true, size: Some(7) });
     let segment = BlockSegment { number: 1, last: true, data: [1; 7] };
-    desk.answers(frame(0x605, &segment.bytes()));
+    fixture.answers(frame(0x605, &segment.bytes()));
     let end = SdoRequest::WriteBlockEnd { unused: 0, crc: 1 };
-    assert_eq!(desk.request(end), SdoReply::Abort(FILE, AbortCode::CRC));
+    assert_eq!(fixture.request(end), SdoReply::Abort(FILE, AbortCode::CRC));
     let start = SdoRequest::ReadBlock { object: FILE, crc: true, segments: 128, threshold: 0 };
-    assert_eq!(desk.request(start), SdoReply::Abort(FILE, AbortCode::BLOCK_SIZE));
-    desk.toy.file = content(30);
-    desk.request(SdoRequest::ReadBlock { object: FILE, crc: true, segments: 2, threshold: 0 });
-    assert_eq!(desk.answers(SdoRequest::ReadBlockStart.emit(5)).len(), 2);
+    assert_eq!(fixture.request(start), SdoReply::Abort(FILE, AbortCode::BLOCK_SIZE));
+    fixture.toy.file = content(30);
+    fixture.request(SdoRequest::ReadBlock { object: FILE, crc: true, segments: 2, threshold: 0 });
+    assert_eq!(fixture.answers(SdoRequest::ReadBlockStart.emit(5)).len(), 2);
     let ack = SdoRequest::ReadBlockAck { arrived: 3, segments: 2 };
-    assert_eq!(desk.request(ack), SdoReply::Abort(FILE, AbortCode::SEQUENCE));
+    assert_eq!(fixture.request(ack), SdoReply::Abort(FILE, AbortCode::SEQUENCE));
 }
 
 #[test]
 fn an_abort_ends_a_block_in_silence() {
-    let mut desk = NodeFixture::new();
-    desk.request(SdoRequest::WriteBlock { object: FILE, crc: true, size: None });
-    assert_eq!(desk.answers(SdoRequest::Abort(FILE, AbortCode::GENERAL).emit(5)), []);
-    assert_eq!(desk.read(0x2000, 0), Ok(0), "the next request is one");
+    let mut fixture = NodeFixture::new();
+    fixture.request(SdoRequest::WriteBlock { object: FILE, crc: true, size: None });
+    assert_eq!(fixture.answers(SdoRequest::Abort(FILE, AbortCode::GENERAL).emit(5)), []);
+    assert_eq!(fixture.read(0x2000, 0), Ok(0), "the next request is one");
 }
 
 #[test]
 fn values_have_lengths_signs_limits_and_rights() {
-    let mut desk = NodeFixture::new();
-    desk.write(0x2001, 0, 0xFFFE, 2).unwrap();
-    assert_eq!(desk.toy.values[usize::from(I16_AT)] as i64, -2, "with its sign");
-    assert_eq!(desk.read(0x2001, 0), Ok(0xFFFE), "without what lies above");
-    assert_eq!(desk.write(0x2001, 0, 1, 4), Err(AbortCode::LENGTH));
-    assert_eq!(desk.write(0x2002, 0, 1, 3), Err(AbortCode::LENGTH));
-    assert_eq!(desk.write(0x2002, 0, 0xAABB_CCDD, 0), Ok(()), "size not told");
-    assert_eq!(desk.read(0x2002, 0), Ok(0xAABB_CCDD));
-    assert_eq!(desk.write(0x2005, 0, 6, 2), Err(AbortCode::TOO_HIGH));
-    assert_eq!(desk.write(0x2005, 0, 0xFFFA, 2), Err(AbortCode::TOO_LOW));
-    assert_eq!(desk.write(0x2005, 0, 0xFFFB, 2), Ok(()));
-    assert_eq!(desk.write(0x2007, 0, 1, 2), Err(AbortCode::READ_ONLY));
-    assert_eq!(desk.read(0x2008, 0), Err(AbortCode::WRITE_ONLY));
-    assert_eq!(desk.read(0x2000, 1), Err(AbortCode::NO_SUB));
-    assert_eq!(desk.read(0x5000, 0), Err(AbortCode::NO_OBJECT));
-    assert_eq!(desk.read(0x1000, 0), Ok(0x1234_0192));
+    let mut fixture = NodeFixture::new();
+    fixture.write(0x2001, 0, 0xFFFE, 2).unwrap();
+    assert_eq!(fixture.toy.values[usize::from(I16_AT)] as i64, -2, "with its sign");
+    assert_eq!(fixture.read(0x2001, 0), Ok(0xFFFE), "without what lies above");
+    assert_eq!(fixture.write(0x2001, 0, 1, 4), Err(AbortCode::LENGTH));
+    assert_eq!(fixture.write(0x2002, 0, 1, 3), Err(AbortCode::LENGTH));
+    assert_eq!(fixture.write(0x2002, 0, 0xAABB_CCDD, 0), Ok(()), "size not told");
+    assert_eq!(fixture.read(0x2002, 0), Ok(0xAABB_CCDD));
+    assert_eq!(fixture.write(0x2005, 0, 6, 2), Err(AbortCode::TOO_HIGH));
+    assert_eq!(fixture.write(0x2005, 0, 0xFFFA, 2), Err(AbortCode::TOO_LOW));
+    assert_eq!(fixture.write(0x2005, 0, 0xFFFB, 2), Ok(()));
+    assert_eq!(fixture.write(0x2007, 0, 1, 2), Err(AbortCode::READ_ONLY));
+    assert_eq!(fixture.read(0x2008, 0), Err(AbortCode::WRITE_ONLY));
+    assert_eq!(fixture.read(0x2000, 1), Err(AbortCode::NO_SUB));
+    assert_eq!(fixture.read(0x5000, 0), Err(AbortCode::NO_OBJECT));
+    assert_eq!(fixture.read(0x1000, 0), Ok(0x1234_0192));
     let nothing = SdoReply::Abort(ObjectIndex::default(), AbortCode::SPECIFIER);
-    assert_eq!(desk.request(SdoRequest::Other(0xE0)), nothing);
+    assert_eq!(fixture.request(SdoRequest::Other(0xE0)), nothing);
 }
 
 #[test]
@@ -285,26 +291,26 @@ fn a_short_request_is_not_heard_unless_lenient() {
 
 #[test]
 fn a_stopped_node_serves_nobody() {
-    let mut desk = NodeFixture::new();
-    desk.receive(frame(0, &[2, 0]));
-    assert_eq!(desk.answers(SdoRequest::Read(FILE).emit(5)), []);
-    desk.receive(frame(0, &[128, 5]));
-    assert_eq!(desk.read(0x2000, 0), Ok(0));
+    let mut fixture = NodeFixture::new();
+    fixture.receive(frame(0, &[2, 0]));
+    assert_eq!(fixture.answers(SdoRequest::Read(FILE).emit(5)), []);
+    fixture.receive(frame(0, &[128, 5]));
+    assert_eq!(fixture.read(0x2000, 0), Ok(0));
 }
 
 #[test]
 fn a_transfer_that_was_left_is_forgotten() {
-    let mut desk = NodeFixture::new();
-    desk.toy.file = content(100);
-    desk.request(SdoRequest::Read(FILE));
-    desk.request(SdoRequest::ReadSegment(false));
+    let mut fixture = NodeFixture::new();
+    fixture.toy.file = content(100);
+    fixture.request(SdoRequest::Read(FILE));
+    fixture.request(SdoRequest::ReadSegment(false));
     // The client died here; the next one begins anew.
-    assert_eq!(desk.read(0x2000, 0), Ok(0));
+    assert_eq!(fixture.read(0x2000, 0), Ok(0));
     let over = SdoReply::Abort(ObjectIndex::default(), AbortCode::SPECIFIER);
-    assert_eq!(desk.request(SdoRequest::ReadSegment(true)), over);
-    assert_eq!(upload(&mut desk, FILE), content(100));
-    assert_eq!(download(&mut desk, FILE, &content(20), Some(30)), Err(AbortCode::TOO_SHORT));
-    assert_eq!(download(&mut desk, FILE, &content(40), Some(30)), Err(AbortCode::TOO_LONG));
+    assert_eq!(fixture.request(SdoRequest::ReadSegment(true)), over);
+    assert_eq!(upload(&mut fixture, FILE), content(100));
+    assert_eq!(download(&mut fixture, FILE, &content(20), Some(30)), Err(AbortCode::TOO_SHORT));
+    assert_eq!(download(&mut fixture, FILE, &content(40), Some(30)), Err(AbortCode::TOO_LONG));
 }
 
 #[test]

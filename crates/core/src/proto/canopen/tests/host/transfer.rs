@@ -97,13 +97,13 @@ fn an_upload_in_segments_waits_for_whoever_takes_it() {
     b.submit(1, HostRequest::Upload { node: 2, object: ObjectIndex::new(0x1F50, 1), block: false });
     b.sent_frames();
     b.receive("582#41501F01DC050000");
-    let (mut toggle, mut asked) = (0u8, 0);
+    let (mut toggle, mut requested) = (0u8, 0);
     while !b.sent_frames().is_empty() {
         b.receive(&std::format!("582#{toggle:02X}41424344454647"));
         toggle ^= 0x10;
-        asked += 1;
+        requested += 1;
     }
-    assert_eq!(asked, 127, "as much as it holds");
+    assert_eq!(requested, 127, "as much as it holds");
     let mut out = [0; 1000];
     assert_eq!(b.host.poll_bytes(Ticket(1), &mut out), Some(889));
     assert_eq!(&out[..9], b"ABCDEFGAB");
@@ -205,11 +205,11 @@ fn a_block_goes_no_faster_than_the_wire_and_behind_all_else() {
     while sent < 127 {
         b.now = b.host.poll_timeout().unwrap();
         b.host.handle_timeout(b.now);
-        let said = b.sent_frames();
-        let first = usize::from(said[0].starts_with("604"));
-        assert_eq!(said.len() - first, 4.min(127 - sent), "half of them at once");
+        let lines = b.sent_frames();
+        let first = usize::from(lines[0].starts_with("604"));
+        assert_eq!(lines.len() - first, 4.min(127 - sent), "half of them at once");
         assert_eq!(first == 1, sent == 8, "what was asked goes first");
-        sent += said.len() - first;
+        sent += lines.len() - first;
     }
     // 111 us for each, and not a moment more than the wire takes.
     assert!((118 * 111..127 * 111).contains(&(b.now.0 / 1000)), "{:?}", b.now);

@@ -18,7 +18,7 @@ fn the_same_module_on_can() {
         let quirks = Quirks { eight_bytes: eight, ..Quirks::default() };
         let mut end = CanEndpoint::new(quirks, &firmware);
         let mut now = Instant(1);
-        let mut ask = |request| {
+        let mut send_request = |request| {
             host.submit(now, Ticket(1), HostRequest::of(request)).unwrap();
             let mut frame = Frame::default();
             host.poll_transmit(now, &mut frame).unwrap();
@@ -31,11 +31,11 @@ fn the_same_module_on_can() {
             }
             host.poll_event().map(|(_, answer)| *answer)
         };
-        let gap = ask(request(Opcode::Gap, 1, 0));
+        let gap = send_request(request(Opcode::Gap, 1, 0));
         assert!(matches!(gap, Some(Ok(Answer::Reply(r))) if r.value == 1007), "{gap:?}");
-        let version = ask(request(Opcode::Version, 0, 0));
+        let version = send_request(request(Opcode::Version, 0, 0));
         assert!(matches!(version, Some(Ok(Answer::Text(v))) if v.text == *b"170V1.14"));
-        let stored = ask(request(Opcode::ReadMemory, 0, 3));
+        let stored = send_request(request(Opcode::ReadMemory, 0, 3));
         assert!(matches!(stored, Some(Ok(Answer::Instruction(i))) if i.value == 3));
     }
 }

@@ -45,9 +45,9 @@ fn labels() -> Vec<Label> {
             Some((id, data)) => {
                 let mut frame = Frame::standard(0, &hex(data));
                 frame.id = u32::from_str_radix(id, 16).unwrap();
-                let heard = technocan::decode(&frame).unwrap();
-                let to = heard.to.unwrap_or_default();
-                Message { to, instruction: heard.instruction }
+                let content = technocan::decode(&frame).unwrap();
+                let to = content.to.unwrap_or_default();
+                Message { to, instruction: content.instruction }
             }
             None => serial::decode(&hex(&field("bytes"))).unwrap(),
         };

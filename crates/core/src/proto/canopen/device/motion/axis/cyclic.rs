@@ -37,12 +37,12 @@ impl<const N: usize> MotionAxis<N> {
         scene: &mut MotionContext<'_, S, T>,
     ) -> Option<MotionEvent> {
         let (settings, top) = (scene.settings, scene.settings.velocity_max());
-        let asked = settings.target_velocity() + settings.offsets().0;
-        let target = asked.clamp(-top, top);
+        let requested = settings.target_velocity() + settings.offsets().0;
+        let target = requested.clamp(-top, top);
         let blocked = scene.is_blocked(target);
-        self.limited = blocked || target != asked;
+        self.limited = blocked || target != requested;
         scene.shaft.set_limits(Limits::trapezoid(top, 0.0));
-        scene.shaft.turn(if blocked { 0.0 } else { target });
+        scene.shaft.set_velocity(if blocked { 0.0 } else { target });
         self.set_flags(BIT_12, true);
         None
     }

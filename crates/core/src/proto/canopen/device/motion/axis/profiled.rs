@@ -21,8 +21,8 @@ impl<const N: usize> MotionAxis<N> {
         };
         let mut limits = settings.profile();
         limits.velocity = limits.velocity.min(settings.velocity_max());
-        let asked = settings.target_position() + base;
-        let target = self.clamp_to_limits(asked, scene);
+        let requested = settings.target_position() + base;
+        let target = self.clamp_to_limits(requested, scene);
         let point = ProfilePoint {
             target,
             limits,
@@ -186,18 +186,18 @@ impl<const N: usize> MotionAxis<N> {
         scene: &mut MotionContext<'_, S, T>,
     ) -> Option<MotionEvent> {
         let settings = scene.settings;
-        let (asked, top) = (settings.target_velocity(), settings.velocity_max());
-        let target = asked.clamp(-top, top);
+        let (requested, top) = (settings.target_velocity(), settings.velocity_max());
+        let target = requested.clamp(-top, top);
         let blocked = scene.is_blocked(target);
         if blocked {
             self.stop_at_limit_switch(scene);
         } else if dirty || self.limited {
             scene.shaft.set_limits(Limits { velocity: top, ..settings.profile() });
-            scene.shaft.turn(target);
+            scene.shaft.set_velocity(target);
         }
-        self.limited = blocked || target != asked;
+        self.limited = blocked || target != requested;
         let speed = scene.shaft.velocity();
-        let reached = self.target_timer.within(speed - asked, settings.velocity_window());
+        let reached = self.target_timer.within(speed - requested, settings.velocity_window());
         let moves = self.standstill_timer.beyond(speed, settings.standstill());
         self.set_flags(REACHED, reached);
         self.set_flags(BIT_12, !moves);
