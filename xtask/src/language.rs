@@ -67,7 +67,7 @@ pub fn language_page() -> String {
 }
 
 fn bit_text(bits: &polepair_core::proto::tml::instruction::RegisterField) -> String {
-    let place = match bits.high == bits.low {
+    let location = match bits.high == bits.low {
         true => bits.low.to_string(),
         false => format!("{}-{}", bits.high, bits.low),
     };
@@ -76,7 +76,7 @@ fn bit_text(bits: &polepair_core::proto::tml::instruction::RegisterField) -> Str
         [clear, set] => format!("{clear} / {set}"),
         _ => bits.name.to_owned(),
     };
-    format!("{place} {meaning}").trim_end().to_owned()
+    format!("{location} {meaning}").trim_end().to_owned()
 }
 
 fn write_row(form: &Form, out: &mut String) {

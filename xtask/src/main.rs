@@ -25,7 +25,7 @@ fn main() -> ExitCode {
     let result = match words.as_slice() {
         ["codegen"] => codegen::run(&root(), false),
         ["codegen", "--check"] => codegen::run(&root(), true),
-        ["tidy"] => tidy::run(&root()),
+        ["tidy"] => tidy::run(&root()).map(|names| println!("{names}")),
         ["picture"] => picture::run(),
         ["swarm", "--help" | "-h" | "help"] => {
             println!("{}", swarm::HELP);

@@ -215,7 +215,7 @@ fn parameter_row(p: &Parameter) -> String {
         Access::Write => "w",
         Access::ReadWrite => "rw",
     };
-    let kept = match p.persistence {
+    let saved = match p.persistence {
         Persistence::Volatile => "",
         Persistence::Storable => "if stored",
         Persistence::Always => "always",
@@ -229,7 +229,7 @@ fn parameter_row(p: &Parameter) -> String {
     };
     let unit = p.unit.symbol();
     format!(
-        "| {} | {} | {unit} | {range} | {factory} | {access} | {kept} | {inferred}{moves} |",
+        "| {} | {} | {unit} | {range} | {factory} | {access} | {saved} | {inferred}{moves} |",
         p.symbol, p.name
     )
 }

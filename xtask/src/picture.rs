@@ -73,8 +73,8 @@ fn spans(line: &str) -> String {
             }
             None => ("", piece),
         };
-        let room = COLUMNS.saturating_sub(column);
-        let cut: String = text.chars().take(room).collect();
+        let capacity = COLUMNS.saturating_sub(column);
+        let cut: String = text.chars().take(capacity).collect();
         column += cut.chars().count();
         let text = cut.replace('&', "&amp;").replace('<', "&lt;");
         match colour(code) {

@@ -61,24 +61,24 @@ pub fn run(words: &[&str]) -> Result<(), String> {
         return replay(which);
     }
     let order = parse_options(words)?;
-    let mut told = Vec::new();
+    let mut reports = Vec::new();
     for (medium, name) in MEDIA.into_iter().filter(|(m, _)| order.on.is_none_or(|on| on == *m)) {
-        let begun = Instant::now();
+        let started_at = Instant::now();
         let (total, broken) = run_seeds(order, medium);
-        let took = begun.elapsed().as_secs_f64();
+        let took = started_at.elapsed().as_secs_f64();
         print_totals(&total, order, medium, took);
         let lines = broken.iter().take(NAMED_MAX).map(|report| {
-            let told: Vec<_> = report.violations.iter().map(|v| format!("  {v}")).collect();
+            let reports: Vec<_> = report.violations.iter().map(|v| format!("  {v}")).collect();
             let again = format!("replay: cargo xtask swarm --replay {name}:{}", report.seed);
-            format!("seed {name}:{}\n{}\n  {again}", report.seed, told.join("\n"))
+            format!("seed {name}:{}\n{}\n  {again}", report.seed, reports.join("\n"))
         });
-        told.extend(lines);
+        reports.extend(lines);
         if !broken.is_empty() {
             let (broken, seeds) = (broken.len(), order.seeds);
-            told.push(format!("{broken} of {seeds} seeds on {name} broke an invariant"));
+            reports.push(format!("{broken} of {seeds} seeds on {name} broke an invariant"));
         }
     }
-    if told.is_empty() { Ok(()) } else { Err(told.join("\n")) }
+    if reports.is_empty() { Ok(()) } else { Err(reports.join("\n")) }
 }
 
 fn replay(which: &str) -> Result<(), String> {
@@ -88,8 +88,8 @@ fn replay(which: &str) -> Result<(), String> {
     let (medium, seed) =
         named.ok_or_else(|| format!("--replay {which}: write serial:7, or can:7"))?;
     let report = swarm::replay(medium, seed, &mut |line| println!("{line}"));
-    let told: Vec<_> = report.violations.iter().map(|v| v.to_string()).collect();
-    if told.is_empty() { Ok(()) } else { Err(told.join("\n")) }
+    let reports: Vec<_> = report.violations.iter().map(|v| v.to_string()).collect();
+    if reports.is_empty() { Ok(()) } else { Err(reports.join("\n")) }
 }
 
 fn parse_options(words: &[&str]) -> Result<SwarmOptions, String> {

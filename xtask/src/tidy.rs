@@ -10,11 +10,13 @@ mod programs;
 mod prose;
 #[cfg(test)]
 mod tests;
+mod vocabulary;
 
 use module_names::ModuleNames;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
+use vocabulary::Vocabulary;
 
 /// Lines of a file that people write.
 const LINES_MAX: usize = 700;
@@ -26,19 +28,24 @@ const EMPTY_MODULES: [&str; 5] = ["common", "utils", "util", "helpers", "helper"
 /// Files of a protocol that know bytes alone.
 const WIRE_FILES: [&str; 6] = ["wire", "explain", "rtu", "ascii", "opcode", "encoding"];
 
-/// Checks the workspace; every violation is a line with place and rule.
-pub fn run(root: &Path) -> Result<(), String> {
+/// Checks the workspace and returns a line about its names; each violation is a line with place and
+/// rule.
+pub fn run(root: &Path) -> Result<String, String> {
     let names = ModuleNames::load(root);
+    let mut vocabulary = Vocabulary::default();
     let mut broken = Vec::new();
     for file in rust_files(root) {
         let text =
             std::fs::read_to_string(&file).map_err(|e| format!("{}: {e}", file.display()))?;
-        broken.extend(check_file(&display_path(root, &file), &text, &names));
+        let path = display_path(root, &file);
+        broken.extend(check_file(&path, &text, &names));
+        vocabulary.add_file(&path, &text);
     }
     broken.extend(docs::check(root));
     broken.extend(decisions::check(root));
     broken.extend(programs::check(root));
-    if broken.is_empty() { Ok(()) } else { Err(broken.join("\n")) }
+    broken.extend(vocabulary.violations());
+    if broken.is_empty() { Ok(vocabulary.to_string()) } else { Err(broken.join("\n")) }
 }
 
 fn display_path(root: &Path, file: &Path) -> String {
@@ -73,13 +80,16 @@ pub(crate) fn check_file(path: &str, text: &str, names: &ModuleNames) -> Vec<Str
         broken.push(format!("{path}: it does not parse"));
         return broken;
     };
-    let place = SourceLocation::from_path(path);
-    if place.is_root && !forbids_unsafe(&file) {
+    let source_location = SourceLocation::from_path(path);
+    if source_location.is_root && !forbids_unsafe(&file) {
         broken.push(format!("{path}: rule 13: neither forbids nor denies unsafe code"));
     }
-    let mut eyes = RuleVisitor { path, location: place, names, violations: BTreeSet::new() };
-    eyes.visit_file(&file);
-    broken.extend(eyes.violations.into_iter().map(|(line, what)| format!("{path}:{line}: {what}")));
+    let mut rule_visitor =
+        RuleVisitor { path, location: source_location, names, violations: BTreeSet::new() };
+    rule_visitor.visit_file(&file);
+    broken.extend(
+        rule_visitor.violations.into_iter().map(|(line, what)| format!("{path}:{line}: {what}")),
+    );
     broken
 }
 

@@ -42,8 +42,8 @@ pub(crate) fn check_test_file(
             let (name, parents) = module_of(path)?;
             let line = format!("mod {name};");
             let has = |text: &str| text.lines().any(|l| l.trim_start_matches("pub ") == line);
-            let told = parents.iter().filter_map(|parent| read(parent)).any(|text| has(&text));
-            (!told).then(|| format!("{}: no program has it: `{line}`", path.display()))
+            let reported = parents.iter().filter_map(|parent| read(parent)).any(|text| has(&text));
+            (!reported).then(|| format!("{}: no program has it: `{line}`", path.display()))
         }
     }
 }

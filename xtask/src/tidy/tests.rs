@@ -1,6 +1,7 @@
 //! Each rule refuses a small snippet that breaks it, and lets its decent twin through.
 
 use super::module_names::ModuleNames;
+use super::vocabulary::Vocabulary;
 use super::{check_file, decisions, docs, programs, run};
 use std::path::Path;
 
@@ -113,7 +114,7 @@ fn cited_decisions_must_exist() {
 
 #[test]
 fn a_test_is_in_its_crates_program_or_says_why_not() {
-    let told = |rest: &[&str], text: &str| {
+    let reported = |rest: &[&str], text: &str| {
         let path = rest.iter().fold(Path::new("crates/cli/tests").to_path_buf(), |p, r| p.join(r));
         let read = |parent: &Path| match parent.to_str()? {
             "crates/cli/tests/integration/main.rs" => Some("mod stop;\nmod gateway;\n".to_owned()),
@@ -130,7 +131,7 @@ fn a_test_is_in_its_crates_program_or_says_why_not() {
         (&["integration", "gateway", "site.rs"], ""),
         (&["no_alloc.rs"], own),
     ] {
-        assert_eq!(told(rest, text), None, "{rest:?}");
+        assert_eq!(reported(rest, text), None, "{rest:?}");
     }
     for (rest, what) in [
         (&["integration", "late.rs"][..], "no program has it: `mod late;`"),
@@ -139,7 +140,46 @@ fn a_test_is_in_its_crates_program_or_says_why_not() {
         (&["late", "main.rs"], "belongs into integration/"),
         (&["late", "mod.rs"], "no program has it: `mod late;`"),
     ] {
-        let told = told(rest, "");
-        assert!(told.as_ref().is_some_and(|told| told.contains(what)), "{rest:?}: {told:?}");
+        let output = reported(rest, "");
+        assert!(
+            output.as_ref().is_some_and(|output| output.contains(what)),
+            "{rest:?}: {output:?}"
+        );
+    }
+}
+
+#[test]
+fn names_that_cannot_be_searched_for_are_refused() {
+    let violations = |files: &[(&str, &str)]| {
+        let mut vocabulary = Vocabulary::default();
+        files.iter().for_each(|(path, text)| vocabulary.add_file(path, text));
+        vocabulary.violations()
+    };
+    let named = "fn read_frame() {} fn add_axis() {} fn send_stop() {}";
+    let cases = [
+        ("impl S { fn tell(&self) {} }", "crates/sim/src/a.rs:1: a function called only `tell`"),
+        ("fn take(n: u8) -> u8 { n }", "crates/sim/src/a.rs:1: a function called only `take`"),
+        ("trait T { fn put(&self); }", "crates/sim/src/a.rs:1: a function called only `put`"),
+        ("fn a() {} fn b() {} fn c() {} fn d() {}", "57 % of 7 function names are one word"),
+    ];
+    for (text, what) in cases {
+        let found = violations(&[("crates/sim/src/a.rs", text), ("crates/sim/src/b.rs", named)]);
+        assert!(found.len() == 1 && found[0].starts_with(what), "{text}: {found:?}");
+    }
+    let twins = |path| {
+        violations(&[
+            (path, "pub struct Place;"),
+            ("crates/cli/src/b.rs", "pub(crate) enum Place {}"),
+        ])
+    };
+    assert_eq!(twins("crates/sim/src/a.rs").len(), 1);
+    assert!(twins("crates/core/src/proto/tmcl/wire.rs").is_empty());
+    for text in [
+        "struct S; impl S { fn take(&mut self) -> Option<u8> { None } }",
+        "impl Read for S { fn put(&self) {} }",
+        "#[cfg(test)] mod tests { fn tell() {} }",
+    ] {
+        let files = [("crates/sim/src/a.rs", text), ("crates/sim/src/b.rs", named)];
+        assert_eq!(violations(&files), [""; 0], "{text}");
     }
 }
