@@ -469,7 +469,11 @@ export class Bench {
     this.ended(pending.note, pending.settle, outcome);
   }
 
-  private ended(note: Note, settle: (outcome: CommandOutcome) => void, outcome: CommandOutcome): void {
+  private ended(
+    note: Note,
+    settle: (outcome: CommandOutcome) => void,
+    outcome: CommandOutcome,
+  ): void {
     const whole: Note = { ...note, outcome: outcome.outcome, error: outcome.error };
     this.notes = this.notes.map((each) => (each === note ? whole : each));
     settle(outcome);
