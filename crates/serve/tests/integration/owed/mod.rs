@@ -389,9 +389,11 @@ fn an_axis_that_is_owed_nothing_joins_once_the_others_are_at_rest() {
     site.paid();
     // Its holder gives it back.
     let _ = site.bench.request_lease(0, &site.ann, LeaseAction::Drop, epoch).wait();
-    until("it joins", || site.bench.snapshot().axes.len() == 2);
-    let bench = site.bench.snapshot();
-    assert!(bench.links[0].absent.is_empty() && bench.axes[1].number == 3, "{bench:?}");
+    until("it joins", || {
+        let bench = site.bench.snapshot();
+        bench.axes.len() == 2 && bench.links[0].absent.is_empty()
+    });
+    assert_eq!(site.bench.snapshot().axes[1].number, 3);
 }
 
 #[test]
