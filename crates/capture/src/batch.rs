@@ -19,7 +19,7 @@ use crate::timestamp::Timestamp;
 const FRAMES_MAX: usize = 1 << 15;
 /// Bytes of frames that are kept as they were told, and of what is said of them.
 const STORED_BYTES_MAX: usize = 1 << 23;
-/// Voices of one batch: each mapping is one, and each frame that is repeated.
+/// Templates of one batch: each mapping is one, and each frame that is repeated.
 const TEMPLATES_MAX: usize = 1 << 12;
 
 /// Frames that were decoded.
@@ -48,7 +48,7 @@ pub enum FrameRun<'a> {
 /// A frame that changes nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct CompactFrame {
-    /// Which of the batch's [voices](FrameBatch::templates) says it.
+    /// Which of the batch's [templates](FrameBatch::templates) says it.
     pub template: u16,
     /// Its bytes, the first lowest.
     pub data: u64,
@@ -241,7 +241,7 @@ impl FrameBatch {
         self.compact_before.push(self.compact.len());
     }
 
-    /// Adds a frame that changes nothing. `voice` is where their voice may be, and is; false if
+    /// Adds a frame that changes nothing. `template` is where their template may be, and is; false if
     /// there is no room for one.
     #[inline]
     pub(crate) fn push_compact(

@@ -214,7 +214,7 @@ impl CaptureDecoder {
         Self { detected: true, tracks_sessions: false, explanation, ..Self::new(rules) }
     }
 
-    /// A decoder by what a [`Judge`](crate::Judge) found.
+    /// A decoder with the protocols that a [`ProtocolDetector`](crate::ProtocolDetector) found.
     pub(crate) fn from_detection(rules: Rules, echo_links: Vec<String>) -> Self {
         Self { detected: true, echo_links, ..Self::new(rules) }
     }

@@ -275,7 +275,7 @@ impl ProtocolDetector {
             scope: RuleScope::AxisOn(link.clone(), *axis),
         });
         let mut protocols: Vec<_> = verdict.protocol.iter().chain(&verdict.secondary).collect();
-        // An identifier that two claim goes to the one in whose eyes fewer frames are broken.
+        // An identifier that two claim goes to the one by whose rules fewer frames are broken.
         protocols.sort_by_key(|dissector| self.count_broken(dissector.name(), link));
         let rule = |dissector: &&'static dyn Dissector| Rule {
             dissector: *dissector,

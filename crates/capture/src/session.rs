@@ -269,7 +269,7 @@ anomaly_kinds! {
     Jitter = "jitter", 3;
 }
 
-/// A frame as a follower hears it.
+/// A frame as a tracker hears it.
 #[derive(Clone, Copy)]
 pub(crate) struct ObservedFrame<'a> {
     /// Its number in the capture, from 1.
@@ -340,7 +340,7 @@ pub(crate) trait ProtocolTracker: Debug + Send {
     fn finish(&mut self, notices: &mut Vec<SessionNotice>);
 }
 
-/// The followers of one link, by protocol.
+/// The trackers of one link, by protocol.
 #[derive(Debug, Default)]
 pub(crate) struct LinkSession {
     trackers: Vec<(InternedName, Box<dyn ProtocolTracker>)>,

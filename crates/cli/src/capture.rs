@@ -177,7 +177,7 @@ impl CaptureSource {
         if self.with_words { decoder } else { decoder.without_text() }
     }
 
-    /// A decoder for a file, which is once gone through to judge it where nobody says who speaks.
+    /// A decoder for a file, which is read once first to detect its protocol where the user does not name it.
     fn decoder_for(&mut self, path: &Path) -> Result<CaptureDecoder> {
         if let Some(rules) = self.rules.take() {
             return Ok(self.build_decoder(rules));
@@ -190,7 +190,7 @@ impl CaptureSource {
         Ok(self.judged_decoder(judge))
     }
 
-    /// Decodes a file: once through to judge it, once to explain it.
+    /// Decodes a file: once to detect the protocol, once to explain it.
     fn decode_file(mut self, path: &Path, sink: &mut dyn EventSink) -> Result<CaptureDecoder> {
         let mut decoder = self.decoder_for(path)?;
         read_pieces(path, self.progress, &mut |piece| {
@@ -222,7 +222,7 @@ impl CaptureSource {
         Ok(decoder)
     }
 
-    /// Gathers stdin until it ends or pauses, judges it, and explains what was gathered.
+    /// Gathers stdin until it ends or pauses, detects its protocol, and explains what was gathered.
     fn gather_stdin(
         &self,
         source: &FollowReader,

@@ -54,7 +54,7 @@ pub struct QueueTap {
 }
 
 impl TapQueue {
-    /// Ears that also keep what they hear as a capture.
+    /// A tap that also writes what it receives as a capture.
     pub fn with_trace(trace: Option<FrameTrace>) -> Self {
         Self(Arc::new(Mutex::new(TapBuffer { trace, ..TapBuffer::default() })))
     }

@@ -158,9 +158,10 @@ impl<T> PendingOperation<T> {
     }
 
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<()> {
-        let told = Pin::new(&mut self.receiver).poll(context);
-        told.map(|told| {
-            self.result = Some(told.unwrap_or_else(|_| Err(action_error(server_lost(NO_OUTCOME)))));
+        let polled = Pin::new(&mut self.receiver).poll(context);
+        polled.map(|result| {
+            self.result =
+                Some(result.unwrap_or_else(|_| Err(action_error(server_lost(NO_OUTCOME)))));
         })
     }
 }

@@ -262,8 +262,9 @@ impl LiveConnection {
         reply: oneshot::Receiver<Result<T, GatewayError>>,
     ) -> Result<T, GatewayError> {
         // An answer that comes later finds nobody, and gives nothing.
-        let told = self.gateway().block_on(async { timeout(REPLY_MAX, reply).await });
-        told.ok()
+        let result = self.gateway().block_on(async { timeout(REPLY_MAX, reply).await });
+        result
+            .ok()
             .and_then(Result::ok)
             .unwrap_or_else(|| Err(action_error(server_lost("no answer came"))))
     }

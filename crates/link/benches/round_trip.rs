@@ -42,7 +42,7 @@ mod bench {
     const TURNS: usize = 50;
     const SERIES: usize = 9;
     const WAKE_UPS: usize = 2_000;
-    /// Longer than the keeper waits behind the last caller.
+    /// Longer than the background thread waits behind the last caller.
     const PAUSE: Duration = Duration::from_millis(10);
 
     /// What goes over the wire: the floor's request, and what the responder answers to any.
@@ -88,7 +88,7 @@ mod bench {
         wake_up();
     }
 
-    /// What a listener costs those who ask: back to back, and after a pause in which the keeper has
+    /// What a listener costs those who ask: back to back, and after a pause in which the background thread has
     /// begun to read for it.
     fn listened<P: Protocol<Medium = Stream>>(
         profile: &'static Profile,

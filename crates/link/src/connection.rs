@@ -2,7 +2,7 @@
 //!
 //! There is one lock and one leader. Any thread may lock, submit and write; the lock is never held
 //! while waiting. The thread that waits first leads: it reads for all, wakes the others by ticket,
-//! and hands over when it leaves. The *keeper* thread leads when no caller does and something
+//! and hands over when it leaves. The background thread leads when no caller does and something
 //! needs time by itself: a plan that nobody waits for, a link to be opened again, somebody who
 //! listens for what nobody asked for. It is started when it is first needed, and gives way to a
 //! caller at once.
@@ -118,7 +118,7 @@ impl Connection {
 
     /// Puts what happens from now on into `mailbox`, as of the connection `source`, until the guard
     /// is dropped: to its axes, or to one of them, and to the link. Where nobody else reads the link,
-    /// the keeper does.
+    /// the background thread does.
     pub fn listen(
         &self,
         mailbox: &Mailbox,
@@ -239,7 +239,7 @@ impl PendingRequest {
     }
 
     /// Tells the outcome if there is one; else `waker` is woken when there is, from whatever
-    /// thread reads then. The keeper reads meanwhile.
+    /// thread reads then. The background thread reads meanwhile.
     pub fn poll_or_wake(&mut self, waker: &task::Waker) -> Option<Outcome> {
         if self.outcome.is_none() {
             self.outcome = self.connection.0.0.poll_or_wake(self.ticket, waker);
@@ -277,7 +277,7 @@ impl Interrupter {
     }
 }
 
-/// Closes the connection with its last clone: the keeper shares `ConnectionInner` and must not keep it.
+/// Closes the connection with its last clone: the background thread shares `ConnectionInner` and must not keep it.
 #[derive(Debug)]
 struct Owner(Arc<dyn ErasedConnection>);
 
@@ -292,7 +292,7 @@ struct ConnectionInner<M: Medium> {
     background: background::BackgroundThread,
     /// Told when a request ended while others wait for the lane to take theirs.
     room_available: Condvar,
-    /// For the keeper's thread, once it is needed.
+    /// For the background thread, once it is needed.
     weak_self: Weak<Self>,
 }
 

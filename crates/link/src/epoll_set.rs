@@ -110,11 +110,11 @@ fn create_set(
 ) -> Result<(OwnedFd, WaitTimer), Errno> {
     let list = epoll::create(CreateFlags::CLOEXEC)?;
     let alarm = WaitTimer::new()?;
-    let told = match reads {
+    let flags = match reads {
         ReadMode::Stream => EventFlags::IN | EventFlags::PRI | EventFlags::RDHUP | EventFlags::ET,
         ReadMode::Messages => EventFlags::IN,
     };
-    epoll::add(&list, link, EventData::new_u64(LINK_KEY), told)?;
+    epoll::add(&list, link, EventData::new_u64(LINK_KEY), flags)?;
     epoll::add(&list, waker, EventData::new_u64(WAKER_KEY), EventFlags::IN)?;
     epoll::add(&list, alarm.timer.as_fd(), EventData::new_u64(TIMER_KEY), EventFlags::IN)?;
     Ok((list, alarm))

@@ -242,7 +242,7 @@ fn an_idle_link_is_read_while_somebody_listens() {
     pty.send(&[0; 8]).unwrap();
     assert_eq!(wait_for_late(&connection, 2), 2);
     drop(other);
-    // Nobody listens: it lies there until somebody asks something. The keeper has left by now.
+    // Nobody listens: it lies there until somebody asks something. The background thread has left by now.
     connection.catch_up();
     pty.send(&[0; 8]).unwrap();
     thread::sleep(Duration::from_millis(100));
@@ -266,7 +266,7 @@ fn callers_and_a_listener_share_a_link() {
     let (_drive, connection) = serve_and_connect(ToyDevice::with_delay(0));
     let _listening = connection.listen(&Mailbox::new(8), 0, None);
     for value in 0..50 {
-        // After a pause the keeper reads, and gives way.
+        // After a pause the background thread reads, and gives way.
         if value % 10 == 0 {
             thread::sleep(Duration::from_millis(20));
         }
@@ -429,7 +429,7 @@ fn plugging_in_again_brings_the_line_up() {
 
     let pty = Pty::open(Some(&alias)).unwrap();
     let _drive = ServedToy::serve_on(pty, ToyDevice::with_delay(0));
-    // The keeper does it: nothing is submitted meanwhile.
+    // The background thread does it: nothing is submitted meanwhile.
     wait_until(|| connection.link_error().is_none());
     assert_eq!(connection.with_axes(|axes, _| axes.address(AXIS)), Some(1), "one Up");
     assert_eq!(submit_write(&connection, 5).wait(long_deadline()), done(6));

@@ -339,9 +339,9 @@ pub fn item_value<'py>(
 }
 
 /// A notice as its kind and its facts.
-fn notice_tuple(py: Python<'_>, told: &SessionNotice) -> PyResult<(&'static str, Py<PyDict>)> {
+fn notice_tuple(py: Python<'_>, notice: &SessionNotice) -> PyResult<(&'static str, Py<PyDict>)> {
     let facts = PyDict::new(py);
-    let kind = match told {
+    let kind = match notice {
         SessionNotice::Signal(signal) => {
             facts.set_item("axis", signal.axis)?;
             facts.set_item("name", signal.name)?;

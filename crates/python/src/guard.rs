@@ -131,7 +131,7 @@ fn stop_all_armed() {
         }
     }
     axes.iter().for_each(unregister_armed);
-    // The last handle of a connection waits for its keeper, and nobody need wait for that now.
+    // The last handle of a connection waits for its background thread, and nobody need wait for that now.
     std::mem::forget(axes);
 }
 

@@ -12,7 +12,7 @@ use crate::errors::usage_error;
 static FORKS: AtomicU64 = AtomicU64::new(0);
 
 /// A value whose end may wait for a thread that itself waits for the interpreter: the last handle of
-/// a connection ends its keeper, and that one may just be telling an event loop something.
+/// a connection ends its background thread, and that thread may just be telling an event loop something.
 ///
 /// A fork's child has none of its parent's threads, and what they held locked stays locked. There the
 /// value is neither used nor dropped.

@@ -72,7 +72,7 @@ struct BrowserSession {
 }
 
 impl Authenticator {
-    /// A door that opens to these tokens, each for no more than `scopes`.
+    /// Accepts these tokens, each for no more than `scopes`.
     #[must_use]
     pub fn new(mut grants: Vec<Grant>, scopes: Scopes, port: u16, secure: bool) -> Self {
         for grant in &mut grants {

@@ -1,9 +1,9 @@
 //! The bench: it opens links, owns them, and lets several people watch and one command each axis.
 //! There is no HTTP in here.
 //!
-//! Each wire has a hand, which alone lets through what moves and waits for nothing, and a desk, which
-//! asks what has to be waited for. So a stop never waits behind a question, nor one link behind
-//! another.
+//! Each wire has a command worker and a request worker. Only the command worker sends what moves an
+//! axis, and it never waits for a drive. The request worker waits for drives. So a stop never waits
+//! behind a query, nor one link behind another.
 //!
 //! ```
 //! use polepair_serve::bench::{Bench, BenchOptions};
@@ -380,7 +380,7 @@ impl Bench {
                 });
             }
         }
-        // Every hand is called by now: none waits for the bytes of another's wire.
+        // Every worker is woken by now: none waits for the bytes of another wire.
         self.0.links.iter().for_each(|link| link.wire.send_stops());
         PendingReply::from_receiver(reply, Ok(()))
     }
@@ -489,7 +489,7 @@ impl Bench {
         link.simulation().map(|(simulation, _)| simulation.clone())
     }
 
-    /// Does in virtual time what hands and ears have to do now, which waits for nothing. For whoever
+    /// Runs in virtual time what workers and event listeners have to do now, without waiting. For whoever
     /// lets time pass in a link of his own while a question waits for its answer there: the threads of
     /// a bench in real time do not wait for each other either. [`advance_time`](Self::advance_time) does this, too.
     pub fn run_non_blocking(&self) {
@@ -585,7 +585,7 @@ impl Bench {
 impl NonBlockingWorkers {
     /// Does what is due.
     fn run_once(&mut self) {
-        // What is announced is kept before hands look, what they did after.
+        // Journal entries are written before the workers run, and their outcomes after.
         self.journal_writer.iter_mut().for_each(JournalWriter::write_queued);
         for worker in &self.command_workers {
             lock_unpoisoned(worker).run_once();

@@ -111,12 +111,12 @@ fn offers_protocol(headers: &HeaderMap) -> bool {
     words.any(|word| word.trim_ascii() == WEBSOCKET_PROTOCOL.as_bytes())
 }
 
-/// Whose threads do what for viewers.
+/// The runtimes that serve viewers.
 #[derive(Debug)]
 pub(crate) struct LiveRuntimes {
-    /// They hear what viewers say, and do it. What strangers keep busy are others.
+    /// They receive messages of authenticated viewers and execute them.
     pub inbound: Handle,
-    /// They write to viewers.
+    /// They send to viewers.
     pub outbound: Handle,
     /// Whether connections are encrypted; else those that write stand back.
     pub encrypted: bool,
@@ -539,7 +539,7 @@ impl ViewerWriter {
         }
     }
 
-    /// The bench, as the board has it.
+    /// The bench, as the broadcaster has it.
     fn bench_message(&self) -> Option<Message> {
         let mut bench = self.state.broadcaster.cached_bench()?;
         bench.scopes = self.caller.scopes.iter().collect();

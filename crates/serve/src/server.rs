@@ -67,11 +67,11 @@ pub struct GatewayServer {
 
 /// Threads for tasks: each group has its own, so that none waits in another's queue.
 struct Runtimes {
-    /// What strangers may ask: connections, handshakes, pages, REST.
+    /// Requests that need no login: connections, handshakes, pages, REST.
     http: Runtime,
-    /// What viewers say.
+    /// Messages of viewers.
     inbound: Runtime,
-    /// What they are told.
+    /// Messages to viewers.
     outbound: Runtime,
 }
 

@@ -25,9 +25,9 @@ fn main() {
         let mut world = World::new(1);
         let mut hosts = Vec::new();
         for (protocol, product) in rack {
-            hosts.extend(desk(&mut world, protocol, product));
+            hosts.extend(add_host_and_drive(&mut world, protocol, product));
         }
-        hosts.iter().for_each(|(host, parameter)| ask(&mut world, *host, *parameter));
+        hosts.iter().for_each(|(host, parameter)| submit_read(&mut world, *host, *parameter));
         run(&mut world, &hosts, Instant::ZERO.plus_ms(2_000));
         let (events, started_at) = (world.events(), std::time::Instant::now());
         let end = world.now().plus_ms(seconds * 1_000);
@@ -45,7 +45,11 @@ fn main() {
 }
 
 /// A host and its drive on a wire, the motor powered; and the parameter to poll.
-fn desk(world: &mut World, protocol: &str, product: &str) -> Option<(NodeId, ParameterId)> {
+fn add_host_and_drive(
+    world: &mut World,
+    protocol: &str,
+    product: &str,
+) -> Option<(NodeId, ParameterId)> {
     let host_protocol = host::protocols().into_iter().find(|p| p.name == protocol)?;
     let profile = drives::profiles().iter().copied().find(|p| p.name == product)?;
     let wire = world.add_serial(SerialWireConfig { baud: Some(BAUD), ..SerialWireConfig::RS232 });
@@ -77,14 +81,14 @@ fn run(world: &mut World, hosts: &[(NodeId, ParameterId)], until: Instant) -> u6
             let ended = world.inspect(*host, |n, _| n.axes().and_then(|axes| axes.poll_outcome()));
             if ended.is_some_and(|(Ticket(ticket), _)| ticket == 0) {
                 polls += 1;
-                ask(world, *host, *parameter);
+                submit_read(world, *host, *parameter);
             }
         }
     }
     polls
 }
 
-fn ask(world: &mut World, host: NodeId, parameter: ParameterId) {
+fn submit_read(world: &mut World, host: NodeId, parameter: ParameterId) {
     world.with_node(host, |node, now| {
         node.axes().map(|axes| axes.read_parameter(now, Ticket(0), AXIS, parameter).is_ok())
     });

@@ -62,7 +62,7 @@ pub struct CanFrameLabel {
     /// The frame that it answers, and the content of that; `None` for what is said unasked, and where
     /// the world cannot tell.
     pub answers: Option<(u32, u64)>,
-    /// A stranger sent it, or what it answers.
+    /// An intruder sent it, or what it answers.
     pub from_intruder: bool,
     /// It is taken a second time, or answers what was.
     pub is_copy: bool,
@@ -96,7 +96,7 @@ pub struct CanPlugStatus {
     /// It last did because another host had a frame of this identifier and other data in the very same
     /// instants, from the first try to the last.
     pub clash_id: Option<(u32, bool)>,
-    /// Strangers' frames that it took and that may have been meant for it.
+    /// Intruders' frames that it took and that may have been meant for it.
     pub intruder_frames: u64,
 }
 

@@ -1,6 +1,6 @@
 //! What must hold after every event, whatever the wire did.
 //!
-//! The judge is out of band: labels that travel with the bytes say which request a reply answers
+//! The checker is out of band: labels that travel with the bytes say which request a reply answers
 //! and whether the wire changed anything, the bench side of a drive says what it did. A host that
 //! believes something else broke an invariant; unless the bytes it believed were changed on the way
 //! and still passed every check of their protocol: that is a *wire collision*, and only counted.

@@ -187,7 +187,7 @@ const fn clock_tolerance(ns: u64) -> u64 {
     ns - ns / 20
 }
 
-/// Whose ears a chunk reaches at an instant: the host's adapter may keep bytes for a while, the
+/// Which receivers a chunk reaches at an instant: the host's adapter may keep bytes for a while, the
 /// drives hear them as they come.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Receivers {

@@ -289,7 +289,7 @@ fn seeded_buses_keep_every_invariant() {
 }
 
 /// Seeds beyond those that once broke an invariant: a request cut short that was taken as whole, the
-/// copy of a reply that came before its request had left, and what the judges had wrong of a stop
+/// copy of a reply that came before its request had left, and what the checkers had wrong of a stop
 /// that overtakes and of a frame that is taken twice.
 const ONCE_BROKEN: [u64; 6] = [1615, 1648, 2445, 2604, 2885, 2968];
 

@@ -64,13 +64,13 @@ const CAN_FAULTS: CanFaults = CanFaults {
 };
 
 /// A host and a drive on a wire.
-struct Place {
+struct WorldPart {
     wire: WireId,
     host: NodeId,
     drive: NodeId,
 }
 
-impl Place {
+impl WorldPart {
     fn new(world: &mut World, protocol: &str, product: &str, set: SerialWireConfig) -> Self {
         let profile = drives::profiles().iter().find(|p| p.name == product).expect(product);
         let host_protocol =
@@ -108,7 +108,7 @@ impl Place {
     }
 
     /// What the script asks at a step; refusals are answers too.
-    fn ask(&self, world: &mut World, step: u32) {
+    fn submit_step(&self, world: &mut World, step: u32) {
         let ticket = Ticket(step);
         let on_bus = world.bit_rate(self.wire) > 0;
         world.with_node(self.host, |node, now| {
@@ -126,7 +126,7 @@ impl Place {
         });
     }
 
-    fn tell(&self, world: &mut World, history: &mut HistoryHash) {
+    fn add_events(&self, world: &mut World, history: &mut HistoryHash) {
         while let Some((ticket, outcome)) =
             world.inspect(self.host, |n, _| n.axes().expect("a host").poll_outcome())
         {
@@ -172,13 +172,13 @@ fn read(axes: &mut dyn Axes, now: Instant, ticket: Ticket, step: u32) -> bool {
 }
 
 /// Lives through the script; the hash over all of it.
-fn lived(mut world: World, places: &[Place]) -> u64 {
+fn run_world(mut world: World, places: &[WorldPart]) -> u64 {
     let mut history = HistoryHash::default();
     for step in 1..=STEPS {
         world.run_until(Instant::ZERO.plus_ms(step * STEP_MS));
         for position in places {
-            position.tell(&mut world, &mut history);
-            position.ask(&mut world, step);
+            position.add_events(&mut world, &mut history);
+            position.submit_step(&mut world, step);
         }
     }
     for (n, position) in places.iter().enumerate() {
@@ -198,11 +198,11 @@ fn lived(mut world: World, places: &[Place]) -> u64 {
 fn a_world_with_motors_and_faults_is_the_same_everywhere() {
     let mut world = World::new(20);
     let places = [
-        Place::new(&mut world, "tmcl", "tmcm-171", SerialWireConfig::RS485),
-        Place::new(&mut world, "modbus-rtu", "syntron-ts", SerialWireConfig::RS485),
-        Place::new(&mut world, "modbus-ascii", "syntron-ds102", SerialWireConfig::RS232),
+        WorldPart::new(&mut world, "tmcl", "tmcm-171", SerialWireConfig::RS485),
+        WorldPart::new(&mut world, "modbus-rtu", "syntron-ts", SerialWireConfig::RS485),
+        WorldPart::new(&mut world, "modbus-ascii", "syntron-ds102", SerialWireConfig::RS232),
     ];
-    let history = lived(world, &places);
+    let history = run_world(world, &places);
     assert_eq!(history, PINNED, "{history:#018X}");
 }
 
@@ -211,7 +211,7 @@ fn so_is_a_bus_with_every_protocol() {
     let mut world = World::new(21);
     let bus = world.add_can(CanLine { bit_rate: BIT_RATE });
     *world.can_faults(bus).expect("a bus") = CAN_FAULTS;
-    let mut on = |drive, options: &[_]| Place::on_bus(&mut world, bus, drive, options);
+    let mut on = |drive, options: &[_]| WorldPart::on_bus(&mut world, bus, drive, options);
     let places = [
         on(("tmcl", "tmcm-171", 1), &[]),
         on(("tmlcan", "technosoft-fa00g", 3), &[]),
@@ -220,6 +220,6 @@ fn so_is_a_bus_with_every_protocol() {
         on(("canopen", "syntron-ts-canopen", 34), &TS_ON_CAN),
         on(("thruster", "thruster", 11), &[]),
     ];
-    let history = lived(world, &places);
+    let history = run_world(world, &places);
     assert_eq!(history, PINNED_ON_CAN, "{history:#018X}");
 }

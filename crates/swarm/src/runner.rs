@@ -159,7 +159,7 @@ impl WorldRunner {
         }
     }
 
-    /// Everything that is due now. `tends`: a drive is waited for, so that hands have their turn here.
+    /// Everything that is due now. `tends`: a drive is waited for, so that workers run here.
     pub fn step(&mut self, bench: &Bench, tends: bool) {
         self.now = bench.simulation(0).map_or(self.now, |simulation| simulation.now());
         self.report.count("turns");

@@ -15,7 +15,7 @@ use crate::drives::DriveKind;
 const TURNING_SPEED: f64 = 1.0;
 /// An axis that is owed a stop has executed it so long after its wire is well.
 const STOP_ARRIVAL: Duration = Duration::from_secs(3);
-/// The hand looks at its link so often at least; an alarm may be as late, and a little.
+/// The command worker checks its link so often at least; an alarm may be as late, and a little.
 const ALARM_DELAY: Duration = Duration::from_millis(250);
 /// The stop of a lease's holder raises no alarm for so long, while it goes well.
 const HOLDER_STOP_GRACE: Duration = Duration::from_secs(2);

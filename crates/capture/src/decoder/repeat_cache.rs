@@ -28,7 +28,7 @@ pub(super) struct RepeatedFrame {
     /// Answers belong to it.
     pub is_request: bool,
     pub explanation: Arc<Explanation>,
-    /// Where in a batch its voice was last.
+    /// Where in a batch its template was last.
     pub template: u16,
 }
 

@@ -23,12 +23,12 @@ pub(super) struct FrameRoute {
     pub profile_stated: bool,
     /// The axis, where the frame is left to its conversation to explain.
     pub deferred_axis: Option<u32>,
-    /// Where in a batch its voice was last.
+    /// Where in a batch its template was last.
     pub template: u16,
 }
 
 impl FrameRoute {
-    /// A frame as its follower hears it.
+    /// A frame as its tracker hears it.
     pub fn observe<'a>(
         &self,
         number: u64,

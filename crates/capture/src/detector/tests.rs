@@ -1,5 +1,5 @@
 //! Captures that are made anew for each seed, of one protocol on CAN or of two that share a bus: the
-//! judge names who speaks, or leaves it to a person; it names nobody else.
+//! detector names the protocol, or leaves it to a person; it names nobody else.
 
 use core::fmt::Write as _;
 

@@ -2,7 +2,7 @@
 //! it is owed and what answers it; here it is seen who got what, when, and what did not come.
 //!
 //! ```text
-//!   exchange    the follower: what is wrong with single frames, whose turn it was
+//!   exchange    the tracker: what is wrong with single frames, whose turn it was
 //!    ├ pairing  requests under way, and the answers that settle them
 //!    ├ values   what was read and written, faults, states
 //!    └ presence who spoke regularly and fell silent

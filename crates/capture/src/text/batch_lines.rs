@@ -8,7 +8,7 @@ use crate::batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate, TemplateCo
 use crate::line_buffer::{HexColumns, LineBuffer, TextPiece};
 use crate::session::canopen::{ProcessData, ProcessText};
 
-/// What is the same in all lines of a voice.
+/// What is the same in all lines of a template.
 struct LineTemplate<'a> {
     /// What stands between the time and the bytes.
     prefix: TextPiece,
@@ -100,7 +100,7 @@ impl FrameTextWriter {
     }
 }
 
-/// The lines of a batch's voices; `None` for those that are not put together so.
+/// The lines of a batch's templates; `None` for those that are not put together so.
 fn line_templates(batch: &FrameBatch, head: LineLayout) -> Vec<Option<LineTemplate<'_>>> {
     batch.templates().iter().map(|voice| LineTemplate::new(voice, head)).collect()
 }

@@ -11,15 +11,15 @@ use run::polepair;
 
 /// What a trace tells.
 #[derive(Default, Debug)]
-struct Told {
+struct NoticeCounts {
     odd: BTreeMap<&'static str, Vec<String>>,
     done: usize,
     others: Vec<ExchangeOutcome>,
     signals: BTreeMap<&'static str, usize>,
 }
 
-impl Told {
-    fn take(&mut self, notices: &[SessionNotice]) {
+impl NoticeCounts {
+    fn add_notices(&mut self, notices: &[SessionNotice]) {
         for notice in notices {
             match notice {
                 SessionNotice::Anomaly(anomaly) => {
@@ -37,17 +37,17 @@ impl Told {
 }
 
 /// Runs a verb, and reads what went over the wire.
-fn traced(name: &str, arguments: &[&str], protocol: &str) -> Told {
+fn traced(name: &str, arguments: &[&str], protocol: &str) -> NoticeCounts {
     let path = std::env::temp_dir().join(format!("polepair-{name}-{}.log", std::process::id()));
     let trace = path.to_str().expect("text");
     let ran = polepair(&[arguments, &["--trace", trace]].concat());
     let capture = std::fs::read(&path).expect("a trace");
     std::fs::remove_file(&path).expect("removed");
-    let mut report = Told::default();
+    let mut report = NoticeCounts::default();
     let mut decoder = CaptureDecoder::new(Rules::parse(protocol).expect("a protocol"));
-    decoder.feed(&capture, &mut |event| report.take(event.notices));
-    decoder.finish(&mut |event| report.take(event.notices));
-    decoder.finish_sessions(&mut |event| report.take(event.notices));
+    decoder.feed(&capture, &mut |event| report.add_notices(event.notices));
+    decoder.finish(&mut |event| report.add_notices(event.notices));
+    decoder.finish_sessions(&mut |event| report.add_notices(event.notices));
     assert!(report.done > 0, "{arguments:?}: {}\n{report:?}", ran.err);
     report
 }

@@ -55,7 +55,7 @@ pub(super) struct FrameRows {
 /// What frames have in common that change nothing: words by their numbers.
 #[derive(Debug)]
 pub(super) struct EncodedTemplates {
-    /// What all frames of a voice have in common.
+    /// What all frames of a template have in common.
     templates: Vec<EncodedTemplate>,
     /// On which link, which way and in which protocol, where it is the same for all of them.
     bus: Option<i32>,
@@ -63,7 +63,7 @@ pub(super) struct EncodedTemplates {
     protocol: Option<i32>,
 }
 
-/// The same, of one voice.
+/// The same, of one template.
 #[derive(Debug)]
 struct EncodedTemplate {
     bus: i32,
@@ -139,7 +139,7 @@ impl FrameRows {
         self.seq.extend(run.iter().map(|plain| to_i64(plain.number)));
     }
 
-    /// What frames of these voices have in common.
+    /// What frames of these templates have in common.
     pub fn templates(&mut self, voices: &[FrameTemplate]) -> EncodedTemplates {
         let voiced = |voice: &FrameTemplate| EncodedTemplate {
             bus: self.bus.dictionary.number(&voice.link),

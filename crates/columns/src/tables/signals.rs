@@ -36,7 +36,7 @@ pub(super) struct SignalTemplates {
     bus: Option<i32>,
 }
 
-/// What all values of a voice have in common.
+/// What all values of a template have in common.
 #[derive(Debug)]
 struct SignalTemplate {
     values: Vec<ValueTemplate>,
@@ -45,7 +45,7 @@ struct SignalTemplate {
     quality: i16,
 }
 
-/// One value of a voice.
+/// One value of a template.
 #[derive(Debug)]
 struct ValueTemplate {
     position: MappedValue,
@@ -154,7 +154,7 @@ impl SignalRows {
             .fill_rows(run, self.frame.extend_default(rows), |plain, _, _| to_i64(plain.number));
     }
 
-    /// What values of these voices have in common.
+    /// What values of these templates have in common.
     pub fn templates(&mut self, voices: &[FrameTemplate]) -> SignalTemplates {
         let voices: Vec<SignalTemplate> = voices.iter().map(|voice| self.template(voice)).collect();
         SignalTemplates {

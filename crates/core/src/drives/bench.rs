@@ -1,4 +1,4 @@
-//! What stands around a simulated drive: hands, weights, switches, and the truth.
+//! The bench of a simulated drive: external forces, loads, switches, and the ground truth.
 
 pub use crate::plant::{ServoBounds, Setpoint};
 use crate::time::Instant;

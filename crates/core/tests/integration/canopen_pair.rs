@@ -107,7 +107,7 @@ impl Wire {
     }
 
     /// Asks, gives `bytes` as they are wanted, and takes what comes.
-    fn ask(
+    fn run_request(
         &mut self,
         n: u32,
         host_request: HostRequest,
@@ -147,10 +147,10 @@ fn write(bits: u64) -> HostRequest {
 fn a_string_is_the_same_in_segments_and_in_blocks() {
     let mut wire = Wire::new(NONE, 1);
     let upload = |block| HostRequest::Upload { node: NODE, object: NAME, block };
-    let (result, segments) = wire.ask(1, upload(false), &[]);
+    let (result, segments) = wire.run_request(1, upload(false), &[]);
     assert_eq!(result, Ok(Answer::Transferred(segments.len() as u32)));
     assert!(segments.len() > 4, "{segments:?}");
-    let (result, blocks) = wire.ask(2, upload(true), &[]);
+    let (result, blocks) = wire.run_request(2, upload(true), &[]);
     assert_eq!((result.is_ok(), blocks), (true, segments));
 }
 
@@ -162,11 +162,11 @@ fn files_go_there_and_back_whatever_their_size() {
         for block in [false, true] {
             let size = file.len() as u32;
             let down = HostRequest::Download { node: NODE, object: FILE, block, size };
-            let (result, _) = wire.ask(1, down, &file);
+            let (result, _) = wire.run_request(1, down, &file);
             assert_eq!(result, Ok(Answer::Transferred(size)), "{size} {block}");
             for back in [false, true] {
                 let up = HostRequest::Upload { node: NODE, object: FILE, block: back };
-                let (result, taken) = wire.ask(2, up, &[]);
+                let (result, taken) = wire.run_request(2, up, &[]);
                 assert_eq!(result, Ok(Answer::Transferred(size)), "{size} {block} {back}");
                 assert!(taken == file, "{size} {block} {back}");
             }
@@ -182,9 +182,9 @@ fn on_a_bad_wire_every_request_ends_and_what_is_done_is_done() {
         let mut wire = Wire::new(faults, seed);
         for n in 0..40 {
             let value = u64::from(n) * 1000 + seed;
-            let (written, _) = wire.ask(n, write(value), &[]);
+            let (written, _) = wire.run_request(n, write(value), &[]);
             let (read, _) =
-                wire.ask(1000 + n, HostRequest::Read { node: NODE, object: TARGET }, &[]);
+                wire.run_request(1000 + n, HostRequest::Read { node: NODE, object: TARGET }, &[]);
             match (written, read) {
                 (Ok(_), Ok(Answer::Value { bits, .. })) => {
                     assert_eq!(bits, value, "seed {seed}, write {n}");
@@ -206,9 +206,9 @@ fn on_a_bad_wire_no_file_is_taken_for_another() {
         for (n, block) in [(0, false), (10, true)] {
             let size = file.len() as u32;
             let down = HostRequest::Download { node: NODE, object: FILE, block, size };
-            let (sent, _) = wire.ask(n, down, &file);
+            let (sent, _) = wire.run_request(n, down, &file);
             let up = HostRequest::Upload { node: NODE, object: FILE, block };
-            let (came, taken) = wire.ask(n + 1, up, &[]);
+            let (came, taken) = wire.run_request(n + 1, up, &[]);
             match (sent, came) {
                 (Ok(_), Ok(_)) => {
                     assert!(taken == file, "seed {seed}");

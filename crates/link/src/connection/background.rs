@@ -12,7 +12,7 @@ use super::ConnectionInner;
 use super::leader::{StateGuard, hand_over_lead, lead_round, reopen_link};
 use super::state::{BackgroundState, ConnectionState, Leader};
 
-/// How often a watching keeper looks whether it is needed; also the quiet that it waits for before
+/// How often the watching background thread looks whether it is needed; also the quiet that it waits for before
 /// it leads in a caller's place.
 const CHECK_INTERVAL: Duration = Duration::from_millis(5);
 /// How often it looks while the link is lost.
@@ -31,7 +31,7 @@ pub(super) struct BackgroundThread {
 }
 
 /// True when time must pass though no caller waits. Where time passes only while somebody waits, it
-/// is not the keeper's to let it pass for plans and links that nobody waits for: their callers do,
+/// is not for the background thread to let it pass for plans and links that nobody waits for: their callers do,
 /// and the same happens each time.
 pub(super) fn is_needed<M: Medium>(state: &ConnectionState<M>) -> bool {
     match state.link_error {
@@ -77,7 +77,7 @@ pub(super) fn shut_down<M: Medium>(shared: &ConnectionInner<M>) {
     drop(state);
     let thread = shared.background.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
     if let Some(thread) = thread {
-        // A waker may drop the last clone on the keeper's own thread.
+        // A waker may drop the last clone on the background thread itself.
         if !connecting && thread.thread().id() != std::thread::current().id() {
             let _ = thread.join();
         }

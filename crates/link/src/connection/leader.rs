@@ -191,7 +191,7 @@ pub(super) fn hand_over_lead<M: Medium>(state: &ConnectionState<M>) {
 }
 
 /// Releases the lock as everybody must who has changed something: the leader's sleep is cut short
-/// if the lane now wants time earlier, the keeper is nudged if nobody else sees to the lane, and
+/// if the lane now wants time earlier, the background thread is nudged if nobody else sees to the lane, and
 /// wakers are woken.
 pub(super) fn release_lock<M: Medium>(shared: &ConnectionInner<M>, mut state: StateGuard<'_, M>) {
     if state.room_waiters > 0 && std::mem::take(&mut state.room_freed) {
@@ -235,7 +235,7 @@ pub(super) fn reopen_link<'a, M: Medium>(
     state
 }
 
-/// Takes a listener in. The keeper reads for it when nobody else does.
+/// Takes a listener in. The background thread reads for it when nobody else does.
 pub(super) fn add_listener<M: Medium>(shared: &ConnectionInner<M>, listener: MailboxListener) {
     let mut state = shared.lock();
     if state.listeners.is_empty() {
@@ -258,7 +258,7 @@ pub(super) fn remove_listener<M: Medium>(
     state.listeners.retain(|listener| !listener.is_same(mailbox, source));
     if state.listeners.is_empty() {
         state.lane.enable_events(false);
-        // The keeper may read for nobody now.
+        // The background thread may read for nobody now.
         if state.leader == Leader::Background {
             state.link.waker().wake();
         }
@@ -266,8 +266,8 @@ pub(super) fn remove_listener<M: Medium>(
     release_lock(shared, state);
 }
 
-/// Takes in what came, for those who listen, unless a caller reads. The keeper gives way. A lost link
-/// in virtual time, which no keeper opens again, is tried here.
+/// Takes in what came, for those who listen, unless a caller reads. The background thread gives way. A lost link
+/// in virtual time, which no background thread opens again, is tried here.
 pub(super) fn catch_up<M: Medium>(shared: &ConnectionInner<M>) {
     let mut state = shared.lock();
     if state.link_error.is_some() && !state.link.is_real_time() {

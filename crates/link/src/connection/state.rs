@@ -32,10 +32,10 @@ pub(super) struct ConnectionState<M: Medium> {
     pub(super) leader: Leader,
     /// Until when the leader sleeps.
     pub(super) sleeps_until: Instant,
-    /// A caller wants to lead; the keeper leaves.
+    /// A caller wants to lead; the background thread leaves.
     pub(super) lead_wanted: bool,
     pub(super) interrupts: u64,
-    /// Counts reads, so that the keeper sees whether callers lead.
+    /// Counts reads, so that the background thread sees whether callers lead.
     pub(super) read_count: u64,
     /// Why the link is down.
     pub(super) link_error: Option<LinkError>,
@@ -112,7 +112,7 @@ impl<M: Medium> LinkIo<M> for ClosedLink {
     }
 }
 
-/// What the keeper does.
+/// What the background thread does.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum BackgroundState {
     NotStarted,

@@ -58,8 +58,8 @@ fn read_icounter(fd: &OwnedFd) -> Option<IcounterStruct> {
     let mut counter: IcounterStruct = [0; 20];
     // SAFETY: TIOCGICOUNT writes one serial_icounter_struct through the pointer; `counter` is as
     // large, and any bits are valid integers.
-    let told = unsafe { ioctl(fd, Updater::<TIOCGICOUNT, IcounterStruct>::new(&mut counter)) };
-    told.ok().map(|()| counter)
+    let result = unsafe { ioctl(fd, Updater::<TIOCGICOUNT, IcounterStruct>::new(&mut counter)) };
+    result.ok().map(|()| counter)
 }
 
 #[cfg(test)]

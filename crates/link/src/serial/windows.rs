@@ -7,7 +7,7 @@ use polepair_core::time::Instant;
 
 use crate::clock;
 use crate::error::{Cause, LinkError};
-use crate::link::{Link, Received};
+use crate::link::{LinkIo, Received};
 use crate::ports;
 use crate::waker::{LinkWaker, SlicedWait};
 
@@ -49,7 +49,7 @@ impl std::fmt::Debug for SerialPort {
     }
 }
 
-impl Link<Stream> for SerialPort {
+impl LinkIo<Stream> for SerialPort {
     fn now(&self) -> Instant {
         clock::now()
     }
@@ -81,7 +81,7 @@ impl Link<Stream> for SerialPort {
         self.path.clone()
     }
 
-    fn reopen(&self) -> Result<Box<dyn Link<Stream>>, LinkError> {
+    fn reopen(&self) -> Result<Box<dyn LinkIo<Stream>>, LinkError> {
         let line = *lock(&self.line);
         Ok(Box::new(Self::open(&self.path, line)?))
     }
@@ -114,13 +114,13 @@ fn explain_error(path: &str, error: &serialport::Error) -> LinkError {
     use serialport::ErrorKind as Kind;
     let cause = match error.kind() {
         // Windows says "access denied" for a port that another program has open.
-        Kind::NoDevice if ports::names().iter().any(|name| name == path) => Cause::Busy,
+        Kind::NoDevice if ports::serial_paths().iter().any(|name| name == path) => Cause::Busy,
         Kind::NoDevice => Cause::NotFound,
         Kind::InvalidInput => Cause::Unsuitable,
         Kind::Io(std::io::ErrorKind::PermissionDenied) => Cause::Busy,
         Kind::Io(std::io::ErrorKind::NotFound) => Cause::NotFound,
         _ => Cause::System,
     };
-    let there = format!("Ports that exist: {}.", ports::names().join(", "));
+    let there = format!("Ports that exist: {}.", ports::serial_paths().join(", "));
     LinkError::new(path, cause).with_hint(if cause == Cause::NotFound { &there } else { "" })
 }

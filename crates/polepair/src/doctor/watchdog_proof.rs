@@ -58,7 +58,7 @@ impl<F: FnMut(CheckResult)> ProofObserver for F {
 /// Why nothing was proven.
 #[derive(Clone, PartialEq, Debug)]
 pub struct ProofError {
-    /// What went wrong; [`Error::Interrupted`] where the witness ended it.
+    /// What went wrong; [`Error::Interrupted`] where the observer ended it.
     pub error: Box<Error>,
     /// The motor was told to turn.
     pub moved: bool,

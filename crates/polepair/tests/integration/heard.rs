@@ -13,13 +13,13 @@ use polepair_link::pty::Pty;
 use polepair_link::{LinkIo as _, Received, clock};
 
 /// The far end of a line: gives so much for whatever it hears.
-struct Odd {
+struct OddDrive {
     over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     path: String,
 }
 
-impl Odd {
+impl OddDrive {
     fn giving(answer: impl Fn(&[u8]) -> Vec<u8> + Send + 'static) -> Self {
         let pty = Pty::open(None).expect("a pseudo-terminal");
         let (over, path) = (Arc::new(AtomicBool::new(false)), pty.path().to_owned());
@@ -39,7 +39,7 @@ impl Odd {
     }
 
     /// What a read of a parameter of axis `number` is told.
-    fn told(
+    fn query_drive(
         &self,
         protocol: &str,
         profile: &str,
@@ -57,7 +57,7 @@ impl Odd {
     }
 }
 
-impl Drop for Odd {
+impl Drop for OddDrive {
     fn drop(&mut self) {
         self.over.store(true, Ordering::SeqCst);
         self.thread.take().expect("it ends once").join().expect("it ends well");
@@ -83,7 +83,7 @@ fn tmcl(module: u8, wrong: u8) -> Vec<u8> {
 #[test]
 fn on_a_line_of_tmcl_each_kind_is_told() {
     let reported = |answer: fn(&[u8]) -> Vec<u8>| {
-        Odd::giving(answer).told("tmcl", "tmcm-171", 1, "max current")
+        OddDrive::giving(answer).query_drive("tmcl", "tmcm-171", 1, "max current")
     };
     let (details, text) = reported(|_| Vec::new());
     assert_eq!(details, NoReplyDetails::default(), "{text}");
@@ -106,11 +106,11 @@ fn on_a_line_of_tmcl_each_kind_is_told() {
 
 #[test]
 fn an_acknowledgement_is_no_answer_and_a_relays_is_another_drives() {
-    let ok = Odd::giving(|_| vec![b'O']);
-    let (details, text) = ok.told("tml", "technosoft-f514l", 1, "APOS");
+    let ok = OddDrive::giving(|_| vec![b'O']);
+    let (details, text) = ok.query_drive("tml", "technosoft-f514l", 1, "APOS");
     assert!(details.cause() == NoReplyCause::Acknowledged && details.acknowledged > 0, "{text}");
     assert!(text.contains("acknowledgement") && text.contains("it hears us"), "{text}");
-    let (details, text) = ok.told("tml", "technosoft-f514l", 2, "APOS");
+    let (details, text) = ok.query_drive("tml", "technosoft-f514l", 2, "APOS");
     assert!(details.cause() == NoReplyCause::Relayed && details.acknowledged == 0, "{text}");
     assert!(text.contains("the axis behind it is not"), "{text}");
 }
@@ -118,7 +118,7 @@ fn an_acknowledgement_is_no_answer_and_a_relays_is_another_drives() {
 /// A drive that takes its stop and then tells nothing was told to stop, and may turn.
 #[test]
 fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
-    let anomaly = Odd::giving(|_| vec![b'O']);
+    let anomaly = OddDrive::giving(|_| vec![b'O']);
     let url = format!("tml+serial://{}?profile=technosoft-f514l&timeout=300#1", anomaly.path);
     let link = connect(&url).expect("a link");
     let mut stopping = StopSequence::begin(&link.axes()[0]);
@@ -133,14 +133,14 @@ fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
 #[test]
 fn a_wrong_check_on_modbus_is_told() {
     // One register, with the sum of another value.
-    let anomaly = Odd::giving(|_| vec![1, 3, 2, 0, 5, 0x79, 0x84]);
-    let (details, text) = anomaly.told("modbus-rtu", "syntron-ts", 1, "motor speed");
+    let anomaly = OddDrive::giving(|_| vec![1, 3, 2, 0, 5, 0x79, 0x84]);
+    let (details, text) = anomaly.query_drive("modbus-rtu", "syntron-ts", 1, "motor speed");
     assert!(details.cause() == NoReplyCause::Corrupt, "{text}");
 }
 
 #[test]
 fn who_connects_without_a_profile_is_told_as_well() {
-    let anomaly = Odd::giving(|_| tmcl(1, 7));
+    let anomaly = OddDrive::giving(|_| tmcl(1, 7));
     let url = format!("tmcl+serial://{}?timeout=300#1", anomaly.path);
     let (details, text) = failed(connect(&url).map(drop));
     assert!(details.corrupt > 0 && text.contains("does not answer on"), "{text}");

@@ -13,7 +13,7 @@ fn open(url: &str) -> Link {
     Connector::default().connect(url).expect("every drive answers")
 }
 
-fn look(link: &Link, numbers: impl Into<ScanAddresses>) -> ScanReport {
+fn run_scan(link: &Link, numbers: impl Into<ScanAddresses>) -> ScanReport {
     let connector = Connector::default();
     let mut look = DriveScanner::on_link(&connector, link, 0, numbers).expect("a wire");
     while look.next_address(&|| false).expect("the link is there").is_some() {
@@ -54,7 +54,7 @@ fn serial_drives_are_found_and_taken_in_while_the_others_go_on() {
     ] {
         let link = open(url);
         turns(&link, &link.axes()[0]);
-        let scan = look(&link, 1..=6);
+        let scan = run_scan(&link, 1..=6);
         let found: Vec<_> = scan.found.iter().map(|one| one.number).collect();
         assert_eq!(found, all[1..], "{url}: {:?}", scan.tried);
         assert_eq!((scan.axes.len(), scan.axes[0].answers), (1, true), "{url}: {:?}", scan.axes);
@@ -74,7 +74,7 @@ fn a_bus_of_several_protocols_keeps_its_axes_where_they_are() {
     let events = link.events().expect("both tell what they send");
     let names = |link: &Link| link.axes().iter().map(|a| a.name().to_owned()).collect::<Vec<_>>();
     assert_eq!(names(&link), ["spindle", "port"]);
-    let scan = look(&link, ScanAddresses::ALL);
+    let scan = run_scan(&link, ScanAddresses::ALL);
     let mut found: Vec<_> = scan.found.iter().map(|one| (one.protocol, one.number)).collect();
     found.sort_unstable();
     let there = [("technocan", 5), ("technocan", 7), ("thruster", 12)];
@@ -131,7 +131,7 @@ fn an_axis_that_is_gone_is_told_of() {
         polepair_core::drives::bench::Act::Supply(0.0),
     );
     link.sleep(Duration::from_millis(100));
-    let scan = look(&link, 1..=4);
+    let scan = run_scan(&link, 1..=4);
     let answers: Vec<_> = scan.axes.iter().map(|axis| (axis.number, axis.answers)).collect();
     assert_eq!(answers, [(1, true), (3, false)]);
     assert_eq!(scan.found.iter().map(|one| one.number).collect::<Vec<_>>(), [4]);
@@ -158,7 +158,7 @@ fn addresses_that_no_drive_can_have_are_not_asked() {
         );
     }
     let link = open("sim:cia402:1?time=virtual");
-    let scan = look(&link, 128..=300);
+    let scan = run_scan(&link, 128..=300);
     assert!(scan.tried[0].contains("no drive can have such an address"), "{:?}", scan.tried);
 }
 
@@ -185,17 +185,17 @@ fn a_wire_without_axes_keeps_its_number() {
 #[test]
 fn a_drive_joins_once_and_not_with_the_hosts_own_address() {
     let link = open("sim:tmcl?axes=2&time=virtual#1");
-    let scan = look(&link, 1..=4);
+    let scan = run_scan(&link, 1..=4);
     link.add_drives(0, &scan.found).expect("it is new");
     let twice = link.add_drives(0, &scan.found).expect_err("another handle took it in");
     assert_eq!(twice.code(), "E220", "{twice}");
     let link = open("sim:tml:1,254?wire=rs485&time=virtual#1");
-    let scan = look(&link, 250..=254);
+    let scan = run_scan(&link, 250..=254);
     assert_eq!(scan.found.iter().map(|one| one.number).collect::<Vec<_>>(), [254]);
     let own = link.add_drives(0, &scan.found).expect_err("its answers would be for the host");
     assert_eq!(own.code(), "E220", "{own}");
     let link = open("sim:tml:1,2,254?wire=rs485&time=virtual#1");
-    let both = [look(&link, 2..=2).found, look(&link, 254..=254).found].concat();
+    let both = [run_scan(&link, 2..=2).found, run_scan(&link, 254..=254).found].concat();
     assert_eq!(link.add_drives(0, &both).expect_err("one of them cannot").code(), "E220");
     let link = link.add_drives(0, &both[..1]).expect("the other did not join before");
     assert_eq!(numbers(&link), [1, 2]);

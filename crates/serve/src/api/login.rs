@@ -53,7 +53,7 @@ pub(super) async fn prove(
     state.authenticator.proof(&challenge, here).map(Json)
 }
 
-/// The page's files, and its door: `/?once=…`.
+/// The page's files, and its login: `/?once=…`.
 pub(super) async fn serve_page(State(state): State<SharedAppState>, request: Request) -> Response {
     let reads = matches!(*request.method(), Method::GET | Method::HEAD);
     let uri = request.uri();

@@ -56,7 +56,8 @@ impl Bench {
         is_free && (outstanding || link.wire.check_at_rest().is_ok())
     }
 
-    /// Asks for one, and takes it in where it answers. At the wire's desk: nothing else is asked then.
+    /// Queries one axis and adds it when it answers. Runs in the request worker of the wire, so that
+    /// nothing else is queried meanwhile.
     fn probe_absent(&self, n: usize, number: u32) -> Result<(), GatewayError> {
         let (link, shared) = (&self.0.links[n], &self.0.context);
         if shared.is_closing() || !self.may_probe(n, number) {

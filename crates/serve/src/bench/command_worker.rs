@@ -1,6 +1,6 @@
-//! The hand on one wire: it alone lets anything through that moves an axis, one thing after the
-//! other, stops first. It never waits for a drive. It has a thread; whoever says a stop lends it his
-//! own, too.
+//! The command worker of one wire. Only it sends what moves an axis, one request after the other,
+//! stops first. It never waits for a drive. It has its own thread; a caller who requests a stop also
+//! runs it on the caller's thread.
 //!
 //! Why: GW-1.
 
@@ -74,7 +74,7 @@ pub(super) struct CommandWorker {
     fast_send: bool,
 }
 
-/// An axis, as its hand sees it.
+/// An axis, as its command worker sees it.
 struct WorkerAxis {
     id: u16,
     axis: Axis,
@@ -441,8 +441,8 @@ impl CommandWorker {
             return self.stop_for_holder(sequence, commanded);
         }
         let started = self.start_command(&commanded);
-        let QueuedCommand { axis, session, header: order, action: deed, .. } = &commanded;
-        if deed.ends_motion() && self.check_allowed(*axis, session, order.epoch, false).is_ok() {
+        let QueuedCommand { axis, session, header: order, action, .. } = &commanded;
+        if action.ends_motion() && self.check_allowed(*axis, session, order.epoch, false).is_ok() {
             // It did not wait for the journal, as what was said before it may still do: that is not
             // done any more, whatever became of this.
             let stopped = &mut self.axes[commanded.axis].last_stop_number;
@@ -450,12 +450,11 @@ impl CommandWorker {
         }
         match started {
             Ok(StartResult::Running(running)) => {
-                let QueuedCommand {
-                    axis, session, header: order, action: deed, reply: tell, ..
-                } = commanded;
+                let QueuedCommand { axis, session, header: order, action, reply: tell, .. } =
+                    commanded;
                 let enables =
-                    matches!(deed, CommandAction::Run(command) if command.verb == Verb::Enable);
-                if deed.may_move() && !enables {
+                    matches!(action, CommandAction::Run(command) if command.verb == Verb::Enable);
+                if action.may_move() && !enables {
                     self.cancel_holder_stop(axis, &session, order.epoch);
                     self.axes[axis].lease.mark_moved();
                 }
@@ -466,7 +465,7 @@ impl CommandWorker {
                     axis,
                     session,
                     id,
-                    action: deed,
+                    action,
                     running,
                     faults_cleared: cleared,
                     reply: tell,
@@ -475,7 +474,7 @@ impl CommandWorker {
             Ok(StartResult::Done) => self.finish_command(commanded, None),
             Ok(StartResult::NeedsPreparation) => {
                 // Where the limits depend on where it stands, that is asked first, and so is what
-                // scales the arguments. Not here: a hand waits for nothing.
+                // scales the arguments. Not here: a command worker never waits.
                 self.request_worker.prepare_command(sequence, commanded);
             }
             Err(error) => self.finish_command(commanded, Some(error)),
@@ -483,22 +482,22 @@ impl CommandWorker {
     }
 
     fn finish_command(&self, commanded: QueuedCommand, error: Option<GatewayError>) {
-        let QueuedCommand { axis, session, header: order, action: deed, reply: tell, .. } =
-            commanded;
+        let QueuedCommand { axis, session, header: order, action, reply: tell, .. } = commanded;
         let (whose, outcome) = ((&session, self.axes[axis].id), command_outcome(order.id, error));
-        self.context.report_outcome(whose, outcome, deed.ends_motion(), tell);
+        self.context.report_outcome(whose, outcome, action.ends_motion(), tell);
     }
 
     fn start_command(&self, commanded: &QueuedCommand) -> Result<StartResult, GatewayError> {
-        let QueuedCommand { axis, session, header: order, action: deed, prepared, .. } = commanded;
-        let moves = deed.may_move();
+        let QueuedCommand { axis, session, header: order, action, prepared, .. } = commanded;
+        let moves = action.may_move();
         self.check_allowed(*axis, session, order.epoch, moves)?;
-        let stops = matches!(deed, CommandAction::Run(command) if command.verb == Verb::QuickStop);
-        if !stops && *deed != CommandAction::Arm(false) {
+        let stops =
+            matches!(action, CommandAction::Run(command) if command.verb == Verb::QuickStop);
+        if !stops && *action != CommandAction::Arm(false) {
             check_age(order.issued_ms, order.ttl_ms, BenchClock::wall_ms(self.context.now()))?;
         }
         let watched = &self.axes[*axis];
-        let command = match deed {
+        let command = match action {
             CommandAction::Arm(armed) => {
                 watched.axis.arm(*armed);
                 return Ok(StartResult::Done);
@@ -537,15 +536,15 @@ impl CommandWorker {
                 at += 1;
                 continue;
             }
-            let ActiveCommand { axis, session, id, action: deed, reply: tell, .. } =
+            let ActiveCommand { axis, session, id, action, reply: tell, .. } =
                 self.active.swap_remove(at);
-            if error.is_none() && deed.is_stop() {
+            if error.is_none() && action.is_stop() {
                 self.axes[axis].lease.mark_stopped();
             }
-            let value = value.filter(|_| matches!(deed, CommandAction::Raw(_)));
+            let value = value.filter(|_| matches!(action, CommandAction::Raw(_)));
             let outcome = CommandOutcome { value, ..command_outcome(id, error) };
             let whose = (&session, self.axes[axis].id);
-            self.context.report_outcome(whose, outcome, deed.ends_motion(), tell);
+            self.context.report_outcome(whose, outcome, action.ends_motion(), tell);
         }
     }
 }

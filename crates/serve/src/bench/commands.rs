@@ -39,7 +39,7 @@ impl Bench {
         session: &SessionName,
         order: CommandHeader,
         detail: serde_json::Value,
-        deed: Result<CommandAction, GatewayError>,
+        action: Result<CommandAction, GatewayError>,
     ) -> PendingReply<CommandOutcome> {
         let id = order.id.clone();
         let refused = |error| PendingReply::ready(Ok(command_outcome(id, Some(error))));
@@ -53,18 +53,18 @@ impl Bench {
         };
         let (tell, receiver) = oneshot::channel();
         let (shared, session) = (Arc::clone(&self.0.context), session.clone());
-        let ends_motion = deed.as_ref().is_ok_and(CommandAction::ends_motion);
+        let ends_motion = action.as_ref().is_ok_and(CommandAction::ends_motion);
         let now = shared.now();
         let go = {
             let (shared, session) = (Arc::clone(&shared), session.clone());
-            move |recorded: Result<(), GatewayError>| match (recorded, deed) {
-                (Ok(()), Ok(deed)) => {
+            move |recorded: Result<(), GatewayError>| match (recorded, action) {
+                (Ok(()), Ok(action)) => {
                     let prepared = None;
                     let commanded = QueuedCommand {
                         axis: index,
                         session,
                         header: order,
-                        action: deed,
+                        action,
                         prepared,
                         reply: tell,
                     };
@@ -112,7 +112,7 @@ impl Bench {
         Ok((self.0.context.lock_history().register(id, stale, now)?, &link.wire, index, sequence))
     }
 
-    /// Announces what is not for a hand, and does it once that is kept.
+    /// Writes a journal entry for what no command worker does, and does it once the entry is written.
     pub(super) fn run_after_journal<T: Send + 'static>(
         &self,
         what: (&SessionName, JournalAction, Option<u16>),

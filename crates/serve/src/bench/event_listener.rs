@@ -1,4 +1,4 @@
-//! The ears on a link: a thread that takes what drives send by themselves, as it arrives.
+//! The event listener of a link: a thread that receives what drives send unsolicited.
 
 use std::sync::Arc;
 use std::time::Duration;

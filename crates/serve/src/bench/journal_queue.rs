@@ -89,7 +89,7 @@ impl JournalQueue {
     /// It must not wait.
     pub fn write_ahead(
         &self,
-        (who, deed, axis): (&SessionName, JournalAction, Option<u16>),
+        (who, action, axis): (&SessionName, JournalAction, Option<u16>),
         detail: Value,
         now: Instant,
         then: Continuation,
@@ -98,35 +98,19 @@ impl JournalQueue {
             return then(Err(refused));
         }
         let (who, then) = (who.clone(), Some(then));
-        self.push(QueuedEntry {
-            who,
-            action: deed,
-            axis,
-            detail,
-            at: now,
-            write_ahead: true,
-            then,
-        });
+        self.push(QueuedEntry { who, action, axis, detail, at: now, write_ahead: true, then });
     }
 
     /// Notes what was done. `then` is done once it is written, or cannot be.
     pub fn record(
         &self,
-        (who, deed, axis): (&SessionName, JournalAction, Option<u16>),
+        (who, action, axis): (&SessionName, JournalAction, Option<u16>),
         detail: Value,
         now: Instant,
         then: Option<Continuation>,
     ) {
         let who = who.clone();
-        self.push(QueuedEntry {
-            who,
-            action: deed,
-            axis,
-            detail,
-            at: now,
-            write_ahead: false,
-            then,
-        });
+        self.push(QueuedEntry { who, action, axis, detail, at: now, write_ahead: false, then });
     }
 
     /// Whether something may be announced.
@@ -162,7 +146,7 @@ impl JournalQueue {
         waiting.then.into_iter().for_each(|then| then(Err(stalled_error())));
     }
 
-    /// Nothing more is noted; the scribe ends when all is written.
+    /// No more entries are added; the writer ends when all are written.
     pub fn close(&self) {
         lock_unpoisoned(&self.queue).closed = true;
         self.wakeup.notify_one();
@@ -263,8 +247,8 @@ impl JournalWriter {
         if self.missing.count > 0 {
             self.report_missing()?;
         }
-        let QueuedEntry { who, action: deed, axis, detail, .. } = waiting;
-        self.journal.write_entry(JournalEntry { who, action: *deed, axis: *axis, detail })
+        let QueuedEntry { who, action, axis, detail, .. } = waiting;
+        self.journal.write_entry(JournalEntry { who, action: *action, axis: *axis, detail })
     }
 
     fn count_missing(&mut self, count: u64, why: &GatewayError) {

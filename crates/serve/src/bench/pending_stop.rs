@@ -280,7 +280,7 @@ impl PendingStop {
 
     fn new_report(&mut self, id: u16, now: Instant, ended: bool) -> Option<AxisStopReport> {
         let (class, error) = self.progress();
-        let rises = self.last_report.as_ref().is_none_or(|told| class > told.class);
+        let rises = self.last_report.as_ref().is_none_or(|last| class > last.class);
         // What may still be said again is no news while it fails.
         let fails = error.is_some() && !ended;
         if fails || (!rises && !ended) || (class == StopClass::Failed && !ended) {

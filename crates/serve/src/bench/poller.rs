@@ -1,5 +1,5 @@
-//! The eyes on one wire: a thread that asks for what is shown, whenever the desk has nothing to do.
-//! It asks one thing at a time, so that a command waits behind one question at most.
+//! The poller of one wire: a thread that reads what is displayed, whenever the request worker is idle.
+//! It reads one value at a time, so that a command waits behind one query at most.
 
 use std::sync::Arc;
 use std::time::Duration;

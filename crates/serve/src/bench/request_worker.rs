@@ -1,5 +1,5 @@
-//! What has to wait for a drive and moves nothing: questions, settings, getting ready. The hand never
-//! waits, so it leaves these to the desk of its wire.
+//! Work that waits for a drive and moves nothing: queries, settings, preparing commands. The command
+//! worker never waits, so it leaves these to the request worker of its wire.
 //!
 //! Why: GW-12.
 
@@ -13,7 +13,7 @@ use super::wire::{
 };
 use crate::message::GatewayError;
 
-/// Jobs that wait at one desk.
+/// Jobs in the queue of one request worker.
 const JOBS_MAX: usize = 64;
 
 /// The jobs of one wire.
@@ -53,7 +53,7 @@ impl RequestWorker {
         }));
     }
 
-    /// Makes a command ready, and gives it back to the hand. A stop that comes between goes before.
+    /// Prepares a command and returns it to the command worker. A stop in between goes first.
     pub fn prepare_command(&self, sequence: u64, mut commanded: QueuedCommand) {
         let Some(wire) = self.wire.upgrade() else { return };
         self.submit(Box::new(move |may| {

@@ -1,5 +1,5 @@
-//! Looking for drives on a wire that is open, and taking in those that were found. The eyes of the
-//! wire look, one address in each of their rounds; its hand says whether it may begin.
+//! Scans an open wire for drives and adds those that were found. The poller of the wire scans one
+//! address in each of its rounds; the command worker decides whether a scan may begin.
 //!
 //! Why: GW-6, GW-7.
 
@@ -103,7 +103,7 @@ impl LinkScan {
         lock_unpoisoned(&self.view).clone()
     }
 
-    /// Notes that somebody looks from now on, for the eyes to do it.
+    /// Requests a scan from the poller.
     fn begin(
         &self,
         shared: &BenchContext,
@@ -373,7 +373,7 @@ impl Bench {
         let detail = json!({ "link": link, "drives": numbers });
         let (tell, reply) = oneshot::channel();
         let (worker, who) = (Arc::clone(&self.0.links[n].request_worker), session.clone());
-        // Limits may have to be asked of the drive: that is for the wire's desk.
+        // Limits may have to be asked of the drive: the request worker does that.
         let then = move |recorded: Result<(), GatewayError>| match recorded {
             Ok(()) => worker.submit_query(tell, move || {
                 let taken = bench.add_found_drives(n, &found);
@@ -392,7 +392,7 @@ impl Bench {
         PendingReply::from_receiver(reply, Ok(()))
     }
 
-    /// Makes axes of drives that were found. At the wire's desk.
+    /// Makes axes of drives that were found. Runs in the request worker.
     pub(super) fn add_found_drives(
         &self,
         n: usize,

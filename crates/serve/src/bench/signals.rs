@@ -1,4 +1,4 @@
-//! Signals, asked for now: the desk asks, so that no motion waits for it.
+//! Signals that are read now, by the request worker, so that no motion waits for it.
 
 use polepair::Axis;
 use polepair_core::profile::Signal;

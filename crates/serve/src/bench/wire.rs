@@ -1,4 +1,4 @@
-//! What is asked of a wire, and what everybody may see of it: the hand takes orders from here.
+//! The requests of a wire and its public state: the command worker reads its requests here.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -48,7 +48,7 @@ pub(super) struct BenchWire {
     restarted: Mutex<Vec<u16>>,
     link_error: Mutex<Option<(Instant, GatewayError)>>,
     clash: Mutex<Option<String>>,
-    /// Orders came since the hand last looked.
+    /// Requests arrived since the command worker last ran.
     wakeup: AtomicBool,
     /// Orders and stops so far.
     request_count: AtomicU64,
@@ -56,7 +56,7 @@ pub(super) struct BenchWire {
     stop_count: AtomicU64,
 }
 
-/// What a hand is told.
+/// A request to a command worker.
 pub(super) enum WireRequest {
     /// A lease is wanted, kept, or given back.
     Lease(LeaseRequest),
@@ -329,7 +329,7 @@ impl BenchWire {
         lock_unpoisoned(&self.requests).pop_front()
     }
 
-    /// Has the hand look now.
+    /// Wakes the command worker.
     pub fn wake_worker(&self) {
         self.wakeup.store(true, Ordering::SeqCst);
         if let Some((thread, _)) = self.worker.get() {
@@ -337,9 +337,8 @@ impl BenchWire {
         }
     }
 
-    /// Does here and now what the hand was called for, as far as it stops: its thread may be a while
-    /// in waking. Where the hand is at work, or a stop's bytes were long in going out, it is left to
-    /// that thread.
+    /// Sends pending stops on this thread, because the worker's thread may take a while to wake.
+    /// Where the worker is running, or the last stop took long to write, its own thread sends them.
     pub fn send_stops(&self) {
         let worker = self.worker.get().and_then(|(_, weak)| weak.upgrade());
         if let Some(worker) = worker

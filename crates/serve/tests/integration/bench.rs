@@ -15,12 +15,12 @@ use polepair_serve::message::{
 };
 
 /// A bench of simulated drives in virtual time, and a client.
-struct Desk {
+struct TestBench {
     bench: Bench,
     ids: u32,
 }
 
-impl Desk {
+impl TestBench {
     fn new(url: &str) -> Self {
         Self { bench: Bench::open(&[url.into()], BenchOptions::default()).unwrap(), ids: 0 }
     }
@@ -30,7 +30,7 @@ impl Desk {
         heard(&self.bench, reply)
     }
 
-    fn take(&self, who: &SessionName, axis: u16) -> u64 {
+    fn acquire_lease(&self, who: &SessionName, axis: u16) -> u64 {
         let lease = self.bench.request_lease(axis, who, LeaseAction::Take, 0);
         self.hear(lease).unwrap().expect("a lease").epoch
     }
@@ -40,7 +40,7 @@ impl Desk {
         order(&self.bench, self.ids, epoch, verb, velocity)
     }
 
-    fn tell(
+    fn run_command(
         &mut self,
         who: &SessionName,
         epoch: u64,
@@ -53,19 +53,19 @@ impl Desk {
 
     /// Arms, powers and turns axis 0.
     fn spin(&mut self, who: &SessionName) -> u64 {
-        let epoch = self.take(who, 0);
+        let epoch = self.acquire_lease(who, 0);
         for (verb, velocity) in [("arm", None), ("enable", None), ("velocity", Some(10.0))] {
             if verb == "enable" && !self.can(verb) {
                 continue;
             }
-            let outcome = self.tell(who, epoch, verb, velocity);
+            let outcome = self.run_command(who, epoch, verb, velocity);
             assert_eq!(outcome.outcome, OutcomeKind::Done, "{verb}: {:?}", outcome.error);
-            self.keep(who, epoch);
+            self.renew_lease(who, epoch);
         }
         epoch
     }
 
-    fn keep(&self, who: &SessionName, epoch: u64) {
+    fn renew_lease(&self, who: &SessionName, epoch: u64) {
         self.hear(self.bench.request_lease(0, who, LeaseAction::Renew, epoch)).unwrap();
     }
 
@@ -88,31 +88,31 @@ fn code(outcome: &CommandOutcome) -> &str {
 #[test]
 fn a_motor_turns_for_as_long_as_its_lease_is_renewed() {
     let ann: SessionName = "ann".into();
-    let mut fixture = Desk::new("sim:tmcl?time=virtual");
+    let mut fixture = TestBench::new("sim:tmcl?time=virtual");
     let epoch = fixture.spin(&ann);
     for _ in 0..10 {
         fixture.bench.advance_time(300 * MS);
-        fixture.keep(&ann, epoch);
+        fixture.renew_lease(&ann, epoch);
     }
     assert!(fixture.speed() > 5.0, "{}", fixture.speed());
     fixture.bench.advance_time(3000 * MS);
     assert!(fixture.speed() < 0.1, "the lease was its dead man's switch: {}", fixture.speed());
-    let late = fixture.tell(&ann, epoch, "velocity", Some(5.0));
+    let late = fixture.run_command(&ann, epoch, "velocity", Some(5.0));
     assert_eq!((late.outcome, code(&late)), (OutcomeKind::NotDone, "gateway.lease"));
-    let epoch = fixture.take(&ann, 0);
-    let unarmed = fixture.tell(&ann, epoch, "velocity", Some(5.0));
+    let epoch = fixture.acquire_lease(&ann, 0);
+    let unarmed = fixture.run_command(&ann, epoch, "velocity", Some(5.0));
     assert_eq!(code(&unarmed), "E219", "nothing moves again without being armed");
 }
 
 #[test]
 fn a_command_is_carried_out_once_and_while_it_is_fresh() {
     let ann: SessionName = "ann".into();
-    let mut fixture = Desk::new("sim:tmcl?time=virtual");
+    let mut fixture = TestBench::new("sim:tmcl?time=virtual");
     let epoch = fixture.spin(&ann);
     let order = fixture.order(epoch, "velocity", Some(20.0));
     let first = fixture.hear(fixture.bench.command(0, &ann, order.clone())).unwrap();
     let starts = fixture.bench.truth(0).unwrap().starts;
-    fixture.keep(&ann, epoch);
+    fixture.renew_lease(&ann, epoch);
     let again = fixture.hear(fixture.bench.command(0, &ann, order)).unwrap();
     assert_eq!(again, CommandOutcome { replayed: true, ..first });
     assert_eq!(fixture.bench.truth(0).unwrap().starts, starts, "nothing was sent");
@@ -130,7 +130,7 @@ fn a_command_is_carried_out_once_and_while_it_is_fresh() {
 #[test]
 fn a_stop_of_everything_needs_no_lease_and_locks_motion_until_it_is_released() {
     let (ann, bob): (SessionName, SessionName) = ("ann".into(), "bob".into());
-    let mut fixture = Desk::new("sim:tmcl?time=virtual");
+    let mut fixture = TestBench::new("sim:tmcl?time=virtual");
     fixture.spin(&ann);
     fixture.bench.advance_time(300 * MS);
     let stopped = fixture.hear(fixture.bench.stop(&bob, &StopRequest::default())).unwrap();
@@ -138,24 +138,24 @@ fn a_stop_of_everything_needs_no_lease_and_locks_motion_until_it_is_released() {
     assert!(fixture.speed() < 0.1);
     assert!(fixture.bench.axis_state(0).unwrap().lease.is_none(), "a stop revokes the lease");
     assert_eq!(fixture.bench.snapshot().lock.expect("locked").by, "bob");
-    let epoch = fixture.take(&ann, 0);
-    assert_eq!(code(&fixture.tell(&ann, epoch, "arm", None)), "gateway.locked");
-    assert_eq!(code(&fixture.tell(&ann, epoch, "velocity", Some(9.0))), "gateway.locked");
+    let epoch = fixture.acquire_lease(&ann, 0);
+    assert_eq!(code(&fixture.run_command(&ann, epoch, "arm", None)), "gateway.locked");
+    assert_eq!(code(&fixture.run_command(&ann, epoch, "velocity", Some(9.0))), "gateway.locked");
     let before = fixture.bench.lock_count();
     fixture.hear(fixture.bench.stop(&bob, &StopRequest::default())).unwrap();
     let late = fixture.hear(fixture.bench.release(&ann, before)).unwrap_err();
     assert_eq!(late.code, "gateway.expired", "ann knows nothing of the second stop");
     assert!(fixture.bench.snapshot().lock.is_some());
     fixture.hear(fixture.bench.release(&bob, fixture.bench.lock_count())).unwrap();
-    let epoch = fixture.take(&ann, 0);
-    assert_eq!(fixture.tell(&ann, epoch, "arm", None).outcome, OutcomeKind::Done);
-    assert_eq!(fixture.tell(&ann, epoch, "velocity", Some(9.0)).outcome, OutcomeKind::Done);
+    let epoch = fixture.acquire_lease(&ann, 0);
+    assert_eq!(fixture.run_command(&ann, epoch, "arm", None).outcome, OutcomeKind::Done);
+    assert_eq!(fixture.run_command(&ann, epoch, "velocity", Some(9.0)).outcome, OutcomeKind::Done);
 }
 
 #[test]
 fn taking_over_stops_and_disarms_what_the_first_owner_moved() {
     let (ann, bob): (SessionName, SessionName) = ("ann".into(), "bob".into());
-    let mut fixture = Desk::new("sim:tmcl?time=virtual");
+    let mut fixture = TestBench::new("sim:tmcl?time=virtual");
     let old = fixture.spin(&ann);
     let refused =
         fixture.hear(fixture.bench.request_lease(0, &bob, LeaseAction::Take, 0)).unwrap_err();
@@ -165,7 +165,7 @@ fn taking_over_stops_and_disarms_what_the_first_owner_moved() {
         .unwrap()
         .unwrap();
     assert_eq!(taken.epoch, old + 1);
-    assert_eq!(code(&fixture.tell(&ann, old, "velocity", Some(9.0))), "gateway.lease");
+    assert_eq!(code(&fixture.run_command(&ann, old, "velocity", Some(9.0))), "gateway.lease");
     fixture.bench.advance_time(1000 * MS);
     assert!(fixture.speed() < 0.1 && !fixture.bench.axis_state(0).unwrap().armed);
 }
@@ -174,7 +174,7 @@ fn taking_over_stops_and_disarms_what_the_first_owner_moved() {
 fn closing_and_a_client_that_goes_stop_what_moves() {
     for how in ["gone", "closing", "given back"] {
         let ann: SessionName = "ann".into();
-        let mut fixture = Desk::new("sim:tmcl?time=virtual");
+        let mut fixture = TestBench::new("sim:tmcl?time=virtual");
         let epoch = fixture.spin(&ann);
         fixture.bench.advance_time(300 * MS);
         assert!(fixture.speed() > 5.0);
@@ -196,7 +196,7 @@ fn closing_and_a_client_that_goes_stop_what_moves() {
 #[test]
 fn parameters_are_planned_written_under_a_lease_and_never_move() {
     let ann: SessionName = "ann".into();
-    let fixture = Desk::new("sim:tmcl?time=virtual");
+    let fixture = TestBench::new("sim:tmcl?time=virtual");
     let one = |name: &str, text: &str| WriteParameters {
         values: [(name.to_owned(), ParameterInput::Text(text.into()))].into(),
         keep: false,
@@ -214,7 +214,7 @@ fn parameters_are_planned_written_under_a_lease_and_never_move() {
     let unleased = WriteParameters { dry_run: false, ..one("max current", "0.5 A") };
     let refused = fixture.hear(fixture.bench.write_parameters(0, &ann, unleased)).unwrap_err();
     assert_eq!(refused.code, "gateway.lease");
-    let epoch = fixture.take(&ann, 0);
+    let epoch = fixture.acquire_lease(&ann, 0);
     let write = WriteParameters { dry_run: false, epoch, ..one("max current", "0.5 A") };
     fixture.hear(fixture.bench.write_parameters(0, &ann, write)).unwrap();
     let after = fixture.hear(fixture.bench.read_parameter(0, "max current")).unwrap();
@@ -238,7 +238,7 @@ fn a_drives_own_watchdog_is_set_under_a_lease_and_kept_by_the_journal() {
     ] {
         let stored = Arc::new(Kept::default());
         let options = BenchOptions { journal: stored.clone(), ..BenchOptions::default() };
-        let fixture = Desk { bench: Bench::open(&[url.into()], options).unwrap(), ids: 0 };
+        let fixture = TestBench { bench: Bench::open(&[url.into()], options).unwrap(), ids: 0 };
         let half = |epoch| SetWatchdog { after_ms: Some(500.0), epoch };
         let watchdog = fixture.hear(fixture.bench.watchdog(0)).unwrap();
         assert_eq!((watchdog.set, watchdog.after_ms), (WatchdogMode::Off, None), "{watchdog:?}");
@@ -246,7 +246,7 @@ fn a_drives_own_watchdog_is_set_under_a_lease_and_kept_by_the_journal() {
         assert!(!watchdog.caution.is_empty() && !watchdog.rule.is_empty(), "{watchdog:?}");
         let refused = fixture.hear(fixture.bench.set_watchdog(0, &ann, half(0))).unwrap_err();
         assert_eq!(refused.code, "gateway.lease", "{url}");
-        let epoch = fixture.take(&ann, 0);
+        let epoch = fixture.acquire_lease(&ann, 0);
         let never = SetWatchdog { after_ms: Some(-1.0), epoch };
         assert_eq!(
             fixture.hear(fixture.bench.set_watchdog(0, &ann, never)).unwrap_err().code,
@@ -275,8 +275,8 @@ fn a_drives_own_watchdog_is_set_under_a_lease_and_kept_by_the_journal() {
         let watchdog = fixture.hear(fixture.bench.set_watchdog(0, &ann, off)).unwrap();
         assert_eq!(watchdog.set, WatchdogMode::Off, "{url}: {watchdog:?}");
     }
-    let fixture = Desk::new("sim:modbus-rtu?time=virtual");
-    let epoch = fixture.take(&ann, 0);
+    let fixture = TestBench::new("sim:modbus-rtu?time=virtual");
+    let epoch = fixture.acquire_lease(&ann, 0);
     assert_eq!(fixture.hear(fixture.bench.watchdog(0)).unwrap().set, WatchdogMode::None);
     let half = SetWatchdog { after_ms: Some(500.0), epoch };
     let refused = fixture.hear(fixture.bench.set_watchdog(0, &ann, half)).unwrap_err();
@@ -306,12 +306,12 @@ fn what_the_journal_cannot_keep_is_not_done_except_a_stop() {
     let stored = Arc::new(Kept::default());
     let options = BenchOptions { journal: stored.clone(), ..BenchOptions::default() };
     let bench = Bench::open(&["sim:tmcl?time=virtual".into()], options).unwrap();
-    let mut fixture = Desk { bench, ids: 0 };
+    let mut fixture = TestBench { bench, ids: 0 };
     let epoch = fixture.spin(&ann);
-    fixture.keep(&ann, epoch);
+    fixture.renew_lease(&ann, epoch);
     *stored.full.lock().unwrap() = true;
     let starts = fixture.bench.truth(0).unwrap().starts;
-    let refused = fixture.tell(&ann, epoch, "velocity", Some(20.0));
+    let refused = fixture.run_command(&ann, epoch, "velocity", Some(20.0));
     assert_eq!(refused.outcome, OutcomeKind::NotDone);
     assert_eq!(fixture.bench.truth(0).unwrap().starts, starts);
     let stopped = fixture.hear(fixture.bench.stop(&ann, &StopRequest::default())).unwrap();
@@ -333,7 +333,7 @@ fn what_the_journal_cannot_keep_is_not_done_except_a_stop() {
 
 /// Clients that hold leases, lose touch, forget to renew, take over, stop and release, by seed.
 struct Crowd {
-    desk: Desk,
+    fixture: TestBench,
     random: u64,
     clients: Vec<Client>,
     /// Commands under way: who, under which epoch, when it was too old.
@@ -351,7 +351,7 @@ struct Client {
 
 impl Crowd {
     fn new(seed: u64) -> Self {
-        let fixture = Desk::new(&format!("sim:tmcl?time=virtual&baud=0&seed={}", seed + 1));
+        let fixture = TestBench::new(&format!("sim:tmcl?time=virtual&baud=0&seed={}", seed + 1));
         let count = 2 + seed % 7;
         let client = |n| Client {
             name: format!("client-{n}").into(),
@@ -361,7 +361,7 @@ impl Crowd {
         };
         let clients = (0..count).map(client).collect();
         let random = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-        Self { desk: fixture, random, clients, replies: Vec::new(), locked: false }
+        Self { fixture, random, clients, replies: Vec::new(), locked: false }
     }
 
     fn below(&mut self, most: u64) -> u64 {
@@ -374,7 +374,7 @@ impl Crowd {
     /// One client does something.
     fn step(&mut self) {
         let (n, what) = (self.below(self.clients.len() as u64) as usize, self.below(100));
-        let now = self.desk.bench.now_ms();
+        let now = self.fixture.bench.now_ms();
         if self.clients[n].away_until > now {
             return;
         }
@@ -393,11 +393,11 @@ impl Crowd {
             89..93 => self.clients[n].away_until = now + self.below(4000) as f64,
             93..95 => self.stop_all(&who),
             95..99 if self.locked => {
-                let released = self.desk.bench.release(&who, self.desk.bench.lock_count());
-                self.desk.hear(released).unwrap();
+                let released = self.fixture.bench.release(&who, self.fixture.bench.lock_count());
+                self.fixture.hear(released).unwrap();
                 self.locked = false;
             }
-            _ => drop(self.desk.bench.request_lease(
+            _ => drop(self.fixture.bench.request_lease(
                 0,
                 &who,
                 LeaseAction::Renew,
@@ -408,8 +408,8 @@ impl Crowd {
 
     fn lease(&mut self, n: usize, act: LeaseAction) {
         let Client { name, epoch, .. } = &self.clients[n];
-        let reply = self.desk.bench.request_lease(0, name, act, *epoch);
-        if let Ok(Some(lease)) = self.desk.hear(reply) {
+        let reply = self.fixture.bench.request_lease(0, name, act, *epoch);
+        if let Ok(Some(lease)) = self.fixture.hear(reply) {
             self.clients[n].epoch = lease.epoch;
         }
     }
@@ -417,7 +417,7 @@ impl Crowd {
     /// Says a command, perhaps one that was long on its way.
     fn say(&mut self, n: usize, verb: &str, velocity: Option<f64>, late_ms: f64) {
         let (who, epoch) = (self.clients[n].name.clone(), self.clients[n].epoch);
-        let mut order = self.desk.order(epoch, verb, velocity);
+        let mut order = self.fixture.order(epoch, verb, velocity);
         order.issued_ms -= late_ms;
         self.clients[n].last = Some(order.clone());
         self.send(&who, order);
@@ -428,7 +428,7 @@ impl Crowd {
         let Some(order) = self.clients[n].last.clone() else { return };
         let who = self.clients[n].name.clone();
         let starts = self.starts();
-        let mut reply = self.desk.bench.command(0, &who, order);
+        let mut reply = self.fixture.bench.command(0, &who, order);
         if let Some(Ok(outcome)) = reply.try_recv() {
             assert!(outcome.replayed);
             assert_eq!(self.starts(), starts, "a command was carried out twice");
@@ -436,18 +436,18 @@ impl Crowd {
     }
 
     fn send(&mut self, who: &SessionName, order: CommandRequest) {
-        let now = self.desk.bench.now_ms();
-        let held = self.desk.bench.axis_state(0).unwrap().lease;
+        let now = self.fixture.bench.now_ms();
+        let held = self.fixture.bench.axis_state(0).unwrap().lease;
         let its = held.is_some_and(|l| l.owner == **who && l.epoch == order.epoch);
         let fresh = now - order.issued_ms <= order.ttl_ms;
         let moves = order.verb == "velocity";
         let starts = self.starts();
-        let reply = self.desk.bench.command(0, who, order);
+        let reply = self.fixture.bench.command(0, who, order);
         if its && fresh && !self.locked {
             self.replies.push(reply);
             return;
         }
-        let outcome = self.desk.hear(reply).unwrap();
+        let outcome = self.fixture.hear(reply).unwrap();
         assert_eq!(outcome.outcome, OutcomeKind::NotDone, "{outcome:?}");
         // Others' commands may be under way; without them nothing is sent.
         if moves && self.replies.is_empty() {
@@ -456,24 +456,25 @@ impl Crowd {
     }
 
     fn stop_all(&mut self, who: &SessionName) {
-        let stopped = self.desk.hear(self.desk.bench.stop(who, &StopRequest::default())).unwrap();
+        let stopped =
+            self.fixture.hear(self.fixture.bench.stop(who, &StopRequest::default())).unwrap();
         assert_eq!(stopped.axes[0].class, StopClass::Standing, "a stop lands: {stopped:?}");
         self.locked = true;
     }
 
     fn starts(&self) -> u64 {
-        self.desk.bench.truth(0).unwrap().starts
+        self.fixture.bench.truth(0).unwrap().starts
     }
 
     /// What holds at any time.
     fn check(&mut self) {
         self.replies.retain_mut(|reply| reply.try_recv().is_none());
         if self.locked {
-            assert!(self.desk.speed() < 0.1, "it moves though everything was stopped");
+            assert!(self.fixture.speed() < 0.1, "it moves though everything was stopped");
         }
-        let idle = self.clients.iter().all(|c| c.away_until > self.desk.bench.now_ms() + 3500.0);
-        if idle || self.desk.bench.axis_state(0).unwrap().lease.is_none() {
-            assert!(!self.desk.bench.axis_state(0).unwrap().armed, "armed by nobody");
+        let idle = self.clients.iter().all(|c| c.away_until > self.fixture.bench.now_ms() + 3500.0);
+        if idle || self.fixture.bench.axis_state(0).unwrap().lease.is_none() {
+            assert!(!self.fixture.bench.axis_state(0).unwrap().armed, "armed by nobody");
         }
     }
 }
@@ -486,19 +487,19 @@ fn whoever_loses_touch_nothing_moves_but_under_its_lease() {
         for _ in 0..150 {
             crowd.step();
             let span = crowd.below(40) as u32;
-            crowd.desk.bench.advance_time(span * MS);
+            crowd.fixture.bench.advance_time(span * MS);
             crowd.check();
         }
         // All of them lose touch: a lease later, and a ramp, it stands.
-        crowd.desk.bench.advance_time(5000 * MS);
-        assert!(crowd.desk.speed() < 0.1, "seed {seed}: {}", crowd.desk.speed());
-        assert!(!crowd.desk.bench.axis_state(0).unwrap().armed, "seed {seed}");
+        crowd.fixture.bench.advance_time(5000 * MS);
+        assert!(crowd.fixture.speed() < 0.1, "seed {seed}: {}", crowd.fixture.speed());
+        assert!(!crowd.fixture.bench.axis_state(0).unwrap().armed, "seed {seed}");
     }
 }
 
 #[test]
 fn frames_are_filtered_explained_and_counted_from_when_somebody_watches() {
-    let fixture = Desk::new("sim:tmcl?time=virtual");
+    let fixture = TestBench::new("sim:tmcl?time=virtual");
     fixture.hear(fixture.bench.read_parameter(0, "max current")).unwrap();
     let mut all = fixture.bench.subscribe_frames(None).unwrap();
     let mut none = fixture.bench.subscribe_frames(Some("not ok")).unwrap();
@@ -517,7 +518,7 @@ fn frames_are_filtered_explained_and_counted_from_when_somebody_watches() {
 
 #[test]
 fn a_capture_is_summed_up_and_shown_page_by_page() {
-    let fixture = Desk::new("sim:tmcl?time=virtual");
+    let fixture = TestBench::new("sim:tmcl?time=virtual");
     let mut log = String::new();
     for n in 0..3000 {
         log.push_str(&format!("(17000000{:02}.{:06}) can0 123#{n:04X}\n", n / 1000, n % 1000));

@@ -64,13 +64,13 @@ impl Site {
             bench.request_lease(0, &ann, LeaseAction::Take, 0).wait().unwrap().unwrap().epoch;
         let mut site = Self { bench, disk, file, ann, epoch, ids: 0 };
         for (verb, velocity) in [("arm", None), ("velocity", Some(10.0))] {
-            let outcome = site.tell(verb, velocity).wait().unwrap();
+            let outcome = site.start_command(verb, velocity).wait().unwrap();
             assert_eq!(outcome.outcome, OutcomeKind::Done, "{verb}: {:?}", outcome.error);
         }
         site
     }
 
-    fn tell(&mut self, verb: &str, velocity: Option<f64>) -> PendingReply<CommandOutcome> {
+    fn start_command(&mut self, verb: &str, velocity: Option<f64>) -> PendingReply<CommandOutcome> {
         self.ids += 1;
         let order = CommandRequest {
             id: format!("id-{}", self.ids),
@@ -122,13 +122,13 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     let mut site = Site::new("counted");
     let starts = site.starts();
     site.disk.stall(true);
-    let mut late = site.tell("velocity", Some(20.0));
+    let mut late = site.start_command("velocity", Some(20.0));
     site.stop("");
     assert!(site.bench.truth(0).unwrap().velocity.abs() < 0.1);
     assert!(late.try_recv().is_none() && site.starts() == starts, "not kept, not done");
     pause(1100);
     // Each is refused at once: whoever waited for the disk would wait for ever.
-    let refused = site.tell("velocity", Some(20.0)).wait().unwrap();
+    let refused = site.start_command("velocity", Some(20.0)).wait().unwrap();
     assert_eq!((refused.outcome, code(&refused)), (OutcomeKind::NotDone, "gateway.journal"));
     let taken = site.bench.request_lease(0, &site.ann, LeaseAction::Take, 0).wait().unwrap_err();
     assert_eq!(taken.code, "gateway.journal");
@@ -151,7 +151,7 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
         }
         pause(1);
     };
-    assert_eq!(site.tell("arm", None).wait().unwrap().outcome, OutcomeKind::Done);
+    assert_eq!(site.start_command("arm", None).wait().unwrap().outcome, OutcomeKind::Done);
     let records = site.end();
     let deeds = |action: &str| records.iter().filter(|r| r["deed"] == action).collect::<Vec<_>>();
     let missing: u64 =
@@ -174,11 +174,11 @@ fn what_waits_for_the_disk_is_not_done_behind_a_stop() {
         let mut site = Site::new(how);
         let starts = site.starts();
         site.disk.stall(true);
-        let moves = site.tell("velocity", Some(20.0));
+        let moves = site.start_command("velocity", Some(20.0));
         match how {
             "bob" => site.stop("too fast"),
             verb => {
-                let outcome = site.tell(verb, None).wait().unwrap();
+                let outcome = site.start_command(verb, None).wait().unwrap();
                 assert_eq!(outcome.outcome, OutcomeKind::Done, "{verb}: {outcome:?}");
             }
         }

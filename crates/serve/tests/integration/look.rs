@@ -17,13 +17,13 @@ use polepair_serve::message::{
 const BUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/one-bus.toml");
 
 /// A bench, and somebody who works at it.
-struct Desk {
+struct TestBench {
     bench: Bench,
     ann: SessionName,
     ids: u32,
 }
 
-impl Desk {
+impl TestBench {
     fn new(urls: &[&str]) -> Self {
         Self::with(urls, BenchOptions::default())
     }
@@ -53,13 +53,13 @@ impl Desk {
         panic!("the look does not end");
     }
 
-    fn look(&self, link: u16, first: u32, last: u32) -> ScanView {
+    fn run_scan(&self, link: u16, first: u32, last: u32) -> ScanView {
         let view = self.begin(link, first, last).unwrap();
         assert_eq!((view.state, &*view.by), (ScanState::UnderWay, "ann"));
         self.ended(link)
     }
 
-    fn take(&self, axis: u16) -> Result<u64, GatewayError> {
+    fn acquire_lease(&self, axis: u16) -> Result<u64, GatewayError> {
         let lease = self.bench.request_lease(axis, &self.ann, LeaseAction::Take, 0);
         self.hear(lease).map(|lease| lease.expect("a lease").epoch)
     }
@@ -68,7 +68,13 @@ impl Desk {
         self.hear(self.bench.request_lease(axis, &self.ann, LeaseAction::Drop, epoch)).unwrap();
     }
 
-    fn tell(&mut self, axis: u16, epoch: u64, verb: &str, velocity: Option<f64>) -> CommandOutcome {
+    fn run_command(
+        &mut self,
+        axis: u16,
+        epoch: u64,
+        verb: &str,
+        velocity: Option<f64>,
+    ) -> CommandOutcome {
         self.ids += 1;
         let order = order(&self.bench, self.ids, epoch, verb, velocity);
         self.hear(self.bench.command(axis, &self.ann, order)).unwrap()
@@ -76,13 +82,13 @@ impl Desk {
 
     /// Takes, arms, powers and turns an axis, as far as it can be, and gives it back after that.
     fn turn(&mut self, axis: u16) {
-        let epoch = self.take(axis).unwrap();
+        let epoch = self.acquire_lease(axis).unwrap();
         for (verb, velocity) in [("arm", None), ("enable", None), ("velocity", Some(10.0))] {
             let info = &self.bench.snapshot().axes[usize::from(axis)];
             if !info.verbs.iter().any(|known| known.verb == verb) {
                 continue;
             }
-            let outcome = self.tell(axis, epoch, verb, velocity);
+            let outcome = self.run_command(axis, epoch, verb, velocity);
             assert_eq!(outcome.outcome, OutcomeKind::Done, "{axis} {verb}: {:?}", outcome.error);
             self.hear(self.bench.request_lease(axis, &self.ann, LeaseAction::Renew, epoch))
                 .unwrap();
@@ -94,7 +100,7 @@ impl Desk {
         for verb in ["stop", "disable"] {
             let info = &self.bench.snapshot().axes[usize::from(axis)];
             if info.verbs.iter().any(|known| known.verb == verb) {
-                let outcome = self.tell(axis, epoch, verb, None);
+                let outcome = self.run_command(axis, epoch, verb, None);
                 assert_eq!(
                     outcome.outcome,
                     OutcomeKind::Done,
@@ -132,9 +138,9 @@ fn found(view: &ScanView) -> Vec<(&str, u32)> {
 
 #[test]
 fn a_serial_drive_is_found_taken_in_and_moved_and_the_old_axis_stays_what_it_was() {
-    let mut fixture = Desk::new(&["sim:tmcl?axes=3&time=virtual#1"]);
+    let mut fixture = TestBench::new(&["sim:tmcl?axes=3&time=virtual#1"]);
     let mut events = fixture.bench.subscribe_events();
-    let view = fixture.look(0, 1, 6);
+    let view = fixture.run_scan(0, 1, 6);
     assert_eq!((view.state, view.unasked), (ScanState::Done, 0), "{view:?}");
     assert_eq!(found(&view), [("tmcl", 3), ("tmcl", 4)], "{view:?}");
     assert!(view.found[0].drive.contains("TMCM-171"), "{view:?}");
@@ -163,14 +169,14 @@ fn a_serial_drive_is_found_taken_in_and_moved_and_the_old_axis_stays_what_it_was
         fixture.turn(axis);
         assert!(fixture.samples(axis) >= 15, "axis {axis}");
     }
-    let again = fixture.look(0, 1, 6);
+    let again = fixture.run_scan(0, 1, 6);
     assert_eq!((found(&again), again.axes.len()), (vec![], 3), "{again:?}");
 }
 
 #[test]
 fn modbus_drives_are_found_and_taken_in() {
-    let fixture = Desk::new(&["sim:modbus-rtu?axes=3&time=virtual#2"]);
-    let view = fixture.look(0, 1, 4);
+    let fixture = TestBench::new(&["sim:modbus-rtu?axes=3&time=virtual#2"]);
+    let view = fixture.run_scan(0, 1, 4);
     assert_eq!(found(&view), [("modbus-rtu", 1), ("modbus-rtu", 3)], "{view:?}");
     assert_eq!(
         fixture
@@ -182,14 +188,14 @@ fn modbus_drives_are_found_and_taken_in() {
     for axis in 0..3 {
         assert!(fixture.samples(axis) >= 10, "axis {axis}");
     }
-    let epoch = fixture.take(2).unwrap();
+    let epoch = fixture.acquire_lease(2).unwrap();
     fixture.drop(2, epoch);
 }
 
 #[test]
 fn a_bus_of_several_protocols_gets_axes_of_each() {
     let url = format!("sim:{BUS}?time=virtual#spindle,port");
-    let mut fixture = Desk::new(&[&url]);
+    let mut fixture = TestBench::new(&[&url]);
     let order = ScanRequest::default();
     fixture.hear(fixture.bench.start_scan(0, &fixture.ann, order)).unwrap();
     let view = fixture.ended(0);
@@ -216,16 +222,16 @@ fn a_bus_of_several_protocols_gets_axes_of_each() {
 #[test]
 fn nobody_looks_where_something_may_move_nor_twice_and_nobody_commands_meanwhile() {
     let other = "sim:tmcl?time=virtual";
-    let mut fixture = Desk::new(&["sim:tmcl?axes=3&time=virtual#1", other]);
-    let refused = |fixture: &Desk| {
+    let mut fixture = TestBench::new(&["sim:tmcl?axes=3&time=virtual#1", other]);
+    let refused = |fixture: &TestBench| {
         let error = fixture.begin(0, 1, 200).unwrap_err();
         assert_eq!(error.code, "gateway.look", "{error}");
         error.message
     };
-    let epoch = fixture.take(0).unwrap();
+    let epoch = fixture.acquire_lease(0).unwrap();
     assert!(refused(&fixture).contains("ann commands"));
-    fixture.tell(0, epoch, "arm", None);
-    fixture.tell(0, epoch, "velocity", Some(10.0));
+    fixture.run_command(0, epoch, "arm", None);
+    fixture.run_command(0, epoch, "velocity", Some(10.0));
     fixture.hear(fixture.bench.request_lease(0, &fixture.ann, LeaseAction::Renew, epoch)).unwrap();
     drop(
         fixture
@@ -236,9 +242,9 @@ fn nobody_looks_where_something_may_move_nor_twice_and_nobody_commands_meanwhile
     fixture.bench.advance_time(12_000 * MS);
     fixture.begin(0, 1, 200).unwrap();
     assert!(fixture.begin(1, 1, 9).unwrap_err().message.contains("already"));
-    let commands = fixture.take(0).unwrap_err();
+    let commands = fixture.acquire_lease(0).unwrap_err();
     assert_eq!(commands.code, "gateway.look", "{commands}");
-    let epoch = fixture.take(1).expect("the other link is free");
+    let epoch = fixture.acquire_lease(1).expect("the other link is free");
     fixture.drop(1, epoch);
     assert_eq!(fixture.bench.scan_view(0).unwrap().state, ScanState::UnderWay);
     fixture.bench.cancel_scan(0, &fixture.ann).unwrap();
@@ -261,7 +267,7 @@ fn a_stop_breaks_a_look_off_and_waits_for_one_question_at_most() {
         "sim:canopen?time=virtual",
         "sim:thruster?time=virtual",
     ] {
-        let fixture = Desk::new(&[url]);
+        let fixture = TestBench::new(&[url]);
         fixture.begin(0, 1, 120).unwrap();
         let (mut longest, mut last) = (0.0_f64, None);
         for _ in 0..3000 {
@@ -298,11 +304,11 @@ fn a_stop_breaks_a_look_off_and_waits_for_one_question_at_most() {
 
 #[test]
 fn a_drive_that_is_gone_is_told_of_and_one_that_clashes_is_not_taken_in() {
-    let fixture = Desk::new(&["sim:tmcl?axes=3&time=virtual#1,3"]);
+    let fixture = TestBench::new(&["sim:tmcl?axes=3&time=virtual#1,3"]);
     let act = SimulationAction { act: "supply".into(), value: Some(0.0) };
     fixture.hear(fixture.bench.apply_action(&fixture.ann, 0, 1, &act)).unwrap();
     fixture.bench.advance_time(100 * MS);
-    let view = fixture.look(0, 1, 5);
+    let view = fixture.run_scan(0, 1, 5);
     let answers: Vec<_> = view.axes.iter().map(|one| (one.axis, one.answers)).collect();
     assert_eq!(answers, [(0, true), (1, false)], "{view:?}");
     assert_eq!(found(&view), [("tmcl", 4)]);
@@ -311,9 +317,9 @@ fn a_drive_that_is_gone_is_told_of_and_one_that_clashes_is_not_taken_in() {
     let rack =
         format!("[[link]]\nname = \"l\"\nfaults = {{ duplicate = 1.0 }}\n{}{}", drive(1), drive(3));
     std::fs::write(&file, rack).unwrap();
-    let doubled = Desk::new(&[&format!("sim:{}?time=virtual#1", file.display())]);
+    let doubled = TestBench::new(&[&format!("sim:{}?time=virtual#1", file.display())]);
     std::fs::remove_file(file).unwrap();
-    let view = doubled.look(0, 1, 4);
+    let view = doubled.run_scan(0, 1, 4);
     assert_eq!(found(&view), [("tmcl", 3)], "{view:?}");
     let clash = view.found[0].clash.as_deref().unwrap_or_default();
     assert!(clash.contains("two drives with this address"), "{view:?}");
@@ -343,8 +349,8 @@ impl JournalSink for Notes {
 fn who_looked_and_who_took_in_is_written_down() {
     let notes = Arc::new(Notes::default());
     let options = BenchOptions { journal: notes.clone(), ..BenchOptions::default() };
-    let fixture = Desk::with(&["sim:tmcl?axes=2&time=virtual#1"], options);
-    fixture.look(0, 1, 4);
+    let fixture = TestBench::with(&["sim:tmcl?axes=2&time=virtual#1"], options);
+    fixture.run_scan(0, 1, 4);
     let take = || {
         fixture.hear(fixture.bench.add_drives(0, &fixture.ann, &AddDrives::default())).unwrap().axes
     };
@@ -366,14 +372,14 @@ fn who_looked_and_who_took_in_is_written_down() {
 /// In the time of everybody's clock, with all threads.
 #[test]
 fn another_link_is_moved_and_watched_while_somebody_looks() {
-    let mut fixture = Desk::new(&["sim:tmcl?axes=3#1", "sim:tmcl"]);
+    let mut fixture = TestBench::new(&["sim:tmcl?axes=3#1", "sim:tmcl"]);
     fixture.bench.advance_time(300 * MS);
     fixture.begin(0, 1, 250).unwrap();
     let mut channel = fixture.bench.subscribe(1, Some("velocity"), None, 50.0).unwrap();
-    let epoch = fixture.take(1).unwrap();
-    fixture.tell(1, epoch, "arm", None);
-    fixture.tell(1, epoch, "enable", None);
-    let outcome = fixture.tell(1, epoch, "velocity", Some(10.0));
+    let epoch = fixture.acquire_lease(1).unwrap();
+    fixture.run_command(1, epoch, "arm", None);
+    fixture.run_command(1, epoch, "enable", None);
+    let outcome = fixture.run_command(1, epoch, "velocity", Some(10.0));
     assert_eq!(outcome.outcome, OutcomeKind::Done, "{:?}", outcome.error);
     let mut samples = Vec::new();
     for _ in 0..20 {

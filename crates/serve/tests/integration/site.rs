@@ -205,7 +205,7 @@ pub fn next(socket: &mut WebSocket<TcpStream>, kind: &str) -> Value {
     }
 }
 
-pub fn tell(socket: &mut WebSocket<TcpStream>, message: &Value) {
+pub fn send_message(socket: &mut WebSocket<TcpStream>, message: &Value) {
     socket.send(Message::text(message.to_string())).unwrap();
 }
 

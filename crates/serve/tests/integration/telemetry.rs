@@ -9,7 +9,7 @@ use polepair_serve::message::{
     LeaseAction, LinkState, OutcomeKind, ParameterInput, RawRequest, SampleSource, WriteParameters,
 };
 use serde_json::{Value, json};
-use site::{LONG, Site, folder, memory, options, samples, tell};
+use site::{LONG, Site, folder, memory, options, samples, send_message};
 use tungstenite::Message;
 
 /// Four drives on a bus of 1 Mbit/s.
@@ -64,7 +64,7 @@ struct Trace {
 }
 
 impl Trace {
-    fn take(&mut self, rows: &[(u64, f64)]) {
+    fn check_samples(&mut self, rows: &[(u64, f64)]) {
         for (t_us, value) in rows {
             assert!(value.is_finite());
             if self.count == 0 {
@@ -95,7 +95,7 @@ fn sixteen_channels_at_1_khz_lose_nothing_and_take_no_more_memory() {
     let mut ann = site.live_as("viewer");
     let all = (0..8).flat_map(|axis| [(axis, "position"), (axis, "velocity")]);
     for (channel, (axis, signal)) in all.enumerate() {
-        tell(
+        send_message(
             &mut ann,
             &json!({ "type": "subscribe", "channel": channel, "axis": axis,
             "signal": signal, "hz": 1000 }),
@@ -120,7 +120,7 @@ fn sixteen_channels_at_1_khz_lose_nothing_and_take_no_more_memory() {
         match ann.read().unwrap() {
             Message::Binary(bytes) => {
                 let (channel, rows) = samples(&bytes);
-                traces[usize::from(channel)].take(&rows);
+                traces[usize::from(channel)].check_samples(&rows);
                 assert_eq!(bytes[16..24], [0; 8], "none was lost so far");
             }
             Message::Text(text) => {

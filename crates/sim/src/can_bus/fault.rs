@@ -5,7 +5,7 @@
 //! a cut payload, F3 a frame taken twice, F4 a late one, F5 a lost one, F6 an adapter that hears
 //! itself. What other faults are is done to controllers and drives: F8 two drives of one address, F9 a
 //! controller off the bus and a bus that somebody keeps busy, F14 a drive without supply, F21 a second
-//! program on the bus, F25 a stranger's frame.
+//! program on the bus, F25 an intruder's frame.
 
 use crate::random::{Ppm, Random};
 
@@ -47,7 +47,7 @@ pub struct InjectedCanFaults {
     pub cut: u64,
     /// Controllers that went bus-off.
     pub bus_off: u64,
-    /// Frames of strangers.
+    /// Frames of intruders.
     pub intruder_frames: u64,
 }
 

@@ -1,7 +1,7 @@
 //! What must hold of a host on a CAN bus.
 //!
 //! The CRC leaves no damage that a station could see, so a host that takes a reply for the answer to
-//! something else broke I1. Two things excuse it, and both are counted: a stranger's frame, which
+//! something else broke I1. Two things excuse it, and both are counted: an intruder's frame, which
 //! nothing tells from a drive's; and the second copy of a reply that a disturbed last bit makes,
 //! where the protocol's replies neither carry a number nor repeat all that was asked. A copy that
 //! came sooner than request and reply can pass the bus is no excuse: a host that knows the bit rate
@@ -48,7 +48,7 @@ pub struct CanChecker {
     pub(crate) last_match: ReplyMatch,
     /// Place on the bus of whoever sent it.
     pub(crate) last_sender: usize,
-    /// Copies that were taken for answers, and strangers' frames that were.
+    /// Copies that were taken for answers, and intruders' frames that were.
     pub(crate) copies_taken: u64,
     pub(crate) intruder_taken: u64,
 }
@@ -77,7 +77,7 @@ struct OutstandingReply {
     /// Number of the request that it answers.
     tag: u32,
     until: Instant,
-    /// A stranger's frame was, or may have been.
+    /// An intruder's frame was, or may have been.
     from_intruder: bool,
     /// More was open: it may have been taken for the answer to something else.
     ambiguous: bool,
@@ -145,7 +145,7 @@ impl CanChecker {
         }
     }
 
-    /// Judges a reply that was taken for an answer.
+    /// Checks a reply that was taken for an answer.
     fn judge_match(
         &mut self,
         now: Instant,
@@ -271,7 +271,7 @@ impl CanChecker {
         None
     }
 
-    /// Whatever is open may have been answered by a stranger.
+    /// Whatever is open may have been answered by an intruder.
     fn defer_open(&mut self, now: Instant) {
         for at in self.open.len().saturating_sub(OUTSTANDING_MAX)..self.open.len() {
             self.add_outstanding(now, self.open[at], true);

@@ -77,7 +77,7 @@ pub struct SwarmAxis {
     pub untrusted: bool,
     /// And may no longer be where it was: at another address or baud rate.
     pub address_uncertain: bool,
-    /// Strangers' frames that its drive may have obeyed so far.
+    /// Intruders' frames that its drive may have obeyed so far.
     pub intruder_frames: u64,
     /// Another drive of the same address is on the wire.
     pub has_twin: bool,
@@ -343,7 +343,7 @@ impl SwarmAxis {
         taken.is_some()
     }
 
-    /// Judges the end of a question. The text says what is wrong and which invariant it breaks.
+    /// Checks the end of a question. The text says what is wrong and which invariant it breaks.
     pub fn check_outcome(
         &mut self,
         world: &mut World,

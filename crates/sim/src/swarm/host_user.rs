@@ -62,7 +62,7 @@ enum Excuse {
     Collision,
 }
 
-/// Who judges the host, by its medium.
+/// What checks the host, by its medium.
 #[derive(Debug)]
 enum InvariantChecker {
     Serial(Box<SerialChecker>),
@@ -228,7 +228,7 @@ impl HostUser {
     }
 
     /// A drive that answers after bytes were changed may have taken them for a request; and on CAN
-    /// one may have taken a stranger's frame.
+    /// one may have taken an intruder's frame.
     fn detect_misled_drives(&mut self, world: &World, report: &mut WorldReport) {
         let old = self.mistaken_requests.len().saturating_sub(MISTAKEN_MAX);
         self.mistaken_requests.drain(..old);

@@ -15,7 +15,7 @@ const RECENT_MAX: usize = 16;
 /// A frame in another's name comes every so many ms at most.
 const FORGE_MS: i64 = 80;
 
-/// What a stranger does.
+/// What an intruder does.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum IntruderAction {
     /// Talks without a pause, before everybody else: a babbling node (F9).
@@ -26,7 +26,7 @@ pub enum IntruderAction {
     Forge,
 }
 
-/// Somebody who does a deed from one instant to another.
+/// An intruder that is active from one instant to another.
 #[derive(Debug)]
 pub struct Intruder {
     action: IntruderAction,

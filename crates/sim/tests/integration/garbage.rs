@@ -141,20 +141,20 @@ impl Passed {
 }
 
 /// A node on no wire, and its clock.
-struct Alone {
+struct LoneDrive {
     node: Box<dyn SimNode>,
     now: Instant,
     said: Vec<u8>,
 }
 
-impl Alone {
+impl LoneDrive {
     fn new(node: Box<dyn SimNode>) -> Self {
         let mut alone = Self { node, now: Instant::ZERO, said: Vec::new() };
         alone.rest(2_000);
         alone
     }
 
-    fn hear(&mut self, bytes: &[u8]) {
+    fn receive(&mut self, bytes: &[u8]) {
         let station = self.node.stream(0).expect("a serial station");
         station.handle_input(self.now, bytes);
         self.speak();
@@ -197,7 +197,7 @@ impl Alone {
     }
 }
 
-fn lane(protocol: &HostProtocol, profile: &'static Profile) -> Alone {
+fn lane(protocol: &HostProtocol, profile: &'static Profile) -> LoneDrive {
     let options = HostOptions::new(0);
     let node = host::host_lane(
         protocol.name,
@@ -205,13 +205,13 @@ fn lane(protocol: &HostProtocol, profile: &'static Profile) -> Alone {
         options,
         &[(profile, protocol.first_address)],
     );
-    Alone { node: node.expect("in the registry"), now: Instant::ZERO, said: Vec::new() }
+    LoneDrive { node: node.expect("in the registry"), now: Instant::ZERO, said: Vec::new() }
 }
 
-fn drive(protocol: &HostProtocol, profile: &'static Profile) -> Alone {
+fn drive(protocol: &HostProtocol, profile: &'static Profile) -> LoneDrive {
     let mut spec = RackDrive::new(profile, protocol.name);
     spec.address = Some(protocol.first_address);
-    Alone::new(spec.device(false).expect("a drive as from the factory"))
+    LoneDrive::new(spec.device(false).expect("a drive as from the factory"))
 }
 
 fn readable(profile: &'static Profile) -> Vec<ParameterId> {
@@ -220,7 +220,7 @@ fn readable(profile: &'static Profile) -> Vec<ParameterId> {
 }
 
 /// Begins to read a parameter. `None` when its scale must be read first.
-fn begin_read(protocol: &HostProtocol, profile: &'static Profile, id: ParameterId) -> Alone {
+fn begin_read(protocol: &HostProtocol, profile: &'static Profile, id: ParameterId) -> LoneDrive {
     let mut host = lane(protocol, profile);
     let now = host.now;
     let axes = host.node.axes().expect("a lane");
@@ -267,7 +267,7 @@ fn replies(
     let mut all = Vec::new();
     for request in requests {
         drive.said.clear();
-        drive.hear(request);
+        drive.receive(request);
         drive.rest(50);
         all.extend((!drive.said.is_empty()).then(|| drive.said.clone()));
     }
@@ -353,7 +353,7 @@ fn a_drive_obeys_no_frame_whose_check_fails() {
         for _ in 0..frames() {
             let (kind, bytes) = harm(&mut random, &frames_of);
             subject.said.clear();
-            subject.hear(&bytes);
+            subject.receive(&bytes);
             history.extend_from_slice(&bytes);
             subject.rest(REST_MS);
             let after = subject.truth();
@@ -396,9 +396,9 @@ fn every_request_ends_and_believes_no_broken_reply() {
                 continue;
             }
             if random.chance(Ppm(500_000)) {
-                host.hear(&bytes);
+                host.receive(&bytes);
             } else {
-                bytes.chunks(1 + random.below(4) as usize).for_each(|piece| host.hear(piece));
+                bytes.chunks(1 + random.below(4) as usize).for_each(|piece| host.receive(piece));
             }
             let end = host.now.plus_ms(PATIENCE_MS);
             let outcome = loop {

@@ -46,14 +46,16 @@ impl WorldRunner {
                 self.handle_stop_outcome(who, said_at, &turned, reported);
             }
             CallKind::Release(reply) => {
-                let Some(told) = reply.try_recv() else { return false };
+                let Some(result) = reply.try_recv() else { return false };
                 let name = self.clients[who].name.clone();
-                self.log(|| format!("{name} is told: release {}", error_text(told.as_ref().err())));
+                self.log(|| {
+                    format!("{name} is told: release {}", error_text(result.as_ref().err()))
+                });
             }
             CallKind::Read(reply) => {
-                let Some(told) = reply.try_recv() else { return false };
+                let Some(result) = reply.try_recv() else { return false };
                 let name = self.clients[who].name.clone();
-                let value = told.ok().and_then(|all| all.first().and_then(|one| one.value));
+                let value = result.ok().and_then(|all| all.first().and_then(|one| one.value));
                 self.log(|| format!("{name} reads the speed of axis {axis}: {value:?}"));
             }
         }

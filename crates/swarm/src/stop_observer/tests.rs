@@ -1,4 +1,4 @@
-//! The judge itself: what it takes, and what it does not.
+//! The observer itself: what it takes, and what it does not.
 
 use super::*;
 use crate::drives::DRIVE_KINDS;

@@ -20,7 +20,7 @@ fn state_of(bench: &Value, link: usize) -> &str {
 
 /// Ends the lock that a stop of everything leaves.
 fn release(live: &mut super::site::Live) {
-    live.tell(&json!({ "type": "release" }));
+    live.send(&json!({ "type": "release" }));
     live.next("unlocked");
 }
 
@@ -101,7 +101,7 @@ fn a_stop_that_the_server_before_owed_on_a_link_that_is_dead_now_is_said_when_it
     assert!(seen.out.contains("AXIS 1 OF LINK 1 MAY BE TURNING, CUT ITS SUPPLY"), "{seen:?}");
     // It ends before the link is back: the debt outlives that, too.
     assert_eq!(site.signal("TERM"), Some(7), "one was not seen standing");
-    let text = site.said();
+    let text = site.output();
     assert!(text.contains(&format!("axis 1 of {url} was told to stop")), "{text}");
     assert!(drive.truth().velocity.abs() > 10.0, "nobody reached it");
 
@@ -110,7 +110,7 @@ fn a_stop_that_the_server_before_owed_on_a_link_that_is_dead_now_is_said_when_it
     drive.plug(Box::new(TcpServer::bind(&address).unwrap()));
     let bench = live.until("bench", |bench| state_of(bench, 1) == "open");
     assert_eq!(bench["axes"][1]["link"], 1, "{bench}");
-    drive.stands();
+    drive.wait_standstill();
     live.until("axis", |state| state["id"] == 1 && state["owed"].is_null());
     let ended = |record: &Value| record["deed"] == "stop_ended" && record["detail"]["link"] == url;
     let end = std::time::Instant::now() + LONG;
@@ -157,11 +157,11 @@ fn a_stop_that_the_server_before_owed_a_drive_that_is_gone_can_be_dismissed() {
     let records = folder.journal();
     let ended = records.iter().rfind(|record| record["deed"] == "stop_ended").expect("a record");
     assert_eq!(ended["detail"]["note"], "scrapped", "{ended}");
-    assert_eq!(site.signal("TERM"), Some(0), "{}", site.said());
+    assert_eq!(site.signal("TERM"), Some(0), "{}", site.output());
 
     let mut site = Site::new(&folder, &["sim:tmcl:1"]);
     assert_eq!(site.signal("TERM"), Some(0));
-    assert!(!site.said().contains("was told to stop"), "{}", site.said());
+    assert!(!site.output().contains("was told to stop"), "{}", site.output());
 }
 
 #[test]
@@ -211,7 +211,7 @@ fn a_rack_with_a_dead_link_serves_its_other_links() {
     let url = live.bench["links"][0]["url"].as_str().unwrap();
     assert!(url.ends_with("?link=gone"), "{url}");
     live.spin(0, 20.0);
-    live.tell(&json!({ "type": "stop" }));
+    live.send(&json!({ "type": "stop" }));
     live.until("stopped", |value| value["axes"][0]["class"] == "standing");
 }
 

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::site::{Folder, LONG, Site};
 use crate::run::{self, Served};
 
-/// The velocity that a witness on the same bus reads.
+/// The velocity that an observer on the same bus reads.
 fn velocity(url: &str) -> f64 {
     let output = run::ok(&["get", url, "velocity actual", "--raw"]);
     let word = output.split('=').nth(1).unwrap_or_else(|| panic!("{output}"));
@@ -52,7 +52,7 @@ fn a_motor_stops_when_the_server_that_its_drive_watches_is_killed() {
     watched(&folder, 2);
     assert_eq!(site.signal("TERM"), Some(0));
     let after = run::ok(&["watchdog", &witness]);
-    // It was so when that server came. The witness sends no heartbeat, and says so.
+    // It was so when that server came. The observer sends no heartbeat, and says so.
     let watches = "watches node 127 and stops 300 ms after the last one; without heartbeat= this";
     assert!(after.contains(watches), "{after}");
     assert!(run::ok(&["info", &witness]).contains(watches));

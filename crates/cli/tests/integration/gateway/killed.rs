@@ -66,15 +66,15 @@ fn a_killed_server_leaves_the_motor_to_the_drives_watchdog() {
         let state = live.until("axis", |state| state["moving"].is_boolean());
         assert_eq!(state["moving"], heartbeat == "0", "it is seen to move, or not: {state}");
         assert_eq!((&state["armed"], &state["lease"]), (&json!(false), &Value::Null));
-        live.tell(&last);
+        live.send(&last);
         assert_eq!(live.next("outcome")["outcome"], "not_done", "it was said to another server");
         live.lease(0, "take");
         assert!(live.epoch > before, "an epoch is never given twice");
         let refused = live.command(0, "velocity", Some(30.0));
         assert_eq!(refused["error"]["code"], "E219", "not armed: {refused}");
         assert_eq!(bench.drive.truth().starts, starts, "nothing moves again by itself");
-        live.tell(&json!({ "type": "stop", "axes": [0] }));
-        bench.drive.stands();
+        live.send(&json!({ "type": "stop", "axes": [0] }));
+        bench.drive.wait_standstill();
         drop(site);
         assert!(bench.verified().contains("records"), "{}", bench.verified());
     }
@@ -104,12 +104,12 @@ fn a_server_that_was_held_up_stops_what_moved_and_carries_out_nothing_old() {
     run::signal("STOP", site.id());
     // All of it lies in the socket when the server wakes.
     let late = live.order(0, "velocity", Some(30.0));
-    live.tell(&late);
+    live.send(&late);
     let epoch = live.epoch;
-    live.tell(&json!({ "type": "lease", "axis": 0, "act": "renew", "epoch": epoch }));
+    live.send(&json!({ "type": "lease", "axis": 0, "act": "renew", "epoch": epoch }));
     std::thread::sleep(AWAY);
     assert!(bench.turns(), "nobody stops it meanwhile: it has no heartbeat");
-    bench.drive.log.take();
+    bench.drive.log.drain();
     run::signal("CONT", site.id());
     let outcome = live.until("outcome", |outcome| outcome["id"] == late["id"]);
     assert_eq!(outcome["outcome"], "not_done", "{outcome}");
@@ -117,10 +117,10 @@ fn a_server_that_was_held_up_stops_what_moved_and_carries_out_nothing_old() {
     // Where it slept with a record in its hand, what waited for the journal is too old for that.
     let late = ["gateway.lease", "gateway.expired", "gateway.journal"];
     assert!(late.contains(&code), "{outcome}");
-    bench.drive.stands();
+    bench.drive.wait_standstill();
     let state = live.until("axis", |state| state["lease"].is_null());
     assert_eq!(state["armed"], false, "{state}");
-    let passed = bench.drive.log.take();
+    let passed = bench.drive.log.drain();
     assert!(passed.iter().any(|p| p.is(&[MST])), "it was stopped");
     assert!(!passed.iter().any(|p| p.is(&STARTS)), "{passed:?}");
     let end = Instant::now() + LONG;

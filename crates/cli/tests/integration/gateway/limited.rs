@@ -48,5 +48,5 @@ fn a_journal_at_its_files_limit_keeps_the_server_and_its_stops() {
     assert_eq!(stopped.code, 0, "{stopped:?}");
     // What was not written is said at the end; the axis stands.
     assert_eq!(site.signal("INT"), Some(0));
-    assert!(site.said().contains("journal"), "{}", site.said());
+    assert!(site.output().contains("journal"), "{}", site.output());
 }

@@ -30,7 +30,7 @@ const OWN_BEFORE: usize = 150;
 /// How often viewers take what came: they share this machine's processors with the server.
 const READ_EVERY: Duration = Duration::from_millis(20);
 
-fn told(name: &str, usual: usize) -> usize {
+fn env_count(name: &str, usual: usize) -> usize {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
 }
 
@@ -74,9 +74,9 @@ impl Beside {
         for n in 0..count {
             let mut live = site.live();
             let axis = n % 2;
-            live.tell(&json!({ "type": "subscribe", "channel": 1, "axis": axis,
+            live.send(&json!({ "type": "subscribe", "channel": 1, "axis": axis,
                 "signal": "velocity", "hz": 50 }));
-            live.tell(&json!({ "type": "frames", "on": true }));
+            live.send(&json!({ "type": "frames", "on": true }));
             live.next("frames");
             streams.push(live.socket.get_ref().try_clone().unwrap());
         }
@@ -162,7 +162,7 @@ impl Floor {
     }
 
     /// Since this was last asked.
-    fn take(&self) -> Times {
+    fn take_times(&self) -> Times {
         Times::new(std::mem::take(&mut *self.late.lock().unwrap()))
     }
 }
@@ -264,14 +264,14 @@ fn measure(
             std::thread::sleep(Duration::from_millis(150));
         }
         // The last exchange before it may be needed.
-        let mut passed = bench.logs[axis].take();
+        let mut passed = bench.logs[axis].drain();
         passed.drain(..passed.len().saturating_sub(4));
         // They lie in a buffer until something is told.
         for client_ms in 0..own_before {
             live.write(&json!({ "type": "ping", "client_ms": client_ms }));
         }
         let since = say(live);
-        passed.extend(bench.logs[axis].take());
+        passed.extend(bench.logs[axis].drain());
         // A command that came too late for its lease is not.
         let Some((on_wire, later)) = on_wire(axis, since, &passed) else { continue };
         took.push(on_wire);
@@ -284,7 +284,7 @@ fn measure(
 fn stop(axis: usize) -> impl FnMut(&mut Live) -> Instant {
     move |live| {
         let since = clock::now();
-        live.tell(&json!({ "type": "stop", "axes": [axis], "reason": "measured" }));
+        live.send(&json!({ "type": "stop", "axes": [axis], "reason": "measured" }));
         live.until("stopped", |value| {
             value["axes"][0]["id"] == axis && value["axes"][0]["class"] == "standing"
         });
@@ -306,32 +306,33 @@ fn command(live: &mut Live) -> Instant {
 
 #[test]
 fn commands_and_stops_are_soon_on_the_wire_whatever_else_goes_on() {
-    let commands = told("POLEPAIR_LOAD_COMMANDS", 100);
-    let stops = told("POLEPAIR_LOAD_STOPS", 100);
-    let (viewers, idle) = (told("POLEPAIR_LOAD_VIEWERS", 100), told("POLEPAIR_LOAD_IDLE", 1000));
+    let commands = env_count("POLEPAIR_LOAD_COMMANDS", 100);
+    let stops = env_count("POLEPAIR_LOAD_STOPS", 100);
+    let (viewers, idle) =
+        (env_count("POLEPAIR_LOAD_VIEWERS", 100), env_count("POLEPAIR_LOAD_IDLE", 1000));
     let _ = polepair_link::raise_file_limit();
-    for run in 0..told("POLEPAIR_LOAD_RUNS", 1) {
+    for run in 0..env_count("POLEPAIR_LOAD_RUNS", 1) {
         let bench = Bench::new();
         let mut live = bench.site.live();
         let mut beside = Beside::new();
         let floor = Floor::new();
         println!("run {run}");
         let [took, _] = measure(&bench, &mut live, 0, (commands, 0), command);
-        println!("command, alone: {took}; a sleeper {}", floor.take());
+        println!("command, alone: {took}; a sleeper {}", floor.take_times());
         drop(live);
         beside.viewers(&bench.site, viewers);
         // What reads nothing for five seconds is closed: who measures comes when all others are there.
         let mut live = bench.site.live();
-        floor.take();
+        floor.take_times();
         let [took, _] = measure(&bench, &mut live, 0, (commands, 0), command);
-        println!("command, {viewers} viewers: {took}; a sleeper {}", floor.take());
+        println!("command, {viewers} viewers: {took}; a sleeper {}", floor.take_times());
         let measure_stops = |live: &mut Live, what: &str| {
             for (axis, own) in [(0, 0), (1, 0), (0, OWN_BEFORE)] {
                 let count = if own == 0 { stops } else { stops / 10 };
                 let [took, more] = measure(&bench, live, axis, (count, own), stop(axis));
                 let behind = if own == 0 { "" } else { " behind its sender's own messages" };
                 println!("stop of axis {axis}{behind}, {what}: {took}");
-                println!("    beyond the wire {more}; a sleeper {}", floor.take());
+                println!("    beyond the wire {more}; a sleeper {}", floor.take_times());
             }
         };
         measure_stops(&mut live, &format!("{viewers} viewers"));
@@ -342,7 +343,7 @@ fn commands_and_stops_are_soon_on_the_wire_whatever_else_goes_on() {
         println!("{idle} idle sockets: {before} kB, then {} kB", bench.site.memory_kb("VmRSS"));
         beside.flood(&bench.site);
         let mut live = bench.site.live();
-        floor.take();
+        floor.take_times();
         measure_stops(&mut live, &format!("{idle} idle, a flood"));
         println!("{} kB at most", bench.site.memory_kb("VmHWM"));
         drop(beside);

@@ -23,7 +23,7 @@ fn unplugged(folder: &Folder, arguments: &[&str], url: &str) {
     // Held up, it takes what is said and answers nothing; then it is gone.
     run::signal("STOP", drive.id());
     let order = live.order(0, "velocity", Some(30.0));
-    live.tell(&order);
+    live.send(&order);
     std::thread::sleep(Duration::from_millis(50));
     drop(drive);
     let outcome = live.until("outcome", |outcome| outcome["id"] == order["id"]);
@@ -33,7 +33,7 @@ fn unplugged(folder: &Folder, arguments: &[&str], url: &str) {
     let state = other.until("axis", |state| state["lease"].is_null());
     assert_eq!(state["armed"], false, "{state}");
     let epoch = live.epoch;
-    live.tell(&json!({ "type": "lease", "axis": 0, "act": "renew", "epoch": epoch }));
+    live.send(&json!({ "type": "lease", "axis": 0, "act": "renew", "epoch": epoch }));
     live.until("error", |error| error["error"]["code"] == "E313");
     let drive = Served::with(arguments);
     other.until("bench", is_link("open"));
@@ -76,9 +76,9 @@ fn bench() -> (Drive, Folder, Site) {
 }
 
 fn watch(live: &mut Live) {
-    live.tell(&json!({ "type": "subscribe", "channel": 1, "axis": 0, "signal": "velocity",
+    live.send(&json!({ "type": "subscribe", "channel": 1, "axis": 0, "signal": "velocity",
         "hz": 100 }));
-    live.tell(&json!({ "type": "frames", "on": true }));
+    live.send(&json!({ "type": "frames", "on": true }));
     live.next("subscribed");
 }
 
@@ -105,7 +105,7 @@ fn a_viewer_that_falls_asleep_lets_go_of_its_motor_and_keeps_nobody_waiting() {
         awake.next("frames");
         longest = longest.max(last.elapsed());
         last = Instant::now();
-        awake.tell(&json!({ "type": "ping", "client_ms": 1 }));
+        awake.send(&json!({ "type": "ping", "client_ms": 1 }));
         awake.next("pong");
     }
     let closed = slept.elapsed();
@@ -122,23 +122,23 @@ fn who_takes_over_gets_a_motor_that_stands() {
     let (drive, folder, site) = bench();
     let (mut ann, mut bob) = (site.live(), site.live());
     ann.spin(0, 20.0);
-    bob.tell(&json!({ "type": "lease", "axis": 0, "act": "take" }));
+    bob.send(&json!({ "type": "lease", "axis": 0, "act": "take" }));
     bob.until("error", |error| error["error"]["code"] == "gateway.lease");
-    drive.log.take();
+    drive.log.drain();
     bob.lease(0, "take_over");
     assert!(bob.epoch > ann.epoch);
     // What she says meanwhile is not carried out.
     let refused = ann.command(0, "velocity", Some(30.0));
     assert_eq!(refused["error"]["code"], "gateway.lease", "{refused}");
     bob.until("stopped", |value| value["axes"][0]["class"] == "standing");
-    drive.stands();
-    let passed = drive.log.take();
+    drive.wait_standstill();
+    let passed = drive.log.drain();
     assert!(passed.iter().any(|p| p.is(&[3])) && !passed.iter().any(|p| p.is(&[1, 2, 4])));
     bob.lease(0, "take_over");
     let refused = bob.command(0, "velocity", Some(20.0));
     assert_eq!(refused["error"]["code"], "E219", "he arms it himself: {refused}");
     bob.spin(0, -20.0);
-    ann.tell(&json!({ "type": "stop", "axes": [0] }));
-    drive.stands();
+    ann.send(&json!({ "type": "stop", "axes": [0] }));
+    drive.wait_standstill();
     assert!(folder.journal().iter().any(|record| record["deed"] == "take_over"));
 }

@@ -18,7 +18,7 @@ fn idle_sockets_beyond_what_can_be_open_keep_nobody_out() {
     let mut first = site.live();
     let idle: Vec<TcpStream> = (0..CONNECTIONS).map(|_| site.connect()).collect();
     assert!(site.get("/api/v1/bench").contains("tmcm"), "who has a token gets in");
-    first.tell(&json!({ "type": "stop", "axes": [0] }));
+    first.send(&json!({ "type": "stop", "axes": [0] }));
     let stopped = first.next("stopped");
     assert_eq!(stopped["axes"][0]["id"], 0, "{stopped}");
     let metrics = site.get("/metrics");

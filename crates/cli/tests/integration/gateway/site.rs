@@ -102,7 +102,7 @@ impl Site {
     }
 
     /// Everything that it said on stderr, once it has ended.
-    pub fn said(&mut self) -> String {
+    pub fn output(&mut self) -> String {
         self.reads.take().into_iter().for_each(|reads| reads.join().unwrap());
         self.said.lock().unwrap().clone()
     }
@@ -201,7 +201,7 @@ pub struct Live {
 }
 
 impl Live {
-    pub fn tell(&mut self, message: &Value) {
+    pub fn send(&mut self, message: &Value) {
         self.write(message);
         self.socket.flush().unwrap();
     }
@@ -233,7 +233,7 @@ impl Live {
     /// Takes the lease of an axis.
     pub fn lease(&mut self, axis: u16, act: &str) {
         let epoch = self.epoch;
-        self.tell(&json!({ "type": "lease", "axis": axis, "act": act, "epoch": epoch }));
+        self.send(&json!({ "type": "lease", "axis": axis, "act": act, "epoch": epoch }));
         self.epoch = self.next("leased")["epoch"].as_u64().unwrap();
     }
 
@@ -250,7 +250,7 @@ impl Live {
 
     pub fn command(&mut self, axis: u16, verb: &str, velocity: Option<f64>) -> Value {
         let order = self.order(axis, verb, velocity);
-        self.tell(&order);
+        self.send(&order);
         let id = order["id"].clone();
         self.until("outcome", |outcome| outcome["id"] == id)
     }
@@ -271,7 +271,7 @@ impl Live {
         let epoch = self.epoch;
         let end = Instant::now() + LONG;
         loop {
-            self.tell(&json!({ "type": "lease", "axis": axis, "act": "renew", "epoch": epoch }));
+            self.send(&json!({ "type": "lease", "axis": axis, "act": "renew", "epoch": epoch }));
             let state = self.until("axis", |state| state["id"] == axis);
             if speed(&state).is_some_and(|speed| speed.abs() > velocity.abs() / 2.0) {
                 return;

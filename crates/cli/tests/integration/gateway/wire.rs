@@ -37,7 +37,7 @@ impl Log {
     }
 
     /// Takes what passed.
-    pub fn take(&self) -> Vec<Passed> {
+    pub fn drain(&self) -> Vec<Passed> {
         std::mem::take(&mut *self.0.lock().unwrap())
     }
 }
@@ -76,7 +76,7 @@ impl Drive {
     }
 
     /// Waits until its motor stands.
-    pub fn stands(&self) {
+    pub fn wait_standstill(&self) {
         let end = Instant::now() + LONG;
         while self.truth().velocity.abs() > 0.1 {
             assert!(Instant::now() < end, "it turns: {:?}", self.truth());

@@ -61,7 +61,7 @@ impl Screen {
         let end = Instant::now() + LONG;
         while !self.text().contains(wanted) {
             assert!(Instant::now() < end, "no `{wanted}`:\n{}", self.text());
-            self.look();
+            self.refresh();
         }
     }
 
@@ -78,23 +78,23 @@ impl Screen {
                 return status.code();
             }
             assert!(Instant::now() < end, "it goes on:\n{}", self.text());
-            self.look();
+            self.refresh();
         }
     }
 
-    fn look(&mut self) {
+    fn refresh(&mut self) {
         let mut bytes = [0; 4096];
         let until = clock::now() + Duration::from_millis(20);
         if let Ok(Received::Bytes { len, .. }) = self.pty.receive(&mut bytes, until) {
             self.rest.extend_from_slice(&bytes[..len]);
-            while let Some(used) = self.take() {
+            while let Some(used) = self.parse_escape() {
                 self.rest.drain(..used);
             }
         }
     }
 
     /// Takes a letter, or what moves or clears; `None` when there is nothing whole.
-    fn take(&mut self) -> Option<usize> {
+    fn parse_escape(&mut self) -> Option<usize> {
         let rest = &self.rest[..];
         match *rest.first()? {
             0x1B if *rest.get(1)? != b'[' => return Some(2),

@@ -20,7 +20,7 @@ mod homing;
 mod modes;
 mod power;
 
-/// A drive on a test's desk, operational.
+/// A drive in a test, operational.
 struct DriveFixture {
     device: Device,
     now: Instant,

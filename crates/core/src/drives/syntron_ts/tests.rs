@@ -34,7 +34,7 @@ const OPTIONS: DeviceOptions<'static> = DeviceOptions {
     extra: &[],
 };
 
-/// A drive on a test's desk.
+/// A drive in a test.
 struct DriveFixture {
     device: Device,
     now: Instant,
@@ -163,7 +163,7 @@ impl DriveFixture {
         std::string::String::from_utf8(out[..len].to_vec()).unwrap()
     }
 
-    /// A desk in internal position mode, powered, writes kept in RAM.
+    /// A drive in internal position mode, powered, writes kept in RAM.
     fn positioning(extra: &[(&str, &str)]) -> Self {
         let mut fixture = Self::with(extra);
         fixture.write(fn_registers::MODE, 14);

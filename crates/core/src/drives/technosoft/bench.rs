@@ -1,4 +1,4 @@
-//! What hands, weights and switches do to a drive.
+//! External forces, loads and switches of a simulated drive.
 
 use super::drive::Drive;
 use super::inputs::line;

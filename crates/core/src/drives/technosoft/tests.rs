@@ -38,7 +38,7 @@ const NOTHING: [u8; 0] = [];
 /// Nothing that a test writes keeps the EEPROM busy for longer.
 const EEPROM_MS_MAX: u32 = 100;
 
-/// A drive on a test's desk, its serial port connected.
+/// A drive in a test, its serial port connected.
 struct DriveFixture {
     device: Device,
     now: Instant,

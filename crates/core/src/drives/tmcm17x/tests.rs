@@ -43,14 +43,14 @@ impl Rig {
         all
     }
 
-    fn ask(&mut self, opcode: u8, kind: u8, motor: u8, value: i32) -> Option<Reply> {
+    fn send_request(&mut self, opcode: u8, kind: u8, motor: u8, value: i32) -> Option<Reply> {
         let request = Request { address: 1, opcode: Opcode::from(opcode), kind, motor, value };
         Reply::parse(&self.bytes(&request.emit())).ok()
     }
 
     /// Status and value.
     fn say(&mut self, opcode: u8, kind: u8, motor: u8, value: i32) -> (u8, i32) {
-        let reply = self.ask(opcode, kind, motor, value).expect("a reply");
+        let reply = self.send_request(opcode, kind, motor, value).expect("a reply");
         assert_eq!(reply.opcode.number(), opcode);
         (reply.status.number(), reply.value)
     }
@@ -259,7 +259,7 @@ fn voltage_trips_with_hysteresis() {
     rig.wait(5);
     assert_eq!(rig.say(1, 0, 0, 500).0, 6);
     rig.act(Act::Supply(6.0));
-    assert_eq!(rig.ask(6, 1, 0, 0), None, "the logic is dead");
+    assert_eq!(rig.send_request(6, 1, 0, 0), None, "the logic is dead");
     rig.act(Act::Supply(24.0));
     rig.ok(1, 0, 500);
     rig.sap(245, 0);
@@ -391,7 +391,7 @@ fn factory_settings_silence_it_for_five_seconds() {
     rig.ok(7, 4, 0);
     assert_eq!(rig.say(137, 0, 0, 1234), (100, 1234));
     rig.wait(4990);
-    assert_eq!(rig.ask(6, 4, 0, 0), None);
+    assert_eq!(rig.send_request(6, 4, 0, 0), None);
     rig.wait(20);
     assert_eq!(rig.gap(4), 3000);
 }
@@ -399,9 +399,9 @@ fn factory_settings_silence_it_for_five_seconds() {
 #[test]
 fn address_host_and_baud_change_after_the_reply() {
     let mut rig = Rig::new();
-    let reply = rig.ask(9, 66, 0, 7).unwrap();
+    let reply = rig.send_request(9, 66, 0, 7).unwrap();
     assert_eq!(reply.module, 1);
-    assert_eq!(rig.ask(6, 1, 0, 0), None);
+    assert_eq!(rig.send_request(6, 1, 0, 0), None);
     let to = |address: u8, opcode: u8, kind, value| {
         Request { address, opcode: Opcode::from(opcode), kind, motor: 0, value }.emit()
     };
@@ -503,7 +503,7 @@ fn a_program_is_loaded_read_back_and_run() {
         (24, 0, 0, 0),   // 11 RSUB
     ];
     load(&mut rig, &program);
-    let back = rig.ask(134, 0, 0, 1).unwrap();
+    let back = rig.send_request(134, 0, 0, 1).unwrap();
     assert_eq!((back.module, back.status.number(), back.value), (4, 1, 4096));
     assert_eq!(rig.say(129, 1, 0, 0).0, 100);
     assert_eq!(rig.ok(135, 0, 0), 1);
@@ -550,7 +550,7 @@ fn a_program_waits_times_out_steps_and_stops() {
     assert_eq!(rig.say(134, 0, 0, 0).0, 6);
     assert_eq!(rig.say(132, 0, 0, 0).0, 10);
     rig.say(9, 81, 0, 0);
-    let back = rig.ask(134, 0, 0, 1).unwrap();
+    let back = rig.send_request(134, 0, 0, 1).unwrap();
     assert_eq!(back.module, 28, "dropping the protection erased it");
 }
 
@@ -575,10 +575,10 @@ fn the_event_comes_once_and_by_itself() {
 fn reset_and_boot_do_not_answer() {
     let mut rig = Rig::new();
     rig.sap(4, 5);
-    assert_eq!(rig.ask(255, 0, 0, 1234), None);
+    assert_eq!(rig.send_request(255, 0, 0, 1234), None);
     assert_eq!(rig.gap(4), 3000);
-    assert_eq!(rig.ask(242, 0x81, 0x92, 0xA3B4_C5D6_u32 as i32), None);
-    assert_eq!(rig.ask(6, 4, 0, 0), None);
+    assert_eq!(rig.send_request(242, 0x81, 0x92, 0xA3B4_C5D6_u32 as i32), None);
+    assert_eq!(rig.send_request(6, 4, 0, 0), None);
     rig.act(Act::PowerCycle);
     assert_eq!(rig.gap(4), 3000);
 }

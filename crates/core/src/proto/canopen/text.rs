@@ -89,7 +89,7 @@ pub enum Statement {
     /// Process data.
     Process {
         /// From the node.
-        told: bool,
+        from_node: bool,
         /// 1 to 4.
         number: u8,
         /// The bytes.
@@ -149,7 +149,7 @@ impl Statement {
             Cob::Heartbeat(_) => Self::State(Heartbeat::parse(bytes)?),
             Cob::Tpdo(number, _) | Cob::Rpdo(number, _) => {
                 let reported = matches!(cob, Cob::Tpdo(..));
-                Self::Process { told: reported, number, data: padded(bytes), len: frame.len }
+                Self::Process { from_node: reported, number, data: padded(bytes), len: frame.len }
             }
             Cob::SdoRequest(_) | Cob::SdoReply(_) if part => {
                 let reported = matches!(cob, Cob::SdoReply(_));
@@ -175,7 +175,7 @@ impl Statement {
             Self::Emergency(emergency, false) => emergency.emit(node),
             Self::State(heartbeat) => heartbeat.emit(node),
             Self::Guard => heartbeat::guarding_request(node),
-            Self::Process { told, number, data, len } => {
+            Self::Process { from_node: told, number, data, len } => {
                 let cob = if told { Cob::Tpdo(number, node) } else { Cob::Rpdo(number, node) };
                 Frame::standard(cob.id(), &data[..usize::from(len.min(8))])
             }

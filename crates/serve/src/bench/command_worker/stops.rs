@@ -1,4 +1,4 @@
-//! What a hand owes its axes: stops that were said, by whomever, until the motors were seen standing.
+//! Pending stops of the axes of a wire: requested stops whose motors were not seen at standstill yet.
 
 use std::sync::Arc;
 

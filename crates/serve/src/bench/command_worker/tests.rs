@@ -1,4 +1,4 @@
-//! Stops that are said while a hand is at work, its link is lost, or something else waits.
+//! Stops that are requested while a command worker runs, its link is lost, or something else waits.
 
 use tokio::sync::oneshot;
 
@@ -7,7 +7,7 @@ use crate::bench::BenchOptions;
 use crate::bench::wire::{DismissRequest, StopBatch};
 use crate::message::{DismissReason, DismissStop};
 
-/// The wire of a link's first axis, with a hand whose thread never looks.
+/// The wire of a link's first axis, with a command worker whose thread never runs.
 fn test_wire(link: &polepair::Link) -> (Arc<BenchWire>, Arc<Mutex<CommandWorker>>) {
     let wire = Arc::new(BenchWire::new(vec![(7, link.axes()[0].clone())]));
     let worker = Arc::new(RequestWorker::new(&wire));

@@ -7,7 +7,7 @@ use std::net::TcpStream;
 use std::time::Instant;
 
 use serde_json::{Value, json};
-use site::{LONG, Site, memory, next, samples, tell};
+use site::{LONG, Site, memory, next, samples, send_message};
 use tungstenite::{Message, WebSocket};
 
 type Socket = WebSocket<TcpStream>;
@@ -22,7 +22,7 @@ fn next_samples(socket: &mut Socket) -> (u16, Vec<(u64, f64)>) {
 
 fn subscribe(socket: &mut Socket, channel: u16, axis: u16, signal: &str) {
     let hz = 100;
-    tell(
+    send_message(
         socket,
         &json!({ "type": "subscribe", "channel": channel, "axis": axis, "signal": signal, "hz": hz }),
     );
@@ -55,10 +55,10 @@ fn values_arrive_in_order_until_they_are_not_wanted() {
     subscribe(&mut ann, 8, 0, "smell");
     let wrong = next(&mut ann, "error");
     assert_eq!((&wrong["about"], &wrong["subject"]), (&json!("subscribe"), &json!(8)));
-    tell(&mut ann, &json!({ "type": "unsubscribe", "channel": 7 }));
+    send_message(&mut ann, &json!({ "type": "unsubscribe", "channel": 7 }));
     // What was on its way may still come; after two answers nothing is.
     for client_ms in [1, 2] {
-        tell(&mut ann, &json!({ "type": "ping", "client_ms": client_ms }));
+        send_message(&mut ann, &json!({ "type": "ping", "client_ms": client_ms }));
         next(&mut ann, "pong");
     }
     subscribe(&mut ann, 9, 0, "position");
@@ -72,18 +72,18 @@ fn frames_arrive_filtered_and_are_taken_apart() {
     let site = Site::new();
     let mut ann = site.live_as("viewer");
     next(&mut ann, "welcome");
-    tell(&mut ann, &json!({ "type": "frames", "on": true, "filter": "axis = " }));
+    send_message(&mut ann, &json!({ "type": "frames", "on": true, "filter": "axis = " }));
     assert_eq!(next(&mut ann, "error")["about"], "frames");
-    tell(&mut ann, &json!({ "type": "frames", "on": true, "filter": "protocol = tmcl" }));
+    send_message(&mut ann, &json!({ "type": "frames", "on": true, "filter": "protocol = tmcl" }));
     let frames = next(&mut ann, "frames");
     let item = &frames["items"][0];
     assert_eq!((&item["protocol"], &item["ok"]), (&json!("tmcl"), &json!(true)), "{item}");
-    tell(&mut ann, &json!({ "type": "explain", "n": item["n"] }));
+    send_message(&mut ann, &json!({ "type": "explain", "n": item["n"] }));
     let explained = next(&mut ann, "explained");
     assert_eq!(explained["n"], item["n"]);
     let fields = explained["fields"].as_array().unwrap();
     assert!(fields.len() > 3 && fields.iter().all(|field| field["name"] != ""), "{explained}");
-    tell(&mut ann, &json!({ "type": "explain", "n": u64::MAX }));
+    send_message(&mut ann, &json!({ "type": "explain", "n": u64::MAX }));
     assert_eq!(next(&mut ann, "error")["error"]["code"], "gateway.missing");
     site.end();
 }
@@ -112,7 +112,7 @@ fn a_stop_goes_before_what_its_viewer_said_before_it() {
     }
     let bench = site.get("/api/v1/bench", &site.bearer("viewer")).json();
     assert_eq!(bench["lock"]["reason"], "enough", "what was said before it does not release it");
-    tell(&mut ann, &json!({ "type": "release" }));
+    send_message(&mut ann, &json!({ "type": "release" }));
     next(&mut ann, "unlocked");
     site.end();
 }
@@ -122,12 +122,12 @@ fn who_watches_sees_the_motors_stop_when_the_server_ends() {
     let mut site = Site::new();
     let mut ann = site.live_as("operator");
     next(&mut ann, "welcome");
-    tell(&mut ann, &json!({ "type": "lease", "axis": 0, "act": "take" }));
+    send_message(&mut ann, &json!({ "type": "lease", "axis": 0, "act": "take" }));
     let epoch = next(&mut ann, "leased")["epoch"].clone();
     for (verb, arguments) in
         [("arm", json!({})), ("enable", json!({})), ("velocity", json!({ "velocity": 20.0 }))]
     {
-        tell(
+        send_message(
             &mut ann,
             &json!({ "type": "command", "axis": 0, "id": verb, "issued_ms": site::now_ms(),
                 "ttl_ms": 5000, "epoch": epoch, "verb": verb, "arguments": arguments }),
@@ -160,7 +160,7 @@ fn who_takes_nothing_is_closed_and_another_goes_on() {
     for socket in [&mut deaf, &mut ann] {
         next(socket, "welcome");
         subscribe(socket, 1, 0, "velocity");
-        tell(socket, &json!({ "type": "frames", "on": true }));
+        send_message(socket, &json!({ "type": "frames", "on": true }));
         next(socket, "subscribed");
     }
     let deadline = Instant::now() + LONG;
@@ -171,7 +171,7 @@ fn who_takes_nothing_is_closed_and_another_goes_on() {
         assert!(rows[0].0 > last);
         last = rows[rows.len() - 1].0;
     }
-    tell(&mut ann, &json!({ "type": "ping", "client_ms": 1 }));
+    send_message(&mut ann, &json!({ "type": "ping", "client_ms": 1 }));
     next(&mut ann, "pong");
     site.end();
 }
@@ -181,7 +181,7 @@ fn visit(site: &Site) -> Value {
     let mut ann = site.live_as("viewer");
     let welcome = next(&mut ann, "welcome");
     subscribe(&mut ann, 1, 0, "velocity");
-    tell(&mut ann, &json!({ "type": "frames", "on": true }));
+    send_message(&mut ann, &json!({ "type": "frames", "on": true }));
     next(&mut ann, "subscribed");
     welcome
 }

@@ -29,9 +29,9 @@ const STANDS: f64 = 0.6;
 
 /// Keeps what it is told.
 #[derive(Default)]
-struct Kept(Mutex<Vec<(String, JournalAction, Value)>>);
+struct RecordedJournal(Mutex<Vec<(String, JournalAction, Value)>>);
 
-impl JournalSink for Kept {
+impl JournalSink for RecordedJournal {
     fn write_entry(&self, note: JournalEntry<'_>) -> Result<(), GatewayError> {
         let record = (note.who.to_owned(), note.action, note.detail.clone());
         self.0.lock().unwrap().push(record);
@@ -39,7 +39,7 @@ impl JournalSink for Kept {
     }
 }
 
-impl Kept {
+impl RecordedJournal {
     fn of(&self, wanted: JournalAction) -> Vec<Value> {
         let records = self.0.lock().unwrap();
         records.iter().filter(|(_, action, _)| *action == wanted).map(|(.., d)| d.clone()).collect()
@@ -50,7 +50,7 @@ impl Kept {
 struct Site {
     bench: Bench,
     proxy: Proxy,
-    kept: Arc<Kept>,
+    journal: Arc<RecordedJournal>,
     line: DriveLine,
     ids: u32,
     ann: SessionName,
@@ -59,7 +59,7 @@ struct Site {
 
 impl Site {
     fn new(word: &str, scheme: &str) -> Self {
-        Self::owing((word, scheme, "1"), |url, _, _| {
+        Self::with_pending_stop((word, scheme, "1"), |url, _, _| {
             // A TS from the factory obeys pulses: mode 1 is speed.
             if scheme == "modbus-rtu" {
                 let link = polepair::connect(url).unwrap();
@@ -72,7 +72,7 @@ impl Site {
     }
 
     /// The same where something was done to the drive before, and a stop is owed since then.
-    fn owing(
+    fn with_pending_stop(
         (word, scheme, axes): (&str, &str, &str),
         before: impl FnOnce(&str, &DriveLine, &Proxy) -> Vec<(String, u32)>,
     ) -> Self {
@@ -83,7 +83,7 @@ impl Site {
         let served = line.clone().serve::<Stream>(Box::new(end));
         let url = format!("{scheme}+tcp://{}#{axes}", proxy.address);
         let owed_before = before(&url, &line, &proxy);
-        let stored = Arc::new(Kept::default());
+        let stored = Arc::new(RecordedJournal::default());
         let options = BenchOptions {
             journal: stored.clone(),
             inherited_stops: owed_before,
@@ -92,7 +92,7 @@ impl Site {
             ..BenchOptions::default()
         };
         let bench = Bench::open(&[url], options).unwrap();
-        Self { bench, proxy, kept: stored, line, ids: 0, ann: "ann".into(), _served: served }
+        Self { bench, proxy, journal: stored, line, ids: 0, ann: "ann".into(), _served: served }
     }
 
     fn truth(&self) -> GroundTruth {
@@ -103,7 +103,7 @@ impl Site {
         self.bench.axis_state(0).unwrap()
     }
 
-    fn take(&self) -> u64 {
+    fn acquire_lease(&self) -> u64 {
         self.bench
             .request_lease(0, &self.ann, LeaseAction::Take, 0)
             .wait()
@@ -140,7 +140,7 @@ impl Site {
 
     /// Turns the motor, and returns the epoch of the lease that it turns under.
     fn spin(&mut self) -> u64 {
-        let epoch = self.take();
+        let epoch = self.acquire_lease();
         let mut verbs = vec![("arm", None), ("enable", None), ("velocity", Some(20.0))];
         let info = &self.bench.snapshot().axes[0];
         verbs.retain(|(verb, _)| info.verbs.iter().any(|known| known.verb == *verb));
@@ -152,7 +152,11 @@ impl Site {
     }
 
     /// Waits until it is owed a stop that is so.
-    fn owed(&self, what: &str, is_so: impl Fn(&PendingStopView) -> bool) -> PendingStopView {
+    fn wait_pending_stop(
+        &self,
+        what: &str,
+        is_so: impl Fn(&PendingStopView) -> bool,
+    ) -> PendingStopView {
         let mut seen = None;
         until(what, || {
             seen = self.state().owed.filter(&is_so);
@@ -162,7 +166,7 @@ impl Site {
     }
 
     /// Waits until it is owed none, and tells whether it stood then: the alarm ends with the debt.
-    fn paid(&self) {
+    fn wait_stop_resolved(&self) {
         until("the debt ends", || self.state().owed.is_none());
         assert!(self.truth().velocity.abs() < STANDS, "{:?}", self.truth());
     }
@@ -174,10 +178,10 @@ impl Site {
     /// Each debt that was written down was ended, so.
     fn ended(&self, how: &str) {
         until("the journal has it", || {
-            self.kept.of(JournalAction::StopEnded).len()
-                == self.kept.of(JournalAction::StopOwed).len()
+            self.journal.of(JournalAction::StopEnded).len()
+                == self.journal.of(JournalAction::StopOwed).len()
         });
-        let ended = self.kept.of(JournalAction::StopEnded);
+        let ended = self.journal.of(JournalAction::StopEnded);
         assert_eq!(ended.last().map(|detail| &detail["how"]), Some(&Value::from(how)), "{ended:?}");
     }
 }
@@ -217,13 +221,13 @@ fn a_stop_that_is_said_while_the_port_is_refused_arrives_once_it_is_open() {
         site.spin();
         site.proxy.set(Mode::Refuse);
         until("the link is lost", || site.is_lost());
-        site.owed("it is owed a stop", |pending| pending.why == StopCause::LinkLost);
+        site.wait_pending_stop("it is owed a stop", |pending| pending.why == StopCause::LinkLost);
         let stopped = site.bench.stop(&"bob".into(), &StopRequest::default()).wait().unwrap();
         assert_eq!(stopped.axes[0].class, StopClass::Owed, "{stopped:?}");
         assert!(stopped.axes[0].error.is_some(), "why it did not arrive: {stopped:?}");
         assert!(site.state().owed.is_some() && site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Pass);
-        site.paid();
+        site.wait_stop_resolved();
         site.ended("standing");
     }
 }
@@ -238,10 +242,10 @@ fn a_stop_outlives_a_port_that_takes_connections_and_drops_them() {
         until("it was dropped often", || site.proxy.taken() >= before + 4);
         drop(site.bench.stop(&"bob".into(), &StopRequest::default()));
         until("it was dropped again", || site.proxy.taken() >= before + 8);
-        site.owed("it is owed a stop", |_| true);
+        site.wait_pending_stop("it is owed a stop", |_| true);
         assert!(site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Pass);
-        site.paid();
+        site.wait_stop_resolved();
         site.ended("standing");
     }
 }
@@ -256,14 +260,16 @@ fn a_stop_into_silence_is_said_until_the_motor_stands_and_never_called_taken_bef
         let lost = site.proxy.lost();
         // Its client is gone: nobody says STOP.
         site.bench.end_session(&site.ann);
-        site.owed("it was said again", |pending| pending.said >= 3 && pending.error.is_some());
+        site.wait_pending_stop("it was said again", |pending| {
+            pending.said >= 3 && pending.error.is_some()
+        });
         assert!(site.proxy.lost() > lost && site.truth().velocity.abs() > 10.0);
         while let Ok(event) = events.try_recv() {
             let BenchEvent::Stopped(stopped) = event else { continue };
             assert!(stopped.class <= StopClass::Sent, "{stopped:?}");
         }
         site.proxy.set(Mode::Pass);
-        site.paid();
+        site.wait_stop_resolved();
         site.ended("standing");
     }
 }
@@ -280,10 +286,12 @@ fn a_stop_of_which_the_last_step_alone_was_answered_is_owed() {
     site.spin();
     site.proxy.set(Mode::Lose(is_first_of_a_stop));
     drop(site.bench.stop(&"bob".into(), &StopRequest::default()));
-    site.owed("it was said again", |pending| pending.said >= 2 && pending.class <= StopClass::Sent);
+    site.wait_pending_stop("it was said again", |pending| {
+        pending.said >= 2 && pending.class <= StopClass::Sent
+    });
     assert!(site.truth().velocity.abs() > 10.0, "what stops it in speed mode was lost");
     site.proxy.set(Mode::Pass);
-    site.paid();
+    site.wait_stop_resolved();
     site.ended("standing");
 }
 
@@ -302,12 +310,14 @@ fn a_stop_under_a_lease_is_said_until_the_motor_stands() {
         until("it turns", || site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Silent);
         let stop = site.start(epoch, "stop", None);
-        site.owed("it was said again", |pending| pending.said >= 3 && pending.error.is_some());
+        site.wait_pending_stop("it was said again", |pending| {
+            pending.said >= 3 && pending.error.is_some()
+        });
         assert!(site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Pass);
         let outcome = stop.wait().unwrap();
         assert_eq!(outcome.outcome, OutcomeKind::Done, "{outcome:?}");
-        site.paid();
+        site.wait_stop_resolved();
         site.ended("standing");
     }
 }
@@ -318,8 +328,8 @@ fn nothing_moves_that_is_owed_a_stop_unless_its_holder_takes_it_over_knowingly()
     site.spin();
     site.proxy.set(Mode::Silent);
     drop(site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), reason: String::new() }));
-    site.owed("it is owed a stop", |pending| pending.error.is_some());
-    let epoch = site.take();
+    site.wait_pending_stop("it is owed a stop", |pending| pending.error.is_some());
+    let epoch = site.acquire_lease();
     assert_eq!(site.say(epoch, "arm", None).unwrap_err().code, "gateway.owed");
     let dismiss = |reason, epoch| DismissStop { reason, epoch, note: "seen".into() };
     let unheld = dismiss(DismissReason::TakenOver, epoch + 1);
@@ -332,29 +342,29 @@ fn nothing_moves_that_is_owed_a_stop_unless_its_holder_takes_it_over_knowingly()
     site.ended("dismissed");
     // Anybody may know that the drive is gone.
     drop(site.bench.stop(&site.ann, &StopRequest { axes: Some(vec![0]), reason: String::new() }));
-    site.owed("it is owed a stop", |_| true);
+    site.wait_pending_stop("it is owed a stop", |_| true);
     let gone = dismiss(DismissReason::DriveGone, 0);
     site.bench.dismiss(0, &"bob".into(), gone).wait().unwrap();
     assert!(site.state().owed.is_none());
-    let ended = site.kept.of(JournalAction::StopEnded);
+    let ended = site.journal.of(JournalAction::StopEnded);
     assert_eq!(ended.last().unwrap()["reason"], "drive_gone", "{ended:?}");
 }
 
 #[test]
 fn what_the_server_before_owed_a_stop_is_stopped_by_the_next() {
-    let site = Site::owing(("tmcl:1", "tmcl", "1"), |url, line, _| {
+    let site = Site::with_pending_stop(("tmcl:1", "tmcl", "1"), |url, line, _| {
         turn_all(url, line);
         vec![(url.to_owned(), 1)]
     });
-    site.paid();
-    assert_eq!(site.kept.of(JournalAction::StopOwed).len(), 0, "it was written down already");
-    until("the journal has it", || site.kept.of(JournalAction::StopEnded).len() == 1);
+    site.wait_stop_resolved();
+    assert_eq!(site.journal.of(JournalAction::StopOwed).len(), 0, "it was written down already");
+    until("the journal has it", || site.journal.of(JournalAction::StopEnded).len() == 1);
 }
 
 #[test]
 fn an_axis_that_was_not_there_is_stopped_when_it_answers_though_the_others_turn() {
     let is_for_3: fn(&[u8]) -> bool = |frame| frame.first() == Some(&3);
-    let site = Site::owing(("tmcl:1,3", "tmcl", "1,3"), |url, line, proxy| {
+    let site = Site::with_pending_stop(("tmcl:1,3", "tmcl", "1,3"), |url, line, proxy| {
         turn_all(url, line);
         proxy.set(Mode::Lose(is_for_3));
         vec![(url.to_owned(), 3)]
@@ -370,14 +380,14 @@ fn an_axis_that_was_not_there_is_stopped_when_it_answers_though_the_others_turn(
     assert!(turns(1) < STANDS, "{}", turns(1));
     assert!(turns(0) > 10.0, "nobody said that this one is to stop: {}", turns(0));
     assert!(link().owed.is_empty());
-    assert_eq!(site.kept.of(JournalAction::TakeIn).len(), 1);
-    until("the journal has it", || site.kept.of(JournalAction::StopEnded).len() == 1);
+    assert_eq!(site.journal.of(JournalAction::TakeIn).len(), 1);
+    until("the journal has it", || site.journal.of(JournalAction::StopEnded).len() == 1);
 }
 
 #[test]
 fn an_axis_that_is_owed_nothing_joins_once_the_others_are_at_rest() {
     let is_for_3: fn(&[u8]) -> bool = |frame| frame.first() == Some(&3);
-    let mut site = Site::owing(("tmcl:1,3", "tmcl", "1,3"), |_, _, proxy| {
+    let mut site = Site::with_pending_stop(("tmcl:1,3", "tmcl", "1,3"), |_, _, proxy| {
         proxy.set(Mode::Lose(is_for_3));
         Vec::new()
     });
@@ -386,7 +396,7 @@ fn an_axis_that_is_owed_nothing_joins_once_the_others_are_at_rest() {
     std::thread::sleep(Duration::from_secs(5));
     assert_eq!(site.bench.snapshot().axes.len(), 1, "a look would delay who commands axis 1");
     site.bench.stop(&"bob".into(), &StopRequest::default()).wait().expect("it is answered");
-    site.paid();
+    site.wait_stop_resolved();
     // Its holder gives it back.
     let _ = site.bench.request_lease(0, &site.ann, LeaseAction::Drop, epoch).wait();
     until("it joins", || {
@@ -404,8 +414,8 @@ fn a_server_that_ends_names_who_was_not_seen_standing() {
     let left = site.bench.shutdown();
     assert!(left.len() == 1 && left[0].contains("tmcl+tcp://"), "{left:?}");
     until("the journal has it", || {
-        let outcomes = site.kept.of(JournalAction::Outcome);
+        let outcomes = site.journal.of(JournalAction::Outcome);
         outcomes.iter().any(|detail| detail["class"] == "owed")
     });
-    assert_eq!(site.kept.of(JournalAction::StopEnded).len(), 0, "the next server owes it");
+    assert_eq!(site.journal.of(JournalAction::StopEnded).len(), 0, "the next server owes it");
 }

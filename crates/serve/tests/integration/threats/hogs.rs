@@ -11,7 +11,7 @@ use tungstenite::protocol::frame::coding::{Data, OpCode};
 use tungstenite::{Message, WebSocket};
 
 use super::JSON;
-use super::site::{LONG, Site, folder, next, options, tell};
+use super::site::{LONG, Site, folder, next, options, send_message};
 
 #[test]
 fn t11_bodies_are_bounded() {
@@ -97,7 +97,7 @@ fn t11_messages_are_taken_one_after_the_other() {
     next(&mut ann, "welcome");
     let ping = json!({ "type": "ping", "client_ms": 0 });
     let since = Instant::now();
-    (0..PINGS).for_each(|_| tell(&mut ann, &ping));
+    (0..PINGS).for_each(|_| send_message(&mut ann, &ping));
     for _ in 0..PINGS {
         next(&mut ann, "pong");
     }
@@ -119,7 +119,7 @@ fn t11_frames_of_control_are_taken_one_after_the_other() {
         let frame = if n % 2 == 0 { Message::Ping } else { Message::Pong };
         ann.send(frame(Vec::new().into())).unwrap();
     }
-    tell(&mut ann, &json!({ "type": "ping", "client_ms": 0 }));
+    send_message(&mut ann, &json!({ "type": "ping", "client_ms": 0 }));
     next(&mut ann, "pong");
     let least = Duration::from_millis(100) * (PINGS / 200 - 1) - Duration::from_millis(100);
     assert!(since.elapsed() >= least, "{:?} and not {least:?}", since.elapsed());
@@ -141,7 +141,7 @@ fn t11_a_stop_gets_through_idle_sockets_and_a_flood() {
     let mut took: Vec<f64> = (0..50)
         .map(|_| {
             let since = Instant::now();
-            tell(&mut viewer, &json!({ "type": "stop", "axes": [0] }));
+            send_message(&mut viewer, &json!({ "type": "stop", "axes": [0] }));
             next(&mut viewer, "stopped");
             since.elapsed().as_secs_f64() * 1e3
         })
@@ -187,7 +187,7 @@ fn t11_a_message_has_not_any_number_of_frames() {
     let mut took: Vec<Duration> = (0..21)
         .map(|_| {
             let since = Instant::now();
-            tell(&mut ann, &json!({ "type": "stop", "axes": [0] }));
+            send_message(&mut ann, &json!({ "type": "stop", "axes": [0] }));
             next(&mut ann, "stopped");
             since.elapsed()
         })

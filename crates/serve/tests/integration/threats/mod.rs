@@ -11,7 +11,7 @@ use crate::{authority, site};
 use polepair::Connector;
 use polepair_serve::{AccessRule, ApiRoute, GatewayServer, ROUTES, ServerOptions, TRIES_MAX};
 use serde_json::{Value, json};
-use site::{Site, folder, next, now_ms, options, tell};
+use site::{Site, folder, next, now_ms, options, send_message};
 
 const JSON: &str = "Content-Type: application/json\r\nX-Polepair: 1\r\n";
 
@@ -227,15 +227,15 @@ fn t06_a_browser_outlives_the_servers_restart_and_not_its_token() {
 fn t07_one_commands_an_axis_and_anybody_may_stop_it() {
     let site = Site::new();
     let (mut ann, mut bob) = (site.live_as("operator"), site.live_as("operator"));
-    tell(&mut ann, &json!({ "type": "lease", "axis": 0, "act": "take" }));
+    send_message(&mut ann, &json!({ "type": "lease", "axis": 0, "act": "take" }));
     let epoch = next(&mut ann, "leased")["epoch"].as_u64().unwrap();
-    tell(&mut bob, &json!({ "type": "lease", "axis": 0, "act": "take" }));
+    send_message(&mut bob, &json!({ "type": "lease", "axis": 0, "act": "take" }));
     assert_eq!(next(&mut bob, "error")["error"]["code"], "gateway.lease");
     let arm = |id: &str, epoch: u64| {
         json!({ "type": "command", "axis": 0, "id": id, "issued_ms": now_ms(), "ttl_ms": 5000,
                 "epoch": epoch, "verb": "arm" })
     };
-    tell(&mut bob, &arm("bob-1", epoch));
+    send_message(&mut bob, &arm("bob-1", epoch));
     assert_eq!(next(&mut bob, "outcome")["error"]["code"], "gateway.lease", "not his");
     let write = |epoch: u64| {
         let body = json!({ "values": { "max current": 1 }, "epoch": epoch }).to_string();
@@ -243,37 +243,37 @@ fn t07_one_commands_an_axis_and_anybody_may_stop_it() {
     };
     assert_eq!(write(epoch).status, 200, "ann's page, by REST");
     assert_eq!(write(epoch + 1).code(), "gateway.lease");
-    tell(&mut bob, &json!({ "type": "lease", "axis": 0, "act": "take_over" }));
+    send_message(&mut bob, &json!({ "type": "lease", "axis": 0, "act": "take_over" }));
     let mut newer = next(&mut bob, "leased")["epoch"].as_u64().unwrap();
     assert!(newer > epoch);
-    tell(&mut ann, &arm("ann-1", epoch));
+    send_message(&mut ann, &arm("ann-1", epoch));
     assert_eq!(next(&mut ann, "outcome")["error"]["code"], "gateway.lease", "an older epoch");
     assert!(site.journal().iter().any(|record| record["deed"] == "take_over"));
-    tell(&mut bob, &json!({ "type": "lease", "axis": 0, "act": "drop", "epoch": newer }));
+    send_message(&mut bob, &json!({ "type": "lease", "axis": 0, "act": "drop", "epoch": newer }));
     next(&mut bob, "leased");
-    tell(&mut bob, &json!({ "type": "lease", "axis": 0, "act": "take" }));
+    send_message(&mut bob, &json!({ "type": "lease", "axis": 0, "act": "take" }));
     let own = std::mem::replace(&mut newer, next(&mut bob, "leased")["epoch"].as_u64().unwrap());
-    tell(&mut bob, &arm("bob-late", own));
+    send_message(&mut bob, &arm("bob-late", own));
     assert_eq!(next(&mut bob, "outcome")["error"]["code"], "gateway.lease", "his own older epoch");
     let mut viewer = site.live_as("viewer");
     next(&mut viewer, "welcome");
-    tell(&mut viewer, &json!({ "type": "stop" }));
+    send_message(&mut viewer, &json!({ "type": "stop" }));
     next(&mut viewer, "locked");
-    tell(&mut bob, &arm("bob-2", newer));
+    send_message(&mut bob, &arm("bob-2", newer));
     assert_eq!(next(&mut bob, "outcome")["outcome"], "not_done", "locked, and the lease is gone");
-    tell(&mut viewer, &json!({ "type": "release" }));
+    send_message(&mut viewer, &json!({ "type": "release" }));
     assert_eq!(next(&mut viewer, "error")["error"]["code"], "gateway.scope");
-    tell(&mut bob, &json!({ "type": "lease", "axis": 0, "act": "take" }));
+    send_message(&mut bob, &json!({ "type": "lease", "axis": 0, "act": "take" }));
     let last = next(&mut bob, "leased")["epoch"].as_u64().unwrap();
-    tell(&mut bob, &arm("bob-3", last));
+    send_message(&mut bob, &arm("bob-3", last));
     assert_eq!(
         next(&mut bob, "outcome")["error"]["code"],
         "gateway.locked",
         "a lease unlocks nothing"
     );
-    tell(&mut bob, &json!({ "type": "release" }));
+    send_message(&mut bob, &json!({ "type": "release" }));
     next(&mut bob, "unlocked");
-    tell(&mut bob, &arm("bob-4", newer));
+    send_message(&mut bob, &arm("bob-4", newer));
     let ended = next(&mut bob, "outcome");
     assert_eq!(ended["error"]["code"], "gateway.lease", "the stop ended it");
     site.end();
@@ -283,13 +283,13 @@ fn t07_one_commands_an_axis_and_anybody_may_stop_it() {
 fn t08_what_is_late_or_said_twice_is_not_carried_out() {
     let site = Site::new();
     let mut ann = site.live_as("operator");
-    tell(&mut ann, &json!({ "type": "lease", "axis": 0, "act": "take" }));
+    send_message(&mut ann, &json!({ "type": "lease", "axis": 0, "act": "take" }));
     let epoch = next(&mut ann, "leased")["epoch"].as_u64().unwrap();
     let arm = |id: &str, issued_ms: f64| {
         json!({ "type": "command", "axis": 0, "id": id, "issued_ms": issued_ms, "ttl_ms": 1000,
                 "epoch": epoch, "verb": "arm" })
     };
-    tell(&mut ann, &arm("late", now_ms() - 1500.0));
+    send_message(&mut ann, &arm("late", now_ms() - 1500.0));
     let late = next(&mut ann, "outcome");
     assert_eq!(
         (&late["outcome"], &late["error"]["code"]),
@@ -297,9 +297,9 @@ fn t08_what_is_late_or_said_twice_is_not_carried_out() {
     );
     assert!(!site.server.as_ref().unwrap().bench().axis_state(0).unwrap().armed);
     let twice = arm("twice", now_ms());
-    tell(&mut ann, &twice);
+    send_message(&mut ann, &twice);
     let first = next(&mut ann, "outcome");
-    tell(&mut ann, &twice);
+    send_message(&mut ann, &twice);
     let second = next(&mut ann, "outcome");
     assert_eq!((&first["replayed"], &second["replayed"]), (&json!(false), &json!(true)));
     assert_eq!(first["outcome"], second["outcome"]);
@@ -378,9 +378,9 @@ fn t14_what_was_done_is_written_and_cannot_be_changed_unseen() {
     let site = Site::new();
     let mut ann = site.live_as("operator");
     let session = next(&mut ann, "welcome")["session"].clone();
-    tell(&mut ann, &json!({ "type": "lease", "axis": 0, "act": "take" }));
+    send_message(&mut ann, &json!({ "type": "lease", "axis": 0, "act": "take" }));
     let epoch = next(&mut ann, "leased")["epoch"].clone();
-    tell(
+    send_message(
         &mut ann,
         &json!({ "type": "command", "axis": 0, "id": "one", "issued_ms": now_ms(),
         "ttl_ms": 5000, "epoch": epoch, "verb": "arm" }),

@@ -6,7 +6,7 @@ use polepair_serve::{AccessRule, ApiRoute, ROUTES, ServerOptions};
 use serde_json::json;
 use tungstenite::{Message, WebSocket};
 
-use super::site::{Site, folder, options, tell};
+use super::site::{Site, folder, options, send_message};
 use super::{filled, marked};
 
 /// Pings in which a refusal comes that comes at all.
@@ -80,7 +80,7 @@ fn t10_a_token_grants_no_more_than_its_server() {
 
 /// Whether a refusal for want of a scope comes before the answer to a ping.
 fn is_denied_by_now(socket: &mut WebSocket<TcpStream>) -> bool {
-    tell(socket, &json!({ "type": "ping", "client_ms": 0 }));
+    send_message(socket, &json!({ "type": "ping", "client_ms": 0 }));
     let mut denied = false;
     loop {
         let Message::Text(text) = socket.read().unwrap() else { continue };
@@ -107,7 +107,7 @@ fn t10_the_websocket_asks_for_the_same_scopes() {
     for word in WORDS {
         let mut socket = site.live_as(&format!("live-{word}"));
         for (message, may) in &lines {
-            tell(&mut socket, message);
+            send_message(&mut socket, message);
             let expected = !may.contains(&word);
             // A refusal may be overtaken by an answer to what was said later.
             let pings = if expected { PATIENCE } else { 3 };

@@ -37,7 +37,7 @@ fn client(site: &Site, shown: Option<Shown>) -> StreamOwned<ClientConnection, Tc
 }
 
 /// The first line of what is answered to a request with a token; empty where nobody answers.
-fn asked(site: &Site, shown: Option<Shown>) -> String {
+fn status_line(site: &Site, shown: Option<Shown>) -> String {
     let mut stream = client(site, shown);
     let request = format!(
         "GET /api/v1/bench HTTP/1.1\r\nHost: {}\r\n{}Connection: close\r\n\r\n",
@@ -62,7 +62,7 @@ fn t16_only_the_newest_tls_and_the_certificate_that_was_shown() {
     assert_eq!(answer.last(), Some(&70), "protocol_version");
     let plain = site.get("/api/v1/bench", &site.bearer("operator"));
     assert_eq!(plain.status, 0, "nothing in the clear");
-    assert_eq!(asked(&site, None), "HTTP/1.1 200");
+    assert_eq!(status_line(&site, None), "HTTP/1.1 200");
     site.end();
 }
 
@@ -78,9 +78,9 @@ fn t16_where_clients_show_certificates_a_token_alone_is_not_enough() {
         client_ca: clients,
         ..options(folder)
     });
-    assert_eq!(asked(&site, Some(vouched_by(&ours))), "HTTP/1.1 200");
-    assert_eq!(asked(&site, Some(vouched_by(&others))), "", "vouched for by somebody else");
-    assert_eq!(asked(&site, None), "", "by nobody");
+    assert_eq!(status_line(&site, Some(vouched_by(&ours))), "HTTP/1.1 200");
+    assert_eq!(status_line(&site, Some(vouched_by(&others))), "", "vouched for by somebody else");
+    assert_eq!(status_line(&site, None), "", "by nobody");
     site.end();
 }
 

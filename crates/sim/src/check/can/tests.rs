@@ -1,4 +1,4 @@
-//! What the judge of a bus excuses.
+//! What the checker of a bus excuses.
 
 use polepair_core::drives;
 use polepair_core::medium::{CanLine, MediumKind};

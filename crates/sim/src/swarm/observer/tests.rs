@@ -1,4 +1,4 @@
-//! The witness itself: each thing that a drive must not do is noticed.
+//! The observer itself: each thing that a drive must not do is noticed.
 
 use super::*;
 
@@ -19,7 +19,7 @@ fn at(ms: u32) -> Instant {
     Instant::ZERO.plus_ms(ms)
 }
 
-/// A witness that saw the drive at rest for a second, and nothing asked.
+/// An observer that saw the drive at rest for a second, and nothing asked.
 fn rested() -> MotionObserver {
     let mut witness = MotionObserver::default();
     for ms in 0..=1_000 {

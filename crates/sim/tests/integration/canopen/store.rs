@@ -10,7 +10,7 @@ const SETTINGS: [(&str, i64, i64); 4] = [
     ("lost connection option", 2, 3),
 ];
 
-fn kept(bench: &mut Bench) -> Vec<Outcome> {
+fn stored_outcomes(bench: &mut Bench) -> Vec<Outcome> {
     SETTINGS.iter().map(|(name, ..)| bench.read(0, name)).collect()
 }
 
@@ -36,7 +36,7 @@ fn power_lost_in_a_store_leaves_the_old_settings_or_the_new() {
         bench.act(0, Act::PowerCycle);
         let outcome = bench.end(ticket);
         bench.pass(100);
-        let found = kept(&mut bench);
+        let found = stored_outcomes(&mut bench);
         match outcome {
             // The drive said that it has stored.
             Outcome::Done(_) => assert_eq!(found, new, "{pause} us"),

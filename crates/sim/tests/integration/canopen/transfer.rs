@@ -20,13 +20,13 @@ enum Loss {
 }
 
 /// One node, and a host that asks for more than a lane does.
-struct Desk {
+struct HostAndNode {
     bench: Bench,
     bare: Bare,
     node: NodeId,
 }
 
-impl Desk {
+impl HostAndNode {
     fn new(seed: u64) -> Self {
         let mut world = World::new(seed);
         let wire = world.add_can(CanLine { bit_rate: BIT_RATE });
@@ -46,7 +46,7 @@ impl Desk {
             len: 4,
             class: RequestClass::ReadBack,
         };
-        assert!(fixture.ask(length).is_ok());
+        assert!(fixture.run_request(length).is_ok());
         fixture
     }
 
@@ -84,7 +84,7 @@ impl Desk {
         None
     }
 
-    fn ask(&mut self, request: HostRequest) -> Result<Answer, Failure> {
+    fn run_request(&mut self, request: HostRequest) -> Result<Answer, Failure> {
         let ticket = self.begin(request);
         let until = self.bench.world.now().plus_ms(20_000);
         self.finish(ticket, until).expect("every ticket ends")
@@ -110,11 +110,11 @@ fn download(block: bool) -> HostRequest {
 /// answered, and the same transfer goes through.
 fn lost_in_the_middle(request: HostRequest) {
     seeds(|seed| {
-        let mut fixture = Desk::new(seed);
+        let mut fixture = HostAndNode::new(seed);
         // How long it takes when nothing goes wrong.
         let started_at = fixture.bench.world.now();
         let whole = Ok(Answer::Transferred(SIZE));
-        assert_eq!(fixture.ask(request), whole);
+        assert_eq!(fixture.run_request(request), whole);
         let took = fixture.bench.world.now().since(started_at).as_nanos() as u64;
         for loss in [Loss::Pulled, Loss::Powered] {
             if loss == Loss::Powered {
@@ -125,7 +125,7 @@ fn lost_in_the_middle(request: HostRequest) {
                     len: 4,
                     class: RequestClass::ReadBack,
                 };
-                assert!(fixture.ask(length).is_ok());
+                assert!(fixture.run_request(length).is_ok());
             }
             let ticket = fixture.begin(request);
             let middle = fixture
@@ -147,10 +147,10 @@ fn lost_in_the_middle(request: HostRequest) {
             fixture.bench.pull(0, false);
             fixture.bench.pass(10);
             // Its server is free: for something short, and for the same again.
-            let answer = fixture.ask(HostRequest::Read { node: NODE, object: LENGTH });
+            let answer = fixture.run_request(HostRequest::Read { node: NODE, object: LENGTH });
             assert!(matches!(answer, Ok(Answer::Value { .. })), "{loss:?}: {answer:?}");
             if loss == Loss::Pulled {
-                assert_eq!(fixture.ask(request), whole, "{loss:?}");
+                assert_eq!(fixture.run_request(request), whole, "{loss:?}");
             }
         }
     });
@@ -181,16 +181,16 @@ fn node_lost_in_the_middle_of_a_download_in_blocks() {
 fn host_lost_in_the_middle_leaves_a_server_that_answers_the_next() {
     seeds(|seed| {
         for request in [upload(false), download(false), upload(true), download(true)] {
-            let mut fixture = Desk::new(seed);
+            let mut fixture = HostAndNode::new(seed);
             let ticket = fixture.begin(request);
             let middle =
                 fixture.bench.world.now().plus_ns(1 + fixture.bench.random.below(20_000_000));
             assert_eq!(fixture.finish(ticket, middle), None);
             *fixture.bare.host() = CanHost::new(&HostOptions::new(BIT_RATE));
             fixture.bench.pass(5);
-            let answer = fixture.ask(HostRequest::Read { node: NODE, object: LENGTH });
+            let answer = fixture.run_request(HostRequest::Read { node: NODE, object: LENGTH });
             assert!(matches!(answer, Ok(Answer::Value { .. })), "{request:?}: {answer:?}");
-            assert_eq!(fixture.ask(request), Ok(Answer::Transferred(SIZE)), "{request:?}");
+            assert_eq!(fixture.run_request(request), Ok(Answer::Transferred(SIZE)), "{request:?}");
         }
     });
 }
@@ -198,9 +198,9 @@ fn host_lost_in_the_middle_leaves_a_server_that_answers_the_next() {
 /// Blocks keep pace with the wire and leave none of it unused.
 #[test]
 fn a_download_in_blocks_takes_no_longer_than_its_frames() {
-    let mut fixture = Desk::new(1);
+    let mut fixture = HostAndNode::new(1);
     let started_at = fixture.bench.world.now();
-    assert_eq!(fixture.ask(download(true)), Ok(Answer::Transferred(SIZE)));
+    assert_eq!(fixture.run_request(download(true)), Ok(Answer::Transferred(SIZE)));
     let took = fixture.bench.world.now().since(started_at);
     // Segments, with as many stuff bits as there can be, and a millisecond for each end of a block.
     let segments = u64::from(SIZE.div_ceil(7));

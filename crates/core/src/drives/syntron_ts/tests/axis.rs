@@ -17,7 +17,7 @@ const AXIS: AxisIndex = AxisIndex(0);
 /// A host and a drive on one wire.
 struct HostAndDrive {
     lane: Lane<Stream, <Rtu as Protocol>::Host>,
-    desk: DriveFixture,
+    fixture: DriveFixture,
 }
 
 impl HostAndDrive {
@@ -30,7 +30,7 @@ impl HostAndDrive {
         lane.set_armed(AXIS, true);
         let mut fixture = DriveFixture::new();
         fixture.device = SyntronTs::create_device(profile, &OPTIONS).unwrap();
-        Self { lane, desk: fixture }
+        Self { lane, fixture }
     }
 
     fn run(&mut self, command: Command) -> Outcome {
@@ -43,28 +43,30 @@ impl HostAndDrive {
         command: Command,
         mut meanwhile: impl FnMut(&mut DriveFixture, &[u8]),
     ) -> Outcome {
-        self.lane.command(self.desk.now, Ticket(1), AXIS, command).unwrap();
+        self.lane.command(self.fixture.now, Ticket(1), AXIS, command).unwrap();
         for _ in 0..100_000 {
             let mut bytes = [0; STREAM_UNIT_MAX];
-            while let Some(len) = self.lane.poll_transmit(self.desk.now, &mut bytes) {
+            while let Some(len) = self.lane.poll_transmit(self.fixture.now, &mut bytes) {
                 Station::<Stream>::handle_input(
-                    &mut self.desk.device,
-                    self.desk.now,
+                    &mut self.fixture.device,
+                    self.fixture.now,
                     &bytes[..len],
                 );
-                meanwhile(&mut self.desk, &bytes[..len]);
+                meanwhile(&mut self.fixture, &bytes[..len]);
             }
-            while let Some(len) =
-                Station::<Stream>::poll_transmit(&mut self.desk.device, self.desk.now, &mut bytes)
-            {
-                self.lane.handle_input(self.desk.now, &bytes[..len]);
+            while let Some(len) = Station::<Stream>::poll_transmit(
+                &mut self.fixture.device,
+                self.fixture.now,
+                &mut bytes,
+            ) {
+                self.lane.handle_input(self.fixture.now, &bytes[..len]);
             }
             if let Some((ticket, outcome)) = self.lane.poll_outcome() {
                 assert_eq!(ticket, Ticket(1));
                 return outcome;
             }
-            self.desk.advance(1);
-            self.lane.handle_timeout(self.desk.now);
+            self.fixture.advance(1);
+            self.lane.handle_timeout(self.fixture.now);
         }
         panic!("{command:?} never ends");
     }
@@ -80,7 +82,7 @@ impl HostAndDrive {
 
     /// Degrees of the shaft by the drive's own count.
     fn degrees(&mut self) -> f64 {
-        f64::from(self.desk.counts()) * 0.036
+        f64::from(self.fixture.counts()) * 0.036
     }
 }
 
@@ -108,46 +110,46 @@ fn the_host_refuses_to_move_until_the_mode_fits() {
             other => panic!("{command:?}: {other:?}"),
         }
     }
-    assert_eq!(pair.desk.truth().flash_writes, 0, "and wrote nothing");
+    assert_eq!(pair.fixture.truth().flash_writes, 0, "and wrote nothing");
 }
 
 #[test]
 fn speed_runs_stops_and_costs_one_flash_write() {
     let mut pair = HostAndDrive::new(usual());
-    pair.desk.write(fn_registers::MODE, 1);
-    let before = pair.desk.truth().flash_writes;
+    pair.fixture.write(fn_registers::MODE, 1);
+    let before = pair.fixture.truth().flash_writes;
     let velocity = Some(300.0 * core::f64::consts::TAU / 60.0);
     for _ in 0..2 {
         pair.done(Command { velocity, ..Command::new(Verb::Velocity) });
-        pair.desk.advance(1000);
-        assert_eq!(pair.desk.rpm(), 300);
+        pair.fixture.advance(1000);
+        assert_eq!(pair.fixture.rpm(), 300);
         pair.done(Command::new(Verb::Stop));
-        assert!(pair.desk.truth().velocity.abs() < 0.6 && pair.desk.truth().enabled);
+        assert!(pair.fixture.truth().velocity.abs() < 0.6 && pair.fixture.truth().enabled);
     }
     pair.done(Command::new(Verb::Disable));
-    assert!(!pair.desk.truth().enabled);
+    assert!(!pair.fixture.truth().enabled);
     pair.done(Command::new(Verb::Enable));
-    assert!(pair.desk.truth().enabled);
-    assert_eq!(pair.desk.truth().flash_writes - before, 1, "Fn_99, once");
+    assert!(pair.fixture.truth().enabled);
+    assert_eq!(pair.fixture.truth().flash_writes - before, 1, "Fn_99, once");
 }
 
 #[test]
 fn moves_reach_degrees_of_the_shaft() {
     let mut pair = HostAndDrive::new(usual());
-    pair.desk.write(fn_registers::MODE, 14);
-    pair.desk.write(fn_registers::MOTOR_TURNS, 3);
-    pair.desk.write(fn_registers::TRAVEL, 10);
+    pair.fixture.write(fn_registers::MODE, 14);
+    pair.fixture.write(fn_registers::MOTOR_TURNS, 3);
+    pair.fixture.write(fn_registers::TRAVEL, 10);
     let velocity = Some(60.0);
     for (verb, degrees, end) in
         [(Verb::MoveTo, 90.0, 90.0), (Verb::MoveBy, -450.0, -360.0), (Verb::MoveTo, 7.5, 7.5)]
     {
         pair.done(Command { target: Some(radians(degrees)), velocity, ..Command::new(verb) });
         pair.done(Command::new(Verb::Reached));
-        pair.desk.advance(800);
+        pair.fixture.advance(800);
         let found = pair.degrees();
         assert!((found - end).abs() < 0.3, "{verb:?} {degrees}: at {found}");
     }
-    assert_eq!(pair.desk.truth().unrepeatable, 3, "each move ran once");
+    assert_eq!(pair.fixture.truth().unrepeatable, 3, "each move ran once");
 }
 
 /// Swarm serial:10219: an overload from the move before came while path 32 was written. The drive
@@ -155,7 +157,7 @@ fn moves_reach_degrees_of_the_shaft() {
 #[test]
 fn an_alarm_between_the_first_look_and_the_trigger_is_told() {
     let mut pair = HostAndDrive::new(usual());
-    pair.desk.write(fn_registers::MODE, 14);
+    pair.fixture.write(fn_registers::MODE, 14);
     let command = Command { target: Some(radians(90.0)), ..Command::new(Verb::MoveBy) };
     let [high, low] = fn_registers::ENABLE.to_be_bytes();
     let outcome = pair.run_while(command, |fixture, request| {
@@ -165,24 +167,24 @@ fn an_alarm_between_the_first_look_and_the_trigger_is_told() {
     });
     let faulted = Failure::Faulted { code: 0x1614 };
     assert!(matches!(outcome, Outcome::Partly(failure, _) if failure == faulted), "{outcome:?}");
-    assert_eq!(pair.desk.truth().unrepeatable, 0);
+    assert_eq!(pair.fixture.truth().unrepeatable, 0);
 }
 
 #[test]
 fn a_stop_ends_a_move_and_the_next_one_starts() {
     for verb in [Verb::Stop, Verb::QuickStop] {
         let mut pair = HostAndDrive::new(usual());
-        pair.desk.write(fn_registers::MODE, 14);
+        pair.fixture.write(fn_registers::MODE, 14);
         let target = Some(radians(36_000.0));
         pair.done(Command { target, ..Command::new(Verb::MoveTo) });
-        pair.desk.advance(1000);
+        pair.fixture.advance(1000);
         pair.done(Command::new(verb));
-        let truth = pair.desk.truth();
+        let truth = pair.fixture.truth();
         assert!(truth.velocity.abs() < 0.6 && truth.enabled, "{verb:?}");
-        assert_eq!(pair.desk.read(fn_registers::PATH_STOP), 0, "not left blocked");
+        assert_eq!(pair.fixture.read(fn_registers::PATH_STOP), 0, "not left blocked");
         pair.done(Command { target: Some(0.0), ..Command::new(Verb::MoveTo) });
         pair.done(Command::new(Verb::Reached));
-        pair.desk.advance(800);
+        pair.fixture.advance(800);
         assert!(pair.degrees().abs() < 0.3);
     }
 }
@@ -190,19 +192,19 @@ fn a_stop_ends_a_move_and_the_next_one_starts() {
 #[test]
 fn home_finds_the_switch() {
     let mut pair = HostAndDrive::new(usual());
-    pair.desk.write(fn_registers::MODE, 14);
+    pair.fixture.write(fn_registers::MODE, 14);
     pair.done(Command::new(Verb::Home));
-    pair.desk.advance(800);
+    pair.fixture.advance(800);
     assert!(pair.degrees().abs() < 0.3);
-    assert!((pair.desk.truth().position + core::f64::consts::PI).abs() < 0.01);
+    assert!((pair.fixture.truth().position + core::f64::consts::PI).abs() < 0.01);
 }
 
 #[test]
 fn an_alarm_stops_the_plans_and_the_way_out_is_told() {
     let mut pair = HostAndDrive::new(usual());
-    pair.desk.write(fn_registers::MODE, 1);
+    pair.fixture.write(fn_registers::MODE, 1);
     pair.done(Command::new(Verb::Clear));
-    pair.desk.act(Act::Fault(0x1614));
+    pair.fixture.act(Act::Fault(0x1614));
     assert_eq!(pair.verb(Verb::Enable), Outcome::NotDone(Failure::Faulted { code: 0x1614 }));
     let Outcome::NotDone(Failure::NotReady { hint }) = pair.verb(Verb::Clear) else {
         panic!("a TS cannot clear over the line")
@@ -213,8 +215,8 @@ fn an_alarm_stops_the_plans_and_the_way_out_is_told() {
 #[test]
 fn the_sibling_clears_over_the_line_and_tells_its_torque() {
     let mut pair = HostAndDrive::new(SyntronTs::profiles()[1]);
-    pair.desk.write(fn_registers::MODE, 1);
-    pair.desk.act(Act::Fault(0x1614));
+    pair.fixture.write(fn_registers::MODE, 1);
+    pair.fixture.act(Act::Fault(0x1614));
     pair.done(Command::new(Verb::Clear));
     pair.done(Command::new(Verb::Enable));
     assert!(SyntronTs::profiles()[1].signal(Signal::Torque).is_some());

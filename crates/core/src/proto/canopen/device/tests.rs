@@ -150,7 +150,7 @@ impl Firmware for ToyFirmware {
     }
 }
 
-/// A node on a test's desk.
+/// A node in a test.
 struct NodeFixture {
     toy: ToyFirmware,
     end: CanEndpoint,

@@ -25,7 +25,7 @@ pub(super) fn effect_of(cob: Cob, bytes: &[u8], profile: Option<&'static Profile
     match Statement::of(&Frame::standard(cob.id(), bytes), false) {
         Err(_) | Ok(Statement::Order(NmtCommand::Other(_), _)) => Effect::UNKNOWN,
         Ok(Statement::Order(NmtCommand::Stop, _)) => Effect::NOTHING,
-        Ok(Statement::Process { told: false, .. } | Statement::Sync(_)) => Effect::MOTION,
+        Ok(Statement::Process { from_node: false, .. } | Statement::Sync(_)) => Effect::MOTION,
         Ok(Statement::Order(..) | Statement::Time(_)) => Effect::SETTINGS,
         Ok(Statement::Request(request, _)) => request_effect(&request, profile),
         Ok(Statement::Lss(request)) => lss_effect(&request),

@@ -127,7 +127,7 @@ fn parse_process_data(words: &mut Tokenizer<'_>, reported: bool, number: u8) -> 
         return Ok(Statement::RequestProcess(number, len.unwrap_or(0) as u8));
     }
     let (data, len) = words.read_bytes("up to eight bytes such as 0F 00")?;
-    Ok(Statement::Process { told: reported, number, data, len })
+    Ok(Statement::Process { from_node: reported, number, data, len })
 }
 
 fn parse_nmt(words: &mut Tokenizer<'_>) -> Result<Statement> {

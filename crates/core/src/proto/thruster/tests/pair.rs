@@ -194,7 +194,7 @@ impl TestWire {
     }
 }
 
-fn ask(request: Request) -> HostRequest {
+fn host_request(request: Request) -> HostRequest {
     HostRequest {
         id: 11,
         class: class_of(&request),
@@ -204,15 +204,15 @@ fn ask(request: Request) -> HostRequest {
 }
 
 fn plain(command: CommandWord) -> HostRequest {
-    ask(Request::without_value(command))
+    host_request(Request::without_value(command))
 }
 
 fn with(command: CommandWord, value: i16) -> HostRequest {
-    ask(Request::with_value(command, value.cast_unsigned()))
+    host_request(Request::with_value(command, value.cast_unsigned()))
 }
 
 fn lr() -> HostRequest {
-    ask(Request { command: CommandWord::LR, sub: 30, data: Some(100) })
+    host_request(Request { command: CommandWord::LR, sub: 30, data: Some(100) })
 }
 
 fn value(answer: Result<Answer, Failure>) -> u32 {

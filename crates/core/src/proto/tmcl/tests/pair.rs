@@ -536,7 +536,7 @@ fn ascii_mode_on_the_wire() {
     assert_eq!(wire.read(4), Ok(4007));
 }
 
-/// What a stranger asked in the program's name is answered before the program's own request can have left, or
+/// What an intruder requested in the program's name is answered before the program's own request can have left, or
 /// a module at last says what it was asked before others kept the bus for seconds: once the bit rate was taken
 /// for fiction, and each answer for the next question's (swarm seeds can:1011309, can:1084928).
 #[test]

@@ -16,7 +16,7 @@ use crate::proto::tml::explain::{SERIAL, TECHNOCAN, TMLCAN};
 use crate::proto::tml::rules::WireRule;
 
 #[derive(Default, Debug)]
-struct Seen {
+struct ExplainedFields {
     kind: String,
     axis: Option<u32>,
     fields: Vec<(&'static str, (u16, u16), String)>,
@@ -24,7 +24,7 @@ struct Seen {
     error: Option<WireError>,
 }
 
-impl ExplainSink for Seen {
+impl ExplainSink for ExplainedFields {
     fn kind(&mut self, kind: &str) {
         self.kind = kind.into();
     }
@@ -50,13 +50,13 @@ impl ExplainSink for Seen {
     }
 }
 
-impl Seen {
+impl ExplainedFields {
     fn field(&self, name: &str) -> &str {
         let found = self.fields.iter().find(|(field, ..)| *field == name);
         found.map_or("", |(.., value)| value)
     }
 
-    fn place(&self, name: &str) -> Option<(u16, u16)> {
+    fn field_range(&self, name: &str) -> Option<(u16, u16)> {
         self.fields.iter().find(|(field, ..)| *field == name).map(|(_, position, _)| *position)
     }
 }
@@ -65,14 +65,14 @@ fn hex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|b| u8::from_str_radix(b, 16).unwrap()).collect()
 }
 
-fn serial(text: &str, context: &Context<'_>) -> Seen {
-    let mut seen = Seen::default();
+fn serial(text: &str, context: &Context<'_>) -> ExplainedFields {
+    let mut seen = ExplainedFields::default();
     SERIAL.explain(&hex(text), context, &mut seen);
     seen
 }
 
-fn can(dissector: &dyn Dissector, id: u32, text: &str) -> Seen {
-    let mut seen = Seen::default();
+fn can(dissector: &dyn Dissector, id: u32, text: &str) -> ExplainedFields {
+    let mut seen = ExplainedFields::default();
     let context = Context { id: Some(id), extended: id > 0x7FF, ..Context::default() };
     dissector.explain(&hex(text), &context, &mut seen);
     seen
@@ -88,10 +88,10 @@ fn fields_have_their_bytes() {
     assert_eq!(seen.field("sender"), "the host at axis 255");
     let places = ["length", "to", "opcode", "sender", "address", "checksum"];
     let expected = [(0, 1), (1, 3), (3, 5), (5, 7), (7, 9), (9, 10)];
-    assert_eq!(places.map(|name| seen.place(name)), expected.map(Some));
+    assert_eq!(places.map(|name| seen.field_range(name)), expected.map(Some));
     let seen = serial(TAKE, &Context::default());
     assert_eq!((seen.kind.as_str(), seen.axis), ("TakeData", Some(1)));
-    assert_eq!((seen.field("value"), seen.place("value")), ("288", Some((9, 11))));
+    assert_eq!((seen.field("value"), seen.field_range("value")), ("288", Some((9, 11))));
     assert!(seen.text.ends_with("from axis 1 to the host at axis 255, by relay axis 255"));
     let seen = serial("0C 00 50 18 00 FC 18 FF 00 FF F6 01 F4 71", &Context::default());
     assert_eq!((seen.field("position"), seen.field("velocity")), ("-1000", "-10"));
@@ -101,10 +101,10 @@ fn fields_have_their_bytes() {
 fn can_frames_say_what_their_class_leaves() {
     let seen = can(&TMLCAN, 0x1A80_6005, "2A 02 02 00");
     assert_eq!((seen.kind.as_str(), seen.axis, seen.field("value")), ("TakeData2", Some(5), "2"));
-    assert_eq!(seen.place("to"), Some((0, 0)));
+    assert_eq!(seen.field_range("to"), Some((0, 0)));
     let seen = can(&TECHNOCAN, 0x163, "04 28 2A 02 02 00");
     assert_eq!((seen.kind.as_str(), seen.field("class")), ("TakeData", "TakeData"));
-    assert_eq!((seen.field("sender"), seen.place("sender")), ("axis 5", Some((1, 2))));
+    assert_eq!((seen.field("sender"), seen.field_range("sender")), ("axis 5", Some((1, 2))));
     let printed = can(&TECHNOCAN, 0x165, "04 28 2A 02 02 00");
     assert!(printed.error.is_none() && printed.text.contains("as the manual prints it"));
     let host = can(&TECHNOCAN, 0x147, "5E A8 10 00 05 00");
@@ -208,7 +208,7 @@ fn the_answer_is_told_as_far_as_it_is_known() {
         let encoded = dissector.encode(text, &addressing, &mut bytes).expect("a message");
         let (bytes, id) = (&bytes[..encoded.len], encoded.id);
         let raw = RawFrame { bytes, id, extended: encoded.extended };
-        let mut seen = Seen::default();
+        let mut seen = ExplainedFields::default();
         dissector.explain_expected_reply(&raw, &addressing, &mut seen);
         (encoded.answer_len, seen)
     };
@@ -230,7 +230,7 @@ fn the_answer_is_told_as_far_as_it_is_known() {
 #[test]
 fn a_register_is_told_bit_by_bit() {
     let named = |name: &str, value| {
-        let mut seen = Seen::default();
+        let mut seen = ExplainedFields::default();
         let found = SERIAL.explain_named_value(name, value, Some(&TECHNOSOFT_F514L), &mut seen);
         found.then_some(seen)
     };
@@ -243,7 +243,7 @@ fn a_register_is_told_bit_by_bit() {
     assert!(named("KPP", 5).is_none());
     let frame = hex("0A 0F F1 D5 FF 09 0E 84 00 02 01 7C");
     let context = Context { profile: Some(&TECHNOSOFT_F514L), ..Context::default() };
-    let mut seen = Seen::default();
+    let mut seen = ExplainedFields::default();
     SERIAL.explain(&frame, &context, &mut seen);
     let output = "(axis on, motion complete, target command reached, initialised)";
     assert!(seen.text.contains(output), "{}", seen.text);

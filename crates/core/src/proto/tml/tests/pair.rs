@@ -140,7 +140,7 @@ impl Line {
     }
 
     /// Submits as soon as the host takes it, and lives on until it ends.
-    fn ask(&mut self, axis: u8, instruction: Instruction) -> Result<Answer, Failure> {
+    fn request(&mut self, axis: u8, instruction: Instruction) -> Result<Answer, Failure> {
         let request = HostRequest::of(Message { to: IdCode::axis(axis), instruction });
         let limit = self.now.plus_ms(5_000);
         let ticket = loop {
@@ -167,14 +167,14 @@ impl Line {
     }
 
     fn value(&mut self, address: u16) -> Result<u32, Failure> {
-        match self.ask(AXIS, give_me_data(address, false))? {
+        match self.request(AXIS, give_me_data(address, false))? {
             Answer::Value { value, .. } => Ok(value),
             other => panic!("{other:?}"),
         }
     }
 
     fn set(&mut self, value: u16) -> Result<Answer, Failure> {
-        self.ask(AXIS, assign_instruction(KPP, value.into(), false))
+        self.request(AXIS, assign_instruction(KPP, value.into(), false))
     }
 
     fn live(&mut self, ms: u32) {
@@ -252,7 +252,7 @@ fn questions_and_instructions_are_answered() {
     assert_eq!(line.value(KPP), Ok(5));
     assert_eq!(line.set(9), Ok(Answer::Accepted(9)));
     assert_eq!(line.value(KPP), Ok(9));
-    assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)));
+    assert_eq!(line.request(AXIS, UPD), Ok(Answer::Accepted(0)));
     assert_eq!(executed(&line, 0x0108), 1);
     let counters = line.host.counters();
     assert_eq!((counters.sent, counters.late, counters.skipped), (4, 0, 0));
@@ -262,9 +262,9 @@ fn questions_and_instructions_are_answered() {
 fn a_lost_acknowledgement_repeats_no_motion() {
     let mut line = Line::rs232();
     line.replies = once(0, |_| Vec::new());
-    assert_eq!(line.ask(AXIS, UPD), Err(Failure::Silent));
+    assert_eq!(line.request(AXIS, UPD), Err(Failure::Silent));
     assert_eq!(executed(&line, 0x0108), 1, "it was carried out, nobody knows");
-    assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)));
+    assert_eq!(line.request(AXIS, UPD), Ok(Answer::Accepted(0)));
     assert_eq!(executed(&line, 0x0108), 2);
 }
 
@@ -283,12 +283,12 @@ fn whatever_byte_of_a_motion_is_lost_or_changed_it_starts_once_or_not_at_all() {
                 }
                 std::vec![(0, bytes)]
             });
-            let outcome = line.ask(AXIS, UPD);
+            let outcome = line.request(AXIS, UPD);
             assert_eq!(outcome, Err(Failure::Silent), "{at} {flip:?}");
             assert_eq!(executed(&line, 0x0108), 0, "{at} {flip:?}");
             // The line works again, and the next one is the first.
             assert_eq!(line.value(KPP), Ok(5), "{at} {flip:?}");
-            assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)), "{at} {flip:?}");
+            assert_eq!(line.request(AXIS, UPD), Ok(Answer::Accepted(0)), "{at} {flip:?}");
             assert_eq!(executed(&line, 0x0108), 1, "{at} {flip:?}");
             assert_eq!(line.drives[0].1.done, [0x0108], "{at} {flip:?}");
         }
@@ -377,14 +377,14 @@ fn an_acknowledgement_that_came_too_soon_has_no_motion_told_as_done() {
         assert_eq!(line.set(9), Ok(Answer::Accepted(9)));
         assert_eq!(line.counts, [2, 3]);
         let (instruction, opcode) = if stops { (STOP, 0x01C4) } else { (UPD, 0x0108) };
-        let outcome = line.ask(AXIS, instruction);
+        let outcome = line.request(AXIS, instruction);
         let repeated = usize::from(stops);
         assert_eq!(outcome.is_ok(), stops, "{lost}: {outcome:?}");
         assert_eq!(executed(&line, opcode), repeated, "{lost}");
         assert_eq!(line.host.counters().early, 1, "{lost}");
         // One copy makes no fiction of the baud rate.
         assert_eq!(line.value(KPP), Ok(9));
-        assert_eq!(line.ask(AXIS, instruction), Ok(Answer::Accepted(0)));
+        assert_eq!(line.request(AXIS, instruction), Ok(Answer::Accepted(0)));
         assert_eq!(executed(&line, opcode), repeated + 1, "{lost}");
     }
 }
@@ -402,7 +402,7 @@ fn a_copy_of_an_answer_is_not_the_next_one() {
         line.drives[0].1.kpp = 9;
         assert_eq!(line.value(KPP), Ok(9), "{ms}");
         assert_eq!(line.host.counters().early, 1, "{ms}");
-        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)), "{ms}");
+        assert_eq!(line.request(AXIS, UPD), Ok(Answer::Accepted(0)), "{ms}");
         assert_eq!(line.counts[0], 3, "{ms}: nothing was asked again");
     }
 }
@@ -414,7 +414,7 @@ fn what_serial_servers_add_is_skipped() {
         line.replies = Box::new(move |_, bytes| Some(std::vec![(0, [junk, bytes].concat())]));
         assert_eq!(line.value(KPP), Ok(5), "{junk:02X?}");
         assert_eq!(line.set(9), Ok(Answer::Accepted(9)), "{junk:02X?}");
-        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)), "{junk:02X?}");
+        assert_eq!(line.request(AXIS, UPD), Ok(Answer::Accepted(0)), "{junk:02X?}");
         assert_eq!(executed(&line, 0x0108), 1);
         assert_eq!(line.host.counters().silent, 0, "{junk:02X?}");
     }
@@ -487,7 +487,7 @@ fn the_answer_to_what_a_stop_overtook_is_no_proof_of_the_stop() {
 fn a_stop_whose_acknowledgement_is_lost_is_sent_again() {
     let mut line = Line::rs232();
     line.replies = once(0, |_| Vec::new());
-    assert_eq!(line.ask(AXIS, STOP), Ok(Answer::Accepted(0)));
+    assert_eq!(line.request(AXIS, STOP), Ok(Answer::Accepted(0)));
     assert_eq!(executed(&line, 0x01C4), 2);
 }
 
@@ -513,12 +513,12 @@ fn nobody_speaks_on_rs485_while_a_probe_may_be_answered() {
         let mut line = Line::new(SerialStandard::Rs485, axes);
         assert_eq!(line.value(KPP), Ok(5));
         line.replies = Box::new(|_, bytes| Some(std::vec![(25, bytes.to_vec())]));
-        assert_eq!(line.ask(AXIS, UPD), Err(Failure::Silent));
+        assert_eq!(line.request(AXIS, UPD), Err(Failure::Silent));
         let before = line.said.len();
         line.live(300);
         assert_eq!(line.said.len() - before, 10, "one probe ends the doubt");
         line.replies = sound();
-        assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)));
+        assert_eq!(line.request(AXIS, UPD), Ok(Answer::Accepted(0)));
     }
 }
 
@@ -547,14 +547,14 @@ fn two_drives_of_one_id_are_not_moved() {
         assert_eq!(line.value(KPP), Ok(5));
         line.live(60);
     }
-    assert!(matches!(line.ask(AXIS, UPD), Err(Failure::NotReady { .. })));
+    assert!(matches!(line.request(AXIS, UPD), Err(Failure::NotReady { .. })));
     assert_eq!(executed(&line, 0x0108), 0);
-    assert_eq!(line.ask(AXIS, STOP), Ok(Answer::Accepted(0)), "a stop gets through");
+    assert_eq!(line.request(AXIS, STOP), Ok(Answer::Accepted(0)), "a stop gets through");
     line.replies = sound();
     line.live(100);
     assert_eq!(line.value(KPP), Ok(5));
     assert_eq!(line.value(KPP), Ok(5));
-    assert_eq!(line.ask(AXIS, UPD), Ok(Answer::Accepted(0)), "one drive again");
+    assert_eq!(line.request(AXIS, UPD), Ok(Answer::Accepted(0)), "one drive again");
 }
 
 #[test]
