@@ -307,19 +307,19 @@ impl FrameTemplate {
         buffers: &mut FrameBuffers,
         each: &mut dyn FnMut(&DecodedFrame<'_>),
     ) {
-        let FrameBuffers { explanation: explained, notices } = buffers;
+        let FrameBuffers { explanation, notices } = buffers;
         let data = plain.data.to_le_bytes();
         let bytes = &data[..usize::from(self.len)];
         notices.clear();
         let explained = match &self.content {
             TemplateContent::Constant(explained) => &**explained,
             TemplateContent::ProcessData(process) => {
-                explained.clear();
-                process.explain(bytes, explained);
+                explanation.clear();
+                process.explain(bytes, explanation);
                 process.mapping().for_each_signal(plain.data, |mapped, exact, value| {
                     notices.push(process.signal_notice(mapped, exact, value));
                 });
-                explained
+                explanation
             }
         };
         each(&DecodedFrame {

@@ -469,11 +469,8 @@ impl CaptureDecoder {
     ) {
         self.frame_count += 1;
         let LinkDecoder { name, rules, conversation, session, .. } = &mut self.links[at];
-        let PieceContext {
-            origin: ChunkOrigin { time, offset: at },
-            direction,
-            more_follows: glued,
-        } = piece_context;
+        let PieceContext { origin: ChunkOrigin { time, offset }, direction, more_follows } =
+            piece_context;
         let rule = rules.get(piece.rule);
         let whole = piece.kind == PieceKind::Frame;
         let raw = RawFrame { bytes, ..RawFrame::default() };
@@ -486,7 +483,7 @@ impl CaptureDecoder {
             rule.filter(|_| whole)?.dissector.role(&raw, &talk).direction()
         });
         let reply = direction == Some(Direction::ToHost);
-        let echo = whole && reply && conversation.detect_echo(bytes, glued);
+        let echo = whole && reply && conversation.detect_echo(bytes, more_follows);
         let speaker = if echo { Some(Direction::ToDrive) } else { direction };
         let answered = rule.filter(|_| reply && !echo);
         let request = answered.and_then(|rule| conversation.find_request(rule.dissector, &raw));
@@ -543,7 +540,7 @@ impl CaptureDecoder {
             explanation: &self.explanation,
             defect: wrong,
             notices: &self.notices,
-            offset: at,
+            offset,
         });
     }
 
@@ -555,11 +552,11 @@ impl CaptureDecoder {
         out: FrameCallback<'_>,
     ) {
         self.frame_count += 1;
-        let LinkDecoder { name, rules, routes: lanes, repeats, conversation, session, .. } =
+        let LinkDecoder { name, rules, routes, repeats, conversation, session, .. } =
             &mut self.links[at];
         self.explanation.clear();
         self.notices.clear();
-        let known = lanes.get(frame);
+        let known = routes.get(frame);
         let lane = known.or_else(|| {
             let context = Context {
                 direction: record.direction,
@@ -592,7 +589,7 @@ impl CaptureDecoder {
             };
             let by_id = reported.is_some() && teller.rules_tried == 1;
             if left.is_some() && by_id {
-                lanes.insert(frame, lane);
+                routes.insert(frame, lane);
             } else if by_id
                 && follows
                 && self.explanation.error.is_none()

@@ -188,21 +188,24 @@ impl ProtocolDetector {
 
     /// Takes a piece of the capture, cut anywhere.
     pub fn feed(&mut self, piece: &[u8]) {
-        let Self { reader: source, candidates: readers, sampler: sample, .. } = self;
-        source.feed(piece, &mut |record| score_sampled(readers, sample, record));
+        let Self { reader, candidates, sampler, .. } = self;
+        reader.feed(piece, &mut |record| score_sampled(candidates, sampler, record));
     }
 
     /// The verdicts, one a link, and a decoder that holds to them.
     #[must_use]
     pub fn decide(mut self) -> (Vec<LinkDetection>, CaptureDecoder) {
-        let Self { reader: source, candidates: readers, sampler: sample, .. } = &mut self;
-        source.finish(&mut |record| score_sampled(readers, sample, record));
-        for reader in readers.iter_mut() {
-            let CandidateProtocol { decoder, scores: tallies, dissector } = reader;
-            decoder.finish(&mut |event| score_frame(*dissector, tallies, event));
+        let Self { reader: source, candidates, sampler, .. } = &mut self;
+        source.finish(&mut |record| score_sampled(candidates, sampler, record));
+        for reader in candidates.iter_mut() {
+            let CandidateProtocol { decoder, scores, dissector } = reader;
+            decoder.finish(&mut |event| score_frame(*dissector, scores, event));
         }
-        assign_proven(readers);
-        readers.iter_mut().flat_map(|reader| &mut reader.scores).for_each(LinkScore::count_shared);
+        assign_proven(candidates);
+        candidates
+            .iter_mut()
+            .flat_map(|reader| &mut reader.scores)
+            .for_each(LinkScore::count_shared);
         let links = self.candidates.first().map_or_else(Vec::new, |reader| {
             reader.scores.iter().map(|tally| tally.link.clone()).collect()
         });
@@ -329,8 +332,8 @@ impl CandidateProtocol {
     }
 
     fn score_record(&mut self, record: &Record<'_>) {
-        let Self { decoder, scores: tallies, dissector } = self;
-        decoder.decode_record(record, &mut |event| score_frame(*dissector, tallies, event));
+        let Self { decoder, scores, dissector } = self;
+        decoder.decode_record(record, &mut |event| score_frame(*dissector, scores, event));
     }
 
     fn score_of(&self, link: &str) -> Option<&LinkScore> {

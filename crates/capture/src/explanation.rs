@@ -137,22 +137,13 @@ impl Explanation {
 
     /// Becomes what another one is, in its own buffers.
     pub(crate) fn copy_from(&mut self, other: &Self) {
-        let Self {
-            kind,
-            axis,
-            text,
-            error,
-            fields: items,
-            bytes,
-            frame_values: readings,
-            detail: explanation_detail,
-        } = other;
+        let Self { kind, axis, text, error, fields, bytes, frame_values, detail } = other;
         self.kind.clone_from(kind);
         self.text.clone_from(text);
-        self.fields.clone_from(items);
+        self.fields.clone_from(fields);
         self.bytes.clone_from(bytes);
-        self.frame_values.clone_from(readings);
-        (self.axis, self.error, self.detail) = (*axis, *error, *explanation_detail);
+        self.frame_values.clone_from(frame_values);
+        (self.axis, self.error, self.detail) = (*axis, *error, *detail);
     }
 
     /// Another one that says the same.
@@ -253,11 +244,11 @@ impl ExplainSink for Explanation {
         if self.detail == ExplanationDetail::Kind {
             return;
         }
-        let FrameValue { source: what, raw, written, motor: part } = reading;
-        let of = match what {
+        let FrameValue { source, raw, written, motor } = reading;
+        let of = match source {
             ValueSource::Parameter(parameter) => StoredValueSource::Parameter(parameter),
             ValueSource::Named(word) => StoredValueSource::Named(intern(word)),
         };
-        self.frame_values.push(StoredFrameValue { source: of, raw, written, motor: part });
+        self.frame_values.push(StoredFrameValue { source: of, raw, written, motor });
     }
 }

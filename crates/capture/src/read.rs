@@ -264,24 +264,24 @@ impl CaptureReader {
 impl PlainReader {
     fn feed(&mut self, piece: &[u8], ended: bool, out: &mut dyn FnMut(&Record<'_>)) {
         self.received_bytes += piece.len() as u64;
-        let Self { stated_format: stated, source, pending: carry, statistics: tally, .. } = self;
-        let mut taker = CountingSink { statistics: tally, out };
-        if let (Some((_, source)), true) = (&mut *source, carry.is_empty()) {
+        let Self { stated_format, source, pending, statistics, .. } = self;
+        let mut taker = CountingSink { statistics, out };
+        if let (Some((_, source)), true) = (&mut *source, pending.is_empty()) {
             let used = source.read(piece, ended, &mut taker);
-            carry.extend_from_slice(&piece[used..]);
+            pending.extend_from_slice(&piece[used..]);
             return;
         }
-        carry.extend_from_slice(piece);
+        pending.extend_from_slice(piece);
         if source.is_none() {
-            let head = &carry[..carry.len().min(HEAD_MAX)];
-            let Some(format) = stated.or_else(|| CaptureFormat::detect(head, ended)) else {
+            let head = &pending[..pending.len().min(HEAD_MAX)];
+            let Some(format) = stated_format.or_else(|| CaptureFormat::detect(head, ended)) else {
                 return;
             };
             *source = Some((format, open_format(format)));
         }
         if let Some((_, source)) = source {
-            let used = source.read(carry, ended, &mut taker);
-            carry.drain(..used);
+            let used = source.read(pending, ended, &mut taker);
+            pending.drain(..used);
         }
     }
 }

@@ -231,13 +231,13 @@ fn decode_to_lines(mut decoder: CaptureDecoder, log: &str, piece: usize) -> Vec<
             protocol,
             bytes,
             id,
-            defect: wrong,
+            defect,
             notices,
-            offset: at,
+            offset,
             ..
         } = *event;
-        let frame = (number, time, link, protocol, bytes, id, event.remote, at);
-        all.push(format!("{frame:?} {explained:?} {wrong:?} {notices:?}"));
+        let frame = (number, time, link, protocol, bytes, id, event.remote, offset);
+        all.push(format!("{frame:?} {explained:?} {defect:?} {notices:?}"));
     };
     log.as_bytes().chunks(piece).for_each(|piece| decoder.feed(piece, &mut keep));
     decoder.finish(&mut keep);

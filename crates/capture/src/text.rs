@@ -306,7 +306,7 @@ impl core::fmt::Display for NoticeText<'_> {
                 axis,
                 op,
                 outcome,
-                requested: request,
+                requested,
                 retries,
                 ..
             }) => {
@@ -314,7 +314,7 @@ impl core::fmt::Display for NoticeText<'_> {
                     f,
                     "? {op}{} of frame {}: {}",
                     axis_suffix(*axis),
-                    request.0,
+                    requested.0,
                     outcome.as_str()
                 )?;
                 if *retries > 0 { write!(f, ", {retries} retries") } else { Ok(()) }

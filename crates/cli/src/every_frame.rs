@@ -237,21 +237,24 @@ fn find_violations(
     fault: Option<WireFault>,
     ran: &VerbRun,
 ) -> Vec<String> {
-    let VerbRun { exit, output: text, observation: witness } = ran;
+    let VerbRun { exit, output, observation } = ran;
     let mut wrong = Vec::new();
     let mut hold = |is_so: bool, what: &str| {
         if !is_so {
             wrong.push(what.to_owned());
         }
     };
-    let turns: Vec<bool> =
-        witness.drives.iter().map(|drive| drive.after.velocity.abs() > STANDSTILL_SPEED).collect();
+    let turns: Vec<bool> = observation
+        .drives
+        .iter()
+        .map(|drive| drive.after.velocity.abs() > STANDSTILL_SPEED)
+        .collect();
     let anybody = turns.contains(&true);
     let stands = !anybody;
-    let left = text.contains("left running");
+    let left = output.contains("left running");
 
     if *exit == Exit::Ok {
-        for (n, drive) in witness.drives.iter().enumerate() {
+        for (n, drive) in observation.drives.iter().enumerate() {
             let far = drive.after.position - drive.before.position;
             // Nothing on that bus answers a start of motion (SWARM-3).
             let lost_unseen = family.protocol == "tmlcan"
@@ -279,25 +282,25 @@ fn find_violations(
     for (n, axis) in family.axes.iter().enumerate().filter(|(n, _)| turns[*n] && !left) {
         let may = format!("axis {axis} may still turn");
         let off = format!("axis {axis} may still be powered, and turn");
-        let cut = tried.turning && text.contains("cut the power if something turns");
-        let reported = text.contains(&may) || text.contains(&off) || cut;
+        let cut = tried.turning && output.contains("cut the power if something turns");
+        let reported = output.contains(&may) || output.contains(&off) || cut;
         hold(reported, &format!("drive {n} turns, and nobody says so"));
     }
     for quiet in ["the motion was stopped", "is stopped", "has no power now"] {
         hold(
-            stands || !text.contains(quiet) || turns.len() > 1,
+            stands || !output.contains(quiet) || turns.len() > 1,
             &format!("`{quiet}`, and it turns"),
         );
     }
-    if text.to_lowercase().contains("nothing was sent") {
-        let started = witness.drives.iter().any(|drive| drive.starts > 0);
+    if output.to_lowercase().contains("nothing was sent") {
+        let started = observation.drives.iter().any(|drive| drive.starts > 0);
         hold(!started, "`Nothing was sent`, and a drive has executed something");
     }
     for (what, happened) in [
-        ("velocity", witness.drives.iter().any(|drive| drive.top_speed > STANDSTILL_SPEED)),
-        ("enable", witness.drives.iter().any(|drive| drive.was_enabled)),
+        ("velocity", observation.drives.iter().any(|drive| drive.top_speed > STANDSTILL_SPEED)),
+        ("enable", observation.drives.iter().any(|drive| drive.was_enabled)),
     ] {
-        let not = text.lines().any(|line| {
+        let not = output.lines().any(|line| {
             line.contains(&format!(": {what}: ")) && line.contains("it was not executed")
         });
         hold(!(not && happened && turns.len() == 1), &format!("`{what}` is called not executed"));

@@ -32,8 +32,8 @@ pub fn sent_so_far() -> String {
 pub fn to_problem(error: Error) -> Problem {
     let mut problem = Problem::new(error.exit(), error.code(), to_sentence(&error.sentence()));
     problem = match &error {
-        Error::Failed { received: details, .. }
-            if error.exit() == Exit::NoReply && !details.is_nothing() =>
+        Error::Failed { received, .. }
+            if error.exit() == Exit::NoReply && !received.is_nothing() =>
         {
             problem.why("Something came back, repeats included, but no answer.")
         }

@@ -74,10 +74,10 @@ impl LiveRequest {
     fn fail(self, why: GatewayError) {
         // Who waited may have gone.
         match self {
-            Self::Command { reply: tell, .. } => drop(tell.send(Err(why))),
-            Self::Lease { reply: tell, .. } => drop(tell.send(Err(why))),
-            Self::Subscribe { reply: tell, .. } => drop(tell.send(Err(why))),
-            Self::Frames { buffer: passing, .. } => passing.fail(why),
+            Self::Command { reply, .. } => drop(reply.send(Err(why))),
+            Self::Lease { reply, .. } => drop(reply.send(Err(why))),
+            Self::Subscribe { reply, .. } => drop(reply.send(Err(why))),
+            Self::Frames { buffer, .. } => buffer.fail(why),
         }
     }
 }

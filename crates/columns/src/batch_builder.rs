@@ -30,12 +30,12 @@ impl BatchBuilder {
 
     /// Makes batches of the rows that it has.
     pub fn flush(&mut self) {
-        let Self { tables, batches: made, error: failed } = self;
+        let Self { tables, batches, error } = self;
         let flushed = tables.flush(&mut |table, batch| {
-            made.push((table, batch));
+            batches.push((table, batch));
             Ok(())
         });
-        *failed = failed.take().or(flushed.err());
+        *error = error.take().or(flushed.err());
     }
 
     /// What was built since the last time.

@@ -496,7 +496,7 @@ impl Axis {
             Err(Error::Failed {
                 what,
                 outcome: Outcome::NotDone(failure),
-                received: details,
+                received,
                 may_turn,
                 hint,
                 ..
@@ -507,7 +507,7 @@ impl Axis {
                     what,
                     execution: execution_text,
                     outcome,
-                    received: details,
+                    received,
                     may_turn,
                     hint,
                 })

@@ -247,19 +247,12 @@ impl Error {
                 execution: _,
                 outcome: Outcome::NotDone(failure),
                 may_turn,
-                received: details,
+                received,
                 hint,
             } if matches!(failure, Silent | Misbehaved | Cancelled | LinkDown) => {
                 let outcome = Outcome::Unknown(failure);
                 let execution_text = "one that was sent before may have been executed".to_owned();
-                Self::Failed {
-                    what,
-                    execution: execution_text,
-                    outcome,
-                    may_turn,
-                    received: details,
-                    hint,
-                }
+                Self::Failed { what, execution: execution_text, outcome, may_turn, received, hint }
             }
             other => other,
         }
@@ -291,11 +284,9 @@ impl Error {
             Self::Usage { what, .. } | Self::Unsupported { what, .. } => what.clone(),
             Self::File(error) => error.to_string(),
             Self::Link(error) => error.to_string(),
-            Self::Failed { what, execution: execution_text, .. } if execution_text.is_empty() => {
-                what.clone()
-            }
-            Self::Failed { what, execution: execution_text, .. } => {
-                format!("{what}; {execution_text}")
+            Self::Failed { what, execution, .. } if execution.is_empty() => what.clone(),
+            Self::Failed { what, execution, .. } => {
+                format!("{what}; {execution}")
             }
             Self::Interrupted { what } => format!("{what}: interrupted"),
         }

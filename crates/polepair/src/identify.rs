@@ -148,27 +148,12 @@ impl<'a> Prober<'a> {
 
     /// The same error for those who bring motors to rest: who names the drive needs no answer.
     pub(crate) fn with_profile_hint(&self, error: Error) -> Error {
-        let Error::Failed {
-            what,
-            execution: execution_text,
-            outcome,
-            received: details,
-            may_turn,
-            hint,
-        } = error
-        else {
+        let Error::Failed { what, execution, outcome, received, may_turn, hint } = error else {
             return error;
         };
         let names: Vec<&str> = self.profiles.iter().map(|profile| profile.name).collect();
         let hint = format!("say what it is by `?profile=`: {}; {hint}", names.join(", "));
-        Error::Failed {
-            what,
-            execution: execution_text,
-            outcome,
-            received: details,
-            may_turn,
-            hint,
-        }
+        Error::Failed { what, execution, outcome, received, may_turn, hint }
     }
 
     /// The profiles of drives that speak the line's protocol.

@@ -287,9 +287,9 @@ impl RackDescription {
     /// The protocols that are spoken on a link, in the order of its drives.
     pub(crate) fn protocols_on(&self, link: usize) -> Vec<ProtocolInfo> {
         let mut all: Vec<ProtocolInfo> = Vec::new();
-        for BusAddress { protocol: info, .. } in self.bus_addresses(link) {
-            if all.iter().all(|other| other.name != info.name) {
-                all.push(info);
+        for BusAddress { protocol, .. } in self.bus_addresses(link) {
+            if all.iter().all(|other| other.name != protocol.name) {
+                all.push(protocol);
             }
         }
         // A bus on which a relay alone sits.

@@ -96,17 +96,17 @@ impl Authenticator {
         });
         let now = clock::now();
         let now_ms = wall_ms(now);
-        for SessionRecord { cookie_digest: cookie, token_digest: token, until_ms } in lines {
+        for SessionRecord { cookie_digest, token_digest, until_ms } in lines {
             let left = Duration::from_millis(until_ms.saturating_sub(now_ms));
-            let grant = self.grants.iter().find(|grant| grant.token.digest() == token);
+            let grant = self.grants.iter().find(|grant| grant.token.digest() == token_digest);
             // An end further off than any that is given was not written by this clock.
             let (Some(grant), false) = (grant, left.is_zero() || left > COOKIE_LASTS) else {
                 continue;
             };
             let caller = Caller { by_cookie: true, ..caller_of(grant) };
             self.lock().insert_session(
-                cookie,
-                BrowserSession { caller, token_digest: token, until: now + left },
+                cookie_digest,
+                BrowserSession { caller, token_digest, until: now + left },
             );
         }
         self.session_file = Some(session_file);
@@ -294,9 +294,9 @@ impl AuthState {
             self.order.iter().filter_map(|digest| Some((digest, self.cookies.get(digest)?)));
         known
             .filter(|(_, cookie)| now < cookie.until)
-            .map(|(digest, &BrowserSession { token_digest: token, until, .. })| SessionRecord {
+            .map(|(digest, &BrowserSession { token_digest, until, .. })| SessionRecord {
                 cookie_digest: *digest,
-                token_digest: token,
+                token_digest,
                 until_ms: wall_ms(until),
             })
             .collect()

@@ -137,8 +137,11 @@ impl Default for BenchOptions {
 
 impl std::fmt::Debug for BenchOptions {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { connector, lease_duration: lease, .. } = self;
-        f.debug_struct("Options").field("connector", connector).field("lease", lease).finish()
+        let Self { connector, lease_duration, .. } = self;
+        f.debug_struct("Options")
+            .field("connector", connector)
+            .field("lease", lease_duration)
+            .finish()
     }
 }
 
@@ -205,7 +208,7 @@ impl Bench {
     /// As [`polepair::connect()`]; `gateway.request` when only some links are in virtual time.
     pub fn open(urls: &[String], options: BenchOptions) -> Result<Self, GatewayError> {
         let traffic = Arc::new(FrameTraffic::default());
-        let OpenedBench { links, roots, axes, clock, failed: dead } =
+        let OpenedBench { links, roots, axes, clock, failed } =
             open::open_links(urls, &options.connector, &traffic)?;
         let shared = Arc::new(BenchContext::new(clock, &options));
         let connector = options.connector.clone();
@@ -216,7 +219,7 @@ impl Bench {
         for link in &links {
             link.wire.time();
         }
-        for (id, error) in &dead {
+        for (id, error) in &failed {
             links[usize::from(*id)].wire.set_link_error(Some((opened, error.clone())));
         }
         let bench = Self(Arc::new(BenchInner {
@@ -238,7 +241,8 @@ impl Bench {
             true => bench.start_threads(roots, scribe)?,
             false => bench.set_up_virtual(&roots, scribe)?,
         }
-        dead.into_iter()
+        failed
+            .into_iter()
             .try_for_each(|(id, error)| bench.spawn_link_opener(id, error, &connector))?;
         let absent = |n: &usize| !bench.0.links[*n].absent().is_empty();
         (0..bench.0.links.len()).filter(absent).try_for_each(|n| bench.spawn_absent_probe(n))?;
@@ -272,8 +276,8 @@ impl Bench {
     /// What there is. Scopes are the caller's to fill in.
     #[must_use]
     pub fn snapshot(&self) -> BenchView {
-        let BenchInner { links, axes, context: shared, .. } = &*self.0;
-        let lock = shared.current_lock().clone();
+        let BenchInner { links, axes, context, .. } = &*self.0;
+        let lock = context.current_lock().clone();
         BenchView {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             scopes: Vec::new(),

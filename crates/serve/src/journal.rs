@@ -101,10 +101,10 @@ impl JournalFile {
         if verified.truncated_bytes > 0 {
             file.set_len(verified.length).map_err(failed)?;
         }
-        let VerifiedJournal { records, length, hash, truncated_bytes: cut } = verified;
+        let VerifiedJournal { records, length, hash, truncated_bytes } = verified;
         let tail = Mutex::new(JournalTail { file, hash });
         let written = Mutex::new(JournalIndex { records, length, offsets: places });
-        Ok((Self { path: path.to_owned(), tail, index: written }, cut))
+        Ok((Self { path: path.to_owned(), tail, index: written }, truncated_bytes))
     }
 
     /// Writes a record. It is in the system's hands when this returns.

@@ -214,10 +214,10 @@ impl GatewayServer {
     /// Waits until somebody ends it, then stops what moves and closes everything. Returns who was not
     /// seen standing: see [`Bench::shutdown`].
     pub fn wait(mut self) -> Vec<String> {
-        if let Some(Runtimes { http: runtime, .. }) = &self.runtimes {
+        if let Some(Runtimes { http, .. }) = &self.runtimes {
             let mut end = self.end.subscribe();
             // The sender is ours: it lives.
-            let _ = runtime.block_on(end.wait_for(|end| *end));
+            let _ = http.block_on(end.wait_for(|end| *end));
         }
         self.close()
     }

@@ -203,9 +203,9 @@ impl CanBus {
 
     /// Whether a plug's controller can take a frame.
     pub(crate) fn has_room(&self, plug: usize) -> bool {
-        let CanPlug { role, queue: waiting, bus_off: off, unplugged: away, .. } = &self.plugs[plug];
+        let CanPlug { role, queue, bus_off, unplugged, .. } = &self.plugs[plug];
         let most = if *role == PlugRole::Drive { DRIVE_FRAMES_MAX } else { HOST_FRAMES_MAX };
-        waiting.len() < most && !off && !away
+        queue.len() < most && !bus_off && !unplugged
     }
 
     /// What a plug sends from here on answers the frame that it heard last.
@@ -235,8 +235,8 @@ impl CanBus {
     }
 
     fn label_frame(&mut self, from: usize, tag: u32, frame: &Frame) -> CanFrameLabel {
-        let CanPlug { role, answering: hearing, cause_unknown: unsure, .. } = &self.plugs[from];
-        let cause = hearing.filter(|_| *role == PlugRole::Drive && !unsure);
+        let CanPlug { role, answering, cause_unknown: unsure, .. } = &self.plugs[from];
+        let cause = answering.filter(|_| *role == PlugRole::Drive && !unsure);
         let id = (frame.id, frame.extended);
         if *role == PlugRole::Drive {
             self.drive_ids.insert(id);
@@ -264,7 +264,7 @@ impl CanBus {
         self.start_pending = false;
         let first = |plug: &CanPlug| plug.queue.front().copied();
         let won = self.plugs.iter().filter_map(first).min_by_key(|p| arbitration_key(&p.frame))?;
-        let QueuedFrame { frame, label: mark, .. } = won;
+        let QueuedFrame { frame, label, .. } = won;
         let (mut bits, mut end) = (bits::wire_bits(&frame), TransmissionEnd::Arrived);
         for plug in &mut self.plugs {
             let rival = first(plug).map(|posted| posted.frame);
@@ -287,7 +287,7 @@ impl CanBus {
         } else if self.random.chance(self.faults.last_bit) {
             (end, bits) = (TransmissionEnd::TakenTwice, bits + ERROR_BITS);
         }
-        self.on_wire = Some(ActiveFrame { frame, label: mark, end, clash });
+        self.on_wire = Some(ActiveFrame { frame, label, end, clash });
         self.busy_bits += u64::from(bits);
         Some(now.plus_ns(self.bits_ns(bits.into())))
     }
@@ -295,7 +295,7 @@ impl CanBus {
     /// Ends what is on the wire: the frame if it arrived. When all have heard it,
     /// [`start_frame`](Self::start_frame) the next.
     pub(crate) fn finish_frame(&mut self) -> Option<(Frame, CanFrameLabel)> {
-        let ActiveFrame { frame, label: mark, end, clash } = self.on_wire.take()?;
+        let ActiveFrame { frame, label, end, clash } = self.on_wire.take()?;
         self.start_pending = true;
         for plug in self.plugs.iter_mut().filter(|plug| plug.sending) {
             let again = plug.queue.front().is_some_and(|posted| posted.received);
@@ -320,10 +320,10 @@ impl CanBus {
             TransmissionEnd::TakenTwice => self.injected.taken_twice += 1,
             TransmissionEnd::Destroyed => self.injected.errors += 1,
         }
-        let strange =
-            self.plugs[mark.sender].role == PlugRole::Intruder && end != TransmissionEnd::Destroyed;
+        let strange = self.plugs[label.sender].role == PlugRole::Intruder
+            && end != TransmissionEnd::Destroyed;
         self.injected.intruder_frames += u64::from(strange);
-        (end != TransmissionEnd::Destroyed).then_some((frame, mark))
+        (end != TransmissionEnd::Destroyed).then_some((frame, label))
     }
 
     /// What a plug hears of the frame that has just ended, and when.

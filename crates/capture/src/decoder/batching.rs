@@ -119,8 +119,8 @@ impl CaptureDecoder {
         batch: &mut FrameBatch,
     ) -> bool {
         let Some(now) = record.time.filter(|_| self.tracks_sessions) else { return false };
-        let LinkDecoder { name, routes: lanes, session, .. } = &mut self.links[at];
-        let Some(lane) = lanes.deferred_mut(frame) else { return false };
+        let LinkDecoder { name, routes, session, .. } = &mut self.links[at];
+        let Some(lane) = routes.deferred_mut(frame) else { return false };
         let Some(process) = session.unchanged_process_data(frame, now) else { return false };
         let whose = (ContentRef::ProcessData(process), &*name, lane.dissector.name());
         let added =

@@ -242,7 +242,7 @@ impl BlfReader {
         let Some(shape) = body_parser(head.kind) else { return };
         let body = object.get(head.header_len..).unwrap_or_default();
         match self.object_time(object, head).zip(shape(body)) {
-            Some((time, BlfFrame { channel, sent, record: shape, bytes })) => {
+            Some((time, BlfFrame { channel, sent, record, bytes })) => {
                 let mut name = [0; 16];
                 let link = link_name(channel, &mut name);
                 let direction = sent.map(|sent| match sent {
@@ -253,7 +253,7 @@ impl BlfReader {
                     time: Some(time),
                     link,
                     direction,
-                    data: shape.with_bytes(bytes),
+                    data: record.with_bytes(bytes),
                     offset: self.offset,
                 });
             }

@@ -90,8 +90,8 @@ fn differences_table(found: &[Difference]) -> String {
         return String::new();
     }
     let mut table = TextTable::with_heads(&["differs", "of", "a", "b"]);
-    for Difference { kind: what, subject: of, a, b } in found {
-        table.add_row([(*what).to_owned(), of.clone(), a.clone(), b.clone()]);
+    for Difference { kind, subject, a, b } in found {
+        table.add_row([(*kind).to_owned(), subject.clone(), a.clone(), b.clone()]);
     }
     table.render(terminal::colour_out())
 }

@@ -208,8 +208,8 @@ fn write_json(
     out: &mut Vec<u8>,
 ) {
     let direction = Some(Direction::ToDrive);
-    let EncodedFrame { id, extended, remote_len: remote, .. } = *encoded;
-    let remote = remote.is_some();
+    let EncodedFrame { id, extended, remote_len, .. } = *encoded;
+    let remote = remote_len.is_some();
     let mut explained = Explanation::default();
     let profile = addressing.profile;
     let context = Context { direction, profile, id, extended, remote, ..Context::default() };

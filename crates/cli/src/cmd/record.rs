@@ -175,7 +175,7 @@ impl Recorder {
     fn finish_recording(mut self, took: Duration) -> Result {
         // What came meanwhile still counts.
         let last = self.process_received();
-        let TrafficRecorder { files, printer: show, .. } = self.traffic;
+        let TrafficRecorder { files, printer, .. } = self.traffic;
         let (count, files) = files.map_or(Ok((0, 0)), CaptureFiles::finish)?;
         last?;
         let (what, seconds) = (plural(count, "record"), took.as_secs_f64());
@@ -188,7 +188,7 @@ impl Recorder {
             + &reported(self.damaged, "characters came damaged (framing or parity)");
         print_note(&format!("{what}{files} in {seconds:.1} s, {} dropped{anomaly}", self.overrun));
         // The file is whole: now stdout may take its time.
-        let skipped = show.map_or(Ok(0), LivePrinter::finish)?;
+        let skipped = printer.map_or(Ok(0), LivePrinter::finish)?;
         if skipped > 0 {
             print_note(&format!(
                 "{} kept but not shown: nobody read stdout",

@@ -242,9 +242,9 @@ impl ReplayOptions {
         print_result(&played, took);
         let stopped = if self.detach { Ok(()) } else { stage.stop(&played) };
         keeping.process_received()?;
-        let TrafficRecorder { files, printer: show, .. } = keeping;
+        let TrafficRecorder { files, printer, .. } = keeping;
         files.map_or(Ok((0, 0)), CaptureFiles::finish)?;
-        show.map_or(Ok(0), LivePrinter::finish)?;
+        printer.map_or(Ok(0), LivePrinter::finish)?;
         read?;
         final_result(&played, survey.unfit_count(), stopped)
     }

@@ -73,9 +73,8 @@ impl Serve {
             Some(folder) => folder,
             None => state_folder()?,
         };
-        let Self { bind, tls, client_ca: clients, names, scopes, .. } = self;
-        let options =
-            ServerOptions { bind, tls, client_ca: clients, host_names: names, scopes, folder };
+        let Self { bind, tls, client_ca, names, scopes, .. } = self;
+        let options = ServerOptions { bind, tls, client_ca, host_names: names, scopes, folder };
         let connector = self.profile.connector()?;
         let server =
             GatewayServer::start(&options, &self.urls, connector).map_err(refusal_problem)?;

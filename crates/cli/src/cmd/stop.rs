@@ -91,7 +91,7 @@ impl StopCommand {
 /// Stops everything. Nothing is asked before, and only names are asked after: neither a right to look
 /// nor a slow answer stands in its way.
 fn stop_everything(gateway: &Gateway) -> Result {
-    let StopReport { axes: stopped, unreached } = send_stop(gateway, None)?;
+    let StopReport { axes, unreached } = send_stop(gateway, None)?;
     print_note(
         "motion is locked until it is released: on the server's page, or by `polepair --server URL release`",
     );
@@ -100,7 +100,7 @@ fn stop_everything(gateway: &Gateway) -> Result {
     let label = |id| named.iter().find(|axis| axis.id == id).map(|axis| axis.label.clone());
     let number = |id| format!("the server's axis {id}");
     let reports =
-        stopped.into_iter().map(|how| (label(how.id).unwrap_or_else(|| number(how.id)), Some(how)));
+        axes.into_iter().map(|how| (label(how.id).unwrap_or_else(|| number(how.id)), Some(how)));
     report_remote(reports.collect(), unreached.into_iter().map(unreached_problem).collect())
 }
 

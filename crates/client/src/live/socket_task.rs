@@ -185,9 +185,9 @@ impl SocketTask {
 
     async fn handle_request(&mut self, live_request: LiveRequest) -> Result<(), GatewayError> {
         let message = match live_request {
-            LiveRequest::Command { axis, request: order, reply: tell } => {
-                self.commands.insert(order.id.clone(), tell);
-                ClientMessage::Command { axis, command: order }
+            LiveRequest::Command { axis, request, reply: tell } => {
+                self.commands.insert(request.id.clone(), tell);
+                ClientMessage::Command { axis, command: request }
             }
             LiveRequest::Lease { axis, act, epoch, reply: tell } => {
                 if act == LeaseAction::Drop {
@@ -200,16 +200,16 @@ impl SocketTask {
                 });
                 ClientMessage::Lease { axis, act, epoch }
             }
-            LiveRequest::Subscribe { channel, spec: what, buffer: feed, reply: tell } => {
+            LiveRequest::Subscribe { channel, spec, buffer, reply: tell } => {
                 // A client has a number of channels at most.
                 self.unsubscribe_unused().await?;
-                self.sample_buffers.insert(channel, Arc::downgrade(&feed));
+                self.sample_buffers.insert(channel, Arc::downgrade(&buffer));
                 self.pending_subscriptions.insert(channel, tell);
-                let super::ChannelSpec { axis, signal, parameter, hz } = what;
+                let super::ChannelSpec { axis, signal, parameter, hz } = spec;
                 ClientMessage::Subscribe { channel, axis, signal, parameter, hz }
             }
-            LiveRequest::Frames { filter, buffer: passing } => {
-                self.frame_buffer = Some(Arc::downgrade(&passing));
+            LiveRequest::Frames { filter, buffer } => {
+                self.frame_buffer = Some(Arc::downgrade(&buffer));
                 ClientMessage::Frames { on: true, filter }
             }
         };
@@ -326,8 +326,8 @@ impl SocketTask {
     /// Says what is refused by now.
     fn settle_leases(&mut self, axis: u16) {
         let settled = self.lease_requests.entry(axis).or_default().drain_settled();
-        for (PendingLeaseRequest { epoch, reply: tell, .. }, error) in settled {
-            match tell {
+        for (PendingLeaseRequest { epoch, reply, .. }, error) in settled {
+            match reply {
                 Some(tell) => drop(tell.send(Err(error))),
                 // A renewal came too late: somebody stopped or took the axis, or we slept.
                 None if self.cache.holds(axis, epoch) => {

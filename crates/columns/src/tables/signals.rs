@@ -143,9 +143,7 @@ impl SignalRows {
         templates.fill_rows(
             run,
             self.value.extend_default(rows),
-            |plain, _, ValueTemplate { position: mapped, .. }| {
-                mapped.value(mapped.exact(plain.data))
-            },
+            |plain, _, ValueTemplate { position, .. }| position.value(position.exact(plain.data)),
         );
         templates.fill_rows(run, self.unit.keys().extend_default(rows), |_, _, value| value.unit);
         templates.fill_rows(run, self.quality.extend_default(rows), |_, voice, _| voice.quality);

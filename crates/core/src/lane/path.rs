@@ -118,12 +118,11 @@ impl PathStream {
         n: u8,
         slot: &AxisSlot<R, A>,
     ) -> Result<(R, InFlight), JobState> {
-        let PathParameters { position, velocity, time, capacity: parameter_id, .. } =
-            self.parameters;
+        let PathParameters { position, velocity, time, capacity, .. } = self.parameters;
         let factor = [position, velocity, time].into_iter().find_map(|id| slot.missing_factor(id));
         let (id, in_flight) = match (factor, n) {
             (Some(id), _) => (id, InFlight::Factor(id)),
-            (None, 0) => (parameter_id, InFlight::Read(parameter_id)),
+            (None, 0) => (capacity, InFlight::Read(capacity)),
             (None, _) => (position, InFlight::Read(position)),
         };
         match slot.read_request(id) {

@@ -33,11 +33,11 @@ struct Subscription {
 
 impl Subscription {
     fn accepts(&mut self, frame: &Frame, at: Instant) -> bool {
-        let SubscribeRequest { min_interval_ns: every_ns, mask, .. } = self.request;
+        let SubscribeRequest { min_interval_ns, mask, .. } = self.request;
         if let Some((when, data)) = self.last_sent {
             let pairs = || data.iter().zip(frame.data);
             let same = |mask: [u8; 8]| pairs().zip(mask).all(|((a, b), mask)| (a ^ b) & mask == 0);
-            if at < when.plus_ns(every_ns) || mask.is_some_and(same) {
+            if at < when.plus_ns(min_interval_ns) || mask.is_some_and(same) {
                 return false;
             }
         }

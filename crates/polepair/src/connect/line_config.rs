@@ -69,8 +69,8 @@ impl AnyBorrowedLink {
 impl ProtocolLine {
     /// What is remembered of it.
     pub(super) fn to_config(&self) -> LineConfig {
-        let Self { wire, protocol: info, options, relay_axis: relay, rack_entries: all, .. } = self;
-        let (info, all) = (info.clone(), Arc::clone(all));
+        let Self { wire, protocol, options, relay_axis: relay, rack_entries, .. } = self;
+        let (info, all) = (protocol.clone(), Arc::clone(rack_entries));
         LineConfig {
             wire: *wire,
             protocol: info,
@@ -89,18 +89,17 @@ impl LineConfig {
 
     /// The same on a link.
     pub(crate) fn on_link(&self, link: SharedLink) -> ProtocolLine {
-        let Self { wire, protocol: info, options, relay_axis: relay, rack_entries: all } =
-            self.clone();
+        let Self { wire, protocol, options, relay_axis, rack_entries } = self.clone();
         let (numbers, seats) = (Vec::new(), Vec::new());
         ProtocolLine {
             wire,
             link,
-            protocol: info,
+            protocol,
             options,
             axis_numbers: numbers,
-            relay_axis: relay,
+            relay_axis,
             entries: seats,
-            rack_entries: all,
+            rack_entries,
         }
     }
 

@@ -68,7 +68,7 @@ pub(super) fn unidentified_error(
     silent: Error,
     result: Option<Result<(), Error>>,
 ) -> Error {
-    let Error::Failed { what, outcome, received: details, hint, .. } =
+    let Error::Failed { what, outcome, received, hint, .. } =
         prober.with_profile_hint(silent.clone())
     else {
         return silent;
@@ -88,7 +88,7 @@ pub(super) fn unidentified_error(
         what,
         execution: execution_text.to_owned(),
         outcome,
-        received: details,
+        received,
         may_turn: true,
         hint,
     }

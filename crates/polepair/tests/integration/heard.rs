@@ -68,9 +68,9 @@ fn failed(result: Result<(), Error>) -> (NoReplyDetails, String) {
     let error = result.expect_err("nobody answers");
     assert_eq!(error.code(), "E401", "{error}");
     let text = format!("{error}; {}", error.hint());
-    let Error::Failed { received: details, .. } = error else { panic!("{error}") };
-    assert_eq!(details.is_nothing(), text.contains("no answer; "), "{text}");
-    (*details, text)
+    let Error::Failed { received, .. } = error else { panic!("{error}") };
+    assert_eq!(received.is_nothing(), text.contains("no answer; "), "{text}");
+    (*received, text)
 }
 
 /// A reply of TMCL's binary form, with what its check should be and with how much is added to it.

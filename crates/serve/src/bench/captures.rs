@@ -236,7 +236,7 @@ impl Cursor {
 
     /// Explains a piece more.
     fn decode_chunk(&mut self, bytes: &[u8], links: &[String]) {
-        let Self { decoder, filter, consumed: fed, ready, next, first_ns } = self;
+        let Self { decoder, filter, consumed, ready, next, first_ns } = self;
         let mut take = |event: &DecodedFrame<'_>| {
             let n = *next;
             *next += 1;
@@ -253,13 +253,13 @@ impl Cursor {
                 explained_fields(event),
             ));
         };
-        if *fed >= bytes.len() {
+        if *consumed >= bytes.len() {
             decoder.finish(&mut take);
-            *fed = bytes.len() + 1;
+            *consumed = bytes.len() + 1;
             return;
         }
-        let end = (*fed + PIECE).min(bytes.len());
-        decoder.feed(&bytes[*fed..end], &mut take);
-        *fed = end;
+        let end = (*consumed + PIECE).min(bytes.len());
+        decoder.feed(&bytes[*consumed..end], &mut take);
+        *consumed = end;
     }
 }

@@ -352,8 +352,8 @@ impl CommandWorker {
                 self.deferred.push((sequence, commanded));
             }
             WireRequest::Command(commanded) => self.handle_command(sequence, *commanded),
-            WireRequest::Write { axis, session, epoch, then: go } => {
-                go(self.check_allowed(axis, &session, epoch, false))
+            WireRequest::Write { axis, session, epoch, then } => {
+                then(self.check_allowed(axis, &session, epoch, false))
             }
             WireRequest::SessionEnded(session) => self.end_session(&session),
             WireRequest::LeaseNotRecorded { axis, epoch } => {
@@ -441,8 +441,8 @@ impl CommandWorker {
             return self.stop_for_holder(sequence, commanded);
         }
         let started = self.start_command(&commanded);
-        let QueuedCommand { axis, session, header: order, action, .. } = &commanded;
-        if action.ends_motion() && self.check_allowed(*axis, session, order.epoch, false).is_ok() {
+        let QueuedCommand { axis, session, header, action, .. } = &commanded;
+        if action.ends_motion() && self.check_allowed(*axis, session, header.epoch, false).is_ok() {
             // It did not wait for the journal, as what was said before it may still do: that is not
             // done any more, whatever became of this.
             let stopped = &mut self.axes[commanded.axis].last_stop_number;
@@ -450,16 +450,15 @@ impl CommandWorker {
         }
         match started {
             Ok(StartResult::Running(running)) => {
-                let QueuedCommand { axis, session, header: order, action, reply: tell, .. } =
-                    commanded;
+                let QueuedCommand { axis, session, header, action, reply, .. } = commanded;
                 let enables =
                     matches!(action, CommandAction::Run(command) if command.verb == Verb::Enable);
                 if action.may_move() && !enables {
-                    self.cancel_holder_stop(axis, &session, order.epoch);
+                    self.cancel_holder_stop(axis, &session, header.epoch);
                     self.axes[axis].lease.mark_moved();
                 }
                 self.last_start = self.context.now();
-                let (id, running) = (order.id, *running);
+                let (id, running) = (header.id, *running);
                 let cleared = false;
                 self.active.push(ActiveCommand {
                     axis,
@@ -468,7 +467,7 @@ impl CommandWorker {
                     action,
                     running,
                     faults_cleared: cleared,
-                    reply: tell,
+                    reply,
                 });
             }
             Ok(StartResult::Done) => self.finish_command(commanded, None),
@@ -482,19 +481,19 @@ impl CommandWorker {
     }
 
     fn finish_command(&self, commanded: QueuedCommand, error: Option<GatewayError>) {
-        let QueuedCommand { axis, session, header: order, action, reply: tell, .. } = commanded;
-        let (whose, outcome) = ((&session, self.axes[axis].id), command_outcome(order.id, error));
-        self.context.report_outcome(whose, outcome, action.ends_motion(), tell);
+        let QueuedCommand { axis, session, header, action, reply, .. } = commanded;
+        let (whose, outcome) = ((&session, self.axes[axis].id), command_outcome(header.id, error));
+        self.context.report_outcome(whose, outcome, action.ends_motion(), reply);
     }
 
     fn start_command(&self, commanded: &QueuedCommand) -> Result<StartResult, GatewayError> {
-        let QueuedCommand { axis, session, header: order, action, prepared, .. } = commanded;
+        let QueuedCommand { axis, session, header, action, prepared, .. } = commanded;
         let moves = action.may_move();
-        self.check_allowed(*axis, session, order.epoch, moves)?;
+        self.check_allowed(*axis, session, header.epoch, moves)?;
         let stops =
             matches!(action, CommandAction::Run(command) if command.verb == Verb::QuickStop);
         if !stops && *action != CommandAction::Arm(false) {
-            check_age(order.issued_ms, order.ttl_ms, BenchClock::wall_ms(self.context.now()))?;
+            check_age(header.issued_ms, header.ttl_ms, BenchClock::wall_ms(self.context.now()))?;
         }
         let watched = &self.axes[*axis];
         let command = match action {
@@ -536,7 +535,7 @@ impl CommandWorker {
                 at += 1;
                 continue;
             }
-            let ActiveCommand { axis, session, id, action, reply: tell, .. } =
+            let ActiveCommand { axis, session, id, action, reply, .. } =
                 self.active.swap_remove(at);
             if error.is_none() && action.is_stop() {
                 self.axes[axis].lease.mark_stopped();
@@ -544,7 +543,7 @@ impl CommandWorker {
             let value = value.filter(|_| matches!(action, CommandAction::Raw(_)));
             let outcome = CommandOutcome { value, ..command_outcome(id, error) };
             let whose = (&session, self.axes[axis].id);
-            self.context.report_outcome(whose, outcome, action.ends_motion(), tell);
+            self.context.report_outcome(whose, outcome, action.ends_motion(), reply);
         }
     }
 }

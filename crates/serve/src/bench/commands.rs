@@ -124,8 +124,8 @@ impl Bench {
             // Who has gone does not want to know.
             let _ = tell.send(recorded.and_then(|()| then()));
         };
-        let BenchContext { journal: notes, .. } = &*self.0.context;
-        notes.write_ahead(what, detail, self.0.context.now(), Box::new(go));
+        let BenchContext { journal, .. } = &*self.0.context;
+        journal.write_ahead(what, detail, self.0.context.now(), Box::new(go));
         PendingReply::from_receiver(reply, Ok(()))
     }
 

@@ -128,10 +128,10 @@ impl ParameterWriter {
         session: &SessionName,
         write: WriteParameters,
     ) -> Self {
-        let WriteParameters { values, keep: persist, raw, epoch, .. } = write;
+        let WriteParameters { values, keep, raw, epoch, .. } = write;
         let (wire, context) = (link.wire.clone(), bench.0.context.clone());
         let (axis, session) = (link.wire.axes[local_index].1.clone(), session.clone());
-        Self { axis, id, local_index, session, epoch, values, persist, raw, wire, context }
+        Self { axis, id, local_index, session, epoch, values, persist: keep, raw, wire, context }
     }
 
     /// What would change, and the writes that make it so.

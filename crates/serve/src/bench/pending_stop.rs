@@ -311,22 +311,22 @@ impl PendingStop {
         // Over a link that is lost nothing comes for a while.
         let lost = axis.connection().link_error().is_some();
         let lost = lost && self.stopping.as_ref().is_some_and(StopSequence::has_ended);
-        self.waiters.retain(|StopWaiter { collector: report, since }| {
+        self.waiters.retain(|StopWaiter { collector, since }| {
             let waited = now.since(*since);
             let over = ended || lost || waited >= REPLY_MAX;
             let class = if over && !ended { StopClass::Owed } else { class };
             let ms = waited.as_secs_f64() * 1e3;
-            report.record(id, AxisStopReport { id, class, ms, error: error.clone() }, over);
+            collector.record(id, AxisStopReport { id, class, ms, error: error.clone() }, over);
             !over
         });
     }
 
     /// Answers whoever waits: it is dismissed, or the server ends.
     pub fn abandon(&mut self, id: u16, now: Instant, why: &GatewayError) {
-        for StopWaiter { collector: report, since } in self.waiters.drain(..) {
+        for StopWaiter { collector, since } in self.waiters.drain(..) {
             let ms = now.since(since).as_secs_f64() * 1e3;
             let class = StopClass::Owed;
-            report.record(id, AxisStopReport { id, class, ms, error: Some(why.clone()) }, true);
+            collector.record(id, AxisStopReport { id, class, ms, error: Some(why.clone()) }, true);
         }
     }
 }

@@ -205,12 +205,12 @@ impl Telemetry {
     }
 
     fn open_channel(&self, request: ChannelRequest) -> Result<TelemetryChannel, GatewayError> {
-        let ChannelRequest { axis, target: what, unit, hz } = request;
+        let ChannelRequest { axis, target, unit, hz } = request;
         let mut by_axis = lock_unpoisoned(&self.by_axis);
         by_axis.iter_mut().for_each(|sources| sources.retain(|s| s.strong_count() > 0));
         let count: usize = by_axis.iter().map(Vec::len).sum();
         let sources = &mut by_axis[usize::from(axis)];
-        let known = sources.iter().filter_map(Weak::upgrade).find(|source| source.target == what);
+        let known = sources.iter().filter_map(Weak::upgrade).find(|source| source.target == target);
         let source = match known {
             Some(source) => source,
             None if count >= SOURCES_MAX => {
@@ -218,7 +218,7 @@ impl Telemetry {
                 return Err(GatewayError::new("gateway.limit", what).hint("close a scope"));
             }
             None => {
-                let source = Arc::new(TelemetrySource::new(what, unit));
+                let source = Arc::new(TelemetrySource::new(target, unit));
                 sources.push(Arc::downgrade(&source));
                 source
             }

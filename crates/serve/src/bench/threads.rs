@@ -100,10 +100,10 @@ impl Bench {
 
     /// What explains frames.
     fn new_traffic_decoder(&self) -> TrafficDecoder {
-        let BenchInner { links, traffic, context: shared, .. } = &*self.0;
+        let BenchInner { links, traffic, context, .. } = &*self.0;
         let decoders = links.iter().map(BenchLink::decoder).collect();
         let wires = links.iter().map(|link| Arc::clone(&link.wire)).collect();
-        let (traffic, shared) = (Arc::clone(traffic), Arc::clone(shared));
+        let (traffic, shared) = (Arc::clone(traffic), Arc::clone(context));
         TrafficDecoder { traffic, context: shared, decoders, wires, count: 0 }
     }
 

@@ -195,8 +195,8 @@ impl Scenario {
     fn step(&mut self) {
         let happened = self.world.step();
         for reception in self.world.take_log() {
-            let Reception { at, node: by, data: carried, .. } = reception;
-            self.report.log_event(at, || format!("{by:?} hears {carried}"));
+            let Reception { at, node: by, data, .. } = reception;
+            self.report.log_event(at, || format!("{by:?} hears {data}"));
         }
         for client in &mut self.users {
             let touched = match happened {

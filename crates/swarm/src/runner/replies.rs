@@ -18,9 +18,8 @@ use crate::stop_observer::STOP_REPLY_MAX;
 impl WorldRunner {
     /// Whether that was answered; then whoever said it has heard it.
     pub(super) fn poll_reply(&mut self, n: usize) -> bool {
-        let (now, PendingCall { client: who, axis, sent_at: said_at, .. }) =
-            (self.now, &self.pending[n]);
-        let (who, axis, said_at) = (*who, *axis, *said_at);
+        let (now, PendingCall { client, axis, sent_at, .. }) = (self.now, &self.pending[n]);
+        let (who, axis, said_at) = (*client, *axis, *sent_at);
         match &mut self.pending[n].kind {
             CallKind::Lease(reply) => {
                 let Some(result) = reply.try_recv() else { return false };

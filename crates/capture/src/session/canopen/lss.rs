@@ -81,11 +81,11 @@ impl LssExchange {
         answered: Option<FrameRef>,
         outcome: ExchangeOutcome,
     ) -> SessionNotice {
-        let Self { op, first: request, retries, .. } = *self;
+        let Self { op, first, retries, .. } = *self;
         SessionNotice::Exchange(ExchangeNotice {
             axis: None,
             op,
-            requested: request,
+            requested: first,
             answered,
             outcome,
             retries,

@@ -62,8 +62,8 @@ impl ProcessData {
     ) {
         let known = |wording: &ProcessText| wording.has_text(&this.mapping, data);
         if !this.text.as_ref().is_some_and(known) {
-            let Self { mapping, text: wording, .. } = Arc::make_mut(this);
-            let wording = wording.get_or_insert_with(|| ProcessText::new(name(), mapping, profile));
+            let Self { mapping, text, .. } = Arc::make_mut(this);
+            let wording = text.get_or_insert_with(|| ProcessText::new(name(), mapping, profile));
             wording.learn_text(mapping, data);
         }
     }

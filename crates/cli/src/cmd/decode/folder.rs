@@ -69,11 +69,11 @@ impl FolderJob<'_> {
         });
         bar.finish_and_clear();
         let tally = tally.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let FolderTally { decoded, already_decoded: there, unreadable: broken } = tally;
+        let FolderTally { decoded, already_decoded, unreadable } = tally;
         print_note(&format!(
-            "{decoded} decoded, {there} were there already, {broken} could not be read"
+            "{decoded} decoded, {already_decoded} were there already, {unreadable} could not be read"
         ));
-        Ok(if broken > 0 { Exit::Corrupt } else { Exit::Ok })
+        Ok(if unreadable > 0 { Exit::Corrupt } else { Exit::Ok })
     }
 
     /// Captures in a folder and those in it, but for what is hidden and the data set itself.

@@ -93,11 +93,11 @@ impl PathSegment {
     }
 
     fn setpoint(&self, at: f64) -> Setpoint {
-        let Self { from, velocity, quadratic: square, cubic: cube, .. } = *self;
+        let Self { from, velocity, quadratic, cubic, .. } = *self;
         Setpoint {
-            position: from + at * (velocity + at * (square + at * cube)),
-            velocity: velocity + at * (2.0 * square + at * 3.0 * cube),
-            acceleration: 2.0 * square + 6.0 * cube * at,
+            position: from + at * (velocity + at * (quadratic + at * cubic)),
+            velocity: velocity + at * (2.0 * quadratic + at * 3.0 * cubic),
+            acceleration: 2.0 * quadratic + 6.0 * cubic * at,
         }
     }
 }

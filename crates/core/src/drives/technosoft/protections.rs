@@ -143,7 +143,7 @@ impl Drive {
     }
 
     fn check_supply(&mut self) {
-        let Protections { masks, supply_limits: (least, most), temperature_limit: celsius, .. } =
+        let Protections { masks, supply_limits: (least, most), temperature_limit, .. } =
             self.protections;
         let supply = self.shaft.supply;
         if supply < least && masks & pcr::UNDER_VOLTAGE != 0 {
@@ -151,7 +151,7 @@ impl Drive {
         } else if supply > most && masks & pcr::OVER_VOLTAGE != 0 {
             self.trip(mer::OVER_VOLTAGE, "over-voltage: motor off");
         }
-        if self.shaft.stage.temperature() > celsius && masks & pcr::DRIVE_HOT != 0 {
+        if self.shaft.stage.temperature() > temperature_limit && masks & pcr::DRIVE_HOT != 0 {
             self.trip(mer::DRIVE_HOT, "drive too hot: motor off");
         }
         if self.shaft.winding.temperature() > MOTOR_HOT_C && masks & pcr::MOTOR_HOT != 0 {

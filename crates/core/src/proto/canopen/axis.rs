@@ -389,9 +389,10 @@ impl Driver for Axis {
         raw: i64,
         order: cyclic::SetpointCommand,
     ) -> Option<HostRequest> {
-        let SetpointPdo { number, bytes, target_field: field, controlword_field: control, .. } =
+        let SetpointPdo { number, bytes, target_field, controlword_field, .. } =
             self.setpoint_pdos[setpoint as usize]?;
-        let data = control.insert(field.insert(0, raw.cast_unsigned()), controlword(order));
+        let data = controlword_field
+            .insert(target_field.insert(0, raw.cast_unsigned()), controlword(order));
         Some(HostRequest::Process { cob: Cob::Rpdo(number, self.node), data, len: bytes })
     }
 

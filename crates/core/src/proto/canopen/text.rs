@@ -175,8 +175,8 @@ impl Statement {
             Self::Emergency(emergency, false) => emergency.emit(node),
             Self::State(heartbeat) => heartbeat.emit(node),
             Self::Guard => heartbeat::guarding_request(node),
-            Self::Process { from_node: told, number, data, len } => {
-                let cob = if told { Cob::Tpdo(number, node) } else { Cob::Rpdo(number, node) };
+            Self::Process { from_node, number, data, len } => {
+                let cob = if from_node { Cob::Tpdo(number, node) } else { Cob::Rpdo(number, node) };
                 Frame::standard(cob.id(), &data[..usize::from(len.min(8))])
             }
             Self::RequestProcess(number, len) => {

@@ -489,10 +489,10 @@ fn execute<F: Firmware>(
             write_coils(now, start, count, bits, firmware)?;
             Ok(ReplyPdu::Wrote { coils: true, start, count }.emit(reply))
         }
-        RequestPdu::WriteRegisters { start, words: data } => {
-            let count = (data.len() / 2) as u16;
+        RequestPdu::WriteRegisters { start, words } => {
+            let count = (words.len() / 2) as u16;
             check_count(count, firmware.words_max(function, format))?;
-            write_words(now, start, data, firmware)?;
+            write_words(now, start, words, firmware)?;
             Ok(ReplyPdu::Wrote { coils: false, start, count }.emit(reply))
         }
         RequestPdu::Unknown { .. } => Err(Exception::IllegalFunction),

@@ -480,14 +480,14 @@ impl Session {
 
     /// VM and ST change how the drive is to be spoken with.
     fn note_setting(&mut self, now: Instant, n: usize, out: &Request) {
-        let Some(PendingExchange { host_request: request, .. }) = self.pending[n] else { return };
+        let Some(PendingExchange { host_request, .. }) = self.pending[n] else { return };
         let value = out.data.unwrap_or(0) as u16;
         match out.command {
             CommandWord::VM => {
-                self.nodes.get_mut(request.id).reply_format =
-                    request.interpretation.reply_format(value)
+                self.nodes.get_mut(host_request.id).reply_format =
+                    host_request.interpretation.reply_format(value)
             }
-            CommandWord::ST => self.nodes.set_stop_timeout(request.id, value, now),
+            CommandWord::ST => self.nodes.set_stop_timeout(host_request.id, value, now),
             _ => {}
         }
     }

@@ -250,8 +250,8 @@ impl Driver for Axis {
     /// MODE PVT or PT, points counted from one to the next (CPR), TUM1, SETPVT, the points, UPD.
     fn path_request(&self, step: PathStep) -> Option<Result<HostRequest, Unsupported>> {
         let instruction = match step {
-            PathStep::Prepare { number, kind, low_mark: few } => {
-                path_preparation(number, kind, few)?
+            PathStep::Prepare { number, kind, low_mark } => {
+                path_preparation(number, kind, low_mark)?
             }
             PathStep::Point(kind, raw) => match path_point(kind, &raw) {
                 Some(point) => {

@@ -442,30 +442,25 @@ impl Session {
         if !self.link_up {
             return Some(Failure::LinkDown);
         }
-        let Topology {
-            wire,
-            own_code: own,
-            relay_axis: relay,
-            behind_technocan,
-            broken_rule: broken,
-            ..
-        } = self.topology;
+        let Topology { wire, own_code, relay_axis, behind_technocan, broken_rule, .. } =
+            self.topology;
         let Message { to, instruction } = &request.message;
         let many = to.group || to.id == 0;
         let question = host_request::query_of(instruction);
         let speaks = request.confirmation == Confirmation::MasterFirst;
-        let beyond = wire == TmlWire::Rs232 && (to.group || relay != Some(to.id));
+        let beyond = wire == TmlWire::Rs232 && (to.group || relay_axis != Some(to.id));
         let may_speak = if speaks { wire.check_unsolicited() } else { Ok(()) };
         let second =
             speaks || question.is_some_and(|question| host_request::is_group_query(&question));
-        let rule = match (broken, wire.check(&self.with_own_sender(&request.message)), may_speak) {
-            (Some(rule), ..) | (_, Err(rule), _) | (.., Err(rule)) => Some(rule),
-            _ if wire != TmlWire::Rs232 && !many && self.same_axis(to.id, own.id) => {
-                Some(WireRule::OwnHostId)
-            }
-            _ if behind_technocan && beyond && second => Some(WireRule::TechnoCanRelay),
-            _ => None,
-        };
+        let rule =
+            match (broken_rule, wire.check(&self.with_own_sender(&request.message)), may_speak) {
+                (Some(rule), ..) | (_, Err(rule), _) | (.., Err(rule)) => Some(rule),
+                _ if wire != TmlWire::Rs232 && !many && self.same_axis(to.id, own_code.id) => {
+                    Some(WireRule::OwnHostId)
+                }
+                _ if behind_technocan && beyond && second => Some(WireRule::TechnoCanRelay),
+                _ => None,
+            };
         let harmless = matches!(request.class, RequestClass::Idempotent | RequestClass::Stop);
         match rule {
             Some(rule) => Some(Failure::Impossible(Unsupported::Forbidden(rule.sentence()))),

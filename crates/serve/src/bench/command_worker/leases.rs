@@ -4,10 +4,10 @@ use super::*;
 
 impl CommandWorker {
     pub(super) fn handle_lease(&mut self, request: LeaseRequest) {
-        let LeaseRequest { axis, session, action: act, epoch, reply: tell } = request;
-        let granted = match act {
+        let LeaseRequest { axis, session, action, epoch, reply } = request;
+        let granted = match action {
             LeaseAction::Take | LeaseAction::TakeOver => {
-                return self.acquire_lease(axis, &session, act == LeaseAction::TakeOver, tell);
+                return self.acquire_lease(axis, &session, action == LeaseAction::TakeOver, reply);
             }
             LeaseAction::Renew => self.renew(axis, &session, epoch).map(Some),
             LeaseAction::Drop => {
@@ -19,7 +19,7 @@ impl CommandWorker {
             }
         };
         // Who has gone does not want to know, here and below.
-        let _ = tell.send(granted);
+        let _ = reply.send(granted);
     }
 
     pub(super) fn renew(

@@ -17,13 +17,8 @@ use crate::message::{
 impl CommandWorker {
     /// Sends what stops; what there is to write about it comes when all of them are on the wire.
     pub(in crate::bench) fn process_stops(&mut self) {
-        while let Some(StopBatch {
-            axes,
-            session: who,
-            reason,
-            requested_at: since,
-            collector: report,
-        }) = self.wire.next_stop()
+        while let Some(StopBatch { axes, session, reason, requested_at, collector }) =
+            self.wire.next_stop()
         {
             self.add_joined_axes();
             self.wire.scan_flag.cancel();
@@ -32,7 +27,12 @@ impl CommandWorker {
             for (axis, sequence) in axes {
                 self.axes[axis].last_stop_number = sequence.max(self.axes[axis].last_stop_number);
                 let lost = self.axes[axis].lease.end();
-                let is_new = self.stop_axis(axis, since, (StopCause::Stop, &who), report.clone());
+                let is_new = self.stop_axis(
+                    axis,
+                    requested_at,
+                    (StopCause::Stop, &session),
+                    collector.clone(),
+                );
                 ended.push((axis, lost, is_new));
             }
             self.fast_send = self.context.now().since(began) <= FAST_SEND_MAX;
@@ -41,7 +41,7 @@ impl CommandWorker {
                     self.record_lease_end(axis, &holder, "stopped");
                 }
                 let (id, detail) = (self.axes[axis].id, json!({ "reason": reason }));
-                self.context.record(&who, JournalAction::Stop, Some(id), detail);
+                self.context.record(&session, JournalAction::Stop, Some(id), detail);
                 self.publish_pending_stop(axis, is_new);
             }
         }
@@ -69,12 +69,12 @@ impl CommandWorker {
     /// Stops an axis because whoever holds its lease says so. It stays armed and theirs: what they have it
     /// do next ends the debt.
     pub(super) fn stop_for_holder(&mut self, sequence: u64, commanded: QueuedCommand) {
-        let QueuedCommand { axis, session, header: order, .. } = &commanded;
+        let QueuedCommand { axis, session, header, .. } = &commanded;
         let axis = *axis;
-        if let Err(refused) = self.check_allowed(axis, session, order.epoch, false) {
+        if let Err(refused) = self.check_allowed(axis, session, header.epoch, false) {
             return self.finish_command(commanded, Some(refused));
         }
-        let (now, epoch) = (self.context.now(), order.epoch);
+        let (now, epoch) = (self.context.now(), header.epoch);
         let watched = &mut self.axes[axis];
         // What was said before it and would move is not done any more.
         watched.last_stop_number = sequence.max(watched.last_stop_number);
@@ -223,7 +223,7 @@ impl CommandWorker {
     /// keeps who.
     pub(super) fn handle_dismiss(
         &mut self,
-        DismissRequest { axis, session, dismiss, reply: tell }: DismissRequest,
+        DismissRequest { axis, session, dismiss, reply }: DismissRequest,
     ) {
         let now = self.context.now();
         let held = match dismiss.reason {
@@ -235,7 +235,7 @@ impl CommandWorker {
         let may = held.and_then(|()| self.context.journal.check_writable(now));
         if may.is_err() || self.axes[axis].pending_stop.is_none() {
             // Who has gone does not want to know, here and below.
-            return drop(tell.send(may));
+            return drop(reply.send(may));
         }
         let detail = json!({ "how": "dismissed", "reason": dismiss.reason, "note": dismiss.note });
         let id = self.axes[axis].id;
@@ -247,7 +247,7 @@ impl CommandWorker {
             axis,
             &session,
             detail,
-            Some(Box::new(move |recorded| drop(tell.send(recorded)))),
+            Some(Box::new(move |recorded| drop(reply.send(recorded)))),
         );
     }
 

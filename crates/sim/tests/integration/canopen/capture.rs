@@ -18,8 +18,8 @@ fn odds(bench: &mut Bench) -> Vec<(AnomalyKind, String)> {
             _ => None,
         }));
     };
-    for Reception { at, data: carried, .. } in bench.world.take_log() {
-        let ReceptionData::Frame(frame, _) = carried else { continue };
+    for Reception { at, data, .. } in bench.world.take_log() {
+        let ReceptionData::Frame(frame, _) = data else { continue };
         // Everybody hears a frame at the same time.
         if seen.replace((at, frame)) == Some((at, frame)) {
             continue;

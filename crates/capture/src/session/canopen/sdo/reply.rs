@@ -101,7 +101,7 @@ impl SdoChannel {
         at: FrameRef,
         notices: &mut Vec<SessionNotice>,
     ) -> bool {
-        let Some(AbandonedRequest { op, object, requested: asked, .. }) = self.abandoned else {
+        let Some(AbandonedRequest { op, object, requested, .. }) = self.abandoned else {
             return false;
         };
         let reply = SdoReply::of(bytes);
@@ -126,7 +126,7 @@ impl SdoChannel {
                 self.abandoned.take().map_or_else(Vec::new, |given_up| given_up.held_notices);
             notices.extend(held.into_iter().filter_map(|notice| late_exchange(notice, at)));
             let ms =
-                at.1.zip(asked.1)
+                at.1.zip(requested.1)
                     .map_or(0, |(now, requested_at)| now.since(requested_at) / 1_000_000);
             let ObjectIndex { index, sub } = object;
             let text = format!("the answer for 0x{index:04X}:{sub} came {ms} ms after its request");

@@ -156,9 +156,9 @@ fn detail_lines(axis: Option<&AxisRow>, width: usize, theme: Theme) -> Vec<Line<
     }
     let title = format!("  {}: {}", axis.label, axis.drive[1]);
     let mut facts = String::new();
-    for (word, ShownValue { text, age: old }) in &axis.facts {
+    for (word, ShownValue { text, age }) in &axis.facts {
         let gap = if word.is_empty() { "" } else { " " };
-        facts.push_str(&format!("  {word}{gap}{text} ({})", format_age(*old)));
+        facts.push_str(&format!("  {word}{gap}{text} ({})", format_age(*age)));
     }
     lines.push(Line::from(theme.span(truncate(&title, width), TextRole::Plain)));
     if !facts.is_empty() {

@@ -456,12 +456,11 @@ impl<const N: usize> CanEndpoint<N> {
     /// The next segment of a block, as fast as the bus takes them.
     #[inline]
     pub(super) fn next_segment(&mut self, firmware: &mut impl Firmware) -> Option<[u8; 8]> {
-        let SdoServer { state: mode, bytes_done: done, size, count, segments, .. } =
-            self.sdo_server;
-        self.send_slots.set_segments(mode == ServerState::Sending);
-        let at = done + u32::from(count) * SEGMENT as u32;
+        let SdoServer { state, bytes_done, size, count, segments, .. } = self.sdo_server;
+        self.send_slots.set_segments(state == ServerState::Sending);
+        let at = bytes_done + u32::from(count) * SEGMENT as u32;
         let size = size.unwrap_or(0);
-        if mode != ServerState::Sending || count == segments || (count > 0 && at >= size) {
+        if state != ServerState::Sending || count == segments || (count > 0 && at >= size) {
             return None;
         }
         let len = (size - at).min(SEGMENT as u32);

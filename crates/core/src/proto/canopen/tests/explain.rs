@@ -82,11 +82,11 @@ fn encode_with(
 ) -> Result<Frame, EncodeError> {
     let addressing = EncodeOptions { axis, profile, ..EncodeOptions::default() };
     let mut out = [0; 8];
-    let EncodedFrame { len, id, remote_len: remote, .. } =
+    let EncodedFrame { len, id, remote_len, .. } =
         CanopenDissector.encode(text, &addressing, &mut out)?;
     let frame = Frame::standard(id.expect("an identifier") as u16, &out[..len]);
-    let len = remote.unwrap_or(frame.len);
-    Ok(Frame { remote: remote.is_some(), len, ..frame })
+    let len = remote_len.unwrap_or(frame.len);
+    Ok(Frame { remote: remote_len.is_some(), len, ..frame })
 }
 
 fn encode(text: &str, axis: u32) -> Result<Frame, EncodeError> {

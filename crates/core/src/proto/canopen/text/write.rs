@@ -43,8 +43,8 @@ pub fn write(
         Statement::Emergency(emergency, short) => write_emergency(emergency, short, out)?,
         Statement::State(heartbeat) => write_state(heartbeat, out)?,
         Statement::Guard => out.write_str("guard")?,
-        Statement::Process { from_node: told, number, data, len } => {
-            write!(out, "{}pdo{number}", if told { 't' } else { 'r' })?;
+        Statement::Process { from_node, number, data, len } => {
+            write!(out, "{}pdo{number}", if from_node { 't' } else { 'r' })?;
             write_bytes(&data[..usize::from(len.min(8))], out)?;
         }
         Statement::RequestProcess(number, len) => write!(out, "tpdo{number} remote {len}")?,

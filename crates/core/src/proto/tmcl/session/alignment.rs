@@ -239,11 +239,11 @@ impl Session {
         let module = pending.host_request.request.address;
         let lost = self.is_misaligned(now, module);
         let shiftable = !self.has_answered(module) && self.may_start_misaligned(module);
-        let ByteAlignment { offset: index, answer_due: due, .. } = self.alignment;
+        let ByteAlignment { offset, answer_due, .. } = self.alignment;
         // Who knows a pause is in step behind one.
-        let paused = now >= due.plus_ns(self.timeout_ns / 2);
+        let paused = now >= answer_due.plus_ns(self.timeout_ns / 2);
         let Some(quiet) = self.silent_module_mut(module) else { return SendPlan::PLAIN };
-        let back = if quiet.answered_burst { 0 } else { (OFFSETS - index) % OFFSETS };
+        let back = if quiet.answered_burst { 0 } else { (OFFSETS - offset) % OFFSETS };
         let burst = |trail| SendPlan {
             filler_bytes: 0,
             burst: Some(Burst { lead_bytes: back, trail_bytes: trail }),
@@ -262,7 +262,7 @@ impl Session {
         if core::mem::take(&mut quiet.just_answered_burst) {
             // It is most likely in step.
             return if quiet.offsets_tried == 0 {
-                SendPlan::at_offset(0, index)
+                SendPlan::at_offset(0, offset)
             } else {
                 SendPlan::PLAIN
             };
@@ -275,7 +275,7 @@ impl Session {
             return match quiet.next_attempt() % ATTEMPT_CYCLE {
                 _ if paused => SendPlan::PLAIN,
                 0 => SendPlan::PLAIN,
-                _ => SendPlan::at_offset(quiet.next_found_offset(), index),
+                _ => SendPlan::at_offset(quiet.next_found_offset(), offset),
             };
         }
         quiet.answered_burst = false;
@@ -288,8 +288,8 @@ impl Session {
         }
         match quiet.next_attempt() % ATTEMPT_CYCLE {
             0 if repeats => burst(0),
-            2 => SendPlan::at_offset(quiet.next_search_offset(), index),
-            _ => SendPlan::at_offset(0, index),
+            2 => SendPlan::at_offset(quiet.next_search_offset(), offset),
+            _ => SendPlan::at_offset(0, offset),
         }
     }
 

@@ -105,16 +105,16 @@ impl Session {
         if waiting.proofs_left > 0 {
             return self.send_proof_probe(now);
         }
-        let UnprovenRequest { ticket, host_request: request, all_early: soon, .. } = *waiting;
-        let module = request.request.address;
+        let UnprovenRequest { ticket, host_request, all_early, .. } = *waiting;
+        let module = host_request.request.address;
         self.unproven_request = None;
         self.proven_addresses.insert(module);
         self.forget_stops(module);
-        if soon {
+        if all_early {
             // Nobody else could own these answers: the line has no baud rate.
             self.early_streak = EARLY_STREAK_MAX;
         }
-        self.start_request(now, Some(ticket), request);
+        self.start_request(now, Some(ticket), host_request);
     }
 
     /// The module that is being proven said what nobody asks now.

@@ -53,17 +53,17 @@ pub(super) fn assemble(
 /// How a variable is reached: its address, the page of short addresses that it is on, its type, and
 /// the opcodes that assign and ask for it.
 pub(super) fn explain_reach(variable: &Parameter, sink: &mut dyn ExplainSink) {
-    let Parameter { index: address, encoding, .. } = *variable;
+    let Parameter { index, encoding, .. } = *variable;
     let kind = VariableKind::of(encoding);
     let long = u16::from(kind.is_long());
     let mut field = |name, value, meaning| {
         sink.field(Field { name, start: 0, end: 0, value, meaning });
     };
-    field("address", FieldValue::Hex(address.into(), 4), "");
+    field("address", FieldValue::Hex(index.into(), 4), "");
     field("type", FieldValue::Text(kind.name()), "");
-    match short_operand(address) {
+    match short_operand(index) {
         Some(operand) => {
-            let page = if address < 0x0800 { "0200-03FF" } else { "0800-09FF" };
+            let page = if index < 0x0800 { "0200-03FF" } else { "0800-09FF" };
             field("page", FieldValue::Text(page), "short");
             let assign = 0x2000 | long << 10 | operand;
             field("opcode", FieldValue::Hex(assign.into(), 4), "NAME = value");
