@@ -95,10 +95,10 @@ impl Panel {
         }
     }
 
-    fn curve(&self, out: &mut String, run: &[Sample], look: &str, value: impl Fn(&Sample) -> f64) {
+    fn curve(&self, out: &mut String, run: &[Sample], scan: &str, value: impl Fn(&Sample) -> f64) {
         let points = run.iter().map(|s| self.at(s.time, value(s)));
         let points: Vec<String> = points.map(|(x, y)| format!("{x:.1},{y:.1}")).collect();
-        line(out, &format!(r##"<polyline fill="none" {look} points="{}"/>"##, points.join(" ")));
+        line(out, &format!(r##"<polyline fill="none" {scan} points="{}"/>"##, points.join(" ")));
     }
 }
 
@@ -124,9 +124,9 @@ fn picture(runs: &[Vec<Sample>; 2]) -> String {
     speed.frame(&mut out);
     current.frame(&mut out);
     speed.curve(&mut out, &runs[0], grey, |s| s.setpoint);
-    for (run, look) in runs.iter().zip(looks) {
-        speed.curve(&mut out, run, look, |s| s.velocity);
-        current.curve(&mut out, run, look, |s| s.current);
+    for (run, scan) in runs.iter().zip(looks) {
+        speed.curve(&mut out, run, scan, |s| s.velocity);
+        current.curve(&mut out, run, scan, |s| s.current);
     }
     for tick in 0..=8 {
         let (x, y) = current.at(f64::from(tick) / 10.0, 0.0);

@@ -60,13 +60,13 @@ pub fn run(words: &[&str]) -> Result<(), String> {
     if let ["--replay", which] = words {
         return replay(which);
     }
-    let order = parse_options(words)?;
+    let options = parse_options(words)?;
     let mut reports = Vec::new();
-    for (medium, name) in MEDIA.into_iter().filter(|(m, _)| order.on.is_none_or(|on| on == *m)) {
+    for (medium, name) in MEDIA.into_iter().filter(|(m, _)| options.on.is_none_or(|on| on == *m)) {
         let started_at = Instant::now();
-        let (total, broken) = run_seeds(order, medium);
+        let (total, broken) = run_seeds(options, medium);
         let took = started_at.elapsed().as_secs_f64();
-        print_totals(&total, order, medium, took);
+        print_totals(&total, options, medium, took);
         let lines = broken.iter().take(NAMED_MAX).map(|report| {
             let reports: Vec<_> = report.violations.iter().map(|v| format!("  {v}")).collect();
             let again = format!("replay: cargo xtask swarm --replay {name}:{}", report.seed);
@@ -74,7 +74,7 @@ pub fn run(words: &[&str]) -> Result<(), String> {
         });
         reports.extend(lines);
         if !broken.is_empty() {
-            let (broken, seeds) = (broken.len(), order.seeds);
+            let (broken, seeds) = (broken.len(), options.seeds);
             reports.push(format!("{broken} of {seeds} seeds on {name} broke an invariant"));
         }
     }
@@ -94,38 +94,38 @@ fn replay(which: &str) -> Result<(), String> {
 
 fn parse_options(words: &[&str]) -> Result<SwarmOptions, String> {
     let jobs = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
-    let mut order = SwarmOptions { seeds: 8_000, from: 1, jobs, on: None };
+    let mut options = SwarmOptions { seeds: 8_000, from: 1, jobs, on: None };
     for pair in words.chunks(2) {
         let [key, value] = pair else { return Err(format!("{} needs a number", pair[0])) };
         if *key == "--on" {
             let found = MEDIA.iter().find(|(_, name)| name == value);
             let (medium, _) = found.ok_or_else(|| format!("--on {value}: serial or can"))?;
-            order.on = Some(*medium);
+            options.on = Some(*medium);
             continue;
         }
         let number = value.parse().map_err(|_| format!("{key} {value}: not a number"))?;
         match *key {
-            "--seeds" => order.seeds = number,
-            "--from" => order.from = number,
-            "--jobs" => order.jobs = number.max(1),
+            "--seeds" => options.seeds = number,
+            "--from" => options.from = number,
+            "--jobs" => options.jobs = number.max(1),
             _ => return Err(format!("{key}: unknown; there are --seeds, --from, --jobs, --on")),
         }
     }
-    Ok(order)
+    Ok(options)
 }
 
-fn run_seeds(order: SwarmOptions, medium: MediumKind) -> (WorldReport, Vec<WorldReport>) {
+fn run_seeds(options: SwarmOptions, medium: MediumKind) -> (WorldReport, Vec<WorldReport>) {
     let next = AtomicU64::new(0);
     let sum = Mutex::new((WorldReport::default(), Vec::new()));
     std::thread::scope(|scope| {
-        for _ in 0..order.jobs {
+        for _ in 0..options.jobs {
             scope.spawn(|| {
                 loop {
                     let n = next.fetch_add(1, Ordering::Relaxed);
-                    if n >= order.seeds {
+                    if n >= options.seeds {
                         break;
                     }
-                    let report = swarm::run(medium, order.from + n);
+                    let report = swarm::run(medium, options.from + n);
                     let mut sum = sum.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
                     sum.0.add(&report);
                     if !report.violations.is_empty() {
@@ -140,9 +140,9 @@ fn run_seeds(order: SwarmOptions, medium: MediumKind) -> (WorldReport, Vec<World
     (total, broken)
 }
 
-fn print_totals(total: &WorldReport, order: SwarmOptions, medium: MediumKind, took: f64) {
+fn print_totals(total: &WorldReport, options: SwarmOptions, medium: MediumKind, took: f64) {
     let lived = total.world_time.0 as f64 / 1e9;
-    println!("seeds            {:>12}  from {}", order.seeds, order.from);
+    println!("seeds            {:>12}  from {}", options.seeds, options.from);
     println!("events           {:>12}", total.events);
     println!("requests         {:>12}", total.requests);
     println!("motions started  {:>12}", total.starts);
@@ -166,7 +166,7 @@ fn print_totals(total: &WorldReport, order: SwarmOptions, medium: MediumKind, to
     );
     println!("violations       {:>12}", total.violations.len());
     let rate = lived / took.max(1e-9);
-    let (jobs, a_core) = (order.jobs, rate / order.jobs as f64);
+    let (jobs, a_core) = (options.jobs, rate / options.jobs as f64);
     println!(
         "lived            {lived:>12.0} s in {took:.1} s: {rate:.0} x real time, {a_core:.0} x a core ({jobs} jobs)"
     );

@@ -279,15 +279,15 @@ fn times_text(count: u64) -> String {
 }
 
 fn range_text(values: Option<&&ValueSummary>) -> String {
-    let Some(ValueSummary { range: Some((least, most)), unit, .. }) = values else {
+    let Some(ValueSummary { range: Some((min, max)), unit, .. }) = values else {
         return "none".to_owned();
     };
     let gap = if unit.is_empty() { "" } else { " " };
-    let (least, most) = (NumberText(*least), NumberText(*most));
-    if least.0 == most.0 {
-        format!("{least}{gap}{unit}")
+    let (number_text, most) = (NumberText(*min), NumberText(*max));
+    if number_text.0 == most.0 {
+        format!("{number_text}{gap}{unit}")
     } else {
-        format!("{least} to {most}{gap}{unit}")
+        format!("{number_text} to {most}{gap}{unit}")
     }
 }
 

@@ -102,12 +102,12 @@ struct WorkerBuffers {
 
 impl<E> ChunkSource<'_, E> {
     /// The next piece, which ends where a line does if it can, and its number.
-    fn next_chunk(&mut self, piece: &mut Vec<u8>, most: usize) -> Result<Option<u64>, E> {
+    fn next_chunk(&mut self, piece: &mut Vec<u8>, max: usize) -> Result<Option<u64>, E> {
         piece.clear();
         piece.append(&mut self.rest);
-        while piece.len() < most && !self.ended {
+        while piece.len() < max && !self.ended {
             let before = piece.len();
-            (self.fill)(piece, most - before)?;
+            (self.fill)(piece, max - before)?;
             self.ended = piece.len() == before;
         }
         if let Some(newline) = memchr::memrchr(b'\n', piece).filter(|_| !self.ended) {

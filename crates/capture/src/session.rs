@@ -394,11 +394,11 @@ impl LinkSession {
     }
 
     /// Tells what is left open at the end, and by which protocol.
-    pub fn finish(&mut self, tell: &mut dyn FnMut(InternedName, &SessionNotice)) {
+    pub fn finish(&mut self, report_line: &mut dyn FnMut(InternedName, &SessionNotice)) {
         for (protocol, follower) in &mut self.trackers {
             let mut notices = Vec::new();
             follower.finish(&mut notices);
-            notices.iter().for_each(|notice| tell(protocol, notice));
+            notices.iter().for_each(|notice| report_line(protocol, notice));
         }
     }
 }

@@ -173,7 +173,7 @@ fn cut_by_rules(
             FrameBoundary::Incomplete => more = more.or(Some(at)),
             FrameBoundary::Corrupt(len) => broken = broken.or(Some((len, at))),
             FrameBoundary::Skip(len) => {
-                skip = Some(skip.map_or((len, at), |(least, by)| (len.min(least), by)));
+                skip = Some(skip.map_or((len, at), |(min, by)| (len.min(min), by)));
             }
         }
     }
@@ -209,8 +209,8 @@ mod tests {
         for n in 1..10_000u32 {
             flow.push(stamp(n), &[n as u8; 64]);
             assert_eq!(flow.origin(), stamp(n - 1), "piece {n}");
-            let taken = flow.consume(64);
-            assert_eq!((taken[0], taken[63]), ((n - 1) as u8, n as u8), "piece {n}");
+            let consumed = flow.consume(64);
+            assert_eq!((consumed[0], consumed[63]), ((n - 1) as u8, n as u8), "piece {n}");
         }
         assert_eq!(flow.pending().len(), 40);
         assert!(flow.bytes.len() <= PENDING_MAX + 128, "{} bytes", flow.bytes.len());

@@ -266,9 +266,9 @@ impl Summary {
 fn bounded_entry<K: Ord, V: Default>(
     map: &mut BTreeMap<K, V>,
     key: K,
-    most: usize,
+    max: usize,
 ) -> Option<&mut V> {
-    let full = map.len() >= most && !map.contains_key(&key);
+    let full = map.len() >= max && !map.contains_key(&key);
     (!full).then(|| map.entry(key).or_default())
 }
 

@@ -50,8 +50,8 @@ fn every_reader_takes_whatever_comes() {
         }
     });
     if let Some(peak) = peak() {
-        let most = PEAK_MAX + PEAK_OF_THREAD * threads as u64;
-        assert!(peak < most, "{peak} bytes of memory at the peak");
+        let max = PEAK_MAX + PEAK_OF_THREAD * threads as u64;
+        assert!(peak < max, "{peak} bytes of memory at the peak");
     }
 }
 

@@ -139,7 +139,7 @@ impl CaptureSource {
     ) -> Result<CaptureDecoder> {
         let mut decoder = self.decoder_for(path)?;
         let mut reading = CaptureFileReader::open(path, self.progress)?;
-        let fill = &mut |piece: &mut Vec<u8>, most| reading.append(piece, most);
+        let fill = &mut |piece: &mut Vec<u8>, max| reading.append(piece, max);
         parallel::decode(&mut decoder, makers, fill, put)?;
         Ok(decoder)
     }
@@ -291,8 +291,8 @@ impl<'a> CaptureFileReader<'a> {
     }
 
     /// Appends at most so many bytes; none at the end.
-    fn append(&mut self, piece: &mut Vec<u8>, most: usize) -> Result<()> {
-        let read = (&mut self.file).take(most as u64).read_to_end(piece);
+    fn append(&mut self, piece: &mut Vec<u8>, max: usize) -> Result<()> {
+        let read = (&mut self.file).take(max as u64).read_to_end(piece);
         self.progress.add(read.map_err(|error| problem::file_problem(self.path, "read", &error))?);
         Ok(())
     }

@@ -408,7 +408,7 @@ pub type ClockFns<'a> = (&'a dyn Fn() -> Instant, &'a dyn Fn(Instant));
 pub fn hold_while(
     seconds: Option<f64>,
     (now, pause): ClockFns<'_>,
-    mut look: impl FnMut(Instant) -> Result<()>,
+    mut query: impl FnMut(Instant) -> Result<()>,
 ) -> Result<()> {
     let end = seconds.map(|seconds| now().plus_ns((seconds * 1e9) as u64));
     if seconds.is_none() {
@@ -422,7 +422,7 @@ pub fn hold_while(
         if end.is_some_and(|end| now >= end) {
             return Ok(());
         }
-        look(now)?;
+        query(now)?;
         let until = now.plus_ms(POLL_MS);
         pause(end.map_or(until, |end| until.min(end)));
     }

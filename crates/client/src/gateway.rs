@@ -181,8 +181,8 @@ impl Gateway {
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn start_scan(&self, link: u16, order: &ScanRequest) -> Result<ScanView, GatewayError> {
-        self.block_on(self.0.rest.post(&format!("/api/v1/links/{link}/look"), order))
+    pub fn start_scan(&self, link: u16, request: &ScanRequest) -> Result<ScanView, GatewayError> {
+        self.block_on(self.0.rest.post(&format!("/api/v1/links/{link}/look"), request))
     }
 
     /// The look on a link that is under way, or the last.
@@ -214,8 +214,8 @@ impl Gateway {
     ///
     /// # Errors
     /// As [`bench`](Self::bench).
-    pub fn stop(&self, order: &StopRequest) -> Result<StopReport, GatewayError> {
-        self.block_on(self.0.rest.stop("/api/v1/stop", order)).map_err(|refused| match &*refused.code {
+    pub fn stop(&self, request: &StopRequest) -> Result<StopReport, GatewayError> {
+        self.block_on(self.0.rest.stop("/api/v1/stop", request)).map_err(|refused| match &*refused.code {
             "E313" | "E314" | "E315" | "E501" => refused.hint(
                 "cut the supply of what still turns; without the server `polepair stop URL` stops it on \
                  its own link, once the server's process has ended",
@@ -249,8 +249,12 @@ impl Gateway {
     }
 
     /// Sends a request in the protocol's own text. Sent once.
-    pub(crate) fn raw(&self, id: u16, order: &RawRequest) -> Result<CommandOutcome, GatewayError> {
-        self.block_on(self.0.rest.post(&format!("/api/v1/axes/{id}/raw"), order))
+    pub(crate) fn raw(
+        &self,
+        id: u16,
+        request: &RawRequest,
+    ) -> Result<CommandOutcome, GatewayError> {
+        self.block_on(self.0.rest.post(&format!("/api/v1/axes/{id}/raw"), request))
     }
 
     /// Has something of this done by a thread of its own, and returns without waiting for it.
@@ -258,10 +262,10 @@ impl Gateway {
         &self,
         what: impl FnOnce(&Self) -> Result<T, GatewayError> + Send + 'static,
     ) -> PendingOperation<T> {
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let gateway = self.clone();
         // Whoever waited may have gone.
-        self.0.handle.spawn_blocking(move || drop(tell.send(what(&gateway))));
+        self.0.handle.spawn_blocking(move || drop(reply_sender.send(what(&gateway))));
         PendingOperation::new(reply, self.clone())
     }
 

@@ -69,7 +69,7 @@ impl Lease {
         verb: &str,
         arguments: CommandArguments,
     ) -> Result<PendingOperation, GatewayError> {
-        let order = CommandRequest {
+        let command_request = CommandRequest {
             id: new_command_id()?,
             issued_ms: self.live.cache().now_ms(),
             ttl_ms: DEFAULT_TTL_MS,
@@ -77,11 +77,11 @@ impl Lease {
             verb: verb.to_owned(),
             arguments,
         };
-        let (tell, receiver) = oneshot::channel();
+        let (reply_sender, receiver) = oneshot::channel();
         self.live.send_request(LiveRequest::Command {
             axis: self.axis,
-            request: order,
-            reply: tell,
+            request: command_request,
+            reply: reply_sender,
         })?;
         Ok(PendingOperation::new(receiver, self.live.gateway().clone()))
     }
@@ -107,14 +107,14 @@ impl Lease {
     /// # Errors
     /// As the drive or the gateway says; `gateway.scope` where the token does not allow it.
     pub fn raw(&self, text: &str) -> Result<i64, GatewayError> {
-        let order = RawRequest {
+        let request = RawRequest {
             id: new_command_id()?,
             issued_ms: self.live.cache().now_ms(),
             ttl_ms: DEFAULT_TTL_MS,
             epoch: self.epoch,
             text: text.to_owned(),
         };
-        let outcome = self.live.gateway().raw(self.axis, &order)?;
+        let outcome = self.live.gateway().raw(self.axis, &request)?;
         let value = outcome.value.unwrap_or_default();
         outcome_result(outcome).map(|()| value)
     }

@@ -158,16 +158,16 @@ impl LiveConnection {
         let channel = self.0.channels.fetch_add(1, Ordering::Relaxed);
         let (signal, parameter) = (signal.map(str::to_owned), parameter.map(str::to_owned));
         let what = ChannelSpec { axis, signal, parameter, hz };
-        let feed = Arc::<SampleBuffer>::default();
-        let (tell, receiver) = oneshot::channel();
+        let sample_buffer = Arc::<SampleBuffer>::default();
+        let (reply_sender, receiver) = oneshot::channel();
         self.send_request(LiveRequest::Subscribe {
             channel,
             spec: what,
-            buffer: Arc::clone(&feed),
-            reply: tell,
+            buffer: Arc::clone(&sample_buffer),
+            reply: reply_sender,
         })?;
         let about = self.await_reply(receiver).map_err(query_error)?;
-        Ok(SampleStream { live: self.clone(), axis, buffer: feed, info: about })
+        Ok(SampleStream { live: self.clone(), axis, buffer: sample_buffer, info: about })
     }
 
     /// Hears the frames that pass on the server's links from now on, those that a filter of the
@@ -176,9 +176,9 @@ impl LiveConnection {
     /// # Errors
     /// `E313` where the server is gone.
     pub fn subscribe_frames(&self, filter: Option<&str>) -> Result<FrameStream, GatewayError> {
-        let (filter, passing) = (filter.map(str::to_owned), Arc::<FrameBuffer>::default());
-        self.send_request(LiveRequest::Frames { filter, buffer: Arc::clone(&passing) })?;
-        Ok(FrameStream { live: self.clone(), buffer: passing })
+        let (filter, frame_buffer) = (filter.map(str::to_owned), Arc::<FrameBuffer>::default());
+        self.send_request(LiveRequest::Frames { filter, buffer: Arc::clone(&frame_buffer) })?;
+        Ok(FrameStream { live: self.clone(), buffer: frame_buffer })
     }
 
     /// An axis as the server said it last, its values as old as they are by now; `None` before it said
@@ -238,21 +238,21 @@ impl LiveConnection {
         act: LeaseAction,
         epoch: u64,
     ) -> Result<u64, GatewayError> {
-        let (tell, receiver) = oneshot::channel();
-        self.send_request(LiveRequest::Lease { axis, act, epoch, reply: tell })?;
+        let (reply_sender, receiver) = oneshot::channel();
+        self.send_request(LiveRequest::Lease { axis, act, epoch, reply: reply_sender })?;
         self.await_reply(receiver)
     }
 
     /// Gives a lease back without waiting. One that was given back already is not ours any more.
     pub(crate) fn release_lease(&self, axis: u16, epoch: u64) {
         if self.cache().end_lease(axis, epoch) {
-            let (tell, _) = oneshot::channel();
+            let (reply_sender, _) = oneshot::channel();
             // Where it cannot be said, it is renewed no more all the same.
             let _ = self.0.requests.try_send(LiveRequest::Lease {
                 axis,
                 act: LeaseAction::Drop,
                 epoch,
-                reply: tell,
+                reply: reply_sender,
             });
         }
     }

@@ -20,8 +20,8 @@ fn best(name: &str, log: &str, runs: usize, mut run: impl FnMut(&str) -> u64) {
         black_box(run(black_box(log)));
         began.elapsed().as_secs_f64()
     });
-    let least = times.fold(f64::INFINITY, f64::min);
-    println!("{name:20} {:7.1} ns a frame", least * 1e9 / frames);
+    let min_value = times.fold(f64::INFINITY, f64::min);
+    println!("{name:20} {:7.1} ns a frame", min_value * 1e9 / frames);
 }
 
 fn main() {

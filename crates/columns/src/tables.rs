@@ -131,8 +131,8 @@ impl TablesBuilder {
     #[must_use]
     pub fn is_full(&self) -> bool {
         let rows = [self.frames.rows(), self.signals.rows(), self.transactions.rows()];
-        let most = rows.into_iter().chain([self.events.rows()]).max();
-        most.is_some_and(|rows| rows >= ROWS_MAX) || self.frames.data_len() >= BYTES_MAX
+        let max = rows.into_iter().chain([self.events.rows()]).max();
+        max.is_some_and(|rows| rows >= ROWS_MAX) || self.frames.data_len() >= BYTES_MAX
     }
 
     /// Gives the rows gathered so far, each table's in the order of time.

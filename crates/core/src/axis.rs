@@ -227,9 +227,9 @@ pub trait Driver {
         &self,
         setpoint: SetpointKind,
         raw: i64,
-        order: CycleOrder,
+        command: CycleOrder,
     ) -> Option<Self::Request> {
-        let _ = (setpoint, raw, order);
+        let _ = (setpoint, raw, command);
         None
     }
 
@@ -256,8 +256,8 @@ pub trait Driver {
     }
 
     /// What tells the drive such an order; `None` where it takes none.
-    fn program_request(&self, order: ProgramCommand) -> Option<Self::Request> {
-        let _ = order;
+    fn program_request(&self, command: ProgramCommand) -> Option<Self::Request> {
+        let _ = command;
         None
     }
 
@@ -486,9 +486,9 @@ pub trait Axes {
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
-        order: ProgramCommand,
+        command: ProgramCommand,
     ) -> Result<(), Unsupported> {
-        let _ = (now, ticket, axis, order);
+        let _ = (now, ticket, axis, command);
         Err(Unsupported::NoPlan)
     }
 

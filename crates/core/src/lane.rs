@@ -234,7 +234,7 @@ fn handle_host_event<R: Request, A: Copy + 'static>(
     now: Instant,
     jobs: &mut JobTable<R>,
     slots: &mut [AxisSlot<R, A>],
-    (parts, tidings): (&mut VecDeque<GroupAnswer>, &mut Option<Box<EventQueue>>),
+    (parts, event_queue): (&mut VecDeque<GroupAnswer>, &mut Option<Box<EventQueue>>),
     (to, answer): &HostEvent<A>,
 ) {
     match (to, answer) {
@@ -242,7 +242,7 @@ fn handle_host_event<R: Request, A: Copy + 'static>(
             jobs.handle_answer(now, slots, *n as usize, answer)
         }
         (EventSubject::Unsolicited(address), Ok(answer)) => {
-            slot::handle_unsolicited(now, slots, tidings, (*address, answer))
+            slot::handle_unsolicited(now, slots, event_queue, (*address, answer))
         }
         (EventSubject::GroupMember(Ticket(n), address), _) => {
             let part = jobs.handle_group_answer(now, slots, (*n as usize, *address), answer);

@@ -300,10 +300,10 @@ impl Axes for Mux {
         now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
-        order: ProgramCommand,
+        command: ProgramCommand,
     ) -> Result<(), Unsupported> {
         let (lane, axis) = self.lane_of_mut(axis)?;
-        lane.send_program_command(now, ticket, axis, order)
+        lane.send_program_command(now, ticket, axis, command)
     }
 
     fn poll_group_answer(&mut self, ticket: Ticket) -> Option<GroupAnswer> {
@@ -335,9 +335,9 @@ impl Axes for Mux {
 
     fn poll_axis_event(&mut self, now: Instant) -> Option<AxisEvent> {
         let first = |(n, lane): (usize, &mut BoxedLane)| Some((n, lane.poll_axis_event(now)?));
-        let (n, news) = self.lanes.iter_mut().enumerate().find_map(first)?;
-        let index = self.locations.iter().position(|position| *position == (n, news.axis))?;
-        Some(AxisEvent { axis: AxisIndex(index as u8), ..news })
+        let (n, event) = self.lanes.iter_mut().enumerate().find_map(first)?;
+        let index = self.locations.iter().position(|position| *position == (n, event.axis))?;
+        Some(AxisEvent { axis: AxisIndex(index as u8), ..event })
     }
 
     fn rehearse(

@@ -161,8 +161,8 @@ impl BufferModel {
     /// When the next point may be sent: one place stays free, because clocks differ.
     #[must_use]
     pub fn next_send_at(&self) -> Instant {
-        let most = self.capacity.saturating_sub(1).max(1);
-        match (self.started_at, self.sent.checked_sub(most)) {
+        let max = self.capacity.saturating_sub(1).max(1);
+        match (self.started_at, self.sent.checked_sub(max)) {
             // A point leaves the buffer when the one before it is used up.
             (Some(started_at), Some(used)) => started_at.plus_ns(self.end_of(used)),
             (None, Some(_)) => Instant::FAR_FUTURE,

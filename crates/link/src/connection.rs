@@ -104,9 +104,9 @@ impl Connection {
 
     /// Calls `look` with the axes: to read states and profiles, convert, arm, rehearse. Do not
     /// wait in it; everybody else does meanwhile.
-    pub fn with_axes<R>(&self, look: impl FnOnce(&mut dyn Axes, Instant) -> R) -> R {
-        let (mut look, mut seen) = (Some(look), None);
-        self.0.0.with_axes(&mut |axes, now| seen = look.take().map(|look| look(axes, now)));
+    pub fn with_axes<R>(&self, query: impl FnOnce(&mut dyn Axes, Instant) -> R) -> R {
+        let (mut query, mut seen) = (Some(query), None);
+        self.0.0.with_axes(&mut |axes, now| seen = query.take().map(|query| query(axes, now)));
         seen.expect("an engine lends its axes once")
     }
 

@@ -54,8 +54,8 @@ impl<'a> TextWriter<'a> {
     /// `value` in decimal, in so many digits at least.
     #[cfg(unix)]
     pub(crate) fn push_decimal(&mut self, value: u64, digits: u32) {
-        let least = 10_u64.pow(digits.saturating_sub(1));
-        let mut power = least.max(10_u64.pow(value.checked_ilog10().unwrap_or(0)));
+        let min = 10_u64.pow(digits.saturating_sub(1));
+        let mut power = min.max(10_u64.pow(value.checked_ilog10().unwrap_or(0)));
         while power > 0 {
             self.push_byte(b'0' + (value / power % 10) as u8);
             power /= 10;

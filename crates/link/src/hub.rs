@@ -234,10 +234,10 @@ impl<S: HubSession> HubClient<S> {
         while let Some(byte) = self.inbox.next_byte() {
             let mut buffer = [0; OUTPUT_MAX];
             let mut answer = SessionOutput(TextWriter::new(&mut buffer));
-            let taken = self.session.handle_byte(byte, &mut answer);
+            let action = self.session.handle_byte(byte, &mut answer);
             let len = answer.0.len;
             self.send(&buffer[..len]);
-            match taken {
+            match action {
                 SessionAction::Nothing => {}
                 SessionAction::Malformed => losses.malformed += 1,
                 SessionAction::Refused => losses.refused += 1,

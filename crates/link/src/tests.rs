@@ -219,11 +219,11 @@ fn an_outcome_can_be_polled_for() {
 }
 
 /// What arrived and answered nothing, once that is so much, or the patience of a test is over.
-fn wait_for_late(connection: &Connection, most: u64) -> u64 {
+fn wait_for_late(connection: &Connection, max: u64) -> u64 {
     let deadline = long_deadline();
     loop {
         let late = connection.with_axes(|axes, _| axes.counters().late);
-        if late >= most || clock::now() >= deadline {
+        if late >= max || clock::now() >= deadline {
             return late;
         }
         thread::sleep(Duration::from_millis(5));
@@ -580,17 +580,17 @@ fn a_far_end_that_hangs_up_at_once_is_not_pestered() {
     });
     assert_eq!(pending.wait(long_deadline()), WaitResult::Ended(LOST));
     let began = clock::now();
-    let (least, deadline) = (in_ms(1_100), long_deadline());
+    let (min, deadline) = (in_ms(1_100), long_deadline());
     let attempts = || accepted.load(Ordering::SeqCst);
-    while clock::now() < least || attempts() < 2 {
+    while clock::now() < min || attempts() < 2 {
         assert!(clock::now() < deadline, "it is not tried again");
         // Not too fast itself: each request may make one attempt.
         submit_write(&connection, 1).wait(long_deadline());
         thread::sleep(Duration::from_millis(5));
     }
     // Four a second, and those before and at the ends of that time.
-    let most = clock::now().since(began).as_millis() as u64 / 250 + 3;
-    assert!(attempts() <= most, "{} and not {most}", attempts());
+    let max = clock::now().since(began).as_millis() as u64 / 250 + 3;
+    assert!(attempts() <= max, "{} and not {max}", attempts());
 }
 
 #[test]

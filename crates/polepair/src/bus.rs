@@ -137,9 +137,9 @@ impl BusLoadRange {
 
     /// The sum, where it is too much.
     pub(crate) fn overload_reason(self) -> Option<String> {
-        let most = LOAD_MAX * 100.0;
+        let max = LOAD_MAX * 100.0;
         (self.most > LOAD_MAX).then(|| {
-            format!("its drives take {self} of the bus; at most {most:.0} % can be planned for")
+            format!("its drives take {self} of the bus; at most {max:.0} % can be planned for")
         })
     }
 }

@@ -381,8 +381,8 @@ fn describe_rack(url: &Url, what: &str, seed: u64) -> Result<RackDescription, Er
     }
     let count = url.number("axes")?.unwrap_or(1);
     let drives = url.axes.iter().filter(|axis| !AxisNumber(**axis).is_group());
-    let most = drives.copied().map(u64::from).max().unwrap_or(0);
-    let count = count.max(most);
+    let max = drives.copied().map(u64::from).max().unwrap_or(0);
+    let count = count.max(max);
     if count == 0 || count > 32 {
         let what = format!("`axes={count}` is not 1 to 32");
         return Err(Error::usage("E210", what, "for more, write a rack file"));

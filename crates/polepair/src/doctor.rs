@@ -115,14 +115,14 @@ pub fn check_link(
     connector: &Connector,
     text: &str,
     options: DoctorOptions,
-    hear: &mut dyn FnMut(CheckResult),
+    on_event: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     let url = connector.url(text)?;
     let (mut lines, _simulation) = match connector.open_lines(&url) {
         Ok(opened) => opened,
         Err(error @ (Error::Usage { .. } | Error::File(_))) => return Err(error),
         Err(error) => {
-            hear(CheckResult::error("port", &error));
+            on_event(CheckResult::error("port", &error));
             return Ok(());
         }
     };
@@ -137,15 +137,15 @@ pub fn check_link(
                 LinkTarget::Serial { .. } | LinkTarget::Slcan { .. } => ", and nobody else has it",
                 _ => "",
             };
-            hear(CheckResult::ok("port", format!("{} opens{alone}", line.link.describe())));
+            on_event(CheckResult::ok("port", format!("{} opens{alone}", line.link.describe())));
         }
-        if let Err(error) = check_line(connector, &url, (line, first), &mut silent, hear) {
-            hear(CheckResult::error("line", &error));
+        if let Err(error) = check_line(connector, &url, (line, first), &mut silent, on_event) {
+            on_event(CheckResult::error("line", &error));
         }
     }
     drop(lines);
     if silent {
-        hear(serial::check_other_rates(connector, &url, options)?);
+        on_event(serial::check_other_rates(connector, &url, options)?);
     }
     Ok(())
 }
@@ -157,36 +157,36 @@ fn check_line(
     url: &Url,
     (line, first): (&mut ProtocolLine, bool),
     silent: &mut bool,
-    hear: &mut dyn FnMut(CheckResult),
+    on_event: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     let echo = match line.link.clone() {
         SharedLink::Serial(link) => {
-            serial::check_noise(&link, line, hear)?;
+            serial::check_noise(&link, line, on_event)?;
             Some(serial::EchoDetector::attach(line))
         }
         SharedLink::Can(link) => {
             if first {
-                bus::check_traffic(&link, line, url, hear)?;
+                bus::check_traffic(&link, line, url, on_event)?;
             }
             None
         }
     };
-    let found = find_drives(connector, url, line, hear)?;
+    let found = find_drives(connector, url, line, on_event)?;
     if let Some(echo) = echo {
-        hear(echo.check_result(line));
+        on_event(echo.check_result(line));
         if found.is_empty() && echo.differs_from_options(line) {
             // The host took its own bytes for answers, or answers for its own bytes.
             line.options.echo = !line.options.echo;
             return check_found(
                 connector,
                 line,
-                &find_drives(connector, url, line, hear)?,
+                &find_drives(connector, url, line, on_event)?,
                 silent,
-                hear,
+                on_event,
             );
         }
     }
-    check_found(connector, line, &found, silent, hear)
+    check_found(connector, line, &found, silent, on_event)
 }
 
 fn check_found(
@@ -194,11 +194,11 @@ fn check_found(
     line: &ProtocolLine,
     found: &[DetectedDrive],
     silent: &mut bool,
-    hear: &mut dyn FnMut(CheckResult),
+    on_event: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     *silent |= found.is_empty() && line.options.baud > 0;
     for axis in connector.axes_of_found(line, found)? {
-        drive::check_drive(&axis, hear);
+        drive::check_drive(&axis, on_event);
     }
     Ok(())
 }
@@ -208,7 +208,7 @@ fn find_drives(
     connector: &Connector,
     url: &Url,
     line: &ProtocolLine,
-    hear: &mut dyn FnMut(CheckResult),
+    on_event: &mut dyn FnMut(CheckResult),
 ) -> Result<Vec<DetectedDrive>, Error> {
     let named = !url.axes.is_empty()
         || matches!(url.target, LinkTarget::Sim { .. } | LinkTarget::Rack { .. });
@@ -231,9 +231,9 @@ fn find_drives(
             ProbeResult::Found { profile, identified, stray, .. } => {
                 let profile = chosen.unwrap_or(profile);
                 let text = format!("answers: {} ({identified})", profile.title);
-                hear(CheckResult::ok(&about, text));
+                on_event(CheckResult::ok(&about, text));
                 if stray > 0 {
-                    hear(duplicate_address_check(&about, stray));
+                    on_event(duplicate_address_check(&about, stray));
                 }
                 found.push(DetectedDrive {
                     identified,
@@ -241,27 +241,37 @@ fn find_drives(
                 });
             }
             ProbeResult::Forbidden(hint) => {
-                hear(CheckResult::wrong(&about, Exit::Usage, "cannot be asked on this line", hint));
+                on_event(CheckResult::wrong(
+                    &about,
+                    Exit::Usage,
+                    "cannot be asked on this line",
+                    hint,
+                ));
             }
             ProbeResult::Damaged(_) => damaged += 1,
             ProbeResult::Silent(details) if named && !details.is_nothing() => {
                 let text = format!("does not answer: {details}");
-                hear(CheckResult::wrong(&about, Exit::NoReply, text, details.hint()));
+                on_event(CheckResult::wrong(&about, Exit::NoReply, text, details.hint()));
             }
             ProbeResult::Silent(_) if named => {
-                hear(CheckResult::wrong(&about, Exit::NoReply, "does not answer", SILENT_REMEDY));
+                on_event(CheckResult::wrong(
+                    &about,
+                    Exit::NoReply,
+                    "does not answer",
+                    SILENT_REMEDY,
+                ));
             }
             ProbeResult::Silent(_) => {}
         }
     }
     if damaged > 0 {
         let text = format!("{damaged} addresses gave damaged answers only");
-        hear(CheckResult::wrong("answers", Exit::Corrupt, text, DAMAGED_REMEDY));
+        on_event(CheckResult::wrong("answers", Exit::Corrupt, text, DAMAGED_REMEDY));
     }
     if found.is_empty() && !named {
         let text = format!("none of the addresses {} answers", join_numbers(&requests));
         let remedy = format!("{SILENT_REMEDY}; `polepair scan` asks every address");
-        hear(CheckResult::wrong("address", Exit::NoReply, text, remedy));
+        on_event(CheckResult::wrong("address", Exit::NoReply, text, remedy));
     }
     Ok(found)
 }

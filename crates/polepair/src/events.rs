@@ -283,16 +283,16 @@ impl Events {
     fn to_event(&self, (wire, notice): (usize, ConnectionEvent)) -> Option<Event> {
         let of_link = |at, kind| Event { at, axis: None, index: wire, kind };
         Some(match notice {
-            ConnectionEvent::Axis(news) => return self.axis_event(wire, &news),
+            ConnectionEvent::Axis(event) => return self.axis_event(wire, &event),
             ConnectionEvent::LinkLost(at, error) => of_link(at, EventKind::LinkLost { error }),
             ConnectionEvent::LinkRestored(at) => of_link(at, EventKind::LinkBack),
         })
     }
 
-    fn axis_event(&self, wire: usize, news: &AxisEvent) -> Option<Event> {
-        let (position, axis) = self.axes.get(wire)?.iter().find(|(_, a)| a.index == news.axis)?;
+    fn axis_event(&self, wire: usize, event: &AxisEvent) -> Option<Event> {
+        let (position, axis) = self.axes.get(wire)?.iter().find(|(_, a)| a.index == event.axis)?;
         let fault = |code| axis.profile.faults.iter().find(|fault| fault.code == code);
-        let kind = match news.kind {
+        let kind = match event.kind {
             AxisEventKind::Signal(signal, reading) => EventKind::Signal {
                 signal,
                 reading: axis.reading_in_machine_scale(signal, reading),
@@ -310,7 +310,7 @@ impl Events {
             // Those that later versions of the core tell.
             _ => return None,
         };
-        Some(Event { at: news.at, axis: Some(axis.number), index: *position, kind })
+        Some(Event { at: event.at, axis: Some(axis.number), index: *position, kind })
     }
 }
 

@@ -124,30 +124,30 @@ pub fn scan(
     });
     let (mut lines, _simulation) = connector.open_shared_lines(&whole.collect::<Vec<_>>())?;
     bus::sort_guests_last(&mut lines, |line| &line.protocol);
-    let mut look = DriveScanner::on_lines(connector, lines, axes, numbers.into());
+    let mut scanner = DriveScanner::on_lines(connector, lines, axes, numbers.into());
     loop {
-        match scan_step(&mut look, progress) {
+        match scan_step(&mut scanner, progress) {
             Ok(true) => {}
             Ok(false) => break,
             Err(Error::Link(lost)) => {
-                look.set_link_lost(lost);
+                scanner.set_link_lost(lost);
                 break;
             }
             Err(error) => return Err(error),
         }
     }
-    Ok(look.finish())
+    Ok(scanner.finish())
 }
 
 /// Asks the next address; false when all were.
 fn scan_step(
-    look: &mut DriveScanner,
+    scanner: &mut DriveScanner,
     progress: &mut dyn FnMut(ScanProgress) -> ControlFlow<()>,
 ) -> Result<bool, Error> {
-    let Some(at) = look.next_address(&|| false)? else { return Ok(false) };
+    let Some(at) = scanner.next_address(&|| false)? else { return Ok(false) };
     match progress(at) {
-        ControlFlow::Continue(()) => look.query_next(&|| false)?,
-        ControlFlow::Break(()) => look.cancel(),
+        ControlFlow::Continue(()) => scanner.query_next(&|| false)?,
+        ControlFlow::Break(()) => scanner.cancel(),
     }
     Ok(true)
 }

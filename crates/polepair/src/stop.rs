@@ -112,7 +112,7 @@ pub fn stop(
     connector: &Connector,
     url: &str,
     verb: Verb,
-    hear: &mut dyn FnMut(StopEvent<'_>),
+    on_event: &mut dyn FnMut(StopEvent<'_>),
 ) -> Result<LinkStopReport, Error> {
     let parsed = connector.url(url)?;
     let mut stopped = LinkStopReport::default();
@@ -129,7 +129,7 @@ pub fn stop(
         return Ok(stopped);
     }
     let (lines, _) = connector.open_lines(&parsed)?;
-    stop_on_lines(connector, &parsed, &lines, verb, &mut stopped, hear)?;
+    stop_on_lines(connector, &parsed, &lines, verb, &mut stopped, on_event)?;
     Ok(stopped)
 }
 
@@ -143,12 +143,12 @@ pub fn stop_on(
     opened: &RawWires,
     wire: usize,
     axes: &[u32],
-    hear: &mut dyn FnMut(StopEvent<'_>),
+    on_event: &mut dyn FnMut(StopEvent<'_>),
 ) -> Result<LinkStopReport, Error> {
     let mut stopped = LinkStopReport::default();
     let Some(lines) = opened.by_wire().nth(wire) else { return Ok(stopped) };
     let url = Url { axes: axes.to_vec(), names: Vec::new(), ..opened.url.clone() };
-    stop_on_lines(connector, &url, lines, Verb::Stop, &mut stopped, hear)?;
+    stop_on_lines(connector, &url, lines, Verb::Stop, &mut stopped, on_event)?;
     Ok(stopped)
 }
 
@@ -158,13 +158,13 @@ fn stop_on_lines(
     lines: &[ProtocolLine],
     verb: Verb,
     stopped: &mut LinkStopReport,
-    hear: &mut dyn FnMut(StopEvent<'_>),
+    on_event: &mut dyn FnMut(StopEvent<'_>),
 ) -> Result<(), Error> {
     for line in lines {
         if url.axes.is_empty() {
             stopped.broadcast |= broadcast_stop(connector, url, line, verb)?;
         }
-        let found = find_and_stop(connector, url, line, verb, (stopped, &mut *hear))?;
+        let found = find_and_stop(connector, url, line, verb, (stopped, &mut *on_event))?;
         let axes = connector.axes_of_found(line, &found)?;
         stopped.motors.extend(stop_more_motors(&axes));
         stopped.axes.extend(wait_standstill(&axes, verb));
@@ -230,7 +230,7 @@ fn find_and_stop(
     url: &Url,
     line: &ProtocolLine,
     verb: Verb,
-    (stopped, hear): (&mut LinkStopReport, &mut dyn FnMut(StopEvent<'_>)),
+    (stopped, on_event): (&mut LinkStopReport, &mut dyn FnMut(StopEvent<'_>)),
 ) -> Result<Vec<DetectedDrive>, Error> {
     let named = !url.axes.is_empty();
     let wanted = if named { url.axes.clone() } else { scan::default_addresses(line)? };
@@ -248,7 +248,7 @@ fn find_and_stop(
             stopped.not_queried = wanted.last().map(|last| (number, *last));
             break;
         }
-        hear(StopEvent::Querying(ScanProgress { number, done, of: wanted.len() }));
+        on_event(StopEvent::Querying(ScanProgress { number, done, of: wanted.len() }));
         stopped.queried += 1;
         let probe = prober.probe(number)?;
         let missing = match probe {
@@ -288,11 +288,11 @@ fn find_and_stop(
                 });
                 unknown.extend(missing.map(|error| (number, report.clone(), error)));
                 let Some(report) = report else { continue };
-                stop_found(connector, line, &report, hear)?;
+                stop_found(connector, line, &report, on_event)?;
                 continue;
             }
         };
-        stop_found(connector, line, &(one.clone(), verb), hear)?;
+        stop_found(connector, line, &(one.clone(), verb), on_event)?;
         match missing {
             None => found.push(one),
             Some(error) => deaf.push((one, error)),
@@ -316,7 +316,7 @@ fn find_and_stop(
             }
         };
         if let Some(one) = one {
-            stop_found(connector, line, &(one.clone(), verb), hear)?;
+            stop_found(connector, line, &(one.clone(), verb), on_event)?;
             found.push(one);
             continue;
         }
@@ -332,13 +332,13 @@ fn stop_found(
     connector: &Connector,
     line: &ProtocolLine,
     (one, verb): &(DetectedDrive, Verb),
-    hear: &mut dyn FnMut(StopEvent<'_>),
+    on_event: &mut dyn FnMut(StopEvent<'_>),
 ) -> Result<(), Error> {
     for axis in connector.axes_of_found(line, std::slice::from_ref(one))? {
         // One that only listens may obey. What it says is heard when all are waited for.
         if let Ok(mut running) = start_stop(&axis, *verb) {
             let _ = running.wait(STOP_WAIT_MAX);
-            hear(StopEvent::StopSent(&axis));
+            on_event(StopEvent::StopSent(&axis));
         }
     }
     Ok(())

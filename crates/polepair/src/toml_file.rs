@@ -246,12 +246,12 @@ impl<'t, 'a> TomlTable<'t, 'a> {
     pub(crate) fn integer_between(
         &self,
         key: &str,
-        least: i64,
-        most: i64,
+        min: i64,
+        max: i64,
     ) -> Result<Option<i64>, FileError> {
         let Some(found) = self.integer(key)? else { return Ok(None) };
-        if !(least..=most).contains(&found.value) {
-            let reason = format!("`{key}` is {}; it must be {least} to {most}", found.value);
+        if !(min..=max).contains(&found.value) {
+            let reason = format!("`{key}` is {}; it must be {min} to {max}", found.value);
             return Err(found.location.error(reason));
         }
         Ok(Some(found.value))
@@ -296,12 +296,12 @@ impl<'t, 'a> TomlTable<'t, 'a> {
 
     /// A table whose keys are `known`; any keys when `known` is empty.
     /// Whole numbers from 0 to `most`; none without the key.
-    pub(crate) fn whole_numbers(&self, key: &str, most: u32) -> Result<Vec<u32>, FileError> {
+    pub(crate) fn whole_numbers(&self, key: &str, max: u32) -> Result<Vec<u32>, FileError> {
         let Some((value, array)) = self.array(key)? else { return Ok(Vec::new()) };
         let number = |item: &Spanned<DeValue<'a>>| {
             let number = toml_integer(item.get_ref()).and_then(|n| u32::try_from(n).ok());
-            let wanted = format!("a list of whole numbers from 0 to {most}");
-            number.filter(|n| *n <= most).ok_or_else(|| self.type_error(key, value, &wanted))
+            let wanted = format!("a list of whole numbers from 0 to {max}");
+            number.filter(|n| *n <= max).ok_or_else(|| self.type_error(key, value, &wanted))
         };
         array.iter().map(number).collect()
     }

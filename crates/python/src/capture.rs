@@ -247,8 +247,8 @@ impl TableCollector {
     fn decode(mut self, mut decoder: Inner, file: File) -> PyResult<Vec<Columns>> {
         let Self { builders, batches, numbering } = &mut self;
         let caller = std::thread::current().id();
-        let fill = &mut |piece: &mut Vec<u8>, most| {
-            (&file).take(most as u64).read_to_end(piece)?;
+        let fill = &mut |piece: &mut Vec<u8>, max| {
+            (&file).take(max as u64).read_to_end(piece)?;
             Ok(())
         };
         let put = &mut |builder: &mut BatchBuilder| {

@@ -197,7 +197,7 @@ mod system {
             let _ = signal_hook::flag::register_conditional_default(*signal, Arc::clone(&IDLE));
         }
         let Ok(mut signals) = Signals::new(unheard) else { return };
-        let hear = move || {
+        let on_event = move || {
             for signal in &mut signals {
                 let _one = super::lock_shutdown();
                 // Who goes on behind this one had nothing armed and was suspended at once. All others
@@ -209,7 +209,7 @@ mod system {
                 let _ = signal_hook::low_level::emulate_default_handler(signal);
             }
         };
-        let _ = std::thread::Builder::new().name("polepair-signals".to_owned()).spawn(hear);
+        let _ = std::thread::Builder::new().name("polepair-signals".to_owned()).spawn(on_event);
     }
 
     /// The signals that a library of the process catches, the first in bit 0, where the system tells.

@@ -130,10 +130,10 @@ impl ValueLayout {
     /// The bits as a number without a sign.
     fn read_bits(self, data: &[u8]) -> u64 {
         let (first, shift) = ((self.bit / 8) as usize, self.bit % 8);
-        let mut taken = [0; 16];
+        let mut consumed = [0; 16];
         let have = data.len().min(first + 9);
-        taken[..have - first].copy_from_slice(&data[first..have]);
-        let all = (u128::from_le_bytes(taken) >> shift) as u64;
+        consumed[..have - first].copy_from_slice(&data[first..have]);
+        let all = (u128::from_le_bytes(consumed) >> shift) as u64;
         all & (u64::MAX >> (64 - self.bits))
     }
 

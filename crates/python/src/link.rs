@@ -84,7 +84,7 @@ pub fn scan(
     let mut broken = None;
     let connector = build_connector(py, profile)?;
     let found = py.detach(|| {
-        let mut tell = |now: library::ScanProgress| {
+        let mut report_line = |now: library::ScanProgress| {
             let goes_on = Python::attach(|py| {
                 py.check_signals()?;
                 let Some(progress) = &progress else { return Ok(true) };
@@ -102,7 +102,7 @@ pub fn scan(
         };
         let range = first.map(|first| first..=last.unwrap_or(first));
         let range = range.map_or(library::ScanAddresses::ALL, library::ScanAddresses::from);
-        library::scan(&connector, url, range, &mut tell)
+        library::scan(&connector, url, range, &mut report_line)
     });
     if let Some(error) = broken {
         return Err(error);

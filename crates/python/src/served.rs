@@ -220,8 +220,8 @@ impl RemoteServer {
 
     /// Stops axes, whoever commands them; the first error, after every one was tried.
     fn stop(gateway: &Gateway, axes: Vec<u16>) -> Result<(), GatewayError> {
-        let order = StopRequest { axes: Some(axes), reason: String::new() };
-        let stopped = gateway.stop(&order)?.axes;
+        let request = StopRequest { axes: Some(axes), reason: String::new() };
+        let stopped = gateway.stop(&request)?.axes;
         stopped.into_iter().find_map(|axis| axis.error).map_or(Ok(()), Err)
     }
 }

@@ -241,8 +241,8 @@ impl ApiRoute {
 pub(crate) fn router(state: &SharedAppState) -> Router {
     let mut router = Router::new();
     for route in ROUTES {
-        let most = if route.accepts_file { CAPTURE_MAX } else { BODY_MAX };
-        let answers = (route.handler)().layer(DefaultBodyLimit::max(most));
+        let max_value = if route.accepts_file { CAPTURE_MAX } else { BODY_MAX };
+        let answers = (route.handler)().layer(DefaultBodyLimit::max(max_value));
         router = router.route(route.path, answers);
     }
     router

@@ -175,7 +175,7 @@ impl Authenticator {
     ) -> Result<(Caller, String), GatewayError> {
         self.check_tries(peer)?;
         let given = AccessToken::parse(text);
-        let taken = {
+        let access_token = {
             let mut inside = self.lock();
             let is = |once: &AccessToken| given.as_ref().is_some_and(|given| given.matches(once));
             if inside.one_time_token.as_ref().is_some_and(is) {
@@ -184,7 +184,7 @@ impl Authenticator {
                 None
             }
         };
-        let grant = taken.and(self.grants.first()).ok_or_else(|| {
+        let grant = access_token.and(self.grants.first()).ok_or_else(|| {
             self.record_failure(peer)
                 .hint("it is good once: start the server again for another one")
         })?;

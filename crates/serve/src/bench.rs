@@ -329,10 +329,11 @@ impl Bench {
         act: LeaseAction,
         epoch: u64,
     ) -> PendingReply<Option<LeaseGrant>> {
-        let (tell, receiver) = oneshot::channel();
+        let (reply_sender, receiver) = oneshot::channel();
         let result = self.find_axis(axis).and_then(|(link, index)| {
             let session = session.clone();
-            let request = LeaseRequest { axis: index, session, action: act, epoch, reply: tell };
+            let request =
+                LeaseRequest { axis: index, session, action: act, epoch, reply: reply_sender };
             link.wire.submit(WireRequest::Lease(request))
         });
         PendingReply::from_receiver(receiver, result)
@@ -351,23 +352,23 @@ impl Bench {
     ///
     /// The reply tells, when nothing is left to be seen, how far each stop came; until then
     /// [`BenchEvent::Stopped`] does.
-    pub fn stop(&self, session: &SessionName, order: &StopRequest) -> PendingReply<StopReport> {
+    pub fn stop(&self, session: &SessionName, request: &StopRequest) -> PendingReply<StopReport> {
         let since = self.0.context.now();
-        let reason: String = order.reason.chars().take(REASON_MAX).collect();
-        if order.axes.is_none() {
+        let reason: String = request.reason.chars().take(REASON_MAX).collect();
+        if request.axes.is_none() {
             self.0.links.iter().for_each(|link| link.wire.scan_flag.cancel());
             let (by, at_ms) = (session.to_string(), BenchClock::wall_ms(since));
             let lock = MotionLock { by, at_ms, reason: reason.clone() };
             self.0.context.lock_motion(lock);
         }
         let every = || (0..self.0.axes.len() as u16).collect();
-        let mut axes: Vec<u16> = order.axes.clone().unwrap_or_else(every);
+        let mut axes: Vec<u16> = request.axes.clone().unwrap_or_else(every);
         // One that is not there keeps no other from being stopped.
         axes.retain(|id| usize::from(*id) < self.0.axes.len());
         // Named twice, it is stopped once.
         axes.sort_unstable();
         axes.dedup();
-        let unreached = if order.axes.is_none() { self.unreached() } else { Vec::new() };
+        let unreached = if request.axes.is_none() { self.unreached() } else { Vec::new() };
         let (report, reply) = StopCollector::for_axes(&axes, unreached);
         for (n, link) in self.0.links.iter().enumerate() {
             let its = axes.iter().map(|id| &self.0.axes[usize::from(*id)]);
@@ -399,7 +400,7 @@ impl Bench {
         session: &SessionName,
         dismiss: DismissStop,
     ) -> PendingReply<()> {
-        let (tell, receiver) = oneshot::channel();
+        let (reply_sender, receiver) = oneshot::channel();
         let result = self.find_axis(axis).and_then(|(link, index)| {
             let note = dismiss.note.chars().take(REASON_MAX).collect();
             let (session, dismiss) = (session.clone(), DismissStop { note, ..dismiss });
@@ -407,7 +408,7 @@ impl Bench {
                 axis: index,
                 session,
                 dismiss,
-                reply: tell,
+                reply: reply_sender,
             }))
         });
         PendingReply::from_receiver(receiver, result)
@@ -618,20 +619,20 @@ impl Drop for BenchInner {
 }
 
 /// What a command's words mean.
-fn parse_action(order: &CommandRequest) -> Result<CommandAction, GatewayError> {
-    let a = &order.arguments;
+fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError> {
+    let a = &request.arguments;
     let all = [a.target, a.velocity, a.acceleration, a.torque, a.jerk_time, a.period];
     if all.into_iter().flatten().any(|value| !value.is_finite()) {
         return Err(GatewayError::new("gateway.request", "arguments are finite numbers"));
     }
-    match &*order.verb {
+    match &*request.verb {
         describe::ARM => return Ok(CommandAction::Arm(true)),
         describe::DISARM => return Ok(CommandAction::Arm(false)),
         _ => {}
     }
     let mut offered = Verb::ALL.into_iter().filter(|verb| describe::is_offered(*verb));
-    let verb = offered.find(|verb| verb.name() == order.verb).ok_or_else(|| {
-        GatewayError::new("gateway.request", format!("`{}` is nothing to command", order.verb))
+    let verb = offered.find(|verb| verb.name() == request.verb).ok_or_else(|| {
+        GatewayError::new("gateway.request", format!("`{}` is nothing to command", request.verb))
             .hint("the bench's list has what each axis can be told")
     })?;
     let [target, velocity, acceleration, torque, jerk_time, period] = all;

@@ -49,10 +49,10 @@ impl ConnectionLimiter {
     /// None yet, and at most so many as a process with that many open files can have.
     pub fn new(files: Option<u64>) -> Self {
         let left = files.map_or(u64::MAX, |files| files.saturating_sub(FILES_RESERVED).max(1));
-        let most = usize::try_from(left).unwrap_or(usize::MAX).min(CONNECTIONS_MAX);
+        let max = usize::try_from(left).unwrap_or(usize::MAX).min(CONNECTIONS_MAX);
         let (unproven, proven) = (BTreeMap::new(), BTreeMap::new());
         Self(Arc::new(Mutex::new(OpenConnections {
-            most,
+            most: max,
             next: 0,
             unauthenticated: unproven,
             authenticated: proven,
@@ -138,15 +138,15 @@ mod tests {
 
     #[test]
     fn idle_connections_make_room_and_those_with_a_token_do_not() {
-        let (all, most) = (ConnectionLimiter::new(Some(FILES_RESERVED + 100)), 100);
-        let mut places: Vec<_> = (0..most).filter_map(|_| all.acquire_slot(PEER)).collect();
+        let (all, max) = (ConnectionLimiter::new(Some(FILES_RESERVED + 100)), 100);
+        let mut places: Vec<_> = (0..max).filter_map(|_| all.acquire_slot(PEER)).collect();
         places[0].0.connection().mark_authenticated();
         let (_new, _) = all.acquire_slot(PEER).expect("the oldest idle one goes");
         assert!(places[0].1.try_recv().is_err(), "it has shown a token");
         assert!(places[1].1.try_recv().is_ok(), "it was told to go");
         places.iter().for_each(|(slot, _)| slot.connection().mark_authenticated());
         _new.connection().mark_authenticated();
-        assert_eq!(all.count(), most);
+        assert_eq!(all.count(), max);
         assert!(all.acquire_slot(PEER).is_none());
         drop(places);
         assert_eq!(all.count(), 1);

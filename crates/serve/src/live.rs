@@ -266,13 +266,13 @@ impl Viewer {
     /// Does what is next.
     fn process_next(&self, turn: QueuePermit<'_>, waiting: &mut IncomingQueue) {
         let Some((queued, bytes)) = waiting.pop() else { return };
-        let (answer, look) = match turn {
+        let (answer, permit) = match turn {
             QueuePermit::NotNeeded => (None, None),
             QueuePermit::Reply(answer) => (Some(answer), None),
-            QueuePermit::Subscription(look) => (None, Some(look)),
+            QueuePermit::Subscription(permit) => (None, Some(permit)),
         };
         let report = match queued {
-            QueuedMessage::Request(message, locks) => self.handle_message(message, locks, look),
+            QueuedMessage::Request(message, locks) => self.handle_message(message, locks, permit),
             QueuedMessage::Reply(report) => Some(*report),
             // Where its answers are not taken, it need not be told that we are here.
             QueuedMessage::Ping(its) => return drop(self.replies.try_send(Message::Pong(its))),
@@ -317,7 +317,7 @@ impl Viewer {
         &self,
         message: ClientMessage,
         locks: u64,
-        look: Option<Permit<'_, SubscriptionRequest>>,
+        permit: Option<Permit<'_, SubscriptionRequest>>,
     ) -> Option<ServerMessage> {
         let (about, needs) = type_and_access(&message);
         if !needs.is_met_by(self.caller.scopes) {
@@ -338,7 +338,7 @@ impl Viewer {
             ClientMessage::Dismiss { axis, dismiss } => return self.dismiss(axis, dismiss),
             ClientMessage::Command { axis, command } => return self.command(axis, command),
             ClientMessage::Lease { axis, act, epoch } => return self.lease(axis, act, epoch),
-            shown => return self.request_subscription(shown, look),
+            shown => return self.request_subscription(shown, permit),
         }
         None
     }
@@ -347,7 +347,7 @@ impl Viewer {
     fn request_subscription(
         &self,
         message: ClientMessage,
-        look: Option<Permit<'_, SubscriptionRequest>>,
+        permit: Option<Permit<'_, SubscriptionRequest>>,
     ) -> Option<ServerMessage> {
         let (about, _) = type_and_access(&message);
         let wanted = match message {
@@ -365,8 +365,8 @@ impl Viewer {
             ClientMessage::Explain { n } => SubscriptionRequest::Explain(n),
             _ => SubscriptionRequest::StopFrames,
         };
-        if let Some(look) = look {
-            look.send(wanted);
+        if let Some(permit) = permit {
+            permit.send(wanted);
         }
         None
     }
@@ -390,9 +390,9 @@ impl Viewer {
     }
 
     /// How far it came is told by events, to everybody.
-    fn stop(&self, order: StopRequest) {
+    fn stop(&self, request: StopRequest) {
         let since = clock::now();
-        let stopped = self.state.bench.stop(&self.session, &order);
+        let stopped = self.state.bench.stop(&self.session, &request);
         // Whoever floods us with stops is obeyed, not measured.
         if let Ok(permit) = Arc::clone(&self.command_slots).try_acquire_owned() {
             let state = Arc::clone(&self.state);
@@ -441,13 +441,13 @@ impl Viewer {
         None
     }
 
-    fn command(&self, axis: u16, order: CommandRequest) -> Option<ServerMessage> {
-        let id = order.id.clone();
+    fn command(&self, axis: u16, request: CommandRequest) -> Option<ServerMessage> {
+        let id = request.id.clone();
         let Ok(permit) = Arc::clone(&self.command_slots).try_acquire_owned() else {
             return Some(not_done_outcome(id, busy_error()));
         };
         let since = clock::now();
-        let outcome = self.state.bench.command(axis, &self.session, order);
+        let outcome = self.state.bench.command(axis, &self.session, request);
         let (state, answers) = (Arc::clone(&self.state), self.replies.clone());
         tokio::spawn(async move {
             let message = match outcome.await {
@@ -512,8 +512,8 @@ impl ViewerWriter {
             tokio::select! {
                 biased;
                 look = self.subscription_requests.recv() => match look {
-                    Some(look) => {
-                        let report = self.subscriptions.handle_request(&self.state.bench, look);
+                    Some(subscription) => {
+                        let report = self.subscriptions.handle_request(&self.state.bench, subscription);
                         messages.extend(report.map(|report| Message::Text(to_json(&report))));
                     }
                     None => return,

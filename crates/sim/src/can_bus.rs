@@ -204,8 +204,8 @@ impl CanBus {
     /// Whether a plug's controller can take a frame.
     pub(crate) fn has_room(&self, plug: usize) -> bool {
         let CanPlug { role, queue, bus_off, unplugged, .. } = &self.plugs[plug];
-        let most = if *role == PlugRole::Drive { DRIVE_FRAMES_MAX } else { HOST_FRAMES_MAX };
-        queue.len() < most && !bus_off && !unplugged
+        let max = if *role == PlugRole::Drive { DRIVE_FRAMES_MAX } else { HOST_FRAMES_MAX };
+        queue.len() < max && !bus_off && !unplugged
     }
 
     /// What a plug sends from here on answers the frame that it heard last.

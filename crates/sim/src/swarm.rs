@@ -127,10 +127,10 @@ impl WorldReport {
 
 /// Lives through the world of a seed and tells everything: what is in it, who asks what and how it ends, what
 /// breaks, and every byte that is heard.
-pub fn replay(medium: MediumKind, seed: u64, tell: &mut dyn FnMut(&str)) -> WorldReport {
+pub fn replay(medium: MediumKind, seed: u64, report_line: &mut dyn FnMut(&str)) -> WorldReport {
     let mut scene = scenario::Scenario::new(medium, seed);
     scene.enable_log();
-    scene.run_with_log(tell)
+    scene.run_with_log(report_line)
 }
 
 /// Lives through the world that a seed makes of serial wires, or of a CAN bus. A panic anywhere in it breaks I8.

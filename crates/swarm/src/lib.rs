@@ -82,15 +82,15 @@ pub fn run(seed: u64) -> GatewayReport {
 
 /// The same, and tells everything: who says what, every frame with what it says and what became of it,
 /// what each was told, and the truth of each motor.
-pub fn replay(seed: u64, tell: impl Fn(&str) + 'static) -> GatewayReport {
-    run_guarded(seed, Some(Box::new(tell)))
+pub fn replay(seed: u64, report_line: impl Fn(&str) + 'static) -> GatewayReport {
+    run_guarded(seed, Some(Box::new(report_line)))
 }
 
 /// Takes a line of the history.
 type HistorySink = Box<dyn Fn(&str)>;
 
-fn run_guarded(seed: u64, tell: Option<HistorySink>) -> GatewayReport {
-    let lived = std::panic::AssertUnwindSafe(move || scenario::run_world(seed, tell));
+fn run_guarded(seed: u64, report_line: Option<HistorySink>) -> GatewayReport {
+    let lived = std::panic::AssertUnwindSafe(move || scenario::run_world(seed, report_line));
     let report = std::panic::catch_unwind(lived).unwrap_or_else(|reason| {
         let text = reason.downcast_ref::<String>().map(String::as_str);
         let text = text.or_else(|| reason.downcast_ref::<&str>().copied());

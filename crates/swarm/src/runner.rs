@@ -154,8 +154,8 @@ impl WorldRunner {
         let line = line();
         hash_text(&mut self.history, &line);
         self.history.add(self.now.0);
-        if let Some(tell) = &self.history_sink {
-            tell(&format!("{:10.6} {line}", seconds(self.now)));
+        if let Some(report_line) = &self.history_sink {
+            report_line(&format!("{:10.6} {line}", seconds(self.now)));
         }
     }
 
@@ -357,7 +357,7 @@ impl WorldRunner {
             watch.record_motion_order(epoch, self.now);
         }
         self.last_id += 1;
-        let order = CommandRequest {
+        let request = CommandRequest {
             id: format!("id-{}", self.last_id),
             issued_ms: bench.now_ms(),
             ttl_ms: 500.25,
@@ -368,7 +368,7 @@ impl WorldRunner {
         let name = self.clients[who].name.clone();
         let (id, asks) = (self.last_id, velocity.map_or(String::new(), |v| format!(" {v} rad/s")));
         self.log(|| format!("{name} says {verb}{asks} to axis {axis} (id-{id}, epoch {epoch})"));
-        let reply = bench.command(axis, &name, order);
+        let reply = bench.command(axis, &name, request);
         let what = CallKind::Command { verb, epoch, starts, alone, reply };
         self.pending.push(PendingCall { client: who, axis, sent_at: self.now, kind: what });
     }
@@ -548,9 +548,9 @@ impl WorldRunner {
                     let way = if seen.to_drives { "to drives" } else { "to the host" };
                     let (fate, bytes) = (seen.outcome, &seen.bytes);
                     let line = format!("  wire {wire} {way}, {fate:?}: {bytes:02X?}");
-                    self.history_sink
-                        .iter()
-                        .for_each(|tell| tell(&format!("{:10.6} {line}", seconds(seen.at))));
+                    self.history_sink.iter().for_each(|report_line| {
+                        report_line(&format!("{:10.6} {line}", seconds(seen.at)))
+                    });
                 }
             }
         }
@@ -563,7 +563,7 @@ impl WorldRunner {
             };
             let at = item.t_us / 1e6 + crate::scenario::seconds(self.begin);
             let line = format!("{at:10.6}   wire {} {way} {} | {}", item.link, item.raw, item.text);
-            self.history_sink.iter().for_each(|tell| tell(&line));
+            self.history_sink.iter().for_each(|report_line| report_line(&line));
         }
     }
 

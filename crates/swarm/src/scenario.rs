@@ -38,7 +38,7 @@ enum WorldEnd {
 }
 
 /// Lives through the world of a seed.
-pub fn run_world(seed: u64, tell: Option<HistorySink>) -> GatewayReport {
+pub fn run_world(seed: u64, report_line: Option<HistorySink>) -> GatewayReport {
     let mut random = Random::new(seed);
     let rack = RandomRack::random(&mut random);
     let ports: SharedPorts = SharedPorts::default();
@@ -60,8 +60,16 @@ pub fn run_world(seed: u64, tell: Option<HistorySink>) -> GatewayReport {
     let calamities = schedule::plan_disturbances(&mut random, rack.wires, begin, calm);
     let ports = ports.lock().unwrap_or_else(PoisonError::into_inner).clone();
     let report = GatewayReport { seed, ..GatewayReport::default() };
-    let mut live =
-        WorldRunner::new(&rack, random, &bench, ports, (begin, quiet), calamities, report, tell);
+    let mut live = WorldRunner::new(
+        &rack,
+        random,
+        &bench,
+        ports,
+        (begin, quiet),
+        calamities,
+        report,
+        report_line,
+    );
     live.log(|| format!("seed {seed}: {how:?} at {:.3} s, steps of {step} ms", seconds(quiet)));
     for (n, (kind, wire)) in rack.axes.iter().enumerate() {
         live.log(|| format!("axis {n}: {} on wire {wire}", kind.name));
@@ -132,8 +140,8 @@ pub fn seconds(instant: Instant) -> f64 {
 
 /// Draws a speed for a kind of drive, rad/s: both directions.
 pub fn random_speed(kind: &crate::drives::DriveKind, random: &mut Random) -> f64 {
-    let (least, most) = kind.speeds;
-    let speed = random.between(i64::from(least), i64::from(most)) as f64;
+    let (min, max) = kind.speeds;
+    let speed = random.between(i64::from(min), i64::from(max)) as f64;
     if random.chance(Ppm(500_000)) { speed } else { -speed }
 }
 

@@ -38,8 +38,8 @@ const LOOKING: [&str; 12] = [
 pub fn depends_on_prose(expression: &Expr) -> bool {
     match expression {
         Expr::MethodCall(call) => {
-            let looks = LOOKING.iter().any(|name| call.method == name);
-            looks && is_prose(&call.receiver)
+            let is_scanning = LOOKING.iter().any(|name| call.method == name);
+            is_scanning && is_prose(&call.receiver)
         }
         Expr::Binary(binary) => {
             let compares = matches!(binary.op, BinOp::Eq(_) | BinOp::Ne(_));

@@ -45,9 +45,9 @@ impl RecordSampler {
             return false;
         }
         let link = &mut self.links[at];
-        let taken = link.select(&record.data);
-        link.skipped += u64::from(!taken);
-        taken
+        let accepted = link.select(&record.data);
+        link.skipped += u64::from(!accepted);
+        accepted
     }
 
     /// True when records of a link were left out.
@@ -102,8 +102,8 @@ mod tests {
         assert!((0..FULL_RECORDS).all(|_| sample.select(&record(1))));
         assert!(!sample.has_skipped("can0"));
         let rest = 20 * BLOCK_RECORDS * BLOCK_PERIOD;
-        let taken = (0..rest).filter(|_| sample.select(&record(1))).count() as u64;
-        assert!((19 * BLOCK_RECORDS..=21 * BLOCK_RECORDS).contains(&taken), "{taken}");
+        let consumed = (0..rest).filter(|_| sample.select(&record(1))).count() as u64;
+        assert!((19 * BLOCK_RECORDS..=21 * BLOCK_RECORDS).contains(&consumed), "{consumed}");
         assert!(sample.has_skipped("can0"));
         let fresh = (0..1000).filter(|_| sample.select(&record(2))).count();
         assert!(

@@ -46,9 +46,9 @@ fn decode_log(log: &str, jobs: usize) -> (String, Vec<String>, u64) {
     let decoded: Result<(), ()> = decode(
         &mut decoder,
         &mut makers,
-        &mut |piece, most| {
+        &mut |piece, max| {
             // As much as a pipe gives.
-            let (now, rest) = bytes.split_at(bytes.len().min(most).min(70_000));
+            let (now, rest) = bytes.split_at(bytes.len().min(max).min(70_000));
             piece.extend_from_slice(now);
             bytes = rest;
             Ok(())
@@ -96,8 +96,8 @@ fn who_fails_stops_all() {
             let failed = decode(
                 &mut decoder,
                 &mut makers,
-                &mut |piece, most| {
-                    let (now, rest) = bytes.split_at(bytes.len().min(most).min(70_000));
+                &mut |piece, max| {
+                    let (now, rest) = bytes.split_at(bytes.len().min(max).min(70_000));
                     piece.extend_from_slice(now);
                     (bytes, reads) = (rest, reads + 1);
                     if reads > broken { Err("reading") } else { Ok(()) }
@@ -127,8 +127,8 @@ fn who_fails_decodes_no_more() {
     let failed = decode(
         &mut decoder,
         &mut [TextLines::default()],
-        &mut |piece, most| {
-            let (now, rest) = bytes.split_at(bytes.len().min(most));
+        &mut |piece, max| {
+            let (now, rest) = bytes.split_at(bytes.len().min(max));
             piece.extend_from_slice(now);
             bytes = rest;
             Ok(())
@@ -174,8 +174,8 @@ fn who_falls_leaves_nobody_waiting() {
     let _: Result<(), ()> = decode(
         &mut decoder,
         &mut makers,
-        &mut |piece, most| {
-            let (now, rest) = bytes.split_at(bytes.len().min(most));
+        &mut |piece, max| {
+            let (now, rest) = bytes.split_at(bytes.len().min(max));
             piece.extend_from_slice(now);
             bytes = rest;
             Ok(())

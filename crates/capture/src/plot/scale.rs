@@ -2,33 +2,33 @@
 
 /// A range with a little room around all values.
 pub(super) fn padded_range(ranges: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
-    let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
-    ranges.for_each(|(low, high)| (least, most) = (least.min(low), most.max(high)));
-    if !(least.is_finite() && most.is_finite()) {
+    let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
+    ranges.for_each(|(low, high)| (min, max) = (min.min(low), max.max(high)));
+    if !(min.is_finite() && max.is_finite()) {
         return (0.0, 1.0);
     }
     // A value that never changes stands in the middle.
-    let capacity = match most - least {
-        0.0 => least.abs().max(1.0) * 0.5,
+    let capacity = match max - min {
+        0.0 => min.abs().max(1.0) * 0.5,
         span => span * 0.05,
     };
-    (least - capacity, most + capacity)
+    (min - capacity, max + capacity)
 }
 
 /// Round numbers on a range, at most so many, and the decimals that they need.
-pub(super) fn ticks((least, most): (f64, f64), wanted: usize) -> (Vec<f64>, usize) {
-    let rough = (most - least) / wanted.max(1) as f64;
+pub(super) fn ticks((min, max): (f64, f64), wanted: usize) -> (Vec<f64>, usize) {
+    let rough = (max - min) / wanted.max(1) as f64;
     if !(rough.is_finite() && rough > 0.0) {
-        return (vec![least], 0);
+        return (vec![min], 0);
     }
     let power = 10f64.powi(rough.log10().floor() as i32);
     let step = [1.0, 2.0, 5.0, 10.0].map(|n| n * power);
     let step = step.into_iter().find(|step| *step >= rough * 0.999).unwrap_or(10.0 * power);
     let decimals = (-step.log10() + 1e-9).ceil().max(0.0) as usize;
-    let first = (least / step).ceil();
-    let count = ((most / step).floor() - first).max(0.0) as usize;
+    let first = (min / step).ceil();
+    let count = ((max / step).floor() - first).max(0.0) as usize;
     let tick = |n: usize| (first + n as f64) * step;
-    ((0..=count.min(wanted * 3)).map(tick).filter(|tick| *tick <= most).collect(), decimals)
+    ((0..=count.min(wanted * 3)).map(tick).filter(|tick| *tick <= max).collect(), decimals)
 }
 
 /// A tick as text; never `-0`.

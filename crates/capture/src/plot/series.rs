@@ -78,9 +78,16 @@ impl Series {
         if at >= self.buckets.len() {
             self.buckets.resize(at + 1, TimeBucket::default());
         }
-        let (first, least, most, last) = (value, value, value, value);
-        let one =
-            TimeBucket { count: 1, begin: time, end: time, first, min: least, max: most, last };
+        let (first, min_value, max_value, last) = (value, value, value, value);
+        let one = TimeBucket {
+            count: 1,
+            begin: time,
+            end: time,
+            first,
+            min: min_value,
+            max: max_value,
+            last,
+        };
         self.buckets[at] = self.buckets[at].merge(one);
     }
 

@@ -49,9 +49,9 @@ fn draw_panel(
     out: &mut String,
 ) {
     let wide = WIDTH - LEFT - RIGHT;
-    let (least, most) = panel.range;
+    let (min, max) = panel.range;
     let x_of = |ns: f64| LEFT + (ns - begin as f64) / (end - begin) as f64 * wide;
-    let y_of = |value: f64| top + (most - value) / (most - least) * HEIGHT;
+    let y_of = |value: f64| top + (max - value) / (max - min) * HEIGHT;
     let (ticks, decimals) = scale::ticks(panel.range, 5);
     for tick in ticks {
         let (y, right, label) = (y_of(tick), WIDTH - RIGHT, scale::label(tick, decimals));

@@ -97,13 +97,13 @@ impl Canvas {
         &mut self,
         points: &[(u64, f64)],
         (begin, end): (u64, u64),
-        (least, most): (f64, f64),
+        (min, max): (f64, f64),
         number: usize,
     ) {
         let (wide, high) = (self.columns * 2 - 1, self.rows * 4 - 1);
         let dot = |(time, value): (u64, f64)| {
             let x = time.saturating_sub(begin) as f64 / (end - begin) as f64 * wide as f64;
-            let y = (most - value) / (most - least) * high as f64;
+            let y = (max - value) / (max - min) * high as f64;
             (x.round() as i64, y.round() as i64)
         };
         let mut before = None;

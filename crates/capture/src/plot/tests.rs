@@ -42,9 +42,9 @@ fn a_spike_among_a_million_values_is_kept() {
     let lines = series.lines(800);
     assert_eq!(lines.len(), 1);
     assert!(lines[0].len() <= 4 * 800, "{}", lines[0].len());
-    let (time, most) =
+    let (time, max) =
         lines[0].iter().fold((0, 0.0), |most, one| if one.1 > most.1 { *one } else { most });
-    assert_eq!(most, 1e3);
+    assert_eq!(max, 1e3);
     let off = (time as f64 / 654_321e6 - 1.0).abs();
     assert!(off < 0.003, "{off}");
 }

@@ -20,13 +20,13 @@ const WINDOW_LOG_MAX: u32 = 27;
 /// What is compressed twice holds nothing that a `Reader` reads, and nothing is what comes out: given
 /// to a reader it would be unpacked once more, without a bound.
 #[must_use]
-pub fn unpack_bounded(bytes: Vec<u8>, most: usize) -> Option<Vec<u8>> {
-    let fits = |plain: &Vec<u8>| plain.len() as u64 + nested_size(plain) <= most as u64;
+pub fn unpack_bounded(bytes: Vec<u8>, max: usize) -> Option<Vec<u8>> {
+    let fits = |plain: &Vec<u8>| plain.len() as u64 + nested_size(plain) <= max as u64;
     let Some(packing) = Compression::detect(&bytes) else {
         return Some(bytes).filter(fits);
     };
     let mut plain = Vec::new();
-    unpack_into(&mut plain, packing, &bytes, most);
+    unpack_into(&mut plain, packing, &bytes, max);
     if Compression::detect(&plain).is_some() {
         plain.clear();
     }
@@ -42,10 +42,10 @@ fn nested_size(plain: &[u8]) -> u64 {
 }
 
 /// Unpacks until the end, or one byte beyond `most`.
-fn unpack_into(plain: &mut Vec<u8>, packing: Compression, bytes: &[u8], most: usize) {
+fn unpack_into(plain: &mut Vec<u8>, packing: Compression, bytes: &[u8], max: usize) {
     let mut unpack = Decompressor::new(packing);
     let mut keep = |part: &[u8]| {
-        let capacity = most.saturating_add(1).saturating_sub(plain.len());
+        let capacity = max.saturating_add(1).saturating_sub(plain.len());
         plain.extend_from_slice(&part[..part.len().min(capacity)]);
         capacity > part.len()
     };

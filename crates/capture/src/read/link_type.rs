@@ -83,8 +83,8 @@ fn parse_can(packet: &[u8]) -> Result<RecordData<'_>, ReadError> {
         packet.split_first_chunk::<CAN_HEADER>().ok_or(SHORT)?;
     let word = u32::from_be_bytes([*a, *b, *c, *d]);
     let fd = flags & FLAG_FD != 0 || packet.len() == FD_PACKET && *len > 8;
-    let most = if fd { 64 } else { 8 };
-    if *len > most {
+    let max = if fd { 64 } else { 8 };
+    if *len > max {
         return Err(ReadError("the frame is longer than a CAN frame can be"));
     }
     let remote = word & REMOTE_FLAG != 0;

@@ -81,7 +81,7 @@ impl AnomalyLog {
 
     /// The oddest so many, in the order of time.
     #[must_use]
-    pub fn most_notable(&self, most: usize) -> Vec<&AnomalyBurst> {
+    pub fn most_notable(&self, max: usize) -> Vec<&AnomalyBurst> {
         let mut bursts = BTreeMap::<AnomalyKind, u64>::new();
         for ((kind, _), thing) in &self.series {
             *bursts.entry(*kind).or_default() += thing.burst_count;
@@ -100,7 +100,7 @@ impl AnomalyLog {
         }
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.number.cmp(&b.1.number)));
         let mut oddest: Vec<&AnomalyBurst> =
-            ranked.into_iter().take(most).map(|(_, one)| one).collect();
+            ranked.into_iter().take(max).map(|(_, one)| one).collect();
         oddest.sort_by_key(|moment| (moment.number == 0, moment.time, moment.number));
         oddest
     }

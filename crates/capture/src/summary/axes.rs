@@ -156,8 +156,8 @@ pub struct ValueSummary {
 impl ValueSummary {
     pub(super) fn add(&mut self, signal: &SignalNotice) {
         self.count += 1;
-        let (least, most) = self.range.unwrap_or((signal.value, signal.value));
-        self.range = Some((least.min(signal.value), most.max(signal.value)));
+        let (min, max) = self.range.unwrap_or((signal.value, signal.value));
+        self.range = Some((min.min(signal.value), max.max(signal.value)));
         (self.last, self.exact, self.unit) = (signal.value, signal.exact, signal.unit);
         self.quality = self.quality.max(Some(signal.quality));
     }

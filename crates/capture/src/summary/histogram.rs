@@ -87,8 +87,8 @@ fn bucket_middle(class: usize) -> u64 {
         return class;
     }
     let shift = class / SUB_BUCKETS - 1;
-    let least = (class % SUB_BUCKETS + SUB_BUCKETS) << shift;
-    least + (1 << shift) / 2
+    let min = (class % SUB_BUCKETS + SUB_BUCKETS) << shift;
+    min + (1 << shift) / 2
 }
 
 #[cfg(test)]

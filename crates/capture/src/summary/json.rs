@@ -129,8 +129,8 @@ fn values(summary: &Summary) -> Vec<Value> {
             json!({
                 "name": name,
                 "count": values.count,
-                "least": values.range.map(|(least, _)| least),
-                "most": values.range.map(|(_, most)| most),
+                "least": values.range.map(|(min, _)| min),
+                "most": values.range.map(|(_, max)| max),
                 "last": values.last,
                 "exact": values.exact,
                 "unit": values.unit,

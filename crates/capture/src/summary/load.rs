@@ -58,9 +58,9 @@ impl BusLoad {
         self.frames += 1;
         let gap = time.since(last).max(1) as f64;
         for (at, rate) in RATES.into_iter().enumerate() {
-            let least = bits as f64 * 1e9 / f64::from(rate);
-            self.above_rate[at] += u64::from(gap < least * 0.96);
-            self.at_rate[at] += u64::from((0.96..1.04).contains(&(gap / least)));
+            let min = bits as f64 * 1e9 / f64::from(rate);
+            self.above_rate[at] += u64::from(gap < min * 0.96);
+            self.at_rate[at] += u64::from((0.96..1.04).contains(&(gap / min)));
         }
     }
 

@@ -62,13 +62,13 @@ impl Doctor {
     pub fn run(self) -> Result {
         let connector = self.profiles.connector()?;
         let mut worst = None;
-        let mut hear = |check: CheckResult| {
+        let mut on_event = |check: CheckResult| {
             worst = worst.max((check.grade == Grade::Wrong).then_some(check.exit));
             print_check(&check, self.format)
         };
-        self.run_checks(&connector, &mut hear)?;
+        self.run_checks(&connector, &mut on_event)?;
         if let (Some(url), Some(time)) = (&self.url, &self.prove_watchdog) {
-            self.prove_watchdogs(&connector, url, time.as_deref(), &mut hear)?;
+            self.prove_watchdogs(&connector, url, time.as_deref(), &mut on_event)?;
         }
         match worst {
             None => Ok(Exit::Ok),
@@ -144,16 +144,16 @@ impl Doctor {
         show: &mut dyn FnMut(CheckResult) -> Result<()>,
     ) -> Result<()> {
         let mut shown = Ok(());
-        let mut hear = |check| {
+        let mut on_event = |check| {
             if shown.is_ok() {
                 shown = show(check);
             }
         };
         match &self.url {
-            None => doctor::check_machine(connector).into_iter().for_each(hear),
+            None => doctor::check_machine(connector).into_iter().for_each(on_event),
             Some(url) => {
                 let options = DoctorOptions { try_bauds: self.try_bauds };
-                doctor::check_link(connector, url, options, &mut hear)
+                doctor::check_link(connector, url, options, &mut on_event)
                     .map_err(outcome::to_problem)?;
             }
         }

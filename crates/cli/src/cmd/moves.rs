@@ -388,9 +388,9 @@ fn run_arriving_remote(
     remote::refuse_dry_run(how.dry_run)?;
     remote::refuse_raw(how.raw)?;
     let then = if how.detach { MotionMode::Detach } else { MotionMode::Arrive(how.timeout) };
-    let orders = remote_orders(server, target, verb, arguments)?;
-    let exit = remote::run_motion(server, &orders, then)?;
-    let axes: Vec<AxisInfo> = orders.into_iter().map(|order| order.axis).collect();
+    let motions = remote_orders(server, target, verb, arguments)?;
+    let exit = remote::run_motion(server, &motions, then)?;
+    let axes: Vec<AxisInfo> = motions.into_iter().map(|motion| motion.axis).collect();
     let mut out = DataOutput::stdout();
     for axis in &axes {
         if let Some(position) = remote::fresh_text(server, axis, Signal::Position)? {

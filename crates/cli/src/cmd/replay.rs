@@ -229,7 +229,7 @@ impl ReplayOptions {
         let times = (self.times > 0).then_some(self.times);
         let pace = if self.fast { ReplayPace::Fast } else { ReplayPace::Recorded(self.speed) };
         let gap = survey.span / survey.frames.saturating_sub(1).max(1);
-        let feed = CaptureFeed {
+        let capture_feed = CaptureFeed {
             path: self.source.clone(),
             selector: choice,
             make_decoder: Box::new(move || source.decoder_or(&rules)),
@@ -237,7 +237,7 @@ impl ReplayOptions {
             period: survey.span + gap,
         };
         let started_at = clock::now();
-        let (played, read) = stage.play(feed, pace, &mut keeping);
+        let (played, read) = stage.play(capture_feed, pace, &mut keeping);
         let took = clock::now().since(started_at);
         print_result(&played, took);
         let stopped = if self.detach { Ok(()) } else { stage.stop(&played) };
@@ -296,14 +296,14 @@ impl ReplayLinks {
     /// Plays all wires at once. What came of each, and of reading the capture.
     fn play(
         &self,
-        feed: CaptureFeed,
+        capture_feed: CaptureFeed,
         pace: ReplayPace,
         keeping: &mut TrafficRecorder,
     ) -> (Vec<ReplayResult>, Result<()>) {
         let rates: Vec<Option<u32>> = self.wires().map(|wire| wire.rate).collect();
         let links = self.opened.iter().flat_map(|(_, opened)| opened.links());
         let score = ReplayControl { pace, halt: Arc::new(AtomicBool::new(false)) };
-        let (reader, items) = feed.start(rates.len());
+        let (reader, items) = capture_feed.start(rates.len());
         let players = links.zip(rates).zip(items).map(|((link, rate), items)| {
             let (score, waker) = (score.clone(), link.waker());
             interrupt::listen(move || waker.wake());
@@ -332,8 +332,8 @@ impl ReplayLinks {
                 }
                 let all = played.moved_unknown;
                 let axes: Vec<u32> = played.moved_axes.iter().copied().filter(|_| !all).collect();
-                let mut hear = |_: Stopping<'_>| {};
-                let stopped = stop_on(&self.connector, opened, wire, &axes, &mut hear);
+                let mut on_event = |_: Stopping<'_>| {};
+                let stopped = stop_on(&self.connector, opened, wire, &axes, &mut on_event);
                 let result =
                     stopped.map_err(outcome::to_problem).and_then(|it| stop::report_stops(url, it));
                 ended = ended.and(result.map(drop));
@@ -353,8 +353,8 @@ fn print_result(played: &[ReplayResult], took: Duration) {
     let (sent, received) = (plural(sum(|it| it.sent), "frame"), sum(|it| it.received));
     print_note(&format!("{sent} sent in {:.3} s; {received} came back", took.as_secs_f64()));
     let ms = |span: Duration| span.as_secs_f64() * 1e3;
-    for (least, middle, most) in played.iter().filter_map(|it| it.lateness.summary()) {
-        let (least, middle, most) = (ms(least), ms(middle), ms(most));
+    for (min_value, middle, max_value) in played.iter().filter_map(|it| it.lateness.summary()) {
+        let (least, middle, most) = (ms(min_value), ms(middle), ms(max_value));
         print_note(&format!("late by {least:.3} / {middle:.3} / {most:.3} ms (min/median/max)"));
     }
 }

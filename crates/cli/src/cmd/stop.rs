@@ -49,7 +49,7 @@ impl StopCommand {
         let live = std::io::stderr().is_terminal();
         let clear = if live { "\r\x1b[K" } else { "" };
         let connector = target.connector()?;
-        let mut hear = |event: StopEvent<'_>| match event {
+        let mut on_event = |event: StopEvent<'_>| match event {
             StopEvent::Querying(at) if live => {
                 terminal::draw(&format!(
                     "{clear}asking address {} ({} of {})",
@@ -63,7 +63,7 @@ impl StopCommand {
                 print_note(&format!("{clear}{} is told to stop", axis.label()))
             }
         };
-        let stopped = stopping::stop(&connector, &target.url, wanted, &mut hear);
+        let stopped = stopping::stop(&connector, &target.url, wanted, &mut on_event);
         terminal::draw(clear);
         warn_ignored_files(&connector);
         let lost = |error| outcome::to_problem(error).hint("cut the power if something turns");
@@ -128,8 +128,8 @@ fn stop_named(server: &RemoteSession, target: &DriveArgs) -> Result {
 }
 
 fn send_stop(gateway: &Gateway, axes: Option<Vec<u16>>) -> Result<StopReport> {
-    let order = StopRequest { axes, reason: "polepair stop".to_owned() };
-    gateway.stop(&order).map_err(remote::refusal_problem)
+    let request = StopRequest { axes, reason: "polepair stop".to_owned() };
+    gateway.stop(&request).map_err(remote::refusal_problem)
 }
 
 /// Says how far the stop of each axis came, beside what was not reached.

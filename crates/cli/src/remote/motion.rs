@@ -82,34 +82,34 @@ struct LeasedAxis<'a> {
 }
 
 /// Carries a motion out, and stops what it started when it ends early.
-pub fn run_motion(server: &RemoteSession, orders: &[MotionOrder], then: MotionMode) -> Result {
+pub fn run_motion(server: &RemoteSession, motions: &[MotionOrder], then: MotionMode) -> Result {
     if then == MotionMode::Detach {
         return Err(unsupported_problem(
             "--detach",
             "What a client set in motion stops when it goes.",
         ));
     }
-    print_caution(orders);
+    print_caution(motions);
     interrupt::listen(|| {});
     let live = server.gateway.live().map_err(refusal_problem)?;
-    let mut taken = take_leases(&live, orders)?;
+    let mut leased = take_leases(&live, motions)?;
     let within = match then {
         MotionMode::Arrive(Some(seconds)) => Duration::from_secs_f64(seconds),
         _ => ARRIVE_MAX,
     };
     let deadline = clock::now() + within;
-    let powered = taken.iter_mut().try_for_each(|taken| taken.arm_and_power(server));
+    let powered = leased.iter_mut().try_for_each(|leased_axis| leased_axis.arm_and_power(server));
     let ended =
-        powered.and_then(|()| start_all(&taken, orders, deadline)).and_then(|()| match then {
-            MotionMode::Hold(seconds) => hold_motion(&live, &taken, orders, seconds),
-            _ => wait_arrival(&taken, orders, deadline),
+        powered.and_then(|()| start_all(&leased, motions, deadline)).and_then(|()| match then {
+            MotionMode::Hold(seconds) => hold_motion(&live, &leased, motions, seconds),
+            _ => wait_arrival(&leased, motions, deadline),
         });
     let arrived = ended.is_ok() && matches!(then, MotionMode::Arrive(_));
     // Whoever has no link to a drive any more cannot stop it: neither we, nor the server.
-    let cut = taken.iter().find_map(|taken| taken.lost_link(&live));
-    let ours = taken.iter().all(|taken| taken.lease.check().is_ok());
-    let stood = taken.iter().all(LeasedAxis::was_left_standing);
-    let stopped = stop_and_release(&live, taken, arrived);
+    let cut = leased.iter().find_map(|leased_axis| leased_axis.lost_link(&live));
+    let ours = leased.iter().all(|leased_axis| leased_axis.lease.check().is_ok());
+    let stood = leased.iter().all(LeasedAxis::was_left_standing);
+    let stopped = stop_and_release(&live, leased, arrived);
     match (ended, cut) {
         (Ok(()), _) => stopped.map(|()| Exit::Ok),
         (Err(problem), Some(cut)) => {
@@ -125,12 +125,12 @@ pub fn run_motion(server: &RemoteSession, orders: &[MotionOrder], then: MotionMo
                 ));
             }
             // A simulated motor is gone with its server.
-            let may_turn = orders.iter().any(|order| !order.axis.simulated);
+            let may_turn = motions.iter().any(|motion_order| !motion_order.axis.simulated);
             let problem = Problem { may_turn, ..problem };
             match live.check() {
                 // The server opens the link again, and says the stop then.
                 Ok(()) => Err(problem),
-                Err(_) => Err(hint_direct_stop(server, orders, problem)),
+                Err(_) => Err(hint_direct_stop(server, motions, problem)),
             }
         }
         (Err(problem), None) if problem.exit == Exit::Interrupted => {
@@ -148,9 +148,9 @@ pub fn run_motion(server: &RemoteSession, orders: &[MotionOrder], then: MotionMo
 }
 
 /// What is left to do where a server is gone: each motor by itself.
-fn hint_direct_stop(server: &RemoteSession, orders: &[MotionOrder], problem: Problem) -> Problem {
+fn hint_direct_stop(server: &RemoteSession, motions: &[MotionOrder], problem: Problem) -> Problem {
     let mut problem = Problem { hints: Vec::new(), ..problem };
-    for MotionOrder { axis, .. } in orders {
+    for MotionOrder { axis, .. } in motions {
         let link = server.bench.links.iter().find(|link| link.id == axis.link);
         if let Some(link) = link.filter(|link| !link.simulated) {
             let url = link.url.split('#').next().unwrap_or_default();
@@ -165,9 +165,9 @@ fn hint_direct_stop(server: &RemoteSession, orders: &[MotionOrder], problem: Pro
 }
 
 /// Says what to watch out for, once per product.
-fn print_caution(orders: &[MotionOrder]) {
+fn print_caution(motions: &[MotionOrder]) {
     let mut reports: Vec<&str> = Vec::new();
-    for MotionOrder { axis, .. } in orders {
+    for MotionOrder { axis, .. } in motions {
         if reports.contains(&&*axis.profile) {
             continue;
         }
@@ -182,9 +182,9 @@ fn print_caution(orders: &[MotionOrder]) {
 /// Takes every axis before any of them moves.
 fn take_leases<'a>(
     live: &LiveConnection,
-    orders: &'a [MotionOrder],
+    motions: &'a [MotionOrder],
 ) -> Result<Vec<LeasedAxis<'a>>> {
-    let all = orders.iter().map(|MotionOrder { axis, .. }| {
+    let all = motions.iter().map(|MotionOrder { axis, .. }| {
         let lease = live.acquire_lease(axis.id).map_err(refusal_problem)?;
         Ok(LeasedAxis { axis, lease, enabled_here: false, since: clock::now() })
     });
@@ -225,19 +225,21 @@ impl LeasedAxis<'_> {
 }
 
 /// Starts all of them back to back.
-fn start_all(taken: &[LeasedAxis<'_>], orders: &[MotionOrder], deadline: Instant) -> Result<()> {
-    let started = taken.iter().zip(orders).map(|(taken, order)| {
-        taken.lease.start(order.verb.name(), order.arguments).map_err(refusal_problem)
+fn start_all(leased: &[LeasedAxis<'_>], motions: &[MotionOrder], deadline: Instant) -> Result<()> {
+    let started = leased.iter().zip(motions).map(|(leased_axis, motion)| {
+        leased_axis.lease.start(motion.verb.name(), motion.arguments).map_err(refusal_problem)
     });
     let started_at = started.collect::<Result<Vec<_>>>()?;
-    let mut all = started_at.into_iter().zip(taken.iter().zip(orders));
-    all.try_for_each(|(pending, (taken, order))| wait_command(pending, taken, order.verb, deadline))
+    let mut all = started_at.into_iter().zip(leased.iter().zip(motions));
+    all.try_for_each(|(pending, (leased_axis, motion))| {
+        wait_command(pending, leased_axis, motion.verb, deadline)
+    })
 }
 
 /// Waits for the end of a command, Ctrl-C or the deadline.
 fn wait_command(
     mut pending: PendingOperation,
-    taken: &LeasedAxis<'_>,
+    leased: &LeasedAxis<'_>,
     verb: Verb,
     deadline: Instant,
 ) -> Result<()> {
@@ -249,35 +251,35 @@ fn wait_command(
             Ok(Some(())) => return Ok(()),
             Ok(None) if clock::now() >= deadline => {
                 return Err(
-                    late_problem(&taken.axis.label, verb).hint("give it more time: --timeout")
+                    late_problem(&leased.axis.label, verb).hint("give it more time: --timeout")
                 );
             }
             Ok(None) => {}
             Err(error) => return Err(refusal_problem(error)),
         }
-        taken.lease.check().map_err(refusal_problem)?;
+        leased.lease.check().map_err(refusal_problem)?;
     }
 }
 
 fn hold_motion(
     live: &LiveConnection,
-    taken: &[LeasedAxis<'_>],
-    orders: &[MotionOrder],
+    leased: &[LeasedAxis<'_>],
+    motions: &[MotionOrder],
     seconds: Option<f64>,
 ) -> Result<()> {
-    let held = |order: &MotionOrder| {
-        let command = Command { velocity: order.arguments.velocity, ..Command::new(order.verb) };
-        HoldCheck::new(order.axis.label.clone(), &command)
+    let held = |motion: &MotionOrder| {
+        let command = Command { velocity: motion.arguments.velocity, ..Command::new(motion.verb) };
+        HoldCheck::new(motion.axis.label.clone(), &command)
     };
-    let mut held: Vec<_> = orders.iter().map(held).collect();
+    let mut held: Vec<_> = motions.iter().map(held).collect();
     let started_at = clock::now();
     hold_while(seconds, (&clock::now, &clock::sleep_until), |now| {
-        for (taken, held) in taken.iter().zip(&mut held) {
-            check_lease(live, taken)?;
-            live.check_link(taken.axis.id).map_err(refusal_problem)?;
-            check_responding(live, taken)?;
-            check_fault(taken)?;
-            let Some(state) = taken.lease.state() else { continue };
+        for (leased_axis, held) in leased.iter().zip(&mut held) {
+            check_lease(live, leased_axis)?;
+            live.check_link(leased_axis.axis.id).map_err(refusal_problem)?;
+            check_responding(live, leased_axis)?;
+            check_fault(leased_axis)?;
+            let Some(state) = leased_axis.lease.state() else { continue };
             let newest = |signal: Signal| {
                 let signal_value = state
                     .signals
@@ -294,39 +296,39 @@ fn hold_motion(
 }
 
 /// Ends when the axis is ours no more. The server stops it then; whether it stands is looked for.
-fn check_lease(live: &LiveConnection, taken: &LeasedAxis<'_>) -> Result<()> {
-    let Err(why) = taken.lease.check() else { return Ok(()) };
-    let may_turn = !wait_rest(live, taken);
+fn check_lease(live: &LiveConnection, leased: &LeasedAxis<'_>) -> Result<()> {
+    let Err(why) = leased.lease.check() else { return Ok(()) };
+    let may_turn = !wait_rest(live, leased);
     Err(Problem { may_turn, ..refusal_problem(why) })
 }
 
 /// Whether an axis that is ours no more stands by what was read since, or is somebody else's.
-fn wait_rest(live: &LiveConnection, taken: &LeasedAxis<'_>) -> bool {
+fn wait_rest(live: &LiveConnection, leased: &LeasedAxis<'_>) -> bool {
     let started_at = clock::now();
     loop {
         let is_last = clock::now().since(started_at) >= LOST_MAX || live.check().is_err();
         let since = clock::now().since(started_at).as_secs_f64() * 1e3;
-        let is_over = taken.lease.state().is_some_and(|state| {
+        let is_over = leased.lease.state().is_some_and(|state| {
             let newest = newest_ms(&state);
             let stands =
                 state.lease.is_none() && state.owed.is_none() && state.moving != Some(true);
-            let anothers = state.lease.is_some_and(|lease| lease.epoch != taken.lease.epoch());
+            let anothers = state.lease.is_some_and(|lease| lease.epoch != leased.lease.epoch());
             anothers || stands && newest < since
         });
         if is_over || is_last {
-            return is_over || taken.was_left_standing();
+            return is_over || leased.was_left_standing();
         }
         clock::sleep_until(clock::now() + POLL_INTERVAL);
     }
 }
 
 /// Ends when the drive has been silent for too long, by what the server says.
-fn check_responding(live: &LiveConnection, taken: &LeasedAxis<'_>) -> Result<()> {
+fn check_responding(live: &LiveConnection, leased: &LeasedAxis<'_>) -> Result<()> {
     let is_news = live.silence() < SERVER_SILENT_MAX;
-    if !is_news || clock::now().since(taken.since) < SILENT_MAX {
+    if !is_news || clock::now().since(leased.since) < SILENT_MAX {
         return Ok(());
     }
-    let silent = taken.lease.state().and_then(|state| silent_problem(taken.axis, &state));
+    let silent = leased.lease.state().and_then(|state| silent_problem(leased.axis, &state));
     silent.map_or(Ok(()), |problem| Err(Problem { may_turn: true, ..problem }))
 }
 
@@ -352,13 +354,13 @@ fn newest_ms(state: &AxisState) -> f64 {
 }
 
 /// Ends with the drive's fault, if the server has read one since the axis is ours.
-fn check_fault(taken: &LeasedAxis<'_>) -> Result<()> {
-    let state = taken.lease.state();
-    let ours = clock::now().since(taken.since);
+fn check_fault(leased: &LeasedAxis<'_>) -> Result<()> {
+    let state = leased.lease.state();
+    let ours = clock::now().since(leased.since);
     let Some(fault) = state.as_ref().and_then(|state| fault_within(state, ours)) else {
         return Ok(());
     };
-    let what = format!("{} reports a fault: {}", taken.axis.label, fault.name);
+    let what = format!("{} reports a fault: {}", leased.axis.label, fault.name);
     Err(Problem::new(Exit::DriveFault, "E801", to_sentence(&what))
         .why(&*fault.cause)
         .hint_if(Some(&*fault.remedy).filter(|remedy| !remedy.is_empty())))
@@ -372,21 +374,25 @@ fn fault_within(state: &AxisState, age: Duration) -> Option<&ActiveFault> {
 }
 
 /// Waits until the drives say that they have arrived.
-fn wait_arrival(taken: &[LeasedAxis<'_>], orders: &[MotionOrder], deadline: Instant) -> Result<()> {
-    for (taken, order) in taken.iter().zip(orders) {
+fn wait_arrival(
+    leased: &[LeasedAxis<'_>],
+    motions: &[MotionOrder],
+    deadline: Instant,
+) -> Result<()> {
+    for (leased_axis, motion) in leased.iter().zip(motions) {
         // Homing ends when the reference is found.
-        if order.verb == Verb::Home {
+        if motion.verb == Verb::Home {
             continue;
         }
-        if !taken.has_verb(Verb::Reached) {
+        if !leased_axis.has_verb(Verb::Reached) {
             print_note(&format!(
                 "{} cannot tell when it arrives; it was started",
-                taken.axis.label
+                leased_axis.axis.label
             ));
             continue;
         }
-        let result = taken.lease.start(Verb::Reached.name(), CommandArguments::default());
-        wait_command(result.map_err(refusal_problem)?, taken, order.verb, deadline)?;
+        let result = leased_axis.lease.start(Verb::Reached.name(), CommandArguments::default());
+        wait_command(result.map_err(refusal_problem)?, leased_axis, motion.verb, deadline)?;
     }
     Ok(())
 }
@@ -395,44 +401,44 @@ fn wait_arrival(taken: &[LeasedAxis<'_>], orders: &[MotionOrder], deadline: Inst
 /// ours no more is its next owner's: the end of the lease has stopped it.
 fn stop_and_release(
     live: &LiveConnection,
-    taken: Vec<LeasedAxis<'_>>,
+    leased: Vec<LeasedAxis<'_>>,
     arrived: bool,
 ) -> Result<()> {
-    let ours = |taken: &LeasedAxis<'_>| taken.lease.check().is_ok();
-    let stop = |taken: &LeasedAxis<'_>| {
-        let stops = !arrived && ours(taken) && taken.has_verb(Verb::Stop);
-        stops.then(|| taken.lease.start(Verb::Stop.name(), CommandArguments::default()))
+    let ours = |leased_axis: &LeasedAxis<'_>| leased_axis.lease.check().is_ok();
+    let stop = |leased_axis: &LeasedAxis<'_>| {
+        let stops = !arrived && ours(leased_axis) && leased_axis.has_verb(Verb::Stop);
+        stops.then(|| leased_axis.lease.start(Verb::Stop.name(), CommandArguments::default()))
     };
     // Every stop is sent before the first is waited for.
-    let stops: Vec<_> = taken.iter().map(stop).collect();
+    let stops: Vec<_> = leased.iter().map(stop).collect();
     let mut ended = Ok(());
-    for (taken, stop) in taken.into_iter().zip(stops) {
+    for (leased_axis, stop) in leased.into_iter().zip(stops) {
         let stopped =
             stop.map_or(Ok(()), |stop| match stop.and_then(|mut stop| stop.wait(STOP_MAX)) {
                 Ok(Some(())) => Ok(()),
-                Ok(None) => Err(late_problem(&taken.axis.label, Verb::Stop)),
+                Ok(None) => Err(late_problem(&leased_axis.axis.label, Verb::Stop)),
                 Err(error) => Err(refusal_problem(error)),
             });
         // Who took it, or said stop, has it stand: that is no stop of ours any more.
         let lost = |problem: &Problem| ["gateway.lease", "gateway.busy"].contains(&&*problem.code);
-        let is_lost = stopped.as_ref().is_err_and(|problem| lost(problem) || !ours(&taken));
-        let left = is_lost && wait_rest(live, &taken);
+        let is_lost = stopped.as_ref().is_err_and(|problem| lost(problem) || !ours(&leased_axis));
+        let left = is_lost && wait_rest(live, &leased_axis);
         let stopped = if left { Ok(()) } else { stopped };
         if stopped.is_err() {
-            let label = &taken.axis.label;
+            let label = &leased_axis.axis.label;
             print_note(&format!(
                 "{label} did not confirm its stop and may still turn: cut its supply"
             ));
         }
-        if !ours(&taken) {
+        if !ours(&leased_axis) {
             ended = ended.and(stopped);
             continue;
         }
-        let off = match taken.enabled_here && taken.has_verb(Verb::Disable) {
-            true => taken.run_verb(Verb::Disable.name()),
+        let off = match leased_axis.enabled_here && leased_axis.has_verb(Verb::Disable) {
+            true => leased_axis.run_verb(Verb::Disable.name()),
             false => Ok(()),
         };
-        let back = taken.lease.release().map_err(refusal_problem);
+        let back = leased_axis.lease.release().map_err(refusal_problem);
         ended = ended.and(stopped).and(off).and(back);
     }
     ended

@@ -243,8 +243,9 @@ fn a_planted_fault_is_found_and_nothing_else() {
                 };
                 let right = found.iter().filter(right).count();
                 if (right, found.len()) != (1, 1) {
-                    let tell = |it: &&AnomalyBurst| format!("{}, {}", it.kind.as_str(), it.text);
-                    let found: Vec<String> = found.iter().map(tell).collect();
+                    let report_line =
+                        |it: &&AnomalyBurst| format!("{}, {}", it.kind.as_str(), it.text);
+                    let found: Vec<String> = found.iter().map(report_line).collect();
                     missed.push(format!("{} {name} at line {at}: {found:?}", talk.url));
                 }
             }

@@ -257,27 +257,27 @@ struct BufferedSamples {
 
 impl SampleBuffer {
     pub fn push(&self, lost_total: u64, samples: &[Sample], at: Instant) {
-        let mut feed = self.lock();
-        feed.lost.0 = lost_total;
+        let mut buffered = self.lock();
+        buffered.lost.0 = lost_total;
         for sample in samples {
-            if feed.waiting.len() == SAMPLES_MAX {
-                feed.waiting.pop_front();
-                feed.lost.1 += 1;
+            if buffered.waiting.len() == SAMPLES_MAX {
+                buffered.waiting.pop_front();
+                buffered.lost.1 += 1;
             }
-            feed.waiting.push_back(*sample);
-            feed.last = Some((*sample, at));
+            buffered.waiting.push_back(*sample);
+            buffered.last = Some((*sample, at));
         }
-        drop(feed);
+        drop(buffered);
         self.wake();
     }
 
     /// True when there is something to drain; else the waker is woken once there is. The last who
     /// waits is the one who is woken.
     pub fn poll_ready(&self, waker: &Waker) -> bool {
-        let mut feed = self.lock();
-        let ready = !feed.waiting.is_empty();
+        let mut buffered = self.lock();
+        let ready = !buffered.waiting.is_empty();
         if !ready {
-            feed.waker = Some(waker.clone());
+            buffered.waker = Some(waker.clone());
         }
         ready
     }
@@ -295,8 +295,8 @@ impl SampleBuffer {
     }
 
     pub fn drain(&self) -> (Vec<Sample>, u64) {
-        let mut feed = self.lock();
-        (feed.waiting.drain(..).collect(), feed.lost.0 + feed.lost.1)
+        let mut buffered = self.lock();
+        (buffered.waiting.drain(..).collect(), buffered.lost.0 + buffered.lost.1)
     }
 
     fn lock(&self) -> MutexGuard<'_, BufferedSamples> {
@@ -310,26 +310,26 @@ mod tests {
 
     #[test]
     fn nobody_who_watches_fills_the_memory() {
-        let feed = SampleBuffer::default();
+        let buffer = SampleBuffer::default();
         let samples = |from: u64| -> Vec<Sample> {
             (from..from + SAMPLES_MAX as u64).map(|t_us| Sample { t_us, value: 0.0 }).collect()
         };
         let now = clock::now();
-        feed.push(0, &samples(0), now);
-        feed.push(5, &samples(SAMPLES_MAX as u64)[..3], now);
-        let (stored, lost) = feed.drain();
+        buffer.push(0, &samples(0), now);
+        buffer.push(5, &samples(SAMPLES_MAX as u64)[..3], now);
+        let (stored, lost) = buffer.drain();
         assert_eq!((stored.len(), stored[0].t_us, lost), (SAMPLES_MAX, 3, 8));
-        assert_eq!(feed.last(Duration::MAX).unwrap().t_us, SAMPLES_MAX as u64 + 2);
-        assert!(feed.drain().0.is_empty());
+        assert_eq!(buffer.last(Duration::MAX).unwrap().t_us, SAMPLES_MAX as u64 + 2);
+        assert!(buffer.drain().0.is_empty());
     }
 
     #[test]
     fn a_sample_is_the_last_for_so_long_only() {
-        let feed = SampleBuffer::default();
-        feed.push(0, &[Sample { t_us: 1, value: 1.0 }], Instant::default());
+        let buffer = SampleBuffer::default();
+        buffer.push(0, &[Sample { t_us: 1, value: 1.0 }], Instant::default());
         clock::sleep_until(clock::now().plus_ms(2));
         assert!(
-            feed.last(Duration::MAX).is_some() && feed.last(Duration::from_millis(1)).is_none()
+            buffer.last(Duration::MAX).is_some() && buffer.last(Duration::from_millis(1)).is_none()
         );
     }
 

@@ -87,8 +87,8 @@ mod tests {
         pending.push(one(LeaseAction::Take, 0));
         pending.push_refusal(no());
         assert!(pending.drain_settled().is_empty(), "it may be of either");
-        let taken = pending.match_reply(4, true).expect("a grant");
-        assert!(taken.is_acquire());
+        let pending_lease_request = pending.match_reply(4, true).expect("a grant");
+        assert!(pending_lease_request.is_acquire());
         let settled = pending.drain_settled();
         assert_eq!(
             (settled.len(), settled[0].0.act, settled[0].0.epoch),

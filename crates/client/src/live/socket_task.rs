@@ -139,7 +139,7 @@ impl SocketTask {
         let (done, error) = (action_error(ended.clone()), query_error(ended));
         self.commands.into_values().for_each(|tell| drop(tell.send(Err(done.clone()))));
         let leases = self.lease_requests.into_values().flat_map(PendingLeaseRequests::into_senders);
-        leases.for_each(|tell| drop(tell.send(Err(done.clone()))));
+        leases.for_each(|reply_sender| drop(reply_sender.send(Err(done.clone()))));
         self.pending_subscriptions
             .into_values()
             .for_each(|tell| drop(tell.send(Err(error.clone()))));
@@ -185,18 +185,18 @@ impl SocketTask {
 
     async fn handle_request(&mut self, live_request: LiveRequest) -> Result<(), GatewayError> {
         let message = match live_request {
-            LiveRequest::Command { axis, request, reply: tell } => {
-                self.commands.insert(request.id.clone(), tell);
+            LiveRequest::Command { axis, request, reply: reply_sender } => {
+                self.commands.insert(request.id.clone(), reply_sender);
                 ClientMessage::Command { axis, command: request }
             }
-            LiveRequest::Lease { axis, act, epoch, reply: tell } => {
+            LiveRequest::Lease { axis, act, epoch, reply: sender } => {
                 if act == LeaseAction::Drop {
                     self.cache.end_lease(axis, epoch);
                 }
                 self.lease_requests.entry(axis).or_default().push(PendingLeaseRequest {
                     act,
                     epoch,
-                    reply: Some(tell),
+                    reply: Some(sender),
                 });
                 ClientMessage::Lease { axis, act, epoch }
             }
@@ -246,16 +246,16 @@ impl SocketTask {
     fn handle_message(&mut self, message: ServerMessage) {
         match message {
             ServerMessage::Outcome(outcome) => {
-                if let Some(tell) = self.commands.remove(&outcome.id) {
-                    let _ = tell.send(outcome_result(outcome));
+                if let Some(reply_sender) = self.commands.remove(&outcome.id) {
+                    let _ = reply_sender.send(outcome_result(outcome));
                 }
             }
             ServerMessage::Leased { axis, epoch, expires_ms } => {
                 self.handle_leased(axis, epoch, expires_ms.is_some());
             }
             ServerMessage::Subscribed { channel, hz, source, unit } => {
-                if let Some(tell) = self.pending_subscriptions.remove(&channel) {
-                    let _ = tell.send(Ok(ChannelInfo { hz, source, unit }));
+                if let Some(sender) = self.pending_subscriptions.remove(&channel) {
+                    let _ = sender.send(Ok(ChannelInfo { hz, source, unit }));
                 }
             }
             ServerMessage::Pong { server_ms, .. } => self.cache.set_time(server_ms),
@@ -277,13 +277,13 @@ impl SocketTask {
             ServerMessage::Unlocked => self.cache.set_lock(None),
             ServerMessage::Stopped(stopped) => self.cache.set_stopped(stopped.axes),
             ServerMessage::Frames { items, lost } => {
-                if let Some(passing) = self.frame_buffer.as_ref().and_then(Weak::upgrade) {
-                    passing.push(items, lost);
+                if let Some(buffer) = self.frame_buffer.as_ref().and_then(Weak::upgrade) {
+                    buffer.push(items, lost);
                 }
             }
             ServerMessage::Error { error, about: Some(about), .. } if about == "frames" => {
-                if let Some(passing) = self.frame_buffer.as_ref().and_then(Weak::upgrade) {
-                    passing.fail(error);
+                if let Some(buffer) = self.frame_buffer.as_ref().and_then(Weak::upgrade) {
+                    buffer.fail(error);
                 }
             }
             ServerMessage::Error { error, about, subject: Some(subject) } => {
@@ -315,8 +315,8 @@ impl SocketTask {
             }
             Some("subscribe") => {
                 self.sample_buffers.remove(&subject);
-                if let Some(tell) = self.pending_subscriptions.remove(&subject) {
-                    let _ = tell.send(Err(error));
+                if let Some(reply_sender) = self.pending_subscriptions.remove(&subject) {
+                    let _ = reply_sender.send(Err(error));
                 }
             }
             _ => {}
@@ -328,7 +328,7 @@ impl SocketTask {
         let settled = self.lease_requests.entry(axis).or_default().drain_settled();
         for (PendingLeaseRequest { epoch, reply, .. }, error) in settled {
             match reply {
-                Some(tell) => drop(tell.send(Err(error))),
+                Some(reply_sender) => drop(reply_sender.send(Err(error))),
                 // A renewal came too late: somebody stopped or took the axis, or we slept.
                 None if self.cache.holds(axis, epoch) => {
                     self.cache.set_lease(axis, Err(lease_end_error(&error)));

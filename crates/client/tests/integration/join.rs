@@ -175,8 +175,8 @@ fn whoever_stops_an_axis_ends_its_lease() {
     }
     lease.run("velocity", at(30.0), LONG).unwrap();
     until("it turns", || site.moving(0));
-    let order = StopRequest { axes: Some(vec![0]), reason: "a test".into() };
-    let stopped = site.join().stop(&order).unwrap();
+    let request = StopRequest { axes: Some(vec![0]), reason: "a test".into() };
+    let stopped = site.join().stop(&request).unwrap();
     assert_eq!(stopped.axes.len(), 1);
     assert!(stopped.axes[0].error.is_none(), "{stopped:?}");
     assert_eq!(lease.run("velocity", at(30.0), LONG).unwrap_err().executed, Some(false));

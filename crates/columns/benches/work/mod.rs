@@ -164,8 +164,8 @@ impl BatchConsumer for Pen {
 pub fn text_by(log: &str, jobs: usize) -> usize {
     let mut pens: Vec<Pen> = (0..jobs).map(|_| Pen::default()).collect();
     let (mut rest, mut written) = (log.as_bytes(), 0);
-    let fill = &mut |piece: &mut Vec<u8>, most| {
-        let (now, later) = rest.split_at(rest.len().min(most));
+    let fill = &mut |piece: &mut Vec<u8>, max| {
+        let (now, later) = rest.split_at(rest.len().min(max));
         piece.extend_from_slice(now);
         rest = later;
         Ok::<(), ()>(())

@@ -235,9 +235,10 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         _now: Instant,
         ticket: Ticket,
         axis: AxisIndex,
-        order: ProgramCommand,
+        command: ProgramCommand,
     ) -> Result<(), Unsupported> {
-        let request = self.slot(axis)?.driver.program_request(order).ok_or(Unsupported::NoPlan)?;
+        let request =
+            self.slot(axis)?.driver.program_request(command).ok_or(Unsupported::NoPlan)?;
         if request.class() == RequestClass::NoRetry && self.is_moving(axis) {
             return Err(Unsupported::Busy);
         }
@@ -269,10 +270,10 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     }
 
     fn poll_axis_event(&mut self, now: Instant) -> Option<AxisEvent> {
-        let tidings = self.events.as_mut()?;
-        tidings.pop(now).or_else(|| {
-            tidings.compare(now, &self.slots);
-            tidings.pop(now)
+        let event_queue = self.events.as_mut()?;
+        event_queue.pop(now).or_else(|| {
+            event_queue.compare(now, &self.slots);
+            event_queue.pop(now)
         })
     }
 
@@ -331,8 +332,8 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let axis = AxisIndex(u8::try_from(self.slots.len()).ok()?);
         self.slots.push(AxisSlot::new(make(profile, address)));
         self.host.add_drive(address);
-        if let (Some(tidings), Some(slot)) = (&mut self.events, self.slots.last()) {
-            tidings.add_axis(&slot.state);
+        if let (Some(event_queue), Some(slot)) = (&mut self.events, self.slots.last()) {
+            event_queue.add_axis(&slot.state);
         }
         Some(axis)
     }

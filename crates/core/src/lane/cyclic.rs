@@ -219,7 +219,7 @@ impl CyclicMotion {
                 state.motion_active = (state.motion_active || goes) && !over;
             }
         }
-        let order = match self.stage {
+        let command = match self.stage {
             CyclicStage::Ended => return None,
             CyclicStage::Stop(_) => SetpointCommand::Stop,
             CyclicStage::Hold | CyclicStage::Run => SetpointCommand::Follow,
@@ -228,7 +228,8 @@ impl CyclicMotion {
         while let Some(member) = self.axes.get(self.next_axis) {
             self.next_axis += 1;
             let driver = &slots[usize::from(member.axis)].driver;
-            if let Some(request) = driver.setpoint_request(self.setpoint_kind, member.raw, order) {
+            if let Some(request) = driver.setpoint_request(self.setpoint_kind, member.raw, command)
+            {
                 return Some(request);
             }
         }

@@ -81,10 +81,10 @@ impl PathStream {
     /// Takes as many points as there is room for, and tells how many.
     pub fn feed(&mut self, points: &[Point], complete: bool) -> usize {
         let capacity = POINTS_MAX - self.points.len();
-        let taken = points.len().min(capacity);
-        self.points.extend(&points[..taken]);
-        self.complete |= complete && taken == points.len();
-        taken
+        let consumed = points.len().min(capacity);
+        self.points.extend(&points[..consumed]);
+        self.complete |= complete && consumed == points.len();
+        consumed
     }
 
     /// The request that comes next.

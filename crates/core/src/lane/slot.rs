@@ -41,8 +41,8 @@ impl ScaleFactor {
 
     /// Whether it is to be asked: once, and again after a value that it cannot have.
     const fn is_due(&self) -> bool {
-        let most = if self.implausible.is_some() { ATTEMPTS_MAX } else { 1 };
-        self.raw.is_none() && self.attempts < most
+        let max = if self.implausible.is_some() { ATTEMPTS_MAX } else { 1 };
+        self.raw.is_none() && self.attempts < max
     }
 
     /// Takes a reading. What it cannot have may belong to another question, where answers do not say
@@ -410,7 +410,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
 pub fn handle_unsolicited<R: crate::station::Request, A: Copy + 'static>(
     now: Instant,
     slots: &mut [AxisSlot<R, A>],
-    tidings: &mut Option<Box<EventQueue>>,
+    event_queue: &mut Option<Box<EventQueue>>,
     (address, answer): (u32, &A),
 ) {
     for (n, slot) in slots.iter_mut().enumerate() {
@@ -418,10 +418,10 @@ pub fn handle_unsolicited<R: crate::station::Request, A: Copy + 'static>(
             continue;
         }
         for report in slot.driver.decode_unsolicited(answer).into_iter().flatten() {
-            let before = tidings.is_some().then_some(slot.state);
+            let before = event_queue.is_some().then_some(slot.state);
             slot.handle_report(now, report);
-            if let (Some(tidings), Some(before)) = (tidings.as_mut(), &before) {
-                tidings.push_report(now, n, (slot, before), report);
+            if let (Some(event_queue), Some(before)) = (event_queue.as_mut(), &before) {
+                event_queue.push_report(now, n, (slot, before), report);
             }
         }
     }

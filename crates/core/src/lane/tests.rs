@@ -630,17 +630,17 @@ fn ends_and_disarms(event: LineEvent) {
 #[test]
 fn a_full_table_is_busy_but_for_a_stop_and_every_job_ends_once() {
     let mut bench = LaneFixture::new();
-    let most = (JOBS_MAX - RESERVED_STOP_JOBS) as u32;
-    for ticket in 0..most {
+    let max = (JOBS_MAX - RESERVED_STOP_JOBS) as u32;
+    for ticket in 0..max {
         bench.lane.read_parameter(bench.now, Ticket(ticket), AXIS, MODE).unwrap();
     }
     let further = bench.lane.read_parameter(bench.now, Ticket(99), AXIS, MODE);
     assert_eq!(further, Err(Unsupported::Busy));
     let stop = Command::new(Verb::Stop);
-    bench.lane.command(bench.now, Ticket(most), AXIS, stop).unwrap();
+    bench.lane.command(bench.now, Ticket(max), AXIS, stop).unwrap();
     let mut tickets: Vec<u32> = bench.run().into_iter().map(|(ticket, _)| ticket).collect();
     tickets.sort_unstable();
-    assert_eq!(tickets, (0..=most).collect::<Vec<_>>());
+    assert_eq!(tickets, (0..=max).collect::<Vec<_>>());
     assert_eq!(bench.lane.host.log[0].class, RequestClass::Stop, "ahead of everything that waited");
 }
 

@@ -236,7 +236,7 @@ impl MemoryTransfer {
         let (piece, memory) = self.current_block();
         let left = piece.words.len() - self.offset - self.sent;
         let count = left.min(2);
-        let most = if memory == MemoryKind::Permanent { 2 } else { 2 * WRITES_MAX };
+        let max = if memory == MemoryKind::Permanent { 2 } else { 2 * WRITES_MAX };
         match raw {
             Ok(_) | Err(Failure::Silent | Failure::Misbehaved) => {}
             Err(failure) => return self.fail(failure),
@@ -245,7 +245,7 @@ impl MemoryTransfer {
             slot.state.flash_writes += count as u32;
         }
         self.sent += count;
-        if self.sent >= most || count == left || raw.is_err() {
+        if self.sent >= max || count == left || raw.is_err() {
             self.stage = TransferStage::Verify;
         }
         JobState::Ready

@@ -88,10 +88,10 @@ impl Ticks {
 
 /// `value` within ±`most`.
 #[inline]
-pub(crate) fn clamp_abs(value: f64, most: f64) -> f64 {
+pub(crate) fn clamp_abs(value: f64, max: f64) -> f64 {
     // Two instructions, unlike `clamp`, which looks at `most` as well.
-    let below = if value > most { most } else { value };
-    if below < -most { -most } else { below }
+    let below = if value > max { max } else { value };
+    if below < -max { -max } else { below }
 }
 
 /// `value` with the sign of `sign`, zero when `sign` is zero.

@@ -129,13 +129,13 @@ fn a_low_bus_caps_the_speed_and_the_loop_does_not_wind_up() {
     let top = motor.velocity();
     assert!(top < 400.0 && top > 380.0, "24 V over 0.06 V·s less friction: {top}");
     servo.set_goal(Goal::Velocity(100.0));
-    let mut least = top;
+    let mut min = top;
     for _ in 0..2000 {
         servo.step(&mut motor, NO_LOAD);
-        least = least.min(motor.velocity());
+        min = min.min(motor.velocity());
     }
     assert!((motor.velocity() - 100.0).abs() < 1e-2);
-    assert!(least > 85.0, "undershoot to {least}");
+    assert!(min > 85.0, "undershoot to {min}");
 }
 
 #[test]

@@ -323,7 +323,7 @@ impl Smoother {
         let within = slots.chain([&self.entering, &self.leaving]).map(|moved| moved / of_slots);
         within
             .chain([self.filling / filled, self.last])
-            .fold(0.0, |most, moved| most.max(moved.abs()))
+            .fold(0.0, |max, moved| max.max(moved.abs()))
     }
 
     fn step(&mut self, moved: f64) -> f64 {

@@ -66,7 +66,7 @@ impl SetpointBounds {
     /// may lead, but never further than what nobody sees. A drive goes there within that cycle.
     #[must_use]
     pub fn max_start_offset(&self, period: f64) -> f64 {
-        self.velocity.map_or(START_OFFSET_MAX, |most| (most * period).min(START_OFFSET_MAX))
+        self.velocity.map_or(START_OFFSET_MAX, |max| (max * period).min(START_OFFSET_MAX))
     }
 }
 
@@ -136,8 +136,8 @@ impl SetpointTracker {
         if !rate.is_finite() {
             return Err(BoundsViolation::NotANumber);
         }
-        let beyond = |value: f64, most: Option<f64>| most.is_some_and(|most| value.abs() > most);
-        let beside = |(least, most): (f64, f64)| !(least..=most).contains(&next);
+        let beyond = |value: f64, max: Option<f64>| max.is_some_and(|max| value.abs() > max);
+        let beside = |(min, max): (f64, f64)| !(min..=max).contains(&next);
         match setpoint {
             SetpointKind::Position if bounds.position.is_some_and(beside) => {
                 Err(BoundsViolation::Position)
@@ -265,8 +265,8 @@ impl DurationHistogram {
         });
         let middle = Self::bucket_floor(middle.filter(|_| self.count > 0)?);
         let middle = middle.clamp(self.min_ns, self.max_ns);
-        let [least, middle, most] = [self.min_ns, middle, self.max_ns].map(Duration::from_nanos);
-        Some((least, middle, most))
+        let [min, middle, max] = [self.min_ns, middle, self.max_ns].map(Duration::from_nanos);
+        Some((min, middle, max))
     }
 
     const fn bucket_floor(class: usize) -> u64 {

@@ -115,18 +115,18 @@ impl Wire {
     ) -> (Result<Answer, Failure>, Vec<u8>) {
         let ticket = Ticket(n);
         self.host.submit(self.now, ticket, host_request).expect("nothing else is under way");
-        let (mut given, mut taken, mut buffer) = (0, Vec::new(), [0; 100]);
+        let (mut given, mut consumed, mut buffer) = (0, Vec::new(), [0; 100]);
         for _ in 0..STEPS_MAX {
             self.step();
             if matches!(host_request, HostRequest::Download { .. }) {
                 given += self.host.feed_bytes(ticket, &bytes[given..]).unwrap_or(0);
             } else if let Some(count) = self.host.poll_bytes(ticket, &mut buffer) {
-                taken.extend_from_slice(&buffer[..count]);
+                consumed.extend_from_slice(&buffer[..count]);
             }
             while let Some(&(to, result)) = self.host.poll_event() {
                 if let EventSubject::Request(ended) = to {
                     assert_eq!(ended, ticket, "of a request that ended before");
-                    return (result, taken);
+                    return (result, consumed);
                 }
             }
         }
@@ -166,9 +166,9 @@ fn files_go_there_and_back_whatever_their_size() {
             assert_eq!(result, Ok(Answer::Transferred(size)), "{size} {block}");
             for back in [false, true] {
                 let up = HostRequest::Upload { node: NODE, object: FILE, block: back };
-                let (result, taken) = wire.run_request(2, up, &[]);
+                let (result, consumed) = wire.run_request(2, up, &[]);
                 assert_eq!(result, Ok(Answer::Transferred(size)), "{size} {block} {back}");
-                assert!(taken == file, "{size} {block} {back}");
+                assert!(consumed == file, "{size} {block} {back}");
             }
         }
     }
@@ -208,10 +208,10 @@ fn on_a_bad_wire_no_file_is_taken_for_another() {
             let down = HostRequest::Download { node: NODE, object: FILE, block, size };
             let (sent, _) = wire.run_request(n, down, &file);
             let up = HostRequest::Upload { node: NODE, object: FILE, block };
-            let (came, taken) = wire.run_request(n + 1, up, &[]);
+            let (came, consumed) = wire.run_request(n + 1, up, &[]);
             match (sent, came) {
                 (Ok(_), Ok(_)) => {
-                    assert!(taken == file, "seed {seed}");
+                    assert!(consumed == file, "seed {seed}");
                     done += 1;
                 }
                 _ => failed += 1,

@@ -25,7 +25,7 @@ pub(super) trait ErasedConnection: Send + Sync {
     fn poll_or_wake(&self, ticket: Ticket, waker: &task::Waker) -> Option<Outcome>;
     fn abandon(&self, ticket: Ticket);
     fn wait_for_room(&self, deadline: Instant) -> bool;
-    fn with_axes(&self, look: &mut dyn FnMut(&mut dyn Axes, Instant));
+    fn with_axes(&self, query: &mut dyn FnMut(&mut dyn Axes, Instant));
     fn now(&self) -> Instant;
     fn link_error(&self) -> Option<LinkError>;
     fn describe(&self) -> String;
@@ -68,10 +68,10 @@ impl<M: Medium> ErasedConnection for ConnectionInner<M> {
         leader::wait_for_room(self, deadline)
     }
 
-    fn with_axes(&self, look: &mut dyn FnMut(&mut dyn Axes, Instant)) {
+    fn with_axes(&self, query: &mut dyn FnMut(&mut dyn Axes, Instant)) {
         let mut state = self.lock();
         let now = state.link.now();
-        look(&mut *state.lane, now);
+        query(&mut *state.lane, now);
         // Arming changes there.
         if !state.listeners.is_empty() {
             state.deliver_axis_events(now);

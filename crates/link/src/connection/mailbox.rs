@@ -47,10 +47,10 @@ struct MailboxQueue {
 impl Mailbox {
     /// An empty one for `most` notices. What it needs of memory it takes now.
     #[must_use]
-    pub fn new(most: usize) -> Self {
+    pub fn new(max: usize) -> Self {
         let queue = MailboxQueue {
-            events: VecDeque::with_capacity(most),
-            capacity: most.max(1),
+            events: VecDeque::with_capacity(max),
+            capacity: max.max(1),
             missed: 0,
             interrupted: false,
             waker: None,

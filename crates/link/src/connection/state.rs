@@ -227,13 +227,13 @@ impl<M: Medium> ConnectionState<M> {
             return;
         }
         for _ in 0..EVENTS_MAX {
-            let Some(news) = self.lane.poll_axis_event(now) else { break };
-            if let AxisEventKind::Missed(count) = news.kind {
+            let Some(event) = self.lane.poll_axis_event(now) else { break };
+            if let AxisEventKind::Missed(count) = event.kind {
                 self.listeners.iter().for_each(|listener| listener.mailbox.add_missed(count));
                 continue;
             }
-            for listener in self.listeners.iter().filter(|one| one.wants_axis(news.axis)) {
-                let waker = listener.mailbox.push(listener.source, ConnectionEvent::Axis(news));
+            for listener in self.listeners.iter().filter(|one| one.wants_axis(event.axis)) {
+                let waker = listener.mailbox.push(listener.source, ConnectionEvent::Axis(event));
                 self.to_wake.extend(waker);
             }
         }

@@ -263,10 +263,10 @@ fn send_text(adapter: &mut SlcanSession, text: &str) -> (String, Vec<SessionActi
     for &byte in text.as_bytes() {
         let mut buffer = [0; crate::hub::OUTPUT_MAX];
         let mut answer = SessionOutput(TextWriter::new(&mut buffer));
-        let taken = adapter.handle_byte(byte, &mut answer);
+        let action = adapter.handle_byte(byte, &mut answer);
         let len = answer.0.len;
         bytes.extend_from_slice(&buffer[..len]);
-        came.extend((taken != SessionAction::Nothing).then_some(taken));
+        came.extend((action != SessionAction::Nothing).then_some(action));
     }
     (String::from_utf8(bytes).unwrap(), came)
 }
@@ -394,12 +394,12 @@ fn an_unplugged_adapter_is_reported_and_opened_again() {
 fn a_client_that_does_not_read_loses_frames_and_nobody_else_does() {
     let bus = listen("0", LINE).unwrap();
     let address = bus.address().unwrap().to_string();
-    let hear = |ms| bus.receive(&mut Frame::default(), clock::now().plus_ms(ms)).unwrap();
+    let on_event = |ms| bus.receive(&mut Frame::default(), clock::now().plus_ms(ms)).unwrap();
     thread::scope(|scope| {
         let open = || {
             let opened = scope.spawn(|| open_tcp(&address, LINE).unwrap());
             while !opened.is_finished() {
-                hear(2);
+                on_event(2);
             }
             opened.join().unwrap()
         };

@@ -25,10 +25,10 @@ impl HardwareClock {
         let step = CLOCK_STEP.as_nanos() as u64;
         let offset = match self.offset {
             None => lag,
-            Some((least, since)) => {
+            Some((min, since)) => {
                 let passed = hardware_ns.wrapping_sub(since);
                 let forgotten = passed.saturating_mul(DRIFT_PPM) / 1_000_000;
-                let expected = least.wrapping_add(forgotten.min(step));
+                let expected = min.wrapping_add(forgotten.min(step));
                 // As a signed number: earlier than expected, or far off.
                 let late = lag.wrapping_sub(expected);
                 if late > step { lag } else { expected }

@@ -97,7 +97,7 @@ impl SocketcandSession {
         request: ClientRequest<'_>,
         answer: &mut SessionOutput<'_>,
     ) -> SessionAction {
-        let (bytes, taken) = match (request, self.mode) {
+        let (bytes, action) = match (request, self.mode) {
             (ClientRequest::Open(bus), SessionMode::NoBus) => {
                 if bus != &self.bus[..self.bus_len] {
                     answer.0.push_bytes(b"< error could not open bus >");
@@ -140,7 +140,7 @@ impl SocketcandSession {
             _ => (&b"< error unknown command >"[..], SessionAction::Malformed),
         };
         answer.0.push_bytes(bytes);
-        taken
+        action
     }
 }
 

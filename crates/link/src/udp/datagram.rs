@@ -233,9 +233,9 @@ struct MsgpackReader<'a> {
 
 impl<'a> MsgpackReader<'a> {
     fn read_bytes(&mut self, len: usize) -> Option<&'a [u8]> {
-        let (taken, rest) = self.rest.split_at_checked(len)?;
+        let (consumed, rest) = self.rest.split_at_checked(len)?;
         self.rest = rest;
-        Some(taken)
+        Some(consumed)
     }
 
     /// A big-endian number of `width` bytes.

@@ -156,7 +156,7 @@ struct Module {
 impl Module {
     fn on<M: Medium>(
         link: Box<dyn LinkIo<M>>,
-        mut hear: impl FnMut(&dyn LinkIo<M>, &M::Unit) + Send + 'static,
+        mut on_event: impl FnMut(&dyn LinkIo<M>, &M::Unit) + Send + 'static,
     ) -> Self {
         let (over, waker) = (Arc::new(AtomicBool::new(false)), link.waker());
         let its = Arc::clone(&over);
@@ -166,7 +166,7 @@ impl Module {
                 if let Ok(Received::Bytes { len, .. }) =
                     link.receive(buffer.borrow_mut(), Instant::FAR_FUTURE)
                 {
-                    hear(&*link, M::unit(buffer.borrow(), len));
+                    on_event(&*link, M::unit(buffer.borrow(), len));
                 }
             }
         });

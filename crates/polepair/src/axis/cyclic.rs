@@ -134,9 +134,9 @@ impl CyclicAxes {
     }
 
     fn check_bus_load(&self) -> Result<(), Error> {
-        let most = LOAD_MAX_PERCENT as f64 / 100.0;
-        let Some(load) = self.load().filter(|load| *load > most) else { return Ok(()) };
-        let shortest = (self.period.as_secs_f64() * load / most * 1e3).ceil();
+        let max = LOAD_MAX_PERCENT as f64 / 100.0;
+        let Some(load) = self.load().filter(|load| *load > max) else { return Ok(()) };
+        let shortest = (self.period.as_secs_f64() * load / max * 1e3).ceil();
         let count = self.axes.len();
         let what = format!(
             "set-points for {count} axes every {} ms take {:.0} % of the bus; {LOAD_MAX_PERCENT} % \
@@ -298,10 +298,10 @@ impl Axis {
     ///
     /// # Errors
     /// [`Error::Unsupported`] `E222`; what reading the position brings.
-    pub(super) fn check_start_position(&self, begins: f64, most: f64) -> Result<(), Error> {
+    pub(super) fn check_start_position(&self, begins: f64, max: f64) -> Result<(), Error> {
         let stands = self.signals(&[Signal::Position])?[0].value;
         // Where the scale is not known, the lane compares raw values.
-        if !stands.is_finite() || (begins - stands).abs() <= most {
+        if !stands.is_finite() || (begins - stands).abs() <= max {
             return Ok(());
         }
         let shown = |si| self.format_signal(Signal::Position, si);
@@ -375,7 +375,7 @@ fn read_bounds(axis: &Axis) -> Result<SetpointBounds, Error> {
     let acceleration = some(read("max acceleration")?);
     let range = read("position limit min")?.zip(read("position limit max")?);
     Ok(SetpointBounds {
-        position: range.filter(|(least, most)| least < most),
+        position: range.filter(|(min_value, max_value)| min_value < max_value),
         velocity,
         acceleration: acceleration.or(velocity.map(|velocity| velocity / FULL_SPEED_S)),
         torque: some(read("max torque")?),

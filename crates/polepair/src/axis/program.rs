@@ -170,9 +170,9 @@ impl Axis {
         rules.ok_or_else(|| self.unsupported_error(what, Unsupported::NoPlan))
     }
 
-    fn run_order(&self, what: &str, order: ProgramCommand) -> Result<i64, Error> {
+    fn run_order(&self, what: &str, command: ProgramCommand) -> Result<i64, Error> {
         self.submit(what.to_owned(), RequestKind::Command, |axes, now, ticket| {
-            axes.send_program_command(now, ticket, self.index, order)
+            axes.send_program_command(now, ticket, self.index, command)
         })?
         .finish()
     }

@@ -76,8 +76,9 @@ impl Axis {
         loop {
             chunk.extend(rest.by_ref().take(CHUNK_POINTS - chunk.len()));
             let last = chunk.len() < CHUNK_POINTS;
-            let taken = self.connection.with_axes(|axes, _| axes.feed_points(ticket, &chunk, last));
-            match taken {
+            let consumed =
+                self.connection.with_axes(|axes, _| axes.feed_points(ticket, &chunk, last));
+            match consumed {
                 Some(count) => drop(chunk.drain(..count)),
                 None => return running.finish(),
             }

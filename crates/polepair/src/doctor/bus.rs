@@ -34,10 +34,10 @@ pub(super) fn check_traffic(
     link: &CountedLink<Can>,
     line: &ProtocolLine,
     url: &Url,
-    hear: &mut dyn FnMut(CheckResult),
+    on_event: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     let rate = bit_rate(line, url);
-    hear(match rate {
+    on_event(match rate {
         0 => CheckResult::ok("bit rate", "this bus has no bit timing"),
         rate => CheckResult::ok("bit rate", format!("{rate} bit/s")),
     });
@@ -45,7 +45,7 @@ pub(super) fn check_traffic(
     let bus_sample = record_frames(link)?;
     let losses = link.losses();
     let errors = losses.errors - before.errors;
-    hear(match (bus_sample.bus_off, errors, bus_sample.frames.len()) {
+    on_event(match (bus_sample.bus_off, errors, bus_sample.frames.len()) {
         (true, ..) => {
             CheckResult::wrong("errors", Exit::Corrupt, "the controller went bus-off", TERMINATION)
         }
@@ -64,7 +64,7 @@ pub(super) fn check_traffic(
         let bits: u32 = bus_sample.frames.iter().map(bits::wire_bits).sum();
         let busy = f64::from(bits) * 1000.0 / f64::from(LISTEN_MS) / f64::from(rate);
         let text = format!("{:.1} % of the bus", busy * 100.0);
-        hear(match busy > LOAD_MAX {
+        on_event(match busy > LOAD_MAX {
             true => {
                 CheckResult::suspicious("load", text, "ask less often, or take a higher bit rate")
             }
@@ -73,7 +73,7 @@ pub(super) fn check_traffic(
     }
     for (who, count) in count_senders(line, &bus_sample.frames).into_iter().take(SENDERS_SHOWN_MAX)
     {
-        hear(CheckResult::ok("heard", format!("{who}: {count} frames")));
+        on_event(CheckResult::ok("heard", format!("{who}: {count} frames")));
     }
     Ok(())
 }

@@ -56,16 +56,16 @@ pub fn read_watchdog(axis: &Axis) -> Result<WatchdogState, Error> {
 }
 
 /// Looks at one drive, by reads.
-pub(super) fn check_drive(axis: &Axis, hear: &mut dyn FnMut(CheckResult)) {
+pub(super) fn check_drive(axis: &Axis, on_event: &mut dyn FnMut(CheckResult)) {
     let looks: [DriveCheck; 4] = [check_supply, check_temperature, check_faults, check_power];
-    for look in looks {
+    for query in looks {
         let about = axis.label();
-        match look(axis, &about) {
-            Ok(check) => check.into_iter().for_each(&mut *hear),
-            Err(error) => hear(CheckResult::error(&about, &error)),
+        match query(axis, &about) {
+            Ok(check) => check.into_iter().for_each(&mut *on_event),
+            Err(error) => on_event(CheckResult::error(&about, &error)),
         }
     }
-    hear(check_watchdog(axis));
+    on_event(check_watchdog(axis));
 }
 
 /// What a drive has that tells a signal.
@@ -96,14 +96,14 @@ fn read_if_present(axis: &Axis, id: ParameterId) -> Result<Option<i64>, Error> {
 fn check_present<T>(
     about: &str,
     availability: Availability<T>,
-    look: impl FnOnce(T) -> CheckResult,
+    query: impl FnOnce(T) -> CheckResult,
 ) -> Option<CheckResult> {
     match availability {
         Availability::NoSource => None,
         Availability::Absent(what) => {
             Some(CheckResult::ok(about, format!("{what}: absent, {ABSENT_TEXT}")))
         }
-        Availability::Present(value) => Some(look(value)),
+        Availability::Present(value) => Some(query(value)),
     }
 }
 

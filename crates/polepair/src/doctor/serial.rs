@@ -25,13 +25,13 @@ const BAUD_RATES: [u32; 9] =
 pub(super) fn check_noise(
     link: &CountedLink<Stream>,
     line: &ProtocolLine,
-    hear: &mut dyn FnMut(CheckResult),
+    on_event: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     let baud = line.options.baud;
     let (bytes, breaks) = receive_bytes(link)?;
     let dissector = proto::find_dissector(line.protocol.name);
     let good = dissector.map_or(0, |dissector| count_framed_bytes(dissector, &bytes));
-    hear(match (bytes.len(), breaks) {
+    on_event(match (bytes.len(), breaks) {
         (0, 0) => CheckResult::ok("noise", format!("silent for {LISTEN_MS} ms, as it should be")),
         (0, breaks) => {
             let text = format!("{breaks} breaks or framing errors, and no bytes");
@@ -58,7 +58,10 @@ pub(super) fn check_noise(
         }
     });
     if baud > 0 {
-        hear(CheckResult::ok("rate", format!("{baud} baud, as the string or the factory has it")));
+        on_event(CheckResult::ok(
+            "rate",
+            format!("{baud} baud, as the string or the factory has it"),
+        ));
     }
     Ok(())
 }

@@ -31,8 +31,9 @@ fn an_echo_is_told_and_overcome() {
     let (mut lines, _simulation) = connector.open_lines(&url).expect("a line");
     // The string forgets to say what the adapter does.
     lines[0].options.echo = false;
-    let hear = &mut |check| found.push(check);
-    super::check_line(&connector, &url, (&mut lines[0], true), &mut false, hear).expect("a line");
+    let on_event = &mut |check| found.push(check);
+    super::check_line(&connector, &url, (&mut lines[0], true), &mut false, on_event)
+        .expect("a line");
     assert_eq!(about(&found, "echo").grade, Grade::Wrong, "{found:?}");
     assert!(about(&found, "echo").remedy.contains("echo=yes"));
     assert!(found.iter().any(|check| check.found.contains("answers:")), "{found:?}");

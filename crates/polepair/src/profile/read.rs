@@ -416,7 +416,7 @@ impl ProfileReader {
     fn read_parameter(&self, table: &TomlTable<'_, '_>) -> Result<DraftParameter, FileError> {
         let encoding =
             optional_choice(table, "encoding", &ENCODINGS)?.unwrap_or(self.dialect.encoding);
-        let (least, most) = encoding_range(encoding);
+        let (min_value, max_value) = encoding_range(encoding);
         let index = table.required_integer("index")?.try_map(|n| {
             u16::try_from(n).map_err(|_| format!("`index` is {n}; it must be 0 to 65535"))
         })?;
@@ -433,9 +433,9 @@ impl ProfileReader {
             factor,
             times,
             over,
-            min: table.integer_between("min", least, most)?.unwrap_or(least),
-            max: table.integer_between("max", least, most)?.unwrap_or(most),
-            default: table.integer_between("default", least, most)?,
+            min: table.integer_between("min", min_value, max_value)?.unwrap_or(min_value),
+            max: table.integer_between("max", min_value, max_value)?.unwrap_or(max_value),
+            default: table.integer_between("default", min_value, max_value)?,
             access: optional_choice(table, "access", &ACCESSES)?.unwrap_or(Access::ReadWrite),
             persistence: optional_choice(table, "persistence", &PERSISTENCES)?
                 .unwrap_or(Persistence::Volatile),

@@ -86,13 +86,13 @@ fn check_faults(faults: &[DraftFault]) -> Result<(), FileError> {
 }
 
 fn check_parameter(p: &DraftParameter) -> Result<(), FileError> {
-    let (least, most) = encoding_range(p.encoding);
+    let (min_value, max_value) = encoding_range(p.encoding);
     let name = &p.name;
     if p.min > p.max {
         let reason = format!("`{name}`: min {} is greater than max {}", p.min, p.max);
         return Err(p.location.error(reason));
     }
-    if p.min < least || p.max > most {
+    if p.min < min_value || p.max > max_value {
         let reason = format!("`{name}`: {} to {} does not fit its encoding", p.min, p.max);
         return Err(p.location.error(reason));
     }
@@ -101,7 +101,9 @@ fn check_parameter(p: &DraftParameter) -> Result<(), FileError> {
         let reason = format!("`{name}`: default {default} is not within {} to {}", p.min, p.max);
         return Err(p.location.error(reason));
     }
-    if let Some((raw, word)) = p.values.iter().find(|(raw, _)| !(least..=most).contains(raw)) {
+    if let Some((raw, word)) =
+        p.values.iter().find(|(raw, _)| !(min_value..=max_value).contains(raw))
+    {
         let reason = format!("`{name}`: value {raw} (`{word}`) does not fit its encoding");
         return Err(p.location.error(reason));
     }

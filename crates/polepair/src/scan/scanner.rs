@@ -159,8 +159,8 @@ impl DriveScanner {
         let requests = stored.into_iter().map(|line_config| {
             ScanTarget::OpenLink(Box::new(line_config.with_single_wire()), connection.clone())
         });
-        let look = Self::new(connector, requests.collect(), Vec::new(), numbers.into());
-        Ok(Self { known_axes: known, ..look })
+        let scanner = Self::new(connector, requests.collect(), Vec::new(), numbers.into());
+        Ok(Self { known_axes: known, ..scanner })
     }
 
     fn new(

@@ -498,7 +498,7 @@ fn read_probability(table: &TomlTable<'_, '_>, key: &str) -> Result<Ppm, FileErr
 
 fn read_faults(node: &TomlTable<'_, '_>) -> Result<SerialFaults, FileError> {
     let Some(table) = node.table("faults", &FAULT_KEYS)? else { return Ok(SerialFaults::NONE) };
-    let small = |key, most| table.integer_between(key, 0, most);
+    let small = |key, max| table.integer_between(key, 0, max);
     let patience = small("patience_ms", 60_000)?.unwrap_or(100) as u32;
     let latest = small("latest_ms", 60_000)?.unwrap_or(300) as u32;
     if let Some(seed) = small("seed", i64::MAX)? {

@@ -309,7 +309,7 @@ fn every_protocol_takes_its_own_bytes() {
     for drive in ["tmcl", "tmcl+can", "syntron-ts", "technosoft-f514l", "thruster", "cia402"] {
         let link = connect(&format!("sim:{drive}?time=virtual")).unwrap();
         let axis = &link.axes()[0];
-        let (mut taken, mut kept_back) = (0, 0);
+        let (mut consumed, mut kept_back) = (0, 0);
         let verbs = [Verb::Enable, Verb::Stop, Verb::Reached, Verb::Disable];
         let plans = verbs.into_iter().filter(|verb| axis.profile().plan(*verb).is_some());
         for step in plans.flat_map(|verb| axis.rehearse(Command::new(verb)).unwrap()) {
@@ -319,12 +319,12 @@ fn every_protocol_takes_its_own_bytes() {
                 continue;
             }
             match axis.raw_bytes(&bytes, id) {
-                Ok(_) => taken += 1,
+                Ok(_) => consumed += 1,
                 Err(error) if error.code() == "E219" => kept_back += 1,
                 Err(error) => panic!("{drive}: {bytes:02X?}: {error}"),
             }
         }
-        assert!(taken + kept_back > 0, "{drive}: {taken} taken, {kept_back} kept back");
+        assert!(consumed + kept_back > 0, "{drive}: {consumed} taken, {kept_back} kept back");
     }
 }
 

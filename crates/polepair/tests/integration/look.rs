@@ -15,11 +15,11 @@ fn open(url: &str) -> Link {
 
 fn run_scan(link: &Link, numbers: impl Into<ScanAddresses>) -> ScanReport {
     let connector = Connector::default();
-    let mut look = DriveScanner::on_link(&connector, link, 0, numbers).expect("a wire");
-    while look.next_address(&|| false).expect("the link is there").is_some() {
-        look.query_next(&|| false).expect("the link is there");
+    let mut scanner = DriveScanner::on_link(&connector, link, 0, numbers).expect("a wire");
+    while scanner.next_address(&|| false).expect("the link is there").is_some() {
+        scanner.query_next(&|| false).expect("the link is there");
     }
-    look.finish()
+    scanner.finish()
 }
 
 fn numbers(link: &Link) -> Vec<u32> {
@@ -101,22 +101,22 @@ fn a_bus_of_several_protocols_keeps_its_axes_where_they_are() {
 fn a_look_that_is_broken_off_leaves_the_link_as_it_was() {
     let link = open("sim:tmcl?axes=3&time=virtual#1");
     let connector = Connector::default();
-    let mut look = DriveScanner::on_link(&connector, &link, 0, 1..=200).expect("a wire");
+    let mut scanner = DriveScanner::on_link(&connector, &link, 0, 1..=200).expect("a wire");
     let now = || link.axes()[0].connection().now();
     let mut one = Duration::ZERO;
     for _ in 0..10 {
         let started_at = now();
-        assert!(look.next_address(&|| false).expect("the link is there").is_some());
-        look.query_next(&|| false).expect("the link is there");
+        assert!(scanner.next_address(&|| false).expect("the link is there").is_some());
+        scanner.query_next(&|| false).expect("the link is there");
         one = now().since(started_at);
     }
     // Asked once more whether it may go on: one question is out by then, and no other follows.
     let (started_at, cell) = (now(), Cell::new(0));
     let broken = || cell.replace(cell.get() + 1) > 0;
-    look.query_next(&broken).expect("the link is there");
+    scanner.query_next(&broken).expect("the link is there");
     assert!(now().since(started_at) <= one, "{:?} is more than {one:?}", now().since(started_at));
-    assert_eq!(look.next_address(&|| false).expect("the link is there"), None);
-    let scan = look.finish();
+    assert_eq!(scanner.next_address(&|| false).expect("the link is there"), None);
+    let scan = scanner.finish();
     assert_eq!(scan.not_queried, 190);
     assert_eq!(scan.found.iter().map(|one| one.number).collect::<Vec<_>>(), [3, 4]);
     turns(&link, &link.axes()[0]);
@@ -147,10 +147,10 @@ fn addresses_that_no_drive_can_have_are_not_asked() {
     ] {
         let link = open(url);
         let (connector, mut all) = (Connector::default(), Vec::new());
-        let mut look = DriveScanner::on_link(&connector, &link, 0, range).expect("a wire");
-        while let Some(at) = look.next_address(&|| false).expect("the link is there") {
+        let mut scanner = DriveScanner::on_link(&connector, &link, 0, range).expect("a wire");
+        while let Some(at) = scanner.next_address(&|| false).expect("the link is there") {
             all.push(at.number);
-            look.query_next(&|| false).expect("the link is there");
+            scanner.query_next(&|| false).expect("the link is there");
         }
         assert!(
             !all.is_empty() && all.iter().all(|number| asked_range.contains(number)),
@@ -174,12 +174,12 @@ fn a_wire_without_axes_keeps_its_number() {
     let none =
         DriveScanner::on_link(&connector, &link, 0, 1..=1).map(drop).expect_err("nobody is there");
     assert_eq!(none.code(), "E212", "{none}");
-    let mut look =
+    let mut scanner =
         DriveScanner::on_link(&connector, &link, wires - 1, last.number()..=last.number()).unwrap();
-    while look.next_address(&|| false).unwrap().is_some() {
-        look.query_next(&|| false).unwrap();
+    while scanner.next_address(&|| false).unwrap().is_some() {
+        scanner.query_next(&|| false).unwrap();
     }
-    assert!(look.finish().axes[0].answers, "the wire's own axis");
+    assert!(scanner.finish().axes[0].answers, "the wire's own axis");
 }
 
 #[test]
@@ -206,9 +206,10 @@ fn a_bus_whose_drives_must_hear_the_host_is_not_lent() {
     let link = open("sim:thruster?time=virtual");
     link.axes()[0].set_raw("command timeout", 300).expect("a watchdog");
     let connector = Connector::default();
-    let mut look = DriveScanner::on_link(&connector, &link, 0, ScanAddresses::ALL).expect("a wire");
+    let mut scanner =
+        DriveScanner::on_link(&connector, &link, 0, ScanAddresses::ALL).expect("a wire");
     let before = link.axes()[0].connection().now();
-    let refused = look.next_address(&|| false).expect_err("the drive would stop");
+    let refused = scanner.next_address(&|| false).expect_err("the drive would stop");
     assert_eq!(refused.code(), "E220", "{refused}");
     assert_eq!(link.axes()[0].connection().now(), before, "nobody waited, and nobody was silent");
 }

@@ -123,7 +123,7 @@ impl ServedWatch {
                 .iter()
                 .all(|(watched, _)| watched.source() == SampleSource::Polled);
             let periods = rows.subscriptions.iter().map(|(watched, _)| 1.0 / watched.hz());
-            let longest = periods.fold(QUIET_MIN, |most, period| most.max(QUIET_PERIODS * period));
+            let longest = periods.fold(QUIET_MIN, |max, period| max.max(QUIET_PERIODS * period));
             asks.then_some(longest.min(QUIET_MAX))
         }))
     }

@@ -91,10 +91,10 @@ pub(super) async fn command(
     State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    JsonBody(order): JsonBody<CommandRequest>,
+    JsonBody(request): JsonBody<CommandRequest>,
 ) -> ApiResult<CommandOutcome> {
     let since = clock::now();
-    let reply = state.bench.command(parse_index(&id)?, &rest_session(&caller), order);
+    let reply = state.bench.command(parse_index(&id)?, &rest_session(&caller), request);
     await_outcome(&state, since, reply).await
 }
 
@@ -112,12 +112,12 @@ pub(super) async fn raw(
     State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    JsonBody(order): JsonBody<RawRequest>,
+    JsonBody(request): JsonBody<RawRequest>,
 ) -> ApiResult<CommandOutcome> {
     let since = clock::now();
     let (id, session) =
-        (parse_index(&id)?, lease_session(&state, &caller, parse_index(&id)?, order.epoch));
-    await_outcome(&state, since, state.bench.raw(id, &session, order)).await
+        (parse_index(&id)?, lease_session(&state, &caller, parse_index(&id)?, request.epoch));
+    await_outcome(&state, since, state.bench.raw(id, &session, request)).await
 }
 
 /// Waits for what comes of it. What the gateway itself refused is an error of HTTP as well.
@@ -146,10 +146,10 @@ async fn await_outcome(
 pub(super) async fn stop(
     State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
-    JsonBody(order): JsonBody<StopRequest>,
+    JsonBody(request): JsonBody<StopRequest>,
 ) -> ApiResult<StopReport> {
     let since = clock::now();
-    let stopped = state.bench.stop(&rest_session(&caller), &order).await?;
+    let stopped = state.bench.stop(&rest_session(&caller), &request).await?;
     state.metrics.stops.observe(clock::now().since(since).as_secs_f64());
     Ok(Json(stopped))
 }

@@ -36,9 +36,9 @@ pub(super) async fn start(
     State(state): State<SharedAppState>,
     Extension(caller): Extension<Caller>,
     Path(id): Path<String>,
-    JsonBody(order): JsonBody<ScanRequest>,
+    JsonBody(request): JsonBody<ScanRequest>,
 ) -> ApiResult<ScanView> {
-    state.bench.start_scan(parse_index(&id)?, &rest_session(&caller), order).await.map(Json)
+    state.bench.start_scan(parse_index(&id)?, &rest_session(&caller), request).await.map(Json)
 }
 
 /// Break a look off

@@ -43,7 +43,7 @@ impl SessionFile {
     /// # Errors
     /// It cannot be read, others may read or write it, or a line is something else: then nothing of it
     /// is believed.
-    pub fn read(&self, most: usize) -> Result<Vec<SessionRecord>, SetupError> {
+    pub fn read(&self, max: usize) -> Result<Vec<SessionRecord>, SetupError> {
         let failed = |error: io::Error| SetupError::file(&self.path, "read", &error);
         let file = match File::open(&self.path) {
             Ok(file) => file,
@@ -53,7 +53,7 @@ impl SessionFile {
         require_private(&self.path, &file)?;
         let mut text = String::new();
         file.take(FILE_MAX).read_to_string(&mut text).map_err(failed)?;
-        let lines = text.lines().filter(|line| !line.starts_with('#')).take(most);
+        let lines = text.lines().filter(|line| !line.starts_with('#')).take(max);
         let lines: Option<Vec<_>> = lines.map(SessionRecord::parse).collect();
         lines.ok_or_else(|| {
             let what = format!("{} holds what is no session", self.path.display());

@@ -69,20 +69,21 @@ impl Bench {
             let (root, index) = link.scan.root()?;
             (root.clone(), index)
         };
-        let mut look = DriveScanner::on_link(link.scan.connector(), &root, index, number..=number)?;
-        while look.next_address(&broken)?.is_some() {
-            look.query_next(&broken)?;
+        let mut scanner =
+            DriveScanner::on_link(link.scan.connector(), &root, index, number..=number)?;
+        while scanner.next_address(&broken)?.is_some() {
+            scanner.query_next(&broken)?;
         }
-        let found: Vec<_> = look.finish().found;
+        let found: Vec<_> = scanner.finish().found;
         let found: Vec<_> = found.into_iter().filter(|one| one.clash.is_none()).take(1).collect();
         if found.is_empty() || shared.is_closing() {
             return Ok(());
         }
-        let taken = self.add_found_drives(n, &found)?;
+        let added = self.add_found_drives(n, &found)?;
         link.remove_absent(number);
         // Who stopped everything meant this one as well, and could not reach it.
-        self.stop_if_locked(n, link.wire.axes.len() - taken.axes.len());
-        let detail = json!({ "link": link.id, "drives": [number], "axes": taken.axes });
+        self.stop_if_locked(n, link.wire.axes.len() - added.axes.len());
+        let detail = json!({ "link": link.id, "drives": [number], "axes": added.axes });
         shared.record(&SERVER.into(), JournalAction::TakeIn, None, detail);
         tracing::info!(link = link.id, number, "an absent axis answers now");
         shared.publish(BenchEvent::BenchChanged);
@@ -122,9 +123,9 @@ pub(super) fn probe_until_joined(bench: &Weak<BenchInner>, n: usize) {
         if !bench.may_probe(n, number) {
             continue;
         }
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let (worker, asks) = (&bench.0.links[n].request_worker, bench.clone());
-        worker.submit_query(tell, move || asks.probe_absent(n, number));
+        worker.submit_query(reply_sender, move || asks.probe_absent(n, number));
         // The bench may be closed meanwhile: it is not kept from here.
         drop(bench);
         if let Ok(Err(error)) = reply.blocking_recv() {

@@ -15,10 +15,10 @@ pub(super) struct AppendOnlyVec<T> {
 
 impl<T> AppendOnlyVec<T> {
     /// With room for `most`, and these in it; those beyond are left out.
-    pub fn new(most: usize, these: impl IntoIterator<Item = T>) -> Self {
-        let places = (0..most).map(|_| OnceLock::new()).collect();
+    pub fn new(max: usize, these: impl IntoIterator<Item = T>) -> Self {
+        let places = (0..max).map(|_| OnceLock::new()).collect();
         let grown = Self { slots: places, count: AtomicUsize::new(0) };
-        for one in these.into_iter().take(most) {
+        for one in these.into_iter().take(max) {
             grown.push(one);
         }
         grown

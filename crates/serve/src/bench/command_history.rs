@@ -61,8 +61,8 @@ impl CommandHistory {
                 Ok(CommandLookup::Finished(CommandOutcome { replayed: true, ..outcome.clone() }))
             }
             Some(CommandRecord::Active(waiting)) if waiting.len() < WAITING_MAX => {
-                let (tell, reply) = oneshot::channel();
-                waiting.push(tell);
+                let (reply_sender, reply) = oneshot::channel();
+                waiting.push(reply_sender);
                 Ok(CommandLookup::Active(reply))
             }
             Some(CommandRecord::Active(_)) => {
@@ -83,9 +83,9 @@ impl CommandHistory {
         if let CommandRecord::Active(waiting) =
             std::mem::replace(seen, CommandRecord::Finished(outcome.clone()))
         {
-            for tell in waiting {
+            for reply_sender in waiting {
                 // Who has gone does not want to know.
-                let _ = tell.send(Ok(CommandOutcome { replayed: true, ..outcome.clone() }));
+                let _ = reply_sender.send(Ok(CommandOutcome { replayed: true, ..outcome.clone() }));
             }
         }
     }

@@ -204,8 +204,8 @@ impl CommandWorker {
         self.check_link();
         self.expire();
         for _ in 0..REQUESTS_PER_ROUND_MAX {
-            let Some((sequence, order)) = self.wire.next_request() else { break };
-            self.handle_request(sequence, order);
+            let Some((sequence, request)) = self.wire.next_request() else { break };
+            self.handle_request(sequence, request);
             self.process_stops();
         }
         if self.context.is_closing() && self.closed.is_none() {
@@ -223,13 +223,13 @@ impl CommandWorker {
     fn next_wakeup(&self) -> Duration {
         let now = self.context.now();
         let busy = !self.active.is_empty() || self.axes.iter().any(|w| w.pending_stop.is_some());
-        let look = match now.since(self.last_start) < FAST_POLL_TIME {
+        let scan = match now.since(self.last_start) < FAST_POLL_TIME {
             _ if !busy => IDLE,
             true => POLL_INTERVAL,
             false => SLOW_POLL_INTERVAL,
         };
         let ends = self.axes.iter().filter_map(|watched| Some(watched.lease.holder()?.until));
-        ends.map(|until| until.since(now)).min().map_or(look, |left| left.min(look))
+        ends.map(|until| until.since(now)).min().map_or(scan, |left| left.min(scan))
     }
 
     /// A lease ended: what it set in motion stops, and nothing moves before it is armed anew.
@@ -329,10 +329,10 @@ impl CommandWorker {
         }
     }
 
-    fn handle_request(&mut self, sequence: u64, order: WireRequest) {
+    fn handle_request(&mut self, sequence: u64, wire_request: WireRequest) {
         self.add_joined_axes();
         let late = |axis: usize| sequence < self.axes[axis].last_stop_number;
-        match order {
+        match wire_request {
             WireRequest::Lease(request) if request.is_acquire() && late(request.axis) => {
                 // Who has gone does not want to know.
                 let _ = request.reply.send(Err(overtaken_error()));

@@ -9,13 +9,13 @@ impl Bench {
         &self,
         axis: u16,
         session: &SessionName,
-        order: CommandRequest,
+        request: CommandRequest,
     ) -> PendingReply<CommandOutcome> {
-        let CommandRequest { id, verb, arguments, .. } = &order;
+        let CommandRequest { id, verb, arguments, .. } = &request;
         let detail = json!({ "id": id, "verb": verb, "arguments": arguments });
-        let CommandRequest { issued_ms, ttl_ms, epoch, .. } = order;
+        let CommandRequest { issued_ms, ttl_ms, epoch, .. } = request;
         let header = CommandHeader { id: id.clone(), issued_ms, ttl_ms, epoch };
-        self.submit_command(axis, session, header, detail, parse_action(&order))
+        self.submit_command(axis, session, header, detail, parse_action(&request))
     }
 
     /// Sends a request in the protocol's own text, for which no limits stand: once, under a lease and
@@ -24,9 +24,9 @@ impl Bench {
         &self,
         axis: u16,
         session: &SessionName,
-        order: RawRequest,
+        request: RawRequest,
     ) -> PendingReply<CommandOutcome> {
-        let RawRequest { id, issued_ms, ttl_ms, epoch, text } = order;
+        let RawRequest { id, issued_ms, ttl_ms, epoch, text } = request;
         let detail = json!({ "id": id, "raw": text });
         let header = CommandHeader { id, issued_ms, ttl_ms, epoch };
         self.submit_command(axis, session, header, detail, Ok(CommandAction::Raw(text)))
@@ -51,7 +51,7 @@ impl Bench {
             }
             Err(error) => return refused(error),
         };
-        let (tell, receiver) = oneshot::channel();
+        let (reply_sender, receiver) = oneshot::channel();
         let (shared, session) = (Arc::clone(&self.0.context), session.clone());
         let ends_motion = action.as_ref().is_ok_and(CommandAction::ends_motion);
         let now = shared.now();
@@ -66,20 +66,20 @@ impl Bench {
                         header: order,
                         action,
                         prepared,
-                        reply: tell,
+                        reply: reply_sender,
                     };
                     wire.submit_reserved(sequence, WireRequest::Command(Box::new(commanded)));
                 }
                 (Ok(()), Err(error)) => {
                     let outcome = command_outcome(order.id, Some(error));
-                    shared.report_outcome((&session, axis), outcome, false, tell);
+                    shared.report_outcome((&session, axis), outcome, false, reply_sender);
                 }
                 (Err(error), _) => {
                     // Nothing was sent, and nothing will be: also for whoever says it again.
                     let outcome = command_outcome(order.id, Some(error));
                     shared.lock_history().finish(&outcome);
                     // Who has gone does not want to know.
-                    let _ = tell.send(Ok(outcome));
+                    let _ = reply_sender.send(Ok(outcome));
                 }
             }
         };
@@ -97,10 +97,10 @@ impl Bench {
     pub(super) fn register_command(
         &self,
         axis: u16,
-        order: &CommandHeader,
+        header: &CommandHeader,
     ) -> Result<(CommandLookup, &Arc<BenchWire>, usize, u64), GatewayError> {
         let (link, index) = self.find_axis(axis)?;
-        let CommandHeader { id, issued_ms, ttl_ms, .. } = order;
+        let CommandHeader { id, issued_ms, ttl_ms, .. } = header;
         if !issued_ms.is_finite() || !(0.0..=TTL_MAX_MS).contains(ttl_ms) {
             let what = format!("a command is good for 0 to {TTL_MAX_MS} ms");
             return Err(GatewayError::new("gateway.request", what));
@@ -119,10 +119,10 @@ impl Bench {
         detail: serde_json::Value,
         then: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
     ) -> PendingReply<T> {
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let go = move |recorded: Result<(), GatewayError>| {
             // Who has gone does not want to know.
-            let _ = tell.send(recorded.and_then(|()| then()));
+            let _ = reply_sender.send(recorded.and_then(|()| then()));
         };
         let BenchContext { journal, .. } = &*self.0.context;
         journal.write_ahead(what, detail, self.0.context.now(), Box::new(go));

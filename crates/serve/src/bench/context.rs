@@ -210,7 +210,7 @@ impl BenchContext {
         (who, axis): (&SessionName, u16),
         outcome: CommandOutcome,
         ends_motion: bool,
-        tell: ReplySender<CommandOutcome>,
+        reply_sender: ReplySender<CommandOutcome>,
     ) {
         let detail = json!({
             "id": outcome.id, "outcome": outcome.outcome, "error": outcome.error,
@@ -219,7 +219,7 @@ impl BenchContext {
         let reported = move |_| {
             lock_unpoisoned(&once).finish(&outcome);
             // Who has gone does not want to know.
-            let _ = tell.send(Ok(outcome));
+            let _ = reply_sender.send(Ok(outcome));
         };
         let then: Option<Continuation> = match ends_motion {
             true => {

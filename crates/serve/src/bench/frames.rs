@@ -152,9 +152,9 @@ impl FrameSubscription {
     }
 
     /// Takes at most so many frames, and tells how many were dropped before the first of them.
-    pub fn drain(&mut self, most: usize) -> (Vec<FrameItem>, u64) {
+    pub fn drain(&mut self, max: usize) -> (Vec<FrameItem>, u64) {
         let mut waiting = lock_unpoisoned(&self.queue);
-        let count = most.min(waiting.items.len());
+        let count = max.min(waiting.items.len());
         (waiting.items.drain(..count).collect(), std::mem::take(&mut waiting.lost))
     }
 }

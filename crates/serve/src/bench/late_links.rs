@@ -62,7 +62,7 @@ impl Bench {
         session: &SessionName,
         dismiss: DismissAbsent,
     ) -> PendingReply<()> {
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let shared = &self.0.context;
         let DismissAbsent { link: url, number, reason, note } = dismiss;
         let note: String = note.chars().take(REASON_MAX).collect();
@@ -85,7 +85,7 @@ impl Bench {
             shared.publish(BenchEvent::BenchChanged);
             let detail = json!({ "how": "dismissed", "reason": reason, "note": note, "link": url,
                 "number": number });
-            let then: Continuation = Box::new(move |recorded| drop(tell.send(recorded)));
+            let then: Continuation = Box::new(move |recorded| drop(reply_sender.send(recorded)));
             shared.journal.record(
                 (session, JournalAction::StopEnded, None),
                 detail,

@@ -176,8 +176,8 @@ mod tests {
         assert!(lease.epoch == 1 && lost.is_none());
         assert_eq!(slot.acquire(&bob, false, at(1), LASTS).unwrap_err().code, "gateway.lease");
         slot.mark_moved();
-        let (taken, lost) = slot.acquire(&bob, true, at(2), LASTS).unwrap();
-        assert_eq!(taken.epoch, 2);
+        let (lease_holder, lost) = slot.acquire(&bob, true, at(2), LASTS).unwrap();
+        assert_eq!(lease_holder.epoch, 2);
         assert!(lost.is_some_and(|lost| lost.moved && lost.holder.session == ann));
         assert!(slot.renew(&ann, 1, at(3), LASTS).is_err());
         assert!(slot.check_holder(&bob, 1, at(3)).is_err(), "an older epoch");

@@ -46,10 +46,11 @@ impl Bench {
 
     /// Reads a parameter now.
     pub fn read_parameter(&self, axis: u16, name: &str) -> PendingReply<ParameterReading> {
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let result = self.find_axis(axis).map(|(link, index)| {
             let (axis, name) = (link.wire.axes[index].1.clone(), name.to_owned());
-            link.request_worker.submit_query(tell, move || read_axis_parameter(&axis, &name));
+            link.request_worker
+                .submit_query(reply_sender, move || read_axis_parameter(&axis, &name));
         });
         PendingReply::from_receiver(reply, result)
     }
@@ -62,7 +63,7 @@ impl Bench {
         session: &SessionName,
         write: WriteParameters,
     ) -> PendingReply<Vec<ParameterChange>> {
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let result = self.find_axis(axis).and_then(|(link, index)| {
             if write.values.len() > WRITES_MAX {
                 let what = format!("at most {WRITES_MAX} parameters are written at once");
@@ -72,10 +73,10 @@ impl Bench {
             let writer = ParameterWriter::new(self, link, index, axis, session, write);
             let worker = Arc::clone(&link.request_worker);
             if dry {
-                worker.submit_query(tell, move || writer.plan().map(|plan| plan.0));
+                worker.submit_query(reply_sender, move || writer.plan().map(|plan| plan.0));
                 return Ok(());
             }
-            let go = Box::new(move |may| writer.run(worker, may, tell));
+            let go = Box::new(move |may| writer.run(worker, may, reply_sender));
             let session = session.clone();
             link.wire.submit(WireRequest::Write { axis: index, session, epoch, then: go })
         });
@@ -216,26 +217,26 @@ impl ParameterWriter {
         self,
         worker: Arc<RequestWorker>,
         may: Result<(), GatewayError>,
-        tell: ReplySender<Vec<ParameterChange>>,
+        reply_sender: ReplySender<Vec<ParameterChange>>,
     ) {
         // Who has gone does not want to know, here and below.
         if let Err(refused) = may {
-            return drop(tell.send(Err(refused)));
+            return drop(reply_sender.send(Err(refused)));
         }
         let again = Arc::clone(&worker);
         worker.submit(Box::new(move |may| {
             let (changes, writes) = match may.and_then(|()| self.plan()) {
                 Ok(plan) => plan,
-                Err(refused) => return drop(tell.send(Err(refused))),
+                Err(refused) => return drop(reply_sender.send(Err(refused))),
             };
             let detail = json!({ "keep": self.persist, "changes": changes });
             let (session, shared) = (self.session.clone(), Arc::clone(&self.context));
             let what = (&session, JournalAction::Parameters, Some(self.id));
             let then: Continuation = Box::new(move |recorded| match recorded {
-                Ok(()) => {
-                    again.submit_query(tell, move || self.write_planned(&writes).map(|()| changes))
-                }
-                Err(refused) => drop(tell.send(Err(refused))),
+                Ok(()) => again.submit_query(reply_sender, move || {
+                    self.write_planned(&writes).map(|()| changes)
+                }),
+                Err(refused) => drop(reply_sender.send(Err(refused))),
             });
             shared.journal.write_ahead(what, detail, shared.now(), then);
         }));

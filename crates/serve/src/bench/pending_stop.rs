@@ -357,9 +357,10 @@ impl StopCollector {
         axes: &[u16],
         unreached: Vec<UnreachedTarget>,
     ) -> (Arc<Self>, oneshot::Receiver<Result<StopReport, GatewayError>>) {
-        let (tell, receiver) = oneshot::channel();
+        let (reply_sender, receiver) = oneshot::channel();
         let axes = axes.iter().map(|id| (*id, None)).collect();
-        let report = Self { unreached, axes: Mutex::new(axes), reply: Mutex::new(Some(tell)) };
+        let report =
+            Self { unreached, axes: Mutex::new(axes), reply: Mutex::new(Some(reply_sender)) };
         report.reply_if_complete();
         (Arc::new(report), receiver)
     }
@@ -377,10 +378,10 @@ impl StopCollector {
             return;
         }
         let axes = axes.values().flatten().map(|(stopped, _)| stopped.clone()).collect();
-        if let Some(tell) = lock_unpoisoned(&self.reply).take() {
+        if let Some(reply_sender) = lock_unpoisoned(&self.reply).take() {
             // Whoever asked may have gone.
             let unreached = self.unreached.clone();
-            let _ = tell.send(Ok(StopReport { axes, unreached }));
+            let _ = reply_sender.send(Ok(StopReport { axes, unreached }));
         }
     }
 }

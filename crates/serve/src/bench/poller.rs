@@ -128,13 +128,13 @@ impl AxisPoller {
 
     /// Asks the next address of a look for drives. False when nobody looks.
     pub fn scan_next(&mut self) -> bool {
-        let looks = self.scanner.step();
-        if looks && let Some(first) = self.axes.first() {
+        let is_scanning = self.scanner.step();
+        if is_scanning && let Some(first) = self.axes.first() {
             // What an address asked in vain may still say is nobody's clash.
             self.clash_detector
                 .skip_counted(first.axis.connection().with_axes(|axes, _| axes.counters()));
         }
-        looks
+        is_scanning
     }
 
     /// Asks for what somebody watches and the drive does not send, once, if it is due: what waits

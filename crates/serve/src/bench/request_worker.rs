@@ -44,12 +44,12 @@ impl RequestWorker {
     /// Leaves a question here, whose answer is told.
     pub fn submit_query<T: Send + 'static>(
         &self,
-        tell: ReplySender<T>,
+        reply_sender: ReplySender<T>,
         request: impl FnOnce() -> Result<T, GatewayError> + Send + 'static,
     ) {
         self.submit(Box::new(move |may| {
             // Who has gone does not want to know.
-            let _ = tell.send(may.and_then(|()| request()));
+            let _ = reply_sender.send(may.and_then(|()| request()));
         }));
     }
 

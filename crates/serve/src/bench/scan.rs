@@ -167,18 +167,18 @@ impl LinkScanner {
         if !self.wire.scan_flag.is_active() {
             return false;
         }
-        let look = match self.scan.take() {
-            Some(look) => look,
+        let scanner = match self.scan.take() {
+            Some(scanner) => scanner,
             None => {
                 let Some(numbers) = lock_unpoisoned(&self.link_scan.requested).take() else {
                     return false;
                 };
                 let root = self.link_scan.root().map(|(root, index)| (root.clone(), index));
-                let look = root.and_then(|(root, index)| {
+                let scan = root.and_then(|(root, index)| {
                     Ok(DriveScanner::on_link(&self.link_scan.connector, &root, index, numbers)?)
                 });
-                match look {
-                    Ok(look) => look,
+                match scan {
+                    Ok(scanner) => scanner,
                     Err(error) => {
                         self.finish(ScanReport::default(), Some(error));
                         return true;
@@ -186,25 +186,25 @@ impl LinkScanner {
                 }
             }
         };
-        self.probe_next(look);
+        self.probe_next(scanner);
         true
     }
 
-    fn probe_next(&mut self, mut look: DriveScanner) {
+    fn probe_next(&mut self, mut scanner: DriveScanner) {
         let (wire, shared) = (Arc::clone(&self.wire), Arc::clone(&self.context));
         let broken = || wire.scan_flag.is_cancelled() || shared.is_closing();
         if broken() {
-            look.cancel();
+            scanner.cancel();
         }
-        let result = look.next_address(&broken).and_then(|at| {
+        let result = scanner.next_address(&broken).and_then(|at| {
             let Some(at) = at else { return Ok(false) };
             self.report_progress(at);
-            look.query_next(&broken).map(|()| true)
+            scanner.query_next(&broken).map(|()| true)
         });
         match result {
-            Ok(true) => self.scan = Some(look),
-            Ok(false) => self.finish(look.finish(), None),
-            Err(error) => self.finish(look.finish(), Some(error.into())),
+            Ok(true) => self.scan = Some(scanner),
+            Ok(false) => self.finish(scanner.finish(), None),
+            Err(error) => self.finish(scanner.finish(), Some(error.into())),
         }
     }
 
@@ -285,11 +285,11 @@ impl Bench {
         &self,
         link: u16,
         session: &SessionName,
-        order: ScanRequest,
+        request: ScanRequest,
     ) -> PendingReply<ScanView> {
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let result = self.find_link(link).and_then(|link| {
-            let numbers = requested_addresses(&order)?;
+            let numbers = requested_addresses(&request)?;
             let sequence = link.wire.reserve_number()?;
             if self.0.context.scan_active.swap(true, Ordering::SeqCst) {
                 let what = "somebody looks for drives on this bench already";
@@ -303,14 +303,14 @@ impl Bench {
                     shared.scan_active.store(false, Ordering::SeqCst);
                 }
                 // Who has gone does not want to know.
-                let _ = tell.send(started);
+                let _ = reply_sender.send(started);
             };
             let then = move |recorded: Result<(), GatewayError>| match recorded {
                 Ok(()) => wire.submit_reserved(sequence, WireRequest::Scan(Box::new(begin))),
                 Err(refused) => begin(Err(refused)),
             };
             let what = (session, JournalAction::Look, None);
-            let detail = json!({ "link": link.id, "first": order.first, "last": order.last });
+            let detail = json!({ "link": link.id, "first": request.first, "last": request.last });
             self.0.context.journal.write_ahead(what, detail, self.0.context.now(), Box::new(then));
             Ok(())
         });
@@ -371,21 +371,21 @@ impl Bench {
         };
         let numbers: Vec<u32> = found.iter().map(|one| one.number).collect();
         let detail = json!({ "link": link, "drives": numbers });
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let (worker, who) = (Arc::clone(&self.0.links[n].request_worker), session.clone());
         // Limits may have to be asked of the drive: the request worker does that.
         let then = move |recorded: Result<(), GatewayError>| match recorded {
-            Ok(()) => worker.submit_query(tell, move || {
+            Ok(()) => worker.submit_query(reply_sender, move || {
                 let taken = bench.add_found_drives(n, &found);
                 let detail = match &taken {
-                    Ok(taken) => json!({ "link": link, "axes": taken.axes }),
+                    Ok(added) => json!({ "link": link, "axes": added.axes }),
                     Err(refused) => json!({ "link": link, "error": refused }),
                 };
                 bench.0.context.record(&who, JournalAction::Outcome, None, detail);
                 taken
             }),
             // Who has gone does not want to know.
-            Err(refused) => drop(tell.send(Err(refused))),
+            Err(refused) => drop(reply_sender.send(Err(refused))),
         };
         let what = (session, JournalAction::TakeIn, None);
         self.0.context.journal.write_ahead(what, detail, self.0.context.now(), Box::new(then));
@@ -502,8 +502,8 @@ fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive
 }
 
 /// The addresses that are meant.
-fn requested_addresses(order: &ScanRequest) -> Result<ScanAddresses, GatewayError> {
-    match (order.first, order.last) {
+fn requested_addresses(request: &ScanRequest) -> Result<ScanAddresses, GatewayError> {
+    match (request.first, request.last) {
         (None, None) => Ok(ScanAddresses::ALL),
         (Some(first), last) if last.is_none_or(|last| first <= last) => {
             Ok(ScanAddresses::from(first..=last.unwrap_or(first)))

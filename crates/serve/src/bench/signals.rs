@@ -13,12 +13,13 @@ impl Bench {
     /// Reads signals of an axis now, by their words, in this order; each parameter that they come
     /// from is asked for once.
     pub fn read_signals(&self, axis: u16, words: &[&str]) -> PendingReply<Vec<SignalValue>> {
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let known = words.iter().map(|word| parse_signal(word)).collect::<Result<Vec<_>, _>>();
         let result = known.and_then(|signals| {
             let (link, index) = self.find_axis(axis)?;
             let axis = link.wire.axes[index].1.clone();
-            link.request_worker.submit_query(tell, move || read_axis_signals(&axis, &signals));
+            link.request_worker
+                .submit_query(reply_sender, move || read_axis_signals(&axis, &signals));
             Ok(())
         });
         PendingReply::from_receiver(reply, result)

@@ -19,11 +19,11 @@ use crate::message::{GatewayError, JournalAction, SetWatchdog, WatchdogMode, Wat
 impl Bench {
     /// Reads how an axis' own watchdog is set now.
     pub fn watchdog(&self, axis: u16) -> PendingReply<WatchdogView> {
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let result = self.find_axis(axis).map(|(link, index)| {
             let axis = link.wire.axes[index].1.clone();
             link.request_worker
-                .submit_query(tell, move || Ok(watchdog_view(&axis, axis.watchdog()?)));
+                .submit_query(reply_sender, move || Ok(watchdog_view(&axis, axis.watchdog()?)));
         });
         PendingReply::from_receiver(reply, result)
     }
@@ -35,7 +35,7 @@ impl Bench {
         session: &SessionName,
         wanted: SetWatchdog,
     ) -> PendingReply<WatchdogView> {
-        let (tell, reply) = oneshot::channel();
+        let (reply_sender, reply) = oneshot::channel();
         let result = self.find_axis(axis).and_then(|(link, index)| {
             let SetWatchdog { after_ms, epoch } = wanted;
             let after = after_ms.map(parse_duration).transpose()?.filter(|after| !after.is_zero());
@@ -45,14 +45,14 @@ impl Bench {
             let go: Continuation = Box::new(move |may| {
                 // Who has gone does not want to know, here and below.
                 if let Err(refused) = may {
-                    return drop(tell.send(Err(refused)));
+                    return drop(reply_sender.send(Err(refused)));
                 }
                 let name = its.watchdog_parameter().and_then(|id| its.profile().parameter(id));
                 let detail = json!({ "watchdog": name.map(|its| its.name), "after_ms": after_ms });
                 let (by, notes) = (who.clone(), Arc::clone(&shared));
                 let then: Continuation = Box::new(move |recorded| match recorded {
-                    Err(refused) => drop(tell.send(Err(refused))),
-                    Ok(()) => worker.submit_query(tell, move || {
+                    Err(refused) => drop(reply_sender.send(Err(refused))),
+                    Ok(()) => worker.submit_query(reply_sender, move || {
                         check_lease_held(&wire, index, epoch, &who)?;
                         let set = its.set_watchdog(after).map_err(GatewayError::from);
                         wire.set_host_watched(index, false);

@@ -238,13 +238,13 @@ impl BenchWire {
     }
 
     /// Gives an order.
-    pub fn submit(&self, order: WireRequest) -> Result<(), GatewayError> {
+    pub fn submit(&self, request: WireRequest) -> Result<(), GatewayError> {
         {
-            let mut orders = lock_unpoisoned(&self.requests);
-            if orders.len() >= REQUESTS_MAX {
+            let mut motions = lock_unpoisoned(&self.requests);
+            if motions.len() >= REQUESTS_MAX {
                 return Err(queue_full_error());
             }
-            orders.push_back((self.next_number(), order));
+            motions.push_back((self.next_number(), request));
         }
         self.wake_worker();
         Ok(())
@@ -260,14 +260,14 @@ impl BenchWire {
     }
 
     /// Gives an order that was announced. There is room: no more are announced at once than notes wait.
-    pub fn submit_reserved(&self, sequence: u64, order: WireRequest) {
-        lock_unpoisoned(&self.requests).push_back((sequence, order));
+    pub fn submit_reserved(&self, sequence: u64, request: WireRequest) {
+        lock_unpoisoned(&self.requests).push_back((sequence, request));
         self.wake_worker();
     }
 
     /// Gives an order that had its place already, with the number that it had.
-    pub fn submit_first(&self, sequence: u64, order: WireRequest) {
-        lock_unpoisoned(&self.requests).push_front((sequence, order));
+    pub fn submit_first(&self, sequence: u64, request: WireRequest) {
+        lock_unpoisoned(&self.requests).push_front((sequence, request));
         self.wake_worker();
     }
 

@@ -59,8 +59,8 @@ pub(super) fn read(
     let mut line = Vec::new();
     loop {
         line.clear();
-        let most = RECORD_MAX as u64 + 1;
-        from.by_ref().take(most).read_until(b'\n', &mut line)?;
+        let max = RECORD_MAX as u64 + 1;
+        from.by_ref().take(max).read_until(b'\n', &mut line)?;
         if line.is_empty() {
             return Ok(Ok(so_far));
         }

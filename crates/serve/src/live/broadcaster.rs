@@ -80,9 +80,9 @@ pub(super) enum BroadcastEvent {
 impl Default for Broadcaster {
     fn default() -> Self {
         let places = Arc::new(Semaphore::new(VIEWERS_MAX));
-        let (states, news) =
+        let (states, reply_sender) =
             (broadcast::Sender::new(STATES_MAX), broadcast::Sender::new(EVENTS_MAX));
-        Self { states, events: news, viewer_slots: places, cache: Arc::default() }
+        Self { states, events: reply_sender, viewer_slots: places, cache: Arc::default() }
     }
 }
 
@@ -176,10 +176,10 @@ impl Broadcaster {
     }
 
     /// Waits until nobody watches any more, or for so long.
-    pub async fn wait_until_empty(&self, most: Duration) {
+    pub async fn wait_until_empty(&self, max: Duration) {
         let all = self.viewer_slots.acquire_many(VIEWERS_MAX as u32);
         // Who still watches then is left alone.
-        let _ = timeout(most, all).await;
+        let _ = timeout(max, all).await;
     }
 
     /// Tells everybody everything anew.
@@ -238,7 +238,7 @@ impl Broadcaster {
             }
             BenchEvent::Locked(lock) => ServerMessage::Locked(lock),
             BenchEvent::Unlocked => ServerMessage::Unlocked,
-            BenchEvent::Scan(look) => ServerMessage::Look(look),
+            BenchEvent::Scan(view) => ServerMessage::Look(view),
             BenchEvent::BenchChanged => {
                 return drop(self.events.send(BroadcastEvent::BenchChanged));
             }

@@ -236,8 +236,8 @@ mod tests {
         waiting.push(request(json!({ "type": "explain", "n": 1 })), 1);
         waiting.push_reply(ServerMessage::Unlocked, 1);
         assert_eq!(waiting.next_output(), Some(OutputQueue::Reply));
-        let orders = [command(0), lease(0, "drop"), request(json!({ "type": "release" }))];
-        orders.into_iter().for_each(|order| waiting.push(order, 1));
+        let motions = [command(0), lease(0, "drop"), request(json!({ "type": "release" }))];
+        motions.into_iter().for_each(|queued| waiting.push(queued, 1));
         let places: Vec<_> = std::iter::from_fn(|| {
             let next = waiting.next_output();
             waiting.pop();

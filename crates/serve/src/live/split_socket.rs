@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn frames_of_a_message_are_counted_however_they_are_cut() {
-        let most = FRAMES_MAX as usize - 1;
+        let max = FRAMES_MAX as usize - 1;
         let message = |pieces: usize| {
             let lengths = [0, 1, 125, 126, 300, 70_000].into_iter().cycle();
             let mut bytes: Vec<u8> = lengths.take(pieces).flat_map(|n| frame(0, n)).collect();
@@ -229,8 +229,8 @@ mod tests {
                 let mut frames = FrameCounter::default();
                 bytes.chunks(cut).all(|piece| frames.count_frames(piece))
             };
-            assert!(all(&[message(most), message(most), message(0)].concat()), "{cut}");
-            assert!(!all(&[message(3), message(most + 1)].concat()), "{cut}");
+            assert!(all(&[message(max), message(max), message(0)].concat()), "{cut}");
+            assert!(!all(&[message(3), message(max + 1)].concat()), "{cut}");
         }
     }
 }

@@ -53,9 +53,9 @@ impl Subscriptions {
     pub fn handle_request(
         &mut self,
         bench: &Bench,
-        look: SubscriptionRequest,
+        subscription: SubscriptionRequest,
     ) -> Option<ServerMessage> {
-        let (done, about, subject) = match look {
+        let (done, about, subject) = match subscription {
             SubscriptionRequest::Subscribe(number, request) => {
                 (self.subscribe(bench, number, request), "subscribe", Some(number))
             }

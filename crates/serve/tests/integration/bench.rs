@@ -47,8 +47,8 @@ impl TestBench {
         verb: &str,
         velocity: Option<f64>,
     ) -> CommandOutcome {
-        let order = self.order(epoch, verb, velocity);
-        self.hear(self.bench.command(0, who, order)).unwrap()
+        let request = self.order(epoch, verb, velocity);
+        self.hear(self.bench.command(0, who, request)).unwrap()
     }
 
     /// Arms, powers and turns axis 0.
@@ -109,11 +109,11 @@ fn a_command_is_carried_out_once_and_while_it_is_fresh() {
     let ann: SessionName = "ann".into();
     let mut fixture = TestBench::new("sim:tmcl?time=virtual");
     let epoch = fixture.spin(&ann);
-    let order = fixture.order(epoch, "velocity", Some(20.0));
-    let first = fixture.hear(fixture.bench.command(0, &ann, order.clone())).unwrap();
+    let request = fixture.order(epoch, "velocity", Some(20.0));
+    let first = fixture.hear(fixture.bench.command(0, &ann, request.clone())).unwrap();
     let starts = fixture.bench.truth(0).unwrap().starts;
     fixture.renew_lease(&ann, epoch);
-    let again = fixture.hear(fixture.bench.command(0, &ann, order)).unwrap();
+    let again = fixture.hear(fixture.bench.command(0, &ann, request)).unwrap();
     assert_eq!(again, CommandOutcome { replayed: true, ..first });
     assert_eq!(fixture.bench.truth(0).unwrap().starts, starts, "nothing was sent");
     let old = fixture.order(epoch, "velocity", Some(30.0));
@@ -160,11 +160,11 @@ fn taking_over_stops_and_disarms_what_the_first_owner_moved() {
     let refused =
         fixture.hear(fixture.bench.request_lease(0, &bob, LeaseAction::Take, 0)).unwrap_err();
     assert_eq!(refused.code, "gateway.lease");
-    let taken = fixture
+    let grant = fixture
         .hear(fixture.bench.request_lease(0, &bob, LeaseAction::TakeOver, 0))
         .unwrap()
         .unwrap();
-    assert_eq!(taken.epoch, old + 1);
+    assert_eq!(grant.epoch, old + 1);
     assert_eq!(code(&fixture.run_command(&ann, old, "velocity", Some(9.0))), "gateway.lease");
     fixture.bench.advance_time(1000 * MS);
     assert!(fixture.speed() < 0.1 && !fixture.bench.axis_state(0).unwrap().armed);
@@ -316,9 +316,9 @@ fn what_the_journal_cannot_keep_is_not_done_except_a_stop() {
     assert_eq!(fixture.bench.truth(0).unwrap().starts, starts);
     let stopped = fixture.hear(fixture.bench.stop(&ann, &StopRequest::default())).unwrap();
     assert_eq!(stopped.axes[0].class, StopClass::Standing);
-    let taken =
+    let error =
         fixture.hear(fixture.bench.request_lease(0, &ann, LeaseAction::Take, 0)).unwrap_err();
-    assert_eq!((&*taken.code, fixture.bench.axis_state(0).unwrap().lease), ("gateway.busy", None));
+    assert_eq!((&*error.code, fixture.bench.axis_state(0).unwrap().lease), ("gateway.busy", None));
     *stored.full.lock().unwrap() = false;
     fixture.bench.advance_time(2000 * MS);
     let notes = stored.notes.lock().unwrap();
@@ -364,11 +364,11 @@ impl Crowd {
         Self { fixture, random, clients, replies: Vec::new(), locked: false }
     }
 
-    fn below(&mut self, most: u64) -> u64 {
+    fn below(&mut self, max: u64) -> u64 {
         self.random ^= self.random << 13;
         self.random ^= self.random >> 7;
         self.random ^= self.random << 17;
-        self.random % most
+        self.random % max
     }
 
     /// One client does something.
@@ -417,32 +417,32 @@ impl Crowd {
     /// Says a command, perhaps one that was long on its way.
     fn say(&mut self, n: usize, verb: &str, velocity: Option<f64>, late_ms: f64) {
         let (who, epoch) = (self.clients[n].name.clone(), self.clients[n].epoch);
-        let mut order = self.fixture.order(epoch, verb, velocity);
-        order.issued_ms -= late_ms;
-        self.clients[n].last = Some(order.clone());
-        self.send(&who, order);
+        let mut request = self.fixture.order(epoch, verb, velocity);
+        request.issued_ms -= late_ms;
+        self.clients[n].last = Some(request.clone());
+        self.send(&who, request);
     }
 
     /// Says the last command once more.
     fn again(&mut self, n: usize) {
-        let Some(order) = self.clients[n].last.clone() else { return };
+        let Some(request) = self.clients[n].last.clone() else { return };
         let who = self.clients[n].name.clone();
         let starts = self.starts();
-        let mut reply = self.fixture.bench.command(0, &who, order);
+        let mut reply = self.fixture.bench.command(0, &who, request);
         if let Some(Ok(outcome)) = reply.try_recv() {
             assert!(outcome.replayed);
             assert_eq!(self.starts(), starts, "a command was carried out twice");
         }
     }
 
-    fn send(&mut self, who: &SessionName, order: CommandRequest) {
+    fn send(&mut self, who: &SessionName, request: CommandRequest) {
         let now = self.fixture.bench.now_ms();
         let held = self.fixture.bench.axis_state(0).unwrap().lease;
-        let its = held.is_some_and(|l| l.owner == **who && l.epoch == order.epoch);
-        let fresh = now - order.issued_ms <= order.ttl_ms;
-        let moves = order.verb == "velocity";
+        let its = held.is_some_and(|l| l.owner == **who && l.epoch == request.epoch);
+        let fresh = now - request.issued_ms <= request.ttl_ms;
+        let moves = request.verb == "velocity";
         let starts = self.starts();
-        let reply = self.fixture.bench.command(0, who, order);
+        let reply = self.fixture.bench.command(0, who, request);
         if its && fresh && !self.locked {
             self.replies.push(reply);
             return;

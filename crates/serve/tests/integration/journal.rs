@@ -72,7 +72,7 @@ impl Site {
 
     fn start_command(&mut self, verb: &str, velocity: Option<f64>) -> PendingReply<CommandOutcome> {
         self.ids += 1;
-        let order = CommandRequest {
+        let request = CommandRequest {
             id: format!("id-{}", self.ids),
             issued_ms: self.bench.now_ms(),
             ttl_ms: 10_000.0,
@@ -80,12 +80,12 @@ impl Site {
             verb: verb.into(),
             arguments: CommandArguments { velocity, ..CommandArguments::default() },
         };
-        self.bench.command(0, &self.ann, order)
+        self.bench.command(0, &self.ann, request)
     }
 
     fn stop(&self, reason: &str) {
-        let order = StopRequest { axes: Some(vec![0]), reason: reason.into() };
-        let stopped = self.bench.stop(&"bob".into(), &order).wait().unwrap();
+        let request = StopRequest { axes: Some(vec![0]), reason: reason.into() };
+        let stopped = self.bench.stop(&"bob".into(), &request).wait().unwrap();
         assert_eq!(stopped.axes[0].class, StopClass::Standing, "{stopped:?}");
     }
 
@@ -130,8 +130,8 @@ fn a_stop_waits_for_no_disk_and_what_cannot_be_written_is_counted() {
     // Each is refused at once: whoever waited for the disk would wait for ever.
     let refused = site.start_command("velocity", Some(20.0)).wait().unwrap();
     assert_eq!((refused.outcome, code(&refused)), (OutcomeKind::NotDone, "gateway.journal"));
-    let taken = site.bench.request_lease(0, &site.ann, LeaseAction::Take, 0).wait().unwrap_err();
-    assert_eq!(taken.code, "gateway.journal");
+    let error = site.bench.request_lease(0, &site.ann, LeaseAction::Take, 0).wait().unwrap_err();
+    assert_eq!(error.code, "gateway.journal");
     let released = site.bench.release(&site.ann, site.bench.lock_count()).wait().unwrap_err();
     assert_eq!(released.code, "gateway.journal");
     // Of a reason that nobody would read to its end, the beginning is kept.

@@ -38,8 +38,8 @@ impl TestBench {
     }
 
     fn begin(&self, link: u16, first: u32, last: u32) -> Result<ScanView, GatewayError> {
-        let order = ScanRequest { first: Some(first), last: Some(last) };
-        self.hear(self.bench.start_scan(link, &self.ann, order))
+        let request = ScanRequest { first: Some(first), last: Some(last) };
+        self.hear(self.bench.start_scan(link, &self.ann, request))
     }
 
     fn ended(&self, link: u16) -> ScanView {
@@ -76,8 +76,8 @@ impl TestBench {
         velocity: Option<f64>,
     ) -> CommandOutcome {
         self.ids += 1;
-        let order = order(&self.bench, self.ids, epoch, verb, velocity);
-        self.hear(self.bench.command(axis, &self.ann, order)).unwrap()
+        let request = order(&self.bench, self.ids, epoch, verb, velocity);
+        self.hear(self.bench.command(axis, &self.ann, request)).unwrap()
     }
 
     /// Takes, arms, powers and turns an axis, as far as it can be, and gives it back after that.
@@ -196,8 +196,8 @@ fn modbus_drives_are_found_and_taken_in() {
 fn a_bus_of_several_protocols_gets_axes_of_each() {
     let url = format!("sim:{BUS}?time=virtual#spindle,port");
     let mut fixture = TestBench::new(&[&url]);
-    let order = ScanRequest::default();
-    fixture.hear(fixture.bench.start_scan(0, &fixture.ann, order)).unwrap();
+    let request = ScanRequest::default();
+    fixture.hear(fixture.bench.start_scan(0, &fixture.ann, request)).unwrap();
     let view = fixture.ended(0);
     assert_eq!(view.state, ScanState::Done, "{view:?}");
     let there = [("technocan", 5), ("technocan", 7), ("thruster", 12)];

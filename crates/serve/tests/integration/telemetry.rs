@@ -22,8 +22,8 @@ fn send(bench: &Bench, who: &SessionName, axis: u16) {
     let say = |text: &str| {
         let (id, text) = (format!("{axis} {text}"), text.to_owned());
         let (issued_ms, ttl_ms, epoch) = (bench.now_ms(), 5000.0, lease().epoch);
-        let order = RawRequest { id, issued_ms, ttl_ms, epoch, text };
-        let outcome = bench.raw(axis, who, order).wait().unwrap();
+        let request = RawRequest { id, issued_ms, ttl_ms, epoch, text };
+        let outcome = bench.raw(axis, who, request).wait().unwrap();
         assert_eq!(outcome.outcome, OutcomeKind::Done, "{outcome:?}");
     };
     say("nmt pre-operational");

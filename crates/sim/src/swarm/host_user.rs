@@ -137,13 +137,14 @@ impl HostUser {
         if let Some(what) = what {
             self.tickets += 1;
             let ticket = Ticket(self.tickets);
-            let taken = self.axes[which].submit(world, self.host, ticket, what, &mut self.random);
-            if taken && !self.axes[which].may_execute(what) {
+            let accepted =
+                self.axes[which].submit(world, self.host, ticket, what, &mut self.random);
+            if accepted && !self.axes[which].may_execute(what) {
                 let what = format!("{ticket:?} {what:?} was taken by an axis that is not armed");
                 report.add_violations([Violation { invariant: "I6", at: now, what }]);
             }
             report.log_event(now, || {
-                format!("{:?} {ticket:?} axis {which}: {what:?}, taken {taken}", self.host)
+                format!("{:?} {ticket:?} axis {which}: {what:?}, taken {accepted}", self.host)
             });
         }
     }

@@ -44,8 +44,8 @@ const TIMINGS: [Timing; 8] = {
 
 /// How long the host of such a drive waits for a reply, ms: one of TML's less than the profile says.
 pub(super) fn host_timeout_ms(profile: &Profile) -> u32 {
-    let most = if profile.protocol == "tml" { REPLY_TIMEOUT_MS } else { u32::MAX };
-    profile.reply_timeout_ms.min(most)
+    let max = if profile.protocol == "tml" { REPLY_TIMEOUT_MS } else { u32::MAX };
+    profile.reply_timeout_ms.min(max)
 }
 
 /// A world with its users and its calamities.
@@ -136,15 +136,15 @@ impl Scenario {
     }
 
     /// The same, and tells what happens meanwhile, if a diary is kept.
-    pub fn run_with_log(mut self, tell: &mut dyn FnMut(&str)) -> WorldReport {
+    pub fn run_with_log(mut self, report_line: &mut dyn FnMut(&str)) -> WorldReport {
         let end = self.faults_end.plus_ms(RECOVERY_MS + FAULT_FREE_MS);
-        self.description.iter().for_each(|line| tell(line));
+        self.description.iter().for_each(|line| report_line(line));
         for (at, calamity) in &self.disturbances {
-            tell(&format!("at {:.6}: {calamity:?}", at.0 as f64 / 1e9));
+            report_line(&format!("at {:.6}: {calamity:?}", at.0 as f64 / 1e9));
         }
-        self.run_until(self.faults_end, tell);
+        self.run_until(self.faults_end, report_line);
         self.end_faults();
-        self.run_until(end, tell);
+        self.run_until(end, report_line);
         for client in &mut self.users {
             client.finish(&mut self.world, &mut self.report);
         }
@@ -164,7 +164,7 @@ impl Scenario {
         self.report
     }
 
-    fn run_until(&mut self, end: Instant, tell: &mut dyn FnMut(&str)) {
+    fn run_until(&mut self, end: Instant, report_line: &mut dyn FnMut(&str)) {
         let mut calamities = std::mem::take(&mut self.disturbances).into_iter().peekable();
         loop {
             let asks = self.users.iter().map(|c| c.next_at).min().unwrap_or(Instant::FAR_FUTURE);
@@ -175,7 +175,7 @@ impl Scenario {
                 break;
             }
             for line in self.report.log.drain(..) {
-                tell(&line);
+                report_line(&line);
             }
             if happens == next {
                 self.step();

@@ -287,10 +287,10 @@ impl Bus {
             };
             let points: Vec<_> = (self.fed[n] + 1..).take(POINTS).map(point).collect();
             let path = self.paths[n];
-            let taken = self.world.with_node(self.host, |node, _| {
+            let consumed = self.world.with_node(self.host, |node, _| {
                 node.axes().and_then(|axes| axes.feed_points(path, &points, false))
             });
-            self.fed[n] += taken.expect("the path goes on") as u64;
+            self.fed[n] += consumed.expect("the path goes on") as u64;
         }
     }
 
@@ -364,15 +364,15 @@ fn every_protocol_shares_one_bus_for_as_long_as_is_asked() {
     let share = |bits: &AtomicU64| {
         bits.load(Ordering::Relaxed) as f64 / f64::from(BIT_RATE) / (bus.world.now().0 as f64 / 1e9)
     };
-    let (least, most) = (share(&bus.tally.least), share(&bus.tally.most));
+    let (min, max) = (share(&bus.tally.least), share(&bus.tally.most));
     let frames = bus.tally.frames.load(Ordering::Relaxed);
     println!(
         "{seconds} s: {frames} frames, {} tickets, load {:.2} %, computed {:.2} to {:.2} %",
         bus.ended,
         load * 100.0,
-        least * 100.0,
-        most * 100.0
+        min * 100.0,
+        max * 100.0
     );
-    assert!((least..=most).contains(&load), "{load}: computed {least} to {most}");
+    assert!((min..=max).contains(&load), "{load}: computed {min} to {max}");
     assert!(PLANNED.contains(&load), "{load}");
 }

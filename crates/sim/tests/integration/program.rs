@@ -180,10 +180,10 @@ impl Bench {
         self.axes(|axes, _| axes.last_transfer(axis).unwrap().progress())
     }
 
-    fn order(&mut self, order: ProgramCommand) -> Outcome {
+    fn order(&mut self, command: ProgramCommand) -> Outcome {
         let axis = self.axis;
         let started =
-            self.begin(|axes, now, ticket| axes.send_program_command(now, ticket, axis, order));
+            self.begin(|axes, now, ticket| axes.send_program_command(now, ticket, axis, command));
         let ticket = started.unwrap();
         self.end(ticket)
     }
@@ -280,8 +280,8 @@ fn a_program_is_loaded_run_called_and_aborted_on_every_wire() {
         assert!(bench.calls(), "{name}");
         bench.wait(200);
         assert!(bench.truth().velocity < -1.0, "{name}");
-        for order in [ProgramCommand::Abort, ProgramCommand::End] {
-            assert!(matches!(bench.order(order), Outcome::Done(_)), "{name}: {order:?}");
+        for command in [ProgramCommand::Abort, ProgramCommand::End] {
+            assert!(matches!(bench.order(command), Outcome::Done(_)), "{name}: {command:?}");
         }
         assert!(!bench.calls(), "{name}");
         assert!(matches!(bench.verb(Verb::Stop), Outcome::Done(_)), "{name}");
@@ -427,8 +427,8 @@ fn lost_acknowledgements_and_damaged_bytes_leave_no_wrong_word_untold() {
             let wire = bench.world.injected_faults(bench.wire);
             made += wire.bytes + wire.requests_lost + wire.replies_lost;
             if start == EEPROM {
-                let most = u64::from(bench.flash_writes());
-                assert!(bench.truth().flash_writes <= most, "every write is counted");
+                let max = u64::from(bench.flash_writes());
+                assert!(bench.truth().flash_writes <= max, "every write is counted");
             }
             whole += u32::from(judge(&mut bench, outcome, &words, start));
         }

@@ -106,13 +106,13 @@ impl ServiceTable {
             self.assign(from, Service::Untracked);
         }
         let Some(to) = moved.new_id else { return };
-        let taken = match self.lookup(to, to > 0x7FF, pdos) {
+        let accepted = match self.lookup(to, to > 0x7FF, pdos) {
             Service::Pdo(other) => {
                 pdos.all.get(usize::from(other)).is_some_and(|pdo| pdo.from_node)
             }
             _ => false,
         };
-        if pdos.all[moved.index].from_node || !taken {
+        if pdos.all[moved.index].from_node || !accepted {
             self.assign(to, service);
         }
     }

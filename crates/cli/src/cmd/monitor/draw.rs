@@ -208,10 +208,10 @@ fn draw_help(page: &mut ScreenPage<'_>) {
 }
 
 /// A text that has at most so many characters; what is cut off is marked.
-fn truncate(text: &str, most: usize) -> String {
-    if text.chars().count() <= most {
+fn truncate(text: &str, max: usize) -> String {
+    if text.chars().count() <= max {
         return text.to_owned();
     }
-    let take = text.chars().take(most.saturating_sub(1));
-    take.chain((most > 0).then_some('…')).collect()
+    let take = text.chars().take(max.saturating_sub(1));
+    take.chain((max > 0).then_some('…')).collect()
 }

@@ -171,8 +171,8 @@ impl MonitoredAxis {
     fn start_reads(&mut self) {
         // As long as nobody knows whether it answers, one question is enough.
         let known = self.silent.is_none() && self.has_readings();
-        let most = if known { IN_FLIGHT_MAX } else { 1 };
-        while self.in_flight.len() < most && !self.queue.is_empty() {
+        let max = if known { IN_FLIGHT_MAX } else { 1 };
+        while self.in_flight.len() < max && !self.queue.is_empty() {
             match self.axis.start_read(self.queue[0]) {
                 Ok(running) => self.in_flight.push((self.queue.remove(0), running)),
                 Err(Error::Unsupported {

@@ -297,8 +297,8 @@ impl MonitorSource for RemoteMonitor {
     fn stop(&mut self) {
         let ids = self.axes.iter().map(|axis| axis.id).collect();
         let axes = (!self.all_axes).then_some(ids);
-        let order = StopRequest { axes, reason: "polepair monitor".to_owned() };
-        let pending = self.gateway.spawn(move |gateway| gateway.stop(&order));
+        let request = StopRequest { axes, reason: "polepair monitor".to_owned() };
+        let pending = self.gateway.spawn(move |gateway| gateway.stop(&request));
         self.stop = Some(RequestedStop { at: clock::now(), pending, refused: None });
     }
 

@@ -102,10 +102,15 @@ impl TerminalScreen {
         }));
         let size = size()?;
         // From here on it is given back, also where the next step fails.
-        let mut taken = Self { terminal: terminal_of_size(size)?, size };
+        let mut terminal_screen = Self { terminal: terminal_of_size(size)?, size };
         enable_raw_mode()?;
-        execute!(taken.terminal.backend_mut(), EnterAlternateScreen, Hide, Clear(ClearType::All))?;
-        Ok(taken)
+        execute!(
+            terminal_screen.terminal.backend_mut(),
+            EnterAlternateScreen,
+            Hide,
+            Clear(ClearType::All)
+        )?;
+        Ok(terminal_screen)
     }
 
     fn draw(&mut self, monitor: &dyn MonitorSource, view: &View, theme: Theme) -> io::Result<()> {

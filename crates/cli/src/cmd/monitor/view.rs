@@ -124,12 +124,12 @@ impl View {
     /// Scrolls up, or down by less than nothing. Frames that one scrolls in stand still.
     fn scroll(&mut self, up: isize, monitor: &dyn MonitorSource) {
         if self.by_kind {
-            let most = monitor.traffic().kinds().count().saturating_sub(1);
-            self.scrolled = self.scrolled.saturating_add_signed(up.saturating_neg()).min(most);
+            let max = monitor.traffic().kinds().count().saturating_sub(1);
+            self.scrolled = self.scrolled.saturating_add_signed(up.saturating_neg()).min(max);
         } else {
             self.halt(monitor);
-            let most = monitor.traffic().rows().len().saturating_sub(1);
-            self.scrolled = self.scrolled.saturating_add_signed(up).min(most);
+            let max = monitor.traffic().rows().len().saturating_sub(1);
+            self.scrolled = self.scrolled.saturating_add_signed(up).min(max);
         }
     }
 
@@ -144,22 +144,22 @@ impl View {
     }
 
     /// The last so many frames that are to be seen, oldest first.
-    pub fn frames<'a>(&self, monitor: &'a dyn MonitorSource, most: usize) -> Vec<&'a FrameRow> {
+    pub fn frames<'a>(&self, monitor: &'a dyn MonitorSource, max: usize) -> Vec<&'a FrameRow> {
         let rows = monitor.traffic().rows().iter().rev().filter(|row| self.shows_row(row));
-        let mut rows: Vec<&FrameRow> = rows.skip(self.scrolled).take(most).collect();
+        let mut rows: Vec<&FrameRow> = rows.skip(self.scrolled).take(max).collect();
         rows.reverse();
         rows
     }
 
     /// The kinds of frames that are to be seen, from the one scrolled to.
-    pub fn kinds<'a>(&'a self, monitor: &'a dyn MonitorSource, most: usize) -> Vec<&'a FrameGroup> {
+    pub fn kinds<'a>(&'a self, monitor: &'a dyn MonitorSource, max: usize) -> Vec<&'a FrameGroup> {
         let all: Vec<&FrameGroup> = match &self.halted {
             Some((_, kinds)) => kinds.iter().collect(),
             None => monitor.traffic().kinds().collect(),
         };
         let found: Vec<&FrameGroup> =
             all.into_iter().filter(|kind| self.matches_filter(&kind.last)).collect();
-        let first = self.scrolled.min(found.len().saturating_sub(most));
-        found.into_iter().skip(first).take(most).collect()
+        let first = self.scrolled.min(found.len().saturating_sub(max));
+        found.into_iter().skip(first).take(max).collect()
     }
 }

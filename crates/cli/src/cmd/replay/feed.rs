@@ -53,7 +53,7 @@ impl CaptureFeed {
     fn read_once(&self, begin: u64, wires: &[SyncSender<Vec<ReplayFrame>>]) -> Result<bool> {
         let (mut decoder, mut choice) = ((self.make_decoder)(), self.selector.clone());
         let mut batches: Vec<Vec<ReplayFrame>> = wires.iter().map(|_| Vec::new()).collect();
-        let mut taken = true;
+        let mut accepted = true;
         let mut keep = |event: &DecodedFrame<'_>, batches: &mut Vec<Vec<ReplayFrame>>| {
             if let Ok(item) = choice.select(event) {
                 batches[item.wire].push(ReplayFrame { at: begin + item.at, ..item });
@@ -61,10 +61,10 @@ impl CaptureFeed {
         };
         let read = read_pieces(&self.path, false, &mut |piece| {
             decoder.feed(piece, &mut |event| keep(event, &mut batches));
-            taken = send_batches(&mut batches, wires);
-            if taken { Ok(()) } else { Err(Problem::interrupted()) }
+            accepted = send_batches(&mut batches, wires);
+            if accepted { Ok(()) } else { Err(Problem::interrupted()) }
         });
-        if !taken {
+        if !accepted {
             return Ok(false);
         }
         read?;

@@ -261,13 +261,13 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
             if self.control.is_over() {
                 return Err(PlayEnd::Halted);
             }
-            let look = until.min(self.link.now().plus_ms(POLL_MS));
-            match self.link.receive(std::borrow::BorrowMut::borrow_mut(&mut self.buffer), look)? {
+            let scan = until.min(self.link.now().plus_ms(POLL_MS));
+            match self.link.receive(std::borrow::BorrowMut::borrow_mut(&mut self.buffer), scan)? {
                 Received::Bytes { len, .. } => {
                     self.result.received += 1;
                     return Ok(Some(len));
                 }
-                Received::TimedOut if look == until => return Ok(None),
+                Received::TimedOut if scan == until => return Ok(None),
                 Received::TimedOut | Received::Line { .. } | Received::Woken => {}
             }
         }

@@ -31,13 +31,13 @@ pub fn run_remote_scan(
     // Axes that were taken in stand behind all others.
     links.sort_unstable();
     links.dedup();
-    let order = ScanRequest {
+    let request = ScanRequest {
         first: ids.as_ref().map(|ids| *ids.start()),
         last: ids.as_ref().map(|ids| *ids.end()),
     };
     let mut views = Vec::new();
     for link in links {
-        let view = scan_link(server, link, &order)?;
+        let view = scan_link(server, link, &request)?;
         let ends = view.state == ScanState::BrokenOff;
         views.push(view);
         if ends {
@@ -61,11 +61,11 @@ pub fn run_remote_scan(
     }
     if take {
         for view in views.iter().filter(|view| view.found.iter().any(|one| one.clash.is_none())) {
-            let taken = server
+            let added = server
                 .gateway
                 .add_drives(view.link, &AddDrives::default())
                 .map_err(refusal_problem)?;
-            let count = taken.axes.len();
+            let count = added.axes.len();
             print_note(&format!("link {}: {count} taken in, behind all other axes", view.link));
         }
     }
@@ -74,9 +74,9 @@ pub fn run_remote_scan(
 }
 
 /// Looks on a link until the end.
-fn scan_link(server: &RemoteSession, link: u16, order: &ScanRequest) -> Result<ScanView> {
+fn scan_link(server: &RemoteSession, link: u16, request: &ScanRequest) -> Result<ScanView> {
     let live = std::io::stderr().is_terminal();
-    let mut view = server.gateway.start_scan(link, order).map_err(refusal_problem)?;
+    let mut view = server.gateway.start_scan(link, request).map_err(refusal_problem)?;
     let mut broken = false;
     while view.state == ScanState::UnderWay {
         if interrupt::was_interrupted() && !std::mem::replace(&mut broken, true) {

@@ -111,8 +111,8 @@ fn print_statistics(account: &CycleStatistics, setpoint: SetpointKind) {
         "missed cycles: {}; answers that came late: {}",
         account.missed_cycles, account.late_reports
     ));
-    if let Some((least, middle, most)) = account.lateness.summary() {
-        let (least, middle, most) = (to_ms(least), to_ms(middle), to_ms(most));
+    if let Some((min_value, middle, max_value)) = account.lateness.summary() {
+        let (least, middle, most) = (to_ms(min_value), to_ms(middle), to_ms(max_value));
         print_note(&format!(
             "beats late by {least:.3} / {middle:.3} / {most:.3} ms (min/median/max)"
         ));

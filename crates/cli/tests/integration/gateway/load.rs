@@ -185,8 +185,8 @@ impl Times {
 
 impl std::fmt::Display for Times {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [half, most, nearly, worst] = [0.5, 0.99, 0.999, 1.0].map(|share| self.at(share));
-        write!(f, "p50 {half:.2}, p99 {most:.2}, p99.9 {nearly:.2}, worst {worst:.2} ms")?;
+        let [half, max, nearly, worst] = [0.5, 0.99, 0.999, 1.0].map(|share| self.at(share));
+        write!(f, "p50 {half:.2}, p99 {max:.2}, p99.9 {nearly:.2}, worst {worst:.2} ms")?;
         write!(f, " of {}", self.0.len())
     }
 }

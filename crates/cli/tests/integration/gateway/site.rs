@@ -249,9 +249,9 @@ impl Live {
     }
 
     pub fn command(&mut self, axis: u16, verb: &str, velocity: Option<f64>) -> Value {
-        let order = self.order(axis, verb, velocity);
-        self.send(&order);
-        let id = order["id"].clone();
+        let value = self.order(axis, verb, velocity);
+        self.send(&value);
+        let id = value["id"].clone();
         self.until("outcome", |outcome| outcome["id"] == id)
     }
 

@@ -321,8 +321,8 @@ impl Drive {
                 shaft.servo.follow(Setpoint { position: index, velocity, acceleration: 0.0 });
             }
             ControlLoop::Speed => {
-                let most = self.memory.fixed(addresses::CSPD);
-                let counts = if analog { share * most } else { self.memory.fixed(addresses::EREF) };
+                let max = self.memory.fixed(addresses::CSPD);
+                let counts = if analog { share * max } else { self.memory.fixed(addresses::EREF) };
                 let speed = shaft.scale.speed_of_counts(counts);
                 shaft.servo.set_limits(Limits::trapezoid(speed.abs(), 0.0));
                 shaft.servo.set_goal(Goal::Velocity(speed));
@@ -342,9 +342,9 @@ impl Drive {
     /// TREF ramps by RINCTST a slow loop period up to REFTST.
     fn tick_test(&mut self, outer: ControlLoop) {
         let goal = f64::from(self.memory.int(addresses::REFTST));
-        let most =
+        let max =
             f64::from(self.memory.int(addresses::RINCTST)).abs() * TICK_S / self.shaft.scale.slow_s;
-        self.motion.test_reference += (goal - self.motion.test_reference).clamp(-most, most);
+        self.motion.test_reference += (goal - self.motion.test_reference).clamp(-max, max);
         self.memory.set_fixed(addresses::TREF, self.motion.test_reference);
         match outer {
             ControlLoop::Voltage => self.drive_voltage(self.motion.test_reference / 32_767.0),

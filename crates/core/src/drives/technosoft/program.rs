@@ -291,14 +291,14 @@ impl Drive {
 
     /// Messages that were held back, until one of them waits again.
     fn run_held_messages(&mut self) {
-        let mut taken = 0;
-        while taken < self.program.held_messages_len && self.program.wait.is_none() {
-            let instruction = self.program.held_messages[taken];
-            taken += 1;
+        let mut consumed = 0;
+        while consumed < self.program.held_messages_len && self.program.wait.is_none() {
+            let instruction = self.program.held_messages[consumed];
+            consumed += 1;
             self.execute(&instruction);
         }
-        let left = self.program.held_messages_len.saturating_sub(taken);
-        self.program.held_messages.copy_within(taken..taken + left, 0);
+        let left = self.program.held_messages_len.saturating_sub(consumed);
+        self.program.held_messages.copy_within(consumed..consumed + left, 0);
         self.program.held_messages_len = left;
     }
 

@@ -143,12 +143,12 @@ impl Drive {
     }
 
     fn check_supply(&mut self) {
-        let Protections { masks, supply_limits: (least, most), temperature_limit, .. } =
+        let Protections { masks, supply_limits: (min, max), temperature_limit, .. } =
             self.protections;
         let supply = self.shaft.supply;
-        if supply < least && masks & pcr::UNDER_VOLTAGE != 0 {
+        if supply < min && masks & pcr::UNDER_VOLTAGE != 0 {
             self.trip(mer::UNDER_VOLTAGE, "under-voltage: motor off");
-        } else if supply > most && masks & pcr::OVER_VOLTAGE != 0 {
+        } else if supply > max && masks & pcr::OVER_VOLTAGE != 0 {
             self.trip(mer::OVER_VOLTAGE, "over-voltage: motor off");
         }
         if self.shaft.stage.temperature() > temperature_limit && masks & pcr::DRIVE_HOT != 0 {

@@ -29,14 +29,14 @@ impl Drive {
     /// B800, BC00: `[ag] V = V`.
     pub fn assign_remote(&mut self, i: &Instruction) -> ExecuteResult {
         let (to, operand) = (addressee(i)?, i.opcode & 0x3FF);
-        let order = match i.opcode & 0x400 {
+        let instruction = match i.opcode & 0x400 {
             0 => Instruction::of(0x2000 | operand, [self.memory.word(i.word(1))]),
             _ => {
                 let value = self.memory.long(i.word(1)).cast_unsigned();
                 Instruction::of(0x2400 | operand, low_first(value))
             }
         };
-        self.send_or_execute(to, &order)
+        self.send_or_execute(to, &instruction)
     }
 
     /// 98xx: `[ag] V,mem = V` and `[ag] (P),mem = V`.
@@ -44,11 +44,11 @@ impl Drive {
         let (to, variable) = (addressee(i)?, i.word(1));
         let opcode = 0x9000 | i.opcode & 0xEF;
         let [low, high] = low_first(self.read_memory(Space::Data, i.word(2), opcode & 1 != 0));
-        let order = match opcode & 1 {
+        let instruction = match opcode & 1 {
             0 => Instruction::of(opcode, [variable, low]),
             _ => Instruction::of(opcode, [variable, low, high]),
         };
-        self.send_or_execute(to, &order)
+        self.send_or_execute(to, &instruction)
     }
 
     /// 9Cxx: `V = [ag] V,mem`. Through a pointer (9Dxx) nobody knows what goes over the wire.

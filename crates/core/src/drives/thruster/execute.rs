@@ -220,9 +220,9 @@ impl Drive {
     /// \[I\] Tenths of a degree; a positive reverse end is taken for its magnitude.
     fn set_range(&mut self, data: u32) -> Response {
         let (reverse, forward) = rules::range_ends(data);
-        let most = POSITION_MAX as i16;
+        let max = POSITION_MAX as i16;
         let reverse = if reverse > 0 { -reverse } else { reverse };
-        if reverse < -most || !(0..=most).contains(&forward) {
+        if reverse < -max || !(0..=max).contains(&forward) {
             return Response::Refused;
         }
         self.memory.range = (reverse, forward);

@@ -24,13 +24,13 @@ pub(super) struct Memory {
 impl Memory {
     /// As from the factory. \[I\] Nothing by itself, the whole range.
     pub fn new(id: u8) -> Self {
-        let most = POSITION_MAX as i16;
+        let max = POSITION_MAX as i16;
         Self {
             id: id & ID_MAX,
             kbit_s: 500,
             frames: 0,
             interval_ms: 0,
-            range: (-most, most),
+            range: (-max, max),
             absolute_zero: 0.0,
             relative_zero: 0.0,
         }

@@ -95,6 +95,6 @@ impl Options {
     }
 }
 
-fn parse_number(value: &str, least: f64, most: f64) -> Result<f64, &str> {
-    value.parse().ok().filter(|n| (least..=most).contains(n)).ok_or(value)
+fn parse_number(value: &str, min: f64, max: f64) -> Result<f64, &str> {
+    value.parse().ok().filter(|n| (min..=max).contains(n)).ok_or(value)
 }

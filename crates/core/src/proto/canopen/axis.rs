@@ -183,8 +183,8 @@ const fn target_index(setpoint: SetpointKind) -> u16 {
 }
 
 /// The controlword that goes with a set-point: enable operation, or quick stop.
-const fn controlword(order: cyclic::SetpointCommand) -> u64 {
-    match order {
+const fn controlword(command: cyclic::SetpointCommand) -> u64 {
+    match command {
         cyclic::SetpointCommand::Follow => 0x0F,
         cyclic::SetpointCommand::Stop => 0x02,
     }
@@ -387,12 +387,12 @@ impl Driver for Axis {
         &self,
         setpoint: SetpointKind,
         raw: i64,
-        order: cyclic::SetpointCommand,
+        command: cyclic::SetpointCommand,
     ) -> Option<HostRequest> {
         let SetpointPdo { number, bytes, target_field, controlword_field, .. } =
             self.setpoint_pdos[setpoint as usize]?;
         let data = controlword_field
-            .insert(target_field.insert(0, raw.cast_unsigned()), controlword(order));
+            .insert(target_field.insert(0, raw.cast_unsigned()), controlword(command));
         Some(HostRequest::Process { cob: Cob::Rpdo(number, self.node), data, len: bytes })
     }
 

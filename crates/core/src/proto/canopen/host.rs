@@ -306,7 +306,7 @@ impl CanHost {
 
     fn encode_frame(request: &HostRequest) -> Option<Frame> {
         Some(match *request {
-            HostRequest::Nmt(order) => order.emit(),
+            HostRequest::Nmt(message) => message.emit(),
             HostRequest::Process { cob, data, len } => {
                 let mut frame = Frame::standard(cob.id(), &data.to_le_bytes());
                 frame.len = len.min(8);
@@ -666,16 +666,16 @@ impl station::Host<Can> for CanHost {
 
     fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
         let (at, node) = self.find_buffer(ticket, false)?;
-        let taken = self.buffers[at].read_bytes(out);
+        let consumed = self.buffers[at].read_bytes(out);
         self.resume_transfer(at, node);
-        Some(taken)
+        Some(consumed)
     }
 
     fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
         let (at, node) = self.find_buffer(ticket, true)?;
-        let taken = self.buffers[at].write_bytes(bytes);
+        let consumed = self.buffers[at].write_bytes(bytes);
         self.resume_transfer(at, node);
-        Some(taken)
+        Some(consumed)
     }
 }
 

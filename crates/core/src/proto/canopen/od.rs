@@ -227,8 +227,8 @@ impl ObjectEntry {
 
     /// The same with limits.
     #[must_use]
-    pub const fn with_limits(mut self, least: i64, greatest: i64) -> Self {
-        self.limits = (least, greatest);
+    pub const fn with_limits(mut self, min: i64, greatest: i64) -> Self {
+        self.limits = (min, greatest);
         self
     }
 

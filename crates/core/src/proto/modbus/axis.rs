@@ -121,9 +121,9 @@ impl Driver for Axis {
         };
         let function = Function::of_code(function);
         if let Some(space) = function.read_space() {
-            let most = if space.is_bits() { COILS_MAX } else { space.read_max() };
+            let max = if space.is_bits() { COILS_MAX } else { space.read_max() };
             let count = word()?;
-            if !(1..=most).contains(&count) {
+            if !(1..=max).contains(&count) {
                 return Err(Unsupported::BadArgument);
             }
             return self.new_request(

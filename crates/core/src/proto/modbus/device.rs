@@ -446,8 +446,8 @@ fn check_span(bytes: &[u8], span: AnnouncedLength, mine: bool) -> RequestScan {
 
 /// A frame of a function whose length is not known ends where the check first agrees.
 fn find_by_crc(bytes: &[u8]) -> RequestScan {
-    let most = bytes.len().min(UNKNOWN_LEN_MAX);
-    match (ADU_MIN..=most).find(|&len| rtu::crc_matches(&bytes[..len])) {
+    let max = bytes.len().min(UNKNOWN_LEN_MAX);
+    match (ADU_MIN..=max).find(|&len| rtu::crc_matches(&bytes[..len])) {
         Some(len) => RequestScan::Frame(len),
         None if bytes.len() < UNKNOWN_LEN_MAX => RequestScan::More,
         None => RequestScan::Skip,
@@ -504,8 +504,8 @@ const fn exception_for(_: WireError) -> Exception {
     Exception::IllegalValue
 }
 
-const fn check_count(count: u16, most: u16) -> Result<(), Exception> {
-    if count > most { Err(Exception::IllegalValue) } else { Ok(()) }
+const fn check_count(count: u16, max: u16) -> Result<(), Exception> {
+    if count > max { Err(Exception::IllegalValue) } else { Ok(()) }
 }
 
 /// An address range must not run over FFFF.

@@ -38,7 +38,7 @@ pub const fn decode(encoding: Encoding, words: [u16; 2]) -> i64 {
 /// The registers of a raw value, in the order of their addresses; `None` when it does not fit.
 #[must_use]
 pub const fn encode(encoding: Encoding, raw: i64) -> Option<[u16; 2]> {
-    let (least, most) = match encoding {
+    let (min, max) = match encoding {
         Encoding::Bit => (0, 1),
         Encoding::U8 => (0, 0xFF),
         Encoding::I8 => (i8::MIN as i64, i8::MAX as i64),
@@ -50,7 +50,7 @@ pub const fn encode(encoding: Encoding, raw: i64) -> Option<[u16; 2]> {
         }
         Encoding::TensAndThousandths => (-327_689_999, 327_679_999),
     };
-    if raw < least || raw > most {
+    if raw < min || raw > max {
         return None;
     }
     let (high, low) = ((raw >> 16) as u16, raw as u16);

@@ -604,15 +604,15 @@ fn value_meaning(parameter: &'static Parameter, raw: i64) -> &'static str {
 }
 
 /// Lines that are on, counted from 1 as the TS manual V2 §2.3 does; at most so many by number.
-fn write_bits(bits: &[u8], count: u16, most: usize, sink: &mut dyn ExplainSink) {
+fn write_bits(bits: &[u8], count: u16, max: usize, sink: &mut dyn ExplainSink) {
     let on = |at: &u16| bits.get(usize::from(at / 8)).is_some_and(|byte| byte >> (at % 8) & 1 == 1);
     let all = (0..count).filter(on).count();
-    for (nth, at) in (0..count).filter(on).take(most).enumerate() {
+    for (nth, at) in (0..count).filter(on).take(max).enumerate() {
         sink.text(if nth > 0 { " " } else { "on: " });
         write_decimal(i64::from(at) + 1, sink);
     }
     if all == 0 {
         sink.text("all off");
     }
-    write_more(all.saturating_sub(most), sink);
+    write_more(all.saturating_sub(max), sink);
 }

@@ -209,8 +209,8 @@ fn parse_read(
             return Err(TextError { at: extra.at, expected: "the end of the text" });
         }
         [count] | [count, _] => {
-            let most = i64::from(target.space.read_max());
-            let value = parse_number(count.text).filter(|value| (1..=most).contains(value));
+            let max = i64::from(target.space.read_max());
+            let value = parse_number(count.text).filter(|value| (1..=max).contains(value));
             let expected = "how many: 1 to 125 registers, or 1 to 2000 bits";
             value.ok_or(TextError { at: count.at, expected })? as u16
         }
@@ -301,9 +301,9 @@ fn parse_register_values(
             }
         }
     }
-    let most = if function == Some(Function::WriteRegister) { 1 } else { WRITE_WORDS_MAX as usize };
-    if count > most {
-        let at = values.get(most).unwrap_or(&values[0]).at;
+    let max = if function == Some(Function::WriteRegister) { 1 } else { WRITE_WORDS_MAX as usize };
+    if count > max {
+        let at = values.get(max).unwrap_or(&values[0]).at;
         return Err(TextError { at, expected: "fewer values" });
     }
     let single = if count == 1 { Function::WriteRegister } else { Function::WriteRegisters };

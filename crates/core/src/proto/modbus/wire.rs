@@ -651,10 +651,10 @@ pub fn words(bytes: &[u8]) -> impl Iterator<Item = u16> + '_ {
     bytes.as_chunks::<2>().0.iter().map(|pair| u16::from_be_bytes(*pair))
 }
 
-fn counted_span(head: &[u8], at: usize, least: usize, most: usize) -> AnnouncedLength {
+fn counted_span(head: &[u8], at: usize, min: usize, max: usize) -> AnnouncedLength {
     match head.get(at).map(|&count| usize::from(count)) {
         None => AnnouncedLength::More,
-        Some(count) if count < least || count > most => AnnouncedLength::Never,
+        Some(count) if count < min || count > max => AnnouncedLength::Never,
         Some(count) => AnnouncedLength::Bytes(at + 1 + count),
     }
 }
@@ -669,9 +669,9 @@ fn check_len(bytes: &[u8], need: usize) -> Result<(), WireError> {
     }
 }
 
-fn count_within(pdu: &[u8], at: usize, most: u16) -> Result<u16, WireError> {
+fn count_within(pdu: &[u8], at: usize, max: u16) -> Result<u16, WireError> {
     let found = word(pdu, at);
-    let right = (1..=most).contains(&found);
+    let right = (1..=max).contains(&found);
     if right { Ok(found) } else { Err(WireError::Count { at: at as u16, found }) }
 }
 

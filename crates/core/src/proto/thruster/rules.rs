@@ -53,7 +53,7 @@ pub fn check(request: &Request) -> Result<(), &'static str> {
                     choose a neighbouring value");
     }
     let value = command.width().decode(data);
-    let within = |least: i64, most: i64| (least..=most).contains(&value);
+    let within = |min: i64, max: i64| (min..=max).contains(&value);
     match command {
         CommandWord::TC if !within(-100, 100) => Err("the signal goes from -100 to 100 %"),
         CommandWord::VC if value != 0 && value.abs() < i64::from(RPM_MIN) => {
@@ -86,8 +86,8 @@ fn is_valid_timeout(value: i64) -> bool {
 
 fn check_range(data: u32) -> Result<(), &'static str> {
     let (reverse, forward) = range_ends(data);
-    let most = POSITION_MAX as i16;
-    if (-most..=0).contains(&reverse) && (0..=most).contains(&forward) {
+    let max = POSITION_MAX as i16;
+    if (-max..=0).contains(&reverse) && (0..=max).contains(&forward) {
         return Ok(());
     }
     Err("the safe range goes from at least -179.9 to at most 179.9 degrees and has zero in it")

@@ -429,7 +429,7 @@ fn parse_value(
     readings: Interpretation,
 ) -> Result<u32, TextError> {
     let none = CountUnit::in_units("");
-    let (least, most) = (i64::from(i32::MIN), i64::from(u32::MAX));
+    let (min, max) = (i64::from(i32::MIN), i64::from(u32::MAX));
     match command {
         CommandWord::SP | CommandWord::RP if sub == RANGE_PARAMETER => {
             let mut end = || {
@@ -445,11 +445,11 @@ fn parse_value(
             Err(TextError { at, expected: "the end: this command has no value" })
         }
         CommandWord::SP | CommandWord::RP | CommandWord::EF | CommandWord::FR => {
-            words.read_number("a value of 32 bits", none, least, most).map(|value| value as u32)
+            words.read_number("a value of 32 bits", none, min, max).map(|value| value as u32)
         }
         _ => {
             let (measure, at) = (CountUnit::of_command(command), words.at);
-            let value = words.read_number("a value", measure, least, most)?;
+            let value = words.read_number("a value", measure, min, max)?;
             let data = match command.width() {
                 _ if words.accept_word("wide") => value as u32,
                 _ if words.accept_word("short") => value as u32 & 0xFFFF,
@@ -603,14 +603,14 @@ impl<'a> Tokenizer<'a> {
         &mut self,
         expected: &'static str,
         measure: CountUnit,
-        least: i64,
-        most: i64,
+        min: i64,
+        max: i64,
     ) -> Result<i64, TextError> {
         let (at, word) = self.next().ok_or(TextError { at: self.at, expected })?;
         let wrong = TextError { at, expected };
         if let Some(digits) = word.strip_prefix("0x").or(word.strip_prefix("0X")) {
             let number = i64::from_str_radix(digits, 16).map_err(|_| wrong)?;
-            return Some(number).filter(|n| (least..=most).contains(n)).ok_or(wrong);
+            return Some(number).filter(|n| (min..=max).contains(n)).ok_or(wrong);
         }
         let end = word.find(|c: char| !matches!(c, '0'..='9' | '-' | '+' | '.'));
         let (number, unit) = word.split_at(end.unwrap_or(word.len()));
@@ -634,13 +634,13 @@ impl<'a> Tokenizer<'a> {
         };
         let tenth = if number.starts_with('-') { -tenth } else { tenth };
         let raw = size.saturating_add(tenth);
-        Some(raw).filter(|raw| (least..=most).contains(raw)).ok_or(wrong)
+        Some(raw).filter(|raw| (min..=max).contains(raw)).ok_or(wrong)
     }
 
     /// Signed 16 bits.
     fn read_signed(&mut self, measure: CountUnit) -> Result<u16, TextError> {
-        let (least, most) = (i16::MIN.into(), i16::MAX.into());
-        let value = self.read_number("a number of 16 bits", measure, least, most)?;
+        let (min, max) = (i16::MIN.into(), i16::MAX.into());
+        let value = self.read_number("a number of 16 bits", measure, min, max)?;
         Ok((value as i16).cast_unsigned())
     }
 

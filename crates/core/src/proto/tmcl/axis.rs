@@ -114,8 +114,8 @@ impl Driver for Axis {
     }
 
     /// MST has the motor in a byte of its own (TMCL reference).
-    fn program_request(&self, order: ProgramCommand) -> Option<HostRequest> {
-        let ProgramCommand::StopMotor(motor) = order else { return None };
+    fn program_request(&self, command: ProgramCommand) -> Option<HostRequest> {
+        let ProgramCommand::StopMotor(motor) = command else { return None };
         let address = self.module;
         Some(HostRequest::of(Request { address, opcode: Opcode::Mst, kind: 0, motor, value: 0 }))
     }

@@ -299,8 +299,8 @@ impl Driver for Axis {
         (!self.destination.group).then_some(Ok(request.with_confirmation(with)))
     }
 
-    fn program_request(&self, order: ProgramCommand) -> Option<HostRequest> {
-        let (instruction, class) = program::order_instruction(order)?;
+    fn program_request(&self, command: ProgramCommand) -> Option<HostRequest> {
+        let (instruction, class) = program::order_instruction(command)?;
         (!self.destination.group).then_some(self.new_request(instruction).with_class(class))
     }
 
@@ -344,11 +344,11 @@ fn raw_value(encoding: Option<Encoding>, value: u32) -> i64 {
 /// Signed, or the unsigned twin of a negative one.
 fn wire_value(raw: i64, long: bool) -> Result<u32, Unsupported> {
     let bits = if long { 32 } else { 16 };
-    let (least, most) = (-(1_i64 << (bits - 1)), (1_i64 << bits) - 1);
-    if raw < least || raw > most {
+    let (min, max) = (-(1_i64 << (bits - 1)), (1_i64 << bits) - 1);
+    if raw < min || raw > max {
         return Err(Unsupported::BadArgument);
     }
-    Ok(raw as u32 & (most as u32))
+    Ok(raw as u32 & (max as u32))
 }
 
 const NO_POINT: &str = "a point goes at most 8,388,607 counts beyond the one before, at less than \

@@ -113,14 +113,14 @@ impl ProgramLanguage for TmlLanguage {
             let whole =
                 data_word_count(*opcode).and_then(|n| Instruction::new(*opcode, behind.get(..n)?));
             let instruction = whole.unwrap_or(Instruction::of(*opcode, []));
-            let (taken, left) = rest.split_at(1 + instruction.data().len());
-            listing.instruction(address, taken);
+            let (leased, left) = rest.split_at(1 + instruction.data().len());
+            listing.instruction(address, leased);
             let out = &mut |piece: &str| listing.text(piece);
             match whole {
                 Some(_) => disassemble(&instruction, &scope, out),
                 None => disassemble_word(*opcode, out),
             }
-            (rest, address) = (left, address.wrapping_add(taken.len() as u16));
+            (rest, address) = (left, address.wrapping_add(leased.len() as u16));
         }
     }
 
@@ -283,8 +283,8 @@ pub(super) fn transfer_instruction(step: TransferStep) -> (Instruction, RequestC
 }
 
 /// The instruction of an order, and what it is held to; `None` for motors, of which an axis ID is one.
-pub(super) fn order_instruction(order: ProgramCommand) -> Option<(Instruction, RequestClass)> {
-    Some(match order {
+pub(super) fn order_instruction(command: ProgramCommand) -> Option<(Instruction, RequestClass)> {
+    Some(match command {
         ProgramCommand::StopMotor(_) => return None,
         ProgramCommand::Goto(address) => {
             (Instruction::of(0x7400, [address]), RequestClass::NoRetry)

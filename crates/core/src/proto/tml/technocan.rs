@@ -336,11 +336,11 @@ fn unpack_take_data_2(data: u64, len: u8, number: u8) -> Result<FrameContent, Wi
 }
 
 #[inline]
-fn check_len(len: u8, least: u8, most: u8) -> Result<(), WireError> {
+fn check_len(len: u8, min: u8, max: u8) -> Result<(), WireError> {
     let found = len.into();
     match len {
-        len if len < least => Err(WireError::Short { need: least.into(), found }),
-        len if len > most => Err(WireError::Long { need: most.into(), found }),
+        len if len < min => Err(WireError::Short { need: min.into(), found }),
+        len if len > max => Err(WireError::Long { need: max.into(), found }),
         _ => Ok(()),
     }
 }

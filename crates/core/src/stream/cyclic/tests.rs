@@ -47,8 +47,8 @@ fn the_middle_of_many_times_is_known_to_an_eighth() {
     for ns in [7, 1_000, 1_000_000, 50_000, 3_000_000_000] {
         spread.record(ns);
     }
-    let (least, middle, most) = spread.summary().unwrap();
-    assert_eq!((least, most), (Duration::from_nanos(7), Duration::from_secs(3)));
+    let (min, middle, max) = spread.summary().unwrap();
+    assert_eq!((min, max), (Duration::from_nanos(7), Duration::from_secs(3)));
     let middle = middle.as_nanos();
     assert!((43_750..=50_000).contains(&middle), "{middle}");
     let mut one = DurationHistogram::new();

@@ -42,7 +42,7 @@ impl CommandWorker {
         axis: usize,
         session: &SessionName,
         over: bool,
-        tell: ReplySender<Option<LeaseGrant>>,
+        reply_sender: ReplySender<Option<LeaseGrant>>,
     ) {
         let (now, lasts) = (self.context.now(), self.context.lease_duration);
         let closes = self.context.is_closing() || self.lost;
@@ -58,21 +58,21 @@ impl CommandWorker {
         let before = slot.holder().map(|holder| holder.epoch);
         let (held, lost) = match may.and_then(|()| slot.acquire(session, over, now, lasts)) {
             Ok(taken) => taken,
-            Err(refused) => return drop(tell.send(Err(refused))),
+            Err(refused) => return drop(reply_sender.send(Err(refused))),
         };
         self.axes[axis].link_loss = None;
         let over = lost.is_some();
         lost.into_iter().for_each(|lost| self.end_lease(axis, lost, "taken over"));
         self.publish_lease(axis);
         if before == Some(held.epoch) {
-            return drop(tell.send(Ok(Some(lease_grant(&held)))));
+            return drop(reply_sender.send(Ok(Some(lease_grant(&held)))));
         }
         let (wire, epoch) = (Arc::clone(&self.wire), held.epoch);
         let then = move |recorded: Result<(), GatewayError>| {
             if recorded.is_err() {
                 wire.submit_first(0, WireRequest::LeaseNotRecorded { axis, epoch });
             }
-            let _ = tell.send(recorded.map(|()| Some(lease_grant(&held))));
+            let _ = reply_sender.send(recorded.map(|()| Some(lease_grant(&held))));
         };
         let (id, action) =
             (self.axes[axis].id, if over { JournalAction::TakeOver } else { JournalAction::Lease });

@@ -186,7 +186,7 @@ impl CommandWorker {
             let watched = &mut self.axes[axis];
             let Some(pending_stop) = &mut watched.pending_stop else { continue };
             let sequence = pending_stop.attempts();
-            let (news, ended) =
+            let (axis_stop_report, ended) =
                 pending_stop.poll(watched.id, &watched.axis, now, &mut self.airtime);
             if pending_stop.attempts() > sequence {
                 self.last_start = now;
@@ -196,7 +196,7 @@ impl CommandWorker {
             if is_news && ended.is_none() {
                 self.context.publish(BenchEvent::PendingStop(id));
             }
-            if let Some(stopped) = news {
+            if let Some(stopped) = axis_stop_report {
                 let detail = json!({ "class": stopped.class, "ms": stopped.ms });
                 self.context.record_by_server(JournalAction::Outcome, id, detail);
                 self.context.publish(BenchEvent::Stopped(stopped));

@@ -56,7 +56,7 @@ fn a_stop_that_is_said_after_a_dismissal_is_not_dismissed() {
     let link = polepair::connect("sim:tmcl?time=virtual").unwrap();
     let (wire, worker) = test_wire(&link);
     let dismiss = || {
-        let (tell, mut receiver) = oneshot::channel();
+        let (reply_sender, mut receiver) = oneshot::channel();
         let reason = DismissReason::DriveGone;
         let dismiss = DismissStop { reason, epoch: 0, note: String::new() };
         let session = "ann".into();
@@ -64,7 +64,7 @@ fn a_stop_that_is_said_after_a_dismissal_is_not_dismissed() {
             axis: 0,
             session,
             dismiss,
-            reply: tell,
+            reply: reply_sender,
         }))
         .unwrap();
         move || receiver.try_recv().unwrap().unwrap_err().code

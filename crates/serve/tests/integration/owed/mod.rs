@@ -119,7 +119,7 @@ impl Site {
         velocity: Option<f64>,
     ) -> PendingReply<CommandOutcome> {
         self.ids += 1;
-        let order = CommandRequest {
+        let request = CommandRequest {
             id: format!("id-{}", self.ids),
             issued_ms: self.bench.now_ms(),
             ttl_ms: 10_000.0,
@@ -127,7 +127,7 @@ impl Site {
             verb: verb.into(),
             arguments: CommandArguments { velocity, ..CommandArguments::default() },
         };
-        self.bench.command(0, &self.ann, order)
+        self.bench.command(0, &self.ann, request)
     }
 
     fn say(&mut self, epoch: u64, verb: &str, velocity: Option<f64>) -> Result<(), GatewayError> {

@@ -21,9 +21,9 @@ fn lease(site: &Site) -> Value {
 }
 
 fn say(site: &Site, id: &str, epoch: &Value, text: &str) -> Answer {
-    let order =
+    let value =
         json!({ "id": id, "issued_ms": now_ms(), "ttl_ms": 5000, "epoch": epoch, "text": text });
-    site.post("POST /api/v1/axes/0/raw", "expert", &order.to_string())
+    site.post("POST /api/v1/axes/0/raw", "expert", &value.to_string())
 }
 
 #[test]

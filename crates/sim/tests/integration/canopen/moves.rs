@@ -21,10 +21,10 @@ fn stopped_midway(seed: u64, profile: &'static Profile) -> Bench {
 
 /// The furthest that the motor is from where it begins, on either side, within three seconds.
 fn way(bench: &mut Bench, from: f64) -> (f64, f64) {
-    (0..300).fold((0.0, 0.0), |(least, most): (f64, f64), _| {
+    (0..300).fold((0.0, 0.0), |(min, max): (f64, f64), _| {
         bench.pass(10);
         let at = bench.truth(0).position - from;
-        (least.min(at), most.max(at))
+        (min.min(at), max.max(at))
     })
 }
 
@@ -36,10 +36,10 @@ fn a_relative_move_counts_from_where_a_stop_left_the_motor() {
             let from = bench.truth(0).position;
             let by = Command { target: Some(-1.0), ..Command::new(Verb::MoveBy) };
             done(bench.command(0, by));
-            let (least, most) = way(&mut bench, from);
+            let (min, max) = way(&mut bench, from);
             let end = bench.truth(0).position - from;
             assert!((end + 1.0).abs() < 0.05, "{end} rad");
-            assert!(least > -1.2 && most < 0.2, "{least} to {most} rad");
+            assert!(min > -1.2 && max < 0.2, "{min} to {max} rad");
         });
     }
 }
@@ -55,8 +55,8 @@ fn a_move_to_a_place_goes_there_straight_from_where_a_stop_left_the_motor() {
             done(bench.verb(0, Verb::Reached));
             let end = bench.truth(0).position;
             assert!(end.abs() < 0.05, "{end} rad");
-            let (_, most) = way(&mut bench, from);
-            assert!(most < 0.2, "{most} rad");
+            let (_, max) = way(&mut bench, from);
+            assert!(max < 0.2, "{max} rad");
         });
     }
 }

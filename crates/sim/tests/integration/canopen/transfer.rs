@@ -204,8 +204,8 @@ fn a_download_in_blocks_takes_no_longer_than_its_frames() {
     let took = fixture.bench.world.now().since(started_at);
     // Segments, with as many stuff bits as there can be, and a millisecond for each end of a block.
     let segments = u64::from(SIZE.div_ceil(7));
-    let most = Duration::from_nanos(segments * 135 * 1_000_000_000 / u64::from(BIT_RATE))
+    let max = Duration::from_nanos(segments * 135 * 1_000_000_000 / u64::from(BIT_RATE))
         + Duration::from_millis(1 + segments / 127);
-    println!("{SIZE} bytes in {took:?}, at most {most:?}");
-    assert!(took < most, "{took:?} and not {most:?}");
+    println!("{SIZE} bytes in {took:?}, at most {max:?}");
+    assert!(took < max, "{took:?} and not {max:?}");
 }

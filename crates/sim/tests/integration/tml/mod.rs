@@ -367,8 +367,8 @@ fn stream_as(kind: PathKind, bench: &mut Bench, axis: u8, count: usize, time: f6
     while bench.world.now() < limit {
         let points: Vec<Point> = (fed + 1..=count).take(64).map(path).collect();
         let complete = fed + points.len() == count;
-        let taken = bench.axes(|axes, _| axes.feed_points(ticket, &points, complete));
-        fed += taken.unwrap_or(0);
+        let consumed = bench.axes(|axes, _| axes.feed_points(ticket, &points, complete));
+        fed += consumed.unwrap_or(0);
         let until = bench.world.now().plus_ms(50);
         bench.world.run_until(until);
         if let Some((_, outcome)) = bench.axes(|axes, _| axes.poll_outcome()) {
@@ -538,8 +538,8 @@ fn setsync_keeps_ten_drives_within_a_slow_loop() {
     // One question to all of them, so that all look at their clocks at the same time.
     let _ = bench.read(10, "ATIME");
     let times: Vec<i64> = bench.parts.iter().map(|(_, time)| *time).collect();
-    let (least, most) = (times.iter().min().unwrap(), times.iter().max().unwrap());
+    let (min, max) = (times.iter().min().unwrap(), times.iter().max().unwrap());
     assert_eq!(times.len(), 10);
-    assert!(most - least <= 1, "{times:?}");
-    assert!(*least > 19_900);
+    assert!(max - min <= 1, "{times:?}");
+    assert!(*min > 19_900);
 }

@@ -17,11 +17,11 @@ impl Pairing {
     fn is_usual_delay(&self, request: &TrackedRequest, now: Option<Timestamp>) -> bool {
         let waited = request.last_sent.zip(now).map_or(0, |(last, now)| now.since(last));
         if self.waits_for_answers() {
-            let least = self.fastest.unwrap_or(0) / 2;
-            return (least..=self.slowest + self.slowest / 2).contains(&waited);
+            let min = self.fastest.unwrap_or(0) / 2;
+            return (min..=self.slowest + self.slowest / 2).contains(&waited);
         }
-        let most = self.slowest.saturating_mul(2).saturating_add(USUAL_SLACK);
-        self.answers < USUAL_MIN || waited <= most
+        let max = self.slowest.saturating_mul(2).saturating_add(USUAL_SLACK);
+        self.answers < USUAL_MIN || waited <= max
     }
 
     /// Whether the host waits for an answer before it asks an axis again: when it does not, it gave

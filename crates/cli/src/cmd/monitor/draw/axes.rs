@@ -102,8 +102,8 @@ fn axis_columns(axes: &[AxisRow], rows: usize) -> Vec<AxisColumn> {
 /// Leaves columns out until the others fit.
 fn fit_columns(mut columns: Vec<AxisColumn>, width: usize) -> Vec<AxisColumn> {
     for head in DROPPED_COLUMNS {
-        let taken: usize = columns.iter().map(|column| column.width() + 2).sum();
-        if taken <= width {
+        let consumed: usize = columns.iter().map(|column| column.width() + 2).sum();
+        if consumed <= width {
             break;
         }
         columns.retain(|column| column.head != head);

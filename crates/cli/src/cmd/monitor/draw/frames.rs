@@ -104,7 +104,7 @@ impl Grid {
                 protocols.push(protocol);
             }
         }
-        let most = BYTES_SHOWN[usize::from(width >= WIDTH_STEPS[2])];
+        let max = BYTES_SHOWN[usize::from(width >= WIDTH_STEPS[2])];
         let named = protocols.len() > 1 && width >= WIDTH_STEPS[1];
         let protocol = protocols.iter().map(|name| name.len()).max().filter(|_| named);
         Self {
@@ -112,7 +112,7 @@ impl Grid {
             width: usize::from(width),
             spaced: width >= WIDTH_STEPS[0],
             id,
-            bytes: bytes.min(most),
+            bytes: bytes.min(max),
             wire: if wires.len() > 1 { longest } else { 0 },
             protocol: protocol.unwrap_or(0),
             wires,

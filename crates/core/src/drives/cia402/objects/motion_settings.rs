@@ -81,10 +81,10 @@ impl MotionSettings for Objects {
 
     #[inline]
     fn position_limits(&self) -> Option<(f64, f64)> {
-        let (least, greatest) = (stored::POSITION_MIN, stored::POSITION_MAX);
-        let are_set = self.value(least) < self.value(greatest);
+        let (min, greatest) = (stored::POSITION_MIN, stored::POSITION_MAX);
+        let are_set = self.value(min) < self.value(greatest);
         let (one, other) = (
-            self.real_value(least) * self.rad_per_position,
+            self.real_value(min) * self.rad_per_position,
             self.real_value(greatest) * self.rad_per_position,
         );
         are_set.then(|| (one.min(other), one.max(other)))

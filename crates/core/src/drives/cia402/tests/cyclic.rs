@@ -392,8 +392,8 @@ fn a_hiccup_is_counted_and_made_up_for_by_nobody() {
     let account = rig.lane.cycle_statistics(AxisIndex(7)).expect("an account");
     assert_eq!(account.cycles, 1001, "none is left out");
     assert!((9..=11).contains(&account.missed_cycles), "{}", account.missed_cycles);
-    let (_, _, most) = account.lateness.summary().expect("beats");
-    assert!(most <= PERIOD, "what is left of it: {most:?}");
+    let (_, _, max) = account.lateness.summary().expect("beats");
+    assert!(max <= PERIOD, "what is left of it: {max:?}");
 }
 
 #[test]
@@ -438,7 +438,9 @@ fn what_lies_apart_or_goes_too_fast_moves_nothing() {
         let points: Vec<f64> = (0..500).flat_map(|k| [point(k); AXES]).collect();
         rig.advance(5);
         // All 500 cycles come at once: the drives are still held where they are.
-        while rig.lane.feed_cycles(Ticket(1), &points, false).is_some_and(|taken| taken == 0) {}
+        while rig.lane.feed_cycles(Ticket(1), &points, false).is_some_and(|consumed| consumed == 0)
+        {
+        }
         rig.advance(5);
         let (_, outcome) = rig.outcome().expect(what);
         let Outcome::NotDone(Failure::Impossible(why)) = outcome else { panic!("{outcome:?}") };

@@ -263,15 +263,15 @@ impl Firmware for Drive {
     #[inline]
     fn poll_emergency(&mut self) -> Option<Emergency> {
         let core = &mut self.core;
-        let tell = |code| Some(Emergency { code, ..Emergency::default() });
+        let report_line = |code| Some(Emergency { code, ..Emergency::default() });
         if core.canopen.reported_alarm != core.alarm {
             core.canopen.reported_alarm = core.alarm;
-            return tell(core.alarm.0);
+            return report_line(core.alarm.0);
         }
         if core::mem::take(&mut core.canopen.arrival_pending) {
-            return tell(ARRIVED);
+            return report_line(ARRIVED);
         }
-        core.next_limit_emergency().and_then(tell)
+        core.next_limit_emergency().and_then(report_line)
     }
 
     fn set_node_id(&mut self, node: u8) {

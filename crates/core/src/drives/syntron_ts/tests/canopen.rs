@@ -279,8 +279,8 @@ fn the_homing_recipe_finds_the_switch() {
     assert!((zero - 3.0).abs() < 0.01, "{zero}");
     let methods = [-18, -17, -2, -1, 1, 2, 3, 4, 17, 18, 19, 20, 35];
     for method in i8::MIN..=i8::MAX {
-        let taken = bus.write(0x6098, method.into()).is_ok();
-        assert_eq!(taken, methods.contains(&method), "{method}");
+        let accepted = bus.write(0x6098, method.into()).is_ok();
+        assert_eq!(accepted, methods.contains(&method), "{method}");
     }
 }
 

@@ -164,13 +164,13 @@ fn paths_that_load_each_other_run_until_stopped() {
     fixture.fill(1, 1023, 36_000, 600, [50, 50, 10, 0]);
     fixture.fill(2, 1013, -36_000, 600, [50, 50, 10, 0]);
     fixture.trigger(1);
-    let (mut least, mut most) = (0, 0);
+    let (mut min, mut max) = (0, 0);
     for _ in 0..500 {
         fixture.advance(10);
         let at = fixture.counts();
-        (least, most) = (least.min(at), most.max(at));
+        (min, max) = (min.min(at), max.max(at));
     }
-    assert!(fixture.busy() && (950..1100).contains(&most) && (-1100..-950).contains(&least));
+    assert!(fixture.busy() && (950..1100).contains(&max) && (-1100..-950).contains(&min));
 }
 
 #[test]

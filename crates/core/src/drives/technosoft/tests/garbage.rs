@@ -25,13 +25,13 @@ fn frames_whose_sum_fails_move_nothing() {
     let mut fixture = DriveFixture::new();
     fixture.axis_on();
     let mut noise = NoiseSource(7);
-    let orders = [
+    let motions = [
         frame(IdCode::axis(255), Instruction::of(0x249E, [0x4E20, 0])),
         frame(IdCode::axis(255), Instruction::of(0x5909, [0xBFC1, 0x8701])),
         frame(IdCode::axis(255), Instruction::of(0x0108, [])),
     ];
     for _ in 0..3000 {
-        let mut bad = orders[noise.next() as usize % orders.len()].clone();
+        let mut bad = motions[noise.next() as usize % motions.len()].clone();
         let at = 1 + noise.next() as usize % (bad.len() - 1);
         bad[at] ^= 1 << (noise.next() % 8);
         assert_eq!(fixture.bytes(&bad), super::NOTHING);

@@ -126,8 +126,8 @@ fn an_axis_behind_the_relay_speaks_unasked() {
         (0x249E, &[1000, 0]),
         (0x5909, &[0xBFC1, 0x8701]),
     ] {
-        let order = Instruction::new(opcode, words).unwrap();
-        assert_eq!(bus.host(&frame(IdCode::axis(1), order)), [0x4F]);
+        let instruction = Instruction::new(opcode, words).unwrap();
+        assert_eq!(bus.host(&frame(IdCode::axis(1), instruction)), [0x4F]);
     }
     let received = bus.host(&frame(IdCode::axis(1), Instruction::of(0x0108, [])));
     assert_eq!(messages(&received[1..]).len(), 1, "the motion begins");

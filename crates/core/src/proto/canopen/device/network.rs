@@ -101,11 +101,11 @@ impl<const N: usize> CanEndpoint<N> {
     }
 
     fn handle_nmt(&mut self, now: Instant, frame: &Frame, firmware: &mut impl Firmware) {
-        let Ok(order) = NmtMessage::parse(frame.bytes()) else { return };
-        if self.node == 0 || (order.node != 0 && order.node != self.node) {
+        let Ok(message) = NmtMessage::parse(frame.bytes()) else { return };
+        if self.node == 0 || (message.node != 0 && message.node != self.node) {
             return;
         }
-        match order.command {
+        match message.command {
             NmtCommand::Start => self.enter_state(now, NmtState::Operational, firmware),
             NmtCommand::Stop => self.enter_state(now, NmtState::Stopped, firmware),
             NmtCommand::PreOperational => self.enter_state(now, NmtState::PreOperational, firmware),

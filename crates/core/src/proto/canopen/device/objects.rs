@@ -36,11 +36,11 @@ impl<const N: usize> CanEndpoint<N> {
         firmware: &mut impl Firmware,
     ) -> Result<(), AbortCode> {
         let number = entry.kind.number(raw);
-        let (least, greatest) = entry.limits;
+        let (min, greatest) = entry.limits;
         if number > greatest {
             return Err(AbortCode::TOO_HIGH);
         }
-        if number < least {
+        if number < min {
             return Err(AbortCode::TOO_LOW);
         }
         if entry.tag == PROTOCOL_TAG {

@@ -138,7 +138,7 @@ fn statuswords_and_controlwords_are_read_as_the_manuals_print_them() {
     for (word, state) in words {
         assert_eq!(DriveState::of(word), state, "{word:04X}");
     }
-    let orders: [(u16, ControlCommand); 7] = [
+    let motions: [(u16, ControlCommand); 7] = [
         (0x06, ControlCommand::Shutdown),
         (0x07, ControlCommand::SwitchOn),
         (0x0F, ControlCommand::Enable),
@@ -147,8 +147,8 @@ fn statuswords_and_controlwords_are_read_as_the_manuals_print_them() {
         (0x02, ControlCommand::QuickStop),
         (0x80, ControlCommand::ResetFault),
     ];
-    for (word, order) in orders {
-        assert_eq!(ControlCommand::of(word), order, "{word:04X}");
+    for (word, control_command) in motions {
+        assert_eq!(ControlCommand::of(word), control_command, "{word:04X}");
     }
     for number in i8::MIN..=i8::MAX {
         assert_eq!(i8::from(OperationMode::from(number)), number);

@@ -256,8 +256,8 @@ fn lss_has_the_standards_bytes() {
 
 #[test]
 fn network_management_is_two_bytes() {
-    let order = NmtMessage { command: NmtCommand::Start, node: 6 };
-    assert_eq!(order.emit(), Frame::standard(0, &[1, 6]));
+    let message = NmtMessage { command: NmtCommand::Start, node: 6 };
+    assert_eq!(message.emit(), Frame::standard(0, &[1, 6]));
     assert_eq!(NmtMessage::parse(&[1]), Err(WireError::Short { need: 2, found: 1 }));
     assert_eq!(NmtMessage::parse(&[1, 128]), Err(WireError::Unexpected { at: 1, found: 128 }));
     assert_eq!(SyncMessage::parse(&[7]), Ok(SyncMessage { counter: Some(7) }));

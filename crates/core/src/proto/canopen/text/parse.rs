@@ -480,9 +480,9 @@ impl<'a> Tokenizer<'a> {
         self.accept_one_of(&NUMBERS).ok_or(wrong)
     }
 
-    fn read_number(&mut self, expected: &'static str, least: i64, most: i64) -> Result<i64> {
+    fn read_number(&mut self, expected: &'static str, min: i64, max: i64) -> Result<i64> {
         let (at, word) = self.next().ok_or(TextError { at: self.at, expected })?;
-        let number = parse_integer(word).filter(|number| (least..=most).contains(number));
+        let number = parse_integer(word).filter(|number| (min..=max).contains(number));
         number.ok_or(TextError { at, expected })
     }
 

@@ -23,9 +23,9 @@ pub(super) fn cut_rtu(bytes: &[u8], direction: Option<Direction>, ended: bool) -
         HeadScan::Broken(len) => Some(len),
         HeadScan::More | HeadScan::Nothing => None,
     };
-    let most = bytes.len().min(SEARCH_MAX);
+    let max = bytes.len().min(SEARCH_MAX);
     let next =
-        (1..most).find(|&at| matches!(scan_head(&bytes[at..], direction), HeadScan::Frame(_)));
+        (1..max).find(|&at| matches!(scan_head(&bytes[at..], direction), HeadScan::Frame(_)));
     match (next, broken) {
         (Some(at), _) if has_announced_len(&bytes[..at], direction) => FrameBoundary::Corrupt(at),
         (Some(at), _) => FrameBoundary::Skip(at),
@@ -34,7 +34,7 @@ pub(super) fn cut_rtu(bytes: &[u8], direction: Option<Direction>, ended: bool) -
         (None, None) if (ADU_MIN..=ADU_MAX).contains(&bytes.len()) => {
             FrameBoundary::Corrupt(bytes.len())
         }
-        (None, None) => FrameBoundary::Skip(most.max(1)),
+        (None, None) => FrameBoundary::Skip(max.max(1)),
     }
 }
 

@@ -95,8 +95,8 @@ impl SerialHost {
     pub(super) fn handle_proof_timeout(&mut self) {
         let Some(proof) = self.proof else { return };
         let silent = proof.unanswered + 1;
-        let most = if self.received_any { UNANSWERED_MAX } else { 1 };
-        if silent <= most && self.outstanding_len < OUTSTANDING_MAX {
+        let max = if self.received_any { UNANSWERED_MAX } else { 1 };
+        if silent <= max && self.outstanding_len < OUTSTANDING_MAX {
             self.outstanding[..self.outstanding_len]
                 .iter_mut()
                 .for_each(|awaited| awaited.role = ReplyRole::Abandoned);

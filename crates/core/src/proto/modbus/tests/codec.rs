@@ -170,8 +170,8 @@ impl Random {
         let x = self.0;
         (x ^ x >> 29).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 16
     }
-    pub fn below(&mut self, most: u64) -> u64 {
-        self.next() % most
+    pub fn below(&mut self, max: u64) -> u64 {
+        self.next() % max
     }
 }
 

@@ -76,9 +76,9 @@ fn exceptions_are_the_drives_own_words() {
         assert_eq!(world.read(0, 0), Err(Failure::Refused { code: 3 }));
         assert_eq!(world.read(0, 126), Err(Failure::Refused { code: 3 }));
         assert_eq!(world.read(0xFFFF, 2), Err(Failure::Refused { code: 2 }));
-        let most = if format == WireFormat::Ascii { 12 } else { 125 };
-        assert!(world.read(0, most).is_ok());
-        assert_eq!(world.read(0, most + 1), Err(Failure::Refused { code: 3 }));
+        let max = if format == WireFormat::Ascii { 12 } else { 125 };
+        assert!(world.read(0, max).is_ok());
+        assert_eq!(world.read(0, max + 1), Err(Failure::Refused { code: 3 }));
     }
 }
 

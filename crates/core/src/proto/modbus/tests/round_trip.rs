@@ -46,7 +46,7 @@ fn every_request_encodes_from_its_explanation() {
     for round in 0..2_000_u16 {
         data.iter_mut().for_each(|byte| *byte = random() as u8);
         let (unit, start) = (1 + (random() % 247) as u8, random() as u16 & 0x7FFF);
-        let count = |most: u16| 1 + round % most;
+        let count = |max: u16| 1 + round % max;
         for space in [Space::Holding, Space::Input, Space::Coil, Space::Discrete] {
             both(unit, &RequestPdu::Read { space, start, count: count(space.read_max()) });
         }

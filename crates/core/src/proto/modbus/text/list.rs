@@ -112,8 +112,8 @@ fn parse_address(token: &Token<'_>) -> Result<u16, TextError> {
 }
 
 fn parse_position(token: &Token<'_>) -> Result<u16, TextError> {
-    let most = i64::from(READ_WORDS_MAX);
-    let found = parse_number(token.text).filter(|value| (1..=most).contains(value));
+    let max = i64::from(READ_WORDS_MAX);
+    let found = parse_number(token.text).filter(|value| (1..=max).contains(value));
     found
         .map(|value| value as u16)
         .ok_or(TextError { at: token.at, expected: "a number, 1 to 125" })

@@ -314,12 +314,12 @@ impl Session {
         let quiet = self.silent_module(module).filter(|_| worth && alone);
         quiet.is_some_and(|quiet| {
             let past = now >= quiet.since.plus_ns(FILLER_TIMEOUTS * self.timeout_ns);
-            let least = match quiet.missed_non_stop {
+            let min = match quiet.missed_non_stop {
                 true if quiet.offsets_tried > 0 => 1,
                 true => UNANSWERED_MIN,
                 false => UNANSWERED_STOPS_MIN,
             };
-            past && quiet.unanswered >= least
+            past && quiet.unanswered >= min
         })
     }
 }

@@ -153,7 +153,7 @@ impl Session {
     pub(super) fn handle_proof_timeout(&mut self, now: Instant, probe: &PendingExchange) {
         self.mark_suspect(now, probe, false);
         let module = probe.host_request.request.address;
-        let most = match self.has_answered(module) {
+        let max = match self.has_answered(module) {
             true if self.is_searching_offset(module) => MISALIGNED_PROBES_MAX,
             true => KNOWN_PROBES_MAX,
             false if self.may_start_misaligned(module) => MISALIGNED_PROBES_MAX,
@@ -161,7 +161,7 @@ impl Session {
         };
         let Some(waiting) = &mut self.unproven_request else { return };
         waiting.proofs_left = PROOFS_NEEDED;
-        if waiting.probes_sent < most {
+        if waiting.probes_sent < max {
             return self.send_proof_probe(now);
         }
         let ticket = waiting.ticket;

@@ -215,16 +215,16 @@ fn what_the_sum_cannot_see() {
 /// How many there are, how many the sum accepts, how many the host answers its caller with.
 fn measure(frames: &[Vec<u8>], good: &[u8]) -> (usize, usize, usize) {
     let passed = frames.iter().filter(|f| f[..] != *good && Reply::parse(f).is_ok()).count();
-    let mut taken = 0;
+    let mut consumed = 0;
     for bytes in frames.iter().filter(|f| Reply::parse(f).is_ok()) {
         let mut host = SerialHost::new(&options(0));
         let now = Instant(1);
         host.submit(now, Ticket(1), HostRequest::of(request(Opcode::Gap, 1, 0))).unwrap();
         host.poll_transmit(now, &mut [0; 32]).unwrap();
         host.handle_input(now.plus_ms(1), bytes);
-        taken += usize::from(matches!(host.poll_event(), Some((_, Ok(Answer::Reply(_))))));
+        consumed += usize::from(matches!(host.poll_event(), Some((_, Ok(Answer::Reply(_))))));
     }
-    (frames.len(), passed, taken)
+    (frames.len(), passed, consumed)
 }
 
 #[test]

@@ -65,9 +65,13 @@ fn explain_fault(fault: &Fault, sink: &mut dyn ExplainSink) {
 }
 
 /// What a register's value says, for a line: `axis on, motion complete`.
-pub(super) fn write_register_text(name: &str, value: u32, mut tell: impl FnMut(&'static str)) {
+pub(super) fn write_register_text(
+    name: &str,
+    value: u32,
+    mut report_line: impl FnMut(&'static str),
+) {
     for (register, value, _) in register_parts(name, value) {
         let meanings = register.shown_fields(value).map(|bits| bits.meaning(value));
-        meanings.filter(|meaning| !meaning.is_empty()).for_each(&mut tell);
+        meanings.filter(|meaning| !meaning.is_empty()).for_each(&mut report_line);
     }
 }

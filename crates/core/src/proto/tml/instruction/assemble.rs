@@ -193,7 +193,7 @@ impl<'a, 's> InstructionParser<'a, 's> {
             FormPiece::Memory => self.parse_memory(2),
             FormPiece::MemoryHigh => self.parse_memory(5),
             FormPiece::Counter => self.parse_counter(),
-            FormPiece::Count(bits, most) => self.parse_count(bits, most),
+            FormPiece::Count(bits, max) => self.parse_count(bits, max),
             FormPiece::Condition => self.parse_condition(),
             FormPiece::Point => self.parse_point(),
             FormPiece::Lines(at) => self.parse_lines(at),
@@ -237,8 +237,8 @@ impl<'a, 's> InstructionParser<'a, 's> {
         self.set_word(at + 1, high);
     }
 
-    fn parse_integer(&mut self, least: i64, most: i64, expected: &'static str) -> Result<i64> {
-        self.reader.read_number(expected)?.within(least, most, expected)
+    fn parse_integer(&mut self, min: i64, max: i64, expected: &'static str) -> Result<i64> {
+        self.reader.read_number(expected)?.within(min, max, expected)
     }
 
     /// A variable by name or address, or half of one.
@@ -385,14 +385,14 @@ impl<'a, 's> InstructionParser<'a, 's> {
         Ok(())
     }
 
-    fn parse_count(&mut self, bits: u8, most: u8) -> Result<()> {
-        let expected = match (bits, most) {
+    fn parse_count(&mut self, bits: u8, max: u8) -> Result<()> {
+        let expected = match (bits, max) {
             (4, 15) => "a number from 0 to 15",
             (5, _) => "a number from 0 to 16",
             (2, _) => "a number from 0 to 3",
             _ => "a number from 0 to 63",
         };
-        self.opcode |= self.parse_integer(0, most.into(), expected)? as u16;
+        self.opcode |= self.parse_integer(0, max.into(), expected)? as u16;
         Ok(())
     }
 
@@ -417,8 +417,8 @@ impl<'a, 's> InstructionParser<'a, 's> {
         const POSITION: &str = "a position of 24 bits: -8388608 to 8388607";
         const VELOCITY: &str = "a velocity from -32768.0 to 32767.996";
         let position = self.reader.read_number(POSITION)?;
-        let most = if position.hex.is_some() { 0xFF_FFFF } else { 0x7F_FFFF };
-        let position = position.within(-0x80_0000, most, POSITION)? as i32;
+        let max = if position.hex.is_some() { 0xFF_FFFF } else { 0x7F_FFFF };
+        let position = position.within(-0x80_0000, max, POSITION)? as i32;
         self.reader.expect_sign(",")?;
         let velocity = self.reader.read_number(VELOCITY)?;
         let raw = match (velocity.fixed, velocity.hex) {
@@ -426,8 +426,8 @@ impl<'a, 's> InstructionParser<'a, 's> {
             (None, Some(digits)) if digits > 4 => velocity.integer,
             _ => velocity.integer << 16,
         };
-        let most = if velocity.hex.is_some() { 0xFFFF_FFFF } else { 0x7FFF_FFFF };
-        if !(-0x8000_0000..=most).contains(&raw) {
+        let max = if velocity.hex.is_some() { 0xFFFF_FFFF } else { 0x7FFF_FFFF };
+        if !(-0x8000_0000..=max).contains(&raw) {
             return Err(velocity.failure(VELOCITY));
         }
         self.reader.expect_sign(",")?;
@@ -448,17 +448,11 @@ impl<'a, 's> InstructionParser<'a, 's> {
     }
 
     /// `(1, 3)`: numbers as bits of a word.
-    fn parse_bit_list(
-        &mut self,
-        at: u8,
-        least: i64,
-        most: i64,
-        expected: &'static str,
-    ) -> Result<()> {
+    fn parse_bit_list(&mut self, at: u8, min: i64, max: i64, expected: &'static str) -> Result<()> {
         self.reader.expect_sign("(")?;
         let mut word = 0;
         while !self.reader.accept_sign(")") {
-            word |= 1 << (self.parse_integer(least, most, expected)? - least);
+            word |= 1 << (self.parse_integer(min, max, expected)? - min);
             if !self.reader.accept_sign(",") {
                 self.reader.expect_sign(")")?;
                 break;

@@ -117,9 +117,9 @@ impl InstructionWriter<'_, '_> {
             FormPiece::Step => {}
             FormPiece::Memory => self.write_memory(opcode >> 2)?,
             FormPiece::MemoryHigh => self.write_memory(opcode >> 5)?,
-            FormPiece::Count(bits, most) => {
+            FormPiece::Count(bits, max) => {
                 let count = opcode & ((1 << bits) - 1);
-                if count > u16::from(most) {
+                if count > u16::from(max) {
                     return Err(Error);
                 }
                 return self.write(format_args!("{count}"));

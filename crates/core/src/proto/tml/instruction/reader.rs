@@ -52,8 +52,8 @@ impl ParsedNumber {
     }
 
     /// A whole number within bounds.
-    pub(super) fn within(&self, least: i64, most: i64, expected: &'static str) -> Result<i64> {
-        let good = self.fixed.is_none() && (least..=most).contains(&self.integer);
+    pub(super) fn within(&self, min: i64, max: i64, expected: &'static str) -> Result<i64> {
+        let good = self.fixed.is_none() && (min..=max).contains(&self.integer);
         if good { Ok(self.integer) } else { Err(self.failure(expected)) }
     }
 }

@@ -96,14 +96,14 @@ impl Session {
         let question = self.query_of(pending).is_some();
         let harmless = question || pending.host_request.class == RequestClass::Stop;
         let axis = pending.host_request.message.to.id;
-        let most = match (self.has_answered(axis), self.topology.scanning) {
+        let max = match (self.has_answered(axis), self.topology.scanning) {
             (true, _) => ATTEMPTS_MAX,
             (false, true) => 1,
             (false, false) => ATTEMPTS_MAX - 1,
         };
         let probe = pending.ticket.is_none();
-        let most = if self.no_retry_ticket == pending.ticket { 1 } else { most };
-        harmless && !probe && pending.attempts < most
+        let max = if self.no_retry_ticket == pending.ticket { 1 } else { max };
+        harmless && !probe && pending.attempts < max
     }
 
     const fn syncs_max(&self) -> u8 {

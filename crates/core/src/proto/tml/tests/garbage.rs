@@ -32,12 +32,12 @@ impl Random {
 }
 
 fn answer() -> ([u8; FRAME_MAX], usize) {
-    let taken = OnlineMessage::TakeData {
+    let online = OnlineMessage::TakeData {
         sender: IdCode::axis(5),
         cell: Cell::long(0x0228),
         value: 0x1234_5678,
     };
-    let message = Message { to: IdCode::host_at(255), instruction: taken.emit() };
+    let message = Message { to: IdCode::host_at(255), instruction: online.emit() };
     let mut frame = [0; FRAME_MAX];
     let len = serial::encode(&message, &mut frame);
     (frame, len)
@@ -138,7 +138,7 @@ fn a_deframer_gives_back_every_byte_it_is_given() {
             }
         }
         // A host loses the damaged frames alone; a drive those behind them too.
-        let least = if recovery == RecoveryPolicy::Search { FRAMES / 4 } else { FRAMES / 100 };
-        assert!(found > least, "{recovery:?}: {found} of {FRAMES}");
+        let min = if recovery == RecoveryPolicy::Search { FRAMES / 4 } else { FRAMES / 100 };
+        assert!(found > min, "{recovery:?}: {found} of {FRAMES}");
     }
 }

@@ -40,11 +40,11 @@ impl Interpolator {
     /// forward.
     #[inline]
     pub fn step(&mut self, top: f64, offset: f64) -> Setpoint {
-        let (mut way, most) = (self.target - self.position, top * TICK_S);
+        let (mut way, max) = (self.target - self.position, top * TICK_S);
         if self.ticks_left > 1 {
             way /= f64::from(self.ticks_left);
         }
-        let way = clamp_abs(way, most);
+        let way = clamp_abs(way, max);
         self.ticks_left = self.ticks_left.saturating_sub(1);
         self.position += way;
         let before = core::mem::replace(&mut self.velocity, way * TICKS_PER_S);

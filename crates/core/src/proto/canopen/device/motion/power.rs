@@ -90,13 +90,13 @@ pub enum StateChange {
 #[must_use]
 pub const fn change_for(
     state: PowerState,
-    order: PowerCommand,
+    power_command: PowerCommand,
     stays: bool,
     in_turn: bool,
 ) -> StateChange {
     use PowerCommand as O;
     use PowerState as S;
-    match (state, order) {
+    match (state, power_command) {
         (S::SwitchOnDisabled, O::Shutdown) => StateChange::To(S::Ready),
         (S::Ready, O::SwitchOn) => StateChange::To(S::SwitchedOn),
         (S::Ready, O::Enable) if in_turn => StateChange::To(S::SwitchedOn),

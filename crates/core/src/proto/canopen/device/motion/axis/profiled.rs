@@ -72,8 +72,8 @@ impl<const N: usize> MotionAxis<N> {
         target: f64,
         scene: &MotionContext<'_, S, T>,
     ) -> f64 {
-        let Some((least, greatest)) = scene.settings.position_limits() else { return target };
-        let cut = target.max(least).min(greatest);
+        let Some((min, greatest)) = scene.settings.position_limits() else { return target };
+        let cut = target.max(min).min(greatest);
         self.limited = cut != target;
         cut
     }
@@ -229,9 +229,9 @@ impl<const N: usize> MotionAxis<N> {
         let (top, speed) = (scene.settings.velocity_max(), scene.shaft.velocity());
         let (back, ahead) =
             (if scene.negative { 0.0 } else { top }, if scene.positive { 0.0 } else { top });
-        let most = (ahead - speed) * OVERSPEED_GAIN;
-        let least = (-back - speed) * OVERSPEED_GAIN;
-        let allowed = torque.min(most).max(least);
+        let max = (ahead - speed) * OVERSPEED_GAIN;
+        let min = (-back - speed) * OVERSPEED_GAIN;
+        let allowed = torque.min(max).max(min);
         self.limited = allowed != torque;
         scene.shaft.apply_torque(allowed);
     }
