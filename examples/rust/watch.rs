@@ -21,11 +21,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         println!("{} ({})", axis.label(), axis.profile().title);
         // Only what this drive can tell.
         let wanted = [Signal::Position, Signal::Velocity, Signal::Current];
-        let reports: Vec<Signal> =
+        let signals: Vec<Signal> =
             wanted.into_iter().filter(|signal| axis.profile().signal(*signal).is_some()).collect();
         let mut left = readings;
-        axis.watch(&reports, PERIOD, |values| {
-            let line: Vec<String> = reports
+        axis.watch(&signals, PERIOD, |values| {
+            let line: Vec<String> = signals
                 .iter()
                 .zip(values)
                 .map(|(signal, reading)| format!("{} {:.4}", signal.name(), reading.value))

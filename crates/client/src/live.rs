@@ -103,10 +103,10 @@ pub(crate) struct ChannelInfo {
 
 impl LiveConnection {
     pub(crate) async fn open(gateway: Gateway, wire: Dialer) -> Result<Self, GatewayError> {
-        let (asks, reply) = mpsc::channel(REQUESTS_MAX);
-        let known = socket_task::spawn_task(&wire, reply).await?;
+        let (request_sender, requests) = mpsc::channel(REQUESTS_MAX);
+        let known = socket_task::spawn_task(&wire, requests).await?;
         let channels = AtomicU16::new(0);
-        Ok(Self(Arc::new(LiveInner { gateway, requests: asks, cache: known, channels })))
+        Ok(Self(Arc::new(LiveInner { gateway, requests: request_sender, cache: known, channels })))
     }
 
     /// The server.

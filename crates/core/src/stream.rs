@@ -130,8 +130,8 @@ const WINDOW: usize = 512;
 impl BufferModel {
     /// An empty one, with room for so many points, of which so many count as few.
     #[must_use]
-    pub const fn new(space: u32, low_mark: u32) -> Self {
-        let capacity = if space as usize >= WINDOW { WINDOW as u32 - 1 } else { space };
+    pub const fn new(wanted: u32, low_mark: u32) -> Self {
+        let capacity = if wanted as usize >= WINDOW { WINDOW as u32 - 1 } else { wanted };
         Self { end_times: [0; WINDOW], sent: 0, capacity, low_mark, started_at: None }
     }
 

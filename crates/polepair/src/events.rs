@@ -172,9 +172,9 @@ impl Axis {
             result => result,
         };
         unlearnt.into_iter().try_for_each(|id| refused(self.read(id).map(drop)))?;
-        let mut reports =
+        let mut signal_parameters =
             self.profile.signals.iter().filter_map(|s| self.profile.parameter(s.parameter));
-        reports.try_for_each(|parameter| refused(self.read_unread_factors(parameter)))
+        signal_parameters.try_for_each(|parameter| refused(self.read_unread_factors(parameter)))
     }
 }
 

@@ -14,6 +14,9 @@ from types import ModuleType
 MODULES = ("polepair", "polepair._polepair", "polepair.aio", "polepair.can", "polepair.captures",
            "polepair.columns", "polepair.errors", "polepair.events", "polepair.explained",
            "polepair.quantity", "polepair.testing", "polepair.trace")
+PROTOCOLS = {"__enter__", "__exit__", "__aenter__", "__aexit__", "__iter__", "__next__", "__len__",
+             "__getitem__"}
+"""Special methods that programs use by syntax."""
 GOLDEN = Path(__file__).parent / "golden" / "surface.txt"
 
 
@@ -40,14 +43,8 @@ def members(name: str, thing: object) -> list[str]:
     if not inspect.isclass(thing):
         return [name + signature(thing)]
     lines = [f"{name}({', '.join(base.__name__ for base in thing.__bases__)})"]
-    inherited = dir(Exception) if issubclass(thing, BaseException) else dir(object)
     for member in dir(thing):
-        if member.startswith("_") and (not member.startswith("__") or member in inherited):
-            continue
-        if member in {"__annotations__", "__dict__", "__weakref__", "__slots__", "__parameters__"}:
-            continue
-        if member.startswith("__") and member not in {"__enter__", "__exit__", "__aenter__", "__aexit__",
-                                                      "__iter__", "__next__", "__len__", "__getitem__"}:
+        if member.startswith("_") and member not in PROTOCOLS:
             continue
         lines.append(f"{name}.{member}{signature(inspect.getattr_static(thing, member))}")
     return lines

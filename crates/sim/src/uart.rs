@@ -85,8 +85,8 @@ impl Waveform<'_> {
             0 => false,
             n if n <= data_bits => byte >> (n - 1) & 1 == 1,
             n if n == data_bits + 1 && self.line.parity != Parity::None => {
-                let anomaly = byte.count_ones() % 2 == 1;
-                anomaly == (self.line.parity == Parity::Even)
+                let is_odd = byte.count_ones() % 2 == 1;
+                is_odd == (self.line.parity == Parity::Even)
             }
             _ => true,
         }

@@ -102,7 +102,7 @@ impl WorldRunner {
         report: GatewayReport,
         history_sink: Option<HistorySink>,
     ) -> Self {
-        let mut reply = bench.subscribe_events();
+        let mut bench_events = bench.subscribe_events();
         let count = 1 + random.below(4) as usize;
         let clients = (0..count).map(|n| GatewayClient::new(n, &mut random, begin)).collect();
         let view = bench.snapshot();
@@ -134,7 +134,7 @@ impl WorldRunner {
             seen_starts: vec![0; observers.len()],
             observers,
             axis_verbs,
-            events: Box::new(move || reply.try_recv().ok()),
+            events: Box::new(move || bench_events.try_recv().ok()),
             channels,
             locked_since: None,
             last_id: 0,

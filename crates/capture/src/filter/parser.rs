@@ -141,7 +141,7 @@ impl Parser<'_> {
         match &token.kind {
             TokenKind::Quoted(text) => Ok(FilterTest::Text(containing(text))),
             TokenKind::Word(word) => match self.parse_notice_test(word)? {
-                Some(reports) => Ok(reports),
+                Some(test) => Ok(test),
                 None => match flag_test(word) {
                     Some(flag) => Ok(FilterTest::Flag(flag)),
                     None => self.parse_comparison(word, &token),

@@ -134,10 +134,10 @@ impl SummaryWriter {
         for (who, axis) in &summary.axes {
             let (steady, changing): (Vec<_>, Vec<_>) =
                 axis.states.iter().partition(|(_, states)| states.count <= 1);
-            let mut reports = product_text(summary, *who, manner.product(*who, axis));
+            let mut parts = product_text(summary, *who, manner.product(*who, axis));
             let states = steady.iter().filter_map(|(what, states)| Some((what, states.current?.0)));
-            reports.extend(states.map(|(what, state)| format!("{what} {state}")));
-            let (name, frames, output) = (axis_label(*who), axis.frames, reports.join("; "));
+            parts.extend(states.map(|(what, state)| format!("{what} {state}")));
+            let (name, frames, output) = (axis_label(*who), axis.frames, parts.join("; "));
             let line = format!("  {name:<width$}  {frames:>8}  {output}");
             let _ = writeln!(self.out, "{}", line.trim_end());
             for (what, states) in changing {

@@ -249,6 +249,6 @@ fn faults_text(axis: &Axis) -> Result<String> {
 
 fn cause_and_remedy(cause: &str, remedy: &str) -> String {
     let both = [("cause", cause), ("remedy", remedy)].into_iter();
-    let reports = both.filter(|(_, sentence)| !sentence.is_empty());
-    reports.map(|(word, sentence)| format!("    {word:<7} {sentence}\n")).collect()
+    let sentences = both.filter(|(_, sentence)| !sentence.is_empty());
+    sentences.map(|(word, sentence)| format!("    {word:<7} {sentence}\n")).collect()
 }

@@ -184,9 +184,13 @@ impl Recorder {
             0 => String::new(),
             count => format!("; {count} {what}"),
         };
-        let anomaly = reported(self.malformed, "were no frames of classic CAN and are not kept")
-            + &reported(self.damaged, "characters came damaged (framing or parity)");
-        print_note(&format!("{what}{files} in {seconds:.1} s, {} dropped{anomaly}", self.overrun));
+        let malformed_text =
+            reported(self.malformed, "were no frames of classic CAN and are not kept")
+                + &reported(self.damaged, "characters came damaged (framing or parity)");
+        print_note(&format!(
+            "{what}{files} in {seconds:.1} s, {} dropped{malformed_text}",
+            self.overrun
+        ));
         // The file is whole: now stdout may take its time.
         let skipped = printer.map_or(Ok(0), LivePrinter::finish)?;
         if skipped > 0 {

@@ -150,7 +150,7 @@ pub(crate) fn module(
 /// One with two motors: MST with the motor in its third byte, status 4 for a motor that it has not.
 #[test]
 fn a_module_with_several_motors_has_all_of_them_stopped() {
-    let (sender, reply) = mpsc::channel();
+    let (sender, commands) = mpsc::channel();
     let mut turns = true;
     let (url, module) = module(move |opcode, motor| match (opcode, motor) {
         (136, _) => Some((100, 0x17DE_0112)),
@@ -171,14 +171,14 @@ fn a_module_with_several_motors_has_all_of_them_stopped() {
         "{}",
         ran.err
     );
-    let order: Vec<u8> = reply.iter().collect();
+    let order: Vec<u8> = commands.iter().collect();
     assert_eq!(&order[..2], &[0, 1]);
 }
 
 /// One with six motors, one of which is not answered: the further ones are told all the same.
 #[test]
 fn a_motor_that_is_not_answered_keeps_no_other_from_its_stop() {
-    let (sender, reply) = mpsc::channel();
+    let (sender, commands) = mpsc::channel();
     let (url, module) = module(move |opcode, motor| match (opcode, motor) {
         (136, _) => Some((100, 0x17DE_0112)),
         (3, 2) => None,
@@ -191,7 +191,7 @@ fn a_motor_that_is_not_answered_keeps_no_other_from_its_stop() {
     });
     let ran = timed(&["stop", &url]);
     module.join().expect("a module");
-    let reports: BTreeSet<u8> = reply.iter().collect();
+    let reports: BTreeSet<u8> = commands.iter().collect();
     assert_eq!(reports, [0, 1, 3, 4, 5].into());
     assert_eq!(ran.code, 7, "{}", ran.err);
     for text in [

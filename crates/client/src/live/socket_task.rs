@@ -34,7 +34,7 @@ type ClientSocket = WebSocketStream<Box<dyn ServerStream>>;
 /// Connects, hears who we are, and leaves the rest to a task of its own.
 pub(super) async fn spawn_task(
     wire: &Dialer,
-    reply: mpsc::Receiver<LiveRequest>,
+    requests: mpsc::Receiver<LiveRequest>,
 ) -> Result<Arc<LiveCache>, GatewayError> {
     let mut socket = connect_socket(wire).await?;
     let welcome = timeout(SILENT_MAX, await_welcome(&mut socket)).await;
@@ -50,7 +50,7 @@ pub(super) async fn spawn_task(
         frame_buffer: None,
         last_received: clock::now(),
     };
-    tokio::spawn(task.run(reply));
+    tokio::spawn(task.run(requests));
     Ok(known)
 }
 
@@ -107,14 +107,14 @@ struct SocketTask {
 }
 
 impl SocketTask {
-    async fn run(mut self, mut reply: mpsc::Receiver<LiveRequest>) {
+    async fn run(mut self, mut requests: mpsc::Receiver<LiveRequest>) {
         let mut renew = interval(RENEW);
         renew.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let ended = loop {
             let went_on = tokio::select! {
                 biased;
                 _ = renew.tick() => self.renew_leases().await,
-                request = reply.recv() => match request {
+                request = requests.recv() => match request {
                     Some(live_request) => self.handle_request(live_request).await,
                     // Nobody holds or watches anything any more.
                     None => {
@@ -129,10 +129,10 @@ impl SocketTask {
             }
         };
         // From here on nothing more is taken, and what was not said yet never will be.
-        reply.close();
+        requests.close();
         self.cache.set_disconnected(ended.clone());
         self.wake_streams();
-        while let Some(live_request) = reply.recv().await {
+        while let Some(live_request) = requests.recv().await {
             live_request.fail(GatewayError { executed: Some(false), ..ended.clone() });
         }
         // Who waited has gone, or hears it; here and below.

@@ -134,13 +134,13 @@ impl Axis {
                 _ => Some(format!("{word}: {left} steps and {first}")),
             }
         };
-        let reports = [
+        let parts = [
             named("done", extent.done),
             named("refused", extent.refused),
             named("not known whether done", extent.unknown),
             extent.rolled_back.then(|| "what was done was taken back".to_owned()),
         ];
-        let messages: Vec<String> = reports.into_iter().flatten().collect();
+        let messages: Vec<String> = parts.into_iter().flatten().collect();
         format!("it was executed in part; {}", messages.join("; "))
     }
 
@@ -171,18 +171,18 @@ impl Axis {
     }
 
     fn failure_reason(&self, failure: Failure) -> (String, String) {
-        let is_kind = |reason: &str, hint: &str| (reason.to_owned(), hint.to_owned());
+        let reason_and_hint = |reason: &str, hint: &str| (reason.to_owned(), hint.to_owned());
         match failure {
             Failure::Refused { code } => self.refusal_reason(code),
-            Failure::Misbehaved => is_kind(
+            Failure::Misbehaved => reason_and_hint(
                 "what came back was corrupt or answered another question",
                 "look for two drives with one address, an echoing adapter, noise or a wrong baud \
                  rate; `-v` shows the frames",
             ),
             Failure::NotReached => {
-                is_kind("not reached in time", "see whether something blocks it")
+                reason_and_hint("not reached in time", "see whether something blocks it")
             }
-            Failure::NotReady { hint } => is_kind("the drive is not ready", hint),
+            Failure::NotReady { hint } => reason_and_hint("the drive is not ready", hint),
             Failure::Faulted { code } => self.fault_reason(code),
             Failure::Differs { start, end } => (
                 format!("the drive has other words at {start:04X} to {end:04X}"),
@@ -190,7 +190,7 @@ impl Axis {
                  (LOCKEEPROM), not there, or worn out"
                     .to_owned(),
             ),
-            Failure::Cancelled => is_kind("a stop or a newer command came between", ""),
+            Failure::Cancelled => reason_and_hint("a stop or a newer command came between", ""),
             Failure::LinkDown => {
                 let trouble = self.connection.link_error();
                 let hint = trouble.as_ref().map(|t| t.hint().to_owned()).unwrap_or_default();

@@ -355,9 +355,9 @@ impl KnownAxis {
         let readable = |id: &ParameterId| {
             profile.parameter(*id).is_some_and(|parameter| parameter.access != Access::Write)
         };
-        let reports = profile.signals.iter().map(|source| source.parameter);
+        let signal_parameters = profile.signals.iter().map(|source| source.parameter);
         let all = (0..).map(ParameterId).take(profile.parameters.len());
-        let id = reports.chain(all).find(readable)?;
+        let id = signal_parameters.chain(all).find(readable)?;
         let counters = || self.axis.connection().with_axes(|axes, _| axes.counters());
         let before = counters();
         let answers = match self.axis.read(id) {

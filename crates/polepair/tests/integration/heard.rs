@@ -118,8 +118,8 @@ fn an_acknowledgement_is_no_answer_and_a_relays_is_another_drives() {
 /// A drive that takes its stop and then tells nothing was told to stop, and may turn.
 #[test]
 fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
-    let anomaly = OddDrive::giving(|_| vec![b'O']);
-    let url = format!("tml+serial://{}?profile=technosoft-f514l&timeout=300#1", anomaly.path);
+    let odd_drive = OddDrive::giving(|_| vec![b'O']);
+    let url = format!("tml+serial://{}?profile=technosoft-f514l&timeout=300#1", odd_drive.path);
     let link = connect(&url).expect("a link");
     let mut stopping = StopSequence::begin(&link.axes()[0]);
     stopping.wait(&link.axes()[0], Duration::from_secs(10));
@@ -133,15 +133,15 @@ fn a_look_that_is_not_answered_is_no_stop_that_was_not_executed() {
 #[test]
 fn a_wrong_check_on_modbus_is_told() {
     // One register, with the sum of another value.
-    let anomaly = OddDrive::giving(|_| vec![1, 3, 2, 0, 5, 0x79, 0x84]);
-    let (details, text) = anomaly.query_drive("modbus-rtu", "syntron-ts", 1, "motor speed");
+    let odd_drive = OddDrive::giving(|_| vec![1, 3, 2, 0, 5, 0x79, 0x84]);
+    let (details, text) = odd_drive.query_drive("modbus-rtu", "syntron-ts", 1, "motor speed");
     assert!(details.cause() == NoReplyCause::Corrupt, "{text}");
 }
 
 #[test]
 fn who_connects_without_a_profile_is_told_as_well() {
-    let anomaly = OddDrive::giving(|_| tmcl(1, 7));
-    let url = format!("tmcl+serial://{}?timeout=300#1", anomaly.path);
+    let odd_drive = OddDrive::giving(|_| tmcl(1, 7));
+    let url = format!("tmcl+serial://{}?timeout=300#1", odd_drive.path);
     let (details, text) = failed(connect(&url).map(drop));
     assert!(details.corrupt > 0 && text.contains("does not answer on"), "{text}");
 }

@@ -462,7 +462,7 @@ impl Bench {
 /// The drives that are meant, and may be taken in.
 fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive>, GatewayError> {
     let found = lock_unpoisoned(&link.scan.found).clone();
-    let reports = link.scan.last_view().map(|view| view.found).unwrap_or_default();
+    let last_found = link.scan.last_view().map(|view| view.found).unwrap_or_default();
     let at = |one: &DetectedDrive| DriveAddress {
         protocol: one.protocol.to_owned(),
         number: one.number,
@@ -471,7 +471,7 @@ fn select_drives(link: &BenchLink, take: &AddDrives) -> Result<Vec<DetectedDrive
         let same = |found_drive: &&FoundDrive| {
             found_drive.number == one.number && found_drive.protocol == one.protocol
         };
-        reports.iter().find(same).and_then(|found_drive| found_drive.axis)
+        last_found.iter().find(same).and_then(|found_drive| found_drive.axis)
     };
     if let Some(missing) = take.drives.iter().find(|d| !found.iter().any(|f| at(f) == **d)) {
         let what = format!("no drive was found at {} {}", missing.protocol, missing.number);

@@ -39,6 +39,6 @@ fn read_axis_signals(axis: &Axis, signals: &[Signal]) -> Result<Vec<SignalValue>
     axis.signals(signals)?;
     let (state, now) = (axis.state(), axis.connection().now());
     let sources = signals.iter().filter_map(|signal| axis.profile().signal(*signal));
-    let reports = sources.filter_map(|source| signal_value(axis, &state, source, now));
-    Ok(reports.collect())
+    let values = sources.filter_map(|source| signal_value(axis, &state, source, now));
+    Ok(values.collect())
 }

@@ -62,7 +62,7 @@ fn faults(axis: &Axis, state: &AxisStatus) -> Vec<ActiveFault> {
         return vec![ActiveFault { code: raw, name, symbol, cause, remedy, warning }];
     }
     let stands = known.into_iter().filter(|fault| fault.severity != Severity::Note);
-    let reports = stands.map(|fault| ActiveFault {
+    let active_faults = stands.map(|fault| ActiveFault {
         code: fault.code,
         name: if fault.text.is_empty() { fault.name } else { fault.text }.to_owned(),
         symbol: fault.name.to_owned(),
@@ -70,5 +70,5 @@ fn faults(axis: &Axis, state: &AxisStatus) -> Vec<ActiveFault> {
         remedy: fault.remedy.to_owned(),
         warning: fault.severity != Severity::Fault,
     });
-    reports.collect()
+    active_faults.collect()
 }

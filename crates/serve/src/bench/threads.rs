@@ -52,16 +52,16 @@ impl Bench {
         first: usize,
         link: &polepair::Link,
     ) -> Result<(), GatewayError> {
-        let receives = self.new_event_listener(base, first, link);
+        let new_listener = self.new_event_listener(base, first, link);
         if !self.0.context.clock.is_real() {
-            lock_unpoisoned(&self.0.event_listeners).push(receives(link.events_from(first)?));
+            lock_unpoisoned(&self.0.event_listeners).push(new_listener(link.events_from(first)?));
             return Ok(());
         }
         let link = link.clone();
         let named = std::thread::Builder::new().name("event-listener".to_owned());
         // To listen, drives are asked first what they send; nobody waits for that.
         let listens = named.spawn(move || match link.events_from(first) {
-            Ok(events) => receives(events).run(),
+            Ok(events) => new_listener(events).run(),
             Err(error) => tracing::warn!(%error, "cannot listen for unsolicited messages"),
         });
         lock_unpoisoned(&self.0.threads).push(listens.map_err(|error| thread_error(&error))?);

@@ -80,9 +80,9 @@ pub(super) enum BroadcastEvent {
 impl Default for Broadcaster {
     fn default() -> Self {
         let places = Arc::new(Semaphore::new(VIEWERS_MAX));
-        let (states, reply_sender) =
+        let (states, event_sender) =
             (broadcast::Sender::new(STATES_MAX), broadcast::Sender::new(EVENTS_MAX));
-        Self { states, events: reply_sender, viewer_slots: places, cache: Arc::default() }
+        Self { states, events: event_sender, viewer_slots: places, cache: Arc::default() }
     }
 }
 

@@ -127,10 +127,10 @@ pub(super) async fn split(upgraded: Upgraded, encrypts: bool) -> Option<SplitSoc
     if !socket_reader.frame_counter.count_frames(&came) {
         return None;
     }
-    let receives =
+    let reading =
         WebSocketStream::from_partially_read(socket_reader, came, Role::Server, Some(config));
-    let reports = WebSocketStream::from_raw_socket(socket_writer, Role::Server, Some(config));
-    Some(SplitSocket { reader: receives.await, writer: reports.await })
+    let writing = WebSocketStream::from_raw_socket(socket_writer, Role::Server, Some(config));
+    Some(SplitSocket { reader: reading.await, writer: writing.await })
 }
 
 impl AsyncRead for SocketReader {

@@ -194,13 +194,13 @@ impl ParameterTrial {
 
     /// Whether the drive says nothing unasked: what it said could fill a bus.
     fn is_quiet(&mut self) -> bool {
-        let is_kind = |world: &World, wire, drive| match world.medium(wire) {
+        let last_tag = |world: &World, wire, drive| match world.medium(wire) {
             MediumKind::Serial => world.serial_status(wire, drive).last_sent.tag,
             MediumKind::Can => world.can_status(wire, drive).map_or(0, |s| s.last_sent.tag),
         };
-        let before = is_kind(&self.world, self.wire, self.drive);
+        let before = last_tag(&self.world, self.wire, self.drive);
         self.world.run_until(self.world.now().plus_ms(QUIET_MS));
-        is_kind(&self.world, self.wire, self.drive) == before
+        last_tag(&self.world, self.wire, self.drive) == before
     }
 
     /// Has the drive do whatever it does as it comes from the factory.

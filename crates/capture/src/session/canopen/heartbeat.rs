@@ -149,11 +149,11 @@ impl HeartbeatMonitor {
 
     /// A long and a short interval in turn.
     fn is_alternating(&self) -> bool {
-        let (even, anomaly) = (self.interval(0), self.interval(1));
-        let same = |at: usize, as_: u64| self.interval(at).abs_diff(as_) * 20 <= even + anomaly;
-        let (long, short) = (even.max(anomaly), even.min(anomaly));
+        let (even, odd) = (self.interval(0), self.interval(1));
+        let same = |at: usize, as_: u64| self.interval(at).abs_diff(as_) * 20 <= even + odd;
+        let (long, short) = (even.max(odd), even.min(odd));
         let apart = (long - short) * 3 > long && short * 100 > long;
-        apart && (0..INTERVALS_MAX).step_by(2).all(|at| same(at, even) && same(at + 1, anomaly))
+        apart && (0..INTERVALS_MAX).step_by(2).all(|at| same(at, even) && same(at + 1, odd))
     }
 
     /// The intervals in order, the oldest first.

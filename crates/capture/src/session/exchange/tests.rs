@@ -214,9 +214,9 @@ fn an_axis_that_spoke_and_answers_no_more_is_silent() {
     for _ in 0..12 {
         tape.after(200).request(&gap(1, 1)).after(200).request(&gap(2, 1)).reply(&position(2, 1));
     }
-    let anomaly = tape.report("tmcl").anomalies;
-    assert_eq!(anomaly.iter().filter(|kind| *kind == "silent").count(), 1, "{anomaly:?}");
-    assert!(anomaly.iter().any(|kind| kind == "unanswered"), "{anomaly:?}");
+    let anomalies = tape.report("tmcl").anomalies;
+    assert_eq!(anomalies.iter().filter(|kind| *kind == "silent").count(), 1, "{anomalies:?}");
+    assert!(anomalies.iter().any(|kind| kind == "unanswered"), "{anomalies:?}");
 }
 
 #[test]

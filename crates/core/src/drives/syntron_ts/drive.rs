@@ -620,8 +620,8 @@ impl DriveCore {
             return Err(RegisterError::Address);
         }
         let (min, max, signed) = write_limits(self.profile, number);
-        let intended = if signed { i64::from(value as i16) } else { i64::from(value) };
-        let fits = (min..=max).contains(&intended);
+        let new_value = if signed { i64::from(value as i16) } else { i64::from(value) };
+        let fits = (min..=max).contains(&new_value);
         let listed = match number {
             fn_registers::FORMAT => self.options.accepts_format(value),
             fn_registers::MODE => self.options.variant.has_mode(value),

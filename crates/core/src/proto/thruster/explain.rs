@@ -297,9 +297,9 @@ fn explain_drive_message(
 /// What is odd about a reply to that request.
 fn reply_remark(reply: &Reply, requested: Option<u32>) -> Option<&'static str> {
     let set = matches!(reply.command.definition(), Some((CommandKind::Set, _)));
-    let anomaly =
+    let differs =
         set && reply.data != REFUSED && requested.is_some_and(|requested| requested != reply.data);
-    if !anomaly {
+    if !differs {
         return None;
     }
     Some(match reply.command {

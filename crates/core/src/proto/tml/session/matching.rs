@@ -107,7 +107,7 @@ impl Session {
     }
 
     /// An answer of a moment ago is given again: by a second drive of that ID, if it happens always.
-    pub(in super::super) fn note_duplicate(&mut self, message: &OnlineMessage) -> bool {
+    pub(in crate::proto::tml) fn note_duplicate(&mut self, message: &OnlineMessage) -> bool {
         if self.stale_replies.note_duplicate(message) {
             self.counters.late += 1;
             return true;
