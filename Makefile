@@ -33,7 +33,7 @@ test: check
 check:
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets --locked --quiet -- -D warnings
-	POLEPAIR_READER_SECONDS=1 $(CARGO) test --workspace --locked --quiet --lib --bins --test readers
+	$(CARGO) test --workspace --locked --quiet --lib --bins --test readers
 
 ## web: the dashboard's page, checked, tried and built into web/dist; needs Node.js
 web: $(PAGE)

@@ -9,6 +9,7 @@ use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::{Severity, Signal};
 use polepair_core::time::Instant;
+use polepair_link::clock;
 
 use crate::interrupt;
 use crate::outcome;
@@ -392,7 +393,7 @@ impl HoldCheck {
         let stands = self.has_turned && si.abs() < requested.abs() * STANDSTILL_SHARE;
         self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
         match self.stands_since {
-            Some(since) if now.since(since) >= STANDSTILL_MAX => ended(
+            Some(since) if now.since(since) >= clock::scale_timeout(STANDSTILL_MAX) => ended(
                 "stands, and was to turn",
                 "Another program stopped it, or something holds it.",
             ),
@@ -542,7 +543,7 @@ impl StopRetryNotice {
 /// Waits until a motor that was told to stop stands still: without power it would coast.
 pub fn wait_standstill(axis: &Axis) -> Result<()> {
     let now = || axis.connection().now();
-    let end = now() + STANDSTILL_WAIT_MAX;
+    let end = now() + clock::scale_timeout(STANDSTILL_WAIT_MAX);
     while let Some(velocity) = read_signal(axis, Signal::Velocity)?
         && velocity.raw.abs() > 1
         && now() < end

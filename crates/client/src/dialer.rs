@@ -10,6 +10,7 @@ use hyper::body::Bytes;
 use hyper::client::conn::http1::handshake;
 use hyper::header::HOST;
 use hyper_util::rt::TokioIo;
+use polepair_link::clock;
 use polepair_messages::{PROOF_BYTES, Proof, token_proof};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
@@ -63,7 +64,7 @@ impl Dialer {
                 None => Ok(stream),
             }
         };
-        timeout(CONNECT_MAX, dialled).await.map_err(|_| late())?
+        timeout(clock::scale_timeout(CONNECT_MAX), dialled).await.map_err(|_| late())?
     }
 
     /// The connection, once the server at its other end has proved to have our token.

@@ -51,7 +51,7 @@ impl RestClient {
 
     /// Reads what the server knows by itself.
     pub async fn list<T: DeserializeOwned>(&self, path: &str) -> Result<T, GatewayError> {
-        self.request(Method::GET, path, Bytes::new(), LIST_MAX).await
+        self.request(Method::GET, path, Bytes::new(), clock::scale_timeout(LIST_MAX)).await
     }
 
     /// Has something done. It is sent once, whatever becomes of it.
@@ -123,7 +123,8 @@ impl RestClient {
 
     async fn open_sender(&self) -> Result<HttpSender, GatewayError> {
         let stored = self.idle_sender.lock().ok().and_then(|mut stored| stored.take());
-        let fresh = stored.filter(|(_, at)| clock::now().since(*at) < QUIET_MAX);
+        let fresh =
+            stored.filter(|(_, at)| clock::now().since(*at) < clock::scale_timeout(QUIET_MAX));
         if let Some((mut sender, _)) = fresh
             && sender.ready().await.is_ok()
         {

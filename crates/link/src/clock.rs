@@ -1,4 +1,4 @@
-//! The only place that reads the clock.
+//! The only place that reads the clock, and the one that scales time-outs.
 
 use std::sync::OnceLock;
 use std::time::{Duration, SystemTime};
@@ -37,6 +37,46 @@ pub(crate) fn instant_of_stamp(wall_ns: u64) -> Instant {
 pub fn sleep_until(at: Instant) {
     std::thread::sleep(at.since(now()));
 }
+
+/// How many times as long as usual time-outs are: 1, unless `POLEPAIR_TIMEOUT_SCALE` gives another whole
+/// number up to 100.
+///
+/// For tests only: on a busy machine a process may not run for longer than a reply may take. It is read
+/// once. What is scaled are the times after which something counts as failed (replies, leases, silence,
+/// standstill); what a user gives as a duration is not, nor are periods.
+#[must_use]
+pub fn timeout_scale() -> u32 {
+    *TIMEOUT_SCALE.get_or_init(|| {
+        let given = std::env::var(TIMEOUT_SCALE_VARIABLE).ok();
+        let scale = given.and_then(|text| text.parse().ok()).unwrap_or(1);
+        if (1..=TIMEOUT_SCALE_MAX).contains(&scale) { scale } else { 1 }
+    })
+}
+
+/// Sets the scale of this process's time-outs, as `POLEPAIR_TIMEOUT_SCALE` does; for tests that do not
+/// start a process. The first setting holds, and so does a scale that was read before.
+pub fn set_timeout_scale(scale: u32) {
+    let _ = TIMEOUT_SCALE.set(scale.clamp(1, TIMEOUT_SCALE_MAX));
+}
+
+/// A time-out, scaled. Beyond ten seconds it does not grow: that is long enough for any machine.
+#[must_use]
+pub fn scale_timeout(timeout: Duration) -> Duration {
+    (timeout * timeout_scale()).min(SCALED_TIMEOUT_MAX).max(timeout)
+}
+
+/// The same in milliseconds.
+#[must_use]
+pub fn scaled_ms(timeout_ms: u32) -> u32 {
+    let scaled = scale_timeout(Duration::from_millis(timeout_ms.into()));
+    u32::try_from(scaled.as_millis()).unwrap_or(u32::MAX)
+}
+
+/// The environment variable that scales time-outs.
+pub const TIMEOUT_SCALE_VARIABLE: &str = "POLEPAIR_TIMEOUT_SCALE";
+const TIMEOUT_SCALE_MAX: u32 = 100;
+const SCALED_TIMEOUT_MAX: Duration = Duration::from_secs(10);
+static TIMEOUT_SCALE: OnceLock<u32> = OnceLock::new();
 
 /// Where the monotonic and the wall clock stood together.
 struct ClockOrigin {

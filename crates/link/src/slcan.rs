@@ -8,6 +8,7 @@ use polepair_core::medium::{Can, CanLine, Frame, SerialLine, Stream};
 use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 
+use crate::clock;
 use crate::error::{Cause, LinkError};
 use crate::inbox::Inbox;
 use crate::link::{LinkIo, Losses, Received};
@@ -112,7 +113,7 @@ impl SlcanLink {
         // Twice: the first refusal may be a late answer to what was asked before.
         let mut refused = self.try_set_up(rate, QUIET_MS)?;
         if refused.is_some() {
-            refused = self.try_set_up(rate, ANSWER_MS)?;
+            refused = self.try_set_up(rate, clock::scaled_ms(ANSWER_MS))?;
         }
         match refused {
             None => Ok(()),
@@ -168,7 +169,7 @@ impl SlcanLink {
         // Each carriage return is answered, by most adapters.
         let mut answers = command.iter().filter(|&&byte| byte == b'\r').count();
         self.inner.send(command)?;
-        let until = self.inner.now().plus_ms(ANSWER_MS);
+        let until = self.inner.now().plus_ms(clock::scaled_ms(ANSWER_MS));
         let mut unread = self.lock_input();
         let mut done = None;
         while answers > 0 {

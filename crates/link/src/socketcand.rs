@@ -7,6 +7,7 @@ use polepair_core::medium::{Can, CanLine, Frame, Stream};
 use polepair_core::station::LineEvent;
 use polepair_core::time::Instant;
 
+use crate::clock;
 use crate::error::{Cause, LinkError};
 use crate::hex::TextWriter;
 use crate::inbox::Inbox;
@@ -84,7 +85,7 @@ impl SocketcandLink {
 
     /// Waits for the reply that is wanted; an error is the end.
     fn wait_for_reply(&self, wanted: impl Fn(ServerReply<'_>) -> bool) -> Result<(), LinkError> {
-        let until = self.inner.now().plus_ms(ANSWER_MS);
+        let until = self.inner.now().plus_ms(clock::scaled_ms(ANSWER_MS));
         let mut unread = self.lock_input();
         loop {
             match unread.next_end() {

@@ -83,7 +83,7 @@ fn connect(address: &str) -> Result<TcpStream, LinkError> {
     let mut last = LinkError::new(address, Cause::NotFound)
         .with_hint("The host name or port number is not understood.");
     for address_of_host in resolve(address)? {
-        match TcpStream::connect_timeout(&address_of_host, CONNECT_TIMEOUT) {
+        match TcpStream::connect_timeout(&address_of_host, clock::scale_timeout(CONNECT_TIMEOUT)) {
             Ok(stream) => return Ok(stream),
             Err(error) => last = LinkError::from_io(address, &error),
         }

@@ -24,7 +24,7 @@ use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::{CountedLink, SharedLink};
 use polepair_core::medium::{Can, Frame};
 use polepair_core::profile::Profile;
-use polepair_link::{LinkError, LinkIo, Received};
+use polepair_link::{LinkError, LinkIo, Received, clock};
 use std::ops::{ControlFlow, RangeInclusive};
 
 /// Addresses that one scan tries at most on one wire.
@@ -243,7 +243,8 @@ fn addresses_to_query(
         let mut received = listen_for_senders(link, &listener, LISTEN_MS, broken)?;
         if let Some(question) = listener.question.as_ref().filter(|_| !broken()) {
             link.send(question)?;
-            received.extend(listen_for_senders(link, &listener, ANSWERS_MS, broken)?);
+            let answers_ms = clock::scaled_ms(ANSWERS_MS);
+            received.extend(listen_for_senders(link, &listener, answers_ms, broken)?);
             wanted.retain(|number| received.contains(number));
             text.push_str(", all with one question");
         }

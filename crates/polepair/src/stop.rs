@@ -241,7 +241,7 @@ fn find_and_stop(
     let soon = NAMED_QUERY_MAX.max(2 * query_timeout(url, line)?);
     let patience = stopped.reply_timeout.or(generic.plan(verb).map(|_| soon));
     let prober = Prober::new(line, &connector.config).with_timeout(patience);
-    let end = clock::now() + SEARCH_MAX;
+    let end = clock::now() + SEARCH_MAX * clock::timeout_scale();
     let (mut found, mut deaf, mut unknown) = (Vec::new(), Vec::new(), Vec::new());
     for (done, &number) in wanted.iter().enumerate() {
         if !named && clock::now() > end {
@@ -307,7 +307,7 @@ fn find_and_stop(
             _ => found.push(one),
         }
     }
-    let end = clock::now() + IDENTIFY_RETRY_MAX;
+    let end = clock::now() + clock::scale_timeout(IDENTIFY_RETRY_MAX);
     for (number, report, error) in unknown {
         let one = loop {
             let one = unidentified::reidentify(&prober, line, number)?;
@@ -337,7 +337,7 @@ fn stop_found(
     for axis in connector.axes_of_found(line, std::slice::from_ref(one))? {
         // One that only listens may obey. What it says is heard when all are waited for.
         if let Ok(mut running) = start_stop(&axis, *verb) {
-            let _ = running.wait(STOP_WAIT_MAX);
+            let _ = running.wait(clock::scale_timeout(STOP_WAIT_MAX));
             on_event(StopEvent::StopSent(&axis));
         }
     }
@@ -352,7 +352,8 @@ fn stop_unanswered(
 ) -> Result<Result<(), Error>, Error> {
     let axes = connector.axes_of_found(line, std::slice::from_ref(one))?;
     let reported = |axis: &Axis| {
-        start_stop(axis, *verb).and_then(|mut running| running.wait(SILENT_STOP_WAIT_MAX))
+        start_stop(axis, *verb)
+            .and_then(|mut running| running.wait(clock::scale_timeout(SILENT_STOP_WAIT_MAX)))
     };
     Ok(axes.iter().try_for_each(|axis| reported(axis).map(drop)))
 }
@@ -447,11 +448,12 @@ fn wait_standstill(axes: &[Axis], verb: Verb) -> Vec<(String, Result<Standstill,
 /// The same by any other verb.
 fn run_to_standstill(axes: &[Axis], verb: Verb) -> Vec<Result<Standstill, Error>> {
     let running = start_stops(axes, verb);
-    let end = clock::now() + STANDSTILL_WAIT_MAX;
+    let wait_max = clock::scale_timeout(STANDSTILL_WAIT_MAX);
+    let end = clock::now() + wait_max;
     let ended = axes.iter().zip(running).map(|(axis, running)| {
         let mut running = running?;
         let left = end.since(clock::now());
-        running.wait(left)?.map(drop).ok_or_else(|| axis.not_at_rest_error(STANDSTILL_WAIT_MAX))
+        running.wait(left)?.map(drop).ok_or_else(|| axis.not_at_rest_error(wait_max))
     });
     // All brake meanwhile.
     let ended: Vec<Result<(), Error>> = ended.collect();

@@ -215,14 +215,14 @@ impl Viewer {
     /// Hears what is said, and does it: a stop at once, all else in its turn.
     async fn read(&self, mut from: WebSocketStream<SocketReader>) {
         let (mut pace, mut waiting) = (RateLimiter::default(), IncomingQueue::default());
-        let mut silent = clock::now() + SILENT_MAX;
+        let mut silent = clock::now() + clock::scale_timeout(SILENT_MAX);
         loop {
             let next = waiting.next_output();
             tokio::select! {
                 biased;
                 message = from.next(), if waiting.has_room() => {
                     let Some(Ok(message)) = message else { return };
-                    silent = clock::now() + SILENT_MAX;
+                    silent = clock::now() + clock::scale_timeout(SILENT_MAX);
                     match message {
                         Message::Text(text) => self.receive_text(&text, &mut pace, &mut waiting),
                         Message::Binary(_) => {
@@ -502,7 +502,7 @@ impl ViewerWriter {
         asks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             for message in messages.drain(..) {
-                let sent = timeout(SILENT_MAX, to.send(message)).await;
+                let sent = timeout(clock::scale_timeout(SILENT_MAX), to.send(message)).await;
                 if !matches!(sent, Ok(Ok(()))) {
                     return;
                 }

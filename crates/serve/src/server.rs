@@ -15,6 +15,7 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use polepair::Connector;
 use polepair::url::shell_word;
+use polepair_link::clock;
 use serde_json::json;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
@@ -116,10 +117,10 @@ impl GatewayServer {
         let journal = Arc::new(journal);
         let opened = bench::BenchOptions {
             connector,
+            lease_duration: clock::scale_timeout(bench::LEASE_DURATION),
             last_epoch: journal.count(),
             inherited_stops: pending.clone(),
             journal: Arc::<JournalFile>::clone(&journal),
-            ..bench::BenchOptions::default()
         };
         let bench = Bench::open(urls, opened)?;
         let links: Vec<_> = bench.snapshot().links.into_iter().map(|link| link.url).collect();
@@ -233,7 +234,9 @@ impl GatewayServer {
             // One that panicked is over as well.
             let _ = end.send(());
             let _ = thread.join();
-            inbound.block_on(self.state.broadcaster.wait_until_empty(SHUTDOWN_MAX));
+            inbound.block_on(
+                self.state.broadcaster.wait_until_empty(clock::scale_timeout(SHUTDOWN_MAX)),
+            );
         }
         let ended = self.state.bench.write_journal("server", JournalAction::Ended, json!({}));
         if let Err(error) = self.state.bench.close_journal().and_then(|()| ended.wait()) {
@@ -364,7 +367,9 @@ async fn serve_connection(
     match tls {
         None => serve_requests(stream, app, &slot, here).await,
         Some(tls) => {
-            if let Ok(Ok(stream)) = tokio::time::timeout(HEAD_MAX, tls.accept(stream)).await {
+            if let Ok(Ok(stream)) =
+                tokio::time::timeout(clock::scale_timeout(HEAD_MAX), tls.accept(stream)).await
+            {
                 serve_requests(stream, app, &slot, here).await;
             }
         }
@@ -385,7 +390,9 @@ async fn serve_requests(
         async move { Ok::<_, Infallible>(unwrap_infallible(app.oneshot(request.map(Body::new)).await)) }
     });
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(HEAD_MAX).max_buf_size(HEAD_BYTES_MAX);
+    http.timer(TokioTimer::new())
+        .header_read_timeout(clock::scale_timeout(HEAD_MAX))
+        .max_buf_size(HEAD_BYTES_MAX);
     // Whoever breaks off or sends no HTTP hears no more.
     let _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
 }

@@ -101,7 +101,7 @@ impl WatchCommand {
             }
         }
         interrupt::listen(|| {});
-        let end = clock::now() + FIRST_MAX;
+        let end = clock::now() + clock::scale_timeout(FIRST_MAX);
         for column in &columns {
             while (column.read)()?.is_nan() && clock::now() < end && !interrupt::was_interrupted() {
                 clock::sleep_until(clock::now().plus_ms(FIRST_POLL_MS));
@@ -144,7 +144,7 @@ impl WatchCommand {
         };
         let periods =
             Duration::try_from_secs_f64(FRESH_PERIODS / self.rate).unwrap_or(Duration::MAX);
-        let fresh = FRESH_MIN.max(periods);
+        let fresh = clock::scale_timeout(FRESH_MIN).max(periods);
         let read = move || {
             let last = watched.last(fresh).map_err(remote::refusal_problem)?;
             Ok(last.map_or(f64::NAN, |sample| sample.value / one))

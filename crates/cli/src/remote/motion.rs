@@ -306,7 +306,8 @@ fn check_lease(live: &LiveConnection, leased: &LeasedAxis<'_>) -> Result<()> {
 fn wait_rest(live: &LiveConnection, leased: &LeasedAxis<'_>) -> bool {
     let started_at = clock::now();
     loop {
-        let is_last = clock::now().since(started_at) >= LOST_MAX || live.check().is_err();
+        let is_last = clock::now().since(started_at) >= clock::scale_timeout(LOST_MAX)
+            || live.check().is_err();
         let since = clock::now().since(started_at).as_secs_f64() * 1e3;
         let is_over = leased.lease.state().is_some_and(|state| {
             let newest = newest_ms(&state);
@@ -324,8 +325,8 @@ fn wait_rest(live: &LiveConnection, leased: &LeasedAxis<'_>) -> bool {
 
 /// Ends when the drive has been silent for too long, by what the server says.
 fn check_responding(live: &LiveConnection, leased: &LeasedAxis<'_>) -> Result<()> {
-    let is_news = live.silence() < SERVER_SILENT_MAX;
-    if !is_news || clock::now().since(leased.since) < SILENT_MAX {
+    let is_news = live.silence() < clock::scale_timeout(SERVER_SILENT_MAX);
+    if !is_news || clock::now().since(leased.since) < clock::scale_timeout(SILENT_MAX) {
         return Ok(());
     }
     let silent = leased.lease.state().and_then(|state| silent_problem(leased.axis, &state));
@@ -345,7 +346,8 @@ pub fn silent_problem(axis: &AxisInfo, state: &AxisState) -> Option<Problem> {
 
 /// Whether nothing of what is known was heard lately.
 fn is_silent(state: &AxisState) -> bool {
-    !state.signals.is_empty() && newest_ms(state) > SILENT_MAX.as_secs_f64() * 1e3
+    !state.signals.is_empty()
+        && newest_ms(state) > clock::scale_timeout(SILENT_MAX).as_secs_f64() * 1e3
 }
 
 /// How old the newest of what is known is, ms.
@@ -452,7 +454,7 @@ pub fn fresh_state(server: &RemoteSession, axis: &AxisInfo) -> Result<AxisState>
         let since = clock::now().since(started_at);
         let is_new = |read: &SignalValue| read.age_ms <= since.as_secs_f64() * 1e3;
         let all = state.signals.len() >= axis.signals.len() && state.signals.iter().all(is_new);
-        if all || since >= FRESH_MAX {
+        if all || since >= clock::scale_timeout(FRESH_MAX) {
             return Ok(state);
         }
         clock::sleep_until(clock::now() + POLL_INTERVAL);
@@ -465,7 +467,7 @@ pub fn read_fresh(
     axis: &AxisInfo,
     signal: Signal,
 ) -> Result<Option<SignalValue>> {
-    read_since(server, axis, signal, clock::now() + FRESH_MAX)
+    read_since(server, axis, signal, clock::now() + clock::scale_timeout(FRESH_MAX))
 }
 
 /// A signal as it is now, with its unit.

@@ -37,7 +37,7 @@ pub(super) async fn spawn_task(
     requests: mpsc::Receiver<LiveRequest>,
 ) -> Result<Arc<LiveCache>, GatewayError> {
     let mut socket = connect_socket(wire).await?;
-    let welcome = timeout(SILENT_MAX, await_welcome(&mut socket)).await;
+    let welcome = timeout(clock::scale_timeout(SILENT_MAX), await_welcome(&mut socket)).await;
     let (session, server_ms) = welcome.unwrap_or_else(|_| Err(server_lost("it says nothing")))?;
     let known = Arc::new(LiveCache::new(session, server_ms));
     let task = SocketTask {
@@ -65,7 +65,7 @@ async fn connect_socket(wire: &Dialer) -> Result<ClientSocket, GatewayError> {
     request
         .headers_mut()
         .insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(WEBSOCKET_PROTOCOL));
-    let shaken = timeout(SILENT_MAX, client_async(request, stream)).await;
+    let shaken = timeout(clock::scale_timeout(SILENT_MAX), client_async(request, stream)).await;
     let (socket, _) =
         shaken.map_err(|_| server_lost("it does not answer"))?.map_err(handshake_error)?;
     Ok(socket)
@@ -147,7 +147,7 @@ impl SocketTask {
 
     /// Keeps what is ours, and looks whether the server is there.
     async fn renew_leases(&mut self) -> Result<(), GatewayError> {
-        if clock::now().since(self.last_received) >= SILENT_MAX {
+        if clock::now().since(self.last_received) >= clock::scale_timeout(SILENT_MAX) {
             return Err(server_lost("it says nothing"));
         }
         let leases = self.cache.leases();
@@ -344,7 +344,7 @@ fn to_json(message: &ClientMessage) -> Result<String, GatewayError> {
 }
 
 async fn send_text(socket: &mut ClientSocket, text: String) -> Result<(), GatewayError> {
-    let result = timeout(SILENT_MAX, socket.send(Message::text(text))).await;
+    let result = timeout(clock::scale_timeout(SILENT_MAX), socket.send(Message::text(text))).await;
     result
         .map_err(|_| server_lost("it takes nothing"))?
         .map_err(|error| server_lost(&error.to_string()))

@@ -71,6 +71,7 @@ pub struct CyclicMotion {
     ticket: Ticket,
     setpoint_kind: SetpointKind,
     period: Duration,
+    timeout_scale: u32,
     axes: Box<[CyclicAxis]>,
     /// Raw, those of a cycle side by side.
     queue: VecDeque<i64>,
@@ -109,6 +110,7 @@ impl CyclicMotion {
             ticket,
             setpoint_kind: following.setpoint,
             period: following.period,
+            timeout_scale: following.timeout_scale,
             queue: VecDeque::with_capacity(CYCLES_MAX * members.len()),
             axes: members,
             complete: false,
@@ -265,7 +267,8 @@ impl CyclicMotion {
         slots: &[AxisSlot<R, A>],
     ) {
         let late = now.since(self.due);
-        if late > HOST_PAUSE_MAX.max(self.period) && self.statistics.syncs > 0 {
+        if late > HOST_PAUSE_MAX.max(self.period) * self.timeout_scale && self.statistics.syncs > 0
+        {
             return self.fail(Failure::NotReady { hint: HOST_PAUSED });
         }
         let missed = (late.as_nanos() / self.period.as_nanos()) as u32;
@@ -290,7 +293,7 @@ impl CyclicMotion {
         now: Instant,
         slots: &[AxisSlot<R, A>],
     ) -> Option<Failure> {
-        let patience = SILENCE_MAX.max(self.period * SILENT_CYCLES);
+        let patience = SILENCE_MAX.max(self.period * SILENT_CYCLES) * self.timeout_scale;
         let mut absent = None;
         for member in self.axes.iter().filter(|_| self.statistics.syncs > 0) {
             self.statistics.late_reports += u64::from(!member.reported);

@@ -88,11 +88,25 @@ pub struct HostOptions {
     /// Somebody looks for drives: an address that never answered is not tried again, so that silence
     /// costs no more than it must.
     pub scanning: bool,
+    /// All time-outs of the host are so many times as long, for tests on a busy machine; 1 otherwise.
+    pub timeout_scale: u32,
 }
 
 impl HostOptions {
     /// As [`gap_us`](Self::gap_us): 3.5 characters at the line's baud rate, whatever it is.
     pub const GAP_CHARACTERS: u32 = u32::MAX;
+
+    /// A time-out of so many milliseconds, scaled.
+    #[must_use]
+    pub const fn scaled_ms(&self, timeout_ms: u32) -> u32 {
+        timeout_ms.saturating_mul(self.timeout_scale)
+    }
+
+    /// The time allowed for a reply, ms, scaled: what was given, or `usual_ms`.
+    #[must_use]
+    pub fn reply_timeout_ms(&self, usual_ms: u32) -> u32 {
+        self.scaled_ms(self.reply_timeout_ms.unwrap_or(usual_ms))
+    }
 
     /// The baud rate that no byte travels faster than; 0 where there is none.
     #[must_use]
@@ -118,6 +132,7 @@ impl HostOptions {
             relay_answers_only: false,
             probe_seed: None,
             scanning: false,
+            timeout_scale: 1,
         }
     }
 }

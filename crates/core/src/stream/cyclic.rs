@@ -46,6 +46,8 @@ pub struct CyclicConfig<'a> {
     pub setpoint: SetpointKind,
     /// From one beat to the next.
     pub period: Duration,
+    /// So many times as long as usual a drive may be silent, or the host may pause; 1 outside tests.
+    pub timeout_scale: u32,
 }
 
 /// What the set-points of an axis are held to, in SI. None is unlimited.

@@ -42,7 +42,11 @@ const CAN_RESTART_MS: u16 = 6;
 pub(super) fn interfaces() -> io::Result<Vec<CanInterface>> {
     // Protocol 0 is NETLINK_ROUTE.
     let socket = socket_with(AddressFamily::NETLINK, SocketType::RAW, SocketFlags::CLOEXEC, None)?;
-    sockopt::set_socket_timeout(&socket, sockopt::Timeout::Recv, Some(ANSWER_TIMEOUT))?;
+    sockopt::set_socket_timeout(
+        &socket,
+        sockopt::Timeout::Recv,
+        Some(crate::clock::scale_timeout(ANSWER_TIMEOUT)),
+    )?;
     sendto(&socket, &dump_request(), SendFlags::empty(), &SocketAddrNetlink::new(0, 0))?;
     let mut found = Vec::new();
     let mut answer = vec![0; ANSWER_MAX];

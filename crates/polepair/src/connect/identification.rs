@@ -101,7 +101,10 @@ impl Connector {
         line: &ProtocolLine,
         number: u32,
     ) -> Result<(&'static Profile, Identification), Error> {
-        let (prober, end) = (Prober::new(line, &self.config), clock::now() + IDENTIFY_RETRY_MAX);
+        let (prober, end) = (
+            Prober::new(line, &self.config),
+            clock::now() + clock::scale_timeout(IDENTIFY_RETRY_MAX),
+        );
         loop {
             match prober.identify(number) {
                 Err(Error::Failed { .. }) if self.is_for_stop && clock::now() < end => {}

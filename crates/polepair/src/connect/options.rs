@@ -5,6 +5,7 @@ use crate::registry::{self, ProtocolInfo};
 use crate::url::{LinkTarget, Url};
 use polepair_core::medium::{Parity, SerialLine, Stream};
 use polepair_core::proto::{self, HostOptions};
+use polepair_link::clock;
 use std::hash::{BuildHasher, RandomState};
 
 /// An earlier program may still be owed answers there; each session draws its probes anew.
@@ -33,6 +34,7 @@ pub(super) fn host_options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         echo: url.flag("echo")?,
         relay_answers_only: answers_only(url)?,
         scanning: false,
+        timeout_scale: clock::timeout_scale(),
         ..HostOptions::new(baud)
     })
 }

@@ -6,6 +6,7 @@ use crate::axis::{Axis, STOP_RETRY_MAX, WatchdogState, stop_with_retry};
 use crate::error::{Error, Exit, MAY_TURN};
 use polepair_core::axis::Verb;
 use polepair_core::profile::{AxisKind, ParameterId, Persistence, Signal, Watchdog};
+use polepair_link::clock;
 use std::fmt;
 use std::time::Duration;
 
@@ -196,7 +197,9 @@ fn run_proof(
         witness.report_check(CheckResult::wrong(&about, Exit::Negative, output, remedy));
         return Ok(());
     }
-    let silence = after + BRAKING_MAX + if beats { HEARTBEAT_LEASE } else { Duration::ZERO };
+    let silence = after
+        + clock::scale_timeout(BRAKING_MAX)
+        + if beats { HEARTBEAT_LEASE } else { Duration::ZERO };
     check_cancelled(axis, witness)?;
     axis.arm_exclusively()?;
     let mut motor = ArmedMotor { axis, moved: false, released: false };
@@ -310,7 +313,7 @@ impl ArmedMotor<'_> {
         check_cancelled(axis, witness)?;
         self.moved = true;
         axis.velocity(proving_speed(axis.profile().axis))?;
-        let end = now() + SPIN_UP_MAX;
+        let end = now() + clock::scale_timeout(SPIN_UP_MAX);
         while !poll_turning(axis)? {
             if now() >= end {
                 return Ok(MotorObservation::NeverTurned);

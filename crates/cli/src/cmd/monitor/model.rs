@@ -229,7 +229,7 @@ impl Monitor {
         for watched in &mut self.axes {
             let label = watched.axis.label();
             if let Some(stopping) = &mut watched.stopping {
-                stopping.wait(&watched.axis, STOP_MAX);
+                stopping.wait(&watched.axis, clock::scale_timeout(STOP_MAX));
                 if let StopProgress::Failed(why) = stopping.progress() {
                     lines.push(format!("{label} may not have stopped: {why}"));
                     continue;

@@ -309,7 +309,11 @@ impl MonitorSource for RemoteMonitor {
 
     fn exit_notes(&mut self) -> Vec<String> {
         let mut lines = Vec::new();
-        match self.stop.as_mut().map(|requested_stop| requested_stop.pending.wait(STOP_MAX)) {
+        match self
+            .stop
+            .as_mut()
+            .map(|requested_stop| requested_stop.pending.wait(clock::scale_timeout(STOP_MAX)))
+        {
             None => {}
             Some(Err(why)) => lines.push(format!("the stop is not confirmed: {}", why.message)),
             Some(Ok(None)) => lines.push(

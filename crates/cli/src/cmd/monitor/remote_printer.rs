@@ -87,7 +87,8 @@ impl RemotePrinter {
             items.iter().for_each(|item| self.print_frame(item));
             let now = clock::now();
             let states = axis_states(live, axes)?;
-            let all_there = states.len() == axes.len() || now.since(started_at) > FIRST_MAX;
+            let all_there = states.len() == axes.len()
+                || now.since(started_at) > clock::scale_timeout(FIRST_MAX);
             let due = now >= next && all_there;
             self.print_links(&live.links());
             if due {

@@ -11,7 +11,7 @@ use polepair_core::explain::{Direction, Dissector, FrameBoundary, Impact, RawFra
 use polepair_core::medium::{Frame, Medium, SerialLine};
 use polepair_core::stream::cyclic::DurationHistogram;
 use polepair_core::time::Instant;
-use polepair_link::{Cause, LinkError, LinkIo, Received};
+use polepair_link::{Cause, LinkError, LinkIo, Received, clock};
 
 use super::feed::FrameBatches;
 use super::selector::ReplayFrame;
@@ -275,7 +275,7 @@ impl<'a, M: ReplayMedium> WirePlayer<'a, M> {
 
     /// Sends, however long that takes the wire; what it has no form for is counted.
     fn send(&mut self, unit: &M::Unit) -> Result<(), PlayEnd> {
-        let give_up = self.link.now() + STALL_MAX;
+        let give_up = self.link.now() + clock::scale_timeout(STALL_MAX);
         self.link.wait_writable(give_up)?;
         loop {
             match self.link.send(unit) {

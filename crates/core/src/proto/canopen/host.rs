@@ -131,7 +131,7 @@ impl CanHost {
     /// A host as `options` say.
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
-        let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
         let id = options.host_address.and_then(|id| u8::try_from(id).ok()).unwrap_or(HOST_ID);
         let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
         let bit_rate = if options.bit_rate == 0 { ASSUMED_BIT_RATE } else { options.bit_rate };
@@ -145,7 +145,7 @@ impl CanHost {
             waiting: NodeSet::EMPTY,
             buffers: [TransferBuffer::FREE; LONG_TRANSFERS_MAX],
             unanswered_frames: UnansweredFrames::default(),
-            lss: LssMaster::default(),
+            lss: LssMaster::new(options.timeout_scale),
             network: Network::new(id, options.heartbeat_ms),
             events: EventRing::new(),
             counters: Counters::default(),

@@ -207,7 +207,7 @@ impl SerialHost {
     /// A host that sends `format`.
     #[must_use]
     pub fn new(format: WireFormat, options: &HostOptions) -> Self {
-        let timeout_ms = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let timeout_ms = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
         let line = SerialLine::new_8n1(options.baud);
         Self {
             format,

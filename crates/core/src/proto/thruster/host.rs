@@ -29,7 +29,7 @@ impl CanHost {
     /// A host as `options` say.
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
-        let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
         let ns =
             |bits| u64::checked_div(bits * 1_000_000_000, options.bit_rate.into()).unwrap_or(0);
         let soonest = MinExchangeTime {

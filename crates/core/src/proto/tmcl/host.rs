@@ -61,7 +61,7 @@ impl SerialHost {
     pub fn new(options: &HostOptions) -> Self {
         let host_address =
             options.host_address.and_then(|host| u8::try_from(host).ok()).unwrap_or(HOST);
-        let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
         let line = SerialLine::new_8n1(options.baud);
         let paced = SerialLine::new_8n1(options.timed_baud());
         let soonest_ns = with_clock_tolerance(paced.characters_ns(2 * DATAGRAM as u32));
@@ -364,7 +364,7 @@ impl CanHost {
     #[must_use]
     pub fn new(options: &HostOptions) -> Self {
         let reply_id = reply_id(options);
-        let timeout = options.reply_timeout_ms.unwrap_or(REPLY_TIMEOUT_MS);
+        let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
         let session = Session::new(reply_id, timeout, options.probe_seed);
         let bit_rate = options.bit_rate;
         let exchange_ns = EXCHANGE_BITS * 1_000_000_000;

@@ -204,10 +204,13 @@ const fn early_bytes_of(untimed: bool, line: &SerialLine) -> EarlyBytes {
 impl Timeouts {
     fn new(options: &HostOptions, character_ns: u64) -> Self {
         let usual = if options.baud == 0 { ACK_NETWORK_MS } else { ACK_SERIAL_MS };
-        let ms = |given: Option<u32>| u64::from(given.unwrap_or(usual).max(ACK_MIN_MS)) * 1_000_000;
+        let ms = |given: Option<u32>| {
+            let timeout_ms = options.scaled_ms(given.unwrap_or(usual).max(ACK_MIN_MS));
+            u64::from(timeout_ms) * 1_000_000
+        };
         let quick = options.scanning && options.baud != 0;
         let usual_answer = if quick { SCAN_ANSWER_MS } else { REPLY_TIMEOUT_MS };
-        let answer = options.reply_timeout_ms.unwrap_or(usual_answer);
+        let answer = options.reply_timeout_ms(usual_answer);
         let pace_us = if options.baud == 0 { RELAY_GAP_US } else { 0 };
         Self {
             ack_ns: ms(options.ack_timeout_ms),

@@ -26,9 +26,10 @@ impl Axis {
         if self.standstill_test().is_some() && (is_group || !places) {
             return Ok(Standstill::Observed);
         }
-        let end = self.connection.now() + STANDSTILL_WAIT_MAX;
+        let wait_max = clock::scale_timeout(STANDSTILL_WAIT_MAX);
+        let end = self.connection.now() + wait_max;
         let mut stopping = StopSequence::observe_executed(self);
-        let mut left = STANDSTILL_WAIT_MAX;
+        let mut left = wait_max;
         while !left.is_zero() && !stopping.has_ended() {
             stopping.wait(self, left.min(RESEND_AFTER));
             left = end.since(self.connection.now());
@@ -43,7 +44,7 @@ impl Axis {
             (StopProgress::Failed(error), _) | (_, Some(error)) => Err(error),
             // Drives of a group rarely tell the same.
             _ if is_group && !turns => Ok(Standstill::Unobservable),
-            _ => Err(self.not_at_rest_error(STANDSTILL_WAIT_MAX)),
+            _ => Err(self.not_at_rest_error(wait_max)),
         }
     }
 
@@ -54,7 +55,7 @@ impl Axis {
             Step::Until { within_ms, .. } => Some(Duration::from_millis((*within_ms).into())),
             _ => None,
         });
-        waits.fold(STANDSTILL_WAIT_MAX, Duration::max)
+        waits.fold(clock::scale_timeout(STANDSTILL_WAIT_MAX), Duration::max)
     }
 
     /// It was told to stop, and turns on after so long.

@@ -167,7 +167,13 @@ impl MultiAxisFixture {
     ) -> Result<(), Unsupported> {
         let axes = Self::axes();
         let bounds = [bounds; AXES];
-        let following = CyclicConfig { axes: &axes, bounds: &bounds, setpoint, period: PERIOD };
+        let following = CyclicConfig {
+            axes: &axes,
+            bounds: &bounds,
+            setpoint,
+            period: PERIOD,
+            timeout_scale: 1,
+        };
         self.lane.start_cyclic(self.now, Ticket(1), &following)
     }
 

@@ -21,8 +21,10 @@ pub const BEGIN_REQUEST: LssRequest = LssRequest::FastScan {
 
 type FinishedTicket = (Ticket, Result<Answer, Failure>);
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct LssMaster {
+    /// So long answers to one question of a scan are waited for.
+    silence_ns: u64,
     pending: Option<(Ticket, LssTask)>,
     unsent: bool,
     deadline: Option<Instant>,
@@ -47,6 +49,12 @@ struct FastScan {
 }
 
 impl LssMaster {
+    /// With a silence that is so many times as long as usual.
+    pub fn new(timeout_scale: u32) -> Self {
+        let silence_ns = u64::from(SILENCE_MS) * u64::from(timeout_scale) * 1_000_000;
+        Self { silence_ns, pending: None, unsent: false, deadline: None }
+    }
+
     pub fn is_idle(&self) -> bool {
         self.pending.is_none()
     }
@@ -85,7 +93,7 @@ impl LssMaster {
             LssTask::Request(request) => (*request, timeout_ns),
             LssTask::Scan(scan) => {
                 scan.answered = false;
-                (scan.next_request(), u64::from(SILENCE_MS) * 1_000_000)
+                (scan.next_request(), self.silence_ns)
             }
         };
         self.deadline = Some(now.plus_ns(wait));
