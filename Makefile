@@ -6,11 +6,21 @@ PAGE := web/dist/index.html
 PAGE_SOURCES := web/index.html web/package.json web/svelte.config.js web/vite.config.ts \
 	$(shell find web/src web/public -type f ! -name message.ts 2>/dev/null)
 
-# What tests want in release: always all of it by the same words, for another choice of packages has other
-# features and builds anew what they have in common.
-RELEASE := --release --locked --quiet -p polepair-cli -p polepair -p polepair-link -p polepair-sim
+# Everything that tests run is built once, in one profile and always of the whole workspace: another choice
+# of packages has other features and builds anew what they have in common. `make python BUILD=release` tests
+# what is shipped.
+BUILD ?= debug
+PROFILE := $(if $(filter debug,$(BUILD)),dev,$(BUILD))
+WORKSPACE := --workspace --locked --quiet --profile $(PROFILE)
+# Tests that start processes run two at a time, on any machine.
+PYTEST := POLEPAIR_BUILD=$(BUILD) $(CURDIR)/$(PYTHON) -m pytest -n 2 --dist loadfile
+# Runs a step of `make test` and says how long it took.
+STEP := .ci/step
+# The Python module, and where it is installed for tests.
+MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
+SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
-.PHONY: demo test check web page interop package python swarm soak bench clean
+.PHONY: demo test check lints build packages web page interop package python swarm soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
@@ -20,20 +30,38 @@ demo:
 	@if [ -z "$(HEADLESS)" ] && [ -t 1 ]; then target/release/polepair serve --bind 127.0.0.1:0; fi
 
 ## test: all tests, 500 swarm seeds and 200 of gateways among them; installs what the foreign clients need
-test: check
-	-@rustup target add thumbv6m-none-eabi >/dev/null 2>&1 || true
-	$(CARGO) build --workspace --locked --quiet --examples
-	$(CARGO) test --workspace --locked --quiet --test '*'
-	$(CARGO) test --workspace --locked --quiet --doc
-	$(CARGO) test $(RELEASE) --test pinned
-	RUSTDOCFLAGS='-D warnings' $(CARGO) doc --workspace --no-deps --locked --quiet
-	$(MAKE) --no-print-directory page interop python
+test:
+	@$(STEP) --begin
+	@$(STEP) "packages" $(MAKE) packages
+	@if web/ready; then $(STEP) "page: build" $(MAKE) $(PAGE); fi
+	@$(STEP) "lints" $(MAKE) lints
+	@$(STEP) "build" $(MAKE) build
+	@$(STEP) "unit tests" $(CARGO) test $(WORKSPACE) --lib --bins
+	@$(STEP) "integration tests" env RUST_TEST_THREADS=2 $(CARGO) test $(WORKSPACE) --test '*'
+	@$(STEP) "doc tests" $(CARGO) test $(WORKSPACE) --doc
+	@$(STEP) "documentation" env RUSTDOCFLAGS='-D warnings' $(CARGO) doc --workspace --no-deps --locked --quiet
+	@$(STEP) "page" $(MAKE) page
+	@$(STEP) "interop" $(MAKE) interop
+	@$(STEP) --table "python"
+	@$(MAKE) --no-print-directory python
 
 ## check: format, lints, unit tests (tidiness and generated files are among them), captures mutated for seconds
-check:
+check: lints
+	$(CARGO) test $(WORKSPACE) --lib --bins --test readers
+
+lints:
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets --locked --quiet -- -D warnings
-	$(CARGO) test --workspace --locked --quiet --lib --bins --test readers
+
+# Tests, the programs that they start, examples and the Python module.
+build:
+	$(CARGO) test $(WORKSPACE) --no-run
+	$(CARGO) build $(WORKSPACE) --lib --bins --examples
+
+# What tests need beside Rust.
+packages: $(VENV)/ready
+	-@rustup target add thumbv6m-none-eabi >/dev/null 2>&1 || true
+	@if web/ready; then $(MAKE) --no-print-directory web/node_modules/.package-lock.json; fi
 
 ## web: the dashboard's page, checked, tried and built into web/dist; needs Node.js
 web: $(PAGE)
@@ -51,25 +79,26 @@ web/node_modules/.package-lock.json: web/package-lock.json
 page:
 	interop/install-debian-packages
 	@if web/ready; then $(MAKE) --no-print-directory web; fi
-	$(CARGO) build $(RELEASE) --bin polepair --examples
-	@if web/ready browser; then cd web && IMAGES=$(abspath $(IMAGES)) npm run --silent page -- $(TESTS); fi
+	$(MAKE) --no-print-directory build
+	@if web/ready browser; then cd web && POLEPAIR_BUILD=$(BUILD) IMAGES=$(abspath $(IMAGES)) npm run --silent page -- $(TESTS); fi
 
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: package
-	$(CARGO) build $(RELEASE) --bin polepair --examples
-	$(PYTHON) -m pytest interop
+	$(PYTEST) interop
 
-package: $(VENV)/ready
-	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(VENV)/bin/maturin develop --release --quiet --manifest-path crates/python/Cargo.toml
+# Installed as `maturin develop` would, but from the workspace's build.
+package: $(VENV)/ready build
+	cp target/$(BUILD)/$(MODULE) crates/python/python/polepair/_polepair.abi3.so
+	cd crates/python && $(CURDIR)/$(VENV)/bin/maturin --quiet pep517 write-dist-info --metadata-directory $(SITE)
+	echo $(CURDIR)/crates/python/python >$(SITE)/polepair.pth
 
 ## python: the package, built and tried: its surface, its types, its guide, examples and notebooks
 python: package
-	$(CARGO) build $(RELEASE) --bin polepair --examples
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy --strict --config-file pyproject.toml ../../examples/python/*.py
 	cd crates/python && $(CURDIR)/$(PYTHON) -m pyright --pythonpath $(CURDIR)/$(PYTHON)
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub --allowlist stubtest-allowed.txt --ignore-unused-allowlist --mypy-config-file pyproject.toml
-	cd crates/python && $(CURDIR)/$(PYTHON) -m pytest
+	cd crates/python && $(PYTEST)
 
 $(VENV)/ready: interop/requirements.txt interop/debian-packages.txt
 	interop/install-debian-packages
@@ -88,11 +117,12 @@ soak:
 	POLEPAIR_EXCHANGES=1000000 $(CARGO) test --release --locked --quiet -p polepair-link --test integration stress:: -- --nocapture
 	POLEPAIR_BUS_SECONDS=3600 $(CARGO) test --release --locked --quiet -p polepair-sim --test integration mixed:: -- --nocapture
 	POLEPAIR_SCOPE_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-serve --test integration telemetry:: -- --nocapture
-	POLEPAIR_SCOPE_SECONDS=600 $(MAKE) --no-print-directory page TESTS=scope
-	POLEPAIR_LOAD_RUNS=5 POLEPAIR_LOAD_COMMANDS=2000 POLEPAIR_LOAD_STOPS=2000 POLEPAIR_LOAD_IDLE=10000 $(CARGO) test --release --locked --quiet -p polepair-cli --test integration gateway::load:: -- --nocapture
+	POLEPAIR_SCOPE_SECONDS=600 $(MAKE) --no-print-directory page BUILD=release TESTS=scope
+	POLEPAIR_LOAD_RUNS=5 POLEPAIR_LOAD_VIEWERS=100 POLEPAIR_LOAD_COMMANDS=2000 POLEPAIR_LOAD_STOPS=2000 POLEPAIR_LOAD_IDLE=10000 $(CARGO) test --release --locked --quiet -p polepair-cli --test integration gateway::load:: -- --nocapture
 	POLEPAIR_FRAMES=all $(CARGO) test --release --locked --quiet -p polepair-cli --bin polepair every_frame
 	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
-	POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python
+	POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python BUILD=release
+	$(CARGO) test --release --locked --quiet -p polepair-sim --test pinned
 	$(MAKE) --no-print-directory swarm SEEDS=100000
 	fuzz/run $(or $(FUZZ_SECONDS),60)
 

@@ -11,7 +11,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-POLEPAIR = ROOT / "target" / "release" / "polepair"
+TARGET = ROOT / "target" / os.environ.get("POLEPAIR_BUILD", "debug")
+POLEPAIR = TARGET / "polepair"
+EXAMPLES = TARGET / "examples"
+# Long enough time-outs for a machine that is busy with other things; programs that tests start inherit it.
+os.environ.setdefault("POLEPAIR_TIMEOUT_SCALE", "10")
 # How long what should come may take, s: nobody waits so long unless something is wrong.
 PATIENCE = 60
 BUILD = Path(__file__).resolve().parent / "build"

@@ -6,9 +6,9 @@ import time
 
 import can
 import pytest
-from conftest import ROOT, end, polepair, start
+from conftest import EXAMPLES, end, polepair, start
 
-GATEWAY = ROOT / "target" / "release" / "examples" / "can_gateway"
+GATEWAY = EXAMPLES / "can_gateway"
 GROUP = "239.74.163.2"
 RATE = 500_000
 

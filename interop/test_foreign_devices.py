@@ -9,12 +9,12 @@ import threading
 import tty
 
 import pytest
-from conftest import ROOT
+from conftest import EXAMPLES
 from pymodbus import FramerType
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-READ_MANY = ROOT / "target" / "release" / "examples" / "read_many"
+READ_MANY = EXAMPLES / "read_many"
 
 
 class Cable(threading.Thread):

@@ -11,12 +11,12 @@ import time
 
 import minimalmodbus
 import pytest
-from conftest import ROOT, compiled
+from conftest import EXAMPLES, compiled
 from faulty_drive import FAULTS, TIMEOUT, FaultyDrive, Rtu, Tmcl
 from pymodbus.client import ModbusSerialClient
 from pytrinamic.connections import SerialTmclInterface
 
-READ_MANY = ROOT / "target" / "release" / "examples" / "read_many"
+READ_MANY = EXAMPLES / "read_many"
 NUMBERS = [1, 4, 5, 7, 9, 11]
 READS = 60
 URLS = {

@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import POLEPAIR, ROOT
+from conftest import EXAMPLES, POLEPAIR, ROOT
 
 HERE = Path(__file__).resolve().parent / "socketcan"
-GATEWAY = ROOT / "target" / "release" / "examples" / "can_gateway"
+GATEWAY = EXAMPLES / "can_gateway"
 SKIPPED = 77
 
 CHECKS = [

@@ -10,7 +10,7 @@ import { createInterface } from "node:readline";
 import { Program } from "./program";
 
 export const ROOT = resolve(import.meta.dirname, "../..");
-const POLEPAIR = process.env.POLEPAIR ?? join(ROOT, "target/release/polepair");
+const POLEPAIR = join(ROOT, "target", process.env.POLEPAIR_BUILD ?? "debug", "polepair");
 const SCOPES = "read,stop,move,configure";
 
 export class Server {

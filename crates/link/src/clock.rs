@@ -46,17 +46,12 @@ pub fn sleep_until(at: Instant) {
 /// standstill); what a user gives as a duration is not, nor are periods.
 #[must_use]
 pub fn timeout_scale() -> u32 {
+    static TIMEOUT_SCALE: OnceLock<u32> = OnceLock::new();
     *TIMEOUT_SCALE.get_or_init(|| {
         let given = std::env::var(TIMEOUT_SCALE_VARIABLE).ok();
         let scale = given.and_then(|text| text.parse().ok()).unwrap_or(1);
         if (1..=TIMEOUT_SCALE_MAX).contains(&scale) { scale } else { 1 }
     })
-}
-
-/// Sets the scale of this process's time-outs, as `POLEPAIR_TIMEOUT_SCALE` does; for tests that do not
-/// start a process. The first setting holds, and so does a scale that was read before.
-pub fn set_timeout_scale(scale: u32) {
-    let _ = TIMEOUT_SCALE.set(scale.clamp(1, TIMEOUT_SCALE_MAX));
 }
 
 /// A time-out, scaled. Beyond ten seconds it does not grow: that is long enough for any machine.
@@ -76,7 +71,6 @@ pub fn scaled_ms(timeout_ms: u32) -> u32 {
 pub const TIMEOUT_SCALE_VARIABLE: &str = "POLEPAIR_TIMEOUT_SCALE";
 const TIMEOUT_SCALE_MAX: u32 = 100;
 const SCALED_TIMEOUT_MAX: Duration = Duration::from_secs(10);
-static TIMEOUT_SCALE: OnceLock<u32> = OnceLock::new();
 
 /// Where the monotonic and the wall clock stood together.
 struct ClockOrigin {

@@ -17,6 +17,7 @@ mod state;
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, Weak};
 use std::task;
+use std::time::Duration;
 
 use polepair_core::axis::Axes;
 use polepair_core::error::{Failure, Outcome, Unsupported};
@@ -24,6 +25,7 @@ use polepair_core::medium::Medium;
 use polepair_core::station::{AxisIndex, Ticket};
 use polepair_core::time::Instant;
 
+use crate::clock;
 use crate::error::LinkError;
 use crate::link::{LinkIo, Losses};
 use erased::{ErasedConnection, SubmitFn};
@@ -114,6 +116,18 @@ impl Connection {
     #[must_use]
     pub fn now(&self) -> Instant {
         self.0.0.now()
+    }
+
+    /// The [scale of time-outs](clock::timeout_scale) on this link: 1 in virtual time.
+    #[must_use]
+    pub fn timeout_scale(&self) -> u32 {
+        if self.0.0.is_real_time() { clock::timeout_scale() } else { 1 }
+    }
+
+    /// The same of a time-out.
+    #[must_use]
+    pub fn scale_timeout(&self, timeout: Duration) -> Duration {
+        if self.0.0.is_real_time() { clock::scale_timeout(timeout) } else { timeout }
     }
 
     /// Puts what happens from now on into `mailbox`, as of the connection `source`, until the guard

@@ -8,7 +8,7 @@ use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::profile::{Access, Identity, IdentityQuery, ParameterId, Profile};
 use polepair_core::station::{AxisIndex, Counters};
 use polepair_core::time::Instant;
-use polepair_link::{Connection, LinkError, clock};
+use polepair_link::{Connection, LinkError};
 use std::fmt;
 use std::time::Duration;
 
@@ -301,7 +301,7 @@ impl<'a> Prober<'a> {
         // However the host judges it: what may keep others from the wire has an end.
         let patience = self.reply_timeout.or(self.single_attempt.then_some(QUERY_MAX));
         let until = patience.map_or(Instant::FAR_FUTURE, |patience| {
-            connection.now() + clock::scale_timeout(patience)
+            connection.now() + connection.scale_timeout(patience)
         });
         let outcome: Result<Option<Outcome>, Unsupported> =
             connection.request(until, |axes, now, ticket| match question {

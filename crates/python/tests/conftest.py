@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 
 import polepair
 import pytest
+
+# Long enough time-outs for a machine that is busy with other things; programs that tests start inherit it.
+os.environ.setdefault("POLEPAIR_TIMEOUT_SCALE", "10")
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import polepair
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-POLEPAIR = Path(os.environ.get("POLEPAIR_CLI", ROOT / "target" / "release" / "polepair"))
+POLEPAIR = ROOT / "target" / os.environ.get("POLEPAIR_BUILD", "debug") / "polepair"
 
 
 class Server:

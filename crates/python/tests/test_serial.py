@@ -7,14 +7,13 @@ from pathlib import Path
 
 import polepair
 import serial
-
-BINARY = Path(__file__).parents[3] / "target" / "release" / "polepair"
+from served import POLEPAIR
 
 
 def test_a_port_of_pyserial_is_a_link(tmp_path: Path) -> None:
     path = str(tmp_path / "drive")
     simulator = subprocess.Popen(
-        [BINARY, "sim", "tmcl:3", "--pty", path], stdout=subprocess.PIPE, text=True
+        [POLEPAIR, "sim", "tmcl:3", "--pty", path], stdout=subprocess.PIPE, text=True
     )
     try:
         assert simulator.stdout is not None

@@ -16,8 +16,7 @@ from pathlib import Path
 
 import polepair
 import pytest
-
-BINARY = Path(__file__).parents[3] / "target" / "release" / "polepair"
+from served import POLEPAIR
 
 ENDS = ["SIGTERM", "SIGHUP", "SIGQUIT", "SIGVTALRM", "SIGXCPU", "SIGABRT", "SIGSYS"]
 
@@ -136,7 +135,7 @@ class Wire:
 def wire() -> Iterator[Wire]:
     """A drive on TCP, which outlives the program that turns it."""
     simulator = subprocess.Popen(
-        [BINARY, "sim", "tmcl:1", "--tcp", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True
+        [POLEPAIR, "sim", "tmcl:1", "--tcp", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True
     )
     assert simulator.stdout is not None
     line = simulator.stdout.readline()
@@ -151,7 +150,7 @@ def wire() -> Iterator[Wire]:
 def url(tmp_path: Path) -> Iterator[str]:
     """A drive that outlives the program which turns it."""
     simulator = subprocess.Popen(
-        [BINARY, "sim", "tmcl:1", "--pty", str(tmp_path / "drive")],
+        [POLEPAIR, "sim", "tmcl:1", "--pty", str(tmp_path / "drive")],
         stdout=subprocess.PIPE,
         text=True,
     )

@@ -454,7 +454,7 @@ pub fn fresh_state(server: &RemoteSession, axis: &AxisInfo) -> Result<AxisState>
         let since = clock::now().since(started_at);
         let is_new = |read: &SignalValue| read.age_ms <= since.as_secs_f64() * 1e3;
         let all = state.signals.len() >= axis.signals.len() && state.signals.iter().all(is_new);
-        if all || since >= clock::scale_timeout(FRESH_MAX) {
+        if all || since >= FRESH_MAX {
             return Ok(state);
         }
         clock::sleep_until(clock::now() + POLL_INTERVAL);

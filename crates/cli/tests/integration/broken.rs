@@ -67,6 +67,7 @@ fn what_a_broken_file_could_name_is_refused_with_its_fault() {
 
 #[test]
 fn a_profile_that_nobody_knows_stands_in_no_stops_way() {
+    run::expect_silence();
     let broken = Broken::new("unknown");
     for drive in ["tmcl:1", "modbus-rtu:1", "tmcl+can:1", "cia402:5"] {
         let sim = Served::with(&[drive, "--tcp", "127.0.0.1:0"]);

@@ -74,6 +74,7 @@ fn clean_conversations_accuse_nobody() {
 
 #[test]
 fn what_a_line_loses_is_found() {
+    run::expect_silence();
     let rack = std::env::temp_dir().join(format!("polepair-lossy-{}.toml", std::process::id()));
     for (profile, protocol) in [("tmcm-171", "tmcl"), ("syntron-ts", "modbus-rtu")] {
         let text = format!(

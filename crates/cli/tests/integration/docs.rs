@@ -97,7 +97,7 @@ fn shell(block: &str, folder: &Path) -> Result<(), String> {
         .args(["-e", "-c", &script])
         .current_dir(root())
         .env("PATH", path)
-        .env("NO_COLOR", "1")
+        .envs(run::environment())
         .env("HOME", folder)
         .env("XDG_CONFIG_HOME", folder)
         .stdin(Stdio::null())

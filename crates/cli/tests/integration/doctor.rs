@@ -1,6 +1,7 @@
 //! `polepair doctor` on served drives.
 
 use crate::run;
+use polepair_test_support::wait_until;
 
 use run::{Served, ok, polepair};
 #[cfg(unix)]
@@ -23,6 +24,7 @@ fn a_served_drive_is_sound() {
 
 #[test]
 fn the_hosts_own_address_is_nobodys_fault() {
+    run::expect_silence();
     let served = Served::new("tmcl:1");
     let found = ok(&["doctor", served.link()]);
     assert!(found.contains("axis 1: answers") && !found.contains("axis 2"), "{found}");
@@ -88,8 +90,7 @@ impl Relay {
     fn proof(&self) -> std::process::Child {
         let proof = ["doctor", &self.url, "--prove-watchdog=500ms", "--yes"];
         let child = run::command(&proof).spawn().expect("starts");
-        let turns = || self.turns.load(SeqCst);
-        run::until(turns, || std::thread::sleep(Duration::from_millis(10)));
+        wait_until("the motor turns", || self.turns.load(SeqCst));
         std::thread::sleep(Duration::from_millis(500));
         child
     }
@@ -190,6 +191,7 @@ fn a_watchdog_that_ends_before_the_next_heartbeat_is_warned_of() {
 #[cfg(unix)]
 #[test]
 fn a_motor_that_a_proof_lost_is_told_as_turning() {
+    run::expect_silence();
     let served = Served::with(&["tmcl:1", "--tcp", "127.0.0.1:0"]);
     let relay = Relay::to(&served);
     let proof = relay.proof();

@@ -11,7 +11,8 @@ use std::process::Child;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 
-use run::{Held, Ran, Served, command, polepair, signal, until};
+use polepair_test_support::wait_until;
+use run::{Held, Ran, Served, command, polepair, signal};
 use screen::Screen;
 
 /// A server of its own for each test, on a free port.
@@ -89,7 +90,7 @@ impl Drop for Server {
 
 #[test]
 fn what_is_there_is_shown_as_on_a_link() {
-    let server = Server::new(&["sim:tmcl?axes=2"]);
+    let server = Server::new(&["sim:tmcl?axes=2&baud=115200"]);
     let scan = server.ok(&["scan"]);
     assert_eq!(scan.lines().count(), 3, "{scan}");
     assert!(scan.starts_with("axis  link  name  drive"), "{scan}");
@@ -117,11 +118,12 @@ fn what_is_there_is_shown_as_on_a_link() {
 /// What is shown of a drive that is silent is old, and its end says so.
 #[test]
 fn a_silent_drive_and_a_lost_link_are_told_with_what_is_known_of_them() {
+    run::expect_silence();
     let drive = Served::new("tmcl:1");
     let server = Server::new(&[&drive.url]);
     server.ok(&["info"]);
     signal("STOP", drive.id());
-    until(|| server.run(&["info"]).code != 0, || {});
+    wait_until("the link is lost", || server.run(&["info"]).code != 0);
     let ran = server.run(&["info"]);
     assert_eq!(ran.code, 4, "{}{}", ran.out, ran.err);
     assert!(ran.err.contains("axis 1 has not answered for "), "{}", ran.err);
@@ -132,7 +134,7 @@ fn a_silent_drive_and_a_lost_link_are_told_with_what_is_known_of_them() {
     assert!(ran.out.contains("MAY BE TURNING"), "{}", ran.out);
     signal("CONT", drive.id());
     drop(drive);
-    until(|| server.run(&["info"]).err.contains("LINK 0 IS LOST"), || {});
+    wait_until("link 0 is lost", || server.run(&["info"]).err.contains("LINK 0 IS LOST"));
 }
 
 /// Who is in a hurry writes the options where they come to mind.
@@ -274,7 +276,7 @@ fn axes_and_frames_are_monitored() {
     assert_eq!(once.lines().filter(|line| line.contains("tmcm-171")).count(), 3, "{once}");
     assert!(once.ends_with("0 frames, 0 wrong, 0 lost\n"), "{once}");
     let held = server.held(&["spin", "0#1", "300rpm"]);
-    until(|| server.velocity("0#1") > 100.0, || {});
+    wait_until("the motor turns", || server.velocity("0#1") > 100.0);
     let lines = server.ok(&["monitor", "0#1", "--format", "jsonl", "--for", "1s"]);
     let reports: Vec<serde_json::Value> =
         lines.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
@@ -348,7 +350,7 @@ fn a_drives_own_watchdog_is_shown_and_set() {
     let server = Server::new(&["sim:tmcl", "sim:cia402:5?heartbeat=100", "sim:modbus-rtu"]);
     // The server has the drive watch its heartbeat, soon after the link was opened.
     let armed = "on, the drive stops after 300 ms of silence (consumer heartbeat)";
-    until(|| server.ok(&["watchdog"]).contains(armed), || {});
+    wait_until(armed, || server.ok(&["watchdog"]).contains(armed));
     let all = server.ok(&["watchdog"]);
     let lines: Vec<&str> = all.lines().collect();
     assert!(lines[0].contains("off") && lines[0].ends_with("(serial heartbeat)"), "{all}");
@@ -391,11 +393,11 @@ fn a_motor_moves_and_is_given_back() {
 fn ctrl_c_stops_what_it_started() {
     let server = Server::new(&["sim:tmcl"]);
     let held = server.held(&["spin", "1", "300rpm"]);
-    until(|| server.velocity("1") > 100.0, || {});
+    wait_until("the motor turns", || server.velocity("1") > 100.0);
     let ran = held.interrupt();
     assert_eq!(ran.code, 130, "{}", ran.err);
     assert!(ran.err.ends_with("interrupted: the motion was stopped\n"), "{}", ran.err);
-    until(|| server.velocity("1").abs() < 2.0, || {});
+    wait_until("the motor stands", || server.velocity("1").abs() < 2.0);
     assert!(server.info().contains("commanded by nobody"));
 }
 
@@ -439,6 +441,7 @@ fn who_may_only_stop_stops_everything() {
 
 #[test]
 fn what_a_silent_drive_said_is_not_shown_as_now() {
+    run::expect_silence();
     let drive = Served::new("tmcl");
     let server = Server::new(&[&drive.url]);
     let tokens = server.tokens();
@@ -461,10 +464,11 @@ fn what_a_silent_drive_said_is_not_shown_as_now() {
 
 #[test]
 fn a_motor_whose_drive_falls_silent_is_not_held_for_ever() {
+    run::expect_silence();
     let drive = Served::new("tmcl");
     let server = Server::new(&[&drive.url]);
     let held = server.held(&["spin", "1", "300rpm"]);
-    until(|| server.velocity("1") > 100.0, || {});
+    wait_until("the motor turns", || server.velocity("1") > 100.0);
     signal("STOP", drive.id());
     let ended = held.ended();
     signal("CONT", drive.id());
@@ -478,6 +482,7 @@ fn a_motor_whose_drive_falls_silent_is_not_held_for_ever() {
 
 #[test]
 fn a_server_that_leaves_a_motor_unseen_does_not_end_well() {
+    run::expect_silence();
     let drive = Served::new("tmcl");
     let mut server = Server::new(&[&drive.url]);
     let held = server.held(&["spin", "1", "300rpm"]);
@@ -499,14 +504,14 @@ fn who_is_stopped_by_others_hears_that_the_axis_was_left_standing() {
     let all_well = |ran: &Ran| !ran.err.contains("may still turn") && ran.code != 0;
     for stop in [&["stop", "1"][..], &["stop"]] {
         let held = server.held(&["spin", "1", "300rpm"]);
-        until(|| server.velocity("1") > 100.0, || {});
+        wait_until("the motor turns", || server.velocity("1") > 100.0);
         server.ok(stop);
         let ended = held.ended();
         assert!(all_well(&ended), "{stop:?}: {}", ended.err);
         server.ok(&["release"]);
         std::thread::scope(|scope| {
             let moves = scope.spawn(|| server.run(&["move", "1", "3000turn", "--vel", "300rpm"]));
-            until(|| server.velocity("1") > 100.0, || {});
+            wait_until("the motor turns", || server.velocity("1") > 100.0);
             server.ok(stop);
             let ended = moves.join().expect("ends");
             assert!(all_well(&ended), "{stop:?}: {}", ended.err);
@@ -514,7 +519,7 @@ fn who_is_stopped_by_others_hears_that_the_axis_was_left_standing() {
         server.ok(&["release"]);
     }
     let held = server.held(&["spin", "1", "300rpm"]);
-    until(|| server.velocity("1") > 100.0, || {});
+    wait_until("the motor turns", || server.velocity("1") > 100.0);
     signal("TERM", server.child.id());
     assert_eq!(server.child.wait().expect("ends").code(), Some(0));
     let ended = held.ended();
@@ -525,10 +530,11 @@ fn who_is_stopped_by_others_hears_that_the_axis_was_left_standing() {
 /// A server that hangs tells nothing of its drives: none of them is blamed.
 #[test]
 fn a_server_that_hangs_is_not_told_as_a_silent_drive() {
+    run::expect_silence();
     let drive = Served::new("tmcl:1");
     let server = Server::new(&[&drive.url]);
     let held = server.held(&["spin", "1", "300rpm"]);
-    until(|| server.velocity("1") > 100.0, || {});
+    wait_until("the motor turns", || server.velocity("1") > 100.0);
     signal("STOP", server.child.id());
     let ended = held.ended();
     signal("CONT", server.child.id());
@@ -540,6 +546,7 @@ fn a_server_that_hangs_is_not_told_as_a_silent_drive() {
 /// One that is not there keeps nobody else from being stopped, and is told.
 #[test]
 fn a_stop_names_the_axes_that_are_not_there_and_stops_the_others() {
+    run::expect_silence();
     let drive = Served::new("tmcl:1,3");
     let server = Server::new(&[&drive.url.replace("#1,3", "#1,3,9")]);
     let turns = || server.held(&["spin", "0#1,0#3", "300rpm"]);

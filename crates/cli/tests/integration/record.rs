@@ -1,6 +1,7 @@
 //! `polepair record`, and captures as tests: `decode --expect`.
 
 use crate::run;
+use polepair_test_support::wait_until;
 
 use std::path::PathBuf;
 
@@ -31,8 +32,10 @@ fn what_passes_is_kept_while_it_passes_and_whole_at_the_end() {
         let recorder = run::Held::new(&["record", drive.link(), "-o", &file, "-v"], &line);
         let decode = ["decode", file.as_str(), "--as", "canopen", "--format", "jsonl"];
         // The file is brought up to date while it grows: it is waited for by reading it.
-        let is_kept = || polepair(&decode).out.contains("\"kind\":\"SDO value\"");
-        run::until(is_kept, || drop(ok(&["get", &drive.url, "velocity demand"])));
+        wait_until("an answer is in the file", || {
+            ok(&["get", &drive.url, "velocity demand"]);
+            polepair(&decode).out.contains("\"kind\":\"SDO value\"")
+        });
         let ran = recorder.interrupt();
         assert_eq!(ran.code, 0, "{}", ran.err);
         assert!(ran.err.contains(" 0 dropped"), "{}", ran.err);
@@ -52,7 +55,10 @@ fn a_pager_that_stands_still_holds_up_no_recording() {
     let recorder = recorder.expect("starts");
     // More lines than a pipe holds (64 KiB), and nobody reads it.
     let is_stored = || std::fs::read_to_string(&file).map_or(0, |text| text.lines().count());
-    run::until(|| is_stored() >= 3000, || drop(ok(&["get", &drive.url, "velocity demand"])));
+    wait_until("3000 frames are stored", || {
+        ok(&["get", &drive.url, "velocity demand"]);
+        is_stored() >= 3000
+    });
     run::signal("INT", recorder.id());
     let output = run::ran(recorder.wait_with_output().expect("ends"));
     assert_eq!(output.code, 0, "{}", output.err);

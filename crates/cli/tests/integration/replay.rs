@@ -1,6 +1,7 @@
 //! `polepair replay`: what is sent, what is refused, what comes back.
 
 use crate::run;
+use polepair_test_support::wait_until;
 
 use run::{ok, polepair};
 
@@ -136,6 +137,7 @@ fn as_fast_as_the_drive_answers_and_again_and_again() {
 
 #[test]
 fn remote_requests_ask_for_as_many_bytes_as_they_did() {
+    run::expect_silence();
     let text = "(1700000000.000000) can0 702#R1\n(1700000000.010000) can0 00000123#R8\n\
         (1700000000.020000) can0 123#R\n";
     let capture = written("remote.log", text);
@@ -198,7 +200,7 @@ fn an_interrupted_replay_stops_what_it_moved() {
     let held = run::Held::new(&order, &output);
     let is_sent =
         || std::fs::read_to_string(&trace).is_ok_and(|text| text.contains("602#2B4060000F"));
-    run::until(is_sent, || std::thread::sleep(std::time::Duration::from_millis(20)));
+    wait_until("the motion is sent", is_sent);
     let ran = held.interrupt();
     assert_eq!(ran.code, 130, "{}", ran.err);
     assert!(ran.err.contains("is stopped"), "{}", ran.err);

@@ -97,6 +97,7 @@ fn what_is_refused_before_a_link_is_open_says_that_nothing_was_sent() {
 
 #[test]
 fn a_scan_whose_wire_dies_says_who_answered_and_how_many_were_not_asked() {
+    run::expect_silence();
     let served = Served::with(&["tmcl:1", "--tcp", "127.0.0.1:0"]);
     let url = cut_after(&served, 400);
     let ran = polepair(&["scan", &url, "--ids", "1-64"]);
@@ -108,6 +109,7 @@ fn a_scan_whose_wire_dies_says_who_answered_and_how_many_were_not_asked() {
 
 #[test]
 fn an_adapter_unplugged_while_a_motor_turns() {
+    run::expect_silence();
     let served = Served::new("tmcl:1");
     let held = Held::new(&["spin", &served.url, "60rpm"], HOLDING);
     signal("KILL", served.id());
@@ -119,6 +121,7 @@ fn an_adapter_unplugged_while_a_motor_turns() {
 
 #[test]
 fn a_wire_cut_while_a_motor_turns() {
+    run::expect_silence();
     let served = Served::with(&["tmcl:1", "--tcp", "127.0.0.1:0"]);
     let url = cut_after(&served, 1500);
     let ran = polepair(&["spin", &format!("{url}#1"), "60rpm", "--for", "60s"]);
@@ -135,6 +138,7 @@ fn a_motion_that_was_stopped_in_time_does_not_turn() {
 
 #[test]
 fn axes_that_answer_are_shown_though_one_is_dead() {
+    run::expect_silence();
     let served = Served::with(&["tmcl:1,3", "--tcp", "127.0.0.1:0"]);
     let ran = polepair(&["info", &format!("{}#1,7,3", served.link())]);
     assert_eq!(ran.code, 7, "{}{}", ran.out, ran.err);

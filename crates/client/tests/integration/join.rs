@@ -1,6 +1,7 @@
 //! Joins a real server: what it says, what it refuses, what becomes of motion when it is gone.
 
 use crate::{authority, cut};
+use polepair_test_support::wait_until;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -11,7 +12,6 @@ use cut::Cut;
 use polepair::Connector;
 use polepair_client::message::{CommandArguments, ParameterInput, StopRequest, WriteParameters};
 use polepair_client::{Gateway, GatewayError, GatewayOptions};
-use polepair_link::clock;
 use polepair_serve::GatewayServer;
 
 /// Longer than anything takes that works.
@@ -81,15 +81,6 @@ impl Drop for Site {
     }
 }
 
-/// Waits until it is so.
-fn until(what: &str, mut so: impl FnMut() -> bool) {
-    let end = clock::now() + LONG;
-    while !so() {
-        assert!(clock::now() < end, "never: {what}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-}
-
 fn to(target: f64) -> CommandArguments {
     CommandArguments { target: Some(target), ..CommandArguments::default() }
 }
@@ -124,7 +115,7 @@ fn an_axis_is_taken_moved_and_given_back() {
         let signals = gateway.axis_state(1).unwrap().signals;
         signals.iter().find(|s| s.signal == "position").and_then(|s| s.value).unwrap_or(0.0)
     };
-    until("it is where it was sent", || (position() - 1.0).abs() < 0.05);
+    wait_until("it is where it was sent", || (position() - 1.0).abs() < 0.05);
     lease.check().unwrap();
     lease.release().unwrap();
     assert_eq!(gateway.axis_state(1).unwrap().lease, None);
@@ -162,7 +153,7 @@ fn of_two_clients_the_second_is_told_who_commands() {
     assert!(refused.message.contains(ann.session()), "{refused}");
     bob.acquire_lease(1).unwrap();
     drop(lease);
-    until("what is dropped is free", || bob.acquire_lease(0).is_ok());
+    wait_until("what is dropped is free", || bob.acquire_lease(0).is_ok());
 }
 
 #[test]
@@ -174,13 +165,13 @@ fn whoever_stops_an_axis_ends_its_lease() {
         lease.run(verb, CommandArguments::default(), LONG).unwrap();
     }
     lease.run("velocity", at(30.0), LONG).unwrap();
-    until("it turns", || site.moving(0));
+    wait_until("it turns", || site.moving(0));
     let request = StopRequest { axes: Some(vec![0]), reason: "a test".into() };
     let stopped = site.join().stop(&request).unwrap();
     assert_eq!(stopped.axes.len(), 1);
     assert!(stopped.axes[0].error.is_none(), "{stopped:?}");
     assert_eq!(lease.run("velocity", at(30.0), LONG).unwrap_err().executed, Some(false));
-    until("it hears of that", || lease.check().is_err());
+    wait_until("it hears of that", || lease.check().is_err());
     assert_eq!(lease.check().unwrap_err().code, "gateway.lease");
 }
 
@@ -196,11 +187,11 @@ fn a_lost_server_stops_the_axis_and_leaves_the_outcome_unknown() {
         lease.run(verb, CommandArguments::default(), LONG).unwrap();
     }
     lease.run("velocity", at(30.0), LONG).unwrap();
-    until("it turns", || site.moving(0));
+    wait_until("it turns", || site.moving(0));
     cut.pull();
     let mut pending = lease.start("velocity", at(60.0)).unwrap();
-    until("the lease is over", || site.server.bench().axis_state(0).unwrap().lease.is_none());
-    until("it stands", || !site.moving(0));
+    wait_until("the lease is over", || site.server.bench().axis_state(0).unwrap().lease.is_none());
+    wait_until("it stands", || !site.moving(0));
     assert!(!site.server.bench().axis_state(0).unwrap().armed);
     let unknown = pending.wait(LONG).unwrap_err();
     assert_eq!((&*unknown.code, unknown.executed), ("E313", None), "{unknown}");
@@ -217,7 +208,7 @@ fn what_is_watched_comes_as_samples() {
     let live = site.join().live().unwrap();
     let watched = live.subscribe(0, Some("position"), None, 50.0).unwrap();
     assert_eq!(watched.unit(), "rad");
-    until("samples come", || watched.drain().unwrap().0.len() > 1);
+    wait_until("samples come", || watched.drain().unwrap().0.len() > 1);
     assert!(watched.last(Duration::MAX).unwrap().is_some());
     // More than a client may have at once: what is dropped is watched no more.
     for _ in 0..100 {

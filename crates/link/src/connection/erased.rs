@@ -27,6 +27,7 @@ pub(super) trait ErasedConnection: Send + Sync {
     fn wait_for_room(&self, deadline: Instant) -> bool;
     fn with_axes(&self, query: &mut dyn FnMut(&mut dyn Axes, Instant));
     fn now(&self) -> Instant;
+    fn is_real_time(&self) -> bool;
     fn link_error(&self) -> Option<LinkError>;
     fn describe(&self) -> String;
     fn losses(&self) -> Losses;
@@ -81,6 +82,10 @@ impl<M: Medium> ErasedConnection for ConnectionInner<M> {
 
     fn now(&self) -> Instant {
         self.lock().link.now()
+    }
+
+    fn is_real_time(&self) -> bool {
+        self.lock().link.is_real_time()
     }
 
     fn link_error(&self) -> Option<LinkError> {

@@ -14,7 +14,6 @@ use polepair_core::stream::cyclic::{
     self, BoundsViolation, CYCLES_MAX, CycleStatistics, LOAD_MAX_PERCENT, SetpointBounds,
     SetpointKind, SetpointTracker,
 };
-use polepair_link::clock;
 use std::time::Duration;
 
 /// How often set-points are handed over; a lane holds hundreds of cycles.
@@ -207,7 +206,7 @@ impl CyclicAxes {
             bounds: &self.bounds,
             setpoint: self.setpoint,
             period: self.period,
-            timeout_scale: clock::timeout_scale(),
+            timeout_scale: first.connection.timeout_scale(),
         };
         let submit =
             first.connection.submit(|axes, now, ticket| axes.start_cyclic(now, ticket, &following));

@@ -7,7 +7,6 @@ use crate::url::AxisNumber;
 use polepair_core::axis::Verb;
 use polepair_core::error::Failure;
 use polepair_core::time::Instant;
-use polepair_link::clock;
 use std::time::Duration;
 
 /// How long a stop that nobody confirmed is said again by those who end a motion and then go.
@@ -115,7 +114,7 @@ impl RepeatedStop {
         {
             self.slowest = (rate, now);
         }
-        now.since(self.slowest.1) < clock::scale_timeout(STANDSTILL_WAIT_MAX)
+        now.since(self.slowest.1) < axis.connection.scale_timeout(STANDSTILL_WAIT_MAX)
             && now.since(self.started_at) < axis.standstill_timeout()
     }
 

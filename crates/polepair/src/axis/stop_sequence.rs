@@ -22,7 +22,6 @@ use polepair_core::plan::{Compare, ParameterTest, Step};
 use polepair_core::profile::{ParameterId, RamMode, Signal};
 use polepair_core::time::Instant;
 use polepair_core::units::Unit;
-use polepair_link::clock;
 
 /// Between two readings whether the motor stands, at least and at most.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);

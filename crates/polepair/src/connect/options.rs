@@ -21,6 +21,7 @@ pub(super) fn host_options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         Some("3.5c") => Some(HostOptions::GAP_CHARACTERS),
         _ => url.milliseconds("gap")?.map(|ms| timed(ms * 1000.0)),
     };
+    let is_virtual = url.key("time") == Some("virtual");
     Ok(HostOptions {
         standard: wire_standard(url)?,
         reply_timeout_ms: url.milliseconds("timeout")?.map(whole),
@@ -34,7 +35,7 @@ pub(super) fn host_options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         echo: url.flag("echo")?,
         relay_answers_only: answers_only(url)?,
         scanning: false,
-        timeout_scale: clock::timeout_scale(),
+        timeout_scale: if is_virtual { 1 } else { clock::timeout_scale() },
         ..HostOptions::new(baud)
     })
 }

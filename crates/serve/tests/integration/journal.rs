@@ -59,7 +59,7 @@ impl Site {
             lease_duration: lease,
             ..BenchOptions::default()
         };
-        let bench = Bench::open(&["sim:tmcl".into()], options).unwrap();
+        let bench = Bench::open(&["sim:tmcl?baud=115200".into()], options).unwrap();
         let epoch =
             bench.request_lease(0, &ann, LeaseAction::Take, 0).wait().unwrap().unwrap().epoch;
         let mut site = Self { bench, disk, file, ann, epoch, ids: 0 };

@@ -22,7 +22,7 @@ fn a_server_that_cannot_write_its_first_record_says_that_it_stops_nothing() {
     let ran = Command::new("sh")
         .args(["-c", serve, env!("CARGO_BIN_EXE_polepair"), &sim.url])
         .args(["--bind", "127.0.0.1:0", "--state", &state])
-        .env("NO_COLOR", "1")
+        .envs(run::environment())
         .output()
         .expect("sh");
     let ran = run::ran(ran);

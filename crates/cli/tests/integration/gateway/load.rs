@@ -1,6 +1,6 @@
 //! How soon commands and stops are on the wire while many watch, sockets idle and somebody floods.
 //!
-//! A few seconds unless told otherwise: `POLEPAIR_LOAD_STOPS`, `POLEPAIR_LOAD_COMMANDS`,
+//! A few of each unless told otherwise (`make soak` does): `POLEPAIR_LOAD_STOPS`, `POLEPAIR_LOAD_COMMANDS`,
 //! `POLEPAIR_LOAD_IDLE`, `POLEPAIR_LOAD_VIEWERS` and `POLEPAIR_LOAD_RUNS` say how many. Times are
 //! printed and not judged: they are the machine's as much as ours. How late a thread wakes that only
 //! sleeps is printed beside them, for it is what the machine alone does meanwhile.
@@ -306,10 +306,10 @@ fn command(live: &mut Live) -> Instant {
 
 #[test]
 fn commands_and_stops_are_soon_on_the_wire_whatever_else_goes_on() {
-    let commands = env_count("POLEPAIR_LOAD_COMMANDS", 100);
-    let stops = env_count("POLEPAIR_LOAD_STOPS", 100);
+    let commands = env_count("POLEPAIR_LOAD_COMMANDS", 10);
+    let stops = env_count("POLEPAIR_LOAD_STOPS", 10);
     let (viewers, idle) =
-        (env_count("POLEPAIR_LOAD_VIEWERS", 100), env_count("POLEPAIR_LOAD_IDLE", 1000));
+        (env_count("POLEPAIR_LOAD_VIEWERS", 20), env_count("POLEPAIR_LOAD_IDLE", 100));
     let _ = polepair_link::raise_file_limit();
     for run in 0..env_count("POLEPAIR_LOAD_RUNS", 1) {
         let bench = Bench::new();

@@ -3,9 +3,10 @@
 use std::time::{Duration, Instant};
 
 use polepair_link::pty::Pty;
+use polepair_test_support::Deadline;
 use serde_json::json;
 
-use super::site::{Folder, LONG, Live, Site, speed};
+use super::site::{Folder, Live, Site, speed};
 use super::wire::Drive;
 use crate::run::{self, Served};
 
@@ -52,6 +53,7 @@ fn unplugged(folder: &Folder, arguments: &[&str], url: &str) {
 
 #[test]
 fn a_line_that_is_unplugged_is_told_and_opened_again_and_nothing_moves_by_itself() {
+    run::expect_silence();
     let folder = Folder::new();
     let path = folder.path("line");
     unplugged(&folder, &["tmcl:1", "--pty", &path], &format!("tmcl+serial://{path}#1"));
@@ -59,6 +61,7 @@ fn a_line_that_is_unplugged_is_told_and_opened_again_and_nothing_moves_by_itself
 
 #[test]
 fn a_tcp_connection_that_breaks_is_told_and_opened_again_and_nothing_moves_by_itself() {
+    run::expect_silence();
     let folder = Folder::new();
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let address = free.to_string();
@@ -84,12 +87,14 @@ fn watch(live: &mut Live) {
 
 #[test]
 fn a_viewer_that_falls_asleep_lets_go_of_its_motor_and_keeps_nobody_waiting() {
+    run::expect_silence();
     let (drive, folder, site) = bench();
     let (mut asleep, mut awake) = (site.live(), site.live());
     watch(&mut awake);
     watch(&mut asleep);
     asleep.spin(0, 20.0);
     let slept = Instant::now();
+    let deadline = Deadline::new("the viewer that sleeps is closed");
     let viewers = || {
         let text = site.get("/metrics");
         let line = text.lines().find_map(|line| line.strip_prefix("polepair_viewers "));
@@ -98,7 +103,7 @@ fn a_viewer_that_falls_asleep_lets_go_of_its_motor_and_keeps_nobody_waiting() {
     // It reads and says nothing from now on, and its socket stays open.
     let (mut stood, mut longest, mut last) = (None, Duration::ZERO, Instant::now());
     while viewers() > 1 {
-        assert!(slept.elapsed() < LONG, "it is still there");
+        deadline.check(|| "it is still there".to_owned());
         if drive.truth().velocity.abs() < 0.1 {
             stood.get_or_insert_with(|| slept.elapsed());
         }

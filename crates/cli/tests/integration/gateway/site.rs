@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use polepair_test_support::Deadline;
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
@@ -218,16 +219,24 @@ impl Live {
 
     /// The next text of that type that is so.
     pub fn until(&mut self, kind: &str, is_so: impl Fn(&Value) -> bool) -> Value {
-        let end = Instant::now() + LONG;
-        while Instant::now() < end {
-            if let Message::Text(text) = self.socket.read().unwrap() {
-                let value: Value = serde_json::from_str(&text).unwrap();
-                if value["type"] == kind && is_so(&value) {
-                    return value;
+        let deadline = Deadline::new(kind);
+        let mut newest = "none".to_owned();
+        loop {
+            match self.socket.read() {
+                Ok(Message::Text(text)) => {
+                    let value: Value = serde_json::from_str(&text).unwrap();
+                    if value["type"] != kind {
+                    } else if is_so(&value) {
+                        return value;
+                    } else {
+                        newest = value.to_string();
+                    }
                 }
+                Ok(_) => {}
+                Err(error) => deadline.fail(&format!("{error}; the newest before: {newest}")),
             }
+            deadline.check(|| format!("the newest is another: {newest}"));
         }
-        panic!("no {kind} that is so");
     }
 
     /// Takes the lease of an axis.
@@ -269,14 +278,14 @@ impl Live {
             self.lease(axis, "renew");
         }
         let epoch = self.epoch;
-        let end = Instant::now() + LONG;
+        let deadline = Deadline::new("the motor turns");
         loop {
             self.send(&json!({ "type": "lease", "axis": axis, "act": "renew", "epoch": epoch }));
             let state = self.until("axis", |state| state["id"] == axis);
             if speed(&state).is_some_and(|speed| speed.abs() > velocity.abs() / 2.0) {
                 return;
             }
-            assert!(Instant::now() < end, "it does not turn: {state}");
+            deadline.check(|| state.to_string());
         }
     }
 }

@@ -2,15 +2,13 @@
 //! the clock of the test.
 
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
 
 use polepair::simulate::{self, DriveLine};
 use polepair_core::drives::bench::GroundTruth;
 use polepair_core::medium::{SerialLine, Stream};
 use polepair_core::time::Instant as At;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Received, ServeThread, clock};
-
-use super::site::LONG;
+use polepair_test_support::wait_for;
 
 /// Bytes that passed, and when: after the last of them was read here, before the first was written.
 #[derive(Clone, Debug)]
@@ -77,11 +75,10 @@ impl Drive {
 
     /// Waits until its motor stands.
     pub fn wait_standstill(&self) {
-        let end = Instant::now() + LONG;
-        while self.truth().velocity.abs() > 0.1 {
-            assert!(Instant::now() < end, "it turns: {:?}", self.truth());
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        wait_for("the motor stands", || match self.truth() {
+            truth if truth.velocity.abs() <= 0.1 => Ok(()),
+            truth => Err(format!("{truth:?}")),
+        });
     }
 }
 

@@ -2,10 +2,30 @@
 
 pub mod screen;
 
+use std::cell::Cell;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::process::{Child, ChildStderr, Command, Output, Stdio};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+
+use polepair_test_support::{Deadline, WAIT_MAX};
+
+thread_local! {
+    static TIMEOUT_SCALE: Cell<u32> = const { Cell::new(10) };
+}
+
+/// What programs under test are started with: they print plain text, and their time-outs are long enough
+/// for a machine that is busy with other things.
+pub fn environment() -> [(&'static str, String); 2] {
+    let scale = TIMEOUT_SCALE.get().to_string();
+    [("NO_COLOR", "1".to_owned()), ("POLEPAIR_TIMEOUT_SCALE", scale)]
+}
+
+/// Shortens the time-outs of the programs that this test starts from now on: it waits for somebody who is
+/// silent on purpose.
+pub fn expect_silence() {
+    TIMEOUT_SCALE.set(2);
+}
 
 /// What a run printed, and how it ended.
 #[derive(Debug)]
@@ -22,7 +42,26 @@ pub fn polepair_with(arguments: &[&str], input: &str) -> Ran {
     // A child that ends before it has read everything is judged by what it printed.
     let _ = stdin.write_all(input.as_bytes());
     drop(stdin);
-    ran(child.wait_with_output().expect("the binary ends"))
+    ended(child, arguments)
+}
+
+/// Waits for a program's end; one that goes on for too long is ended, and the test fails.
+pub fn ended(child: Child, arguments: &[&str]) -> Ran {
+    let (over, is_over) = mpsc::channel::<()>();
+    let id = child.id();
+    let watch = std::thread::spawn(move || {
+        let is_late = is_over.recv_timeout(WAIT_MAX) == Err(RecvTimeoutError::Timeout);
+        if is_late {
+            signal("KILL", id);
+        }
+        is_late
+    });
+    let ran = ran(child.wait_with_output().expect("the binary ends"));
+    drop(over);
+    if watch.join().expect("it only waits") {
+        Deadline::new("a program's end").fail(&format!("{arguments:?} goes on: {ran:?}"));
+    }
+    ran
 }
 
 /// Runs `polepair` with arguments.
@@ -33,7 +72,7 @@ pub fn polepair(arguments: &[&str]) -> Ran {
 /// A command that prints plain text into pipes.
 pub fn command(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_polepair"));
-    command.args(arguments).env("NO_COLOR", "1").stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.args(arguments).envs(environment()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
 
@@ -68,15 +107,6 @@ pub fn ok(arguments: &[&str]) -> String {
     let ran = polepair(arguments);
     assert_eq!(ran.code, 0, "{arguments:?}: {}{}", ran.out, ran.err);
     ran.out
-}
-
-/// Acts until something is so; a test that never gets there fails instead of standing still.
-pub fn until(is_so: impl Fn() -> bool, mut act: impl FnMut()) {
-    let end = Instant::now() + Duration::from_secs(120);
-    while !is_so() {
-        assert!(Instant::now() < end, "it never came to be so");
-        act();
-    }
 }
 
 /// A process that does not outlive its test, however that ends.

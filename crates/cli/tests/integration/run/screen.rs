@@ -2,16 +2,15 @@
 
 use std::fs::File;
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use polepair_link::pty::Pty;
 use polepair_link::{LinkIo as _, Received, clock};
+use polepair_test_support::Deadline;
 
 /// How large it is.
 const ROWS: usize = 30;
 const COLUMNS: usize = 110;
-/// Longer than anything takes that works.
-const LONG: Duration = Duration::from_secs(60);
 
 /// It, and the program, which ends with it.
 pub struct Screen {
@@ -40,7 +39,7 @@ impl Screen {
         let child = Command::new("setsid")
             .arg(env!("CARGO_BIN_EXE_polepair"))
             .args(arguments)
-            .env("NO_COLOR", "1")
+            .envs(super::environment())
             .env("TERM", "xterm")
             .stdin(end())
             .stdout(end())
@@ -58,9 +57,9 @@ impl Screen {
 
     /// Waits until something stands there.
     pub fn until(&mut self, wanted: &str) {
-        let end = Instant::now() + LONG;
+        let deadline = Deadline::new(wanted);
         while !self.text().contains(wanted) {
-            assert!(Instant::now() < end, "no `{wanted}`:\n{}", self.text());
+            deadline.check(|| self.text());
             self.refresh();
         }
     }
@@ -72,12 +71,12 @@ impl Screen {
 
     /// Waits for the program's end, and returns its exit code.
     pub fn ended(mut self) -> Option<i32> {
-        let end = Instant::now() + LONG;
+        let deadline = Deadline::new("the program's end");
         loop {
             if let Some(status) = self.child.try_wait().expect("a child") {
                 return status.code();
             }
-            assert!(Instant::now() < end, "it goes on:\n{}", self.text());
+            deadline.check(|| self.text());
             self.refresh();
         }
     }

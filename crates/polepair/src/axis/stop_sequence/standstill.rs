@@ -26,7 +26,7 @@ impl Axis {
         if self.standstill_test().is_some() && (is_group || !places) {
             return Ok(Standstill::Observed);
         }
-        let wait_max = clock::scale_timeout(STANDSTILL_WAIT_MAX);
+        let wait_max = self.connection.scale_timeout(STANDSTILL_WAIT_MAX);
         let end = self.connection.now() + wait_max;
         let mut stopping = StopSequence::observe_executed(self);
         let mut left = wait_max;
@@ -55,7 +55,7 @@ impl Axis {
             Step::Until { within_ms, .. } => Some(Duration::from_millis((*within_ms).into())),
             _ => None,
         });
-        waits.fold(clock::scale_timeout(STANDSTILL_WAIT_MAX), Duration::max)
+        waits.fold(self.connection.scale_timeout(STANDSTILL_WAIT_MAX), Duration::max)
     }
 
     /// It was told to stop, and turns on after so long.

@@ -2,12 +2,12 @@
 //! or gone takes nothing from the others.
 
 use crate::site;
+use polepair_test_support::{Deadline, wait_until};
 
 use std::net::TcpStream;
-use std::time::Instant;
 
 use serde_json::{Value, json};
-use site::{LONG, Site, memory, next, samples, send_message};
+use site::{Site, memory, next, samples, send_message};
 use tungstenite::{Message, WebSocket};
 
 type Socket = WebSocket<TcpStream>;
@@ -163,10 +163,10 @@ fn who_takes_nothing_is_closed_and_another_goes_on() {
         send_message(socket, &json!({ "type": "frames", "on": true }));
         next(socket, "subscribed");
     }
-    let deadline = Instant::now() + LONG;
+    let deadline = Deadline::new("the deaf viewer is closed");
     let mut last = 0;
     while counted(&site, "polepair_viewers") > 1 {
-        assert!(Instant::now() < deadline, "it is still there");
+        deadline.check(|| "it is still there".to_owned());
         let (_, rows) = next_samples(&mut ann);
         assert!(rows[0].0 > last);
         last = rows[rows.len() - 1].0;
@@ -187,10 +187,7 @@ fn visit(site: &Site) -> Value {
 }
 
 fn all_gone(site: &Site) {
-    let deadline = Instant::now() + LONG;
-    while counted(site, "polepair_viewers") > 0 {
-        assert!(Instant::now() < deadline, "viewers stay");
-    }
+    wait_until("all viewers are gone", || counted(site, "polepair_viewers") == 0);
 }
 
 #[test]

@@ -4,7 +4,7 @@
 mod proxy;
 
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use polepair::simulate::{self, DriveLine};
 use polepair_core::drives::bench::GroundTruth;
@@ -19,6 +19,7 @@ use polepair_serve::message::{
     GatewayError, JournalAction, LeaseAction, LinkState, OutcomeKind, PendingStopView, StopCause,
     StopClass, StopRequest,
 };
+use polepair_test_support::wait_until;
 use proxy::{Mode, Proxy};
 use serde_json::Value;
 
@@ -147,7 +148,7 @@ impl Site {
         for (verb, velocity) in verbs {
             self.say(epoch, verb, velocity).unwrap();
         }
-        until("it turns", || self.truth().velocity.abs() > 10.0);
+        wait_until("it turns", || self.truth().velocity.abs() > 10.0);
         epoch
     }
 
@@ -158,7 +159,7 @@ impl Site {
         is_so: impl Fn(&PendingStopView) -> bool,
     ) -> PendingStopView {
         let mut seen = None;
-        until(what, || {
+        wait_until(what, || {
             seen = self.state().owed.filter(&is_so);
             seen.is_some()
         });
@@ -167,7 +168,7 @@ impl Site {
 
     /// Waits until it is owed none, and tells whether it stood then: the alarm ends with the debt.
     fn wait_stop_resolved(&self) {
-        until("the debt ends", || self.state().owed.is_none());
+        wait_until("the debt ends", || self.state().owed.is_none());
         assert!(self.truth().velocity.abs() < STANDS, "{:?}", self.truth());
     }
 
@@ -177,7 +178,7 @@ impl Site {
 
     /// Each debt that was written down was ended, so.
     fn ended(&self, how: &str) {
-        until("the journal has it", || {
+        wait_until("the journal has it", || {
             self.journal.of(JournalAction::StopEnded).len()
                 == self.journal.of(JournalAction::StopOwed).len()
         });
@@ -200,15 +201,7 @@ fn turn_all(url: &str, line: &DriveLine) {
     for (drive, axis) in link.axes().iter().enumerate() {
         axis.arm(true);
         axis.velocity("20 rad/s").unwrap();
-        until("it turns", || truth_of(line, drive).velocity.abs() > 10.0);
-    }
-}
-
-fn until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let end = Instant::now() + LONG;
-    while !is_so() {
-        assert!(Instant::now() < end, "never: {what}");
-        std::thread::sleep(Duration::from_millis(2));
+        wait_until("it turns", || truth_of(line, drive).velocity.abs() > 10.0);
     }
 }
 
@@ -220,7 +213,7 @@ fn a_stop_that_is_said_while_the_port_is_refused_arrives_once_it_is_open() {
         let mut site = Site::new(word, scheme);
         site.spin();
         site.proxy.set(Mode::Refuse);
-        until("the link is lost", || site.is_lost());
+        wait_until("the link is lost", || site.is_lost());
         site.wait_pending_stop("it is owed a stop", |pending| pending.why == StopCause::LinkLost);
         let stopped = site.bench.stop(&"bob".into(), &StopRequest::default()).wait().unwrap();
         assert_eq!(stopped.axes[0].class, StopClass::Owed, "{stopped:?}");
@@ -239,9 +232,9 @@ fn a_stop_outlives_a_port_that_takes_connections_and_drops_them() {
         site.spin();
         let before = site.proxy.taken();
         site.proxy.set(Mode::Drop);
-        until("it was dropped often", || site.proxy.taken() >= before + 4);
+        wait_until("it was dropped often", || site.proxy.taken() >= before + 4);
         drop(site.bench.stop(&"bob".into(), &StopRequest::default()));
-        until("it was dropped again", || site.proxy.taken() >= before + 8);
+        wait_until("it was dropped again", || site.proxy.taken() >= before + 8);
         site.wait_pending_stop("it is owed a stop", |_| true);
         assert!(site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Pass);
@@ -307,7 +300,7 @@ fn a_stop_under_a_lease_is_said_until_the_motor_stands() {
         assert!(site.truth().velocity.abs() < STANDS, "{:?}", site.truth());
         site.ended("standing");
         site.say(epoch, "velocity", Some(20.0)).unwrap();
-        until("it turns", || site.truth().velocity.abs() > 10.0);
+        wait_until("it turns", || site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Silent);
         let stop = site.start(epoch, "stop", None);
         site.wait_pending_stop("it was said again", |pending| {
@@ -358,7 +351,7 @@ fn what_the_server_before_owed_a_stop_is_stopped_by_the_next() {
     });
     site.wait_stop_resolved();
     assert_eq!(site.journal.of(JournalAction::StopOwed).len(), 0, "it was written down already");
-    until("the journal has it", || site.journal.of(JournalAction::StopEnded).len() == 1);
+    wait_until("the journal has it", || site.journal.of(JournalAction::StopEnded).len() == 1);
 }
 
 #[test]
@@ -372,16 +365,18 @@ fn an_axis_that_was_not_there_is_stopped_when_it_answers_though_the_others_turn(
     let link = || site.bench.snapshot().links[0].clone();
     assert_eq!((link().absent[0].number, &*link().owed), (3, &[3][..]));
     let lost = site.proxy.lost();
-    until("it is asked for again", || site.proxy.lost() > lost);
+    wait_until("it is asked for again", || site.proxy.lost() > lost);
     site.proxy.set(Mode::Pass);
-    until("it joins", || link().absent.is_empty());
-    until("its debt ends", || site.bench.axis_state(1).is_ok_and(|state| state.owed.is_none()));
+    wait_until("it joins", || link().absent.is_empty());
+    wait_until("its debt ends", || {
+        site.bench.axis_state(1).is_ok_and(|state| state.owed.is_none())
+    });
     let turns = |drive| truth_of(&site.line, drive).velocity.abs();
     assert!(turns(1) < STANDS, "{}", turns(1));
     assert!(turns(0) > 10.0, "nobody said that this one is to stop: {}", turns(0));
     assert!(link().owed.is_empty());
     assert_eq!(site.journal.of(JournalAction::TakeIn).len(), 1);
-    until("the journal has it", || site.journal.of(JournalAction::StopEnded).len() == 1);
+    wait_until("the journal has it", || site.journal.of(JournalAction::StopEnded).len() == 1);
 }
 
 #[test]
@@ -399,7 +394,7 @@ fn an_axis_that_is_owed_nothing_joins_once_the_others_are_at_rest() {
     site.wait_stop_resolved();
     // Its holder gives it back.
     let _ = site.bench.request_lease(0, &site.ann, LeaseAction::Drop, epoch).wait();
-    until("it joins", || {
+    wait_until("it joins", || {
         let bench = site.bench.snapshot();
         bench.axes.len() == 2 && bench.links[0].absent.is_empty()
     });
@@ -413,7 +408,7 @@ fn a_server_that_ends_names_who_was_not_seen_standing() {
     site.proxy.set(Mode::Silent);
     let left = site.bench.shutdown();
     assert!(left.len() == 1 && left[0].contains("tmcl+tcp://"), "{left:?}");
-    until("the journal has it", || {
+    wait_until("the journal has it", || {
         let outcomes = site.journal.of(JournalAction::Outcome);
         outcomes.iter().any(|detail| detail["class"] == "owed")
     });

@@ -5,13 +5,14 @@ use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use polepair_serve::BODY_MAX;
+use polepair_test_support::Deadline;
 use serde_json::json;
 use tungstenite::protocol::frame::Frame;
 use tungstenite::protocol::frame::coding::{Data, OpCode};
 use tungstenite::{Message, WebSocket};
 
 use super::JSON;
-use super::site::{LONG, Site, folder, next, options, send_message};
+use super::site::{Site, folder, next, options, send_message};
 
 #[test]
 fn t11_bodies_are_bounded() {
@@ -65,8 +66,8 @@ fn t11_who_does_not_greet_an_encrypted_server_is_closed() {
 
 /// Whether the server ends this viewer. What it is shown meanwhile has an end.
 fn is_ended(mut viewer: WebSocket<TcpStream>) -> bool {
-    let end = Instant::now() + LONG;
-    while Instant::now() < end {
+    let deadline = Deadline::new("the server ends this viewer");
+    while !deadline.has_passed() {
         if viewer.read().is_err() {
             return true;
         }
@@ -177,9 +178,9 @@ fn t11_a_message_has_not_any_number_of_frames() {
     let floods = floods.into_iter().map(|mut flood| {
         std::thread::spawn(move || {
             flood.send(piece(Data::Text, "", false)).unwrap();
-            let end = Instant::now() + LONG;
+            let deadline = Deadline::new("the server closes this connection");
             while flood.send(piece(Data::Continue, "", false)).is_ok() {
-                assert!(Instant::now() < end, "it is not closed");
+                deadline.check(|| "it takes more".to_owned());
             }
         })
     });

@@ -1,6 +1,7 @@
 //! Requests in a protocol's own text: who may, once, and never past the lock.
 
 use polepair_serve::ServerOptions;
+use polepair_test_support::wait_until;
 use serde_json::{Value, json};
 
 use super::site::{Answer, Site, folder, now_ms, options};
@@ -70,23 +71,15 @@ fn t09_a_raw_request_is_sent_once_and_its_motion_ends_with_the_lease() {
     let lines = reports.iter().filter(|r| r["deed"] == "command" && r["detail"]["id"] == "spin");
     assert_eq!(lines.count(), 1);
     let speed = || bench.truth(0).unwrap().velocity.abs();
-    until(|| {
+    wait_until("it turns", || {
         renewed();
         speed() > 1.0
     });
     // Nobody renews it.
-    until(|| speed() < 1e-3);
+    wait_until("it stands", || speed() < 1e-3);
     site.post("POST /api/v1/stop", "expert", "{}");
     let locked = say(&site, "after", &lease(&site), "ROR 0, 500");
     assert_eq!(locked.code(), "gateway.locked");
     assert!(speed() < 1e-3);
     site.end();
-}
-
-fn until(seen: impl Fn() -> bool) {
-    let end = std::time::Instant::now() + super::site::LONG;
-    while !seen() {
-        assert!(std::time::Instant::now() < end, "it was not seen in time");
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    }
 }
