@@ -89,7 +89,8 @@ interop: package
 # Installed as `maturin develop` would, but from the workspace's build.
 package: $(VENV)/ready build
 	cp target/$(BUILD)/$(MODULE) crates/python/python/polepair/_polepair.abi3.so
-	cd crates/python && $(CURDIR)/$(VENV)/bin/maturin --quiet pep517 write-dist-info --metadata-directory $(SITE)
+	cd crates/python && $(CURDIR)/$(VENV)/bin/maturin pep517 write-dist-info --metadata-directory $(SITE) \
+		>$(CURDIR)/target/maturin.log 2>&1 || { cat $(CURDIR)/target/maturin.log; false; }
 	echo $(CURDIR)/crates/python/python >$(SITE)/polepair.pth
 
 ## python: the package, built and tried: its surface, its types, its guide, examples and notebooks
@@ -117,11 +118,11 @@ soak:
 	POLEPAIR_EXCHANGES=1000000 $(CARGO) test --release --locked --quiet -p polepair-link --test integration stress:: -- --nocapture
 	POLEPAIR_BUS_SECONDS=3600 $(CARGO) test --release --locked --quiet -p polepair-sim --test integration mixed:: -- --nocapture
 	POLEPAIR_SCOPE_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-serve --test integration telemetry:: -- --nocapture
-	POLEPAIR_SCOPE_SECONDS=600 $(MAKE) --no-print-directory page BUILD=release TESTS=scope
+	POLEPAIR_SCOPE_SECONDS=600 POLEPAIR_SPEED=1 $(MAKE) --no-print-directory page BUILD=release TESTS="scope page"
 	POLEPAIR_LOAD_RUNS=5 POLEPAIR_LOAD_VIEWERS=100 POLEPAIR_LOAD_COMMANDS=2000 POLEPAIR_LOAD_STOPS=2000 POLEPAIR_LOAD_IDLE=10000 $(CARGO) test --release --locked --quiet -p polepair-cli --test integration gateway::load:: -- --nocapture
 	POLEPAIR_FRAMES=all $(CARGO) test --release --locked --quiet -p polepair-cli --bin polepair every_frame
 	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
-	POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python BUILD=release
+	POLEPAIR_FRAMES=all POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python BUILD=release
 	$(CARGO) test --release --locked --quiet -p polepair-sim --test pinned
 	$(MAKE) --no-print-directory swarm SEEDS=100000
 	fuzz/run $(or $(FUZZ_SECONDS),60)

@@ -8,7 +8,7 @@ export default defineConfig({
     fileParallelism: false,
     // Long enough time-outs for a machine that is busy with other things.
     env: { POLEPAIR_TIMEOUT_SCALE: "10" },
-    testTimeout: 120_000,
-    hookTimeout: 120_000,
+    testTimeout: 240_000,
+    hookTimeout: 240_000,
   },
 });

@@ -3,6 +3,7 @@
 import { execFileSync } from "node:child_process";
 import { mkdirSync, readdirSync, readFileSync } from "node:fs";
 import { createRequire } from "node:module";
+import { loadavg } from "node:os";
 import { join, resolve } from "node:path";
 import { type Browser, chromium, type Locator, type Page } from "playwright-core";
 import { expect } from "vitest";
@@ -15,6 +16,8 @@ const IMAGES = process.env.IMAGES;
 const PAGE = process.env.PAGE;
 /** Where those go that are for nobody's documentation. */
 const SHOTS = process.env.SHOTS;
+/** Longer than anything takes that works, on a busy machine too. */
+export const WAIT_MS = 120_000;
 /** A picture of the documentation is no larger. */
 const PICTURE_BYTES_MAX = 150_000;
 const COLOURS = "128";
@@ -67,6 +70,7 @@ export class Visitor {
         locale: "en-GB",
         timezoneId: "UTC",
       });
+      page.setDefaultTimeout(WAIT_MS);
       if (PAGE) await instead(page, resolve(PAGE));
       return new Visitor(server, browser, page);
     } catch (problem) {
@@ -109,13 +113,14 @@ export class Visitor {
   async until(
     read: () => Promise<string>,
     good: (text: string) => boolean,
-    ms = 30_000,
+    ms = WAIT_MS,
   ): Promise<string> {
     const end = Date.now() + ms;
     for (;;) {
       const text = await read();
       if (good(text)) return text;
-      if (Date.now() > end) throw new Error(`after ${ms} ms still: ${text}`);
+      if (Date.now() > end)
+        throw new Error(`after ${ms} ms still: ${text}; load ${loadavg().join(" ")}`);
       await this.page.waitForTimeout(50);
     }
   }
@@ -146,7 +151,7 @@ export class Visitor {
     const offered = this.page
       .locator("button:enabled")
       .filter({ hasText: /^(Take control|Enable)$/ });
-    for (const end = Date.now() + 30_000; Date.now() < end;) {
+    for (const end = Date.now() + WAIT_MS; Date.now() < end;) {
       await offered.or(jog).first().waitFor();
       if (await jog.count()) return;
       await offered.first().click();

@@ -5,7 +5,6 @@ use std::pin::Pin;
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-use polepair_link::clock;
 use polepair_messages::{
     AxisState, CommandArguments, CommandOutcome, CommandRequest, DEFAULT_TTL_MS, LeaseAction,
     OutcomeKind, RawRequest,
@@ -73,7 +72,7 @@ impl Lease {
         let command_request = CommandRequest {
             id: new_command_id()?,
             issued_ms: self.live.cache().now_ms(),
-            ttl_ms: DEFAULT_TTL_MS * f64::from(clock::timeout_scale()),
+            ttl_ms: DEFAULT_TTL_MS,
             epoch: self.epoch,
             verb: verb.to_owned(),
             arguments,
@@ -111,7 +110,7 @@ impl Lease {
         let request = RawRequest {
             id: new_command_id()?,
             issued_ms: self.live.cache().now_ms(),
-            ttl_ms: DEFAULT_TTL_MS * f64::from(clock::timeout_scale()),
+            ttl_ms: DEFAULT_TTL_MS,
             epoch: self.epoch,
             text: text.to_owned(),
         };

@@ -258,6 +258,14 @@ impl Error {
         }
     }
 
+    /// The same of a stop after which nobody saw the motor at standstill.
+    pub(crate) fn with_unseen_motor(mut self) -> Self {
+        if let Self::Failed { may_turn, .. } = &mut self {
+            *may_turn = true;
+        }
+        self
+    }
+
     /// Whether the motor may still turn, and nothing can stop it from here but to cut its supply.
     #[must_use]
     pub const fn may_turn(&self) -> bool {

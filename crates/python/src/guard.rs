@@ -192,11 +192,13 @@ mod system {
             caught >> (signal - 1) & 1 == 0 && is_default(py, *signal).unwrap_or(false)
         };
         let unheard: Vec<i32> = ENDING_SIGNALS.into_iter().filter(is_ours).collect();
+        // Its handler comes before the one below, which lets signals pass while something is armed: one
+        // that arrived between the two would be lost.
+        let Ok(mut signals) = Signals::new(&unheard) else { return };
         for signal in &unheard {
-            // Where nothing is armed this ends the process before anything else is done.
+            // Where nothing is armed this ends the process at once.
             let _ = signal_hook::flag::register_conditional_default(*signal, Arc::clone(&IDLE));
         }
-        let Ok(mut signals) = Signals::new(unheard) else { return };
         let on_event = move || {
             for signal in &mut signals {
                 let _one = super::lock_shutdown();

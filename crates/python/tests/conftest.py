@@ -9,7 +9,8 @@ import polepair
 import pytest
 
 # Long enough time-outs for a machine that is busy with other things; programs that tests start inherit it.
-os.environ.setdefault("POLEPAIR_TIMEOUT_SCALE", "10")
+# It holds for this whole process, and many tests wait for drives that are silent on purpose: no more than 3.
+os.environ.setdefault("POLEPAIR_TIMEOUT_SCALE", "3")
 
 
 @pytest.fixture

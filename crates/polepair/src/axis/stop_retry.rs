@@ -145,6 +145,7 @@ impl RepeatedStop {
             {
                 self.retry_at = Some(now + RETRY_PAUSE);
             } else {
+                let error = if is_superseded(&error) { error.with_unseen_motor() } else { error };
                 self.ended = Some(Err(if self.may_be_executed {
                     error.after_earlier_attempt()
                 } else {

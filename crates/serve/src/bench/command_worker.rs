@@ -16,6 +16,7 @@ use polepair::{Axis, RunningRequest};
 use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
+use polepair_link::clock;
 use serde_json::json;
 use tokio::sync::oneshot;
 
@@ -576,9 +577,14 @@ enum StartResult {
     NeedsPreparation,
 }
 
+/// How long a command is good for, ms.
+pub(super) fn scaled_ttl_ms(ttl_ms: f64) -> f64 {
+    ttl_ms * f64::from(clock::timeout_scale())
+}
+
 /// Whether a command is still good.
 fn check_age(issued_ms: f64, ttl_ms: f64, now_ms: f64) -> Result<(), GatewayError> {
-    let age = now_ms - issued_ms;
+    let (age, ttl_ms) = (now_ms - issued_ms, scaled_ttl_ms(ttl_ms));
     if age > ttl_ms {
         let what = format!("said {age:.0} ms ago, and good for {ttl_ms:.0} ms");
         return Err(

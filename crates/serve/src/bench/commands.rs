@@ -1,5 +1,6 @@
 //! Commands: checked, recorded in the journal, handed to the worker of their wire.
 
+use super::command_worker::scaled_ttl_ms;
 use super::*;
 
 impl Bench {
@@ -108,7 +109,7 @@ impl Bench {
         let sequence = link.wire.reserve_number()?;
         let now = self.0.context.now();
         // However far ahead its clock is, within what is let through.
-        let stale = now + Duration::from_secs_f64((ttl_ms + 1000.0) / 1e3);
+        let stale = now + Duration::from_secs_f64((scaled_ttl_ms(*ttl_ms) + 1000.0) / 1e3);
         Ok((self.0.context.lock_history().register(id, stale, now)?, &link.wire, index, sequence))
     }
 
