@@ -32,9 +32,7 @@ demo:
 ## test: all tests, 500 swarm seeds and 200 of gateways among them; installs what the foreign clients need
 test:
 	@$(STEP) --begin
-	@$(STEP) "packages" $(MAKE) packages
-	@if web/ready; then $(STEP) "page: build" $(MAKE) $(PAGE); fi
-	@$(STEP) "lints" $(MAKE) lints
+	@$(STEP) "packages and lints" $(MAKE) -j2 --output-sync=target packages lints
 	@$(STEP) "build" $(MAKE) build
 	@$(STEP) "unit tests" $(CARGO) test $(WORKSPACE) --lib --bins
 	@$(STEP) "integration tests" env RUST_TEST_THREADS=2 $(CARGO) test $(WORKSPACE) --test '*'
@@ -58,10 +56,10 @@ build:
 	$(CARGO) test $(WORKSPACE) --no-run
 	$(CARGO) build $(WORKSPACE) --lib --bins --examples
 
-# What tests need beside Rust.
+# What tests need beside Rust, and the page, which the server contains.
 packages: $(VENV)/ready
 	-@rustup target add thumbv6m-none-eabi >/dev/null 2>&1 || true
-	@if web/ready; then $(MAKE) --no-print-directory web/node_modules/.package-lock.json; fi
+	@if web/ready; then $(MAKE) --no-print-directory $(PAGE); fi
 
 ## web: the dashboard's page, checked, tried and built into web/dist; needs Node.js
 web: $(PAGE)
