@@ -122,6 +122,7 @@ soak:
 	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
 	POLEPAIR_FRAMES=all POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python BUILD=release
 	$(CARGO) test --release --locked --quiet -p polepair-sim --test pinned
+	POLEPAIR_BLOCK_BYTES=2000000 POLEPAIR_WIRESHARK_FRAMES=1000000 $(MAKE) --no-print-directory interop BUILD=release
 	$(MAKE) --no-print-directory swarm SEEDS=100000
 	fuzz/run $(or $(FUZZ_SECONDS),60)
 

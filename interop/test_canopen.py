@@ -68,10 +68,10 @@ def test_an_abort_is_told_with_its_code(node):
 
 
 def test_a_scan_finds_the_node_and_no_other(node):
-    said = polepair("scan", URL.split("#", maxsplit=1)[0], "--ids", "4-6", timeout=120).stdout
+    said = polepair("scan", URL.split("#", maxsplit=1)[0], "--ids", "4-6", silence=True).stdout
     assert [line.split()[0] for line in said.splitlines() if line[:1].isdigit()] == [str(NODE)]
 
 
 def test_nobody_there_is_silence():
-    done = polepair("get", URL, "vendor id", check=False)
+    done = polepair("get", URL, "vendor id", check=False, silence=True)
     assert done.returncode != 0 and "E401" in done.stderr

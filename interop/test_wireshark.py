@@ -1,10 +1,11 @@
-"""CANopen frames by a million, explained by us and by Wireshark's dissector, frame for frame.
+"""CANopen frames by many, explained by us and by Wireshark's dissector, frame for frame.
 
 Both read the same file. Where the two differ, REASONS says why; a difference that no reason covers
-fails, and so does a reason that covers none. docs/protocols/canopen.md has them in words.
+fails, and so does a reason that covers none (`make soak` tries a million). docs/protocols/canopen.md has them in words.
 """
 
 import json
+import os
 import random
 import struct
 import subprocess
@@ -12,7 +13,7 @@ import threading
 
 from conftest import POLEPAIR, need
 
-FRAMES = 1_000_000
+FRAMES = int(os.environ.get("POLEPAIR_WIRESHARK_FRAMES", "200000"))
 SEED = 20_261_121
 REMOTE, EXTENDED = 1 << 30, 1 << 31
 # Real block transfers go on with these; random service data never do.
@@ -80,7 +81,7 @@ def block_download(dice, node):
 
 
 def frames():
-    """The same million every time."""
+    """The same every time."""
     dice = random.Random(SEED)
     made = []
     while len(made) < FRAMES:
@@ -244,12 +245,12 @@ REASONS = [is_remote, is_extended, is_nobodys, length_is_wrong, is_short_emergen
 
 def lines_of(words, found):
     """Runs a program and keeps its lines."""
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=1200, check=False)
     assert done.returncode == 0, done.stderr
     found.extend(done.stdout.splitlines())
 
 
-def test_a_million_frames_agree_with_wireshark(tmp_path):
+def test_many_frames_agree_with_wireshark(tmp_path):
     need("tshark")
     made = frames()
     path = tmp_path / "canopen.pcap"
