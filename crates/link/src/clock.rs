@@ -43,7 +43,7 @@ pub fn sleep_until(at: Instant) {
 ///
 /// For tests only: on a busy machine a process may not run for longer than a reply may take. It is read
 /// once. What is scaled are the times after which something counts as failed (replies, leases, silence,
-/// standstill); what a user gives as a duration is not, nor are periods.
+/// standstill; the `timeout` of a connection string too). How long something lasts is not, nor are periods.
 #[must_use]
 pub fn timeout_scale() -> u32 {
     static TIMEOUT_SCALE: OnceLock<u32> = OnceLock::new();
