@@ -116,10 +116,15 @@ impl Network {
         node.guard_toggle.replace(!beat.toggle).is_none_or(|expected| expected == beat.toggle)
     }
 
-    /// Learns from an answer how often a node's heartbeat comes.
+    /// Learns from an answer how often a node's heartbeat comes, and that a node watches ours from now on.
     #[inline]
     pub fn learn_heartbeat_time(&mut self, node: u8, answer: &Answer) {
         match *answer {
+            // A consumer starts its timer with the first heartbeat that it receives (CiA 301, 7.2.8.3.2.2):
+            // until then nothing stops its motor if this host is killed. So the next one is due at once.
+            Answer::Written { object: CONSUMER_HEARTBEAT, bits } if bits != 0 => {
+                self.own_heartbeat.next = self.own_heartbeat.next.map(|_| Instant::ZERO);
+            }
             Answer::Value { object: HEARTBEAT_TIME, bits, .. }
             | Answer::Written { object: HEARTBEAT_TIME, bits } => {
                 let node = &mut self.nodes[usize::from(node & NODE_MAX)];

@@ -380,6 +380,23 @@ fn our_own_heartbeat_ends_with_the_lease() {
 }
 
 #[test]
+fn a_node_that_begins_to_watch_gets_a_heartbeat_at_once() {
+    let mut b = HostFixture::with(HostOptions { heartbeat_ms: Some(300), ..HostOptions::new(0) });
+    b.submit(1, read(2, STATUS));
+    assert!(b.sent_frames().contains(&String::from("77F#05")));
+    b.receive("582#4B41600000000000");
+    b.wait(20);
+    b.submit(2, HostRequest::WatchHeartbeat { node: 2, ms: 900 });
+    assert!(!b.sent_frames().contains(&String::from("77F#05")), "the node does not watch yet");
+    b.receive("582#6016100100000000");
+    assert_eq!(b.sent_frames(), ["77F#05"]);
+    b.wait(299);
+    assert_eq!(b.sent_frames(), [""; 0], "the period begins anew");
+    b.wait(1);
+    assert_eq!(b.sent_frames(), ["77F#05"]);
+}
+
+#[test]
 fn sync_keeps_its_beat() {
     let mut b = HostFixture::new();
     b.submit(1, HostRequest::SyncEvery(10_000));

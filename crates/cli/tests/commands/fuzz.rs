@@ -1,6 +1,6 @@
 //! The fuzz targets' bodies on the inputs that are kept in `fuzz/corpus`, then on seeded ones, without
 //! cargo-fuzz: what `make soak` does for longer.
-//! `POLEPAIR_FUZZ_SECONDS=60 cargo test -p polepair-cli --test integration fuzz::` gives each target a minute.
+//! `POLEPAIR_FUZZ_SECONDS=60 cargo test -p polepair-cli --test commands fuzz::` gives each target a minute.
 
 #[path = "../../../../fuzz/bodies.rs"]
 mod bodies;

@@ -30,8 +30,8 @@ fn a_motor_stops_when_the_server_that_its_drive_watches_is_killed() {
     let before = run::ok(&["watchdog", &witness]);
     assert!(before.contains("off"), "{before}");
     let folder = Folder::new();
-    let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=100#5")]);
-    let output = "on, the drive stops after 300 ms of silence";
+    let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=300#5")]);
+    let output = "on, the drive stops after 900 ms of silence";
     let record = watched(&folder, 1);
     assert_eq!((&record["axis"], &record["detail"]["is"]), (&json!(0), &json!(output)), "{record}");
     let mut live = site.live();
@@ -42,16 +42,16 @@ fn a_motor_stops_when_the_server_that_its_drive_watches_is_killed() {
     drop(site);
     wait_until("the motor stands", || velocity(&witness).abs() <= 1.0);
     // Whoever ends in order leaves no drive that waits for a heartbeat.
-    let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=100#5")]);
+    let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=300#5")]);
     watched(&folder, 2);
     assert_eq!(site.signal("TERM"), Some(0));
     let after = run::ok(&["watchdog", &witness]);
     // It was so when that server came. The observer sends no heartbeat, and says so.
-    let watches = "watches node 127 and stops 300 ms after the last one; without heartbeat= this";
+    let watches = "watches node 127 and stops 900 ms after the last one; without heartbeat= this";
     assert!(after.contains(watches), "{after}");
     assert!(run::ok(&["info", &witness]).contains(watches));
     run::ok(&["watchdog", &witness, "off"]);
-    let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=100#5")]);
+    let mut site = Site::new(&folder, &[&format!("{link}?heartbeat=300#5")]);
     assert_eq!(watched(&folder, 3)["detail"]["is"], output);
     assert_eq!(site.signal("TERM"), Some(0));
     let after = run::ok(&["watchdog", &witness]);
