@@ -1,5 +1,5 @@
 //! What each fuzz target does with its input: shared by cargo-fuzz (`fuzz_targets/`, `make soak`) and
-//! by the seeded form of the same (`crates/cli/tests/integration/fuzz.rs`, `make test`).
+//! by the seeded form of the same (`crates/cli/tests/commands/fuzz.rs`, `make test`).
 //!
 //! Nothing panics, nothing goes on without end, and a cut never reaches beyond its input.
 

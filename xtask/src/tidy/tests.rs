@@ -115,10 +115,10 @@ fn cited_decisions_must_exist() {
 #[test]
 fn a_test_is_in_its_crates_program_or_says_why_not() {
     let reported = |rest: &[&str], text: &str| {
-        let path = rest.iter().fold(Path::new("crates/cli/tests").to_path_buf(), |p, r| p.join(r));
+        let path = rest.iter().fold(Path::new("crates/link/tests").to_path_buf(), |p, r| p.join(r));
         let read = |parent: &Path| match parent.to_str()? {
-            "crates/cli/tests/integration/main.rs" => Some("mod stop;\nmod gateway;\n".to_owned()),
-            "crates/cli/tests/integration/gateway/mod.rs" => Some("pub mod site;\n".to_owned()),
+            "crates/link/tests/integration/main.rs" => Some("mod stop;\nmod gateway;\n".to_owned()),
+            "crates/link/tests/integration/gateway/mod.rs" => Some("pub mod site;\n".to_owned()),
             _ => None,
         };
         programs::check_test_file(&path, rest, text, read)

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use patience::{MS, heard, order};
+use polepair_link::clock;
 use polepair_serve::bench::{
     Bench, BenchOptions, JournalEntry, JournalSink, PendingReply, SessionName,
 };
@@ -117,7 +118,10 @@ fn a_command_is_carried_out_once_and_while_it_is_fresh() {
     assert_eq!(again, CommandOutcome { replayed: true, ..first });
     assert_eq!(fixture.bench.truth(0).unwrap().starts, starts, "nothing was sent");
     let old = fixture.order(epoch, "velocity", Some(30.0));
-    fixture.bench.advance_time(600 * MS);
+    for _ in 0..2 * clock::timeout_scale() {
+        fixture.bench.advance_time(300 * MS);
+        fixture.renew_lease(&ann, epoch);
+    }
     let old = fixture.hear(fixture.bench.command(0, &ann, old)).unwrap();
     assert_eq!((old.outcome, code(&old)), (OutcomeKind::NotDone, "gateway.expired"));
     let mut early = fixture.order(epoch, "velocity", Some(30.0));
@@ -439,7 +443,8 @@ impl Crowd {
         let now = self.fixture.bench.now_ms();
         let held = self.fixture.bench.axis_state(0).unwrap().lease;
         let its = held.is_some_and(|l| l.owner == **who && l.epoch == request.epoch);
-        let fresh = now - request.issued_ms <= request.ttl_ms;
+        let ttl_ms = request.ttl_ms * f64::from(clock::timeout_scale());
+        let fresh = now - request.issued_ms <= ttl_ms;
         let moves = request.verb == "velocity";
         let starts = self.starts();
         let reply = self.fixture.bench.command(0, who, request);

@@ -304,7 +304,7 @@ fn a_stop_under_a_lease_is_said_until_the_motor_stands() {
         site.proxy.set(Mode::Silent);
         let stop = site.start(epoch, "stop", None);
         site.wait_pending_stop("it was said again", |pending| {
-            pending.said >= 3 && pending.error.is_some()
+            pending.said >= 2 && pending.error.is_some()
         });
         assert!(site.truth().velocity.abs() > 10.0);
         site.proxy.set(Mode::Pass);

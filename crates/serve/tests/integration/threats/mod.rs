@@ -9,6 +9,7 @@ mod tls;
 use crate::{authority, site};
 
 use polepair::Connector;
+use polepair_link::clock;
 use polepair_serve::{AccessRule, ApiRoute, GatewayServer, ROUTES, ServerOptions, TRIES_MAX};
 use serde_json::{Value, json};
 use site::{Site, folder, next, now_ms, options, send_message};
@@ -289,7 +290,7 @@ fn t08_what_is_late_or_said_twice_is_not_carried_out() {
         json!({ "type": "command", "axis": 0, "id": id, "issued_ms": issued_ms, "ttl_ms": 1000,
                 "epoch": epoch, "verb": "arm" })
     };
-    send_message(&mut ann, &arm("late", now_ms() - 1500.0));
+    send_message(&mut ann, &arm("late", now_ms() - 1500.0 * f64::from(clock::timeout_scale())));
     let late = next(&mut ann, "outcome");
     assert_eq!(
         (&late["outcome"], &late["error"]["code"]),
