@@ -6,7 +6,7 @@
 use polepair_core::plan::{Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
     Access, Certainty, Fault, IdentityQuery, Parameter, ParameterId, Persistence, Profile, Scale,
-    SignalSource, Watchdog,
+    ScaleRule, SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
 use std::collections::BTreeMap;
@@ -408,8 +408,16 @@ fn scale_expr(scale: Scale) -> String {
         Some(it) => format!("Some({})", parameter_id(it)),
         None => "None".to_owned(),
     };
-    let Scale { factor, times, over } = scale;
-    format!("Scale {{ factor: {factor:?}, times: {}, over: {} }}", part(times), part(over))
+    let Scale { factor, times, over, rule } = scale;
+    let (times, over) = (part(times), part(over));
+    let rule = rule.map_or_else(|| "None".to_owned(), |rule| format!("Some({})", rule_path(rule)));
+    format!("Scale {{ factor: {factor:?}, times: {times}, over: {over}, rule: {rule} }}")
+}
+
+/// Where a rule stands: `cia402-position` is `POSITION` of that family's units.
+fn rule_path(rule: &ScaleRule) -> String {
+    let (family, name) = rule.name.split_once('-').unwrap_or((rule.name, ""));
+    format!("&crate::drives::{family}::units::{}", name.to_uppercase())
 }
 
 fn fault_row(f: &Fault) -> String {
@@ -538,7 +546,7 @@ mod tests {
         syn::parse_file(&rust).unwrap();
         for piece in [
             "pub static EVERY_KIND: Profile",
-            "scale: Scale { factor: 0.5, times: Some(ParameterId(1)), over: None }",
+            "scale: Scale { factor: 0.5, times: Some(ParameterId(1)), over: None, rule: None }",
             "values: &[(0, \"off\"), (1, \"on\")]",
             "Step::Write(ParameterId(0), Operand::OptionalArgument(Argument::Velocity))",
             "ParameterTest { mask: 0x80, compare: Compare::Equal, value: 128 }, within_ms: 60000",

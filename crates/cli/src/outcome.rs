@@ -1,14 +1,17 @@
 //! The library's errors as the user sees them. One place, so that every verb says the same.
 
+use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
 pub use polepair::faults;
 use polepair::no_reply::NoReplyDetails;
-use polepair::{Connector, Error, SentCounter};
+use polepair::{Axis, Connector, Error, SentCounter};
 use polepair_core::error::Outcome;
+use polepair_core::profile::ParameterId;
 use polepair_link::LinkError;
 
 use crate::problem::{Exit, Problem};
+use crate::terminal::print_note;
 
 /// What counts the frames that left on links that this process opened.
 static SENT_COUNTERS: Mutex<Vec<SentCounter>> = Mutex::new(Vec::new());
@@ -48,6 +51,21 @@ pub fn unanswered_text(details: &NoReplyDetails) -> String {
     match details.is_nothing() {
         true => "Every address that was tried stayed silent.".to_owned(),
         false => format!("No address that was tried answered, but something came: {details}."),
+    }
+}
+
+/// Says once, of each axis and reason, that values have no unit and are shown as the drive's own numbers.
+pub fn note_missing_unit(axis: &Axis, id: ParameterId) {
+    static NOTED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    let Some((why, values)) = axis.unit_problem_parts(id) else { return };
+    let mut noted = NOTED.lock().unwrap_or_else(PoisonError::into_inner);
+    if noted.insert(format!("{} {why}", axis.label())) {
+        let name = axis.profile().parameter(id).map_or("", |parameter| parameter.name);
+        let values = if values.is_empty() { values } else { format!(" ({values})") };
+        print_note(&format!(
+            "note: {}: `{name}` has no unit, the drive's own number is shown: {why}{values}",
+            axis.label()
+        ));
     }
 }
 

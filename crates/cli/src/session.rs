@@ -89,6 +89,7 @@ pub fn read_signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
     let id = source.parameter;
     let Some(raw) = axis.read_optional(id).map_err(outcome::to_problem)? else { return Ok(None) };
     let value = axis.value(id, raw).map_err(outcome::to_problem)?;
+    outcome::note_missing_unit(axis, id);
     let masked = value.raw & source.mask;
     let plain = |raw: i64| Value {
         raw,

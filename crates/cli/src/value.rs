@@ -1,6 +1,6 @@
 //! Numbers with units, as people read them.
 
-use polepair_core::profile::{Parameter, Scale};
+use polepair_core::profile::Parameter;
 use polepair_core::units::Unit;
 
 /// A span of time in seconds, with its unit: `2s`, `500ms`, `1min`; `0` needs none.
@@ -43,8 +43,8 @@ pub fn format_with_unit(value: f64, unit: Unit) -> String {
 
 /// A raw value in the parameter's own unit, where no other parameter scales it.
 pub fn in_own_unit(parameter: &Parameter, raw: i64) -> Option<f64> {
-    let Scale { factor, times, over } = parameter.scale;
-    (times.is_none() && over.is_none()).then_some(raw as f64 * factor)
+    let scale = parameter.scale;
+    scale.is_constant().then_some(raw as f64 * scale.factor)
 }
 
 /// The name of a raw value, if it has one.

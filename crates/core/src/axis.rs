@@ -4,7 +4,7 @@ use crate::error::{Failure, Outcome, Unsupported};
 use crate::explain::RawFrame;
 use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::plan::Argument;
-use crate::profile::{AddressRole, Parameter, ParameterId, Profile};
+use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand, TransferStep};
 use crate::station::{AxisIndex, Counters, Request, RequestClass, Ticket};
 use crate::stream::cyclic::{
@@ -562,6 +562,19 @@ pub trait Axes {
     fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
         let _ = (axis, parameter);
         false
+    }
+
+    /// The raw value of a parameter that others are scaled by, if it was read and believed.
+    fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {
+        let _ = (axis, parameter);
+        None
+    }
+
+    /// Why a parameter has no unit, as far as is known: what scales it is missing, zero, or contradicts
+    /// itself. Its SI value is then the raw one.
+    fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale> {
+        let _ = (axis, parameter);
+        None
     }
 
     /// SI value of a raw one, by the scale of its parameter. `None` while a parameter that the

@@ -15,7 +15,7 @@ use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
 use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::medium::{Can, CanLine, Frame};
-use crate::profile::{AddressRole, ParameterId, Profile};
+use crate::profile::{AddressRole, NoScale, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand};
 use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
 use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
@@ -352,6 +352,14 @@ impl Axes for Mux {
 
     fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
         self.lane_of(axis).is_some_and(|(lane, axis)| lane.lacks_parameter(axis, parameter))
+    }
+
+    fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {
+        self.lane_of(axis).and_then(|(lane, axis)| lane.scale_input(axis, parameter))
+    }
+
+    fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale> {
+        self.lane_of(axis).and_then(|(lane, axis)| lane.scale_error(axis, parameter))
     }
 
     fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {

@@ -70,6 +70,13 @@ impl Profile {
         u16::try_from(at).ok().map(ParameterId)
     }
 
+    /// The parameter at an index and space.
+    #[must_use]
+    pub fn find_object(&self, (index, space): ObjectKey) -> Option<ParameterId> {
+        let at = self.parameters.iter().position(|p| (p.index, p.space) == (index, space))?;
+        u16::try_from(at).ok().map(ParameterId)
+    }
+
     /// Where a signal comes from.
     #[must_use]
     pub fn signal(&self, signal: Signal) -> Option<&'static SignalSource> {
@@ -268,7 +275,15 @@ pub enum Encoding {
     TensAndThousandths,
 }
 
-/// From raw to the parameter's unit: value = raw × factor × P(times) ÷ P(over).
+impl Encoding {
+    /// Whether raw values may be negative.
+    #[must_use]
+    pub const fn is_signed(self) -> bool {
+        !matches!(self, Self::Bit | Self::U8 | Self::U16 | Self::U32)
+    }
+}
+
+/// From raw to the parameter's unit: value = raw × factor × P(times) ÷ P(over) × rule.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Scale {
     /// Constant part.
@@ -277,12 +292,94 @@ pub struct Scale {
     pub times: Option<ParameterId>,
     /// A parameter of the same drive that divides it.
     pub over: Option<ParameterId>,
+    /// A standard's rule that computes the rest from further objects.
+    pub rule: Option<&'static ScaleRule>,
 }
 
 impl Scale {
     /// Raw is the value.
-    pub const ONE: Self = Self { factor: 1.0, times: None, over: None };
+    pub const ONE: Self = Self { factor: 1.0, times: None, over: None, rule: None };
+
+    /// Whether it depends on no other parameter.
+    #[must_use]
+    pub const fn is_constant(&self) -> bool {
+        self.times.is_none() && self.over.is_none() && self.rule.is_none()
+    }
+
+    /// The parameters of `profile` that it depends on.
+    pub fn inputs(self, profile: &'static Profile) -> impl Iterator<Item = ParameterId> + use<> {
+        let objects = self.rule.map_or(&[][..], |rule| rule.objects).iter();
+        let by_rule = objects.filter_map(|object| profile.find_object(*object));
+        [self.times, self.over].into_iter().flatten().chain(by_rule)
+    }
+
+    /// The factor from raw to the parameter's unit. `read` gives the raw value of an input, `None` where
+    /// the drive lacks it; `signed` is whether the parameter's raw values have a sign.
+    ///
+    /// # Errors
+    /// [`NoScale`]: an input is missing or zero, or the inputs contradict each other.
+    pub fn compute(
+        self,
+        profile: &'static Profile,
+        signed: bool,
+        read: &dyn Fn(ParameterId) -> Option<i64>,
+    ) -> Result<ScaleRuleValue, NoScale> {
+        let part = |id: Option<ParameterId>| match id {
+            None => Ok(1.0),
+            Some(id) => match read(id) {
+                None | Some(0) => Err(NoScale("the setting that scales it is missing or zero")),
+                Some(raw) => Ok(raw as f64),
+            },
+        };
+        let plain = self.factor * part(self.times)? / part(self.over)?;
+        let Some(rule) = self.rule else { return Ok(ScaleRuleValue { factor: plain, from: &[] }) };
+        let object = |key: ObjectKey| profile.find_object(key).and_then(read);
+        let by_rule = (rule.compute)(&object, signed)?;
+        Ok(ScaleRuleValue { factor: plain * by_rule.factor, ..by_rule })
+    }
 }
+
+/// Index and space of a parameter: on CANopen index and sub-index.
+pub type ObjectKey = (u16, u8);
+
+/// Computes a factor from what reads objects. The flag is whether the scaled parameter has a sign.
+pub type ComputeScale =
+    fn(&dyn Fn(ObjectKey) -> Option<i64>, bool) -> Result<ScaleRuleValue, NoScale>;
+
+/// A scale that a standard computes from several objects of the drive.
+pub struct ScaleRule {
+    /// The word in profiles: `cia402-position`.
+    pub name: &'static str,
+    /// What it reads. Objects that the drive lacks count as absent.
+    pub objects: &'static [ObjectKey],
+    /// The factor, of the raw values of these objects.
+    pub compute: ComputeScale,
+}
+
+impl PartialEq for ScaleRule {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl core::fmt::Debug for ScaleRule {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+/// What a scale comes to.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct ScaleRuleValue {
+    /// From raw to the parameter's unit.
+    pub factor: f64,
+    /// The objects that a rule computed it from.
+    pub from: &'static [ObjectKey],
+}
+
+/// Why a value has no unit, in words.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct NoScale(pub &'static str);
 
 /// Read, written or both.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

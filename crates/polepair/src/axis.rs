@@ -26,6 +26,7 @@ mod pending_writes;
 mod program;
 mod raw_bytes;
 mod request;
+mod scales;
 mod stop_retry;
 mod stop_sequence;
 mod streaming;
@@ -308,8 +309,7 @@ impl Axis {
     }
 
     fn read_factors(&self, parameter: &Parameter) -> Result<(), Error> {
-        let factors = [parameter.scale.times, parameter.scale.over];
-        factors.into_iter().flatten().try_for_each(|id| self.read_optional(id).map(drop))
+        parameter.scale.inputs(self.profile).try_for_each(|id| self.read_optional(id).map(drop))
     }
 
     /// Waits on the link's own clock: in virtual time it is over at once.
@@ -537,8 +537,9 @@ impl Axis {
     /// [`Error::Usage`] `E223` for what a file's limits do not let through; what reading the position
     /// brings.
     pub fn prepare(&self, command: Command) -> Result<PreparedCommand, Error> {
+        let mounted = self.apply_mounting(command)?;
         self.check_scales(&command)?;
-        Ok(PreparedCommand { axis: self.clone(), command: self.apply_mounting(command)? })
+        Ok(PreparedCommand { axis: self.clone(), command: mounted })
     }
 
     /// Starts a verb and does not wait for its end.

@@ -96,6 +96,9 @@ impl Get {
             true => session.axis_prefix(axis),
             false => format!("#{number} "),
         };
+        if !self.raw {
+            outcome::note_missing_unit(axis, id);
+        }
         let (raw, text, unit) = (value.raw, value.to_string(), value.unit.symbol());
         let (value, link) = (value.value, None);
         self.print_row(&who, &ReadRow { number, link, name, symbol, raw, value, unit, text }, out);

@@ -181,6 +181,9 @@ fn axis_text(axis: &Axis) -> Result<String> {
             Err(problem) => row(signal.name(), absent_text(axis, signal, problem)?),
         }
     }
+    for (kind, text) in axis.describe_units().map_err(outcome::to_problem)? {
+        row(&format!("{kind} unit"), text);
+    }
     row("watchdog", watchdog_text(axis)?);
     let faults = match faults_text(axis) {
         Ok(faults) => {

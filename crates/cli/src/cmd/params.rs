@@ -190,8 +190,14 @@ fn scale_text(profile: &Profile, parameter: &Parameter) -> String {
     let scale = parameter.scale;
     let times = scale.times.map_or_else(String::new, |id| format!(" x {:?}", name(id)));
     let over = scale.over.map_or_else(String::new, |id| format!(" / {:?}", name(id)));
-    if scale.factor == 1.0 && times.is_empty() && over.is_empty() {
+    if scale.is_constant() && scale.factor == 1.0 {
         return String::new();
+    }
+    if let Some(rule) = scale.rule {
+        let known = rule.objects.iter().filter_map(|object| profile.find_object(*object));
+        let symbols: Vec<&str> =
+            known.filter_map(|id| Some(profile.parameter(id)?.symbol)).collect();
+        return format!("computed from {}", symbols.join(", "));
     }
     format!("raw x {}{times}{over}", format_number(scale.factor))
 }

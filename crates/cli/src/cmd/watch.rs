@@ -281,6 +281,9 @@ fn local_column(session: &Session, axis: &Axis, name: &str) -> Result<WatchColum
         Some((_, source)) => (source.parameter, source.equals.is_some()),
         None => (find_parameter(axis, name)?, false),
     };
+    // Reads what the unit depends on. What cannot be read shows with the first value.
+    let _ = axis.value(id, 0);
+    outcome::note_missing_unit(axis, id);
     let unit = if flag { "" } else { axis.unit(id).symbol() }.to_owned();
     let (number, its) = (axis.number(), axis.clone());
     // Raw where its scale is not known.

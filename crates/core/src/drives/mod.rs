@@ -9,7 +9,7 @@ pub mod tmcm17x;
 
 use crate::explain::Dissector;
 use crate::medium::{Can, Stream};
-use crate::profile::Profile;
+use crate::profile::{Profile, ScaleRule};
 use crate::proto;
 use crate::station::{Station, Timed};
 
@@ -93,6 +93,12 @@ pub fn profiles() -> &'static [&'static Profile] {
         &thruster::profile::THRUSTER_ACTUATOR,
     ];
     &ALL
+}
+
+/// Every rule by which a scale is computed from several parameters.
+#[must_use]
+pub const fn scale_rules() -> [&'static ScaleRule; 3] {
+    [&cia402::units::POSITION, &cia402::units::VELOCITY, &cia402::units::ACCELERATION]
 }
 
 /// The profile whose names stand in for an unknown drive's, where a protocol's texts are made of

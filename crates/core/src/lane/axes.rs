@@ -1,6 +1,7 @@
 //! A lane as axes: what callers ask of it, by axis and ticket.
 
 use super::*;
+use crate::profile::NoScale;
 
 impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     fn axis_count(&self) -> usize {
@@ -304,6 +305,14 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
 
     fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
         self.slot(axis).is_ok_and(|slot| slot.lacks_parameter(parameter))
+    }
+
+    fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {
+        self.slot(axis).ok()?.scale_input(parameter)
+    }
+
+    fn scale_error(&self, axis: AxisIndex, parameter: ParameterId) -> Option<NoScale> {
+        self.slot(axis).ok()?.scale_error(parameter)
     }
 
     fn to_si(&self, axis: AxisIndex, parameter: ParameterId, raw: i64) -> Option<f64> {

@@ -137,7 +137,8 @@ fn next_run_request<R: Request, A: Copy + 'static>(
     }
 }
 
-/// A scale that the run's arguments need and nobody knows yet.
+/// A scale that nobody knows yet, and that the run's arguments need or the set-points that follow it: what
+/// its plan reads is scaled as these are.
 fn missing_factor<R: Request, A: Copy + 'static>(
     run: &PlanRun,
     slot: &AxisSlot<R, A>,
@@ -146,6 +147,9 @@ fn missing_factor<R: Request, A: Copy + 'static>(
         Step::Write(id, _) | Step::Send { like: Some(id), .. } => {
             let unknown = !slot.check_step(&step, &run.command).unwrap_or(true);
             unknown.then(|| slot.missing_factor(id)).flatten()
+        }
+        Step::Read(id) if super::setpoint_kind_of(run.command.verb).is_some() => {
+            slot.missing_factor(id)
         }
         _ => None,
     })

@@ -9,7 +9,7 @@ use super::transfer::MemoryTransfer;
 use crate::axis::{AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading};
 use crate::error::{Failure, Unsupported};
 use crate::plan::{Operand, Step};
-use crate::profile::{Access, Parameter, ParameterId, Profile, Scale, SignalSource};
+use crate::profile::{Access, NoScale, Parameter, ParameterId, Profile, SignalSource};
 use crate::station::Counters;
 use crate::stream::cyclic::SetpointKind;
 use crate::time::Instant;
@@ -59,6 +59,17 @@ impl ScaleFactor {
     }
 }
 
+/// What is known of a parameter's scale.
+#[derive(Clone, Copy, Debug)]
+enum ScaleState {
+    /// SI value of one raw unit.
+    Known(f64),
+    /// What it depends on has not been read.
+    Unread,
+    /// There is none: the value is shown raw.
+    None(NoScale),
+}
+
 pub struct AxisSlot<R, A> {
     pub driver: BoxedDriver<R, A>,
     pub profile: &'static Profile,
@@ -86,8 +97,9 @@ struct ParameterEntry<R> {
     parameter: &'static Parameter,
     /// The request that reads it.
     read_request: Result<R, Unsupported>,
-    /// SI value of one raw unit; `None` when other parameters have a say in it.
-    si_per_raw: Option<f64>,
+    scale: ScaleState,
+    /// The places among the factors of what its scale depends on.
+    inputs: Box<[usize]>,
     /// Its place among the factors.
     factor_index: Option<usize>,
     /// The signals that it tells.
@@ -109,7 +121,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         let profile = driver.profile();
         let mut factors: Vec<ScaleFactor> = Vec::new();
         for scale in profile.parameters.iter().map(|p| p.scale) {
-            for parameter in [scale.times, scale.over].into_iter().flatten() {
+            for parameter in scale.inputs(profile) {
                 if !factors.iter().any(|f| f.parameter == parameter) {
                     factors.push(ScaleFactor::new(parameter));
                 }
@@ -131,18 +143,22 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         for (id, parameter) in (0..=u16::MAX).map(ParameterId).zip(profile.parameters) {
             slot.add_entry(id, parameter);
         }
+        slot.update_scales();
         slot
     }
 
     fn add_entry(&mut self, id: ParameterId, parameter: &'static Parameter) {
         let signals = self.profile.signals.iter();
+        let inputs = parameter.scale.inputs(self.profile);
+        let place = |input| self.factors.iter().position(|f| f.parameter == input);
         self.entries.push(ParameterEntry {
             parameter,
             read_request: match parameter.access {
                 Access::Write => Err(Unsupported::WriteOnly(id)),
                 _ => self.driver.read_request(parameter),
             },
-            si_per_raw: constant_si(parameter),
+            scale: constant_si(parameter).map_or(ScaleState::Unread, ScaleState::Known),
+            inputs: inputs.filter_map(place).collect(),
             factor_index: self.factors.iter().position(|f| f.parameter == id),
             signal_sources: signals.filter(|signal| signal.parameter == id).copied().collect(),
             optional: self.profile.optional.contains(&id),
@@ -160,8 +176,11 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     /// The same, where the scale needs nothing else: what happens most, looked up once.
     #[inline]
     pub fn plain_read_request(&self, id: ParameterId) -> Option<&R> {
-        let entry = self.entry(id).filter(|entry| entry.si_per_raw.is_some())?;
-        entry.read_request.as_ref().ok()
+        let entry = self.entry(id)?;
+        match entry.scale {
+            ScaleState::Unread => None,
+            _ => entry.read_request.as_ref().ok(),
+        }
     }
 
     #[inline]
@@ -206,12 +225,17 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         let Some(entry) = self.entries.get(usize::from(id.0)) else { return };
         if let Some(factor) = entry.factor_index.and_then(|at| self.factors.get_mut(at)) {
             let possible = (entry.parameter.min..=entry.parameter.max).contains(&raw);
+            let before = factor.raw;
             self.implausible_reply |= !factor.accept_reading(raw, possible);
+            if factor.raw != before {
+                self.update_scales();
+            }
         }
+        let Some(entry) = self.entries.get(usize::from(id.0)) else { return };
         if entry.signal_sources.is_empty() {
             return;
         }
-        let si = entry.si_per_raw.or_else(|| self.si_from_factors(id)).unwrap_or(f64::NAN);
+        let si = self.si_per_raw(id).unwrap_or(f64::NAN);
         for source in &entry.signal_sources {
             let masked = raw & source.mask;
             let (raw, value) = match source.equals {
@@ -249,6 +273,48 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         let lacking = self.driver.is_missing_parameter(code);
         let Some(entry) = self.entries.get_mut(usize::from(id.0)) else { return };
         entry.missing |= lacking && entry.optional;
+        if entry.missing && entry.factor_index.is_some() {
+            self.update_scales();
+        }
+    }
+
+    /// Computes the scales that depend on other parameters from what is known of these.
+    #[cold]
+    fn update_scales(&mut self) {
+        for at in 0..self.entries.len() {
+            if !self.entries[at].inputs.is_empty() {
+                self.entries[at].scale = self.scale_from_factors(&self.entries[at]);
+            }
+        }
+    }
+
+    fn scale_from_factors(&self, entry: &ParameterEntry<R>) -> ScaleState {
+        let parameter = entry.parameter;
+        let factors = || entry.inputs.iter().map(|at| &self.factors[*at]);
+        let direct = [parameter.scale.times, parameter.scale.over];
+        let lacks = |id| self.lacks_parameter(id);
+        let unread = factors().any(|f| f.raw.is_none() && !lacks(f.parameter));
+        if unread && !direct.into_iter().flatten().any(lacks) {
+            return ScaleState::Unread;
+        }
+        let read = |id: ParameterId| factors().find(|f| f.parameter == id)?.raw;
+        match parameter.scale.compute(self.profile, parameter.encoding.is_signed(), &read) {
+            Ok(scale) => ScaleState::Known(scale.factor * parameter.unit.si_factor()),
+            Err(why) => ScaleState::None(why),
+        }
+    }
+
+    /// The value of a parameter that others are scaled by.
+    pub fn scale_input(&self, id: ParameterId) -> Option<i64> {
+        self.factors.iter().find(|f| f.parameter == id)?.raw
+    }
+
+    /// Why a parameter's value has no unit, where it has none.
+    pub fn scale_error(&self, id: ParameterId) -> Option<NoScale> {
+        match self.entry(id)?.scale {
+            ScaleState::None(why) => Some(why),
+            _ => None,
+        }
     }
 
     /// Whether a step is passed without a word because the drive lacks what it names: what is written
@@ -281,6 +347,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         for entry in &mut self.entries {
             entry.missing = false;
         }
+        self.update_scales();
         self.state.armed = false;
         self.setpoint_kind = None;
     }
@@ -288,15 +355,11 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     /// A parameter that the scale of `id` depends on, not known and not yet asked for.
     #[inline]
     pub fn missing_factor(&self, id: ParameterId) -> Option<ParameterId> {
-        if self.entry(id)?.si_per_raw.is_some() {
-            return None;
-        }
-        let scale = self.profile.parameter(id)?.scale;
-        let unknown = |p: ParameterId| {
-            let due = |f: &ScaleFactor| f.parameter == p && f.is_due();
-            self.factors.iter().any(due) && !self.lacks_parameter(p)
-        };
-        [scale.times, scale.over].into_iter().flatten().find(|p| unknown(*p))
+        let entry = self.entry(id)?;
+        let ScaleState::Unread = entry.scale else { return None };
+        let unread = entry.inputs.iter().map(|at| &self.factors[*at]);
+        let due = |f: &&ScaleFactor| f.is_due() && !self.lacks_parameter(f.parameter);
+        unread.filter(due).map(|f| f.parameter).next()
     }
 
     pub fn count_attempt(&mut self, id: ParameterId) {
@@ -316,32 +379,14 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         (raw.abs() < 9.0e15).then_some(raw as i64)
     }
 
-    /// SI value of one raw unit.
+    /// SI value of one raw unit; 1 where the value has no unit.
     #[inline]
     fn si_per_raw(&self, id: ParameterId) -> Option<f64> {
-        match self.entry(id)?.si_per_raw {
-            Some(si) => Some(si),
-            None => self.si_from_factors(id),
+        match self.entry(id)?.scale {
+            ScaleState::Known(si) => Some(si),
+            ScaleState::Unread => None,
+            ScaleState::None(_) => Some(1.0),
         }
-    }
-
-    #[cold]
-    fn si_from_factors(&self, id: ParameterId) -> Option<f64> {
-        let parameter = self.profile.parameter(id)?;
-        let scale = parameter.scale;
-        if [scale.times, scale.over].into_iter().flatten().any(|id| self.lacks_parameter(id)) {
-            return Some(1.0);
-        }
-        Some(self.scale_value(scale)? * parameter.unit.si_factor())
-    }
-
-    fn scale_value(&self, scale: Scale) -> Option<f64> {
-        let known = |id: Option<ParameterId>| match id {
-            None => Some(1.0),
-            Some(id) => self.factors.iter().find(|f| f.parameter == id)?.raw.map(|raw| raw as f64),
-        };
-        let over = known(scale.over)?;
-        (over != 0.0).then_some(scale.factor * known(scale.times)? / over)
     }
 
     /// The raw value of an operand. `None` leaves the step out.
@@ -451,8 +496,7 @@ const NO_SCALE: &str = "the drive's own setting on which this unit depends (coun
 
 fn constant_si(parameter: &Parameter) -> Option<f64> {
     let scale = parameter.scale;
-    let constant = scale.times.is_none() && scale.over.is_none();
-    constant.then(|| scale.factor * parameter.unit.si_factor())
+    scale.is_constant().then(|| scale.factor * parameter.unit.si_factor())
 }
 
 fn check_range(parameter: &Parameter, id: ParameterId, raw: i64) -> Result<(), Unsupported> {

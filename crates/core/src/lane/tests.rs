@@ -51,12 +51,7 @@ static PARAMETERS: &[Parameter] = &[
     Parameter { min: 256, max: 30_000, ..parameter("steps", 1, Unit::None, Scale::ONE) },
     Parameter {
         access: Access::Read,
-        ..parameter(
-            "position",
-            2,
-            Unit::Turn,
-            Scale { factor: 1.0, times: None, over: Some(STEPS) },
-        )
+        ..parameter("position", 2, Unit::Turn, Scale { over: Some(STEPS), ..Scale::ONE })
     },
     parameter("mode", 3, Unit::None, Scale::ONE),
     Parameter { persistence: Persistence::Always, ..parameter("ram", 4, Unit::None, Scale::ONE) },

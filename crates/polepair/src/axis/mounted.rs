@@ -32,25 +32,13 @@ impl Axis {
         role.map_or(unit, |(mounted, role)| mounted.unit(role, unit))
     }
 
-    /// Whether what scales a parameter is known not to be there: it is then shown raw.
-    pub(super) fn is_unscaled(&self, id: ParameterId) -> bool {
-        let scale = self.profile.parameter(id).map(|parameter| parameter.scale);
-        let factors = scale.into_iter().flat_map(|scale| [scale.times, scale.over]);
-        factors.flatten().any(|id| self.lacks(id))
-    }
-
     /// Asks for what scales the arguments of a command and not every drive has. What turns out not to
     /// be there has no unit, though the caller gave one.
     pub(super) fn check_scales(&self, command: &Command) -> Result<(), Error> {
         for (id, parameter) in self.optionally_scaled(command) {
             self.read_unread_factors(parameter)?;
-            if self.is_unscaled(id) {
-                let what = format!(
-                    "{}: the drive has no object that gives `{}` a unit",
-                    self.label(),
-                    parameter.name
-                );
-                return Err(Error::usage("E217", what, "say it again, raw and without a unit"));
+            if let Some(what) = self.unit_problem(id) {
+                return Err(Error::usage("E217", what, "give the drive's own number, raw"));
             }
         }
         Ok(())
@@ -73,11 +61,7 @@ impl Axis {
         let ids =
             given.filter_map(|which| destination(self.profile, command.verb, which).flatten());
         let scaled = ids.filter_map(|id| Some((id, self.profile.parameter(id)?)));
-        scaled.filter(|(id, parameter)| {
-            let factors = [parameter.scale.times, parameter.scale.over];
-            let optional = |factor: &ParameterId| self.profile.optional.contains(factor);
-            !self.is_unscaled(*id) && factors.iter().flatten().any(optional)
-        })
+        scaled.filter(|(id, parameter)| !self.is_unscaled(*id) && !parameter.scale.is_constant())
     }
 
     /// Asks a drive that answers already for what not every drive of its profile has to scale values
@@ -90,7 +74,7 @@ impl Axis {
             return Ok(());
         }
         let scales = self.profile.parameters.iter().map(|parameter| parameter.scale);
-        let factors = scales.flat_map(|scale| [scale.times, scale.over]).flatten();
+        let factors = scales.flat_map(|scale| scale.inputs(self.profile));
         let optional = factors.filter(|factor| self.profile.optional.contains(factor));
         for factor in optional.collect::<BTreeSet<ParameterId>>() {
             match self.read_optional(factor) {

@@ -5,7 +5,7 @@
 use super::Axis;
 use crate::amount::{Amount, ResolvedAmount, Value};
 use crate::error::Error;
-use polepair_core::profile::{Parameter, ParameterId};
+use polepair_core::profile::{NoScale, Parameter, ParameterId};
 use polepair_core::units::Unit;
 
 /// Raw values that are to be written before others.
@@ -29,7 +29,7 @@ impl Axis {
     #[must_use]
     pub fn scales(&self, id: ParameterId) -> bool {
         let mut scales = self.profile.parameters.iter().map(|parameter| parameter.scale);
-        scales.any(|scale| scale.times == Some(id) || scale.over == Some(id))
+        scales.any(|scale| scale.inputs(self.profile).any(|input| input == id))
     }
 
     /// The raw value that an amount means for a parameter once what is pending was written.
@@ -76,22 +76,29 @@ impl Axis {
     /// The parameter, if what is pending changes its scale.
     fn rescaled(&self, id: ParameterId, pending: &PendingWrites) -> Option<&'static Parameter> {
         let parameter = self.profile.parameter(id)?;
-        let factors = [parameter.scale.times, parameter.scale.over].into_iter().flatten();
-        let touched = factors.into_iter().any(|factor| pending.get(factor).is_some());
-        (touched && !self.is_unscaled(id)).then_some(parameter)
+        let mut factors = parameter.scale.inputs(self.profile);
+        let touched = factors.any(|factor| pending.get(factor).is_some());
+        touched.then_some(parameter)
     }
 
     /// The drive's SI value of one raw unit, once what is pending was written.
     fn raw_step_after(&self, parameter: &Parameter, pending: &PendingWrites) -> Result<f64, Error> {
-        let factor = |id: Option<ParameterId>| match id {
-            None => Ok(1.0),
-            Some(id) => match pending.get(id) {
-                Some(raw) => Ok(raw as f64),
-                None => self.read(id).map(|raw| raw as f64),
-            },
-        };
-        let scale = parameter.scale;
+        let mut inputs = Vec::new();
+        for id in parameter.scale.inputs(self.profile) {
+            let raw = match pending.get(id) {
+                Some(raw) => Some(raw),
+                None => self.read_optional(id)?,
+            };
+            inputs.push((id, raw));
+        }
+        let read = |id| inputs.iter().find(|(input, _)| *input == id)?.1;
+        let signed = parameter.encoding.is_signed();
+        let scale = parameter.scale.compute(self.profile, signed, &read);
+        let scale = scale.map_err(|NoScale(why)| {
+            let what = format!("`{}` would have no unit: {why}", parameter.name);
+            Error::usage("E217", what, "write what it is scaled by with another value")
+        })?;
         let unit = if parameter.unit == Unit::None { 1.0 } else { parameter.unit.si_factor() };
-        Ok(scale.factor * factor(scale.times)? / factor(scale.over)? * unit)
+        Ok(scale.factor * unit)
     }
 }

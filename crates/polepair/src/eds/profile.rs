@@ -110,6 +110,7 @@ fn sheet_parameter(
         factor: 1.0,
         times: None,
         over: None,
+        rule: None,
         min,
         max,
         default: None,

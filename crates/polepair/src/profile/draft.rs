@@ -8,7 +8,7 @@ use polepair_core::axis::Verb;
 use polepair_core::plan::ParameterTest;
 use polepair_core::profile::{
     Access, AxisKind, Certainty, Encoding, Identity, IdentityQuery, Persistence, Profile, Scale,
-    Severity, Signal, Watchdog,
+    ScaleRule, Severity, Signal, Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -76,6 +76,7 @@ pub(crate) struct DraftParameter {
     pub(crate) factor: f64,
     pub(crate) times: Option<ParameterName>,
     pub(crate) over: Option<ParameterName>,
+    pub(crate) rule: Option<&'static ScaleRule>,
     pub(crate) min: i64,
     pub(crate) max: i64,
     pub(crate) default: Option<i64>,
@@ -225,7 +226,7 @@ impl NameLookup<'_> {
     }
 
     fn parameter(&self, p: &polepair_core::profile::Parameter) -> DraftParameter {
-        let Scale { factor, times, over } = p.scale;
+        let Scale { factor, times, over, rule } = p.scale;
         DraftParameter {
             location: self.location.clone(),
             name: p.name.into(),
@@ -238,6 +239,7 @@ impl NameLookup<'_> {
             factor,
             times: times.map(|id| self.name_of(id)),
             over: over.map(|id| self.name_of(id)),
+            rule,
             min: p.min,
             max: p.max,
             default: p.default,

@@ -146,6 +146,7 @@ fn undescribed(entry: &MapEntry<'_>, position: &FileLocation) -> DraftParameter 
         factor,
         times: None,
         over: per_turn.then(over),
+        rule: None,
         min,
         max,
         default: None,

@@ -8,8 +8,9 @@ use super::{memory_map, step};
 use crate::spelling;
 use crate::toml_file::{FileError, Located, SourceText, TomlTable, parse_number};
 use polepair_core::axis::Verb;
+use polepair_core::drives::scale_rules;
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Persistence, Severity, Signal,
+    Access, AxisKind, Certainty, Encoding, Persistence, ScaleRule, Severity, Signal,
 };
 use polepair_core::units::Unit;
 
@@ -420,7 +421,7 @@ impl ProfileReader {
         let index = table.required_integer("index")?.try_map(|n| {
             u16::try_from(n).map_err(|_| format!("`index` is {n}; it must be 0 to 65535"))
         })?;
-        let (factor, times, over) = read_scale(table)?;
+        let (factor, times, over, rule) = read_scale(table)?;
         Ok(DraftParameter {
             location: table.location(),
             name: table.required_text("name")?.try_map(check_name)?,
@@ -433,6 +434,7 @@ impl ProfileReader {
             factor,
             times,
             over,
+            rule,
             min: table.integer_between("min", min_value, max_value)?.unwrap_or(min_value),
             max: table.integer_between("max", min_value, max_value)?.unwrap_or(max_value),
             default: table.integer_between("default", min_value, max_value)?,
@@ -516,21 +518,27 @@ fn read_unit(table: &TomlTable<'_, '_>) -> Result<Unit, FileError> {
     found.try_map(|word| parse_choice(&word, &Unit::ALL.map(|unit| (unit.symbol(), unit))))
 }
 
-type ScaleParts = (f64, Option<Located<String>>, Option<Located<String>>);
+/// What a scale is made of: factor, what multiplies and divides it, a standard's rule.
+type ScaleParts =
+    (f64, Option<Located<String>>, Option<Located<String>>, Option<&'static ScaleRule>);
 
 fn read_scale(table: &TomlTable<'_, '_>) -> Result<ScaleParts, FileError> {
-    let (factor, times, over) = if table.is_table("scale") {
-        match table.table("scale", &["factor", "times", "over"])? {
-            Some(node) => (node.float("factor")?, node.text("times")?, node.text("over")?),
-            None => (None, None, None),
+    let words = scale_rules().map(|rule| (rule.name, rule));
+    let (factor, times, over, rule) = if table.is_table("scale") {
+        match table.table("scale", &["factor", "times", "over", "rule"])? {
+            Some(node) => {
+                let rule = optional_choice(&node, "rule", &words)?;
+                (node.float("factor")?, node.text("times")?, node.text("over")?, rule)
+            }
+            None => (None, None, None, None),
         }
     } else {
-        (table.float("scale")?, None, None)
+        (table.float("scale")?, None, None, None)
     };
     let factor = factor.map(|found| {
         found.try_map(|f| if f == 0.0 { Err("a scale cannot be 0".into()) } else { Ok(f) })
     });
-    Ok((factor.transpose()?.unwrap_or(1.0), times, over))
+    Ok((factor.transpose()?.unwrap_or(1.0), times, over, rule))
 }
 
 fn read_values(table: &TomlTable<'_, '_>) -> Result<Vec<(i64, String)>, FileError> {

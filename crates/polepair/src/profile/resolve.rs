@@ -181,8 +181,8 @@ impl<'a> NameResolver<'a> {
         let reference = |name: &Option<ParameterName>| {
             name.as_ref().map(|name| self.resolve_use(name, &[RequiredAccess::Read])).transpose()
         };
-        let scale =
-            Scale { factor: p.factor, times: reference(&p.times)?, over: reference(&p.over)? };
+        let (times, over) = (reference(&p.times)?, reference(&p.over)?);
+        let scale = Scale { factor: p.factor, times, over, rule: p.rule };
         Ok(Parameter {
             name: leak_text(&p.name),
             symbol: leak_text(&p.symbol),

@@ -95,7 +95,7 @@ fn a_parameter_is_read_whole() {
     let speed = &profile.parameters[0];
     assert_eq!((speed.space, speed.index, speed.encoding), (0, 0x10, Encoding::I16));
     assert_eq!((speed.unit, speed.min, speed.max, speed.moves), (Unit::Rpm, -100, 100, true));
-    assert_eq!(speed.scale, Scale { factor: 0.5, times: Some(ParameterId(1)), over: None });
+    assert_eq!(speed.scale, Scale { factor: 0.5, times: Some(ParameterId(1)), ..Scale::ONE });
     let gear = &profile.parameters[1];
     assert_eq!((gear.min, gear.max, gear.default), (0, 65535, Some(2)));
     assert_eq!((gear.persistence, gear.certainty), (Persistence::UnlessRam, Certainty::Inferred));

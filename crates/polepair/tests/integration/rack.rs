@@ -12,6 +12,7 @@ use polepair::{Axis, Connector, Error};
 use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
 use polepair_link::{ServeThread, socketcand};
+use polepair_test_support::wait_until;
 
 const CELL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/cell.toml");
 
@@ -153,10 +154,15 @@ fn a_number_that_answers_twice_is_told() {
     let twin = drive_lines(&rack_of_text("rack.toml", there, 2).expect("a rack"), 2);
     let wire = socketcand::connect(server, bus).expect("another place on the bus");
     let twin = twin.expect("a drive").remove(0).serve(Box::new(wire));
-    let found = machine.scan(&format!("canopen+{at}")).found;
-    assert_eq!(found.iter().map(|one| one.number).collect::<Vec<_>>(), [2]);
-    let clash = found[0].clash.as_deref().unwrap_or_default();
-    assert!(clash.contains("two drives with this address"), "{found:?}");
+    // The second answer may come after the scan has gone on, where the machine is busy.
+    wait_until("the scan reports two drives with this address", || {
+        let found = machine.scan(&format!("canopen+{at}")).found;
+        assert_eq!(found.iter().map(|one| one.number).collect::<Vec<_>>(), [2]);
+        found[0]
+            .clash
+            .as_deref()
+            .is_some_and(|clash| clash.contains("two drives with this address"))
+    });
     twin.handle().stop();
     twin.join().expect("it served to the end");
 }

@@ -125,8 +125,7 @@ fn signal(axis: &Axis, source: &SignalSource) -> SignalInfo {
 /// A parameter, without its value. Its limits are known as far as its scale is.
 pub(super) fn parameter_info(axis: &Axis, id: ParameterId, parameter: &Parameter) -> ParameterInfo {
     let known = |raw: i64| {
-        let scaled = parameter.scale.times.is_none() && parameter.scale.over.is_none();
-        let value = scaled.then(|| axis.value(id, raw).ok()).flatten();
+        let value = parameter.scale.is_constant().then(|| axis.value(id, raw).ok()).flatten();
         value.map(|value| value.value).filter(|value| value.is_finite())
     };
     let writable = parameter.access != Access::Read && !parameter.moves;

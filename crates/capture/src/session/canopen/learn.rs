@@ -208,7 +208,7 @@ const fn is_text(object: ObjectIndex) -> bool {
 /// Whether scales of other objects hang on this one.
 fn is_scale(object: ObjectIndex, profile: Option<&'static Profile>) -> bool {
     let Some(profile) = meanings::canopen_profile(profile) else { return false };
-    let scales = profile.parameters.iter().flat_map(|p| [p.scale.times, p.scale.over]).flatten();
+    let scales = profile.parameters.iter().flat_map(|p| p.scale.inputs(profile));
     let mut of = scales.filter_map(|id| profile.parameter(id));
     of.any(|p| (p.index, p.space) == (object.index, object.sub))
 }

@@ -111,13 +111,13 @@ impl ObjectLookup<'_> {
     fn scale(&self, object: ObjectIndex) -> Option<(InternedName, f64)> {
         let (profile, id) = self.parameter(object)?;
         let parameter = profile.parameter(id)?;
-        let value = |id: Option<ParameterId>| match id.and_then(|id| profile.parameter(id)) {
-            None => Some(1.0),
-            Some(of) => self.values.get(&ObjectIndex::new(of.index, of.space)).map(|v| *v as f64),
+        let read = |id: ParameterId| {
+            let of = profile.parameter(id)?;
+            self.values.get(&ObjectIndex::new(of.index, of.space)).copied()
         };
-        let scale = &parameter.scale;
-        let factor = scale.factor * value(scale.times)? / value(scale.over)?;
-        factor.is_finite().then_some((parameter.unit.symbol(), factor))
+        let signed = parameter.encoding.is_signed();
+        let scale = parameter.scale.compute(profile, signed, &read).ok()?;
+        Some((parameter.unit.symbol(), scale.factor))
     }
 }
 

@@ -1,5 +1,7 @@
 //! What was read and written: signals by the profile's names, faults in words, states.
 
+use std::cell::Cell;
+
 use polepair_core::profile::{
     Fault as Known, Parameter, ParameterId, Profile, Severity, Signal as Source, SignalSource,
 };
@@ -86,8 +88,9 @@ impl ValueTracker {
         }
         self.profile = profile;
         self.factor_values.clear();
-        let scales = profile.into_iter().flat_map(|p| p.parameters).map(|p| p.scale);
-        self.factors = scales.flat_map(|scale| [scale.times, scale.over]).flatten().collect();
+        let parameters =
+            profile.into_iter().flat_map(|p| p.parameters.iter().map(move |one| (p, one)));
+        self.factors = parameters.flat_map(|(p, one)| one.scale.inputs(p)).collect();
         self.factors.sort_unstable();
         self.factors.dedup();
     }
@@ -134,21 +137,18 @@ impl ValueTracker {
         found: &ObservedValue<'_>,
     ) -> (f64, InternedName, Quality) {
         let (raw, scale) = (found.frame_value.raw as f64, parameter.scale);
-        let mut quality = found.quality;
-        let mut factor = |id: Option<ParameterId>| -> Option<f64> {
-            let Some(id) = id else { return Some(1.0) };
+        let quality = Cell::new(found.quality);
+        let read = |id: ParameterId| {
             let known = self.factor_values.iter().find(|(of, _)| *of == (found.axis, id));
             if let Some((_, raw)) = known {
-                return Some(*raw as f64);
+                return Some(*raw);
             }
-            quality = quality.max(Quality::Inferred);
-            profile.parameter(id)?.default.map(|raw| raw as f64)
+            quality.set(quality.get().max(Quality::Inferred));
+            profile.parameter(id)?.default
         };
-        match (factor(scale.times), factor(scale.over)) {
-            (Some(times), Some(over)) if over != 0.0 => {
-                (raw * scale.factor * times / over, parameter.unit.symbol(), quality)
-            }
-            _ => (raw, "", found.quality),
+        match scale.compute(profile, parameter.encoding.is_signed(), &read) {
+            Ok(scale) => (raw * scale.factor, parameter.unit.symbol(), quality.get()),
+            Err(_) => (raw, "", found.quality),
         }
     }
 

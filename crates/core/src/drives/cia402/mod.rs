@@ -2,7 +2,7 @@
 //! objects to try transfers on.
 //!
 //! What each part is: [`objects`] the dictionary and what its values mean; [`shaft`] motor, loops and
-//! protections; [`drive`] what joins them to the motion of
+//! protections; [`units`] what turns and rpm are in the drive's own numbers; [`drive`] what joins them to the motion of
 //! [`proto::canopen`](crate::proto::canopen::device::motion); [`faults`] error codes; [`transfer_objects`]
 //! objects of any length; [`device`] the bus.
 
@@ -15,6 +15,7 @@ pub mod profile;
 pub mod transfer_objects;
 
 pub mod shaft;
+pub mod units;
 
 #[cfg(test)]
 mod tests;

@@ -2,17 +2,19 @@
 //! in SI.
 //!
 //! Positions are in user units, increments of the encoder from the factory; speeds in those per
-//! second, accelerations in those per second squared, torques in thousandths of the rated one
-//! (CiA 402, factor group).
+//! second, accelerations in those per second squared, unless [`units`] finds others; torques in
+//! thousandths of the rated one (CiA 402, factor group).
 
 mod groups;
 mod motion_settings;
 
 use core::f64::consts::TAU;
 
-use groups::{IN_UNITS, NEEDED, UNSIGNED, bits, is_in};
+use groups::{ACCELERATIONS, IN_UNITS, NEEDED, SCALES, UNSIGNED, VELOCITIES, bits, is_in};
 
+use super::units;
 use crate::plant::Limits;
+use crate::profile::{ObjectKey, ScaleRule, ScaleRuleValue};
 use crate::proto::canopen::device::motion::{Braking, HomingSettings, MotionSettings, Window};
 use crate::proto::canopen::device::{standard_entries, standard_len};
 use crate::proto::canopen::od::{
@@ -129,8 +131,14 @@ pub mod stored {
     pub const OUTPUT_MASK: u16 = 47;
     /// Bytes that the stream gives.
     pub const STREAM_LENGTH: u16 = 48;
+    /// Unit of positions.
+    pub const SI_POSITION: u16 = 49;
+    /// Unit of velocities.
+    pub const SI_VELOCITY: u16 = 50;
+    /// Unit of accelerations.
+    pub const SI_ACCELERATION: u16 = 51;
     /// How many of them there are.
-    pub const COUNT: usize = 49;
+    pub const COUNT: usize = 52;
 }
 
 /// The first so many of [`stored`] are commands, not settings.
@@ -210,7 +218,7 @@ const fn entry(
 const RPM: f64 = TAU / 60.0;
 
 /// Everything that is not the protocol's.
-const APPLICATION_ENTRIES: [ObjectEntry; 85] = {
+const APPLICATION_ENTRIES: [ObjectEntry; 88] = {
     use computed as r;
     use stored as k;
     let (u8, i8) = (ValueType::U8, ValueType::I8);
@@ -343,6 +351,9 @@ const APPLICATION_ENTRIES: [ObjectEntry; 85] = {
         entry(0x609A, 0, u32, RW, k::HOMING_ACCELERATION, "homing acceleration")
             .with_default(100 * INCREMENTS)
             .with_limits(0, unsigned),
+        entry(0x60A8, 0, u32, RW_UNMAPPED, k::SI_POSITION, "SI unit position"),
+        entry(0x60A9, 0, u32, RW_UNMAPPED, k::SI_VELOCITY, "SI unit velocity"),
+        entry(0x60AA, 0, u32, RW_UNMAPPED, k::SI_ACCELERATION, "SI unit acceleration"),
         entry(0x60B1, 0, i32, RW, k::VELOCITY_OFFSET, "velocity offset"),
         entry(0x60B2, 0, i16, RW, k::TORQUE_OFFSET, "torque offset"),
         entry(
@@ -462,8 +473,10 @@ const FACTORY_VALUES: [i32; stored::COUNT] = {
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct Objects {
-    /// rad of the motor in a user unit.
+    /// rad of the motor in a user unit of position, of velocity and of acceleration.
     rad_per_unit: f64,
+    rad_per_velocity_unit: f64,
+    rad_per_acceleration_unit: f64,
     /// The same of a position and of a speed, with the sign of 607Eh.
     rad_per_position: f64,
     rad_per_velocity: f64,
@@ -486,6 +499,8 @@ impl Objects {
             increments_per_turn: INCREMENTS as f64,
             zero_settings: 0,
             rad_per_unit: 1.0,
+            rad_per_velocity_unit: 1.0,
+            rad_per_acceleration_unit: 1.0,
             rad_per_position: 1.0,
             rad_per_velocity: 1.0,
             positions_per_rad: 1.0,
@@ -535,7 +550,7 @@ impl Objects {
         if let Some(index) = self.values.get_mut(usize::from(tag)) {
             *index = value;
         }
-        if (stored::GEAR_MOTOR..=stored::POLARITY).contains(&tag) {
+        if is_in(tag, SCALES) {
             self.update_factors();
         }
     }
@@ -551,13 +566,38 @@ impl Objects {
     fn update_factors(&mut self) {
         let ratio = |over, under| self.real_value(over) / self.real_value(under).max(1.0);
         let gear = ratio(stored::GEAR_MOTOR, stored::GEAR_SHAFT);
-        let feed = ratio(stored::FEED, stored::FEED_TURNS);
-        self.rad_per_unit = TAU * gear / feed;
+        // A setting that contradicts another one changes nothing.
+        let rule = |rule: &ScaleRule| (rule.compute)(&|key| self.scale_object(key), false).ok();
+        let scales = [&units::POSITION, &units::VELOCITY, &units::ACCELERATION].map(rule);
+        let motor = |per: f64, scale: ScaleRuleValue| per * gear * scale.factor;
+        let [position, velocity, acceleration] = scales;
+        self.rad_per_unit = position.map_or(self.rad_per_unit, |scale| motor(TAU, scale));
+        self.rad_per_velocity_unit =
+            velocity.map_or(self.rad_per_velocity_unit, |scale| motor(RPM, scale));
+        self.rad_per_acceleration_unit =
+            acceleration.map_or(self.rad_per_acceleration_unit, |scale| motor(RPM, scale));
         let turned = |bit: i32| if self.value(stored::POLARITY) & bit != 0 { -1.0 } else { 1.0 };
         (self.rad_per_position, self.rad_per_velocity) =
-            (self.rad_per_unit * turned(0x80), self.rad_per_unit * turned(0x40));
+            (self.rad_per_unit * turned(0x80), self.rad_per_velocity_unit * turned(0x40));
         (self.positions_per_rad, self.velocities_per_rad) =
             (1.0 / self.rad_per_position, 1.0 / self.rad_per_velocity);
+    }
+
+    /// The objects that units are computed from. 607Eh is not among them: a drive turns its values round
+    /// by itself.
+    fn scale_object(&self, key: ObjectKey) -> Option<i64> {
+        let tag = match key {
+            (0x608F, 1) => return Some(nearest(self.increments_per_turn)),
+            (0x6091, 1) => stored::GEAR_MOTOR,
+            (0x6091, 2) => stored::GEAR_SHAFT,
+            (0x6092, 1) => stored::FEED,
+            (0x6092, 2) => stored::FEED_TURNS,
+            (0x60A8, 0) => stored::SI_POSITION,
+            (0x60A9, 0) => stored::SI_VELOCITY,
+            (0x60AA, 0) => stored::SI_ACCELERATION,
+            _ => return None,
+        };
+        Some(self.value(tag).cast_unsigned().into())
     }
 
     #[inline]
@@ -576,15 +616,25 @@ impl Objects {
         let own = f64::from(FACTORY_VALUES[usize::from(tag)]);
         match tag {
             stored::FEED => self.increments_per_turn,
-            _ if is_in(tag, IN_UNITS) => own * TAU / (self.rad_per_unit * INCREMENTS as f64),
+            _ if is_in(tag, IN_UNITS) => own * TAU / (self.unit_of(tag) * INCREMENTS as f64),
             _ => own,
+        }
+    }
+
+    /// rad of the motor in the user unit of a setting.
+    #[inline]
+    const fn unit_of(&self, tag: u16) -> f64 {
+        match tag {
+            _ if is_in(tag, VELOCITIES) => self.rad_per_velocity_unit,
+            _ if is_in(tag, ACCELERATIONS) => self.rad_per_acceleration_unit,
+            _ => self.rad_per_unit,
         }
     }
 
     /// A value in user units as rad of the motor.
     #[inline]
     fn rad_value(&self, tag: u16) -> f64 {
-        self.real_value(tag) * self.rad_per_unit
+        self.real_value(tag) * self.unit_of(tag)
     }
 
     /// An unsigned value of 32 bits in user units as rad of the motor.

@@ -19,6 +19,7 @@ mod faults;
 mod homing;
 mod modes;
 mod power;
+mod units;
 
 /// A drive in a test, operational.
 struct DriveFixture {

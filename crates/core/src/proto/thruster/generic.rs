@@ -78,7 +78,7 @@ const fn reading(
         index: command.0,
         encoding,
         unit,
-        scale: Scale { factor, times: None, over: None },
+        scale: Scale { factor, times: None, over: None, rule: None },
         min: 0,
         max: 0,
         default: None,

@@ -121,8 +121,7 @@ impl Axis {
 
     /// The nth parameter that the scale of this one depends on, while that is not known.
     pub(super) fn unread_factor(&self, id: ParameterId, nth: usize) -> Option<ParameterId> {
-        let scale = self.profile.parameter(id)?.scale;
-        let factors = [scale.times, scale.over].into_iter().flatten();
+        let factors = self.profile.parameter(id)?.scale.inputs(self.profile);
         factors.filter(|_| self.raw_to_si(id, 0).is_none()).nth(nth)
     }
 

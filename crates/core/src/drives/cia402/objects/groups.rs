@@ -34,20 +34,35 @@ pub(super) const UNSIGNED: u64 = bits(&[
 /// What keeps a motor from turning while it is 0, or no target from being reached.
 pub(super) const NEEDED: u64 =
     UNSIGNED | bits(&[stored::MAX_TORQUE, stored::VELOCITY_WINDOW, stored::STANDSTILL]);
-/// What counts user units.
-pub(super) const IN_UNITS: u64 = bits(&[
+/// What counts user units of velocity.
+pub(super) const VELOCITIES: u64 = bits(&[
     stored::PROFILE_VELOCITY,
-    stored::ACCELERATION,
-    stored::DECELERATION,
-    stored::QUICK_STOP,
     stored::MAX_PROFILE_VELOCITY,
-    stored::FOLLOWING_WINDOW,
-    stored::POSITION_WINDOW,
     stored::VELOCITY_WINDOW,
     stored::STANDSTILL,
     stored::HOMING_FAST,
     stored::HOMING_SLOW,
+]);
+/// What counts user units of acceleration.
+pub(super) const ACCELERATIONS: u64 = bits(&[
+    stored::ACCELERATION,
+    stored::DECELERATION,
+    stored::QUICK_STOP,
     stored::HOMING_ACCELERATION,
+]);
+/// What counts user units.
+pub(super) const IN_UNITS: u64 =
+    VELOCITIES | ACCELERATIONS | bits(&[stored::FOLLOWING_WINDOW, stored::POSITION_WINDOW]);
+/// What user units are computed from.
+pub(super) const SCALES: u64 = bits(&[
+    stored::GEAR_MOTOR,
+    stored::GEAR_SHAFT,
+    stored::FEED,
+    stored::FEED_TURNS,
+    stored::POLARITY,
+    stored::SI_POSITION,
+    stored::SI_VELOCITY,
+    stored::SI_ACCELERATION,
 ]);
 
 /// Whether the tag is one of them.

@@ -18,7 +18,7 @@ impl MotionSettings for Objects {
             .real_value(stored::PROFILE_VELOCITY)
             .min(self.real_value(stored::MAX_PROFILE_VELOCITY));
         Limits {
-            velocity: top * self.rad_per_unit,
+            velocity: top * self.rad_per_velocity_unit,
             acceleration: self.rad_value(stored::ACCELERATION),
             deceleration: self.rad_value(stored::DECELERATION),
             smoothing_s: 0.0,

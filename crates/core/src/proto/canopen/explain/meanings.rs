@@ -136,8 +136,7 @@ pub fn has_constant_meaning(object: ObjectIndex, profile: Option<&'static Profil
 
 /// Whether a value is told in its unit: not where that hangs on other parameters.
 fn has_fixed_scale(parameter: &Parameter) -> bool {
-    let scale = &parameter.scale;
-    !parameter.unit.symbol().is_empty() && scale.times.is_none() && scale.over.is_none()
+    !parameter.unit.symbol().is_empty() && parameter.scale.is_constant()
 }
 
 /// The value in its unit, where that is not the number itself.

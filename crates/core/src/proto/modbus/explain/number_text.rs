@@ -46,7 +46,7 @@ pub(super) fn write_scaled(parameter: &'static Parameter, raw: i64, sink: &mut d
         return;
     }
     let scale = &parameter.scale;
-    if scale.times.is_some() || scale.over.is_some() {
+    if !scale.is_constant() {
         write_decimal(raw, sink);
         sink.text(" raw");
         return;

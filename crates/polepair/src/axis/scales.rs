@@ -1,0 +1,111 @@
+//! What the unit of a value comes from, or why it has none.
+
+use super::Axis;
+use crate::error::Error;
+use polepair_core::profile::{NoScale, ParameterId, Signal};
+use polepair_core::units::{Quantity, Unit};
+
+impl Axis {
+    /// Whether a parameter is known to have no unit: it is then shown raw.
+    pub(super) fn is_unscaled(&self, id: ParameterId) -> bool {
+        self.scale_error(id).is_some()
+    }
+
+    fn scale_error(&self, id: ParameterId) -> Option<NoScale> {
+        self.connection.with_axes(|axes, _| axes.scale_error(self.index, id))
+    }
+
+    /// Why a parameter's value has no unit although its profile gives one, with the values that the
+    /// drive's own objects have; `None` where it has one, and while nobody has asked.
+    #[must_use]
+    pub fn unit_problem(&self, id: ParameterId) -> Option<String> {
+        let (why, values) = self.unit_problem_parts(id)?;
+        let name = self.profile.parameter(id)?.name;
+        let values = if values.is_empty() { values } else { format!(" ({values})") };
+        Some(format!("{}: `{name}` has no unit: {why}{values}", self.label()))
+    }
+
+    /// The reason of [`unit_problem`](Self::unit_problem), and the values of the objects concerned.
+    #[must_use]
+    pub fn unit_problem_parts(&self, id: ParameterId) -> Option<(&'static str, String)> {
+        let NoScale(why) = self.scale_error(id)?;
+        Some((why, self.scale_inputs(id)))
+    }
+
+    /// What the drive's own objects say of the scale of a parameter: `608Fh:1 = 2000, 60A8h =
+    /// FF410000h`. Those that it lacks are left out.
+    #[must_use]
+    pub fn scale_inputs(&self, id: ParameterId) -> String {
+        let Some(parameter) = self.profile.parameter(id) else { return String::new() };
+        self.format_inputs(parameter.scale.inputs(self.profile))
+    }
+
+    /// What the unit of a parameter was computed from, where a standard's rule did that.
+    #[must_use]
+    pub fn scale_source(&self, id: ParameterId) -> Option<String> {
+        let parameter = self.profile.parameter(id)?;
+        parameter.scale.rule?;
+        let read = |id| self.connection.with_axes(|axes, _| axes.scale_input(self.index, id));
+        let signed = parameter.encoding.is_signed();
+        let scale = parameter.scale.compute(self.profile, signed, &read).ok()?;
+        let objects = scale.from.iter().filter_map(|object| self.profile.find_object(*object));
+        Some(self.format_inputs(objects))
+    }
+
+    fn format_inputs(&self, ids: impl Iterator<Item = ParameterId>) -> String {
+        let shown = ids.filter_map(|id| {
+            let raw = self.connection.with_axes(|axes, _| axes.scale_input(self.index, id))?;
+            let symbol = self.profile.parameter(id)?.symbol;
+            // Words of bytes are read in hexadecimal, in manuals too.
+            let word = raw > 0xFF_FFFF;
+            Some(if word { format!("{symbol} = {raw:08X}h") } else { format!("{symbol} = {raw}") })
+        });
+        shown.collect::<Vec<_>>().join(", ")
+    }
+
+    /// What the drive's own objects make of its units, a line for each kind: `position` and `3600 a turn,
+    /// from 60A8h = FF410000h`. Empty where the profile states them.
+    ///
+    /// # Errors
+    /// What reading these objects brings.
+    pub fn describe_units(&self) -> Result<Vec<(&'static str, String)>, Error> {
+        let of_signal = |signal| Some(self.profile.signal(signal)?.parameter);
+        let accelerates = |quantity| quantity == Quantity::Acceleration;
+        let mut parameters = self.profile.parameters.iter();
+        let acceleration = parameters.position(|p| accelerates(p.unit.quantity()));
+        let acceleration = acceleration.and_then(|at| u16::try_from(at).ok()).map(ParameterId);
+        let kinds = [
+            ("position", of_signal(Signal::Position)),
+            ("velocity", of_signal(Signal::Velocity)),
+            ("acceleration", acceleration),
+        ];
+        let mut lines = Vec::new();
+        for (kind, id) in kinds {
+            let Some((id, parameter)) = id.and_then(|id| Some((id, self.profile.parameter(id)?)))
+            else {
+                continue;
+            };
+            if parameter.scale.rule.is_none() {
+                continue;
+            }
+            let one = self.value(id, 1)?;
+            let text = match (self.scale_error(id), self.scale_source(id)) {
+                (Some(NoScale(why)), _) => format!("none: {why} ({})", self.scale_inputs(id)),
+                (None, Some(from)) if one.unit == Unit::Turn => {
+                    format!("{} a turn, from {from}", rounded(1.0 / one.value))
+                }
+                (None, Some(from)) => {
+                    format!("1 is {} {}, from {from}", rounded(one.value), one.unit.symbol())
+                }
+                (None, None) => continue,
+            };
+            lines.push((kind, text));
+        }
+        Ok(lines)
+    }
+}
+
+/// A number with as many digits as a float of 32 bits has.
+fn rounded(value: f64) -> f32 {
+    value as f32
+}
