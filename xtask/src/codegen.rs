@@ -57,7 +57,10 @@ fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
         }
         for profile in &profiles {
             let page = root.join("docs/drives").join(profile.name).with_extension("md");
-            files.insert(page, crate::pages::drive_page(profile));
+            let part = root.join("profiles").join(profile.name).with_extension("md");
+            // What no table can say of a drive is written by hand, beside its profile.
+            let part = std::fs::read_to_string(part).unwrap_or_default();
+            files.insert(page, crate::pages::drive_page(profile, &part));
         }
         files.insert(path, format_source(&rust_source(&profiles))?);
     }

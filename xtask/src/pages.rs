@@ -8,8 +8,8 @@ use polepair_core::profile::{
     Watchdog,
 };
 
-/// The page of a profile.
-pub fn drive_page(profile: &Profile) -> String {
+/// The page of a profile; `part` is written by hand and stands before the verbs.
+pub fn drive_page(profile: &Profile, part: &str) -> String {
     let mut out = String::new();
     let mut add = |text: String| {
         out.push_str(&text);
@@ -23,6 +23,9 @@ pub fn drive_page(profile: &Profile) -> String {
     ));
     add(format!("{}\n", profile.caution));
     add(format!("**When the link dies:** {}.\n", watchdog_text(profile)));
+    if !part.is_empty() {
+        add(format!("{}\n", part.trim_end()));
+    }
     add("## Verbs\n\nWhat each verb sends, step by step.\n".to_owned());
     profile.plans.iter().for_each(|plan| add(plan_text(profile, plan)));
     add("## Faults and warnings\n".to_owned());

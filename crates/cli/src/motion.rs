@@ -77,6 +77,8 @@ pub fn parse_argument(
         return axis.raw_argument(verb, which, number).map_err(outcome::to_problem);
     }
     let measure = polepair::quantity::parse(text).map_err(outcome::to_problem)?;
+    axis.check_scale(verb, which, text)
+        .map_err(|error| outcome::to_problem(error).why(outcome::sent_so_far()))?;
     if measure.si != 0.0 {
         axis.check_unit(verb, which, text).map_err(outcome::to_problem)?;
     }

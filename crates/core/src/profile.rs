@@ -352,6 +352,8 @@ pub struct ScaleRule {
     pub name: &'static str,
     /// What it reads. Objects that the drive lacks count as absent.
     pub objects: &'static [ObjectKey],
+    /// Those of them that are words of bytes, which people write in hexadecimal.
+    pub words: &'static [ObjectKey],
     /// The factor, of the raw values of these objects.
     pub compute: ComputeScale,
 }

@@ -282,7 +282,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     #[cold]
     fn update_scales(&mut self) {
         for at in 0..self.entries.len() {
-            if !self.entries[at].inputs.is_empty() {
+            if !self.entries[at].parameter.scale.is_constant() {
                 self.entries[at].scale = self.scale_from_factors(&self.entries[at]);
             }
         }

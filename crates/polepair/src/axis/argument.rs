@@ -3,7 +3,7 @@
 use super::Axis;
 use crate::amount::Amount;
 use crate::error::Error;
-use crate::mounting;
+use crate::{mounting, quantity};
 use polepair_core::axis::Verb;
 use polepair_core::plan::Argument;
 use polepair_core::profile::{AxisKind, Parameter};
@@ -15,12 +15,27 @@ impl Axis {
     /// # Errors
     /// [`Error::Usage`] `E217`, also for text where the profile does not tell the parameter's unit.
     pub fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
+        let Amount::Text(text) = amount else { return amount.in_si(self.unit_of(verb, which)) };
+        self.check_scale(verb, which, text)?;
         let value = amount.in_si(self.unit_of(verb, which))?;
-        match amount {
-            Amount::Text(text) if value != 0.0 => self.check_unit(verb, which, text)?,
-            _ => {}
+        if value != 0.0 {
+            self.check_unit(verb, which, text)?;
         }
         Ok(value)
+    }
+
+    /// Refuses a value with a unit for an argument that has none, because of what the drive's own objects
+    /// say.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217`.
+    pub fn check_scale(&self, verb: Verb, which: Argument, text: &str) -> Result<(), Error> {
+        let has_unit = quantity::parse(text)?.quantity.is_some();
+        let id = mounting::destination(self.profile, verb, which).flatten();
+        match id.filter(|_| has_unit).and_then(|id| self.unit_problem(id)) {
+            Some(what) => Err(Error::usage("E217", what, "give the drive's own number (--raw)")),
+            None => Ok(()),
+        }
     }
 
     /// Refuses a value for an argument whose unit the profile does not tell: nobody knows then how far

@@ -2,7 +2,7 @@
 
 use super::Axis;
 use crate::error::Error;
-use polepair_core::profile::{NoScale, ParameterId, Signal};
+use polepair_core::profile::{NoScale, ParameterId, Scale, Signal};
 use polepair_core::units::{Quantity, Unit};
 
 impl Axis {
@@ -37,7 +37,7 @@ impl Axis {
     #[must_use]
     pub fn scale_inputs(&self, id: ParameterId) -> String {
         let Some(parameter) = self.profile.parameter(id) else { return String::new() };
-        self.format_inputs(parameter.scale.inputs(self.profile))
+        self.format_inputs(parameter.scale, parameter.scale.inputs(self.profile))
     }
 
     /// What the unit of a parameter was computed from, where a standard's rule did that.
@@ -49,16 +49,26 @@ impl Axis {
         let signed = parameter.encoding.is_signed();
         let scale = parameter.scale.compute(self.profile, signed, &read).ok()?;
         let objects = scale.from.iter().filter_map(|object| self.profile.find_object(*object));
-        Some(self.format_inputs(objects))
+        Some(self.format_inputs(parameter.scale, objects))
     }
 
-    fn format_inputs(&self, ids: impl Iterator<Item = ParameterId>) -> String {
-        let shown = ids.filter_map(|id| {
+    /// The values of a scale's inputs. What reads zero counts as absent, unless nothing else is there.
+    fn format_inputs(&self, scale: Scale, ids: impl Iterator<Item = ParameterId>) -> String {
+        let words = scale.rule.map_or(&[][..], |rule| rule.words);
+        let read = ids.filter_map(|id| {
             let raw = self.connection.with_axes(|axes, _| axes.scale_input(self.index, id))?;
-            let symbol = self.profile.parameter(id)?.symbol;
-            // Words of bytes are read in hexadecimal, in manuals too.
-            let word = raw > 0xFF_FFFF;
-            Some(if word { format!("{symbol} = {raw:08X}h") } else { format!("{symbol} = {raw}") })
+            Some((self.profile.parameter(id)?, raw))
+        });
+        let mut read: Vec<_> = read.collect();
+        if read.iter().any(|(_, raw)| *raw != 0) {
+            read.retain(|(_, raw)| *raw != 0);
+        }
+        let shown = read.iter().map(|(parameter, raw)| {
+            let symbol = parameter.symbol;
+            match words.contains(&(parameter.index, parameter.space)) {
+                true => format!("{symbol} = {raw:08X}h"),
+                false => format!("{symbol} = {raw}"),
+            }
         });
         shown.collect::<Vec<_>>().join(", ")
     }

@@ -32,114 +32,7 @@ pub const SCRATCH_MAX: usize = 1024;
 pub const STREAM_MAX: u32 = 16 << 20;
 
 /// Tags of the values that are kept as written.
-pub mod stored {
-    /// Controlword.
-    pub const CONTROL: u16 = 0;
-    /// Mode of operation.
-    pub const MODE: u16 = 1;
-    /// Target position.
-    pub const TARGET_POSITION: u16 = 2;
-    /// Target velocity.
-    pub const TARGET_VELOCITY: u16 = 3;
-    /// Target torque.
-    pub const TARGET_TORQUE: u16 = 4;
-    /// Profile velocity.
-    pub const PROFILE_VELOCITY: u16 = 5;
-    /// Profile acceleration.
-    pub const ACCELERATION: u16 = 6;
-    /// Profile deceleration.
-    pub const DECELERATION: u16 = 7;
-    /// Quick stop deceleration.
-    pub const QUICK_STOP: u16 = 8;
-    /// Torque slope.
-    pub const TORQUE_SLOPE: u16 = 9;
-    /// Velocity offset.
-    pub const VELOCITY_OFFSET: u16 = 10;
-    /// Torque offset.
-    pub const TORQUE_OFFSET: u16 = 11;
-    /// Interpolation time, units.
-    pub const PERIOD: u16 = 12;
-    /// Interpolation time, power of ten of the unit.
-    pub const PERIOD_EXPONENT: u16 = 13;
-    /// Max profile velocity.
-    pub const MAX_PROFILE_VELOCITY: u16 = 14;
-    /// Max motor speed, rpm.
-    pub const MAX_MOTOR_SPEED: u16 = 15;
-    /// Max torque.
-    pub const MAX_TORQUE: u16 = 16;
-    /// Least position.
-    pub const POSITION_MIN: u16 = 17;
-    /// Greatest position.
-    pub const POSITION_MAX: u16 = 18;
-    /// Following error window.
-    pub const FOLLOWING_WINDOW: u16 = 19;
-    /// Following error time.
-    pub const FOLLOWING_TIME: u16 = 20;
-    /// Position window.
-    pub const POSITION_WINDOW: u16 = 21;
-    /// Position window time.
-    pub const POSITION_TIME: u16 = 22;
-    /// Velocity window.
-    pub const VELOCITY_WINDOW: u16 = 23;
-    /// Velocity window time.
-    pub const VELOCITY_TIME: u16 = 24;
-    /// Velocity threshold.
-    pub const STANDSTILL: u16 = 25;
-    /// Velocity threshold time.
-    pub const STANDSTILL_TIME: u16 = 26;
-    /// Abort connection option.
-    pub const ABORT_OPTION: u16 = 27;
-    /// Quick stop option.
-    pub const QUICK_STOP_OPTION: u16 = 28;
-    /// Shutdown option.
-    pub const SHUTDOWN_OPTION: u16 = 29;
-    /// Disable operation option.
-    pub const DISABLE_OPTION: u16 = 30;
-    /// Halt option.
-    pub const HALT_OPTION: u16 = 31;
-    /// Fault reaction option.
-    pub const FAULT_OPTION: u16 = 32;
-    /// Homing method.
-    pub const HOMING_METHOD: u16 = 33;
-    /// Homing speed to the switch.
-    pub const HOMING_FAST: u16 = 34;
-    /// Homing speed to the zero.
-    pub const HOMING_SLOW: u16 = 35;
-    /// Homing acceleration.
-    pub const HOMING_ACCELERATION: u16 = 36;
-    /// Home offset.
-    pub const HOME_OFFSET: u16 = 37;
-    /// Motion profile type.
-    pub const PROFILE_TYPE: u16 = 38;
-    /// Torque profile type.
-    pub const TORQUE_PROFILE_TYPE: u16 = 39;
-    /// Gear ratio, motor turns.
-    pub const GEAR_MOTOR: u16 = 40;
-    /// Gear ratio, shaft turns.
-    pub const GEAR_SHAFT: u16 = 41;
-    /// Feed.
-    pub const FEED: u16 = 42;
-    /// Shaft turns of the feed.
-    pub const FEED_TURNS: u16 = 43;
-    /// Polarity: bit 7 of positions, bit 6 of speeds.
-    pub const POLARITY: u16 = 44;
-    /// Positioning option.
-    pub const POSITIONING: u16 = 45;
-    /// Digital outputs.
-    pub const OUTPUTS: u16 = 46;
-    /// Mask of the digital outputs.
-    pub const OUTPUT_MASK: u16 = 47;
-    /// Bytes that the stream gives.
-    pub const STREAM_LENGTH: u16 = 48;
-    /// Unit of positions.
-    pub const SI_POSITION: u16 = 49;
-    /// Unit of velocities.
-    pub const SI_VELOCITY: u16 = 50;
-    /// Unit of accelerations.
-    pub const SI_ACCELERATION: u16 = 51;
-    /// How many of them there are.
-    pub const COUNT: usize = 52;
-}
+pub mod stored;
 
 /// The first so many of [`stored`] are commands, not settings.
 const COMMAND_COUNT: usize = stored::TARGET_TORQUE as usize + 1;
@@ -218,7 +111,7 @@ const fn entry(
 const RPM: f64 = TAU / 60.0;
 
 /// Everything that is not the protocol's.
-const APPLICATION_ENTRIES: [ObjectEntry; 88] = {
+const APPLICATION_ENTRIES: [ObjectEntry; 103] = {
     use computed as r;
     use stored as k;
     let (u8, i8) = (ValueType::U8, ValueType::I8);
@@ -339,6 +232,33 @@ const APPLICATION_ENTRIES: [ObjectEntry; 88] = {
         entry(0x6092, 2, u32, RW_UNMAPPED, k::FEED_TURNS, "shaft revolutions")
             .with_default(1)
             .with_limits(1, unsigned),
+        entry(0x6093, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "position factor: highest sub-index")
+            .with_default(2),
+        entry(0x6093, 1, u32, RW_UNMAPPED, k::POSITION_FACTOR, "numerator"),
+        entry(0x6093, 2, u32, RW_UNMAPPED, k::POSITION_FACTOR_DIVISOR, "divisor"),
+        entry(
+            0x6094,
+            0,
+            u8,
+            RO_UNMAPPED,
+            PROTOCOL_TAG,
+            "velocity encoder factor: highest sub-index",
+        )
+        .with_default(2),
+        entry(0x6094, 1, u32, RW_UNMAPPED, k::VELOCITY_ENCODER_FACTOR, "numerator"),
+        entry(0x6094, 2, u32, RW_UNMAPPED, k::VELOCITY_ENCODER_FACTOR_DIVISOR, "divisor"),
+        entry(0x6095, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "velocity factor 1: highest sub-index")
+            .with_default(2),
+        entry(0x6095, 1, u32, RW_UNMAPPED, k::VELOCITY_FACTOR_1, "numerator"),
+        entry(0x6095, 2, u32, RW_UNMAPPED, k::VELOCITY_FACTOR_1_DIVISOR, "divisor"),
+        entry(0x6096, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "velocity factor: highest sub-index")
+            .with_default(2),
+        entry(0x6096, 1, u32, RW_UNMAPPED, k::VELOCITY_FACTOR, "numerator"),
+        entry(0x6096, 2, u32, RW_UNMAPPED, k::VELOCITY_FACTOR_DIVISOR, "divisor"),
+        entry(0x6097, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "acceleration factor: highest sub-index")
+            .with_default(2),
+        entry(0x6097, 1, u32, RW_UNMAPPED, k::ACCELERATION_FACTOR, "numerator"),
+        entry(0x6097, 2, u32, RW_UNMAPPED, k::ACCELERATION_FACTOR_DIVISOR, "divisor"),
         entry(0x6098, 0, i8, RW, k::HOMING_METHOD, "homing method").with_default(37),
         entry(0x6099, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "homing speeds: highest sub-index")
             .with_default(2),
@@ -592,6 +512,16 @@ impl Objects {
             (0x6091, 2) => stored::GEAR_SHAFT,
             (0x6092, 1) => stored::FEED,
             (0x6092, 2) => stored::FEED_TURNS,
+            (0x6093, 1) => stored::POSITION_FACTOR,
+            (0x6093, 2) => stored::POSITION_FACTOR_DIVISOR,
+            (0x6094, 1) => stored::VELOCITY_ENCODER_FACTOR,
+            (0x6094, 2) => stored::VELOCITY_ENCODER_FACTOR_DIVISOR,
+            (0x6095, 1) => stored::VELOCITY_FACTOR_1,
+            (0x6095, 2) => stored::VELOCITY_FACTOR_1_DIVISOR,
+            (0x6096, 1) => stored::VELOCITY_FACTOR,
+            (0x6096, 2) => stored::VELOCITY_FACTOR_DIVISOR,
+            (0x6097, 1) => stored::ACCELERATION_FACTOR,
+            (0x6097, 2) => stored::ACCELERATION_FACTOR_DIVISOR,
             (0x60A8, 0) => stored::SI_POSITION,
             (0x60A9, 0) => stored::SI_VELOCITY,
             (0x60AA, 0) => stored::SI_ACCELERATION,

@@ -18,6 +18,7 @@ use crate::profile::{NoScale, ObjectKey, ScaleRule, ScaleRuleValue};
 pub static POSITION: ScaleRule = ScaleRule {
     name: "cia402-position",
     objects: &[SI_POSITION, INCREMENTS, REVOLUTIONS, GEAR.0, GEAR.1, FEED.0, FEED.1, P.0, P.1],
+    words: WORDS,
     compute: |read, _| Ok(position(&Objects(read))?.into_turns()),
 };
 
@@ -43,6 +44,7 @@ pub static VELOCITY: ScaleRule = ScaleRule {
         VELOCITY_2.1,
         POLARITY,
     ],
+    words: WORDS,
     compute: |read, signed| velocity(&Objects(read), signed),
 };
 
@@ -68,6 +70,7 @@ pub static ACCELERATION: ScaleRule = ScaleRule {
         A.0,
         A.1,
     ],
+    words: WORDS,
     compute: |read, _| acceleration(&Objects(read)),
 };
 
@@ -91,6 +94,7 @@ const VELOCITY_1: Ratio = ratio(0x6095);
 const VELOCITY_2: Ratio = ratio(0x6096);
 /// Acceleration factor.
 const A: Ratio = ratio(0x6097);
+const WORDS: &[ObjectKey] = &[SI_POSITION, SI_VELOCITY, SI_ACCELERATION];
 const SI_POSITION: ObjectKey = (0x60A8, 0);
 const SI_VELOCITY: ObjectKey = (0x60A9, 0);
 const SI_ACCELERATION: ObjectKey = (0x60AA, 0);
