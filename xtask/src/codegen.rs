@@ -482,9 +482,11 @@ fn step_expr(step: &Step) -> String {
         Step::NoFault { read, mask: m } => {
             format!("Step::NoFault {{ read: {}, mask: {} }}", parameter_id(read), mask_literal(m))
         }
-        Step::Until { read, test: t, within_ms } => {
+        Step::Until { read, test: t, within_ms, required } => {
             let (read, t) = (parameter_id(read), test_expr(t));
-            format!("Step::Until {{ read: {read}, test: {t}, within_ms: {within_ms} }}")
+            format!(
+                "Step::Until {{ read: {read}, test: {t}, within_ms: {within_ms}, required: {required} }}"
+            )
         }
         Step::Send { function, index, operand: what, like } => {
             let (what, like) = (operand_expr(what), like.map(parameter_id));

@@ -148,9 +148,10 @@ fn step_text(profile: &Profile, step: Step) -> String {
             format!("leave out the next {count} if the drive has no {}", name(read))
         }
         Step::NoFault { read, .. } => format!("go on only if {} shows no fault", name(read)),
-        Step::Until { read, test, within_ms } => {
+        Step::Until { read, test, within_ms, required } => {
             let seconds = f64::from(within_ms) / 1000.0;
-            format!("wait until {}, at most {seconds} s", test_text(&name(read), test))
+            let after = if required { "" } else { ", then go on" };
+            format!("wait until {}, at most {seconds} s{after}", test_text(&name(read), test))
         }
         Step::Send { function, index, operand, .. } => {
             format!("send {function} {index} {}", operand_text(operand))

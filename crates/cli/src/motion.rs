@@ -66,7 +66,13 @@ pub fn parse_argument(
             None => format!("{name} has no `{}`.", command_word(verb)),
             Some(_) => format!("{name} takes no {option} with this verb."),
         };
-        let why = format!("Its profile has no steps for that. {}", outcome::sent_so_far());
+        let planned = axis.profile().plan(verb).is_some();
+        let missing = axis.missing_for(verb, planned.then_some(which));
+        let reason = match missing.is_empty() {
+            true => "Its profile has no steps for that.".to_owned(),
+            false => format!("The drive has no {missing}."),
+        };
+        let why = format!("{reason} {}", outcome::sent_so_far());
         return Err(Problem::usage("E218", what).why(why));
     };
     if raw {

@@ -1,9 +1,11 @@
 //! The unified vocabulary: what any axis can be told, what it tells, and who translates.
 
+use core::time::Duration;
+
 use crate::error::{Failure, Outcome, Unsupported};
 use crate::explain::RawFrame;
 use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
-use crate::plan::Argument;
+use crate::plan::{Argument, ParameterTest};
 use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand, TransferStep};
 use crate::station::{AxisIndex, Counters, Request, RequestClass, Ticket};
@@ -50,6 +52,19 @@ pub struct Command {
     pub jerk_time: Option<f64>,
     /// How often.
     pub period: Option<f64>,
+    /// How long its motion may take, ms, where that is not for the plan to say.
+    pub limit_ms: Option<u32>,
+}
+
+/// A value that a step waited for, and the one that came.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct UnmetWait {
+    /// The parameter.
+    pub parameter: ParameterId,
+    /// What was waited for.
+    pub test: ParameterTest,
+    /// The last value, raw.
+    pub value: i64,
 }
 
 impl Command {
@@ -66,6 +81,13 @@ impl Command {
         }
     }
 
+    /// The same with so long for its motion, instead of what the plan allows.
+    #[must_use]
+    pub fn limited(self, within: Duration) -> Self {
+        let limit_ms = u32::try_from(within.as_millis()).unwrap_or(u32::MAX);
+        Self { limit_ms: Some(limit_ms), ..self }
+    }
+
     /// A verb without arguments.
     #[must_use]
     pub const fn new(verb: Verb) -> Self {
@@ -77,6 +99,7 @@ impl Command {
             torque: None,
             jerk_time: None,
             period: None,
+            limit_ms: None,
         }
     }
 }
@@ -562,6 +585,12 @@ pub trait Axes {
     fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
         let _ = (axis, parameter);
         false
+    }
+
+    /// What the last step that waited in vain was waiting for.
+    fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
+        let _ = axis;
+        None
     }
 
     /// The raw value of a parameter that others are scaled by, if it was read and believed.

@@ -97,6 +97,13 @@ pub enum Failure {
         /// The fault, in the drive's own code or bits.
         code: u32,
     },
+    /// The motor lost its power while something was waited for, and the drive tells no fault.
+    PowerLost,
+    /// The drive went into another mode while something was waited for.
+    ModeChanged {
+        /// The mode, in the drive's numbers.
+        mode: i64,
+    },
     /// The words in the drive's memory from the first address to the last are not those that they
     /// should be.
     Differs {

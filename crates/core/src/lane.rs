@@ -8,6 +8,7 @@ mod axes;
 mod cyclic;
 mod event_queue;
 mod execute;
+mod guard;
 mod job;
 mod job_table;
 mod path;

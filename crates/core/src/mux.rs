@@ -9,7 +9,7 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use crate::axis::{
-    AnyLane, Axes, AxisEvent, AxisStatus, Command, GroupAnswer, RehearsalStep, StopPart,
+    AnyLane, Axes, AxisEvent, AxisStatus, Command, GroupAnswer, RehearsalStep, StopPart, UnmetWait,
 };
 use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
@@ -352,6 +352,10 @@ impl Axes for Mux {
 
     fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
         self.lane_of(axis).is_some_and(|(lane, axis)| lane.lacks_parameter(axis, parameter))
+    }
+
+    fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
+        self.lane_of(axis).and_then(|(lane, axis)| lane.unmet_wait(axis))
     }
 
     fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {

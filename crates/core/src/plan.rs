@@ -107,6 +107,8 @@ pub enum Step {
         test: ParameterTest,
         /// Give up after so long.
         within_ms: u32,
+        /// Giving up ends the plan; else it goes on.
+        required: bool,
     },
     /// Sends what is no parameter: the protocol's own function, index and value.
     Send {

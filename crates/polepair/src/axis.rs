@@ -484,7 +484,7 @@ impl Axis {
     /// # Errors
     /// [`Error`] by blame.
     pub fn wait_reached(&self, within: Duration) -> Result<bool, Error> {
-        let mut running = self.start(Command::new(Verb::Reached))?;
+        let mut running = self.start(Command::new(Verb::Reached).limited(within))?;
         match running.wait(within) {
             Ok(ended) => Ok(ended.is_some()),
             Err(Error::Failed { outcome, .. })
@@ -564,7 +564,7 @@ impl Axis {
     /// [`Error::Failed`] `E101` when it has not ended in time: it goes on until a stop or a newer
     /// command ends it. Others by blame.
     pub fn run_within(&self, command: Command, within: Duration) -> Result<i64, Error> {
-        match self.start(command)?.wait(within)? {
+        match self.start(command.limited(within))?.wait(within)? {
             Some(value) => Ok(value),
             None => {
                 let what = format!("{} within {}", command.verb.name(), format_span(within));

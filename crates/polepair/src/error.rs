@@ -104,6 +104,9 @@ pub fn outcome_class(outcome: Outcome) -> Option<OutcomeClass> {
         Failure::Faulted { .. } => (Exit::DriveFault, Exception::DriveFault, "E801"),
         Failure::NotReached => (Exit::Negative, Exception::PolepairError, "E101"),
         Failure::Differs { .. } => (Exit::Negative, Exception::PolepairError, "E103"),
+        Failure::PowerLost | Failure::ModeChanged { .. } => {
+            (Exit::Negative, Exception::PolepairError, "E102")
+        }
         Failure::Cancelled => (Exit::Negative, Exception::PolepairError, "E102"),
         Failure::LinkDown => (Exit::Adapter, Exception::PolepairError, "E313"),
         Failure::Impossible(why) => (Exit::Usage, Exception::Unsupported, unsupported_code(why)),

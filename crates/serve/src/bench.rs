@@ -644,6 +644,7 @@ fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError>
         torque,
         jerk_time,
         period,
+        limit_ms: None,
     }))
 }
 

@@ -1,5 +1,7 @@
 //! `polepair spin|move|torque|home|jog URL VALUE[unit]`
 
+use std::time::Duration;
+
 use clap::Args;
 use polepair::Axis;
 use polepair_client::message::{AxisInfo, CommandArguments};
@@ -330,7 +332,10 @@ fn run_arriving(
         return target.rehearse_motion(command);
     }
     let session = target.open()?;
-    let commands = commands_for_each(session.axes(), command)?;
+    let mut commands = commands_for_each(session.axes(), command)?;
+    if let Some(timeout) = how.timeout.and_then(|s| Duration::try_from_secs_f64(s).ok()) {
+        commands.iter_mut().for_each(|(_, command)| *command = command.limited(timeout));
+    }
     let then = if how.detach { MotionMode::Detach } else { MotionMode::Arrive(how.timeout) };
     let exit = run(&session, &commands, then)?;
     if then != MotionMode::Detach {

@@ -1,6 +1,7 @@
 //! A lane as axes: what callers ask of it, by axis and ticket.
 
 use super::*;
+use crate::axis::UnmetWait;
 use crate::profile::NoScale;
 
 impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
@@ -305,6 +306,10 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
 
     fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {
         self.slot(axis).is_ok_and(|slot| slot.lacks_parameter(parameter))
+    }
+
+    fn unmet_wait(&self, axis: AxisIndex) -> Option<UnmetWait> {
+        self.slot(axis).ok()?.unmet_wait
     }
 
     fn scale_input(&self, axis: AxisIndex, parameter: ParameterId) -> Option<i64> {

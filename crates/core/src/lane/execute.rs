@@ -2,10 +2,12 @@
 
 use core::time::Duration;
 
+use super::guard::{GuardRead, GuardVerdict};
 use super::job::{GroupResult, InFlight, Job, JobTask, PlanRun, StepStage};
 use super::path::PathStream;
 use super::slot::AxisSlot;
 use super::transfer::{MemoryTransfer, TransferKind};
+use crate::axis::UnmetWait;
 use crate::error::{Extent, Failure, Outcome, Unsupported};
 use crate::plan::Step;
 use crate::profile::{Access, ParameterId, Persistence};
@@ -111,6 +113,7 @@ fn next_run_request<R: Request, A: Copy + 'static>(
             slot.check_step(&step, &run.command).map_err(end_impossible)?;
         }
         run.checked = true;
+        run.guard.begin(run.command.verb, slot);
     }
     // Each turn of this loop passes a step that sends nothing; plans are bounded.
     loop {
@@ -120,6 +123,9 @@ fn next_run_request<R: Request, A: Copy + 'static>(
             }
             StepStage::Sleep(until) if until > now => return Err(JobState::Sleeping(until)),
             StepStage::Sleep(_) => run.stage = StepStage::First,
+            StepStage::Guard(_, id) => {
+                return read_request(slot, InFlight::Guard(id)).map_err(end_impossible);
+            }
             _ => {}
         }
         let Some(step) = run.current_step() else {
@@ -370,6 +376,9 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
         };
     }
     let group = slot.driver.is_group();
+    if let (StepStage::Guard(read, id), InFlight::Guard(_)) = (run.stage, in_flight) {
+        return handle_guard_answer(run, slot, (read, id), raw);
+    }
     match (in_flight, raw) {
         (InFlight::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
             let readable =
@@ -400,8 +409,69 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
             if let InFlight::Write(id, ..) | InFlight::ReadBack(id, _) = in_flight {
                 count_flash_write(slot, id, run);
             }
+            if let InFlight::Read(id) = in_flight {
+                run.guard.note(slot, id, raw);
+                if let Some(state) = judge_wait(now, run, slot, (id, raw)) {
+                    return state;
+                }
+            }
             complete_step(now, run, raw)
         }
+    }
+}
+
+/// What a waiting step makes of a value that is not what it waits for, before it waits on.
+fn judge_wait<R: Request, A: Copy + 'static>(
+    now: Instant,
+    run: &mut PlanRun,
+    slot: &mut AxisSlot<R, A>,
+    (id, raw): (ParameterId, i64),
+) -> Option<JobState> {
+    let Some(Step::Until { test, required, .. }) = run.current_step() else { return None };
+    slot.unmet_wait = (!test.passes(raw)).then_some(UnmetWait { parameter: id, test, value: raw });
+    if test.passes(raw) || !required || run.undo_reason.is_some() || slot.driver.is_group() {
+        return None;
+    }
+    run.waiting_since.get_or_insert(now);
+    let steps = run.passed_steps();
+    let verdict = run.guard.judge_poll(now, (run.command.verb, steps), slot, (id, raw));
+    follow_verdict(run, verdict)
+}
+
+fn handle_guard_answer<R: Request, A: Copy + 'static>(
+    run: &mut PlanRun,
+    slot: &AxisSlot<R, A>,
+    (read, id): (GuardRead, ParameterId),
+    raw: Result<i64, Failure>,
+) -> JobState {
+    run.stage = StepStage::First;
+    let raw = match raw {
+        Ok(raw) => raw,
+        // What it does not tell is not looked at.
+        Err(Failure::Refused { .. }) if read != GuardRead::FaultWithoutPower => {
+            return JobState::Ready;
+        }
+        Err(_) if read == GuardRead::FaultWithoutPower => {
+            return fail_step(run, Failure::PowerLost);
+        }
+        Err(failure) => return fail_step(run, failure),
+    };
+    let Some(Step::Until { read: waited_for, .. }) = run.current_step() else {
+        return JobState::Ready;
+    };
+    let steps = run.passed_steps();
+    let verdict = run.guard.judge_read(read, (steps, slot), waited_for, (id, raw));
+    follow_verdict(run, verdict).unwrap_or(JobState::Ready)
+}
+
+fn follow_verdict(run: &mut PlanRun, verdict: GuardVerdict) -> Option<JobState> {
+    match verdict {
+        GuardVerdict::WaitOn => None,
+        GuardVerdict::Read(read, id) => {
+            run.stage = StepStage::Guard(read, id);
+            Some(JobState::Ready)
+        }
+        GuardVerdict::Fail(failure) => Some(fail_step(run, failure)),
     }
 }
 
@@ -460,13 +530,17 @@ fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
         (Step::NoFault { mask, .. }, _) if raw & mask != 0 => {
             return fail_step(run, Failure::Faulted { code: (raw & mask) as u32 });
         }
-        (Step::Until { test, within_ms, .. }, _) if !test.passes(raw) => {
+        (Step::Until { test, within_ms, required, .. }, _) if !test.passes(raw) => {
             let since = *run.waiting_since.get_or_insert(now);
-            if now > since.plus_ms(within_ms) {
-                return fail_step(run, Failure::NotReached);
+            let over = now > since.plus_ms(run.wait_limit_ms(within_ms));
+            match over {
+                true if required => return fail_step(run, Failure::NotReached),
+                true => run.advance(raw),
+                false => {
+                    run.stage = StepStage::Sleep(now + POLL_INTERVAL);
+                    return JobState::Sleeping(now + POLL_INTERVAL);
+                }
             }
-            run.stage = StepStage::Sleep(now + POLL_INTERVAL);
-            return JobState::Sleeping(now + POLL_INTERVAL);
         }
         _ => run.advance(raw),
     }

@@ -1,5 +1,6 @@
 //! One thing a lane was asked to do, and how far it is.
 
+use super::guard::{GuardRead, WaitGuard};
 use super::transfer::TransferKind;
 use crate::axis::{Command, Verb};
 use crate::error::{Extent, Failure, Outcome};
@@ -97,6 +98,8 @@ pub enum InFlight {
     /// A parameter that a scale depends on.
     Factor(ParameterId),
     Read(ParameterId),
+    /// Something beside what a waiting step waits for.
+    Guard(ParameterId),
     Write(ParameterId, i64, RequestClass),
     /// Whether a write whose answer was lost arrived.
     ReadBack(ParameterId, i64),
@@ -116,7 +119,7 @@ impl InFlight {
     /// Whether it could change the drive, or asks whether something did.
     pub const fn may_have_changed(self) -> bool {
         match self {
-            Self::Nothing | Self::Factor(_) | Self::Read(_) => false,
+            Self::Nothing | Self::Factor(_) | Self::Read(_) | Self::Guard(_) => false,
             Self::Send(class) => !matches!(class, RequestClass::Idempotent),
             Self::Write(..) | Self::ReadBack(..) => true,
         }
@@ -124,13 +127,18 @@ impl InFlight {
 
     pub fn parameter(self) -> Option<ParameterId> {
         match self {
-            Self::Factor(id) | Self::Read(id) | Self::Write(id, ..) | Self::ReadBack(id, _) => {
-                Some(id)
-            }
+            Self::Factor(id)
+            | Self::Read(id)
+            | Self::Guard(id)
+            | Self::Write(id, ..)
+            | Self::ReadBack(id, _) => Some(id),
             Self::Nothing | Self::Send(_) => None,
         }
     }
 }
+
+/// Steps that wait for so long at least wait for a motion, others for a drive that changes its state.
+const MOTION_WAIT_MIN_MS: u32 = 10_000;
 
 /// A walk along steps.
 #[derive(Clone, Copy, Debug)]
@@ -155,6 +163,8 @@ pub struct PlanRun {
     /// When the step in hand began to wait.
     pub waiting_since: Option<Instant>,
     pub last_value: i64,
+    /// What waiting steps look at beside what they wait for.
+    pub guard: WaitGuard,
 }
 
 /// Where a step that takes more than one request is.
@@ -167,6 +177,8 @@ pub enum StepStage {
     ReadBack(ParameterId, i64),
     /// Nothing is sent before then.
     Sleep(Instant),
+    /// A step that waits looks at something else first.
+    Guard(GuardRead, ParameterId),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -244,6 +256,7 @@ impl PlanRun {
             undo_failed: false,
             waiting_since: None,
             last_value: 0,
+            guard: WaitGuard::default(),
         }
     }
 
@@ -251,6 +264,22 @@ impl PlanRun {
         match self.undo_reason {
             Some(_) => self.undo.get(usize::from(self.index)).copied(),
             None => self.steps.step(self.index),
+        }
+    }
+
+    /// The steps of the plan up to the one in hand.
+    pub fn passed_steps(&self) -> &'static [Step] {
+        match self.steps {
+            StepSource::Plan(steps) => &steps[..steps.len().min(usize::from(self.index))],
+            StepSource::Write(_) => &[],
+        }
+    }
+
+    /// How long a step waits: a caller's own limit replaces those that are for a whole motion.
+    pub fn wait_limit_ms(&self, within_ms: u32) -> u32 {
+        match self.command.limit_ms {
+            Some(limit_ms) if within_ms >= MOTION_WAIT_MIN_MS => limit_ms,
+            _ => within_ms,
         }
     }
 

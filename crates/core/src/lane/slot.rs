@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 use super::event_queue::EventQueue;
 use super::path::PathStream;
 use super::transfer::MemoryTransfer;
-use crate::axis::{AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading};
+use crate::axis::{AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading, UnmetWait};
 use crate::error::{Failure, Unsupported};
 use crate::plan::{Operand, Step};
 use crate::profile::{Access, NoScale, Parameter, ParameterId, Profile, SignalSource};
@@ -86,6 +86,8 @@ pub struct AxisSlot<R, A> {
     pub silence_counters: Counters,
     /// It said what it cannot have, which may answer another question.
     pub implausible_reply: bool,
+    /// What the last step that waited did not see come true.
+    pub unmet_wait: Option<UnmetWait>,
     factors: Vec<ScaleFactor>,
     /// What is needed of a parameter again and again, by [`ParameterId`].
     entries: Vec<ParameterEntry<R>>,
@@ -137,6 +139,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             counters_at_request: Counters::default(),
             silence_counters: Counters::default(),
             implausible_reply: false,
+            unmet_wait: None,
             factors,
             entries: Vec::with_capacity(profile.parameters.len()),
         };

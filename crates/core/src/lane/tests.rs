@@ -96,7 +96,7 @@ static PROFILE: Profile = Profile {
             source: "",
             steps: &[
                 Step::Write(SPEED, crate::plan::Operand::Constant(0)),
-                Step::Until { read: POSITION, test: AT_REST, within_ms: 100 },
+                Step::Until { read: POSITION, test: AT_REST, within_ms: 100, required: true },
             ],
             undo: &[],
         },

@@ -5,8 +5,9 @@ use crate::amount::Amount;
 use crate::error::Error;
 use crate::{mounting, quantity};
 use polepair_core::axis::Verb;
-use polepair_core::plan::Argument;
-use polepair_core::profile::{AxisKind, Parameter};
+use polepair_core::drives;
+use polepair_core::plan::{Argument, Operand, Step};
+use polepair_core::profile::{AxisKind, Parameter, Profile};
 use polepair_core::units::Unit;
 
 impl Axis {
@@ -71,6 +72,39 @@ impl Axis {
         let value = self.value(id, raw)?;
         let si = value.value * value.unit.si_factor();
         if si.is_finite() { Ok(si) } else { Err(no("has a value whose scale is not known")) }
+    }
+
+    /// What a drive with a data sheet lacks of what a verb needs in its family, or one of its arguments:
+    /// `6099h:1 (homing speed switch)`. Empty where nothing is known to be missing.
+    #[must_use]
+    pub fn missing_for(&self, verb: Verb, which: Option<Argument>) -> String {
+        let of_family = |profile: &&&Profile| profile.name == self.profile.family;
+        let family = drives::profiles().iter().find(of_family);
+        let Some((family, plan)) = family.and_then(|family| Some((family, family.plan(verb)?)))
+        else {
+            return String::new();
+        };
+        let needed = plan.steps.iter().filter_map(|step| match (*step, which) {
+            (Step::Write(id, Operand::Argument(arg) | Operand::OptionalArgument(arg)), Some(w)) => {
+                (arg == w).then_some(id)
+            }
+            (
+                Step::Write(id, Operand::Constant(_) | Operand::Argument(_))
+                | Step::Require { read: id, .. }
+                | Step::Until { read: id, .. },
+                None,
+            ) => Some(id),
+            _ => None,
+        });
+        let mut missing = Vec::new();
+        for parameter in needed.filter_map(|id| family.parameter(id)) {
+            let key = (parameter.index, parameter.space);
+            let text = format!("{} ({})", parameter.symbol, parameter.name);
+            if self.profile.find_object(key).is_none() && !missing.contains(&text) {
+                missing.push(text);
+            }
+        }
+        missing.join(", ")
     }
 
     /// The unit in which an argument of a verb is shown and, where none is given, meant: that of the

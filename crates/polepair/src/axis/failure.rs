@@ -4,11 +4,11 @@ use super::Axis;
 use crate::error::Error;
 use crate::identify::Identification;
 use crate::no_reply::NoReplyDetails;
-use polepair_core::axis::Verb;
+use polepair_core::axis::{UnmetWait, Verb};
 use polepair_core::error::{Extent, Failure, Outcome, Unsupported};
 use polepair_core::lane::write_steps;
-use polepair_core::plan::{Operand, Step};
-use polepair_core::profile::{Fault, ParameterId, Watchdog};
+use polepair_core::plan::{Compare, Operand, Step};
+use polepair_core::profile::{Fault, ParameterId, Signal, Watchdog};
 use polepair_link::Cause;
 
 /// What a request is, so that its end can be told.
@@ -179,9 +179,16 @@ impl Axis {
                 "look for two drives with one address, an echoing adapter, noise or a wrong baud \
                  rate; `-v` shows the frames",
             ),
-            Failure::NotReached => {
-                reason_and_hint("not reached in time", "see whether something blocks it")
-            }
+            Failure::NotReached => self.unmet_wait_reason(),
+            Failure::PowerLost => reason_and_hint(
+                "the motor has no power any more",
+                "an input (STO, enable), another program or the drive itself took it: \
+                 `polepair info` shows its state",
+            ),
+            Failure::ModeChanged { mode } => (
+                format!("the drive is in another mode, {}", self.mode_text(mode)),
+                "see who else commands it".to_owned(),
+            ),
             Failure::NotReady { hint } => reason_and_hint("the drive is not ready", hint),
             Failure::Faulted { code } => self.fault_reason(code),
             Failure::Differs { start, end } => (
@@ -200,6 +207,40 @@ impl Axis {
             Failure::Impossible(why) => self.unsupported_reason(why),
             other => (format!("it ended as {other:?}"), String::new()),
         }
+    }
+
+    /// What was waited for in vain, and what came instead.
+    fn unmet_wait_reason(&self) -> (String, String) {
+        const HINT: &str = "see whether something blocks it";
+        let unmet = self.connection.with_axes(|axes, _| axes.unmet_wait(self.index));
+        let unmet = unmet.and_then(|unmet| Some((unmet, self.profile.parameter(unmet.parameter)?)));
+        let Some((UnmetWait { test, value, .. }, parameter)) = unmet else {
+            return ("not reached in time".to_owned(), HINT.to_owned());
+        };
+        let word = |raw: i64| match parameter.values.iter().find(|(known, _)| *known == raw) {
+            Some((_, word)) => format!("{raw} ({word})"),
+            None => raw.to_string(),
+        };
+        let (name, wanted) = (parameter.name, test.value);
+        let reason = match (test.compare, test.mask) {
+            (Compare::Equal, -1) => {
+                format!("`{name}` stayed {}, not {}", word(value), word(wanted))
+            }
+            (Compare::Equal | Compare::NotEqual, mask) if mask != -1 => {
+                let not = if test.compare == Compare::Equal { "" } else { "not " };
+                format!("`{name}` stayed 0x{value:X}, its bits 0x{mask:X} not {not}0x{wanted:X}")
+            }
+            _ => format!("`{name}` stayed {}", word(value)),
+        };
+        (format!("not reached in time: {reason}"), HINT.to_owned())
+    }
+
+    fn mode_text(&self, mode: i64) -> String {
+        let source = self.profile.signal(Signal::Mode);
+        let parameter = source.and_then(|source| self.profile.parameter(source.parameter));
+        let words = parameter.map_or(&[][..], |parameter| parameter.values);
+        let word = words.iter().find(|(known, _)| *known == mode).map(|(_, word)| *word);
+        word.map_or_else(|| mode.to_string(), |word| format!("{mode} ({word})"))
     }
 
     fn refusal_reason(&self, code: u32) -> (String, String) {
@@ -228,7 +269,13 @@ impl Axis {
 
     /// The error for what cannot be; nothing was sent.
     pub(crate) fn unsupported_error(&self, what: &str, why: Unsupported) -> Error {
-        let (reason, hint) = self.unsupported_reason(why);
+        let (mut reason, hint) = self.unsupported_reason(why);
+        let verb = Verb::ALL.into_iter().find(|verb| verb.name() == what);
+        let missing = verb.filter(|_| why == Unsupported::NoPlan);
+        let missing = missing.map_or_else(String::new, |verb| self.missing_for(verb, None));
+        if !missing.is_empty() {
+            reason = format!("the drive has no {missing}");
+        }
         Error::Unsupported { what: format!("{}: {what}: {reason}", self.label()), why, hint }
     }
 

@@ -149,6 +149,7 @@ pub(crate) enum DraftStep {
         read: ParameterName,
         test: ParameterTest,
         within_ms: u32,
+        required: bool,
     },
     Send {
         function: u8,
@@ -303,8 +304,8 @@ impl NameLookup<'_> {
                 DraftStep::Without { read: self.name_of(read), count }
             }
             Step::NoFault { read, mask } => DraftStep::NoFault { read: self.name_of(read), mask },
-            Step::Until { read, test, within_ms } => {
-                DraftStep::Until { read: self.name_of(read), test, within_ms }
+            Step::Until { read, test, within_ms, required } => {
+                DraftStep::Until { read: self.name_of(read), test, within_ms, required }
             }
             Step::Send { function, index, operand, like } => {
                 let like = like.map(|id| self.name_of(id));

@@ -146,7 +146,9 @@ impl AvailableParameters {
             DraftStep::Read(_) | DraftStep::NoFault { .. } | DraftStep::Until { .. } => {
                 optional || verb.is_stop()
             }
-            DraftStep::Write(_, Operand::Constant(_) | Operand::OptionalArgument(_), _)
+            // Whoever does not give the argument misses nothing.
+            DraftStep::Write(_, Operand::OptionalArgument(_), _) => true,
+            DraftStep::Write(_, Operand::Constant(_), _)
             | DraftStep::Ensure(..)
             | DraftStep::Copy { .. }
             | DraftStep::Skip { .. } => optional,

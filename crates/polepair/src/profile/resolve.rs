@@ -323,9 +323,9 @@ impl<'a> NameResolver<'a> {
                 read: self.resolve_use(read, &[RequiredAccess::Read])?,
                 mask: *mask,
             },
-            DraftStep::Until { read, test, within_ms } => {
+            DraftStep::Until { read, test, within_ms, required } => {
                 let id = self.resolve_test(read, test)?;
-                Step::Until { read: id, test: *test, within_ms: *within_ms }
+                Step::Until { read: id, test: *test, within_ms: *within_ms, required: *required }
             }
             DraftStep::Send { function, index, operand, like } => {
                 let like = like.as_ref().map(|name| self.id(name)).transpose()?;

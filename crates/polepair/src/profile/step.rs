@@ -22,9 +22,9 @@ use polepair_core::plan::{Argument, Compare, Operand, ParameterTest};
 /// The longest wait or limit that a step may have: a day, ms.
 pub(crate) const WAIT_MS_MAX: u32 = 86_400_000;
 
-const VERBS: [&str; 11] = [
-    "write", "ensure", "read", "copy", "require", "skip", "no-fault", "until", "send", "keep",
-    "wait",
+const VERBS: [&str; 12] = [
+    "write", "ensure", "read", "copy", "require", "skip", "no-fault", "until", "await", "send",
+    "keep", "wait",
 ];
 
 const ARGUMENTS: [(&str, Argument); 6] = [
@@ -76,11 +76,12 @@ pub(crate) fn parse(step: &Located<String>) -> Result<DraftStep, FileError> {
             Ok(DraftStep::Skip { read, test, count: count.number_as(fits)? })
         }
         "no-fault" => parse_masked(&rest).map(|(read, mask)| DraftStep::NoFault { read, mask }),
-        "until" => {
+        "until" | "await" => {
             let form = "`until TEST within TIME`, such as `within 5 s`";
             let (test, time) = rest.require_last_split(" within ", form)?;
             let (read, test) = parse_condition(&test)?;
-            Ok(DraftStep::Until { read, test, within_ms: time.milliseconds()? })
+            let (within_ms, required) = (time.milliseconds()?, verb.text == "until");
+            Ok(DraftStep::Until { read, test, within_ms, required })
         }
         "send" => parse_send(&rest),
         "keep" => Ok(DraftStep::Keep(rest.parameter_name()?)),

@@ -123,7 +123,8 @@ fn plans_and_signals_point_at_parameters() {
             Step::Until {
                 read: ParameterId(3),
                 test: ParameterTest { mask: -1, compare: Compare::Within, value: 3 },
-                within_ms: 1500
+                within_ms: 1500,
+                required: true,
             },
         ]
     );
@@ -383,7 +384,7 @@ fn a_familys_own_stop_is_inherited() {
         stop.steps,
         [
             Step::Send { function: 3, index: 0, operand: Operand::Constant(0), like: None },
-            Step::Until { read: ParameterId(1), test, within_ms: 10_000 },
+            Step::Until { read: ParameterId(1), test, within_ms: 10_000, required: true },
         ],
         "by the names that lie at the same places"
     );

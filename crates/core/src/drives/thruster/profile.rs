@@ -1121,6 +1121,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
                 read: ParameterId(3),
                 test: ParameterTest { mask: -1, compare: Compare::Within, value: 0 },
                 within_ms: 600000,
+                required: true,
             },
             Step::NoFault { read: ParameterId(7), mask: 0x8c7 },
         ],

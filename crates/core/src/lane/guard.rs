@@ -1,0 +1,188 @@
+//! What a step that waits looks at beside what it waits for: power, mode and fault. A motor that has lost its
+//! power reaches nothing, and whoever waits is told so at once.
+
+use super::slot::AxisSlot;
+use crate::axis::Verb;
+use crate::error::Failure;
+use crate::plan::{Compare, Step};
+use crate::profile::{ParameterId, Severity, Signal, SignalSource};
+use crate::station::Request;
+use crate::time::Instant;
+
+/// How often what the step does not read by itself is read.
+const PERIOD_MS: u32 = 200;
+
+/// What one run has seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct WaitGuard {
+    /// The motor had power.
+    was_enabled: bool,
+    /// When the other parameters are read next.
+    due: Option<Instant>,
+}
+
+/// A parameter that is read while a step waits.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum GuardRead {
+    /// Whether the motor has power.
+    Power,
+    /// The mode that the plan has waited for before.
+    Mode(i64),
+    /// Whether there is a fault, of a drive that does not tell its power.
+    Fault,
+    /// Which fault took the power.
+    FaultWithoutPower,
+}
+
+/// What is to be done.
+pub enum GuardVerdict {
+    /// The step waits on.
+    WaitOn,
+    /// This is read first.
+    Read(GuardRead, ParameterId),
+    /// It waits in vain.
+    Fail(Failure),
+}
+
+impl WaitGuard {
+    /// Begins with what was known: the motor that the last move has left moving had power.
+    pub fn begin<R: Request, A: Copy + 'static>(&mut self, verb: Verb, slot: &AxisSlot<R, A>) {
+        let enabled = slot.state.reading(Signal::Enabled);
+        self.was_enabled = verb == Verb::Reached && enabled.at.is_some() && enabled.raw != 0;
+    }
+
+    /// Takes a value that a step of the plan has read.
+    pub fn note<R: Request, A: Copy + 'static>(
+        &mut self,
+        slot: &AxisSlot<R, A>,
+        id: ParameterId,
+        raw: i64,
+    ) {
+        self.was_enabled |= source(slot, Signal::Enabled, id)
+            .and_then(|source| enabled_by(source, raw))
+            .unwrap_or(false);
+    }
+
+    /// What follows from a value that a waiting step has read and that is not what it waits for.
+    pub fn judge_poll<R: Request, A: Copy + 'static>(
+        &mut self,
+        now: Instant,
+        (verb, steps): (Verb, &[Step]),
+        slot: &AxisSlot<R, A>,
+        (id, raw): (ParameterId, i64),
+    ) -> GuardVerdict {
+        if verb.is_stop() || matches!(verb, Verb::Disable | Verb::Clear) {
+            return GuardVerdict::WaitOn;
+        }
+        if let Some(power) = source(slot, Signal::Enabled, id)
+            && self.was_enabled
+            && enabled_by(power, raw) == Some(false)
+        {
+            return read_fault(slot);
+        }
+        let due = *self.due.get_or_insert(now.plus_ms(PERIOD_MS));
+        if now < due {
+            return GuardVerdict::WaitOn;
+        }
+        self.due = Some(now.plus_ms(PERIOD_MS));
+        next_read(None, id, steps, slot)
+    }
+
+    /// What follows from a value that was read beside the step.
+    pub fn judge_read<R: Request, A: Copy + 'static>(
+        &mut self,
+        read: GuardRead,
+        (steps, slot): (&[Step], &AxisSlot<R, A>),
+        waited_for: ParameterId,
+        (id, raw): (ParameterId, i64),
+    ) -> GuardVerdict {
+        let failed = match read {
+            GuardRead::Power => {
+                let power = source(slot, Signal::Enabled, id).and_then(|s| enabled_by(s, raw));
+                if self.was_enabled && power == Some(false) {
+                    return read_fault(slot);
+                }
+                self.was_enabled |= power == Some(true);
+                None
+            }
+            GuardRead::Mode(mode) => (raw != mode).then_some(Failure::ModeChanged { mode: raw }),
+            GuardRead::Fault => fault_of(slot, id, raw),
+            GuardRead::FaultWithoutPower => {
+                Some(fault_of(slot, id, raw).unwrap_or(Failure::PowerLost))
+            }
+        };
+        match failed {
+            Some(failure) => GuardVerdict::Fail(failure),
+            None => next_read(Some(read), waited_for, steps, slot),
+        }
+    }
+}
+
+/// The signal's source, if it is that parameter.
+fn source<R: Request, A: Copy + 'static>(
+    slot: &AxisSlot<R, A>,
+    signal: Signal,
+    id: ParameterId,
+) -> Option<&'static SignalSource> {
+    slot.profile.signal(signal).filter(|source| source.parameter == id)
+}
+
+fn enabled_by(source: &SignalSource, raw: i64) -> Option<bool> {
+    source.equals.map(|equals| raw & source.mask == equals)
+}
+
+/// The fault that a value tells, if it is one that stops the drive.
+fn fault_of<R: Request, A: Copy + 'static>(
+    slot: &AxisSlot<R, A>,
+    id: ParameterId,
+    raw: i64,
+) -> Option<Failure> {
+    let code = (raw & source(slot, Signal::Fault, id)?.mask) as u32;
+    let mut known = slot.profile.faults_for_code(code).peekable();
+    // A code without a name is a fault as well; warnings and notes are none.
+    let stops = known.peek().is_none() || known.any(|fault| fault.severity == Severity::Fault);
+    (code != 0 && stops).then_some(Failure::Faulted { code })
+}
+
+fn read_fault<R: Request, A: Copy + 'static>(slot: &AxisSlot<R, A>) -> GuardVerdict {
+    match slot.profile.signal(Signal::Fault) {
+        Some(fault) if !slot.lacks_parameter(fault.parameter) => {
+            GuardVerdict::Read(GuardRead::FaultWithoutPower, fault.parameter)
+        }
+        _ => GuardVerdict::Fail(Failure::PowerLost),
+    }
+}
+
+/// What is read after `last`, leaving out what the step reads by itself.
+fn next_read<R: Request, A: Copy + 'static>(
+    last: Option<GuardRead>,
+    waited_for: ParameterId,
+    steps: &[Step],
+    slot: &AxisSlot<R, A>,
+) -> GuardVerdict {
+    let power = slot.profile.signal(Signal::Enabled);
+    let mode = slot.profile.signal(Signal::Mode).and_then(|mode| {
+        let wanted = steps.iter().rev().find_map(|step| match step {
+            Step::Until { read, test, .. } if *read == mode.parameter => Some(test),
+            _ => None,
+        });
+        let exact = wanted.filter(|test| test.compare == Compare::Equal && test.mask == -1);
+        exact.map(|test| (GuardRead::Mode(test.value), mode.parameter))
+    });
+    let fault = slot.profile.signal(Signal::Fault).filter(|_| power.is_none());
+    let reads = [
+        power.map(|power| (GuardRead::Power, power.parameter)),
+        mode,
+        fault.map(|fault| (GuardRead::Fault, fault.parameter)),
+    ];
+    let order = |read: GuardRead| match read {
+        GuardRead::Power => 1,
+        GuardRead::Mode(_) => 2,
+        GuardRead::Fault | GuardRead::FaultWithoutPower => 3,
+    };
+    let passed = last.map_or(0, order);
+    let mut left = reads.into_iter().flatten().filter(|(read, id)| {
+        order(*read) > passed && *id != waited_for && !slot.lacks_parameter(*id)
+    });
+    left.next().map_or(GuardVerdict::WaitOn, |(read, id)| GuardVerdict::Read(read, id))
+}

@@ -1,0 +1,176 @@
+"""A CiA 402 drive with units of its own and with what goes wrong in the field, on a socketcand server.
+
+It knows nothing of polepair: a dictionary, expedited SDO, the states, profile position, profile velocity and
+homing. `writes` has every value that it was told, in its own numbers.
+"""
+
+import socket
+import struct
+import threading
+import time
+
+ABORT = 0x80
+NO_OBJECT, NO_SUB, BAD_LENGTH = 0x06020000, 0x06090011, 0x06070010
+TICK = 0.005
+
+
+class OddDrive:
+    SIZES = {
+        (0x1000, 0): 4, (0x1001, 0): 1, (0x1017, 0): 2, (0x1018, 1): 4, (0x603F, 0): 2, (0x6040, 0): 2,
+        (0x6041, 0): 2, (0x6060, 0): 1, (0x6061, 0): 1, (0x6064, 0): 4, (0x606C, 0): 4, (0x607A, 0): 4,
+        (0x6081, 0): 4, (0x6083, 0): 4, (0x6084, 0): 4, (0x608F, 1): 4, (0x608F, 2): 4, (0x6098, 0): 1,
+        (0x6099, 1): 4, (0x60FF, 0): 4, (0x6502, 0): 4,
+    }  # fmt: skip
+
+    def __init__(self, node=5, per_turn=10_000, per_rpm=None, objects=None, without=()):
+        self.node, self.per_turn = node, per_turn
+        self.per_rpm = per_rpm or per_turn / 60
+        self.sizes = {key: size for key, size in self.SIZES.items() if key[0] not in without}
+        self.values = dict.fromkeys(self.sizes, 0)
+        self.values |= {(0x1000, 0): 0x20192, (0x608F, 1): per_turn, (0x608F, 2): 1, (0x6098, 0): 33}
+        self.values[0x6502, 0] = 0x25
+        self.values[0x6081, 0] = round(60 * self.per_rpm)
+        for key, value in (objects or {}).items():
+            self.sizes[key], self.values[key] = 4, value
+        self.writes = []
+        self.state, self.old, self.ack, self.reached = 0x40, 0, False, True
+        self.position, self.target, self.homing = 0.0, None, None
+        self.fault_at, self.sto_at, self.fault_homing_after = None, None, None
+        self.stale_s, self.homing_s, self.homed = 0.0, 0.3, 0
+        self.lock = threading.RLock()
+        self.server = socket.create_server(("127.0.0.1", 0))
+        self.url = f"canopen+socketcand://127.0.0.1:{self.server.getsockname()[1]}/can0#{node}"
+        self.ended = False
+        threading.Thread(target=self.accept, daemon=True).start()
+        threading.Thread(target=self.move, daemon=True).start()
+
+    def close(self):
+        self.ended = True
+        self.server.close()
+
+    # The wire.
+
+    def accept(self):
+        while not self.ended:
+            try:
+                client, _ = self.server.accept()
+            except OSError:
+                return
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            threading.Thread(target=self.serve, args=(client,), daemon=True).start()
+
+    def serve(self, client):
+        client.sendall(b"< hi >")
+        text = ""
+        while data := client.recv(4096):
+            text += data.decode()
+            while ">" in text:
+                message, text = text.split(">", 1)
+                words = message.replace("<", "").split()
+                if words[:1] in (["open"], ["rawmode"]):
+                    client.sendall(b"< ok >")
+                elif words[:1] == ["send"]:
+                    frame = bytes(int(word, 16) for word in words[3 : 3 + int(words[2])])
+                    with self.lock:
+                        reply = self.receive(int(words[1], 16), frame)
+                    if reply:
+                        client.sendall(
+                            f"< frame {0x580 + self.node:X} {time.time():.6f} {reply.hex()} >".encode()
+                        )
+
+    def receive(self, cob, frame):
+        if cob != 0x600 + self.node or len(frame) != 8:
+            return None
+        command, index, sub = struct.unpack("<BHB", frame[:4])
+        key = (index, sub)
+        if key not in self.sizes:
+            known = any(one[0] == index for one in self.sizes)
+            return struct.pack("<BHBI", ABORT, index, sub, NO_SUB if known else NO_OBJECT)
+        size = self.sizes[key]
+        if command >> 5 == 2:
+            value = self.read(key) & ((1 << 8 * size) - 1)
+            head = struct.pack("<BHB", 0x43 | (4 - size) << 2, index, sub)
+            return head + value.to_bytes(4, "little")
+        if command >> 5 == 1:
+            if 4 - (command >> 2 & 3) != size:
+                return struct.pack("<BHBI", ABORT, index, sub, BAD_LENGTH)
+            signed = (index, sub) in ((0x607A, 0), (0x60FF, 0), (0x6060, 0))
+            self.write(key, int.from_bytes(frame[4 : 4 + size], "little", signed=signed))
+            return struct.pack("<BHBI", 0x60, index, sub, 0)
+        return None
+
+    # The drive.
+
+    def read(self, key):
+        if key == (0x6041, 0):
+            return self.state | 0x400 * self.reached | 0x1000 * self.ack
+        if key == (0x6064, 0):
+            return round(self.position)
+        return self.values[key]
+
+    def write(self, key, value):
+        self.values[key] = value
+        self.writes.append((key[0], value))
+        if key == (0x6060, 0):
+            self.values[0x6061, 0] = value
+        if key != (0x6040, 0):
+            return
+        rising, self.old = value & ~self.old, value
+        if self.state == 0x08:
+            self.state = 0x40 if rising & 0x80 else 0x08
+        elif value & 0x0F in (0x06, 0x07, 0x0F) and not value & 0x80:
+            self.state = {0x06: 0x21, 0x07: 0x23, 0x0F: 0x27}[value & 0x0F]
+        elif not value & 0x02:
+            self.state = 0x40
+        if self.state != 0x27:
+            self.target = self.homing = None
+        elif self.values[0x6061, 0] == 1:
+            if rising & 0x10:
+                self.target = self.values[0x607A, 0] + (self.position if value & 0x40 else 0)
+                self.reached = False
+            self.ack = bool(value & 0x10)
+        elif self.values[0x6061, 0] == 6:
+            if rising & 0x10:
+                self.homing = time.monotonic()
+            elif not value & 0x10:
+                # Whoever takes the bit away ends the homing.
+                self.homing = None
+
+    def move(self):
+        last = time.monotonic()
+        while not self.ended:
+            time.sleep(TICK)
+            now = time.monotonic()
+            span, last = now - last, now
+            with self.lock:
+                self.advance(now, span)
+
+    def advance(self, now, span):
+        halted = self.old & 0x100
+        mode = self.values[0x6061, 0] if self.state == 0x27 else 0
+        turn = self.per_turn / self.per_rpm / 60
+        if mode == 3 and not halted:
+            self.position += self.values[0x60FF, 0] * turn * span
+        if mode == 1 and self.target is not None and not halted:
+            way, step = self.target - self.position, self.values[0x6081, 0] * turn * span
+            self.position += max(-step, min(step, way))
+            if abs(way) <= step:
+                self.target, self.reached = None, True
+        if mode == 6 and self.homing is not None:
+            since = now - self.homing
+            if since >= self.homing_s:
+                self.homing, self.position, self.ack, self.reached = None, 0.0, True, True
+                self.homed += 1
+            elif since >= self.stale_s:
+                self.ack = self.reached = False
+            if self.fault_homing_after is not None and since >= self.fault_homing_after:
+                self.fail(0x08)
+        if self.state == 0x27 and self.fault_at is not None and self.position >= self.fault_at:
+            self.fail(0x08)
+        if self.state == 0x27 and self.sto_at is not None and self.position >= self.sto_at:
+            self.fail(0x40)
+
+    def fail(self, state):
+        self.state, self.target, self.homing = state, None, None
+        if state == 0x08:
+            self.values[0x603F, 0] = 0x8611

@@ -1,0 +1,160 @@
+"""CiA 402 drives as they are in the field: units of their own, faults without a message, odd homing."""
+
+import time
+
+import pytest
+
+from conftest import polepair
+from odd_canopen import OddDrive
+
+NANOTEC = {(0x6091, 1): 1, (0x6091, 2): 1, (0x6092, 1): 1, (0x6092, 2): 1}
+
+
+@pytest.fixture
+def odd():
+    drives = []
+
+    def drive(**options):
+        drives.append(OddDrive(**options))
+        return drives[-1]
+
+    yield drive
+    for one in drives:
+        one.close()
+
+
+def last(drive, index):
+    return [value for written, value in drive.writes if written == index][-1]
+
+
+# What a drive says of its units, units a turn, units of 1 rpm.
+UNITS = [
+    ({(0x60A8, 0): 0xFF410000, (0x60A9, 0): 0x00B44700, (0x608F, 1): 2000} | NANOTEC, 3600, 1),
+    ({(0x60A8, 0): 0xFDB40000, (0x60A9, 0): 0xFEB40300}, 1000, 100 / 60),
+    ({(0x60A9, 0): 0xFDB44700}, 10_000, 1000),
+    ({(0x6092, 1): 720, (0x6092, 2): 2, (0x6091, 1): 5, (0x6091, 2): 1}, 360, 6),
+    ({(0x6091, 1): 3, (0x6091, 2): 1}, 30_000, 500),
+    ({(0x6096, 1): 60, (0x6096, 2): 10_000}, 10_000, 1),
+    ({(0x6094, 1): 10_000, (0x6094, 2): 60}, 10_000, 1),
+    ({(0x6093, 1): 10_000, (0x6093, 2): 512}, 512, 512 / 60),
+]
+
+
+@pytest.mark.parametrize(("objects", "per_turn", "per_rpm"), UNITS)
+def test_a_turn_and_a_speed_are_what_the_drive_counts(odd, objects, per_turn, per_rpm):
+    drive = odd(per_turn=per_turn, per_rpm=per_rpm, objects={(0x608F, 1): 10_000} | objects)
+    polepair("spin", drive.url, "60rpm", "--for", "0.2s")
+    speeds = [value for written, value in drive.writes if written == 0x60FF and value != 0]
+    assert speeds == [round(60 * per_rpm)]
+    before = drive.position
+    polepair("move", drive.url, "1turn", "--rel")
+    assert last(drive, 0x607A) == per_turn and abs(drive.position - before - per_turn) <= 1
+    shown = polepair("get", drive.url, "position actual").stdout
+    assert abs(float(shown.split()[3]) - drive.position / per_turn) < 1e-3, shown
+    assert "unit" in polepair("info", drive.url).stdout
+
+
+def test_what_contradicts_itself_has_no_unit(odd):
+    objects = {(0x60A8, 0): 0xFF410000, (0x6092, 1): 10_000, (0x6092, 2): 1}
+    drive = odd(objects=objects)
+    refused = polepair("spin", drive.url, "60rpm", "--for", "0.2s", check=False)
+    assert refused.returncode == 2 and "60A8h and 6092h contradict" in refused.stderr, refused
+    assert "60A8h = FF410000h" in refused.stderr and not drive.writes, drive.writes
+    polepair("move", drive.url, "500", "--rel", "--raw")
+    assert last(drive, 0x607A) == 500
+    shown = polepair("get", drive.url, "position actual", "target position")
+    assert shown.stdout.splitlines()[0] == "position actual = 500", shown
+    assert shown.stderr.count("has no unit") == 1, shown
+
+
+def test_a_count_of_zero_is_none(odd):
+    drive = odd(objects={(0x608F, 1): 0})
+    for words in (["get", drive.url, "position actual"], ["watch", drive.url, "--for", "0.1s"]):
+        for form in ([], ["--format", "csv"], ["--format", "jsonl"]):
+            shown = polepair(*words, *form)
+            assert "NaN" not in shown.stdout and "turn" not in shown.stdout, shown
+    assert "has no unit" in polepair("get", drive.url, "position actual").stderr
+    polepair("move", drive.url, "500", "--rel", "--raw")
+    assert last(drive, 0x607A) == 500
+    refused = polepair("move", drive.url, "1turn", check=False)
+    assert refused.returncode == 2 and "--raw" in refused.stderr, refused
+
+
+@pytest.mark.parametrize("at", [1000, 4000])
+def test_a_fault_in_a_move_is_told_at_once(odd, at):
+    drive = odd()
+    drive.fault_at = at
+    failed = polepair("move", drive.url, "1turn", "--rel", check=False)
+    assert failed.returncode == 8 and "E801" in failed.stderr, failed
+    assert "following error" in failed.stderr, failed
+
+
+def test_power_that_is_taken_in_a_move_is_told_at_once(odd):
+    drive = odd()
+    drive.sto_at = 2500
+    failed = polepair("move", drive.url, "1turn", "--rel", check=False)
+    assert failed.returncode == 1 and "no power any more" in failed.stderr, failed
+
+
+def test_a_fault_in_homing_is_told_at_once(odd):
+    drive = odd()
+    drive.homing_s, drive.fault_homing_after = 300, 0.2
+    failed = polepair("home", drive.url, check=False)
+    assert failed.returncode == 8 and "E801" in failed.stderr, failed
+
+
+@pytest.mark.parametrize("stale", [0.0, 0.05, 0.2])
+def test_bits_of_an_earlier_homing_are_no_success(odd, stale):
+    drive = odd()
+    drive.ack, drive.stale_s, drive.homing_s = True, stale, 1.0
+    begun = time.monotonic()
+    polepair("home", drive.url)
+    assert drive.homed == 1 and time.monotonic() - begun >= 1.0
+
+
+def test_bits_that_never_go_are_taken(odd):
+    drive = odd()
+    drive.ack, drive.stale_s, drive.homing_s = True, 1e9, 0.0
+    polepair("home", drive.url)
+    assert drive.homed == 1
+
+
+def test_a_time_out_replaces_the_plans_own(odd):
+    drive = odd()
+    drive.homing_s = 300
+    failed = polepair("home", drive.url, "--timeout", "1s", check=False)
+    assert failed.returncode == 1 and "in time" in failed.stderr and drive.homed == 0, failed
+
+
+SHEET = """[DeviceInfo]
+ProductName=Small
+[OptionalObjects]
+SupportedObjects={count}
+{list}
+{sections}"""
+KINDS = {1: 5, 2: 6, 4: 7}
+
+
+def sheet(drive, folder, without=()):
+    """An EDS of what a drive has."""
+    keys = [key for key in drive.sizes if key[1] == 0 and key[0] not in without]
+    listed = "\n".join(f"{n}=0x{index:04X}" for n, (index, _) in enumerate(keys, 1))
+    sections = "".join(
+        f"[{index:04X}]\nParameterName=O{index:04X}\nObjectType=0x7\n"
+        f"DataType=0x{KINDS[drive.sizes[index, sub]]:04X}\nAccessType=rw\n"
+        for index, sub in keys
+    )
+    path = folder / "small.eds"
+    path.write_text(SHEET.format(count=len(keys), list=listed, sections=sections))
+    return path
+
+
+def test_a_missing_object_costs_its_option_alone(odd, tmp_path):
+    drive = odd(without=(0x6099, 0x60FF))
+    url = drive.url.replace("#", f"?eds={sheet(drive, tmp_path)}#")
+    polepair("home", url)
+    assert drive.homed == 1
+    refused = polepair("home", url, "--vel", "10", check=False)
+    assert refused.returncode == 2 and "6099h:1" in refused.stderr, refused
+    refused = polepair("spin", url, "10", "--raw", check=False)
+    assert refused.returncode == 2 and "60FFh" in refused.stderr, refused
