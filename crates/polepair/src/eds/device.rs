@@ -126,7 +126,8 @@ fn entry_limits(entry: &EdsEntry) -> (i64, i64) {
 }
 
 fn default_value(eds: &Eds, object: &EdsObject, entry: &EdsEntry) -> FactoryValue {
-    let factory_value = entry.effective_value().map(|value| literal_value(value, entry.data_type));
+    let factory_value =
+        eds.value_of_any_node(entry).map(|value| literal_value(value, entry.data_type));
     let at = (object.index, entry.sub);
     match factory_value {
         Some(FactoryValue::Number(number)) if lacks_node(at, number) => {

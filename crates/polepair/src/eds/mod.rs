@@ -114,6 +114,19 @@ impl EdsEntry {
         }
     }
 
+    /// Whether its value is one node's although the factory's adds the node-ID: of node `configured`, or of one
+    /// that the file does not name. Another node would have the identifiers of that one.
+    fn pins_node(&self, configured: Option<u8>) -> bool {
+        let (
+            Some(Literal::Integer { value, plus_node: false, .. }),
+            Some(Literal::Integer { value: base, plus_node: true, .. }),
+        ) = (&self.value, &self.default)
+        else {
+            return false;
+        };
+        configured.is_none_or(|node| *value == base + i64::from(node))
+    }
+
     /// The value from the factory of the node of that id, where it is a whole number.
     #[must_use]
     pub fn default_at(&self, node: u8) -> Option<i64> {
@@ -139,6 +152,15 @@ impl Eds {
     #[must_use]
     pub fn device_info(&self, key: &str) -> Option<&str> {
         find_value(&self.device, key)
+    }
+
+    /// The value of an entry that any node of the file has.
+    #[must_use]
+    pub fn value_of_any_node<'a>(&self, entry: &'a EdsEntry) -> Option<&'a Literal> {
+        match entry.pins_node(self.node_id()) {
+            true => entry.default.as_ref(),
+            false => entry.effective_value(),
+        }
     }
 
     /// The node-ID that a DCF gives.

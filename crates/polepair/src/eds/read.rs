@@ -61,6 +61,19 @@ pub(super) fn parse_eds(file: &str, text: &str) -> Result<Eds, FileError> {
         let reason = "no object in it: an EDS has sections such as [1000]";
         return Err(FileError::for_file(file, reason));
     }
+    if eds.node_id().is_none() {
+        for (object, entry) in
+            eds.objects.iter().flat_map(|o| o.entries.iter().map(move |e| (o, e)))
+        {
+            if let (true, Some(value), Some(default)) =
+                (entry.pins_node(None), &entry.value, &entry.default)
+            {
+                let at = format!("{:04X}h:{:X}", object.index, entry.sub);
+                let reason = format!("{at}: {value} is one node's value: {default} is used");
+                reader.warn(FileError::for_file(file, reason));
+            }
+        }
+    }
     eds.warnings = reader.warnings(file);
     Ok(eds)
 }

@@ -86,6 +86,31 @@ fn a_vendors_sheet_is_read() {
     assert_eq!(warnings(&eds), [""; 0]);
 }
 
+/// An EDS with the identifiers of one node: python canopen's e35.eds is such a file.
+#[test]
+fn a_value_of_one_node_is_nobody_elses() {
+    let object = |value: i64| {
+        format!(
+            "{SHEET}[1014]\r\nParameterName=Emergency\r\nObjectType=7\r\nDataType=7\r\nAccessType=rw\r\n\
+             DefaultValue=$NODEID+0x80\r\nParameterValue={value:#X}\r\n"
+        )
+    };
+    let at = |eds: &Eds, node: u8| {
+        eds.value_of_any_node(eds.entry(0x1014, 0).unwrap()).unwrap().integer(node)
+    };
+    let eds = sheet(&object(0xA0));
+    assert_eq!((at(&eds, 5), at(&eds, 32)), (Some(0x85), Some(0xA0)));
+    assert!(
+        warnings(&eds)[0].contains("1014h:0: 0xA0 is one node's value"),
+        "{:?}",
+        warnings(&eds)
+    );
+    // A DCF is one node's: what it has otherwise than the factory holds.
+    let configured = |value| sheet(&(object(value) + "[DeviceComissioning]\r\nNodeID=0x20\r\n"));
+    assert_eq!((at(&configured(0xA0), 5), at(&configured(0x701), 5)), (Some(0x85), Some(0x701)));
+    assert_eq!(warnings(&configured(0xA0)), [""; 0]);
+}
+
 #[test]
 fn what_is_written_is_read_again() {
     let eds = sheet(SHEET);

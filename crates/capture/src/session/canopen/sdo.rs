@@ -332,8 +332,17 @@ impl SdoChannel {
             }
             self.give_up_transfer(" before the node started again", notices);
         }
-        self.release_held(notices);
-        (self.abandoned, self.extra_replies) = (None, 0);
+        self.extra_replies = 0;
+        // An answer to what was given up before may come behind the boot-up, too.
+        let may_come =
+            self.abandoned.as_ref().is_some_and(|given_up| match (given_up.until, now) {
+                (Some(until), Some(now)) => now <= until,
+                (_, now) => now.is_none(),
+            });
+        if !may_come {
+            self.release_held(notices);
+            self.abandoned = None;
+        }
     }
 
     /// Nobody goes on with the transfer under way.

@@ -476,7 +476,11 @@ fn write_remarks(
                 out,
             )?;
             if matches!(short.len, 1..=3) && short.bits >> (8 * short.len) != 0 {
-                out.write_str("; the command's size is too small for it")?;
+                let len = meanings::value_len(object, short.bits, short.len, profile);
+                out.write_str(match len > short.len {
+                    true => "; the command's size is too small for it",
+                    false => "; the unused bytes are not zero",
+                })?;
             }
         }
         Statement::Reply(SdoReply::Written(object, echo), _) => {

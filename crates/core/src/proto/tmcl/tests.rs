@@ -366,3 +366,17 @@ fn explains_in_words() {
     assert_eq!(TmclDissector.code_meaning(5), Some("configuration EEPROM locked"));
     assert_eq!(TmclDissector.code_meaning(77), None);
 }
+
+#[test]
+fn a_position_beyond_the_greatest_is_none() {
+    let value = |line: &str| text::parse(line, 1).map(|request| request.value);
+    for line in
+        ["MVP ABS, 0, 2147483648", "ROR 0, 3000000000", "ROL 0, 0xFFFFFFFF", "SAP 4, 0, 4000000000"]
+    {
+        let error = value(line).expect_err(line);
+        assert!(error.expected.contains("2147483647"), "{line}: {error:?}");
+    }
+    assert_eq!(value("MVP REL, 0, -2147483648"), Ok(i32::MIN));
+    assert_eq!(value("SAP 4, 0, 0xFFFFFFFF"), Ok(-1), "bits are written in hexadecimal");
+    assert_eq!(value("SIO 255, 2, 4294967295"), Ok(-1));
+}

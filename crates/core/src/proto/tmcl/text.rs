@@ -150,7 +150,7 @@ pub fn parse(text: &str, address: u8) -> Result<Request, TextError> {
     if (shape.value || full)
         && let Some((at, word)) = next()
     {
-        request.value = parse_value(at, word)?;
+        request.value = parse_value(at, word, opcode)?;
     }
     match next() {
         Some((at, _)) => {
@@ -265,12 +265,21 @@ fn parse_byte(at: usize, word: &str, expected: &'static str) -> Result<u8, TextE
     parse_number(word).and_then(|n| u8::try_from(n).ok()).ok_or(TextError { at, expected })
 }
 
-/// A value: signed, or the unsigned twin of a negative one.
-fn parse_value(at: usize, word: &str) -> Result<i32, TextError> {
-    let expected = "a value, -2147483648 to 4294967295";
+/// A value: signed or, where it is not a position or a speed, the unsigned twin of a negative one.
+fn parse_value(at: usize, word: &str, opcode: Opcode) -> Result<i32, TextError> {
+    // A position beyond the greatest would be one in the other direction. Bits are written in hexadecimal.
+    let moves = matches!(opcode, Opcode::Mvp | Opcode::Ror | Opcode::Rol);
+    let sets = matches!(opcode, Opcode::Sap) && !word.contains(['x', 'X']);
+    let expected = match moves || sets {
+        true => "a value, -2147483648 to 2147483647",
+        false => "a value, -2147483648 to 4294967295",
+    };
     let number = parse_number(word).ok_or(TextError { at, expected })?;
     i32::try_from(number)
-        .or_else(|_| u32::try_from(number).map(u32::cast_signed))
+        .or_else(|error| match moves || sets {
+            true => Err(error),
+            false => u32::try_from(number).map(u32::cast_signed),
+        })
         .map_err(|_| TextError { at, expected })
 }
 

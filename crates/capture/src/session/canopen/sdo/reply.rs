@@ -125,11 +125,14 @@ impl SdoChannel {
             let held =
                 self.abandoned.take().map_or_else(Vec::new, |given_up| given_up.held_notices);
             notices.extend(held.into_iter().filter_map(|notice| late_exchange(notice, at)));
-            let ms =
-                at.1.zip(requested.1)
-                    .map_or(0, |(now, requested_at)| now.since(requested_at) / 1_000_000);
             let ObjectIndex { index, sub } = object;
-            let text = format!("the answer for 0x{index:04X}:{sub} came {ms} ms after its request");
+            let when = match at.1.zip(requested.1) {
+                Some((now, then)) => {
+                    format!("{} ms after its request", now.since(then) / 1_000_000)
+                }
+                None => "after its request was given up".to_owned(),
+            };
+            let text = format!("the answer for 0x{index:04X}:{sub} came {when}");
             notices.push(super::anomaly(AnomalyKind::LateReply, self.node, text));
         }
         fits

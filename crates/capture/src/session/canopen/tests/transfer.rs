@@ -295,3 +295,23 @@ fn other_channels_are_followed_once_configured() {
     assert_eq!(report.exchanges().len(), 3);
     assert!(report.lines[5].starts_with("SDO value: value 0x1008:0"), "{:#?}", report.lines);
 }
+
+/// The node took so long that the client gave up, and starts meanwhile: its answer is late, and nobody else's.
+#[test]
+fn an_answer_to_what_was_given_up_is_late_behind_a_boot_up() {
+    let object = ObjectIndex::new(0x1000, 0);
+    for starts in [false, true] {
+        let mut bus = CanopenLog::default();
+        bus.request(SdoRequest::Read(object)).wait(600);
+        bus.request(SdoRequest::Abort(object, AbortCode::TIMEOUT)).wait(50);
+        if starts {
+            bus.send(0x700 | u16::from(NODE), &[0]).wait(20);
+        }
+        let value = ExpeditedData { bits: 0x0002_0192, len: 4 };
+        let report = bus.reply(SdoReply::Value(object, value)).report();
+        assert!(report.texts().iter().any(|text| text.starts_with("the answer for 0x1000:0 came")));
+        let found = report.anomalies();
+        assert!(!found.contains(&AnomalyKind::DuplicateAddress), "{starts}: {found:?}");
+        assert!(!found.contains(&AnomalyKind::DuplicateReply), "{starts}: {found:?}");
+    }
+}

@@ -137,8 +137,8 @@ impl FieldWriter<'_> {
         let (_, len) = short.bytes();
         self.emit_int("size", (0, 1), short.len);
         let number = meanings::decode_number(object, short.bits, short.len, self.profile);
-        let beyond = short.len > 0 && len < 4 && short.bits >> (8 * len) != 0;
-        let end = if beyond { 8 } else { 4 + len as u16 };
+        let counted = meanings::value_len(object, short.bits, short.len, self.profile);
+        let end = 4 + if short.len == 0 { len as u16 } else { counted.into() };
         self.emit_int("value", (4, end), number);
     }
 

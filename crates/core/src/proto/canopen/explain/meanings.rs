@@ -54,6 +54,34 @@ pub fn is_signed(object: ObjectIndex, profile: Option<&'static Profile>) -> bool
     }
 }
 
+/// How many of four bytes are the object's value, where the command says that `len` are (0: it does not
+/// say). The command's size decides, but for a command of a drive that is known to have more of them (TS
+/// manual, chapter 3: sizes are printed too small).
+#[must_use]
+pub fn value_len(object: ObjectIndex, bits: u32, len: u8, profile: Option<&'static Profile>) -> u8 {
+    if !matches!(len, 1..=3) {
+        return 4;
+    }
+    let width = match find_parameter(object, profile).map(|parameter| parameter.encoding) {
+        Some(Encoding::Bit | Encoding::U8 | Encoding::I8) => 1,
+        Some(Encoding::U16 | Encoding::I16) => 2,
+        Some(_) => 4,
+        None => standard_width(object),
+    };
+    if bits >> (8 * len) != 0 { len.max(width) } else { len }
+}
+
+/// Bytes of objects whose width the standards give (CiA 301, 7.5.2; CiA 402-2); 0 of others.
+const fn standard_width(object: ObjectIndex) -> u8 {
+    match (object.index, object.sub) {
+        (0x1400..=0x15FF | 0x1800..=0x19FF, 3 | 5) | (0x6040 | 0x6041 | 0x6071..=0x6074, 0) => 2,
+        (0x1400..=0x15FF | 0x1800..=0x19FF, 1)
+        | (0x6062..=0x6065 | 0x6067 | 0x607A | 0x607C | 0x6081..=0x6085 | 0x6087 | 0x60FF, 0)
+        | (0x608F..=0x6097 | 0x6099, 1 | 2) => 4,
+        _ => 0,
+    }
+}
+
 /// `bits` as the object's value.
 #[must_use]
 pub fn decode_number(
@@ -62,13 +90,10 @@ pub fn decode_number(
     len: u8,
     profile: Option<&'static Profile>,
 ) -> i64 {
-    let rest = match len {
-        1..=3 if bits >> (8 * len) == 0 => 32 - 8 * u32::from(len),
-        _ => 0,
-    };
+    let rest = 32 - 8 * u32::from(value_len(object, bits, len, profile));
     match is_signed(object, profile) {
         true => ((bits << rest).cast_signed() >> rest).into(),
-        false => bits.into(),
+        false => ((bits << rest) >> rest).into(),
     }
 }
 

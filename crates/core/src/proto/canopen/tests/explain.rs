@@ -349,3 +349,24 @@ fn codes_and_words_are_named() {
     assert_eq!(object.text, "mode = 4, profile torque");
     assert!(named("0F", 0).is_none() && named("nothing", 0).is_none());
 }
+
+#[test]
+fn the_commands_size_says_how_many_bytes_are_the_value() {
+    for (line, value, remark) in [
+        ("583#4B41600018028FAF", "536", "unused bytes are not zero"),
+        ("583#4F616000FE8FAF01", "-2", "unused bytes are not zero"),
+        ("583#4B00200018028FAF", "536", "unused bytes are not zero"),
+        ("583#4364600018028FAF", "-1349582312", ""),
+        ("583#4B41600018020000", "536", ""),
+    ] {
+        let found = explain_with(&frame(line), None, profile("cia402"));
+        assert_eq!(found.value("value"), value, "{line}");
+        assert!(found.text.contains(remark), "{line}: {}", found.text);
+        assert_eq!(found.text.contains("unused"), !remark.is_empty(), "{line}: {}", found.text);
+    }
+    // A drive that is known to have more bytes than its manual's commands say (TS, chapter 3).
+    let position =
+        explain_with(&frame("602#2B7A6000A0860100"), None, profile("syntron-ts-canopen"));
+    assert_eq!(position.value("value"), "100000");
+    assert!(position.text.contains("size is too small"), "{}", position.text);
+}
