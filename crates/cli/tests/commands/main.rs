@@ -12,6 +12,7 @@ mod decode;
 mod docs;
 mod doctor;
 mod errors;
+mod field;
 mod fuzz;
 mod gateway;
 mod joined;

@@ -1,7 +1,7 @@
 //! Joins a real server: what it says, what it refuses, what becomes of motion when it is gone.
 
 use crate::{authority, cut};
-use polepair_test_support::wait_until;
+use polepair_test_support::{WAIT_MAX, wait_until};
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -14,8 +14,6 @@ use polepair_client::message::{CommandArguments, ParameterInput, StopRequest, Wr
 use polepair_client::{Gateway, GatewayError, GatewayOptions};
 use polepair_serve::GatewayServer;
 
-/// Longer than anything takes that works.
-const LONG: Duration = Duration::from_secs(60);
 /// Two modules at addresses 1 and 3.
 const DRIVES: &str = "sim:tmcl?axes=2";
 
@@ -107,10 +105,10 @@ fn an_axis_is_taken_moved_and_given_back() {
     assert_eq!(bench.axes.iter().map(|axis| axis.number).collect::<Vec<_>>(), [1, 3]);
     let lease = gateway.live().unwrap().acquire_lease(1).unwrap();
     for verb in ["arm", "enable"] {
-        lease.run(verb, CommandArguments::default(), LONG).unwrap();
+        lease.run(verb, CommandArguments::default(), WAIT_MAX).unwrap();
     }
-    lease.run("move-to", to(1.0), LONG).unwrap();
-    lease.run("reached", CommandArguments::default(), LONG).unwrap();
+    lease.run("move-to", to(1.0), WAIT_MAX).unwrap();
+    lease.run("reached", CommandArguments::default(), WAIT_MAX).unwrap();
     let position = || {
         let signals = gateway.axis_state(1).unwrap().signals;
         signals.iter().find(|s| s.signal == "position").and_then(|s| s.value).unwrap_or(0.0)
@@ -162,15 +160,15 @@ fn whoever_stops_an_axis_ends_its_lease() {
     let gateway = site.join();
     let lease = gateway.live().unwrap().acquire_lease(0).unwrap();
     for verb in ["arm", "enable"] {
-        lease.run(verb, CommandArguments::default(), LONG).unwrap();
+        lease.run(verb, CommandArguments::default(), WAIT_MAX).unwrap();
     }
-    lease.run("velocity", at(30.0), LONG).unwrap();
+    lease.run("velocity", at(30.0), WAIT_MAX).unwrap();
     wait_until("it turns", || site.moving(0));
     let request = StopRequest { axes: Some(vec![0]), reason: "a test".into() };
     let stopped = site.join().stop(&request).unwrap();
     assert_eq!(stopped.axes.len(), 1);
     assert!(stopped.axes[0].error.is_none(), "{stopped:?}");
-    assert_eq!(lease.run("velocity", at(30.0), LONG).unwrap_err().executed, Some(false));
+    assert_eq!(lease.run("velocity", at(30.0), WAIT_MAX).unwrap_err().executed, Some(false));
     wait_until("it hears of that", || lease.check().is_err());
     assert_eq!(lease.check().unwrap_err().code, "gateway.lease");
 }
@@ -184,16 +182,16 @@ fn a_lost_server_stops_the_axis_and_leaves_the_outcome_unknown() {
     let gateway = Gateway::new(&GatewayOptions { url, ..site.options("http") }).unwrap();
     let lease = gateway.live().unwrap().acquire_lease(0).unwrap();
     for verb in ["arm", "enable"] {
-        lease.run(verb, CommandArguments::default(), LONG).unwrap();
+        lease.run(verb, CommandArguments::default(), WAIT_MAX).unwrap();
     }
-    lease.run("velocity", at(30.0), LONG).unwrap();
+    lease.run("velocity", at(30.0), WAIT_MAX).unwrap();
     wait_until("it turns", || site.moving(0));
     cut.pull();
     let mut pending = lease.start("velocity", at(60.0)).unwrap();
     wait_until("the lease is over", || site.server.bench().axis_state(0).unwrap().lease.is_none());
     wait_until("it stands", || !site.moving(0));
     assert!(!site.server.bench().axis_state(0).unwrap().armed);
-    let unknown = pending.wait(LONG).unwrap_err();
+    let unknown = pending.wait(WAIT_MAX).unwrap_err();
     assert_eq!((&*unknown.code, unknown.executed), ("E313", None), "{unknown}");
     assert_eq!(lease.check().unwrap_err().code, "E313");
     let nothing = lease.start("stop", CommandArguments::default()).unwrap_err();

@@ -5,17 +5,14 @@ use std::net::{SocketAddr, TcpStream};
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Duration;
 
 use polepair::Connector;
 use polepair_serve::message::telemetry::{HEADER_LEN, SAMPLE_LEN};
 use polepair_serve::{GatewayServer, ServerOptions};
+use polepair_test_support::WAIT_MAX;
 use serde_json::Value;
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
-
-/// Longer than anything takes that works.
-pub const LONG: Duration = Duration::from_secs(60);
 
 /// A server with simulated drives.
 pub struct Site {
@@ -117,7 +114,7 @@ impl Site {
 
     pub fn connect(&self) -> TcpStream {
         let stream = TcpStream::connect(self.address).unwrap();
-        stream.set_read_timeout(Some(LONG)).unwrap();
+        stream.set_read_timeout(Some(WAIT_MAX)).unwrap();
         stream
     }
 

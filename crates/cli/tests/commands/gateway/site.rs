@@ -6,17 +6,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
 
-use polepair_test_support::Deadline;
+use polepair_test_support::{Deadline, WAIT_MAX};
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
 
 use crate::run;
-
-/// Longer than anything takes that works.
-pub const LONG: Duration = Duration::from_secs(120);
 
 /// A folder that is removed at the end, and that servers after one another may use.
 pub struct Folder(pub PathBuf);
@@ -127,7 +123,7 @@ impl Site {
 
     pub fn connect(&self) -> TcpStream {
         let stream = TcpStream::connect(self.address).unwrap();
-        stream.set_read_timeout(Some(LONG)).unwrap();
+        stream.set_read_timeout(Some(WAIT_MAX)).unwrap();
         stream.set_nodelay(true).unwrap();
         stream
     }

@@ -8,7 +8,7 @@
 //! - acceleration: 60AAh, else units of position per second squared, with 6097h.
 //!
 //! A zero counts as absent, and 1/1 as the factory's "not set" where another object gives the unit.
-//! Objects that contradict each other give no unit: a guess would turn a motor too far.
+//! Objects that contradict each other give no unit (CANOPEN-15).
 
 use core::f64::consts::TAU;
 

@@ -19,12 +19,10 @@ use polepair_serve::message::{
     GatewayError, JournalAction, LeaseAction, LinkState, OutcomeKind, PendingStopView, StopCause,
     StopClass, StopRequest,
 };
-use polepair_test_support::wait_until;
+use polepair_test_support::{WAIT_MAX, wait_until};
 use proxy::{Mode, Proxy};
 use serde_json::Value;
 
-/// Longer than anything takes that works.
-const LONG: Duration = Duration::from_secs(120);
 /// A motor stands that is slower, rad/s: what the drives' own stops take for standing.
 const STANDS: f64 = 0.6;
 
@@ -89,7 +87,7 @@ impl Site {
             journal: stored.clone(),
             inherited_stops: owed_before,
             // Nobody renews here while something else is waited for.
-            lease_duration: LONG,
+            lease_duration: WAIT_MAX,
             ..BenchOptions::default()
         };
         let bench = Bench::open(&[url], options).unwrap();

@@ -1,0 +1,62 @@
+//! Inputs that users sent, and what is right for each.
+
+use crate::run::{self, Served, polepair, polepair_with};
+
+use std::path::PathBuf;
+
+#[test]
+fn the_size_of_an_expedited_transfer_counts() {
+    for frame in ["583#4B41600018028FAF", "583#4B4160001802FFFF"] {
+        let shown = run::ok(&["explain", "canopen", frame]);
+        assert!(shown.contains("statusword = 536"), "{shown}");
+        assert!(shown.contains("unused bytes are not zero"), "{shown}");
+        let capture = format!("(1.000) can0 603#4041600000000000\n(1.001) can0 {frame}\n");
+        let lines = polepair_with(&["decode", "-", "--format", "jsonl"], &capture).out;
+        assert!(lines.contains("536") && !lines.contains("2945384984"), "{lines}");
+    }
+}
+
+#[test]
+fn a_position_beyond_the_greatest_is_refused() {
+    for line in ["MVP ABS, 0, 3000000000", "MVP REL, 0, 2147483648", "ROR 0, 4294967295"] {
+        let refused = polepair(&["encode", "tmcl", line]);
+        assert_eq!((refused.code, &*refused.out), (2, ""), "{line}: {}", refused.err);
+        assert!(refused.err.contains("2147483647"), "{}", refused.err);
+    }
+    run::ok(&["encode", "tmcl", "MVP ABS, 0, 2147483647"]);
+}
+
+#[test]
+fn an_answer_behind_an_abort_is_late_and_nobody_elses() {
+    let frames = ["602#4000100000000000", "602#8000100000000405", "702#00", "582#4300100092010200"];
+    let without_times = frames.join("\n") + "\n";
+    let mut with_times = String::new();
+    for (frame, ms) in frames.iter().zip([0, 1000, 1400, 1500]) {
+        with_times += &format!("({}.{:03}) can0 {frame}\n", 1 + ms / 1000, ms % 1000);
+    }
+    for (capture, says) in
+        [(without_times, "after its request was given up"), (with_times, " ms after")]
+    {
+        let shown = polepair_with(&["decode", "-"], &capture).out;
+        assert!(shown.contains("late-reply") && shown.contains(says), "{shown}");
+        assert!(!shown.contains("duplicate-address"), "{shown}");
+    }
+}
+
+#[test]
+fn a_sheet_of_one_node_gives_others_their_own_identifiers() {
+    let sheet = "[DeviceInfo]\nProductName=Small\n[MandatoryObjects]\nSupportedObjects=2\n1=0x1000\n2=0x1014\n\
+                 [1000]\nParameterName=Device type\nObjectType=7\nDataType=7\nAccessType=ro\nDefaultValue=0\n\
+                 [1014]\nParameterName=Emergency\nObjectType=7\nDataType=7\nAccessType=rw\n\
+                 DefaultValue=$NODEID+0x80\nParameterValue=0xA0\n";
+    let file: PathBuf =
+        std::env::temp_dir().join(format!("polepair-{}-e35.eds", std::process::id()));
+    std::fs::write(&file, sheet).expect("a file");
+    let path = file.display().to_string();
+    let served = Served::with(&["canopen:5", "--eds", &path, "--socketcand", "127.0.0.1:0"]);
+    let url = format!("{}?eds={path}#5", served.link());
+    let shown = run::ok(&["get", &url, "1014h", "--raw"]);
+    assert!(shown.trim().ends_with("= 133"), "{shown}");
+    served.end();
+    let _ = std::fs::remove_file(file);
+}
