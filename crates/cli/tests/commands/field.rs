@@ -60,3 +60,15 @@ fn a_sheet_of_one_node_gives_others_their_own_identifiers() {
     served.end();
     let _ = std::fs::remove_file(file);
 }
+
+#[test]
+fn a_count_of_zero_moves_nothing() {
+    let served = Served::with(&["tml:1", "--tcp", "127.0.0.1:0"]);
+    run::ok(&["set", &served.url, "ENCRESLONG=0"]);
+    let shown = run::ok(&["get", &served.url, "APOS"]);
+    assert!(!shown.contains("NaN") && !shown.contains("turn"), "{shown}");
+    let refused = polepair(&["move", &served.url, "1turn"]);
+    assert!(refused.code != 0 && refused.err.contains("E222"), "{}", refused.err);
+    assert_eq!(run::ok(&["get", &served.url, "APOS"]).trim(), "actual position = 0");
+    served.end();
+}

@@ -307,6 +307,15 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
     }
 
+    /// Whether a setting that scales a parameter reads zero. That may be learned after an SI value was
+    /// computed by the unit that the profile gives, so no SI value is written then.
+    fn is_zero_scaled(&self, id: ParameterId) -> bool {
+        let Some(entry) = self.entry(id) else { return false };
+        let direct = [entry.parameter.scale.times, entry.parameter.scale.over];
+        let zero = |input| self.factors.iter().any(|f| f.parameter == input && f.raw == Some(0));
+        direct.into_iter().flatten().any(zero)
+    }
+
     /// The value of a parameter that others are scaled by.
     pub fn scale_input(&self, id: ParameterId) -> Option<i64> {
         self.factors.iter().find(|f| f.parameter == id)?.raw
@@ -377,6 +386,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     }
 
     pub fn to_raw(&self, id: ParameterId, si: f64) -> Option<i64> {
+        if self.is_zero_scaled(id) {
+            return None;
+        }
         let raw = libm::round(si / self.si_per_raw(id)?);
         // Beyond this a float no longer counts single steps; no drive has such a number.
         (raw.abs() < 9.0e15).then_some(raw as i64)
@@ -413,6 +425,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         let id = like.ok_or(Unsupported::BadArgument)?;
         let parameter = self.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
         let raw = self.to_raw(id, si).ok_or(match self.si_per_raw(id) {
+            _ if self.is_zero_scaled(id) => Unsupported::Forbidden(NO_SCALE),
             None if self.missing_factor(id).is_none() => Unsupported::Forbidden(NO_SCALE),
             _ => Unsupported::BadArgument,
         })?;
