@@ -36,7 +36,8 @@ class OddDrive:
         self.state, self.old, self.ack, self.reached = 0x40, 0, False, True
         self.position, self.target, self.homing = 0.0, None, None
         self.fault_at, self.sto_at, self.fault_homing_after = None, None, None
-        self.stale_s, self.homing_s, self.homed = 0.0, 0.3, 0
+        # So many looks at the statusword see the bits of an earlier homing.
+        self.stale_reads, self.homing_s, self.homed = 0, 0.3, 0
         self.lock = threading.RLock()
         self.server = socket.create_server(("127.0.0.1", 0))
         self.url = f"canopen+socketcand://127.0.0.1:{self.server.getsockname()[1]}/can0#{node}"
@@ -103,6 +104,10 @@ class OddDrive:
 
     def read(self, key):
         if key == (0x6041, 0):
+            if self.homing is not None:
+                if self.stale_reads <= 0:
+                    self.ack = self.reached = False
+                self.stale_reads -= 1
             return self.state | 0x400 * self.reached | 0x1000 * self.ack
         if key == (0x6064, 0):
             return round(self.position)
@@ -161,8 +166,6 @@ class OddDrive:
             if since >= self.homing_s:
                 self.homing, self.position, self.ack, self.reached = None, 0.0, True, True
                 self.homed += 1
-            elif since >= self.stale_s:
-                self.ack = self.reached = False
             if self.fault_homing_after is not None and since >= self.fault_homing_after:
                 self.fail(0x08)
         if self.state == 0x27 and self.fault_at is not None and self.position >= self.fault_at:
