@@ -209,6 +209,8 @@ fn describe_step(axis: &Axis, step: &Rehearsal) -> String {
         }
         RehearsalAction::Store(id) => format!("keep {} over power-off", name(id)),
         RehearsalAction::Send => format!("send {}", explain_step(axis, step)),
+        RehearsalAction::QueryProgram => "ask whether its program runs".to_owned(),
+        RehearsalAction::EndProgram => "end its program, if one runs".to_owned(),
         RehearsalAction::Wait(ms) => format!("wait {ms} ms"),
     };
     let shown = match &step.frame {

@@ -22,14 +22,18 @@ mod verb;
 
 pub use event::{AxisEvent, AxisEventKind, DriveReport, Presence, REPORTS_MAX};
 pub use rehearsal::{RehearsalAction, RehearsalStep};
-pub use status::{AxisStatus, Reading};
+pub use status::{AxisStatus, ProgramEnd, Reading};
 pub use verb::Verb;
 
 /// A part of what stops an axis.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum StopPart {
-    /// All that takes motion out of the drive.
-    Halt,
+    /// All that takes motion out of the drive: it stops the motor, and ends the drive's own program,
+    /// which would move it again, unless that is to be kept.
+    Halt {
+        /// A program of the drive goes on.
+        keep_program: bool,
+    },
     /// What is told once the motor stands: [`Plan::after_wait`](crate::plan::Plan::after_wait).
     Release,
 }
@@ -54,6 +58,8 @@ pub struct Command {
     pub period: Option<f64>,
     /// How long its motion may take, ms, where that is not for the plan to say.
     pub limit_ms: Option<u32>,
+    /// A stop leaves the drive's own program running.
+    pub keep_program: bool,
 }
 
 /// A value that a step waited for, and the one that came.
@@ -100,6 +106,7 @@ impl Command {
             jerk_time: None,
             period: None,
             limit_ms: None,
+            keep_program: false,
         }
     }
 }
@@ -282,6 +289,12 @@ pub trait Driver {
     fn program_request(&self, command: ProgramCommand) -> Option<Self::Request> {
         let _ = command;
         None
+    }
+
+    /// Whether an answer to [`ProgramCommand::QueryProgram`] says that a program runs.
+    fn is_program_running(&self, raw: i64) -> bool {
+        let _ = raw;
+        false
     }
 
     /// True when the address names several drives. Each of them answers a read.

@@ -348,6 +348,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         ticket: Ticket,
         axis: AxisIndex,
         (steps, undo): (&'static [Step], &'static [Step]),
+        halt_steps: Option<usize>,
         command: Command,
     ) -> Result<(), Unsupported> {
         let verb = command.verb;
@@ -357,7 +358,15 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         if verb.needs_arming() || verb.is_stop() {
             self.slot_mut(axis)?.setpoint_kind = setpoint_kind_of(verb);
         }
-        let run = PlanRun::new(StepSource::Plan(steps), undo, command, Some(verb));
+        let ends_program = self.slot(axis)?.program_end_request(&command).is_some();
+        let program_end = halt_steps.filter(|_| ends_program).and_then(|at| u8::try_from(at).ok());
+        if verb.is_stop() {
+            self.slot_mut(axis)?.state.program_end = None;
+        }
+        let run = PlanRun {
+            program_end,
+            ..PlanRun::new(StepSource::Plan(steps), undo, command, Some(verb))
+        };
         self.jobs.add(ticket, axis, JobTask::Run(run), verb.is_stop())
     }
 
@@ -438,9 +447,28 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                 return Ok(());
             }
         };
-        M::render(&mut |out| self.host.encode_request(&request, out), &mut |frame, bytes| {
-            show(RehearsalStep { action: step, bytes, frame });
-        });
+        self.show_request(step, &request, show);
         Ok(())
+    }
+
+    fn rehearse_steps(
+        &self,
+        slot: &AxisSlot<H::Request, H::Answer>,
+        steps: &[Step],
+        command: &Command,
+        show: &mut dyn FnMut(RehearsalStep<'_>),
+    ) -> Result<(), Unsupported> {
+        steps.iter().try_for_each(|step| self.rehearse_step(slot, *step, command, show))
+    }
+
+    fn show_request(
+        &self,
+        action: RehearsalAction,
+        request: &H::Request,
+        show: &mut dyn FnMut(RehearsalStep<'_>),
+    ) {
+        M::render(&mut |out| self.host.encode_request(request, out), &mut |frame, bytes| {
+            show(RehearsalStep { action, bytes, frame });
+        });
     }
 }

@@ -160,6 +160,10 @@ pub enum ProgramCommand {
     Abort,
     /// Run no program any more.
     End,
+    /// Report whether a program of the drive runs; [`Driver::is_program_running`] reads the answer.
+    ///
+    /// [`Driver::is_program_running`]: crate::axis::Driver::is_program_running
+    QueryProgram,
     /// Tell whether a called routine runs: see [`MemoryRules::call_flag`].
     QueryCall,
 }

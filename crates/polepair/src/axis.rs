@@ -370,17 +370,6 @@ impl Axis {
         self.run(Command::new(Verb::Disable)).map(drop)
     }
 
-    /// Comes to rest along the ramp, and returns once the motor was seen to stand by what the drive
-    /// measures, if it measures anything. A motor that turns on is told again. Overtakes everything
-    /// else, whoever asked for it.
-    ///
-    /// # Errors
-    /// [`Error`] by blame.
-    pub fn stop(&self) -> Result<(), Error> {
-        let mut ended = stop_until_standstill(&[self], Duration::ZERO, |_, _| false);
-        ended.pop().map_or(Ok(()), |ended| ended.map(drop))
-    }
-
     /// Clears faults.
     ///
     /// # Errors

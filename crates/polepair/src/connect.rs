@@ -620,7 +620,7 @@ impl Link {
     /// The first error, after every axis was tried.
     pub fn stop_all(&self) -> Result<(), Error> {
         let axes: Vec<&Axis> = self.axes.iter().collect();
-        let stood = stop_until_standstill(&axes, Duration::ZERO, |_, _| false);
+        let stood = stop_until_standstill(&axes, false, Duration::ZERO, |_, _| false);
         let stood = stood.into_iter().map(|stood| stood.map(drop));
         stood.fold(Ok(()), Result::and)
     }

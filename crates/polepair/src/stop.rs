@@ -7,10 +7,10 @@
 //!
 //! ```
 //! # if polepair_core::drives::profiles().iter().any(|p| p.protocol == "tmcl") {
-//! use polepair_core::axis::Verb;
+//! use polepair::stop::StopOptions;
 //! let connector = polepair::Connector::default();
 //! let stopped =
-//!     polepair::stop::stop(&connector, "sim:tmcl?axes=2&time=virtual", Verb::Stop, &mut |_| {})?;
+//!     polepair::stop::stop(&connector, "sim:tmcl?axes=2&time=virtual", StopOptions::default(), &mut |_| {})?;
 //! assert!(stopped.axes.len() == 2 && stopped.axes.iter().all(|(_, ended)| ended.is_ok()));
 //! # }
 //! # Ok::<(), polepair::Error>(())
@@ -27,7 +27,7 @@ use crate::no_reply::NoReplyDetails;
 use crate::scan::{self, DetectedDrive, ScanProgress};
 use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::{CountedLink, SharedLink};
-use polepair_core::axis::{Command, RehearsalAction, Verb};
+use polepair_core::axis::{Command, ProgramEnd, RehearsalAction, Verb};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::medium::{Can, Frame, Medium, Stream};
 use polepair_core::station::AxisIndex;
@@ -65,6 +65,8 @@ pub struct LinkStopReport {
     pub broadcast: bool,
     /// Each axis that was named or found, in the order of the addresses, and how its stop ended.
     pub axes: Vec<(String, Result<Standstill, Error>)>,
+    /// What the stops found of the drives' own programs, where the drive runs any.
+    pub programs: Vec<(String, DrivePrograms)>,
     /// Drives with more motors than the one that their axis is, in the same order.
     pub motors: Vec<DriveMotors>,
     /// Addresses that were asked.
@@ -75,6 +77,29 @@ pub struct LinkStopReport {
     pub received: NoReplyDetails,
     /// Addresses that there was no time left for: first, last.
     pub not_queried: Option<(u32, u32)>,
+}
+
+/// What two stops, one after the other, found of a drive's own program.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum DrivePrograms {
+    /// One ran, and was ended.
+    Ended,
+    /// The drive acknowledged the end of its program, and reports it as running all the same.
+    StillReported,
+    /// One that may have run was ended: the drive does not report whether one runs.
+    MayHaveRun,
+}
+
+impl DrivePrograms {
+    fn of(found: [Option<ProgramEnd>; 2]) -> Option<Self> {
+        use ProgramEnd::{Ended, MayHaveRun};
+        match found {
+            [Some(Ended), Some(Ended)] => Some(Self::StillReported),
+            [Some(Ended), _] | [_, Some(Ended)] => Some(Self::Ended),
+            [Some(MayHaveRun), _] | [_, Some(MayHaveRun)] => Some(Self::MayHaveRun),
+            _ => None,
+        }
+    }
 }
 
 /// Motors behind one address. An axis is the first of them; these confirmed that they were told to
@@ -102,8 +127,25 @@ pub enum StopEvent<'a> {
     StopSent(&'a Axis),
 }
 
-/// Stops every axis that the string names, or everybody on its link. `verb` is
-/// [`Verb::Stop`] or [`Verb::QuickStop`].
+/// How to stop.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct StopOptions {
+    /// As fast as the drive can.
+    pub quick: bool,
+    /// Leave the drive's own program running, which may move the motor again.
+    pub keep_program: bool,
+}
+
+impl StopOptions {
+    /// What carries it out.
+    #[must_use]
+    pub const fn command(self) -> Command {
+        let verb = if self.quick { Verb::QuickStop } else { Verb::Stop };
+        Command { keep_program: self.keep_program, ..Command::new(verb) }
+    }
+}
+
+/// Stops every axis that the string names, or everybody on its link.
 ///
 /// # Errors
 /// [`Error::Usage`], and [`Error::Link`] when the link cannot be opened or goes away. What a drive
@@ -111,7 +153,7 @@ pub enum StopEvent<'a> {
 pub fn stop(
     connector: &Connector,
     url: &str,
-    verb: Verb,
+    how: StopOptions,
     on_event: &mut dyn FnMut(StopEvent<'_>),
 ) -> Result<LinkStopReport, Error> {
     let parsed = connector.url(url)?;
@@ -123,13 +165,13 @@ pub fn stop(
         // that is silent.
         let link = connector.connect_with(url, !rack)?;
         // What is told now is on its way; who stops another motor of the drive ends waiting for it.
-        drop(start_stops(link.axes(), verb));
+        drop(start_stops(link.axes(), how.command()));
         stopped.motors = stop_more_motors(link.axes());
-        stopped.axes = wait_standstill(link.axes(), verb);
+        stopped.add_axes(link.axes(), how);
         return Ok(stopped);
     }
     let (lines, _) = connector.open_lines(&parsed)?;
-    stop_on_lines(connector, &parsed, &lines, verb, &mut stopped, on_event)?;
+    stop_on_lines(connector, &parsed, &lines, how, &mut stopped, on_event)?;
     Ok(stopped)
 }
 
@@ -148,7 +190,8 @@ pub fn stop_on(
     let mut stopped = LinkStopReport::default();
     let Some(lines) = opened.by_wire().nth(wire) else { return Ok(stopped) };
     let url = Url { axes: axes.to_vec(), names: Vec::new(), ..opened.url.clone() };
-    stop_on_lines(connector, &url, lines, Verb::Stop, &mut stopped, on_event)?;
+    let how = StopOptions::default();
+    stop_on_lines(connector, &url, lines, how, &mut stopped, on_event)?;
     Ok(stopped)
 }
 
@@ -156,18 +199,18 @@ fn stop_on_lines(
     connector: &Connector,
     url: &Url,
     lines: &[ProtocolLine],
-    verb: Verb,
+    how: StopOptions,
     stopped: &mut LinkStopReport,
     on_event: &mut dyn FnMut(StopEvent<'_>),
 ) -> Result<(), Error> {
     for line in lines {
         if url.axes.is_empty() {
-            stopped.broadcast |= broadcast_stop(connector, url, line, verb)?;
+            stopped.broadcast |= broadcast_stop(connector, url, line, how.command())?;
         }
-        let found = find_and_stop(connector, url, line, verb, (stopped, &mut *on_event))?;
+        let found = find_and_stop(connector, url, line, how.command(), (stopped, &mut *on_event))?;
         let axes = connector.axes_of_found(line, &found)?;
         stopped.motors.extend(stop_more_motors(&axes));
-        stopped.axes.extend(wait_standstill(&axes, verb));
+        stopped.add_axes(&axes, how);
     }
     Ok(())
 }
@@ -178,17 +221,19 @@ fn broadcast_stop(
     connector: &Connector,
     url: &Url,
     line: &ProtocolLine,
-    verb: Verb,
+    command: Command,
 ) -> Result<bool, Error> {
     let Some(address) = line.protocol.broadcast else { return Ok(false) };
     let profile = connector.chosen_profile(url, &line.protocol)?.unwrap_or(line.protocol.generic);
     let connection = line.open_connection(&[(profile, address)])?;
     let (mut runs, mut frames, mut open) = (Vec::new(), Vec::new(), true);
     connection.with_axes(|axes, _| {
-        let command = Command::new(verb);
         // It ends at the first step that asks, which an address of everybody's cannot.
         let _ = axes.rehearse(AxisIndex(0), command, &mut |step| {
-            open &= matches!(step.action, RehearsalAction::Write(..) | RehearsalAction::Send);
+            open &= matches!(
+                step.action,
+                RehearsalAction::Write(..) | RehearsalAction::Send | RehearsalAction::EndProgram
+            );
             match (open, step.frame) {
                 (true, Some(frame)) => frames.push(*frame),
                 (true, None) => runs.push(step.bytes.to_vec()),
@@ -229,7 +274,7 @@ fn find_and_stop(
     connector: &Connector,
     url: &Url,
     line: &ProtocolLine,
-    verb: Verb,
+    command: Command,
     (stopped, on_event): (&mut LinkStopReport, &mut dyn FnMut(StopEvent<'_>)),
 ) -> Result<Vec<DetectedDrive>, Error> {
     let named = !url.axes.is_empty();
@@ -239,7 +284,7 @@ fn find_and_stop(
     let generic = line.protocol.generic;
     // Where the protocol has a word for it, whoever is named is told soon, whatever it is.
     let soon = NAMED_QUERY_MAX.max(2 * query_timeout(url, line)?);
-    let patience = stopped.reply_timeout.or(generic.plan(verb).map(|_| soon));
+    let patience = stopped.reply_timeout.or(generic.plan(command.verb).map(|_| soon));
     let prober = Prober::new(line, &connector.config).with_timeout(patience);
     let end = clock::now() + SEARCH_MAX * clock::timeout_scale();
     let (mut found, mut deaf, mut unknown) = (Vec::new(), Vec::new(), Vec::new());
@@ -264,17 +309,19 @@ fn find_and_stop(
                 Some(prober.silent_error(number, details))
             }
         };
-        let (one, verb) = match (chosen, probe) {
-            (Some(profile), _) => (DetectedDrive::with_known_profile(line, number, profile), verb),
+        let (one, command) = match (chosen, probe) {
+            (Some(profile), _) => {
+                (DetectedDrive::with_known_profile(line, number, profile), command)
+            }
             (None, ProbeResult::Found { profile, identified, doubtful: false, .. }) => (
                 DetectedDrive {
                     identified,
                     ..DetectedDrive::with_known_profile(line, number, profile)
                 },
-                verb,
+                command,
             ),
-            (None, _) if generic.plan(verb).is_some() => {
-                (DetectedDrive::with_known_profile(line, number, generic), verb)
+            (None, _) if generic.plan(command.verb).is_some() => {
+                (DetectedDrive::with_known_profile(line, number, generic), command)
             }
             (None, ProbeResult::Forbidden(_)) => {
                 let error = missing.map(|error| (format!("axis {number}"), Err(error)));
@@ -282,9 +329,10 @@ fn find_and_stop(
                 continue;
             }
             (None, _) => {
-                let shared = unidentified::shared_stop(prober.profiles(), verb);
+                let shared = unidentified::shared_stop(prober.profiles(), command.verb);
                 let report = shared.map(|(profile, verb)| {
-                    (DetectedDrive::with_known_profile(line, number, profile), verb)
+                    let command = Command { verb, ..command };
+                    (DetectedDrive::with_known_profile(line, number, profile), command)
                 });
                 unknown.extend(missing.map(|error| (number, report.clone(), error)));
                 let Some(report) = report else { continue };
@@ -292,7 +340,7 @@ fn find_and_stop(
                 continue;
             }
         };
-        stop_found(connector, line, &(one.clone(), verb), on_event)?;
+        stop_found(connector, line, &(one.clone(), command), on_event)?;
         match missing {
             None => found.push(one),
             Some(error) => deaf.push((one, error)),
@@ -300,7 +348,7 @@ fn find_and_stop(
     }
     for (one, error) in deaf {
         // It may have lost count of bytes, which a stop that is said several times does not mind.
-        match stop_unanswered(connector, line, &(one.clone(), verb))? {
+        match stop_unanswered(connector, line, &(one.clone(), command))? {
             Err(ref reported) if reported.exit() == Exit::NoReply => {
                 stopped.axes.push((format!("axis {}", one.number), Err(error)));
             }
@@ -316,7 +364,7 @@ fn find_and_stop(
             }
         };
         if let Some(one) = one {
-            stop_found(connector, line, &(one.clone(), verb), on_event)?;
+            stop_found(connector, line, &(one.clone(), command), on_event)?;
             found.push(one);
             continue;
         }
@@ -331,12 +379,12 @@ fn find_and_stop(
 fn stop_found(
     connector: &Connector,
     line: &ProtocolLine,
-    (one, verb): &(DetectedDrive, Verb),
+    (one, command): &(DetectedDrive, Command),
     on_event: &mut dyn FnMut(StopEvent<'_>),
 ) -> Result<(), Error> {
     for axis in connector.axes_of_found(line, std::slice::from_ref(one))? {
         // One that only listens may obey. What it says is heard when all are waited for.
-        if let Ok(mut running) = start_stop(&axis, *verb) {
+        if let Ok(mut running) = axis.start(*command) {
             let _ = running.wait(clock::scale_timeout(STOP_WAIT_MAX));
             on_event(StopEvent::StopSent(&axis));
         }
@@ -348,11 +396,11 @@ fn stop_found(
 fn stop_unanswered(
     connector: &Connector,
     line: &ProtocolLine,
-    (one, verb): &(DetectedDrive, Verb),
+    (one, command): &(DetectedDrive, Command),
 ) -> Result<Result<(), Error>, Error> {
     let axes = connector.axes_of_found(line, std::slice::from_ref(one))?;
     let reported = |axis: &Axis| {
-        start_stop(axis, *verb)
+        axis.start(*command)
             .and_then(|mut running| running.wait(clock::scale_timeout(SILENT_STOP_WAIT_MAX)))
     };
     Ok(axes.iter().try_for_each(|axis| reported(axis).map(drop)))
@@ -367,12 +415,8 @@ fn query_timeout(url: &Url, line: &ProtocolLine) -> Result<Duration, Error> {
     Ok(QUERY_TIMEOUT + bits.unwrap_or_default())
 }
 
-fn start_stop(axis: &Axis, verb: Verb) -> Result<RunningRequest, Error> {
-    axis.start(Command::new(verb))
-}
-
-fn start_stops(axes: &[Axis], verb: Verb) -> Vec<Result<RunningRequest, Error>> {
-    axes.iter().map(|axis| start_stop(axis, verb)).collect()
+fn start_stops(axes: &[Axis], command: Command) -> Vec<Result<RunningRequest, Error>> {
+    axes.iter().map(|axis| axis.start(command)).collect()
 }
 
 /// Stops every motor that drives have besides the first, whose stop has been sent to each drive: until a
@@ -431,23 +475,30 @@ fn is_no_such_motor(error: &Error) -> bool {
     matches!(outcome, Outcome::NotDone(Failure::Refused { .. }))
 }
 
-/// Waits until all of them are at rest.
-fn wait_standstill(axes: &[Axis], verb: Verb) -> Vec<(String, Result<Standstill, Error>)> {
-    let ended = match verb {
-        Verb::Stop => {
-            let axes: Vec<&Axis> = axes.iter().collect();
-            stop_until_standstill(&axes, Duration::ZERO, |_, _| false)
+impl LinkStopReport {
+    /// Waits until all of these axes are at rest, and notes how.
+    fn add_axes(&mut self, axes: &[Axis], how: StopOptions) {
+        let ended_before: Vec<_> = axes.iter().map(|axis| axis.state().program_end).collect();
+        let ended = match how.quick {
+            false => {
+                let axes: Vec<&Axis> = axes.iter().collect();
+                stop_until_standstill(&axes, how.keep_program, Duration::ZERO, |_, _| false)
+            }
+            true => run_to_standstill(axes, how.command()),
+        };
+        // All of them were told before, and that may have been executed.
+        let ended = ended.into_iter().map(|ended| ended.map_err(Error::after_earlier_attempt));
+        self.axes.extend(axes.iter().map(Axis::label).zip(ended));
+        for (axis, before) in axes.iter().zip(ended_before) {
+            let found = DrivePrograms::of([before, axis.state().program_end]);
+            self.programs.extend(found.map(|found| (axis.label(), found)));
         }
-        verb => run_to_standstill(axes, verb),
-    };
-    // All of them were told before, and that may have been executed.
-    let ended = ended.into_iter().map(|ended| ended.map_err(Error::after_earlier_attempt));
-    axes.iter().map(Axis::label).zip(ended).collect()
+    }
 }
 
 /// The same by any other verb.
-fn run_to_standstill(axes: &[Axis], verb: Verb) -> Vec<Result<Standstill, Error>> {
-    let running = start_stops(axes, verb);
+fn run_to_standstill(axes: &[Axis], command: Command) -> Vec<Result<Standstill, Error>> {
+    let running = start_stops(axes, command);
     let wait_max = clock::scale_timeout(STANDSTILL_WAIT_MAX);
     let end = clock::now() + wait_max;
     let ended = axes.iter().zip(running).map(|(axis, running)| {

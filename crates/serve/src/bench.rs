@@ -645,6 +645,7 @@ fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError>
         jerk_time,
         period,
         limit_ms: None,
+        keep_program: false,
     }))
 }
 

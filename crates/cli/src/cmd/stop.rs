@@ -5,13 +5,12 @@ use std::io::IsTerminal as _;
 use clap::Args;
 use polepair::axis::Standstill;
 use polepair::no_reply::NoReplyDetails;
-use polepair::stop::{self as stopping, StopEvent};
+use polepair::stop::{self as stopping, DrivePrograms, StopEvent, StopOptions};
 use polepair::url::shell_word;
 use polepair_client::message::{
     AxisInfo, AxisStopReport, StopClass, StopReport, StopRequest, UnreachedTarget,
 };
 use polepair_client::{Gateway, GatewayError, select_each};
-use polepair_core::axis::{Command, Verb};
 
 use crate::outcome::{self, to_sentence};
 use crate::problem::{Exit, Problem, Result, join_list};
@@ -23,6 +22,8 @@ use crate::terminal::{self, print_note};
 ///
 /// Without #AXES in the URL everybody on the link is told at once, where the protocol has a word for
 /// that, then every axis that answers is stopped.
+///
+/// A program that runs in a drive (TMCL, TML) would move its motor again, so it is ended first.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -34,17 +35,23 @@ pub struct StopCommand {
     /// As fast as the drive can
     #[arg(long)]
     quick: bool,
+    /// Leave the drive's own program (TMCL, TML) running; it may move the motor again
+    #[arg(long)]
+    keep_program: bool,
     /// Print the frames and send nothing
     #[arg(long)]
     dry_run: bool,
 }
 
+const KEPT_PROGRAM: &str =
+    "caution: programs that run in drives were not ended, and may move the motors again";
+
 impl StopCommand {
     pub fn run(self) -> Result {
-        let wanted = if self.quick { Verb::QuickStop } else { Verb::Stop };
+        let how = StopOptions { quick: self.quick, keep_program: self.keep_program };
         let target = self.target.for_stop();
         if self.dry_run {
-            return target.rehearse(|_| Ok(Command::new(wanted)));
+            return target.rehearse(|_| Ok(how.command()));
         }
         let live = std::io::stderr().is_terminal();
         let clear = if live { "\r\x1b[K" } else { "" };
@@ -63,9 +70,12 @@ impl StopCommand {
                 print_note(&format!("{clear}{} is told to stop", axis.label()))
             }
         };
-        let stopped = stopping::stop(&connector, &target.url, wanted, &mut on_event);
+        let stopped = stopping::stop(&connector, &target.url, how, &mut on_event);
         terminal::draw(clear);
         warn_ignored_files(&connector);
+        if self.keep_program {
+            print_note(KEPT_PROGRAM);
+        }
         let lost = |error| outcome::to_problem(error).hint("cut the power if something turns");
         report_stops(&target.url, stopped.map_err(lost)?)
     }
@@ -79,6 +89,12 @@ impl StopCommand {
             return Err(remote::unsupported_problem(
                 "--quick",
                 "Its stop is the one that is always safe.",
+            ));
+        }
+        if self.keep_program {
+            return Err(remote::unsupported_problem(
+                "--keep-program",
+                "Its stop ends the programs of drives.",
             ));
         }
         match self.target.remote_axes()? {
@@ -228,6 +244,18 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
                 failed.push(outcome::to_problem(error));
             }
         }
+    }
+    for (label, found) in stopped.programs {
+        print_note(&match found {
+            DrivePrograms::Ended => format!("{label}: its program ran and was ended"),
+            DrivePrograms::StillReported => format!(
+                "{label}: its program ran and was ended, twice; the drive still reports it as running: \
+                 watch the motor"
+            ),
+            DrivePrograms::MayHaveRun => format!(
+                "{label}: its program was ended, if one ran; the drive does not report that"
+            ),
+        });
     }
     for motors in stopped.motors {
         let number = motors.number;

@@ -29,6 +29,10 @@ pub enum RehearsalAction {
     WriteReadValue(ParameterId, ParameterId),
     /// Sends the protocol's own request.
     Send,
+    /// Asks whether a program of the drive runs.
+    QueryProgram,
+    /// Ends the drive's program; where it can be asked whether one runs, only if one does.
+    EndProgram,
     /// Waits, sending nothing.
     Wait(u32),
 }

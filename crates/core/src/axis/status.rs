@@ -15,6 +15,17 @@ pub struct Reading {
     pub at: Option<Instant>,
 }
 
+/// What a stop found of a drive's own program.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum ProgramEnd {
+    /// None ran.
+    NoneRan,
+    /// One that may have run was ended: the drive does not report whether one runs.
+    MayHaveRun,
+    /// One ran, and was ended.
+    Ended,
+}
+
 /// What is known of an axis. Values carry their age: nothing here is fresher than its `at`.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct AxisStatus {
@@ -23,6 +34,9 @@ pub struct AxisStatus {
     pub armed: bool,
     /// Writes to permanent memory that this lane made.
     pub flash_writes: u32,
+    /// What the last stop found of the drive's own program; `None` where the drive runs none, was not
+    /// asked, or did not answer.
+    pub program_end: Option<ProgramEnd>,
     /// A motion was sent, and since then it was not acknowledged that the axis arrived, was stopped or
     /// was switched off. It stays when the link is lost: then the motor may turn.
     pub motion_active: bool,
@@ -34,6 +48,7 @@ impl AxisStatus {
         readings: [Reading { value: 0.0, raw: 0, at: None }; Signal::COUNT],
         armed: false,
         flash_writes: 0,
+        program_end: None,
         motion_active: false,
     };
 

@@ -50,7 +50,8 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
                 return Err(Unsupported::Busy);
             }
         }
-        self.start_steps(ticket, axis, (plan.steps, plan.undo), command)
+        let halt = verb.is_stop().then_some(plan.before_wait().len());
+        self.start_steps(ticket, axis, (plan.steps, plan.undo), halt, command)
     }
 
     fn stop(
@@ -62,13 +63,15 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
         let plan = slot.profile.plan(Verb::Stop).ok_or(Unsupported::NoPlan)?;
-        let command = Command::new(Verb::Stop);
+        let keep_program = part == StopPart::Halt { keep_program: true };
+        let command = Command { keep_program, ..Command::new(Verb::Stop) };
         slot.check_steps(plan.steps, &command)?;
         let steps = match part {
-            StopPart::Halt => plan.before_wait(),
+            StopPart::Halt { .. } => plan.before_wait(),
             StopPart::Release => plan.after_wait(),
         };
-        self.start_steps(ticket, axis, (steps, &[]), command)
+        let halt = (part != StopPart::Release).then_some(steps.len());
+        self.start_steps(ticket, axis, (steps, &[]), halt, command)
     }
 
     fn disable_retries(&mut self, ticket: Ticket) {
@@ -301,7 +304,15 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         let slot = self.slot(axis)?;
         let plan = slot.profile.plan(command.verb).ok_or(Unsupported::NoPlan)?;
         slot.check_steps(plan.steps, &command)?;
-        plan.steps.iter().try_for_each(|step| self.rehearse_step(slot, *step, &command, show))
+        let Some(end) = slot.program_end_request(&command) else {
+            return self.rehearse_steps(slot, plan.steps, &command, show);
+        };
+        self.rehearse_steps(slot, plan.before_wait(), &command, show)?;
+        if let Some(query) = slot.driver.program_request(ProgramCommand::QueryProgram) {
+            self.show_request(RehearsalAction::QueryProgram, &query, show);
+        }
+        self.show_request(RehearsalAction::EndProgram, &end, show);
+        self.rehearse_steps(slot, plan.steps, &command, show)
     }
 
     fn lacks_parameter(&self, axis: AxisIndex, parameter: ParameterId) -> bool {

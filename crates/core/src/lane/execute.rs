@@ -7,10 +7,11 @@ use super::job::{GroupResult, InFlight, Job, JobTask, PlanRun, StepStage};
 use super::path::PathStream;
 use super::slot::AxisSlot;
 use super::transfer::{MemoryTransfer, TransferKind};
-use crate::axis::UnmetWait;
+use crate::axis::{ProgramEnd, UnmetWait};
 use crate::error::{Extent, Failure, Outcome, Unsupported};
 use crate::plan::Step;
 use crate::profile::{Access, ParameterId, Persistence};
+use crate::program::ProgramCommand;
 use crate::station::{Request, RequestClass};
 use crate::time::Instant;
 
@@ -117,7 +118,13 @@ fn next_run_request<R: Request, A: Copy + 'static>(
     }
     // Each turn of this loop passes a step that sends nothing; plans are bounded.
     loop {
+        if run.is_program_end_due() && run.stage == StepStage::First {
+            let asks = slot.driver.program_request(ProgramCommand::QueryProgram).is_some();
+            run.stage = if asks { StepStage::QueryProgram } else { StepStage::EndProgram };
+        }
         match run.stage {
+            StepStage::QueryProgram => return program_request(slot, ProgramCommand::QueryProgram),
+            StepStage::EndProgram => return program_request(slot, ProgramCommand::End),
             StepStage::ReadBack(id, raw) => {
                 return read_request(slot, InFlight::ReadBack(id, raw)).map_err(end_impossible);
             }
@@ -141,6 +148,15 @@ fn next_run_request<R: Request, A: Copy + 'static>(
             Err(reason) => return Err(fail_step(run, Failure::Impossible(reason))),
         }
     }
+}
+
+fn program_request<R: Request, A: Copy + 'static>(
+    slot: &AxisSlot<R, A>,
+    command: ProgramCommand,
+) -> Result<(R, InFlight), JobState> {
+    let request = slot.driver.program_request(command);
+    let request = request.ok_or_else(|| end_impossible(Unsupported::NoPlan))?;
+    Ok((request, InFlight::Send(request.class())))
 }
 
 /// A scale that nobody knows yet, and that the run's arguments need or the set-points that follow it: what
@@ -338,7 +354,7 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
 
 /// How a run ends that a stop cut short while a request of it was out.
 fn cancelled_outcome(run: &PlanRun, in_flight: InFlight, raw: Result<i64, Failure>) -> Outcome {
-    let last = run.undo_reason.is_none() && run.steps.step(run.index + 1).is_none();
+    let last = run.is_last_step();
     match (in_flight, raw) {
         (InFlight::Write(..) | InFlight::Send(_), Ok(raw)) if last => Outcome::Done(raw),
         (InFlight::ReadBack(_, value), Ok(raw)) if last && raw == value => Outcome::Done(raw),
@@ -376,6 +392,9 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
         };
     }
     let group = slot.driver.is_group();
+    if matches!(run.stage, StepStage::QueryProgram | StepStage::EndProgram) {
+        return handle_program_answer(run, slot, raw);
+    }
     if let (StepStage::Guard(read, id), InFlight::Guard(_)) = (run.stage, in_flight) {
         return handle_guard_answer(run, slot, (read, id), raw);
     }
@@ -464,6 +483,45 @@ fn handle_guard_answer<R: Request, A: Copy + 'static>(
     follow_verdict(run, verdict).unwrap_or(JobState::Ready)
 }
 
+/// What a stop makes of what a drive answers about its own program.
+fn handle_program_answer<R: Request, A: Copy + 'static>(
+    run: &mut PlanRun,
+    slot: &mut AxisSlot<R, A>,
+    raw: Result<i64, Failure>,
+) -> JobState {
+    let asked = run.stage == StepStage::QueryProgram;
+    match raw {
+        Ok(raw) if asked && slot.driver.is_program_running(raw) => {
+            slot.state.program_end = Some(ProgramEnd::Ended);
+            run.stage = StepStage::EndProgram;
+        }
+        Ok(_) if asked => {
+            slot.state.program_end = Some(ProgramEnd::NoneRan);
+            run.resume_stop(false);
+        }
+        Ok(_) => {
+            slot.state.program_end.get_or_insert(ProgramEnd::MayHaveRun);
+            run.resume_stop(true);
+        }
+        // It runs no programs.
+        Err(Failure::Refused { .. }) if asked => run.resume_stop(false),
+        Err(failure) => {
+            slot.state.program_end = None;
+            run.undo_reason.get_or_insert(failure);
+            run.resume_stop(true);
+        }
+    }
+    next_state(run)
+}
+
+/// How a run goes on behind a step.
+fn next_state(run: &PlanRun) -> JobState {
+    match run.current_step() {
+        None if !run.is_program_end_due() => JobState::Ended(finished_outcome(run)),
+        _ => JobState::Ready,
+    }
+}
+
 fn follow_verdict(run: &mut PlanRun, verdict: GuardVerdict) -> Option<JobState> {
     match verdict {
         GuardVerdict::WaitOn => None,
@@ -490,19 +548,13 @@ fn count_flash_write<R: Request, A: Copy + 'static>(
 /// The step is left out.
 fn skip_step(run: &mut PlanRun) -> JobState {
     run.advance(run.last_value);
-    match run.current_step() {
-        Some(_) => JobState::Ready,
-        None => JobState::Ended(finished_outcome(run)),
-    }
+    next_state(run)
 }
 
 /// The drive has no such parameter: what is done with it is left out.
 fn skip_missing_step(run: &mut PlanRun) -> JobState {
     advance_past_missing(run);
-    match run.current_step() {
-        Some(_) => JobState::Ready,
-        None => JobState::Ended(finished_outcome(run)),
-    }
+    next_state(run)
 }
 
 fn advance_past_missing(run: &mut PlanRun) {
@@ -544,10 +596,7 @@ fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
         }
         _ => run.advance(raw),
     }
-    match run.current_step() {
-        Some(_) => JobState::Ready,
-        None => JobState::Ended(finished_outcome(run)),
-    }
+    next_state(run)
 }
 
 fn finished_outcome(run: &PlanRun) -> Outcome {
@@ -568,11 +617,8 @@ fn fail_step(run: &mut PlanRun, failure: Failure) -> JobState {
         run.advance(0);
     } else if run.is_stop() {
         // What is left of a stop is still worth trying.
-        run.undo = run.steps.steps_after(run.index);
-        run.index_offset = run.index.saturating_add(1);
         run.undo_reason = Some(failure);
-        run.index = 0;
-        run.stage = StepStage::First;
+        run.advance(0);
     } else if run.index > 0 && wrote && !run.undo.is_empty() {
         run.undo_reason = Some(failure);
         run.index = 0;
@@ -581,8 +627,5 @@ fn fail_step(run: &mut PlanRun, failure: Failure) -> JobState {
     } else {
         return JobState::Ended(run.outcome_for(failure));
     }
-    match run.current_step() {
-        Some(_) => JobState::Ready,
-        None => JobState::Ended(finished_outcome(run)),
-    }
+    next_state(run)
 }

@@ -152,8 +152,9 @@ pub struct PlanRun {
     pub stage: StepStage,
     /// What became of the steps that were sent.
     pub extent: Extent,
-    /// Steps that lie before the first of `undo`, where that is the rest of a stop.
-    pub index_offset: u8,
+    /// The step before which the drive's own program is ended: behind those that stop the motor, which
+    /// are then carried out again, because the program may have moved it in between.
+    pub program_end: Option<u8>,
     /// Scales known and arguments in range: from here on bytes are sent.
     pub checked: bool,
     /// The undo steps are running; the job ends for this reason when they are through.
@@ -179,6 +180,10 @@ pub enum StepStage {
     Sleep(Instant),
     /// A step that waits looks at something else first.
     Guard(GuardRead, ParameterId),
+    /// The drive is asked whether its program runs.
+    QueryProgram,
+    /// The drive's program is ended.
+    EndProgram,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -225,14 +230,6 @@ impl StepSource {
             Self::Write(write) => write.step(at),
         }
     }
-
-    /// What is left behind step `at`, of a plan.
-    pub fn steps_after(&self, at: u8) -> &'static [Step] {
-        match self {
-            Self::Plan(steps) => steps.get(usize::from(at) + 1..).unwrap_or(&[]),
-            Self::Write(_) => &[],
-        }
-    }
 }
 
 impl PlanRun {
@@ -250,7 +247,7 @@ impl PlanRun {
             index: 0,
             stage: StepStage::First,
             extent: Extent::default(),
-            index_offset: 0,
+            program_end: None,
             checked: false,
             undo_reason: None,
             undo_failed: false,
@@ -262,8 +259,31 @@ impl PlanRun {
 
     pub fn current_step(&self) -> Option<Step> {
         match self.undo_reason {
-            Some(_) => self.undo.get(usize::from(self.index)).copied(),
-            None => self.steps.step(self.index),
+            Some(_) if !self.is_stop() => self.undo.get(usize::from(self.index)).copied(),
+            _ => self.steps.step(self.index),
+        }
+    }
+
+    /// Whether the drive's program is to be ended before anything else.
+    pub fn is_program_end_due(&self) -> bool {
+        self.program_end == Some(self.index)
+    }
+
+    /// Whether nothing comes behind the step in hand.
+    pub fn is_last_step(&self) -> bool {
+        let next = self.index.saturating_add(1);
+        self.undo_reason.is_none()
+            && self.steps.step(next).is_none()
+            && self.program_end != Some(next)
+            && !self.is_program_end_due()
+    }
+
+    /// On with the stop, from the first of its steps again where the drive's program may have run.
+    pub fn resume_stop(&mut self, again: bool) {
+        self.program_end = None;
+        self.stage = StepStage::First;
+        if again {
+            self.index = 0;
         }
     }
 
@@ -295,8 +315,7 @@ impl PlanRun {
             self.undo_failed |= !whole;
             return;
         }
-        let bit =
-            1u64.checked_shl(u32::from(self.index_offset) + u32::from(self.index)).unwrap_or(0);
+        let bit = 1u64.checked_shl(self.index.into()).unwrap_or(0);
         let extent = &mut self.extent;
         match (in_flight, raw) {
             (InFlight::ReadBack(_, value), Ok(raw)) => {

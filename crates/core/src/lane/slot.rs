@@ -10,6 +10,7 @@ use crate::axis::{AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading
 use crate::error::{Failure, Unsupported};
 use crate::plan::{Operand, Step};
 use crate::profile::{Access, NoScale, Parameter, ParameterId, Profile, SignalSource};
+use crate::program::ProgramCommand;
 use crate::station::Counters;
 use crate::stream::cyclic::SetpointKind;
 use crate::time::Instant;
@@ -431,6 +432,12 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         })?;
         check_range(parameter, id, raw)?;
         Ok(Some(raw))
+    }
+
+    /// What ends the drive's own program, where a command is to do so.
+    pub fn program_end_request(&self, command: &Command) -> Option<R> {
+        let ends = command.verb.is_stop() && !command.keep_program;
+        self.driver.program_request(ProgramCommand::End).filter(|_| ends)
     }
 
     /// Whether steps could be carried out, as far as is known by now.

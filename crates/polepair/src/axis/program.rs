@@ -146,11 +146,10 @@ impl Axis {
     /// everything else. The motor keeps its power.
     ///
     /// # Errors
-    /// [`Error`] by blame: the first; all three are tried.
+    /// [`Error`] by blame: the first; the stop, which ends the program, is sent in any case.
     pub fn abort(&self) -> Result<(), Error> {
         let called = self.run_order("ending the routine", ProgramCommand::Abort);
-        let ended = self.run_order("ending the program", ProgramCommand::End);
-        called.and(ended).map(drop).and(self.stop())
+        called.map(drop).and(self.stop())
     }
 
     /// Stops one more motor behind the drive's address, by its number there, counted from 0: this axis

@@ -41,7 +41,7 @@ pub fn stop_with_retry(
 ) -> Vec<Result<(), Error>> {
     let has_stop = |axis: &&Axis| axis.profile.plan(Verb::Stop).is_some();
     let stopped: Vec<&Axis> = axes.iter().filter(has_stop).collect();
-    let mut ended = stop_until_standstill(&stopped, within, again).into_iter();
+    let mut ended = stop_until_standstill(&stopped, false, within, again).into_iter();
     let result = |axis| match has_stop(&axis) {
         true => ended.next().map_or(Ok(()), |ended| ended.map(drop)),
         false => Ok(()),
@@ -51,13 +51,16 @@ pub fn stop_with_retry(
 
 /// Stops axes, and waits until each is seen to stand: all are told before the first is waited for, and
 /// none waits for another. A stop that is lost is said again for `within` as [`stop_with_retry`] does. A motor
-/// that does not become slower has to stand soon; one that does, within what its profile gives it.
+/// that does not become slower has to stand soon; one that does, within what its profile gives it. The drive's own
+/// program, which would move the motor again, is ended too, unless `keep_program`.
 pub(crate) fn stop_until_standstill(
     axes: &[&Axis],
+    keep_program: bool,
     within: Duration,
     mut again: impl FnMut(&Axis, &Error) -> bool,
 ) -> Vec<Result<Standstill, Error>> {
-    let mut stops: Vec<_> = axes.iter().map(|axis| RepeatedStop::begin(axis, within)).collect();
+    let begin = |axis: &&Axis| RepeatedStop::begin(axis, keep_program, within);
+    let mut stops: Vec<_> = axes.iter().map(begin).collect();
     while stops.iter().any(|stop| stop.ended.is_none()) {
         for (axis, stop) in axes.iter().zip(&mut stops) {
             if stop.ended.is_none() {
@@ -71,6 +74,7 @@ pub(crate) fn stop_until_standstill(
 /// The stop of one axis, said until its motor was seen to stand.
 struct RepeatedStop {
     stopping: StopSequence,
+    keep_program: bool,
     sent_at: Instant,
     /// Before it is said again to a motor that turns on.
     pause: Duration,
@@ -88,10 +92,11 @@ struct RepeatedStop {
 }
 
 impl RepeatedStop {
-    fn begin(axis: &Axis, within: Duration) -> Self {
+    fn begin(axis: &Axis, keep_program: bool, within: Duration) -> Self {
         let now = axis.connection.now();
         Self {
-            stopping: StopSequence::begin(axis).with_retries(),
+            stopping: StopSequence::begin_with(axis, keep_program).with_retries(),
+            keep_program,
             sent_at: now,
             pause: RESEND_AFTER,
             retry_at: None,
@@ -125,7 +130,7 @@ impl RepeatedStop {
                 return axis.sleep(at.since(now).min(POLL_SLICE));
             }
             (self.started_at, self.slowest) = (now, (f64::MAX, now));
-            self.resend(StopSequence::resend(axis), now);
+            self.resend(StopSequence::resend_with(axis, self.keep_program), now);
         }
         self.stopping.wait(axis, POLL_SLICE);
         let now = axis.connection.now();
@@ -165,12 +170,37 @@ impl RepeatedStop {
         } else if self.stopping.is_seen_turning() && now >= self.sent_at + self.pause {
             // Its drive took the one before, and answers.
             (self.pause, self.may_be_executed) = (RESEND_AFTER_MAX, true);
-            self.resend(StopSequence::begin(axis), now);
+            self.resend(StopSequence::begin_with(axis, self.keep_program), now);
         }
     }
 }
 
 impl Axis {
+    /// Comes to rest along the ramp, and returns once the motor was seen to stand by what the drive
+    /// measures, if it measures anything. A motor that turns on is told again. Overtakes everything
+    /// else, whoever asked for it. The drive's own program (TMCL, TML), which would move the motor again, is
+    /// ended too; [`AxisStatus::program_end`] says whether one ran.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn stop(&self) -> Result<(), Error> {
+        self.stop_with(false)
+    }
+
+    /// Stops as [`stop`](Self::stop) does, but leaves the drive's own program running, which may move the
+    /// motor again.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn stop_keeping_program(&self) -> Result<(), Error> {
+        self.stop_with(true)
+    }
+
+    fn stop_with(&self, keep_program: bool) -> Result<(), Error> {
+        let mut ended = stop_until_standstill(&[self], keep_program, Duration::ZERO, |_, _| false);
+        ended.pop().map_or(Ok(()), |ended| ended.map(drop))
+    }
+
     /// Ends what a program of the drive does, as [`abort`](Self::abort), and says it again as
     /// [`stop_with_retry`] does.
     ///

@@ -52,6 +52,8 @@ const GROUP_WAIT_MAX: Duration = Duration::from_secs(10);
 #[derive(Debug)]
 pub struct StopSequence {
     started_at: Instant,
+    /// A program of the drive goes on.
+    keep_program: bool,
     stage: StopStage,
     progress: StopProgress,
     elapsed: Duration,
@@ -101,7 +103,12 @@ impl StopSequence {
     /// Sends it.
     #[must_use]
     pub fn begin(axis: &Axis) -> Self {
-        let mut stopping = Self::new(axis);
+        Self::begin_with(axis, false)
+    }
+
+    /// The same; `keep_program` lets a program of the drive go on, which may move the motor again.
+    pub(super) fn begin_with(axis: &Axis, keep_program: bool) -> Self {
+        let mut stopping = Self { keep_program, ..Self::new(axis) };
         stopping.send_stop(axis, false);
         stopping
     }
@@ -111,7 +118,12 @@ impl StopSequence {
     /// that would write permanent memory by it, because it lost its supply, is told not to first.
     #[must_use]
     pub fn resend(axis: &Axis) -> Self {
-        let mut stopping = Self::new(axis);
+        Self::resend_with(axis, false)
+    }
+
+    /// The same, as [`begin_with`](Self::begin_with).
+    pub(super) fn resend_with(axis: &Axis, keep_program: bool) -> Self {
+        let mut stopping = Self { keep_program, ..Self::new(axis) };
         match axis.stop_ram_mode() {
             Some(ram) => match axis.start_ram_mode_read(ram.parameter) {
                 Ok(running) => stopping.stage = StopStage::CheckingRamMode(running, ram),
@@ -147,6 +159,7 @@ impl StopSequence {
         let (started_at, stage) = (axis.connection().now(), StopStage::Ended);
         Self {
             started_at,
+            keep_program: false,
             stage,
             progress: StopProgress::Sent,
             elapsed: Duration::ZERO,
@@ -156,7 +169,8 @@ impl StopSequence {
     }
 
     fn send_stop(&mut self, axis: &Axis, once: bool) {
-        match axis.start_stop(StopPart::Halt, once) {
+        let halt = StopPart::Halt { keep_program: self.keep_program };
+        match axis.start_stop(halt, once) {
             Ok(running) => self.stage = StopStage::Sending(running),
             Err(error) => self.fail(error),
         }

@@ -8,8 +8,8 @@ use polepair::config::Config;
 use polepair::error::Exit;
 use polepair::scan::{ScanAddresses, ScanReport, scan};
 use polepair::simulate::{Simulation, SimulationPace, drive_lines, rack_of_file, rack_of_text};
+use polepair::stop::StopOptions;
 use polepair::{Axis, Connector, Error};
-use polepair_core::axis::Verb;
 use polepair_core::profile::Signal;
 use polepair_link::{ServeThread, socketcand};
 use polepair_test_support::wait_until;
@@ -119,7 +119,8 @@ fn a_drive_that_is_away_keeps_no_other_from_its_stop() {
     let gone = "[[link.drive]]\nname = 'gone'\nprofile = 'thruster'\naddress = 12\n";
     let machine = Machine::new("stop", &there, &format!("{there}\n{gone}"));
     let stopped =
-        polepair::stop::stop(&machine.connector(), "@cell", Verb::Stop, &mut |_| {}).expect("open");
+        polepair::stop::stop(&machine.connector(), "@cell", StopOptions::default(), &mut |_| {})
+            .expect("open");
     let ended: Vec<_> = stopped.axes.iter().map(|(_, ended)| ended.is_ok()).collect();
     assert_eq!(ended, [true, true, true, true, false], "{stopped:?}");
 }

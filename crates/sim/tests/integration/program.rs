@@ -1,6 +1,6 @@
 //! Programs on their way into drives, in virtual time: on every wire, and with what goes wrong on it.
 
-use polepair_core::axis::{Axes, Command, Verb};
+use polepair_core::axis::{Axes, Command, ProgramEnd, Verb};
 use polepair_core::drives::bench::{Act, GroundTruth};
 use polepair_core::drives::technosoft::{Device, Technosoft};
 use polepair_core::drives::{DeviceOptions, Family};
@@ -235,6 +235,16 @@ fn assemble(text: &str, origin: u16) -> (Vec<u16>, u16) {
     (words[..made.words].to_vec(), back)
 }
 
+/// Powers the motor, and moves it there and back for ever.
+const LOOP: &str = "\
+    ENDINIT; TPOS = APOS; AXISON
+    CSPD = 30; CACC = 0.5
+loop: CPOS = 20000L; CALL move
+    CPOS = 0L; CALL move
+    GOTO loop
+move: MODE PP; CPA; TUM1; UPD; !MC; WAIT!; RET
+";
+
 /// So many words without a pattern.
 fn noise(count: u16) -> Vec<u16> {
     (0..count).map(|n| n.wrapping_mul(0x9E37).rotate_left(u32::from(n) % 13)).collect()
@@ -294,6 +304,38 @@ fn a_program_is_loaded_run_called_and_aborted_on_every_wire() {
             axes.send_program_command(now, Ticket(9999), axis, ProgramCommand::Goto(RAM))
         });
         assert_eq!(unarmed, Err(Unsupported::NotArmed), "{name}");
+    }
+}
+
+#[test]
+fn a_stop_ends_the_program_that_would_move_the_motor_again() {
+    for (name, mut bench) in wires() {
+        let (words, _) = assemble(LOOP, RAM);
+        assert_eq!(bench.write(RAM, &words), Outcome::Done(words.len() as i64), "{name}");
+        for (verb, keep_program, after_ms) in
+            [(Verb::Stop, false, 350), (Verb::QuickStop, false, 1100), (Verb::Stop, true, 700)]
+        {
+            assert!(matches!(bench.order(ProgramCommand::Goto(RAM)), Outcome::Done(_)), "{name}");
+            bench.wait(after_ms);
+            assert!(bench.truth().velocity.abs() > 1.0, "{name}: it turns");
+            let (axis, command) = (bench.axis, Command { keep_program, ..Command::new(verb) });
+            let ticket = bench.begin(|axes, now, ticket| axes.command(now, ticket, axis, command));
+            let ticket = ticket.unwrap();
+            if keep_program {
+                bench.wait(3000);
+                assert!(bench.truth().velocity.abs() > 1.0, "{name}: its program was kept");
+                assert!(matches!(bench.order(ProgramCommand::End), Outcome::Done(_)), "{name}");
+                continue;
+            }
+            assert!(matches!(bench.end(ticket), Outcome::Done(_)), "{name}");
+            let (stood, found) = (
+                bench.truth().position,
+                bench.axes(|axes, _| axes.state(axis).unwrap().program_end),
+            );
+            assert_eq!(found, Some(ProgramEnd::MayHaveRun), "{name}");
+            bench.wait(3000);
+            assert!((bench.truth().position - stood).abs() < 0.05, "{name}: it stays");
+        }
     }
 }
 

@@ -113,11 +113,23 @@ impl Driver for Axis {
         Ok(HostRequest::of(Request { address: self.module, opcode, kind, motor, value }))
     }
 
-    /// MST has the motor in a byte of its own (TMCL reference).
+    /// MST has the motor in a byte of its own; 128 and 135 mean the module's program (TMCL reference).
     fn program_request(&self, command: ProgramCommand) -> Option<HostRequest> {
-        let ProgramCommand::StopMotor(motor) = command else { return None };
-        let address = self.module;
-        Some(HostRequest::of(Request { address, opcode: Opcode::Mst, kind: 0, motor, value: 0 }))
+        let (opcode, motor) = match command {
+            ProgramCommand::StopMotor(motor) => (Opcode::Mst, motor),
+            ProgramCommand::End => (Opcode::ProgramStop, 0),
+            ProgramCommand::QueryProgram => (Opcode::ProgramStatus, 0),
+            _ => return None,
+        };
+        let request = Request { address: self.module, opcode, kind: 0, motor, value: 0 };
+        let HostRequest { class, .. } = HostRequest::of(request);
+        let class = if command == ProgramCommand::End { RequestClass::Stop } else { class };
+        Some(HostRequest { request, class })
+    }
+
+    /// 0 stopped, 1 runs, 2 runs one instruction, 3 reset (TMCL reference, 135).
+    fn is_program_running(&self, raw: i64) -> bool {
+        matches!(raw, 1 | 2)
     }
 
     /// A change holds from the next datagram on \[I\].

@@ -301,7 +301,8 @@ impl Driver for Axis {
 
     fn program_request(&self, command: ProgramCommand) -> Option<HostRequest> {
         let (instruction, class) = program::order_instruction(command)?;
-        (!self.destination.group).then_some(self.new_request(instruction).with_class(class))
+        let allowed = !self.destination.group || command == ProgramCommand::End;
+        allowed.then_some(self.new_request(instruction).with_class(class))
     }
 
     /// A value told unasked is that of the parameter at its address; of a long one the halves may be

@@ -282,10 +282,12 @@ pub(super) fn transfer_instruction(step: TransferStep) -> (Instruction, RequestC
     }
 }
 
-/// The instruction of an order, and what it is held to; `None` for motors, of which an axis ID is one.
+/// The instruction of a command, and its class; `None` for motors, of which an axis ID is one, and for what
+/// TML has no instruction for.
 pub(super) fn order_instruction(command: ProgramCommand) -> Option<(Instruction, RequestClass)> {
     Some(match command {
-        ProgramCommand::StopMotor(_) => return None,
+        // No variable or bit of the status says whether a program runs.
+        ProgramCommand::StopMotor(_) | ProgramCommand::QueryProgram => return None,
         ProgramCommand::Goto(address) => {
             (Instruction::of(0x7400, [address]), RequestClass::NoRetry)
         }
