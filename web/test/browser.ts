@@ -109,18 +109,14 @@ export class Visitor {
     return this.page.getByRole("listbox", { name: "Frames" }).getByRole("option");
   }
 
-  /** Waits until a text is so, and gives it. */
-  async until(
-    read: () => Promise<string>,
-    good: (text: string) => boolean,
-    ms = WAIT_MS,
-  ): Promise<string> {
+  /** Waits until a value is so, and gives it. */
+  async until<T>(read: () => Promise<T>, good: (value: T) => boolean, ms = WAIT_MS): Promise<T> {
     const end = Date.now() + ms;
     for (;;) {
-      const text = await read();
-      if (good(text)) return text;
+      const value = await read();
+      if (good(value)) return value;
       if (Date.now() > end)
-        throw new Error(`after ${ms} ms still: ${text}; load ${loadavg().join(" ")}`);
+        throw new Error(`after ${ms} ms still: ${value}; load ${loadavg().join(" ")}`);
       await this.page.waitForTimeout(50);
     }
   }
@@ -133,15 +129,15 @@ export class Visitor {
 
   async turns(at: number): Promise<void> {
     await this.until(
-      async () => String(await this.speed(at)),
-      (text) => Number(text) > 20,
+      () => this.speed(at),
+      (speed) => speed > 20,
     );
   }
 
   async stands(at: number): Promise<void> {
     await this.until(
-      async () => String(await this.speed(at)),
-      (text) => Math.abs(Number(text)) < 1,
+      () => this.speed(at),
+      (speed) => Math.abs(speed) < 1,
     );
   }
 

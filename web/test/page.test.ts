@@ -25,12 +25,17 @@ describe("the dashboard", () => {
     for (let run = 0; run < runs && painted > 1000; run++) {
       if (run) await v.page.reload();
       await v.card(4).waitFor();
-      painted = await v.page.evaluate(
-        () => performance.getEntriesByName("first-contentful-paint")[0]?.startTime ?? 1e9,
+      painted = await v.until(
+        () =>
+          v.page.evaluate(
+            () => performance.getEntriesByName("first-contentful-paint")[0]?.startTime ?? 1e9,
+          ),
+        // A busy browser draws the page after its elements are there.
+        (at) => at < 1e9,
       );
       console.log(`first contentful paint after ${painted.toFixed(0)} ms`);
     }
-    expect(painted).toBeLessThan(runs > 1 ? 1000 : 1e9);
+    if (runs > 1) expect(painted).toBeLessThan(1000);
   });
 
   it("says what each axis does, and how old that is", async () => {
