@@ -83,6 +83,7 @@ fn reason_text(error: &Error) -> String {
             "Not every request was answered, repeats included."
         }
         (Exit::NoReply, _) => "Nothing came back within the time allowed, repeats included.",
+        (Exit::Corrupt, _) if error.code() == "E502" => "",
         (Exit::Corrupt, _) => "Noise, a second host, or two drives with one address can do that.",
         (Exit::Refused, Some(false)) if error.code() == "E602" => "It was not executed.",
         (Exit::Refused, Some(false)) => "The drive said no; it was not executed.",

@@ -85,6 +85,9 @@ pub enum Failure {
     },
     /// Something answered, but broke the protocol or answered another question.
     Misbehaved,
+    /// The drive's address answers each question twice, so that two drives have it and no answer can be
+    /// believed. The request was not sent.
+    AnsweredTwice,
     /// The drive did as told but what was waited for did not come true in time.
     NotReached,
     /// A `Require` step found the drive not ready; the profile's hint tells what to do.

@@ -107,6 +107,8 @@ pub struct Counters {
     pub early: u64,
     /// Valid frames of another address, opcode or length than the one asked.
     pub foreign: u64,
+    /// Those among them that answered what was asked, but from another address than the one asked.
+    pub misaddressed: u64,
     /// Our own frames, or bytes that went alone, heard back (RS-485 echo).
     pub echoed: u64,
     /// Bytes thrown away while looking for a frame.
@@ -151,6 +153,7 @@ impl Counters {
             late: both(self.late, other.late),
             early: both(self.early, other.early),
             foreign: both(self.foreign, other.foreign),
+            misaddressed: both(self.misaddressed, other.misaddressed),
             echoed: both(self.echoed, other.echoed),
             skipped: both(self.skipped, other.skipped),
             corrupt: both(self.corrupt, other.corrupt),

@@ -274,7 +274,7 @@ impl Connector {
         found: &[DetectedDrive],
     ) -> Result<Vec<Axis>, Error> {
         let profiles: Vec<_> = found.iter().map(|one| (one.profile, one.number)).collect();
-        let (connection, before) = line.probe_connection(&profiles, false)?;
+        let (connection, before) = line.probe_connection(&profiles, false, false)?;
         let axis = |(n, one): (usize, &DetectedDrive)| Axis {
             connection: connection.clone(),
             index: AxisIndex(u8::try_from(before + n).unwrap_or(u8::MAX)),
@@ -477,15 +477,16 @@ impl ProtocolLine {
     pub(crate) fn probe_connection(
         &self,
         axes: &[(&'static Profile, u32)],
-        probing: bool,
+        scanning: bool,
+        urgent: bool,
     ) -> Result<(Connection, usize), Error> {
         let relay = self.relay_axis.filter(|relay| axes.iter().all(|(_, number)| number != relay));
         let first = relay.map(|relay| (self.protocol.generic, relay));
         let all: Vec<_> = first.into_iter().chain(axes.iter().copied()).collect();
         let options = self.session_options();
         // Who looks for drives takes whatever tells of one.
-        let doubt = options.probe_seed.filter(|_| !probing);
-        let options = HostOptions { scanning: probing, probe_seed: doubt, ..options };
+        let doubt = options.probe_seed.filter(|_| !scanning);
+        let options = HostOptions { scanning, urgent, probe_seed: doubt, ..options };
         Ok((self.open_connection_with(options, &all)?, all.len() - axes.len()))
     }
 

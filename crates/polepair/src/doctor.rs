@@ -20,6 +20,7 @@ mod machine;
 mod serial;
 mod watchdog_proof;
 
+use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text, stray_answers_text};
 use crate::connect::{Connector, ProtocolLine};
 use crate::error::{Error, Exit};
 use crate::identify::{ProbeResult, Prober};
@@ -217,7 +218,7 @@ fn find_drives(
     wanted.truncate(if named { wanted.len() } else { UNNAMED_PROBES_MAX });
     let chosen = connector.chosen_profile(url, &line.protocol)?;
     let prober = Prober::new(line, &connector.config).scanning();
-    let (mut found, mut damaged) = (Vec::new(), 0);
+    let (mut found, mut damaged, mut answers, mut misaddressed) = (Vec::new(), 0, false, false);
     let mut requests = Vec::new();
     for &number in &wanted {
         let about = format!("axis {number}");
@@ -232,8 +233,8 @@ fn find_drives(
                 let profile = chosen.unwrap_or(profile);
                 let text = format!("answers: {} ({identified})", profile.title);
                 on_event(CheckResult::ok(&about, text));
-                if stray > 0 {
-                    on_event(duplicate_address_check(&about, stray));
+                if let Some(text) = stray_answers_text(stray) {
+                    on_event(duplicate_address_check(&about, text));
                 }
                 found.push(DetectedDrive {
                     identified,
@@ -248,6 +249,11 @@ fn find_drives(
                     hint,
                 ));
             }
+            ProbeResult::AnsweredTwice => {
+                let text = duplicate_address_text(line.protocol.name, number);
+                on_event(duplicate_address_check(&about, text));
+                answers = true;
+            }
             ProbeResult::Damaged(_) => damaged += 1,
             ProbeResult::Silent(details) if named && !details.is_nothing() => {
                 let text = format!("does not answer: {details}");
@@ -261,16 +267,27 @@ fn find_drives(
                     SILENT_REMEDY,
                 ));
             }
-            ProbeResult::Silent(_) => {}
+            ProbeResult::Silent(details) => misaddressed |= details.misaddressed > 0,
         }
     }
     if damaged > 0 {
         let text = format!("{damaged} addresses gave damaged answers only");
         on_event(CheckResult::wrong("answers", Exit::Corrupt, text, DAMAGED_REMEDY));
     }
-    if found.is_empty() && !named {
-        let text = format!("none of the addresses {} answers", join_numbers(&requests));
-        let remedy = format!("{SILENT_REMEDY}; `polepair scan` asks every address");
+    if found.is_empty() && !named && !answers {
+        let numbers = join_numbers(&requests);
+        let (text, remedy) = match misaddressed {
+            true => (
+                format!(
+                    "none of the addresses {numbers} is its own, and a drive answers all the same"
+                ),
+                "`polepair scan` finds its address".to_owned(),
+            ),
+            false => (
+                format!("none of the addresses {numbers} answers"),
+                format!("{SILENT_REMEDY}; `polepair scan` asks every address"),
+            ),
+        };
         on_event(CheckResult::wrong("address", Exit::NoReply, text, remedy));
     }
     Ok(found)
@@ -281,10 +298,8 @@ const SILENT_REMEDY: &str = "the drive's power, A and B (or RX and TX) swapped, 
 const DAMAGED_REMEDY: &str = "another baud rate, two drives with one address, a missing terminator or \
                        common ground; --try-bauds asks at other rates";
 
-fn duplicate_address_check(about: &str, stray: u64) -> CheckResult {
-    let text = format!("{stray} answers too many or damaged: two drives with this address?");
-    let remedy = "unplug one drive after the other and look who answers; give each its own address";
-    CheckResult::wrong(about, Exit::Corrupt, text, remedy)
+fn duplicate_address_check(about: &str, text: String) -> CheckResult {
+    CheckResult::wrong(about, Exit::Corrupt, text, DUPLICATE_ADDRESS_HINT)
 }
 
 fn join_numbers(numbers: &[u32]) -> String {

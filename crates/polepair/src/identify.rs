@@ -1,5 +1,6 @@
 //! Finding out what a drive is, by reads only.
 
+use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::config::Config;
 use crate::connect::ProtocolLine;
 use crate::error::Error;
@@ -64,11 +65,21 @@ pub(crate) enum ProbeResult {
     Silent(NoReplyDetails),
     /// Only damaged frames came back, and what else there was.
     Damaged(NoReplyDetails),
+    /// Each question was answered twice: two drives have the address.
+    AnsweredTwice,
     /// The host may not ask there; nothing was sent.
     Forbidden(&'static str),
     /// Somebody is there; doubtful where it is no known drive and an answer was
     /// corrupt or to another question.
-    Found { profile: &'static Profile, identified: Identification, stray: u64, doubtful: bool },
+    Found {
+        profile: &'static Profile,
+        identified: Identification,
+        /// Answers too many, or damaged.
+        stray: u64,
+        /// The damaged ones among them.
+        corrupt: u64,
+        doubtful: bool,
+    },
 }
 
 impl<'a> Prober<'a> {
@@ -119,6 +130,7 @@ impl<'a> Prober<'a> {
     ) -> Result<(&'static Profile, Identification), Error> {
         match self.probe(number)? {
             ProbeResult::Found { doubtful: true, .. } => Err(self.confused_error(number)),
+            ProbeResult::AnsweredTwice => Err(self.answered_twice_error(number)),
             ProbeResult::Found { profile, identified, .. } => Ok((profile, identified)),
             ProbeResult::Forbidden(hint) => Err(self.forbidden_error(number, hint)),
             ProbeResult::Silent(details) | ProbeResult::Damaged(details) => {
@@ -179,16 +191,56 @@ impl<'a> Prober<'a> {
         }
     }
 
+    /// The error for an address that answers each question twice.
+    pub(crate) fn answered_twice_error(&self, number: u32) -> Error {
+        let text = duplicate_address_text(self.line.protocol.name, number);
+        Error::Failed {
+            what: format!("{text}, on {}", self.describe()),
+            execution: String::new(),
+            outcome: Outcome::NotDone(Failure::AnsweredTwice),
+            received: Box::default(),
+            may_turn: false,
+            hint: DUPLICATE_ADDRESS_HINT.into(),
+        }
+    }
+
     fn describe(&self) -> String {
         self.line.link.describe()
     }
 
-    /// Asks every question that some profile has, once.
+    /// Asks every question that some profile has, once; and whoever answers, whether that is one drive.
     pub(crate) fn probe(&self, number: u32) -> Result<ProbeResult, Error> {
+        let mut result = self.probe_once(number)?;
+        if self.single_attempt
+            && self.line.protocol.name == "tmcl"
+            && let ProbeResult::Found { stray, corrupt, .. } = &mut result
+        {
+            if self.answers_twice(number)? {
+                return Ok(ProbeResult::AnsweredTwice);
+            }
+            // What else came was late, or for others.
+            *stray = *corrupt;
+        }
+        Ok(result)
+    }
+
+    /// Whether two modules answer at the address. Only a session that proves its addresses sees that,
+    /// which one that looks for drives does not.
+    fn answers_twice(&self, number: u32) -> Result<bool, Error> {
+        let generic = self.line.protocol.generic;
+        let (connection, before) =
+            self.line.probe_connection(&[(generic, number)], false, false)?;
+        let outcome = self.query(&connection, before, IdentityQuery::Parameter(ParameterId(0)));
+        Ok(outcome.and_then(Outcome::failure) == Some(Failure::AnsweredTwice))
+    }
+
+    fn probe_once(&self, number: u32) -> Result<ProbeResult, Error> {
         let generic = self.line.protocol.generic;
         let mut axes: Vec<_> = self.candidates.iter().map(|(p, _)| (*p, number)).collect();
         axes.push((generic, number));
-        let (connection, before) = self.line.probe_connection(&axes, self.single_attempt)?;
+        let urgent = self.reply_timeout.is_some();
+        let (connection, before) =
+            self.line.probe_connection(&axes, self.single_attempt, urgent)?;
         // Somebody may have spoken just now: this host has not heard it.
         connection.with_axes(|axes, now| axes.handle_resume(now));
         let (mut received, mut doubtful, mut best) = (false, false, None::<(u32, usize, i64)>);
@@ -205,6 +257,9 @@ impl<'a> Prober<'a> {
                 return Err(self.link_lost_error(&connection));
             }
             requests.push((*identity, outcome));
+            if outcome.and_then(Outcome::failure) == Some(Failure::AnsweredTwice) {
+                return Ok(ProbeResult::AnsweredTwice);
+            }
             match outcome {
                 Some(Outcome::NotDone(
                     Failure::NotReady { hint } | Failure::Impossible(Unsupported::Forbidden(hint)),
@@ -240,11 +295,14 @@ impl<'a> Prober<'a> {
         }
         if !received && !(self.is_cancelled)() {
             let answer = self.query_generic(&connection, before, generic)?;
+            if answer.and_then(Outcome::failure) == Some(Failure::AnsweredTwice) {
+                return Ok(ProbeResult::AnsweredTwice);
+            }
             received = answer.is_none_or(is_answer);
             doubtful |= answer.is_some_and(is_misbehaved);
         }
         let counters = connection.with_axes(|axes, _| axes.counters());
-        let stray = counters.unaccounted();
+        let (stray, corrupt) = (counters.unaccounted(), counters.corrupt);
         Ok(match best {
             Some((_, n, raw)) => {
                 let (profile, identity) = self.candidates[n];
@@ -253,6 +311,7 @@ impl<'a> Prober<'a> {
                     profile,
                     identified: Identification::Queried { firmware },
                     stray,
+                    corrupt,
                     doubtful: false,
                 }
             }
@@ -260,6 +319,7 @@ impl<'a> Prober<'a> {
                 profile: generic,
                 identified: Identification::Generic,
                 stray,
+                corrupt,
                 doubtful,
             },
             None => ProbeResult::Silent(NoReplyDetails::from_counters(&counters)),

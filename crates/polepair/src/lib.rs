@@ -18,6 +18,7 @@
 pub mod amount;
 pub mod axis;
 mod bus;
+mod clash;
 pub mod config;
 pub mod connect;
 pub mod doctor;

@@ -24,6 +24,8 @@ pub struct NoReplyDetails {
     pub texts: u16,
     /// Frames of other drives, or to other questions.
     pub foreign: u16,
+    /// Those among them that answered what was asked, but from another address than the one asked.
+    pub misaddressed: u16,
     /// Our own bytes or frames.
     pub echoed: u16,
     /// Bytes that belong to no frame.
@@ -68,6 +70,7 @@ impl NoReplyDetails {
             relayed: saturate_u16(counted.relayed),
             texts: saturate_u16(counted.texts),
             foreign: saturate_u16(counted.foreign),
+            misaddressed: saturate_u16(counted.misaddressed),
             echoed: saturate_u16(counted.echoed),
             bytes: saturate_u16(counted.skipped),
         }
@@ -107,6 +110,7 @@ impl NoReplyDetails {
             relayed: self.relayed.saturating_add(other.relayed),
             texts: self.texts.saturating_add(other.texts),
             foreign: self.foreign.saturating_add(other.foreign),
+            misaddressed: self.misaddressed.saturating_add(other.misaddressed),
             echoed: self.echoed.saturating_add(other.echoed),
             bytes: self.bytes.saturating_add(other.bytes),
         }
@@ -121,6 +125,9 @@ impl NoReplyDetails {
     /// What to try.
     #[must_use]
     pub const fn hint(&self) -> &'static str {
+        if self.misaddressed > 0 {
+            return "a drive with another address answers in its place: `polepair scan` finds it";
+        }
         match self.cause() {
             NoReplyCause::NothingReceived => {
                 "check power, wiring, baud rate and address; `polepair scan` looks for other addresses"

@@ -70,6 +70,8 @@ pub struct DetectedDrive {
     pub identified: Identification,
     /// Set when more came back than was asked for: two drives may have this address.
     pub clash: Option<String>,
+    /// It answers whatever address is asked, as modules on USB do.
+    pub ignores_address: bool,
 }
 
 impl DetectedDrive {
@@ -80,7 +82,7 @@ impl DetectedDrive {
         profile: &'static Profile,
     ) -> Self {
         let (protocol, identified) = (line.protocol.name, Identification::Named);
-        Self { number, protocol, profile, identified, clash: None }
+        Self { number, protocol, profile, identified, clash: None, ignores_address: false }
     }
 }
 

@@ -91,13 +91,13 @@ pub enum DrivePrograms {
 }
 
 impl DrivePrograms {
-    fn of(found: [Option<ProgramEnd>; 2]) -> Option<Self> {
-        use ProgramEnd::{Ended, MayHaveRun};
-        match found {
-            [Some(Ended), Some(Ended)] => Some(Self::StillReported),
-            [Some(Ended), _] | [_, Some(Ended)] => Some(Self::Ended),
-            [Some(MayHaveRun), _] | [_, Some(MayHaveRun)] => Some(Self::MayHaveRun),
-            _ => None,
+    /// With what one more stop found.
+    const fn after(before: Option<Self>, found: ProgramEnd) -> Option<Self> {
+        match (before, found) {
+            (Some(Self::Ended), ProgramEnd::Ended) => Some(Self::StillReported),
+            (None, ProgramEnd::Ended) => Some(Self::Ended),
+            (None, ProgramEnd::MayHaveRun) => Some(Self::MayHaveRun),
+            (before, _) => before,
         }
     }
 }
@@ -299,6 +299,7 @@ fn find_and_stop(
         let missing = match probe {
             ProbeResult::Found { doubtful: false, .. } => None,
             ProbeResult::Found { .. } => Some(prober.confused_error(number)),
+            ProbeResult::AnsweredTwice => Some(prober.answered_twice_error(number)),
             ProbeResult::Silent(details) | ProbeResult::Damaged(details) if !named => {
                 stopped.received = stopped.received.plus(details.only_foreign());
                 continue;
@@ -336,11 +337,11 @@ fn find_and_stop(
                 });
                 unknown.extend(missing.map(|error| (number, report.clone(), error)));
                 let Some(report) = report else { continue };
-                stop_found(connector, line, &report, on_event)?;
+                stop_found(connector, line, &report, (stopped, on_event))?;
                 continue;
             }
         };
-        stop_found(connector, line, &(one.clone(), command), on_event)?;
+        stop_found(connector, line, &(one.clone(), command), (stopped, on_event))?;
         match missing {
             None => found.push(one),
             Some(error) => deaf.push((one, error)),
@@ -364,7 +365,7 @@ fn find_and_stop(
             }
         };
         if let Some(one) = one {
-            stop_found(connector, line, &(one.clone(), command), on_event)?;
+            stop_found(connector, line, &(one.clone(), command), (stopped, on_event))?;
             found.push(one);
             continue;
         }
@@ -380,12 +381,13 @@ fn stop_found(
     connector: &Connector,
     line: &ProtocolLine,
     (one, command): &(DetectedDrive, Command),
-    on_event: &mut dyn FnMut(StopEvent<'_>),
+    (stopped, on_event): (&mut LinkStopReport, &mut dyn FnMut(StopEvent<'_>)),
 ) -> Result<(), Error> {
     for axis in connector.axes_of_found(line, std::slice::from_ref(one))? {
         // One that only listens may obey. What it says is heard when all are waited for.
         if let Ok(mut running) = axis.start(*command) {
             let _ = running.wait(clock::scale_timeout(STOP_WAIT_MAX));
+            stopped.note_program(&axis);
             on_event(StopEvent::StopSent(&axis));
         }
     }
@@ -478,7 +480,7 @@ fn is_no_such_motor(error: &Error) -> bool {
 impl LinkStopReport {
     /// Waits until all of these axes are at rest, and notes how.
     fn add_axes(&mut self, axes: &[Axis], how: StopOptions) {
-        let ended_before: Vec<_> = axes.iter().map(|axis| axis.state().program_end).collect();
+        axes.iter().for_each(|axis| self.note_program(axis));
         let ended = match how.quick {
             false => {
                 let axes: Vec<&Axis> = axes.iter().collect();
@@ -489,9 +491,19 @@ impl LinkStopReport {
         // All of them were told before, and that may have been executed.
         let ended = ended.into_iter().map(|ended| ended.map_err(Error::after_earlier_attempt));
         self.axes.extend(axes.iter().map(Axis::label).zip(ended));
-        for (axis, before) in axes.iter().zip(ended_before) {
-            let found = DrivePrograms::of([before, axis.state().program_end]);
-            self.programs.extend(found.map(|found| (axis.label(), found)));
+        axes.iter().for_each(|axis| self.note_program(axis));
+    }
+
+    /// Notes what the last stop of an axis found of its drive's program.
+    fn note_program(&mut self, axis: &Axis) {
+        let Some(found) = axis.state().program_end else { return };
+        let label = axis.label();
+        let known = self.programs.iter_mut().find(|(name, _)| *name == label);
+        let before = known.as_ref().map(|(_, before)| *before);
+        match (known, DrivePrograms::after(before, found)) {
+            (Some((_, known)), Some(found)) => *known = found,
+            (None, Some(found)) => self.programs.push((label, found)),
+            (_, None) => {}
         }
     }
 }

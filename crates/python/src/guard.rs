@@ -124,8 +124,8 @@ fn stop_all_armed() {
     for ((axis, started_at), ended) in axes.iter().zip(started).zip(stop_and_disable(&axes)) {
         match ended {
             (Ok(()), Ok(())) => {}
-            // Its block took the power before this could, and closed the link.
-            (Ok(()), Err(_)) if has_no_power(axis, started_at) => {}
+            // Its block stopped it, took the power and closed the link before this could.
+            _ if has_no_power(axis, started_at) => {}
             (Err(error), _) => print_error(&format!("{error}. It may still turn: cut its supply.")),
             (Ok(()), Err(error)) => print_error(&format!("{error}. It may still be powered.")),
         }

@@ -181,7 +181,8 @@ async def settled(axis: polepair.aio.Axis, name: str, raw: int) -> None:
     pytest.fail(f"axis {axis.number} never took {name}")
 
 
-def test_a_cancelled_task_leaves_no_motor_running() -> None:
+@pytest.mark.parametrize("pause", [0.0, 0.0005, 0.002, 0.01])
+def test_a_cancelled_task_leaves_no_motor_running(pause: float) -> None:
     async def main() -> None:
         async with await polepair.aio.connect("sim:tmcl?time=virtual") as link:
             axis = link.axes[0]
@@ -193,7 +194,7 @@ def test_a_cancelled_task_leaves_no_motor_running() -> None:
 
             task = asyncio.create_task(work())
             while not link.simulation.truth().enabled:
-                await asyncio.sleep(0.01)
+                await asyncio.sleep(pause)
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await task

@@ -217,6 +217,9 @@ fn found_table(found: &[DetectedDrive]) -> String {
         if let Some(clash) = &one.clash {
             text.push_str(&format!("axis {}: {clash}\n", one.number));
         }
+        if one.ignores_address {
+            text.push_str(&format!("axis {}: answers whatever address is asked\n", one.number));
+        }
     }
     text
 }
@@ -234,5 +237,7 @@ fn write_json(found: &DetectedDrive, out: &mut Vec<u8>) {
     jsonl::write_string(out, found.profile.title);
     out.extend_from_slice(b",\"known\":");
     jsonl::write_string(out, &found.identified.to_string());
-    out.extend_from_slice(format!(",\"clash\":{}}}\n", found.clash.is_some()).as_bytes());
+    let (clash, ignores) = (found.clash.is_some(), found.ignores_address);
+    let tail = format!(",\"clash\":{clash},\"ignores_address\":{ignores}}}\n");
+    out.extend_from_slice(tail.as_bytes());
 }

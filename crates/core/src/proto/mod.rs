@@ -88,6 +88,9 @@ pub struct HostOptions {
     /// Somebody looks for drives: an address that never answered is not tried again, so that silence
     /// costs no more than it must.
     pub scanning: bool,
+    /// A stop waits for what is asked: that two drives may have one address is not looked for, which takes
+    /// longer than an answer.
+    pub urgent: bool,
     /// All time-outs of the host are so many times as long, for tests on a busy machine; 1 otherwise.
     pub timeout_scale: u32,
 }
@@ -132,6 +135,7 @@ impl HostOptions {
             relay_answers_only: false,
             probe_seed: None,
             scanning: false,
+            urgent: false,
             timeout_scale: 1,
         }
     }

@@ -1,6 +1,7 @@
 //! Outcomes in words: what was asked, what came of it, what to try.
 
 use super::Axis;
+use crate::clash::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::error::Error;
 use crate::identify::Identification;
 use crate::no_reply::NoReplyDetails;
@@ -87,7 +88,7 @@ impl Axis {
         );
         match failure {
             Failure::LinkDown => stop || self.may_turn(),
-            Failure::Silent | Failure::Misbehaved => stop,
+            Failure::Silent | Failure::Misbehaved | Failure::AnsweredTwice => stop,
             _ => false,
         }
     }
@@ -178,6 +179,10 @@ impl Axis {
                 "what came back was corrupt or answered another question",
                 "look for two drives with one address, an echoing adapter, noise or a wrong baud \
                  rate; `-v` shows the frames",
+            ),
+            Failure::AnsweredTwice => reason_and_hint(
+                &duplicate_address_text(self.protocol, self.number),
+                DUPLICATE_ADDRESS_HINT,
             ),
             Failure::NotReached => self.unmet_wait_reason(),
             Failure::PowerLost => reason_and_hint(

@@ -594,7 +594,10 @@ fn failure_of(error: &Error) -> Option<Failure> {
 
 /// Whether a request ended so because the drive was not heard: it may be answered once it is said again.
 fn is_communication_error(error: &Error) -> bool {
-    use Failure::{Cancelled, LinkDown, Misbehaved, Silent};
-    let failed = matches!(failure_of(error), Some(Silent | Misbehaved | Cancelled | LinkDown));
+    use Failure::{AnsweredTwice, Cancelled, LinkDown, Misbehaved, Silent};
+    let failed = matches!(
+        failure_of(error),
+        Some(Silent | Misbehaved | AnsweredTwice | Cancelled | LinkDown)
+    );
     failed || matches!(error, Error::Link(_))
 }

@@ -5,15 +5,19 @@ use super::{
 };
 use crate::axis::Axis;
 use crate::bus::{self, BusAddress};
+use crate::clash::{duplicate_address_text, stray_answers_text};
 use crate::connect::{AnyBorrowedLink, Connector, LineConfig, Link, ProtocolLine};
 use crate::error::Error;
-use crate::identify::{ProbeResult, Prober, is_answer};
+use crate::identify::{Identification, ProbeResult, Prober, is_answer};
 use crate::no_reply::NoReplyDetails;
 use crate::scan::DetectedDrive;
 use crate::url::AxisNumber;
-use polepair_core::profile::{Access, ParameterId};
+use polepair_core::profile::{Access, ParameterId, Profile};
 use polepair_link::{Connection, LinkError};
 use std::collections::VecDeque;
+
+/// Addresses that one drive answers, after which it answers whatever is asked.
+const MISADDRESSED_MIN: usize = 2;
 
 /// A look for drives, one address after the other. Only reads are sent.
 ///
@@ -55,6 +59,11 @@ pub struct DriveScanner {
     damaged: Vec<u32>,
     /// What came from addresses where nobody answered, of the present protocol.
     received: NoReplyDetails,
+    /// Addresses of the line that were asked in vain, and those among them that another drive answered.
+    unanswered: usize,
+    misaddressed: usize,
+    /// Drives that were found on the lines before.
+    found_before: usize,
     /// Of each that was found.
     found_addresses: Vec<(usize, BusAddress)>,
     report: ScanReport,
@@ -181,6 +190,9 @@ impl DriveScanner {
             done: 0,
             damaged: Vec::new(),
             received: NoReplyDetails::default(),
+            unanswered: 0,
+            misaddressed: 0,
+            found_before: 0,
             found_addresses: Vec::new(),
             report: ScanReport::default(),
         }
@@ -236,6 +248,7 @@ impl DriveScanner {
         exclude_clashing(&line, &seats, &mut wanted, tried);
         drop((line, borrowed));
         (self.queue, self.done, self.started) = (wanted.into(), 0, true);
+        self.found_before = self.report.found.len();
         Ok(())
     }
 
@@ -273,30 +286,65 @@ impl DriveScanner {
         match probe {
             ProbeResult::Silent(_) if broken() => self.cancel(),
             ProbeResult::Silent(details) => self.record_unanswered(details),
+            ProbeResult::Damaged(details) if details.misaddressed > 0 => {
+                self.record_unanswered(details);
+            }
             ProbeResult::Damaged(_) => self.damaged.push(number),
             ProbeResult::Forbidden(hint) => {
                 self.report.tried.push(format!("not address {number}: {hint}"));
             }
+            ProbeResult::AnsweredTwice => {
+                let text = duplicate_address_text(line.protocol.name, number);
+                let generic = (line.protocol.generic, Identification::Generic);
+                self.record_found(&line, number, generic, Some(text));
+            }
             ProbeResult::Found { profile, identified, stray, .. } => {
-                let found = DetectedDrive::with_known_profile(&line, number, profile);
-                self.report.found.push(DetectedDrive {
-                    identified,
-                    clash: stray_conflict(stray),
-                    ..found
-                });
-                self.found_addresses.push((line.wire, line.bus_address(number)));
+                let clash = stray_answers_text(stray);
+                self.record_found(&line, number, (profile, identified), clash);
             }
         }
         Ok(())
     }
 
+    fn record_found(
+        &mut self,
+        line: &ProtocolLine,
+        number: u32,
+        (profile, identified): (&'static Profile, Identification),
+        clash: Option<String>,
+    ) {
+        let found = DetectedDrive::with_known_profile(line, number, profile);
+        self.report.found.push(DetectedDrive { identified, clash, ..found });
+        self.found_addresses.push((line.wire, line.bus_address(number)));
+    }
+
+    /// Notes a drive that answers whatever address is asked, as modules on USB do: the only one of its line, and
+    /// each other address was answered in its name.
+    fn note_ignored_address(&mut self) -> bool {
+        let (unanswered, misaddressed) =
+            (std::mem::take(&mut self.unanswered), std::mem::take(&mut self.misaddressed));
+        let found = self.report.found.get_mut(self.found_before..).unwrap_or_default();
+        match found {
+            [only] if misaddressed >= MISADDRESSED_MIN && misaddressed == unanswered => {
+                only.ignores_address = true;
+                true
+            }
+            _ => false,
+        }
+    }
+
     /// Notes what came where nobody answered.
     fn record_unanswered(&mut self, details: NoReplyDetails) {
+        self.unanswered += 1;
+        self.misaddressed += usize::from(details.misaddressed > 0);
         self.received = self.received.plus(details.only_foreign());
     }
 
     fn report_damaged(&mut self) {
-        let details = std::mem::take(&mut self.received);
+        let mut details = std::mem::take(&mut self.received);
+        if self.note_ignored_address() {
+            details = NoReplyDetails::default();
+        }
         if !details.is_nothing() {
             let hint = details.hint();
             self.report.received = self.report.received.plus(details);
@@ -365,13 +413,8 @@ impl KnownAxis {
             Err(Error::Failed { outcome, .. }) => is_answer(outcome),
             Err(_) => false,
         };
-        let clash = stray_conflict(counters().since(before).unaccounted());
+        let clash = stray_answers_text(counters().since(before).unaccounted());
         let clash = clash.filter(|_| answers);
         Some(AxisAnswer { index: self.index, number: self.axis.number(), answers, clash })
     }
-}
-
-fn stray_conflict(stray: u64) -> Option<String> {
-    (stray > 0)
-        .then(|| format!("{stray} answers too many or damaged: two drives with this address?"))
 }

@@ -363,11 +363,24 @@ class AxisSteps:
         try:
             before = yield from self._guard(watchdog)
             if "enable" in self.verbs:
-                yield from self._enable()
+                yield from self._enable_or_disable()
         except BaseException:
             yield from self._disarm()
             raise
         return before
+
+    def _enable_or_disable(self) -> Steps[None]:
+        """Enables; takes the power off again where that is not seen to its end, as by a cancelled task."""
+        try:
+            yield from self._enable()
+        except BaseException:
+            if "disable" in self.verbs:
+                # What went wrong before is what the caller wants to see.
+                with suppress(PolepairError):
+                    begun = yield from self._begin_own("disable")
+                    if begun is not None:
+                        yield Wait(begun)
+            raise
 
     def _disarm(self) -> Steps[None]:
         # What went wrong before is what the caller wants to see.

@@ -72,8 +72,7 @@ impl SerialHost {
             gap => u64::from(gap.unwrap_or(0)) * 1_000,
         };
         Self {
-            session: Session::new(host_address.into(), timeout, options.probe_seed)
-                .with_byte_counting(),
+            session: Session::new(host_address.into(), timeout, options).with_byte_counting(),
             line,
             on_wire_ns: (soonest_ns, on_wire_ns),
             early_bytes: EarlyBytes::new(&paced),
@@ -365,7 +364,7 @@ impl CanHost {
     pub fn new(options: &HostOptions) -> Self {
         let reply_id = reply_id(options);
         let timeout = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
-        let session = Session::new(reply_id, timeout, options.probe_seed);
+        let session = Session::new(reply_id, timeout, options);
         let bit_rate = options.bit_rate;
         let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
         let min_exchange_ns =

@@ -23,6 +23,7 @@ mod suspects;
 use super::opcode::{Opcode, Status};
 use super::wire::{Instruction, Reply, Request, VersionText};
 use crate::error::{Failure, Unsupported};
+use crate::proto::HostOptions;
 use crate::proto::event_ring::EventRing;
 use crate::proto::proven_addresses::ProvenAddresses;
 use crate::station::{Counters, EventSubject, HostEvent, LineEvent, RequestClass, Ticket};
@@ -193,6 +194,10 @@ pub struct Session {
     proven_addresses: ProvenAddresses,
     /// A request that waits for its module to be proven.
     unproven_request: Option<UnprovenRequest>,
+    /// A stop waits: no second reply is listened for.
+    urgent: bool,
+    /// No module is proven again for a second reply before then.
+    recheck_at: Instant,
     /// The last requests: module, opcode and when.
     recent: [(u8, u8, Instant); RECENT_MAX],
     next_recent: usize,
@@ -217,10 +222,12 @@ const EARLY_STREAK_MAX: u8 = 2;
 const TIMELY_STREAK_MIN: u64 = 16;
 
 impl Session {
-    pub(super) fn new(host_address: u16, timeout_ms: u32, doubt: Option<u32>) -> Self {
+    pub(super) fn new(host_address: u16, timeout_ms: u32, options: &HostOptions) -> Self {
         Self {
-            proven_addresses: ProvenAddresses::new(doubt),
+            proven_addresses: ProvenAddresses::new(options.probe_seed),
+            urgent: options.urgent,
             unproven_request: None,
+            recheck_at: Instant::ZERO,
             recent: [(0, 0, Instant::ZERO); RECENT_MAX],
             next_recent: 0,
             host_address,
@@ -252,6 +259,7 @@ impl Session {
         let own = u16::from(request.request.address) == self.host_address;
         if self.pending.is_some()
             || self.suspicious
+            || self.unproven_request.is_some()
             || !self.proven_addresses.contains(request.request.address)
             || !self.link_up
             || own
@@ -306,7 +314,9 @@ impl Session {
         if self.pending.is_some() {
             return if stop { self.overtake_pending(now, ticket, request) } else { Err(request) };
         }
-        if self.suspicious && !stop && !self.is_trusted(now, request.request.address) {
+        let waits = self.unproven_request.is_some()
+            || self.suspicious && !self.is_trusted(now, request.request.address);
+        if waits && !stop {
             return Err(request);
         }
         if stop || self.proven_addresses.contains(request.request.address) {
@@ -440,17 +450,29 @@ impl Session {
         if self.suspicious {
             self.expire_suspects(now);
         }
+        if self.listen_until().is_some_and(|until| now >= until) {
+            self.handle_listened(now);
+        }
         self.start_next(now);
+    }
+
+    /// Until when a second reply to the last probe may come, and nothing is sent but a stop.
+    fn listen_until(&self) -> Option<Instant> {
+        self.unproven_request.as_ref()?.listen_until.filter(|_| self.pending.is_none())
     }
 
     #[inline]
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
         let pending = self.pending.as_ref().map(|p| if p.sent { p.deadline } else { p.not_before });
         // While something is out, its own deadline comes first; a suspect is let go after it.
-        if pending.is_some() || !self.suspicious {
+        if pending.is_some() {
             return pending;
         }
-        self.suspects.iter().flatten().map(|suspect| suspect.until).min()
+        let listened = self.listen_until();
+        if !self.suspicious {
+            return listened;
+        }
+        self.suspects.iter().flatten().map(|suspect| suspect.until).chain(listened).min()
     }
 
     pub(super) fn handle_line(&mut self, now: Instant, event: LineEvent) {
@@ -633,6 +655,8 @@ impl Session {
     fn start_stop_or_probe(&mut self, now: Instant) {
         if let Some((ticket, request)) = self.pending_stop.take() {
             self.start_request(now, Some(ticket), request);
+        } else if self.listen_until().is_some_and(|until| now < until) {
+            // Nothing is sent meanwhile.
         } else if let Some(waiting) = &mut self.unproven_request {
             let proven = self.proven_addresses.contains(waiting.host_request.request.address);
             *waiting = UnprovenRequest::new(waiting.ticket, waiting.host_request, proven);

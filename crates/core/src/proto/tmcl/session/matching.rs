@@ -9,7 +9,7 @@ impl Session {
     pub(super) fn match_reply(&mut self, now: Instant, reply: Reply, soon: bool) {
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
             self.count_unexpected(&reply);
-            self.note_stale_reply(reply.module);
+            self.note_unexpected_reply(now, &reply);
             return;
         };
         let request = &pending.host_request.request;
@@ -29,8 +29,10 @@ impl Session {
         let refused = refusal && !reply.status.is_good();
         let stored = request.opcode == Opcode::ReadMemory && !refused;
         if !refusal && !stored {
+            let misaddressed = reply.opcode == request.opcode && reply.module != request.address;
+            self.counters.misaddressed += u64::from(misaddressed);
             self.count_unexpected(&reply);
-            self.note_stale_reply(reply.module);
+            self.note_unexpected_reply(now, &reply);
             return;
         }
         let soon = soon || now < pending.earliest_reply;

@@ -1,5 +1,9 @@
 //! How a module is proven of which nothing is known: what an earlier program asked may still be
-//! answered.
+//! answered, and two modules may have the same address.
+//!
+//! Behind the last probe the session listens for [`SECOND_REPLY_NS`]: a module answers once, so that a second
+//! reply comes of a second module. Once one came, it listens behind each probe, and [`SECOND_REPLIES_MIN`] in a
+//! row end the request. A reply that an older request is owed has the opcode of the probe by chance only.
 
 use super::{
     EARLY_STREAK_MAX, HostRequest, LATEST_TIMEOUTS, PendingExchange, RECENT_MAX, Session,
@@ -13,6 +17,12 @@ use crate::time::Instant;
 
 /// Probes that prove a module of which nothing is known.
 pub(super) const PROOFS_NEEDED: u8 = 3;
+/// How long a second module with the same address may take longer than the first.
+pub(super) const SECOND_REPLY_NS: u64 = 50_000_000;
+/// Probes in a row that were answered twice, after which two modules have the address.
+const SECOND_REPLIES_MIN: u8 = 3;
+/// A module is proven again for a second reply at most once in so long.
+const RECHECK_NS: u64 = 1_000_000_000;
 /// Probes into silence to a module that answered before.
 const KNOWN_PROBES_MAX: u8 = 2 * PROOFS_NEEDED;
 /// The same to one that never did.
@@ -46,10 +56,20 @@ pub(super) struct UnprovenRequest {
     pub(super) all_early: bool,
     /// The probe before, which the next one differs from.
     pub(super) last_probe: Option<u8>,
+    /// The last one that was answered.
+    pub(super) answered_probe: Option<u8>,
     /// Since the present probe the module said something else: older replies are on their way.
     pub(super) stale_reply_seen: bool,
     /// How many probes were answered so.
     pub(super) stale_proofs: u8,
+    /// Nothing is sent until then: a second reply to the last probe may come.
+    pub(super) listen_until: Option<Instant>,
+    /// One came, so that each probe is listened for.
+    listens_always: bool,
+    /// One came behind the last probe that was listened for.
+    second_reply: bool,
+    /// Probes in a row that were answered twice.
+    second_replies: u8,
 }
 
 impl UnprovenRequest {
@@ -62,8 +82,13 @@ impl UnprovenRequest {
             probes_sent: 0,
             all_early: !proven,
             last_probe: None,
+            answered_probe: None,
             stale_reply_seen: false,
             stale_proofs: if proven { STALE_PROOFS_MAX } else { 0 },
+            listen_until: None,
+            listens_always: false,
+            second_reply: false,
+            second_replies: 0,
         }
     }
 }
@@ -96,12 +121,46 @@ impl Session {
     pub(super) fn handle_proof(&mut self, now: Instant) {
         let Some(waiting) = &mut self.unproven_request else { return };
         waiting.proofs_left = waiting.proofs_left.saturating_sub(1);
+        waiting.answered_probe = waiting.last_probe;
         if core::mem::take(&mut waiting.stale_reply_seen) && waiting.stale_proofs < STALE_PROOFS_MAX
         {
             // What answered it may be one of them.
             waiting.stale_proofs += 1;
             (waiting.proofs_left, waiting.probes_sent) = (PROOFS_NEEDED, 0);
         }
+        let module = waiting.host_request.request.address;
+        let last = waiting.proofs_left == 0 && !self.proven_addresses.contains(module);
+        // A stop is no value that could be another module's.
+        let listens = !self.urgent && waiting.host_request.class != RequestClass::Stop;
+        if listens && (last || waiting.listens_always) {
+            (waiting.second_reply, waiting.listen_until) =
+                (false, Some(now.plus_ns(SECOND_REPLY_NS)));
+            return;
+        }
+        self.continue_proof(now);
+    }
+
+    /// The time for a second reply is over.
+    #[cold]
+    pub(super) fn handle_listened(&mut self, now: Instant) {
+        let Some(waiting) = &mut self.unproven_request else { return };
+        waiting.listen_until = None;
+        if waiting.second_reply {
+            waiting.second_replies += 1;
+            waiting.proofs_left = waiting.proofs_left.max(1);
+        } else {
+            (waiting.second_replies, waiting.listens_always) = (0, false);
+        }
+        if waiting.second_replies < SECOND_REPLIES_MIN {
+            return self.continue_proof(now);
+        }
+        let ticket = waiting.ticket;
+        self.unproven_request = None;
+        self.finish_ticket(Some(ticket), Err(Failure::AnsweredTwice));
+    }
+
+    fn continue_proof(&mut self, now: Instant) {
+        let Some(waiting) = &mut self.unproven_request else { return };
         if waiting.proofs_left > 0 {
             return self.send_proof_probe(now);
         }
@@ -117,12 +176,26 @@ impl Session {
         self.start_request(now, Some(ticket), host_request);
     }
 
-    /// The module that is being proven said what nobody asks now.
-    pub(super) fn note_stale_reply(&mut self, module: u8) {
-        if let Some(waiting) = &mut self.unproven_request
-            && waiting.host_request.request.address == module
-        {
-            waiting.stale_reply_seen = true;
+    /// A module said what nobody asks now. One that is being proven has older replies under way, or there
+    /// are two; another one that says again what it was asked last is proven before the next request.
+    pub(super) fn note_unexpected_reply(&mut self, now: Instant, reply: &Reply) {
+        let (module, opcode) = (reply.module, reply.opcode.number());
+        match &mut self.unproven_request {
+            Some(waiting) if waiting.host_request.request.address == module => {
+                waiting.stale_reply_seen = true;
+                // The probe before that is out, or the one whose second reply may come.
+                if waiting.answered_probe == Some(opcode) {
+                    (waiting.second_reply, waiting.listens_always) = (true, true);
+                }
+            }
+            _ => {
+                let newest = self.recent[self.next_recent.wrapping_sub(1) % RECENT_MAX];
+                let again = (newest.0, newest.1) == (module, opcode) && self.pending.is_none();
+                if again && !self.suspicious && now >= self.recheck_at {
+                    self.recheck_at = now.plus_ns(RECHECK_NS);
+                    self.proven_addresses.remove(module);
+                }
+            }
         }
     }
 

@@ -1,0 +1,125 @@
+"""TMCL modules as they are in the field: programs, twins, and modules that ignore their address."""
+
+import json
+import time
+
+import pytest
+
+from conftest import polepair
+from odd_tmcl import Module, SerialLine, SlcanBus
+
+MST, STOP_PROGRAM = 3, 128
+VALUES = ("target position", "actual position", "target velocity", "actual velocity")
+
+
+@pytest.fixture
+def wires():
+    made = []
+
+    def wire(kind, *modules, **options):
+        made.append(kind(*modules, **options))
+        return made[-1]
+
+    yield wire
+    for one in made:
+        one.close()
+
+
+def opcodes(module):
+    return [opcode for _, opcode, _, _, _ in module.requests]
+
+
+@pytest.mark.parametrize("address", [1, 7])
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("kind", [SerialLine, SlcanBus])
+def test_a_stop_ends_the_program_that_would_turn_the_motor_again(wires, kind, named, address):
+    module = Module(address, motors=2)
+    wire = wires(kind, module)
+    module.run_program(period=0.2)
+    time.sleep(0.3)
+    assert module.axes[0][3] == 1000
+    stopped = polepair("stop", wire.url + (f"#{address}" if named else ""))
+    assert f"axis {address}: its program ran and was ended" in stopped.stderr, stopped
+    said = opcodes(module)
+    ended = said.index(STOP_PROGRAM)
+    # The motor is stopped before the module is asked, and again when its program has ended.
+    assert MST in said[:ended] and MST in said[ended:]
+    time.sleep(0.6)
+    assert module.axes[0][3] == 0 and not module.program
+
+
+def test_a_program_can_be_kept(wires):
+    module = Module()
+    wire = wires(SerialLine, module)
+    module.run_program(period=30)
+    time.sleep(0.1)
+    kept = polepair("stop", wire.url + "#1", "--keep-program")
+    assert "were not ended" in kept.stderr and STOP_PROGRAM not in opcodes(module), kept
+    assert module.program and module.axes[0][3] == 0
+
+
+def test_a_program_that_does_not_run_is_not_ended(wires):
+    module = Module()
+    stopped = polepair("stop", wires(SerialLine, module).url + "#1")
+    assert "program" not in stopped.stderr and STOP_PROGRAM not in opcodes(module), stopped
+
+
+def test_a_module_that_still_reports_its_program_is_told(wires):
+    module = Module()
+    wire = wires(SerialLine, module)
+    module.stays_running = True
+    assert "still reports it as running" in polepair("stop", wire.url + "#1").stderr
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0003, 0.002, 0.005, 0.017, 0.04])
+def test_two_modules_with_one_address_are_told_and_not_believed(wires, delay):
+    twins = Module(5, position=100), Module(5, version=0x04D80322, position=200)
+    wire = wires(SlcanBus, *twins, delay=delay)
+    twice = "module 5 answers twice: two modules have this address"
+    for words in (["get", wire.url + "#5", *VALUES], ["info", wire.url + "#5"], ["watch", wire.url + "#5", "--for", "1s"]):
+        refused = polepair(*words, check=False)
+        assert refused.returncode == 5 and "E502" in refused.stderr and twice in refused.stderr, refused
+        assert refused.stdout == "", refused
+    # Who names the product is told by the first value.
+    named = polepair("get", wire.url + "?profile=tmcm-171#5", "actual position", check=False)
+    assert named.returncode == 5 and twice in named.stderr and named.stdout == "", named
+    scanned = polepair("scan", wire.url, "--ids", "4-6", check=False)
+    assert scanned.returncode == 1 and twice in scanned.stdout and "E104" in scanned.stderr, scanned
+    looked = polepair("doctor", wire.url + "#5", check=False)
+    assert looked.returncode == 5 and twice in looked.stdout, looked
+
+
+def test_both_of_two_modules_with_one_address_are_stopped(wires):
+    twins = Module(5), Module(5)
+    wire = wires(SlcanBus, *twins, delay=0.003)
+    for module in twins:
+        module.axes[0][3] = 700
+    for url in (wire.url + "#5", wire.url):
+        stopped = polepair("stop", url, check=False)
+        # Nobody can see whether they stand.
+        assert stopped.returncode == 5 and "may still turn" in stopped.stderr, stopped
+        assert [module.axes[0][3] for module in twins] == [0, 0]
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.004])
+def test_a_module_alone_is_believed(wires, delay):
+    wire = wires(SlcanBus, Module(5, position=100), Module(6, position=200), delay=delay)
+    for number, position in ((5, 100), (6, 200)):
+        got = polepair("get", f"{wire.url}#{number}", "actual position")
+        assert got.stdout.strip() == f"actual position = {position}", got
+    assert "twice" not in polepair("scan", wire.url, "--ids", "4-7").stdout
+
+
+@pytest.mark.parametrize("address", [1, 4, 5, 10, 30])
+def test_a_module_that_ignores_its_address_is_one(wires, address):
+    wire = wires(SerialLine, Module(address, position=4242), ignores_address=True)
+    scanned = polepair("scan", wire.url)
+    rows = [line for line in scanned.stdout.splitlines() if line[:1].isdigit()]
+    assert len(rows) == 1 and rows[0].startswith(f"{address} "), scanned
+    assert f"axis {address}: answers whatever address is asked" in scanned.stdout, scanned
+    found = [json.loads(line) for line in polepair("scan", wire.url, "--format", "jsonl").stdout.splitlines()]
+    assert [(one["axis"], one["clash"], one["ignores_address"]) for one in found] == [(address, False, True)]
+    assert polepair("get", f"{wire.url}#{address}", "actual position").stdout.strip().endswith("= 4242")
+    other = polepair("get", f"{wire.url}#9", "actual position", check=False)
+    assert other.returncode == 4 and "another address answers" in other.stderr, other
+    assert "two drives" not in polepair("doctor", wire.url, check=False).stdout
