@@ -38,7 +38,7 @@ def test_a_stop_ends_the_program_that_would_turn_the_motor_again(wires, kind, na
     module.run_program(period=0.2)
     time.sleep(0.3)
     assert module.axes[0][3] == 1000
-    stopped = polepair("stop", wire.url + (f"#{address}" if named else ""))
+    stopped = polepair("stop", wire.url + (f"#{address}" if named else ""), silence=True)
     assert f"axis {address}: its program ran and was ended" in stopped.stderr, stopped
     said = opcodes(module)
     ended = said.index(STOP_PROGRAM)
@@ -83,7 +83,7 @@ def test_two_modules_with_one_address_are_told_and_not_believed(wires, delay):
     # Who names the product is told by the first value.
     named = polepair("get", wire.url + "?profile=tmcm-171#5", "actual position", check=False)
     assert named.returncode == 5 and twice in named.stderr and named.stdout == "", named
-    scanned = polepair("scan", wire.url, "--ids", "4-6", check=False)
+    scanned = polepair("scan", wire.url, "--ids", "5", check=False)
     assert scanned.returncode == 1 and twice in scanned.stdout and "E104" in scanned.stderr, scanned
     looked = polepair("doctor", wire.url + "#5", check=False)
     assert looked.returncode == 5 and twice in looked.stdout, looked
@@ -95,7 +95,7 @@ def test_both_of_two_modules_with_one_address_are_stopped(wires):
     for module in twins:
         module.axes[0][3] = 700
     for url in (wire.url + "#5", wire.url):
-        stopped = polepair("stop", url, check=False)
+        stopped = polepair("stop", url, check=False, silence=True)
         # Nobody can see whether they stand.
         assert stopped.returncode == 5 and "may still turn" in stopped.stderr, stopped
         assert [module.axes[0][3] for module in twins] == [0, 0]
@@ -107,19 +107,22 @@ def test_a_module_alone_is_believed(wires, delay):
     for number, position in ((5, 100), (6, 200)):
         got = polepair("get", f"{wire.url}#{number}", "actual position")
         assert got.stdout.strip() == f"actual position = {position}", got
-    assert "twice" not in polepair("scan", wire.url, "--ids", "4-7").stdout
+    assert "twice" not in polepair("scan", wire.url, "--ids", "5-6").stdout
 
 
-@pytest.mark.parametrize("address", [1, 4, 5, 10, 30])
+@pytest.mark.parametrize("address", [1, 5, 30])
 def test_a_module_that_ignores_its_address_is_one(wires, address):
     wire = wires(SerialLine, Module(address, position=4242), ignores_address=True)
-    scanned = polepair("scan", wire.url)
+    # Whom nobody named is silent, and waited for as by a user.
+    scanned = polepair("scan", wire.url, silence=True)
     rows = [line for line in scanned.stdout.splitlines() if line[:1].isdigit()]
     assert len(rows) == 1 and rows[0].startswith(f"{address} "), scanned
     assert f"axis {address}: answers whatever address is asked" in scanned.stdout, scanned
-    found = [json.loads(line) for line in polepair("scan", wire.url, "--format", "jsonl").stdout.splitlines()]
+    few = f"{max(address - 3, 3)}-{address + 3}" if address > 2 else "1-5"
+    found = polepair("scan", wire.url, "--ids", few, "--format", "jsonl", silence=True).stdout.splitlines()
+    found = [json.loads(line) for line in found]
     assert [(one["axis"], one["clash"], one["ignores_address"]) for one in found] == [(address, False, True)]
     assert polepair("get", f"{wire.url}#{address}", "actual position").stdout.strip().endswith("= 4242")
-    other = polepair("get", f"{wire.url}#9", "actual position", check=False)
+    other = polepair("get", f"{wire.url}#9", "actual position", check=False, silence=True)
     assert other.returncode == 4 and "another address answers" in other.stderr, other
-    assert "two drives" not in polepair("doctor", wire.url, check=False).stdout
+    assert "two drives" not in polepair("doctor", wire.url, check=False, silence=True).stdout
