@@ -58,6 +58,8 @@ pub struct Command {
     pub period: Option<f64>,
     /// How long its motion may take, ms, where that is not for the plan to say.
     pub limit_ms: Option<u32>,
+    /// Arguments are the drive's own numbers where its scale reads zero; else they are in SI as always.
+    pub raw: bool,
     /// A stop leaves the drive's own program running.
     pub keep_program: bool,
 }
@@ -106,6 +108,7 @@ impl Command {
             jerk_time: None,
             period: None,
             limit_ms: None,
+            raw: false,
             keep_program: false,
         }
     }

@@ -360,7 +360,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         }
         let ends_program = self.slot(axis)?.program_end_request(&command).is_some();
         let program_end = halt_steps.filter(|_| ends_program).and_then(|at| u8::try_from(at).ok());
-        if verb.is_stop() {
+        if program_end.is_some() {
             self.slot_mut(axis)?.state.program_end = None;
         }
         let run = PlanRun {

@@ -645,6 +645,7 @@ fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError>
         jerk_time,
         period,
         limit_ms: None,
+        raw: false,
         keep_program: false,
     }))
 }

@@ -168,7 +168,7 @@ impl Spin {
     pub fn run(self) -> Result {
         let raw = self.lasting.raw;
         let command = |axis: &Axis| {
-            let mut command = Command::new(Verb::Velocity);
+            let mut command = Command { raw, ..Command::new(Verb::Velocity) };
             command.velocity =
                 Some(parse_argument(axis, Verb::Velocity, Argument::Velocity, (&self.speed, raw))?);
             command.acceleration =
@@ -193,7 +193,7 @@ impl Jog {
     pub fn run(self) -> Result {
         let (speed, raw) = (self.speed.as_deref().unwrap_or(JOG_SPEED), self.lasting.raw);
         let command = |axis: &Axis| {
-            let mut command = Command::new(Verb::Velocity);
+            let mut command = Command { raw, ..Command::new(Verb::Velocity) };
             command.velocity =
                 Some(parse_argument(axis, Verb::Velocity, Argument::Velocity, (speed, raw))?);
             Ok(command)
@@ -215,7 +215,7 @@ impl Torque {
     pub fn run(self) -> Result {
         let raw = self.lasting.raw;
         let command = |axis: &Axis| {
-            let mut command = Command::new(Verb::Torque);
+            let mut command = Command { raw, ..Command::new(Verb::Torque) };
             command.torque =
                 Some(parse_argument(axis, Verb::Torque, Argument::Torque, (&self.torque, raw))?);
             Ok(command)
@@ -236,7 +236,7 @@ impl Move {
     pub fn run(self) -> Result {
         let (verb, raw) = (self.verb(), self.arriving.raw);
         let command = |axis: &Axis| {
-            let mut command = Command::new(verb);
+            let mut command = Command { raw, ..Command::new(verb) };
             command.target =
                 Some(parse_argument(axis, verb, Argument::Target, (&self.position, raw))?);
             command.velocity = optional_argument(axis, verb, Argument::Velocity, (&self.vel, raw))?;
@@ -282,7 +282,7 @@ impl Home {
     pub fn run(self) -> Result {
         let raw = self.arriving.raw;
         let command = |axis: &Axis| {
-            let mut command = Command::new(Verb::Home);
+            let mut command = Command { raw, ..Command::new(Verb::Home) };
             command.velocity =
                 optional_argument(axis, Verb::Home, Argument::Velocity, (&self.vel, raw))?;
             Ok(command)

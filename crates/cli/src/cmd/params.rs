@@ -6,7 +6,7 @@ use polepair_core::explain::Dissector;
 use polepair_core::profile::{Access, Certainty, Encoding, Parameter, Persistence, Profile};
 
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{DataOutput, TextTable, colour_out};
+use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
 use crate::value::{format_number, format_with_unit, in_own_unit};
 
 /// Shows what a drive has: names, units, ranges, defaults, where the manual says so.
@@ -19,9 +19,10 @@ Examples:
   polepair params tmcm-171
   polepair params tmcm-171 \"max current\"
   polepair params syntron-ts Fn_33
+  polepair params canopen                   what every CANopen device has
   polepair params technosoft-f514l KPP      its address, type and opcodes")]
 pub struct Params {
-    /// A drive or a family: tmcm-171, syntron-ts, …
+    /// A drive, a family or a protocol: tmcm-171, syntron-ts, canopen, …
     family: Option<String>,
     /// One parameter, by its name or by the manual's symbol, or a part of it
     name: Option<String>,
@@ -48,15 +49,23 @@ impl Params {
         let mut out = DataOutput::stdout();
         out.buffer().extend_from_slice(text.as_bytes());
         out.flush()?;
+        if let Some(word) = &self.family
+            && find_drive(&known, word)?.parameters.is_empty()
+        {
+            print_note(&format!(
+                "no parameter is common to all drives of {word}: each drive numbers its own"
+            ));
+        }
         Ok(Exit::Ok)
     }
 }
 
-/// Every drive that is compiled in, by the word users type.
+/// A drive by the word users type: its name, its family, or a protocol's word for what all its drives have.
 pub fn find_drive(known: &[&'static Profile], word: &str) -> Result<&'static Profile> {
     let named = known.iter().find(|profile| profile.name.eq_ignore_ascii_case(word));
     let of_family = || known.iter().find(|profile| profile.family.eq_ignore_ascii_case(word));
-    named.or_else(of_family).copied().ok_or_else(|| {
+    let of_protocol = || polepair::profile::generic_profile(&word.to_ascii_lowercase());
+    named.or_else(of_family).copied().or_else(of_protocol).ok_or_else(|| {
         let names: Vec<&str> = known.iter().map(|profile| profile.name).collect();
         let nearest = polepair_capture::nearest_word(word, names.iter().copied());
         Problem::usage("E204", format!("{word:?} is not a drive that polepair knows."))

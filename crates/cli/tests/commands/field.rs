@@ -62,7 +62,7 @@ fn a_sheet_of_one_node_gives_others_their_own_identifiers() {
 }
 
 #[test]
-fn a_count_of_zero_moves_nothing() {
+fn a_count_of_zero_moves_by_the_drives_own_numbers_alone() {
     let served = Served::with(&["tml:1", "--tcp", "127.0.0.1:0"]);
     run::ok(&["set", &served.url, "ENCRESLONG=0"]);
     let shown = run::ok(&["get", &served.url, "APOS"]);
@@ -70,5 +70,22 @@ fn a_count_of_zero_moves_nothing() {
     let refused = polepair(&["move", &served.url, "1turn"]);
     assert!(refused.code != 0 && refused.err.contains("E222"), "{}", refused.err);
     assert_eq!(run::ok(&["get", &served.url, "APOS"]).trim(), "actual position = 0");
+    run::ok(&["move", &served.url, "1500", "--vel", "2000000", "--acc", "20000", "--raw"]);
+    let shown = run::ok(&["get", &served.url, "APOS"]);
+    let position: i64 = shown.trim().rsplit(' ').next().and_then(|n| n.parse().ok()).expect(&shown);
+    assert!((position - 1500).abs() <= 3, "{shown}");
     served.end();
+}
+
+#[test]
+fn what_all_drives_of_a_protocol_have_is_listed_as_the_hint_says() {
+    for (word, shown) in
+        [("canopen", "1018h:1"), ("tmcl", "AP 1"), ("tml", "APOS"), ("tmcl+can", "AP 1")]
+    {
+        let listed = run::ok(&["params", word]);
+        assert!(listed.contains(shown), "{listed}");
+    }
+    let none = polepair(&["params", "modbus-rtu"]);
+    assert!(none.code == 0 && none.err.contains("no parameter is common"), "{}", none.err);
+    assert!(run::ok(&["params", "canopen", "1018h:2"]).contains("product code"));
 }

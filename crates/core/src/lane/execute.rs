@@ -118,6 +118,10 @@ fn next_run_request<R: Request, A: Copy + 'static>(
     }
     // Each turn of this loop passes a step that sends nothing; plans are bounded.
     loop {
+        if run.is_program_end_due() && matches!(run.undo_reason, Some(Failure::Silent)) {
+            // Nobody hears: the whole stop is said again.
+            run.resume_stop(false);
+        }
         if run.is_program_end_due() && run.stage == StepStage::First {
             let asks = slot.driver.program_request(ProgramCommand::QueryProgram).is_some();
             run.stage = if asks { StepStage::QueryProgram } else { StepStage::EndProgram };

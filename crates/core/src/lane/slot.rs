@@ -6,7 +6,9 @@ use alloc::vec::Vec;
 use super::event_queue::EventQueue;
 use super::path::PathStream;
 use super::transfer::MemoryTransfer;
-use crate::axis::{AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading, UnmetWait};
+use crate::axis::{
+    AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading, UnmetWait, Verb,
+};
 use crate::error::{Failure, Unsupported};
 use crate::plan::{Operand, Step};
 use crate::profile::{Access, NoScale, Parameter, ParameterId, Profile, SignalSource};
@@ -390,9 +392,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         if self.is_zero_scaled(id) {
             return None;
         }
-        let raw = libm::round(si / self.si_per_raw(id)?);
-        // Beyond this a float no longer counts single steps; no drive has such a number.
-        (raw.abs() < 9.0e15).then_some(raw as i64)
+        whole_number(si / self.si_per_raw(id)?)
     }
 
     /// SI value of one raw unit; 1 where the value has no unit.
@@ -425,7 +425,11 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         };
         let id = like.ok_or(Unsupported::BadArgument)?;
         let parameter = self.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
-        let raw = self.to_raw(id, si).ok_or(match self.si_per_raw(id) {
+        let raw = match self.is_zero_scaled(id) && command.raw {
+            true => whole_number(si),
+            false => self.to_raw(id, si),
+        };
+        let raw = raw.ok_or(match self.si_per_raw(id) {
             _ if self.is_zero_scaled(id) => Unsupported::Forbidden(NO_SCALE),
             None if self.missing_factor(id).is_none() => Unsupported::Forbidden(NO_SCALE),
             _ => Unsupported::BadArgument,
@@ -436,7 +440,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
 
     /// What ends the drive's own program, where a command is to do so.
     pub fn program_end_request(&self, command: &Command) -> Option<R> {
-        let ends = command.verb.is_stop() && !command.keep_program;
+        let ends = matches!(command.verb, Verb::Stop | Verb::QuickStop) && !command.keep_program;
         self.driver.program_request(ProgramCommand::End).filter(|_| ends)
     }
 
@@ -471,6 +475,12 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         }
         Ok(true)
     }
+}
+
+/// The nearest whole number. Beyond this a float no longer counts single steps; no drive has such a number.
+fn whole_number(value: f64) -> Option<i64> {
+    let whole = libm::round(value);
+    (whole.abs() < 9.0e15).then_some(whole as i64)
 }
 
 /// Takes what the drive at an address said unasked into the state of its axes, and tells listeners.

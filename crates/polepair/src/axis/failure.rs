@@ -231,9 +231,11 @@ impl Axis {
             (Compare::Equal, -1) => {
                 format!("`{name}` stayed {}, not {}", word(value), word(wanted))
             }
-            (Compare::Equal | Compare::NotEqual, mask) if mask != -1 => {
-                let not = if test.compare == Compare::Equal { "" } else { "not " };
-                format!("`{name}` stayed 0x{value:X}, its bits 0x{mask:X} not {not}0x{wanted:X}")
+            (Compare::Equal, mask) if mask != -1 => {
+                format!("`{name}` stayed 0x{value:X}, its bits 0x{mask:X} not 0x{wanted:X}")
+            }
+            (Compare::NotEqual, mask) if mask != -1 => {
+                format!("`{name}` stayed 0x{value:X}, its bits 0x{mask:X} still 0x{wanted:X}")
             }
             _ => format!("`{name}` stayed {}", word(value)),
         };

@@ -40,13 +40,25 @@ pub(crate) use missing::remove_missing;
 pub(crate) use read::encoding_range;
 pub(crate) use setup::name_from_path;
 
-use crate::spelling;
 use crate::toml_file::{self, FileError, Located};
+use crate::{registry, spelling};
 use draft::Draft;
 use polepair_core::profile::Profile;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+
+/// What every drive of a protocol has, by the protocol's word in connection strings: `tmcl`, `canopen`,
+/// `modbus-rtu`. A drive that no profile describes is served by it.
+///
+/// ```
+/// let tmcl = polepair::profile::generic_profile("tmcl").unwrap();
+/// assert!(tmcl.find_parameter("actual position").is_some());
+/// ```
+#[must_use]
+pub fn generic_profile(protocol: &str) -> Option<&'static Profile> {
+    registry::protocol_by_word(protocol).map(|found| found.generic)
+}
 
 /// Different profiles that one process reads at most: each stays in memory for good.
 pub const PROFILES_MAX: usize = 256;

@@ -17,12 +17,14 @@ pub static GENERIC: Profile = Profile {
     parameters: &[
         Parameter {
             name: "device type",
+            symbol: "1000h",
             about: "Lower half: number of the device profile, 402 for drives.",
             section: "7.5.2.1",
             ..P
         },
         Parameter {
             name: "error register",
+            symbol: "1001h",
             index: 0x1001,
             encoding: Encoding::U8,
             max: 0xFF,
@@ -33,6 +35,7 @@ pub static GENERIC: Profile = Profile {
         },
         Parameter {
             name: "heartbeat time",
+            symbol: "1017h",
             index: 0x1017,
             encoding: Encoding::U16,
             max: 0xFFFF,
@@ -42,10 +45,38 @@ pub static GENERIC: Profile = Profile {
             section: "7.5.2.19",
             ..P
         },
-        Parameter { name: "vendor id", index: 0x1018, space: 1, section: "7.5.2.20", ..P },
-        Parameter { name: "product code", index: 0x1018, space: 2, section: "7.5.2.20", ..P },
-        Parameter { name: "revision number", index: 0x1018, space: 3, section: "7.5.2.20", ..P },
-        Parameter { name: "serial number", index: 0x1018, space: 4, section: "7.5.2.20", ..P },
+        Parameter {
+            name: "vendor id",
+            symbol: "1018h:1",
+            index: 0x1018,
+            space: 1,
+            section: "7.5.2.20",
+            ..P
+        },
+        Parameter {
+            name: "product code",
+            symbol: "1018h:2",
+            index: 0x1018,
+            space: 2,
+            section: "7.5.2.20",
+            ..P
+        },
+        Parameter {
+            name: "revision number",
+            symbol: "1018h:3",
+            index: 0x1018,
+            space: 3,
+            section: "7.5.2.20",
+            ..P
+        },
+        Parameter {
+            name: "serial number",
+            symbol: "1018h:4",
+            index: 0x1018,
+            space: 4,
+            section: "7.5.2.20",
+            ..P
+        },
     ],
     faults: &[],
     signals: &[],
