@@ -144,7 +144,10 @@ class AxisSteps:
         return self._run("disable")
 
     def _stop(self) -> Steps[None]:
-        """Comes to rest along the ramp. Overtakes everything else, whoever asked for it."""
+        """Comes to rest along the ramp. Overtakes everything else, whoever asked for it.
+
+        Ends the drive's own program (TMCL, TML), which would move the motor again.
+        """
         return self._run("stop")
 
     def _quick_stop(self) -> Steps[None]:

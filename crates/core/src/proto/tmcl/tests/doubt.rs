@@ -125,3 +125,46 @@ fn a_backlog_of_earlier_programs_is_not_taken() {
     }
     assert!(fooled <= 20, "{fooled} of 1000");
 }
+
+/// The reply that a second module with the same address gives.
+fn reply_of_twin(reply: &[u8]) -> Vec<u8> {
+    let mut other = Reply::parse(reply.try_into().unwrap()).unwrap();
+    other.value = other.value.wrapping_add(1_000_000);
+    other.emit().to_vec()
+}
+
+#[test]
+fn two_modules_with_one_address_give_no_value() {
+    for seed in 1..40 {
+        for delay_ms in [0, 1, 4, 17, 45] {
+            let mut wire = TestWire::new(9600, Quirks::default());
+            let doubt = HostOptions { probe_seed: Some(seed), ..HostOptions::new(9600) };
+            wire.host = SerialHost::new(&doubt);
+            wire.replies = Box::new(move |_, reply| {
+                Some(Vec::from([(0, reply.to_vec()), (delay_ms, reply_of_twin(reply))]))
+            });
+            for kind in [1, 3, 1, 9] {
+                assert_eq!(wire.read(kind), Err(Failure::AnsweredTwice), "{seed}, {delay_ms} ms");
+            }
+            let stop = HostRequest::of(request(Opcode::Mst, 0, 0));
+            assert!(wire.request(stop).is_ok(), "{seed}, {delay_ms} ms");
+        }
+    }
+}
+
+/// An adapter that repeats a reply now and then is no second module.
+#[test]
+fn a_reply_that_is_repeated_now_and_then_is_believed() {
+    for seed in 1..40 {
+        let mut wire = TestWire::new(9600, Quirks::default());
+        wire.host =
+            SerialHost::new(&HostOptions { probe_seed: Some(seed), ..HostOptions::new(9600) });
+        let mut count = 0_u32;
+        wire.replies = Box::new(move |_, reply| {
+            count += 1;
+            let again = (count % 2 == 0).then(|| (2, reply.to_vec()));
+            Some([(0, reply.to_vec())].into_iter().chain(again).collect())
+        });
+        assert_eq!(wire.read(1), Ok(1007), "{seed}");
+    }
+}
