@@ -36,6 +36,7 @@ class OddDrive:
         self.state, self.old, self.ack, self.reached = 0x40, 0, False, True
         self.position, self.target, self.homing = 0.0, None, None
         self.fault_at, self.sto_at, self.fault_homing_after = None, None, None
+        self.keeps_mode = False
         # So many looks at the statusword see the bits of an earlier homing.
         self.stale_reads, self.homing_s, self.homed = 0, 0.3, 0
         self.lock = threading.RLock()
@@ -116,7 +117,7 @@ class OddDrive:
     def write(self, key, value):
         self.values[key] = value
         self.writes.append((key[0], value))
-        if key == (0x6060, 0):
+        if key == (0x6060, 0) and not self.keeps_mode:
             self.values[0x6061, 0] = value
         if key != (0x6040, 0):
             return

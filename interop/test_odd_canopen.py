@@ -159,3 +159,13 @@ def test_a_missing_object_costs_its_option_alone(odd, tmp_path):
     assert refused.returncode == 2 and "6099h:1" in refused.stderr, refused
     refused = polepair("spin", url, "10", "--raw", check=False)
     assert refused.returncode == 2 and "60FFh" in refused.stderr, refused
+
+
+def test_a_mode_that_a_drive_does_not_take_is_named_with_what_to_do(odd):
+    drive = odd()
+    drive.values[0x6061, 0], drive.keeps_mode = 3, True
+    refused = polepair("move", drive.url, "1turn", "--rel", check=False)
+    assert refused.returncode == 1 and "`mode display` stayed 3" in refused.stderr, refused
+    assert "not 1 (profile position)" in refused.stderr and "polepair disable" in refused.stderr, refused
+    # No new set-point is started.
+    assert not [value for written, value in drive.writes if written == 0x6040 and value & 0x10]

@@ -219,9 +219,10 @@ impl Axis {
         const HINT: &str = "see whether something blocks it";
         let unmet = self.connection.with_axes(|axes, _| axes.unmet_wait(self.index));
         let unmet = unmet.and_then(|unmet| Some((unmet, self.profile.parameter(unmet.parameter)?)));
-        let Some((UnmetWait { test, value, .. }, parameter)) = unmet else {
+        let Some((unmet, parameter)) = unmet else {
             return ("not reached in time".to_owned(), HINT.to_owned());
         };
+        let UnmetWait { test, value, .. } = unmet;
         let word = |raw: i64| match parameter.values.iter().find(|(known, _)| *known == raw) {
             Some((_, word)) => format!("{raw} ({word})"),
             None => raw.to_string(),
@@ -239,7 +240,12 @@ impl Axis {
             }
             _ => format!("`{name}` stayed {}", word(value)),
         };
-        (format!("not reached in time: {reason}"), HINT.to_owned())
+        let mode = self.profile.signal(Signal::Mode).map(|source| source.parameter);
+        let hint = match mode == Some(unmet.parameter) {
+            true => "some drives change their mode only without power: `polepair disable` first",
+            false => HINT,
+        };
+        (format!("not reached in time: {reason}"), hint.to_owned())
     }
 
     fn mode_text(&self, mode: i64) -> String {
