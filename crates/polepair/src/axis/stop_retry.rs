@@ -179,7 +179,7 @@ impl Axis {
     /// Comes to rest along the ramp, and returns once the motor was seen to stand by what the drive
     /// measures, if it measures anything. A motor that turns on is told again. Overtakes everything
     /// else, whoever asked for it. The drive's own program (TMCL, TML), which would move the motor again, is
-    /// ended too; [`AxisStatus::program_end`] says whether one ran.
+    /// ended too; [`AxisStatus::program_end`](polepair_core::axis::AxisStatus::program_end) says whether one ran.
     ///
     /// # Errors
     /// [`Error`] by blame.
