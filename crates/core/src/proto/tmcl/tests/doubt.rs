@@ -128,7 +128,7 @@ fn a_backlog_of_earlier_programs_is_not_taken() {
 
 /// The reply that a second module with the same address gives.
 fn reply_of_twin(reply: &[u8]) -> Vec<u8> {
-    let mut other = Reply::parse(reply.try_into().unwrap()).unwrap();
+    let mut other = Reply::parse(reply).unwrap();
     other.value = other.value.wrapping_add(1_000_000);
     other.emit().to_vec()
 }
@@ -162,7 +162,7 @@ fn a_reply_that_is_repeated_now_and_then_is_believed() {
         let mut count = 0_u32;
         wire.replies = Box::new(move |_, reply| {
             count += 1;
-            let again = (count % 2 == 0).then(|| (2, reply.to_vec()));
+            let again = count.is_multiple_of(2).then(|| (2, reply.to_vec()));
             Some([(0, reply.to_vec())].into_iter().chain(again).collect())
         });
         assert_eq!(wire.read(1), Ok(1007), "{seed}");
