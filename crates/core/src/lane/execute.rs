@@ -496,7 +496,6 @@ fn handle_program_answer<R: Request, A: Copy + 'static>(
     let asked = run.stage == StepStage::QueryProgram;
     match raw {
         Ok(raw) if asked && slot.driver.is_program_running(raw) => {
-            slot.state.program_end = Some(ProgramEnd::Ended);
             run.stage = StepStage::EndProgram;
         }
         Ok(_) if asked => {
@@ -504,13 +503,14 @@ fn handle_program_answer<R: Request, A: Copy + 'static>(
             run.resume_stop(false);
         }
         Ok(_) => {
-            slot.state.program_end.get_or_insert(ProgramEnd::MayHaveRun);
+            let asks = slot.driver.program_request(ProgramCommand::QueryProgram).is_some();
+            slot.state.program_end =
+                Some(if asks { ProgramEnd::Ended } else { ProgramEnd::MayHaveRun });
             run.resume_stop(true);
         }
         // It runs no programs.
         Err(Failure::Refused { .. }) if asked => run.resume_stop(false),
         Err(failure) => {
-            slot.state.program_end = None;
             run.undo_reason.get_or_insert(failure);
             run.resume_stop(true);
         }
