@@ -60,7 +60,7 @@ pub fn note_missing_unit(axis: &Axis, id: ParameterId) {
     let Some((why, values)) = axis.unit_problem_parts(id) else { return };
     let mut noted = NOTED.lock().unwrap_or_else(PoisonError::into_inner);
     if noted.insert(format!("{} {why}", axis.label())) {
-        let name = axis.profile().parameter(id).map_or("", |parameter| parameter.name);
+        let name = axis.parameter(id).map_or("", |parameter| parameter.name);
         let values = if values.is_empty() { values } else { format!(" ({values})") };
         print_note(&format!(
             "note: {}: `{name}` has no unit, the drive's own number is shown: {why}{values}",

@@ -48,3 +48,37 @@ impl Drop for ReadProgress {
         self.bar.finish_and_clear();
     }
 }
+
+/// How many bytes were transferred, of a number that may not be known.
+pub struct DataProgress {
+    bar: ProgressBar,
+    started_at: Instant,
+    is_hidden: bool,
+}
+
+impl DataProgress {
+    /// `verb` says what is done with the bytes: `read`, `written`.
+    pub fn new(verb: &str) -> Self {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
+        let form = format!("{{spinner}} {{bytes}} {verb}, {{bytes_per_sec}}");
+        if let Ok(style) = ProgressStyle::with_template(&form) {
+            bar.set_style(style);
+        }
+        Self { bar, started_at: clock::now(), is_hidden: io::stderr().is_terminal() }
+    }
+
+    /// So many bytes in all.
+    pub fn set(&mut self, bytes: usize) {
+        self.bar.set_position(bytes as u64);
+        if self.is_hidden && clock::now().since(self.started_at) > BAR_DELAY {
+            self.is_hidden = false;
+            self.bar.set_draw_target(ProgressDrawTarget::stderr());
+        }
+    }
+}
+
+impl Drop for DataProgress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}

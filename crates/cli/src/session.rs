@@ -97,6 +97,8 @@ pub fn read_signal(axis: &Axis, signal: Signal) -> Result<Option<Value>> {
         step: 1.0,
         unit: polepair_core::units::Unit::None,
         word: None,
+        encoding: value.encoding,
+        is_raw: true,
     };
     Ok(Some(match source.equals {
         Some(equals) if masked != equals && signal == Signal::Moving => {

@@ -197,7 +197,7 @@ pub fn warn_ignored_files(connector: &Connector) {
 
 /// One step of a plan: its bytes, and what they do.
 fn describe_step(axis: &Axis, step: &Rehearsal) -> String {
-    let name = |id| axis.profile().parameter(id).map_or("?", |parameter| parameter.name);
+    let name = |id| axis.parameter(id).map_or("?", |parameter| parameter.name);
     let does = match step.step {
         RehearsalAction::Read(id) => format!("read {}", name(id)),
         RehearsalAction::Write(id, raw) => format!("write {} = {raw} raw", name(id)),

@@ -4,7 +4,7 @@ mod conversation;
 mod effect;
 
 use crate::error::WireError;
-use crate::profile::{Parameter, Profile};
+use crate::profile::{Encoding, Parameter, ParameterAddress, Profile};
 
 pub use conversation::{
     ConversationContext, FrameRole, FrameValue, ReplyCount, ReplyExpectation, SequencePosition,
@@ -284,6 +284,36 @@ pub trait Dissector: Sync {
     ) -> bool {
         let _ = (name, value, profile, sink);
         false
+    }
+    /// Reads a parameter's number in the protocol's own notation, such as `0x2030:1:u16`; `None` where
+    /// the text has not the form of a number.
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        let _ = text;
+        None
+    }
+    /// An address with all that it can have, as an example.
+    fn address_example(&self) -> &'static str {
+        ""
+    }
+    /// Writes an address as [`parse_address`](Self::parse_address) reads it, without its type.
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        let _ = (address, out);
+    }
+    /// The parameter at an address that no profile describes, as far as the protocol itself tells. It
+    /// has no name.
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address.describe(Encoding::I32)
+    }
+    /// Whether a drive that refuses with that code has no block transfer: nothing was transferred, and
+    /// it can be asked without blocks.
+    fn refuses_blocks(&self, code: u32) -> bool {
+        let _ = code;
+        false
+    }
+    /// The profiles of a standard: they describe what every drive of the protocol has at the same
+    /// address, if it has it.
+    fn standard_profiles(&self) -> &'static [&'static str] {
+        &[]
     }
     /// Tells how a parameter is reached on the wire, where that is more than its number.
     fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {

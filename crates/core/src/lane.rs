@@ -30,7 +30,7 @@ use crate::error::{Failure, Outcome, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::Medium;
 use crate::plan::Step;
-use crate::profile::{AddressRole, ParameterId, Profile};
+use crate::profile::{AddressRole, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand};
 use crate::station::{
     AxisIndex, Counters, EventSubject, Host, HostEvent, LineEvent, Request, RequestClass, Station,
@@ -82,8 +82,13 @@ impl<M: Medium, H: Host<M>> core::fmt::Debug for Lane<M, H> {
 
 /// The steps by which a lane writes one parameter: permanent memory is spared, or asked for.
 #[must_use]
-pub fn write_steps(profile: &Profile, id: ParameterId, raw: i64, keep: bool) -> Vec<Step> {
-    let steps = StepSource::Write(WriteSteps::new(profile, id, raw, keep));
+pub fn write_steps(
+    profile: &Profile,
+    parameter: (ParameterId, &Parameter),
+    raw: i64,
+    keep: bool,
+) -> Vec<Step> {
+    let steps = StepSource::Write(WriteSteps::new(profile, parameter, raw, keep));
     (0..=u8::MAX).map_while(|at| steps.step(at)).collect()
 }
 
@@ -206,7 +211,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                     if job.no_retry {
                         self.host.disable_retries(Ticket(n as u32));
                     }
-                    slot.state.motion_active |= job.starts_motion(slot.profile, in_flight);
+                    slot.state.motion_active |= job.starts_motion(slot, in_flight);
                 }
                 self.jobs.mark_sent(n);
             }
@@ -387,6 +392,17 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         }
     }
 
+    /// What may move the motor is written to an armed axis only, and to none that follows set-points.
+    fn check_moves(&self, axis: AxisIndex, parameter: &Parameter) -> Result<(), Unsupported> {
+        if parameter.moves && !self.slot(axis)?.state.armed {
+            return Err(Unsupported::NotArmed);
+        }
+        if parameter.moves && self.in_cyclic_motion(axis) {
+            return Err(Unsupported::Busy);
+        }
+        Ok(())
+    }
+
     /// One request of the protocol's own: what may move the motor needs an armed axis, what stops it
     /// ends what runs.
     fn queue_raw_request(
@@ -439,7 +455,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                 }
             }
             Step::Store(id) => {
-                let parameter = slot.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
+                let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
                 (RehearsalAction::Store(id), slot.driver.store_request(parameter)?)
             }
             Step::Wait { ms } => {

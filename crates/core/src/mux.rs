@@ -15,7 +15,7 @@ use crate::error::{Outcome, Unsupported};
 use crate::explain::RawFrame;
 use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::medium::{Can, CanLine, Frame};
-use crate::profile::{AddressRole, NoScale, ParameterId, Profile};
+use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand};
 use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
 use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
@@ -144,6 +144,20 @@ impl Axes for Mux {
     fn profile(&self, axis: AxisIndex) -> Option<&'static Profile> {
         let (lane, axis) = self.lane_of(axis)?;
         lane.profile(axis)
+    }
+
+    fn parameter(&self, axis: AxisIndex, id: ParameterId) -> Option<&'static Parameter> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.parameter(axis, id)
+    }
+
+    fn add_parameter(
+        &mut self,
+        axis: AxisIndex,
+        parameter: &'static Parameter,
+    ) -> Option<ParameterId> {
+        let (lane, axis) = self.lane_of_mut(axis).ok()?;
+        lane.add_parameter(axis, parameter)
     }
 
     fn is_confirmed(&self, axis: AxisIndex) -> bool {

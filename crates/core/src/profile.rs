@@ -1,9 +1,15 @@
 //! A drive as data: parameters, faults, signals and plans in tables that are written by people as
 //! TOML and read here as constants.
 
+mod address;
+mod encoding;
+
 use crate::medium::MediumKind;
 use crate::plan::Plan;
 use crate::units::Unit;
+
+pub use address::{ParameterAddress, encoding_word, parse_address_number, parse_encoding};
+pub use encoding::Encoding;
 
 /// Position of a parameter in [`Profile::parameters`].
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -209,7 +215,7 @@ impl Watchdog {
 }
 
 /// One named setting or reading of a drive.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Parameter {
     /// The word users type: `max current`.
     pub name: &'static str,
@@ -250,36 +256,11 @@ pub struct Parameter {
     pub values: &'static [(i64, &'static str)],
 }
 
-/// How a raw value lies on the wire.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Encoding {
-    /// One bit.
-    Bit,
-    /// Unsigned 8 bits, where objects have such a length.
-    U8,
-    /// Signed 8 bits, where objects have such a length.
-    I8,
-    /// Unsigned 16 bits, one register.
-    U16,
-    /// Signed 16 bits, one register.
-    I16,
-    /// Unsigned 32 bits; on Modbus two registers, high word first.
-    U32,
-    /// Signed 32 bits; on Modbus two registers, high word first.
-    I32,
-    /// Signed 32 bits in two registers, low word first.
-    I32LowFirst,
-    /// Signed 32 bits of which the lower 16 are the fraction: raw counts 65536ths.
-    Fixed,
-    /// Two signed registers: tens in the first, thousandths in the second. Raw counts thousandths.
-    TensAndThousandths,
-}
-
-impl Encoding {
-    /// Whether raw values may be negative.
+impl Parameter {
+    /// Whether a raw value lies within its limits.
     #[must_use]
-    pub const fn is_signed(self) -> bool {
-        !matches!(self, Self::Bit | Self::U8 | Self::U16 | Self::U32)
+    pub fn allows(&self, raw: i64) -> bool {
+        self.encoding.is_between(raw, self.min, self.max)
     }
 }
 

@@ -177,18 +177,23 @@ pub struct ParameterInfo {
 pub struct ParameterReading {
     /// Its name.
     pub name: String,
-    /// In [`ParameterInfo::unit`].
+    /// In [`ParameterInfo::unit`]; none for text and bytes.
     #[schema(required)]
     pub value: Option<f64>,
-    /// As the drive has it.
-    pub raw: i64,
+    /// As the drive has it; none for text and bytes.
+    #[schema(required)]
+    pub raw: Option<i64>,
     /// That unit.
     pub unit: String,
     /// The value's word, where it has one.
     #[schema(required)]
     pub word: Option<String>,
-    /// As people read it, with no more digits than the drive has.
+    /// As people read it, with no more digits than the drive has. Bytes are in hexadecimal.
     pub text: String,
+    /// What the manual calls it: `AP 6`, `1018h:1`.
+    pub symbol: String,
+    /// `number`, `text` or `bytes`.
+    pub kind: String,
 }
 
 /// `POST /api/v1/axes/{id}/parameters`.

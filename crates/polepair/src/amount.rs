@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::quantity;
-use polepair_core::profile::Parameter;
+use polepair_core::profile::{Encoding, Parameter, Scale};
 use polepair_core::units::Unit;
 use std::fmt;
 
@@ -64,6 +64,14 @@ impl Amount {
                 if let Some((raw, _)) = word {
                     return Ok(ResolvedAmount::Raw(*raw));
                 }
+                let plain = parameter.scale == Scale::ONE && unit == Unit::None;
+                if plain && !parameter.encoding.is_real() {
+                    // A float has not the digits of 64 bits.
+                    if let Some(whole) = parse_whole(text) {
+                        let raw = raw_of_whole(parameter.encoding, whole);
+                        return raw.map(ResolvedAmount::Raw).ok_or_else(|| out_of_bits(text));
+                    }
+                }
                 let measure =
                     quantity::parse(text).map_err(|error| with_word_hint(error, parameter))?;
                 measure.in_unit(unit).map(ResolvedAmount::Si)
@@ -96,6 +104,41 @@ fn with_word_hint(error: Error, parameter: &Parameter) -> Error {
     Error::usage("E217", error.to_string(), hint)
 }
 
+/// A whole number, decimal or hexadecimal.
+fn parse_whole(text: &str) -> Option<i128> {
+    let (sign, digits) = match text.trim().strip_prefix('-') {
+        Some(digits) => (-1, digits),
+        None => (1, text.trim()),
+    };
+    let hex = digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X"));
+    let (digits, radix) = hex.map_or((digits, 10), |digits| (digits, 16));
+    let right = !digits.is_empty() && digits.chars().all(|c| c.is_digit(radix));
+    let magnitude = right.then(|| i128::from_str_radix(digits, radix).ok()).flatten()?;
+    Some(sign * magnitude)
+}
+
+fn raw_of_whole(encoding: Encoding, whole: i128) -> Option<i64> {
+    match encoding {
+        Encoding::U64 | Encoding::U64LowFirst => u64::try_from(whole).ok().map(u64::cast_signed),
+        _ => i64::try_from(whole).ok(),
+    }
+}
+
+fn out_of_bits(text: &str) -> Error {
+    Error::usage("E216", format!("{text} does not fit 64 bits"), "")
+}
+
+/// A raw value as a number, without sign where its type has none.
+#[must_use]
+pub fn format_raw(encoding: Encoding, raw: i64) -> String {
+    match encoding {
+        Encoding::U64 | Encoding::U64LowFirst | Encoding::AnyLength => {
+            raw.cast_unsigned().to_string()
+        }
+        _ => raw.to_string(),
+    }
+}
+
 fn require_finite(number: f64) -> Result<f64, Error> {
     if number.is_finite() {
         return Ok(number);
@@ -116,12 +159,27 @@ pub struct Value {
     pub unit: Unit,
     /// The value's name, where it has one.
     pub word: Option<&'static str>,
+    /// How the raw value lies on the wire.
+    pub encoding: Encoding,
+    /// The value is the raw one: it has neither unit nor scale.
+    pub is_raw: bool,
+}
+
+impl Value {
+    /// The raw value as a number, without sign where its type has none.
+    #[must_use]
+    pub fn raw_text(&self) -> String {
+        format_raw(self.encoding, self.raw)
+    }
 }
 
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(word) = self.word {
             return f.write_str(word);
+        }
+        if self.is_raw && !self.encoding.is_real() {
+            return f.write_str(&self.raw_text());
         }
         match decimals(self.step) {
             // Not a negative zero, nor zeros that say nothing.
@@ -157,12 +215,14 @@ fn decimals(step: f64) -> Option<i32> {
 #[cfg(test)]
 mod tests {
     use super::Value;
+    use polepair_core::profile::Encoding;
     use polepair_core::units::Unit;
 
     #[test]
     fn no_more_digits_than_the_drive_has() {
         let shown = |value: f64, step: f64| {
-            let value = Value { raw: 0, value, step, unit: Unit::Degree, word: None };
+            let (unit, encoding) = (Unit::Degree, Encoding::I32);
+            let value = Value { raw: 0, value, step, unit, word: None, encoding, is_raw: false };
             value.to_string()
         };
         assert_eq!(shown(1760.80078125, 360.0 / 4096.0), "1760.8 deg");

@@ -16,9 +16,11 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod address;
 mod argument;
 mod armed;
 mod cyclic;
+mod data;
 mod failure;
 mod mode;
 mod mounted;
@@ -35,6 +37,7 @@ mod watchdog;
 
 pub use armed::Armed;
 pub use cyclic::CyclicAxes;
+pub use data::{DATA_MAX, ParameterValue};
 pub use pending_writes::PendingWrites;
 pub use request::{PreparedCommand, RunningRequest};
 pub(crate) use stop_retry::stop_until_standstill;
@@ -48,15 +51,15 @@ use crate::error::Error;
 use crate::identify::Identification;
 use crate::mounting::ResolvedMounting;
 use crate::simulate::Simulation;
-use crate::spelling;
 use crate::url::AxisNumber;
 use failure::RequestKind;
 use polepair_core::axis::{AxisStatus, Command, Reading, RehearsalAction, RehearsalStep, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{Frame, MediumKind};
 use polepair_core::plan::{Argument, Operand, Step};
-use polepair_core::profile::{Parameter, ParameterId, Profile, Signal};
+use polepair_core::profile::{Parameter, ParameterId, Profile, Scale, Signal};
 use polepair_core::station::AxisIndex;
+use polepair_core::units::Unit;
 use polepair_link::Connection;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -161,24 +164,6 @@ impl Axis {
         self.profile.parameters
     }
 
-    /// The parameter of that name or symbol; case, spaces, hyphens and underscores do not matter.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] `E213` with the nearest name.
-    pub fn find(&self, name: &str) -> Result<ParameterId, Error> {
-        self.profile.find_parameter(name).ok_or_else(|| {
-            let names = self.profile.parameters.iter().map(|p| p.name);
-            let near = spelling::suggestion(name, names);
-            let what = format!("{} has no parameter `{name}`{near}", self.profile.name);
-            Error::usage("E213", what, "`polepair params` lists them")
-        })
-    }
-
-    fn parameter(&self, id: ParameterId) -> Result<&'static Parameter, Error> {
-        let parameter = self.profile.parameter(id);
-        parameter.ok_or_else(|| self.unsupported_error("reading", Unsupported::NoSuchParameter))
-    }
-
     /// Reads a parameter by name, in its unit.
     ///
     /// # Errors
@@ -269,7 +254,7 @@ impl Axis {
     /// # Errors
     /// [`Error::Usage`] `E217`; or what reading the parameters brings that the scale depends on.
     pub fn raw_of(&self, id: ParameterId, amount: &Amount) -> Result<i64, Error> {
-        let parameter = self.parameter(id)?;
+        let parameter = self.required_parameter(id)?;
         self.read_unread_factors(parameter)?;
         let si = match amount.resolve(parameter, self.unit(id))? {
             ResolvedAmount::Raw(raw) => return Ok(raw),
@@ -287,14 +272,15 @@ impl Axis {
     /// # Errors
     /// What reading the parameters brings that the scale depends on.
     pub fn value(&self, id: ParameterId, raw: i64) -> Result<Value, Error> {
-        let parameter = self.parameter(id)?;
+        let parameter = self.required_parameter(id)?;
         let convert = || self.connection.with_axes(|axes, _| axes.to_si(self.index, id, raw));
         let mut si = convert();
         if si.is_none() {
             self.read_factors(parameter)?;
             si = convert();
         }
-        let next = self.connection.with_axes(|axes, _| axes.to_si(self.index, id, raw + 1));
+        let neighbour = raw.wrapping_add(1);
+        let next = self.connection.with_axes(|axes, _| axes.to_si(self.index, id, neighbour));
         let (unit, factor) = (self.unit(id), self.factor(id));
         let shown = |si: f64| si / factor / unit.si_factor();
         let step = si.zip(next).map_or(0.0, |(si, next)| (shown(next) - shown(si)).abs());
@@ -305,6 +291,8 @@ impl Axis {
             step,
             unit,
             word: word.map(|(_, word)| *word),
+            encoding: parameter.encoding,
+            is_raw: parameter.scale == Scale::ONE && unit == Unit::None && factor == 1.0,
         })
     }
 
@@ -604,7 +592,7 @@ impl Axis {
             Step::Send { like, .. } => *like,
             _ => None,
         });
-        let mut parameters = scaled.filter_map(|id| self.profile.parameter(id));
+        let mut parameters = scaled.filter_map(|id| self.parameter(id));
         parameters.try_for_each(|p| self.read_unread_factors(p))
     }
 
@@ -622,7 +610,7 @@ impl Axis {
                 Error::usage("E213", what, format!("it tells {}", known.join(", ")))
             })?;
             if !read.contains(&source.parameter) {
-                if let Some(parameter) = self.profile.parameter(source.parameter) {
+                if let Some(parameter) = self.parameter(source.parameter) {
                     self.read_unread_factors(parameter)?;
                 }
                 if self.read_optional(source.parameter)?.is_none() {

@@ -43,7 +43,7 @@ mod toml_file;
 pub mod url;
 pub mod wire;
 
-pub use amount::{Amount, Value};
+pub use amount::{Amount, Value, format_raw};
 pub use axis::{Armed, Axis, CyclicAxes, RunningRequest, start_together};
 pub use bus::{BusLoadRange, frame_bits};
 pub use connect::{AnyTap, Connector, Link, connect};

@@ -348,14 +348,14 @@ impl Setting {
                 axis.raw_of_after(id, amount, pending).map_err(|error| self.locate_error(error))?
             }
         };
-        let Some(parameter) = axis.profile().parameter(id) else {
+        let Some(parameter) = axis.parameter(id) else {
             return Err(self.name.location.error("no such parameter").into());
         };
         let wrong = |reason: String| Err(self.name.location.error(reason).into());
         if parameter.access != Access::ReadWrite || parameter.moves {
             return wrong(format!("`{}` is no setting", parameter.name));
         }
-        if !(parameter.min..=parameter.max).contains(&raw) {
+        if !parameter.allows(raw) {
             let (min, max) = (axis.value(id, parameter.min)?, axis.value(id, parameter.max)?);
             return wrong(format!("`{}` takes {min} to {max}", parameter.name));
         }

@@ -164,7 +164,7 @@ impl PyAxis {
     fn watchdog(&self) -> (&'static str, Option<f64>, Option<&'static str>) {
         let name = || {
             let id = self.0.watchdog_parameter();
-            id.and_then(|id| self.0.profile().parameter(id)).map(|parameter| parameter.name)
+            id.and_then(|id| self.0.parameter(id)).map(|parameter| parameter.name)
         };
         match self.0.profile().watchdog {
             Watchdog::None => ("none", None, None),
@@ -184,7 +184,7 @@ impl PyAxis {
         self.run_detached(py, |axis| {
             let before = axis.watchdog_setting()?.unwrap_or_default();
             axis.set_watchdog(Some(after))?;
-            let name = |id| axis.profile().parameter(id).map(|parameter| parameter.name);
+            let name = |id| axis.parameter(id).map(|parameter| parameter.name);
             Ok(before.into_iter().filter_map(|(id, raw)| Some((name(id)?, raw))).collect())
         })
     }
@@ -210,9 +210,9 @@ impl PyAxis {
         self.0.find(name).is_ok()
     }
 
-    /// The number of the parameter of that name.
+    /// The number of the parameter of that name, or at that address.
     fn find(&self, py: Python<'_>, name: &str) -> PyResult<u16> {
-        self.0.find(name).map(|id| id.0).map_err(|error| to_py_error(py, &error))
+        self.inner(py)?.find(name).map(|id| id.0).map_err(|error| to_py_error(py, &error))
     }
 
     /// Begins to read a parameter.
@@ -262,6 +262,16 @@ impl PyAxis {
     ) -> PyResult<(f64, &'static str, Option<&'static str>, String)> {
         let value = self.run_detached(py, |axis| axis.value(ParameterId(id), raw))?;
         Ok((value.value, value.unit.symbol(), value.word, value.to_string()))
+    }
+
+    /// Reads text or bytes of a parameter, whatever its length.
+    fn read_data(&self, py: Python<'_>, id: u16) -> PyResult<Vec<u8>> {
+        self.run_detached(py, |axis| axis.read_data(ParameterId(id), true, &mut |_| {}))
+    }
+
+    /// Writes all bytes of a parameter of any length.
+    fn write_data(&self, py: Python<'_>, id: u16, data: PyBackedBytes) -> PyResult<()> {
+        self.run_detached(py, |axis| axis.write_data(ParameterId(id), &data, &mut |_| {}))
     }
 
     /// Begins a verb. Arguments are SI numbers or text with a unit.
@@ -333,7 +343,7 @@ impl PyAxis {
     /// Signals that this drive tells, with their units.
     fn signals(&self) -> Vec<(&'static str, &'static str)> {
         let unit = |source: &profile::SignalSource| {
-            let parameter = self.0.profile().parameter(source.parameter);
+            let parameter = self.0.parameter(source.parameter);
             parameter.filter(|_| source.equals.is_none()).map_or("", |p| p.unit.symbol())
         };
         self.0.profile().signals.iter().map(|s| (s.signal.name(), unit(s))).collect()
@@ -502,10 +512,20 @@ impl PyAxis {
     }
 }
 
+/// Whether that is the name of a signal, which not every drive has.
+#[pyfunction]
+pub fn is_signal(name: &str) -> bool {
+    find_signal(name).is_some()
+}
+
+fn find_signal(name: &str) -> Option<Signal> {
+    let plain = name.replace('_', " ");
+    Signal::ALL.into_iter().find(|signal| signal.name() == plain)
+}
+
 /// The signal of that name.
 pub fn parse_signal(py: Python<'_>, name: &str) -> PyResult<Signal> {
-    let plain = name.replace('_', " ");
-    Signal::ALL.into_iter().find(|signal| signal.name() == plain).ok_or_else(|| {
+    find_signal(name).ok_or_else(|| {
         let all: Vec<_> = Signal::ALL.iter().map(|signal| signal.name()).collect();
         let what = format!("there is no signal `{name}`");
         usage_error(py, "E213", &what, &format!("signals are {}", all.join(", ")))

@@ -62,7 +62,7 @@ impl PyEvents {
             }
             EventKind::Parameter { parameter, raw, value, unit } => {
                 let axis = self.axes.get(event.index);
-                let known = axis.and_then(|axis| axis.profile().parameter(*parameter));
+                let known = axis.and_then(|axis| axis.parameter(*parameter));
                 let name = known.map_or(String::new(), |parameter| parameter.name.to_owned());
                 ("parameter", (name, *value, *raw, unit.symbol(), None))
             }

@@ -67,6 +67,7 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(link::profiles, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::rack_of_word, module)?)?;
     module.add_function(wrap_pyfunction!(axis::begin_together, module)?)?;
+    module.add_function(wrap_pyfunction!(axis::is_signal, module)?)?;
     module.add_function(wrap_pyfunction!(process_local::forked, module)?)?;
     module.add_function(wrap_pyfunction!(guard::stop_each, module)?)?;
     module.add_function(wrap_pyfunction!(guard::stop_armed, module)?)?;

@@ -46,10 +46,15 @@ struct RemoteServer {
     bench: BenchView,
     /// Of each axis, once somebody asked for them.
     parameters: Vec<OnceLock<Vec<ParameterInfo>>>,
+    /// Addresses that are parameters of an axis: the server reads and writes them by their text.
+    addresses: Mutex<Vec<(u16, String)>>,
     /// There while something is held or watched; another one after the server was gone.
     live: Mutex<Option<LiveConnection>>,
     slots: Vec<(Mutex<AxisLeaseState>, Condvar)>,
 }
+
+/// Parameters of an axis have lower numbers, addresses this one and those above.
+const FIRST_ADDRESS: u16 = 0x8000;
 
 /// What this program has of an axis. A server gives one session one lease of an axis, whoever of its
 /// threads asks: so they share it, and the last gives it back.
@@ -97,7 +102,30 @@ impl RemoteServer {
         }
         let parameters = bench.axes.iter().map(|_| OnceLock::new()).collect();
         let slots = bench.axes.iter().map(|_| Default::default()).collect();
-        Self { gateway, bench, parameters, live: Mutex::default(), slots }
+        let addresses = Mutex::default();
+        Self { gateway, bench, parameters, addresses, live: Mutex::default(), slots }
+    }
+
+    /// The number of an address that was found on an axis before.
+    fn find_address(&self, axis: u16, text: &str) -> Option<u16> {
+        let known = lock(&self.addresses);
+        let at = known.iter().position(|(of, address)| (*of, address.as_str()) == (axis, text))?;
+        u16::try_from(at).ok()?.checked_add(FIRST_ADDRESS)
+    }
+
+    fn add_address(&self, axis: u16, text: String) -> Result<u16, GatewayError> {
+        let mut known = lock(&self.addresses);
+        let at = u16::try_from(known.len()).ok().and_then(|at| at.checked_add(FIRST_ADDRESS));
+        let too_many = || GatewayError::new("E213", "too many parameters by number");
+        let id = at.ok_or_else(too_many)?;
+        known.push((axis, text));
+        Ok(id)
+    }
+
+    /// The address that has that number.
+    fn address(&self, id: u16) -> Option<String> {
+        let at = id.checked_sub(FIRST_ADDRESS)?;
+        lock(&self.addresses).get(usize::from(at)).map(|(_, text)| text.clone())
     }
 
     fn live_connection(&self) -> Result<LiveConnection, GatewayError> {

@@ -327,7 +327,7 @@ fn parameter_names<'a>(
     axis: &Axis,
     changes: impl IntoIterator<Item = &'a SettingChange>,
 ) -> Vec<&'static str> {
-    let name = |change: &SettingChange| axis.profile().parameter(change.id).map(|p| p.name);
+    let name = |change: &SettingChange| axis.parameter(change.id).map(|p| p.name);
     changes.into_iter().filter_map(name).collect()
 }
 
@@ -339,7 +339,7 @@ fn changes_table(
 ) -> String {
     let mut table = TextTable::with_heads(&["setting", "symbol", heads[0], heads[1]]);
     for change in changes {
-        let Some(parameter) = axis.profile().parameter(change.id) else { continue };
+        let Some(parameter) = axis.parameter(change.id) else { continue };
         table.add_row([
             format!("{}{}", session.axis_prefix(axis), parameter.name),
             parameter.symbol.to_owned(),
@@ -351,13 +351,13 @@ fn changes_table(
 }
 
 fn csv_row(axis: &Axis, change: &SettingChange) -> String {
-    let parameter = axis.profile().parameter(change.id);
+    let parameter = axis.parameter(change.id);
     let (name, unit) = (parameter.map_or("", |p| p.name), change.now.unit.symbol());
     format!("{},{name},{},{},{unit}", axis.number(), change.now.value, change.wanted.value)
 }
 
 fn write_json(axis: &Axis, change: &SettingChange, out: &mut Vec<u8>) {
-    let Some(parameter) = axis.profile().parameter(change.id) else { return };
+    let Some(parameter) = axis.parameter(change.id) else { return };
     out.extend_from_slice(format!("{{\"axis\":{},\"setting\":", axis.number()).as_bytes());
     jsonl::write_string(out, parameter.name);
     for (key, value) in [("now", change.now), ("wanted", change.wanted)] {

@@ -1,14 +1,20 @@
 //! `polepair get URL NAME…`
 
+use std::path::{Path, PathBuf};
+
 use clap::Args;
-use polepair::{Axis, Value};
+use polepair::Axis;
+use polepair::axis::ParameterValue;
+use polepair::url::AxisNumber;
 use polepair_capture::jsonl;
-use polepair_client::message::{AxisInfo, ParameterInfo, ParameterReading};
+use polepair_client::message::{AxisInfo, ParameterReading};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 
 use crate::cmd::params::no_such_parameter;
+use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
+use crate::progress::DataProgress;
 use crate::remote::{self, RemoteSession};
 use crate::session::Session;
 use crate::target::{DriveArgs, OutputFormat};
@@ -17,17 +23,22 @@ use crate::terminal::{DataOutput, csv_line, print_note};
 /// The columns after the axis.
 const CSV_HEADER: &str = "name,symbol,raw,value,unit";
 
-/// Reads parameters by name, with their units. A group answers drive by drive.
+/// Reads parameters by name or number, with their units. A group answers drive by drive.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair get tmcl+serial:///dev/ttyUSB0#1 \"max current\" \"actual velocity\"
   polepair get sim:tmcl --raw \"AP 6\"
-  polepair get sim:modbus-rtu all")]
+  polepair get sim:modbus-rtu all
+  polepair get canopen+socketcan://can0#5 0x1018:1 2030h:1:u16 1008h
+  polepair get canopen+socketcan://can0#5 0x1F50:1 -o firmware.bin
+
+By number: 0x2030:1:u16 (CANopen), 0x33 or \"R 51\" (Modbus), \"AP 6\", \"GP 66\" (TMCL),
+@0x0228:i32 (TML), \"SP 12\" (thruster); see docs/reference/addresses.md")]
 pub struct Get {
     #[command(flatten)]
     target: DriveArgs,
-    /// Parameters, by name or by the manual's symbol; `all` reads every one
+    /// Parameters, by name, by the manual's symbol or by number; `all` reads every one
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
     /// Print the numbers as they are on the wire
@@ -36,12 +47,18 @@ pub struct Get {
     /// How they are printed
     #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
     format: OutputFormat,
+    /// Save the bytes of one parameter in a file
+    #[arg(long, short = 'o', value_name = "FILE", conflicts_with_all = ["raw", "format"])]
+    output: Option<PathBuf>,
 }
 
 impl Get {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
         session.listen_for_interrupts();
+        if let Some(file) = &self.output {
+            return self.save_data(&session, file);
+        }
         let mut out = DataOutput::stdout();
         if self.format == OutputFormat::Csv {
             out.write_line(&format!("axis,{CSV_HEADER}"));
@@ -49,9 +66,8 @@ impl Get {
         let mut tally = ReadTally::default();
         for axis in session.axes() {
             for id in requested_parameters(axis, &self.names)? {
-                for (number, value) in
-                    tally.collect(read_each_value(axis, id), &mut out)?.iter().flatten()
-                {
+                let read = tally.collect(read_each_value(axis, id), &mut out)?;
+                for (number, value) in read.iter().flatten() {
                     self.print_value(&session, (axis, *number), id, value, &mut out);
                 }
             }
@@ -68,19 +84,34 @@ impl Get {
         }
         let mut tally = ReadTally::default();
         for axis in &axes {
-            let has = server.gateway.parameters(axis.id).map_err(remote::refusal_problem)?;
-            for name in requested_names(&has, &self.names) {
+            for name in requested_names(server, axis, &self.names)? {
                 let read =
                     server.gateway.parameter(axis.id, &name).map_err(remote::refusal_problem);
                 if let Some(read) = tally.collect(read, &mut out)? {
                     let who = server.axis_prefix(&axes, axis);
-                    let symbol = has.iter().find(|its| its.name == read.name);
-                    let symbol = symbol.map_or("", |its| &its.symbol);
-                    self.print_row(&who, &remote_row(axis, symbol, &read), &mut out);
+                    self.print_row(&who, &remote_row(axis, &read), &mut out);
                 }
             }
         }
         tally.finish(&mut out)
+    }
+
+    /// Saves the bytes of one parameter, block by block where the drive can.
+    fn save_data(&self, session: &Session, file: &Path) -> Result {
+        let ([axis], [name]) = (session.axes(), &self.names[..]) else {
+            let what = "-o saves one parameter of one axis.";
+            return Err(Problem::usage("E242", what).hint("polepair get URL#1 0x1F50:1 -o FILE"));
+        };
+        let id = find_parameter(axis, name)?;
+        let mut progress = DataProgress::new("read");
+        let data = axis.read_data(id, true, &mut |count| progress.set(count));
+        let data = data.map_err(outcome::to_problem)?;
+        drop(progress);
+        let mut out = DataOutput::to_path(Some(file))?;
+        out.buffer().extend_from_slice(&data);
+        out.flush()?;
+        print_note(&format!("{} saved in {}", plural(data.len() as u64, "byte"), file.display()));
+        Ok(Exit::Ok)
     }
 
     fn print_value(
@@ -88,10 +119,10 @@ impl Get {
         session: &Session,
         (axis, number): (&Axis, u32),
         id: ParameterId,
-        value: &Value,
+        read: &ParameterValue,
         out: &mut DataOutput,
     ) {
-        let Some(Parameter { name, symbol, .. }) = axis.profile().parameter(id) else { return };
+        let Some(Parameter { name, symbol, .. }) = axis.parameter(id) else { return };
         let who = match number == axis.number() {
             true => session.axis_prefix(axis),
             false => format!("#{number} "),
@@ -99,8 +130,10 @@ impl Get {
         if !self.raw {
             outcome::note_missing_unit(axis, id);
         }
-        let (raw, text, unit) = (value.raw, value.to_string(), value.unit.symbol());
-        let (value, link) = (value.value, None);
+        let (value, link, text) = (read.number(), None, read.to_string());
+        let raw = value.map(polepair::Value::raw_text);
+        let unit = value.map_or("", |value| value.unit.symbol());
+        let value = value.map(|value| value.value);
         self.print_row(&who, &ReadRow { number, link, name, symbol, raw, value, unit, text }, out);
     }
 
@@ -108,10 +141,10 @@ impl Get {
         match self.format {
             OutputFormat::Jsonl => write_json(read, out.buffer()),
             OutputFormat::Csv => out.write_line(&csv_row(read)),
-            OutputFormat::Text if self.raw => {
-                out.write_line(&format!("{who}{} = {}", read.name, read.raw))
+            OutputFormat::Text => {
+                let raw = read.raw.as_ref().filter(|_| self.raw);
+                out.write_line(&format!("{who}{} = {}", read.name, raw.unwrap_or(&read.text)));
             }
-            OutputFormat::Text => out.write_line(&format!("{who}{} = {}", read.name, read.text)),
         }
     }
 }
@@ -155,34 +188,45 @@ struct ReadRow<'a> {
     link: Option<u16>,
     name: &'a str,
     symbol: &'a str,
-    raw: i64,
-    value: f64,
+    /// None for text and bytes.
+    raw: Option<String>,
+    /// None for text and bytes.
+    value: Option<f64>,
     unit: &'a str,
     text: String,
 }
 
-fn remote_row<'a>(axis: &AxisInfo, symbol: &'a str, read: &'a ParameterReading) -> ReadRow<'a> {
-    let value = read.value.unwrap_or(f64::NAN);
+fn remote_row<'a>(axis: &AxisInfo, read: &'a ParameterReading) -> ReadRow<'a> {
     let number_shown = read.value.map(|value| remote::format_value(value, &read.unit));
-    let text = read.word.clone().or(number_shown).unwrap_or_else(|| format!("{} raw", read.raw));
-    let ParameterReading { name, raw, unit, .. } = read;
+    let raw_shown = read.raw.map(|raw| format!("{raw} raw"));
+    let text = read.word.clone().or(number_shown).or(raw_shown).unwrap_or(read.text.clone());
+    let ParameterReading { name, symbol, unit, .. } = read;
+    let value = read.raw.map(|_| read.value.unwrap_or(f64::NAN));
+    let raw = read.raw.map(|raw| raw.to_string());
     let (number, link) = (axis.number, Some(axis.link));
-    ReadRow { number, link, name, symbol, raw: *raw, value, unit, text }
+    ReadRow { number, link, name, symbol, raw, value, unit, text }
 }
 
 /// The names that are meant.
-fn requested_names(has: &[ParameterInfo], names: &[String]) -> Vec<String> {
-    match names {
-        [all] if all == "all" => {
-            has.iter().filter(|its| its.readable).map(|its| its.name.clone()).collect()
-        }
-        _ => names.to_vec(),
+fn requested_names(
+    server: &RemoteSession,
+    axis: &AxisInfo,
+    names: &[String],
+) -> Result<Vec<String>> {
+    if !matches!(names, [all] if all == "all") {
+        return Ok(names.to_vec());
     }
+    let has = server.gateway.parameters(axis.id).map_err(remote::refusal_problem)?;
+    Ok(has.into_iter().filter(|its| its.readable).map(|its| its.name).collect())
 }
 
 /// The value of each drive that an axis stands for, with the drive's number.
-fn read_each_value(axis: &Axis, id: ParameterId) -> Result<Vec<(u32, Value)>> {
-    let with_unit = |(number, raw)| Ok((number, axis.value(id, raw)?));
+fn read_each_value(axis: &Axis, id: ParameterId) -> Result<Vec<(u32, ParameterValue)>> {
+    if !AxisNumber(axis.number()).is_group() {
+        let read = axis.read_any(id).map_err(outcome::to_problem)?;
+        return Ok(vec![(axis.number(), read)]);
+    }
+    let with_unit = |(number, raw)| Ok((number, ParameterValue::Number(axis.value(id, raw)?)));
     let parts = axis.read_each(id).and_then(|parts| parts.into_iter().map(with_unit).collect());
     parts.map_err(outcome::to_problem)
 }
@@ -192,8 +236,9 @@ fn csv_row(read: &ReadRow<'_>) -> String {
         Some(link) => format!("{},{link}", read.number),
         None => read.number.to_string(),
     };
-    let (raw, value) = (read.raw.to_string(), read.value.to_string());
-    format!("{axis},{}", csv_line([read.name, read.symbol, &raw, &value, read.unit]))
+    let raw = read.raw.as_deref().unwrap_or("");
+    let value = read.value.map_or_else(|| read.text.clone(), |value| value.to_string());
+    format!("{axis},{}", csv_line([read.name, read.symbol, raw, &value, read.unit]))
 }
 
 fn write_json(read: &ReadRow<'_>, out: &mut Vec<u8>) {
@@ -205,8 +250,12 @@ fn write_json(read: &ReadRow<'_>, out: &mut Vec<u8>) {
     jsonl::write_string(out, read.name);
     out.extend_from_slice(b",\"symbol\":");
     jsonl::write_string(out, read.symbol);
-    out.extend_from_slice(format!(",\"raw\":{},\"value\":", read.raw).as_bytes());
-    jsonl::write_real(out, read.value);
+    let raw = read.raw.as_deref().unwrap_or("null");
+    out.extend_from_slice(format!(",\"raw\":{raw},\"value\":").as_bytes());
+    match read.value {
+        Some(value) => jsonl::write_real(out, value),
+        None => jsonl::write_string(out, &read.text),
+    }
     out.extend_from_slice(b",\"unit\":");
     jsonl::write_string(out, read.unit);
     out.extend_from_slice(b"}\n");
@@ -222,9 +271,17 @@ fn requested_parameters(axis: &Axis, names: &[String]) -> Result<Vec<ParameterId
     names.iter().map(|name| find_parameter(axis, name)).collect()
 }
 
-/// The parameter of that name.
+/// The parameter of that name, or at that address.
 pub fn find_parameter(axis: &Axis, name: &str) -> Result<ParameterId> {
-    axis.profile().find_parameter(name).ok_or_else(|| no_such_parameter(axis.profile(), name))
+    if let Some(id) = axis.profile().find_parameter(name) {
+        return Ok(id);
+    }
+    let addressed = axis.find_address(name).map_err(outcome::to_problem)?;
+    addressed.ok_or_else(|| {
+        let example = axis.address_example();
+        let problem = no_such_parameter(axis.profile(), name);
+        problem.hint(format!("{example:?} is one by its number"))
+    })
 }
 
 /// What became of several requests of which some were refused.

@@ -151,7 +151,14 @@ fn parameter_details(profile: &Profile, parameter: &Parameter) -> String {
     fact("default", parameter.default.map_or_else(String::new, |raw| value_text(parameter, raw)));
     fact("unit", parameter.unit.symbol().to_owned());
     fact("scale", scale_text(profile, parameter));
-    fact("raw", format!("{} to {}, {}", parameter.min, parameter.max, encoding_text(parameter)));
+    let raw = match parameter.encoding.is_number() {
+        true => {
+            let raw = |raw| polepair::format_raw(parameter.encoding, raw);
+            format!("{} to {}, ", raw(parameter.min), raw(parameter.max))
+        }
+        false => String::new(),
+    };
+    fact("raw", format!("{raw}{}", encoding_text(parameter)));
     fact("access", access_text(parameter).to_owned());
     fact("kept", persistence_text(parameter).to_owned());
     if parameter.moves {
@@ -212,6 +219,9 @@ fn scale_text(profile: &Profile, parameter: &Parameter) -> String {
 }
 
 fn range_text(parameter: &Parameter) -> String {
+    if !parameter.encoding.is_number() {
+        return String::new();
+    }
     match (in_own_unit(parameter, parameter.min), in_own_unit(parameter, parameter.max)) {
         (Some(min), Some(max)) => {
             format!("{} .. {}", format_number(min), format_with_unit(max, parameter.unit))
@@ -257,8 +267,20 @@ const fn encoding_text(parameter: &Parameter) -> &'static str {
         Encoding::I16 => "16 bits, signed",
         Encoding::U32 => "32 bits",
         Encoding::I32 => "32 bits, signed",
+        Encoding::U64 => "64 bits",
+        Encoding::I64 => "64 bits, signed",
+        Encoding::F32 => "floating-point, 32 bits",
+        Encoding::F64 => "floating-point, 64 bits",
+        Encoding::U32LowFirst => "32 bits, low word first",
         Encoding::I32LowFirst => "32 bits, signed, low word first",
+        Encoding::U64LowFirst => "64 bits, low word first",
+        Encoding::I64LowFirst => "64 bits, signed, low word first",
+        Encoding::F32LowFirst => "floating-point, 32 bits, low word first",
+        Encoding::F64LowFirst => "floating-point, 64 bits, low word first",
         Encoding::Fixed => "32 bits, signed, the lower 16 a fraction",
         Encoding::TensAndThousandths => "tens in one register, thousandths in the next",
+        Encoding::AnyLength => "as many bits as the drive sends",
+        Encoding::Text => "text",
+        Encoding::Bytes => "bytes",
     }
 }

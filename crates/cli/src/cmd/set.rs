@@ -1,5 +1,6 @@
 //! `polepair set URL NAME=VALUE…`
 
+mod data_write;
 mod readdress;
 
 use std::collections::BTreeMap;
@@ -18,19 +19,24 @@ use crate::session::{Session, read_parameter};
 use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, print_note};
 use crate::value;
+use data_write::DataWrite;
 use readdress::AddressChange;
 
-/// Writes parameters by name, with units, checked against their limits.
+/// Writes parameters by name or number, with units, checked against their limits.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair set tmcl+serial:///dev/ttyUSB0#1 \"max current=1.2A\"
   polepair set sim:tmcl \"AP 4=2000\" --raw --store
-  polepair set sim:modbus-rtu \"internal speed=200rpm\" --arm")]
+  polepair set sim:modbus-rtu \"internal speed=200rpm\" --arm
+  polepair set canopen+socketcan://can0#5 0x2030:1:u16=5 --arm
+  polepair set canopen+socketcan://can0#5 0x1F50:1=@firmware.bin
+
+By number as in get. What no table describes may do anything: it needs --arm.")]
 pub struct Set {
     #[command(flatten)]
     target: DriveArgs,
-    /// NAME=VALUE, with a unit or in the parameter's own; a value may be a name
+    /// NAME=VALUE, with a unit or in the parameter's own; a value may be a name, or @FILE for bytes
     #[arg(required = true, value_name = "NAME=VALUE")]
     settings: Vec<String>,
     /// The values are numbers as on the wire
@@ -103,10 +109,14 @@ impl Set {
         for axis in session.axes() {
             // All are checked before the first is written. What scales others goes first, and they are
             // what they mean by it.
-            let mut wanted = Vec::new();
+            let (mut wanted, mut data_writes) = (Vec::new(), Vec::new());
             for setting in &self.settings {
                 let (name, value) = split_assignment(setting)?;
-                wanted.push((find_parameter(axis, name)?, value));
+                let id = find_parameter(axis, name)?;
+                match DataWrite::for_setting(axis, id, value)? {
+                    Some(write) => data_writes.push(write),
+                    None => wanted.push((id, value)),
+                }
             }
             wanted.sort_by_key(|(id, _)| !axis.scales(*id));
             let (mut writes, mut pending) = (Vec::new(), PendingWrites::default());
@@ -124,6 +134,9 @@ impl Set {
                     let planned = planned_change(axis, id, raw, &pending)?;
                     out.write_line(&format!("{}{planned}", session.axis_prefix(axis)));
                 }
+                for write in &data_writes {
+                    out.write_line(&format!("{}{}", session.axis_prefix(axis), write.planned()));
+                }
                 continue;
             }
             if self.arm {
@@ -131,6 +144,11 @@ impl Set {
             }
             for (id, raw) in writes {
                 self.write_one(&session, axis, id, raw, &mut out)?;
+                out.flush()?;
+            }
+            for write in &data_writes {
+                let written = write.apply(axis)?;
+                out.write_line(&format!("{}{written}", session.axis_prefix(axis)));
                 out.flush()?;
             }
             axis.arm(false);
@@ -150,7 +168,7 @@ impl Set {
         text: &str,
         pending: &PendingWrites,
     ) -> Result<i64> {
-        let Some(parameter) = axis.profile().parameter(id) else { return Ok(0) };
+        let Some(parameter) = axis.parameter(id) else { return Ok(0) };
         if self.raw {
             return value::parse_whole(text).ok_or_else(|| {
                 let what = format!("{text:?} is not a whole number.");
@@ -162,7 +180,7 @@ impl Set {
         }
         let raw =
             axis.raw_of_after(id, &Amount::from(text), pending).map_err(outcome::to_problem)?;
-        if raw < parameter.min || raw > parameter.max {
+        if !parameter.allows(raw) {
             return Err(out_of_range(axis, id, parameter, text));
         }
         Ok(raw)
@@ -176,7 +194,7 @@ impl Set {
         raw: i64,
         out: &mut DataOutput,
     ) -> Result<()> {
-        let Some(parameter) = axis.profile().parameter(id) else { return Ok(()) };
+        let Some(parameter) = axis.parameter(id) else { return Ok(()) };
         axis.write(id, raw, self.store).map_err(outcome::to_problem)?;
         let value = match parameter.access {
             Access::Write => axis.value(id, raw).map_err(outcome::to_problem)?,
@@ -210,7 +228,7 @@ fn planned_change(
     raw: i64,
     pending: &PendingWrites,
 ) -> Result<String> {
-    let Some(parameter) = axis.profile().parameter(id) else { return Ok(String::new()) };
+    let Some(parameter) = axis.parameter(id) else { return Ok(String::new()) };
     let to = axis.value_after(id, raw, pending).map_err(outcome::to_problem)?.to_string();
     let from = match parameter.access {
         Access::Write => None,
@@ -249,7 +267,7 @@ fn read_back(
     let name = &change.name;
     let read = server.gateway.parameter(axis, name).map_err(remote::refusal_problem)?;
     let shown = |value| remote::format_value(value, &change.unit);
-    let now = read.value.map_or_else(|| format!("{} raw", read.raw), shown);
+    let now = read.value.map_or(read.text, shown);
     out.write_line(&format!("{who}{name} = {}", read.word.unwrap_or(now)));
     if read.value == Some(change.to) {
         return Ok(());

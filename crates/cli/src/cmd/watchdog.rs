@@ -140,7 +140,7 @@ pub fn parse_time(text: &str) -> Result<Option<Duration>> {
 /// How a drive's watchdog is set, with the parameter that sets it.
 pub fn watchdog_text(axis: &Axis, state: WatchdogState) -> String {
     let id = axis.watchdog_parameter();
-    match (id.and_then(|id| axis.profile().parameter(id)), state) {
+    match (id.and_then(|id| axis.parameter(id)), state) {
         (Some(parameter), WatchdogState::None) => {
             let does = "the motor keeps doing what it was last told";
             format!("{ABSENT_TEXT} (`{}`): {does}", parameter.name)

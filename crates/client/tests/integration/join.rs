@@ -135,7 +135,7 @@ fn parameters_are_planned_written_and_read() {
     let live = gateway.live().unwrap();
     let lease = live.acquire_lease(0).unwrap();
     gateway.write_parameters(0, &WriteParameters { epoch: lease.epoch(), ..real }).unwrap();
-    assert_eq!(gateway.parameter(0, "max current").unwrap().raw, 12);
+    assert_eq!(gateway.parameter(0, "max current").unwrap().raw, Some(12));
     assert_eq!(gateway.write_parameters(0, &current("99 A")).unwrap_err().code, "E216");
     assert_eq!(gateway.parameter(0, "max curent").unwrap_err().exit() as u8, 2);
 }

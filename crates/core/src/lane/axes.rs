@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::axis::UnmetWait;
-use crate::profile::NoScale;
+use crate::profile::{Access, NoScale, Parameter};
 
 impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     fn axis_count(&self) -> usize {
@@ -15,6 +15,18 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
 
     fn profile(&self, axis: AxisIndex) -> Option<&'static Profile> {
         Some(self.slot(axis).ok()?.profile)
+    }
+
+    fn parameter(&self, axis: AxisIndex, id: ParameterId) -> Option<&'static Parameter> {
+        self.slot(axis).ok()?.parameter(id)
+    }
+
+    fn add_parameter(
+        &mut self,
+        axis: AxisIndex,
+        parameter: &'static Parameter,
+    ) -> Option<ParameterId> {
+        self.slots.get_mut(usize::from(axis.0))?.add_parameter(parameter)
     }
 
     fn is_confirmed(&self, _axis: AxisIndex) -> bool {
@@ -89,6 +101,42 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         self.jobs.add(ticket, axis, JobTask::Read(parameter), false)
     }
 
+    fn read_data(
+        &mut self,
+        _now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        id: ParameterId,
+        block: bool,
+    ) -> Result<(), Unsupported> {
+        let slot = self.slot(axis)?;
+        let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
+        if parameter.access == Access::Write {
+            return Err(Unsupported::WriteOnly(id));
+        }
+        let request = slot.driver.data_read_request(parameter, block)?;
+        self.queue_raw_request(ticket, axis, request)
+    }
+
+    fn write_data(
+        &mut self,
+        _now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        id: ParameterId,
+        size: u32,
+        block: bool,
+    ) -> Result<(), Unsupported> {
+        let slot = self.slot(axis)?;
+        let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
+        if parameter.access == Access::Read {
+            return Err(Unsupported::ReadOnly(id));
+        }
+        self.check_moves(axis, parameter)?;
+        let request = self.slot(axis)?.driver.data_write_request(parameter, size, block)?;
+        self.queue_raw_request(ticket, axis, request)
+    }
+
     fn write_parameter(
         &mut self,
         _now: Instant,
@@ -100,14 +148,10 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
         let parameter = slot.check_writable(id, raw)?;
-        if parameter.moves && !slot.state.armed {
-            return Err(Unsupported::NotArmed);
-        }
-        if parameter.moves && self.in_cyclic_motion(axis) {
-            return Err(Unsupported::Busy);
-        }
+        let profile = slot.profile;
+        self.check_moves(axis, parameter)?;
         self.check_address_change(axis, parameter, raw)?;
-        let steps = StepSource::Write(WriteSteps::new(slot.profile, id, raw, keep));
+        let steps = StepSource::Write(WriteSteps::new(profile, (id, parameter), raw, keep));
         let command = Command::new(crate::axis::Verb::Store);
         let run = PlanRun::new(steps, &[], command, None);
         self.jobs.add(ticket, axis, JobTask::Run(run), false)
@@ -261,7 +305,7 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         id: ParameterId,
         raw: i64,
     ) -> Result<Option<AddressRole>, Unsupported> {
-        let parameter = self.slot(axis)?.profile.parameter(id);
+        let parameter = self.slot(axis)?.parameter(id);
         self.check_address_change(axis, parameter.ok_or(Unsupported::NoSuchParameter)?, raw)
     }
 

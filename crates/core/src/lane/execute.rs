@@ -231,7 +231,7 @@ fn step_request<R: Request, A: Copy + 'static>(
             }
         }
         (Step::Store(id), _) => {
-            let parameter = slot.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
+            let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
             Ok(Some((slot.driver.store_request(parameter)?, InFlight::Send(RequestClass::NoRetry))))
         }
         (Step::Wait { ms }, _) => {
@@ -404,8 +404,7 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
     }
     match (in_flight, raw) {
         (InFlight::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
-            let readable =
-                slot.profile.parameter(id).is_some_and(|p| p.access == Access::ReadWrite);
+            let readable = slot.parameter(id).is_some_and(|p| p.access == Access::ReadWrite);
             if class == RequestClass::ReadBack && readable {
                 run.stage = StepStage::ReadBack(id, value);
                 return JobState::Ready;
@@ -543,7 +542,7 @@ fn count_flash_write<R: Request, A: Copy + 'static>(
     id: ParameterId,
     run: &PlanRun,
 ) {
-    let always = slot.profile.parameter(id).is_some_and(|p| p.persistence == Persistence::Always);
+    let always = slot.parameter(id).is_some_and(|p| p.persistence == Persistence::Always);
     let stored = matches!(run.current_step(), Some(Step::Ensure(..)))
         && slot.profile.ram.is_some_and(|ram| ram.parameter == id);
     slot.state.flash_writes += u32::from(always || stored);

@@ -1,6 +1,7 @@
 //! One thing a lane was asked to do, and how far it is.
 
 use super::guard::{GuardRead, WaitGuard};
+use super::slot::AxisSlot;
 use super::transfer::TransferKind;
 use crate::axis::{Command, Verb};
 use crate::error::{Extent, Failure, Outcome};
@@ -27,8 +28,12 @@ pub struct Job<R> {
 
 impl<R: Request> Job<R> {
     /// Whether a request of it sets the axis going.
-    pub fn starts_motion(&self, profile: &Profile, in_flight: InFlight) -> bool {
-        let moves = |id| profile.parameter(id).is_some_and(|parameter| parameter.moves);
+    pub fn starts_motion<A: Copy + 'static>(
+        &self,
+        slot: &AxisSlot<R, A>,
+        in_flight: InFlight,
+    ) -> bool {
+        let moves = |id| slot.parameter(id).is_some_and(|parameter| parameter.moves);
         match (&self.task, in_flight) {
             (JobTask::Run(run), InFlight::Write(..) | InFlight::Send(_))
                 if run.undo_reason.is_none() =>
@@ -203,11 +208,15 @@ pub struct WriteSteps {
 }
 
 impl WriteSteps {
-    pub fn new(profile: &Profile, id: ParameterId, raw: i64, store: bool) -> Self {
-        let persistence = profile.parameter(id).map(|p| p.persistence);
-        let spares = persistence == Some(Persistence::UnlessRam);
+    pub fn new(
+        profile: &Profile,
+        (id, parameter): (ParameterId, &Parameter),
+        raw: i64,
+        store: bool,
+    ) -> Self {
+        let spares = parameter.persistence == Persistence::UnlessRam;
         let ram = profile.ram.filter(|ram| spares && ram.parameter != id);
-        Self { id, raw, store, ram, storable: persistence == Some(Persistence::Storable) }
+        Self { id, raw, store, ram, storable: parameter.persistence == Persistence::Storable }
     }
 
     fn step(&self, at: u8) -> Option<Step> {

@@ -192,7 +192,7 @@ impl<R: Request> JobTable<R> {
     ) {
         let Some(Some(job)) = self.jobs.get_mut(n) else { return };
         let Some(slot) = slots.get_mut(usize::from(job.axis)) else { return };
-        let parameter = job.in_flight.parameter().and_then(|id| slot.profile.parameter(id));
+        let parameter = job.in_flight.parameter().and_then(|id| slot.parameter(id));
         let raw = match answer {
             Ok(answer) => slot.driver.decode_answer(parameter, answer),
             Err(failure) => Err(*failure),
@@ -217,7 +217,7 @@ impl<R: Request> JobTable<R> {
         let job = self.jobs.get_mut(n)?.as_mut()?;
         let slot = slots.get_mut(usize::from(job.axis))?;
         let (profile, parameter_id) = (slot.profile, job.in_flight.parameter());
-        let parameter = parameter_id.and_then(|id| profile.parameter(id));
+        let parameter = parameter_id.and_then(|id| slot.parameter(id));
         let raw = slot.driver.decode_answer(parameter, answer.as_ref().ok()?).ok()?;
         job.group_result = job.group_result.combine(raw, execute::passes_test(job, raw));
         let part = GroupAnswer { ticket: job.ticket, address, raw };

@@ -34,6 +34,8 @@ struct ScaleFactor {
     attempts: u8,
 }
 
+/// Parameters that are added to those of an axis' profile at most.
+const ADDED_PARAMETERS_MAX: usize = 4096;
 /// Times a factor is asked at most while what comes cannot be right.
 const ATTEMPTS_MAX: u8 = 3;
 
@@ -172,6 +174,27 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         });
     }
 
+    /// Adds a parameter that the profile does not have. It has an id of its own, and the same one if it
+    /// is added again. `None` when there are too many.
+    pub fn add_parameter(&mut self, parameter: &'static Parameter) -> Option<ParameterId> {
+        let known = self.entries.iter().position(|entry| core::ptr::eq(entry.parameter, parameter));
+        let at = known.unwrap_or(self.entries.len());
+        let id = u16::try_from(at).ok().map(ParameterId)?;
+        if known.is_none() {
+            if at >= self.profile.parameters.len() + ADDED_PARAMETERS_MAX {
+                return None;
+            }
+            self.add_entry(id, parameter);
+        }
+        Some(id)
+    }
+
+    /// The parameter of that id, in the profile or added to it.
+    #[inline]
+    pub fn parameter(&self, id: ParameterId) -> Option<&'static Parameter> {
+        self.entry(id).map(|entry| entry.parameter)
+    }
+
     /// The request that reads a parameter, if it exists and may be read.
     #[inline]
     pub fn read_request(&self, id: ParameterId) -> Result<&R, Unsupported> {
@@ -200,7 +223,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         id: ParameterId,
         raw: i64,
     ) -> Result<&'static Parameter, Unsupported> {
-        let parameter = self.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
+        let parameter = self.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
         if parameter.access == Access::Read {
             return Err(Unsupported::ReadOnly(id));
         }
@@ -230,7 +253,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     pub fn record_value(&mut self, now: Instant, id: ParameterId, raw: i64) {
         let Some(entry) = self.entries.get(usize::from(id.0)) else { return };
         if let Some(factor) = entry.factor_index.and_then(|at| self.factors.get_mut(at)) {
-            let possible = (entry.parameter.min..=entry.parameter.max).contains(&raw);
+            let possible = entry.parameter.allows(raw);
             let before = factor.raw;
             self.implausible_reply |= !factor.accept_reading(raw, possible);
             if factor.raw != before {
@@ -246,7 +269,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             let masked = raw & source.mask;
             let (raw, value) = match source.equals {
                 Some(equals) => (i64::from(masked == equals), f64::from(masked == equals)),
-                None => (masked, masked as f64 * si),
+                None => (masked, entry.parameter.encoding.number(masked) * si),
             };
             self.state.set_reading(source.signal, Reading { value, raw, at: Some(now) });
         }
@@ -385,14 +408,15 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
 
     #[inline]
     pub fn to_si(&self, id: ParameterId, raw: i64) -> Option<f64> {
-        Some(raw as f64 * self.si_per_raw(id)?)
+        let entry = self.entry(id)?;
+        Some(entry.parameter.encoding.number(raw) * self.si_per_raw(id)?)
     }
 
     pub fn to_raw(&self, id: ParameterId, si: f64) -> Option<i64> {
         if self.is_zero_scaled(id) {
             return None;
         }
-        whole_number(si / self.si_per_raw(id)?)
+        self.entry(id)?.parameter.encoding.raw(si / self.si_per_raw(id)?)
     }
 
     /// SI value of one raw unit; 1 where the value has no unit.
@@ -424,9 +448,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             },
         };
         let id = like.ok_or(Unsupported::BadArgument)?;
-        let parameter = self.profile.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
+        let parameter = self.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
         let raw = match self.is_zero_scaled(id) && command.raw {
-            true => whole_number(si),
+            true => parameter.encoding.raw(si),
             false => self.to_raw(id, si),
         };
         let raw = raw.ok_or(match self.si_per_raw(id) {
@@ -477,12 +501,6 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     }
 }
 
-/// The nearest whole number. Beyond this a float no longer counts single steps; no drive has such a number.
-fn whole_number(value: f64) -> Option<i64> {
-    let whole = libm::round(value);
-    (whole.abs() < 9.0e15).then_some(whole as i64)
-}
-
 /// Takes what the drive at an address said unasked into the state of its axes, and tells listeners.
 #[cold]
 pub fn handle_unsolicited<R: crate::station::Request, A: Copy + 'static>(
@@ -515,7 +533,8 @@ pub fn record_group_answer<R: crate::station::Request, A: Copy + 'static>(
 ) {
     let of_drive = |slot: &&mut AxisSlot<R, A>| slot.driver.address() == part.address;
     for slot in slots.iter_mut().filter(of_drive) {
-        if core::ptr::eq(slot.profile, profile) {
+        // Parameters that were added to one axis are not those of another.
+        if core::ptr::eq(slot.profile, profile) && profile.parameter(id).is_some() {
             slot.record_value(now, id, part.raw);
         }
     }
@@ -534,7 +553,7 @@ fn constant_si(parameter: &Parameter) -> Option<f64> {
 
 fn check_range(parameter: &Parameter, id: ParameterId, raw: i64) -> Result<(), Unsupported> {
     let (min, max) = (parameter.min, parameter.max);
-    if (min..=max).contains(&raw) {
+    if parameter.allows(raw) {
         return Ok(());
     }
     Err(Unsupported::OutOfRange { parameter: id, value: raw, min, max })

@@ -116,7 +116,7 @@ impl Axis {
         if id.is_some_and(|id| self.is_unscaled(id)) {
             return Some(Unit::None);
         }
-        let parameter = id.and_then(|id| self.profile.parameter(id));
+        let parameter = id.and_then(|id| self.parameter(id));
         let unit = parameter.map_or(Unit::None, |parameter| parameter.unit);
         let unit = self.mounted_unit(verb, which, unit);
         Some(if unit == Unit::None { customary_unit(self.profile.axis, which) } else { unit })
@@ -127,7 +127,7 @@ impl Axis {
     #[must_use]
     pub fn destination(&self, verb: Verb, which: Argument) -> Option<Option<&'static Parameter>> {
         let id = mounting::destination(self.profile, verb, which)?;
-        Some(id.and_then(|id| self.profile.parameter(id)))
+        Some(id.and_then(|id| self.parameter(id)))
     }
 }
 

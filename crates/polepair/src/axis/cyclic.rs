@@ -344,7 +344,7 @@ fn check_period(axis: &Axis, verb: Verb, period: Duration) -> Result<(), Error> 
         let Step::Write(id, Operand::Argument(Argument::Period)) = *step else { continue };
         let (back, parameter) = axis.connection.with_axes(|axes, _| {
             let raw = axes.to_raw(axis.index, id, seconds);
-            (raw.and_then(|raw| axes.to_si(axis.index, id, raw)), axis.profile.parameter(id))
+            (raw.and_then(|raw| axes.to_si(axis.index, id, raw)), axis.parameter(id))
         });
         let (Some(back), Some(parameter)) = (back, parameter) else { continue };
         let raw = back / parameter.unit.si_factor() / parameter.scale.factor;

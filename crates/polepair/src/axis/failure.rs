@@ -9,7 +9,7 @@ use polepair_core::axis::{UnmetWait, Verb};
 use polepair_core::error::{Extent, Failure, Outcome, Unsupported};
 use polepair_core::lane::write_steps;
 use polepair_core::plan::{Compare, Operand, Step};
-use polepair_core::profile::{Fault, ParameterId, Signal, Watchdog};
+use polepair_core::profile::{Encoding, Fault, ParameterId, Signal, Watchdog};
 use polepair_link::Cause;
 
 /// What a request is, so that its end can be told.
@@ -120,7 +120,9 @@ impl Axis {
     fn partial_execution_text(&self, kind: RequestKind, extent: Extent) -> String {
         let steps = match kind {
             RequestKind::Verb(verb) => self.profile.plan(verb).map(|plan| plan.steps.to_vec()),
-            RequestKind::Write(id, raw, keep) => Some(write_steps(self.profile, id, raw, keep)),
+            RequestKind::Write(id, raw, keep) => self
+                .parameter(id)
+                .map(|parameter| write_steps(self.profile, (id, parameter), raw, keep)),
             RequestKind::Query | RequestKind::StandstillQuery | RequestKind::Command => None,
         };
         let steps = steps.unwrap_or_default();
@@ -147,7 +149,7 @@ impl Axis {
 
     fn step_name(&self, n: usize, step: Option<&Step>) -> String {
         let set = |id: ParameterId, raw: Option<i64>| {
-            let parameter = self.profile.parameter(id);
+            let parameter = self.parameter(id);
             let name = parameter.map_or("?", |parameter| parameter.name);
             let word = |raw| parameter?.values.iter().find(|(value, _)| *value == raw);
             match raw {
@@ -218,7 +220,7 @@ impl Axis {
     fn unmet_wait_reason(&self) -> (String, String) {
         const HINT: &str = "see whether something blocks it";
         let unmet = self.connection.with_axes(|axes, _| axes.unmet_wait(self.index));
-        let unmet = unmet.and_then(|unmet| Some((unmet, self.profile.parameter(unmet.parameter)?)));
+        let unmet = unmet.and_then(|unmet| Some((unmet, self.parameter(unmet.parameter)?)));
         let Some((unmet, parameter)) = unmet else {
             return ("not reached in time".to_owned(), HINT.to_owned());
         };
@@ -250,7 +252,7 @@ impl Axis {
 
     fn mode_text(&self, mode: i64) -> String {
         let source = self.profile.signal(Signal::Mode);
-        let parameter = source.and_then(|source| self.profile.parameter(source.parameter));
+        let parameter = source.and_then(|source| self.parameter(source.parameter));
         let words = parameter.map_or(&[][..], |parameter| parameter.values);
         let word = words.iter().find(|(known, _)| *known == mode).map(|(_, word)| *word);
         word.map_or_else(|| mode.to_string(), |word| format!("{mode} ({word})"))
@@ -294,7 +296,7 @@ impl Axis {
 
     fn unsupported_reason(&self, why: Unsupported) -> (String, String) {
         let product = self.profile.name;
-        let name = |id: ParameterId| self.profile.parameter(id).map_or("it", |p| p.name);
+        let name = |id: ParameterId| self.parameter(id).map_or("it", |p| p.name);
         match why {
             Unsupported::NoSuchAxis => ("there is no such axis".into(), String::new()),
             Unsupported::NoSuchParameter => ("there is no such parameter".into(), String::new()),
@@ -309,6 +311,12 @@ impl Axis {
                     (_, false) => format!("it can {}", verbs.join(", ")),
                 };
                 (format!("{product} cannot do that, or it is not known how"), hint)
+            }
+            Unsupported::ReadOnly(id)
+                if self.parameter(id).is_some_and(|p| p.encoding == Encoding::AnyLength) =>
+            {
+                let hint = format!("give it with the address, as in `{}`", self.address_example());
+                (format!("the type of `{}` is not known", name(id)), hint)
             }
             Unsupported::ReadOnly(id) => {
                 (format!("`{}` can only be read", name(id)), String::new())
@@ -338,7 +346,7 @@ impl Axis {
     }
 
     fn range_reason(&self, id: ParameterId, value: i64, min: i64, max: i64) -> (String, String) {
-        let name = self.profile.parameter(id).map_or("it", |p| p.name);
+        let name = self.parameter(id).map_or("it", |p| p.name);
         let (unit, factor) = (self.unit(id), self.factor(id));
         // Without asking the drive: an unknown scale is shown raw.
         let shown = |raw: i64| {

@@ -12,7 +12,7 @@ impl Axis {
         let source = self.profile.signal(Signal::Mode)?;
         let reading = state.reading(Signal::Mode);
         reading.at?;
-        let own = self.profile.parameter(source.parameter).map_or(&[][..], |p| p.values);
+        let own = self.parameter(source.parameter).map_or(&[][..], |p| p.values);
         let mut names = source.values.iter().chain(own);
         let word = names.find(|(raw, _)| *raw == reading.raw).map(|(_, word)| *word);
         // Bits, as manuals write them.
@@ -53,7 +53,7 @@ impl Axis {
     fn is_within_one_count(&self, state: &AxisStatus) -> bool {
         const COUNT: u64 = 1 << 16;
         let source = self.profile.signal(Signal::Velocity);
-        let parameter = source.and_then(|source| self.profile.parameter(source.parameter));
+        let parameter = source.and_then(|source| self.parameter(source.parameter));
         parameter.is_some_and(|parameter| parameter.encoding == Encoding::Fixed)
             && state.reading(Signal::Velocity).raw.unsigned_abs() <= COUNT
     }

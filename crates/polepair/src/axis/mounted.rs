@@ -27,7 +27,7 @@ impl Axis {
         if self.is_unscaled(id) {
             return Unit::None;
         }
-        let unit = self.profile.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
+        let unit = self.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
         let role = self.own_mounting().and_then(|mounted| Some((mounted, mounted.role(id)?)));
         role.map_or(unit, |(mounted, role)| mounted.unit(role, unit))
     }
@@ -60,7 +60,7 @@ impl Axis {
         let given = ARGUMENTS.into_iter().filter(|which| command.argument(*which).is_some());
         let ids =
             given.filter_map(|which| destination(self.profile, command.verb, which).flatten());
-        let scaled = ids.filter_map(|id| Some((id, self.profile.parameter(id)?)));
+        let scaled = ids.filter_map(|id| Some((id, self.parameter(id)?)));
         scaled.filter(|(id, parameter)| !self.is_unscaled(*id) && !parameter.scale.is_constant())
     }
 
@@ -148,7 +148,7 @@ impl Axis {
     /// What a parameter's value is multiplied with on its way to the drive.
     pub(crate) fn factor(&self, id: ParameterId) -> f64 {
         let Some(mounted) = self.own_mounting() else { return 1.0 };
-        let unit = self.profile.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
+        let unit = self.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
         mounted.role(id).map_or(1.0, |role| mounted.factor(role, unit))
     }
 
@@ -288,7 +288,7 @@ impl Axis {
             Step::Write(other, Operand::Constant(raw)) if other == id => Some(raw),
             _ => None,
         });
-        let readable = self.profile.parameter(id).is_some_and(|p| p.access != Access::Write);
+        let readable = self.parameter(id).is_some_and(|p| p.access != Access::Write);
         let raw = match constant {
             Some(raw) => raw,
             None if readable => self.read(id)?,
@@ -304,7 +304,7 @@ impl Axis {
     pub(super) fn check_write(&self, id: ParameterId, raw: i64) -> Result<(), Error> {
         let Some(mounted) = self.own_mounting() else { return Ok(()) };
         let mounting = &mounted.mounting;
-        let Some(parameter) = self.profile.parameter(id) else { return Ok(()) };
+        let Some(parameter) = self.parameter(id) else { return Ok(()) };
         let role = mounted.role(id);
         let value = || self.value(id, raw).map(|value| value.value * value.unit.si_factor());
         match (role, &mounting.position) {

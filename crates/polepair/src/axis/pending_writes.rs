@@ -47,13 +47,11 @@ impl Axis {
             ResolvedAmount::Raw(raw) => return Ok(raw),
             ResolvedAmount::Si(si) => si * self.factor(id),
         };
-        let raw = (si / self.raw_step_after(parameter, pending)?).round();
-        // Beyond this a float no longer counts single steps; no drive has such a number.
-        if raw.is_finite() && raw.abs() < 9.0e15 {
-            return Ok(raw as i64);
-        }
-        let what = format!("`{}`: its scale would be zero or nothing", parameter.name);
-        Err(Error::usage("E217", what, "write what it is scaled by with another value"))
+        let raw = parameter.encoding.raw(si / self.raw_step_after(parameter, pending)?);
+        raw.ok_or_else(|| {
+            let what = format!("`{}`: its scale would be zero or nothing", parameter.name);
+            Error::usage("E217", what, "write what it is scaled by with another value")
+        })
     }
 
     /// A raw value of a parameter in its unit, as it is once what is pending was written.
@@ -70,12 +68,13 @@ impl Axis {
         let Some(parameter) = self.rescaled(id, pending) else { return Ok(value) };
         let (unit, factor) = (self.unit(id), self.factor(id));
         let step = self.raw_step_after(parameter, pending)? / factor / unit.si_factor();
-        Ok(Value { value: raw as f64 * step, step: step.abs(), ..value })
+        let number = parameter.encoding.number(raw);
+        Ok(Value { value: number * step, step: step.abs(), ..value })
     }
 
     /// The parameter, if what is pending changes its scale.
     fn rescaled(&self, id: ParameterId, pending: &PendingWrites) -> Option<&'static Parameter> {
-        let parameter = self.profile.parameter(id)?;
+        let parameter = self.parameter(id)?;
         let mut factors = parameter.scale.inputs(self.profile);
         let touched = factors.any(|factor| pending.get(factor).is_some());
         touched.then_some(parameter)

@@ -55,7 +55,7 @@ impl Axis {
     /// # Errors
     /// [`Error::Unsupported`]: nothing was sent.
     pub fn start_read(&self, id: ParameterId) -> Result<RunningRequest, Error> {
-        let what = format!("reading `{}`", self.parameter(id)?.name);
+        let what = format!("reading `{}`", self.required_parameter(id)?.name);
         let request =
             |axes: &mut dyn Axes, now, ticket| axes.read_parameter(now, ticket, self.index, id);
         self.submit(what, RequestKind::Query, request)
@@ -74,7 +74,7 @@ impl Axis {
         raw: i64,
         keep: bool,
     ) -> Result<RunningRequest, Error> {
-        let what = format!("setting `{}`", self.parameter(id)?.name);
+        let what = format!("setting `{}`", self.required_parameter(id)?.name);
         self.check_write(id, raw)?;
         let request = |axes: &mut dyn Axes, now, ticket| {
             axes.write_parameter(now, ticket, self.index, id, raw, keep)

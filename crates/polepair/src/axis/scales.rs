@@ -20,7 +20,7 @@ impl Axis {
     #[must_use]
     pub fn unit_problem(&self, id: ParameterId) -> Option<String> {
         let (why, values) = self.unit_problem_parts(id)?;
-        let name = self.profile.parameter(id)?.name;
+        let name = self.parameter(id)?.name;
         let values = if values.is_empty() { values } else { format!(" ({values})") };
         Some(format!("{}: `{name}` has no unit: {why}{values}", self.label()))
     }
@@ -36,14 +36,14 @@ impl Axis {
     /// FF410000h`. Those that it lacks are left out.
     #[must_use]
     pub fn scale_inputs(&self, id: ParameterId) -> String {
-        let Some(parameter) = self.profile.parameter(id) else { return String::new() };
+        let Some(parameter) = self.parameter(id) else { return String::new() };
         self.format_inputs(parameter.scale, parameter.scale.inputs(self.profile))
     }
 
     /// What the unit of a parameter was computed from, where a standard's rule did that.
     #[must_use]
     pub fn scale_source(&self, id: ParameterId) -> Option<String> {
-        let parameter = self.profile.parameter(id)?;
+        let parameter = self.parameter(id)?;
         parameter.scale.rule?;
         let read = |id| self.connection.with_axes(|axes, _| axes.scale_input(self.index, id));
         let signed = parameter.encoding.is_signed();
@@ -57,7 +57,7 @@ impl Axis {
         let words = scale.rule.map_or(&[][..], |rule| rule.words);
         let read = ids.filter_map(|id| {
             let raw = self.connection.with_axes(|axes, _| axes.scale_input(self.index, id))?;
-            Some((self.profile.parameter(id)?, raw))
+            Some((self.parameter(id)?, raw))
         });
         let mut read: Vec<_> = read.collect();
         if read.iter().any(|(_, raw)| *raw != 0) {
@@ -91,8 +91,7 @@ impl Axis {
         ];
         let mut lines = Vec::new();
         for (kind, id) in kinds {
-            let Some((id, parameter)) = id.and_then(|id| Some((id, self.profile.parameter(id)?)))
-            else {
+            let Some((id, parameter)) = id.and_then(|id| Some((id, self.parameter(id)?))) else {
                 continue;
             };
             if parameter.scale.rule.is_none() {

@@ -95,7 +95,7 @@ impl Axis {
     /// What the drive does when its host falls silent, as its profile has it. Nothing is asked.
     #[must_use]
     pub fn watchdog_rule(&self) -> String {
-        let name = |id| self.profile.parameter(id).map_or("?", |parameter| parameter.name);
+        let name = |id| self.parameter(id).map_or("?", |parameter| parameter.name);
         match self.profile.watchdog {
             Watchdog::None => "none: the motor keeps doing what it was last told".to_owned(),
             Watchdog::Fixed { after_ms } => {
@@ -151,7 +151,7 @@ impl Axis {
                 "it holds for connections that send a heartbeat: heartbeat=100".to_owned()
             });
         }
-        let parameter = self.watchdog_parameter().and_then(|id| self.profile.parameter(id))?;
+        let parameter = self.watchdog_parameter().and_then(|id| self.parameter(id))?;
         let stored = parameter.persistence == Persistence::Always;
         stored
             .then(|| format!("{:?} is kept in its permanent memory if it differs", parameter.name))
@@ -167,7 +167,7 @@ impl Axis {
             Watchdog::Fixed { after_ms } => Ok(on_after(after_ms.into())),
             Watchdog::Configurable { .. } => {
                 let Some(id) = self.watchdog_parameter() else { return Ok(WatchdogState::None) };
-                if self.profile.parameter(id).is_some_and(|p| p.access == Access::Write) {
+                if self.parameter(id).is_some_and(|p| p.access == Access::Write) {
                     return Ok(WatchdogState::Unknown);
                 }
                 let Some(raw) = self.read_optional(id)? else { return Ok(WatchdogState::None) };
@@ -223,7 +223,7 @@ impl Axis {
                 let raw = self.raw_of(id, &Amount::Text(format!("{} s", after.as_secs_f64())))?;
                 // What is more than nothing must not be rounded to never.
                 let raw = if after.is_zero() { 0 } else { raw.max(1) };
-                if self.profile.parameter(id).is_some_and(|p| p.access == Access::Write) {
+                if self.parameter(id).is_some_and(|p| p.access == Access::Write) {
                     self.write(id, raw, false)?;
                     return Ok(if after.is_zero() {
                         WatchdogState::Off
@@ -324,7 +324,7 @@ impl Axis {
             _ => self.watchdog_parameter().into_iter().collect(),
         };
         let reported = |id: &ParameterId| {
-            self.profile.parameter(*id).is_some_and(|found| found.access != Access::Write)
+            self.parameter(*id).is_some_and(|found| found.access != Access::Write)
         };
         if !ids.iter().all(reported) {
             return Ok(None);

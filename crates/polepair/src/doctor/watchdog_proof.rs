@@ -131,7 +131,7 @@ fn restore_watchdog(axis: &Axis, before: Option<Vec<(ParameterId, i64)>>) -> Che
         return CheckResult::suspicious(&about, text, "`polepair watchdog URL off`, or a time");
     };
     let is_stored = |id: &ParameterId| {
-        let parameter = axis.profile().parameter(*id);
+        let parameter = axis.parameter(*id);
         parameter.is_some_and(|found| found.persistence == Persistence::Always)
     };
     let memory = match before.iter().any(|(id, _)| is_stored(id)) {

@@ -3,7 +3,7 @@
 use super::object_types::DataType;
 use super::{Eds, EdsEntry, EdsObject};
 use crate::profile::draft::{Draft, DraftIdentity, DraftParameter};
-use crate::profile::{encoding_range, name_from_path, remove_missing};
+use crate::profile::{name_from_path, remove_missing};
 use crate::spelling::fold;
 use crate::toml_file::{FileError, FileLocation, Located};
 use polepair_core::profile::{Access, Certainty, Encoding, Persistence, Profile};
@@ -97,7 +97,7 @@ fn sheet_parameter(
     let process = entry.access.is_writable() && entry.mappable;
     let is_setting =
         entry.access.is_writable() && !process && !(0x1400..0x1C00).contains(&object.index);
-    let (min, max) = encoding_range(Encoding::U32);
+    let (min, max) = Encoding::U32.raw_range();
     DraftParameter {
         location: position.clone(),
         name,
@@ -132,7 +132,7 @@ fn symbol(index: u16, sub: u8) -> String {
 fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encoding) {
     if parameter.encoding != encoding {
         parameter.encoding = encoding;
-        (parameter.min, parameter.max) = encoding_range(encoding);
+        (parameter.min, parameter.max) = encoding.raw_range();
     }
     // Limits that depend on the node are not limits of the product.
     let whole = |literal: &Option<super::Literal>| literal.as_ref().and_then(|it| it.integer(0));

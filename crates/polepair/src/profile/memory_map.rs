@@ -5,7 +5,7 @@
 
 use super::draft::{Draft, DraftParameter};
 use super::missing::remove_missing;
-use super::read::{ENTRIES_MAX, encoding_range};
+use super::read::ENTRIES_MAX;
 use crate::spelling::fold;
 use crate::toml_file::{FileError, FileLocation, Located};
 use polepair_core::profile::{Access, Certainty, Encoding, Persistence};
@@ -124,14 +124,14 @@ fn relocated(mut p: DraftParameter, entry: &MapEntry<'_>) -> DraftParameter {
     p.index = entry.address;
     if p.encoding != entry.encoding {
         p.encoding = entry.encoding;
-        (p.min, p.max) = encoding_range(entry.encoding);
+        (p.min, p.max) = entry.encoding.raw_range();
     }
     p
 }
 
 /// A parameter of which only the map's line is known.
 fn undescribed(entry: &MapEntry<'_>, position: &FileLocation) -> DraftParameter {
-    let (min, max) = encoding_range(entry.encoding);
+    let (min, max) = entry.encoding.raw_range();
     let (unit, factor, per_turn) = unit_and_factor(entry);
     let over = || Located { value: COUNTS_PER_TURN.to_owned(), location: position.clone() };
     DraftParameter {

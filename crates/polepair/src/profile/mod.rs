@@ -37,7 +37,6 @@ mod tests;
 pub use setup::write_setup;
 
 pub(crate) use missing::remove_missing;
-pub(crate) use read::encoding_range;
 pub(crate) use setup::name_from_path;
 
 use crate::toml_file::{self, FileError, Located};

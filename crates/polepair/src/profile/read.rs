@@ -134,23 +134,6 @@ const CERTAINTIES: [(&str, Certainty); 3] = [
 const SEVERITIES: [(&str, Severity); 3] =
     [("note", Severity::Note), ("warning", Severity::Warning), ("fault", Severity::Fault)];
 
-/// Raw values that an encoding can carry.
-pub(crate) const fn encoding_range(encoding: Encoding) -> (i64, i64) {
-    match encoding {
-        Encoding::Bit => (0, 1),
-        Encoding::U8 => (0, u8::MAX as i64),
-        Encoding::I8 => (i8::MIN as i64, i8::MAX as i64),
-        Encoding::U16 => (0, u16::MAX as i64),
-        Encoding::I16 => (i16::MIN as i64, i16::MAX as i64),
-        Encoding::U32 => (0, u32::MAX as i64),
-        Encoding::I32 | Encoding::I32LowFirst | Encoding::Fixed => {
-            (i32::MIN as i64, i32::MAX as i64)
-        }
-        // 32767 tens and less than ten more, in thousandths.
-        Encoding::TensAndThousandths => (-327_679_999, 327_679_999),
-    }
-}
-
 /// Reads a profile. `base` gives the draft of the profile that this one extends.
 pub(crate) fn read_draft(
     file: &str,
@@ -417,7 +400,7 @@ impl ProfileReader {
     fn read_parameter(&self, table: &TomlTable<'_, '_>) -> Result<DraftParameter, FileError> {
         let encoding =
             optional_choice(table, "encoding", &ENCODINGS)?.unwrap_or(self.dialect.encoding);
-        let (min_value, max_value) = encoding_range(encoding);
+        let (min_value, max_value) = encoding.raw_range();
         let index = table.required_integer("index")?.try_map(|n| {
             u16::try_from(n).map_err(|_| format!("`index` is {n}; it must be 0 to 65535"))
         })?;

@@ -4,7 +4,7 @@ use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftParameter, DraftPlan, DraftRam, DraftSignal, DraftStep,
     DraftWatchdog, ParameterName,
 };
-use super::read::{MEMORY_PROTOCOL, encoding_range};
+use super::read::MEMORY_PROTOCOL;
 use super::step;
 use super::stops::with_stop;
 use crate::spelling::{fold, suggestion};
@@ -86,24 +86,24 @@ fn check_faults(faults: &[DraftFault]) -> Result<(), FileError> {
 }
 
 fn check_parameter(p: &DraftParameter) -> Result<(), FileError> {
-    let (min_value, max_value) = encoding_range(p.encoding);
+    let (min_value, max_value) = p.encoding.raw_range();
     let name = &p.name;
-    if p.min > p.max {
+    if p.encoding.number(p.min) > p.encoding.number(p.max) {
         let reason = format!("`{name}`: min {} is greater than max {}", p.min, p.max);
         return Err(p.location.error(reason));
     }
-    if p.min < min_value || p.max > max_value {
+    let fits = |raw: i64| p.encoding.is_between(raw, min_value, max_value);
+    if !fits(p.min) || !fits(p.max) {
         let reason = format!("`{name}`: {} to {} does not fit its encoding", p.min, p.max);
         return Err(p.location.error(reason));
     }
     let written = p.access != Access::Read;
-    if let Some(default) = p.default.filter(|d| written && !(p.min..=p.max).contains(d)) {
+    if let Some(default) = p.default.filter(|d| written && !p.encoding.is_between(*d, p.min, p.max))
+    {
         let reason = format!("`{name}`: default {default} is not within {} to {}", p.min, p.max);
         return Err(p.location.error(reason));
     }
-    if let Some((raw, word)) =
-        p.values.iter().find(|(raw, _)| !(min_value..=max_value).contains(raw))
-    {
+    if let Some((raw, word)) = p.values.iter().find(|(raw, _)| !fits(*raw)) {
         let reason = format!("`{name}`: value {raw} (`{word}`) does not fit its encoding");
         return Err(p.location.error(reason));
     }

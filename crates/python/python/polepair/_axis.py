@@ -239,9 +239,19 @@ class AxisSteps:
             raise PolepairError(what, "E101", False, hint)
 
     def _read(self, *signals: str) -> Steps[dict[str, float]]:
-        """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC."""
-        values = yield Call(self._native.read_signals, list(signals))
-        return dict(zip(signals, values, strict=True))
+        """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC.
+
+        Any other name is a parameter's, or an address such as `0x2030:1:u16`: it is read in the
+        parameter's own unit.
+        """
+        named = [name for name in signals if native.is_signal(name)]
+        values: dict[str, float] = {}
+        if named:
+            values.update(zip(named, (yield Call(self._native.read_signals, named)), strict=True))
+        for name in signals:
+            if name not in values:
+                values[name] = float((yield from self._get(name)))
+        return {name: values[name] for name in signals}
 
     def _capture(
         self, signals: Sequence[str], *, rate: float = 100.0, seconds: float = 1.0
@@ -344,6 +354,23 @@ class AxisSteps:
         at = yield from self._find(name)
         raw = yield Call(self._native.raw_of, at, given(amount))
         yield Wait(self._native.start_write(at, raw, keep))
+
+    def _read_bytes(self, name: str) -> Steps[bytes]:
+        """Reads a parameter that holds bytes, such as a domain of CANopen, by name or address."""
+        at = yield from self._find(name)
+        return bytes((yield Call(self._native.read_data, at)))
+
+    def _read_text(self, name: str) -> Steps[str]:
+        """Reads a parameter that holds text, such as `1008h` of CANopen, by name or address."""
+        return (yield from self._read_bytes(name)).decode("utf-8", "replace")
+
+    def _write_bytes(self, name: str, data: bytes) -> Steps[None]:
+        """Writes all bytes of a parameter by name or address: block by block where the drive can.
+
+        After a loss it is not repeated: the drive may have stored part of it.
+        """
+        at = yield from self._find(name)
+        yield Whole(self._native.write_data, at, data)
 
     def _set_raw(self, name: str, raw: int, *, keep: bool = False) -> Steps[None]:
         """Writes a parameter by name, as it lies in the drive."""

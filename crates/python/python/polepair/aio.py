@@ -203,8 +203,27 @@ class Axis(AxisSteps):
     step = awaitable(AxisSteps._step)
 
     async def read(self, *signals: str) -> dict[str, float]:
-        """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC."""
+        """Reads signals now, in SI: rad (m), rad/s, N·m, A, V; temperatures in degC.
+
+        Any other name is a parameter's, or an address such as `0x2030:1:u16`: it is read in the
+        parameter's own unit.
+        """
         return await self._in_turn(self._read(*signals))
+
+    async def read_text(self, name: str) -> str:
+        """Reads a parameter that holds text, such as `1008h` of CANopen, by name or address."""
+        return await self._in_turn(self._read_text(name))
+
+    async def read_bytes(self, name: str) -> bytes:
+        """Reads a parameter that holds bytes, such as a domain of CANopen, by name or address."""
+        return await self._in_turn(self._read_bytes(name))
+
+    async def write_bytes(self, name: str, data: bytes) -> None:
+        """Writes all bytes of a parameter by name or address: block by block where the drive can.
+
+        After a loss it is not repeated: the drive may have stored part of it.
+        """
+        await self._in_turn(self._write_bytes(name, data))
 
     async def raw(self, said: str | bytes, *, id: int | None = None) -> int:
         """Sends a request in the protocol's own text or bytes, and gives the value answered."""

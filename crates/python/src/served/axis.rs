@@ -7,7 +7,7 @@ use std::time::Duration;
 use polepair::quantity;
 use polepair_client::message::{
     ActiveFault, ArgumentInfo, AxisInfo, CommandArguments, ParameterInfo, ParameterInput as Said,
-    SignalValue, WriteParameters,
+    ParameterReading, SignalValue, WriteParameters,
 };
 use polepair_client::{GatewayError, Lease, PendingOperation, display_unit};
 use polepair_core::profile::same_name;
@@ -135,7 +135,7 @@ impl ServedAxis {
         self.run_detached(py, |joined| Ok(joined.parameters(id)?.iter().any(has)))
     }
 
-    /// The number of the parameter of that name.
+    /// The number of the parameter of that name, or at that address.
     fn find(&self, py: Python<'_>, name: &str) -> PyResult<u16> {
         let (id, name) = (self.info.id, name.to_owned());
         self.query_server(py, move |joined| {
@@ -145,9 +145,12 @@ impl ServedAxis {
             if let Some(at) = at.and_then(|at| u16::try_from(at).ok()) {
                 return Ok(at);
             }
-            // The server knows the nearest name.
-            let unknown = || GatewayError::new("E213", format!("there is no parameter `{name}`"));
-            joined.gateway.parameter(id, &name).and_then(|_| Err(unknown()))
+            if let Some(at) = joined.find_address(id, &name) {
+                return Ok(at);
+            }
+            // The server knows addresses, and the nearest name.
+            joined.gateway.parameter(id, &name)?;
+            joined.add_address(id, name)
         })
     }
 
@@ -191,7 +194,8 @@ impl ServedAxis {
         let (axis, name) = (self.info.id, name.to_owned());
         let joined = self.server.in_own_process(py)?;
         let read = joined.gateway.spawn(move |gateway| gateway.parameter(axis, &name));
-        wait_end(py, read).map(|read| read.raw)
+        let read = wait_end(py, read)?;
+        raw_number(py, &read)
     }
 
     /// Writes a parameter by name, raw.
@@ -206,6 +210,26 @@ impl ServedAxis {
     fn raw(&self, py: Python<'_>, said: &Bound<'_, PyAny>, id: Option<u32>) -> PyResult<i64> {
         let pending = self.begin_raw(py, said, id)?;
         wait_end(py, pending)
+    }
+
+    /// Reads text or bytes of a parameter.
+    fn read_data(&self, py: Python<'_>, id: u16) -> PyResult<Vec<u8>> {
+        let (axis, name) = (self.info.id, self.parameter_name(py, id)?);
+        let joined = self.server.in_own_process(py)?;
+        let read = joined.gateway.spawn(move |gateway| gateway.parameter(axis, &name));
+        let read = wait_end(py, read)?;
+        match read.kind.as_str() {
+            "text" => Ok(read.text.into_bytes()),
+            "bytes" => read.text.split(' ').map(|digits| parse_byte(py, digits)).collect(),
+            _ => Err(usage_error(py, "E213", &format!("`{}` is a number", read.name), "get it")),
+        }
+    }
+
+    /// A server writes numbers only.
+    #[expect(clippy::unused_self, reason = "a local axis writes them")]
+    fn write_data(&self, py: Python<'_>, _id: u16, _data: &[u8]) -> PyResult<()> {
+        let what = "a server writes no text and no bytes";
+        Err(usage_error(py, "E257", what, "open the link in this program"))
     }
 
     /// What the server is to make a raw value of.
@@ -506,6 +530,9 @@ impl ServedAxis {
     fn parameter_name(&self, py: Python<'_>, id: u16) -> PyResult<String> {
         let axis = self.info.id;
         self.query_server(py, move |joined| {
+            if let Some(address) = joined.address(id) {
+                return Ok(address);
+            }
             let parameter = joined.parameters(axis)?.get(usize::from(id));
             let none = || GatewayError::new("E213", format!("there is no parameter {id}"));
             parameter.map(|parameter| parameter.name.clone()).ok_or_else(none)
@@ -560,4 +587,16 @@ impl ServedAxis {
         let say = move |lease: &Lease| lease.raw(&text);
         Ok(joined.gateway.clone().spawn(move |_| joined.with_lease(axis, say)))
     }
+}
+
+/// The raw number in what a server read.
+pub(super) fn raw_number(py: Python<'_>, read: &ParameterReading) -> PyResult<i64> {
+    let what = || format!("`{}` is {}, no number", read.name, read.kind);
+    let hint = "read_text or read_bytes reads it";
+    read.raw.ok_or_else(|| usage_error(py, "E213", &what(), hint))
+}
+
+fn parse_byte(py: Python<'_>, digits: &str) -> PyResult<u8> {
+    let wrong = |_| usage_error(py, "E257", "the server's bytes are no bytes", "");
+    u8::from_str_radix(digits, 16).map_err(wrong)
 }

@@ -8,6 +8,7 @@ use polepair_client::message::{ParameterInput, ParameterReading};
 use polepair_client::{GatewayError, PendingOperation};
 use pyo3::prelude::*;
 
+use super::axis::raw_number;
 use crate::errors::{refused_to_py_error, usage_error};
 use crate::process_local::ProcessLocal;
 use crate::request::{WAIT_SLICE, WakeCallback};
@@ -39,8 +40,8 @@ pub struct ServedRead(pub(super) ParameterReading);
 #[pymethods]
 impl ServedRead {
     /// As it lies in the drive.
-    fn __index__(&self) -> i64 {
-        self.0.raw
+    fn __index__(&self, py: Python<'_>) -> PyResult<i64> {
+        raw_number(py, &self.0)
     }
 }
 

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use polepair::axis::PendingWrites;
+use polepair::axis::{ParameterValue, PendingWrites};
 use polepair::{Amount, Axis};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 use serde_json::json;
@@ -86,15 +86,24 @@ impl Bench {
 
 fn read_axis_parameter(axis: &Axis, name: &str) -> Result<ParameterReading, GatewayError> {
     let id = axis.find(name)?;
-    let raw = axis.read(id)?;
-    let value = axis.value(id, raw)?;
+    let read = axis.read_any(id)?;
+    let text = read.to_string();
+    let parameter = axis.parameter(id);
+    let number = read.number();
     Ok(ParameterReading {
-        name: axis.profile().parameter(id).map_or(name, |parameter| parameter.name).to_owned(),
-        value: Some(value.value).filter(|value| value.is_finite()),
-        raw,
-        unit: value.unit.symbol().to_owned(),
-        word: value.word.map(str::to_owned),
-        text: value.to_string(),
+        name: parameter.map_or(name, |parameter| parameter.name).to_owned(),
+        value: number.map(|number| number.value).filter(|value| value.is_finite()),
+        raw: number.map(|number| number.raw),
+        unit: number.map_or("", |number| number.unit.symbol()).to_owned(),
+        word: number.and_then(|number| number.word).map(str::to_owned),
+        text,
+        symbol: parameter.map_or("", |parameter| parameter.symbol).to_owned(),
+        kind: match read {
+            ParameterValue::Number(_) => "number",
+            ParameterValue::Text(_) => "text",
+            ParameterValue::Bytes(_) => "bytes",
+        }
+        .to_owned(),
     })
 }
 
@@ -167,7 +176,7 @@ impl ParameterWriter {
     ) -> Result<PlannedWrite, GatewayError> {
         let intended = |amount: &Amount| self.axis.raw_of_after(id, amount, pending);
         let missing = || GatewayError::new("E213", format!("there is no parameter `{name}`"));
-        let parameter = self.axis.profile().parameter(id).ok_or_else(missing)?;
+        let parameter = self.axis.parameter(id).ok_or_else(missing)?;
         if parameter.moves {
             let what = format!("`{}` may move the motor", parameter.name);
             return Err(
@@ -185,7 +194,7 @@ impl ParameterWriter {
             ParameterInput::Number(number) => intended(&Amount::Number(*number))?,
             ParameterInput::Text(text) => intended(&Amount::Text(text.clone()))?,
         };
-        if !(parameter.min..=parameter.max).contains(&raw) {
+        if !parameter.allows(raw) {
             let (min, max) =
                 (self.axis.value(id, parameter.min)?, self.axis.value(id, parameter.max)?);
             let what = format!("`{}` takes {min} to {max}", parameter.name);

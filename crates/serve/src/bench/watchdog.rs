@@ -47,7 +47,7 @@ impl Bench {
                 if let Err(refused) = may {
                     return drop(reply_sender.send(Err(refused)));
                 }
-                let name = its.watchdog_parameter().and_then(|id| its.profile().parameter(id));
+                let name = its.watchdog_parameter().and_then(|id| its.parameter(id));
                 let detail = json!({ "watchdog": name.map(|its| its.name), "after_ms": after_ms });
                 let (by, notes) = (who.clone(), Arc::clone(&shared));
                 let then: Continuation = Box::new(move |recorded| match recorded {
@@ -77,7 +77,7 @@ fn parse_duration(ms: f64) -> Result<Duration, GatewayError> {
 }
 
 fn watchdog_view(axis: &Axis, state: WatchdogState) -> WatchdogView {
-    let parameter = axis.watchdog_parameter().and_then(|id| axis.profile().parameter(id));
+    let parameter = axis.watchdog_parameter().and_then(|id| axis.parameter(id));
     WatchdogView {
         rule: axis.watchdog_rule(),
         set: match state {

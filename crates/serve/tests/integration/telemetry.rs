@@ -28,7 +28,8 @@ fn send(bench: &Bench, who: &SessionName, axis: u16) {
         assert_eq!(outcome.outcome, OutcomeKind::Done, "{outcome:?}");
     };
     say("nmt pre-operational");
-    let identifier = bench.read_parameter(axis, "tpdo 1 identifier").wait().unwrap().raw;
+    let identifier =
+        bench.read_parameter(axis, "tpdo 1 identifier").wait().unwrap().raw.expect("a number");
     let settings = [
         ("identifier", identifier | 1 << 31),
         ("transmission", 255),

@@ -45,7 +45,7 @@ impl AddressChange {
     ) -> Result<()> {
         let Self { id, raw, what } = self;
         let axis = &session.axes()[0];
-        let name = axis.profile().parameter(id).map_or("?", |parameter| parameter.name);
+        let name = axis.parameter(id).map_or("?", |parameter| parameter.name);
         let (old, number, label) = (session.link.url().clone(), axis.number(), axis.label());
         if axis.read(id).map_err(outcome::to_problem)? == raw {
             out.write_line(&format!("{name} = {raw}"));

@@ -195,19 +195,15 @@ const fn parameter_object(parameter: &Parameter) -> ObjectIndex {
     ObjectIndex { index: parameter.index, sub: parameter.space }
 }
 
+const NOT_WHOLE: &str = "the object has more than eight bytes: read it as text or as bytes (`:str`, \
+                        `:bytes`)";
+const NO_NUMBER: &str =
+    "this object has no number of a known size: its type is text, bytes or not known";
+
 /// Bytes of an encoding, and whether it is signed.
 #[must_use]
 pub const fn encoding_width(encoding: Encoding) -> (u8, bool) {
-    match encoding {
-        Encoding::Bit | Encoding::U8 => (1, false),
-        Encoding::I8 => (1, true),
-        Encoding::U16 => (2, false),
-        Encoding::I16 => (2, true),
-        Encoding::U32 => (4, false),
-        Encoding::I32 | Encoding::I32LowFirst | Encoding::Fixed | Encoding::TensAndThousandths => {
-            (4, true)
-        }
-    }
+    (encoding.size(), encoding.is_signed())
 }
 
 /// The number that `len` bytes are; all eight when the node does not say how many.
@@ -233,6 +229,9 @@ impl Driver for Axis {
     }
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
+        if !parameter.encoding.is_number() {
+            return Err(Unsupported::Forbidden(NO_NUMBER));
+        }
         Ok(HostRequest::Read { node: self.node, object: parameter_object(parameter) })
     }
 
@@ -242,7 +241,10 @@ impl Driver for Axis {
         raw: i64,
         class: RequestClass,
     ) -> Result<HostRequest, Unsupported> {
-        let (len, _) = encoding_width(parameter.encoding);
+        let len = parameter.encoding.size();
+        if len == 0 {
+            return Err(Unsupported::Forbidden(NO_NUMBER));
+        }
         let bits = raw.cast_unsigned() & u64::MAX >> (64 - 8 * u32::from(len));
         Ok(HostRequest::Write {
             node: self.node,
@@ -251,6 +253,24 @@ impl Driver for Axis {
             len,
             class,
         })
+    }
+
+    fn data_read_request(
+        &self,
+        parameter: &Parameter,
+        block: bool,
+    ) -> Result<HostRequest, Unsupported> {
+        Ok(HostRequest::Upload { node: self.node, object: parameter_object(parameter), block })
+    }
+
+    fn data_write_request(
+        &self,
+        parameter: &Parameter,
+        size: u32,
+        block: bool,
+    ) -> Result<HostRequest, Unsupported> {
+        let object = parameter_object(parameter);
+        Ok(HostRequest::Download { node: self.node, object, block, size })
     }
 
     fn function_request(
@@ -326,6 +346,9 @@ impl Driver for Axis {
         match *answer {
             Answer::Value { object, bits, len } => {
                 self.learn_read(object, bits);
+                if len > 8 {
+                    return Err(Failure::NotReady { hint: NOT_WHOLE });
+                }
                 // Of what has no length the profile's counts: the TS pads with zeros.
                 let (width, signed) = encoding.unwrap_or((0, false));
                 Ok(decode_number(bits, if len == 0 { width.into() } else { len }, signed))

@@ -13,6 +13,7 @@ mod names;
 
 use core::fmt::Write as _;
 
+use super::address;
 use super::cia402;
 use super::cob::Cob;
 use super::lss;
@@ -27,7 +28,7 @@ use crate::explain::{
     Field, FieldValue, FrameBoundary, RawFrame, TextError,
 };
 use crate::medium::Frame;
-use crate::profile::Profile;
+use crate::profile::{Parameter, ParameterAddress, Profile};
 use fields::FieldWriter;
 pub use fields::default_mapping;
 pub use kinds::lss_kind;
@@ -131,6 +132,31 @@ impl Dissector for CanopenDissector {
             answer_len: answer_len(&frame),
             warning: warning_for(&statement),
         })
+    }
+
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        address::parse(text)
+    }
+
+    fn address_example(&self) -> &'static str {
+        "0x2030:1:u16"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // Who gives no room for it has none.
+        let _ = address::write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address::describe(address)
+    }
+
+    fn refuses_blocks(&self, code: u32) -> bool {
+        AbortCode(code) == AbortCode::SPECIFIER
+    }
+
+    fn standard_profiles(&self) -> &'static [&'static str] {
+        &["canopen", "cia402"]
     }
 
     fn code_meaning(&self, code: u32) -> Option<&'static str> {

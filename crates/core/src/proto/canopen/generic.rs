@@ -34,6 +34,163 @@ pub static GENERIC: Profile = Profile {
             ..P
         },
         Parameter {
+            name: "status register",
+            symbol: "1002h",
+            index: 0x1002,
+            about: "The maker's own bits.",
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "errors kept",
+            symbol: "1003h",
+            index: 0x1003,
+            encoding: Encoding::U8,
+            max: 0xFF,
+            about: "Number of errors that the device keeps; 0 written forgets them.",
+            access: Access::ReadWrite,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "last error",
+            symbol: "1003h:1",
+            index: 0x1003,
+            space: 1,
+            about: "Emergency code in the lower half, the maker's own in the upper.",
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "sync identifier",
+            symbol: "1005h",
+            index: 0x1005,
+            about: "Bit 30: the device sends SYNC itself.",
+            access: Access::ReadWrite,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "sync period",
+            symbol: "1006h",
+            index: 0x1006,
+            about: "In microseconds; 0 is none.",
+            access: Access::ReadWrite,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "sync window",
+            symbol: "1007h",
+            index: 0x1007,
+            about: "In microseconds; 0 is none.",
+            access: Access::ReadWrite,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "device name",
+            symbol: "1008h",
+            index: 0x1008,
+            encoding: Encoding::Text,
+            max: -1,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "hardware version",
+            symbol: "1009h",
+            index: 0x1009,
+            encoding: Encoding::Text,
+            max: -1,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "software version",
+            symbol: "100Ah",
+            index: 0x100A,
+            encoding: Encoding::Text,
+            max: -1,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "guard time",
+            symbol: "100Ch",
+            index: 0x100C,
+            encoding: Encoding::U16,
+            max: 0xFFFF,
+            about: "Times the life time factor: how long the device waits for its host.",
+            access: Access::ReadWrite,
+            unit: Unit::Millisecond,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "life time factor",
+            symbol: "100Dh",
+            index: 0x100D,
+            encoding: Encoding::U8,
+            max: 0xFF,
+            about: "0 switches guarding off.",
+            access: Access::ReadWrite,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "store all",
+            symbol: "1010h:1",
+            index: 0x1010,
+            space: 1,
+            about: "0x65766173 stores all objects that can be stored.",
+            access: Access::ReadWrite,
+            persistence: Persistence::Always,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "restore all",
+            symbol: "1011h:1",
+            index: 0x1011,
+            space: 1,
+            about: "0x64616F6C brings back the factory's values at the next start.",
+            access: Access::ReadWrite,
+            persistence: Persistence::Always,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "emergency identifier",
+            symbol: "1014h",
+            index: 0x1014,
+            about: "Bit 31: the device sends no emergency messages.",
+            access: Access::ReadWrite,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "emergency inhibit time",
+            symbol: "1015h",
+            index: 0x1015,
+            encoding: Encoding::U16,
+            max: 0xFFFF,
+            about: "In units of 100 microseconds.",
+            access: Access::ReadWrite,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "heartbeat consumer",
+            symbol: "1016h:1",
+            index: 0x1016,
+            space: 1,
+            about: "Node in bits 16 to 22, time in ms in bits 0 to 15.",
+            access: Access::ReadWrite,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
             name: "heartbeat time",
             symbol: "1017h",
             index: 0x1017,
@@ -75,6 +232,73 @@ pub static GENERIC: Profile = Profile {
             index: 0x1018,
             space: 4,
             section: "7.5.2.20",
+            ..P
+        },
+        Parameter {
+            name: "sync counter overflow",
+            symbol: "1019h",
+            index: 0x1019,
+            encoding: Encoding::U8,
+            max: 0xFF,
+            about: "0: SYNC has no counter.",
+            access: Access::ReadWrite,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "error behaviour",
+            symbol: "1029h:1",
+            index: 0x1029,
+            space: 1,
+            encoding: Encoding::U8,
+            max: 0xFF,
+            about: "State after a communication error: 0 pre-operational, 1 no change, 2 stopped.",
+            access: Access::ReadWrite,
+            section: "CiA 301",
+            ..P
+        },
+        Parameter {
+            name: "program data",
+            symbol: "1F50h:1",
+            index: 0x1F50,
+            space: 1,
+            encoding: Encoding::Bytes,
+            max: -1,
+            about: "Firmware: written in one transfer. See also 1F51h and 1F57h.",
+            access: Access::ReadWrite,
+            persistence: Persistence::Always,
+            section: "CiA 302-3",
+            ..P
+        },
+        Parameter {
+            name: "program control",
+            symbol: "1F51h:1",
+            index: 0x1F51,
+            space: 1,
+            encoding: Encoding::U8,
+            max: 0xFF,
+            about: "0 stop, 1 start, 2 reset, 3 clear the program.",
+            access: Access::ReadWrite,
+            moves: true,
+            section: "CiA 302-3",
+            ..P
+        },
+        Parameter {
+            name: "program identification",
+            symbol: "1F56h:1",
+            index: 0x1F56,
+            space: 1,
+            about: "A number that tells programs apart; 0 is no valid one.",
+            section: "CiA 302-3",
+            ..P
+        },
+        Parameter {
+            name: "flash status",
+            symbol: "1F57h:1",
+            index: 0x1F57,
+            space: 1,
+            about: "Bit 0: busy. Bits 1 to 7: error, 0 none, 1 no valid program, 5 flash failed.",
+            section: "CiA 302-3",
             ..P
         },
     ],

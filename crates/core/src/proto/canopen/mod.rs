@@ -4,6 +4,7 @@
 //! (drives); chapter 3 of the TS servo drive's communication manual for what that drive does
 //! otherwise. What no source states is marked \[I\].
 
+pub mod address;
 pub mod axis;
 pub mod cia402;
 pub mod cob;

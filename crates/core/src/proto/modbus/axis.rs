@@ -4,7 +4,7 @@
 //! `send FUNCTION INDEX VALUE`: functions 05, 06 and 10 write the value at the index, 01 to 04 read
 //! so many from it.
 
-use super::encoding::{decode, encode, register_count};
+use super::encoding::{REGISTERS_MAX, decode, encode, register_count};
 use super::host_request::{Answer, COILS_MAX, HostRequest, RequestBody, WORDS_MAX};
 use super::text::{self, ParsedRequest};
 use super::wire::{BROADCAST, Function, RequestPdu, Space};
@@ -95,10 +95,10 @@ impl Driver for Axis {
                 class,
             ),
             Some(Space::Holding) => {
-                let pair = encode(parameter.encoding, raw).ok_or(Unsupported::BadArgument)?;
+                let words = encode(parameter.encoding, raw).ok_or(Unsupported::BadArgument)?;
                 let request = match register_count(parameter.encoding) {
-                    1 => RequestBody::WriteRegister { address: parameter.index, value: pair[0] },
-                    _ => write_pair(parameter.index, pair),
+                    1 => RequestBody::WriteRegister { address: parameter.index, value: words[0] },
+                    count => write_registers(parameter.index, &words[..usize::from(count)]),
                 };
                 self.new_request(request, class)
             }
@@ -186,20 +186,27 @@ impl Driver for Axis {
                 if answer.count != register_count(parameter.encoding) {
                     return Err(Failure::Misbehaved);
                 }
-                Ok(decode(parameter.encoding, [answer.words[0], answer.words[1]]))
+                Ok(decode(parameter.encoding, first_words(answer)))
             }
             (Some(parameter), None) if answer.function == Function::WriteRegister => {
-                Ok(decode(parameter.encoding, [answer.words[0], 0]))
+                Ok(decode(parameter.encoding, first_words(answer)))
             }
             _ => Ok(answer.raw()),
         }
     }
 }
 
-fn write_pair(start: u16, pair: [u16; 2]) -> RequestBody {
+fn write_registers(start: u16, values: &[u16]) -> RequestBody {
     let mut words = [0; WORDS_MAX];
-    words[..2].copy_from_slice(&pair);
-    RequestBody::WriteRegisters { start, count: 2, words }
+    words[..values.len()].copy_from_slice(values);
+    RequestBody::WriteRegisters { start, count: values.len() as u8, words }
+}
+
+/// The first registers of an answer.
+fn first_words(answer: &Answer) -> [u16; REGISTERS_MAX] {
+    let mut words = [0; REGISTERS_MAX];
+    words.copy_from_slice(&answer.words[..REGISTERS_MAX]);
+    words
 }
 
 /// The request of a text; `None` when it carries more than a request holds.

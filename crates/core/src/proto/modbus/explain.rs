@@ -7,7 +7,8 @@ mod conversation;
 mod framing;
 mod number_text;
 
-use super::encoding::{decode, register_count};
+use super::address;
+use super::encoding::{decode, register_count, words_from};
 use super::text;
 use super::wire::{Exception, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, WireFormat, word};
 use super::{ascii, rtu};
@@ -16,7 +17,7 @@ use crate::explain::{
     Context, ConversationContext, Direction, Dissector, Effect, EncodeError, EncodeOptions,
     EncodedFrame, ExplainSink, Field, FieldValue, FrameBoundary, FrameRole, RawFrame, TextError,
 };
-use crate::profile::{Encoding, Parameter, Profile};
+use crate::profile::{Encoding, Parameter, ParameterAddress, Profile};
 use number_text::{write_decimal, write_hex, write_scaled};
 
 /// Station that a text is encoded for when none is named: the factory's (TS manual V2 §2.2).
@@ -113,6 +114,23 @@ impl Dissector for ModbusDissector {
             answer_len: answer,
             warning: "",
         })
+    }
+
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        address::parse(text)
+    }
+
+    fn address_example(&self) -> &'static str {
+        "0x33:u16"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // Who gives no room for it has none.
+        let _ = address::write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address::describe(address)
     }
 
     fn code_meaning(&self, code: u32) -> Option<&'static str> {
@@ -458,7 +476,7 @@ impl PduExplainer {
         let parameter = self.find_parameter(Space::Holding, address);
         let encoding = parameter.map_or(Encoding::U16, |p| p.encoding);
         let raw = if register_count(encoding) == 1 {
-            decode(encoding, [value, 0])
+            decode(encoding, [value, 0, 0, 0])
         } else {
             i64::from(value)
         };
@@ -566,8 +584,7 @@ impl PduExplainer {
             sink.text(" = ");
             match parameter {
                 Some(parameter) if at + wide <= count => {
-                    let second = if wide == 2 { word(data, 2 * at + 2) } else { 0 };
-                    let raw = decode(parameter.encoding, [first, second]);
+                    let raw = decode(parameter.encoding, words_from(data, at));
                     write_scaled(parameter, raw, sink);
                     at += wide;
                 }

@@ -3,6 +3,7 @@
 //! Sources: MODBUS Application Protocol Specification V1.1b3 ("MAP"), MODBUS over Serial Line V1.02
 //! ("MSL"), TS manual V2 chapter 2. What no source states is marked `[I]`.
 
+pub mod address;
 pub mod ascii;
 pub mod axis;
 pub mod device;

@@ -6,6 +6,7 @@
 
 mod conversation;
 
+use super::address;
 use super::fault;
 use super::interpretation::Interpretation;
 use super::rules::{self, range_ends};
@@ -19,7 +20,7 @@ use crate::explain::{
     Context, ConversationContext, Direction, Dissector, Effect, EncodeError, EncodeOptions,
     EncodedFrame, ExplainSink, Field, FieldValue, FrameBoundary, FrameRole, RawFrame, TextError,
 };
-use crate::profile::Profile;
+use crate::profile::{Parameter, ParameterAddress, Profile};
 
 /// The protocol in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
@@ -100,6 +101,23 @@ impl Dissector for ThrusterDissector {
             answer_len: request.then_some(8),
             warning: warning_for(&statement),
         })
+    }
+
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        address::parse(text)
+    }
+
+    fn address_example(&self) -> &'static str {
+        "SP 12"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // Who gives no room for it has none.
+        let _ = address::write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address::describe(address)
     }
 
     fn code_meaning(&self, code: u32) -> Option<&'static str> {

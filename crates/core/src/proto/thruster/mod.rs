@@ -5,6 +5,7 @@
 //! sections are cited. Where it is silent or contradicts itself the reading is marked \[I\], and
 //! is a switch of the profile or of the simulated drive where two are possible.
 
+pub mod address;
 pub mod axis;
 pub mod device;
 pub mod explain;

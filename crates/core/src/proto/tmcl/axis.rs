@@ -1,9 +1,10 @@
 //! An axis of any TMCL module, from its profile alone.
 //!
-//! Space 0 is axis parameters (GAP, SAP), space 1 + n is bank n of the global parameters (GGP,
-//! SGP). A parameter number above 255 puts its upper bits into the motor byte, above the axis, as
-//! the vendor's host library does.
+//! Spaces are those of [`address`](super::address::Space): axis parameters (GAP, SAP), global ones
+//! (GGP, SGP), inputs and outputs (GIO, SIO). A parameter number above 255 puts its upper bits into the
+//! motor byte, above the axis, as the vendor's host library does.
 
+use super::address::Space;
 use super::generic::GENERIC;
 use super::host::{CanHost, SerialHost, reply_sender};
 use super::opcode::{Opcode, Status};
@@ -51,18 +52,19 @@ impl Axis {
         Self { address_parameters: CAN_ADDRESS_PARAMETERS, ..Self::new(profile, address) }
     }
 
-    /// A request on a parameter, by the opcodes for axis and for global ones.
+    /// A request on a parameter, by the opcodes for axis parameters, global ones, inputs and outputs.
     fn parameter_request(
         &self,
         parameter: &Parameter,
-        [axis, global]: [Opcode; 2],
+        [axis, global, port]: [Opcode; 3],
         value: i32,
     ) -> Result<Request, Unsupported> {
-        let upper = u32::from(parameter.index >> 8) << AXIS_BITS;
-        let (opcode, motor) = match parameter.space {
-            0 => (axis, upper),
-            bank => (global, (u32::from(bank) - 1) | upper),
+        let (opcode, part) = match Space::of_number(parameter.space) {
+            Space::Axis(motor) => (axis, motor),
+            Space::Global(bank) => (global, bank),
+            Space::Io(bank) => (port, bank),
         };
+        let motor = u32::from(parameter.index >> 8) << AXIS_BITS | u32::from(part);
         let motor = u8::try_from(motor)
             .map_err(|_| Unsupported::Forbidden("the parameter's number is too large for TMCL"))?;
         let kind = parameter.index as u8;
@@ -83,7 +85,8 @@ impl Driver for Axis {
     }
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
-        self.parameter_request(parameter, [Opcode::Gap, Opcode::Ggp], 0).map(HostRequest::of)
+        self.parameter_request(parameter, [Opcode::Gap, Opcode::Ggp, Opcode::Gio], 0)
+            .map(HostRequest::of)
     }
 
     fn write_request(
@@ -92,13 +95,20 @@ impl Driver for Axis {
         raw: i64,
         class: RequestClass,
     ) -> Result<HostRequest, Unsupported> {
-        let request =
-            self.parameter_request(parameter, [Opcode::Sap, Opcode::Sgp], wire_value(raw)?)?;
+        let request = self.parameter_request(
+            parameter,
+            [Opcode::Sap, Opcode::Sgp, Opcode::Sio],
+            wire_value(raw)?,
+        )?;
         Ok(HostRequest { request, class })
     }
 
     fn store_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
-        self.parameter_request(parameter, [Opcode::Stap, Opcode::Stgp], 0).map(HostRequest::of)
+        if let Space::Io(_) = Space::of_number(parameter.space) {
+            return Err(Unsupported::NoPlan);
+        }
+        let opcodes = [Opcode::Stap, Opcode::Stgp, Opcode::Sio];
+        self.parameter_request(parameter, opcodes, 0).map(HostRequest::of)
     }
 
     /// `function` is the opcode, `index` the type and, in its high byte, the motor or bank.

@@ -2,6 +2,7 @@
 
 mod conversation;
 
+use super::address;
 use super::ascii;
 use super::opcode::{Opcode, Status};
 use super::text::{self, Decimal};
@@ -12,7 +13,7 @@ use crate::explain::{
     EncodedFrame, ExplainSink, Field, FieldValue, FrameBoundary, FrameRole, FrameValue, RawFrame,
     TextError, WireKind,
 };
-use crate::profile::{Parameter, Profile};
+use crate::profile::{Parameter, ParameterAddress, Profile};
 
 /// TMCL in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
@@ -88,6 +89,23 @@ impl Dissector for TmclDissector {
             answer_len: (!silent).then_some(part.len()),
             warning: "",
         })
+    }
+
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        address::parse(text)
+    }
+
+    fn address_example(&self) -> &'static str {
+        "AP 6"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // Who gives no room for it has none.
+        let _ = address::write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address::describe(address)
     }
 
     fn code_meaning(&self, code: u32) -> Option<&'static str> {

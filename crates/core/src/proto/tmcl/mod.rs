@@ -4,6 +4,7 @@
 //! Sources: "TMCM-170 and TMCM-171 MODULE, Reference and Programming Manual" chapter 2 for the
 //! datagram; later TMCL manuals for the rest. What no manual states is marked \[I\].
 
+pub mod address;
 pub mod ascii;
 pub mod axis;
 pub mod device;

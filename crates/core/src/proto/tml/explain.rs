@@ -8,6 +8,7 @@ mod message;
 mod names;
 mod register;
 
+use super::address;
 use super::online::OnlineMessage;
 use super::rules::{self, TmlWire, WireRule};
 use super::serial::{self, ACK, FRAME_MAX, SYNC};
@@ -20,7 +21,7 @@ use crate::explain::{
     WireKind,
 };
 use crate::medium::Frame;
-use crate::profile::{Parameter, Profile};
+use crate::profile::{Parameter, ParameterAddress, Profile};
 use crate::program::ProgramLanguage;
 use layout::ParsedFrame;
 
@@ -161,6 +162,23 @@ impl Dissector for TmlDissector {
 
     fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {
         names::explain_reach(parameter, sink);
+    }
+
+    fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
+        address::parse(text)
+    }
+
+    fn address_example(&self) -> &'static str {
+        "@0x0228:i32"
+    }
+
+    fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
+        // Who gives no room for it has none.
+        let _ = address::write(address, out);
+    }
+
+    fn describe_address(&self, address: &ParameterAddress) -> Parameter {
+        address::describe(address)
     }
 
     fn code_meaning(&self, _: u32) -> Option<&'static str> {

@@ -5,6 +5,7 @@
 //! on instruction coding; what only drivers in the field or captures show is marked in the tables.
 //! What no source states is marked \[I\].
 
+pub mod address;
 pub mod axis;
 pub mod device;
 pub mod explain;

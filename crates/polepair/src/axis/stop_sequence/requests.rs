@@ -16,7 +16,7 @@ impl Axis {
     pub(super) fn stop_ram_mode(&self) -> Option<RamMode> {
         let ram = self.profile.ram?;
         let is_stored = |id: &ParameterId| {
-            let parameter = self.profile.parameter(*id);
+            let parameter = self.parameter(*id);
             parameter.is_some_and(|found| found.persistence == Persistence::UnlessRam)
         };
         let steps = self.profile.plan(Verb::Stop)?.steps;
@@ -37,7 +37,7 @@ impl Axis {
 
     /// Asks what a stop that is said again hangs on.
     pub(super) fn start_ram_mode_read(&self, id: ParameterId) -> Result<RunningRequest, Error> {
-        let what = format!("stop: reading `{}` first", self.parameter(id)?.name);
+        let what = format!("stop: reading `{}` first", self.required_parameter(id)?.name);
         self.start_read_now(id, what, RequestKind::Verb(Verb::Stop), true)
     }
 
@@ -47,8 +47,10 @@ impl Axis {
         id: ParameterId,
         once: bool,
     ) -> Result<RunningRequest, Error> {
-        let what =
-            format!("was told to stop and not seen to stand: `{}`", self.parameter(id)?.name);
+        let what = format!(
+            "was told to stop and not seen to stand: `{}`",
+            self.required_parameter(id)?.name
+        );
         self.start_read_now(id, what, RequestKind::StandstillQuery, once)
     }
 

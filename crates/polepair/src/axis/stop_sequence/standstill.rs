@@ -108,7 +108,7 @@ impl Axis {
         over: Duration,
         speed: f64,
     ) -> bool {
-        let holds = match self.profile.parameter(id).map(|parameter| parameter.unit) {
+        let holds = match self.parameter(id).map(|parameter| parameter.unit) {
             Some(Unit::Millimetre) => HOLDING_SPEED_M,
             _ => HOLDING_SPEED_RAD,
         };
@@ -121,7 +121,7 @@ impl Axis {
 
     /// The nth parameter that the scale of this one depends on, while that is not known.
     pub(super) fn unread_factor(&self, id: ParameterId, nth: usize) -> Option<ParameterId> {
-        let factors = self.profile.parameter(id)?.scale.inputs(self.profile);
+        let factors = self.parameter(id)?.scale.inputs(self.profile);
         factors.filter(|_| self.raw_to_si(id, 0).is_none()).nth(nth)
     }
 

@@ -3,7 +3,7 @@
 //! Why: CANOPEN-1, SPEED-5.
 
 use super::transfer_buffer::{OutgoingSegment, TransferBuffer};
-use crate::error::Failure;
+use crate::error::{Failure, Unsupported};
 use crate::proto::canopen::host_request::{Answer, HostRequest};
 use crate::proto::canopen::sdo::{
     AbortCode, BlockSegment, ExpeditedData, ObjectIndex, SEGMENT, SdoReply, SdoRequest, Segment,
@@ -11,6 +11,11 @@ use crate::proto::canopen::sdo::{
 };
 use crate::station::{RequestClass, Ticket};
 use crate::time::Instant;
+
+/// The caller of a long transfer neither took nor gave bytes, so it was ended.
+const IDLE_CALLER: Failure = Failure::Impossible(Unsupported::Forbidden(
+    "the program that asked for this transfer moved no bytes of it in time, so it was ended",
+));
 
 /// Times that a read or a stop is sent in all.
 const ATTEMPTS_MAX: u8 = 3;
@@ -428,7 +433,7 @@ impl NodeChannel {
     pub fn handle_silence(&mut self, long: Option<&mut TransferBuffer>) -> (ChannelStep, bool) {
         self.last_object = self.object();
         let again = self.attempts + 1 < ATTEMPTS_MAX;
-        let over = Err(if self.stalled { Failure::Cancelled } else { Failure::Silent });
+        let over = Err(if self.stalled { IDLE_CALLER } else { Failure::Silent });
         match (self.stage, long) {
             (ChannelStage::BlockReading(arrived), Some(_))
                 if again && !self.stalled && arrived > 0 =>

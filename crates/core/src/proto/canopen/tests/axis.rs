@@ -2,7 +2,7 @@
 
 use crate::axis::{DriveReport, Driver, Presence};
 use crate::error::Unsupported;
-use crate::profile::{Encoding, ParameterId};
+use crate::profile::Encoding;
 use crate::proto::canopen::cia402::{ControlCommand, DriveState, OperationMode};
 use crate::proto::canopen::emcy::Emergency;
 use crate::proto::canopen::generic::{GENERIC, P};
@@ -101,8 +101,10 @@ fn process_data_mean_something_once_their_mapping_is_known() {
     learn(2, 0x1001_0008);
     learn(3, 0x1017_0010);
     learn(0, 3);
-    let reports =
-        [(1, 3), (2, 0x64)].map(|(id, raw)| Some(DriveReport::Parameter(ParameterId(id), raw)));
+    let reports = [("error register", 3), ("heartbeat time", 0x64)].map(|(name, raw)| {
+        let id = axis.profile().find_parameter(name)?;
+        Some(DriveReport::Parameter(id, raw))
+    });
     assert_eq!(axis.decode_unsolicited(&data)[..2], reports);
     assert_eq!(
         axis.decode_unsolicited(&Answer::Process(1, 0x0064_0300, 3)),

@@ -7,7 +7,7 @@ use crate::explain::{
     ReplyExpectation, ShortText, ValueSource,
 };
 use crate::profile::{Parameter, Profile};
-use crate::proto::modbus::encoding::{decode, register_count};
+use crate::proto::modbus::encoding::{decode, register_count, words_from};
 use crate::proto::modbus::wire::{
     BROADCAST, EXCEPTION_BIT, Exception, ReplyPdu, RequestPdu, Space, WireFormat, word,
 };
@@ -256,10 +256,9 @@ impl ValueReporter<'_> {
             let parameter = self.find_parameter(space, address);
             let wide = parameter.map_or(1, |p| usize::from(register_count(p.encoding)));
             let first = word(data, 2 * at);
-            let second = if wide == 2 && at + 1 < count { word(data, 2 * at + 2) } else { 0 };
             match parameter.filter(|_| at + wide <= count) {
                 Some(parameter) => {
-                    let raw = decode(parameter.encoding, [first, second]);
+                    let raw = decode(parameter.encoding, words_from(data, at));
                     self.report_parameter(parameter, raw);
                     at += wide;
                 }

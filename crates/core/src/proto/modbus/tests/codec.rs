@@ -254,7 +254,7 @@ fn codes_and_encodings_are_total() {
         }
     }
     // TS manual V2 §2.3: F32D, 000B is 000BF32D.
-    assert_eq!(encoding::decode(Encoding::I32LowFirst, [0xF32D, 0x000B]), 0x000B_F32D);
+    assert_eq!(encoding::decode(Encoding::I32LowFirst, [0xF32D, 0x000B, 0, 0]), 0x000B_F32D);
     assert_eq!(encoding::encode(Encoding::I16, 40_000), None);
 }
 

@@ -48,9 +48,10 @@ impl VariableKind {
         match encoding {
             Encoding::I16 | Encoding::I8 => Self::Int,
             Encoding::U16 | Encoding::U8 | Encoding::Bit => Self::Uint,
-            Encoding::U32 => Self::Ulong,
+            Encoding::U32 | Encoding::U32LowFirst => Self::Ulong,
             Encoding::Fixed => Self::Fixed,
-            Encoding::I32 | Encoding::I32LowFirst | Encoding::TensAndThousandths => Self::Long,
+            // A profile of this protocol has no others.
+            _ => Self::Long,
         }
     }
 }

@@ -1,0 +1,103 @@
+//! A parameter of any length: text, or the bytes of a file.
+
+use std::fs::File;
+use std::io::Read;
+
+use polepair::Axis;
+use polepair::axis::DATA_MAX;
+use polepair_core::profile::{Access, Encoding, ParameterId};
+
+use crate::cmd::record::plural;
+use crate::outcome;
+use crate::problem::{Problem, Result};
+use crate::progress::DataProgress;
+
+/// What is to be written to a parameter that is no number.
+pub struct DataWrite {
+    id: ParameterId,
+    name: &'static str,
+    data: Vec<u8>,
+    /// The file that the bytes come from.
+    file: Option<String>,
+}
+
+impl DataWrite {
+    /// Of `NAME=VALUE`; `None` for a number. `@FILE` stands for the bytes of a file.
+    pub fn for_setting(axis: &Axis, id: ParameterId, value: &str) -> Result<Option<Self>> {
+        let Some(parameter) = axis.parameter(id) else { return Ok(None) };
+        let file = value.strip_prefix('@').filter(|file| !file.is_empty());
+        let untyped = parameter.encoding == Encoding::AnyLength;
+        if parameter.encoding.is_number() && !(untyped && file.is_some()) {
+            return Ok(None);
+        }
+        if parameter.access == Access::Read && !untyped {
+            let what = format!("{:?} can only be read.", parameter.name);
+            return Err(Problem::usage("E214", what).why(outcome::sent_so_far()));
+        }
+        let data = match (file, parameter.encoding) {
+            (Some(file), _) => read_file(file)?,
+            (None, Encoding::Text) => value.as_bytes().to_vec(),
+            (None, _) => parse_bytes(value)?,
+        };
+        let file = file.map(str::to_owned);
+        let id = if untyped { bytes_parameter(axis, parameter.symbol)? } else { id };
+        Ok(Some(Self { id, name: parameter.name, data, file }))
+    }
+
+    /// What would be written.
+    pub fn planned(&self) -> String {
+        format!("{}: -> {}", self.name, self.described())
+    }
+
+    /// Writes it and says so.
+    pub fn apply(&self, axis: &Axis) -> Result<String> {
+        let mut progress = DataProgress::new("written");
+        let written = axis.write_data(self.id, &self.data, &mut |count| progress.set(count));
+        written.map_err(outcome::to_problem)?;
+        Ok(format!("{} = {}", self.name, self.described()))
+    }
+
+    fn described(&self) -> String {
+        let count = plural(self.data.len() as u64, "byte");
+        match &self.file {
+            Some(file) => format!("{count} of {file}"),
+            None => count,
+        }
+    }
+}
+
+/// The same parameter as bytes.
+fn bytes_parameter(axis: &Axis, symbol: &str) -> Result<ParameterId> {
+    let typed = axis.find_address(&format!("{symbol}:bytes")).map_err(outcome::to_problem)?;
+    typed.ok_or_else(|| Problem::usage("E213", format!("{symbol:?} cannot be written as bytes.")))
+}
+
+fn read_file(name: &str) -> Result<Vec<u8>> {
+    let wrong =
+        |why: String| Problem::usage("E230", format!("{name}: {why}.")).why(outcome::sent_so_far());
+    let file = File::open(name).map_err(|error| wrong(error.to_string()))?;
+    let mut data = Vec::new();
+    let most = DATA_MAX as u64 + 1;
+    file.take(most).read_to_end(&mut data).map_err(|error| wrong(error.to_string()))?;
+    if data.len() > DATA_MAX {
+        return Err(wrong("it is larger than 256 MiB".to_owned()));
+    }
+    if data.is_empty() {
+        return Err(wrong("it is empty".to_owned()));
+    }
+    Ok(data)
+}
+
+/// Bytes in hexadecimal: `0F 00` or `0F00`.
+fn parse_bytes(text: &str) -> Result<Vec<u8>> {
+    let digits: String = text.chars().filter(|c| !c.is_whitespace()).collect();
+    let hex = digits.bytes().all(|c| c.is_ascii_hexdigit());
+    if digits.is_empty() || digits.len() % 2 == 1 || !hex {
+        let what = format!("{text:?} is no bytes.");
+        return Err(Problem::usage("E217", what)
+            .why(outcome::sent_so_far())
+            .hint("two hexadecimal digits a byte, as in \"0F 00\", or @FILE"));
+    }
+    let byte = |at: usize| u8::from_str_radix(&digits[at..at + 2], 16).unwrap_or(0);
+    Ok((0..digits.len()).step_by(2).map(byte).collect())
+}

@@ -1,0 +1,137 @@
+//! Objects by their number: `0x2030:1`, `2030h:1`, `0x2030:1:u16`.
+
+use super::sdo::ObjectIndex;
+use crate::explain::TextError;
+use crate::profile::{
+    Access, Encoding, Parameter, ParameterAddress, Persistence, parse_address_number,
+    parse_encoding,
+};
+
+/// Objects of a node's second axis lie so far above those of the first (CiA 402-1: up to eight axes).
+const AXIS_STEP: u16 = 0x800;
+/// The objects of the first axis, and those of all.
+const FIRST_AXIS: core::ops::Range<u16> = 0x6000..0x6800;
+const EVERY_AXIS: core::ops::Range<u16> = 0x6000..0xA000;
+
+/// Reads an address. The index is hexadecimal, `0x2030` or `2030h`; sub-index and type may be left out.
+#[must_use]
+pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
+    let mut parts = text.split(':');
+    let index = parts.next()?.trim();
+    let is_hex = index.starts_with("0x") || index.starts_with("0X");
+    // A word such as "each" is none.
+    let has_digit = index.bytes().any(|c| c.is_ascii_digit());
+    let ends_so = has_digit && index.ends_with(['h', 'H']);
+    if !is_hex && !ends_so {
+        return None;
+    }
+    let index = parse_address_number(index)?;
+    Some(parse_parts(text, index, parts))
+}
+
+fn parse_parts<'a>(
+    text: &'a str,
+    index: u32,
+    parts: impl Iterator<Item = &'a str>,
+) -> Result<ParameterAddress, TextError> {
+    let at_part = |part: &str| part.as_ptr() as usize - text.as_ptr() as usize;
+    let expected = "an index, 0x1 to 0xFFFF";
+    let index = u16::try_from(index).ok().filter(|index| *index > 0);
+    let mut address = ParameterAddress::new(index.ok_or(TextError { at: 0, expected })?, 0);
+    let mut has_sub = false;
+    for part in parts {
+        let wrong = |expected| TextError { at: at_part(part), expected };
+        let encoding = parse_encoding(part.trim()).filter(|encoding| is_object_type(*encoding));
+        match (encoding, has_sub, address.encoding) {
+            (Some(encoding), _, None) => address.encoding = Some(encoding),
+            (None, false, None) => {
+                let sub = parse_address_number(part.trim()).and_then(|sub| u8::try_from(sub).ok());
+                address.space = sub.ok_or(wrong("a sub-index, 0 to 255, or a type"))?;
+                has_sub = true;
+            }
+            (None, true, None) => return Err(wrong(EXPECTED_TYPE)),
+            (_, _, Some(_)) => return Err(wrong("the end of the address")),
+        }
+    }
+    if EVERY_AXIS.contains(&address.index) && !FIRST_AXIS.contains(&address.index) {
+        let first = FIRST_AXIS.start + (address.index - FIRST_AXIS.start) % AXIS_STEP;
+        address.like = Some((first, address.space));
+    }
+    Ok(address)
+}
+
+const EXPECTED_TYPE: &str = "a type: u8, i8, u16, i16, u32, i32, u64, i64, f32, f64, str or bytes";
+
+const fn is_object_type(encoding: Encoding) -> bool {
+    !matches!(encoding, Encoding::Bit | Encoding::Fixed)
+}
+
+/// Writes an address: `2030h:1`; without a sub-index where it is 0.
+pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
+    match address.space {
+        0 => write!(out, "{:04X}h", address.index),
+        sub => write!(out, "{:04X}h:{sub}", address.index),
+    }
+}
+
+/// What CiA 301 says of an object by its index alone: 1000h to 1FFFh is communication, which moves no
+/// motor, but for program control (1F51h). Of other objects nobody knows.
+#[must_use]
+pub fn describe(address: &ParameterAddress) -> Parameter {
+    let plain = address.describe(Encoding::AnyLength);
+    let ObjectIndex { index, .. } = ObjectIndex { index: address.index, sub: address.space };
+    Parameter {
+        moves: !matches!(index, 0x1000..=0x1F50 | 0x1F52..=0x1FFF),
+        persistence: match index {
+            // Store and restore parameters; program download.
+            0x1010 | 0x1011 | 0x1F50 => Persistence::Always,
+            _ => Persistence::Volatile,
+        },
+        access: match plain.encoding {
+            Encoding::AnyLength => Access::Read,
+            _ => Access::ReadWrite,
+        },
+        ..plain
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{describe, parse};
+    use crate::profile::{Encoding, ParameterAddress};
+
+    fn read(text: &str) -> ParameterAddress {
+        parse(text).expect(text).expect(text)
+    }
+
+    #[test]
+    fn addresses_are_read_in_both_notations() {
+        for text in ["0x2030:1", "2030h:1", "2030h:01", "0x2030:0x1", " 2030h : 1 "] {
+            let text = text.trim();
+            assert_eq!(read(text), ParameterAddress::new(0x2030, 1), "{text}");
+        }
+        assert_eq!(read("0x2030"), ParameterAddress::new(0x2030, 0));
+        assert_eq!(read("0x2030:1:u16").encoding, Some(Encoding::U16));
+        assert_eq!(read("1008h:str").encoding, Some(Encoding::Text));
+        assert_eq!(read("0x6864:0:i32").like, Some((0x6064, 0)));
+        assert_eq!(read("0x9FFF").like, Some((0x67FF, 0)));
+        assert_eq!(read("0x6064").like, None);
+    }
+
+    #[test]
+    fn what_is_no_address_is_refused() {
+        for text in ["max current", "2030", "beach", "", "h", "0x"] {
+            assert_eq!(parse(text), None, "{text}");
+        }
+        for text in ["0x12345", "0x0", "0x2030:256", "0x2030:1:u7", "0x2030:1:u8:1", "2030h:1:2"] {
+            assert!(parse(text).unwrap().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn communication_moves_nothing() {
+        assert!(!describe(&read("0x1018:1")).moves);
+        assert!(describe(&read("0x1F51:1")).moves);
+        assert!(describe(&read("0x2030:1:u16")).moves);
+    }
+}

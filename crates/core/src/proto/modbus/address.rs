@@ -1,0 +1,168 @@
+//! Registers and bits by their number: `0x33`, `R 51`, `IR 3`, `C 5`, `DI 2`, `0x20:i32:le`.
+
+use super::wire::Space;
+use crate::explain::TextError;
+use crate::profile::{
+    Access, Encoding, Parameter, ParameterAddress, parse_address_number, parse_encoding,
+};
+
+/// Words before a number, with the space that they mean.
+const SPACES: [(&str, Space); 11] = [
+    ("R", Space::Holding),
+    ("HR", Space::Holding),
+    ("holding", Space::Holding),
+    ("register", Space::Holding),
+    ("IR", Space::Input),
+    ("input", Space::Input),
+    ("C", Space::Coil),
+    ("coil", Space::Coil),
+    ("DI", Space::Discrete),
+    ("discrete", Space::Discrete),
+    ("bit", Space::Discrete),
+];
+
+/// Reads an address: a word of a space and a number, or a hexadecimal number alone, which is a holding
+/// register. Behind it type and word order, `be` (high word first) or `le`.
+#[must_use]
+pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
+    let mut parts = text.split(':');
+    let first = parts.next()?.trim();
+    let (space, number) = match first.split_once([' ', '\t']) {
+        Some((word, number)) => {
+            let known = SPACES.iter().find(|(name, _)| name.eq_ignore_ascii_case(word))?;
+            (known.1, number.trim())
+        }
+        None if first.starts_with("0x") || first.starts_with("0X") => (Space::Holding, first),
+        None => return None,
+    };
+    let number = parse_address_number(number)?;
+    Some(parse_parts(text, (space, number), parts))
+}
+
+fn parse_parts<'a>(
+    text: &'a str,
+    (space, number): (Space, u32),
+    parts: impl Iterator<Item = &'a str>,
+) -> Result<ParameterAddress, TextError> {
+    let expected = "a number, 0 to 65535";
+    let index = u16::try_from(number).map_err(|_| TextError { at: 0, expected })?;
+    let mut address = ParameterAddress::new(index, space_number(space));
+    let mut has_order = false;
+    for part in parts {
+        let at = part.as_ptr() as usize - text.as_ptr() as usize;
+        let wrong = |expected| TextError { at, expected };
+        let word = part.trim();
+        let low_first = match word {
+            _ if word.eq_ignore_ascii_case("le") => Some(true),
+            _ if word.eq_ignore_ascii_case("be") => Some(false),
+            _ => None,
+        };
+        match (low_first, address.encoding) {
+            (None, None) if !has_order => {
+                let encoding = parse_encoding(word).filter(|known| is_register_type(*known));
+                let expected = "a type: u16, i16, u32, i32, u64, i64, f32 or f64";
+                address.encoding = Some(encoding.ok_or(wrong(expected))?);
+            }
+            (Some(low_first), Some(encoding)) if !has_order => {
+                let ordered = if low_first { low_word_first(encoding) } else { Some(encoding) };
+                let expected = "no word order: this type has one register";
+                address.encoding = Some(ordered.ok_or(wrong(expected))?);
+                has_order = true;
+            }
+            (Some(_), None) => return Err(wrong("a type before the word order, such as i32:le")),
+            _ => return Err(wrong("the end of the address")),
+        }
+    }
+    if space.is_bits() && address.encoding.is_some() {
+        return Err(TextError { at: 0, expected: "no type: it is one bit" });
+    }
+    Ok(address)
+}
+
+const fn is_register_type(encoding: Encoding) -> bool {
+    use Encoding as E;
+    matches!(encoding, E::U16 | E::I16 | E::U32 | E::I32 | E::U64 | E::I64 | E::F32 | E::F64)
+}
+
+const fn low_word_first(encoding: Encoding) -> Option<Encoding> {
+    Some(match encoding {
+        Encoding::U32 => Encoding::U32LowFirst,
+        Encoding::I32 => Encoding::I32LowFirst,
+        Encoding::U64 => Encoding::U64LowFirst,
+        Encoding::I64 => Encoding::I64LowFirst,
+        Encoding::F32 => Encoding::F32LowFirst,
+        Encoding::F64 => Encoding::F64LowFirst,
+        _ => return None,
+    })
+}
+
+const fn space_number(space: Space) -> u8 {
+    match space {
+        Space::Holding => 0,
+        Space::Coil => 1,
+        Space::Discrete => 2,
+        Space::Input => 3,
+    }
+}
+
+/// Writes an address: `R 51`.
+pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
+    let word = match Space::of_number(address.space) {
+        Some(Space::Coil) => "C",
+        Some(Space::Discrete) => "DI",
+        Some(Space::Input) => "IR",
+        _ => "R",
+    };
+    write!(out, "{word} {}", address.index)
+}
+
+/// What the protocol says of an address: its space decides whether it is a bit and may be written.
+#[must_use]
+pub fn describe(address: &ParameterAddress) -> Parameter {
+    let space = Space::of_number(address.space).unwrap_or(Space::Holding);
+    let default = if space.is_bits() { Encoding::Bit } else { Encoding::U16 };
+    let writable = matches!(space, Space::Holding | Space::Coil);
+    Parameter {
+        access: if writable { Access::ReadWrite } else { Access::Read },
+        moves: writable,
+        ..address.describe(default)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::parse;
+    use crate::profile::{Encoding, ParameterAddress};
+
+    #[test]
+    fn registers_and_bits_are_read() {
+        let read = |text: &str| parse(text).expect(text).expect(text);
+        for text in ["0x33", "R 51", "r 0x33", "HR 51", "register 33h"] {
+            assert_eq!(read(text), ParameterAddress::new(0x33, 0), "{text}");
+        }
+        assert_eq!(read("C 5"), ParameterAddress::new(5, 1));
+        assert_eq!(read("DI 2"), ParameterAddress::new(2, 2));
+        assert_eq!(read("IR 3"), ParameterAddress::new(3, 3));
+        assert_eq!(read("0x20:i32").encoding, Some(Encoding::I32));
+        assert_eq!(read("0x20:i32:be").encoding, Some(Encoding::I32));
+        assert_eq!(read("0x20:f32:le").encoding, Some(Encoding::F32LowFirst));
+    }
+
+    #[test]
+    fn what_is_no_register_is_refused() {
+        for text in ["51", "internal speed", "Fn_33", "R", "R x", ""] {
+            assert_eq!(parse(text), None, "{text}");
+        }
+        for text in [
+            "0x10000",
+            "R 51:u8",
+            "R 51:le",
+            "R 51:u16:le",
+            "C 5:u16",
+            "R 1:u32:le:be",
+            "R 1:i32:9",
+        ] {
+            assert!(parse(text).unwrap().is_err(), "{text}");
+        }
+    }
+}

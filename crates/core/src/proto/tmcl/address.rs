@@ -1,0 +1,161 @@
+//! Parameters by their number: `AP 6`, `AP 6.2` (motor 2), `GP 66`, `GP 0.3` (bank 3), `IO 0.1` (port 0
+//! of bank 1).
+
+use crate::explain::TextError;
+use crate::profile::{
+    Access, Encoding, Parameter, ParameterAddress, Persistence, parse_address_number,
+    parse_encoding,
+};
+
+/// What a parameter's space means: axis parameters of motor 0, a bank of the global parameters, a bank
+/// of inputs and outputs, axis parameters of another motor.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Space {
+    /// GAP and SAP, with the motor.
+    Axis(u8),
+    /// GGP and SGP, with the bank.
+    Global(u8),
+    /// GIO and SIO, with the bank.
+    Io(u8),
+}
+
+const IO: u8 = 0x40;
+const MOTOR: u8 = 0x80;
+/// Motors have four bits where a parameter's number takes the others.
+const MOTOR_MAX: u8 = 15;
+const BANK_MAX: u8 = 31;
+
+impl Space {
+    /// Of [`Parameter::space`].
+    #[must_use]
+    pub const fn of_number(number: u8) -> Self {
+        match number {
+            0 => Self::Axis(0),
+            MOTOR.. => Self::Axis(number - MOTOR),
+            IO.. => Self::Io(number - IO),
+            _ => Self::Global(number - 1),
+        }
+    }
+
+    /// As [`Parameter::space`].
+    #[must_use]
+    pub const fn number(self) -> u8 {
+        match self {
+            Self::Axis(0) => 0,
+            Self::Axis(motor) => MOTOR + motor,
+            Self::Global(bank) => 1 + bank,
+            Self::Io(bank) => IO + bank,
+        }
+    }
+}
+
+/// Reads an address: `AP`, `GP` or `IO`, a number, behind a point motor or bank, and the type.
+#[must_use]
+pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
+    let mut parts = text.split(':');
+    let (word, place) = parts.next()?.trim().split_once([' ', '\t'])?;
+    let is = |name: &str| word.eq_ignore_ascii_case(name);
+    let space: fn(u8) -> Space = match () {
+        () if is("AP") => Space::Axis,
+        () if is("GP") => Space::Global,
+        () if is("IO") => Space::Io,
+        () => return None,
+    };
+    let (number, part) = place.trim().split_once('.').unwrap_or((place.trim(), "0"));
+    let (number, part) = (parse_address_number(number)?, parse_address_number(part)?);
+    let max = if space(0) == Space::Axis(0) { MOTOR_MAX } else { BANK_MAX };
+    let part = u8::try_from(part).ok().filter(|part| *part <= max);
+    let (Ok(index), Some(part)) = (u8::try_from(number), part) else {
+        let expected = "a number, 0 to 255, and behind a point motor 0 to 15 or bank 0 to 31";
+        return Some(Err(TextError { at: text.len() - text.trim_start().len(), expected }));
+    };
+    let mut address = ParameterAddress::new(index.into(), space(part).number());
+    if let Space::Axis(1..) = space(part) {
+        address.like = Some((index.into(), 0));
+    }
+    if let Some(word) = parts.next() {
+        let at = word.as_ptr() as usize - text.as_ptr() as usize;
+        let encoding = parse_encoding(word.trim());
+        let whole = encoding.filter(|known| matches!(known, Encoding::U32 | Encoding::I32));
+        if whole.is_none() || parts.next().is_some() {
+            return Some(Err(TextError { at, expected: "a type: i32 or u32" }));
+        }
+        address.encoding = whole;
+    }
+    Some(Ok(address))
+}
+
+/// Writes an address: `AP 6`, `AP 6.2`.
+pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
+    let (word, part) = match Space::of_number(address.space) {
+        Space::Axis(motor) => ("AP", motor),
+        Space::Global(bank) => ("GP", bank),
+        Space::Io(bank) => ("IO", bank),
+    };
+    match part {
+        0 => write!(out, "{word} {}", address.index),
+        part => write!(out, "{word} {}.{part}", address.index),
+    }
+}
+
+/// What the protocol says of an address: global parameters move no motor, and a module keeps those of
+/// bank 0 up to 127 at once (TMCL reference, SGP).
+#[must_use]
+pub fn describe(address: &ParameterAddress) -> Parameter {
+    let plain = address.describe(Encoding::I32);
+    match Space::of_number(address.space) {
+        Space::Global(bank) => Parameter {
+            moves: false,
+            persistence: match bank {
+                0 if address.index < 128 => Persistence::Always,
+                2 => Persistence::Storable,
+                _ => Persistence::Volatile,
+            },
+            ..plain
+        },
+        // Ports are read and written by banks of their own: 0 digital inputs, 1 analog, 2 outputs.
+        Space::Io(bank) => {
+            Parameter { access: if bank == 2 { Access::ReadWrite } else { Access::Read }, ..plain }
+        }
+        Space::Axis(_) => plain,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Space, parse};
+    use crate::profile::{Encoding, ParameterAddress};
+
+    #[test]
+    fn parameters_of_motors_and_banks_are_read() {
+        let read = |text: &str| parse(text).expect(text).expect(text);
+        assert_eq!(read("AP 207"), ParameterAddress::new(207, 0));
+        assert_eq!(read("ap 6.0"), ParameterAddress::new(6, 0));
+        let like = Some((6, 0));
+        let space = Space::Axis(2).number();
+        assert_eq!(read("AP 6.2"), ParameterAddress { like, ..ParameterAddress::new(6, space) });
+        assert_eq!(read("GP 66"), ParameterAddress::new(66, 1));
+        assert_eq!(read("GP 0.3"), ParameterAddress::new(0, 4));
+        assert_eq!(read("IO 0.1"), ParameterAddress::new(0, Space::Io(1).number()));
+        assert_eq!(read("AP 6:u32").encoding, Some(Encoding::U32));
+    }
+
+    #[test]
+    fn spaces_have_numbers_of_their_own() {
+        for number in 0..=u8::MAX {
+            if number != 0x80 {
+                assert_eq!(Space::of_number(number).number(), number);
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_parameter_is_refused() {
+        for text in ["AP", "AP x", "max current", "6", "GP 1.x"] {
+            assert_eq!(parse(text), None, "{text}");
+        }
+        for text in ["AP 256", "AP 6.16", "GP 1.32", "AP 6:u16", "AP 6:i32:le"] {
+            assert!(parse(text).unwrap().is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! Values of any length: text, and bytes such as a firmware image or a log.
+
+use super::failure::RequestKind;
+use super::{Axis, RunningRequest};
+use crate::amount::Value;
+use crate::error::Error;
+use polepair_core::axis::Axes;
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::profile::{Encoding, ParameterId};
+use polepair_core::proto;
+use std::fmt::{self, Write as _};
+use std::time::Duration;
+
+/// How often bytes are moved between the caller and the host, whose buffer holds one block.
+const PUMP_INTERVAL: Duration = Duration::from_millis(2);
+/// The most bytes that are read of one value.
+pub const DATA_MAX: usize = 256 << 20;
+/// What the host's buffer holds.
+const BUFFER_MAX: usize = 1024;
+/// A value of more bytes is written in blocks, which need an answer for each block and not for each
+/// segment of seven bytes.
+const BLOCK_MIN: usize = 256;
+
+impl Axis {
+    /// Reads a parameter of any length: text without its final zeros, or all of its bytes. `progress`
+    /// hears how many bytes arrived. With `block` it is asked for in blocks, where the protocol has
+    /// them and the drive does too, else in segments.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; what the drive refuses is told with its code.
+    pub fn read_data(
+        &self,
+        id: ParameterId,
+        block: bool,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Vec<u8>, Error> {
+        let mut data = match self.read_data_once(id, block, progress) {
+            Err(error) if block && self.has_no_blocks(&error) => {
+                self.read_data_once(id, false, progress)?
+            }
+            read => read?,
+        };
+        if self.parameter(id).is_some_and(|parameter| parameter.encoding == Encoding::Text) {
+            let len = data.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+            data.truncate(len);
+        }
+        Ok(data)
+    }
+
+    /// Writes all bytes of a parameter of any length. `progress` hears how many bytes the host has
+    /// taken to send. A long value goes in blocks where the drive has them, else in segments: a drive
+    /// that has none refuses before the first byte is sent.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; `E219` for what may move an unarmed axis. After a loss the transfer is not
+    /// repeated: the drive may have stored part of it.
+    pub fn write_data(
+        &self,
+        id: ParameterId,
+        data: &[u8],
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<(), Error> {
+        let block = data.len() >= BLOCK_MIN;
+        match self.write_data_once(id, data, block, progress) {
+            Err(error) if block && self.has_no_blocks(&error) => {
+                self.write_data_once(id, data, false, progress)
+            }
+            written => written,
+        }
+    }
+
+    /// Reads a parameter that holds text, by name or address.
+    ///
+    /// # Errors
+    /// As [`read_data`](Self::read_data).
+    pub fn get_text(&self, name: &str) -> Result<String, Error> {
+        let data = self.read_data(self.find(name)?, false, &mut |_| {})?;
+        Ok(String::from_utf8_lossy(&data).into_owned())
+    }
+
+    /// Reads a parameter that holds bytes, by name or address.
+    ///
+    /// # Errors
+    /// As [`read_data`](Self::read_data).
+    pub fn get_bytes(&self, name: &str) -> Result<Vec<u8>, Error> {
+        self.read_data(self.find(name)?, false, &mut |_| {})
+    }
+
+    /// Whether the drive refused because it has no block transfer: nothing was transferred then.
+    fn has_no_blocks(&self, error: &Error) -> bool {
+        let Error::Failed { outcome, .. } = error else { return false };
+        let Some(Failure::Refused { code }) = outcome.failure() else { return false };
+        proto::find_dissector(self.protocol).is_some_and(|known| known.refuses_blocks(code))
+    }
+
+    fn read_data_once(
+        &self,
+        id: ParameterId,
+        block: bool,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Vec<u8>, Error> {
+        let what = format!("reading `{}`", self.required_parameter(id)?.name);
+        let request =
+            |axes: &mut dyn Axes, now, ticket| axes.read_data(now, ticket, self.index, id, block);
+        let mut running = self.submit(what, RequestKind::Query, request)?;
+        let ticket = running.pending.ticket();
+        let (mut data, mut buffer) = (Vec::new(), [0; BUFFER_MAX]);
+        loop {
+            let ended = running.wait(PUMP_INTERVAL);
+            let count = self.connection.with_axes(|axes, _| axes.poll_bytes(ticket, &mut buffer));
+            data.extend_from_slice(&buffer[..count.unwrap_or(0)]);
+            progress(data.len());
+            match ended? {
+                // What the drive said and what arrived have to agree.
+                Some(count) if usize::try_from(count).is_ok_and(|count| count == data.len()) => {
+                    return Ok(data);
+                }
+                Some(_) => {
+                    let outcome = Outcome::NotDone(Failure::Misbehaved);
+                    return Err(self.outcome_error(&running.what, RequestKind::Query, outcome));
+                }
+                None if data.len() > DATA_MAX => {
+                    let what = format!("{}: more than {DATA_MAX} bytes came", running.what);
+                    return Err(Error::usage("E213", what, "this is no value that ends"));
+                }
+                None => {}
+            }
+        }
+    }
+
+    fn write_data_once(
+        &self,
+        id: ParameterId,
+        data: &[u8],
+        block: bool,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<(), Error> {
+        let what = format!("setting `{}`", self.required_parameter(id)?.name);
+        let too_long = || Error::usage("E216", "more bytes than a transfer has", "");
+        let size = u32::try_from(data.len()).map_err(|_| too_long())?;
+        let request = |axes: &mut dyn Axes, now, ticket| {
+            axes.write_data(now, ticket, self.index, id, size, block)
+        };
+        let mut running: RunningRequest = self.submit(what, RequestKind::Command, request)?;
+        let ticket = running.pending.ticket();
+        let mut sent = 0;
+        loop {
+            let fed = self.connection.with_axes(|axes, _| axes.feed_bytes(ticket, &data[sent..]));
+            sent += fed.unwrap_or(0);
+            progress(sent);
+            if running.wait(PUMP_INTERVAL)?.is_some() {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// A value of a parameter, whatever its type.
+#[derive(Clone, PartialEq, Debug)]
+pub enum ParameterValue {
+    /// A number, with its unit.
+    Number(Value),
+    /// Text.
+    Text(String),
+    /// Bytes.
+    Bytes(Vec<u8>),
+}
+
+impl ParameterValue {
+    /// The number, where it is one.
+    #[must_use]
+    pub const fn number(&self) -> Option<&Value> {
+        match self {
+            Self::Number(value) => Some(value),
+            Self::Text(_) | Self::Bytes(_) => None,
+        }
+    }
+}
+
+impl fmt::Display for ParameterValue {
+    /// Bytes in hexadecimal, as many as there are.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Number(value) => value.fmt(f),
+            // Text from a drive is nothing that a terminal is to obey.
+            Self::Text(text) => text.escape_debug().try_for_each(|c| f.write_char(c)),
+            Self::Bytes(bytes) => bytes.iter().enumerate().try_for_each(|(at, byte)| {
+                let gap = if at == 0 { "" } else { " " };
+                write!(f, "{gap}{byte:02X}")
+            }),
+        }
+    }
+}
+
+impl Axis {
+    /// Reads a parameter of whatever type. What has no known type is a number where it has at most
+    /// eight bytes, else bytes.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn read_any(&self, id: ParameterId) -> Result<ParameterValue, Error> {
+        let encoding = self.required_parameter(id)?.encoding;
+        if encoding.is_number() {
+            match self.read(id) {
+                // It has more bytes than a number.
+                Err(Error::Failed { outcome, .. })
+                    if encoding == Encoding::AnyLength
+                        && matches!(outcome.failure(), Some(Failure::NotReady { .. })) => {}
+                read => return Ok(ParameterValue::Number(self.value(id, read?)?)),
+            }
+        }
+        let data = self.read_data(id, false, &mut |_| {})?;
+        Ok(match encoding {
+            Encoding::Text => ParameterValue::Text(String::from_utf8_lossy(&data).into_owned()),
+            _ => ParameterValue::Bytes(data),
+        })
+    }
+}
