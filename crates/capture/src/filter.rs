@@ -16,6 +16,7 @@ use crate::session::{AnomalyKind, SessionNotice};
 use crate::timestamp::Timestamp;
 use fixed_point::NumberRanges;
 pub use glob::Glob;
+use polepair_core::profile::ParameterAddress;
 
 /// A question about a frame.
 #[derive(Clone, Debug)]
@@ -81,6 +82,9 @@ enum FilterTest {
     Error(WordPattern),
     Bytes(Vec<u8>),
     Field(String, ValuePattern),
+    /// About a parameter, by its address in each protocol that has such addresses; its value, where one
+    /// is asked for.
+    Object(Vec<(&'static str, ParameterAddress)>, Option<NumberRanges>),
     Notice(NoticeTest),
 }
 

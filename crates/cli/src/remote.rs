@@ -27,7 +27,7 @@ use crate::target::DriveArgs;
 use crate::value;
 
 /// Verbs that a server carries out, and which axes they are about.
-const SERVER_VERBS: [(&str, AxesScope); 18] = [
+const SERVER_VERBS: [(&str, AxesScope); 19] = [
     ("clear", AxesScope::Named),
     ("disable", AxesScope::Named),
     ("dismiss", AxesScope::Named),
@@ -40,6 +40,7 @@ const SERVER_VERBS: [(&str, AxesScope); 18] = [
     ("move", AxesScope::Named),
     ("release", AxesScope::None),
     ("scan", AxesScope::AllUnlessNamed),
+    ("send", AxesScope::Named),
     ("set", AxesScope::Named),
     ("spin", AxesScope::Named),
     ("stop", AxesScope::AllUnlessNamed),

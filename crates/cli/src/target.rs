@@ -21,6 +21,7 @@ use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote;
 use crate::session::Session;
+use crate::tap_queue::{QueueTap, TapQueue};
 use crate::terminal::{self, DataOutput, print_note};
 use crate::trace::{self, FrameTrace};
 
@@ -92,8 +93,17 @@ impl DriveArgs {
         Ok(&self.url)
     }
 
+    /// Opens the link; a queue gets a copy of what passes on it.
+    pub fn open_with_queue(&self, queue: &TapQueue) -> Result<Session> {
+        self.open_with(&self.build_connector(Some(queue))?, &self.url)
+    }
+
     /// How links are opened, with what shows or keeps the frames.
     pub fn connector(&self) -> Result<Connector> {
+        self.build_connector(None)
+    }
+
+    fn build_connector(&self, queue: Option<&TapQueue>) -> Result<Connector> {
         let mut connector = match self.stops {
             true => self.profiles.connector_to_stop(),
             false => self.profiles.connector()?,
@@ -111,12 +121,13 @@ impl DriveArgs {
             }
             trace => trace?,
         };
-        if self.verbose || trace.is_some() {
+        if self.verbose || trace.is_some() || queue.is_some() {
             let name = link_name(&self.url);
             let protocols = connector.protocols(&self.url).map_err(outcome::to_problem)?;
             let shown =
                 self.verbose.then(|| FramePrinter::new(&protocols, name, self.naming.clone()));
-            connector = connector.with_tap(FrameTap { trace, shown });
+            let queue = queue.map(|queue| queue.tap(0));
+            connector = connector.with_tap(FrameTap { trace, shown, queue });
         }
         Ok(connector)
     }
@@ -196,7 +207,7 @@ pub fn warn_ignored_files(connector: &Connector) {
 }
 
 /// One step of a plan: its bytes, and what they do.
-fn describe_step(axis: &Axis, step: &Rehearsal) -> String {
+pub fn describe_step(axis: &Axis, step: &Rehearsal) -> String {
     let name = |id| axis.parameter(id).map_or("?", |parameter| parameter.name);
     let does = match step.step {
         RehearsalAction::Read(id) => format!("read {}", name(id)),
@@ -246,10 +257,11 @@ pub fn link_name(url: &str) -> String {
     name.split(':').find(|part| !part.is_empty()).unwrap_or("link").to_owned()
 }
 
-/// What `-v` and `--trace` do with the frames.
+/// What `-v` and `--trace` do with the frames, and who else gets them.
 struct FrameTap {
     trace: Option<FrameTrace>,
     shown: Option<FramePrinter>,
+    queue: Option<QueueTap>,
 }
 
 impl Tap<Stream> for FrameTap {
@@ -259,6 +271,9 @@ impl Tap<Stream> for FrameTap {
         }
         if let Some(shown) = &mut self.shown {
             shown.print(at, direction, UnitRef::Bytes(bytes));
+        }
+        if let Some(queue) = &mut self.queue {
+            Tap::<Stream>::record_unit(queue, at, direction, bytes);
         }
     }
 }
@@ -270,6 +285,9 @@ impl Tap<Can> for FrameTap {
         }
         if let Some(shown) = &mut self.shown {
             shown.print(at, direction, UnitRef::Frame(frame));
+        }
+        if let Some(queue) = &mut self.queue {
+            Tap::<Can>::record_unit(queue, at, direction, frame);
         }
     }
 }

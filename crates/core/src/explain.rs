@@ -68,6 +68,18 @@ pub enum FieldValue<'a> {
     Words(&'a [u8]),
 }
 
+impl FieldValue<'_> {
+    /// The number, where it is a whole one.
+    #[must_use]
+    pub fn integer(self) -> Option<i64> {
+        match self {
+            Self::Int(number) => Some(number),
+            Self::Hex(number, _) => i64::try_from(number).ok(),
+            _ => None,
+        }
+    }
+}
+
 /// One field of a frame.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Field<'a> {
@@ -303,6 +315,16 @@ pub trait Dissector: Sync {
     /// has no name.
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {
         address.describe(Encoding::I32)
+    }
+    /// Whether a frame is about the parameter at an address, by its own fields: `field` gives the one
+    /// of that name.
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        let _ = (address, field);
+        false
     }
     /// Whether a drive that refuses with that code has no block transfer: nothing was transferred, and
     /// it can be asked without blocks.

@@ -17,7 +17,7 @@ use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::medium::{Can, CanLine, Frame};
 use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand};
-use crate::station::{AxisIndex, Counters, LineEvent, Station, Ticket, Timed};
+use crate::station::{AxisIndex, Counters, LineEvent, RequestClass, Station, Ticket, Timed};
 use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
 use crate::stream::{PathKind, Point};
 use crate::time::{Instant, earliest};
@@ -234,6 +234,16 @@ impl Axes for Mux {
     ) -> Result<(), Unsupported> {
         let (lane, axis) = self.lane_of_mut(axis)?;
         lane.send_text(now, ticket, axis, text)
+    }
+
+    fn rehearse_text(
+        &self,
+        axis: AxisIndex,
+        text: &str,
+        show: &mut dyn FnMut(RehearsalStep<'_>),
+    ) -> Result<(RequestClass, bool), Unsupported> {
+        let (lane, axis) = self.lane_of(axis).ok_or(Unsupported::NoSuchAxis)?;
+        lane.rehearse_text(axis, text, show)
     }
 
     fn send_frame(

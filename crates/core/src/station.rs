@@ -86,6 +86,12 @@ pub trait Request: Copy + Send + 'static {
     /// Whether it may be resent. A driver gives a write the class that the lane names; other
     /// requests know theirs.
     fn class(&self) -> RequestClass;
+
+    /// Whether the caller has to take or give bytes while it runs, as [`Host::poll_bytes`] and
+    /// [`Host::feed_bytes`] do.
+    fn moves_bytes(&self) -> bool {
+        false
+    }
     /// True for a request that takes motion out of a drive.
     fn is_stop(&self) -> bool {
         self.class() == RequestClass::Stop

@@ -27,6 +27,7 @@ mod mounted;
 mod pending_writes;
 mod program;
 mod raw_bytes;
+mod raw_text;
 mod request;
 mod scales;
 mod stop_retry;
@@ -39,6 +40,7 @@ pub use armed::Armed;
 pub use cyclic::CyclicAxes;
 pub use data::{DATA_MAX, ParameterValue};
 pub use pending_writes::PendingWrites;
+pub use raw_text::RawRehearsal;
 pub use request::{PreparedCommand, RunningRequest};
 pub(crate) use stop_retry::stop_until_standstill;
 pub use stop_retry::{STOP_RETRY_MAX, stop_with_retry};
@@ -552,14 +554,6 @@ impl Axis {
                 ))
             }
         }
-    }
-
-    /// Sends a request in the protocol's own text, such as `GAP 1`, and gives the value answered.
-    ///
-    /// # Errors
-    /// [`Error`] by blame; `E221` for text that is not of that language.
-    pub fn raw(&self, text: &str) -> Result<i64, Error> {
-        self.start_raw(text)?.finish()
     }
 
     /// What a command would send, step by step. Nothing of it is sent; where a scale depends on

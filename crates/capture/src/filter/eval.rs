@@ -2,10 +2,14 @@
 
 use core::fmt::{self, Write as _};
 
+use super::fixed_point::NumberRanges;
 use super::{FilterTest, ValuePattern, WordPattern, fixed_point};
 use crate::decoder::DecodedFrame;
-use crate::explanation::{ExplanationField, ExplanationValue};
+use crate::explanation::{ExplanationField, ExplanationValue, StoredValueSource};
 use crate::timestamp::Timestamp;
+use polepair_core::explain::FieldValue;
+use polepair_core::profile::ParameterAddress;
+use polepair_core::proto;
 
 /// Bytes of an error's words that are looked through.
 const ERROR_MAX: usize = 256;
@@ -45,6 +49,11 @@ impl FilterTest {
                 let mut items = event.explanation.fields().filter(|item| item.name == name);
                 items.any(|item| either.matches(&item))
             }
+            Self::Object(addresses, values) => {
+                let its = |(protocol, _): &&(&str, _)| event.protocol == Some(*protocol);
+                let found = addresses.iter().find(its);
+                found.is_some_and(|(_, address)| concerns(event, address, values.as_ref()))
+            }
             Self::Notice(notice_test) => {
                 event.notices.iter().any(|notice| notice_test.matches(notice))
             }
@@ -70,6 +79,50 @@ impl ValuePattern {
         let words = words.chunks(2).map(|w| w.iter().fold(0, |sum, b| sum << 8 | i64::from(*b)));
         words.into_iter().any(|word| self.numbers.contains(fixed_point::from_integer(word)))
     }
+}
+
+const fn as_field_value(value: ExplanationValue<'_>) -> FieldValue<'_> {
+    match value {
+        ExplanationValue::Int(number) => FieldValue::Int(number),
+        ExplanationValue::Hex(number, digits) => FieldValue::Hex(number, digits),
+        ExplanationValue::Real(number) => FieldValue::Real(number),
+        ExplanationValue::Text(text) => FieldValue::Text(text),
+        ExplanationValue::Words(words) => FieldValue::Words(words),
+    }
+}
+
+/// Whether a frame is about a parameter: it asks for it, or carries its value.
+fn concerns(
+    event: &DecodedFrame<'_>,
+    address: &ParameterAddress,
+    values: Option<&NumberRanges>,
+) -> bool {
+    let Some(dissector) = event.protocol.and_then(proto::find_dissector) else { return false };
+    let place = |other: &ParameterAddress| (other.index, other.space);
+    let carried = event.explanation.frame_values().iter().filter(|carried| {
+        let own = match carried.source {
+            StoredValueSource::Parameter(parameter) => Some((parameter.index, parameter.space)),
+            StoredValueSource::Named(word) => match dissector.parse_address(word) {
+                Some(Ok(other)) => Some(place(&other)),
+                _ => None,
+            },
+        };
+        // A parameter of the profile is every motor's.
+        let like = address.like.filter(|_| carried.motor > 0);
+        own == Some(like.unwrap_or(place(address)))
+    });
+    let field = |name: &str| {
+        let mut all = event.explanation.fields();
+        all.find(|field| field.name == name).map(|field| as_field_value(field.value))
+    };
+    let mut numbers = carried.map(|carried| carried.raw).peekable();
+    let Some(values) = values else {
+        return numbers.peek().is_some() || dissector.concerns(address, &field);
+    };
+    // Its value is a field where the frame says by itself what it is of.
+    let own = || field("value").filter(|_| dissector.concerns(address, &field));
+    let own = if numbers.peek().is_none() { own().and_then(FieldValue::integer) } else { None };
+    numbers.chain(own).any(|number| values.contains(fixed_point::from_integer(number)))
 }
 
 fn defect_matches(event: &DecodedFrame<'_>, words: &WordPattern) -> bool {

@@ -8,6 +8,7 @@ use crate::decoder::DecodedFrame;
 use crate::rules::nearest_word;
 use crate::session::{AnomalyKind, ExchangeOutcome};
 use polepair_core::explain::Direction;
+use polepair_core::proto;
 
 /// Parentheses and `not` within each other.
 const DEPTH_MAX: u32 = 64;
@@ -140,6 +141,7 @@ impl Parser<'_> {
         let token = self.next_token();
         match &token.kind {
             TokenKind::Quoted(text) => Ok(FilterTest::Text(containing(text))),
+            TokenKind::Word(word) if word.eq_ignore_ascii_case("object") => self.parse_object(),
             TokenKind::Word(word) => match self.parse_notice_test(word)? {
                 Some(test) => Ok(test),
                 None => match flag_test(word) {
@@ -148,6 +150,27 @@ impl Parser<'_> {
                 },
             },
             _ => Err(self.error_at(&token, WANTED)),
+        }
+    }
+
+    /// `object 0x6041:0`, and what its raw value is compared with.
+    fn parse_object(&mut self) -> FilterResult<FilterTest> {
+        const WANTED: &str =
+            "expected an address: 0x6041:0, \"R 51\", \"AP 6\", @0x0228, \"SP 12\"";
+        let token = self.peek().clone();
+        let text = self.parse_word(WANTED)?;
+        let all = proto::dissectors().iter();
+        let known = all.filter_map(|one| Some((one.name(), one.parse_address(&text)?.ok()?)));
+        let addresses: Vec<_> = known.collect();
+        if addresses.is_empty() {
+            return Err(self.error_at(&token, WANTED));
+        }
+        match self.accept_operator() {
+            None => Ok(FilterTest::Object(addresses, None)),
+            Some(how) => {
+                let test = |values| FilterTest::Object(addresses.clone(), Some(values));
+                self.parse_numbers(how, false, test)
+            }
         }
     }
 

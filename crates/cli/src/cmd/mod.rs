@@ -22,6 +22,7 @@ mod record;
 mod release;
 mod replay;
 mod scan;
+mod send;
 mod serve;
 mod set;
 mod sim;
@@ -111,10 +112,12 @@ pub enum CommandVerb {
     Scan(scan::ScanCommand),
     /// Show who a drive is, what it does, and its faults in words
     Info(info::Info),
-    /// Read parameters by name, with units
+    /// Read parameters by name or number, with units
     Get(get::Get),
-    /// Write parameters by name, with units
+    /// Write parameters by name or number, with units
     Set(set::Set),
+    /// Send requests in the protocol's own text, and explain the replies
+    Send(send::Send),
     /// Save a drive's settings as a file, compare them with one, write them back
     #[command(subcommand)]
     Config(config::ConfigCommand),
@@ -185,6 +188,7 @@ fn run_on_server(CommandLine { join, verb, word }: CommandLine) -> Result {
         CommandVerb::Info(verb) => verb.run_on_server(&join.open()?),
         CommandVerb::Get(verb) => verb.run_on_server(&join.open()?),
         CommandVerb::Set(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Send(verb) => verb.run_on_server(&join.open()?),
         CommandVerb::Enable(verb) => verb.run_on_server(&join.open()?),
         CommandVerb::Disable(verb) => verb.run_on_server(&join.open()?),
         CommandVerb::Stop(verb) => verb.run_on_server(join),
@@ -216,6 +220,7 @@ fn run_locally(verb: CommandVerb) -> Result {
         CommandVerb::Info(verb) => verb.run(),
         CommandVerb::Get(verb) => verb.run(),
         CommandVerb::Set(verb) => verb.run(),
+        CommandVerb::Send(verb) => verb.run(),
         CommandVerb::Config(verb) => verb.run(),
         CommandVerb::Enable(verb) => verb.run(),
         CommandVerb::Disable(verb) => verb.run(),

@@ -4,6 +4,7 @@
 
 mod asking;
 mod broken;
+mod by_number;
 mod can;
 mod canopen;
 mod config;

@@ -6,7 +6,7 @@ use crate::explain::RawFrame;
 use crate::lane::{MemoryBlock, MemoryTransfer, TransferKind};
 use crate::profile::{AddressRole, NoScale, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand};
-use crate::station::{AxisIndex, Counters, Ticket};
+use crate::station::{AxisIndex, Counters, RequestClass, Ticket};
 use crate::stream::cyclic::{CycleStatistics, CyclicConfig};
 use crate::stream::{PathKind, Point};
 use crate::time::Instant;
@@ -163,6 +163,21 @@ pub trait Axes {
         axis: AxisIndex,
         text: &str,
     ) -> Result<(), Unsupported>;
+
+    /// Shows what [`send_text`](Self::send_text) would send. Nothing is sent. Tells what the request would
+    /// be held to, and whether it [moves bytes](crate::station::Request::moves_bytes).
+    ///
+    /// # Errors
+    /// [`Unsupported::BadText`] when it is no text of the protocol.
+    fn rehearse_text(
+        &self,
+        axis: AxisIndex,
+        text: &str,
+        show: &mut dyn FnMut(RehearsalStep<'_>),
+    ) -> Result<(RequestClass, bool), Unsupported> {
+        let _ = (axis, text, show);
+        Err(Unsupported::BadText)
+    }
 
     /// Sends a request in the protocol's own bytes: a whole frame, with its identifier on CAN.
     ///

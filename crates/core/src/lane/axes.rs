@@ -169,6 +169,17 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         self.queue_raw_request(ticket, axis, request)
     }
 
+    fn rehearse_text(
+        &self,
+        axis: AxisIndex,
+        text: &str,
+        show: &mut dyn FnMut(RehearsalStep<'_>),
+    ) -> Result<(RequestClass, bool), Unsupported> {
+        let request = self.slot(axis)?.driver.parse_request(text)?;
+        self.show_request(RehearsalAction::Send, &request, show);
+        Ok((request.class(), request.moves_bytes()))
+    }
+
     fn send_frame(
         &mut self,
         _now: Instant,

@@ -82,18 +82,6 @@ impl Axis {
         self.submit(what, RequestKind::Write(id, raw, keep), request)
     }
 
-    /// Begins a request in the protocol's own text, and does not wait for the answer: as
-    /// [`raw`](Self::raw).
-    ///
-    /// # Errors
-    /// [`Error::Unsupported`]: nothing was sent.
-    pub fn start_raw(&self, text: &str) -> Result<RunningRequest, Error> {
-        let what = format!("`{text}`");
-        let request =
-            |axes: &mut dyn Axes, now, ticket| axes.send_text(now, ticket, self.index, text);
-        self.submit(what, RequestKind::Command, request)
-    }
-
     pub(super) fn submit(
         &self,
         what: String,

@@ -1,7 +1,7 @@
 //! Objects by their number: `0x2030:1`, `2030h:1`, `0x2030:1:u16`.
 
 use super::sdo::ObjectIndex;
-use crate::explain::TextError;
+use crate::explain::{FieldValue, TextError};
 use crate::profile::{
     Access, Encoding, Parameter, ParameterAddress, Persistence, parse_address_number,
     parse_encoding,
@@ -93,6 +93,15 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
         },
         ..plain
     }
+}
+
+/// Whether a frame of the protocol is about an address, by its fields.
+pub fn concerns<'a>(
+    address: &ParameterAddress,
+    field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+) -> bool {
+    let number = |name| field(name).and_then(FieldValue::integer);
+    number("index") == Some(address.index.into()) && number("sub") == Some(address.space.into())
 }
 
 #[cfg(test)]

@@ -147,6 +147,14 @@ impl Dissector for CanopenDissector {
         let _ = address::write(address, out);
     }
 
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        address::concerns(address, field)
+    }
+
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {
         address::describe(address)
     }

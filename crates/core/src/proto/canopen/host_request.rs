@@ -118,6 +118,10 @@ impl HostRequest {
 }
 
 impl Request for HostRequest {
+    fn moves_bytes(&self) -> bool {
+        matches!(self, Self::Upload { .. } | Self::Download { .. })
+    }
+
     /// To stop a node takes its process data away, so it counts as a stop; process data and SYNC may
     /// start motion.
     fn class(&self) -> RequestClass {

@@ -1,17 +1,20 @@
 //! Registers and bits by their number: `0x33`, `R 51`, `IR 3`, `C 5`, `DI 2`, `0x20:i32:le`.
 
-use super::wire::Space;
-use crate::explain::TextError;
+use super::wire::{Function, Space};
+use crate::explain::{FieldValue, TextError};
 use crate::profile::{
     Access, Encoding, Parameter, ParameterAddress, parse_address_number, parse_encoding,
 };
 
 /// Words before a number, with the space that they mean.
-const SPACES: [(&str, Space); 11] = [
+const SPACES: [(&str, Space); 14] = [
     ("R", Space::Holding),
     ("HR", Space::Holding),
     ("holding", Space::Holding),
     ("register", Space::Holding),
+    ("holding register", Space::Holding),
+    ("input register", Space::Input),
+    ("discrete input", Space::Discrete),
     ("IR", Space::Input),
     ("input", Space::Input),
     ("C", Space::Coil),
@@ -27,10 +30,11 @@ const SPACES: [(&str, Space); 11] = [
 pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
     let mut parts = text.split(':');
     let first = parts.next()?.trim();
-    let (space, number) = match first.split_once([' ', '\t']) {
+    let (space, number) = match first.rsplit_once([' ', '\t']) {
         Some((word, number)) => {
+            let word = word.trim_end();
             let known = SPACES.iter().find(|(name, _)| name.eq_ignore_ascii_case(word))?;
-            (known.1, number.trim())
+            (known.1, number)
         }
         None if first.starts_with("0x") || first.starts_with("0X") => (Space::Holding, first),
         None => return None,
@@ -126,6 +130,28 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
         access: if writable { Access::ReadWrite } else { Access::Read },
         moves: writable,
         ..address.describe(default)
+    }
+}
+
+/// Whether a frame of the protocol is about an address, by its fields.
+pub fn concerns<'a>(
+    address: &ParameterAddress,
+    field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+) -> bool {
+    let number = |name| field(name).and_then(FieldValue::integer);
+    let Some(first) = number("start").or_else(|| number("register")) else { return false };
+    let function = number("function").and_then(|code| u8::try_from(code).ok());
+    let space = function.and_then(|code| function_space(Function::of_code(code)));
+    space.is_some_and(|space| Space::of_number(address.space) == Some(space))
+        && (first..first + number("count").unwrap_or(1)).contains(&address.index.into())
+}
+
+/// The space that a function reads or writes.
+const fn function_space(function: Function) -> Option<Space> {
+    match function {
+        Function::WriteCoil | Function::WriteCoils => Some(Space::Coil),
+        Function::WriteRegister | Function::WriteRegisters => Some(Space::Holding),
+        other => other.read_space(),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::rules::{class_of, is_stored};
 use super::wire::{CommandKind, CommandWord, Request, Width};
-use crate::explain::TextError;
+use crate::explain::{FieldValue, TextError};
 use crate::profile::{
     Access, Encoding, Parameter, ParameterAddress, Persistence, parse_address_number,
     parse_encoding,
@@ -86,6 +86,23 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
             false => Persistence::Volatile,
         },
         ..address.describe(default)
+    }
+}
+
+/// Whether a frame of the protocol is about an address, by its fields.
+pub fn concerns<'a>(
+    address: &ParameterAddress,
+    field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+) -> bool {
+    let command = match field("command") {
+        Some(FieldValue::Text(letters)) => CommandWord::parse(letters),
+        _ => None,
+    };
+    let sub = field("sub").and_then(FieldValue::integer);
+    match (address.space, command) {
+        (0, Some(command)) => command.0 == address.index,
+        (_, Some(CommandWord::SP | CommandWord::RP)) => sub == Some(address.index.into()),
+        _ => false,
     }
 }
 

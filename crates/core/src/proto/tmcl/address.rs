@@ -1,7 +1,8 @@
 //! Parameters by their number: `AP 6`, `AP 6.2` (motor 2), `GP 66`, `GP 0.3` (bank 3), `IO 0.1` (port 0
 //! of bank 1).
 
-use crate::explain::TextError;
+use super::opcode::Opcode;
+use crate::explain::{FieldValue, TextError};
 use crate::profile::{
     Access, Encoding, Parameter, ParameterAddress, Persistence, parse_address_number,
     parse_encoding,
@@ -119,6 +120,25 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
         }
         Space::Axis(_) => plain,
     }
+}
+
+/// Whether a frame of the protocol is about an address, by its fields.
+pub fn concerns<'a>(
+    address: &ParameterAddress,
+    field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+) -> bool {
+    let number = |name| field(name).and_then(FieldValue::integer);
+    let opcode = number("opcode").and_then(|opcode| u8::try_from(opcode).ok());
+    let (Some(opcode), Some(part)) = (opcode.map(Opcode::from), number("motor")) else {
+        return false;
+    };
+    let of_opcode = match (opcode, Space::of_number(address.space)) {
+        (Opcode::Gap | Opcode::Sap | Opcode::Stap | Opcode::Rsap, Space::Axis(motor)) => motor,
+        (Opcode::Ggp | Opcode::Sgp | Opcode::Stgp | Opcode::Rsgp, Space::Global(bank)) => bank,
+        (Opcode::Gio | Opcode::Sio, Space::Io(bank)) => bank,
+        _ => return false,
+    };
+    i64::from(of_opcode) == part && number("type") == Some(address.index.into())
 }
 
 #[cfg(test)]

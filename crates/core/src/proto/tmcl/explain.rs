@@ -104,6 +104,14 @@ impl Dissector for TmclDissector {
         let _ = address::write(address, out);
     }
 
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        address::concerns(address, field)
+    }
+
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {
         address::describe(address)
     }

@@ -1,6 +1,6 @@
 //! Memory by its address: `@0x03B0`, `@0x0228:i32`, `pm@0x4000`, `spi@0x4000`.
 
-use crate::explain::TextError;
+use crate::explain::{FieldValue, TextError};
 use crate::profile::{
     Access, Encoding, Parameter, ParameterAddress, parse_address_number, parse_encoding,
 };
@@ -55,6 +55,15 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
         moves: data,
         ..address.describe(Encoding::I16)
     }
+}
+
+/// Whether a frame of the protocol is about an address, by its fields.
+pub fn concerns<'a>(
+    address: &ParameterAddress,
+    field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+) -> bool {
+    let number = |name| field(name).and_then(FieldValue::integer);
+    number("address") == Some(address.index.into())
 }
 
 #[cfg(test)]

@@ -17,8 +17,8 @@ use super::{technocan, tmlcan};
 use crate::error::WireError;
 use crate::explain::{
     Context, ConversationContext, Direction, Dissector, Effect, EncodeError, EncodeOptions,
-    EncodedFrame, ExplainSink, FrameBoundary, FrameRole, RawFrame, SequencePosition, TextError,
-    WireKind,
+    EncodedFrame, ExplainSink, FieldValue, FrameBoundary, FrameRole, RawFrame, SequencePosition,
+    TextError, WireKind,
 };
 use crate::medium::Frame;
 use crate::profile::{Parameter, ParameterAddress, Profile};
@@ -175,6 +175,14 @@ impl Dissector for TmlDissector {
     fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
         // Who gives no room for it has none.
         let _ = address::write(address, out);
+    }
+
+    fn concerns<'a>(
+        &self,
+        address: &ParameterAddress,
+        field: &dyn Fn(&str) -> Option<FieldValue<'a>>,
+    ) -> bool {
+        address::concerns(address, field)
     }
 
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {

@@ -69,6 +69,14 @@ impl NodeChannel {
                 self.stale_answers = StaleAnswers::None;
                 Some(ChannelStep::End(Err(Failure::Refused { code: abort.0 })))
             }
+            // Some nodes without blocks refuse with the object of an earlier request.
+            (ChannelStage::Request, SdoReply::Abort(_, AbortCode::SPECIFIER))
+                if matches!(self.host_request, HostRequest::Download { block: true, .. }) =>
+            {
+                self.stale_answers = StaleAnswers::None;
+                let code = AbortCode::SPECIFIER.0;
+                Some(ChannelStep::End(Err(Failure::Refused { code })))
+            }
             (ChannelStage::Request, reply) if reply.object() == Some(object) => {
                 let step = self.handle_begun(reply, long)?;
                 self.stale_answers = StaleAnswers::None;
@@ -98,9 +106,10 @@ impl NodeChannel {
         long: Option<&mut TransferBuffer>,
     ) -> Option<ChannelStep> {
         self.stage = match (reply, self.host_request) {
+            // A node without blocks may answer a request for blocks in segments.
             (
                 SdoReply::ValueLong(_, size),
-                HostRequest::Read { .. } | HostRequest::Upload { block: false, .. },
+                HostRequest::Read { .. } | HostRequest::Upload { .. },
             ) => {
                 self.size = size;
                 ChannelStage::Reading

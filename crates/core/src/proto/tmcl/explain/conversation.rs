@@ -221,9 +221,10 @@ fn report_parameter(
         let what = ValueSource::Parameter(parameter);
         return sink.frame_value(FrameValue { source: what, raw, written, motor: part });
     }
-    let label = match of_axis {
-        true => ShortText::from_display(format_args!("AP {kind}")),
-        false => ShortText::from_display(format_args!("GP {motor}, {kind}")),
+    let label = match (of_axis, motor) {
+        (true, _) => ShortText::from_display(format_args!("AP {kind}")),
+        (false, 0) => ShortText::from_display(format_args!("GP {kind}")),
+        (false, bank) => ShortText::from_display(format_args!("GP {kind}.{bank}")),
     };
     sink.frame_value(FrameValue {
         source: ValueSource::Named(label.as_str()),

@@ -253,3 +253,35 @@ fn a_download_waits_for_bytes() {
     b.receive("582#3000000000000000");
     assert_eq!(b.one(), Ok(Answer::Transferred(10)));
 }
+
+#[test]
+fn a_node_without_blocks_answers_in_segments() {
+    let mut b = HostFixture::new();
+    let object = ObjectIndex::new(0x1F50, 1);
+    b.submit(1, HostRequest::Upload { node: 2, object, block: true });
+    assert_eq!(b.sent_frames(), ["602#A4501F017F000000"]);
+    b.receive("582#41501F0109000000");
+    assert_eq!(b.sent_frames(), ["602#6000000000000000"]);
+    b.receive("582#0030313233343536");
+    assert_eq!(b.sent_frames(), ["602#7000000000000000"]);
+    b.receive("582#1B37380000000000");
+    let mut bytes = [0; 16];
+    assert_eq!(b.host.poll_bytes(Ticket(1), &mut bytes), Some(9));
+    assert_eq!(&bytes[..9], b"012345678");
+    assert_eq!(b.one(), Ok(Answer::Transferred(9)));
+}
+
+#[test]
+fn a_node_without_blocks_refuses_with_the_object_of_another_request() {
+    let mut b = HostFixture::new();
+    let object = ObjectIndex::new(0x1F50, 1);
+    b.submit(1, HostRequest::Download { node: 2, object, block: true, size: 10 });
+    b.sent_frames();
+    b.receive("582#8000100001000405");
+    assert_eq!(b.one(), Err(Failure::Refused { code: 0x0504_0001 }));
+    // Any other refusal of another object is not its own.
+    b.submit(2, HostRequest::Download { node: 2, object, block: true, size: 10 });
+    b.sent_frames();
+    b.receive("582#8000100000000206");
+    assert!(b.events().is_empty());
+}

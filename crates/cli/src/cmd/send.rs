@@ -1,0 +1,201 @@
+//! `polepair send URL TEXT…`
+
+use clap::{Args, ValueEnum};
+use polepair::Axis;
+use polepair_capture::{CaptureDecoder, Rules, jsonl};
+use polepair_link::tap::TapDirection;
+
+use crate::outcome;
+use crate::problem::{Exit, Problem, Result};
+use crate::remote::{self, RemoteSession};
+use crate::session::Session;
+use crate::tap_queue::{TapQueue, UnitBuf};
+use crate::target::{DriveArgs, UnitRef, describe_step};
+use crate::terminal::{DataOutput, print_note};
+
+/// Sends requests in the protocol's own text, and explains the replies.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair send tmcl+serial:///dev/ttyUSB0#1 \"SIO 0, 2, 1\" \"GIO 0, 0\"
+  polepair send tml+serial:///dev/ttyUSB0#255 \"?APOS\"
+  polepair send modbus-rtu+serial:///dev/ttyUSB0#1 \"read registers 0x1000 4\"
+  polepair send canopen+socketcan://can0#5 \"read 0x6041\" \"nmt start\"
+  polepair send sim:tmcl \"ROR 0, 100\" --arm
+
+The language is the one of encode. All texts are checked before the first is sent.")]
+pub struct Send {
+    #[command(flatten)]
+    target: DriveArgs,
+    /// Requests, such as \"GAP 1, 0\", \"KPP=0x1234\", \"write Fn_33 200\", \"read 0x6041\", \"QV\"
+    #[arg(required = true, value_name = "TEXT")]
+    texts: Vec<String>,
+    /// Let requests through that may start or change motion
+    #[arg(long)]
+    arm: bool,
+    /// Print the frames and send nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// How replies are printed
+    #[arg(long, value_enum, default_value_t = SendFormat::Text)]
+    format: SendFormat,
+}
+
+/// How replies are printed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+enum SendFormat {
+    /// For people
+    Text,
+    /// One JSON object a request
+    Jsonl,
+}
+
+impl Send {
+    pub fn run(self) -> Result {
+        let replies = TapQueue::default();
+        let session = self.target.open_with_queue(&replies)?;
+        session.listen_for_interrupts();
+        let mut out = DataOutput::stdout();
+        for axis in session.axes() {
+            self.check(&session, axis, &mut out)?;
+        }
+        if self.dry_run {
+            out.flush()?;
+            print_note("dry run: none of this was sent");
+            return Ok(Exit::Ok);
+        }
+        for axis in session.axes() {
+            axis.arm(self.arm);
+            for text in &self.texts {
+                drop(replies.drain());
+                let value = axis.raw(text);
+                let reply = explain_replies(axis, &replies);
+                let value = value.map_err(outcome::to_problem)?;
+                self.print(axis, &session.axis_prefix(axis), text, value, &reply, &mut out);
+                out.flush()?;
+            }
+            axis.arm(false);
+            self.note_motion(&session, axis);
+        }
+        Ok(Exit::Ok)
+    }
+
+    /// The same by a server.
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        if self.dry_run || self.arm {
+            let why = "It sends what moves no motor.";
+            return Err(remote::unsupported_problem("--dry-run or --arm", why));
+        }
+        let live = server.gateway.live().map_err(remote::refusal_problem)?;
+        let axes = server.axes_of(&self.target)?;
+        let mut out = DataOutput::stdout();
+        for axis in &axes {
+            let lease = live.acquire_lease(axis.id).map_err(remote::refusal_problem)?;
+            for text in &self.texts {
+                let value = lease.raw(text).map_err(remote::refusal_problem)?;
+                let who = server.axis_prefix(&axes, axis);
+                match self.format {
+                    SendFormat::Text => out.write_line(&format!("{who}{text}: {value}")),
+                    SendFormat::Jsonl => {
+                        write_json((axis.number, Some(axis.link)), text, value, "", &mut out);
+                    }
+                }
+                out.flush()?;
+            }
+            lease.release().map_err(remote::refusal_problem)?;
+        }
+        Ok(Exit::Ok)
+    }
+
+    /// Checks every text before the first is sent; with `--dry-run` their frames are printed.
+    fn check(&self, session: &Session, axis: &Axis, out: &mut DataOutput) -> Result<()> {
+        for text in &self.texts {
+            let rehearsed = axis.rehearse_raw(text).map_err(outcome::to_problem)?;
+            if self.dry_run {
+                let who = session.axis_prefix(axis);
+                for frame in &rehearsed.frames {
+                    out.write_line(&format!("{who}{}", describe_step(axis, frame)));
+                }
+            } else if rehearsed.needs_arming && !self.arm {
+                let what = format!("{}: `{text}` may start the motor.", axis.label());
+                return Err(Problem::usage("E219", what)
+                    .why("Nothing was sent.")
+                    .hint("--arm lets it through; --dry-run shows its bytes"));
+            }
+        }
+        Ok(())
+    }
+
+    fn print(
+        &self,
+        axis: &Axis,
+        who: &str,
+        text: &str,
+        value: i64,
+        reply: &str,
+        out: &mut DataOutput,
+    ) {
+        match self.format {
+            SendFormat::Text if reply.is_empty() => {
+                out.write_line(&format!("{who}{text}: sent; nothing came back"));
+            }
+            SendFormat::Text => out.write_line(&format!("{who}{reply}")),
+            SendFormat::Jsonl => write_json((axis.number(), None), text, value, reply, out),
+        }
+    }
+
+    /// What was started goes on behind the end of this program.
+    fn note_motion(&self, session: &Session, axis: &Axis) {
+        let may_move =
+            |text: &String| axis.rehearse_raw(text).is_ok_and(|rehearsed| rehearsed.needs_arming);
+        if self.texts.iter().any(may_move) {
+            print_note(&format!(
+                "{} may turn now: `polepair stop {}` stops it",
+                axis.label(),
+                session.arguments
+            ));
+        }
+    }
+}
+
+/// What the frames from the drive say.
+fn explain_replies(axis: &Axis, replies: &TapQueue) -> String {
+    let rules = Rules::parse(axis.protocol()).unwrap_or_default();
+    let mut decoder = CaptureDecoder::new(rules).with_profile(Some(axis.profile()));
+    let mut texts: Vec<String> = Vec::new();
+    let (units, _) = replies.drain();
+    for queued in &units {
+        let unit = match &queued.unit {
+            UnitBuf::Bytes(bytes) => UnitRef::Bytes(bytes),
+            UnitBuf::Frame(frame) => UnitRef::Frame(frame),
+        };
+        let from_drive = queued.direction == TapDirection::ToHost;
+        unit.decode(&mut decoder, queued.at, "link", queued.direction, &mut |event| {
+            let text = &event.explanation.text;
+            let own = event.explanation.axis.is_none_or(|other| other == axis.number());
+            if from_drive && own && !text.is_empty() {
+                texts.push(text.to_owned());
+            }
+        });
+    }
+    texts.join("; ")
+}
+
+fn write_json(
+    (number, link): (u32, Option<u16>),
+    text: &str,
+    value: i64,
+    reply: &str,
+    out: &mut DataOutput,
+) {
+    let out = out.buffer();
+    out.extend_from_slice(format!("{{\"axis\":{number},").as_bytes());
+    if let Some(link) = link {
+        out.extend_from_slice(format!("\"link\":{link},").as_bytes());
+    }
+    out.extend_from_slice(b"\"request\":");
+    jsonl::write_string(out, text);
+    out.extend_from_slice(format!(",\"value\":{value},\"reply\":").as_bytes());
+    jsonl::write_string(out, reply);
+    out.extend_from_slice(b"}\n");
+}

@@ -1,0 +1,137 @@
+//! Objects, registers and parameters by number, and requests in the protocol's own text.
+
+use crate::run::{self, Served, polepair, polepair_with};
+
+#[test]
+fn every_protocol_reads_by_number() {
+    for (url, addresses) in [
+        ("sim:canopen", &["0x1018:1", "2030h:1:u16", "0x6041"][..]),
+        ("sim:modbus-rtu", &["0x33", "R 51", "0x1000:u32:le"]),
+        ("sim:tmcl", &["AP 6", "GP 66", "IO 0.1"]),
+        ("sim:tml", &["@0x03B0", "@0x0228:i32", "pm@0x4000"]),
+        ("sim:thruster", &["QV"]),
+    ] {
+        for address in addresses {
+            let read = polepair(&["get", url, address]);
+            let refused = address.starts_with("2030h");
+            assert_eq!(read.code, if refused { 6 } else { 0 }, "{url} {address}: {}", read.err);
+        }
+        let wrong = polepair(&["get", url, "no such thing"]);
+        assert!(wrong.code == 2 && wrong.err.contains("is one by its number"), "{}", wrong.err);
+    }
+}
+
+#[test]
+fn what_no_table_describes_is_written_with_arm_alone() {
+    let served = Served::with(&["canopen:2", "--udp", "239.74.163.31:43131"]);
+    let refused = polepair(&["set", &served.url, "0x2F01:1:u32=77"]);
+    assert!(refused.code == 2 && refused.err.contains("E219"), "{}", refused.err);
+    let planned = run::ok(&["set", &served.url, "0x2F01:1:u32=77", "--dry-run"]);
+    assert!(planned.contains("-> 77"), "{planned}");
+    let written = run::ok(&["set", &served.url, "0x2F01:1:u32=0x4D", "--arm"]);
+    assert_eq!(written, "2F01h:1:u32 = 77\n");
+    let file = std::env::temp_dir().join(format!("polepair-{}-object.bin", std::process::id()));
+    let saved = polepair(&["get", &served.url, "0x2F01:2", "-o", file.to_str().expect("text")]);
+    assert!(saved.code == 0 && saved.err.contains("77 bytes saved"), "{}", saved.err);
+    assert_eq!(std::fs::read(&file).expect("saved").len(), 77);
+    let put = format!("0x2F01:2:bytes=@{}", file.display());
+    let written = run::ok(&["set", &served.url, &put, "--arm"]);
+    assert!(written.contains("77 bytes"), "{written}");
+    std::fs::remove_file(&file).expect("removed");
+    let missing = polepair(&["set", &served.url, &put, "--arm"]);
+    assert!(missing.code == 2 && missing.err.contains("E230"), "{}", missing.err);
+    let rows = run::ok(&["get", &served.url, "1008h", "0x1018:1", "--format", "jsonl"]);
+    assert!(rows.contains(r#""raw":null,"value":"Polepair CiA 402 drive","unit":"""#), "{rows}");
+    let watched =
+        run::ok(&["watch", &served.url, "0x2F01:1:u32", "--for", "1ms", "--format", "csv"]);
+    assert!(watched.contains("0x2f01:1:u32") && watched.contains(",77"), "{watched}");
+    served.end();
+}
+
+#[test]
+fn a_request_in_the_protocols_own_text_has_its_reply_explained() {
+    for (url, text, reply) in [
+        ("sim:tmcl", "GAP 1, 0", "actual position = 0"),
+        ("sim:tmcl", "GET VERSION", "firmware version 171V1.14"),
+        ("sim:tml", "?APOS", "APOS = 0"),
+        ("sim:modbus-rtu", "read Fn_33", "internal speed = 0 rpm"),
+        ("sim:canopen", "read 0x6041", "statusword"),
+        ("sim:thruster", "QV", "QV"),
+    ] {
+        let shown = run::ok(&["send", url, text]);
+        assert!(shown.contains(reply), "{url} {text}: {shown}");
+    }
+    let text = "time 2026-11-21T16:00:00";
+    let nobody = run::ok(&["send", "sim:canopen", text]);
+    assert_eq!(nobody, format!("{text}: sent; nothing came back\n"));
+    let json = run::ok(&["send", "sim:tmcl", "GAP 6, 0", "--format", "jsonl"]);
+    assert!(json.contains(r#""request":"GAP 6, 0","value":"#), "{json}");
+}
+
+#[test]
+fn what_may_start_a_motor_is_sent_with_arm_alone() {
+    for (url, text) in [
+        ("sim:tmcl", "ROR 0, 100"),
+        ("sim:tml", "UPD"),
+        ("sim:modbus-rtu", "write 0x33 5"),
+        ("sim:canopen", "write 0x6040:0 u16 15"),
+        ("sim:thruster", "TC 5"),
+    ] {
+        // The first text is not sent either.
+        let trace = std::env::temp_dir().join(format!("polepair-{}-send.log", std::process::id()));
+        let path = trace.to_str().expect("text");
+        let refused = polepair(&["send", url, text, "--trace", path]);
+        assert!(refused.code == 2 && refused.err.contains("E219"), "{url}: {}", refused.err);
+        let shown = polepair(&["send", url, text, "--dry-run"]);
+        assert!(shown.code == 0 && shown.err.contains("none of this was sent"), "{}", shown.err);
+        assert!(!shown.out.is_empty());
+        std::fs::remove_file(&trace).expect("removed");
+    }
+    let started = polepair(&["send", "sim:tmcl", "ROR 0, 100", "--arm"]);
+    assert!(started.code == 0 && started.err.contains("polepair stop sim:tmcl"), "{}", started.err);
+    let stopped = polepair(&["send", "sim:tmcl", "MST 0"]);
+    assert!(stopped.code == 0 && stopped.err.is_empty(), "{}", stopped.err);
+}
+
+#[test]
+fn a_text_that_is_none_is_told_with_its_place() {
+    for (url, text, part) in [
+        ("sim:tmcl", "GAP x", "at `x`"),
+        ("sim:canopen", "write 0x6040:0 u8 256", "at `256`"),
+        ("sim:canopen", "nmt start all", "no request of a host to one drive"),
+        ("sim:canopen", "upload 0x1008:0", "ADDRESS:bytes"),
+        ("sim:modbus-rtu", "read nothing", "at `nothing`"),
+    ] {
+        let refused = polepair(&["send", url, text]);
+        assert!(refused.code == 2 && refused.err.contains(part), "{url} {text}: {}", refused.err);
+    }
+}
+
+#[test]
+fn a_capture_is_filtered_by_address() {
+    let canopen = "(1.000) can0 603#4041600000000000\n(1.001) can0 583#4B41600018020000\n\
+                   (1.002) can0 603#4030200100000000\n(1.003) can0 583#4B30200105000000\n";
+    let count = |capture: &str, protocol: &str, filter: &str| {
+        let words = ["decode", "-", "--as", protocol, "--filter", filter, "--format", "jsonl"];
+        let ran = polepair_with(&words, capture);
+        assert_eq!(ran.code, 0, "{filter}: {}", ran.err);
+        ran.out.lines().count()
+    };
+    assert_eq!(count(canopen, "canopen", "object 0x6041"), 2);
+    assert_eq!(count(canopen, "canopen", "object 2030h:1"), 2);
+    assert_eq!(count(canopen, "canopen", "object 2030h:1 = 5"), 1);
+    assert_eq!(count(canopen, "canopen", "object 2030h:2"), 0);
+    // Registers 33h and 34h are asked for, and answered.
+    let modbus = "(1.000) tty > 01 03 00 33 00 02 34 04\n\
+                  (1.010) tty < 01 03 04 00 C8 00 05 BB CE\n";
+    assert_eq!(count(modbus, "modbus-rtu", "object \"R 52\""), 2);
+    assert_eq!(count(modbus, "modbus-rtu", "object 0x34 = 5"), 1);
+    assert_eq!(count(modbus, "modbus-rtu", "object 0x35"), 0);
+    let tmcl = "(1.000) tty > 01 06 04 00 00 00 00 00 0B\n\
+                (1.010) tty < 02 01 64 06 00 00 07 D0 44\n";
+    assert_eq!(count(tmcl, "tmcl", "object \"AP 4\""), 2);
+    assert_eq!(count(tmcl, "tmcl", "object \"AP 4\" = 2000"), 1);
+    assert_eq!(count(tmcl, "tmcl", "object \"AP 4.1\""), 0);
+    let wrong = polepair_with(&["decode", "-", "--filter", "object foo"], canopen);
+    assert!(wrong.code == 2 && wrong.err.contains("expected an address"), "{}", wrong.err);
+}

@@ -1,0 +1,105 @@
+//! Requests in the protocol's own text.
+
+use super::failure::RequestKind;
+use super::{Axis, Rehearsal, RunningRequest};
+use crate::error::Error;
+use crate::url::AxisNumber;
+use polepair_core::axis::{Axes, RehearsalStep};
+use polepair_core::error::Unsupported;
+use polepair_core::explain::{EncodeError, EncodeOptions};
+use polepair_core::medium::STREAM_UNIT_MAX;
+use polepair_core::station::RequestClass;
+
+/// What a request in the protocol's own text would send: see [`Axis::rehearse_raw`].
+#[derive(Clone, PartialEq, Debug)]
+pub struct RawRehearsal {
+    /// Its frames.
+    pub frames: Vec<Rehearsal>,
+    /// It may start or change motion, or do something that cannot be taken back: it needs an armed
+    /// axis.
+    pub needs_arming: bool,
+    /// It brings the motor to rest.
+    pub is_stop: bool,
+}
+
+impl Axis {
+    /// Sends a request in the protocol's own text, such as `GAP 1`, and gives the value answered.
+    ///
+    /// # Errors
+    /// [`Error`] by blame; `E221` for text that is not of that language, with the place; `E219` for
+    /// what may start a motor while the axis is not armed.
+    pub fn raw(&self, text: &str) -> Result<i64, Error> {
+        self.start_raw(text)?.finish()
+    }
+
+    /// Begins a request in the protocol's own text, and does not wait for the answer: as
+    /// [`raw`](Self::raw).
+    ///
+    /// # Errors
+    /// As [`raw`](Self::raw); nothing was sent.
+    pub fn start_raw(&self, text: &str) -> Result<RunningRequest, Error> {
+        self.rehearse_raw(text)?;
+        let what = format!("`{text}`");
+        let request =
+            |axes: &mut dyn Axes, now, ticket| axes.send_text(now, ticket, self.index, text);
+        let started = self.submit(what, RequestKind::Command, request);
+        started.map_err(|error| self.locate_in_text(text, error))
+    }
+
+    /// What a request in the protocol's own text would send. Nothing is sent.
+    ///
+    /// # Errors
+    /// `E221` for text that is not of that language, with the place.
+    pub fn rehearse_raw(&self, text: &str) -> Result<RawRehearsal, Error> {
+        let mut frames = Vec::new();
+        let mut show = |step: RehearsalStep<'_>| {
+            let (bytes, frame) = (step.bytes.to_vec(), step.frame.copied());
+            frames.push(Rehearsal { step: step.action, bytes, frame });
+        };
+        let (class, moves_bytes) = self
+            .connection
+            .with_axes(|axes, _| axes.rehearse_text(self.index, text, &mut show))
+            .map_err(|why| self.unsupported_error(&format!("`{text}`"), why))
+            .map_err(|error| self.locate_in_text(text, error))?;
+        if moves_bytes {
+            let what = format!("{}: `{text}` transfers bytes of any length", self.label());
+            let hint = "`get URL ADDRESS:bytes -o FILE` reads them, \
+                        `set URL ADDRESS:bytes=@FILE` writes them";
+            return Err(Error::usage("E222", what, hint));
+        }
+        Ok(RawRehearsal {
+            frames,
+            needs_arming: class == RequestClass::NoRetry,
+            is_stop: class == RequestClass::Stop,
+        })
+    }
+
+    /// Says where a text is wrong, where the protocol's language tells it.
+    fn locate_in_text(&self, text: &str, error: Error) -> Error {
+        if !matches!(error, Error::Unsupported { why: Unsupported::BadText, .. }) {
+            return error;
+        }
+        let number = AxisNumber(self.number);
+        let options = EncodeOptions {
+            axis: (!number.is_group()).then_some(self.number),
+            profile: Some(self.profile),
+            ..EncodeOptions::default()
+        };
+        let mut frame = [0; STREAM_UNIT_MAX];
+        let hint = format!("`polepair encode {} TEXT` shows what a text becomes", self.protocol);
+        let encoded = self.dissector().map(|known| known.encode(text, &options, &mut frame));
+        let what = match encoded {
+            Some(Err(EncodeError::Text(wrong))) => {
+                let rest = text.get(wrong.at..).unwrap_or("").trim();
+                let place = match rest {
+                    "" => "at its end".to_owned(),
+                    rest => format!("at `{rest}`"),
+                };
+                format!("`{text}`: expected {} {place}", wrong.expected)
+            }
+            Some(Err(EncodeError::Forbidden(rule))) => format!("`{text}`: {rule}"),
+            _ => format!("`{text}` is no request of a host to one drive"),
+        };
+        Error::usage("E221", format!("{}: {what}", self.label()), hint)
+    }
+}
