@@ -177,6 +177,25 @@ describe("the dashboard", () => {
     await v.button("Back to live").click();
   });
 
+  it("reads a parameter by its number, and what the drive says of itself", async () => {
+    await v.ready();
+    await v.page.getByLabel("Number, such as AP 6").fill("AP 6:u32");
+    await v.button("Read by number").click();
+    const read = v.button("Read AP 6:u32");
+    await v.until(
+      () => read.innerText(),
+      (text) => /\d/.test(text),
+    );
+    await v.page.getByLabel("Number, such as AP 6").fill("AP 999");
+    await v.button("Read by number").click();
+    const refused = v.page.getByRole("alert").filter({ hasText: "AP 999" });
+    await refused.waitFor();
+    v.complaints = v.complaints.filter((each) => !each.includes("404"));
+    await v.page.getByText("What the drive says of itself").click();
+    await v.page.getByText("TMCM-171", { exact: true }).waitFor();
+    await v.page.getByLabel("Number, such as AP 6").fill("");
+  });
+
   it("reads parameters, and applies a plan", async () => {
     await v.ready();
     await v.page.getByLabel("Search parameters").fill("max current");

@@ -6,9 +6,9 @@ use std::sync::Arc;
 use std::task::{Wake, Waker};
 
 use polepair_messages::{
-    AddDrives, AddedAxes, AxisState, BenchView, CommandOutcome, DismissAbsent, DismissStop,
-    ParameterChange, ParameterInfo, ParameterReading, RawRequest, ScanRequest, ScanView,
-    SetWatchdog, SignalValue, StopReport, StopRequest, WatchdogView, WriteParameters,
+    AddDrives, AddedAxes, AxisState, BenchView, CommandOutcome, DeviceDetailView, DismissAbsent,
+    DismissStop, ParameterChange, ParameterInfo, ParameterReading, RawRequest, ScanRequest,
+    ScanView, SetWatchdog, SignalValue, StopReport, StopRequest, WatchdogView, WriteParameters,
 };
 use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::sync::oneshot;
@@ -136,7 +136,15 @@ impl Gateway {
         self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/parameters")))
     }
 
-    /// Reads a parameter now.
+    /// Asks a drive for its name, versions and the like.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn device(&self, id: u16) -> Result<Vec<DeviceDetailView>, GatewayError> {
+        self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/device")))
+    }
+
+    /// Reads a parameter now, by its name, its symbol or its address.
     ///
     /// # Errors
     /// As [`bench`](Self::bench).

@@ -202,6 +202,27 @@ impl From<TextError> for EncodeError {
     }
 }
 
+/// Something that a drive tells of itself: its name, a version.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct DeviceFact {
+    /// What it is.
+    pub name: &'static str,
+    /// How it is asked.
+    pub query: FactQuery,
+}
+
+/// How a drive is asked for a fact, by reads only.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum FactQuery {
+    /// A parameter, by its address.
+    Address(&'static str),
+    /// A request in the protocol's own text.
+    Text(&'static str),
+    /// How many parameters there are: the first has to be there, the others are counted up to the
+    /// first that is refused.
+    Count(&'static str, &'static [&'static str]),
+}
+
 /// One protocol as captures, dashboards and the encoder see it. Stateless: what spans frames is the
 /// caller's [`Context`].
 pub trait Dissector: Sync {
@@ -336,6 +357,14 @@ pub trait Dissector: Sync {
     /// address, if it has it.
     fn standard_profiles(&self) -> &'static [&'static str] {
         &[]
+    }
+    /// What drives of this protocol tell of themselves beside their profile.
+    fn device_facts(&self) -> &'static [DeviceFact] {
+        &[]
+    }
+    /// Writes the answer to a [`FactQuery::Text`] in words; nothing where it says nothing.
+    fn write_fact(&self, name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
+        let _ = (name, raw, out);
     }
     /// Tells how a parameter is reached on the wire, where that is more than its number.
     fn explain_parameter(&self, parameter: &Parameter, sink: &mut dyn ExplainSink) {

@@ -172,6 +172,15 @@ pub struct ParameterInfo {
     pub persistence: String,
 }
 
+/// Something that a drive tells of itself: `GET /api/v1/axes/{id}/device`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct DeviceDetailView {
+    /// What it is: `device name`, `firmware`.
+    pub name: String,
+    /// What the drive says.
+    pub text: String,
+}
+
 /// A parameter read just now: `GET /api/v1/axes/{id}/parameters/{name}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ParameterReading {

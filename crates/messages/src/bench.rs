@@ -132,6 +132,8 @@ pub struct AxisInfo {
     pub limits: Vec<LimitInfo>,
     /// What it can tell.
     pub signals: Vec<SignalInfo>,
+    /// How a parameter is named by its number, as an example: `0x2030:1:u16`.
+    pub address_example: String,
     /// What can be done to it where it is simulated.
     pub acts: Vec<SimulationActionInfo>,
 }

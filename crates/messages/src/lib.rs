@@ -33,9 +33,9 @@ pub mod telemetry;
 mod tests;
 
 pub use axis::{
-    ActiveFault, AxisState, LeaseView, PanelView, ParameterChange, ParameterInfo, ParameterInput,
-    ParameterReading, PendingStopView, SetWatchdog, SignalValue, StopCause, WatchdogMode,
-    WatchdogView, WriteParameters,
+    ActiveFault, AxisState, DeviceDetailView, LeaseView, PanelView, ParameterChange, ParameterInfo,
+    ParameterInput, ParameterReading, PendingStopView, SetWatchdog, SignalValue, StopCause,
+    WatchdogMode, WatchdogView, WriteParameters,
 };
 pub use bench::{
     AbsentAxis, ArgumentInfo, AxisInfo, BenchView, Clash, LimitInfo, LinkCounter, LinkState,

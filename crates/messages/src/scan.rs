@@ -74,6 +74,8 @@ pub struct FoundDrive {
     pub drive: String,
     /// How that is known, with the firmware where the drive tells it.
     pub known: String,
+    /// What it tells of itself: name, versions, motors; empty for nothing.
+    pub says: String,
     /// Who else has its address or an identifier of its, in a sentence; `null` where nobody has.
     #[schema(required)]
     pub clash: Option<String>,

@@ -20,6 +20,7 @@ mod rack;
 mod readdress;
 mod taps;
 
+use crate::axis::DeviceDetail;
 use crate::axis::{Axis, stop_until_standstill};
 use crate::bus;
 use crate::config::Config;
@@ -488,6 +489,29 @@ impl ProtocolLine {
         let doubt = options.probe_seed.filter(|_| !scanning);
         let options = HostOptions { scanning, urgent, probe_seed: doubt, ..options };
         Ok((self.open_connection_with(options, &all)?, all.len() - axes.len()))
+    }
+
+    /// What the drive at an address tells of itself; nothing where it cannot be asked.
+    pub(crate) fn read_details(&self, number: u32, profile: &'static Profile) -> Vec<DeviceDetail> {
+        let opened = self.probe_connection(&[(profile, number)], true, false);
+        let Ok((connection, index)) = opened else { return Vec::new() };
+        connection.with_axes(|axes, now| axes.handle_resume(now));
+        let axis = Axis {
+            connection,
+            index: AxisIndex(u8::try_from(index).unwrap_or_default()),
+            number,
+            name: String::new(),
+            protocol: self.protocol.name,
+            medium: self.protocol.medium,
+            host: None,
+            heartbeat: None,
+            profile,
+            identified: Identification::Named,
+            simulation: None,
+            mounted: None,
+        };
+        // A link that is lost is told by who scans.
+        axis.device_details().unwrap_or_default()
     }
 
     /// The host's settings for one session: what it asked may still be answered in the next, whose probes

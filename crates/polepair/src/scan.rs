@@ -14,6 +14,7 @@ mod scanner;
 
 pub use scanner::{AxisAnswer, DriveScanner};
 
+use crate::axis::DeviceDetail;
 use crate::bus::{self, BusAddress};
 use crate::connect::{Connector, ProtocolLine};
 use crate::error::Error;
@@ -72,17 +73,20 @@ pub struct DetectedDrive {
     pub clash: Option<String>,
     /// It answers whatever address is asked, as modules on USB do.
     pub ignores_address: bool,
+    /// What it tells of itself: see [`Axis::device_details`](crate::Axis::device_details).
+    pub details: Vec<DeviceDetail>,
 }
 
 impl DetectedDrive {
     /// One of which the profile is known without asking.
-    pub(crate) const fn with_known_profile(
+    pub(crate) fn with_known_profile(
         line: &ProtocolLine,
         number: u32,
         profile: &'static Profile,
     ) -> Self {
         let (protocol, identified) = (line.protocol.name, Identification::Named);
-        Self { number, protocol, profile, identified, clash: None, ignores_address: false }
+        let (clash, ignores_address, details) = (None, false, Vec::new());
+        Self { number, protocol, profile, identified, clash, ignores_address, details }
     }
 }
 

@@ -213,6 +213,7 @@ pub const ROUTES: &[ApiRoute] = &[
     route("GET", "/api/v1/axes/{id}/signals/{words}", READ, || get(axis::signals)),
     route("GET", "/api/v1/axes/{id}/parameters", READ, || get(axis::parameters)),
     route("GET", "/api/v1/axes/{id}/parameters/{name}", READ, || get(axis::parameter)),
+    route("GET", "/api/v1/axes/{id}/device", READ, || get(axis::device)),
     route("POST", "/api/v1/axes/{id}/parameters", CONFIGURE, || post(axis::write)),
     route("GET", "/api/v1/axes/{id}/watchdog", READ, || get(axis::watchdog)),
     route("POST", "/api/v1/axes/{id}/watchdog", CONFIGURE, || post(axis::set_watchdog)),

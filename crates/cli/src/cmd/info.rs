@@ -3,7 +3,7 @@
 use clap::Args;
 use polepair::Axis;
 use polepair::doctor::{ABSENT_TEXT, is_absent_error, read_watchdog};
-use polepair_client::message::{AxisInfo, AxisState, SignalValue};
+use polepair_client::message::{AxisInfo, AxisState, DeviceDetailView, SignalValue};
 use polepair_core::profile::{Severity, Signal};
 
 use crate::cmd::watchdog;
@@ -77,7 +77,12 @@ impl Info {
                 Some(_) => axis.watchdog.clone(),
                 None => remote_watchdog(server, axis),
             };
-            out.buffer().extend_from_slice(remote_text(axis, &state, watchdog).as_bytes());
+            let details = match silent {
+                Some(_) => Vec::new(),
+                None => server.gateway.device(axis.id).unwrap_or_default(),
+            };
+            let text = remote_text(axis, &state, &details, watchdog);
+            out.buffer().extend_from_slice(text.as_bytes());
             match silent {
                 Some(problem) => failed.push(problem),
                 None => shown += 1,
@@ -104,10 +109,16 @@ impl Info {
 const OLD_MS: f64 = 1500.0;
 
 /// What a server knows of an axis.
-fn remote_text(axis: &AxisInfo, state: &AxisState, watchdog: String) -> String {
+fn remote_text(
+    axis: &AxisInfo,
+    state: &AxisState,
+    details: &[DeviceDetailView],
+    watchdog: String,
+) -> String {
     let mut table = TextTable::default();
     let mut row = |word: &str, value: String| table.add_row([format!("  {word}"), value]);
     row("profile", format!("{} ({})", axis.profile, axis.protocol));
+    details.iter().for_each(|detail| row(&detail.name, detail.text.clone()));
     for read in state.signals.iter().filter(|read| read.signal != Signal::Fault.name()) {
         let flag = [Signal::Enabled, Signal::Moving, Signal::Reached];
         let shown = match read.value {
@@ -171,6 +182,9 @@ fn axis_text(axis: &Axis) -> Result<String> {
     let mut row = |word: &str, value: String| table.add_row([format!("  {word}"), value]);
     row("profile", format!("{} ({})", profile.name, axis.protocol()));
     row("known", axis.identified().to_string());
+    for detail in axis.device_details().map_err(outcome::to_problem)? {
+        row(detail.name, detail.text);
+    }
     for signal in Signal::ALL {
         if signal == Signal::Fault {
             continue;

@@ -6,6 +6,7 @@ use std::io::IsTerminal as _;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use clap::Args;
+use polepair::axis::summarize_details;
 use polepair::scan::{DetectedDrive, ScanAddresses, ScanProgress};
 use polepair_capture::jsonl;
 use polepair_client::message::AxisInfo;
@@ -84,7 +85,7 @@ impl ScanCommand {
                 scan.found.iter().for_each(|found| write_json(found, out.buffer()))
             }
             OutputFormat::Csv => {
-                out.write_line("axis,drive,known,product,clash");
+                out.write_line("axis,drive,known,product,clash,says");
                 scan.found.iter().for_each(|found| out.write_line(&csv_row(found)));
             }
         }
@@ -203,13 +204,14 @@ fn parse_ids(text: &str) -> std::result::Result<RangeInclusive<u32>, String> {
 }
 
 fn found_table(found: &[DetectedDrive]) -> String {
-    let mut table = TextTable::with_heads(&["axis", "drive", "known by", "product"]);
+    let mut table = TextTable::with_heads(&["axis", "drive", "known by", "product", "says"]);
     for one in found {
         table.add_row([
             one.number.to_string(),
             one.profile.name.to_owned(),
             one.identified.to_string(),
             one.profile.title.to_owned(),
+            summarize_details(&one.details),
         ]);
     }
     let mut text = table.render(colour_out());
@@ -227,7 +229,8 @@ fn found_table(found: &[DetectedDrive]) -> String {
 fn csv_row(found: &DetectedDrive) -> String {
     let (number, known) = (found.number.to_string(), found.identified.to_string());
     let clash = found.clash.as_deref().unwrap_or_default();
-    csv_line([&number, found.profile.name, &known, found.profile.title, clash])
+    let says = summarize_details(&found.details);
+    csv_line([&number, found.profile.name, &known, found.profile.title, clash, &says])
 }
 
 fn write_json(found: &DetectedDrive, out: &mut Vec<u8>) {
@@ -238,6 +241,13 @@ fn write_json(found: &DetectedDrive, out: &mut Vec<u8>) {
     out.extend_from_slice(b",\"known\":");
     jsonl::write_string(out, &found.identified.to_string());
     let (clash, ignores) = (found.clash.is_some(), found.ignores_address);
-    let tail = format!(",\"clash\":{clash},\"ignores_address\":{ignores}}}\n");
+    let tail = format!(",\"clash\":{clash},\"ignores_address\":{ignores},\"details\":{{");
     out.extend_from_slice(tail.as_bytes());
+    for (at, detail) in found.details.iter().enumerate() {
+        out.extend_from_slice(if at == 0 { b"" } else { b"," });
+        jsonl::write_string(out, detail.name);
+        out.push(b':');
+        jsonl::write_string(out, &detail.text);
+    }
+    out.extend_from_slice(b"}}\n");
 }

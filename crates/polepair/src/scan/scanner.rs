@@ -277,6 +277,12 @@ impl DriveScanner {
         let (line, borrowed) = scan_target.open_line()?;
         let prober = Prober::new(&line, &self.connector.config).scanning().with_cancel(broken);
         let probe = prober.probe(number)?;
+        let details = match &probe {
+            ProbeResult::Found { profile, doubtful: false, .. } if !broken() => {
+                line.read_details(number, profile)
+            }
+            _ => Vec::new(),
+        };
         drop(borrowed);
         if let ScanTarget::OpenLink(_, connection) = scan_target
             && let Some(trouble) = connection.link_error()
@@ -301,6 +307,9 @@ impl DriveScanner {
             ProbeResult::Found { profile, identified, stray, .. } => {
                 let clash = stray_answers_text(stray);
                 self.record_found(&line, number, (profile, identified), clash);
+                if let Some(found) = self.report.found.last_mut() {
+                    found.details = details;
+                }
             }
         }
         Ok(())

@@ -1,8 +1,10 @@
 //! Parameters by their number, in the notation of each protocol.
 
-use polepair::axis::ParameterValue;
-use polepair::{Error, Link};
+use polepair::axis::{ParameterValue, summarize_details};
+use polepair::scan::scan;
+use polepair::{Connector, Error, Link};
 use polepair_core::profile::Encoding;
+use std::ops::ControlFlow;
 
 fn open(url: &str) -> Link {
     polepair::connect(&format!("{url}?time=virtual")).unwrap()
@@ -109,6 +111,28 @@ fn what_is_no_address_says_how_one_is_written() {
         assert!(refused.to_string().contains(part), "{text}: {refused}");
         assert!(refused.hint().contains("0x2030:1:u16"), "{text}: {}", refused.hint());
     }
+}
+
+#[test]
+fn a_drive_tells_its_name_and_versions() {
+    for (url, shown) in [
+        ("sim:canopen", "Polepair CiA 402 drive, hardware simulated, software"),
+        ("sim:tmcl", "TMCM-171, firmware 1.14"),
+        ("sim:tmcl?profile=tmcl", "TMCM-171, firmware 1.14"),
+        ("sim:tml", "firmware 514L"),
+        ("sim:modbus-rtu", ""),
+    ] {
+        let joint = if url.contains('?') { '&' } else { '?' };
+        let link = polepair::connect(&format!("{url}{joint}time=virtual")).unwrap();
+        let details = link.axes()[0].device_details().unwrap();
+        let text = summarize_details(&details);
+        assert!(text.starts_with(shown) && (text.is_empty() == shown.is_empty()), "{url}: {text}");
+    }
+    let scanned = scan(&Connector::default(), "sim:canopen?time=virtual", 1..=3, &mut |_| {
+        ControlFlow::Continue(())
+    });
+    let found = scanned.unwrap().found;
+    assert!(summarize_details(&found[0].details).contains("software"), "{found:?}");
 }
 
 #[test]

@@ -7,8 +7,8 @@ use super::input::{JsonBody, parse_index};
 use super::{ApiResult, SharedAppState, lease_session};
 use crate::auth::Caller;
 use crate::message::{
-    AxisState, ErrorBody, GatewayError, ParameterChange, ParameterInfo, ParameterReading,
-    SetWatchdog, SignalValue, WatchdogView, WriteParameters,
+    AxisState, DeviceDetailView, ErrorBody, GatewayError, ParameterChange, ParameterInfo,
+    ParameterReading, SetWatchdog, SignalValue, WatchdogView, WriteParameters,
 };
 
 /// Signals of one question.
@@ -65,6 +65,8 @@ pub(super) async fn parameters(
 }
 
 /// Read a parameter now
+///
+/// By its name, its symbol, or its address such as `0x2030:1:u16`.
 #[utoipa::path(get, path = "/api/v1/axes/{id}/parameters/{name}", tag = "axis",
     params(("id" = u16, Path), ("name" = String, Path)), responses(
     (status = 200, body = ParameterReading),
@@ -75,6 +77,19 @@ pub(super) async fn parameter(
     Path((id, name)): Path<(String, String)>,
 ) -> ApiResult<ParameterReading> {
     state.bench.read_parameter(parse_index(&id)?, &name).await.map(Json)
+}
+
+/// Ask a drive for its name, versions and motors now
+#[utoipa::path(get, path = "/api/v1/axes/{id}/device", tag = "axis",
+    params(("id" = u16, Path)), responses(
+    (status = 200, body = Vec<DeviceDetailView>),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn device(
+    State(state): State<SharedAppState>,
+    Path(id): Path<String>,
+) -> ApiResult<Vec<DeviceDetailView>> {
+    state.bench.read_device(parse_index(&id)?).await.map(Json)
 }
 
 /// Write parameters, or see what would change

@@ -27,6 +27,7 @@ use crate::message::{ClientMessage, ServerMessage};
         axis::signals,
         axis::parameters,
         axis::parameter,
+        axis::device,
         axis::write,
         axis::watchdog,
         axis::set_watchdog,

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use polepair::axis::{ParameterValue, PendingWrites};
+use polepair::axis::{DeviceDetail, ParameterValue, PendingWrites};
 use polepair::{Amount, Axis};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 use serde_json::json;
@@ -18,8 +18,8 @@ use super::request_worker::RequestWorker;
 use super::wire::{BenchWire, Continuation, ReplySender, WireRequest};
 use super::{Bench, BenchLink};
 use crate::message::{
-    GatewayError, JournalAction, ParameterChange, ParameterInfo, ParameterInput, ParameterReading,
-    WriteParameters,
+    DeviceDetailView, GatewayError, JournalAction, ParameterChange, ParameterInfo, ParameterInput,
+    ParameterReading, WriteParameters,
 };
 
 /// Parameters of one request.
@@ -51,6 +51,20 @@ impl Bench {
             let (axis, name) = (link.wire.axes[index].1.clone(), name.to_owned());
             link.request_worker
                 .submit_query(reply_sender, move || read_axis_parameter(&axis, &name));
+        });
+        PendingReply::from_receiver(reply, result)
+    }
+
+    /// Asks a drive for its name, versions and the like now.
+    pub fn read_device(&self, axis: u16) -> PendingReply<Vec<DeviceDetailView>> {
+        let (reply_sender, reply) = oneshot::channel();
+        let result = self.find_axis(axis).map(|(link, index)| {
+            let axis = link.wire.axes[index].1.clone();
+            link.request_worker.submit_query(reply_sender, move || {
+                let view =
+                    |DeviceDetail { name, text }| DeviceDetailView { name: name.to_owned(), text };
+                Ok(axis.device_details()?.into_iter().map(view).collect())
+            });
         });
         PendingReply::from_receiver(reply, result)
     }

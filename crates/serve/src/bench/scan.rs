@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::Duration;
 
+use polepair::axis::summarize_details;
 use polepair::scan::{DetectedDrive, DriveScanner, ScanAddresses, ScanProgress, ScanReport};
 use polepair::{Axis, Connector};
 use polepair_core::time::Instant;
@@ -261,6 +262,7 @@ impl LinkScanner {
             profile: found.profile.name.to_owned(),
             drive: found.profile.title.to_owned(),
             known: found.identified.to_string(),
+            says: summarize_details(&found.details),
             clash: found.clash.clone(),
             axis: None,
         }

@@ -24,8 +24,8 @@ use super::text::{self, Statement};
 use super::{NODE_MAX, emcy};
 use crate::error::WireError;
 use crate::explain::{
-    Context, Direction, Dissector, Effect, EncodeError, EncodeOptions, EncodedFrame, ExplainSink,
-    Field, FieldValue, FrameBoundary, RawFrame, TextError,
+    Context, DeviceFact, Direction, Dissector, Effect, EncodeError, EncodeOptions, EncodedFrame,
+    ExplainSink, FactQuery, Field, FieldValue, FrameBoundary, RawFrame, TextError,
 };
 use crate::medium::Frame;
 use crate::profile::{Parameter, ParameterAddress, Profile};
@@ -42,6 +42,20 @@ pub struct CanopenDissector;
 /// Node that a text is encoded for when none is named.
 const DEFAULT_NODE: u32 = 1;
 const DAY_MS: u32 = 86_400_000;
+
+const DEVICE_FACTS: [DeviceFact; 7] = [
+    object_fact("device name", "1008h:0:str"),
+    object_fact("hardware version", "1009h:0:str"),
+    object_fact("software version", "100Ah:0:str"),
+    object_fact("vendor id", "1018h:1"),
+    object_fact("product code", "1018h:2"),
+    object_fact("revision number", "1018h:3"),
+    object_fact("serial number", "1018h:4"),
+];
+
+const fn object_fact(name: &'static str, address: &'static str) -> DeviceFact {
+    DeviceFact { name, query: FactQuery::Address(address) }
+}
 
 impl Dissector for CanopenDissector {
     fn name(&self) -> &'static str {
@@ -161,6 +175,10 @@ impl Dissector for CanopenDissector {
 
     fn refuses_blocks(&self, code: u32) -> bool {
         AbortCode(code) == AbortCode::SPECIFIER
+    }
+
+    fn device_facts(&self) -> &'static [DeviceFact] {
+        &DEVICE_FACTS
     }
 
     fn standard_profiles(&self) -> &'static [&'static str] {

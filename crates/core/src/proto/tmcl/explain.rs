@@ -9,9 +9,9 @@ use super::text::{self, Decimal};
 use super::wire::{CAN_DATAGRAM, DATAGRAM, HOST, MODULE, Reply, Request, VersionText, checksum};
 use crate::error::WireError;
 use crate::explain::{
-    Context, ConversationContext, Direction, Dissector, Effect, EncodeError, EncodeOptions,
-    EncodedFrame, ExplainSink, Field, FieldValue, FrameBoundary, FrameRole, FrameValue, RawFrame,
-    TextError, WireKind,
+    Context, ConversationContext, DeviceFact, Direction, Dissector, Effect, EncodeError,
+    EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue, FrameBoundary,
+    FrameRole, FrameValue, RawFrame, TextError, WireKind,
 };
 use crate::profile::{Parameter, ParameterAddress, Profile};
 
@@ -114,6 +114,27 @@ impl Dissector for TmclDissector {
 
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {
         address::describe(address)
+    }
+
+    fn device_facts(&self) -> &'static [DeviceFact] {
+        const VERSION: FactQuery = FactQuery::Text("GET VERSION 1, 0, 0");
+        const MOTORS: FactQuery =
+            FactQuery::Count("AP 1", &["AP 1.1", "AP 1.2", "AP 1.3", "AP 1.4", "AP 1.5"]);
+        &[
+            DeviceFact { name: "module", query: VERSION },
+            DeviceFact { name: "firmware", query: VERSION },
+            DeviceFact { name: "motors", query: MOTORS },
+        ]
+    }
+
+    /// The upper half is the module's number, the lower one the version (TMCL reference, 136).
+    fn write_fact(&self, name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
+        let (module, [major, minor]) = (raw >> 16 & 0xFFFF, [raw >> 8 & 0xFF, raw & 0xFF]);
+        // A text that there is no room for is one that nobody reads.
+        let _ = match name {
+            "module" => write!(out, "TMCM-{module}"),
+            _ => write!(out, "{major}.{minor:02}"),
+        };
     }
 
     fn code_meaning(&self, code: u32) -> Option<&'static str> {

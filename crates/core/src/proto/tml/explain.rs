@@ -16,9 +16,9 @@ use super::wire::{IdCode, Message};
 use super::{technocan, tmlcan};
 use crate::error::WireError;
 use crate::explain::{
-    Context, ConversationContext, Direction, Dissector, Effect, EncodeError, EncodeOptions,
-    EncodedFrame, ExplainSink, FieldValue, FrameBoundary, FrameRole, RawFrame, SequencePosition,
-    TextError, WireKind,
+    Context, ConversationContext, DeviceFact, Direction, Dissector, Effect, EncodeError,
+    EncodeOptions, EncodedFrame, ExplainSink, FactQuery, FieldValue, FrameBoundary, FrameRole,
+    RawFrame, SequencePosition, TextError, WireKind,
 };
 use crate::medium::Frame;
 use crate::profile::{Parameter, ParameterAddress, Profile};
@@ -187,6 +187,18 @@ impl Dissector for TmlDissector {
 
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {
         address::describe(address)
+    }
+
+    fn device_facts(&self) -> &'static [DeviceFact] {
+        &[DeviceFact { name: "firmware", query: FactQuery::Text("GETVERSION") }]
+    }
+
+    /// Four characters (TML communication manual, GETVERSION).
+    fn write_fact(&self, _name: &str, raw: i64, out: &mut dyn core::fmt::Write) {
+        let [_, _, _, _, text @ ..] = raw.to_be_bytes();
+        for byte in text.iter().filter(|byte| byte.is_ascii_graphic()) {
+            let _ = out.write_char(char::from(*byte));
+        }
     }
 
     fn code_meaning(&self, _: u32) -> Option<&'static str> {

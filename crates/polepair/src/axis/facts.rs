@@ -1,0 +1,106 @@
+//! What a drive tells of itself beside its profile: its name, versions, motors.
+
+use super::{Axis, ParameterValue};
+use crate::error::Error;
+use crate::url::AxisNumber;
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::explain::{DeviceFact, FactQuery};
+
+/// Something that a drive tells of itself.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct DeviceDetail {
+    /// What it is: `device name`, `firmware`.
+    pub name: &'static str,
+    /// What the drive says.
+    pub text: String,
+}
+
+impl Axis {
+    /// What the drive tells of itself, by the protocol's own means: name and versions of a CANopen
+    /// device (1008h to 100Ah, 1018h), number, firmware and motors of a TMCL module, firmware of a TML
+    /// drive. What it refuses to tell is left out; who is silent is asked no more. Only reads are sent.
+    ///
+    /// # Errors
+    /// [`Error::Link`] and [`Error::Interrupted`].
+    pub fn device_details(&self) -> Result<Vec<DeviceDetail>, Error> {
+        let facts = self.dissector().map_or(&[][..], |dissector| dissector.device_facts());
+        let mut details = Vec::new();
+        if AxisNumber(self.number).is_group() {
+            return Ok(details);
+        }
+        for fact in facts {
+            match self.read_fact(fact) {
+                Ok(text) if text.is_empty() => {}
+                Ok(text) => details.push(DeviceDetail { name: fact.name, text }),
+                Err(error @ (Error::Link(_) | Error::Interrupted { .. })) => return Err(error),
+                Err(error) if is_answer(&error) => {}
+                Err(_) => break,
+            }
+        }
+        Ok(details)
+    }
+
+    fn read_fact(&self, fact: &DeviceFact) -> Result<String, Error> {
+        let dissector = self.dissector();
+        match fact.query {
+            FactQuery::Address(address) => {
+                let read = self.read_any(self.find(address)?)?;
+                Ok(match read {
+                    // Spaces and zeros fill texts of a fixed length.
+                    ParameterValue::Text(_) => read
+                        .to_string()
+                        .trim_matches(['\0', ' '])
+                        .trim_end_matches("\\0")
+                        .to_owned(),
+                    _ => read.to_string(),
+                })
+            }
+            FactQuery::Text(request) => {
+                let raw = self.raw(request)?;
+                let mut text = String::new();
+                if let Some(dissector) = dissector {
+                    dissector.write_fact(fact.name, raw, &mut text);
+                }
+                Ok(text)
+            }
+            FactQuery::Count(first, rest) => {
+                self.read(self.find(first)?)?;
+                let mut count = 1;
+                for address in rest {
+                    match self.read(self.find(address)?) {
+                        Ok(_) => count += 1,
+                        Err(error) if is_answer(&error) => break,
+                        Err(error) => return Err(error),
+                    }
+                }
+                Ok(count.to_string())
+            }
+        }
+    }
+}
+
+/// Whether the drive answered, if only with a refusal.
+fn is_answer(error: &Error) -> bool {
+    match error {
+        Error::Failed { outcome: Outcome::NotDone(failure), .. } => {
+            matches!(failure, Failure::Refused { .. } | Failure::NotReady { .. })
+        }
+        Error::Unsupported { .. } | Error::Usage { .. } => true,
+        _ => false,
+    }
+}
+
+/// The details in a line: `TMCM-6110, firmware 1.48, 6 motors`.
+#[must_use]
+pub fn summarize_details(details: &[DeviceDetail]) -> String {
+    let shown = details.iter().filter_map(|detail| match detail.name {
+        "device name" | "module" => Some(detail.text.clone()),
+        "hardware version" => Some(format!("hardware {}", detail.text)),
+        "software version" => Some(format!("software {}", detail.text)),
+        "firmware" => Some(format!("firmware {}", detail.text)),
+        "motors" if detail.text == "1" => None,
+        "motors" => Some(format!("{} motors", detail.text)),
+        _ => None,
+    });
+    shown.collect::<Vec<_>>().join(", ")
+}
