@@ -281,7 +281,7 @@ impl Emitter {
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
              identity: {identity}, ram: {ram}, link_settings: &[{link_settings}], \
              optional: &[{optional}], \
-             watchdog: {watchdog}, reply_timeout_ms: {}, caution: {:?} }};\n\n",
+             watchdog: {watchdog}, reply_timeout_ms: {}, multiple_writes: {}, caution: {:?} }};\n\n",
             p.name,
             p.family,
             p.protocol,
@@ -289,6 +289,7 @@ impl Emitter {
             p.source,
             p.axis,
             p.reply_timeout_ms,
+            p.multiple_writes,
             p.caution,
             title = p.title.trim_end_matches('.'),
         );

@@ -50,6 +50,9 @@ pub struct DriveArgs {
 /// The profile by which frames are named, once it is known.
 type NamingProfile = Arc<OnceLock<&'static Profile>>;
 
+/// Warnings about data sheets that are printed.
+const SHEET_WARNINGS_MAX: usize = 10;
+
 /// How readings are printed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub enum OutputFormat {
@@ -204,6 +207,11 @@ impl DriveArgs {
 pub fn warn_ignored_files(connector: &Connector) {
     let known = connector.config.broken.len();
     connector.ignored_files().iter().skip(known).for_each(warn_ignored_file);
+    let warnings = connector.sheet_warnings();
+    warnings.iter().take(SHEET_WARNINGS_MAX).for_each(|warning| print_note(&format!("{warning}")));
+    if let Some(more @ 1..) = warnings.len().checked_sub(SHEET_WARNINGS_MAX) {
+        print_note(&format!("{more} more of the data sheet"));
+    }
 }
 
 /// One step of a plan: its bytes, and what they do.

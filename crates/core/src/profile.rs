@@ -52,6 +52,8 @@ pub struct Profile {
     pub watchdog: Watchdog,
     /// Longest time the drive may take for a reply, ms.
     pub reply_timeout_ms: u32,
+    /// On Modbus a single register is written by function 16, because the drive has no function 06.
+    pub multiple_writes: bool,
     /// What to check before and after, in one paragraph, shown before the first motion.
     pub caution: &'static str,
     /// How it is told from other products of its protocol, by reads only.

@@ -69,6 +69,8 @@ pub struct Connector {
     is_for_stop: bool,
     /// Files that were wrong and could be done without.
     ignored_files: Arc<Mutex<Vec<FileError>>>,
+    /// What is odd about the data sheets that were read.
+    sheet_warnings: Arc<Mutex<Vec<FileError>>>,
     sent_counter: SentCounter,
 }
 
@@ -86,6 +88,7 @@ impl Connector {
     /// [`Error::File`] with file, line, column and reason.
     pub fn with_profile(mut self, file: &Path) -> Result<Self, Error> {
         self.config.add_profile(file)?;
+        self.keep_sheet_warnings(file);
         Ok(self)
     }
 

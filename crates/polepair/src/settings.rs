@@ -31,6 +31,7 @@ pub fn is_setting(parameter: &Parameter) -> bool {
         && parameter.persistence != Persistence::Volatile
         && parameter.certainty != Certainty::Undocumented
         && !parameter.moves
+        && parameter.encoding.is_number()
 }
 
 /// What a file holds.

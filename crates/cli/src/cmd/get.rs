@@ -8,7 +8,7 @@ use polepair::axis::ParameterValue;
 use polepair::url::AxisNumber;
 use polepair_capture::jsonl;
 use polepair_client::message::{AxisInfo, ParameterReading};
-use polepair_core::profile::{Access, Parameter, ParameterId};
+use polepair_core::profile::{Access, Encoding, Parameter, ParameterId};
 
 use crate::cmd::params::no_such_parameter;
 use crate::cmd::record::plural;
@@ -264,7 +264,10 @@ fn write_json(read: &ReadRow<'_>, out: &mut Vec<u8>) {
 /// The parameters that are meant on an axis.
 fn requested_parameters(axis: &Axis, names: &[String]) -> Result<Vec<ParameterId>> {
     if names.len() == 1 && names[0] == "all" {
-        let readable = |(_, p): &(usize, &Parameter)| p.access != Access::Write;
+        // A domain may be a whole firmware: it is read where somebody names it.
+        let readable = |(_, p): &(usize, &Parameter)| {
+            p.access != Access::Write && p.encoding != Encoding::Bytes
+        };
         let every = axis.profile().parameters.iter().enumerate().filter(readable);
         return Ok(every.filter_map(|(at, _)| u16::try_from(at).ok().map(ParameterId)).collect());
     }

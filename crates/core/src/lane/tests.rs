@@ -106,6 +106,7 @@ static PROFILE: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
+    multiple_writes: false,
     caution: "",
     identity: None,
 };

@@ -147,6 +147,7 @@ impl Encoding {
     #[must_use]
     pub fn is_between(self, raw: i64, min: i64, max: i64) -> bool {
         match self {
+            Self::Text | Self::Bytes => true,
             _ if self.is_real() => {
                 (self.number(min)..=self.number(max)).contains(&self.number(raw))
             }

@@ -2,6 +2,7 @@
 
 use super::{Axis, ParameterValue};
 use crate::error::Error;
+use crate::profile::generic_profile;
 use crate::url::AxisNumber;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::explain::{DeviceFact, FactQuery};
@@ -28,7 +29,13 @@ impl Axis {
         if AxisNumber(self.number).is_group() {
             return Ok(details);
         }
+        let generic = generic_profile(self.protocol);
+        let is_known = generic.is_none_or(|generic| !std::ptr::eq(generic, self.profile));
         for fact in facts {
+            // A profile has what a product has: a question for more would be refused.
+            if is_known && matches!(fact.query, FactQuery::Count(..)) {
+                continue;
+            }
             match self.read_fact(fact) {
                 Ok(text) if text.is_empty() => {}
                 Ok(text) => details.push(DeviceDetail { name: fact.name, text }),

@@ -28,6 +28,22 @@ impl Connector {
         self.config.broken.iter().chain(more.iter()).cloned().collect()
     }
 
+    /// What is odd about the data sheets (EDS, DCF) that were read, and which of their entries are left
+    /// out.
+    #[must_use]
+    pub fn sheet_warnings(&self) -> Vec<FileError> {
+        self.sheet_warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(crate) fn keep_sheet_warnings(&self, file: &Path) {
+        let mut kept = self.sheet_warnings.lock().unwrap_or_else(PoisonError::into_inner);
+        for warning in crate::eds::sheet_warnings(file) {
+            if !kept.contains(&warning) {
+                kept.push(warning);
+            }
+        }
+    }
+
     /// The profile that a connection string chooses: by name, or a drive's set-up archive.
     pub(crate) fn chosen_profile(
         &self,
@@ -60,6 +76,7 @@ impl Connector {
             ["setup", "eds"].iter().find_map(|key| Some((key, url.key(key)?)))
         {
             let profile = crate::profile::load(Path::new(file))?;
+            self.keep_sheet_warnings(Path::new(file));
             if profile.protocol == protocol.profile {
                 return Ok(Some(profile));
             }

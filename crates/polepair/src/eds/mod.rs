@@ -185,8 +185,8 @@ pub fn parse(file: &str, text: &str) -> Result<Eds, FileError> {
     read::parse_eds(file, text)
 }
 
-/// Reads an EDS or DCF file. Bytes that are no UTF-8 are taken for Latin-1, in which most are
-/// written.
+/// Reads an EDS or DCF file in UTF-8, or in UTF-16 with a byte order mark. Other bytes are taken for
+/// Latin-1, in which most are written.
 ///
 /// # Errors
 /// [`FileError`], also for a file that cannot be read.
@@ -194,9 +194,34 @@ pub fn load(path: &Path) -> Result<Eds, FileError> {
     let name = path.display().to_string();
     let bytes =
         read_limited(path, FILE_MAX).map_err(|reason| FileError::for_file(&name, reason))?;
-    let text = String::from_utf8(bytes)
-        .unwrap_or_else(|error| error.into_bytes().into_iter().map(char::from).collect());
+    let text = match utf16_text(&bytes) {
+        Some(text) => text,
+        None => String::from_utf8(bytes)
+            .unwrap_or_else(|error| error.into_bytes().into_iter().map(char::from).collect()),
+    };
     parse(&name, &text)
+}
+
+/// The text of bytes that begin with the byte order mark of UTF-16.
+fn utf16_text(bytes: &[u8]) -> Option<String> {
+    let (decode, rest): (fn([u8; 2]) -> u16, _) = match bytes {
+        [0xFF, 0xFE, rest @ ..] => (u16::from_le_bytes, rest),
+        [0xFE, 0xFF, rest @ ..] => (u16::from_be_bytes, rest),
+        _ => return None,
+    };
+    let (units, _) = rest.as_chunks::<2>();
+    let units: Vec<u16> = units.iter().map(|unit| decode(*unit)).collect();
+    Some(String::from_utf16_lossy(&units))
+}
+
+/// What is odd about a data sheet, and which of its entries become no parameters: nothing for a file
+/// that is none, or that cannot be read.
+pub(crate) fn sheet_warnings(path: &Path) -> Vec<FileError> {
+    let Some(eds) = is_eds_file(path).then(|| load(path).ok()).flatten() else {
+        return Vec::new();
+    };
+    let left_out = profile::left_out_entries(&path.display().to_string(), &eds);
+    eds.warnings.into_iter().chain(left_out).collect()
 }
 
 /// The largest file, bytes.

@@ -30,7 +30,7 @@ pub(crate) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
     draft.source = position.file().to_owned();
     let known = std::mem::take(&mut draft.parameters);
     let mut names = HashSet::new();
-    for (object, entry, encoding) in numeric_entries(&eds) {
+    for (object, entry, encoding) in typed_entries(&eds) {
         let at = |p: &&DraftParameter| (p.index, p.space) == (object.index, entry.sub);
         let mut parameter = match known.iter().find(at) {
             Some(parameter) => DraftParameter { location: position.clone(), ..parameter.clone() },
@@ -64,9 +64,8 @@ fn base_profile(eds: &Eds) -> Option<&'static Profile> {
     all.find(|profile| profile.name == name)
 }
 
-/// Entries that hold a number of a length that parameters have; others are reached by the
-/// protocol's own text.
-fn numeric_entries(eds: &Eds) -> impl Iterator<Item = (&EdsObject, &EdsEntry, Encoding)> {
+/// Entries of a type that parameters have; others are read by their address.
+fn typed_entries(eds: &Eds) -> impl Iterator<Item = (&EdsObject, &EdsEntry, Encoding)> {
     let entries =
         eds.objects.iter().flat_map(|object| object.entries.iter().map(move |e| (object, e)));
     entries.filter_map(|(object, entry)| Some((object, entry, encoding(entry.data_type)?)))
@@ -80,8 +79,31 @@ fn encoding(kind: DataType) -> Option<Encoding> {
         0x04 => Encoding::I32,
         0x06 => Encoding::U16,
         0x07 => Encoding::U32,
+        0x08 => Encoding::F32,
+        0x09 => Encoding::Text,
+        0x0A | 0x0B | 0x0F => Encoding::Bytes,
+        0x11 => Encoding::F64,
+        0x15 => Encoding::I64,
+        0x1B => Encoding::U64,
         _ => return None,
     })
+}
+
+/// The entries of which no parameter is made, and why.
+pub(super) fn left_out_entries(file: &str, eds: &Eds) -> Vec<FileError> {
+    let entries =
+        eds.objects.iter().flat_map(|object| object.entries.iter().map(move |e| (object, e)));
+    let unknown = entries.filter(|(_, entry)| encoding(entry.data_type).is_none());
+    let warning = |(object, entry): (&EdsObject, &EdsEntry)| {
+        let at = symbol(object.index, entry.sub);
+        let kind = match entry.data_type.name() {
+            Some(name) => format!("the type {name}"),
+            None => format!("a type of its own, 0x{:04X}", entry.data_type.0),
+        };
+        let reason = format!("{at} ({}) has {kind}: left out; `{at}` reads it", entry.name);
+        FileError::for_file(file, reason)
+    };
+    unknown.map(warning).collect()
 }
 
 /// An object of which only the sheet tells. What a PDO may bring to the drive may move it.
@@ -135,10 +157,9 @@ fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encod
         (parameter.min, parameter.max) = encoding.raw_range();
     }
     // Limits that depend on the node are not limits of the product.
-    let whole = |literal: &Option<super::Literal>| literal.as_ref().and_then(|it| it.integer(0));
-    let limits = (whole(&entry.low), whole(&entry.high));
-    if let (Some(low), Some(high)) = limits
-        && low < high
+    let raw = |literal: &Option<super::Literal>| raw_value(encoding, literal.as_ref()?);
+    if let (Some(low), Some(high)) = (raw(&entry.low), raw(&entry.high))
+        && encoding.number(low) < encoding.number(high)
     {
         (parameter.min, parameter.max) = (low, high);
     }
@@ -146,14 +167,23 @@ fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encod
     let process = (0x1400..0x1C00).contains(&parameter.index);
     let default = if process { entry.effective_value() } else { entry.default.as_ref() };
     let default = default.filter(|it| it.integer(0) == it.integer(1));
-    parameter.default = default.and_then(|it| it.integer(0));
-    let fits = |default: &i64| (parameter.min..=parameter.max).contains(default);
+    parameter.default = default.and_then(|it| raw_value(encoding, it));
+    let fits = |default: &i64| encoding.is_between(*default, parameter.min, parameter.max);
     parameter.default = parameter.default.filter(fits);
     parameter.access = match (entry.access.is_readable(), entry.access.is_writable()) {
         (true, false) => Access::Read,
         (false, _) => Access::Write,
         (true, true) => Access::ReadWrite,
     };
+}
+
+/// The raw value that a literal means for an encoding; `None` for text and bytes.
+fn raw_value(encoding: Encoding, literal: &super::Literal) -> Option<i64> {
+    match literal {
+        super::Literal::Text(text) if encoding.is_real() => encoding.raw(text.parse().ok()?),
+        other if encoding.is_number() => other.integer(0),
+        _ => None,
+    }
 }
 
 /// The product number, where the sheet has one and the device can be asked.

@@ -78,6 +78,11 @@ pub(super) fn parse_eds(file: &str, text: &str) -> Result<Eds, FileError> {
     Ok(eds)
 }
 
+/// A value without the remark that some write behind it: `0x0006 ; u16`.
+fn without_remark(value: &str) -> &str {
+    value.split(';').next().unwrap_or(value).trim_end()
+}
+
 /// What a section is about.
 enum SectionKind {
     FileInfo,
@@ -346,7 +351,8 @@ impl EdsReader {
 
     fn read_literal(&mut self, line: &IniLine, kind: DataType) -> Option<Literal> {
         let mut text = None;
-        match value::parse_literal(&line.value, kind, &mut |reason| text = Some(reason)) {
+        let given = if kind.is_integer() { without_remark(&line.value) } else { &line.value };
+        match value::parse_literal(given, kind, &mut |reason| text = Some(reason)) {
             Ok(literal) => {
                 if let Some(reason) = text {
                     self.warn(line.location.error(reason));
@@ -362,7 +368,7 @@ impl EdsReader {
 
     fn read_access(&mut self, section: &IniSection) -> ObjectAccess {
         let Some(line) = section.get("AccessType") else { return ObjectAccess::Rw };
-        ObjectAccess::from_word(&line.value).unwrap_or_else(|| {
+        ObjectAccess::from_word(without_remark(&line.value)).unwrap_or_else(|| {
             let hint = spelling::suggestion(&line.value, ["const", "ro", "wo", "rw", "rwr", "rww"]);
             self.warn(
                 line.location.error(format!("`{}` is no access{hint}: taken as ro", line.value)),
@@ -373,7 +379,7 @@ impl EdsReader {
 
     fn read_number(&mut self, section: &IniSection, key: &str) -> Option<i64> {
         let line = section.get(key)?;
-        let number = value::parse_integer(&line.value).map(|number| number.value);
+        let number = value::parse_integer(without_remark(&line.value)).map(|number| number.value);
         if number.is_none() {
             self.warn(
                 line.location.error(format!("{key}: `{}` is no number: left out", line.value)),

@@ -254,8 +254,52 @@ fn a_sheet_of_a_drive_has_the_verbs_that_its_objects_allow() {
 #[test]
 fn a_sheet_of_another_device_has_its_objects_alone() {
     let text = SHEET.replace("0x20192", "0x191").replace("Identity object", "Identity");
-    let profile = profile_of("io.DCF", &format!("{text}[3000]\nDataType=9\n"));
+    let profile = profile_of("io.DCF", &format!("{text}[3000]\nDataType=0x10\n"));
     assert_eq!((profile.name, profile.plans.len()), ("io", 0));
-    assert!(profile.find_parameter("3000h").is_none(), "no number");
+    assert!(profile.find_parameter("3000h").is_none(), "24 bits");
     assert!(profile.find_parameter("vendor id").is_some());
+}
+
+/// Each type with limits and a default, as vendors write them.
+const TYPED: &str = "[2010]\nParameterName=Gain\nDataType=0x0008 ; REAL32\nAccessType=rw ; both\n\
+    LowLimit=-1.5\nHighLimit=2.5\nDefaultValue=0.5\n\
+    [2011]\nParameterName=Ratio\nDataType=0x0011\nAccessType=ro\n\
+    [2012]\nParameterName=Counter\nDataType=0x001B\nAccessType=ro\n\
+    [2013]\nParameterName=Offset\nDataType=0x0015\nAccessType=rw\nDefaultValue=-7 ; counts\n\
+    [2014]\nParameterName=Label\nDataType=0x0009\nAccessType=rw\nDefaultValue=a ; b\n\
+    [2015]\nParameterName=Log\nDataType=0x000F\nAccessType=ro\n\
+    [2016]\nParameterName=Odd\nDataType=0x0010\nAccessType=ro\n";
+
+#[test]
+fn objects_of_every_type_are_parameters() {
+    use polepair_core::profile::{Access, Encoding};
+    let profile = profile_of("typed.eds", &format!("{SHEET}{TYPED}"));
+    let find = |name| profile.parameter(profile.find_parameter(name).expect(name)).unwrap();
+    let gain = find("Gain");
+    assert_eq!((gain.encoding, gain.access), (Encoding::F32, Access::ReadWrite));
+    let limits = [gain.min, gain.max, gain.default.unwrap()].map(|raw| gain.encoding.number(raw));
+    assert_eq!(limits, [-1.5, 2.5, 0.5]);
+    assert_eq!(find("Ratio").encoding, Encoding::F64);
+    assert_eq!(find("Counter").encoding, Encoding::U64);
+    assert_eq!((find("Offset").encoding, find("Offset").default), (Encoding::I64, Some(-7)));
+    assert_eq!(find("Label").encoding, Encoding::Text);
+    assert_eq!(find("Log").encoding, Encoding::Bytes);
+    assert!(profile.find_parameter("Odd").is_none());
+}
+
+#[test]
+fn what_of_a_sheet_is_left_out_is_told() {
+    let folder = std::env::temp_dir().join(format!("polepair-eds-left-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("wide.eds");
+    let text = format!("{}{TYPED}", SHEET.trim_start_matches('\u{FEFF}'));
+    let mut bytes = vec![0xFF, 0xFE];
+    bytes.extend(text.encode_utf16().flat_map(u16::to_le_bytes));
+    std::fs::write(&path, bytes).unwrap();
+    let eds = super::load(&path).unwrap();
+    assert_eq!(eds.objects, sheet(&text).objects, "in UTF-16");
+    let warnings = super::sheet_warnings(&path);
+    let told: Vec<String> = warnings.iter().map(ToString::to_string).collect();
+    assert!(told.iter().any(|told| told.contains("2016h (Odd) has the type i24")), "{told:?}");
+    std::fs::remove_dir_all(folder).unwrap();
 }

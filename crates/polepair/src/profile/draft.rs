@@ -25,6 +25,7 @@ pub(crate) struct Draft {
     pub(crate) source: String,
     pub(crate) axis: AxisKind,
     pub(crate) reply_timeout_ms: u32,
+    pub(crate) multiple_writes: bool,
     pub(crate) caution: String,
     pub(crate) watchdog: DraftWatchdog,
     pub(crate) ram: Option<DraftRam>,
@@ -176,6 +177,7 @@ impl Draft {
             source: profile.source.into(),
             axis: profile.axis,
             reply_timeout_ms: profile.reply_timeout_ms,
+            multiple_writes: profile.multiple_writes,
             caution: profile.caution.into(),
             watchdog: match profile.watchdog {
                 Watchdog::None => DraftWatchdog::None,

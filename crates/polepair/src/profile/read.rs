@@ -17,7 +17,7 @@ use polepair_core::units::Unit;
 /// Parameters, faults, or repetitions of one, that a profile may have at most.
 pub(crate) const ENTRIES_MAX: usize = 4096;
 
-const KEYS: [&str; 21] = [
+const KEYS: [&str; 22] = [
     "name",
     "extends",
     "remove",
@@ -28,6 +28,7 @@ const KEYS: [&str; 21] = [
     "source",
     "axis",
     "reply_timeout_ms",
+    "write",
     "caution",
     "watchdog",
     "ram",
@@ -102,7 +103,7 @@ pub(crate) const MEMORY_PROTOCOL: &str = "tml";
 const AXES: [(&str, AxisKind); 3] =
     [("rotary", AxisKind::Rotary), ("linear", AxisKind::Linear), ("ratio", AxisKind::Ratio)];
 
-const ENCODINGS: [(&str, Encoding); 10] = [
+const ENCODINGS: [(&str, Encoding); 21] = [
     ("bit", Encoding::Bit),
     ("u8", Encoding::U8),
     ("i8", Encoding::I8),
@@ -110,7 +111,18 @@ const ENCODINGS: [(&str, Encoding); 10] = [
     ("i16", Encoding::I16),
     ("u32", Encoding::U32),
     ("i32", Encoding::I32),
+    ("u64", Encoding::U64),
+    ("i64", Encoding::I64),
+    ("f32", Encoding::F32),
+    ("f64", Encoding::F64),
+    ("u32-low-first", Encoding::U32LowFirst),
     ("i32-low-first", Encoding::I32LowFirst),
+    ("u64-low-first", Encoding::U64LowFirst),
+    ("i64-low-first", Encoding::I64LowFirst),
+    ("f32-low-first", Encoding::F32LowFirst),
+    ("f64-low-first", Encoding::F64LowFirst),
+    ("text", Encoding::Text),
+    ("bytes", Encoding::Bytes),
     ("fixed", Encoding::Fixed),
     ("tens-and-thousandths", Encoding::TensAndThousandths),
 ];
@@ -174,6 +186,7 @@ fn new_draft(node: &TomlTable<'_, '_>) -> Result<Draft, FileError> {
         source: String::new(),
         axis: AxisKind::Rotary,
         reply_timeout_ms: 100,
+        multiple_writes: false,
         caution: String::new(),
         watchdog: DraftWatchdog::None,
         ram: None,
@@ -201,6 +214,13 @@ fn read_head(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileErro
     }
     if let Some(axis) = node.text("axis")? {
         draft.axis = axis.try_map(|word| parse_choice(&word, &AXES))?;
+    }
+    if let Some(function) = node.text("write")? {
+        if draft.protocol != "modbus" {
+            return Err(function.location.error("`write` is for drives that speak Modbus"));
+        }
+        draft.multiple_writes =
+            function.try_map(|word| parse_choice(&word, &[("06", false), ("16", true)]))?;
     }
     if let Some(ms) = node.integer_between("reply_timeout_ms", 1, 60_000)? {
         draft.reply_timeout_ms = u32::try_from(ms).unwrap_or(u32::MAX);
@@ -405,6 +425,7 @@ impl ProfileReader {
             u16::try_from(n).map_err(|_| format!("`index` is {n}; it must be 0 to 65535"))
         })?;
         let (factor, times, over, rule) = read_scale(table)?;
+        let raw = |key: &str| read_raw_limit(table, key, encoding);
         Ok(DraftParameter {
             location: table.location(),
             name: table.required_text("name")?.try_map(check_name)?,
@@ -418,9 +439,9 @@ impl ProfileReader {
             times,
             over,
             rule,
-            min: table.integer_between("min", min_value, max_value)?.unwrap_or(min_value),
-            max: table.integer_between("max", min_value, max_value)?.unwrap_or(max_value),
-            default: table.integer_between("default", min_value, max_value)?,
+            min: raw("min")?.unwrap_or(min_value),
+            max: raw("max")?.unwrap_or(max_value),
+            default: raw("default")?,
             access: optional_choice(table, "access", &ACCESSES)?.unwrap_or(Access::ReadWrite),
             persistence: optional_choice(table, "persistence", &PERSISTENCES)?
                 .unwrap_or(Persistence::Volatile),
@@ -455,6 +476,28 @@ impl ProfileReader {
         }
         Ok(())
     }
+}
+
+/// A raw limit or default; of floating-point numbers it is the number itself.
+fn read_raw_limit(
+    table: &TomlTable<'_, '_>,
+    key: &str,
+    encoding: Encoding,
+) -> Result<Option<i64>, FileError> {
+    if encoding.is_real() {
+        let Some(number) = table.float(key)? else { return Ok(None) };
+        let raw = number.try_map(|number| {
+            encoding.raw(number).ok_or_else(|| format!("`{key}` does not fit its encoding"))
+        });
+        return raw.map(Some);
+    }
+    let (min, max) = match encoding {
+        // TOML's own integers reach no further.
+        Encoding::U64 | Encoding::U64LowFirst => (0, i64::MAX),
+        Encoding::Text | Encoding::Bytes => (0, -1),
+        _ => encoding.raw_range(),
+    };
+    table.integer_between(key, min, max)
 }
 
 /// The `n`th of a repeated parameter, `{n}` and `{index}` filled in.

@@ -46,6 +46,7 @@ pub(crate) fn resolve_profile(draft: &Draft) -> Result<&'static Profile, FileErr
         identity: draft.identity.as_ref().map(|it| names.identity(it)).transpose()?,
         watchdog: names.watchdog(&draft.watchdog)?,
         reply_timeout_ms: draft.reply_timeout_ms,
+        multiple_writes: draft.multiple_writes,
         caution: leak_text(&draft.caution),
     })))
 }
@@ -88,7 +89,8 @@ fn check_faults(faults: &[DraftFault]) -> Result<(), FileError> {
 fn check_parameter(p: &DraftParameter) -> Result<(), FileError> {
     let (min_value, max_value) = p.encoding.raw_range();
     let name = &p.name;
-    if p.encoding.number(p.min) > p.encoding.number(p.max) {
+    let is_number = p.encoding.is_number();
+    if is_number && p.encoding.number(p.min) > p.encoding.number(p.max) {
         let reason = format!("`{name}`: min {} is greater than max {}", p.min, p.max);
         return Err(p.location.error(reason));
     }

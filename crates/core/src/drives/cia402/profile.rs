@@ -3962,6 +3962,7 @@ pub static CIA402: Profile = Profile {
     ],
     watchdog: Watchdog::Heartbeat { consumer: ParameterId(6), reaction: ParameterId(86) },
     reply_timeout_ms: 200,
+    multiple_writes: false,
     caution: "The drive goes on when the bus dies, unless it watches the heartbeat of its connection (heartbeat=; 1016h, and 6007h for what it does then). Units come from the drive's own objects (`info` names them): check that a small move is as large as you asked. Have a switch in its supply within reach.",
 };
 

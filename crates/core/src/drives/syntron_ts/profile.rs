@@ -12567,6 +12567,7 @@ pub static SYNTRON_DS102: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
+    multiple_writes: false,
     caution: "The drive keeps its last speed when the line dies: it has no watchdog on Modbus, so have a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. Only Fn_00 = 1 (speed) or 14 (position) obeys Modbus; a factory drive is in mode 2 and does not.",
 };
 
@@ -12674,6 +12675,7 @@ pub static SYNTRON_TS: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
+    multiple_writes: false,
     caution: "The drive keeps its last speed when the line dies: it has no watchdog on Modbus, so have a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. Only Fn_00 = 1 (speed) or 14 (position) obeys Modbus; a factory drive is in mode 2 and does not.",
 };
 
@@ -26057,6 +26059,7 @@ pub static SYNTRON_TS_CANOPEN: Profile = Profile {
     ],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
+    multiple_writes: false,
     caution: "The drive keeps its last command when the bus dies, and the manual gives it no way to watch its master: have a switch in its supply within reach. Put 120 ohm across both ends of the bus. Only Fn_00 = 20 obeys CANopen; a factory drive is in mode 2 and does not. Fn registers go to flash unless Fn_99 = 1.",
 };
 

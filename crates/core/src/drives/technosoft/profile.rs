@@ -3651,6 +3651,7 @@ pub static TECHNOSOFT_F514L: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 500,
+    multiple_writes: false,
     caution: "The drive goes on with its last motion when the line dies: it has no watchdog on TML, so have its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; a set-up with another one turns everything by that factor.",
 };
 
@@ -7479,6 +7480,7 @@ pub static TECHNOSOFT_FA00G: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 500,
+    multiple_writes: false,
     caution: "The drive goes on with its last motion when the line dies: it has no watchdog on TML, so have its ENABLE input or its supply within reach. Speeds assume a slow loop of 1 ms; a set-up with another one turns everything by that factor.",
 };
 

@@ -547,6 +547,7 @@ pub static THRUSTER: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,
+    multiple_writes: false,
     caution: "The propeller turns at once when the signal is given: keep hands and lines away, and run it under water, where it is cooled. It goes on when the line dies unless command timeout (ST) is set, which holds until the next restart. After power-up, and after a fault that closed the output, the signal must be zero once before it runs: enable does that.",
 };
 
@@ -1152,6 +1153,7 @@ pub static THRUSTER_ACTUATOR: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,
+    multiple_writes: false,
     caution: "The rod moves at once, as far as its safe range lets it, and its output is off after a stop: what it holds may fall. A count of position is taken for 0.1 mm: try a short move first. It goes on when the line dies unless command timeout (ST) is set, which holds until the next restart. How fast a move is unless you say: 30 rpm of its motor.",
 };
 
@@ -1283,6 +1285,7 @@ pub static THRUSTER_SERVO: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,
+    multiple_writes: false,
     caution: "The servo moves at once, as far as its safe range lets it, and its output is off after a stop: what it holds may fall. It goes on when the line dies unless command timeout (ST) is set, which holds until the next restart. How fast a move is unless you say: 30 rpm. An actuator answers as a servo does: for one say profile=thruster-actuator.",
 };
 

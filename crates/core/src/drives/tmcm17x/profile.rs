@@ -6426,6 +6426,7 @@ pub static TMCM_170: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) },
     reply_timeout_ms: 100,
+    multiple_writes: false,
     caution: "The module keeps turning when the line dies unless its heartbeat is set (GP 68 for a serial line, GP 82 for CAN), and whether this firmware has one is not documented: have a switch in the supply within reach. Motion commands switch the power stage on by themselves. Set telegram pause time to about 20 ms on RS-485 adapters that switch direction by RTS.",
 };
 
@@ -6491,6 +6492,7 @@ pub static TMCM_171: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(83), on_can: Some(ParameterId(93)) },
     reply_timeout_ms: 100,
+    multiple_writes: false,
     caution: "The module keeps turning when the line dies unless its heartbeat is set (GP 68 for a serial line, GP 82 for CAN), and whether this firmware has one is not documented: have a switch in the supply within reach. Motion commands switch the power stage on by themselves. Set telegram pause time to about 20 ms on RS-485 adapters that switch direction by RTS.",
 };
 

@@ -310,6 +310,7 @@ pub static GENERIC: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: REPLY_TIMEOUT_MS,
+    multiple_writes: false,
     identity: None,
     caution: "Nothing is known of this device but that it speaks CANopen: objects can be read and \
               written by number. Give its data sheet or a profile with profile=NAME.",

@@ -33,6 +33,7 @@ pub static GENERIC: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
+    multiple_writes: false,
     caution: "Nothing is known of this drive: registers can be read and written by number only.",
 };
 
@@ -97,7 +98,9 @@ impl Driver for Axis {
             Some(Space::Holding) => {
                 let words = encode(parameter.encoding, raw).ok_or(Unsupported::BadArgument)?;
                 let request = match register_count(parameter.encoding) {
-                    1 => RequestBody::WriteRegister { address: parameter.index, value: words[0] },
+                    1 if !self.profile.multiple_writes => {
+                        RequestBody::WriteRegister { address: parameter.index, value: words[0] }
+                    }
                     count => write_registers(parameter.index, &words[..usize::from(count)]),
                 };
                 self.new_request(request, class)
@@ -133,6 +136,9 @@ impl Driver for Axis {
         }
         let request = match function {
             Function::WriteCoil => RequestBody::WriteCoil { address: index, on: value != 0 },
+            Function::WriteRegister if self.profile.multiple_writes => {
+                write_registers(index, &[word()?])
+            }
             Function::WriteRegister => {
                 RequestBody::WriteRegister { address: index, value: word()? }
             }

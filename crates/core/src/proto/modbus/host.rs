@@ -12,6 +12,7 @@
 //! it, stops excepted, probes drawn at random must be answered one after another. What an older
 //! request is owed takes the place of one only if it has that function code and length.
 
+mod multiple_write;
 mod proof;
 mod receive;
 
@@ -29,6 +30,7 @@ use crate::station::{
     self, Counters, EventSubject, HostEvent, LineEvent, RequestClass, Station, Ticket, Timed,
 };
 use crate::time::Instant;
+use multiple_write::MultipleWriters;
 use proof::StationProof;
 
 /// Times that one request is put on the wire at most.
@@ -120,6 +122,8 @@ pub struct SerialHost {
 
     /// Stations of which it is known that nothing older can come.
     proven_addresses: ProvenAddresses,
+    /// Stations that take a single register by function 16 alone.
+    multiple_writers: MultipleWriters,
     /// While the present request waits for its station to be proven.
     proof: Option<StationProof>,
 }
@@ -255,6 +259,7 @@ impl SerialHost {
             events: EventRing::new(),
             counters: Counters::default(),
             proven_addresses: ProvenAddresses::new(options.probe_seed),
+            multiple_writers: MultipleWriters::default(),
             proof: None,
         }
     }
@@ -468,6 +473,7 @@ impl SerialHost {
     fn start_request(&mut self, now: Instant, ticket: Ticket, request: HostRequest) {
         self.held_since = None;
         self.payload_len = 0;
+        let request = self.multiple_writers.adapt(request);
         self.current = Some(CurrentExchange { ticket, request, attempts: 1, since: now });
         self.sending = Some(PendingSend::Request);
     }

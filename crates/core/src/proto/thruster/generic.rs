@@ -43,6 +43,7 @@ pub static GENERIC: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
+    multiple_writes: false,
     identity: None,
     caution: "This drive is not known; only reading and stopping are offered. Give its profile \
               with profile=NAME.",

@@ -36,6 +36,7 @@ pub static GENERIC: Profile = Profile {
     optional: &[],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
+    multiple_writes: false,
     identity: None,
     caution: "This module is not known. Units and limits are the module's own numbers; only \
               reading and stopping are offered. Give its profile with profile=NAME.",

@@ -346,6 +346,9 @@ impl SerialHost {
         match *reply {
             ReplyPdu::Exception { exception, .. } => {
                 self.note_missing_echo();
+                if self.retry_as_multiple_write(now, exception) {
+                    return;
+                }
                 self.fail_current(Failure::Refused { code: u32::from(exception.code()) });
             }
             ReplyPdu::Read { data, .. } => self.accept_answer(now, data),

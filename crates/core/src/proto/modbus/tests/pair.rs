@@ -11,7 +11,7 @@ use crate::error::Failure;
 use crate::proto::HostOptions;
 use crate::proto::modbus::device::Framing;
 use crate::proto::modbus::host_request::{HostRequest, RequestBody, WORDS_MAX};
-use crate::proto::modbus::wire::{Space, WireFormat};
+use crate::proto::modbus::wire::{Function, Space, WireFormat};
 use crate::station::{
     EventSubject, Host as _, LineEvent, RequestClass, Station as _, Ticket, Timed as _,
 };
@@ -321,6 +321,27 @@ fn only_what_is_harmless_is_sent_again() {
     assert_eq!(world.write(0x10, 7), Err(Failure::Silent));
     assert_eq!(world.drive.writes.len(), 1, "executed once though three replies were lost");
     assert_eq!(world.host.counters().resent, before.resent);
+}
+
+#[test]
+fn a_station_without_function_06_is_written_by_function_16() {
+    for format in formats() {
+        let mut world = TestWorld::plain(format);
+        world.drive.lacks = Some(Function::WriteRegister);
+        for value in [70, 71] {
+            let request = RequestBody::WriteRegister { address: 7, value };
+            world.request(1, request, RequestClass::NoRetry).unwrap();
+        }
+        assert_eq!(world.read(7, 1).unwrap().words[0], 71, "{format:?}");
+        assert_eq!(world.drive.writes.len(), 2, "{format:?}: each once");
+        let counters = world.host.counters();
+        assert_eq!((counters.resent, counters.sent), (0, counters.answered), "{format:?}");
+        // It may lack both.
+        world.drive.lacks = Some(Function::WriteRegisters);
+        let request = RequestBody::WriteRegister { address: 7, value: 1 };
+        let refused = world.request(1, request, RequestClass::NoRetry);
+        assert_eq!(refused, Err(Failure::Refused { code: 1 }), "{format:?}");
+    }
 }
 
 /// The TS takes 10 ms of silence for the end of a frame, so a host waits that long before each.

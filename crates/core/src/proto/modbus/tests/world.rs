@@ -26,14 +26,16 @@ pub struct RegisterDrive {
     pub whole_byte: bool,
     pub registers: BTreeMap<u16, u16>,
     pub coils: u16,
+    /// A function that it does not have.
+    pub lacks: Option<Function>,
     pub writes: Vec<(u16, Vec<u16>)>,
 }
 
 impl RegisterDrive {
     pub fn new(address: u8, format: WireFormat, baud: u32) -> Self {
         let registers = (0..0x200_u16).map(|n| (n, n.wrapping_mul(257))).collect();
-        let (coils, writes) = (0b0101, Vec::new());
-        Self { address, format, baud, whole_byte: false, registers, coils, writes }
+        let (coils, lacks, writes) = (0b0101, None, Vec::new());
+        Self { address, format, baud, whole_byte: false, registers, coils, lacks, writes }
     }
 }
 
@@ -44,6 +46,10 @@ impl Firmware for RegisterDrive {
 
     fn serial_settings(&self) -> SerialSettings {
         SerialSettings { format: self.format, line: SerialLine::new_8n1(self.baud) }
+    }
+
+    fn supports(&self, function: Function) -> bool {
+        Some(function) != self.lacks && !matches!(function, Function::Unknown(_))
     }
 
     fn words_max(&self, function: Function, format: WireFormat) -> u16 {
