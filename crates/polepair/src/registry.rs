@@ -35,6 +35,8 @@ pub(crate) struct ProtocolInfo {
     pub(crate) broadcast: Option<u32>,
     /// The host's own address, which no axis can have.
     pub(crate) host: Option<u32>,
+    /// Its frames are characters of ASCII.
+    pub(crate) is_ascii: bool,
     /// The baud or bit rate from the factory.
     pub(crate) baud: u32,
     /// What an axis is called when nothing else is known.
@@ -191,6 +193,7 @@ impl proto::ProtocolVisitor for ProtocolLister {
             groups: P::GROUPS,
             broadcast: P::BROADCAST_ADDRESS,
             host: P::HOST_ADDRESS,
+            is_ascii: P::IS_ASCII,
             baud: P::DEFAULT_RATE,
             generic: P::generic_profile(),
             uses_identifier: P::uses_can_id,

@@ -27,9 +27,9 @@ pub const AXES_MAX: usize = 256;
 const KEYS_MAX: usize = 32;
 
 const LINK_KINDS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "socketcan"];
-const SERIAL_KEYS: [&str; 13] = [
-    "profile", "setup", "timeout", "timing", "gap", "host", "echo", "parity", "stop", "wire",
-    "ack", "pause", "relay",
+const SERIAL_KEYS: [&str; 14] = [
+    "profile", "setup", "timeout", "timing", "gap", "host", "echo", "parity", "stop", "bits",
+    "wire", "ack", "pause", "relay",
 ];
 const CAN_KEYS: [&str; 8] =
     ["profile", "setup", "eds", "timeout", "host", "bitrate", "ack", "heartbeat"];

@@ -20,14 +20,22 @@ pub(crate) fn parse_data(rest: &[u8], bytes: &mut Vec<u8>) -> Result<Option<Dire
     Ok(direction)
 }
 
-/// Reads bytes in hexadecimal, apart or together: `01 0A`, `010A`.
+/// Reads bytes in hexadecimal, apart or together: `01 0A`, `010A`. A word that begins with a colon is
+/// a frame of Modbus ASCII as its characters, whose end of line is added.
 pub(crate) fn parse_hex_words(mut digits: &[u8], bytes: &mut Vec<u8>) -> Result<(), ReadError> {
     loop {
         let (pair, rest) = split_word(digits);
         if pair.is_empty() {
             return Ok(());
         }
-        parse_hex(pair, bytes)?;
+        match pair {
+            [b':', characters @ ..] => {
+                characters.iter().try_for_each(|c| parse_hex_digit(*c).map(drop))?;
+                bytes.extend_from_slice(pair);
+                bytes.extend_from_slice(b"\r\n");
+            }
+            _ => parse_hex(pair, bytes)?,
+        }
         digits = rest;
     }
 }

@@ -108,6 +108,22 @@ fn a_text_that_is_none_is_told_with_its_place() {
 }
 
 #[test]
+fn modbus_ascii_goes_over_seven_bits_and_is_read_as_characters() {
+    let path = std::env::temp_dir().join(format!("polepair-{}-ascii", std::process::id()));
+    let pty = path.to_str().expect("text");
+    let served = Served::with(&["modbus-ascii:1", "--pty", pty]);
+    let port = format!("modbus-ascii+serial://{pty}?bits=7&parity=even#1");
+    assert_eq!(run::ok(&["get", &port, "R 51"]), "internal speed = 0 rpm\n");
+    let refused = polepair(&["get", &format!("modbus-rtu+serial://{pty}?bits=7#1"), "R 51"]);
+    assert!(refused.code == 2 && refused.err.contains("all eight bits"), "{}", refused.err);
+    served.end();
+    let shown = run::ok(&["explain", "modbus-ascii", ":010300330002C7"]);
+    assert!(shown.contains("read register 0x0033, 2 registers"), "{shown}");
+    let decoded = polepair_with(&["decode", "-"], "(1.0) tty > :010300330002C7\n");
+    assert!(decoded.out.contains("modbus-ascii"), "{}", decoded.out);
+}
+
+#[test]
 fn a_capture_is_filtered_by_address() {
     let canopen = "(1.000) can0 603#4041600000000000\n(1.001) can0 583#4B41600018020000\n\
                    (1.002) can0 603#4030200100000000\n(1.003) can0 583#4B30200105000000\n";

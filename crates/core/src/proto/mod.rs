@@ -167,6 +167,8 @@ pub trait Protocol {
     const GROUPS: u8 = 0;
     /// The address that means everybody: to it can be said what needs no answer.
     const BROADCAST_ADDRESS: Option<u32> = if Self::GROUPS > 0 { Some(GROUP) } else { None };
+    /// Its frames are characters of ASCII, for which seven data bits are enough.
+    const IS_ASCII: bool = false;
     /// The baud or bit rate from the factory.
     const DEFAULT_RATE: u32;
     /// The host of these axes. Where one of them is a relay to the others, it is the first.

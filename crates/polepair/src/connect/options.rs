@@ -118,6 +118,15 @@ pub(super) fn serial_line(
             return Err(Error::usage("E210", what, ""));
         }
     }
+    match url.number("bits")? {
+        None | Some(8) => {}
+        Some(7) if protocol.is_ascii => line.data_bits = 7,
+        Some(7) => {
+            let what = format!("`bits=7`: {} needs all eight bits of a byte", protocol.name);
+            return Err(Error::usage("E210", what, "7 data bits are for Modbus ASCII"));
+        }
+        Some(_) => return Err(Error::usage("E210", "`bits` must be 7 or 8", "")),
+    }
     match url.number("stop")? {
         None => {}
         Some(bits @ (1 | 2)) => line.stop_bits = if bits == 1 { 1 } else { 2 },

@@ -59,8 +59,28 @@ pub(crate) fn apply_entries(
             None => undescribed(&entry, location),
         });
     }
+    rename_clashing(&mut parameters);
     draft.parameters = parameters;
     remove_missing(draft);
+}
+
+/// A map may call a variable as a described one is called in words: `Position_Error` beside `POSERR`,
+/// which is the position error. At the same address it is that one's second name and left out, else its
+/// address makes its name another.
+fn rename_clashing(parameters: &mut Vec<DraftParameter>) {
+    let is_described = |p: &DraftParameter| p.name != p.symbol;
+    let described = parameters.iter().filter(|p| is_described(p));
+    let words: HashMap<String, u16> = described.map(|p| (fold(&p.name), p.index)).collect();
+    parameters.retain_mut(|p| {
+        let clash = words.get(&fold(&p.name)).filter(|_| !is_described(p));
+        let Some(index) = clash else { return true };
+        if *index == p.index {
+            return false;
+        }
+        p.name = format!("{}@0x{:04X}", p.name, p.index);
+        p.symbol.clone_from(&p.name);
+        true
+    });
 }
 
 /// The vendor's word for a type.

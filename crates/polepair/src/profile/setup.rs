@@ -182,6 +182,26 @@ mod tests {
     }
 
     #[test]
+    fn a_variable_called_as_a_described_one_is_no_second_parameter() {
+        let folder = folder("setup-clash");
+        let path = folder.join("cell.t.zip");
+        let text = b"# Configuration variables\nINT POSERR @0x022A\nLONG APOS @0x0228\n\
+                     INT Position_Error @0x022A\nINT ACTUAL_POSITION @0x03B0\n";
+        archive(&path, "variables.cfg", text);
+        let profile = load(&path).unwrap();
+        let names: Vec<_> = profile.parameters.iter().map(|p| (p.name, p.index)).collect();
+        assert_eq!(
+            names,
+            [
+                ("actual position", 0x228),
+                ("position error", 0x22A),
+                ("ACTUAL_POSITION@0x03B0", 0x3B0)
+            ]
+        );
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
     fn hostile_archives_are_refused_with_a_reason() {
         let folder = folder("setup-bad");
         let path = folder.join("x.t.zip");

@@ -13,6 +13,7 @@ fn every_form_is_read_and_written_back() {
         "modbus-rtu+tcp://[::1]:502?timeout=50&gap=0#247",
         "modbus-rtu+serial:///dev/ttyUSB0:115200?parity=even&stop=2#1",
         "modbus-ascii+serial:///tmp/a%23b#1",
+        "modbus-ascii+serial:///dev/ttyUSB0?parity=even&bits=7#1",
         "tml+serial:///dev/ttyUSB0:115200?wire=rs485&host=255#1,2,g3",
         "tml+tcp://10.0.0.5:10001#255,1,g1+2+4,g*",
         "tmlcan+socketcan://can0?bitrate=500000&host=3#5,7",

@@ -53,6 +53,7 @@ macro_rules! protocol {
             const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
             const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=247;
             const BROADCAST_ADDRESS: Option<u32> = Some(wire::BROADCAST as u32);
+            const IS_ASCII: bool = matches!(wire::WireFormat::$kind, wire::WireFormat::Ascii);
             const DEFAULT_RATE: u32 = 115_200;
 
             fn generic_profile() -> &'static Profile {
