@@ -325,7 +325,7 @@ pub fn write_problem(path: &Path, error: &WriteError) -> Problem {
     match error {
         WriteError::Io(error) => problem::file_problem(path, "write", error),
         other => Problem::usage("E248", format!("{other}."))
-            .hint("polepair decode FILE --format jsonl explains a capture"),
+            .hint("`polepair decode FILE --format jsonl` explains a capture"),
     }
 }
 

@@ -387,7 +387,7 @@ impl HoldCheck {
         let ended = |what: &str, why: &str| {
             Err(Problem::new(Exit::Negative, "E102", format!("{} {what}.", self.label))
                 .why(why)
-                .hint("polepair info shows its state; see who else commands it"))
+                .hint("`polepair info URL` shows its state; see who else commands it"))
         };
         self.was_enabled |= enabled == Some(true);
         if self.was_enabled && enabled == Some(false) {

@@ -156,7 +156,7 @@ impl NoReplyDetails {
                 "somebody else is there: check the address; `polepair scan` looks for others"
             }
             NoReplyCause::Noise => {
-                "another baud rate or another protocol: `polepair doctor --try-bauds` asks at other \
+                "another baud rate or another protocol: `polepair doctor URL --try-bauds` asks at other \
                  rates; `-v` shows the bytes"
             }
             NoReplyCause::Echo => {

@@ -253,7 +253,7 @@ impl ConfigApply {
                         format!("{written} of {count} settings were written, then it failed.");
                     return Err(Problem::new(Exit::Partial, "E701", what)
                         .why(error.to_string())
-                        .hint("polepair config diff shows what is still to do"));
+                        .hint("`polepair config diff URL FILE` shows what is still to do"));
                 }
                 written += 1;
                 // The others were converted by it.

@@ -262,6 +262,6 @@ pub fn parse_filter(text: &str) -> Result<FrameFilter> {
         Problem::usage("E249", "this is no filter.")
             .why(error.to_string())
             .hint_if(nearest)
-            .hint("polepair decode FILE --filter 'axis = 2 and not ok'; docs/reference/filter.md")
+            .hint("`polepair decode FILE --filter 'axis = 2 and not ok'`; docs/reference/filter.md")
     })
 }

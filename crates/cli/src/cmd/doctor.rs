@@ -201,7 +201,7 @@ impl ProofPrinter<'_> {
             return Problem::interrupted();
         }
         let problem = Problem { may_turn, ..outcome::to_problem(*error) };
-        let stop = format!("polepair stop {}, once its drive answers again", session.arguments);
+        let stop = format!("`polepair stop {}`, once its drive answers again", session.arguments);
         problem.hint_if(may_turn.then_some(stop))
     }
 }

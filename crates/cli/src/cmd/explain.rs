@@ -100,7 +100,7 @@ impl Explain {
         let name = &self.subject;
         Problem::new(Exit::Negative, "E110", format!("nothing is known of {text:?} in {name}."))
             .why("It is neither a code, nor a fault's name, nor bytes in hexadecimal.")
-            .hint(format!("polepair params {name} for what a drive has"))
+            .hint(format!("`polepair params {name}` shows what a drive has"))
     }
 }
 

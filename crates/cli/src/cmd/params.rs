@@ -133,7 +133,7 @@ pub fn no_such_parameter(profile: &Profile, name: &str) -> Problem {
     let nearest = polepair_capture::nearest_word(name, names);
     Problem::usage("E205", format!("{} has no parameter {name:?}.", profile.name))
         .hint_if(nearest.map(|name| format!("{name:?} (the nearest)")))
-        .hint(format!("polepair params {} lists them all", profile.name))
+        .hint(format!("`polepair params {}` lists them all", profile.name))
 }
 
 fn parameter_details(profile: &Profile, parameter: &Parameter) -> String {

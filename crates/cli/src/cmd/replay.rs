@@ -159,7 +159,7 @@ impl ReplayOptions {
             let what = "nobody says which link of the capture belongs to which URL.";
             return Err(Problem::usage("E242", what)
                 .hint("--link NAME says it, in the order of the URLs")
-                .hint(format!("polepair summary {} names its links", self.source.display())));
+                .hint(format!("`polepair summary {}` names its links", self.source.display())));
         }
         let (mut routes, mut rules) = (Vec::new(), Rules::default());
         for (n, (medium, words)) in wires.into_iter().enumerate() {

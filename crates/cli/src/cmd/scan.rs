@@ -49,7 +49,7 @@ impl ScanCommand {
             let what = "--look and --take are for a running server.";
             return Err(Problem::usage("E242", what)
                 .why("A scan looks for drives on a link of its own in any case.")
-                .hint("polepair --server URL scan --look"));
+                .hint("polepair --server URL scan all --look"));
         }
         let connector = self.target.connector()?;
         let numbers = self.ids.clone().map_or(ScanAddresses::ALL, ScanAddresses::from);
@@ -104,7 +104,7 @@ impl ScanCommand {
             return Err(Problem::new(Exit::NoReply, "E403", "no drive answered.")
                 .why(outcome::unanswered_text(&scan.received))
                 .hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
-                .hint("polepair ports lists the adapters"));
+                .hint("`polepair ports` lists the adapters"));
         }
         conflicts_result(
             scan.found.iter().filter(|found| found.clash.is_some()).count(),

@@ -56,3 +56,93 @@ fn every_word_of_the_command_line_is_pinned() {
         .collect();
     assert!(golden == text, "the command line differs from {path}: {changed:#?}");
 }
+
+/// Commands that the program's own texts name: hints that are a command as a whole, and commands in
+/// backticks. Each has the file that it stands in.
+fn commands_in_sources() -> Vec<(String, String)> {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let mut found = Vec::new();
+    let mut folders: Vec<std::path::PathBuf> = ["cli/src", "polepair/src", "serve/src", "link/src"]
+        .map(|folder| std::path::Path::new(root).join(folder))
+        .into();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).expect("a folder").flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                let text = std::fs::read_to_string(&path).expect("a source");
+                let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                found.extend(commands_in(&text).into_iter().map(|command| (file.clone(), command)));
+            }
+        }
+    }
+    found
+}
+
+/// The commands in the string literals of a source; a backslash at a line's end joins lines.
+fn commands_in(source: &str) -> Vec<String> {
+    let code: String = source
+        .lines()
+        .filter(|line| !line.trim_start().starts_with("//"))
+        .flat_map(|line| [line, "\n"])
+        .collect();
+    let mut commands = Vec::new();
+    for literal in code.split('"').skip(1).step_by(2) {
+        let joined: Vec<&str> = literal.split("\\\n").map(str::trim_start).collect();
+        let text = joined.concat();
+        // Examples of help texts have a test of their own.
+        if text.contains('\n') || text.contains("Example") {
+            continue;
+        }
+        let quoted = text.split('`').skip(1).step_by(2);
+        let whole = std::iter::once(text.as_str()).filter(|text| text.starts_with("polepair "));
+        let all = quoted.chain(whole).filter(|command| command.starts_with("polepair "));
+        commands.extend(all.map(str::to_owned));
+    }
+    commands
+}
+
+/// The words of a command, where what is filled in is some word.
+fn command_words(command: &str) -> Vec<String> {
+    let (mut words, mut filled, mut quoted) = (vec![String::new()], 0, false);
+    for c in command.chars() {
+        let word = words.last_mut().expect("one");
+        match c {
+            '{' => filled += 1,
+            '}' => {
+                filled -= 1;
+                word.push('1');
+            }
+            '\'' => quoted = !quoted,
+            ' ' if filled == 0 && !quoted => words.push(String::new()),
+            c if filled == 0 => word.push(c),
+            _ => {}
+        }
+    }
+    words.retain(|word| !word.is_empty());
+    words
+}
+
+#[test]
+fn commands_that_texts_name_can_be_typed() {
+    let commands = commands_in_sources();
+    assert!(commands.len() > 40, "{}", commands.len());
+    let mut wrong = Vec::new();
+    for (file, command) in commands {
+        // `polepair stop` alone names the verb, `polepair demo: …` is a title.
+        let verb = command.split_whitespace().nth(1).unwrap_or_default();
+        if command.split_whitespace().count() <= 2 || verb.ends_with(':') {
+            continue;
+        }
+        let grammar = <CommandLine as clap::CommandFactory>::command();
+        let parsed = grammar.try_get_matches_from(command_words(&command));
+        if let Err(error) = parsed
+            && error.kind() != clap::error::ErrorKind::DisplayHelp
+        {
+            let why = error.to_string();
+            wrong.push(format!("{file}: {command}: {}", why.lines().next().unwrap_or("")));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}

@@ -156,7 +156,7 @@ fn hint_direct_stop(server: &RemoteSession, motions: &[MotionOrder], problem: Pr
             let url = link.url.split('#').next().unwrap_or_default();
             let url = format!("{url}#{}", axis.number);
             problem = problem.hint(format!(
-                "polepair stop {} stops it without the server, once that has let go of the port",
+                "`polepair stop {}` stops it without the server, once that has let go of the port",
                 shell_word(&url)
             ));
         }

@@ -395,7 +395,7 @@ impl Axis {
             "{}: its position is not known, so its limits could not hold{place_text}",
             self.label()
         );
-        Err(Error::usage("E223", what, "read it: `polepair get URL` tells why it is not known"))
+        Err(Error::usage("E223", what, "read it: `polepair get URL all` tells why it is not known"))
     }
 
     fn check_position(&self, position: f64, ends: &Located<(f64, f64)>) -> Result<(), Error> {

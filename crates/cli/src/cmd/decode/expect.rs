@@ -46,9 +46,9 @@ impl Expectation {
 fn parse_object(path: &Path, number: usize, line: &str) -> Result<Value> {
     let wrong = |why: String| {
         let what = format!("{}, line {number}: no JSON object.", path.display());
-        Problem::usage("E230", what)
-            .why(why)
-            .hint("polepair decode GOOD --format jsonl -o EXPECTED.jsonl writes one to begin with")
+        Problem::usage("E230", what).why(why).hint(
+            "`polepair decode GOOD --format jsonl -o EXPECTED.jsonl` writes one to begin with",
+        )
     };
     match serde_json::from_str(line) {
         Ok(object @ Value::Object(_)) => Ok(object),

@@ -199,7 +199,7 @@ fn draw_help(page: &mut ScreenPage<'_>) {
     page.used = 0;
     let theme = page.theme;
     page.draw_line(Line::from(
-        theme.span("polepair monitor reads; only Esc sends a command", TextRole::Strong),
+        theme.span("This view reads; only Esc sends a command", TextRole::Strong),
     ));
     for (key, what) in HELP {
         let key = theme.span(format!("  {key:<12}"), TextRole::Strong);

@@ -82,7 +82,7 @@ fn run_loop(
 fn terminal_problem(error: &io::Error) -> Problem {
     Problem::new(Exit::Adapter, "E304", "cannot draw on the terminal.")
         .why(format!("The system says: {error}."))
-        .hint("polepair monitor --format text prints lines instead")
+        .hint("`polepair monitor URL --format text` prints lines instead")
 }
 
 /// A terminal that is given back when this is dropped, and before a panic tells of itself.

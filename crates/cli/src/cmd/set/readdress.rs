@@ -96,7 +96,7 @@ impl AddressChange {
                 Err(Problem::new(Exit::NoReply, "E401", what)
                     .hint(format!("polepair info {}", shell_word(&new.to_string())))
                     .hint(format!(
-                        "polepair info {}, if it was not executed",
+                        "`polepair info {}`, if it was not executed",
                         shell_word(&old.to_string())
                     )))
             }
