@@ -14,12 +14,15 @@
 
 use crate::amount::{Amount, Value};
 use crate::axis::{Axis, PendingWrites};
+use crate::eds::Eds;
 use crate::error::Error;
 use crate::identify::Identification;
 use crate::profile::read_text;
 use crate::toml_file::{FileError, FileLocation, Located, SourceText, TomlTable};
 use polepair_core::error::{Failure, Outcome};
-use polepair_core::profile::{Access, Certainty, Parameter, ParameterId, Persistence, Profile};
+use polepair_core::profile::{
+    Access, Certainty, Parameter, ParameterId, Persistence, Profile, encoding_word,
+};
 use std::fmt::{self, Write};
 use std::path::Path;
 
@@ -54,6 +57,8 @@ pub struct AxisSettings {
     settings: Vec<Setting>,
     /// Settings that could not be read, and why.
     pub unread: Vec<(String, String)>,
+    /// They are of a DCF, which lists more than settings: see [`Self::left_out`].
+    is_sheet: bool,
     location: FileLocation,
 }
 
@@ -82,14 +87,20 @@ pub struct SettingChange {
     pub wanted: Value,
     /// It decides how the drive is reached: see [`Profile::link_settings`].
     pub reach: bool,
+    /// No table describes it, so nobody knows what a write does: it needs an armed axis.
+    pub undescribed: bool,
 }
 
 impl Settings {
-    /// Reads a file.
+    /// Reads a file: TOML, or a CANopen node's configuration (DCF, CiA 306-1), whose values are those of
+    /// its `ParameterValue` lines.
     ///
     /// # Errors
     /// [`Error::File`] with file, line, column and reason.
     pub fn load(file: &Path) -> Result<Self, Error> {
+        if crate::eds::is_eds_file(file) {
+            return Ok(Self::from_dcf(file, &crate::eds::load(file)?)?);
+        }
         Ok(Self::parse(&file.display().to_string(), &read_text(file)?)?)
     }
 
@@ -104,6 +115,61 @@ impl Settings {
             };
             let axes = table.keys().into_iter().map(|key| read_axis(&table, &key));
             Ok(Self { axes: axes.collect::<Result<_, _>>()? })
+        })
+    }
+
+    /// The values that a DCF gives its node. Process data (1400h to 1BFFh), store and restore, and what is
+    /// no number are left out.
+    fn from_dcf(file: &Path, eds: &Eds) -> Result<Self, FileError> {
+        let location = FileLocation::built_in(&file.display().to_string());
+        let node = eds.node_id();
+        let (mut settings, mut left_out) = (Vec::new(), Vec::new());
+        for (object, entry) in
+            eds.objects.iter().flat_map(|object| object.entries.iter().map(move |e| (object, e)))
+        {
+            let Some(value) = entry.value.as_ref().filter(|_| entry.access.is_writable()) else {
+                continue;
+            };
+            let (index, sub) = (object.index, entry.sub);
+            let address = crate::eds::symbol(index, sub);
+            let reason = match index {
+                0x1400..0x1C00 => Some("process data are not written from a DCF"),
+                0x1010 | 0x1011 => Some("it stores or restores settings"),
+                _ if !entry.access.is_readable() => Some("it cannot be read back"),
+                _ => None,
+            };
+            if let Some(reason) = reason {
+                left_out.push((address, reason.to_owned()));
+                continue;
+            }
+            let encoding = crate::eds::encoding(entry.data_type);
+            let raw = encoding
+                .and_then(|encoding| crate::eds::raw_value(encoding, value, node.unwrap_or(0)));
+            let (Some(encoding), Some(raw)) = (encoding, raw) else {
+                left_out.push((address, "it is no number".to_owned()));
+                continue;
+            };
+            let word = encoding_word(encoding).map_or_else(String::new, |word| format!(":{word}"));
+            settings.push(Setting {
+                name: Located { value: format!("{address}{word}"), location: location.clone() },
+                value: SettingValue::Raw(raw),
+                symbol: "",
+            });
+        }
+        if settings.is_empty() {
+            let reason = "no value to write: a DCF has lines such as ParameterValue=5";
+            return Err(location.error(reason));
+        }
+        Ok(Self {
+            axes: vec![AxisSettings {
+                number: node.map_or(1, u32::from),
+                profile: String::new(),
+                firmware: String::new(),
+                settings,
+                unread: left_out,
+                is_sheet: true,
+                location,
+            }],
         })
     }
 
@@ -186,6 +252,7 @@ fn read_axis(axes: &TomlTable<'_, '_>, key: &Located<&str>) -> Result<AxisSettin
         firmware: table.text("firmware")?.map_or_else(String::new, |text| text.value),
         settings: settings?,
         unread: Vec::new(),
+        is_sheet: false,
         location: table.location(),
     })
 }
@@ -262,6 +329,7 @@ impl AxisSettings {
             firmware: String::new(),
             settings: Vec::new(),
             unread: Vec::new(),
+            is_sheet: false,
             location: FileLocation::built_in(profile.name),
         }
     }
@@ -278,6 +346,16 @@ impl AxisSettings {
         self.settings.is_empty()
     }
 
+    /// What of a DCF is not written to this drive, and why.
+    #[must_use]
+    pub fn left_out(&self, axis: &Axis) -> Vec<(String, String)> {
+        let unfit = self.settings.iter().filter(|_| self.is_sheet).filter_map(|setting| {
+            let reason = setting.unfit_reason(axis)?;
+            Some((setting.name.value.clone(), reason.to_owned()))
+        });
+        self.unread.iter().cloned().chain(unfit).collect()
+    }
+
     /// What differs at the drive, what scales others first: in this order it is written, and raw
     /// values are compared. Values are converted by the scales that the settings bring. Every name and
     /// value is checked before the first is read.
@@ -290,13 +368,14 @@ impl AxisSettings {
         progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Vec<SettingChange>, Error> {
         let profile = axis.profile();
-        if self.profile != profile.name {
+        if !self.is_sheet && self.profile != profile.name {
             let reason =
                 format!("these are settings of {}, this is {}", self.profile, profile.name);
             return Err(self.location.error(reason).into());
         }
-        let named =
-            self.settings.iter().map(|setting| Ok((setting.find_parameter(axis)?, setting)));
+        let fits = |setting: &&Setting| !self.is_sheet || setting.unfit_reason(axis).is_none();
+        let named = self.settings.iter().filter(fits);
+        let named = named.map(|setting| Ok((setting.find_parameter(axis)?, setting)));
         let mut named = named.collect::<Result<Vec<_>, Error>>()?;
         named.sort_by_key(|(id, _)| !axis.scales(*id));
         let (mut wanted, mut pending) = (Vec::new(), PendingWrites::default());
@@ -316,6 +395,7 @@ impl AxisSettings {
                     now,
                     wanted,
                     reach: profile.link_settings.contains(&id),
+                    undescribed: is_undescribed(axis, id),
                 });
             }
         }
@@ -329,6 +409,19 @@ impl Setting {
         match error {
             Error::Usage { what, .. } => self.name.location.error(what).into(),
             other => other,
+        }
+    }
+
+    /// Why a line of a DCF is no setting of this drive.
+    fn unfit_reason(&self, axis: &Axis) -> Option<&'static str> {
+        let id = axis.find(&self.name.value).ok()?;
+        let parameter = axis.parameter(id)?;
+        match parameter.access {
+            Access::ReadWrite if parameter.moves && !is_undescribed(axis, id) => {
+                Some("it moves the motor")
+            }
+            Access::ReadWrite => None,
+            _ => Some("the drive's profile cannot read and write it"),
         }
     }
 
@@ -353,7 +446,8 @@ impl Setting {
             return Err(self.name.location.error("no such parameter").into());
         };
         let wrong = |reason: String| Err(self.name.location.error(reason).into());
-        if parameter.access != Access::ReadWrite || parameter.moves {
+        let moves = parameter.moves && !is_undescribed(axis, id);
+        if parameter.access != Access::ReadWrite || moves {
             return wrong(format!("`{}` is no setting", parameter.name));
         }
         if !parameter.allows(raw) {
@@ -362,6 +456,13 @@ impl Setting {
         }
         Ok(raw)
     }
+}
+
+/// Whether no table describes a parameter that was found by its number.
+fn is_undescribed(axis: &Axis, id: ParameterId) -> bool {
+    let parameter = axis.parameter(id);
+    let undescribed = |p: &Parameter| p.certainty == Certainty::Undocumented && p.moves;
+    axis.profile().parameter(id).is_none() && parameter.is_some_and(undescribed)
 }
 
 /// The settings of a profile by name.

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import pickle
 
 import polepair
+import polepair.aio
 import pytest
 
 FAMILIES = [
@@ -226,3 +228,42 @@ def test_text_for_a_motion_needs_a_unit(axis: polepair.Axis) -> None:
     with axis.armed(), pytest.raises(polepair.Unsupported) as raised:
         axis.move("4096")
     assert raised.value.code == "E217"
+
+
+def test_parameters_have_addresses() -> None:
+    with polepair.connect("sim:canopen?time=virtual") as link:
+        axis = link.axes[0]
+        assert axis.params["0x1018:1"] == 65535
+        assert axis.read("position", "6041h:u16").keys() == {"position", "6041h:u16"}
+        assert axis.read_text("1008h") == "Polepair CiA 402 drive"
+        with pytest.raises(polepair.PolepairError, match="text, bytes or not known"):
+            axis.params["1008h"]
+        with pytest.raises(polepair.Unsupported, match="not armed"):
+            axis.params["0x2F01:1:u32"] = 9
+        with pytest.raises(polepair.PolepairError, match="expected a sub-index"):
+            axis.params["0x2F01:300"]
+        with axis.armed():
+            axis.params["0x2F01:1:u32"] = 9
+            assert len(axis.read_bytes("0x2F01:2")) == 9
+            axis.write_bytes("0x2F01:2", bytes(range(200)))
+        with pytest.raises(polepair.PolepairError, match="at `x`"):
+            axis.raw("read x")
+    with polepair.connect("sim:tmcl?time=virtual") as link:
+        axis = link.axes[0]
+        assert axis.params.raw["AP 6:u32"] == axis.params.raw["max current"]
+        axis.params.raw["GP 0.2"] = -7
+        assert axis.params.raw["GP 0.2"] == -7
+
+
+def test_parameters_have_addresses_in_tasks() -> None:
+    async def program() -> None:
+        async with await polepair.aio.connect("sim:canopen?time=virtual") as link:
+            axis = link.axes[0]
+            assert await axis.params.get("0x1018:1") == 65535
+            assert await axis.read_text("1008h") == "Polepair CiA 402 drive"
+            async with axis.armed():
+                await axis.write_bytes("0x2F01:2", bytes(300))
+                await axis.params.set("0x2F01:1:u32", 12)
+            assert len(await axis.read_bytes("0x2F01:2")) == 12
+
+    asyncio.run(program())

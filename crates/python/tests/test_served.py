@@ -603,3 +603,15 @@ def test_a_forks_child_is_told(link: polepair.Link) -> None:
     assert os.waitpid(child, 0)[1] == 0
     assert said == "E224 E224 E224 E224"
     assert axis.params["max current"] > 0
+
+
+def test_a_server_reads_by_address(link: polepair.Link) -> None:
+    axis = link.axis(1)
+    assert axis.params.raw["AP 6:u32"] == axis.params.raw["max current"]
+    assert axis.read("AP 6:u32") == {"AP 6:u32": axis.params.raw["AP 6:u32"]}
+    axis.params["GP 0.2"] = 41
+    assert axis.params["GP 0.2"] == 41
+    with pytest.raises(polepair.PolepairError, match="may move the motor"):
+        axis.params["AP 0:u32"] = 1
+    with pytest.raises(polepair.PolepairError, match="is a number"):
+        axis.read_bytes("AP 6:u32")

@@ -65,7 +65,8 @@ pub struct ConfigDiff {
 Settings that decide how the drive is reached (address, baud rate, locks) are left alone.
 Examples:
   polepair config apply tmcl+serial:///dev/ttyUSB0#1 feeder.toml
-  polepair config apply tmcl+serial:///dev/ttyUSB0#1 feeder.toml --yes --store")]
+  polepair config apply tmcl+serial:///dev/ttyUSB0#1 feeder.toml --yes --store
+  polepair config apply canopen+socketcan://can0#5 node5.dcf")]
 pub struct ConfigApply {
     #[command(flatten)]
     target: DriveArgs,
@@ -87,6 +88,9 @@ pub struct ConfigApply {
     /// Write although a motor is powered
     #[arg(long)]
     powered: bool,
+    /// Write what no table describes, too: it may do anything
+    #[arg(long)]
+    arm: bool,
 }
 
 impl ConfigCommand {
@@ -202,6 +206,7 @@ impl ConfigApply {
             return Ok(Exit::Ok);
         }
         self.check_power(&plan)?;
+        self.check_arming(&plan)?;
         self.ask_consent(count)?;
         self.write_changes(&plan, count)
     }
@@ -218,6 +223,21 @@ impl ConfigApply {
                     )
                     .hint(format!("polepair disable {}", shell_word(&self.target.url)))
                     .hint("--powered writes all the same"));
+            }
+        }
+        Ok(())
+    }
+
+    /// What no table describes may start a motor.
+    fn check_arming(&self, plan: &[(&Axis, Vec<SettingChange>)]) -> Result<()> {
+        for (axis, changes) in plan.iter().filter(|_| !self.arm) {
+            let undescribed = changes.iter().filter(|change| change.undescribed);
+            let names = parameter_names(axis, undescribed);
+            if !names.is_empty() {
+                let what = format!("{}: no table describes {}.", axis.label(), names.join(", "));
+                return Err(Problem::usage("E219", what)
+                    .why("Nobody knows what writing it does. Nothing was written.")
+                    .hint("--arm writes it"));
             }
         }
         Ok(())
@@ -244,6 +264,7 @@ impl ConfigApply {
     fn write_changes(&self, plan: &[(&Axis, Vec<SettingChange>)], count: usize) -> Result {
         let mut written = 0;
         for (axis, changes) in plan {
+            axis.arm(self.arm);
             for change in changes {
                 if let Err(error) = axis.write(change.id, change.wanted.raw, self.store) {
                     if written == 0 {
@@ -269,6 +290,7 @@ impl ConfigApply {
                     }
                 }
             }
+            axis.arm(false);
         }
         let mut differing = Vec::new();
         for (axis, changes) in plan {
@@ -299,6 +321,9 @@ fn load_settings(file: &Path) -> Result<Settings> {
 /// What differs from the file at one axis.
 fn changes_from(session: &Session, axis: &Axis, file: &Settings) -> Result<Vec<SettingChange>> {
     let settings = file.for_axis(axis, session.axes().len()).map_err(outcome::to_problem)?;
+    for (name, why) in settings.left_out(axis) {
+        print_note(&format!("{}: {name} is left out: {why}", axis.label()));
+    }
     with_progress(axis, |progress| settings.changes(axis, progress))
 }
 

@@ -49,6 +49,48 @@ fn what_no_table_describes_is_written_with_arm_alone() {
 }
 
 #[test]
+fn a_dcf_is_compared_and_applied() {
+    let served = Served::with(&["canopen:2", "--udp", "239.74.163.32:43132"]);
+    let folder = std::env::temp_dir().join(format!("polepair-dcf-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let dcf = folder.join("node2.dcf");
+    let object = |index: &str, kind: u8, value: &str| {
+        format!("[{index}]\nParameterName=o{index}\nDataType={kind}\nAccessType=rw\n{value}\n")
+    };
+    let text = [
+        "[DeviceComissioning]\nNodeID=2\n".to_owned(),
+        object("1017", 6, "ParameterValue=250"),
+        object("1400", 7, "ParameterValue=0x202"),
+        object("6040", 6, "ParameterValue=15"),
+        object("6083", 7, "ParameterValue=0x1000"),
+        object("6084", 7, "DefaultValue=5"),
+    ];
+    std::fs::write(&dcf, text.concat()).expect("written");
+    let file = dcf.to_str().expect("text");
+    let differs = polepair(&["config", "diff", &served.url, file]);
+    assert_eq!(differs.code, 1, "{}", differs.err);
+    assert!(differs.err.contains("1400h is left out: process data"), "{}", differs.err);
+    assert!(differs.err.contains("6040h:u16 is left out: it moves the motor"), "{}", differs.err);
+    let shown = &differs.out;
+    assert!(shown.contains("heartbeat time") && !shown.contains("6084"), "{shown}");
+    let applied = polepair(&["config", "apply", &served.url, file, "--yes"]);
+    assert!(applied.code == 0 && applied.err.contains("read back"), "{}", applied.err);
+    assert_eq!(run::ok(&["get", &served.url, "0x1017", "--raw"]), "heartbeat time = 250\n");
+    assert_eq!(polepair(&["config", "diff", &served.url, file]).code, 0);
+    // What no table describes needs --arm.
+    let more = object("2F01", 7, "ParameterValue=33");
+    std::fs::write(&dcf, text.concat() + &more).expect("written");
+    let refused = polepair(&["config", "apply", &served.url, file, "--yes"]);
+    assert!(refused.code == 2 && refused.err.contains("E219"), "{}", refused.err);
+    let sheet = folder.join("sheet.eds");
+    std::fs::write(&sheet, object("1017", 6, "DefaultValue=0")).expect("written");
+    let none = polepair(&["config", "diff", &served.url, sheet.to_str().expect("text")]);
+    assert!(none.code == 2 && none.err.contains("no value to write"), "{}", none.err);
+    served.end();
+    std::fs::remove_dir_all(folder).expect("removed");
+}
+
+#[test]
 fn a_request_in_the_protocols_own_text_has_its_reply_explained() {
     for (url, text, reply) in [
         ("sim:tmcl", "GAP 1, 0", "actual position = 0"),

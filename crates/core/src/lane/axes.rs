@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::axis::UnmetWait;
-use crate::profile::{Access, NoScale, Parameter};
+use crate::profile::{Access, Encoding, NoScale, Parameter};
 
 impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     fn axis_count(&self) -> usize {
@@ -129,7 +129,9 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
         let parameter = slot.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
-        if parameter.access == Access::Read {
+        // Bytes need no type.
+        let untyped = parameter.encoding == Encoding::AnyLength;
+        if parameter.access == Access::Read && !untyped {
             return Err(Unsupported::ReadOnly(id));
         }
         self.check_moves(axis, parameter)?;

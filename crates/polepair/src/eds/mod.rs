@@ -30,7 +30,7 @@ pub use object_types::{DataType, ObjectAccess, ObjectType};
 pub use value::Literal;
 
 pub(crate) use device::load_sheet;
-pub(crate) use profile::{accepts_sheet, draft_profile};
+pub(crate) use profile::{accepts_sheet, draft_profile, encoding, raw_value, symbol};
 
 use crate::toml_file::{FileError, read_limited};
 use std::path::Path;

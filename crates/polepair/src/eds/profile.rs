@@ -71,7 +71,8 @@ fn typed_entries(eds: &Eds) -> impl Iterator<Item = (&EdsObject, &EdsEntry, Enco
     entries.filter_map(|(object, entry)| Some((object, entry, encoding(entry.data_type)?)))
 }
 
-fn encoding(kind: DataType) -> Option<Encoding> {
+/// How a value of a data type lies on the wire; `None` for types that parameters do not have.
+pub(crate) fn encoding(kind: DataType) -> Option<Encoding> {
     Some(match kind.0 {
         0x01 | 0x05 => Encoding::U8,
         0x02 => Encoding::I8,
@@ -146,7 +147,7 @@ fn sheet_parameter(
 }
 
 /// `6040h`, `1018h:1`.
-fn symbol(index: u16, sub: u8) -> String {
+pub(crate) fn symbol(index: u16, sub: u8) -> String {
     if sub == 0 { format!("{index:04X}h") } else { format!("{index:04X}h:{sub:X}") }
 }
 
@@ -157,7 +158,7 @@ fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encod
         (parameter.min, parameter.max) = encoding.raw_range();
     }
     // Limits that depend on the node are not limits of the product.
-    let raw = |literal: &Option<super::Literal>| raw_value(encoding, literal.as_ref()?);
+    let raw = |literal: &Option<super::Literal>| raw_value(encoding, literal.as_ref()?, 0);
     if let (Some(low), Some(high)) = (raw(&entry.low), raw(&entry.high))
         && encoding.number(low) < encoding.number(high)
     {
@@ -167,7 +168,7 @@ fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encod
     let process = (0x1400..0x1C00).contains(&parameter.index);
     let default = if process { entry.effective_value() } else { entry.default.as_ref() };
     let default = default.filter(|it| it.integer(0) == it.integer(1));
-    parameter.default = default.and_then(|it| raw_value(encoding, it));
+    parameter.default = default.and_then(|it| raw_value(encoding, it, 0));
     let fits = |default: &i64| encoding.is_between(*default, parameter.min, parameter.max);
     parameter.default = parameter.default.filter(fits);
     parameter.access = match (entry.access.is_readable(), entry.access.is_writable()) {
@@ -178,10 +179,10 @@ fn apply_entry(parameter: &mut DraftParameter, entry: &EdsEntry, encoding: Encod
 }
 
 /// The raw value that a literal means for an encoding; `None` for text and bytes.
-fn raw_value(encoding: Encoding, literal: &super::Literal) -> Option<i64> {
+pub(crate) fn raw_value(encoding: Encoding, literal: &super::Literal, node: u8) -> Option<i64> {
     match literal {
         super::Literal::Text(text) if encoding.is_real() => encoding.raw(text.parse().ok()?),
-        other if encoding.is_number() => other.integer(0),
+        other if encoding.is_number() => other.integer(node),
         _ => None,
     }
 }

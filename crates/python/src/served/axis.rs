@@ -227,7 +227,8 @@ impl ServedAxis {
 
     /// A server writes numbers only.
     #[expect(clippy::unused_self, reason = "a local axis writes them")]
-    fn write_data(&self, py: Python<'_>, _id: u16, _data: &[u8]) -> PyResult<()> {
+    fn write_data(&self, py: Python<'_>, id: u16, data: &[u8]) -> PyResult<()> {
+        let _ = (id, data);
         let what = "a server writes no text and no bytes";
         Err(usage_error(py, "E257", what, "open the link in this program"))
     }

@@ -40,7 +40,6 @@ impl DataWrite {
             (None, _) => parse_bytes(value)?,
         };
         let file = file.map(str::to_owned);
-        let id = if untyped { bytes_parameter(axis, parameter.symbol)? } else { id };
         Ok(Some(Self { id, name: parameter.name, data, file }))
     }
 
@@ -64,12 +63,6 @@ impl DataWrite {
             None => count,
         }
     }
-}
-
-/// The same parameter as bytes.
-fn bytes_parameter(axis: &Axis, symbol: &str) -> Result<ParameterId> {
-    let typed = axis.find_address(&format!("{symbol}:bytes")).map_err(outcome::to_problem)?;
-    typed.ok_or_else(|| Problem::usage("E213", format!("{symbol:?} cannot be written as bytes.")))
 }
 
 fn read_file(name: &str) -> Result<Vec<u8>> {
