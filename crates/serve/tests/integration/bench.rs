@@ -569,3 +569,31 @@ fn a_drive_that_answers_twice_looks_like_two_with_one_address_and_is_told() {
     assert_eq!(alone.snapshot().clashes, []);
     std::fs::remove_file(file).unwrap();
 }
+
+#[test]
+fn parameters_are_read_and_written_by_address() {
+    let ann: SessionName = "ann".into();
+    let fixture = TestBench::new("sim:canopen?time=virtual");
+    let read = |name: &str| fixture.hear(fixture.bench.read_parameter(0, name));
+    let vendor = read("0x1018:1").unwrap();
+    assert_eq!((&*vendor.kind, vendor.raw, &*vendor.symbol), ("number", Some(65_535), "1018h:1"));
+    let name = read("1008h").unwrap();
+    assert_eq!((&*name.kind, name.raw, name.value), ("text", None, None));
+    assert_eq!(name.text, "Polepair CiA 402 drive");
+    assert_eq!(read("0x1018:300").unwrap_err().code, "E213");
+    let one = |name: &str, epoch| WriteParameters {
+        values: [(name.to_owned(), ParameterInput::Number(250.0))].into(),
+        keep: false,
+        dry_run: epoch == 0,
+        raw: false,
+        epoch,
+    };
+    let refused = fixture.bench.write_parameters(0, &ann, one("0x2F01:1:u32", 0));
+    assert_eq!(fixture.hear(refused).unwrap_err().code, "E219");
+    let epoch = fixture.acquire_lease(&ann, 0);
+    let written = fixture.bench.write_parameters(0, &ann, one("0x1017:0:u16", epoch));
+    assert!(fixture.hear(written).unwrap()[0].changed);
+    assert_eq!(read("1017h").unwrap().raw, Some(250));
+    let details = fixture.hear(fixture.bench.read_device(0)).unwrap();
+    assert!(details.iter().any(|detail| detail.name == "software version"), "{details:?}");
+}
