@@ -158,11 +158,12 @@ impl Send {
     }
 }
 
-/// What the frames from the drive say.
+/// What the frames from the drive say, from the last request on that was answered: the host may ask
+/// something else before.
 fn explain_replies(axis: &Axis, replies: &TapQueue) -> String {
     let rules = Rules::parse(axis.protocol()).unwrap_or_default();
     let mut decoder = CaptureDecoder::new(rules).with_profile(Some(axis.profile()));
-    let mut texts: Vec<String> = Vec::new();
+    let (mut texts, mut asked) = (Vec::<String>::new(), false);
     let (units, _) = replies.drain();
     for queued in &units {
         let unit = match &queued.unit {
@@ -174,8 +175,12 @@ fn explain_replies(axis: &Axis, replies: &TapQueue) -> String {
             let text = &event.explanation.text;
             let own = event.explanation.axis.is_none_or(|other| other == axis.number());
             if from_drive && own && !text.is_empty() {
+                if std::mem::take(&mut asked) {
+                    texts.clear();
+                }
                 texts.push(text.to_owned());
             }
+            asked |= !from_drive;
         });
     }
     texts.join("; ")
