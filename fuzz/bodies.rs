@@ -270,7 +270,9 @@ pub fn capture(data: &[u8]) {
         }
         decoder.finish(&mut count);
         let packed = data.starts_with(&[0x1F, 0x8B]) || data.get(2..4) == Some(&[0x2F, 0xFD]);
-        assert!(packed || bytes <= data.len(), "more came out than went in");
+        // Frames of Modbus ASCII that are written as characters get their end of line.
+        let ends = 2 * data.iter().filter(|byte| **byte == b':').count();
+        assert!(packed || bytes <= data.len() + ends, "more came out than went in");
         assert!(decoder.statistics().damage.len() as u64 <= decoder.statistics().damaged);
     }
 }

@@ -198,7 +198,7 @@ fn a_motor_that_a_proof_lost_is_told_as_turning() {
     relay.is_cut.store(true, SeqCst);
     let ran = run::ran(proof.wait_with_output().expect("ends"));
     assert_eq!(ran.code, 4, "{}", ran.err);
-    let stops = format!("polepair stop {}, once its drive answers again", relay.url);
+    let stops = format!("`polepair stop {}`, once its drive answers again", relay.url);
     for text in
         ["axis 1 may still turn: cut its supply. Its stop was not confirmed", "error[E401]", &stops]
     {

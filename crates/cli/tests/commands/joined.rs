@@ -589,8 +589,8 @@ fn a_server_that_is_killed_leaves_nobody_waiting() {
     assert!(ended.err.contains("it may have been executed"), "{}", ended.err);
     assert!(ended.err.contains("The motor may still turn: cut its supply."), "{}", ended.err);
     // The very words that were printed stop it.
-    let stop = ended.err.lines().find_map(|line| line.strip_prefix("  try: polepair stop "));
-    let stop = stop.and_then(|stop| stop.split(' ').next()).expect("a link's URL");
+    let stop = ended.err.lines().find_map(|line| line.strip_prefix("  try: `polepair stop "));
+    let stop = stop.and_then(|stop| stop.split('`').next()).expect("a link's URL");
     assert_eq!(stop, drive.url);
     assert_eq!(polepair(&["stop", stop]).code, 0);
     // Who only looked had nothing done.
