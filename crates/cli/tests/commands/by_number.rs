@@ -193,3 +193,30 @@ fn a_capture_is_filtered_by_address() {
     let wrong = polepair_with(&["decode", "-", "--filter", "object foo"], canopen);
     assert!(wrong.code == 2 && wrong.err.contains("expected an address"), "{}", wrong.err);
 }
+
+#[test]
+fn captures_show_floating_point_numbers() {
+    let folder = std::env::temp_dir().join(format!("polepair-reals-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let signals = |name: &str, profile: &str, capture: &str| {
+        let file = folder.join(name);
+        std::fs::write(&file, profile).expect("written");
+        let file = file.to_str().expect("text").to_owned();
+        let words = ["decode", "-", "--profile", &*file, "--format", "jsonl"];
+        let ran = polepair_with(&words, capture);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        ran.out
+    };
+    let sheet = "[1000]\nParameterName=Device type\nDataType=7\nAccessType=ro\n\
+                 [2010]\nParameterName=Gain\nDataType=8\nAccessType=rw\n";
+    let canopen = "(1.0) can0 605#4010200000000000\n(1.1) can0 585#43102000000020C0\n";
+    let shown = signals("gain.eds", sheet, canopen);
+    assert!(shown.contains("Gain = -2.5") && shown.contains(r#""value":-2.5"#), "{shown}");
+    let registers = "name = \"reals\"\nprotocol = \"modbus\"\n[[parameter]]\nname = \"gain\"\n\
+                     index = 0x20\nencoding = \"f32\"\n";
+    let modbus =
+        "(1.000) tty > 01 03 00 20 00 02 C5 C1\n(1.010) tty < 01 03 04 C0 20 00 00 C7 F9\n";
+    let shown = signals("reals.toml", registers, modbus);
+    assert!(shown.contains("gain = -2.5e0") && shown.contains(r#""value":-2.5"#), "{shown}");
+    std::fs::remove_dir_all(folder).expect("removed");
+}

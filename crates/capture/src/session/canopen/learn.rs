@@ -95,7 +95,7 @@ impl CanopenTracker {
             notices.push(SessionNotice::Signal(SignalNotice {
                 axis: id.into(),
                 name: meaning.name,
-                value: exact as f64 * meaning.factor,
+                value: meaning.value(exact),
                 exact: Some(exact),
                 unit: meaning.unit,
                 quality: Quality::Good,

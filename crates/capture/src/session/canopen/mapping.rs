@@ -1,6 +1,7 @@
 //! Process data by their mapping: where each value lies in the eight bytes and what it is, worked
 //! out once, when the mapping is learnt.
 
+use polepair_core::profile::Encoding;
 use polepair_core::proto::canopen::cia402;
 use polepair_core::proto::canopen::pdo::{BITS_MAX, BitField, MappingEntry};
 use polepair_core::proto::canopen::sdo::ObjectIndex;
@@ -26,6 +27,8 @@ pub struct MappedValue {
     left_shift: u8,
     right_shift: u8,
     signed: bool,
+    /// How the number lies in the bits, where it is a floating-point one.
+    real: Option<Encoding>,
     is_flag: bool,
     tells_state: bool,
     mask: i64,
@@ -41,11 +44,12 @@ pub struct MappedValue {
 
 impl MappedValue {
     fn new(field: BitField, object: ObjectIndex, meaning: &ObjectMeaning) -> Self {
-        let ObjectMeaning { name, unit, factor, signed, mask, equals } = *meaning;
+        let ObjectMeaning { name, unit, factor, signed, real, mask, equals } = *meaning;
         Self {
             left_shift: BITS_MAX - field.start - field.bits,
             right_shift: BITS_MAX - field.bits,
             signed,
+            real,
             is_flag: equals.is_some(),
             tells_state: equals.is_none() && is_state_object(object),
             mask,
@@ -82,7 +86,7 @@ impl MappedValue {
     #[inline]
     #[must_use]
     pub fn value(&self, exact: i64) -> f64 {
-        exact as f64 * self.factor
+        self.real.map_or(exact as f64, |encoding| encoding.number(exact)) * self.factor
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use polepair_core::profile::{Parameter, ParameterId, Profile, Signal};
+use polepair_core::profile::{Encoding, Parameter, ParameterId, Profile, Signal};
 use polepair_core::proto::canopen::explain::meanings;
 use polepair_core::proto::canopen::sdo::ObjectIndex;
 
@@ -18,10 +18,19 @@ pub(super) struct ObjectMeaning {
     pub unit: InternedName,
     pub factor: f64,
     pub signed: bool,
+    /// How the number lies in the bits, where it is a floating-point one.
+    pub real: Option<Encoding>,
     /// Bits that count.
     pub mask: i64,
     /// What they are where the flag is set; `None` for a number.
     pub equals: Option<i64>,
+}
+
+impl ObjectMeaning {
+    /// The number that an integer on the wire is, in the unit.
+    pub fn value(&self, exact: i64) -> f64 {
+        self.real.map_or(exact as f64, |encoding| encoding.number(exact)) * self.factor
+    }
 }
 
 /// Where the meaning of a node's objects is looked up.
@@ -49,9 +58,15 @@ impl ObjectLookup<'_> {
             unit,
             factor,
             signed,
+            real: self.real_encoding(object),
             mask: -1,
             equals: None,
         }
+    }
+
+    fn real_encoding(&self, object: ObjectIndex) -> Option<Encoding> {
+        let (profile, id) = self.parameter(object)?;
+        profile.parameter(id).map(|p| p.encoding).filter(|encoding| encoding.is_real())
     }
 
     /// The flag of a statusword that the motor is powered.
@@ -72,6 +87,7 @@ impl ObjectLookup<'_> {
             unit: "",
             factor: 1.0,
             signed: false,
+            real: None,
             mask,
             equals: Some(equals),
         })

@@ -136,7 +136,8 @@ impl ValueTracker {
         parameter: &'static Parameter,
         found: &ObservedValue<'_>,
     ) -> (f64, InternedName, Quality) {
-        let (raw, scale) = (found.frame_value.raw as f64, parameter.scale);
+        let raw = parameter.encoding.number(found.frame_value.raw);
+        let scale = parameter.scale;
         let quality = Cell::new(found.quality);
         let read = |id: ParameterId| {
             let known = self.factor_values.iter().find(|(of, _)| *of == (found.axis, id));

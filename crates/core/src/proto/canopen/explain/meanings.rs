@@ -47,9 +47,7 @@ pub fn object_name(object: ObjectIndex, profile: Option<&'static Profile>) -> &'
 #[must_use]
 pub fn is_signed(object: ObjectIndex, profile: Option<&'static Profile>) -> bool {
     match find_parameter(object, profile) {
-        Some(parameter) => {
-            matches!(parameter.encoding, Encoding::I8 | Encoding::I16 | Encoding::I32)
-        }
+        Some(parameter) => parameter.encoding.is_signed(),
         None => names::standard_name(object).is_some_and(|(_, signed)| signed),
     }
 }
@@ -108,7 +106,11 @@ pub fn write_value(
     out: &mut dyn Write,
 ) -> fmt::Result {
     write_label(object, profile, out)?;
-    write!(out, "{raw}")?;
+    match find_parameter(object, profile).map(|parameter| parameter.encoding) {
+        Some(Encoding::F32) => write!(out, "{}", f32::from_bits(raw as u32))?,
+        Some(encoding) if encoding.is_real() => write!(out, "{}", encoding.number(raw))?,
+        _ => write!(out, "{raw}")?,
+    }
     write_meaning(object, raw, profile, out)
 }
 
@@ -173,7 +175,7 @@ fn write_scaled(parameter: &Parameter, raw: i64, out: &mut dyn Write) -> fmt::Re
     if scale.factor == 1.0 {
         return write!(out, " {unit}");
     }
-    let value = libm::round(raw as f64 * scale.factor * 1000.0) / 1000.0;
+    let value = libm::round(parameter.encoding.number(raw) * scale.factor * 1000.0) / 1000.0;
     write!(out, ", {value} {unit}")
 }
 

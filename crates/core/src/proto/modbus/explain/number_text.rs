@@ -1,7 +1,7 @@
 //! Numbers as text, written by hand: no `core::fmt` on the way of a frame.
 
-use crate::explain::ExplainSink;
-use crate::profile::Parameter;
+use crate::explain::{ExplainSink, ShortText};
+use crate::profile::{Encoding, Parameter};
 
 const DIGITS_MAX: usize = 24;
 /// Decimals of a scaled value.
@@ -51,13 +51,28 @@ pub(super) fn write_scaled(parameter: &'static Parameter, raw: i64, sink: &mut d
         sink.text(" raw");
         return;
     }
-    write_real(raw as f64 * scale.factor, sink);
+    let value = parameter.encoding.number(raw) * scale.factor;
+    // Fixed decimals are for what counts in steps.
+    if parameter.encoding.is_real() || value.abs() > STEPS_MAX {
+        let text = match parameter.encoding {
+            Encoding::F32 | Encoding::F32LowFirst => {
+                ShortText::from_display(format_args!("{:e}", value as f32))
+            }
+            _ => ShortText::from_display(format_args!("{value:e}")),
+        };
+        sink.text(text.as_str());
+    } else {
+        write_real(value, sink);
+    }
     let unit = parameter.unit.symbol();
     if !unit.is_empty() {
         sink.text(" ");
         sink.text(unit);
     }
 }
+
+/// Beyond this thousandths do not fit the integer that they are counted in.
+const STEPS_MAX: f64 = 9.0e12;
 
 /// At most three decimals, none where they are zero.
 fn write_real(value: f64, sink: &mut dyn ExplainSink) {
