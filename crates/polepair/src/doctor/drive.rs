@@ -25,8 +25,11 @@ pub const ABSENT_TEXT: &str = "this firmware has none";
 ///
 /// ```
 /// let link = polepair::connect("sim:cia402:5?time=virtual")?;
-/// let refused = link.axes()[0].get_raw("0x2345").unwrap_err();
-/// assert!(!polepair::doctor::is_absent_error(&link.axes()[0], &refused), "nobody was asked");
+/// let axis = &link.axes()[0];
+/// let refused = axis.get_raw("0x2345").unwrap_err();
+/// assert!(polepair::doctor::is_absent_error(axis, &refused));
+/// let unasked = axis.get_raw("no such name").unwrap_err();
+/// assert!(!polepair::doctor::is_absent_error(axis, &unasked), "the drive was not asked");
 /// # Ok::<(), polepair::Error>(())
 /// ```
 #[must_use]
