@@ -250,8 +250,17 @@ class AxisSteps:
             values.update(zip(named, (yield Call(self._native.read_signals, named)), strict=True))
         for name in signals:
             if name not in values:
-                values[name] = float((yield from self._get(name)))
+                values[name] = yield from self._read_parameter(name)
         return {name: values[name] for name in signals}
+
+    def _read_parameter(self, name: str) -> Steps[float]:
+        try:
+            yield from self._find(name)
+        except Unsupported as none:
+            known = ", ".join(signal for signal, _ in self._native.signals())
+            hint = f"signals are {known}; {none.hint}"
+            raise Unsupported(str(none), none.code, none.executed, hint) from None
+        return float((yield from self._get(name)))
 
     def _capture(
         self, signals: Sequence[str], *, rate: float = 100.0, seconds: float = 1.0
