@@ -236,6 +236,31 @@ impl Axes for Mux {
         lane.send_text(now, ticket, axis, text)
     }
 
+    fn read_data(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        parameter: ParameterId,
+        block: bool,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.read_data(now, ticket, axis, parameter, block)
+    }
+
+    fn write_data(
+        &mut self,
+        now: Instant,
+        ticket: Ticket,
+        axis: AxisIndex,
+        parameter: ParameterId,
+        size: u32,
+        block: bool,
+    ) -> Result<(), Unsupported> {
+        let (lane, axis) = self.lane_of_mut(axis)?;
+        lane.write_data(now, ticket, axis, parameter, size, block)
+    }
+
     fn rehearse_text(
         &self,
         axis: AxisIndex,
@@ -328,6 +353,14 @@ impl Axes for Mux {
     ) -> Result<(), Unsupported> {
         let (lane, axis) = self.lane_of_mut(axis)?;
         lane.send_program_command(now, ticket, axis, command)
+    }
+
+    fn poll_bytes(&mut self, ticket: Ticket, out: &mut [u8]) -> Option<usize> {
+        self.lanes.iter_mut().find_map(|lane| lane.poll_bytes(ticket, out))
+    }
+
+    fn feed_bytes(&mut self, ticket: Ticket, bytes: &[u8]) -> Option<usize> {
+        self.lanes.iter_mut().find_map(|lane| lane.feed_bytes(ticket, bytes))
     }
 
     fn poll_group_answer(&mut self, ticket: Ticket) -> Option<GroupAnswer> {

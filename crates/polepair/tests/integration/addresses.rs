@@ -136,6 +136,31 @@ fn a_drive_tells_its_name_and_versions() {
 }
 
 #[test]
+fn text_and_bytes_are_read_on_a_bus_of_several_protocols() {
+    let folder = std::env::temp_dir().join(format!("polepair-addresses-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let rack = folder.join("bus.toml");
+    let drive = |name: &str, profile: &str, address: u8| {
+        format!("[[link.drive]]\nname = \"{name}\"\nprofile = \"{profile}\"\naddress = {address}\n")
+    };
+    let drives = drive("node", "cia402", 5) + &drive("screw", "thruster", 9);
+    std::fs::write(
+        &rack,
+        format!("[[link]]\nname = \"bus\"\nkind = \"can\"\nbitrate = 500000\n{drives}"),
+    )
+    .unwrap();
+    let link = polepair::connect(&format!("sim:{}?time=virtual", rack.display())).unwrap();
+    let node = link.axes().iter().find(|axis| axis.name() == "node").unwrap();
+    assert_eq!(node.get_text("1008h").unwrap(), "Polepair CiA 402 drive");
+    let id = node.find("0x2F01:2:bytes").unwrap();
+    node.arm(true);
+    node.write_data(id, &[7; 2_000], &mut |_| {}).unwrap();
+    node.set("0x2F01:1:u32", 2_000).unwrap();
+    assert_eq!(node.read_data(id, true, &mut |_| {}).unwrap().len(), 2_000);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
 fn bytes_of_any_length_go_both_ways() {
     let link = open("sim:canopen");
     let axis = &link.axes()[0];
