@@ -86,10 +86,10 @@ describe("a server that is gone", () => {
   });
 
   it("that hangs does not leave a stop on its way for ever", async () => {
-    v.server.freeze(true);
+    await v.server.freeze();
     await v.page.keyboard.press("Escape");
     await says("STOP ALL: NOT ANSWERED", "cut its supply");
-    v.server.freeze(false);
+    v.server.resume();
     await says("Motion is locked", "every axis stands still");
     expect(await banner().innerText()).not.toContain("NOT ANSWERED");
     await v.button("Release motion").click();

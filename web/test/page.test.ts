@@ -290,12 +290,12 @@ describe("the dashboard", () => {
 
   it("says that the server is silent, and connects again by itself", async () => {
     const state = v.page.getByRole("banner").getByRole("status");
-    v.server.freeze(true);
+    await v.server.freeze();
     await v.until(
       () => state.innerText(),
       (text) => text.includes("no connection"),
     );
-    v.server.freeze(false);
+    v.server.resume();
     await v.until(
       () => state.innerText(),
       (text) => text.includes("connected"),

@@ -3,7 +3,7 @@
 import { type ChildProcess, spawn } from "node:child_process";
 import { randomBytes } from "node:crypto";
 import { once } from "node:events";
-import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
+import { mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { createInterface } from "node:readline";
@@ -36,9 +36,20 @@ export class Server {
     return new Server(child, folder, links, url, operator, asks);
   }
 
-  /** Keeps it from doing anything, or lets it go on. */
-  freeze(frozen: boolean): void {
-    this.process.kill(frozen ? "SIGSTOP" : "SIGCONT");
+  /** Suspends the process. Returns when every thread of it is suspended: on a busy machine that takes
+   *  a while after the signal, and until then it still answers. */
+  async freeze(): Promise<void> {
+    this.process.kill("SIGSTOP");
+    const tasks = `/proc/${this.process.pid}/task`;
+    const state = (task: string): string | undefined =>
+      /\) (\w)/.exec(readFileSync(`${tasks}/${task}/stat`, "latin1"))?.[1];
+    while (!readdirSync(tasks).every((task) => state(task) === "T"))
+      await new Promise((resolve) => setTimeout(resolve, 5));
+  }
+
+  /** Lets a suspended process go on. */
+  resume(): void {
+    this.process.kill("SIGCONT");
   }
 
   /** It dies, and stops nothing. */
@@ -56,7 +67,7 @@ export class Server {
   }
 
   stop(): void {
-    this.freeze(false);
+    this.resume();
     this.process.kill("SIGINT");
     const tidy = (): void => rmSync(this.folder, { recursive: true, force: true });
     if (this.ended) tidy();
