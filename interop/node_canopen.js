@@ -2,6 +2,8 @@
 //
 // node_canopen.js client HOST PORT NODE       prints what it did as JSON
 // node_canopen.js server HOST PORT NODE EDS   prints `ready`, serves until it is ended
+// node_canopen.js lss HOST PORT 0             prints `ready`, serves LSS until it is ended; prints each
+//                                             node-ID that it gets
 
 const Module = require('module');
 const net = require('net');
@@ -91,4 +93,14 @@ async function server() {
     console.log('ready');
 }
 
-({ client, server })[role]();
+async function lss() {
+    const eds = new Eds();
+    eds.setIdentity({ vendorId: 0x22, productCode: 0x33, revisionNumber: 0x44, serialNumber: 0x55 });
+    const device = new Device({ eds, enableLss: true });
+    device.lss.addListener('changeDeviceId', (id) => console.log(id));
+    await join(device);
+    device.lss.start();
+    console.log('ready');
+}
+
+({ client, server, lss })[role]();

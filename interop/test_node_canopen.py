@@ -79,3 +79,39 @@ def test_our_host_reads_and_writes_its_node(program, gateway):  # noqa: F811
     finally:
         node.terminate()
         node.wait(PATIENCE)
+
+
+def test_our_lss_master_gives_its_device_a_node_id(program, gateway):  # noqa: F811
+    """Its library answers no 4Ch, no selection and no inquiry of its node-ID; to inquiries of its
+    identity it answers the lowest bytes alone."""
+    words, environment = program
+    server, _ = gateway("socketcand-listen:0/can0", f"udp:{GROUP}:{free_port(socket.SOCK_DGRAM)}")
+    host, port = server.rsplit(":", 1)
+    device = subprocess.Popen(
+        [*words, "lss", host, port, "0"], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    identity = {"vendor": 0x22, "product": 0x33, "revision": 0x44, "serial": 0x55}
+    url = f"canopen+socketcand://{server}/can0?timeout=1000"
+
+    def lss(*words, check=True):
+        return polepair("lss", url, *words, silence=True, check=check)
+
+    try:
+        assert device.stdout.readline() == "ready\n"
+        # Each of the scan's 132 questions waits 25 ms, which a busy machine may need for an answer.
+        for _ in range(20):
+            found = lss("--format", "jsonl", check=False)
+            if found.returncode == 0:
+                break
+        assert [json.loads(line) for line in found.stdout.splitlines()] == [
+            {"node": "none", **identity}
+        ], found.stderr
+        numbers = ["--identity", "0x22,0x33,68,0x55", "--format", "jsonl"]
+        assert json.loads(lss(*numbers).stdout) == {"node": None, **identity}
+        assert json.loads(lss(*numbers, "--node", "9").stdout)["node"] == 9
+        assert device.stdout.readline() == "9\n"
+        refused = lss(*numbers, "--store", check=False)
+        assert refused.returncode == 6 and "refused with error 1" in refused.stderr
+    finally:
+        device.terminate()
+        device.wait(PATIENCE)

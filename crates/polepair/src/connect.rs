@@ -270,31 +270,6 @@ impl Connector {
         }
         Ok(axes)
     }
-
-    /// Axes by number on one line, whatever others it has. One host at a time.
-    pub(crate) fn axes_of_found(
-        &self,
-        line: &ProtocolLine,
-        found: &[DetectedDrive],
-    ) -> Result<Vec<Axis>, Error> {
-        let profiles: Vec<_> = found.iter().map(|one| (one.profile, one.number)).collect();
-        let (connection, before) = line.probe_connection(&profiles, false, false)?;
-        let axis = |(n, one): (usize, &DetectedDrive)| Axis {
-            connection: connection.clone(),
-            index: AxisIndex(u8::try_from(before + n).unwrap_or(u8::MAX)),
-            number: one.number,
-            name: String::new(),
-            protocol: line.protocol.name,
-            medium: line.protocol.medium,
-            host: line.host(),
-            heartbeat: line.heartbeat(),
-            profile: one.profile,
-            identified: one.identified.clone(),
-            simulation: None,
-            mounted: None,
-        };
-        Ok(found.iter().enumerate().map(axis).collect())
-    }
 }
 
 /// Opens what the string names. The link is set as the protocol's host wants it.
@@ -496,25 +471,46 @@ impl ProtocolLine {
 
     /// What the drive at an address tells of itself; nothing where it cannot be asked.
     pub(crate) fn read_details(&self, number: u32, profile: &'static Profile) -> Vec<DeviceDetail> {
-        let opened = self.probe_connection(&[(profile, number)], true, false);
-        let Ok((connection, index)) = opened else { return Vec::new() };
-        connection.with_axes(|axes, now| axes.handle_resume(now));
-        let axis = Axis {
-            connection,
-            index: AxisIndex(u8::try_from(index).unwrap_or_default()),
+        let Ok(axes) = self.probe_axes(&[(profile, number)], true) else { return Vec::new() };
+        let Some(axis) = axes.first() else { return Vec::new() };
+        axis.connection.with_axes(|axes, now| axes.handle_resume(now));
+        // A link that is lost is told by who scans.
+        axis.device_details().unwrap_or_default()
+    }
+
+    /// The axes at some addresses, of which nothing is asked. One host at a time.
+    pub(crate) fn probe_axes(
+        &self,
+        drives: &[(&'static Profile, u32)],
+        scanning: bool,
+    ) -> Result<Vec<Axis>, Error> {
+        let (connection, before) = self.probe_connection(drives, scanning, false)?;
+        let axis = |(n, &(profile, number)): (usize, &(&'static Profile, u32))| Axis {
+            connection: connection.clone(),
+            index: AxisIndex(u8::try_from(before + n).unwrap_or(u8::MAX)),
             number,
             name: String::new(),
             protocol: self.protocol.name,
             medium: self.protocol.medium,
-            host: None,
-            heartbeat: None,
+            host: self.host(),
+            heartbeat: self.heartbeat(),
             profile,
             identified: Identification::Named,
             simulation: None,
             mounted: None,
         };
-        // A link that is lost is told by who scans.
-        axis.device_details().unwrap_or_default()
+        Ok(drives.iter().enumerate().map(axis).collect())
+    }
+
+    /// The axes of drives that were found, whatever others the line has. One host at a time.
+    pub(crate) fn axes_of_found(&self, found: &[DetectedDrive]) -> Result<Vec<Axis>, Error> {
+        let drives: Vec<_> = found.iter().map(|one| (one.profile, one.number)).collect();
+        let axes = self.probe_axes(&drives, false)?.into_iter().zip(found);
+        let identified = |(axis, one): (Axis, &DetectedDrive)| Axis {
+            identified: one.identified.clone(),
+            ..axis
+        };
+        Ok(axes.map(identified).collect())
     }
 
     /// The host's settings for one session: what it asked may still be answered in the next, whose probes

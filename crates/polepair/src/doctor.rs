@@ -179,7 +179,6 @@ fn check_line(
             // The host took its own bytes for answers, or answers for its own bytes.
             line.options.echo = !line.options.echo;
             return check_found(
-                connector,
                 line,
                 &find_drives(connector, url, line, on_event)?,
                 silent,
@@ -187,18 +186,17 @@ fn check_line(
             );
         }
     }
-    check_found(connector, line, &found, silent, on_event)
+    check_found(line, &found, silent, on_event)
 }
 
 fn check_found(
-    connector: &Connector,
     line: &ProtocolLine,
     found: &[DetectedDrive],
     silent: &mut bool,
     on_event: &mut dyn FnMut(CheckResult),
 ) -> Result<(), Error> {
     *silent |= found.is_empty() && line.options.baud > 0;
-    for axis in connector.axes_of_found(line, found)? {
+    for axis in line.axes_of_found(found)? {
         drive::check_drive(&axis, on_event);
     }
     Ok(())

@@ -28,6 +28,7 @@ pub mod events;
 mod faults;
 mod identify;
 pub mod listen;
+pub mod lss;
 mod mounting;
 pub mod no_reply;
 pub mod profile;

@@ -54,6 +54,9 @@ pub struct ScanReport {
     pub not_queried: usize,
     /// What came where nobody answered.
     pub received: NoReplyDetails,
+    /// A CANopen device without node-ID answered: [`LssMaster`](crate::lss::LssMaster) gives it one.
+    /// Asked for where all addresses are.
+    pub has_unconfigured: bool,
     /// Why the link went away before all were asked, if it did.
     pub link_error: Option<LinkError>,
 }

@@ -208,7 +208,7 @@ fn stop_on_lines(
             stopped.broadcast |= broadcast_stop(connector, url, line, how.command())?;
         }
         let found = find_and_stop(connector, url, line, how.command(), (stopped, &mut *on_event))?;
-        let axes = connector.axes_of_found(line, &found)?;
+        let axes = line.axes_of_found(&found)?;
         stopped.motors.extend(stop_more_motors(&axes));
         stopped.add_axes(&axes, how);
     }
@@ -337,11 +337,11 @@ fn find_and_stop(
                 });
                 unknown.extend(missing.map(|error| (number, report.clone(), error)));
                 let Some(report) = report else { continue };
-                stop_found(connector, line, &report, (stopped, on_event))?;
+                stop_found(line, &report, (stopped, on_event))?;
                 continue;
             }
         };
-        stop_found(connector, line, &(one.clone(), command), (stopped, on_event))?;
+        stop_found(line, &(one.clone(), command), (stopped, on_event))?;
         match missing {
             None => found.push(one),
             Some(error) => deaf.push((one, error)),
@@ -349,7 +349,7 @@ fn find_and_stop(
     }
     for (one, error) in deaf {
         // It may have lost count of bytes, which a stop that is said several times does not mind.
-        match stop_unanswered(connector, line, &(one.clone(), command))? {
+        match stop_unanswered(line, &(one.clone(), command))? {
             Err(ref reported) if reported.exit() == Exit::NoReply => {
                 stopped.axes.push((format!("axis {}", one.number), Err(error)));
             }
@@ -365,11 +365,11 @@ fn find_and_stop(
             }
         };
         if let Some(one) = one {
-            stop_found(connector, line, &(one.clone(), command), (stopped, on_event))?;
+            stop_found(line, &(one.clone(), command), (stopped, on_event))?;
             found.push(one);
             continue;
         }
-        let ended = report.map(|report| stop_unanswered(connector, line, &report)).transpose()?;
+        let ended = report.map(|report| stop_unanswered(line, &report)).transpose()?;
         let error = unidentified::unidentified_error(&prober, error, ended);
         stopped.axes.push((format!("axis {number}"), Err(error)));
     }
@@ -378,12 +378,11 @@ fn find_and_stop(
 
 /// Tells a drive to stop, and waits for no more than the others can.
 fn stop_found(
-    connector: &Connector,
     line: &ProtocolLine,
     (one, command): &(DetectedDrive, Command),
     (stopped, on_event): (&mut LinkStopReport, &mut dyn FnMut(StopEvent<'_>)),
 ) -> Result<(), Error> {
-    for axis in connector.axes_of_found(line, std::slice::from_ref(one))? {
+    for axis in line.axes_of_found(std::slice::from_ref(one))? {
         // One that only listens may obey. What it says is heard when all are waited for.
         if let Ok(mut running) = axis.start(*command) {
             let _ = running.wait(clock::scale_timeout(STOP_WAIT_MAX));
@@ -396,11 +395,10 @@ fn stop_found(
 
 /// Tells one that did not answer, and how that ended.
 fn stop_unanswered(
-    connector: &Connector,
     line: &ProtocolLine,
     (one, command): &(DetectedDrive, Command),
 ) -> Result<Result<(), Error>, Error> {
-    let axes = connector.axes_of_found(line, std::slice::from_ref(one))?;
+    let axes = line.axes_of_found(std::slice::from_ref(one))?;
     let reported = |axis: &Axis| {
         axis.start(*command)
             .and_then(|mut running| running.wait(clock::scale_timeout(SILENT_STOP_WAIT_MAX)))

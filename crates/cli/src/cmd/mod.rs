@@ -13,6 +13,7 @@ mod explain;
 mod get;
 mod info;
 mod journal;
+mod lss;
 mod monitor;
 mod moves;
 mod params;
@@ -110,6 +111,8 @@ pub enum CommandVerb {
     Doctor(doctor::Doctor),
     /// Find the drives on a link
     Scan(scan::ScanCommand),
+    /// Show and set node-IDs and bit rates of CANopen devices (LSS)
+    Lss(lss::LssCommand),
     /// Show who a drive is, what it does, and its faults in words
     Info(info::Info),
     /// Read parameters by name or number, with units
@@ -217,6 +220,7 @@ fn run_locally(verb: CommandVerb) -> Result {
         CommandVerb::Explain(verb) => verb.run(),
         CommandVerb::Doctor(verb) => verb.run(),
         CommandVerb::Scan(verb) => verb.run(),
+        CommandVerb::Lss(verb) => verb.run(),
         CommandVerb::Info(verb) => verb.run(),
         CommandVerb::Get(verb) => verb.run(),
         CommandVerb::Set(verb) => verb.run(),

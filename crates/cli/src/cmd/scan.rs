@@ -8,6 +8,7 @@ use std::ops::{ControlFlow, RangeInclusive};
 use clap::Args;
 use polepair::axis::summarize_details;
 use polepair::scan::{DetectedDrive, ScanAddresses, ScanProgress};
+use polepair::url::shell_word;
 use polepair_capture::jsonl;
 use polepair_client::message::AxisInfo;
 
@@ -95,6 +96,12 @@ impl ScanCommand {
             let (found, unasked) = (scan.found.len(), scan.not_queried);
             let why = format!("Drives that had answered: {found}; addresses not asked: {unasked}.");
             return Err(outcome::link_problem(lost).why(why));
+        }
+        if scan.has_unconfigured {
+            print_note(&format!(
+                "a CANopen device without node-ID answers: `polepair lss {}` shows it",
+                shell_word(&self.target.url)
+            ));
         }
         if scan.not_queried > 0 {
             print_note(&format!("interrupted: {} addresses were not asked", scan.not_queried));

@@ -220,3 +220,28 @@ fn captures_show_floating_point_numbers() {
     assert!(shown.contains("gain = -2.5e0") && shown.contains(r#""value":-2.5"#), "{shown}");
     std::fs::remove_dir_all(folder).expect("removed");
 }
+
+#[test]
+fn a_device_loses_and_gets_its_node_id() {
+    let served = Served::with(&["canopen:5,7", "--udp", "239.74.163.33:43133"]);
+    let bus = served.url.split('#').next().expect("a link");
+    let node = format!("{bus}#5");
+    let occupied = polepair(&["lss", &node, "--node", "7"]);
+    assert!(occupied.code == 2 && occupied.err.contains("E222"), "{}", occupied.err);
+    let several = polepair(&["lss", bus, "--only-device"]);
+    assert!(several.code == 2 && several.err.contains("several devices"), "{}", several.err);
+    let shown = run::ok(&["lss", &node, "--format", "csv"]);
+    assert_eq!(shown, "node,vendor,product,revision,serial\n5,0xFFFF,0x402,0x10000,0x5\n");
+    let taken = polepair(&["lss", &node, "--node", "none", "--store"]);
+    assert!(taken.err.contains("nmt reset-communication"), "{}", taken.err);
+    run::ok(&["send", &node, "nmt reset-communication"]);
+    let identity = ["--identity", "65535,0x402,0x10000,5"];
+    let shown = run::ok(&["lss", bus, identity[0], identity[1], "--format", "jsonl"]);
+    assert!(shown.starts_with(r#"{"node":"none","vendor":65535,"#), "{shown}");
+    let given = polepair(&["lss", bus, identity[0], identity[1], "--node", "9"]);
+    assert!(given.code == 0 && given.err.contains("node 9 answers"), "{}", given.err);
+    assert!(run::ok(&["get", &format!("{bus}#9"), "serial number"]).contains('5'));
+    served.end();
+    let other = polepair(&["lss", "tmcl+tcp://127.0.0.1:9", "--node", "9"]);
+    assert!(other.code == 2 && other.err.contains("E242"), "{}", other.err);
+}

@@ -9,6 +9,7 @@ use crate::clash::{duplicate_address_text, stray_answers_text};
 use crate::connect::{AnyBorrowedLink, Connector, LineConfig, Link, ProtocolLine};
 use crate::error::Error;
 use crate::identify::{Identification, ProbeResult, Prober, is_answer};
+use crate::lss::{self, LssMaster};
 use crate::no_reply::NoReplyDetails;
 use crate::scan::DetectedDrive;
 use crate::url::AxisNumber;
@@ -246,6 +247,9 @@ impl DriveScanner {
             wanted.dedup();
         }
         exclude_clashing(&line, &seats, &mut wanted, tried);
+        if every && line.protocol.name == lss::PROTOCOL && !broken() {
+            self.report.has_unconfigured |= LssMaster::on_line(&line, 1..=1)?.has_unconfigured()?;
+        }
         drop((line, borrowed));
         (self.queue, self.done, self.started) = (wanted.into(), 0, true);
         self.found_before = self.report.found.len();

@@ -7,6 +7,7 @@ mod examples;
 mod heard;
 mod library;
 mod look;
+mod lss;
 mod one_bus;
 mod optional;
 mod rack;

@@ -343,6 +343,10 @@ impl CanHost {
             }
             HostRequest::Lss(lss) => self.lss.submit(ticket, Some(lss)).map_err(|()| request),
             HostRequest::FastScan => self.lss.submit(ticket, None).map_err(|()| request),
+            HostRequest::LastScanned(number) => {
+                self.finish_ticket(ticket, self.lss.last_scanned(number));
+                Ok(())
+            }
             HostRequest::SyncEvery(us) => {
                 self.network.set_sync_period(now, us);
                 self.finish_ticket(ticket, Ok(Answer::Sent));
@@ -487,7 +491,7 @@ impl Station<Can> for CanHost {
                         self.counters.answered += 1;
                         self.finish_ticket(ticket, result);
                     }
-                    None if self.lss.is_idle() => self.counters.late += 1,
+                    None if !self.lss.is_scanning() => self.counters.late += 1,
                     None => {}
                 },
                 Err(_) => self.counters.corrupt += 1,

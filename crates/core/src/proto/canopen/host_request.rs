@@ -87,6 +87,8 @@ pub enum HostRequest {
     Lss(lss::LssRequest),
     /// Finds one device without node-ID and brings it to configuration.
     FastScan,
+    /// A number of the device that the last fast scan found. Nothing is sent.
+    LastScanned(lss::IdentityNumber),
 }
 
 impl HostRequest {
@@ -129,12 +131,15 @@ impl Request for HostRequest {
             Self::Write { class, .. } => class,
             Self::Nmt(NmtMessage { command: nmt::NmtCommand::Stop, .. }) => RequestClass::Stop,
             Self::Process { .. } | Self::Sync(_) | Self::SyncEvery(1..) => RequestClass::NoRetry,
-            Self::Read { .. } | Self::Upload { .. } | Self::Guard { .. } => {
+            Self::Read { .. } | Self::Upload { .. } | Self::Guard { .. } | Self::LastScanned(_) => {
                 RequestClass::Idempotent
             }
-            Self::Lss(lss::LssRequest::Inquire(_) | lss::LssRequest::InquireNode) => {
-                RequestClass::Idempotent
-            }
+            Self::Lss(
+                lss::LssRequest::Inquire(_)
+                | lss::LssRequest::InquireNode
+                | lss::LssRequest::Identify(..)
+                | lss::LssRequest::IdentifyUnconfigured,
+            ) => RequestClass::Idempotent,
             _ => RequestClass::ReadBack,
         }
     }

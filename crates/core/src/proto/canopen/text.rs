@@ -124,6 +124,10 @@ pub enum Statement {
 /// What a text asks of `node`, as far as a host asks such things.
 #[must_use]
 pub fn parse_request(text: &str, node: u8) -> Option<HostRequest> {
+    if let Some(name) = text.strip_prefix("lss scanned ") {
+        let known = NUMBERS.iter().find(|(word, _)| *word == name.trim());
+        return known.map(|(_, number)| HostRequest::LastScanned(*number));
+    }
     parse(text, None).ok()?.to_host_request(node)
 }
 
@@ -240,10 +244,14 @@ impl Statement {
             Self::FastScan => HostRequest::FastScan,
             Self::Lss(
                 request @ (lss::LssRequest::SetNode(_)
+                | lss::LssRequest::SetBitTiming(..)
                 | lss::LssRequest::SwitchGlobal(_)
+                | lss::LssRequest::SwitchSelective(..)
                 | lss::LssRequest::Store
                 | lss::LssRequest::Inquire(_)
-                | lss::LssRequest::InquireNode),
+                | lss::LssRequest::InquireNode
+                | lss::LssRequest::Identify(..)
+                | lss::LssRequest::IdentifyUnconfigured),
             ) => HostRequest::Lss(request),
             _ => return None,
         })

@@ -4,12 +4,16 @@
 use crate::error::Failure;
 use crate::medium::Frame;
 use crate::proto::canopen::host_request::Answer;
-use crate::proto::canopen::lss::{FAST_SCAN_BEGIN, IdentityNumber, LssReply, LssRequest};
+use crate::proto::canopen::lss::{
+    FAST_SCAN_BEGIN, IdentifyBound, IdentityNumber, LssReply, LssRequest,
+};
 use crate::station::Ticket;
 use crate::time::{Instant, earliest};
 
 /// Silence that is a device's "no", ms.
 const SILENCE_MS: u32 = 25;
+
+const NOTHING_SCANNED: &str = "no fast scan found a device before";
 
 /// What begins a scan: whoever has no node-ID answers.
 pub const BEGIN_REQUEST: LssRequest = LssRequest::FastScan {
@@ -28,6 +32,8 @@ pub struct LssMaster {
     pending: Option<(Ticket, LssTask)>,
     unsent: bool,
     deadline: Option<Instant>,
+    /// The identity that the last scan found, if it found one.
+    scanned: Option<[u32; 4]>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -52,11 +58,16 @@ impl LssMaster {
     /// With a silence that is so many times as long as usual.
     pub fn new(timeout_scale: u32) -> Self {
         let silence_ns = u64::from(SILENCE_MS) * u64::from(timeout_scale) * 1_000_000;
-        Self { silence_ns, pending: None, unsent: false, deadline: None }
+        Self { silence_ns, pending: None, unsent: false, deadline: None, scanned: None }
     }
 
     pub fn is_idle(&self) -> bool {
         self.pending.is_none()
+    }
+
+    /// Whether a scan is under way, whose questions any number of devices may answer.
+    pub fn is_scanning(&self) -> bool {
+        matches!(self.pending, Some((_, LssTask::Scan(_))))
     }
 
     /// Takes a service, or a scan without one.
@@ -71,9 +82,18 @@ impl LssMaster {
             asks_whole_number: false,
             answered: false,
         };
+        if request.is_none() {
+            self.scanned = None;
+        }
         self.pending = Some((ticket, request.map_or(LssTask::Scan(scan), LssTask::Request)));
         self.unsent = true;
         Ok(())
+    }
+
+    /// A number of the device that the last scan found.
+    pub fn last_scanned(&self, number: IdentityNumber) -> Result<Answer, Failure> {
+        let found = self.scanned.ok_or(Failure::NotReady { hint: NOTHING_SCANNED })?;
+        Ok(Answer::Lss(LssReply::Number(number, found[number as usize])))
     }
 
     pub fn cancel(&mut self) -> Option<(Ticket, ())> {
@@ -103,12 +123,12 @@ impl LssMaster {
     /// Ends what nobody answers, once it is sent.
     pub fn finish_unanswered(&mut self) -> Option<FinishedTicket> {
         let Some((ticket, LssTask::Request(request))) = self.pending else { return None };
-        let last = IdentityNumber::Serial;
         let silent = match request {
             LssRequest::SwitchGlobal(_)
             | LssRequest::ActivateBitTiming(_)
             | LssRequest::Other(_) => true,
-            LssRequest::SwitchSelective(number, _) => number != last,
+            LssRequest::SwitchSelective(number, _) => number != IdentityNumber::Serial,
+            LssRequest::Identify(bound, _) => bound != IdentifyBound::SerialHigh,
             _ => false,
         };
         if !silent {
@@ -150,6 +170,9 @@ impl LssMaster {
         self.deadline = None;
         match ended {
             Some(result) => {
+                if let Ok(Answer::Identity(found)) = result {
+                    self.scanned = Some(found);
+                }
                 self.cancel();
                 Some((ticket, result))
             }
