@@ -6,7 +6,7 @@ import canopen
 import pytest
 from canopen.objectdictionary import ODRecord, ODVariable, ObjectDictionary, datatypes
 from conftest import polepair
-from pymodbus import FramerType
+from pymodbus import FramerType, ModbusDeviceIdentification
 from pymodbus.server import ModbusTcpServer
 from test_foreign_devices import Server
 
@@ -122,4 +122,31 @@ def test_registers_of_pymodbus():
         assert refused.returncode == 2, f"{wrong}: {refused.stderr}"
     refused = polepair("get", url, "R 60000", check=False)
     assert refused.returncode == 6 and "code 2" in refused.stderr, refused.stderr
+    server.close()
+
+
+@pytest.mark.parametrize("framing", ["rtu", "ascii"])
+def test_pymodbus_tells_its_device_identification(framing):
+    identity = ModbusDeviceIdentification(
+        info_name={
+            "VendorName": "A vendor with a long name",
+            "ProductCode": "XJ-7",
+            "MajorMinorRevision": "V2.11",
+            "ProductName": "1234567",
+        }
+    )
+    framer = FramerType.RTU if framing == "rtu" else FramerType.ASCII
+    server = Server(
+        lambda device: ModbusTcpServer(
+            device, framer=framer, address=("127.0.0.1", 0), identity=identity
+        )
+    )
+    url = f"modbus-{framing}+tcp://127.0.0.1:{server.port}?timeout=5000#1"
+    shown = polepair("info", url).stdout
+    for fact in ["A vendor with a long name", "XJ-7", "V2.11", "1234567"]:
+        assert fact in shown, shown
+    sent = polepair("send", url, "read device id 0")
+    assert sent.stdout == (
+        'device id: vendor "A vendor with a long name", product code "XJ-7", revision "V2.11"\n'
+    )
     server.close()

@@ -218,6 +218,11 @@ pub enum FactQuery {
     Address(&'static str),
     /// A request in the protocol's own text.
     Text(&'static str),
+    /// A request in the protocol's own text, with a number behind it, 0 and up: its value has how many
+    /// characters of the fact it brings in the highest byte, at most seven, then those. With fewer than
+    /// seven the fact is whole. It costs a drive that does not have it an exchange: who is known
+    /// without is not asked.
+    Characters(&'static str),
     /// How many parameters there are: the first has to be there, the others are counted up to the
     /// first that is refused.
     Count(&'static str, &'static [&'static str]),

@@ -4,6 +4,7 @@ use super::{Axis, ParameterValue};
 use crate::error::Error;
 use crate::profile::generic_profile;
 use crate::url::AxisNumber;
+use polepair_core::drives;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::explain::{DeviceFact, FactQuery};
 
@@ -16,10 +17,15 @@ pub struct DeviceDetail {
     pub text: String,
 }
 
+/// Characters of a fact at most.
+const FACT_MAX: usize = 240;
+
 impl Axis {
     /// What the drive tells of itself, by the protocol's own means: name and versions of a CANopen
-    /// device (1008h to 100Ah, 1018h), number, firmware and motors of a TMCL module, firmware of a TML
-    /// drive. What it refuses to tell is left out; who is silent is asked no more. Only reads are sent.
+    /// device (1008h to 100Ah, 1018h); number, firmware and motors of a TMCL module; firmware of a TML
+    /// drive; device identification (function 43/14) of a Modbus device that no shipped profile
+    /// describes. What it refuses to tell is left out; who is silent is asked no more. Only reads are
+    /// sent.
     ///
     /// # Errors
     /// [`Error::Link`] and [`Error::Interrupted`].
@@ -31,9 +37,15 @@ impl Axis {
         }
         let generic = generic_profile(self.protocol);
         let is_known = generic.is_none_or(|generic| !std::ptr::eq(generic, self.profile));
+        let is_shipped = drives::profiles().iter().any(|known| std::ptr::eq(*known, self.profile));
         for fact in facts {
             // A profile has what a product has: a question for more would be refused.
-            if is_known && matches!(fact.query, FactQuery::Count(..)) {
+            let is_in_profile = match fact.query {
+                FactQuery::Count(..) => is_known,
+                FactQuery::Characters(_) => is_shipped,
+                FactQuery::Address(_) | FactQuery::Text(_) => false,
+            };
+            if is_in_profile {
                 continue;
             }
             match self.read_fact(fact) {
@@ -70,6 +82,19 @@ impl Axis {
                 }
                 Ok(text)
             }
+            FactQuery::Characters(request) => {
+                let mut text = Vec::new();
+                for part in 0.. {
+                    let [len, characters @ ..] =
+                        self.raw(&format!("{request} {part}"))?.to_be_bytes();
+                    let len = usize::from(len).min(characters.len());
+                    text.extend_from_slice(&characters[..len]);
+                    if len < characters.len() || text.len() > FACT_MAX {
+                        break;
+                    }
+                }
+                Ok(String::from_utf8_lossy(&text).trim_matches(['\0', ' ']).to_owned())
+            }
             FactQuery::Count(first, rest) => {
                 self.read(self.find(first)?)?;
                 let mut count = 1;
@@ -101,9 +126,12 @@ fn is_answer(error: &Error) -> bool {
 #[must_use]
 pub fn summarize_details(details: &[DeviceDetail]) -> String {
     let shown = details.iter().filter_map(|detail| match detail.name {
-        "device name" | "module" => Some(detail.text.clone()),
+        "device name" | "module" | "vendor" | "product name" | "product code" => {
+            Some(detail.text.clone())
+        }
         "hardware version" => Some(format!("hardware {}", detail.text)),
         "software version" => Some(format!("software {}", detail.text)),
+        "revision" => Some(format!("revision {}", detail.text)),
         "firmware" => Some(format!("firmware {}", detail.text)),
         "motors" if detail.text == "1" => None,
         "motors" => Some(format!("{} motors", detail.text)),

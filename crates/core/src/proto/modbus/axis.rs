@@ -8,7 +8,7 @@ use super::encoding::{REGISTERS_MAX, decode, encode, register_count};
 use super::host_request::{Answer, COILS_MAX, HostRequest, RequestBody, WORDS_MAX};
 use super::text::{self, ParsedRequest};
 use super::wire::{BROADCAST, Function, RequestPdu, Space};
-use super::{ascii, rtu};
+use super::{ascii, device_id, rtu};
 use crate::axis::Driver;
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
@@ -56,7 +56,7 @@ impl Axis {
         request: RequestBody,
         class: RequestClass,
     ) -> Result<HostRequest, Unsupported> {
-        if self.unit == BROADCAST && request.function().read_space().is_some() {
+        if self.unit == BROADCAST && request.is_read() {
             return Err(Unsupported::Forbidden("a broadcast brings no answer: it cannot read"));
         }
         Ok(HostRequest { unit: self.unit, body: request, class })
@@ -155,10 +155,9 @@ impl Driver for Axis {
     fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
         let parsed = text::parse(text, Some(self.profile)).map_err(|_| Unsupported::BadText)?;
         let request = body_of_text(&parsed).ok_or(Unsupported::BadText)?;
-        let reads = parsed.function.read_space().is_some();
         self.new_request(
             request,
-            if reads { RequestClass::Idempotent } else { RequestClass::NoRetry },
+            if request.is_read() { RequestClass::Idempotent } else { RequestClass::NoRetry },
         )
     }
 
@@ -173,10 +172,9 @@ impl Driver for Axis {
         .ok_or(Unsupported::BadBytes)?;
         let request = RequestPdu::parse(pdu).ok().and_then(|pdu| body_of_pdu(&pdu));
         let request = request.ok_or(Unsupported::BadBytes)?;
-        let reads = request.function().read_space().is_some();
         self.new_request(
             request,
-            if reads { RequestClass::Idempotent } else { RequestClass::NoRetry },
+            if request.is_read() { RequestClass::Idempotent } else { RequestClass::NoRetry },
         )
     }
 
@@ -250,6 +248,12 @@ fn body_of_pdu(pdu: &RequestPdu<'_>) -> Option<RequestBody> {
             its.iter_mut().zip(pairs).for_each(|(word, pair)| *word = u16::from_be_bytes(*pair));
             RequestBody::WriteRegisters { start, count: pairs.len() as u8, words }
         }
+        RequestPdu::Unknown { function: device_id::FUNCTION, data } => match *data {
+            [device_id::MEI_TYPE, code, object] if code == device_id::access_code(object) => {
+                RequestBody::DeviceId { object, part: 0 }
+            }
+            _ => return None,
+        },
         RequestPdu::Unknown { .. } => return None,
     })
 }
@@ -260,6 +264,9 @@ fn body_of_text(parsed: &ParsedRequest) -> Option<RequestBody> {
         return Some(RequestBody::Read { space, start, count });
     }
     match parsed.function {
+        Function::Unknown(device_id::FUNCTION) => {
+            Some(RequestBody::DeviceId { object: start as u8, part: count })
+        }
         Function::WriteCoil => {
             Some(RequestBody::WriteCoil { address: start, on: parsed.words[0] != 0 })
         }

@@ -11,11 +11,12 @@ use super::address;
 use super::encoding::{decode, register_count, words_from};
 use super::text;
 use super::wire::{Exception, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, WireFormat, word};
-use super::{ascii, rtu};
+use super::{ascii, device_id, rtu};
 use crate::error::WireError;
 use crate::explain::{
-    Context, ConversationContext, Direction, Dissector, Effect, EncodeError, EncodeOptions,
-    EncodedFrame, ExplainSink, Field, FieldValue, FrameBoundary, FrameRole, RawFrame, TextError,
+    Context, ConversationContext, DeviceFact, Direction, Dissector, Effect, EncodeError,
+    EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue, FrameBoundary,
+    FrameRole, RawFrame, TextError,
 };
 use crate::profile::{Encoding, Parameter, ParameterAddress, Profile};
 use number_text::{write_decimal, write_hex, write_scaled};
@@ -116,6 +117,20 @@ impl Dissector for ModbusDissector {
         })
     }
 
+    fn device_facts(&self) -> &'static [DeviceFact] {
+        const fn fact(name: &'static str, request: &'static str) -> DeviceFact {
+            DeviceFact { name, query: FactQuery::Characters(request) }
+        }
+        const FACTS: [DeviceFact; 5] = [
+            fact(device_id::object_name(0), "read device id 0"),
+            fact(device_id::object_name(1), "read device id 1"),
+            fact(device_id::object_name(2), "read device id 2"),
+            fact(device_id::object_name(4), "read device id 4"),
+            fact(device_id::object_name(5), "read device id 5"),
+        ];
+        &FACTS
+    }
+
     fn parse_address(&self, text: &str) -> Option<Result<ParameterAddress, TextError>> {
         address::parse(text)
     }
@@ -175,7 +190,7 @@ fn request_pdu<'a>(parsed: &text::ParsedRequest, data: &'a mut [u8; PDU_MAX]) ->
     if let Some(space) = parsed.function.read_space() {
         return RequestPdu::Read { space, start, count };
     }
-    let values = &parsed.words[..usize::from(count)];
+    let values = &parsed.words[..usize::from(count).min(parsed.words.len())];
     match parsed.function {
         Function::WriteCoil => RequestPdu::WriteCoil { address: start, on: values[0] != 0 },
         Function::WriteRegister => RequestPdu::WriteRegister { address: start, value: values[0] },
@@ -185,6 +200,11 @@ fn request_pdu<'a>(parsed: &text::ParsedRequest, data: &'a mut [u8; PDU_MAX]) ->
             }
             RequestPdu::WriteCoils { start, count, bits: &data[..values.len().div_ceil(8)] }
         }
+        Function::Unknown(device_id::FUNCTION) => {
+            let len = device_id::request_data(start as u8).len();
+            data[..len].copy_from_slice(&device_id::request_data(start as u8));
+            RequestPdu::Unknown { function: device_id::FUNCTION, data: &data[..len] }
+        }
         _ => {
             for (pair, value) in data.as_chunks_mut::<2>().0.iter_mut().zip(values) {
                 *pair = value.to_be_bytes();
@@ -192,6 +212,29 @@ fn request_pdu<'a>(parsed: &text::ParsedRequest, data: &'a mut [u8; PDU_MAX]) ->
             RequestPdu::WriteRegisters { start, words: &data[..2 * values.len()] }
         }
     }
+}
+
+/// The objects of a device identification: `device id: vendor "Acme", revision "V2.11"`. False where
+/// the data are none.
+fn write_device_id(data: &[u8], sink: &mut dyn ExplainSink) -> bool {
+    let Some(objects) = device_id::objects(data) else { return false };
+    sink.text("device id: ");
+    for (n, (object, text)) in objects.enumerate() {
+        if n > 0 {
+            sink.text(", ");
+        }
+        match device_id::object_name(object) {
+            "" => {
+                sink.text("object ");
+                write_decimal(i64::from(object), sink);
+            }
+            name => sink.text(name),
+        }
+        sink.text(" \"");
+        sink.text(core::str::from_utf8(text).unwrap_or("?"));
+        sink.text("\"");
+    }
+    true
 }
 
 /// The bytes of an ASCII frame.
@@ -530,6 +573,14 @@ impl PduExplainer {
         for (n, byte) in data.iter().enumerate() {
             let value = FieldValue::Hex(u64::from(*byte), 2);
             self.layout.emit_field(sink, "data", 2 + n..3 + n, value, "");
+        }
+        match (function, data) {
+            (device_id::FUNCTION, [device_id::MEI_TYPE, _, object]) => {
+                sink.text("read device id ");
+                return write_decimal(i64::from(*object), sink);
+            }
+            (device_id::FUNCTION, _) if write_device_id(data, sink) => return,
+            _ => {}
         }
         sink.text("function ");
         write_hex(u64::from(function), 2, sink);

@@ -17,9 +17,10 @@ mod proof;
 mod receive;
 
 use super::ascii::{self, AsciiDeframer};
+use super::device_id;
 use super::host_request::{Answer, HostRequest, RequestBody};
 use super::rtu::{self, ADU_MAX};
-use super::wire::{BROADCAST, Space, WireFormat};
+use super::wire::{BROADCAST, PDU_MAX, Space, WireFormat};
 use crate::error::Failure;
 use crate::medium::{SerialLine, Stream};
 use crate::proto::HostOptions;
@@ -202,6 +203,8 @@ impl AwaitedReply {
     fn pdu_len(self) -> usize {
         match Space::of_read_code(self.function) {
             Some(_) => 2 + usize::from(self.reply_fields.1),
+            // Its length is not known before it is there.
+            None if self.function == device_id::FUNCTION => PDU_MAX,
             None => 5,
         }
     }

@@ -1,7 +1,7 @@
 //! What the commanding end is asked for and what it brings back, as small values.
 
 use super::wire::{Function, RequestPdu, Space, WRITE_BITS_MAX, WireFormat, words};
-use super::{ascii, rtu};
+use super::{ascii, device_id, rtu};
 use crate::station::{self, RequestClass};
 
 /// Registers that a request or an answer carries inline.
@@ -66,6 +66,13 @@ pub enum RequestBody {
         /// The values.
         words: [u16; WORDS_MAX],
     },
+    /// 43/14: the text of an object of the device identification.
+    DeviceId {
+        /// Which.
+        object: u8,
+        /// Which seven bytes of it the answer brings.
+        part: u16,
+    },
 }
 
 impl RequestBody {
@@ -79,7 +86,14 @@ impl RequestBody {
             Self::WriteRegister { .. } => Function::WriteRegister,
             Self::WriteCoils { .. } => Function::WriteCoils,
             Self::WriteRegisters { .. } => Function::WriteRegisters,
+            Self::DeviceId { .. } => Function::Unknown(device_id::FUNCTION),
         }
+    }
+
+    /// Whether it only reads.
+    #[must_use]
+    pub const fn is_read(&self) -> bool {
+        matches!(self, Self::Read { .. } | Self::DeviceId { .. })
     }
 
     /// Hands the PDU to `with`.
@@ -103,6 +117,10 @@ impl RequestBody {
                 let len = 2 * usize::from(count).min(WORDS_MAX);
                 with(RequestPdu::WriteRegisters { start, words: &data[..len] })
             }
+            Self::DeviceId { object, .. } => {
+                let (function, data) = (device_id::FUNCTION, device_id::request_data(object));
+                with(RequestPdu::Unknown { function, data: &data })
+            }
         }
     }
 
@@ -116,6 +134,7 @@ impl RequestBody {
             Self::WriteRegister { address, value } => (address, value),
             Self::WriteCoils { start, count, .. } => (start, count),
             Self::WriteRegisters { start, count, .. } => (start, count as u16),
+            Self::DeviceId { object, .. } => (device_id::access_code(object) as u16, 0),
         }
     }
 }
@@ -189,6 +208,10 @@ impl Answer {
             RequestBody::WriteCoil { on, .. } => (self.count, self.words[0]) = (1, on.into()),
             RequestBody::WriteRegister { value, .. } => (self.count, self.words[0]) = (1, value),
             RequestBody::WriteCoils { .. } | RequestBody::WriteRegisters { .. } => {}
+            RequestBody::DeviceId { part, .. } => {
+                self.count = 4;
+                self.words[..4].copy_from_slice(&device_id::part_words(data, part));
+            }
         }
     }
 
@@ -201,14 +224,17 @@ impl Answer {
                 let len = usize::from(self.count).div_ceil(16).min(4);
                 self.words[..len].iter().rev().fold(0, |raw, &word| raw << 16 | i64::from(word))
             }
-            Some(_) => {
-                let len = usize::from(self.count).min(4);
-                self.words[..len].iter().fold(0, |raw, &word| raw << 16 | i64::from(word))
-            }
+            Some(_) => self.number(),
+            None if self.function == Function::Unknown(device_id::FUNCTION) => self.number(),
             None if matches!(self.function, Function::WriteCoil | Function::WriteRegister) => {
                 i64::from(self.words[0])
             }
             None => i64::from(self.count),
         }
+    }
+
+    fn number(&self) -> i64 {
+        let len = usize::from(self.count).min(4);
+        self.words[..len].iter().fold(0, |raw, &word| raw << 16 | i64::from(word))
     }
 }

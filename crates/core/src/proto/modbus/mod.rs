@@ -7,6 +7,7 @@ pub mod address;
 pub mod ascii;
 pub mod axis;
 pub mod device;
+pub mod device_id;
 pub mod encoding;
 pub mod explain;
 pub mod host;

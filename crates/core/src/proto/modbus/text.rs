@@ -6,6 +6,7 @@
 
 mod list;
 
+use super::device_id;
 use super::encoding::{self, register_count};
 use super::wire::{Function, READ_WORDS_MAX, Space, WRITE_WORDS_MAX};
 use crate::explain::TextError;
@@ -27,7 +28,8 @@ pub struct ParsedRequest {
 }
 
 /// Phrases that begin a text, the longer before those they begin with.
-const PHRASES: [(&str, TextVerb); 27] = [
+const PHRASES: [(&str, TextVerb); 28] = [
+    ("read device id", TextVerb::DeviceId),
     ("read holding registers", TextVerb::Read(Space::Holding)),
     ("read holding register", TextVerb::Read(Space::Holding)),
     ("read input registers", TextVerb::Read(Space::Input)),
@@ -63,6 +65,7 @@ enum TextVerb {
     ReadNamed,
     Write(Function),
     WriteNamed,
+    DeviceId,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -108,6 +111,7 @@ pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<ParsedRequ
         TextVerb::ReadNamed => parse_read(text, rest, None, profile),
         TextVerb::Write(function) => parse_write(text, rest, Some(function), profile),
         TextVerb::WriteNamed => parse_write(text, rest, None, profile),
+        TextVerb::DeviceId => parse_device_id(text, rest),
     }
 }
 
@@ -258,6 +262,28 @@ fn parse_write(
             Err(TextError { at: tokens[0].at, expected: "a register that can be written" })
         }
     }
+}
+
+/// `read device id OBJECT`, and which seven bytes of the object are the answer's value.
+fn parse_device_id(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, TextError> {
+    let expected = "an object of the device identification, 0 to 255";
+    let missing = TextError { at: text.len(), expected };
+    let [object, rest @ ..] = tokens else { return Err(missing) };
+    let start = parse_number(object.text).and_then(|number| u8::try_from(number).ok());
+    let start = start.ok_or(TextError { at: object.at, expected })?;
+    let expected = "which seven bytes of the text: 0 to 34, and the end of the text";
+    let part = |token: &Token<'_>| parse_number(token.text).filter(|part| (0..=34).contains(part));
+    let count = match rest {
+        [] => 0,
+        [only] => part(only).ok_or(TextError { at: only.at, expected })? as u16,
+        [_, extra, ..] => return Err(TextError { at: extra.at, expected }),
+    };
+    Ok(ParsedRequest {
+        function: Function::Unknown(device_id::FUNCTION),
+        start: start.into(),
+        count,
+        words: [0; READ_WORDS_MAX as usize],
+    })
 }
 
 fn is_word(text: &str) -> bool {

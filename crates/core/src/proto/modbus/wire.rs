@@ -5,6 +5,7 @@
 //! big-endian; bits lie eight to a byte, the lowest address in bit 0. Parsing borrows, emitting
 //! writes into the caller's buffer: nothing is allocated.
 
+use super::device_id;
 use crate::error::WireError;
 
 /// Longest PDU, bytes (MAP 4.1: 256 − address − CRC).
@@ -631,9 +632,9 @@ pub fn reply_span(head: &[u8]) -> AnnouncedLength {
         0x05 | 0x06 | 0x08 | 0x0B | 0x0F | 0x10 => AnnouncedLength::Bytes(5),
         0x07 => AnnouncedLength::Bytes(2),
         0x16 => AnnouncedLength::Bytes(7),
-        0x80 => AnnouncedLength::Never,
+        device_id::FUNCTION => device_id::reply_span(head),
+        0 | 0x80 => AnnouncedLength::Never,
         0x81.. => AnnouncedLength::Bytes(2),
-        0 => AnnouncedLength::Never,
         _ => AnnouncedLength::Unknown,
     }
 }

@@ -11,7 +11,7 @@ use crate::proto::modbus::encoding::{decode, register_count, words_from};
 use crate::proto::modbus::wire::{
     BROADCAST, EXCEPTION_BIT, Exception, ReplyPdu, RequestPdu, Space, WireFormat, word,
 };
-use crate::proto::modbus::{ascii, rtu};
+use crate::proto::modbus::{ascii, device_id, rtu};
 
 impl ModbusDissector {
     /// Station and PDU of a frame whose check agrees.
@@ -63,7 +63,13 @@ impl ModbusDissector {
             return Effect::UNKNOWN;
         };
         let (space, start, count) = match RequestPdu::parse(pdu) {
-            Ok(RequestPdu::Read { .. }) => return Effect::NOTHING,
+            Ok(
+                RequestPdu::Read { .. }
+                | RequestPdu::Unknown {
+                    function: device_id::FUNCTION,
+                    data: [device_id::MEI_TYPE, ..],
+                },
+            ) => return Effect::NOTHING,
             Ok(RequestPdu::WriteRegister { address, .. }) => (Space::Holding, address, 1),
             Ok(RequestPdu::WriteRegisters { start, words }) => {
                 (Space::Holding, start, words.len() as u16 / 2)

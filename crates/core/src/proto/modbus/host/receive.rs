@@ -6,6 +6,7 @@ use super::{
 };
 use crate::error::Failure;
 use crate::proto::modbus::ascii::{self, FeedResult};
+use crate::proto::modbus::device_id;
 use crate::proto::modbus::host_request::RequestBody;
 use crate::proto::modbus::rtu::{self, ADU_MAX};
 use crate::proto::modbus::wire::{
@@ -352,8 +353,20 @@ impl SerialHost {
                 self.fail_current(Failure::Refused { code: u32::from(exception.code()) });
             }
             ReplyPdu::Read { data, .. } => self.accept_answer(now, data),
+            ReplyPdu::Unknown { data, .. } => {
+                let text = self.find_device_id_object(data).unwrap_or_default();
+                self.accept_answer(now, text);
+            }
             _ => self.accept_answer(now, &[]),
         }
+    }
+
+    /// The text that the present request asks for. A device that does not have the object lists others.
+    fn find_device_id_object<'a>(&self, data: &'a [u8]) -> Option<&'a [u8]> {
+        let RequestBody::DeviceId { object, .. } = self.current.as_ref()?.request.body else {
+            return None;
+        };
+        device_id::objects(data)?.find_map(|(found, text)| (found == object).then_some(text))
     }
 
     /// An exchange that could tell of an echo had none.
@@ -470,6 +483,10 @@ fn matches_outstanding(awaited: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
             awaited.function == if coils { 0x0F } else { 0x10 }
                 && awaited.reply_fields == (start, count)
         }
-        ReplyPdu::Unknown { .. } => false,
+        ReplyPdu::Unknown { function, data } => {
+            function == awaited.function
+                && matches!(data, [device_id::MEI_TYPE, code, ..]
+                    if u16::from(*code) == awaited.reply_fields.0)
+        }
     }
 }
