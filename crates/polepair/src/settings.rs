@@ -12,6 +12,8 @@
 //! A value is text with a unit, one of the parameter's words, or a number in the parameter's own
 //! unit; `{ raw = 120 }` where no text means exactly what the drive holds.
 
+mod process_data;
+
 use crate::amount::{Amount, Value};
 use crate::axis::{Axis, PendingWrites};
 use crate::eds::Eds;
@@ -23,6 +25,7 @@ use polepair_core::error::{Failure, Outcome};
 use polepair_core::profile::{
     Access, Certainty, Parameter, ParameterId, Persistence, Profile, encoding_word,
 };
+pub use process_data::SettingWrite;
 use std::fmt::{self, Write};
 use std::path::Path;
 
@@ -118,8 +121,7 @@ impl Settings {
         })
     }
 
-    /// The values that a DCF gives its node. Process data (1400h to 1BFFh), store and restore, and what is
-    /// no number are left out.
+    /// The values that a DCF gives its node. Store and restore, and what is no number are left out.
     fn from_dcf(file: &Path, eds: &Eds) -> Result<Self, FileError> {
         let location = FileLocation::built_in(&file.display().to_string());
         let node = eds.node_id();
@@ -130,10 +132,12 @@ impl Settings {
             let Some(value) = entry.value.as_ref().filter(|_| entry.access.is_writable()) else {
                 continue;
             };
+            if process_data::is_unused_entry(eds, object.index, entry.sub) {
+                continue;
+            }
             let (index, sub) = (object.index, entry.sub);
             let address = crate::eds::symbol(index, sub);
             let reason = match index {
-                0x1400..0x1C00 => Some("process data are not written from a DCF"),
                 0x1010 | 0x1011 => Some("it stores or restores settings"),
                 _ if !entry.access.is_readable() => Some("it cannot be read back"),
                 _ => None,
@@ -373,21 +377,17 @@ impl AxisSettings {
                 format!("these are settings of {}, this is {}", self.profile, profile.name);
             return Err(self.location.error(reason).into());
         }
-        let fits = |setting: &&Setting| !self.is_sheet || setting.unfit_reason(axis).is_none();
-        let named = self.settings.iter().filter(fits);
-        let named = named.map(|setting| Ok((setting.find_parameter(axis)?, setting)));
-        let mut named = named.collect::<Result<Vec<_>, Error>>()?;
-        named.sort_by_key(|(id, _)| !axis.scales(*id));
-        let (mut wanted, mut pending) = (Vec::new(), PendingWrites::default());
-        for (id, setting) in named {
-            let raw = setting.raw_value(axis, id, &pending)?;
-            pending.insert(id, raw);
-            wanted.push((id, raw));
-        }
+        let wanted = self.raw_values(axis)?;
+        let mut pending = PendingWrites::default();
+        wanted.iter().for_each(|(id, raw)| pending.insert(*id, *raw));
         let mut changes = Vec::new();
         for (n, &(id, raw)) in wanted.iter().enumerate() {
             progress(n, wanted.len());
-            let now = axis.read(id)?;
+            let now = match axis.read(id) {
+                // An entry that is not in use can be missing.
+                Err(error) if process_data::is_refused_entry(axis, id, &error) => 0,
+                now => now?,
+            };
             if now != raw {
                 let (now, wanted) = (axis.value(id, now)?, axis.value_after(id, raw, &pending)?);
                 changes.push(SettingChange {
@@ -400,6 +400,24 @@ impl AxisSettings {
             }
         }
         Ok(changes)
+    }
+}
+
+impl AxisSettings {
+    /// What the drive holds once all settings are written, what scales others first.
+    fn raw_values(&self, axis: &Axis) -> Result<Vec<(ParameterId, i64)>, Error> {
+        let fits = |setting: &&Setting| !self.is_sheet || setting.unfit_reason(axis).is_none();
+        let named = self.settings.iter().filter(fits);
+        let named = named.map(|setting| Ok((setting.find_parameter(axis)?, setting)));
+        let mut named = named.collect::<Result<Vec<_>, Error>>()?;
+        named.sort_by_key(|(id, _)| !axis.scales(*id));
+        let (mut wanted, mut pending) = (Vec::new(), PendingWrites::default());
+        for (id, setting) in named {
+            let raw = setting.raw_value(axis, id, &pending)?;
+            pending.insert(id, raw);
+            wanted.push((id, raw));
+        }
+        Ok(wanted)
     }
 }
 

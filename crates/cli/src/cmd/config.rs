@@ -208,7 +208,7 @@ impl ConfigApply {
         self.check_power(&plan)?;
         self.check_arming(&plan)?;
         self.ask_consent(count)?;
-        self.write_changes(&plan, count)
+        self.write_changes(&session, &file, &plan)
     }
 
     /// A powered motor takes new gains and limits at once.
@@ -261,31 +261,42 @@ impl ConfigApply {
         Err(refused("not agreed."))
     }
 
-    fn write_changes(&self, plan: &[(&Axis, Vec<SettingChange>)], count: usize) -> Result {
-        let mut written = 0;
+    fn write_changes(
+        &self,
+        session: &Session,
+        file: &Settings,
+        plan: &[(&Axis, Vec<SettingChange>)],
+    ) -> Result {
+        let mut writes = Vec::new();
         for (axis, changes) in plan {
+            let settings = file.for_axis(axis, session.axes().len());
+            let its = settings.and_then(|settings| settings.writes(axis, changes));
+            writes.push((*axis, its.map_err(outcome::to_problem)?));
+        }
+        let count: usize = writes.iter().map(|(_, its)| its.len()).sum();
+        let mut written = 0;
+        for (axis, writes) in &writes {
             axis.arm(self.arm);
-            for change in changes {
-                if let Err(error) = axis.write(change.id, change.wanted.raw, self.store) {
+            for write in writes {
+                if let Err(error) = axis.write(write.id, write.raw, self.store && !write.is_step) {
                     if written == 0 {
                         return Err(outcome::to_problem(error));
                     }
-                    let what =
-                        format!("{written} of {count} settings were written, then it failed.");
+                    let what = format!("{written} of {count} writes were done, then one failed.");
                     return Err(Problem::new(Exit::Partial, "E701", what)
                         .why(error.to_string())
                         .hint("`polepair config diff URL FILE` shows what is still to do"));
                 }
                 written += 1;
                 // The others were converted by it.
-                if axis.scales(change.id) {
-                    let stored = axis.read(change.id).map_err(outcome::to_problem)?;
-                    if stored != change.wanted.raw {
-                        let name = parameter_names(axis, [change]).join("");
+                if axis.scales(write.id) {
+                    let stored = axis.read(write.id).map_err(outcome::to_problem)?;
+                    if stored != write.raw {
+                        let name = axis.parameter(write.id).map_or("?", |p| p.name);
                         let what = format!("the drive did not keep {name}.");
                         return Err(Problem::new(Exit::Negative, "E111", what).why(format!(
-                            "Other settings are scaled by it: {written} of {count} were written, \
-                             and no more."
+                            "Other settings are scaled by it: {written} of {count} writes were \
+                             done, and no more."
                         )));
                     }
                 }
@@ -302,7 +313,8 @@ impl ConfigApply {
             }
         }
         if differing.is_empty() {
-            print_note(&format!("{} written and read back", plural(written as u64, "setting")));
+            let changed: usize = plan.iter().map(|(_, changes)| changes.len()).sum();
+            print_note(&format!("{} written and read back", plural(changed as u64, "setting")));
             return Ok(Exit::Ok);
         }
         let what = format!("the drive did not keep {}.", differing.join(", "));

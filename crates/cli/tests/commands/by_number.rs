@@ -57,10 +57,20 @@ fn a_dcf_is_compared_and_applied() {
     let object = |index: &str, kind: u8, value: &str| {
         format!("[{index}]\nParameterName=o{index}\nDataType={kind}\nAccessType=rw\n{value}\n")
     };
+    let entry = |index: &str, sub: u8, kind: u8, value: &str| {
+        object(&format!("{index}sub{sub}"), kind, &format!("ParameterValue={value}"))
+    };
     let text = [
+        "[1400]\nParameterName=RPDO\nObjectType=9\nSubNumber=3\n".to_owned(),
+        "[1600]\nParameterName=mapping\nObjectType=9\nSubNumber=4\n".to_owned(),
         "[DeviceComissioning]\nNodeID=2\n".to_owned(),
         object("1017", 6, "ParameterValue=250"),
-        object("1400", 7, "ParameterValue=0x202"),
+        entry("1400", 1, 7, "$NODEID+0x200"),
+        entry("1400", 2, 5, "1"),
+        entry("1600", 0, 5, "2"),
+        entry("1600", 1, 7, "0x60400010"),
+        entry("1600", 2, 7, "0x60FF0020"),
+        entry("1600", 3, 7, "0"),
         object("6040", 6, "ParameterValue=15"),
         object("6083", 7, "ParameterValue=0x1000"),
         object("6084", 7, "DefaultValue=5"),
@@ -69,14 +79,19 @@ fn a_dcf_is_compared_and_applied() {
     let file = dcf.to_str().expect("text");
     let differs = polepair(&["config", "diff", &served.url, file]);
     assert_eq!(differs.code, 1, "{}", differs.err);
-    assert!(differs.err.contains("1400h is left out: process data"), "{}", differs.err);
     assert!(differs.err.contains("6040h:u16 is left out: it moves the motor"), "{}", differs.err);
     let shown = &differs.out;
     assert!(shown.contains("heartbeat time") && !shown.contains("6084"), "{shown}");
+    assert!(shown.contains("rpdo 1 entry 2") && !shown.contains("entry 3"), "{shown}");
     let applied = polepair(&["config", "apply", &served.url, file, "--yes"]);
     assert!(applied.code == 0 && applied.err.contains("read back"), "{}", applied.err);
     assert_eq!(run::ok(&["get", &served.url, "0x1017", "--raw"]), "heartbeat time = 250\n");
     assert_eq!(polepair(&["config", "diff", &served.url, file]).code, 0);
+    let mapped = ["0x1400:1:u32", "0x1400:2:u8", "0x1600:0:u8", "0x1600:2:u32"];
+    let shown = run::ok(&[&["get", &served.url, "--raw", "--format", "csv"], &mapped[..]].concat());
+    for value in [0x202, 1, 2, 0x60FF_0020_u32] {
+        assert!(shown.contains(&format!(",{value},")), "{value} in {shown}");
+    }
     // What no table describes needs --arm.
     let more = object("2F01", 7, "ParameterValue=33");
     std::fs::write(&dcf, text.concat() + &more).expect("written");
