@@ -36,7 +36,8 @@ class OddDrive:
         self.state, self.old, self.ack, self.reached = 0x40, 0, False, True
         self.position, self.target, self.homing = 0.0, None, None
         self.fault_at, self.sto_at, self.fault_homing_after = None, None, None
-        self.keeps_mode = False
+        # It takes another mode never, or only while it is not enabled.
+        self.keeps_mode = self.locks_mode = False
         # So many looks at the statusword see the bits of an earlier homing.
         self.stale_reads, self.homing_s, self.homed = 0, 0.3, 0
         self.lock = threading.RLock()
@@ -117,7 +118,8 @@ class OddDrive:
     def write(self, key, value):
         self.values[key] = value
         self.writes.append((key[0], value))
-        if key == (0x6060, 0) and not self.keeps_mode:
+        locked = self.locks_mode and self.state == 0x27
+        if key == (0x6060, 0) and not self.keeps_mode and not locked:
             self.values[0x6061, 0] = value
         if key != (0x6040, 0):
             return

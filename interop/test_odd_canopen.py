@@ -169,3 +169,16 @@ def test_a_mode_that_a_drive_does_not_take_is_named_with_what_to_do(odd):
     assert "not 1 (profile position)" in refused.stderr and "polepair disable" in refused.stderr, refused
     # No new set-point is started.
     assert not [value for written, value in drive.writes if written == 0x6040 and value & 0x10]
+
+
+def test_the_mode_is_written_before_an_axis_is_enabled(odd):
+    drive = odd()
+    drive.locks_mode = True
+    polepair("move", drive.url, "0.1turn")
+    polepair("spin", drive.url, "10", "--raw", "--for", "100ms")
+    polepair("move", drive.url, "0.2turn", "--rel")
+    assert (0x60FF, 10) in drive.writes
+    # Enabled in another mode it has to be disabled first.
+    polepair("enable", drive.url)
+    refused = polepair("spin", drive.url, "10", "--raw", check=False)
+    assert refused.returncode == 1 and "polepair disable" in refused.stderr, refused

@@ -215,7 +215,7 @@ pub fn conclude(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
 /// was.
 pub fn run_powered(session: &Session, axis: &Axis, motion: impl FnOnce() -> Result<()>) -> Result {
     let mut started_motion = StartedMotion::new(&session.arguments);
-    let ended = started_motion.power(axis, true).and_then(|()| {
+    let ended = started_motion.power(axis, true, None).and_then(|()| {
         started_motion.mark_moved();
         motion()
     });
@@ -248,11 +248,16 @@ impl StartedMotion {
         Self { started: Vec::new(), _holding: interrupt::hold_motion(url) }
     }
 
-    /// Arms an axis, and powers it.
-    fn power(&mut self, axis: &Axis, powers: bool) -> Result<()> {
+    /// Arms an axis, and powers it in the mode of the verb that follows.
+    fn power(&mut self, axis: &Axis, powers: bool, verb: Option<Verb>) -> Result<()> {
         axis.arm(true);
         self.started.push(StartedAxis { axis: axis.clone(), enabled_here: powers, moved: false });
-        if powers { run_optional_verb(axis, Verb::Enable).map(drop) } else { Ok(()) }
+        if !powers {
+            return Ok(());
+        }
+        let prepared = verb.map_or(Ok(()), |verb| axis.prepare_mode(verb));
+        prepared.map_err(outcome::to_problem)?;
+        run_optional_verb(axis, Verb::Enable).map(drop)
     }
 
     /// A motion is asked for.
@@ -289,9 +294,9 @@ impl Drop for StartedMotion {
 
 /// Powers every axis, before any of them moves.
 fn power_axes(commands: &[(Axis, Command)], started_motion: &mut StartedMotion) -> Result<()> {
-    for (axis, _) in commands {
+    for (axis, command) in commands {
         let enabled = read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
-        started_motion.power(axis, !enabled)?;
+        started_motion.power(axis, !enabled, Some(command.verb))?;
     }
     Ok(())
 }

@@ -144,7 +144,14 @@ impl DriveArgs {
     pub fn rehearse_motion(&self, command: impl Fn(&Axis) -> Result<Command>) -> Result {
         self.rehearse_all(|axis| {
             let enable = axis.profile().plan(Verb::Enable).map(|_| Command::new(Verb::Enable));
-            Ok(enable.into_iter().chain([command(axis)?]).collect())
+            let command = command(axis)?;
+            if let Some((id, mode)) = axis.mode_for(command.verb) {
+                let name = axis.parameter(id).map_or("?", |parameter| parameter.name);
+                print_note(&format!(
+                    "where the axis is off and in another mode: write {name} = {mode} first"
+                ));
+            }
+            Ok(enable.into_iter().chain([command]).collect())
         })
     }
 

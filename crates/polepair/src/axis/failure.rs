@@ -27,6 +27,9 @@ pub(crate) enum RequestKind {
     Command,
 }
 
+/// What to do where a drive does not take another mode of operation.
+const MODE_HINT: &str =
+    "some drives change their mode only without power: `polepair disable` first";
 /// Steps that are named one by one at most.
 const NAMED_STEPS_MAX: usize = 6;
 
@@ -55,6 +58,12 @@ impl Axis {
             Failure::Silent => (no_answer_text(&details), details.hint().to_owned()),
             failure => self.failure_reason(failure),
         };
+        if let (RequestKind::Verb(verb), Outcome::Partly(Failure::Refused { .. }, extent)) =
+            (kind, outcome)
+            && self.refused_mode(verb, extent)
+        {
+            hint = MODE_HINT.to_owned();
+        }
         let may_turn = self.is_out_of_reach(kind, failure);
         if let (true, Watchdog::Fixed { after_ms }) = (may_turn, self.profile.watchdog) {
             hint = format!("the drive should stop {after_ms} ms after the link died; {hint}");
@@ -145,6 +154,16 @@ impl Axis {
         ];
         let messages: Vec<String> = parts.into_iter().flatten().collect();
         format!("it was executed in part; {}", messages.join("; "))
+    }
+
+    /// Whether what was refused of a verb is its mode of operation.
+    fn refused_mode(&self, verb: Verb, extent: Extent) -> bool {
+        let (Some((id, mode)), Some(plan)) = (self.mode_for(verb), self.profile.plan(verb)) else {
+            return false;
+        };
+        let is_mode = |step: &Step| *step == Step::Write(id, Operand::Constant(mode));
+        let refused = plan.steps.iter().enumerate().filter(|(n, _)| extent.refused >> n & 1 == 1);
+        refused.map(|(_, step)| step).any(is_mode)
     }
 
     fn step_name(&self, n: usize, step: Option<&Step>) -> String {
@@ -244,7 +263,7 @@ impl Axis {
         };
         let mode = self.profile.signal(Signal::Mode).map(|source| source.parameter);
         let hint = match mode == Some(unmet.parameter) {
-            true => "some drives change their mode only without power: `polepair disable` first",
+            true => MODE_HINT,
             false => HINT,
         };
         (format!("not reached in time: {reason}"), hint.to_owned())

@@ -1,10 +1,49 @@
 //! What a state says: the mode of operation in words, and whether the motor moves.
 
 use super::Axis;
-use polepair_core::axis::{AxisStatus, Reading};
-use polepair_core::profile::{Encoding, Signal};
+use crate::error::Error;
+use polepair_core::axis::{AxisStatus, Reading, Verb};
+use polepair_core::error::{Failure, Outcome};
+use polepair_core::plan::{Operand, Step};
+use polepair_core::profile::{Encoding, ParameterId, Signal};
 
 impl Axis {
+    /// The parameter that selects the mode of operation for a verb, and its raw value: what the verb's
+    /// plan writes before it waits for the mode. `None` where it waits for none.
+    #[must_use]
+    pub fn mode_for(&self, verb: Verb) -> Option<(ParameterId, i64)> {
+        let display = self.profile.signal(Signal::Mode)?.parameter;
+        let steps = self.profile.plan(verb)?.steps;
+        steps.windows(2).rev().find_map(|pair| match *pair {
+            [Step::Write(id, Operand::Constant(mode)), Step::Until { read, test, .. }]
+                if read == display && test.passes(mode) =>
+            {
+                Some((id, mode))
+            }
+            _ => None,
+        })
+    }
+
+    /// Writes the mode of operation that a verb needs, for an axis that is off and is to be enabled for
+    /// it: some drives take another mode only then. Where the drive refuses it, the verb tells that.
+    ///
+    /// # Errors
+    /// [`Error`] by blame.
+    pub fn prepare_mode(&self, verb: Verb) -> Result<(), Error> {
+        let (Some((id, mode)), Some(display)) =
+            (self.mode_for(verb), self.profile.signal(Signal::Mode))
+        else {
+            return Ok(());
+        };
+        if self.read(display.parameter)? == mode {
+            return Ok(());
+        }
+        match self.write(id, mode, false) {
+            Err(Error::Failed { outcome: Outcome::NotDone(Failure::Refused { .. }), .. }) => Ok(()),
+            written => written,
+        }
+    }
+
     /// The mode of operation that a state has, in the profile's words: those of the signal, then of
     /// its parameter; its number where it has no word, `None` while it was never read.
     #[must_use]
