@@ -22,7 +22,9 @@ class OddDrive:
         (0x6099, 1): 4, (0x60FF, 0): 4, (0x6502, 0): 4,
     }  # fmt: skip
 
-    def __init__(self, node=5, per_turn=10_000, per_rpm=None, objects=None, without=()):
+    def __init__(self, node=5, per_turn=10_000, per_rpm=None, objects=None, without=(), second=None):
+        # The second axis of the node, with objects 800h above.
+        self.second = OddDrive(node, **second) if second is not None else None
         self.node, self.per_turn = node, per_turn
         self.per_rpm = per_rpm or per_turn / 60
         self.sizes = {key: size for key, size in self.SIZES.items() if key[0] not in without}
@@ -50,6 +52,8 @@ class OddDrive:
     def close(self):
         self.ended = True
         self.server.close()
+        if self.second:
+            self.second.close()
 
     # The wire.
 
@@ -85,6 +89,11 @@ class OddDrive:
         if cob != 0x600 + self.node or len(frame) != 8:
             return None
         command, index, sub = struct.unpack("<BHB", frame[:4])
+        if self.second and 0x6800 <= index < 0x7000:
+            first = frame[:1] + struct.pack("<H", index - 0x800) + frame[3:]
+            with self.second.lock:
+                reply = self.second.receive(cob, first)
+            return reply[:1] + struct.pack("<H", index) + reply[3:]
         key = (index, sub)
         if key not in self.sizes:
             known = any(one[0] == index for one in self.sizes)

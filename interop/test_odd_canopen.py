@@ -1,5 +1,6 @@
 """CiA 402 drives as they are in the field: units of their own, faults without a message, odd homing."""
 
+import json
 import time
 
 import pytest
@@ -182,3 +183,34 @@ def test_the_mode_is_written_before_an_axis_is_enabled(odd):
     polepair("enable", drive.url)
     refused = polepair("spin", drive.url, "10", "--raw", check=False)
     assert refused.returncode == 1 and "polepair disable" in refused.stderr, refused
+
+
+def test_the_second_axis_of_a_node_is_an_axis(odd):
+    drive = odd(second={"per_turn": 4000})
+    second = f"{drive.url}.2"
+    assert polepair("info", second).stdout.startswith("axis 5.2: "), polepair("info", second)
+    rows = polepair("scan", drive.url, "--format", "csv").stdout.splitlines()
+    assert [row.split(",")[0] for row in rows] == ["axis", "5", "5.2"], rows
+    polepair("move", second, "1turn")
+    assert drive.second.position == 4000 and drive.position == 0
+    assert not drive.writes and (0x607A, 4000) in drive.second.writes
+    shown = polepair("get", f"{drive.url},5.2", "position actual", "0x6064:0:i32", "--raw").stdout
+    assert [line.split()[-1] for line in shown.splitlines()] == ["0", "0", "4000", "4000"], shown
+    refused = polepair("get", f"{drive.url}.9", "0x6041", check=False)
+    assert refused.returncode == 2 and "has no such axis" in refused.stderr, refused
+    row = json.loads(polepair("get", second, "0x6041", "--format", "jsonl").stdout)
+    assert row["axis"] == 5.2, row
+    missing = polepair("get", f"{drive.url}.3", "0x6041", check=False)
+    assert missing.returncode == 6, missing
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_stop_reaches_the_second_axis(odd, named):
+    drive = odd(second={"per_turn": 4000})
+    for url in [drive.url, f"{drive.url}.2"]:
+        polepair("spin", url, "10", "--raw", "--detach")
+    assert drive.state == drive.second.state == 0x27
+    told = polepair("stop", drive.url if named else drive.url.split("#")[0])
+    for one in [drive, drive.second]:
+        assert one.old & 0x100 and one.values[0x60FF, 0] == 0, one.writes
+    assert "axis 5.2" in told.stdout + told.stderr, told

@@ -9,6 +9,7 @@ mod motion;
 use std::path::PathBuf;
 
 use clap::{Arg, Args, Command};
+use polepair::url::AxisNumber;
 pub use polepair_client::ALL;
 use polepair_client::message::{AxisInfo, BenchView, LinkState, LinkView};
 use polepair_client::{Gateway, GatewayError, GatewayOptions, select_axes};
@@ -211,8 +212,10 @@ impl RemoteSession {
     pub fn axis_prefix(&self, axes: &[AxisInfo], axis: &AxisInfo) -> String {
         match (axes.len(), &*axis.name) {
             (0 | 1, _) => String::new(),
-            (_, "") if self.bench.links.len() > 1 => format!("{}#{} ", axis.link, axis.number),
-            (_, "") => format!("#{} ", axis.number),
+            (_, "") if self.bench.links.len() > 1 => {
+                format!("{}#{} ", axis.link, AxisNumber(axis.number))
+            }
+            (_, "") => format!("#{} ", AxisNumber(axis.number)),
             (_, name) => format!("{name} "),
         }
     }
@@ -251,7 +254,7 @@ pub fn link_troubles(link: &LinkView) -> Vec<String> {
     }
     for axis in absent {
         let why = hinted(&axis.error);
-        lines.push(format!("axis {} of link {id} is not there: {why}", axis.number));
+        lines.push(format!("axis {} of link {id} is not there: {why}", AxisNumber(axis.number)));
     }
     for number in owed {
         lines.push(format!(

@@ -1,5 +1,6 @@
 //! An open link as the verbs use it: interruptible, with errors in sentences.
 
+use polepair::url::AxisNumber;
 use polepair::{Axis, Link, Value};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::{ParameterId, Signal};
@@ -39,7 +40,7 @@ impl Session {
     pub fn axis_prefix(&self, axis: &Axis) -> String {
         match (self.axes().len(), axis.name()) {
             (0 | 1, _) => String::new(),
-            (_, "") => format!("#{} ", axis.number()),
+            (_, "") => format!("#{} ", AxisNumber(axis.number())),
             (_, name) => format!("{name} "),
         }
     }

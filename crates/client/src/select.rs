@@ -1,5 +1,6 @@
 //! Which axes of a server are meant, and in what they are measured.
 
+use polepair_core::proto::AxisNumber;
 use polepair_core::units::Unit;
 use polepair_messages::{AxisInfo, BenchView, LinkView};
 
@@ -92,14 +93,15 @@ fn find_axis(
 ) -> Result<AxisInfo, GatewayError> {
     let on_link = |axis: &&AxisInfo| link.is_none_or(|link| axis.link == link.id);
     let named = |axis: &&AxisInfo| {
-        (!axis.name.is_empty() && axis.name == word) || word.parse() == Ok(axis.number)
+        let number = AxisNumber::parse(word).map(|number| number.0);
+        (!axis.name.is_empty() && axis.name == word) || number == Some(axis.number)
     };
     let found: Vec<_> = bench.axes.iter().filter(on_link).filter(named).collect();
     match found[..] {
         [one] => Ok(one.clone()),
         [] => {
             let links = bench.links.iter().filter(|its| link.is_none_or(|link| its.id == link.id));
-            let mut absent = links.filter_map(|link| absent_error(link, word.parse().ok()?));
+            let mut absent = links.filter_map(|link| absent_error(link, AxisNumber::parse(word)?));
             Err(absent.next().unwrap_or_else(|| unknown_axis_error(bench, word)))
         }
         _ => {
@@ -111,10 +113,10 @@ fn find_axis(
 }
 
 /// Why an axis that the server's link should have is not there.
-fn absent_error(link: &LinkView, number: u32) -> Option<GatewayError> {
+fn absent_error(link: &LinkView, number: AxisNumber) -> Option<GatewayError> {
     let LinkView { id, absent, owed, error, .. } = link;
-    let absent = absent.iter().find(|axis| axis.number == number).map(|axis| &axis.error);
-    let is_owed = owed.contains(&number);
+    let absent = absent.iter().find(|axis| axis.number == number.0).map(|axis| &axis.error);
+    let is_owed = owed.contains(&number.0);
     let why = absent.or(error.as_ref().filter(|_| is_owed))?;
     let what =
         format!("axis {number} of link {id} is not there, and was told nothing: {}", why.message);
@@ -146,7 +148,7 @@ fn list_hint(all: impl Iterator<Item = String>) -> String {
 /// What means this axis and no other.
 fn full_name(axis: &AxisInfo) -> String {
     match &*axis.name {
-        "" => format!("{}#{}", axis.link, axis.number),
+        "" => format!("{}#{}", axis.link, AxisNumber(axis.number)),
         name => name.to_owned(),
     }
 }

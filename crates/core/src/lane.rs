@@ -32,6 +32,7 @@ use crate::medium::Medium;
 use crate::plan::Step;
 use crate::profile::{AddressRole, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand};
+use crate::proto::drive_address;
 use crate::station::{
     AxisIndex, Counters, EventSubject, Host, HostEvent, LineEvent, Request, RequestClass, Station,
     Ticket, Timed,
@@ -163,7 +164,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         while let Some((n, job)) = self.jobs.next_ready(open) {
             let Some(slot) = self.slots.get_mut(usize::from(job.axis)) else { return };
             if core::mem::take(&mut slot.implausible_reply) {
-                self.host.quarantine_drive(now, slot.driver.address());
+                self.host.quarantine_drive(now, drive_address(slot.driver.address()));
             }
             if let Some((id, request)) = execute::plain_read_request(job, slot) {
                 if let Ok(()) = self.host.submit(now, Ticket(n as u32), *request) {

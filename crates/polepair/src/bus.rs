@@ -1,6 +1,7 @@
 //! What drives of several protocols must agree on to share a CAN bus: identifiers, and bits.
 
 use crate::registry::ProtocolInfo;
+use crate::url::AxisNumber;
 use polepair_core::medium::Frame;
 use polepair_sim::can_bus::bits;
 
@@ -41,7 +42,7 @@ impl BusAddress {
 
     /// `canopen 2`.
     pub(crate) fn label(&self) -> String {
-        format!("{} {}", self.protocol.name, self.address)
+        format!("{} {}", self.protocol.name, AxisNumber(self.address))
     }
 }
 

@@ -612,12 +612,15 @@ impl Link {
         }
     }
 
-    /// The axis that a rack file calls so.
+    /// The axis that a rack file calls so, or that has this number as connection strings write it:
+    /// `5.2` is the second axis of drive 5.
     ///
     /// # Errors
     /// [`Error::Usage`] `E212`.
     pub fn axis_named(&self, name: &str) -> Result<Axis, Error> {
+        let has_number = |axis: &&Axis| AxisNumber(axis.number).to_string() == name;
         let found = self.axes.iter().find(|axis| axis.name == name);
+        let found = found.or_else(|| self.axes.iter().find(has_number));
         found.cloned().ok_or_else(|| self.no_axis_error(name))
     }
 

@@ -31,6 +31,8 @@ pub(crate) struct ProtocolInfo {
     pub(crate) has_standards: bool,
     /// Groups of drives that can be told something at once, by number from 1.
     pub(crate) groups: u8,
+    /// The numbers of the axes that a drive can have at one address.
+    pub(crate) sub_axes: RangeInclusive<u8>,
     /// The address that means everybody.
     pub(crate) broadcast: Option<u32>,
     /// The host's own address, which no axis can have.
@@ -81,6 +83,8 @@ impl ProtocolInfo {
         if address & GROUP != 0 {
             return self.check_groups(address);
         }
+        self.check_sub_axis(address)?;
+        let address = proto::drive_address(address);
         if let Some(why) = (self.forbidden_reason)(address) {
             return Err(Error::usage(
                 "E212",
@@ -94,6 +98,22 @@ impl ProtocolInfo {
         let (first, last) = (self.all_addresses.start(), self.all_addresses.end());
         let what = format!("no drive can have the address {address} on {}", self.name);
         Err(Error::usage("E212", what, format!("addresses are {first} to {last}")))
+    }
+
+    /// Refuses an axis of a drive that the protocol has not.
+    fn check_sub_axis(&self, address: u32) -> Result<(), Error> {
+        let sub = proto::sub_axis(address);
+        let (first, last) = (self.sub_axes.start(), self.sub_axes.end());
+        if sub == 0 || (first + 1..=*last).contains(&sub) {
+            return Ok(());
+        }
+        let what = format!("`#{}`: {} has no such axis", AxisNumber(address), self.name);
+        let drive = proto::drive_address(address);
+        let hint = match first == last {
+            true => format!("a drive has one axis: `#{drive}`"),
+            false => format!("`#{drive}` is the first, then `#{drive}.{}` to `.{last}`", first + 1),
+        };
+        Err(Error::usage("E212", what, hint))
     }
 
     fn check_groups(&self, address: u32) -> Result<(), Error> {
@@ -191,6 +211,7 @@ impl proto::ProtocolVisitor for ProtocolLister {
             all_addresses: P::VALID_ADDRESSES,
             has_standards: P::HAS_SERIAL_STANDARDS,
             groups: P::GROUPS,
+            sub_axes: P::SUB_AXES,
             broadcast: P::BROADCAST_ADDRESS,
             host: P::HOST_ADDRESS,
             is_ascii: P::IS_ASCII,

@@ -14,7 +14,7 @@ mod scanner;
 
 pub use scanner::{AxisAnswer, DriveScanner};
 
-use crate::axis::DeviceDetail;
+use crate::axis::{Axis, DeviceDetail};
 use crate::bus::{self, BusAddress};
 use crate::connect::{Connector, ProtocolLine};
 use crate::error::Error;
@@ -24,7 +24,8 @@ use crate::registry::SenderDetector;
 use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::{CountedLink, SharedLink};
 use polepair_core::medium::{Can, Frame};
-use polepair_core::profile::Profile;
+use polepair_core::profile::{Profile, Signal};
+use polepair_core::proto::{sub_axis, with_sub_axis};
 use polepair_link::{LinkError, LinkIo, Received, clock};
 use std::ops::{ControlFlow, RangeInclusive};
 
@@ -90,6 +91,31 @@ impl DetectedDrive {
         let (protocol, identified) = (line.protocol.name, Identification::Named);
         let (clash, ignores_address, details) = (None, false, Vec::new());
         Self { number, protocol, profile, identified, clash, ignores_address, details }
+    }
+}
+
+impl ProtocolLine {
+    /// The other axes of a drive that was found: each that tells its state, up to the first that does
+    /// not.
+    pub(crate) fn further_axes(&self, one: &DetectedDrive) -> Result<Vec<DetectedDrive>, Error> {
+        let (first, last) = (*self.protocol.sub_axes.start(), *self.protocol.sub_axes.end());
+        let state = one.profile.signal(Signal::Enabled).map(|source| source.parameter);
+        let Some(state) = state.filter(|_| first < last && sub_axis(one.number) == 0) else {
+            return Ok(Vec::new());
+        };
+        let numbers = (first + 1..=last).map(|sub| with_sub_axis(one.number, sub));
+        let drives: Vec<_> = numbers.map(|number| (one.profile, number)).collect();
+        let axes = self.probe_axes(&drives, false)?;
+        if let Some(axis) = axes.first() {
+            axis.connection().with_axes(|axes, now| axes.handle_resume(now));
+        }
+        let answers = axes.iter().take_while(|axis| axis.read(state).is_ok());
+        let found = |axis: &Axis| DetectedDrive {
+            number: axis.number(),
+            identified: one.identified.clone(),
+            ..DetectedDrive::with_known_profile(self, one.number, one.profile)
+        };
+        Ok(answers.map(found).collect())
     }
 }
 

@@ -341,9 +341,16 @@ fn find_and_stop(
                 continue;
             }
         };
-        stop_found(line, &(one.clone(), command), (stopped, on_event))?;
+        stop_found(line, &(one.clone(), command), (&mut *stopped, &mut *on_event))?;
         match missing {
-            None => found.push(one),
+            None => {
+                let further = line.further_axes(&one)?;
+                found.push(one);
+                for axis in further {
+                    stop_found(line, &(axis.clone(), command), (&mut *stopped, &mut *on_event))?;
+                    found.push(axis);
+                }
+            }
             Some(error) => deaf.push((one, error)),
         }
     }

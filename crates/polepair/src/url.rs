@@ -16,7 +16,8 @@ use crate::error::Error;
 use crate::registry;
 use crate::spelling;
 use polepair_core::medium::MediumKind;
-use polepair_core::proto::GROUP;
+pub use polepair_core::proto::AxisNumber;
+use polepair_core::proto::{GROUP, with_sub_axis};
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
@@ -67,37 +68,6 @@ pub struct Url {
     pub axes: Vec<u32>,
     /// Axes named by a word, as racks call them.
     pub names: Vec<String>,
-}
-
-/// The number of an axis as connection strings write it: an address, or groups of drives where it
-/// has the flag [`GROUP`]: `g3`, `g1+2+4`, and `g*` for all.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub struct AxisNumber(pub u32);
-
-impl AxisNumber {
-    /// Whether it means several drives, which are told and not asked.
-    #[must_use]
-    pub const fn is_group(self) -> bool {
-        self.0 & GROUP != 0
-    }
-}
-
-impl fmt::Display for AxisNumber {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if !self.is_group() {
-            return write!(f, "{}", self.0);
-        }
-        let mask = self.0 & !GROUP;
-        if mask == 0 {
-            return f.write_str("g*");
-        }
-        let mut mark = 'g';
-        for group in (1..=31_u32).filter(|group| mask >> (group - 1) & 1 == 1) {
-            write!(f, "{mark}{group}")?;
-            mark = '+';
-        }
-        Ok(())
-    }
 }
 
 /// What to open.
@@ -403,7 +373,7 @@ pub(crate) fn split_names(fragment: &str) -> (Vec<String>, String) {
     (names.iter().map(|name| name.trim().to_owned()).collect(), numbers.join(","))
 }
 
-/// `1,2`, `1-4`, `g3`, `g1+2`, `g*`.
+/// `1,2`, `1-4`, `5.2`, `g3`, `g1+2`, `g*`.
 fn parse_axes(fragment: &str, repeated: bool) -> Result<Vec<u32>, Error> {
     let mut axes = Vec::new();
     for piece in fragment.split(',').filter(|_| !fragment.is_empty()) {
@@ -432,10 +402,17 @@ fn parse_range(fragment: &str, piece: &str) -> Result<(u32, u32), Error> {
     let number = |text: &str| {
         let number =
             crate::toml_file::parse_number(text.trim()).and_then(|n| u32::try_from(n).ok());
-        let number = number.filter(|number| number & GROUP == 0);
+        let number = number.filter(|number| AxisNumber(*number).is_plain());
         let what = || format!("`#{fragment}`: `{piece}` is no axis number");
-        number.ok_or_else(|| url_error(what(), "write `#1`, `#1,2` or `#1-4`"))
+        number.ok_or_else(|| url_error(what(), "write `#1`, `#1,2`, `#1-4` or `#1.2`"))
     };
+    if let Some((drive, sub)) = piece.split_once('.') {
+        let (drive, sub) = (number(drive)?, number(sub)?);
+        let what = || format!("`#{fragment}`: `{piece}` is no axis number");
+        let sub = u8::try_from(sub).map_err(|_| url_error(what(), "write `#1.2`"))?;
+        let axis = with_sub_axis(drive, sub);
+        return Ok((axis, axis));
+    }
     match piece.split_once('-') {
         Some((first, last)) => Ok((number(first)?, number(last)?)),
         None => number(piece).map(|axis| (axis, axis)),

@@ -1,5 +1,6 @@
 // The bench as the page knows it, and everything that can be asked of it.
 
+import { axisNumber } from "../axes/number";
 import { Channels } from "./channels";
 import type {
   CommandArguments,
@@ -143,7 +144,7 @@ export class Bench {
     if (!axis) return `${id}`;
     if (axis.name) return axis.name;
     const alone = this.view?.axes.every((each) => each === axis || each.label !== axis.label);
-    return alone && axis.label ? axis.label : `${axis.profile} ${axis.number}`;
+    return alone && axis.label ? axis.label : `${axis.profile} ${axisNumber(axis.number)}`;
   }
 
   signal(id: number, signal: string): number | null {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use polepair::Axis;
 use polepair::settings::{AxisSettings, SettingChange, Settings};
-use polepair::url::shell_word;
+use polepair::url::{AxisNumber, shell_word};
 use polepair_capture::jsonl;
 use polepair_core::profile::Signal;
 
@@ -390,12 +390,15 @@ fn changes_table(
 fn csv_row(axis: &Axis, change: &SettingChange) -> String {
     let parameter = axis.parameter(change.id);
     let (name, unit) = (parameter.map_or("", |p| p.name), change.now.unit.symbol());
-    format!("{},{name},{},{},{unit}", axis.number(), change.now.value, change.wanted.value)
+    let number = AxisNumber(axis.number());
+    format!("{number},{name},{},{},{unit}", change.now.value, change.wanted.value)
 }
 
 fn write_json(axis: &Axis, change: &SettingChange, out: &mut Vec<u8>) {
     let Some(parameter) = axis.parameter(change.id) else { return };
-    out.extend_from_slice(format!("{{\"axis\":{},\"setting\":", axis.number()).as_bytes());
+    out.extend_from_slice(
+        format!("{{\"axis\":{},\"setting\":", AxisNumber(axis.number())).as_bytes(),
+    );
     jsonl::write_string(out, parameter.name);
     for (key, value) in [("now", change.now), ("wanted", change.wanted)] {
         out.extend_from_slice(format!(",\"{key}\":").as_bytes());

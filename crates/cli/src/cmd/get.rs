@@ -233,8 +233,8 @@ fn read_each_value(axis: &Axis, id: ParameterId) -> Result<Vec<(u32, ParameterVa
 
 fn csv_row(read: &ReadRow<'_>) -> String {
     let axis = match read.link {
-        Some(link) => format!("{},{link}", read.number),
-        None => read.number.to_string(),
+        Some(link) => format!("{},{link}", AxisNumber(read.number)),
+        None => AxisNumber(read.number).to_string(),
     };
     let raw = read.raw.as_deref().unwrap_or("");
     let value = read.value.map_or_else(|| read.text.clone(), |value| value.to_string());
@@ -242,7 +242,7 @@ fn csv_row(read: &ReadRow<'_>) -> String {
 }
 
 fn write_json(read: &ReadRow<'_>, out: &mut Vec<u8>) {
-    out.extend_from_slice(format!("{{\"axis\":{},", read.number).as_bytes());
+    out.extend_from_slice(format!("{{\"axis\":{},", AxisNumber(read.number)).as_bytes());
     if let Some(link) = read.link {
         out.extend_from_slice(format!("\"link\":{link},").as_bytes());
     }

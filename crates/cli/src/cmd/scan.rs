@@ -8,7 +8,7 @@ use std::ops::{ControlFlow, RangeInclusive};
 use clap::Args;
 use polepair::axis::summarize_details;
 use polepair::scan::{DetectedDrive, ScanAddresses, ScanProgress};
-use polepair::url::shell_word;
+use polepair::url::{AxisNumber, shell_word};
 use polepair_capture::jsonl;
 use polepair_client::message::AxisInfo;
 
@@ -159,7 +159,8 @@ impl ScanCommand {
             OutputFormat::Csv => {
                 out.write_line("axis,link,name,drive,product");
                 for axis in &axes {
-                    let (number, link) = (axis.number.to_string(), axis.link.to_string());
+                    let (number, link) =
+                        (AxisNumber(axis.number).to_string(), axis.link.to_string());
                     let AxisInfo { name, profile, drive, .. } = axis;
                     out.write_line(&csv_line([&*number, &link, name, profile, drive]));
                 }
@@ -184,14 +185,14 @@ impl ScanCommand {
 fn remote_table(axes: &[AxisInfo]) -> String {
     let mut table = TextTable::with_heads(&["axis", "link", "name", "drive", "product"]);
     for axis in axes {
-        let (number, link) = (axis.number.to_string(), axis.link.to_string());
+        let (number, link) = (AxisNumber(axis.number).to_string(), axis.link.to_string());
         table.add_row([number, link, axis.name.clone(), axis.profile.clone(), axis.drive.clone()]);
     }
     table.render(colour_out())
 }
 
 fn write_remote_json(axis: &AxisInfo, clash: bool, out: &mut Vec<u8>) {
-    let head = format!("{{\"axis\":{},\"link\":{},\"name\":", axis.number, axis.link);
+    let head = format!("{{\"axis\":{},\"link\":{},\"name\":", AxisNumber(axis.number), axis.link);
     out.extend_from_slice(head.as_bytes());
     jsonl::write_string(out, &axis.name);
     out.extend_from_slice(b",\"drive\":");
@@ -214,7 +215,7 @@ fn found_table(found: &[DetectedDrive]) -> String {
     let mut table = TextTable::with_heads(&["axis", "drive", "known by", "product", "says"]);
     for one in found {
         table.add_row([
-            one.number.to_string(),
+            AxisNumber(one.number).to_string(),
             one.profile.name.to_owned(),
             one.identified.to_string(),
             one.profile.title.to_owned(),
@@ -224,7 +225,7 @@ fn found_table(found: &[DetectedDrive]) -> String {
     let mut text = table.render(colour_out());
     for one in found {
         if let Some(clash) = &one.clash {
-            text.push_str(&format!("axis {}: {clash}\n", one.number));
+            text.push_str(&format!("axis {}: {clash}\n", AxisNumber(one.number)));
         }
         if one.ignores_address {
             text.push_str(&format!("axis {}: answers whatever address is asked\n", one.number));
@@ -234,14 +235,14 @@ fn found_table(found: &[DetectedDrive]) -> String {
 }
 
 fn csv_row(found: &DetectedDrive) -> String {
-    let (number, known) = (found.number.to_string(), found.identified.to_string());
+    let (number, known) = (AxisNumber(found.number).to_string(), found.identified.to_string());
     let clash = found.clash.as_deref().unwrap_or_default();
     let says = summarize_details(&found.details);
     csv_line([&number, found.profile.name, &known, found.profile.title, clash, &says])
 }
 
 fn write_json(found: &DetectedDrive, out: &mut Vec<u8>) {
-    out.extend_from_slice(format!("{{\"axis\":{},\"drive\":", found.number).as_bytes());
+    out.extend_from_slice(format!("{{\"axis\":{},\"drive\":", AxisNumber(found.number)).as_bytes());
     jsonl::write_string(out, found.profile.name);
     out.extend_from_slice(b",\"product\":");
     jsonl::write_string(out, found.profile.title);

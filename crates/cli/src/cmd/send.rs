@@ -2,7 +2,9 @@
 
 use clap::{Args, ValueEnum};
 use polepair::Axis;
+use polepair::url::AxisNumber;
 use polepair_capture::{CaptureDecoder, Rules, jsonl};
+use polepair_core::proto::drive_address;
 use polepair_link::tap::TapDirection;
 
 use crate::outcome;
@@ -173,7 +175,8 @@ fn explain_replies(axis: &Axis, replies: &TapQueue) -> String {
         let from_drive = queued.direction == TapDirection::ToHost;
         unit.decode(&mut decoder, queued.at, "link", queued.direction, &mut |event| {
             let text = &event.explanation.text;
-            let own = event.explanation.axis.is_none_or(|other| other == axis.number());
+            let own =
+                event.explanation.axis.is_none_or(|other| other == drive_address(axis.number()));
             if from_drive && own && !text.is_empty() {
                 if std::mem::take(&mut asked) {
                     texts.clear();
@@ -194,7 +197,7 @@ fn write_json(
     out: &mut DataOutput,
 ) {
     let out = out.buffer();
-    out.extend_from_slice(format!("{{\"axis\":{number},").as_bytes());
+    out.extend_from_slice(format!("{{\"axis\":{},", AxisNumber(number)).as_bytes());
     if let Some(link) = link {
         out.extend_from_slice(format!("\"link\":{link},").as_bytes());
     }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use polepair::quantity;
-use polepair::url::shell_word;
+use polepair::url::{AxisNumber, shell_word};
 use polepair_client::message::{ActiveFault, AxisInfo, AxisState, CommandArguments, SignalValue};
 use polepair_client::{GatewayError, Lease, LiveConnection, PendingOperation, display_unit};
 use polepair_core::axis::{Command, Verb};
@@ -154,7 +154,7 @@ fn hint_direct_stop(server: &RemoteSession, motions: &[MotionOrder], problem: Pr
         let link = server.bench.links.iter().find(|link| link.id == axis.link);
         if let Some(link) = link.filter(|link| !link.simulated) {
             let url = link.url.split('#').next().unwrap_or_default();
-            let url = format!("{url}#{}", axis.number);
+            let url = format!("{url}#{}", AxisNumber(axis.number));
             problem = problem.hint(format!(
                 "`polepair stop {}` stops it without the server, once that has let go of the port",
                 shell_word(&url)

@@ -13,6 +13,7 @@ use crate::error::{Failure, Unsupported};
 use crate::plan::{Operand, Step};
 use crate::profile::{Access, NoScale, Parameter, ParameterId, Profile, SignalSource};
 use crate::program::ProgramCommand;
+use crate::proto::drive_address;
 use crate::station::Counters;
 use crate::stream::cyclic::SetpointKind;
 use crate::time::Instant;
@@ -510,7 +511,7 @@ pub fn handle_unsolicited<R: crate::station::Request, A: Copy + 'static>(
     (address, answer): (u32, &A),
 ) {
     for (n, slot) in slots.iter_mut().enumerate() {
-        if slot.driver.address() != address {
+        if drive_address(slot.driver.address()) != address {
             continue;
         }
         for report in slot.driver.decode_unsolicited(answer).into_iter().flatten() {

@@ -1,5 +1,6 @@
 //! The protocols. This is the one list of them: nothing outside names one.
 
+mod axis_number;
 pub mod canopen;
 pub mod early_bytes;
 pub mod event_ring;
@@ -14,6 +15,7 @@ use crate::explain::Dissector;
 use crate::medium::{Frame, Medium};
 use crate::profile::Profile;
 use crate::station::Host;
+pub use axis_number::{AxisNumber, GROUP, SUB_AXIS, drive_address, sub_axis, with_sub_axis};
 
 /// Every protocol as decoders and encoders see it.
 #[must_use]
@@ -35,10 +37,6 @@ pub fn dissectors() -> &'static [&'static dyn Dissector] {
 pub fn find_dissector(name: &str) -> Option<&'static dyn Dissector> {
     dissectors().iter().copied().find(|d| d.name() == name)
 }
-
-/// Flag of an address that names groups of drives instead of one. The bits below are a mask: bit
-/// n - 1 is group number n. None set is everybody.
-pub const GROUP: u32 = 1 << 31;
 
 /// Which standard a serial line follows, for protocols that speak differently on each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -165,6 +163,8 @@ pub trait Protocol {
     const HAS_SERIAL_STANDARDS: bool = false;
     /// Groups of drives that an address can name by [`GROUP`]: numbers 1 to this.
     const GROUPS: u8 = 0;
+    /// The numbers of the axes that a drive can have at one address, the first one's first.
+    const SUB_AXES: core::ops::RangeInclusive<u8> = 1..=1;
     /// The address that means everybody: to it can be said what needs no answer.
     const BROADCAST_ADDRESS: Option<u32> = if Self::GROUPS > 0 { Some(GROUP) } else { None };
     /// Its frames are characters of ASCII, for which seven data bits are enough.

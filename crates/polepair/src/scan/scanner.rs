@@ -281,12 +281,16 @@ impl DriveScanner {
         let (line, borrowed) = scan_target.open_line()?;
         let prober = Prober::new(&line, &self.connector.config).scanning().with_cancel(broken);
         let probe = prober.probe(number)?;
-        let details = match &probe {
-            ProbeResult::Found { profile, doubtful: false, .. } if !broken() => {
-                line.read_details(number, profile)
-            }
-            _ => Vec::new(),
-        };
+        let (mut details, mut further) = (Vec::new(), Vec::new());
+        if let ProbeResult::Found { profile, identified, doubtful: false, .. } = &probe
+            && !broken()
+        {
+            details = line.read_details(number, profile);
+            further = line.further_axes(&DetectedDrive {
+                identified: identified.clone(),
+                ..DetectedDrive::with_known_profile(&line, number, profile)
+            })?;
+        }
         drop(borrowed);
         if let ScanTarget::OpenLink(_, connection) = scan_target
             && let Some(trouble) = connection.link_error()
@@ -313,6 +317,10 @@ impl DriveScanner {
                 self.record_found(&line, number, (profile, identified), clash);
                 if let Some(found) = self.report.found.last_mut() {
                     found.details = details;
+                }
+                for axis in further {
+                    self.found_addresses.push((line.wire, line.bus_address(axis.number)));
+                    self.report.found.push(axis);
                 }
             }
         }

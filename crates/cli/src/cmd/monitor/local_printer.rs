@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use polepair::url::AxisNumber;
 use polepair_capture::{DecodedFrame, jsonl, text};
 use polepair_core::profile::{Severity, Signal};
 use polepair_link::clock;
@@ -217,7 +218,14 @@ fn write_axis_json(watched: &MonitoredAxis, out: &mut Vec<u8>) {
         add(out, &format!(",\"{key}\":"));
         jsonl::write_string(out, text);
     };
-    add(out, &format!("{{\"time\":{:.6},\"axis\":{}", now as f64 / 1e9, watched.axis.number()));
+    add(
+        out,
+        &format!(
+            "{{\"time\":{:.6},\"axis\":{}",
+            now as f64 / 1e9,
+            AxisNumber(watched.axis.number())
+        ),
+    );
     pair(out, "name", watched.axis.name());
     pair(out, "drive", watched.axis.profile().name);
     pair(out, "protocol", watched.axis.protocol());

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use polepair::url::AxisNumber;
 use polepair_capture::jsonl;
 use polepair_client::message::{
     AxisInfo, AxisState, FrameDirection, FrameItem, LinkState, LinkView, PendingStopView, StopClass,
@@ -255,7 +256,7 @@ pub fn activity(state: &AxisState) -> AxisActivity {
 
 /// As the server's verbs take it.
 pub fn axis_address(axis: &AxisInfo) -> String {
-    format!("{}#{}", axis.link, axis.number)
+    format!("{}#{}", axis.link, AxisNumber(axis.number))
 }
 
 pub fn axis_name(axis: &AxisInfo) -> String {
@@ -359,7 +360,7 @@ fn write_link_json(link: &LinkView, lines: &[String], out: &mut Vec<u8>) {
 
 fn write_axis_json(axis: &AxisInfo, state: &AxisState, out: &mut Vec<u8>) {
     let now = clock::wall_ns(clock::now()) as f64 / 1e9;
-    let (number, link) = (axis.number, axis.link);
+    let (number, link) = (AxisNumber(axis.number), axis.link);
     write_text(out, &format!("{{\"time\":{now:.6},\"axis\":{number},\"link\":{link}"));
     write_pair(out, "name", &axis.name);
     write_pair(out, "drive", &axis.profile);

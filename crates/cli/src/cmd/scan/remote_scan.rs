@@ -4,6 +4,7 @@ use std::io::IsTerminal as _;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
+use polepair::url::AxisNumber;
 use polepair_capture::jsonl;
 use polepair_client::message::{AddDrives, AxisInfo, FoundDrive, ScanRequest, ScanState, ScanView};
 use polepair_link::clock;
@@ -114,7 +115,10 @@ fn print_found(views: &[ScanView], format: OutputFormat) -> Result<()> {
             out.buffer().extend_from_slice(table.render(colour_out()).as_bytes());
             for (link, one) in found() {
                 if let Some(clash) = &one.clash {
-                    out.write_line(&format!("axis {} of link {link}: {clash}", one.number));
+                    out.write_line(&format!(
+                        "axis {} of link {link}: {clash}",
+                        AxisNumber(one.number)
+                    ));
                 }
             }
         }
@@ -122,7 +126,7 @@ fn print_found(views: &[ScanView], format: OutputFormat) -> Result<()> {
         OutputFormat::Csv => {
             out.write_line("axis,link,drive,known,product,clash");
             for (link, one) in found() {
-                let (number, link) = (one.number.to_string(), link.to_string());
+                let (number, link) = (AxisNumber(one.number).to_string(), link.to_string());
                 let clash = one.clash.as_deref().unwrap_or_default();
                 out.write_line(&csv_line([
                     &*number,
@@ -139,7 +143,7 @@ fn print_found(views: &[ScanView], format: OutputFormat) -> Result<()> {
 }
 
 fn write_json(link: u16, found: &FoundDrive, out: &mut Vec<u8>) {
-    let head = format!("{{\"axis\":{},\"link\":{link},\"drive\":", found.number);
+    let head = format!("{{\"axis\":{},\"link\":{link},\"drive\":", AxisNumber(found.number));
     out.extend_from_slice(head.as_bytes());
     jsonl::write_string(out, &found.profile);
     out.extend_from_slice(b",\"product\":");

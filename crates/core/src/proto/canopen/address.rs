@@ -13,6 +13,25 @@ const AXIS_STEP: u16 = 0x800;
 const FIRST_AXIS: core::ops::Range<u16> = 0x6000..0x6800;
 const EVERY_AXIS: core::ops::Range<u16> = 0x6000..0xA000;
 
+/// How far the objects of an axis of a node lie above those of the first; the first is 0 or 1.
+pub const fn axis_offset(sub_axis: u8) -> u16 {
+    sub_axis.saturating_sub(1) as u16 * AXIS_STEP
+}
+
+/// Which axis of a node an object is of, from 0; `None` for an object of the node.
+pub fn axis_number(index: u16) -> Option<u16> {
+    EVERY_AXIS.contains(&index).then(|| (index - FIRST_AXIS.start) / AXIS_STEP)
+}
+
+/// The index of an object of the first axis where it is of the axis that lies `offset` above. Objects
+/// of the node have one index for all axes.
+pub const fn axis_index(index: u16, offset: u16) -> u16 {
+    match index {
+        0x6000..0x6800 => index + offset,
+        _ => index,
+    }
+}
+
 /// Reads an address. The index is hexadecimal, `0x2030` or `2030h`; sub-index and type may be left out.
 #[must_use]
 pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {

@@ -7,6 +7,7 @@
 //! the TPDO, 8 has the drive watch the host's heartbeat, which comes within INDEX ms, 9 takes that
 //! back, 10 gives the connection option (6007h) the value that it had when it was read.
 
+use super::address::{axis_index, axis_offset};
 use super::cob::Cob;
 use super::emcy::Emergency;
 use super::generic::GENERIC;
@@ -22,7 +23,7 @@ use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame};
 use crate::profile::{Encoding, Parameter, ParameterId, Profile, Severity, Signal};
-use crate::proto::{HostOptions, Protocol};
+use crate::proto::{HostOptions, Protocol, drive_address, sub_axis, with_sub_axis};
 use crate::station::RequestClass;
 use crate::stream::cyclic::{self, SetpointKind};
 
@@ -41,11 +42,13 @@ const CONNECTION_OPTION: ObjectIndex = ObjectIndex::new(0x6007, 0);
 const OPTION_QUICK_STOP: u16 = 3;
 const CONSUMER_HEARTBEAT: ObjectIndex = ObjectIndex::new(0x1016, 1);
 
-/// One node.
+/// One axis of a node.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
     profile: &'static Profile,
     node: u8,
+    /// Which axis of the node; 0 is the first.
+    sub_axis: u8,
     /// How the node's process data lie, as far as was read or written.
     rpdos: [KnownPdo; 4],
     tpdos: [KnownPdo; 4],
@@ -68,13 +71,14 @@ struct SetpointPdo {
 }
 
 impl Axis {
-    /// The node of that number.
+    /// The axis of that address: the node, and which of its axes.
     #[must_use]
     pub const fn new(profile: &'static Profile, address: u32) -> Self {
         let (rpdos, tpdos) = ([KnownPdo::UNKNOWN; 4], [KnownPdo::UNKNOWN; 4]);
         Self {
             profile,
             node: address as u8,
+            sub_axis: sub_axis(address),
             rpdos,
             tpdos,
             setpoint_pdos: [None; 3],
@@ -106,7 +110,9 @@ impl Axis {
         };
         let Some(pdo) = pdos.get_mut(usize::from(object.index & 0x1FF)) else { return };
         match (object.index & 0x200 != 0, object.sub) {
-            (true, sub) => pdo.learn(sub, bits as u32, self.profile),
+            (true, sub) => {
+                pdo.learn(sub, bits as u32, self.profile, axis_offset(self.sub_axis));
+            }
             (false, 1) => pdo.enabled = bits as u32 & CobId::INVALID == 0,
             _ => return,
         }
@@ -114,7 +120,7 @@ impl Axis {
     }
 
     fn learn_read(&mut self, object: ObjectIndex, bits: u64) {
-        if object == CONNECTION_OPTION && bits as u16 != OPTION_QUICK_STOP {
+        if object == self.own_object(CONNECTION_OPTION) && bits as u16 != OPTION_QUICK_STOP {
             self.original_option = Some(bits as u16);
         }
         self.learn_pdo(object, bits);
@@ -161,11 +167,23 @@ impl Axis {
     }
 
     const fn write_object(&self, object: ObjectIndex, bits: u64, len: u8) -> HostRequest {
+        let object = self.own_object(object);
         HostRequest::Write { node: self.node, object, bits, len, class: RequestClass::ReadBack }
     }
 
     const fn read_object(&self, object: ObjectIndex) -> HostRequest {
-        HostRequest::Read { node: self.node, object }
+        HostRequest::Read { node: self.node, object: self.own_object(object) }
+    }
+
+    /// The object of this axis, by that of the first.
+    const fn own_object(&self, object: ObjectIndex) -> ObjectIndex {
+        let index = axis_index(object.index, axis_offset(self.sub_axis));
+        ObjectIndex { index, ..object }
+    }
+
+    /// The object that a parameter is.
+    const fn parameter_object(&self, parameter: &Parameter) -> ObjectIndex {
+        self.own_object(ObjectIndex { index: parameter.index, sub: parameter.space })
     }
 }
 
@@ -190,13 +208,9 @@ const fn controlword(command: cyclic::SetpointCommand) -> u64 {
     }
 }
 
-/// The object that a parameter is.
-const fn parameter_object(parameter: &Parameter) -> ObjectIndex {
-    ObjectIndex { index: parameter.index, sub: parameter.space }
-}
-
 const NOT_WHOLE: &str = "the object has more than eight bytes: read it as text or as bytes (`:str`, \
                         `:bytes`)";
+const FIRST_AXIS_ONLY: &str = "process data are configured for the first axis of a node alone";
 const NO_NUMBER: &str =
     "this object has no number of a known size: its type is text, bytes or not known";
 
@@ -225,14 +239,14 @@ impl Driver for Axis {
     }
 
     fn address(&self) -> u32 {
-        self.node.into()
+        with_sub_axis(self.node.into(), self.sub_axis)
     }
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
         if !parameter.encoding.is_number() {
             return Err(Unsupported::Forbidden(NO_NUMBER));
         }
-        Ok(HostRequest::Read { node: self.node, object: parameter_object(parameter) })
+        Ok(HostRequest::Read { node: self.node, object: self.parameter_object(parameter) })
     }
 
     fn write_request(
@@ -248,7 +262,7 @@ impl Driver for Axis {
         let bits = raw.cast_unsigned() & u64::MAX >> (64 - 8 * u32::from(len));
         Ok(HostRequest::Write {
             node: self.node,
-            object: parameter_object(parameter),
+            object: self.parameter_object(parameter),
             bits,
             len,
             class,
@@ -260,7 +274,7 @@ impl Driver for Axis {
         parameter: &Parameter,
         block: bool,
     ) -> Result<HostRequest, Unsupported> {
-        Ok(HostRequest::Upload { node: self.node, object: parameter_object(parameter), block })
+        Ok(HostRequest::Upload { node: self.node, object: self.parameter_object(parameter), block })
     }
 
     fn data_write_request(
@@ -269,7 +283,7 @@ impl Driver for Axis {
         size: u32,
         block: bool,
     ) -> Result<HostRequest, Unsupported> {
-        let object = parameter_object(parameter);
+        let object = self.parameter_object(parameter);
         Ok(HostRequest::Download { node: self.node, object, block, size })
     }
 
@@ -280,6 +294,9 @@ impl Driver for Axis {
         value: i64,
     ) -> Result<HostRequest, Unsupported> {
         let node = self.node;
+        if self.sub_axis != 0 && matches!(function, 1..=4 | SWITCH_RPDO | SWITCH_TPDO) {
+            return Err(Unsupported::Forbidden(FIRST_AXIS_ONLY));
+        }
         Ok(match function {
             0 => {
                 let specifier = u8::try_from(index).map_err(|_| Unsupported::BadArgument)?;
@@ -378,12 +395,15 @@ impl Driver for Axis {
         match *answer {
             Answer::State(state) => {
                 if state == NmtState::BootUp {
-                    *self = Self::new(self.profile, self.node.into());
+                    *self = Self::new(self.profile, self.address());
                 }
                 reports[0] = presence_of(state).map(DriveReport::Presence);
             }
             Answer::HeartbeatLost => reports[0] = Some(DriveReport::Presence(Presence::Gone)),
-            Answer::Emergency(Emergency { code, .. }) => reports[0] = self.fault_report(code),
+            // It does not say which axis of the node it is about; the others are asked for theirs.
+            Answer::Emergency(Emergency { code, .. }) if self.sub_axis == 0 => {
+                reports[0] = self.fault_report(code);
+            }
             Answer::Process(number @ 1..=4, data, len) => {
                 return self.tpdos[usize::from(number) - 1].decode_values(data, len);
             }
@@ -452,6 +472,8 @@ impl Protocol for Canopen {
     const PROFILE_PROTOCOL: &'static str = "canopen";
     const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=NODE_MAX as u32;
     const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=NODE_MAX as u32;
+    /// CiA 402-1: up to eight, each with objects 800h above the one before.
+    const SUB_AXES: core::ops::RangeInclusive<u8> = 1..=8;
     const HOST_ADDRESS: Option<u32> = Some(HOST_ID as u32);
     /// The TS's (manual, 3.2); many others have no fixed one.
     const DEFAULT_RATE: u32 = 500_000;
@@ -475,7 +497,7 @@ impl Protocol for Canopen {
     fn uses_can_id(address: u32, id: u32, extended: bool) -> bool {
         let everybody = matches!(id, 0x000 | 0x080 | 0x100 | 0x7E4 | 0x7E5);
         // EMCY, four PDOs each way, SDO each way, heartbeat.
-        let of_node = matches!(id >> 7, 1 | 3..=12 | 14) && id & 0x7F == address;
+        let of_node = matches!(id >> 7, 1 | 3..=12 | 14) && id & 0x7F == drive_address(address);
         !extended && (everybody || of_node)
     }
 

@@ -396,7 +396,8 @@ impl CanHost {
     /// moment, which nearly always suffices for its answer.
     fn preempt_for_stop(&mut self, now: Instant, node: u8, request: &HostRequest) -> bool {
         let channel = &mut self.channels[usize::from(node)];
-        if !request.is_stop() || channel.is_stop() {
+        let other_axis = channel.host_request.is_of_other_axis(request);
+        if !request.is_stop() || channel.is_stop() || other_axis {
             return false;
         }
         if self.unsent.contains(node) {

@@ -1,5 +1,6 @@
 //! What a host is asked to say, and what nodes say.
 
+use super::address;
 use super::cob::Cob;
 use super::emcy::Emergency;
 use super::lss;
@@ -116,6 +117,17 @@ impl HostRequest {
             | Self::Download { object, .. } => Some(object),
             _ => None,
         }
+    }
+}
+
+impl HostRequest {
+    /// Whether two short requests are about objects of different axes of a node: a stop of one axis
+    /// waits for the answer to the other's.
+    #[must_use]
+    pub fn is_of_other_axis(&self, other: &Self) -> bool {
+        let axis = |request: &Self| address::axis_number(request.object()?.index);
+        let axes = axis(self).zip(axis(other));
+        !self.moves_bytes() && axes.is_some_and(|(one, other)| one != other)
     }
 }
 

@@ -1,5 +1,6 @@
 //! How a node's process data lie, by the mapping that was read or written.
 
+use super::address::axis_index;
 use super::pdo::{BITS_MAX, BitField, MappingEntry};
 use crate::axis::{DriveReport, REPORTS_MAX};
 use crate::profile::{ParameterId, Profile};
@@ -29,17 +30,18 @@ impl KnownPdo {
     };
 
     /// Takes what sub-index `sub` of the mapping holds; 0 is how many count.
-    pub fn learn(&mut self, sub: u8, raw: u32, profile: &'static Profile) {
+    /// Objects of the axis lie `offset` above those of the profile.
+    pub fn learn(&mut self, sub: u8, raw: u32, profile: &'static Profile, offset: u16) {
         (self.fields, self.bytes) = ([None; REPORTS_MAX], 0);
         if sub == 0 {
-            self.lay_out(raw as usize, profile);
+            self.lay_out(raw as usize, profile, offset);
         } else if let Some(entry) = self.entries.get_mut(usize::from(sub) - 1) {
             *entry = Some(MappingEntry::from(raw));
         }
     }
 
     /// Lays the first so many entries one behind the other; leaves all unknown if one of them is.
-    fn lay_out(&mut self, count: usize, profile: &'static Profile) {
+    fn lay_out(&mut self, count: usize, profile: &'static Profile, offset: u16) {
         let Some(entries) = self.entries.get(..count) else { return };
         let (mut at, mut places) = (0, self.fields.iter_mut());
         for entry in entries {
@@ -47,8 +49,9 @@ impl KnownPdo {
             if at + bits > BITS_MAX {
                 return;
             }
-            let is =
-                |p: &crate::profile::Parameter| (p.index, p.space) == (object.index, object.sub);
+            let is = |p: &crate::profile::Parameter| {
+                (axis_index(p.index, offset), p.space) == (object.index, object.sub)
+            };
             if let Some(id) = profile.parameters.iter().position(is)
                 && let Some(position) = places.next()
             {

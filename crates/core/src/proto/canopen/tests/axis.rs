@@ -9,6 +9,7 @@ use crate::proto::canopen::generic::{GENERIC, P};
 use crate::proto::canopen::nmt;
 use crate::proto::canopen::sdo::ObjectIndex;
 use crate::proto::canopen::{Answer, Axis, HostRequest};
+use crate::proto::with_sub_axis;
 use crate::station::{Request, RequestClass};
 
 fn axis() -> Axis {
@@ -155,4 +156,38 @@ fn statuswords_and_controlwords_are_read_as_the_manuals_print_them() {
     for number in i8::MIN..=i8::MAX {
         assert_eq!(i8::from(OperationMode::from(number)), number);
     }
+}
+
+#[test]
+fn the_second_axis_of_a_node_has_objects_of_its_own() {
+    let mut second = Axis::new(&GENERIC, with_sub_axis(5, 2));
+    assert_eq!(second.address(), with_sub_axis(5, 2));
+    for (index, own) in [(0x6041, 0x6841), (0x67FF, 0x6FFF), (0x1018, 0x1018), (0x6841, 0x6841)] {
+        let parameter = crate::profile::Parameter { index, ..P };
+        let request = second.read_request(&parameter).unwrap();
+        let HostRequest::Read { node: 5, object } = request else { panic!("{request:?}") };
+        assert_eq!(object.index, own);
+    }
+    // Process data are the first axis'; the state of the node is everybody's.
+    assert!(
+        second.function_request(1, 2, 0x0F).is_err() && second.function_request(6, 1, 1).is_err()
+    );
+    assert!(second.function_request(0, 1, 0).is_ok());
+    let emergency = Answer::Emergency(Emergency { code: 0x2310, ..Emergency::default() });
+    assert_eq!(second.decode_unsolicited(&emergency)[0], None);
+    let booted = Answer::State(nmt::NmtState::BootUp);
+    let presence = Some(DriveReport::Presence(Presence::Restarted));
+    assert_eq!(second.decode_unsolicited(&booted)[0], presence);
+    assert_eq!(second.address(), with_sub_axis(5, 2), "after a boot-up, too");
+}
+
+#[test]
+fn a_stop_of_one_axis_waits_for_short_requests_of_another() {
+    let read = |index| HostRequest::Read { node: 5, object: ObjectIndex::new(index, 0) };
+    assert!(read(0x6041).is_of_other_axis(&read(0x6840)));
+    assert!(!read(0x6041).is_of_other_axis(&read(0x6040)));
+    assert!(!read(0x1018).is_of_other_axis(&read(0x6840)));
+    let object = ObjectIndex::new(0x6041, 0);
+    let long = HostRequest::Upload { node: 5, object, block: true };
+    assert!(!long.is_of_other_axis(&read(0x6840)));
 }
