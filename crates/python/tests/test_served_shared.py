@@ -221,7 +221,9 @@ def test_a_drive_that_is_silent_ends_what_watches_it(tmp_path: Path) -> None:
 
 
 ASKS = """
-import sys, polepair
+import signal, sys, polepair
+# Whoever is started in the background of a script inherits an ignored SIGINT.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 link = polepair.connect(sys.argv[1], token_file=sys.argv[2])
 print("joined", flush=True)
 sys.stdin.readline()
