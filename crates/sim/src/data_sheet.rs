@@ -23,6 +23,12 @@ pub const ENTRIES_MAX: usize = 32_000;
 pub const PDOS_MAX: usize = 32;
 /// Tag of the first entry that keeps what is written.
 const STORED_TAG_FIRST: u16 = 0x1000;
+/// Motors of one node, and the tags that the objects of each have (CiA 402-1: up to eight axes).
+const AXES_MAX: u16 = 8;
+const AXIS_TAGS: u16 = STORED_TAG_FIRST / AXES_MAX;
+/// Objects of an axis, and how far those of the next lie above.
+const FIRST_AXIS: u16 = 0x6000;
+const AXIS_STEP: u16 = 0x800;
 /// Objects without which nothing is a drive: controlword and statusword.
 const DRIVE: [u16; 2] = [0x6040, 0x6041];
 /// Increments of the encoder in a turn, and supported drive modes.
@@ -72,11 +78,17 @@ pub enum FactoryValue {
 pub struct DataSheet {
     dictionary: &'static Dictionary,
     stored_objects: Vec<StoredObject>,
-    /// The drive's values, where there is one.
-    drive: Option<Objects>,
+    /// The axes of the drive, where it is one.
+    axes: Vec<DataSheetAxis>,
+    has_lss: bool,
+}
+
+/// An axis of a drive, as from the factory.
+#[derive(Clone, Debug)]
+struct DataSheetAxis {
+    objects: Objects,
     /// Its modes, a bit each; 0 if the sheet tells none.
     modes: u32,
-    has_lss: bool,
 }
 
 /// What keeps a value, as from the factory.
@@ -92,24 +104,34 @@ impl DataSheet {
     #[must_use]
     pub fn new(listed: &[DataSheetEntry], has_lss: bool) -> Self {
         let listed = &listed[..listed.len().min(ENTRIES_MAX)];
-        let is_drive =
-            DRIVE.iter().all(|index| listed.iter().any(|one| one.is_drive_object(*index)));
+        let has_axis = |axis: &u16| {
+            let offset = axis * AXIS_STEP;
+            DRIVE.iter().all(|index| listed.iter().any(|one| one.is_drive_object(index + offset)))
+        };
+        let axes = (0..AXES_MAX).take_while(has_axis).count() as u16;
         let mut stored_objects = Vec::new();
         let entries: Vec<ObjectEntry> = listed
             .iter()
-            .map(|one| one.to_entry(one.assign_tag(is_drive, &mut stored_objects)))
+            .map(|one| one.to_entry(one.assign_tag(axes, &mut stored_objects)))
             .collect();
         let mut places = vec![0; (2 * entries.len()).next_power_of_two().max(2)];
         Dictionary::fill_slots(&entries, &mut places);
         let number = |at| listed.iter().find(|one| (one.index, one.sub) == at)?.number();
-        let turn = number(INCREMENTS).and_then(|n| u32::try_from(n).ok()).filter(|n| *n > 0);
-        let turn = turn.unwrap_or(polepair_core::drives::cia402::objects::INCREMENTS as u32);
-        let values = listed.iter().zip(&entries).filter(|(_, entry)| entry.tag < STORED_TAG_FIRST);
-        let values = values.filter_map(|(one, entry)| Some((entry.tag, one.number()?)));
+        let axis = |axis: u16| {
+            let offset = axis * AXIS_STEP;
+            let turn = number((INCREMENTS.0 + offset, INCREMENTS.1));
+            let turn = turn.and_then(|n| u32::try_from(n).ok()).filter(|n| *n > 0);
+            let turn = turn.unwrap_or(polepair_core::drives::cia402::objects::INCREMENTS as u32);
+            let its = |entry: &ObjectEntry| entry.tag / AXIS_TAGS == axis;
+            let values = listed.iter().zip(&entries).filter(|(_, entry)| its(entry));
+            let values =
+                values.filter_map(|(one, entry)| Some((entry.tag % AXIS_TAGS, one.number()?)));
+            let modes = number((MODES.0 + offset, MODES.1)).unwrap_or(0) as u32;
+            DataSheetAxis { objects: Objects::from_defaults(values, turn), modes }
+        };
         Self {
-            drive: is_drive.then(|| Objects::from_defaults(values, turn)),
+            axes: (0..axes).map(axis).collect(),
             dictionary: Box::leak(Box::new(Dictionary::new(entries.leak(), places.leak()))),
-            modes: number(MODES).unwrap_or(0) as u32,
             stored_objects,
             has_lss,
         }
@@ -118,24 +140,26 @@ impl DataSheet {
     /// Whether there is a motor.
     #[must_use]
     pub const fn is_drive(&self) -> bool {
-        self.drive.is_some()
+        !self.axes.is_empty()
     }
 }
 
 impl DataSheetEntry {
     /// Who keeps its value: the protocol, the drive, or a cell of its own.
-    fn assign_tag(&self, is_drive: bool, cells: &mut Vec<StoredObject>) -> u16 {
+    fn assign_tag(&self, axes: u16, cells: &mut Vec<StoredObject>) -> u16 {
         if is_protocol_object(self.index, self.sub, PDOS_MAX as u16)
             && ValueType(self.data_type).bytes().is_some()
         {
             return PROTOCOL_TAG;
         }
-        let known =
-            DICTIONARY.find(self.index, self.sub).filter(|known| known.tag < STORED_TAG_FIRST);
         // The generic drive's own objects are in the makers' range.
-        let known = known.filter(|_| is_drive && self.index >= 0x6000);
-        if let Some(known) = known.filter(|_| self.is_integer()) {
-            return known.tag;
+        let place = self.index.checked_sub(FIRST_AXIS);
+        let place = place.map(|at| (at / AXIS_STEP, FIRST_AXIS + at % AXIS_STEP));
+        if let Some((axis, index)) = place.filter(|(axis, _)| *axis < axes && self.is_integer())
+            && let Some(known) = DICTIONARY.find(index, self.sub)
+            && known.tag < AXIS_TAGS
+        {
+            return axis * AXIS_TAGS + known.tag;
         }
         cells.push(StoredObject { index: self.index, default: self.default.clone() });
         STORED_TAG_FIRST + (cells.len() - 1) as u16

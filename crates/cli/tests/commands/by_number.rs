@@ -260,3 +260,67 @@ fn a_device_loses_and_gets_its_node_id() {
     let other = polepair(&["lss", "tmcl+tcp://127.0.0.1:9", "--node", "9"]);
     assert!(other.code == 2 && other.err.contains("E242"), "{}", other.err);
 }
+
+#[test]
+fn a_node_of_two_axes_is_simulated_and_stopped() {
+    let folder = std::env::temp_dir().join(format!("polepair-axes-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let sheet = folder.join("two.eds");
+    let object = |(index, kind, access, value): (u32, u8, &str, &str)| {
+        let head = format!("[{index:04X}]\nParameterName=o{index:04X}\nObjectType=7\n");
+        format!("{head}DataType={kind}\nAccessType={access}\n{value}\nPDOMapping=1\n")
+    };
+    let axis = |base: u32| {
+        let turn = |sub: u8, value: u32| {
+            let head =
+                format!("[{:04X}sub{sub}]\nParameterName=s{sub}\nObjectType=7\n", base + 0x8F);
+            format!("{head}DataType=7\nAccessType=rw\nDefaultValue={value}\n")
+        };
+        let objects = [
+            (0x40, 6, "rw", ""),
+            (0x41, 6, "ro", ""),
+            (0x60, 2, "rw", ""),
+            (0x61, 2, "ro", ""),
+            (0x64, 4, "ro", ""),
+            (0x6C, 4, "ro", ""),
+            (0x7A, 4, "rw", ""),
+            (0x81, 7, "rw", "DefaultValue=100000"),
+            (0x83, 7, "rw", "DefaultValue=1000000"),
+            (0x84, 7, "rw", "DefaultValue=1000000"),
+            (0xFF, 4, "rw", ""),
+        ];
+        let objects =
+            objects.map(|(at, kind, access, value)| object((base + at, kind, access, value)));
+        let record =
+            format!("[{:04X}]\nParameterName=turn\nObjectType=9\nSubNumber=3\n", base + 0x8F);
+        objects.concat() + &record + &turn(1, 10_000) + &turn(2, 1)
+    };
+    let text = object((0x1000, 7, "ro", "DefaultValue=0x20192")) + &axis(0x6000) + &axis(0x6800);
+    std::fs::write(&sheet, text).expect("written");
+    let sheet = sheet.to_str().expect("text");
+    let served = Served::with(&["canopen:2", "--eds", sheet, "--udp", "239.74.163.34:43134"]);
+    let second = format!("{}.2", served.url);
+    let moved = polepair(&["move", &second, "1turn"]);
+    assert!(moved.code == 0 && moved.out.starts_with("position = "), "{}{}", moved.out, moved.err);
+    let both = format!("{},2.2", served.url);
+    let shown = run::ok(&["get", &both, "position actual", "--raw"]);
+    let within = |line: &str| line.rsplit(' ').next().and_then(|word| word.parse::<i32>().ok());
+    let [first, second_position] = shown.lines().map(within).collect::<Vec<_>>()[..] else {
+        panic!("{shown}")
+    };
+    assert!(
+        first == Some(0) && second_position.is_some_and(|at| (at - 10_000).abs() < 20),
+        "{shown}"
+    );
+    for url in [&served.url, &second] {
+        run::ok(&["spin", url, "20rpm", "--detach"]);
+    }
+    let stopped = polepair(&["stop", &served.url]);
+    assert!(stopped.code == 0, "{}{}", stopped.out, stopped.err);
+    let told = format!("{}{}", stopped.out, stopped.err);
+    assert!(told.contains("axis 2 is stopped") && told.contains("axis 2.2 is stopped"), "{told}");
+    let speeds = run::ok(&["get", &both, "velocity actual", "--raw"]);
+    assert!(speeds.lines().all(|line| within(line).is_some_and(|v| v.abs() < 100)), "{speeds}");
+    served.end();
+    std::fs::remove_dir_all(folder).expect("removed");
+}

@@ -1,6 +1,6 @@
 //! The device: the node's end of the bus, its cells, and the drive where there is one.
 
-use super::{DataSheet, FactoryValue, PDOS_MAX, STORED_TAG_FIRST};
+use super::{AXIS_TAGS, DataSheet, DataSheetAxis, FactoryValue, PDOS_MAX, STORED_TAG_FIRST};
 use polepair_core::drives;
 use polepair_core::drives::bench::{Act, BenchControl, GroundTruth};
 use polepair_core::drives::cia402::drive::Drive;
@@ -45,7 +45,8 @@ impl DataSheetDevice {
 #[derive(Debug)]
 struct DataSheetNode {
     data_sheet: Arc<DataSheet>,
-    drive: Option<Drive>,
+    /// One for each axis.
+    drives: Vec<Drive>,
     values: Vec<ObjectValue>,
     stored: Vec<ObjectValue>,
     /// What is being written, and where.
@@ -103,10 +104,11 @@ impl DataSheetNode {
             .iter()
             .map(|cell| ObjectValue::from_factory(&cell.default, node))
             .collect();
-        let drive = data_sheet.drive.clone();
-        let drive = drive.map(|objects| Drive::new(node, serial, BIT_RATE).with_objects(objects));
+        let drive = |axis: &DataSheetAxis| {
+            Drive::new(node, serial, BIT_RATE).with_objects(axis.objects.clone())
+        };
         Self {
-            drive,
+            drives: data_sheet.axes.iter().map(drive).collect(),
             stored: values.clone(),
             values,
             write_buffer: Vec::new(),
@@ -121,9 +123,7 @@ impl DataSheetNode {
     }
 
     fn advance(&mut self, now: Instant) {
-        if let Some(drive) = &mut self.drive {
-            drive.advance(now);
-        }
+        self.drives.iter_mut().for_each(|drive| drive.advance(now));
     }
 
     fn reload_values(&mut self) {
@@ -134,19 +134,23 @@ impl DataSheetNode {
     fn power_cycle(&mut self) {
         self.reload_values();
         self.link_settings = self.stored_link_settings;
-        if let Some(drive) = &mut self.drive {
-            drive.power_cycle();
-        }
+        self.drives.iter_mut().for_each(Drive::power_cycle);
     }
 
     fn value_mut(&mut self, tag: u16) -> Option<&mut ObjectValue> {
         self.values.get_mut(usize::from(tag.checked_sub(STORED_TAG_FIRST)?))
     }
 
-    /// Whether the sheet says that the drive knows a mode.
-    fn has_mode(&self, mode: i8) -> bool {
+    /// The axis that a tag belongs to, and the tag of its drive.
+    fn drive_mut(&mut self, tag: u16) -> Option<(&mut Drive, u16)> {
+        let drive = self.drives.get_mut(usize::from(tag / AXIS_TAGS))?;
+        Some((drive, tag % AXIS_TAGS))
+    }
+
+    /// Whether the sheet says that an axis knows a mode.
+    fn has_mode(&self, axis: u16, mode: i8) -> bool {
         let bit = u32::try_from(mode).ok().filter(|mode| (1..=32).contains(mode));
-        let modes = self.data_sheet.modes;
+        let modes = self.data_sheet.axes.get(usize::from(axis)).map_or(0, |axis| axis.modes);
         modes == 0 || mode == 0 || bit.is_some_and(|mode| modes >> (mode - 1) & 1 != 0)
     }
 }
@@ -172,7 +176,7 @@ impl Firmware for DataSheetNode {
         match self.value_mut(tag) {
             Some(ObjectValue::Number(value)) => *value,
             Some(ObjectValue::Bytes(_)) => 0,
-            None => self.drive.as_mut().map_or(0, |drive| drive.get(tag)),
+            None => self.drive_mut(tag).map_or(0, |(drive, tag)| drive.get(tag)),
         }
     }
 
@@ -181,10 +185,11 @@ impl Firmware for DataSheetNode {
             *cell = ObjectValue::Number(value);
             return Ok(());
         }
-        if tag == stored::MODE && !self.has_mode(value as i8) {
+        if tag % AXIS_TAGS == stored::MODE && !self.has_mode(tag / AXIS_TAGS, value as i8) {
             return Err(AbortCode::VALUE);
         }
-        self.drive.as_mut().map_or(Err(AbortCode::STATE), |drive| drive.set(now, tag, value))
+        let (drive, tag) = self.drive_mut(tag).ok_or(AbortCode::STATE)?;
+        drive.set(now, tag, value)
     }
 
     fn length(&mut self, tag: u16) -> u32 {
@@ -224,38 +229,30 @@ impl Firmware for DataSheetNode {
     }
 
     fn handle_sync(&mut self, now: Instant) {
-        if let Some(drive) = &mut self.drive {
-            drive.handle_sync(now);
-        }
+        self.drives.iter_mut().for_each(|drive| drive.handle_sync(now));
     }
 
     fn handle_nmt_state(&mut self, now: Instant, state: NmtState) {
-        if let Some(drive) = &mut self.drive {
-            drive.handle_nmt_state(now, state);
-        }
+        self.drives.iter_mut().for_each(|drive| drive.handle_nmt_state(now, state));
     }
 
     fn reset(&mut self, now: Instant) {
         self.reload_values();
-        if let Some(drive) = &mut self.drive {
-            drive.reset(now);
-        }
+        self.drives.iter_mut().for_each(|drive| drive.reset(now));
     }
 
     fn handle_link_loss(&mut self, now: Instant) {
-        if let Some(drive) = &mut self.drive {
-            drive.handle_link_loss(now);
-        }
+        self.drives.iter_mut().for_each(|drive| drive.handle_link_loss(now));
     }
 
     fn error_register(&self) -> u8 {
         let own = if self.fault == 0 { 0 } else { GENERIC_ERROR };
-        self.drive.as_ref().map_or(own, Drive::error_register)
+        self.drives.iter().fold(own, |register, drive| register | drive.error_register())
     }
 
     fn poll_emergency(&mut self) -> Option<Emergency> {
-        if let Some(drive) = &mut self.drive {
-            return drive.poll_emergency();
+        if !self.drives.is_empty() {
+            return self.drives.iter_mut().find_map(Firmware::poll_emergency);
         }
         let news = self.reported_fault != self.fault;
         self.reported_fault = self.fault;
@@ -271,9 +268,7 @@ impl Firmware for DataSheetNode {
                 stored.clone_from(value);
             }
         }
-        if let Some(drive) = &mut self.drive {
-            drive.store(group);
-        }
+        self.drives.iter_mut().for_each(|drive| drive.store(group));
     }
 
     fn restore(&mut self, group: SettingsGroup) {
@@ -283,8 +278,8 @@ impl Firmware for DataSheetNode {
                 *stored = ObjectValue::from_factory(&cell.default, self.link_settings.0);
             }
         }
-        if let (Some(drive), Some(objects)) = (&mut self.drive, &self.data_sheet.drive) {
-            drive.set_reset_objects(objects.clone());
+        for (drive, axis) in self.drives.iter_mut().zip(&self.data_sheet.axes) {
+            drive.set_reset_objects(axis.objects.clone());
         }
     }
 
@@ -311,7 +306,8 @@ impl Timed for DataSheetDevice {
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        earliest(self.end.poll_timeout(), self.node.drive.as_ref().and_then(Drive::next_due))
+        let due = self.node.drives.iter().filter_map(Drive::next_due).min();
+        earliest(self.end.poll_timeout(), due)
     }
 }
 
@@ -344,7 +340,7 @@ impl Station<Can> for DataSheetDevice {
 impl BenchControl for DataSheetDevice {
     fn ground_truth(&mut self, now: Instant) -> GroundTruth {
         let flash_writes = self.node.flash_writes;
-        match &mut self.node.drive {
+        match self.node.drives.first_mut() {
             Some(drive) => GroundTruth { flash_writes, ..drive.ground_truth(now) },
             None => GroundTruth {
                 fault: self.node.fault.into(),
@@ -355,7 +351,7 @@ impl BenchControl for DataSheetDevice {
     }
 
     fn act(&mut self, now: Instant, act: Act) -> bool {
-        match (act, &mut self.node.drive) {
+        match (act, self.node.drives.first_mut()) {
             (Act::PowerCycle, _) => {
                 self.node.advance(now);
                 self.node.power_cycle();
@@ -373,6 +369,6 @@ impl BenchControl for DataSheetDevice {
     }
 
     fn take_notice(&mut self) -> Option<&'static str> {
-        self.node.drive.as_mut().and_then(Drive::take_notice)
+        self.node.drives.iter_mut().find_map(Drive::take_notice)
     }
 }

@@ -96,3 +96,24 @@ fn texts_and_numbers_that_follow_the_node_are_as_listed() {
     assert_eq!(read(&mut device, 0x2000)[4..], [0x05, 1, 0, 0]);
     assert_eq!(read(&mut device, 0x2001), [0x47, 1, 0x20, 0, b'a', b'b', b'c', 0]);
 }
+
+#[test]
+fn the_second_axis_of_a_sheet_has_a_motor_of_its_own() {
+    let words = [0x6040, 0x6041, 0x6840, 0x6841].map(|index| number(index, 6, 0));
+    let modes = [number(0x6060, 2, 0), number(0x6860, 2, 0), number(0x6861, 2, 0)];
+    let mut all = [words.as_slice(), &modes].concat();
+    all.sort_by_key(|one| one.index);
+    let mut device = device(&all);
+    let order = |device: &mut DataSheetDevice, index: u16, word: u8| {
+        let [low, high] = index.to_le_bytes();
+        assert_eq!(sdo_reply_to(device, [0x2B, low, high, 0, word, 0, 0, 0])[0], 0x60);
+    };
+    for word in [6, 7, 15] {
+        order(&mut device, 0x6840, word);
+    }
+    assert_eq!(read(&mut device, 0x6841)[4] & 0x6F, 0x27, "it is enabled");
+    assert_eq!(read(&mut device, 0x6041)[4] & 0x4F, 0x40, "the first is not");
+    // 6860h = 3 is shown at 6861h.
+    assert_eq!(sdo_reply_to(&mut device, [0x2F, 0x60, 0x68, 0, 3, 0, 0, 0])[0], 0x60);
+    assert_eq!(read(&mut device, 0x6861)[4], 3);
+}
