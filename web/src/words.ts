@@ -215,6 +215,10 @@ export const WORDS = {
     "{axis} did not answer; last heard of {age} ago",
     "{axis} 未应答；最后一次收到数据在 {age} 前",
   ],
+  look_unconfigured: [
+    "A CANopen device without node-ID answers. Show it with: {command}",
+    "有 CANopen 设备没有节点 ID。查看命令：{command}",
+  ],
   look_tried: ["What was tried", "查找过程"],
   take_in: ["Take in", "接入"],
   take_in_this: ["Take in {drive}", "接入 {drive}"],

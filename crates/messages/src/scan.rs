@@ -42,6 +42,9 @@ pub struct ScanView {
     pub tried: Vec<String>,
     /// Addresses that were not asked because it was broken off.
     pub unasked: u32,
+    /// A CANopen device without node-ID answered. Known when it has ended.
+    #[serde(default)]
+    pub has_unconfigured: bool,
     /// Why it failed; `null` where it did not.
     #[schema(required)]
     pub error: Option<GatewayError>,

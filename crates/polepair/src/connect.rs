@@ -39,7 +39,7 @@ pub use parts::LinkPart;
 use polepair_core::medium::{Can, CanLine, MediumKind, Stream};
 use polepair_core::mux::Mux;
 use polepair_core::profile::Profile;
-use polepair_core::proto::HostOptions;
+use polepair_core::proto::{HostOptions, drive_address};
 use polepair_core::station::{AxisIndex, Counters};
 use polepair_link::{Connection, Interrupter, LinkIo as _};
 use rack::{identify_expected, seed_of};
@@ -358,16 +358,16 @@ fn describe_rack(url: &Url, what: &str, seed: u64) -> Result<RackDescription, Er
     if file.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
         return simulate::rack_of_file(file, seed);
     }
+    if what.contains(':') {
+        return simulate::rack_of_words(&[what], seed);
+    }
     let count = url.number("axes")?.unwrap_or(1);
-    let drives = url.axes.iter().filter(|axis| !AxisNumber(**axis).is_group());
-    let max = drives.copied().map(u64::from).max().unwrap_or(0);
+    let axes = url.axes.iter().filter(|axis| !AxisNumber(**axis).is_group());
+    let max = axes.map(|axis| u64::from(drive_address(*axis))).max().unwrap_or(0);
     let count = count.max(max);
     if count == 0 || count > 32 {
         let what = format!("`axes={count}` is not 1 to 32");
         return Err(Error::usage("E210", what, "for more, write a rack file"));
-    }
-    if what.contains(':') {
-        return simulate::rack_of_words(&[what], seed);
     }
     let own = simulate::find_drive(what)?.1.host.map(u64::from);
     let host = url.number("host")?.or(own).filter(|_| own.is_some());

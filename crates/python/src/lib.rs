@@ -21,6 +21,7 @@ mod explain;
 mod guard;
 mod layout;
 mod link;
+mod lss;
 mod process_local;
 mod python_link;
 mod request;
@@ -46,6 +47,7 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<request::PyRequest>()?;
     module.add_class::<events::PyEvents>()?;
     module.add_class::<bus::CanWire>()?;
+    module.add_class::<lss::PyLssMaster>()?;
     module.add_class::<served::ServedLink>()?;
     module.add_class::<served::ServedAxis>()?;
     module.add_class::<served::ServedRequest>()?;

@@ -70,7 +70,8 @@ pub fn connect_over(
 }
 
 /// Asks who is on a link, and gives address, product, title, firmware and clash of each; only reads
-/// are sent. `progress` is called with address, done and of, and may return False to end the scan.
+/// are sent. `progress` is called with address, done and of, and may return False to end the scan. The
+/// second value tells whether a CANopen device without node-ID answered.
 #[pyfunction]
 #[pyo3(signature = (url, first=None, last=None, profile=None, progress=None))]
 pub fn scan(
@@ -80,7 +81,7 @@ pub fn scan(
     last: Option<u32>,
     profile: Option<PathBuf>,
     progress: Option<Py<PyAny>>,
-) -> PyResult<Vec<FoundTuple>> {
+) -> PyResult<(Vec<FoundTuple>, bool)> {
     let mut broken = None;
     let connector = build_connector(py, profile)?;
     let found = py.detach(|| {
@@ -115,7 +116,7 @@ pub fn scan(
             format!("{error}; {found} drives had answered, {unasked} addresses were not asked");
         return Err(crate::errors::to_py_error_with(py, &error, &what));
     }
-    Ok(scan.found.into_iter().map(found_tuple).collect())
+    Ok((scan.found.into_iter().map(found_tuple).collect(), scan.has_unconfigured))
 }
 
 /// Address, product, title, how it was identified, clash.
@@ -137,7 +138,7 @@ pub fn profiles() -> Vec<(&'static str, &'static str, &'static str)> {
 
 /// How links are opened. A file of the configuration that is wrong is told as Python tells such
 /// things, once, and stands in nobody's way who needs nothing of it.
-fn build_connector(py: Python<'_>, profile: Option<PathBuf>) -> PyResult<Connector> {
+pub(crate) fn build_connector(py: Python<'_>, profile: Option<PathBuf>) -> PyResult<Connector> {
     let connector = py.detach(Connector::discover);
     let category = py.get_type::<PyUserWarning>();
     for error in &connector.config.broken {

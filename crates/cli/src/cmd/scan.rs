@@ -98,10 +98,7 @@ impl ScanCommand {
             return Err(outcome::link_problem(lost).why(why));
         }
         if scan.has_unconfigured {
-            print_note(&format!(
-                "a CANopen device without node-ID answers: `polepair lss {}` shows it",
-                shell_word(&self.target.url)
-            ));
+            report_unconfigured(&self.target.url);
         }
         if scan.not_queried > 0 {
             print_note(&format!("interrupted: {} addresses were not asked", scan.not_queried));
@@ -118,6 +115,13 @@ impl ScanCommand {
             scan.found.len(),
         )
     }
+}
+
+/// Tells of a CANopen device without node-ID on a link.
+fn report_unconfigured(url: &str) {
+    let (link, _) = url.split_once('#').unwrap_or((url, ""));
+    let command = format!("polepair lss {}", shell_word(link));
+    print_note(&format!("a CANopen device without node-ID answers: `{command}` shows it"));
 }
 
 /// The end of a scan that found so many, of which so many clash.

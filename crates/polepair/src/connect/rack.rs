@@ -11,7 +11,7 @@ use crate::toml_file::FileLocation;
 use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::SharedLink;
 use polepair_core::profile::Profile;
-use polepair_core::proto::HostOptions;
+use polepair_core::proto::{HostOptions, drive_address, sub_axis};
 use polepair_sim::rack::RackWire;
 use polepair_sim::serial_line::{SerialWireConfig, Timing};
 use std::path::Path;
@@ -219,6 +219,14 @@ fn rack_line(
         all.extend(seats(behind, false));
     }
     let groups = url.axes.iter().filter(|axis| AxisNumber(**axis).is_group());
+    // The mounting of a drive is that of its first axis.
+    let further = |axis: &u32| {
+        let (_, drive) = all.iter().find(|(number, _)| *number == drive_address(*axis))?;
+        Some((*axis, RackEntry { profile: drive.profile.clone(), ..RackEntry::default() }))
+    };
+    let further: Vec<(u32, RackEntry)> =
+        url.axes.iter().filter(|axis| sub_axis(**axis) != 0).filter_map(further).collect();
+    further.iter().try_for_each(|(axis, _)| info.check_address(*axis))?;
     groups.clone().try_for_each(|axis| info.check_address(*axis))?;
     let every = url.axes.is_empty() && url.names.is_empty();
     let wanted = |(number, entry): &(u32, RackEntry)| {
@@ -230,7 +238,7 @@ fn rack_line(
     let groups = groups
         .map(|axis| (*axis, RackEntry { mounting: mounting.clone(), ..RackEntry::default() }));
     let everything = Arc::from(&*all);
-    let (numbers, seats) = all.into_iter().filter(wanted).chain(groups).unzip();
+    let (numbers, seats) = all.into_iter().filter(wanted).chain(further).chain(groups).unzip();
     options.standard = options.standard.or(description.line_standard(n));
     // Behind a relay are axes that the host must not be taken for either.
     let beside = description.host_address(n, &info);

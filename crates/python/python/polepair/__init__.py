@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
     from . import aio as aio
     from . import events as events
+    from . import lss as lss
     from ._adapters import SerialPort
     from .captures import Capture, decode
     from .columns import Arrays, Table, Tables
@@ -152,8 +153,17 @@ def scan(
 
     `first` and `last` bound the addresses. `progress(address, done, of)` hears of every address
     before it is asked, and ends the scan by returning False; what was found is kept.
+
+    A scan of all addresses warns of a CANopen device without node-ID: `polepair.lss.LssMaster` finds
+    it.
     """
-    return [Found(*row) for row in _native.scan(url, first, last, profile, progress)]
+    found, has_unconfigured = _native.scan(url, first, last, profile, progress)
+    if has_unconfigured:
+        import warnings
+
+        text = "a CANopen device without node-ID answers: use polepair.lss.LssMaster to find it"
+        warnings.warn(text, stacklevel=2)
+    return [Found(*row) for row in found]
 
 
 def encode(
@@ -205,6 +215,7 @@ _LATER = {
     "decode": "captures",
     "events": "events",
     "explain": "explained",
+    "lss": "lss",
 }
 
 

@@ -123,6 +123,7 @@ impl LinkScan {
             axes: Vec::new(),
             tried: Vec::new(),
             unasked: 0,
+            has_unconfigured: false,
             error: None,
         };
         lock_unpoisoned(&self.found).clear();
@@ -250,6 +251,7 @@ impl LinkScanner {
             view.done = view.of;
             (view.found, view.axes, view.tried) = (found, queried, scan.tried);
             view.unasked = scan.not_queried as u32;
+            view.has_unconfigured = scan.has_unconfigured;
             // Before that is told: who hears it may look again.
             self.context.scan_active.store(false, Ordering::SeqCst);
         });

@@ -4,6 +4,7 @@
 use crate::patience;
 
 use std::sync::{Arc, Mutex};
+use std::{fs, process};
 
 use patience::{MS, heard, order};
 use polepair_serve::bench::{
@@ -257,6 +258,27 @@ fn nobody_looks_where_something_may_move_nor_twice_and_nobody_commands_meanwhile
     let wrong = fixture.hear(fixture.bench.start_scan(0, &fixture.ann, wrong)).unwrap_err();
     assert_eq!(wrong.code, "gateway.request");
     assert_eq!(fixture.bench.scan_view(7).unwrap_err().code, "gateway.missing");
+}
+
+#[test]
+fn a_canopen_device_without_node_id_is_reported() {
+    let rack = std::env::temp_dir().join(format!("polepair-unconfigured-{}.toml", process::id()));
+    let drive = "[[link.drive]]\nprofile = \"canopen\"\n";
+    let text = format!("[[link]]\n{drive}address = 3\n{drive}address = 4\n");
+    fs::write(&rack, text.clone() + "options = { node = \"none\" }\n").expect("written");
+    let mut reports = Vec::new();
+    for other_answers in [false, true] {
+        if other_answers {
+            fs::write(&rack, &text).expect("written");
+        }
+        let fixture = TestBench::new(&[&format!("sim:{}?time=virtual#3", rack.display())]);
+        let scan = ScanRequest::default();
+        fixture.hear(fixture.bench.start_scan(0, &fixture.ann, scan)).unwrap();
+        let view = fixture.ended(0);
+        reports.push((view.has_unconfigured, view.found.len()));
+    }
+    fs::remove_file(rack).expect("removed");
+    assert_eq!(reports, [(true, 0), (false, 1)]);
 }
 
 #[test]

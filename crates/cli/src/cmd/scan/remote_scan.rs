@@ -9,7 +9,7 @@ use polepair_capture::jsonl;
 use polepair_client::message::{AddDrives, AxisInfo, FoundDrive, ScanRequest, ScanState, ScanView};
 use polepair_link::clock;
 
-use super::conflicts_result;
+use super::{conflicts_result, report_unconfigured};
 use crate::interrupt;
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{RemoteSession, refusal_problem};
@@ -167,6 +167,9 @@ fn report_scan(server: &RemoteSession, view: &ScanView) {
         if let Some(clash) = &probed_axis.clash {
             print_note(&format!("{label}: {clash}"));
         }
+    }
+    if view.has_unconfigured {
+        report_unconfigured(&server.bench.links[usize::from(view.link)].url);
     }
     if view.found.is_empty() {
         print_note(&format!("link {}: no drive answered that is no axis", view.link));
