@@ -2,7 +2,7 @@
 CARGO ?= cargo
 VENV := .venv
 PYTHON := $(VENV)/bin/python
-PAGE := web/dist/index.html
+PAGE := crates/serve/page/index.html
 PAGE_SOURCES := web/index.html web/package.json web/svelte.config.js web/vite.config.ts \
 	$(shell find web/src web/public -type f ! -name message.ts 2>/dev/null)
 
@@ -64,7 +64,7 @@ packages: $(VENV)/ready
 	-@rustup target add thumbv6m-none-eabi >/dev/null 2>&1 || true
 	@if web/ready; then $(MAKE) --no-print-directory $(PAGE); fi
 
-## web: the dashboard's page, checked, tried and built into web/dist; needs Node.js
+## web: the dashboard's page, checked, tried and built into crates/serve/page; needs Node.js
 web: $(PAGE)
 	cd web && npm run --silent check
 	cd web && npm run --silent unit -- --reporter=dot
@@ -93,6 +93,7 @@ package: $(VENV)/ready build
 	cd crates/python && $(CURDIR)/$(VENV)/bin/maturin pep517 write-dist-info --metadata-directory $(SITE) \
 		>$(CURDIR)/target/maturin.log 2>&1 || { cat $(CURDIR)/target/maturin.log; false; }
 	echo $(CURDIR)/crates/python/python >$(SITE)/polepair.pth
+	$(PYTHON) .ci/install-command polepair polepair.__main__:main
 
 ## python: the package, built and tried: its surface, its types, its guide, examples and notebooks
 python: package
@@ -101,6 +102,7 @@ python: package
 	cd crates/python && $(CURDIR)/$(PYTHON) -m pyright --pythonpath $(CURDIR)/$(PYTHON)
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub --allowlist stubtest-allowed.txt --ignore-unused-allowlist --mypy-config-file pyproject.toml
 	cd crates/python && $(PYTEST)
+	RUST_TEST_THREADS=2 POLEPAIR_COMMAND=$(CURDIR)/$(VENV)/bin/polepair $(CARGO) test $(WORKSPACE) --test commands -- ctrl_c_stops every_signal a_terminal_that who_holds
 
 $(VENV)/ready: interop/requirements.txt interop/debian-packages.txt
 	interop/install-debian-packages
@@ -121,7 +123,7 @@ soak:
 	POLEPAIR_SCOPE_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-serve --test integration telemetry:: -- --nocapture
 	POLEPAIR_SCOPE_SECONDS=600 POLEPAIR_SPEED=1 $(MAKE) --no-print-directory page BUILD=release TESTS="scope page"
 	POLEPAIR_LOAD_RUNS=5 POLEPAIR_LOAD_VIEWERS=100 POLEPAIR_LOAD_COMMANDS=2000 POLEPAIR_LOAD_STOPS=2000 POLEPAIR_LOAD_IDLE=10000 $(CARGO) test --release --locked --quiet -p polepair-cli --test commands gateway::load:: -- --nocapture
-	POLEPAIR_FRAMES=all $(CARGO) test --release --locked --quiet -p polepair-cli --bin polepair every_frame
+	POLEPAIR_FRAMES=all $(CARGO) test --release --locked --quiet -p polepair-cli --lib every_frame
 	POLEPAIR_READER_SECONDS=600 $(CARGO) test --release --locked --quiet -p polepair-capture --test readers
 	POLEPAIR_FRAMES=all POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python BUILD=release
 	$(CARGO) test --release --locked --quiet -p polepair-sim --test pinned
@@ -135,4 +137,4 @@ bench:
 
 clean:
 	$(CARGO) clean
-	rm -rf $(VENV) interop/build web/dist web/node_modules
+	rm -rf $(VENV) interop/build crates/serve/page web/node_modules

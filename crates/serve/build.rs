@@ -8,12 +8,10 @@ const FILES_MAX: usize = 256;
 
 fn main() {
     let here = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from).unwrap_or_default();
-    let page = here.join("../../web/dist");
-    // What is not there counts as changed at every build: then its folder is watched instead.
-    let watched = [page.clone(), here.join("../../web")];
-    if let Some(path) = watched.iter().find(|path| path.exists()) {
-        println!("cargo::rerun-if-changed={}", path.display());
-    }
+    let page = here.join("page");
+    // A path that does not exist counts as changed at every build: then the crate's folder is watched.
+    let watched = if page.exists() { &page } else { &here };
+    println!("cargo::rerun-if-changed={}", watched.display());
     println!("cargo::rerun-if-changed=build.rs");
     let mut files = Vec::new();
     collect(&page, &page, &mut files);

@@ -25,7 +25,7 @@ afterEach(() => v.content());
 
 describe("the dashboard's looks", () => {
   it("take under 300 kB, compressed", () => {
-    const dist = join(ROOT, "web/dist");
+    const dist = join(ROOT, "crates/serve/page");
     const files = readdirSync(dist, { recursive: true, withFileTypes: true });
     const sizes = files
       .filter((each) => each.isFile())

@@ -104,6 +104,9 @@ impl UsbInfo {
 /// Drivers of ports behind which no UART may be: USB CDC, as drives with a USB connector have it.
 /// What is sent there takes no time, whatever baud rate is set.
 const WITHOUT_BAUD_RATE: [&str; 2] = ["cdc_acm", "usbser"];
+/// The name of this program. It stops its motors when it is ended.
+#[cfg(unix)]
+const PROGRAM: &str = "polepair";
 
 /// Whether the driver of the port at `path` is known to have no baud rate. False where the system does
 /// not tell (Windows), and for converters that pretend to have one.
@@ -131,10 +134,7 @@ pub(crate) fn holder_sentence(path: &str) -> String {
     let Some((name, pid)) = system::lock_holder(path).or_else(|| system::open_holder(path)) else {
         return String::new();
     };
-    let ours = std::env::current_exe().ok();
-    let ours = ours.as_deref().and_then(std::path::Path::file_name);
-    let ours = ours.is_some_and(|ours| ours == name.as_str());
-    match (ours, system::is_suspended(pid)) {
+    match (name == PROGRAM, system::is_suspended(pid)) {
         (true, false) => format!(
             "In use by {name} (process {pid}): Ctrl-C there, or `kill -INT {pid}`, ends it and \
              stops the motion that it holds."

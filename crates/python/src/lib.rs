@@ -15,6 +15,7 @@ mod bus;
 mod capture;
 mod codec;
 mod columns;
+mod command;
 mod errors;
 mod events;
 mod explain;
@@ -73,6 +74,7 @@ fn _polepair(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(process_local::forked, module)?)?;
     module.add_function(wrap_pyfunction!(guard::stop_each, module)?)?;
     module.add_function(wrap_pyfunction!(guard::stop_armed, module)?)?;
+    module.add_function(wrap_pyfunction!(command::run_command, module)?)?;
     module.add_function(wrap_pyfunction!(explain::explain, module)?)?;
     module.add_function(wrap_pyfunction!(explain::explain_code, module)?)
 }

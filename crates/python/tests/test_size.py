@@ -10,7 +10,7 @@ from pathlib import Path
 import polepair
 import pytest
 
-WHEEL_MAX = 10 << 20
+WHEEL_MAX = 15 << 20
 """Bytes of a wheel."""
 
 

@@ -37,6 +37,7 @@ mod verbs;
 mod watch;
 mod watchdog;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::Once;
 
@@ -72,16 +73,16 @@ pub struct CommandLine {
 
 impl CommandLine {
     /// Reads the command line.
-    pub fn parse_args() -> std::result::Result<Self, clap::Error> {
-        let names = |word: std::ffi::OsString| {
+    pub fn parse(words: Vec<OsString>, version: &str) -> std::result::Result<Self, clap::Error> {
+        let names = |word: &OsString| {
             word.to_str().is_some_and(|word| word == "--server" || word.starts_with("--server="))
         };
-        let command = ServerArgs::hide_server_options(Self::command());
-        let command = match std::env::args_os().any(names) {
+        let command = ServerArgs::hide_server_options(Self::command().version(version.to_owned()));
+        let command = match words.iter().any(names) {
             true => ServerArgs::reword_help(command),
             false => command,
         };
-        let matches = command.try_get_matches()?;
+        let matches = command.try_get_matches_from(words)?;
         let word = matches.subcommand_name().unwrap_or_default().to_owned();
         Ok(Self { word, ..Self::from_arg_matches(&matches)? })
     }

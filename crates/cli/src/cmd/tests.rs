@@ -1,5 +1,5 @@
 //! Scripts rely on the words of the command line: `tests/golden/words.txt` pins them.
-//! `POLEPAIR_GOLDEN=write cargo test -p polepair-cli --bin polepair every_word` writes the file anew.
+//! `POLEPAIR_GOLDEN=write cargo test -p polepair-cli --lib every_word` writes the file anew.
 
 use clap::{Arg, Command};
 

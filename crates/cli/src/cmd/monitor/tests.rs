@@ -273,7 +273,7 @@ fn help_is_left_by_the_key_that_called_it_and_stops_are_heard_in_it() {
 }
 
 /// Draws what `docs/images/monitor.svg` is made from:
-/// `cargo test -p polepair-cli --bin polepair the_picture -- --ignored`, then
+/// `cargo test -p polepair-cli --lib the_picture -- --ignored`, then
 /// `cargo xtask picture < target/monitor.txt > docs/images/monitor.svg`.
 #[test]
 #[ignore = "it writes a file"]

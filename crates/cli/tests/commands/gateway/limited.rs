@@ -20,7 +20,9 @@ fn a_server_that_cannot_write_its_first_record_says_that_it_stops_nothing() {
     let serve = r#"ulimit -f 1; exec "$0" serve "$@""#;
     let sim = Served::with(&["tmcl:1", "--tcp", "127.0.0.1:0"]);
     let ran = Command::new("sh")
-        .args(["-c", serve, env!("CARGO_BIN_EXE_polepair"), &sim.url])
+        .args(["-c", serve])
+        .arg(run::program())
+        .arg(&sim.url)
         .args(["--bind", "127.0.0.1:0", "--state", &state])
         .envs(run::environment())
         .output()

@@ -3,6 +3,7 @@
 pub mod screen;
 
 use std::cell::Cell;
+use std::ffi::OsString;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::process::{Child, ChildStderr, Command, Output, Stdio};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -69,9 +70,14 @@ pub fn polepair(arguments: &[&str]) -> Ran {
     polepair_with(arguments, "")
 }
 
+/// The program under test: the workspace's own, or that of `POLEPAIR_COMMAND`, such as an installed wheel's.
+pub fn program() -> OsString {
+    std::env::var_os("POLEPAIR_COMMAND").unwrap_or_else(|| env!("CARGO_BIN_EXE_polepair").into())
+}
+
 /// A command that prints plain text into pipes.
 pub fn command(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_polepair"));
+    let mut command = Command::new(program());
     command.args(arguments).envs(environment()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }

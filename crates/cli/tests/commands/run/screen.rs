@@ -37,7 +37,7 @@ impl Screen {
         };
         // Without the terminal that the tests may run on.
         let child = Command::new("setsid")
-            .arg(env!("CARGO_BIN_EXE_polepair"))
+            .arg(super::program())
             .args(arguments)
             .envs(super::environment())
             .env("TERM", "xterm")

@@ -1,0 +1,59 @@
+//! The polepair command line. No protocol is named here: what a drive speaks is known by the library.
+#![forbid(unsafe_code)]
+// A terminal that went away must not end who has a motor turning: `terminal::draw` and `say`.
+#![deny(clippy::print_stderr)]
+
+mod capture;
+mod cmd;
+#[cfg(test)]
+mod every_frame;
+mod interrupt;
+mod motion;
+mod outcome;
+mod problem;
+mod progress;
+mod remote;
+mod session;
+mod tap_queue;
+mod target;
+mod terminal;
+mod trace;
+mod value;
+
+use clap::CommandFactory as _;
+use std::ffi::OsString;
+
+/// The program's version.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Every verb and option, as documentation and completion scripts are made from.
+#[must_use]
+pub fn command() -> clap::Command {
+    cmd::CommandLine::command()
+}
+
+/// Runs the program with its command line, of which the first word is its own name, and gives its exit
+/// code. `version` is what `--version` shows.
+pub fn run(command_line: impl IntoIterator<Item = OsString>, version: &str) -> u8 {
+    interrupt::outlive_file_limit();
+    let arguments = match cmd::CommandLine::parse(command_line.into_iter().collect(), version) {
+        Ok(arguments) => arguments,
+        Err(error) => return print_usage(&error),
+    };
+    match cmd::run(arguments) {
+        Ok(exit) => exit as u8,
+        Err(problem) => {
+            if !problem.what.is_empty() {
+                terminal::draw(&problem.render(terminal::colour_err()));
+            }
+            problem.exit as u8
+        }
+    }
+}
+
+/// Help and version go to stdout and are no error; everything else is.
+fn print_usage(error: &clap::Error) -> u8 {
+    // A reader that went away is nothing to report.
+    let _ = error.print();
+    (if error.use_stderr() { problem::Exit::Usage } else { problem::Exit::Ok }) as u8
+}

@@ -1,0 +1,14 @@
+//! The `polepair` program, as the package installs it.
+
+use std::ffi::OsString;
+
+use pyo3::prelude::*;
+
+/// Runs the program with its command line, of which the first word is its own name, and gives its exit
+/// code. `python` is what `--version` says of the interpreter.
+#[pyfunction]
+pub fn run_command(py: Python<'_>, command_line: Vec<OsString>, python: &str) -> u8 {
+    let (program, module) = (polepair_cli::VERSION, env!("CARGO_PKG_VERSION"));
+    let version = format!("{program} (Python module {module}, {python})");
+    py.detach(|| polepair_cli::run(command_line, &version))
+}
