@@ -20,7 +20,7 @@ STEP := .ci/step
 MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
-.PHONY: demo test check lints build packages web page interop package python swarm soak bench clean
+.PHONY: demo test check lints dependencies build packages web page site interop package python wheel deb dist try-dist swarm soak bench clean
 
 ## demo: the main job on simulated drives, then the page with such drives; HEADLESS=1 ends by itself
 demo:
@@ -34,25 +34,30 @@ demo:
 ## test: all tests, 500 swarm seeds and 200 of gateways among them; installs what the foreign clients need
 test:
 	@$(STEP) --begin
-	@$(STEP) "packages and lints" $(MAKE) -j2 --output-sync=target packages lints
+	@$(STEP) "packages and lints" $(MAKE) -j2 --output-sync=target packages lints dependencies
 	@$(STEP) "build" $(MAKE) build
 	@$(STEP) "unit tests" $(CARGO) test $(WORKSPACE) --lib --bins
 	@$(STEP) "integration tests" env RUST_TEST_THREADS=4 POLEPAIR_TIMEOUT_SCALE=3 $(CARGO) test $(WORKSPACE) --test '[!c]*'
 	@$(STEP) "command line" env RUST_TEST_THREADS=2 $(CARGO) test $(WORKSPACE) --test commands
 	@$(STEP) "doc tests" $(CARGO) test $(WORKSPACE) --doc
-	@$(STEP) "documentation" env RUSTDOCFLAGS='-D warnings' $(CARGO) doc --workspace --no-deps --locked --quiet
+	@$(STEP) "documentation" $(MAKE) site
 	@$(STEP) "page" $(MAKE) page
 	@$(STEP) "interop" $(MAKE) interop
 	@$(STEP) --table "python"
 	@$(MAKE) --no-print-directory python
 
-## check: format, lints, unit tests (tidiness and generated files are among them), captures mutated for seconds
-check: lints
+## check: format, lints, licences, unit tests (tidiness and generated files are among them), captures mutated for seconds
+check: lints dependencies
 	$(CARGO) test $(WORKSPACE) --lib --bins --test readers
 
 lints:
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets --locked --quiet -- -D warnings
+
+# Licences and origins of what the project depends on (deny.toml).
+dependencies:
+	packaging/install-tools cargo-deny
+	target/tools/bin/cargo-deny --log-level error check bans licenses sources
 
 # Tests, the programs that they start, examples and the Python module.
 build:
@@ -83,6 +88,16 @@ page:
 	$(MAKE) --no-print-directory build
 	@if web/ready browser; then cd web && POLEPAIR_BUILD=$(BUILD) IMAGES=$(abspath $(IMAGES)) npm run --silent page -- $(TESTS); fi
 
+## site: the documentation as web pages in target/site, with the interfaces of Rust and Python; all links checked
+site: package
+	packaging/install-tools mdbook
+	RUSTDOCFLAGS='-D warnings' $(CARGO) doc --workspace --no-deps --locked --quiet
+	rm -rf target/site
+	MDBOOK_LOG=warn target/tools/bin/mdbook build docs
+	$(PYTHON) -m pdoc --output-directory target/site/api/python polepair '!polepair._polepair' '!polepair.__main__'
+	cp -r target/doc target/site/api/rust
+	$(CARGO) run --quiet --locked -p xtask -- links target/site
+
 ## interop: foreign hosts against our drives, our hosts against foreign drives
 interop: package
 	$(PYTEST) interop
@@ -103,6 +118,31 @@ python: package
 	cd crates/python && $(CURDIR)/$(PYTHON) -m mypy.stubtest polepair --ignore-missing-stub --allowlist stubtest-allowed.txt --ignore-unused-allowlist --mypy-config-file pyproject.toml
 	cd crates/python && $(PYTEST)
 	RUST_TEST_THREADS=2 POLEPAIR_COMMAND=$(CURDIR)/$(VENV)/bin/polepair $(CARGO) test $(WORKSPACE) --test commands -- ctrl_c_stops every_signal a_terminal_that who_holds
+
+# Tools that build what users install.
+$(VENV)/packaging: $(VENV)/ready packaging/requirements.txt packaging/tools.txt
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check -r packaging/requirements.txt
+	packaging/install-tools cargo-deb cargo-sbom
+	touch $@
+
+## wheel: the Python package with the command and the page, for glibc 2.28 and newer, and its source distribution
+wheel: $(PAGE) $(VENV)/packaging
+	packaging/build wheel
+
+## deb: the Debian package: command, man pages, completions, udev rules, systemd unit
+deb: $(PAGE) $(VENV)/packaging
+	packaging/build program
+	packaging/build deb
+
+## dist: wheel, Debian package, archives for glibc and musl, list of parts (SBOM) and check sums, in dist/
+dist: wheel deb
+	packaging/build archive
+	packaging/build sums
+
+## try-dist: what is in dist/, installed in a fresh environment and in a fresh root, used and removed
+try-dist: $(VENV)/packaging
+	interop/install-debian-packages packaging/debian-packages.txt
+	$(PYTEST) packaging
 
 $(VENV)/ready: interop/requirements.txt interop/debian-packages.txt
 	interop/install-debian-packages

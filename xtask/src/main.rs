@@ -4,6 +4,8 @@
 mod codegen;
 mod gateway;
 mod language;
+mod links;
+mod man;
 mod pages;
 mod picture;
 mod swarm;
@@ -16,6 +18,8 @@ const USAGE: &str = "\
 usage: cargo xtask COMMAND
   codegen [--check]   profiles/*.toml as Rust constants and drive pages, or what is stale
   tidy                the architecture's never-rules, checked
+  links DIR           the links of the documentation that `make site` built, checked
+  man DIR             the command line's man pages, written into a folder
   picture             a terminal's output on stdin as an SVG picture on stdout
   swarm [--help] ...  seeded worlds with faults; `swarm --help` explains all of it";
 
@@ -26,6 +30,8 @@ fn main() -> ExitCode {
         ["codegen"] => codegen::run(&root(), false),
         ["codegen", "--check"] => codegen::run(&root(), true),
         ["tidy"] => tidy::run(&root()).map(|names| println!("{names}")),
+        ["links", site] => links::run(Path::new(site)),
+        ["man", folder] => man::run(Path::new(folder)),
         ["picture"] => picture::run(),
         ["swarm", "--help" | "-h" | "help"] => {
             println!("{}", swarm::HELP);

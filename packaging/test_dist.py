@@ -1,0 +1,205 @@
+"""What is in `dist/`, installed as its users do: nothing of this repository and no Rust in sight.
+
+`make dist` makes the files, `make try-dist` runs this.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import time
+import urllib.request
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+DIST = Path(__file__).parents[1] / "dist"
+WHEEL_MAX = 15 << 20
+"""Bytes of a wheel."""
+INSTALL_MAX = 60.0
+"""Seconds from the package to the first motion."""
+CLEAN = {"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", "LC_ALL": "C.UTF-8",
+         "NO_COLOR": "1"}
+FIRST_STEPS = (("polepair", "--version"), ("polepair", "demo", "--headless"),
+               ("polepair", "spin", "sim:tmcl", "60rpm", "--for", "1s"))
+
+
+def only(pattern: str) -> Path:
+    found = sorted(DIST.glob(pattern))
+    if not found:
+        pytest.skip(f"dist/ has no {pattern}: make dist")
+    assert len(found) == 1, found
+    return found[0]
+
+
+def ran(*command: str | Path, **more: object) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=CLEAN, **more)  # type: ignore[call-overload]
+    assert done.returncode == 0, f"{command}: {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+    return str(done.stdout)
+
+
+def root_or_skip(*programs: str) -> None:
+    if os.geteuid() != 0:
+        pytest.skip("only root makes a root")
+    for program in programs:
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed")
+
+
+def test_a_wheel_has_what_its_page_shows() -> None:
+    wheel = only("*.whl")
+    assert wheel.stat().st_size <= WHEEL_MAX
+    assert "cp310-abi3-manylinux_2_28" in wheel.name
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+        folder = next(name.partition("/")[0] for name in names if ".dist-info/" in name)
+        metadata = archive.read(f"{folder}/METADATA").decode()
+        scripts = archive.read(f"{folder}/entry_points.txt").decode()
+    assert "polepair=polepair.__main__:main" in scripts.replace(" ", "")
+    head, _, readme = metadata.partition("\n\n")
+    assert readme.startswith("# Polepair")
+    for part in ("License-Expression: MIT OR Apache-2.0", "Project-URL: Source", "Project-URL: Documentation",
+                 "Requires-Python: >=3.10"):
+        assert part in head
+    needed = [line for line in head.splitlines() if line.startswith("Requires-Dist")]
+    assert needed and all("extra ==" in line for line in needed), "it depends on nothing"
+    for licence in ("LICENSE-MIT", "LICENSE-APACHE"):
+        assert any(name.endswith(licence) for name in names)
+
+
+def test_a_wheel_runs_on_the_systems_of_its_tag() -> None:
+    shown = subprocess.run([sys.executable, "-m", "auditwheel", "show", only("*.whl")], capture_output=True,
+                           text=True, check=True).stdout
+    tags = re.findall(r'"manylinux_(\d+)_(\d+)_', shown)
+    assert tags and all((int(major), int(minor)) <= (2, 28) for major, minor in tags), shown
+
+
+def test_a_wheel_is_installed_and_moves_a_motor_within_a_minute(tmp_path: Path) -> None:
+    wheel = only("*.whl")
+    began = time.monotonic()
+    ran(sys.executable, "-m", "venv", tmp_path / "venv")
+    bin = tmp_path / "venv" / "bin"
+    ran(bin / "pip", "install", "--no-index", wheel)
+    for name, *more in FIRST_STEPS:
+        said = ran(bin / name, *more, cwd=tmp_path)
+    assert "velocity" in said or "rpm" in said, said
+    ran(bin / "python", "-c", "import polepair", cwd=tmp_path)
+    assert time.monotonic() - began < INSTALL_MAX
+    shown = ran(bin / "polepair", "--version", cwd=tmp_path)
+    assert re.fullmatch(r"polepair \S+ \(Python module \S+, CPython \S+\)\n", shown), shown
+    assert ran(bin / "python", "-m", "polepair", "--version", cwd=tmp_path) == shown
+    page(tmp_path, [bin / "polepair", "serve"])
+
+
+def page(folder: Path, command: list[str | Path]) -> None:
+    """The server of an installed package has the page."""
+    server = subprocess.Popen([*command, "--bind", "127.0.0.1:0", "--state", folder / "state"], env=CLEAN,
+                              stdout=subprocess.PIPE, text=True, cwd=folder)
+    try:
+        assert server.stdout is not None
+        url = server.stdout.readline().removeprefix("ready ").strip()
+        with urllib.request.urlopen(url, timeout=30) as response:
+            text = response.read().decode()
+        assert "<title>" in text and ".js" in text, text[:300]
+    finally:
+        server.terminate()
+        server.wait(60)
+
+
+def test_sums_and_parts_are_those_of_the_files() -> None:
+    for line in only("SHA256SUMS").read_text().splitlines():
+        expected, name = line.split()
+        assert hashlib.sha256((DIST / name).read_bytes()).hexdigest() == expected, name
+    parts = json.loads(only("*.cdx.json").read_text())
+    names = {part["name"] for part in parts["components"]}
+    assert {"tokio", "clap", "polepair-core"} <= names, names
+
+
+@pytest.mark.parametrize("libc", ["gnu", "musl"])
+def test_an_archive_has_a_program_that_runs(libc: str, tmp_path: Path) -> None:
+    archive = only(f"*-linux-{libc}.tar.gz")
+    with tarfile.open(archive) as files:
+        files.extractall(tmp_path, filter="data")
+    (folder,) = tmp_path.iterdir()
+    for part in ("README.md", "LICENSE-MIT", "man/polepair-spin.1", "completions/zsh"):
+        assert (folder / part).is_file(), part
+    if libc == "musl":
+        root_or_skip("chroot")
+        # Nothing else is there: no libc, no shell.
+        shown = ran("chroot", folder, "/polepair", "encode", "tmcl", "ROR 0, 350")
+        assert shown.strip() == "01 01 00 00 00 00 01 5E 61"
+    else:
+        for _, *more in FIRST_STEPS:
+            ran(folder / "polepair", *more, cwd=tmp_path)
+        page(tmp_path, [folder / "polepair", "serve"])
+
+
+class Root:
+    """A Debian system of its own: what is installed there changes nothing here."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def run(self, *command: str | Path, user: str = "root") -> str:
+        mounts = 'mount -t proc proc "$1/proc"; mount --rbind /dev "$1/dev"; mount -t tmpfs tmpfs "$1/run"; '
+        enter = mounts + 'root=$1; user=$2; shift 2; exec chroot --userspec="$user" "$root" "$@"'
+        return ran("unshare", "--mount", "sh", "-ec", enter, "sh", self.folder, user, *command)
+
+    def files(self) -> set[str]:
+        """Every file whose name tells that it is the package's."""
+        return set(self.run("find", "/etc", "/usr", "/var/lib", "-name", "*polepair*").split())
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Root]:
+    root_or_skip("mmdebstrap", "unshare", "chroot")
+    folder = tmp_path_factory.mktemp("root")
+    made = subprocess.run(["mmdebstrap", "--quiet", "--variant=minbase", "--include=adduser,systemd,udev",
+                           "bookworm", folder], capture_output=True, text=True)
+    if made.returncode != 0:
+        pytest.skip(f"no root can be made here: {made.stderr[-300:]}")
+    yield Root(folder)
+    shutil.rmtree(folder)
+
+
+def test_a_debian_package_has_no_errors() -> None:
+    root_or_skip("lintian")
+    package = only("*.deb")
+    shown = subprocess.run(["lintian", "--allow-root", "--fail-on", "error", package], capture_output=True, text=True)
+    print(shown.stdout)
+    assert shown.returncode == 0, shown.stdout
+
+
+def test_a_debian_package_is_installed_used_and_removed(root: Root) -> None:
+    package = only("*.deb")
+    (root.folder / "tmp" / "polepair.deb").write_bytes(package.read_bytes())
+    began = time.monotonic()
+    root.run("dpkg", "--install", "/tmp/polepair.deb")
+    for command in FIRST_STEPS:
+        root.run(*command)
+    assert time.monotonic() - began < INSTALL_MAX
+    assert {"/usr/bin/polepair", "/usr/share/man/man1/polepair-spin.1.gz", "/etc/default/polepair",
+            "/usr/share/bash-completion/completions/polepair", "/usr/share/zsh/vendor-completions/_polepair",
+            "/usr/share/fish/vendor_completions.d/polepair.fish", "/usr/lib/systemd/system/polepair.service",
+            "/usr/lib/udev/rules.d/60-polepair.rules"} <= root.files()
+    unit = "/lib/systemd/system/polepair.service"
+    assert root.run("systemd-analyze", "verify", "--man=no", unit) == ""
+    exposure = root.run("systemd-analyze", "security", "--offline=true", "--no-pager", unit)
+    level = re.search(r"Overall exposure level for .*: ([\d.]+)", exposure)
+    assert level and float(level[1]) < 2.5, exposure[-500:]
+    # What the unit starts, as the user that it names.
+    root.run("install", "-d", "-o", "polepair", "-g", "polepair", "-m", "700", "/var/lib/polepair")
+    shown = root.run("sh", "-c", "polepair serve --state /var/lib/polepair --bind 127.0.0.1:0 >/tmp/served & "
+                     "until grep -q ready /tmp/served; do sleep 0.1; done; kill $!; wait $!; cat /tmp/served",
+                     user="polepair")
+    assert shown.startswith("ready http://127.0.0.1:")
+    root.run("dpkg", "--purge", "polepair")
+    assert root.files() == set()
