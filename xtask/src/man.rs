@@ -12,7 +12,11 @@ pub(crate) fn run(folder: &Path) -> Result<(), String> {
     command.build();
     let mut pages = vec![command];
     while let Some(page) = pages.pop() {
-        pages.extend(page.get_subcommands().filter(|verb| !verb.is_hide_set()).cloned());
+        pages.extend(
+            page.get_subcommands()
+                .filter(|verb| !verb.is_hide_set() && verb.get_name() != "help")
+                .cloned(),
+        );
         let name = page.get_display_name().unwrap_or_else(|| page.get_name()).to_owned();
         let file = folder.join(format!("{name}.1"));
         let page = Man::new(page).title(name.to_uppercase()).manual("Polepair");

@@ -15,8 +15,8 @@ use polepair_core::profile::Profile;
 
 use crate::cmd::{NamingArgs, capture_format};
 use crate::problem::{self, Exit, Problem, Result};
-use crate::progress::ReadProgress;
-use crate::terminal::print_note;
+use crate::progress::Progress;
+use crate::terminal::{print_note, print_warning};
 
 /// A capture on stdin that pauses so long is judged by what came so far, and followed from there.
 const JUDGE_PAUSE: Duration = Duration::from_millis(700);
@@ -279,14 +279,15 @@ pub fn read_pieces(
 struct CaptureFileReader<'a> {
     path: &'a Path,
     file: File,
-    progress: ReadProgress,
+    progress: Progress,
 }
 
 impl<'a> CaptureFileReader<'a> {
     fn open(path: &'a Path, progress: bool) -> Result<Self> {
         let opened = File::open(path).and_then(|file| Ok((file.metadata()?.len(), file)));
         let (size, file) = opened.map_err(|error| problem::file_problem(path, "read", &error))?;
-        let progress = ReadProgress::of_bytes(Some(size).filter(|size| progress && *size > 0));
+        let shown = progress && size > 0;
+        let progress = if shown { Progress::of_file(size) } else { Progress::hidden() };
         Ok(Self { path, file, progress })
     }
 
@@ -347,10 +348,10 @@ pub fn report_damage(tally: &ReadStatistics) -> Result {
         } else {
             "this part"
         };
-        print_note(&format!("{damage}; {what} is left out"));
+        print_warning(&format!("{damage}; {what} is left out"));
     }
     if tally.damaged > SHOWN as u64 {
-        print_note(&format!(
+        print_warning(&format!(
             "{} places could not be read, {} records were",
             tally.damaged, tally.records
         ));

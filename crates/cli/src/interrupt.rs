@@ -9,7 +9,7 @@ use polepair_core::time::Instant;
 use polepair_link::clock;
 
 use crate::problem::Exit;
-use crate::terminal::print_note;
+use crate::terminal::print_warning;
 
 /// Keys that come sooner after the first are the same press: they bounce, and `timeout` sends its
 /// signal to a process and to its group.
@@ -80,7 +80,7 @@ fn handle_signal(key: bool) {
         return;
     }
     if let Some(url) = held {
-        print_note(&format!(
+        print_warning(&format!(
             "left at once: a motor may still turn; this stops it: polepair stop {url}"
         ));
     }

@@ -36,7 +36,13 @@ pub fn command() -> clap::Command {
 /// code. `version` is what `--version` shows.
 pub fn run(command_line: impl IntoIterator<Item = OsString>, version: &str) -> u8 {
     interrupt::outlive_file_limit();
-    let arguments = match cmd::CommandLine::parse(command_line.into_iter().collect(), version) {
+    let words: Vec<OsString> = command_line.into_iter().collect();
+    match cmd::completions::answer_shell(&words) {
+        Ok(true) => return problem::Exit::Ok as u8,
+        Ok(false) => {}
+        Err(error) => return print_usage(&error),
+    }
+    let arguments = match cmd::CommandLine::parse(words, version) {
         Ok(arguments) => arguments,
         Err(error) => return print_usage(&error),
     };

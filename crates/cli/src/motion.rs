@@ -15,7 +15,7 @@ use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::{Session, read_signal, run_optional_verb};
-use crate::terminal::{self, print_note};
+use crate::terminal::{self, print_note, print_warning};
 use crate::value;
 
 /// How often a held motion looks for Ctrl-C and its end.
@@ -179,7 +179,7 @@ fn execute_motion(
         });
     if then == MotionMode::Detach && ended.is_ok() {
         started_motion.detach();
-        print_note(&match session.link.simulation() {
+        print_warning(&match session.link.simulation() {
             Some(_) => {
                 "left running, and gone: what is simulated ends with this program".to_owned()
             }
@@ -197,7 +197,7 @@ pub fn conclude(ended: Result<()>, stopped: Result<()>, quiet: &str) -> Result {
     match (ended, stopped) {
         (Ok(()), stopped) => stopped.map(|()| Exit::Ok),
         (Err(problem), Ok(())) if problem.exit == Exit::Interrupted => {
-            print_note(&format!("interrupted: {quiet}"));
+            print_warning(&format!("interrupted: {quiet}"));
             Err(Problem::interrupted())
         }
         (Err(problem), Err(stop)) if problem.exit == Exit::Interrupted => Err(stop),
@@ -485,9 +485,9 @@ fn stop_started(started: &[StartedAxis], arrived: bool) -> Result<()> {
         axis.arm(false);
         let is_off = *enabled_here && off.is_ok();
         if stopped.is_err() && !is_off {
-            print_note(&format!("{} may {}: cut its supply", axis.label(), one.risk_text()));
+            print_warning(&format!("{} may {}: cut its supply", axis.label(), one.risk_text()));
         } else if off.is_err() {
-            print_note(&format!("{} may still be powered", axis.label()));
+            print_warning(&format!("{} may still be powered", axis.label()));
         }
         ended = ended.and(stopped).and(off.map(drop));
     }
@@ -530,7 +530,7 @@ impl StopRetryNotice {
     pub fn report_retry(&mut self, axis: &Axis, may: &str) -> bool {
         let label = axis.label();
         if !self.reported.contains(&label) {
-            print_note(&format!(
+            print_warning(&format!(
                 "{label} may {may}: cut its supply. Its stop was not confirmed, and is said again for \
                  {} s",
                 STOP_RETRY_MAX.as_secs()

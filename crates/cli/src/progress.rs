@@ -1,83 +1,94 @@
 //! How far long work is, on stderr, where a person looks and no data go.
 
 use std::io::{self, IsTerminal as _};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use polepair_core::time::Instant;
 use polepair_link::clock;
 
+use crate::terminal;
+
 /// Work that takes no longer shows no bar.
 const BAR_DELAY: Duration = Duration::from_millis(700);
 
-/// How far a file was read.
-pub struct ReadProgress {
+/// A progress bar. It is shown on a terminal, where work takes longer, and not with `--quiet`; it is
+/// cleared when it is dropped.
+pub struct Progress {
     bar: ProgressBar,
     started_at: Instant,
     /// The bar may be seen, and is not yet.
-    is_hidden: bool,
+    is_hidden: AtomicBool,
 }
 
-impl ReadProgress {
-    /// Of so many bytes; `None` is never shown.
-    pub fn of_bytes(bytes: Option<u64>) -> Self {
-        let bar = ProgressBar::with_draw_target(bytes, ProgressDrawTarget::hidden());
-        let form = "{bar:30} {bytes} of {total_bytes}, {eta} left";
+impl Progress {
+    /// Of a file of so many bytes.
+    pub fn of_file(bytes: u64) -> Self {
+        Self::new(Some(bytes), "{bar:30} {bytes} of {total_bytes}, {eta} left")
+    }
+
+    /// Of a transfer whose size is not known. `verb` says what is done with its bytes: `read`, `written`.
+    pub fn of_transfer(verb: &str) -> Self {
+        Self::new(None, &format!("{{spinner}} {{bytes}} {verb}, {{bytes_per_sec}}"))
+    }
+
+    /// Of so many things, whose name is in the plural: `addresses`, `words`.
+    pub fn of_count(count: usize, things: &str) -> Self {
+        let form = format!("{{bar:30}} {{pos}} of {{len}} {things}, {{eta}} left");
+        Self::new(Some(count as u64), &form)
+    }
+
+    /// A bar that nobody sees.
+    pub fn hidden() -> Self {
+        Self {
+            bar: ProgressBar::hidden(),
+            started_at: clock::now(),
+            is_hidden: AtomicBool::new(false),
+        }
+    }
+
+    fn new(length: Option<u64>, form: &str) -> Self {
+        let bar = ProgressBar::with_draw_target(length, ProgressDrawTarget::hidden());
         if let Ok(style) = ProgressStyle::with_template(form) {
             bar.set_style(style);
         }
-        Self {
-            bar,
-            started_at: clock::now(),
-            is_hidden: bytes.is_some() && io::stderr().is_terminal(),
-        }
+        let is_hidden = AtomicBool::new(io::stderr().is_terminal() && !terminal::is_quiet());
+        Self { bar, started_at: clock::now(), is_hidden }
     }
 
-    /// So many bytes more were read.
-    pub fn add(&mut self, bytes: usize) {
-        self.bar.inc(bytes as u64);
-        if self.is_hidden && clock::now().since(self.started_at) > BAR_DELAY {
-            self.is_hidden = false;
+    /// So much more is done.
+    pub fn add(&self, more: usize) {
+        self.bar.inc(more as u64);
+        self.show_after_delay();
+    }
+
+    /// So much is done.
+    pub fn set(&self, done: usize) {
+        self.bar.set_position(done as u64);
+        self.show_after_delay();
+    }
+
+    /// So much of so much is done.
+    pub fn set_of(&self, done: usize, of: usize) {
+        self.bar.set_length(of as u64);
+        self.set(done);
+    }
+
+    /// Prints something else meanwhile.
+    pub fn suspend(&self, print: impl FnOnce()) {
+        self.bar.suspend(print);
+    }
+
+    fn show_after_delay(&self) {
+        let is_late = clock::now().since(self.started_at) > BAR_DELAY;
+        if is_late && self.is_hidden.swap(false, Ordering::Relaxed) {
             self.bar.set_draw_target(ProgressDrawTarget::stderr());
         }
     }
 }
 
-impl Drop for ReadProgress {
-    fn drop(&mut self) {
-        self.bar.finish_and_clear();
-    }
-}
-
-/// How many bytes were transferred, of a number that may not be known.
-pub struct DataProgress {
-    bar: ProgressBar,
-    started_at: Instant,
-    is_hidden: bool,
-}
-
-impl DataProgress {
-    /// `verb` says what is done with the bytes: `read`, `written`.
-    pub fn new(verb: &str) -> Self {
-        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
-        let form = format!("{{spinner}} {{bytes}} {verb}, {{bytes_per_sec}}");
-        if let Ok(style) = ProgressStyle::with_template(&form) {
-            bar.set_style(style);
-        }
-        Self { bar, started_at: clock::now(), is_hidden: io::stderr().is_terminal() }
-    }
-
-    /// So many bytes in all.
-    pub fn set(&mut self, bytes: usize) {
-        self.bar.set_position(bytes as u64);
-        if self.is_hidden && clock::now().since(self.started_at) > BAR_DELAY {
-            self.is_hidden = false;
-            self.bar.set_draw_target(ProgressDrawTarget::stderr());
-        }
-    }
-}
-
-impl Drop for DataProgress {
+impl Drop for Progress {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
     }

@@ -22,7 +22,7 @@ use crate::problem::{Exit, Problem, Result};
 use crate::remote;
 use crate::session::Session;
 use crate::tap_queue::{QueueTap, TapQueue};
-use crate::terminal::{self, DataOutput, print_note};
+use crate::terminal::{self, DataOutput, print_note, print_warning};
 use crate::trace::{self, FrameTrace};
 
 /// A drive, and how the talk with it is shown.
@@ -119,7 +119,10 @@ impl DriveArgs {
             self.trace.as_deref().map(|path| trace::create_trace(path, &self.url)).transpose();
         let trace = match trace {
             Err(problem) if self.stops => {
-                print_note(&format!("warning: {} {} No frame is kept.", problem.what, problem.why));
+                print_warning(&format!(
+                    "warning: {} {} No frame is kept.",
+                    problem.what, problem.why
+                ));
                 None
             }
             trace => trace?,
@@ -215,7 +218,10 @@ pub fn warn_ignored_files(connector: &Connector) {
     let known = connector.config.broken.len();
     connector.ignored_files().iter().skip(known).for_each(warn_ignored_file);
     let warnings = connector.sheet_warnings();
-    warnings.iter().take(SHEET_WARNINGS_MAX).for_each(|warning| print_note(&format!("{warning}")));
+    warnings
+        .iter()
+        .take(SHEET_WARNINGS_MAX)
+        .for_each(|warning| print_warning(&format!("{warning}")));
     if let Some(more @ 1..) = warnings.len().checked_sub(SHEET_WARNINGS_MAX) {
         print_note(&format!("{more} more of the data sheet"));
     }

@@ -2,6 +2,7 @@
 
 use std::io::{self, IsTerminal as _, Write as _};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::problem::{self, Exit, Problem, Result};
 
@@ -97,8 +98,27 @@ impl DataOutput {
     }
 }
 
-/// A line of prose, on stderr.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Leaves notes and progress out from now on.
+pub fn be_quiet() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
+/// Whether notes and progress are left out.
+pub fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// A note on stderr: a line that a script can do without. `--quiet` leaves it out.
 pub fn print_note(text: &str) {
+    if !is_quiet() {
+        print_warning(text);
+    }
+}
+
+/// A line on stderr that is printed in any case: a motor may turn, or something is missing.
+pub fn print_warning(text: &str) {
     draw(&format!("{text}\n"));
 }
 

@@ -8,7 +8,7 @@ use polepair_link::tap::TraceWriter;
 
 use crate::problem::{self, Result};
 use crate::target::link_name;
-use crate::terminal::print_note;
+use crate::terminal::print_warning;
 
 /// Frames as a capture that `polepair decode` reads.
 pub type FrameTrace = TraceWriter<TraceFile>;
@@ -39,7 +39,7 @@ impl TraceFile {
             && !self.has_failed
         {
             self.has_failed = true;
-            print_note(&format!("warning: {}: {error}; frames are missing in it", self.name));
+            print_warning(&format!("warning: {}: {error}; frames are missing in it", self.name));
         }
         written
     }

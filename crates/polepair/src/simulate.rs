@@ -132,6 +132,15 @@ pub fn is_drive(word: &str) -> bool {
     find_drive(word).is_ok()
 }
 
+/// The words that mean a drive: protocols, which mean their first drive, then products.
+#[must_use]
+pub fn words() -> Vec<String> {
+    let protocols = registry::protocols();
+    let protocols = protocols.iter().map(registry::ProtocolInfo::unique_word);
+    let products = polepair_core::drives::profiles().iter().map(|profile| profile.name.to_owned());
+    protocols.chain(products).collect()
+}
+
 /// The product meant by a protocol's, family's or product's word, and the protocol of its wire: its
 /// usual one, or after `+can` the one on that medium.
 pub(crate) fn find_drive(word: &str) -> Result<(&'static Profile, registry::ProtocolInfo), Error> {
@@ -142,10 +151,8 @@ pub(crate) fn find_drive(word: &str) -> Result<(&'static Profile, registry::Prot
         Some(_) => None,
     };
     found.ok_or_else(|| {
-        let words: Vec<String> =
-            registry::protocols().iter().map(registry::ProtocolInfo::unique_word).collect();
-        let products = polepair_core::drives::profiles().iter().map(|p| p.name);
-        let known: Vec<&str> = words.iter().map(String::as_str).chain(products).collect();
+        let words = self::words();
+        let known: Vec<&str> = words.iter().map(String::as_str).collect();
         let near = spelling::suggestion(word, known.iter().copied());
         let what = format!("nothing called `{word}` can be simulated{near}");
         Error::usage("E203", what, format!("it can be {}", known.join(", ")))

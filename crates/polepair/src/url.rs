@@ -70,6 +70,12 @@ pub struct Url {
     pub names: Vec<String>,
 }
 
+/// The protocols' words, each with every medium that it is spoken on.
+#[must_use]
+pub fn protocols() -> Vec<(&'static str, MediumKind)> {
+    registry::protocols().iter().map(|protocol| (protocol.name, protocol.medium)).collect()
+}
+
 /// What to open.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum LinkTarget {

@@ -13,9 +13,10 @@ use polepair_core::profile::Signal;
 use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{self, Exit, Problem, Result};
+use crate::progress::Progress;
 use crate::session::{Session, read_signal};
 use crate::target::{DriveArgs, OutputFormat};
-use crate::terminal::{self, DataOutput, TextTable, colour_out, print_note};
+use crate::terminal::{self, DataOutput, TextTable, colour_out, print_note, print_warning};
 
 /// Keeps drives' settings in a file that people review: sorted, with units, one line each.
 #[derive(Subcommand, Debug)]
@@ -111,7 +112,7 @@ impl ConfigSave {
         for axis in session.axes() {
             let read = with_progress(axis, |progress| AxisSettings::read(axis, progress))?;
             for (name, why) in &read.unread {
-                print_note(&format!("{}: {name} is left out: {why}", axis.label()));
+                print_warning(&format!("{}: {name} is left out: {why}", axis.label()));
             }
             settings.axes.push(read);
         }
@@ -183,7 +184,7 @@ impl ConfigApply {
             changes.sort_by_key(|change| change.reach);
             let left: Vec<&str> = parameter_names(axis, changes.iter().filter(|it| it.reach));
             if !left.is_empty() && !self.reach {
-                print_note(&format!(
+                print_warning(&format!(
                     "left alone, for the drive is reached by it: {}",
                     left.join(", ")
                 ));
@@ -334,30 +335,18 @@ fn load_settings(file: &Path) -> Result<Settings> {
 fn changes_from(session: &Session, axis: &Axis, file: &Settings) -> Result<Vec<SettingChange>> {
     let settings = file.for_axis(axis, session.axes().len()).map_err(outcome::to_problem)?;
     for (name, why) in settings.left_out(axis) {
-        print_note(&format!("{}: {name} is left out: {why}", axis.label()));
+        print_warning(&format!("{}: {name} is left out: {why}", axis.label()));
     }
     with_progress(axis, |progress| settings.changes(axis, progress))
 }
 
-/// Reading takes a while on a slow line: says how far it is where a person looks.
+/// Reads settings, which takes a while on a slow line, and shows how far it is.
 fn with_progress<T>(
     axis: &Axis,
     read: impl FnOnce(&mut dyn FnMut(usize, usize)) -> std::result::Result<T, polepair::Error>,
 ) -> Result<T> {
-    let live = std::io::stderr().is_terminal();
-    let done = read(&mut |done, of| {
-        if live {
-            terminal::draw(&format!(
-                "\r\x1b[K{}: reading setting {} of {of}",
-                axis.label(),
-                done + 1
-            ));
-        }
-    });
-    if live {
-        terminal::draw("\r\x1b[K");
-    }
-    done.map_err(outcome::to_problem)
+    let bar = Progress::of_count(0, &format!("settings of {}", axis.label()));
+    read(&mut |done, of| bar.set_of(done, of)).map_err(outcome::to_problem)
 }
 
 fn parameter_names<'a>(

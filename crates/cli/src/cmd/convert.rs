@@ -11,7 +11,7 @@ use polepair_capture::{
 
 use crate::capture::{read_pieces, report_damage, write_problem, written_format};
 use crate::problem::{self, Exit, Result};
-use crate::terminal::print_note;
+use crate::terminal::{print_note, print_warning};
 
 const READ_SIZE: usize = 1 << 16;
 /// Kinds of records that found no place and are named one by one.
@@ -84,7 +84,7 @@ impl Convert {
         unfit: &UnfitCounts,
     ) -> Result {
         for (why, count) in unfit {
-            print_note(&format!("{count} records are left out: {why}"));
+            print_warning(&format!("{count} records are left out: {why}"));
         }
         report_damage(reader.statistics())?;
         let lost: u64 = unfit.iter().map(|(_, count)| count).sum();

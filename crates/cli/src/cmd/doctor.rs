@@ -14,7 +14,7 @@ use crate::motion::StopRetryNotice;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::Session;
-use crate::terminal::{DataOutput, colour_out, draw, print_note};
+use crate::terminal::{DataOutput, colour_out, draw, print_warning};
 
 /// Looks for what is wrong, from the cable up, and says what to try.
 ///
@@ -111,7 +111,7 @@ impl Doctor {
             }
         }
         if interrupt::was_interrupted() {
-            print_note("interrupted: no motor turns by this proof any more");
+            print_warning("interrupted: no motor turns by this proof any more");
             return Err(Problem::interrupted());
         }
         watching.print_result
@@ -194,7 +194,7 @@ impl ProofPrinter<'_> {
             let _ = stop_retry_notice.report_end(axis, Ok(()));
         }
         if !may_turn && matches!(*error, Error::Interrupted { .. }) {
-            print_note(match moved {
+            print_warning(match moved {
                 true => "interrupted: the motor was stopped",
                 false => "interrupted: nothing moved",
             });

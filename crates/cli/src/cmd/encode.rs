@@ -9,7 +9,7 @@ use polepair_core::explain::{
 use polepair_core::{drives, proto};
 
 use crate::problem::{self, Exit, Problem, Result};
-use crate::terminal::{DataOutput, print_note};
+use crate::terminal::{DataOutput, print_warning};
 
 /// The longest frame there is.
 const FRAME_MAX: usize = polepair_core::medium::STREAM_UNIT_MAX;
@@ -115,7 +115,7 @@ impl Encode {
             .encode(piece, addressing, &mut buffer)
             .map_err(|error| self.encode_problem(at, piece, error))?;
         if !encoded.warning.is_empty() {
-            print_note(&format!("{}: {}", piece.trim(), encoded.warning));
+            print_warning(&format!("{}: {}", piece.trim(), encoded.warning));
         }
         let bytes = &buffer[..encoded.len];
         match self.format {

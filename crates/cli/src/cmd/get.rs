@@ -14,11 +14,11 @@ use crate::cmd::params::no_such_parameter;
 use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
-use crate::progress::DataProgress;
+use crate::progress::Progress;
 use crate::remote::{self, RemoteSession};
 use crate::session::Session;
 use crate::target::{DriveArgs, OutputFormat};
-use crate::terminal::{DataOutput, csv_line, print_note};
+use crate::terminal::{DataOutput, csv_line, print_note, print_warning};
 
 /// The columns after the axis.
 const CSV_HEADER: &str = "name,symbol,raw,value,unit";
@@ -103,7 +103,7 @@ impl Get {
             return Err(Problem::usage("E242", what).hint("polepair get URL#1 0x1F50:1 -o FILE"));
         };
         let id = find_parameter(axis, name)?;
-        let mut progress = DataProgress::new("read");
+        let progress = Progress::of_transfer("read");
         let data = axis.read_data(id, true, &mut |count| progress.set(count));
         let data = data.map_err(outcome::to_problem)?;
         drop(progress);
@@ -293,7 +293,7 @@ pub fn partial_result(mut failed: Vec<Problem>, done: usize) -> Result {
         (0, _) => Ok(Exit::Ok),
         (1, 0) => Err(failed.remove(0)),
         (count, _) => {
-            failed.iter().for_each(|problem| print_note(problem.render(false).trim_end()));
+            failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
             let what = format!("{count} of {} were refused.", count + done);
             Err(Problem::new(Exit::Partial, "E701", what).why("The others were carried out."))
         }

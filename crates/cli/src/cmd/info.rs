@@ -12,7 +12,7 @@ use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, RemoteSession};
 use crate::session::read_signal;
 use crate::target::DriveArgs;
-use crate::terminal::{DataOutput, TextTable, print_note};
+use crate::terminal::{DataOutput, TextTable, print_note, print_warning};
 
 /// Shows who a drive is, what it does, and its faults in words.
 #[derive(Args, Debug)]
@@ -56,7 +56,7 @@ fn missing_result(mut failed: Vec<Problem>, shown: usize) -> Result {
         (0, _) => Ok(Exit::Ok),
         (_, 0) => Err(failed.remove(0)),
         (count, _) => {
-            failed.iter().for_each(|problem| print_note(problem.render(false).trim_end()));
+            failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
             let what = format!("{count} of {} axes could not be asked.", count + shown);
             Err(Problem::new(Exit::Partial, "E704", what).why("The others are shown."))
         }
@@ -97,7 +97,7 @@ impl Info {
             0 => Ok(Exit::Ok),
             _ if shown == 0 => Err(failed.remove(0)),
             count => {
-                failed.iter().for_each(|problem| print_note(problem.render(false).trim_end()));
+                failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
                 let what = format!("{count} of {} axes do not answer.", count + shown);
                 Err(Problem::new(Exit::Partial, "E704", what).why("What is shown of them is old."))
             }

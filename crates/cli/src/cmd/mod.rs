@@ -1,6 +1,6 @@
 //! The verbs: one file each, but for those that differ in a word alone.
 
-mod completions;
+pub mod completions;
 mod config;
 mod convert;
 mod decode;
@@ -51,7 +51,7 @@ use polepair_core::profile::Profile;
 use crate::outcome;
 use crate::problem::Result;
 use crate::remote::{self, ServerArgs};
-use crate::terminal::print_note;
+use crate::terminal::{self, print_warning};
 
 /// Talk to motor drives, simulate them, and read what others said to them.
 ///
@@ -59,10 +59,13 @@ use crate::terminal::print_note;
 ///   tmcl+serial:///dev/ttyUSB0:9600#1     modbus-rtu+tcp://10.0.0.5:4001#1,2     sim:tmcl
 #[derive(Parser, Debug)]
 #[command(name = "polepair", version, verbatim_doc_comment, max_term_width = 100)]
-#[command(disable_help_subcommand = true, after_help = HELP_FOOTER)]
+#[command(after_help = HELP_FOOTER)]
 pub struct CommandLine {
     #[command(flatten)]
     join: ServerArgs,
+    /// Print no notes and no progress on stderr; errors, and warnings that a motor may turn, are printed
+    #[arg(short, long, global = true)]
+    quiet: bool,
     /// What to do.
     #[command(subcommand)]
     verb: CommandVerb,
@@ -182,11 +185,14 @@ pub enum CommandVerb {
 
 /// Carries a verb out: on a server if one is named.
 pub fn run(arguments: CommandLine) -> Result {
+    if arguments.quiet {
+        terminal::be_quiet();
+    }
     arguments.join.check()?;
     if arguments.join.is_given() { run_on_server(arguments) } else { run_locally(arguments.verb) }
 }
 
-fn run_on_server(CommandLine { join, verb, word }: CommandLine) -> Result {
+fn run_on_server(CommandLine { join, verb, word, .. }: CommandLine) -> Result {
     match verb {
         CommandVerb::Scan(verb) => verb.run_on_server(&join.open()?),
         CommandVerb::Info(verb) => verb.run_on_server(&join.open()?),
@@ -273,7 +279,7 @@ pub fn discover_connector() -> Connector {
 
 /// Says that a file, or a name of one, is wrong and done without.
 pub fn warn_ignored_file(error: &FileError) {
-    print_note(&format!("warning: {error}; it is passed over"));
+    print_warning(&format!("warning: {error}; it is passed over"));
 }
 
 /// A user's own profile.
@@ -301,7 +307,7 @@ impl ProfileFile {
         outcome::count_frames_of(&connector);
         match self.file.as_deref().map(|file| connector.config.add_profile(file)) {
             Some(Err(Error::File(error))) => warn_ignored_file(&error),
-            Some(Err(error)) => print_note(&format!("warning: {error}")),
+            Some(Err(error)) => print_warning(&format!("warning: {error}")),
             Some(Ok(_)) | None => {}
         }
         connector

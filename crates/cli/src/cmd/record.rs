@@ -17,7 +17,7 @@ use polepair_link::{Losses, clock};
 use crate::capture::written_format;
 use crate::problem::{self, Exit, Result};
 use crate::tap_queue::{TapQueue, short_name};
-use crate::terminal::print_note;
+use crate::terminal::{print_note, print_warning};
 use crate::{interrupt, outcome, value};
 use files::{CaptureFiles, Rotation};
 use live_printer::LivePrinter;
@@ -161,7 +161,7 @@ impl Recorder {
         self.lost += lost;
         let fresh = (dropped + self.lost).saturating_sub(self.overrun);
         if fresh > 0 {
-            print_note(&format!(
+            print_warning(&format!(
                 "{fresh} dropped: they came faster than the system handed them over"
             ));
         }
@@ -194,7 +194,7 @@ impl Recorder {
         // The file is whole: now stdout may take its time.
         let skipped = printer.map_or(Ok(0), LivePrinter::finish)?;
         if skipped > 0 {
-            print_note(&format!(
+            print_warning(&format!(
                 "{} kept but not shown: nobody read stdout",
                 plural(skipped, "record")
             ));

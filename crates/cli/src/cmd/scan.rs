@@ -2,7 +2,6 @@
 
 mod remote_scan;
 
-use std::io::IsTerminal as _;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use clap::Args;
@@ -15,9 +14,10 @@ use polepair_client::message::AxisInfo;
 use crate::interrupt;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
+use crate::progress::Progress;
 use crate::remote::{self, RemoteSession};
 use crate::target::{DriveArgs, OutputFormat};
-use crate::terminal::{self, DataOutput, TextTable, colour_out, csv_line, print_note};
+use crate::terminal::{DataOutput, TextTable, colour_out, csv_line, print_note, print_warning};
 
 /// Looks for drives on a link, by reads only.
 #[derive(Args, Debug)]
@@ -54,16 +54,9 @@ impl ScanCommand {
         }
         let connector = self.target.connector()?;
         let numbers = self.ids.clone().map_or(ScanAddresses::ALL, ScanAddresses::from);
-        let live = std::io::stderr().is_terminal();
+        let bar = Progress::of_count(0, "addresses");
         let mut progress = |at: ScanProgress| {
-            if live {
-                terminal::draw(&format!(
-                    "\r\x1b[Kasking address {} ({} of {})",
-                    at.number,
-                    at.done + 1,
-                    at.of
-                ));
-            }
+            bar.set_of(at.done, at.of);
             if interrupt::was_interrupted() {
                 ControlFlow::Break(())
             } else {
@@ -72,9 +65,7 @@ impl ScanCommand {
         };
         interrupt::listen(|| {});
         let scan = polepair::scan::scan(&connector, &self.target.url, numbers, &mut progress);
-        if live {
-            terminal::draw("\r\x1b[K");
-        }
+        drop(bar);
         let scan = scan.map_err(outcome::to_problem)?;
         let mut out = DataOutput::stdout();
         match self.format {
@@ -101,7 +92,7 @@ impl ScanCommand {
             report_unconfigured(&self.target.url);
         }
         if scan.not_queried > 0 {
-            print_note(&format!("interrupted: {} addresses were not asked", scan.not_queried));
+            print_warning(&format!("interrupted: {} addresses were not asked", scan.not_queried));
             return Err(Problem::interrupted());
         }
         if scan.found.is_empty() {
@@ -180,7 +171,7 @@ impl ScanCommand {
             print_note(&format!("motion is locked since {} stopped everything", lock.by));
         }
         for clash in &server.bench.clashes {
-            print_note(&format!("link {}: {}", clash.link, clash.message));
+            print_warning(&format!("link {}: {}", clash.link, clash.message));
         }
         Ok(Exit::Ok)
     }

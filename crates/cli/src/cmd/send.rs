@@ -13,7 +13,7 @@ use crate::remote::{self, RemoteSession};
 use crate::session::Session;
 use crate::tap_queue::{TapQueue, UnitBuf};
 use crate::target::{DriveArgs, UnitRef, describe_step};
-use crate::terminal::{DataOutput, print_note};
+use crate::terminal::{DataOutput, print_note, print_warning};
 
 /// Sends requests in the protocol's own text, and explains the replies.
 #[derive(Args, Debug)]
@@ -151,7 +151,7 @@ impl Send {
         let may_move =
             |text: &String| axis.rehearse_raw(text).is_ok_and(|rehearsed| rehearsed.needs_arming);
         if self.texts.iter().any(may_move) {
-            print_note(&format!(
+            print_warning(&format!(
                 "{} may turn now: `polepair stop {}` stops it",
                 axis.label(),
                 session.arguments

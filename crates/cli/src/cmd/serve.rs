@@ -9,7 +9,7 @@ use polepair_serve::{GatewayServer, PORT, Scopes, ServerOptions, SetupError};
 use super::ProfileFile;
 use crate::outcome::to_sentence;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{DataOutput, print_note};
+use crate::terminal::{DataOutput, print_note, print_warning};
 
 /// Opens links, owns them, and serves them to browsers and programs, until Ctrl-C.
 ///
@@ -89,7 +89,7 @@ impl Serve {
             print_note(&format!("certificate SHA-256 {fingerprint}"));
         }
         for (link, number) in server.inherited_stops() {
-            print_note(&format!(
+            print_warning(&format!(
                 "axis {number} of {link} was told to stop and not seen standing when the server \
                  before ended; it is stopped as soon as it answers. Cut its supply if it turns."
             ));
@@ -102,7 +102,9 @@ impl Serve {
         out.flush()?;
         let left = server.wait();
         for axis in &left {
-            print_note(&format!("{axis} was told to stop and not seen standing: CUT ITS SUPPLY"));
+            print_warning(&format!(
+                "{axis} was told to stop and not seen standing: CUT ITS SUPPLY"
+            ));
         }
         Ok(if left.is_empty() { Exit::Ok } else { Exit::Partial })
     }

@@ -16,7 +16,7 @@ use crate::outcome::{self, to_sentence};
 use crate::problem::{Exit, Problem, Result, join_list};
 use crate::remote::{self, RemoteSession, ServerArgs};
 use crate::target::{DriveArgs, warn_ignored_files};
-use crate::terminal::{self, print_note};
+use crate::terminal::{self, print_note, print_warning};
 
 /// Brings motors to rest.
 ///
@@ -158,7 +158,7 @@ fn report_remote(
         match how.map(|how| (how.class, how.error)) {
             Some((StopClass::Standing, _)) => print_note(&format!("{label} is stopped")),
             Some((StopClass::Acknowledged, _)) => {
-                print_note(&format!(
+                print_warning(&format!(
                     "{label} took the stop; standing not known: it tells no speed"
                 ));
             }
@@ -206,7 +206,7 @@ fn failed_result(mut failed: Vec<Problem>, of: usize) -> Result {
     if (failed.len(), of) == (1, 1) {
         return Err(failed.remove(0));
     }
-    failed.iter().for_each(|problem| print_note(problem.render(false).trim_end()));
+    failed.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
     let what = match failed.len() {
         1 => format!("one stop of {of} is not confirmed."),
         count => format!("{count} stops of {of} are not confirmed."),
@@ -235,18 +235,18 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
             }
             Ok(Standstill::Unobservable) => {
                 obeyed += 1;
-                print_note(&format!(
+                print_warning(&format!(
                     "{label} took the stop; it does not tell whether its motor stands"
                 ));
             }
             Err(error) => {
-                print_note(&format!("{label} may still turn: cut its supply"));
+                print_warning(&format!("{label} may still turn: cut its supply"));
                 failed.push(outcome::to_problem(error));
             }
         }
     }
     for (label, found) in stopped.programs {
-        print_note(&match found {
+        print_warning(&match found {
             DrivePrograms::Ended => format!("{label}: its program ran and was ended"),
             DrivePrograms::StillReported => format!(
                 "{label}: its program ran and was ended, twice; the drive still reports it as running: \
@@ -261,13 +261,13 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
         let number = motors.number;
         if !motors.confirmed.is_empty() {
             let which = motors_text(&motors.confirmed);
-            print_note(&format!(
+            print_warning(&format!(
                 "module {number}: {which} took the stop too; standing not looked at"
             ));
         }
         if !motors.unconfirmed.is_empty() {
             let which = motors_text(&motors.unconfirmed);
-            print_note(&format!(
+            print_warning(&format!(
                 "module {number}: {which} did not confirm the stop and may still turn: cut the supply"
             ));
         }
@@ -287,7 +287,7 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
     if let Some((first, last)) = stopped.not_queried {
         let what = format!("addresses {first} to {last} were not asked: there was no time left.");
         match stopped.broadcast {
-            true => print_note(&what),
+            true => print_warning(&what),
             false => unasked = Some(Problem::new(Exit::Partial, "E703", what)),
         }
     }
@@ -297,7 +297,7 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
         // Of addresses that were not asked nobody knows whether a drive is there: they are no stops.
         (0, Some(unasked)) => Err(unasked),
         (count, unasked) => {
-            unasked.into_iter().for_each(|unasked| print_note(unasked.render(false).trim_end()));
+            unasked.into_iter().for_each(|unasked| print_warning(unasked.render(false).trim_end()));
             failed_result(failed, count + obeyed)
         }
     }

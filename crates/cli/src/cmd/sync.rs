@@ -16,7 +16,7 @@ use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::{Session, read_signal, run_verb};
 use crate::target::DriveArgs;
-use crate::terminal::{DataOutput, print_note};
+use crate::terminal::{DataOutput, print_note, print_warning};
 use crate::value::format_number;
 
 /// How long drives get to take the master's time over.
@@ -86,7 +86,7 @@ impl Sync {
             print_note("no axis gives its time any more");
         } else {
             print_note(&format!("{} gives its time every {}", master.label(), self.period));
-            print_note(&format!("this ends it: polepair sync {} --stop", session.arguments));
+            print_warning(&format!("this ends it: polepair sync {} --stop", session.arguments));
             session.link.sleep(Duration::from_millis(SETTLE_MS.into()));
         }
         let apart = print_offsets(&session, master)?;

@@ -14,7 +14,7 @@ use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, RemoteSession};
 use crate::session::read_signal;
 use crate::target::DriveArgs;
-use crate::terminal::print_note;
+use crate::terminal::{print_note, print_warning};
 
 /// A drive takes that long to say that it is off.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -165,7 +165,7 @@ fn run_simple(
         }
         ended = ended.and(one.map(drop));
     }
-    absent.iter().for_each(|problem| print_note(problem.render(false).trim_end()));
+    absent.iter().for_each(|problem| print_warning(problem.render(false).trim_end()));
     ended?;
     match absent.len() {
         0 => Ok(Exit::Ok),
@@ -218,10 +218,10 @@ fn switch_power(axis: &Axis, wanted: Verb) -> Result<()> {
     if let Err(error) = &ended {
         let label = axis.label();
         match (wanted, error.executed()) {
-            (Verb::Disable, _) => print_note(&format!(
+            (Verb::Disable, _) => print_warning(&format!(
                 "{label} may still be powered, and turn if it turned: cut its supply"
             )),
-            (Verb::Enable, None) => print_note(&format!("{label} may be powered")),
+            (Verb::Enable, None) => print_warning(&format!("{label} may be powered")),
             _ => {}
         }
     }

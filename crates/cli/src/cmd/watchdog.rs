@@ -13,7 +13,7 @@ use crate::outcome::{self, to_sentence};
 use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, RemoteSession};
 use crate::target::DriveArgs;
-use crate::terminal::{DataOutput, print_note};
+use crate::terminal::{DataOutput, print_note, print_warning};
 use crate::value;
 
 /// Shows what drives do by themselves when their host falls silent, or sets it.
@@ -66,7 +66,7 @@ impl WatchdogCommand {
                 && matches!(axis.profile().watchdog, Kind::Heartbeat { .. })
                 && after <= period
             {
-                print_note(&format!(
+                print_warning(&format!(
                     "warning: {}: its watchdog ends before the next heartbeat of this connection \
                      ({} ms): the drive stops though this host speaks",
                     axis.label(),

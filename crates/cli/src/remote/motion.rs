@@ -17,7 +17,7 @@ use crate::interrupt;
 use crate::motion::{ARRIVE_MAX, HoldCheck, MotionMode, command_word, hold_while, late_problem};
 use crate::outcome::{self, to_sentence};
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::print_note;
+use crate::terminal::{print_note, print_warning};
 
 /// How long a wait lasts before Ctrl-C and faults are looked for.
 const POLL_INTERVAL: Duration = Duration::from_millis(25);
@@ -135,7 +135,7 @@ pub fn run_motion(server: &RemoteSession, motions: &[MotionOrder], then: MotionM
         }
         (Err(problem), None) if problem.exit == Exit::Interrupted => {
             stopped?;
-            print_note("interrupted: the motion was stopped");
+            print_warning("interrupted: the motion was stopped");
             Err(Problem::interrupted())
         }
         // What was feared when it ended is over where the stop was acknowledged. An axis that is ours no
@@ -428,7 +428,7 @@ fn stop_and_release(
         let stopped = if left { Ok(()) } else { stopped };
         if stopped.is_err() {
             let label = &leased_axis.axis.label;
-            print_note(&format!(
+            print_warning(&format!(
                 "{label} did not confirm its stop and may still turn: cut its supply"
             ));
         }

@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use indicatif::{ProgressBar, ProgressStyle};
 use polepair_capture::CaptureFormat;
 use polepair_columns::{DatasetSite, DatasetWriter, DecodeRecord, TableKind};
 
 use super::columns::{self, ColumnsJob};
 use crate::capture::{CaptureArgs, report_left_out};
 use crate::problem::{self, Exit, Problem, Result};
-use crate::terminal::{colour_err, print_note};
+use crate::progress::Progress;
+use crate::terminal::{colour_err, print_warning};
 
 /// Captures that are decoded at once at most: each holds row groups in memory.
 const WORKERS_MAX: usize = 4;
@@ -53,7 +53,7 @@ impl FolderJob<'_> {
             return Err(Problem::usage("E250", what).why(endings));
         }
         let (next, tally) = (AtomicUsize::new(0), Mutex::new(FolderTally::default()));
-        let bar = progress_bar(captures.len());
+        let bar = Progress::of_count(captures.len(), "captures");
         let workers = self.jobs.min(WORKERS_MAX).min(captures.len());
         let jobs = self.jobs / workers;
         std::thread::scope(|scope| {
@@ -62,15 +62,15 @@ impl FolderJob<'_> {
                     while let Some(path) = captures.get(next.fetch_add(1, Ordering::Relaxed)) {
                         let done = self.decode_one(path, jobs);
                         bar.suspend(|| count_result(&tally, path, done));
-                        bar.inc(1);
+                        bar.add(1);
                     }
                 });
             }
         });
-        bar.finish_and_clear();
+        drop(bar);
         let tally = tally.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
         let FolderTally { decoded, already_decoded, unreadable } = tally;
-        print_note(&format!(
+        print_warning(&format!(
             "{decoded} decoded, {already_decoded} were there already, {unreadable} could not be read"
         ));
         Ok(if unreadable > 0 { Exit::Corrupt } else { Exit::Ok })
@@ -120,15 +120,8 @@ fn count_result(tally: &Mutex<FolderTally>, path: &Path, done: Result<bool>) {
         Ok(false) => tally.already_decoded += 1,
         Err(problem) => {
             tally.unreadable += 1;
-            print_note(&format!("{}: left out", path.display()));
-            print_note(problem.render(colour_err()).trim_end());
+            print_warning(&format!("{}: left out", path.display()));
+            print_warning(problem.render(colour_err()).trim_end());
         }
     }
-}
-
-/// How far it is, on a terminal.
-fn progress_bar(captures: usize) -> ProgressBar {
-    let style = ProgressStyle::with_template("{bar:30} {pos} of {len} captures, {eta} left");
-    let bar = ProgressBar::new(captures as u64);
-    style.map_or(bar.clone(), |style| bar.with_style(style))
 }

@@ -7,7 +7,7 @@ use polepair_capture::{DecodedFrame, Glob};
 
 use crate::capture::EventSink;
 use crate::problem::{Exit, Problem, Result};
-use crate::terminal::{self, DataOutput, print_note};
+use crate::terminal::{self, DataOutput, print_warning};
 
 /// Signals that are named when none of those wanted is there.
 const NAMED_MAX: usize = 12;
@@ -41,7 +41,10 @@ impl EventSink for PlotSink {
             return Err(no_signal_problem(plot));
         }
         if plot.dropped_values > 0 {
-            print_note(&format!("{} values of further signals are left out", plot.dropped_values));
+            print_warning(&format!(
+                "{} values of further signals are left out",
+                plot.dropped_values
+            ));
         }
         let mut out = DataOutput::to_path(path)?;
         let picture = match path {

@@ -1,6 +1,5 @@
 //! Programs as files, and in a drive's memory.
 
-use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -13,8 +12,9 @@ use polepair_core::{drives, proto};
 use super::{parse_address, single_axis};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
+use crate::progress::Progress;
 use crate::target::DriveArgs;
-use crate::terminal::{self, DataOutput, print_note};
+use crate::terminal::{DataOutput, print_note};
 
 /// Words that are read at a time while the end of a program is looked for.
 const CHUNK: usize = 64;
@@ -159,8 +159,10 @@ impl ProgramLoad {
             return Ok(Exit::Ok);
         }
         session.listen_for_interrupts();
-        let mut meter = TransferMeter::new();
-        let written = axis.download(&program, self.place.eeprom, |progress| meter.show(progress));
+        let meter = Progress::of_count(0, "words");
+        let written = axis.download(&program, self.place.eeprom, |at: TransferProgress| {
+            meter.set_of(at.done, at.total)
+        });
         drop(meter);
         let written = written.map_err(|error| hint_incomplete(outcome::to_problem(error)))?;
         let again = match written.repeated {
@@ -222,8 +224,10 @@ impl ProgramVerify {
 fn compare_words(axis: &Axis, program: &Program) -> Result {
     let mut different = 0;
     for piece in program.pieces() {
-        let mut meter = TransferMeter::new();
-        let read = axis.upload(piece.start, piece.words.len(), |progress| meter.show(progress));
+        let meter = Progress::of_count(0, "words");
+        let read = axis.upload(piece.start, piece.words.len(), |at: TransferProgress| {
+            meter.set_of(at.done, at.total)
+        });
         drop(meter);
         let read = read.map_err(outcome::to_problem)?;
         let found = read.pieces().iter().flat_map(|piece| &piece.words);
@@ -311,8 +315,8 @@ fn read_written(axis: &Axis, start: u16, last: u16) -> Result<Vec<u16>> {
 }
 
 fn read_words(axis: &Axis, start: u16, count: usize) -> Result<Vec<u16>> {
-    let mut meter = TransferMeter::new();
-    let read = axis.upload(start, count, |progress| meter.show(progress));
+    let meter = Progress::of_count(0, "words");
+    let read = axis.upload(start, count, |at: TransferProgress| meter.set_of(at.done, at.total));
     drop(meter);
     let read = read.map_err(outcome::to_problem)?;
     Ok(read.pieces().iter().flat_map(|piece| piece.words.clone()).collect())
@@ -333,30 +337,5 @@ fn print_layout(program: &Program, language: &dyn ProgramLanguage) {
             "{:04X} to {end:04X}: {count} words, sum {sum:04X}, {memory}",
             piece.start
         ));
-    }
-}
-
-/// One line on a terminal, drawn again and again.
-struct TransferMeter {
-    shown: bool,
-}
-
-impl TransferMeter {
-    fn new() -> Self {
-        Self { shown: std::io::stderr().is_terminal() }
-    }
-
-    fn show(&mut self, progress: TransferProgress) {
-        if self.shown {
-            terminal::draw(&format!("\r\x1b[K{} of {} words", progress.done, progress.total));
-        }
-    }
-}
-
-impl Drop for TransferMeter {
-    fn drop(&mut self) {
-        if self.shown {
-            terminal::draw("\r\x1b[K");
-        }
     }
 }

@@ -18,7 +18,7 @@ use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::session::{Session, read_signal, run_optional_verb};
 use crate::target::DriveArgs;
-use crate::terminal::print_note;
+use crate::terminal::{print_note, print_warning};
 use crate::value;
 
 /// How often a routine is looked at.
@@ -190,7 +190,7 @@ fn run_program(
     axis.arm(true);
     let started = start().map_err(outcome::to_problem);
     if detach && started.is_ok() {
-        print_note(&format!(
+        print_warning(&format!(
             "left running; this ends it: polepair program abort {}",
             session.arguments
         ));
@@ -212,7 +212,7 @@ fn end_program(axis: &Axis, powered: bool) -> Result<()> {
     let rested = if ended.is_ok() { motion::wait_standstill(axis) } else { Ok(()) };
     let off = if powered { Ok(None) } else { run_optional_verb(axis, Verb::Disable) };
     if ended.is_err() && (powered || off.is_err()) {
-        print_note(&format!("{} may still turn: cut its supply", axis.label()));
+        print_warning(&format!("{} may still turn: cut its supply", axis.label()));
     }
     ended.and(rested).and(off.map(drop))
 }

@@ -9,7 +9,7 @@ use super::selector::{ReplayFrame, ReplayRoute, SkipReason, effect_word};
 use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{Problem, Result};
-use crate::terminal::print_note;
+use crate::terminal::{print_note, print_warning};
 
 /// What is sent, and what is not.
 #[derive(Debug, Default)]
@@ -88,7 +88,7 @@ impl Survey {
         }
         let out = |left: SkipReason, what: &str| {
             if self.skipped_count(left) > 0 {
-                print_note(&format!(
+                print_warning(&format!(
                     "{} left out: {what}",
                     plural(self.skipped_count(left), "frame")
                 ));

@@ -1,6 +1,5 @@
 //! `polepair --server URL scan --look`: the server looks for drives on its links.
 
-use std::io::IsTerminal as _;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
@@ -12,9 +11,10 @@ use polepair_link::clock;
 use super::{conflicts_result, report_unconfigured};
 use crate::interrupt;
 use crate::problem::{Exit, Problem, Result};
+use crate::progress::Progress;
 use crate::remote::{RemoteSession, refusal_problem};
 use crate::target::OutputFormat;
-use crate::terminal::{self, DataOutput, TextTable, colour_out, csv_line, print_note};
+use crate::terminal::{DataOutput, TextTable, colour_out, csv_line, print_note, print_warning};
 
 /// Between two questions how far it is.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
@@ -53,7 +53,7 @@ pub fn run_remote_scan(
         return Err(refusal_problem(error));
     }
     if let Some(view) = views.iter().find(|view| view.state == ScanState::BrokenOff) {
-        print_note(&format!("broken off: {} addresses were not asked", view.unasked));
+        print_warning(&format!("broken off: {} addresses were not asked", view.unasked));
         return Err(match interrupt::was_interrupted() {
             true => Problem::interrupted(),
             false => Problem::new(Exit::Refused, "E102", "somebody broke the look off.")
@@ -76,7 +76,7 @@ pub fn run_remote_scan(
 
 /// Looks on a link until the end.
 fn scan_link(server: &RemoteSession, link: u16, request: &ScanRequest) -> Result<ScanView> {
-    let live = std::io::stderr().is_terminal();
+    let bar = Progress::of_count(0, "addresses");
     let mut view = server.gateway.start_scan(link, request).map_err(refusal_problem)?;
     let mut broken = false;
     while view.state == ScanState::UnderWay {
@@ -84,18 +84,9 @@ fn scan_link(server: &RemoteSession, link: u16, request: &ScanRequest) -> Result
             // It may just have ended.
             let _ = server.gateway.cancel_scan(link);
         }
-        if let Some(number) = view.number.filter(|_| live) {
-            terminal::draw(&format!(
-                "\r\x1b[Kasking address {number} ({} of {})",
-                view.done + 1,
-                view.of
-            ));
-        }
+        bar.set_of(view.done as usize, view.of as usize);
         clock::sleep_until(clock::now() + POLL_INTERVAL);
         view = server.gateway.scan_view(link).map_err(refusal_problem)?;
-    }
-    if live {
-        terminal::draw("\r\x1b[K");
     }
     Ok(view)
 }
@@ -165,7 +156,7 @@ fn report_scan(server: &RemoteSession, view: &ScanView) {
             print_note(&format!("{label} did not answer"));
         }
         if let Some(clash) = &probed_axis.clash {
-            print_note(&format!("{label}: {clash}"));
+            print_warning(&format!("{label}: {clash}"));
         }
     }
     if view.has_unconfigured {

@@ -10,7 +10,7 @@ use polepair_core::profile::{Access, Encoding, ParameterId};
 use crate::cmd::record::plural;
 use crate::outcome;
 use crate::problem::{Problem, Result};
-use crate::progress::DataProgress;
+use crate::progress::Progress;
 
 /// What is to be written to a parameter that is no number.
 pub struct DataWrite {
@@ -50,7 +50,7 @@ impl DataWrite {
 
     /// Writes it and says so.
     pub fn apply(&self, axis: &Axis) -> Result<String> {
-        let mut progress = DataProgress::new("written");
+        let progress = Progress::of_transfer("written");
         let written = axis.write_data(self.id, &self.data, &mut |count| progress.set(count));
         written.map_err(outcome::to_problem)?;
         Ok(format!("{} = {}", self.name, self.described()))

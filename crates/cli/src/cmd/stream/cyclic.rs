@@ -13,7 +13,7 @@ use crate::outcome;
 use crate::problem::{Problem, Result};
 use crate::session::Session;
 use crate::target::DriveArgs;
-use crate::terminal::{self, print_note};
+use crate::terminal::{self, print_note, print_warning};
 
 /// Times of a file that are apart by less than this are no other times, s.
 const SAME_S: f64 = 1e-6;
@@ -87,7 +87,7 @@ fn follow_setpoints(
     }
     if released.is_err() {
         let axes: Vec<String> = session.axes().iter().map(Axis::label).collect();
-        print_note(&format!("{} may still turn: cut their supply", axes.join(", ")));
+        print_warning(&format!("{} may still turn: cut their supply", axes.join(", ")));
     }
     motion::conclude(ended.map(drop), released, "the motion was stopped")
 }
