@@ -168,6 +168,8 @@ soak:
 	POLEPAIR_FRAMES=all POLEPAIR_MANY_SECONDS=300 POLEPAIR_LEAK_CALLS=2000000 $(MAKE) --no-print-directory python BUILD=release
 	$(CARGO) test --release --locked --quiet -p polepair-sim --test pinned
 	POLEPAIR_BLOCK_BYTES=2000000 POLEPAIR_WIRESHARK_FRAMES=1000000 $(MAKE) --no-print-directory interop BUILD=release
+	$(CARGO) package --workspace --locked --quiet
+	$(MAKE) --no-print-directory dist try-dist
 	$(MAKE) --no-print-directory swarm SEEDS=100000
 	fuzz/run $(or $(FUZZ_SECONDS),60)
 

@@ -197,4 +197,16 @@ mod tests {
             assert!(!port.path.is_empty());
         }
     }
+
+    #[test]
+    fn udev_rules_name_every_adapter_that_is_known() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../packaging/60-polepair.rules");
+        let rules = std::fs::read_to_string(file).expect("the rules");
+        for (vendor, product) in SLCAN_IDS {
+            let rule = format!(
+                r#"ATTRS{{idVendor}}=="{vendor:04x}", ATTRS{{idProduct}}=="{product:04x}""#
+            );
+            assert!(rules.contains(&rule), "{rule}");
+        }
+    }
 }
