@@ -80,6 +80,8 @@ pub struct Axis {
     pub(crate) medium: MediumKind,
     /// The number that the host has among the drives of its wire, where it has one.
     pub(crate) host: Option<u32>,
+    /// The axis that the host is wired to, where that may be a relay to others.
+    pub(crate) relay: Option<u32>,
     /// The period of the heartbeat that the host sends on its wire, where it was told to.
     pub(crate) heartbeat: Option<Duration>,
     pub(crate) profile: &'static Profile,

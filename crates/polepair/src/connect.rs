@@ -213,7 +213,8 @@ impl Connector {
         let numbers =
             if url.axes.is_empty() { vec![*info.addresses.start()] } else { url.axes.clone() };
         let seats = vec![RackEntry::default(); numbers.len()];
-        let relay = url.axes.first().copied();
+        let first = url.axes.iter().find(|axis| !AxisNumber(**axis).is_group());
+        options.relay_axis = options.relay_axis.or(first.copied());
         let all = Arc::default();
         Ok(ProtocolLine {
             wire: 0,
@@ -221,7 +222,6 @@ impl Connector {
             protocol: info,
             options,
             axis_numbers: numbers,
-            relay_axis: relay,
             entries: seats,
             rack_entries: all,
         })
@@ -260,6 +260,7 @@ impl Connector {
                     protocol: line.protocol.name,
                     medium: line.protocol.medium,
                     host: line.host(),
+                    relay: line.options.relay_axis,
                     heartbeat: line.heartbeat(),
                     profile,
                     identified,
@@ -387,8 +388,6 @@ pub(crate) struct ProtocolLine {
     pub(crate) protocol: ProtocolInfo,
     pub(crate) options: HostOptions,
     pub(crate) axis_numbers: Vec<u32>,
-    /// The axis that a host is wired to, where others may be behind it.
-    relay_axis: Option<u32>,
     /// What is known of each axis, whoever answers.
     entries: Vec<RackEntry>,
     /// What a rack says of all that it has there, also of axes that nobody named.
@@ -451,22 +450,20 @@ impl ProtocolLine {
         Ok(())
     }
 
-    /// A host with these axes on the wire, and before them the one that it is wired to if that is
-    /// none of them: so many are before them. One at a time.
+    /// A host that asks these axes who they are. One at a time.
     pub(crate) fn probe_connection(
         &self,
         axes: &[(&'static Profile, u32)],
         scanning: bool,
         urgent: bool,
-    ) -> Result<(Connection, usize), Error> {
-        let relay = self.relay_axis.filter(|relay| axes.iter().all(|(_, number)| number != relay));
-        let first = relay.map(|relay| (self.protocol.generic, relay));
-        let all: Vec<_> = first.into_iter().chain(axes.iter().copied()).collect();
+    ) -> Result<Connection, Error> {
         let options = self.session_options();
         // Who looks for drives takes whatever tells of one.
         let doubt = options.probe_seed.filter(|_| !scanning);
-        let options = HostOptions { scanning, urgent, probe_seed: doubt, ..options };
-        Ok((self.open_connection_with(options, &all)?, all.len() - axes.len()))
+        self.open_connection_with(
+            HostOptions { scanning, urgent, probe_seed: doubt, ..options },
+            axes,
+        )
     }
 
     /// What the drive at an address tells of itself; nothing where it cannot be asked.
@@ -484,15 +481,16 @@ impl ProtocolLine {
         drives: &[(&'static Profile, u32)],
         scanning: bool,
     ) -> Result<Vec<Axis>, Error> {
-        let (connection, before) = self.probe_connection(drives, scanning, false)?;
+        let connection = self.probe_connection(drives, scanning, false)?;
         let axis = |(n, &(profile, number)): (usize, &(&'static Profile, u32))| Axis {
             connection: connection.clone(),
-            index: AxisIndex(u8::try_from(before + n).unwrap_or(u8::MAX)),
+            index: AxisIndex(u8::try_from(n).unwrap_or(u8::MAX)),
             number,
             name: String::new(),
             protocol: self.protocol.name,
             medium: self.protocol.medium,
             host: self.host(),
+            relay: self.options.relay_axis,
             heartbeat: self.heartbeat(),
             profile,
             identified: Identification::Named,

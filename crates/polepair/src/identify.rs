@@ -148,8 +148,12 @@ impl<'a> Prober<'a> {
     /// The error for an address where nobody answers.
     pub(crate) fn silent_error(&self, number: u32, details: NoReplyDetails) -> Error {
         let but = if details.is_nothing() { String::new() } else { format!(": {details}") };
+        let what = match details.relay_text(self.line.options.relay_axis, number) {
+            Some(text) => format!("{text} on {}", self.describe()),
+            None => format!("axis {number} does not answer on {}{but}", self.describe()),
+        };
         Error::Failed {
-            what: format!("axis {number} does not answer on {}{but}", self.describe()),
+            what,
             execution: String::new(),
             outcome: Outcome::NotDone(Failure::Silent),
             received: Box::new(details),
@@ -228,9 +232,8 @@ impl<'a> Prober<'a> {
     /// which one that looks for drives does not.
     fn answers_twice(&self, number: u32) -> Result<bool, Error> {
         let generic = self.line.protocol.generic;
-        let (connection, before) =
-            self.line.probe_connection(&[(generic, number)], false, false)?;
-        let outcome = self.query(&connection, before, IdentityQuery::Parameter(ParameterId(0)));
+        let connection = self.line.probe_connection(&[(generic, number)], false, false)?;
+        let outcome = self.query(&connection, 0, IdentityQuery::Parameter(ParameterId(0)));
         Ok(outcome.and_then(Outcome::failure) == Some(Failure::AnsweredTwice))
     }
 
@@ -239,8 +242,7 @@ impl<'a> Prober<'a> {
         let mut axes: Vec<_> = self.candidates.iter().map(|(p, _)| (*p, number)).collect();
         axes.push((generic, number));
         let urgent = self.reply_timeout.is_some();
-        let (connection, before) =
-            self.line.probe_connection(&axes, self.single_attempt, urgent)?;
+        let connection = self.line.probe_connection(&axes, self.single_attempt, urgent)?;
         // Somebody may have spoken just now: this host has not heard it.
         connection.with_axes(|axes, now| axes.handle_resume(now));
         let (mut received, mut doubtful, mut best) = (false, false, None::<(u32, usize, i64)>);
@@ -251,7 +253,7 @@ impl<'a> Prober<'a> {
             }
             let outcome = match requests.iter().find(|(q, _)| is_same_query(q, identity, profile)) {
                 Some((_, outcome)) => *outcome,
-                None => self.query(&connection, before + n, identity.query),
+                None => self.query(&connection, n, identity.query),
             };
             if outcome.and_then(Outcome::failure) == Some(Failure::LinkDown) {
                 return Err(self.link_lost_error(&connection));
@@ -283,8 +285,8 @@ impl<'a> Prober<'a> {
             if is_silent(outcome) && !received {
                 let counted = connection.with_axes(|axes, _| axes.counters());
                 // The bytes that are held are those of the question that ended last.
-                let held = connection
-                    .with_axes(|axes, _| axes.silence_counters(AxisIndex((before + n) as u8)));
+                let held =
+                    connection.with_axes(|axes, _| axes.silence_counters(AxisIndex(n as u8)));
                 let skipped = counted.skipped.max(held.skipped);
                 let details = NoReplyDetails::from_counters(&Counters { skipped, ..counted });
                 return Ok(match details.corrupt {
@@ -294,7 +296,7 @@ impl<'a> Prober<'a> {
             }
         }
         if !received && !(self.is_cancelled)() {
-            let answer = self.query_generic(&connection, before, generic)?;
+            let answer = self.query_generic(&connection, generic)?;
             if answer.and_then(Outcome::failure) == Some(Failure::AnsweredTwice) {
                 return Ok(ProbeResult::AnsweredTwice);
             }
@@ -331,13 +333,12 @@ impl<'a> Prober<'a> {
     fn query_generic(
         &self,
         connection: &Connection,
-        before: usize,
         generic: &'static Profile,
     ) -> Result<Option<Outcome>, Error> {
         let readable = generic.parameters.iter().position(|p| p.access != Access::Write);
         let Some(id) = readable.and_then(|n| u16::try_from(n).ok()) else { return Ok(None) };
         let question = IdentityQuery::Parameter(ParameterId(id));
-        let outcome = self.query(connection, before + self.candidates.len(), question);
+        let outcome = self.query(connection, self.candidates.len(), question);
         match outcome.and_then(Outcome::failure) {
             Some(Failure::LinkDown) => Err(self.link_lost_error(connection)),
             // What cannot be asked is silence too.

@@ -122,6 +122,12 @@ impl NoReplyDetails {
         Self { acknowledged: 0, relayed: 0, echoed: 0, ..self }
     }
 
+    /// That the relay to an axis acknowledged, and the axis said nothing; `None` where it is not so.
+    pub(crate) fn relay_text(&self, relay: Option<u32>, axis: u32) -> Option<String> {
+        let relay = relay.filter(|_| self.cause() == NoReplyCause::Relayed)?;
+        Some(format!("relay {relay} acknowledges, axis {axis} is silent"))
+    }
+
     /// What to try.
     #[must_use]
     pub const fn hint(&self) -> &'static str {
@@ -141,7 +147,8 @@ impl NoReplyDetails {
             }
             NoReplyCause::Acknowledged => {
                 "it hears us: see which host ID it answers to, and whether it needs more time \
-                 (`?timeout=`)"
+                 (`?timeout=`). Where the drive at the cable is a relay to it: `?through=ID` with the \
+                 relay's axis ID"
             }
             NoReplyCause::Early => {
                 "a port without a real line behind it (USB) answers so; on a real line an older \

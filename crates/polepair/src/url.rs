@@ -28,13 +28,13 @@ pub const AXES_MAX: usize = 256;
 const KEYS_MAX: usize = 32;
 
 const LINK_KINDS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "socketcan"];
-const SERIAL_KEYS: [&str; 14] = [
+const SERIAL_KEYS: [&str; 15] = [
     "profile", "setup", "timeout", "timing", "gap", "host", "echo", "parity", "stop", "bits",
-    "wire", "ack", "pause", "relay",
+    "wire", "ack", "pause", "relay", "through",
 ];
 const CAN_KEYS: [&str; 8] =
     ["profile", "setup", "eds", "timeout", "host", "bitrate", "ack", "heartbeat"];
-const SIM_KEYS: [&str; 17] = [
+const SIM_KEYS: [&str; 18] = [
     "timing",
     "axes",
     "seed",
@@ -51,6 +51,7 @@ const SIM_KEYS: [&str; 17] = [
     "ack",
     "pause",
     "relay",
+    "through",
     "heartbeat",
 ];
 const RACK_KEYS: [&str; 5] = ["link", "profile", "timeout", "seed", "time"];

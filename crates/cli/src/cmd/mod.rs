@@ -61,11 +61,11 @@ use crate::terminal::{self, print_warning};
 #[command(name = "polepair", version, verbatim_doc_comment, max_term_width = 100)]
 #[command(after_help = HELP_FOOTER)]
 pub struct CommandLine {
-    #[command(flatten)]
-    join: ServerArgs,
     /// Print no notes and no progress on stderr; errors, and warnings that a motor may turn, are printed
     #[arg(short, long, global = true)]
     quiet: bool,
+    #[command(flatten)]
+    join: ServerArgs,
     /// What to do.
     #[command(subcommand)]
     verb: CommandVerb,

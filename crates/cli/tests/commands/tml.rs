@@ -5,7 +5,7 @@ use crate::run;
 
 use std::collections::BTreeMap;
 
-use run::{polepair, polepair_with, text, vectors};
+use run::{Served, ok, polepair, polepair_with, text, vectors};
 use serde_json::Value;
 
 /// A frame as it stands in a capture, and how it is called in `encode`.
@@ -192,4 +192,62 @@ fn rules_of_the_wires_are_told_before_a_byte_is_printed() {
     assert!(second.contains("UPD; KPP=0x12345\n           ^ expected"), "{second}");
     let modbus = polepair(&["encode", "modbus-rtu", "read 0", "--axis", "g1"]);
     assert!(modbus.code == 2 && modbus.err.contains("no groups"), "{modbus:?}");
+}
+
+/// A host on a serial line, a relay, and two drives behind it, of which one is at the host's command.
+const RELAY: &str = "[[link]]\nname = \"host\"\nprotocol = \"tml\"\nbaud = 115200\n\
+    [[link.drive]]\nname = \"relay\"\nprofile = \"technosoft-f514l\"\naddress = 255\n\
+    on = [\"host\", \"bus\"]\n\
+    [[link]]\nname = \"bus\"\nprotocol = \"tmlcan\"\n\
+    [[link.drive]]\nname = \"x\"\nprofile = \"technosoft-f514l\"\naddress = 1\n\
+    [[link.drive]]\nname = \"y\"\nprofile = \"technosoft-f514l\"\naddress = 2\n";
+
+#[test]
+fn one_axis_behind_a_relay_is_commanded_alone() {
+    let folder = std::env::temp_dir().join(format!("polepair-through-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let rack = folder.join("relay.toml");
+    std::fs::write(&rack, RELAY).expect("written");
+    let rack = rack.to_str().expect("text");
+    let pty = folder.join("host").display().to_string();
+    let served = Served::with(&[rack, "--pty", &pty, "--udp", "239.74.163.35:43135"]);
+    let (line, _) = served.url.split_once('#').expect("axes");
+    let through = |axes: &str| format!("{line}?through=255{axes}");
+    let turns = |axis: &str| {
+        let shown = ok(&["get", &format!("{line}#255,1,2"), "actual position", "--format", "csv"]);
+        let row = shown.lines().find(|row| row.starts_with(axis)).expect("a row").to_owned();
+        row.split(',')
+            .find_map(|cell| cell.parse::<f64>().ok().filter(|_| cell != axis))
+            .expect("a number")
+    };
+    let found = ok(&["scan", &through(""), "--ids", "1-3"]);
+    assert!(found.lines().count() == 3 && !found.contains("255"), "{found}");
+    let moved = ok(&["move", &through("#2"), "1turn"]);
+    assert!(moved.starts_with("position = 1 turn"), "{moved}");
+    let named = ok(&["move", &format!("sim:{rack}?time=virtual#x"), "1turn"]);
+    assert!(named.starts_with("position = 1 turn"), "{named}");
+    assert!(
+        turns("255").abs() < 0.01 && turns("1").abs() < 0.01,
+        "the others stand where they were"
+    );
+    ok(&["spin", &through("#1"), "60rpm", "--detach"]);
+    run::expect_silence();
+    let stopped = polepair(&["stop", &through("")]);
+    for axis in [1, 2, 255] {
+        let told = format!("axis {axis} is stopped");
+        assert!(stopped.err.contains(&told), "{}{}", stopped.out, stopped.err);
+    }
+    let path = folder.join("path.csv");
+    std::fs::write(&path, "6.5,0,0.2\n6.6,0,0.2\n").expect("written");
+    let streamed = polepair(&["stream", &through("#2"), path.to_str().expect("text")]);
+    assert_eq!(streamed.code, 0, "{}", streamed.err);
+    assert!(ok(&["send", &through("#g1"), "STOP", "--arm"]).contains("to group 1"));
+    let silent = polepair(&["info", &through("#7")]);
+    assert!(silent.err.contains("relay 255 acknowledges, axis 7 is silent"), "{}", silent.err);
+    let nearby = polepair(&["info", &format!("{line}#7")]);
+    assert!(nearby.err.contains("?through=ID"), "{}", nearby.err);
+    let wrong = polepair(&["info", &through("#1").replace("255", "256")]);
+    assert!(wrong.code == 2 && wrong.err.contains("E210"), "{}", wrong.err);
+    served.end();
+    std::fs::remove_dir_all(folder).expect("removed");
 }

@@ -75,6 +75,8 @@ pub struct HostOptions {
     pub heartbeat_ms: Option<u32>,
     /// The adapter lets us hear our own bytes.
     pub echo: bool,
+    /// The axis that the host is wired to, where others are reached through it; the first axis if `None`.
+    pub relay_axis: Option<u32>,
     /// Axes behind a relay only answer questions of their own: what they say unasked, or to a
     /// question to a group, does not come back.
     pub relay_answers_only: bool,
@@ -130,6 +132,7 @@ impl HostOptions {
             host_address: None,
             heartbeat_ms: None,
             echo: false,
+            relay_axis: None,
             relay_answers_only: false,
             probe_seed: None,
             scanning: false,

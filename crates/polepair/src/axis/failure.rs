@@ -55,7 +55,13 @@ impl Axis {
         }
         let details = self.no_reply_details(failure);
         let (reason, mut hint) = match failure {
-            Failure::Silent => (no_answer_text(&details), details.hint().to_owned()),
+            Failure::Silent => {
+                let reason = match details.relay_text(self.relay, self.number) {
+                    Some(text) => text,
+                    None => no_answer_text(&details),
+                };
+                (reason, details.hint().to_owned())
+            }
             failure => self.failure_reason(failure),
         };
         if let (RequestKind::Verb(verb), Outcome::Partly(Failure::Refused { .. }, extent)) =

@@ -26,7 +26,6 @@ pub(crate) struct LineConfig {
     wire: usize,
     pub(crate) protocol: ProtocolInfo,
     options: HostOptions,
-    relay_axis: Option<u32>,
     rack_entries: Arc<[(u32, RackEntry)]>,
 }
 
@@ -69,15 +68,9 @@ impl AnyBorrowedLink {
 impl ProtocolLine {
     /// What is remembered of it.
     pub(super) fn to_config(&self) -> LineConfig {
-        let Self { wire, protocol, options, relay_axis: relay, rack_entries, .. } = self;
+        let Self { wire, protocol, options, rack_entries, .. } = self;
         let (info, all) = (protocol.clone(), Arc::clone(rack_entries));
-        LineConfig {
-            wire: *wire,
-            protocol: info,
-            options: *options,
-            relay_axis: *relay,
-            rack_entries: all,
-        }
+        LineConfig { wire: *wire, protocol: info, options: *options, rack_entries: all }
     }
 }
 
@@ -89,7 +82,7 @@ impl LineConfig {
 
     /// The same on a link.
     pub(crate) fn on_link(&self, link: SharedLink) -> ProtocolLine {
-        let Self { wire, protocol, options, relay_axis, rack_entries } = self.clone();
+        let Self { wire, protocol, options, rack_entries } = self.clone();
         let (numbers, seats) = (Vec::new(), Vec::new());
         ProtocolLine {
             wire,
@@ -97,7 +90,6 @@ impl LineConfig {
             protocol,
             options,
             axis_numbers: numbers,
-            relay_axis,
             entries: seats,
             rack_entries,
         }

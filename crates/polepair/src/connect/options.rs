@@ -33,6 +33,7 @@ pub(super) fn host_options(url: &Url, baud: u32) -> Result<HostOptions, Error> {
         untimed: !has_timing(url)?,
         host_address: url.number("host")?.map(|host| u32::try_from(host).unwrap_or(u32::MAX)),
         echo: url.flag("echo")?,
+        relay_axis: relay_axis(url)?,
         relay_answers_only: answers_only(url)?,
         scanning: false,
         timeout_scale: if is_virtual { 1 } else { clock::timeout_scale() },
@@ -82,6 +83,18 @@ pub(super) fn wire_standard(url: &Url) -> Result<Option<proto::SerialStandard>, 
         Some(other) => {
             let what = format!("`wire={other}` is neither rs232 nor rs485");
             Err(Error::usage("E210", what, ""))
+        }
+    }
+}
+
+/// The axis ID of the drive that a host on RS-232 is wired to, where it reaches others through it.
+fn relay_axis(url: &Url) -> Result<Option<u32>, Error> {
+    match url.number("through")? {
+        None => Ok(None),
+        Some(id @ 1..=255) => Ok(Some(id as u32)),
+        Some(id) => {
+            let what = format!("`through={id}` is no axis ID");
+            Err(Error::usage("E210", what, "write the relay's axis ID, 1 to 255"))
         }
     }
 }

@@ -245,13 +245,13 @@ fn rack_line(
     options.host_address =
         options.host_address.or(beside).or_else(|| info.alternative_host(&addresses));
     let relay = addresses.first().copied().filter(|_| addresses.len() > here);
+    options.relay_axis = options.relay_axis.or(relay);
     Ok(ProtocolLine {
         wire: n,
         link,
         protocol: info,
         options,
         axis_numbers: numbers,
-        relay_axis: relay,
         entries: seats,
         rack_entries: everything,
     })

@@ -65,8 +65,27 @@ pub(super) fn run_relay_scene() -> Result<Option<String>> {
             print_note(&format!("  axis {:<3} {position}", axis.number()));
         }
     }
-    print_note(if ended.is_ok() { "  both turned at once           ok\n" } else { "  FAILED\n" });
+    print_note(if ended.is_ok() { "  both turned at once           ok" } else { "  FAILED\n" });
+    drop(link);
+    let ended = ended.and_then(|()| turn_one_alone(&url));
+    print_note(if ended.is_ok() { "  axis 2 turned alone           ok\n" } else { "  FAILED\n" });
     Ok(ended.err().map(|error| format!("behind the relay: {error}")))
+}
+
+/// One axis, named with the relay that it is reached through.
+fn turn_one_alone(url: &str) -> std::result::Result<(), Error> {
+    let (line, _) = url.split_once('#').unwrap_or((url, ""));
+    let alone = format!("{line}?through=255#2");
+    print_note(&format!("  opening {alone}"));
+    let frames = FrameLines::default();
+    let link = recording_connector(&alone, &frames).connect(&alone)?;
+    turn_axes(link.axes(), &frames)?;
+    for axis in link.axes() {
+        if let Ok(Some(position)) = read_signal(axis, Signal::Position) {
+            print_note(&format!("  axis {:<3} {position}", axis.number()));
+        }
+    }
+    Ok(())
 }
 
 /// All of them at once, two turns. The frames that are kept are those of the move.

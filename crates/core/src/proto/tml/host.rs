@@ -59,7 +59,8 @@ pub struct SerialHost {
 }
 
 impl SerialHost {
-    /// A host of these axes, as `options` say. On RS-232 the first axis is the drive connected.
+    /// A host of these axes, as `options` say. On RS-232 the drive connected is
+    /// `relay_axis`, or the first axis.
     #[must_use]
     pub fn new(options: &HostOptions, axes: &[u32]) -> Self {
         let wire = match options.standard {
@@ -227,17 +228,19 @@ fn topology_of(wire: TmlWire, options: &HostOptions, axes: &[u32]) -> Topology {
     let single = |axis: &&u32| **axis & GROUP == 0;
     let first = axes.iter().find(single).map(|axis| *axis as u8);
     let given = options.host_address.and_then(|host| u8::try_from(host).ok());
+    let through = options.relay_axis.and_then(|relay| u8::try_from(relay).ok());
+    let connected = through.or(first);
     let id = match wire {
-        TmlWire::Rs232 => given.or(first).unwrap_or(u8::MAX),
+        TmlWire::Rs232 => given.or(connected).unwrap_or(u8::MAX),
         _ => given.unwrap_or_else(|| free_id(wire, axes)),
     };
-    let relay = (wire == TmlWire::Rs232).then(|| first.unwrap_or(id));
+    let relay = (wire == TmlWire::Rs232).then(|| connected.unwrap_or(id));
     Topology {
         wire,
         own_code: wire.host_id_code(id),
         relay_axis: relay,
         first_axis: first,
-        single_drive: axes.len() == 1 && first.is_some(),
+        single_drive: axes.len() == 1 && first.is_some() && connected == first,
         behind_technocan: options.relay_answers_only,
         scanning: options.scanning,
         broken_rule: relay.and_then(|relay| wire.check_host_id(id, relay).err()),
