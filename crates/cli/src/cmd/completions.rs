@@ -8,7 +8,8 @@ use std::ffi::{OsStr, OsString};
 use std::path::Path;
 use std::sync::Arc;
 
-use clap::{Arg, Args, Command, CommandFactory as _, ValueEnum};
+use clap::{Arg, Args, Command, CommandFactory as _};
+use clap_complete::Shell;
 use clap_complete::engine::{ArgValueCompleter, CompletionCandidate};
 use clap_complete::env::{CompleteEnv, Shells};
 use polepair::url::{LinkTarget, Url};
@@ -42,21 +43,10 @@ pub struct Completions {
     shell: Shell,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Shell {
-    Bash,
-    Elvish,
-    Fish,
-    Powershell,
-    Zsh,
-}
-
 impl Completions {
     pub fn run(self) -> Result {
         let mut out = DataOutput::stdout();
-        let shell = self.shell.to_possible_value();
-        let name = shell.as_ref().map_or("", |value| value.get_name());
-        match Shells::builtins().completer(name) {
+        match Shells::builtins().completer(&self.shell.to_string()) {
             // Bash takes `:`, `=` and `@` for the ends of words.
             Some(_) if matches!(self.shell, Shell::Bash) => out.write_line(BASH),
             // Writing into memory cannot fail.
@@ -205,8 +195,7 @@ fn simulated() -> impl Iterator<Item = (String, &'static str)> {
 
 /// The drives of `sim`: rack files of this folder, and drives by their word.
 fn racks(word: &str) -> Vec<CompletionCandidate> {
-    let (folder, _) =
-        word.rsplit_once('/').map_or(("", word), |(folder, _)| (&word[..=folder.len()], ""));
+    let folder = &word[..word.rfind('/').map_or(0, |slash| slash + 1)];
     let here = if folder.is_empty() { Path::new(".") } else { Path::new(folder) };
     let entries = std::fs::read_dir(here).into_iter().flatten().flatten();
     let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
