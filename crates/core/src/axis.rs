@@ -114,6 +114,19 @@ impl Command {
 
 const ONLY_NUMBERS: &str = "all values of this protocol are numbers";
 
+/// What tells whether a drive executed a request.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct ExecutionProof {
+    /// The parameter that shows its effect.
+    pub parameter: ParameterId,
+    /// Passed by the parameter once the request is executed.
+    pub executed: ParameterTest,
+    /// The parameter that shows faults.
+    pub fault_parameter: ParameterId,
+    /// Its bits that are faults; while one is set nothing is sent again.
+    pub fault_mask: i64,
+}
+
 /// One protocol's translation between parameters and requests, for one axis. No queue, no clock, no
 /// executor: those are the lane's. A family overrides what its drive does differently.
 pub trait Driver {
@@ -200,6 +213,21 @@ pub trait Driver {
     ) -> Result<Self::Request, Unsupported> {
         let _ = command;
         self.function_request(function, index, value)
+    }
+
+    /// Whether a setting that a fresh reading proves not written is written again. Only a protocol whose
+    /// manual asks for it says yes.
+    fn may_rewrite(&self, parameter: &Parameter) -> bool {
+        let _ = parameter;
+        false
+    }
+
+    /// The readings that tell whether the drive executed a [`Send`](crate::plan::Step::Send) step that
+    /// was not acknowledged. `None` where none can, or where the step may start a motion: it is then
+    /// never sent again.
+    fn execution_proof(&self, function: u8, index: u16, value: i64) -> Option<ExecutionProof> {
+        let _ = (function, index, value);
+        None
     }
 
     /// The request that keeps a parameter's present value over power-off.

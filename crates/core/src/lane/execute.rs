@@ -7,7 +7,7 @@ use super::job::{GroupResult, InFlight, Job, JobTask, PlanRun, StepStage};
 use super::path::PathStream;
 use super::slot::AxisSlot;
 use super::transfer::{MemoryTransfer, TransferKind};
-use crate::axis::{ProgramEnd, UnmetWait};
+use crate::axis::{ExecutionProof, ProgramEnd, UnmetWait};
 use crate::error::{Extent, Failure, Outcome, Unsupported};
 use crate::plan::Step;
 use crate::profile::{Access, ParameterId, Persistence};
@@ -131,6 +131,14 @@ fn next_run_request<R: Request, A: Copy + 'static>(
             StepStage::EndProgram => return program_request(slot, ProgramCommand::End),
             StepStage::ReadBack(id, raw) => {
                 return read_request(slot, InFlight::ReadBack(id, raw)).map_err(end_impossible);
+            }
+            StepStage::Proof(proof) => {
+                return read_request(slot, InFlight::Proof(proof.parameter))
+                    .map_err(end_impossible);
+            }
+            StepStage::FaultBeforeResend(proof) => {
+                return read_request(slot, InFlight::Proof(proof.fault_parameter))
+                    .map_err(end_impossible);
             }
             StepStage::Sleep(until) if until > now => return Err(JobState::Sleeping(until)),
             StepStage::Sleep(_) => run.stage = StepStage::First,
@@ -402,7 +410,17 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
     if let (StepStage::Guard(read, id), InFlight::Guard(_)) = (run.stage, in_flight) {
         return handle_guard_answer(run, slot, (read, id), raw);
     }
+    if let InFlight::Proof(_) = in_flight {
+        return handle_proof(now, run, raw);
+    }
     match (in_flight, raw) {
+        (InFlight::Send(_), Err(Failure::Silent)) if !group && !run.is_stop() => {
+            match execution_proof(run, slot) {
+                Some(proof) => run.stage = StepStage::Proof(proof),
+                None => return fail_step(run, Failure::Silent),
+            }
+            JobState::Ready
+        }
         (InFlight::Write(id, value, class), Err(Failure::Silent | Failure::Misbehaved)) => {
             let readable = slot.parameter(id).is_some_and(|p| p.access == Access::ReadWrite);
             if class == RequestClass::ReadBack && readable {
@@ -425,7 +443,14 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
         {
             skip_missing_step(run)
         }
-        (InFlight::ReadBack(_, value), Ok(raw)) if raw != value => fail_step(run, Failure::Silent),
+        (InFlight::ReadBack(id, value), Ok(raw)) if raw != value => {
+            let rewritable = slot.parameter(id).is_some_and(|it| slot.driver.may_rewrite(it));
+            if rewritable && !group && run.may_resend() {
+                run.stage = StepStage::Write(value);
+                return JobState::Ready;
+            }
+            fail_step(run, Failure::Silent)
+        }
         (_, Err(failure)) => fail_step(run, failure),
         (_, Ok(raw)) => {
             if let InFlight::Write(id, ..) | InFlight::ReadBack(id, _) = in_flight {
@@ -439,6 +464,42 @@ fn handle_run_answer<R: Request, A: Copy + 'static>(
             }
             complete_step(now, run, raw)
         }
+    }
+}
+
+/// What tells whether the drive executed the step in hand, which it did not acknowledge.
+fn execution_proof<R: Request, A: Copy + 'static>(
+    run: &PlanRun,
+    slot: &AxisSlot<R, A>,
+) -> Option<ExecutionProof> {
+    let Some(Step::Send { function, index, operand, like }) = run.current_step() else {
+        return None;
+    };
+    let raw = slot.operand_value(operand, &run.command, like).ok()??;
+    slot.driver.execution_proof(function, index, raw)
+}
+
+/// What a reading proves of a step that the drive did not acknowledge: it is executed, or it is sent
+/// again while no fault stands (TML communication manual, chapter 3).
+fn handle_proof(now: Instant, run: &mut PlanRun, raw: Result<i64, Failure>) -> JobState {
+    match (run.stage, raw) {
+        (StepStage::Proof(proof), Ok(raw)) if proof.executed.passes(raw) => {
+            run.record_proof(true);
+            complete_step(now, run, run.last_value)
+        }
+        (StepStage::Proof(proof), Ok(_)) => {
+            run.record_proof(false);
+            run.stage = StepStage::FaultBeforeResend(proof);
+            JobState::Ready
+        }
+        (StepStage::FaultBeforeResend(proof), Ok(raw)) => {
+            if raw & proof.fault_mask == 0 && run.may_resend() {
+                run.stage = StepStage::First;
+                return JobState::Ready;
+            }
+            fail_step(run, Failure::Silent)
+        }
+        (_, raw) => fail_step(run, raw.err().unwrap_or(Failure::Silent)),
     }
 }
 

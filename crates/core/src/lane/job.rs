@@ -3,7 +3,7 @@
 use super::guard::{GuardRead, WaitGuard};
 use super::slot::AxisSlot;
 use super::transfer::TransferKind;
-use crate::axis::{Command, Verb};
+use crate::axis::{Command, ExecutionProof, Verb};
 use crate::error::{Extent, Failure, Outcome};
 use crate::plan::{Operand, Step};
 use crate::profile::{Parameter, ParameterId, Persistence, Profile, RamMode};
@@ -108,6 +108,8 @@ pub enum InFlight {
     Write(ParameterId, i64, RequestClass),
     /// Whether a write whose answer was lost arrived.
     ReadBack(ParameterId, i64),
+    /// Whether the drive executed a request whose answer was lost.
+    Proof(ParameterId),
     Send(RequestClass),
 }
 
@@ -126,7 +128,7 @@ impl InFlight {
         match self {
             Self::Nothing | Self::Factor(_) | Self::Read(_) | Self::Guard(_) => false,
             Self::Send(class) => !matches!(class, RequestClass::Idempotent),
-            Self::Write(..) | Self::ReadBack(..) => true,
+            Self::Write(..) | Self::ReadBack(..) | Self::Proof(_) => true,
         }
     }
 
@@ -135,6 +137,7 @@ impl InFlight {
             Self::Factor(id)
             | Self::Read(id)
             | Self::Guard(id)
+            | Self::Proof(id)
             | Self::Write(id, ..)
             | Self::ReadBack(id, _) => Some(id),
             Self::Nothing | Self::Send(_) => None,
@@ -144,6 +147,9 @@ impl InFlight {
 
 /// Steps that wait for so long at least wait for a motion, others for a drive that changes its state.
 const MOTION_WAIT_MIN_MS: u32 = 10_000;
+
+/// How often a step is sent again at most, because readings prove it not executed.
+const RESENDS_MAX: u8 = 2;
 
 /// A walk along steps.
 #[derive(Clone, Copy, Debug)]
@@ -169,6 +175,8 @@ pub struct PlanRun {
     /// When the step in hand began to wait.
     pub waiting_since: Option<Instant>,
     pub last_value: i64,
+    /// How often the step in hand was sent again because a reading proved it not executed.
+    pub resends: u8,
     /// What waiting steps look at beside what they wait for.
     pub guard: WaitGuard,
 }
@@ -181,6 +189,10 @@ pub enum StepStage {
     Write(i64),
     /// A lost write is to be read back.
     ReadBack(ParameterId, i64),
+    /// A reading is to tell whether the drive executed what it did not acknowledge.
+    Proof(ExecutionProof),
+    /// It did not; a reading is to tell whether a fault stands.
+    FaultBeforeResend(ExecutionProof),
     /// Nothing is sent before then.
     Sleep(Instant),
     /// A step that waits looks at something else first.
@@ -262,6 +274,7 @@ impl PlanRun {
             undo_failed: false,
             waiting_since: None,
             last_value: 0,
+            resends: 0,
             guard: WaitGuard::default(),
         }
     }
@@ -328,11 +341,16 @@ impl PlanRun {
         let extent = &mut self.extent;
         match (in_flight, raw) {
             (InFlight::ReadBack(_, value), Ok(raw)) => {
-                extent.unknown &= !bit;
-                *(if raw == value { &mut extent.done } else { &mut extent.refused }) |= bit;
+                self.record_proof(raw == value);
+                self.extent.refused |= if raw == value { 0 } else { bit };
             }
-            (InFlight::Send(RequestClass::Idempotent) | InFlight::ReadBack(..), _) => {}
-            (InFlight::Write(..) | InFlight::Send(_), Ok(_)) => extent.done |= bit,
+            (
+                InFlight::Send(RequestClass::Idempotent)
+                | InFlight::ReadBack(..)
+                | InFlight::Proof(_),
+                _,
+            ) => {}
+            (InFlight::Write(..) | InFlight::Send(_), Ok(_)) => self.record_proof(true),
             (InFlight::Write(..) | InFlight::Send(_), Err(Failure::Refused { .. })) => {
                 extent.refused |= bit;
             }
@@ -354,6 +372,22 @@ impl PlanRun {
         self.verb.is_some_and(Verb::needs_arming)
     }
 
+    /// Notes what a reading proves of the step in hand.
+    pub fn record_proof(&mut self, executed: bool) {
+        let bit = 1u64.checked_shl(self.index.into()).unwrap_or(0);
+        let extent = &mut self.extent;
+        extent.unknown &= !bit;
+        extent.refused &= !bit;
+        extent.done = if executed { extent.done | bit } else { extent.done & !bit };
+    }
+
+    /// Whether the step in hand, which a reading proved not executed, may be sent once more.
+    pub fn may_resend(&mut self) -> bool {
+        let allowed = self.resends < RESENDS_MAX && !self.is_stop() && self.undo_reason.is_none();
+        self.resends += u8::from(allowed);
+        allowed
+    }
+
     /// What a write within this run is held to.
     pub fn write_class(&self, parameter: &Parameter) -> RequestClass {
         if self.is_stop() {
@@ -370,6 +404,7 @@ impl PlanRun {
         self.index += 1;
         self.stage = StepStage::First;
         self.waiting_since = None;
+        self.resends = 0;
         self.last_value = raw;
     }
 }

@@ -6,7 +6,7 @@
 use super::generic::GENERIC;
 use super::host::{CanHost, Encapsulation, ExtendedIds, HOST_ID, SerialHost, StandardIds};
 use super::host_request::{
-    Answer, Confirmation, HostRequest, assign_instruction, assigned_variable,
+    Answer, Confirmation, HostRequest, assign_instruction, assigned_variable, masked_variable,
 };
 use super::instruction::{LanguageScope, assemble};
 use super::online::{OnlineMessage, PtPoint, PvtPoint};
@@ -15,10 +15,11 @@ use super::session::discovery_message;
 use super::technocan::MessageClass as Service;
 use super::wire::{IdCode, Instruction, Message, low_first};
 use super::{serial, technocan, tmlcan};
-use crate::axis::{DriveReport, Driver, REPORTS_MAX};
+use crate::axis::{DriveReport, Driver, ExecutionProof, REPORTS_MAX};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
+use crate::plan::{Compare, ParameterTest};
 use crate::profile::{Encoding, Parameter, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand, TransferStep};
 use crate::proto::{GROUP, HostOptions, Protocol};
@@ -29,6 +30,11 @@ use crate::stream::{PathKind, PathParameters, PathStatus, PathStep, RawPoint};
 const EVENT_MASKS: [&str; 3] = ["SRL_MASK", "SRH_MASK", "MER_MASK"];
 /// The parameter that silences reports of the PVT buffer while it is not zero.
 const PVT_SILENCE: &str = "PVTSENDOFF";
+
+/// Bits of the status registers, SRH in the high half (see the profiles).
+const AXISON_BIT: i64 = 1 << 15;
+const ENDINIT_BIT: i64 = 1 << 16;
+const FAULT_BIT: i64 = 1 << 31;
 
 /// One axis, or the axes of some groups.
 #[derive(Clone, Copy, Debug)]
@@ -171,6 +177,31 @@ impl Driver for Axis {
             .new_request(assign_instruction(parameter.index, value, long))
             .with_class(class)
             .with_confirmation(with))
+    }
+
+    /// What a word in RAM is assigned is the same the second time. Positions are preset by instructions
+    /// (`SAP`, `STA`), not by parameters.
+    fn may_rewrite(&self, parameter: &Parameter) -> bool {
+        !parameter.moves
+    }
+
+    /// `AXISON` and `ENDINIT` show in the status register, a mode in the register that it sets. `UPD`
+    /// starts a motion, and `SAP` and `STA` preset positions: they are never sent again.
+    fn execution_proof(&self, function: u8, index: u16, value: i64) -> Option<ExecutionProof> {
+        let instruction =
+            SendForm::of(function)?.to_instruction(index, wire_value(value, true).ok()?);
+        let status = self.profile.find_parameter("SR32")?;
+        let (parameter, mask, expected) = match instruction.opcode {
+            0x0020 => (status, ENDINIT_BIT, ENDINIT_BIT),
+            0x0102 => (status, AXISON_BIT, AXISON_BIT),
+            _ => {
+                let (address, and, or) = masked_variable(&instruction)?;
+                let parameter = self.profile.find_object((address, 0))?;
+                (parameter, i64::from(!and | or), i64::from(or))
+            }
+        };
+        let executed = ParameterTest { mask, compare: Compare::Equal, value: expected };
+        Some(ExecutionProof { parameter, executed, fault_parameter: status, fault_mask: FAULT_BIT })
     }
 
     /// `function` is a [`SendForm`].

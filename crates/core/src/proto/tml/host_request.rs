@@ -126,6 +126,20 @@ pub(super) const fn assigned_variable(instruction: &Instruction) -> Option<(u16,
     }
 }
 
+/// Address, AND mask and OR mask of what an instruction does to a variable's bits (`SRB`, `SRBL`).
+#[must_use]
+pub(super) const fn masked_variable(instruction: &Instruction) -> Option<(u16, u16, u16)> {
+    let opcode = instruction.opcode;
+    let page = if opcode & 0x0200 == 0 { 0x0200 } else { 0x0800 };
+    match opcode & 0xFC00 {
+        0x5800 => Some((page | opcode & 0x1FF, instruction.word(0), instruction.word(1))),
+        0x5C00 if opcode == 0x5C00 => {
+            Some((instruction.word(0), instruction.word(1), instruction.word(2)))
+        }
+        _ => None,
+    }
+}
+
 /// The instruction that assigns a word or a long to a variable in data memory, the shortest form.
 #[must_use]
 pub const fn assign_instruction(address: u16, value: u32, long: bool) -> Instruction {

@@ -1,10 +1,11 @@
 //! TML from both ends, in virtual time: what the manual's chapters tell, and what goes wrong.
 
 mod clash;
+mod resend;
 mod verbs;
 
 use polepair_core::axis::{Axes, Command, GroupAnswer, Verb};
-use polepair_core::drives::bench::GroundTruth;
+use polepair_core::drives::bench::{Act, GroundTruth};
 use polepair_core::drives::technosoft::{Device, Technosoft};
 use polepair_core::drives::{DeviceOptions, Family};
 use polepair_core::error::{Failure, Outcome, Unsupported};
@@ -30,6 +31,12 @@ struct Bench {
     wire: WireId,
     tickets: u32,
     parts: Vec<(u32, i64)>,
+    /// Messages of the host that the wire loses, by their place among all that it sends.
+    losing: Vec<u64>,
+    /// How many were lost before the one to be lost next.
+    lost_before: u64,
+    /// Happens when one was lost.
+    act_at_loss: Option<Act>,
 }
 
 fn profile() -> &'static Profile {
@@ -123,7 +130,17 @@ impl Bench {
     }
 
     fn of(world: World, wire: WireId, host: NodeId, drives: Vec<NodeId>) -> Self {
-        let mut bench = Self { world, host, drives, wire, tickets: 0, parts: Vec::new() };
+        let mut bench = Self {
+            world,
+            host,
+            drives,
+            wire,
+            tickets: 0,
+            parts: Vec::new(),
+            losing: Vec::new(),
+            lost_before: 0,
+            act_at_loss: None,
+        };
         bench.world.run_until(Instant::ZERO.plus_ms(50));
         bench
     }
@@ -143,6 +160,7 @@ impl Bench {
         let limit = self.world.now().plus_ms(700_000);
         while self.world.now() < limit {
             self.world.step();
+            self.apply_losses();
             let (outcome, parts) = self.axes(|axes, _| {
                 let outcome = axes.poll_outcome();
                 (

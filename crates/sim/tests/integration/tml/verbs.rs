@@ -34,12 +34,12 @@ fn curve(verb: Verb, target: f64, jerk_time: f64) -> Command {
 }
 
 impl Bench {
-    fn pass(&mut self, ms: u32) {
+    pub(super) fn pass(&mut self, ms: u32) {
         let until = self.world.now().plus_ms(ms);
         self.world.run_until(until);
     }
 
-    fn act(&mut self, act: Act) {
+    pub(super) fn act(&mut self, act: Act) {
         let drive = self.drives[0];
         assert!(self.world.inspect(drive, |node, now| node.bench().unwrap().act(now, act)));
     }
