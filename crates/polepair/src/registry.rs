@@ -27,6 +27,8 @@ pub(crate) struct ProtocolInfo {
     pub(crate) addresses: RangeInclusive<u32>,
     /// Every address that a drive can have.
     pub(crate) all_addresses: RangeInclusive<u32>,
+    /// The address of a drive whose set-up leaves it to switches, and that has none.
+    pub(crate) switch_address: Option<u32>,
     /// It speaks differently on RS-232 and on RS-485.
     pub(crate) has_standards: bool,
     /// Groups of drives that can be told something at once, by number from 1.
@@ -209,6 +211,7 @@ impl proto::ProtocolVisitor for ProtocolLister {
             profile: P::PROFILE_PROTOCOL,
             addresses: P::SCAN_ADDRESSES,
             all_addresses: P::VALID_ADDRESSES,
+            switch_address: P::SWITCH_ADDRESS,
             has_standards: P::HAS_SERIAL_STANDARDS,
             groups: P::GROUPS,
             sub_axes: P::SUB_AXES,

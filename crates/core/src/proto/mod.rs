@@ -162,6 +162,8 @@ pub trait Protocol {
     const HOST_ADDRESS: Option<u32> = None;
     /// Every address that a drive can have.
     const VALID_ADDRESSES: core::ops::RangeInclusive<u32>;
+    /// The address of a drive whose set-up leaves it to switches (address 0), and that has none.
+    const SWITCH_ADDRESS: Option<u32> = None;
     /// It speaks differently on RS-232 and on RS-485.
     const HAS_SERIAL_STANDARDS: bool = false;
     /// Groups of drives that an address can name by [`GROUP`]: numbers 1 to this.

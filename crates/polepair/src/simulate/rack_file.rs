@@ -430,8 +430,8 @@ fn read_drive(
     }
     let mut drive = RackDrive::new(profile, wire.name);
     let every = &wire.all_addresses;
-    let address =
-        node.integer_between("address", (*every.start()).into(), (*every.end()).into())?;
+    let first = if wire.switch_address.is_some() { 0 } else { *every.start() };
+    let address = node.integer_between("address", first.into(), (*every.end()).into())?;
     drive.address = address.and_then(|n| u32::try_from(n).ok());
     read_sheet(node, &mut drive)?;
     drive.seed = seed;
@@ -448,7 +448,18 @@ fn read_drive(
             }
         }
     }
+    if drive.address == Some(0) {
+        read_switches(&mut drive, wire.switch_address);
+    }
     Ok(drive)
+}
+
+/// The address of a drive whose set-up leaves it to its switches: the option `switches`, or what a
+/// drive without switches has.
+fn read_switches(drive: &mut RackDrive, without: Option<u32>) {
+    let switches = drive.extra.iter().find(|(key, _)| key == "switches");
+    drive.address = switches.and_then(|(_, value)| value.parse().ok()).or(without);
+    drive.extra.push(("address-from".to_owned(), "switches".to_owned()));
 }
 
 /// The data sheet that a drive names, in the folder of the rack file; its node-ID where the rack has

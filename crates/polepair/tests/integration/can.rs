@@ -125,6 +125,24 @@ fn a_relay_brings_its_host_to_the_axes_behind_it() {
     std::fs::remove_file(&file).unwrap();
 }
 
+/// Address 0 in the set-up: the axis ID is that of the switches, or 255 (TML communication manual,
+/// chapter 2).
+#[test]
+fn an_axis_id_is_left_to_the_switches() {
+    let file = std::env::temp_dir().join(format!("polepair-switch-{}.toml", std::process::id()));
+    for (options, expected) in [("", 255), ("options = { switches = 9 }\n", 9)] {
+        let rack = RELAY.replace("address = 255\n", &format!("address = 0\n{options}"));
+        std::fs::write(&file, rack).unwrap();
+        let link = connect(&format!("sim:{}?time=virtual", file.display())).unwrap();
+        let relay = link.axis_named("relay").unwrap();
+        assert_eq!(relay.number(), expected);
+        assert_eq!(relay.get("AAR").unwrap().raw & 0xFF, i64::from(expected));
+        assert_eq!(relay.get("CSR").unwrap().raw & 0x4000, 0x4000, "from hardware");
+        assert_eq!(link.axis_named("y").unwrap().get("AAR").unwrap().raw & 0xFF, 5);
+    }
+    std::fs::remove_file(&file).unwrap();
+}
+
 #[test]
 fn a_rack_says_what_is_wrong_with_its_links() {
     assert!(rack_of_text("rack.toml", RELAY, 1).is_ok());

@@ -63,6 +63,7 @@ addresses! {
     AAR = 0x030C;
     PROD = 0x030E;
     DER = 0x03AD;
+    CAMSTART = 0x03AE;
     POSOKLIM = 0x036A;
     TONPOSOK = 0x036B;
     I2TINTLIM_M = 0x0814;

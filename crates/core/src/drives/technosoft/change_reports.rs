@@ -5,10 +5,11 @@
 
 use super::addresses;
 use super::drive::Drive;
+use super::execute::ExecuteError;
 use super::status::Status;
 use crate::proto::tml::online::Cell;
 use crate::proto::tml::rules::TmlWire;
-use crate::proto::tml::wire::IdCode;
+use crate::proto::tml::wire::{IdCode, Instruction, operand_address};
 use crate::time::{Instant, earliest};
 
 /// Bits of PVTSTS whose change is told: all but the counter.
@@ -82,6 +83,18 @@ impl Drive {
 
     fn needs_polling(&self) -> bool {
         self.change_reports.masks != [0; 3] || self.program.is_active()
+    }
+
+    /// SEND: the value of a variable goes to MASTERID. On RS-485 no drive speaks unasked (TML
+    /// communication manual, chapter 3).
+    pub fn send_variable(&mut self, i: &Instruction) -> Result<(), ExecuteError> {
+        if self.options.quirks.wire == Some(TmlWire::Rs485) {
+            return Err(ExecuteError::NotPossible);
+        }
+        let address = operand_address(i.opcode);
+        let long = i.opcode & 0x0400 != 0;
+        self.report_cell(if long { Cell::long(address) } else { Cell::short(address) });
+        Ok(())
     }
 
     fn report_points(&mut self) {

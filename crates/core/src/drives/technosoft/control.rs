@@ -21,7 +21,11 @@ impl Drive {
             0x0020 => return self.end_init(),
             0x0008 => return self.set_event_action(EventAction::Update),
             0x0108 => return self.update(),
-            0x00C4 => return self.set_event_action(EventAction::Stop),
+            0x0004 | 0x0044 | 0x0084 | 0x00C4 => return self.set_event_action(EventAction::Stop),
+            0x0010 => self.program.halt(true),
+            0x0110 => self.program.halt(false),
+            0x0440 => self.disable_stage(),
+            0x0540 if !self.enable_stage() => return Err(ExecuteError::NotPossible),
             0x0104 | 0x0144 | 0x0184 | 0x01C4 => return self.stop(),
             0x0402 => self.power_up(self.clock.now()),
             0x0404 | 0x0504 => return self.return_from(i.opcode == 0x0504),
@@ -34,7 +38,8 @@ impl Drive {
             0x0420 | 0x0520 | 0x04A0 => {
                 self.surroundings.index_awaited = capture_edge(i.opcode).is_some()
             }
-            _ => {} // NOP, BEGIN
+            0x0000 | 0x0540 | 0x649C => {} // NOP, ENPWM, BEGIN
+            _ => return Err(ExecuteError::Unknown),
         }
         Ok(())
     }
@@ -50,11 +55,14 @@ impl Drive {
             0x0801 => {
                 self.axis = byte.ok().filter(|axis| *axis != 0).ok_or(ExecuteError::NotPossible)?
             }
+            0x0802 => self.groups = byte?,
             0x0840 => self.groups |= byte?,
             0x0880 => self.groups &= !byte?,
             0x0820 => self.baud = rate_of_code(&BAUDS, value)?,
             0x0804 => self.bit_rate = rate_of_code(&BIT_RATES, value)?,
-            _ => {} // SPIBR: nobody can tell
+            0x0810 if value <= SPI_RATE_MAX => self.memory.spi_rate = value,
+            0x0810 => return Err(ExecuteError::NotPossible),
+            _ => return Err(ExecuteError::Unknown), // CANOC
         }
         self.mark_stale();
         Ok(())
@@ -69,7 +77,8 @@ impl Drive {
             0x1C02 => self.abort(),
             0x1C04 => self.reset_fault(),
             0x1C08 => self.memory.save_table()?,
-            _ => return self.call_function(i.opcode & 0x7F),
+            opcode if opcode & 0xFF80 == 0x1C80 => return self.call_function(opcode & 0x7F),
+            _ => return Err(ExecuteError::Unknown),
         }
         Ok(())
     }
@@ -80,15 +89,30 @@ impl Drive {
         Ok(())
     }
 
-    /// E800 and EC00: inputs and outputs under a mask. Which lines are which is fixed here.
+    /// E800 to EF00: inputs and outputs under a mask. Which lines are which is fixed here. A line that
+    /// was made an input is driven no more. \[I\] EA00: no homing routine is in this memory.
     pub fn execute_ports(&mut self, i: &Instruction) -> ExecuteResult {
         let mask = i.word(0);
         let value = match i.opcode {
             0xE800 => return self.set_variable(i.word(1), self.input_levels() & mask),
             0xEC00 => i.word(1),
             0xED00 => self.memory.word(i.word(1)),
-            _ => return Ok(()),
+            0xEE00 => {
+                self.surroundings.inputs_only |= mask;
+                0
+            }
+            0xEF00 => {
+                self.surroundings.inputs_only &= !mask;
+                return Ok(());
+            }
+            opcode if opcode & 0xFF00 == 0xEA00 => {
+                return Err(ExecuteError::DerBits(der::NO_HOMING));
+            }
+            _ => return Err(ExecuteError::Unknown),
         };
+        if value & mask & self.surroundings.inputs_only != 0 {
+            return Err(ExecuteError::NotPossible);
+        }
         let outputs = self.memory.word(addresses::DIGOUT_STATUS);
         self.memory.set(addresses::DIGOUT_STATUS, outputs & !mask | value & mask);
         Ok(())
@@ -113,6 +137,8 @@ impl Drive {
     }
 }
 
+/// SPIBR 0 to 3 \[I\].
+const SPI_RATE_MAX: u16 = 3;
 /// SCIBR 0 to 4 (field drivers; the manual prints 56600, which serial ports call 57600).
 const BAUDS: [u32; 5] = [9600, 19_200, 38_400, 57_600, 115_200];
 /// CANBR 0 to 4 \[I\]: the manual's five rates in its order; the data coding is not published.

@@ -1,8 +1,10 @@
 //! The drive itself, apart from its wires: memory, registers, motor, and what happens in time.
 
 use super::addresses;
+use super::cam::Cam;
 use super::change_reports::ChangeReports;
 use super::clock::DriveClock;
+use super::contour::Contour;
 use super::events::EventMonitor;
 use super::inputs::Surroundings;
 use super::memory::Memory;
@@ -35,6 +37,8 @@ pub(super) struct Drive {
     pub shaft: Shaft,
     pub motion: Motion,
     pub points: PathBuffer,
+    pub contour: Contour,
+    pub cam: Cam,
     pub protections: Protections,
     pub program: ProgramExecution,
     pub events: EventMonitor,
@@ -81,6 +85,8 @@ impl Drive {
             shaft: Shaft::new(&options),
             motion: Motion::REST,
             points: PathBuffer::EMPTY,
+            contour: Contour::EMPTY,
+            cam: Cam::NONE,
             protections: Protections::NEW,
             program: ProgramExecution::IDLE,
             events: EventMonitor::NONE,
@@ -123,6 +129,7 @@ impl Drive {
         self.shaft.restart();
         (self.motion, self.points, self.protections) =
             (Motion::REST, PathBuffer::EMPTY, Protections::NEW);
+        (self.contour, self.cam) = (Contour::EMPTY, Cam::NONE);
         (self.change_reports, self.sync, self.outbox) =
             (ChangeReports::NONE, TimeSync::SLAVE, Outbox::EMPTY);
         self.events = EventMonitor::NONE;
@@ -255,7 +262,7 @@ impl Drive {
 
     fn publish_status(&mut self) {
         let (now, status, levels) = (self.clock.now(), self.status, self.input_levels());
-        let points = self.points_status();
+        let (points, segment_due) = (self.points_status(), self.is_segment_due());
         let memory = &mut self.memory;
         memory.set(addresses::SRL, status.srl);
         memory.set(addresses::SRH, status.srh);
@@ -264,7 +271,7 @@ impl Drive {
         memory.set(addresses::DER2, status.der2);
         memory.set(addresses::CER, status.cer);
         memory.set(addresses::ISR, status.isr);
-        memory.set(addresses::MSR, status.msr());
+        memory.set(addresses::MSR, status.msr(segment_due));
         memory.set(addresses::INSTATUS, levels);
         memory.set(addresses::PVTSTS, points);
         memory.set(addresses::AAR, u16::from(self.groups) << 8 | u16::from(self.axis));
@@ -311,13 +318,29 @@ impl Drive {
         self.starts += 1;
     }
 
+    /// DISPWM: the power stage lets the motor coast, the axis stays on. \[I\]
+    pub fn disable_stage(&mut self) {
+        self.shaft.servo.disable();
+        self.motion.mode = MotionMode::Hold;
+        self.complete_motion();
+    }
+
+    /// ENPWM: the power stage holds the motor again, if the axis is on and no fault stands. \[I\]
+    pub fn enable_stage(&mut self) -> bool {
+        let on = self.status.srl & srl::AXIS_ON != 0 && self.axis_on_ticks == 0;
+        if on {
+            self.power_on();
+        }
+        on
+    }
+
     /// AXISOFF: the motor coasts.
     pub fn axis_off(&mut self) {
         self.shaft.servo.disable();
         self.axis_on_ticks = 0;
         self.motion.mode = MotionMode::Hold;
         set_bits(&mut self.status.srl, srl::AXIS_ON, false);
-        set_bits(&mut self.status.srh, srh::IN_GEAR, false);
+        set_bits(&mut self.status.srh, srh::IN_GEAR | srh::IN_CAM, false);
         self.complete_motion();
         self.status.srh &= !srh::TARGET_REACHED;
     }

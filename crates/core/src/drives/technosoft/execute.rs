@@ -72,6 +72,7 @@ impl Drive {
             0x2000..=0x5C00 => self.execute_assignment(i),
             0x7000 => self.set_event(i),
             0x7400 => self.jump(i),
+            0x7800 | 0x7C00 => self.execute_segment(i),
             0x8000 => self.set_position(self.memory.long(operand_address(i.opcode))),
             0x8400 => self.set_position(i.long(0).cast_signed()),
             0x8800 => self.execute_shift(i),
@@ -85,6 +86,8 @@ impl Drive {
             0x9800 => self.store_remote(i),
             0x9C00 => self.fetch_remote(i),
             0xB800 | 0xBC00 => self.assign_remote(i),
+            0xC000 | 0xC400 => self.send_variable(i),
+            0xD800 if matches!(i.opcode, 0xD840 | 0xD8C0) => self.init_cam(i),
             0xD800 => self.execute_checksum(i),
             0xDC00 => self.execute_divide(i),
             0xE000 | 0xE400 => self.read_remote(i),
@@ -115,7 +118,7 @@ impl Drive {
             0xDB10 => Space::Program,
             0xDB30 => Space::Data,
             0xDB50 => Space::Spi,
-            _ => return Err(ExecuteError::Unknown), // INITCAM
+            _ => return Err(ExecuteError::Unknown), // SETWS
         };
         self.set_variable(i.word(0), self.memory.checksum(space, i.word(1), i.word(2)))
     }

@@ -36,6 +36,8 @@ pub(super) struct Surroundings {
     pub awaited_levels: u16,
     /// The index pulse is looked for.
     pub index_awaited: bool,
+    /// Lines that SetAsInput made inputs.
+    pub inputs_only: u16,
     previous_levels: u16,
 }
 
@@ -49,6 +51,7 @@ impl Surroundings {
         awaited_edges: 0,
         awaited_levels: 0,
         index_awaited: false,
+        inputs_only: 0,
         previous_levels: line::ENABLE | line::STO,
     };
 }

@@ -39,12 +39,21 @@ pub(super) struct Memory {
     pub writes: u64,
     /// What LOCKEEPROM locks: 0 nothing, 1 the last quarter, 2 the last half, 3 all. \[I\]
     pub locked: u8,
+    /// What SPIBR set.
+    pub spi_rate: u16,
 }
 
 impl Memory {
     /// Erased.
     pub const fn new() -> Self {
-        Self { pages: [0; 0x800], ram: [0; 0x4000], eeprom: [0xFFFF; 0x4000], writes: 0, locked: 0 }
+        Self {
+            pages: [0; 0x800],
+            ram: [0; 0x4000],
+            eeprom: [0xFFFF; 0x4000],
+            writes: 0,
+            locked: 0,
+            spi_rate: 0,
+        }
     }
 
     /// A word; zero where there is none.

@@ -6,8 +6,10 @@
 
 mod addresses;
 mod bench;
+mod cam;
 mod change_reports;
 mod clock;
+mod contour;
 mod control;
 mod device;
 mod drive;

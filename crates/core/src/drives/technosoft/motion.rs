@@ -51,6 +51,10 @@ pub(super) enum MotionMode {
     Test(ControlLoop),
     /// A master's position, which somebody writes to MREF.
     Gear,
+    /// A table over that position.
+    Cam,
+    /// Segments of a contour.
+    Contour(ControlLoop),
 }
 
 /// The state of the motion.
@@ -82,8 +86,7 @@ impl Motion {
 }
 
 impl MotionMode {
-    /// What MCR selects: the closed loops in bits 10 to 8, the reference in bits 4 to 0. Contouring
-    /// (PC, SC, TC, VC) and camming are not simulated: their tables are not published.
+    /// What MCR selects: the closed loops in bits 10 to 8, the reference in bits 4 to 0.
     const fn of(word: u16) -> Option<Self> {
         let outer = match word >> 8 & 7 {
             7 => ControlLoop::Position,
@@ -96,7 +99,10 @@ impl MotionMode {
             (0, outer) => Self::External(outer),
             (1 | 7, ControlLoop::Position) => Self::Position,
             (1, ControlLoop::Speed) => Self::Speed,
+            (2, ControlLoop::Position | ControlLoop::Speed)
+            | (3, ControlLoop::Torque | ControlLoop::Voltage) => Self::Contour(outer),
             (5, ControlLoop::Position) => Self::Gear,
+            (6, ControlLoop::Position) => Self::Cam,
             (8, ControlLoop::Torque | ControlLoop::Voltage) => Self::Test(outer),
             (9 | 10, ControlLoop::Position) => Self::Points,
             _ => return None,
@@ -105,7 +111,10 @@ impl MotionMode {
 
     /// Whether the reference ends by itself.
     const fn ends(self) -> bool {
-        matches!(self, Self::Position | Self::Speed | Self::Stopping | Self::Points)
+        matches!(
+            self,
+            Self::Position | Self::Speed | Self::Stopping | Self::Points | Self::Contour(_)
+        )
     }
 }
 
@@ -117,7 +126,7 @@ impl Drive {
         if self.axis_on_ticks > 0 {
             return Err(ExecuteError::DerBits(der::UPDATE_DURING_AXISON));
         }
-        let is_on = self.status.srl & srl::AXIS_ON != 0;
+        let is_on = self.shaft.servo.is_enabled();
         if is_on {
             self.check_mode(mode, word)?;
         }
@@ -169,6 +178,8 @@ impl Drive {
             MotionMode::External(outer) => self.tick_external(outer),
             MotionMode::Test(outer) => self.tick_test(outer),
             MotionMode::Gear => self.tick_gear(),
+            MotionMode::Cam => self.tick_cam(),
+            MotionMode::Contour(outer) => self.tick_contour(outer),
             mode if self.motion.moving && self.shaft.servo.arrived() => self.finish_reference(mode),
             _ => {}
         }
@@ -220,6 +231,7 @@ impl Drive {
                 Err(ExecuteError::DerBits(der::INVALID_S_CURVE))
             }
             MotionMode::Position | MotionMode::Speed if !ramp => Err(ExecuteError::NotPossible),
+            MotionMode::Cam if !self.has_cam() => Err(ExecuteError::NotPossible),
             MotionMode::External(_) if digital => Err(ExecuteError::NotPossible), // no second encoder
             _ => Ok(()),
         }
@@ -244,6 +256,8 @@ impl Drive {
             MotionMode::Speed => self.begin_speed(),
             MotionMode::Points => self.begin_points(word & 0x1F == 10, word & mcr::ABSOLUTE != 0),
             MotionMode::Test(_) => self.motion.test_reference = 0.0,
+            MotionMode::Cam => self.begin_cam(),
+            MotionMode::Contour(outer) => self.begin_contour(outer),
             MotionMode::Gear => self.motion.master_position = self.memory.long(addresses::MREF),
             _ => {}
         }
@@ -366,13 +380,13 @@ impl Drive {
     }
 
     /// A current, A, unless a limit switch forbids its direction.
-    fn drive_current(&mut self, amperes: f64) {
+    pub fn drive_current(&mut self, amperes: f64) {
         let amperes = if self.is_direction_blocked(amperes) { 0.0 } else { amperes };
         self.shaft.servo.set_goal(Goal::Current(amperes));
     }
 
     /// A share of the bus voltage.
-    fn drive_voltage(&mut self, share: f64) {
+    pub fn drive_voltage(&mut self, share: f64) {
         let share = if self.is_direction_blocked(share) { 0.0 } else { share };
         self.shaft.servo.set_goal(Goal::Voltage(share * self.shaft.supply));
     }

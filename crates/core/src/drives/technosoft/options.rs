@@ -95,6 +95,7 @@ impl Options {
             ("can", "technocan") => self.quirks.can = Some(TmlWire::TechnoCan),
             // It answers whoever asks.
             ("host", _) => {}
+            ("address-from", "switches") => self.axis = 0,
             ("setup", "valid" | "invalid") => self.setup = value == "valid",
             ("switches", _) => self.switches = Some(parse_number(value, 1, 255)?),
             ("counts", _) => self.counts = parse_number(value, 4, 16_777_216)?,
@@ -108,7 +109,7 @@ impl Options {
             ("byte-timeout-ms", _) => {
                 self.quirks.byte_timeout_ms = Some(parse_number(value, 1, 10_000)?);
             }
-            ("wire" | "can" | "setup" | "baud", _) => return Err(value),
+            ("wire" | "can" | "setup" | "baud" | "address-from", _) => return Err(value),
             _ => return Err(key),
         }
         Ok(())

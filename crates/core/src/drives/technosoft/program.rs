@@ -44,6 +44,8 @@ pub(super) struct ProgramExecution {
     /// Depth at which the cancelable call was made.
     cancelable: Option<usize>,
     interrupts: bool,
+    /// BREAK halted it; CONTINUE goes on.
+    halted: bool,
     pub wait: Option<ProgramWait>,
     held_messages: [Instruction; HELD_MAX],
     held_messages_len: usize,
@@ -57,6 +59,7 @@ impl ProgramExecution {
         depth: 0,
         cancelable: None,
         interrupts: false,
+        halted: false,
         wait: None,
         held_messages: [Instruction::of(0, []); HELD_MAX],
         held_messages_len: 0,
@@ -65,6 +68,11 @@ impl ProgramExecution {
     /// Whether something is executed or waited for.
     pub const fn is_active(&self) -> bool {
         self.next_address.is_some() || self.wait.is_some() || self.held_messages_len > 0
+    }
+
+    /// BREAK and CONTINUE. \[I\] Messages are carried out all the same.
+    pub const fn halt(&mut self, on: bool) {
+        self.halted = on;
     }
 
     /// Whether a message must wait behind a WAIT! that came as a message.
@@ -111,6 +119,9 @@ impl Drive {
     /// Runs the program for a tick.
     #[inline]
     pub fn tick_program(&mut self) {
+        if self.program.halted {
+            return;
+        }
         if self.program.interrupts {
             self.serve_interrupt();
         }
@@ -245,10 +256,13 @@ impl Drive {
         Ok(())
     }
 
-    /// One instruction of the program. \[I\] What is no instruction ends it.
+    /// One instruction of the program. \[I\] What is no instruction ends it. `SEG` waits for its place.
     fn execute_at(&mut self, at: u16) {
         let word = |n: usize| self.memory.read(Space::Program, at.wrapping_add(n as u16));
         let opcode = word(0);
+        if matches!(opcode & 0xFC00, 0x7800 | 0x7C00) && self.contour.is_full() {
+            return;
+        }
         let mut words = [0; DATA_WORDS_MAX + 2];
         let Some(count) =
             instruction::data_word_count(opcode).filter(|count| *count <= words.len())

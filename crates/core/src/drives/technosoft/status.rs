@@ -24,6 +24,7 @@ pub(super) mod srh {
     pub const TARGET_REACHED: u16 = 1 << 9;
     pub const I2T_WARNING: u16 = 1 << 10;
     pub const IN_GEAR: u16 = 1 << 12;
+    pub const IN_CAM: u16 = 1 << 14;
     pub const FAULT: u16 = 1 << 15;
 }
 
@@ -61,6 +62,7 @@ pub(super) mod mer {
 pub(super) mod der {
     pub const STACK_OVERFLOW: u16 = 1 << 0;
     pub const STACK_UNDERFLOW: u16 = 1 << 1;
+    pub const NO_HOMING: u16 = 1 << 2;
     pub const NO_FUNCTION: u16 = 1 << 3;
     pub const UPDATE_DURING_AXISON: u16 = 1 << 4;
     pub const CALL_IGNORED: u16 = 1 << 5;
@@ -119,8 +121,8 @@ impl Status {
     pub const NEW: Self =
         Self { srl: srl::MOTION_COMPLETE, srh: 0, mer: 0, der: 0, der2: 0, cer: 0, isr: 0 };
 
-    /// MSR tells what the others tell too, in places of its own.
-    pub const fn msr(&self) -> u16 {
+    /// MSR tells what the others tell too, in places of its own, and that a contour segment is due.
+    pub const fn msr(&self, segment_due: bool) -> u16 {
         const fn moved(word: u16, bit: u16, to: u32) -> u16 {
             if word & bit == 0 { 0 } else { 1 << to }
         }
@@ -134,6 +136,7 @@ impl Status {
             | moved(self.mer, mer::FAULTS & !mer::CONTROL, 2)
             | moved(self.der, der::UPDATE_IGNORED, 1)
             | moved(self.srh, srh::ENDINIT, 0)
+            | (segment_due as u16) << 10
     }
 }
 

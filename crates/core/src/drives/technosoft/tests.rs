@@ -14,7 +14,9 @@ use crate::proto::tml::wire::{IdCode, Instruction, Message, low_first};
 use crate::station::{Station, Timed};
 use crate::time::Instant;
 
+mod contour;
 mod garbage;
+mod instructions;
 mod motion;
 mod notices;
 mod points;

@@ -420,6 +420,7 @@ macro_rules! driver {
     () => {
         const PROFILE_PROTOCOL: &'static str = "tml";
         const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=255;
+        const SWITCH_ADDRESS: Option<u32> = Some(255);
 
         fn generic_profile() -> &'static Profile {
             &GENERIC

@@ -144,9 +144,14 @@ impl Relay {
         if rs232 && is_for_others(to, firmware.axis()) {
             self.send_can(message, firmware);
         }
-        if to.concerns(firmware.axis(), firmware.groups()) {
-            firmware.execute(now, message);
+        if !to.concerns(firmware.axis(), firmware.groups()) {
+            return;
         }
+        // On RS-232 axis ID 0 is the drive that is connected (manual, chapter 2): it answers. On the
+        // other wires several drives would.
+        let is_connected = rs232 && to.id == 0 && !to.group;
+        let to = if is_connected { IdCode::axis(firmware.axis()) } else { to };
+        firmware.execute(now, &Message { to, ..*message });
     }
 
     fn send_serial(&mut self, message: &Message, firmware: &mut impl Firmware) {

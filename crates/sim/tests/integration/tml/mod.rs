@@ -2,6 +2,7 @@
 
 mod clash;
 mod resend;
+mod setup;
 mod verbs;
 
 use polepair_core::axis::{Axes, Command, GroupAnswer, Verb};

@@ -13,7 +13,7 @@ const ALWAYS: Ppm = Ppm(1_000_000);
 
 impl Bench {
     /// On RS-232, or RS-485, with one drive.
-    fn serial(rs485: bool) -> Self {
+    pub(super) fn serial(rs485: bool) -> Self {
         match rs485 {
             true => Self::rs485(HostOptions::new(9600), &[1], &[1]),
             false => Self::relay("tmlcan", &[1]),
