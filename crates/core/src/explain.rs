@@ -170,6 +170,9 @@ pub struct EncodeOptions {
     /// `axis` is a mask of groups, 0 for everybody; only for protocols that
     /// [have groups](Dissector::has_groups).
     pub groups: bool,
+    /// The text is for the host at `axis`, as answers are; only for protocols that
+    /// [have groups](Dissector::has_groups).
+    pub to_host: bool,
     /// Host address; the protocol's default if `None`.
     pub host: Option<u32>,
     /// The product's tables, for names.

@@ -298,6 +298,11 @@ impl Events {
                 reading: axis.reading_in_machine_scale(signal, reading),
             },
             AxisEventKind::Parameter(id, raw, si) => axis.parameter_event(id, raw, si),
+            AxisEventKind::Address(address, raw) => {
+                let parameter = axis.find_unnamed(&address)?;
+                let (value, unit) = (raw as f64, axis.unit(parameter));
+                EventKind::Parameter { parameter, raw, value, unit }
+            }
             AxisEventKind::Fault { code, appeared: true } => {
                 EventKind::FaultAppeared { code, fault: fault(code) }
             }

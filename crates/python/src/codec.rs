@@ -59,7 +59,8 @@ impl Codec {
             Some(_) => return Err(PyValueError::new_err("via is serial, rs485 or can")),
         };
         let profile = drives::usual_profile(dissector);
-        let addressing = EncodeOptions { axis, groups: false, host, profile, wire: via };
+        let addressing =
+            EncodeOptions { axis, groups: false, to_host: false, host, profile, wire: via };
         Ok(Self { dissector, addressing, cache: PyDict::new(py).unbind() })
     }
 

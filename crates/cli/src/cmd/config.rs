@@ -386,7 +386,7 @@ fn csv_row(axis: &Axis, change: &SettingChange) -> String {
 fn write_json(axis: &Axis, change: &SettingChange, out: &mut Vec<u8>) {
     let Some(parameter) = axis.parameter(change.id) else { return };
     out.extend_from_slice(
-        format!("{{\"axis\":{},\"setting\":", AxisNumber(axis.number())).as_bytes(),
+        format!("{{\"axis\":{},\"setting\":", AxisNumber(axis.number()).json()).as_bytes(),
     );
     jsonl::write_string(out, parameter.name);
     for (key, value) in [("now", change.now), ("wanted", change.wanted)] {

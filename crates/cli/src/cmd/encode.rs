@@ -35,7 +35,7 @@ pub struct Encode {
     /// What to say, in the protocol's own language
     #[arg(value_name = "TEXT")]
     text: String,
-    /// Axis, station or module address; g1+2 for groups, g* for everybody
+    /// Axis, station or module address; g1+2 for groups, g* for everybody, h5 for the host at axis 5
     #[arg(long, value_name = "N", value_parser = parse_destination)]
     axis: Option<Destination>,
     /// Host address
@@ -65,21 +65,30 @@ enum EncodeFormat {
 struct Destination {
     id: u32,
     groups: bool,
+    host: bool,
 }
 
-/// `5`, `g1`, `g1+2`, `g*`.
+/// `5`, `g1`, `g1+2`, `g*`, `h5`.
 fn parse_destination(text: &str) -> std::result::Result<Destination, String> {
-    let wrong = "expected an axis such as 5, groups such as g1 or g1+2, or g* for everybody";
+    let wrong = "expected an axis such as 5, groups such as g1 or g1+2, g* for everybody, or h5 \
+                 for the host at axis 5";
+    let single = |text: &str, host| {
+        let id = text.parse();
+        id.map(|id| Destination { id, groups: false, host }).map_err(|_| wrong.to_owned())
+    };
+    if let Some(axis) = text.strip_prefix(['h', 'H']) {
+        return single(axis, true);
+    }
     let group = |text: &str| match text.parse::<u32>() {
         Ok(number @ 1..=8) => Ok(1 << (number - 1)),
         _ => Err("groups are 1 to 8: g1, g1+2, or g* for everybody".to_owned()),
     };
     match text.strip_prefix(['g', 'G']) {
-        None => text.parse().map(|id| Destination { id, groups: false }).map_err(|_| wrong.into()),
-        Some("*") => Ok(Destination { id: 0, groups: true }),
+        None => single(text, false),
+        Some("*") => Ok(Destination { id: 0, groups: true, host: false }),
         Some(numbers) => {
             let mask = numbers.split('+').try_fold(0, |mask, n| Ok::<_, String>(mask | group(n)?));
-            mask.map(|id| Destination { id, groups: true })
+            mask.map(|id| Destination { id, groups: true, host: false })
         }
     }
 }
@@ -88,12 +97,15 @@ impl Encode {
     pub fn run(self) -> Result {
         let (dissector, via) = self.find_wire()?;
         let groups = self.axis.is_some_and(|axis| axis.groups);
-        if groups && !dissector.has_groups() {
-            return Err(Problem::usage("E245", format!("{} has no groups.", dissector.name())));
+        let to_host = self.axis.is_some_and(|axis| axis.host);
+        if (groups || to_host) && !dissector.has_groups() {
+            let what = if groups { "groups" } else { "addresses of hosts" };
+            return Err(Problem::usage("E245", format!("{} has no {what}.", dissector.name())));
         }
         let axis = self.axis.map(|axis| axis.id);
         let profile = self.named_by.profile()?.or_else(|| drives::usual_profile(dissector));
-        let addressing = EncodeOptions { axis, groups, host: self.host, profile, wire: via };
+        let addressing =
+            EncodeOptions { axis, groups, to_host, host: self.host, profile, wire: via };
         let mut out = DataOutput::stdout();
         for (at, piece) in instructions(&self.text) {
             self.encode_piece(dissector, at, piece, &addressing, out.buffer())?;

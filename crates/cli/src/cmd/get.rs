@@ -242,7 +242,7 @@ fn csv_row(read: &ReadRow<'_>) -> String {
 }
 
 fn write_json(read: &ReadRow<'_>, out: &mut Vec<u8>) {
-    out.extend_from_slice(format!("{{\"axis\":{},", AxisNumber(read.number)).as_bytes());
+    out.extend_from_slice(format!("{{\"axis\":{},", AxisNumber(read.number).json()).as_bytes());
     if let Some(link) = read.link {
         out.extend_from_slice(format!("\"link\":{link},").as_bytes());
     }

@@ -187,7 +187,8 @@ fn remote_table(axes: &[AxisInfo]) -> String {
 }
 
 fn write_remote_json(axis: &AxisInfo, clash: bool, out: &mut Vec<u8>) {
-    let head = format!("{{\"axis\":{},\"link\":{},\"name\":", AxisNumber(axis.number), axis.link);
+    let head =
+        format!("{{\"axis\":{},\"link\":{},\"name\":", AxisNumber(axis.number).json(), axis.link);
     out.extend_from_slice(head.as_bytes());
     jsonl::write_string(out, &axis.name);
     out.extend_from_slice(b",\"drive\":");
@@ -237,7 +238,9 @@ fn csv_row(found: &DetectedDrive) -> String {
 }
 
 fn write_json(found: &DetectedDrive, out: &mut Vec<u8>) {
-    out.extend_from_slice(format!("{{\"axis\":{},\"drive\":", AxisNumber(found.number)).as_bytes());
+    out.extend_from_slice(
+        format!("{{\"axis\":{},\"drive\":", AxisNumber(found.number).json()).as_bytes(),
+    );
     jsonl::write_string(out, found.profile.name);
     out.extend_from_slice(b",\"product\":");
     jsonl::write_string(out, found.profile.title);

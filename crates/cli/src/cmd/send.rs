@@ -197,7 +197,7 @@ fn write_json(
     out: &mut DataOutput,
 ) {
     let out = out.buffer();
-    out.extend_from_slice(format!("{{\"axis\":{},", AxisNumber(number)).as_bytes());
+    out.extend_from_slice(format!("{{\"axis\":{},", AxisNumber(number).json()).as_bytes());
     if let Some(link) = link {
         out.extend_from_slice(format!("\"link\":{link},").as_bytes());
     }

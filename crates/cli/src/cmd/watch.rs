@@ -258,7 +258,9 @@ fn write_json(columns: &[WatchColumn], cells: &[f64], time: f64, out: &mut Vec<u
                 out.extend_from_slice(format!("}}\n{{\"time\":{time:.6}").as_bytes());
             }
             axis = Some((column.link, column.number));
-            out.extend_from_slice(format!(",\"axis\":{}", AxisNumber(column.number)).as_bytes());
+            out.extend_from_slice(
+                format!(",\"axis\":{}", AxisNumber(column.number).json()).as_bytes(),
+            );
             if let Some(link) = column.link {
                 out.extend_from_slice(format!(",\"link\":{link}").as_bytes());
             }

@@ -1,7 +1,7 @@
 //! What drives say unasked, and what of it is news to those who listen.
 
 use super::Reading;
-use crate::profile::{ParameterId, Signal};
+use crate::profile::{ParameterAddress, ParameterId, Signal};
 use crate::station::AxisIndex;
 use crate::time::Instant;
 
@@ -12,6 +12,8 @@ pub enum DriveReport {
     Signal(Signal, i64),
     /// A parameter's raw value.
     Parameter(ParameterId, i64),
+    /// The raw value at an address that the profile does not name.
+    Address(ParameterAddress, i64),
     /// How it takes part in its network from now on.
     Presence(Presence),
 }
@@ -71,6 +73,8 @@ pub enum AxisEventKind {
     /// The drive sent the value of a parameter unasked that no signal tells: raw, and in SI, which
     /// is NaN while a parameter that the scale depends on was never read.
     Parameter(ParameterId, i64, f64),
+    /// The drive sent the raw value at an address unasked that the profile does not name.
+    Address(ParameterAddress, i64),
     /// The drive now has this fault code, or this bit of its fault word; or it has it no more.
     Fault {
         /// As in [`Fault::code`](crate::profile::Fault::code), or the whole word where the profile

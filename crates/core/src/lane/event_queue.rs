@@ -105,6 +105,9 @@ impl EventQueue {
             DriveReport::Signal(signal, _) => {
                 self.push(now, n, AxisEventKind::Signal(signal, slot.state.reading(signal)));
             }
+            DriveReport::Address(address, raw) => {
+                self.push(now, n, AxisEventKind::Address(address, raw));
+            }
             DriveReport::Parameter(id, raw) => {
                 self.push_parameter(now, n, (slot, before), (id, raw))
             }

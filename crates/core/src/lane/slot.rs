@@ -283,7 +283,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             DriveReport::Presence(presence) if presence.invalidates_state() => {
                 self.forget_learned()
             }
-            DriveReport::Presence(_) => {}
+            DriveReport::Presence(_) | DriveReport::Address(..) => {}
             DriveReport::Signal(signal, raw) => {
                 self.state.set_reading(signal, Reading { value: raw as f64, raw, at: Some(now) });
             }

@@ -45,6 +45,12 @@ impl AxisNumber {
         self.0 & (GROUP | SUB_AXIS) == 0
     }
 
+    /// The same as a value of JSON: a number, or a string where it is more than an address.
+    #[must_use]
+    pub const fn json(self) -> JsonAxisNumber {
+        JsonAxisNumber(self)
+    }
+
     /// Reads the number of one axis: `5`, `5.2`. `None` for anything else, groups included.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
@@ -52,6 +58,19 @@ impl AxisNumber {
         match text.split_once('.') {
             None => plain(text).map(Self),
             Some((drive, sub)) => Some(Self(with_sub_axis(plain(drive)?, sub.parse().ok()?))),
+        }
+    }
+}
+
+/// An [`AxisNumber`] in JSON.
+#[derive(Clone, Copy, Debug)]
+pub struct JsonAxisNumber(AxisNumber);
+
+impl fmt::Display for JsonAxisNumber {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.is_plain() {
+            true => self.0.fmt(f),
+            false => write!(f, "\"{}\"", self.0),
         }
     }
 }

@@ -72,11 +72,24 @@ impl Axis {
                 return Ok(Some(id));
             }
         }
-        let parameter = describe(self.profile, dissector, &address)?;
+        self.add_address(dissector, &address).map(Some)
+    }
+
+    /// The parameter at an address that the profile does not name; `None` where there are too many.
+    pub(crate) fn find_unnamed(&self, address: &ParameterAddress) -> Option<ParameterId> {
+        self.add_address(self.dissector()?, address).ok()
+    }
+
+    fn add_address(
+        &self,
+        dissector: &dyn Dissector,
+        address: &ParameterAddress,
+    ) -> Result<ParameterId, Error> {
+        let parameter = describe(self.profile, dissector, address)?;
         let added = self.connection.with_axes(|axes, _| axes.add_parameter(self.index, parameter));
         let too_many =
             || Error::usage("E213", "too many parameters by number", "open the link again");
-        added.map(Some).ok_or_else(too_many)
+        added.ok_or_else(too_many)
     }
 
     /// A parameter's number as its protocol writes it, as an example; empty where it has none.

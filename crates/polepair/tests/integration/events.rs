@@ -215,3 +215,23 @@ fn a_waker_is_woken_by_the_thread_that_reads() {
     }
     assert!(events.poll().is_some());
 }
+
+/// A drive may send any variable unasked (`SEND`, TML communication manual, chapter 3, messages of type
+/// C): one that the profile does not name is an event as well.
+#[test]
+fn a_value_at_an_address_of_the_users_own_is_an_event() {
+    let link = connect("sim:technosoft-f514l:1?time=virtual").unwrap();
+    let axis = &link.axes()[0];
+    let events = axis.events().unwrap();
+    axis.arm(true);
+    for (text, name, value) in
+        [("@0x03B4 = 1234", "@0x03B4:i16", 1234), ("@0x03B6L = -100000L", "@0x03B6:i32", -100_000)]
+    {
+        axis.raw(text).unwrap();
+        let address = text.split(' ').next().unwrap();
+        axis.raw(&format!("SEND {address}")).unwrap();
+        let event = first(&events, |kind| matches!(kind, EventKind::Parameter { .. }));
+        let EventKind::Parameter { parameter, raw, .. } = event.kind else { unreachable!() };
+        assert_eq!((axis.parameter(parameter).unwrap().name, raw), (name, value));
+    }
+}

@@ -223,7 +223,7 @@ fn write_axis_json(watched: &MonitoredAxis, out: &mut Vec<u8>) {
         &format!(
             "{{\"time\":{:.6},\"axis\":{}",
             now as f64 / 1e9,
-            AxisNumber(watched.axis.number())
+            AxisNumber(watched.axis.number()).json()
         ),
     );
     pair(out, "name", watched.axis.name());

@@ -360,7 +360,7 @@ fn write_link_json(link: &LinkView, lines: &[String], out: &mut Vec<u8>) {
 
 fn write_axis_json(axis: &AxisInfo, state: &AxisState, out: &mut Vec<u8>) {
     let now = clock::wall_ns(clock::now()) as f64 / 1e9;
-    let (number, link) = (AxisNumber(axis.number), axis.link);
+    let (number, link) = (AxisNumber(axis.number).json(), axis.link);
     write_text(out, &format!("{{\"time\":{now:.6},\"axis\":{number},\"link\":{link}"));
     write_pair(out, "name", &axis.name);
     write_pair(out, "drive", &axis.profile);

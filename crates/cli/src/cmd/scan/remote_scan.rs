@@ -134,7 +134,7 @@ fn print_found(views: &[ScanView], format: OutputFormat) -> Result<()> {
 }
 
 fn write_json(link: u16, found: &FoundDrive, out: &mut Vec<u8>) {
-    let head = format!("{{\"axis\":{},\"link\":{link},\"drive\":", AxisNumber(found.number));
+    let head = format!("{{\"axis\":{},\"link\":{link},\"drive\":", AxisNumber(found.number).json());
     out.extend_from_slice(head.as_bytes());
     jsonl::write_string(out, &found.profile);
     out.extend_from_slice(b",\"product\":");

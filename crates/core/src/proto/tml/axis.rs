@@ -20,7 +20,7 @@ use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
 use crate::plan::{Compare, ParameterTest};
-use crate::profile::{Encoding, Parameter, ParameterId, Profile};
+use crate::profile::{Encoding, Parameter, ParameterAddress, ParameterId, Profile};
 use crate::program::{MemoryRules, ProgramCommand, TransferStep};
 use crate::proto::{GROUP, HostOptions, Protocol};
 use crate::station::RequestClass;
@@ -337,7 +337,7 @@ impl Driver for Axis {
     }
 
     /// A value told unasked is that of the parameter at its address; of a long one the halves may be
-    /// parameters too, as SRL and SRH are.
+    /// parameters too, as SRL and SRH are. At an address of the user's own it has no name.
     fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
         let mut reports = [None; REPORTS_MAX];
         let Answer::Value { address, value, long } = *answer else { return reports };
@@ -355,6 +355,12 @@ impl Driver for Axis {
         });
         for (report, reported) in reports.iter_mut().zip(found) {
             *report = Some(reported);
+        }
+        if reports[0].is_none() {
+            let encoding = if long { Encoding::I32 } else { Encoding::I16 };
+            let unnamed =
+                ParameterAddress { encoding: Some(encoding), ..ParameterAddress::new(address, 0) };
+            reports[0] = Some(DriveReport::Address(unnamed, raw_value(Some(encoding), value)));
         }
         reports
     }

@@ -132,7 +132,7 @@ impl Dissector for TmlDissector {
         let message = Message { to, instruction };
         wire.check(&message).map_err(forbidden)?;
         let answered = rules::is_request(instruction.opcode);
-        if answered && !to.group && wire != TmlWire::Rs232 {
+        if answered && !to.group && !to.host && wire != TmlWire::Rs232 {
             wire.check_host_id(host, to.id).map_err(forbidden)?;
         }
         let (bytes, len, id) = self.encode_message(&message).map_err(forbidden)?;
@@ -377,7 +377,11 @@ fn destination(addressing: &EncodeOptions) -> Result<IdCode, TextError> {
     let expected = "an axis ID, 0 to 255";
     let id = addressing.axis.unwrap_or(DEFAULT_AXIS.into());
     let id = u8::try_from(id).map_err(|_| TextError { at: 0, expected })?;
-    Ok(if addressing.groups { IdCode::groups(id) } else { IdCode::axis(id) })
+    Ok(match (addressing.groups, addressing.to_host) {
+        (true, _) => IdCode::groups(id),
+        (false, true) => IdCode::host_at(id),
+        (false, false) => IdCode::axis(id),
+    })
 }
 
 /// The host's ID. By default that of the drive on RS-232, and elsewhere the factory's or the one

@@ -7,6 +7,7 @@ use super::{names, register};
 use crate::explain::{Direction, ExplainSink, Field, FieldValue};
 use crate::profile::{Encoding, Parameter, Profile};
 use crate::proto::tml::online::{Cell, MemorySpace, OnlineMessage, PvtPoint};
+use crate::proto::tml::rules::WireRule;
 use crate::proto::tml::wire::IdCode;
 
 /// Explains a message, and what it answers.
@@ -493,6 +494,9 @@ impl MessageExplainer<'_> {
         if let Some(sender) = online.and_then(OnlineMessage::reply_to) {
             let _ = write!(out, "; the answer goes to {}", Recipient(Some(sender)));
         }
+        if let Some(rule) = broken_rule(&parsed, online) {
+            let _ = write!(out, "; not allowed: {}", rule.sentence());
+        }
         if parsed.misprinted {
             let _ = out.write_str(
                 "; the identifier is the sender's, as the manual prints it: drives send their \
@@ -502,6 +506,19 @@ impl MessageExplainer<'_> {
         if unasked && request.is_none() {
             let _ = out.write_str("; unasked, or of a request not seen here");
         }
+    }
+}
+
+/// The rule that a request to a group breaks. On a serial line a sender without host bit is a host on
+/// RS-485: on RS-232 the host has the bit (TML communication manual, chapters 2 and 3).
+fn broken_rule(parsed: &ParsedFrame, online: Option<&OnlineMessage>) -> Option<WireRule> {
+    let sender = online?.reply_to()?;
+    let to_group = parsed.to.is_some_and(|to| to.group);
+    match online? {
+        _ if !to_group => None,
+        OnlineMessage::GiveMeData { .. } => Some(WireRule::GiveMeDataToGroup),
+        _ if parsed.length.is_some() && !sender.host => Some(WireRule::Rs485AnswersFromGroup),
+        _ => None,
     }
 }
 

@@ -14,6 +14,8 @@ use crate::explain::{
 };
 use crate::proto::tml::explain::{SERIAL, TECHNOCAN, TMLCAN};
 use crate::proto::tml::rules::WireRule;
+use crate::proto::tml::serial;
+use crate::proto::tml::wire::{IdCode, Instruction, Message};
 
 #[derive(Default, Debug)]
 struct ExplainedFields {
@@ -247,4 +249,41 @@ fn a_register_is_told_bit_by_bit() {
     SERIAL.explain(&frame, &context, &mut seen);
     let output = "(axis on, motion complete, target command reached, initialised)";
     assert!(seen.text.contains(output), "{}", seen.text);
+}
+
+/// TML communication manual, chapters 3 and 4: GiveMeData is for one axis, and on RS-485 no request goes
+/// to a group. A host on RS-232 has the host bit, one on RS-485 has not.
+#[test]
+fn requests_that_the_manual_forbids_are_flagged() {
+    let give = |to: IdCode, sender: IdCode, opcode: u16| {
+        let instruction = Instruction::of(opcode, [sender.word(), 0x022A]);
+        let mut out = [0; serial::FRAME_MAX];
+        let len = serial::encode(&Message { to, instruction }, &mut out);
+        let mut seen = ExplainedFields::default();
+        SERIAL.explain(&out[..len], &Context::default(), &mut seen);
+        seen.text
+    };
+    let group = IdCode::groups(1);
+    let text = give(group, IdCode::axis(200), 0xB204);
+    assert!(text.contains("not allowed: on RS-485 no request for data goes to a group"), "{text}");
+    let text = give(group, IdCode::host_at(255), 0xB004);
+    assert!(text.contains("not allowed: GiveMeData is for one axis"), "{text}");
+    for (to, sender, opcode) in
+        [(group, IdCode::host_at(255), 0xB204), (IdCode::axis(5), IdCode::axis(200), 0xB004)]
+    {
+        let text = give(to, sender, opcode);
+        assert!(!text.contains("not allowed"), "{text}");
+    }
+}
+
+/// H in the destination: a message for the host, as answers are.
+#[test]
+fn a_text_is_encoded_for_a_host() {
+    let options = EncodeOptions { axis: Some(5), to_host: true, ..EncodeOptions::default() };
+    let mut out = [0; 16];
+    let text = "@0x022A == 5 FROM 7";
+    let len = SERIAL.encode(text, &options, &mut out).expect("a frame").len;
+    let message = serial::decode(&out[..len]).expect("a message");
+    assert_eq!(message.to, IdCode::host_at(5));
+    assert_eq!(message.instruction, Instruction::of(0xB404, [0x0070, 0x022A, 5]));
 }

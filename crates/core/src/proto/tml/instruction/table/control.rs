@@ -28,6 +28,10 @@ const fn unknown(text: &'static [FormPiece], about: &'static str) -> Form {
     form(Category::Control, (1, 0, 0), text, Nowhere, about)
 }
 
+/// The manual (chapter 3) prints 56600 for 57600.
+const SCIBR_RATES: &str = "sets the serial rate: 0 to 4 are 9600, 19200, 38400, 57600 (56600 in the \
+                           manual is a misprint), 115200";
+
 pub(super) const FORMS: &[Form] = &[
     plain(0x0000, &[Word("NOP")], Labels, "does nothing"),
     plain(0x0001, &[Word("END")], Labels, "ends the program"),
@@ -71,7 +75,7 @@ pub(super) const FORMS: &[Form] = &[
     with(0x0940, 1, &[Word("ADDGRID"), Var16(0)], Labels, "joins groups of a variable"),
     with(0x0880, 1, &[Word("REMGRID"), Sign(" "), Groups(0)], Labels, "leaves groups"),
     with(0x0980, 1, &[Word("REMGRID"), Var16(0)], Labels, "leaves groups of a variable"),
-    with(0x0820, 1, &[Word("SCIBR"), Number(0)], Labels, "sets the serial rate: 0 to 4"),
+    with(0x0820, 1, &[Word("SCIBR"), Number(0)], Labels, SCIBR_RATES),
     with(0x0920, 1, &[Word("SCIBR"), Var16(0)], Labels, "sets the serial rate from a variable"),
     with(0x0810, 1, &[Word("SPIBR"), Number(0)], Labels, "sets the EEPROM's rate"),
     with(0x0910, 1, &[Word("SPIBR"), Var16(0)], Labels, "sets the EEPROM's rate from a variable"),
