@@ -435,6 +435,37 @@ export const KNOWN: Record<string, readonly [string, string]> = {
   encoder: ["encoder", "编码器"],
   hall: ["hall", "霍尔传感器"],
   "power-cycle": ["power-cycle", "断电重启"],
+  eeprom: ["EEPROM", "EEPROM"],
+  sto: ["STO", "STO"],
+  home: ["home switch", "原点开关"],
+  "limit-high": ["positive limit switch", "正限位开关"],
+  "limit-low": ["negative limit switch", "负限位开关"],
+  pulses: ["pulses", "脉冲"],
+  "Makes motor and power stage so warm at once": [
+    "Makes motor and power stage so warm at once",
+    "立即使电机和驱动器达到该温度",
+  ],
+  "Damages the settings in permanent memory (1), or mends them (0)": [
+    "Damages the settings in permanent memory (1), or mends them (0)",
+    "损坏永久存储器中的设置 (1)，或修复 (0)",
+  ],
+  "Requests safe torque off (1), or no longer (0)": [
+    "Requests safe torque off (1), or no longer (0)",
+    "请求安全转矩关断 (1)，或撤销 (0)",
+  ],
+  "Where the home switch closes": ["Where the home switch closes", "原点开关闭合的位置"],
+  "Where the positive limit switch closes": [
+    "Where the positive limit switch closes",
+    "正限位开关闭合的位置",
+  ],
+  "Where the negative limit switch closes": [
+    "Where the negative limit switch closes",
+    "负限位开关闭合的位置",
+  ],
+  "Pulses on the pulse input; negative ones turn backward": [
+    "Pulses on the pulse input; negative ones turn backward",
+    "脉冲输入的脉冲数；负值反转",
+  ],
   "A constant torque on the shaft; negative brakes forward motion": [
     "A constant torque on the shaft; negative brakes forward motion",
     "轴上的恒定转矩；负值阻碍正向运动",

@@ -5,6 +5,7 @@
 
 mod capture;
 mod cmd;
+mod control;
 #[cfg(test)]
 mod every_frame;
 mod interrupt;

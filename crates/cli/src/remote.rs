@@ -28,7 +28,8 @@ use crate::target::DriveArgs;
 use crate::value;
 
 /// Verbs that a server carries out, and which axes they are about.
-const SERVER_VERBS: [(&str, AxesScope); 19] = [
+const SERVER_VERBS: [(&str, AxesScope); 20] = [
+    ("act", AxesScope::Named),
     ("clear", AxesScope::Named),
     ("disable", AxesScope::Named),
     ("dismiss", AxesScope::Named),

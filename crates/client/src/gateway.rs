@@ -8,7 +8,8 @@ use std::task::{Wake, Waker};
 use polepair_messages::{
     AddDrives, AddedAxes, AxisState, BenchView, CommandOutcome, DeviceDetailView, DismissAbsent,
     DismissStop, ParameterChange, ParameterInfo, ParameterReading, RawRequest, ScanRequest,
-    ScanView, SetWatchdog, SignalValue, StopReport, StopRequest, WatchdogView, WriteParameters,
+    ScanView, SetWatchdog, SignalValue, SimulationAction, StopReport, StopRequest, WatchdogView,
+    WriteParameters,
 };
 use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::sync::oneshot;
@@ -238,6 +239,23 @@ impl Gateway {
     /// As [`bench`](Self::bench).
     pub fn release(&self) -> Result<(), GatewayError> {
         self.block_on(self.0.rest.post("/api/v1/release", &serde_json::json!({})))
+    }
+
+    /// Does something to a simulated drive from outside its wire: a word of the axis' acts, with its
+    /// value where it takes one. `place` counts the axes of its link from 0.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench); `gateway.simulated` for a real drive, `E217` for what cannot be done.
+    pub fn act(
+        &self,
+        link: u16,
+        place: usize,
+        act: &str,
+        value: Option<f64>,
+    ) -> Result<(), GatewayError> {
+        let action = SimulationAction { act: act.to_owned(), value };
+        let path = format!("/api/v1/simulation/{link}/{place}");
+        self.block_on(self.0.rest.post(&path, &action))
     }
 
     /// Has an axis owed its stop no more, though nobody saw it stand. The journal keeps who said so.

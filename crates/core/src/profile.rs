@@ -147,6 +147,8 @@ pub enum IdentityQuery {
 pub enum AddressRole {
     /// The drive's own address.
     Drive,
+    /// The drive's own address, which holds from its next start on.
+    DriveAfterRestart,
     /// The address of the host that it answers.
     Host,
 }

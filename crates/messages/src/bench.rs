@@ -196,6 +196,9 @@ pub struct SimulationActionInfo {
     /// Unit of its value; `null` where it takes none.
     #[schema(required)]
     pub unit: Option<String>,
+    /// Its value is 1 or 0.
+    #[serde(default)]
+    pub flag: bool,
 }
 
 /// More on a wire than should be: another master, or several drives at one address.

@@ -10,6 +10,7 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod act;
 mod drive_line;
 mod rack_file;
 mod sim_end;
@@ -21,6 +22,7 @@ use crate::registry::{self, ProtocolInfo};
 use crate::spelling;
 use crate::toml_file::{FileError, FileLocation, Located};
 use crate::wire::AnyLink;
+pub use act::{ACTS, ActKind, ActValue, act_of_value, parse_act, parse_act_value};
 pub use drive_line::{DriveLine, drive_lines};
 use polepair_core::drives::bench::{Act, BenchControl, GroundTruth};
 use polepair_core::medium::MediumKind;
@@ -219,6 +221,27 @@ impl RackDescription {
     pub fn relay_link(&self, link: usize) -> Option<usize> {
         let relays = |drives: &[RackDrive]| drives.iter().any(|d| d.second_link == Some(link));
         self.rack.links.iter().position(|other| relays(&other.drives))
+    }
+
+    /// The link and place of a drive that is on this link, or behind a relay on it: the drive of that
+    /// name or address; of the only one, text may be empty.
+    #[must_use]
+    pub fn find_drive(&self, link: usize, text: &str) -> Option<(usize, usize)> {
+        let reached = |n: &usize| *n == link || self.relay_link(*n) == Some(link);
+        let all: Vec<(usize, usize)> = (0..self.rack.links.len())
+            .filter(reached)
+            .flat_map(|n| (0..self.rack.links[n].drives.len()).map(move |at| (n, at)))
+            .collect();
+        let number = text.parse::<u32>().ok();
+        let is_meant = |(n, at): &&(usize, usize)| {
+            let named = self.wires[*n].names.get(*at).is_some_and(|name| name == text);
+            named && !text.is_empty()
+                || number.is_some() && self.rack.links[*n].drives[*at].address == number
+        };
+        match (&all[..], text) {
+            ([only], "") => Some(*only),
+            _ => all.iter().find(is_meant).copied(),
+        }
     }
 
     /// The links that drives of this one relay to.

@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use polepair::simulate::{Simulation as Inner, SimulationPace, rack_of_words};
-use polepair_core::drives::bench::Act;
+use polepair::simulate::{
+    Simulation as Inner, SimulationPace, act_of_value, parse_act, rack_of_words,
+};
 use polepair_core::medium::MediumKind;
 use polepair_core::time::Instant;
 use pyo3::prelude::*;
@@ -43,10 +44,6 @@ pub struct Truth {
     /// Writes to flash or EEPROM since it was made.
     flash_writes: u64,
 }
-
-/// The word that Python uses for something done from outside.
-const ACT_WORDS: &str = "load, jam, supply, ambient, home_switch, positive_switch, negative_switch, \
-    encoder_broken, hall_broken, fault, power_cycle, pulses";
 
 /// The one link that a word such as `cia402:1,2` means: whether it is a bus, its protocol's word, and
 /// of each drive the product's name and the address.
@@ -93,10 +90,11 @@ impl PySimulation {
         what: &str,
         value: f64,
     ) -> PyResult<bool> {
-        let act = parse_act(what, value).ok_or_else(|| {
-            let what = format!("`{what}` cannot be done to a simulated drive");
-            usage_error(py, "E217", &what, &format!("what can be done: {ACT_WORDS}"))
-        })?;
+        let act = match what.contains('=') {
+            true => parse_act(what),
+            false => act_of_value(what, Some(value)),
+        };
+        let act = act.map_err(|error| to_py_error(py, &error))?;
         let simulation = self.0.in_own_process(py)?;
         Ok(py.detach(|| simulation.act(link, drive, act)))
     }
@@ -119,23 +117,4 @@ impl PySimulation {
             flash_writes: truth.flash_writes,
         })
     }
-}
-
-fn parse_act(what: &str, value: f64) -> Option<Act> {
-    let on = value != 0.0;
-    Some(match what {
-        "load" => Act::Load(value),
-        "jam" => Act::Jam(on),
-        "supply" => Act::Supply(value),
-        "ambient" => Act::Ambient(value),
-        "home_switch" => Act::Switch { which: 0, at: value },
-        "positive_switch" => Act::Switch { which: 1, at: value },
-        "negative_switch" => Act::Switch { which: 2, at: value },
-        "encoder_broken" => Act::EncoderBroken(on),
-        "hall_broken" => Act::HallBroken(on),
-        "fault" => Act::Fault(value as u32),
-        "power_cycle" => Act::PowerCycle,
-        "pulses" => Act::Pulses(value as i32),
-        _ => return None,
-    })
 }

@@ -6,10 +6,10 @@
 
 use polepair_core::axis::{AnyLane, Axes};
 use polepair_core::drives::SimulatedDevice;
-use polepair_core::drives::bench::BenchControl;
+use polepair_core::drives::bench::{Act, BenchControl};
 use polepair_core::medium::{Can, Stream};
 use polepair_core::station::{Station, Timed};
-use polepair_core::time::Instant;
+use polepair_core::time::{Instant, earliest};
 
 /// What a world holds: an object with ports.
 pub trait SimNode: Timed + Send {
@@ -55,6 +55,58 @@ pub struct SerialStationNode<S>(pub S);
 /// Any single station on a CAN bus.
 #[derive(Debug)]
 pub struct CanStationNode<S>(pub S);
+
+/// A drive to which something is done at certain times.
+pub struct ScheduledActs {
+    node: Box<dyn SimNode>,
+    /// The latest first.
+    acts: Vec<(Instant, Act)>,
+}
+
+impl ScheduledActs {
+    /// That drive, with these acts.
+    #[must_use]
+    pub fn new(node: Box<dyn SimNode>, mut acts: Vec<(Instant, Act)>) -> Self {
+        acts.sort_by_key(|(at, _)| std::cmp::Reverse(*at));
+        Self { node, acts }
+    }
+}
+
+impl std::fmt::Debug for ScheduledActs {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "ScheduledActs({} left)", self.acts.len())
+    }
+}
+
+impl Timed for ScheduledActs {
+    fn handle_timeout(&mut self, now: Instant) {
+        while let Some((_, act)) = self.acts.pop_if(|(at, _)| *at <= now) {
+            if let Some(bench) = self.node.bench() {
+                bench.act(now, act);
+            }
+        }
+        self.node.handle_timeout(now);
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        earliest(self.node.poll_timeout(), self.acts.last().map(|(at, _)| *at))
+    }
+}
+
+impl SimNode for ScheduledActs {
+    fn stream(&mut self, port: u8) -> Option<&mut dyn Station<Stream>> {
+        self.node.stream(port)
+    }
+    fn can(&mut self, port: u8) -> Option<&mut dyn Station<Can>> {
+        self.node.can(port)
+    }
+    fn axes(&mut self) -> Option<&mut dyn Axes> {
+        self.node.axes()
+    }
+    fn bench(&mut self) -> Option<&mut dyn BenchControl> {
+        self.node.bench()
+    }
+}
 
 macro_rules! timed {
     (impl {$($t:ident)?} for $wrapper:ty) => {

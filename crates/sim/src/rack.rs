@@ -12,7 +12,7 @@ use polepair_core::time::Instant;
 use std::sync::Arc;
 
 use crate::data_sheet::{self, DataSheet};
-use crate::node::{CAN_PORT, DriveNode, SERIAL_PORT, SimNode};
+use crate::node::{CAN_PORT, DriveNode, SERIAL_PORT, ScheduledActs, SimNode};
 use crate::serial_line::{Duplex, SerialWireConfig};
 use crate::world::{NodeId, WireId, World};
 
@@ -104,6 +104,8 @@ pub struct RackDrive {
     pub data_sheet: Option<Arc<DataSheet>>,
     /// What is done to it before power is given: its load, its switches.
     pub acts: Vec<Act>,
+    /// What is done to it later.
+    pub scheduled_acts: Vec<(Instant, Act)>,
 }
 
 /// Where the parts of a rack are in a world.
@@ -164,7 +166,7 @@ impl std::fmt::Display for RackError {
             Self::Wire { profile, medium: MediumKind::Can } => {
                 write!(f, "{profile}: this drive has no CAN connector")
             }
-            Self::Act { profile } => write!(f, "{profile}: it has no such load, switch or input"),
+            Self::Act { profile } => write!(f, "{profile}: it has nothing for one of its acts"),
         }
     }
 }
@@ -207,9 +209,20 @@ impl RackDrive {
     #[must_use]
     pub fn new(profile: &'static Profile, wire: &str) -> Self {
         let (wires, address) = (vec![wire.to_owned()], None);
-        let (extra, acts) = (Vec::new(), Vec::new());
+        let (extra, acts, scheduled_acts) = (Vec::new(), Vec::new(), Vec::new());
         let (standard, second_link, data_sheet) = (None, None, None);
-        Self { profile, wires, standard, second_link, address, seed: 0, extra, data_sheet, acts }
+        Self {
+            profile,
+            wires,
+            standard,
+            second_link,
+            address,
+            seed: 0,
+            extra,
+            data_sheet,
+            acts,
+            scheduled_acts,
+        }
     }
 
     /// Puts the drive on a wire of `world`.
@@ -222,10 +235,28 @@ impl RackDrive {
         wire: WireId,
         untimed: bool,
     ) -> Result<NodeId, RackError> {
-        let node = world.add_node(self.device(untimed)?);
+        let device = self.device(untimed)?;
+        self.check_scheduled_acts()?;
+        let node = world.add_node(match &self.scheduled_acts[..] {
+            [] => device,
+            acts => Box::new(ScheduledActs::new(device, acts.to_vec())),
+        });
         world.with_node(node, |node, now| self.apply_acts(node, now))?;
         self.plug_into(world, wire, world.medium(wire), node)?;
         Ok(node)
+    }
+
+    /// Whether the drive has what is done to it later: tried on another one.
+    fn check_scheduled_acts(&self) -> Result<(), RackError> {
+        if self.scheduled_acts.is_empty() {
+            return Ok(());
+        }
+        let mut device = self.device(true)?;
+        let mut has = |act: Act| device.bench().is_some_and(|it| it.act(Instant::ZERO, act));
+        match self.scheduled_acts.iter().all(|(_, act)| has(*act)) {
+            true => Ok(()),
+            false => Err(RackError::Act { profile: self.profile.name }),
+        }
     }
 
     /// The drive, on no wire.

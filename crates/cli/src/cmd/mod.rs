@@ -1,5 +1,6 @@
 //! The verbs: one file each, but for those that differ in a word alone.
 
+mod act;
 pub mod completions;
 mod config;
 mod convert;
@@ -172,6 +173,8 @@ pub enum CommandVerb {
     Params(params::Params),
     /// Simulate drives that any program can talk to
     Sim(sim::Sim),
+    /// Do something to a simulated drive: a load, a fault, an input
+    Act(act::ActCommand),
     /// Open links and serve them to browsers and programs
     Serve(serve::Serve),
     /// Check what a server has kept of what was done
@@ -205,6 +208,7 @@ fn run_on_server(CommandLine { join, verb, word, .. }: CommandLine) -> Result {
         CommandVerb::Dismiss(verb) => verb.run_on_server(&join.open()?),
         CommandVerb::Release(verb) => verb.run_on_server(join),
         CommandVerb::Clear(verb) => verb.run_on_server(&join.open()?),
+        CommandVerb::Act(verb) => verb.run_on_server(&join.open()?),
         CommandVerb::Spin(verb) => verb.run_on_server(&join.open()?),
         CommandVerb::Move(verb) => verb.run_on_server(&join.open()?),
         CommandVerb::Torque(verb) => verb.run_on_server(&join.open()?),
@@ -255,6 +259,7 @@ fn run_locally(verb: CommandVerb) -> Result {
         CommandVerb::Ports(verb) => verb.run(),
         CommandVerb::Params(verb) => verb.run(),
         CommandVerb::Sim(verb) => verb.run(),
+        CommandVerb::Act(verb) => verb.run(),
         CommandVerb::Serve(verb) => verb.run(),
         CommandVerb::Journal(verb) => verb.run(),
         CommandVerb::Demo(verb) => verb.run(),

@@ -14,6 +14,7 @@ use polepair_link::udp::MulticastGroup;
 use polepair_link::{LinkError, LinkIo, LinkWaker, Received};
 use polepair_link::{pty::Pty, slcan, socketcand, tcp::TcpServer, udp};
 
+use crate::control::{ControlServer, ServedDrives};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput, print_note};
@@ -57,6 +58,9 @@ pub struct Sim {
     /// Make a link's CANopen drives what this data sheet (EDS or DCF) lists; the last holds on
     #[arg(long, value_name = "FILE")]
     eds: Vec<PathBuf>,
+    /// Listen here for `polepair act`; without it where act finds it by a link's URL
+    #[arg(long, value_name = "PATH")]
+    control: Option<PathBuf>,
     /// Whatever is random comes from this
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -75,6 +79,11 @@ impl Sim {
         let mut served = Vec::new();
         let mut out = DataOutput::stdout();
         let lines = simulate::drive_lines(&description, self.seed).map_err(outcome::to_problem)?;
+        let mut drives = ServedDrives {
+            description: description.clone(),
+            lines: lines.clone(),
+            locations: Vec::new(),
+        };
         for (link, line) in lines.into_iter().enumerate() {
             let bus = CanLine { bit_rate: description.wires[link].baud };
             let (wire, location) = ends.open(description.rack.links[link].wire.medium(), bus)?;
@@ -90,8 +99,10 @@ impl Sim {
             for url in description.urls(link, &location) {
                 out.write_line(&format!("ready {url}"));
             }
+            drives.locations.push(location);
         }
         ends.check_all_used()?;
+        let _control = self.listen_for_acts(drives)?;
         let stops: Vec<_> = served.iter().map(ServeThread::handle).collect();
         crate::interrupt::listen(move || stops.iter().for_each(polepair_link::ServeHandle::stop));
         out.flush()?;
@@ -100,6 +111,21 @@ impl Sim {
             .try_for_each(ServeThread::join)
             .map_err(|error| outcome::link_problem(&error))?;
         Ok(Exit::Ok)
+    }
+
+    /// Listens for `polepair act`. Where nobody said a place, a simulation goes on without.
+    fn listen_for_acts(&self, drives: ServedDrives) -> Result<Option<ControlServer>> {
+        match ControlServer::start(self.control.as_deref(), drives) {
+            Ok(server) => Ok(Some(server)),
+            Err(error) => match &self.control {
+                None => Ok(None),
+                Some(path) => {
+                    let what = format!("nothing can listen at {}: {error}.", path.display());
+                    Err(Problem::new(Exit::Adapter, "E320", what)
+                        .hint("choose a path that does not exist, in a folder of your own"))
+                }
+            },
+        }
     }
 
     fn serve_line(&self, line: DriveLine, wire: AnyLink) -> ServeThread {

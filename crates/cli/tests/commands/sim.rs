@@ -219,3 +219,39 @@ fn frames_are_named_by_the_drives_profile() {
     assert!(shown.contains("01 06 00 33 00 C8 78 53"), "{shown}");
     sim.end();
 }
+
+/// `polepair act`: a fault on demand, by the URL that the simulation printed, or by its control socket.
+#[test]
+fn acts_are_done_to_a_simulation_that_runs() {
+    let socket = std::env::temp_dir().join(format!("polepair-act-{}.sock", std::process::id()));
+    let socket = socket.to_str().expect("a path");
+    let sim = Served::with(&["tmcl:1,3", "--control", socket]);
+    let link = sim.url.split('#').next().expect("a link").to_owned();
+    let done = polepair(&["act", &format!("{socket}#3"), "supply=7 V"]);
+    assert_eq!((done.code, done.err.as_str()), (0, "done: supply=7 V\n"));
+    let info = polepair(&["info", &format!("{link}#3")]);
+    assert!(info.out.contains("FAULT UNDERVOLT"), "{}{}", info.out, info.err);
+    assert!(ok(&["info", &format!("{link}#1")]).contains("faults           none"));
+    let unknown = polepair(&["act", &format!("{socket}#3"), "supply=7 V", "bogus"]);
+    assert!(unknown.code == 2 && unknown.err.contains("`bogus` is nothing"), "{}", unknown.err);
+    let refused = polepair(&["act", &format!("{socket}#3"), "sto"]);
+    assert!(refused.code == 2 && refused.err.contains("nothing for `sto`"), "{}", refused.err);
+    let missing = polepair(&["act", &format!("{socket}#9"), "jam"]);
+    assert!(missing.code == 2 && missing.err.contains("no drive `9`"), "{}", missing.err);
+    sim.end();
+    assert!(!std::path::Path::new(socket).exists(), "the socket is gone with its simulation");
+    let gone = polepair(&["act", &format!("{link}#3"), "jam"]);
+    assert!(gone.code == 2 && gone.err.contains("no simulation that runs here"), "{}", gone.err);
+    assert!(ok(&["act"]).contains("jam"));
+}
+
+/// The same by the URL of a link.
+#[test]
+fn an_act_finds_its_simulation_by_the_url() {
+    let sim = Served::new("thruster-servo:11");
+    let done = polepair(&["act", &sim.url, "temperature=130 degC"]);
+    assert_eq!(done.code, 0, "{}", done.err);
+    let info = polepair(&["info", &sim.url]);
+    assert!(info.out.contains("motor over-temperature"), "{}{}", info.out, info.err);
+    sim.end();
+}

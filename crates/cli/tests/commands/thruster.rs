@@ -2,7 +2,7 @@
 
 use crate::run;
 
-use run::{hex, polepair, polepair_with, text, vectors};
+use run::{Served, hex, polepair, polepair_with, text, vectors};
 use serde_json::Value;
 
 fn decode(capture: &str, arguments: &[&str]) -> Vec<Value> {
@@ -141,4 +141,26 @@ fn a_scan_tells_thrusters_from_servos() {
     let found =
         ok(&["scan", "sim:thruster-servo:11?time=virtual", "--ids", "11-11", "--format", "jsonl"]);
     assert!(found.contains(r#""drive":"thruster-servo""#), "{found}");
+}
+
+/// A node id that another drive answers at is refused before anything is written. One that is free holds
+/// from the drive's next start on (protocol manual, section 2.2).
+#[test]
+fn a_node_id_that_is_taken_is_refused() {
+    let sim = Served::with(&["thruster:11,12", "--socketcand", "127.0.0.1:0"]);
+    let link = sim.url.split('#').next().expect("a link").to_owned();
+    let drive = format!("{link}#11");
+    let taken = polepair(&["set", &drive, "node id=12"]);
+    assert!(
+        taken.code == 2 && taken.err.contains("answers at address 12 already"),
+        "{}",
+        taken.err
+    );
+    let free = polepair(&["set", &drive, "node id=13"]);
+    assert_eq!((free.code, free.out.as_str()), (0, "node id = 13\n"), "{}", free.err);
+    assert!(free.err.contains("once it was switched off and on"), "{}", free.err);
+    assert!(ok(&["get", &drive, "voltage"]).starts_with("voltage = 48"));
+    ok(&["act", &drive, "power-cycle"]);
+    assert!(ok(&["get", &format!("{link}#13"), "voltage"]).starts_with("voltage = 48"));
+    sim.end();
 }

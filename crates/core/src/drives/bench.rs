@@ -44,6 +44,12 @@ pub enum Act {
     Supply(f64),
     /// Air temperature, °C.
     Ambient(f64),
+    /// Makes motor and power stage so warm at once, °C.
+    Temperature(f64),
+    /// The settings in permanent memory are damaged, or right again.
+    EepromDamaged(bool),
+    /// Safe torque off is requested, or no longer.
+    Sto(bool),
     /// A digital input, counted from 1.
     Input(u8, bool),
     /// An analog input, counted from 0, V.

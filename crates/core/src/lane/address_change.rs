@@ -27,10 +27,14 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let Ok(address) = u32::try_from(raw) else { return Ok(Some(readdress)) };
         let has = |address: u32| self.slots.iter().any(|slot| slot.driver.address() == address);
         match readdress {
-            AddressRole::Drive if Some(address) == self.host.own_address() => {
+            AddressRole::Drive | AddressRole::DriveAfterRestart
+                if Some(address) == self.host.own_address() =>
+            {
                 Err(Unsupported::Forbidden(HOST_ADDRESS))
             }
-            AddressRole::Drive if address != driver.address() && has(address) => {
+            AddressRole::Drive | AddressRole::DriveAfterRestart
+                if address != driver.address() && has(address) =>
+            {
                 Err(Unsupported::Forbidden(ADDRESS_TAKEN))
             }
             AddressRole::Host if has(address) => Err(Unsupported::Forbidden(DRIVE_ADDRESS)),

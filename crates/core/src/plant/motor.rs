@@ -107,6 +107,8 @@ pub struct Motor {
     current: f64,
     voltage: f64,
     jammed: bool,
+    /// Hard stops, rad.
+    ends: Option<(f64, f64)>,
     sub_steps: u32,
     sub_step: SubStep,
     energy: Energy,
@@ -149,6 +151,7 @@ impl Motor {
             current: 0.0,
             voltage: 0.0,
             jammed: false,
+            ends: None,
             sub_steps: parts as u32,
             sub_step: SubStep::new(TICK_S / parts, &p),
             energy: Energy::default(),
@@ -224,6 +227,28 @@ impl Motor {
         self.jammed = jammed;
     }
 
+    /// Where hard stops end the travel, rad; `None` without. What hits one is turned to heat.
+    pub const fn set_ends(&mut self, ends: Option<(f64, f64)>) {
+        self.ends = ends;
+    }
+
+    /// The hard stops, rad.
+    #[must_use]
+    pub const fn ends(&self) -> Option<(f64, f64)> {
+        self.ends
+    }
+
+    fn stop_at_ends(&mut self) {
+        let Some((low, high)) = self.ends else { return };
+        let outward = self.position > high && self.velocity > 0.0
+            || self.position < low && self.velocity < 0.0;
+        if outward {
+            self.energy.friction += 0.5 * self.parameters.inertia * self.velocity * self.velocity;
+            self.velocity = 0.0;
+            self.position = self.position.clamp(low, high);
+        }
+    }
+
     /// Advances by one tick of [`TICK_S`].
     #[inline]
     pub fn step(&mut self, inputs: Inputs) {
@@ -233,6 +258,7 @@ impl Motor {
         let inputs = Inputs { winding, bus, ..inputs };
         for _ in 0..self.sub_steps {
             self.run_sub_step(&inputs);
+            self.stop_at_ends();
         }
     }
 

@@ -50,8 +50,10 @@ impl Url {
     pub fn readdressed(&self, axis: u32, what: AddressRole, address: u32) -> Self {
         let mut url = self.clone();
         match what {
-            AddressRole::Drive if url.axes.is_empty() => url.axes = vec![address],
-            AddressRole::Drive => {
+            AddressRole::Drive | AddressRole::DriveAfterRestart if url.axes.is_empty() => {
+                url.axes = vec![address];
+            }
+            AddressRole::Drive | AddressRole::DriveAfterRestart => {
                 let numbers = url.axes.iter_mut().filter(|number| **number == axis);
                 numbers.for_each(|number| *number = address);
             }

@@ -2,7 +2,7 @@
 
 use super::RackDescription;
 use crate::error::Error;
-use polepair_core::drives::bench::BenchControl;
+use polepair_core::drives::bench::{Act, BenchControl};
 use polepair_core::medium::{Can, CanLine, Frame, Medium, SerialLine, Stream};
 use polepair_core::station::{LineEvent, Station, Timed};
 use polepair_core::time::Instant;
@@ -113,6 +113,18 @@ impl DriveLine {
     ) -> Option<R> {
         let node = *self.nodes.get(drive)?;
         self.lock().world.with_node(node, |node, _| node.bench().map(f))
+    }
+
+    /// Does something to the drive of that number, counted from 0, and has its servers look at it.
+    /// Returns whether there is such a drive with such a thing.
+    pub fn act(&self, drive: usize, act: Act) -> bool {
+        let Some(node) = self.nodes.get(drive) else { return false };
+        let mut shared = self.lock();
+        let done = shared
+            .world
+            .with_node(*node, |node, now| node.bench().is_some_and(|bench| bench.act(now, act)));
+        shared.ports.iter().filter_map(|port| port.waker.as_ref()).for_each(LinkWaker::wake);
+        done
     }
 
     fn lock(&self) -> MutexGuard<'_, LineWorld> {

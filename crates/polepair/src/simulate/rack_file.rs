@@ -37,6 +37,7 @@
 //! faults = { error = 1e-3, twice = 0, lose = 0, late = 0, latest_ms = 100, cut = 0 }   # a frame
 //! ```
 
+use super::act::parse_act;
 use super::{DRIVES_MAX, RackDescription, WireDescription, find_drive};
 use crate::bus::{self, BusLoadRange};
 use crate::error::Error;
@@ -47,6 +48,7 @@ use crate::toml_file::{FileError, SourceText, TomlTable};
 use crate::url::{self, Url};
 use polepair_core::drives::bench::Act;
 use polepair_core::medium::{CanLine, MediumKind};
+use polepair_core::time::Instant;
 use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::SerialFaults;
 use polepair_sim::rack::{RackDrive, RackLink, RackWire};
@@ -60,7 +62,8 @@ const LINK_KEYS: [&str; 11] = [
     "name", "kind", "protocol", "connect", "baud", "bitrate", "duplex", "timing", "echo", "faults",
     "drive",
 ];
-const DRIVE_KEYS: [&str; 19] = [
+const DRIVE_KEYS: [&str; 20] = [
+    "act",
     "name",
     "profile",
     "eds",
@@ -81,6 +84,8 @@ const DRIVE_KEYS: [&str; 19] = [
     "direction",
     "limits",
 ];
+/// Keys of what is done to a simulated drive at a certain time.
+const ACT_KEYS: [&str; 2] = ["at", "do"];
 /// Keys that are places of switches, in the order of [`Act::Switch`].
 const SWITCH_KEYS: [&str; 3] = ["home", "limit_high", "limit_low"];
 const CAN_FAULT_KEYS: [&str; 6] = ["error", "twice", "lose", "late", "latest_ms", "cut"];
@@ -441,6 +446,7 @@ fn read_drive(
     for (which, key) in (0..).zip(SWITCH_KEYS) {
         drive.acts.extend(real(key)?.map(|at| Act::Switch { which, at }));
     }
+    drive.scheduled_acts = read_acts(node)?;
     if let Some(options) = node.table("options", &[])? {
         for key in options.keys() {
             if let Some(value) = options.scalar_text(key.value)? {
@@ -452,6 +458,36 @@ fn read_drive(
         read_switches(&mut drive, wire.switch_address);
     }
     Ok(drive)
+}
+
+/// What is done to the drive while it runs: `[[link.drive.act]]` with `at = "5 s"` and `do = "jam"`.
+fn read_acts(node: &TomlTable<'_, '_>) -> Result<Vec<(Instant, Act)>, FileError> {
+    let mut acts = Vec::new();
+    for table in node.tables("act", &ACT_KEYS)? {
+        let missing = |key: &str| table.location().error(format!("an act needs `{key}`"));
+        let at = table.text("at")?.ok_or_else(|| missing("at"))?.try_map(|text| {
+            parse_time_ns(&text)
+                .ok_or_else(|| format!("`{text}` is no time: write \"5 s\" or \"200 ms\""))
+        })?;
+        let act = table.text("do")?.ok_or_else(|| missing("do"))?;
+        let act = act.try_map(|text| parse_act(&text).map_err(|error| error.to_string()))?;
+        acts.push((Instant(at), act));
+    }
+    Ok(acts)
+}
+
+/// `5 s`, `200 ms` or `2 min` in ns.
+fn parse_time_ns(text: &str) -> Option<u64> {
+    let split = text.find(|c: char| c.is_alphabetic())?;
+    let (number, unit) = text.split_at(split);
+    let factor = match unit.trim() {
+        "ms" => 1e6,
+        "s" => 1e9,
+        "min" => 60e9,
+        _ => return None,
+    };
+    let ns = number.trim().parse::<f64>().ok()? * factor;
+    (0.0..1e18).contains(&ns).then_some(ns as u64)
 }
 
 /// The address of a drive whose set-up leaves it to its switches: the option `switches`, or what a

@@ -1,5 +1,6 @@
 //! One program for all tests of this crate from outside (BUILD-1).
 
+mod acts;
 mod addresses;
 mod can;
 mod events;

@@ -194,3 +194,32 @@ fn a_bus_is_as_busy_as_was_counted() {
     // A question of two bytes and an answer of four to eight, at most 200 times a second.
     assert!((0.01..0.05).contains(&share), "{share}");
 }
+
+/// `[[link.drive.act]]`: at its time something is done to the drive, and not before.
+#[test]
+fn a_rack_does_things_to_its_drives_at_given_times() {
+    let file = std::env::temp_dir().join(format!("polepair-acts-{}.toml", std::process::id()));
+    let rack = |act: &str| {
+        let drive = "[[link]]\n[[link.drive]]\nname = 'x'\nprofile = 'tmcm-171'\n";
+        format!("{drive}[[link.drive.act]]\n{act}\n")
+    };
+    std::fs::write(&file, rack("at = '2 s'\ndo = 'supply=7 V'")).expect("a file");
+    let url = format!("sim:{}?time=virtual#x", file.display());
+    let link = Connector::default().connect(&url).expect("a drive");
+    link.sleep(Duration::from_millis(1900));
+    let fault = || link.axes()[0].signals(&[Signal::Fault]).expect("read")[0].raw;
+    assert_eq!(fault(), 0);
+    link.sleep(Duration::from_millis(200));
+    assert_ne!(fault(), 0, "the supply is too low");
+    for (act, reason) in [
+        ("at = '2 s'\ndo = 'bogus'", "`bogus` is nothing that can be done"),
+        ("at = 'soon'\ndo = 'jam'", "`soon` is no time"),
+        ("at = '2 s'", "an act needs `do`"),
+        ("at = '2 s'\ndo = 'sto'", "it has nothing for one of its acts"),
+    ] {
+        std::fs::write(&file, rack(act)).expect("a file");
+        let error = Connector::default().connect(&url).expect_err("refused").to_string();
+        assert!(error.contains(reason), "{act}: {error}");
+    }
+    std::fs::remove_file(&file).expect("a file");
+}

@@ -222,8 +222,9 @@ class Simulation:
         self._native.run(seconds)
 
     def act(self, what: str, value: float = 1.0, *, link: int = 0, drive: int = 0) -> None:
-        """Does something to a drive: `load` (N·m), `jam`, `supply` (V), `ambient` (degC), `fault`
-        (its code), `power_cycle`, `home_switch` (rad) and others, which an error lists.
+        """Does something to a drive: `load` (N·m), `jam`, `supply` (V), `temperature` (degC),
+        `encoder`, `input-3`, `fault` (its code), `power-cycle`, `home` (rad) and others, which an
+        error lists. With its unit it is one text: `"supply=30 V"`, as for `polepair act`.
         """
         if not self._native.act(link, drive, what, value):
             raise ValueError(f"drive {drive} on link {link} has no {what}")

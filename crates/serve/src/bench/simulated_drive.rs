@@ -1,6 +1,6 @@
 //! What can be done to a simulated drive from outside its wire.
 
-use polepair::simulate::Simulation;
+use polepair::simulate::{ACTS, ActKind, ActValue, Simulation, act_of_value};
 use polepair_core::drives::bench::{Act, GroundTruth};
 
 use crate::message::{GatewayError, PanelView, SimulationActionInfo};
@@ -19,29 +19,6 @@ pub(super) struct SimulatedDrive {
     /// Keys of its panel.
     keys: u8,
 }
-
-/// What makes an act of a value.
-type ActionConstructor = fn(f64) -> Act;
-
-/// Every act: its word, what it does, the unit of its value, where it takes one.
-const ACTS: [(&str, &str, Option<&str>, ActionConstructor); 8] = [
-    ("load", "A constant torque on the shaft; negative brakes forward motion", Some("N·m"), {
-        Act::Load
-    }),
-    ("jam", "Holds the shaft still (1), or lets it go (0)", Some(""), |value| {
-        Act::Jam(value != 0.0)
-    }),
-    ("supply", "The supply voltage", Some("V"), Act::Supply),
-    ("ambient", "The air's temperature", Some("°C"), Act::Ambient),
-    ("encoder", "The encoder stops counting (1), or counts again (0)", Some(""), |value| {
-        Act::EncoderBroken(value != 0.0)
-    }),
-    ("hall", "The hall sensors give nonsense (1), or work again (0)", Some(""), |value| {
-        Act::HallBroken(value != 0.0)
-    }),
-    ("fault", "Raises the fault of that code", Some(""), |value| Act::Fault(value as u32)),
-    ("power-cycle", "Takes the supply away and brings it back", None, |_| Act::PowerCycle),
-];
 
 impl SimulatedDrive {
     /// The drive of that address, or of that place, on a link of a simulation or behind a relay on it.
@@ -64,19 +41,19 @@ impl SimulatedDrive {
 
     /// What can be done to it.
     pub fn acts(&self) -> Vec<SimulationActionInfo> {
-        let info = |(act, about, unit, _): &(&str, &str, Option<&str>, ActionConstructor)| {
-            SimulationActionInfo {
-                act: (*act).to_owned(),
-                about: (*about).to_owned(),
-                unit: unit.map(str::to_owned),
-            }
-        };
-        let key = |act: String| SimulationActionInfo {
+        let info = |act: String, kind: &ActKind| SimulationActionInfo {
             act,
-            about: "Holds this key of the panel (1), or lets it go (0)".to_owned(),
-            unit: Some(String::new()),
+            about: kind.about.to_owned(),
+            unit: kind.value.unit().map(str::to_owned),
+            flag: kind.value == ActValue::Flag,
         };
-        ACTS.iter().map(info).chain(self.keys().map(key)).collect()
+        let numbered = |word: &str| word.ends_with('N');
+        let plain = ACTS.iter().filter(|kind| !numbered(kind.word));
+        let keys = ACTS.iter().filter(|kind| kind.word.starts_with(KEY));
+        plain
+            .map(|kind| info(kind.word.to_owned(), kind))
+            .chain(keys.flat_map(|kind| self.keys().map(move |key| info(key, kind))))
+            .collect()
     }
 
     fn keys(&self) -> impl Iterator<Item = String> {
@@ -96,31 +73,15 @@ impl SimulatedDrive {
 
     /// Does something to it.
     pub fn apply_action(&self, act: &str, value: Option<f64>) -> Result<(), GatewayError> {
-        if value.is_some_and(|value| !value.is_finite()) {
-            return Err(request_error("a value is a finite number".to_owned()));
-        }
-        let act_of_drive = self.parse_action(act, value)?;
+        // A place without a number is none.
+        let is_place = ACTS.iter().any(|kind| kind.word == act && kind.value == ActValue::Place);
+        let value = if is_place { Some(value.unwrap_or(f64::NAN)) } else { value };
+        let act_of_drive = act_of_value(act, value)
+            .map_err(|error| request_error(error.to_string()).hint(error.hint()))?;
         if self.simulation.act(self.link, self.drive, act_of_drive) {
             return Ok(());
         }
         Err(request_error(format!("this drive has nothing for `{act}`")))
-    }
-
-    fn parse_action(&self, act: &str, value: Option<f64>) -> Result<Act, GatewayError> {
-        let needed = || value.ok_or_else(|| request_error(format!("`{act}` takes a value")));
-        let key = act.strip_prefix(KEY).and_then(|n| n.parse().ok());
-        if let Some(key) = key.filter(|key| *key < self.keys) {
-            return Ok(Act::Key(key, needed()? != 0.0));
-        }
-        match ACTS.iter().find(|(word, ..)| *word == act) {
-            Some((_, _, Some(_), make)) => Ok(make(needed()?)),
-            Some((_, _, None, make)) => Ok(make(0.0)),
-            None => {
-                let words: Vec<String> = self.acts().into_iter().map(|info| info.act).collect();
-                let hint = format!("there is {}", words.join(", "));
-                Err(request_error(format!("nothing is called `{act}`")).hint(hint))
-            }
-        }
     }
 }
 

@@ -47,7 +47,8 @@ impl AddressChange {
         let axis = &session.axes()[0];
         let name = axis.parameter(id).map_or("?", |parameter| parameter.name);
         let (old, number, label) = (session.link.url().clone(), axis.number(), axis.label());
-        if axis.read(id).map_err(outcome::to_problem)? == raw {
+        let after_restart = what == AddressRole::DriveAfterRestart;
+        if !after_restart && axis.read(id).map_err(outcome::to_problem)? == raw {
             out.write_line(&format!("{name} = {raw}"));
             return Ok(());
         }
@@ -63,14 +64,25 @@ impl AddressChange {
         let connector = drive.connector()?;
         let session = match what {
             // A port is opened once at a time.
-            AddressRole::Drive => {
+            AddressRole::Drive | AddressRole::DriveAfterRestart => {
                 drop(session);
-                check_free(&connector, &new, address)?;
+                if address != number {
+                    check_free(&connector, &new, address)?;
+                }
                 drive.open_with(&connector, &old.to_string())?
             }
             AddressRole::Host => session,
         };
         let written = session.axes()[0].write(id, raw, keep);
+        if after_restart {
+            written.map_err(outcome::to_problem)?;
+            out.write_line(&format!("{name} = {raw}"));
+            print_note(&format!(
+                "{label} is {} once it was switched off and on: {new}",
+                polepair::url::AxisNumber(address)
+            ));
+            return Ok(());
+        }
         drop(session);
         match (written, drive.open_with(&connector, &new)) {
             (_, Ok(session)) => {
@@ -82,7 +94,9 @@ impl AddressChange {
                     return Err(Problem::new(Exit::Negative, "E111", what));
                 }
                 let now = match what {
-                    AddressRole::Drive => format!("{label} is {} from now on", axis.label()),
+                    AddressRole::Drive | AddressRole::DriveAfterRestart => {
+                        format!("{label} is {} from now on", axis.label())
+                    }
                     AddressRole::Host => format!("{label} answers host {raw} from now on"),
                 };
                 match old.target {

@@ -34,6 +34,12 @@ impl BenchControl for Drive {
             Act::Jam(jammed) => self.shaft_mut().jam(jammed),
             Act::Supply(volts) => self.shaft_mut().supply = volts,
             Act::Ambient(celsius) => self.shaft_mut().set_ambient(celsius),
+            Act::Temperature(celsius) => self.shaft_mut().set_temperature(celsius),
+            Act::EepromDamaged(damaged) => {
+                if damaged {
+                    self.raise_fault(FaultCode::DATA_STORAGE);
+                }
+            }
             Act::Input(number @ 1..=3, on) => {
                 self.lines_mut().force_line(usize::from(number) - 1, on);
             }

@@ -15,6 +15,8 @@ impl FaultCode {
     pub const UNDERVOLTAGE: Self = Self(0x3220);
     /// Power stage too hot.
     pub const HOT: Self = Self(0x4310);
+    /// Settings in permanent memory damaged.
+    pub const DATA_STORAGE: Self = Self(0x5530);
     /// Motor blocked.
     pub const BLOCKED: Self = Self(0x7121);
     /// Commutation.
@@ -48,6 +50,7 @@ impl FaultCode {
             Self::OVERVOLTAGE => "over-voltage",
             Self::UNDERVOLTAGE => "under-voltage",
             Self::HOT => "over-temperature",
+            Self::DATA_STORAGE => "settings damaged",
             Self::BLOCKED => "motor blocked",
             Self::COMMUTATION => "commutation",
             Self::ENCODER => "encoder",

@@ -262,6 +262,12 @@ impl BenchControl for Device {
             Act::Jam(jammed) => drive.shaft_mut().jam(jammed),
             Act::Supply(volts) => drive.shaft_mut().supply = volts,
             Act::Ambient(celsius) => drive.shaft_mut().set_ambient(celsius),
+            Act::Temperature(celsius) => drive.shaft_mut().set_temperature(celsius),
+            Act::EepromDamaged(damaged) => {
+                if damaged {
+                    drive.raise_alarm(Alarm::PA);
+                }
+            }
             Act::Input(number, on) => {
                 let at = usize::from(number).wrapping_sub(1);
                 let Some(line) = drive.lines_mut().forced_closed.get_mut(at) else { return false };

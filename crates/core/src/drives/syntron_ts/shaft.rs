@@ -128,6 +128,12 @@ impl Shaft {
         self.winding.ambient = celsius;
     }
 
+    /// Makes motor and power stage so warm at once, °C.
+    pub fn set_temperature(&mut self, celsius: f64) {
+        self.stage.set_temperature(celsius);
+        self.winding.set_temperature(celsius);
+    }
+
     /// Holds the shaft, or lets it go.
     pub fn jam(&mut self, jammed: bool) {
         self.motor.set_jammed(jammed);

@@ -30,6 +30,19 @@ impl Drive {
             Act::Ambient(celsius) => {
                 (self.shaft.stage.ambient, self.shaft.winding.ambient) = (celsius, celsius);
             }
+            Act::Temperature(celsius) => {
+                self.shaft.stage.set_temperature(celsius);
+                self.shaft.winding.set_temperature(celsius);
+            }
+            // The drive looks at its set-up table when it starts.
+            Act::EepromDamaged(damaged) => {
+                if self.memory.is_table_valid() == damaged {
+                    self.memory.corrupt_table();
+                }
+            }
+            Act::Sto(requested) => {
+                set_bits(&mut self.surroundings.levels, line::STO, !requested);
+            }
             Act::Input(n @ 1..=6, high) => {
                 const LINES: [u16; 6] =
                     [line::HOME, 1 << 1, line::LSP, line::LSN, line::ENABLE, line::STO];

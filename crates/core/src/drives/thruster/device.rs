@@ -128,6 +128,14 @@ impl BenchControl for Device {
             Act::Ambient(celsius) => {
                 (shaft.stage.ambient, shaft.winding.ambient) = (celsius, celsius);
             }
+            Act::Temperature(celsius) => {
+                shaft.stage.set_temperature(celsius);
+                shaft.winding.set_temperature(celsius);
+            }
+            Act::EepromDamaged(damaged) => {
+                let bits = if damaged { fault::EE_DATA } else { 0 };
+                return self.drive.inject_faults(bits.into());
+            }
             Act::Supply(volts) => {
                 if self.drive.set_supply(now, volts) {
                     self.can.restart(now, &self.drive);
@@ -138,6 +146,12 @@ impl BenchControl for Device {
                 if broken {
                     self.drive.handle_encoder_loss();
                 }
+            }
+            Act::Switch { which: which @ 1..=2, at } if self.drive.options.encoder => {
+                let (low, high) = shaft.motor.ends().unwrap_or((f64::MIN, f64::MAX));
+                let at = |none: f64| if at.is_nan() { none } else { at };
+                let ends = if which == 1 { (low, at(f64::MAX)) } else { (at(f64::MIN), high) };
+                shaft.motor.set_ends(Some(ends));
             }
             Act::Fault(bits) => return self.drive.inject_faults(bits),
             Act::PowerCycle => {

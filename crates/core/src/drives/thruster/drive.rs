@@ -129,6 +129,14 @@ impl Drive {
         let shaft = &self.shaft;
         let whole = |celsius: f64| libm::round(celsius) as i16;
         let tenths = |value: f64| libm::round(value * 10.0);
+        // Without an encoder nobody knows a position (section 1.2): the third report carries none.
+        let (absolute, relative) = match self.options.encoder {
+            true => (
+                self.absolute_position() as i32,
+                shaft.position_tenths(self.memory.relative_zero) as i32,
+            ),
+            false => (0, 0),
+        };
         TelemetryValues {
             rpm: rpm(shaft.velocity()),
             decivolt: tenths(shaft.supply) as u16,
@@ -136,8 +144,8 @@ impl Drive {
             faults: self.faults | self.expiring_timeout_ms,
             motor_c: whole(shaft.winding.temperature()),
             driver_c: whole(shaft.stage.temperature()),
-            absolute: self.absolute_position() as i32,
-            relative: shaft.position_tenths(self.memory.relative_zero) as i32,
+            absolute,
+            relative,
         }
     }
 

@@ -140,7 +140,8 @@ impl Drive {
         Response::Done
     }
 
-    /// Each one adds to where the last one goes. \[I\] The safe range holds for it too.
+    /// Each one adds to where the last one goes. \[I\] The safe range holds for it too, and where the
+    /// travel has ends LA's range.
     fn execute_relative_move(&mut self, rpm: u16, by: i64) -> Response {
         if !self.can_position() {
             return Response::Refused;
@@ -153,7 +154,8 @@ impl Drive {
         let goal = self.absolute_position() + target - here;
         let (reverse, forward) = self.memory.range;
         let narrowed = self.memory.range != (-(POSITION_MAX as i16), POSITION_MAX as i16);
-        if narrowed && !(i64::from(reverse)..=i64::from(forward)).contains(&goal) {
+        let bounded = narrowed || self.options.ends.is_some();
+        if bounded && !(i64::from(reverse)..=i64::from(forward)).contains(&goal) {
             return Response::Refused;
         }
         self.relative_target = Some(target);

@@ -24,12 +24,16 @@ pub(super) struct Options {
     pub zero_point: bool,
     /// Share of the output that a hot drive gives.
     pub limit: f64,
+    /// Hard stops, tenths of a degree, or of a millimetre of the actuator's stroke.
+    pub ends: Option<(i64, i64)>,
     /// Supply below and above which it reports, V.
     pub volts: (f64, f64),
 }
 
 /// The id from the factory. \[I\]
 const FACTORY_ID: u8 = 1;
+/// Hard stops of a servo and an actuator: LA reaches to ±1799 (section 4.1). \[I\]
+const END_TENTHS: i64 = 1799;
 /// Thresholds of the supply: the manual's examples have 46.6 to 48 V. \[I\]
 const SUPPLY_LIMITS_V: (f64, f64) = (36.0, 60.0);
 
@@ -63,6 +67,7 @@ impl Options {
             latches_stop: false,
             zero_point: true,
             limit: 0.5,
+            ends: encoder.then_some((-END_TENTHS, END_TENTHS)),
             volts: SUPPLY_LIMITS_V,
         }
     }
@@ -80,7 +85,12 @@ impl Options {
             ("slow-speed", "refused" | "runs") => self.runs_slowly = value == "runs",
             ("after-stop", "ready" | "latched") => self.latches_stop = value == "latched",
             ("zero-point", "on" | "off") => self.zero_point = value == "on",
-            ("round", "on" | "off") => self.wraps_around = value == "on",
+            ("round", "on" | "off") => {
+                self.wraps_around = value == "on";
+                self.ends = self.ends.filter(|_| value == "off");
+            }
+            ("ends", "none") => self.ends = None,
+            ("ends", _) if self.encoder => self.ends = Some(parse_ends(value).ok_or(value)?),
             ("limit-percent", _) => self.limit = parse_number(value, 0.0, 100.0)? / 100.0,
             ("under-volt", _) => self.volts.0 = parse_number(value, 0.0, 1000.0)?,
             ("over-volt", _) => self.volts.1 = parse_number(value, 0.0, 1000.0)?,
@@ -93,6 +103,17 @@ impl Options {
         }
         Ok(())
     }
+}
+
+/// `-90..90` in degrees or mm, with zero between.
+fn parse_ends(value: &str) -> Option<(i64, i64)> {
+    let (low, high) = value.split_once("..")?;
+    let tenths = |text: &str| {
+        let number = text.trim().parse::<f64>().ok()?;
+        number.is_finite().then(|| libm::round(number * 10.0) as i64)
+    };
+    let (low, high) = (tenths(low)?, tenths(high)?);
+    (low <= 0 && high >= 0 && low < high).then_some((low, high))
 }
 
 fn parse_number(value: &str, min: f64, max: f64) -> Result<f64, &str> {

@@ -58,7 +58,8 @@ pub(super) struct Shaft {
 impl Shaft {
     /// At rest, off.
     pub fn new(options: &Options) -> Self {
-        let motor = Motor::new(if options.encoder { GEARED } else { THRUSTER });
+        let mut motor = Motor::new(if options.encoder { GEARED } else { THRUSTER });
+        motor.set_ends(options.ends.map(|(low, high)| (radians(low), radians(high))));
         let mut servo = Servo::new(motor.parameters());
         let (speed_limit, ramp) = if options.encoder { (23.0, 100.0) } else { (400.0, 400.0) };
         servo.set_limits(Limits::trapezoid(speed_limit, ramp));

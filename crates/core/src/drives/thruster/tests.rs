@@ -49,6 +49,11 @@ impl DriveFixture {
         Self::with(&profile::THRUSTER_SERVO, &[])
     }
 
+    /// A servo that turns without an end.
+    fn endless() -> Self {
+        Self::with(&profile::THRUSTER_SERVO, &[("ends", "none")])
+    }
+
     /// Sends bytes to an id and gives what is answered.
     fn to(&mut self, id: u16, bytes: &[u8]) -> Vec<Frame> {
         self.device.handle_input(self.now, &Frame::standard(0x300 + id, bytes));

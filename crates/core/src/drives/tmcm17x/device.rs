@@ -194,6 +194,10 @@ impl BenchControl for Device {
             Act::Ambient(celsius) => {
                 (module.stage.ambient, module.winding.ambient) = (celsius, celsius);
             }
+            Act::Temperature(celsius) => {
+                module.stage.set_temperature(celsius);
+                module.winding.set_temperature(celsius);
+            }
             Act::Input(n @ 1..=4, high) => {
                 let full = if n == 2 { 10.0 } else { 5.0 };
                 module.analog[usize::from(n) - 1] = if high { full } else { 0.0 };

@@ -19,7 +19,7 @@ use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame};
 use crate::plan::Argument;
-use crate::profile::{Encoding, Parameter, ParameterId, Profile};
+use crate::profile::{AddressRole, Encoding, Parameter, ParameterId, Profile};
 use crate::proto::{HostOptions, Protocol};
 use crate::station::RequestClass;
 
@@ -236,6 +236,10 @@ impl Driver for Axis {
             (Answer::OutputOff { faults }, _) => (*faults).into(),
             (Answer::Proven, _) => 0,
         })
+    }
+
+    fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {
+        (parameter.index == CommandWord::CI.0).then_some(AddressRole::DriveAfterRestart)
     }
 
     fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {

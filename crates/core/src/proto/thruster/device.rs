@@ -91,8 +91,6 @@ pub struct CanEndpoint {
     value_stream: Option<(u32, Instant)>,
     /// SR: when the next reports are due.
     report_at: Option<Instant>,
-    /// MQ came: SR pauses until the next start. \[I\]
-    reports_paused: bool,
     out: [Frame; OUT_MAX],
     out_len: usize,
     bit_rate: u32,
@@ -107,7 +105,6 @@ impl CanEndpoint {
             reply_format: ReplyFormat::Echo,
             value_stream: None,
             report_at: None,
-            reports_paused: false,
             out: [Frame::default(); OUT_MAX],
             out_len: 0,
             bit_rate: firmware.bit_rate(),
@@ -118,8 +115,7 @@ impl CanEndpoint {
 
     /// The drive was powered anew: VM is forgotten \[I\], ML and MM too, SR goes on.
     pub fn restart(&mut self, now: Instant, firmware: &impl Firmware) {
-        (self.reply_format, self.value_stream, self.reports_paused, self.out_len) =
-            (ReplyFormat::Echo, None, false, 0);
+        (self.reply_format, self.value_stream, self.out_len) = (ReplyFormat::Echo, None, 0);
         self.bit_rate = firmware.bit_rate();
         self.report_at = next_report_at(now, firmware);
     }
@@ -212,13 +208,14 @@ impl CanEndpoint {
             }
             (CommandWord::ML, _) => self.start_stream(now, LOW_MS),
             (CommandWord::MM, _) => self.start_stream(now, MEDIUM_MS),
+            // SR pauses until it is set again (section 2.5: at once), or the next start. \[I\]
             (CommandWord::MQ, _) => {
-                (self.value_stream, self.report_at, self.reports_paused) = (None, None, true);
+                (self.value_stream, self.report_at) = (None, None);
                 Response::Done
             }
             (CommandWord::SR, _) => {
                 let response = firmware.execute(now, request);
-                if !self.reports_paused {
+                if response == Response::Done {
                     self.report_at = next_report_at(now, firmware);
                 }
                 response

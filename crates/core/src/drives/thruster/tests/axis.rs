@@ -180,7 +180,7 @@ fn a_servo_goes_where_it_is_told_and_says_when_it_is_there() {
     assert!(matches!(pair.verb(Verb::Reached), Outcome::Done(_)));
     assert_eq!(pair.read("absolute position"), Outcome::Done(600));
     assert!(matches!(pair.command(turning(40.0)), Ok(Outcome::Done(_))));
-    pair.run(1000);
+    pair.run(300);
     assert_eq!(pair.read("speed"), Outcome::Done(40));
     assert!(matches!(pair.verb(Verb::QuickStop), Outcome::Done(_)));
     assert_eq!(pair.sent.last().map(|f| f.data), Some(*b"LS\0\0\0\0\0\0"));

@@ -49,7 +49,7 @@ fn speed_zero_starts_nothing() {
 
 #[test]
 fn each_relative_move_adds() {
-    let mut rig = DriveFixture::servo();
+    let mut rig = DriveFixture::endless();
     for _ in 0..3 {
         rig.ok("4C 52 00 1E 00 00 00 64");
         rig.wait(20);
@@ -72,7 +72,7 @@ fn each_relative_move_adds() {
 
 #[test]
 fn zeros_are_set_here_and_kept() {
-    let mut rig = DriveFixture::servo();
+    let mut rig = DriveFixture::endless();
     rig.ok("4C 41 00 1E 00 00 01 F4");
     rig.wait(2000);
     rig.ok("52 5A 00 00 00 00 00 00");
@@ -115,7 +115,7 @@ fn nothing_goes_beyond_the_safe_range() {
 
 #[test]
 fn the_emergency_stop_gives_up_moves_and_output() {
-    let mut rig = DriveFixture::servo();
+    let mut rig = DriveFixture::endless();
     rig.ok("4C 52 00 1E 00 00 07 08");
     rig.wait(200);
     rig.ok("4C 53 00 00 00 00 00 00");
@@ -140,7 +140,47 @@ fn thrusters_have_no_positions_and_actuators_have() {
     let mut rig = DriveFixture::with(&profile::THRUSTER_ACTUATOR, &[]);
     rig.ok("4C 41 00 1E 00 00 07 07");
     rig.wait(3000);
-    rig.ok("4C 52 00 1E 00 00 00 64");
+    rig.refused("4C 52 00 1E 00 00 00 64"); // beyond the stroke
+    rig.ok("4C 52 00 1E FF FF FF 9C");
     rig.wait(2000);
-    assert_eq!(rig.position(), 1899);
+    assert_eq!(rig.position(), 1699);
+}
+
+/// A servo has hard stops: it presses against one, stalls, closes its output, and goes on once CF and the
+/// zero signal came (section 3, stall protection).
+#[test]
+fn a_servo_stalls_at_its_end_and_recovers_by_cf() {
+    let mut rig = DriveFixture::servo();
+    rig.ok("56 43 00 00 00 00 00 00");
+    rig.ok("56 43 00 00 00 00 00 C8"); // VC 200 rpm
+    rig.wait(800);
+    let truth = rig.truth();
+    let end = 179.9_f64.to_radians();
+    assert!((truth.position - end).abs() < 1e-6 && truth.velocity == 0.0, "{truth:?}");
+    assert!(truth.current > 3.9, "it presses: {truth:?}");
+    rig.wait(1500);
+    assert_eq!(rig.request("45 46 00 00")[6..], [0x00, 0x40], "stall");
+    assert!(!rig.truth().enabled);
+    assert_eq!(rig.request("56 43 00 00 00 00 FF 38")[6..], [0xEE, 0xEE], "the output is closed");
+    rig.ok("43 46 00 00");
+    rig.ok("56 43 00 00 00 00 00 00");
+    rig.ok("56 43 00 00 00 00 FF 38"); // VC -200 rpm
+    rig.wait(200);
+    assert!(rig.truth().position < end - 0.5, "away from the end");
+    rig.ok("4C 53 00 00 00 00 00 00");
+}
+
+/// LR adds beyond LA's range only where there is no end.
+#[test]
+fn relative_moves_add_beyond_half_a_turn_only_without_ends() {
+    let far = "4C 52 00 64 00 00 07 D0"; // LR 100 rpm 200.0 deg
+    assert_eq!(DriveFixture::servo().request(far)[6..], [0xEE, 0xEE]);
+    let mut rig = DriveFixture::endless();
+    rig.ok(far);
+    rig.wait(2000);
+    assert_eq!(rig.relative(), 2000);
+    let mut rig = DriveFixture::with(&profile::THRUSTER_ACTUATOR, &[("ends", "-5..50")]);
+    rig.ok("4C 52 00 C8 00 00 02 58"); // LR 200 rpm 60.0
+    rig.wait(3000);
+    assert!((rig.relative() - 500).abs() <= 1, "{}", rig.relative());
 }

@@ -171,6 +171,10 @@ fn what_is_sent_by_itself() {
     );
     rig.ok("4D 51 00 00");
     assert!(rig.wait(1000).is_empty(), "paused");
+    rig.ok("53 52 00 00 00 03 00 C8");
+    assert_eq!(rig.wait(1000).len(), 10, "set again, it holds at once");
+    rig.ok("4D 51 00 00");
+    assert!(rig.wait(1000).is_empty(), "paused");
     rig.act(Act::PowerCycle);
     assert_eq!(rig.wait(1000).len(), 10, "kept");
     rig.ok("53 52 00 00 00 00 00 C8");

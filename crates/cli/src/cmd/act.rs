@@ -1,0 +1,110 @@
+//! `polepair act URL|SOCKET ACT[=VALUE]…`
+
+use clap::Args;
+use polepair::simulate::{ACTS, ActValue, parse_act, parse_act_value};
+
+use crate::control::{self, ActReply};
+use crate::outcome;
+use crate::problem::{Exit, Problem, Result};
+use crate::remote::{self, RemoteSession};
+use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
+
+/// Does something to a simulated drive from outside its wire: a load, a fault, an input.
+///
+/// Without ACT it lists what can be done. The drive is one of a `polepair sim` that runs on this machine,
+/// by the URL that it printed; or one of a server, with --server. A rack file does the same at given times,
+/// with [[link.drive.act]].
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  polepair act tmcl+serial:///dev/pts/3#1 jam
+  polepair act tmcl+serial:///dev/pts/3#1 jam=0 \"load=0.2 Nm\"
+  polepair act thruster+udp://239.74.163.2:43113#11 \"supply=30 V\"
+  polepair act /tmp/bench.sock#x input-3=1          a simulation with --control
+  polepair act 1 encoder --server http://127.0.0.1:7365")]
+pub struct ActCommand {
+    /// The link and its drive, as `sim` printed it; or the path of its control socket
+    #[arg(value_name = "URL|SOCKET")]
+    url: Option<String>,
+    /// What is done: jam, "supply=30 V", input-3=1
+    #[arg(value_name = "ACT[=VALUE]")]
+    acts: Vec<String>,
+}
+
+impl ActCommand {
+    /// By a simulation that runs on this machine.
+    pub fn run(self) -> Result {
+        let Some(url) = self.checked()? else { return list_acts() };
+        for act in &self.acts {
+            let reply = control::request_act(&url, act).map_err(|error| {
+                Problem::new(Exit::Adapter, "E301", format!("{url} cannot be reached: {error}."))
+            })?;
+            match reply {
+                ActReply::Done => print_note(&format!("done: {act}")),
+                ActReply::Refused(why) => {
+                    return Err(Problem::usage("E217", format!("`{act}` was not done: {why}.")));
+                }
+                ActReply::NoSimulation => return Err(no_simulation(&url)),
+            }
+        }
+        Ok(Exit::Ok)
+    }
+
+    /// By a server.
+    pub fn run_on_server(self, server: &RemoteSession) -> Result {
+        let Some(words) = self.checked()? else { return list_acts() };
+        for axis in server.axes_named(&words)? {
+            let same_link = server.bench.axes.iter().filter(|other| other.link == axis.link);
+            let place = same_link.take_while(|other| other.id != axis.id).count();
+            for act in &self.acts {
+                let (word, value) = parse_act_value(act).map_err(outcome::to_problem)?;
+                let value = Some(value).filter(|value| value.is_finite());
+                let done = server.gateway.act(axis.link, place, &word, value);
+                done.map_err(remote::refusal_problem)?;
+                print_note(&format!("{}: done: {act}", axis.label));
+            }
+        }
+        Ok(Exit::Ok)
+    }
+
+    /// The drive that is meant, once every act is one; `None` where nothing is to be done.
+    fn checked(&self) -> Result<Option<String>> {
+        for act in &self.acts {
+            parse_act(act).map_err(outcome::to_problem)?;
+        }
+        match &self.url {
+            Some(url) if !self.acts.is_empty() => Ok(Some(url.clone())),
+            _ => Ok(None),
+        }
+    }
+}
+
+fn no_simulation(url: &str) -> Problem {
+    let problem =
+        Problem::usage("E212", format!("no simulation that runs here has the link of {url}."));
+    match url.starts_with("sim:") {
+        true => problem.hint(
+            "a sim: link lives in the program that opened it: run `polepair sim` and use the URL that it \
+             prints, or a rack's [[link.drive.act]]",
+        ),
+        false => problem.hint("`polepair sim` prints the URLs of its links; real drives have no acts"),
+    }
+}
+
+fn list_acts() -> Result {
+    let mut table = TextTable::with_heads(&["act", "value", "what it does"]);
+    for kind in ACTS {
+        let value = match kind.value {
+            ActValue::None => "",
+            ActValue::Flag => "1 or 0",
+            ActValue::Number => "number",
+            ActValue::Quantity(unit) => unit,
+            ActValue::Place => "rad, deg, turn; or none",
+        };
+        table.add_row(vec![kind.word.to_owned(), value.to_owned(), kind.about.to_owned()]);
+    }
+    let mut out = DataOutput::stdout();
+    out.write_line(table.render(colour_out()).trim_end());
+    out.flush()?;
+    Ok(Exit::Ok)
+}
