@@ -16,7 +16,51 @@ pub(crate) fn check(root: &Path) -> Vec<String> {
         }
     }
     broken.extend(check_codes(root));
+    broken.extend(check_tests(root));
     broken
+}
+
+/// Tests that the tables of protocol pages name, and that there are not.
+fn check_tests(root: &Path) -> Vec<String> {
+    let known: BTreeSet<String> = super::rust_files(root)
+        .iter()
+        .filter_map(|file| std::fs::read_to_string(file).ok())
+        .flat_map(|text| {
+            let names = text.split("#[test]").skip(1).filter_map(|rest| {
+                let name = rest.split_once("fn ")?.1.split('(').next()?;
+                Some(name.to_owned())
+            });
+            names.collect::<Vec<_>>()
+        })
+        .collect();
+    let mut broken = Vec::new();
+    for file in doc_pages(root).into_iter().filter(|file| file.starts_with(root.join(PROTOCOLS))) {
+        let Ok(text) = std::fs::read_to_string(&file) else { continue };
+        let shown = file.strip_prefix(root).unwrap_or(&file).display().to_string();
+        for (line, name) in named_tests(&text) {
+            if !known.contains(&name) {
+                broken.push(format!("{shown}:{line}: no test is called `{name}`"));
+            }
+        }
+    }
+    broken
+}
+
+/// Pages whose tables name tests.
+const PROTOCOLS: &str = "docs/protocols";
+
+/// Line numbers and names in the last column of tables whose head ends with `test`.
+pub(crate) fn named_tests(text: &str) -> Vec<(usize, String)> {
+    let mut found = Vec::new();
+    let mut inside = false;
+    for (number, line) in (1..).zip(text.lines()) {
+        inside = line.starts_with('|') && (inside || line.ends_with("| test |"));
+        let Some(cell) = line.trim_end_matches('|').rsplit('|').next().filter(|_| inside) else {
+            continue;
+        };
+        found.extend(cell.split('`').skip(1).step_by(2).map(|name| (number, name.to_owned())));
+    }
+    found
 }
 
 /// Codes of errors that the code gives and the page on exit codes does not explain.

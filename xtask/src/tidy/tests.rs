@@ -183,3 +183,10 @@ fn names_that_cannot_be_searched_for_are_refused() {
         assert_eq!(violations(&files), [""; 0], "{text}");
     }
 }
+
+#[test]
+fn tests_that_a_page_names_are_found() {
+    let page = "| a | test |\n|---|---|\n| x `no` | `one`, `two` |\n\n| b | other |\n|---|---|\n| x | `no` |\n";
+    let names: Vec<String> = docs::named_tests(page).into_iter().map(|(_, name)| name).collect();
+    assert_eq!(names, ["one", "two"]);
+}

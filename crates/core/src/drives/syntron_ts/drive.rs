@@ -209,7 +209,9 @@ impl Drive {
     /// Reads Fn_nnn.
     #[must_use]
     pub fn fn_value(&self, number: u16) -> Option<u16> {
-        (usize::from(number) < FN_COUNT).then(|| self.core.registers.value(number))
+        let there =
+            usize::from(number) < FN_COUNT && self.core.options.variant.has_register(number);
+        there.then(|| self.core.registers.value(number))
     }
 
     /// Reads Dn_nn.
@@ -616,7 +618,7 @@ impl DriveCore {
     }
 
     fn check_value(&self, number: u16, value: u16) -> Result<(), RegisterError> {
-        if usize::from(number) >= FN_COUNT {
+        if usize::from(number) >= FN_COUNT || !self.options.variant.has_register(number) {
             return Err(RegisterError::Address);
         }
         let (min, max, signed) = write_limits(self.profile, number);

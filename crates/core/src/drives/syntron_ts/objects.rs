@@ -117,6 +117,8 @@ pub mod computed {
     pub const ERROR_CODE: u16 = COMPUTED_TAGS + 10;
     /// Torque, 0.1 %.
     pub const TORQUE: u16 = COMPUTED_TAGS + 11;
+    /// Time since power-on, µs.
+    pub const TIME: u16 = COMPUTED_TAGS + 12;
 }
 
 const RO: ObjectAccess = ObjectAccess::RO.mappable();
@@ -225,9 +227,9 @@ const fn register_entries() -> [ObjectEntry; REGISTERS] {
 }
 
 /// Objects of the protocol that the manual does not name: the drive does not have them `[I]`.
-const MISSING_OBJECTS: [u16; 8] = [0x1003, 0x1007, 0x100C, 0x100D, 0x1010, 0x1011, 0x1019, 0x1029];
+const MISSING_OBJECTS: [u16; 7] = [0x1003, 0x100C, 0x100D, 0x1010, 0x1011, 0x1019, 0x1029];
 /// Their entries.
-const MISSING_ENTRIES: usize = 5 + 1 + 1 + 1 + 4 + 4 + 1 + 3;
+const MISSING_ENTRIES: usize = 5 + 1 + 1 + 4 + 4 + 1 + 3;
 
 /// The maker has no number that is known `[I]`. Nor are the factory's mappings `[I]`: nothing is
 /// received, as every recipe maps what it needs; statusword, by change and every 100 ms, position and
@@ -251,9 +253,11 @@ const fn default_number(index: u16, sub: u8, value: i64) -> (u16, u8, DefaultVal
     (index, sub, DefaultValue::Number(value))
 }
 
-const DEVICE_ENTRIES: [ObjectEntry; 1] =
-    [entry(0x1000, 0, ValueType::U32, ObjectAccess::RO, PROTOCOL_TAG, "device type")
-        .with_default(0x0002_0192)];
+const DEVICE_ENTRIES: [ObjectEntry; 2] = [
+    entry(0x1000, 0, ValueType::U32, ObjectAccess::RO, PROTOCOL_TAG, "device type")
+        .with_default(0x0002_0192),
+    entry(0x1013, 0, ValueType::U32, RO, computed::TIME, "high resolution time stamp"),
+];
 const STANDARD_LEN: usize = standard_len(PDOS, MISSING_ENTRIES);
 const STANDARD_ENTRIES: [ObjectEntry; STANDARD_LEN] =
     standard_entries(PDOS as u16, &MISSING_OBJECTS, &DEFAULTS);
@@ -340,6 +344,8 @@ pub struct CommandedObjects<'a> {
     pub objects: &'a Objects,
     /// The registers.
     pub registers: &'a Registers,
+    /// Homing methods 3 and 19 begin forward.
+    pub homes_by_cia: bool,
 }
 
 impl MotionSettings for CommandedObjects<'_> {
@@ -378,9 +384,15 @@ impl MotionSettings for CommandedObjects<'_> {
         self.objects.slope(stored::DECELERATION)
     }
 
+    /// "Reverse, home switch" (methods 3 and 19, §3.6.4): the search begins in reverse wherever it is, as
+    /// methods 14 and 30 of CiA 402 do; its 3 and 19 begin forward outside the switch.
     fn homing(&self) -> HomingSettings {
         HomingSettings {
-            method: self.objects.value(stored::HOMING_METHOD) as i8,
+            method: match self.objects.value(stored::HOMING_METHOD) as i8 {
+                3 if !self.homes_by_cia => 14,
+                19 if !self.homes_by_cia => 30,
+                method => method,
+            },
             fast: self.objects.real_value(stored::HOMING_FAST) * TENTH_RPM,
             slow: self.objects.real_value(stored::HOMING_SLOW) * TENTH_RPM,
             acceleration: self.objects.slope(stored::HOMING_ACCELERATION),

@@ -60,6 +60,9 @@ pub struct Options {
     pub mode: u16,
     /// How the CAN end differs from the standard.
     pub can: can::Quirks,
+    /// Homing methods 3 and 19 begin forward outside the switch, as CiA 402 has them, and not in reverse as
+    /// the TS manual (§3.6.4).
+    pub homes_by_cia: bool,
     /// Inputs and switches.
     pub lines: InputLines,
     /// What the analog and the pulse input get from the start.
@@ -88,6 +91,7 @@ impl Options {
             ascii: options.wires.contains(&"modbus-ascii"),
             mode: 2,
             can: CAN_QUIRKS,
+            homes_by_cia: false,
             // Half a turn behind, so that homing finds it `[I]`.
             lines: InputLines::new(PURPOSES, -core::f64::consts::PI),
             external: ExternalSignals::default(),
@@ -133,6 +137,7 @@ impl Options {
             }
             ("can", "true") => self.can = CAN_QUIRKS,
             ("can", "strict") => self.can = can::Quirks::STRICT,
+            ("homing", "manual" | "cia") => self.homes_by_cia = value == "cia",
             ("emcy", "2" | "8") => self.can.short_emcy = value == "2",
             ("pdo-timer", _) => self.set_pdo_timer(value)?,
             ("lss", "0" | "1") => self.can.lss = value == "1",
@@ -146,7 +151,9 @@ impl Options {
             ("analog", _) => self.external.set_volts(parse_number(value)?),
             ("pulses", _) => self.external.set_rate(parse_number(value)?),
             ("locked", _) => self.lock_registers(value)?,
-            ("variant" | "ds102" | "settings" | "format" | "can" | "emcy", _) => return Err(value),
+            ("variant" | "ds102" | "settings" | "format" | "can" | "emcy" | "homing", _) => {
+                return Err(value);
+            }
             ("lss" | "time" | "guarding" | "segments", _) => return Err(value),
             _ => return Err(key),
         }

@@ -12564,11 +12564,11 @@ pub static SYNTRON_DS102: Profile = Profile {
         ParameterId(16),
         ParameterId(17),
     ],
-    optional: &[],
+    optional: &[ParameterId(307), ParameterId(302)],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     multiple_writes: false,
-    caution: "The drive keeps its last speed when the line dies: it has no watchdog on Modbus, so have a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. Only Fn_00 = 1 (speed) or 14 (position) obeys Modbus; a factory drive is in mode 2 and does not.",
+    caution: "The drive keeps its last speed when the line dies: it has no watchdog on Modbus, so have a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. Only Fn_00 = 1 (speed) or 14 (position) obeys Modbus; a factory drive is in mode 2 and does not. Moves use path 32, Fn_20A and Fn_20B: what was set there is overwritten, in RAM until the next power-on.",
 };
 
 static SYNTRON_TS_SIGNALS: [SignalSource; 8] = [
@@ -12672,11 +12672,11 @@ pub static SYNTRON_TS: Profile = Profile {
         ParameterId(16),
         ParameterId(17),
     ],
-    optional: &[],
+    optional: &[ParameterId(307), ParameterId(302)],
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     multiple_writes: false,
-    caution: "The drive keeps its last speed when the line dies: it has no watchdog on Modbus, so have a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. Only Fn_00 = 1 (speed) or 14 (position) obeys Modbus; a factory drive is in mode 2 and does not.",
+    caution: "The drive keeps its last speed when the line dies: it has no watchdog on Modbus, so have a switch in its supply within reach. Never plug or unplug its connector under power, and put 120 ohm across both ends of an RS-485 line. Only Fn_00 = 1 (speed) or 14 (position) obeys Modbus; a factory drive is in mode 2 and does not. Moves use path 32, Fn_20A and Fn_20B: what was set there is overwritten, in RAM until the next power-on.",
 };
 
 static SYNTRON_TS_CANOPEN_PARAMETERS: [Parameter; 856] = [

@@ -7,7 +7,7 @@
 use super::encoding::{REGISTERS_MAX, decode, encode, register_count};
 use super::host_request::{Answer, COILS_MAX, HostRequest, RequestBody, WORDS_MAX};
 use super::text::{self, ParsedRequest};
-use super::wire::{BROADCAST, Function, RequestPdu, Space};
+use super::wire::{BROADCAST, Exception, Function, RequestPdu, Space};
 use super::{ascii, device_id, rtu};
 use crate::axis::Driver;
 use crate::error::{Failure, Unsupported};
@@ -176,6 +176,11 @@ impl Driver for Axis {
             request,
             if request.is_read() { RequestClass::Idempotent } else { RequestClass::NoRetry },
         )
+    }
+
+    /// Exception 02: a drive without the option that has the register.
+    fn is_missing_parameter(&self, code: u32) -> bool {
+        code == u32::from(Exception::IllegalAddress.code())
     }
 
     fn decode_answer(

@@ -612,7 +612,7 @@ pub fn request_span(head: &[u8]) -> AnnouncedLength {
     match code {
         0x01..=0x06 | 0x08 => AnnouncedLength::Bytes(5),
         0x07 | 0x0B | 0x0C | 0x11 => AnnouncedLength::Bytes(1),
-        0x0F | 0x10 => counted_span(head, 5, 1, WRITE_WORDS_MAX as usize * 2),
+        0x0F | 0x10 => counted_span(head, 5, 0, WRITE_WORDS_MAX as usize * 2),
         0x14 | 0x15 => counted_span(head, 1, 1, 0xFB),
         0x16 => AnnouncedLength::Bytes(7),
         0x17 => counted_span(head, 9, 1, 121 * 2),

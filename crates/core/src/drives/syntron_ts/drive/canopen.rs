@@ -72,8 +72,11 @@ impl DriveCore {
     ) -> R {
         let position = self.shaft.motor().position();
         let closed = |purpose| self.lines.is_closed(purpose, position);
-        let settings =
-            CommandedObjects { objects: &self.canopen.objects, registers: &self.registers };
+        let settings = CommandedObjects {
+            objects: &self.canopen.objects,
+            registers: &self.registers,
+            homes_by_cia: self.options.homes_by_cia,
+        };
         let mut scene = motion::MotionContext {
             home: closed(InputPurpose::Home),
             home_at: self.lines.home_at,
@@ -176,6 +179,7 @@ impl DriveCore {
             computed::VELOCITY => nearest(shaft.rpm()),
             computed::FOLLOWING_ERROR => pulses(demand().position - shaft.position()),
             computed::ERROR_CODE => self.alarm.0.into(),
+            computed::TIME => (self.now.0 / 1000) as i64 & 0xFFFF_FFFF,
             computed::TORQUE => nearest(shaft.load_share() * 1000.0),
             _ => node.objects.value(tag).into(),
         }
@@ -239,11 +243,8 @@ impl Firmware for Drive {
         }
     }
 
-    fn handle_nmt_state(&mut self, now: Instant, state: Nmt) {
-        if state == Nmt::Stopped {
-            self.handle_link_loss(now);
-        }
-    }
+    /// The manual lets no state of the network raise an alarm.
+    fn handle_nmt_state(&mut self, _now: Instant, _state: Nmt) {}
 
     fn reset(&mut self, _now: Instant) {
         self.power_cycle();

@@ -51,4 +51,10 @@ impl Variant {
             _ => true,
         }
     }
+
+    /// Whether there is such an Fn register: a standard TS has none of the position option `[I]`.
+    #[must_use]
+    pub const fn has_register(self, number: u16) -> bool {
+        !matches!(self, Self::Standard) || number < fn_registers::HOMING_WAY
+    }
 }

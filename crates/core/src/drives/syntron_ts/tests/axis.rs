@@ -222,3 +222,20 @@ fn the_sibling_clears_over_the_line_and_tells_its_torque() {
     assert!(SyntronTs::profiles()[1].signal(Signal::Torque).is_some());
     assert!(usual().signal(Signal::Torque).is_none());
 }
+
+/// A TS without the position option refuses what concerns paths: its stop leaves that out.
+#[test]
+fn a_drive_without_paths_is_stopped_without_a_word_about_them() {
+    let mut pair = HostAndDrive::new(usual());
+    let options = DeviceOptions { extra: &[("variant", "standard")], ..OPTIONS };
+    pair.fixture.device = SyntronTs::create_device(usual(), &options).unwrap();
+    pair.fixture.write(fn_registers::MODE, 1);
+    for stop in [Verb::Stop, Verb::QuickStop] {
+        pair.done(Command::new(Verb::Enable));
+        pair.done(Command { velocity: Some(10.0), ..Command::new(Verb::Velocity) });
+        pair.fixture.advance(500);
+        assert!(pair.fixture.rpm() > 90);
+        pair.done(Command::new(stop));
+        assert!(pair.fixture.rpm().abs() <= 5, "{stop:?}: {}", pair.fixture.rpm());
+    }
+}

@@ -420,3 +420,79 @@ fn heartbeat_node_id_and_bit_rate_are_set_as_printed() {
     let refused = SdoReply::Abort(ObjectIndex::new(0x2033, 0), AbortCode::SPECIFIER);
     assert_eq!(bus.request(SdoRequest::WriteLong(ObjectIndex::new(0x2033, 0), Some(2))), refused);
 }
+
+/// §3.6.4: methods 3 and 19 search the home switch in reverse, 4 and 20 forward.
+#[test]
+fn homing_begins_in_the_direction_of_the_manual() {
+    for (extra, method, at, direction) in [
+        (&[("fn00", "20")][..], 19, 3.0, -1.0),
+        (&[("fn00", "20")], 3, 3.0, -1.0),
+        (&[("fn00", "20")], 19, -3.0, -1.0),
+        (&[("fn00", "20")], 20, 3.0, 1.0),
+        (&[("fn00", "20"), ("homing", "cia")], 19, 3.0, 1.0),
+    ] {
+        let mut bus = CanopenFixture::with(extra);
+        bus.act(Act::Switch { which: 0, at });
+        bus.send_lines(&["000 01 02", "602 2F 60 60 00 06 00 00 00"]);
+        bus.write(0x6098, method).unwrap();
+        bus.send_lines(&["602 23 99 60 01 D0 07 00 00", "602 23 99 60 02 C8 00 00 00"]);
+        bus.send_lines(&ENABLE);
+        bus.send_lines(&["602 2B 40 60 00 0F 00 00 00", "602 2B 40 60 00 1F 00 00 00"]);
+        bus.advance(100);
+        let velocity = bus.truth().velocity;
+        assert!(velocity * direction > 1.0, "{method} {extra:?}: {velocity}");
+    }
+}
+
+/// §3.4: the objects of SYNC and TIME.
+#[test]
+fn the_objects_of_sync_and_time_are_there() {
+    let mut bus = CanopenFixture::new();
+    assert_eq!(bus.read(0x1007, 0), 0);
+    bus.write(0x1007, 500).unwrap();
+    assert_eq!(bus.read(0x1007, 0), 500);
+    assert_ne!(bus.read(0x1012, 0), 0);
+    let before = bus.read(0x1013, 0);
+    bus.advance(10);
+    let passed = bus.read(0x1013, 0) - before;
+    assert!((9_000..12_000).contains(&passed), "{passed} µs");
+}
+
+/// No manual lets NMT stop raise an alarm: the motor goes on as it was told.
+#[test]
+fn nmt_stop_raises_no_alarm() {
+    let mut bus = CanopenFixture::new();
+    bus.send_lines(&["000 01 02", "602 2F 60 60 00 03 00 00 00", "602 23 FF 60 00 10 27 00 00"]);
+    bus.send_lines(&ENABLE);
+    bus.advance(500);
+    let rpm = bus.rpm();
+    assert!(rpm > 900.0, "{rpm}");
+    bus.receive(frame("000 02 02"));
+    bus.received.clear();
+    bus.advance(500);
+    assert!(bus.rpm() > 900.0 && !bus.received.iter().any(|f| f.id == 0x082), "{:?}", bus.received);
+    bus.receive(frame("000 01 02"));
+    assert_eq!(bus.read(0x603F, 0), 0);
+}
+
+/// A frame that ends within the controlword is no controlword: an emergency says so (CiA 301, 8210h), with
+/// bit 0 beside the communication's in the error register.
+#[test]
+fn one_byte_for_the_controlword_is_an_emergency() {
+    let mut bus = CanopenFixture::new();
+    bus.send_lines(&[
+        "602 2F 00 16 00 00 00 00 00",
+        "602 23 00 16 01 10 00 40 60",
+        "602 2F 00 16 00 01 00 00 00",
+        "000 01 02",
+    ]);
+    bus.received.clear();
+    bus.receive(frame("202 0F"));
+    bus.advance(2);
+    let told: Vec<_> = bus.received.iter().filter(|f| f.id == 0x082).collect();
+    assert!(told.len() == 1 && told[0].data[..2] == [0x10, 0x82], "{:?}", bus.received);
+    assert_eq!(bus.read(0x6040, 0), 0);
+    bus.received.clear();
+    bus.receive(frame("202 06 00"));
+    assert_eq!(bus.read(0x6040, 0), 6);
+}

@@ -261,3 +261,28 @@ fn the_sibling_tells_load_version_and_temperature() {
     fixture.advance(20);
     assert!(fixture.truth().current.abs() < 1.9, "limited: {}", fixture.truth().current);
 }
+
+/// §1.1: a TS without the position option. Its stop is that of the speed, and no error.
+#[test]
+fn a_standard_ts_has_no_registers_of_the_position_option() {
+    let mut fixture = DriveFixture::with(&[("variant", "standard")]);
+    assert_eq!(fixture.try_write(0x20E, 1), Err(2));
+    assert_eq!(fixture.request(&[3, 0x02, 0x00, 0, 1]), Some(std::vec![0x83, 2]));
+    assert_eq!(fixture.try_write(0x33, 100), Ok(()));
+}
+
+/// Function 16 whose count, byte count and data contradict each other is exception 03, and writes nothing.
+#[test]
+fn a_write_of_several_registers_with_a_wrong_count_is_exception_03() {
+    let mut fixture = DriveFixture::new();
+    let before = fixture.read(0x33);
+    for pdu in [
+        &[0x10, 0, 0x33, 0, 1, 4, 0, 7, 0, 7][..],
+        &[0x10, 0, 0x33, 0, 2, 2, 0, 7],
+        &[0x10, 0, 0x33, 0, 0, 0],
+        &[0x10, 0, 0x33, 0, 1, 1, 7],
+    ] {
+        assert_eq!(fixture.request(pdu), Some(std::vec![0x90, 3]), "{pdu:02X?}");
+    }
+    assert_eq!(fixture.read(0x33), before);
+}

@@ -97,7 +97,8 @@ impl<const N: usize> CanEndpoint<N> {
     /// The protocol's own error.
     pub(super) fn raise_error(&mut self, code: u16, lasts: bool, firmware: &impl Firmware) {
         self.emergencies.communication_error |= lasts;
-        let register = self.error_register(firmware) | COMMUNICATION;
+        // Bit 0 is set beside any other (CiA 301, 7.5.2.2).
+        let register = self.error_register(firmware) | COMMUNICATION | 1;
         self.queue_emergency(Emergency { code, register, vendor: [0; 5] });
     }
 

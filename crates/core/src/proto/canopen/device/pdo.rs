@@ -47,6 +47,11 @@ impl MappedSlot {
         top >> (self.bits_missing & 63)
     }
 
+    /// Whether it begins within so many bits of a frame.
+    const fn begins_within(self, bits: u8) -> bool {
+        self.bits_missing - self.bits_above < bits
+    }
+
     /// Whether so many bits of a frame hold all of it.
     #[inline]
     const fn is_within(self, bits: u8) -> bool {
@@ -90,6 +95,11 @@ impl PdoLayout {
     #[inline]
     fn pack(&self, firmware: &mut impl Firmware) -> u64 {
         self.slots().iter().fold(0, |data, slot| data | slot.shift_in(firmware.get(slot.tag)))
+    }
+
+    /// Whether a value begins within `bits` bits and does not end there.
+    fn cuts(&self, bits: u8) -> bool {
+        self.slots().iter().any(|slot| slot.begins_within(bits) && !slot.is_within(bits))
     }
 
     /// Hands over the values that lie within `bits` bits.
@@ -387,8 +397,8 @@ impl<const N: usize> CanEndpoint<N> {
         if len != bytes {
             if len > bytes {
                 self.raise_length_error(emcy::PDO_LONG, firmware);
-            } else if !self.quirks.lenient {
-                return self.raise_length_error(emcy::PDO_SHORT, firmware);
+            } else if !self.quirks.lenient || take.layout.cuts(8 * len) {
+                return self.raise_error(emcy::PDO_SHORT, false, firmware);
             }
         }
         let take = &mut self.rpdos[n];

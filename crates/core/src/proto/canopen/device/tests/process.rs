@@ -33,10 +33,10 @@ fn a_pdo_of_another_length_is_told_and_a_short_one_not_used() {
     fixture.map(0, 255, &[U8, I16]);
     started(&mut fixture);
     let reports = fixture.answers(frame(0x205, &[1]));
-    assert_eq!(reports, [frame(0x085, &[0x10, 0x82, 0x10, 0, 0, 0, 0, 0])]);
+    assert_eq!(reports, [frame(0x085, &[0x10, 0x82, 0x11, 0, 0, 0, 0, 0])]);
     assert_eq!(fixture.toy.values[0], 0);
     let reports = fixture.answers(frame(0x205, &[1, 2, 0, 9]));
-    assert_eq!(reports, [frame(0x085, &[0x20, 0x82, 0x10, 0, 0, 0, 0, 0])]);
+    assert_eq!(reports, [frame(0x085, &[0x20, 0x82, 0x11, 0, 0, 0, 0, 0])]);
     assert_eq!(fixture.toy.values[..2], [1, 2]);
     let mut lenient = NodeFixture::with(Quirks { lenient: true, ..Quirks::STRICT });
     lenient.map(0, 255, &[U8, I16]);
