@@ -215,6 +215,12 @@ pub trait Driver {
         self.function_request(function, index, value)
     }
 
+    /// Whether a parameter is read before it is written, because it is a part of what is written.
+    fn reads_before_write(&self, parameter: &Parameter) -> bool {
+        let _ = parameter;
+        false
+    }
+
     /// Whether a setting that a fresh reading proves not written is written again. Only a protocol whose
     /// manual asks for it says yes.
     fn may_rewrite(&self, parameter: &Parameter) -> bool {

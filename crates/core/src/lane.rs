@@ -89,7 +89,7 @@ pub fn write_steps(
     raw: i64,
     keep: bool,
 ) -> Vec<Step> {
-    let steps = StepSource::Write(WriteSteps::new(profile, parameter, raw, keep));
+    let steps = StepSource::Write(WriteSteps::new(profile, parameter, raw, (keep, false)));
     (0..=u8::MAX).map_while(|at| steps.step(at)).collect()
 }
 

@@ -150,10 +150,11 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
     ) -> Result<(), Unsupported> {
         let slot = self.slot(axis)?;
         let parameter = slot.check_writable(id, raw)?;
-        let profile = slot.profile;
+        let (profile, reads) = (slot.profile, slot.driver.reads_before_write(parameter));
         self.check_moves(axis, parameter)?;
         self.check_address_change(axis, parameter, raw)?;
-        let steps = StepSource::Write(WriteSteps::new(profile, (id, parameter), raw, keep));
+        let steps =
+            StepSource::Write(WriteSteps::new(profile, (id, parameter), raw, (keep, reads)));
         let command = Command::new(crate::axis::Verb::Store);
         let run = PlanRun::new(steps, &[], command, None);
         self.jobs.add(ticket, axis, JobTask::Run(run), false)

@@ -217,6 +217,8 @@ pub struct WriteSteps {
     store: bool,
     ram: Option<RamMode>,
     storable: bool,
+    /// It is read first.
+    reads: bool,
 }
 
 impl WriteSteps {
@@ -224,14 +226,19 @@ impl WriteSteps {
         profile: &Profile,
         (id, parameter): (ParameterId, &Parameter),
         raw: i64,
-        store: bool,
+        (store, reads): (bool, bool),
     ) -> Self {
         let spares = parameter.persistence == Persistence::UnlessRam;
         let ram = profile.ram.filter(|ram| spares && ram.parameter != id);
-        Self { id, raw, store, ram, storable: parameter.persistence == Persistence::Storable }
+        let storable = parameter.persistence == Persistence::Storable;
+        Self { id, raw, store, ram, storable, reads }
     }
 
     fn step(&self, at: u8) -> Option<Step> {
+        let at = match (self.reads, at) {
+            (true, 0) => return Some(Step::Read(self.id)),
+            (reads, at) => at - u8::from(reads),
+        };
         let write = Step::Write(self.id, Operand::Constant(self.raw));
         match (self.ram, at) {
             (Some(ram), 0) if self.store => Some(Step::Ensure(ram.parameter, ram.flash)),

@@ -30,7 +30,7 @@ const P: Parameter = Parameter {
     values: &[],
 };
 
-static THRUSTER_PARAMETERS: [Parameter; 14] = [
+static THRUSTER_PARAMETERS: [Parameter; 15] = [
     Parameter {
         name: "voltage",
         symbol: "QP",
@@ -228,6 +228,23 @@ static THRUSTER_PARAMETERS: [Parameter; 14] = [
         access: Access::Write,
         persistence: Persistence::Always,
         certainty: Certainty::Documented,
+        ..P
+    },
+    Parameter {
+        name: "value report",
+        symbol: "MQ",
+        about: "Current and speed reported by themselves: every second (ML), every 100 ms (MM), or not (MQ, which also pauses autosend). Not kept over power-off.",
+        section: "2.1",
+        index: 0x4d51,
+        encoding: Encoding::U16,
+        unit: Unit::None,
+        min: 0,
+        max: 2,
+        default: Some(0),
+        access: Access::Write,
+        persistence: Persistence::Volatile,
+        certainty: Certainty::Documented,
+        values: &[(0, "off"), (1, "1 s"), (2, "100 ms")],
         ..P
     },
     Parameter {
@@ -543,7 +560,7 @@ pub static THRUSTER: Profile = Profile {
         firmware: 0x0,
     }),
     ram: None,
-    link_settings: &[ParameterId(12), ParameterId(13)],
+    link_settings: &[ParameterId(13), ParameterId(14)],
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,
@@ -551,9 +568,9 @@ pub static THRUSTER: Profile = Profile {
     caution: "The propeller turns at once when the signal is given: keep hands and lines away, and run it under water, where it is cooled. It goes on when the line dies unless command timeout (ST) is set, which holds until the next restart. After power-up, and after a fault that closed the output, the signal must be zero once before it runs: enable does that.",
 };
 
-static THRUSTER_ACTUATOR_PARAMETERS: [Parameter; 21] = THRUSTER_ACTUATOR_PARAMETERS_ROWS;
+static THRUSTER_ACTUATOR_PARAMETERS: [Parameter; 25] = THRUSTER_ACTUATOR_PARAMETERS_ROWS;
 
-const THRUSTER_ACTUATOR_PARAMETERS_ROWS: [Parameter; 21] = [
+const THRUSTER_ACTUATOR_PARAMETERS_ROWS: [Parameter; 25] = [
     Parameter {
         name: "voltage",
         symbol: "QP",
@@ -754,6 +771,23 @@ const THRUSTER_ACTUATOR_PARAMETERS_ROWS: [Parameter; 21] = [
         ..P
     },
     Parameter {
+        name: "value report",
+        symbol: "MQ",
+        about: "Current and speed reported by themselves: every second (ML), every 100 ms (MM), or not (MQ, which also pauses autosend). Not kept over power-off.",
+        section: "2.1",
+        index: 0x4d51,
+        encoding: Encoding::U16,
+        unit: Unit::None,
+        min: 0,
+        max: 2,
+        default: Some(0),
+        access: Access::Write,
+        persistence: Persistence::Volatile,
+        certainty: Certainty::Documented,
+        values: &[(0, "off"), (1, "1 s"), (2, "100 ms")],
+        ..P
+    },
+    Parameter {
         name: "node id",
         symbol: "CI",
         about: "The id from the next start on.",
@@ -891,35 +925,84 @@ const THRUSTER_ACTUATOR_PARAMETERS_ROWS: [Parameter; 21] = [
     Parameter {
         name: "reverse end",
         symbol: "RPLA reverse",
-        about: "Reverse end of the safe range.",
+        about: "Reverse end of the safe range, beyond which absolute moves are refused. It is written with the other end, which is read first.",
         section: "4.1",
         space: 2,
         index: 0x4c41,
         encoding: Encoding::I16,
         unit: Unit::Millimetre,
-        min: -32768,
-        max: 32767,
+        min: -1799,
+        max: 0,
         scale: Scale { factor: 0.1, times: None, over: None, rule: None },
-        access: Access::Read,
-        persistence: Persistence::Volatile,
+        access: Access::ReadWrite,
+        persistence: Persistence::Always,
         certainty: Certainty::Inferred,
         ..P
     },
     Parameter {
         name: "forward end",
         symbol: "RPLA forward",
-        about: "Forward end of the safe range.",
+        about: "Forward end of the safe range, beyond which absolute moves are refused. It is written with the other end, which is read first.",
         section: "4.1",
         space: 3,
         index: 0x4c41,
         encoding: Encoding::I16,
         unit: Unit::Millimetre,
-        min: -32768,
-        max: 32767,
+        min: 0,
+        max: 1799,
         scale: Scale { factor: 0.1, times: None, over: None, rule: None },
-        access: Access::Read,
-        persistence: Persistence::Volatile,
+        access: Access::ReadWrite,
+        persistence: Persistence::Always,
         certainty: Certainty::Inferred,
+        ..P
+    },
+    Parameter {
+        name: "absolute zero",
+        symbol: "AZ",
+        about: "Makes the present position the absolute zero. It is kept over power-off.",
+        section: "4.1",
+        index: 0x415a,
+        encoding: Encoding::U16,
+        unit: Unit::None,
+        min: 1,
+        max: 1,
+        access: Access::Write,
+        persistence: Persistence::Always,
+        certainty: Certainty::Documented,
+        values: &[(1, "here")],
+        ..P
+    },
+    Parameter {
+        name: "relative zero",
+        symbol: "RZ",
+        about: "Makes the present position the relative zero. It is kept over power-off [inferred].",
+        section: "4.2",
+        index: 0x525a,
+        encoding: Encoding::U16,
+        unit: Unit::None,
+        min: 1,
+        max: 1,
+        access: Access::Write,
+        persistence: Persistence::Always,
+        certainty: Certainty::Documented,
+        values: &[(1, "here")],
+        ..P
+    },
+    Parameter {
+        name: "relative counter",
+        symbol: "RC",
+        about: "Clears the relative position, and what is left of a relative move.",
+        section: "4.2",
+        index: 0x5243,
+        encoding: Encoding::U16,
+        unit: Unit::None,
+        min: 1,
+        max: 1,
+        access: Access::Write,
+        persistence: Persistence::Volatile,
+        certainty: Certainty::Documented,
+        moves: true,
+        values: &[(1, "clear")],
         ..P
     },
 ];
@@ -927,7 +1010,7 @@ const THRUSTER_ACTUATOR_PARAMETERS_ROWS: [Parameter; 21] = [
 static THRUSTER_ACTUATOR_SIGNALS: [SignalSource; 7] = [
     SignalSource {
         signal: Signal::Position,
-        parameter: ParameterId(14),
+        parameter: ParameterId(15),
         mask: -1,
         equals: None,
         values: &[],
@@ -1078,7 +1161,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
                 function: 0x2,
                 index: 0x1e,
                 operand: Operand::Argument(Argument::Target),
-                like: Some(ParameterId(15)),
+                like: Some(ParameterId(16)),
             },
         ],
         undo: &[Step::Send {
@@ -1103,7 +1186,7 @@ static THRUSTER_ACTUATOR_PLANS: [Plan; 10] = [
                 function: 0x3,
                 index: 0x1e,
                 operand: Operand::Argument(Argument::Target),
-                like: Some(ParameterId(17)),
+                like: Some(ParameterId(18)),
             },
         ],
         undo: &[Step::Send {
@@ -1149,7 +1232,7 @@ pub static THRUSTER_ACTUATOR: Profile = Profile {
         firmware: 0x0,
     }),
     ram: None,
-    link_settings: &[ParameterId(12), ParameterId(13)],
+    link_settings: &[ParameterId(13), ParameterId(14)],
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,
@@ -1157,9 +1240,9 @@ pub static THRUSTER_ACTUATOR: Profile = Profile {
     caution: "The rod moves at once, as far as its safe range lets it, and its output is off after a stop: what it holds may fall. A count of position is taken for 0.1 mm: try a short move first. It goes on when the line dies unless command timeout (ST) is set, which holds until the next restart. How fast a move is unless you say: 30 rpm of its motor.",
 };
 
-static THRUSTER_SERVO_PARAMETERS: [Parameter; 21] = {
+static THRUSTER_SERVO_PARAMETERS: [Parameter; 25] = {
     let mut rows = THRUSTER_ACTUATOR_PARAMETERS_ROWS;
-    rows[14] = Parameter {
+    rows[15] = Parameter {
         name: "absolute position",
         symbol: "QA",
         about: "Position from the absolute zero (AZ).",
@@ -1175,7 +1258,7 @@ static THRUSTER_SERVO_PARAMETERS: [Parameter; 21] = {
         certainty: Certainty::Documented,
         ..P
     };
-    rows[15] = Parameter {
+    rows[16] = Parameter {
         name: "target position",
         symbol: "LA",
         about: "Target of moves. Written by itself it starts nothing, for its speed is zero then.",
@@ -1192,7 +1275,7 @@ static THRUSTER_SERVO_PARAMETERS: [Parameter; 21] = {
         moves: true,
         ..P
     };
-    rows[16] = Parameter {
+    rows[17] = Parameter {
         name: "relative position",
         symbol: "QR",
         about: "Position from the relative zero (RZ). The manual gives no unit; taken for LA's.",
@@ -1208,7 +1291,7 @@ static THRUSTER_SERVO_PARAMETERS: [Parameter; 21] = {
         certainty: Certainty::Inferred,
         ..P
     };
-    rows[17] = Parameter {
+    rows[18] = Parameter {
         name: "relative way",
         symbol: "LR",
         about: "Way of relative moves: each one that is sent adds. Written by itself it starts nothing, for its speed is zero then.",
@@ -1225,37 +1308,37 @@ static THRUSTER_SERVO_PARAMETERS: [Parameter; 21] = {
         moves: true,
         ..P
     };
-    rows[19] = Parameter {
+    rows[20] = Parameter {
         name: "reverse end",
         symbol: "RPLA reverse",
-        about: "Reverse end of the safe range.",
+        about: "Reverse end of the safe range, beyond which absolute moves are refused. It is written with the other end, which is read first.",
         section: "4.1",
         space: 2,
         index: 0x4c41,
         encoding: Encoding::I16,
         unit: Unit::Degree,
-        min: -32768,
-        max: 32767,
+        min: -1799,
+        max: 0,
         scale: Scale { factor: 0.1, times: None, over: None, rule: None },
-        access: Access::Read,
-        persistence: Persistence::Volatile,
+        access: Access::ReadWrite,
+        persistence: Persistence::Always,
         certainty: Certainty::Inferred,
         ..P
     };
-    rows[20] = Parameter {
+    rows[21] = Parameter {
         name: "forward end",
         symbol: "RPLA forward",
-        about: "Forward end of the safe range.",
+        about: "Forward end of the safe range, beyond which absolute moves are refused. It is written with the other end, which is read first.",
         section: "4.1",
         space: 3,
         index: 0x4c41,
         encoding: Encoding::I16,
         unit: Unit::Degree,
-        min: -32768,
-        max: 32767,
+        min: 0,
+        max: 1799,
         scale: Scale { factor: 0.1, times: None, over: None, rule: None },
-        access: Access::Read,
-        persistence: Persistence::Volatile,
+        access: Access::ReadWrite,
+        persistence: Persistence::Always,
         certainty: Certainty::Inferred,
         ..P
     };
@@ -1281,7 +1364,7 @@ pub static THRUSTER_SERVO: Profile = Profile {
         firmware: 0x0,
     }),
     ram: None,
-    link_settings: &[ParameterId(12), ParameterId(13)],
+    link_settings: &[ParameterId(13), ParameterId(14)],
     optional: &[],
     watchdog: Watchdog::Configurable { parameter: ParameterId(9), on_can: None },
     reply_timeout_ms: 50,

@@ -13,7 +13,10 @@ use super::rules;
 use super::rules::class_of;
 use super::session::{Answer, HostRequest};
 use super::text::{self, Statement};
-use super::wire::{CommandWord, DriveMessage, Reply, ReportFrame, Request, Width, node_of_id};
+use super::wire::{
+    CommandKind, CommandWord, DriveMessage, RANGE_PARAMETER, Reply, ReportFrame, Request, Width,
+    node_of_id,
+};
 use crate::axis::{self, DriveReport, Driver, REPORTS_MAX};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
@@ -29,13 +32,20 @@ pub struct Axis {
     profile: &'static Profile,
     id: u8,
     interpretation: Interpretation,
+    /// SPLA as it was read last: one end is written with the other.
+    range: Option<u32>,
 }
 
 impl Axis {
     /// The drive of that id.
     #[must_use]
     pub fn new(profile: &'static Profile, address: u32) -> Self {
-        Self { profile, id: address as u8, interpretation: Interpretation::of(profile) }
+        Self {
+            profile,
+            id: address as u8,
+            interpretation: Interpretation::of(profile),
+            range: None,
+        }
     }
 
     /// A request that keeps the rules.
@@ -78,6 +88,19 @@ impl Axis {
         self.new_request(Request { command, sub, data: Some(way.cast_unsigned()) }, None)
     }
 
+    /// What SP is to write: a parameter of its own, or one end of the safe range beside the other.
+    fn internal_data(&self, space: u8, raw: i64) -> Result<u32, Unsupported> {
+        if space == 1 {
+            return Ok(raw as u32);
+        }
+        let range = self.range.ok_or(Unsupported::Forbidden(RANGE_UNREAD))?;
+        let (reverse, forward) = rules::range_ends(range);
+        Ok(match space {
+            2 => rules::range_data(raw as i16, forward),
+            _ => rules::range_data(reverse, raw as i16),
+        })
+    }
+
     /// A value of a parameter, told by a report.
     fn parameter_report(&self, command: CommandWord, raw: i64) -> Option<DriveReport> {
         self.find_parameter(command).map(|(id, _)| DriveReport::Parameter(id, raw))
@@ -105,6 +128,24 @@ impl Axis {
                 [absolute, self.parameter_report(CommandWord::QR, relative.into()), None, None]
             }
         }
+    }
+}
+
+const RANGE_UNREAD: &str =
+    "one end of the safe range is written with the other, which was not read yet";
+
+/// The request that a parameter's value means: its command with the value; a command that takes none, such
+/// as `AZ`; or for the report of speed and current the one of three that the value chooses.
+fn command_of_value(parameter: &Parameter, raw: i64) -> Request {
+    let command = CommandWord(parameter.index);
+    match command.definition() {
+        Some((CommandKind::Zeros, _)) => Request { command, sub: 0, data: Some(0) },
+        Some((CommandKind::Order, _)) => Request::without_value(match raw {
+            1 => CommandWord::ML,
+            2 => CommandWord::MM,
+            _ => command,
+        }),
+        _ => Request { command, sub: 0, data: Some(encode_value(Some(parameter), command, raw)) },
     }
 }
 
@@ -147,6 +188,10 @@ impl Driver for Axis {
         self.new_request(request, Some(RequestClass::Idempotent))
     }
 
+    fn reads_before_write(&self, parameter: &Parameter) -> bool {
+        matches!(parameter.space, 2 | 3)
+    }
+
     fn write_request(
         &self,
         parameter: &Parameter,
@@ -154,12 +199,11 @@ impl Driver for Axis {
         class: RequestClass,
     ) -> Result<HostRequest, Unsupported> {
         let request = match parameter.space {
-            0 => {
-                let command = CommandWord(parameter.index);
-                let data = encode_value(Some(parameter), command, raw);
-                Request { command, sub: 0, data: Some(data) }
+            0 => command_of_value(parameter, raw),
+            space => {
+                let data = self.internal_data(space, raw)?;
+                Request { command: CommandWord::SP, sub: parameter.index, data: Some(data) }
             }
-            _ => Request { command: CommandWord::SP, sub: parameter.index, data: Some(raw as u32) },
         };
         let stop = class_of(&request) == RequestClass::Stop;
         self.new_request(request, Some(if stop { RequestClass::Stop } else { class }))
@@ -228,6 +272,12 @@ impl Driver for Axis {
         answer: &Answer,
     ) -> Result<i64, Failure> {
         let bytes = |frame: Frame| u64::from_be_bytes(frame.data).cast_signed();
+        if let (Answer::Reply(reply), Some(parameter)) = (answer, parameter)
+            && parameter.space != 0
+            && parameter.index == RANGE_PARAMETER
+        {
+            self.range = Some(reply.data);
+        }
         Ok(match (answer, parameter) {
             (Answer::Reply(reply), Some(parameter)) => decode_value(parameter, reply.data),
             (Answer::Reply(reply), None) => bytes(reply.frame(self.id)),

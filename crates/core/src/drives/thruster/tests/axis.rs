@@ -228,3 +228,28 @@ fn the_timeout_stop_is_fed_while_the_program_lives() {
     assert!(!pair.rig.truth().enabled, "a program that hangs does not");
     assert_eq!(pair.rig.device.take_notice(), Some("no command in time: output off"));
 }
+
+/// AZ, RZ, RC, MQ, ML, MM and the two ends of SPLA by name (sections 2.1, 4.1, 4.2).
+#[test]
+fn what_the_manual_names_is_a_parameter() {
+    let mut pair = Pair::new(&profile::THRUSTER_SERVO);
+    pair.lane.set_armed(X, true);
+    assert!(matches!(pair.command(moving(Verb::MoveTo, 30.0, Some(60.0))), Ok(Outcome::Done(_))));
+    assert!(matches!(pair.verb(Verb::Reached), Outcome::Done(_)));
+    for (name, position, relative) in
+        [("relative zero", 300, 0), ("absolute zero", 0, 0), ("relative counter", 0, 0)]
+    {
+        assert!(matches!(pair.write(name, 1), Ok(Outcome::Done(_))), "{name}");
+        assert_eq!(pair.read("absolute position"), Outcome::Done(position), "{name}");
+        assert_eq!(pair.read("relative position"), Outcome::Done(relative), "{name}");
+    }
+    assert!(matches!(pair.write("reverse end", -450), Ok(Outcome::Done(-450))));
+    assert!(matches!(pair.write("forward end", 600), Ok(Outcome::Done(600))));
+    assert_eq!(pair.sent.last().map(|f| f.data), Some(*b"SPLA\xFE\x3E\x02\x58"));
+    assert_eq!(pair.read("reverse end"), Outcome::Done(-450));
+    assert_eq!(pair.read("forward end"), Outcome::Done(600));
+    for (raw, letters) in [(1, b"ML"), (2, b"MM"), (0, b"MQ")] {
+        assert!(matches!(pair.write("value report", raw), Ok(Outcome::Done(_))), "{raw}");
+        assert_eq!(pair.sent.last().map(|f| (f.len, [f.data[0], f.data[1]])), Some((4, *letters)));
+    }
+}
