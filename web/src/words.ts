@@ -417,6 +417,7 @@ export const KNOWN: Record<string, readonly [string, string]> = {
   voltage: ["voltage", "电压"],
   temperature: ["temperature", "温度"],
   acceleration: ["acceleration", "加速度"],
+  deceleration: ["deceleration", "减速度"],
   target: ["target", "目标"],
   jerk_time: ["jerk time", "加加速时间"],
   period: ["period", "周期"],

@@ -174,7 +174,7 @@ const fn scaled(mut mapped: Parameter, unit: Unit, scale: Scale) -> Parameter {
 fn import_lines(body: &str) -> String {
     let modules: [(&str, &[&str]); 4] = [
         ("axis", &["Verb"]),
-        ("plan", &["Argument", "Compare", "Operand", "ParameterTest", "Plan", "Step"]),
+        ("plan", &["Argument", "Compare", "Operand", "ParameterTest", "Plan", "RampSpeed", "Step"]),
         (
             "profile",
             &[
@@ -515,6 +515,9 @@ fn operand_expr(operand: Operand) -> String {
         Operand::Constant(raw) => format!("Operand::Constant({raw})"),
         Operand::Argument(what) => format!("Operand::Argument(Argument::{what:?})"),
         Operand::OptionalArgument(what) => format!("Operand::OptionalArgument(Argument::{what:?})"),
+        Operand::OptionalRampTime { argument, speed } => format!(
+            "Operand::OptionalRampTime {{ argument: Argument::{argument:?}, speed: RampSpeed::{speed:?} }}"
+        ),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
+use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, RampSpeed, Step};
 use polepair_core::profile::{
     Access, Certainty, Encoding, Fault, Parameter, ParameterId, Persistence, Profile, Severity,
     Watchdog,
@@ -183,6 +183,7 @@ fn operand_text(operand: Operand) -> String {
         Argument::Target => "target",
         Argument::Velocity => "velocity",
         Argument::Acceleration => "acceleration",
+        Argument::Deceleration => "deceleration",
         Argument::Torque => "torque",
         Argument::JerkTime => "time of the jerk",
         Argument::Period => "period",
@@ -191,6 +192,13 @@ fn operand_text(operand: Operand) -> String {
         Operand::Constant(raw) => raw.to_string(),
         Operand::Argument(argument) => format!("the {}", word(argument)),
         Operand::OptionalArgument(argument) => format!("the {}, if given", word(argument)),
+        Operand::OptionalRampTime { argument, speed } => {
+            let speed = match speed {
+                RampSpeed::Fixed(rpm) => format!("{rpm} rpm"),
+                RampSpeed::VelocityOr(rpm) => format!("the velocity, else to {rpm} rpm"),
+            };
+            format!("the time in which the {}, if given, leads to {speed}", word(argument))
+        }
     }
 }
 

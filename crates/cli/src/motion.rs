@@ -56,6 +56,7 @@ pub fn parse_argument(
         let option = match which {
             Argument::Velocity => "--vel",
             Argument::Acceleration => "--acc",
+            Argument::Deceleration => "--dec",
             Argument::Torque => "--torque",
             Argument::JerkTime => "--s-curve",
             Argument::Period => "--period",
@@ -63,6 +64,9 @@ pub fn parse_argument(
         };
         let name = axis.profile().name;
         let what = match axis.profile().plan(verb) {
+            None if matches!(verb, Verb::CurveTo | Verb::CurveBy) => {
+                format!("{name} takes no --s-curve.")
+            }
             None => format!("{name} has no `{}`.", command_word(verb)),
             Some(_) => format!("{name} takes no {option} with this verb."),
         };

@@ -48,6 +48,8 @@ pub struct Command {
     pub velocity: Option<f64>,
     /// How quickly.
     pub acceleration: Option<f64>,
+    /// How quickly to slow down, where that is another than the acceleration.
+    pub deceleration: Option<f64>,
     /// With how much torque.
     pub torque: Option<f64>,
     /// How long the acceleration takes to build up.
@@ -57,6 +59,7 @@ pub struct Command {
     /// How long its motion may take, ms, where that is not for the plan to say.
     pub limit_ms: Option<u32>,
     /// Arguments are the drive's own numbers where its scale reads zero; else they are in SI as always.
+    /// An acceleration of a drive that is told the time of its ramps is that time.
     pub raw: bool,
     /// A stop leaves the drive's own program running.
     pub keep_program: bool,
@@ -81,6 +84,7 @@ impl Command {
             Argument::Target => self.target,
             Argument::Velocity => self.velocity,
             Argument::Acceleration => self.acceleration,
+            Argument::Deceleration => self.deceleration,
             Argument::Torque => self.torque,
             Argument::JerkTime => self.jerk_time,
             Argument::Period => self.period,
@@ -102,6 +106,7 @@ impl Command {
             target: None,
             velocity: None,
             acceleration: None,
+            deceleration: None,
             torque: None,
             jerk_time: None,
             period: None,

@@ -7,6 +7,7 @@
 
 use crate::axis::Verb;
 use crate::profile::ParameterId;
+use crate::units::Unit;
 
 /// Steps that a plan may have at most.
 pub const STEPS_MAX: usize = 64;
@@ -186,6 +187,50 @@ pub enum Operand {
     Argument(Argument),
     /// The command's argument, scaled; the step is left out when the caller gave none.
     OptionalArgument(Argument),
+    /// The time in which an acceleration that the command carries reaches a speed, for drives that
+    /// are told the time of their ramps. The step is left out when the caller gave no acceleration.
+    ///
+    /// Where the command's arguments are raw numbers, the argument is that time itself.
+    OptionalRampTime {
+        /// The acceleration or deceleration.
+        argument: Argument,
+        /// The speed at the end of the ramp.
+        speed: RampSpeed,
+    },
+}
+
+impl Operand {
+    /// The argument of the command that the value comes from.
+    #[must_use]
+    pub const fn argument(self) -> Option<Argument> {
+        match self {
+            Self::Constant(_) => None,
+            Self::Argument(argument)
+            | Self::OptionalArgument(argument)
+            | Self::OptionalRampTime { argument, .. } => Some(argument),
+        }
+    }
+}
+
+/// The speed that the time of a ramp leads to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum RampSpeed {
+    /// The same speed always, rpm.
+    Fixed(u16),
+    /// The velocity that the command carries, or this one where it carries none, rpm.
+    VelocityOr(u16),
+}
+
+impl RampSpeed {
+    /// The speed, rad/s, for a command of that velocity, rad/s.
+    #[must_use]
+    pub fn of(self, velocity: Option<f64>) -> f64 {
+        let of_rpm = |rpm: u16| f64::from(rpm) * Unit::Rpm.si_factor();
+        match self {
+            Self::Fixed(rpm) => of_rpm(rpm),
+            Self::VelocityOr(rpm) => velocity.map_or(of_rpm(rpm), f64::abs),
+        }
+    }
 }
 
 /// What a command carries.
@@ -197,6 +242,8 @@ pub enum Argument {
     Velocity,
     /// How quickly to get there.
     Acceleration,
+    /// How quickly to slow down, where that is another than the acceleration.
+    Deceleration,
     /// With how much torque.
     Torque,
     /// How long the acceleration takes to build up.

@@ -85,6 +85,8 @@ pub struct CommandArguments {
     pub velocity: Option<f64>,
     /// How quickly: per second squared.
     pub acceleration: Option<f64>,
+    /// How quickly to slow down: per second squared.
+    pub deceleration: Option<f64>,
     /// N·m, or a ratio.
     pub torque: Option<f64>,
     /// Seconds.

@@ -60,7 +60,7 @@ use failure::RequestKind;
 use polepair_core::axis::{AxisStatus, Command, Reading, RehearsalAction, RehearsalStep, Verb};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::medium::{Frame, MediumKind};
-use polepair_core::plan::{Argument, Operand, Step};
+use polepair_core::plan::{Argument, Step};
 use polepair_core::profile::{Parameter, ParameterId, Profile, Scale, Signal};
 use polepair_core::station::AxisIndex;
 use polepair_core::units::Unit;
@@ -586,7 +586,7 @@ impl Axis {
     fn read_factors_of(&self, verb: Verb) -> Result<(), Error> {
         let steps = self.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
         let scaled = steps.iter().filter_map(|step| match step {
-            Step::Write(id, Operand::Argument(_) | Operand::OptionalArgument(_)) => Some(*id),
+            Step::Write(id, operand) => operand.argument().map(|_| *id),
             Step::Send { like, .. } => *like,
             _ => None,
         });

@@ -202,13 +202,24 @@ pub(crate) fn destination(
     verb: Verb,
     which: Argument,
 ) -> Option<Option<ParameterId>> {
-    let takes = |operand: Operand| match operand {
-        Operand::Argument(found) | Operand::OptionalArgument(found) => found == which,
-        Operand::Constant(_) => false,
-    };
+    find_operand(profile, verb, which).map(|(_, id)| id)
+}
+
+/// Whether a plan writes the time of a ramp for an argument that is an acceleration.
+pub(crate) fn is_ramp_time(profile: &Profile, verb: Verb, which: Argument) -> bool {
+    let found = find_operand(profile, verb, which);
+    matches!(found, Some((Operand::OptionalRampTime { .. }, _)))
+}
+
+fn find_operand(
+    profile: &Profile,
+    verb: Verb,
+    which: Argument,
+) -> Option<(Operand, Option<ParameterId>)> {
+    let takes = |operand: Operand| operand.argument() == Some(which);
     profile.plan(verb)?.steps.iter().find_map(|step| match *step {
-        Step::Write(id, operand) if takes(operand) => Some(Some(id)),
-        Step::Send { operand, like, .. } if takes(operand) => Some(like),
+        Step::Write(id, operand) if takes(operand) => Some((operand, Some(id))),
+        Step::Send { operand, like, .. } if takes(operand) => Some((operand, like)),
         _ => None,
     })
 }
@@ -244,7 +255,7 @@ impl MotionRole {
             },
             Argument::Velocity if verb == Verb::Velocity => Self::Velocity,
             Argument::Velocity => Self::Speed,
-            Argument::Acceleration => Self::Acceleration,
+            Argument::Acceleration | Argument::Deceleration => Self::Acceleration,
             Argument::Torque => Self::Torque,
             Argument::JerkTime | Argument::Period => return None,
         })
@@ -300,8 +311,13 @@ pub(crate) fn motion_roles(profile: &Profile) -> Vec<(ParameterId, MotionRole)> 
     roles
 }
 
-pub(crate) const ARGUMENTS: [Argument; 4] =
-    [Argument::Target, Argument::Velocity, Argument::Acceleration, Argument::Torque];
+pub(crate) const ARGUMENTS: [Argument; 5] = [
+    Argument::Target,
+    Argument::Velocity,
+    Argument::Acceleration,
+    Argument::Deceleration,
+    Argument::Torque,
+];
 
 /// A mounting with what it means for the parameters of one profile.
 #[derive(Debug)]

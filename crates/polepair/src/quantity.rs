@@ -151,14 +151,18 @@ impl Measure {
 }
 
 fn mismatch_error(found: Quantity, wanted: Unit) -> Error {
-    let name = |quantity: Quantity| format!("{quantity:?}").to_lowercase();
+    let name = |quantity: Quantity| {
+        let name = format!("{quantity:?}").to_lowercase();
+        let article = if name.starts_with(['a', 'i']) { "an" } else { "a" };
+        format!("{article} {name}")
+    };
     let (what, hint) = match wanted.quantity() {
         Quantity::Plain => (
-            format!("this has no unit, but a {} was given", name(found)),
+            format!("this has no unit, but {} was given", name(found)),
             "write the number alone".to_owned(),
         ),
         quantity => (
-            format!("a {} is wanted, but a {} was given", name(quantity), name(found)),
+            format!("{} is wanted, but {} was given", name(quantity), name(found)),
             format!("write it in {0}, such as `10 {0}`", wanted.symbol()),
         ),
     };

@@ -54,6 +54,8 @@ const SIM_KEYS: [&str; 18] = [
     "through",
     "heartbeat",
 ];
+/// Options of simulated families that are spelled nearly as one of these.
+const FAMILY_KEYS: [&str; 1] = ["ends"];
 const RACK_KEYS: [&str; 5] = ["link", "profile", "timeout", "seed", "time"];
 
 /// A connection string, taken apart.
@@ -461,7 +463,7 @@ impl Url {
         let sim = matches!(self.target, LinkTarget::Sim { .. });
         let known = self.target.known_keys();
         for (key, _) in &self.keys {
-            if known.contains(&key.as_str()) {
+            if known.contains(&key.as_str()) || sim && FAMILY_KEYS.contains(&key.as_str()) {
                 continue;
             }
             // What a simulated family knows beyond these is its own: it refuses the rest itself.

@@ -197,7 +197,7 @@ impl PyAxis {
 
     /// Begins `stop` or `disable` of what this program armed: on a link of one's own it has.
     fn start_own(&self, py: Python<'_>, verb: &str) -> PyResult<Option<PyRequest>> {
-        self.start(py, verb, None, None, None, None, None).map(Some)
+        self.start(py, verb, None, None, None, None, None, None).map(Some)
     }
 
     /// Every parameter.
@@ -275,7 +275,10 @@ impl PyAxis {
     }
 
     /// Begins a verb. Arguments are SI numbers or text with a unit.
-    #[pyo3(signature = (verb, target=None, velocity=None, acceleration=None, torque=None, jerk_time=None))]
+    #[pyo3(signature = (
+        verb, target=None, velocity=None, acceleration=None, torque=None, jerk_time=None,
+        deceleration=None
+    ))]
     #[expect(clippy::too_many_arguments, reason = "they are a command's")]
     fn start(
         &self,
@@ -286,15 +289,16 @@ impl PyAxis {
         acceleration: Option<PyAmount>,
         torque: Option<PyAmount>,
         jerk_time: Option<PyAmount>,
+        deceleration: Option<PyAmount>,
     ) -> PyResult<PyRequest> {
-        let given = [target, velocity, acceleration, torque, jerk_time];
+        let given = [target, velocity, acceleration, torque, jerk_time, deceleration];
         let command = self.parse_command(py, verb, given)?;
         self.start_request(py, |axis| axis.start(command))
     }
 
     /// What an amount is in SI, as an argument of a verb: `target`, `velocity`, `torque`.
     fn in_si(&self, py: Python<'_>, verb: &str, argument: &str, amount: PyAmount) -> PyResult<f64> {
-        let mut given = [None, None, None, None, None];
+        let mut given = [None, None, None, None, None, None];
         let places = ["target", "velocity", "acceleration", "torque"];
         let at = places.iter().position(|location| *location == argument).unwrap_or(0);
         given[at] = Some(amount);
@@ -433,7 +437,7 @@ pub fn begin_together(py: Python<'_>, moves: Vec<SyncedMove<'_>>) -> PyResult<()
         };
         let axis = axis.get();
         let command =
-            axis.parse_command(py, &verb, [target, velocity, acceleration, None, None])?;
+            axis.parse_command(py, &verb, [target, velocity, acceleration, None, None, None])?;
         Ok((axis.0.in_own_process(py)?.clone(), command))
     });
     let moves = ProcessLocal::from(moves.collect::<PyResult<Vec<_>>>()?);
@@ -476,12 +480,13 @@ impl PyAxis {
         started.or_else(|running| Ok(PyRequest::new(running).result(py, None)?.unwrap_or_default()))
     }
 
-    /// A verb with what was given for it: target, velocity, acceleration, torque, jerk time.
+    /// A verb with what was given for it: target, velocity, acceleration, torque, jerk time,
+    /// deceleration.
     fn parse_command(
         &self,
         py: Python<'_>,
         verb: &str,
-        given: [Option<PyAmount>; 5],
+        given: [Option<PyAmount>; 6],
     ) -> PyResult<Command> {
         let verb = Verb::ALL
             .into_iter()
@@ -492,11 +497,12 @@ impl PyAxis {
             let value = amount.map(|amount| self.0.argument(verb, which, &amount)).transpose();
             value.map_err(|error| to_py_error(py, &error))
         };
-        let [target, velocity, acceleration, torque, jerk_time] = given;
+        let [target, velocity, acceleration, torque, jerk_time, deceleration] = given;
         Ok(Command {
             target: argument(Argument::Target, target)?,
             velocity: argument(Argument::Velocity, velocity)?,
             acceleration: argument(Argument::Acceleration, acceleration)?,
+            deceleration: argument(Argument::Deceleration, deceleration)?,
             torque: argument(Argument::Torque, torque)?,
             jerk_time: argument(Argument::JerkTime, jerk_time)?,
             ..Command::new(verb)

@@ -20,7 +20,7 @@ FAMILIES = [
     "sim:technocan?time=virtual",
     "sim:canopen?time=virtual",
     "sim:cia402?time=virtual",
-    "sim:thruster-servo?time=virtual",
+    "sim:thruster-servo?time=virtual&ends=none",
 ]
 
 
@@ -44,6 +44,19 @@ def test_every_family_moves_by_the_same_program(url: str) -> None:
                 assert link.simulation.truth().velocity == pytest.approx(4 * math.pi, rel=0.1)
         link.sleep(3.0)
         assert abs(link.simulation.truth().velocity) < 0.2
+
+
+def test_a_deceleration_of_its_own_where_the_drive_has_one(axis: polepair.Axis) -> None:
+    with polepair.connect("sim:modbus-rtu?fn00=14&time=virtual") as link:
+        ts = link.axes[0]
+        with ts.armed():
+            ts.move_by(
+                1, "turn", velocity="600 rpm", acceleration="2000 rpm/s", deceleration="6000 rpm/s"
+            ).wait()
+        assert ts.params["path 32 acceleration time"].raw == 300
+        assert ts.params["path 32 deceleration time"].raw == 100
+    with axis.armed(), pytest.raises(polepair.PolepairError):
+        axis.move(1, "turn", deceleration="100 rpm/s")
 
 
 def test_parameters_are_a_mapping_with_units(axis: polepair.Axis) -> None:

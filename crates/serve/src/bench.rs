@@ -621,8 +621,9 @@ impl Drop for BenchInner {
 /// What a command's words mean.
 fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError> {
     let a = &request.arguments;
-    let all = [a.target, a.velocity, a.acceleration, a.torque, a.jerk_time, a.period];
-    if all.into_iter().flatten().any(|value| !value.is_finite()) {
+    let given = [a.target, a.velocity, a.acceleration, a.deceleration, a.torque, a.jerk_time];
+    let all = given.into_iter().chain([a.period]);
+    if all.flatten().any(|value| !value.is_finite()) {
         return Err(GatewayError::new("gateway.request", "arguments are finite numbers"));
     }
     match &*request.verb {
@@ -635,15 +636,15 @@ fn parse_action(request: &CommandRequest) -> Result<CommandAction, GatewayError>
         GatewayError::new("gateway.request", format!("`{}` is nothing to command", request.verb))
             .hint("the bench's list has what each axis can be told")
     })?;
-    let [target, velocity, acceleration, torque, jerk_time, period] = all;
     Ok(CommandAction::Run(Command {
         verb,
-        target,
-        velocity,
-        acceleration,
-        torque,
-        jerk_time,
-        period,
+        target: a.target,
+        velocity: a.velocity,
+        acceleration: a.acceleration,
+        deceleration: a.deceleration,
+        torque: a.torque,
+        jerk_time: a.jerk_time,
+        period: a.period,
         limit_ms: None,
         raw: false,
         keep_program: false,

@@ -79,6 +79,9 @@ pub struct Spin {
     /// Acceleration
     #[arg(long, value_name = "VALUE")]
     acc: Option<String>,
+    /// Deceleration, where the drive has one of its own
+    #[arg(long, value_name = "VALUE")]
+    dec: Option<String>,
     #[command(flatten)]
     lasting: HoldArgs,
 }
@@ -138,6 +141,9 @@ pub struct Move {
     /// Acceleration
     #[arg(long, value_name = "VALUE")]
     acc: Option<String>,
+    /// Deceleration, where the drive has one of its own
+    #[arg(long, value_name = "VALUE")]
+    dec: Option<String>,
     /// Make every drive ready first, then start all on one SYNC
     #[arg(long, conflicts_with_all = ["additive", "s_curve", "dry_run"])]
     sync: bool,
@@ -173,6 +179,8 @@ impl Spin {
                 Some(parse_argument(axis, Verb::Velocity, Argument::Velocity, (&self.speed, raw))?);
             command.acceleration =
                 optional_argument(axis, Verb::Velocity, Argument::Acceleration, (&self.acc, raw))?;
+            command.deceleration =
+                optional_argument(axis, Verb::Velocity, Argument::Deceleration, (&self.dec, raw))?;
             Ok(command)
         };
         run_lasting(&self.target, &self.lasting, command)
@@ -184,7 +192,13 @@ impl Spin {
             let velocity =
                 Some(remote::parse_argument(axis, Verb::Velocity, "velocity", &self.speed)?);
             let acceleration = remote_argument(axis, Verb::Velocity, "acceleration", &self.acc)?;
-            Ok(CommandArguments { velocity, acceleration, ..CommandArguments::default() })
+            let deceleration = remote_argument(axis, Verb::Velocity, "deceleration", &self.dec)?;
+            Ok(CommandArguments {
+                velocity,
+                acceleration,
+                deceleration,
+                ..CommandArguments::default()
+            })
         })
     }
 }
@@ -242,6 +256,8 @@ impl Move {
             command.velocity = optional_argument(axis, verb, Argument::Velocity, (&self.vel, raw))?;
             command.acceleration =
                 optional_argument(axis, verb, Argument::Acceleration, (&self.acc, raw))?;
+            command.deceleration =
+                optional_argument(axis, verb, Argument::Deceleration, (&self.dec, raw))?;
             command.jerk_time =
                 optional_argument(axis, verb, Argument::JerkTime, (&self.s_curve, raw))?;
             Ok(command)
@@ -261,6 +277,7 @@ impl Move {
                 target: Some(remote::parse_argument(axis, verb, "target", &self.position)?),
                 velocity: remote_argument(axis, verb, "velocity", &self.vel)?,
                 acceleration: remote_argument(axis, verb, "acceleration", &self.acc)?,
+                deceleration: remote_argument(axis, verb, "deceleration", &self.dec)?,
                 jerk_time: remote_argument(axis, verb, "jerk_time", &self.s_curve)?,
                 ..CommandArguments::default()
             })

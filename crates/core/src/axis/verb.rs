@@ -157,15 +157,15 @@ impl Verb {
     /// Whether a caller can give it such an argument. All others are never there.
     #[must_use]
     pub const fn accepts(self, argument: Argument) -> bool {
-        use Argument::{Acceleration, JerkTime, Period, Target, Torque, Velocity};
+        use Argument::{Acceleration, Deceleration, JerkTime, Period, Target, Torque, Velocity};
         match self {
-            Self::Velocity => matches!(argument, Velocity | Acceleration),
+            Self::Velocity => matches!(argument, Velocity | Acceleration | Deceleration),
             Self::Torque => matches!(argument, Torque),
             Self::MoveTo | Self::MoveBy | Self::MoveOn | Self::PrepareTo | Self::PrepareBy => {
-                matches!(argument, Target | Velocity | Acceleration)
+                matches!(argument, Target | Velocity | Acceleration | Deceleration)
             }
             Self::CurveTo | Self::CurveBy => {
-                matches!(argument, Target | Velocity | Acceleration | JerkTime)
+                matches!(argument, Target | Velocity | Acceleration | Deceleration | JerkTime)
             }
             Self::Home => matches!(argument, Velocity),
             Self::GiveTime | Self::FollowPosition | Self::FollowVelocity | Self::FollowTorque => {

@@ -447,6 +447,13 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
                 Some(si) => si,
                 None => return Ok(None),
             },
+            Operand::OptionalRampTime { argument, speed } => match command.argument(argument) {
+                Some(time) if command.raw => time,
+                // Nothing ends a ramp of no acceleration.
+                Some(rate) if rate > 0.0 => speed.of(command.velocity) / rate,
+                Some(_) => return Err(Unsupported::Forbidden(NO_RAMP)),
+                None => return Ok(None),
+            },
         };
         let id = like.ok_or(Unsupported::BadArgument)?;
         let parameter = self.parameter(id).ok_or(Unsupported::NoSuchParameter)?;
@@ -482,9 +489,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             Step::Send { operand, like, .. } => (operand, like),
             _ => return Ok(true),
         };
-        if let (Operand::Argument(which) | Operand::OptionalArgument(which), Some(id)) =
-            (operand, like)
-        {
+        if let (Some(which), Some(id)) = (operand.argument(), like) {
             match command.argument(which) {
                 Some(si) if !si.is_finite() => return Err(Unsupported::BadArgument),
                 Some(_) if self.lacks_parameter(id) => {
@@ -543,6 +548,8 @@ pub fn record_group_answer<R: crate::station::Request, A: Copy + 'static>(
 
 const NO_OBJECT: &str = "the drive has no object for this: its maker left out what the standard does \
                        not demand";
+const NO_RAMP: &str = "an acceleration or deceleration is more than zero: this drive is told the time \
+                       of the ramp";
 const NO_SCALE: &str = "the drive's own setting on which this unit depends (counts of a turn, for \
                         instance) reads zero or cannot be read: set it, or give a profile whose \
                         scale does not need it";

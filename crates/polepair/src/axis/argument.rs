@@ -14,8 +14,16 @@ impl Axis {
     /// The SI value of a verb's argument: text must have a unit that fits the drive's parameter.
     ///
     /// # Errors
-    /// [`Error::Usage`] `E217`, also for text where the profile does not tell the parameter's unit.
+    /// [`Error::Usage`] `E217`, also for text where the profile does not tell the parameter's unit;
+    /// `E218` where the drive carries out the verb without such an argument.
     pub fn argument(&self, verb: Verb, which: Argument, amount: &Amount) -> Result<f64, Error> {
+        let planned = self.profile.plan(verb).is_some();
+        if planned && mounting::destination(self.profile, verb, which).is_none() {
+            let (label, name) = (self.label(), verb.name());
+            let word = format!("{which:?}").to_lowercase();
+            let what = format!("{label}: {name}: {} takes no {word} with it", self.profile.name);
+            return Err(Error::usage("E218", what, "leave it out"));
+        }
         let Amount::Text(text) = amount else { return amount.in_si(self.unit_of(verb, which)) };
         self.check_scale(verb, which, text)?;
         let value = amount.in_si(self.unit_of(verb, which))?;
@@ -85,8 +93,8 @@ impl Axis {
             return String::new();
         };
         let needed = plan.steps.iter().filter_map(|step| match (*step, which) {
-            (Step::Write(id, Operand::Argument(arg) | Operand::OptionalArgument(arg)), Some(w)) => {
-                (arg == w).then_some(id)
+            (Step::Write(id, operand), Some(which)) => {
+                (operand.argument() == Some(which)).then_some(id)
             }
             (
                 Step::Write(id, Operand::Constant(_) | Operand::Argument(_))
@@ -117,7 +125,10 @@ impl Axis {
             return Some(Unit::None);
         }
         let parameter = id.and_then(|id| self.parameter(id));
-        let unit = parameter.map_or(Unit::None, |parameter| parameter.unit);
+        let unit = match mounting::is_ramp_time(self.profile, verb, which) {
+            true => Unit::RpmPerSecond,
+            false => parameter.map_or(Unit::None, |parameter| parameter.unit),
+        };
         let unit = self.mounted_unit(verb, which, unit);
         Some(if unit == Unit::None { customary_unit(self.profile.axis, which) } else { unit })
     }
@@ -136,10 +147,12 @@ const fn customary_unit(kind: AxisKind, argument: Argument) -> Unit {
     match (kind, argument) {
         (AxisKind::Rotary, Argument::Target) => Unit::Degree,
         (AxisKind::Rotary, Argument::Velocity) => Unit::Rpm,
-        (AxisKind::Rotary, Argument::Acceleration) => Unit::RpmPerSecond,
+        (AxisKind::Rotary, Argument::Acceleration | Argument::Deceleration) => Unit::RpmPerSecond,
         (AxisKind::Linear, Argument::Target) => Unit::Millimetre,
         (AxisKind::Linear, Argument::Velocity) => Unit::MillimetrePerSecond,
-        (AxisKind::Linear, Argument::Acceleration) => Unit::MillimetrePerSecondSquared,
+        (AxisKind::Linear, Argument::Acceleration | Argument::Deceleration) => {
+            Unit::MillimetrePerSecondSquared
+        }
         (AxisKind::Ratio, Argument::Target) => Unit::Percent,
         (_, Argument::JerkTime | Argument::Period) => Unit::Second,
         _ => Unit::None,

@@ -3,7 +3,7 @@
 use super::Axis;
 use crate::error::Error;
 use crate::identify::Identification;
-use crate::mounting::{ARGUMENTS, MotionRole, ResolvedMounting, destination};
+use crate::mounting::{ARGUMENTS, MotionRole, ResolvedMounting, destination, is_ramp_time};
 use crate::toml_file::{FileLocation, Located};
 use crate::url::AxisNumber;
 use polepair_core::axis::{AxisStatus, Command, Reading, Verb};
@@ -203,12 +203,16 @@ impl Axis {
                 continue;
             };
             let written = self.destination(command.verb, which).flatten();
-            let unit = written.map_or(Unit::None, |parameter| parameter.unit);
+            let unit = match is_ramp_time(self.profile, command.verb, which) && !command.raw {
+                true => Unit::RpmPerSecond,
+                false => written.map_or(Unit::None, |parameter| parameter.unit),
+            };
             let value = Some(value * mounted.factor(role, unit));
             match which {
                 Argument::Target => command.target = value,
                 Argument::Velocity => command.velocity = value,
                 Argument::Acceleration => command.acceleration = value,
+                Argument::Deceleration => command.deceleration = value,
                 Argument::Torque => command.torque = value,
                 Argument::JerkTime | Argument::Period => {}
             }

@@ -147,7 +147,11 @@ impl AvailableParameters {
                 optional || verb.is_stop()
             }
             // Whoever does not give the argument misses nothing.
-            DraftStep::Write(_, Operand::OptionalArgument(_), _) => true,
+            DraftStep::Write(
+                _,
+                Operand::OptionalArgument(_) | Operand::OptionalRampTime { .. },
+                _,
+            ) => true,
             DraftStep::Write(_, Operand::Constant(_), _)
             | DraftStep::Ensure(..)
             | DraftStep::Copy { .. }

@@ -275,7 +275,7 @@ impl<'a> NameResolver<'a> {
             let (DraftStep::Write(_, operand, _) | DraftStep::Send { operand, .. }) = step else {
                 continue;
             };
-            if let Operand::Argument(argument) | Operand::OptionalArgument(argument) = *operand
+            if let Some(argument) = operand.argument()
                 && !plan.verb.accepts(argument)
             {
                 let (verb, word) = (plan.verb.name(), step::argument_word(argument));

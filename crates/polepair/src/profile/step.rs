@@ -11,13 +11,15 @@
 //! send FUNCTION INDEX VALUE [like NAME]   keep NAME        wait 50 ms
 //! ```
 //!
-//! VALUE is a number, `{target}`, `{velocity}`, `{acceleration}`, `{torque}`, `{jerk-time}`,
-//! `{period}`, or with a question mark, `{velocity?}`, where the step is left out when the caller gives none.
+//! VALUE is a number, `{target}`, `{velocity}`, `{acceleration}`, `{deceleration}`, `{torque}`,
+//! `{jerk-time}`, `{period}`, or with a question mark, `{velocity?}`, where the step is left out when the
+//! caller gives none. A drive that is told the time of its ramps has `{acceleration? as time to 3000 rpm}`
+//! or, for a ramp to the speed of the command, `{acceleration? as time to velocity or 300 rpm}`.
 
 use super::draft::{DraftStep, ParameterName};
 use crate::spelling;
 use crate::toml_file::{FileError, FileLocation, Located, parse_number};
-use polepair_core::plan::{Argument, Compare, Operand, ParameterTest};
+use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, RampSpeed};
 
 /// The longest wait or limit that a step may have: a day, ms.
 pub(crate) const WAIT_MS_MAX: u32 = 86_400_000;
@@ -27,10 +29,11 @@ const VERBS: [&str; 12] = [
     "keep", "wait",
 ];
 
-const ARGUMENTS: [(&str, Argument); 6] = [
+const ARGUMENTS: [(&str, Argument); 7] = [
     ("target", Argument::Target),
     ("velocity", Argument::Velocity),
     ("acceleration", Argument::Acceleration),
+    ("deceleration", Argument::Deceleration),
     ("torque", Argument::Torque),
     ("jerk-time", Argument::JerkTime),
     ("period", Argument::Period),
@@ -160,14 +163,36 @@ impl<'a> StepText<'a> {
         let Some(inner) = self.text.strip_prefix('{').and_then(|t| t.strip_suffix('}')) else {
             return self.number().map(Operand::Constant);
         };
-        let (word, make): (&str, fn(Argument) -> Operand) = match inner.strip_suffix('?') {
-            Some(word) => (word, Operand::OptionalArgument),
-            None => (inner, Operand::Argument),
+        let find = |word: &str| {
+            let known = ARGUMENTS.iter().find(|(name, _)| *name == word);
+            known.map(|(_, argument)| *argument).ok_or_else(|| {
+                let hint = spelling::suggestion(word, ARGUMENTS.map(|(name, _)| name));
+                self.error(format!("no command carries `{word}`{hint}"))
+            })
         };
-        let known = ARGUMENTS.iter().find(|(name, _)| *name == word);
-        known.map(|(_, argument)| make(*argument)).ok_or_else(|| {
-            let hint = spelling::suggestion(word, ARGUMENTS.map(|(name, _)| name));
-            self.error(format!("no command carries `{word}`{hint}"))
+        if let Some((word, speed)) = inner.split_once("? as time to ") {
+            let argument = find(word)?;
+            if !matches!(argument, Argument::Acceleration | Argument::Deceleration) {
+                return Err(self.error(format!("`{word}` has no time in which it reaches a speed")));
+            }
+            return Ok(Operand::OptionalRampTime { argument, speed: self.ramp_speed(speed)? });
+        }
+        match inner.strip_suffix('?') {
+            Some(word) => find(word).map(Operand::OptionalArgument),
+            None => find(inner).map(Operand::Argument),
+        }
+    }
+
+    /// The speed that a ramp's time leads to: `3000 rpm` or `velocity or 300 rpm`.
+    fn ramp_speed(&self, text: &str) -> Result<RampSpeed, FileError> {
+        let (make, speed): (fn(u16) -> RampSpeed, &str) = match text.strip_prefix("velocity or ") {
+            Some(speed) => (RampSpeed::VelocityOr, speed),
+            None => (RampSpeed::Fixed, text),
+        };
+        let rpm = speed.strip_suffix(" rpm").and_then(|rpm| rpm.parse().ok());
+        rpm.filter(|rpm| *rpm > 0).map(make).ok_or_else(|| {
+            let form = "`3000 rpm` or `velocity or 300 rpm`";
+            self.error(format!("expected a speed such as {form}, found `{text}`"))
         })
     }
 

@@ -215,6 +215,9 @@ fn mistakes_in_steps_point_into_the_text() {
         (" else Close the lid", "", "expected `require TEST else HINT`"),
         ("write Speed = {velocity}", "send 256 1 2", "256 does not fit 8 bits"),
         ("write Speed = {velocity}", "write Speed", "expected `NAME = VALUE`"),
+        ("{acceleration?}", "{velocity? as time to 9 rpm}", "`velocity` has no time in which"),
+        ("{acceleration?}", "{acceleration? as time to 0 rpm}", "such as `3000 rpm` or"),
+        ("{acceleration?}", "{acceleration? as time to velocity}", "found `velocity`"),
     ] {
         let error = refused(from, to);
         assert!(error.contains(text), "{from} -> {to}: {error}");

@@ -12,6 +12,7 @@ mod lss;
 mod one_bus;
 mod optional;
 mod rack;
+mod ramps;
 mod safety;
 mod scaled;
 mod sheets;

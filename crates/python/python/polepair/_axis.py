@@ -124,7 +124,14 @@ class AxisSteps:
     def _begin(
         self, verb: str, **arguments: float | str | None
     ) -> Steps[native.Request | native.ServedRequest]:
-        order = ("target", "velocity", "acceleration", "torque", "jerk_time")
+        order = (
+            "target",
+            "velocity",
+            "acceleration",
+            "torque",
+            "jerk_time",
+            "deceleration",
+        )
         values = [arguments.get(name) for name in order]
         call = Urgent if verb in STOPS else Call
         return (yield call(self._native.start, verb, *values))  # type: ignore[no-any-return]
@@ -159,11 +166,20 @@ class AxisSteps:
         return self._run("clear")
 
     def _spin(
-        self, speed: Amount, unit: str | None = None, *, acceleration: Amount | None = None
+        self,
+        speed: Amount,
+        unit: str | None = None,
+        *,
+        acceleration: Amount | None = None,
+        deceleration: Amount | None = None,
     ) -> Steps[None]:
         """Turns at a speed until it is told otherwise: rad/s (m/s), or with a unit."""
-        speed_given, ramp = given(speed, unit), given(acceleration)
-        return self._run("velocity", velocity=speed_given, acceleration=ramp)
+        return self._run(
+            "velocity",
+            velocity=given(speed, unit),
+            acceleration=given(acceleration),
+            deceleration=given(deceleration),
+        )
 
     def _press(self, torque: Amount, unit: str | None = None) -> Steps[None]:
         """Turns with a torque until it is told otherwise: N·m, or with a unit."""
@@ -176,9 +192,15 @@ class AxisSteps:
         unit: str | None,
         velocity: Amount | None,
         acceleration: Amount | None,
+        deceleration: Amount | None,
     ) -> Steps[None]:
-        where, speed, ramp = given(target, unit), given(velocity), given(acceleration)
-        return self._run(verb, target=where, velocity=speed, acceleration=ramp)
+        return self._run(
+            verb,
+            target=given(target, unit),
+            velocity=given(velocity),
+            acceleration=given(acceleration),
+            deceleration=given(deceleration),
+        )
 
     def _home(self, *, velocity: Amount | None = None, timeout: float = TIMEOUT) -> Steps[None]:
         """Finds the reference position, and waits for it, at most `timeout` seconds."""

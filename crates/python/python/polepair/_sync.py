@@ -93,12 +93,13 @@ class Axis(AxisSteps):
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
+        deceleration: Amount | None = None,
     ) -> Motion:
         """Sets out for a position: rad (m), or with a unit. The axis must be armed.
 
         Returns as soon as the drive has been told; `wait` on what it returns waits for the end.
         """
-        run(self._set_out("move-to", target, unit, velocity, acceleration))
+        run(self._set_out("move-to", target, unit, velocity, acceleration, deceleration))
         return Motion(self)
 
     def move_by(
@@ -108,9 +109,10 @@ class Axis(AxisSteps):
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
+        deceleration: Amount | None = None,
     ) -> Motion:
         """Sets out for a position so far from here. It is never sent twice."""
-        run(self._set_out("move-by", distance, unit, velocity, acceleration))
+        run(self._set_out("move-by", distance, unit, velocity, acceleration, deceleration))
         return Motion(self)
 
     def armed(self, watchdog: float | None = None) -> Armed:

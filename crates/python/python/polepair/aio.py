@@ -247,9 +247,10 @@ class Axis(AxisSteps):
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
+        deceleration: Amount | None = None,
     ) -> Motion:
         """Sets out for a position: rad (m), or with a unit. The axis must be armed."""
-        await arun(self._set_out("move-to", target, unit, velocity, acceleration))
+        await arun(self._set_out("move-to", target, unit, velocity, acceleration, deceleration))
         return Motion(self)
 
     async def move_by(
@@ -259,9 +260,10 @@ class Axis(AxisSteps):
         *,
         velocity: Amount | None = None,
         acceleration: Amount | None = None,
+        deceleration: Amount | None = None,
     ) -> Motion:
         """Sets out for a position so far from here. It is never sent twice."""
-        await arun(self._set_out("move-by", distance, unit, velocity, acceleration))
+        await arun(self._set_out("move-by", distance, unit, velocity, acceleration, deceleration))
         return Motion(self)
 
     def armed(self, watchdog: float | None = None) -> Armed:

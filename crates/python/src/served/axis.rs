@@ -251,7 +251,10 @@ impl ServedAxis {
     }
 
     /// Begins a verb. Arguments are SI numbers or text with a unit.
-    #[pyo3(signature = (verb, target=None, velocity=None, acceleration=None, torque=None, jerk_time=None))]
+    #[pyo3(signature = (
+        verb, target=None, velocity=None, acceleration=None, torque=None, jerk_time=None,
+        deceleration=None
+    ))]
     #[expect(clippy::too_many_arguments, reason = "they are a command's")]
     fn start(
         &self,
@@ -262,6 +265,7 @@ impl ServedAxis {
         acceleration: Option<PyAmount>,
         torque: Option<PyAmount>,
         jerk_time: Option<PyAmount>,
+        deceleration: Option<PyAmount>,
     ) -> PyResult<ServedRequest> {
         let argument = |name, given: Option<PyAmount>| {
             given.map(|given| self.amount_to_si(py, verb, name, &given)).transpose()
@@ -270,6 +274,7 @@ impl ServedAxis {
             target: argument("target", target)?,
             velocity: argument("velocity", velocity)?,
             acceleration: argument("acceleration", acceleration)?,
+            deceleration: argument("deceleration", deceleration)?,
             torque: argument("torque", torque)?,
             jerk_time: argument("jerk_time", jerk_time)?,
             period: None,

@@ -6,15 +6,17 @@ use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{
     Access, AxisKind, Parameter, ParameterId, Persistence, SignalSource, Watchdog,
 };
+use polepair_core::units::Quantity;
 
 use super::simulated_drive::SimulatedDrive;
 use crate::message::{ArgumentInfo, AxisInfo, LimitInfo, ParameterInfo, SignalInfo, VerbInfo};
 
 /// Every argument, with its field in a command.
-const ARGUMENTS: [(Argument, &str); 6] = [
+const ARGUMENTS: [(Argument, &str); 7] = [
     (Argument::Target, "target"),
     (Argument::Velocity, "velocity"),
     (Argument::Acceleration, "acceleration"),
+    (Argument::Deceleration, "deceleration"),
     (Argument::Torque, "torque"),
     (Argument::JerkTime, "jerk_time"),
     (Argument::Period, "period"),
@@ -107,6 +109,10 @@ fn argument(axis: &Axis, verb: Verb, (which, name): (Argument, &str)) -> Option<
 
 fn limit_info(axis: &Axis, (verb, which, name): (Verb, Argument, &str)) -> Option<LimitInfo> {
     let parameter = axis.destination(verb, which)??;
+    // The time of a ramp limits no acceleration.
+    if parameter.unit.quantity() == Quantity::Time {
+        return None;
+    }
     let id = axis.profile().find_parameter(parameter.name)?;
     let unit = axis.unit(id);
     let si_of =

@@ -3026,6 +3026,7 @@ static CIA402_PLANS: [Plan; 20] = [
             },
             Step::Write(ParameterId(131), Operand::OptionalArgument(Argument::Acceleration)),
             Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Acceleration)),
+            Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Deceleration)),
             Step::Write(ParameterId(127), Operand::Argument(Argument::Velocity)),
             Step::Write(ParameterId(87), Operand::Constant(3)),
             Step::Until {
@@ -3136,6 +3137,7 @@ static CIA402_PLANS: [Plan; 20] = [
             Step::Write(ParameterId(130), Operand::OptionalArgument(Argument::Velocity)),
             Step::Write(ParameterId(131), Operand::OptionalArgument(Argument::Acceleration)),
             Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Acceleration)),
+            Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Deceleration)),
             Step::Write(ParameterId(87), Operand::Constant(1)),
             Step::Until {
                 read: ParameterId(88),
@@ -3211,6 +3213,7 @@ static CIA402_PLANS: [Plan; 20] = [
             Step::Write(ParameterId(130), Operand::OptionalArgument(Argument::Velocity)),
             Step::Write(ParameterId(131), Operand::OptionalArgument(Argument::Acceleration)),
             Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Acceleration)),
+            Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Deceleration)),
             Step::Skip {
                 read: ParameterId(81),
                 test: ParameterTest { mask: 0x100, compare: Compare::Equal, value: 0 },
@@ -3722,6 +3725,7 @@ static CIA402_PLANS: [Plan; 20] = [
             Step::Write(ParameterId(130), Operand::OptionalArgument(Argument::Velocity)),
             Step::Write(ParameterId(131), Operand::OptionalArgument(Argument::Acceleration)),
             Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Acceleration)),
+            Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Deceleration)),
             Step::Write(ParameterId(87), Operand::Constant(1)),
             Step::Until {
                 read: ParameterId(88),
@@ -3799,6 +3803,7 @@ static CIA402_PLANS: [Plan; 20] = [
             Step::Write(ParameterId(130), Operand::OptionalArgument(Argument::Velocity)),
             Step::Write(ParameterId(131), Operand::OptionalArgument(Argument::Acceleration)),
             Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Acceleration)),
+            Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Deceleration)),
             Step::Skip {
                 read: ParameterId(81),
                 test: ParameterTest { mask: 0x100, compare: Compare::Equal, value: 0 },

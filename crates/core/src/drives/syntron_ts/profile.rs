@@ -3,7 +3,7 @@
 #![allow(clippy::large_const_arrays, reason = "rows that tables share, read while compiling")]
 
 use crate::axis::Verb;
-use crate::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
+use crate::plan::{Argument, Compare, Operand, ParameterTest, Plan, RampSpeed, Step};
 use crate::profile::{
     Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, Parameter, ParameterId,
     Persistence, Profile, RamMode, Scale, Severity, Signal, SignalSource, Watchdog,
@@ -12283,9 +12283,9 @@ static SYNTRON_DS102_SIGNALS: [SignalSource; 10] = [
     },
 ];
 
-static SYNTRON_DS102_PLANS: [Plan; 10] = SYNTRON_DS102_PLANS_ROWS;
+static SYNTRON_DS102_PLANS: [Plan; 12] = SYNTRON_DS102_PLANS_ROWS;
 
-const SYNTRON_DS102_PLANS_ROWS: [Plan; 10] = [
+const SYNTRON_DS102_PLANS_ROWS: [Plan; 12] = [
     Plan {
         verb: Verb::Enable,
         source: "TS manual V2 §2.5, §2.6.2",
@@ -12408,7 +12408,21 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 10] = [
             Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Velocity)),
             Step::Write(ParameterId(292), Operand::Constant(0)),
             Step::Write(ParameterId(164), Operand::Constant(200)),
+            Step::Write(
+                ParameterId(164),
+                Operand::OptionalRampTime {
+                    argument: Argument::Acceleration,
+                    speed: RampSpeed::VelocityOr(300),
+                },
+            ),
             Step::Write(ParameterId(196), Operand::Constant(200)),
+            Step::Write(
+                ParameterId(196),
+                Operand::OptionalRampTime {
+                    argument: Argument::Deceleration,
+                    speed: RampSpeed::VelocityOr(300),
+                },
+            ),
             Step::Write(ParameterId(228), Operand::Constant(0)),
             Step::Write(ParameterId(260), Operand::Constant(1)),
             Step::Write(ParameterId(305), Operand::Constant(0)),
@@ -12459,7 +12473,153 @@ const SYNTRON_DS102_PLANS_ROWS: [Plan; 10] = [
             Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Velocity)),
             Step::Write(ParameterId(292), Operand::Constant(0)),
             Step::Write(ParameterId(164), Operand::Constant(200)),
+            Step::Write(
+                ParameterId(164),
+                Operand::OptionalRampTime {
+                    argument: Argument::Acceleration,
+                    speed: RampSpeed::VelocityOr(300),
+                },
+            ),
             Step::Write(ParameterId(196), Operand::Constant(200)),
+            Step::Write(
+                ParameterId(196),
+                Operand::OptionalRampTime {
+                    argument: Argument::Deceleration,
+                    speed: RampSpeed::VelocityOr(300),
+                },
+            ),
+            Step::Write(ParameterId(228), Operand::Constant(0)),
+            Step::Write(ParameterId(260), Operand::Constant(2001)),
+            Step::Write(ParameterId(305), Operand::Constant(0)),
+            Step::Write(ParameterId(307), Operand::Constant(0)),
+            Step::Write(ParameterId(8), Operand::Constant(1)),
+            Step::Require {
+                read: ParameterId(0),
+                test: ParameterTest { mask: -1, compare: Compare::Equal, value: 14 },
+                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
+            },
+            Step::Require {
+                read: ParameterId(8),
+                test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive does not power its motor: look at its alarm",
+            },
+            Step::Write(ParameterId(305), Operand::Constant(1)),
+            Step::Require {
+                read: ParameterId(305),
+                test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive lost what it was told, as after a power-off: it did not start",
+            },
+            Step::NoFault { read: ParameterId(21), mask: -1 },
+            Step::Write(ParameterId(305), Operand::Constant(0)),
+        ],
+        undo: &[
+            Step::Write(ParameterId(307), Operand::Constant(1)),
+            Step::Write(ParameterId(305), Operand::Constant(0)),
+        ],
+    },
+    Plan {
+        verb: Verb::CurveTo,
+        source: "TS manual V2 §2.6.2",
+        steps: &[
+            Step::Require {
+                read: ParameterId(0),
+                test: ParameterTest { mask: -1, compare: Compare::Equal, value: 14 },
+                hint: "Set Fn_00 = 14 (internal position mode) first; a standard TS does not have it",
+            },
+            Step::NoFault { read: ParameterId(21), mask: -1 },
+            Step::Ensure(ParameterId(15), 1),
+            Step::Read(ParameterId(298)),
+            Step::Read(ParameterId(299)),
+            Step::Write(ParameterId(303), Operand::Constant(1)),
+            Step::Write(ParameterId(304), Operand::Constant(32)),
+            Step::Write(ParameterId(68), Operand::Constant(1002)),
+            Step::Write(ParameterId(100), Operand::Argument(Argument::Target)),
+            Step::Write(ParameterId(132), Operand::Constant(300)),
+            Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Velocity)),
+            Step::Write(ParameterId(292), Operand::Constant(0)),
+            Step::Write(ParameterId(164), Operand::Constant(200)),
+            Step::Write(
+                ParameterId(164),
+                Operand::OptionalRampTime {
+                    argument: Argument::Acceleration,
+                    speed: RampSpeed::VelocityOr(300),
+                },
+            ),
+            Step::Write(ParameterId(196), Operand::Constant(200)),
+            Step::Write(
+                ParameterId(196),
+                Operand::OptionalRampTime {
+                    argument: Argument::Deceleration,
+                    speed: RampSpeed::VelocityOr(300),
+                },
+            ),
+            Step::Write(ParameterId(292), Operand::Argument(Argument::JerkTime)),
+            Step::Write(ParameterId(228), Operand::Constant(0)),
+            Step::Write(ParameterId(260), Operand::Constant(1)),
+            Step::Write(ParameterId(305), Operand::Constant(0)),
+            Step::Write(ParameterId(307), Operand::Constant(0)),
+            Step::Write(ParameterId(8), Operand::Constant(1)),
+            Step::Require {
+                read: ParameterId(0),
+                test: ParameterTest { mask: -1, compare: Compare::Equal, value: 14 },
+                hint: "Somebody else changed Fn_00 meanwhile: set it to 14 again",
+            },
+            Step::Require {
+                read: ParameterId(8),
+                test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive does not power its motor: look at its alarm",
+            },
+            Step::Write(ParameterId(305), Operand::Constant(1)),
+            Step::Require {
+                read: ParameterId(305),
+                test: ParameterTest { mask: -1, compare: Compare::Equal, value: 1 },
+                hint: "The drive lost what it was told, as after a power-off: it did not start",
+            },
+            Step::NoFault { read: ParameterId(21), mask: -1 },
+            Step::Write(ParameterId(305), Operand::Constant(0)),
+        ],
+        undo: &[
+            Step::Write(ParameterId(307), Operand::Constant(1)),
+            Step::Write(ParameterId(305), Operand::Constant(0)),
+        ],
+    },
+    Plan {
+        verb: Verb::CurveBy,
+        source: "TS manual V2 §2.6.2",
+        steps: &[
+            Step::Require {
+                read: ParameterId(0),
+                test: ParameterTest { mask: -1, compare: Compare::Equal, value: 14 },
+                hint: "Set Fn_00 = 14 (internal position mode) first; a standard TS does not have it",
+            },
+            Step::NoFault { read: ParameterId(21), mask: -1 },
+            Step::Ensure(ParameterId(15), 1),
+            Step::Read(ParameterId(298)),
+            Step::Read(ParameterId(299)),
+            Step::Write(ParameterId(303), Operand::Constant(1)),
+            Step::Write(ParameterId(304), Operand::Constant(32)),
+            Step::Write(ParameterId(68), Operand::Constant(2)),
+            Step::Write(ParameterId(100), Operand::Argument(Argument::Target)),
+            Step::Write(ParameterId(132), Operand::Constant(300)),
+            Step::Write(ParameterId(132), Operand::OptionalArgument(Argument::Velocity)),
+            Step::Write(ParameterId(292), Operand::Constant(0)),
+            Step::Write(ParameterId(164), Operand::Constant(200)),
+            Step::Write(
+                ParameterId(164),
+                Operand::OptionalRampTime {
+                    argument: Argument::Acceleration,
+                    speed: RampSpeed::VelocityOr(300),
+                },
+            ),
+            Step::Write(ParameterId(196), Operand::Constant(200)),
+            Step::Write(
+                ParameterId(196),
+                Operand::OptionalRampTime {
+                    argument: Argument::Deceleration,
+                    speed: RampSpeed::VelocityOr(300),
+                },
+            ),
+            Step::Write(ParameterId(292), Operand::Argument(Argument::JerkTime)),
             Step::Write(ParameterId(228), Operand::Constant(0)),
             Step::Write(ParameterId(260), Operand::Constant(2001)),
             Step::Write(ParameterId(305), Operand::Constant(0)),
@@ -12630,7 +12790,7 @@ static SYNTRON_TS_SIGNALS: [SignalSource; 8] = [
     },
 ];
 
-static SYNTRON_TS_PLANS: [Plan; 10] = {
+static SYNTRON_TS_PLANS: [Plan; 12] = {
     let mut rows = SYNTRON_DS102_PLANS_ROWS;
     rows[4] = Plan {
         verb: Verb::Clear,
@@ -25661,6 +25821,20 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             },
             Step::NoFault { read: ParameterId(21), mask: -1 },
             Step::Send { function: 0x0, index: 0x1, operand: Operand::Constant(0), like: None },
+            Step::Write(
+                ParameterId(843),
+                Operand::OptionalRampTime {
+                    argument: Argument::Acceleration,
+                    speed: RampSpeed::Fixed(3000),
+                },
+            ),
+            Step::Write(
+                ParameterId(844),
+                Operand::OptionalRampTime {
+                    argument: Argument::Deceleration,
+                    speed: RampSpeed::Fixed(3000),
+                },
+            ),
             Step::Write(ParameterId(854), Operand::Argument(Argument::Velocity)),
             Step::Write(ParameterId(822), Operand::Constant(3)),
             Step::Until {
@@ -25772,6 +25946,20 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Write(ParameterId(840), Operand::Argument(Argument::Target)),
             Step::Write(ParameterId(842), Operand::Constant(3000)),
             Step::Write(ParameterId(842), Operand::OptionalArgument(Argument::Velocity)),
+            Step::Write(
+                ParameterId(843),
+                Operand::OptionalRampTime {
+                    argument: Argument::Acceleration,
+                    speed: RampSpeed::Fixed(3000),
+                },
+            ),
+            Step::Write(
+                ParameterId(844),
+                Operand::OptionalRampTime {
+                    argument: Argument::Deceleration,
+                    speed: RampSpeed::Fixed(3000),
+                },
+            ),
             Step::Skip {
                 read: ParameterId(820),
                 test: ParameterTest { mask: 0x100, compare: Compare::Equal, value: 0 },
@@ -25860,6 +26048,20 @@ static SYNTRON_TS_CANOPEN_PLANS: [Plan; 11] = [
             Step::Write(ParameterId(840), Operand::Argument(Argument::Target)),
             Step::Write(ParameterId(842), Operand::Constant(3000)),
             Step::Write(ParameterId(842), Operand::OptionalArgument(Argument::Velocity)),
+            Step::Write(
+                ParameterId(843),
+                Operand::OptionalRampTime {
+                    argument: Argument::Acceleration,
+                    speed: RampSpeed::Fixed(3000),
+                },
+            ),
+            Step::Write(
+                ParameterId(844),
+                Operand::OptionalRampTime {
+                    argument: Argument::Deceleration,
+                    speed: RampSpeed::Fixed(3000),
+                },
+            ),
             Step::Skip {
                 read: ParameterId(820),
                 test: ParameterTest { mask: 0x100, compare: Compare::Equal, value: 0 },
