@@ -3,6 +3,7 @@
 use super::Axis;
 use crate::amount::Amount;
 use crate::error::Error;
+use crate::profile::argument_word;
 use crate::{mounting, quantity};
 use polepair_core::axis::Verb;
 use polepair_core::drives;
@@ -20,7 +21,7 @@ impl Axis {
         let planned = self.profile.plan(verb).is_some();
         if planned && mounting::destination(self.profile, verb, which).is_none() {
             let (label, name) = (self.label(), verb.name());
-            let word = format!("{which:?}").to_lowercase();
+            let word = argument_word(which);
             let what = format!("{label}: {name}: {} takes no {word} with it", self.profile.name);
             return Err(Error::usage("E218", what, "leave it out"));
         }

@@ -38,6 +38,7 @@ pub use setup::write_setup;
 
 pub(crate) use missing::remove_missing;
 pub(crate) use setup::name_from_path;
+pub(crate) use step::argument_word;
 
 use crate::toml_file::{self, FileError, Located};
 use crate::{registry, spelling};
