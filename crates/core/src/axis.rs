@@ -286,6 +286,17 @@ pub trait Driver {
         [None; REPORTS_MAX]
     }
 
+    /// The parameter, and its raw value, with which the drive sends these by itself every `interval_ms`;
+    /// with none of them, sends nothing more. `None` where it does not send one of them.
+    fn report_setting(
+        &self,
+        parameters: &[ParameterId],
+        interval_ms: u16,
+    ) -> Option<(ParameterId, i64)> {
+        let _ = (parameters, interval_ms);
+        None
+    }
+
     /// What a parameter decides of how the drive is reached, where a write of it acts at once: the
     /// answer to the next request then comes from, or goes to, another address.
     fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {

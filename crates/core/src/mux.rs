@@ -386,6 +386,16 @@ impl Axes for Mux {
         lane.unread_prerequisite(axis, n)
     }
 
+    fn report_setting(
+        &self,
+        axis: AxisIndex,
+        parameters: &[ParameterId],
+        interval_ms: u16,
+    ) -> Option<(ParameterId, i64)> {
+        let (lane, axis) = self.lane_of(axis)?;
+        lane.report_setting(axis, parameters, interval_ms)
+    }
+
     fn enable_events(&mut self, on: bool) {
         self.lanes.iter_mut().for_each(|lane| lane.enable_events(on));
     }

@@ -29,6 +29,7 @@ mod pending_writes;
 mod program;
 mod raw_bytes;
 mod raw_text;
+mod reports;
 mod request;
 mod scales;
 mod stop_retry;

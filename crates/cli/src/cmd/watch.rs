@@ -1,5 +1,7 @@
 //! `polepair watch URL SIGNAL… [--rate HZ] [--format table|jsonl|csv]`
 
+mod reports;
+
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
@@ -9,6 +11,7 @@ use polepair_capture::jsonl;
 use polepair_client::LiveConnection;
 use polepair_client::message::AxisInfo;
 use polepair_core::profile::Signal;
+use polepair_core::time::Instant;
 use polepair_link::clock;
 
 use crate::cmd::get::find_parameter;
@@ -40,7 +43,8 @@ target velocity, fault, enabled, moving, reached, mode; or any parameter by its 
 
 Examples:
   polepair watch tmcl+serial:///dev/ttyUSB0#1 position velocity
-  polepair watch sim:tmcl velocity current --rate 50 --format csv --for 2s")]
+  polepair watch sim:tmcl velocity current --rate 50 --format csv --for 2s
+  polepair watch thruster+socketcan://can0#11 velocity current --reports=100ms")]
 pub struct WatchCommand {
     #[command(flatten)]
     target: DriveArgs,
@@ -56,6 +60,11 @@ pub struct WatchCommand {
     /// End after this time instead of at Ctrl-C
     #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
+    /// Take what the drive sends by itself, and ask nothing; with a time, have it send the signals at
+    /// this interval meanwhile (thruster family: SR, which the drive keeps; it is off at the end)
+    #[arg(long, value_name = "INTERVAL", num_args = 0..=1, require_equals = true,
+        value_parser = value::parse_span)]
+    reports: Option<Option<f64>>,
 }
 
 /// How readings are printed.
@@ -84,14 +93,22 @@ impl WatchCommand {
     pub fn run(self) -> Result {
         self.check_rate()?;
         let session = self.target.open()?;
-        let columns = self.local_columns(&session)?;
         session.listen_for_interrupts();
-        self.print_rows(&columns)
+        match self.reports {
+            None => self.print_rows(&self.local_columns(&session)?, clock::sleep_until),
+            Some(interval) => self.print_reports(&session, interval),
+        }
     }
 
     /// The same by a server, which reads for all who watch.
     pub fn run_on_server(self, server: &RemoteSession) -> Result {
         self.check_rate()?;
+        if self.reports.is_some() {
+            return Err(remote::unsupported_problem(
+                "watch --reports",
+                "It asks for all who watch.",
+            ));
+        }
         let axes = server.axes_of(&self.target)?;
         let live = server.gateway.live().map_err(remote::refusal_problem)?;
         let mut columns = Vec::new();
@@ -108,7 +125,7 @@ impl WatchCommand {
                 clock::sleep_until(clock::now().plus_ms(FIRST_POLL_MS));
             }
         }
-        self.print_rows(&columns)
+        self.print_rows(&columns, clock::sleep_until)
     }
 
     fn check_rate(&self) -> Result<()> {
@@ -154,7 +171,7 @@ impl WatchCommand {
         Ok(WatchColumn { number, link, name, unit, read: Box::new(read) })
     }
 
-    fn print_rows(&self, columns: &[WatchColumn]) -> Result {
+    fn print_rows(&self, columns: &[WatchColumn], sleep_until: impl Fn(Instant)) -> Result {
         let mut out = DataOutput::stdout();
         self.print_head(columns, &mut out);
         let started_at = clock::now();
@@ -173,7 +190,7 @@ impl WatchCommand {
                 if interrupt::was_interrupted() {
                     return Err(Problem::interrupted());
                 }
-                clock::sleep_until(next.min(clock::now().plus_ms(POLL_MS)));
+                sleep_until(next.min(clock::now().plus_ms(POLL_MS)));
             }
             if interrupt::was_interrupted() {
                 return Err(Problem::interrupted());

@@ -164,3 +164,43 @@ fn a_node_id_that_is_taken_is_refused() {
     assert!(ok(&["get", &format!("{link}#13"), "voltage"]).starts_with("voltage = 48"));
     sim.end();
 }
+
+/// `watch --reports` shows what the drive sends by itself, and switches it on only where an interval is
+/// given, and then off again (protocol manual, section 2.5).
+#[test]
+fn watch_shows_what_the_drive_sends_by_itself() {
+    let sim = Served::with(&["thruster:11", "--socketcand", "127.0.0.1:0"]);
+    let watch = |option: &str| {
+        polepair(&[
+            "watch", &sim.url, "velocity", "voltage", option, "--for", "200ms", "--format", "csv",
+        ])
+    };
+    let subscribed = watch("--reports=50ms");
+    assert_eq!(subscribed.code, 0, "{}", subscribed.err);
+    assert!(
+        subscribed.out.starts_with("time [s],velocity [rpm],voltage [V]\n"),
+        "{}",
+        subscribed.out
+    );
+    let rows: Vec<&str> = subscribed.out.lines().skip(1).collect();
+    assert!(!rows.is_empty() && rows.iter().all(|row| row.ends_with(",0,48")), "{rows:?}");
+    assert!(subscribed.err.contains("permanent memory: 2"), "{}", subscribed.err);
+    let silent = watch("--reports");
+    assert!(
+        silent.code == 4 && silent.err.contains("sent no velocity by itself"),
+        "{}",
+        silent.err
+    );
+    assert!(silent.err.contains("--reports=100ms"), "{}", silent.err);
+    ok(&["set", &sim.url, "autosend=65586"]);
+    let kept = watch("--reports");
+    assert_eq!((kept.code, kept.err.as_str()), (0, ""));
+    assert!(kept.out.lines().nth(1).is_some_and(|row| row.ends_with(",0,48")), "{}", kept.out);
+    let refused = polepair(&["watch", &sim.url, "torque", "--reports=50ms"]);
+    assert!(
+        refused.code == 2 && refused.err.contains("does not tell its torque"),
+        "{}",
+        refused.err
+    );
+    sim.end();
+}

@@ -343,6 +343,18 @@ pub trait Axes {
         None
     }
 
+    /// The parameter, and its raw value, with which a drive sends these by itself every `interval_ms`;
+    /// with none of them, sends nothing more. `None` where it does not send one of them.
+    fn report_setting(
+        &self,
+        axis: AxisIndex,
+        parameters: &[ParameterId],
+        interval_ms: u16,
+    ) -> Option<(ParameterId, i64)> {
+        let _ = (axis, parameters, interval_ms);
+        None
+    }
+
     /// Begins, or ends, to keep what happens for [`poll_axis_event`](Self::poll_axis_event). What is so already
     /// when it begins is not news.
     fn enable_events(&mut self, _on: bool) {}

@@ -327,6 +327,15 @@ impl<M: Medium, H: Host<M>> Axes for Lane<M, H> {
         self.slot(axis).ok()?.driver.unread_prerequisite(n)
     }
 
+    fn report_setting(
+        &self,
+        axis: AxisIndex,
+        parameters: &[ParameterId],
+        interval_ms: u16,
+    ) -> Option<(ParameterId, i64)> {
+        self.slot(axis).ok()?.driver.report_setting(parameters, interval_ms)
+    }
+
     fn enable_events(&mut self, on: bool) {
         let states = self.slots.iter().map(|slot| &slot.state);
         self.events = on.then(|| Box::new(EventQueue::new(states)));

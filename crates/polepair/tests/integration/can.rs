@@ -221,3 +221,43 @@ fn words_choose_the_medium() {
         assert_eq!(rack_of_words(&[word], 1).unwrap_err().code(), "E203", "{word}");
     }
 }
+
+/// What SR has a drive send is its axis' state without a question, from the next interval on, and ends
+/// with none (thruster family, section 2.5).
+#[test]
+fn reports_bring_signals_that_nobody_asked_for() {
+    let watcher = Watcher::default();
+    let link = tapped("sim:thruster:11?time=virtual", watcher.clone()).unwrap();
+    let axis = link.axis(11).unwrap();
+    let (signals, interval) = ([Signal::Velocity, Signal::Voltage], Duration::from_millis(100));
+    let armed = axis.armed().unwrap();
+    armed.velocity("600 rpm").unwrap();
+    axis.set_reports(&signals, interval).unwrap();
+    let events = axis.events().unwrap();
+    let end = axis.connection().now().plus_ms(4_000);
+    let before = watcher.0.lock().unwrap().frames.len();
+    while events.next(interval * 11).is_some_and(|event| event.at < end) {}
+    let heard = watcher.0.lock().unwrap().frames[before..].to_vec();
+    assert!(heard.iter().all(|(direction, frame)| {
+        *direction == TapDirection::ToHost && frame.bytes()[..2] == [0x41, 0x01]
+    }));
+    assert!(heard.len() > 30, "{}", heard.len());
+    for (signal, expected) in
+        [(Signal::Velocity, 20.0 * std::f64::consts::PI), (Signal::Voltage, 48.0)]
+    {
+        let reading = axis.state().reading(signal);
+        let age = axis.connection().now().since(reading.at.expect("a report"));
+        assert!(age <= interval && (reading.value - expected).abs() < 2.0, "{reading:?} {age:?}");
+    }
+    axis.set_reports(&[], Duration::ZERO).unwrap();
+    while events.poll().is_some() {}
+    assert_eq!(events.next(Duration::from_secs(2)), None);
+
+    let refused = axis.set_reports(&[Signal::Torque], interval).unwrap_err();
+    assert!(refused.code() == "E213" && refused.to_string().contains("torque"), "{refused}");
+    let refused = axis.set_reports(&signals, Duration::from_secs(66)).unwrap_err();
+    assert_eq!(refused.code(), "E216", "{refused}");
+    let others = connect("sim:tmcl?time=virtual").unwrap();
+    let refused = others.axes()[0].set_reports(&[Signal::Velocity], interval).unwrap_err();
+    assert_eq!(refused.code(), "E213", "{refused}");
+}

@@ -288,6 +288,24 @@ impl Driver for Axis {
         })
     }
 
+    fn report_setting(
+        &self,
+        parameters: &[ParameterId],
+        interval_ms: u16,
+    ) -> Option<(ParameterId, i64)> {
+        let (setting, _) = self.find_parameter(CommandWord::SR)?;
+        let frame_bit = |id: &ParameterId| {
+            let parameter = self.profile.parameter(*id).filter(|p| p.space == 0)?;
+            ReportFrame::part_with(CommandWord(parameter.index)).map(|part| 1_i64 << (part - 1))
+        };
+        let mut frames = 0;
+        for id in parameters {
+            frames |= frame_bit(id)?;
+        }
+        let interval = if frames == 0 { 0 } else { i64::from(interval_ms) };
+        Some((setting, frames << 16 | interval))
+    }
+
     fn address_role(&self, parameter: &Parameter) -> Option<AddressRole> {
         (parameter.index == CommandWord::CI.0).then_some(AddressRole::DriveAfterRestart)
     }

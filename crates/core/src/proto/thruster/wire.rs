@@ -299,6 +299,17 @@ impl ReportFrame {
     /// What SR puts in place of the command's first letter.
     pub const UNSOLICITED: u8 = b'A';
 
+    /// Which part carries the value that a query reads; `None` where none does.
+    #[must_use]
+    pub const fn part_with(query: CommandWord) -> Option<u8> {
+        match query {
+            CommandWord::QV | CommandWord::QP | CommandWord::QC => Some(1),
+            CommandWord::EF | CommandWord::QT | CommandWord::EQ => Some(2),
+            CommandWord::QA | CommandWord::QR => Some(3),
+            _ => None,
+        }
+    }
+
     /// The frame from the drive of that id.
     #[must_use]
     pub fn frame(&self, id: u8) -> Frame {

@@ -1,0 +1,53 @@
+//! What a drive sends by itself, at an interval: switched on and off.
+
+use super::Axis;
+use crate::error::Error;
+use polepair_core::profile::{ParameterId, Signal};
+use std::time::Duration;
+
+impl Axis {
+    /// Has the drive send these signals by itself, every `interval`: 1 ms to 65.535 s, and no shorter than
+    /// the drive allows. With no signals it sends nothing more. One write, which replaces what was set
+    /// before; drives keep it over power-off where the parameter says so (thruster family: SR, manual
+    /// section 2.5). The values are in [`state`](Self::state) and in [`events`](Self::events) while
+    /// somebody listens.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E213` for a signal that the drive does not send by itself, `E216` for another
+    /// interval; others by blame.
+    pub fn set_reports(&self, signals: &[Signal], interval: Duration) -> Result<(), Error> {
+        let ms = u16::try_from(interval.as_millis()).ok();
+        let ms = ms.filter(|ms| *ms > 0 || signals.is_empty()).ok_or_else(|| {
+            let what = format!("{}: reports every {interval:?} cannot be asked for", self.label());
+            Error::usage("E216", what, "the interval is 1 ms to 65.535 s")
+        })?;
+        let setting = |ids: &[ParameterId]| {
+            self.connection.with_axes(|axes, _| axes.report_setting(self.index, ids, ms))
+        };
+        let mut parameters = Vec::new();
+        for signal in signals {
+            let source = self.profile.signal(*signal).map(|source| source.parameter);
+            let source = source.filter(|id| setting(&[*id]).is_some());
+            parameters
+                .push(source.ok_or_else(|| self.not_reported(*signal, setting(&[]).is_some()))?);
+        }
+        let (parameter, raw) = setting(&parameters)
+            .ok_or_else(|| Error::usage("E213", self.sends_nothing(), ASK_INSTEAD))?;
+        self.write(parameter, raw, false)
+    }
+
+    fn not_reported(&self, signal: Signal, sends_others: bool) -> Error {
+        let what = match sends_others {
+            true => format!("{} does not send its {} by itself", self.label(), signal.name()),
+            false => self.sends_nothing(),
+        };
+        Error::usage("E213", what, ASK_INSTEAD)
+    }
+
+    fn sends_nothing(&self) -> String {
+        let protocol = self.protocol;
+        format!("{}: drives of {protocol} are not told to send signals this way", self.label())
+    }
+}
+
+const ASK_INSTEAD: &str = "without reports the drive is asked for it";
