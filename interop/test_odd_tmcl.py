@@ -126,3 +126,45 @@ def test_a_module_that_ignores_its_address_is_one(wires, address):
     other = polepair("get", f"{wire.url}#9", "actual position", check=False, silence=True)
     assert other.returncode == 4 and "another address answers" in other.stderr, other
     assert "two drives" not in polepair("doctor", wire.url, check=False, silence=True).stdout
+
+
+def scanned(url):
+    lines = polepair("scan", url, "--ids", "1-3", "--format", "jsonl").stdout.splitlines()
+    return [json.loads(line)["axis"] for line in lines]
+
+
+@pytest.mark.parametrize("kind", [SerialLine, SlcanBus])
+@pytest.mark.parametrize("motors", [1, 3, 6])
+def test_each_motor_of_a_module_is_an_axis(wires, kind, motors):
+    module = Module(motors=motors)
+    url = wires(kind, module).url
+    assert scanned(url) == [1, *[f"1.{n}" for n in range(1, motors)]]
+    last = motors - 1
+    for n, axis in enumerate(module.axes):
+        axis[1] = 1000 * n
+        axis[2] = axis[3] = 500
+    read = polepair("get", f"{url}#1.0-{last}", "actual position").stdout
+    assert read.split("\n")[last].endswith(f"actual position = {1000 * last}"), read
+    polepair("send", f"{url}#1.{last}", "GAP 1, 0")
+    module.requests.clear()
+    stopped = polepair("stop", f"{url}#1")
+    assert "axis 1 is stopped" in stopped.stdout + stopped.stderr, stopped
+    assert [axis[3] for axis in module.axes] == [0] * motors
+    refused = polepair("get", f"{url}#1.6", "actual position", check=False)
+    assert refused.returncode == 2 and "E212" in refused.stderr, refused
+
+
+def test_one_motor_is_stopped_alone(wires):
+    module = Module(motors=3)
+    url = wires(SerialLine, module).url
+    for axis in module.axes:
+        axis[2] = axis[3] = 500
+    polepair("stop", f"{url}#1.1")
+    assert [axis[3] for axis in module.axes] == [500, 0, 500]
+
+
+def test_a_module_that_ignores_the_motor_has_one(wires):
+    module = Module(motors=1, mirrors=True)
+    url = wires(SerialLine, module).url
+    assert scanned(url) == [1]
+    assert "motors" not in polepair("scan", url, "--ids", "1-1").stdout

@@ -277,7 +277,7 @@ impl Emitter {
         let _ = write!(
             self.text,
             "/// {title}.\npub static {constant}: Profile = Profile {{ name: {:?}, family: {:?}, \
-             protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, \
+             protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, motors: {}, \
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
              identity: {identity}, ram: {ram}, link_settings: &[{link_settings}], \
              optional: &[{optional}], \
@@ -288,6 +288,7 @@ impl Emitter {
             p.title,
             p.source,
             p.axis,
+            p.motors,
             p.reply_timeout_ms,
             p.multiple_writes,
             p.caution,

@@ -227,7 +227,8 @@ pub enum FactQuery {
     /// without is not asked.
     Characters(&'static str),
     /// How many parameters there are: the first has to be there, the others are counted up to the
-    /// first that is refused.
+    /// first that is refused. The last is one that no drive has: a drive that tells it does not look at
+    /// which is asked, and has one.
     Count(&'static str, &'static [&'static str]),
 }
 

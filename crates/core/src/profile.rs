@@ -30,6 +30,8 @@ pub struct Profile {
     pub source: &'static str,
     /// Rotary, linear or ratio.
     pub axis: AxisKind,
+    /// Motors behind one address; 0 where that is not known.
+    pub motors: u8,
     /// Named settings and readings. A [`ParameterId`] is an index into this table.
     pub parameters: &'static [Parameter],
     /// Faults and warnings in words.

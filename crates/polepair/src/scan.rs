@@ -95,27 +95,37 @@ impl DetectedDrive {
 }
 
 impl ProtocolLine {
-    /// The other axes of a drive that was found: each that tells its state, up to the first that does
-    /// not.
+    /// The other axes of a drive that was found: as many as its profile says; else each that tells its
+    /// state, up to the first that does not. A drive that tells one of an axis that no drive has does
+    /// not look at which axis is asked: it has one.
     pub(crate) fn further_axes(&self, one: &DetectedDrive) -> Result<Vec<DetectedDrive>, Error> {
         let (first, last) = (*self.protocol.sub_axes.start(), *self.protocol.sub_axes.end());
-        let state = one.profile.signal(Signal::Enabled).map(|source| source.parameter);
-        let Some(state) = state.filter(|_| first < last && sub_axis(one.number) == 0) else {
+        if first == last || sub_axis(one.number) != 0 {
+            return Ok(Vec::new());
+        }
+        let known = one.profile.motors;
+        let last = if known > 0 { first + known - 1 } else { last + 1 };
+        let numbers = (first + 1..=last).map(|sub| with_sub_axis(one.number, sub));
+        let found = |number: u32| DetectedDrive {
+            number,
+            identified: one.identified.clone(),
+            ..DetectedDrive::with_known_profile(self, one.number, one.profile)
+        };
+        if known > 0 {
+            return Ok(numbers.map(found).collect());
+        }
+        let source = |signal| one.profile.signal(signal).map(|source| source.parameter);
+        let Some(state) = source(Signal::Enabled).or_else(|| source(Signal::Position)) else {
             return Ok(Vec::new());
         };
-        let numbers = (first + 1..=last).map(|sub| with_sub_axis(one.number, sub));
         let drives: Vec<_> = numbers.map(|number| (one.profile, number)).collect();
         let axes = self.probe_axes(&drives, false)?;
         if let Some(axis) = axes.first() {
             axis.connection().with_axes(|axes, now| axes.handle_resume(now));
         }
-        let answers = axes.iter().take_while(|axis| axis.read(state).is_ok());
-        let found = |axis: &Axis| DetectedDrive {
-            number: axis.number(),
-            identified: one.identified.clone(),
-            ..DetectedDrive::with_known_profile(self, one.number, one.profile)
-        };
-        Ok(answers.map(found).collect())
+        let answers: Vec<&Axis> = axes.iter().take_while(|axis| axis.read(state).is_ok()).collect();
+        let looks_at_axis = answers.len() < axes.len();
+        Ok(answers.iter().filter(|_| looks_at_axis).map(|axis| found(axis.number())).collect())
     }
 }
 

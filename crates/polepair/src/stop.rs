@@ -30,6 +30,7 @@ use crate::wire::{CountedLink, SharedLink};
 use polepair_core::axis::{Command, ProgramEnd, RehearsalAction, Verb};
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::medium::{Can, Frame, Medium, Stream};
+use polepair_core::proto::{sub_axis, with_sub_axis};
 use polepair_core::station::AxisIndex;
 use polepair_link::{LinkIo as _, Received, clock};
 use std::time::Duration;
@@ -426,15 +427,22 @@ fn start_stops(axes: &[Axis], command: Command) -> Vec<Result<RunningRequest, Er
     axes.iter().map(|axis| axis.start(command)).collect()
 }
 
-/// Stops every motor that drives have besides the first, whose stop has been sent to each drive: until a
-/// drive has none of that number. One that is not answered keeps none of the further ones from being
+/// Stops every motor that drives have besides those that are axes, whose stop has been sent: until a drive
+/// has none of that number. One that is not answered keeps none of the further ones from being
 /// told, and is told once more at the end.
 fn stop_more_motors(axes: &[Axis]) -> Vec<DriveMotors> {
     let of = |axis: &Axis| {
         let mut received = Vec::new();
         let mut silent: Vec<(u8, Error)> = Vec::new();
         let mut in_a_row = 0;
-        for number in 1..MOTORS_MAX {
+        let is_axis = |number: u8| {
+            let address = with_sub_axis(axis.number(), number);
+            let is_it = |other: &Axis| {
+                other.number() == address && other.connection().is_same(axis.connection())
+            };
+            axes.iter().any(is_it)
+        };
+        for number in (1..MOTORS_MAX).filter(|number| !is_axis(*number)) {
             let sent = |axis: &Axis| axis.connection().with_axes(|axes, _| axes.counters().sent);
             let before = sent(axis);
             match axis.stop_motor(number) {
@@ -472,7 +480,7 @@ fn stop_more_motors(axes: &[Axis]) -> Vec<DriveMotors> {
             result: ended,
         }
     };
-    let all = axes.iter().map(of);
+    let all = axes.iter().filter(|axis| sub_axis(axis.number()) == 0).map(of);
     all.filter(|motors| !motors.confirmed.is_empty() || motors.result.is_err()).collect()
 }
 

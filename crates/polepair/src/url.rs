@@ -17,7 +17,7 @@ use crate::registry;
 use crate::spelling;
 use polepair_core::medium::MediumKind;
 pub use polepair_core::proto::AxisNumber;
-use polepair_core::proto::{GROUP, with_sub_axis};
+use polepair_core::proto::{GROUP, SUB_AXIS, with_sub_axis};
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
@@ -382,18 +382,18 @@ pub(crate) fn split_names(fragment: &str) -> (Vec<String>, String) {
     (names.iter().map(|name| name.trim().to_owned()).collect(), numbers.join(","))
 }
 
-/// `1,2`, `1-4`, `5.2`, `g3`, `g1+2`, `g*`.
+/// `1,2`, `1-4`, `5.2`, `1.0-5`, `g3`, `g1+2`, `g*`.
 fn parse_axes(fragment: &str, repeated: bool) -> Result<Vec<u32>, Error> {
     let mut axes = Vec::new();
     for piece in fragment.split(',').filter(|_| !fragment.is_empty()) {
-        let (first, last) = match piece.trim().strip_prefix('g') {
-            Some(groups) => (parse_group(fragment, groups)?, parse_group(fragment, groups)?),
+        let (first, last, step) = match piece.trim().strip_prefix('g') {
+            Some(groups) => (parse_group(fragment, groups)?, parse_group(fragment, groups)?, 1),
             None => parse_range(fragment, piece)?,
         };
-        if first > last || (last - first) as usize >= AXES_MAX - axes.len() {
+        if first > last || (last - first) as usize / step >= AXES_MAX - axes.len() {
             return Err(url_error(format!("`#{fragment}`: at most {AXES_MAX} axes, upwards"), ""));
         }
-        for axis in first..=last {
+        for axis in (first..=last).step_by(step) {
             if axes.contains(&axis) {
                 if repeated {
                     continue;
@@ -407,7 +407,11 @@ fn parse_axes(fragment: &str, repeated: bool) -> Result<Vec<u32>, Error> {
     Ok(axes)
 }
 
-fn parse_range(fragment: &str, piece: &str) -> Result<(u32, u32), Error> {
+/// From one axis of a drive to its next.
+const SUB_AXIS_STEP: usize = 1 << SUB_AXIS.trailing_zeros();
+
+/// First, last, and how far each lies from the next.
+fn parse_range(fragment: &str, piece: &str) -> Result<(u32, u32, usize), Error> {
     let number = |text: &str| {
         let number =
             crate::toml_file::parse_number(text.trim()).and_then(|n| u32::try_from(n).ok());
@@ -416,15 +420,17 @@ fn parse_range(fragment: &str, piece: &str) -> Result<(u32, u32), Error> {
         number.ok_or_else(|| url_error(what(), "write `#1`, `#1,2`, `#1-4` or `#1.2`"))
     };
     if let Some((drive, sub)) = piece.split_once('.') {
-        let (drive, sub) = (number(drive)?, number(sub)?);
+        let (first, last) = sub.split_once('-').unwrap_or((sub, sub));
         let what = || format!("`#{fragment}`: `{piece}` is no axis number");
-        let sub = u8::try_from(sub).map_err(|_| url_error(what(), "write `#1.2`"))?;
-        let axis = with_sub_axis(drive, sub);
-        return Ok((axis, axis));
+        let sub_axis =
+            |text| u8::try_from(number(text)?).map_err(|_| url_error(what(), "write `#1.2`"));
+        let drive = number(drive)?;
+        let (first, last) = (sub_axis(first)?, sub_axis(last)?);
+        return Ok((with_sub_axis(drive, first), with_sub_axis(drive, last), SUB_AXIS_STEP));
     }
     match piece.split_once('-') {
-        Some((first, last)) => Ok((number(first)?, number(last)?)),
-        None => number(piece).map(|axis| (axis, axis)),
+        Some((first, last)) => Ok((number(first)?, number(last)?, 1)),
+        None => number(piece).map(|axis| (axis, axis, 1)),
     }
 }
 

@@ -4,6 +4,7 @@ use super::Lane;
 use crate::error::Unsupported;
 use crate::medium::Medium;
 use crate::profile::{AddressRole, Parameter};
+use crate::proto::drive_address;
 use crate::station::{AxisIndex, Host};
 
 const HOST_ADDRESS: &str = "that is the address of this host, which the drives answer: a drive that has it \
@@ -25,7 +26,9 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         let driver = &self.slot(axis)?.driver;
         let Some(readdress) = driver.address_role(parameter) else { return Ok(None) };
         let Ok(address) = u32::try_from(raw) else { return Ok(Some(readdress)) };
-        let has = |address: u32| self.slots.iter().any(|slot| slot.driver.address() == address);
+        let own = drive_address(driver.address());
+        let drives = || self.slots.iter().map(|slot| drive_address(slot.driver.address()));
+        let has = |address: u32| drives().any(|other| other == address);
         match readdress {
             AddressRole::Drive | AddressRole::DriveAfterRestart
                 if Some(address) == self.host.own_address() =>
@@ -33,7 +36,7 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                 Err(Unsupported::Forbidden(HOST_ADDRESS))
             }
             AddressRole::Drive | AddressRole::DriveAfterRestart
-                if address != driver.address() && has(address) =>
+                if address != own && has(address) =>
             {
                 Err(Unsupported::Forbidden(ADDRESS_TAKEN))
             }

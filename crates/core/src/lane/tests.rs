@@ -71,6 +71,7 @@ static PROFILE: Profile = Profile {
     title: "",
     source: "",
     axis: AxisKind::Rotary,
+    motors: 0,
     parameters: PARAMETERS,
     faults: &[],
     signals: &[SignalSource {

@@ -105,7 +105,7 @@ impl Axis {
                         Err(error) => return Err(error),
                     }
                 }
-                Ok(count.to_string())
+                Ok(if count > rest.len() { 1 } else { count }.to_string())
             }
         }
     }

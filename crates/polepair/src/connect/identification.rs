@@ -5,6 +5,7 @@ use crate::error::Error;
 use crate::identify::{IDENTIFY_RETRY_MAX, Identification, Prober};
 use crate::url::{AxisNumber, Url};
 use polepair_core::profile::Profile;
+use polepair_core::proto::{drive_address, sub_axis};
 use polepair_link::clock;
 
 impl Connector {
@@ -56,9 +57,18 @@ impl Connector {
         must_ask: bool,
     ) -> Result<Vec<(&'static Profile, Identification)>, Error> {
         let named = self.chosen_profile(url, &line.protocol)?;
-        let each =
-            (0..line.axis_numbers.len()).map(|at| self.identify_axis(line, at, named, must_ask));
-        let mut found = each.collect::<Result<Vec<_>, _>>()?;
+        let mut found: Vec<(&'static Profile, Identification)> = Vec::new();
+        for (at, number) in line.axis_numbers.iter().enumerate() {
+            let same_drive = |other: &u32| {
+                sub_axis(*number) != 0 && drive_address(*other) == drive_address(*number)
+            };
+            let identified = line.axis_numbers[..at].iter().position(same_drive);
+            found.push(match identified {
+                Some(known) => found[known].clone(),
+                None => self.identify_axis(line, at, named, must_ask)?,
+            });
+            check_motor(*number, line, found[at].0)?;
+        }
         // Drives of a group cannot all be asked: they are taken for what the first axis is.
         if let Some((profile, _)) =
             found.iter().find(|(_, how)| *how != Identification::Group).cloned()
@@ -113,4 +123,23 @@ impl Connector {
             }
         }
     }
+}
+
+/// Refuses a motor that a drive has not.
+fn check_motor(number: u32, line: &ProtocolLine, profile: &Profile) -> Result<(), Error> {
+    let (sub, first) = (sub_axis(number), *line.protocol.sub_axes.start());
+    let motors = profile.motors;
+    if sub == 0 || motors == 0 || sub < first + motors {
+        return Ok(());
+    }
+    let (number, drive) = (AxisNumber(number), AxisNumber(drive_address(number)));
+    let what = format!("`#{number}`: {} has no such motor", profile.title);
+    Err(Error::usage(
+        "E212",
+        what,
+        match motors {
+            1 => format!("it has one: `#{drive}`"),
+            motors => format!("it has {motors}: `#{drive}.{first}-{}`", first + motors - 1),
+        },
+    ))
 }

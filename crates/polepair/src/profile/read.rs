@@ -17,7 +17,7 @@ use polepair_core::units::Unit;
 /// Parameters, faults, or repetitions of one, that a profile may have at most.
 pub(crate) const ENTRIES_MAX: usize = 4096;
 
-const KEYS: [&str; 22] = [
+const KEYS: [&str; 23] = [
     "name",
     "extends",
     "remove",
@@ -28,6 +28,7 @@ const KEYS: [&str; 22] = [
     "source",
     "axis",
     "reply_timeout_ms",
+    "motors",
     "write",
     "caution",
     "watchdog",
@@ -185,6 +186,7 @@ fn new_draft(node: &TomlTable<'_, '_>) -> Result<Draft, FileError> {
         protocol,
         source: String::new(),
         axis: AxisKind::Rotary,
+        motors: 0,
         reply_timeout_ms: 100,
         multiple_writes: false,
         caution: String::new(),
@@ -214,6 +216,9 @@ fn read_head(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileErro
     }
     if let Some(axis) = node.text("axis")? {
         draft.axis = axis.try_map(|word| parse_choice(&word, &AXES))?;
+    }
+    if let Some(motors) = node.integer_between("motors", 1, 8)? {
+        draft.motors = u8::try_from(motors).unwrap_or(u8::MAX);
     }
     if let Some(function) = node.text("write")? {
         if draft.protocol != "modbus" {

@@ -36,6 +36,7 @@ pub(crate) fn resolve_profile(draft: &Draft) -> Result<&'static Profile, FileErr
         title: leak_text(&draft.title),
         source: leak_text(&draft.source),
         axis: draft.axis,
+        motors: draft.motors,
         parameters: parameters.collect::<Result<Vec<_>, _>>()?.leak(),
         faults: draft.faults.iter().map(resolve_fault).collect::<Vec<_>>().leak(),
         signals: signals.leak(),

@@ -3909,6 +3909,7 @@ pub static CIA402: Profile = Profile {
     title: "CiA 402 drive",
     source: "CiA 301, CiA 402-2 and CiA 402-3",
     axis: AxisKind::Rotary,
+    motors: 0,
     parameters: &CIA402_PARAMETERS,
     faults: &CIA402_FAULTS,
     signals: &CIA402_SIGNALS,

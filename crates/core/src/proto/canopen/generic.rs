@@ -14,6 +14,7 @@ pub static GENERIC: Profile = Profile {
     title: "CANopen device",
     source: "CiA 301",
     axis: AxisKind::Rotary,
+    motors: 0,
     parameters: &[
         Parameter {
             name: "device type",

@@ -23,6 +23,7 @@ pub static GENERIC: Profile = Profile {
     title: "Modbus device",
     source: "MODBUS Application Protocol Specification V1.1b3",
     axis: AxisKind::Rotary,
+    motors: 1,
     parameters: &[],
     faults: &[],
     signals: &[],

@@ -18,6 +18,7 @@ pub static GENERIC: Profile = Profile {
     title: "Drive with the thruster protocol",
     source: "thruster protocol manual",
     axis: AxisKind::Rotary,
+    motors: 1,
     parameters: PARAMETERS,
     faults: &[],
     signals: &[

@@ -8,12 +8,14 @@ use crate::profile::{
     parse_encoding,
 };
 
-/// What a parameter's space means: axis parameters of motor 0, a bank of the global parameters, a bank
-/// of inputs and outputs, axis parameters of another motor.
+/// What a parameter's space means: axis parameters of the axis' own motor or of one that is named, a
+/// bank of the global parameters, a bank of inputs and outputs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Space {
+    /// GAP and SAP of the axis' own motor.
+    Axis,
     /// GAP and SAP, with the motor.
-    Axis(u8),
+    Motor(u8),
     /// GGP and SGP, with the bank.
     Global(u8),
     /// GIO and SIO, with the bank.
@@ -31,8 +33,8 @@ impl Space {
     #[must_use]
     pub const fn of_number(number: u8) -> Self {
         match number {
-            0 => Self::Axis(0),
-            MOTOR.. => Self::Axis(number - MOTOR),
+            0 => Self::Axis,
+            MOTOR.. => Self::Motor(number - MOTOR),
             IO.. => Self::Io(number - IO),
             _ => Self::Global(number - 1),
         }
@@ -42,8 +44,8 @@ impl Space {
     #[must_use]
     pub const fn number(self) -> u8 {
         match self {
-            Self::Axis(0) => 0,
-            Self::Axis(motor) => MOTOR + motor,
+            Self::Axis => 0,
+            Self::Motor(motor) => MOTOR + motor,
             Self::Global(bank) => 1 + bank,
             Self::Io(bank) => IO + bank,
         }
@@ -57,21 +59,27 @@ pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
     let (word, place) = parts.next()?.trim().split_once([' ', '\t'])?;
     let is = |name: &str| word.eq_ignore_ascii_case(name);
     let space: fn(u8) -> Space = match () {
-        () if is("AP") => Space::Axis,
+        () if is("AP") => Space::Motor,
         () if is("GP") => Space::Global,
         () if is("IO") => Space::Io,
         () => return None,
     };
-    let (number, part) = place.trim().split_once('.').unwrap_or((place.trim(), "0"));
-    let (number, part) = (parse_address_number(number)?, parse_address_number(part)?);
-    let max = if space(0) == Space::Axis(0) { MOTOR_MAX } else { BANK_MAX };
-    let part = u8::try_from(part).ok().filter(|part| *part <= max);
+    let (number, part) = match place.trim().split_once('.') {
+        Some((number, part)) => (number, Some(parse_address_number(part)?)),
+        None => (place.trim(), None),
+    };
+    let number = parse_address_number(number)?;
+    let max = if space(0) == Space::Motor(0) { MOTOR_MAX } else { BANK_MAX };
+    let part = match part {
+        None if space(0) == Space::Motor(0) => Some(Space::Axis),
+        part => u8::try_from(part.unwrap_or(0)).ok().filter(|part| *part <= max).map(space),
+    };
     let (Ok(index), Some(part)) = (u8::try_from(number), part) else {
         let expected = "a number, 0 to 255, and behind a point motor 0 to 15 or bank 0 to 31";
         return Some(Err(TextError { at: text.len() - text.trim_start().len(), expected }));
     };
-    let mut address = ParameterAddress::new(index.into(), space(part).number());
-    if let Space::Axis(1..) = space(part) {
+    let mut address = ParameterAddress::new(index.into(), part.number());
+    if let Space::Motor(_) = part {
         address.like = Some((index.into(), 0));
     }
     if let Some(word) = parts.next() {
@@ -89,13 +97,14 @@ pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
 /// Writes an address: `AP 6`, `AP 6.2`.
 pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fmt::Result {
     let (word, part) = match Space::of_number(address.space) {
-        Space::Axis(motor) => ("AP", motor),
-        Space::Global(bank) => ("GP", bank),
-        Space::Io(bank) => ("IO", bank),
+        Space::Axis => ("AP", None),
+        Space::Motor(motor) => ("AP", Some(motor)),
+        Space::Global(bank) => ("GP", Some(bank).filter(|bank| *bank != 0)),
+        Space::Io(bank) => ("IO", Some(bank).filter(|bank| *bank != 0)),
     };
     match part {
-        0 => write!(out, "{word} {}", address.index),
-        part => write!(out, "{word} {}.{part}", address.index),
+        None => write!(out, "{word} {}", address.index),
+        Some(part) => write!(out, "{word} {}.{part}", address.index),
     }
 }
 
@@ -118,7 +127,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
         Space::Io(bank) => {
             Parameter { access: if bank == 2 { Access::ReadWrite } else { Access::Read }, ..plain }
         }
-        Space::Axis(_) => plain,
+        Space::Axis | Space::Motor(_) => plain,
     }
 }
 
@@ -133,7 +142,11 @@ pub fn concerns<'a>(
         return false;
     };
     let of_opcode = match (opcode, Space::of_number(address.space)) {
-        (Opcode::Gap | Opcode::Sap | Opcode::Stap | Opcode::Rsap, Space::Axis(motor)) => motor,
+        // Which motor the axis is, only the axis knows.
+        (Opcode::Gap | Opcode::Sap | Opcode::Stap | Opcode::Rsap, Space::Axis) => {
+            return number("type") == Some(address.index.into());
+        }
+        (Opcode::Gap | Opcode::Sap | Opcode::Stap | Opcode::Rsap, Space::Motor(motor)) => motor,
         (Opcode::Ggp | Opcode::Sgp | Opcode::Stgp | Opcode::Rsgp, Space::Global(bank)) => bank,
         (Opcode::Gio | Opcode::Sio, Space::Io(bank)) => bank,
         _ => return false,
@@ -150,10 +163,11 @@ mod tests {
     fn parameters_of_motors_and_banks_are_read() {
         let read = |text: &str| parse(text).expect(text).expect(text);
         assert_eq!(read("AP 207"), ParameterAddress::new(207, 0));
-        assert_eq!(read("ap 6.0"), ParameterAddress::new(6, 0));
         let like = Some((6, 0));
-        let space = Space::Axis(2).number();
-        assert_eq!(read("AP 6.2"), ParameterAddress { like, ..ParameterAddress::new(6, space) });
+        for motor in [0, 2] {
+            let address = ParameterAddress::new(6, Space::Motor(motor).number());
+            assert_eq!(read(&alloc::format!("ap 6.{motor}")), ParameterAddress { like, ..address });
+        }
         assert_eq!(read("GP 66"), ParameterAddress::new(66, 1));
         assert_eq!(read("GP 0.3"), ParameterAddress::new(0, 4));
         assert_eq!(read("IO 0.1"), ParameterAddress::new(0, Space::Io(1).number()));
@@ -163,9 +177,7 @@ mod tests {
     #[test]
     fn spaces_have_numbers_of_their_own() {
         for number in 0..=u8::MAX {
-            if number != 0x80 {
-                assert_eq!(Space::of_number(number).number(), number);
-            }
+            assert_eq!(Space::of_number(number).number(), number);
         }
     }
 

@@ -17,17 +17,21 @@ use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
 use crate::profile::{AddressRole, Parameter, Profile, Signal};
 use crate::program::ProgramCommand;
-use crate::proto::{HostOptions, Protocol};
+use crate::proto::{HostOptions, Protocol, sub_axis, with_sub_axis};
 use crate::station::RequestClass;
 
 /// Bits of the motor byte that name the axis, where parameter numbers go beyond 255. \[I\]
 pub const AXIS_BITS: u8 = 4;
 
-/// One axis of a module.
+/// The motors that a module can have: those of the maker's largest.
+const MOTORS: core::ops::RangeInclusive<u8> = 0..=5;
+
+/// One motor of a module.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
     profile: &'static Profile,
     module: u8,
+    motor: u8,
     /// Numbers of the global parameters that hold the module's address and its host's.
     address_parameters: [u16; 2],
 }
@@ -40,13 +44,18 @@ const CAN_ADDRESS_PARAMETERS: [u16; 2] = [71, 70];
 const BANK_0: u8 = 1;
 
 impl Axis {
-    /// The first axis of the module at `address` of a serial line.
+    /// A motor of a module of a serial line, by its address.
     #[must_use]
     pub fn new(profile: &'static Profile, address: u32) -> Self {
-        Self { profile, module: address as u8, address_parameters: SERIAL_ADDRESS_PARAMETERS }
+        Self {
+            profile,
+            module: address as u8,
+            motor: sub_axis(address),
+            address_parameters: SERIAL_ADDRESS_PARAMETERS,
+        }
     }
 
-    /// The first axis of the module that has the CAN id `address`.
+    /// The same of a module on CAN.
     #[must_use]
     pub fn on_can(profile: &'static Profile, address: u32) -> Self {
         Self { address_parameters: CAN_ADDRESS_PARAMETERS, ..Self::new(profile, address) }
@@ -60,7 +69,8 @@ impl Axis {
         value: i32,
     ) -> Result<Request, Unsupported> {
         let (opcode, part) = match Space::of_number(parameter.space) {
-            Space::Axis(motor) => (axis, motor),
+            Space::Axis => (axis, self.motor),
+            Space::Motor(motor) => (axis, motor),
             Space::Global(bank) => (global, bank),
             Space::Io(bank) => (port, bank),
         };
@@ -81,7 +91,7 @@ impl Driver for Axis {
     }
 
     fn address(&self) -> u32 {
-        self.module.into()
+        with_sub_axis(self.module.into(), self.motor)
     }
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
@@ -111,15 +121,17 @@ impl Driver for Axis {
         self.parameter_request(parameter, opcodes, 0).map(HostRequest::of)
     }
 
-    /// `function` is the opcode, `index` the type and, in its high byte, the motor or bank.
+    /// `function` is the opcode, `index` the type and, in its high byte, the bank. Where the byte is the
+    /// motor, it is the axis' own.
     fn function_request(
         &self,
         function: u8,
         index: u16,
         value: i64,
     ) -> Result<HostRequest, Unsupported> {
-        let [motor, kind] = index.to_be_bytes();
+        let [part, kind] = index.to_be_bytes();
         let (opcode, value) = normalize_rotation(Opcode::from(function), wire_value(value)?);
+        let motor = if opcode.has_motor() { self.motor } else { part };
         Ok(HostRequest::of(Request { address: self.module, opcode, kind, motor, value }))
     }
 
@@ -196,7 +208,7 @@ impl Driver for Axis {
     fn decode_unsolicited(&mut self, answer: &Answer) -> [Option<DriveReport>; REPORTS_MAX] {
         let mut reports = [None; REPORTS_MAX];
         if let Answer::Event(reply) = answer {
-            let reached = i64::from(reply.value & 1);
+            let reached = i64::from(reply.value >> self.motor & 1);
             reports[0] = Some(DriveReport::Signal(Signal::Reached, reached));
         }
         reports
@@ -232,6 +244,7 @@ impl Protocol for Tmcl {
     const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
     const HOST_ADDRESS: Option<u32> = Some(super::wire::HOST as u32);
     const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 0..=255;
+    const SUB_AXES: core::ops::RangeInclusive<u8> = MOTORS;
     const DEFAULT_RATE: u32 = 9600;
 
     fn generic_profile() -> &'static Profile {
@@ -263,6 +276,7 @@ impl Protocol for TmclCan {
     // Identifiers go to 0x7FF, but a request holds its address in a byte: beyond it another module
     // would be meant.
     const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 0..=255;
+    const SUB_AXES: core::ops::RangeInclusive<u8> = MOTORS;
     const HOST_ADDRESS: Option<u32> = Some(super::wire::HOST as u32);
     const DEFAULT_RATE: u32 = 250_000;
 

@@ -118,8 +118,10 @@ impl Dissector for TmclDissector {
 
     fn device_facts(&self) -> &'static [DeviceFact] {
         const VERSION: FactQuery = FactQuery::Text("GET VERSION 1, 0, 0");
-        const MOTORS: FactQuery =
-            FactQuery::Count("AP 1", &["AP 1.1", "AP 1.2", "AP 1.3", "AP 1.4", "AP 1.5"]);
+        const MOTORS: FactQuery = FactQuery::Count(
+            "AP 1.0",
+            &["AP 1.1", "AP 1.2", "AP 1.3", "AP 1.4", "AP 1.5", "AP 1.6"],
+        );
         &[
             DeviceFact { name: "module", query: VERSION },
             DeviceFact { name: "firmware", query: VERSION },

@@ -17,6 +17,7 @@ pub static GENERIC: Profile = Profile {
     title: "TMCL module",
     source: "TMCL reference manuals",
     axis: AxisKind::Rotary,
+    motors: 0,
     parameters: PARAMETERS,
     faults: &[],
     signals: &[

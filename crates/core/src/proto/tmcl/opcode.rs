@@ -203,6 +203,26 @@ impl Opcode {
         Self::NAMED.iter().copied().find(|opcode| opcode.word().eq_ignore_ascii_case(word))
     }
 
+    /// Whether the byte behind the type names a motor.
+    #[must_use]
+    pub const fn has_motor(self) -> bool {
+        matches!(
+            self,
+            Self::Ror
+                | Self::Rol
+                | Self::Mst
+                | Self::Mvp
+                | Self::Sap
+                | Self::Gap
+                | Self::Stap
+                | Self::Rsap
+                | Self::Rfs
+                | Self::Sco
+                | Self::Gco
+                | Self::Cco
+        )
+    }
+
     /// Whether it only reads: asking twice is asking once.
     #[must_use]
     pub const fn only_reads(self) -> bool {

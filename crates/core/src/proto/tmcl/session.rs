@@ -31,7 +31,7 @@ use crate::time::Instant;
 pub(super) use alignment::Burst;
 use alignment::{ByteAlignment, SendPlan, SilentModule};
 use module_set::ModuleSet;
-use motor_stops::MotorStops;
+use motor_stops::{MotorStops, REPEATED_STOPS_MAX};
 use proof::{PROBES, UnprovenRequest};
 
 /// Times an idempotent request is sent at most.
@@ -194,6 +194,8 @@ pub struct Session {
     proven_addresses: ProvenAddresses,
     /// A request that waits for its module to be proven.
     unproven_request: Option<UnprovenRequest>,
+    /// Stops of other motors that wait to be said again.
+    repeated_stops: [Option<(Ticket, HostRequest)>; REPEATED_STOPS_MAX],
     /// A stop waits: no second reply is listened for.
     urgent: bool,
     /// No module is proven again for a second reply before then.
@@ -227,6 +229,7 @@ impl Session {
             proven_addresses: ProvenAddresses::new(options.probe_seed),
             urgent: options.urgent,
             unproven_request: None,
+            repeated_stops: [None; REPEATED_STOPS_MAX],
             recheck_at: Instant::ZERO,
             recent: [(0, 0, Instant::ZERO); RECENT_MAX],
             next_recent: 0,
@@ -490,7 +493,8 @@ impl Session {
         }
         let waiting = self.unproven_request.take().map(|waiting| waiting.ticket);
         let stop = self.pending_stop.take().map(|(ticket, _)| ticket);
-        for ticket in stop.into_iter().chain(waiting) {
+        let repeated = core::mem::take(&mut self.repeated_stops).into_iter().flatten();
+        for ticket in stop.into_iter().chain(waiting).chain(repeated.map(|(ticket, _)| ticket)) {
             self.finish_ticket(Some(ticket), Err(Failure::LinkDown));
         }
     }
@@ -645,6 +649,9 @@ impl Session {
     /// probe.
     #[inline]
     fn start_next(&mut self, now: Instant) {
+        if self.repeated_stops[0].is_some() && self.pending.is_none() {
+            self.next_repeated_stop();
+        }
         let waits = self.pending_stop.is_some() || self.unproven_request.is_some();
         if self.pending.is_none() && (waits || self.suspicious) {
             self.start_stop_or_probe(now);

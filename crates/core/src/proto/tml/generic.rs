@@ -17,6 +17,7 @@ pub static GENERIC: Profile = Profile {
     title: "TML drive",
     source: "TML communication manual, the vendor's help pages and library",
     axis: AxisKind::Rotary,
+    motors: 1,
     parameters: PARAMETERS,
     faults: &[],
     signals: &[

@@ -7,12 +7,16 @@
 //! proven: an earlier program may have stopped another motor. For motor 0, whose standing is looked
 //! at, a good reply is taken as it comes; a refusal of another's stop would say that its own was not executed.
 
-use super::Session;
 use super::module_set::ModuleSet;
 use super::proof::UnprovenRequest;
+use super::{HostRequest, Session};
 use crate::error::Failure;
 use crate::proto::tmcl::wire::Request;
+use crate::station::Ticket;
 use crate::time::Instant;
+
+/// Stops that wait to be said again at most: of every motor but the one that takes its turn.
+pub(super) const REPEATED_STOPS_MAX: usize = 5;
 
 /// Modules that answered nothing else yet since stops were sent to them.
 #[derive(Clone, Copy, Debug)]
@@ -63,12 +67,31 @@ impl Session {
                 self.unproven_request =
                     Some(UnprovenRequest::new(ticket, pending.host_request, proven));
             }
-            // Something else waits for the same.
-            ticket => {
-                self.counters.silent += 1;
-                self.finish_ticket(ticket, Err(Failure::Silent));
-            }
+            Some(ticket) => self.queue_stop(ticket, pending.host_request),
+            None => {}
         }
         self.start_next(now);
+    }
+
+    /// Another stop is to be said again first.
+    fn queue_stop(&mut self, ticket: Ticket, stop: HostRequest) {
+        match self.repeated_stops.iter_mut().find(|place| place.is_none()) {
+            Some(place) => *place = Some((ticket, stop)),
+            None => {
+                self.counters.silent += 1;
+                self.finish_ticket(Some(ticket), Err(Failure::Silent));
+            }
+        }
+    }
+
+    /// The next stop that is to be said again takes its turn, where none does.
+    pub(super) fn next_repeated_stop(&mut self) {
+        if self.unproven_request.is_some() {
+            return;
+        }
+        let Some((ticket, stop)) = self.repeated_stops[0].take() else { return };
+        self.repeated_stops.rotate_left(1);
+        let proven = self.proven_addresses.contains(stop.request.address);
+        self.unproven_request = Some(UnprovenRequest::new(ticket, stop, proven));
     }
 }
