@@ -144,10 +144,12 @@ try-dist: $(VENV)/packaging
 	interop/install-debian-packages packaging/debian-packages.txt
 	$(PYTEST) packaging
 
-$(VENV)/ready: interop/requirements.txt interop/debian-packages.txt
+$(VENV)/ready: interop/requirements.txt interop/source-distributions.txt interop/debian-packages.txt
 	interop/install-debian-packages
 	python3 -m venv $(VENV)
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check -r interop/requirements.txt
+	$(PYTHON) -m pip download --quiet --disable-pip-version-check --no-deps --no-binary :all: \
+		--dest $(VENV)/sources -r interop/source-distributions.txt
 	touch $@
 
 ## swarm: seeded worlds of hosts, drives, gateways and faults; SEEDS=100000 for more

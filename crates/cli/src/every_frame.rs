@@ -83,7 +83,7 @@ const STOP: VerbCase = from_turning(&["stop"], ExpectedEnd::Standing);
 const QUICK_STOP: VerbCase = from_turning(&["stop", "--quick"], ExpectedEnd::Standing);
 const DISABLE: VerbCase = from_turning(&["disable"], ExpectedEnd::Off);
 
-const FAMILIES: [DriveFamily; 8] = [
+const FAMILIES: [DriveFamily; 9] = [
     DriveFamily {
         sim: "tmcl:1",
         protocol: "tmcl",
@@ -109,6 +109,14 @@ const FAMILIES: [DriveFamily; 8] = [
         axes: &[1],
         prepare: &[],
         verbs: &[SPIN, SPIN_DETACHED, MOVE, MOVE_BY, ENABLE, STOP, DISABLE],
+    },
+    DriveFamily {
+        sim: "tmcm-6110:1",
+        protocol: "tmcl",
+        axes: &[1],
+        // It is fast enough, and its power goes when it stands.
+        prepare: &[("pulse divisor", 2), ("freewheeling delay", 1)],
+        verbs: &[SPIN, SPIN_DETACHED, MOVE, MOVE_BY, STOP],
     },
     DriveFamily {
         sim: "tml:1",
@@ -384,6 +392,7 @@ macro_rules! families {
 families! {
     tmcl "tmcl:1",
     tmcl_on_can "tmcl+can:1",
+    tmcl_steppers "tmcm-6110:1",
     tml "tml:1",
     tml_on_can "tmlcan:1",
     ts_on_modbus "modbus-rtu:1",

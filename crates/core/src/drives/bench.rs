@@ -81,6 +81,14 @@ pub trait BenchControl {
     fn ground_truth(&mut self, now: Instant) -> GroundTruth;
     /// Does something to it. Returns whether this drive has such a thing.
     fn act(&mut self, now: Instant, act: Act) -> bool;
+    /// What is true of one of its motors; `None` where it has none of that number.
+    fn motor_truth(&mut self, now: Instant, motor: u8) -> Option<GroundTruth> {
+        (motor == 0).then(|| self.ground_truth(now))
+    }
+    /// Does something to one of its motors. What is done to the drive itself may name any of them.
+    fn act_on_motor(&mut self, now: Instant, motor: u8, act: Act) -> bool {
+        motor == 0 && self.act(now, act)
+    }
     /// What the front panel shows, if there is one, as plain characters.
     fn panel_text(&mut self, now: Instant, out: &mut [u8]) -> Option<usize> {
         let _ = (now, out);

@@ -5,6 +5,7 @@ pub mod cia402;
 pub mod syntron_ts;
 pub mod technosoft;
 pub mod thruster;
+pub mod tmcm;
 pub mod tmcm17x;
 
 use crate::explain::Dissector;
@@ -70,6 +71,7 @@ pub trait FamilyVisitor {
 /// Shows every family to `visitor`.
 pub fn visit_families(visitor: &mut impl FamilyVisitor) {
     visitor.visit_family::<tmcm17x::Tmcm17x>();
+    visitor.visit_family::<tmcm::Tmcm>();
     visitor.visit_family::<syntron_ts::SyntronTs>();
     visitor.visit_family::<technosoft::Technosoft>();
     visitor.visit_family::<thruster::ThrusterFamily>();
@@ -79,9 +81,11 @@ pub fn visit_families(visitor: &mut impl FamilyVisitor) {
 /// Every profile that is compiled in.
 #[must_use]
 pub fn profiles() -> &'static [&'static Profile] {
-    static ALL: [&Profile; 11] = [
+    static ALL: [&Profile; 13] = [
         &tmcm17x::profile::TMCM_171,
         &tmcm17x::profile::TMCM_170,
+        &tmcm::profile::TMCM_1140,
+        &tmcm::profile::TMCM_6110,
         &syntron_ts::profile::SYNTRON_TS,
         &syntron_ts::profile::SYNTRON_DS102,
         &cia402::profile::CIA402,
@@ -97,8 +101,15 @@ pub fn profiles() -> &'static [&'static Profile] {
 
 /// Every rule by which a scale is computed from several parameters.
 #[must_use]
-pub const fn scale_rules() -> [&'static ScaleRule; 3] {
-    [&cia402::units::POSITION, &cia402::units::VELOCITY, &cia402::units::ACCELERATION]
+pub const fn scale_rules() -> [&'static ScaleRule; 6] {
+    [
+        &cia402::units::POSITION,
+        &cia402::units::VELOCITY,
+        &cia402::units::ACCELERATION,
+        &tmcm::units::POSITION,
+        &tmcm::units::VELOCITY,
+        &tmcm::units::ACCELERATION,
+    ]
 }
 
 /// The profile whose names stand in for an unknown drive's, where a protocol's texts are made of

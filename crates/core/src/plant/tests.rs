@@ -356,3 +356,27 @@ fn an_encoder_counts_both_ways_and_loses_what_it_did_not_see() {
     assert!(encoder.index_between(0.9 * turn, 1.1 * turn));
     assert!(!encoder.index_between(1.1 * turn, 1.9 * turn));
 }
+
+#[test]
+fn a_stepper_follows_its_field_until_the_load_is_too_much() {
+    let parameters = StepperParameters::NEMA_17;
+    let mut motor = Stepper::new(parameters);
+    let mut field = 0.0;
+    let mut run = |motor: &mut Stepper, ticks: u32, speed: f64, load: f64| {
+        for _ in 0..ticks {
+            field += speed * TICK_S;
+            motor.step(StepperInputs { field, current: 1.1, bus: 24.0, load });
+        }
+        field - motor.position()
+    };
+    let period = core::f64::consts::TAU / 50.0;
+    assert!(run(&mut motor, 2000, 10.0, 0.0).abs() < period / 4.0);
+    assert!((motor.velocity() - 10.0).abs() < 0.5);
+    assert!(motor.load_share() < 0.2, "{}", motor.load_share());
+    assert!(run(&mut motor, 2000, 10.0, -0.25).abs() < period / 4.0, "a load within its torque");
+    assert!(motor.load_share() > 0.5, "{}", motor.load_share());
+    assert!(run(&mut motor, 2000, 10.0, -0.6) > period, "one beyond it");
+    run(&mut motor, 3000, 0.0, 0.0);
+    let lag = motor.lag() / period;
+    assert!((lag - libm::round(lag)).abs() < 0.1 && motor.is_at_rest(), "{lag} whole periods");
+}

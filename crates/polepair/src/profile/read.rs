@@ -77,7 +77,17 @@ struct Dialect {
 const DIALECTS: [Dialect; 5] = [
     Dialect {
         protocol: "tmcl",
-        spaces: &[("axis", 0), ("global 0", 1), ("global 1", 2), ("global 2", 3), ("global 3", 4)],
+        spaces: &[
+            ("axis", 0),
+            ("global 0", 1),
+            ("global 1", 2),
+            ("global 2", 3),
+            ("global 3", 4),
+            ("digital input", 0x40),
+            ("analog input", 0x41),
+            ("output", 0x42),
+            ("search", 0x60),
+        ],
         encoding: Encoding::I32,
     },
     Dialect {

@@ -45,7 +45,7 @@ fn stands_in_silence(line: &Line, watched: bool) -> bool {
         axis.set_watchdog(Some(AFTER)).unwrap_or_else(|error| panic!("{about}: {error}"));
     }
     let armed = axis.armed().unwrap_or_else(|error| panic!("{about}: {error}"));
-    axis.velocity("120 rpm").unwrap_or_else(|error| panic!("{about}: {error}"));
+    axis.velocity("60 rpm").unwrap_or_else(|error| panic!("{about}: {error}"));
     // Whoever watches is spoken to meanwhile.
     for _ in 0..20 {
         link.sleep(AFTER / 5);

@@ -75,7 +75,7 @@ fn find_inert(protocol: &HostProtocol, profile: &'static Profile) -> Vec<InertPa
         })
     });
     candidates
-        .filter(|id| !is_planned(profile, *id))
+        .filter(|id| !is_planned(profile, *id) && !scales_others(profile, *id))
         .take(TRIALS_MAX)
         .filter_map(|id| try_parameter(protocol, profile, id))
         .take(INERT_MAX)
@@ -90,6 +90,11 @@ fn is_planned(profile: &Profile, id: ParameterId) -> bool {
             Step::Write(to, _) | Step::Ensure(to, _) | Step::Copy { to, .. } => to == id,
             _ => false,
         })
+}
+
+/// Whether other values change their unit with the parameter.
+fn scales_others(profile: &'static Profile, id: ParameterId) -> bool {
+    profile.parameters.iter().any(|other| other.scale.inputs(profile).any(|input| input == id))
 }
 
 fn try_parameter(

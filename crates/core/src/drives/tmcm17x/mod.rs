@@ -7,10 +7,8 @@
 mod device;
 mod execute;
 mod flags;
-mod memory;
 mod module;
 pub mod profile;
-mod program;
 mod settings;
 
 #[cfg(test)]

@@ -1,13 +1,12 @@
 //! The module itself, apart from its wires: power stage, motor, switches, and what happens in time.
 
 use super::flags::{self, Flags};
-use super::memory::Memory;
-use super::program::{Interpreter, InterpreterStep, ProgramState, WaitCondition};
 use crate::plant::{
     Conditions, Encoder, Goal, Motor, MotorParameters, Servo, StallDetector, TICK_NS, TICK_S,
     ThermalModel, Ticks,
 };
 use crate::profile::Profile;
+use crate::proto::tmcl::module::{ModuleState, TmclModule as _};
 use crate::time::Instant;
 
 /// Ticks at the current limit without turning after which the motor is switched off. \[I\]
@@ -30,8 +29,7 @@ pub enum ControlMode {
 /// A TMCM-170 or 171 with its motor.
 #[derive(Clone, Debug)]
 pub struct Module {
-    pub(super) profile: &'static Profile,
-    pub(super) memory: Memory,
+    pub(super) state: ModuleState,
     pub(super) motor: Motor,
     pub(super) servo: Servo,
     pub(super) encoder: Encoder,
@@ -41,38 +39,18 @@ pub struct Module {
     pub(super) target: i32,
     /// Speed last asked for, rpm.
     pub(super) target_rpm: i32,
-    pub(super) program: Interpreter,
-    /// Where the next instruction of a download goes.
-    pub(super) download: Option<i32>,
     pub(super) outputs: u8,
     pub(super) analog: [f64; 4],
     /// Current as the module shows it, filtered (parameter 134), A.
     pub(super) filtered_current: f64,
     pub(super) stopped: bool,
-    pub(super) event_armed: bool,
-    pub(super) ascii: bool,
-    pub(super) booting: bool,
-    pub(super) silent_until: Instant,
-    pub(super) timer_zero: Instant,
-    pub(super) unrepeatable: u64,
-    pub(super) starts: u64,
-    pub(super) last_requests: LastRequests,
     pub(super) surroundings: ModuleSurroundings,
     pub(super) stage: ThermalModel,
     pub(super) winding: ThermalModel,
-    pub(super) notice: Option<&'static str>,
     pub(super) hallerr_at_power_on: bool,
     stall: StallDetector,
     ticks: Ticks,
     switch_was_active: bool,
-    is_unpowered: bool,
-}
-
-/// When each wire last brought a request.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct LastRequests {
-    pub serial: Option<Instant>,
-    pub can: Option<Instant>,
 }
 
 /// What is around the module: the bench's side.
@@ -111,8 +89,7 @@ impl Module {
             backward: false,
         };
         let mut new = Self {
-            profile,
-            memory: Memory::new(profile),
+            state: ModuleState::new(profile),
             servo: Servo::new(motor.parameters()),
             motor,
             encoder: Encoder::new(4096),
@@ -120,57 +97,34 @@ impl Module {
             mode: ControlMode::Velocity,
             target: 0,
             target_rpm: 0,
-            program: Interpreter::NEW,
-            download: None,
             outputs: 0,
             analog: [0.0; 4],
             filtered_current: 0.0,
             stopped: false,
-            event_armed: false,
-            ascii: false,
-            booting: false,
-            silent_until: Instant::ZERO,
-            timer_zero: Instant::ZERO,
-            unrepeatable: 0,
-            starts: 0,
-            last_requests: LastRequests { serial: None, can: None },
             surroundings: around,
             stage: ThermalModel::new(4.0, 20.0, 25.0),
             winding: ThermalModel::new(1.5, 60.0, 25.0),
-            notice: None,
             hallerr_at_power_on: false,
             stall: StallDetector::after(STALL_TICKS),
             ticks: Ticks::new(Instant::ZERO),
             switch_was_active: false,
-            is_unpowered: false,
         };
-        new.memory.writes = 0;
         new.power_up(Instant::ZERO);
         new
     }
 
     /// RAM is lost, settings come from the EEPROM. The motor goes on as it was, unpowered.
     pub fn power_up(&mut self, now: Instant) {
-        self.memory.load();
+        let has_programs = self.has_programs();
+        self.state.power_up(now, has_programs);
         self.servo.disable();
         self.flags = Flags(if self.hallerr_at_power_on { flags::HALLERR } else { 0 });
         self.mode = ControlMode::Velocity;
-        self.program = Interpreter::NEW;
-        self.download = None;
         self.outputs = 0;
         self.stopped = false;
-        self.event_armed = false;
-        self.booting = false;
-        self.is_unpowered = false;
-        self.ascii = self.memory.global[67] & 1 != 0;
-        self.timer_zero = now;
-        self.last_requests = LastRequests { serial: None, can: None };
         self.encoder.preset(self.motor.position(), 0);
         (self.target, self.target_rpm) = (0, 0);
         self.apply_settings();
-        if self.memory.global[77] == 1 && self.has_programs() {
-            self.program.run(None);
-        }
         if self.axis(128) == 2 {
             self.flags.update(
                 self.surroundings.supply,
@@ -193,22 +147,10 @@ impl Module {
         }
     }
 
-    /// Whether the logic has supply and listens.
-    #[must_use]
-    pub fn is_unresponsive(&self, now: Instant) -> bool {
-        self.is_unpowered || self.booting || now < self.silent_until
-    }
-
     /// An axis parameter in RAM.
     #[must_use]
     pub const fn axis(&self, number: u8) -> i32 {
-        self.memory.axis[number as usize]
-    }
-
-    /// Stand-alone programs came with the TMCM-171's firmware 1.06 (hardware manual).
-    #[must_use]
-    pub fn has_programs(&self) -> bool {
-        self.profile.name.ends_with("171")
+        self.state.memory.axis[0][number as usize]
     }
 
     /// Encoder counter as the module shows it.
@@ -231,8 +173,8 @@ impl Module {
         self.surroundings.supply = volts;
         if volts < flags::LOGIC_V {
             self.servo.disable();
-            self.is_unpowered = true;
-        } else if self.is_unpowered {
+            self.state.is_unpowered = true;
+        } else if self.state.is_unpowered {
             self.power_up(now);
         }
     }
@@ -241,7 +183,7 @@ impl Module {
     pub fn trip(&mut self, why: &'static str) {
         if self.servo.is_enabled() {
             self.servo.disable();
-            self.notice = Some(why);
+            self.state.notice = Some(why);
         }
     }
 
@@ -250,7 +192,7 @@ impl Module {
         !self.servo.is_enabled()
             && self.motor.velocity() == 0.0
             && self.surroundings.load.abs() <= p.stiction
-            && !self.program.is_active()
+            && !self.state.program.is_active()
             && self.axis(128) != 1
             && self.switch_was_active == self.switch_active()
     }
@@ -260,13 +202,13 @@ impl Module {
         self.stage.step(0.0, seconds);
         self.winding.step(0.0, seconds);
         self.filtered_current = 0.0;
-        if !self.is_unpowered {
+        if !self.state.is_unpowered {
             self.check_protections();
         }
     }
 
     fn tick(&mut self, now: Instant) {
-        if !self.is_unpowered {
+        if !self.state.is_unpowered {
             self.check_protections();
             self.check_switch();
             self.check_heartbeats(now);
@@ -314,7 +256,7 @@ impl Module {
         if self.axis(162) != 0 {
             self.set_counter(0);
             if self.axis(163) != 0 {
-                self.memory.axis[162] = 0;
+                self.state.memory.axis[0][162] = 0;
             }
         }
     }
@@ -324,31 +266,18 @@ impl Module {
         if self.axis(161) != 0 && crossed {
             self.set_counter(0);
             if self.axis(163) != 0 {
-                self.memory.axis[161] = 0;
+                self.state.memory.axis[0][161] = 0;
             }
         }
     }
 
-    /// Heartbeats, parameters 68 and 82: once a wire has spoken, its silence stops the motor. \[I\]
+    /// The heartbeat of a wire is missing.
     fn check_heartbeats(&mut self, now: Instant) {
-        let late = |limit: i32, received_at: Option<Instant>| {
-            let limit = u32::try_from(limit).unwrap_or(0);
-            limit > 0 && received_at.is_some_and(|at| now > at.plus_ms(limit))
-        };
-        if late(self.memory.global[68], self.last_requests.serial) {
-            self.last_requests.serial = None;
-            self.handle_heartbeat_loss("no serial request: motor stopped");
-        }
-        if late(self.memory.global[82], self.last_requests.can) {
-            self.last_requests.can = None;
-            self.handle_heartbeat_loss("no CAN request: motor stopped");
-        }
-    }
-
-    fn handle_heartbeat_loss(&mut self, why: &'static str) {
-        if self.servo.is_enabled() {
+        if let Some(why) = self.state.check_heartbeats(now)
+            && self.servo.is_enabled()
+        {
             self.halt();
-            self.notice = Some(why);
+            self.state.notice = Some(why);
         }
     }
 
@@ -367,28 +296,12 @@ impl Module {
     pub fn step_input(&mut self, high: bool) {
         let rising = high && !self.surroundings.step_high;
         self.surroundings.step_high = high;
-        if rising && self.axis(128) == 3 && !self.is_unpowered {
+        if rising && self.axis(128) == 3 && !self.state.is_unpowered {
             let by = self.axis(157);
             let by = if self.surroundings.backward { by.wrapping_neg() } else { by };
             let from =
                 if self.mode == ControlMode::Position { self.target } else { self.counter() };
             let _ = self.move_to(from.wrapping_add(by));
-        }
-    }
-
-    fn run_program(&mut self, now: Instant) {
-        if !self.program.is_active() {
-            return;
-        }
-        let (reached, switch) = (self.flags.any(flags::POS_END), self.switch_active());
-        let met = |what| match what {
-            WaitCondition::Ticks => false,
-            WaitCondition::Position => reached,
-            WaitCondition::Switch => switch,
-        };
-        if let InterpreterStep::Command(request) = self.program.tick(&self.memory.program, met) {
-            let outcome = self.execute_request(now, &request);
-            self.program.accept_outcome(outcome, request.opcode.only_reads());
         }
     }
 
@@ -444,18 +357,9 @@ impl Module {
         }
     }
 
-    /// Whether something happens by itself that a host waits for.
-    #[must_use]
-    pub fn next_tick(&self) -> Option<Instant> {
-        let waits =
-            self.event_armed && self.mode == ControlMode::Position && self.servo.is_enabled();
-        waits.then(|| self.ticks.at().plus_ns(TICK_NS))
-    }
-
-    /// State of the program for global parameter 128.
-    #[must_use]
-    pub const fn program_state(&self) -> ProgramState {
-        self.program.state
+    /// Where the last tick was.
+    pub(super) const fn ticked_to(&self) -> Instant {
+        self.ticks.at()
     }
 
     /// The watch over stalls starts again.

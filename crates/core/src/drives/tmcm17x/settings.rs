@@ -1,11 +1,11 @@
 //! Axis parameters and motion: what they do and what they tell.
 
 use super::flags;
-use super::memory::{check_readable, check_writable};
 use super::module::{ControlMode, Module, rad_per_s, rpm};
 use crate::drives::bench::ServoBounds;
 use crate::plant::{Gains, Goal, Limits};
 use crate::proto::tmcl::Status;
+use crate::proto::tmcl::module::memory::{check_readable, check_writable};
 
 /// Speeds beyond this are refused, rpm (hardware manual: up to 100,000 rpm electrical).
 const RPM_MAX: i32 = 100_000;
@@ -98,7 +98,7 @@ impl Module {
 
     /// SAP.
     pub(super) fn set_axis(&mut self, number: u8, value: i32) -> Result<(), Status> {
-        check_writable(self.memory.axis_parameter(number), value)?;
+        check_writable(self.state.memory.axis_parameter(number), value)?;
         match number {
             0 => return self.move_to(value),
             1 => self.set_counter(value),
@@ -106,11 +106,11 @@ impl Module {
             15 | 160 => {}
             155 => {
                 self.apply_current(value)?;
-                self.memory.axis[155] = value;
+                self.state.memory.axis[0][155] = value;
             }
             255 => return self.set_driver(value),
             _ => {
-                self.memory.axis[usize::from(number)] = value;
+                self.state.memory.axis[0][usize::from(number)] = value;
                 self.apply_settings();
             }
         }
@@ -118,7 +118,7 @@ impl Module {
     }
 
     fn set_driver(&mut self, value: i32) -> Result<(), Status> {
-        let before = core::mem::replace(&mut self.memory.axis[255], value);
+        let before = core::mem::replace(&mut self.state.memory.axis[0][255], value);
         if value == 0 {
             self.servo.disable();
             self.target_rpm = 0;
@@ -126,14 +126,14 @@ impl Module {
         }
         let powered = self.power_on();
         if powered.is_err() {
-            self.memory.axis[255] = before;
+            self.state.memory.axis[0][255] = before;
         }
         powered
     }
 
     /// GAP.
     pub(super) fn read_axis(&mut self, number: u8) -> Result<i32, Status> {
-        check_readable(self.memory.axis_parameter(number))?;
+        check_readable(self.state.memory.axis_parameter(number))?;
         let setpoint = self.servo.setpoint();
         let lag = setpoint.position - self.motor.position();
         let lag = libm::round(lag * self.encoder.counts_per_rad()) as i32;
@@ -173,8 +173,8 @@ impl Module {
 
     /// RSAP: what is stored takes effect at once.
     pub(super) fn restore_axis(&mut self, number: u8) -> Result<i32, Status> {
-        let value = self.memory.stored_axis(number)?;
-        self.memory.axis[usize::from(number)] = value;
+        let value = self.state.memory.stored_axis(0, number)?;
+        self.state.memory.axis[0][usize::from(number)] = value;
         self.apply_settings();
         Ok(value)
     }

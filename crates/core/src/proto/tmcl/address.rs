@@ -20,9 +20,12 @@ pub enum Space {
     Global(u8),
     /// GIO and SIO, with the bank.
     Io(u8),
+    /// What RFS STATUS answers.
+    Search,
 }
 
 const IO: u8 = 0x40;
+const SEARCH: u8 = 0x60;
 const MOTOR: u8 = 0x80;
 /// Motors have four bits where a parameter's number takes the others.
 const MOTOR_MAX: u8 = 15;
@@ -35,6 +38,7 @@ impl Space {
         match number {
             0 => Self::Axis,
             MOTOR.. => Self::Motor(number - MOTOR),
+            SEARCH.. => Self::Search,
             IO.. => Self::Io(number - IO),
             _ => Self::Global(number - 1),
         }
@@ -48,6 +52,7 @@ impl Space {
             Self::Motor(motor) => MOTOR + motor,
             Self::Global(bank) => 1 + bank,
             Self::Io(bank) => IO + bank,
+            Self::Search => SEARCH,
         }
     }
 }
@@ -101,6 +106,7 @@ pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core
         Space::Motor(motor) => ("AP", Some(motor)),
         Space::Global(bank) => ("GP", Some(bank).filter(|bank| *bank != 0)),
         Space::Io(bank) => ("IO", Some(bank).filter(|bank| *bank != 0)),
+        Space::Search => return out.write_str("RFS STATUS"),
     };
     match part {
         None => write!(out, "{word} {}", address.index),
@@ -128,6 +134,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
             Parameter { access: if bank == 2 { Access::ReadWrite } else { Access::Read }, ..plain }
         }
         Space::Axis | Space::Motor(_) => plain,
+        Space::Search => Parameter { access: Access::Read, ..plain },
     }
 }
 
@@ -156,7 +163,7 @@ pub fn concerns<'a>(
 
 #[cfg(test)]
 mod tests {
-    use super::{Space, parse};
+    use super::{MOTOR, SEARCH, Space, parse};
     use crate::profile::{Encoding, ParameterAddress};
 
     #[test]
@@ -176,7 +183,7 @@ mod tests {
 
     #[test]
     fn spaces_have_numbers_of_their_own() {
-        for number in 0..=u8::MAX {
+        for number in (0..=SEARCH).chain(MOTOR..=u8::MAX) {
             assert_eq!(Space::of_number(number).number(), number);
         }
     }

@@ -73,6 +73,8 @@ impl Axis {
             Space::Motor(motor) => (axis, motor),
             Space::Global(bank) => (global, bank),
             Space::Io(bank) => (port, bank),
+            Space::Search if axis == Opcode::Gap => (Opcode::Rfs, self.motor),
+            Space::Search => return Err(Unsupported::NoPlan),
         };
         let motor = u32::from(parameter.index >> 8) << AXIS_BITS | u32::from(part);
         let motor = u8::try_from(motor)

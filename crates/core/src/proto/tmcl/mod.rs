@@ -11,6 +11,7 @@ pub mod device;
 pub mod explain;
 pub mod generic;
 pub mod host;
+pub mod module;
 pub mod opcode;
 pub mod session;
 pub mod text;

@@ -196,6 +196,9 @@ named! {
     }
 }
 
+/// Type of RFS that only asks whether a search runs.
+pub const SEARCH_STATUS: u8 = 2;
+
 impl Opcode {
     /// The opcode of that mnemonic, letter case ignored.
     #[must_use]

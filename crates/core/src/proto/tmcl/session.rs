@@ -20,7 +20,7 @@ mod motor_stops;
 mod proof;
 mod suspects;
 
-use super::opcode::{Opcode, Status};
+use super::opcode::{Opcode, SEARCH_STATUS, Status};
 use super::wire::{Instruction, Reply, Request, VersionText};
 use crate::error::{Failure, Unsupported};
 use crate::proto::HostOptions;
@@ -69,6 +69,7 @@ impl HostRequest {
         let class = match request.opcode {
             Opcode::Mst => RequestClass::Stop,
             Opcode::Ror | Opcode::Rol if request.value == 0 => RequestClass::Stop,
+            Opcode::Rfs if request.kind == SEARCH_STATUS => RequestClass::Idempotent,
             Opcode::Sap | Opcode::Sgp | Opcode::Sio => RequestClass::ReadBack,
             opcode if opcode.only_reads() => RequestClass::Idempotent,
             _ => RequestClass::NoRetry,
@@ -493,10 +494,9 @@ impl Session {
         }
         let waiting = self.unproven_request.take().map(|waiting| waiting.ticket);
         let stop = self.pending_stop.take().map(|(ticket, _)| ticket);
-        let repeated = core::mem::take(&mut self.repeated_stops).into_iter().flatten();
-        for ticket in stop.into_iter().chain(waiting).chain(repeated.map(|(ticket, _)| ticket)) {
-            self.finish_ticket(Some(ticket), Err(Failure::LinkDown));
-        }
+        let repeated = self.take_repeated_stops();
+        let down = |ticket| self.finish_ticket(Some(ticket), Err(Failure::LinkDown));
+        stop.into_iter().chain(waiting).chain(repeated).for_each(down);
     }
 
     fn rejection_of(&self, request: &HostRequest) -> Option<Failure> {

@@ -9,7 +9,7 @@ use crate::explain::{
 };
 use crate::profile::{Parameter, Profile, Signal};
 use crate::proto::tmcl::ascii;
-use crate::proto::tmcl::opcode::{Opcode, Status};
+use crate::proto::tmcl::opcode::{Opcode, SEARCH_STATUS, Status};
 use crate::proto::tmcl::wire::{CAN_DATAGRAM, DATAGRAM, HOST, Reply, Request, VersionText};
 
 /// What stands in the place of a motor and is less is one: opcodes from here on are no motors.
@@ -69,6 +69,7 @@ pub(super) fn effect_of(frame: &RawFrame<'_>, profile: Option<&'static Profile>)
     match request.opcode {
         O::Mst => Effect::NOTHING,
         O::Ror | O::Rol if request.value == 0 => Effect::NOTHING,
+        O::Rfs if request.kind == SEARCH_STATUS => Effect::NOTHING,
         O::Sap | O::Sgp => Effect::from_write(parameter_of(&request, profile)),
         O::Sio => Effect::SETTINGS,
         O::Stap | O::Rsap | O::Stgp | O::Rsgp | O::FactoryDefault => Effect::PERSISTENT,

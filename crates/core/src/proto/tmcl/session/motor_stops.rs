@@ -84,6 +84,12 @@ impl Session {
         }
     }
 
+    /// Those that wait, which will not be said again.
+    pub(super) fn take_repeated_stops(&mut self) -> impl Iterator<Item = Ticket> + use<> {
+        let waiting = core::mem::take(&mut self.repeated_stops);
+        waiting.into_iter().flatten().map(|(ticket, _)| ticket)
+    }
+
     /// The next stop that is to be said again takes its turn, where none does.
     pub(super) fn next_repeated_stop(&mut self) {
         if self.unproven_request.is_some() {

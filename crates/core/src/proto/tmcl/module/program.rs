@@ -1,4 +1,4 @@
-//! Stand-alone TMCL programs (TMCM-171, firmware 1.06 and later): memory and interpreter.
+//! Stand-alone TMCL programs: memory and interpreter.
 //!
 //! The instruction set is the TMCL reference's; interrupts (EI, DI, VECT, RETI) and coordinates are
 //! not part of it here. \[I\] One instruction takes a tick of 1 ms.
@@ -64,10 +64,12 @@ pub enum ProgramState {
 pub enum WaitCondition {
     /// Only time.
     Ticks,
-    /// The position.
-    Position,
-    /// The stop switch.
-    Switch,
+    /// The position of a motor.
+    Position(u8),
+    /// The stop switch of a motor.
+    Switch(u8),
+    /// The end of the reference search of a motor.
+    ReferenceSearch(u8),
 }
 
 /// What an instruction wants of the module.
@@ -185,7 +187,7 @@ impl Interpreter {
             Opcode::Ja => self.counter = value,
             Opcode::Csub => self.call(value),
             Opcode::Rsub => self.return_from_call(),
-            Opcode::Wait => self.wait_for(i.kind, value),
+            Opcode::Wait => self.wait_for(i.kind, i.motor, value),
             Opcode::Stop => self.state = ProgramState::Stop,
             Opcode::Cle => (self.failed, self.timed_out) = (false, false),
             Opcode::Djnz => {
@@ -273,14 +275,15 @@ impl Interpreter {
     }
 
     /// WAIT: time in units of 10 ms; for what comes by itself 0 is without limit.
-    fn wait_for(&mut self, kind: u8, value: i32) {
+    fn wait_for(&mut self, kind: u8, motor: u8, value: i32) {
         self.timed_out = false;
         let ms = u32::try_from(value).unwrap_or(0).saturating_mul(10);
         let limit = (ms > 0).then_some(ms);
         self.wait = match kind {
             0 => Some((WaitCondition::Ticks, Some(ms.saturating_sub(1)))),
-            1 => Some((WaitCondition::Position, limit)),
-            2 | 3 => Some((WaitCondition::Switch, limit)),
+            1 => Some((WaitCondition::Position(motor), limit)),
+            2 | 3 => Some((WaitCondition::Switch(motor), limit)),
+            4 => Some((WaitCondition::ReferenceSearch(motor), limit)),
             _ => {
                 self.failed = true;
                 None
@@ -312,6 +315,7 @@ pub const fn is_direct(opcode: Opcode) -> bool {
             | Opcode::Rsgp
             | Opcode::Sio
             | Opcode::Gio
+            | Opcode::Rfs
     )
 }
 

@@ -4,6 +4,8 @@ use super::program::ProgramMemory;
 use crate::profile::{Access, Parameter, Persistence, Profile};
 use crate::proto::tmcl::Status;
 
+/// Motors of a module at most.
+pub const MOTORS_MAX: usize = 6;
 /// User variables of bank 2.
 pub const VARIABLES: usize = 256;
 
@@ -13,7 +15,7 @@ pub const MAGIC: i32 = 228;
 /// What survives a power cycle.
 #[derive(Clone, Debug)]
 struct Eeprom {
-    axis: [i32; 256],
+    axis: [[i32; 256]; MOTORS_MAX],
     global: [i32; 256],
     variables: [i32; VARIABLES],
     locked: bool,
@@ -25,8 +27,8 @@ pub struct Memory {
     profile: &'static Profile,
     axis_index: [u16; 256],
     global_index: [u16; 256],
-    /// Axis parameters by number.
-    pub axis: [i32; 256],
+    /// Axis parameters of each motor, by number.
+    pub axis: [[i32; 256]; MOTORS_MAX],
     /// Global parameters of bank 0 by number.
     pub global: [i32; 256],
     /// User variables.
@@ -55,13 +57,13 @@ impl Memory {
                 *slot = at as u16;
             }
         }
-        let eeprom =
-            Eeprom { axis: [0; 256], global: [0; 256], variables: [0; VARIABLES], locked: false };
+        let axis = [[0; 256]; MOTORS_MAX];
+        let eeprom = Eeprom { axis, global: [0; 256], variables: [0; VARIABLES], locked: false };
         let mut new = Self {
             profile,
             axis_index: axis_at,
             global_index: global_at,
-            axis: [0; 256],
+            axis,
             global: [0; 256],
             variables: [0; VARIABLES],
             eeprom,
@@ -101,9 +103,12 @@ impl Memory {
     pub fn write_factory_settings(&mut self) {
         for parameter in self.profile.parameters {
             let value = parameter.default.unwrap_or(0) as i32;
-            match (parameter.space, self.eeprom.axis.get_mut(usize::from(parameter.index))) {
-                (0, Some(slot)) => *slot = value,
-                (1, _) => self.eeprom.global[usize::from(parameter.index) % 256] = value,
+            let index = usize::from(parameter.index);
+            match parameter.space {
+                0 if index < 256 => {
+                    self.eeprom.axis.iter_mut().for_each(|axis| axis[index] = value)
+                }
+                1 => self.eeprom.global[index % 256] = value,
                 _ => {}
             }
         }
@@ -126,10 +131,10 @@ impl Memory {
     ///
     /// # Errors
     /// [`Status::WrongType`], [`Status::EepromLocked`].
-    pub fn store_axis(&mut self, number: u8) -> Result<(), Status> {
+    pub fn store_axis(&mut self, motor: usize, number: u8) -> Result<(), Status> {
         self.check_storable(number)?;
         self.check_unlocked()?;
-        self.eeprom.axis[usize::from(number)] = self.axis[usize::from(number)];
+        self.eeprom.axis[motor][usize::from(number)] = self.axis[motor][usize::from(number)];
         self.writes += 1;
         Ok(())
     }
@@ -138,9 +143,9 @@ impl Memory {
     ///
     /// # Errors
     /// [`Status::WrongType`].
-    pub fn stored_axis(&self, number: u8) -> Result<i32, Status> {
+    pub fn stored_axis(&self, motor: usize, number: u8) -> Result<i32, Status> {
         self.check_storable(number)?;
-        Ok(self.eeprom.axis[usize::from(number)])
+        Ok(self.eeprom.axis[motor][usize::from(number)])
     }
 
     /// Writes a global parameter of bank 0 that is kept at once.

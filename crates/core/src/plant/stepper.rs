@@ -1,0 +1,162 @@
+//! A two-phase stepper motor: its field stands where the driver turns it, and the rotor follows as far as
+//! its torque goes. Too much load, and it falls behind by whole periods of the field: lost steps.
+
+use super::TICK_S;
+
+/// What a stepper motor and what it turns are made of, SI.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct StepperParameters {
+    /// Full steps of a turn.
+    pub full_steps: u32,
+    /// Holding torque at the rated current, N·m.
+    pub torque: f64,
+    /// Current for that torque, A RMS.
+    pub rated_current: f64,
+    /// Inertia of rotor and load, kg·m².
+    pub inertia: f64,
+    /// Friction that opposes any motion, N·m.
+    pub friction: f64,
+    /// What brakes the swing of the rotor about its field, N·m·s/rad.
+    pub damping: f64,
+    /// Speed at which the torque has fallen to 0.7 of its value with a supply of 24 V, rad/s.
+    pub corner: f64,
+}
+
+impl StepperParameters {
+    /// A motor of 42 mm for 1.1 A: 0.35 N·m, 200 full steps a turn.
+    pub const NEMA_17: Self = Self {
+        full_steps: 200,
+        torque: 0.35,
+        rated_current: 1.1,
+        inertia: 2.5e-5,
+        friction: 0.008,
+        damping: 8e-3,
+        corner: 60.0,
+    };
+}
+
+/// What acts on the motor during a tick.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct StepperInputs {
+    /// Where the field stands at the end of the tick, rad of the shaft.
+    pub field: f64,
+    /// Current, A RMS; 0 leaves the shaft free.
+    pub current: f64,
+    /// Supply, V.
+    pub bus: f64,
+    /// Torque from outside, N·m; positive drives the shaft forward.
+    pub load: f64,
+}
+
+/// Parts of a tick that are computed one by one: the rotor swings at some 100 Hz.
+const PARTS: u32 = 8;
+/// Below this speed friction holds the rotor, rad/s.
+const SLOW: f64 = 0.02;
+
+/// The motor. At rest at 0, its field there.
+#[derive(Clone, Debug)]
+pub struct Stepper {
+    parameters: StepperParameters,
+    position: f64,
+    velocity: f64,
+    field: f64,
+    torque: f64,
+    torque_max: f64,
+    jammed: bool,
+}
+
+impl Stepper {
+    /// A motor at rest.
+    #[must_use]
+    pub const fn new(parameters: StepperParameters) -> Self {
+        Self {
+            parameters,
+            position: 0.0,
+            velocity: 0.0,
+            field: 0.0,
+            torque: 0.0,
+            torque_max: 0.0,
+            jammed: false,
+        }
+    }
+
+    /// What it is made of.
+    #[must_use]
+    pub const fn parameters(&self) -> &StepperParameters {
+        &self.parameters
+    }
+
+    /// Of the shaft, rad.
+    #[must_use]
+    pub const fn position(&self) -> f64 {
+        self.position
+    }
+
+    /// Of the shaft, rad/s.
+    #[must_use]
+    pub const fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    /// Of the field on the rotor, N·m.
+    #[must_use]
+    pub const fn torque(&self) -> f64 {
+        self.torque
+    }
+
+    /// Holds the shaft still, or lets it go.
+    pub const fn set_jammed(&mut self, jammed: bool) {
+        self.jammed = jammed;
+    }
+
+    /// How much of the torque is used: 1 is all there is.
+    #[must_use]
+    pub fn load_share(&self) -> f64 {
+        if self.torque_max > 0.0 { (self.torque / self.torque_max).abs() } else { 0.0 }
+    }
+
+    /// How far the rotor is behind its field, rad: after lost steps more than half a period.
+    #[must_use]
+    pub fn lag(&self) -> f64 {
+        self.field - self.position
+    }
+
+    /// Whether nothing moves while the field and the load stay as they are.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.velocity == 0.0
+    }
+
+    /// Advances by one tick.
+    pub fn step(&mut self, inputs: StepperInputs) {
+        let p = self.parameters;
+        let field_step = (inputs.field - self.field) / f64::from(PARTS);
+        let field_speed = (inputs.field - self.field) / TICK_S;
+        let dt = TICK_S / f64::from(PARTS);
+        let periods = f64::from(p.full_steps) / 4.0;
+        let corner = p.corner * inputs.bus.max(0.0) / 24.0;
+        let share = inputs.current / p.rated_current;
+        for _ in 0..PARTS {
+            self.field += field_step;
+            let fast = self.velocity / corner.max(1e-6);
+            self.torque_max = p.torque * share / libm::sqrt(1.0 + fast * fast);
+            self.torque = self.torque_max * libm::sin(periods * (self.field - self.position));
+            let damping = p.damping * share.min(1.0) * (field_speed - self.velocity);
+            let driving = self.torque + damping + inputs.load;
+            if self.jammed || self.velocity.abs() < SLOW && driving.abs() <= p.friction {
+                self.velocity = 0.0;
+                continue;
+            }
+            let direction = if self.velocity == 0.0 { driving } else { self.velocity };
+            let net = driving - libm::copysign(p.friction, direction);
+            let before = self.velocity;
+            self.velocity += net / p.inertia * dt;
+            // Friction stops the rotor and does not turn it back.
+            if before * self.velocity < 0.0 && driving.abs() <= p.friction {
+                self.velocity = 0.0;
+            }
+            self.position += self.velocity * dt;
+        }
+        self.field = inputs.field;
+    }
+}

@@ -1,0 +1,164 @@
+//! The state of a module apart from its motors, and what a product adds to it.
+
+use super::memory::Memory;
+use super::program::{Interpreter, InterpreterStep, WaitCondition};
+use crate::profile::Profile;
+use crate::proto::tmcl::{Request, Status};
+use crate::time::Instant;
+
+/// The state of a module apart from its motors.
+#[derive(Clone, Debug)]
+pub struct ModuleState {
+    /// The product.
+    pub profile: &'static Profile,
+    /// Settings and EEPROM.
+    pub memory: Memory,
+    /// The stand-alone program.
+    pub program: Interpreter,
+    /// Where the next instruction of a download goes.
+    pub download: Option<i32>,
+    /// The serial interface is in ASCII mode.
+    pub ascii: bool,
+    /// It is in its bootloader.
+    pub booting: bool,
+    /// Its logic has no supply.
+    pub is_unpowered: bool,
+    /// It does not answer until then.
+    pub silent_until: Instant,
+    /// When the tick timer (global parameter 132) was zero.
+    pub timer_zero: Instant,
+    /// Requests executed that a repetition would have doubled.
+    pub unrepeatable: u64,
+    /// Requests executed that started a motion.
+    pub starts: u64,
+    /// When each wire last brought a request.
+    pub last_requests: LastRequests,
+    /// Motors of which 138 is to tell that they arrived, a bit each.
+    pub armed_events: i32,
+    /// Something unusual that it did.
+    pub notice: Option<&'static str>,
+}
+
+/// When each wire last brought a request.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LastRequests {
+    /// The serial line.
+    pub serial: Option<Instant>,
+    /// The CAN bus.
+    pub can: Option<Instant>,
+}
+
+impl ModuleState {
+    /// As from the factory, not powered yet.
+    #[must_use]
+    pub fn new(profile: &'static Profile) -> Self {
+        let mut memory = Memory::new(profile);
+        memory.writes = 0;
+        Self {
+            profile,
+            memory,
+            program: Interpreter::NEW,
+            download: None,
+            ascii: false,
+            booting: false,
+            is_unpowered: false,
+            silent_until: Instant::ZERO,
+            timer_zero: Instant::ZERO,
+            unrepeatable: 0,
+            starts: 0,
+            last_requests: LastRequests::default(),
+            armed_events: 0,
+            notice: None,
+        }
+    }
+
+    /// RAM is lost, settings come from the EEPROM. The program starts where the settings say so.
+    pub fn power_up(&mut self, now: Instant, has_programs: bool) {
+        self.memory.load();
+        self.program = Interpreter::NEW;
+        self.download = None;
+        self.booting = false;
+        self.is_unpowered = false;
+        self.armed_events = 0;
+        self.ascii = self.memory.global[67] & 1 != 0;
+        self.timer_zero = now;
+        self.last_requests = LastRequests::default();
+        if self.memory.global[77] == 1 && has_programs {
+            self.program.run(None);
+        }
+    }
+
+    /// Whether it does not listen.
+    #[must_use]
+    pub fn is_unresponsive(&self, now: Instant) -> bool {
+        self.is_unpowered || self.booting || now < self.silent_until
+    }
+
+    /// A wire that spoke once and is silent for longer than its heartbeat allows (global parameters 68 and
+    /// 82). \[I\]
+    pub fn check_heartbeats(&mut self, now: Instant) -> Option<&'static str> {
+        let late = |limit: i32, received_at: Option<Instant>| {
+            let limit = u32::try_from(limit).unwrap_or(0);
+            limit > 0 && received_at.is_some_and(|at| now > at.plus_ms(limit))
+        };
+        if late(self.memory.global[68], self.last_requests.serial) {
+            self.last_requests.serial = None;
+            return Some("no serial request: motor stopped");
+        }
+        if late(self.memory.global[82], self.last_requests.can) {
+            self.last_requests.can = None;
+            return Some("no CAN request: motor stopped");
+        }
+        None
+    }
+}
+
+/// A product: its motors, ports and identity.
+pub trait TmclModule {
+    /// The state apart from the motors.
+    fn state(&self) -> &ModuleState;
+    /// The same, to be changed.
+    fn state_mut(&mut self) -> &mut ModuleState;
+    /// Runs what happens in time up to `now`.
+    fn advance(&mut self, now: Instant);
+    /// Power comes: RAM is lost.
+    fn power_up(&mut self, now: Instant);
+    /// Switches all motors off.
+    fn switch_off(&mut self);
+    /// Carries out a command for a motor.
+    ///
+    /// # Errors
+    /// The status to answer.
+    fn execute_axis(&mut self, request: &Request) -> Result<i32, Status>;
+    /// Carries out SIO or GIO.
+    ///
+    /// # Errors
+    /// The status to answer.
+    fn execute_ports(&mut self, request: &Request) -> Result<i32, Status>;
+    /// Whether a request, once executed, has powered a motor or given it somewhere to go.
+    fn starts_motion(&self, request: &Request) -> bool;
+    /// Motors that have arrived at their targets, a bit each.
+    fn arrived_motors(&self) -> i32;
+    /// Whether what a program waits for is there.
+    fn is_met(&self, what: WaitCondition) -> bool;
+    /// Whether it runs stand-alone programs.
+    fn has_programs(&self) -> bool;
+    /// Module number and firmware version, as 136 type 1 tells them.
+    fn version(&self) -> (u16, u8, u8);
+    /// When something happens by itself that a host waits for.
+    fn next_due(&self) -> Option<Instant>;
+
+    /// One tick of the stand-alone program.
+    fn run_program(&mut self, now: Instant) {
+        if !self.state().program.is_active() {
+            return;
+        }
+        let mut program = core::mem::replace(&mut self.state_mut().program, Interpreter::NEW);
+        let step = program.tick(&self.state().memory.program, |what| self.is_met(what));
+        self.state_mut().program = program;
+        if let InterpreterStep::Command(request) = step {
+            let outcome = super::execute::execute_request(self, now, &request);
+            self.state_mut().program.accept_outcome(outcome, request.opcode.only_reads());
+        }
+    }
+}
