@@ -7,9 +7,9 @@ import tarfile
 import time
 
 import pytest
-from conftest import end, start, until
+from conftest import end, polepair, start, until
 from pytrinamic.connections import ConnectionManager
-from pytrinamic.modules import TMCM1140, TMCM6110
+from pytrinamic.modules import TMCM6110
 
 SPEED = 1500
 # How many times faster motors and examples live than they would at the desk.
@@ -47,12 +47,16 @@ def served(tmp_path):
 def connect(served):
     interfaces = []
 
-    def connect(drive):
+    def with_url(drive):
         port = served(drive)
         manager = ConnectionManager(f"--interface serial_tmcl --port {port} --data-rate 115200 --timeout 30")
         interfaces.append(manager.connect())
-        return interfaces[-1]
+        return interfaces[-1], f"tmcl+serial://{port}"
 
+    def connect(drive):
+        return with_url(drive)[0]
+
+    connect.with_url = with_url
     yield connect
     for interface in interfaces:
         interface.close()
@@ -101,13 +105,17 @@ def test_the_makers_example_runs_as_it_is(served, examples, monkeypatch, capsys,
     assert "reached position 0" in printed and printed.strip().endswith("ready."), printed[-300:]
 
 
-def test_stallguard_stops_a_motor_that_is_held(connect):
-    interface = connect("tmcm-1140")
-    motor = TMCM1140(interface).motors[0]
-    motor.linear_ramp.max_acceleration = 2000
-    motor.rotate(SPEED)
-    assert until(lambda: motor.actual_velocity == SPEED)
-    motor.stallguard2.set_stop_velocity(500)
-    assert motor.stallguard2.get_load_value() > 100
-    time.sleep(0.2)
-    assert motor.actual_velocity == SPEED
+def test_stallguard_stops_the_motor_that_is_held(connect):
+    interface, url = connect.with_url("tmcm-6110")
+    module = TMCM6110(interface)
+    held, free = module.motors[3], module.motors[1]
+    for motor in held, free:
+        motor.linear_ramp.max_acceleration = 2000
+        motor.stallguard2.set_stop_velocity(500)
+        motor.rotate(SPEED)
+        assert until(lambda motor=motor: motor.actual_velocity == SPEED)
+    assert held.stallguard2.get_load_value() > 100
+    polepair("act", f"{url}#1.3", "jam")
+    assert until(lambda: held.actual_velocity == 0)
+    assert held.get_axis_parameter(held.AP.ExtendedErrorFlags) & 1
+    assert free.actual_velocity == SPEED

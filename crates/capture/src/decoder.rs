@@ -25,7 +25,7 @@ use crate::text::LineLayout;
 use crate::timestamp::Timestamp;
 use repeat_cache::RepeatCache;
 pub(crate) use route::profile_speaks;
-use route::{FrameRoute, RouteTable, RuleExplainer, claiming_rule, profile_for_rule};
+use route::{FrameRoute, RouteTable, RuleExplainer, StatedProfiles, claiming_rule};
 
 /// Links that a capture may name; records of further ones are damaged.
 pub const LINKS_MAX: usize = 256;
@@ -158,7 +158,7 @@ pub struct CaptureDecoder {
     rules: Rules,
     /// Rules came from weighing: a CAN frame that no protocol claims stays unexplained.
     detected: bool,
-    profile: Option<&'static Profile>,
+    profiles: StatedProfiles,
     echo_links: Vec<String>,
     links: Vec<LinkDecoder>,
     reader: CaptureReader,
@@ -195,7 +195,7 @@ impl CaptureDecoder {
         Self {
             rules,
             detected: false,
-            profile: None,
+            profiles: StatedProfiles::default(),
             echo_links: Vec::new(),
             links: Vec::new(),
             reader: CaptureReader::default(),
@@ -230,13 +230,39 @@ impl CaptureDecoder {
     /// Names parameters as `profile` does.
     #[must_use]
     pub fn with_profile(mut self, profile: Option<&'static Profile>) -> Self {
-        self.profile = profile;
+        self.profiles.any = profile;
         self
+    }
+
+    /// Names the parameters of the drives at these addresses as their own profiles do.
+    #[must_use]
+    pub fn with_drive_profiles(mut self, drives: Vec<(u32, &'static Profile)>) -> Self {
+        self.set_drive_profiles(drives);
+        self
+    }
+
+    /// The same from now on.
+    pub fn set_drive_profiles(&mut self, drives: Vec<(u32, &'static Profile)>) {
+        let first = drives.first().map(|(_, profile)| *profile);
+        let same = |(_, profile): &(u32, &'static Profile)| {
+            first.is_some_and(|first| core::ptr::eq(first, *profile))
+        };
+        let differ = !drives.iter().all(same);
+        let drives = if differ { drives } else { Vec::new() };
+        if self.profiles.drives.len() == drives.len() && self.profiles.any.is_some() {
+            return;
+        }
+        self.profiles = StatedProfiles { any: first, drives };
+        self.forget_routes();
     }
 
     /// Names parameters as `profile` does from now on: who speaks may be learnt on the way.
     pub fn set_profile(&mut self, profile: &'static Profile) {
-        self.profile = Some(profile);
+        self.profiles.any = Some(profile);
+        self.forget_routes();
+    }
+
+    fn forget_routes(&mut self) {
         for wire in &mut self.links {
             (wire.routes, wire.repeats) = (RouteTable::default(), RepeatCache::default());
         }
@@ -487,7 +513,7 @@ impl CaptureDecoder {
         let speaker = if echo { Some(Direction::ToDrive) } else { direction };
         let answered = rule.filter(|_| reply && !echo);
         let request = answered.and_then(|rule| conversation.find_request(rule.dissector, &raw));
-        let stated = rule.and_then(|rule| profile_for_rule(self.profile, rule));
+        let stated = rule.and_then(|rule| self.profiles.for_frame(rule.dissector, &raw, speaker));
         let usual = || drives::assumed_profile(rule?.dissector);
         let profile = stated.or_else(usual);
         let context = Context {
@@ -557,10 +583,17 @@ impl CaptureDecoder {
         self.explanation.clear();
         self.notices.clear();
         let known = routes.get(frame);
+        let raw = raw_frame(frame);
+        let stated_by =
+            |rule: &Rule| self.profiles.for_frame(rule.dissector, &raw, record.direction);
         let lane = known.or_else(|| {
+            let profile_of_frame = match self.profiles.drives.is_empty() {
+                true => self.profiles.any,
+                false => rules.iter().find_map(stated_by),
+            };
             let context = Context {
                 direction: record.direction,
-                profile: self.profile,
+                profile: profile_of_frame,
                 id: Some(frame.id),
                 extended: frame.extended,
                 remote: frame.remote,
@@ -576,8 +609,7 @@ impl CaptureDecoder {
             let reported =
                 teller.explain(rules, frame, &context, conversation, &mut self.explanation);
             let rule = reported.or_else(|| claiming_rule(rules, session, frame))?;
-            let (dissector, stated) =
-                (rules[rule].dissector, profile_for_rule(self.profile, &rules[rule]));
+            let (dissector, stated) = (rules[rule].dissector, stated_by(&rules[rule]));
             let profile = stated.or_else(|| drives::assumed_profile(dissector));
             let left = teller.deferred_axis;
             let lane = FrameRoute {

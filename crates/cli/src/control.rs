@@ -7,7 +7,7 @@ use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use polepair::simulate::{DriveLine, RackDescription, parse_act};
+use polepair::simulate::{DriveLine, RackDescription, SimulatedMotor, parse_act};
 
 #[cfg(unix)]
 use std::os::unix::fs::{DirBuilderExt as _, FileTypeExt as _};
@@ -45,9 +45,8 @@ impl ServedDrives {
         if links.is_empty() {
             return ELSEWHERE.to_owned();
         }
-        let Some((link, at)) =
-            links.iter().find_map(|link| self.description.find_drive(*link, drive))
-        else {
+        let found = links.iter().find_map(|link| self.description.find_motor(*link, drive));
+        let Some(SimulatedMotor { link, drive: at, motor }) = found else {
             return match drive {
                 "" => "error\tthere are several drives: name one behind #".to_owned(),
                 _ => format!("error\tthe simulation has no drive `{drive}` there"),
@@ -55,7 +54,7 @@ impl ServedDrives {
         };
         match parse_act(act) {
             Err(error) => format!("error\t{error}"),
-            Ok(done) if self.lines.get(link).is_some_and(|line| line.act(at, done)) => {
+            Ok(done) if self.lines.get(link).is_some_and(|line| line.act(at, motor, done)) => {
                 "ok".to_owned()
             }
             Ok(_) => format!("error\tthis drive has nothing for `{act}`"),

@@ -12,6 +12,7 @@ use polepair_core::axis::{Command, RehearsalAction, Verb};
 use polepair_core::explain::Direction as Said;
 use polepair_core::medium::{Can, Frame, Stream};
 use polepair_core::profile::Profile;
+use polepair_core::proto::drive_address;
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_link::tap::{Tap, TapDirection};
@@ -41,14 +42,14 @@ pub struct DriveArgs {
     pub profiles: crate::cmd::ProfileFile,
     /// What the drive turned out to be, for those who show its frames.
     #[arg(skip)]
-    naming: NamingProfile,
+    naming: NamingProfiles,
     /// Motors are brought to rest: no file that can be done without is in the way.
     #[arg(skip)]
     stops: bool,
 }
 
-/// The profile by which frames are named, once it is known.
-type NamingProfile = Arc<OnceLock<&'static Profile>>;
+/// The drives by whose profiles frames are named, once they are known: addresses and profiles.
+type NamingProfiles = Arc<OnceLock<Vec<(u32, &'static Profile)>>>;
 
 /// Warnings about data sheets that are printed.
 const SHEET_WARNINGS_MAX: usize = 10;
@@ -177,10 +178,10 @@ impl DriveArgs {
         Ok(Exit::Ok)
     }
 
-    /// Has frames shown by the names of the drive's profile, once it is known.
-    fn name_frames(&self, profile: &'static Profile) {
-        // Set once: a link whose drives are of several kinds is named by the first.
-        let _ = self.naming.set(profile);
+    /// Has frames shown by the names of the drives' profiles, once they are known.
+    fn name_frames(&self, axes: &[Axis]) {
+        let drive = |axis: &Axis| (drive_address(axis.number()), axis.profile());
+        let _ = self.naming.set(axes.iter().map(drive).collect());
     }
 
     fn open_url(&self, url: &str) -> Result<Session> {
@@ -203,9 +204,7 @@ impl DriveArgs {
                 "{url} is simulated: its file does not say where it is (`connect`)"
             ));
         }
-        if let Some(axis) = link.axes().first() {
-            self.name_frames(axis.profile());
-        }
+        self.name_frames(link.axes());
         Ok(Session {
             link,
             arguments: format!("{}{}", shell_word(&self.url), self.profiles.as_arguments()),
@@ -349,12 +348,12 @@ struct FramePrinter {
     decoder: CaptureDecoder,
     text: text::FrameTextWriter,
     name: String,
-    naming: NamingProfile,
+    naming: NamingProfiles,
 }
 
 impl FramePrinter {
     /// For a link on which these protocols are spoken.
-    fn new(protocols: &[&str], name: String, naming: NamingProfile) -> Self {
+    fn new(protocols: &[&str], name: String, naming: NamingProfiles) -> Self {
         let rules = Rules::parse(&protocols.join(",")).unwrap_or_default();
         let style =
             text::TextStyle { colour: terminal::colour_err(), ..text::TextStyle::default() };
@@ -368,8 +367,8 @@ impl FramePrinter {
 
     fn print(&mut self, at: Instant, direction: TapDirection, unit: UnitRef<'_>) {
         let Self { decoder, text, name, naming } = self;
-        if let Some(profile) = naming.get() {
-            decoder.set_profile(profile);
+        if let Some(drives) = naming.get() {
+            decoder.set_drive_profiles(drives.clone());
         }
         let mut lines = Vec::new();
         unit.decode(decoder, at, name, direction, &mut |event| text.write(event, &mut lines));

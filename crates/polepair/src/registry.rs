@@ -51,6 +51,12 @@ pub(crate) struct ProtocolInfo {
     forbidden_reason: fn(u32) -> Option<&'static str>,
 }
 
+/// The numbers of the axes that a drive of that protocol can have at one address.
+pub(crate) fn sub_axes(protocol: &str) -> RangeInclusive<u8> {
+    let found = protocols().into_iter().find(|known| known.name == protocol);
+    found.map_or(1..=1, |known| known.sub_axes)
+}
+
 impl ProtocolInfo {
     /// The host's address where one of these drives has the one that hosts have from the factory:
     /// the last that nobody has. `None` where the usual one will do.

@@ -21,13 +21,14 @@ use crate::mounting::Mounting;
 use crate::registry::{self, ProtocolInfo};
 use crate::spelling;
 use crate::toml_file::{FileError, FileLocation, Located};
+use crate::url::AxisNumber;
 use crate::wire::AnyLink;
 pub use act::{ACTS, ActKind, ActValue, act_of_value, parse_act, parse_act_value};
 pub use drive_line::{DriveLine, drive_lines};
 use polepair_core::drives::bench::{Act, BenchControl, GroundTruth};
 use polepair_core::medium::MediumKind;
 use polepair_core::profile::Profile;
-use polepair_core::proto;
+use polepair_core::proto::{self, drive_address, sub_axis};
 use polepair_core::time::Instant;
 use polepair_link::clock;
 use polepair_sim::can_bus::CanFaults;
@@ -69,6 +70,28 @@ pub struct RackDescription {
     pub wires: Vec<WireDescription>,
 }
 
+/// A motor of a simulated drive, by places that count from 0.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct SimulatedMotor {
+    /// The link.
+    pub link: usize,
+    /// The drive on it.
+    pub drive: usize,
+    /// The motor of the drive.
+    pub motor: u8,
+}
+
+/// What a rack says of another axis of a drive.
+#[derive(Clone, Debug)]
+pub(crate) struct RackAxis {
+    /// As connection strings count: 2 is `#5.2`.
+    pub(crate) number: u8,
+    /// What it is called; empty for no name.
+    pub(crate) name: String,
+    /// How it is built into its machine.
+    pub(crate) mounting: Option<Arc<Mounting>>,
+}
+
 /// One link of a [`RackDescription`], beside what its rack says.
 #[derive(Clone, Debug)]
 pub struct WireDescription {
@@ -90,6 +113,8 @@ pub struct WireDescription {
     pub load: BusLoadRange,
     /// How each drive is built into its machine.
     pub(crate) mountings: Vec<Option<Arc<Mounting>>>,
+    /// What the rack says of further axes of each drive.
+    pub(crate) axes: Vec<Vec<RackAxis>>,
     /// Where the real link is.
     pub(crate) connect: Option<Located<String>>,
     /// Where the link stands in its file; none of a rack of words.
@@ -182,6 +207,13 @@ fn find_product(
     })
 }
 
+impl WireDescription {
+    /// The names of all axes on it; empty for those without one.
+    pub fn axis_names(&self) -> impl Iterator<Item = &String> {
+        self.names.iter().chain(self.axes.iter().flatten().map(|axis| &axis.name))
+    }
+}
+
 impl RackDescription {
     /// Makes the drives of a link what a data sheet (EDS or DCF) lists: a motor by CiA 402 where the
     /// objects are there, else a node that keeps what is written. Returns what the sheet has
@@ -223,25 +255,52 @@ impl RackDescription {
         self.rack.links.iter().position(|other| relays(&other.drives))
     }
 
-    /// The link and place of a drive that is on this link, or behind a relay on it: the drive of that
-    /// name or address; of the only one, text may be empty.
+    /// A motor of a drive that is on this link, or behind a relay on it: of the axis of that name or number;
+    /// of the only drive, text may be empty.
     #[must_use]
-    pub fn find_drive(&self, link: usize, text: &str) -> Option<(usize, usize)> {
+    pub fn find_motor(&self, link: usize, text: &str) -> Option<SimulatedMotor> {
         let reached = |n: &usize| *n == link || self.relay_link(*n) == Some(link);
         let all: Vec<(usize, usize)> = (0..self.rack.links.len())
             .filter(reached)
             .flat_map(|n| (0..self.rack.links[n].drives.len()).map(move |at| (n, at)))
             .collect();
-        let number = text.parse::<u32>().ok();
-        let is_meant = |(n, at): &&(usize, usize)| {
-            let named = self.wires[*n].names.get(*at).is_some_and(|name| name == text);
-            named && !text.is_empty()
-                || number.is_some() && self.rack.links[*n].drives[*at].address == number
-        };
-        match (&all[..], text) {
-            ([only], "") => Some(*only),
-            _ => all.iter().find(is_meant).copied(),
+        let first_motor = |(link, drive): (usize, usize)| SimulatedMotor { link, drive, motor: 0 };
+        if let ([only], "") = (&all[..], text) {
+            return Some(first_motor(*only));
         }
+        if let Some(number) = AxisNumber::parse(text) {
+            let address = Some(drive_address(number.0));
+            let is_it =
+                |(n, at): &&(usize, usize)| self.rack.links[*n].drives[*at].address == address;
+            let found = all.iter().find(is_it).copied()?;
+            return Some(SimulatedMotor {
+                motor: self.motor_number(found, sub_axis(number.0)),
+                ..first_motor(found)
+            });
+        }
+        all.iter().filter(|_| !text.is_empty()).find_map(|&(n, at)| {
+            let wire = &self.wires[n];
+            if wire.names.get(at).is_some_and(|name| name == text) {
+                return Some(first_motor((n, at)));
+            }
+            let axis = wire.axes.get(at)?.iter().find(|axis| axis.name == text)?;
+            let motor = self.motor_number((n, at), axis.number);
+            Some(SimulatedMotor { motor, ..first_motor((n, at)) })
+        })
+    }
+
+    /// The motor of the axis of that number on a link or behind a relay on it, or else of the drive of that
+    /// place.
+    #[must_use]
+    pub fn motor_of_axis(&self, link: usize, number: u32, index: usize) -> Option<SimulatedMotor> {
+        let found = self.find_motor(link, &AxisNumber(number).to_string());
+        let exists = self.rack.links.get(link)?.drives.get(index).is_some();
+        found.or_else(|| exists.then_some(SimulatedMotor { link, drive: index, motor: 0 }))
+    }
+
+    /// Which motor of a drive an axis is, from 0.
+    pub(crate) fn motor_number(&self, (link, _): (usize, usize), sub_axis: u8) -> u8 {
+        sub_axis.saturating_sub(*registry::sub_axes(self.wires[link].protocol).start())
     }
 
     /// The links that drives of this one relay to.
@@ -276,6 +335,7 @@ impl RackDescription {
             names: vec![String::new(); drives.len()],
             load: BusLoadRange::default(),
             mountings: vec![None; drives.len()],
+            axes: vec![Vec::new(); drives.len()],
             connect: None,
             location: None,
         });
@@ -598,20 +658,31 @@ impl Simulation {
         Some(String::from_utf8_lossy(&text[..len.min(PANEL_MAX)]).into_owned())
     }
 
-    /// Does something to a drive from outside: a load, a switch, a fault. Links and drives count
-    /// from 0. Returns whether there is such a drive with such a thing.
+    /// Does something to a drive, or to its first motor, from outside: a load, a switch, a fault. Links and
+    /// drives count from 0. Returns whether there is such a drive with such a thing.
     pub fn act(&self, link: usize, drive: usize, act: Act) -> bool {
-        let done = self
-            .shared
-            .with_bench(self.built.links.get(link), drive, |bench, now| bench.act(now, act));
-        done.unwrap_or(false)
+        self.act_on_motor(SimulatedMotor { link, drive, motor: 0 }, act)
     }
 
-    /// What is true of a motor, whatever its drive reports.
+    /// The same to any of its motors.
+    pub fn act_on_motor(&self, motor: SimulatedMotor, act: Act) -> bool {
+        let wire = self.built.links.get(motor.link);
+        let done = |bench: &mut dyn BenchControl, now| bench.act_on_motor(now, motor.motor, act);
+        self.shared.with_bench(wire, motor.drive, done).unwrap_or(false)
+    }
+
+    /// What is true of a drive's first motor, whatever the drive reports.
     #[must_use]
     pub fn truth(&self, link: usize, drive: usize) -> Option<GroundTruth> {
-        let wire = self.built.links.get(link);
-        self.shared.with_bench(wire, drive, |bench, now| bench.ground_truth(now))
+        self.motor_truth(SimulatedMotor { link, drive, motor: 0 })
+    }
+
+    /// The same of any of its motors.
+    #[must_use]
+    pub fn motor_truth(&self, motor: SimulatedMotor) -> Option<GroundTruth> {
+        let wire = self.built.links.get(motor.link);
+        self.shared
+            .with_bench(wire, motor.drive, |bench, now| bench.motor_truth(now, motor.motor))?
     }
 }
 

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use polepair::simulate::{
-    Simulation as Inner, SimulationPace, act_of_value, parse_act, rack_of_words,
+    SimulatedMotor, Simulation as Inner, SimulationPace, act_of_value, parse_act, rack_of_words,
 };
 use polepair_core::medium::MediumKind;
 use polepair_core::time::Instant;
@@ -89,6 +89,7 @@ impl PySimulation {
         drive: usize,
         what: &str,
         value: f64,
+        motor: u8,
     ) -> PyResult<bool> {
         let act = match what.contains('=') {
             true => parse_act(what),
@@ -96,15 +97,18 @@ impl PySimulation {
         };
         let act = act.map_err(|error| to_py_error(py, &error))?;
         let simulation = self.0.in_own_process(py)?;
-        Ok(py.detach(|| simulation.act(link, drive, act)))
+        let motor = SimulatedMotor { link, drive, motor };
+        Ok(py.detach(|| simulation.act_on_motor(motor, act)))
     }
 
-    /// What is true of a motor; links and drives count from 0.
-    fn truth(&self, py: Python<'_>, link: usize, drive: usize) -> PyResult<Truth> {
+    /// What is true of a motor; links, drives and motors count from 0.
+    fn truth(&self, py: Python<'_>, link: usize, drive: usize, motor: u8) -> PyResult<Truth> {
         let simulation = self.0.in_own_process(py)?;
-        let truth = py.detach(|| simulation.truth(link, drive)).ok_or_else(|| {
-            let what = format!("the simulation has no drive {drive} on link {link}");
-            usage_error(py, "E212", &what, "links and drives count from 0")
+        let which = SimulatedMotor { link, drive, motor };
+        let truth = py.detach(|| simulation.motor_truth(which)).ok_or_else(|| {
+            let what =
+                format!("the simulation has no motor {motor} of drive {drive} on link {link}");
+            usage_error(py, "E212", &what, "links, drives and motors count from 0")
         })?;
         Ok(Truth {
             position: truth.position,

@@ -56,18 +56,29 @@ pub struct SerialStationNode<S>(pub S);
 #[derive(Debug)]
 pub struct CanStationNode<S>(pub S);
 
+/// Something that is done to a drive at a certain time.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct ScheduledAct {
+    /// When.
+    pub at: Instant,
+    /// To which of its motors, from 0.
+    pub motor: u8,
+    /// What.
+    pub act: Act,
+}
+
 /// A drive to which something is done at certain times.
 pub struct ScheduledActs {
     node: Box<dyn SimNode>,
     /// The latest first.
-    acts: Vec<(Instant, Act)>,
+    acts: Vec<ScheduledAct>,
 }
 
 impl ScheduledActs {
     /// That drive, with these acts.
     #[must_use]
-    pub fn new(node: Box<dyn SimNode>, mut acts: Vec<(Instant, Act)>) -> Self {
-        acts.sort_by_key(|(at, _)| std::cmp::Reverse(*at));
+    pub fn new(node: Box<dyn SimNode>, mut acts: Vec<ScheduledAct>) -> Self {
+        acts.sort_by_key(|act| std::cmp::Reverse(act.at));
         Self { node, acts }
     }
 }
@@ -80,16 +91,16 @@ impl std::fmt::Debug for ScheduledActs {
 
 impl Timed for ScheduledActs {
     fn handle_timeout(&mut self, now: Instant) {
-        while let Some((_, act)) = self.acts.pop_if(|(at, _)| *at <= now) {
+        while let Some(scheduled) = self.acts.pop_if(|scheduled| scheduled.at <= now) {
             if let Some(bench) = self.node.bench() {
-                bench.act(now, act);
+                bench.act_on_motor(now, scheduled.motor, scheduled.act);
             }
         }
         self.node.handle_timeout(now);
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
-        earliest(self.node.poll_timeout(), self.acts.last().map(|(at, _)| *at))
+        earliest(self.node.poll_timeout(), self.acts.last().map(|scheduled| scheduled.at))
     }
 }
 

@@ -12,7 +12,7 @@ use polepair_core::time::Instant;
 use std::sync::Arc;
 
 use crate::data_sheet::{self, DataSheet};
-use crate::node::{CAN_PORT, DriveNode, SERIAL_PORT, ScheduledActs, SimNode};
+use crate::node::{CAN_PORT, DriveNode, SERIAL_PORT, ScheduledAct, ScheduledActs, SimNode};
 use crate::serial_line::{Duplex, SerialWireConfig};
 use crate::world::{NodeId, WireId, World};
 
@@ -103,9 +103,9 @@ pub struct RackDrive {
     /// Its data sheet, where that says what it is.
     pub data_sheet: Option<Arc<DataSheet>>,
     /// What is done to it before power is given: its load, its switches.
-    pub acts: Vec<Act>,
+    pub acts: Vec<(u8, Act)>,
     /// What is done to it later.
-    pub scheduled_acts: Vec<(Instant, Act)>,
+    pub scheduled_acts: Vec<ScheduledAct>,
 }
 
 /// Where the parts of a rack are in a world.
@@ -252,8 +252,11 @@ impl RackDrive {
             return Ok(());
         }
         let mut device = self.device(true)?;
-        let mut has = |act: Act| device.bench().is_some_and(|it| it.act(Instant::ZERO, act));
-        match self.scheduled_acts.iter().all(|(_, act)| has(*act)) {
+        let mut has = |scheduled: &ScheduledAct| {
+            let bench = device.bench();
+            bench.is_some_and(|it| it.act_on_motor(Instant::ZERO, scheduled.motor, scheduled.act))
+        };
+        match self.scheduled_acts.iter().all(&mut has) {
             true => Ok(()),
             false => Err(RackError::Act { profile: self.profile.name }),
         }
@@ -308,8 +311,10 @@ impl RackDrive {
     /// # Errors
     /// [`RackError::Act`].
     pub fn apply_acts(&self, node: &mut dyn SimNode, now: Instant) -> Result<(), RackError> {
-        let mut done = |act: Act| node.bench().is_some_and(|bench| bench.act(now, act));
-        match self.acts.iter().all(|act| done(*act)) {
+        let mut done = |(motor, act): &(u8, Act)| {
+            node.bench().is_some_and(|bench| bench.act_on_motor(now, *motor, *act))
+        };
+        match self.acts.iter().all(&mut done) {
             true => Ok(()),
             false => Err(RackError::Act { profile: self.profile.name }),
         }

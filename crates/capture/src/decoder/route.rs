@@ -3,7 +3,7 @@
 
 use polepair_core::drives;
 use polepair_core::error::WireError;
-use polepair_core::explain::{Context, Dissector};
+use polepair_core::explain::{Context, Direction, Dissector, RawFrame};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
@@ -84,12 +84,41 @@ impl RouteTable {
     }
 }
 
-/// The profile, if it is one of the protocol's that a rule names.
-pub(super) fn profile_for_rule(
-    profile: Option<&'static Profile>,
-    rule: &Rule,
-) -> Option<&'static Profile> {
-    profile.filter(|profile| profile_speaks(profile, rule.dissector))
+/// The profiles by which parameters are named, as somebody stated them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct StatedProfiles {
+    /// Of whoever has none of its own.
+    pub any: Option<&'static Profile>,
+    /// Of the drives at these addresses, where they differ.
+    pub drives: Vec<(u32, &'static Profile)>,
+}
+
+impl StatedProfiles {
+    /// The profile for a frame, if it is one of the protocol's that explains it.
+    pub fn for_frame(
+        &self,
+        dissector: &'static dyn Dissector,
+        frame: &RawFrame<'_>,
+        direction: Option<Direction>,
+    ) -> Option<&'static Profile> {
+        let own = (!self.drives.is_empty()).then(|| self.of_drive(dissector, frame, direction));
+        let profile = own.flatten().or(self.any);
+        profile.filter(|profile| profile_speaks(profile, dissector))
+    }
+
+    fn of_drive(
+        &self,
+        dissector: &'static dyn Dissector,
+        frame: &RawFrame<'_>,
+        direction: Option<Direction>,
+    ) -> Option<&'static Profile> {
+        let (id, extended) = (frame.id, frame.extended);
+        let context = Context { direction, id, extended, ..Context::default() };
+        let mut explained = Explanation::values_only();
+        dissector.explain(frame.bytes, &context, &mut explained);
+        let axis = explained.axis?;
+        self.drives.iter().find(|(address, _)| *address == axis).map(|(_, profile)| *profile)
+    }
 }
 
 /// Whether drives of a profile speak a protocol.
@@ -169,7 +198,8 @@ impl RuleExplainer {
         }
         let asks = rule.dissector.is_request(&raw);
         let request = if asks { None } else { conversation.find_request(rule.dissector, &raw) };
-        let stated = profile_for_rule(context.profile, rule);
+        let speaks = |profile: &&Profile| profile_speaks(profile, rule.dissector);
+        let stated = context.profile.filter(speaks);
         let context = Context {
             request: request.map(|request| request.bytes),
             request_id: request.and_then(|request| request.id),

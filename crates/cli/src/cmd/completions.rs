@@ -219,7 +219,10 @@ fn drives() -> Vec<CompletionCandidate> {
 /// Names of the axes of a rack, whose link is called so.
 fn axis_names(connector: &Connector, link: &str) -> Vec<String> {
     let rack = rack_of(connector, link);
-    let names = rack.into_iter().flat_map(|rack| rack.wires).flat_map(|wire| wire.names);
+    let names = rack
+        .into_iter()
+        .flat_map(|rack| rack.wires)
+        .flat_map(|wire| wire.axis_names().cloned().collect::<Vec<_>>());
     names.filter(|name| !name.is_empty()).collect()
 }
 

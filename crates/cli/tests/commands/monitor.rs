@@ -35,6 +35,38 @@ fn programs_get_frames_axes_and_the_link() {
     assert!(link["load"]["tmcl:1"].as_f64().expect("9600 baud") > 0.1, "{link}");
 }
 
+/// Modules on one line have different profiles: 150 is another parameter in each.
+#[test]
+fn each_module_of_a_line_is_named_by_its_own_profile() {
+    let rack = "[[link]]\nprotocol = \"tmcl\"\n\
+        [[link.drive]]\nprofile = \"tmcm-6110\"\naddress = 1\n\
+        [[link.drive]]\nprofile = \"tmcm-171\"\naddress = 3\n";
+    let file = std::env::temp_dir().join(format!("polepair-monitor-{}.toml", std::process::id()));
+    std::fs::write(&file, rack).expect("a file");
+    let url = format!("sim:{}", file.display());
+    let ran = polepair(&["monitor", &url, "--once"]);
+    let verbose = polepair(&["get", &format!("{url}?time=virtual#1,3"), "AP 150", "-v"]);
+    std::fs::remove_file(&file).expect("the file");
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let (axes, frames): (Vec<&str>, Vec<&str>) =
+        ran.out.lines().partition(|line| !line.starts_with(' '));
+    for label in ["1 ", "1.1", "1.5", "3 "] {
+        assert!(axes.iter().any(|line| line.starts_with(label)), "{label}: {axes:?}");
+    }
+    let about = |word: &str, module: &str| {
+        frames.iter().any(|line| line.contains(word) && line.contains(module))
+    };
+    assert!(about("\"actual current\"", "> tmcl  03 06 96"), "{frames:?}");
+    assert!(about("\"driver status flags\"", "> tmcl  01 06 D0 05"), "{frames:?}");
+    assert!(!ran.out.contains("end switch power down"), "{frames:?}");
+    for (module, word) in
+        [("01 06 96", "\"end switch power down\""), ("03 06 96", "\"actual current\"")]
+    {
+        let line = verbose.err.lines().find(|line| line.contains(&format!("> tmcl  {module}")));
+        assert!(line.is_some_and(|line| line.contains(word)), "{module}: {}", verbose.err);
+    }
+}
+
 #[test]
 fn what_cannot_be_is_refused_before_anything_is_opened() {
     assert_eq!(polepair(&["monitor", "sim:tmcl", "--rate", "0"]).code, 2);

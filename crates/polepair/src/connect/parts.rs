@@ -43,7 +43,7 @@ impl Connector {
                 let of = |n| part_of_link(&url, &description, n).transpose();
                 let parts: Vec<LinkPart> =
                     links.into_iter().filter_map(of).collect::<Result<_, _>>()?;
-                let wires = || description.wires.iter().flat_map(|wire| &wire.names);
+                let wires = || description.wires.iter().flat_map(|wire| wire.axis_names());
                 match url.names.iter().find(|name| wires().all(|known| known != *name)) {
                     Some(name) => {
                         let near = spelling::suggestion(name, wires().map(String::as_str));
@@ -89,7 +89,9 @@ fn part_of_link(
     };
     let mut part = url.clone();
     part.axes.retain(|axis| AxisNumber(*axis).is_group() || numbers(axis));
-    part.names.retain(|name| here.iter().any(|n| description.wires[*n].names.contains(name)));
+    part.names.retain(|name| {
+        here.iter().any(|n| description.wires[*n].axis_names().any(|known| known == name))
+    });
     let every = url.axes.is_empty() && url.names.is_empty();
     if !every && part.axes.is_empty() && part.names.is_empty() {
         return Ok(None);

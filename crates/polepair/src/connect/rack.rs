@@ -11,8 +11,8 @@ use crate::toml_file::FileLocation;
 use crate::url::{AxisNumber, LinkTarget, Url};
 use crate::wire::SharedLink;
 use polepair_core::profile::Profile;
-use polepair_core::proto::{HostOptions, drive_address, sub_axis};
-use polepair_sim::rack::RackWire;
+use polepair_core::proto::{HostOptions, drive_address, sub_axis, with_sub_axis};
+use polepair_sim::rack::{RackDrive, RackWire};
 use polepair_sim::serial_line::{SerialWireConfig, Timing};
 use std::path::Path;
 use std::sync::Arc;
@@ -199,19 +199,27 @@ fn rack_line(
     let is_file = matches!(url.target, LinkTarget::Rack { .. });
     let seats = |n: usize, own: bool| {
         let (rack, wire) = (&description.rack.links[n], &description.wires[n]);
-        let drives = rack.drives.iter().zip(wire.names.iter().zip(&wire.mountings));
         let info = &info;
-        drives.filter(move |(drive, _)| !own || simulate::speaks_protocol(drive, info)).map(
-            move |(drive, (name, mounting))| {
-                let location = wire.location.clone();
-                let entry = RackEntry {
-                    name: name.clone(),
-                    mounting: mounting.clone(),
-                    profile: is_file.then_some((drive.profile, location)),
-                };
-                (drive.address.unwrap_or(first), entry)
-            },
-        )
+        let speaks = move |drive: &RackDrive| !own || simulate::speaks_protocol(drive, info);
+        let drives = rack.drives.iter().enumerate().filter(move |(_, drive)| speaks(drive));
+        drives.flat_map(move |(at, drive)| {
+            let address = drive.address.unwrap_or(first);
+            let entry = |name: &str, mounting: &Option<_>| RackEntry {
+                name: name.to_owned(),
+                mounting: mounting.clone(),
+                profile: is_file.then(|| (drive.profile, wire.location.clone())),
+            };
+            let mut axes = vec![(address, entry(&wire.names[at], &wire.mountings[at]))];
+            axes.extend(wire.axes[at].iter().map(|axis| {
+                (with_sub_axis(address, axis.number), entry(&axis.name, &axis.mounting))
+            }));
+            if axes.len() == 1 {
+                let (start, motors) = (info.sub_axes.start(), drive.profile.motors);
+                let further = (1..motors).map(|motor| with_sub_axis(address, start + motor));
+                axes.extend(further.map(|number| (number, entry("", &None))));
+            }
+            axes
+        })
     };
     let mut all: Vec<(u32, RackEntry)> = seats(n, true).collect();
     let here = all.len();
@@ -221,7 +229,11 @@ fn rack_line(
     let groups = url.axes.iter().filter(|axis| AxisNumber(**axis).is_group());
     // The mounting of a drive is that of its first axis.
     let further = |axis: &u32| {
-        let (_, drive) = all.iter().find(|(number, _)| *number == drive_address(*axis))?;
+        let is_listed = all.iter().any(|(number, _)| number == axis);
+        let (_, drive) = all
+            .iter()
+            .filter(|_| !is_listed)
+            .find(|(number, _)| *number == drive_address(*axis))?;
         Some((*axis, RackEntry { profile: drive.profile.clone(), ..RackEntry::default() }))
     };
     let further: Vec<(u32, RackEntry)> =

@@ -115,14 +115,14 @@ impl DriveLine {
         self.lock().world.with_node(node, |node, _| node.bench().map(f))
     }
 
-    /// Does something to the drive of that number, counted from 0, and has its servers look at it.
-    /// Returns whether there is such a drive with such a thing.
-    pub fn act(&self, drive: usize, act: Act) -> bool {
+    /// Does something to a motor of the drive of that number, both counted from 0, and has its servers look at
+    /// it. Returns whether there is such a drive with such a thing.
+    pub fn act(&self, drive: usize, motor: u8, act: Act) -> bool {
         let Some(node) = self.nodes.get(drive) else { return false };
         let mut shared = self.lock();
-        let done = shared
-            .world
-            .with_node(*node, |node, now| node.bench().is_some_and(|bench| bench.act(now, act)));
+        let done = shared.world.with_node(*node, |node, now| {
+            node.bench().is_some_and(|bench| bench.act_on_motor(now, motor, act))
+        });
         shared.ports.iter().filter_map(|port| port.waker.as_ref()).for_each(LinkWaker::wake);
         done
     }

@@ -38,7 +38,7 @@
 //! ```
 
 use super::act::parse_act;
-use super::{DRIVES_MAX, RackDescription, WireDescription, find_drive};
+use super::{DRIVES_MAX, RackAxis, RackDescription, WireDescription, find_drive};
 use crate::bus::{self, BusLoadRange};
 use crate::error::Error;
 use crate::mounting::Mounting;
@@ -51,6 +51,7 @@ use polepair_core::medium::{CanLine, MediumKind};
 use polepair_core::time::Instant;
 use polepair_sim::can_bus::CanFaults;
 use polepair_sim::fault::SerialFaults;
+use polepair_sim::node::ScheduledAct;
 use polepair_sim::rack::{RackDrive, RackLink, RackWire};
 use polepair_sim::random::{Ppm, Random};
 use polepair_sim::serial_line::{Duplex, SerialWireConfig, Timing};
@@ -62,8 +63,9 @@ const LINK_KEYS: [&str; 11] = [
     "name", "kind", "protocol", "connect", "baud", "bitrate", "duplex", "timing", "echo", "faults",
     "drive",
 ];
-const DRIVE_KEYS: [&str; 20] = [
+const DRIVE_KEYS: [&str; 21] = [
     "act",
+    "axis",
     "name",
     "profile",
     "eds",
@@ -78,6 +80,21 @@ const DRIVE_KEYS: [&str; 20] = [
     "limit_high",
     "limit_low",
     "options",
+    "lead",
+    "gear",
+    "counts",
+    "direction",
+    "limits",
+];
+/// Keys of another axis of a drive.
+const AXIS_KEYS: [&str; 12] = [
+    "act",
+    "number",
+    "name",
+    "load",
+    "home",
+    "limit_high",
+    "limit_low",
     "lead",
     "gear",
     "counts",
@@ -197,16 +214,17 @@ fn read_link(
         None => None,
     };
     let (mut drives, mut names): (Vec<RackDrive>, Vec<String>) = (Vec::new(), Vec::new());
-    let mut mountings = Vec::new();
+    let (mut mountings, mut axes) = (Vec::new(), Vec::new());
     for (at, drive) in node.tables("drive", &DRIVE_KEYS)?.iter().enumerate() {
         if at == DRIVES_MAX {
             return Err(drive.location().error(format!("more than {DRIVES_MAX} drives on a link")));
         }
         let seed = seed.wrapping_add(at as u64);
-        let made = read_drive(drive, &mut protocol, kind, seed)?;
+        let mut made = read_drive(drive, &mut protocol, kind, seed)?;
         mountings.push(Mounting::from_table(drive, made.profile)?);
-        drives.push(made);
         names.push(read_name(drive, &names)?);
+        axes.push(read_axes(drive, &mut made, &names, &axes)?);
+        drives.push(made);
     }
     // A bus on which a relay alone sits has its drives on the other link.
     let Some(protocol) = protocol else {
@@ -254,6 +272,7 @@ fn read_link(
         names,
         load: BusLoadRange::default(),
         mountings,
+        axes,
         connect,
         location: Some(node.location()),
     };
@@ -267,6 +286,46 @@ fn check_connect(location: &str, protocol: &registry::ProtocolInfo) -> Result<()
         true => Ok(()),
         false => Err("the drives below name the axes: leave `#` out".to_owned()),
     }
+}
+
+/// The further axes of a drive: `[[link.drive.axis]]` with `number = 2` is `#5.2`.
+fn read_axes(
+    node: &TomlTable<'_, '_>,
+    drive: &mut RackDrive,
+    names: &[String],
+    others: &[Vec<RackAxis>],
+) -> Result<Vec<RackAxis>, FileError> {
+    let mut axes: Vec<RackAxis> = Vec::new();
+    let mut known = names.to_vec();
+    known.extend(others.iter().flatten().map(|axis| axis.name.clone()));
+    for table in node.tables("axis", &AXIS_KEYS)? {
+        let location = table.location();
+        let sub_axes = registry::sub_axes(drive.wires.first().map_or("", String::as_str));
+        let last = match drive.profile.motors {
+            0 => *sub_axes.end(),
+            motors => sub_axes.start() + motors - 1,
+        };
+        let first = sub_axes.start() + 1;
+        if first > last {
+            return Err(location.error(format!("`{}` has one axis", drive.profile.name)));
+        }
+        let number = table.integer_between("number", first.into(), last.into())?;
+        let number = number.and_then(|number| u8::try_from(number).ok());
+        let number = number.ok_or_else(|| location.error("an axis needs its `number`"))?;
+        if axes.iter().any(|axis| axis.number == number) {
+            return Err(location.error(format!("axis {number} of the drive stands here twice")));
+        }
+        let motor = number - sub_axes.start();
+        read_bench(&table, motor, drive)?;
+        let name = read_name(&table, &known)?;
+        known.push(name.clone());
+        axes.push(RackAxis {
+            number,
+            name,
+            mounting: Mounting::from_table(&table, drive.profile)?,
+        });
+    }
+    Ok(axes)
 }
 
 /// What a drive is called: connection strings must be able to say it.
@@ -440,13 +499,9 @@ fn read_drive(
     drive.address = address.and_then(|n| u32::try_from(n).ok());
     read_sheet(node, &mut drive)?;
     drive.seed = seed;
-    let real = |key| node.float(key).map(|found| found.map(|found| found.value));
-    drive.acts.extend(real("supply")?.map(Act::Supply));
-    drive.acts.extend(real("load")?.map(Act::Load));
-    for (which, key) in (0..).zip(SWITCH_KEYS) {
-        drive.acts.extend(real(key)?.map(|at| Act::Switch { which, at }));
-    }
-    drive.scheduled_acts = read_acts(node)?;
+    let supply = node.float("supply")?.map(|volts| (0, Act::Supply(volts.value)));
+    drive.acts.extend(supply);
+    read_bench(node, 0, &mut drive)?;
     if let Some(options) = node.table("options", &[])? {
         for key in options.keys() {
             if let Some(value) = options.scalar_text(key.value)? {
@@ -460,8 +515,19 @@ fn read_drive(
     Ok(drive)
 }
 
-/// What is done to the drive while it runs: `[[link.drive.act]]` with `at = "5 s"` and `do = "jam"`.
-fn read_acts(node: &TomlTable<'_, '_>) -> Result<Vec<(Instant, Act)>, FileError> {
+/// What is around a motor, and what is done to it later.
+fn read_bench(node: &TomlTable<'_, '_>, motor: u8, drive: &mut RackDrive) -> Result<(), FileError> {
+    let real = |key| node.float(key).map(|found| found.map(|found| found.value));
+    drive.acts.extend(real("load")?.map(|torque| (motor, Act::Load(torque))));
+    for (which, key) in (0..).zip(SWITCH_KEYS) {
+        drive.acts.extend(real(key)?.map(|at| (motor, Act::Switch { which, at })));
+    }
+    drive.scheduled_acts.extend(read_acts(node, motor)?);
+    Ok(())
+}
+
+/// What is done to a motor while it runs: `[[link.drive.act]]` with `at = "5 s"` and `do = "jam"`.
+fn read_acts(node: &TomlTable<'_, '_>, motor: u8) -> Result<Vec<ScheduledAct>, FileError> {
     let mut acts = Vec::new();
     for table in node.tables("act", &ACT_KEYS)? {
         let missing = |key: &str| table.location().error(format!("an act needs `{key}`"));
@@ -471,7 +537,7 @@ fn read_acts(node: &TomlTable<'_, '_>) -> Result<Vec<(Instant, Act)>, FileError>
         })?;
         let act = table.text("do")?.ok_or_else(|| missing("do"))?;
         let act = act.try_map(|text| parse_act(&text).map_err(|error| error.to_string()))?;
-        acts.push((Instant(at), act));
+        acts.push(ScheduledAct { at: Instant(at), motor, act });
     }
     Ok(acts)
 }

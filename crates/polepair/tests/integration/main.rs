@@ -9,6 +9,7 @@ mod heard;
 mod library;
 mod look;
 mod lss;
+mod motors;
 mod one_bus;
 mod optional;
 mod rack;

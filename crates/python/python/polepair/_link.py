@@ -221,14 +221,16 @@ class Simulation:
         """Lets time pass: at once in virtual time."""
         self._native.run(seconds)
 
-    def act(self, what: str, value: float = 1.0, *, link: int = 0, drive: int = 0) -> None:
-        """Does something to a drive: `load` (N·m), `jam`, `supply` (V), `temperature` (degC),
+    def act(
+        self, what: str, value: float = 1.0, *, link: int = 0, drive: int = 0, motor: int = 0
+    ) -> None:
+        """Does something to a drive, or to one of its motors: `load` (N·m), `jam`, `supply` (V), `temperature` (degC),
         `encoder`, `input-3`, `fault` (its code), `power-cycle`, `home` (rad) and others, which an
         error lists. With its unit it is one text: `"supply=30 V"`, as for `polepair act`.
         """
-        if not self._native.act(link, drive, what, value):
+        if not self._native.act(link, drive, what, value, motor):
             raise ValueError(f"drive {drive} on link {link} has no {what}")
 
-    def truth(self, *, link: int = 0, drive: int = 0) -> native.Truth:
+    def truth(self, *, link: int = 0, drive: int = 0, motor: int = 0) -> native.Truth:
         """What is true of a motor, whatever its drive reports."""
-        return self._native.truth(link, drive)
+        return self._native.truth(link, drive, motor)

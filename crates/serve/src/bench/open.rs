@@ -10,6 +10,7 @@ use polepair::{Axis, Connector, Error};
 use polepair_capture::{CaptureDecoder, Rules};
 use polepair_core::drives;
 use polepair_core::medium::MediumKind;
+use polepair_core::proto::drive_address;
 use polepair_link::Cause;
 
 use super::AxisEntry;
@@ -321,8 +322,9 @@ impl BenchLink {
         let stated = several.map(|axis| format!("{}@{}", axis.protocol(), axis.number()));
         let all = protocols.iter().map(|word| (*word).to_owned());
         let rules = stated.chain(all).collect::<Vec<_>>().join(",");
-        let profile = self.first_axis().map(Axis::profile);
-        CaptureDecoder::new(Rules::parse(&rules).unwrap_or_default()).with_profile(profile)
+        let axes = self.wire.axes.iter().map(|(_, axis)| axis);
+        let drives = axes.map(|axis| (drive_address(axis.number()), axis.profile())).collect();
+        CaptureDecoder::new(Rules::parse(&rules).unwrap_or_default()).with_drive_profiles(drives)
     }
 
     /// The share of the time so far in which it was busy, where that is known.

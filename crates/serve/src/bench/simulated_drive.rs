@@ -1,6 +1,6 @@
 //! What can be done to a simulated drive from outside its wire.
 
-use polepair::simulate::{ACTS, ActKind, ActValue, Simulation, act_of_value};
+use polepair::simulate::{ACTS, ActKind, ActValue, SimulatedMotor, Simulation, act_of_value};
 use polepair_core::drives::bench::{Act, GroundTruth};
 
 use crate::message::{GatewayError, PanelView, SimulationActionInfo};
@@ -14,8 +14,7 @@ const KEY: &str = "key-";
 #[derive(Clone, Debug)]
 pub(super) struct SimulatedDrive {
     simulation: Simulation,
-    link: usize,
-    drive: usize,
+    motor: SimulatedMotor,
     /// Keys of its panel.
     keys: u8,
 }
@@ -23,20 +22,11 @@ pub(super) struct SimulatedDrive {
 impl SimulatedDrive {
     /// The drive of that address, or of that place, on a link of a simulation or behind a relay on it.
     pub fn find(simulation: &Simulation, link: usize, number: u32, index: usize) -> Option<Self> {
-        let description = simulation.description();
-        let links = &description.rack.links;
-        let reached = |n: &usize| *n == link || description.relay_link(*n) == Some(link);
-        let all: Vec<(usize, usize, Option<u32>)> = (0..links.len())
-            .filter(reached)
-            .flat_map(|n| links[n].drives.iter().enumerate().map(move |(d, drive)| (n, d, drive)))
-            .map(|(n, d, drive)| (n, d, drive.address))
-            .collect();
-        let by_address = all.iter().find(|(_, _, address)| *address == Some(number));
-        let &(link, drive, _) = by_address.or_else(|| all.get(index))?;
+        let motor = simulation.description().motor_of_axis(link, number, index)?;
         // To let go of a key that nobody holds does nothing, and tells whether there is one.
-        let has = |n: &u8| simulation.act(link, drive, Act::Key(*n, false));
+        let has = |n: &u8| simulation.act_on_motor(motor, Act::Key(*n, false));
         let keys = (0..KEYS_MAX).take_while(has).count() as u8;
-        Some(Self { simulation: simulation.clone(), link, drive, keys })
+        Some(Self { simulation: simulation.clone(), motor, keys })
     }
 
     /// What can be done to it.
@@ -62,13 +52,13 @@ impl SimulatedDrive {
 
     /// Its panel, where it has one.
     pub fn panel(&self) -> Option<PanelView> {
-        let shows = self.simulation.panel(self.link, self.drive)?;
+        let shows = self.simulation.panel(self.motor.link, self.motor.drive)?;
         Some(PanelView { shows, keys: self.keys().collect() })
     }
 
     /// What is true of its motor.
     pub fn truth(&self) -> Option<GroundTruth> {
-        self.simulation.truth(self.link, self.drive)
+        self.simulation.motor_truth(self.motor)
     }
 
     /// Does something to it.
@@ -78,7 +68,7 @@ impl SimulatedDrive {
         let value = if is_place { Some(value.unwrap_or(f64::NAN)) } else { value };
         let act_of_drive = act_of_value(act, value)
             .map_err(|error| request_error(error.to_string()).hint(error.hint()))?;
-        if self.simulation.act(self.link, self.drive, act_of_drive) {
+        if self.simulation.act_on_motor(self.motor, act_of_drive) {
             return Ok(());
         }
         Err(request_error(format!("this drive has nothing for `{act}`")))

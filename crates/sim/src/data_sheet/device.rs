@@ -368,6 +368,22 @@ impl BenchControl for DataSheetDevice {
         }
     }
 
+    fn motor_truth(&mut self, now: Instant, motor: u8) -> Option<GroundTruth> {
+        if motor == 0 {
+            return Some(self.ground_truth(now));
+        }
+        let flash_writes = self.node.flash_writes;
+        let drive = self.node.drives.get_mut(usize::from(motor))?;
+        Some(GroundTruth { flash_writes, ..drive.ground_truth(now) })
+    }
+
+    fn act_on_motor(&mut self, now: Instant, motor: u8, act: Act) -> bool {
+        match self.node.drives.get_mut(usize::from(motor)) {
+            Some(drive) if motor > 0 && act != Act::PowerCycle => drive.act(now, act),
+            _ => self.act(now, act),
+        }
+    }
+
     fn take_notice(&mut self) -> Option<&'static str> {
         self.node.drives.iter_mut().find_map(Drive::take_notice)
     }

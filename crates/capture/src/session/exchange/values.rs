@@ -3,7 +3,8 @@
 use std::cell::Cell;
 
 use polepair_core::profile::{
-    Fault as Known, Parameter, ParameterId, Profile, Severity, Signal as Source, SignalSource,
+    Fault as Known, ObjectKey, Parameter, ParameterId, Profile, Severity, Signal as Source,
+    SignalSource,
 };
 
 use super::{AXES_MAX, anomaly};
@@ -24,8 +25,8 @@ pub(super) struct ValueTracker {
     profile: Option<&'static Profile>,
     /// Parameters that others are scaled by.
     factors: Vec<ParameterId>,
-    /// Their raw values.
-    factor_values: Vec<((u32, ParameterId), i64)>,
+    /// Raw values of parameters that others are scaled by, of each motor of each axis.
+    factor_values: Vec<((u32, u8, ObjectKey), i64)>,
     /// States of axes, by what they are.
     states: Vec<((u32, InternedName), InternedName)>,
     /// Faults that are there.
@@ -87,7 +88,6 @@ impl ValueTracker {
             return;
         }
         self.profile = profile;
-        self.factor_values.clear();
         let parameters =
             profile.into_iter().flat_map(|p| p.parameters.iter().map(move |one| (p, one)));
         self.factors = parameters.flat_map(|(p, one)| one.scale.inputs(p)).collect();
@@ -106,7 +106,8 @@ impl ValueTracker {
             profile.parameter(id).is_some_and(|other| core::ptr::eq(other, parameter))
         };
         if let Some(id) = self.factors.iter().copied().find(|id| is_it(*id)) {
-            replace_known(&mut self.factor_values, (found.axis, id), found.frame_value.raw);
+            let key = (found.axis, found.frame_value.motor, object_key(profile, id));
+            replace_known(&mut self.factor_values, key, found.frame_value.raw);
         }
         let (value, unit, quality) = self.scale_value(profile, parameter, &found);
         let mut named = false;
@@ -140,7 +141,8 @@ impl ValueTracker {
         let scale = parameter.scale;
         let quality = Cell::new(found.quality);
         let read = |id: ParameterId| {
-            let known = self.factor_values.iter().find(|(of, _)| *of == (found.axis, id));
+            let key = (found.axis, found.frame_value.motor, object_key(profile, id));
+            let known = self.factor_values.iter().find(|(of, _)| *of == key);
             if let Some((_, raw)) = known {
                 return Some(*raw);
             }
@@ -268,6 +270,11 @@ impl ObservedValue<'_> {
 }
 
 /// The contract's name of what is simply a number.
+/// What a parameter is whatever the profile's order: drives of a link may have several profiles.
+fn object_key(profile: &'static Profile, id: ParameterId) -> ObjectKey {
+    profile.parameter(id).map_or((0, 0), |parameter| (parameter.index, parameter.space))
+}
+
 fn signal_name(profile: &'static Profile, source: &SignalSource) -> Option<InternedName> {
     let of = |signal| profile.signal(signal).map(|source| source.parameter);
     Some(match source.signal {

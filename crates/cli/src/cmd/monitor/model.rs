@@ -254,9 +254,10 @@ impl Monitor {
 fn wire_decoding(wire: &OpenWire, axes: &[Axis], stated: Option<&Rules>) -> WireDecoding {
     let own: Vec<&Axis> =
         axes.iter().filter(|axis| axis.connection().describe() == wire.name).collect();
-    let profile = own.first().map(|axis| axis.profile());
+    let drive = |axis: &&Axis| (proto::drive_address(axis.number()), axis.profile());
+    let drives = own.iter().map(drive).collect();
     if let Some(rules) = stated {
-        return WireDecoding { rules: rules.clone(), profile };
+        return WireDecoding { rules: rules.clone(), drives };
     }
     let mut rules = Vec::new();
     let mut add = |word: &str, scope| {
@@ -270,7 +271,7 @@ fn wire_decoding(wire: &OpenWire, axes: &[Axis], stated: Option<&Rules>) -> Wire
     let mut words = wire.protocols.clone();
     words.sort_by_key(|word| claimed_count(word));
     words.iter().for_each(|word| add(word, RuleScope::Anywhere));
-    WireDecoding { rules: Rules(rules), profile }
+    WireDecoding { rules: Rules(rules), drives }
 }
 
 /// How many identifiers of 11 bits a protocol claims.

@@ -104,8 +104,8 @@ struct FrameHistory {
 pub struct WireDecoding {
     /// Which protocol is whose.
     pub rules: Rules,
-    /// The drive whose names are used.
-    pub profile: Option<&'static Profile>,
+    /// The drives at these addresses, whose names are used.
+    pub drives: Vec<(u32, &'static Profile)>,
 }
 
 impl TrafficLog {
@@ -113,7 +113,8 @@ impl TrafficLog {
     pub fn new(wires: &[OpenWire], protocols: Vec<WireDecoding>, listening: bool) -> Self {
         let wire = |(wire, wire_decoding): (&OpenWire, WireDecoding)| WireTraffic {
             name: short_name(&wire.name),
-            decoder: CaptureDecoder::new(wire_decoding.rules).with_profile(wire_decoding.profile),
+            decoder: CaptureDecoder::new(wire_decoding.rules)
+                .with_drive_profiles(wire_decoding.drives),
             rate: wire.rate,
             bits: 0,
             load: None,

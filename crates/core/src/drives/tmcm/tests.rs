@@ -318,3 +318,16 @@ fn ports_and_identity() {
     rig.act(0, Act::Supply(12.0));
     assert_eq!(rig.ok(GIO, 8, 1, 0), 120);
 }
+
+#[test]
+fn a_motor_that_stands_at_its_target_is_told_at_once() {
+    let mut rig = Rig::six();
+    rig.ok(138, 0, 0, 1 << 2);
+    rig.wait(20);
+    let mut out = [0; 520];
+    let n = Station::<Stream>::poll_transmit(&mut rig.device, rig.now, &mut out).expect("an event");
+    let reply = Reply::parse(&out[..n]).expect("an event");
+    assert_eq!((reply.status.number(), reply.value), (128, 1 << 2));
+    rig.ok(MVP, 0, 2, 5000);
+    rig.until(2, 8, 1);
+}

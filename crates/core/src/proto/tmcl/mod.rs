@@ -11,6 +11,7 @@ pub mod device;
 pub mod explain;
 pub mod generic;
 pub mod host;
+pub mod host_request;
 pub mod module;
 pub mod opcode;
 pub mod session;
@@ -20,8 +21,9 @@ pub mod wire;
 pub use axis::{Axis, Tmcl, TmclCan};
 pub use explain::TmclDissector;
 pub use host::{CanHost, SerialHost};
+pub use host_request::HostRequest;
 pub use opcode::{Opcode, Status};
-pub use session::{Answer, HostRequest};
+pub use session::Answer;
 pub use wire::{Instruction, Reply, Request, VersionText};
 
 #[cfg(test)]

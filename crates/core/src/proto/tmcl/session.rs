@@ -20,7 +20,8 @@ mod motor_stops;
 mod proof;
 mod suspects;
 
-use super::opcode::{Opcode, SEARCH_STATUS, Status};
+pub use super::host_request::HostRequest;
+use super::opcode::{Opcode, Status};
 use super::wire::{Instruction, Reply, Request, VersionText};
 use crate::error::{Failure, Unsupported};
 use crate::proto::HostOptions;
@@ -52,37 +53,6 @@ const OUTSTANDING_MAX: usize = 10;
 const LATEST_TIMEOUTS: u64 = 3;
 /// After "wrong checksum" the true reply of another module may still come for so long.
 const GRACE_NS: u64 = 20_000_000;
-
-/// A request with what may be done when no answer comes.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct HostRequest {
-    /// What is sent.
-    pub request: Request,
-    /// Whether it may be sent again.
-    pub class: RequestClass,
-}
-
-impl HostRequest {
-    /// A request with the class that its opcode has by itself.
-    #[must_use]
-    pub const fn of(request: Request) -> Self {
-        let class = match request.opcode {
-            Opcode::Mst => RequestClass::Stop,
-            Opcode::Ror | Opcode::Rol if request.value == 0 => RequestClass::Stop,
-            Opcode::Rfs if request.kind == SEARCH_STATUS => RequestClass::Idempotent,
-            Opcode::Sap | Opcode::Sgp | Opcode::Sio => RequestClass::ReadBack,
-            opcode if opcode.only_reads() => RequestClass::Idempotent,
-            _ => RequestClass::NoRetry,
-        };
-        Self { request, class }
-    }
-}
-
-impl crate::station::Request for HostRequest {
-    fn class(&self) -> RequestClass {
-        self.class
-    }
-}
 
 /// What a module answers, after the host's checks. Refusals are [`Failure::Refused`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

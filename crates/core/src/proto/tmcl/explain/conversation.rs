@@ -70,6 +70,7 @@ pub(super) fn effect_of(frame: &RawFrame<'_>, profile: Option<&'static Profile>)
         O::Mst => Effect::NOTHING,
         O::Ror | O::Rol if request.value == 0 => Effect::NOTHING,
         O::Rfs if request.kind == SEARCH_STATUS => Effect::NOTHING,
+        O::PositionReached => Effect::NOTHING,
         O::Sap | O::Sgp => Effect::from_write(parameter_of(&request, profile)),
         O::Sio => Effect::SETTINGS,
         O::Stap | O::Rsap | O::Stgp | O::Rsgp | O::FactoryDefault => Effect::PERSISTENT,

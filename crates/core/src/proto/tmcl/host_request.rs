@@ -1,0 +1,38 @@
+//! What a host asks, and whether it may ask it again.
+
+use super::opcode::{Opcode, SEARCH_STATUS};
+use super::wire::Request;
+use crate::station::RequestClass;
+
+/// A request with what may be done when no answer comes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct HostRequest {
+    /// What is sent.
+    pub request: Request,
+    /// Whether it may be sent again.
+    pub class: RequestClass,
+}
+
+impl HostRequest {
+    /// A request with the class that its opcode has by itself.
+    #[must_use]
+    pub const fn of(request: Request) -> Self {
+        let class = match request.opcode {
+            Opcode::Mst => RequestClass::Stop,
+            Opcode::Ror | Opcode::Rol if request.value == 0 => RequestClass::Stop,
+            // To order an event twice is to order it once.
+            Opcode::PositionReached => RequestClass::Idempotent,
+            Opcode::Rfs if request.kind == SEARCH_STATUS => RequestClass::Idempotent,
+            Opcode::Sap | Opcode::Sgp | Opcode::Sio => RequestClass::ReadBack,
+            opcode if opcode.only_reads() => RequestClass::Idempotent,
+            _ => RequestClass::NoRetry,
+        };
+        Self { request, class }
+    }
+}
+
+impl crate::station::Request for HostRequest {
+    fn class(&self) -> RequestClass {
+        self.class
+    }
+}
