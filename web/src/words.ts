@@ -189,6 +189,7 @@ export const WORDS = {
   moving: ["moving", "运动中"],
   enabled: ["enabled", "已使能"],
   disabled: ["disabled", "未使能"],
+  standing: ["standing", "静止"],
   armed: ["armed", "已解锁"],
   simulated: ["simulated", "仿真"],
   yours: ["yours", "由您控制"],

@@ -16,7 +16,7 @@ pub use encoding::Encoding;
 pub struct ParameterId(pub u16);
 
 /// Everything the upper layers know of one product.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Profile {
     /// The word users type: `tmcm-171`.
     pub name: &'static str,
@@ -341,6 +341,9 @@ pub struct ScaleRule {
     pub objects: &'static [ObjectKey],
     /// Those of them that are words of bytes, which people write in hexadecimal.
     pub words: &'static [ObjectKey],
+    /// Of a stepper motor: how many full steps of a turn the rule assumes, and the object that tells them
+    /// instead, where a drive has it.
+    pub full_steps: Option<(f64, ObjectKey)>,
     /// The factor, of the raw values of these objects.
     pub compute: ComputeScale,
 }

@@ -399,6 +399,8 @@ pub(crate) struct ProtocolLine {
 struct RackEntry {
     name: String,
     mounting: Option<Arc<Mounting>>,
+    /// Full steps of a turn of its motor.
+    steps: Option<u32>,
     /// Which drive it is to be, and where that is said.
     profile: Option<(&'static Profile, Option<FileLocation>)>,
 }

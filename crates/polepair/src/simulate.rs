@@ -90,6 +90,8 @@ pub(crate) struct RackAxis {
     pub(crate) name: String,
     /// How it is built into its machine.
     pub(crate) mounting: Option<Arc<Mounting>>,
+    /// Full steps of a turn of its motor, where they differ from those of the drive's others.
+    pub(crate) steps: Option<u32>,
 }
 
 /// One link of a [`RackDescription`], beside what its rack says.
@@ -113,6 +115,8 @@ pub struct WireDescription {
     pub load: BusLoadRange,
     /// How each drive is built into its machine.
     pub(crate) mountings: Vec<Option<Arc<Mounting>>>,
+    /// Full steps of a turn of each drive's stepper motors, where that is said.
+    pub(crate) steps: Vec<Option<u32>>,
     /// What the rack says of further axes of each drive.
     pub(crate) axes: Vec<Vec<RackAxis>>,
     /// Where the real link is.
@@ -335,6 +339,7 @@ impl RackDescription {
             names: vec![String::new(); drives.len()],
             load: BusLoadRange::default(),
             mountings: vec![None; drives.len()],
+            steps: vec![None; drives.len()],
             axes: vec![Vec::new(); drives.len()],
             connect: None,
             location: None,

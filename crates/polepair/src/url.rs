@@ -28,12 +28,12 @@ pub const AXES_MAX: usize = 256;
 const KEYS_MAX: usize = 32;
 
 const LINK_KINDS: [&str; 6] = ["serial", "tcp", "udp", "slcan", "socketcand", "socketcan"];
-const SERIAL_KEYS: [&str; 15] = [
+const SERIAL_KEYS: [&str; 16] = [
     "profile", "setup", "timeout", "timing", "gap", "host", "echo", "parity", "stop", "bits",
-    "wire", "ack", "pause", "relay", "through",
+    "wire", "ack", "pause", "relay", "through", "steps",
 ];
-const CAN_KEYS: [&str; 8] =
-    ["profile", "setup", "eds", "timeout", "host", "bitrate", "ack", "heartbeat"];
+const CAN_KEYS: [&str; 9] =
+    ["profile", "setup", "eds", "timeout", "host", "bitrate", "ack", "heartbeat", "steps"];
 const SIM_KEYS: [&str; 18] = [
     "timing",
     "axes",

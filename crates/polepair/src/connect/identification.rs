@@ -3,6 +3,7 @@
 use super::{Connector, Link, ProtocolLine, identify_expected};
 use crate::error::Error;
 use crate::identify::{IDENTIFY_RETRY_MAX, Identification, Prober};
+use crate::profile::profile_with_steps;
 use crate::url::{AxisNumber, Url};
 use polepair_core::profile::Profile;
 use polepair_core::proto::{drive_address, sub_axis};
@@ -68,6 +69,13 @@ impl Connector {
                 None => self.identify_axis(line, at, named, must_ask)?,
             });
             check_motor(*number, line, found[at].0)?;
+        }
+        let steps = url.number("steps")?;
+        for ((profile, _), entry) in found.iter_mut().zip(&line.entries) {
+            let steps = entry.steps.map(u64::from).or(steps);
+            if let Some(steps) = steps {
+                *profile = profile_with_steps(profile, steps)?;
+            }
         }
         // Drives of a group cannot all be asked: they are taken for what the first axis is.
         if let Some((profile, _)) =

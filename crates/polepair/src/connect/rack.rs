@@ -204,19 +204,22 @@ fn rack_line(
         let drives = rack.drives.iter().enumerate().filter(move |(_, drive)| speaks(drive));
         drives.flat_map(move |(at, drive)| {
             let address = drive.address.unwrap_or(first);
-            let entry = |name: &str, mounting: &Option<_>| RackEntry {
+            let entry = |name: &str, mounting: &Option<_>, steps| RackEntry {
                 name: name.to_owned(),
                 mounting: mounting.clone(),
+                steps,
                 profile: is_file.then(|| (drive.profile, wire.location.clone())),
             };
-            let mut axes = vec![(address, entry(&wire.names[at], &wire.mountings[at]))];
+            let steps = wire.steps[at];
+            let mut axes = vec![(address, entry(&wire.names[at], &wire.mountings[at], steps))];
             axes.extend(wire.axes[at].iter().map(|axis| {
-                (with_sub_axis(address, axis.number), entry(&axis.name, &axis.mounting))
+                let its = entry(&axis.name, &axis.mounting, axis.steps.or(steps));
+                (with_sub_axis(address, axis.number), its)
             }));
             if axes.len() == 1 {
                 let (start, motors) = (info.sub_axes.start(), drive.profile.motors);
                 let further = (1..motors).map(|motor| with_sub_axis(address, start + motor));
-                axes.extend(further.map(|number| (number, entry("", &None))));
+                axes.extend(further.map(|number| (number, entry("", &None, steps))));
             }
             axes
         })

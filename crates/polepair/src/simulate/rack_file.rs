@@ -63,7 +63,8 @@ const LINK_KEYS: [&str; 11] = [
     "name", "kind", "protocol", "connect", "baud", "bitrate", "duplex", "timing", "echo", "faults",
     "drive",
 ];
-const DRIVE_KEYS: [&str; 21] = [
+const DRIVE_KEYS: [&str; 22] = [
+    "steps",
     "act",
     "axis",
     "name",
@@ -87,7 +88,8 @@ const DRIVE_KEYS: [&str; 21] = [
     "limits",
 ];
 /// Keys of another axis of a drive.
-const AXIS_KEYS: [&str; 12] = [
+const AXIS_KEYS: [&str; 13] = [
+    "steps",
     "act",
     "number",
     "name",
@@ -214,7 +216,7 @@ fn read_link(
         None => None,
     };
     let (mut drives, mut names): (Vec<RackDrive>, Vec<String>) = (Vec::new(), Vec::new());
-    let (mut mountings, mut axes) = (Vec::new(), Vec::new());
+    let (mut mountings, mut axes, mut steps) = (Vec::new(), Vec::new(), Vec::new());
     for (at, drive) in node.tables("drive", &DRIVE_KEYS)?.iter().enumerate() {
         if at == DRIVES_MAX {
             return Err(drive.location().error(format!("more than {DRIVES_MAX} drives on a link")));
@@ -223,6 +225,7 @@ fn read_link(
         let mut made = read_drive(drive, &mut protocol, kind, seed)?;
         mountings.push(Mounting::from_table(drive, made.profile)?);
         names.push(read_name(drive, &names)?);
+        steps.push(read_steps(drive, "steps", &mut made)?);
         axes.push(read_axes(drive, &mut made, &names, &axes)?);
         drives.push(made);
     }
@@ -272,6 +275,7 @@ fn read_link(
         names,
         load: BusLoadRange::default(),
         mountings,
+        steps,
         axes,
         connect,
         location: Some(node.location()),
@@ -286,6 +290,18 @@ fn check_connect(location: &str, protocol: &registry::ProtocolInfo) -> Result<()
         true => Ok(()),
         false => Err("the drives below name the axes: leave `#` out".to_owned()),
     }
+}
+
+/// Full steps of a turn of a stepper motor; the simulated one has them too, as that option.
+fn read_steps(
+    node: &TomlTable<'_, '_>,
+    option: &str,
+    drive: &mut RackDrive,
+) -> Result<Option<u32>, FileError> {
+    let steps = node.integer_between("steps", 4, 10_000)?;
+    let steps = steps.and_then(|steps| u32::try_from(steps).ok());
+    drive.extra.extend(steps.map(|steps| (option.to_owned(), steps.to_string())));
+    Ok(steps)
 }
 
 /// The further axes of a drive: `[[link.drive.axis]]` with `number = 2` is `#5.2`.
@@ -319,11 +335,9 @@ fn read_axes(
         read_bench(&table, motor, drive)?;
         let name = read_name(&table, &known)?;
         known.push(name.clone());
-        axes.push(RackAxis {
-            number,
-            name,
-            mounting: Mounting::from_table(&table, drive.profile)?,
-        });
+        let mounting = Mounting::from_table(&table, drive.profile)?;
+        let steps = read_steps(&table, &format!("steps.{motor}"), drive)?;
+        axes.push(RackAxis { number, name, mounting, steps });
     }
     Ok(axes)
 }

@@ -1,5 +1,6 @@
 //! Several motors behind one address: as axes of a link, in racks, and from outside the wire.
 
+use polepair::error::Exit;
 use polepair::events::{Event, EventKind};
 use polepair::simulate::SimulatedMotor;
 use polepair::stop::{self, StopOptions};
@@ -172,4 +173,36 @@ fn an_arrival_is_the_event_of_its_motor() {
     let number = AxisNumber(reached.axis.expect("an axis"));
     assert_eq!(number.to_string(), "1.2");
     drop(armed);
+}
+
+/// A motor with 400 full steps needs twice the microsteps for a turn.
+#[test]
+fn full_steps_of_a_motor_are_told_by_url_or_rack() {
+    let turned = |link: &polepair::Link, number: &str, motor| {
+        let axis = link.axis_named(number).unwrap();
+        let armed = axis.armed().unwrap();
+        armed.move_to("0.5 turn").unwrap();
+        armed.wait(Duration::from_secs(20)).unwrap();
+        let motor = SimulatedMotor { link: 0, drive: 0, motor };
+        let truth = link.simulation().unwrap().motor_truth(motor).unwrap();
+        (truth.position / TAU, axis.get_raw("actual position").unwrap())
+    };
+    let link = connect("sim:tmcm-6110?time=virtual&steps=400").unwrap();
+    let (turns, raw) = turned(&link, "1.2", 2);
+    assert!((turns - 0.5).abs() < 0.01 && raw == 51_200, "{turns} turns, {raw}");
+    let text = "[[link]]\n[[link.drive]]\nprofile = \"tmcm-6110\"\naddress = 1\nsteps = 400\n\
+        [[link.drive.axis]]\nnumber = 1\nsteps = 48\n";
+    let file = RackFile::new("steps", text);
+    let link = connect(&file.url()).unwrap();
+    for (number, motor, expected) in [("1", 0, 51_200), ("1.1", 1, 6_144)] {
+        let (turns, raw) = turned(&link, number, motor);
+        assert!((turns - 0.5).abs() < 0.01 && raw == expected, "{number}: {turns} turns, {raw}");
+    }
+    for (url, word) in [("sim:tmcm-6110?steps=0", "0"), ("sim:tmcl?steps=400", "steps")] {
+        let refused = connect(url).unwrap_err();
+        assert!(
+            refused.exit() == Exit::Usage && refused.to_string().contains(word),
+            "{url}: {refused}"
+        );
+    }
 }

@@ -19,6 +19,7 @@ pub static POSITION: ScaleRule = ScaleRule {
     name: "cia402-position",
     objects: &[SI_POSITION, INCREMENTS, REVOLUTIONS, GEAR.0, GEAR.1, FEED.0, FEED.1, P.0, P.1],
     words: WORDS,
+    full_steps: None,
     compute: |read, _| Ok(position(&Objects(read))?.into_turns()),
 };
 
@@ -45,6 +46,7 @@ pub static VELOCITY: ScaleRule = ScaleRule {
         POLARITY,
     ],
     words: WORDS,
+    full_steps: None,
     compute: |read, signed| velocity(&Objects(read), signed),
 };
 
@@ -71,6 +73,7 @@ pub static ACCELERATION: ScaleRule = ScaleRule {
         A.1,
     ],
     words: WORDS,
+    full_steps: None,
     compute: |read, _| acceleration(&Objects(read)),
 };
 

@@ -126,7 +126,7 @@ impl Channel {
             target: 0,
             target_speed: 0,
             zero: 0.0,
-            microstep: TAU / (units::FULL_STEPS * 256.0),
+            microstep: TAU / (f64::from(StepperParameters::NEMA_17.full_steps) * 256.0),
             has_divisors,
             motor: Stepper::new(StepperParameters::NEMA_17),
             winding: ThermalModel::new(6.0, 60.0, 25.0),
@@ -142,6 +142,12 @@ impl Channel {
                 switches: [Some(-ends), Some(ends), Some(5.0 * TAU)],
             },
         }
+    }
+
+    /// The motor has so many full steps a turn; it stands where it did.
+    pub fn set_full_steps(&mut self, full_steps: u32, settings: &Settings) {
+        self.motor = Stepper::new(StepperParameters { full_steps, ..*self.motor.parameters() });
+        self.power_up(settings);
     }
 
     /// The module was switched on: counters are 0, the field is where the rotor stands.
@@ -181,7 +187,8 @@ impl Channel {
     pub fn apply_resolution(&mut self, settings: &Settings) {
         let count = f64::from(self.counter());
         let exponent = settings[usize::from(units::MICROSTEPS.0)].clamp(0, 8).unsigned_abs();
-        self.microstep = TAU / (units::FULL_STEPS * units::power_of_two(exponent));
+        let steps = f64::from(self.motor.parameters().full_steps);
+        self.microstep = TAU / (steps * units::power_of_two(exponent));
         self.zero = self.ramp.setpoint().position - count * self.microstep;
     }
 

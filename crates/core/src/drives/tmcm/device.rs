@@ -25,7 +25,7 @@ impl Family for Tmcm {
     }
 
     /// Beside the options of the wires: `ends`, where the stop switches of all motors are, in degrees
-    /// (`ends=-3600..3600`), or `none`.
+    /// (`ends=-3600..3600`), or `none`; `steps`, the full steps of a turn of the motors, or `steps.2` of one.
     fn create_device<'a>(
         profile: &'static Profile,
         options: &DeviceOptions<'a>,
@@ -36,12 +36,22 @@ impl Family for Tmcm {
         for (key, value) in options.extra {
             match (*key, *value) {
                 ("ends", value) => set_ends(&mut module, value)?,
+                ("steps", value) => module.set_full_steps(None, read_steps(value)?),
+                (key, value) if key.starts_with("steps.") => {
+                    let motor = key["steps.".len()..].parse().map_err(|_| key)?;
+                    module.set_full_steps(Some(motor), read_steps(value)?);
+                }
                 (key, value) if !wires.read_option(&mut module, (key, value))? => return Err(key),
                 _ => {}
             }
         }
         Ok(Device::new(module, wires))
     }
+}
+
+/// Full steps of a turn.
+fn read_steps(value: &str) -> Result<u32, &str> {
+    value.parse().ok().filter(|steps| (4..=10_000).contains(steps)).ok_or(value)
 }
 
 fn set_ends<'a>(module: &mut Module, value: &'a str) -> Result<(), &'a str> {

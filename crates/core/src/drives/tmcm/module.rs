@@ -65,6 +65,14 @@ impl Module {
         new
     }
 
+    /// One motor, or each, has so many full steps a turn.
+    pub(super) fn set_full_steps(&mut self, motor: Option<usize>, full_steps: u32) {
+        let channels = self.channels.iter_mut().zip(&self.state.memory.axis).enumerate();
+        for (_, (channel, settings)) in channels.filter(|(n, _)| motor.is_none_or(|it| it == *n)) {
+            channel.set_full_steps(full_steps, settings);
+        }
+    }
+
     pub(super) fn settings(&self, motor: usize) -> &Settings {
         &self.state.memory.axis[motor]
     }

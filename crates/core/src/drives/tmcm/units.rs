@@ -27,6 +27,7 @@ pub static POSITION: ScaleRule = ScaleRule {
     name: "tmcm-position",
     objects: &[MICROSTEPS, MOTOR_STEPS],
     words: &[],
+    full_steps: Some((FULL_STEPS, MOTOR_STEPS)),
     compute: |read, _| {
         let factor = 1.0 / microsteps_per_turn(read)?;
         Ok(ScaleRuleValue { factor, from: &[MICROSTEPS, MOTOR_STEPS] })
@@ -38,6 +39,7 @@ pub static VELOCITY: ScaleRule = ScaleRule {
     name: "tmcm-velocity",
     objects: &[MICROSTEPS, MOTOR_STEPS, PULSE_DIVISOR],
     words: &[],
+    full_steps: Some((FULL_STEPS, MOTOR_STEPS)),
     compute: |read, _| {
         let divisor = exponent(read(PULSE_DIVISOR))?;
         let factor = 60.0 * velocity_unit(divisor) / microsteps_per_turn(read)?;
@@ -50,6 +52,7 @@ pub static ACCELERATION: ScaleRule = ScaleRule {
     name: "tmcm-acceleration",
     objects: &[MICROSTEPS, MOTOR_STEPS, PULSE_DIVISOR, RAMP_DIVISOR],
     words: &[],
+    full_steps: Some((FULL_STEPS, MOTOR_STEPS)),
     compute: |read, _| {
         let divisors = exponent(read(PULSE_DIVISOR))?.zip(exponent(read(RAMP_DIVISOR))?);
         let factor = 60.0 * acceleration_unit(divisors) / microsteps_per_turn(read)?;
