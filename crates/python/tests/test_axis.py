@@ -280,3 +280,19 @@ def test_parameters_have_addresses_in_tasks() -> None:
             assert len(await axis.read_bytes("0x2F01:2")) == 12
 
     asyncio.run(program())
+
+
+def test_each_motor_of_a_module_is_an_axis() -> None:
+    with polepair.connect("sim:tmcm-6110?time=virtual") as link:
+        axis = link["1.3"]
+        assert axis.product == "tmcm-6110"
+        with axis.armed():
+            axis.move(0.5, "turn").wait()
+        assert axis.read("position")["position"] == pytest.approx(math.pi, abs=0.01)
+        simulation = link.simulation
+        assert simulation is not None
+        assert simulation.truth(motor=3).position == pytest.approx(math.pi, abs=0.05)
+        assert simulation.truth(motor=2).position == 0
+        simulation.act("jam", motor=3)
+        with pytest.raises(polepair.PolepairError, match="no motor 6"):
+            simulation.truth(motor=6)

@@ -206,3 +206,17 @@ fn full_steps_of_a_motor_are_told_by_url_or_rack() {
         );
     }
 }
+
+#[test]
+fn coordinates_are_of_the_motor_that_is_meant() {
+    let link = connect("sim:tmcm-6110+can?time=virtual").unwrap();
+    let axis = link.axis_named("1.2").unwrap();
+    axis.set_raw("CO 3", 5000).unwrap();
+    axis.set_raw("CO 3.4", 4000).unwrap();
+    assert_eq!((axis.get_raw("CO 3").unwrap(), axis.get_raw("CO 3.2").unwrap()), (5000, 5000));
+    assert_eq!(link.axis_named("1.4").unwrap().get_raw("CO 3").unwrap(), 4000);
+    axis.arm(true);
+    axis.raw("MVP COORD, 2, 3").unwrap();
+    axis.wait(Duration::from_secs(10)).unwrap();
+    assert_eq!(axis.get_raw("actual position").unwrap(), 5000);
+}

@@ -30,6 +30,11 @@ const NAME_PREFIX: &str = "tmcm-";
 /// Firmware version that 136 tells.
 const VERSION: (u8, u8) = (1, 48);
 
+/// Positions of a motor that can be stored; number 0 is for programs (TMCL reference, SCO).
+const COORDINATES: usize = 21;
+/// In the motor of MVP COORD: the lower bits are a mask of motors that start together.
+const SEVERAL_MOTORS: u8 = 0x40;
+
 /// A module with its motors.
 #[derive(Clone, Debug)]
 pub struct Module {
@@ -40,6 +45,8 @@ pub struct Module {
     pub(super) stage: ThermalModel,
     pub(super) inputs: [bool; 8],
     pub(super) outputs: u8,
+    /// Stored positions of each motor (SCO); lost with the power. \[I\]
+    coordinates: [[i32; COORDINATES]; MOTORS_MAX],
     ticks: Ticks,
 }
 
@@ -59,6 +66,7 @@ impl Module {
             stage: ThermalModel::new(8.0, 20.0, 25.0),
             inputs: [false; 8],
             outputs: 0,
+            coordinates: [[0; COORDINATES]; MOTORS_MAX],
             ticks: Ticks::new(Instant::ZERO),
         };
         new.power_up(Instant::ZERO);
@@ -123,7 +131,50 @@ impl Module {
         self.pass_time(TICK_S);
     }
 
-    /// MVP: 0 ABS, 1 REL, 2 COORD. \[I\] REL counts from where the motor is.
+    /// MVP COORD: a motor, or those of a mask, to their coordinates of that number.
+    fn move_to_coordinate(&mut self, request: &Request) -> Result<i32, Status> {
+        let number = usize::try_from(request.value).ok().filter(|number| *number < COORDINATES);
+        let number = number.ok_or(Status::InvalidValue)?;
+        let mask = match request.motor {
+            motor if usize::from(motor) < self.motors => 1 << motor,
+            several if several & !0x3F == SEVERAL_MOTORS => several & 0x3F,
+            _ => return Err(Status::InvalidValue),
+        };
+        if mask == 0 || mask >> self.motors != 0 {
+            return Err(Status::InvalidValue);
+        }
+        for motor in (0..self.motors).filter(|motor| mask >> motor & 1 == 1) {
+            let target = self.coordinates[motor][number];
+            self.channels[motor].move_to(target, &self.state.memory.axis[motor]);
+        }
+        Ok(request.value)
+    }
+
+    /// SCO, GCO and CCO: writes, reads, or takes the present position. \[I\] Motor 255 is each of them.
+    fn execute_coordinate(&mut self, request: &Request) -> Result<i32, Status> {
+        let motors = match request.motor {
+            u8::MAX if request.opcode != Opcode::Gco => 0..self.motors,
+            _ => {
+                let motor = self.motor_of(request)?;
+                motor..motor + 1
+            }
+        };
+        let number = usize::from(request.kind);
+        if number >= COORDINATES {
+            return Err(Status::WrongType);
+        }
+        for motor in motors {
+            let slot = &mut self.coordinates[motor][number];
+            match request.opcode {
+                Opcode::Sco => *slot = request.value,
+                Opcode::Gco => return Ok(*slot),
+                _ => *slot = self.channels[motor].counter(),
+            }
+        }
+        Ok(request.value)
+    }
+
+    /// MVP: 0 ABS, 1 REL. \[I\] REL counts from where the motor is.
     fn execute_move(&mut self, motor: usize, kind: u8, value: i32) -> Result<i32, Status> {
         let target = match kind {
             0 => value,
@@ -257,6 +308,11 @@ impl TmclModule for Module {
 
     fn execute_axis(&mut self, request: &Request) -> Result<i32, Status> {
         let (kind, value) = (request.kind, request.value);
+        match request.opcode {
+            Opcode::Mvp if kind == 2 => return self.move_to_coordinate(request),
+            Opcode::Sco | Opcode::Gco | Opcode::Cco => return self.execute_coordinate(request),
+            _ => {}
+        }
         let motor = self.motor_of(request)?;
         match request.opcode {
             Opcode::Ror => self.rotate(motor, value)?,

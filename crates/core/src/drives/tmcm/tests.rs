@@ -331,3 +331,27 @@ fn a_motor_that_stands_at_its_target_is_told_at_once() {
     rig.ok(MVP, 0, 2, 5000);
     rig.until(2, 8, 1);
 }
+
+/// TMCL reference, SCO, GCO, CCO and MVP COORD.
+#[test]
+fn motors_start_together_for_their_coordinates() {
+    const SCO: u8 = 30;
+    const GCO: u8 = 31;
+    const CCO: u8 = 32;
+    let mut rig = Rig::six();
+    for motor in 0..6 {
+        rig.ok(SCO, 3, motor, 1000 * i32::from(motor));
+    }
+    assert_eq!(rig.ok(GCO, 3, 5, 0), 5000);
+    // Motors 1, 2 and 4 by a mask, 5 alone.
+    rig.ok(MVP, 2, 0x40 | 0b1_0110, 3);
+    rig.ok(MVP, 2, 5, 3);
+    for (motor, target) in [(0, 0), (1, 1000), (2, 2000), (3, 0), (4, 4000), (5, 5000)] {
+        rig.until(motor, 8, 1);
+        assert_eq!(rig.gap(motor, 1), target);
+    }
+    rig.ok(CCO, 7, 255, 0);
+    assert_eq!((rig.ok(GCO, 7, 4, 0), rig.ok(GCO, 7, 3, 0)), (4000, 0));
+    assert_eq!((rig.say(GCO, 21, 0, 0).0, rig.say(MVP, 2, 0x40, 3).0), (3, 4));
+    assert_eq!((rig.say(MVP, 2, 6, 3).0, rig.say(MVP, 2, 0, 21).0), (4, 4));
+}

@@ -1,5 +1,5 @@
 //! Parameters by their number: `AP 6`, `AP 6.2` (motor 2), `GP 66`, `GP 0.3` (bank 3), `IO 0.1` (port 0
-//! of bank 1).
+//! of bank 1), `CO 3.2` (coordinate 3 of motor 2).
 
 use super::opcode::Opcode;
 use crate::explain::{FieldValue, TextError};
@@ -22,10 +22,16 @@ pub enum Space {
     Io(u8),
     /// What RFS STATUS answers.
     Search,
+    /// GCO and SCO of the axis' own motor.
+    OwnCoordinate,
+    /// GCO and SCO, with the motor.
+    Coordinate(u8),
 }
 
 const IO: u8 = 0x40;
 const SEARCH: u8 = 0x60;
+const OWN_COORDINATE: u8 = 0x6F;
+const COORDINATE: u8 = 0x70;
 const MOTOR: u8 = 0x80;
 /// Motors have four bits where a parameter's number takes the others.
 const MOTOR_MAX: u8 = 15;
@@ -38,6 +44,8 @@ impl Space {
         match number {
             0 => Self::Axis,
             MOTOR.. => Self::Motor(number - MOTOR),
+            COORDINATE.. => Self::Coordinate(number - COORDINATE),
+            OWN_COORDINATE => Self::OwnCoordinate,
             SEARCH.. => Self::Search,
             IO.. => Self::Io(number - IO),
             _ => Self::Global(number - 1),
@@ -53,6 +61,8 @@ impl Space {
             Self::Global(bank) => 1 + bank,
             Self::Io(bank) => IO + bank,
             Self::Search => SEARCH,
+            Self::OwnCoordinate => OWN_COORDINATE,
+            Self::Coordinate(motor) => COORDINATE + motor,
         }
     }
 }
@@ -67,6 +77,7 @@ pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
         () if is("AP") => Space::Motor,
         () if is("GP") => Space::Global,
         () if is("IO") => Space::Io,
+        () if is("CO") => Space::Coordinate,
         () => return None,
     };
     let (number, part) = match place.trim().split_once('.') {
@@ -74,9 +85,11 @@ pub fn parse(text: &str) -> Option<Result<ParameterAddress, TextError>> {
         None => (place.trim(), None),
     };
     let number = parse_address_number(number)?;
-    let max = if space(0) == Space::Motor(0) { MOTOR_MAX } else { BANK_MAX };
+    let of_motor = matches!(space(0), Space::Motor(_) | Space::Coordinate(_));
+    let max = if of_motor { MOTOR_MAX } else { BANK_MAX };
     let part = match part {
         None if space(0) == Space::Motor(0) => Some(Space::Axis),
+        None if space(0) == Space::Coordinate(0) => Some(Space::OwnCoordinate),
         part => u8::try_from(part.unwrap_or(0)).ok().filter(|part| *part <= max).map(space),
     };
     let (Ok(index), Some(part)) = (u8::try_from(number), part) else {
@@ -106,6 +119,8 @@ pub fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core
         Space::Motor(motor) => ("AP", Some(motor)),
         Space::Global(bank) => ("GP", Some(bank).filter(|bank| *bank != 0)),
         Space::Io(bank) => ("IO", Some(bank).filter(|bank| *bank != 0)),
+        Space::OwnCoordinate => ("CO", None),
+        Space::Coordinate(motor) => ("CO", Some(motor)),
         Space::Search => return out.write_str("RFS STATUS"),
     };
     match part {
@@ -134,6 +149,7 @@ pub fn describe(address: &ParameterAddress) -> Parameter {
             Parameter { access: if bank == 2 { Access::ReadWrite } else { Access::Read }, ..plain }
         }
         Space::Axis | Space::Motor(_) => plain,
+        Space::OwnCoordinate | Space::Coordinate(_) => Parameter { moves: false, ..plain },
         Space::Search => Parameter { access: Access::Read, ..plain },
     }
 }
@@ -156,6 +172,10 @@ pub fn concerns<'a>(
         (Opcode::Gap | Opcode::Sap | Opcode::Stap | Opcode::Rsap, Space::Motor(motor)) => motor,
         (Opcode::Ggp | Opcode::Sgp | Opcode::Stgp | Opcode::Rsgp, Space::Global(bank)) => bank,
         (Opcode::Gio | Opcode::Sio, Space::Io(bank)) => bank,
+        (Opcode::Gco | Opcode::Sco, Space::OwnCoordinate) => {
+            return number("type") == Some(address.index.into());
+        }
+        (Opcode::Gco | Opcode::Sco, Space::Coordinate(motor)) => motor,
         _ => return false,
     };
     i64::from(of_opcode) == part && number("type") == Some(address.index.into())
@@ -163,7 +183,7 @@ pub fn concerns<'a>(
 
 #[cfg(test)]
 mod tests {
-    use super::{MOTOR, SEARCH, Space, parse};
+    use super::{OWN_COORDINATE, SEARCH, Space, parse};
     use crate::profile::{Encoding, ParameterAddress};
 
     #[test]
@@ -177,13 +197,16 @@ mod tests {
         }
         assert_eq!(read("GP 66"), ParameterAddress::new(66, 1));
         assert_eq!(read("GP 0.3"), ParameterAddress::new(0, 4));
+        let coordinate = ParameterAddress::new(3, Space::Coordinate(2).number());
+        assert_eq!(read("CO 3.2"), coordinate);
+        assert_eq!(read("CO 3"), ParameterAddress::new(3, Space::OwnCoordinate.number()));
         assert_eq!(read("IO 0.1"), ParameterAddress::new(0, Space::Io(1).number()));
         assert_eq!(read("AP 6:u32").encoding, Some(Encoding::U32));
     }
 
     #[test]
     fn spaces_have_numbers_of_their_own() {
-        for number in (0..=SEARCH).chain(MOTOR..=u8::MAX) {
+        for number in (0..=SEARCH).chain(OWN_COORDINATE..=u8::MAX) {
             assert_eq!(Space::of_number(number).number(), number);
         }
     }

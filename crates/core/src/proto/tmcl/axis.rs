@@ -73,6 +73,14 @@ impl Axis {
             Space::Motor(motor) => (axis, motor),
             Space::Global(bank) => (global, bank),
             Space::Io(bank) => (port, bank),
+            space @ (Space::OwnCoordinate | Space::Coordinate(_)) => {
+                let motor = if let Space::Coordinate(motor) = space { motor } else { self.motor };
+                match axis {
+                    Opcode::Gap => (Opcode::Gco, motor),
+                    Opcode::Sap => (Opcode::Sco, motor),
+                    _ => return Err(Unsupported::NoPlan),
+                }
+            }
             Space::Search if axis == Opcode::Gap => (Opcode::Rfs, self.motor),
             Space::Search => return Err(Unsupported::NoPlan),
         };

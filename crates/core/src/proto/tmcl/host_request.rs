@@ -23,7 +23,7 @@ impl HostRequest {
             // To order an event twice is to order it once.
             Opcode::PositionReached => RequestClass::Idempotent,
             Opcode::Rfs if request.kind == SEARCH_STATUS => RequestClass::Idempotent,
-            Opcode::Sap | Opcode::Sgp | Opcode::Sio => RequestClass::ReadBack,
+            Opcode::Sap | Opcode::Sgp | Opcode::Sio | Opcode::Sco => RequestClass::ReadBack,
             opcode if opcode.only_reads() => RequestClass::Idempotent,
             _ => RequestClass::NoRetry,
         };

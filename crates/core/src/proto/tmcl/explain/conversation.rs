@@ -72,7 +72,7 @@ pub(super) fn effect_of(frame: &RawFrame<'_>, profile: Option<&'static Profile>)
         O::Rfs if request.kind == SEARCH_STATUS => Effect::NOTHING,
         O::PositionReached => Effect::NOTHING,
         O::Sap | O::Sgp => Effect::from_write(parameter_of(&request, profile)),
-        O::Sio => Effect::SETTINGS,
+        O::Sio | O::Sco => Effect::SETTINGS,
         O::Stap | O::Rsap | O::Stgp | O::Rsgp | O::FactoryDefault => Effect::PERSISTENT,
         O::DownloadStart | O::DownloadEnd | O::Boot | O::BootErase => Effect::PERSISTENT,
         O::BootWriteBuffer | O::BootWritePage | O::BootWriteLength => Effect::PERSISTENT,
