@@ -26,7 +26,7 @@ pub struct DriveKind {
 }
 
 /// One of each family and wire.
-pub const DRIVE_KINDS: [DriveKind; 9] = [
+pub const DRIVE_KINDS: [DriveKind; 10] = [
     DriveKind {
         name: "TMCL serial",
         link: "",
@@ -44,6 +44,16 @@ pub const DRIVE_KINDS: [DriveKind; 9] = [
         first_address: 4,
         axes_max: 3,
         speeds: (5, 40),
+        ramp_ms: 2000,
+        confirms_motion: true,
+    },
+    DriveKind {
+        name: "TMCL stepper",
+        link: "",
+        drive: "profile = \"tmcm-1140\"\n",
+        first_address: 1,
+        axes_max: 3,
+        speeds: (2, 7),
         ramp_ms: 2000,
         confirms_motion: true,
     },

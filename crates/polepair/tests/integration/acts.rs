@@ -4,7 +4,7 @@ use polepair::simulate::{ACTS, act_of_value, rack_of_words};
 use polepair_core::time::Instant;
 
 /// The guide's table: a drive, and the acts that it has beside those of every drive.
-const DRIVES: [(&str, &[&str]); 8] = [
+const DRIVES: [(&str, &[&str]); 9] = [
     ("tmcm-171", &["encoder", "hall", "home", "input-1", "input-7", "analog-3"]),
     ("tmcm-170", &["encoder", "hall", "home", "input-1", "analog-3"]),
     (
@@ -40,6 +40,10 @@ const DRIVES: [(&str, &[&str]); 8] = [
             "input-6",
             "analog-5",
         ],
+    ),
+    (
+        "tmcm-6110",
+        &["home", "limit-high", "limit-low", "input-1", "input-3", "input-4", "input-6", "input-7"],
     ),
     ("thruster", &["eeprom"]),
     ("thruster-servo", &["encoder", "eeprom", "limit-high", "limit-low"]),

@@ -1,7 +1,7 @@
 //! The family: its products, and the bench around a simulated module.
 
 use super::channel::Channel;
-use super::module::Module;
+use super::module::{DRIVER_FAULTS, Module};
 use super::profile;
 use crate::drives::bench::{Act, BenchControl, GroundTruth};
 use crate::drives::{self, DeviceOptions, Family};
@@ -137,6 +137,10 @@ impl BenchControl for Device {
                 module.channels.iter_mut().for_each(|it| it.winding.set_temperature(celsius));
             }
             Act::Input(n @ 1..=8, high) => module.inputs[usize::from(n) - 1] = high,
+            Act::Fault(code) if code & !DRIVER_FAULTS.unsigned_abs() == 0 => {
+                module.raised_faults |= code as i32;
+                module.state.notice = Some("fault injected: motors off");
+            }
             Act::PowerCycle => module.power_up(now),
             _ => return false,
         }
@@ -149,6 +153,3 @@ impl BenchControl for Device {
         self.module.state.notice.take()
     }
 }
-
-/// What of the driver's flags are faults: over-temperature.
-const DRIVER_FAULTS: i32 = 2;

@@ -22,6 +22,8 @@ const FLAG_STALL: i32 = 1;
 const FLAG_OVERTEMPERATURE: i32 = 2;
 const FLAG_TEMPERATURE_WARNING: i32 = 4;
 const FLAG_STANDSTILL: i32 = 128;
+/// What of these switches a motor off: over-temperature, shorts to ground.
+pub(super) const DRIVER_FAULTS: i32 = 0x1A;
 /// Off above, warning above, °C (TMC262).
 const OVERTEMPERATURE_C: f64 = 150.0;
 const TEMPERATURE_WARNING_C: f64 = 100.0;
@@ -45,6 +47,8 @@ pub struct Module {
     pub(super) stage: ThermalModel,
     pub(super) inputs: [bool; 8],
     pub(super) outputs: u8,
+    /// Faults of the driver that the bench has raised, as flags of parameter 208; they go with the power.
+    pub(super) raised_faults: i32,
     /// Stored positions of each motor (SCO); lost with the power. \[I\]
     coordinates: [[i32; COORDINATES]; MOTORS_MAX],
     ticks: Ticks,
@@ -66,6 +70,7 @@ impl Module {
             stage: ThermalModel::new(8.0, 20.0, 25.0),
             inputs: [false; 8],
             outputs: 0,
+            raised_faults: 0,
             coordinates: [[0; COORDINATES]; MOTORS_MAX],
             ticks: Ticks::new(Instant::ZERO),
         };
@@ -122,7 +127,9 @@ impl Module {
             }
             self.run_program(now);
         }
-        let supply = if self.state.is_unpowered { 0.0 } else { self.supply };
+        // A driver with a fault gives no current.
+        let is_off = self.state.is_unpowered || self.raised_faults & DRIVER_FAULTS != 0;
+        let supply = if is_off { 0.0 } else { self.supply };
         let motors = self.channels.iter_mut().zip(&mut self.state.memory.axis).take(self.motors);
         for (channel, settings) in motors {
             let notice = channel.tick(settings, supply);
@@ -262,7 +269,8 @@ impl Module {
         let (channel, settings) = (&self.channels[motor], self.settings(motor));
         let celsius = self.stage.temperature();
         let flag = |set: bool, flag: i32| if set { flag } else { 0 };
-        flag(celsius > OVERTEMPERATURE_C, FLAG_OVERTEMPERATURE)
+        self.raised_faults
+            | flag(celsius > OVERTEMPERATURE_C, FLAG_OVERTEMPERATURE)
             | flag(celsius > TEMPERATURE_WARNING_C, FLAG_TEMPERATURE_WARNING)
             | flag(channel.load_value(settings) == 0, FLAG_STALL)
             | flag(channel.setpoint().velocity == 0.0, FLAG_STANDSTILL)
@@ -296,7 +304,7 @@ impl TmclModule for Module {
 
     fn power_up(&mut self, now: Instant) {
         self.state.power_up(now, true);
-        self.outputs = 0;
+        (self.outputs, self.raised_faults) = (0, 0);
         for (channel, settings) in self.channels.iter_mut().zip(&self.state.memory.axis) {
             channel.power_up(settings);
         }

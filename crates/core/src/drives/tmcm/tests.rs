@@ -355,3 +355,18 @@ fn motors_start_together_for_their_coordinates() {
     assert_eq!((rig.say(GCO, 21, 0, 0).0, rig.say(MVP, 2, 0x40, 3).0), (3, 4));
     assert_eq!((rig.say(MVP, 2, 6, 3).0, rig.say(MVP, 2, 0, 21).0), (4, 4));
 }
+
+#[test]
+fn a_fault_of_the_driver_takes_the_power_until_it_was_off() {
+    let mut rig = Rig::six();
+    rig.ok(ROR, 0, 0, 500);
+    rig.wait(1000);
+    rig.act(0, Act::Fault(8));
+    rig.wait(3000);
+    assert_eq!(rig.gap(0, 208) & 8, 8);
+    let truth = rig.truth(0);
+    assert!(!truth.enabled && truth.velocity == 0.0 && truth.fault == 8, "{truth:?}");
+    assert!(!rig.device.act_on_motor(rig.now, 0, Act::Fault(4)), "a warning is none");
+    rig.act(0, Act::PowerCycle);
+    assert_eq!(rig.gap(0, 208) & 8, 0);
+}
