@@ -147,7 +147,8 @@ fn a_module_with_several_motors_has_all_of_them_stopped() {
     let (sender, commands) = mpsc::channel();
     let mut turns = true;
     let (url, module) = module(move |opcode, motor| match (opcode, motor) {
-        (136, _) => Some((100, 0x17DE_0112)),
+        // No profile describes it, and it tells a position of any motor.
+        (136, _) => Some((100, 0x0FA0_0112)),
         (3, 0..2) => {
             turns &= motor != 0;
             sender.send(motor).expect("somebody counts");
@@ -190,8 +191,9 @@ fn a_motor_that_is_not_answered_keeps_no_other_from_its_stop() {
     assert_eq!(reports, [0, 1, 3, 4, 5].into());
     assert_eq!(ran.code, 7, "{}", ran.err);
     for text in [
-        "module 1: motors 1, 3, 4 and 5 took the stop too; standing not looked at\n",
-        "module 1: motor 2 did not confirm the stop and may still turn: cut the supply\n",
+        "axis 1.1 is stopped\n",
+        "axis 1.2 may still turn: cut its supply\n",
+        "axis 1.5 is stopped\n",
     ] {
         assert!(ran.err.contains(text), "{text}: {}", ran.err);
     }
