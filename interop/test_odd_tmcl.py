@@ -145,7 +145,6 @@ def test_each_motor_of_a_module_is_an_axis(wires, kind, motors):
         axis[2] = axis[3] = 500
     read = polepair("get", f"{url}#1.0-{last}", "actual position").stdout
     assert read.split("\n")[last].endswith(f"actual position = {1000 * last}"), read
-    polepair("send", f"{url}#1.{last}", "GAP 1, 0")
     module.requests.clear()
     stopped = polepair("stop", f"{url}#1")
     assert "axis 1 is stopped" in stopped.stdout + stopped.stderr, stopped

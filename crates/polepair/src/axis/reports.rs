@@ -46,7 +46,7 @@ impl Axis {
 
     fn sends_nothing(&self) -> String {
         let protocol = self.protocol;
-        format!("{}: drives of {protocol} are not told to send signals this way", self.label())
+        format!("{}: no setting has a drive of {protocol} send its signals", self.label())
     }
 }
 

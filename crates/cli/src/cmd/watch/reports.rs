@@ -52,10 +52,11 @@ impl WatchCommand {
         for name in self.signal_names() {
             let wanted = normalize_name(name);
             let signal = Signal::ALL.into_iter().find(|signal| signal.name() == wanted);
-            let told = |axis: &Axis| signal.is_some_and(|s| axis.profile().signal(s).is_some());
-            match (signal, axes.iter().find(|axis| !told(axis))) {
+            let has_signal =
+                |axis: &Axis| signal.is_some_and(|s| axis.profile().signal(s).is_some());
+            match (signal, axes.iter().find(|axis| !has_signal(axis))) {
                 (Some(signal), None) => signals.push(signal),
-                // Nobody asked for what this drive does not tell.
+                // The default signals leave out what this drive lacks.
                 (Some(_), Some(_)) if self.signals.is_empty() => {}
                 (Some(_), Some(axis)) => {
                     let what = format!("{} does not tell its {wanted}.", axis.label());
