@@ -162,7 +162,7 @@ pub enum ServerMessage {
     Unlocked,
     /// A look for drives is further, at most ten times a second; its end is always told.
     Look(ScanView),
-    /// Frames.
+    /// Frames. A message without frames answers `frames`: those that follow pass the new filter.
     Frames {
         /// In order.
         items: Vec<FrameItem>,

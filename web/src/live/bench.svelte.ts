@@ -90,6 +90,8 @@ export class Bench {
   private readonly dismissals = new Map<number, (refused: GatewayError | null) => void>();
   private readonly explanations = new Map<number, (fields: ExplainedField[]) => void>();
   private t0 = Number.NaN;
+  /** Filters that the server has not answered yet. */
+  private filtersPending = 0;
   private unlistened: ((error: GatewayError) => void) | null = null;
   private wanted: { on: boolean; filter: string | null } = { on: false, filter: null };
 
@@ -313,7 +315,7 @@ export class Bench {
   frames(on: boolean, filter: string | null, refused: (error: GatewayError) => void): void {
     this.wanted = { on, filter };
     this.unlistened = refused;
-    this.socket.send({ type: "frames", on, filter });
+    if (this.socket.send({ type: "frames", on, filter }) && on) this.filtersPending++;
   }
 
   explain(n: number): Promise<ExplainedField[]> {
@@ -362,6 +364,7 @@ export class Bench {
     this.connection = "open";
     this.answers = false;
     this.stops.connected();
+    this.filtersPending = this.wanted.on ? 1 : 0;
     if (this.wanted.on) this.socket.send({ type: "frames", ...this.wanted });
   }
 
@@ -435,6 +438,9 @@ export class Bench {
         this.stopped = {};
         break;
       case "frames":
+        // A message without frames answers a filter; what comes before it passed an older one.
+        if (!message.items.length && !message.lost) this.filterAnswered();
+        if (this.filtersPending) break;
         for (const each of this.framesListeners) each(message.items, message.lost);
         break;
       case "explained":
@@ -447,7 +453,12 @@ export class Bench {
     }
   }
 
+  private filterAnswered(): void {
+    this.filtersPending = Math.max(0, this.filtersPending - 1);
+  }
+
   private refused(message: ServerMessage & { type: "error" }): void {
+    if (message.about === "frames") this.filterAnswered();
     if (message.about === "frames" && this.unlistened) this.unlistened(message.error);
     else if (message.about === "explain") this.explanations.forEach((settle) => settle([]));
     else if (message.about === "dismiss") this.settleDismissal(message.subject, message.error);

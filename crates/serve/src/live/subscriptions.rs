@@ -64,7 +64,10 @@ impl Subscriptions {
                 return None;
             }
             SubscriptionRequest::StartFrames(filter) => {
-                (self.start_frames(bench, filter.as_deref()), "frames", None)
+                match self.start_frames(bench, filter.as_deref()) {
+                    Ok(()) => return Some(ServerMessage::Frames { items: Vec::new(), lost: 0 }),
+                    Err(refused) => (Err(refused), "frames", None),
+                }
             }
             SubscriptionRequest::StopFrames => {
                 self.frames = None;

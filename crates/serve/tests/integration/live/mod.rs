@@ -75,6 +75,7 @@ fn frames_arrive_filtered_and_are_taken_apart() {
     send_message(&mut ann, &json!({ "type": "frames", "on": true, "filter": "axis = " }));
     assert_eq!(next(&mut ann, "error")["about"], "frames");
     send_message(&mut ann, &json!({ "type": "frames", "on": true, "filter": "protocol = tmcl" }));
+    assert_eq!(next(&mut ann, "frames")["items"], json!([]), "the filter is answered first");
     let frames = next(&mut ann, "frames");
     let item = &frames["items"][0];
     assert_eq!((&item["protocol"], &item["ok"]), (&json!("tmcl"), &json!(true)), "{item}");
