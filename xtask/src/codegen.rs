@@ -64,6 +64,9 @@ fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
         }
         files.insert(path, format_source(&rust_source(&profiles))?);
     }
+    for (name, text) in crate::catalogue_pages::pages() {
+        files.insert(root.join("docs/drives").join(name), text);
+    }
     files.insert(root.join("docs/protocols/tml-language.md"), crate::language::language_page());
     Ok(files)
 }
@@ -419,10 +422,10 @@ fn scale_expr(scale: Scale) -> String {
     format!("Scale {{ factor: {factor:?}, times: {times}, over: {over}, rule: {rule} }}")
 }
 
-/// Where a rule stands: `cia402-position` is `POSITION` of that family's units.
+/// Where a rule stands: `tmcm-velocity-pps` is `VELOCITY_PPS` of that family's units.
 fn rule_path(rule: &ScaleRule) -> String {
     let (family, name) = rule.name.split_once('-').unwrap_or((rule.name, ""));
-    format!("&crate::drives::{family}::units::{}", name.to_uppercase())
+    format!("&crate::drives::{family}::units::{}", name.to_uppercase().replace('-', "_"))
 }
 
 fn fault_row(f: &Fault) -> String {

@@ -1,6 +1,7 @@
 //! Tool drawer of the workspace: code generation, tidy checks, swarm and soak runs.
 #![forbid(unsafe_code)]
 
+mod catalogue_pages;
 mod codegen;
 mod gateway;
 mod language;
@@ -8,6 +9,7 @@ mod links;
 mod man;
 mod pages;
 mod picture;
+mod pytrinamic;
 mod swarm;
 mod tidy;
 
@@ -21,6 +23,7 @@ usage: cargo xtask COMMAND
   links DIR           the links of the documentation that `make site` built, checked
   man DIR             the command line's man pages, written into a folder
   picture             a terminal's output on stdin as an SVG picture on stdout
+  pytrinamic PACKAGE  profiles of Trinamic's modules from the folder of an installed pytrinamic
   swarm [--help] ...  seeded worlds with faults; `swarm --help` explains all of it";
 
 fn main() -> ExitCode {
@@ -33,6 +36,7 @@ fn main() -> ExitCode {
         ["links", site] => links::run(Path::new(site)),
         ["man", folder] => man::run(Path::new(folder)),
         ["picture"] => picture::run(),
+        ["pytrinamic", package] => pytrinamic::run(&root(), Path::new(package)),
         ["swarm", "--help" | "-h" | "help"] => {
             println!("{}", swarm::HELP);
             Ok(())

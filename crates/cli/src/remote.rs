@@ -13,7 +13,6 @@ use polepair::url::AxisNumber;
 pub use polepair_client::ALL;
 use polepair_client::message::{AxisInfo, BenchView, LinkState, LinkView};
 use polepair_client::{Gateway, GatewayError, GatewayOptions, select_axes};
-use polepair_core::drives;
 use polepair_core::units::Unit;
 use polepair_link::clock;
 
@@ -318,7 +317,7 @@ pub fn no_such_verb(verb: &str) -> Problem {
 /// The unit in which people read a signal of a server's axis, as on a link of one's own: that of the
 /// drive's profile, where this program knows the profile and it measures the same.
 pub fn signal_unit(axis: &AxisInfo, signal: &str, si: &str) -> Option<Unit> {
-    let profile = drives::profiles().iter().find(|profile| profile.name == axis.profile)?;
+    let profile = polepair::profile::find_shipped(&axis.profile)?;
     let source = profile.signals.iter().find(|source| source.signal.name() == signal)?;
     let unit = profile.parameter(source.parameter)?.unit;
     (source.equals.is_none() && !si.is_empty() && unit.si_symbol() == si).then_some(unit)

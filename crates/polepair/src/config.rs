@@ -110,7 +110,8 @@ impl Config {
     /// The profile of that name: the user's own go before those that are compiled in.
     #[must_use]
     pub fn profile(&self, name: &str) -> Option<&'static Profile> {
-        self.all_profiles().find(|profile| profile.name == name)
+        let own = self.all_profiles().find(|profile| profile.name == name);
+        own.or_else(|| profile::find_shipped(name))
     }
 
     /// The profile that a word means: that of a name, or a file.
@@ -139,7 +140,7 @@ impl Config {
         self.broken.iter().find(is)
     }
 
-    /// Every profile, the user's own first.
+    /// Every profile but those of the [catalogue](profile::catalogue), the user's own first.
     pub fn all_profiles(&self) -> impl Iterator<Item = &'static Profile> {
         self.profiles.iter().chain(polepair_core::drives::profiles()).copied()
     }

@@ -5,6 +5,7 @@ use crate::config::Config;
 use crate::connect::ProtocolLine;
 use crate::error::Error;
 use crate::no_reply::NoReplyDetails;
+use crate::profile::{Listed, find_answered};
 use polepair_core::error::{Failure, Outcome, Unsupported};
 use polepair_core::profile::{Access, Identity, IdentityQuery, ParameterId, Profile};
 use polepair_core::station::{AxisIndex, Counters};
@@ -53,6 +54,8 @@ pub(crate) struct Prober<'a> {
     line: &'a ProtocolLine,
     profiles: Vec<&'static Profile>,
     candidates: Vec<(&'static Profile, Identity)>,
+    /// Whether a drive that is none of them may be of the catalogue.
+    with_catalogue: bool,
     reply_timeout: Option<Duration>,
     single_attempt: bool,
     is_cancelled: &'a dyn Fn() -> bool,
@@ -93,6 +96,7 @@ impl<'a> Prober<'a> {
             profiles,
             candidates,
             reply_timeout: None,
+            with_catalogue: true,
             single_attempt: false,
             is_cancelled: &|| false,
         }
@@ -100,6 +104,7 @@ impl<'a> Prober<'a> {
 
     /// Asks for one product alone: whoever is another is served by the generic profile.
     pub(crate) fn with_candidate(mut self, profile: &'static Profile) -> Self {
+        self.with_catalogue = false;
         self.candidates =
             profile.identity.map(|identity| (profile, identity)).into_iter().collect();
         self
@@ -160,6 +165,25 @@ impl<'a> Prober<'a> {
             may_turn: false,
             hint: details.hint().into(),
         }
+    }
+
+    /// The module of the catalogue that has answered so, and its firmware.
+    fn find_in_catalogue(
+        &self,
+        requests: &[(Identity, Option<Outcome>)],
+    ) -> Option<(&'static Listed, Option<String>)> {
+        let answers =
+            requests.iter().filter(|_| self.with_catalogue).filter_map(|request| match request {
+                (Identity { query: IdentityQuery::Text(_), .. }, Some(Outcome::Done(raw))) => {
+                    Some(*raw)
+                }
+                _ => None,
+            });
+        let mut known =
+            answers.filter_map(|raw| Some((find_answered(self.line.protocol.profile, raw)?, raw)));
+        let (module, raw) = known.next()?;
+        let firmware = module.profile().identity.map_or(0, |identity| identity.firmware);
+        Some((module, format_firmware(raw, firmware)))
     }
 
     /// The same error for those who bring motors to rest: who names the drive needs no answer.
@@ -311,6 +335,15 @@ impl<'a> Prober<'a> {
                 let firmware = format_firmware(raw, identity.firmware);
                 ProbeResult::Found {
                     profile,
+                    identified: Identification::Queried { firmware },
+                    stray,
+                    corrupt,
+                    doubtful: false,
+                }
+            }
+            None if let Some((module, firmware)) = self.find_in_catalogue(&requests) => {
+                ProbeResult::Found {
+                    profile: module.profile(),
                     identified: Identification::Queried { firmware },
                     stray,
                     corrupt,

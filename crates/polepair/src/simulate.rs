@@ -14,12 +14,12 @@ mod act;
 mod drive_line;
 mod rack_file;
 mod sim_end;
+mod word;
 
 use crate::bus::{BusAddress, BusLoadRange};
 use crate::error::Error;
 use crate::mounting::Mounting;
 use crate::registry::{self, ProtocolInfo};
-use crate::spelling;
 use crate::toml_file::{FileError, FileLocation, Located};
 use crate::url::AxisNumber;
 use crate::wire::AnyLink;
@@ -43,6 +43,8 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
+pub(crate) use word::find_drive;
+pub use word::{is_drive, words};
 
 /// Drives on one simulated link at most.
 const DRIVES_MAX: usize = 64;
@@ -154,60 +156,6 @@ fn parse_address(text: &str, word: &str) -> Result<u32, Error> {
     address.ok_or_else(|| {
         let what = format!("`{word}`: `{text}` is no address");
         Error::usage("E217", what, "write `tmcl:1,2` for drives at the addresses 1 and 2")
-    })
-}
-
-/// Whether a word of [`rack_of_words`], without addresses, means a drive.
-#[must_use]
-pub fn is_drive(word: &str) -> bool {
-    find_drive(word).is_ok()
-}
-
-/// The words that mean a drive: protocols, which mean their first drive, then products.
-#[must_use]
-pub fn words() -> Vec<String> {
-    let protocols = registry::protocols();
-    let protocols = protocols.iter().map(registry::ProtocolInfo::unique_word);
-    let products = polepair_core::drives::profiles().iter().map(|profile| profile.name.to_owned());
-    protocols.chain(products).collect()
-}
-
-/// The product meant by a protocol's, family's or product's word, and the protocol of its wire: its
-/// usual one, or after `+can` the one on that medium.
-pub(crate) fn find_drive(word: &str) -> Result<(&'static Profile, registry::ProtocolInfo), Error> {
-    let found = match word.split_once('+') {
-        None => find_product(word, None),
-        Some((name, "serial")) => find_product(name, Some(MediumKind::Serial)),
-        Some((name, "can")) => find_product(name, Some(MediumKind::Can)),
-        Some(_) => None,
-    };
-    found.ok_or_else(|| {
-        let words = self::words();
-        let known: Vec<&str> = words.iter().map(String::as_str).collect();
-        let near = spelling::suggestion(word, known.iter().copied());
-        let what = format!("nothing called `{word}` can be simulated{near}");
-        Error::usage("E203", what, format!("it can be {}", known.join(", ")))
-    })
-}
-
-/// The first product of that protocol, family or name, and its first protocol on that medium.
-fn find_product(
-    name: &str,
-    medium: Option<MediumKind>,
-) -> Option<(&'static Profile, registry::ProtocolInfo)> {
-    let profiles = polepair_core::drives::profiles();
-    let mut names = registry::protocols();
-    names.retain(|protocol| medium.is_none_or(|medium| medium == protocol.medium));
-    let of_protocol = names.iter().find(|protocol| protocol.name == name).and_then(|protocol| {
-        let profile = profiles.iter().find(|p| p.protocol == protocol.profile)?;
-        Some((*profile, protocol.clone()))
-    });
-    let named = || profiles.iter().find(|p| p.name == name);
-    let of_family = || profiles.iter().find(|p| p.family == name);
-    of_protocol.or_else(|| {
-        let profile = named().or_else(of_family)?;
-        let protocol = names.iter().find(|protocol| protocol.profile == profile.protocol)?;
-        Some((*profile, protocol.clone()))
     })
 }
 

@@ -87,12 +87,13 @@ fn find_subject(
         return Ok((dissector, None));
     }
     let product = drives::profiles().iter().find(|p| p.name == subject || p.family == subject);
+    let product = product.copied().or_else(|| polepair::profile::find_shipped(subject));
     let speaks = |p: &&'static Profile| {
         let mut all = proto::dissectors().iter().copied();
         all.find(|dissector| dissector.name().starts_with(p.protocol))
     };
-    let dissector = product.copied().as_ref().and_then(speaks);
-    dissector.map(|dissector| (dissector, product.copied())).ok_or_else(|| {
+    let dissector = product.as_ref().and_then(speaks);
+    dissector.map(|dissector| (dissector, product)).ok_or_else(|| {
         let all: Vec<_> = proto::dissectors().iter().map(|known| known.name()).collect();
         let what = format!("there is no protocol or product `{subject}`");
         usage_error(py, "E203", &what, &format!("protocols are {}", all.join(", ")))

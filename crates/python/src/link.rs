@@ -5,7 +5,6 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use polepair::{Connector, Link as Inner, scan as library};
-use polepair_core::drives;
 use polepair_core::medium::MediumKind;
 use polepair_link::Connection;
 use pyo3::exceptions::PyUserWarning;
@@ -133,7 +132,7 @@ fn found_tuple(found: library::DetectedDrive) -> FoundTuple {
 /// Every product that is known: name, title, protocol.
 #[pyfunction]
 pub fn profiles() -> Vec<(&'static str, &'static str, &'static str)> {
-    drives::profiles().iter().map(|p| (p.name, p.title, p.protocol)).collect()
+    polepair::profile::shipped_profiles().map(|p| (p.name, p.title, p.protocol)).collect()
 }
 
 /// How links are opened. A file of the configuration that is wrong is told as Python tells such

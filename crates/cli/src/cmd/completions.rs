@@ -187,7 +187,7 @@ fn places(protocol: &str) -> Vec<CompletionCandidate> {
 /// What can be simulated, by its word, and what that is.
 fn simulated() -> impl Iterator<Item = (String, &'static str)> {
     simulate::words().into_iter().map(|word| {
-        let product = polepair_core::drives::profiles().iter().find(|p| p.name == word);
+        let product = polepair::profile::find_shipped(&word);
         let title = product.map_or("", |product| product.title);
         (word, title)
     })
@@ -212,7 +212,8 @@ fn protocols() -> Vec<CompletionCandidate> {
 /// Every drive that is known by name, the user's own among them.
 fn drives() -> Vec<CompletionCandidate> {
     let connector = Connector::discover();
-    let known = connector.config.all_profiles();
+    let catalogue = polepair::profile::catalogue().iter().map(|module| module.profile());
+    let known = connector.config.all_profiles().chain(catalogue);
     known.map(|profile| candidate(profile.name, profile.title)).collect()
 }
 

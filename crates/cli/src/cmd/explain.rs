@@ -110,8 +110,9 @@ impl ExplainSubject {
             return Ok(Self::Protocol(dissector));
         }
         let known = |profile: &&&Profile| profile.name == name || profile.family == name;
-        let profile = drives::profiles().iter().find(known);
-        profile.map(|profile| Self::Drive(profile)).ok_or_else(|| problem::no_such_protocol(name))
+        let profile = drives::profiles().iter().find(known).copied();
+        let profile = profile.or_else(|| polepair::profile::find_shipped(name));
+        profile.map(Self::Drive).ok_or_else(|| problem::no_such_protocol(name))
     }
 
     /// The profile that has the names.

@@ -331,7 +331,8 @@ impl ProfileFile {
 
     /// Every profile that is known, the user's own first.
     pub fn known_profiles(&self) -> Result<Vec<&'static Profile>> {
-        Ok(self.connector()?.config.all_profiles().collect())
+        let catalogue = polepair::profile::catalogue().iter().map(|module| module.profile());
+        Ok(self.connector()?.config.all_profiles().chain(catalogue).collect())
     }
 }
 

@@ -101,7 +101,7 @@ pub fn profiles() -> &'static [&'static Profile] {
 
 /// Every rule by which a scale is computed from several parameters.
 #[must_use]
-pub const fn scale_rules() -> [&'static ScaleRule; 6] {
+pub const fn scale_rules() -> [&'static ScaleRule; 8] {
     [
         &cia402::units::POSITION,
         &cia402::units::VELOCITY,
@@ -109,6 +109,8 @@ pub const fn scale_rules() -> [&'static ScaleRule; 6] {
         &tmcm::units::POSITION,
         &tmcm::units::VELOCITY,
         &tmcm::units::ACCELERATION,
+        &tmcm::units::VELOCITY_PPS,
+        &tmcm::units::ACCELERATION_PPS,
     ]
 }
 

@@ -2,9 +2,8 @@
 
 use super::{Axis, ParameterValue};
 use crate::error::Error;
-use crate::profile::generic_profile;
+use crate::profile::{find_shipped, generic_profile};
 use crate::url::AxisNumber;
-use polepair_core::drives;
 use polepair_core::error::{Failure, Outcome};
 use polepair_core::explain::{DeviceFact, FactQuery};
 
@@ -37,7 +36,8 @@ impl Axis {
         }
         let generic = generic_profile(self.protocol);
         let is_known = generic.is_none_or(|generic| !std::ptr::eq(generic, self.profile));
-        let is_shipped = drives::profiles().iter().any(|known| std::ptr::eq(*known, self.profile));
+        let shipped = find_shipped(self.profile.name);
+        let is_shipped = shipped.is_some_and(|known| std::ptr::eq(known, self.profile));
         for fact in facts {
             // A profile has what a product has: a question for more would be refused.
             let is_in_profile = match fact.query {
@@ -125,17 +125,24 @@ fn is_answer(error: &Error) -> bool {
 /// The details in a line: `TMCM-6110, firmware 1.48, 6 motors`.
 #[must_use]
 pub fn summarize_details(details: &[DeviceDetail]) -> String {
+    let is_module = details.iter().any(|detail| detail.name == "module");
     let shown = details.iter().filter_map(|detail| match detail.name {
-        "device name" | "module" | "vendor" | "product name" | "product code" => {
-            Some(detail.text.clone())
-        }
+        "module" => Some(detail.text.clone() + &version_suffix(details)),
+        "device name" | "vendor" | "product name" | "product code" => Some(detail.text.clone()),
         "hardware version" => Some(format!("hardware {}", detail.text)),
         "software version" => Some(format!("software {}", detail.text)),
         "revision" => Some(format!("revision {}", detail.text)),
+        "firmware" if is_module => None,
         "firmware" => Some(format!("firmware {}", detail.text)),
         "motors" if detail.text == "1" => None,
         "motors" => Some(format!("{} motors", detail.text)),
         _ => None,
     });
     shown.collect::<Vec<_>>().join(", ")
+}
+
+/// ` V1.48`, as the maker writes the firmware of a module behind its name.
+fn version_suffix(details: &[DeviceDetail]) -> String {
+    let firmware = details.iter().find(|detail| detail.name == "firmware");
+    firmware.map_or_else(String::new, |firmware| format!(" V{}", firmware.text))
 }

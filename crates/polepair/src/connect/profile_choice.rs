@@ -96,15 +96,23 @@ impl Connector {
         let mut fitting = self.config.all_profiles().filter(speaks);
         let generic = protocol.generic;
         let found = fitting.find(|p| p.name == name || p.family == name);
-        if let Some(profile) = found.or((name == generic.name).then_some(generic)) {
+        let found = found.or((name == generic.name).then_some(generic));
+        let listed = crate::profile::listed_for(protocol.profile);
+        let in_catalogue = || listed.iter().find(|module| module.name == name);
+        if let Some(profile) = found.or_else(|| in_catalogue().map(|module| module.profile())) {
             return Ok(profile);
         }
         if let Some(error) = self.config.broken_profile(name) {
             return Err(error.clone().into());
         }
         let known: Vec<&str> = self.config.all_profiles().filter(speaks).map(|p| p.name).collect();
-        let near = spelling::suggestion(name, known.iter().copied());
+        let names = known.iter().copied().chain(listed.iter().map(|module| module.name));
+        let near = spelling::suggestion(name, names);
         let what = format!("no profile `{name}` speaks {}{near}", protocol.name);
-        Err(Error::usage("E213", what, format!("known are {}", known.join(", "))))
+        let more = match listed.len() {
+            0 => String::new(),
+            count => format!(", and {count} more that `polepair params` lists"),
+        };
+        Err(Error::usage("E213", what, format!("known are {}{more}", known.join(", "))))
     }
 }

@@ -23,6 +23,7 @@
 //! # Ok::<(), polepair::FileError>(())
 //! ```
 
+mod catalogue;
 pub(crate) mod draft;
 mod memory_map;
 mod missing;
@@ -34,8 +35,10 @@ mod stops;
 #[cfg(test)]
 mod tests;
 
+pub use catalogue::{Listed, catalogue, find_shipped, shipped_profiles};
 pub use setup::write_setup;
 
+pub(crate) use catalogue::{find_answered, find_listed, listed_for};
 pub(crate) use missing::remove_missing;
 pub(crate) use setup::name_from_path;
 pub(crate) use step::argument_word;
@@ -71,7 +74,7 @@ const EXTENDS_MAX: usize = 8;
 const FILE_MAX: u64 = 4 << 20;
 
 /// Reads a profile from text; `file` is its name in complaints. `extends` may name a profile that
-/// is compiled in. The same text gives the same `&'static` again.
+/// is compiled in, or a protocol (`tmcl`) for what all its drives have. The same text gives the same `&'static` again.
 ///
 /// # Errors
 /// [`FileError`] with line, column and reason; or that [`PROFILES_MAX`] are read already.
@@ -147,7 +150,15 @@ impl BaseProfiles {
         if let Some(profile) = known.iter().find(|profile| profile.name == name.value) {
             return Ok(Draft::from_profile(profile));
         }
-        let hint = spelling::suggestion(&name.value, known.iter().map(|profile| profile.name));
+        if let Some(module) = find_listed(&name.value) {
+            return self.read_draft(&format!("{}.toml", module.name), module.text(), depth);
+        }
+        if let Some(generic) = generic_profile(&name.value) {
+            return Ok(Draft::from_profile(generic));
+        }
+        let names = known.iter().map(|profile| profile.name);
+        let names = names.chain(catalogue().iter().map(|module| module.name));
+        let hint = spelling::suggestion(&name.value, names);
         Err(name.location.error(format!("no profile `{}` to extend{hint}", name.value)))
     }
 

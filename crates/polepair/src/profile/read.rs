@@ -17,9 +17,10 @@ use polepair_core::units::Unit;
 /// Parameters, faults, or repetitions of one, that a profile may have at most.
 pub(crate) const ENTRIES_MAX: usize = 4096;
 
-const KEYS: [&str; 23] = [
+const KEYS: [&str; 24] = [
     "name",
     "extends",
+    "replace",
     "remove",
     "shift",
     "family",
@@ -168,6 +169,9 @@ pub(crate) fn read_draft(
             Some(name) => base(&name)?,
             None => new_draft(&node)?,
         };
+        for table in node.texts("replace")? {
+            clear_table(&mut draft, &table)?;
+        }
         shift_registers(&mut draft, &node)?;
         read_head(&mut draft, &node)?;
         let file = ProfileReader { dialect: find_dialect(&node, &draft.protocol)? };
@@ -339,6 +343,22 @@ fn read_watchdog(node: &TomlTable<'_, '_>) -> Result<Option<DraftWatchdog>, File
                 .error(format!("`{other}` is none of {}{hint}", known.join(", "))));
         }
     }))
+}
+
+/// Begins a table anew instead of with what the profile that is extended has.
+fn clear_table(draft: &mut Draft, table: &Located<String>) -> Result<(), FileError> {
+    match table.value.as_str() {
+        "faults" => draft.faults.clear(),
+        "signals" => draft.signals.clear(),
+        "plans" => draft.plans.clear(),
+        other => {
+            let known = ["faults", "signals", "plans"];
+            let hint = spelling::suggestion(other, known);
+            let reason = format!("`{other}` is none of {}{hint}", known.join(", "));
+            return Err(table.location.error(reason));
+        }
+    }
+    Ok(())
 }
 
 fn remove_parameter(draft: &mut Draft, name: &Located<String>) -> Result<(), FileError> {

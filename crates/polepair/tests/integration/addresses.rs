@@ -117,8 +117,8 @@ fn what_is_no_address_says_how_one_is_written() {
 fn a_drive_tells_its_name_and_versions() {
     for (url, shown) in [
         ("sim:canopen", "Polepair CiA 402 drive, hardware simulated, software"),
-        ("sim:tmcl", "TMCM-171, firmware 1.14"),
-        ("sim:tmcl?profile=tmcl", "TMCM-171, firmware 1.14"),
+        ("sim:tmcl", "TMCM-171 V1.14"),
+        ("sim:tmcl?profile=tmcl", "TMCM-171 V1.14"),
         ("sim:tml", "firmware 514L"),
         ("sim:modbus-rtu", ""),
     ] {

@@ -220,3 +220,37 @@ fn coordinates_are_of_the_motor_that_is_meant() {
     axis.wait(Duration::from_secs(10)).unwrap();
     assert_eq!(axis.get_raw("actual position").unwrap(), 5000);
 }
+
+/// Each stepper module of the catalogue: known by its version, moved and stopped in turns.
+#[test]
+fn every_stepper_of_the_catalogue_is_known_and_moves_in_turns() {
+    let modules = polepair::profile::catalogue().iter().filter(|module| module.is_simulated());
+    let mut count = 0;
+    for module in modules {
+        let link = connect(&format!("sim:{}?time=virtual", module.name)).unwrap();
+        let profile = module.profile();
+        assert_eq!(link.axes().len(), usize::from(profile.motors), "{}", module.name);
+        let axis = link.axis(1).unwrap();
+        assert_eq!(axis.profile().name, module.name);
+        let truth = || link.simulation().unwrap().truth(0, 0).unwrap();
+        let armed = axis.armed().unwrap();
+        armed.move_to("0.5 turn").unwrap();
+        armed.wait(Duration::from_secs(60)).unwrap();
+        let position = truth().position;
+        assert!((position - TAU / 2.0).abs() < 0.02, "{}: {position}", module.name);
+        // Of one module no source tells the unit of its speeds.
+        let turned = armed.velocity("60 rpm").map_err(|error| error.code());
+        if module.name == "tmcm-1021" {
+            assert_eq!(turned, Err("E217"));
+        } else {
+            assert_eq!(turned, Ok(()), "{}", module.name);
+            let rpm = || truth().velocity.abs() * 60.0 / TAU;
+            let turns = (0..2000)
+                .any(|_| axis.get("actual velocity").is_ok() && (rpm() - 60.0).abs() < 1.0);
+            assert!(turns, "{}: {}", module.name, rpm());
+        }
+        armed.stop().unwrap();
+        count += 1;
+    }
+    assert!(count > 15, "{count}");
+}

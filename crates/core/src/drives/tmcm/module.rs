@@ -10,6 +10,7 @@ use crate::proto::tmcl::module::program::WaitCondition;
 use crate::proto::tmcl::module::{ModuleState, TmclModule};
 use crate::proto::tmcl::{Opcode, Request, Status};
 use crate::time::Instant;
+use crate::units::Unit;
 
 /// Below this supply the drivers are off, V. \[I\]
 pub const UNDERVOLTAGE_V: f64 = 8.0;
@@ -58,9 +59,9 @@ impl Module {
     /// A module as from the factory, powered with 24 V.
     #[must_use]
     pub fn new(profile: &'static Profile) -> Self {
-        let (index, space) = units::PULSE_DIVISOR;
-        let has_divisors = profile.find_object((index, space)).is_some();
+        let has_divisors = profile.find_parameter("pulse divisor").is_some();
         let full = profile.find_parameter("max current").and_then(|id| profile.parameter(id));
+        let full = full.filter(|current| current.unit == Unit::Ampere);
         let full_current = full.map_or(1.1, |current| current.scale.factor * 255.0);
         let mut new = Self {
             state: ModuleState::new(profile),

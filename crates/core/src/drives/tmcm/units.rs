@@ -17,6 +17,8 @@ const EXPONENT_MAX: i64 = 13;
 /// Axis parameters: microstep resolution, full steps, pulse divisor, ramp divisor.
 pub const MICROSTEPS: ObjectKey = (140, 0);
 const MOTOR_STEPS: ObjectKey = (202, 0);
+/// Whether speeds are in microsteps per second: 1 where the module has the choice.
+const UNIT_MODE: ObjectKey = (255, 0);
 /// The divisors of the TMC428 and TMC429.
 pub const PULSE_DIVISOR: ObjectKey = (154, 0);
 /// See [`PULSE_DIVISOR`].
@@ -46,6 +48,29 @@ pub static VELOCITY: ScaleRule = ScaleRule {
         Ok(ScaleRuleValue { factor, from: &[MICROSTEPS, MOTOR_STEPS, PULSE_DIVISOR] })
     },
 };
+
+/// Turns per minute from microsteps per second.
+pub static VELOCITY_PPS: ScaleRule = ScaleRule {
+    name: "tmcm-velocity-pps",
+    objects: &[MICROSTEPS, MOTOR_STEPS, UNIT_MODE],
+    words: &[],
+    full_steps: Some((FULL_STEPS, MOTOR_STEPS)),
+    compute: |read, _| per_second(read),
+};
+
+/// Turns per minute gained each second from microsteps per second each second.
+pub static ACCELERATION_PPS: ScaleRule =
+    ScaleRule { name: "tmcm-acceleration-pps", ..VELOCITY_PPS };
+
+fn per_second(read: &dyn Fn(ObjectKey) -> Option<i64>) -> Result<ScaleRuleValue, NoScale> {
+    if read(UNIT_MODE).is_some_and(|mode| mode != 1) {
+        return Err(NoScale(
+            "the module counts in its chip's units, not in microsteps per second: unit mode (AP 255) is not 1",
+        ));
+    }
+    let factor = 60.0 / microsteps_per_turn(read)?;
+    Ok(ScaleRuleValue { factor, from: &[MICROSTEPS, MOTOR_STEPS, UNIT_MODE] })
+}
 
 /// Turns per minute gained each second from the module's accelerations.
 pub static ACCELERATION: ScaleRule = ScaleRule {

@@ -1,0 +1,65 @@
+//! Words that mean a simulated drive: a protocol's, a family's, a product's.
+
+use crate::error::Error;
+use crate::{profile, registry, spelling};
+use polepair_core::medium::MediumKind;
+use polepair_core::profile::Profile;
+
+/// Whether a word of [`rack_of_words`](super::rack_of_words), without addresses, means a drive.
+#[must_use]
+pub fn is_drive(word: &str) -> bool {
+    find_drive(word).is_ok()
+}
+
+/// The words that mean a drive: protocols, which mean their first drive, then products.
+#[must_use]
+pub fn words() -> Vec<String> {
+    let listed = profile::catalogue().iter().filter(|module| module.is_simulated());
+    usual_words().into_iter().chain(listed.map(|module| module.name.to_owned())).collect()
+}
+
+fn usual_words() -> Vec<String> {
+    let protocols = registry::protocols();
+    let protocols = protocols.iter().map(registry::ProtocolInfo::unique_word);
+    let products = polepair_core::drives::profiles().iter().map(|profile| profile.name.to_owned());
+    protocols.chain(products).collect()
+}
+
+/// The product meant by a protocol's, family's or product's word, and the protocol of its wire: its
+/// usual one, or after `+can` the one on that medium.
+pub(crate) fn find_drive(word: &str) -> Result<(&'static Profile, registry::ProtocolInfo), Error> {
+    let found = match word.split_once('+') {
+        None => find_product(word, None),
+        Some((name, "serial")) => find_product(name, Some(MediumKind::Serial)),
+        Some((name, "can")) => find_product(name, Some(MediumKind::Can)),
+        Some(_) => None,
+    };
+    found.ok_or_else(|| {
+        let known = words();
+        let near = spelling::suggestion(word, known.iter().map(String::as_str));
+        let what = format!("nothing called `{word}` can be simulated{near}");
+        let usual = usual_words().join(", ");
+        Error::usage("E203", what, format!("it can be {usual}, or a TMCM stepper module"))
+    })
+}
+
+/// The first product of that protocol, family or name, and its first protocol on that medium.
+fn find_product(
+    name: &str,
+    medium: Option<MediumKind>,
+) -> Option<(&'static Profile, registry::ProtocolInfo)> {
+    let profiles = polepair_core::drives::profiles();
+    let mut names = registry::protocols();
+    names.retain(|protocol| medium.is_none_or(|medium| medium == protocol.medium));
+    let of_protocol = names.iter().find(|protocol| protocol.name == name).and_then(|protocol| {
+        let profile = profiles.iter().find(|p| p.protocol == protocol.profile)?;
+        Some((*profile, protocol.clone()))
+    });
+    let named = || profile::find_shipped(name);
+    let of_family = || profiles.iter().find(|p| p.family == name).copied();
+    of_protocol.or_else(|| {
+        let profile = named().or_else(of_family)?;
+        let protocol = names.iter().find(|protocol| protocol.profile == profile.protocol)?;
+        Some((profile, protocol.clone()))
+    })
+}
