@@ -10,6 +10,7 @@ import pytest
 from conftest import end, polepair, start, until
 from pytrinamic.connections import ConnectionManager
 from pytrinamic.modules import TMCM6110
+from pytrinamic.tmcl import TMCLCommand
 
 SPEED = 1500
 # How many times faster motors and examples live than they would at the desk.
@@ -119,3 +120,37 @@ def test_stallguard_stops_the_motor_that_is_held(connect):
     assert until(lambda: held.actual_velocity == 0)
     assert held.get_axis_parameter(held.AP.ExtendedErrorFlags) & 1
     assert free.actual_velocity == SPEED
+
+
+def test_a_program_that_one_host_stores_the_other_reads_and_runs(connect, tmp_path):
+    interface, url = connect.with_url("tmcm-6110")
+    motor = TMCM6110(interface).motors[0]
+    instructions = [
+        (TMCLCommand.SAP, motor.AP.MaxAcceleration, 0, 2000),
+        (TMCLCommand.ROR, 0, 0, 500),
+        (TMCLCommand.WAIT, 0, 0, 20),
+        (TMCLCommand.ROL, 0, 0, 500),
+        (TMCLCommand.WAIT, 0, 0, 20),
+        (TMCLCommand.JA, 0, 0, 1),
+    ]
+    interface.send(TMCLCommand.START_DOWNLOAD_MODE, 0, 0, 0)
+    for instruction in instructions:
+        interface.send(*instruction)
+    interface.send(TMCLCommand.QUIT_DOWNLOAD_MODE, 0, 0, 0)
+    text = tmp_path / "stored.tmc"
+    polepair("program", "save", f"{url}#1", str(text))
+    lines = [line.split("//")[0].strip() for line in text.read_text().splitlines()]
+    assert lines == [
+        "SAP 5, 0, 2000", "L1:", "ROR 0, 500", "WAIT TICKS, 0, 20", "ROL 0, 500", "WAIT TICKS, 0, 20", "JA L1",
+    ]
+    polepair("program", "run", f"{url}#1", "L1", "--source", str(text), "--detach")
+    assert until(lambda: motor.actual_velocity == 500)
+    assert until(lambda: motor.actual_velocity == -500)
+    interface.send(TMCLCommand.STOP_APPLICATION, 0, 0, 0)
+    motor.stop()
+    assert until(lambda: motor.actual_velocity == 0)
+    text.write_text("// by the other host\nLoop: SGP 7, 2, 42\nSTOP\n")
+    polepair("program", "load", f"{url}#1", str(text))
+    interface.send(TMCLCommand.RUN_APPLICATION, 1, 0, 0)
+    assert until(lambda: interface.get_global_parameter(7, 2) == 42)
+    assert interface.send(TMCLCommand.READ_TMCL_MEMORY, 0, 0, 0).value == 42

@@ -301,6 +301,10 @@ pub trait Dissector: Sync {
     fn program_language(&self) -> Option<&'static dyn crate::program::ProgramLanguage> {
         None
     }
+    /// The language of programs that are instructions; `None` where there are none.
+    fn instruction_language(&self) -> Option<&'static dyn crate::program::InstructionLanguage> {
+        None
+    }
     /// Whether axes have groups that a message can go to.
     fn has_groups(&self) -> bool {
         false

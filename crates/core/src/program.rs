@@ -7,6 +7,7 @@
 
 use core::ops::RangeInclusive;
 
+use crate::explain::TextError;
 use crate::profile::Profile;
 
 /// Words that one transfer holds at most: a whole memory of 16-bit addresses.
@@ -77,6 +78,65 @@ pub trait ProgramLanguage: Sync {
 
     /// The memory that programs lie in.
     fn memory_rules(&self) -> &'static MemoryRules;
+}
+
+/// Bytes of an instruction, where memory holds instructions and not words.
+pub const INSTRUCTION_BYTES: usize = 7;
+
+/// An instruction in a drive's memory.
+pub type InstructionBytes = [u8; INSTRUCTION_BYTES];
+
+/// A language whose programs are instructions, one at each address: a request each.
+pub trait InstructionLanguage: Sync {
+    /// How files with its text are called: `tmc`.
+    fn extension(&self) -> &'static str;
+
+    /// Instructions of a program at most.
+    fn capacity(&self) -> usize;
+
+    /// The `n`th mnemonic; `None` behind the last.
+    fn mnemonic(&self, n: usize) -> Option<&'static str>;
+
+    /// What follows a mnemonic; `None` for a word that is none.
+    fn fields(&self, mnemonic: &str) -> Option<InstructionFields>;
+
+    /// Makes an instruction of a line whose fields are numbers or words of the language.
+    ///
+    /// # Errors
+    /// The place, and what should stand there.
+    fn parse(&self, line: &str) -> Result<InstructionBytes, TextError>;
+
+    /// Writes an instruction as such a line, in pieces: its address, where it jumps, is the last.
+    fn write(&self, instruction: InstructionBytes, show: &mut dyn FnMut(&str));
+
+    /// What an instruction is to the program around it.
+    fn role(&self, instruction: InstructionBytes) -> InstructionRole;
+
+    /// The code of a drive's refusal that says that it has stored the request.
+    fn stored_code(&self) -> u32;
+
+    /// Whether an answer to [`ProgramCommand::QueryProgram`] says that a program runs.
+    fn is_running(&self, answer: i64) -> bool;
+}
+
+/// What follows a mnemonic.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct InstructionFields {
+    /// How many fields.
+    pub count: usize,
+    /// Words that stand for numbers in the first field.
+    pub words: &'static [(u8, &'static str)],
+}
+
+/// What an instruction is to the program around it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct InstructionRole {
+    /// The address that it may go on at.
+    pub target: Option<u16>,
+    /// What is behind it is not reached from it.
+    pub ends: bool,
+    /// Memory that was never written, or a stop that does as well.
+    pub empty: bool,
 }
 
 /// What is to be known of the memory that programs lie in.
@@ -166,6 +226,25 @@ pub enum ProgramCommand {
     QueryProgram,
     /// Tell whether a called routine runs: see [`MemoryRules::call_flag`].
     QueryCall,
+    /// Store what follows from this place on, up to [`EndStore`](Self::EndStore), and do not execute it.
+    BeginStore(u16),
+    /// Store these bytes of an instruction. A drive that stores it refuses it as a command; one that
+    /// does not refuse it has executed it.
+    Store(InstructionBytes),
+    /// Execute requests again.
+    EndStore,
+    /// Report the instruction at this place: its bytes are the low seven of the answer.
+    ReadInstruction(u16),
+    /// Execute one instruction of the program.
+    Step,
+    /// Go on from where the program is.
+    Resume,
+    /// Report where the program is.
+    QueryCounter,
+    /// Report the speed of the motor of that number behind the drive's address, counted from 0.
+    QuerySpeed(u8),
+    /// Set the program to its first instruction.
+    Reset,
 }
 
 /// How far a transfer is.

@@ -1,6 +1,7 @@
-//! `polepair program assemble|load|verify|save|run|call|abort`
+//! `polepair program assemble|load|verify|save|run|step|break|call|stop`
 
 mod files;
+mod instructions;
 mod run;
 
 use clap::{Args, Subcommand};
@@ -18,20 +19,25 @@ pub struct ProgramArgs {
 
 #[derive(Subcommand, Debug)]
 enum ProgramVerb {
-    /// Turn a program's text into a software file (.sw), or the reverse
+    /// Turn a program's text into a file for a drive (.sw, .bin), or the reverse
     Assemble(files::Assemble),
-    /// Write a program into a drive's memory, proven by the drive's own sum
+    /// Write a program into a drive's memory, and prove that it is there
     Load(files::ProgramLoad),
-    /// Compare a drive's memory with a program, by sums
+    /// Compare a drive's memory with a program
     Verify(files::ProgramVerify),
     /// Keep what is in a drive's memory as a file
     Save(files::ProgramSave),
-    /// Have a drive go on at an address of its program, until Ctrl-C
+    /// Run a drive's program from an address, until it ends or Ctrl-C
     Run(run::ProgramRun),
+    /// Execute a TMCL program one instruction at a time
+    Step(instructions::ProgramStep),
+    /// Execute a TMCL program until it comes to a place
+    Break(instructions::ProgramBreak),
     /// Have a drive call a routine, and wait for its end
     Call(run::ProgramCall),
     /// End whatever program a drive runs, and its motion
-    Abort(run::Abort),
+    #[command(alias = "abort")]
+    Stop(run::ProgramStop),
 }
 
 impl ProgramArgs {
@@ -42,8 +48,10 @@ impl ProgramArgs {
             ProgramVerb::Verify(verb) => verb.run(),
             ProgramVerb::Save(verb) => verb.run(),
             ProgramVerb::Run(verb) => verb.run(),
+            ProgramVerb::Step(verb) => verb.run(),
+            ProgramVerb::Break(verb) => verb.run(),
             ProgramVerb::Call(verb) => verb.run(),
-            ProgramVerb::Abort(verb) => verb.run(),
+            ProgramVerb::Stop(verb) => verb.run(),
         }
     }
 }
@@ -54,6 +62,20 @@ fn single_axis(session: &Session) -> Result<&Axis> {
         [axis] => Ok(axis),
         _ => Err(Problem::usage("E210", "A program is for one axis.")
             .why("Name it in the connection string: URL#1.")),
+    }
+}
+
+/// The same where a program is a module's, whose motors are several axes: the first of them.
+fn module_axis(session: &Session) -> Result<&Axis> {
+    use polepair_core::proto::drive_address;
+    let mut modules = session.axes().iter().map(|axis| drive_address(axis.number()));
+    match (modules.next(), session.axes()) {
+        (Some(first), [axis, _, ..])
+            if instructions::is_module(axis) && modules.all(|it| it == first) =>
+        {
+            Ok(axis)
+        }
+        _ => single_axis(session),
     }
 }
 

@@ -30,7 +30,11 @@ struct Bench {
 
 impl Bench {
     fn new(name: &str) -> Self {
-        let mut child = run::command(&["sim", "tml:1"]).spawn().expect("starts");
+        Self::of("tml:1", name)
+    }
+
+    fn of(drive: &str, name: &str) -> Self {
+        let mut child = run::command(&["sim", drive]).spawn().expect("starts");
         let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
         let line = lines.next().expect("a line").expect("text");
         let url = line.strip_prefix("ready ").expect("ready").to_owned();
@@ -113,10 +117,10 @@ fn a_program_is_loaded_called_and_run_until_ctrl_c() {
     std::thread::sleep(Duration::from_millis(300));
     assert!((bench.get("APOS") - stood).abs() < 5.0, "the program does not go on");
     let detached = bench.ok("run", &["main", "--source", &moves, "--detach"]);
-    assert!(detached.contains("polepair program abort"), "{detached}");
+    assert!(detached.contains("polepair program stop"), "{detached}");
     let refused = bench.program("load", &[&moves]);
     assert!(refused.code == 6 && refused.err.contains("has power"), "{}", refused.err);
-    bench.ok("abort", &[]);
+    bench.ok("stop", &[]);
     let stood = bench.get("APOS");
     std::thread::sleep(Duration::from_millis(300));
     assert!((bench.get("APOS") - stood).abs() < 5.0, "at rest");
@@ -182,6 +186,72 @@ fn wrong_programs_are_refused_with_file_line_and_place() {
     let output = refused(&["program", "call", &bench.url, "moves", "--source", &moves]);
     assert!(output.contains("has no label") && output.contains("turn"), "{output}");
     let output = refused(&["program", "load", "sim:tmcl", &moves]);
+    assert!(output.contains("E242") && output.contains("its text is called .tmc"), "{output}");
+    let output = refused(&["program", "load", "sim:modbus-rtu", &moves]);
     assert!(output.contains("E218"), "{output}");
     assert!(!bench.axis_is_on());
+}
+
+const TMCL: &str = "\
+// Motor 2 and a variable
+Far = 400
+        SAP 140, 2, 4
+Loop:   MVP ABS, 2, Far
+        WAIT POS, 2, 0
+        CSUB Count
+        JC NE, Loop
+        STOP
+Count:  GGP 1, 2
+        CALC ADD, 1
+        AGP 1, 2
+        COMP 2
+        RSUB
+";
+
+#[test]
+fn a_tmcl_program_is_loaded_run_and_stepped_through() {
+    let bench = Bench::of("tmcm-6110", "tmcl-program");
+    let text = bench.file("moves.tmc", TMCL);
+    let assembled = polepair(&["program", "assemble", &text]);
+    assert!(assembled.out.contains("Count:\n    GGP 1, 2"), "{}", assembled.out);
+    assert!(bench.ok("load", &[&text, "--dry-run"]).contains("nothing was written"));
+    assert!(bench.ok("load", &[&text]).contains("11 instructions stored, and read back alike"));
+    assert!(bench.ok("verify", &[&text]).contains("11 instructions agree"));
+    let ended = bench.ok("run", &["--source", &text]);
+    assert!(
+        ended.contains("the program has ended behind 5  STOP") && ended.contains("moves.tmc:8"),
+        "{ended}"
+    );
+    assert!((bench.get("user variable 1") - 2.0).abs() < 1e-9);
+    let steps = bench.program("step", &["--reset", "--count", "3", "--source", &text]);
+    let lines: Vec<&str> = steps.out.lines().collect();
+    assert_eq!(lines.len(), 4, "{}{}", steps.out, steps.err);
+    assert!(
+        lines[3].starts_with("   3  CSUB Count") && lines[3].ends_with("moves.tmc:6"),
+        "{lines:?}"
+    );
+    let at = bench.program("break", &[":9", "--source", &text, "--count", "1"]);
+    let lines: Vec<&str> = at.out.lines().collect();
+    assert!(
+        lines[0].starts_with("   6  GGP 1, 2") && lines[1].starts_with("   7  CALC ADD, 1"),
+        "{lines:?}"
+    );
+    let back = bench.path("back.bin");
+    bench.ok("save", &[&back]);
+    assert_eq!(std::fs::metadata(&back).expect("a file").len(), 11 * 8);
+    assert!(bench.ok("verify", &[&back]).contains("agree"));
+    let wrong = bench.file("wrong.tmc", "STOP\nMPV ABS, 0, 1");
+    let refused = bench.program("load", &[&wrong]);
+    assert!(
+        refused.code == 2 && refused.err.contains("wrong.tmc:2:1: no instruction `MPV`"),
+        "{}",
+        refused.err
+    );
+    let endless = bench.file("endless.tmc", "Loop: ROR 3, 100\nJA Loop");
+    bench.ok("load", &[&endless]);
+    bench.ok("run", &["--detach"]);
+    let busy = bench.program("load", &[&endless]);
+    assert!(busy.code == 2 && busy.err.contains("a program runs in the module"), "{}", busy.err);
+    bench.ok("stop", &[]);
+    bench.ok("load", &[&text]);
 }

@@ -169,7 +169,7 @@ impl Axis {
         rules.ok_or_else(|| self.unsupported_error(what, Unsupported::NoPlan))
     }
 
-    fn run_order(&self, what: &str, command: ProgramCommand) -> Result<i64, Error> {
+    pub(super) fn run_order(&self, what: &str, command: ProgramCommand) -> Result<i64, Error> {
         self.submit(what.to_owned(), RequestKind::Command, |axes, now, ticket| {
             axes.send_program_command(now, ticket, self.index, command)
         })?

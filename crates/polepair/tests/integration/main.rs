@@ -6,6 +6,7 @@ mod can;
 mod events;
 mod examples;
 mod heard;
+mod instruction_programs;
 mod library;
 mod look;
 mod lss;

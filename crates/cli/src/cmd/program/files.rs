@@ -9,7 +9,7 @@ use polepair_core::profile::Profile;
 use polepair_core::program::{MemoryKind, ProgramLanguage, TransferProgress, checksum};
 use polepair_core::{drives, proto};
 
-use super::{parse_address, single_axis};
+use super::{instructions, module_axis, parse_address};
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::progress::Progress;
@@ -46,6 +46,18 @@ impl ProgramLocation {
         })
     }
 
+    /// A TMCL module has one memory, whose programs begin at address 0.
+    fn refuse_for_module(&self) -> Result<()> {
+        match self.ram || self.at.is_some() {
+            true => Err(Problem::usage(
+                "E242",
+                "A TMCL module keeps its program in the EEPROM, from 0 on.",
+            )
+            .hint("leave --ram and --at out")),
+            false => Ok(()),
+        }
+    }
+
     /// Reads a file for an axis.
     fn read_program(&self, axis: &Axis, path: &Path) -> Result<Program> {
         let language = axis.language().map_err(outcome::to_problem)?;
@@ -66,15 +78,18 @@ impl ProgramLocation {
     }
 }
 
-/// Turns a program's text into a software file, or a software file into text.
+/// Turns a program's text into a file for a drive, or such a file into text. Nothing is sent.
 ///
-/// A line holds instructions, parted by `;`, and a comment behind `//`; `name:` is a label for GOTO,
-/// CALL and CALLS. Nothing is sent.
+/// TML (.tml, .sw): a line holds instructions, parted by `;`, and a comment behind `//`; `name:` is a label
+/// for GOTO, CALL and CALLS. TMCL (.tmc, .bin): an instruction a line, labels, constants (`Speed = 500`),
+/// comments and #include, as in the maker's TMCL-IDE.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair program assemble moves.tml -o moves.sw --eeprom
-  polepair program assemble moves.sw                         shows the text of its words")]
+  polepair program assemble moves.sw                         shows the text of its words
+  polepair program assemble moves.tmc                        shows a TMCL program with addresses
+  polepair program assemble moves.tmc -o moves.bin")]
 pub struct Assemble {
     /// The text; a software file (.sw) is turned into text
     #[arg(value_name = "FILE")]
@@ -93,6 +108,9 @@ pub struct Assemble {
 
 impl Assemble {
     pub fn run(self) -> Result {
+        if instructions::is_program(&self.path) {
+            return instructions::assemble(&self.path, self.output.as_deref());
+        }
         let (language, profile) = self.language()?;
         let source = AssemblyContext { language, profile, origin: self.place.origin(language) };
         let read = Program::read(&self.path, &source);
@@ -127,17 +145,21 @@ impl Assemble {
 
 /// Writes a program into a drive's memory.
 ///
-/// Word by word, each chunk proven before the next; then the drive's own sum over it must agree. The
+/// TML: word by word, each chunk proven before the next; then the drive's own sum over it must agree. The
 /// motor must have no power. RAM unless --eeprom is given: permanent memory wears.
+///
+/// TMCL: instruction by instruction into the module's EEPROM, then read back. No program may run, and no
+/// motor of the module may turn. To run it at power-up as well, set `auto start` to 1.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair program load tml+serial:///dev/ttyUSB0:9600#1 moves.tml
-  polepair program load tml+serial:///dev/ttyUSB0:9600#1 cell.sw --eeprom")]
+  polepair program load tml+serial:///dev/ttyUSB0:9600#1 cell.sw --eeprom
+  polepair program load tmcl+serial:///dev/ttyUSB0:9600#1 moves.tmc")]
 pub struct ProgramLoad {
     #[command(flatten)]
     target: DriveArgs,
-    /// A program's text, or a software file (.sw)
+    /// A program's text, or a file of assemble (.sw, .bin)
     #[arg(value_name = "FILE")]
     path: PathBuf,
     #[command(flatten)]
@@ -150,7 +172,11 @@ pub struct ProgramLoad {
 impl ProgramLoad {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
-        let axis = single_axis(&session)?;
+        let axis = module_axis(&session)?;
+        if instructions::is_module(axis) {
+            self.place.refuse_for_module()?;
+            return instructions::load(&session, axis, &self.path, self.dry_run);
+        }
         let program = self.place.read_program(axis, &self.path)?;
         let language = axis.language().map_err(outcome::to_problem)?;
         print_layout(&program, language);
@@ -187,7 +213,8 @@ fn hint_incomplete(problem: Problem) -> Problem {
     }
 }
 
-/// Compares a drive's memory with a program, by the drive's sums. Writes nothing.
+/// Compares a drive's memory with a program: by the drive's sums, or a TMCL module's instructions read back.
+/// Writes nothing.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Example:
@@ -195,7 +222,7 @@ Example:
 pub struct ProgramVerify {
     #[command(flatten)]
     target: DriveArgs,
-    /// A program's text, or a software file (.sw)
+    /// A program's text, or a file of assemble (.sw, .bin)
     #[arg(value_name = "FILE")]
     path: PathBuf,
     #[command(flatten)]
@@ -208,7 +235,11 @@ pub struct ProgramVerify {
 impl ProgramVerify {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
-        let axis = single_axis(&session)?;
+        let axis = module_axis(&session)?;
+        if instructions::is_module(axis) {
+            self.place.refuse_for_module()?;
+            return instructions::verify(&session, axis, &self.path);
+        }
         let program = self.place.read_program(axis, &self.path)?;
         session.listen_for_interrupts();
         if self.words {
@@ -246,9 +277,10 @@ fn compare_words(axis: &Axis, program: &Program) -> Result {
     Ok(Exit::Ok)
 }
 
-/// Keeps what is in a drive's memory as a file: words (.sw), or text.
+/// Keeps what is in a drive's memory as a file: words (.sw), instructions (.bin), or text.
 ///
-/// Without --words it reads to the end of what was written: to 64 erased words in a row.
+/// Without --words it reads to the end of what was written: to 64 erased words, or 8 TMCL instructions that
+/// are none, in a row.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -263,7 +295,7 @@ pub struct ProgramSave {
     /// The first address; else where the drive starts by itself
     #[arg(long, value_name = "ADDRESS", value_parser = parse_address)]
     at: Option<u16>,
-    /// How many words
+    /// How many words, or TMCL instructions
     #[arg(long, value_name = "N")]
     words: Option<u16>,
 }
@@ -271,7 +303,10 @@ pub struct ProgramSave {
 impl ProgramSave {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
-        let axis = single_axis(&session)?;
+        let axis = module_axis(&session)?;
+        if instructions::is_module(axis) {
+            return instructions::save(&session, axis, &self.path, self.words);
+        }
         session.listen_for_interrupts();
         let language = axis.language().map_err(outcome::to_problem)?;
         let start = self.at.unwrap_or(language.memory_rules().autorun.0);

@@ -11,7 +11,7 @@ use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 use polepair_core::time::Instant;
 
-use super::{parse_address, single_axis};
+use super::{instructions, module_axis, parse_address, single_axis};
 use crate::interrupt;
 use crate::motion;
 use crate::outcome;
@@ -60,17 +60,19 @@ impl ProgramEntry {
     }
 }
 
-/// Has a drive go on at an address of its program, whatever runs there now.
+/// Runs a drive's program from an address, whatever runs there now.
 ///
 /// A program may power the motor and move it. It runs until Ctrl-C, or for so long; then the program
-/// is ended, the motor stopped, and the power taken off that was put on meanwhile. Whether a program
-/// has come to its end a drive does not tell.
+/// is ended, the motor stopped, and the power taken off that was put on meanwhile. A TMCL module tells when
+/// its program has ended, and the command ends then; other drives do not tell.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair program run tml+serial:///dev/ttyUSB0:9600#1 0x8270 --for 5s
   polepair program run tml+serial:///dev/ttyUSB0:9600#1 main --source moves.tml
-  polepair program run tml+serial:///dev/ttyUSB0:9600#1 --detach     from where it starts by itself")]
+  polepair program run tml+serial:///dev/ttyUSB0:9600#1 --detach     from where it starts by itself
+  polepair program run tmcl+serial:///dev/ttyUSB0:9600#1             from its first instruction
+  polepair program run tmcl+serial:///dev/ttyUSB0:9600#1 Loop --source moves.tmc")]
 pub struct ProgramRun {
     #[command(flatten)]
     target: DriveArgs,
@@ -79,6 +81,9 @@ pub struct ProgramRun {
     start: Option<String>,
     #[command(flatten)]
     place: ProgramEntry,
+    /// Go on from where a TMCL module's program is
+    #[arg(long, conflicts_with = "start")]
+    here: bool,
     /// End it after so long: 5s, 300ms
     #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
@@ -112,8 +117,8 @@ pub struct ProgramCall {
 
 /// Ends whatever program a drive runs, and its motion. The motor keeps its power.
 #[derive(Args, Debug)]
-#[command(after_help = "Example:\n  polepair program abort tml+serial:///dev/ttyUSB0:9600#1")]
-pub struct Abort {
+#[command(after_help = "Example:\n  polepair program stop tml+serial:///dev/ttyUSB0:9600#1")]
+pub struct ProgramStop {
     #[command(flatten)]
     target: DriveArgs,
 }
@@ -121,7 +126,15 @@ pub struct Abort {
 impl ProgramRun {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
-        let axis = single_axis(&session)?;
+        let axis = module_axis(&session)?;
+        if instructions::is_module(axis) {
+            let start = instructions::ProgramStart {
+                place: self.start.as_deref(),
+                source: self.place.source.as_deref(),
+                here: self.here,
+            };
+            return instructions::run(&session, axis, start, self.detach, self.seconds);
+        }
         let start = match &self.start {
             Some(word) => self.place.address(axis, word)?,
             None => axis.language().map_err(outcome::to_problem)?.memory_rules().autorun.0,
@@ -185,13 +198,13 @@ fn run_program(
 ) -> Result {
     motion::print_caution(session);
     session.listen_for_interrupts();
-    let powered = read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0);
+    let powered = is_powered(axis)?;
     let _holding = interrupt::hold_motion(&session.arguments);
     axis.arm(true);
     let started = start().map_err(outcome::to_problem);
     if detach && started.is_ok() {
         print_warning(&format!(
-            "left running; this ends it: polepair program abort {}",
+            "left running; this ends it: polepair program stop {}",
             session.arguments
         ));
         return Ok(Exit::Ok);
@@ -202,8 +215,13 @@ fn run_program(
     motion::conclude(ended, quiet, "the program was ended and the motor stopped")
 }
 
+/// Whether the motor has power, as far as the drive tells.
+pub fn is_powered(axis: &Axis) -> Result<bool> {
+    Ok(read_signal(axis, Signal::Enabled)?.is_some_and(|read| read.raw != 0))
+}
+
 /// Ends the program and the motion, and takes the power off that was put on.
-fn end_program(axis: &Axis, powered: bool) -> Result<()> {
+pub fn end_program(axis: &Axis, powered: bool) -> Result<()> {
     let mut stop_retry_notice = motion::StopRetryNotice::new();
     let ended = axis.abort_with_retry(STOP_RETRY_MAX, |axis, _| {
         stop_retry_notice.report_retry(axis, "still turn")
@@ -217,12 +235,15 @@ fn end_program(axis: &Axis, powered: bool) -> Result<()> {
     ended.and(rested).and(off.map(drop))
 }
 
-impl Abort {
+impl ProgramStop {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
-        let axis = single_axis(&session)?;
+        let axis = module_axis(&session)?;
         session.listen_for_interrupts();
         axis.abort().map_err(outcome::to_problem)?;
+        if instructions::is_module(axis) {
+            instructions::stop_others(axis)?;
+        }
         print_note(&format!("{}: its program is ended and its motor stopped", axis.label()));
         Ok(Exit::Ok)
     }

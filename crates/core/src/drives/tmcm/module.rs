@@ -1,10 +1,11 @@
 //! The module: its motors, ports and supply, and what its requests do.
 
-use super::channel::{Channel, DIVIDED_SPEED_MAX, RampMode, Settings};
+use super::channel::{Channel, DIVIDED_SPEED_MAX, RampMode, STALL_ERROR, Settings};
 use super::search::SwitchKind;
 use super::units;
 use crate::plant::{TICK_NS, TICK_S, ThermalModel, Ticks};
 use crate::profile::Profile;
+use crate::proto::tmcl::module::interrupts;
 use crate::proto::tmcl::module::memory::{MOTORS_MAX, check_readable, check_writable};
 use crate::proto::tmcl::module::program::WaitCondition;
 use crate::proto::tmcl::module::{ModuleState, TmclModule};
@@ -388,6 +389,22 @@ impl TmclModule for Module {
                 channel(motor).is_some_and(|channel| channel.search_status() == 0)
             }
         }
+    }
+
+    fn interrupt_levels(&self) -> u64 {
+        let mut levels = u64::from(self.arrived_motors().unsigned_abs()) << interrupts::REACHED;
+        for (n, channel) in self.channels[..self.motors].iter().enumerate() {
+            levels |= u64::from(channel.errors & STALL_ERROR != 0)
+                << (usize::from(interrupts::STALLED) + n);
+            let stops =
+                [SwitchKind::Left, SwitchKind::Right].map(|switch| channel.is_closed(switch));
+            let stops = u64::from(stops[0]) | u64::from(stops[1]) << 1;
+            levels |= stops << (usize::from(interrupts::STOP_SWITCHES) + 2 * n);
+        }
+        let inputs = self.inputs.iter().enumerate();
+        inputs.fold(levels, |all, (n, high)| {
+            all | u64::from(*high) << (usize::from(interrupts::INPUTS) + n)
+        })
     }
 
     fn has_programs(&self) -> bool {

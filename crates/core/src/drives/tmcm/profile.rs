@@ -1335,6 +1335,7 @@ static TMCM_1140_PARAMETERS: [Parameter; 348] = [
         access: Access::ReadWrite,
         persistence: Persistence::Always,
         certainty: Certainty::Inferred,
+        moves: true,
         ..P
     },
     Parameter {
@@ -7681,6 +7682,7 @@ static TMCM_6110_PARAMETERS: [Parameter; 342] = [
         access: Access::ReadWrite,
         persistence: Persistence::Always,
         certainty: Certainty::Inferred,
+        moves: true,
         ..P
     },
     Parameter {

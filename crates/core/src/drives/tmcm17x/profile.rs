@@ -1538,6 +1538,7 @@ const TMCM_170_PARAMETERS_ROWS: [Parameter; 355] = [
         access: Access::ReadWrite,
         persistence: Persistence::Always,
         certainty: Certainty::Inferred,
+        moves: true,
         ..P
     },
     Parameter {

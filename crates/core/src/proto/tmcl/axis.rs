@@ -7,6 +7,7 @@
 use super::address::Space;
 use super::generic::GENERIC;
 use super::host::{CanHost, SerialHost, reply_sender};
+use super::instructions::TmclInstructions;
 use super::opcode::{Opcode, Status};
 use super::session::{Answer, HostRequest};
 use super::text;
@@ -16,7 +17,7 @@ use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
 use crate::profile::{AddressRole, Parameter, Profile, Signal};
-use crate::program::ProgramCommand;
+use crate::program::{InstructionLanguage as _, ProgramCommand};
 use crate::proto::{HostOptions, Protocol, sub_axis, with_sub_axis};
 use crate::station::RequestClass;
 
@@ -145,23 +146,35 @@ impl Driver for Axis {
         Ok(HostRequest::of(Request { address: self.module, opcode, kind, motor, value }))
     }
 
-    /// MST has the motor in a byte of its own; 128 and 135 mean the module's program (TMCL reference).
+    /// MST has the motor in a byte of its own; the others mean the module's program (TMCL reference, 128 to
+    /// 135, global parameter 130).
     fn program_request(&self, command: ProgramCommand) -> Option<HostRequest> {
-        let (opcode, motor) = match command {
-            ProgramCommand::StopMotor(motor) => (Opcode::Mst, motor),
-            ProgramCommand::End => (Opcode::ProgramStop, 0),
-            ProgramCommand::QueryProgram => (Opcode::ProgramStatus, 0),
-            _ => return None,
+        use RequestClass::{Idempotent, NoRetry, Stop};
+        let (class, [opcode, kind, motor], value) = match command {
+            ProgramCommand::StopMotor(motor) => (Stop, [Opcode::Mst.number(), 0, motor], 0),
+            ProgramCommand::End | ProgramCommand::Abort => (Stop, [128, 0, 0], 0),
+            ProgramCommand::QueryProgram => (Idempotent, [135, 0, 0], 0),
+            ProgramCommand::Goto(at) => (NoRetry, [129, 1, 0], at.into()),
+            ProgramCommand::Resume => (NoRetry, [129, 0, 0], 0),
+            ProgramCommand::Step => (NoRetry, [130, 0, 0], 0),
+            ProgramCommand::Reset => (NoRetry, [131, 0, 0], 0),
+            ProgramCommand::BeginStore(at) => (NoRetry, [132, 0, 0], at.into()),
+            ProgramCommand::EndStore => (Idempotent, [133, 0, 0], 0),
+            ProgramCommand::ReadInstruction(at) => (Idempotent, [134, 0, 0], at.into()),
+            ProgramCommand::QueryCounter => (Idempotent, [Opcode::Ggp.number(), 130, 0], 0),
+            ProgramCommand::QuerySpeed(motor) => (Idempotent, [Opcode::Gap.number(), 3, motor], 0),
+            ProgramCommand::Store([opcode, kind, motor, a, b, c, d]) => {
+                (NoRetry, [opcode, kind, motor], i32::from_be_bytes([a, b, c, d]))
+            }
+            ProgramCommand::Call(_) | ProgramCommand::QueryCall => return None,
         };
-        let request = Request { address: self.module, opcode, kind: 0, motor, value: 0 };
-        let HostRequest { class, .. } = HostRequest::of(request);
-        let class = if command == ProgramCommand::End { RequestClass::Stop } else { class };
+        let opcode = Opcode::from(opcode);
+        let request = Request { address: self.module, opcode, kind, motor, value };
         Some(HostRequest { request, class })
     }
 
-    /// 0 stopped, 1 runs, 2 runs one instruction, 3 reset (TMCL reference, 135).
     fn is_program_running(&self, raw: i64) -> bool {
-        matches!(raw, 1 | 2)
+        TmclInstructions.is_running(raw)
     }
 
     /// A change holds from the next datagram on \[I\].
@@ -199,8 +212,8 @@ impl Driver for Axis {
     ) -> Result<i64, Failure> {
         use crate::profile::Encoding;
         match answer {
-            // Somebody has the module store instructions: this one was not carried out either.
-            Answer::Reply(reply) if reply.status == Status::Loaded && parameter.is_some() => {
+            // The module stores instructions: this one was not carried out.
+            Answer::Reply(reply) if reply.status == Status::Loaded => {
                 Err(Failure::Refused { code: reply.status.number().into() })
             }
             Answer::Reply(reply) | Answer::Event(reply) => {
@@ -210,7 +223,7 @@ impl Driver for Axis {
             }
             // Eight characters are the eight bytes of the outcome's value.
             Answer::Text(version) => Ok(i64::from_be_bytes(version.text)),
-            Answer::Instruction(instruction) => Ok(instruction.value.into()),
+            Answer::Instruction(instruction) => Ok(instruction.packed()),
             Answer::NoReply => Ok(0),
         }
     }

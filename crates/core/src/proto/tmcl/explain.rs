@@ -4,6 +4,7 @@ mod conversation;
 
 use super::address;
 use super::ascii;
+use super::instructions::TmclInstructions;
 use super::opcode::{Opcode, Status};
 use super::text::{self, Decimal};
 use super::wire::{CAN_DATAGRAM, DATAGRAM, HOST, MODULE, Reply, Request, VersionText, checksum};
@@ -14,6 +15,7 @@ use crate::explain::{
     FrameRole, FrameValue, RawFrame, TextError, WireKind,
 };
 use crate::profile::{Parameter, ParameterAddress, Profile};
+use crate::program::InstructionLanguage;
 
 /// TMCL in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
@@ -114,6 +116,10 @@ impl Dissector for TmclDissector {
 
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {
         address::describe(address)
+    }
+
+    fn instruction_language(&self) -> Option<&'static dyn InstructionLanguage> {
+        Some(&TmclInstructions)
     }
 
     fn device_facts(&self) -> &'static [DeviceFact] {

@@ -12,6 +12,7 @@ pub mod explain;
 pub mod generic;
 pub mod host;
 pub mod host_request;
+pub mod instructions;
 pub mod module;
 pub mod opcode;
 pub mod session;

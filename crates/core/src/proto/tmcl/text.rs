@@ -23,9 +23,9 @@ pub struct CommandFields {
     pub type_words: &'static [(u8, &'static str)],
 }
 
-const MOVE_TYPES: &[(u8, &str)] = &[(0, "ABS"), (1, "REL"), (2, "COORD")];
+const MOVE_TYPES: &[(u8, &str)] = &[(0, "ABS"), (1, "REL"), (2, "COORD"), (3, "RELCOORD")];
 const SEARCH_TYPES: &[(u8, &str)] = &[(0, "START"), (1, "STOP"), (2, "STATUS")];
-const CALCX_OPERATIONS: &[(u8, &str)] = &[
+const CALCV_OPERATIONS: &[(u8, &str)] = &[
     (0, "ADD"),
     (1, "SUB"),
     (2, "MUL"),
@@ -37,8 +37,10 @@ const CALCX_OPERATIONS: &[(u8, &str)] = &[
     (8, "NOT"),
     (9, "LOAD"),
     (10, "SWAP"),
+    (11, "COMP"),
 ];
-const CALC_OPERATIONS: &[(u8, &str)] = CALCX_OPERATIONS.split_at(10).0;
+const CALCX_OPERATIONS: &[(u8, &str)] = CALCV_OPERATIONS.split_at(11).0;
+const CALC_OPERATIONS: &[(u8, &str)] = CALCV_OPERATIONS.split_at(10).0;
 const CONDITIONS: &[(u8, &str)] = &[
     (0, "ZE"),
     (1, "NZ"),
@@ -50,11 +52,14 @@ const CONDITIONS: &[(u8, &str)] = &[
     (7, "LE"),
     (8, "ETO"),
     (9, "EAL"),
+    (10, "EDV"),
+    (11, "EPO"),
     (12, "ESD"),
 ];
 const WAIT_TYPES: &[(u8, &str)] =
     &[(0, "TICKS"), (1, "POS"), (2, "REFSW"), (3, "LIMSW"), (4, "RFS")];
-const ERRORS: &[(u8, &str)] = &[(0, "ALL"), (1, "ETO"), (2, "EAL"), (3, "EDV"), (4, "EPO")];
+const ERRORS: &[(u8, &str)] =
+    &[(0, "ALL"), (1, "ETO"), (2, "EAL"), (3, "EDV"), (4, "EPO"), (5, "ESD")];
 
 impl CommandFields {
     /// The shape of an opcode's line.
@@ -66,6 +71,9 @@ impl CommandFields {
             O::Mst | O::Rola | O::Rora => Self::new(false, true, false, &[]),
             O::Mvp => Self::new(true, true, true, MOVE_TYPES),
             O::Mvpa => Self::new(true, true, false, MOVE_TYPES),
+            O::Mvpxa => Self::new(true, false, false, MOVE_TYPES),
+            O::Sapx => Self::new(true, false, true, &[]),
+            O::Gapx | O::Aapx | O::Pushv | O::Popv => Self::new(true, false, false, &[]),
             O::Gap
             | O::Ggp
             | O::Stap
@@ -75,7 +83,6 @@ impl CommandFields {
             | O::Gio
             | O::Gco
             | O::Cco
-            | O::Gapx
             | O::Aap
             | O::Agp
             | O::Aco => Self::new(true, true, false, &[]),
@@ -85,11 +92,24 @@ impl CommandFields {
             O::Jc | O::Call => Self::new(true, false, true, CONDITIONS),
             O::Wait => Self::new(true, true, true, WAIT_TYPES),
             O::Comp | O::Ja | O::Csub | O::Rst => Self::new(false, false, true, &[]),
+            O::Calcvv | O::Calcv => Self::new(true, true, true, CALCV_OPERATIONS),
+            O::Calcva | O::Calcav | O::Calcvx | O::Calcxv => {
+                Self::new(true, true, false, CALCV_OPERATIONS)
+            }
+            O::Giv
+            | O::Aiv
+            | O::Rolxa
+            | O::Rorxa
+            | O::Mstx
+            | O::Pusha
+            | O::Pushx
+            | O::Popa
+            | O::Popx => Self::new(false, false, false, &[]),
             O::Rsub | O::Stop | O::Reti => Self::new(false, false, false, &[]),
             O::Ei | O::Di => Self::new(true, false, false, &[]),
             O::Cle => Self::new(true, false, false, ERRORS),
-            O::Vect | O::Djnz | O::Siv | O::Giv => Self::new(true, false, true, &[]),
-            O::Aiv => Self::new(true, false, false, &[]),
+            O::Vect | O::Djnz => Self::new(true, false, true, &[]),
+            O::Siv => Self::new(false, false, true, &[]),
             _ => Self::new(true, true, true, &[]),
         }
     }

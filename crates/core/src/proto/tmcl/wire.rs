@@ -231,6 +231,33 @@ impl Instruction {
         }
     }
 
+    /// Its bytes: opcode, type, motor, value with the high byte first.
+    #[must_use]
+    pub const fn bytes(self) -> [u8; CAN_DATAGRAM] {
+        let [a, b, c, d] = self.value.to_be_bytes();
+        [self.opcode, self.kind, self.motor, a, b, c, d]
+    }
+
+    /// The instruction of these bytes.
+    #[must_use]
+    pub const fn from_bytes([opcode, kind, motor, a, b, c, d]: [u8; CAN_DATAGRAM]) -> Self {
+        Self { opcode, kind, motor, value: i32::from_be_bytes([a, b, c, d]) }
+    }
+
+    /// Its bytes as one number, the opcode highest.
+    #[must_use]
+    pub const fn packed(self) -> i64 {
+        let [a, b, c, d, e, f, g] = self.bytes();
+        i64::from_be_bytes([0, a, b, c, d, e, f, g])
+    }
+
+    /// The instruction of such a number.
+    #[must_use]
+    pub const fn from_packed(packed: i64) -> Self {
+        let [_, bytes @ ..] = packed.to_be_bytes();
+        Self::from_bytes(bytes)
+    }
+
     /// Lays the instruction over a reply's fields.
     #[must_use]
     pub fn into_reply(self, host: u8) -> Reply {

@@ -44,12 +44,12 @@ pub static RULES: MemoryRules = MemoryRules {
         IdleCheck {
             address: SRL,
             mask: 0x0100,
-            hint: "a routine of its program runs: `polepair program abort` first",
+            hint: "a routine of its program runs: `polepair program stop` first",
         },
         IdleCheck {
             address: SRH,
             mask: 0x0020,
-            hint: "the program that it starts by itself runs (AUTORUN): `polepair program abort` \
+            hint: "the program that it starts by itself runs (AUTORUN): `polepair program stop` \
                    first",
         },
     ],
@@ -286,8 +286,6 @@ pub(super) fn transfer_instruction(step: TransferStep) -> (Instruction, RequestC
 /// TML has no instruction for.
 pub(super) fn order_instruction(command: ProgramCommand) -> Option<(Instruction, RequestClass)> {
     Some(match command {
-        // No variable or bit of the status says whether a program runs.
-        ProgramCommand::StopMotor(_) | ProgramCommand::QueryProgram => return None,
         ProgramCommand::Goto(address) => {
             (Instruction::of(0x7400, [address]), RequestClass::NoRetry)
         }
@@ -299,6 +297,8 @@ pub(super) fn order_instruction(command: ProgramCommand) -> Option<(Instruction,
         ProgramCommand::QueryCall => {
             (give_me_data(RULES.call_flag.0, false), RequestClass::Idempotent)
         }
+        // No variable or bit of the status says whether a program runs; a memory of words has no steps.
+        _ => return None,
     })
 }
 

@@ -131,6 +131,7 @@ fn execute_global<M: TmclModule + ?Sized>(
     request: &Request,
 ) -> Result<i32, Status> {
     let (kind, value) = (request.kind, request.value);
+    let has_programs = module.has_programs();
     let memory = &mut module.state_mut().memory;
     match (request.motor, request.opcode) {
         (0, Opcode::Sgp) => set_global(module, now, kind, value),
@@ -154,6 +155,11 @@ fn execute_global<M: TmclModule + ?Sized>(
             memory.restore_variable(kind);
             Ok(memory.variables[usize::from(kind)])
         }
+        (3, Opcode::Sgp) if has_programs => {
+            memory.interrupt_settings[usize::from(kind)] = value;
+            Ok(value)
+        }
+        (3, Opcode::Ggp) if has_programs => Ok(memory.interrupt_settings[usize::from(kind)]),
         _ => Err(Status::InvalidValue), // no such bank
     }
 }

@@ -33,6 +33,8 @@ pub struct Memory {
     pub global: [i32; 256],
     /// User variables.
     pub variables: [i32; VARIABLES],
+    /// Periods of timers and edges of inputs that interrupt a program (bank 3).
+    pub interrupt_settings: [i32; 256],
     eeprom: Eeprom,
     /// The stand-alone program, in EEPROM.
     pub program: ProgramMemory,
@@ -66,6 +68,7 @@ impl Memory {
             axis,
             global: [0; 256],
             variables: [0; VARIABLES],
+            interrupt_settings: [0; 256],
             eeprom,
             program: ProgramMemory::EMPTY,
             writes: 0,

@@ -3,6 +3,7 @@
 
 mod device;
 mod execute;
+pub mod interrupts;
 pub mod memory;
 pub mod program;
 mod state;

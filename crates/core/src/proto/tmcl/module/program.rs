@@ -1,12 +1,16 @@
 //! Stand-alone TMCL programs: memory and interpreter.
 //!
-//! The instruction set is the TMCL reference's; interrupts (EI, DI, VECT, RETI) and coordinates are
-//! not part of it here. \[I\] One instruction takes a tick of 1 ms.
+//! The instruction set is the TMCL reference's. \[I\] One instruction takes a tick of 1 ms.
 
+use super::interrupts::Interrupts;
+use super::memory::VARIABLES;
 use crate::proto::tmcl::{Instruction, Opcode, Request, Status};
 
-/// Instructions that fit into program memory. \[I\]
-pub const PROGRAM_MAX: usize = 512;
+/// Instructions that fit into program memory: those of the maker's larger modules.
+pub const PROGRAM_MAX: usize = 2048;
+
+/// Values that PUSHA, PUSHX and PUSHV keep at most. \[I\]
+pub const STACK_MAX: usize = 8;
 
 /// Subroutine calls within each other at most (TMCL reference, CSUB).
 pub const CALLS_MAX: usize = 8;
@@ -88,14 +92,30 @@ pub struct Interpreter {
     pub state: ProgramState,
     /// Next instruction.
     pub counter: i32,
-    accumulator: i32,
-    x_register: i32,
-    compared: i32,
+    /// What calculations are about.
+    registers: Registers,
     timed_out: bool,
     failed: bool,
     calls: [i32; CALLS_MAX],
     depth: usize,
-    wait: Option<(WaitCondition, Option<u32>)>,
+    stack: [i32; STACK_MAX],
+    stacked: usize,
+    wait: Wait,
+    /// Interrupts: where they go, and whether they may.
+    pub interrupts: Interrupts,
+    /// The registers, the place and the wait that an interrupt has interrupted.
+    interrupted: Option<(Registers, i32, Wait)>,
+}
+
+/// What is waited for, and how long, ms.
+type Wait = Option<(WaitCondition, Option<u32>)>;
+
+#[derive(Clone, Copy, Debug)]
+struct Registers {
+    accumulator: i32,
+    x: i32,
+    /// What COMP has compared.
+    compared: (i32, i32),
 }
 
 impl Interpreter {
@@ -103,14 +123,16 @@ impl Interpreter {
     pub const NEW: Self = Self {
         state: ProgramState::Stop,
         counter: 0,
-        accumulator: 0,
-        x_register: 0,
-        compared: 0,
+        registers: Registers { accumulator: 0, x: 0, compared: (0, 0) },
         timed_out: false,
         failed: false,
         calls: [0; CALLS_MAX],
         depth: 0,
+        stack: [0; STACK_MAX],
+        stacked: 0,
         wait: None,
+        interrupts: Interrupts::NONE,
+        interrupted: None,
     };
 
     /// Runs from `address`, or from where it is.
@@ -130,20 +152,34 @@ impl Interpreter {
     /// Takes the outcome of a command that it wanted.
     pub fn accept_outcome(&mut self, outcome: Result<i32, Status>, reads: bool) {
         match outcome {
-            Ok(value) if reads => self.accumulator = value,
+            Ok(value) if reads => self.registers.accumulator = value,
             Ok(_) => {}
             Err(_) => self.failed = true,
         }
     }
 
-    /// One tick of 1 ms. `met` tells whether what is waited for is there.
-    pub fn tick(
+    /// One tick of 1 ms passes: whether an instruction is executed in it. `met` tells whether what is
+    /// waited for is there.
+    pub fn is_ready(&mut self, met: impl Fn(WaitCondition) -> bool) -> bool {
+        // Time passes for what an interrupt has interrupted.
+        if let Some((_, _, Some((_, Some(left))))) = &mut self.interrupted {
+            *left = left.saturating_sub(1);
+        }
+        let interrupts = self.interrupted.is_none() && self.interrupts.is_pending();
+        self.is_active() && (interrupts || self.is_wait_over(met))
+    }
+
+    /// Executes the next instruction.
+    pub fn execute_next(
         &mut self,
         program: &ProgramMemory,
-        met: impl Fn(WaitCondition) -> bool,
+        variables: &mut [i32; VARIABLES],
     ) -> InterpreterStep {
-        if !self.is_active() || !self.is_wait_over(met) {
-            return InterpreterStep::Nothing;
+        if self.interrupted.is_none()
+            && let Some(vector) = self.interrupts.take_pending()
+        {
+            self.interrupted = Some((self.registers, self.counter, self.wait.take()));
+            self.counter = vector;
         }
         if self.state == ProgramState::Step {
             self.state = ProgramState::Stop;
@@ -153,7 +189,7 @@ impl Interpreter {
             return InterpreterStep::Nothing;
         };
         self.counter += 1;
-        self.execute_instruction(&instruction)
+        self.execute_instruction(&instruction, variables)
     }
 
     fn is_wait_over(&mut self, met: impl Fn(WaitCondition) -> bool) -> bool {
@@ -170,44 +206,123 @@ impl Interpreter {
         true
     }
 
-    fn execute_instruction(&mut self, i: &Instruction) -> InterpreterStep {
+    fn execute_instruction(
+        &mut self,
+        i: &Instruction,
+        variables: &mut [i32; VARIABLES],
+    ) -> InterpreterStep {
         let value = i.value;
+        let Registers { accumulator, x, .. } = self.registers;
+        let axis = x as u8;
         match Opcode::from(i.opcode) {
-            Opcode::Calc => self.accumulator = self.calculate(i.kind, self.accumulator, value),
+            Opcode::Calc => self.registers.accumulator = self.calculate(i.kind, accumulator, value),
             Opcode::Calcx if i.kind == 10 => {
-                core::mem::swap(&mut self.accumulator, &mut self.x_register);
+                core::mem::swap(&mut self.registers.accumulator, &mut self.registers.x);
             }
-            Opcode::Calcx if i.kind == 9 => self.x_register = self.accumulator,
-            Opcode::Calcx => {
-                self.accumulator = self.calculate(i.kind, self.accumulator, self.x_register)
-            }
-            Opcode::Comp => self.compared = value,
+            Opcode::Calcx if i.kind == 9 => self.registers.x = accumulator,
+            Opcode::Calcx => self.registers.accumulator = self.calculate(i.kind, accumulator, x),
+            Opcode::Calcvv
+            | Opcode::Calcva
+            | Opcode::Calcav
+            | Opcode::Calcvx
+            | Opcode::Calcxv
+            | Opcode::Calcv => self.calculate_variables(i, variables),
+            Opcode::Comp => self.registers.compared = (accumulator, value),
             Opcode::Jc if self.condition_holds(i.kind) => self.counter = value,
             Opcode::Jc => {}
             Opcode::Ja => self.counter = value,
+            Opcode::Call if self.condition_holds(i.kind) => self.call(value),
+            Opcode::Call => {}
             Opcode::Csub => self.call(value),
             Opcode::Rsub => self.return_from_call(),
+            Opcode::Rst => self.run(Some(value)),
             Opcode::Wait => self.wait_for(i.kind, i.motor, value),
             Opcode::Stop => self.state = ProgramState::Stop,
             Opcode::Cle => (self.failed, self.timed_out) = (false, false),
             Opcode::Djnz => {
-                self.accumulator = self.accumulator.wrapping_sub(1);
-                if self.accumulator != 0 {
+                let variable = &mut variables[usize::from(i.kind)];
+                *variable = variable.wrapping_sub(1);
+                if *variable != 0 {
                     self.counter = value;
                 }
             }
-            Opcode::Aap => return execute_command(Opcode::Sap, i, self.accumulator),
-            Opcode::Agp => return execute_command(Opcode::Sgp, i, self.accumulator),
-            Opcode::Mvpa => return execute_command(Opcode::Mvp, i, self.accumulator),
-            Opcode::Rora => return execute_command(Opcode::Ror, i, self.accumulator),
-            Opcode::Rola => return execute_command(Opcode::Rol, i, self.accumulator),
-            opcode if is_direct(opcode) => return execute_command(opcode, i, value),
-            _ => {
-                self.failed = true;
-                self.state = ProgramState::Stop; // \[I\] what it cannot do ends it
+            Opcode::Siv => variables[usize::from(axis)] = value,
+            Opcode::Giv => self.registers.accumulator = variables[usize::from(axis)],
+            Opcode::Aiv => variables[usize::from(axis)] = accumulator,
+            Opcode::Pusha => self.push(accumulator),
+            Opcode::Pushx => self.push(x),
+            Opcode::Pushv => self.push(variables[usize::from(i.kind)]),
+            Opcode::Popa => self.registers.accumulator = self.pop(),
+            Opcode::Popx => self.registers.x = self.pop(),
+            Opcode::Popv => variables[usize::from(i.kind)] = self.pop(),
+            Opcode::Ei => self.failed |= !self.interrupts.enable(i.kind, true),
+            Opcode::Di => self.failed |= !self.interrupts.enable(i.kind, false),
+            Opcode::Vect => self.failed |= !self.interrupts.set_vector(i.kind, value),
+            Opcode::Reti => match self.interrupted.take() {
+                Some((registers, counter, wait)) => {
+                    (self.registers, self.counter, self.wait) = (registers, counter, wait);
+                }
+                None => self.state = ProgramState::Stop,
+            },
+            Opcode::Aap => return execute_command(Opcode::Sap, i, accumulator),
+            Opcode::Agp => return execute_command(Opcode::Sgp, i, accumulator),
+            Opcode::Aco => return execute_command(Opcode::Sco, i, accumulator),
+            Opcode::Mvpa => return execute_command(Opcode::Mvp, i, accumulator),
+            Opcode::Rora => return execute_command(Opcode::Ror, i, accumulator),
+            Opcode::Rola => return execute_command(Opcode::Rol, i, accumulator),
+            opcode => {
+                let of_axis = Instruction { motor: axis, ..*i };
+                match opcode {
+                    Opcode::Sapx => return execute_command(Opcode::Sap, &of_axis, value),
+                    Opcode::Gapx => return execute_command(Opcode::Gap, &of_axis, value),
+                    Opcode::Aapx => return execute_command(Opcode::Sap, &of_axis, accumulator),
+                    Opcode::Mvpxa => return execute_command(Opcode::Mvp, &of_axis, accumulator),
+                    Opcode::Rorxa => return execute_command(Opcode::Ror, &of_axis, accumulator),
+                    Opcode::Rolxa => return execute_command(Opcode::Rol, &of_axis, accumulator),
+                    Opcode::Mstx => return execute_command(Opcode::Mst, &of_axis, value),
+                    opcode if is_direct(opcode) => return execute_command(opcode, i, value),
+                    _ => {
+                        self.failed = true;
+                        self.state = ProgramState::Stop; // \[I\] what it cannot do ends it
+                    }
+                }
             }
         }
         InterpreterStep::Nothing
+    }
+
+    /// CALCVV to CALCV: a variable, the accumulator or the X register with a variable or a value. Type 11
+    /// compares.
+    fn calculate_variables(&mut self, i: &Instruction, variables: &mut [i32; VARIABLES]) {
+        let (at, other) = (usize::from(i.motor), i.value as u8);
+        let Registers { accumulator, x, .. } = self.registers;
+        let (left, right) = match Opcode::from(i.opcode) {
+            Opcode::Calcvv => (variables[at], variables[usize::from(other)]),
+            Opcode::Calcva => (variables[at], accumulator),
+            Opcode::Calcav => (accumulator, variables[at]),
+            Opcode::Calcvx => (variables[at], x),
+            Opcode::Calcxv => (x, variables[at]),
+            _ => (variables[at], i.value),
+        };
+        if i.kind == 11 {
+            self.registers.compared = (left, right);
+            return;
+        }
+        let result = if i.kind == 10 { right } else { self.calculate(i.kind, left, right) };
+        match Opcode::from(i.opcode) {
+            Opcode::Calcav => self.registers.accumulator = result,
+            Opcode::Calcxv => self.registers.x = result,
+            _ => variables[at] = result,
+        }
+        if i.kind == 10 {
+            match Opcode::from(i.opcode) {
+                Opcode::Calcvv => variables[usize::from(other)] = left,
+                Opcode::Calcva => self.registers.accumulator = left,
+                Opcode::Calcvx => self.registers.x = left,
+                Opcode::Calcav | Opcode::Calcxv => variables[at] = left,
+                _ => {}
+            }
+        }
     }
 
     /// CALC and CALCX, types 0 to 9 (TMCL reference).
@@ -235,21 +350,44 @@ impl Interpreter {
     }
 
     /// Conditions of JC (TMCL reference): 0 to 7 compare, 8 is a wait timed out, 10 an
-    /// error in a calculation or command. 9 (external alarm) and 12 have no source here.
+    /// error in a calculation or command. 9 (external alarm), 11 and 12 have no source here.
     fn condition_holds(&self, kind: u8) -> bool {
-        let (a, b) = (self.accumulator, self.compared);
+        let (a, (left, right)) = (self.registers.accumulator, self.registers.compared);
         match kind {
             0 => a == 0,
             1 => a != 0,
-            2 => a == b,
-            3 => a != b,
-            4 => a > b,
-            5 => a >= b,
-            6 => a < b,
-            7 => a <= b,
+            2 => left == right,
+            3 => left != right,
+            4 => left > right,
+            5 => left >= right,
+            6 => left < right,
+            7 => left <= right,
             8 => self.timed_out,
             10 => self.failed,
             _ => false,
+        }
+    }
+
+    fn push(&mut self, value: i32) {
+        match self.stack.get_mut(self.stacked) {
+            Some(slot) => {
+                *slot = value;
+                self.stacked += 1;
+            }
+            None => self.failed = true,
+        }
+    }
+
+    fn pop(&mut self) -> i32 {
+        match self.stacked.checked_sub(1) {
+            Some(top) => {
+                self.stacked = top;
+                self.stack[top]
+            }
+            None => {
+                self.failed = true;
+                0
+            }
         }
     }
 
@@ -316,6 +454,9 @@ pub const fn is_direct(opcode: Opcode) -> bool {
             | Opcode::Sio
             | Opcode::Gio
             | Opcode::Rfs
+            | Opcode::Sco
+            | Opcode::Gco
+            | Opcode::Cco
     )
 }
 
@@ -340,5 +481,34 @@ pub const fn is_program_only(opcode: Opcode) -> bool {
             | Opcode::Djnz
             | Opcode::Rola
             | Opcode::Rora
+            | Opcode::Ei
+            | Opcode::Di
+            | Opcode::Vect
+            | Opcode::Reti
+            | Opcode::Rst
+            | Opcode::Call
+            | Opcode::Aco
+            | Opcode::Calcvv
+            | Opcode::Calcva
+            | Opcode::Calcav
+            | Opcode::Calcvx
+            | Opcode::Calcxv
+            | Opcode::Calcv
+            | Opcode::Sapx
+            | Opcode::Gapx
+            | Opcode::Aapx
+            | Opcode::Mvpxa
+            | Opcode::Rolxa
+            | Opcode::Rorxa
+            | Opcode::Mstx
+            | Opcode::Siv
+            | Opcode::Giv
+            | Opcode::Aiv
+            | Opcode::Pusha
+            | Opcode::Pushx
+            | Opcode::Pushv
+            | Opcode::Popa
+            | Opcode::Popx
+            | Opcode::Popv
     )
 }

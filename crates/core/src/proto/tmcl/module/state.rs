@@ -141,6 +141,10 @@ pub trait TmclModule {
     fn arrived_motors(&self) -> i32;
     /// Whether what a program waits for is there.
     fn is_met(&self, what: WaitCondition) -> bool;
+    /// Causes of interrupts that are there, a bit for each number.
+    fn interrupt_levels(&self) -> u64 {
+        0
+    }
     /// Whether it runs stand-alone programs.
     fn has_programs(&self) -> bool;
     /// Module number and firmware version, as 136 type 1 tells them.
@@ -153,8 +157,15 @@ pub trait TmclModule {
         if !self.state().program.is_active() {
             return;
         }
+        let levels = self.interrupt_levels();
         let mut program = core::mem::replace(&mut self.state_mut().program, Interpreter::NEW);
-        let step = program.tick(&self.state().memory.program, |what| self.is_met(what));
+        let ready = program.is_ready(|what| self.is_met(what));
+        let memory = &mut self.state_mut().memory;
+        program.interrupts.tick(levels, &memory.interrupt_settings);
+        let step = match ready {
+            true => program.execute_next(&memory.program, &mut memory.variables),
+            false => InterpreterStep::Nothing,
+        };
         self.state_mut().program = program;
         if let InterpreterStep::Command(request) = step {
             let outcome = super::execute::execute_request(self, now, &request);

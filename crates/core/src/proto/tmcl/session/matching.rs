@@ -1,5 +1,6 @@
 //! Which request a reply answers.
 
+use super::super::wire::Request;
 use super::{
     Answer, EARLY_STREAK_MAX, EventSubject, Failure, GRACE_NS, Instant, Instruction, Opcode, Reply,
     Session, Status, TIMELY_STREAK_MIN,
@@ -13,7 +14,7 @@ impl Session {
             return;
         };
         let request = &pending.host_request.request;
-        if reply.status == Status::WrongChecksum {
+        if reply.status == Status::WrongChecksum && complains(&reply, request, pending.attempts) {
             if pending.burst.is_some() {
                 // One of its pieces; the next one may be whole.
                 return;
@@ -80,4 +81,12 @@ impl Session {
         }
         self.finish_pending(now);
     }
+}
+
+/// Whether a reply of that status is a complaint. One that holds an instruction (134) has its type there: it
+/// is a complaint where it names module and request; where it names the module alone, the request is sent
+/// once more, and who answers the same again has such an instruction.
+fn complains(reply: &Reply, request: &Request, attempts: u8) -> bool {
+    request.opcode != Opcode::ReadMemory
+        || (reply.module == request.address && (reply.opcode == request.opcode || attempts == 1))
 }

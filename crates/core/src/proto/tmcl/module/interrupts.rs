@@ -1,0 +1,109 @@
+//! Interrupts of stand-alone programs: EI, DI, VECT, RETI, and the settings in bank 3 (TMCL reference).
+
+/// The greatest number of an interrupt.
+const NUMBER_MAX: u8 = 46;
+const NUMBERS: usize = NUMBER_MAX as usize + 1;
+/// The number that stands for all (EI 255).
+const ALL: u8 = 255;
+/// Timers: interrupts 0 to 2, whose settings are their periods in ms.
+const TIMERS: usize = 3;
+/// A motor has arrived: interrupt 3 is motor 0.
+pub const REACHED: u8 = 3;
+/// A motor was stopped by a stall: interrupt 15 is motor 0.
+pub const STALLED: u8 = 15;
+/// Stop switches: interrupt 27 is the left one of motor 0, 28 its right one.
+pub const STOP_SWITCHES: u8 = 27;
+/// Inputs: interrupt 39 is input 0.
+pub const INPUTS: u8 = 39;
+/// Which edges of a switch or an input count, by its setting in bank 3.
+const RISING: i32 = 1;
+const FALLING: i32 = 2;
+const BOTH: i32 = 3;
+
+/// Where interrupts go, and which may.
+#[derive(Clone, Copy, Debug)]
+pub struct Interrupts {
+    vectors: [i32; NUMBERS],
+    enabled: u64,
+    all_enabled: bool,
+    pending: u64,
+    /// What was there in the last tick, a bit for each number.
+    levels: u64,
+    timers: [u32; TIMERS],
+}
+
+impl Interrupts {
+    /// None is enabled.
+    pub const NONE: Self = Self {
+        vectors: [0; NUMBERS],
+        enabled: 0,
+        all_enabled: false,
+        pending: 0,
+        levels: 0,
+        timers: [0; TIMERS],
+    };
+
+    /// EI or DI. Returns false for a number that is none.
+    pub const fn enable(&mut self, number: u8, on: bool) -> bool {
+        match (number, on) {
+            (ALL, _) => self.all_enabled = on,
+            _ if number > NUMBER_MAX => return false,
+            (_, true) => self.enabled |= 1 << number,
+            (_, false) => {
+                self.enabled &= !(1 << number);
+                self.pending &= !(1 << number);
+            }
+        }
+        true
+    }
+
+    /// VECT. Returns false for a number that is none.
+    pub fn set_vector(&mut self, number: u8, address: i32) -> bool {
+        let vector = self.vectors.get_mut(usize::from(number));
+        vector.map(|vector| *vector = address).is_some()
+    }
+
+    /// One tick of 1 ms: `levels` has a bit for each number whose cause is there, `settings` are those of
+    /// bank 3.
+    pub fn tick(&mut self, levels: u64, settings: &[i32; 256]) {
+        for (number, passed) in self.timers.iter_mut().enumerate() {
+            let period = u32::try_from(settings[number]).unwrap_or(0);
+            *passed = if period == 0 { 0 } else { *passed + 1 };
+            if period > 0 && *passed >= period {
+                *passed = 0;
+                self.pending |= self.enabled & 1 << number;
+            }
+        }
+        let (rose, fell) = (levels & !self.levels, !levels & self.levels);
+        self.levels = levels;
+        for number in REACHED..=NUMBER_MAX {
+            let bit = 1 << number;
+            let counts = match settings[usize::from(number)] {
+                _ if number < STOP_SWITCHES => rose & bit != 0,
+                RISING => rose & bit != 0,
+                FALLING => fell & bit != 0,
+                BOTH => (rose | fell) & bit != 0,
+                _ => false,
+            };
+            if counts {
+                self.pending |= self.enabled & bit;
+            }
+        }
+    }
+
+    /// Whether one is due.
+    #[must_use]
+    pub const fn is_pending(&self) -> bool {
+        self.all_enabled && self.pending != 0
+    }
+
+    /// The address of the interrupt that is due, of several the one with the least number.
+    pub fn take_pending(&mut self) -> Option<i32> {
+        if !self.is_pending() {
+            return None;
+        }
+        let number = self.pending.trailing_zeros();
+        self.pending &= !(1 << number);
+        self.vectors.get(number as usize).copied()
+    }
+}

@@ -1,0 +1,667 @@
+//! Programs whose memory holds an instruction at each address: their text, and the instructions.
+//!
+//! A line holds an instruction (`MVP ABS, 0, 1000`), a constant (`Speed = 500`), a label (`Loop:`, also
+//! before an instruction), `#include "FILE"`, or a comment (`// …`, `/* … */`). Fields are numbers (decimal,
+//! `$1F` or `0x1F` hexadecimal, `%101` binary), constants, labels, and sums or products of them.
+//!
+//! Source: the reference and the firmware manuals of Trinamic's modules, chapters "programming techniques"
+//! and "command overview". Instructions that the reference does not list are those of the maker's published
+//! firmware.
+//!
+//! ```
+//! use polepair::InstructionProgram;
+//! let link = polepair::connect("sim:tmcm-1140?time=virtual")?;
+//! let language = link.axis(1)?.instruction_language()?;
+//! let text = "Speed = 500\nLoop: ROR 0, Speed\n JA Loop";
+//! let program = InstructionProgram::assemble(language, "turn.tmc", text, None)?;
+//! assert_eq!(program.instructions().len(), 2);
+//! assert_eq!(program.label("loop"), Some(0));
+//! assert_eq!(program.line_of(1).unwrap().number, 3);
+//! # Ok::<(), polepair::Error>(())
+//! ```
+
+use crate::spelling;
+use crate::toml_file::FileError;
+use polepair_core::program::{INSTRUCTION_BYTES, InstructionBytes, InstructionLanguage};
+use polepair_core::proto;
+use std::collections::HashMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// The largest file that is read, bytes.
+const FILE_MAX: u64 = 1 << 20;
+/// Files that may include one another.
+const INCLUDE_MAX: usize = 16;
+/// Bytes of an instruction in a binary file, as the maker's IDE writes it.
+const RECORD: usize = INSTRUCTION_BYTES + 1;
+/// Where comments of a listing begin.
+const COMMENT_COLUMN: usize = 36;
+
+/// A program: instructions, with the lines and labels of the text that they were made of.
+#[derive(Clone)]
+pub struct InstructionProgram {
+    language: &'static dyn InstructionLanguage,
+    instructions: Vec<InstructionBytes>,
+    /// The line of each; empty for a program that was read from a drive or a binary file.
+    lines: Vec<SourceLine>,
+    labels: Vec<(String, u16)>,
+}
+
+impl std::fmt::Debug for InstructionProgram {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} instructions", self.instructions.len())
+    }
+}
+
+/// A line of a program's text.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct SourceLine {
+    /// The file, as it was named.
+    pub file: String,
+    /// Its number, from 1.
+    pub number: u32,
+    /// What it says, without spaces around.
+    pub text: String,
+}
+
+impl InstructionProgram {
+    /// Reads a file: instructions of eight bytes if it is called `.bin`, else text.
+    ///
+    /// # Errors
+    /// [`FileError`] with file, line, column and reason.
+    pub fn read(
+        language: &'static dyn InstructionLanguage,
+        path: &Path,
+    ) -> Result<Self, FileError> {
+        let file = path.display().to_string();
+        let bytes = read_file(path).map_err(|reason| FileError::for_file(&file, reason))?;
+        if is_binary(path) {
+            return Self::from_binary(language, &file, &bytes);
+        }
+        Self::assemble(language, &file, &String::from_utf8_lossy(&bytes), path.parent())
+    }
+
+    /// Makes instructions of a program's text. Files that it includes are looked for in `folder`.
+    ///
+    /// # Errors
+    /// [`FileError`] with file, line, column and reason.
+    pub fn assemble(
+        language: &'static dyn InstructionLanguage,
+        file: &str,
+        text: &str,
+        folder: Option<&Path>,
+    ) -> Result<Self, FileError> {
+        let mut source = SourceReader {
+            language,
+            constants: HashMap::new(),
+            labels: Vec::new(),
+            statements: Vec::new(),
+            open: Vec::new(),
+        };
+        source.read(file, text, folder, 0)?;
+        source.finish(file)
+    }
+
+    /// The program of a drive's memory.
+    #[must_use]
+    pub fn from_instructions(
+        language: &'static dyn InstructionLanguage,
+        instructions: Vec<InstructionBytes>,
+    ) -> Self {
+        Self { language, instructions, lines: Vec::new(), labels: Vec::new() }
+    }
+
+    fn from_binary(
+        language: &'static dyn InstructionLanguage,
+        file: &str,
+        bytes: &[u8],
+    ) -> Result<Self, FileError> {
+        let (records, rest) = bytes.as_chunks::<RECORD>();
+        if records.is_empty() || !rest.is_empty() {
+            let reason =
+                format!("{} bytes: a program has {RECORD} for each instruction", bytes.len());
+            return Err(FileError::for_file(file, reason));
+        }
+        let instruction = |[head @ .., _]: &[u8; RECORD]| *head;
+        Ok(Self::from_instructions(language, records.iter().map(instruction).collect()))
+    }
+
+    /// The bytes of a binary file: those of each instruction, and a zero.
+    #[must_use]
+    pub fn to_binary(&self) -> Vec<u8> {
+        self.instructions.iter().flat_map(|bytes| bytes.iter().copied().chain([0])).collect()
+    }
+
+    /// The instructions, from address 0 on.
+    #[must_use]
+    pub fn instructions(&self) -> &[InstructionBytes] {
+        &self.instructions
+    }
+
+    /// The address of a label; letter case does not matter.
+    #[must_use]
+    pub fn label(&self, name: &str) -> Option<u16> {
+        let found = self.labels.iter().find(|(known, _)| known.eq_ignore_ascii_case(name));
+        found.map(|(_, address)| *address)
+    }
+
+    /// The labels, in the order of their addresses.
+    pub fn labels(&self) -> impl Iterator<Item = (&str, u16)> {
+        self.labels.iter().map(|(name, address)| (name.as_str(), *address))
+    }
+
+    /// The line that an instruction was made of.
+    #[must_use]
+    pub fn line_of(&self, address: u16) -> Option<&SourceLine> {
+        self.lines.get(usize::from(address))
+    }
+
+    /// The first instruction at a line of the text, or behind it; `file` is the last part of a name.
+    #[must_use]
+    pub fn address_of_line(&self, number: u32) -> Option<u16> {
+        let main = &self.lines.first()?.file;
+        let at = self.lines.iter().position(|line| line.file == *main && line.number >= number)?;
+        u16::try_from(at).ok()
+    }
+
+    /// An instruction as text: `MVP ABS, 0, 1000`; jumps name labels.
+    #[must_use]
+    pub fn instruction_text(&self, address: u16) -> Option<String> {
+        let instruction = *self.instructions.get(usize::from(address))?;
+        let mut pieces: Vec<String> = Vec::new();
+        self.language.write(instruction, &mut |piece| pieces.push(piece.to_owned()));
+        if let Some(target) = self.language.role(instruction).target
+            && let Some((name, _)) = self.labels.iter().find(|(_, at)| *at == target)
+            && let Some(last) = pieces.last_mut()
+        {
+            name.clone_into(last);
+        }
+        Some(pieces.concat())
+    }
+
+    /// The text that the instructions stand for, with addresses as comments. It assembles to the same
+    /// instructions.
+    #[must_use]
+    pub fn listing(&self) -> String {
+        let mut named = self.clone();
+        for instruction in &self.instructions {
+            let Some(target) = self.language.role(*instruction).target else { continue };
+            let known = named.labels.iter().any(|(_, at)| *at == target);
+            if !known && usize::from(target) < self.instructions.len() {
+                named.labels.push((format!("L{target}"), target));
+            }
+        }
+        let mut text = String::new();
+        for (address, instruction) in (0..).zip(&self.instructions) {
+            for (name, _) in named.labels.iter().filter(|(_, at)| *at == address) {
+                let _ = writeln!(text, "{name}:");
+            }
+            let line = format!("    {}", named.instruction_text(address).unwrap_or_default());
+            let [opcode, kind, motor, value @ ..] = *instruction;
+            let value = u32::from_be_bytes(value);
+            let _ = writeln!(
+                text,
+                "{line:<COMMENT_COLUMN$}// {address:4}: {opcode:02X} {kind:02X} {motor:02X} {value:08X}"
+            );
+        }
+        text
+    }
+}
+
+/// The language of a file, by its name: `moves.tmc`. A file that holds bytes is the first language's.
+#[must_use]
+pub fn language_of(path: &Path) -> Option<&'static dyn InstructionLanguage> {
+    let mut languages = proto::dissectors().iter().filter_map(|known| known.instruction_language());
+    let is_called = |extension: &str| {
+        path.extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
+    };
+    languages.find(|language| is_called(language.extension()) || is_binary(path))
+}
+
+/// Whether a file holds instructions as bytes, by its name.
+#[must_use]
+pub fn is_binary(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bin"))
+}
+
+fn read_file(path: &Path) -> Result<Vec<u8>, String> {
+    let size = std::fs::metadata(path).map_err(|error| error.to_string())?.len();
+    if size > FILE_MAX {
+        return Err(format!("larger than {FILE_MAX} bytes: is it a program?"));
+    }
+    std::fs::read(path).map_err(|error| error.to_string())
+}
+
+/// Text as it is read: constants and labels, and instructions whose fields are not known yet.
+struct SourceReader {
+    language: &'static dyn InstructionLanguage,
+    constants: HashMap<String, i64>,
+    labels: Vec<(String, u16)>,
+    statements: Vec<Statement>,
+    open: Vec<PathBuf>,
+}
+
+/// An instruction of the text.
+struct Statement {
+    line: SourceLine,
+    /// Where it begins in the line, bytes; spaces before it counted.
+    column: usize,
+    text: String,
+}
+
+impl SourceReader {
+    fn read(
+        &mut self,
+        file: &str,
+        text: &str,
+        folder: Option<&Path>,
+        depth: usize,
+    ) -> Result<(), FileError> {
+        let text = without_comments(file, text)?;
+        for (number, whole) in (1..).zip(text.lines()) {
+            let refuse = |at: usize, reason: String| located(file, number, whole, at, reason);
+            let mut at = whole.len() - whole.trim_start().len();
+            if let Some(rest) = whole[at..].trim_end().strip_prefix('#') {
+                self.include(rest, folder, depth, &|reason| refuse(at, reason))?;
+                continue;
+            }
+            // Labels stand before an instruction, or alone.
+            while let Some(colon) = whole[at..].find(':') {
+                let name = whole[at..at + colon].trim();
+                if !is_name(name) {
+                    return Err(refuse(at, format!("`{name}` is no name of a label")));
+                }
+                if self.label(name).is_some() || self.constants.contains_key(&key(name)) {
+                    return Err(refuse(at, format!("`{name}` is there already")));
+                }
+                let address = u16::try_from(self.statements.len()).unwrap_or(u16::MAX);
+                self.labels.push((name.to_owned(), address));
+                at += colon + 1;
+                at += whole[at..].len() - whole[at..].trim_start().len();
+            }
+            let statement = whole[at..].trim_end();
+            if statement.is_empty() {
+                continue;
+            }
+            if let Some((name, value)) = statement.split_once('=') {
+                let name = name.trim();
+                if !is_name(name) {
+                    return Err(refuse(at, format!("`{name}` is no name of a constant")));
+                }
+                let begin = at + statement.len() - value.len();
+                let value = self.evaluate(value).map_err(|reason| refuse(begin, reason))?;
+                // A file of constants may be included twice.
+                let before = self.constants.insert(key(name), value);
+                if before.is_some_and(|before| before != value) || self.label(name).is_some() {
+                    return Err(refuse(at, format!("`{name}` is there already")));
+                }
+                continue;
+            }
+            let capacity = self.language.capacity();
+            if self.statements.len() == capacity {
+                return Err(refuse(at, format!("more than {capacity} instructions")));
+            }
+            let line = SourceLine { file: file.to_owned(), number, text: whole.trim().to_owned() };
+            self.statements.push(Statement { line, column: at, text: statement.to_owned() });
+        }
+        Ok(())
+    }
+
+    fn include(
+        &mut self,
+        directive: &str,
+        folder: Option<&Path>,
+        depth: usize,
+        refuse: &dyn Fn(String) -> FileError,
+    ) -> Result<(), FileError> {
+        let end = directive.find([' ', '\t', '"', '<']).unwrap_or(directive.len());
+        let (word, name) = directive.split_at(end);
+        let name = name.trim().trim_matches(['"', '<', '>']);
+        if !word.eq_ignore_ascii_case("include") || name.is_empty() {
+            return Err(refuse(format!("`#{word}`: expected `#include \"FILE\"`")));
+        }
+        let path = folder.map_or_else(|| PathBuf::from(name), |folder| folder.join(name));
+        if depth == INCLUDE_MAX || self.open.contains(&path) {
+            return Err(refuse(format!("{name} includes itself")));
+        }
+        let bytes = read_file(&path).map_err(|reason| refuse(format!("{name}: {reason}")))?;
+        self.open.push(path.clone());
+        let shown = path.display().to_string();
+        self.read(&shown, &String::from_utf8_lossy(&bytes), path.parent(), depth + 1)?;
+        self.open.pop();
+        Ok(())
+    }
+
+    fn label(&self, name: &str) -> Option<u16> {
+        self.labels.iter().find(|(known, _)| known.eq_ignore_ascii_case(name)).map(|(_, at)| *at)
+    }
+
+    /// All labels are known: the instructions.
+    fn finish(self, file: &str) -> Result<InstructionProgram, FileError> {
+        let mut program = InstructionProgram::from_instructions(self.language, Vec::new());
+        for statement in &self.statements {
+            program.instructions.push(self.instruction(statement)?);
+        }
+        if program.instructions.is_empty() {
+            return Err(FileError::for_file(file, "there is no instruction in it"));
+        }
+        program.lines = self.statements.into_iter().map(|statement| statement.line).collect();
+        program.labels = self.labels;
+        Ok(program)
+    }
+
+    fn instruction(&self, statement: &Statement) -> Result<InstructionBytes, FileError> {
+        let Statement { line, column, text } = statement;
+        let refuse = |at: usize, reason: String| FileError {
+            line: line.number,
+            column: u32::try_from(column + at + 1).unwrap_or(0),
+            ..FileError::for_file(&line.file, reason)
+        };
+        let name = text.split([' ', '\t', ',']).next().unwrap_or_default();
+        let shape = self.language.fields(name).ok_or_else(|| {
+            let words = (0..).map_while(|n| self.language.mnemonic(n));
+            refuse(0, format!("no instruction `{name}`{}", spelling::suggestion(name, words)))
+        })?;
+        let (mut rewritten, mut places) = (name.to_owned(), Vec::new());
+        let fields = &text[name.len()..];
+        let mut at = name.len();
+        for (n, piece) in fields.split(',').enumerate().filter(|_| !fields.trim().is_empty()) {
+            let word = piece.trim();
+            let begin = at + piece.len() - piece.trim_start().len();
+            at += piece.len() + 1;
+            rewritten.push_str(if n == 0 { " " } else { ", " });
+            places.push((rewritten.len(), begin));
+            if n == 0 && shape.words.iter().any(|(_, known)| known.eq_ignore_ascii_case(word)) {
+                rewritten.push_str(word);
+                continue;
+            }
+            let value = self.evaluate(word).map_err(|reason| refuse(begin, reason))?;
+            let _ = write!(rewritten, "{value}");
+        }
+        let bytes = self.language.parse(&rewritten).map_err(|error| {
+            let place = places.iter().rev().find(|(new, _)| *new <= error.at);
+            let begin = place.map_or(text.len(), |(_, begin)| *begin);
+            let found = text.get(begin..).unwrap_or_default();
+            let reason = match found.split(',').next().unwrap_or_default().trim() {
+                "" => format!("expected {}", error.expected),
+                found => format!("`{found}`: expected {}", error.expected),
+            };
+            refuse(begin, reason)
+        })?;
+        if places.len() < shape.count {
+            return Err(refuse(text.len(), format!("{name} has {} fields", shape.count)));
+        }
+        Ok(bytes)
+    }
+
+    /// A sum of products of numbers and names.
+    fn evaluate(&self, text: &str) -> Result<i64, String> {
+        let mut rest = text.trim();
+        let value = self.sum(&mut rest)?;
+        match rest.trim() {
+            "" => Ok(value),
+            more => Err(format!("`{more}`: expected the end of the number")),
+        }
+    }
+
+    fn sum(&self, rest: &mut &str) -> Result<i64, String> {
+        let mut value = self.product(rest)?;
+        loop {
+            let (operator, behind) = next_character(rest);
+            let Some(sign @ ('+' | '-')) = operator else { return Ok(value) };
+            *rest = behind;
+            let other = self.product(rest)?;
+            value = if sign == '+' { value.checked_add(other) } else { value.checked_sub(other) }
+                .ok_or("the number is too large")?;
+        }
+    }
+
+    fn product(&self, rest: &mut &str) -> Result<i64, String> {
+        let mut value = self.operand(rest)?;
+        loop {
+            let (operator, behind) = next_character(rest);
+            let Some(operator @ ('*' | '/')) = operator else { return Ok(value) };
+            *rest = behind;
+            let other = self.operand(rest)?;
+            value =
+                if operator == '*' { value.checked_mul(other) } else { value.checked_div(other) }
+                    .ok_or("the number is too large, or divided by zero")?;
+        }
+    }
+
+    fn operand(&self, rest: &mut &str) -> Result<i64, String> {
+        let (first, behind) = next_character(rest);
+        match first {
+            Some('-') => {
+                *rest = behind;
+                return self
+                    .operand(rest)?
+                    .checked_neg()
+                    .ok_or_else(|| "the number is too large".into());
+            }
+            Some('(') => {
+                *rest = behind;
+                let value = self.sum(rest)?;
+                let (Some(')'), behind) = next_character(rest) else {
+                    return Err("a `)` is missing".into());
+                };
+                *rest = behind;
+                return Ok(value);
+            }
+            _ => {}
+        }
+        let text = rest.trim_start();
+        let end = text.char_indices().find(|(at, c)| {
+            !(c.is_ascii_alphanumeric() || *c == '_' || (*at == 0 && "$%".contains(*c)))
+        });
+        let (word, behind) = text.split_at(end.map_or(text.len(), |(at, _)| at));
+        *rest = behind;
+        let binary = word.strip_prefix('%').map(|digits| i64::from_str_radix(digits, 2).ok());
+        let number = binary.unwrap_or_else(|| parse_number(word));
+        let named =
+            || self.constants.get(&key(word)).copied().or_else(|| self.label(word).map(i64::from));
+        number.or_else(named).ok_or_else(|| match word {
+            "" if text.is_empty() => "expected a number or a name".to_owned(),
+            "" => format!("`{text}`: expected a number or a name"),
+            word => {
+                let names = self.labels.iter().map(|(name, _)| name.as_str());
+                let names = names.chain(self.constants.keys().map(String::as_str));
+                format!("no constant or label `{word}`{}", spelling::suggestion(word, names))
+            }
+        })
+    }
+}
+
+/// A decimal or hexadecimal number.
+fn parse_number(word: &str) -> Option<i64> {
+    let hex = word.strip_prefix('$').or(word.strip_prefix("0x")).or(word.strip_prefix("0X"));
+    match hex {
+        Some(digits) => i64::from_str_radix(digits, 16).ok(),
+        None => word.parse().ok(),
+    }
+}
+
+/// How names are compared.
+fn key(name: &str) -> String {
+    name.to_ascii_lowercase()
+}
+
+fn is_name(name: &str) -> bool {
+    let mut characters = name.chars();
+    characters.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
+        && characters.all(|c| c.is_ascii_alphanumeric() || c == '_')
+}
+
+fn next_character(text: &str) -> (Option<char>, &str) {
+    let text = text.trim_start();
+    let first = text.chars().next();
+    (first, &text[first.map_or(0, char::len_utf8)..])
+}
+
+/// The text with its comments as spaces: lines and columns stay.
+fn without_comments(file: &str, text: &str) -> Result<String, FileError> {
+    let mut out = String::with_capacity(text.len());
+    let (mut block, mut line) = (None, 1);
+    let mut rest = text;
+    while let Some(c) = rest.chars().next() {
+        line += u32::from(c == '\n');
+        if block.is_some() && rest.starts_with("*/") {
+            block = None;
+            out.push_str("  ");
+            rest = &rest[2..];
+            continue;
+        }
+        if block.is_none() && rest.starts_with("/*") {
+            block = Some(line);
+            out.push_str("  ");
+            rest = &rest[2..];
+            continue;
+        }
+        if block.is_none() && rest.starts_with("//") {
+            let end = rest.find('\n').unwrap_or(rest.len());
+            rest = &rest[end..];
+            continue;
+        }
+        let hidden = block.is_some() && c != '\n';
+        out.push(if hidden { ' ' } else { c });
+        rest = &rest[c.len_utf8()..];
+    }
+    match block {
+        None => Ok(out),
+        Some(line) => {
+            let reason = "a comment that begins here has no `*/`".to_owned();
+            Err(FileError { line, ..FileError::for_file(file, reason) })
+        }
+    }
+}
+
+fn located(file: &str, line: u32, text: &str, at: usize, reason: String) -> FileError {
+    let column = u32::try_from(text[..at].chars().count() + 1).unwrap_or(0);
+    FileError { line, column, ..FileError::for_file(file, reason) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::InstructionProgram;
+    use polepair_core::program::InstructionLanguage;
+    use std::path::Path;
+
+    const TEXT: &str = "\
+// Turns to and fro.
+#include \"constants.tmc\"
+Here = 0
+/* two
+   lines */
+        SAP 4, 0, Speed     // speed of moves
+Loop:   MVP ABS, 0, Here + 2 * (There - 1)
+        WAIT POS, 0, 0
+        CSUB Blink
+        JC ZE, Loop
+        CALCV ADD, 1, -$10
+        CALCVA LOAD, 2
+        JA Loop
+Blink:
+        SIO 0, 2, %1
+        WAIT TICKS, 0, 50
+        RSUB
+";
+
+    fn language() -> &'static dyn InstructionLanguage {
+        super::language_of(Path::new("a.tmc")).unwrap()
+    }
+
+    fn assemble(text: &str) -> Result<InstructionProgram, String> {
+        let made = InstructionProgram::assemble(language(), "a.tmc", text, None);
+        made.map_err(|error| error.to_string())
+    }
+
+    fn folder() -> std::path::PathBuf {
+        let folder = std::env::temp_dir().join(format!("polepair-tmc-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    #[test]
+    fn a_program_of_the_ide_becomes_instructions_and_text_again() {
+        let folder = folder();
+        std::fs::write(folder.join("constants.tmc"), "Speed = $1F4\nThere=51\n").unwrap();
+        let program =
+            InstructionProgram::assemble(language(), "a.tmc", TEXT, Some(&folder)).unwrap();
+        let texts: Vec<_> = (0..11).filter_map(|at| program.instruction_text(at)).collect();
+        assert_eq!(
+            texts,
+            [
+                "SAP 4, 0, 500",
+                "MVP ABS, 0, 100",
+                "WAIT POS, 0, 0",
+                "CSUB Blink",
+                "JC ZE, Loop",
+                "CALCV ADD, 1, -16",
+                "CALCVA LOAD, 2",
+                "JA Loop",
+                "SIO 0, 2, 1",
+                "WAIT TICKS, 0, 50",
+                "RSUB",
+            ]
+        );
+        assert_eq!((program.label("LOOP"), program.label("blink")), (Some(1), Some(8)));
+        assert_eq!(program.line_of(1).unwrap().number, 7);
+        assert_eq!(program.address_of_line(14), Some(8), "the line of the label");
+        let again = assemble(&program.listing()).unwrap();
+        assert_eq!(again.instructions(), program.instructions());
+        let path = folder.join("a.bin");
+        std::fs::write(&path, program.to_binary()).unwrap();
+        assert_eq!(
+            InstructionProgram::read(language(), &path).unwrap().instructions(),
+            program.instructions()
+        );
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_wrong_text_is_told_by_its_place() {
+        for (text, told) in [
+            (
+                "MVP ABS, 0, 1\nMPV ABS, 0, 1",
+                "a.tmc:2:1: no instruction `MPV`; did you mean `MVP`?",
+            ),
+            ("GET VERSION", "a.tmc:1:1: no instruction `GET`"),
+            ("Loop: JA Lop", "a.tmc:1:10: no constant or label `Lop`; did you mean `Loop`?"),
+            ("SAP 4, 0", "a.tmc:1:9: SAP has 3 fields"),
+            ("SAP 300, 0, 1", "a.tmc:1:5: `300`: expected a type or parameter number, 0 to 255"),
+            ("ROR 0, 3000000000", "a.tmc:1:8: `3000000000`: expected a value"),
+            ("WAIT SOON, 0, 1", "a.tmc:1:6: no constant or label `SOON`"),
+            ("A: STOP\na: STOP", "a.tmc:2:1: `a` is there already"),
+            ("A = 1\nA = 2", "a.tmc:2:1: `A` is there already"),
+            ("A = 1 / 0", "a.tmc:1:4: the number is too large, or divided by zero"),
+            ("STOP /* \n", "a.tmc:1:0"),
+            ("#include \"not-there.tmc\"", "a.tmc:1:1: not-there.tmc: "),
+            ("#define A 1", "a.tmc:1:1: `#define`: expected `#include \"FILE\"`"),
+            ("// nothing", "a.tmc: there is no instruction in it"),
+            ("STOP, 1, 2, 3, 4", "a.tmc:1:"),
+        ] {
+            let error = assemble(text).unwrap_err();
+            assert!(error.starts_with(told), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn every_instruction_of_the_language_is_written_and_read() {
+        for opcode in 1..128 {
+            for rest in [[0; 6], [1, 2, 0xFF, 0xFF, 0xFF, 0xFD], [200, 5, 0, 1, 0x11, 0x70]] {
+                let [kind, motor, a, b, c, d] = rest;
+                let instruction = [opcode, kind, motor, a, b, c, d];
+                let program = InstructionProgram::from_instructions(language(), vec![instruction]);
+                let listing = program.listing();
+                // A number without a name is written, and is no instruction.
+                let named = !listing.trim_start().starts_with(|c: char| c.is_ascii_digit());
+                match assemble(&listing) {
+                    Ok(again) => {
+                        assert_eq!(again.instructions(), program.instructions(), "{listing}")
+                    }
+                    Err(error) => assert!(!named, "{listing}{error}"),
+                }
+            }
+        }
+    }
+}

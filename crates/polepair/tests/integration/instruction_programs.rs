@@ -1,0 +1,155 @@
+//! Programs of TMCL modules, from their text to what the simulated module does.
+
+use polepair::instruction_program::language_of;
+use polepair::{Axis, InstructionProgram, connect};
+use std::time::Duration;
+
+const STEP: Duration = Duration::from_millis(5);
+
+fn assemble(text: &str) -> InstructionProgram {
+    let language = language_of("test.tmc".as_ref()).unwrap();
+    InstructionProgram::assemble(language, "test.tmc", text, None).unwrap()
+}
+
+/// Runs the loaded program to its end.
+fn run(axis: &Axis) {
+    axis.run_instructions(Some(0)).unwrap();
+    for _ in 0..10_000 {
+        if !axis.program_status().unwrap().running {
+            return;
+        }
+        axis.sleep(STEP);
+    }
+    panic!("the program did not end");
+}
+
+fn variable(axis: &Axis, number: u16) -> i64 {
+    axis.get_raw(&format!("GP {number}.2")).unwrap()
+}
+
+/// What a program leaves in user variable 1.
+fn result(text: &str) -> i64 {
+    let link = connect("sim:tmcm-6110?time=virtual#1").unwrap();
+    let axis = link.axis(1).unwrap();
+    let armed = axis.armed().unwrap();
+    armed.download_instructions(&assemble(text), |_| ()).unwrap();
+    run(&armed);
+    variable(&armed, 1)
+}
+
+#[test]
+fn programs_calculate_as_the_reference_says() {
+    for (text, expected) in [
+        ("CALC LOAD, 7\nCALC MUL, 6\nAGP 1, 2\nSTOP", 42),
+        ("CALC LOAD, 7\nCALCX LOAD\nCALC LOAD, 3\nCALCX SUB\nAGP 1, 2\nSTOP", -4),
+        ("CALCV LOAD, 1, 5\nCALCV LOAD, 2, 8\nCALCVV ADD, 1, 2\nSTOP", 13),
+        ("CALC LOAD, 9\nCALCV LOAD, 1, 5\nCALCVA SUB, 1\nSTOP", -4),
+        ("CALC LOAD, 9\nCALCV LOAD, 2, 5\nCALCAV MOD, 2\nAGP 1, 2\nSTOP", 4),
+        ("CALCV LOAD, 2, 5\nCALCXV LOAD, 2\nCALCV LOAD, 1, 1\nCALCVX ADD, 1\nSTOP", 6),
+        ("CALC LOAD, 3\nPUSHA\nCALC LOAD, 4\nPUSHA\nPOPX\nPOPA\nCALCX SUB\nAGP 1, 2\nSTOP", -1),
+        ("CALC LOAD, 1\nCALCX LOAD\nSIV 77\nSTOP", 77),
+        (
+            "CALC LOAD, 1\nCALCX LOAD\nCALC LOAD, 12\nAIV\nCALC LOAD, 0\nGIV\nCALC ADD, 1\nAIV\nSTOP",
+            13,
+        ),
+        ("CALCV LOAD, 2, 4\nLoop: CALCV ADD, 1, 10\nDJNZ 2, Loop\nSTOP", 40),
+        // What was compared is that of COMP, though the accumulator changed.
+        ("CALC LOAD, 5\nCOMP 5\nCALC LOAD, 6\nJC EQ, Same\nSTOP\nSame: SGP 1, 2, 1\nSTOP", 1),
+        ("CALCV LOAD, 1, 3\nCALCV COMP, 1, 2\nCALL GT, More\nSTOP\nMore: SGP 1, 2, 9\nRSUB", 9),
+        ("CALC LOAD, 1\nCALC DIV, 0\nJC EDV, Wrong\nSTOP\nWrong: SGP 1, 2, 2\nSTOP", 2),
+        ("SCO 3, 4, 250\nGCO 3, 4\nAGP 1, 2\nSTOP", 250),
+        ("CALC LOAD, 4\nCALCX LOAD\nSAPX 4, 321\nGAP 4, 4\nAGP 1, 2\nSTOP", 321),
+        ("GGP 1, 2\nCOMP 3\nJC EQ, End\nCALC ADD, 1\nAGP 1, 2\nRST 0\nEnd: STOP", 3),
+    ] {
+        assert_eq!(result(text), expected, "{text}");
+    }
+}
+
+#[test]
+fn timers_arrivals_and_inputs_interrupt_a_program() {
+    let timer = "VECT 0, Tick\nSGP 0, 3, 20\nEI 0\nEI 255\nWAIT TICKS, 0, 30\nDI 255\nSTOP\n\
+                 Tick: GGP 1, 2\nCALC ADD, 1\nAGP 1, 2\nRETI";
+    let ticks = result(timer);
+    assert!((12..=16).contains(&ticks), "{ticks} in 300 ms of 20 ms each");
+    let arrival = "VECT 5, There\nEI 5\nEI 255\nMVP ABS, 2, 3200\nLoop: GGP 1, 2\nJC ZE, Loop\nSTOP\n\
+                   There: SGP 1, 2, 4\nRETI";
+    assert_eq!(result(arrival), 4);
+    // Registers are those of before behind an interrupt.
+    let kept = "VECT 1, Tick\nSGP 1, 3, 10\nEI 1\nCALC LOAD, 8\nEI 255\nWAIT TICKS, 0, 5\nAGP 1, 2\nSTOP\n\
+                Tick: CALC LOAD, 0\nRETI";
+    assert_eq!(result(kept), 8);
+}
+
+#[test]
+fn a_program_is_stored_read_back_and_stepped_through() {
+    for url in [
+        "sim:tmcm-1140?time=virtual",
+        "sim:tmcm-1140+can?time=virtual",
+        "sim:tmcm-171?time=virtual",
+    ] {
+        let link = connect(url).unwrap();
+        let axis = link.axis(1).unwrap();
+        // The type of CALC SUB is 1, as the status for a wrong checksum.
+        let text = "Loop: CALC SUB, 2\nSAP 4, 0, 500\nCALC ADD, 1\nJA Loop\nSTOP\nSTOP";
+        let program = assemble(text);
+        let unarmed = axis.download_instructions(&program, |_| ()).unwrap_err();
+        assert_eq!(unarmed.code(), "E219", "{unarmed}");
+        let armed = axis.armed().unwrap();
+        let stored = armed.download_instructions(&program, |_| ()).unwrap();
+        assert_eq!((stored.done, stored.total), (6, 6));
+        let read = armed.upload_instructions(None, |_| ()).unwrap();
+        assert_eq!(read.instructions(), &program.instructions()[..4], "{url}");
+        let differs = armed.verify_instructions(&assemble("CALC SUB, 2\nSTOP")).unwrap_err();
+        assert!(
+            differs.code() == "E103" && differs.to_string().contains("at address 1"),
+            "{differs}"
+        );
+        armed.reset_program().unwrap();
+        let counters: Vec<u16> = (0..5)
+            .map(|_| {
+                let mut status = armed.step_instruction().unwrap();
+                while status.running {
+                    armed.sleep(STEP);
+                    status = armed.program_status().unwrap();
+                }
+                status.counter
+            })
+            .collect();
+        assert_eq!(counters, [1, 2, 3, 0, 1], "{url}");
+        armed.run_instructions(Some(0)).unwrap();
+        let busy = armed.download_instructions(&program, |_| ()).unwrap_err();
+        assert!(busy.code() == "E222" && busy.to_string().contains("a program runs"), "{busy}");
+        armed.stop().unwrap();
+        assert!(!armed.program_status().unwrap().running);
+    }
+}
+
+#[test]
+fn no_program_is_stored_while_a_motor_of_the_module_turns() {
+    let link = connect("sim:tmcm-6110?time=virtual").unwrap();
+    let other = link.axis_named("1.4").unwrap();
+    let turning = other.armed().unwrap();
+    turning.velocity("30 rpm").unwrap();
+    turning.sleep(Duration::from_millis(200));
+    let axis = link.axis(1).unwrap();
+    let armed = axis.armed().unwrap();
+    let refused = armed.download_instructions(&assemble("STOP"), |_| ()).unwrap_err();
+    assert!(refused.code() == "E222" && refused.to_string().contains("turns"), "{refused}");
+    turning.stop().unwrap();
+}
+
+/// A module that another host has told to store instructions carries out nothing, a stop neither.
+#[test]
+fn a_module_that_stores_instructions_is_not_said_to_have_done_anything() {
+    let link = connect("sim:tmcm-1140?time=virtual").unwrap();
+    let axis = link.axis(1).unwrap();
+    let armed = axis.armed().unwrap();
+    armed.raw("START DOWNLOAD 0, 0, 0").unwrap();
+    let stored = armed.raw("MVP ABS, 0, 1000").unwrap_err();
+    assert!(
+        stored.code() == "E601" && stored.to_string().contains("loaded into program memory"),
+        "{stored}"
+    );
+    armed.raw("QUIT DOWNLOAD 0, 0, 0").unwrap();
+    assert_eq!(armed.get_raw("target position").unwrap(), 0);
+}
