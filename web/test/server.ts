@@ -1,6 +1,6 @@
 // A real server on a rack of simulated drives, and a browser that was let in.
 
-import { type ChildProcess, spawn } from "node:child_process";
+import { type ChildProcess, execFileSync, spawn } from "node:child_process";
 import { randomBytes } from "node:crypto";
 import { once } from "node:events";
 import { mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
@@ -95,6 +95,11 @@ async function serve(
     child.kill();
     throw problem;
   }
+}
+
+/** One run of the command line. */
+export function polepair(...words: string[]): string {
+  return execFileSync(POLEPAIR, words, { encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] });
 }
 
 /** Simulated drives in a process of their own, on TCP. */

@@ -7,9 +7,9 @@ use std::task::{Wake, Waker};
 
 use polepair_messages::{
     AddDrives, AddedAxes, AxisState, BenchView, CommandOutcome, DeviceDetailView, DismissAbsent,
-    DismissStop, ParameterChange, ParameterInfo, ParameterReading, RawRequest, ScanRequest,
-    ScanView, SetWatchdog, SignalValue, SimulationAction, StopReport, StopRequest, WatchdogView,
-    WriteParameters,
+    DismissStop, ParameterChange, ParameterInfo, ParameterReading, ProgramState, ProgramView,
+    RawRequest, ScanRequest, ScanView, SetWatchdog, SignalValue, SimulationAction, StopReport,
+    StopRequest, WatchdogView, WriteParameters,
 };
 use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::sync::oneshot;
@@ -143,6 +143,22 @@ impl Gateway {
     /// As [`bench`](Self::bench).
     pub fn device(&self, id: u16) -> Result<Vec<DeviceDetailView>, GatewayError> {
         self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/device")))
+    }
+
+    /// Reads the program in a module's memory.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn program(&self, id: u16) -> Result<ProgramView, GatewayError> {
+        self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/program")))
+    }
+
+    /// Asks a module where its program is.
+    ///
+    /// # Errors
+    /// As [`bench`](Self::bench).
+    pub fn program_state(&self, id: u16) -> Result<ProgramState, GatewayError> {
+        self.block_on(self.0.rest.get(&format!("/api/v1/axes/{id}/program/state")))
     }
 
     /// Reads a parameter now, by its name, its symbol or its address.

@@ -181,6 +181,34 @@ pub struct DeviceDetailView {
     pub text: String,
 }
 
+/// The program in a module's memory: `GET /api/v1/axes/{id}/program`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ProgramView {
+    /// Its instructions, from address 0 on.
+    pub instructions: Vec<ProgramLine>,
+}
+
+/// An instruction of a program.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ProgramLine {
+    /// Where it is.
+    pub address: u16,
+    /// The name that jumps to it have in these texts; `null` where none goes there.
+    #[schema(required)]
+    pub label: Option<String>,
+    /// The instruction, as the module's language writes it: `MVP ABS, 0, 1000`.
+    pub text: String,
+}
+
+/// Where a module's program is: `GET /api/v1/axes/{id}/program/state`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ProgramState {
+    /// Whether it runs.
+    pub running: bool,
+    /// The address of the next instruction.
+    pub counter: u16,
+}
+
 /// A parameter read just now: `GET /api/v1/axes/{id}/parameters/{name}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ParameterReading {

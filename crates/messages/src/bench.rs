@@ -134,6 +134,8 @@ pub struct AxisInfo {
     pub signals: Vec<SignalInfo>,
     /// How a parameter is named by its number, as an example: `0x2030:1:u16`.
     pub address_example: String,
+    /// The module keeps a program, whose instructions `/api/v1/axes/{id}/program` lists.
+    pub has_program: bool,
     /// What can be done to it where it is simulated.
     pub acts: Vec<SimulationActionInfo>,
 }

@@ -34,8 +34,8 @@ mod tests;
 
 pub use axis::{
     ActiveFault, AxisState, DeviceDetailView, LeaseView, PanelView, ParameterChange, ParameterInfo,
-    ParameterInput, ParameterReading, PendingStopView, SetWatchdog, SignalValue, StopCause,
-    WatchdogMode, WatchdogView, WriteParameters,
+    ParameterInput, ParameterReading, PendingStopView, ProgramLine, ProgramState, ProgramView,
+    SetWatchdog, SignalValue, StopCause, WatchdogMode, WatchdogView, WriteParameters,
 };
 pub use bench::{
     AbsentAxis, ArgumentInfo, AxisInfo, BenchView, Clash, LimitInfo, LinkCounter, LinkState,

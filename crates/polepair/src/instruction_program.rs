@@ -179,10 +179,9 @@ impl InstructionProgram {
         Some(pieces.concat())
     }
 
-    /// The text that the instructions stand for, with addresses as comments. It assembles to the same
-    /// instructions.
+    /// The same with a label at each place that is jumped to: `L12` where the text has none.
     #[must_use]
-    pub fn listing(&self) -> String {
+    pub fn with_labels(&self) -> Self {
         let mut named = self.clone();
         for instruction in &self.instructions {
             let Some(target) = self.language.role(*instruction).target else { continue };
@@ -191,6 +190,15 @@ impl InstructionProgram {
                 named.labels.push((format!("L{target}"), target));
             }
         }
+        named.labels.sort_by_key(|(_, at)| *at);
+        named
+    }
+
+    /// The text that the instructions stand for, with addresses as comments. It assembles to the same
+    /// instructions.
+    #[must_use]
+    pub fn listing(&self) -> String {
+        let named = self.with_labels();
         let mut text = String::new();
         for (address, instruction) in (0..).zip(&self.instructions) {
             for (name, _) in named.labels.iter().filter(|(_, at)| *at == address) {

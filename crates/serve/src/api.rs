@@ -214,6 +214,8 @@ pub const ROUTES: &[ApiRoute] = &[
     route("GET", "/api/v1/axes/{id}/parameters", READ, || get(axis::parameters)),
     route("GET", "/api/v1/axes/{id}/parameters/{name}", READ, || get(axis::parameter)),
     route("GET", "/api/v1/axes/{id}/device", READ, || get(axis::device)),
+    route("GET", "/api/v1/axes/{id}/program", READ, || get(axis::program)),
+    route("GET", "/api/v1/axes/{id}/program/state", READ, || get(axis::program_state)),
     route("POST", "/api/v1/axes/{id}/parameters", CONFIGURE, || post(axis::write)),
     route("GET", "/api/v1/axes/{id}/watchdog", READ, || get(axis::watchdog)),
     route("POST", "/api/v1/axes/{id}/watchdog", CONFIGURE, || post(axis::set_watchdog)),

@@ -8,7 +8,8 @@ use super::{ApiResult, SharedAppState, lease_session};
 use crate::auth::Caller;
 use crate::message::{
     AxisState, DeviceDetailView, ErrorBody, GatewayError, ParameterChange, ParameterInfo,
-    ParameterReading, SetWatchdog, SignalValue, WatchdogView, WriteParameters,
+    ParameterReading, ProgramState, ProgramView, SetWatchdog, SignalValue, WatchdogView,
+    WriteParameters,
 };
 
 /// Signals of one question.
@@ -90,6 +91,34 @@ pub(super) async fn device(
     Path(id): Path<String>,
 ) -> ApiResult<Vec<DeviceDetailView>> {
     state.bench.read_device(parse_index(&id)?).await.map(Json)
+}
+
+/// Read the program in a module's memory
+///
+/// A request for each instruction: of a long program this takes seconds on a slow line.
+#[utoipa::path(get, path = "/api/v1/axes/{id}/program", tag = "axis",
+    params(("id" = u16, Path)), responses(
+    (status = 200, body = ProgramView),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn program(
+    State(state): State<SharedAppState>,
+    Path(id): Path<String>,
+) -> ApiResult<ProgramView> {
+    state.bench.read_program(parse_index(&id)?).await.map(Json)
+}
+
+/// Ask a module where its program is
+#[utoipa::path(get, path = "/api/v1/axes/{id}/program/state", tag = "axis",
+    params(("id" = u16, Path)), responses(
+    (status = 200, body = ProgramState),
+    (status = "default", body = ErrorBody),
+))]
+pub(super) async fn program_state(
+    State(state): State<SharedAppState>,
+    Path(id): Path<String>,
+) -> ApiResult<ProgramState> {
+    state.bench.program_state(parse_index(&id)?).await.map(Json)
 }
 
 /// Write parameters, or see what would change

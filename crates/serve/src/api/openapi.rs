@@ -28,6 +28,8 @@ use crate::message::{ClientMessage, ServerMessage};
         axis::parameters,
         axis::parameter,
         axis::device,
+        axis::program,
+        axis::program_state,
         axis::write,
         axis::watchdog,
         axis::set_watchdog,

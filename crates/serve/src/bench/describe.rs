@@ -71,6 +71,7 @@ pub(super) fn axis_info(
         limits: LIMITS.iter().filter_map(|limit| limit_info(axis, *limit)).collect(),
         signals: profile.signals.iter().map(|source| signal(axis, source)).collect(),
         address_example: axis.address_example().to_owned(),
+        has_program: axis.instruction_language().is_ok(),
         acts: drive.map_or_else(Vec::new, SimulatedDrive::acts),
     }
 }

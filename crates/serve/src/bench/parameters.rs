@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use polepair::axis::{DeviceDetail, ParameterValue, PendingWrites};
+use polepair::axis::{DeviceDetail, ParameterValue, PendingWrites, ProgramStatus};
 use polepair::{Amount, Axis};
 use polepair_core::profile::{Access, Parameter, ParameterId};
 use serde_json::json;
@@ -19,7 +19,7 @@ use super::wire::{BenchWire, Continuation, ReplySender, WireRequest};
 use super::{Bench, BenchLink};
 use crate::message::{
     DeviceDetailView, GatewayError, JournalAction, ParameterChange, ParameterInfo, ParameterInput,
-    ParameterReading, WriteParameters,
+    ParameterReading, ProgramLine, ProgramState, ProgramView, WriteParameters,
 };
 
 /// Parameters of one request.
@@ -57,14 +57,46 @@ impl Bench {
 
     /// Asks a drive for its name, versions and the like now.
     pub fn read_device(&self, axis: u16) -> PendingReply<Vec<DeviceDetailView>> {
+        self.query_axis(axis, |axis| {
+            let view =
+                |DeviceDetail { name, text }| DeviceDetailView { name: name.to_owned(), text };
+            Ok(axis.device_details()?.into_iter().map(view).collect())
+        })
+    }
+
+    /// Reads the program in a module's memory, instruction by instruction.
+    pub fn read_program(&self, axis: u16) -> PendingReply<ProgramView> {
+        self.query_axis(axis, |axis| {
+            let program = axis.upload_instructions(None, |_| ())?.with_labels();
+            let label = |address| {
+                program.labels().find(|(_, at)| *at == address).map(|(name, _)| name.to_owned())
+            };
+            let lines = (0..).map_while(|address| {
+                let text = program.instruction_text(address)?;
+                Some(ProgramLine { address, label: label(address), text })
+            });
+            Ok(ProgramView { instructions: lines.collect() })
+        })
+    }
+
+    /// Asks a module where its program is.
+    pub fn program_state(&self, axis: u16) -> PendingReply<ProgramState> {
+        self.query_axis(axis, |axis| {
+            let ProgramStatus { running, counter } = axis.program_status()?;
+            Ok(ProgramState { running, counter })
+        })
+    }
+
+    /// Asks an axis, on the thread that waits for its link.
+    fn query_axis<T: Send + 'static>(
+        &self,
+        axis: u16,
+        query: impl FnOnce(&Axis) -> Result<T, polepair::Error> + Send + 'static,
+    ) -> PendingReply<T> {
         let (reply_sender, reply) = oneshot::channel();
         let result = self.find_axis(axis).map(|(link, index)| {
             let axis = link.wire.axes[index].1.clone();
-            link.request_worker.submit_query(reply_sender, move || {
-                let view =
-                    |DeviceDetail { name, text }| DeviceDetailView { name: name.to_owned(), text };
-                Ok(axis.device_details()?.into_iter().map(view).collect())
-            });
+            link.request_worker.submit_query(reply_sender, move || Ok(query(&axis)?));
         });
         PendingReply::from_receiver(reply, result)
     }
