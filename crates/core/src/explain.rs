@@ -301,6 +301,23 @@ pub trait Dissector: Sync {
     fn program_language(&self) -> Option<&'static dyn crate::program::ProgramLanguage> {
         None
     }
+    /// Writes the line by which a drive in a mode of text lines is asked something that changes nothing,
+    /// and after it the line that ends the mode, both without their carriage return. False where there is
+    /// no such mode, or the address has no letter there.
+    fn write_text_mode(
+        &self,
+        address: u32,
+        query: &mut dyn FnMut(&str),
+        exit: &mut dyn FnMut(&str),
+    ) -> bool {
+        let _ = (address, query, exit);
+        false
+    }
+    /// Whether a line, without its carriage return, is an answer in that mode.
+    fn is_text_answer(&self, line: &[u8]) -> bool {
+        let _ = line;
+        false
+    }
     /// The language of programs that are instructions; `None` where there are none.
     fn instruction_language(&self) -> Option<&'static dyn crate::program::InstructionLanguage> {
         None

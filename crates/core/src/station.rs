@@ -115,6 +115,9 @@ pub struct Counters {
     pub foreign: u64,
     /// Those among them that answered what was asked, but from another address than the one asked.
     pub misaddressed: u64,
+    /// To whom the drive that was asked answered instead of this host: its host address, or the CAN id of
+    /// its replies.
+    pub other_host: Option<u32>,
     /// Our own frames, or bytes that went alone, heard back (RS-485 echo).
     pub echoed: u64,
     /// Bytes thrown away while looking for a frame.
@@ -160,6 +163,7 @@ impl Counters {
             early: both(self.early, other.early),
             foreign: both(self.foreign, other.foreign),
             misaddressed: both(self.misaddressed, other.misaddressed),
+            other_host: self.other_host.or(other.other_host),
             echoed: both(self.echoed, other.echoed),
             skipped: both(self.skipped, other.skipped),
             corrupt: both(self.corrupt, other.corrupt),

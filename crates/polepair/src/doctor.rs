@@ -31,6 +31,8 @@ pub use drive::{ABSENT_TEXT, is_absent_error, read_watchdog};
 pub use machine::check_machine;
 pub use watchdog_proof::{ProofError, ProofObserver, prove_watchdog, proving_speed};
 
+/// Addresses that are asked in text at most.
+const TEXT_PROBES_MAX: usize = 3;
 /// Addresses that are asked where the string names none.
 const UNNAMED_PROBES_MAX: usize = 8;
 /// Bytes or frames that one check listens to at most.
@@ -173,6 +175,12 @@ fn check_line(
         }
     };
     let found = find_drives(connector, url, line, on_event)?;
+    if found.is_empty()
+        && let SharedLink::Serial(link) = line.link.clone()
+        && serial::check_text_mode(&link, line, &text_mode_numbers(line)?, on_event)?
+    {
+        return Ok(());
+    }
     if let Some(echo) = echo {
         on_event(echo.check_result(line));
         if found.is_empty() && echo.differs_from_options(line) {
@@ -187,6 +195,17 @@ fn check_line(
         }
     }
     check_found(line, &found, silent, on_event)
+}
+
+/// Addresses that are asked in text where no frame was answered.
+fn text_mode_numbers(line: &ProtocolLine) -> Result<Vec<u32>, Error> {
+    let mut numbers = match line.axis_numbers.is_empty() {
+        true => scan::default_addresses(line)?,
+        false => line.axis_numbers.clone(),
+    };
+    numbers.retain(|number| !AxisNumber(*number).is_group());
+    numbers.truncate(TEXT_PROBES_MAX);
+    Ok(numbers)
 }
 
 fn check_found(

@@ -26,6 +26,8 @@ pub struct NoReplyDetails {
     pub foreign: u16,
     /// Those among them that answered what was asked, but from another address than the one asked.
     pub misaddressed: u16,
+    /// To whom the drive answered instead of this host: its host address, or the CAN id of its replies.
+    pub other_host: Option<u16>,
     /// Our own bytes or frames.
     pub echoed: u16,
     /// Bytes that belong to no frame.
@@ -71,6 +73,10 @@ impl NoReplyDetails {
             texts: saturate_u16(counted.texts),
             foreign: saturate_u16(counted.foreign),
             misaddressed: saturate_u16(counted.misaddressed),
+            other_host: match counted.other_host {
+                Some(host) => Some(saturate_u16(host as u64)),
+                None => None,
+            },
             echoed: saturate_u16(counted.echoed),
             bytes: saturate_u16(counted.skipped),
         }
@@ -111,6 +117,7 @@ impl NoReplyDetails {
             texts: self.texts.saturating_add(other.texts),
             foreign: self.foreign.saturating_add(other.foreign),
             misaddressed: self.misaddressed.saturating_add(other.misaddressed),
+            other_host: if self.other_host.is_some() { self.other_host } else { other.other_host },
             echoed: self.echoed.saturating_add(other.echoed),
             bytes: self.bytes.saturating_add(other.bytes),
         }
@@ -131,6 +138,10 @@ impl NoReplyDetails {
     /// What to try.
     #[must_use]
     pub const fn hint(&self) -> &'static str {
+        if self.other_host.is_some() {
+            return "the drive answers another host: open it with that address (`?host=`), then set its \
+                    `host address`, on CAN its `can reply id`, to 2";
+        }
         if self.misaddressed > 0 {
             return "a drive with another address answers in its place: `polepair scan` finds it";
         }
@@ -208,7 +219,10 @@ impl fmt::Display for NoReplyDetails {
             let mark = if n == 0 { "" } else { ", " };
             write!(f, "{mark}{count} {}", if count == 1 { one } else { more })?;
         }
-        Ok(())
+        match self.other_host {
+            Some(host) => write!(f, "; it answers host {host}"),
+            None => Ok(()),
+        }
     }
 }
 
@@ -236,6 +250,11 @@ mod tests {
             (counted(|c| c.corrupt = 1), NoReplyCause::Corrupt, "1 frame with a wrong check"),
             (counted(|c| c.late = 1), NoReplyCause::Late, "1 answer too late"),
             (counted(|c| c.foreign = 4), NoReplyCause::Foreign, "4 frames of others"),
+            (
+                counted(|c| (c.foreign, c.other_host) = (1, Some(5))),
+                NoReplyCause::Foreign,
+                "1 frame of others or to another question; it answers host 5",
+            ),
             (counted(|c| c.skipped = 7), NoReplyCause::Noise, "7 bytes of no frame"),
             (counted(|c| c.echoed = 9), NoReplyCause::Echo, "9 echoes of our own"),
         ] {

@@ -99,6 +99,10 @@ impl ScanCommand {
             return Err(Problem::new(Exit::NoReply, "E403", "no drive answered.")
                 .why(outcome::unanswered_text(&scan.received))
                 .hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
+                .hint(
+                    "`polepair doctor URL --try-bauds` asks at other baud rates, and in text where a module is \
+                     in ASCII mode",
+                )
                 .hint("`polepair ports` lists the adapters"));
         }
         conflicts_result(

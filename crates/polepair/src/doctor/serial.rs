@@ -107,6 +107,47 @@ fn receive_bytes(link: &CountedLink<Stream>) -> Result<(Vec<u8>, usize), Error> 
     Ok((bytes, breaks))
 }
 
+/// Whether a drive that answers no frame is in a mode of text lines: it is asked in that mode, and says
+/// how to end it. Returns whether one is.
+pub(super) fn check_text_mode(
+    link: &CountedLink<Stream>,
+    line: &ProtocolLine,
+    numbers: &[u32],
+    on_event: &mut dyn FnMut(CheckResult),
+) -> Result<bool, Error> {
+    let Some(dissector) = proto::find_dissector(line.protocol.name) else { return Ok(false) };
+    for number in numbers {
+        let (mut query, mut exit) = (String::new(), String::new());
+        let known =
+            dissector.write_text_mode(*number, &mut |piece| query.push_str(piece), &mut |piece| {
+                exit.push_str(piece)
+            });
+        if !known {
+            continue;
+        }
+        // What the drive has taken for the beginning of a line ends with the first of these.
+        link.send(b"\r")?;
+        receive_bytes(link)?;
+        link.send(format!("{query}\r").as_bytes())?;
+        let (bytes, _) = receive_bytes(link)?;
+        if bytes.split(|byte| *byte == b'\r').any(|line| answers_in_text(dissector, line)) {
+            let remedy = format!(
+                "send it the line `{exit}` with a carriage return from a terminal, or switch it off and on; \
+                 a module that is so again at power-up has `ascii mode` (GP 67) set"
+            );
+            let text = "is in ASCII mode: it answers lines of text";
+            on_event(CheckResult::wrong(&format!("axis {number}"), Exit::NoReply, text, remedy));
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// An answer, also behind the characters that a drive echoes.
+fn answers_in_text(dissector: &dyn Dissector, line: &[u8]) -> bool {
+    (0..line.len()).any(|at| dissector.is_text_answer(&line[at..]))
+}
+
 /// How many of the bytes are in frames whose check agrees.
 fn count_framed_bytes(dissector: &dyn Dissector, mut bytes: &[u8]) -> usize {
     let mut good = 0;

@@ -1,6 +1,8 @@
 use super::{CheckResult, DoctorOptions, Grade, check_link};
 use crate::Connector;
 use crate::error::Exit;
+use crate::wire::SharedLink;
+use polepair_link::LinkIo as _;
 
 fn checks(url: &str) -> Vec<CheckResult> {
     let mut checks = Vec::new();
@@ -37,6 +39,24 @@ fn an_echo_is_told_and_overcome() {
     assert_eq!(about(&found, "echo").grade, Grade::Wrong, "{found:?}");
     assert!(about(&found, "echo").remedy.contains("echo=yes"));
     assert!(found.iter().any(|check| check.found.contains("answers:")), "{found:?}");
+}
+
+#[test]
+fn a_drive_in_a_mode_of_text_is_told_with_the_way_back() {
+    let mut found = Vec::new();
+    let connector = Connector::default();
+    let url = connector.url("sim:tmcm-1140?time=virtual").expect("a string");
+    let (mut lines, _simulation) = connector.open_lines(&url).expect("a line");
+    let SharedLink::Serial(link) = lines[0].link.clone() else { panic!("a serial line") };
+    // Request 139 enters the mode.
+    link.send(&[1, 139, 0, 0, 0, 0, 0, 0, 140]).expect("a link");
+    let on_event = &mut |check| found.push(check);
+    super::check_line(&connector, &url, (&mut lines[0], true), &mut false, on_event)
+        .expect("a line");
+    let told = found.iter().find(|check| check.found.contains("ASCII mode")).expect("told");
+    assert!(told.about == "axis 1" && told.remedy.contains("`ABIN`"), "{told:?}");
+    link.send(b"ABIN\r").expect("a link");
+    assert!(found.iter().all(|check| check.about != "echo"), "{found:?}");
 }
 
 #[test]

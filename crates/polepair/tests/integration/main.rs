@@ -3,6 +3,7 @@
 mod acts;
 mod addresses;
 mod can;
+mod can_ids;
 mod events;
 mod examples;
 mod heard;

@@ -18,7 +18,7 @@ use crate::explain::RawFrame;
 use crate::medium::{Can, Frame, Stream};
 use crate::profile::{AddressRole, Parameter, Profile, Signal};
 use crate::program::{InstructionLanguage as _, ProgramCommand};
-use crate::proto::{HostOptions, Protocol, sub_axis, with_sub_axis};
+use crate::proto::{HostOptions, Protocol, drive_address, sub_axis, with_sub_axis};
 use crate::station::RequestClass;
 
 /// Bits of the motor byte that name the axis, where parameter numbers go beyond 255. \[I\]
@@ -31,7 +31,9 @@ const MOTORS: core::ops::RangeInclusive<u8> = 0..=5;
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
     profile: &'static Profile,
+    /// Its address, or the low byte of its CAN identifier.
     module: u8,
+    can_id: u16,
     motor: u8,
     /// Numbers of the global parameters that hold the module's address and its host's.
     address_parameters: [u16; 2],
@@ -51,6 +53,7 @@ impl Axis {
         Self {
             profile,
             module: address as u8,
+            can_id: drive_address(address) as u16,
             motor: sub_axis(address),
             address_parameters: SERIAL_ADDRESS_PARAMETERS,
         }
@@ -60,6 +63,11 @@ impl Axis {
     #[must_use]
     pub fn on_can(profile: &'static Profile, address: u32) -> Self {
         Self { address_parameters: CAN_ADDRESS_PARAMETERS, ..Self::new(profile, address) }
+    }
+
+    /// A request, and where it goes.
+    const fn host_request(&self, request: Request) -> HostRequest {
+        HostRequest::of(request).to_can_id(self.can_id)
     }
 
     /// A request on a parameter, by the opcodes for axis parameters, global ones, inputs and outputs.
@@ -102,12 +110,12 @@ impl Driver for Axis {
     }
 
     fn address(&self) -> u32 {
-        with_sub_axis(self.module.into(), self.motor)
+        with_sub_axis(self.can_id.into(), self.motor)
     }
 
     fn read_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
         self.parameter_request(parameter, [Opcode::Gap, Opcode::Ggp, Opcode::Gio], 0)
-            .map(HostRequest::of)
+            .map(|request| self.host_request(request))
     }
 
     fn write_request(
@@ -121,7 +129,7 @@ impl Driver for Axis {
             [Opcode::Sap, Opcode::Sgp, Opcode::Sio],
             wire_value(raw)?,
         )?;
-        Ok(HostRequest { request, class })
+        Ok(HostRequest { class, ..self.host_request(request) })
     }
 
     fn store_request(&self, parameter: &Parameter) -> Result<HostRequest, Unsupported> {
@@ -129,7 +137,7 @@ impl Driver for Axis {
             return Err(Unsupported::NoPlan);
         }
         let opcodes = [Opcode::Stap, Opcode::Stgp, Opcode::Sio];
-        self.parameter_request(parameter, opcodes, 0).map(HostRequest::of)
+        self.parameter_request(parameter, opcodes, 0).map(|request| self.host_request(request))
     }
 
     /// `function` is the opcode, `index` the type and, in its high byte, the bank. Where the byte is the
@@ -143,7 +151,7 @@ impl Driver for Axis {
         let [part, kind] = index.to_be_bytes();
         let (opcode, value) = normalize_rotation(Opcode::from(function), wire_value(value)?);
         let motor = if opcode.has_motor() { self.motor } else { part };
-        Ok(HostRequest::of(Request { address: self.module, opcode, kind, motor, value }))
+        Ok(self.host_request(Request { address: self.module, opcode, kind, motor, value }))
     }
 
     /// MST has the motor in a byte of its own; the others mean the module's program (TMCL reference, 128 to
@@ -170,7 +178,7 @@ impl Driver for Axis {
         };
         let opcode = Opcode::from(opcode);
         let request = Request { address: self.module, opcode, kind, motor, value };
-        Some(HostRequest { request, class })
+        Some(HostRequest { class, ..self.host_request(request) })
     }
 
     fn is_program_running(&self, raw: i64) -> bool {
@@ -189,20 +197,22 @@ impl Driver for Axis {
     }
 
     fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
-        text::parse(text, self.module).map(HostRequest::of).map_err(|_| Unsupported::BadText)
+        let request = text::parse(text, self.module).map_err(|_| Unsupported::BadText)?;
+        Ok(self.host_request(request))
     }
 
     /// Nine bytes on a serial line; on CAN seven, or eight, under the module's address.
     fn decode_request(&self, frame: &RawFrame<'_>) -> Result<HostRequest, Unsupported> {
         let request = match frame.id {
             None => Request::parse(frame.bytes),
-            Some(id) if id == u32::from(self.module) && !frame.extended => {
+            Some(id) if id == u32::from(self.can_id) && !frame.extended => {
                 Request::parse_can(frame.bytes, self.module)
             }
             Some(_) => return Err(Unsupported::BadBytes),
         };
         let to_it = |request: &Request| request.address == self.module;
-        request.ok().filter(to_it).map(HostRequest::of).ok_or(Unsupported::BadBytes)
+        let request = request.ok().filter(to_it).ok_or(Unsupported::BadBytes)?;
+        Ok(self.host_request(request))
     }
 
     fn decode_answer(
@@ -296,9 +306,7 @@ impl Protocol for TmclCan {
     const NAME: &'static str = "tmcl";
     const PROFILE_PROTOCOL: &'static str = "tmcl";
     const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=32;
-    // Identifiers go to 0x7FF, but a request holds its address in a byte: beyond it another module
-    // would be meant.
-    const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 0..=255;
+    const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 0..=0x7FF;
     const SUB_AXES: core::ops::RangeInclusive<u8> = MOTORS;
     const HOST_ADDRESS: Option<u32> = Some(super::wire::HOST as u32);
     const DEFAULT_RATE: u32 = 250_000;

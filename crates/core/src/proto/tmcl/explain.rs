@@ -69,15 +69,22 @@ impl Dissector for TmclDissector {
         addressing: &EncodeOptions,
         out: &mut [u8],
     ) -> Result<EncodedFrame, EncodeError> {
-        let expected = "a module address, 0 to 255";
-        let address = addressing.axis.unwrap_or(MODULE.into());
-        let address = u8::try_from(address).map_err(|_| TextError { at: 0, expected })?;
+        let on_can = addressing.wire == WireKind::Can;
+        let (last, expected) = match on_can {
+            true => (0x7FF, "a module's CAN id, 0 to 2047"),
+            false => (0xFF, "a module address, 0 to 255"),
+        };
+        let number = addressing.axis.unwrap_or(MODULE.into());
+        if number > last {
+            return Err(TextError { at: 0, expected }.into());
+        }
+        let address = number as u8;
         // Behind a colon is prose, as explaining puts it there.
         let command = text.split(':').next().unwrap_or(text);
         let request = text::parse(command, address)?;
         let bytes = request.emit();
         let (part, id) = match addressing.wire {
-            WireKind::Can => (&bytes[1..=CAN_DATAGRAM], Some(address.into())),
+            WireKind::Can => (&bytes[1..=CAN_DATAGRAM], Some(number)),
             _ => (&bytes[..], None),
         };
         let error = TextError { at: 0, expected: "room for nine bytes" };
@@ -116,6 +123,30 @@ impl Dissector for TmclDissector {
 
     fn describe_address(&self, address: &ParameterAddress) -> Parameter {
         address::describe(address)
+    }
+
+    /// `AGAP 1, 0` reads a position; `ABIN` ends the mode (TMCL reference, "ASCII interface").
+    fn write_text_mode(
+        &self,
+        address: u32,
+        query: &mut dyn FnMut(&str),
+        exit: &mut dyn FnMut(&str),
+    ) -> bool {
+        let Ok(address) = u8::try_from(address) else { return false };
+        let mut line = ascii::AsciiLine::EMPTY;
+        let request = Request { address, opcode: Opcode::Gap, kind: 1, motor: 0, value: 0 };
+        if !ascii::write_request(&mut line, &request) {
+            return false;
+        }
+        let text = core::str::from_utf8(line.bytes()).unwrap_or("").trim_end();
+        query(text);
+        exit(text.get(..1).unwrap_or(""));
+        exit("BIN");
+        true
+    }
+
+    fn is_text_answer(&self, line: &[u8]) -> bool {
+        ascii::AsciiReply::parse(line).is_some()
     }
 
     fn instruction_language(&self) -> Option<&'static dyn InstructionLanguage> {

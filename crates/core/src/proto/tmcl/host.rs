@@ -118,7 +118,7 @@ impl SerialHost {
                 return self.finish_frame();
             }
             if reply.status.is_named() {
-                self.session.counters.foreign += 1;
+                self.session.note_other_host(reply.host.into(), &reply);
                 return self.finish_frame();
             }
         }
@@ -352,6 +352,9 @@ pub struct CanHost {
     /// older reply, which a disturbed last bit makes its sender repeat.
     min_exchange_ns: u64,
     eight_bytes: bool,
+    /// The identifier of each module that was asked, by its low byte, which is all that replies and
+    /// probes have.
+    can_ids: [Option<u16>; 256],
 }
 
 /// Bits of a request and its reply without a single stuff bit: 47 each and seven bytes, less the
@@ -369,7 +372,8 @@ impl CanHost {
         let exchange_ns = EXCHANGE_BITS * 1_000_000_000;
         let min_exchange_ns =
             with_clock_tolerance(exchange_ns.checked_div(bit_rate.into()).unwrap_or(0));
-        Self { session, reply_id, bit_rate, min_exchange_ns, eight_bytes: false }
+        let can_ids = [None; 256];
+        Self { session, reply_id, bit_rate, min_exchange_ns, eight_bytes: false, can_ids }
     }
 
     /// Sends eight data bytes, the last one the serial checksum, as the vendor's library does.
@@ -392,7 +396,15 @@ impl Timed for CanHost {
 
 impl Station<Can> for CanHost {
     fn handle_input(&mut self, now: Instant, frame: &Frame) {
-        if frame.id != u32::from(self.reply_id) || frame.extended || frame.remote {
+        if frame.extended || frame.remote {
+            return;
+        }
+        if frame.id != u32::from(self.reply_id) {
+            if let Ok(reply) = Reply::parse_can(frame.bytes(), 0)
+                && self.session.answers_pending(&reply)
+            {
+                self.session.note_other_host(frame.id, &reply);
+            }
             return;
         }
         let host = self.reply_id as u8;
@@ -436,6 +448,12 @@ impl Host<Can> for CanHost {
         ticket: Ticket,
         request: HostRequest,
     ) -> Result<(), HostRequest> {
+        let slot = &mut self.can_ids[usize::from(request.request.address)];
+        if *slot.get_or_insert(request.can_id) != request.can_id {
+            const RULE: &str = "replies have the low byte of the CAN id alone: two modules on one bus need \
+                                ids that differ there";
+            return self.session.reject(ticket, request, RULE);
+        }
         self.session.submit(now, ticket, request)
     }
 
@@ -461,7 +479,7 @@ impl Host<Can> for CanHost {
     }
 
     fn encode_request(&self, request: &HostRequest, out: &mut Frame) -> usize {
-        *out = self.encode_frame(&request.request);
+        *out = request.request.emit_can(request.can_id, self.eight_bytes);
         1
     }
 
@@ -472,7 +490,8 @@ impl Host<Can> for CanHost {
 
 impl CanHost {
     fn encode_frame(&self, request: &Request) -> Frame {
-        request.emit_can(request.address.into(), self.eight_bytes)
+        let can_id = self.can_ids[usize::from(request.address)];
+        request.emit_can(can_id.unwrap_or(request.address.into()), self.eight_bytes)
     }
 }
 

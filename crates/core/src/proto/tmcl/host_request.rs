@@ -11,6 +11,8 @@ pub struct HostRequest {
     pub request: Request,
     /// Whether it may be sent again.
     pub class: RequestClass,
+    /// The CAN identifier that it is sent to; its low byte is the address, as replies have it. \[I\]
+    pub can_id: u16,
 }
 
 impl HostRequest {
@@ -27,7 +29,13 @@ impl HostRequest {
             opcode if opcode.only_reads() => RequestClass::Idempotent,
             _ => RequestClass::NoRetry,
         };
-        Self { request, class }
+        Self { request, class, can_id: request.address as u16 }
+    }
+
+    /// The same to another CAN identifier.
+    #[must_use]
+    pub const fn to_can_id(self, can_id: u16) -> Self {
+        Self { can_id, ..self }
     }
 }
 

@@ -469,12 +469,27 @@ impl Session {
         stop.into_iter().chain(waiting).chain(repeated).for_each(down);
     }
 
+    /// Ends a request that is not sent.
+    pub(super) fn reject(
+        &mut self,
+        ticket: Ticket,
+        request: HostRequest,
+        rule: &'static str,
+    ) -> Result<(), HostRequest> {
+        if self.events.room() < EVENT_ROOM_MIN {
+            return Err(request);
+        }
+        let why = Failure::Impossible(Unsupported::Forbidden(rule));
+        self.events.push(EventSubject::Request(ticket), Err(why));
+        Ok(())
+    }
+
     fn rejection_of(&self, request: &HostRequest) -> Option<Failure> {
         const RULE: &str = "this is the host's own address; give the host another with host=";
         if !self.link_up {
             return Some(Failure::LinkDown);
         }
-        let is_own = u16::from(request.request.address) == self.host_address;
+        let is_own = request.can_id == self.host_address;
         is_own.then_some(Failure::Impossible(Unsupported::Forbidden(RULE)))
     }
 
@@ -651,7 +666,7 @@ impl Session {
         let (opcode, kind) = PROBES.into_iter().find(|(opcode, _)| is_free(*opcode))?;
         suspect.probes += 1;
         let request = Request { address: suspect.module, opcode, kind, motor: 0, value: 0 };
-        Some(HostRequest { request, class: RequestClass::Idempotent })
+        Some(HostRequest { class: RequestClass::Idempotent, ..HostRequest::of(request) })
     }
 
     fn has_answered(&self, module: u8) -> bool {

@@ -7,6 +7,24 @@ use super::{
 };
 
 impl Session {
+    /// Whether a reply, whoever it is to, is what the request that waits would be answered by.
+    pub(in crate::proto::tmcl) fn answers_pending(&self, reply: &Reply) -> bool {
+        let expected = self.expected_request();
+        expected.is_some_and(|request| {
+            reply.status.ends_request()
+                && (reply.module, reply.opcode) == (request.address, request.opcode)
+        })
+    }
+
+    /// Takes a reply to another host than this one.
+    #[cold]
+    pub(in crate::proto::tmcl) fn note_other_host(&mut self, host: u32, reply: &Reply) {
+        self.counters.foreign += 1;
+        if self.answers_pending(reply) {
+            self.counters.other_host = Some(host);
+        }
+    }
+
     pub(super) fn match_reply(&mut self, now: Instant, reply: Reply, soon: bool) {
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
             self.count_unexpected(&reply);

@@ -114,7 +114,8 @@ impl Session {
         self.unproven_request = Some(waiting);
         let request =
             Request { address: module, opcode: probe.0, kind: probe.1, motor: 0, value: 0 };
-        self.start_request(now, None, HostRequest { request, class: RequestClass::Idempotent });
+        let probe = HostRequest { class: RequestClass::Idempotent, ..HostRequest::of(request) };
+        self.start_request(now, None, probe);
     }
 
     /// A probe for the request that waits was answered.

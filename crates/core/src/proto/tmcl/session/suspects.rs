@@ -4,6 +4,7 @@ use super::{
     HostRequest, LATEST_TIMEOUTS, OUTSTANDING_MAX, Opcode, PROBES_MAX, PendingExchange, Request,
     SUSPECTS_MAX, Session, SuspectModule,
 };
+use crate::proto::drive_address;
 use crate::time::Instant;
 
 impl SuspectModule {
@@ -31,7 +32,7 @@ impl Session {
     /// to the question before, and the last is still to come. So a probe of another opcode is asked.
     #[cold]
     pub(in crate::proto::tmcl) fn quarantine_module(&mut self, now: Instant, address: u32) {
-        let Ok(address) = u8::try_from(address) else { return };
+        let address = drive_address(address) as u8;
         let request = Request { address, opcode: Opcode::Gap, kind: 0, motor: 0, value: 0 };
         let pending_exchange = PendingExchange {
             attempts: 1,
