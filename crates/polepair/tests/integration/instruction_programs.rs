@@ -56,7 +56,7 @@ fn programs_calculate_as_the_reference_says() {
         // What was compared is that of COMP, though the accumulator changed.
         ("CALC LOAD, 5\nCOMP 5\nCALC LOAD, 6\nJC EQ, Same\nSTOP\nSame: SGP 1, 2, 1\nSTOP", 1),
         ("CALCV LOAD, 1, 3\nCALCV COMP, 1, 2\nCALL GT, More\nSTOP\nMore: SGP 1, 2, 9\nRSUB", 9),
-        ("CALC LOAD, 1\nCALC DIV, 0\nJC EDV, Wrong\nSTOP\nWrong: SGP 1, 2, 2\nSTOP", 2),
+        ("WAIT REFSW, 0, 2\nJC ETO, Late\nSTOP\nLate: SGP 1, 2, 2\nSTOP", 2),
         ("SCO 3, 4, 250\nGCO 3, 4\nAGP 1, 2\nSTOP", 250),
         ("CALC LOAD, 4\nCALCX LOAD\nSAPX 4, 321\nGAP 4, 4\nAGP 1, 2\nSTOP", 321),
         ("GGP 1, 2\nCOMP 3\nJC EQ, End\nCALC ADD, 1\nAGP 1, 2\nRST 0\nEnd: STOP", 3),

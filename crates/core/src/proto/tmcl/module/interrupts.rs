@@ -43,24 +43,24 @@ impl Interrupts {
         timers: [0; TIMERS],
     };
 
-    /// EI or DI. Returns false for a number that is none.
-    pub const fn enable(&mut self, number: u8, on: bool) -> bool {
+    /// EI or DI. Nothing happens for a number that is none.
+    pub const fn enable(&mut self, number: u8, on: bool) {
         match (number, on) {
             (ALL, _) => self.all_enabled = on,
-            _ if number > NUMBER_MAX => return false,
+            _ if number > NUMBER_MAX => {}
             (_, true) => self.enabled |= 1 << number,
             (_, false) => {
                 self.enabled &= !(1 << number);
                 self.pending &= !(1 << number);
             }
         }
-        true
     }
 
-    /// VECT. Returns false for a number that is none.
-    pub fn set_vector(&mut self, number: u8, address: i32) -> bool {
-        let vector = self.vectors.get_mut(usize::from(number));
-        vector.map(|vector| *vector = address).is_some()
+    /// VECT. Nothing happens for a number that is none.
+    pub fn set_vector(&mut self, number: u8, address: i32) {
+        if let Some(vector) = self.vectors.get_mut(usize::from(number)) {
+            *vector = address;
+        }
     }
 
     /// One tick of 1 ms: `levels` has a bit for each number whose cause is there, `settings` are those of

@@ -95,7 +95,6 @@ pub struct Interpreter {
     /// What calculations are about.
     registers: Registers,
     timed_out: bool,
-    failed: bool,
     calls: [i32; CALLS_MAX],
     depth: usize,
     stack: [i32; STACK_MAX],
@@ -125,7 +124,6 @@ impl Interpreter {
         counter: 0,
         registers: Registers { accumulator: 0, x: 0, compared: (0, 0) },
         timed_out: false,
-        failed: false,
         calls: [0; CALLS_MAX],
         depth: 0,
         stack: [0; STACK_MAX],
@@ -153,8 +151,8 @@ impl Interpreter {
     pub fn accept_outcome(&mut self, outcome: Result<i32, Status>, reads: bool) {
         match outcome {
             Ok(value) if reads => self.registers.accumulator = value,
-            Ok(_) => {}
-            Err(_) => self.failed = true,
+            // \[I\] A program hears nothing of a command that is refused.
+            Ok(_) | Err(_) => {}
         }
     }
 
@@ -238,7 +236,7 @@ impl Interpreter {
             Opcode::Rst => self.run(Some(value)),
             Opcode::Wait => self.wait_for(i.kind, i.motor, value),
             Opcode::Stop => self.state = ProgramState::Stop,
-            Opcode::Cle => (self.failed, self.timed_out) = (false, false),
+            Opcode::Cle => self.timed_out = false,
             Opcode::Djnz => {
                 let variable = &mut variables[usize::from(i.kind)];
                 *variable = variable.wrapping_sub(1);
@@ -255,9 +253,9 @@ impl Interpreter {
             Opcode::Popa => self.registers.accumulator = self.pop(),
             Opcode::Popx => self.registers.x = self.pop(),
             Opcode::Popv => variables[usize::from(i.kind)] = self.pop(),
-            Opcode::Ei => self.failed |= !self.interrupts.enable(i.kind, true),
-            Opcode::Di => self.failed |= !self.interrupts.enable(i.kind, false),
-            Opcode::Vect => self.failed |= !self.interrupts.set_vector(i.kind, value),
+            Opcode::Ei => self.interrupts.enable(i.kind, true),
+            Opcode::Di => self.interrupts.enable(i.kind, false),
+            Opcode::Vect => self.interrupts.set_vector(i.kind, value),
             Opcode::Reti => match self.interrupted.take() {
                 Some((registers, counter, wait)) => {
                     (self.registers, self.counter, self.wait) = (registers, counter, wait);
@@ -281,10 +279,7 @@ impl Interpreter {
                     Opcode::Rolxa => return execute_command(Opcode::Rol, &of_axis, accumulator),
                     Opcode::Mstx => return execute_command(Opcode::Mst, &of_axis, value),
                     opcode if is_direct(opcode) => return execute_command(opcode, i, value),
-                    _ => {
-                        self.failed = true;
-                        self.state = ProgramState::Stop; // \[I\] what it cannot do ends it
-                    }
+                    _ => self.state = ProgramState::Stop, // \[I\] what it cannot do ends it
                 }
             }
         }
@@ -331,10 +326,7 @@ impl Interpreter {
             0 => a.wrapping_add(b),
             1 => a.wrapping_sub(b),
             2 => a.wrapping_mul(b),
-            3 | 4 if b == 0 => {
-                self.failed = true;
-                a
-            }
+            3 | 4 if b == 0 => a,
             3 => a.wrapping_div(b),
             4 => a.wrapping_rem(b),
             5 => a & b,
@@ -342,15 +334,12 @@ impl Interpreter {
             7 => a ^ b,
             8 => !a,
             9 => b,
-            _ => {
-                self.failed = true;
-                a
-            }
+            _ => a,
         }
     }
 
-    /// Conditions of JC (TMCL reference): 0 to 7 compare, 8 is a wait timed out, 10 an
-    /// error in a calculation or command. 9 (external alarm), 11 and 12 have no source here.
+    /// Conditions of JC (TMCL reference): 0 to 7 compare, 8 is a wait timed out. 9 to 12 (external alarm,
+    /// deviation, position error, shutdown) have no source here.
     fn condition_holds(&self, kind: u8) -> bool {
         let (a, (left, right)) = (self.registers.accumulator, self.registers.compared);
         match kind {
@@ -363,18 +352,14 @@ impl Interpreter {
             6 => left < right,
             7 => left <= right,
             8 => self.timed_out,
-            10 => self.failed,
             _ => false,
         }
     }
 
     fn push(&mut self, value: i32) {
-        match self.stack.get_mut(self.stacked) {
-            Some(slot) => {
-                *slot = value;
-                self.stacked += 1;
-            }
-            None => self.failed = true,
+        if let Some(slot) = self.stack.get_mut(self.stacked) {
+            *slot = value;
+            self.stacked += 1;
         }
     }
 
@@ -384,16 +369,12 @@ impl Interpreter {
                 self.stacked = top;
                 self.stack[top]
             }
-            None => {
-                self.failed = true;
-                0
-            }
+            None => 0,
         }
     }
 
     fn call(&mut self, address: i32) {
         let Some(slot) = self.calls.get_mut(self.depth) else {
-            self.failed = true;
             self.state = ProgramState::Stop;
             return;
         };
@@ -422,10 +403,7 @@ impl Interpreter {
             1 => Some((WaitCondition::Position(motor), limit)),
             2 | 3 => Some((WaitCondition::Switch(motor), limit)),
             4 => Some((WaitCondition::ReferenceSearch(motor), limit)),
-            _ => {
-                self.failed = true;
-                None
-            }
+            _ => None,
         };
     }
 }
