@@ -51,8 +51,7 @@ pub(crate) fn claimed_identifiers(seats: &[BusAddress]) -> Vec<bool> {
     let could = |bus_address: &BusAddress, id| {
         bus_address
             .protocol
-            .all_addresses
-            .clone()
+            .byte_addresses()
             .any(|a| (bus_address.protocol.uses_identifier)(a, id, false))
     };
     (0..STANDARD_IDS).map(|id| seats.iter().any(|bus_address| could(bus_address, id))).collect()

@@ -58,11 +58,17 @@ pub(crate) fn sub_axes(protocol: &str) -> RangeInclusive<u8> {
 }
 
 impl ProtocolInfo {
+    /// Addresses of one byte: a drive has another only where somebody has set that, and a host takes none
+    /// beyond them by itself, because captures are not searched for it there.
+    pub(crate) fn byte_addresses(&self) -> RangeInclusive<u32> {
+        *self.all_addresses.start()..=*self.all_addresses.end().min(&0xFF)
+    }
+
     /// The host's address where one of these drives has the one that hosts have from the factory:
     /// the last that nobody has. `None` where the usual one will do.
     pub(crate) fn alternative_host(&self, drives: &[u32]) -> Option<u32> {
         let usual = self.host?;
-        let free = || self.all_addresses.clone().rev().find(|address| !drives.contains(address));
+        let free = || self.byte_addresses().rev().find(|address| !drives.contains(address));
         drives.contains(&usual).then(free)?
     }
 
@@ -82,7 +88,7 @@ impl ProtocolInfo {
         let quiet = |address: &u32| {
             free(address) && !bus::uses_claimed(&claimed, self.uses_identifier, *address)
         };
-        let every = || self.all_addresses.clone().rev();
+        let every = || self.byte_addresses().rev();
         every().find(quiet).or_else(|| every().find(free))
     }
 

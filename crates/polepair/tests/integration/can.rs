@@ -170,8 +170,8 @@ fn a_rack_says_what_is_wrong_with_its_links() {
 
 #[test]
 fn an_address_that_a_request_cannot_hold_is_refused() {
-    // Cut to a byte, 257 would be module 1.
-    let error = connect("tmcl+udp://239.74.163.2:43113#257").unwrap_err();
+    // Cut to eleven bits, 2049 would be module 1.
+    let error = connect("tmcl+udp://239.74.163.2:43113#2049").unwrap_err();
     assert_eq!((error.code(), error.exit()), ("E212", Exit::Usage), "{error}");
 }
 
