@@ -16,7 +16,7 @@ HOST = 2
 class Module:
     """What a module answers, and its motors."""
 
-    def __init__(self, address=1, version=0x04EC0130, position=0, motors=1, mirrors=False):
+    def __init__(self, address=1, version=0x270F0130, position=0, motors=1, mirrors=False):
         self.address, self.version, self.motors, self.mirrors = address, version, motors, mirrors
         self.axes = [
             {0: position, 1: position, 2: 0, 3: 0, 4: 1000 + position, 5: 500, 6: 128, 8: 1} for _ in range(motors)

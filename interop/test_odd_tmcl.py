@@ -167,3 +167,10 @@ def test_a_module_that_ignores_the_motor_has_one(wires):
     url = wires(SerialLine, module).url
     assert scanned(url) == [1]
     assert "motors" not in polepair("scan", url, "--ids", "1-1").stdout
+
+
+def test_a_known_module_without_its_scales_is_read_raw(wires):
+    wire = wires(SerialLine, Module(version=0x04EC0130, position=100))
+    assert "TMCM-1260 V1.48" in polepair("scan", f"{wire.url}", "--ids", "1-1").stdout
+    got = polepair("get", f"{wire.url}#1", "actual position").stdout
+    assert got.strip() == "actual position = 100"

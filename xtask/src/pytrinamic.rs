@@ -24,6 +24,8 @@ const DIVIDED_BASE: (&str, &str) = ("tmcm-6110", "tmcm-1140");
 const SPEEDS: [u16; 6] = [2, 3, 4, 181, 182, 194];
 const SWITCH_SPEED: u16 = 195;
 const ACCELERATION: u16 = 5;
+/// Microstep resolution, full steps of the motor, unit mode.
+const SCALING: [u16; 3] = [140, 202, 255];
 /// Currents, whose full scale differs between modules.
 const CURRENTS: [u16; 4] = [6, 7, 183, 200];
 /// Axis parameters that mean the same in all stepper modules that have them, however they are spelled.
@@ -214,6 +216,10 @@ fn stepper(module: &Module, base: &Profile, pps: Option<&Module>, source: &str) 
     };
     let mut text = head(module, extends, "tmcm", source, unit);
     let _ = writeln!(text, "remove = {}", list(&removed));
+    // What scales positions and speeds: other firmware may lack it.
+    let scaling = wanted.iter().filter(|(at, _)| SCALING.contains(at));
+    let scaling: Vec<&str> = scaling.map(|(_, name)| name.as_str()).collect();
+    let _ = writeln!(text, "optional = {}", list(&scaling));
     if is_first {
         text.push_str("replace = [\"faults\", \"signals\", \"plans\"]\n");
     }

@@ -196,6 +196,11 @@ impl Driver for Axis {
         }
     }
 
+    /// A parameter that a module does not have is a wrong type (TMCL reference, status codes).
+    fn is_missing_parameter(&self, code: u32) -> bool {
+        code == u32::from(Status::WrongType.number())
+    }
+
     fn parse_request(&self, text: &str) -> Result<HostRequest, Unsupported> {
         let request = text::parse(text, self.module).map_err(|_| Unsupported::BadText)?;
         Ok(self.host_request(request))
