@@ -42,6 +42,8 @@ const COMMENT_COLUMN: usize = 36;
 pub struct InstructionProgram {
     language: &'static dyn InstructionLanguage,
     instructions: Vec<InstructionBytes>,
+    /// The file of its text, as it was named; empty without one.
+    file: String,
     /// The line of each; empty for a program that was read from a drive or a binary file.
     lines: Vec<SourceLine>,
     labels: Vec<(String, u16)>,
@@ -108,7 +110,7 @@ impl InstructionProgram {
         language: &'static dyn InstructionLanguage,
         instructions: Vec<InstructionBytes>,
     ) -> Self {
-        Self { language, instructions, lines: Vec::new(), labels: Vec::new() }
+        Self { language, instructions, file: String::new(), lines: Vec::new(), labels: Vec::new() }
     }
 
     fn from_binary(
@@ -156,11 +158,12 @@ impl InstructionProgram {
         self.lines.get(usize::from(address))
     }
 
-    /// The first instruction at a line of the text, or behind it; `file` is the last part of a name.
+    /// The first instruction at a line of the program's own file, or behind it; files that it includes do
+    /// not count.
     #[must_use]
     pub fn address_of_line(&self, number: u32) -> Option<u16> {
-        let main = &self.lines.first()?.file;
-        let at = self.lines.iter().position(|line| line.file == *main && line.number >= number)?;
+        let is_there = |line: &SourceLine| line.file == self.file && line.number >= number;
+        let at = self.lines.iter().position(is_there)?;
         u16::try_from(at).ok()
     }
 
@@ -355,6 +358,7 @@ impl SourceReader {
         }
         program.lines = self.statements.into_iter().map(|statement| statement.line).collect();
         program.labels = self.labels;
+        file.clone_into(&mut program.file);
         Ok(program)
     }
 
@@ -617,6 +621,12 @@ Blink:
         assert_eq!(program.address_of_line(14), Some(8), "the line of the label");
         let again = assemble(&program.listing()).unwrap();
         assert_eq!(again.instructions(), program.instructions());
+        // A line is one of the program's own file, whichever instruction is first.
+        std::fs::write(folder.join("first.tmc"), "CLE ALL\nCLE ALL\nCLE ALL\n").unwrap();
+        let text = "#include \"first.tmc\"\nSTOP\n";
+        let included =
+            InstructionProgram::assemble(language(), "a.tmc", text, Some(&folder)).unwrap();
+        assert_eq!(included.address_of_line(2), Some(3));
         let path = folder.join("a.bin");
         std::fs::write(&path, program.to_binary()).unwrap();
         assert_eq!(

@@ -322,7 +322,7 @@ impl ProgramStep {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
         let axis = module_axis(&session)?;
-        let stepper = Stepper::new(&session, axis, self.source.as_deref(), self.timeout)?;
+        let stepper = ProgramStepper::new(&session, axis, self.source.as_deref(), self.timeout)?;
         stepper.run(self.reset, None, self.count, self.detach)
     }
 }
@@ -331,21 +331,21 @@ impl ProgramBreak {
     pub fn run(self) -> Result {
         let session = self.target.open()?;
         let axis = module_axis(&session)?;
-        let stepper = Stepper::new(&session, axis, self.source.as_deref(), self.timeout)?;
+        let stepper = ProgramStepper::new(&session, axis, self.source.as_deref(), self.timeout)?;
         let place = stepper.listing.address(&self.place)?;
         stepper.run(!self.here, Some(place), self.count, self.detach)
     }
 }
 
 /// Goes through a program instruction by instruction.
-struct Stepper<'a> {
+struct ProgramStepper<'a> {
     session: &'a Session,
     axis: &'a Axis,
     listing: Listing,
     within: Duration,
 }
 
-impl<'a> Stepper<'a> {
+impl<'a> ProgramStepper<'a> {
     fn new(
         session: &'a Session,
         axis: &'a Axis,

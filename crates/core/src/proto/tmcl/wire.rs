@@ -251,13 +251,6 @@ impl Instruction {
         i64::from_be_bytes([0, a, b, c, d, e, f, g])
     }
 
-    /// The instruction of such a number.
-    #[must_use]
-    pub const fn from_packed(packed: i64) -> Self {
-        let [_, bytes @ ..] = packed.to_be_bytes();
-        Self::from_bytes(bytes)
-    }
-
     /// Lays the instruction over a reply's fields.
     #[must_use]
     pub fn into_reply(self, host: u8) -> Reply {
