@@ -67,6 +67,9 @@ fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
     for (name, text) in crate::catalogue_pages::pages() {
         files.insert(root.join("docs/drives").join(name), text);
     }
+    for (name, text) in crate::command_pages::pages() {
+        files.insert(root.join("docs/reference/command-line").join(name), text);
+    }
     files.insert(root.join("docs/protocols/tml-language.md"), crate::language::language_page());
     Ok(files)
 }

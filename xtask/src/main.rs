@@ -3,6 +3,7 @@
 
 mod catalogue_pages;
 mod codegen;
+mod command_pages;
 mod gateway;
 mod language;
 mod links;

@@ -24,13 +24,13 @@ const JUDGE_PAUSE: Duration = Duration::from_millis(700);
 const GATHER_MAX: usize = 1 << 28;
 const READ_SIZE: usize = 1 << 18;
 
-/// What a person states about a capture.
+/// How to read a capture.
 #[derive(Args, Debug)]
 pub struct CaptureArgs {
-    /// Protocol, of everything, or @ an axis number or a link; several with commas
+    /// Protocol of the capture, or PROTO@AXIS or PROTO@LINK for a part of it; separate several by commas
     #[arg(long = "as", value_name = "PROTO[@ID],…")]
     rules: Option<String>,
-    /// How the capture is stored [default: told by its first bytes]
+    /// File format of the capture [default: detected from its first bytes]
     #[arg(long, value_name = "FORMAT", value_parser = capture_format())]
     from: Option<CaptureFormat>,
     #[command(flatten)]

@@ -21,16 +21,17 @@ mod terminal;
 mod trace;
 mod value;
 
-use clap::CommandFactory as _;
 use std::ffi::OsString;
+
+pub use cmd::groups::{VERB_GROUPS, VerbGroup};
 
 /// The program's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Every verb and option, as documentation and completion scripts are made from.
+/// All verbs and options. Documentation and completion scripts are made from it.
 #[must_use]
 pub fn command() -> clap::Command {
-    cmd::CommandLine::command()
+    cmd::CommandLine::grammar()
 }
 
 /// Runs the program with its command line, of which the first word is its own name, and gives its exit

@@ -65,36 +65,36 @@ enum AxesScope {
 const LINK_OPTIONS: [&str; 9] =
     ["arm", "detach", "file", "listen", "quick", "rules", "sync", "trace", "verbose"];
 
-/// What a stop of all axes does besides.
+/// Help footer of `stop --server`.
 const STOP_HELP: &str = "\
-Without AXES everything stops, whoever commands it, and motion is locked until somebody releases it:
-on the server's page, or by `release`. With AXES these stop, and nothing is locked.";
+Without AXES, the server stops all axes and locks motion. Release it on the server's page or by
+`release`. With AXES, the server stops these axes and locks nothing.";
 
-/// What a scan does there.
+/// Help footer of `scan --server`.
 const SCAN_HELP: &str = "\
-Without --look it lists the server's axes. With it the server looks for drives on the links of AXES, by
-reads only, while nobody commands an axis there; Ctrl-C breaks that off.";
+Without --look, the command lists the server's axes. With --look, the server scans the links of AXES, by
+reads only, if no client controls an axis there. Ctrl-C ends the scan.";
 
-/// Which server, and what lets us in.
+/// Options for a running server.
 #[derive(Args, Debug, Default)]
-#[command(next_help_heading = "On a running server")]
+#[command(next_help_heading = "Options for a running server")]
 pub struct ServerArgs {
-    /// Have this `polepair serve` do it: http://127.0.0.1:7365. URL is then which of its axes:
-    /// numbers, names, LINK#NUMBER, or all
+    /// Run the command on this `polepair serve`: http://127.0.0.1:7365; URL is then its axes: numbers,
+    /// names, LINK#NUMBER, or all
     #[arg(long, value_name = "URL", global = true)]
     server: Option<String>,
-    /// A token of the server; without it POLEPAIR_TOKEN, else, on this machine, the one of your own
-    /// server
+    /// File with a token of the server [default: POLEPAIR_TOKEN, else that of your own server on this
+    /// machine]
     #[arg(long, value_name = "FILE", global = true, hide_short_help = true)]
     token_file: Option<PathBuf>,
-    /// The certificate that an https server must have, or its SHA-256; without it your own server's
+    /// Certificate of an https server, or its SHA-256 [default: that of your own server]
     #[arg(long, value_name = "FILE|SHA256", global = true)]
     #[arg(hide_short_help = true)]
     certificate: Option<String>,
-    /// The certificate that is shown to a server with --client-ca, in PEM
+    /// Client certificate for a server with --client-ca, in PEM
     #[arg(long, value_name = "FILE", global = true, hide_short_help = true)]
     client_cert: Option<PathBuf>,
-    /// Its key; without it --client-cert holds both
+    /// Key of the client certificate [default: contained in --client-cert]
     #[arg(long, value_name = "FILE", global = true)]
     #[arg(hide_short_help = true)]
     client_key: Option<PathBuf>,

@@ -26,24 +26,24 @@ use crate::tap_queue::{QueueTap, TapQueue};
 use crate::terminal::{self, DataOutput, print_note, print_warning};
 use crate::trace::{self, FrameTrace};
 
-/// A drive, and how the talk with it is shown.
+/// A drive, and options to show the frames exchanged with it.
 #[derive(Args, Debug)]
 pub struct DriveArgs {
-    /// The link and its axes: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
+    /// Link and axes: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
     #[arg(value_name = "URL")]
     pub url: String,
-    /// Show the frames, explained, on stderr
+    /// Print all frames, decoded, on stderr
     #[arg(short, long)]
     pub verbose: bool,
-    /// Keep the frames in a file that decode reads
+    /// File for the frames, in a format that `decode` reads
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
     #[command(flatten)]
     pub profiles: crate::cmd::ProfileFile,
-    /// What the drive turned out to be, for those who show its frames.
+    /// Profiles of the drives found so far, used to decode their frames.
     #[arg(skip)]
     naming: NamingProfiles,
-    /// Motors are brought to rest: no file that can be done without is in the way.
+    /// Set for stops: an unreadable optional file must not prevent them.
     #[arg(skip)]
     stops: bool,
 }
@@ -54,14 +54,14 @@ type NamingProfiles = Arc<OnceLock<Vec<(u32, &'static Profile)>>>;
 /// Warnings about data sheets that are printed.
 const SHEET_WARNINGS_MAX: usize = 10;
 
-/// How readings are printed.
+/// Output formats of readings.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 pub enum OutputFormat {
-    /// For people
+    /// Text
     Text,
-    /// One JSON object a reading
+    /// One JSON object for each reading
     Jsonl,
-    /// Comma-separated, with a head
+    /// Comma-separated, with a header
     Csv,
 }
 

@@ -9,11 +9,11 @@ use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, RemoteSession};
 use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
 
-/// Does something to a simulated drive from outside its wire: a load, a fault, an input.
+/// Changes a simulated drive from outside: load, fault, input, supply.
 ///
-/// Without ACT it lists what can be done. The drive is one of a `polepair sim` that runs on this machine,
-/// by the URL that it printed; or one of a server, with --server. A rack file does the same at given times,
-/// with [[link.drive.act]].
+/// Without ACT, the command lists all acts. The drive belongs to a `polepair sim` on this machine (URL as
+/// `sim` printed it) or to a server (--server). In a rack file, [[link.drive.act]] runs acts at given
+/// times.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -23,10 +23,10 @@ Examples:
   polepair act /tmp/bench.sock#x input-3=1          a simulation with --control
   polepair act 1 encoder --server http://127.0.0.1:7365")]
 pub struct ActCommand {
-    /// The link and its drive, as `sim` printed it; or the path of its control socket
+    /// Link and drive as `sim` printed them, or the path of the simulation's control socket
     #[arg(value_name = "URL|SOCKET")]
     url: Option<String>,
-    /// What is done: jam, "supply=30 V", input-3=1
+    /// Acts to run: jam, "supply=30 V", input-3=1
     #[arg(value_name = "ACT[=VALUE]")]
     acts: Vec<String>,
 }

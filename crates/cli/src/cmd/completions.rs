@@ -29,8 +29,9 @@ const CAN_SCHEMES: [&str; 5] =
 /// How serial lines are reached that are no ports of this computer.
 const SERIAL_SCHEMES: [&str; 2] = ["serial://", "tcp://"];
 
-/// Prints a script that makes a shell complete verbs, options, ports, protocols, drives, axes and
-/// parameters.
+/// Prints a completion script for a shell.
+///
+/// The script completes verbs, options, ports, protocols, drives, axes and parameters.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -39,7 +40,7 @@ Examples:
   polepair completions fish > ~/.config/fish/completions/polepair.fish
   polepair completions powershell | Out-String | Invoke-Expression")]
 pub struct Completions {
-    /// The shell
+    /// Shell to print the script for
     shell: Shell,
 }
 

@@ -18,14 +18,15 @@ use crate::session::{Session, read_signal};
 use crate::target::{DriveArgs, OutputFormat};
 use crate::terminal::{self, DataOutput, TextTable, colour_out, print_note, print_warning};
 
-/// Keeps drives' settings in a file that people review: sorted, with units, one line each.
+/// Saves, compares and restores a drive's settings. The file has one sorted line for each setting, with its
+/// unit.
 #[derive(Subcommand, Debug)]
 pub enum ConfigCommand {
-    /// Read every setting and write the file
+    /// Read all settings and write them to a file
     Save(ConfigSave),
-    /// Show what differs at the drive; exit code 1 if anything does
+    /// Compare a drive with a settings file; the exit code is 1 if they differ
     Diff(ConfigDiff),
-    /// Write what differs to the drive, after showing it, and read it back
+    /// Show what differs, write it to the drive, and read it back
     Apply(ConfigApply),
 }
 
@@ -37,7 +38,7 @@ Examples:
 pub struct ConfigSave {
     #[command(flatten)]
     target: DriveArgs,
-    /// The file [default: stdout]
+    /// Settings file to write [default: stdout]
     #[arg(id = "settings", value_name = "FILE")]
     file: Option<PathBuf>,
 }
@@ -46,24 +47,25 @@ pub struct ConfigSave {
 #[command(after_help = "\
 Examples:
   polepair config diff tmcl+serial:///dev/ttyUSB0#1 feeder.toml
-  polepair config diff sim:tmcl --default      what is not as from the factory")]
+  polepair config diff sim:tmcl --default      differences from the factory settings")]
 pub struct ConfigDiff {
     #[command(flatten)]
     target: DriveArgs,
-    /// The file
+    /// Settings file to compare with
     #[arg(id = "settings", value_name = "FILE", required_unless_present = "default")]
     file: Option<PathBuf>,
-    /// Compare with the defaults from the factory, as far as the manual tells them
+    /// Compare with the factory defaults that the manual states
     #[arg(long, conflicts_with = "settings")]
     default: bool,
-    /// How differences are printed
+    /// Output format
     #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
     format: OutputFormat,
 }
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Settings that decide how the drive is reached (address, baud rate, locks) are left alone.
+Address, baud rate and locks are not written without --reach.
+
 Examples:
   polepair config apply tmcl+serial:///dev/ttyUSB0#1 feeder.toml
   polepair config apply tmcl+serial:///dev/ttyUSB0#1 feeder.toml --yes --store
@@ -71,25 +73,25 @@ Examples:
 pub struct ConfigApply {
     #[command(flatten)]
     target: DriveArgs,
-    /// The file
+    /// Settings file, or a CANopen DCF
     #[arg(id = "settings", value_name = "FILE")]
     file: PathBuf,
-    /// Show what would be written and write nothing
+    /// Print what would be written, and write nothing
     #[arg(long)]
     dry_run: bool,
-    /// Do not ask
+    /// Do not ask for confirmation
     #[arg(short, long)]
     yes: bool,
-    /// Keep the settings in the drive's permanent memory
+    /// Save the settings to the drive's permanent memory
     #[arg(long)]
     store: bool,
-    /// Write address, baud rate and locks, too, after all others
+    /// Also write address, baud rate and locks, after all other settings
     #[arg(long)]
     reach: bool,
-    /// Write although a motor is powered
+    /// Write even while a motor is powered
     #[arg(long)]
     powered: bool,
-    /// Write what no table describes, too: it may do anything
+    /// Also write settings with unknown effect; they may move the motor
     #[arg(long)]
     arm: bool,
 }

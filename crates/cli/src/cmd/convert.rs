@@ -17,29 +17,29 @@ const READ_SIZE: usize = 1 << 16;
 /// Kinds of records that found no place and are named one by one.
 const UNFIT_MAX: usize = 5;
 
-/// Writes a capture in another format.
+/// Converts a capture to another file format.
 ///
-/// Reads and writes candump and serial logs, pcap, pcapng, Vector ASC and BLF, PEAK TRC and
-/// python-can's CSV; reads decode's JSONL. A name that ends in .gz or .zst is compressed.
+/// Reads and writes candump and serial logs, pcap, pcapng, Vector ASC and BLF, PEAK TRC, and the CSV of
+/// python-can. Also reads the JSONL of `decode`. Names that end in .gz or .zst are compressed.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Serial bytes have a place in log, pcap and pcapng alone; csv and pcap hold one bus.
+Only log, pcap and pcapng can hold serial bytes. csv and pcap hold one bus.
 
 Examples:
   polepair convert machine.blf machine.log
   polepair convert bus.log bus.pcapng              # for Wireshark
   polepair convert bus.log.gz - --to asc | less")]
 pub struct Convert {
-    /// The capture; - for stdin
+    /// Capture to read; - for stdin
     #[arg(value_name = "FILE|-")]
     source: PathBuf,
-    /// Where to write; - for stdout
+    /// File to write; - for stdout
     #[arg(value_name = "OUT|-")]
     out: PathBuf,
-    /// How the capture is stored [default: told by its first bytes]
+    /// Format of the input [default: detected from its first bytes]
     #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
     from: Option<CaptureFormat>,
-    /// How it is written [default: told by OUT's name]
+    /// Format of the output [default: from the name of OUT]
     #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
     to: Option<CaptureFormat>,
 }

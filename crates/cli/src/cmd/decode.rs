@@ -26,15 +26,15 @@ use line_sink::LineSink;
 use plot_sink::PlotSink;
 use polepair_columns::{ColumnFormat, DatasetSite};
 
-/// Explains every frame of a capture.
+/// Decodes every frame of a capture and explains its fields.
 ///
-/// Reads candump and serial logs, pcap, pcapng, Vector ASC and BLF, PEAK TRC, python-can's CSV and its
-/// own JSONL, also as .gz and .zst, from a file or from stdin. Without --as the whole capture is weighed
-/// against every protocol, and the verdict goes to stderr.
+/// Reads candump and serial logs, pcap, pcapng, Vector ASC and BLF, PEAK TRC, the CSV of python-can, and
+/// its own JSONL. Files may be compressed (.gz, .zst); stdin works too. Without --as, the command detects
+/// the protocol and prints the result on stderr.
 ///
-/// Parquet and Arrow have four tables (frames, signals, transactions, events), a file each in the
-/// folder OUT. A folder of captures becomes a data set in the folder OUT, partitioned by site, date and
-/// bus; what is decoded already is passed over.
+/// With --format parquet or arrow, OUT is a folder with four tables: frames, signals, transactions, events.
+/// If the input is a folder of captures, OUT becomes a data set partitioned by site, date and bus. Captures
+/// that the data set already contains are skipped.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 A log has one line for each CAN frame, or for each run of serial bytes:
@@ -48,51 +48,51 @@ Examples:
   polepair decode bus.log --plot '*/Actual/Position' -o position.svg
   polepair decode bus.log --as canopen@2,thruster@11 --profile syntron-ts-canopen
   polepair decode capture.log --format parquet --tables frames,signals -o columns
-  polepair decode capture.log -o columns.parquet             # the same, a folder of all tables
+  polepair decode capture.log -o columns.parquet             # a folder with all tables
   polepair decode captures --site plant-2 -o dataset
-  polepair decode capture.log --expect good.jsonl --within 5ms   # a capture as a test
+  polepair decode capture.log --expect good.jsonl --within 5ms   # compares with expected lines
   tail -f bus.log | polepair decode - --as modbus-rtu@ttyUSB0,tmcl@ttyUSB1")]
 pub struct Decode {
-    /// The capture, or a folder of captures; - for stdin
+    /// Capture, or folder of captures; - for stdin
     #[arg(value_name = "FILE|-|DIR")]
     source: PathBuf,
     #[command(flatten)]
     stated: CaptureArgs,
-    /// Only frames of which this is true: 'axis = 2 and not ok', 'odd', 'signal Actual/* > 5'
+    /// Decode only frames that match an expression: 'axis = 2 and not ok', 'odd', 'signal Actual/* > 5'
     #[arg(long, value_name = "EXPR")]
     filter: Option<String>,
-    /// How frames are written [default: what OUT ends in, .jsonl, .parquet or .arrow; else text]
+    /// Output format [default: from the name of OUT (.jsonl, .parquet, .arrow), else text]
     #[arg(long, value_enum)]
     format: Option<DecodeFormat>,
-    /// What is told below the frames: nothing, what is odd, faults and states, or values too
+    /// Notices to print below the frames
     #[arg(long, value_enum, default_value_t = NoticeLevelArg::Events)]
     notices: NoticeLevelArg,
-    /// Mark bytes that changed since the last frame of their kind where there is no colour
+    /// Mark changed bytes even without colour
     #[arg(long)]
     changes: bool,
-    /// Draw signals instead of the frames: Actual/Position, '2/Setpoint/*'; with -o FILE.svg, there
+    /// Plot signals instead of printing frames: Actual/Position, '2/Setpoint/*'; -o FILE.svg writes a
+    /// picture
     #[arg(long, value_name = "SIGNAL", num_args = 1.., conflicts_with = "format")]
     plot: Vec<String>,
-    /// Tables of columns, with commas [default: all]
+    /// Tables to write, separated by commas [default: all]
     #[arg(long, value_name = "TABLE,…")]
     tables: Option<String>,
-    /// Who recorded it: the column source
+    /// Name of the recording device, for the column `source`
     #[arg(long, value_name = "NAME", default_value = "local")]
     gateway: String,
-    /// Where it was recorded: the partition of a data set
+    /// Name of the site, for the partition of a data set
     #[arg(long, value_name = "NAME", default_value = "local")]
     site: String,
-    /// Write to a file instead of stdout; columns, to this folder
+    /// File to write instead of stdout; for tables, a folder
     #[arg(short, long = "out", value_name = "OUT")]
     out: Option<PathBuf>,
-    /// Threads that decode [default: one for each core]
+    /// Number of decoding threads [default: one for each core]
     #[arg(long, value_name = "N", value_parser = parse_threads)]
     jobs: Option<usize>,
-    /// Compare with the lines of a file, in part or whole as --format jsonl writes them: differences
-    /// are shown, and the exit code is 1
+    /// Compare with a file of expected JSONL lines, complete or in part; the exit code is 1 if they differ
     #[arg(long, value_name = "EXPECTED", conflicts_with_all = ["format", "out", "changes", "plot"])]
     expect: Option<PathBuf>,
-    /// Times that lines expect may differ by so much, counted from the first; else they do not matter
+    /// Time tolerance for --expect, counted from the first line [default: times are not compared]
     #[arg(long, value_name = "TIME", requires = "expect", value_parser = value::parse_span)]
     within: Option<f64>,
 }
@@ -103,27 +103,27 @@ fn parse_threads(text: &str) -> std::result::Result<usize, String> {
     count.ok_or_else(|| "a number from 1".to_owned())
 }
 
-/// How frames are written.
+/// Output formats of `decode`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum DecodeFormat {
-    /// One aligned line a frame
+    /// One aligned line for each frame
     Text,
-    /// One JSON object a frame
+    /// One JSON object for each frame
     Jsonl,
-    /// Columns, compressed
+    /// Compressed columns
     Parquet,
-    /// Columns as they lie in memory
+    /// Columns in Arrow's memory layout
     Arrow,
 }
 
-/// What is told of conversations.
+/// Notices that `decode` prints.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum NoticeLevelArg {
-    /// Frames alone
+    /// No notices
     None,
-    /// What is odd, faults, changes of states
+    /// Anomalies, faults and state changes
     Events,
-    /// Values too
+    /// Events, and values that changed
     All,
 }
 

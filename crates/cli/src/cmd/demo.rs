@@ -31,16 +31,15 @@ const FRAMES_SHOWN: usize = 3;
 /// Reads that are timed on each drive.
 const TIMED_READS: u32 = 200;
 
-/// Finds, homes, moves, spins, faults and recovers two simulated drives, and turns two behind a
-/// relay.
+/// Shows all functions on simulated drives. No hardware is needed.
 ///
-/// A Trinamic TMCM-171 over TMCL and a SYNTRON TS over Modbus RTU, each behind its own protocol on
-/// a pseudo-terminal, and two Technosoft drives on CAN behind a third, all through the same axis
-/// interface. No hardware is needed.
+/// Three links are simulated: a Trinamic TMCM-171 (TMCL), a SYNTRON TS (Modbus RTU), and two Technosoft
+/// drives behind a relay (TMLCAN). The demo finds, homes, moves and spins them, triggers faults and
+/// recovers, always through the same axis interface.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  polepair demo --headless")]
 pub struct Demo {
-    /// No live lines; end with the summary
+    /// Print no live lines; end with the summary
     #[arg(long)]
     headless: bool,
 }

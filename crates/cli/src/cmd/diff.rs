@@ -12,42 +12,42 @@ use crate::capture::{CaptureArgs, report_left_out};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput, TextTable, print_note};
 
-/// Tells what differs between two captures in behaviour, not in bytes.
+/// Compares the behaviour of two captures, not their bytes.
 ///
-/// Axes, kinds of frames and their rates, states reached, faults, oddities, values, and how long
-/// answers took. Exits with 1 where something differs.
+/// It compares axes, frame types and rates, states, faults, anomalies, values, and response times. The exit
+/// code is 1 if anything differs.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Rates, and ranges of values that move, may differ by the tolerance; a latency's median by 2.5 times
-as much and its 99th percentile by five times; oddities may be twice as frequent. Values that stand
-still have to be the same. Links may have other names where each capture has only one.
+Rates, and ranges of changing values, may differ by the tolerance. The median of response times may
+differ by 2.5 times the tolerance, the 99th percentile by 5 times. Anomalies may be twice as frequent.
+Constant values must be equal. If each capture has one link only, their names may differ.
 
 Examples:
   polepair diff good.log bad.log
   polepair diff monday.blf friday.blf --as canopen --tolerance 5")]
 pub struct DiffOptions {
-    /// The first capture
+    /// First capture
     #[arg(value_name = "A")]
     a: PathBuf,
-    /// The second
+    /// Second capture
     #[arg(value_name = "B")]
     b: PathBuf,
     #[command(flatten)]
     stated: CaptureArgs,
-    /// By how much rates and ranges may differ, in percent
+    /// Tolerance for rates and ranges, in percent
     #[arg(long, value_name = "PERCENT", default_value_t = 20.0)]
     tolerance: f64,
-    /// How it is written
+    /// Output format
     #[arg(long, value_enum, default_value_t = DiffFormat::Text)]
     format: DiffFormat,
 }
 
-/// How differences are written.
+/// Output formats of `diff`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum DiffFormat {
-    /// A table
+    /// Table
     Text,
-    /// One JSON object a difference
+    /// One JSON object for each difference
     Jsonl,
 }
 

@@ -9,35 +9,35 @@ use crate::remote::{self, RemoteSession};
 use crate::target::DriveArgs;
 use crate::terminal::print_note;
 
-/// Owes axes their stop no more, though nobody saw them stand.
+/// Clears the stop that a server still has pending for axes.
 ///
-/// A server says a stop again until the motor was seen standing, and tells so in red for as long. Where
-/// that cannot be seen any more, whoever knows better says why; the server's journal keeps it. A drive
-/// that the server before owed a stop and that is not there goes by LINK#NUMBER.
+/// A server repeats a stop until the drive confirms standstill, and shows an alarm until then. If the drive
+/// can no longer confirm it, this command ends the repetition. The server's journal records the reason. If
+/// the drive is missing since a restart of the server, use LINK#NUMBER as its axis.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Example:
+Examples:
   polepair --server http://127.0.0.1:7365 dismiss 1 --reason drive-gone
-  polepair --server http://127.0.0.1:7365 dismiss 0#3 --reason drive-gone    one that is not there")]
+  polepair --server http://127.0.0.1:7365 dismiss 0#3 --reason drive-gone    a missing drive")]
 pub struct DismissCommand {
     #[command(flatten)]
     target: DriveArgs,
-    /// Why nobody will see it stand
+    /// Why standstill can no longer be confirmed
     #[arg(long, value_name = "REASON")]
     reason: DismissCause,
-    /// Words for the journal
+    /// Comment for the journal
     #[arg(long, value_name = "TEXT", default_value = "")]
     note: String,
 }
 
-/// Why nobody will see an axis stand.
+/// Why standstill can no longer be confirmed.
 #[derive(ValueEnum, Clone, Copy, Debug)]
 enum DismissCause {
-    /// The drive was taken away, or has no supply
+    /// The drive was removed or has no supply
     DriveGone,
-    /// Another master commands it
+    /// Another master controls the drive
     OtherMaster,
-    /// Something else turns its shaft: water a propeller, a load
+    /// An external force turns the shaft: water, a load
     TurnedByLoad,
 }
 

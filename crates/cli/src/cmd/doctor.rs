@@ -16,11 +16,11 @@ use crate::problem::{Exit, Problem, Result};
 use crate::session::Session;
 use crate::terminal::{DataOutput, colour_out, draw, print_warning};
 
-/// Looks for what is wrong, from the cable up, and says what to try.
+/// Checks a link step by step, from the cable to the drive, and suggests what to try.
 ///
-/// Without a URL: this machine's adapters and configuration. With one: that link, step by step.
-/// Nothing is moved or written, but by --prove-watchdog. Ctrl-C ends that, too: the motor is stopped and
-/// its watchdog set as before. The exit code is that of the worst check that is wrong.
+/// Without a URL, the command checks the adapters and the configuration of this machine. It moves and
+/// writes nothing, except with --prove-watchdog. On Ctrl-C, --prove-watchdog stops the motor and restores
+/// the watchdog setting. The exit code is that of the most serious failed check.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -29,32 +29,32 @@ Examples:
   polepair doctor modbus-rtu+serial:///dev/ttyUSB0 --try-bauds
   polepair doctor sim:tmcl --prove-watchdog=500ms --yes")]
 pub struct Doctor {
-    /// The link: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
+    /// Link to check: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
     #[arg(value_name = "URL")]
     url: Option<String>,
-    /// Where nobody answers, ask at other baud rates too, by reads
+    /// If no drive replies, also try other baud rates, by reads only
     #[arg(long, requires = "url")]
     try_bauds: bool,
-    /// Turn the motor, which must be free, fall silent, and see whether the drive stops it by itself;
-    /// with a time its watchdog is set to that first
+    /// Turn the free motor, stop sending, and check that the drive stops it; with TIME, set its watchdog
+    /// first
     #[arg(long, requires = "url", value_name = "TIME", num_args = 0..=1, require_equals = true)]
     prove_watchdog: Option<Option<String>>,
     /// Do not ask before the motor turns
     #[arg(short, long, requires = "prove_watchdog")]
     yes: bool,
-    /// How the checks are printed
+    /// Output format
     #[arg(long, value_enum, default_value_t = CheckFormat::Text)]
     format: CheckFormat,
     #[command(flatten)]
     profiles: super::ProfileFile,
 }
 
-/// How checks are printed.
+/// Output formats of `doctor`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, clap::ValueEnum)]
 enum CheckFormat {
-    /// For people
+    /// Text
     Text,
-    /// One JSON object a check
+    /// One JSON object for each check
     Jsonl,
 }
 

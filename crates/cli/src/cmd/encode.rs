@@ -14,10 +14,10 @@ use crate::terminal::{DataOutput, print_warning};
 /// The longest frame there is.
 const FRAME_MAX: usize = polepair_core::medium::STREAM_UNIT_MAX;
 
-/// Prints the bytes that a text of a protocol's own language becomes on the wire.
+/// Prints the bytes of a request, given as text in the protocol's own language. Sends nothing.
 ///
-/// Nothing is sent. Each line is in the format that decode reads. Several instructions are parted by
-/// `;` or a line's end, and give a line each.
+/// The output has the format that `decode` reads. Separate several instructions by `;` or a new line; each
+/// gives one line.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -29,34 +29,34 @@ Examples:
   polepair encode tml \"MODE PP; UPD\" --axis g1+2 --via rs485
   polepair encode tmcl \"MST 0\" | polepair decode - --as tmcl")]
 pub struct Encode {
-    /// The protocol: tmcl, modbus-rtu, …
+    /// Protocol: tmcl, modbus-rtu, …
     #[arg(value_name = "PROTO")]
     protocol: String,
-    /// What to say, in the protocol's own language
+    /// Request in the protocol's own language
     #[arg(value_name = "TEXT")]
     text: String,
-    /// Axis, station or module address; g1+2 for groups, g* for everybody, h5 for the host at axis 5
+    /// Axis, station or module address; g1+2 for groups, g* for broadcast, h5 for the host at axis 5
     #[arg(long, value_name = "N", value_parser = parse_destination)]
     axis: Option<Destination>,
     /// Host address
     #[arg(long, value_name = "N")]
     host: Option<u32>,
-    /// The wire: serial, rs485, can, or a protocol word such as tmlcan
+    /// Medium: serial, rs485, can, or the name of a protocol variant such as tmlcan
     #[arg(long, value_name = "WIRE")]
     via: Option<String>,
     #[command(flatten)]
     named_by: super::NamingArgs,
-    /// How it is printed
+    /// Output format
     #[arg(long, value_enum, default_value_t = EncodeFormat::Text)]
     format: EncodeFormat,
 }
 
-/// How bytes are printed.
+/// Output formats of `encode`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum EncodeFormat {
-    /// The bytes, as a line that decode reads
+    /// The bytes, in the format that `decode` reads
     Text,
-    /// With the fields and the answer to expect
+    /// JSON with the fields and the expected reply
     Json,
 }
 

@@ -10,34 +10,34 @@ use crate::outcome::faults;
 use crate::problem::{self, Exit, Problem, Result};
 use crate::terminal::{DataOutput, TextTable, colour_out};
 
-/// Says what a code means, or what every byte of a frame means.
+/// Explains a code, a register value, or every byte of a frame.
 ///
-/// One number is a code: a status, an exception, a fault or fault bits. A name and a number are a
-/// register's value. Several bytes are a frame.
+/// One number is a code: a status, an exception, a fault or fault bits. A name and a number are a register
+/// and its value. Several bytes are a frame.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair explain tmcl 3                             a status code
   polepair explain tmcm-171 0x101                     fault bits of a drive: cause and remedy
   polepair explain modbus-rtu 2                       an exception
-  polepair explain tml MER 0x0008                     a register's bits
+  polepair explain tml MER 0x0008                     bits of a register
   polepair explain canopen 0x06020000                 an abort code
-  polepair explain canopen statusword 0x0237          a word's bits
+  polepair explain canopen statusword 0x0237          bits of a word
   polepair explain tmcl 01 01 00 00 00 00 01 5E 61    a frame, byte by byte
   polepair explain tmcl 001#0100000000015E            a CAN frame")]
 pub struct Explain {
-    /// The protocol, or a drive: tmcl, modbus-rtu, tmcm-171, …
+    /// Protocol or drive: tmcl, modbus-rtu, tmcm-171, …
     #[arg(value_name = "PROTO")]
     subject: String,
-    /// A number, the name of a fault, a register and its value, or a frame's bytes in hexadecimal
+    /// Number, fault name, register and value, or the bytes of a frame in hexadecimal
     #[arg(value_name = "CODE|BYTES", required = true)]
     words: Vec<String>,
-    /// Who sent the frame, where the bytes alone do not tell
+    /// Sender of the frame, if the bytes do not show it
     #[arg(long, value_enum)]
     from: Option<FrameSender>,
 }
 
-/// Who sent a frame.
+/// Sender of a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum FrameSender {
     Host,

@@ -23,7 +23,7 @@ use crate::terminal::{DataOutput, csv_line, print_note, print_warning};
 /// The columns after the axis.
 const CSV_HEADER: &str = "name,symbol,raw,value,unit";
 
-/// Reads parameters by name or number, with their units. A group answers drive by drive.
+/// Reads parameters by name or number, with units. On several axes, the values of each drive are printed.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -33,21 +33,21 @@ Examples:
   polepair get canopen+socketcan://can0#5 0x1018:1 2030h:1:u16 1008h
   polepair get canopen+socketcan://can0#5 0x1F50:1 -o firmware.bin
 
-By number: 0x2030:1:u16 (CANopen), 0x33 or \"R 51\" (Modbus), \"AP 6\", \"GP 66\" (TMCL),
+Numbers: 0x2030:1:u16 (CANopen), 0x33 or \"R 51\" (Modbus), \"AP 6\", \"GP 66\" (TMCL),
 @0x0228:i32 (TML), \"SP 12\" (thruster); see docs/reference/addresses.md")]
 pub struct Get {
     #[command(flatten)]
     target: DriveArgs,
-    /// Parameters, by name, by the manual's symbol or by number; `all` reads every one
+    /// Parameters by name, manual symbol or number; `all` reads every parameter
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
-    /// Print the numbers as they are on the wire
+    /// Print raw values, as they are on the wire
     #[arg(long)]
     raw: bool,
-    /// How they are printed
+    /// Output format
     #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
     format: OutputFormat,
-    /// Save the bytes of one parameter in a file
+    /// File for the bytes of one parameter
     #[arg(long, short = 'o', value_name = "FILE", conflicts_with_all = ["raw", "format"])]
     output: Option<PathBuf>,
 }

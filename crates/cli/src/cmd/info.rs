@@ -14,7 +14,7 @@ use crate::session::read_signal;
 use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, TextTable, print_note, print_warning};
 
-/// Shows who a drive is, what it does, and its faults in words.
+/// Shows the identity of a drive, its state, and its faults in words.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:

@@ -12,17 +12,17 @@ use crate::terminal::{DataOutput, print_note};
 /// The journal of `polepair serve`.
 #[derive(Subcommand, Debug)]
 pub enum JournalCommand {
-    /// Check that no record was changed, taken out or put in
+    /// Check that no record was changed, removed or inserted
     Verify(JournalVerify),
 }
 
-/// Checks that no record was changed, taken out or put in, and names the first that was.
+/// Checks that no record was changed, removed or inserted, and names the first bad record.
 ///
-/// Each record has a hash over itself and all before it. What was cut off at the end leaves no trace:
-/// who must know that as well compares the last hash with one kept elsewhere.
+/// Each record contains a hash of itself and of all records before it. Records that were cut off at the end
+/// cannot be detected this way. To detect that too, compare the last hash with a copy kept elsewhere.
 #[derive(Args, Debug)]
 pub struct JournalVerify {
-    /// The journal; that of your account's server unless told
+    /// Journal file [default: that of your account's server]
     #[arg(value_name = "FILE")]
     file: Option<PathBuf>,
 }

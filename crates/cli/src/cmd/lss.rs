@@ -21,28 +21,28 @@ Examples:
   polepair lss canopen+socketcan://can0 --identity 0x22,0x33,0x1,0x2B67 --node 6
   polepair lss canopen+socketcan://can0#5 --bit-rate 250000 --store
 
-Without #NODE, --identity and --only-device it lists the devices without node-ID, and sets
-the only one of them. A device that had no node-ID uses the new one at once, others after an
-NMT reset or their next start.")]
+Without #NODE, --identity and --only-device, the command lists the devices without node-ID. If there
+is exactly one, it can be set. A device without node-ID uses the new one at once. Other devices use it
+after an NMT reset or their next start.")]
 pub struct LssCommand {
     #[command(flatten)]
     target: DriveArgs,
-    /// Select the device by the four numbers of its object 1018h
+    /// Select a device by the four numbers of its object 1018h
     #[arg(long, value_name = "VENDOR,PRODUCT,REVISION,SERIAL")]
     identity: Option<LssIdentity>,
-    /// Select the only device that is connected, whatever its identity
+    /// Select the only connected device, without its identity
     #[arg(long, conflicts_with = "identity")]
     only_device: bool,
     /// Set the node-ID: 1 to 127, or none
     #[arg(long, value_name = "NODE", value_parser = parse_node)]
     node: Option<NodeChoice>,
-    /// Set the bit rate, in bit/s; the device uses it from its next start on
+    /// Set the bit rate in bit/s; the device uses it after its next start
     #[arg(long, value_name = "RATE", requires = "store")]
     bit_rate: Option<u32>,
-    /// Have the device keep node-ID and bit rate over power-off
+    /// Store node-ID and bit rate in the device's permanent memory
     #[arg(long)]
     store: bool,
-    /// How devices are printed
+    /// Output format
     #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
     format: OutputFormat,
 }

@@ -1,4 +1,4 @@
-//! The verbs: one file each, but for those that differ in a word alone.
+//! The verbs. Each has a file of its own, except those that differ only in the operation.
 
 mod act;
 pub mod completions;
@@ -12,6 +12,7 @@ mod doctor;
 mod encode;
 mod explain;
 mod get;
+pub mod groups;
 mod info;
 mod journal;
 mod lss;
@@ -54,34 +55,39 @@ use crate::problem::Result;
 use crate::remote::{self, ServerArgs};
 use crate::terminal::{self, print_warning};
 
-/// Talk to motor drives, simulate them, and read what others said to them.
+/// Configure, move, watch and simulate motor drives, and analyse captures of their buses.
 ///
-/// Drives are named by connection strings:
+/// A connection string names a link and its drives:
 ///   tmcl+serial:///dev/ttyUSB0:9600#1     modbus-rtu+tcp://10.0.0.5:4001#1,2     sim:tmcl
 #[derive(Parser, Debug)]
 #[command(name = "polepair", version, verbatim_doc_comment, max_term_width = 100)]
 #[command(after_help = HELP_FOOTER)]
 pub struct CommandLine {
-    /// Print no notes and no progress on stderr; errors, and warnings that a motor may turn, are printed
+    /// Print no notes and no progress on stderr; errors and motion warnings are still printed
     #[arg(short, long, global = true)]
     quiet: bool,
     #[command(flatten)]
     join: ServerArgs,
-    /// What to do.
+    /// The verb to run.
     #[command(subcommand)]
     verb: CommandVerb,
-    /// The verb's word.
+    /// The verb's name.
     #[arg(skip)]
     word: String,
 }
 
 impl CommandLine {
+    /// All verbs and options, with the verbs grouped in the help.
+    pub fn grammar() -> clap::Command {
+        groups::with_grouped_verbs(Self::command())
+    }
+
     /// Reads the command line.
     pub fn parse(words: Vec<OsString>, version: &str) -> std::result::Result<Self, clap::Error> {
         let names = |word: &OsString| {
             word.to_str().is_some_and(|word| word == "--server" || word.starts_with("--server="))
         };
-        let command = ServerArgs::hide_server_options(Self::command().version(version.to_owned()));
+        let command = ServerArgs::hide_server_options(Self::grammar().version(version.to_owned()));
         let command = match words.iter().any(names) {
             true => ServerArgs::reword_help(command),
             false => command,
@@ -95,30 +101,30 @@ impl CommandLine {
 const HELP_FOOTER: &str = "\
 Exit codes: 0 ok, 1 negative result, 2 usage, 3 no adapter or permission, 4 no reply,
 5 corrupt or foreign reply, 6 the drive refused, 7 partial, 8 drive fault, 130 interrupted.
-Data goes to stdout, prose to stderr. NO_COLOR is honoured.";
+Results are printed on stdout, notes and errors on stderr. NO_COLOR switches colours off.";
 
 /// The verbs.
 #[derive(Subcommand, Debug)]
 pub enum CommandVerb {
-    /// Explain the frames of a capture
+    /// Decode and explain the frames of a capture
     Decode(decode::Decode),
-    /// Tell what a capture holds: who, what, and what went wrong
+    /// Summarise a capture: axes, states, response times, faults
     Summary(summary::SummaryOptions),
-    /// Tell what differs between two captures in behaviour
+    /// Compare the behaviour of two captures
     Diff(diff::DiffOptions),
-    /// Write a capture in another format
+    /// Convert a capture to another file format
     Convert(convert::Convert),
-    /// Turn text into the bytes of a frame
+    /// Convert a request from text to bytes
     Encode(encode::Encode),
-    /// Say what a fault, a status, an exception or a frame means
+    /// Explain a fault, a status, an exception or a frame
     Explain(explain::Explain),
-    /// Look for what is wrong, from the cable up
+    /// Check a link, from the cable to the drive
     Doctor(doctor::Doctor),
     /// Find the drives on a link
     Scan(scan::ScanCommand),
-    /// Show and set node-IDs and bit rates of CANopen devices (LSS)
+    /// Set node-IDs and bit rates of CANopen devices (LSS)
     Lss(lss::LssCommand),
-    /// Show who a drive is, what it does, and its faults in words
+    /// Show identity, state and faults of a drive
     Info(info::Info),
     /// Read parameters by name or number, with units
     Get(get::Get),
@@ -126,67 +132,67 @@ pub enum CommandVerb {
     Set(set::Set),
     /// Send requests in the protocol's own text, and explain the replies
     Send(send::Send),
-    /// Save a drive's settings as a file, compare them with one, write them back
+    /// Save, compare and restore a drive's settings
     #[command(subcommand)]
     Config(config::ConfigCommand),
-    /// Power the motor, holding it where it stands
+    /// Power the motor; it holds its position
     Enable(verbs::Enable),
-    /// Take power off the motor
+    /// Remove power from the motor
     Disable(verbs::Disable),
-    /// Bring motors to rest; without #AXES every axis on the link
+    /// Stop motors; without #AXES, all axes of the link
     Stop(stop::StopCommand),
-    /// Owe axes of a server their stop no more, though nobody saw them stand
+    /// Clear the stop that a server still has pending for axes
     Dismiss(dismiss::DismissCommand),
-    /// Let the axes of a server move again after everything was stopped
+    /// Allow motion again after a server stopped all axes
     Release(release::Release),
     /// Clear faults
     Clear(verbs::Clear),
-    /// Turn a motor at a speed until Ctrl-C
+    /// Turn a motor at constant speed until Ctrl-C
     Spin(moves::Spin),
     /// Move an axis to a position
     Move(moves::Move),
-    /// Turn a motor with a torque until Ctrl-C
+    /// Turn a motor with constant torque until Ctrl-C
     Torque(moves::Torque),
-    /// Find an axis' reference position
+    /// Search the reference position of an axis
     Home(moves::Home),
     /// Turn a motor slowly until Ctrl-C
     Jog(moves::Jog),
-    /// Move an axis along the points of a file
+    /// Move axes along the points of a file
     Stream(stream::StreamCommand),
-    /// Make programs, put them into a drive's memory, and run them
+    /// Assemble, load and run programs in the memory of a drive
     Program(program::ProgramArgs),
-    /// Keep the time of several drives together
+    /// Synchronise the clocks of several drives
     Sync(sync::Sync),
-    /// Show signals or parameters again and again
+    /// Print signals or parameters periodically
     Watch(watch::WatchCommand),
-    /// Show or set what drives do by themselves when their host falls silent
+    /// Show or set the reaction of drives to a silent host
     Watchdog(watchdog::WatchdogCommand),
-    /// Show axes, frames and faults of a link, live
+    /// Show axes, faults and frames of a link live
     Monitor(monitor::MonitorOptions),
-    /// Keep what passes on a link as a capture, and send nothing
+    /// Record the frames of a link to a capture; sends nothing
     Record(record::RecordOptions),
-    /// Play what a capture's host said onto a link, or to simulated drives
+    /// Send the recorded frames of a capture to a link or to simulated drives
     Replay(replay::ReplayOptions),
-    /// List the serial adapters, and why one cannot be used
+    /// List serial and CAN adapters, with the reason if one is unusable
     Ports(ports::Ports),
-    /// Show what a drive has: units, ranges, defaults, manual sections
+    /// List parameters of a drive: units, ranges, defaults, manual sections
     Params(params::Params),
-    /// Simulate drives that any program can talk to
+    /// Simulate drives for any program
     Sim(sim::Sim),
-    /// Do something to a simulated drive: a load, a fault, an input
+    /// Change a simulated drive: load, fault, input
     Act(act::ActCommand),
-    /// Open links and serve them to browsers and programs
+    /// Serve links to browsers and programs
     Serve(serve::Serve),
-    /// Check what a server has kept of what was done
+    /// Check the journal of a server
     #[command(subcommand)]
     Journal(journal::JournalCommand),
-    /// Find, move, fault and recover two simulated drives
+    /// Find, move, fault and recover simulated drives
     Demo(demo::Demo),
     /// Print a completion script for a shell
     Completions(completions::Completions),
 }
 
-/// Carries a verb out: on a server if one is named.
+/// Runs a verb, on a server if `--server` is given.
 pub fn run(arguments: CommandLine) -> Result {
     if arguments.quiet {
         terminal::be_quiet();
@@ -273,8 +279,9 @@ pub fn capture_format() -> impl TypedValueParser<Value = CaptureFormat> {
         .map(|word| CaptureFormat::from_name(&word).unwrap_or(CaptureFormat::Text))
 }
 
-/// How links are opened. A file of the configuration that is wrong is told once and stands in nobody's
-/// way who needs nothing of it, least of all a stop's.
+/// The connector with the user's configuration.
+///
+/// A configuration file with errors gives one warning and is ignored: it must not prevent a stop.
 pub fn discover_connector() -> Connector {
     static WARNED: Once = Once::new();
     let connector = Connector::discover();
@@ -282,15 +289,15 @@ pub fn discover_connector() -> Connector {
     connector
 }
 
-/// Says that a file, or a name of one, is wrong and done without.
+/// Warns that a file with errors is ignored.
 pub fn warn_ignored_file(error: &FileError) {
-    print_warning(&format!("warning: {error}; it is passed over"));
+    print_warning(&format!("warning: {error}; it is ignored"));
 }
 
-/// A user's own profile.
+/// Option --profile.
 #[derive(Args, Debug)]
 pub struct ProfileFile {
-    /// Describe a drive by a TOML file of your own, or by a TML drive's set-up archive (.t.zip)
+    /// Profile of the drive: a TOML file, or the set-up archive of a TML drive (.t.zip)
     #[arg(long = "profile", value_name = "FILE")]
     file: Option<PathBuf>,
 }
@@ -336,11 +343,11 @@ impl ProfileFile {
     }
 }
 
-/// The drive whose names are used.
+/// Option --profile of commands without a link.
 #[derive(Args, Debug)]
 pub struct NamingArgs {
-    /// Name parameters and faults as this drive does: its name, a TOML file of your own, or a
-    /// CANopen data sheet (EDS, DCF)
+    /// Drive whose parameter and fault names are used: a name, a TOML file, or a CANopen data sheet (EDS,
+    /// DCF)
     #[arg(long = "profile", value_name = "NAME|FILE")]
     drive: Option<String>,
 }

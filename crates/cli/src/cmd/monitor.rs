@@ -26,13 +26,13 @@ use crate::{terminal, trace, value};
 use model::Monitor;
 use remote_monitor::RemoteMonitor;
 
-/// Shows the axes of a link, their faults, and the frames that pass, live.
+/// Shows axes, faults and frames of a link live.
 ///
-/// It reads and never writes; Esc stops every axis that is shown. Where stdout is no terminal, or
-/// with --once or --format jsonl, axes and frames are printed as lines.
+/// The monitor reads, and writes nothing. Esc stops all axes that it shows. If stdout is not a terminal, or
+/// with --once or --format jsonl, it prints lines instead of a screen.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Keys: Esc stops every axis, q leaves, ? shows the others. Leaving stops nothing.
+Keys: Esc stops every axis, q exits without a stop, ? shows all keys.
 
 Examples:
   polepair monitor tmcl+serial:///dev/ttyUSB0#1
@@ -41,40 +41,40 @@ Examples:
   polepair monitor sim:tmcl --once
   polepair monitor sim:tmcl --format jsonl --for 2s")]
 pub struct MonitorOptions {
-    /// The link and its axes: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
+    /// Link and axes: tmcl+serial:///dev/ttyUSB0:9600#1, sim:tmcl, @name
     #[arg(value_name = "URL")]
     url: String,
-    /// Send nothing: show the frames that others exchange
+    /// Send nothing; show the frames of other hosts and of the drives
     #[arg(long, conflicts_with = "once")]
     listen: bool,
-    /// Protocol, of everything, or @ an axis number; several with commas
+    /// Protocol of the link, or PROTO@AXIS for a part of it; separate several by commas
     #[arg(long = "as", value_name = "PROTO[@ID],…")]
     rules: Option<String>,
-    /// How often each axis is asked, per second
+    /// Polls of each axis per second
     #[arg(long, value_name = "HZ", default_value_t = 10.0)]
     rate: f64,
-    /// Ask each axis once, print what it says, and end
+    /// Poll each axis once, print the result, and exit
     #[arg(long)]
     once: bool,
-    /// End after this time
+    /// Exit after this time
     #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
-    /// How it is printed [default: a screen on a terminal, else text]
+    /// Output format [default: a screen on a terminal, else text]
     #[arg(long, value_enum)]
     format: Option<MonitorFormat>,
-    /// Keep the frames in a file that decode reads
+    /// File for the frames, in a format that `decode` reads
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
     #[command(flatten)]
     profiles: super::ProfileFile,
 }
 
-/// How it is printed.
+/// Output formats of `monitor`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum MonitorFormat {
     /// Tables and aligned lines
     Text,
-    /// One JSON object a frame, an axis, a link
+    /// One JSON object for each frame, axis and link
     Jsonl,
 }
 

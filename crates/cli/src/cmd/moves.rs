@@ -21,46 +21,46 @@ use crate::value;
 /// What a jog does unless a speed is given.
 const JOG_SPEED: &str = "60 rpm";
 
-/// How a motion that lasts is ended.
+/// Options of a motion without a target.
 #[derive(Args, Debug)]
 struct HoldArgs {
     /// Stop after this time instead of at Ctrl-C: 2s, 500ms, 1min
     #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
-    /// Leave the motor running, and print what stops it
+    /// Leave the motor running, and print the command that stops it
     #[arg(long, conflicts_with = "seconds")]
     detach: bool,
-    /// Values are the drive's own numbers, without a unit
+    /// Values are raw numbers of the drive, without units
     #[arg(long)]
     raw: bool,
-    /// Print the frames of the motion and send none of them
+    /// Print the frames, and send nothing
     #[arg(long)]
     dry_run: bool,
 }
 
-/// How a motion that arrives is ended.
+/// Options of a motion to a target.
 #[derive(Args, Debug)]
 struct ArrivalArgs {
-    /// Return at once and print what would stop it
+    /// Return at once, and print the command that stops the motor
     #[arg(long)]
     detach: bool,
-    /// Wait until it has arrived (the default)
+    /// Wait until the target is reached (the default)
     #[arg(long, conflicts_with = "detach", hide = true)]
     wait: bool,
-    /// Give up waiting after this time
+    /// Stop waiting after this time; the motor is stopped
     #[arg(long, value_name = "TIME", value_parser = value::parse_span)]
     timeout: Option<f64>,
-    /// Values are the drive's own numbers, without a unit
+    /// Values are raw numbers of the drive, without units
     #[arg(long)]
     raw: bool,
-    /// Print the frames of the motion and send none of them
+    /// Print the frames, and send nothing
     #[arg(long)]
     dry_run: bool,
 }
 
-/// Turns a motor at a speed until Ctrl-C.
+/// Turns a motor at constant speed until Ctrl-C.
 ///
-/// The axis is armed and powered for as long, and stopped at the end.
+/// The motor is powered during the command, and stopped at its end.
 #[derive(Args, Debug)]
 #[command(
     allow_negative_numbers = true,
@@ -73,13 +73,13 @@ Examples:
 pub struct Spin {
     #[command(flatten)]
     target: DriveArgs,
-    /// Speed with a unit; without one, in the unit that the drive's profile has
+    /// Speed [default unit: that of the drive's profile]
     #[arg(value_name = "SPEED", allow_hyphen_values = true)]
     speed: String,
     /// Acceleration
     #[arg(long, value_name = "VALUE")]
     acc: Option<String>,
-    /// Deceleration, where the drive has one of its own
+    /// Deceleration, if the drive has a separate one
     #[arg(long, value_name = "VALUE")]
     dec: Option<String>,
     #[command(flatten)]
@@ -92,27 +92,27 @@ pub struct Spin {
 pub struct Jog {
     #[command(flatten)]
     target: DriveArgs,
-    /// Speed with a unit; without one, in the unit that its profile has [default: 60 rpm]
+    /// Speed [default: 60 rpm; default unit: that of the drive's profile]
     #[arg(value_name = "SPEED", allow_hyphen_values = true)]
     speed: Option<String>,
     #[command(flatten)]
     lasting: HoldArgs,
 }
 
-/// Turns a motor with a torque until Ctrl-C.
+/// Turns a motor with constant torque until Ctrl-C.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  polepair torque tmcl+serial:///dev/ttyUSB0#1 0.5A --for 1s")]
 pub struct Torque {
     #[command(flatten)]
     target: DriveArgs,
-    /// Torque, or what stands for it in this drive: Nm, A or %
+    /// Torque in Nm, or the drive's substitute for it in A or %
     #[arg(value_name = "TORQUE", allow_hyphen_values = true)]
     torque: String,
     #[command(flatten)]
     lasting: HoldArgs,
 }
 
-/// Moves an axis to a position and waits until it is there.
+/// Moves an axis to a position and waits until it arrives.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -123,16 +123,16 @@ Examples:
 pub struct Move {
     #[command(flatten)]
     target: DriveArgs,
-    /// Position with a unit; without one, in the unit that the drive's profile has
+    /// Target position [default unit: that of the drive's profile]
     #[arg(value_name = "POSITION", allow_hyphen_values = true)]
     position: String,
-    /// By so far, from where it is
+    /// Move relative to the actual position
     #[arg(long)]
     rel: bool,
-    /// With --rel: from the last target, whether that was reached or not
+    /// With --rel: relative to the last target, even if it was not reached
     #[arg(long, requires = "rel", conflicts_with = "s_curve")]
     additive: bool,
-    /// Along an S-curve, whose acceleration takes so long to build up: 50ms
+    /// Use an S-curve with this acceleration build-up time: 50ms
     #[arg(long, value_name = "TIME")]
     s_curve: Option<String>,
     /// Speed
@@ -141,17 +141,17 @@ pub struct Move {
     /// Acceleration
     #[arg(long, value_name = "VALUE")]
     acc: Option<String>,
-    /// Deceleration, where the drive has one of its own
+    /// Deceleration, if the drive has a separate one
     #[arg(long, value_name = "VALUE")]
     dec: Option<String>,
-    /// Make every drive ready first, then start all on one SYNC
+    /// Prepare all drives first, then start them together by one SYNC
     #[arg(long, conflicts_with_all = ["additive", "s_curve", "dry_run"])]
     sync: bool,
     #[command(flatten)]
     arriving: ArrivalArgs,
 }
 
-/// Finds an axis' reference position and waits until it is found.
+/// Searches the reference position of an axis and waits until it is found.
 #[derive(Args, Debug)]
 #[command(
     after_help = "Example:\n  polepair home modbus-rtu+serial:///dev/ttyUSB0#1 --timeout 30s"
@@ -159,11 +159,11 @@ pub struct Move {
 pub struct Home {
     #[command(flatten)]
     target: DriveArgs,
-    /// Speed of the search for the switch, with its unit: 10rpm, 0.5rad/s [default: the drive's own]
+    /// Search speed with its unit: 10rpm, 0.5rad/s [default: the drive's setting]
     ///
-    /// It is written to the drive's own parameter, which keeps it until power-off: `homing speed` (TML;
-    /// its sign tells to which limit switch: --vel=-10rpm), `homing speed switch` (CANopen). TMCL modules
-    /// (100 rpm) and SYNTRON drives on Modbus take none.
+    /// It is written to a parameter of the drive, which keeps it until power-off: `homing speed` (TML; the
+    /// sign selects the limit switch: --vel=-10rpm) or `homing speed switch` (CANopen). TMCL modules (100
+    /// rpm) and SYNTRON drives on Modbus have no such parameter.
     #[arg(long, value_name = "VALUE")]
     vel: Option<String>,
     #[command(flatten)]

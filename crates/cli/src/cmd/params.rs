@@ -9,9 +9,9 @@ use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{DataOutput, TextTable, colour_out, print_note};
 use crate::value::{format_number, format_with_unit, in_own_unit};
 
-/// Shows what a drive has: names, units, ranges, defaults, where the manual says so.
+/// Lists the parameters of a drive: names, units, ranges, defaults, manual sections.
 ///
-/// Without FAMILY the drives that are known are listed.
+/// Without FAMILY, the command lists the known drives.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -19,12 +19,12 @@ Examples:
   polepair params tmcm-171
   polepair params tmcm-171 \"max current\"
   polepair params syntron-ts Fn_33
-  polepair params canopen                   what every CANopen device has
-  polepair params technosoft-f514l KPP      its address, type and opcodes")]
+  polepair params canopen                   objects of every CANopen device
+  polepair params technosoft-f514l KPP      address, type and opcodes of one variable")]
 pub struct Params {
-    /// A drive, a family or a protocol: tmcm-171, syntron-ts, canopen, …
+    /// Drive, family or protocol: tmcm-171, syntron-ts, canopen, …
     family: Option<String>,
-    /// One parameter, by its name or by the manual's symbol, or a part of it
+    /// Parameter name, manual symbol, or a part of either
     name: Option<String>,
     /// Write the memory of a TML drive as a set-up archive, NAME.t.zip
     #[arg(long, value_name = "FILE", requires = "family", conflicts_with = "name")]

@@ -6,7 +6,7 @@ use polepair_link::{Port, PortKind, ports};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{DataOutput, TextTable, colour_out};
 
-/// Lists the serial and CAN adapters of this machine, and why one cannot be used.
+/// Lists the serial and CAN adapters of this machine, with the reason if one is unusable.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:

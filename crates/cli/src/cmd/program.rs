@@ -10,7 +10,7 @@ use crate::problem::{Problem, Result};
 use crate::session::Session;
 use polepair::Axis;
 
-/// Makes programs, puts them into a drive's memory, and runs them.
+/// Assembles, loads and runs programs in the memory of a drive.
 #[derive(Args, Debug)]
 pub struct ProgramArgs {
     #[command(subcommand)]
@@ -19,23 +19,23 @@ pub struct ProgramArgs {
 
 #[derive(Subcommand, Debug)]
 enum ProgramVerb {
-    /// Turn a program's text into a file for a drive (.sw, .bin), or the reverse
+    /// Convert program text to a file for the drive (.sw, .bin), or back
     Assemble(files::Assemble),
-    /// Write a program into a drive's memory, and prove that it is there
+    /// Write a program to the drive's memory, and verify it
     Load(files::ProgramLoad),
-    /// Compare a drive's memory with a program
+    /// Compare the drive's memory with a program
     Verify(files::ProgramVerify),
-    /// Keep what is in a drive's memory as a file
+    /// Save the drive's memory to a file
     Save(files::ProgramSave),
-    /// Run a drive's program from an address, until it ends or Ctrl-C
+    /// Run a program from an address, until it ends or until Ctrl-C
     Run(run::ProgramRun),
     /// Execute a TMCL program one instruction at a time
     Step(instructions::ProgramStep),
-    /// Execute a TMCL program until it comes to a place
+    /// Execute a TMCL program up to a breakpoint
     Break(instructions::ProgramBreak),
-    /// Have a drive call a routine, and wait for its end
+    /// Call a routine of the program, and wait until it returns
     Call(run::ProgramCall),
-    /// End whatever program a drive runs, and its motion
+    /// End the running program and its motion
     #[command(alias = "abort")]
     Stop(run::ProgramStop),
 }

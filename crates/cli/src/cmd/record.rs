@@ -28,39 +28,40 @@ const POLL_MS: u32 = 20;
 /// How often the file is brought up to date: a crash loses no more than this.
 const FLUSH_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Keeps what passes on a link as a capture, until Ctrl-C. Nothing is sent.
+/// Records the frames of a link to a capture until Ctrl-C. Sends nothing.
 ///
-/// Each frame is kept with its time; frames that the system or the adapter dropped are counted and
-/// told. A name that ends in .gz or .zst is compressed. A crash loses at most the last half second.
+/// Each frame is recorded with its time. Frames that the system or the adapter lost are counted and
+/// reported. Names that end in .gz or .zst are compressed. After a crash, at most the last half second is
+/// missing.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-On CAN the controller acknowledges what it hears, as every node does, unless it is set to
-listen only: ip link set can0 type can listen-only on.
+A CAN controller acknowledges the frames that it receives. To prevent that, set it to listen-only:
+ip link set can0 type can listen-only on.
 
 Examples:
   polepair record canopen+socketcan://can0 -o machine.log
   polepair record tmcl+serial:///dev/ttyUSB0:9600 -o night.pcapng.zst --rotate 1h
   polepair record canopen+slcan:///dev/ttyACM0 -o bus.blf --for 10min -v --as canopen")]
 pub struct RecordOptions {
-    /// The link: canopen+socketcan://can0, tmcl+serial:///dev/ttyUSB0:9600, @name
+    /// Link: canopen+socketcan://can0, tmcl+serial:///dev/ttyUSB0:9600, @name
     #[arg(value_name = "URL")]
     url: String,
-    /// The capture
+    /// Capture to write
     #[arg(short, long = "out", value_name = "FILE")]
     out: PathBuf,
-    /// How it is written [default: told by FILE's name]
+    /// Output format [default: from the name of FILE]
     #[arg(long, value_name = "FORMAT", value_parser = super::capture_format())]
     to: Option<CaptureFormat>,
-    /// End after this time
+    /// Exit after this time
     #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
-    /// Begin another file, with a number in its name, after so much: 100MB, 1h
+    /// Start a new file, with a number in its name, after this size or time: 100MB, 1h
     #[arg(long, value_name = "SIZE|TIME", value_parser = Rotation::parse)]
     rotate: Option<Rotation>,
-    /// Show the frames, explained, as decode does
+    /// Also print the decoded frames
     #[arg(short = 'v', long)]
     show: bool,
-    /// Protocol of what is shown, or @ an axis number; several with commas
+    /// Protocol of the printed frames, or PROTO@AXIS for a part of them; separate several by commas
     #[arg(long = "as", value_name = "PROTO[@ID],…", requires = "show")]
     rules: Option<String>,
     #[command(flatten)]

@@ -6,10 +6,10 @@ use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, ServerArgs};
 use crate::terminal::print_note;
 
-/// Lets the axes of a server move again after everything was stopped.
+/// Allows motion again after a server stopped all axes.
 ///
-/// A stop of everything locks motion. Whoever releases it should have seen that nobody is near the motors;
-/// the server's journal keeps who did. No motor moves by it.
+/// A stop of all axes locks motion. Check that no person is near the motors before you release it. The
+/// server's journal records who released it. The command itself moves no motor.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Example:
@@ -17,13 +17,13 @@ Example:
 pub struct Release {}
 
 impl Release {
-    /// Only a server locks motion.
+    /// Refuses the command without a server: only a server locks motion.
     pub fn run(self) -> Result {
         let what = "`release` is about a server's motion.";
         Err(Problem::usage("E257", what).hint("say which server: --server URL"))
     }
 
-    /// By a server.
+    /// Releases motion on a server.
     pub fn run_on_server(self, join: ServerArgs) -> Result {
         join.gateway()?.release().map_err(remote::refusal_problem)?;
         print_note("motion is let again");

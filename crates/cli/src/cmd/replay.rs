@@ -41,12 +41,12 @@ use survey::Survey;
 /// How often is looked for what passed.
 const POLL_MS: u32 = 20;
 
-/// Plays what a capture's host said onto links, or to simulated drives.
+/// Sends the recorded frames of a capture to links or to simulated drives.
 ///
-/// What it is about to send is told first. Frames that may move motors, or that nobody can explain,
-/// need --arm; frames that reach a drive's permanent memory need --store. Axes that were sent such
-/// frames are stopped at the end, at Ctrl-C and after an error. Where a capture does not say who
-/// spoke, its protocol does.
+/// The command first prints what it is about to send. Frames that may move motors, and unknown frames, need
+/// --arm. Frames that write to permanent memory need --store. Axes that received such frames are stopped at
+/// the end, at Ctrl-C and after an error. If a capture does not record the direction of frames, it is
+/// derived from the protocol.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -57,51 +57,51 @@ Examples:
   polepair replay cell.pcapng canopen+socketcan://can0 tmcl+serial:///dev/ttyUSB0 \\
       --link can1 --link ttyS3 --filter 'time in 10..20s'")]
 pub struct ReplayOptions {
-    /// The capture
+    /// Capture to send
     #[arg(value_name = "FILE")]
     source: PathBuf,
-    /// Where it is played: canopen+socketcan://can0, tmcl+serial:///dev/ttyUSB0:9600, sim:tmcl
+    /// Destination: canopen+socketcan://can0, tmcl+serial:///dev/ttyUSB0:9600, sim:tmcl
     #[arg(value_name = "URL", required_unless_present = "to")]
     urls: Vec<String>,
-    /// Likewise
+    /// Destination, as URL
     #[arg(long, value_name = "URL", hide = true)]
     to: Vec<String>,
-    /// So many times as fast as recorded
+    /// Speed factor; 2 sends twice as fast as recorded
     #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = parse_speed)]
     speed: f64,
-    /// Each frame as soon as the one before is answered, or as was waited when it was recorded
+    /// Send each frame as soon as the one before is answered, or its recorded wait is over
     #[arg(long, conflicts_with = "speed")]
     fast: bool,
-    /// Play it so often; 0 is until Ctrl-C
+    /// Number of repetitions; 0 repeats until Ctrl-C
     #[arg(long = "loop", value_name = "N", default_value_t = 1)]
     times: u64,
-    /// Whose frames are sent
+    /// Frames to send, by their sender
     #[arg(long, value_enum, default_value_t = SendDirection::Tx)]
     direction: SendDirection,
-    /// Only frames of which this is true: 'axis = 2', 'time in 10..20s', 'kind = GAP'
+    /// Send only frames that match an expression: 'axis = 2', 'time in 10..20s', 'kind = GAP'
     #[arg(long, value_name = "EXPR")]
     filter: Option<String>,
-    /// The link of the capture that is played onto the first URL; again for the second …
+    /// Link of the capture for the first URL; repeat the option for each further URL
     #[arg(long = "link", value_name = "NAME")]
     links: Vec<String>,
     #[command(flatten)]
     stated: CaptureArgs,
-    /// Send also what may move a motor, or what nobody can explain
+    /// Also send frames that may move a motor, and unknown frames
     #[arg(long)]
     arm: bool,
-    /// Send also what reaches a drive's permanent memory
+    /// Also send frames that write to permanent memory
     #[arg(long)]
     store: bool,
-    /// Leave motors as the capture leaves them
+    /// Leave the motors as the capture leaves them
     #[arg(long)]
     detach: bool,
-    /// Print what would be sent, and what it may do, and send nothing
+    /// Print what would be sent and its effect, and send nothing
     #[arg(long)]
     dry_run: bool,
-    /// Show the frames that pass, explained, as decode does
+    /// Print all frames, decoded
     #[arg(short = 'v', long)]
     verbose: bool,
-    /// Keep what passes, in both directions, as a capture
+    /// File for the frames in both directions, in a format that `decode` reads
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
 }

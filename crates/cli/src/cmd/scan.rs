@@ -19,7 +19,7 @@ use crate::remote::{self, RemoteSession};
 use crate::target::{DriveArgs, OutputFormat};
 use crate::terminal::{DataOutput, TextTable, colour_out, csv_line, print_note, print_warning};
 
-/// Looks for drives on a link, by reads only.
+/// Finds the drives on a link, by reads only.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -30,16 +30,16 @@ Examples:
 pub struct ScanCommand {
     #[command(flatten)]
     target: DriveArgs,
-    /// Addresses to try [default: all that the protocol has]
+    /// Addresses to try [default: all of the protocol]
     #[arg(long, value_name = "FIRST-LAST", value_parser = parse_ids)]
     ids: Option<RangeInclusive<u32>>,
-    /// Have the server look for drives on its links
+    /// Have the server scan its links
     #[arg(long, hide = true)]
     look: bool,
-    /// The same, and make axes of those that are found and clash with nobody
+    /// Have the server scan its links, and add the drives without conflicts as axes
     #[arg(long, hide = true)]
     take: bool,
-    /// How they are printed
+    /// Output format
     #[arg(long, value_enum, default_value_t = OutputFormat::Text)]
     format: OutputFormat,
 }

@@ -25,30 +25,30 @@ Examples:
   polepair send canopen+socketcan://can0#5 \"read 0x6041\" \"nmt start\"
   polepair send sim:tmcl \"ROR 0, 100\" --arm
 
-The language is the one of encode. All texts are checked before the first is sent.")]
+The language is that of `encode`. All requests are checked before the first one is sent.")]
 pub struct Send {
     #[command(flatten)]
     target: DriveArgs,
-    /// Requests, such as \"GAP 1, 0\", \"KPP=0x1234\", \"write Fn_33 200\", \"read 0x6041\", \"QV\"
+    /// Requests, such as "GAP 1, 0", "KPP=0x1234", "write Fn_33 200", "read 0x6041", "QV"
     #[arg(required = true, value_name = "TEXT")]
     texts: Vec<String>,
-    /// Let requests through that may start or change motion
+    /// Allow requests that may start or change motion
     #[arg(long)]
     arm: bool,
-    /// Print the frames and send nothing
+    /// Print the frames, and send nothing
     #[arg(long)]
     dry_run: bool,
-    /// How replies are printed
+    /// Output format
     #[arg(long, value_enum, default_value_t = SendFormat::Text)]
     format: SendFormat,
 }
 
-/// How replies are printed.
+/// Output formats of `send`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum SendFormat {
-    /// For people
+    /// Text
     Text,
-    /// One JSON object a request
+    /// One JSON object for each request
     Jsonl,
 }
 

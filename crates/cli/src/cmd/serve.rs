@@ -11,42 +11,43 @@ use crate::outcome::to_sentence;
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{DataOutput, print_note, print_warning};
 
-/// Opens links, owns them, and serves them to browsers and programs, until Ctrl-C.
+/// Opens links and serves them to browsers and programs until Ctrl-C.
 ///
-/// Without a URL it simulates a rack. It prints one line with a URL that lets one browser in, once.
-/// It listens on this machine alone unless told otherwise, and then only encrypted (--tls). Ctrl-C
-/// stops what moves and ends. This is not a certified safety function: hard-wire STO and emergency
+/// Without a URL, the server simulates a rack. It prints a URL that admits one browser, once. By default it
+/// accepts connections from this machine only; other addresses need --tls. On Ctrl-C the server stops all
+/// moving axes and exits. This is not a certified safety function: use hard-wired STO and an emergency
 /// stop.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair serve                                 a simulated rack
   polepair serve tmcl+serial:///dev/ttyUSB0:9600#1,2
-  polepair serve @arm --scopes read,stop         nobody moves anything
+  polepair serve @arm --scopes read,stop         read and stop only
   polepair serve @arm --tls --bind 0.0.0.0:7365 --name bench.example")]
 pub struct Serve {
     /// Links to open
     #[arg(value_name = "URL")]
     urls: Vec<String>,
-    /// Where to listen; port 0 takes a free one
+    /// Address and port to listen on; port 0 selects a free one
     #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::new(LOOPBACK, PORT))]
     bind: SocketAddr,
-    /// Encrypt, with certificate.pem and key.pem of the folder, made on the first run
+    /// Encrypt with certificate.pem and key.pem of the state folder; the first start creates them
     #[arg(long)]
     tls: bool,
-    /// Let in only clients that show a certificate signed by one of this file, besides their token
+    /// Require client certificates signed by a CA in this file, in addition to tokens
     #[arg(long, value_name = "FILE", requires = "tls")]
     client_ca: Option<PathBuf>,
-    /// A name by which browsers may call this server; again for more
+    /// Host name that browsers may use for this server; repeat the option for more
     #[arg(long = "name", value_name = "HOST")]
     names: Vec<String>,
-    /// What anybody may do at most: read, stop, move, configure; and raw, for tokens that say so
+    /// Highest permissions of any client: read, stop, move, configure, raw; `raw` also needs a token with
+    /// raw
     #[arg(long, value_name = "SCOPE,…", default_value = "read,stop,move,configure")]
     scopes: Scopes,
-    /// Where tokens, certificate and journal are; polepair's folder of your account unless told
+    /// Folder for tokens, certificate and journal [default: polepair's folder of your account]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
-    /// How to log to stderr
+    /// Format of the log on stderr
     #[arg(long, value_name = "FORM", default_value = "text")]
     log: LogFormat,
     #[command(flatten)]
@@ -55,14 +56,14 @@ pub struct Serve {
 
 const LOOPBACK: IpAddr = IpAddr::V4(std::net::Ipv4Addr::LOCALHOST);
 
-/// How logs look.
+/// Log formats.
 #[derive(ValueEnum, Clone, Copy, Debug)]
 enum LogFormat {
-    /// A line for people.
+    /// Text
     Text,
-    /// An object a line.
+    /// One JSON object for each line
     Json,
-    /// None.
+    /// No log
     Off,
 }
 

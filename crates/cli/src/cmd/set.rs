@@ -22,7 +22,7 @@ use crate::value;
 use data_write::DataWrite;
 use readdress::AddressChange;
 
-/// Writes parameters by name or number, with units, checked against their limits.
+/// Writes parameters by name or number, with units. Values are checked against their limits first.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -32,23 +32,24 @@ Examples:
   polepair set canopen+socketcan://can0#5 0x2030:1:u16=5 --arm
   polepair set canopen+socketcan://can0#5 0x1F50:1=@firmware.bin
 
-By number as in get. What no table describes may do anything: it needs --arm.")]
+Numbers are written as for `get`. An object that no table describes needs --arm, because its effect is
+unknown.")]
 pub struct Set {
     #[command(flatten)]
     target: DriveArgs,
-    /// NAME=VALUE, with a unit or in the parameter's own; a value may be a name, or @FILE for bytes
+    /// NAME=VALUE; VALUE is a number with or without unit, a value name, or @FILE for bytes
     #[arg(required = true, value_name = "NAME=VALUE")]
     settings: Vec<String>,
-    /// The values are numbers as on the wire
+    /// Values are raw numbers, as on the wire
     #[arg(long)]
     raw: bool,
-    /// Keep the settings in the drive's permanent memory
+    /// Save the settings to the drive's permanent memory
     #[arg(long)]
     store: bool,
-    /// Let writes through that may start or change motion
+    /// Allow writes that may start or change motion
     #[arg(long)]
     arm: bool,
-    /// Print what would change and write nothing
+    /// Print what would change, and write nothing
     #[arg(long)]
     dry_run: bool,
 }

@@ -19,52 +19,51 @@ use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput, print_note};
 
-/// Simulates drives that any program can talk to, until Ctrl-C.
+/// Simulates drives for any program, until Ctrl-C.
 ///
-/// One line `ready URL` is printed for each link as soon as it can be used. Drives are as from the
-/// factory. A serial link gets a pseudo-terminal, unless --tcp gives it a port. A CAN bus gets a UDP
-/// multicast group, unless --can or --socketcand is given, or --pty or --tcp, which then are a serial
-/// CAN adapter (slcan). With --udp, --can or --socketcand, a protocol that is spoken on both media is
-/// put on CAN; elsewhere `tmcl+can` says so.
+/// The command prints `ready URL` for each link as soon as it can be used. The drives have factory
+/// settings. A serial link is a pseudo-terminal, or a TCP port with --tcp. A CAN bus is a UDP multicast
+/// group, or what --can, --socketcand or --udp selects. With --pty or --tcp it is a serial CAN adapter
+/// (slcan). If a protocol exists on serial lines and on CAN, write `tmcl+can` for CAN.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair sim tmcl                              ready tmcl+serial:///dev/pts/3#1
   polepair sim tmcl:1,2 --pty /tmp/drives        two drives on one line
   polepair sim modbus-rtu:1 --tcp 127.0.0.1:4001
-  polepair sim tmcl:1,2 --udp 239.74.163.2:43113   a CAN bus that python-can can join
-  polepair sim tmcl+can --pty /tmp/adapter         the same behind a serial CAN adapter
-  polepair sim canopen:5 --eds motor.eds           what the data sheet of a CANopen device lists
+  polepair sim tmcl:1,2 --udp 239.74.163.2:43113   a CAN bus for python-can
+  polepair sim tmcl+can --pty /tmp/adapter         a CAN bus behind a serial CAN adapter
+  polepair sim canopen:5 --eds motor.eds           the object dictionary of a data sheet
   polepair sim rack.toml --seed 7")]
 pub struct Sim {
-    /// A rack file, or for each link a protocol or product and addresses: tmcl:1,2
+    /// Rack file; or for each link a protocol or product, with addresses: tmcl:1,2
     #[arg(required = true, value_name = "RACK.toml|PROTO[:ADDRESS,…]")]
     drives: Vec<String>,
-    /// Make PATH a link to the pseudo-terminal; as all of these once for each link, in order
+    /// Link PATH to the pseudo-terminal; repeat such options in the order of the links
     #[arg(long, value_name = "PATH")]
     pty: Vec<PathBuf>,
-    /// Serve a link on TCP instead; port 0 takes a free one
+    /// Serve a link on this TCP address; port 0 selects a free one
     #[arg(long, value_name = "ADDR:PORT")]
     tcp: Vec<String>,
-    /// Serve a CAN bus on this UDP multicast group, as python-can's udp_multicast
+    /// Serve a CAN bus on this UDP multicast group, in the format of python-can
     #[arg(long, value_name = "GROUP:PORT")]
     udp: Vec<String>,
-    /// Put the drives on this CAN interface of the kernel, such as vcan0
+    /// Connect the drives to a CAN interface of the kernel, such as vcan0
     #[arg(long, value_name = "INTERFACE")]
     can: Vec<String>,
-    /// Serve a CAN bus as socketcand does, by the name can0; port 0 takes a free one
+    /// Serve a CAN bus by the socketcand protocol, with the name can0; port 0 selects a free one
     #[arg(long, value_name = "ADDR:PORT")]
     socketcand: Vec<String>,
-    /// Make a link's CANopen drives what this data sheet (EDS or DCF) lists; the last holds on
+    /// Object dictionary of the CANopen drives (EDS or DCF); the last file is used for all further links
     #[arg(long, value_name = "FILE")]
     eds: Vec<PathBuf>,
-    /// Listen here for `polepair act`; without it where act finds it by a link's URL
+    /// Path of the control socket for `polepair act` [default: a path that `act` derives from the URL]
     #[arg(long, value_name = "PATH")]
     control: Option<PathBuf>,
-    /// Whatever is random comes from this
+    /// Seed of all random values
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// How many times faster than real motors
+    /// Speed factor of the simulated time
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     speed: f64,
 }

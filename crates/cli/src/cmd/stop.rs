@@ -18,27 +18,27 @@ use crate::remote::{self, RemoteSession, ServerArgs};
 use crate::target::{DriveArgs, warn_ignored_files};
 use crate::terminal::{self, print_note, print_warning};
 
-/// Brings motors to rest.
+/// Stops motors.
 ///
-/// Without #AXES in the URL everybody on the link is told at once, where the protocol has a word for
-/// that, then every axis that answers is stopped.
+/// Without #AXES in the URL, the command first sends a broadcast stop, if the protocol has one, and then
+/// stops each axis that replies.
 ///
-/// A program that runs in a drive (TMCL, TML) would move its motor again, so it is ended first.
+/// A program in the drive (TMCL, TML) could move the motor again, so it is ended first.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
-  polepair stop tmcl+serial:///dev/ttyUSB0        every axis on the link
+  polepair stop tmcl+serial:///dev/ttyUSB0        all axes of the link
   polepair stop tmcl+serial:///dev/ttyUSB0#1")]
 pub struct StopCommand {
     #[command(flatten)]
     target: DriveArgs,
-    /// As fast as the drive can
+    /// Stop with the drive's fastest deceleration
     #[arg(long)]
     quick: bool,
-    /// Leave the drive's own program (TMCL, TML) running; it may move the motor again
+    /// Keep the program in the drive (TMCL, TML) running; it may move the motor again
     #[arg(long)]
     keep_program: bool,
-    /// Print the frames and send nothing
+    /// Print the frames, and send nothing
     #[arg(long)]
     dry_run: bool,
 }

@@ -19,14 +19,14 @@ use crate::value;
 
 /// Moves axes along the points of a file.
 ///
-/// Drives with a buffer (TML) take one axis: a line is `position, velocity, time`: rad, rad/s (m, m/s
-/// on linear axes), and the seconds since the line before, 0.001 to 0.511 where the drive's slow loop
-/// is 1 ms. The path begins where the axis stands: that is time 0, which has no line.
+/// Drives with a buffer (TML) take one axis. A line is `position, velocity, time` in rad, rad/s (linear
+/// axes: m, m/s) and seconds since the line before. The time is 0.001 to 0.511 if the drive's slow loop is
+/// 1 ms. The path begins at the actual position, which has no line.
 ///
-/// Drives with cyclic modes take any number of axes on one SYNC, when the file has a header, or with
-/// --period or --mode: a line is the time since the beginning and a set-point for each axis. The
-/// header names columns and units, `time s, 2 deg, 3 deg`; without one times are seconds, set-points
-/// in the order of the axes, in rad, rad/s or Nm. `#` begins a comment.
+/// Drives with cyclic modes take any number of axes on one SYNC. This form is used if the file has a
+/// header, or with --period or --mode. A line is the time since the beginning and a set-point for each
+/// axis. The header names columns and units: `time s, 2 deg, 3 deg`. Without it, times are in seconds, and
+/// set-points are in the order of the axes, in rad, rad/s or Nm. `#` begins a comment.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -35,16 +35,16 @@ Examples:
 pub struct StreamCommand {
     #[command(flatten)]
     target: DriveArgs,
-    /// The points
+    /// File with the points
     #[arg(value_name = "FILE")]
     path: PathBuf,
-    /// Lines are `position, time`: the drive interpolates positions alone
+    /// Lines are `position, time`; the drive interpolates positions only
     #[arg(long, conflicts_with_all = ["period", "mode"])]
     pt: bool,
-    /// From one SYNC to the next; points in between are interpolated [default: the file's]
+    /// SYNC period; points in between are interpolated [default: that of the file]
     #[arg(long, value_name = "TIME", value_parser = value::parse_span)]
     period: Option<f64>,
-    /// What set-points are [default: as the columns' units say]
+    /// Type of the set-points [default: from the units of the columns]
     #[arg(long, value_enum)]
     mode: Option<CyclicMode>,
 }

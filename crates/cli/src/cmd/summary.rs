@@ -10,41 +10,42 @@ use crate::capture::{CaptureArgs, EventSink, report_left_out};
 use crate::problem::{Exit, Problem, Result};
 use crate::terminal::{self, DataOutput};
 
-/// Tells what a capture holds: who was there, what they did, what went wrong.
+/// Summarises a capture: axes, states, response times, faults.
 ///
-/// Links and their load, axes and their states, requests and how long answers took, what came
-/// regularly, faults with cause and remedy, and the ten oddest moments with the frame that told each.
-/// Exits with 1 where there was a fault or something odd.
+/// The summary shows links and bus load, axes and their states, requests and response times, periodic
+/// frames, faults with cause and remedy, and the ten most unusual moments. The exit code is 1 if the
+/// capture has a fault or an anomaly.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Bit rates are estimated by how close frames came (~500 kbit/s), where that tells. The load counts
-stuff bits; its peak is over 100 ms. Latencies and periods are right to 3 %.
+Without --bitrate, the bit rate is estimated from the shortest distance between frames (~500 kbit/s).
+The bus load includes stuff bits; its peak is measured over 100 ms. Response times and periods are
+exact to 3 %.
 
 Examples:
   polepair summary bus.log
   polepair summary bus.blf --as canopen@2,thruster@11 --bitrate 500000
   polepair summary bus.log --format json | jq .moments")]
 pub struct SummaryOptions {
-    /// The capture; - for stdin
+    /// Capture to read; - for stdin
     #[arg(value_name = "FILE|-")]
     source: PathBuf,
     #[command(flatten)]
     stated: CaptureArgs,
-    /// Bit rate of all links, or of some: 500000, can0=500000,ttyUSB0=9600
+    /// Bit rate of all links, or of each: 500000, can0=500000,ttyUSB0=9600
     #[arg(long, value_name = "[LINK=]N,…")]
     bitrate: Option<String>,
-    /// How it is written
+    /// Output format
     #[arg(long, value_enum, default_value_t = SummaryFormat::Text)]
     format: SummaryFormat,
-    /// Write to a file instead of stdout
+    /// File to write instead of stdout
     #[arg(short, long = "out", value_name = "OUT")]
     out: Option<PathBuf>,
 }
 
-/// How a summary is written.
+/// Output formats of `summary`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum SummaryFormat {
-    /// For people
+    /// Text
     Text,
     /// One JSON object
     Json,

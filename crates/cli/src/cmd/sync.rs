@@ -26,10 +26,10 @@ const COMPARISONS: usize = 8;
 /// Offsets beyond this, and beyond what the line leaves open, are not kept together, s.
 const TOGETHER_S: f64 = 1e-3;
 
-/// Keeps the time of several drives together, and shows how well.
+/// Synchronises the clocks of several drives, and shows the difference between them.
 ///
-/// One drive is the master: it tells the others its time again and again, without the host, until it
-/// is stopped or loses its supply. That happens on the drives' bus, so they must be on one.
+/// One drive is the master and sends its time periodically, without the host, until --stop or power-off.
+/// All drives must be on one bus.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -38,16 +38,16 @@ Examples:
 pub struct Sync {
     #[command(flatten)]
     target: DriveArgs,
-    /// How often the master tells its time
+    /// Period of the master's time messages
     #[arg(long, value_name = "TIME", default_value = "20ms")]
     period: String,
-    /// The axis whose time it is [default: the first]
+    /// Axis of the master [default: the first]
     #[arg(long, value_name = "AXIS")]
     master: Option<u32>,
-    /// End it, and show how far they are apart
+    /// End the synchronisation, and show the difference between the clocks
     #[arg(long)]
     stop: bool,
-    /// Print the frames and send nothing
+    /// Print the frames, and send nothing
     #[arg(long)]
     dry_run: bool,
 }

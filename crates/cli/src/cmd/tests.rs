@@ -4,6 +4,7 @@
 use clap::{Arg, Command};
 
 use super::CommandLine;
+use super::groups::VERB_GROUPS;
 
 /// One line for a command, one for each of its arguments, then its subcommands.
 fn describe(command: &Command, path: &str, lines: &mut Vec<String>) {
@@ -35,6 +36,17 @@ fn words(argument: &Arg) -> String {
         words.push("required".into());
     }
     words.join(" ")
+}
+
+#[test]
+fn every_verb_is_in_one_group() {
+    let command = CommandLine::grammar();
+    let mut verbs: Vec<&str> = command.get_subcommands().map(Command::get_name).collect();
+    let mut grouped: Vec<&str> =
+        VERB_GROUPS.iter().flat_map(|group| group.verbs).copied().collect();
+    verbs.sort_unstable();
+    grouped.sort_unstable();
+    assert_eq!(grouped, verbs);
 }
 
 #[test]

@@ -28,24 +28,24 @@ const SWITCHED_OFF: &str = "took the command to switch its motor off";
 const UNPOWERED: &str = "has no power now";
 const CLEARED: &str = "has its faults cleared";
 
-/// Powers the motor, holding it where it stands.
+/// Powers the motor. It holds its actual position.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  polepair enable tmcl+serial:///dev/ttyUSB0#1")]
 pub struct Enable {
     #[command(flatten)]
     target: DriveArgs,
-    /// Print the frames and send nothing
+    /// Print the frames, and send nothing
     #[arg(long)]
     dry_run: bool,
 }
 
-/// Takes power off the motor.
+/// Removes power from the motor.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  polepair disable tmcl+serial:///dev/ttyUSB0#1")]
 pub struct Disable {
     #[command(flatten)]
     target: DriveArgs,
-    /// Print the frames and send nothing
+    /// Print the frames, and send nothing
     #[arg(long)]
     dry_run: bool,
 }
@@ -56,7 +56,7 @@ pub struct Disable {
 pub struct Clear {
     #[command(flatten)]
     target: DriveArgs,
-    /// Print the frames and send nothing
+    /// Print the frames, and send nothing
     #[arg(long)]
     dry_run: bool,
 }

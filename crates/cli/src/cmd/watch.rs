@@ -35,7 +35,7 @@ const FIRST_POLL_MS: u32 = 2;
 const FRESH_PERIODS: f64 = 3.0;
 const FRESH_MIN: Duration = Duration::from_secs(1);
 
-/// Shows signals or parameters again and again, until Ctrl-C or --for.
+/// Prints signals or parameters periodically, until Ctrl-C or --for.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Signals: position, velocity, torque, current, voltage, temperature, target position,
@@ -51,30 +51,30 @@ pub struct WatchCommand {
     /// Signals or parameters [default: position velocity]
     #[arg(value_name = "SIGNAL")]
     signals: Vec<String>,
-    /// Readings a second
+    /// Readings per second
     #[arg(long, value_name = "HZ", default_value_t = 10.0)]
     rate: f64,
-    /// How they are printed
+    /// Output format
     #[arg(long, value_enum, default_value_t = WatchFormat::Table)]
     format: WatchFormat,
-    /// End after this time instead of at Ctrl-C
+    /// Exit after this time
     #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
-    /// Take what the drive sends by itself, and ask nothing; with a time, have it send the signals at
-    /// this interval meanwhile (thruster family: SR, which the drive keeps; it is off at the end)
+    /// Print what the drive sends by itself, without polling; with TIME, set it to send at this interval
+    /// (thruster family: SR; switched off at the end)
     #[arg(long, value_name = "INTERVAL", num_args = 0..=1, require_equals = true,
         value_parser = value::parse_span)]
     reports: Option<Option<f64>>,
 }
 
-/// How readings are printed.
+/// Output formats of `watch`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
 enum WatchFormat {
     /// Aligned columns
     Table,
-    /// One JSON object a reading
+    /// One JSON object for each reading
     Jsonl,
-    /// Comma-separated, with a head
+    /// Comma-separated, with a header
     Csv,
 }
 

@@ -16,10 +16,11 @@ use crate::target::DriveArgs;
 use crate::terminal::{DataOutput, print_note, print_warning};
 use crate::value;
 
-/// Shows what drives do by themselves when their host falls silent, or sets it.
+/// Shows or sets the reaction of drives to a silent host.
 ///
-/// Nothing moves by it; a motor that turns is stopped by it once nobody speaks. A drive that watches a
-/// heartbeat (CANopen) needs one: open it with heartbeat=100.
+/// The command itself moves no motor. With the watchdog on, a drive stops its motor as soon as the host is
+/// silent for TIME. A drive that monitors a heartbeat (CANopen) needs one: add heartbeat=100 to the
+/// connection string.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -29,7 +30,7 @@ Examples:
 pub struct WatchdogCommand {
     #[command(flatten)]
     target: DriveArgs,
-    /// Stop after so long without a word of the host, with its unit; `off` is never
+    /// Time without a message after which the drive stops its motor: 500ms; `off` switches the watchdog off
     #[arg(value_name = "TIME|off")]
     time: Option<String>,
 }

@@ -263,7 +263,7 @@ fn without_colours_nothing_is_told_by_colour() {
 fn help_is_left_by_the_key_that_called_it_and_stops_are_heard_in_it() {
     let mut screen = TestScreen::new("sim:tmcl?time=virtual", 80, 24);
     screen.type_in("?");
-    assert!(screen.screen().contains("stop every axis of this view"));
+    assert!(screen.screen().contains("stop all axes of this view"));
     assert_eq!(screen.press(KeyCode::Char('q')), KeyOutcome::Continue);
     assert!(!screen.view.help);
     screen.type_in("?");

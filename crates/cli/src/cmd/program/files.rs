@@ -21,16 +21,16 @@ const CHUNK: usize = 64;
 /// What erased permanent memory holds.
 const ERASED: u16 = 0xFFFF;
 
-/// Where a program lies.
+/// Memory location of a program.
 #[derive(Args, Debug)]
 struct ProgramLocation {
-    /// Into RAM: lost with the power
+    /// Use the RAM; its content is lost at power-off
     #[arg(long)]
     ram: bool,
-    /// Into the EEPROM: kept, and worn by every write
+    /// Use the EEPROM; its content is kept, and each write wears it
     #[arg(long, conflicts_with = "ram")]
     eeprom: bool,
-    /// Where the first word of a text lies; else where RAM, or with --eeprom the EEPROM, begins
+    /// Address of the first word of a text [default: start of the RAM, or of the EEPROM with --eeprom]
     #[arg(long, value_name = "ADDRESS", value_parser = parse_address)]
     at: Option<u16>,
 }
@@ -78,26 +78,28 @@ impl ProgramLocation {
     }
 }
 
-/// Turns a program's text into a file for a drive, or such a file into text. Nothing is sent.
+/// Converts program text to a file for the drive, or such a file to text. Sends nothing.
 ///
-/// TML (.tml, .sw): a line holds instructions, parted by `;`, and a comment behind `//`; `name:` is a label
-/// for GOTO, CALL and CALLS. TMCL (.tmc, .bin): an instruction a line, labels, constants (`Speed = 500`),
-/// comments and #include, as in the maker's TMCL-IDE.
+/// TML (.tml, .sw): one line holds instructions, separated by `;`. A comment begins with `//`. `name:` is a
+/// label for GOTO, CALL and CALLS.
+///
+/// TMCL (.tmc, .bin): one line holds one instruction. Labels, constants (`Speed = 500`), comments and
+/// #include are written as in the TMCL-IDE.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair program assemble moves.tml -o moves.sw --eeprom
-  polepair program assemble moves.sw                         shows the text of its words
-  polepair program assemble moves.tmc                        shows a TMCL program with addresses
+  polepair program assemble moves.sw                         prints the words as text
+  polepair program assemble moves.tmc                        prints a TMCL program with addresses
   polepair program assemble moves.tmc -o moves.bin")]
 pub struct Assemble {
-    /// The text; a software file (.sw) is turned into text
+    /// Program text, or a program file (.sw, .bin)
     #[arg(value_name = "FILE")]
     path: PathBuf,
-    /// Where the result goes; else to stdout
+    /// File to write [default: stdout]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// The drive whose variables the text names: technosoft-fa00g, …
+    /// Drive whose variable names the text uses: technosoft-fa00g, …
     #[arg(long, value_name = "DRIVE")]
     drive: Option<String>,
     #[command(flatten)]
@@ -143,13 +145,14 @@ impl Assemble {
     }
 }
 
-/// Writes a program into a drive's memory.
+/// Writes a program to the drive's memory, and verifies it.
 ///
-/// TML: word by word, each chunk proven before the next; then the drive's own sum over it must agree. The
-/// motor must have no power. RAM unless --eeprom is given: permanent memory wears.
+/// TML: the command writes word by word, and verifies each block. At the end it compares the checksum that
+/// the drive computes. The motor must not be powered. The program goes to RAM, unless --eeprom is given.
 ///
-/// TMCL: instruction by instruction into the module's EEPROM, then read back. No program may run, and no
-/// motor of the module may turn. To run it at power-up as well, set `auto start` to 1.
+/// TMCL: the command writes instruction by instruction to the module's EEPROM, and reads all back. No
+/// program may run, and no motor of the module may turn. To start the program at power-up, set `auto start`
+/// to 1.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -159,12 +162,12 @@ Examples:
 pub struct ProgramLoad {
     #[command(flatten)]
     target: DriveArgs,
-    /// A program's text, or a file of assemble (.sw, .bin)
+    /// Program text, or a program file (.sw, .bin)
     #[arg(value_name = "FILE")]
     path: PathBuf,
     #[command(flatten)]
     place: ProgramLocation,
-    /// Say what would be written where, and write nothing
+    /// Print what would be written to which address, and write nothing
     #[arg(long)]
     dry_run: bool,
 }
@@ -213,8 +216,9 @@ fn hint_incomplete(problem: Problem) -> Problem {
     }
 }
 
-/// Compares a drive's memory with a program: by the drive's sums, or a TMCL module's instructions read back.
-/// Writes nothing.
+/// Compares the drive's memory with a program. Writes nothing.
+///
+/// TML: the drive computes a checksum. TMCL: all instructions are read back.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Example:
@@ -222,12 +226,12 @@ Example:
 pub struct ProgramVerify {
     #[command(flatten)]
     target: DriveArgs,
-    /// A program's text, or a file of assemble (.sw, .bin)
+    /// Program text, or a program file (.sw, .bin)
     #[arg(value_name = "FILE")]
     path: PathBuf,
     #[command(flatten)]
     place: ProgramLocation,
-    /// Read every word: sums do not see words that changed places
+    /// Read every word; a checksum does not detect swapped words
     #[arg(long)]
     words: bool,
 }
@@ -277,10 +281,9 @@ fn compare_words(axis: &Axis, program: &Program) -> Result {
     Ok(Exit::Ok)
 }
 
-/// Keeps what is in a drive's memory as a file: words (.sw), instructions (.bin), or text.
+/// Saves the drive's memory to a file: words (.sw), instructions (.bin), or text.
 ///
-/// Without --words it reads to the end of what was written: to 64 erased words, or 8 TMCL instructions that
-/// are none, in a row.
+/// Without --words, the command reads until 64 erased words, or until 8 invalid TMCL instructions in a row.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -289,13 +292,13 @@ Examples:
 pub struct ProgramSave {
     #[command(flatten)]
     target: DriveArgs,
-    /// Where it goes; words if it is called .sw, else text
+    /// File to write; its ending selects the format
     #[arg(value_name = "FILE")]
     path: PathBuf,
-    /// The first address; else where the drive starts by itself
+    /// First address [default: where the drive starts programs by itself]
     #[arg(long, value_name = "ADDRESS", value_parser = parse_address)]
     at: Option<u16>,
-    /// How many words, or TMCL instructions
+    /// Number of words, or of TMCL instructions
     #[arg(long, value_name = "N")]
     words: Option<u16>,
 }

@@ -255,11 +255,11 @@ fn wait_end(axis: &Axis, end: Option<Instant>) -> Result<Option<ProgramStatus>> 
     }
 }
 
-/// Executes a TMCL module's program one instruction at a time.
+/// Executes a TMCL program one instruction at a time.
 ///
-/// Shows the instruction that comes next, with the line of the text where --source names it. On a terminal
-/// Enter executes it and `q` ends; else, or with --count, so many are executed. At the end the program is
-/// ended and the module's motors are stopped, unless --detach leaves them as they are.
+/// The command shows the next instruction, and with --source its line of the text. On a terminal, Enter
+/// executes it and `q` exits. Otherwise, and with --count, that many instructions are executed. At the end,
+/// the program is ended and the motors are stopped, unless --detach is given.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -268,16 +268,16 @@ Examples:
 pub struct ProgramStep {
     #[command(flatten)]
     target: DriveArgs,
-    /// The text of the program
+    /// Program text
     #[arg(long, value_name = "FILE")]
     source: Option<PathBuf>,
-    /// Begin at the first instruction; else where the program is
+    /// Start at the first instruction [default: at the actual one]
     #[arg(long)]
     reset: bool,
-    /// How many instructions
+    /// Number of instructions
     #[arg(long, value_name = "N")]
     count: Option<u32>,
-    /// How long an instruction may take: 5s, 2min
+    /// Time limit for one instruction: 5s, 2min
     #[arg(long, value_name = "TIME", value_parser = value::parse_span)]
     timeout: Option<f64>,
     /// Leave motors and program as they are
@@ -285,10 +285,10 @@ pub struct ProgramStep {
     detach: bool,
 }
 
-/// Executes a TMCL module's program until it comes to a place, then one instruction at a time.
+/// Executes a TMCL program up to a breakpoint, then one instruction at a time.
 ///
-/// The module is told each instruction (request 130): the program is slower than when it runs by itself.
-/// Timers and motors go on meanwhile.
+/// Each instruction is started by a request (130), so the program runs slower than normal. Timers and
+/// motors are not slowed down.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -298,19 +298,19 @@ Examples:
 pub struct ProgramBreak {
     #[command(flatten)]
     target: DriveArgs,
-    /// A label or a line (:12) of the text, or an instruction's address
+    /// Breakpoint: a label or line (:12) of the text, or an instruction address
     #[arg(value_name = "WHERE")]
     place: String,
-    /// The text of the program
+    /// Program text
     #[arg(long, value_name = "FILE")]
     source: Option<PathBuf>,
-    /// Begin where the program is; else at the first instruction
+    /// Start at the actual instruction [default: at the first one]
     #[arg(long)]
     here: bool,
-    /// How many instructions to execute from there on
+    /// Number of instructions to execute after the breakpoint
     #[arg(long, value_name = "N")]
     count: Option<u32>,
-    /// How long an instruction may take: 5s, 2min
+    /// Time limit for one instruction: 5s, 2min
     #[arg(long, value_name = "TIME", value_parser = value::parse_span)]
     timeout: Option<f64>,
     /// Leave motors and program as they are

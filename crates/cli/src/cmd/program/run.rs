@@ -26,13 +26,13 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// How long a routine may take unless the user says otherwise, s.
 const CALL_MAX_S: f64 = 600.0;
 
-/// A place in a program.
+/// Start point of a program.
 #[derive(Args, Debug)]
 struct ProgramEntry {
-    /// The text whose labels WHERE may be
+    /// Program text with the labels
     #[arg(long, value_name = "FILE")]
     source: Option<PathBuf>,
-    /// Where that text's first word lies in the drive
+    /// Address of the first word of that text in the drive
     #[arg(long, value_name = "ADDRESS", value_parser = parse_address, requires = "source")]
     at: Option<u16>,
 }
@@ -60,41 +60,41 @@ impl ProgramEntry {
     }
 }
 
-/// Runs a drive's program from an address, whatever runs there now.
+/// Runs a program of the drive from an address.
 ///
-/// A program may power the motor and move it. It runs until Ctrl-C, or for so long; then the program
-/// is ended, the motor stopped, and the power taken off that was put on meanwhile. A TMCL module tells when
-/// its program has ended, and the command ends then; other drives do not tell.
+/// The program may power the motor and move it. It runs until Ctrl-C, or until --for. Then the program is
+/// ended, the motor is stopped, and power that the program switched on is removed. A TMCL module reports
+/// the end of its program, and the command exits then; other drives do not report it.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
   polepair program run tml+serial:///dev/ttyUSB0:9600#1 0x8270 --for 5s
   polepair program run tml+serial:///dev/ttyUSB0:9600#1 main --source moves.tml
-  polepair program run tml+serial:///dev/ttyUSB0:9600#1 --detach     from where it starts by itself
+  polepair program run tml+serial:///dev/ttyUSB0:9600#1 --detach     from its start address
   polepair program run tmcl+serial:///dev/ttyUSB0:9600#1             from its first instruction
   polepair program run tmcl+serial:///dev/ttyUSB0:9600#1 Loop --source moves.tmc")]
 pub struct ProgramRun {
     #[command(flatten)]
     target: DriveArgs,
-    /// An address, or with --source a label; else where the drive starts by itself
+    /// Address, or label with --source [default: where the drive starts programs by itself]
     #[arg(value_name = "WHERE")]
     start: Option<String>,
     #[command(flatten)]
     place: ProgramEntry,
-    /// Go on from where a TMCL module's program is
+    /// Continue at the actual instruction of a TMCL module
     #[arg(long, conflicts_with = "start")]
     here: bool,
-    /// End it after so long: 5s, 300ms
+    /// End the program after this time: 5s, 300ms
     #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
-    /// Leave it running
+    /// Leave the program running
     #[arg(long, conflicts_with = "seconds")]
     detach: bool,
 }
 
-/// Has a drive call a routine of its program, and waits until it returns.
+/// Calls a routine of the drive's program, and waits until it returns.
 ///
-/// The routine may power the motor and move it. On Ctrl-C it is ended, and the motor stopped.
+/// The routine may power the motor and move it. On Ctrl-C, the routine is ended and the motor is stopped.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Example:
@@ -102,20 +102,20 @@ Example:
 pub struct ProgramCall {
     #[command(flatten)]
     target: DriveArgs,
-    /// An address, or with --source a label
+    /// Address, or label with --source
     #[arg(value_name = "WHERE")]
     start: String,
     #[command(flatten)]
     place: ProgramEntry,
-    /// How long it may take: 5s, 2min
+    /// Time limit: 5s, 2min
     #[arg(long, value_name = "TIME", value_parser = value::parse_span)]
     timeout: Option<f64>,
-    /// Leave it running
+    /// Leave the routine running
     #[arg(long, conflicts_with = "timeout")]
     detach: bool,
 }
 
-/// Ends whatever program a drive runs, and its motion. The motor keeps its power.
+/// Ends the running program of a drive, and its motion. The motor stays powered.
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  polepair program stop tml+serial:///dev/ttyUSB0:9600#1")]
 pub struct ProgramStop {

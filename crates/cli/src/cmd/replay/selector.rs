@@ -15,14 +15,14 @@ use crate::tap_queue::UnitBuf;
 /// Identifiers of frames end here; above are a controller's reports of errors.
 const ID_MAX: u32 = 0x1FFF_FFFF;
 
-/// Whose frames are sent.
+/// Frames to send, by their sender.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, clap::ValueEnum)]
 pub enum SendDirection {
-    /// The host's
+    /// Frames of the host
     Tx,
-    /// The drives'
+    /// Frames of the drives
     Rx,
-    /// All, also those of which nobody tells who sent them
+    /// All frames, including those with unknown sender
     Both,
 }
 
